@@ -123,4 +123,7 @@ def goals_of(step: dict[str, Any]) -> dict[str, float]:
         for name, vector in step.get(key, {}).items():
             components = zip("xyz", vector, strict=False)
             found |= {f"{name}{kind}.{axis}": value for axis, value in components}
+    for name, state in step.get("rigid", {}).items():
+        components = zip("xyz", state["rotation"], strict=True)
+        found |= {f"{name}.rotation.{axis}": value for axis, value in components}
     return found

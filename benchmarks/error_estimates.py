@@ -93,36 +93,41 @@ def rows(
                 if ELEMENTS[element].volume in _WITHOUT.get(scene, ()):
                     continue
                 for number in map(int, split_list(cells)):
-                    for row in _compared(scene, nu, element, number // ELEMENTS[element].degree):
+                    count = number // ELEMENTS[element].degree
+                    about = {"scene": scene, "nu": nu, "element": element, "cells": count}
+                    case = scene_of(scene, nu, element, count, estimate=True)
+                    for row in compared(case, about, exact(scene, nu), _LEAST):
                         found.append(row)
                         yield row
-    yield _summary(found)
+    yield summary(found)
 
 
-def _compared(scene: str, nu: float, element: str, cells: int) -> Iterator[Row]:
-    result = fem_snh.run(scene_of(scene, nu, element, cells, estimate=True), progress=False)
-    about = {"scene": scene, "nu": nu, "element": element, "cells": cells}
+def compared(
+    scene: Scene, about: Row, exact_goals: Mapping[str, float], least: float
+) -> Iterator[Row]:
+    """Yield the rows of a scene's goals whose exact values are known.
+
+    Errors below a part ``least`` of the goal's scale are left out. Rows have a ``bound`` over the
+    true error where no more than a bound is printed.
+    """
+    result = fem_snh.run(scene, progress=False)
     reason = result.record.get("estimate", {}).get("reason") or ""
     if not result.converged or reason:
         yield about | {"reason": reason or result.status}
         return
-    exact_goals = exact(scene, nu)
     seconds, estimate = result.record["seconds"], result.record["estimate"]
     run = seconds["assemble"] + seconds["solve"]
-    for name in _GOALS[scene]:
-        goal: Row = result.goals[name]
-        true = exact_goals[name]
-        error = true - goal["value"]
-        if isnan(true) or abs(error) < _LEAST * abs(true):
+    for name, goal in (result.estimate.goals if result.estimate else {}).items():
+        true = exact_goals.get(name, nan)
+        error = true - goal.value
+        if isnan(true) or abs(error) < least * goal.scale or goal.error is None:
             continue
-        effectivity = goal["error"] / error
-        left = abs(goal["corrected"] - true)
-        yield about | {
-            "goal": name,
-            "value": goal["value"],
-            "error": goal["error"],
-            "exact": true,
-            "true_error": abs(error / true),
+        row = about | {"goal": name, "value": goal.value, "error": goal.error, "exact": true}
+        row["true_error"] = abs(error / goal.scale)
+        if not goal.is_found:
+            row["bound"] = (abs(goal.error) + goal.unsettled) / abs(error)
+        effectivity, left = goal.error / error, abs(goal.value + goal.error - true)
+        yield row | {
             "effectivity": effectivity,
             "gain": abs(error) / left if left else None,
             "newton": estimate["newton"],
@@ -132,7 +137,7 @@ def _compared(scene: str, nu: float, element: str, cells: int) -> Iterator[Row]:
         }
 
 
-def _summary(rows: list[Row]) -> Row:
+def summary(rows: list[Row]) -> Row:
     """Return how many estimates there are, and the parts of them that are good."""
     stated = [row for row in rows if "effectivity" in row]
     count = max(1, len(stated))

@@ -137,14 +137,6 @@ def test_a_part_is_one_thing_and_a_shape_has_a_name(keys, message):
         fem_snh.Rigid(**keys)
 
 
-@mpi
-def test_shapes_have_no_estimate_of_the_error(comm):
-    """Each element has other nodes in them, so that another mesh contradicts what it would say."""
-    for keys in ({"rigid": parts(joint=HINGE | {"torque": 500.0})}, {"bone": bones(0.2)}):
-        estimate = solve(arm(**keys, error=True), comm).estimate
-        assert "is a shape, of which another element or mesh has other nodes" in estimate.reason
-
-
 def test_polygon_has_a_middle_in_the_plane():
     corners = [(10, 10), (25, 12), (20, 30)]
     part = Rigid(name="part", shape={"polygon": {"points": corners}}, translate=(0, 1, 0))

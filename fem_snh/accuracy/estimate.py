@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from fem_snh.accuracy.budget import algebra_errors, penalty_errors
 from fem_snh.accuracy.frequency_goals import FrequencyGoal, LiftedModes, lifted_modes
-from fem_snh.accuracy.goals import Goal, names_of
+from fem_snh.accuracy.goals import Goal, VolumeGoal, names_of
 from fem_snh.accuracy.indicators import Place, cell_indicators, place
 from fem_snh.accuracy.lift import (
     Lift,
@@ -28,6 +28,7 @@ from fem_snh.accuracy.lift import (
 )
 from fem_snh.accuracy.pressure_oscillation import may_lock
 from fem_snh.accuracy.saturation import cell_squares, saturation
+from fem_snh.accuracy.shape_surfaces import ShapeSurfaces, check_shapes, is_on_flesh
 from fem_snh.assembly.elements import Element
 from fem_snh.mesh.mesh import Mesh
 from fem_snh.problem.problem import Problem
@@ -54,6 +55,11 @@ _SHOWN = 1e-5
 _LEAST_SCALE = 1e-3
 #: What Newton's method left is a part of the errors from this part of one of them on.
 _LEAST_PART = 0.01
+#: Moves of the nodes below the surfaces of shapes at most, each followed by a Newton iteration. A
+#: move leaves at most half of what is missing.
+_MOST_MOVES = 8
+#: Part of the largest error of a vector that remains uncertain of each component with such shapes.
+_OF_VECTOR = 0.05
 #: Errors below this part of the goal are not located: their indicators are sums that cancel.
 _LOCATED = 1e-4
 
@@ -74,8 +80,8 @@ class GoalError:
     unsettled : float
         By how much further Newton iterations would change the estimate, about.
     parts : dict of float
-        The parts of the estimate by their source: mesh, algebra, penalty, time or load steps; empty
-        if there is one source, the mesh.
+        The parts of the estimate by their source: mesh, shape, algebra, penalty, time or load
+        steps; empty if there is one source, the mesh.
     """
 
     value: float
@@ -329,6 +335,7 @@ def _find_errors(
 ) -> None:
     """Add the estimates; raise NoEstimate if there is none."""
     check_problem(problem)
+    check_shapes(problem)
     element = next(lifted_elements(problem))
     found.element, found.dofs = element.name, lifted_dofs(problem, element)
     found.memory = memory(problem, element)
@@ -336,22 +343,35 @@ def _find_errors(
     check_memory(problem, found.memory)
     lifted = create_lifted(problem, make)
     found.element, found.jit = lifted.element.name, lifted.seconds["jit"]
+    surfaces = ShapeSurfaces(lifted)
+    if surfaces:
+        goals = [goal for goal in goals if is_on_flesh(goal)]
     static = [goal for goal in goals if not isinstance(goal, FrequencyGoal)]
     frequencies = [goal for goal in goals if isinstance(goal, FrequencyGoal)]
     others = _other_parts(problem, static, frequencies, found)
     lift = Lift(problem, lifted)
     try:
-        errors, unsettled = _differences(lift, static, found)
-        # Locking is no part of what the lifted solution leaves; P2 on triangles hardly locks.
+        functions = [surfaces.bind(goal) for goal in static]
+        errors, unsettled = _differences(lift, functions, static, found)
+        # Locking is no part of what the lifted solution leaves; P2 on triangles hardly locks. Nor
+        # are the corners of cells below the surface of a shape, which has none.
         triangles = problem.element.name == "P2" and problem.kinematics.dim == 2
         locks = bool(may_lock(problem)) and not triangles
-        found.saturation = factor = 1.0 if locks else saturation(lifted, lifted.split(lifted.x)[0])
+        whole = bool(surfaces) or locks
+        found.saturation = factor = 1.0 if whole else saturation(lifted, lifted.split(lifted.x)[0])
         count = len(errors)
         if "algebra" in others:
             algebra = others["algebra"][:count]
             algebra[np.abs(algebra) <= _LEAST_PART * np.abs(errors)] = 0.0
             errors = errors - algebra  # the difference to the run has it
-        _add(found, static, factor * errors, others, factor * unsettled)
+        unsettled = factor * unsettled
+        if surfaces:
+            others["shape"], further = _changes_by_shapes(lift, surfaces, functions, errors, found)
+            # That of a volume is what the continuation of the flesh misses: no more than a bound.
+            inexact = [isinstance(goal, VolumeGoal) for goal in static for _ in goal.names]
+            unsettled = unsettled + np.where(inexact, np.abs(others["shape"]), further)
+            unsettled = np.maximum(unsettled, _least_of_vectors(static, errors + others["shape"]))
+        _add(found, static, factor * errors, others, unsettled)
         modes = lifted_modes(lift, frequencies[0].modes) if frequencies else None
         if modes:
             of_modes = {source: part[count:] for source, part in others.items()}
@@ -440,8 +460,53 @@ def _add(
         )
 
 
-def _differences(lift: Lift, goals: Sequence[Goal], found: Estimate) -> tuple[Array, Array]:
+def _least_of_vectors(goals: Sequence[Goal], errors: Array) -> Array:
+    """Return the part of the largest error in the same vector that is uncertain of each."""
+    found, first = np.zeros(len(errors)), 0
+    for goal in goals:
+        own = slice(first, first + len(goal.names))
+        found[own] = _OF_VECTOR * np.abs(errors[own]).max()
+        first = own.stop
+    return found
+
+
+def _changes_by_shapes(
+    lift: Lift,
+    surfaces: ShapeSurfaces,
+    functions: Sequence[Callable[[], Sequence[float]]],
+    errors: Array,
+    found: Estimate,
+) -> tuple[Array, Array]:
+    """Return what moving solids at their surfaces changes of goals, and what is unsettled of it."""
+
+    def values() -> Array:
+        return np.array([value for function in functions for value in function()])
+
+    lift.allow(2 * _MOST_MOVES)
+    start = last = values()
+    unsettled = np.zeros(len(start))
+    for _ in range(_MOST_MOVES if surfaces.below else 0):
+        surfaces.update()
+        lift.solve()
+        found.newton, found.linear = lift.newton, lift.linear
+        before, last = last, values()
+        unsettled = np.abs(last - before)  # the further moves are at most a geometric series
+        if (unsettled <= _SETTLED * np.abs(errors + last - start)).all():
+            break
+    if not np.isfinite(last).all():
+        raise NoEstimate("a goal is not finite with the surfaces of shapes")
+    return last - start, unsettled
+
+
+def _differences(
+    lift: Lift,
+    functions: Sequence[Callable[[], Sequence[float]]],
+    goals: Sequence[Goal],
+    found: Estimate,
+) -> tuple[Array, Array]:
     """Return the goals in the lifted problem less those of the run, and what is unsettled of them.
+
+    The functions evaluate the goals in the lifted problem.
 
     Raises
     ------
@@ -449,7 +514,6 @@ def _differences(lift: Lift, goals: Sequence[Goal], found: Estimate) -> tuple[Ar
         If no stable equilibrium is found, or the differences do not settle.
     """
     name = lift.lifted.element.name
-    functions = [goal.bind(lift.lifted) for goal in goals]
     values, scales = _values(found, goals)
     errors: Array = np.zeros(len(values))
     while True:

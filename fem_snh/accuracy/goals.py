@@ -19,6 +19,7 @@ from fem_snh.assembly.ghosted_vectors import add_ghosts, set_to_zero, writable_v
 from fem_snh.problem.probes import Probes
 from fem_snh.problem.problem import Problem
 from fem_snh.problem.reactions import reaction, virtual_rotation
+from fem_snh.problem.solids import solids_in_shapes
 from fem_snh.terms.body import displacement_gradient, of_the_body
 from fem_snh.terms.term import ForceTerm, GoalTerm
 
@@ -134,9 +135,18 @@ class PointGoal:
         def values() -> list[float]:
             problem.split(problem.x)
             (u,) = probes.values().values()
-            return [u[i] for i in self._components]
+            return self.components_of(u)
 
         return values
+
+    @property
+    def point(self) -> Sequence[float]:
+        """The reference coordinates [m]."""
+        return self._point.point
+
+    def components_of(self, u: Sequence[float] | Array) -> list[float]:
+        """Return the goal's components of a displacement (3,)."""
+        return [float(u[i]) for i in self._components]
 
     def unit(self, problem: Problem) -> float:
         """See `Goal.unit`."""
@@ -272,6 +282,11 @@ class MeanGoal:
         self._measure, self._components = measure, list(components)
         self.names = [f"{name}.{AXES[i]}" for i in components]
 
+    @property
+    def on_surface(self) -> bool:
+        """Whether it is the mean over facets."""
+        return str(self._measure.integral_type()) != "cell"
+
     def bind(self, problem: Problem) -> Callable[[], Sequence[float]]:
         """See `Goal.bind`."""
         weights = self._weights(problem)
@@ -377,6 +392,9 @@ class VolumeGoal(CellsGoal):
     def bind(self, problem: Problem) -> Callable[[], Sequence[float]]:
         """See `Goal.bind`."""
 
+        if not problem.kinematics.plane_stress and solids_in_shapes(problem):
+            return self._by_displacement(problem)
+
         def values() -> list[float]:
             fields = problem.cell_fields(problem.x)
             sums = [fields[key][self._cells].sum() for key in ("deformed_volume", "volume")]
@@ -385,23 +403,39 @@ class VolumeGoal(CellsGoal):
 
         return values
 
+    def _by_displacement(self, problem: Problem) -> Callable[[], Sequence[float]]:
+        """Return the function that evaluates it also in cells that are not assembled."""
+        form, size = self._deformed(problem)
+        compiled = _dolfinx.form(form)
+
+        def values() -> list[float]:
+            problem.split(problem.x)
+            return [_dolfinx.assemble_scalar(compiled) / size]
+
+        return values
+
     def dual(self, at: Linearisation, number: int) -> PETSc.Vec:
         """See `Goal.dual`. In plane stress, where J is no function of grad u alone: NaN."""
         problem = at.problem
-        domain, element, kinematics = problem.domain, problem.element, problem.kinematics
-        if kinematics.plane_stress:
+        if problem.kinematics.plane_stress:
             unknown = problem.x.duplicate()
             unknown.set(nan)
             return unknown
+        form, size = self._deformed(problem)
+        derivative = derivative_of(problem, form)
+        derivative.scale(1 / size)
+        return at.solve_for(derivative)
+
+    def _deformed(self, problem: Problem) -> tuple[Any, float]:
+        """Return the form of the deformed volume, and the reference volume. Collective."""
+        domain, element, kinematics = problem.domain, problem.element, problem.kinematics
         cells = np.arange(_dolfinx.num_owned(domain), dtype=np.int32)
         parts = [cells[self._cells], np.setdiff1d(cells, cells[self._cells])]
         measure = _dolfinx.cell_measures(domain, parts, element.cell, element.quadrature)[0]
         dx = of_the_body(kinematics, domain, measure)
         size = _dolfinx.assemble_scalar(_dolfinx.form(_dolfinx.constant(domain, 1.0) * dx))
         H = displacement_gradient(problem.u, kinematics)
-        derivative = derivative_of(problem, ufl.det(ufl.Identity(3) + H) * dx)
-        derivative.scale(1 / size)
-        return at.solve_for(derivative)
+        return ufl.det(ufl.Identity(3) + H) * dx, size
 
 
 class TermGoal:

@@ -32,6 +32,8 @@ _SAFETY = {1: 1.4, 2: 1.5}
 #: The same of P2P0 on triangles, of which the estimate is a quarter to two thirds at a corner
 #: (docs/results/error.md).
 _SAFETY_OF_P2P0 = 4.0
+#: The same with bones and rigid parts that are shapes (docs/results/error.md).
+_SAFETY_OF_SHAPES = 1.8
 #: A corrected value serves if the correction is at most so many times the request.
 _LARGEST_CORRECTION = 20.0
 #: Least bound of a component, over the largest one of the same vector.
@@ -257,6 +259,8 @@ class Levels:
         scale = max(goal.scale, abs(corrected))
         singular = self.dim == 2 and row.element == "P2P0"
         safety = _SAFETY_OF_P2P0 if singular else _SAFETY[row.degree]
+        if "shape" in goal.parts:
+            safety = max(safety, _SAFETY_OF_SHAPES)
         size = sum(map(abs, goal.parts.values())) or abs(error)  # parts may cancel
         steps = sum(abs(goal.parts.get(source, 0.0)) for source in _STEPS)
         bound, uncertainty = safety * size, (safety - 1) * size + steps
@@ -313,7 +317,7 @@ class Levels:
     @property
     def mesh_suffices(self) -> bool:
         """Whether the error of the mesh is small beside the other parts, or the request."""
-        part = self._largest_part("mesh")
+        part = max(map(self._largest_part, ("mesh", "shape")))
         other = max(self._largest_part(source) for source in (*_STEPS, *_OTHERS))
         return other > 0 and part <= _SMALL_PART * max(self.asked, other)
 

@@ -31,6 +31,7 @@ from fem_snh.assembly.ghosted_vectors import (
 )
 from fem_snh.errors import BadInput
 from fem_snh.problem.problem import Problem
+from fem_snh.problem.solids import solids_in_shapes
 
 #: Prefix of its solver's options: those of the run are for another problem.
 PREFIX = f"{solver.PREFIX}lifted_"
@@ -94,16 +95,16 @@ def lifted_elements(problem: Problem) -> Iterator[Element]:
     if problem.operator != problem.A:  # matrices of rank one: no unknown pressures
         yield replace(best, name=f"{best.name[:2]}P0", volume="mean", pressure_degree=0)
     elif several and base.volume != "pressure":  # a continuous pressure is wrong at interfaces
-        if not _locks(problem):
+        if not nearly_incompressible(problem):
             yield replace(best, name=best.name[:2], volume="pointwise", pressure_degree=0)
         yield replace(best, name=f"{best.name[:2]}P0", volume="cell_pressure", pressure_degree=0)
     else:
         yield best
-    if not _locks(problem):
+    if not nearly_incompressible(problem):
         yield replace(best, name=best.name[:2], volume="pointwise", pressure_degree=0)
 
 
-def _locks(problem: Problem) -> bool:
+def nearly_incompressible(problem: Problem) -> bool:
     """Return whether a pointwise volume term can lock with one of the materials."""
     moduli = [part.region.material.lame for part in problem.elastic.parts]
     return any(not lam <= _NO_LOCKING * mu for mu, lam in moduli)
@@ -116,25 +117,16 @@ def depends_on_path(problem: Problem) -> bool:
 
 
 def check_body(problem: Problem) -> None:
-    """Raise NoEstimate for a body of which each element and each mesh has another shape.
-
-    The nodes in a solid that the mesh does not know are a body whose surface follows the cells: the
-    lifted element has other nodes, and its space does not contain the run's solution.
-    """
-    placed = getattr(problem.dirichlet, "bones", ())
-    solids = {bone.bone.name: "bone" for bone in placed if bone.bone.shape is not None}
-    solids |= dict.fromkeys(problem.rigid.shapes if problem.rigid else (), "rigid part")
-    if solids:
-        name, kind = next(iter(solids.items()))
+    """Raise NoEstimate for a solid that is a shape, whose surface cells follow step by step."""
+    if solids := solids_in_shapes(problem):
         raise NoEstimateOnAnyMesh(
-            f"the {kind} '{name}' is a shape, of which another element or mesh has other nodes: it "
-            "needs a 'group' of the mesh"
+            f"the {solids[0].kind} '{solids[0].name}' is a shape: in time, and with friction or "
+            "multipliers, it needs a 'group' of the mesh"
         )
 
 
 def check_problem(problem: Problem) -> None:
-    """Raise NoEstimate for a state that depends on its path, and as `check_body`. Collective."""
-    check_body(problem)
+    """Raise NoEstimate for a state that depends on its path. Collective."""
     if depends_on_path(problem):
         names = " and ".join(f"'{name}'" for name in problem.history.by_name)
         raise NoEstimateOnAnyMesh(
@@ -253,6 +245,11 @@ class Lift:
         self._snes = solver.create(lifted, prefix=PREFIX, examine_stability=False)
         self._outcome, self._last_filter = solver.StepOutcome(), ""
         self.reduction = self.last_reduction = 1.0
+        self._most = _MAX_IT
+
+    def allow(self, iterations: int) -> None:
+        """Let there be so many further Newton iterations."""
+        self._most = self.newton + iterations
 
     def solve(self) -> None:
         """Make a Newton iteration. Collective.
@@ -262,7 +259,7 @@ class Lift:
         NoEstimate
             If the solver does not converge.
         """
-        left = _MAX_IT - self.newton
+        left = self._most - self.newton
         self._snes.setTolerances(rtol=_REDUCED, atol=0, stol=0, max_it=max(left, 0))
         if self.newton:
             self._snes.getPythonContext().options["snes_forcing_max"] = _LINEAR

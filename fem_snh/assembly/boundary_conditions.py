@@ -84,6 +84,8 @@ class Dirichlet:
         Whether any value depends on the load.
     released : (n,) int
         Dofs of this rank that other unknowns move: `set_values` may set them, to no effect.
+    solid_cells : (n,) int
+        This rank's own cells whose nodes are constrained and that are not assembled.
     """
 
     constrained: Array
@@ -91,6 +93,7 @@ class Dirichlet:
     planes: InclinedPlanes | None = None
     depends_on_load: bool
     released: Array = np.empty(0, np.int64)
+    solid_cells: Array = np.empty(0, np.int64)
 
     def release(self, nodes: Array) -> None:
         """Constrain no component of some local nodes, (local nodes,) bool."""
@@ -192,6 +195,8 @@ class DirichletConditions(Dirichlet):
         self.constrained: Array = np.zeros((owned + ghosts, components), dtype=bool)
         self.bones = list(bones)
         self._moved: list[tuple[Array, list[int], PrescribedDisplacement | NodalMotion, Array]] = []
+        #: Where the nodes of bones are in these, if not at their own reference coordinates.
+        self._in_bones: dict[int, Array] = {}
         for condition in hold:
             self._constrain(V, mesh, condition)
         coordinates = V.tabulate_dof_coordinates()
@@ -281,6 +286,10 @@ class DirichletConditions(Dirichlet):
                     accepted = "a plane that no [[move]] and no [[bone]] takes nodes out of"
                     raise bad_value("symmetry.group", table.group, accepted)
 
+    def place_bone(self, number: int, points: Array) -> None:
+        """Let this rank's own nodes of a bone be at other points of it, (n, 3) [length]."""
+        self._in_bones[number] = points
+
     def share_path(self, path: StartPath) -> None:
         """Let the values go along a path, which problems of one scene share."""
         self.path, self.depends_on_load = path, True
@@ -296,8 +305,11 @@ class DirichletConditions(Dirichlet):
         """Set what is constrained of ``x`` to its values at this load."""
         values, components = x.array, self._kinematics.components
         values[self.dofs] = 0.0
-        for nodes, axes, motion, points in self._moved:
-            displacement = motion.displacement(points, load)
+        first = len(self._moved) - len(self.bones)
+        for number, (nodes, axes, motion, points) in enumerate(self._moved, -first):
+            displacement = motion.displacement(self._in_bones.get(number, points), load)
+            if number in self._in_bones:
+                displacement = displacement + self._in_bones[number] - points
             values[components * nodes[:, None] + axes] = displacement[:, axes]
         values[self._on_axis] = 0.0
         if self.path is not None and self.path.offset is not None:

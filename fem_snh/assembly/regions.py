@@ -86,6 +86,12 @@ def without_cells(comm: Any, regions: Sequence[Region], cells: Array) -> list[Re
     return found
 
 
+def cells_of_one_label(V: Any, labels: Array) -> Array:
+    """Return this rank's own cells whose nodes all have one label >= 0, from (local nodes,) int."""
+    cells = labels[_dolfinx.node_dofs(V)[: _dolfinx.num_owned(V.mesh)]]
+    return np.flatnonzero((cells[:, 0] >= 0) & (cells == cells[:, :1]).all(axis=1))
+
+
 def whole_body(domain: Any, material: Material, density: float | None = None) -> list[Region]:
     """Return the region of a body of one material on a dolfinx mesh."""
     cells = np.arange(_dolfinx.num_owned(domain), dtype=np.int32)

@@ -11,7 +11,6 @@ from fem_snh.assembly.boundary_conditions import (
     Constraint,
     Dirichlet,
     DirichletConditions,
-    NodalMotion,
     PrescribedDisplacement,
     SymmetryPlane,
 )
@@ -23,6 +22,7 @@ from fem_snh.errors import bad_value
 from fem_snh.kernels.material import Material
 from fem_snh.mesh.mesh import Mesh
 from fem_snh.mesh.mesh_checks import check_half_plane
+from fem_snh.problem.bone_nodes import BoneNodes, cells_in_shapes
 from fem_snh.problem.measures import group_cells
 from fem_snh.problem.problem import Problem
 from fem_snh.problem.reactions import ReactionGroup, Reactions
@@ -40,7 +40,7 @@ def create_problem(
     hold: Sequence[Constraint] = (),
     move: Sequence[PrescribedDisplacement] = (),
     symmetry: Sequence[SymmetryPlane] = (),
-    bones: Callable[[Any, Mesh], Sequence[NodalMotion]] | None = None,
+    bones: Callable[[Any, Mesh], Sequence[BoneNodes]] | None = None,
     features: Sequence[Feature | Term] = (),
     amplitudes: Amplitudes = LOAD_ITSELF,
     motion: CreateMotion | None = None,
@@ -48,6 +48,7 @@ def create_problem(
     reactions: Sequence[str | int | ReactionGroup] = (),
     volumes: Sequence[str | int] = (),
     assembly: str = DEFAULT_ASSEMBLY,
+    hollow: bool = False,
 ) -> Problem:
     """Return a problem whose conditions name physical groups of its mesh. Collective.
 
@@ -82,6 +83,8 @@ def create_problem(
         Physical groups of volumes whose volume ratios `Problem.measures` returns.
     assembly : str, optional
         What evaluates the elastic energy and its residual, one of `fem_snh.choices.ASSEMBLIES`.
+    hollow : bool, optional
+        Whether cells inside of bones that are shapes are not assembled.
 
     Raises
     ------
@@ -103,6 +106,8 @@ def create_problem(
     u = _dolfinx.function(V, "displacement")
     placed = bones(V, mesh) if bones else ()
     dirichlet = DirichletConditions(V, mesh, hold, move, placed, kinematics, symmetry)
+    if hollow:
+        dirichlet.solid_cells = cells_in_shapes(V, placed)
     moving = motion(u, regions, dirichlet, kinematics) if motion else None
     facets = partial(group_facets, mesh)
     entities = partial(group_entities, mesh)

@@ -99,6 +99,8 @@ class Problem:
         All terms, the elastic energy first; what they keep from step to step.
     dirichlet : Dirichlet
         The constrained dofs and their values.
+    solid_cells : (n,) int
+        This rank's own cells that are not assembled: in bones, of a lifted problem, or rigid parts.
     rigid : EliminatingTerm or None
         The rigid parts, whose nodes follow six unknowns each.
     largest_step : StepLimit or None
@@ -146,8 +148,11 @@ class Problem:
         eliminating = [term for term in terms if isinstance(term, EliminatingTerm)]
         self.rigid = eliminating[0] if eliminating else None
         self.regions = given = list(regions)
+        self.solid_cells = dirichlet.solid_cells
         if self.rigid:
-            regions = without_cells(unknowns.V.mesh.comm, regions, self.rigid.cells)
+            self.solid_cells = np.union1d(self.solid_cells, self.rigid.cells)
+        if unknowns.V.mesh.comm.allreduce(len(self.solid_cells)):
+            regions = without_cells(unknowns.V.mesh.comm, regions, self.solid_cells)
         self.dirichlet, self._reactions, self._parts = dirichlet, reactions, parts
         self.V, self.u, self.x = unknowns.V, unknowns.u, unknowns.x
         self.domain, self.comm = self.V.mesh, self.V.mesh.comm
@@ -421,7 +426,7 @@ class Problem:
         "energy" [J], and smallest eigenvalue of d2psi/dF2 ("min_eigenvalue") [Pa].
         """
         fields = self.elastic.cell_fields(*self._unknowns.split(x))
-        if self.rigid and len(cells := self.rigid.cells):
+        if len(cells := self.solid_cells):
             volumes = cell_volumes(self.domain)[cells]
             rest = {"volume": volumes, "deformed_volume": volumes, "min_J": 1.0}
             for name, values in fields.items():

@@ -49,32 +49,52 @@ def transfer_state(source: Problem, target: Problem) -> None:
 def evaluate(function: Any, points: Array) -> Array:
     """Return the values (n, components) of a Lagrange function at points of any rank. Collective.
 
+    The parameters are those of `LocatedPoints` and of `LocatedPoints.values`.
+    """
+    return LocatedPoints(function.function_space.mesh, points).values(function)
+
+
+class LocatedPoints:
+    """Points of any rank with the cells that they are in, or are nearest to. Collective.
+
     Parameters
     ----------
-    function : dolfinx Function
-        The function, with ghosts.
+    domain : dolfinx mesh
+        The mesh.
     points : (n, 3)
         This rank's points [length].
+
+    Attributes
+    ----------
+    inside : (n,) bool
+        Which of this rank's points are in a cell.
     """
-    V = function.function_space
-    comm = V.mesh.comm
-    nodal = function.x.array.reshape(-1, _dolfinx.num_components(V))
-    counts = comm.allgather(len(points))
-    first = sum(counts[: comm.rank])
-    every = np.concatenate(comm.allgather(points))
-    cells, xi, outside = _locate(V.mesh, every)
-    best, rank = outside.copy(), np.empty(len(every), dtype=np.int32)
-    comm.Allreduce(MPI.IN_PLACE, best, op=MPI.MIN)
-    rank[:] = np.where(outside == best, comm.rank, comm.size)
-    comm.Allreduce(MPI.IN_PLACE, rank, op=MPI.MIN)
-    mine = np.flatnonzero(rank == comm.rank)
-    values = np.zeros((len(every), nodal.shape[1]))
-    if len(mine):
-        basis = _dolfinx.tabulate_values(V, xi[mine])
-        dofs = _dolfinx.node_dofs(V)[cells[mine]]
-        values[mine] = np.einsum("pk,pki->pi", basis, nodal[dofs])
-    comm.Allreduce(MPI.IN_PLACE, values, op=MPI.SUM)
-    return values[first : first + len(points)]
+
+    def __init__(self, domain: Any, points: Array) -> None:
+        self._comm = comm = domain.comm
+        counts = comm.allgather(len(points))
+        first = sum(counts[: comm.rank])
+        self._own, self._count = slice(first, first + len(points)), sum(counts)
+        cells, xi, outside = _locate(domain, np.concatenate(comm.allgather(points)))
+        best, rank = outside.copy(), np.empty(self._count, dtype=np.int32)
+        comm.Allreduce(MPI.IN_PLACE, best, op=MPI.MIN)
+        rank[:] = np.where(outside == best, comm.rank, comm.size)
+        comm.Allreduce(MPI.IN_PLACE, rank, op=MPI.MIN)
+        self._mine = np.flatnonzero(rank == comm.rank)
+        self._cells, self._xi = cells[self._mine], xi[self._mine]
+        self.inside: Array = best[self._own] <= _INSIDE
+
+    def values(self, function: Any) -> Array:
+        """Return a Lagrange function, with ghosts, at this rank's points, (n, components)."""
+        V = function.function_space
+        nodal = function.x.array.reshape(-1, _dolfinx.num_components(V))
+        values = np.zeros((self._count, nodal.shape[1]))
+        if len(self._mine):
+            basis = _dolfinx.tabulate_values(V, self._xi)
+            dofs = _dolfinx.node_dofs(V)[self._cells]
+            values[self._mine] = np.einsum("pk,pki->pi", basis, nodal[dofs])
+        self._comm.Allreduce(MPI.IN_PLACE, values, op=MPI.SUM)
+        return values[self._own]
 
 
 def _locate(domain: Any, points: Array) -> tuple[Array, Array, Array]:

@@ -61,7 +61,8 @@ def scene_goals(
     """
     named = scene.accuracy.goals if scene.accuracy else []
     has_energy = has_energy and scene.time is None  # of a motion, another sum is the energy
-    names = named or default_goals(scene, has_energy)
+    groups = [*(bone.group for bone in scene.bone), *(part.group for part in scene.rigid)]
+    names = named or default_goals(scene, has_energy and None not in groups)
     if "energy" in names and not has_energy:
         raise bad_value(_KEY, "energy", "another goal, in time or with a force without an energy")
     return [_goal(scene, mesh, name, modes) for name in dict.fromkeys(names)]

@@ -184,7 +184,8 @@ def make_problem(
 ) -> Problem:
     """Return the scene's problem, with another Poisson's ratio if one is given. Collective.
 
-    Of several materials, those with a smaller ratio keep their own.
+    Of several materials, those with a smaller ratio keep their own. In an element of a higher
+    degree than the scene's, cells inside of bones that are shapes are not assembled.
     """
 
     def place(V: Any, mesh: meshes.Mesh) -> list[BoneNodes]:
@@ -217,4 +218,5 @@ def make_problem(
         reactions=scene.reactions,
         volumes=scene.volumes,
         assembly=scene.assembly,
+        hollow=element.degree > elements.ELEMENTS[scene.element].degree,
     )

@@ -13,6 +13,7 @@ from fem_snh.assembly.assembled_matrix import BlockMatrix
 
 if TYPE_CHECKING:
     from fem_snh.assembly.nodal_mass import NodalMass  # it imports scipy
+    from fem_snh.geometry.shapes import Shape
 
 Array = npt.NDArray[np.float64]
 
@@ -34,15 +35,18 @@ class EliminatingTerm(Protocol):
         Their displacement dofs.
     labels : (n,) int
         The part of each of them.
-    shapes : list of str
-        The names of the parts that are shapes, not groups of the mesh.
+    shapes : dict of Shape
+        The shapes of parts that are none of groups of the mesh, by the part's number.
+    names : list of str
+        The parts' names.
     """
 
     cells: npt.NDArray[Any]
     nodes: npt.NDArray[Any]
     dofs: npt.NDArray[Any]
     labels: npt.NDArray[Any]
-    shapes: list[str]
+    shapes: dict[int, Shape]
+    names: list[str]
 
     @property
     def number(self) -> int:
@@ -73,6 +77,12 @@ class EliminatingTerm(Protocol):
 
     def poses(self, x: PETSc.Vec) -> Any:
         """Return the poses that are nearest to the displacements in ``x``."""
+
+    def pose(self, x: PETSc.Vec, number: int) -> npt.NDArray[Any]:
+        """Return the matrix [A | c], (3, 4), of a part's motion x = A X + c."""
+
+    def place_nodes(self, x: PETSc.Vec, number: int, points: npt.NDArray[Any]) -> None:
+        """Let a part's nodes be at other points of it, (n, 3), and move them there in ``x``."""
 
     def prescribe(self, x: PETSc.Vec, load: float, poses: Any = None) -> None:
         """Set the nodes to the displacements nearest to given poses that a load admits."""

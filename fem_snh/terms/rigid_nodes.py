@@ -25,8 +25,8 @@ Array = npt.NDArray[Any]
 _ON_SURFACE = 1e-9
 
 
-def locate_parts(parts: Sequence[Rigid], body: Body) -> tuple[Array, Array]:
-    """Return which part has each node, and the middle of each part. Collective.
+def locate_parts(parts: Sequence[Rigid], body: Body) -> tuple[Array, Array, dict[int, Shape]]:
+    """Return which part has each node, the middle of each part, and the shapes. Collective.
 
     Of several shapes the one in which it is deepest has a node, or the first by name; a group
     precedes all shapes.
@@ -38,6 +38,8 @@ def locate_parts(parts: Sequence[Rigid], body: Body) -> tuple[Array, Array]:
     middles : (parts, 3)
         The centroids of groups, the centres of the bounding boxes of shapes; 0 along directions in
         which a shape has no end.
+    shapes : dict of Shape
+        The shapes of parts that are none of groups, by the part's number.
 
     Raises
     ------
@@ -48,9 +50,10 @@ def locate_parts(parts: Sequence[Rigid], body: Body) -> tuple[Array, Array]:
     V, comm, columns = body.V, body.domain.comm, body.kinematics.components
     X = V.tabulate_dof_coordinates()[: _dolfinx.num_nodes(V)[0]]
     middles, depths = np.zeros((len(parts), 3)), np.full((len(parts), len(X)), -inf)
+    shapes: dict[int, Shape] = {}
     for i, part in enumerate(parts):
         if part.group is None:
-            solid = _solid(part, body)
+            shapes[i] = solid = _solid(part, body)
             depths[i] = -solid.distance(X)
             middles[i] = np.where(np.isfinite(solid.bounds), solid.bounds, 0.0).mean(axis=0)
             continue
@@ -66,9 +69,8 @@ def locate_parts(parts: Sequence[Rigid], body: Body) -> tuple[Array, Array]:
     for i, part in enumerate(parts):
         if not comm.allreduce(int(np.count_nonzero(numbers == i))):
             raise bad_value(part.where, part.label, "a part with nodes of the body")
-    return with_ghosts(V, np.repeat(numbers, columns)).reshape(-1, columns)[:, 0].astype(
-        int
-    ), middles
+    local = with_ghosts(V, np.repeat(numbers, columns)).reshape(-1, columns)[:, 0]
+    return local.astype(int), middles, shapes
 
 
 def _solid(part: Rigid, body: Body) -> Shape:

@@ -38,6 +38,7 @@ from fem_snh.assembly.ghosted_vectors import (
     writable_values,
 )
 from fem_snh.assembly.nodal_mass import NodalMass
+from fem_snh.assembly.regions import cells_of_one_label
 from fem_snh.errors import bad_value
 from fem_snh.geometry.rigid_tree import UNKNOWNS, Link, Poses, RigidTree, fit_poses
 from fem_snh.geometry.rotations import exponential, inverse_left_jacobian, logarithm, skew
@@ -72,8 +73,8 @@ class RigidParts:
         The parts' names.
     cells : (n,) int
         This rank's own cells whose nodes all are on one part.
-    shapes : list of str
-        Those of parts that are shapes, not groups of the mesh.
+    shapes : dict of Shape
+        The shapes of parts that are none of groups of the mesh, by the part's number.
     nodes, labels : (n,) int
         This rank's own nodes of the parts, and the part of each.
     dofs : (n, components) int
@@ -96,7 +97,6 @@ class RigidParts:
         self._V, self._duration = V, body.amplitudes.duration
         self._comm: MPI.Comm = V.mesh.comm
         self.names = [part.label for part in parts]
-        self.shapes = [part.label for part in parts if part.group is None]
         owned = _dolfinx.num_nodes(V)[0]
         self._kinematics = body.kinematics
         #: Which components of a twist there are, (6,), and of a translation.
@@ -104,24 +104,22 @@ class RigidParts:
         self._translations = self._admitted[:3]
         for part in parts:
             check_motions(part, body.kinematics)
-        local, points = locate_parts(parts, body)
+        local, points, self.shapes = locate_parts(parts, body)
         self.nodes = np.flatnonzero(local[:owned] >= 0)
         components = body.kinematics.components
         self.dofs = components * self.nodes[:, None] + np.arange(components)
         self.labels = local[self.nodes]
-        self.cells = self._inner_cells(V, local)
+        self.cells = cells_of_one_label(V, local)
         self._release(V, local, body.dirichlet)
         self._X = V.tabulate_dof_coordinates()[self.nodes]
         self._counts = self._sum(np.ones((len(self.nodes), 1)))
-        self._means = self._sum(self._X) / self._counts * self._translations
-        self._centred = self._X - self._means[self.labels]
-        self._squares = self._sum(_products(self._centred, self._centred))
+        self._set_points(self._X)
         radii = self._radii(self._squares.reshape(-1, 3, 3))
         points = points * self._translations
         links = [self._link(i, radii[i], points[i]) for i in range(len(parts))]
         self.tree = RigidTree(links)
         self._jointed = np.repeat([bool(link.joint) for link in self.tree.links], UNKNOWNS)
-        self._offsets = self._X - self.tree.points[self.labels]
+        self._offsets = self._points - self.tree.points[self.labels]
         self._slots = self._choose_slots(_dolfinx.local_to_global(V))
         self._folding: Folding | None = None
         amplitudes = body.amplitudes
@@ -205,10 +203,12 @@ class RigidParts:
                 raise bad_value(part.where, part.label, accepted)
         dirichlet.release(local >= 0)
 
-    def _inner_cells(self, V: Any, local: Array) -> Array:
-        """Return this rank's own cells whose nodes all are on one part."""
-        cells = local[_dolfinx.node_dofs(V)[: _dolfinx.num_owned(V.mesh)]]
-        return np.flatnonzero((cells[:, 0] >= 0) & (cells == cells[:, :1]).all(axis=1))
+    def _set_points(self, points: Array) -> None:
+        """Set the points of their parts at which the nodes are, (nodes, 3). Collective."""
+        self._points = points
+        self._means = self._sum(points) / self._counts * self._translations
+        self._centred = points - self._means[self.labels]
+        self._squares = self._sum(_products(self._centred, self._centred))
 
     def _radii(self, squares: Array) -> Array:
         """Return the root mean square distance of the nodes from their mean, (parts,)."""
@@ -260,9 +260,26 @@ class RigidParts:
         np.add.at(sums, self.labels, values)
         return np.asarray(self._comm.allreduce(sums))
 
+    def place_nodes(self, x: PETSc.Vec, number: int, points: Array) -> None:
+        """Let a part's nodes be at other points of it, and move them there in ``x``. Collective.
+
+        ``points`` (n, 3) are those of this rank's own nodes [length].
+        """
+        poses, every = self.poses(x), self._points.copy()
+        every[self.labels == number] = points
+        self._set_points(every)
+        self._offsets = every - self.tree.points[self.labels]
+        self._set_poses(x, poses)
+
+    def pose(self, x: PETSc.Vec, number: int) -> Array:
+        """Return the matrix [A | c], (3, 4), of a part's motion x = A X + c. Collective."""
+        poses = self.poses(x)
+        R, c = poses.R[number], poses.c[number]
+        return np.column_stack([R, c - R @ self.tree.points[number]])
+
     def poses(self, x: PETSc.Vec) -> Poses:
         """Return the poses that are nearest to the displacements in ``x``. Collective."""
-        u = self._nodal(x)
+        u = self._nodal(x) + (self._X - self._points)
         sums = self._sum(np.hstack([u, _products(u, self._centred)]))
         products = (sums[:, 3:] + self._squares).reshape(-1, 3, 3)
         places = self._means + sums[:, :3] / self._counts * self._translations
