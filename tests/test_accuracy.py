@@ -335,7 +335,7 @@ def test_a_level_that_finds_no_equilibrium_starts_at_rest(monkeypatch, capsys):
         ("stretch", {"element": "Q1P0", "nu": 0.49}, "Q2Q1"),  # round
         ("cook", {"element": "Q1P0", "nu": 0.3, "accuracy.keep_element": True}, "Q1P0"),
         ("press", {"element": "Q1", "nu": 0.3}, "Q1"),  # contact
-        ("bounce", {"element": "P1", "nu": 0.3}, "P1"),  # in time
+        ("bounce", {"element": "P1", "nu": 0.3}, "P2"),  # in time
         # a stress without an energy
         (
             "twist",

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from mpi4py import MPI
 
+import numpy as np
 import pytest
 from running import solve
 from time_scenes import DOWN, SWING, in_time
 
 from fem_snh import scenes
 from fem_snh.runs.goals import scene_goals
+from fem_snh.runs.path_errors import steps_errors
 from fem_snh.runs.setup import set_up
 from fem_snh.scenes import Geometry, Hold, Probe
 from fem_snh.scenes.schema import Accuracy
@@ -93,3 +95,30 @@ def test_the_penalty_of_an_impact():
     setup.destroy()
     assert abs(stiff - goal.value) > 0.04 * abs(goal.value)
     assert goal.parts["penalty"] / (stiff - goal.value) == pytest.approx(16 / 15, rel=0.15)
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_errors_of_steps_that_converge(order):
+    """Values 3 + c h^p with h, 2 h and 4 h: the error is found, and within the bound."""
+    values = [3 + 0.1 * (k / 4) ** order for k in (1, 2, 4)]
+    change, before = (np.array([b - a]) for a, b in ((values[1], values[0]), values[2:0:-1]))
+    (error,), (bound,) = steps_errors(change, before, 2.0, (1, 2))
+    assert error == pytest.approx(3 - values[0])
+    assert abs(error) <= bound * (1 + 1e-9)
+
+
+def test_a_bound_of_steps_that_do_not_resolve_an_impact():
+    """The bounce with stiff penalties: 100, 200, 400 steps, and 800 as the reference."""
+    values = [-0.27401762, -0.27017586, -0.26207212]
+    change, before = np.array([values[2] - values[1]]), np.array([values[1] - values[0]])
+    (error,), (bound,) = steps_errors(change, before, 2.0, (1, 2))
+    assert error == 0
+    assert abs(-0.26760975 - values[2]) < bound
+
+
+def test_a_bound_of_steps_whose_last_change_is_small_by_chance():
+    """The swing with 5, 10, 20 steps of Q1P0, and 160 as the reference."""
+    values = [-1.3653462, -1.2334404, -1.2080655]
+    change, before = np.array([values[2] - values[1]]), np.array([values[1] - values[0]])
+    _, (bound,) = steps_errors(change, before, 2.0, (2, 2))
+    assert abs(-1.1804332 - values[2]) < bound

@@ -82,6 +82,8 @@ class GoalError:
     parts : dict of float
         The parts of the estimate by their source: mesh, shape, algebra, penalty, time or load
         steps; empty if there is one source, the mesh.
+    steps_bound : float
+        A bound of the error of time or load steps.
     """
 
     value: float
@@ -89,6 +91,7 @@ class GoalError:
     scale: float = 0.0
     unsettled: float = 0.0
     parts: dict[str, float] = field(default_factory=dict)
+    steps_bound: float = 0.0
 
     @property
     def corrected(self) -> float | None:

@@ -50,10 +50,17 @@ _AIM = 0.7
 #: The parts of an error that are those of steps, and the power of the number of steps with which
 #: they decrease: of load steps friction acts along the chord.
 _STEPS = {"time steps": 2.0, "load steps": 1.0}
+#: On a path each run costs as much as all others: the bound is shared out between its parts.
+_SHARES = {"mesh": 0.45, "time steps": 0.2, "load steps": 0.2, "penalty": 0.15, "algebra": 0.05}
+#: Parts below so many times their share are left as they are.
+_ENOUGH = 1.2
 #: The parts that are neither of steps nor of the mesh.
 _OTHERS = ("penalty", "algebra")
 #: Power of the unknowns with which the time of a level grows (docs/results/scaling.md).
 _TIME_POWER = 1.2
+#: On a path it is measured on two levels, and at least this; after the first level it is this.
+#: Steps of small meshes cost little more with more unknowns: P2 with 630 and 3,759 dofs, 0.47.
+_LEAST_TIME_POWER, _FIRST_TIME_POWER = 0.5, 0.8
 
 
 @dataclass(frozen=True)
@@ -72,6 +79,8 @@ class GoalLevel:
         The parts of the error by their source; empty if there is one source.
     safety : float
         By how much the estimate may be too small.
+    steps_bound : float
+        A bound of the error of time or load steps.
     """
 
     value: float
@@ -81,6 +90,7 @@ class GoalLevel:
     uncertainty: float
     parts: dict[str, float]
     safety: float
+    steps_bound: float = 0.0
 
     @property
     def corrected(self) -> float:
@@ -97,6 +107,16 @@ class GoalLevel:
         if abs(self.error) <= _LARGEST_CORRECTION * asked * self.scale:
             known.append((self.corrected, self.uncertainty))
         return min(known, key=lambda pair: pair[1])
+
+    def contribution(self, source: str, asked: float) -> float:
+        """Return what a part adds to the relative bound of the value that is known better."""
+        part = abs(self.parts.get(source, 0.0))
+        if source == "mesh":
+            part += abs(self.parts.get("shape", 0.0))
+        part *= self.safety - (self.best(asked)[0] != self.value)
+        if source in _STEPS and source in self.parts:
+            part = max(part, self.steps_bound)
+        return part / self.scale if self.scale > 0 else 0.0
 
     @property
     def is_zero(self) -> bool:
@@ -261,15 +281,19 @@ class Levels:
         safety = _SAFETY_OF_P2P0 if singular else _SAFETY[row.degree]
         if "shape" in goal.parts:
             safety = max(safety, _SAFETY_OF_SHAPES)
-        size = sum(map(abs, goal.parts.values())) or abs(error)  # parts may cancel
         steps = sum(abs(goal.parts.get(source, 0.0)) for source in _STEPS)
-        bound, uncertainty = safety * size, (safety - 1) * size + steps
+        # Parts may cancel.
+        size = sum(map(abs, goal.parts.values())) - steps if goal.parts else abs(error)
+        of_steps = max(safety * steps, goal.steps_bound)
+        bound = safety * size + of_steps
+        uncertainty = (safety - 1) * size + max((safety - 1) * steps, goal.steps_bound)
         if before is not None and name in before.goals and row.fineness > before.fineness:
             last = before.goals[name]
             change = abs(corrected - last.corrected)
             if change > uncertainty + last.uncertainty:
-                bound, uncertainty = size + change, change
-        return GoalLevel(goal.value, error, scale, bound, uncertainty, goal.parts, safety)
+                bound, uncertainty = size + steps + change, change
+        sizes = goal.value, error, scale, bound, uncertainty
+        return GoalLevel(*sizes, goal.parts, safety, goal.steps_bound)
 
     @property
     def worst(self) -> tuple[str, float] | None:
@@ -290,17 +314,30 @@ class Levels:
         if self.worst is None:
             return _MOST_REFINEMENT
         goals, asked = self.rows[-1].goals, self.asked
-        ratio = max(goal.relative(asked) for goal in goals.values()) / (_AIM * asked)
+        if self._is_shared:
+            ratio = self._contribution("mesh") / (_SHARES["mesh"] * asked)
+        else:
+            ratio = max(goal.relative(asked) for goal in goals.values()) / (_AIM * asked)
         factor = ratio ** (1 / _ORDER[self.rows[-1].degree])
         return float(min(max(factor, _LEAST_REFINEMENT), _MOST_REFINEMENT))
 
     def shorter_steps(self) -> float:
         """Return the factor by which the steps of the next level are to be shorter."""
-        return max(self._factor(source, 1 / p, _MOST_SHORTER) for source, p in _STEPS.items())
+        factors = [self._factor(source, 1 / p, _MOST_SHORTER) for source, p in _STEPS.items()]
+        if self._is_shared and self.rows[-1].kind == "time":  # see `stiffer_penalties`
+            factors.append(self._factor("penalty", 0.5, _MOST_SHORTER))
+        return max(factors)
 
-    def stiffer_penalties(self) -> float:
-        """Return the factor by which the penalties of the next level are to be stiffer."""
-        return self._factor("penalty", 1.0, _MOST_STIFFER)
+    def stiffer_penalties(self, refinement: float = 1.0, shorter: float = 1.0) -> float:
+        """Return the factor by which the penalties of the next level are to be stiffer.
+
+        In time, time steps have to resolve their vibration: its frequency is the root of their
+        stiffness over the size of the cells, which the default stiffness is inverse to.
+        """
+        factor = self._factor("penalty", 1.0, _MOST_STIFFER)
+        if self.rows[-1].steps and self.rows[-1].kind == "time":
+            return min(factor, max(1.0, (shorter / refinement) ** 2))
+        return factor
 
     def tighter_tolerance(self) -> float:
         """Return the factor by which Newton's tolerance of the next level is to be smaller."""
@@ -308,18 +345,43 @@ class Levels:
 
     def _factor(self, source: str, power: float, most: float) -> float:
         """Return the factor that reduces a part of the errors; 1 if it is small."""
-        part = self._largest_part(source)
-        if part <= _SMALL_PART * self.asked:
-            return 1.0
-        ratio = part / (_PART_AIM * self.asked)
+        if self._is_shared:
+            if self._suffices(source):
+                return 1.0
+            ratio = self._contribution(source) / (_SHARES[source] * self.asked)
+        else:
+            part = self._largest_part(source)
+            if part <= _SMALL_PART * self.asked:
+                return 1.0
+            ratio = part / (_PART_AIM * self.asked)
         return float(min(max(ratio**power, _LEAST_REFINEMENT), most))
 
     @property
     def mesh_suffices(self) -> bool:
         """Whether the error of the mesh is small beside the other parts, or the request."""
+        if self._is_shared:
+            return self._suffices("mesh")
         part = max(map(self._largest_part, ("mesh", "shape")))
         other = max(self._largest_part(source) for source in (*_STEPS, *_OTHERS))
         return other > 0 and part <= _SMALL_PART * max(self.asked, other)
+
+    @property
+    def _is_shared(self) -> bool:
+        """Whether the bound of the last level, on a path, is shared out between its parts."""
+        row = self.rows[-1]
+        return row.steps > 0 and any(goal.parts for goal in row.goals.values())
+
+    def _contribution(self, source: str) -> float:
+        """Return the largest contribution of a part to the bounds of the last level's goals."""
+        goals = self.rows[-1].goals.values()
+        return max(goal.contribution(source, self.asked) for goal in goals)
+
+    def _suffices(self, source: str) -> bool:
+        """Return whether a part is within its share, or small beside the largest over its share."""
+        over = {name: self._contribution(name) / share for name, share in _SHARES.items()}
+        limit = _ENOUGH * self.asked
+        largest = max(over.values())
+        return over[source] < largest if largest <= limit else over[source] <= limit
 
     def _largest_part(self, source: str) -> float:
         """Return the bound of the largest relative part of an error on the last level."""
@@ -333,10 +395,26 @@ class Levels:
         if len(self.rows) > 1 and (before := self.rows[-2]).fineness < last.fineness:
             power = log(last.cells / before.cells) / log(last.fineness / before.fineness)
         growth = refinement**power
-        seconds = last.seconds * growth**_TIME_POWER * shorter
+        seconds = last.seconds * growth ** self._time_power() * shorter
         cells, dofs = (round(count * growth) for count in (last.cells, last.dofs))
         steps = f"{ceil(last.steps * shorter):,} {last.kind} steps" if last.steps else ""
         return Forecast(cells, dofs, seconds, last.memory * growth, steps)
+
+    def _time_power(self) -> float:
+        """Return the power of the unknowns with which the time of a step on a path grows.
+
+        On small meshes it is far below that of large ones. It is measured on two levels.
+        """
+        if not self.rows[-1].steps:
+            return _TIME_POWER
+        if len(self.rows) < 2 or not self.rows[-2].steps:
+            return _FIRST_TIME_POWER
+        before, last = self.rows[-2:]
+        if not (last.dofs > before.dofs and before.seconds > 0):
+            return _TIME_POWER
+        of_step = last.seconds / last.steps / (before.seconds / before.steps)
+        power = log(of_step) / log(last.dofs / before.dofs)
+        return float(min(max(power, _LEAST_TIME_POWER), _TIME_POWER))
 
     def forecast_of_degree(self, dofs: int) -> Forecast:
         """Return what the same cells with an element of a higher degree will cost."""

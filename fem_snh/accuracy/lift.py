@@ -42,8 +42,8 @@ _DEGREE_3 = (
     Element("Q3Q2", "hexahedron", 3, 7, 6, "pressure", 2),
 )
 _DEGREE_2 = (ELEMENTS["P2P1"], ELEMENTS["Q2Q1"])
-#: lambda/mu up to which an element with a pointwise volume term does not lock: nu = 0.4.
-_NO_LOCKING = 4.0
+#: lambda/mu up to which an element with a pointwise volume term does not lock: nu = 0.4, rounded.
+_NO_LOCKING = 4.0 * (1 + 1e-9)
 #: Mean number of nodes to which a node is connected in a large mesh of boxes, each of six
 #: tetrahedra, or of rectangles of two triangles; and what a pair of nodes needs in bytes: each
 #: number of its block (9 in three dimensions) in double precision for the matrix and in single

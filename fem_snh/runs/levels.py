@@ -46,6 +46,8 @@ _TRIES, _LEAST_GROWTH, _MORE = 4, 1.2, 1.2
 _MOST_CELLS = 20_000_000
 #: The option of Newton's tolerance.
 _TOLERANCE = "snes_scaled_tol"
+#: Time steps are a multiple of this.
+_HALVES = 4
 #: Levels without an estimate after which the run ends: the first meshes may be too coarse.
 _MOST_WITHOUT = 3
 
@@ -182,7 +184,8 @@ def run_levels(
             levels.limit = f"no estimate of the error: {levels.rows[-1].reason}"
             break
         refinement = 1.0 if levels.mesh_suffices else levels.refinement()
-        shorter, stiffer = levels.shorter_steps(), levels.stiffer_penalties()
+        shorter = levels.shorter_steps()
+        stiffer = levels.stiffer_penalties(refinement, shorter)
         if refine is _higher_degree and refinement > 1:
             if raised_element(current) == current.element:
                 levels.limit = f"cells of a file have element = '{current.element}' at most"
@@ -208,7 +211,8 @@ def run_levels(
             petsc = current.petsc | {_TOLERANCE: tolerance}
             current = current.model_copy(update={"petsc": petsc})
         if current.time:
-            steps = ceil(current.time.steps * shorter)
+            # Half and a quarter of the steps measure the order of their error.
+            steps = _HALVES * ceil(current.time.steps * shorter / _HALVES)
             time = current.time.model_copy(update={"steps": steps})
             current, known = current.model_copy(update={"time": time}), False
         elif levels.rows[-1].steps:

@@ -1,9 +1,10 @@
 """Estimate the errors of a scene whose end depends on its path: the path is followed again.
 
 In time, or with load steps of friction. Once with half the steps (of one step, with two): the
-difference, divided by 2^p - 1 of order p, is the error of the steps (Richardson). Once more with
-these steps in the lifted element: the difference to the second run is the error of the mesh. Where
-there are penalties, once more with stiffer ones: their error is inverse to the stiffness.
+difference, divided by 2^p - 1 of order p, is the error of the steps (Richardson). In time a run
+with a quarter of the steps bounds it. Once more with these steps in the lifted element: the
+difference to the same run of the own element is the error of the mesh. Where there are penalties,
+once more with stiffer ones: their error is inverse to the stiffness.
 """
 
 from __future__ import annotations
@@ -33,6 +34,7 @@ from fem_snh.accuracy.lift import (
 )
 from fem_snh.assembly.elements import Element
 from fem_snh.errors import BadInput
+from fem_snh.problem.problem import Problem
 from fem_snh.runs.setup import Setup, set_up
 
 #: The order of time steps with contact, whose beginning and end fall between steps, and that of
@@ -40,6 +42,12 @@ from fem_snh.runs.setup import Setup, set_up
 _CONTACT_ORDER = 1
 #: Fewest time steps of which half are worth comparing.
 _FEWEST_STEPS = 4
+#: Fewest time steps of which the order is measured, and those that resolve a motion well enough
+#: that the errors of mesh and penalties are measured with them: with 50 and 100 steps of a bounce
+#: that of the mesh differs by a tenth.
+_FEWEST_QUARTER, _ENOUGH_STEPS = 4, 100
+#: The bound of an error over the larger change where changes do not decrease.
+_IRREGULAR = 2.0
 #: The least ratio of the numbers of steps that are compared.
 _LEAST_RATIO = 1.5
 
@@ -78,7 +86,7 @@ def _errors(
     """Return the errors of steps, mesh and penalties; raise NoEstimate if there are none."""
     problem, steps = setup.problem, _steps(scene)
     check_body(problem)
-    element = next(lifted_elements(problem))
+    element = _lifted_element(problem)
     found.element, found.dofs = element.name, lifted_dofs(problem, element)
     found.memory, found.again = memory(problem, element), ceil(steps / 2) if steps > 1 else 2
     announce(found)
@@ -92,18 +100,69 @@ def _errors(
             f"with half the steps some failed and were halved: {taken} steps beside the run's "
             f"{setup.stepper.taken} are no comparison"
         )
-    lifted, _ = _follow(comm, half, setup, goals, found, element)
-    order = _CONTACT_ORDER
-    if setup.stepper.motion and not (scene.obstacle or scene.contact or scene.self_contact):
-        order = setup.stepper.motion.dynamics.integrator.order
-    parts = {
-        "time steps" if scene.time else "load steps": (values - coarse) / (finer**order - 1),
-        "mesh": lifted - coarse,
-    }
+    before, few = np.zeros(len(values)), ceil(found.again / 2)
+    on, at = half, coarse  # the run beside which those of the mesh and the penalties are
+    if scene.time and few >= _FEWEST_QUARTER and 2 * few == found.again:
+        quarter = _with_steps(scene, few)
+        coarsest, number = _follow(comm, quarter, setup, goals, found)
+        if 2 * number == taken:
+            before = coarse - coarsest
+            if few >= _ENOUGH_STEPS:
+                on, at = quarter, coarsest
+    motion = setup.stepper.motion
+    orders = [_CONTACT_ORDER, motion.dynamics.integrator.order if motion else _CONTACT_ORDER]
+    if motion and not (scene.obstacle or scene.contact or scene.self_contact):
+        orders[0] = orders[1]
+    steps_error, found_bounds = steps_errors(values - coarse, before, finer, orders)
+    for name, bound in zip(names_of(goals), found_bounds, strict=True):
+        found.goals[name] = replace(found.goals[name], steps_bound=float(bound))
+    lifted, _ = _follow(comm, on, setup, goals, found, element)
+    parts = {"time steps" if scene.time else "load steps": steps_error, "mesh": lifted - at}
     if problem.scale_penalties(1.0):  # there are some
-        stiff, _ = _follow(comm, half, setup, goals, found, stiffer=STIFFER)
-        parts["penalty"] = penalty_part(coarse, stiff)
+        stiff, _ = _follow(comm, on, setup, goals, found, stiffer=STIFFER)
+        parts["penalty"] = penalty_part(at, stiff)
     return parts
+
+
+def _lifted_element(problem: Problem) -> Element:
+    """Return the element of the lifted runs.
+
+    Where the elements do not lock, one of degree 3 without a pressure: its matrix is definite, and
+    each of many steps costs a fraction.
+    """
+    elements = list(lifted_elements(problem))
+    definite = elements[-1].volume == problem.element.volume == "pointwise"
+    return elements[-1] if definite and problem.element.degree > 1 else elements[0]
+
+
+def steps_errors(
+    change: npt.NDArray[Any], before: npt.NDArray[Any], finer: float, orders: Sequence[int]
+) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
+    """Return the errors of the steps of goals, and bounds of them.
+
+    The order is measured by both changes where there is one ``before``. Steps that hardly resolve
+    the motion have any order, and a change may be small by chance: the bound is the error with
+    order 1, and at least what the change before leaves at the largest order. Changes that do not
+    decrease as with order 1 say nothing of the sign: the error is zero, and the bound is twice the
+    larger change.
+
+    Parameters
+    ----------
+    change, before : (goals,) array
+        What the last and the first refinement of the steps change; zero: unknown.
+    finer : float
+        The ratio of the numbers of steps.
+    orders : pair of int
+        The least and the largest order.
+    """
+    last, first = np.abs(change), np.abs(before)
+    least, most = (finer**order for order in orders)
+    ratio = np.divide(first, last, out=np.full(last.shape, least), where=last > 0)
+    error = change / (np.clip(ratio, min(least, most), max(least, most)) - 1)
+    bound = np.maximum(last / abs(finer - 1), first / most)
+    irregular = (first > 0) & (first < finer**_CONTACT_ORDER * last)
+    bound = np.where(irregular, _IRREGULAR * np.maximum(last, first), bound)
+    return np.where(irregular, 0.0, error), bound
 
 
 def _steps(scene: scenes.Scene) -> int:
