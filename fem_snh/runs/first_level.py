@@ -45,7 +45,7 @@ _EVEN = ("block", "shell")
 #: element is raised; likewise time steps.
 _FIRST = (0.5, 0.25)
 #: The same for accuracies from which on a coarser mesh is likely to serve.
-_COARSE, _FIRST_OF_COARSE = 0.005, (0.5, 1 / 6)
+_COARSE, _FIRST_OF_COARSE = 0.005, (1 / 3, 1 / 6)
 #: Fewest cells along an edge of a first level, and fewest time steps.
 _FEWEST, _FEWEST_STEPS = 3, 16
 
@@ -75,7 +75,8 @@ def first_scene(scene: scenes.Scene, printed: Progress) -> scenes.Scene:
     update = {"element": element}
     if isinstance(scene.mesh, scenes.Geometry) and scene.cells is not None:
         assert scene.accuracy and scene.accuracy.within
-        parts = _FIRST_OF_COARSE if scene.accuracy.within >= _COARSE else _FIRST
+        coarse = scene.accuracy.within >= _COARSE and _may_raise(scene)
+        parts = _FIRST_OF_COARSE if coarse else _FIRST
         fewest = max(min(scene.cells, _FEWEST), parts[raised] * scene.cells)
         update["cells"] = cells_of(scene, fewest)
     if scene.time:
