@@ -45,8 +45,9 @@ _ORDER = {1: 1.2, 2: 1.5}
 _LEAST_REFINEMENT, _MOST_REFINEMENT = 1.3, 2.0
 #: Goals below this part of their scale are not printed: the solvers leave that much.
 _SHOWN = 1e-5
-#: The error aimed at, as a part of the request.
-_AIM = 0.7
+#: The error aimed at, as a part of the request; and for errors that are at most so many times the
+#: request, which even the order of a crack, 1, reduces to it.
+_AIM, _NEAR, _AIM_OF_NEAR = 0.7, 1.5, 0.85
 #: The parts of an error that are those of steps, and the power of the number of steps with which
 #: they decrease: of load steps friction acts along the chord.
 _STEPS = {"time steps": 2.0, "load steps": 1.0}
@@ -317,7 +318,8 @@ class Levels:
         if self._is_shared:
             ratio = self._contribution("mesh") / (_SHARES["mesh"] * asked)
         else:
-            ratio = max(goal.relative(asked) for goal in goals.values()) / (_AIM * asked)
+            ratio = max(goal.relative(asked) for goal in goals.values()) / asked
+        ratio /= _AIM_OF_NEAR if ratio <= _NEAR else _AIM
         factor = ratio ** (1 / _ORDER[self.rows[-1].degree])
         return float(min(max(factor, _LEAST_REFINEMENT), _MOST_REFINEMENT))
 
