@@ -35,7 +35,7 @@ _MOTIONS: dict[str, dict[str, Any]] = {
     "rigid": {"about": _CENTRE, "force": (0.05, 0.02, 0.03), "torque": (0, 0.01, 0.005)},
 }
 #: The least bound of an error, over it.
-_LEAST_BOUND = 0.5
+_LEAST_BOUND = 1.0
 #: Errors below this part of the largest component are not compared.
 _LEAST = 2e-3
 

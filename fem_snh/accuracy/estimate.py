@@ -373,7 +373,10 @@ def _find_errors(
             # That of a volume is what the continuation of the flesh misses: no more than a bound.
             inexact = [isinstance(goal, VolumeGoal) for goal in static for _ in goal.names]
             unsettled = unsettled + np.where(inexact, np.abs(others["shape"]), further)
-            unsettled = np.maximum(unsettled, _least_of_vectors(static, errors + others["shape"]))
+            whole_errors = errors + others["shape"]
+            unsettled = np.maximum(unsettled, _least_of_vectors(static, whole_errors))
+            printed = unsettled > _UNSETTLED * np.abs(whole_errors)  # as a bound, of twice the size
+            unsettled += np.where(printed, unsettled + np.abs(whole_errors), 0.0)
         _add(found, static, factor * errors, others, unsettled)
         modes = lifted_modes(lift, frequencies[0].modes) if frequencies else None
         if modes:
