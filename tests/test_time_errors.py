@@ -11,7 +11,7 @@ from time_scenes import DOWN, SWING, in_time
 
 from fem_snh import scenes
 from fem_snh.runs.goals import scene_goals
-from fem_snh.runs.path_errors import steps_errors
+from fem_snh.runs.path_errors import resolved_penalty, steps_errors
 from fem_snh.runs.setup import set_up
 from fem_snh.scenes import Geometry, Hold, Probe
 from fem_snh.scenes.schema import Accuracy
@@ -122,3 +122,9 @@ def test_a_bound_of_steps_whose_last_change_is_small_by_chance():
     change, before = np.array([values[2] - values[1]]), np.array([values[1] - values[0]])
     _, (bound,) = steps_errors(change, before, 2.0, (2, 2))
     assert abs(-1.1804332 - values[2]) < bound
+
+
+def test_the_error_of_a_penalty_that_time_steps_do_not_resolve():
+    """The bounce with 4 times the stiffness: by 16 times it the estimate has the wrong sign."""
+    assert resolved_penalty(np.array([0.0037]), np.array([-0.0042])) == -0.0042
+    assert resolved_penalty(np.array([0.038]), np.array([0.030])) == 0.038

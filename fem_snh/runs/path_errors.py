@@ -46,6 +46,8 @@ _FEWEST_STEPS = 4
 #: that the errors of mesh and penalties are measured with them: with 50 and 100 steps of a bounce
 #: that of the mesh differs by a tenth.
 _FEWEST_QUARTER, _ENOUGH_STEPS = 4, 100
+#: Two estimates of a penalty's error agree if one is less than so many times the other.
+_AGREE = 2.0
 #: The bound of an error over the larger change where changes do not decrease.
 _IRREGULAR = 2.0
 #: The least ratio of the numbers of steps that are compared.
@@ -121,6 +123,9 @@ def _errors(
     if problem.scale_penalties(1.0):  # there are some
         stiff, _ = _follow(comm, on, setup, goals, found, stiffer=STIFFER)
         parts["penalty"] = penalty_part(at, stiff)
+        if scene.time:
+            soft, _ = _follow(comm, on, setup, goals, found, stiffer=1 / STIFFER)
+            parts["penalty"] = resolved_penalty(parts["penalty"], penalty_part(soft, at) / STIFFER)
     return parts
 
 
@@ -133,6 +138,18 @@ def _lifted_element(problem: Problem) -> Element:
     elements = list(lifted_elements(problem))
     definite = elements[-1].volume == problem.element.volume == "pointwise"
     return elements[-1] if definite and problem.element.degree > 1 else elements[0]
+
+
+def resolved_penalty(by_stiffer: npt.NDArray[Any], by_softer: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Return the errors of penalties in time, from stiffer and from softer ones.
+
+    Both are about the same where the time steps resolve the vibration of the stiffer ones.
+    Elsewhere the softer ones have the right one.
+    """
+    agree = np.sign(by_stiffer) == np.sign(by_softer)
+    agree &= np.abs(by_stiffer) < _AGREE * np.abs(by_softer)
+    agree &= np.abs(by_softer) < _AGREE * np.abs(by_stiffer)
+    return np.where(agree, by_stiffer, by_softer)
 
 
 def steps_errors(
