@@ -490,7 +490,7 @@ def _changes_by_shapes(
 
     lift.allow(2 * _MOST_MOVES)
     start = last = values()
-    unsettled = np.zeros(len(start))
+    unsettled: Array = np.zeros(len(start))
     for _ in range(_MOST_MOVES if surfaces.below else 0):
         surfaces.update()
         lift.solve()
