@@ -8,7 +8,8 @@ from running import solve
 from test_rigid_shapes import HINGE, arm, parts
 
 import fem_snh
-from fem_snh.geometry.shapes import Box, Capsule, ClosedSurface, Cylinder, Sphere, Union, has_edges
+from fem_snh.geometry.shapes import Box, Capsule, ClosedSurface, Cylinder, Sphere, Union
+from fem_snh.geometry.shapes.edges import has_edges
 from fem_snh.geometry.shapes.triangles import surface_triangles
 from fem_snh.scenes import (
     Accuracy,

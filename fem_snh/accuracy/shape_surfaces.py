@@ -26,7 +26,7 @@ from fem_snh.accuracy.goals import Goal, MeanGoal, PointGoal, ReactionGoal, Term
 from fem_snh.accuracy.lift import NoEstimate, NoEstimateOnAnyMesh, nearly_incompressible
 from fem_snh.accuracy.rigid_goals import RigidGoal
 from fem_snh.assembly.ghosted_vectors import add_ghosts, writable_values
-from fem_snh.geometry.shapes import has_edges
+from fem_snh.geometry.shapes.edges import has_edges
 from fem_snh.problem.problem import Problem
 from fem_snh.problem.solids import Solid, solids_in_shapes
 from fem_snh.problem.transfer import LocatedPoints

@@ -18,7 +18,6 @@ from fem_snh.assembly.ghosted_vectors import (
     with_ghosts,
     writable_values,
 )
-from fem_snh.assembly.regions import cells_of_one_label
 from fem_snh.errors import BadInput, bad_value
 from fem_snh.geometry.bones.bone import Bone
 from fem_snh.geometry.bones.motions import check_determinant
@@ -139,15 +138,6 @@ def place_bones(V: Any, mesh: Mesh | None, bones: Sequence[Bone]) -> list[BoneNo
         nodes = np.flatnonzero(local == i)
         found[bone.name] = BoneNodes(bone, comm, nodes, X[nodes[nodes < owned]])
     return [found[bone.name] for bone in bones]
-
-
-def cells_in_shapes(V: Any, bones: Sequence[BoneNodes]) -> Array:
-    """Return this rank's own cells whose nodes all are in one bone that is a shape, (n,) int."""
-    labels = np.full(sum(_dolfinx.num_nodes(V)), -1)
-    for number, bone in enumerate(bones):
-        if bone.bone.shape is not None:
-            labels[bone.nodes] = number
-    return cells_of_one_label(V, labels)
 
 
 def _listed(bones: Sequence[Bone]) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from fem_snh import _dolfinx
 from fem_snh.assembly.boundary_conditions import (
@@ -22,14 +22,17 @@ from fem_snh.errors import bad_value
 from fem_snh.kernels.material import Material
 from fem_snh.mesh.mesh import Mesh
 from fem_snh.mesh.mesh_checks import check_half_plane
-from fem_snh.problem.bone_nodes import BoneNodes, cells_in_shapes
 from fem_snh.problem.measures import group_cells
 from fem_snh.problem.problem import Problem
 from fem_snh.problem.reactions import ReactionGroup, Reactions
+from fem_snh.problem.solids import cells_in_shapes
 from fem_snh.tables.amplitudes import LOAD_ITSELF, Amplitudes
 from fem_snh.terms.body import Body, CreateMotion, group_entities, group_facets
 from fem_snh.terms.feature import Feature, create_terms
 from fem_snh.terms.term import Term
+
+if TYPE_CHECKING:
+    from fem_snh.problem.bone_nodes import BoneNodes
 
 
 def create_problem(

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
+from fem_snh import _dolfinx
+from fem_snh.assembly.regions import cells_of_one_label
 from fem_snh.geometry.shapes import Shape
 from fem_snh.problem.problem import Problem
+
+if TYPE_CHECKING:
+    from fem_snh.problem.bone_nodes import BoneNodes
 
 Array = npt.NDArray[Any]
 
@@ -58,6 +63,15 @@ def solids_in_shapes(problem: Problem) -> list[Solid]:
             place = partial(_place_part, problem, number)
             found.append(Solid(rigid.names[number], "rigid part", shape, nodes, pose, place))
     return found
+
+
+def cells_in_shapes(V: Any, bones: Sequence[BoneNodes]) -> Array:
+    """Return this rank's own cells whose nodes all are in one bone that is a shape, (n,) int."""
+    labels = np.full(sum(_dolfinx.num_nodes(V)), -1)
+    for number, bone in enumerate(bones):
+        if bone.bone.shape is not None:
+            labels[bone.nodes] = number
+    return cells_of_one_label(V, labels)
 
 
 def _pose_of_bone(problem: Problem, placed: Any) -> Array:
