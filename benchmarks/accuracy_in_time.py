@@ -10,12 +10,11 @@ from typing import Any
 
 from mpi4py import MPI
 
-import gmsh
-
 import fem_snh
 from benchmarks import Row, split_list
 from fem_snh import scenes
 from fem_snh.contact.obstacle import Obstacle
+from fem_snh.mesh.gmsh_model import session
 from fem_snh.runs.goals import scene_goals
 from fem_snh.runs.setup import set_up
 from fem_snh.scenes import Geometry, Gravity, Hold, MaterialChoice, Probe, Scene, Time
@@ -77,18 +76,16 @@ def _truth(name: str, goal: str, last: Any) -> Row:
 
 def _swing_reference(last: Any) -> tuple[float, float]:
     """Return the tip's displacement of smaller cells and steps, extrapolated, and by how much."""
-    finer = 5 / 3
-    cells = round(finer * 3)
-    time = {"steps": 160}
+    coarse, fine = 3, 5
     tips = []
-    for number in (3, cells):
+    for number in (coarse, fine):
         scene = _scene("swing")
         assert scene.time is not None
         changes: Row = {"element": last["element"], "cells": number}
-        changes["time"] = scene.time.model_copy(update=time)
+        changes["time"] = scene.time.model_copy(update={"steps": 160})
         result = fem_snh.run(scene.model_copy(update=changes), progress=False)
         tips.append(result.steps[-1]["probes"]["tip"][2])
-    further = (tips[1] - tips[0]) / (finer**_SINGULAR_ORDER - 1)
+    further = (tips[1] - tips[0]) / ((fine / coarse) ** _SINGULAR_ORDER - 1)
     return tips[1] + further, abs(further)
 
 
@@ -138,9 +135,7 @@ def _revolved_ball(cells: int, stiffer: float) -> float:
 
 def _write_half_disc(path: Path, cells: int) -> None:
     """Write a mesh of half a disc beside the y axis, of second order."""
-    gmsh.initialize()
-    try:
-        gmsh.option.setNumber("General.Terminal", 0)
+    with session() as gmsh:
         shape = gmsh.model.occ
         disc = shape.addDisk(0, 0, 0, RADIUS, RADIUS)
         half = shape.addRectangle(0, -2 * RADIUS, 0, 2 * RADIUS, 4 * RADIUS)
@@ -152,8 +147,6 @@ def _write_half_disc(path: Path, cells: int) -> None:
         gmsh.model.mesh.generate(2)
         gmsh.model.mesh.setOrder(2)
         gmsh.write(str(path))
-    finally:
-        gmsh.finalize()
 
 
 def _scene(name: str, **keys: Any) -> Scene:

@@ -18,6 +18,7 @@ from fem_snh.choices import CONTACT_METHODS
 from fem_snh.contact import law
 from fem_snh.contact.obstacle import Obstacle
 from fem_snh.errors import choose
+from fem_snh.mesh.gmsh_model import session
 from fem_snh.runs import run
 from fem_snh.scenes import Contact, Hold, MaterialChoice, Scene, load
 
@@ -41,18 +42,12 @@ def o_ring(
     folder: Path, squeeze: float = 0.25, nu: float = 0.499, cells: int = 6, friction: float = 0.0
 ) -> Scene:
     """Return a straight O-ring in plane strain between plates that squeeze it, in 5 steps."""
-    import gmsh
-
     path = folder / "cord.geo"
     path.write_text(f"cells = {cells}; order = 2;\n{_CORD}", encoding="utf-8")
-    gmsh.initialize()
-    try:
-        gmsh.option.setNumber("General.Terminal", 0)
+    with session() as gmsh:
         gmsh.open(str(path))
         gmsh.model.mesh.generate(3)
         gmsh.write(str(path.with_suffix(".msh")))
-    finally:
-        gmsh.finalize()
     plate = {"plane": {"point": [0, 0, 1], "normal": [0, 0, -1]}}
     sides = (("x = 0", "x"), ("x = 1", "x"), ("y = 0", "y"), ("z = 0", "z"))
     return Scene(

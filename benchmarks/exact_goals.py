@@ -23,6 +23,7 @@ from benchmarks.graded_meshes import at, graded, write
 from fem_snh.atomic_files import replace_file
 from fem_snh.contact.obstacle import Obstacle
 from fem_snh.errors import BadInput, choose
+from fem_snh.mesh.gmsh_model import session
 from fem_snh.scenes import Geometry, Hold, Reaction, Scene, load
 from fem_snh.scenes.builtin.hertz import RADIUS
 
@@ -174,11 +175,7 @@ def hertz(folder: Path, cells: int) -> float:
 
 def _quarter_disc(path: Path, zone: float, cells: int) -> None:
     """Write a quarter of a disc of curved triangles, fine within the zone about its pole."""
-    import gmsh
-
-    gmsh.initialize(readConfigFiles=False)
-    try:
-        gmsh.option.setNumber("General.Terminal", 0)
+    with session() as gmsh:
         geo, model = gmsh.model.geo, gmsh.model
         for tag, (x, y) in enumerate([(0, 0), (RADIUS, 0), (0, -RADIUS)], start=1):
             geo.addPoint(x, y, 0, tag=tag)
@@ -204,8 +201,6 @@ def _quarter_disc(path: Path, zone: float, cells: int) -> None:
         model.mesh.generate(2)
         model.mesh.setOrder(2)
         gmsh.write(str(path))
-    finally:
-        gmsh.finalize()
 
 
 def goal(scene: Scene, path: Path, element: str, name: str) -> float:

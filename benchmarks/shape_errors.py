@@ -10,12 +10,11 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-import gmsh
-
 import fem_snh
 from benchmarks import Row, split_list
 from benchmarks.accuracy_cases import goals_of
 from benchmarks.error_estimates import compared, summary
+from fem_snh.mesh.gmsh_model import session
 from fem_snh.scenes import BoneChoice, Geometry, Hold, MaterialChoice, Probe, Rigid, Scene
 from fem_snh.tables.motions import Rotate
 
@@ -113,9 +112,7 @@ def _scene(motion: str, nu: float, solid: str | Path, element: str = "P2P0", cel
 
 def _write_mesh(shape: str, size: float, path: Path) -> None:
     """Write second-order tetrahedra of the cube, of which those in the shape are a group."""
-    gmsh.initialize()
-    try:
-        gmsh.option.setNumber("General.Terminal", 0)
+    with session() as gmsh:
         occ, model = gmsh.model.occ, gmsh.model
         values = next(iter(_SHAPES[shape].values()))
         radius, cube = values["radius"], occ.addBox(0, 0, 0, 1, 1, 1)
@@ -137,5 +134,3 @@ def _write_mesh(shape: str, size: float, path: Path) -> None:
         model.mesh.setOrder(2)
         model.mesh.optimize("HighOrder")
         gmsh.write(str(path))
-    finally:
-        gmsh.finalize()

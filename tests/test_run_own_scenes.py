@@ -54,7 +54,7 @@ def test_a_scene_made_in_python(comm):
 
 def own_mesh(path, scale=1.0, cells=2):
     """The unit cube as a user's .msh, with numbered and named groups."""
-    with gmsh_model._session() as gmsh:
+    with gmsh_model.session() as gmsh:
         gmsh.onelab.setNumber("cells", [float(cells)])
         gmsh.open(str(gmsh_input.source_path("cube")))
         gmsh.model.mesh.generate(3)

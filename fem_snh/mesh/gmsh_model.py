@@ -94,7 +94,7 @@ class MeshData(NamedTuple):
 
 
 @contextmanager
-def _session() -> Iterator[Any]:
+def session() -> Iterator[Any]:
     """Provide the gmsh module, initialised and without output; finalise it in any case."""
     # gmsh installs a handler of its own: 4.8 on import, later versions on initialize.
     handler = signal.getsignal(signal.SIGINT)
@@ -116,7 +116,7 @@ def _session() -> Iterator[Any]:
 
 def generate(path: Path, cell: str, parameters: dict[str, float]) -> MeshData:
     """Mesh a gmsh source with these values of its parameters, with this kind of cell."""
-    with _session() as gmsh:
+    with session() as gmsh:
         gmsh.open(str(path))  # defines the parameters; opened again with their values below
         names = [name for name in gmsh.onelab.getNames() if "/" not in name]
         known = [name for name in names if name not in (_TETRAHEDRA, _PLANE)]
@@ -139,7 +139,7 @@ def generate(path: Path, cell: str, parameters: dict[str, float]) -> MeshData:
 
 def read(path: str) -> MeshData:
     """Read a .msh file, which must be alone in its folder: gmsh executes ``<path>.opt``."""
-    with _session() as gmsh:
+    with session() as gmsh:
         gmsh.merge(path)
         return _extract(gmsh)
 
@@ -154,7 +154,7 @@ def fill(points: np.ndarray, triangles: np.ndarray, size: float) -> MeshData:
     size : float
         Length of the edges inside [length].
     """
-    with _session() as gmsh:
+    with session() as gmsh:
         model = gmsh.model
         surface = model.addDiscreteEntity(2)
         model.mesh.addNodes(2, surface, np.arange(1, len(points) + 1), points.ravel())
