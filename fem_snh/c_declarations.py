@@ -27,8 +27,8 @@ def parse(declarations: str) -> Any:
     Returns
     -------
     cffi.FFI or _cffi_backend.FFI
-        The second is read from the cache; both have ``new``, ``cast``, ``buffer``, ``NULL`` and
-        ``dlopen``.
+        The second is read from the cache; both have ``new``, ``cast``, ``buffer``,
+        ``from_buffer``, ``NULL`` and ``dlopen``.
     """
     name = cache.key("declarations", declarations, cffi.__version__)
     target = cache.folder() / f"{name}.py"

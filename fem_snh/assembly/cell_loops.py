@@ -144,10 +144,7 @@ class CellLoops:
 
     def pointer(self, array: Array | None) -> Any:
         """Return a C pointer to the memory of ``array``, which the caller keeps alive."""
-        if array is None:
-            return self._ffi.NULL
-        kind = {"float64": "double *", "int32": "int *", "uint8": "unsigned char *"}
-        return self._ffi.cast(kind[array.dtype.name], array.ctypes.data)
+        return self._ffi.NULL if array is None else build.pointer(self._ffi, array)
 
     def target(
         self, strides: Sequence[Array], position: Array, free: Array, constrained: Array

@@ -19,6 +19,8 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+import numpy.typing as npt
+
 from fem_snh import c_declarations, cache
 from fem_snh.errors import BadInput
 
@@ -149,6 +151,20 @@ def stored(name: str) -> Path | None:
         return None
     cache.own_folder()
     return path if cache.read_signed(path) is not None else None
+
+
+#: C types of pointers by numpy's characters of types.
+_POINTERS = {
+    "d": "double *", "f": "float *", "i": "int *", "l": "long *", "B": "unsigned char *",
+}  # fmt: skip
+
+
+def pointer(ffi: Any, array: npt.NDArray[Any]) -> Any:
+    """Return a C pointer to the memory of a contiguous array.
+
+    Calls with the pointer itself are safe; who stores its address keeps the array alive.
+    """
+    return ffi.from_buffer(_POINTERS[array.dtype.char], array)
 
 
 @functools.cache

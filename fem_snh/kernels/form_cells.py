@@ -108,8 +108,8 @@ class FormCells:
         self._cells = self._ffi.new("FormCells *")
         self._cells.nodes, self._cells.components = nodes, components
         self._cells.geometry_nodes = geometry.shape[1]
-        self._cells.geometry = self._pointer(self._geometry)
-        self._cells.x = self._pointer(self._x)
+        self._cells.geometry = build.pointer(self._ffi, self._geometry)
+        self._cells.x = build.pointer(self._ffi, self._x)
         dofs = components * nodes
         batch = max(1, _BATCH // (8 * dofs**2))
         self._matrices, self._work = np.empty((batch, dofs, dofs)), np.empty((dofs, dofs))
@@ -145,7 +145,7 @@ class FormCells:
     def _filter(self, count: int, filter: str) -> int:
         """Filter the first ``count`` matrices in place; return how many are indefinite."""
         arrays = (self._matrices, self._work, self._indefinite)
-        matrices, work, numbers = [self._pointer(array) for array in arrays]
+        matrices, work, numbers = [build.pointer(self._ffi, array) for array in arrays]
         found = self._lib.find_indefinite(len(self._work), count, matrices, SHIFT, work, numbers)
         indefinite = self._indefinite[:found]
         if found:
@@ -158,17 +158,12 @@ class FormCells:
         cells = entities if entities.ndim == 1 else entities[:, 0]
         struct = self._ffi.new("FormIntegral *")
         struct.kernel = self._ffi.cast("void *", integral.kernel)
-        struct.width, struct.entities = entities.ndim, self._pointer(entities)
+        struct.width, struct.entities = entities.ndim, build.pointer(self._ffi, entities)
         struct.num_coefficients = integral.coefficients.shape[1]
-        struct.coefficients = self._pointer(integral.coefficients)
-        struct.constants = self._pointer(integral.constants)
-        matrices, batch = self._pointer(self._matrices), len(self._matrices)
+        struct.coefficients = build.pointer(self._ffi, integral.coefficients)
+        struct.constants = build.pointer(self._ffi, integral.constants)
+        matrices, batch = build.pointer(self._ffi, self._matrices), len(self._matrices)
         for start in range(0, len(cells), batch):
             count = min(batch, len(cells) - start)
             asymmetry = self._lib.tabulate_entities(self._cells, struct, start, count, matrices)
             yield cells[start : start + count], count, asymmetry
-
-    def _pointer(self, array: Array) -> Any:
-        """Return a C pointer to the memory of ``array``, which the caller keeps alive."""
-        kind = {"float64": "double *", "int32": "int *"}[array.dtype.name]
-        return self._ffi.cast(kind, array.ctypes.data)

@@ -52,9 +52,9 @@ class MatrixAddition:
         self._dofs = np.cumsum(self._sizes)
         self._kept = positions, tuple(strides), free  # the struct has pointers to these arrays
         self._target = self._ffi.new("MatrixTarget *")
-        self._target.position = self._ints(positions)
-        self._target.stride = [self._ints(stride) for stride in strides]
-        self._target.free = self._doubles(free)
+        self._target.position = self._pointer(positions)
+        self._target.stride = [self._pointer(stride) for stride in strides]
+        self._target.free = self._pointer(free)
 
     def add(self, addresses: Sequence[int], cells: Array, matrices: Array) -> None:
         """Add element matrices (n, k, k) of ``cells`` (n,) to the value arrays at ``addresses``.
@@ -70,8 +70,8 @@ class MatrixAddition:
         values = np.ascontiguousarray(matrices, dtype=np.float64)
         self._set_addresses(addresses)
         self._lib.add_matrices(
-            self._target, len(cells), self._ints(cells), blocks, self._blocks.shape[1],
-            self._ints(self._sizes), self._ints(self._blocks), self._doubles(values),
+            self._target, len(cells), self._pointer(cells), blocks, self._blocks.shape[1],
+            self._pointer(self._sizes), self._pointer(self._blocks), self._pointer(values),
         )  # fmt: skip
 
     def add_node_pairs(
@@ -98,15 +98,12 @@ class MatrixAddition:
         self._set_addresses(addresses)
         indptr, indices = pattern
         self._lib.add_node_pairs(
-            self._target, int(self._sizes[0]), len(indptr) - 1, self._ints(indptr),
-            self._ints(indices), self._ints(positions), factor, self._doubles(values),
+            self._target, int(self._sizes[0]), len(indptr) - 1, self._pointer(indptr),
+            self._pointer(indices), self._pointer(positions), factor, self._pointer(values),
         )  # fmt: skip
 
     def _set_addresses(self, addresses: Sequence[int]) -> None:
         self._target.values = [self._ffi.cast("double *", address) for address in addresses]
 
-    def _ints(self, array: Array) -> Any:
-        return self._ffi.cast("int *", array.ctypes.data)
-
-    def _doubles(self, array: Array) -> Any:
-        return self._ffi.cast("double *", array.ctypes.data)
+    def _pointer(self, array: Array) -> Any:
+        return build.pointer(self._ffi, array)

@@ -69,6 +69,7 @@ class SymmetricBlockMatrix:
             "upper": np.zeros(entries * upper_start[-1] + _LANES, np.float32),
             "diagonal": np.zeros(entries * self.rows + _LANES, np.float32),
             "diagonal_inverse": np.zeros(entries * self.rows + _LANES, np.float32),
+            "link": np.zeros(4 * (self.rows + 1), np.float32),
             "lanes": np.zeros(8 * self.rows, np.float32),
         }
         if off_diagonal is not None:
@@ -85,11 +86,7 @@ class SymmetricBlockMatrix:
 
     def pointer(self, array: Array) -> Any:
         """Return a C pointer to the memory of ``array``, which the caller keeps alive."""
-        kind = {
-            "float32": "float *", "float64": "double *", "int32": "int *", "int64": "long *",
-            "uint8": "unsigned char *",
-        }[array.dtype.name]  # fmt: skip
-        return self.ffi.cast(kind, array.ctypes.data)
+        return build.pointer(self.ffi, array)
 
     def weighted_norm_squared(self, p: Array) -> float:
         """Return p.D^-1 p."""

@@ -16,6 +16,7 @@ typedef struct {
   float *upper;                 /* U, and four floats more, as loads of a last block read beyond it */
   float *diagonal;              /* [rows][ENTRIES] and four more: D, of the preconditioner: A's plus `shift` */
   float *diagonal_inverse;      /* [rows][ENTRIES] and four more: D^-1 */
+  float *link;                  /* [rows + 1][2][2] the products L_ij D_j^-1 with the last row, j = i - 1, by columns; or 0 */
   float *lanes;                 /* [rows][2][4] work space of the sweeps */
   const int *off_diagonal_start;  /* [rows + 1] the same of the other ranks' columns; NULL on one rank */
   const int *off_diagonal_column; /* ghost nodes */

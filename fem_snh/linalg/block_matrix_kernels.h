@@ -42,6 +42,20 @@ static inline int invert_block(float *a, float *b) {
   return 0;
 }
 
+/* Whether row i has a block in column i + 1 that the sweeps apply by `link`. A sweep over 2x2 blocks is a chain of
+ * neighbours, each of which waits for the last one's solution: `link` takes the right-hand side of one to that of the
+ * next by one product, not by two with a store and a load. Larger blocks are not limited by it. */
+static inline int is_linked(const SymmetricBlockMatrix *b, long i) {
+  return BLOCK == 2 && b->upper_start[i] < b->upper_start[i + 1] && b->upper_column[b->upper_start[i]] == i + 1;
+}
+
+/* Set the product with the next row. */
+static inline void set_link(const SymmetricBlockMatrix *b, long i) {
+  const float *d = b->diagonal_inverse + ENTRIES * i, *u = b->upper + (long)ENTRIES * b->upper_start[i];
+  const long length = (long)BLOCK * (b->upper_start[i + 1] - b->upper_start[i]);
+  for (int m = 0; m < 4; m++) b->link[4 * (i + 1) + m] = u[m % 2] * d[m / 2] + u[length + m % 2] * d[2 + m / 2];
+}
+
 long matrix_fill(const SymmetricBlockMatrix *b, const double *values, const double *off_diagonal, double scale) {
   long bad = 0;
   for (int i = 0; i < b->rows; i++) {
@@ -70,6 +84,8 @@ long matrix_fill(const SymmetricBlockMatrix *b, const double *values, const doub
     for (int r = 0; r < BLOCK; r++) b->diagonal[ENTRIES * i + (BLOCK + 1) * r] += shift[r];
   }
   for (long i = 0; i < b->rows; i++) bad += !invert_block(b->diagonal + ENTRIES * i, b->diagonal_inverse + ENTRIES * i);
+  for (long i = 0; i < b->rows; i++)
+    if (is_linked(b, i)) set_link(b, i);
   return bad;
 }
 
@@ -99,20 +115,29 @@ static inline f4 multiply_block(const float *m, f4 x) {
   return load4(m) * x[0] + load4(m + BLOCK) * x[1] THIRD(+ load4(m + 2 * BLOCK) * x[2]);
 }
 
+/* The product of a link, and of its transpose, with a node's values. */
+static inline f4 multiply_link(const float *m, f4 x) { return load4(m) * x[0] + (f4){m[2], m[3]} * x[1]; }
+static inline f4 multiply_link_transposed(const float *m, f4 x) { return (f4){m[0], m[2]} * x[0] + (f4){m[1], m[3]} * x[1]; }
+
 /* Forward substitution of one or two right-hand sides in `lanes`, those of a node side by side: row i of a solution
  * y is final when it is reached, and L_ki y_i is subtracted from the rows k > i; L_ki is the transpose of the
  * stored U_ik. */
 static inline __attribute__((always_inline)) void solve_lower_lanes(const SymmetricBlockMatrix *b, const int sides) {
+  f4 last[2] = {{0}, {0}};
   for (int i = 0; i < b->rows; i++) {
     const int first = b->upper_start[i], n = b->upper_start[i + 1] - first;
     const long length = (long)BLOCK * n;
     const float *u = b->upper + ENTRIES * b->upper_start[i];
+    const int linked = is_linked(b, i);
     f4 y[2];
     for (int s = 0; s < sides; s++) {
       float *at = b->lanes + 4L * (sides * i + s);
-      *(f4 *)at = y[s] = multiply_block(b->diagonal_inverse + ENTRIES * i, load4(at));
+      f4 right = load4(at);
+      if (BLOCK == 2) last[s] = right -= multiply_link(b->link + 4 * i, last[s]);
+      *(f4 *)at = y[s] = multiply_block(b->diagonal_inverse + ENTRIES * i, right);
     }
-    for (int k = 0; k < n; k++, u += BLOCK) {
+    u += BLOCK * linked;
+    for (int k = linked; k < n; k++, u += BLOCK) {
       const f4 u0 = load4(u), u1 = load4(u + length) THIRD(, u2 = load4(u + 2 * length));
       float *at = b->lanes + 4L * sides * b->upper_column[first + k];
       for (int s = 0; s < sides; s++) {
@@ -162,27 +187,35 @@ void matrix_multiply_lower(const SymmetricBlockMatrix *b, const float *w, double
 /* The nodes that were computed last enter a row's sums last: the processor computes the others before its
  * predecessor is known. Two sums for each component halve the chain of additions. */
 void matrix_backward_sweep(const SymmetricBlockMatrix *b, float beta, const float *z, float *p, float *t, float *w) {
+  f4 next = {0};
   for (long i = b->rows - 1; i >= 0; i--) {
     const int first = b->upper_start[i], n = b->upper_start[i + 1] - first;
     const long length = (long)BLOCK * n;
     const float *u = b->upper + ENTRIES * b->upper_start[i];
     f4 x0 = {0}, y0 = {0}, THIRD(z0 = {0},) x1 = {0}, y1 = {0} THIRD(, z1 = {0});
+    const int linked = is_linked(b, i);
     int k = n - 1;
-    for (; k > 0; k -= 2) {
+    for (; k > linked; k -= 2) {
       const int *column = b->upper_column + first + k;
       const f4 t0 = load4(b->lanes + 4L * column[0]), t1 = load4(b->lanes + 4L * column[-1]);
       const float *u0 = u + (long)BLOCK * k, *u1 = u0 - BLOCK;
       x0 += load4(u0) * t0; y0 += load4(u0 + length) * t0; THIRD(z0 += load4(u0 + 2 * length) * t0;)
       x1 += load4(u1) * t1; y1 += load4(u1 + length) * t1; THIRD(z1 += load4(u1 + 2 * length) * t1;)
     }
-    if (k == 0) {
-      const f4 t1 = load4(b->lanes + 4L * b->upper_column[first]);
-      x1 += load4(u) * t1; y1 += load4(u + length) * t1; THIRD(z1 += load4(u + 2 * length) * t1;)
+    if (k == linked) {
+      const f4 t1 = load4(b->lanes + 4L * b->upper_column[first + k]);
+      const float *u1 = u + (long)BLOCK * k;
+      x1 += load4(u1) * t1; y1 += load4(u1 + length) * t1; THIRD(z1 += load4(u1 + 2 * length) * t1;)
     }
     x0 += x1; y0 += y1; THIRD(z0 += z1;)
-    const f4 s = {sum_lanes(x0), sum_lanes(y0), THIRD(sum_lanes(z0))};
+    f4 s = {sum_lanes(x0), sum_lanes(y0), THIRD(sum_lanes(z0))};
     const f4 direction = load_node(z + BLOCK * i) + beta * load_node(p + BLOCK * i);
-    const f4 solution = multiply_block(b->diagonal_inverse + ENTRIES * i, direction - s);
+    f4 solution = multiply_block(b->diagonal_inverse + ENTRIES * i, direction - s);
+    if (linked) {
+      solution -= multiply_link_transposed(b->link + 4 * (i + 1), next);
+      s += (f4){u[0] * next[0] + u[1] * next[1], u[length] * next[0] + u[length + 1] * next[1]};
+    }
+    next = solution;
     *(f4 *)(b->lanes + 4 * i) = solution;
     store_node(p + BLOCK * i, direction); store_node(w + BLOCK * i, s); store_node(t + BLOCK * i, solution);
   }

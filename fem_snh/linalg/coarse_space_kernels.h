@@ -48,16 +48,29 @@ void coarse_assemble(const SymmetricBlockMatrix *b, const CoarseSpace *c, const 
   }
 }
 
+/* The sums of a subdomain stay in registers over the rows that follow each other in it. */
 void coarse_image_transposed(const CoarseSpace *c, const float *t, double *y) {
+  if (!c->rows) return;
+  double *at = y + COLUMNS * (long)c->pair_subdomain[0];
+  d4 sum[BLOCK];
+  for (int m = 0; m < BLOCK; m++) sum[m] = *(d4 *)(at + 4 * m);
   for (int i = 0; i < c->rows; i++, t += BLOCK)
     for (int s = c->pair_start[i]; s < c->pair_start[i + 1]; s++) {
       const float *w = c->image + (long)BLOCK * COLUMNS * s;
       double *to = y + COLUMNS * (long)c->pair_subdomain[s];
-      for (int m = 0; m < COLUMNS; m += 4) {
-        const f4 v = load4(w + m) * t[0] + load4(w + COLUMNS + m) * t[1] THIRD(+ load4(w + 2 * COLUMNS + m) * t[2]);
-        *(d4 *)(to + m) += __builtin_convertvector(v, d4);
+      if (to != at) {
+        for (int m = 0; m < BLOCK; m++) {
+          *(d4 *)(at + 4 * m) = sum[m];
+          sum[m] = *(d4 *)(to + 4 * m);
+        }
+        at = to;
+      }
+      for (int m = 0; m < BLOCK; m++, w += 4) {
+        const f4 v = load4(w) * t[0] + load4(w + COLUMNS) * t[1] THIRD(+ load4(w + 2 * COLUMNS) * t[2]);
+        sum[m] += __builtin_convertvector(v, d4);
       }
     }
+  for (int m = 0; m < BLOCK; m++) *(d4 *)(at + 4 * m) = sum[m];
 }
 
 void coarse_image_subtract(const CoarseSpace *c, const float *y, float *r) {

@@ -86,9 +86,12 @@ class ColumnsCG:
             self._halo.ghosts = _aligned(len(ghosts))
             arrays["ghosts"] = self._halo.ghosts
         self._sums = {name: np.zeros(LANES) for name in ("rho", "previous", "curvature", "updated")}
-        self._sum_pointers = [self._pointer(array) for array in self._sums.values()]
+        self._sum_pointers = [build.pointer(self._ffi, array) for array in self._sums.values()]
         self._arrays = arrays  # the struct holds pointers: the arrays must live as long
-        pointers = {name: self._pointer(array) for name, array in (arrays | self._vectors).items()}
+        pointers = {
+            name: build.pointer(self._ffi, array)
+            for name, array in (arrays | self._vectors).items()
+        }
         self._struct = self._ffi.new("ColumnsCG *", {"rows": size, **pointers})
 
     def solve(self, b: Array) -> None:
@@ -132,11 +135,6 @@ class ColumnsCG:
         """Replace sums over this rank's rows by those over all rows."""
         if self._comm.size > 1:
             sums[:] = self._comm.allreduce(sums)
-
-    def _pointer(self, array: Array) -> Any:
-        """Return a C pointer to the memory of ``array``, which the caller keeps alive."""
-        kind = {"float64": "double *", "int32": "int *"}[array.dtype.name]
-        return self._ffi.cast(kind, array.ctypes.data)
 
 
 def _rows(block: AIJBlock) -> tuple[Array, Array, Array]:
