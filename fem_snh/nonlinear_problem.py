@@ -23,6 +23,7 @@ from fem_snh.problem.dolfinx_problem import (
     create_dolfinx_problem,
 )
 from fem_snh.problem.problem import Problem
+from fem_snh.problem.program_modes import HasModes
 from fem_snh.problem.program_reactions import HasReactions
 from fem_snh.problem.supports import SupportsCheck
 from fem_snh.solver.options import check_given_options
@@ -41,7 +42,7 @@ _MAX_STEPS = 1_000_000
 _ROUNDING = 1e-14
 
 
-class NonlinearProblem(EstimatesErrors, HasReactions):
+class NonlinearProblem(EstimatesErrors, HasModes, HasReactions):
     """Find the displacement that minimises the energy of materials and UFL terms. Collective.
 
     Names and arguments are those of :class:`dolfinx.fem.petsc.NonlinearProblem` (0.10 and later),
@@ -84,7 +85,7 @@ class NonlinearProblem(EstimatesErrors, HasReactions):
         pressure, such as "P2P1": one of `fem_snh.assembly.elements.ELEMENTS`. It must have the cell
         and the degree of ``u``. Default: the volume term at every quadrature point.
     densities : mapping of Material to float, optional
-        Mass per reference volume [kg/m^3] of each material, which its weight needs.
+        Mass per reference volume [kg/m^3] of each material, which its weight and vibrations need.
     predictor : {"tangent", "none"}, optional
         First guess when boundary values have changed: the linearised response to the change, or
         the values alone. From the second step of `steps` on, "tangent" continues the step before.
@@ -274,8 +275,7 @@ class NonlinearProblem(EstimatesErrors, HasReactions):
             if row is None:
                 return
             self.reason, self.newton, self.linear = row["reason"], row["newton"], row["linear"]
-            jump = stepper.jump
-            notes = [jump_note(jump, attempted)] if jump else []
+            notes = [jump_note(jump, attempted)] if (jump := stepper.jump) else []
             self._examine(row["converged"], row.get("negative_eigenvalues"), notes)
             self._write_solution()
             yield row

@@ -98,6 +98,11 @@ def test_no_convergence_is_told(comm, folder):
     comm.barrier()
 
 
+def test_forces_without_an_energy_have_no_frequencies():
+    with pytest.raises(BadInput, match="modes: expected equilibria of an energy, not a load or a"):
+        solve(cells=3, material="filtered_neo_hookean")
+
+
 def test_a_scene_without_modes_does_not_load_slepc():
     code = (
         "import fem_snh, sys; fem_snh.run('pull', cells=1, steps=1, progress=False); "

@@ -33,7 +33,6 @@ from fem_snh.accuracy.lift import Lift
 from fem_snh.assembly.assembled_matrix import BlockMatrix
 from fem_snh.assembly.ghosted_vectors import (
     add_ghosts,
-    copy_to_function,
     ghosted,
     local_values,
     set_to_zero,
@@ -41,7 +40,7 @@ from fem_snh.assembly.ghosted_vectors import (
     writable_values,
 )
 from fem_snh.assembly.nodal_mass import NodalMass
-from fem_snh.problem.modes import SHIFT, LowestModes
+from fem_snh.problem.modes import SHIFT, LowestModes, VibrationModes
 from fem_snh.problem.problem import Problem
 
 Array = npt.NDArray[np.float64]
@@ -64,10 +63,13 @@ class FrequencyGoal:
         Its number in ascending order, from 1.
     modes : LowestModes
         Computes the modes of a problem.
+    label : str, optional
+        What it is called; default: frequency.NUMBER.
     """
 
-    def __init__(self, number: int, modes: LowestModes) -> None:
-        self.number, self.modes, self.names = number, modes, [f"frequency.{number}"]
+    def __init__(self, number: int, modes: LowestModes, label: str = "") -> None:
+        self.number, self.modes = number, modes
+        self.names = [label or f"frequency.{number}"]
 
     def bind(self, problem: Problem) -> Callable[[], Sequence[float]]:
         """See `Goal.bind`. The problem has no unknown pressure."""
@@ -125,7 +127,7 @@ def lifted_modes(lift: Lift, modes: LowestModes) -> LiftedModes | None:
     with _shifted(lifted, mass, shift):
         at = Linearisation(lifted, lifted.x, lift.linear_solves(True, _LINEAR, ("exact",)))
     found = modes(problem)
-    of_run = [_interpolated(problem, lifted, shape) for shape in found.shapes]
+    of_run = [_interpolated(found, i, lifted) for i in range(1, len(found.shapes) + 1)]
     shapes, values = of_run, np.array(found.frequencies)
     for _ in range(_MOST_ITERATIONS):
         unknowns, before = [at.solve(_load(at, mass, shape)) for shape in shapes], values
@@ -180,11 +182,10 @@ class _Shift:
         return 0
 
 
-def _interpolated(problem: Problem, lifted: Problem, shape: PETSc.Vec) -> PETSc.Vec:
-    """Return a mode of a problem in the space of the lifted one, a ghosted vector. Collective."""
-    source, target = (_dolfinx.function(p.V, "mode") for p in (problem, lifted))
-    copy_to_function(ghosted(problem.V, shape.array_r), source)
-    target.interpolate(source)
+def _interpolated(modes: VibrationModes, number: int, lifted: Problem) -> PETSc.Vec:
+    """Return a mode in the space of the lifted problem, a ghosted vector. Collective."""
+    target = _dolfinx.function(lifted.V, "mode")
+    target.interpolate(modes.function(number))
     return ghosted(lifted.V, target.x.array[: lifted.owned_displacements])
 
 

@@ -11,6 +11,7 @@ import ufl
 
 from fem_snh import _dolfinx
 from fem_snh.accuracy.estimate import Estimate, estimate_error
+from fem_snh.accuracy.frequency_goals import FrequencyGoal
 from fem_snh.accuracy.goals import (
     AXES,
     EnergyGoal,
@@ -24,10 +25,11 @@ from fem_snh.accuracy.goals import (
     names_of,
 )
 from fem_snh.accuracy.rigid_goals import RigidGoal
-from fem_snh.errors import BadInput, bad_value, check_number, choose
-from fem_snh.problem.dolfinx_problem import DolfinxConditions
+from fem_snh.errors import BadInput, bad_value, check_number, check_whole, choose
+from fem_snh.problem.dolfinx_problem import DolfinxConditions, check_converged
 from fem_snh.problem.lifted_problem import lifted_problem
 from fem_snh.problem.problem import Problem
+from fem_snh.problem.program_modes import ProgramModes
 from fem_snh.problem.program_reactions import condition_number, three_numbers
 from fem_snh.tables.types import surface_name
 from fem_snh.terms.body import measure_parts
@@ -39,6 +41,7 @@ _ACCEPTED = (
     "a pair of a condition and a point (the moment of its force about it), "
     "an obstacle, a contact (its force) or a cavity (its pressure) of its terms, a rigid part (its "
     "displacement) or a pair of one and 'displacement', 'rotation', 'force' or 'moment', "
+    "vibration modes (their frequencies) or a pair of them and a number, "
     "a UFL form of rank 0 in u, 'energy', 'volume', 'stress', a pair of a measure of cells and "
     "one of the last two, or ([x, y, z], 'stress', radius)"
 )
@@ -64,10 +67,12 @@ class EstimatesErrors:
             of ``bcs`` (its reaction force), a pair of one and a point [x, y, z] (the moment of this
             force about it), an obstacle or a contact of ``terms`` (the force on the body or on the
             first surface), a cavity (its pressure), a rigid part (the displacement of its point),
-            a pair of one and "displacement", "rotation", "force" or "moment", a UFL form of rank 0
-            in ``u``, "energy", "volume" (deformed over reference volume), "stress" (mean of von
-            Mises'), a pair of a measure of cells and one of these two, or a triple of a point,
-            "stress" and a radius [m] (its mean around the point). A mapping names them.
+            a pair of one and "displacement", "rotation", "force" or "moment", the modes about this
+            solution that `vibration_modes` returns (all their frequencies), a pair of them and a
+            number from 1 (one frequency), a UFL form of rank 0 in ``u``, "energy", "volume"
+            (deformed over reference volume), "stress" (mean of von Mises'), a pair of a measure of
+            cells and one of these two, or a triple of a point, "stress" and a radius [m] (its mean
+            around the point). A mapping names them.
 
         Returns
         -------
@@ -88,8 +93,7 @@ class EstimatesErrors:
         problem = self._problem
         if problem.acting_force is None:
             raise BadInput("estimate_error: expected a quasi-static problem, not one in time")
-        if not self.reason.startswith("CONVERGED"):
-            raise BadInput("estimate_error: expected a solution that has converged: call solve()")
+        check_converged(self.reason, "estimate_error")
         assert isinstance(problem.dirichlet, DolfinxConditions)
         found = program_goals(problem, problem.dirichlet.bcs, goals)
         return estimate_error(problem, partial(lifted_problem, problem), found)
@@ -120,7 +124,15 @@ def program_goals(problem: Problem, bcs: Sequence[Any], goals: Any) -> list[Goal
         raise bad_value("goals", goals, "a list of goals, or a mapping of names to goals")
     if not named:
         raise bad_value("goals", goals, "at least one goal")
-    found = [_goal(problem, bcs, name, goal, i) for i, (name, goal) in enumerate(named)]
+    found: list[Goal] = []
+    for number, (name, goal) in enumerate(named):
+        key = f"goals[{name or number}]"
+        frequencies = _frequencies(problem, name, key, goal)
+        found += frequencies or [_goal(problem, bcs, name, goal, number)]
+    of_modes = {id(goal.modes) for goal in found if isinstance(goal, FrequencyGoal)}
+    if len(of_modes) > 1:
+        accepted = "frequencies of one call of vibration_modes()"
+        raise bad_value("goals", f"frequencies of {len(of_modes)} calls", accepted)
     names = names_of(found)
     if doubled := {name for name in names if names.count(name) > 1}:
         raise bad_value("goals", sorted(doubled)[0], "a different name for each goal")
@@ -172,6 +184,22 @@ def _goal(problem: Problem, bcs: Sequence[Any], name: str, goal: Any, number: in
         raise bad_value(key, goal, _ACCEPTED)
     shown = f"({', '.join(f'{x:g}' for x in np.ravel(goal))})"
     return PointGoal(name or shown, place, components)
+
+
+def _frequencies(problem: Problem, name: str, key: str, goal: Any) -> list[Goal]:
+    """Return the frequencies of modes, or of a pair of them and a number; none of others."""
+    modes, number = goal if isinstance(goal, tuple) and len(goal) == 2 else (goal, None)
+    if not isinstance(modes, ProgramModes):
+        return []
+    lowest = modes.of_state(problem)
+    if lowest is None:
+        accepted = "those about the last solution: call vibration_modes()"
+        raise bad_value(key, "modes of another state", accepted)
+    if number is not None:
+        check_whole(f"{key} number", number, 1, len(modes.frequencies))
+        return [FrequencyGoal(number, lowest, name)]
+    numbers = range(1, len(modes.frequencies) + 1)
+    return [FrequencyGoal(i, lowest, name and f"{name}.{i}") for i in numbers]
 
 
 def _point(given: Any, dim: int) -> list[float] | None:

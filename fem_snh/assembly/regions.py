@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -14,6 +14,29 @@ from fem_snh.kernels.material import Material
 from fem_snh.mesh.mesh import DIMENSIONS, Mesh, cell_volumes
 
 Array = npt.NDArray[Any]
+
+
+class Filled(Protocol):
+    """Cells that the body fills with a mass: those of a `Region`, or a `BodyOfForms`."""
+
+    @property
+    def cells(self) -> Array:
+        """See `Region`."""
+
+    @property
+    def density(self) -> float | None:
+        """See `Region`."""
+
+    @property
+    def fractions(self) -> Array | None:
+        """See `Region`."""
+
+    @property
+    def label(self) -> str:
+        """What it is called in messages."""
+
+    def filled(self, value: float) -> float | Array:
+        """See `Region.filled`."""
 
 
 class Region(NamedTuple):
@@ -36,12 +59,33 @@ class Region(NamedTuple):
     density: float | None = None
     fractions: Array | None = None
 
+    @property
+    def label(self) -> str:
+        """The material's name."""
+        return self.material.name
+
     def filled(self, value: float) -> float | Array:
         """Return a quantity per volume of the body as one per volume of the cells, (n,)."""
         return value if self.fractions is None else value * self.fractions
 
 
-def density_of(region: Region, purpose: str) -> float:
+class BodyOfForms(NamedTuple):
+    """The body of a program without materials, whose energy is in UFL.
+
+    Attributes are those of `Region`.
+    """
+
+    cells: Array
+    density: float | None
+    fractions: Array | None = None
+    label: str = "the body"
+
+    def filled(self, value: float) -> float:
+        """Return a quantity per volume of the body: it fills its cells."""
+        return value
+
+
+def density_of(region: Filled, purpose: str) -> float:
     """Return a region's density [kg/m^3].
 
     Raises
@@ -50,7 +94,7 @@ def density_of(region: Region, purpose: str) -> float:
         If it has none, and the message says for which purpose one is needed; or no positive one.
     """
     if region.density is None:
-        where = f"of {region.material.name} (in a program: 'densities')"
+        where = f"of {region.label} (in a program: 'densities')"
         accepted = f"expected a number > 0, for {purpose}"
         raise BadInput(f"missing key 'material.density' {where}: {accepted}")
     check_number("material.density", region.density, 0.0, exclusive=True)
@@ -96,6 +140,16 @@ def whole_body(domain: Any, material: Material, density: float | None = None) ->
     """Return the region of a body of one material on a dolfinx mesh."""
     cells = np.arange(_dolfinx.num_owned(domain), dtype=np.int32)
     return [Region(material, cells, density)]
+
+
+def regions_with(domain: Any, regions: Sequence[Region], density: float | None) -> Sequence[Filled]:
+    """Return a body's regions, with a density [kg/m^3] where they have none.
+
+    Without any it is a `BodyOfForms`.
+    """
+    if not regions:
+        return [BodyOfForms(np.arange(_dolfinx.num_owned(domain), dtype=np.int32), density)]
+    return [r if r.density is not None else r._replace(density=density) for r in regions]
 
 
 def regions_of_groups(mesh: Mesh, fillings: Sequence[Filling]) -> list[Region]:
@@ -213,7 +267,7 @@ def reference_modulus(domain: Any, regions: Sequence[Region], revolved: bool = F
 
 
 def volume_mean(
-    domain: Any, regions: Sequence[Region], values: Sequence[float], revolved: bool = False
+    domain: Any, regions: Sequence[Filled], values: Sequence[float], revolved: bool = False
 ) -> float:
     """Return the mean over the volume of a quantity with one value in each region. Collective."""
     if len(set(values)) == 1:
@@ -224,7 +278,7 @@ def volume_mean(
     return float(volumes @ np.array(values) / volumes.sum())
 
 
-def cell_constant(domain: Any, regions: Sequence[Region], values: Sequence[float]) -> Any:
+def cell_constant(domain: Any, regions: Sequence[Filled], values: Sequence[float]) -> Any:
     """Return the dolfinx Function, constant in each cell, with one value in each region.
 
     In cells that the body fills in part, the value is multiplied by the filled fraction.

@@ -26,7 +26,7 @@ from fem_snh.assembly.inclined_planes import InclinedPlanes
 from fem_snh.assembly.kinematics import PLANE_CELLS, SOLID, Kinematics, find_kinematics
 from fem_snh.assembly.regions import Region, check_partition
 from fem_snh.assembly.unknowns import create_unknowns
-from fem_snh.errors import bad_value, check_whole, unknown_name
+from fem_snh.errors import BadInput, bad_value, check_whole, unknown_name
 from fem_snh.kernels.material import Material
 from fem_snh.mesh.mesh_checks import check_geometry, check_half_plane
 from fem_snh.problem.problem import Problem
@@ -258,6 +258,12 @@ def create_dolfinx_problem(
     if not regions:
         set_modulus(problem)
     return problem
+
+
+def check_converged(reason: str, asked: str) -> None:
+    """Raise BadInput, with what asks for a solution, unless the last solve found one."""
+    if not reason.startswith("CONVERGED"):
+        raise BadInput(f"{asked}: expected a solution that has converged: call solve()")
 
 
 def _term(term: Any, name: str, u: Any, on_load: Callable[[float], None] | None) -> Any:

@@ -29,11 +29,23 @@ import numpy as np
 import numpy.typing as npt
 from scipy.sparse import csr_matrix
 
-from fem_snh.assembly.regions import Region, cell_constant, density_of, volume_mean
+from fem_snh import _dolfinx
+from fem_snh.assembly.ghosted_vectors import copy_to_function, ghosted
+from fem_snh.assembly.regions import (
+    Filled,
+    cell_constant,
+    density_of,
+    regions_with,
+    volume_mean,
+)
 from fem_snh.errors import BadInput
 from fem_snh.problem.problem import Problem
+from fem_snh.solver import PREFIX as SOLVER_PREFIX
+from fem_snh.solver.stability import check_conservative
 from fem_snh.terms.mass import mass_matrix
 
+#: Prefix of SLEPc's options, behind that of the solver.
+PREFIX = "modes_"
 #: First shift, in units of E / (density length^2), the scale of the eigenvalues.
 SHIFT = 1e-2
 #: Shift, in the same units, at which the search for a bound below all eigenvalues stops.
@@ -47,12 +59,7 @@ _TOLERANCE = 1e-12
 _MAX_RESTARTS = 1000
 
 
-def regions_with(problem: Problem, density: float) -> list[Region]:
-    """Return the regions of a problem, with a density [kg/m^3] where they have none."""
-    return [r if r.density is not None else r._replace(density=density) for r in problem.regions]
-
-
-def mean_density(problem: Problem, regions: Sequence[Region]) -> float:
+def mean_density(problem: Problem, regions: Sequence[Filled]) -> float:
     """Return the mean mass per reference volume [kg/m^3] of a body's regions. Collective."""
     densities = [density_of(region, "modes") for region in regions]
     return volume_mean(problem.domain, regions, densities, problem.kinematics.revolved)
@@ -65,7 +72,7 @@ class Eigenproblem:
     ----------
     problem : Problem
         The problem, in the state the eigenproblem is about.
-    density : float
+    density : float or None
         Mass per reference volume [kg/m^3] of the regions that have none of their own.
     prefix : str
         Prefix of SLEPc's options.
@@ -76,10 +83,10 @@ class Eigenproblem:
         The body's mean mass per reference volume [kg/m^3].
     """
 
-    def __init__(self, problem: Problem, density: float, prefix: str) -> None:
+    def __init__(self, problem: Problem, density: float | None, prefix: str) -> None:
         self._x, self._comm, self._prefix = problem.x, problem.comm, prefix
         domain, revolved = problem.domain, problem.kinematics.revolved
-        regions = regions_with(problem, density)
+        regions = regions_with(domain, problem.regions, density)
         self.density = mean_density(problem, regions)
         densities = [density_of(region, "modes") for region in regions]
         same = len(set(densities)) == 1 and all(r.fractions is None for r in regions)
@@ -298,6 +305,13 @@ class VibrationModes:
     shapes: list[PETSc.Vec]
     seconds: float
 
+    def function(self, number: int) -> Any:
+        """Return the mode shape of a number, from 1, as a dolfinx Function. Collective."""
+        V = self.problem.V
+        shape = _dolfinx.function(V, "mode")
+        copy_to_function(ghosted(V, self.shapes[number - 1].array_r), shape)
+        return shape
+
     @property
     def record(self) -> dict[str, Any]:
         """The modes' entry in run.json."""
@@ -311,7 +325,7 @@ class VibrationModes:
 
 
 def lowest(
-    problem: Problem, density: float, count: int, prefix: str = "snh_modes_"
+    problem: Problem, density: float | None, count: int, prefix: str = SOLVER_PREFIX + PREFIX
 ) -> VibrationModes:
     """Return the lowest modes about the state ``problem.x``. Collective.
 
@@ -319,7 +333,7 @@ def lowest(
     ----------
     problem : Problem
         The problem.
-    density : float
+    density : float or None
         Mass per reference volume [kg/m^3] of the regions that have none of their own.
     count : int
         Number of modes.
@@ -358,18 +372,22 @@ def lowest(
 
 
 class LowestModes:
-    """The modes that a scene asks for, computed once for each state of a problem.
+    """The modes that a scene or a program asks for, computed once for each state of a problem.
 
     Parameters
     ----------
-    density : float
+    density : float or None
         Mass per reference volume [kg/m^3] of the regions that have none of their own.
     count : int
         Number of modes.
+    prefix : str, optional
+        Prefix of SLEPc's options.
     """
 
-    def __init__(self, density: float, count: int) -> None:
-        self._density, self._count = density, count
+    def __init__(
+        self, density: float | None, count: int, prefix: str = SOLVER_PREFIX + PREFIX
+    ) -> None:
+        self._density, self._count, self._prefix = density, count, prefix
         self._last: tuple[PETSc.Vec, VibrationModes] | None = None
 
     def __call__(self, problem: Problem) -> VibrationModes:
@@ -378,16 +396,17 @@ class LowestModes:
             state, found = self._last
             if found.problem is problem and state.equal(problem.x):
                 return found
-        self._last = problem.x.copy(), lowest(problem, self._density, self._count)
-        return self._last[1]
+        found = lowest(problem, self._density, self._count, self._prefix)
+        self._last = problem.x.copy(), found
+        return found
 
     def check(self, problem: Problem) -> None:
         """Check that the modes can be computed; see `check`. Collective."""
         check(problem, self._count)
 
-    def regions(self, problem: Problem) -> list[Region]:
+    def regions(self, problem: Problem) -> Sequence[Filled]:
         """Return the regions of a problem, all with their densities."""
-        return regions_with(problem, self._density)
+        return regions_with(problem.domain, problem.regions, self._density)
 
     def scale(self, problem: Problem) -> float:
         """Return the scale of eigenvalues, E / (density length^2) [1/s^2]. Collective."""
@@ -401,8 +420,12 @@ def check(problem: Problem, count: int) -> None:
     Raises
     ------
     BadInput
-        On every rank: fewer free dofs than modes, an unknown pressure, or SLEPc is missing.
+        On every rank: fewer free dofs than modes, an unknown pressure, forces without an energy,
+        inertia, a cavity, or SLEPc is missing.
     """
+    check_conservative(problem, "modes")
+    if problem.operator != problem.A:
+        raise BadInput("modes: the Hessian has a matrix of rank one: expected no cavity")
     if problem.saddle_point:
         raise BadInput(
             f"modes: element '{problem.element.name}' has a pressure without mass: "

@@ -33,6 +33,13 @@ def is_conservative(problem: SolvableProblem) -> bool:
     return problem.has_energy and not problem.regime.inertia
 
 
+def check_conservative(problem: SolvableProblem, asked: str) -> None:
+    """Raise BadInput, with what asks for it, unless `is_conservative`. Collective."""
+    if not is_conservative(problem):
+        why = "in time" if problem.has_energy else "a load or a material without an energy"
+        raise BadInput(f"{asked}: expected equilibria of an energy, not {why}")
+
+
 class EquilibriumStability:
     """The stability of equilibria, by sparse factors of the exact Hessian. Collective.
 
@@ -49,9 +56,7 @@ class EquilibriumStability:
     """
 
     def __init__(self, problem: SolvableProblem, asked: str = "stability") -> None:
-        if not is_conservative(problem):
-            why = "in time" if problem.has_energy else "a load or a material without an energy"
-            raise BadInput(f"{asked}: expected equilibria of an energy, not {why}")
+        check_conservative(problem, asked)
         self._problem = problem
 
     @property

@@ -7,8 +7,6 @@ from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
-from petsc4py import PETSc
-
 import numpy.typing as npt
 
 from fem_snh import _dolfinx
@@ -204,10 +202,6 @@ def write_modes(path: Path, modes: VibrationModes, files: RunFiles | None = None
         The run's files.
     """
     problem = modes.problem
-    shape = _dolfinx.function(problem.V, "mode")
     series = _dolfinx.Series(problem.comm, path, files=files)
-    for number, vector in enumerate(modes.shapes, 1):
-        x = _dolfinx.petsc_vec(shape)
-        vector.copy(x)
-        x.ghostUpdate(addv=PETSc.InsertMode.INSERT, mode=PETSc.ScatterMode.FORWARD)
-        series.write([problem.u, shape], float(number))
+    for number in range(1, len(modes.shapes) + 1):
+        series.write([problem.u, modes.function(number)], float(number))
