@@ -48,8 +48,8 @@ _ENTITIES = {"dx": "cells", "ds": "facets of the boundary"}
 #: What a mapping of densities has.
 DENSITIES = "{material: density > 0}"
 #: Keys of a measure's metadata that name a quadrature rule, and the values of the default one.
-_RULE_KEYS = ("quadrature_rule", "quadrature_scheme")
-_DEFAULT_RULES = (None, "", "default")
+RULE_KEYS = ("quadrature_rule", "quadrature_scheme")
+DEFAULT_RULES = (None, "", "default")
 
 
 class LoadFunction:
@@ -377,12 +377,12 @@ def _element(
 
 def _quadrature_degree(material: Material, measure: Any) -> Any:
     """Return the degree in a measure's metadata; raise BadInput for what would be ignored."""
-    known = {"quadrature_degree", *_RULE_KEYS}
+    known = {"quadrature_degree", *RULE_KEYS}
     key = f"materials[{material.name}].metadata"
     for name, value in measure.metadata().items():
         if name not in known:
             raise unknown_name(f"{key} key", name, ("quadrature_degree",))
-        if name in _RULE_KEYS and value not in _DEFAULT_RULES:
+        if name in RULE_KEYS and value not in DEFAULT_RULES:
             accepted = "'default': materials have the quadrature rule of their element"
             raise bad_value(f"{key}['{name}']", value, accepted)
     degree = measure.metadata().get("quadrature_degree")

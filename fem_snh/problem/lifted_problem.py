@@ -29,7 +29,12 @@ from fem_snh.assembly.inclined_planes import InclinedPlanes
 from fem_snh.assembly.kinematics import Kinematics
 from fem_snh.assembly.unknowns import create_unknowns
 from fem_snh.errors import BadInput
-from fem_snh.problem.dolfinx_problem import DolfinxConditions, set_modulus
+from fem_snh.problem.dolfinx_problem import (
+    DEFAULT_RULES,
+    RULE_KEYS,
+    DolfinxConditions,
+    set_modulus,
+)
 from fem_snh.problem.problem import Problem
 from fem_snh.terms.body import Body, measure_facets, measure_parts
 from fem_snh.terms.feature import Feature, create_terms
@@ -181,5 +186,23 @@ def _lifted_term(term: Any, name: str, u: Any, lifted: Any) -> Any:
         return term
     if not isinstance(term, ufl.Form):
         raise BadInput(f"{name}, a term of the program, is made for its own space")
-    tests = {old: ufl.TestFunction(lifted.function_space) for old in term.arguments()}
-    return UFLTerm(ufl.replace(term, {u: lifted} | tests), lifted, name)
+    V, W = u.function_space, lifted.function_space
+    tests = {old: ufl.TestFunction(W) for old in term.arguments()}
+    form = ufl.replace(term, {u: lifted} | tests)
+    return UFLTerm(_integrated(form, 2 * (_dolfinx.degree(W) - _dolfinx.degree(V))), lifted, name)
+
+
+def _integrated(form: Any, more: int) -> Any:
+    """Return a form whose given quadrature degrees are larger by ``more``.
+
+    Those of the program's element would leave the lifted one modes without energy.
+    """
+    integrals = []
+    for integral in form.integrals():
+        metadata = dict(integral.metadata())
+        degree = metadata.get("quadrature_degree")
+        plain = all(metadata.get(key) in DEFAULT_RULES for key in RULE_KEYS)
+        if plain and isinstance(degree, int | np.integer) and degree >= 0:
+            metadata["quadrature_degree"] = int(degree) + more
+        integrals.append(integral.reconstruct(metadata=metadata))
+    return ufl.Form(integrals)
