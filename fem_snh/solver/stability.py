@@ -33,11 +33,10 @@ def is_conservative(problem: SolvableProblem) -> bool:
     return problem.has_energy and not problem.regime.inertia
 
 
-def check_conservative(problem: SolvableProblem, asked: str) -> None:
-    """Raise BadInput, with what asks for it, unless `is_conservative`. Collective."""
-    if not is_conservative(problem):
-        why = "in time" if problem.has_energy else "a load or a material without an energy"
-        raise BadInput(f"{asked}: expected equilibria of an energy, not {why}")
+def no_energy(asked: str, in_time: bool) -> BadInput:
+    """Return the exception for a problem that is not conservative, with what asks for it."""
+    why = "in time" if in_time else "a load or a material without an energy"
+    return BadInput(f"{asked}: expected equilibria of an energy, not {why}")
 
 
 class EquilibriumStability:
@@ -56,7 +55,8 @@ class EquilibriumStability:
     """
 
     def __init__(self, problem: SolvableProblem, asked: str = "stability") -> None:
-        check_conservative(problem, asked)
+        if not is_conservative(problem):
+            raise no_energy(asked, in_time=problem.has_energy)
         self._problem = problem
 
     @property
