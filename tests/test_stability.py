@@ -186,3 +186,42 @@ def test_an_unstable_equilibrium_beside_a_stiff_inclusion_is_left_or_noted():
     noted = "unstable" in [note["kind"] for note in result.notes]
     assert noted == (asked.steps[-1]["stability"] == "unstable equilibrium")
     assert result.steps[-1]["energy"] == pytest.approx(asked.steps[-1]["energy"], rel=1e-8)
+
+
+def compressed(comm, cells, element):
+    """Return a clamped column in plane strain, solved, whose ends approach by 4.5 %."""
+    counts = [10 * cells, cells]
+    corners = [np.zeros(2), np.array([10.0, 1.0])]
+    body = mesh.create_rectangle(comm, corners, counts, mesh.CellType.quadrilateral)
+    V = vector_space(body, int(element[1]), 2)
+    ends = [fem.locate_dofs_geometrical(V, lambda x, at=at: np.isclose(x[0], at)) for at in (0, 10)]
+    values = np.zeros(2), np.array([-0.45, 0.0])
+    bcs = [fem.dirichletbc(value, dofs, V) for value, dofs in zip(values, ends, strict=True)]
+    m = fem_snh.material("stable_neo_hookean", E=1e4, nu=0.3)
+    keys = {"element": element, "kinematics": "plane_strain"}
+    return bcs, solved(fem_snh.NonlinearProblem(fem.Function(V), {m: ufl.dx}, bcs=bcs, **keys))
+
+
+@mpi
+def test_a_straight_column_that_only_coarse_cells_keep_straight_has_no_estimate(comm):
+    """It was printed: the column of the better element is straight, too, and unstable."""
+    bcs, coarse = compressed(comm, 1, "Q1")
+    assert coarse.negative_eigenvalues() == 0 and not coarse.notes
+    estimate = coarse.estimate_error({"push": bcs[1]})
+    assert "unstable: its Hessian has 1 negative eigenvalue," in estimate.reason
+    bcs, fine = compressed(comm, 3, "Q2")
+    found = fine.estimate_error({"push": bcs[1]})
+    assert not found.reason and fine.negative_eigenvalues() == 0
+    force = found.goals["push.x"]
+    assert abs(force.error) < 0.01 * abs(force.value)
+    assert abs(estimate.goals["push.x"].value) > 1.3 * abs(force.value)
+
+
+@pytest.mark.parametrize("asked", [False, True])
+def test_the_lifted_state_is_examined_where_it_is_cheap_or_asked_for(asked, monkeypatch):
+    """A cube that finer cells let fold: conjugate gradients and the pressure hid it."""
+    if asked:
+        monkeypatch.setattr("fem_snh.accuracy.lift._MAX_FACTORED", 10)
+    keys = {"stretch": 0.5, "element": "Q2", "cells": 3, "error": True}
+    result = solve("pull", stability=asked, **keys)
+    assert "unstable: its Hessian has 4 negative eigenvalues" in result.estimate.reason

@@ -298,6 +298,7 @@ def estimate_error(
     announce: Callable[[Estimate], None] = lambda estimate: None,
     mesh: Mesh | None = None,
     locate: str = "exactly",
+    stability: bool = False,
 ) -> Estimate:
     """Return the errors of goals of a problem at its solution. Collective.
 
@@ -317,10 +318,12 @@ def estimate_error(
         The goals whose errors are distributed to the cells; each costs a linear solve. The sum over
         the cells is exactly the linearised error only with the Hessian at the lifted solution,
         which is assembled for "exactly"; otherwise that of the last Newton iteration serves.
+    stability : bool
+        Whether the stability of the lifted equilibrium is examined whatever it costs.
     """
 
     def find(found: Estimate) -> None:
-        _find_errors(problem, make, goals, found, announce, locate)
+        _find_errors(problem, make, goals, found, announce, locate, stability)
         for name, indicators in found.indicators.items():
             if where := place(problem, indicators, mesh):
                 found.places[name] = where
@@ -335,6 +338,7 @@ def _find_errors(
     found: Estimate,
     announce: Callable[[Estimate], None],
     locate: str,
+    stability: bool,
 ) -> None:
     """Add the estimates; raise NoEstimate if there is none."""
     check_problem(problem)
@@ -356,6 +360,7 @@ def _find_errors(
     try:
         functions = [surfaces.bind(goal) for goal in static]
         errors, unsettled = _differences(lift, functions, static, found)
+        lift.check_stability(stability)
         # Locking is no part of what the lifted solution leaves; P2 on triangles hardly locks. Nor
         # are the corners of cells below the surface of a shape, which has none.
         triangles = problem.element.name == "P2" and problem.kinematics.dim == 2

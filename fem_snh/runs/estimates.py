@@ -48,4 +48,5 @@ def estimate_errors(
         from fem_snh.runs.levels import is_bisected
 
         located = "all" if is_bisected(scene) else "largest"
-    return estimate_error(setup.problem, setup.make, goals, announce, setup.mesh, located)
+    made = setup.problem, setup.make
+    return estimate_error(*made, goals, announce, setup.mesh, located, scene.stability)

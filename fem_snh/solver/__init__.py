@@ -21,7 +21,7 @@ from fem_snh.solver.snes import (
     destroy,
     linear_solver_name,
 )
-from fem_snh.solver.stability import EquilibriumStability
+from fem_snh.solver.stability import EquilibriumStability, is_conservative
 from fem_snh.solver.step import Direction, Iteration, State, Step
 
 __all__ = [
@@ -45,6 +45,7 @@ __all__ = [
     "default_globalization",
     "destroy",
     "failure_reason",
+    "is_conservative",
     "linear_solver_name",
     "out_of_memory",
     "petsc_failures",
