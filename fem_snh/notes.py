@@ -27,6 +27,8 @@ KINDS = (
     "start",
     "pressure",
 )
+#: Those on how a state was reached, which hold for what starts from it.
+NOTES_ON_PATH = ("jump", "start")
 
 
 class Note(NamedTuple):

@@ -306,6 +306,19 @@ def test_the_load_steps_are_followed_on_the_last_mesh(capsys):
     assert values[1] == pytest.approx(values[0], rel=1e-4)
 
 
+def test_a_jump_on_the_path_of_a_level_is_noted_on_the_last(capsys):
+    """The last level starts behind the fold, in one step, and had no note."""
+    keys = {"stretch": 0.5, "cells": 8, "element": "Q2", "steps": 4}
+    accuracy = {"within": 0.03, "keep_element": True, "goals": ["right.force.x"]}
+    result = fem_snh.run("pull", **keys, accuracy=accuracy)
+    levels = result.record["accuracy"]["levels"]
+    assert len(levels) > 1 and not levels[0]["reason"] and len(result.steps) == 1
+    (note,) = [note for note in result.notes if note["kind"] == "jump"]
+    assert note["step"] is None and note["text"].startswith("level 1: ")
+    assert 0.5 < note["start"] < note["end"] <= 1
+    assert note["text"] in capsys.readouterr().out.split("level 2: ")[-1]
+
+
 def test_a_level_that_finds_no_equilibrium_starts_at_rest(monkeypatch, capsys):
     """Also in a scene of one step; the end state before it is replaced by a torn one."""
 

@@ -27,6 +27,7 @@ from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.assembly.kinematics import kinematics_of
 from fem_snh.mesh.bisection import bisect
 from fem_snh.mesh.mesh import Mesh, cell_volumes, distribute, gather
+from fem_snh.notes import NOTES_ON_PATH
 from fem_snh.problem.problem import Problem
 from fem_snh.problem.transfer import transfer_state
 from fem_snh.runs.first_level import cells_of, first_scene, has_exact_cells, raised_element
@@ -70,6 +71,8 @@ class Level:
         The cells along an edge; 0: the root of the number of cells.
     stiffer : float
         The stiffness of its penalties over that of the scene's.
+    notes : list of dict
+        The notes on the path to the state that it starts from.
     volumes : (owned cells,) array
         The volumes of its cells [length^dim].
     """
@@ -80,6 +83,7 @@ class Level:
     before: Problem | None = None
     fineness: float = 0.0
     stiffer: float = 1.0
+    notes: list[dict[str, Any]] = field(default_factory=list)
     volumes: npt.NDArray[Any] = field(default_factory=lambda: np.empty(0))
 
     @property
@@ -115,6 +119,8 @@ class Level:
         row.fineness = self.fineness or row.cells ** (1 / self.levels.dim)
         self.levels.add(row, estimate)
         record["accuracy"] = self.levels.record()
+        if self.notes:
+            record.setdefault("notes", []).extend(self.notes)
 
 
 #: ``solve(scene, folder=folder, level=level)`` is a run of the driver.
@@ -158,9 +164,12 @@ def run_levels(
     start, current, stiffness = perf_counter(), scene, 1.0
     by_cells = refine is _more_cells
 
-    def next_level(mesh: Mesh | None = None, before: Problem | None = None) -> Level:
+    def next_level(mesh: Mesh | None = None, before: Result | None = None) -> Level:
         fineness = float(current.cells or 0) if by_cells else 0.0
-        return Level(levels, start, mesh, before, fineness, stiffness)
+        if before is None:
+            return Level(levels, start, mesh, None, fineness, stiffness)
+        notes = _notes_on_path(before, len(levels.rows))
+        return Level(levels, start, mesh, before.problem, fineness, stiffness, notes)
 
     def follow_path() -> tuple[scenes.Scene, Level, Result]:
         """Solve the last level again, by the scene's own load steps."""
@@ -221,7 +230,7 @@ def run_levels(
         else:  # without goals the state may be none to start from
             known = bool(levels.rows[-1].goals)
             current = current.model_copy(update=_ONE_STEP if known else _path(scene))
-        level = next_level(mesh, result.problem if known else None)
+        level = next_level(mesh, result if known else None)
     if wanted.path and levels.reached and current.steps < scene.steps:
         printed.line("the load steps are followed on the last mesh")
         current, level, result = follow_path()
@@ -229,6 +238,17 @@ def run_levels(
     result.record["accuracy"] = levels.record()
     printed.reached(result.record["accuracy"])
     return result
+
+
+def _notes_on_path(before: Result, number: int) -> list[dict[str, Any]]:
+    """Return the notes on the path to the end of a level; their steps are not those of the next."""
+    found = []
+    for note in before.notes:
+        if note["kind"] in NOTES_ON_PATH:
+            of_step = note["step"] is not None
+            text = f"level {number}: {note['text']}" if of_step else note["text"]
+            found.append(note | {"step": None, "text": text})
+    return found
 
 
 #: What a level that starts from the state before has in place of the scene's own.

@@ -9,7 +9,7 @@ from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 from fem_snh.errors import BadInput, on_root
-from fem_snh.notes import Note
+from fem_snh.notes import NOTES_ON_PATH, Note
 from fem_snh.runs.checkpoint import Writer
 from fem_snh.runs.folder import Folder
 from fem_snh.runs.output.fields import Fields, write_modes
@@ -68,7 +68,7 @@ class Recorder:
             record |= {key: value for key, value in earlier.items() if key not in record}
             record.pop("notes", None)
             record["steps"] = list(earlier["steps"])
-            kept = [note for note in earlier.get("notes", ()) if note["kind"] in ("jump", "start")]
+            kept = [note for note in earlier.get("notes", ()) if note["kind"] in NOTES_ON_PATH]
             if notes := [*notes, *kept]:
                 record["notes"] = notes
             record["resumed"] = [*earlier.get("resumed", []), self._problem.load]
