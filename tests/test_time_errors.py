@@ -50,6 +50,23 @@ def test_the_error_of_the_mesh_is_the_difference_to_the_lifted_element(estimated
     assert estimated.record["estimate"]["element"] == "Q2Q1"
 
 
+@pytest.mark.parametrize(
+    ("duration", "steps", "element", "shown"),
+    [(1.0, 16, "Q2", "tip.z -3.66931, error below"), (2.0, 32, "Q1", "time steps below 0.017, ")],
+)
+def test_steps_without_an_order_have_a_bound_and_no_error_of_zero(duration, steps, element, shown):
+    """It said "time steps +0", where the steps change the tip by 0.04 and 0.07 m."""
+    keys = SWING | {"element": element}
+    found = solve(
+        in_time({"duration": duration, "steps": steps}, probe=TIP, accuracy=GOALS, **keys)
+    )
+    goal = found.estimate.goals["tip.z"]
+    assert goal.parts["time steps"] == 0 < goal.steps_bound
+    assert shown in goal.text("tip.z")
+    exact = tip(solve(in_time({"duration": duration, "steps": 8 * steps}, probe=TIP, **keys)))
+    assert abs(exact - goal.value) > 0.01
+
+
 def test_equal_steps_alone_have_an_estimate():
     time = {"duration": 0.01, "steps": 4, "tolerance": 1e-2}
     found = solve(in_time(time, probe=TIP, accuracy=GOALS, **SWING))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from math import floor, log10
 from time import perf_counter
@@ -60,6 +60,8 @@ _LEAST_PART = 0.01
 _MOST_MOVES = 8
 #: Part of the largest error of a vector that remains uncertain of each component with such shapes.
 _OF_VECTOR = 0.05
+#: The parts of an error that are those of steps.
+STEPS = TIME_STEPS, LOAD_STEPS = "time steps", "load steps"
 #: Errors below this part of the goal are not located: their indicators are sums that cancel.
 _LOCATED = 1e-4
 
@@ -135,9 +137,22 @@ class GoalError:
             return f"{name} {self.value:.6g}, error below {bound}"
         value, corrected = (_shown(x, self.error) for x in (self.value, self.value + self.error))
         share = "" if self.relative is None else f" ({_share(self.relative)})"
-        parts = ", ".join(f"{source} {part:+.2g}" for source, part in self.parts.items())
+        parts = parts_text(self.parts, self.steps_bound)
         of = f": {parts}" if parts else ""
         return f"{name} {value}, error {self.error:+.3g}{share}{of}, corrected {corrected}"
+
+
+def parts_text(parts: Mapping[str, float], steps_bound: float) -> str:
+    """Return the parts of an error, "time steps +0.00015, mesh -0.0052"; "" without any.
+
+    Where the error of steps has no estimate, which is then zero, its bound is shown.
+    """
+    return ", ".join(
+        f"{source} below {steps_bound:.2g}"
+        if source in STEPS and part == 0 and steps_bound > 0
+        else f"{source} {part:+.2g}"
+        for source, part in parts.items()
+    )
 
 
 def _shown(value: float, error: float) -> str:

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from fem_snh.accuracy.estimate import Estimate, GoalError
+from fem_snh.accuracy.estimate import LOAD_STEPS, TIME_STEPS, Estimate, GoalError, parts_text
 from fem_snh.accuracy.goals import AXES
 
 Array = npt.NDArray[Any]
@@ -50,7 +50,7 @@ _SHOWN = 1e-5
 _AIM, _NEAR, _AIM_OF_NEAR = 0.7, 1.5, 0.85
 #: The parts of an error that are those of steps, and the power of the number of steps with which
 #: they decrease: of load steps friction acts along the chord.
-_STEPS = {"time steps": 2.0, "load steps": 1.0}
+_STEPS = {TIME_STEPS: 2.0, LOAD_STEPS: 1.0}
 #: On a path each run costs as much as all others: the bound is shared out between its parts.
 _SHARES = {"mesh": 0.45, "time steps": 0.2, "load steps": 0.2, "penalty": 0.15, "algebra": 0.05}
 #: Parts below so many times their share are left as they are.
@@ -479,7 +479,7 @@ class Levels:
         value, error = goal.best(self.asked)
         which = "" if value == goal.value else " (corrected)"
         mark = "" if relative <= self.asked else "  not yet"
-        parts = ", ".join(f"{source} {part:+.2g}" for source, part in goal.parts.items())
+        parts = parts_text(goal.parts, goal.steps_bound)
         of = f"  ({parts})" if parts else ""
         return f"  {name} {value:.6g} +- {error:.2g} ({100 * relative:.2g} %){which}{mark}{of}"
 

@@ -21,7 +21,7 @@ import numpy.typing as npt
 
 from fem_snh import scenes
 from fem_snh.accuracy.budget import STIFFER, penalty_part
-from fem_snh.accuracy.estimate import Estimate, estimated
+from fem_snh.accuracy.estimate import LOAD_STEPS, TIME_STEPS, Estimate, estimated
 from fem_snh.accuracy.frequency_goals import FrequencyGoal
 from fem_snh.accuracy.goals import Goal, names_of
 from fem_snh.accuracy.lift import (
@@ -72,7 +72,11 @@ def estimate_on_path(
         parts = _errors(comm, scene, setup, known, found, announce)
         for i, name in enumerate(names_of(known)):
             own = {part: float(errors[i]) for part, errors in parts.items()}
-            found.goals[name] = replace(found.goals[name], error=sum(own.values()), parts=own)
+            goal = found.goals[name]
+            # Irregular steps have no estimate: the error is printed as a bound.
+            unsettled = goal.steps_bound if own[_source(scene)] == 0 else 0.0
+            error = sum(own.values())
+            found.goals[name] = replace(goal, error=error, parts=own, unsettled=unsettled)
 
     return estimated(setup.problem, goals, find)
 
@@ -119,7 +123,7 @@ def _errors(
     for name, bound in zip(names_of(goals), found_bounds, strict=True):
         found.goals[name] = replace(found.goals[name], steps_bound=float(bound))
     lifted, _ = _follow(comm, on, setup, goals, found, element)
-    parts = {"time steps" if scene.time else "load steps": steps_error, "mesh": lifted - at}
+    parts = {_source(scene): steps_error, "mesh": lifted - at}
     if problem.scale_penalties(1.0):  # there are some
         stiff, _ = _follow(comm, on, setup, goals, found, stiffer=STIFFER)
         parts["penalty"] = penalty_part(at, stiff)
@@ -127,6 +131,11 @@ def _errors(
             soft, _ = _follow(comm, on, setup, goals, found, stiffer=1 / STIFFER)
             parts["penalty"] = resolved_penalty(parts["penalty"], penalty_part(soft, at) / STIFFER)
     return parts
+
+
+def _source(scene: scenes.Scene) -> str:
+    """Return the name of the part of the errors that steps have."""
+    return TIME_STEPS if scene.time else LOAD_STEPS
 
 
 def _lifted_element(problem: Problem) -> Element:
