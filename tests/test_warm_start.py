@@ -10,7 +10,8 @@ import pytest
 
 import fem_snh
 from fem_snh import cache, materials
-from fem_snh.kernels.compiled import compile_kernel
+from fem_snh.errors import BadInput
+from fem_snh.kernels.compiled import compile_kernel, supports
 from fem_snh.materials import models
 from fem_snh.materials.keywords import BOUNDS
 from fem_snh.materials.numbers import Numbers, numbers_of, stored
@@ -47,6 +48,31 @@ def test_a_second_run_imports_only_what_it_needs(folder):
     # 192 are modules of this package (folders do not count): each table of a scene is one.
     assert len([name for name in warm if name.startswith("fem_snh")]) < 193
     assert len([name for name in warm if name.startswith("fem_snh.scenes.builtin.")]) == 1
+
+
+def test_levels_of_an_accuracy_do_without_expressions(folder):
+    """Which elements a material has is in the cache, too."""
+    code = RUN.replace("--steps 1", "--steps 1 --set angle=0.1 --accuracy 20%")
+
+    def imported() -> set[str]:
+        done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
+        return set(done.stdout.split())
+
+    assert "sympy" in imported()
+    assert "sympy" not in imported()
+
+
+@pytest.mark.parametrize("volume", BOUNDS)
+@pytest.mark.parametrize("name", ["stable_neo_hookean", "neo_hookean", "stvk"])
+def test_an_element_supports_what_compiles(folder, name, volume):
+    made = fem_snh.material(name, 1.0, 0.49)
+    try:
+        compile_kernel(made, volume)
+        compiles = True
+    except BadInput:
+        compiles = False
+    assert supports(made, volume) == supports(fem_snh.material(name, 1.0, 0.49), volume) == compiles
 
 
 @pytest.mark.parametrize("name", materials.names())

@@ -84,7 +84,8 @@ class NoEstimateOnAnyMesh(NoEstimate):
 def lifted_elements(problem: Problem) -> Iterator[Element]:
     """Return the elements to which a problem is lifted, the best first.
 
-    The further ones are for materials whose volume term has no unknown pressure.
+    The further ones are for materials whose volume term has no unknown pressure, such as that in
+    log(J): the mean dilatation of each cell where they are nearly incompressible.
     """
     base = problem.element
     elements = [
@@ -105,7 +106,9 @@ def lifted_elements(problem: Problem) -> Iterator[Element]:
         yield replace(best, name=f"{best.name[:2]}P0", volume="cell_pressure", pressure_degree=0)
     else:
         yield best
-    if not nearly_incompressible(problem):
+    if nearly_incompressible(problem):
+        yield replace(best, name=f"{best.name[:2]}P0", volume="mean", pressure_degree=0)
+    else:
         yield replace(best, name=best.name[:2], volume="pointwise", pressure_degree=0)
 
 

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from fem_snh import cache
+from fem_snh.errors import BadInput
 from fem_snh.kernels import build
 from fem_snh.kernels.headers import svd_eigen_source
 from fem_snh.materials.keywords import BOUNDS
@@ -82,6 +83,26 @@ def compile_kernel(
     if key:
         cache.write(key, {"library": path.name, **chosen.constants._asdict()})
     return Compiled(path, chosen.constants)
+
+
+def supports(material: Material, volume: str) -> bool:
+    """Return whether an element with a volume treatment can use a material. Not collective.
+
+    It can if `compile_kernel` does not raise; the cache keeps the answer, which takes sympy.
+    """
+    key = _key(material, volume, ("supports",), ())
+    if key and (record := cache.read(key)):
+        return bool(record["supported"])
+    from fem_snh.kernels.element_energy import element_energy
+
+    try:
+        element_energy(material.expression, volume)
+        supported = True
+    except BadInput:
+        supported = False
+    if key:
+        cache.write(key, {"supported": supported})
+    return supported
 
 
 def _library(chosen: ElementEnergy, definitions: Sequence[str], after: Sequence[str]) -> Path:

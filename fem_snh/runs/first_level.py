@@ -11,9 +11,8 @@ from fem_snh.accuracy.state_notes import REPLACEMENTS
 from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.assembly.kinematics import kinematics_of
 from fem_snh.errors import BadInput
+from fem_snh.kernels.compiled import supports
 from fem_snh.kernels.material import material
-from fem_snh.materials.keywords import BOUNDS
-from fem_snh.materials.volume_split import split
 from fem_snh.runs.progress import Progress
 
 #: Poisson's ratio above which elements with a pointwise volume term are replaced: they lock
@@ -133,7 +132,7 @@ def _candidates(scene: scenes.Scene, raised: Mapping[str, str]) -> list[str]:
         return [other, own]
     plane = _PLANE if kinematics_of(scene.kinematics).dim == 2 else {}
     without = REPLACEMENTS.get(other, other)
-    names = [plane.get(without, without), without, other, REPLACEMENTS.get(own, own)]
+    names = [plane.get(without, without), without, REPLACEMENTS.get(own, own), other]
     chosen = [n for n in names if not several or ELEMENTS[n].volume == "mean"]
     return [*chosen, own]
 
@@ -179,10 +178,10 @@ def _fits(scene: scenes.Scene, element: str) -> bool:
     """Return whether the scene's features and materials have an element."""
     try:
         scenes.check_consistency(scene.model_copy(update={"element": element}))
-        if ELEMENTS[element].volume != "pointwise":
-            for chosen in scene.materials:
-                energy = material(chosen.name, chosen.E, chosen.nu, **chosen.parameters).expression
-                split(energy, BOUNDS[ELEMENTS[element].volume])
     except BadInput:
         return False
-    return True
+    volume = ELEMENTS[element].volume
+    return volume == "pointwise" or all(
+        supports(material(chosen.name, chosen.E, chosen.nu, **chosen.parameters), volume)
+        for chosen in scene.materials
+    )
