@@ -247,6 +247,17 @@ def test_goals_in_the_files(tmp_path, capsys):
     assert without.goals == {}
     resumed = fem_snh.run(sheared(), out=tmp_path / "run", resume=True)
     assert resumed.goals["corner.x"]["error"] == pytest.approx(corner["error"], rel=1e-6)
+    # And that of other goals, which it left as they were.
+    stress = sheared(accuracy=Accuracy(goals=["stress"]))
+    resumed = fem_snh.run(stress, out=tmp_path / "run", resume=True)
+    fresh = fem_snh.run(stress)
+    assert list(resumed.goals) == ["stress"]
+    assert resumed.goals["stress"]["error"] == pytest.approx(
+        fresh.goals["stress"]["error"], rel=1e-3
+    )
+    capsys.readouterr()
+    fem_snh.run(stress, out=tmp_path / "run", resume=True)
+    assert "finished already: nothing to do" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

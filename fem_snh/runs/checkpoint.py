@@ -13,6 +13,7 @@ Its size is 72 bytes per node, 24 MB for a million unknowns, which rank 0 writes
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
@@ -39,6 +40,7 @@ from fem_snh.scenes import Scene
 from fem_snh.steps.stepping import Stepper
 
 if TYPE_CHECKING:
+    from fem_snh.accuracy.goals import Goal
     from fem_snh.steps.dynamics.dynamics import Dynamics
 
 Array = npt.NDArray[Any]
@@ -162,6 +164,11 @@ class Checkpoint:
         about, completed = on_root(folder.comm, read)
         record = completed or about["record"]
         return cls(folder, record, about["load"], completed is not None, about, arrays)
+
+    def knows(self, goals: Sequence[Goal]) -> bool:
+        """Return whether the run has an estimate of the errors of these goals, or none is asked."""
+        names = {name for goal in goals for name in goal.names}
+        return not names or names == set(self.record.get("goals", ()))
 
     def restore(self, stepper: Stepper) -> None:
         """Set the state of the problem and of its load steps. Collective.

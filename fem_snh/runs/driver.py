@@ -150,18 +150,19 @@ def _run(
             about["notes"] = [*about.get("notes", ()), *(note.record() for note in notes)]
         about |= note or {}
         printed.start(about)
-        if stored and folder:
-            stored.restore(setup.stepper)
-            printed.resumed(stored.load, stored.finished, scene.duration)
-            if stored.finished and not (scene.estimates_error and "estimate" not in stored.record):
-                setup.destroy()
-                return setup.result(True, "converged", stored.record, folder.path)
         goals: list[Goal] = []
         modes = vibrations(scene, setup.problem)
         if scene.estimates_error:
             from fem_snh.runs.goals import scene_goals
 
             goals = scene_goals(scene, setup.mesh, setup.problem.has_energy, modes)
+        if stored and folder:
+            stored.restore(setup.stepper)
+            known = stored.knows(goals)
+            printed.resumed(stored.load, stored.finished, known, scene.duration)
+            if stored.finished and known:
+                setup.destroy()
+                return setup.result(True, "converged", stored.record, folder.path)
         former = stored.record if stored else None
         recorder = Recorder(about, scene, setup, folder, start, former, goals)
         if folder and (scene.obstacle or scene.bone or scene.rigid):

@@ -72,10 +72,16 @@ class Progress:
         for note in record.get("notes", []):
             self._print(f"  {self._style('note', 'yellow')}: {note['text']}")
 
-    def resumed(self, load: float, finished: bool, duration: float | None = None) -> None:
-        """Print the load, or the time, from which a resumed run continues."""
+    def resumed(
+        self, load: float, finished: bool, known: bool, duration: float | None = None
+    ) -> None:
+        """Print the load, or the time, from which a resumed run continues.
+
+        A run that is finished has nothing to do if its goals are known.
+        """
         at = f"load {load:.6g}" if duration is None else f"time {load * duration:.6g} s"
-        self._print("  finished already: nothing to do" if finished else f"  resumed from {at}")
+        left = "nothing to do" if known else "the errors of other goals are estimated"
+        self._print(f"  finished already: {left}" if finished else f"  resumed from {at}")
 
     def step(self, row: dict[str, Any]) -> None:
         """Print a load step."""
