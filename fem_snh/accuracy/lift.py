@@ -34,6 +34,7 @@ from fem_snh.errors import BadInput
 from fem_snh.linalg.direct_solver import is_direct
 from fem_snh.problem.problem import Problem
 from fem_snh.problem.solids import solids_in_shapes
+from fem_snh.problem.supports import Supports
 
 #: Prefix of its solver's options: those of the run are for another problem.
 PREFIX = f"{solver.PREFIX}lifted_"
@@ -346,7 +347,8 @@ class Lift:
         elif not asked and self.lifted.regime.nodes > _MAX_FACTORED:
             return
         count = stability.negative_eigenvalues(self.lifted.x)
-        if count > 0:
+        # The eigenvalue of a rigid motion that nothing constrains is zero, with any sign.
+        if count > 0 and count > len(Supports(self.lifted).free_motions()):
             values = "eigenvalue" if count == 1 else "eigenvalues"
             raise NoEstimate(
                 f"the equilibrium of {self.lifted.element.name} near the run's is unstable: its "
