@@ -137,6 +137,19 @@ def test_goals_that_are_none(comm, goals, message):
     assert message in str(refused.value)
 
 
+def test_a_force_without_an_energy_has_none_as_a_goal(comm):
+    """The message named 'energy' as one of those that are accepted."""
+    domain = unit_cube(comm, 2)
+    body = Press(domain, height=-0.1)
+    face = mesh.locate_entities_boundary(domain, 2, lambda x: np.isclose(x[0], 1))
+    tags = mesh.meshtags(domain, 2, np.sort(face), np.full(len(face), 1, np.int32))
+    push = fem_snh.Pressure(ufl.Measure("ds", domain=domain, subdomain_data=tags)(1), 1e-3)
+    problem = fem_snh.NonlinearProblem(body.u, {SNH: ufl.dx}, bcs=body.bcs, terms=[push])
+    problem.solve()
+    with pytest.raises(BadInput, match=r"= 'energy': expected another goal, with a force without"):
+        problem.estimate_error({"all": "energy"})
+
+
 def test_no_error_in_time(comm):
     body = Press(unit_cube(comm, 1))
     heavy = {SNH: 1.0}

@@ -142,7 +142,9 @@ def program_goals(problem: Problem, bcs: Sequence[Any], goals: Any) -> list[Goal
 def _goal(problem: Problem, bcs: Sequence[Any], name: str, goal: Any, number: int) -> Goal:
     key, kinematics = f"goals[{name or number}]", problem.kinematics
     components = range(kinematics.components)
-    if isinstance(goal, str) and goal == "energy" and problem.has_energy:
+    if isinstance(goal, str) and goal == "energy":
+        if not problem.has_energy:
+            raise bad_value(key, goal, "another goal, with a force without an energy")
         return EnergyGoal(name or goal)
     if of_cells := _of_cells(problem, name, key, goal):
         return of_cells
