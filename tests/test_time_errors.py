@@ -63,6 +63,7 @@ def test_steps_without_an_order_have_a_bound_and_no_error_of_zero(duration, step
     goal = found.estimate.goals["tip.z"]
     assert goal.parts["time steps"] == 0 < goal.steps_bound
     assert shown in goal.text("tip.z")
+    assert found.record["goals"]["tip.z"]["bound"] >= abs(goal.error) + goal.steps_bound
     exact = tip(solve(in_time({"duration": duration, "steps": 8 * steps}, probe=TIP, **keys)))
     assert abs(exact - goal.value) > 0.01
 

@@ -118,6 +118,19 @@ class GoalError:
         limit = _SHOWN * self.scale
         return abs(self.value) <= limit and abs(self.error or 0.0) <= limit
 
+    @property
+    def bound(self) -> float | None:
+        """What the error may be where the estimate, or that of the steps, is no more than a bound.
+
+        None for an estimate that is one, and without any.
+        """
+        if self.error is None:
+            return None
+        if not self.is_found:
+            return abs(self.error) + self.unsettled
+        unknown = any(self.parts.get(source) == 0 for source in STEPS)
+        return abs(self.error) + self.steps_bound if unknown and self.steps_bound > 0 else None
+
     def record(self) -> dict[str, Any]:
         """Return the entry of ``goals`` in run.json."""
         return {
@@ -125,6 +138,7 @@ class GoalError:
             "error": self.error,
             "relative": self.relative,
             "corrected": self.corrected,
+            **({"bound": self.bound} if self.bound is not None else {}),
             **({"parts": self.parts} if self.parts else {}),
         }
 
@@ -133,7 +147,7 @@ class GoalError:
         if self.error is None:
             return f"{name} {self.value:.6g}, no estimate"
         if not self.is_found:
-            bound = _share((abs(self.error) + self.unsettled) / self.scale) if self.scale else "0"
+            bound = _share((self.bound or 0.0) / self.scale) if self.scale else "0"
             return f"{name} {self.value:.6g}, error below {bound}"
         value, corrected = (_shown(x, self.error) for x in (self.value, self.value + self.error))
         share = "" if self.relative is None else f" ({_share(self.relative)})"
