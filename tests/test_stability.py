@@ -246,6 +246,7 @@ def test_a_rigid_motion_that_nothing_constrains_is_no_instability(comm):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ResultNote)
         p = solved(fem_snh.NonlinearProblem(u, {m: ufl.dx}, terms=pull, element="P2"))
+    assert p.negative_eigenvalues() == 0
     estimate = p.estimate_error(["volume"])
     assert not estimate.reason
     assert abs(estimate.goals["volume"].error) < 1e-6

@@ -26,6 +26,8 @@ _FIRST, _HALVINGS = 1e-3, 20
 #: unstable (fem-snh extremes --only contrast), and nodes up to which factors of one Hessian
 #: cost less than the iterations that led there.
 _CONTRAST, _MAX_NODES = 50.0, 5_000
+#: Eigenvalues above minus this, relative to the diagonal, are zero: rounding leaves 1e-14.
+_ZERO = 1e-10
 
 
 def is_conservative(problem: SolvableProblem) -> bool:
@@ -146,9 +148,16 @@ class EquilibriumStability:
         return negative
 
     def _assembled(self, x: PETSc.Vec) -> PETSc.Mat:
-        """Return the exact Hessian at ``x``."""
+        """Return the exact Hessian at ``x``, whose zero eigenvalues are made positive.
+
+        Those of rigid motions that nothing constrains have any sign by rounding.
+        """
         self._problem.jacobian(x, "exact")
-        return self._problem.A
+        A = self._problem.A
+        diagonal = A.getDiagonal()
+        diagonal.scale(1 + _ZERO)
+        A.setDiagonal(diagonal)
+        return A
 
     def _wave(self) -> PETSc.Vec:
         """Return a vector without symmetry that does not depend on the number of ranks."""
