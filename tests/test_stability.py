@@ -19,6 +19,8 @@ from scipy.special import ellipk
 import fem_snh
 from fem_snh.errors import BadInput, ResultNote
 from fem_snh.linalg.symmetric_factors import SymmetricFactors
+from fem_snh.scenes import Geometry, MaterialChoice, Rigid, Scene
+from fem_snh.scenes import Hold as SceneHold
 from fem_snh.studies.extremes import bodies
 
 mpi = pytest.mark.mpi
@@ -250,3 +252,21 @@ def test_a_rigid_motion_that_nothing_constrains_is_no_instability(comm):
     estimate = p.estimate_error(["volume"])
     assert not estimate.reason
     assert abs(estimate.goals["volume"].error) < 1e-6
+
+
+@mpi
+@pytest.mark.parametrize(("push", "negative"), [(40.0, 0), (150.0, 2)])
+def test_a_column_with_a_rigid_head_and_pressures_as_unknowns(comm, push, negative):
+    """A slender one buckles at 57.5 N. Pressures of the head alone have rows of zeros."""
+    column = Scene(
+        name="column",
+        mesh=Geometry(source="bar", parameters={"length": 7.0, "interface": 5.0}),
+        cells=1,
+        element="Q2Q1",
+        steps=1,
+        material=MaterialChoice(name="stable_neo_hookean", E=1e4, nu=0.49),
+        hold=[SceneHold(group="left")],
+        rigid=[Rigid(group="second", force=(-push, 0, 0))],
+        stability=True,
+    )
+    assert solve(column, comm).steps[-1]["negative_eigenvalues"] == negative

@@ -10,7 +10,12 @@ from petsc4py import PETSc
 
 import numpy as np
 
-from fem_snh._petsc import factors_out_of_memory, negative_pivots, set_operators
+from fem_snh._petsc import (
+    expect_singular_matrix,
+    factors_out_of_memory,
+    negative_pivots,
+    set_operators,
+)
 from fem_snh.errors import Failed
 from fem_snh.linalg.direct_solver import set_direct_solver
 
@@ -33,6 +38,7 @@ class SymmetricFactors:
     def __init__(self, A: PETSc.Mat) -> None:
         self._A, self._ksp = A, PETSc.KSP().create(A.comm)
         set_direct_solver(self._ksp)
+        expect_singular_matrix(self._ksp)
 
     def factorise(self) -> int:
         """Factorise the matrix's present values; return its number of negative eigenvalues.
@@ -50,6 +56,11 @@ class SymmetricFactors:
         found = negative_pivots(pc)
         assert found is not None
         return found
+
+    @property
+    def null_pivots(self) -> int:
+        """Return how many pivots of the last factors are zero, as those of rows of zeros."""
+        return int(self._ksp.getPC().getFactorMatrix().getMumpsInfog(28))
 
     def negative_direction(self, negative: int, start: PETSc.Vec) -> PETSc.Vec | None:
         """Return the eigenvector of the lowest eigenvalue that is found, of norm 1. Collective.
