@@ -99,6 +99,7 @@ class NodalMass:
         keys = rows.ravel().astype(np.int64) * count + columns.ravel()
         keys, first, slots = np.unique(keys, return_index=True, return_inverse=True)
         values = np.bincount(slots.ravel(), weights=m.ravel(), minlength=len(keys))
+        values = values.astype(np.float64)  # without cells numpy returns integers
         starts = np.searchsorted(keys, count * np.arange(count + 1, dtype=np.int64))
         pattern = (keys % count).astype(np.int32), starts.astype(np.int32)
         self.matrix = csr_matrix((values, *pattern), shape=(count, count))
