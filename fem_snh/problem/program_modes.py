@@ -16,7 +16,7 @@ class ProgramModes:
     """The lowest modes of vibration about a solution of a program.
 
     A pair of them and a number from 1, ``(modes, 1)``, is a goal of
-    `fem_snh.NonlinearProblem.estimate_error`: one frequency. The modes alone are all of them.
+    ``NonlinearProblem.estimate_error``: one frequency. The modes alone are all of them.
 
     Attributes
     ----------
