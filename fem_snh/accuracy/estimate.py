@@ -85,7 +85,9 @@ class GoalError:
         The parts of the estimate by their source: mesh, shape, algebra, penalty, time or load
         steps; empty if there is one source, the mesh.
     steps_bound : float
-        A bound of the error of time or load steps.
+        A bound of the error of time or load steps; infinite where none is known.
+    reason : str
+        Why this goal has no estimate, where others may have one.
     """
 
     value: float
@@ -94,6 +96,7 @@ class GoalError:
     unsettled: float = 0.0
     parts: dict[str, float] = field(default_factory=dict)
     steps_bound: float = 0.0
+    reason: str = ""
 
     @property
     def corrected(self) -> float | None:
@@ -128,8 +131,8 @@ class GoalError:
             return None
         if not self.is_found:
             return abs(self.error) + self.unsettled
-        unknown = any(self.parts.get(source) == 0 for source in STEPS)
-        return abs(self.error) + self.steps_bound if unknown and self.steps_bound > 0 else None
+        bounded = bounded_steps(self.parts, self.steps_bound)
+        return abs(self.error) + self.steps_bound if bounded else None
 
     def record(self) -> dict[str, Any]:
         """Return the entry of ``goals`` in run.json."""
@@ -140,12 +143,14 @@ class GoalError:
             "corrected": self.corrected,
             **({"bound": self.bound} if self.bound is not None else {}),
             **({"parts": self.parts} if self.parts else {}),
+            **({"reason": self.reason} if self.reason else {}),
         }
 
     def text(self, name: str) -> str:
         """Return one line, "corner.y 6.631, error +0.267 (4.0 %), corrected 6.898"."""
         if self.error is None:
-            return f"{name} {self.value:.6g}, no estimate"
+            reason = f": {self.reason}" if self.reason else ""
+            return f"{name} {self.value:.6g}, no estimate{reason}"
         if not self.is_found:
             bound = _share((self.bound or 0.0) / self.scale) if self.scale else "0"
             return f"{name} {self.value:.6g}, error below {bound}"
@@ -156,15 +161,19 @@ class GoalError:
         return f"{name} {value}, error {self.error:+.3g}{share}{of}, corrected {corrected}"
 
 
+def bounded_steps(parts: Mapping[str, float], steps_bound: float) -> str:
+    """Return the steps whose error has a bound alone; "" where it has an estimate, or is zero."""
+    return next((s for s in STEPS if parts.get(s) == 0 and steps_bound > 0), "")
+
+
 def parts_text(parts: Mapping[str, float], steps_bound: float) -> str:
     """Return the parts of an error, "time steps +0.00015, mesh -0.0052"; "" without any.
 
     Where the error of steps has no estimate, which is then zero, its bound is shown.
     """
+    bounded = bounded_steps(parts, steps_bound)
     return ", ".join(
-        f"{source} below {steps_bound:.2g}"
-        if source in STEPS and part == 0 and steps_bound > 0
-        else f"{source} {part:+.2g}"
+        f"{source} below {steps_bound:.2g}" if source == bounded else f"{source} {part:+.2g}"
         for source, part in parts.items()
     )
 

@@ -191,6 +191,8 @@ class LevelRow:
         The steps of a path on which the end depends; 0 without one.
     kind : str
         What they are: "time" or "load".
+    steps_have_no_order : bool
+        Whether the changes of a goal by more steps do not decrease, so that there is no estimate.
     """
 
     element: str
@@ -206,6 +208,7 @@ class LevelRow:
     where: str = ""
     steps: int = 0
     kind: str = "time"
+    steps_have_no_order: bool = False
 
 
 def _with_least_bounds(goals: Mapping[str, GoalLevel]) -> dict[str, GoalLevel]:
@@ -262,7 +265,9 @@ class Levels:
         if estimate is None or estimate.reason:
             row.reason = estimate.reason if estimate else "the load steps did not converge"
         elif unknown:
-            row.reason = f"no estimate of {', '.join(unknown)}"
+            reasons = [f"{name}: {known[name].reason}" for name in unknown if known[name].reason]
+            row.reason = reasons[0] if reasons else f"no estimate of {', '.join(unknown)}"
+            row.steps_have_no_order = any(known[name].steps_bound == inf for name in unknown)
         else:
             before = self.rows[-1] if self.rows else None
             goals = {
@@ -325,6 +330,8 @@ class Levels:
 
     def shorter_steps(self) -> float:
         """Return the factor by which the steps of the next level are to be shorter."""
+        if self.rows[-1].steps_have_no_order:
+            return _MOST_SHORTER
         factors = [self._factor(source, 1 / p, _MOST_SHORTER) for source, p in _STEPS.items()]
         if self._is_shared and self.rows[-1].kind == "time":  # see `stiffer_penalties`
             factors.append(self._factor("penalty", 0.5, _MOST_SHORTER))
@@ -361,6 +368,8 @@ class Levels:
     @property
     def mesh_suffices(self) -> bool:
         """Whether the error of the mesh is small beside the other parts, or the request."""
+        if self.rows[-1].steps_have_no_order:
+            return True
         if self._is_shared:
             return self._suffices("mesh")
         part = max(map(self._largest_part, ("mesh", "shape")))

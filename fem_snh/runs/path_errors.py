@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from math import ceil
+from math import ceil, inf
 from typing import Any
 
 from mpi4py import MPI
@@ -21,7 +21,13 @@ import numpy.typing as npt
 
 from fem_snh import scenes
 from fem_snh.accuracy.budget import STIFFER, penalty_part
-from fem_snh.accuracy.estimate import LOAD_STEPS, TIME_STEPS, Estimate, estimated
+from fem_snh.accuracy.estimate import (
+    LOAD_STEPS,
+    TIME_STEPS,
+    Estimate,
+    bounded_steps,
+    estimated,
+)
 from fem_snh.accuracy.frequency_goals import FrequencyGoal
 from fem_snh.accuracy.goals import Goal, names_of
 from fem_snh.accuracy.lift import (
@@ -50,6 +56,8 @@ _FEWEST_QUARTER, _ENOUGH_STEPS = 4, 100
 _AGREE = 2.0
 #: The bound of an error over the larger change where changes do not decrease.
 _IRREGULAR = 2.0
+#: Changes below this part of a goal's scale are not those of the steps: the solvers leave that much.
+_ROUNDING = 1e-5
 #: The least ratio of the numbers of steps that are compared.
 _LEAST_RATIO = 1.5
 
@@ -73,8 +81,12 @@ def estimate_on_path(
         for i, name in enumerate(names_of(known)):
             own = {part: float(errors[i]) for part, errors in parts.items()}
             goal = found.goals[name]
+            if goal.reason:
+                own.pop(_source(scene))
+                found.goals[name] = replace(goal, parts=own)
+                continue
             # Irregular steps have no estimate: the error is printed as a bound.
-            unsettled = goal.steps_bound if own[_source(scene)] == 0 else 0.0
+            unsettled = goal.steps_bound if bounded_steps(own, goal.steps_bound) else 0.0
             error = sum(own.values())
             found.goals[name] = replace(goal, error=error, parts=own, unsettled=unsettled)
 
@@ -97,7 +109,8 @@ def _errors(
     found.memory, found.again = memory(problem, element), ceil(steps / 2) if steps > 1 else 2
     announce(found)
     check_memory(problem, found.memory)
-    values = np.array([found.goals[name].value for name in names_of(goals)])
+    known = [found.goals[name] for name in names_of(goals)]
+    values = np.array([goal.value for goal in known])
     half = _with_steps(scene, found.again)
     coarse, taken = _follow(comm, half, setup, goals, found)
     finer = setup.stepper.taken / taken  # with more steps than in the run, of one step, below 1
@@ -119,9 +132,13 @@ def _errors(
     orders = [_CONTACT_ORDER, motion.dynamics.integrator.order if motion else _CONTACT_ORDER]
     if motion and not (scene.obstacle or scene.contact or scene.self_contact):
         orders[0] = orders[1]
-    steps_error, found_bounds = steps_errors(values - coarse, before, finer, orders)
-    for name, bound in zip(names_of(goals), found_bounds, strict=True):
-        found.goals[name] = replace(found.goals[name], steps_bound=float(bound))
+    rounding = np.array([_ROUNDING * goal.scale for goal in known])
+    steps_error, found_bounds = steps_errors(values - coarse, before, finer, orders, rounding)
+    for i, (name, bound) in enumerate(zip(names_of(goals), found_bounds, strict=True)):
+        reason = _no_order(before[i], values[i] - coarse[i]) if bound == inf else ""
+        found.goals[name] = replace(found.goals[name], steps_bound=float(bound), reason=reason)
+    if all(found.goals[name].reason for name in names_of(goals)):
+        return {_source(scene): steps_error}
     lifted, _ = _follow(comm, on, setup, goals, found, element)
     parts = {_source(scene): steps_error, "mesh": lifted - at}
     if problem.scale_penalties(1.0):  # there are some
@@ -131,6 +148,14 @@ def _errors(
             soft, _ = _follow(comm, on, setup, goals, found, stiffer=1 / STIFFER)
             parts["penalty"] = resolved_penalty(parts["penalty"], penalty_part(soft, at) / STIFFER)
     return parts
+
+
+def _no_order(before: float, change: float) -> str:
+    """Return why a goal has no estimate, with its changes by twice as many steps."""
+    return (
+        f"its changes do not decrease: twice as many time steps changed it by {before:+.2g}, and "
+        f"twice as many again by {change:+.2g}"
+    )
 
 
 def _source(scene: scenes.Scene) -> str:
@@ -162,15 +187,20 @@ def resolved_penalty(by_stiffer: npt.NDArray[Any], by_softer: npt.NDArray[Any]) 
 
 
 def steps_errors(
-    change: npt.NDArray[Any], before: npt.NDArray[Any], finer: float, orders: Sequence[int]
+    change: npt.NDArray[Any],
+    before: npt.NDArray[Any],
+    finer: float,
+    orders: Sequence[int],
+    rounding: npt.NDArray[Any] | float = 0.0,
 ) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
     """Return the errors of the steps of goals, and bounds of them.
 
     The order is measured by both changes where there is one ``before``. Steps that hardly resolve
     the motion have any order, and a change may be small by chance: the bound is the error with
-    order 1, and at least what the change before leaves at the largest order. Changes that do not
-    decrease as with order 1 say nothing of the sign: the error is zero, and the bound is twice the
-    larger change.
+    order 1, and at least what the change before leaves at the largest order. Changes that
+    decrease slower than with order 1 say nothing of the sign: the error is zero, and the bound is
+    twice the larger change. Where they do not decrease, both may be small by chance, and further
+    ones of any size: the bound is infinite.
 
     Parameters
     ----------
@@ -180,6 +210,8 @@ def steps_errors(
         The ratio of the numbers of steps.
     orders : pair of int
         The least and the largest order.
+    rounding : (goals,) array, optional
+        Changes up to this are those of the solver's tolerance: they need not decrease.
     """
     last, first = np.abs(change), np.abs(before)
     least, most = (finer**order for order in orders)
@@ -188,6 +220,7 @@ def steps_errors(
     bound = np.maximum(last / abs(finer - 1), first / most)
     irregular = (first > 0) & (first < finer**_CONTACT_ORDER * last)
     bound = np.where(irregular, _IRREGULAR * np.maximum(last, first), bound)
+    bound = np.where(irregular & (first <= last) & (last > rounding), inf, bound)
     return np.where(irregular, 0.0, error), bound
 
 
