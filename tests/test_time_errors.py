@@ -77,13 +77,15 @@ def test_steps_whose_changes_do_not_decrease_have_no_estimate():
     found = solve(in_time({"duration": 2.0, "steps": 32}, probe=TIP, accuracy=GOALS, **SWING))
     goal, row = found.estimate.goals["tip.z"], LevelRow("Q1", 1, 8, 81, 1.0, 1.0, steps=32)
     shown = "tip.z -0.797726, no estimate: its changes do not decrease: twice as many time steps"
-    assert goal.text("tip.z") == f"{shown} changed it by -0.0076, and twice as many again by +0.0083"
+    assert goal.text("tip.z").startswith(shown)
+    assert goal.reason.endswith("changed it by -0.0076, and twice as many again by +0.0083")
     assert found.record["goals"]["tip.z"]["reason"] == goal.reason
     assert found.record["goals"]["tip.z"]["error"] is None
     levels = Levels(0.01)
     levels.add(row, found.estimate)
     assert levels.lines()[0].endswith(f"no estimate: tip.z: {goal.reason}")
-    assert levels.shorter_steps() == 4 and levels.mesh_suffices
+    assert levels.shorter_steps() == 4
+    assert levels.mesh_suffices
 
 
 def test_equal_steps_alone_have_an_estimate():

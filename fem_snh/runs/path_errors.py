@@ -56,7 +56,7 @@ _FEWEST_QUARTER, _ENOUGH_STEPS = 4, 100
 _AGREE = 2.0
 #: The bound of an error over the larger change where changes do not decrease.
 _IRREGULAR = 2.0
-#: Changes below this part of a goal's scale are not those of the steps: the solvers leave that much.
+#: Changes below this part of a goal's scale are not those of steps: the solvers leave that much.
 _ROUNDING = 1e-5
 #: The least ratio of the numbers of steps that are compared.
 _LEAST_RATIO = 1.5
