@@ -24,6 +24,7 @@ from fem_snh.mesh.bisection import bisect
 from fem_snh.problem.transfer import evaluate
 from fem_snh.runs.first_level import cells_of, first_scene
 from fem_snh.runs.progress import Progress
+from fem_snh.scenes import Accuracy
 
 mpi = pytest.mark.mpi
 _COOK = Path(__file__).parents[1] / "docs" / "results" / "tradeoff" / "cook.csv"
@@ -166,6 +167,29 @@ def test_decisions():
     assert not levels.reached and levels.lines() == [
         "level 2: 512 Q1P0 cells, 4,000 dofs: no estimate: far away"
     ]
+
+
+@mpi
+def test_a_force_without_contact_is_not_within_the_request(capsys):
+    """The bulging cube touches the ground on finer cells: a force of 1e-11 N was within 20 %."""
+    comm = MPI.COMM_WORLD
+    scene = scenes.load("press", cells=2, to=0.7, element="Q1P0", steps=1)
+    scene = scene.model_copy(update={"accuracy": Accuracy(within=0.2)})
+    result = fem_snh.run(scene, comm=comm)
+    (level,) = result.record["accuracy"]["levels"]
+    assert "plate.force.z" in level["goals"] and "ground.force.z" not in level["goals"]
+    assert result.record["accuracy"]["without_contact"] == ["ground.force"]
+    assert result.goals["ground.force.z"]["error"] is None
+    line = "ground.force 0, no estimate: nothing touches on these cells, but finer ones may"
+    assert line in result.estimate.lines()
+    if comm.rank == 0:
+        shown = capsys.readouterr().out
+        assert line in shown and "every goal but ground.force, without an estimate, is" in shown
+    # Who names the goal has finer cells instead.
+    levels = Levels(0.2, named=True)
+    levels.add(LevelRow("Q1P0", 1, 8, 81, 1.0, 1.0), result.estimate)
+    assert not levels.reached and levels.refinement() == 2
+    assert levels.rows[0].reason.startswith("ground.force.x: nothing touches on these cells")
 
 
 def test_each_level_in_time_differs_from_the_last():

@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from fem_snh.accuracy.budget import algebra_errors, penalty_errors
 from fem_snh.accuracy.frequency_goals import FrequencyGoal, LiftedModes, lifted_modes
-from fem_snh.accuracy.goals import Goal, VolumeGoal, names_of
+from fem_snh.accuracy.goals import Goal, TermGoal, VolumeGoal, names_of, vector_of
 from fem_snh.accuracy.indicators import Place, cell_indicators, place
 from fem_snh.accuracy.lift import (
     Lift,
@@ -62,6 +62,8 @@ _MOST_MOVES = 8
 _OF_VECTOR = 0.05
 #: The parts of an error that are those of steps.
 STEPS = TIME_STEPS, LOAD_STEPS = "time steps", "load steps"
+#: Why a force of contact has no estimate where neither solution touches.
+NO_CONTACT = "nothing touches on these cells, but finer ones may"
 #: Errors below this part of the goal are not located: their indicators are sums that cancel.
 _LOCATED = 1e-4
 
@@ -161,6 +163,11 @@ class GoalError:
         return f"{name} {value}, error {self.error:+.3g}{share}{of}, corrected {corrected}"
 
 
+def no_contact_text(force: str) -> str:
+    """Return the line of a force of contact without an estimate."""
+    return f"{force} 0, no estimate: {NO_CONTACT}"
+
+
 def bounded_steps(parts: Mapping[str, float], steps_bound: float) -> str:
     """Return the steps whose error has a bound alone; "" where it has an estimate, or is zero."""
     return next((s for s in STEPS if parts.get(s) == 0 and steps_bound > 0), "")
@@ -257,7 +264,14 @@ class Estimate:
         if self.reason:
             return [f"no estimate of the error: {self.reason}"]
         lines = [goal.text(name) for name, goal in self.goals.items() if not goal.is_zero]
+        lines += map(no_contact_text, self.untouched)
         return [*lines, self.where] if self.where else lines
+
+    @property
+    def untouched(self) -> list[str]:
+        """The forces of contact without an estimate, as nothing touches."""
+        names = [vector_of(n) for n, goal in self.goals.items() if goal.reason == NO_CONTACT]
+        return list(dict.fromkeys(names))
 
     @property
     def where(self) -> str:
@@ -314,6 +328,12 @@ def estimated(
         found.reason = str(reason)
         found.on_no_mesh = isinstance(reason, NoEstimateOnAnyMesh)
     problem.split(problem.x)
+    for goal in goals:
+        zero = all(found.goals[name].is_zero for name in goal.names)
+        if zero and isinstance(goal, TermGoal) and goal.is_without_contact(problem):
+            for name in goal.names:
+                known = found.goals[name]
+                found.goals[name] = GoalError(known.value, None, known.scale, reason=NO_CONTACT)
     found.seconds = perf_counter() - start
     return found
 

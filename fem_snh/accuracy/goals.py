@@ -28,6 +28,8 @@ AXES = ("x", "y", "z")
 #: Length of the central difference of residuals relative to the body: about the cube root of the
 #: rounding error, where truncation and rounding are balanced.
 _DIFFERENCE = 1e-6
+#: A force of contact is rounding below this part of the largest force on a node.
+_NO_FORCE = 1e-8
 
 
 @dataclass(frozen=True)
@@ -96,6 +98,12 @@ class Goal(Protocol):
 def names_of(goals: Sequence[Goal]) -> list[str]:
     """Return the names of all scalars of some goals."""
     return [name for goal in goals for name in goal.names]
+
+
+def vector_of(name: str) -> str:
+    """Return the name of the vector of which a goal is a component, or the goal's own."""
+    rest, _, last = name.rpartition(".")
+    return rest if last in AXES else name
 
 
 class _Point(NamedTuple):
@@ -465,6 +473,11 @@ class TermGoal:
             return [float(found[i]) for i in self._components]
 
         return values
+
+    def is_without_contact(self, problem: Problem) -> bool:
+        """Return whether it is a force that is rounding, with all its components. Collective."""
+        force = self._term(problem).goal(self._name, problem.split(problem.x)[0])
+        return self._is_force and bool(np.abs(force).max() <= _NO_FORCE * self.unit(problem))
 
     def unit(self, problem: Problem) -> float:
         """See `Goal.unit`."""

@@ -15,8 +15,15 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from fem_snh.accuracy.estimate import LOAD_STEPS, TIME_STEPS, Estimate, GoalError, parts_text
-from fem_snh.accuracy.goals import AXES
+from fem_snh.accuracy.estimate import (
+    LOAD_STEPS,
+    TIME_STEPS,
+    Estimate,
+    GoalError,
+    no_contact_text,
+    parts_text,
+)
+from fem_snh.accuracy.goals import vector_of
 
 Array = npt.NDArray[Any]
 
@@ -193,6 +200,8 @@ class LevelRow:
         What they are: "time" or "load".
     steps_have_no_order : bool
         Whether the changes of a goal by more steps do not decrease, so that there is no estimate.
+    untouched : list of str
+        The forces of contact that do not count, as nothing touches.
     """
 
     element: str
@@ -209,6 +218,7 @@ class LevelRow:
     steps: int = 0
     kind: str = "time"
     steps_have_no_order: bool = False
+    untouched: list[str] = field(default_factory=list)
 
 
 def _with_least_bounds(goals: Mapping[str, GoalLevel]) -> dict[str, GoalLevel]:
@@ -218,19 +228,13 @@ def _with_least_bounds(goals: Mapping[str, GoalLevel]) -> dict[str, GoalLevel]:
     """
     largest: dict[str, float] = {}
     for name, goal in goals.items():
-        largest[_vector(name)] = max(largest.get(_vector(name), 0.0), goal.uncertainty)
+        largest[vector_of(name)] = max(largest.get(vector_of(name), 0.0), goal.uncertainty)
     found = {}
     for name, goal in goals.items():
-        least = _LEAST_OF_VECTOR * largest[_vector(name)]
+        least = _LEAST_OF_VECTOR * largest[vector_of(name)]
         bounds = max(goal.bound, least), max(goal.uncertainty, least)
         found[name] = replace(goal, bound=bounds[0], uncertainty=bounds[1])
     return found
-
-
-def _vector(name: str) -> str:
-    """Return the name of the vector of which a goal is a component, or the goal's own."""
-    rest, _, last = name.rpartition(".")
-    return rest if last in AXES else name
 
 
 class Levels:
@@ -244,6 +248,9 @@ class Levels:
         ``max_time`` [s], ``max_memory`` [MB], ``max_dofs``; None or missing: none.
     dim : int, optional
         Dimension of the mesh.
+    named : bool, optional
+        Whether the goals were asked for by name: then all of them need an estimate. Otherwise
+        forces of contact do not count while nothing touches.
     """
 
     def __init__(
@@ -251,8 +258,9 @@ class Levels:
         asked: float,
         limits: Mapping[str, float | None] | None = None,
         dim: int = 3,
+        named: bool = False,
     ) -> None:
-        self.asked, self.dim = asked, dim
+        self.asked, self.dim, self.named = asked, dim, named
         self.rows: list[LevelRow] = []
         self._limits = {key: inf if v is None else v for key, v in (limits or {}).items()}
         #: Why the levels end before the request is met.
@@ -261,6 +269,9 @@ class Levels:
     def add(self, row: LevelRow, estimate: Estimate | None) -> None:
         """Add a level with its estimate."""
         known = estimate.goals if estimate else {}
+        if estimate and not self.named:
+            row.untouched = estimate.untouched
+            known = {name: g for name, g in known.items() if vector_of(name) not in row.untouched}
         unknown = [name for name, goal in known.items() if goal.error is None]
         if estimate is None or estimate.reason:
             row.reason = estimate.reason if estimate else "the load steps did not converge"
@@ -270,9 +281,7 @@ class Levels:
             row.steps_have_no_order = any(known[name].steps_bound == inf for name in unknown)
         else:
             before = self.rows[-1] if self.rows else None
-            goals = {
-                name: self._goal(name, goal, row, before) for name, goal in estimate.goals.items()
-            }
+            goals = {name: self._goal(name, goal, row, before) for name, goal in known.items()}
             row.goals = _with_least_bounds(goals)
             row.where = estimate.where
         self.rows.append(row)
@@ -481,6 +490,7 @@ class Levels:
         head += f", {row.elapsed:.2g} s: {counts} of {len(row.goals)} goals within {asked:.2%}"
         shown = {name: goal for name, goal in row.goals.items() if not goal.is_zero}
         lines = [head, *(self._line(name, goal) for name, goal in shown.items())]
+        lines += [f"  {no_contact_text(name)}" for name in row.untouched]
         return [*lines, f"  {row.where}"] if row.where else lines
 
     def _line(self, name: str, goal: GoalLevel) -> str:
@@ -500,6 +510,7 @@ class Levels:
             "limit": self.limit or None,
             "worst": self.worst[0] if self.worst else None,
             "relative": self.worst[1] if self.worst else None,
+            "without_contact": self.rows[-1].untouched if self.rows else [],
             "levels": [
                 {
                     "element": row.element,

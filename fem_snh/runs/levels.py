@@ -160,7 +160,7 @@ def run_levels(
     scene = first_scene(scene, printed)
     refine = _refinement(scene)
     dim = kinematics_of(scene.kinematics).dim
-    levels = Levels(wanted.within, limits, dim)
+    levels = Levels(wanted.within, limits, dim, named=bool(wanted.goals))
     start, current, stiffness = perf_counter(), scene, 1.0
     by_cells = refine is _more_cells
 

@@ -124,7 +124,9 @@ class Progress:
         """Print whether the required accuracy was reached, and what ended the levels."""
         asked = f"{100 * accuracy['within']:g} %"
         if accuracy["reached"]:
-            self._print(self._style(f"every goal is within {asked}", "green"))
+            untouched = ", ".join(accuracy["without_contact"])
+            but = f" but {untouched}, without an estimate," if untouched else ""
+            self._print(self._style(f"every goal{but} is within {asked}", "green"))
             return
         best = (
             f"{accuracy['worst']} is known to {100 * accuracy['relative']:.2g} %"
