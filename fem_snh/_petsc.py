@@ -76,6 +76,8 @@ _PATTERNS = "fem_snh_patterns"
 _SEEN = "fem_snh_seen_pattern"
 #: The attribute of a KSP whose matrix is singular.
 _SINGULAR = "fem_snh_singular"
+#: The attribute of a KSP whose matrix is positive definite, or was until now.
+_DEFINITE = "fem_snh_definite"
 
 
 def nonzero_state(A: PETSc.Mat) -> tuple[int, int]:
@@ -110,8 +112,14 @@ def set_operators(ksp: PETSc.KSP, A: PETSc.Mat, P: PETSc.Mat) -> None:
     ksp.setAttr(_SEEN, pattern)
     ksp.setOperators(A, P)
     pc = ksp.getPC()
-    if _is_symmetric_mumps(pc):  # before the analysis, at which alone the control counts
-        pc.setFactorSetUpSolverType()
+    if ksp.getAttr(_DEFINITE) and is_cholesky(pc, PETSc.Mat.SolverType.PETSC):
+        ksp.setUp()
+        if not _is_positive_definite(pc):
+            pc.reset()
+            pc.setFactorSolverType(PETSc.Mat.SolverType.MUMPS)
+            ksp.setOperators(A, P)
+    if is_cholesky(pc, PETSc.Mat.SolverType.MUMPS):
+        pc.setFactorSetUpSolverType()  # before the analysis, at which alone the control counts
         pc.getFactorMatrix().setMumpsIcntl(_ROOT_ON_ONE_RANK, 1)
         if ksp.getAttr(_SINGULAR):
             pc.getFactorMatrix().setMumpsIcntl(_NULL_PIVOTS, 1)
@@ -120,6 +128,16 @@ def set_operators(ksp: PETSc.KSP, A: PETSc.Mat, P: PETSc.Mat) -> None:
 def expect_singular_matrix(ksp: PETSc.KSP) -> None:
     """Let the factors by MUMPS of consistent systems have null pivots, whose unknowns are zero."""
     ksp.setAttr(_SINGULAR, True)
+
+
+def expect_definite_matrix(ksp: PETSc.KSP) -> None:
+    """Let PETSc's factors, which do not pivot, serve until a matrix is not positive definite.
+
+    From then on those by MUMPS serve (`set_operators`).
+    """
+    ksp.getPC().setFactorSolverType(PETSc.Mat.SolverType.PETSC)
+    ksp.getPC().setFactorPivot(0.0)  # whatever the units, no other pivot is zero
+    ksp.setAttr(_DEFINITE, True)
 
 
 #: PETSC_ERR_MEM, the error code of an allocation that failed.
@@ -131,12 +149,18 @@ _MUMPS_OUT_OF_MEMORY = (-7, -8, -9, -11, -13, -14, -15, -17, -19, -20)
 
 def factors_out_of_memory(pc: PETSc.PC) -> bool:
     """Return whether the last set-up of a PC failed because its factors exceed the memory."""
-    found = ffi.new("int *")
-    call("PCGetFailedReason", pc, found)
-    if found[0] and pc.getType() in (PETSc.PC.Type.LU, PETSc.PC.Type.CHOLESKY):
+    reason = _failed_reason(pc)
+    if reason and pc.getType() in (PETSc.PC.Type.LU, PETSc.PC.Type.CHOLESKY):
         if pc.getFactorSolverType() == PETSc.Mat.SolverType.MUMPS:
             return mumps_out_of_memory(pc)
-    return bool(found[0] == _FACTORS_OUT_OF_MEMORY)
+    return bool(reason == _FACTORS_OUT_OF_MEMORY)
+
+
+def _failed_reason(pc: PETSc.PC) -> int:
+    """Return PETSc's PCFailedReason of the last set-up of a PC, 0 for none."""
+    found = ffi.new("int *")
+    call("PCGetFailedReason", pc, found)
+    return int(found[0])
 
 
 def mumps_out_of_memory(pc: PETSc.PC) -> bool:
@@ -151,11 +175,17 @@ _ROOT_ON_ONE_RANK = 13
 _NULL_PIVOTS = 24
 
 
-def _is_symmetric_mumps(pc: PETSc.PC) -> bool:
-    """Return whether a PC has factors L D L^T by MUMPS."""
-    if pc.getType() != PETSc.PC.Type.CHOLESKY:
-        return False
-    return bool(pc.getFactorSolverType() == PETSc.Mat.SolverType.MUMPS)
+def is_cholesky(pc: PETSc.PC, package: str) -> bool:
+    """Return whether a PC has symmetric factors by a package of PETSc.Mat.SolverType."""
+    return bool(pc.getType() == PETSc.PC.Type.CHOLESKY and pc.getFactorSolverType() == package)
+
+
+def _is_positive_definite(pc: PETSc.PC) -> bool:
+    """Return whether the factors of a PC by PETSc have positive pivots only: L L^T is stable then.
+
+    Stable: in the sense of rounding errors, without pivoting (Higham 2002, theorem 10.3).
+    """
+    return not _failed_reason(pc) and pc.getFactorMatrix().getInertia()[:2] == (0, 0)
 
 
 def negative_pivots(pc: PETSc.PC) -> int | None:
@@ -163,7 +193,9 @@ def negative_pivots(pc: PETSc.PC) -> int | None:
 
     MatGetInertia wants MUMPS to look for zero pivots, too.
     """
-    if not _is_symmetric_mumps(pc):
+    if is_cholesky(pc, PETSc.Mat.SolverType.PETSC):
+        return 0 if _is_positive_definite(pc) else None  # without pivoting, signs may be wrong
+    if not is_cholesky(pc, PETSc.Mat.SolverType.MUMPS):
         return None
     factors = pc.getFactorMatrix()
     if factors.getMumpsInfog(1) < 0:

@@ -31,6 +31,7 @@ QUICK = {
     f"{BENCH} interface": "--elements Q1P0 --cells 2",
     f"{BENCH} large": "--elements P2 --cells 4 --ranks 1",
     f"{BENCH} linear_iterations": "--cells 3 --nus 0.49 --solvers cg+ssor",
+    f"{BENCH} small_factors": "--elements Q1 --cells 8 --repeats 2",
     f"{BENCH} linear_solvers": "--bodies layer --elements Q1 --nus 0.4999 --cells 16",
     f"{BENCH} memory_traffic": "--cells 3 --repeat 1",
     f"{BENCH} mixed_times": "--sizes 2000 --elements P2P1 --rounds 1",

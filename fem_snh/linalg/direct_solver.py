@@ -1,11 +1,13 @@
-"""PETSc options of a sparse direct solver (MUMPS): insensitive to nu, cheap on slender bodies.
+"""Sparse direct solvers: MUMPS, insensitive to nu and to signs; PETSc's for small matrices.
 
-Studies and benchmarks use it for reference solutions.
+Studies and benchmarks use MUMPS for reference solutions.
 """
 
 from __future__ import annotations
 
 from petsc4py import PETSc
+
+from fem_snh._petsc import expect_definite_matrix, is_cholesky
 
 #: The PETSc options. MUMPS' "cholesky" is LDL^T, for symmetric indefinite matrices too.
 DIRECT_SOLVER = {
@@ -13,12 +15,20 @@ DIRECT_SOLVER = {
     "pc_type": "cholesky",
     "pc_factor_mat_solver_type": "mumps",
 }
+#: Unknowns of a matrix in two dimensions up to which PETSc's factors cost less than those by MUMPS
+#: (python -m benchmarks small_factors; docs/results/linear_solver.md).
+MAX_SMALL = 2000
 
 
-def set_direct_solver(ksp: PETSc.KSP) -> None:
-    """Configure an existing KSP as `DIRECT_SOLVER`."""
+def set_direct_solver(ksp: PETSc.KSP, small: bool = False) -> None:
+    """Configure an existing KSP as `DIRECT_SOLVER`.
+
+    For a small matrix, on one rank, it has PETSc's factors while the matrix is definite.
+    """
     ksp.setType(DIRECT_SOLVER["ksp_type"])
     set_direct_factors(ksp.getPC())
+    if small:
+        expect_definite_matrix(ksp)
 
 
 def set_direct_factors(pc: PETSc.PC) -> None:
@@ -28,10 +38,7 @@ def set_direct_factors(pc: PETSc.PC) -> None:
 
 
 def is_direct(ksp: PETSc.KSP) -> bool:
-    """Return whether a KSP is `DIRECT_SOLVER`."""
-    pc = ksp.getPC()
-    return (
-        ksp.getType() == DIRECT_SOLVER["ksp_type"]
-        and pc.getType() == DIRECT_SOLVER["pc_type"]
-        and pc.getFactorSolverType() == DIRECT_SOLVER["pc_factor_mat_solver_type"]
-    )
+    """Return whether a KSP is `DIRECT_SOLVER`, or for a small matrix."""
+    packages = PETSc.Mat.SolverType.PETSC, PETSc.Mat.SolverType.MUMPS
+    preonly = ksp.getType() == DIRECT_SOLVER["ksp_type"]
+    return preonly and any(is_cholesky(ksp.getPC(), package) for package in packages)

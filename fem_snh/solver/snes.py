@@ -7,7 +7,7 @@ from petsc4py import PETSc
 from fem_snh._petsc import default_options, expect_singular_matrix
 from fem_snh.choices import DEFAULT_GLOBALIZATIONS, FACTORS_LBFGS_MAX_IT
 from fem_snh.errors import BadInput
-from fem_snh.linalg.direct_solver import set_direct_solver
+from fem_snh.linalg.direct_solver import MAX_SMALL, set_direct_solver
 from fem_snh.linalg.ssor_cg import EisenstatCG
 from fem_snh.solver import garbage, options, saddle_point, trust_region
 from fem_snh.solver.errors import callback_errors, cause_of
@@ -172,7 +172,8 @@ def _configure_linear_solver(ksp: PETSc.KSP, problem: SolvableProblem, prefix: s
     dimension = problem.regime.dimension
     coordinates = problem.coordinates[:, :dimension]
     if choice.direct:
-        set_direct_solver(ksp)
+        small = dimension == 2 and problem.A.comm.size == 1 and problem.A.getSize()[0] <= MAX_SMALL
+        set_direct_solver(ksp, small and not problem.saddle_point)
         if problem.pressure_level_is_free:
             expect_singular_matrix(ksp)
     elif problem.saddle_point:
