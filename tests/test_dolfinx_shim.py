@@ -35,6 +35,20 @@ def gathered(comm, array):
 
 
 @mpi
+@pytest.mark.parametrize("cell", ["triangle", "quadrilateral", "tetrahedron", "hexahedron"])
+def test_nodes_are_counted_as_spaces_have_them(comm, cell):
+    """Without the space, on cells with straight and with curved faces."""
+    planar = cell in ("triangle", "quadrilateral")
+    geometry, order = ("bushing", 2) if planar else ("cylinder", 1)
+    domain = mesh.generate(comm, geometry, cell, cells=3, order=order).domain
+    for degree in range(4):
+        family = "Lagrange" if degree else "DG"
+        space = _dolfinx.function_space(domain, degree, family=family)
+        nodes = comm.allreduce(_dolfinx.num_nodes(space)[0])
+        assert _dolfinx.num_nodes_of_degree(domain, degree) == nodes
+
+
+@mpi
 def test_own_loop_over_cells_gives_dolfinx_integrals(comm, space):
     """A field's gradient by node_dofs, tabulate and the geometry's twins, against a form."""
     field = quadratic if _dolfinx.degree(space) == 2 else linear

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable
 from inspect import signature
+from math import comb
 from pathlib import Path
 from typing import Any
 
@@ -45,17 +46,18 @@ def create_mesh(comm: MPI.Comm, cells: Array, x: Array, cell: str, degree: int) 
             ufl.FiniteElement("Lagrange", ufl_cell, degree, variant="equispaced")
         )
     names = list(signature(dolfinx.mesh.create_mesh).parameters)
-    options = {}
+    options, rows = {}, np.ascontiguousarray(cells, dtype=np.int64)
     if "ghost_mode" in names:  # 0.5; later versions make no ghost cells by default
         options["ghost_mode"] = dolfinx.mesh.GhostMode.none
+        # An array is tried as a list, which fails with a text of all arguments.
+        rows = dolfinx.cpp.graph.AdjacencyList_int64(rows)
     geometry = [x, ufl.Mesh(element)]
     if names.index("x") == 3:  # since 0.10 the element comes before x
         geometry.reverse()
-    cells = np.ascontiguousarray(cells, dtype=np.int64)
     # The threads of PT-Scotch match vertices in the order in which they find them: with more than
     # one, its default, the same mesh is partitioned differently from run to run.
     os.environ.setdefault("SCOTCH_PTHREAD_NUMBER", "1")
-    return dolfinx.mesh.create_mesh(comm, cells, *geometry, **options)
+    return dolfinx.mesh.create_mesh(comm, rows, *geometry, **options)
 
 
 def read_xdmf(comm: MPI.Comm, path: Path, grid: str) -> tuple[Array, Array, str, int]:
@@ -134,6 +136,19 @@ def num_owned(domain: Any, dim: int | None = None) -> int:
 def num_cells(domain: Any) -> int:
     """Return the number of cells on all ranks."""
     return int(domain.topology.index_map(domain.topology.dim).size_global)
+
+
+def num_nodes_of_degree(domain: Any, degree: int) -> int:
+    """Return the number of nodes on all ranks of Lagrange elements; degree 0: cells. Collective."""
+    topology, total = domain.topology, 0
+    if degree == 0:
+        return num_cells(domain)
+    simplex = cell_name(domain) in ("triangle", "tetrahedron")
+    for dim in range(topology.dim + 1):
+        if inside := comb(degree - 1, dim) if simplex else (degree - 1) ** dim:
+            topology.create_entities(dim)
+            total += inside * topology.index_map(dim).size_global
+    return int(total)
 
 
 def input_cells(domain: Any) -> Array:

@@ -12,6 +12,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 from petsc4py import PETSc
@@ -173,14 +174,9 @@ def create_lifted(problem: Problem, make: Callable[[Element], Problem]) -> Probl
 
 def lifted_dofs(problem: Problem, element: Element) -> int:
     """Return the number of unknowns of the lifted problem. Collective."""
-    spaces = [(element.degree, element.kinematics.components, "Lagrange")]
-    if element.has_pressure:
-        spaces.append((element.pressure_degree, 1, "Lagrange" if element.pressure_degree else "DG"))
-    total = 0
-    for degree, width, family in spaces:
-        Q = _dolfinx.function_space(problem.domain, degree, family=family)
-        total += width * problem.comm.allreduce(_dolfinx.num_nodes(Q)[0])
-    return int(total)
+    count = partial(_dolfinx.num_nodes_of_degree, problem.domain)
+    pressures = count(element.pressure_degree) if element.has_pressure else 0
+    return element.kinematics.components * count(element.degree) + pressures
 
 
 def memory(problem: Problem, element: Element) -> float:

@@ -9,6 +9,7 @@ share it (`fem_snh.materials.runtime`).
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -132,4 +133,10 @@ def _key(
 
 def _made_by() -> tuple[str, ...]:
     """Return what generates and compiles the source."""
-    return cache.sources("materials", "kernels"), version("sympy"), build.fingerprint()
+    return cache.sources("materials", "kernels"), _sympy_version(), build.fingerprint()
+
+
+@lru_cache
+def _sympy_version() -> str:
+    """Return the version of sympy without an import of it."""
+    return version("sympy")

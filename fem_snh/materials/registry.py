@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import pkgutil
+from functools import cache
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -27,10 +28,11 @@ GROUP = "fem_snh.materials"
 _RESERVED = {"name", "E", "group", "density", *TUNING}
 
 
-def built_in() -> list[str]:
+@cache
+def built_in() -> tuple[str, ...]:
     """Return the sorted names of the materials in ``models/``."""
     found = (m.name for m in pkgutil.iter_modules(models.__path__))
-    return sorted(name for name in found if name[0] != "_")
+    return tuple(sorted(name for name in found if name[0] != "_"))
 
 
 def names() -> list[str]:
