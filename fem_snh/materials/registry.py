@@ -28,10 +28,15 @@ GROUP = "fem_snh.materials"
 _RESERVED = {"name", "E", "group", "density", *TUNING}
 
 
-@cache
 def built_in() -> tuple[str, ...]:
     """Return the sorted names of the materials in ``models/``."""
-    found = (m.name for m in pkgutil.iter_modules(models.__path__))
+    return _modules(tuple(models.__path__))
+
+
+@cache
+def _modules(folders: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the sorted names of the public modules in folders."""
+    found = (m.name for m in pkgutil.iter_modules(folders))
     return tuple(sorted(name for name in found if name[0] != "_"))
 
 
