@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 from interrupted_runs import STRETCH, cut, record, solve
 
+import fem_snh
+from fem_snh import scenes
 from fem_snh.atomic_files import check_whole, replace_file
 from fem_snh.errors import BadInput
 from fem_snh.runs.output import nodal_values
@@ -22,6 +24,26 @@ def test_a_finished_run_is_left_as_it_is(comm, folder):
     assert again.converged and again.steps == record(folder)["steps"]
     assert np.array_equal(again.u.x.array, whole.u.x.array)
     assert {file: file.stat().st_mtime_ns for file in folder.iterdir()} == files
+    comm.barrier()
+
+
+@mpi
+def test_a_finished_run_gets_what_was_not_asked_for_before(comm, folder, capsys):
+    """It said "nothing to do"."""
+    whole = solve("stretch", out=folder, **STRETCH)
+    keys = {"stability": True, "fields": ["von_mises"]}
+    scene = scenes.load("stretch", **STRETCH).model_copy(update=keys)
+    comm.barrier()
+    again = fem_snh.run(scene, out=folder, resume=True, comm=comm)
+    expected = "finished already: computing of its last state: stability; fields von_mises"
+    assert comm.rank or expected in capsys.readouterr().out
+    *before, last = [row.get("stability") for row in again.steps]
+    assert last == "stable" and not any(before)
+    assert record(folder)["steps"] == again.steps and again.record["fields"] == ["von_mises"]
+    assert np.array_equal(again.u.x.array, whole.u.x.array)
+    comm.barrier()
+    fem_snh.run(scene, out=folder, resume=True, comm=comm)
+    assert comm.rank or "finished already: nothing to do" in capsys.readouterr().out
     comm.barrier()
 
 

@@ -165,10 +165,25 @@ class Checkpoint:
         record = completed or about["record"]
         return cls(folder, record, about["load"], completed is not None, about, arrays)
 
-    def knows(self, goals: Sequence[Goal]) -> bool:
-        """Return whether the run has an estimate of the errors of these goals, or none is asked."""
+    def missing(self, scene: Scene, goals: Sequence[Goal]) -> list[str]:
+        """Return what the scene asks for of its last state, and the run does not have."""
         names = {name for goal in goals for name in goal.names}
-        return not names or names == set(self.record.get("goals", ()))
+        known = set(self.record.get("fields", ()))
+        fields = [field for field in scene.fields if field not in known]
+        if scene.fields and scene.fields_at != self.record.get("fields_at"):
+            fields = list(scene.fields)
+        missing = {
+            "errors of goals": names and names != set(self.record.get("goals", ())),
+            "stability": scene.stability and "stability" not in self._last_row,
+            f"fields {', '.join(fields)}": fields,
+        }
+        return [text for text, is_missing in missing.items() if is_missing]
+
+    @property
+    def _last_row(self) -> dict[str, Any]:
+        """The row of the last step that converged; empty without any."""
+        rows = [row for row in self.record["steps"] if row["converged"]]
+        return rows[-1] if rows else {}
 
     def restore(self, stepper: Stepper) -> None:
         """Set the state of the problem and of its load steps. Collective.
@@ -206,6 +221,8 @@ class Checkpoint:
         restore_terms(problem, self._arrays)
         if before is not None:
             stepper.solver.predictor.before = (about["load_before"], before)
+        if self.finished and "stability" not in self._last_row:
+            self._last_row.update(stepper.examine_stability())
 
     def _check_parts(self, fields: list[str], arrays: list[str], moves: bool) -> None:
         """Raise BadInput unless the checkpoint has what this problem needs. On rank 0."""

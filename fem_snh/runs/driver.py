@@ -157,10 +157,10 @@ def _run(
 
             goals = scene_goals(scene, setup.mesh, setup.problem.has_energy, modes)
         if stored and folder:
+            missing = stored.missing(scene, goals)
             stored.restore(setup.stepper)
-            known = stored.knows(goals)
-            printed.resumed(stored.load, stored.finished, known, scene.duration)
-            if stored.finished and known:
+            printed.resumed(stored.load, stored.finished, missing, scene.duration)
+            if stored.finished and not missing:
                 setup.destroy()
                 return setup.result(True, "converged", stored.record, folder.path)
         former = stored.record if stored else None

@@ -91,7 +91,7 @@ def describe(
         **({"units": scene.units} if scene.units else {}),
         "load_name": scene.load_name,
         "load_range": list(scene.load_range),
-        **({"fields": scene.fields} if scene.fields else {}),
+        **({"fields": scene.fields, "fields_at": scene.fields_at} if scene.fields else {}),
         "linear_solver": solver.linear_solver_name(snes),
         "defaults": describe_defaults(scene, problem, snes),
         "tolerance": solver_options["snes_scaled_tol"] * problem.force_scale,

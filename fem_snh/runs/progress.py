@@ -73,14 +73,14 @@ class Progress:
             self._print(f"  {self._style('note', 'yellow')}: {note['text']}")
 
     def resumed(
-        self, load: float, finished: bool, known: bool, duration: float | None = None
+        self, load: float, finished: bool, missing: Sequence[str], duration: float | None = None
     ) -> None:
         """Print the load, or the time, from which a resumed run continues.
 
-        A run that is finished has nothing to do if its goals are known.
+        A run that is finished has nothing to do but for what is missing of its last state.
         """
         at = f"load {load:.6g}" if duration is None else f"time {load * duration:.6g} s"
-        left = "nothing to do" if known else "the errors of other goals are estimated"
+        left = f"computing of its last state: {'; '.join(missing)}" if missing else "nothing to do"
         self._print(f"  finished already: {left}" if finished else f"  resumed from {at}")
 
     def step(self, row: dict[str, Any]) -> None:

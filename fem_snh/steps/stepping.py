@@ -163,6 +163,10 @@ class Stepper:
         self.processor += process_time() - processor_start
         return self._last
 
+    def examine_stability(self) -> dict[str, Any]:
+        """Return whether the state is stable, if that is requested. Collective."""
+        return self._equilibrium(StepOutcome()) if self._stability else {}
+
     def _equilibrium(self, outcome: StepOutcome) -> dict[str, Any]:
         """Return whether the equilibrium is stable, where that is requested, or where it is not."""
         negative = outcome.negative
