@@ -5,8 +5,11 @@ from __future__ import annotations
 import pytest
 from gmsh_files import BOX, write_msh
 
+from fem_snh.assembly.elements import element
 from fem_snh.errors import BadInput
+from fem_snh.kernels.material import material
 from fem_snh.mesh import mesh
+from fem_snh.problem.create_problem import create_problem
 
 pytestmark = pytest.mark.mpi
 CELLS = ["hexahedron", "tetrahedron"]
@@ -120,3 +123,18 @@ def test_gmsh_is_silent_and_leaves_control_c_alone(comm, capfd):
     mesh.generate(comm, "cube", "tetrahedron", cells=2)
     assert signal.getsignal(signal.SIGINT) is before
     assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize(
+    ("cell", "name", "message"),
+    [
+        ("hexahedron", "P2", "one of Q1, Q1P0, Q2, Q2Q1: the mesh has hexahedra"),
+        ("tetrahedron", "Q2", "one of P1, P2, P2P0, P2P1: the mesh has tetrahedra"),
+    ],
+)
+def test_an_element_of_another_cell(comm, cell, name, message):
+    """It said "it has tetrahedrons" of the element, in a sentence on the mesh."""
+    cube = mesh.generate(comm, "cube", cell, cells=1)
+    with pytest.raises(BadInput) as error:
+        create_problem(cube, element(name), material("stable_neo_hookean", E=1.0, nu=0.3))
+    assert str(error.value) == f"element = '{name}': expected {message}"

@@ -86,6 +86,15 @@ ELEMENTS = {
 _LEAST_REVOLVED = 2
 
 
+#: The plural of each kind of cell, for messages.
+CELLS = {
+    "tetrahedron": "tetrahedra",
+    "hexahedron": "hexahedra",
+    "triangle": "triangles",
+    "quadrilateral": "quadrilaterals",
+}
+
+
 def names_for(cell: str) -> list[str]:
     """Return the names of the elements on a kind of cell."""
     return [e.name for e in ELEMENTS.values() if cell in (e.cell, PLANE_CELLS[e.cell])]

@@ -14,7 +14,7 @@ from fem_snh.assembly.boundary_conditions import (
     PrescribedDisplacement,
     SymmetryPlane,
 )
-from fem_snh.assembly.elements import Element, names_for
+from fem_snh.assembly.elements import CELLS, Element, names_for
 from fem_snh.assembly.regions import Filling, Region, regions_of_groups
 from fem_snh.assembly.unknowns import create_unknowns
 from fem_snh.choices import DEFAULT_ASSEMBLY
@@ -96,9 +96,9 @@ def create_problem(
     """
     if mesh.cell != element.cell:
         fitting = ", ".join(names_for(mesh.cell))
-        accepted = f"an element with {mesh.cell} cells, like the mesh: one of {fitting}; it has "
-        accepted += f"{element.cell}s"
-        raise bad_value("element", element.name, accepted)
+        raise bad_value(
+            "element", element.name, f"one of {fitting}: the mesh has {CELLS[mesh.cell]}"
+        )
     domain = mesh.domain
     kinematics = element.kinematics
     if kinematics.revolved:

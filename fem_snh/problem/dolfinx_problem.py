@@ -15,6 +15,7 @@ import numpy.typing as npt
 from fem_snh import _dolfinx
 from fem_snh.assembly.boundary_conditions import Dirichlet, axis_nodes, facets_plane
 from fem_snh.assembly.elements import (
+    CELLS,
     ELEMENTS,
     MAX_QUADRATURE_DEGREE,
     Element,
@@ -366,7 +367,8 @@ def _element(
     cell, degree = _dolfinx.cell_name(V.mesh), _dolfinx.degree(V)
     fitting = [other for other in names_for(cell) if ELEMENTS[other].degree == degree]
     if name is not None and name not in fitting:
-        accepted = f"one of {', '.join(fitting)}, for a displacement of degree {degree} on {cell}s"
+        accepted = f"one of {', '.join(fitting)}, for a displacement of degree {degree} on "
+        accepted += CELLS[cell]
         raise bad_value("element", name, accepted)
     degrees = {_quadrature_degree(m, measure) for m, measure in materials.items()}
     if len(degrees) > 1:
