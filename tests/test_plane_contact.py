@@ -178,7 +178,15 @@ REFERENCE = 'method = "reference"'
 
 
 def pressed(
-    folder, element, method=IPC, slide=0.0, comm=None, out=None, kinematics="plane_strain", nu=0.3
+    folder,
+    element,
+    method=IPC,
+    slide=0.0,
+    comm=None,
+    out=None,
+    kinematics="plane_strain",
+    nu=0.3,
+    **changes,
 ):
     if comm is None or comm.rank == 0:
         blocks(folder / "blocks.msh", element[0] == "P", int(element[1]), gap=0.05)
@@ -187,7 +195,7 @@ def pressed(
         (folder / "own.toml").write_text(text + method)
     if comm is not None:
         comm.barrier()
-    return solve(folder / "own.toml", comm, **({"out": out} if out else {}))
+    return solve(folder / "own.toml", comm, **({"out": out} if out else {}), **changes)
 
 
 @needs_ipctk
@@ -267,6 +275,18 @@ def test_reference_method_between_two_blocks(comm, folder, kinematics, element):
     assert 0 < depth < 4 * P / contact["stiffness"]  # the meshes do not match
     assert row["reactions"]["bottom"][1] == pytest.approx(P * area, rel=0.01)
     assert contact["force"] == pytest.approx(P * area, rel=0.01)
+
+
+@pytest.mark.mpi
+def test_springs_of_the_reference_method_are_a_part_of_the_error(comm, folder):
+    """Without them the blocks, which are free to slide, touch at the stretch 0.9 exactly."""
+    found = pressed(folder, "Q2", REFERENCE, comm=comm, nu=0.0, error=True)
+    material = fem_snh.material("stable_neo_hookean", E=1.0, nu=0.0)
+    exact = -material.pk1(np.diag([1.0, 0.9, 1.0]))[1, 1]
+    goal = found.goals["bottom.force.y"]
+    assert abs(goal["value"] - exact) > 0.01 * exact
+    assert abs(goal["corrected"] - exact) < 0.1 * abs(goal["value"] - exact)
+    assert abs(goal["parts"]["penalty"]) > abs(goal["parts"]["mesh"])
 
 
 @pytest.mark.parametrize("kinematics", FLAT)

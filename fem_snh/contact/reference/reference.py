@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 from petsc4py import PETSc
@@ -79,6 +80,16 @@ class ReferenceContact(SelfContactTerm):
     def set_load(self, load: float) -> None:
         """Search again at the next evaluation, that of the predicted displacement of a step."""
         self._stale = True
+
+    def scale_penalties(self, factor: float) -> bool:
+        """Multiply the stiffness of the springs; return True.
+
+        Back from stiffer springs the state is another one: its pairs are searched for again.
+        """
+        self._search.scale_stiffness(factor)
+        self._set_pairs(replace(self.pairs, stiffness=factor * self.pairs.stiffness))
+        self._stale |= factor < 1
+        return True
 
     def energy(self, u: PETSc.Vec, p: PETSc.Vec | None = None) -> float:
         """Return the energy of the springs [J]. Collective."""

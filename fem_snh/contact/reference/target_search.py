@@ -157,6 +157,10 @@ class TargetSearch:
         depths = np.linalg.norm(points - closest, axis=1)
         return float(max(depths.max(initial=0.0), -gaps[crossing].min(initial=0.0)))
 
+    def scale_stiffness(self, factor: float) -> None:
+        """Multiply the stiffness of the springs of further pairs."""
+        self._stiffness, self.stiffness = factor * self._stiffness, factor * self.stiffness
+
     def _springs(self, corners: Array, factors: Array, areas: Array) -> Array:
         """Return the stiffness [N/m] of springs that act with areas (n,) [m^2].
 
