@@ -11,7 +11,11 @@ from command_line import start_program
 from gmsh_files import section
 
 import fem_snh
+from fem_snh import _dolfinx
+from fem_snh.assembly.kinematics import PLANAR
 from fem_snh.errors import BadInput
+from fem_snh.runs.output.nodal_projection import NodalProjection
+from fem_snh.runs.output.stress_fields import StressFields
 
 mpi = pytest.mark.mpi
 TIGHT = {"snes_scaled_tol": 1e-12}
@@ -178,6 +182,43 @@ def test_twist_in_a_scene(tmp_path):
         energies.append(row["energy"])
     assert energies[0] == pytest.approx(energies[1], rel=1e-9)
     assert energies[0] > 1e-3
+
+
+@mpi
+@pytest.mark.parametrize("kinematics", PLANAR)
+def test_fields_at_the_nodes(comm, folder, kinematics):
+    """The stress of a uniform state is exact at every node, on the axis too."""
+    if comm.rank == 0:
+        traction = TRACTION.format(traction=0.3)
+        traction += "[petsc]\nsnes_scaled_tol = 1e-12\n"
+        if not PLANAR[kinematics].revolved:
+            traction += '[[symmetry]]\ngroup = "side"\n'
+        own_scene(folder, "P1", kinematics, traction, triangles=True)
+    comm.barrier()
+    fields = ["von_mises", "pk1_stress"]
+    result = solve(folder / "own.toml", comm, fields=fields, fields_at="nodes", out=folder / "out")
+    inside = result.field("pk1_stress", "points")
+    stress = result.field("pk1_stress", "nodes")
+    assert abs(inside[..., 1, 1] - 0.3).max() < 1e-10
+    assert abs(stress[..., 1, 1] - 0.3).max() < 1e-10
+    expected = result.field("von_mises").max() if inside.size else 0.0
+    assert abs(result.field("von_mises", "nodes") - expected).max() < 1e-9
+    comm.barrier()
+
+
+@pytest.mark.parametrize("element", ["Q1", "P2", "Q2"])
+@pytest.mark.parametrize("kinematics", ["plane_strain", "axisymmetric_torsion"])
+def test_a_linear_field_is_projected_exactly(tmp_path, kinematics, element):
+    path = own_scene(tmp_path, element, kinematics, "", element == "P2")
+    problem = solve(path).problem
+    domain = problem.domain
+    points, _ = _dolfinx.quadrature(problem.element.cell, problem.element.quadrature)
+    cells = _dolfinx.geometry_x(domain)[_dolfinx.geometry_dofs(domain)]
+    x = np.einsum("qa,caj->cqj", _dolfinx.tabulate_geometry_values(domain, points), cells)
+    state = StressFields(problem).evaluate(problem.x, ())
+    values = np.ascontiguousarray(x[..., :2]) + 1.0
+    found = NodalProjection(problem, state.weights).project({"x": values})["x"]
+    assert np.allclose(found, problem.coordinates[:, :2] + 1.0, rtol=0, atol=1e-12)
 
 
 def test_a_run_resumes(tmp_path):

@@ -149,8 +149,6 @@ def _check_plane(scene: Scene) -> None:
             raise bad_value(
                 f"move.{i}", "given", f"a motion without z, with kinematics = '{scene.kinematics}'"
             )
-    if scene.fields_at == "nodes":
-        raise bad_value("fields_at", "nodes", f"'cells', with kinematics = '{scene.kinematics}'")
 
 
 def _check_mesh(scene: Scene) -> None:

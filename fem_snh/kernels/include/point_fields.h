@@ -102,7 +102,9 @@ INLINE void integrate_cells(long cells, int points, int nodes, const int *node, 
 
 void integrate_columns(long cells, int points, int nodes, const int *node, const double *weights, const double *basis,
                        int columns, const double *const *column, const long *stride, long num_nodes, double *out) {
-  if (nodes == 4)
+  if (nodes == 3)
+    integrate_cells(cells, points, 3, node, weights, basis, columns, column, stride, num_nodes, out);
+  else if (nodes == 4)
     integrate_cells(cells, points, 4, node, weights, basis, columns, column, stride, num_nodes, out);
   else
     integrate_cells(cells, points, 8, node, weights, basis, columns, column, stride, num_nodes, out);

@@ -4,7 +4,9 @@ The projection f of a field g is the continuous function of degree 1 with, for e
 
 .. math:: \int_\Omega N_a f \, \mathrm{d}V = \sum_q w_q N_a(x_q) g(x_q) .
 
-It is exact where g is constant. It may overshoot where g jumps, as between two materials.
+It is exact where g is constant. It may overshoot where g jumps, as between two materials. On a body
+of revolution the integrals are those over its section: the factor 2 pi r would take from a rule its
+exactness, and from a constant.
 """
 
 from __future__ import annotations
@@ -43,13 +45,15 @@ class NodalProjection:
     problem : Problem
         The problem, whose element has the quadrature rule.
     weights : (cells, points)
-        Quadrature weights of this rank's cells [m^3].
+        Quadrature weights of this rank's cells [m^3], on a body of revolution of the whole turn.
     """
 
     def __init__(self, problem: Problem, weights: Array) -> None:
         V, element = problem.V, problem.element
         Q = _dolfinx.function_space(problem.domain, 1)
         points, _ = _dolfinx.quadrature(element.cell, element.quadrature)
+        if problem.kinematics.revolved:
+            weights = weights / (2 * np.pi * _radii(problem.domain, points))
         self._weights, self._basis = weights, _dolfinx.tabulate_values(Q, points)
         self._vertices = np.ascontiguousarray(_dolfinx.node_dofs(Q), np.int32)
         self._loops = PointFieldLoops(on_root(problem.comm, point_fields_library))
@@ -109,6 +113,12 @@ class NodalProjection:
             self._halo.exchange(mine)
             others[:] = self._halo.ghosts
         return blocks.transpose(1, 0, 2).reshape(size, -1)
+
+
+def _radii(domain: object, points: Array) -> Array:
+    """Return the radius x at each cell's points of the reference cell, (cells, points)."""
+    radii = _dolfinx.geometry_x(domain)[_dolfinx.geometry_dofs(domain), 0]
+    return np.asarray(radii @ _dolfinx.tabulate_geometry_values(domain, points).T)
 
 
 def _interpolation(V: object, Q: object, table: Array) -> csr_matrix:
