@@ -20,7 +20,7 @@ from benchmarks.fuzz.meshes import write_mesh
 from fem_snh import _dolfinx
 from fem_snh.errors import BadInput
 from fem_snh.mesh import mesh
-from fem_snh.mesh.mesh_checks import check_geometry, scaled_jacobian
+from fem_snh.mesh.mesh_checks import check_geometry, scaled_jacobian, unconnected_nodes
 from fem_snh.scenes import Scene
 
 pytestmark = pytest.mark.mpi
@@ -197,6 +197,18 @@ def energy_of_press(body: Any, size: float) -> float:
     assert problem.solver.getConvergedReason() > 0
     F = ufl.Identity(3) + ufl.grad(u)
     return _dolfinx.assemble_scalar(_dolfinx.form(m.ufl(F) * ufl.dx)) / size**3
+
+
+@pytest.mark.parametrize("cell", CELLS)
+@pytest.mark.parametrize("apart", [0.0, 1e-14, 0.5])
+def test_cubes_that_meet_without_common_nodes(comm: Any, cell: str, apart: float) -> None:
+    """The nine vertices of their faces coincide, to rounding."""
+    cells, x = cube(cell)
+    both = np.vstack([x, x + np.array([1 + apart, 0, 0])]) / 3
+    body = domain(comm, cell, np.vstack([cells, cells + len(x)]), both)
+    count, first = unconnected_nodes(body)
+    assert count == (0 if apart > 0.1 else 9)
+    assert first == pytest.approx([1 / 3, 0, 0] if count else [np.nan] * 3, nan_ok=True)
 
 
 #: Nodes on the edges of a quadratic tetrahedron, in dolfinx's order, whose Jacobian is positive at

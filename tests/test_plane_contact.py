@@ -289,6 +289,23 @@ def test_springs_of_the_reference_method_are_a_part_of_the_error(comm, folder):
     assert abs(goal["parts"]["penalty"]) > abs(goal["parts"]["mesh"])
 
 
+@pytest.mark.mpi
+@pytest.mark.parametrize("touches", [False, True])
+def test_blocks_that_meet_without_common_nodes_have_a_note(comm, folder, touches):
+    """Without contact the upper block does not feel the lower one, whose corners it has."""
+    if comm.rank == 0:
+        blocks(folder / "blocks.msh", False, 1)
+        text = BARRIER.format(element="Q1", kinematics="plane_strain", nu=0.3, slide=0)
+        contact = '[[contact]]\ngroups = ["under", "over"]' if touches else ""
+        text = text.replace("[self_contact]", contact).replace('fields = ["contact_pressure"]', "")
+        (folder / "own.toml").write_text(text)
+    comm.barrier()
+    found = solve(folder / "own.toml", comm)
+    assert (abs(found.steps[-1]["reactions"]["bottom"][1]) > 0.01) == touches
+    notes = [note for note in found.notes if note["kind"] == "mesh"]
+    assert [note["places"] for note in notes] == ([] if touches else [2])
+
+
 @pytest.mark.parametrize("kinematics", FLAT)
 @pytest.mark.parametrize("element", ["P1", "Q2"])
 def test_reference_method_has_derivatives(tmp_path, element, kinematics):

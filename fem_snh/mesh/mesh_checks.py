@@ -22,6 +22,9 @@ _MIN_SCALED_JACOBIAN = 1e-10
 _SMALLEST_FORCE = 1e-100
 #: A node is on the axis of revolution if its radius is at most this part of the largest coordinate.
 ON_AXIS = 1e-12
+#: Vertices are at the same place if they round to the same multiple of this part of the largest
+#: coordinate: far above the rounding of mesh files, far below any usable cell.
+_SAME_PLACE = 1e-9
 #: Degree of the lattice on which the Jacobian of curved cells is evaluated: it is a polynomial of
 #: degree 3 on tetrahedra, and of degree 5 in each direction on hexahedra.
 _LATTICE = 5
@@ -83,6 +86,38 @@ def check_force_scale(force: float) -> None:
             f"E V^(2/3) = {force:.3g}: expected a force from {_SMALLEST_FORCE:g} to "
             f"{1 / _SMALLEST_FORCE:g}: choose other units of length or stress"
         )
+
+
+def unconnected_nodes(domain: Any) -> tuple[int, Array]:
+    """Return how many places of a mesh have several vertices on the boundary. Collective.
+
+    Cells on both sides of such places are not connected there: two volumes were meshed without a
+    common surface, or the body has a slit.
+
+    Returns
+    -------
+    count : int
+        The number of places.
+    first : (3,) array
+        One of them [m]; NaN if there are none.
+    """
+    comm, corners = domain.comm, len(_corners(domain))
+    _, cells, local = _dolfinx.exterior_facets(domain)
+    at = cells[:, None], _dolfinx.reference_facets(_dolfinx.cell_name(domain))[local]
+    vertices = _dolfinx.cell_vertices(domain)[at].ravel()
+    x = _dolfinx.geometry_x(domain)
+    size = comm.allreduce(float(np.abs(x).max(initial=0.0)), op=MPI.MAX)
+    nodes = _dolfinx.geometry_dofs(domain)[:, :corners][at].ravel()
+    place = np.rint(x[nodes] / (_SAME_PLACE * size)).astype(np.int64)
+    target = place.sum(axis=1) % comm.size  # the rank that compares the vertices of a place
+    rows = np.unique(np.column_stack([place, vertices]), axis=0, return_index=True)[1]
+    parts = [np.column_stack([place, vertices])[rows[target[rows] == r]] for r in range(comm.size)]
+    own = np.unique(np.concatenate(comm.alltoall(parts)), axis=0)
+    places, counts = np.unique(own[:, :3], axis=0, return_counts=True)
+    several = places[counts > 1].tolist()
+    found = sorted(place for part in comm.allgather(several[:1]) for place in part)
+    first = np.array(found[0]) * _SAME_PLACE * size if found else np.full(3, np.nan)
+    return comm.allreduce(len(several)), first
 
 
 def _raise_for(domain: Any, what: str, bad: Array, points: Array, kind: str) -> None:

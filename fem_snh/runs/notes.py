@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 from fem_snh.accuracy.state_notes import (
@@ -15,6 +16,7 @@ from fem_snh.accuracy.state_notes import (
     pressure_note,
 )
 from fem_snh.assembly.elements import Element
+from fem_snh.mesh.mesh_checks import unconnected_nodes
 from fem_snh.notes import Note
 from fem_snh.problem.problem import Problem
 from fem_snh.scenes import Scene
@@ -44,6 +46,25 @@ def turns(scene: Scene) -> list[str]:
                     f"may be lost; take at least {least} steps"
                 )
     return found
+
+
+def mesh_note(scene: Scene, problem: Problem) -> Note | None:
+    """Return a note if the cells of a mesh file are not connected where they meet. Collective.
+
+    Contact is between such surfaces.
+    """
+    if not isinstance(scene.mesh, Path) or scene.contact or scene.self_contact:
+        return None
+    count, first = unconnected_nodes(problem.domain)
+    if not count:
+        return None
+    where = ", ".join(f"{value:.6g}" for value in first)
+    text = (
+        f"at {count} places, one at ({where}), several nodes of the mesh's boundary coincide: its "
+        "cells are not connected there, and separate or overlap freely; where they should be "
+        "connected, let the volumes share their surfaces (gmsh: Coherence or BooleanFragments)"
+    )
+    return Note("mesh", text, None, {"places": count, "position": first.tolist()})
 
 
 def final_notes(
