@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 from running import solve
 
-from fem_snh.scenes import Geometry, Hold, MaterialChoice, Move, Rigid, Scene
+from fem_snh.scenes import Geometry, Gravity, Hold, MaterialChoice, Move, Probe, Rigid, Scene
 
 mpi = pytest.mark.mpi
 SIDES = ("left", "right", "front", "back")
@@ -68,3 +69,63 @@ def test_asking_leaves_the_state_as_it_is(comm):
     del problem.pressure_level_is_free  # it is kept
     assert problem.pressure_level_is_free
     assert (problem.u.x.array == u).all() and (problem.saddle_point.pressure() == p).all()
+
+
+#: A bar whose second half has whole cells that nothing deforms; what moves its first half.
+LU = {"ksp_type": "preonly", "pc_type": "lu", "pc_factor_mat_solver_type": "mumps"}
+HEADS = {
+    "rigid": {"hold": [Hold(group="left")], "rigid": [Rigid(group="second", force=(0, 0, -40.0))]},
+    "clamped": {"hold": [Hold(group="second")], "gravity": Gravity(vector=(0, 0, -30.0))},
+}
+
+
+@mpi
+@pytest.mark.parametrize(
+    ("head", "element", "petsc"),
+    [("rigid", "Q2Q1", {}), ("rigid", "P2P1", LU), ("clamped", "P2P1", {})],
+)
+def test_pressures_of_cells_that_do_not_deform(comm, head, element, petsc):
+    """At nu = 0.5 their rows were zero, and Newton's method met NaN; with factors at any nu."""
+    lowest, ratios = [], (0.4999, 0.5)
+    for nu in ratios:
+        bar = Scene(
+            name="bar",
+            mesh=Geometry(source="bar", parameters={"length": 4.0, "interface": 2.0}),
+            cells=1,
+            steps=1,
+            element=element,
+            material=MaterialChoice(name="stable_neo_hookean", E=1e4, nu=nu, density=1.0),
+            petsc={"snes_scaled_tol": 1e-8} | petsc,
+            probe=[Probe(name="end", point=(2, 0.5, 0.5)), Probe(name="tip", point=(0, 0.5, 0.5))],
+            **HEADS[head],
+        )
+        result = solve(bar, comm)
+        assert result.converged
+        lowest.append(min(point[2] for point in result.steps[-1]["probes"].values()))
+    assert lowest[0] < -1e-3
+    assert lowest[1] == pytest.approx(lowest[0], rel=1e-3)
+
+
+@mpi
+def test_pressures_in_a_rigid_shape_in_two_materials(comm):
+    """Their masses are zero: a quotient of zeros was NaN."""
+    ends = []
+    for nu in (0.4999, 0.5):
+        flesh = {"name": "stable_neo_hookean", "nu": nu}
+        pair = [MaterialChoice(group=g, E=E, **flesh) for g, E in (("first", 1e4), ("second", 2e4))]
+        shape = {"box": {"center": (3.5, 0.5, 0.5), "size": (1.2, 3, 3)}}
+        bar = Scene(
+            name="bar",
+            mesh=Geometry(source="bar", parameters={"length": 4.0, "interface": 2.0}),
+            cells=2,
+            steps=1,
+            element="Q2Q1",
+            material=pair,
+            hold=[Hold(group="left")],
+            rigid=[Rigid(name="head", shape=shape, force=(0, 0, -40.0))],
+        )
+        with np.errstate(invalid="raise", divide="raise"):
+            result = solve(bar, comm)
+        assert result.converged
+        ends.append(result.steps[-1]["rigid"]["head"]["position"][2] - 0.5)
+    assert ends[1] == pytest.approx(ends[0], rel=1e-3)

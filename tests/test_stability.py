@@ -257,7 +257,7 @@ def test_a_rigid_motion_that_nothing_constrains_is_no_instability(comm):
 @mpi
 @pytest.mark.parametrize(("push", "negative"), [(40.0, 0), (150.0, 2)])
 def test_a_column_with_a_rigid_head_and_pressures_as_unknowns(comm, push, negative):
-    """A slender one buckles at 57.5 N. Pressures of the head alone have rows of zeros."""
+    """A slender one buckles at 57.5 N. Factors keep it straight, where iterations may not."""
     column = Scene(
         name="column",
         mesh=Geometry(source="bar", parameters={"length": 7.0, "interface": 5.0}),
@@ -268,5 +268,6 @@ def test_a_column_with_a_rigid_head_and_pressures_as_unknowns(comm, push, negati
         hold=[SceneHold(group="left")],
         rigid=[Rigid(group="second", force=(-push, 0, 0))],
         stability=True,
+        petsc={"ksp_type": "preonly", "pc_type": "lu", "pc_factor_mat_solver_type": "mumps"},
     )
     assert solve(column, comm).steps[-1]["negative_eigenvalues"] == negative

@@ -21,11 +21,10 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from fem_snh import _dolfinx
 from fem_snh.accuracy.goals import Goal, MeanGoal, PointGoal, ReactionGoal, TermGoal, VolumeGoal
 from fem_snh.accuracy.lift import NoEstimate, NoEstimateOnAnyMesh, nearly_incompressible
 from fem_snh.accuracy.rigid_goals import RigidGoal
-from fem_snh.assembly.ghosted_vectors import add_ghosts, writable_values
+from fem_snh.assembly.ghosted_vectors import nodes_of_other_cells
 from fem_snh.geometry.shapes.edges import has_edges
 from fem_snh.problem.problem import Problem
 from fem_snh.problem.solids import Solid, solids_in_shapes
@@ -124,15 +123,7 @@ class ShapeSurfaces:
 
     def _nodes_of_flesh(self) -> Array:
         """Return which of this rank's own nodes belong to cells that are assembled. Collective."""
-        V = self._lifted.V
-        marked = _dolfinx.create_vector(V)
-        values = writable_values(marked)
-        values[:] = 0.0
-        cells = np.delete(np.arange(_dolfinx.num_owned(V.mesh)), self._lifted.solid_cells)
-        components = self._lifted.kinematics.components
-        values.reshape(-1, components)[_dolfinx.node_dofs(V)[cells]] = 1.0
-        add_ghosts(marked)
-        return np.asarray(marked.array_r.reshape(-1, components)[:, 0] > 0)
+        return nodes_of_other_cells(self._lifted.V, self._lifted.solid_cells)
 
     def _layer(self, solid: Solid, flesh: Array) -> _Layer:
         comm, domain = self._lifted.comm, self._lifted.domain

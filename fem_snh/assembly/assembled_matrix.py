@@ -73,6 +73,10 @@ class BlockMatrix:
         0 for constrained components of the displacement, else 1.
     is_constrained : (cells,) uint8
         1 for each cell with a constrained component, else 0.
+    idle : (n,) int
+        Entries of this rank's vectors whose rows and columns are zero: pressures of cells that are
+        not assembled. Minus the diagonal of constrained dofs makes the matrix regular, and counts
+        among the negative eigenvalues that pressures have.
     addresses : list of int
         Inside of `adding` the addresses of the three value arrays; 0 for one that does not exist.
 
@@ -102,6 +106,7 @@ class BlockMatrix:
         num_nodes = dof_map.num_owned_blocks[0]
         self._num_u = dof_map.components * num_nodes
         self.constrained_dofs = np.flatnonzero(constrained[:num_nodes])
+        self.idle: Array = np.empty(0, np.int64)
         self.free = np.where(constrained, 0.0, 1.0)
         nodes = dof_map.cell_blocks[:, : dof_map.num_cell_blocks[0]]
         self.is_constrained: Array = np.any(constrained[nodes], axis=(1, 2)).astype(np.uint8)
@@ -263,6 +268,7 @@ class BlockMatrix:
                 self._constrained_diagonal = float(total / max(count, 1)) or 1.0
             values[:] = 0.0
             values[constrained] = self._constrained_diagonal
+            values[self.idle] = -self._constrained_diagonal
         self.mat.setDiagonal(self._diagonal_vec, addv=PETSc.InsertMode.ADD)
         if self._planes and self._constrained_diagonal:
             self._projection.add_diagonal(self.mat, self._constrained_diagonal)

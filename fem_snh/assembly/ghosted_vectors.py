@@ -32,6 +32,27 @@ def with_ghosts(V: Any, owned: Array) -> Array:
     return np.array(local_values(vector))
 
 
+def nodes_of_other_cells(V: Any, cells: Array) -> Array:
+    """Return which of this rank's own nodes belong to a cell beside its own ``cells``. Collective.
+
+    Parameters
+    ----------
+    V : dolfinx function space
+    cells : (n,) int
+        Cells of each rank.
+
+    Returns
+    -------
+    (owned nodes,) bool
+    """
+    marked, components = _dolfinx.create_vector(V), _dolfinx.num_components(V)
+    set_to_zero(marked)
+    others = np.delete(np.arange(_dolfinx.num_owned(V.mesh)), cells)
+    writable_values(marked).reshape(-1, components)[_dolfinx.node_dofs(V)[others]] = 1.0
+    add_ghosts(marked)
+    return np.asarray(marked.array_r.reshape(-1, components)[:, 0] > 0)
+
+
 def local_values(vector: PETSc.Vec) -> Array:
     """Return a ghosted vector's local values to read while it exists, ghosts included."""
     with vector.localForm() as local:

@@ -19,6 +19,7 @@ from fem_snh.assembly.assembled_matrix import create_matrix
 from fem_snh.assembly.boundary_conditions import Dirichlet
 from fem_snh.assembly.couplings import CouplingTerm
 from fem_snh.assembly.elements import Element
+from fem_snh.assembly.ghosted_vectors import nodes_of_other_cells
 from fem_snh.assembly.near_null_space import rigid_motions
 from fem_snh.assembly.regions import Region, reference_modulus, without_cells
 from fem_snh.assembly.timing import timed
@@ -183,7 +184,9 @@ class Problem:
             self.constrained_dofs = np.union1d(self.constrained_dofs, eliminated)
         self.saddle_point: PressureBlock | None = None
         if isinstance(unknowns, DisplacementPressure):
-            self.saddle_point = PressureBlock(unknowns, self.elastic.parts, scale, self.A)
+            idle = np.flatnonzero(~nodes_of_other_cells(unknowns.Q, self.solid_cells))
+            self.matrix.idle = self.owned_displacements + idle
+            self.saddle_point = PressureBlock(unknowns, self.elastic.parts, scale, self.A, idle)
         else:
             motions = rigid_motions(self.comm, self.coordinates, dirichlet.project, self.kinematics)
             self.A.setNearNullSpace(motions)

@@ -143,7 +143,7 @@ class EquilibriumStability:
     def _count(self, factors: SymmetricFactors) -> int:
         """Return how many eigenvalues of the Hessian beyond those of a minimum are negative."""
         negative = factors.factorise() - self.expected
-        if self.expected:  # a pressure that acts on rigid nodes alone has a row of zeros
+        if self.expected:  # a pressure that acts on constrained nodes alone has a row of zeros
             negative += factors.null_pivots
         if self._problem.operator != self._problem.A:
             negative -= factors.removed_by(self._problem.operator)

@@ -33,6 +33,7 @@ from fem_snh.assembly.folding import Folding
 from fem_snh.assembly.ghosted_vectors import (
     add_ghosts,
     local_values,
+    nodes_of_other_cells,
     set_to_zero,
     update_ghosts,
     writable_values,
@@ -179,16 +180,12 @@ class RigidParts:
         BadInput
             On every rank, for a condition on nodes inside of a part, or on all of its nodes.
         """
-        owned, components = len(local) - _dolfinx.num_nodes(V)[1], self._kinematics.components
+        owned = _dolfinx.num_nodes(V)[0]
         on_planes = bool(dirichlet.planes and (local[dirichlet.planes.nodes] >= 0).any())
         if self._comm.allreduce(on_planes, op=MPI.LOR):
             accepted = "a part without nodes in planes of symmetry that are inclined"
             raise bad_value("rigid.group", self.names[0], accepted)
-        flesh = _dolfinx.create_vector(V)
-        cells = np.delete(np.arange(_dolfinx.num_owned(V.mesh)), self.cells)
-        writable_values(flesh).reshape(-1, components)[_dolfinx.node_dofs(V)[cells]] = 1.0
-        add_ghosts(flesh)
-        inside = flesh.array_r[self.dofs[:, 0]] == 0
+        inside = ~nodes_of_other_cells(V, self.cells)[self.nodes]
         constrained = dirichlet.constrained[:owned][self.nodes]
         if self._kinematics.revolved:  # parts do not leave the axis, either
             on_axis = np.isin(self.nodes, axis_nodes(V))

@@ -29,6 +29,8 @@ class NodalSchur:
     masses : PressureMasses
     num_u : int
         Unknowns of the displacement that this rank owns, the first of its rows.
+    idle : (n,) int
+        The owned pressures of no cell that is assembled, whose rows have a diagonal alone.
 
     Attributes
     ----------
@@ -37,8 +39,9 @@ class NodalSchur:
         -(1/mu + 1/U''(1)) [m^3/Pa].
     """
 
-    def __init__(self, masses: PressureMasses, num_u: int) -> None:
-        self._masses, self._num_u, self._diagonal = masses, num_u, Diagonal()
+    def __init__(self, masses: PressureMasses, num_u: int, idle: np.ndarray) -> None:
+        self._masses, self._num_u, self._idle = masses, num_u, idle
+        self._diagonal = Diagonal()
         self._halo: tuple[tuple[int, int], Halo] | None = None
         self.matrix = masses.shear_compliance.matrix.copy()
         self.matrix.scale(-masses.shear_compliance.scale)
@@ -54,7 +57,9 @@ class NodalSchur:
         (as in the SIMPLE method), with the mass matrix M of coefficient 1/mu. In the interior of an
         unstrained region d is constant, and :math:`B H^{-1} B^T = M / (2 + \lambda_{local}/\mu)`.
         With s = d / (2 mean d) and lambda_local in parallel, the factor of M is ``_SCALE`` times
-        s / (1 + s lambda_local/mu), which is that value at s = 1/2. Without a free node s is 1/2.
+        s / (1 + s lambda_local/mu), which is that value at s = 1/2. Pressures without a free node
+        have s = 1/2: at nu = 1/2 their rows of A are zero, and the approximation has to be
+        definite. Those of no assembled cell have their diagonal.
 
         Parameters
         ----------
@@ -64,16 +69,21 @@ class NodalSchur:
         d = self._diagonal_of_schur_complement(A)
         shear = self._masses.shear_compliance
         mass = shear.matrix.getDiagonal().array_r
-        sums = A.comm.tompi4py().allreduce(np.array([d.sum(), mass.sum()]))
-        s = d / mass * sums[1] / (2 * sums[0]) if sums[0] else np.full(len(d), 0.5)
+        sums = A.comm.tompi4py().allreduce(np.array([d.sum(), np.delete(mass, self._idle).sum()]))
+        s = d / mass * sums[1] / (2 * sums[0]) if sums[0] else np.zeros(len(d))
+        s[d == 0] = 0.5
         ratio = self._masses.lambda_over_mu
         factor = _SCALE * s / (1 + s * ratio)
         root = shear.matrix.createVecLeft()
         root.array[:] = np.sqrt(factor)
+        root.array[self._idle] = 0.0
         shear.matrix.copy(self.matrix)
         self.matrix.diagonalScale(root, root)
         self.matrix.scale(-shear.scale)
         self._subtract_volume_compliance()
+        own = self.matrix.getDiagonal()
+        own.array[self._idle] = self._diagonal.values(A)[self._num_u + self._idle]
+        self.matrix.setDiagonal(own)
 
     def _subtract_volume_compliance(self) -> None:
         """Subtract C at rest."""

@@ -92,4 +92,8 @@ class PressureMasses:
         form = _dolfinx.form(factor * coefficient * p * q * ufl.dx)
         M = _dolfinx.create_matrix(form)
         _dolfinx.assemble_matrix(M, form)
+        diagonal = M.getDiagonal()
+        masses = diagonal.array  # zero where no cell is assembled
+        masses[masses == 0] = diagonal.sum() / diagonal.getSize()
+        M.setDiagonal(diagonal)
         return M

@@ -43,6 +43,8 @@ class PressureBlock:
         Unit of the pressure unknown [Pa/m].
     A : PETSc.Mat
         The problem's matrix, of which the pattern is read.
+    idle : (n,) int
+        The owned pressures of no cell that is assembled.
 
     Attributes
     ----------
@@ -60,8 +62,9 @@ class PressureBlock:
         parts: Sequence[Part],
         pressure_scale: float,
         A: PETSc.Mat,
+        idle: np.ndarray,
     ) -> None:
-        self._unknowns, self.unit, self._A = unknowns, pressure_scale, A
+        self._unknowns, self.unit, self._A, self._idle = unknowns, pressure_scale, A, idle
         self.index_sets, self.Q = unknowns.index_sets, unknowns.Q
         self._masses = PressureMasses(self.Q, parts, pressure_scale)
 
@@ -100,7 +103,7 @@ class PressureBlock:
     def _schur(self) -> NodalSchur | CellSchur:
         if self.cell_pressures:
             return CellSchur(self._A, self.index_sets, self._masses)
-        return NodalSchur(self._masses, self.index_sets["u"].getLocalSize())
+        return NodalSchur(self._masses, self.index_sets["u"].getLocalSize(), self._idle)
 
     @cached_property
     def inverse_lumped_mass(self) -> np.ndarray:
