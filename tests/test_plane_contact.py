@@ -278,9 +278,12 @@ def test_reference_method_between_two_blocks(comm, folder, kinematics, element):
 
 
 @pytest.mark.mpi
-def test_springs_of_the_reference_method_are_a_part_of_the_error(comm, folder):
+@pytest.mark.parametrize(
+    ("method", "element"), [(REFERENCE, "Q2"), pytest.param(IPC, "P1", marks=needs_ipctk)]
+)
+def test_springs_and_barrier_are_a_part_of_the_error(comm, folder, method, element):
     """Without them the blocks, which are free to slide, touch at the stretch 0.9 exactly."""
-    found = pressed(folder, "Q2", REFERENCE, comm=comm, nu=0.0, error=True)
+    found = pressed(folder, element, method, comm=comm, nu=0.0, error=True)
     material = fem_snh.material("stable_neo_hookean", E=1.0, nu=0.0)
     exact = -material.pk1(np.diag([1.0, 0.9, 1.0]))[1, 1]
     goal = found.goals["bottom.force.y"]

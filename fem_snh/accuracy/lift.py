@@ -36,6 +36,7 @@ from fem_snh.linalg.direct_solver import is_direct
 from fem_snh.problem.problem import Problem
 from fem_snh.problem.solids import solids_in_shapes
 from fem_snh.problem.supports import Supports
+from fem_snh.terms.term import LengthTerm
 
 #: Prefix of its solver's options: those of the run are for another problem.
 PREFIX = f"{solver.PREFIX}lifted_"
@@ -167,6 +168,9 @@ def create_lifted(problem: Problem, make: Callable[[Element], Problem]) -> Probl
         except BadInput as error:  # a material without a volume term of its own
             reason = reason or str(error)
             continue
+        for term, base in zip(lifted.terms, problem.terms, strict=True):
+            if isinstance(term, LengthTerm) and isinstance(base, type(term)):
+                term.share_lengths(base)
         lifted.set_load(problem.load)
         return lifted
     raise NoEstimate(f"no element of degree {problem.element.degree + 1} fits: {reason}")

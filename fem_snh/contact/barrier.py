@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Self
 
 from petsc4py import PETSc
 
@@ -89,7 +89,8 @@ class IPC(SelfContactTerm):
         self.stiffness = _STIFFNESS * modulus if stiffness is None else stiffness
         self.distance = surface.default_distance(points) if distance is None else distance
         self._energy = BarrierEnergy(surface, self.stiffness, self.distance, friction)
-        self._checked, self._ended, self._slides = False, False, friction > 0
+        self._checked, self._ended, self._coefficient = False, False, friction
+        self._narrower = 1.0  # its own distance over the present one
         # Forces of friction at the end of the last step, and where the next one starts.
         self._old: Array = np.zeros((len(self.surface.support.X), kinematics.components))
         self._origin = np.zeros_like(self._old)
@@ -101,6 +102,27 @@ class IPC(SelfContactTerm):
         if self._next is not None:
             self._energy.lag(self._next)
             self._next = self._blocks = None
+
+    def scale_penalties(self, factor: float) -> bool:
+        """Divide the distance, to which the gap at a given pressure is in proportion.
+
+        The distance is at most the barrier's own, as a larger one may exceed gaps at rest. Return
+        whether the factor changes anything: on a path, which asks by 1, the barrier stays.
+        """
+        before, self._narrower = self._narrower, max(1.0, factor * self._narrower)
+        self._set_distance(self.distance * before / self._narrower)
+        return self._narrower != before
+
+    def share_lengths(self, other: Self) -> None:
+        """Take over the distance of the same barrier on another space."""
+        self._set_distance(other.distance)
+
+    def _set_distance(self, distance: float) -> None:
+        """Set the distance at which contact begins [m], in a state without friction."""
+        if distance != self.distance:
+            values = self.stiffness, distance, self._coefficient
+            self._energy, self._blocks = BarrierEnergy(self.collision_surface, *values), None
+            self.distance = distance
 
     def energy(self, u: PETSc.Vec, p: PETSc.Vec | None = None) -> float:
         """Return the energy of the barrier and, within a step, of friction [J]. Collective."""
@@ -204,24 +226,24 @@ class IPC(SelfContactTerm):
     def end_step(self, u: PETSc.Vec) -> None:
         """Keep the forces of friction, and leave its energy out: it is dissipated. Collective."""
         self._ended = True
-        if self._slides:
+        if self._coefficient:
             self._old = self._friction_forces(u)
 
     def step_work(self, u: PETSc.Vec, end_weight: float) -> tuple[float, float]:
         """Return 0 and what friction dissipated in the step [J]: see `WorkingTerm`. Collective."""
-        if not self._slides:
+        if not self._coefficient:
             return 0.0, 0.0
         forces = end_weight * self._friction_forces(u) + (1 - end_weight) * self._old
         return 0.0, float((forces * (self._nodal_displacement(u) - self._origin)).sum())
 
     def history(self) -> tuple[Array, Array]:
         """Return this rank's nodes (n, 3) and the forces of friction there (n, 3)."""
-        own = self.surface.support.is_own if self._slides else slice(0)
+        own = self.surface.support.is_own if self._coefficient else slice(0)
         return self.surface.support.X[own], self._old[own]
 
     def set_history(self, values: Array) -> None:
         """Set the forces of friction, in the order of `history`. Collective."""
-        if self._slides:
+        if self._coefficient:
             parts = self.surface.support.comm.allgather(
                 np.asarray(values).reshape(-1, self._old.shape[1])
             )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, Protocol, Self, runtime_checkable
 
 from petsc4py import PETSc
 
@@ -73,6 +73,14 @@ class PenaltyTerm(Protocol):
 
     def scale_penalties(self, factor: float) -> bool:
         """Multiply the stiffness of penalties; return whether there are any."""
+
+
+@runtime_checkable
+class LengthTerm(Protocol):
+    """A term with lengths that depend on the space by default."""
+
+    def share_lengths(self, other: Self) -> None:
+        """Take over the lengths of the same term on another space."""
 
 
 @runtime_checkable
