@@ -183,7 +183,7 @@ class DynamicProblem(NonlinearProblem):
             raise bad_value("set_load", set_load, "None: 'set_time' sets what changes in time")
         if not self._has_started:
             self.start()
-        yield from self._rows(number)
+        yield from self._rows(self._stepper(number))
 
     def energies(self) -> dict[str, Any]:
         """Return energies and momenta at the present time: see `Dynamics.energies`. Collective."""

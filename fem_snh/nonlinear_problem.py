@@ -17,11 +17,7 @@ from fem_snh.accuracy.state_notes import state_notes
 from fem_snh.errors import ResultNote, check_whole, choose
 from fem_snh.kernels.material import Material
 from fem_snh.notes import Note
-from fem_snh.problem.dolfinx_problem import (
-    DolfinxConditions,
-    LoadFunction,
-    create_dolfinx_problem,
-)
+from fem_snh.problem.dolfinx_problem import LoadFunction, create_dolfinx_problem
 from fem_snh.problem.problem import Problem
 from fem_snh.problem.program_modes import HasModes
 from fem_snh.problem.program_reactions import HasReactions
@@ -29,6 +25,7 @@ from fem_snh.problem.supports import SupportsCheck
 from fem_snh.solver.options import check_given_options
 from fem_snh.steps.condensation import program_pressures
 from fem_snh.steps.jump import jump_note
+from fem_snh.steps.program_path import ProgramPath, SolverChoice
 from fem_snh.steps.step_solver import StepSolver
 from fem_snh.steps.stepping import Stepper
 from fem_snh.steps.time_steps import TimeSteps
@@ -177,6 +174,9 @@ class NonlinearProblem(EstimatesErrors, HasModes, HasReactions):
             name: StepSolver(self._problem, self.solver, name, motion, None, pressures)
             for name in dict.fromkeys((predictor, PREDICTORS[predictor]))
         }
+        chosen = self._prefix, self._options, hessian, globalization, PREDICTORS[predictor]
+        self._choice = SolverChoice(*chosen)
+        self._path, self._is_new = None, True
         self._predictor, self.b = predictor, self.solver.getFunction()[0]
         texts = [text for term in self._problem.terms if (text := getattr(term, "note", ""))]
         self._load_notes = [Note("load", text) for text in texts]
@@ -208,6 +208,7 @@ class NonlinearProblem(EstimatesErrors, HasModes, HasReactions):
             ``solver.getConvergedReason()`` is negative, and `reason` says why.
         """
         self._read_displacement()
+        self._path, self._is_new = None, False
         self._supports.check()
         changed = self._boundary_values_changed()
         with self._petsc_options():
@@ -248,26 +249,25 @@ class NonlinearProblem(EstimatesErrors, HasModes, HasReactions):
         ...     print(step["load"], step["newton"])
         >>> assert step["converged"], problem.reason
         """
-        problem, conditions = self._problem, self._problem.dirichlet
-        assert isinstance(conditions, DolfinxConditions)
+        stepper = self._stepper(number)
         self._read_displacement()
-        self._load.function = set_load
-        if set_load is None:
-            conditions.start = self.x.array_r[conditions.dofs]
-        problem.set_load(0.0)
-        problem.prescribe(self.x)
-        # The equilibria of an earlier path are none to extrapolate this one from.
-        self._steps[PREDICTORS[self._predictor]].predictor.before = None
-        try:
+        path = ProgramPath(self._problem, self._load, set_load, stepper, self._choice)
+        self._path, self._is_new = path if self._is_new else None, False
+        with path.applied():
+            self._problem.set_load(0.0)
+            self._problem.prescribe(self.x)
+            # The equilibria of an earlier path are none to extrapolate this one from.
+            stepper.solver.predictor.before = None
             self._supports.check()
-            yield from self._rows(number)
-        finally:
-            self._load.function = conditions.start = None
+            yield from self._rows(stepper)
 
-    def _rows(self, number: int) -> Iterator[dict[str, Any]]:
-        """Yield the rows of the steps from the present load to 1."""
+    def _stepper(self, number: int) -> Stepper:
+        """Return equal steps of the load from 0 to 1."""
         check_whole("number", number, 1, _MAX_STEPS)
-        stepper = Stepper(self._steps[PREDICTORS[self._predictor]], number)
+        return Stepper(self._steps[PREDICTORS[self._predictor]], number)
+
+    def _rows(self, stepper: Stepper) -> Iterator[dict[str, Any]]:
+        """Yield the rows of the steps from the present load to 1."""
         rows = iter(stepper)
         for attempted in count():
             with self._petsc_options():

@@ -11,8 +11,8 @@ from time_scenes import DOWN, SWING, in_time
 
 from fem_snh import scenes
 from fem_snh.accuracy.levels import LevelRow, Levels
+from fem_snh.accuracy.path_errors import resolved_penalty, steps_errors
 from fem_snh.runs.goals import scene_goals
-from fem_snh.runs.path_errors import resolved_penalty, steps_errors
 from fem_snh.runs.setup import set_up
 from fem_snh.scenes import Geometry, Hold, Probe
 from fem_snh.scenes.schema import Accuracy

@@ -142,7 +142,7 @@ def check_problem(problem: Problem) -> None:
         names = " and ".join(f"'{name}'" for name in problem.history.by_name)
         raise NoEstimateOnAnyMesh(
             f"{names} keeps friction or multipliers from step to step, which another element "
-            "does not have"
+            "does not have: follow the path by steps() of the problem, from its beginning"
         )
 
 

@@ -24,6 +24,8 @@ from fem_snh.accuracy.goals import (
     VolumeGoal,
     names_of,
 )
+from fem_snh.accuracy.lift import depends_on_path
+from fem_snh.accuracy.path_errors import Path, estimate_on_path
 from fem_snh.accuracy.rigid_goals import RigidGoal
 from fem_snh.errors import BadInput, bad_value, check_number, check_whole, choose
 from fem_snh.problem.dolfinx_problem import DolfinxConditions, check_converged
@@ -51,13 +53,16 @@ class EstimatesErrors:
     """The estimate of errors, a method of `fem_snh.NonlinearProblem`."""
 
     _problem: Problem
+    _path: Path | None
     reason: str
 
     def estimate_error(self, goals: Mapping[str, Any] | Sequence[Any]) -> Estimate:
         """Estimate the errors of goals of the last solution, which does not change. Collective.
 
         The problem is solved once more, from its solution, in the element of the next degree on
-        the same cells (docs/theory/error.md). Boundary values are interpolated from ``u``.
+        the same cells (docs/theory/error.md). Boundary values are interpolated from ``u``. With
+        friction or multipliers the path of `NonlinearProblem.steps` is followed again, from its
+        first step; after `NonlinearProblem.solve` there is no estimate then.
 
         Parameters
         ----------
@@ -96,6 +101,8 @@ class EstimatesErrors:
         check_converged(self.reason, "estimate_error")
         assert isinstance(problem.dirichlet, DolfinxConditions)
         found = program_goals(problem, problem.dirichlet.bcs, goals)
+        if self._path and depends_on_path(problem):
+            return estimate_on_path(problem, self._path, found)
         return estimate_error(problem, partial(lifted_problem, problem), found)
 
 

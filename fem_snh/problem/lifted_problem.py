@@ -6,6 +6,7 @@ constrained dofs and forms, which are carried over to the new space here.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 from typing import Any
 
@@ -20,6 +21,7 @@ from fem_snh.assembly.boundary_conditions import Dirichlet, axis_nodes, facets_p
 from fem_snh.assembly.elements import Element
 from fem_snh.assembly.ghosted_vectors import (
     add_ghosts,
+    copy_to_function,
     local_values,
     set_to_zero,
     update_ghosts,
@@ -94,6 +96,29 @@ class LiftedConditions(Dirichlet):
             self.planes.prescribe(x.array)
 
 
+class FollowingConditions(LiftedConditions):
+    """The Dirichlet conditions of a program on another space, with its values at each load."""
+
+    depends_on_load = True
+
+    def __init__(
+        self, conditions: DolfinxConditions, u: Any, lifted: Any, kinematics: Kinematics
+    ) -> None:
+        super().__init__(conditions, u, lifted, kinematics)
+        self._conditions, V, W = conditions, u.function_space, lifted.function_space
+        self._vector = _dolfinx.create_vector(V)
+        self._given, self._lifted = _dolfinx.function(V, "given"), _dolfinx.function(W, "lifted")
+
+    def set_values(self, x: PETSc.Vec, load: float) -> None:
+        """Set what is constrained of ``x`` to the program's values at a load. Collective."""
+        self._conditions.set_values(self._vector, load)
+        update_ghosts(self._vector)
+        copy_to_function(self._vector, self._given)
+        self._lifted.interpolate(self._given)
+        self._values = self._lifted.x.array
+        super().set_values(x, load)
+
+
 class _Nodes:
     """How the nodes of two spaces on one cell lie to each other and to its facets.
 
@@ -144,7 +169,12 @@ def _lifted_mask(V: Any, W: Any, nodes: _Nodes, mask: Array) -> Array:
     return np.asarray(local_values(marked).reshape(-1, components) > 0)
 
 
-def lifted_problem(problem: Problem, element: Element) -> Problem:
+def lifted_problem(
+    problem: Problem,
+    element: Element,
+    start: Any = None,
+    on_load: Callable[[float], None] | None = None,
+) -> Problem:
     """Return the problem of a program with another element, at its state and load. Collective.
 
     Parameters
@@ -153,6 +183,11 @@ def lifted_problem(problem: Problem, element: Element) -> Problem:
         The problem, made by `create_dolfinx_problem`.
     element : Element
         The other element, on the same cells.
+    start : dolfinx Function, optional
+        The displacement to begin from, on the program's space. Boundary values and forms then
+        follow the load, as the program's do. Default: the solution, with its boundary values.
+    on_load : callable, optional
+        ``on_load(load)`` sets the constants and functions of the program.
 
     Raises
     ------
@@ -163,14 +198,15 @@ def lifted_problem(problem: Problem, element: Element) -> Problem:
     V = _dolfinx.function_space(problem.domain, element.degree, (kinematics.components,))
     u = _dolfinx.function(V, "displacement")
     problem.split(problem.x)
-    u.interpolate(problem.u)
+    u.interpolate(problem.u if start is None else start)
     u.x.scatter_forward()
     assert isinstance(problem.dirichlet, DolfinxConditions)
-    conditions = LiftedConditions(problem.dirichlet, problem.u, u, kinematics)
+    made_by = LiftedConditions if start is None else FollowingConditions
+    conditions = made_by(problem.dirichlet, problem.u, u, kinematics)
     found = partial(measure_facets, problem.domain), partial(measure_parts, problem.domain)
     body = Body(u, problem.regions, conditions, *found, kinematics=kinematics)
     made = [
-        _lifted_term(term, f"terms[{i}]", problem.u, u)
+        _lifted_term(term, f"terms[{i}]", problem.u, u, on_load)
         for i, term in enumerate(problem.given_terms)
     ]
     unknowns = create_unknowns(u, element)
@@ -180,7 +216,9 @@ def lifted_problem(problem: Problem, element: Element) -> Problem:
     return lifted
 
 
-def _lifted_term(term: Any, name: str, u: Any, lifted: Any) -> Any:
+def _lifted_term(
+    term: Any, name: str, u: Any, lifted: Any, on_load: Callable[[float], None] | None
+) -> Any:
     """Return a feature as it is, and the term of a form in the other displacement."""
     if isinstance(term, Feature):
         return term
@@ -189,7 +227,8 @@ def _lifted_term(term: Any, name: str, u: Any, lifted: Any) -> Any:
     V, W = u.function_space, lifted.function_space
     tests = {old: ufl.TestFunction(W) for old in term.arguments()}
     form = ufl.replace(term, {u: lifted} | tests)
-    return UFLTerm(_integrated(form, 2 * (_dolfinx.degree(W) - _dolfinx.degree(V))), lifted, name)
+    form = _integrated(form, 2 * (_dolfinx.degree(W) - _dolfinx.degree(V)))
+    return UFLTerm(form, lifted, name, on_load)
 
 
 def _integrated(form: Any, more: int) -> Any:

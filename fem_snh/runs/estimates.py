@@ -40,9 +40,10 @@ def estimate_errors(
         cells if the scene names goals, and that of the largest error alone if it names none.
     """
     if setup.make is None or depends_on_path(setup.problem):
-        from fem_snh.runs.path_errors import estimate_on_path
+        from fem_snh.accuracy.path_errors import estimate_on_path
+        from fem_snh.runs.scene_path import ScenePath
 
-        return estimate_on_path(comm, scene, setup, goals, announce)
+        return estimate_on_path(setup.problem, ScenePath(comm, scene, setup), goals, announce)
     located = "exactly" if fields or (scene.accuracy and scene.accuracy.goals) else "largest"
     if scene.within and not fields:
         from fem_snh.runs.levels import is_bisected

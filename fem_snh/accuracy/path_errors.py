@@ -1,4 +1,4 @@
-"""Estimate the errors of a scene whose end depends on its path: the path is followed again.
+"""Estimate the errors of goals whose end depends on the path: the path is followed again.
 
 In time, or with load steps of friction. Once with half the steps (of one step, with two): the
 difference, divided by 2^p - 1 of order p, is the error of the steps (Richardson). In time a run
@@ -9,17 +9,14 @@ once more with stiffer ones: their error is inverse to the stiffness.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from math import ceil, inf
-from typing import Any
-
-from mpi4py import MPI
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
-from fem_snh import scenes
 from fem_snh.accuracy.budget import STIFFER, penalty_part
 from fem_snh.accuracy.estimate import (
     LOAD_STEPS,
@@ -39,15 +36,11 @@ from fem_snh.accuracy.lift import (
     memory,
 )
 from fem_snh.assembly.elements import Element
-from fem_snh.errors import BadInput
 from fem_snh.problem.problem import Problem
-from fem_snh.runs.setup import Setup, set_up
 
 #: The order of time steps with contact, whose beginning and end fall between steps, and that of
 #: load steps, whose friction acts along the chord of a step.
 _CONTACT_ORDER = 1
-#: Fewest time steps of which half are worth comparing.
-_FEWEST_STEPS = 4
 #: Fewest time steps of which the order is measured, and those that resolve a motion well enough
 #: that the errors of mesh and penalties are measured with them: with 50 and 100 steps of a bounce
 #: that of the mesh differs by a tenth.
@@ -62,27 +55,102 @@ _ROUNDING = 1e-5
 _LEAST_RATIO = 1.5
 
 
+class Path(Protocol):
+    """The path to the state of a problem, which can be followed again from its beginning.
+
+    Attributes
+    ----------
+    steps, taken : int
+        The given number of equal steps, and that of the steps taken: some failed and were halved.
+    order : int or None
+        Of the integrator in time; None for load steps.
+    contact : bool
+        Whether the body meets or leaves something.
+    """
+
+    @property
+    def steps(self) -> int: ...
+    @property
+    def taken(self) -> int: ...
+    @property
+    def order(self) -> int | None: ...
+    @property
+    def contact(self) -> bool: ...
+
+    def follow(
+        self, steps: int, goals: Sequence[Goal], element: Element | None, stiffer: float
+    ) -> Followed:
+        """Follow the path in other steps, with another element, stiffer penalties. Collective.
+
+        Raises
+        ------
+        NoEstimate
+            If the element does not fit, or the path does not reach its end.
+        """
+
+
+class Followed(NamedTuple):
+    """The goals at the end of a path, the number of its steps, and what they cost."""
+
+    values: npt.NDArray[Any]
+    taken: int
+    newton: int
+    linear: int
+    jit: float
+
+
+def end_of(
+    stepper: Iterable[dict[str, Any]], problem: Problem, goals: Sequence[Goal], what: str
+) -> Followed:
+    """Return the goals at the end of the steps of a `fem_snh.steps.stepping.Stepper`. Collective.
+
+    Raises
+    ------
+    NoEstimate
+        If they do not reach it, or a goal is not finite there.
+    """
+    newton = linear = 0
+    for row in stepper:
+        newton += row["newton"]
+        linear += row["linear"]
+    steps: Any = stepper
+    if not steps.done:
+        raise NoEstimate(f"{what}: {steps.failure_message()}")
+    values = np.array([v for goal in goals for v in goal.bind(problem)()])
+    if not np.isfinite(values).all():
+        raise NoEstimate(f"a goal is not finite {what}")
+    return Followed(values, steps.taken, newton, linear, problem.seconds["jit"])
+
+
 def estimate_on_path(
-    comm: MPI.Comm,
-    scene: scenes.Scene,
-    setup: Setup,
+    problem: Problem,
+    path: Path,
     goals: Sequence[Goal],
-    announce: Callable[[Estimate], None],
+    announce: Callable[[Estimate], None] = lambda estimate: None,
 ) -> Estimate:
     """Return the errors of goals at the end of a motion, or of load steps. Collective.
 
-    The parameters are those of `fem_snh.runs.estimates.estimate_errors`.
+    Parameters
+    ----------
+    problem : Problem
+        The problem at the end of the path; its state is unchanged.
+    path : Path
+        How it came there.
+    goals : sequence of Goal
+        The goals.
+    announce : callable, optional
+        Called with the cost, before the path is followed.
     """
 
     def find(found: Estimate) -> None:
         known = [goal for goal in goals if not isinstance(goal, FrequencyGoal)]
         found.on_no_mesh = len(known) < len(goals)
-        parts = _errors(comm, scene, setup, known, found, announce)
+        parts = _errors(problem, path, known, found, announce)
         for i, name in enumerate(names_of(known)):
             own = {part: float(errors[i]) for part, errors in parts.items()}
             goal = found.goals[name]
             if goal.reason:
-                own.pop(_source(scene))
+                own.pop(_source(path))
                 found.goals[name] = replace(goal, parts=own)
                 continue
             # Irregular steps have no estimate: the error is printed as a bound.
@@ -90,63 +158,67 @@ def estimate_on_path(
             error = sum(own.values())
             found.goals[name] = replace(goal, error=error, parts=own, unsettled=unsettled)
 
-    return estimated(setup.problem, goals, find)
+    return estimated(problem, goals, find)
 
 
 def _errors(
-    comm: MPI.Comm,
-    scene: scenes.Scene,
-    setup: Setup,
+    problem: Problem,
+    path: Path,
     goals: Sequence[Goal],
     found: Estimate,
     announce: Callable[[Estimate], None],
 ) -> dict[str, npt.NDArray[Any]]:
     """Return the errors of steps, mesh and penalties; raise NoEstimate if there are none."""
-    problem, steps = setup.problem, _steps(scene)
+    steps, in_time = path.steps, path.order is not None
     check_body(problem)
     element = _lifted_element(problem)
     found.element, found.dofs = element.name, lifted_dofs(problem, element)
     found.memory, found.again = memory(problem, element), ceil(steps / 2) if steps > 1 else 2
     announce(found)
     check_memory(problem, found.memory)
+
+    def follow(steps: int, element: Element | None = None, stiffer: float = 1.0) -> Followed:
+        again = path.follow(steps, goals, element, stiffer)
+        found.newton += again.newton
+        found.linear += again.linear
+        found.jit += again.jit
+        return again
+
     known = [found.goals[name] for name in names_of(goals)]
     values = np.array([goal.value for goal in known])
-    half = _with_steps(scene, found.again)
-    coarse, taken = _follow(comm, half, setup, goals, found)
-    finer = setup.stepper.taken / taken  # with more steps than in the run, of one step, below 1
+    coarse = half = follow(found.again)
+    finer = path.taken / half.taken  # with more steps than in the run, of one step, below 1
     if 1 / _LEAST_RATIO < finer < _LEAST_RATIO:
         raise NoEstimate(
-            f"with half the steps some failed and were halved: {taken} steps beside the run's "
-            f"{setup.stepper.taken} are no comparison"
+            f"with half the steps some failed and were halved: {half.taken} steps beside the run's "
+            f"{path.taken} are no comparison"
         )
     before, few = np.zeros(len(values)), ceil(found.again / 2)
-    on, at = half, coarse  # the run beside which those of the mesh and the penalties are
-    if scene.time and few >= _FEWEST_QUARTER and 2 * few == found.again:
-        quarter = _with_steps(scene, few)
-        coarsest, number = _follow(comm, quarter, setup, goals, found)
-        if 2 * number == taken:
-            before = coarse - coarsest
+    on = found.again  # the steps of the paths that show the errors of the mesh and the penalties
+    if in_time and few >= _FEWEST_QUARTER and 2 * few == found.again:
+        quarter = follow(few)
+        if 2 * quarter.taken == half.taken:
+            before = half.values - quarter.values
             if few >= _ENOUGH_STEPS:
-                on, at = quarter, coarsest
-    motion = setup.stepper.motion
-    orders = [_CONTACT_ORDER, motion.dynamics.integrator.order if motion else _CONTACT_ORDER]
-    if motion and not (scene.obstacle or scene.contact or scene.self_contact):
+                on, coarse = few, quarter
+    orders = [_CONTACT_ORDER, _CONTACT_ORDER if path.order is None else path.order]
+    if in_time and not path.contact:
         orders[0] = orders[1]
     rounding = np.array([_ROUNDING * goal.scale for goal in known])
-    steps_error, found_bounds = steps_errors(values - coarse, before, finer, orders, rounding)
+    change = values - half.values
+    steps_error, found_bounds = steps_errors(change, before, finer, orders, rounding)
     for i, (name, bound) in enumerate(zip(names_of(goals), found_bounds, strict=True)):
-        reason = _no_order(before[i], values[i] - coarse[i]) if bound == inf else ""
+        reason = _no_order(before[i], change[i]) if bound == inf else ""
         found.goals[name] = replace(found.goals[name], steps_bound=float(bound), reason=reason)
     if all(found.goals[name].reason for name in names_of(goals)):
-        return {_source(scene): steps_error}
-    lifted, _ = _follow(comm, on, setup, goals, found, element)
-    parts = {_source(scene): steps_error, "mesh": lifted - at}
+        return {_source(path): steps_error}
+    parts = {_source(path): steps_error, "mesh": follow(on, element).values - coarse.values}
     if problem.scale_penalties(1.0):  # there are some
-        stiff, _ = _follow(comm, on, setup, goals, found, stiffer=STIFFER)
-        parts["penalty"] = penalty_part(at, stiff)
-        if scene.time:
-            soft, _ = _follow(comm, on, setup, goals, found, stiffer=1 / STIFFER)
-            parts["penalty"] = resolved_penalty(parts["penalty"], penalty_part(soft, at) / STIFFER)
+        parts["penalty"] = penalty_part(coarse.values, follow(on, stiffer=STIFFER).values)
+        if in_time:
+            soft = follow(on, stiffer=1 / STIFFER).values
+            by_softer = penalty_part(soft, coarse.values) / STIFFER
+            parts["penalty"] = resolved_penalty(parts["penalty"], by_softer)
     return parts
 
 
@@ -158,9 +230,9 @@ def _no_order(before: float, change: float) -> str:
     )
 
 
-def _source(scene: scenes.Scene) -> str:
+def _source(path: Path) -> str:
     """Return the name of the part of the errors that steps have."""
-    return TIME_STEPS if scene.time else LOAD_STEPS
+    return LOAD_STEPS if path.order is None else TIME_STEPS
 
 
 def _lifted_element(problem: Problem) -> Element:
@@ -222,59 +294,3 @@ def steps_errors(
     bound = np.where(irregular, _IRREGULAR * np.maximum(last, first), bound)
     bound = np.where(irregular & (first <= last) & (last > rounding), inf, bound)
     return np.where(irregular, 0.0, error), bound
-
-
-def _steps(scene: scenes.Scene) -> int:
-    """Return the number of a scene's steps; raise NoEstimate if half are no comparison."""
-    if scene.time is None:
-        return scene.steps
-    if scene.time.tolerance is not None:
-        raise NoEstimate("time.tolerance: expected equal time steps, of which half are compared")
-    if scene.time.steps < _FEWEST_STEPS:
-        raise NoEstimate(f"time.steps = {scene.time.steps}: expected at least {_FEWEST_STEPS}")
-    return scene.time.steps
-
-
-def _with_steps(scene: scenes.Scene, steps: int) -> scenes.Scene:
-    """Return a scene with another number of steps."""
-    if scene.time is None:
-        return scene.model_copy(update={"steps": steps})
-    return scene.model_copy(update={"time": scene.time.model_copy(update={"steps": steps})})
-
-
-def _follow(
-    comm: MPI.Comm,
-    scene: scenes.Scene,
-    setup: Setup,
-    goals: Sequence[Goal],
-    found: Estimate,
-    element: Element | None = None,
-    stiffer: float = 1.0,
-) -> tuple[npt.NDArray[Any], int]:
-    """Return the goals at the end of the path on the same mesh, and the number of its steps.
-
-    In another element if one is given.
-    """
-    name = element.name if element else scene.element
-    if element and element.has_pressure:  # whose defaults are those of a saddle-point problem
-        scene = scene.model_copy(update={"hessian": None, "globalization": None})
-    try:
-        stiffness = setup.stiffer * stiffer
-        again = set_up(comm, scene, mesh=setup.mesh, element=element, stiffer=stiffness)
-    except BadInput as error:  # a material without a volume term of its own
-        raise NoEstimate(f"{name} does not fit: {error}") from None
-    try:
-        found.jit += again.seconds["jit"]
-        for row in again.stepper:
-            found.newton += row["newton"]
-            found.linear += row["linear"]
-        if not again.stepper.done:
-            raise NoEstimate(
-                f"with {found.again} steps of {name}: {again.stepper.failure_message()}"
-            )
-        values = np.array([v for goal in goals for v in goal.bind(again.problem)()])
-    finally:
-        again.destroy()
-    if not np.isfinite(values).all():
-        raise NoEstimate(f"a goal is not finite with {found.again} steps of {name}")
-    return values, again.stepper.taken

@@ -1,0 +1,126 @@
+"""The load steps of a program, which it takes, and which estimates of errors follow again."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import Any, NamedTuple
+
+from fem_snh import _dolfinx, solver
+from fem_snh._petsc import default_options
+from fem_snh.accuracy.goals import Goal
+from fem_snh.accuracy.lift import NoEstimate
+from fem_snh.accuracy.path_errors import Followed, end_of
+from fem_snh.assembly.elements import Element
+from fem_snh.errors import BadInput
+from fem_snh.problem.dolfinx_problem import DolfinxConditions, LoadFunction
+from fem_snh.problem.lifted_problem import lifted_problem
+from fem_snh.problem.problem import Problem
+from fem_snh.steps.step_solver import StepSolver
+from fem_snh.steps.stepping import Stepper
+
+
+class SolverChoice(NamedTuple):
+    """What a program gave for its solver: arguments of `fem_snh.NonlinearProblem`."""
+
+    prefix: str
+    options: Mapping[str, Any]
+    hessian: str | None
+    globalization: str | None
+    predictor: str
+
+
+class ProgramPath:
+    """Load steps of a program: see `fem_snh.accuracy.path_errors.Path`. Collective.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem, at the state in which the path begins.
+    load : LoadFunction
+        What its conditions and terms call at each load.
+    set_load : callable or None
+        Sets constants, functions and boundary values for a load from 0 to 1; None: the boundary
+        values go from those of the present state to the given ones.
+    stepper : Stepper
+        The steps.
+    choice : SolverChoice
+        The solver.
+    """
+
+    order = None
+    contact = True
+
+    def __init__(
+        self,
+        problem: Problem,
+        load: LoadFunction,
+        set_load: Callable[[float], None] | None,
+        stepper: Stepper,
+        choice: SolverChoice,
+    ) -> None:
+        assert isinstance(problem.dirichlet, DolfinxConditions)
+        self._problem, self._conditions, self._load = problem, problem.dirichlet, load
+        self._set_load, self._stepper, self._choice = set_load, stepper, choice
+        problem.split(problem.x)
+        self._start = _dolfinx.function(problem.V, "start")
+        self._start.x.array[:] = problem.u.x.array
+        self._from = problem.x.array_r[self._conditions.dofs] if set_load is None else None
+
+    @property
+    def steps(self) -> int:
+        """The number of equal steps; it raises NoEstimate if they have not reached their end."""
+        if not self._stepper.done:
+            raise NoEstimate("the load steps have not reached their end")
+        return self._stepper.steps
+
+    @property
+    def taken(self) -> int:
+        """The number of steps taken."""
+        return self._stepper.taken
+
+    @contextmanager
+    def applied(self) -> Iterator[None]:
+        """Let conditions and terms follow the load for the duration of a ``with`` block."""
+        self._load.function, self._conditions.start = self._set_load, self._from
+        try:
+            yield
+        finally:
+            self._load.function = self._conditions.start = None
+
+    def follow(
+        self, steps: int, goals: Sequence[Goal], element: Element | None, stiffer: float
+    ) -> Followed:
+        """See `fem_snh.accuracy.path_errors.Path`. Constants have their values at load 1 again."""
+        chosen, choice = element or self._problem.element, self._choice
+        if element and element.has_pressure:  # whose defaults are those of a saddle-point problem
+            choice = choice._replace(hessian=None, globalization=None)
+        with self.applied():
+            try:
+                return self._followed(steps, goals, chosen, choice, stiffer)
+            except BadInput as error:  # a material without a volume term, a term of its own
+                raise NoEstimate(f"{chosen.name} does not fit: {error}") from None
+            finally:
+                self._load(1.0)
+
+    def _followed(
+        self,
+        steps: int,
+        goals: Sequence[Goal],
+        element: Element,
+        choice: SolverChoice,
+        stiffer: float,
+    ) -> Followed:
+        again = lifted_problem(self._problem, element, self._start, self._load)
+        again.scale_penalties(stiffer)
+        with default_options(choice.prefix, choice.options):
+            snes = solver.create(again, choice.hessian, choice.globalization, choice.prefix)
+            step = StepSolver(again, snes, choice.predictor)
+            try:
+                again.set_load(0.0)
+                again.prescribe(again.x)
+                what = f"with {steps} steps of {element.name}"
+                return end_of(Stepper(step, steps), again, goals, what)
+            finally:
+                step.destroy()
+                solver.destroy(snes)
