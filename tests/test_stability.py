@@ -271,3 +271,60 @@ def test_a_column_with_a_rigid_head_and_pressures_as_unknowns(comm, push, negati
         petsc={"ksp_type": "preonly", "pc_type": "lu", "pc_factor_mat_solver_type": "mumps"},
     )
     assert solve(column, comm).steps[-1]["negative_eigenvalues"] == negative
+
+
+@mpi
+@pytest.mark.parametrize(("stiffer", "pinned"), [(20.0, False), (1.0, False), (20.0, True)])
+def test_a_free_body_under_pressure_is_no_instability(comm, stiffer, pinned):
+    """H w = omega x r for a rotation w: residuals gave two or three negative eigenvalues.
+
+    A corner that is held leaves all rotations, and of two materials the prestress is inhomogeneous.
+    """
+    body = mesh.create_unit_cube(comm, 2, 2, 2, mesh.CellType.hexahedron)
+    V = vector_space(body, 1)
+    corner = fem.locate_dofs_geometrical(V, lambda x: np.isclose(x, 0.0).all(axis=0))
+    bcs = [fem.dirichletbc(np.zeros(3), corner, V)] if pinned else []
+    index = body.topology.index_map(3)
+    cells = np.arange(index.size_local + index.num_ghosts, dtype=np.int32)
+    right = mesh.locate_entities(body, 3, lambda x: x[0] > 0.49)
+    tags = mesh.meshtags(body, 3, cells, np.isin(cells, right).astype(np.int32))
+    dx = ufl.Measure("dx", domain=body, subdomain_data=tags)
+    materials = {
+        fem_snh.material("stable_neo_hookean", E=E, nu=0.45): dx(tag)
+        for tag, E in enumerate((1e4, 1e4 * stiffer))
+    }
+    pressure = [fem_snh.Pressure(ufl.ds, 2000.0)]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ResultNote)
+        u = fem.Function(V)
+        p = fem_snh.NonlinearProblem(u, materials, bcs=bcs, terms=pressure, element="Q1P0")
+        solved(p)
+    assert p.negative_eigenvalues() == 0
+    estimate = p.estimate_error(["volume"])
+    assert not estimate.reason and abs(estimate.goals["volume"].error) < 1e-3
+
+
+@mpi
+def test_a_free_body_under_dead_loads_that_push_is_unstable(comm):
+    """It turns over: two rotations have a negative eigenvalue, which is no rounding."""
+    body = mesh.create_unit_cube(comm, 1, 1, 1, mesh.CellType.hexahedron)
+    u = fem.Function(vector_space(body, 1))
+    facets = [
+        np.sort(mesh.locate_entities_boundary(body, 2, lambda x, at=at: np.isclose(x[2], at)))
+        for at in (0.0, 1.0)
+    ]
+    order = np.argsort(np.concatenate(facets))
+    values = np.repeat(np.arange(2, dtype=np.int32), [len(end) for end in facets])
+    tagged = np.concatenate(facets).astype(np.int32)
+    tags = mesh.meshtags(body, 2, tagged[order], values[order])
+    ds = ufl.Measure("ds", domain=body, subdomain_data=tags)
+    push = [fem_snh.Traction(ds(i), (0.0, 0.0, side * 500.0)) for i, side in enumerate((1, -1))]
+    m = fem_snh.material("stable_neo_hookean", E=1e4, nu=0.3)
+    keys = {"globalization": "linesearch", "hessian": "exact"}
+    keys["petsc_options"] = {"ksp_type": "minres", "pc_type": "jacobi", "ksp_rtol": 1e-10}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ResultNote)
+        p = solved(fem_snh.NonlinearProblem(u, {m: ufl.dx}, terms=push, **keys))
+    assert p.negative_eigenvalues() == 2
+    # As many as the motions that nothing constrains, or less, were called rounding.
+    assert "its Hessian has 2 negative eigenvalues" in p.estimate_error(["volume"]).reason

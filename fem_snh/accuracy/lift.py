@@ -347,8 +347,10 @@ class Lift:
         elif not asked and self.lifted.regime.nodes > _MAX_FACTORED:
             return
         count = stability.negative_eigenvalues(self.lifted.x)
-        # The eigenvalue of a rigid motion that nothing constrains is zero, with any sign.
-        if count > 0 and count > len(Supports(self.lifted).free_motions()):
+        # Free rotations of rigid parts, whose unknowns are others, have eigenvalues of the size of
+        # the residual, which a few Newton iterations leave.
+        rigid = len(Supports(self.lifted).free_motions()) if count > 0 and self.lifted.rigid else 0
+        if count > rigid:
             values = "eigenvalue" if count == 1 else "eigenvalues"
             raise NoEstimate(
                 f"the equilibrium of {self.lifted.element.name} near the run's is unstable: its "

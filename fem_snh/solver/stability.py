@@ -7,17 +7,21 @@ section 3.4).
 
 from __future__ import annotations
 
+from itertools import combinations
 from math import isfinite
 
 from petsc4py import PETSc
 
 import numpy as np
+import numpy.typing as npt
 
 from fem_snh.errors import BadInput
 from fem_snh.linalg.symmetric_factors import SymmetricFactors
 from fem_snh.solver.line_search import LineSearch
 from fem_snh.solver.protocol import SolvableProblem
 from fem_snh.solver.step import State
+
+Array = npt.NDArray[np.float64]
 
 #: Largest displacement of the first step along a direction of negative curvature, relative to
 #: V^(1/3); it is halved at most so often where the energy does not decrease.
@@ -28,6 +32,8 @@ _FIRST, _HALVINGS = 1e-3, 20
 _CONTRAST, _MAX_NODES = 50.0, 5_000
 #: Eigenvalues above minus this, relative to the diagonal, are zero: rounding leaves 1e-14.
 _ZERO = 1e-10
+#: What is added to the diagonal over the bound of what the residual leaves of free rotations.
+_MARGIN = 2.0
 
 
 def is_conservative(problem: SolvableProblem) -> bool:
@@ -157,9 +163,46 @@ class EquilibriumStability:
         self._problem.jacobian(x, "exact")
         A = self._problem.A
         diagonal = A.getDiagonal()
-        diagonal.scale(1 + _ZERO)
+        diagonal.scale(1 + max(_ZERO, self._of_rotations(x, diagonal)))
         A.setDiagonal(diagonal)
         return A
+
+    def _of_rotations(self, x: PETSc.Vec, diagonal: PETSc.Vec) -> float:
+        r"""Return a bound of the eigenvalues of free rotations, relative to the diagonal.
+
+        A rotation :math:`w = \omega \times x` on which the energy does not depend has
+        :math:`H w = \omega \times r`, and the residual r is not zero.
+        """
+        problem, found = self._problem, 0.0
+        r, w, projected = (x.duplicate() for _ in range(3))
+        problem.residual(x, r)
+        norm, size = r.norm(), problem.regime.dimension
+        points = x.array_r[: size * len(problem.coordinates)].reshape(-1, size)
+        points = points + problem.coordinates[:, :size]
+        points -= self._centre(points)
+        for i, j in combinations(range(size), 2):
+            rotation = np.zeros_like(points)
+            rotation[:, i], rotation[:, j] = -points[:, j], points[:, i]
+            w.set(0.0)
+            w.array[: rotation.size] = rotation.ravel()
+            w.copy(projected)
+            problem.project(projected.array)
+            projected.axpy(-1.0, w)
+            if projected.norm() <= _ZERO * w.norm():
+                projected.pointwiseMult(w, diagonal)
+                found = max(found, norm * w.norm() / projected.dot(w))
+        return _MARGIN * found
+
+    def _centre(self, points: Array) -> Array:
+        """Return the mean of the points that are constrained, or of all without any. Collective."""
+        ones = self._problem.x.duplicate()
+        ones.set(1.0)
+        self._problem.project(ones.array)
+        held = (ones.array_r[: points.size].reshape(points.shape) != 1).any(axis=1)
+        rows = [np.append(chosen.sum(axis=0), len(chosen)) for chosen in (points[held], points)]
+        of_held, of_all = self._problem.comm.allreduce(np.array(rows))
+        *sums, count = of_held if of_held[-1] else of_all
+        return np.array(sums) / count
 
     def _wave(self) -> PETSc.Vec:
         """Return a vector without symmetry that does not depend on the number of ranks."""
