@@ -22,6 +22,7 @@ from fem_snh.viewing.render.records import obstacle_poses
 
 mpi = pytest.mark.mpi
 FLAT = ("plane_strain", "axisymmetric")
+BALLS = [{"sphere": {"center": [x, -0.55, 0], "radius": 0.5}} for x in (0.2, 0.7)]
 FLOOR = {"plane": {"point": [0, 0, 0], "normal": [0, 1, 0]}}
 
 
@@ -150,6 +151,7 @@ def test_uniform_pressure(comm, kinematics, element, method):
         {"capsule": {"from": [0.1, -0.4, 0], "to": [0.6, -0.5, 0], "radius": 0.5}},
         {"box": {"center": [0.5, -0.3, 0], "size": [0.6, 0.7, 0.1]}},
         {"polygon": {"points": [[0.0, -0.5], [0.9, -0.5], [0.9, 0.0], [0.5, 0.1], [0.2, 0.0]]}},
+        {"smooth_union": {"shapes": BALLS, "blend": 0.1}},
     ],
 )
 def test_residual_and_hessian_are_derivatives(kinematics, shape):

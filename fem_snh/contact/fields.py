@@ -76,7 +76,7 @@ class ObstacleFields:
         found = np.zeros_like(self._areas)
         for pair in self._pairs:
             points = pair.points(values)
-            found += self._sums(points.which, points.pressure)
+            found += self._sums(points.which, points.normal_forces[0])
         found = np.divide(found, self._areas, out=found, where=self._areas > 0)
         nodal = np.zeros(self._num_nodes)
         nodal[self._nodes] = found[_dolfinx.node_dofs(self._space)] @ self._table.T

@@ -35,7 +35,8 @@ class ContactPoints(NamedTuple):
     pressure : (m, points)
         Contact force per reference area [Pa], 0 without contact.
     normal : (m, points, 3)
-        Gradient of the gap: the obstacle's normal.
+        Gradient of the gap: the obstacle's normal, shorter than 1 near the seams of a
+        `fem_snh.geometry.shapes.SmoothUnion`.
     curvature : (m, points, 3, 3)
         Hessian of the gap [1/m].
     """
@@ -50,6 +51,13 @@ class ContactPoints(NamedTuple):
     def acting(self) -> tuple[Array, Array, Array]:
         """Facets, pressures and normals."""
         return self.which, self.pressure, self.normal
+
+    @property
+    def normal_forces(self) -> tuple[Array, Array]:
+        """Normal forces per reference area [Pa], and unit normals."""
+        length = np.linalg.norm(self.normal, axis=2)
+        unit = self.normal / np.where(length > 0, length, 1.0)[..., None]
+        return self.pressure * length, unit
 
 
 class Friction:
@@ -120,10 +128,11 @@ class Friction:
     def lag(self, at: ContactPoints) -> None:
         """Set the lagged pressure and normal to those of the points in contact."""
         self.pressure[:] = 0.0
-        self.pressure[at.which] = at.pressure
-        touching = at.pressure > 0
+        pressure, unit = at.normal_forces
+        self.pressure[at.which] = pressure
+        touching = pressure > 0
         normal = self.normal[at.which]
-        normal[touching] = at.normal[touching]
+        normal[touching] = unit[touching]
         self.normal[at.which] = normal
         self._select()
 
@@ -137,7 +146,7 @@ class Friction:
         (Küttler & Wall 2008, eq. 44).
         """
         new = np.zeros_like(self.pressure)
-        new[at.which] = at.pressure
+        new[at.which] = at.normal_forces[0]
         d = new - self.pressure
         turn = d - self._difference
         products = (np.abs(d), new, self._difference * turn, turn * turn)
