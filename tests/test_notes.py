@@ -18,6 +18,7 @@ import fem_snh
 from fem_snh.accuracy.state_notes import inversion_note
 from fem_snh.cli import main
 from fem_snh.errors import ResultNote
+from fem_snh.scenes import Scene
 
 mpi = pytest.mark.mpi
 
@@ -127,6 +128,21 @@ def test_large_motions_along_a_path_are_no_jumps(tmp_path, rise, hold, pressure)
     result = solve(arch(MPI.COMM_SELF, tmp_path, 3, pressure, rise, hold), comm=MPI.COMM_SELF)
     assert result.converged and not result.notes
     assert abs(result.steps[-1]["probes"]["middle"][2]) > 0.01
+
+
+def test_a_steep_path_is_no_jump():
+    """A cube that is pressed flat is 1/sqrt(l) as wide at the height l, smoothly."""
+    rollers = [("bottom", "z"), ("left", "x"), ("front", "y")]
+    scene = {
+        "name": "flat", "mesh": {"source": "cube"}, "cells": 1, "element": "Q1", "steps": 1,
+        "material": {"name": "stable_neo_hookean", "E": 1.0, "nu": 0.4999},
+        "hold": [{"group": group, "components": [axis]} for group, axis in rollers],
+        "move": [{"group": "top", "translate": [0, 0, -0.99], "components": ["z"]}],
+        "probe": [{"name": "corner", "point": [1, 1, 1]}],
+    }  # fmt: skip
+    result = solve(Scene.model_validate(scene), MPI.COMM_SELF)
+    assert result.steps[-1]["probes"]["corner"][0] > 4
+    assert not [note for note in result.notes if note["kind"] == "jump"]
 
 
 # --- records --------------------------------------------------------------------------------------
