@@ -230,6 +230,21 @@ def test_the_lifted_state_is_examined_where_it_is_cheap_or_asked_for(asked, monk
 
 
 @mpi
+@pytest.mark.parametrize(
+    ("stretch", "asked", "said"), [(0.8, False, True), (1.00005, False, False), (0.8, True, False)]
+)
+def test_what_was_not_examined_is_said_where_it_matters(comm, stretch, asked, said, monkeypatch):
+    """The output was silent; small strains leave no doubt."""
+    monkeypatch.setattr("fem_snh.accuracy.lift._MAX_FACTORED", 10)
+    keys = {"stretch": stretch, "element": "Q1P0", "cells": 2, "error": True, "steps": 1}
+    estimate = solve("pull", comm, stability=asked, **keys).estimate
+    assert not estimate.reason
+    line = "whether the state of Q2Q1 is stable was not examined, with 402 unknowns: a scene"
+    assert any(text.startswith(line) for text in estimate.lines()) == said
+    assert estimate.record()["may_be_unstable"] == said
+
+
+@mpi
 def test_a_rigid_motion_that_nothing_constrains_is_no_instability(comm):
     """The sign of its eigenvalue is rounding: a stretched body without supports has an estimate."""
     body = mesh.create_unit_cube(comm, 2, 2, 2, mesh.CellType.tetrahedron)

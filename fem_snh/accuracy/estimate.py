@@ -231,6 +231,8 @@ class Estimate:
         The error of each goal in each cell of this rank, for errors above 1e-4 of the goal.
     places : dict of Place
         Where half of each of them is.
+    may_be_unstable : bool
+        Whether the stability of the lifted equilibrium matters, and was not examined.
     """
 
     goals: dict[str, GoalError] = field(default_factory=dict)
@@ -249,6 +251,7 @@ class Estimate:
     jit: float = 0.0
     indicators: dict[str, npt.NDArray[np.float64]] = field(default_factory=dict, repr=False)
     places: dict[str, Place] = field(default_factory=dict)
+    may_be_unstable: bool = False
 
     def announcement(self) -> str:
         """Return the line to print before the lifted problem is created."""
@@ -265,7 +268,17 @@ class Estimate:
             return [f"no estimate of the error: {self.reason}"]
         lines = [goal.text(name) for name, goal in self.goals.items() if not goal.is_zero]
         lines += map(no_contact_text, self.untouched)
-        return [*lines, self.where] if self.where else lines
+        return [*lines, *filter(None, (self.where, self.doubt))]
+
+    @property
+    def doubt(self) -> str:
+        """The line that says that an instability would not have been found; empty without one."""
+        if not self.may_be_unstable:
+            return ""
+        return (
+            f"whether the state of {self.element} is stable was not examined, with "
+            f"{self.dofs:,} unknowns: a scene's stability = true does"
+        )
 
     @property
     def untouched(self) -> list[str]:
@@ -298,6 +311,7 @@ class Estimate:
             "memory_mb": self.memory / 1e6,
             "saturation": self.saturation,
             "algebra": self.algebra,
+            "may_be_unstable": self.may_be_unstable,
             "newton": self.newton,
             "linear": self.linear,
             "penalty_newton": self.penalty_newton,
@@ -418,7 +432,7 @@ def _find_errors(
     try:
         functions = [surfaces.bind(goal) for goal in static]
         errors, unsettled = _differences(lift, functions, static, found)
-        lift.check_stability(stability)
+        found.may_be_unstable = lift.check_stability(stability)
         # Locking is no part of what the lifted solution leaves; P2 on triangles hardly locks. Nor
         # are the corners of cells below the surface of a shape, which has none.
         triangles = problem.element.name == "P2" and problem.kinematics.dim == 2

@@ -194,6 +194,8 @@ class LevelRow:
         A number to which the size of the cells is inverse.
     where : str
         Where most of the largest error is.
+    doubt : str
+        That an instability would not have been found.
     steps : int
         The steps of a path on which the end depends; 0 without one.
     kind : str
@@ -215,6 +217,7 @@ class LevelRow:
     elapsed: float = 0.0
     fineness: float = 1.0
     where: str = ""
+    doubt: str = ""
     steps: int = 0
     kind: str = "time"
     steps_have_no_order: bool = False
@@ -283,7 +286,7 @@ class Levels:
             before = self.rows[-1] if self.rows else None
             goals = {name: self._goal(name, goal, row, before) for name, goal in known.items()}
             row.goals = _with_least_bounds(goals)
-            row.where = estimate.where
+            row.where, row.doubt = estimate.where, estimate.doubt
         self.rows.append(row)
 
     def _goal(
@@ -491,7 +494,7 @@ class Levels:
         shown = {name: goal for name, goal in row.goals.items() if not goal.is_zero}
         lines = [head, *(self._line(name, goal) for name, goal in shown.items())]
         lines += [f"  {no_contact_text(name)}" for name in row.untouched]
-        return [*lines, f"  {row.where}"] if row.where else lines
+        return [*lines, *(f"  {text}" for text in (row.where, row.doubt) if text)]
 
     def _line(self, name: str, goal: GoalLevel) -> str:
         relative = goal.relative(self.asked)
