@@ -24,7 +24,7 @@ from fem_snh.mesh.bisection import bisect
 from fem_snh.problem.transfer import evaluate
 from fem_snh.runs.first_level import cells_of, first_scene
 from fem_snh.runs.progress import Progress
-from fem_snh.scenes import Accuracy
+from fem_snh.scenes import Accuracy, Scene
 
 mpi = pytest.mark.mpi
 _COOK = Path(__file__).parents[1] / "docs" / "results" / "tradeoff" / "cook.csv"
@@ -433,3 +433,19 @@ def test_levels_follow_the_multipliers_of_contact_again():
     force = found["levels"][-1]["goals"]["plane.force.z"]
     assert force["parts"].keys() == {"load steps", "mesh"}
     assert force["best"] == pytest.approx(-exact("hertz")[0], rel=0.01)
+
+
+def test_a_body_back_at_rest_has_no_relative_errors():
+    """Forces of 1e-15 E are rounding, which no finer mesh reduces: one level is enough."""
+    scene = {
+        "name": "back", "mesh": {"source": "cube"}, "cells": 2, "element": "P2", "steps": 2,
+        "material": {"name": "stable_neo_hookean", "E": 1.0, "nu": 0.3},
+        "hold": [{"group": "bottom"}],
+        "move": [{"group": "top", "translate": [0.1, 0, 0.2], "table": "pulse"}],
+        "table": [{"name": "pulse", "points": [[0, 0], [0.5, 1], [1, 0]]}],
+        "reactions": ["top"], "accuracy": {"within": "1%", "max_dofs": 2000},
+    }  # fmt: skip
+    found = solve(Scene.model_validate(scene))
+    assert found.record["accuracy"]["reached"] and len(found.record["accuracy"]["levels"]) == 1
+    assert abs(found.goals["top.force.z"]["value"]) < 1e-9
+    assert found.goals["top.force.z"]["relative"] is None

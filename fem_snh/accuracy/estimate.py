@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from math import floor, log10
+from math import floor, inf, log10
 from time import perf_counter
 from typing import Any
 
@@ -13,7 +13,15 @@ import numpy.typing as npt
 
 from fem_snh.accuracy.budget import algebra_errors, penalty_errors
 from fem_snh.accuracy.frequency_goals import FrequencyGoal, LiftedModes, lifted_modes
-from fem_snh.accuracy.goals import Goal, TermGoal, VolumeGoal, names_of, vector_of
+from fem_snh.accuracy.goals import (
+    EnergyGoal,
+    Goal,
+    TermGoal,
+    VolumeGoal,
+    largest_displacement,
+    names_of,
+    vector_of,
+)
 from fem_snh.accuracy.indicators import Place, cell_indicators, place
 from fem_snh.accuracy.lift import (
     Lift,
@@ -53,6 +61,8 @@ _SHOWN = 1e-5
 #: Goals are relative to the largest component of the same vector, or to this part of the largest
 #: displacement or force, if that is more.
 _LEAST_SCALE = 1e-3
+#: Displacements below this part of the body's length are rounding where the forces are, too.
+_AT_REST = 1e-12
 #: What Newton's method left is a part of the errors from this part of one of them on.
 _LEAST_PART = 0.01
 #: Moves of the nodes below the surfaces of shapes at most, each followed by a Newton iteration. A
@@ -355,12 +365,22 @@ def estimated(
 def _without_errors(problem: Problem, goals: Sequence[Goal]) -> dict[str, GoalError]:
     """Return the goals of a problem at its solution by name. Collective."""
     found: dict[str, GoalError] = {}
-    vectors = [goal.bind(problem)() for goal in goals]
+    vectors, at_rest = [goal.bind(problem)() for goal in goals], _is_at_rest(problem)
     for goal, vector in zip(goals, vectors, strict=True):
-        scale = max(*map(abs, vector), _LEAST_SCALE * goal.unit(problem))
+        unit = goal.unit(problem)
+        scale = max(*map(abs, vector), _LEAST_SCALE * unit)
+        vanishes = unit > 0 and not isinstance(goal, FrequencyGoal)
+        if at_rest and (vanishes or isinstance(goal, EnergyGoal)):
+            scale = inf  # a multiple of rounding has no relative error
         pairs = zip(goal.names, vector, strict=True)
         found |= {name: GoalError(value, None, scale) for name, value in pairs}
     return found
+
+
+def _is_at_rest(problem: Problem) -> bool:
+    """Return whether displacements and forces are zero to rounding. Collective."""
+    moved = largest_displacement(problem) > _AT_REST * problem.length
+    return not moved and problem.largest_force(problem.x) <= problem.rounding_force
 
 
 def estimate_error(
