@@ -19,6 +19,8 @@ from petsc4py import PETSc
 import numpy as np
 import ufl
 from ufl.algorithms import expand_derivatives
+from ufl.algorithms.check_arities import check_form_arity
+from ufl.algorithms.remove_complex_nodes import remove_complex_nodes
 
 from fem_snh import _dolfinx
 from fem_snh.assembly.assembled_matrix import BlockMatrix
@@ -233,6 +235,8 @@ def check_form(form: Any, u: Any, name: str) -> None:
 def _compile_form(form: Any, name: str) -> Any:
     """Return a compiled form; raise BadInput, with key ``name``, for an error. Collective."""
     with _compiling(name):
+        # On every rank: dolfinx lets this error, which is no Exception, leave the first one alone.
+        check_form_arity(remove_complex_nodes(form), form.arguments())
         return _dolfinx.form(form)
 
 
