@@ -190,10 +190,6 @@ class StoredRun:
         kinematics = self.record.get("kinematics")
         if revolve and not str(kinematics).startswith("axisymmetric"):
             raise BadInput(f"--revolve: expected an axisymmetric run; kinematics = {kinematics!r}")
-        if revolve and self.record.get("obstacles"):
-            raise BadInput(
-                "--revolve: expected a run without obstacles: only sections of them are known"
-            )
         if revolve and self.view.clip:
             raise BadInput("--clip and --revolve: expected one of the two")
 

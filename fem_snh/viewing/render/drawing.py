@@ -174,6 +174,8 @@ class Drawing:
         What follows the label of the colour bar.
     units : Units, optional
         Those of labels; without them there is no scale bar.
+    revolved : bool
+        Whether the bodies are revolved sections, and so their obstacles.
     """
 
     def __init__(
@@ -185,13 +187,14 @@ class Drawing:
         options: ViewOptions | None = None,
         note: str = "",
         units: Units | None = None,
+        revolved: bool = False,
     ) -> None:
         self.field, self._note, self.units = field, note, units
         values = np.concatenate([body.values for body in bodies])
         self.cmap, self.norm, self.extend = colours(field, values)
         points = np.concatenate([p for b in bodies for p in (b.surface.points, b.ghost.points)])
         limits = np.array([points.min(axis=0), points.max(axis=0)])
-        solids = [Obstacles(records) for records in obstacles]
+        solids = [Obstacles(records, revolved) for records in obstacles]
         self.solids_at = lambda panel, load: solids[panel].at(load, limits)
         self.solids = [self.solids_at(k, load) for k, load in enumerate(loads)]
         self.view = view(bodies, self.solids, options)
@@ -204,7 +207,8 @@ class Drawing:
         bodies = [body(panel["files"], field, options, job["revolve"]) for panel in panels]
         obstacles, loads = ([panel[key] for panel in panels] for key in ("obstacles", "load"))
         units = job["units"] and Units(**job["units"])
-        return cls(field, bodies, obstacles, loads, options, job["note"], units), bodies
+        turned = job["revolve"]
+        return cls(field, bodies, obstacles, loads, options, job["note"], units, turned), bodies
 
     def add(
         self,

@@ -13,7 +13,7 @@ from fem_snh.geometry.bones import AffineMotion, AffineTable, RigidAffine
 from fem_snh.geometry.motions import PoseTable
 from fem_snh.geometry.shapes import Shape, from_record
 from fem_snh.geometry.shapes.triangles import surface_triangles
-from fem_snh.viewing.render.surfaces import boundary
+from fem_snh.viewing.render.surfaces import boundary, swept
 
 #: Colour and opacity of obstacles and of bones; a body must be translucent to show its bones.
 STYLES = {"obstacles": ("#a0a0a0", 0.35), **dict.fromkeys(("bones", "rigid"), ("#e3d9bf", 1.0))}
@@ -22,6 +22,8 @@ _KIND = "kind"
 #: Obstacles are cut off at the box of the bodies, enlarged on each side by this part of its
 #: diagonal: a plane has no end, and a distant obstacle would make the body small.
 _MARGIN = 0.25
+#: Half of the thickness that is kept of obstacles whose section is revolved, over the radius.
+_THIN = 0.01
 #: Points along an edge of the grid on which a smooth union is sampled: 1 % of the picture.
 _GRID = 100
 #: Divisions of a circle.
@@ -37,10 +39,12 @@ class Obstacles:
     records : sequence of dict
         ``kind``, a key of `STYLES`; ``shape``, a table of one key; ``loads``; ``poses``, at each
         load the rows [R | c], which are slerped, or [A | c] of a bone.
+    revolved : bool
+        Whether the obstacles of a section are drawn as bodies of revolution, as the body is.
     """
 
-    def __init__(self, records: Sequence[dict[str, Any]]) -> None:
-        self._items = []
+    def __init__(self, records: Sequence[dict[str, Any]], revolved: bool = False) -> None:
+        self._items, self._revolved = [], revolved
         for record in records:
             poses = np.array(record["poses"], dtype=float)
             loads, drawn_as = np.array(record["loads"]), record.get("kind", "obstacles")
@@ -62,6 +66,10 @@ class Obstacles:
         """
         margin = _MARGIN * np.linalg.norm(bounds[1] - bounds[0])
         box = np.array([bounds[0] - margin, bounds[1] + margin])
+        if self._revolved:  # of the section: the radius, and the axis, which is upright
+            outer = np.abs(bounds[:, :2]).max() + margin
+            thin = _THIN * outer
+            box = np.array([[0.0, box[0, 2], -thin], [outer, box[1, 2], thin]])
         found = []
         for kind, keys, motion, drawn_as in self._items:
             matrix = np.eye(4)
@@ -73,10 +81,23 @@ class Obstacles:
             surface: Any = triangles(kind, keys, centre, radius)
             surface.transform(matrix, inplace=True)
             cut = surface.clip_box(list(box.T.ravel()), invert=False)
+            if cut.n_cells and self._revolved:
+                cut = _swept_section(cut)
             if cut.n_cells:
                 found.append(boundary(cut, 0))
                 found[-1].add_field_data([drawn_as], _KIND)
         return found
+
+
+def _swept_section(surface: Any) -> pv.PolyData:
+    """Return what the section of a surface by the plane z = 0 sweeps about the axis y."""
+    # Beside the plane, in which faces and corners may be.
+    beside = 1e-6 * surface.length
+    section: Any = surface.slice(normal="z", origin=(0, 0, beside))
+    if not section.n_cells:
+        return pv.PolyData()
+    lines = np.asarray(section.lines).reshape(-1, 3)[:, 1:]
+    return swept(np.asarray(section.points) * (1.0, 1.0, 0.0), lines)
 
 
 def add_solid(plotter: Any, surface: pv.PolyData, **options: Any) -> None:

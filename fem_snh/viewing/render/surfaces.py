@@ -202,13 +202,7 @@ def revolve(item: DrawnBody, field: str) -> DrawnBody:
     lines = np.asarray(outline.lines).reshape(-1, 3)[:, 1:]
     off_axis = np.abs(outline.points[:, [0, 2]]).max(axis=1) > 1e-9 * surface.length
     kept = off_axis[lines].any(axis=1)
-    lines, count = lines[kept], outline.n_points
-    angles = np.linspace(_FIRST, _LAST, _STEPS + 1)
-    points = np.concatenate([_turned(outline.points, angle) for angle in angles])
-    firsts = count * np.arange(_STEPS)[:, None, None]
-    quads = np.concatenate([lines, lines[:, ::-1] + count], axis=1) + firsts
-    quads = quads.reshape(-1, 4)
-    side = pv.PolyData(points, np.column_stack([np.full(len(quads), 4), quads]).ravel())
+    side = swept(outline.points, lines[kept])
     if field in outline.cell_data:
         side.cell_data[field] = np.tile(outline.cell_data[field][kept], _STEPS)
     else:
@@ -217,6 +211,16 @@ def revolve(item: DrawnBody, field: str) -> DrawnBody:
     edges = None if item.edges is None else _caps(item.edges)
     lowest = item.lowest and (_turned(item.lowest[0][None], _FIRST)[0], item.lowest[1])
     return DrawnBody(whole, edges, _caps(item.rest), _caps(item.ghost), item.values, lowest)
+
+
+def swept(points: np.ndarray, lines: np.ndarray) -> pv.PolyData:
+    """Return the surface that lines (m, 2) between points (n, 3) of a section sweep, by angles."""
+    angles = np.linspace(_FIRST, _LAST, _STEPS + 1)
+    turned = np.concatenate([_turned(points, angle) for angle in angles])
+    firsts = len(points) * np.arange(_STEPS)[:, None, None]
+    quads = np.concatenate([lines, lines[:, ::-1] + len(points)], axis=1) + firsts
+    quads = quads.reshape(-1, 4)
+    return pv.PolyData(turned, np.column_stack([np.full(len(quads), 4), quads]).ravel())
 
 
 def _turned(points: np.ndarray, angle: float) -> np.ndarray:
