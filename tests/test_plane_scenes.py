@@ -266,6 +266,14 @@ def test_a_run_resumes(tmp_path):
             'kinematics = "plane_strain"\n[[traction]]\ngroup = "top"\nvector = [0, 0, 1]',
             "traction.vector = .*2 components and zero",
         ),
+        (
+            'kinematics = "axisymmetric"\n[gravity]\nvector = [1, -9.81, 0]',
+            "gravity.vector = .*: expected a vector along the axis y, in axisymmetric",
+        ),
+        (
+            'kinematics = "axisymmetric_torsion"\n[gravity]\nvector = [0, 0, 9.81]',
+            "gravity.vector = .*: expected a vector along the axis y, in axisymmetric_torsion",
+        ),
     ],
 )
 def test_what_scenes_refuse(tmp_path, keys, message):

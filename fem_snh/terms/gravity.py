@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Self
 
 from pydantic import Field
 
+from fem_snh.errors import bad_value
 from fem_snh.tables.amplitudes import TABLE, TableName
 from fem_snh.tables.types import Vector
 from fem_snh.terms.feature import Feature
@@ -38,6 +39,9 @@ class Gravity(Feature):
         for load in features:
             amplitude = body.amplitudes.force(load.table)
             vector = body.components(f"{cls.key}.vector", load.vector)
+            if body.kinematics.revolved and any(load.vector[::2]):
+                accepted = f"a vector along the axis y, in {body.kinematics.name}"
+                raise bad_value(f"{cls.key}.vector", list(load.vector), accepted)
             if body.motion:
                 term.add_weight(body.motion.mass, vector, amplitude)
             else:
