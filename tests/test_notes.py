@@ -214,3 +214,26 @@ def test_more_than_half_a_turn_in_a_step_is_said():
     assert "turns by 360 degrees in 1 step," in note["text"] and "at least 2 steps" in note["text"]
     half = solve("twist", cells=1, steps=1, angle=np.pi)
     assert not [note for note in half.notes if "rotate turns by" in note["text"]]
+
+
+@pytest.mark.parametrize(
+    ("axis", "components", "left"),
+    [
+        ([0, 0, 1], ["x", "y"], ""), ([0, 0, 1], ["y", "z"], "x"), ([0, 2, 0], ["z"], "x"),
+        ([0, 1, 1], ["x"], "y, z"),
+    ],
+)  # fmt: skip
+def test_a_rotation_of_some_components_is_said(axis, components, left):
+    """A component that is free, and in which the rotation moves points, decides their angle."""
+    scene = {
+        "name": "turned", "mesh": {"source": "cube"}, "cells": 1, "element": "Q1",
+        "material": {"name": "stable_neo_hookean", "E": 1.0, "nu": 0.3},
+        "hold": [{"group": "bottom"}],
+        "move": [
+            {"group": "top", "rotate": {"axis": axis, "angle": 0.2}, "components": components}
+        ],
+    }  # fmt: skip
+    result = solve(Scene.model_validate(scene), MPI.COMM_SELF)
+    texts = [note["text"] for note in result.notes if note["kind"] == "load"]
+    assert len(texts) == bool(left)
+    assert all(f"move.0.rotate moves points along {left} too" in text for text in texts)

@@ -26,7 +26,7 @@ from fem_snh.problem.problem import Problem
 from fem_snh.run_files import RunFiles
 from fem_snh.run_tables import flat, table_text
 from fem_snh.runs.defaults import describe_defaults
-from fem_snh.runs.notes import mesh_note, turns
+from fem_snh.runs.notes import mesh_note, partial_rotations, turns
 from fem_snh.scenes import MaterialChoice, Scene
 from fem_snh.terms.feature import grouped
 
@@ -70,7 +70,8 @@ def describe(
         for choice, region in zip(scene.materials, problem.regions, strict=True)
     ]
     texts = [text for term in problem.terms if (text := getattr(term, "note", ""))]
-    loads = [Note("load", text) for text in [*texts, *turns(scene)]]
+    texts += [*turns(scene), *partial_rotations(scene)]
+    loads = [Note("load", text) for text in texts]
     notes = [note.record() for note in (*loads, mesh_note(scene, problem)) if note]
     return {
         "scene": scene.name,

@@ -8,6 +8,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from fem_snh.accuracy.state_notes import (
     instability_note,
     inversion_note,
@@ -45,6 +47,24 @@ def turns(scene: Scene) -> list[str]:
                     f"step{'s' if steps > 1 else ''}, more than half a turn in one: whole turns "
                     f"may be lost; take at least {least} steps"
                 )
+    return found
+
+
+def partial_rotations(scene: Scene) -> list[str]:
+    """Return a line for each rotation that does not prescribe all components that it moves."""
+    known = "xyz" if scene.kinematics in (None, "axisymmetric_torsion") else "xy"
+    found = []
+    for i, table in enumerate(scene.move):
+        if table.rotate is None or not table.rotate.angle:
+            continue
+        # A rotation moves points in every direction but that of its axis.
+        still = [known[j] for j in range(len(known)) if not any(np.delete(table.rotate.axis, j))]
+        left = [axis for axis in known if axis not in (*table.components, *still)]
+        if left:
+            found.append(
+                f"move.{i}.rotate moves points along {', '.join(left)} too, which its components "
+                f"leave out: with {', '.join(table.components)} alone they do not turn by the angle"
+            )
     return found
 
 
