@@ -3,7 +3,7 @@
 // share the nodes between them. The elbow turns about the y axis. Lengths are in metres. `cells` is the
 // number of cells along the arm; `biceps` is the height of the biceps, which the flesh bulges over;
 // `hollow` is the depth of the hollow in front of the elbow; `thickness` scales the sections of the
-// flesh, not those of the bones.
+// flesh, not those of the bones. order = 2 gives cells with curved faces.
 //
 //   cells = 12    about  1,100 tetrahedra
 //   cells = 40    about 11,200 tetrahedra
@@ -13,6 +13,7 @@ DefineConstant[
   biceps = {0.006, Min 0, Max 0.03, Name "biceps"}
   hollow = {0.01, Min 0, Max 0.01, Name "hollow"}
   thickness = {1, Min 0.9, Max 1.5, Name "thickness"}
+  order = {1, Choices{1, 2}, Name "order"}
   tets = {1, Choices{0, 1}, Name "tets"}   // 1: there are no hexahedra
 ];
 If (!(cells >= 12))
@@ -26,6 +27,9 @@ If (!(hollow >= 0 && hollow <= 0.01))
 EndIf
 If (!(thickness >= 0.9 && thickness <= 1.5))
   Error("thickness = %g: expected a number from 0.9 to 1.5", thickness);
+EndIf
+If (order != 1 && order != 2)
+  Error("order = %g: expected 1 or 2", order);
 EndIf
 If (!tets)
   Error("cell = hexahedron: expected tetrahedron, as an arm has no hexahedra");
@@ -111,3 +115,4 @@ Physical Surface("skin") = {skin[]};
 
 Mesh.Algorithm = 6;   // Frontal-Delaunay
 Mesh.Optimize = 1;
+Mesh.ElementOrder = order;

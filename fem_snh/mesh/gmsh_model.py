@@ -134,7 +134,12 @@ def generate(path: Path, cell: str, parameters: dict[str, float]) -> MeshData:
         gmsh.clear()
         gmsh.open(str(path))
         gmsh.model.mesh.generate(2 if cell in _PLANE_CELLS else 3)
-        return _extract(gmsh)
+        data = _extract(gmsh)
+    if data.degree > 1 and data.cell == "tetrahedron":
+        from fem_snh.mesh.curved_cells import straightened
+
+        return data._replace(x=straightened(data.cells, data.x))
+    return data
 
 
 def read(path: str) -> MeshData:

@@ -13,6 +13,7 @@ from fem_snh.assembly.kinematics import kinematics_of
 from fem_snh.errors import BadInput
 from fem_snh.kernels.compiled import supports
 from fem_snh.kernels.material import material
+from fem_snh.runs.notes import has_polyhedral_cells
 from fem_snh.runs.progress import Progress
 
 #: Poisson's ratio above which elements with a pointwise volume term are replaced: they lock
@@ -33,13 +34,12 @@ _PLANE_FACES = ("bar", "block", "bracket", "clip", "cook", "cube", "two_blocks")
 _RECTANGLES = ("bushing", "cylinder", "tube")
 #: Built-in bodies with re-entrant edges.
 _REENTRANT = ("bracket", "clip")
-#: Built-in bodies with round faces: cells with straight edges would change their volume from level
-#: to level, by 2.6 % with 8 cells along a diameter, which no estimate on one mesh sees.
-_ROUND = ("ball", "cylinder", "indenter")
 #: Built-in geometries whose cells have curved sides by default.
 _CURVED = ("bushing", "cord", "shell", "tube")
 #: Built-in geometries that have an even number of cells along an edge.
 _EVEN = ("block", "shell")
+#: Fewest cells of built-in geometries: larger ones would cut bones, or lose arms.
+_LEAST_CELLS = {"arm": 12, "octopus": 4}
 #: Cells of the first level over those of the scene, along an edge, by the degree by which the
 #: element is raised; likewise time steps.
 _FIRST = (0.5, 0.25)
@@ -61,11 +61,10 @@ def first_scene(scene: scenes.Scene, printed: Progress) -> scenes.Scene:
     """
     update: dict[str, Any] = {}
     mesh = scene.mesh
-    if isinstance(mesh, scenes.Geometry) and scene.kinematics is None and mesh.source in _ROUND:
-        if mesh.parameters.get("order", 1) == 1:
-            printed.line("order = 2 in place of 1: cells with curved faces, as the body is round")
-            parameters = {**mesh.parameters, "order": 2}
-            update["mesh"] = mesh.model_copy(update={"parameters": parameters})
+    if isinstance(mesh, scenes.Geometry) and has_polyhedral_cells(scene):
+        printed.line("order = 2 in place of 1: cells with curved faces, as the body is round")
+        parameters = {**mesh.parameters, "order": 2}
+        update["mesh"] = mesh.model_copy(update={"parameters": parameters})
     scene = scene.model_copy(update=update)
     element, reason = _element(scene)
     if reason:
@@ -86,8 +85,9 @@ def first_scene(scene: scenes.Scene, printed: Progress) -> scenes.Scene:
 
 def cells_of(scene: scenes.Scene, least: float) -> int:
     """Return the fewest cells along an edge that the geometry accepts, at least so many."""
-    even = isinstance(scene.mesh, scenes.Geometry) and scene.mesh.source in _EVEN
-    return 2 * ceil(least / 2) if even else ceil(least)
+    source = scene.mesh.source if isinstance(scene.mesh, scenes.Geometry) else ""
+    least = max(least, _LEAST_CELLS.get(source, 1))
+    return 2 * ceil(least / 2) if source in _EVEN else ceil(least)
 
 
 def has_exact_cells(scene: scenes.Scene) -> bool:

@@ -26,7 +26,7 @@ from fem_snh.problem.problem import Problem
 from fem_snh.run_files import RunFiles
 from fem_snh.run_tables import flat, table_text
 from fem_snh.runs.defaults import describe_defaults
-from fem_snh.runs.notes import mesh_note, partial_rotations, turns
+from fem_snh.runs.notes import mesh_note, partial_rotations, shape_notes, turns
 from fem_snh.scenes import MaterialChoice, Scene
 from fem_snh.terms.feature import grouped
 
@@ -72,7 +72,8 @@ def describe(
     texts = [text for term in problem.terms if (text := getattr(term, "note", ""))]
     texts += [*turns(scene), *partial_rotations(scene)]
     loads = [Note("load", text) for text in texts]
-    notes = [note.record() for note in (*loads, mesh_note(scene, problem)) if note]
+    shapes = [Note("mesh", text) for text in shape_notes(scene)]
+    notes = [note.record() for note in (*loads, *shapes, mesh_note(scene, problem)) if note]
     return {
         "scene": scene.name,
         "material": materials[0] if len(materials) == 1 else materials,

@@ -14,6 +14,7 @@ def elbow(
     biceps: Annotated[float, Field(ge=0, le=0.03)] = 0.006,
     hollow: Annotated[float, Field(ge=0, le=0.01)] = 0.01,
     thickness: Annotated[float, Field(ge=0.9, le=1.5)] = 1.0,
+    order: int = 1,
 ) -> Scene:
     """An arm of 0.52 m whose elbow is flexed: its forearm turns with a bone in the flesh.
 
@@ -30,13 +31,20 @@ def elbow(
         it forms a crease beyond 90 degrees.
     thickness : float
         Factor of the sections of the flesh.
+    order : int
+        2 for cells with curved faces, 1 for straight ones.
     """
     flexion = Rotate(axis=(0, -1, 0), angle=radians(angle))
     return Scene(
         name="elbow",
         mesh=Geometry(
             source="arm",
-            parameters={"biceps": biceps, "hollow": hollow, "thickness": thickness},
+            parameters={
+                "biceps": biceps,
+                "hollow": hollow,
+                "thickness": thickness,
+                "order": order,
+            },
         ),
         cells=cells,
         element="P2P0",  # nu = 0.499 does not lock
