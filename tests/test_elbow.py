@@ -108,7 +108,7 @@ def test_stvk_needs_more_iterations_and_loses_volume():
 
 
 def test_accuracy_begins_with_cells_that_the_arm_accepts():
-    """And with curved ones: the estimate of straight ones is that of a polyhedron, as a note says."""
+    """And with curved ones: the estimate of straight ones is of a polyhedron, as a note says."""
     asked = {"goals": ["energy"], "within": 0.2}
     result = flexed(cells=12, steps=1, angle=20.0, accuracy=asked)
     (level,) = result.record["accuracy"]["levels"]
