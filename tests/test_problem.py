@@ -195,7 +195,7 @@ def test_prescribed_values_are_exact_and_follow_the_load(comm, element):
 @mpi
 def test_what_does_not_fit_is_bad_input_on_every_rank(comm):
     body = cube(comm, "hexahedron", 1)
-    with pytest.raises(BadInput, match="element = 'P1': expected one of Q1, .*has hexahedra"):
+    with pytest.raises(BadInput, match=r"element = 'P1': expected one of Q1, .*has hexahedra"):
         create_problem(body, ELEMENTS["P1"], material("neo_hookean"))
     with pytest.raises(BadInput, match=r"no physical group 'topp'.*did you mean 'top'"):
         problem(body, "Q1", hold=[Hold("topp")])
