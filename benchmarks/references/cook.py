@@ -39,7 +39,7 @@ LOCKING_FREE = (
 
 def _height(point: str, **setup: Any) -> float | None:
     """Return the vertical displacement of a probe on the right edge [mm]."""
-    _, step = solve("cook", kinematics="layer", **setup)
+    _, step = solve("cook", kinematics="plane_strain", **setup)
     return step and float(step["probes"][point][1])
 
 
