@@ -163,6 +163,19 @@ def test_decisions():
     row = LevelRow("Q1P0", 1, 64, 500, 1.0, 1e6)
     levels.add(row, estimate(1e-9, 1e-9, scale=1e-3))
     assert levels.reached
+    # A force that was not asked for is judged by the largest one, and the line says so.
+    forces = {
+        "plate.force.z": GoalError(50.0, 0.0, 50.0),
+        "ground.force.z": GoalError(1.0, 0.03, 1.0),
+    }
+    for named in (False, True):
+        of_forces = Levels(0.01, named=named)
+        of_forces.add(row, Estimate(goals=forces))
+        assert of_forces.reached != named
+        assert of_forces.record()["small"] == ([] if named else ["ground.force.z"])
+        share = "1.2 %)" if named else "0.24 % of 0.1 of the largest force)"
+        line = f"  ground.force.z 1.03 +- 0.012 ({share} (corrected)"
+        assert of_forces.lines()[2].startswith(line)
     levels.add(LevelRow("Q1P0", 1, 512, 4000, 1.0, 1e6), Estimate(reason="far away"))
     assert not levels.reached and levels.lines() == [
         "level 2: 512 Q1P0 cells, 4,000 dofs: no estimate: far away"

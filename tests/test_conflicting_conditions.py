@@ -71,6 +71,14 @@ def test_a_common_edge_belongs_to_the_later_condition(box: Any) -> None:
     assert result.converged
     assert found["on"] == pytest.approx([0.1, 0, 0], abs=1e-12)
     assert found["off"] == pytest.approx([0, 0, 0], abs=1e-12)
+    (note,) = [note for note in result.notes if note["kind"] == "load"]
+    assert note["text"].startswith(
+        "[[move]] of 'edge' and [[hold]] of 'start' prescribe other values of x at "
+    )
+    assert "common nodes, one at (0, 0, 0), where that [[move]] is taken" in note["text"]
+    roller = Hold(group="start", components=("y", "z"))
+    result = fem_snh.run(scene(box, hold=[roller], move=[moved]), progress=False)
+    assert result.converged and not [note for note in result.notes if note["kind"] == "load"]
 
 
 @pytest.mark.parametrize("table", ["traction", "pressure"])

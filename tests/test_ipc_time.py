@@ -47,6 +47,19 @@ def test_resumed_run_is_the_same(comm, folder):
     comm.barrier()
 
 
+def test_errors_on_a_path_do_not_include_the_gap():
+    tables = {
+        "move": [{"group": "upper_tip", "translate": [0, 0, -0.1]}],
+        "time": {"duration": 2.0, "steps": 4},
+        "accuracy": {"goals": ["volume"]},
+    }
+    result = solve(validate(CLIP | tables, "scene"))
+    *_, line = result.estimate.lines()
+    assert line.startswith("the errors do not include that of the gap: the barrier of self-contact")
+    assert result.record["estimate"]["left_out"][-1] == line
+    assert result.estimate.goals["volume"].error is not None
+
+
 @pytest.mark.parametrize("integrator", ["newmark", "backward_euler"])
 def test_collision_in_time(integrator):
     """The upper block falls on the lower one, both free: momentum is exchanged, never lost."""

@@ -255,12 +255,12 @@ def test_a_run_resumes(tmp_path):
         ),
         (
             'kinematics = "plane_strain"\n[[move]]\ngroup = "top"\ntranslate = [1, 0, 0.1]',
-            "move.0 = 'given': expected a motion without z",
+            r"move.0.translate = \[1.0, 0.0, 0.1\]: expected a motion without z",
         ),
         (
             'kinematics = "axisymmetric"\n[[move]]\ngroup = "top"\n'
             "rotate = { axis = [0, 1, 0], angle = 1 }",
-            "move.0 = 'given': expected a motion without z",
+            r"move.0.rotate = 'about \[0.0, 1.0, 0.0\]': expected a motion without z",
         ),
         (
             'kinematics = "plane_strain"\n[[traction]]\ngroup = "top"\nvector = [0, 0, 1]',

@@ -400,5 +400,7 @@ def test_program_refuses_what_is_no_surface():
         fem_snh.NonlinearProblem(u, {material: ufl.dx}, bcs=[fem_snh.Symmetry(group=ufl.ds)])
     with pytest.raises(BadInput, match=r"bcs\[0\].group = 'left': expected a measure"):
         fem_snh.NonlinearProblem(u, {material: ufl.dx}, bcs=[fem_snh.Symmetry(group="left")])
+    with pytest.raises(BadInput, match=r"terms\[0\] = Symmetry.*; a Symmetry is one of 'bcs'"):
+        fem_snh.NonlinearProblem(u, {material: ufl.dx}, terms=[fem_snh.Symmetry(group=ufl.ds)])
     with pytest.raises(BadInput, match=r"bcs\[0\] = 3: expected a condition made by"):
         fem_snh.NonlinearProblem(u, {material: ufl.dx}, bcs=[3])

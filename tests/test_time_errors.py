@@ -51,6 +51,19 @@ def test_the_error_of_the_mesh_is_the_difference_to_the_lifted_element(estimated
     assert estimated.record["estimate"]["element"] == "Q2Q1"
 
 
+def test_steps_whose_order_is_not_measured_say_so(estimated):
+    """Half of 14 steps, or of 5, has no half, or too few steps."""
+    assert estimated.record["estimate"]["left_out"] == []
+    estimate = solve(swing(5, accuracy=GOALS)).estimate
+    (line,) = estimate.left_out
+    assert line.startswith("the order of 5 time steps was not measured: their error may be larger")
+    assert line.endswith("a multiple of 4 steps, 16 or more, shows it")
+    assert line in estimate.lines()
+    levels = Levels(0.5)
+    levels.add(LevelRow("Q1", 1, 8, 81, 1.0, 1.0, steps=5), estimate)
+    assert levels.lines()[-1] == f"  {line}" and levels.record()["left_out"] == [line]
+
+
 @pytest.mark.parametrize(
     ("duration", "steps", "element", "shown"),
     [(1.0, 16, "Q2", "tip.z -3.66931, error below"), (2.0, 128, "Q1", "time steps below 0.069, ")],

@@ -243,6 +243,8 @@ class Estimate:
         Where half of each of them is.
     may_be_unstable : bool
         Whether the stability of the lifted equilibrium matters, and was not examined.
+    left_out : list of str
+        What the errors do not include, or what was not measured for them: a line each.
     """
 
     goals: dict[str, GoalError] = field(default_factory=dict)
@@ -262,6 +264,7 @@ class Estimate:
     indicators: dict[str, npt.NDArray[np.float64]] = field(default_factory=dict, repr=False)
     places: dict[str, Place] = field(default_factory=dict)
     may_be_unstable: bool = False
+    left_out: list[str] = field(default_factory=list)
 
     def announcement(self) -> str:
         """Return the line to print before the lifted problem is created."""
@@ -278,7 +281,7 @@ class Estimate:
             return [f"no estimate of the error: {self.reason}"]
         lines = [goal.text(name) for name, goal in self.goals.items() if not goal.is_zero]
         lines += map(no_contact_text, self.untouched)
-        return [*lines, *filter(None, (self.where, self.doubt))]
+        return [*lines, *filter(None, (self.where, self.doubt, *self.left_out))]
 
     @property
     def doubt(self) -> str:
@@ -322,6 +325,7 @@ class Estimate:
             "saturation": self.saturation,
             "algebra": self.algebra,
             "may_be_unstable": self.may_be_unstable,
+            "left_out": self.left_out,
             "newton": self.newton,
             "linear": self.linear,
             "penalty_newton": self.penalty_newton,

@@ -43,8 +43,9 @@ _SAFETY_OF_P2P0 = 4.0
 _SAFETY_OF_SHAPES = 1.8
 #: A corrected value serves if the correction is at most so many times the request.
 _LARGEST_CORRECTION = 20.0
-#: Least bound of a component, over the largest one of the same vector.
-_LEAST_OF_VECTOR = 0.1
+#: Least bound of a component, over the largest one of the same vector; and what forces that were
+#: not asked for by name are relative to at least, over the largest force.
+_LEAST_OF_VECTOR, _LEAST_OF_FORCES = 0.1, 0.1
 #: Order in h of the errors of singular solutions, by the degree of the displacement: the error of
 #: degree 1 decreases as h to h^2.
 _ORDER = {1: 1.2, 2: 1.5}
@@ -89,6 +90,8 @@ class GoalLevel:
         By how much the estimate may be too small.
     steps_bound : float
         A bound of the error of time or load steps.
+    small : bool
+        Whether the scale is that of a larger force.
     """
 
     value: float
@@ -99,6 +102,7 @@ class GoalLevel:
     parts: dict[str, float]
     safety: float
     steps_bound: float = 0.0
+    small: bool = False
 
     @property
     def corrected(self) -> float:
@@ -204,6 +208,8 @@ class LevelRow:
         Whether the changes of a goal by more steps do not decrease, so that there is no estimate.
     untouched : list of str
         The forces of contact that do not count, as nothing touches.
+    left_out : list of str
+        What the errors do not include.
     """
 
     element: str
@@ -222,6 +228,7 @@ class LevelRow:
     kind: str = "time"
     steps_have_no_order: bool = False
     untouched: list[str] = field(default_factory=list)
+    left_out: list[str] = field(default_factory=list)
 
 
 def _with_least_bounds(goals: Mapping[str, GoalLevel]) -> dict[str, GoalLevel]:
@@ -240,6 +247,14 @@ def _with_least_bounds(goals: Mapping[str, GoalLevel]) -> dict[str, GoalLevel]:
     return found
 
 
+def _least_of_forces(goals: Mapping[str, GoalLevel]) -> dict[str, GoalLevel]:
+    """Return goals of which small forces are relative to a part of the largest one."""
+    forces = [name for name in goals if vector_of(name).endswith(".force")]
+    least = _LEAST_OF_FORCES * max((goals[name].scale for name in forces), default=0.0)
+    small = {name: replace(goals[name], scale=least, small=True) for name in forces}
+    return dict(goals) | {name: goal for name, goal in small.items() if goals[name].scale < least}
+
+
 class Levels:
     """The levels so far, and the decisions that follow from them.
 
@@ -253,7 +268,8 @@ class Levels:
         Dimension of the mesh.
     named : bool, optional
         Whether the goals were asked for by name: then all of them need an estimate. Otherwise
-        forces of contact do not count while nothing touches.
+        forces of contact do not count while nothing touches, and the errors of forces below a tenth
+        of the largest one are relative to that.
     """
 
     def __init__(
@@ -285,8 +301,9 @@ class Levels:
         else:
             before = self.rows[-1] if self.rows else None
             goals = {name: self._goal(name, goal, row, before) for name, goal in known.items()}
-            row.goals = _with_least_bounds(goals)
+            row.goals = _with_least_bounds(goals if self.named else _least_of_forces(goals))
             row.where, row.doubt = estimate.where, estimate.doubt
+            row.left_out = estimate.left_out
         self.rows.append(row)
 
     def _goal(
@@ -490,20 +507,25 @@ class Levels:
         if not row.goals:
             return [f"{head}: no estimate: {row.reason}"]
         counts = sum(goal.relative(asked) <= asked for goal in row.goals.values())
-        head += f", {row.elapsed:.2g} s: {counts} of {len(row.goals)} goals within {asked:.2%}"
+        head += (
+            f", {row.elapsed:.2g} s: {counts} of {len(row.goals)} goals within {100 * asked:g} %"
+        )
         shown = {name: goal for name, goal in row.goals.items() if not goal.is_zero}
         lines = [head, *(self._line(name, goal) for name, goal in shown.items())]
         lines += [f"  {no_contact_text(name)}" for name in row.untouched]
-        return [*lines, *(f"  {text}" for text in (row.where, row.doubt) if text)]
+        return [*lines, *(f"  {text}" for text in (row.where, row.doubt, *row.left_out) if text)]
 
     def _line(self, name: str, goal: GoalLevel) -> str:
         relative = goal.relative(self.asked)
         value, error = goal.best(self.asked)
         which = "" if value == goal.value else " (corrected)"
         mark = "" if relative <= self.asked else "  not yet"
+        share = f"{100 * relative:.2g} %"
+        if goal.small:
+            share += f" of {_LEAST_OF_FORCES:g} of the largest force"
         parts = parts_text(goal.parts, goal.steps_bound)
         of = f"  ({parts})" if parts else ""
-        return f"  {name} {value:.6g} +- {error:.2g} ({100 * relative:.2g} %){which}{mark}{of}"
+        return f"  {name} {value:.6g} +- {error:.2g} ({share}){which}{mark}{of}"
 
     def record(self) -> dict[str, Any]:
         """Return the entry ``accuracy`` of run.json."""
@@ -514,6 +536,8 @@ class Levels:
             "worst": self.worst[0] if self.worst else None,
             "relative": self.worst[1] if self.worst else None,
             "without_contact": self.rows[-1].untouched if self.rows else [],
+            "left_out": self.rows[-1].left_out if self.rows else [],
+            "small": [n for n, g in self.rows[-1].goals.items() if g.small] if self.rows else [],
             "levels": [
                 {
                     "element": row.element,

@@ -37,6 +37,7 @@ from fem_snh.accuracy.lift import (
 )
 from fem_snh.assembly.elements import Element
 from fem_snh.problem.problem import Problem
+from fem_snh.terms.term import LengthTerm
 
 #: The order of time steps with contact, whose beginning and end fall between steps, and that of
 #: load steps, whose friction acts along the chord of a step.
@@ -45,6 +46,8 @@ _CONTACT_ORDER = 1
 #: that the errors of mesh and penalties are measured with them: with 50 and 100 steps of a bounce
 #: that of the mesh differs by a tenth.
 _FEWEST_QUARTER, _ENOUGH_STEPS = 4, 100
+#: Half and a quarter of the time steps are compared.
+_HALVES = 4
 #: Two estimates of a penalty's error agree if one is less than so many times the other.
 _AGREE = 2.0
 #: The bound of an error over the larger change where changes do not decrease.
@@ -201,6 +204,15 @@ def _errors(
             before = half.values - quarter.values
             if few >= _ENOUGH_STEPS:
                 on, coarse = few, quarter
+    if in_time and not before.any():
+        found.left_out.append(
+            f"the order of {path.taken} time steps was not measured: their error may be larger "
+            f"than its estimate, which takes order {path.order}; a multiple of {_HALVES} steps, "
+            f"{_HALVES * _FEWEST_QUARTER} or more, shows it"
+        )
+    for term in problem.terms:
+        if isinstance(term, LengthTerm):
+            found.left_out.append(f"the errors do not include that of the gap: {term.length_text}")
     orders = [_CONTACT_ORDER, _CONTACT_ORDER if path.order is None else path.order]
     if in_time and not path.contact:
         orders[0] = orders[1]

@@ -172,6 +172,8 @@ class DirichletConditions(Dirichlet):
     ----------
     path : StartPath or None
         The path from the state of another run; problems of one scene share it.
+    contradictions : list of str
+        A line for each pair of conditions with different values at some common nodes.
 
     Raises
     ------
@@ -245,6 +247,7 @@ class DirichletConditions(Dirichlet):
         """Raise BadInput if a motion overrides an earlier condition at all nodes. Collective."""
         coordinates = V.tabulate_dof_coordinates()
         owned = _dolfinx.num_nodes(V)[0]
+        self.contradictions: list[str] = []
         earlier: list[tuple[str, Constraint, Array, list[int]]] = []
         for condition in hold if self._moved else ():
             nodes = group_nodes(V, mesh, condition.group)
@@ -254,19 +257,35 @@ class DirichletConditions(Dirichlet):
             for table, other, others, other_axes in earlier:
                 both = [axis for axis in axes if axis in other_axes]
                 shared = np.intersect1d(nodes, others)
-                X, different = coordinates[shared], False
+                X = coordinates[shared]
+                different = np.zeros((len(shared), len(both)), dtype=bool)
                 for load in _LOADS if both else ():
                     u = motion.displacement(X, load)[:, both]
                     before = _displacement(other, X, load)[:, both]
                     size = max(abs(u).max(initial=0.0), abs(before).max(initial=0.0))
-                    different |= bool((abs(u - before) > _ROUNDING * size).any())
-                found = [len(shared), len(others), int(different)]
+                    different |= abs(u - before) > _ROUNDING * size
+                at = different.any(axis=1)
+                found = [len(shared), len(others), int(at.sum())]
                 total, all_of_it, differs = V.mesh.comm.allreduce(np.array(found))
-                if differs and total == all_of_it:
+                if not differs:
+                    continue
+                if total == all_of_it:
                     listed = ", ".join(AXES[axis] for axis in both)
                     accepted = f"components other than {listed}, which [[{table}]] constrains at "
                     accepted += f"the same nodes by the group {other.group!r}"
                     raise bad_value("move.group", motion.group, accepted)
+                least = _ROUNDING * abs(coordinates).max(initial=0.0)
+                rows = np.where(abs(X[at]) > least, X[at], 0.0)
+                gathered = V.mesh.comm.allgather((rows.tolist(), different.any(axis=0)))
+                place = ", ".join(f"{x:.4g}" for x in min(x for rows, _ in gathered for x in rows))
+                differing = np.any([marks for _, marks in gathered], axis=0)
+                listed = ", ".join(AXES[i] for i in np.array(both)[differing])
+                self.contradictions.append(
+                    f"[[move]] of {motion.group!r} and [[{table}]] of {other.group!r} prescribe "
+                    f"other values of {listed} at {differs} common nodes, one at ({place}), where "
+                    f"that [[move]] is taken: the displacement jumps within a cell beside them, "
+                    "so forces there grow with finer meshes"
+                )
             earlier.append(("move", motion, nodes, axes))
 
     def _check_planes(

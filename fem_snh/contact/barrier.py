@@ -113,6 +113,11 @@ class IPC(SelfContactTerm):
         self._set_distance(self.distance * before / self._narrower)
         return self._narrower != before
 
+    @property
+    def length_text(self) -> str:
+        """See `fem_snh.terms.term.LengthTerm`."""
+        return f"the barrier of self-contact acts from {self.distance:.3g} m"
+
     def share_lengths(self, other: Self) -> None:
         """Take over the distance of the same barrier on another space."""
         self._set_distance(other.distance)

@@ -271,6 +271,8 @@ def _term(term: Any, name: str, u: Any, on_load: Callable[[float], None] | None)
     """Return a feature or a term as it is, and the term of a form. Collective."""
     if isinstance(term, Feature | Term):
         return term
+    if isinstance(term, Symmetry):
+        raise bad_value(name, term, f"{TERM}; a Symmetry is one of 'bcs'")
     check_form(term, u, name)
     _check_integrals(term, name, u.function_space.mesh)
     return UFLTerm(term, u, name, on_load)

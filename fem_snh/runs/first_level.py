@@ -47,6 +47,8 @@ _FIRST = (0.5, 0.25)
 _COARSE, _FIRST_OF_COARSE = 0.005, (1 / 3, 1 / 6)
 #: Fewest cells along an edge of a first level, and fewest time steps.
 _FEWEST, _FEWEST_STEPS = 3, 16
+#: Time steps are a multiple of this: half and a quarter of them measure the order of their error.
+HALVES = 4
 
 
 def first_scene(scene: scenes.Scene, printed: Progress) -> scenes.Scene:
@@ -78,7 +80,7 @@ def first_scene(scene: scenes.Scene, printed: Progress) -> scenes.Scene:
         fewest = max(min(scene.cells, _FEWEST), parts[raised] * scene.cells)
         update["cells"] = cells_of(scene, fewest)
     if scene.time:
-        steps = max(min(scene.time.steps, _FEWEST_STEPS), ceil(_FIRST[0] * scene.time.steps))
+        steps = HALVES * ceil(max(_FEWEST_STEPS, _FIRST[0] * scene.time.steps) / HALVES)
         update["time"] = scene.time.model_copy(update={"steps": steps})
     return scene.model_copy(update=update)
 

@@ -30,7 +30,7 @@ from fem_snh.mesh.mesh import Mesh, cell_volumes, distribute, gather
 from fem_snh.notes import NOTES_ON_PATH
 from fem_snh.problem.problem import Problem
 from fem_snh.problem.transfer import transfer_state
-from fem_snh.runs.first_level import cells_of, first_scene, has_exact_cells, raised_element
+from fem_snh.runs.first_level import HALVES, cells_of, first_scene, has_exact_cells, raised_element
 from fem_snh.runs.result import Result
 from fem_snh.solver.options import OPTIONS
 
@@ -47,8 +47,6 @@ _TRIES, _LEAST_GROWTH, _MORE = 4, 1.2, 1.2
 _MOST_CELLS = 20_000_000
 #: The option of Newton's tolerance.
 _TOLERANCE = "snes_scaled_tol"
-#: Time steps are a multiple of this.
-_HALVES = 4
 #: Levels without an estimate after which the run ends: the first meshes may be too coarse.
 _MOST_WITHOUT = 3
 
@@ -220,8 +218,7 @@ def run_levels(
             petsc = current.petsc | {_TOLERANCE: tolerance}
             current = current.model_copy(update={"petsc": petsc})
         if current.time:
-            # Half and a quarter of the steps measure the order of their error.
-            steps = _HALVES * ceil(current.time.steps * shorter / _HALVES)
+            steps = HALVES * ceil(current.time.steps * shorter / HALVES)
             time = current.time.model_copy(update={"steps": steps})
             current, known = current.model_copy(update={"time": time}), False
         elif levels.rows[-1].steps:

@@ -126,7 +126,9 @@ class Progress:
         if accuracy["reached"]:
             untouched = ", ".join(accuracy["without_contact"])
             but = f" but {untouched}, without an estimate," if untouched else ""
-            self._print(self._style(f"every goal{but} is within {asked}", "green"))
+            small = ", ".join(accuracy["small"])
+            of = f", {small} of a tenth of the largest force" if small else ""
+            self._print(self._style(f"every goal{but} is within {asked}{of}", "green"))
             return
         best = (
             f"{accuracy['worst']} is known to {100 * accuracy['relative']:.2g} %"

@@ -143,12 +143,15 @@ def _check_plane(scene: Scene) -> None:
         raise bad_value("mesh", type(scene.mesh).__name__.lower(), "a file or a geometry of gmsh")
     components = PLANAR[str(scene.kinematics)].components
     for i, move in enumerate(scene.move):
-        # At three points: a rigid displacement is affine.
-        u = move.displacement(np.eye(3) * (1.0, 1.0, 0.0), 0.37)
-        if np.abs(u[:, components:]).max(initial=0.0) > 1e-9 * np.abs(u).max():
-            raise bad_value(
-                f"move.{i}", "given", f"a motion without z, with kinematics = '{scene.kinematics}'"
-            )
+        accepted = f"a motion without z, with kinematics = '{scene.kinematics}'"
+        for key, other in (("translate", "rotate"), ("rotate", "translate")):
+            alone = move.model_copy(update={other: None})
+            # At three points: a rigid displacement is affine.
+            u = alone.displacement(np.eye(3) * (1.0, 1.0, 0.0), 0.37)
+            if np.abs(u[:, components:]).max(initial=0.0) > 1e-9 * np.abs(u).max():
+                axis = f"about {list(move.rotate.axis)}" if move.rotate else ""
+                value = axis if key == "rotate" else list(move.translate or ())
+                raise bad_value(f"move.{i}.{key}", value, accepted)
 
 
 def _check_mesh(scene: Scene) -> None:

@@ -77,7 +77,16 @@ class PenaltyTerm(Protocol):
 
 @runtime_checkable
 class LengthTerm(Protocol):
-    """A term with lengths that depend on the space by default."""
+    """A term with lengths that depend on the space by default.
+
+    Attributes
+    ----------
+    length_text : str
+        What they are, with their size.
+    """
+
+    @property
+    def length_text(self) -> str: ...
 
     def share_lengths(self, other: Self) -> None:
         """Take over the lengths of the same term on another space."""
