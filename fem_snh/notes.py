@@ -13,8 +13,8 @@ from typing import Any, NamedTuple
 #: inverted; a jump to a state far away within one step; a surface that is deep in an obstacle or
 #: another surface, between the points at which contact acts; contact by a penalty, which estimated
 #: errors leave out; an unstable equilibrium; nodes outside of the mesh of the run from which this
-#: one starts; rigid motions that nothing constrains; a pressure that is known up to a constant;
-#: cells of the mesh that meet without being connected.
+#: one starts; rigid motions that nothing constrains, or supports without an area; a pressure that
+#: is known up to a constant; cells of the mesh that meet without being connected.
 KINDS = (
     "supports",
     "load",

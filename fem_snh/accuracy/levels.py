@@ -53,6 +53,9 @@ _ORDER = {1: 1.2, 2: 1.5}
 _LEAST_REFINEMENT, _MOST_REFINEMENT = 1.3, 2.0
 #: Goals below this part of their scale are not printed: the solvers leave that much.
 _SHOWN = 1e-5
+#: Part of the error of the level before to which that of a finer one decreases at least: with half
+#: the size of the cells a corner of a crack has half.
+_DECREASES = 0.8
 #: The error aimed at, as a part of the request; and for errors that are at most so many times the
 #: request, which even the order of a crack, 1, reduces to it.
 _AIM, _NEAR, _AIM_OF_NEAR = 0.7, 1.5, 0.85
@@ -343,6 +346,20 @@ class Levels:
     def reached(self) -> bool:
         """Whether every goal of the last level is within the request."""
         return self.worst is not None and self.worst[1] <= self.asked
+
+    @property
+    def decrease(self) -> bool:
+        """Whether the largest error is clearly less than on the level before; True without one.
+
+        Without an estimate it is not.
+        """
+        if len(self.rows) < 2:
+            return True
+        before, now = (
+            max((goal.relative(self.asked) for goal in row.goals.values()), default=inf)
+            for row in self.rows[-2:]
+        )
+        return now < inf and now <= _DECREASES * before
 
     def refinement(self) -> float:
         """Return the factor by which the cells of the next level are to be smaller."""

@@ -22,6 +22,10 @@ _SUSPECT, _ROUGH, _VERY_ROUGH = 0.7, 1.0, 2.0
 #: Factor of the stiffness from which it is reported.
 _TOO_STIFF = 1.2
 
+#: Part of the largest force from which that of supports without an area is reported: those that
+#: only prevent rigid motions have what the solvers leave.
+_CARRIES = 1e-3
+
 #: Returns how many times stiffer than its replacement the element is; None if that is unknown.
 Stiffness = Callable[[Problem], float | None]
 
@@ -51,6 +55,27 @@ def pressure_note(problem: Problem) -> Note | None:
         "nu < 0.5"
     )
     return Note("pressure", text)
+
+
+def thin_support_note(problem: Problem, step: int | None = None) -> Note | None:
+    """Return a note if points or edges carry a force. Collective.
+
+    They have no capacity: functions that are one there and zero elsewhere have an energy as small
+    as one likes, so that a prescribed displacement needs no force in the limit of fine meshes.
+    """
+    if (thin := problem.dirichlet.thin) is None:
+        return None
+    forces = problem.x.duplicate()
+    problem.gradient(problem.x, forces)
+    held = forces.array_r[thin.dofs]
+    force = float(np.sqrt(problem.comm.allreduce(float(held @ held), op=MPI.SUM)))
+    if force <= _CARRIES * problem.largest_force(problem.x):
+        return None
+    text = (
+        f"{thin.text}: points and edges have no area, and carry a force, {force:.3g} N: with finer "
+        "meshes it tends to zero, or the body gives way there without a limit; constrain surfaces"
+    )
+    return Note("supports", text, step, {"force": force})
 
 
 def locking_note(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -86,6 +86,8 @@ class Dirichlet:
         Dofs of this rank that other unknowns move: `set_values` may set them, to no effect.
     solid_cells : (n,) int
         This rank's own cells whose nodes are constrained and that are not assembled.
+    thin : ThinSupports or None
+        What is constrained at points, in three dimensions also at edges, and by no surface.
     """
 
     constrained: Array
@@ -94,6 +96,7 @@ class Dirichlet:
     depends_on_load: bool
     released: Array = np.empty(0, np.int64)
     solid_cells: Array = np.empty(0, np.int64)
+    thin: ThinSupports | None = None
 
     def release(self, nodes: Array) -> None:
         """Constrain no component of some local nodes, (local nodes,) bool."""
@@ -129,6 +132,21 @@ class Dirichlet:
         if self.planes:
             found[self.planes.nodes] = True
         return found
+
+
+class ThinSupports(NamedTuple):
+    """Conditions at points, in three dimensions also at edges: they have no area.
+
+    Attributes
+    ----------
+    text : str
+        The conditions, "[[hold]] of 'corner'".
+    dofs : (n,) int
+        The dofs that they alone constrain, of this rank's own nodes.
+    """
+
+    text: str
+    dofs: Array
 
 
 @dataclass
@@ -224,6 +242,7 @@ class DirichletConditions(Dirichlet):
         self.path: StartPath | None = None
         if planes:
             self._check_planes(V, planes, symmetry)
+        self.thin = self._thin_supports(V, mesh, hold, move, planes)
 
     def _constrain(self, V: Any, mesh: Mesh, condition: Constraint) -> tuple[Array, list[int]]:
         """Mark a condition's components as constrained; return its local nodes and components."""
@@ -287,6 +306,31 @@ class DirichletConditions(Dirichlet):
                     "so forces there grow with finer meshes"
                 )
             earlier.append(("move", motion, nodes, axes))
+
+    def _thin_supports(
+        self,
+        V: Any,
+        mesh: Mesh,
+        hold: Sequence[Constraint],
+        move: Sequence[PrescribedDisplacement],
+        planes: Sequence[NodePlane],
+    ) -> ThinSupports | None:
+        """Return what points and edges alone constrain; None without any condition on them."""
+        named = [("hold", condition) for condition in hold] + [("move", motion) for motion in move]
+        thin = [pair for pair in named if mesh.group(pair[1].group).dim < mesh.dim - 1]
+        if not thin:
+            return None
+        marked = np.zeros_like(self.constrained)
+        for pair in (*thin, *(pair for pair in named if pair not in thin)):
+            nodes = group_nodes(V, mesh, pair[1].group)
+            marked[nodes[:, None], self._axes(pair[1])] = pair in thin
+        for plane in planes:
+            marked[np.ix_(plane.nodes, abs(plane.normal) > _ROUNDING)] = False
+        for bone in self.bones:
+            marked[bone.nodes] = False
+        text = ", ".join(f"[[{table}]] of {condition.group!r}" for table, condition in thin)
+        owned = _dolfinx.num_nodes(V)[0]
+        return ThinSupports(text, np.setdiff1d(np.flatnonzero(marked[:owned]), self._on_axis))
 
     def _check_planes(
         self, V: Any, planes: Sequence[NodePlane], symmetry: Sequence[SymmetryPlane]

@@ -190,6 +190,12 @@ def run_levels(
         if hopeless or (len(without) == _MOST_WITHOUT and all(without)):
             levels.limit = f"no estimate of the error: {levels.rows[-1].reason}"
             break
+        if thin := [
+            note for note in result.notes if note["kind"] == "supports" and "force" in note
+        ]:
+            if not levels.decrease:
+                levels.limit = f"the errors do not decrease: {thin[0]['text']}"
+                break
         refinement = 1.0 if levels.mesh_suffices else levels.refinement()
         shorter = levels.shorter_steps()
         stiffer = levels.stiffer_penalties(refinement, shorter)

@@ -16,6 +16,7 @@ from fem_snh.accuracy.state_notes import (
     locking_note,
     penetration_note,
     pressure_note,
+    thin_support_note,
 )
 from fem_snh.assembly.elements import Element
 from fem_snh.mesh.mesh_checks import unconnected_nodes
@@ -137,6 +138,7 @@ def final_notes(
         locking_note(problem, stiffness, good[-1]),
         inversion_note(problem, good[-1]) or _earlier_inversion(steps, good),
         pressure_note(problem),
+        thin_support_note(problem, good[-1]),
         penetration_note({number: steps[number] for number in good}),
         instability_note(
             {number: steps[number].get("negative_eigenvalues", 0) for number in good},

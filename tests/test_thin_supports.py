@@ -1,0 +1,76 @@
+"""Supports without an area, points and in three dimensions edges: what carries a force is noted."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from gmsh_files import write_msh
+from running import solve
+
+from fem_snh.scenes import Scene, validate
+
+pytestmark = pytest.mark.mpi
+
+SQUARE = """
+Rectangle(1) = {0, 0, 0, 1, 1}; MeshSize{:} = 0.12;
+Physical Surface("body") = {1};
+Physical Curve("bottom") = {1}; Physical Curve("top") = {3}; Physical Curve("left") = {4};
+Physical Point("corner") = {1}; Physical Point("corners") = {1, 2};
+"""
+
+
+@pytest.fixture
+def square(comm: Any, folder: Any) -> Any:
+    return write_msh(comm, folder, 'SetFactory("OpenCASCADE");' + SQUARE, dim=2)
+
+
+def scene(square: Any, hold: dict[str, str], loads: dict[str, float], **keys: Any) -> Scene:
+    """Return a square of which the components of some groups are held."""
+    return validate(
+        {
+            "name": "square",
+            "mesh": square,
+            "kinematics": "plane_strain",
+            "element": "P2",
+            "material": {"name": "stable_neo_hookean", "E": 1.0, "nu": 0.3},
+            "hold": [{"group": group, "components": list(axes)} for group, axes in hold.items()],
+            "traction": [{"group": group, "vector": [0, f, 0]} for group, f in loads.items()],
+        }
+        | keys,
+        "scene",
+    )
+
+
+def supports(result: Any) -> list[dict[str, Any]]:
+    return [note for note in result.notes if note["kind"] == "supports"]
+
+
+def test_corners_that_carry_a_load(comm: Any, square: Any) -> None:
+    """Finer cells give way further, as the logarithm of their size: the levels end."""
+    accuracy = {"within": 0.01, "goals": ["energy", "top.mean.y"], "max_dofs": 1000000}
+    carried = scene(square, {"corners": "xy"}, {"top": -0.1}, accuracy=accuracy)
+    result = solve(carried, comm)
+    (note,) = supports(result)
+    assert note["text"].startswith(
+        "[[hold]] of 'corners': points and edges have no area, and carry"
+    )
+    # Two equal vertical forces, and horizontal ones that add no net force.
+    assert note["force"] > 0.1 / 2**0.5
+    record = result.record["accuracy"]
+    assert not record["reached"] and len(record["levels"]) < 4
+    assert record["limit"] == f"the errors do not decrease: {note['text']}"
+
+
+@pytest.mark.parametrize(
+    ("hold", "loads"),
+    [
+        ({"corners": "y", "corner": "x"}, {"top": 0.1, "bottom": -0.1}),
+        ({"bottom": "y", "corner": "x"}, {"top": -0.1}),
+        ({"bottom": "xy", "corner": "xy"}, {"top": -0.1}),
+    ],
+)
+def test_corners_that_prevent_rigid_motions(
+    comm: Any, square: Any, hold: dict[str, str], loads: dict[str, float]
+) -> None:
+    assert not supports(solve(scene(square, hold, loads), comm))
