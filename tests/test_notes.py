@@ -13,12 +13,14 @@ from interrupted_runs import cut
 from note_scenes import arch, bushing
 from running import record, rows, solve
 from test_locking import cube
+from time_scenes import DOWN, in_time
 
 import fem_snh
 from fem_snh.accuracy.state_notes import inversion_note
 from fem_snh.cli import main
+from fem_snh.contact.obstacle import Obstacle
 from fem_snh.errors import ResultNote
-from fem_snh.scenes import Scene
+from fem_snh.scenes import MaterialChoice, Scene, Start
 
 mpi = pytest.mark.mpi
 
@@ -237,3 +239,29 @@ def test_a_rotation_of_some_components_is_said(axis, components, left):
     texts = [note["text"] for note in result.notes if note["kind"] == "load"]
     assert len(texts) == bool(left)
     assert all(f"move.0.rotate moves points along {left} too" in text for text in texts)
+
+
+@pytest.mark.parametrize(
+    ("integrator", "friction"), [("newmark", 0.3), ("newmark", 0), ("bdf2", 0.3)]
+)
+def test_a_motion_that_gains_energy(integrator, friction):
+    """The block rocks as it slides: friction of a step's start acts in half of it, reversed or not.
+
+    Its energy was doubled within 12 steps, and it left the ground, without a word.
+    """
+    floor = {"name": "floor", "shape": {"plane": {}}, "friction": friction}
+    tables = {
+        "cells": 1,
+        "material": MaterialChoice(name="stable_neo_hookean", E=1e6, nu=0.3, density=1000.0),
+        "gravity": DOWN,
+        "start": Start(velocity=(1, 0, 0)),
+        "obstacle": [Obstacle.model_validate(floor)],
+    }
+    time = {"duration": 1.2, "steps": 12, "integrator": integrator}
+    result = solve(in_time(time, **tables), MPI.COMM_SELF)
+    notes = [note for note in result.notes if note["kind"] == "energy"]
+    assert len(notes) == (integrator == "newmark" and friction > 0)
+    for note in notes:
+        row = result.steps[note["step"]]
+        assert note["gained"] > row["energy"] + row["dissipated"] - 500 - 1e-6 > 0
+        assert f"the energy rises by {note['gained']:.3g} J that no load gives" in note["text"]

@@ -26,6 +26,9 @@ _TOO_STIFF = 1.2
 #: only prevent rigid motions have what the solvers leave.
 _CARRIES = 1e-3
 
+#: Part of the largest kinetic energy, work or dissipation by which an energy may rise by itself.
+_RISE = 0.05
+
 #: Returns how many times stiffer than its replacement the element is; None if that is unknown.
 Stiffness = Callable[[Problem], float | None]
 
@@ -204,6 +207,34 @@ def instability_note(
     )
     values = {"negative_eigenvalues": count, "steps": list(unstable)}
     return Note("unstable", text, None if of is None else last, values)
+
+
+def energy_note(steps: Mapping[int, Mapping[str, Any]]) -> Note | None:
+    """Return a note if a motion gains energy that no load gave it.
+
+    Newmark's method has the friction of a step's start in half of it, also where sliding reverses:
+    time steps that do not resolve that give the body any velocity.
+
+    Parameters
+    ----------
+    steps : mapping
+        The rows of run.json of steps that converged, by number.
+    """
+    rows = {n: row for n, row in steps.items() if "numerical_dissipation" in row}
+    if not rows:
+        return None
+    worst = min(rows, key=lambda number: float(rows[number]["numerical_dissipation"]))
+    gained = -float(rows[worst]["numerical_dissipation"])
+    exchanged = max(abs(row[k]) for row in rows.values() for k in ("kinetic", "work", "dissipated"))
+    if not gained > _RISE * exchanged:
+        return None
+    text = (
+        f"the energy rises by {gained:.3g} J that no load gives, up to time "
+        f"{rows[worst]['time']:.4g} s, {100 * gained / exchanged:.2g} % of the largest kinetic "
+        "energy, work or dissipation: the time steps do not resolve the motion or its contacts; "
+        "take shorter ones, or integrator = 'bdf2'"
+    )
+    return Note("energy", text, worst, {"gained": gained, "exchanged": exchanged})
 
 
 def penetration_note(steps: Mapping[int, Mapping[str, Any]]) -> Note | None:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from fem_snh.accuracy.state_notes import (
+    energy_note,
     instability_note,
     inversion_note,
     locking_note,
@@ -139,6 +140,7 @@ def final_notes(
         inversion_note(problem, good[-1]) or _earlier_inversion(steps, good),
         pressure_note(problem),
         thin_support_note(problem, good[-1]),
+        energy_note({number: steps[number] for number in good}),
         penetration_note({number: steps[number] for number in good}),
         instability_note(
             {number: steps[number].get("negative_eigenvalues", 0) for number in good},
