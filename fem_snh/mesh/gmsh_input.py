@@ -10,6 +10,7 @@ import os
 import threading
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,6 +19,9 @@ from fem_snh.errors import BadInput, choose
 from fem_snh.files import open_file
 from fem_snh.mesh import gmsh_model
 from fem_snh.mesh.gmsh_model import CELL_KINDS, MeshData, PhysicalGroup
+
+if TYPE_CHECKING:
+    from fem_snh.mesh.size_field import SizeField
 
 __all__ = ["CELL_KINDS", "MeshData", "PhysicalGroup", "fill", "generate", "read", "source_path"]
 
@@ -39,12 +43,15 @@ def source_path(source: str) -> Path:
     return known[choose("geometry", source, sorted(known))]
 
 
-def generate(path: Path, cell: str, parameters: dict[str, float]) -> MeshData:
+def generate(
+    path: Path, cell: str, parameters: dict[str, float], sizes: SizeField | None = None
+) -> MeshData:
     """Mesh a gmsh source with these values of its parameters, with this kind of cell.
 
-    gmsh executes a source: it must be one of the built-in ones.
+    The sizes of cells are those of the source, or of a field. gmsh executes a source: it must be
+    one of the built-in ones.
     """
-    arguments = path, cell, parameters
+    arguments = path, cell, parameters, sizes
     if threading.current_thread() is threading.main_thread():
         return _in_dolfinx_order(gmsh_model.generate(*arguments))
     # gmsh installs a handler of signals, which Python allows in the main thread only.

@@ -11,12 +11,15 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from math import isfinite
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from fem_snh.errors import BadInput, bad_value, unknown_name
 from fem_snh.mesh.skin import NodeCopies, Skin
+
+if TYPE_CHECKING:
+    from fem_snh.mesh.size_field import SizeField
 
 #: gmsh's element type: cell, degree of the geometry, nodes per cell (gmsh manual, MSH format).
 _CELLS = {
@@ -114,8 +117,13 @@ def session() -> Iterator[Any]:
         signal.signal(signal.SIGINT, handler)
 
 
-def generate(path: Path, cell: str, parameters: dict[str, float]) -> MeshData:
-    """Mesh a gmsh source with these values of its parameters, with this kind of cell."""
+def generate(
+    path: Path, cell: str, parameters: dict[str, float], sizes: SizeField | None = None
+) -> MeshData:
+    """Mesh a gmsh source with these values of its parameters, with this kind of cell.
+
+    The sizes of cells are those of the source, or of a field.
+    """
     with session() as gmsh:
         gmsh.open(str(path))  # defines the parameters; opened again with their values below
         names = [name for name in gmsh.onelab.getNames() if "/" not in name]
@@ -133,6 +141,8 @@ def generate(path: Path, cell: str, parameters: dict[str, float]) -> MeshData:
             gmsh.onelab.setNumber(name, [float(value)])
         gmsh.clear()
         gmsh.open(str(path))
+        if sizes is not None:
+            _set_sizes(gmsh, sizes)
         gmsh.model.mesh.generate(2 if cell in _PLANE_CELLS else 3)
         data = _extract(gmsh)
     if data.degree > 1 and data.cell == "tetrahedron":
@@ -140,6 +150,22 @@ def generate(path: Path, cell: str, parameters: dict[str, float]) -> MeshData:
 
         return data._replace(x=straightened(data.cells, data.x))
     return data
+
+
+def _set_sizes(gmsh: Any, field: SizeField) -> None:
+    """Let a field alone determine the sizes of the cells."""
+    view = gmsh.view.add("sizes")
+    kind = "ST" if field.x.shape[1] == 3 else "SS"
+    points = field.x.transpose(0, 2, 1).reshape(len(field.x), -1)
+    rows = np.hstack([points, field.sizes])
+    gmsh.view.addListData(view, kind, len(rows), rows.ravel())
+    number = gmsh.model.mesh.field.add("PostView")
+    gmsh.model.mesh.field.setNumber(number, "ViewTag", view)
+    gmsh.model.mesh.field.setAsBackgroundMesh(number)
+    for source in ("ExtendFromBoundary", "FromPoints", "FromCurvature"):
+        gmsh.option.setNumber(f"Mesh.MeshSize{source}", 0)
+    gmsh.option.setNumber("Mesh.MeshSizeMin", 0)
+    gmsh.option.setNumber("Mesh.MeshSizeMax", float(field.sizes.max()))
 
 
 def read(path: str) -> MeshData:

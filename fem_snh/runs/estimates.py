@@ -46,8 +46,8 @@ def estimate_errors(
         return estimate_on_path(setup.problem, ScenePath(comm, scene, setup), goals, announce)
     located = "exactly" if fields or (scene.accuracy and scene.accuracy.goals) else "largest"
     if scene.within and not fields:
-        from fem_snh.runs.levels import is_bisected
+        from fem_snh.runs.levels import is_refined_locally
 
-        located = "all" if is_bisected(scene) else "largest"
+        located = "all" if is_refined_locally(scene) else "largest"
     made = setup.problem, setup.make
     return estimate_error(*made, goals, announce, setup.mesh, located, scene.stability)

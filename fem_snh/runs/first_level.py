@@ -13,7 +13,14 @@ from fem_snh.assembly.kinematics import kinematics_of
 from fem_snh.errors import BadInput
 from fem_snh.kernels.compiled import supports
 from fem_snh.kernels.material import material
-from fem_snh.runs.notes import has_polyhedral_cells
+from fem_snh.runs.built_in_bodies import (
+    cells_of,
+    has_curved_cells,
+    has_exact_cells,
+    has_polyhedral_cells,
+    has_reentrant_edges,
+    is_built_in,
+)
 from fem_snh.runs.progress import Progress
 
 #: Poisson's ratio above which elements with a pointwise volume term are replaced: they lock
@@ -28,18 +35,6 @@ _DEGREE_2 = {"P1": "P2", "Q1": "Q2", "Q1P0": "Q2"}
 _SIMPLICES = dict.fromkeys(("P1", "Q1", "Q1P0", "Q2", "Q2Q1"), "P2")
 #: In place of P2P0 on triangles, whose error is estimated badly (docs/results/error.md).
 _PLANE = {"P2P0": "P2P1"}
-#: Built-in geometries with plane faces: tetrahedra that are refined in place fill them exactly.
-#: So do triangles those whose half plane is a rectangle.
-_PLANE_FACES = ("bar", "block", "bracket", "clip", "cook", "cube", "two_blocks")
-_RECTANGLES = ("bushing", "cylinder", "tube")
-#: Built-in bodies with re-entrant edges.
-_REENTRANT = ("bracket", "clip")
-#: Built-in geometries whose cells have curved sides by default.
-_CURVED = ("bushing", "cord", "shell", "tube")
-#: Built-in geometries that have an even number of cells along an edge.
-_EVEN = ("block", "shell")
-#: Fewest cells of built-in geometries: larger ones would cut bones, or lose arms.
-_LEAST_CELLS = {"arm": 12, "octopus": 4}
 #: Cells of the first level over those of the scene, along an edge, by the degree by which the
 #: element is raised; likewise time steps.
 _FIRST = (0.5, 0.25)
@@ -73,8 +68,8 @@ def first_scene(scene: scenes.Scene, printed: Progress) -> scenes.Scene:
         printed.line(f"element = '{element}' in place of '{scene.element}', {reason}")
     raised = ELEMENTS[element].degree - ELEMENTS[scene.element].degree
     update = {"element": element}
-    if isinstance(scene.mesh, scenes.Geometry) and scene.cells is not None:
-        assert scene.accuracy and scene.accuracy.within
+    if is_built_in(scene):
+        assert scene.accuracy and scene.accuracy.within and scene.cells
         coarse = scene.accuracy.within >= _COARSE and _may_raise(scene)
         parts = _FIRST_OF_COARSE if coarse else _FIRST
         fewest = max(min(scene.cells, _FEWEST), parts[raised] * scene.cells)
@@ -83,19 +78,6 @@ def first_scene(scene: scenes.Scene, printed: Progress) -> scenes.Scene:
         steps = HALVES * ceil(max(_FEWEST_STEPS, _FIRST[0] * scene.time.steps) / HALVES)
         update["time"] = scene.time.model_copy(update={"steps": steps})
     return scene.model_copy(update=update)
-
-
-def cells_of(scene: scenes.Scene, least: float) -> int:
-    """Return the fewest cells along an edge that the geometry accepts, at least so many."""
-    source = scene.mesh.source if isinstance(scene.mesh, scenes.Geometry) else ""
-    least = max(least, _LEAST_CELLS.get(source, 1))
-    return 2 * ceil(least / 2) if source in _EVEN else ceil(least)
-
-
-def has_exact_cells(scene: scenes.Scene) -> bool:
-    """Return whether simplices with straight edges fill the scene's body exactly."""
-    exact = _PLANE_FACES + (_RECTANGLES if kinematics_of(scene.kinematics).revolved else ())
-    return isinstance(scene.mesh, scenes.Geometry) and scene.mesh.source in exact
 
 
 def raised_element(scene: scenes.Scene) -> str:
@@ -152,14 +134,11 @@ def _may_raise(scene: scenes.Scene) -> bool:
     they need fewer dofs also for an impact (docs/results/time_to_accuracy.md).
     """
     assert scene.accuracy
-    if scene.accuracy.keep_element or scene.cells is None:
-        return False
-    if not isinstance(scene.mesh, scenes.Geometry):
+    if scene.accuracy.keep_element or not is_built_in(scene):
         return False
     if not scene.time and (scene.obstacle or scene.contact or scene.self_contact):
         return False
-    default = 2 if scene.mesh.source in _CURVED else 1
-    return has_exact_cells(scene) or scene.mesh.parameters.get("order", default) == 2
+    return has_exact_cells(scene) or has_curved_cells(scene)
 
 
 def _may_be_simplices(scene: scenes.Scene) -> bool:
@@ -170,10 +149,9 @@ def _may_be_simplices(scene: scenes.Scene) -> bool:
     """
     if not has_exact_cells(scene):
         return False
-    assert isinstance(scene.mesh, scenes.Geometry)
     if kinematics_of(scene.kinematics).dim == 2:
         return not (_locks(scene) and len(scene.materials) > 1)
-    return scene.mesh.source in _REENTRANT and not _locks(scene)
+    return has_reentrant_edges(scene) and not _locks(scene)
 
 
 def _fits(scene: scenes.Scene, element: str) -> bool:

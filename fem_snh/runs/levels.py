@@ -25,12 +25,21 @@ from fem_snh.accuracy.levels import LevelRow, Levels, target_volumes
 from fem_snh.accuracy.lift import available_memory
 from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.assembly.kinematics import kinematics_of
+from fem_snh.mesh import gmsh_input
 from fem_snh.mesh.bisection import bisect
+from fem_snh.mesh.gmsh_input import MeshData
 from fem_snh.mesh.mesh import Mesh, cell_volumes, distribute, gather
+from fem_snh.mesh.size_field import size_field
 from fem_snh.notes import NOTES_ON_PATH
 from fem_snh.problem.problem import Problem
 from fem_snh.problem.transfer import transfer_state
-from fem_snh.runs.first_level import HALVES, cells_of, first_scene, has_exact_cells, raised_element
+from fem_snh.runs.built_in_bodies import (
+    cells_of,
+    has_exact_cells,
+    is_built_in,
+    may_have_any_sizes,
+)
+from fem_snh.runs.first_level import HALVES, first_scene, raised_element
 from fem_snh.runs.result import Result
 from fem_snh.solver.options import OPTIONS
 
@@ -39,6 +48,8 @@ if TYPE_CHECKING:
     from fem_snh.runs.folder import Folder
     from fem_snh.runs.progress import Progress
     from fem_snh.runs.setup import Setup
+
+Array = npt.NDArray[Any]
 
 #: Bisection makes more cells than were wanted, as it leaves no hanging nodes: the wanted number is
 #: then reduced, down to this factor, until at most so many times as many are made.
@@ -82,7 +93,7 @@ class Level:
     fineness: float = 0.0
     stiffer: float = 1.0
     notes: list[dict[str, Any]] = field(default_factory=list)
-    volumes: npt.NDArray[Any] = field(default_factory=lambda: np.empty(0))
+    volumes: Array = field(default_factory=lambda: np.empty(0))
 
     @property
     def given(self) -> tuple[Mesh | None, float]:
@@ -272,16 +283,18 @@ def _refinement(scene: scenes.Scene) -> Refine:
     simplices = ELEMENTS[scene.element].cell == "tetrahedron"
     if isinstance(scene.mesh, scenes.Lattice):
         return _smaller_lattice
-    if scene.cells is not None and not (simplices and has_exact_cells(scene)):
-        return _more_cells
+    if is_built_in(scene) and not (simplices and has_exact_cells(scene)):
+        # On a path the errors are not distributed to the cells.
+        sizes = simplices and not scene.time and may_have_any_sizes(scene)
+        return _remeshed if sizes else _more_cells
     if simplices:
         return _bisected
     return _higher_degree
 
 
-def is_bisected(scene: scenes.Scene) -> bool:
+def is_refined_locally(scene: scenes.Scene) -> bool:
     """Return whether a scene's mesh is refined where the errors are."""
-    return _refinement(scene) is _bisected
+    return _refinement(scene) in (_bisected, _remeshed)
 
 
 def _more_cells(
@@ -309,27 +322,80 @@ def _higher_degree(
 def _bisected(
     comm: MPI.Comm, scene: scenes.Scene, level: Level, estimate: Estimate | None, finer: float
 ) -> tuple[scenes.Scene, Mesh | None]:
-    assert level.mesh is not None
-    domain, owned = level.mesh.domain, len(level.volumes)
-    weights: npt.NDArray[Any] = np.zeros(owned)
-    if estimate is not None and level.levels.rows[-1].goals:
-        weights = level.levels.cell_weights(estimate, owned)
-    data = gather(level.mesh)
-    rows = comm.gather((_dolfinx.input_cells(domain)[:owned], level.volumes, weights))
-    degree, dim = ELEMENTS[scene.element].degree, level.mesh.dim
-
-    def make() -> Any:
-        volumes, sizes = np.empty((2, len(data.cells)))
-        for numbers, *values in rows:
-            volumes[numbers], sizes[numbers] = values
-        wanted = growth = finer**dim
+    def bisected(data: MeshData, target: Target) -> MeshData:
+        wanted = growth = target.growth
         for _ in range(_TRIES):
-            target = target_volumes(volumes, sizes, degree, growth, dim)
-            refined = bisect(data, target, _MOST_CELLS)
-            found = len(refined.cells) / len(volumes)
+            refined = bisect(data, target(growth), _MOST_CELLS)
+            found = len(refined.cells) / len(data.cells)
             if found <= _MORE * wanted or growth == _LEAST_GROWTH:
                 break
             growth = max(_LEAST_GROWTH, growth * wanted / found)
         return refined
 
-    return scene, distribute(comm, "the refined mesh", make)
+    return scene, _with_target(comm, scene, level, estimate, finer, bisected)
+
+
+def _remeshed(
+    comm: MPI.Comm, scene: scenes.Scene, level: Level, estimate: Estimate | None, finer: float
+) -> tuple[scenes.Scene, Mesh | None]:
+    assert isinstance(scene.mesh, scenes.Geometry) and level.mesh is not None
+    source, cell = scene.mesh.source, level.mesh.cell
+    parameters = {"cells": float(scene.cells or 0)} | scene.mesh.parameters
+
+    def remeshed(data: MeshData, target: Target) -> MeshData:
+        field = size_field(data.cells[:, : data.x.shape[1] + 1], data.x, target(target.growth))
+        return gmsh_input.generate(gmsh_input.source_path(source), cell, parameters, field)
+
+    return scene, _with_target(comm, scene, level, estimate, finer, remeshed)
+
+
+@dataclass(frozen=True)
+class Target:
+    """The volumes of cells that a level wants, with a factor of the number of cells.
+
+    Attributes
+    ----------
+    volumes, weights : (cells,) array
+        The volumes of the present cells [length^dim], and the sizes of their errors.
+    degree, dim : int
+        Degree of the displacement, and dimension of the mesh.
+    growth : float
+        The factor of the number of cells that is wanted.
+    """
+
+    volumes: Array
+    weights: Array
+    degree: int
+    dim: int
+    growth: float
+
+    def __call__(self, growth: float) -> Array:
+        """Return the volumes with a factor of the number of cells."""
+        return target_volumes(self.volumes, self.weights, self.degree, growth, self.dim)
+
+
+def _with_target(
+    comm: MPI.Comm,
+    scene: scenes.Scene,
+    level: Level,
+    estimate: Estimate | None,
+    finer: float,
+    make: Callable[[MeshData, Target], MeshData],
+) -> Mesh:
+    """Return the mesh that a function makes on rank 0 from the last one. Collective."""
+    assert level.mesh is not None
+    owned = len(level.volumes)
+    weights: Array = np.zeros(owned)
+    if estimate is not None and level.levels.rows[-1].goals:
+        weights = level.levels.cell_weights(estimate, owned)
+    data = gather(level.mesh)
+    rows = comm.gather((_dolfinx.input_cells(level.mesh.domain)[:owned], level.volumes, weights))
+    degree, dim = ELEMENTS[scene.element].degree, level.mesh.dim
+
+    def make_on_root() -> MeshData:
+        volumes, sizes = np.empty((2, len(data.cells)))
+        for numbers, *values in rows:
+            volumes[numbers], sizes[numbers] = values
+        return make(data, Target(volumes, sizes, degree, dim, finer**dim))
+
+    return distribute(comm, "the refined mesh", make_on_root)

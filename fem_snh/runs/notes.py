@@ -23,12 +23,8 @@ from fem_snh.assembly.elements import Element
 from fem_snh.mesh.mesh_checks import unconnected_nodes
 from fem_snh.notes import Note
 from fem_snh.problem.problem import Problem
-from fem_snh.scenes import Geometry, Scene
+from fem_snh.scenes import Scene
 
-#: Built-in bodies with round faces: cells with straight edges change their volume from mesh to
-#: mesh, by 2.6 % with 8 cells along a diameter, by 12 % of an arm with 12 along it, which no
-#: estimate on one mesh sees.
-_ROUND = ("arm", "ball", "cylinder", "indenter")
 #: Makes the run's problem with another element.
 Make = Callable[[Element], Problem]
 
@@ -74,17 +70,13 @@ def partial_rotations(scene: Scene) -> list[str]:
     return found
 
 
-def has_polyhedral_cells(scene: Scene) -> bool:
-    """Return whether a built-in body with round faces has cells with straight edges."""
-    mesh = scene.mesh
-    if not isinstance(mesh, Geometry) or scene.kinematics is not None:
-        return False
-    return mesh.source in _ROUND and mesh.parameters.get("order", 1) == 1
-
-
 def shape_notes(scene: Scene) -> list[str]:
     """Return a line if estimates, which see one mesh, are those of another body."""
-    if not (scene.estimates_error and has_polyhedral_cells(scene)):
+    if not scene.estimates_error:
+        return []
+    from fem_snh.runs.built_in_bodies import has_polyhedral_cells
+
+    if not has_polyhedral_cells(scene):
         return []
     return [
         "the body has round faces, and its cells straight edges: the estimated errors are those of "

@@ -1,0 +1,78 @@
+"""The sizes of cells of a new mesh, given on the cells of an old one."""
+
+from __future__ import annotations
+
+from itertools import combinations
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+
+#: Volume of a regular simplex with edges of length 1, by its dimension.
+_REGULAR = {2: 3**0.5 / 4, 3: 2**0.5 / 12}
+#: The largest change of the size over the distance: neighbours differ by about a third.
+_GRADIENT = 0.35
+#: Edges of gmsh's cells over the size that was asked for.
+_LONGER = 1.1
+
+
+class SizeField(NamedTuple):
+    """A field of sizes, linear in each cell of a mesh.
+
+    Attributes
+    ----------
+    x : (cells, corners, 3) array
+        The corners of triangles or tetrahedra [m].
+    sizes : (cells, corners) array
+        Lengths of edges at the corners [m].
+    """
+
+    x: Array
+    sizes: Array
+
+
+def size_field(cells: npt.NDArray[np.int64], x: Array, volumes: Array) -> SizeField:
+    """Return the sizes at the corners of cells in whose place are cells of other volumes.
+
+    The sizes are graded. As grading makes cells smaller, all are then larger by a factor with which
+    as many cells are expected as the volumes ask for.
+
+    Parameters
+    ----------
+    cells : (cells, corners) array
+        The corners of triangles or tetrahedra.
+    x : (nodes, 2 or 3) array
+        Coordinates [m].
+    volumes : (cells,) array
+        The volumes of cells that are wanted in the place of each [m^dim].
+    """
+    dim = x.shape[1]
+    used, corners = np.unique(cells, return_inverse=True)
+    corners, x = corners.reshape(cells.shape), x[used]
+    edges = x[corners[:, 1:]] - x[corners[:, :1]]
+    own = np.abs(np.linalg.det(edges)) / (2 if dim == 2 else 6)
+    wanted = np.log(volumes / _REGULAR[dim]) / dim
+    ends = corners.ravel()
+    means = np.bincount(ends, np.repeat(wanted, dim + 1)) / np.bincount(ends)
+    sizes = _graded(np.exp(means), corners, x)
+    expected = (own / (_REGULAR[dim] * sizes[corners].mean(axis=1) ** dim)).sum()
+    sizes *= (expected / (own / volumes).sum()) ** (1 / dim) / _LONGER
+    points = np.zeros((len(x), 3))
+    points[:, :dim] = x
+    return SizeField(points[corners], sizes[corners])
+
+
+def _graded(sizes: Array, cells: npt.NDArray[np.int64], x: Array) -> Array:
+    """Return the largest sizes, none above those given, whose change along edges is limited."""
+    pairs = np.array(list(combinations(range(cells.shape[1]), 2)))
+    edges = np.unique(np.sort(cells[:, pairs].reshape(-1, 2), axis=1), axis=0)
+    rise = _GRADIENT * np.linalg.norm(x[edges[:, 1]] - x[edges[:, 0]], axis=1)
+    sizes = sizes.copy()
+    while True:
+        before = sizes.copy()
+        for here, there in (edges.T, edges.T[::-1]):
+            np.minimum.at(sizes, here, sizes[there] + rise)
+        if np.array_equal(sizes, before):
+            return sizes
