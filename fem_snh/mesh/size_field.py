@@ -14,8 +14,8 @@ Array = npt.NDArray[np.float64]
 _REGULAR = {2: 3**0.5 / 4, 3: 2**0.5 / 12}
 #: The largest change of the size over the distance: neighbours differ by about a third.
 _GRADIENT = 0.35
-#: Edges of gmsh's cells over the size that was asked for.
-_LONGER = 1.1
+#: Edges of gmsh's cells over the size that was asked for, by the dimension.
+_LONGER = {2: 1.0, 3: 1.2}
 
 
 class SizeField(NamedTuple):
@@ -58,7 +58,7 @@ def size_field(cells: npt.NDArray[np.int64], x: Array, volumes: Array) -> SizeFi
     means = np.bincount(ends, np.repeat(wanted, dim + 1)) / np.bincount(ends)
     sizes = _graded(np.exp(means), corners, x)
     expected = (own / (_REGULAR[dim] * sizes[corners].mean(axis=1) ** dim)).sum()
-    sizes *= (expected / (own / volumes).sum()) ** (1 / dim) / _LONGER
+    sizes *= (expected / (own / volumes).sum()) ** (1 / dim) / _LONGER[dim]
     points = np.zeros((len(x), 3))
     points[:, :dim] = x
     return SizeField(points[corners], sizes[corners])

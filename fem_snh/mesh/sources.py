@@ -9,7 +9,7 @@ from typing import NamedTuple
 from fem_snh.mesh.gmsh_input import source_path
 
 
-class Parameter(NamedTuple):
+class SourceParameter(NamedTuple):
     """A parameter of a source.
 
     Attributes
@@ -24,14 +24,16 @@ class Parameter(NamedTuple):
 
 
 @cache
-def parameter(source: str, name: str) -> Parameter | None:
+def parameter(source: str, name: str) -> SourceParameter | None:
     """Return a parameter in the DefineConstant of meshes/<source>.geo; None without it."""
     found = re.search(rf"^  {name} = {{([^,]+),([^}}]*)", _text(source), re.MULTILINE)
     if not found:
         return None
     default, rest = found.groups()
     bounds = dict(re.findall(r"(Min|Step) ([-+.\d]+)", rest))
-    return Parameter(float(default), float(bounds.get("Min", 0)), float(bounds.get("Step", 1)))
+    return SourceParameter(
+        float(default), float(bounds.get("Min", 0)), float(bounds.get("Step", 1))
+    )
 
 
 @cache
