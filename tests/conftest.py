@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import functools
 import os
+import re
 import sys
 import tempfile
 import time
@@ -11,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import hypothesis
 import pytest
-from same_on_every_debian import SAME_ON_EVERY_DEBIAN
+from same_on_every_debian import LIBRARY_PARAMETERS, SAME_ON_EVERY_DEBIAN, SAME_TESTS
 from scene_file import TOML
 
 if TYPE_CHECKING:
@@ -69,15 +71,55 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     )
 
 
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """Import no file of which no test would be left: on several ranks, every rank imports them."""
+    if collection_path.suffix != ".py":
+        return None
+    if config.getoption("other_debian") and collection_path.stem in SAME_ON_EVERY_DEBIAN:
+        return True
+    ranks = config.option.markexpr == "mpi" and _ranks(config) > 1
+    return True if ranks and not _may_have_ranks(collection_path) else None
+
+
+@functools.lru_cache
+def _may_have_ranks(path: Path) -> bool:
+    """Return whether a file names the mark, or bodies.pairs, which has it."""
+    return bool(re.search(r"\bmpi\b|\bpairs\b", path.read_text()))
+
+
+@pytest.hookimpl(trylast=True)  # after -m and -k, which may leave out the first parameters
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    for item in items:
+        if item.get_closest_marker("mpi") and not _may_have_ranks(item.path):
+            raise pytest.UsageError(f"{item.nodeid}: expected the word mpi in its file")
     kept = list(items)
     if config.getoption("other_debian"):
-        kept = [item for item in items if item.path.stem not in SAME_ON_EVERY_DEBIAN]
+        kept = _each_library_parameter([item for item in kept if _function(item) not in SAME_TESTS])
     if _ranks(config) > 1 and not config.getoption("every_parameter"):  # all of them run on one
         kept = list({item.nodeid.split("[")[0]: item for item in reversed(kept)}.values())[::-1]
     left = set(kept)
     config.hook.pytest_deselected(items=[item for item in items if item not in left])
     items[:] = kept
+
+
+def _function(item: pytest.Item) -> str:
+    """Return a test's file and function, e.g. "test_mesh::test_groups"."""
+    return f"{item.path.stem}::{item.nodeid.split('[')[0].partition('::')[2]}"
+
+
+def _each_library_parameter(items: list[pytest.Item]) -> list[pytest.Item]:
+    """Return each test with its first parameters, and with each value of LIBRARY_PARAMETERS."""
+    kept: list[pytest.Item] = []
+    values: dict[str, set[tuple[str, str]]] = {}
+    for item in items:
+        function = _function(item)
+        callspec = getattr(item, "callspec", None)
+        parameters = callspec.params if callspec else {}
+        new = {(k, repr(v)) for k, v in parameters.items() if k in LIBRARY_PARAMETERS}
+        if function not in values or not new <= values[function]:
+            kept.append(item)
+        values.setdefault(function, set()).update(new)
+    return kept
 
 
 # --- a test that fails on one rank aborts all ranks -----------------------------------------------

@@ -1,4 +1,4 @@
-"""Test files that run on one Debian only: `conftest.py` leaves them out with --other-debian."""
+"""What runs on one Debian only: `conftest.py` leaves it out with --other-debian."""
 
 from __future__ import annotations
 
@@ -27,11 +27,15 @@ SAME_ON_EVERY_DEBIAN = frozenset(
         "hertz",
         "impact",
         "integrators",
+        "locking",
         "materials",
+        "motion_nonlinear",
         "movies",
+        "names",
         "native_constants",
         "obstacle_motions",
         "obstacle_shapes",
+        "obstacle_work",
         "own_material_mistakes",
         "own_references",
         "plots",
@@ -63,5 +67,56 @@ SAME_ON_EVERY_DEBIAN = frozenset(
         "unions",
         "view",
         "warm_start",
+    )
+)
+
+#: Tests that run on one Debian only, of files whose other tests run on every one.
+SAME_TESTS = frozenset(
+    f"test_{name}"
+    for name in (
+        # levels and their stopping criteria; the test of the true error has meshes of all kinds
+        "accuracy::test_a_body_back_at_rest_has_no_relative_errors",
+        "accuracy::test_a_force_without_contact_is_not_within_the_request",
+        "accuracy::test_a_jump_on_the_path_of_a_level_is_noted_on_the_last",
+        "accuracy::test_bounds_hold_at_a_corner_of_a_nearly_incompressible_body",
+        "accuracy::test_levels_follow_the_multipliers_of_contact_again",
+        "accuracy::test_the_load_steps_are_followed_on_the_last_mesh",
+        "accuracy::test_the_penalty_of_a_fluid_is_raised",
+        # pip installs the same PyVista everywhere
+        "hidden_groups::test_the_mark_is_in_the_picture",
+        # solved as the other tests of derivatives are
+        "inverse::test_derivatives_with_a_pressure_and_an_obstacle",
+        # what notes say about states, which tests of solvers compute
+        "notes::test_a_sweep_has_the_kinds_of_notes",
+        "notes::test_an_arch_snaps_through",
+    )
+)
+
+#: Parameters of tests that select code of dolfinx, FFCx, PETSc, sympy or the compiler: each of
+#: their values runs on every Debian, and every combination of them on one. Other parameters are
+#: numbers, files with mistakes and messages: their first values run on every Debian.
+LIBRARY_PARAMETERS = frozenset(
+    (
+        "case",
+        "cell",
+        "degree",
+        "element",
+        "field",
+        "filter",
+        "globalization",
+        "hessian",
+        "integrator",
+        "kind",
+        "kinematics",
+        "m",
+        "mass",
+        "material",
+        "method",
+        "name",
+        "scene",
+        "shape",
+        "solver",
+        "space",
+        "volume",
     )
 )
