@@ -45,12 +45,12 @@ def main(file: Path, settings: dict[str, Any]) -> None:
     context = setup.snes.getKSP().getPythonContext()
     assert isinstance(context, EisenstatCG)
     system, deflation = context._system, context._system.deflation
-    arrays, blocks = system._matrix._arrays, system._matrix.size**2
+    arrays, blocks = system.matrix._arrays, system.matrix.size**2
     own = {
         "cells": _dolfinx.num_owned(setup.problem.domain),
         "upper_blocks": len(arrays["upper_column"]),
         "shared_blocks": len(arrays["off_diagonal"]) // blocks if comm.size > 1 else 0,
-        "coarse_pairs": len(deflation._coarse.arrays["pair_subdomain"]) if deflation else 0,
+        "coarse_pairs": len(deflation.coarse.arrays["pair_subdomain"]) if deflation else 0,
         "sent": sent.tolist(),
         "memory_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
         "seconds": seconds,
@@ -60,8 +60,8 @@ def main(file: Path, settings: dict[str, Any]) -> None:
     }
     subdomains = 0
     if deflation:
-        y, layout = np.ones(len(deflation._rhs)), deflation._E._layout
-        own["coarse_solve"] = _best(comm, lambda: deflation._E.solve(y.copy()))
+        y, layout = np.ones(deflation.size), deflation.E._layout
+        own["coarse_solve"] = _best(comm, lambda: deflation.E.solve(y.copy()))
         subdomains = layout.own if layout.comm.size == 1 else comm.allreduce(layout.own)
     ranks = comm.gather(own)
     network = _network(comm)

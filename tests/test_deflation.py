@@ -95,7 +95,7 @@ def test_the_coarse_matrix_is_the_galerkin_product(comm, subdomains):
     ours.setFromOptions(ksp)
     ours.update_matrix(p.A)
     deflation = ours._system.deflation
-    coarse, A = deflation._coarse, dense(p.A) * ours._system.scale
+    coarse, A = deflation.coarse, dense(p.A) * ours._system.scale
     rows = len(p.coordinates)
     Z = np.zeros((rows, 3, subdomains, 3, 4))
     for k in range(3):
@@ -108,7 +108,7 @@ def test_the_coarse_matrix_is_the_galerkin_product(comm, subdomains):
     assert np.allclose(AZ.reshape(Z.shape), A @ Z, atol=1e-6 * np.abs(A @ Z).max())
     E = Z.T @ A @ Z
     # Some functions are zero where a subdomain has few nodes.
-    assert np.allclose(E @ [deflation._E.solve(row) for row in E], E, atol=1e-8)
+    assert np.allclose(E @ [deflation.E.solve(row) for row in E], E, atol=1e-8)
 
 
 # --- convergence ---------------------------------------------------------------------------------

@@ -69,7 +69,7 @@ def test_dual_solutions_are_derivatives_by_a_load(comm, parts):
     problem.gradient(problem.x, without)
     g.axpy(-1.0, without)
     names = [name for goal in goals for name in goal.names]
-    duals = [goal.dual(at, i) for goal in goals for i in range(len(goal.names))]
+    duals = at.solutions([goal.dual(at, i) for goal in goals for i in range(len(goal.names))])
     for name, found, z in zip(names, derivative, duals, strict=True):
         size = {"displacement": 1e-3, "rotation": 1e-3}.get(name.split(".")[-2], 1.0)
         assert -z.dot(g) == pytest.approx(found, rel=1e-4, abs=1e-5 * size), name

@@ -393,7 +393,7 @@ def estimate_error(
     goals: Sequence[Goal],
     announce: Callable[[Estimate], None] = lambda estimate: None,
     mesh: Mesh | None = None,
-    locate: str = "exactly",
+    locate: str = "all",
     stability: bool = False,
 ) -> Estimate:
     """Return the errors of goals of a problem at its solution. Collective.
@@ -410,10 +410,8 @@ def estimate_error(
         Called before the lifted problem is created, with its unknowns and memory.
     mesh : Mesh, optional
         The mesh, whose groups describe where the error is.
-    locate : {"exactly", "all", "largest"}
-        The goals whose errors are distributed to the cells; each costs a linear solve. The sum over
-        the cells is exactly the linearised error only with the Hessian at the lifted solution,
-        which is assembled for "exactly"; otherwise that of the last Newton iteration serves.
+    locate : {"all", "largest"}
+        The goals whose errors are distributed to the cells, which costs linear solves.
     stability : bool
         Whether the stability of the lifted equilibrium is examined whatever it costs.
     """
@@ -492,7 +490,7 @@ def _find_errors(
         if sizes and locate == "largest":
             largest = max(sizes, key=sizes.__getitem__)
             sizes = {largest: sizes[largest]}
-        cells = cell_indicators(lift, static, sizes.__contains__, accurate=locate == "exactly")
+        cells = cell_indicators(lift, static, sizes.__contains__)
         found.indicators = {name: factor * values for name, values in cells.items()}
         for name, goal in zip(names_of(frequencies), frequencies, strict=True):
             if modes and name in sizes:

@@ -28,7 +28,7 @@ import numpy.typing as npt
 from scipy.linalg import eigh
 
 from fem_snh import _dolfinx
-from fem_snh.accuracy.goals import Linearisation
+from fem_snh.accuracy.goals import Dual, Linearisation
 from fem_snh.accuracy.lift import Lift
 from fem_snh.assembly.assembled_matrix import BlockMatrix
 from fem_snh.assembly.ghosted_vectors import (
@@ -84,11 +84,9 @@ class FrequencyGoal:
         """See `Goal.unit`: that of a wave across the body."""
         return sqrt(self.modes.scale(problem)) / (2 * pi)
 
-    def dual(self, at: Linearisation, number: int) -> PETSc.Vec:
+    def dual(self, at: Linearisation, number: int) -> Dual:
         """See `Goal.dual`: NaN, as most of the error is that of the mode."""
-        unknown = at.problem.x.duplicate()
-        unknown.set(np.nan)
-        return unknown
+        return at.unknown()
 
 
 @dataclass
@@ -130,7 +128,7 @@ def lifted_modes(lift: Lift, modes: LowestModes) -> LiftedModes | None:
     of_run = [_interpolated(found, i, lifted) for i in range(1, len(found.shapes) + 1)]
     shapes, values = of_run, np.array(found.frequencies)
     for _ in range(_MOST_ITERATIONS):
-        unknowns, before = [at.solve(_load(at, mass, shape)) for shape in shapes], values
+        unknowns, before = at.solve([_load(at, mass, shape) for shape in shapes]), values
         if not all(np.isfinite(x.norm()) for x in unknowns):
             return None
         stiffness = _dots(unknowns, [lifted.operator * x for x in unknowns])

@@ -32,6 +32,21 @@ _DIFFERENCE = 1e-6
 _NO_FORCE = 1e-8
 
 
+class Dual(NamedTuple):
+    """The dual solution of a goal: H^-1 g + offset.
+
+    Attributes
+    ----------
+    derivative : PETSc.Vec or None
+        g, the derivative of the goal by all unknowns, reduced to those that are free; None: zero.
+    offset : PETSc.Vec or None
+        What is known of the solution; NaN where the goal has none. None: zero.
+    """
+
+    derivative: PETSc.Vec | None
+    offset: PETSc.Vec | None = None
+
+
 @dataclass(frozen=True)
 class Linearisation:
     """The lifted problem, linearised about its solution.
@@ -43,29 +58,50 @@ class Linearisation:
     step : PETSc.Vec
         From the solution that is judged to that of the lifted problem.
     solve : callable
-        Solves H z = g with the Hessian, which is symmetric. Collective.
+        Solves H z = g for several g with the Hessian, which is symmetric. Collective.
     """
 
     problem: Problem
     step: PETSc.Vec
-    solve: Callable[[PETSc.Vec], PETSc.Vec]
+    solve: Callable[[Sequence[PETSc.Vec]], Sequence[PETSc.Vec]]
 
-    def solve_for(self, derivative: PETSc.Vec) -> PETSc.Vec:
-        """Return z for the derivative of a goal by the displacement, a ghosted vector of ``V``."""
+    def solutions(self, duals: Sequence[Dual]) -> list[PETSc.Vec]:
+        """Return dual solutions; NaN where there is none. They are solved for together."""
+        problem = self.problem
+        derivatives = [dual.derivative for dual in duals if dual.derivative is not None]
+        solved = iter(self.solve(derivatives) if derivatives else ())
+        found = []
+        for dual in duals:
+            if dual.derivative is None:
+                z = problem.x.duplicate()
+                z.set(0.0)
+            else:
+                z = next(solved)
+                if problem.rigid:
+                    problem.rigid.expand(problem.x, z.array)
+            if dual.offset is not None:
+                z.axpy(1.0, dual.offset)
+            found.append(z)
+        return found
+
+    def dual_of(self, derivative: PETSc.Vec) -> Dual:
+        """Return the dual for a derivative by the displacement, a ghosted vector of ``V``."""
         g = self.problem.x.duplicate()
         g.set(0.0)
         size = self.problem.owned_displacements
         g.array[:size] = derivative.array_r[:size]
-        return self.solve_free(g)
+        return self.dual_of_all(g)
 
-    def solve_free(self, g: PETSc.Vec) -> PETSc.Vec:
-        """Return z for the derivative of a goal by all displacements and pressures."""
-        problem = self.problem
+    def dual_of_all(self, g: PETSc.Vec, offset: PETSc.Vec | None = None) -> Dual:
+        """Return the dual for a derivative by all displacements and pressures, which is reduced."""
         self.reduce(g)
-        z = self.solve(g)
-        if problem.rigid:
-            problem.rigid.expand(problem.x, z.array)
-        return z
+        return Dual(g, offset)
+
+    def unknown(self) -> Dual:
+        """Return the dual of a goal that has none here: NaN."""
+        offset = self.problem.x.duplicate()
+        offset.set(nan)
+        return Dual(None, offset)
 
     def reduce(self, g: PETSc.Vec) -> None:
         """Reduce a derivative to the unknowns: of rigid parts, and of what is not constrained."""
@@ -87,8 +123,8 @@ class Goal(Protocol):
     def unit(self, problem: Problem) -> float:
         """Return the size of the largest displacement or force; 0 for other goals. Collective."""
 
-    def dual(self, at: Linearisation, number: int) -> PETSc.Vec:
-        """Return the dual solution z of a scalar: its error is -z . r to first order.
+    def dual(self, at: Linearisation, number: int) -> Dual:
+        """Return the dual of a scalar, whose error is -z . r to first order.
 
         r is the gradient of the lifted problem's energy at the base's solution, less that of the
         base's energy; both with the reactions. Collective.
@@ -160,7 +196,7 @@ class PointGoal:
         """See `Goal.unit`."""
         return largest_displacement(problem)
 
-    def dual(self, at: Linearisation, number: int) -> PETSc.Vec:
+    def dual(self, at: Linearisation, number: int) -> Dual:
         """See `Goal.dual`."""
         probes, i = Probes(at.problem.u, [self._point]), self._components[number]
         weights = _dolfinx.create_vector(at.problem.V)
@@ -169,7 +205,7 @@ class PointGoal:
             nodal = writable_values(weights).reshape(-1, at.problem.kinematics.components)
             nodal[nodes, i] += basis
         add_ghosts(weights)
-        return at.solve_for(weights)
+        return at.dual_of(weights)
 
 
 class ReactionGoal:
@@ -214,7 +250,7 @@ class ReactionGoal:
         arm = 1.0 if self._about is None else problem.length
         return arm * problem.largest_force(problem.x)
 
-    def dual(self, at: Linearisation, number: int) -> PETSc.Vec:
+    def dual(self, at: Linearisation, number: int) -> Dual:
         """See `Goal.dual`."""
         problem, mask = at.problem, self._entries(at.problem)
         kinematics, components = problem.kinematics, mask.shape[1]
@@ -245,8 +281,8 @@ def _turning(problem: Problem, mask: Array, axis: Array) -> PETSc.Vec:
     return found
 
 
-def dual_of_reaction(at: Linearisation, e: PETSc.Vec, turning: PETSc.Vec | None) -> PETSc.Vec:
-    """Return the dual solution of e . dE/du, with a virtual displacement e, which is changed.
+def dual_of_reaction(at: Linearisation, e: PETSc.Vec, turning: PETSc.Vec | None) -> Dual:
+    """Return the dual of e . dE/du, with a virtual displacement e, which is changed.
 
     The derivative is H e, beside that of e itself by the displacement, ``turning``. Where e is
     constrained, or of a rigid part, -e is a part of the dual solution; elsewhere e has none.
@@ -260,7 +296,7 @@ def dual_of_reaction(at: Linearisation, e: PETSc.Vec, turning: PETSc.Vec | None)
     g = _hessian_product(problem, e)
     if turning is not None:
         g.axpy(1.0, turning)
-    return at.solve_free(g) - e
+    return at.dual_of_all(g, -e)
 
 
 def _hessian_product(problem: Problem, e: PETSc.Vec) -> PETSc.Vec:
@@ -309,9 +345,9 @@ class MeanGoal:
         """See `Goal.unit`."""
         return largest_displacement(problem)
 
-    def dual(self, at: Linearisation, number: int) -> PETSc.Vec:
+    def dual(self, at: Linearisation, number: int) -> Dual:
         """See `Goal.dual`."""
-        return at.solve_for(self._weights(at.problem)[number])
+        return at.dual_of(self._weights(at.problem)[number])
 
     def _weights(self, problem: Problem) -> list[PETSc.Vec]:
         """Return the derivatives of the means by the displacement."""
@@ -361,10 +397,10 @@ class FunctionalGoal:
         """See `Goal.unit`."""
         return 0.0
 
-    def dual(self, at: Linearisation, number: int) -> PETSc.Vec:
+    def dual(self, at: Linearisation, number: int) -> Dual:
         """See `Goal.dual`."""
         form = ufl.replace(self._form, {self._u: at.problem.u})
-        return at.solve_for(derivative_of(at.problem, form))
+        return at.dual_of(derivative_of(at.problem, form))
 
 
 def derivative_of(problem: Problem, form: Any, x: PETSc.Vec | None = None) -> PETSc.Vec:
@@ -422,17 +458,15 @@ class VolumeGoal(CellsGoal):
 
         return values
 
-    def dual(self, at: Linearisation, number: int) -> PETSc.Vec:
+    def dual(self, at: Linearisation, number: int) -> Dual:
         """See `Goal.dual`. In plane stress, where J is no function of grad u alone: NaN."""
         problem = at.problem
         if problem.kinematics.plane_stress:
-            unknown = problem.x.duplicate()
-            unknown.set(nan)
-            return unknown
+            return at.unknown()
         form, size = self._deformed(problem)
         derivative = derivative_of(problem, form)
         derivative.scale(1 / size)
-        return at.solve_for(derivative)
+        return at.dual_of(derivative)
 
     def _deformed(self, problem: Problem) -> tuple[Any, float]:
         """Return the form of the deformed volume, and the reference volume. Collective."""
@@ -483,7 +517,7 @@ class TermGoal:
         """See `Goal.unit`."""
         return problem.largest_force(problem.x) if self._is_force else 0.0
 
-    def dual(self, at: Linearisation, number: int) -> PETSc.Vec:
+    def dual(self, at: Linearisation, number: int) -> Dual:
         """See `Goal.dual`."""
         problem, derivative = at.problem, _dolfinx.create_vector(at.problem.V)
         set_to_zero(derivative)
@@ -491,7 +525,7 @@ class TermGoal:
         component = self._components[number]
         self._term(problem).add_goal_derivative(self._name, component, u, derivative)
         add_ghosts(derivative)
-        return at.solve_for(derivative)
+        return at.dual_of(derivative)
 
     def nodal(self, problem: Problem, x: PETSc.Vec, number: int) -> PETSc.Vec | None:
         """Return the nodal forces of a component at the state ``x``, ghosted; None without any.
@@ -529,6 +563,6 @@ class EnergyGoal:
         """See `Goal.unit`."""
         return 0.0
 
-    def dual(self, at: Linearisation, number: int) -> PETSc.Vec:
+    def dual(self, at: Linearisation, number: int) -> Dual:
         """See `Goal.dual`: the energy's error is r . step / 2, of second order."""
-        return at.step * -0.5
+        return Dual(None, at.step * -0.5)

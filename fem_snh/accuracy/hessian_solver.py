@@ -9,12 +9,15 @@ from petsc4py import PETSc
 
 from fem_snh._petsc import set_operators
 from fem_snh.problem.problem import Problem
+from fem_snh.solver.block_gmres import solve_columns
 from fem_snh.solver.forcing import relative_tolerance
-from fem_snh.solver.saddle_point import outer_operator
+from fem_snh.solver.saddle_point import outer_operator, preconditioner_of_columns
 
 
 class HessianSolver:
     """Solves H z = g with the Hessian of a problem, by default at its present state. Collective.
+
+    Several right-hand sides are solved for together where the linear solver can.
 
     Parameters
     ----------
@@ -50,20 +53,36 @@ class HessianSolver:
         if not assembled:
             self._assemble(first)
 
-    def __call__(self, rhs: PETSc.Vec) -> PETSc.Vec:
-        """Return z; NaN if no solve converges."""
-        z = rhs.duplicate()
+    def __call__(self, rhs: Sequence[PETSc.Vec]) -> list[PETSc.Vec]:
+        """Return z for each right-hand side; NaN if no solve converges."""
         while True:
-            z.set(0.0)
             with relative_tolerance(self._ksp, self._tolerance):
-                self._ksp.solve(rhs, z)
-            self.iterations += self._ksp.getIterationNumber()
-            if self._ksp.getConvergedReason() > 0:
-                return z
+                found = self._solutions(rhs)
+            if found is not None:
+                return found
             if not self._filters:
-                z.set(nan)
-                return z
+                found = [vector.duplicate() for vector in rhs]
+                for z in found:
+                    z.set(nan)
+                return found
             self._assemble(self._filters.pop(0))
+
+    def _solutions(self, rhs: Sequence[PETSc.Vec]) -> list[PETSc.Vec] | None:
+        """Return z for each right-hand side, or None if a solve does not converge."""
+        if len(rhs) > 1 and (blocks := preconditioner_of_columns(self._ksp)):
+            found, iterations = solve_columns(blocks, rhs, self._ksp)
+            self.iterations += iterations
+            return found
+        solutions = []
+        for vector in rhs:
+            z = vector.duplicate()
+            z.set(0.0)
+            self._ksp.solve(vector, z)
+            self.iterations += self._ksp.getIterationNumber()
+            if not self._ksp.getConvergedReason() > 0:
+                return None
+            solutions.append(z)
+        return solutions
 
     def _assemble(self, filter: str) -> None:
         problem, ksp = self._problem, self._ksp

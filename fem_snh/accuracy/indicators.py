@@ -74,7 +74,7 @@ class Place:
 
 
 def cell_indicators(
-    lift: Lift, goals: Sequence[Goal], wanted: Callable[[str], bool], accurate: bool = True
+    lift: Lift, goals: Sequence[Goal], wanted: Callable[[str], bool]
 ) -> dict[str, Array]:
     """Return the error of each wanted goal in each cell of this rank, by name. Collective.
 
@@ -88,22 +88,27 @@ def cell_indicators(
         The goals.
     wanted : callable
         Whether the goal of a name is wanted.
-    accurate : bool
-        Whether their sum is to be the estimate to first order: at the lifted problem's solution.
     """
     problem, lifted = lift.problem, lift.lifted
-    at = Linearisation(lifted, lifted.x - lift.start, lift.linear_solves(accurate))
+    at = Linearisation(lifted, lifted.x - lift.start, lift.linear_solves())
     shares = Shares(problem, lifted, lift.start_gradient)
+    asked = [
+        (goal, number, name)
+        for goal in goals
+        for number, name in enumerate(goal.names)
+        if wanted(name)
+    ]
+    solutions = at.solutions([goal.dual(at, number) for goal, number, _ in asked])
     found = {}
-    for goal in goals:
-        for number, name in enumerate(goal.names):
-            if wanted(name) and np.isfinite((z := goal.dual(at, number)).norm()):
-                found[name] = -shares.of(z)
-                if isinstance(goal, TermGoal):
-                    found[name] += shares.of_forces(
-                        goal.nodal(lifted, lift.start, number),
-                        goal.nodal(problem, problem.x, number),
-                    )
+    for (goal, number, name), z in zip(asked, solutions, strict=True):
+        if not np.isfinite(z.norm()):
+            continue
+        found[name] = -shares.of(z)
+        if isinstance(goal, TermGoal):
+            found[name] += shares.of_forces(
+                goal.nodal(lifted, lift.start, number),
+                goal.nodal(problem, problem.x, number),
+            )
     return found
 
 

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from petsc4py import PETSc
-
 import numpy as np
 
-from fem_snh.accuracy.goals import AXES, Linearisation, dual_of_reaction, largest_displacement
+from fem_snh.accuracy.goals import AXES, Dual, Linearisation, dual_of_reaction, largest_displacement
 from fem_snh.problem.problem import Problem
 
 
@@ -53,13 +51,13 @@ class RigidGoal:
         arm = problem.length if self._kind == "moment" else 1.0
         return arm * problem.largest_force(problem.x)
 
-    def dual(self, at: Linearisation, number: int) -> PETSc.Vec:
+    def dual(self, at: Linearisation, number: int) -> Dual:
         """See `Goal.dual`."""
         problem, rigid, x = at.problem, at.problem.rigid, at.problem.x
         assert rigid is not None
         number = self._components[number]
         if self._kind in ("displacement", "rotation"):
-            return at.solve_free(rigid.derivative_of_pose(x, self._part, self._kind, number))
+            return at.dual_of_all(rigid.derivative_of_pose(x, self._part, self._kind, number))
         turned = self._kind == "moment"
         e, turning = rigid.velocity(x, self._part, np.eye(6)[number + 3 * turned]), None
         if turned:  # the arms turn with the part

@@ -18,14 +18,13 @@ from math import ceil
 from typing import Any
 
 from mpi4py import MPI
-from petsc4py import PETSc
 
 import numpy as np
 import numpy.typing as npt
 import ufl
 
 from fem_snh import _dolfinx
-from fem_snh.accuracy.goals import CellsGoal, Linearisation, derivative_of
+from fem_snh.accuracy.goals import CellsGoal, Dual, Linearisation, derivative_of
 from fem_snh.errors import BadInput, bad_value
 from fem_snh.kernels.ufl_forms import energy_density
 from fem_snh.materials.energy import Energy
@@ -60,12 +59,12 @@ class StressGoal(CellsGoal):
 
         return values
 
-    def dual(self, at: Linearisation, number: int) -> PETSc.Vec:
+    def dual(self, at: Linearisation, number: int) -> Dual:
         """See `Goal.dual`. A root is far from linear: the derivative is that halfway to the run."""
         whole, size = self._integrals(at.problem)
         derivative = derivative_of(at.problem, whole, at.problem.x - 0.5 * at.step)
         derivative.scale(at.problem.modulus / _dolfinx.assemble_scalar(_dolfinx.form(size)))
-        return at.solve_for(derivative)
+        return at.dual_of(derivative)
 
     def _check(self, problem: Problem) -> None:
         """Raise BadInput where the stress is no function of the displacement that UFL derives."""

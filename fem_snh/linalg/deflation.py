@@ -65,6 +65,13 @@ class Deflation:
         Number of subdomains on all ranks together; every rank has at least one.
     replicated : int
         Up to so many of them every rank holds E; of more, only its rows.
+
+    Attributes
+    ----------
+    coarse : CoarseSpace
+        Z and A Z.
+    E : CoarseMatrix
+        The coarse matrix.
     """
 
     def __init__(
@@ -92,11 +99,11 @@ class Deflation:
         if halo and sum(counts) > replicated:
             layout = Distributed(comm, counts, subdomain[rows:], columns(matrix.size))
         subdomain, held = layout.local(subdomain), len(layout.held)
-        self._coarse = CoarseSpace(matrix, diagonal, off_diagonal, subdomain, held)
-        rows_and_columns = self._coarse.block_row, self._coarse.block_column
-        self._E = CoarseMatrix(layout, *rows_and_columns, self._coarse.columns)
+        self.coarse = CoarseSpace(matrix, diagonal, off_diagonal, subdomain, held)
+        rows_and_columns = self.coarse.block_row, self.coarse.block_column
+        self.E = CoarseMatrix(layout, *rows_and_columns, self.coarse.columns)
         self._free: Array | None = None
-        size = self._coarse.columns * held
+        size = self.coarse.columns * held
         self._rhs, self._single = np.zeros(size), np.zeros(size, np.float32)
         self._Qb = np.zeros(size)  # coefficients of Q b in the columns of Z
         self._rhs_pointer = matrix.pointer(self._rhs)
@@ -105,7 +112,12 @@ class Deflation:
     @property
     def nbytes(self) -> int:
         """Return the bytes of A Z on this rank, which an iteration reads twice."""
-        return self._coarse.nbytes
+        return self.coarse.nbytes
+
+    @property
+    def size(self) -> int:
+        """Return the number of columns of Z that this rank holds."""
+        return len(self._rhs)
 
     def update(self, values: int, off_diagonal: int, scale: float) -> int:
         """Compute Z, A Z and E^-1 for new values of the matrix.
@@ -120,18 +132,18 @@ class Deflation:
         int
             0, or a negative ``KSP.ConvergedReason`` if E is not finite or indefinite.
         """
-        self._update_functions(self._coarse.find_coupled_unknowns(values, off_diagonal))
-        return self._E.update(self._coarse.assemble(values, off_diagonal, scale))
+        self._update_functions(self.coarse.find_coupled_unknowns(values, off_diagonal))
+        return self.E.update(self.coarse.assemble(values, off_diagonal, scale))
 
     def start(self, r: Any) -> None:
         """Replace r = b by P b and keep Q b for `finish`."""
         self._Qb[:] = self._solve("coarse_restrict", r)
-        self._matrix.lib.coarse_image_subtract(self._coarse.struct, self._single_pointer, r)
+        self._matrix.lib.coarse_image_subtract(self.coarse.struct, self._single_pointer, r)
 
     def project(self, t: Any, w: Any) -> None:
         """Compute w -= A Q A t."""
         self._solve("coarse_image_transposed", t)
-        self._matrix.lib.coarse_image_subtract(self._coarse.struct, self._single_pointer, w)
+        self._matrix.lib.coarse_image_subtract(self.coarse.struct, self._single_pointer, w)
 
     def finish(self, x: Any) -> None:
         """Replace x by Q b + P^T x, without the part in the null space of A.
@@ -139,21 +151,21 @@ class Deflation:
         Where A is singular, rounding errors grow in its null space, which no residual shows.
         """
         coarse = self._Qb - self._solve("coarse_image_transposed", x)
-        if self._E.singular:
-            coarse -= self._E.null_part(self._product("coarse_restrict", x), coarse)
+        if self.E.singular:
+            coarse -= self.E.null_part(self._product("coarse_restrict", x), coarse)
         self._single[:] = coarse
-        self._matrix.lib.coarse_prolong(self._coarse.struct, self._single_pointer, x)
+        self._matrix.lib.coarse_prolong(self.coarse.struct, self._single_pointer, x)
 
     def _solve(self, transposed: str, vector: Any) -> Array:
         """Return E^-1 y, and store it in _single, for the y of `_product`."""
-        solution = self._E.solve(self._product(transposed, vector))
+        solution = self.E.solve(self._product(transposed, vector))
         self._single[:] = solution
         return solution
 
     def _product(self, transposed: str, vector: Any) -> Array:
         """Return this rank's part of Z^T v (coarse_restrict) or (A Z)^T v (.._transposed)."""
         self._rhs[:] = 0
-        getattr(self._matrix.lib, transposed)(self._coarse.struct, vector, self._rhs_pointer)
+        getattr(self._matrix.lib, transposed)(self.coarse.struct, vector, self._rhs_pointer)
         return self._rhs
 
     def _update_functions(self, free: Array) -> None:
@@ -161,8 +173,8 @@ class Deflation:
         same = self._free is not None and np.array_equal(free, self._free)
         if self._comm.allreduce(same, op=MPI.LAND):
             return
-        rows, functions = self._matrix.rows, self._coarse.functions
-        own = self._coarse.subdomain[:rows]
+        rows, functions = self._matrix.rows, self.coarse.functions
+        own = self.coarse.subdomain[:rows]
         functions[:rows] = linear_functions(self._coordinates, own, free)
         self._free = free
         if self._halo:

@@ -40,6 +40,8 @@ class Halo:
 
     Attributes
     ----------
+    first, nodes : (ranks + 1,), (ghosts,)
+        Those given.
     ghosts : (ghosts, width)
         The values received by the last `exchange`.
     """
@@ -52,6 +54,7 @@ class Halo:
         width: int,
         dtype: npt.DTypeLike = np.float32,
     ) -> None:
+        self.first, self.nodes = first, nodes
         owner = np.searchsorted(first, nodes, side="right") - 1
         remote = np.column_stack([owner, nodes - first[owner]]).astype(PETSc.IntType)
         self._forest = PETSc.SF().create(comm)

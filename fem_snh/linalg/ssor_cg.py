@@ -10,12 +10,23 @@ a correction is solved for (iterative refinement, Wilkinson 1963): each run is a
 from __future__ import annotations
 
 from math import inf, isfinite, sqrt
+from typing import TYPE_CHECKING
 
 from petsc4py import PETSc
 
 import numpy as np
 
-from fem_snh.linalg.ssor_system import AUTOMATIC, MAX_REPLICATED, CycleStart, SSORSystem
+from fem_snh.linalg.ssor_system import (
+    AUTOMATIC,
+    MAX_REPLICATED,
+    ZERO_CURVATURE,
+    CycleStart,
+    Solutions,
+    SSORSystem,
+)
+
+if TYPE_CHECKING:
+    from fem_snh.linalg.ssor_columns import SSORColumns
 
 _Reason = PETSc.KSP.ConvergedReason
 #: Residual reduction per refinement cycle. Single precision rounds to 6e-8; the remaining factor of
@@ -23,8 +34,6 @@ _Reason = PETSc.KSP.ConvergedReason
 _CYCLE_REDUCTION = 1e-4
 #: The refinement ends if a cycle does not reduce the residual at least to this fraction.
 _MIN_REDUCTION = 0.5
-#: A curvature above -1e-6 p.D^-1 p counts as zero: the rounding error of a sum in single precision.
-_ZERO_CURVATURE = 1e-6
 #: Lower bound of the limit on iterations, for matrices of a few unknowns.
 _MIN_ITERATION_LIMIT = 100
 
@@ -74,6 +83,7 @@ class EisenstatCG:
     def create(self, ksp: PETSc.KSP) -> None:
         """Set an empty state; PETSc calls this."""
         self._made: SSORSystem | None = None
+        self._columns: SSORColumns | None = None
         self._state = -1  # of the matrix last used
 
     def setFromOptions(self, ksp: PETSc.KSP) -> None:
@@ -101,6 +111,7 @@ class EisenstatCG:
         if self._made is None or not self._made.fits(A):
             limits = self._subdomains, self._replicated
             self._made, self._state = SSORSystem(A, self._coordinates, *limits), -1
+            self._columns = None
         if self._state != A.stateGet() or force:
             self._failure, self._state = self._system.update(A), A.stateGet()
 
@@ -143,6 +154,19 @@ class EisenstatCG:
         """
         return self._system.residual()
 
+    def solve_columns(self, b: np.ndarray, rtol: float, max_it: int) -> Solutions:
+        """Return the solutions for several right-hand sides, with the matrix of `update_matrix`.
+
+        See `SSORColumns.solve`.
+        """
+        if self._columns is None:
+            from fem_snh.linalg.ssor_columns import SSORColumns
+
+            self._columns = SSORColumns(self._system)
+        if self._failure:
+            return Solutions(np.zeros_like(b), b, indefinite=True)
+        return self._columns.solve(b, rtol, max_it)
+
     def _test_convergence(self, ksp: PETSc.KSP, its: int, norm: float) -> bool:
         """Report iteration and norm to the KSP; return whether to stop."""
         ksp.setIterationNumber(its)
@@ -172,7 +196,7 @@ class EisenstatCG:
             curvature = system.update_direction(beta)
             singular = False
             if not 0 < curvature < inf:
-                threshold = _ZERO_CURVATURE * system.direction_norm_squared()
+                threshold = ZERO_CURVATURE * system.direction_norm_squared()
                 if singular := 0 <= -curvature <= threshold:
                     curvature = threshold
                 else:

@@ -66,6 +66,8 @@ _NODES_OF_FEW, _FEW, _NODES_OF_MANY = 64, 16, 256
 #: (docs/results/scaling.md).
 _FEW_RANKS, _MOST_ON_RANKS = 2, 100
 AUTOMATIC = -1
+#: A curvature above -1e-6 p.D^-1 p counts as zero: the rounding error of a sum in single precision.
+ZERO_CURVATURE = 1e-6
 #: Default of ksp_deflation_replicated.
 MAX_REPLICATED = 300
 #: Components of a displacement: the sizes of blocks for which there are kernels.
@@ -94,6 +96,22 @@ class CycleStart(NamedTuple):
     rho: float
 
 
+class Solutions(NamedTuple):
+    """Solutions of A x = b for several b, a row each.
+
+    Attributes
+    ----------
+    x, residual : (columns, size rows)
+        This rank's solutions and residuals b - A x, exact to single precision.
+    indefinite : bool
+        Whether the matrix was found indefinite: the solutions are useless.
+    """
+
+    x: npt.NDArray[np.float64]
+    residual: npt.NDArray[np.float64]
+    indefinite: bool
+
+
 class SSORSystem:
     r"""A symmetric AIJ matrix, its preconditioner and the vectors of CG. Collective.
 
@@ -111,6 +129,17 @@ class SSORSystem:
         Number of deflation subdomains, 0 for none, AUTOMATIC for a number by the matrix's size.
     replicated : int
         Up to so many of them every rank holds their matrix; of more, only its rows.
+
+    Attributes
+    ----------
+    matrix : SymmetricBlockMatrix
+        The copy of this rank's rows.
+    halo : Halo or None
+        Exchange of the ghost nodes; None on one rank.
+    deflation : Deflation or None
+        The deflation space, if there is one.
+    scale : float
+        The factor of the copy's values.
 
     Raises
     ------
@@ -137,9 +166,9 @@ class SSORSystem:
         path = on_root(self.comm, build.library, library.source(block))
         stored = displacement_blocks(A)
         blocks = stored.diagonal, stored.off_diagonal
-        self._matrix = on_every(self.comm, SymmetricBlockMatrix, path, block, *blocks)
+        self.matrix = on_every(self.comm, SymmetricBlockMatrix, path, block, *blocks)
         shared = stored.off_diagonal is not None
-        self._halo = Halo(self.comm, stored.first, stored.ghosts, block) if shared else None
+        self.halo = Halo(self.comm, stored.first, stored.ghosts, block) if shared else None
         self._total = np.zeros(1)
         self.deflation: Deflation | None = None
         if subdomains == AUTOMATIC and coordinates is not None:
@@ -149,20 +178,20 @@ class SSORSystem:
             from fem_snh.linalg.deflation import Deflation
 
             self.deflation = Deflation(
-                self.comm, self._matrix, *blocks, self._halo, coordinates, subdomains, replicated
+                self.comm, self.matrix, *blocks, self.halo, coordinates, subdomains, replicated
             )
-        size = block * self._matrix.rows
+        size = block * self.matrix.rows
         self._vectors: dict[str, npt.NDArray[np.float32]] = {
             key: np.zeros(size, np.float32) for key in "xrzptwq"
         }
         self._x, self._r, self._t = (self._vectors[key] for key in "xrt")
-        self._vectors["ghosts"] = self._halo.ghosts if self._halo else self._x
-        self._pointers = {key: self._matrix.pointer(v) for key, v in self._vectors.items()}
+        self._vectors["ghosts"] = self.halo.ghosts if self.halo else self._x
+        self._pointers = {key: self.matrix.pointer(v) for key, v in self._vectors.items()}
 
     @property
     def nbytes(self) -> int:
         """Return the bytes on this rank that an iteration reads twice (the copy of A, and A Z)."""
-        return self._matrix.nbytes + (self.deflation.nbytes if self.deflation else 0)
+        return self.matrix.nbytes + (self.deflation.nbytes if self.deflation else 0)
 
     def fits(self, A: PETSc.Mat) -> bool:
         """Return whether ``A`` is the matrix given at construction, with the same pattern."""
@@ -177,13 +206,13 @@ class SSORSystem:
             0, or a negative ``KSP.ConvergedReason`` if the matrix is not finite or indefinite.
         """
         with aij_blocks(stored_in(A), read_only=True) as (diagonal, *off_diagonal):
-            largest = self._matrix.largest_diagonal_entry(diagonal.values)
+            largest = self.matrix.largest_diagonal_entry(diagonal.values)
             largest = self.comm.allreduce(largest, op=MPI.MAX)
             if not isfinite(largest):
                 return int(_Reason.DIVERGED_NANORINF)
             self.scale = 1 / largest if largest > 0 else 1.0
             values = diagonal.values, off_diagonal[0].values if off_diagonal else 0
-            if self.comm.allreduce(self._matrix.fill(*values, self.scale)):
+            if self.comm.allreduce(self.matrix.fill(*values, self.scale)):
                 return int(_Reason.DIVERGED_INDEFINITE_PC)
             return self.deflation.update(*values, self.scale) if self.deflation else 0
 
@@ -191,7 +220,7 @@ class SSORSystem:
         """Start conjugate gradients for a residual from x = 0, or from the coarse component."""
         size = residual.norm(PETSc.NormType.INFINITY)
         self._size = size = size if isfinite(size) and size > 0 else 1.0
-        lib, struct, v = self._matrix.lib, self._matrix.struct, self._pointers
+        lib, struct, v = self.matrix.lib, self.matrix.struct, self._pointers
         self._r[:] = residual.array_r / size
         for key in "xptq":
             self._vectors[key][:] = 0
@@ -208,10 +237,10 @@ class SSORSystem:
 
     def update_direction(self, beta: float) -> float:
         """Compute p = z + beta p and q = A-hat p (deflated); return the curvature p.q = t.A t."""
-        matrix, v = self._matrix, self._pointers
+        matrix, v = self.matrix, self._pointers
         matrix.lib.matrix_backward_sweep(matrix.struct, beta, v["z"], v["p"], v["t"], v["w"])
-        if self._halo:
-            self._halo.exchange(self._t)
+        if self.halo:
+            self.halo.exchange(self._t)
         if self.deflation:
             self.deflation.project(v["t"], v["w"])
         arguments = v["p"], v["t"], v["ghosts"], v["w"], v["q"]
@@ -219,13 +248,13 @@ class SSORSystem:
 
     def update_vectors(self, alpha: float) -> float:
         """Compute x += alpha t, r -= alpha q and z = D r; return r.z."""
-        matrix, v = self._matrix, self._pointers
+        matrix, v = self.matrix, self._pointers
         arguments = alpha, v["t"], v["q"], v["x"], v["r"], v["z"]
         return self._sum(matrix.lib.matrix_cg_update(matrix.struct, *arguments))
 
     def residual(self) -> npt.NDArray[np.float64]:
         """Return this rank's residual b - A x of the present x, to single precision."""
-        matrix, r = self._matrix, np.empty(len(self._r))
+        matrix, r = self.matrix, np.empty(len(self._r))
         pointers = self._pointers["r"], self._size, matrix.pointer(r)
         matrix.lib.matrix_multiply_lower(matrix.struct, *pointers)
         return r
@@ -234,7 +263,7 @@ class SSORSystem:
         """Compute y = M^-1 x, scaled so that single precision does not overflow."""
         size = x.norm(PETSc.NormType.INFINITY)
         size = size if isfinite(size) and size > 0 else 1.0
-        matrix, v = self._matrix, self._pointers
+        matrix, v = self.matrix, self._pointers
         self._r[:] = x.array_r / size
         self._vectors["p"][:] = 0
         matrix.lib.matrix_solve_lower(matrix.struct, v["r"])
@@ -244,7 +273,7 @@ class SSORSystem:
 
     def direction_norm_squared(self) -> float:
         """Return p.D^-1 p."""
-        return self._sum(self._matrix.weighted_norm_squared(self._vectors["p"]))
+        return self._sum(self.matrix.weighted_norm_squared(self._vectors["p"]))
 
     def add_solution(self, x: PETSc.Vec, unit: float) -> None:
         """Add the cycle's solution, times ``unit``, to x in double precision."""

@@ -44,7 +44,7 @@ def estimate_errors(
         from fem_snh.runs.scene_path import ScenePath
 
         return estimate_on_path(setup.problem, ScenePath(comm, scene, setup), goals, announce)
-    located = "exactly" if fields or (scene.accuracy and scene.accuracy.goals) else "largest"
+    located = "all" if fields or (scene.accuracy and scene.accuracy.goals) else "largest"
     if scene.within and not fields:
         from fem_snh.runs.levels import is_refined_locally
 

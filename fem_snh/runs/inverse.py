@@ -418,7 +418,8 @@ class InverseProblem:
             for ksp in (setup.snes.getKSP(), direct):
                 solve = HessianSolver(problem, ksp, _ADJOINT, ("exact",))
                 at = Linearisation(problem, problem.x.duplicate(), solve)
-                duals = [goal.dual(at, i) for goal in goals for i in range(len(goal.names))]
+                of_goals = [goal.dual(at, i) for goal in goals for i in range(len(goal.names))]
+                duals = at.solutions(of_goals)
                 self.linear += solve.iterations
                 if all(np.isfinite(z.norm()) for z in duals):
                     return [z for z, use in zip(duals, wanted, strict=True) if use]

@@ -77,11 +77,17 @@ class BlockProduct:
         if (x.handle, x.stateGet()) != self._known or self._A.stateGet() != self._state:
             self._A.mult(x, y)
             return
-        n, (u, p, q), (B_transposed, C) = self._unknowns, self._vectors, self._parts
+        n, (u, p, _) = self._unknowns, self._vectors
         u.array[:], p.array[:] = x.array_r[:n], x.array_r[n:]
+        y.array[n:] = self.product_of_pressures(u, p)
+        y.array[:n] = self._f - self._residual()
+
+    def product_of_pressures(self, u: PETSc.Vec, p: PETSc.Vec) -> Array:
+        """Return the pressures' rows of the product with (u, p), B u - C p. Collective."""
+        q, (B_transposed, C) = self._vectors[2], self._parts
         C.matrix.mult(p, q)  # as A has it: with a minus
         B_transposed.matrix.multTransposeAdd(u, q, q)
-        y.array[:n], y.array[n:] = self._f - self._residual(), q.array_r
+        return q.array_r
 
     def destroy(self, mat: PETSc.Mat) -> None:
         """Destroy the copies of the blocks; PETSc calls this."""

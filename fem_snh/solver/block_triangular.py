@@ -16,6 +16,8 @@ from math import nan
 
 from petsc4py import PETSc
 
+import numpy as np
+
 from fem_snh.linalg.displacement_blocks import part_of
 from fem_snh.linalg.ssor_cg import EisenstatCG
 from fem_snh.solver.block_product import BlockProduct
@@ -117,6 +119,35 @@ class BlockTriangular:
             y.set(nan)
         elif self._cg.has_residual:
             self._blocks.set_known(x, y)
+
+    def apply_to_columns(self, x: Array) -> tuple[Array, Array]:
+        """Return y = P^-1 x of several vectors, and the products A y. Collective.
+
+        The products are exact to single precision; all are NaN if H is indefinite.
+
+        Parameters
+        ----------
+        x : (columns, rows)
+            This rank's rows of the vectors.
+        """
+        n, (f, u, g, p) = self._unknowns, self._vectors
+        y, product, rhs = np.empty_like(x), np.empty_like(x), x[:, :n].copy()
+        for k, column in enumerate(x):
+            g.array[:] = column[n:]
+            self.p.solve(g, p)
+            y[k, n:] = p.array_r
+            self._blocks.B_transposed.mult(p, f)
+            rhs[k] -= f.array_r
+        rtol, _, _, max_it = self.u.getTolerances()
+        y[:, :n], residual, indefinite = self._cg.solve_columns(rhs, rtol, max_it)
+        self.indefinite |= indefinite
+        product[:, :n] = x[:, :n] - residual
+        for k, column in enumerate(y):
+            u.array[:], p.array[:] = column[:n], column[n:]
+            product[k, n:] = self._blocks.product_of_pressures(u, p)
+        if self.indefinite:
+            y[:] = nan
+        return y, product
 
     def destroy(self, pc: PETSc.PC) -> None:
         """Destroy what the preconditioner created; PETSc calls this."""
