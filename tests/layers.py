@@ -33,6 +33,7 @@ LAZY = {
     "kernels.material": "UFL and the report are for those who ask for them",
     "kernels.reports.report": "matplotlib draws a report only if asked",
     "mesh.gmsh_model": "only curved tetrahedra are straightened",
+    "linalg.ssor_cg": "several right-hand sides are those of estimates",
     "linalg.ssor_system": "small bodies are not deflated",
     "runs": "a scene imports only what its tables name: contact, bones, lattices, fields",
     "contact": "a scene imports only the method of contact that it names",
