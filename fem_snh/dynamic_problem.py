@@ -8,16 +8,18 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from fem_snh.accuracy.lift import keeps_history
 from fem_snh.choices import DEFAULT_INTEGRATOR, MASSES
 from fem_snh.errors import bad_value, check_number
 from fem_snh.kernels.material import Material
 from fem_snh.nonlinear_problem import PREDICTORS, NonlinearProblem
 from fem_snh.problem.dolfinx_problem import DENSITIES, check_materials, create_dolfinx_problem
 from fem_snh.problem.problem import Problem
-from fem_snh.steps.dynamics.dynamics import Dynamics
-from fem_snh.steps.time_steps import TimeSteps
+from fem_snh.steps.time_steps import TimeIntegration, TimeSteps
 
 Array = npt.NDArray[np.float64]
+#: Velocities [m/s] (n, components) at reference coordinates [m] (n, 3).
+Velocity = Callable[[Array], Array]
 
 #: Largest ratio of a step and the duration, and its inverse the smallest: a step is the difference
 #: of two loads in double precision, and its square divides.
@@ -98,14 +100,11 @@ class DynamicProblem(NonlinearProblem):
             raise bad_value("densities", densities, DENSITIES)
         if set_time is not None and not callable(set_time):
             raise bad_value("set_time", set_time, "a function of the time [s]")
-        self._duration, self._set_time = duration, set_time
-        self._settings: dict[str, Any] = {
-            "mass": mass,
-            "damping": damping,
-            "rho_infinity": rho_infinity,
-        }
-        self._integrator, self._has_started = integrator, False
+        self._integration = TimeIntegration(integrator, duration, mass, damping, rho_infinity)
+        self._duration, self._set_time, self._has_started = duration, set_time, False
+        self._velocity: Velocity | None = None
         super().__init__(u, materials, densities=densities, **arguments)
+        self.dynamics = self._time_steps.dynamics
         self.v, self.a = self.dynamics.v, self.dynamics.a
 
     @property
@@ -113,7 +112,7 @@ class DynamicProblem(NonlinearProblem):
         """The time of ``u`` [s]."""
         return self._problem.load * self._duration
 
-    def start(self, velocity: Callable[[Array], Array] | None = None) -> None:
+    def start(self, velocity: Velocity | None = None) -> None:
         """Begin at time 0 with the present values of ``u``. Collective.
 
         Parameters
@@ -129,11 +128,11 @@ class DynamicProblem(NonlinearProblem):
         """
         if velocity is not None and not callable(velocity):
             raise bad_value("velocity", velocity, "a function of coordinates (n, 3)")
-        problem, self._has_started = self._problem, True
+        self._path = None
         self._read_displacement()
-        problem.set_load(0.0)
-        problem.prescribe(self.x)
-        self.dynamics.start(problem, velocity)
+        self._time_steps.start(velocity)
+        self._has_started, self._velocity = True, velocity
+        self._is_new = self._is_new or not keeps_history(self._problem)
         self._write_solution()
 
     def step(self, size: float) -> bool:
@@ -156,6 +155,8 @@ class DynamicProblem(NonlinearProblem):
         with self._petsc_options():
             outcome = self._end(self._steps[PREDICTORS[self._predictor]].solve(to))
             self._examine(outcome.converged, None)
+        if outcome.converged:  # else nothing has changed
+            self._path, self._is_new = None, False
         self._write_solution()
         return outcome.converged
 
@@ -165,6 +166,7 @@ class DynamicProblem(NonlinearProblem):
         """Advance from the present time to ``duration``. Collective.
 
         A step that fails is halved, down to 1/64 of the nominal one, as in a run of a scene.
+        `estimate_error` follows these steps again, if they are the whole motion.
 
         Parameters
         ----------
@@ -181,35 +183,30 @@ class DynamicProblem(NonlinearProblem):
         """
         if set_load is not None:
             raise bad_value("set_load", set_load, "None: 'set_time' sets what changes in time")
+        stepper = self._stepper(number)
         if not self._has_started:
             self.start()
-        yield from self._rows(self._stepper(number))
+        motion = {"integration": self._integration, "velocity": self._velocity}
+        self._path = self._path_of(stepper, **motion) if self._is_new else None
+        self._is_new = False
+        yield from self._rows(stepper)
 
     def energies(self) -> dict[str, Any]:
         """Return energies and momenta at the present time: see `Dynamics.energies`. Collective."""
         return self.dynamics.energies(self._problem)
 
     def _motion(self) -> TimeSteps:
-        semi_implicit = self._integrator == "semi_implicit"
-        return TimeSteps(self._problem, self.dynamics, self._duration, semi_implicit)
+        self._time_steps = self._integration.time_steps(self._problem)
+        return self._time_steps
 
     def _create(self, *arguments: Any) -> Problem:
-        def motion(u: Any, regions: Any, conditions: Any, kinematics: Any) -> Dynamics:
-            settings = {"duration": self._duration, **self._settings}
-            body = u, regions, conditions, kinematics
-            self.dynamics = Dynamics(*body, self._integrator, **settings)
-            return self.dynamics
-
         set_time, duration = self._set_time, self._duration
-
-        def on_load(load: float) -> None:
-            if set_time is not None:
-                set_time(load * duration)
-
+        if set_time is not None:
+            self._load.function = lambda load: set_time(load * duration)
         return create_dolfinx_problem(
             *arguments,
-            on_load=on_load if set_time else None,
-            motion=motion,
+            on_load=self._load if set_time else None,
+            motion=self._integration.create_dynamics,
             duration=duration,
             kinematics=self._kinematics,
         )

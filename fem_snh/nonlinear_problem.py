@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
+from functools import partial
 from itertools import count
 from typing import Any
 
@@ -25,7 +26,7 @@ from fem_snh.problem.supports import SupportsCheck
 from fem_snh.solver.options import check_given_options
 from fem_snh.steps.condensation import program_pressures
 from fem_snh.steps.jump import jump_note
-from fem_snh.steps.program_path import ProgramPath, SolverChoice
+from fem_snh.steps.program_path import Loading, ProgramPath, SolverChoice
 from fem_snh.steps.step_solver import StepSolver
 from fem_snh.steps.stepping import Stepper
 from fem_snh.steps.time_steps import TimeSteps
@@ -175,7 +176,7 @@ class NonlinearProblem(EstimatesErrors, HasModes, HasReactions):
             for name in dict.fromkeys((predictor, PREDICTORS[predictor]))
         }
         chosen = self._prefix, self._options, hessian, globalization, PREDICTORS[predictor]
-        self._choice = SolverChoice(*chosen)
+        self._path_of = partial(ProgramPath.of, self._problem, self._load, SolverChoice(*chosen))
         self._path, self._is_new = None, True
         self._predictor, self.b = predictor, self.solver.getFunction()[0]
         texts = [text for term in self._problem.terms if (text := getattr(term, "note", ""))]
@@ -251,9 +252,10 @@ class NonlinearProblem(EstimatesErrors, HasModes, HasReactions):
         """
         stepper = self._stepper(number)
         self._read_displacement()
-        path = ProgramPath(self._problem, self._load, set_load, stepper, self._choice)
-        self._path, self._is_new = path if self._is_new else None, False
-        with path.applied():
+        loading = Loading(self._problem, self._load, set_load)
+        path = self._path_of(stepper, loading.applied) if self._is_new else None
+        self._path, self._is_new = path, False
+        with loading.applied():
             self._problem.set_load(0.0)
             self._problem.prescribe(self.x)
             # The equilibria of an earlier path are none to extrapolate this one from.

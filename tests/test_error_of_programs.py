@@ -148,13 +148,3 @@ def test_a_force_without_an_energy_has_none_as_a_goal(comm):
     problem.solve()
     with pytest.raises(BadInput, match=r"= 'energy': expected another goal, with a force without"):
         problem.estimate_error({"all": "energy"})
-
-
-def test_no_error_in_time(comm):
-    body = Press(unit_cube(comm, 1))
-    heavy = {SNH: 1.0}
-    problem = fem_snh.DynamicProblem(
-        body.u, {SNH: ufl.dx}, densities=heavy, duration=1.0, bcs=body.bcs[:1]
-    )
-    with pytest.raises(BadInput, match="expected a quasi-static problem"):
-        problem.estimate_error(["energy"])

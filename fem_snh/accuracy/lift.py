@@ -107,8 +107,8 @@ def lifted_elements(problem: Problem) -> Iterator[Element]:
     ]
     best = next(element for element in elements if element.cell == base.cell)
     several = len(problem.elastic.parts) > 1
-    # Energies in UFL alone have no pressure; a sheet that thins does not lock.
-    if not problem.regions or problem.kinematics.plane_stress:
+    # Energies in UFL alone, or a rigid body, have no pressure; a sheet that thins does not lock.
+    if not problem.elastic.parts or problem.kinematics.plane_stress:
         yield replace(best, name=best.name[:2], volume="pointwise", pressure_degree=0)
         return
     if problem.operator != problem.A:  # matrices of rank one: no unknown pressures
@@ -132,7 +132,12 @@ def nearly_incompressible(problem: Problem) -> bool:
 
 
 def depends_on_path(problem: Problem) -> bool:
-    """Return whether a problem's state depends on those before it, as with friction. Collective."""
+    """Return whether a state depends on those before it: in time, with friction. Collective."""
+    return problem.motion is not None or keeps_history(problem)
+
+
+def keeps_history(problem: Problem) -> bool:
+    """Return whether terms keep something from step to step, such as friction. Collective."""
     terms = problem.history.by_name.values()
     return any([problem.comm.allreduce(term.history()[1].size) > 0 for term in terms])
 
@@ -148,11 +153,14 @@ def check_body(problem: Problem) -> None:
 
 def check_problem(problem: Problem) -> None:
     """Raise NoEstimate for a state that depends on its path. Collective."""
-    if depends_on_path(problem):
+    again = "follow the path by steps() of the problem, from its beginning"
+    if problem.motion:
+        raise NoEstimateOnAnyMesh(f"the motion is another one in another element: {again}")
+    if keeps_history(problem):
         names = " and ".join(f"'{name}'" for name in problem.history.by_name)
         raise NoEstimateOnAnyMesh(
             f"{names} keeps friction or multipliers from step to step, which another element "
-            "does not have: follow the path by steps() of the problem, from its beginning"
+            f"does not have: {again}"
         )
 
 

@@ -42,6 +42,8 @@ from fem_snh.terms.term import LengthTerm
 #: The order of time steps with contact, whose beginning and end fall between steps, and that of
 #: load steps, whose friction acts along the chord of a step.
 _CONTACT_ORDER = 1
+#: Fewest time steps of which half are worth comparing.
+_FEWEST_STEPS = 4
 #: Fewest time steps of which the order is measured, and those that resolve a motion well enough
 #: that the errors of mesh and penalties are measured with them: with 50 and 100 steps of a bounce
 #: that of the mesh differs by a tenth.
@@ -65,20 +67,12 @@ class Path(Protocol):
     ----------
     steps, taken : int
         The given number of equal steps, and that of the steps taken: some failed and were halved.
-    order : int or None
-        Of the integrator in time; None for load steps.
-    contact : bool
-        Whether the body meets or leaves something.
     """
 
     @property
     def steps(self) -> int: ...
     @property
     def taken(self) -> int: ...
-    @property
-    def order(self) -> int | None: ...
-    @property
-    def contact(self) -> bool: ...
 
     def follow(
         self, steps: int, goals: Sequence[Goal], element: Element | None, stiffer: float
@@ -153,7 +147,7 @@ def estimate_on_path(
             own = {part: float(errors[i]) for part, errors in parts.items()}
             goal = found.goals[name]
             if goal.reason:
-                own.pop(_source(path))
+                own.pop(_source(problem))
                 found.goals[name] = replace(goal, parts=own)
                 continue
             # Irregular steps have no estimate: the error is printed as a bound.
@@ -172,8 +166,10 @@ def _errors(
     announce: Callable[[Estimate], None],
 ) -> dict[str, npt.NDArray[Any]]:
     """Return the errors of steps, mesh and penalties; raise NoEstimate if there are none."""
-    steps, in_time = path.steps, path.order is not None
+    steps, motion = path.steps, problem.motion
     check_body(problem)
+    if motion and steps < _FEWEST_STEPS:
+        raise NoEstimate(f"{steps} time steps: expected at least {_FEWEST_STEPS}")
     element = _lifted_element(problem)
     found.element, found.dofs = element.name, lifted_dofs(problem, element)
     found.memory, found.again = memory(problem, element), ceil(steps / 2) if steps > 1 else 2
@@ -198,23 +194,23 @@ def _errors(
         )
     before, few = np.zeros(len(values)), ceil(found.again / 2)
     on = found.again  # the steps of the paths that show the errors of the mesh and the penalties
-    if in_time and few >= _FEWEST_QUARTER and 2 * few == found.again:
+    if motion and few >= _FEWEST_QUARTER and 2 * few == found.again:
         quarter = follow(few)
         if 2 * quarter.taken == half.taken:
             before = half.values - quarter.values
             if few >= _ENOUGH_STEPS:
                 on, coarse = few, quarter
-    if in_time and not before.any():
+    if motion and not before.any():
         found.left_out.append(
             f"the order of {path.taken} time steps was not measured: their error may be larger "
-            f"than its estimate, which takes order {path.order}; a multiple of {_HALVES} steps, "
-            f"{_HALVES * _FEWEST_QUARTER} or more, shows it"
+            f"than its estimate, which takes order {motion.integrator.order}; a multiple of "
+            f"{_HALVES} steps, {_HALVES * _FEWEST_QUARTER} or more, shows it"
         )
     for term in problem.terms:
         if isinstance(term, LengthTerm):
             found.left_out.append(f"the errors do not include that of the gap: {term.length_text}")
-    orders = [_CONTACT_ORDER, _CONTACT_ORDER if path.order is None else path.order]
-    if in_time and not path.contact:
+    orders = [_CONTACT_ORDER, motion.integrator.order if motion else _CONTACT_ORDER]
+    if not problem.history.by_name:  # without contact
         orders[0] = orders[1]
     rounding = np.array([_ROUNDING * goal.scale for goal in known])
     change = values - half.values
@@ -223,11 +219,11 @@ def _errors(
         reason = _no_order(before[i], change[i]) if bound == inf else ""
         found.goals[name] = replace(found.goals[name], steps_bound=float(bound), reason=reason)
     if all(found.goals[name].reason for name in names_of(goals)):
-        return {_source(path): steps_error}
-    parts = {_source(path): steps_error, "mesh": follow(on, element).values - coarse.values}
+        return {_source(problem): steps_error}
+    parts = {_source(problem): steps_error, "mesh": follow(on, element).values - coarse.values}
     if problem.scale_penalties(1.0):  # there are some
         parts["penalty"] = penalty_part(coarse.values, follow(on, stiffer=STIFFER).values)
-        if in_time:
+        if motion:
             soft = follow(on, stiffer=1 / STIFFER).values
             by_softer = penalty_part(soft, coarse.values) / STIFFER
             parts["penalty"] = resolved_penalty(parts["penalty"], by_softer)
@@ -242,9 +238,9 @@ def _no_order(before: float, change: float) -> str:
     )
 
 
-def _source(path: Path) -> str:
+def _source(problem: Problem) -> str:
     """Return the name of the part of the errors that steps have."""
-    return LOAD_STEPS if path.order is None else TIME_STEPS
+    return TIME_STEPS if problem.motion else LOAD_STEPS
 
 
 def _lifted_element(problem: Problem) -> Element:

@@ -24,10 +24,9 @@ from fem_snh.accuracy.goals import (
     VolumeGoal,
     names_of,
 )
-from fem_snh.accuracy.lift import depends_on_path
 from fem_snh.accuracy.path_errors import Path, estimate_on_path
 from fem_snh.accuracy.rigid_goals import RigidGoal
-from fem_snh.errors import BadInput, bad_value, check_number, check_whole, choose
+from fem_snh.errors import bad_value, check_number, check_whole, choose
 from fem_snh.problem.dolfinx_problem import DolfinxConditions, check_converged
 from fem_snh.problem.lifted_problem import lifted_problem
 from fem_snh.problem.problem import Problem
@@ -60,9 +59,10 @@ class EstimatesErrors:
         """Estimate the errors of goals of the last solution, which does not change. Collective.
 
         The problem is solved once more, from its solution, in the element of the next degree on
-        the same cells (docs/theory/error.md). Boundary values are interpolated from ``u``. With
-        friction or multipliers the path of `NonlinearProblem.steps` is followed again, from its
-        first step; after `NonlinearProblem.solve` there is no estimate then.
+        the same cells (docs/theory/error.md). Boundary values are interpolated from ``u``. In time,
+        and with friction or multipliers, the path of `NonlinearProblem.steps` is followed again,
+        from its first step. There is no estimate then after `NonlinearProblem.solve`, nor after
+        `fem_snh.dynamic_problem.DynamicProblem.step`.
 
         Parameters
         ----------
@@ -96,12 +96,10 @@ class EstimatesErrors:
         corner.y 6.631, error +0.266 (4.0 %), corrected 6.897
         """
         problem = self._problem
-        if problem.acting_force is None:
-            raise BadInput("estimate_error: expected a quasi-static problem, not one in time")
         check_converged(self.reason, "estimate_error")
         assert isinstance(problem.dirichlet, DolfinxConditions)
         found = program_goals(problem, problem.dirichlet.bcs, goals)
-        if self._path and depends_on_path(problem):
+        if self._path:
             return estimate_on_path(problem, self._path, found)
         return estimate_error(problem, partial(lifted_problem, problem), found)
 
@@ -150,6 +148,8 @@ def _goal(problem: Problem, bcs: Sequence[Any], name: str, goal: Any, number: in
     key, kinematics = f"goals[{name or number}]", problem.kinematics
     components = range(kinematics.components)
     if isinstance(goal, str) and goal == "energy":
+        if problem.motion:  # of which another sum is the energy
+            raise bad_value(key, goal, "another goal, in time")
         if not problem.has_energy:
             raise bad_value(key, goal, "another goal, with a force without an energy")
         return EnergyGoal(name or goal)

@@ -9,7 +9,6 @@ from mpi4py import MPI
 
 import numpy as np
 
-from fem_snh.assembly.ghosted_vectors import local_values
 from fem_snh.assembly.kinematics import Kinematics
 from fem_snh.errors import bad_value
 from fem_snh.problem.problem import Problem
@@ -53,9 +52,9 @@ def initial_velocity(problem: Problem, state: Start) -> Callable[[np.ndarray], n
 
     .. math:: v(X) = v_0 + \omega \times (X + u(X) - c)
 
-    with the initial displacement u. The function's argument and result are of the local nodes,
-    ghosts included, (nodes, 3) and (nodes, components); without a velocity there is no function. On
-    a body of revolution the angular velocity is about its axis. Collective.
+    with the displacement u that was evaluated last. The function's argument and result are of the
+    local nodes, ghosts included, (nodes, 3) and (nodes, components); without a velocity there is no
+    function. On a body of revolution the angular velocity is about its axis. Collective.
 
     Raises
     ------
@@ -73,10 +72,9 @@ def initial_velocity(problem: Problem, state: Start) -> Callable[[np.ndarray], n
     fixed = (low + high) / 2 if state.through is None else np.array(state.through)
     if kinematics.revolved:
         fixed = np.zeros(3)
-    u = kinematics.padded(local_values(problem.split(problem.x)[0]).copy())
 
     def velocity(X: np.ndarray) -> np.ndarray:
-        v = np.zeros_like(X)
+        v, u = np.zeros_like(X), kinematics.padded(problem.u.x.array)
         if state.velocity is not None:
             v += np.array(state.velocity)
         if state.angular_velocity is not None:

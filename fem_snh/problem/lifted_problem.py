@@ -38,7 +38,8 @@ from fem_snh.problem.dolfinx_problem import (
     set_modulus,
 )
 from fem_snh.problem.problem import Problem
-from fem_snh.terms.body import Body, measure_facets, measure_parts
+from fem_snh.tables.amplitudes import Amplitudes
+from fem_snh.terms.body import Body, CreateMotion, measure_facets, measure_parts
 from fem_snh.terms.feature import Feature, create_terms
 from fem_snh.terms.ufl_term import UFLTerm
 
@@ -99,12 +100,11 @@ class LiftedConditions(Dirichlet):
 class FollowingConditions(LiftedConditions):
     """The Dirichlet conditions of a program on another space, with its values at each load."""
 
-    depends_on_load = True
-
     def __init__(
         self, conditions: DolfinxConditions, u: Any, lifted: Any, kinematics: Kinematics
     ) -> None:
         super().__init__(conditions, u, lifted, kinematics)
+        self.depends_on_load = conditions.depends_on_load
         self._conditions, V, W = conditions, u.function_space, lifted.function_space
         self._vector = _dolfinx.create_vector(V)
         self._given, self._lifted = _dolfinx.function(V, "given"), _dolfinx.function(W, "lifted")
@@ -174,6 +174,8 @@ def lifted_problem(
     element: Element,
     start: Any = None,
     on_load: Callable[[float], None] | None = None,
+    motion: CreateMotion | None = None,
+    duration: float | None = None,
 ) -> Problem:
     """Return the problem of a program with another element, at its state and load. Collective.
 
@@ -188,6 +190,8 @@ def lifted_problem(
         follow the load, as the program's do. Default: the solution, with its boundary values.
     on_load : callable, optional
         ``on_load(load)`` sets the constants and functions of the program.
+    motion, duration : optional
+        As for `create_dolfinx_problem`.
 
     Raises
     ------
@@ -203,14 +207,19 @@ def lifted_problem(
     assert isinstance(problem.dirichlet, DolfinxConditions)
     made_by = LiftedConditions if start is None else FollowingConditions
     conditions = made_by(problem.dirichlet, problem.u, u, kinematics)
+    moving = motion(u, problem.regions, conditions, kinematics) if motion else None
     found = partial(measure_facets, problem.domain), partial(measure_parts, problem.domain)
-    body = Body(u, problem.regions, conditions, *found, kinematics=kinematics)
+    given = *found, Amplitudes((), duration), moving
+    body = Body(u, problem.regions, conditions, *given, kinematics=kinematics)
     made = [
         _lifted_term(term, f"terms[{i}]", problem.u, u, on_load)
         for i, term in enumerate(problem.given_terms)
     ]
+    terms = [*create_terms(made, body), *(moving.terms if moving else [])]
     unknowns = create_unknowns(u, element)
-    lifted = Problem(unknowns, element, problem.regions, conditions, create_terms(made, body))
+    lifted = Problem(unknowns, element, problem.regions, conditions, terms, motion=moving)
+    displacement = u.x.array[: lifted.owned_displacements].copy()
+    lifted.x.array[: len(displacement)] = displacement  # with a pressure, not the vector of u
     if not problem.regions:
         set_modulus(lifted)
     return lifted

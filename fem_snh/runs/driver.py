@@ -208,7 +208,7 @@ def _solve(
             from fem_snh.runs.estimates import estimate_errors
 
             fields = recorder.writes_fields
-            estimate = estimate_errors(comm, scene, setup, goals, printed.estimating, fields)
+            estimate = estimate_errors(scene, setup, goals, printed.estimating, fields)
             recorder.add_estimate(estimate)
             if scene.within is None:  # the levels have rows of their own
                 printed.estimated(estimate)

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from mpi4py import MPI
-
 from fem_snh import scenes
 from fem_snh.accuracy.estimate import Estimate, estimate_error
 from fem_snh.accuracy.goals import Goal
@@ -14,7 +12,6 @@ from fem_snh.runs.setup import Setup
 
 
 def estimate_errors(
-    comm: MPI.Comm,
     scene: scenes.Scene,
     setup: Setup,
     goals: Sequence[Goal],
@@ -25,8 +22,6 @@ def estimate_errors(
 
     Parameters
     ----------
-    comm : MPI.Comm
-        The communicator.
     scene : Scene
         The scene.
     setup : Setup
@@ -39,15 +34,16 @@ def estimate_errors(
         Whether the errors of all goals in cells are written; otherwise they are distributed to
         cells if the scene names goals, and that of the largest error alone if it names none.
     """
-    if setup.make is None or depends_on_path(setup.problem):
+    problem = setup.problem
+    if setup.make is None or depends_on_path(problem):
         from fem_snh.accuracy.path_errors import estimate_on_path
         from fem_snh.runs.scene_path import ScenePath
 
-        return estimate_on_path(setup.problem, ScenePath(comm, scene, setup), goals, announce)
+        return estimate_on_path(problem, ScenePath(scene, setup), goals, announce)
     located = "all" if fields or (scene.accuracy and scene.accuracy.goals) else "largest"
     if scene.within and not fields:
         from fem_snh.runs.levels import is_refined_locally
 
         located = "all" if is_refined_locally(scene) else "largest"
-    made = setup.problem, setup.make
+    made = problem, setup.make
     return estimate_error(*made, goals, announce, setup.mesh, located, scene.stability)

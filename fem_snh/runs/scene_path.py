@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from mpi4py import MPI
-
 from fem_snh import scenes
 from fem_snh.accuracy.goals import Goal
 from fem_snh.accuracy.lift import NoEstimate
@@ -14,42 +12,25 @@ from fem_snh.assembly.elements import Element
 from fem_snh.errors import BadInput
 from fem_snh.runs.setup import Setup, set_up
 
-#: Fewest time steps of which half are worth comparing.
-_FEWEST_STEPS = 4
-
 
 class ScenePath:
     """The path of a scene's run: see `fem_snh.accuracy.path_errors.Path`.
 
-    Parameters
-    ----------
-    comm : MPI.Comm
-        The communicator.
-    scene : Scene
-        The scene.
-    setup : Setup
-        Its run, at the end.
+    Parameters are those of `fem_snh.runs.estimates.estimate_errors`.
     """
 
-    def __init__(self, comm: MPI.Comm, scene: scenes.Scene, setup: Setup) -> None:
-        self._comm, self._scene, self._setup = comm, scene, setup
-        self.taken, motion = setup.stepper.taken, setup.stepper.motion
-        self.order = motion.dynamics.integrator.order if motion else None
-        self.contact = bool(scene.obstacle or scene.contact or scene.self_contact)
+    def __init__(self, scene: scenes.Scene, setup: Setup) -> None:
+        self._scene, self._setup, self.taken = scene, setup, setup.stepper.taken
 
     @property
     def steps(self) -> int:
-        """The number of the scene's steps; it raises NoEstimate if half are no comparison."""
-        scene = self._scene
-        if scene.time is None:
-            return scene.steps
-        if scene.time.tolerance is not None:
+        """The number of the scene's steps; it raises NoEstimate if they are not equal."""
+        time = self._scene.time
+        if time and time.tolerance is not None:
             raise NoEstimate(
                 "time.tolerance: expected equal time steps, of which half are compared"
             )
-        if scene.time.steps < _FEWEST_STEPS:
-            raise NoEstimate(f"time.steps = {scene.time.steps}: expected at least {_FEWEST_STEPS}")
-        return scene.time.steps
+        return time.steps if time else self._scene.steps
 
     def follow(
         self, steps: int, goals: Sequence[Goal], element: Element | None, stiffer: float
@@ -60,8 +41,13 @@ class ScenePath:
         if element and element.has_pressure:  # whose defaults are those of a saddle-point problem
             scene = scene.model_copy(update={"hessian": None, "globalization": None})
         try:
-            stiffness = setup.stiffer * stiffer
-            again = set_up(self._comm, scene, mesh=setup.mesh, element=element, stiffer=stiffness)
+            again = set_up(
+                setup.problem.comm,
+                scene,
+                mesh=setup.mesh,
+                element=element,
+                stiffer=setup.stiffer * stiffer,
+            )
         except BadInput as error:  # a material without a volume term of its own
             raise NoEstimate(f"{name} does not fit: {error}") from None
         try:

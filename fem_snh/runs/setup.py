@@ -194,10 +194,10 @@ def make_problem(
         return scene_bones(scene, V, mesh)
 
     def dynamics(*body: Any) -> Any:
-        from fem_snh.steps.time_steps import create_dynamics
+        from fem_snh.steps.time_steps import time_integration
 
         assert scene.time
-        return create_dynamics(scene.time, *body)
+        return time_integration(scene.time).create_dynamics(*body)
 
     fillings = []
     for chosen in scene.materials:

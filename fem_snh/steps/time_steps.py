@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
 
 from fem_snh import _dolfinx
 from fem_snh.assembly.boundary_conditions import Dirichlet
 from fem_snh.assembly.ghosted_vectors import add_ghosts, writable_values
 from fem_snh.assembly.kinematics import Kinematics
 from fem_snh.assembly.regions import Region
-from fem_snh.choices import ACTING_FORCES
+from fem_snh.choices import ACTING_FORCES, MASSES
 from fem_snh.problem.initial_state import initial_velocity
 from fem_snh.problem.problem import Problem
 from fem_snh.steps.step_size import AdaptiveStepSize, StepSize
@@ -20,6 +24,8 @@ from fem_snh.steps.step_size import AdaptiveStepSize, StepSize
 if TYPE_CHECKING:
     from fem_snh.scenes import Start, Time
     from fem_snh.steps.dynamics.dynamics import Dynamics
+
+Array = npt.NDArray[np.float64]
 
 #: Smallest unit of a residual in E V^(2/3): the tolerance is then 1e-10, well above rounding.
 _LEAST_UNIT = 1e-3
@@ -61,6 +67,20 @@ class TimeSteps:
     def functions(self) -> dict[str, Any]:
         """The fields that output may have, by the names of `fem_snh.output_fields.IN_TIME`."""
         return {"velocity": self.dynamics.v, "acceleration": self.dynamics.a}
+
+    def start(self, velocity: Callable[[Array], Array] | None = None) -> None:
+        """Begin at load 0 with the present displacement, which meets the boundary values there.
+
+        Parameters
+        ----------
+        velocity : callable, optional
+            The initial velocity: see `Dynamics.start`.
+        """
+        problem = self._problem
+        problem.set_load(0.0)
+        problem.prescribe(problem.x)
+        problem.history.begin_step(problem.split(problem.x)[0])
+        self.dynamics.start(problem, velocity)
 
     def step_size(self, steps: int) -> StepSize:
         """Return the sizes of the time steps, of which ``steps`` nominal ones have the duration."""
@@ -129,36 +149,63 @@ class TimeSteps:
         return {"energy": None if None in parts else sum(parts), **energies}
 
 
-def create_dynamics(
-    time: Time, u: Any, regions: Sequence[Region], dirichlet: Dirichlet, kinematics: Kinematics
-) -> Dynamics:
-    """Return the motion of a scene in time, whose terms the problem needs. Collective."""
-    from fem_snh.steps.dynamics.dynamics import Dynamics
+@dataclass(frozen=True)
+class TimeIntegration:
+    """How a body is integrated in time, in any element: the settings of `Dynamics` and `TimeSteps`.
 
-    given = {} if time.rho_infinity is None else {"rho_infinity": time.rho_infinity}
+    Attributes
+    ----------
+    integrator : str
+        One of `fem_snh.choices.INTEGRATORS`.
+    duration : float
+        The time [s] in which the load goes from 0 to 1.
+    mass, damping, rho_infinity
+        As for `Dynamics`.
+    tolerance : float or None
+        As for `TimeSteps`.
+    """
+
+    integrator: str
+    duration: float
+    mass: str = MASSES[0]
+    damping: tuple[float, float] = (0.0, 0.0)
+    rho_infinity: float | None = None
+    tolerance: float | None = None
+
+    def create_dynamics(
+        self, u: Any, regions: Sequence[Region], dirichlet: Dirichlet, kinematics: Kinematics
+    ) -> Dynamics:
+        """Return the motion of a body, whose terms its problem needs. Collective."""
+        from fem_snh.steps.dynamics.dynamics import Dynamics
+
+        return Dynamics(
+            u,
+            regions,
+            dirichlet,
+            kinematics,
+            self.integrator,
+            mass=self.mass,
+            damping=self.damping,
+            rho_infinity=self.rho_infinity,
+            duration=self.duration,
+        )
+
+    def time_steps(self, problem: Problem) -> TimeSteps:
+        """Return the steps of a problem that has the terms of its motion."""
+        dynamics: Any = problem.motion
+        semi_implicit = self.integrator == "semi_implicit"
+        return TimeSteps(problem, dynamics, self.duration, semi_implicit, self.tolerance)
+
+
+def time_integration(time: Time) -> TimeIntegration:
+    """Return that of a scene in time."""
     damping = (time.damping.mass, time.damping.stiffness)
-    return Dynamics(
-        u,
-        regions,
-        dirichlet,
-        kinematics,
-        time.integrator,
-        mass=time.mass,
-        damping=damping,
-        duration=time.duration,
-        **given,
-    )
+    given = time.mass, damping, time.rho_infinity, time.tolerance
+    return TimeIntegration(time.integrator, time.duration, *given)
 
 
 def start_motion(problem: Problem, time: Time, start: Start | None) -> TimeSteps:
-    """Set the initial velocity and acceleration at the problem's initial displacement. Collective.
-
-    The initial displacement meets the boundary values at the start.
-    """
-    dynamics: Any = problem.motion
-    problem.set_load(problem.load)
-    problem.prescribe(problem.x)
-    problem.history.begin_step(problem.split(problem.x)[0])
-    dynamics.start(problem, initial_velocity(problem, start) if start else None)
-    semi_implicit = time.integrator == "semi_implicit"
-    return TimeSteps(problem, dynamics, time.duration, semi_implicit, time.tolerance)
+    """Return the steps of a scene in time, with its initial velocity set. Collective."""
+    steps = time_integration(time).time_steps(problem)
+    steps.start(initial_velocity(problem, start) if start else None)
+    return steps
