@@ -9,6 +9,7 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
+from gmsh_files import write_msh
 from interrupted_runs import cut
 from note_scenes import arch, bushing
 from running import record, rows, solve
@@ -130,6 +131,41 @@ def test_large_motions_along_a_path_are_no_jumps(tmp_path, rise, hold, pressure)
     result = solve(arch(MPI.COMM_SELF, tmp_path, 3, pressure, rise, hold), comm=MPI.COMM_SELF)
     assert result.converged and not result.notes
     assert abs(result.steps[-1]["probes"]["middle"][2]) > 0.01
+
+
+SQUARE = """
+Point(1) = {0, 0, 0};
+side[] = Extrude {1, 0, 0} { Point{1}; Layers{4}; };
+base[] = Extrude {0, 1, 0} { Line{side[1]}; Layers{4}; Recombine; };
+Physical Surface("body") = {base[1]}; Physical Curve("bottom") = {side[1]};
+Physical Curve("top") = {base[0]}; Physical Curve("left") = {base[3]};
+"""
+
+
+@mpi
+def test_one_step_through_a_bifurcation(comm, folder):
+    """A square that is pressed to a tenth of its height: the uniform state is stable as well.
+
+    It is reached in one step only, and has twice the energy of the one that 20 steps reach.
+    """
+    mesh = write_msh(comm, folder, SQUARE, dim=2)
+    scene = {
+        "name": "square", "mesh": mesh, "element": "Q1", "kinematics": "plane_stress",
+        "material": {"name": "mooney_rivlin", "E": 1.0, "nu": 0.3},
+        "hold": [{"group": "bottom", "components": ["y"]}],
+        "move": [{"group": "top", "translate": [0, -0.9, 0], "components": ["y"]}],
+        "symmetry": [{"group": "left"}],
+    }  # fmt: skip
+    one, several = (
+        solve(Scene.model_validate(scene | {"steps": steps}), comm) for steps in (1, 20)
+    )
+    (note,) = one.notes
+    energy = one.steps[-1]["energy"]
+    assert note["kind"] == "jump" and one.steps[-1]["notes"] == ["jump"]
+    assert note["energy"] == pytest.approx(energy, rel=1e-9)
+    assert several.steps[-1]["energy"] < 0.7 * energy
+    assert note["followed"] == pytest.approx(several.steps[-1]["energy"], rel=0.1)
+    assert "than 4 smaller ones" in note["text"] and "take more steps" in note["text"]
 
 
 def test_a_steep_path_is_no_jump():

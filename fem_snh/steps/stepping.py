@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from fem_snh.accuracy.state_notes import unseen_penetrations
 from fem_snh.problem.probes import Probes
 from fem_snh.solver import EquilibriumStability, StepOutcome
-from fem_snh.steps.jump import Jump, JumpDetector
+from fem_snh.steps.jump import Jump, JumpDetector, SkippedPath
 from fem_snh.steps.step_size import StepSize
 from fem_snh.steps.step_solver import StepSolver
 
@@ -52,7 +52,7 @@ class Stepper:
         Elapsed seconds of the steps.
     processor : float
         This rank's processor seconds of the steps.
-    jump : Jump or None
+    jump : Jump, SkippedPath or None
         The jump in the last step.
     """
 
@@ -75,7 +75,7 @@ class Stepper:
         self.size = motion.step_size(steps) if motion else StepSize(steps, divisible)
         self._jumps = JumpDetector.of(self.problem, solver.snes, motion is not None)
         solver.guessed = self._jumps.begin if self._jumps else None
-        self.jump: Jump | None = None
+        self.jump: Jump | SkippedPath | None = None
         self.done, self.taken = False, 0
         self.seconds = self.processor = 0.0
         self._last: dict[str, Any] = {}
