@@ -97,6 +97,7 @@ def test_blocks_have_the_solutions_of_factors(comm, element):
     ksp = solver.create(problem).getKSP()
     ksp.setOperators(problem.A, problem.A)
     ksp.setTolerances(rtol=1e-3)
+    ksp.setUp()
     b = right_sides(problem, 4)
     b.append(b[0] - 2.0 * b[1])
     found, iterations = solve_columns(ksp.getPC().getPythonContext(), b, ksp)

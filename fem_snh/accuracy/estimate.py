@@ -242,7 +242,7 @@ class Estimate:
     places : dict of Place
         Where half of each of them is.
     may_be_unstable : bool
-        Whether the stability of the lifted equilibrium matters, and was not examined.
+        Whether the stability of the lifted equilibrium matters, and is unknown.
     left_out : list of str
         What the errors do not include, or what was not measured for them: a line each.
     """
@@ -285,12 +285,12 @@ class Estimate:
 
     @property
     def doubt(self) -> str:
-        """The line that says that an instability would not have been found; empty without one."""
+        """The line that says that an instability may not have been found; empty without one."""
         if not self.may_be_unstable:
             return ""
         return (
-            f"whether the state of {self.element} is stable was not examined, with "
-            f"{self.dofs:,} unknowns: a scene's stability = true does"
+            f"the state of {self.element} may be unstable, as iterations leave that open: a "
+            "scene's stability = true tells"
         )
 
     @property

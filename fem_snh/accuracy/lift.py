@@ -37,6 +37,7 @@ from fem_snh.linalg.direct_solver import is_direct
 from fem_snh.problem.problem import Problem
 from fem_snh.problem.solids import solids_in_shapes
 from fem_snh.problem.supports import Supports
+from fem_snh.solver.definiteness import has_negative_curvature, is_definite
 from fem_snh.terms.term import LengthTerm
 
 #: Prefix of its solver's options: those of the run are for another problem.
@@ -344,10 +345,12 @@ class Lift:
         return self._last_filter not in ("clamp", "abs")
 
     def check_stability(self, asked: bool) -> bool:
-        """Count the negative eigenvalues of the exact Hessian, where that is cheap. Collective.
+        """Find out whether the exact Hessian has negative eigenvalues. Collective.
 
         A perfect column is straight in both elements, and the better one buckles before the stiffer
-        one does. A solver with sparse factors has often counted the eigenvalues.
+        one does. A solver with sparse factors has often counted the eigenvalues. Without any, and
+        where they are not cheap, iterations tell whether there are some
+        (`fem_snh.solver.definiteness`).
 
         Parameters
         ----------
@@ -357,7 +360,7 @@ class Lift:
         Returns
         -------
         bool
-            Whether the equilibrium may be unstable: it was not examined, and at some points the
+            Whether the equilibrium may be unstable: iterations do not tell, and at some points the
             energy density is not convex. Where it is convex at all points, the body is stable.
 
         Raises
@@ -372,9 +375,7 @@ class Lift:
             if self._last_filter == "exact" and negative_pivots(ksp.getPC()) == stability.expected:
                 return False
         elif not asked and self.lifted.regime.nodes > _MAX_FACTORED:
-            lowest = self.lifted.cell_fields(self.lifted.x)["min_eigenvalue"]
-            is_convex = bool((lowest >= -_CONVEX * self.lifted.modulus).all())
-            return bool(self.lifted.comm.allreduce(not is_convex, op=MPI.LOR))
+            return self._may_be_unstable()
         count = stability.negative_eigenvalues(self.lifted.x)
         # Free rotations of rigid parts, whose unknowns are others, have eigenvalues of the size of
         # the residual, which a few Newton iterations leave.
@@ -386,6 +387,27 @@ class Lift:
                 f"Hessian has {count} negative {values}, and on finer cells the body may leave it"
             )
         return False
+
+    def _may_be_unstable(self) -> bool:
+        """Return whether iterations leave the stability unknown; raise NoEstimate if unstable."""
+        lifted, ksp = self.lifted, self._snes.getKSP()
+        lowest = lifted.cell_fields(lifted.x)["min_eigenvalue"]
+        is_convex = bool((lowest >= -_CONVEX * lifted.modulus).all())
+        if lifted.comm.allreduce(is_convex, op=MPI.LAND):
+            return False
+        if lifted.rigid:  # rotations of its parts that nothing constrains are other unknowns
+            return True
+        HessianSolver(lifted, ksp, _DUAL, assembled=self._last_filter == "exact")  # assembles it
+        if (definite := is_definite(lifted, ksp)) or lifted.operator != lifted.A:
+            return not definite
+        # An unknown pressure makes up for negative eigenvalues of the displacement's part.
+        sure = lifted.saddle_point is None and definite is False
+        if sure or (lifted.saddle_point and has_negative_curvature(lifted, ksp)):
+            raise NoEstimate(
+                f"the equilibrium of {lifted.element.name} near the run's is unstable: its "
+                "Hessian has negative eigenvalues, and on finer cells the body may leave it"
+            )
+        return True
 
     def destroy(self) -> None:
         """Destroy the solver."""

@@ -36,7 +36,6 @@ def solve_columns(
     ksp : PETSc.KSP
         Its matrices, and its tolerances of the residual's norm: relative, and of iterations.
     """
-    ksp.setUp()
     rtol, _, _, max_it = ksp.getTolerances()
     comm = b[0].comm.tompi4py()
 

@@ -66,6 +66,11 @@ class BlockProduct:
         """Return the block B^T."""
         return self._parts[0].matrix
 
+    @property
+    def is_current(self) -> bool:
+        """Whether A has the values that were read."""
+        return bool(self._A.stateGet() == self._state)
+
     def set_known(self, f: PETSc.Vec, z: PETSc.Vec) -> None:
         """Keep what the product with z is made of: z is the preconditioned vector f."""
         self._f = f.array_r[: self._unknowns].copy()
@@ -74,7 +79,7 @@ class BlockProduct:
     def mult(self, mat: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
         """Compute y = A x; PETSc calls this."""
         # The preconditioner may be that of a filtered Hessian, while A is the exact one.
-        if (x.handle, x.stateGet()) != self._known or self._A.stateGet() != self._state:
+        if (x.handle, x.stateGet()) != self._known or not self.is_current:
             self._A.mult(x, y)
             return
         n, (u, p, _) = self._unknowns, self._vectors

@@ -97,6 +97,11 @@ class BlockTriangular:
         for solver in (u, p):
             solver.setFromOptions()
 
+    @property
+    def is_current(self) -> bool:
+        """Whether the preconditioner is that of the matrix's present values."""
+        return self._blocks.is_current
+
     def setUp(self, pc: PETSc.PC) -> None:
         """Read the matrix's values; PETSc calls this."""
         self._blocks.update()

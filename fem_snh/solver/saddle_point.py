@@ -109,13 +109,17 @@ def outer_operator(ksp: PETSc.KSP, A: PETSc.Mat, P: PETSc.Mat) -> PETSc.Mat:
 
 
 def preconditioner_of_columns(ksp: PETSc.KSP) -> BlockTriangular | None:
-    """Return the preconditioner of several right-hand sides, where the tolerance admits it."""
+    """Return the preconditioner of several right-hand sides, where matrix and tolerance admit it.
+
+    Its products are those of its own matrix, which may be the filtered one of an exact operator.
+    """
     blocks = preconditioner_by_blocks(ksp.getPC())
     A, P = ksp.getOperators()
     if not isinstance(blocks, BlockTriangular) or A not in (P, blocks.operator):
         return None
+    ksp.setUp()
     loose = ksp.getTolerances()[0] >= _KNOWN_PRODUCT_RTOL
-    return blocks if loose and ksp.getType() in _FLEXIBLE else None
+    return blocks if loose and blocks.is_current and ksp.getType() in _FLEXIBLE else None
 
 
 def block_options(prefix: str) -> dict[str, str]:

@@ -155,17 +155,23 @@ class EquilibriumStability:
             negative -= factors.removed_by(self._problem.operator)
         return negative
 
-    def _assembled(self, x: PETSc.Vec) -> PETSc.Mat:
-        """Return the exact Hessian at ``x``, whose zero eigenvalues are made positive.
+    def raise_rotations(self, x: PETSc.Vec, least: float = 0.0) -> None:
+        """Make the eigenvalues of rotations that nothing constrains positive in the matrix.
 
-        Those of rigid motions that nothing constrains have any sign by rounding.
+        By rounding and the residual at ``x`` they have any sign. The diagonal is multiplied by 1
+        plus a bound of them, and at least ``least``.
         """
-        self._problem.jacobian(x, "exact")
         A = self._problem.A
         diagonal = A.getDiagonal()
-        diagonal.scale(1 + max(_ZERO, self._of_rotations(x, diagonal)))
-        A.setDiagonal(diagonal)
-        return A
+        if factor := max(least, self._of_rotations(x, diagonal)):
+            diagonal.scale(1 + factor)
+            A.setDiagonal(diagonal)
+
+    def _assembled(self, x: PETSc.Vec) -> PETSc.Mat:
+        """Return the exact Hessian at ``x``, whose zero eigenvalues are made positive."""
+        self._problem.jacobian(x, "exact")
+        self.raise_rotations(x, _ZERO)
+        return self._problem.A
 
     def _of_rotations(self, x: PETSc.Vec, diagonal: PETSc.Vec) -> float:
         r"""Return a bound of the eigenvalues of free rotations, relative to the diagonal.
