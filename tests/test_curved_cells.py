@@ -84,11 +84,11 @@ def test_the_bones_of_a_curved_arm_are_round():
     exact = pi * 0.011**2 * hypot(0.211, 0.012) + 4 / 3 * pi * 0.011**3
     errors = []
     for order in (1, 2):
-        arm = mesh.generate(MPI.COMM_SELF, "arm", "tetrahedron", cells=20, order=order)
-        assert mesh_checks.scaled_jacobian(arm.domain).min() > 0.02
+        arm = mesh.generate(MPI.COMM_SELF, "arm", "tetrahedron", cells=12, order=order)
+        assert mesh_checks.scaled_jacobian(arm.domain).min() > 0.005
         volumes = mesh.cell_volumes(arm.domain)
         errors.append(1 - volumes[arm.group("humerus").entities].sum() / exact)
-    assert errors[0] > 0.1 and 0 < errors[1] < 0.35 * errors[0]
+    assert errors[0] > 0.3 and 0 < errors[1] < 0.01
 
 
 def test_a_curved_elbow_has_the_flesh_of_finer_cells():
@@ -102,4 +102,4 @@ def test_a_curved_elbow_has_the_flesh_of_finer_cells():
         assert result.converged
         energies[order, cells] = result.steps[-1]["energy"]
     finer = energies[2, 16]
-    assert abs(energies[2, 12] - finer) < 0.5 * abs(energies[1, 12] - finer)
+    assert abs(energies[2, 12] - finer) < 0.1 * abs(energies[1, 12] - finer)

@@ -38,6 +38,8 @@ CELL_KINDS = sorted({cell for cell, *_ in _CELLS.values()})
 _TETRAHEDRA = "tets"
 #: Parameter of the sources that have a mesh of two dimensions: 1 for that.
 _PLANE = "plane"
+#: Curved cells around a circle, at least.
+_ROUND = 8
 #: The cells of meshes of two dimensions.
 _PLANE_CELLS = ("triangle", "quadrilateral")
 
@@ -153,7 +155,10 @@ def generate(
 
 
 def _set_sizes(gmsh: Any, field: SizeField) -> None:
-    """Let a field alone determine the sizes of the cells."""
+    """Let a field determine the sizes of the cells, and the curvature that of curved ones.
+
+    Larger ones would be inverted, and straightened: 12 along the arm leave out a tenth of a bone.
+    """
     view = gmsh.view.add("sizes")
     kind = "ST" if field.x.shape[1] == 3 else "SS"
     points = field.x.transpose(0, 2, 1).reshape(len(field.x), -1)
@@ -162,8 +167,10 @@ def _set_sizes(gmsh: Any, field: SizeField) -> None:
     number = gmsh.model.mesh.field.add("PostView")
     gmsh.model.mesh.field.setNumber(number, "ViewTag", view)
     gmsh.model.mesh.field.setAsBackgroundMesh(number)
-    for source in ("ExtendFromBoundary", "FromPoints", "FromCurvature"):
+    for source in ("ExtendFromBoundary", "FromPoints"):
         gmsh.option.setNumber(f"Mesh.MeshSize{source}", 0)
+    is_curved = gmsh.option.getNumber("Mesh.ElementOrder") > 1
+    gmsh.option.setNumber("Mesh.MeshSizeFromCurvature", _ROUND if is_curved else 0)
     gmsh.option.setNumber("Mesh.MeshSizeMin", 0)
     gmsh.option.setNumber("Mesh.MeshSizeMax", float(field.sizes.max()))
 
