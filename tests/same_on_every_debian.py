@@ -84,9 +84,13 @@ SAME_TESTS = frozenset(
         "accuracy::test_the_penalty_of_a_fluid_is_raised",
         # sums of estimates, which test_error_estimate makes
         "algebra_error::test_the_parts_of_a_loose_solve_are_those_of_a_tight_one",
+        "frequency_errors::test_errors_about_a_loaded_state",
         "path_errors::test_corrected_force_does_not_depend_on_the_mesh_nor_on_its_penalty",
         "path_errors::test_levels_follow_the_path_again_with_stiffer_penalties",
         "path_errors::test_the_error_of_the_load_steps",
+        "shape_errors::test_a_finer_mesh_confirms_the_angle_of_bones_that_touch",
+        "shape_errors::test_levels_reach_the_accuracy",
+        "term_goals::test_effectivity_of_the_force_between_bodies",
         "time_errors::test_a_motion_to_a_required_accuracy",
         "time_errors::test_steps_without_an_order_have_a_bound_and_no_error_of_zero",
         "time_errors::test_the_penalty_of_an_impact",
