@@ -9,11 +9,13 @@ from mpi4py import MPI
 import numpy as np
 import pytest
 import ufl
+from gmsh_files import write_msh
 from plane_programs import displacement, prescribe, rectangle, zero
 from plane_programs import solve as run
 from running import solve
 
 import fem_snh
+from fem_snh import scenes
 from fem_snh.errors import BadInput
 from fem_snh.mesh import mesh as meshes
 from fem_snh.mesh.bisection import bisect
@@ -225,3 +227,38 @@ def test_the_true_error_is_within_the_request(scene, keys, exact):
                 (goal["uncertainty"] or np.inf, goal["corrected"]),
             )
             assert abs(better[1] - value) <= 0.01 * abs(value)
+
+
+#: Two layers that share their nodes, with these cells along the length.
+_LAYERS = """
+Point(1) = {{0, 0, 0}};
+side[] = Extrude {{1, 0, 0}} {{ Point{{1}}; Layers{{{0}}}; }};
+low[] = Extrude {{0, 0.3, 0}} {{ Line{{side[1]}}; Layers{{{1}}}; }};
+high[] = Extrude {{0, 0.2, 0}} {{ Line{{low[0]}}; Layers{{{1}}}; }};
+Physical Surface("soft") = {{low[1]}}; Physical Surface("stiff") = {{high[1]}};
+Physical Curve("left") = {{low[3], high[3]}}; Physical Curve("right") = {{low[2], high[2]}};
+"""
+
+
+def test_a_stiff_layer_on_a_nearly_incompressible_one(comm, folder):
+    """In the lifted element one pressure in each cell was coarser than P2: 7 times the error."""
+    material = {"name": "stable_neo_hookean", "group": "soft", "E": 1e4, "nu": 0.45}
+    scene = {
+        "name": "layers", "element": "P2", "kinematics": "plane_strain",
+        "material": [material, material | {"group": "stiff", "E": 1e7, "nu": 0.3}],
+        "hold": [{"group": "left"}], "traction": [{"group": "right", "vector": [0, -2e3, 0]}],
+        "probe": [{"name": "tip", "point": [1, 0.5, 0]}],
+        "accuracy": {"goals": ["tip.y", "energy"]},
+    }  # fmt: skip
+    goals = []
+    for cells in (8, 32):
+        path = folder / str(cells)
+        if comm.rank == 0:
+            path.mkdir()
+        comm.barrier()
+        mesh = write_msh(comm, path, _LAYERS.format(cells, cells // 4), dim=2)
+        goals.append(solve(scenes.validate(scene | {"mesh": mesh}, "scene"), comm).estimate.goals)
+    coarse, fine = goals
+    for name, goal in coarse.items():
+        true = fine[name].corrected - goal.value
+        assert 0.5 < goal.error / true < 1.7, name

@@ -74,3 +74,14 @@ def test_corners_that_prevent_rigid_motions(
     comm: Any, square: Any, hold: dict[str, str], loads: dict[str, float]
 ) -> None:
     assert not supports(solve(scene(square, hold, loads), comm))
+
+
+def test_the_axis_of_revolution_is_an_edge(comm: Any, square: Any) -> None:
+    """A disc that hangs at its axis gives way without a limit; radially nothing moves there."""
+    axial, radial = (
+        solve(scene(square, hold, {"top": 1e-3}, kinematics="axisymmetric"), comm)
+        for hold in ({"left": "y"}, {"left": "x", "bottom": "y"})
+    )
+    (note,) = supports(axial)
+    assert note["text"].startswith("[[hold]] of 'left': points and edges have no area")
+    assert not supports(radial)

@@ -51,6 +51,8 @@ _DEGREE_3 = (
 _DEGREE_2 = (ELEMENTS["P2P1"], ELEMENTS["Q2Q1"])
 #: lambda/mu up to which an element with a pointwise volume term does not lock: nu = 0.4, rounded.
 _NO_LOCKING = 4.0 * (1 + 1e-9)
+#: The same for P2 and P3 on triangles, nu = 0.499: beyond, Newton's method may find no state of P3.
+_LITTLE_LOCKING = 500.0
 #: Mean number of nodes to which a node is connected in a large mesh of boxes, each of six
 #: tetrahedra, or of rectangles of two triangles; and what a pair of nodes needs in bytes: each
 #: number of its block (9 in three dimensions) in double precision for the matrix and in single
@@ -115,7 +117,9 @@ def lifted_elements(problem: Problem) -> Iterator[Element]:
     if problem.operator != problem.A:  # matrices of rank one: no unknown pressures
         yield replace(best, name=f"{best.name[:2]}P0", volume="mean", pressure_degree=0)
     elif several and base.volume != "pressure":  # a continuous pressure is wrong at interfaces
-        if not nearly_incompressible(problem):
+        # P2 on triangles hardly locks, and P3 less: one pressure in each cell is a coarser element.
+        triangles = base.name == "P2" and base.kinematics.dim == 2
+        if not nearly_incompressible(problem, _LITTLE_LOCKING if triangles else _NO_LOCKING):
             yield replace(best, name=best.name[:2], volume="pointwise", pressure_degree=0)
         yield replace(best, name=f"{best.name[:2]}P0", volume="cell_pressure", pressure_degree=0)
     else:
@@ -126,10 +130,13 @@ def lifted_elements(problem: Problem) -> Iterator[Element]:
         yield replace(best, name=best.name[:2], volume="pointwise", pressure_degree=0)
 
 
-def nearly_incompressible(problem: Problem) -> bool:
-    """Return whether a pointwise volume term can lock with one of the materials."""
+def nearly_incompressible(problem: Problem, limit: float = _NO_LOCKING) -> bool:
+    """Return whether a pointwise volume term can lock with one of the materials.
+
+    It can from a ``limit`` of lambda over mu on.
+    """
     moduli = [part.region.material.lame for part in problem.elastic.parts]
-    return any(not lam <= _NO_LOCKING * mu for mu, lam in moduli)
+    return any(not lam <= limit * mu for mu, lam in moduli)
 
 
 def depends_on_path(problem: Problem) -> bool:

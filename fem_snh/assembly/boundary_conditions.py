@@ -315,9 +315,20 @@ class DirichletConditions(Dirichlet):
         move: Sequence[PrescribedDisplacement],
         planes: Sequence[NodePlane],
     ) -> ThinSupports | None:
-        """Return what points and edges alone constrain; None without any condition on them."""
+        """Return what points and edges alone constrain; None without any condition on them.
+
+        The axis of revolution is an edge.
+        """
         named = [("hold", condition) for condition in hold] + [("move", motion) for motion in move]
-        thin = [pair for pair in named if mesh.group(pair[1].group).dim < mesh.dim - 1]
+        axis = axis_nodes(V) if self._kinematics.revolved else np.empty(0, np.int64)
+
+        def has_no_area(condition: Constraint) -> bool:
+            if mesh.group(condition.group).dim < mesh.dim - 1 or not self._kinematics.revolved:
+                return mesh.group(condition.group).dim < mesh.dim - 1
+            off = np.setdiff1d(group_nodes(V, mesh, condition.group), axis)
+            return bool(V.mesh.comm.allreduce(len(off)) == 0)
+
+        thin = [pair for pair in named if has_no_area(pair[1])]
         if not thin:
             return None
         marked = np.zeros_like(self.constrained)
