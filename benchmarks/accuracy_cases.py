@@ -91,6 +91,11 @@ def twist(**options: Any) -> Scene:
     return scene.model_copy(update={"reactions": [about]})
 
 
+def elbow(**options: Any) -> Scene:
+    """The flexed elbow, whose cells are curved, with its energy."""
+    return load("elbow", order=2, **options)
+
+
 def hertz(**options: Any) -> Scene:
     """The ball that is pressed by a plane, with the force on its middle."""
     return load("hertz", **options).model_copy(update={"reactions": [Reaction(group="z = 0")]})
@@ -104,6 +109,7 @@ CASES = {
     "stretch": Case(stretch, "right.force.x", (4, 6, 8, 12, 16, 24)),
     "quarter turn": Case(twist, "top.moment.z", (4, 6, 8, 12, 16, 24)),
     "bracket": Case(bracket, "tip.y", (2, 4, 6, 8, 12, 16), corner=True),
+    "elbow": Case(elbow, "energy", (24, 36, 48, 64, 80)),
     "hertz": Case(hertz, "z = 0.force.z", (2, 4, 6, 8, 12, 16)),
 }
 

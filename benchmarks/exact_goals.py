@@ -8,13 +8,16 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator
-from math import inf, log, sqrt
+from math import inf, sqrt
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import perf_counter
 from typing import Any
 
+from mpi4py import MPI
+
 import numpy as np
+from scipy.optimize import brentq
 
 import fem_snh
 from benchmarks import Row
@@ -23,7 +26,10 @@ from benchmarks.graded_meshes import at, graded, write
 from fem_snh.atomic_files import replace_file
 from fem_snh.contact.obstacle import Obstacle
 from fem_snh.errors import BadInput, choose
+from fem_snh.mesh.gmsh_input import generate, source_path
 from fem_snh.mesh.gmsh_model import session
+from fem_snh.mesh.mesh import distribute, write_xdmf
+from fem_snh.mesh.size_field import SizeField
 from fem_snh.scenes import Geometry, Hold, Reaction, Scene, load
 from fem_snh.scenes.builtin.hertz import RADIUS
 
@@ -37,10 +43,12 @@ POWER = 2.0
 STRONG = 3.0
 #: The uncertainty of an extrapolated value over the last change, at least.
 _LEAST = 0.2
+#: The length of the arm, and the centres of the round ends of its bones at the elbow [m].
+LENGTH_OF_ARM, ENDS_OF_BONES = 0.52, np.array([(-0.045, 0, -0.022), (0.045, 0, -0.022)])
 #: Displacement of the plane of Hertz's contact [mm], that of the scene.
 DEPTH = 0.2
-#: Ratios of successive changes from which a limit is extrapolated: orders of 0.7 and more.
-_RATIOS = (0.0, 0.62)
+#: Orders of errors with which a limit is extrapolated.
+_ORDERS = (0.7, 8.0)
 
 
 def rows(only: str = "", write: str = "", finest: str = "") -> Iterator[Row]:
@@ -86,10 +94,18 @@ def limit(cells: list[int], values: list[float]) -> Row:
     """Return the limit of values whose errors are a power of the size of cells."""
     if len(values) < 3:
         raise BadInput(f"finest = {cells[-1]}: expected a number that leaves three meshes")
+    n = np.array(cells[-3:], dtype=float)
     before, last = values[-2] - values[-3], values[-1] - values[-2]
-    ratio = last / before if before else 0.0
-    step = last * ratio / (1 - ratio) if _RATIOS[0] < ratio < _RATIOS[1] else 0.0
-    order = log(1 / ratio) / log(cells[-1] / cells[-2]) if step else None
+
+    def ratio(order: float) -> float:
+        powers = n**-order
+        return float((powers[1] - powers[2]) / (powers[0] - powers[1]))
+
+    order, step = None, 0.0
+    found = last / before if before else 0.0
+    if ratio(_ORDERS[1]) < found < ratio(_ORDERS[0]):
+        order = float(brentq(lambda p: ratio(p) - found, *_ORDERS))
+        step = last / ((n[2] / n[1]) ** order - 1)
     value = values[-1] + step
     error = max(abs(step), _LEAST * abs(last)) if step else abs(last)
     return {
@@ -146,6 +162,26 @@ def bent(folder: Path, cells: int) -> float:
     scene = bracket()
     hold = [*scene.hold, Hold(group="middle", components=("z",))]
     return goal(scene.model_copy(update={"hold": hold}), path, "Q2", "tip.y")
+
+
+def flexed(element: str) -> Solve:
+    """Return the function that solves the flexed elbow on cells that are small at the joint."""
+
+    def solve(folder: Path, cells: int) -> float:
+        arm, path = source_path("arm"), folder / f"elbow_{element}_{cells}.xdmf"
+        known = load("elbow").mesh
+        assert isinstance(known, Geometry)
+        parameters = {**known.parameters, "order": 2.0, "cells": float(cells)}
+        coarse = generate(arm, "tetrahedron", {**parameters, "cells": 60.0, "order": 1.0})
+        x = coarse.x[coarse.cells]
+        distances = [np.linalg.norm(x - end, axis=2) for end in ENDS_OF_BONES]
+        beyond = np.maximum(0, np.minimum(*distances) - 0.015)
+        field = SizeField(x, LENGTH_OF_ARM / cells * np.minimum(1.2, 0.15 + beyond / 0.06))
+        data = generate(arm, "tetrahedron", parameters, field)
+        write_xdmf(distribute(MPI.COMM_SELF, "arm", lambda: data), path)
+        return goal(load("elbow"), path, element, "energy")
+
+    return solve
 
 
 def hertz(folder: Path, cells: int) -> float:
@@ -223,6 +259,7 @@ MESHES: dict[str, tuple[tuple[int, ...], list[Solve]]] = {
     "cook, nu 0.4999": ((16, 32, 64), [cook(0.4999, STRONG), cook(0.4999)]),
     "stretch": ((8, 16, 32), [stretch]),
     "quarter turn": ((3, 6, 12), [quarter_turn]),
-    "bracket": ((4, 8, 12), [bent]),
+    "bracket": ((4, 8, 16), [bent]),
+    "elbow": ((20, 28, 40), [flexed("P2P1"), flexed("P2P0")]),
     "hertz": ((8, 16, 32), [hertz]),
 }

@@ -47,6 +47,10 @@ def test_the_limit_of_a_power():
     assert found["value"] == pytest.approx(2, rel=1e-12)
     assert found["order"] == 1.5
     assert found["uncertainty"] == pytest.approx(3 * 16**-1.5 / 2, rel=1e-9)
+    uneven = [4, 8, 12]
+    found = limit(uneven, [2 + 3 * n**-2.5 for n in uneven])
+    assert found["value"] == pytest.approx(2, rel=1e-12)
+    assert found["order"] == 2.5
     # No order: the last value, which is known to its last change.
     assert limit(cells, [1.0, 2.0, 3.0])["value"] == 3.0
     assert limit(cells, [1.0, 2.0, 3.0])["uncertainty"] == pytest.approx(1 / 3)
