@@ -1,4 +1,4 @@
-"""The values of goals to 0.01 %: sections and graded meshes, extrapolated by their observed order.
+"""The values of goals to 0.1 %: sections and graded meshes, extrapolated by their observed order.
 
 ``--write benchmarks/exact_goals.json`` stores them with this command. Cook's membrane, the stretch
 and Hertz's contact are problems of two dimensions; of the other bodies the mesh is graded.
