@@ -6,7 +6,7 @@ DefineConstant[
   tets = {0, Choices{0, 1}, Name "tets"}
   bar = {0, Choices{0, 1}, Name "bar"}
 ];
-least = tets ? 2 : 4;   // larger cells would lose the inclusion
+least = bar ? 1 : (tets ? 2 : 3);   // larger cells would lose the sphere
 If (!(cells >= least) || cells != Floor(cells))
   Error("cells = %g: expected a whole number, %g or more", cells, least);
 EndIf

@@ -57,7 +57,9 @@ class SSORColumns:
         if deflation := system.deflation:
             self._coarse = self._struct("CoarseSpace *", deflation.coarse.struct)
         names = "xrzptwq"
-        self._vectors = {key: np.zeros((self._size, LANES), np.float32) for key in names}
+        self._vectors: dict[str, npt.NDArray[np.float32]] = {
+            key: np.zeros((self._size, LANES), np.float32) for key in names
+        }
         self._halo = None
         if layout := system.halo:
             self._halo = Halo(self._comm, layout.first, layout.nodes, matrix.size * LANES)
