@@ -88,7 +88,7 @@ def test_free_rigid_motions_are_no_negative_curvature(comm):
 
 
 @mpi
-@pytest.mark.parametrize("element", ["Q2Q1"])
+@pytest.mark.parametrize("element", ["Q2Q1", "P2P0"])
 def test_blocks_have_the_solutions_of_factors(comm, element):
     """Also of right-hand sides that are combinations of others."""
     problem = set_state(mixed_problem(comm, element), wave(0.05))

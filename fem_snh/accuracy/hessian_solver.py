@@ -69,9 +69,7 @@ class HessianSolver:
 
     def _solutions(self, rhs: Sequence[PETSc.Vec]) -> list[PETSc.Vec] | None:
         """Return z for each right-hand side, or None if a solve does not converge."""
-        saddle = self._problem.saddle_point
-        nodal = saddle is not None and not saddle.cell_pressures
-        if nodal and len(rhs) > 1 and (blocks := preconditioner_of_columns(self._ksp)):
+        if len(rhs) > 1 and (blocks := preconditioner_of_columns(self._ksp)):
             found, iterations = solve_columns(blocks, rhs, self._ksp)
             self.iterations += iterations
             return found
