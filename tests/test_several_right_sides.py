@@ -94,7 +94,8 @@ def test_blocks_have_the_solutions_of_factors(comm, element):
     problem = set_state(mixed_problem(comm, element), wave(0.05))
     problem.jacobian(problem.x, "clamp")
     problem.saddle_point.update_schur_approximation(problem.A)
-    ksp = solver.create(problem).getKSP()
+    snes = solver.create(problem)  # its KSP calls it
+    ksp = snes.getKSP()
     ksp.setOperators(problem.A, problem.A)
     ksp.setTolerances(rtol=1e-3)
     ksp.setUp()
@@ -108,6 +109,7 @@ def test_blocks_have_the_solutions_of_factors(comm, element):
         ksp.solve(v, z)
         single.append(ksp.getIterationNumber())
     assert iterations <= max(single) + 1
+    solver.destroy(snes)
     A, last = dense(problem.A), dense_vector(b[-1])
     expected = np.linalg.lstsq(A, last, rcond=None)[0]
     assert np.linalg.norm(A @ expected - last) < 1e-8 * np.linalg.norm(last)
