@@ -7,12 +7,12 @@ the mesh; `fem_snh.mesh.mesh.distribute` distributes it.
 
 from __future__ import annotations
 
-from math import factorial
 from typing import NamedTuple
 
 import numpy as np
 
 from fem_snh import _dolfinx
+from fem_snh.mesh import simplices as shapes
 from fem_snh.mesh.gmsh_input import MeshData
 
 Array = np.ndarray
@@ -49,7 +49,7 @@ def bisect(data: MeshData, volumes: Array, max_cells: int) -> MeshData:
     MeshData
         The mesh. Cells of degree 2 are on the curved faces of those that they are part of.
     """
-    dim, pairs = data.x.shape[1], _pairs(data.x.shape[1] + 1)
+    dim, pairs = data.x.shape[1], shapes.edges(data.x.shape[1] + 1)
     vertices, corners = np.unique(data.cells[:, : dim + 1], return_inverse=True)
     cells, x = corners.reshape(-1, dim + 1).astype(np.int64), data.x[vertices]
     parts = {
@@ -60,9 +60,7 @@ def bisect(data: MeshData, volumes: Array, max_cells: int) -> MeshData:
     roots = np.arange(len(cells))
     barycentric = np.tile(np.eye(dim + 1), (len(cells), 1, 1))
     for _ in range(_MAX_ROUNDS):
-        edges = x[cells[:, 1:]] - x[cells[:, :1]]
-        sizes = np.abs(np.linalg.det(edges)) / factorial(dim)
-        marked = sizes > _TOLERANCE * volumes[roots]
+        marked = shapes.volumes(x[cells]) > _TOLERANCE * volumes[roots]
         if not marked.any() or len(cells) >= max_cells:
             break
         found, places = _marked_edges(cells, x, marked)
@@ -87,11 +85,6 @@ def bisect(data: MeshData, volumes: Array, max_cells: int) -> MeshData:
     return data._replace(cells=cells, x=x, groups=groups)
 
 
-def _pairs(size: int) -> Array:
-    """Return the edges of a simplex with so many corners, (edges, 2)."""
-    return np.array([(i, j) for i in range(size) for j in range(i + 1, size)])
-
-
 def _keys(pairs: Array) -> Array:
     """Return a number for each pair of vertices (..., 2), whatever their order."""
     low, high = np.sort(pairs, axis=-1).T
@@ -100,7 +93,7 @@ def _keys(pairs: Array) -> Array:
 
 def _marked_edges(cells: Array, x: Array, marked: Array) -> tuple[_Marked, Array]:
     """Return the edges to bisect, and for each its place in the edges of all cells, flattened."""
-    pairs = _pairs(cells.shape[1])
+    pairs = shapes.edges(cells.shape[1])
     keys = _keys(cells[:, pairs])
     unique, first, edges = np.unique(keys, return_index=True, return_inverse=True)
     edges = edges.reshape(keys.shape)
@@ -123,7 +116,7 @@ def _split(
 ) -> tuple[Array, Array, Array]:
     """Return simplices without marked edges, the row of each one's origin, and coordinates."""
     size = simplices.shape[1]
-    pairs = _pairs(size)
+    pairs = shapes.edges(size)
     origins = np.arange(len(simplices))
     attached = np.zeros((len(simplices), size, 0)) if barycentric is None else barycentric
     while len(simplices):

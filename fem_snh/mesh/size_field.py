@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+
+from fem_snh.mesh import simplices
 
 Array = npt.NDArray[np.float64]
 
@@ -51,8 +52,7 @@ def size_field(cells: npt.NDArray[np.int64], x: Array, volumes: Array) -> SizeFi
     dim = x.shape[1]
     used, corners = np.unique(cells, return_inverse=True)
     corners, x = corners.reshape(cells.shape), x[used]
-    edges = x[corners[:, 1:]] - x[corners[:, :1]]
-    own = np.abs(np.linalg.det(edges)) / (2 if dim == 2 else 6)
+    own = simplices.volumes(x[corners])
     wanted = np.log(volumes / _REGULAR[dim]) / dim
     ends = corners.ravel()
     means = np.bincount(ends, np.repeat(wanted, dim + 1)) / np.bincount(ends)
@@ -66,7 +66,7 @@ def size_field(cells: npt.NDArray[np.int64], x: Array, volumes: Array) -> SizeFi
 
 def _graded(sizes: Array, cells: npt.NDArray[np.int64], x: Array) -> Array:
     """Return the largest sizes, none above those given, whose change along edges is limited."""
-    pairs = np.array(list(combinations(range(cells.shape[1]), 2)))
+    pairs = simplices.edges(cells.shape[1])
     edges = np.unique(np.sort(cells[:, pairs].reshape(-1, 2), axis=1), axis=0)
     rise = _GRADIENT * np.linalg.norm(x[edges[:, 1]] - x[edges[:, 0]], axis=1)
     sizes = sizes.copy()

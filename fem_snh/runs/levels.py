@@ -278,6 +278,10 @@ Refine = Callable[
 ]
 
 
+#: The volumes of cells that a level wants, by the factor of the number of cells.
+Target = Callable[[float], Array]
+
+
 def _refinement(scene: scenes.Scene) -> Refine:
     """Return how the mesh of a scene is refined; hexahedra of a file get a higher degree."""
     simplices = ELEMENTS[scene.element].cell == "tetrahedron"
@@ -322,8 +326,8 @@ def _higher_degree(
 def _bisected(
     comm: MPI.Comm, scene: scenes.Scene, level: Level, estimate: Estimate | None, finer: float
 ) -> tuple[scenes.Scene, Mesh | None]:
-    def bisected(data: MeshData, target: Target) -> MeshData:
-        wanted = growth = target.growth
+    def bisected(data: MeshData, target: Target, wanted: float) -> MeshData:
+        growth = wanted
         for _ in range(_TRIES):
             refined = bisect(data, target(growth), _MOST_CELLS)
             found = len(refined.cells) / len(data.cells)
@@ -342,36 +346,11 @@ def _remeshed(
     source, cell = scene.mesh.source, level.mesh.cell
     parameters = {"cells": float(scene.cells or 0)} | scene.mesh.parameters
 
-    def remeshed(data: MeshData, target: Target) -> MeshData:
-        field = size_field(data.cells[:, : data.x.shape[1] + 1], data.x, target(target.growth))
+    def remeshed(data: MeshData, target: Target, wanted: float) -> MeshData:
+        field = size_field(data.cells[:, : data.x.shape[1] + 1], data.x, target(wanted))
         return gmsh_input.generate(gmsh_input.source_path(source), cell, parameters, field)
 
     return scene, _with_target(comm, scene, level, estimate, finer, remeshed)
-
-
-@dataclass(frozen=True)
-class Target:
-    """The volumes of cells that a level wants, with a factor of the number of cells.
-
-    Attributes
-    ----------
-    volumes, weights : (cells,) array
-        The volumes of the present cells [length^dim], and the sizes of their errors.
-    degree, dim : int
-        Degree of the displacement, and dimension of the mesh.
-    growth : float
-        The factor of the number of cells that is wanted.
-    """
-
-    volumes: Array
-    weights: Array
-    degree: int
-    dim: int
-    growth: float
-
-    def __call__(self, growth: float) -> Array:
-        """Return the volumes with a factor of the number of cells."""
-        return target_volumes(self.volumes, self.weights, self.degree, growth, self.dim)
 
 
 def _with_target(
@@ -380,7 +359,7 @@ def _with_target(
     level: Level,
     estimate: Estimate | None,
     finer: float,
-    make: Callable[[MeshData, Target], MeshData],
+    make: Callable[[MeshData, Target, float], MeshData],
 ) -> Mesh:
     """Return the mesh that a function makes on rank 0 from the last one. Collective."""
     assert level.mesh is not None
@@ -396,6 +375,10 @@ def _with_target(
         volumes, sizes = np.empty((2, len(data.cells)))
         for numbers, *values in rows:
             volumes[numbers], sizes[numbers] = values
-        return make(data, Target(volumes, sizes, degree, dim, finer**dim))
+
+        def target(growth: float) -> Array:
+            return target_volumes(volumes, sizes, degree, growth, dim)
+
+        return make(data, target, finer**dim)
 
     return distribute(comm, "the refined mesh", make_on_root)
