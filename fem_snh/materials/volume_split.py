@@ -35,6 +35,9 @@ from fem_snh.materials.invariants import MEASURES, SIGMA
 PRESSURE, LOCAL = sympy.symbols("pressure lambda_local", real=True)
 J = MEASURES["J"]
 
+#: Newton iterations for log J of a pressure: to rounding for J from 0.1 to e.
+_NEWTON = 5
+
 _Curve = tuple[sympy.Expr, sympy.Expr, sympy.Expr]
 
 
@@ -84,7 +87,7 @@ class Split:
     def dual_curve(self) -> _Curve:
         """Return (U*, J(p) = dU*/dp, dJ/dp) in PRESSURE.
 
-        Raises BadInput where U'(J) = p has no solution in closed form, and unless nu > 0.
+        Raises BadInput where U'(J) = p has no solution, and unless nu > 0.
         """
         if math.isinf(self.stiffness):
             return PRESSURE, sympy.Integer(1), sympy.Integer(0)
@@ -92,6 +95,8 @@ class Split:
             raise BadInput(
                 f"nu = {self.energy.nu:g}: Taylor-Hood elements need a volume that resists, nu > 0"
             )
+        if (modulus := self._of_logarithm) is not None:
+            return _dual_of_logarithm(modulus)
         slope = sympy.diff(self.volume, J)
         try:
             found = sympy.solve(sympy.Eq(slope, PRESSURE), J)
@@ -103,15 +108,45 @@ class Split:
         }
         at_rest = [g for g in found if (v := g.subs(numbers)).is_finite and abs(v - 1) < 1e-9]
         if len(at_rest) != 1 or at_rest[0].has(sympy.LambertW):
-            raise BadInput(
-                f"material '{self.energy.name}': the pressure of its volume term {self.volume} "
-                "cannot be inverted in closed form, which unknown pressures need (Taylor-Hood; "
-                "static_condensation = false): take Q1P0 or P2P0 with condensed pressures, or a "
-                "material with another volume term"
-            )
+            raise self._without_inverse()
         volume = sympy.simplify(at_rest[0])
         conjugate = PRESSURE * volume - self.volume.subs(J, volume)
         return sympy.simplify(conjugate), volume, sympy.simplify(sympy.diff(volume, PRESSURE))
+
+    def check_closed_form(self) -> None:
+        """Raise BadInput for a volume term in log(J), whose pressure iterations invert."""
+        if self._of_logarithm is not None:
+            raise self._without_inverse()
+
+    def _without_inverse(self) -> BadInput:
+        return BadInput(
+            f"material '{self.energy.name}': the pressure of its volume term {self.volume} "
+            "cannot be inverted in closed form, which unknown pressures need (Taylor-Hood; "
+            "static_condensation = false): take Q1P0 or P2P0 with condensed pressures, or a "
+            "material with another volume term"
+        )
+
+    @property
+    def _of_logarithm(self) -> sympy.Expr | None:
+        """The c of U = c/2 (log J)^2, or None for another U."""
+        modulus = 2 * self.volume / sympy.log(J) ** 2
+        return None if modulus.has(J) else modulus
+
+
+def _dual_of_logarithm(c: sympy.Expr) -> _Curve:
+    r"""Return (U*, J(p), dJ/dp) of U = c/2 (log J)^2.
+
+    With :math:`w = -\log J`, U'(J) = p is :math:`w e^w = -p/c`, which Newton's method solves. Its
+    first guess, a rational function, has w and its first three derivatives at the largest pressure,
+    c/e, where J = e (Corless et al. 1996, eq. 4.22). U is not convex beyond.
+    """
+    z = -PRESSURE / c
+    s = sympy.sqrt(2 * (1 + math.e * z))
+    w = s * (1 + s / 8) / (1 + 11 * s / 24) - 1
+    for _ in range(_NEWTON):
+        w = (w**2 + z * sympy.exp(-w)) / (1 + w)
+    volume = sympy.exp(-w)
+    return -c * w * (1 + w / 2), volume, volume**2 / (c * (1 + w))
 
 
 def split(energy: Energy, bound: float) -> Split:
