@@ -91,6 +91,15 @@ def call(library: str, function: Callable[..., T], *args: Any, size: int | None 
     return result
 
 
+def lift_limits() -> None:
+    """In the process of a `call`: end the limits, when the file is read, and work on it begins."""
+    import resource
+
+    for number in (resource.RLIMIT_DATA, resource.RLIMIT_CPU):
+        hard = resource.getrlimit(number)[1]
+        resource.setrlimit(number, (hard, hard))
+
+
 def python(module: str) -> list[str]:
     """Return the command that runs a module, in an environment with `import_path`.
 

@@ -65,6 +65,9 @@ CONTACT_METHODS = ("penalty", "augmented_lagrangian")
 #: How contact of a body with itself is enforced.
 SELF_CONTACT_METHODS = ("reference", "ipc")
 
+#: Cells along the longest extent of the shape of a file, as gmsh chooses them by itself.
+DEFAULT_CELLS = 10
+
 #: How the cells of a lattice count that the body fills in part: by the filled fraction, or whole;
 #: whether parts of the body in one cell that do not touch have cells of their own; defaults first.
 LATTICE_WEIGHTINGS = ("fraction", "full")

@@ -9,7 +9,7 @@ import stat
 from functools import lru_cache
 from io import BufferedReader
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeGuard
 
 if TYPE_CHECKING:
     from xml.etree import ElementTree as ET
@@ -45,6 +45,11 @@ def read_text(path: str | Path, encoding: str = "utf-8", errors: str = "strict")
     """Return the text of a regular file. Raises OSError and UnicodeDecodeError."""
     check_regular(path)
     return Path(path).read_text(encoding=encoding, errors=errors)
+
+
+def is_shape(path: object) -> TypeGuard[Path]:
+    """Return whether a path is that of an exact shape, for which cells are made: an .xao file."""
+    return isinstance(path, Path) and path.suffix.lower() == ".xao"
 
 
 def xdmf_root(path: str | Path) -> ET.Element:

@@ -22,7 +22,7 @@ from fem_snh.cli import main
 from fem_snh.mesh import mesh as meshes
 from fem_snh.mesh.bisection import bisect
 from fem_snh.problem.transfer import evaluate
-from fem_snh.runs.built_in_bodies import cells_of
+from fem_snh.runs.exact_bodies import cells_of
 from fem_snh.runs.first_level import first_scene
 from fem_snh.runs.progress import Progress
 from fem_snh.scenes import Accuracy, Scene

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from fem_snh.cli.options import Parser, output, value
 from fem_snh.errors import BadInput
+from fem_snh.files import is_shape
 
 if TYPE_CHECKING:
     from fem_snh.viewing.render.options import ViewOptions
@@ -188,12 +189,12 @@ def export_parser() -> Parser:
     parser = Parser(
         "export",
         "Write all stored loads of a run into one VTKHDF file for ParaView, with the load as time, "
-        "or the deformed surface as a sequence of OBJ files or as one USD file; or a gmsh file as "
-        "an XDMF file, of which every rank reads its part.",
+        "or the deformed surface as a sequence of OBJ files or as one USD file; or a gmsh file, "
+        "or the mesh of an .xao file, as an XDMF file, of which every rank reads its part.",
     )
     parser.add(
         """
-        folder DIR|MSH  folder of a run; or a gmsh file, for NAME.xdmf
+        folder DIR|MSH  folder of a run; or a gmsh or .xao file, for NAME.xdmf
         out OUT  NAME.vtkhdf: one file; NAME.obj: files NAME_0000.obj, NAME_0001.obj, ...;
             NAME.usd: one file (needs fem_snh[usd])
         --frames N  number of OBJ files, interpolated evenly over the load; default: the stored
@@ -210,7 +211,7 @@ def export_parser() -> Parser:
 def export(argv: list[str]) -> int:
     """Write a run's states in another format, with a progress bar. Return 0."""
     args = export_parser().parse(argv)
-    if args.folder.suffix == ".msh":
+    if args.folder.suffix == ".msh" or is_shape(args.folder):
         return _convert_mesh(args)
 
     from fem_snh.viewing.export import main

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fem_snh import _dolfinx, child_process
+from fem_snh.choices import DEFAULT_CELLS
 from fem_snh.errors import BadInput, choose
 from fem_snh.files import open_file
 from fem_snh.mesh import gmsh_model
@@ -23,7 +24,10 @@ from fem_snh.mesh.gmsh_model import CELL_KINDS, MeshData, PhysicalGroup
 if TYPE_CHECKING:
     from fem_snh.mesh.size_field import SizeField
 
-__all__ = ["CELL_KINDS", "MeshData", "PhysicalGroup", "fill", "generate", "read", "source_path"]
+__all__ = [
+    "CELL_KINDS", "MeshData", "PhysicalGroup", "fill", "generate", "mesh_shape", "read",
+    "source_path",
+]  # fmt: skip
 
 #: The first bytes of a mesh; gmsh executes any other text as a script.
 _HEADERS = (b"$MeshFormat", b"$Comments")
@@ -69,6 +73,17 @@ def read(path: str) -> MeshData:
         link = Path(folder) / "mesh.msh"
         link.symlink_to(Path(path).resolve())
         return _in_dolfinx_order(child_process.call("gmsh", gmsh_model.read, str(link), size=size))
+
+
+def mesh_shape(path: str, cells: int = DEFAULT_CELLS, sizes: SizeField | None = None) -> MeshData:
+    """Mesh the shape of an .xao file; see `gmsh_model.mesh_shape`. Raises BadInput and OSError."""
+    with open_file(path) as file:
+        size = os.fstat(file.fileno()).st_size
+    with TemporaryDirectory(prefix="fem_snh-") as folder:
+        arguments = os.path.abspath(path), folder, cells, sizes
+        return _in_dolfinx_order(
+            child_process.call("gmsh", gmsh_model.mesh_shape, *arguments, size=size)
+        )
 
 
 def fill(points: np.ndarray, triangles: np.ndarray, size: float) -> MeshData:

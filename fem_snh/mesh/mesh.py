@@ -16,7 +16,9 @@ from mpi4py import MPI
 import numpy as np
 
 from fem_snh import _dolfinx
+from fem_snh.choices import DEFAULT_CELLS
 from fem_snh.errors import BadInput, choose, nearest, on_every, on_root
+from fem_snh.files import is_shape
 from fem_snh.mesh import gmsh_input, xdmf_input
 from fem_snh.mesh.mesh_checks import check_geometry
 from fem_snh.mesh.skin import NodeCopies, Skin
@@ -148,10 +150,12 @@ def generate(comm: MPI.Comm, source: str, cell: str, **parameters: float) -> Mes
     return distribute(comm, f"geometry '{source}'", gmsh_input.generate, path, cell, parameters)
 
 
-def read(comm: MPI.Comm, path: str | Path) -> Mesh:
+def read(comm: MPI.Comm, path: str | Path, cells: int = DEFAULT_CELLS) -> Mesh:
     """Read a gmsh .msh file: format 2.2 or 4.1, ASCII or binary, order 1 or 2. Collective.
 
-    Of a file .xdmf every rank reads its part (`fem_snh.mesh.xdmf_input`).
+    Of a file .xdmf every rank reads its part (`fem_snh.mesh.xdmf_input`). The shape of a file .xao
+    is meshed with simplices, so many ``cells`` along its longest extent, and at least 8 around a
+    circle.
 
     The cells are those of the highest dimension: volumes, or surfaces in the plane z = 0. All of
     them belong to the mesh, whether in a physical group or not.
@@ -162,6 +166,8 @@ def read(comm: MPI.Comm, path: str | Path) -> Mesh:
         On every rank, if the file cannot be read, or has no cells, cells of another kind or
         of several kinds, or a geometry that `check_geometry` refuses.
     """
+    if is_shape(Path(path)):
+        return distribute(comm, f"mesh '{path}'", gmsh_input.mesh_shape, str(path), cells)
     if Path(path).suffix.lower() != XDMF:
         return distribute(comm, f"mesh '{path}'", gmsh_input.read, str(path))
     try:

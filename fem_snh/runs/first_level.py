@@ -10,16 +10,18 @@ from fem_snh import scenes
 from fem_snh.accuracy.state_notes import REPLACEMENTS
 from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.assembly.kinematics import kinematics_of
+from fem_snh.choices import DEFAULT_CELLS
 from fem_snh.errors import BadInput
+from fem_snh.files import is_shape
 from fem_snh.kernels.compiled import supports
 from fem_snh.kernels.material import material
-from fem_snh.runs.built_in_bodies import (
+from fem_snh.runs.exact_bodies import (
     cells_of,
     has_curved_cells,
     has_exact_cells,
     has_polyhedral_cells,
     has_reentrant_edges,
-    is_built_in,
+    is_exact,
 )
 from fem_snh.runs.progress import Progress
 
@@ -68,7 +70,9 @@ def first_scene(scene: scenes.Scene, printed: Progress) -> scenes.Scene:
         printed.line(f"element = '{element}' in place of '{scene.element}', {reason}")
     raised = ELEMENTS[element].degree - ELEMENTS[scene.element].degree
     update = {"element": element}
-    if is_built_in(scene):
+    if is_shape(mesh):
+        update["cells"] = min(scene.cells or DEFAULT_CELLS, DEFAULT_CELLS)
+    elif is_exact(scene):
         assert scene.accuracy and scene.accuracy.within and scene.cells
         coarse = scene.accuracy.within >= _COARSE and _may_raise(scene)
         parts = _FIRST_OF_COARSE if coarse else _FIRST
@@ -134,7 +138,7 @@ def _may_raise(scene: scenes.Scene) -> bool:
     they need fewer dofs also for an impact (docs/results/time_to_accuracy.md).
     """
     assert scene.accuracy
-    if scene.accuracy.keep_element or not is_built_in(scene):
+    if scene.accuracy.keep_element or not is_exact(scene):
         return False
     if not scene.time and (scene.obstacle or scene.contact or scene.self_contact):
         return False

@@ -25,7 +25,6 @@ from fem_snh.accuracy.levels import LevelRow, Levels, target_volumes
 from fem_snh.accuracy.lift import available_memory
 from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.assembly.kinematics import kinematics_of
-from fem_snh.mesh import gmsh_input
 from fem_snh.mesh.bisection import bisect
 from fem_snh.mesh.gmsh_input import MeshData
 from fem_snh.mesh.mesh import Mesh, cell_volumes, distribute, gather
@@ -33,14 +32,15 @@ from fem_snh.mesh.size_field import size_field
 from fem_snh.notes import NOTES_ON_PATH
 from fem_snh.problem.problem import Problem
 from fem_snh.problem.transfer import transfer_state
-from fem_snh.runs.built_in_bodies import (
+from fem_snh.runs.exact_bodies import (
     cells_of,
     has_exact_cells,
-    is_built_in,
+    is_exact,
     may_have_any_sizes,
 )
 from fem_snh.runs.first_level import HALVES, first_scene, raised_element
 from fem_snh.runs.result import Result
+from fem_snh.runs.scene_mesh import mesh_again
 from fem_snh.solver.options import OPTIONS
 
 if TYPE_CHECKING:
@@ -287,7 +287,7 @@ def _refinement(scene: scenes.Scene) -> Refine:
     simplices = ELEMENTS[scene.element].cell == "tetrahedron"
     if isinstance(scene.mesh, scenes.Lattice):
         return _smaller_lattice
-    if is_built_in(scene) and not (simplices and has_exact_cells(scene)):
+    if is_exact(scene) and not (simplices and has_exact_cells(scene)):
         # On a path the errors are not distributed to the cells.
         sizes = simplices and not scene.time and may_have_any_sizes(scene)
         return _remeshed if sizes else _more_cells
@@ -342,13 +342,9 @@ def _bisected(
 def _remeshed(
     comm: MPI.Comm, scene: scenes.Scene, level: Level, estimate: Estimate | None, finer: float
 ) -> tuple[scenes.Scene, Mesh | None]:
-    assert isinstance(scene.mesh, scenes.Geometry) and level.mesh is not None
-    source, cell = scene.mesh.source, level.mesh.cell
-    parameters = {"cells": float(scene.cells or 0)} | scene.mesh.parameters
-
     def remeshed(data: MeshData, target: Target, wanted: float) -> MeshData:
         field = size_field(data.cells[:, : data.x.shape[1] + 1], data.x, target(wanted))
-        return gmsh_input.generate(gmsh_input.source_path(source), cell, parameters, field)
+        return mesh_again(scene, data.cell, field)
 
     return scene, _with_target(comm, scene, level, estimate, finer, remeshed)
 

@@ -74,7 +74,7 @@ def shape_notes(scene: Scene) -> list[str]:
     """Return a line if estimates, which see one mesh, are those of another body."""
     if not scene.estimates_error:
         return []
-    from fem_snh.runs.built_in_bodies import has_polyhedral_cells
+    from fem_snh.runs.exact_bodies import has_polyhedral_cells
 
     if not has_polyhedral_cells(scene):
         return []

@@ -12,6 +12,7 @@ from fem_snh.assembly.elements import ELEMENTS, element
 from fem_snh.assembly.kinematics import PLANAR, kinematics_of
 from fem_snh.contact.obstacle import names as obstacle_names
 from fem_snh.errors import BadInput, bad_value
+from fem_snh.files import is_shape
 from fem_snh.output_fields import IN_TIME
 from fem_snh.scenes._bones import check_bones
 from fem_snh.scenes._conditions import Hold, Move
@@ -160,7 +161,11 @@ def _check_mesh(scene: Scene) -> None:
     if isinstance(scene.mesh, Lattice | Tetrahedra) and scene.cells is not None:
         key = "cell" if isinstance(scene.mesh, Lattice) else "size"
         raise bad_value("cells", scene.cells, f"no value, as the mesh has its '{key}'")
-    if isinstance(scene.mesh, Path) and scene.cells is not None:
+    if is_shape(scene.mesh):
+        if ELEMENTS[scene.element].cell != "tetrahedron":
+            accepted = f"one on tetrahedra or triangles, P1, P2, ..., as {scene.mesh.name} has"
+            raise bad_value("element", scene.element, accepted)
+    elif isinstance(scene.mesh, Path) and scene.cells is not None:
         raise bad_value("cells", scene.cells, f"no value, as {scene.mesh.name} has its own cells")
 
 

@@ -12,6 +12,7 @@ from fem_snh.assembly.kinematics import PLANAR
 from fem_snh.choices import (
     ASSEMBLIES,
     DEFAULT_ASSEMBLY,
+    DEFAULT_CELLS,
     DEFAULT_HESSIAN,
     DEFAULT_PREDICTOR,
     GLOBALIZATIONS,
@@ -22,7 +23,7 @@ from fem_snh.contact.contact import Contact
 from fem_snh.contact.obstacle import Obstacle
 from fem_snh.contact.self_contact import SelfContact
 from fem_snh.errors import choose
-from fem_snh.files import xdmf_data
+from fem_snh.files import is_shape, xdmf_data
 from fem_snh.scenes._bones import BoneChoice, Rig
 from fem_snh.scenes._conditions import Hold, Move, Start
 from fem_snh.scenes._consistency import check_consistency
@@ -93,14 +94,15 @@ class Scene(Table):
 
     name: Text = Field(description="Name of the scene; default: the file's name.")
     mesh: Mesh = Field(
-        description="Path of a gmsh file, or of an .xdmf file, of which every rank reads its part, "
-        "relative to the scene file; a built-in geometry; "
-        "a lattice; or tetrahedra."
+        description="Path of a gmsh file, of an .xdmf file, of which every rank reads its part, or "
+        "of an .xao file, whose exact shape is meshed, relative to the scene file; a built-in "
+        "geometry; a lattice; or tetrahedra."
     )
     cells: Cells | None = Field(
         default=None,
-        description="Resolution of a built-in geometry, in cells along an edge; "
-        "a mesh file has none.",
+        validate_default=True,
+        description="Resolution of a built-in geometry, in cells along an edge; of an .xao file, "
+        f"along its longest extent, by default {DEFAULT_CELLS}; a mesh file has none.",
     )
     element: Annotated[str, Expect("one of " + ", ".join(ELEMENTS))] = Field(
         description=f"Finite element, one of {', '.join(ELEMENTS)}: P on tetrahedra or triangles, "
@@ -232,6 +234,11 @@ class Scene(Table):
     load_range: Range = Field(
         default=(0.0, 1.0), description="What plots show for the loads 0 and 1."
     )
+
+    @field_validator("cells")
+    @classmethod
+    def _default_cells(cls, cells: int | None, info: ValidationInfo) -> int | None:
+        return DEFAULT_CELLS if cells is None and is_shape(info.data.get("mesh")) else cells
 
     @field_validator(*WORDS)
     @classmethod

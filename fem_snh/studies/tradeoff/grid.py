@@ -188,7 +188,7 @@ def resolutions(
     """
     if given:
         return {e: list(given) for e in elements}
-    if isinstance(scene.mesh, Path):
+    if isinstance(scene.mesh, Path) and scene.cells is None:
         raise BadInput(
             f"{scene.name}: a mesh file has one resolution; give at least three of the same body, "
             "from coarse to fine: --meshes coarse.msh,middle.msh,fine.msh"

@@ -21,6 +21,7 @@ from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.atomic_files import replace_file
 from fem_snh.choices import HESSIANS
 from fem_snh.errors import BadInput, choose
+from fem_snh.files import is_shape
 from fem_snh.studies.batch import Batch
 from fem_snh.studies.point import Limits
 from fem_snh.studies.scene_points import file_digests, scene_files
@@ -188,9 +189,9 @@ def fitting(own: scenes.Scene, meshes: Sequence[int | str]) -> list[str]:
         return list(ELEMENTS)
     from fem_snh.mesh import gmsh_input
 
-    path = files[0] if files else str(own.mesh)
+    path = Path(files[0]) if files else own.mesh
     try:
-        cell = gmsh_input.read(path).cell
+        cell = "tetrahedron" if is_shape(path) else gmsh_input.read(str(path)).cell
     except OSError as error:
         raise BadInput(f"mesh '{path}' cannot be read: {error.strerror or error}") from None
     return [name for name, element in ELEMENTS.items() if element.cell == cell]

@@ -1,10 +1,11 @@
-"""The bodies of a scene that are built in: their shape, and which cells fill it."""
+"""The bodies of scenes that are known exactly, built in or the shape of a file; their cells."""
 
 from __future__ import annotations
 
 from math import ceil
 
 from fem_snh.assembly.kinematics import kinematics_of
+from fem_snh.files import is_shape
 from fem_snh.mesh.sources import has_free_sizes, parameter
 from fem_snh.scenes import Geometry, Scene
 
@@ -16,9 +17,9 @@ _RECTANGLES = ("bushing", "cylinder", "tube")
 _REENTRANT = ("bracket", "clip")
 
 
-def is_built_in(scene: Scene) -> bool:
-    """Return whether the body is one of the meshes folder, with cells along an edge."""
-    return isinstance(scene.mesh, Geometry) and scene.cells is not None
+def is_exact(scene: Scene) -> bool:
+    """Return whether the body is known exactly: cells are made for it, so many along an edge."""
+    return scene.cells is not None
 
 
 def cells_of(scene: Scene, least: float) -> int:
@@ -50,14 +51,14 @@ def has_polyhedral_cells(scene: Scene) -> bool:
 
 
 def has_curved_cells(scene: Scene) -> bool:
-    """Return whether the cells follow round faces."""
-    return _order(scene) == 2
+    """Return whether the cells follow round faces. Those of a file's shape do where it has some."""
+    return is_shape(scene.mesh) or _order(scene) == 2
 
 
 def may_have_any_sizes(scene: Scene) -> bool:
     """Return whether the body can be meshed with a field of sizes."""
     if not isinstance(scene.mesh, Geometry):
-        return False
+        return is_shape(scene.mesh)
     return has_free_sizes(scene.mesh.source, kinematics_of(scene.kinematics).dim)
 
 
