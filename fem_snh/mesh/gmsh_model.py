@@ -17,11 +17,11 @@ import numpy as np
 
 from fem_snh import child_process
 from fem_snh.errors import BadInput, bad_value, unknown_name
-from fem_snh.mesh import xao_file
 from fem_snh.mesh.skin import NodeCopies, Skin
 
 if TYPE_CHECKING:
     from fem_snh.mesh.size_field import SizeField
+    from fem_snh.mesh.xao_file import ShapeFile
 
 #: gmsh's element type: cell, degree of the geometry, nodes per cell (gmsh manual, MSH format).
 _CELLS = {
@@ -169,6 +169,8 @@ def mesh_shape(path: str, folder: str, cells: int, sizes: SizeField | None = Non
     sizes : SizeField, optional
         A field of sizes in place of the equal ones.
     """
+    from fem_snh.mesh import xao_file
+
     content = xao_file.read(Path(path))
     with session() as gmsh:
         _load_shape(gmsh, content, Path(folder))
@@ -188,7 +190,7 @@ def mesh_shape(path: str, folder: str, cells: int, sizes: SizeField | None = Non
     return _straightened(data)
 
 
-def _load_shape(gmsh: Any, content: xao_file.ShapeFile, folder: Path) -> None:
+def _load_shape(gmsh: Any, content: ShapeFile, folder: Path) -> None:
     """Make a shape and its groups gmsh's model."""
     file = folder / "shape.brep"
     file.write_text(content.brep, encoding="utf-8")
@@ -196,13 +198,13 @@ def _load_shape(gmsh: Any, content: xao_file.ShapeFile, folder: Path) -> None:
     gmsh.model.occ.synchronize()
     tags = [[tag for _, tag in gmsh.model.getEntities(dim)] for dim in range(4)]
     found = [len(of_dim) for of_dim in tags]
-    if found != content.counts or max(found[2:]) == 0:
-        listed = ", ".join(f"{n} {name}" for n, name in zip(content.counts, xao_file.LISTS))
+    if found != list(content.counts.values()) or max(found[2:]) == 0:
+        listed = ", ".join(f"{count} {kind}" for kind, count in content.counts.items())
         raise BadInput(f"it lists {listed}: its shape has {', '.join(map(str, found))}")
     inner = _without_body(gmsh)
     for group in content.groups:
         if inner[group.dim]:
-            kind = xao_file.LISTS[group.dim]
+            kind = list(content.counts)[group.dim]
             accepted = f"a shape without {kind} inside of faces or solids"
             raise BadInput(f"its group '{group.name}': expected {accepted}")
         chosen = [tags[group.dim][rank] for rank in group.ranks]

@@ -47,14 +47,14 @@ class ShapeFile(NamedTuple):
     ----------
     brep : str
         The shape.
-    counts : list of int
-        The number of entries of the dimensions 0 to 3.
+    counts : dict of str to int
+        The number of vertices, edges, faces and solids, in this order.
     groups : list of ShapeGroup
         The groups with elements.
     """
 
     brep: str
-    counts: list[int]
+    counts: dict[str, int]
     groups: list[ShapeGroup]
 
 
@@ -90,7 +90,8 @@ def read(path: Path) -> ShapeFile:
         tag = _number(group, "tag") if "tag" in group.attrib else -1
         if elements:
             groups.append(ShapeGroup(name, dim, tag, [ranks[dim][index] for index in elements]))
-    return ShapeFile(brep, [len(of_dim) for of_dim in ranks], groups)
+    counts = {kind: len(of_dim) for kind, of_dim in zip(LISTS, ranks, strict=True)}
+    return ShapeFile(brep, counts, groups)
 
 
 def _number(element: ET.Element, key: str) -> int:

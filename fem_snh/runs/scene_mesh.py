@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from mpi4py import MPI
 
@@ -10,7 +11,9 @@ from fem_snh import scenes
 from fem_snh.assembly import elements
 from fem_snh.mesh import gmsh_input
 from fem_snh.mesh import mesh as meshes
-from fem_snh.mesh.size_field import SizeField
+
+if TYPE_CHECKING:
+    from fem_snh.mesh.size_field import SizeField
 
 
 def make_mesh(comm: MPI.Comm, scene: scenes.Scene, element: elements.Element) -> meshes.Mesh:
