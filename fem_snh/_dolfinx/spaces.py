@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cache
 from typing import Any
 
 import basix
@@ -111,6 +112,7 @@ def local_to_global(V: Any) -> Array:
     return np.concatenate([owned, np.asarray(index_map.ghosts, dtype=np.int64)])
 
 
+@cache
 def _lagrange(cell: str, degree: int) -> Any:
     """Return basix's Lagrange element, whose variant is that of the function spaces."""
     kind, variant = getattr(basix.CellType, cell), basix.LagrangeVariant.gll_warped

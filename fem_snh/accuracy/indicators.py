@@ -144,8 +144,8 @@ class Shares:
     def of(self, z: PETSc.Vec) -> Array:
         """Return the share of each cell of this rank in the product with z."""
         parts = self._parts(z)
-        coarse = np.einsum("kn,cni->cki", self._down, parts[0])
-        rest = parts[0] - np.einsum("nk,cki->cni", self._up, coarse)
+        coarse = self._down @ parts[0]
+        rest = parts[0] - self._up @ coarse
         total = (self._residual[0] * rest).sum(axis=(1, 2))
         total += (self._coarse * coarse).sum(axis=(1, 2))
         if len(parts) > 1:
@@ -168,7 +168,7 @@ class Shares:
 
         The first are (cells, nodes, components), shared by the cells; the second owned dofs.
         """
-        summed = _summed(self._V, np.einsum("nk,cni->cki", self._up, lifted))
+        summed = _summed(self._V, self._up.T @ lifted)
         return (summed - _at_nodes(self._V, base)) / _multiplicity(self._V)[..., None]
 
     def _parts(self, x: PETSc.Vec) -> list[Array]:

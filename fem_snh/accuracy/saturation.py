@@ -112,7 +112,8 @@ def _gradients(
     """
     cell, degree = problem.element.cell, problem.element.degree
     points, weights = _dolfinx.quadrature(cell, problem.element.quadrature)
-    jacobians = np.einsum("cgi,pgj->cpij", X, _dolfinx.tabulate_geometry(problem.domain, points))
+    tangents = _dolfinx.tabulate_geometry(problem.domain, points)
+    jacobians = np.einsum("cgi,pgj->cpij", X, tangents, optimize=True)
     volumes = weights * np.abs(np.linalg.det(jacobians))
     if problem.kinematics.revolved:
         volumes *= X[..., 0] @ _dolfinx.tabulate_geometry_values(problem.domain, points).T
@@ -120,8 +121,8 @@ def _gradients(
     gradients = []
     for k in degrees:
         nodes = _dolfinx.reference_nodes(cell, k)
-        values = np.einsum("ka,cai->cki", _dolfinx.tabulate_element(cell, degree, nodes, 0)[0], u)
+        values = _dolfinx.tabulate_element(cell, degree, nodes, 0)[0] @ u
         basis = _dolfinx.tabulate_element(cell, k, points, 1)[1:]
-        reference = np.einsum("jpk,cki->cpij", basis, values)
-        gradients.append(np.einsum("cpij,cpjl->cpil", reference, inverse))
+        reference = np.einsum("jpk,cki->cpij", basis, values, optimize=True)
+        gradients.append(reference @ inverse)
     return volumes, gradients

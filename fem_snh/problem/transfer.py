@@ -21,6 +21,8 @@ _CANDIDATES = 24
 _INSIDE = 1e-8
 #: Newton iterations for the coordinates in a reference cell; one suffices for tetrahedra.
 _NEWTON = 6
+#: A change of these coordinates after which they are found.
+_SETTLED = 1e-12
 
 
 def transfer_state(source: Problem, target: Problem) -> None:
@@ -121,10 +123,13 @@ def _locate(domain: Any, points: Array) -> tuple[Array, Array, Array]:
         for _ in range(_NEWTON):
             basis = _dolfinx.tabulate_geometry_values(domain, xi)
             gradients = _dolfinx.tabulate_geometry(domain, xi)
-            excess = points[rest, :dim] - np.einsum("pk,pki->pi", basis, nodes)
-            jacobians = np.einsum("pki,pkj->pij", nodes, gradients)
+            excess = points[rest, :dim] - (basis[:, None] @ nodes)[:, 0]
+            jacobians = nodes.transpose(0, 2, 1) @ gradients
+            before = xi.copy()
             xi += np.linalg.solve(jacobians, excess[..., None])[..., 0]
             np.clip(xi, -1.0, 2.0, out=xi)  # far outside, Newton's method may diverge
+            if (np.abs(xi - before) <= _SETTLED).all():
+                break
         upper = xi.sum(axis=1) if simplex else xi.max(axis=1)
         distance = np.maximum(-xi.min(axis=1), upper - 1)
         better = distance < outside[rest]
