@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from math import floor, inf, log10
 from time import perf_counter
@@ -48,6 +48,8 @@ Array = npt.NDArray[np.float64]
 #: relative to the goal also by less than this part of the largest error of a goal, up to this bound
 #: of changes that are negligible, and down to what is rounding.
 _SETTLED, _OF_LARGEST, _NEGLIGIBLE, _ROUNDING = 0.02, 0.01, 1e-4, 1e-6
+#: Part of the relative error that is asked for which may be unsettled.
+_OF_ASKED = 0.05
 #: They would change it by this multiple of the last change, times what the last iteration left of
 #: the residual (docs/results/error.md), and at least by this part of the last change.
 _CONTRACTION, _LEAST_CHANGE = 3.0, 0.03
@@ -387,14 +389,30 @@ def _is_at_rest(problem: Problem) -> bool:
     return not moved and problem.largest_force(problem.x) <= problem.rounding_force
 
 
+#: Chooses, of the goals whose errors can be distributed to the cells, those whose are: each costs a
+#: linear solve. Collective.
+Choose = Callable[[Estimate, Sequence[str]], Collection[str]]
+
+
+def every_goal(found: Estimate, names: Sequence[str]) -> Collection[str]:
+    """Choose all goals."""
+    return names
+
+
+def largest_error(found: Estimate, names: Sequence[str]) -> Collection[str]:
+    """Choose the goal with the largest relative error."""
+    return [max(names, key=lambda n: abs(found.goals[n].error or 0.0) / found.goals[n].scale)]
+
+
 def estimate_error(
     problem: Problem,
     make: Callable[[Element], Problem],
     goals: Sequence[Goal],
     announce: Callable[[Estimate], None] = lambda estimate: None,
     mesh: Mesh | None = None,
-    locate: str = "all",
+    choose: Choose = every_goal,
     stability: bool = False,
+    asked: float = 0.0,
 ) -> Estimate:
     """Return the errors of goals of a problem at its solution. Collective.
 
@@ -410,14 +428,16 @@ def estimate_error(
         Called before the lifted problem is created, with its unknowns and memory.
     mesh : Mesh, optional
         The mesh, whose groups describe where the error is.
-    locate : {"all", "largest"}
-        The goals whose errors are distributed to the cells, which costs linear solves.
+    choose : Choose
+        The goals whose errors are distributed to the cells.
     stability : bool
         Whether the stability of the lifted equilibrium is examined whatever it costs.
+    asked : float
+        The relative error that is asked for: a small part of it may remain unsettled.
     """
 
     def find(found: Estimate) -> None:
-        _find_errors(problem, make, goals, found, announce, locate, stability)
+        _find_errors(problem, make, goals, found, announce, choose, stability, asked)
         for name, indicators in found.indicators.items():
             if where := place(problem, indicators, mesh):
                 found.places[name] = where
@@ -431,8 +451,9 @@ def _find_errors(
     goals: Sequence[Goal],
     found: Estimate,
     announce: Callable[[Estimate], None],
-    locate: str,
+    choose: Choose,
     stability: bool,
+    asked: float,
 ) -> None:
     """Add the estimates; raise NoEstimate if there is none."""
     check_problem(problem)
@@ -453,7 +474,7 @@ def _find_errors(
     lift = Lift(problem, lifted)
     try:
         functions = [surfaces.bind(goal) for goal in static]
-        errors, unsettled = _differences(lift, functions, static, found)
+        errors, unsettled = _differences(lift, functions, static, found, asked)
         found.may_be_unstable = lift.check_stability(stability)
         # Locking is no part of what the lifted solution leaves; P2 on triangles hardly locks. Nor
         # are the corners of cells below the surface of a shape, which has none.
@@ -482,18 +503,16 @@ def _find_errors(
             of_modes = {source: part[count:] for source, part in others.items()}
             mesh, unsettled = _frequency_errors(lifted, modes, frequencies, found, locks)
             _add(found, frequencies, mesh, of_modes, unsettled)
-        sizes = {
-            name: abs(goal.error or 0.0) / goal.scale
+        names = [
+            name
             for name, goal in found.goals.items()
             if goal.is_found and abs(goal.error or 0.0) > _LOCATED * goal.scale
-        }
-        if sizes and locate == "largest":
-            largest = max(sizes, key=sizes.__getitem__)
-            sizes = {largest: sizes[largest]}
-        cells = cell_indicators(lift, static, sizes.__contains__)
+        ]
+        chosen = choose(found, names) if names else ()
+        cells = cell_indicators(lift, static, chosen.__contains__) if chosen else {}
         found.indicators = {name: factor * values for name, values in cells.items()}
         for name, goal in zip(names_of(frequencies), frequencies, strict=True):
-            if modes and name in sizes:
+            if modes and name in chosen:
                 squares = cell_squares(lifted, modes.changes[goal.number - 1])
                 total = lifted.comm.allreduce(squares.sum())
                 found.indicators[name] = squares * ((found.goals[name].error or 0.0) / total)
@@ -608,10 +627,12 @@ def _differences(
     functions: Sequence[Callable[[], Sequence[float]]],
     goals: Sequence[Goal],
     found: Estimate,
+    asked: float,
 ) -> tuple[Array, Array]:
     """Return the goals in the lifted problem less those of the run, and what is unsettled of them.
 
-    The functions evaluate the goals in the lifted problem.
+    The functions evaluate the goals in the lifted problem. Of a relative error that is asked for a
+    small part may be unsettled.
 
     Raises
     ------
@@ -632,7 +653,8 @@ def _differences(
         unsettled = np.zeros(len(values)) if lift.at_end else further * np.abs(errors - before)
         relative = np.abs(errors[scales > 0]) / scales[scales > 0]
         of_scale = min(_OF_LARGEST * relative.max(initial=0.0), _NEGLIGIBLE)
-        limits = np.maximum(_SETTLED * np.abs(errors), max(of_scale, _ROUNDING) * scales)
+        of_scale = max(of_scale, _OF_ASKED * asked, _ROUNDING)
+        limits = np.maximum(_SETTLED * np.abs(errors), of_scale * scales)
         settled = (unsettled <= limits).all()
         enough = lift.newton >= _LEAST_NEWTON and lift.reduction <= _REDUCED
         if lift.at_end or (settled and enough and lift.stable):

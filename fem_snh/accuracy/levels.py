@@ -219,8 +219,8 @@ class LevelRow:
     degree: int
     cells: int
     dofs: int
-    seconds: float
-    memory: float
+    seconds: float = 0.0
+    memory: float = 0.0
     goals: dict[str, GoalLevel] = field(default_factory=dict)
     reason: str = ""
     elapsed: float = 0.0
@@ -309,6 +309,12 @@ class Levels:
             row.left_out = estimate.left_out
         self.rows.append(row)
 
+    def beyond(self, row: LevelRow, estimate: Estimate) -> list[str]:
+        """Return the goals that are not within the request on a level that is not yet added."""
+        self.add(replace(row), estimate)
+        goals = self.rows.pop().goals
+        return [name for name, goal in goals.items() if goal.relative(self.asked) > self.asked]
+
     def _goal(
         self, name: str, goal: GoalError, row: LevelRow, before: LevelRow | None
     ) -> GoalLevel:
@@ -323,8 +329,9 @@ class Levels:
         # Parts may cancel.
         size = sum(map(abs, goal.parts.values())) - steps if goal.parts else abs(error)
         of_steps = max(safety * steps, goal.steps_bound)
-        bound = safety * size + of_steps
+        bound = safety * size + of_steps + goal.unsettled
         uncertainty = (safety - 1) * size + max((safety - 1) * steps, goal.steps_bound)
+        uncertainty += goal.unsettled
         if before is not None and name in before.goals and row.fineness > before.fineness:
             last = before.goals[name]
             change = abs(corrected - last.corrected)

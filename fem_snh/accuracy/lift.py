@@ -64,9 +64,9 @@ _COUPLED_NODES = {("tetrahedron", 2): 28, ("tetrahedron", 3): 50, ("hexahedron",
 _BYTES_PER_NUMBER, _BYTES_PER_BLOCK, _COPIES = 8 + 4, 8, 2
 #: A solve is one Newton iteration, and more of them only where one does not reduce the residual.
 _REDUCED = 0.999
-#: Relative tolerance of linear solves after the first Newton iteration, which is far from quadratic
-#: convergence (the default).
-_LINEAR = 1e-2
+#: Relative tolerances of the linear solves of the first Newton iteration, which is far from
+#: quadratic convergence, and of the others.
+_LINEAR = 0.05, 1e-2
 #: Relative tolerance of dual solutions. That of a contact's force is about a translation of the
 #: body, whose products with the residual cancel: 1e-2 leaves up to 40 % of a sum of indicators,
 #: 3e-3 less than 5 % (tests/test_term_goals.py).
@@ -297,8 +297,7 @@ class Lift:
         """
         left = self._most - self.newton
         self._snes.setTolerances(rtol=_REDUCED, atol=0, stol=0, max_it=max(left, 0))
-        if self.newton:
-            self._snes.getPythonContext().options["snes_forcing_max"] = _LINEAR
+        self._snes.getPythonContext().options["snes_forcing_max"] = _LINEAR[self.newton > 0]
         self._outcome = outcome = solver.StepOutcome()
         before = self.lifted.x.copy()
         solver.solve_until_settled(self.lifted, self._snes, outcome)
@@ -355,9 +354,9 @@ class Lift:
         """Find out whether the exact Hessian has negative eigenvalues. Collective.
 
         A perfect column is straight in both elements, and the better one buckles before the stiffer
-        one does. A solver with sparse factors has often counted the eigenvalues. Without any, and
-        where they are not cheap, iterations tell whether there are some
-        (`fem_snh.solver.definiteness`).
+        one does. A solver with sparse factors has often counted the eigenvalues. Otherwise
+        iterations tell that there are none (`fem_snh.solver.definiteness`); where they do not, they
+        are counted if that is cheap.
 
         Parameters
         ----------
@@ -381,8 +380,12 @@ class Lift:
         if is_direct(ksp):
             if self._last_filter == "exact" and negative_pivots(ksp.getPC()) == stability.expected:
                 return False
-        elif not asked and self.lifted.regime.nodes > _MAX_FACTORED:
-            return self._may_be_unstable()
+        elif not asked:
+            definite = self._is_definite()
+            if definite:
+                return False
+            if self.lifted.regime.nodes > _MAX_FACTORED:
+                return self._may_be_unstable(definite)
         count = stability.negative_eigenvalues(self.lifted.x)
         # Free rotations of rigid parts, whose unknowns are others, have eigenvalues of the size of
         # the residual, which a few Newton iterations leave.
@@ -395,18 +398,23 @@ class Lift:
             )
         return False
 
-    def _may_be_unstable(self) -> bool:
-        """Return whether iterations leave the stability unknown; raise NoEstimate if unstable."""
+    def _is_definite(self) -> bool | None:
+        """Return whether the exact Hessian is definite; None if iterations do not tell."""
         lifted, ksp = self.lifted, self._snes.getKSP()
         lowest = lifted.cell_fields(lifted.x)["min_eigenvalue"]
         is_convex = bool((lowest >= -_CONVEX * lifted.modulus).all())
         if lifted.comm.allreduce(is_convex, op=MPI.LAND):
-            return False
-        if lifted.rigid:  # rotations of its parts that nothing constrains are other unknowns
             return True
+        if lifted.rigid:  # rotations of its parts that nothing constrains are other unknowns
+            return None
         HessianSolver(lifted, ksp, _DUAL, assembled=self._last_filter == "exact")  # assembles it
-        if (definite := is_definite(lifted, ksp)) or lifted.operator != lifted.A:
-            return not definite
+        return is_definite(lifted, ksp)
+
+    def _may_be_unstable(self, definite: bool | None) -> bool:
+        """Return whether iterations leave the stability unknown; raise NoEstimate if unstable."""
+        lifted, ksp = self.lifted, self._snes.getKSP()
+        if lifted.rigid or lifted.operator != lifted.A:
+            return True
         # An unknown pressure makes up for negative eigenvalues of the displacement's part.
         sure = lifted.saddle_point is None and definite is False
         if sure or (lifted.saddle_point and has_negative_curvature(lifted, ksp)):

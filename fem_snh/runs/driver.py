@@ -169,7 +169,7 @@ def _run(
             from fem_snh.runs.obstacle_records import copy_surfaces
 
             on_root(comm, copy_surfaces, scene, folder)
-        estimate = _solve(comm, scene, setup, recorder, printed, goals, modes)
+        estimate = _solve(comm, scene, setup, recorder, printed, goals, modes, level)
         if level:
             level.end(recorder.record, estimate)
         status = "converged" if setup.stepper.done else setup.stepper.failure_message()
@@ -191,6 +191,7 @@ def _solve(
     printed: Progress,
     goals: Sequence[Goal],
     modes: LowestModes | None,
+    level: Level | None,
 ) -> Estimate | None:
     """Solve all load steps, then compute modes and errors; record each result. Collective."""
     estimate = None
@@ -208,7 +209,7 @@ def _solve(
             from fem_snh.runs.estimates import estimate_errors
 
             fields = recorder.writes_fields
-            estimate = estimate_errors(scene, setup, goals, printed.estimating, fields)
+            estimate = estimate_errors(scene, setup, goals, printed.estimating, fields, level)
             recorder.add_estimate(estimate)
             if scene.within is None:  # the levels have rows of their own
                 printed.estimated(estimate)

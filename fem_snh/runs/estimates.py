@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
+from typing import TYPE_CHECKING
 
 from fem_snh import scenes
-from fem_snh.accuracy.estimate import Estimate, estimate_error
+from fem_snh.accuracy.estimate import Estimate, estimate_error, largest_error
 from fem_snh.accuracy.goals import Goal
 from fem_snh.accuracy.lift import depends_on_path
 from fem_snh.runs.setup import Setup
+
+if TYPE_CHECKING:
+    from fem_snh.runs.levels import Level
 
 
 def estimate_errors(
@@ -17,6 +21,7 @@ def estimate_errors(
     goals: Sequence[Goal],
     announce: Callable[[Estimate], None],
     fields: bool,
+    level: Level | None = None,
 ) -> Estimate:
     """Return the errors of goals at the end of a run. Collective.
 
@@ -33,6 +38,9 @@ def estimate_errors(
     fields : bool
         Whether the errors of all goals in cells are written; otherwise they are distributed to
         cells if the scene names goals, and that of the largest error alone if it names none.
+    level : Level, optional
+        The level of a run to an accuracy: without fields the errors of those goals are distributed
+        that are not within it.
     """
     problem = setup.problem
     if setup.make is None or depends_on_path(problem):
@@ -40,10 +48,16 @@ def estimate_errors(
         from fem_snh.runs.scene_path import ScenePath
 
         return estimate_on_path(problem, ScenePath(scene, setup), goals, announce)
-    located = "all" if fields or (scene.accuracy and scene.accuracy.goals) else "largest"
-    if scene.within and not fields:
-        from fem_snh.runs.levels import is_refined_locally
 
-        located = "all" if is_refined_locally(scene) else "largest"
+    def choose(found: Estimate, names: Sequence[str]) -> Collection[str]:
+        if fields:
+            return names
+        if level:
+            from fem_snh.runs.levels import is_refined_locally
+
+            return level.located(found, names, is_refined_locally(scene))
+        return names if scene.accuracy and scene.accuracy.goals else largest_error(found, names)
+
     made = problem, setup.make
-    return estimate_error(*made, goals, announce, setup.mesh, located, scene.stability)
+    asked = scene.within or 0.0
+    return estimate_error(*made, goals, announce, setup.mesh, choose, scene.stability, asked)

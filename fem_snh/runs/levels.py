@@ -9,7 +9,7 @@ followed again on each level, with shorter steps where their error is not small.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field
 from math import ceil
 from time import perf_counter
@@ -21,6 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh import _dolfinx, scenes
+from fem_snh.accuracy.estimate import Estimate, largest_error
 from fem_snh.accuracy.levels import LevelRow, Levels, target_volumes
 from fem_snh.accuracy.lift import available_memory
 from fem_snh.assembly.elements import ELEMENTS
@@ -44,7 +45,6 @@ from fem_snh.runs.scene_mesh import mesh_again
 from fem_snh.solver.options import OPTIONS
 
 if TYPE_CHECKING:
-    from fem_snh.accuracy.estimate import Estimate
     from fem_snh.runs.folder import Folder
     from fem_snh.runs.progress import Progress
     from fem_snh.runs.setup import Setup
@@ -84,6 +84,8 @@ class Level:
         The notes on the path to the state that it starts from.
     volumes : (owned cells,) array
         The volumes of its cells [length^dim].
+    row : LevelRow or None
+        Its discretisation, from `begin` on.
     """
 
     levels: Levels
@@ -94,6 +96,7 @@ class Level:
     stiffer: float = 1.0
     notes: list[dict[str, Any]] = field(default_factory=list)
     volumes: Array = field(default_factory=lambda: np.empty(0))
+    row: LevelRow | None = None
 
     @property
     def given(self) -> tuple[Mesh | None, float]:
@@ -102,13 +105,33 @@ class Level:
 
     def begin(self, setup: Setup) -> None:
         """Take the end state of the level before. Collective."""
-        self.mesh, self.volumes = setup.mesh, cell_volumes(setup.problem.domain)
+        problem = setup.problem
+        self.mesh, self.volumes = setup.mesh, cell_volumes(problem.domain)
+        cells, element = problem.num_cells, problem.element
+        self.row = LevelRow(element.name, element.degree, cells, problem.dofs)
+        self.row.fineness = self.fineness or cells ** (1 / self.levels.dim)
         if self.before is not None:
-            setup.problem.set_load(1.0)
-            transfer_state(self.before, setup.problem)
-            setup.problem.prescribe(setup.problem.x)
-            setup.problem.set_load(0.0)
+            problem.set_load(1.0)
+            transfer_state(self.before, problem)
+            problem.prescribe(problem.x)
+            problem.set_load(0.0)
             self.before = None
+
+    def located(self, found: Estimate, names: Sequence[str], locally: bool) -> Collection[str]:
+        """Return the goals of which the next level, or a line, needs the errors in the cells.
+
+        Parameters
+        ----------
+        found : Estimate
+            The errors.
+        names : sequence of str
+            The goals whose errors can be distributed to the cells.
+        locally : bool
+            Whether the mesh is refined where they are.
+        """
+        assert self.row is not None
+        beyond = [name for name in self.levels.beyond(self.row, found) if name in names]
+        return beyond if locally or not beyond else largest_error(found, beyond)
 
     def end(self, record: dict[str, Any], estimate: Estimate | None) -> None:
         """Add the level to the levels, and them to the record of the run."""
@@ -120,12 +143,11 @@ class Level:
         if estimate:
             seconds += estimate.seconds - estimate.jit
             memory = estimate.memory
-        element = record["element"]
-        sizes = ELEMENTS[element].degree, record["cells"], record["dofs"]
-        row = LevelRow(element, *sizes, seconds, memory)
+        row = self.row
+        assert row is not None
+        row.seconds, row.memory = seconds, memory
         row.elapsed, row.steps = perf_counter() - self.start, len(rows) if followed else 0
         row.kind = "time" if in_time else "load"
-        row.fineness = self.fineness or row.cells ** (1 / self.levels.dim)
         self.levels.add(row, estimate)
         record["accuracy"] = self.levels.record()
         if self.notes:

@@ -33,8 +33,8 @@ from fem_snh.solver.stability import EquilibriumStability
 _Reason = PETSc.KSP.ConvergedReason
 _INDEFINITE = (_Reason.DIVERGED_INDEFINITE_MAT, _Reason.DIVERGED_INDEFINITE_PC)
 #: The residual is reduced to this part of the mean size of a component: a normally distributed one
-#: is smaller in 1.6 % of all cases.
-_PART = 0.02
+#: is smaller in 0.4 % of all cases.
+_PART = 0.005
 #: Iterations after which definiteness is unknown; stable bodies need 20 to 40.
 _MAX_IT = 300
 #: Lanczos iterations with S^-1, their relative tolerance, and the Ritz value below which an
