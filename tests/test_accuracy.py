@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 from pathlib import Path
 
 from mpi4py import MPI
@@ -159,6 +160,12 @@ def test_decisions():
     goal = GoalError(1.0, 0.001, 1.0, parts=parts)
     levels.add(LevelRow("Q1P0", 1, 64, 500, 1.0, 1e6, steps=8), Estimate(goals={"a": goal}))
     assert not levels.reached
+    # What further Newton iterations may change is a part of the bound.
+    goal = GoalError(1.0, 0.008, 1.0, unsettled=0.001)
+    levels = Levels(0.004)
+    levels.add(LevelRow("Q1P0", 1, 64, 500), Estimate(goals={"a": goal}))
+    assert levels.rows[0].goals["a"].uncertainty == pytest.approx(0.4 * 0.008 + 0.001)
+    assert not levels.reached
     # A component that is small beside the largest displacement is judged by that.
     levels = Levels(0.01)
     row = LevelRow("Q1P0", 1, 64, 500, 1.0, 1e6)
@@ -181,6 +188,19 @@ def test_decisions():
     assert not levels.reached and levels.lines() == [
         "level 2: 512 Q1P0 cells, 4,000 dofs: no estimate: far away"
     ]
+
+
+def test_errors_are_located_where_the_next_level_needs_them(tmp_path, capsys):
+    """Each costs a linear solve: none on the last level, unless the folder has their fields."""
+    keys = {"element": "P2P1", "kinematics": "plane_strain", "nu": 0.4999, "cells": 8}
+    keys |= {"accuracy.within": 0.005, "accuracy.goals": "corner.y,right.mean.y"}
+    found = fem_snh.run("cook", **keys)
+    assert len(found.record["accuracy"]["levels"]) > 1 and found.record["accuracy"]["reached"]
+    assert not found.estimate.indicators and not found.estimate.places
+    first, *_, last = re.split(r"level \d: about", capsys.readouterr().out)
+    assert "where the error of corner.y is" in first and "where the error" not in last
+    found = solve("cook", out=tmp_path / "run", **keys)
+    assert set(found.estimate.indicators) == {"corner.y", "right.mean.y"}
 
 
 @mpi
