@@ -177,8 +177,7 @@ def _run(
         recorder.save(status)
         path = folder.path if folder else None
         # PETSc does not report misspelt options.
-        unused = [key for key in given if not option_used(solver.PREFIX + key)]
-        printed.end(recorder.record, path, unused)
+        printed.end(recorder.record, path, [k for k in given if not option_used(solver.PREFIX + k)])
         setup.destroy()
     return setup.result(setup.stepper.done, status, recorder.record, path, estimate)
 
