@@ -44,8 +44,10 @@ def state_notes(problem: Problem, negative: int | None) -> list[Note]:
         The number of negative eigenvalues of its Hessian, if it is known.
     """
     unstable = instability_note({0: negative or 0})
-    found = inversion_note(problem), locking_note(problem), unstable, pressure_note(problem)
-    return [note for note in found if note]
+    found = [inversion_note(problem), locking_note(problem), unstable, pressure_note(problem)]
+    found.append(thin_support_note(problem))
+    contradictions = problem.dirichlet.contradictions_of_values()
+    return [note for note in found if note] + [Note("load", text) for text in contradictions]
 
 
 def pressure_note(problem: Problem) -> Note | None:
@@ -66,7 +68,7 @@ def thin_support_note(problem: Problem, step: int | None = None) -> Note | None:
     They have no capacity: functions that are one there and zero elsewhere have an energy as small
     as one likes, so that a prescribed displacement needs no force in the limit of fine meshes.
     """
-    if (thin := problem.dirichlet.thin) is None:
+    if (thin := problem.dirichlet.thin_supports()) is None:
         return None
     forces = problem.x.duplicate()
     problem.gradient(problem.x, forces)

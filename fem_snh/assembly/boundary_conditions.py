@@ -120,6 +120,14 @@ class Dirichlet:
         if self.planes:
             self.planes.project(values, ghosts)
 
+    def thin_supports(self) -> ThinSupports | None:
+        """Return what points and edges alone constrain; None without any. Collective."""
+        return self.thin
+
+    def contradictions_of_values(self) -> list[str]:
+        """Return a line for each pair of conditions that differ at common nodes. Collective."""
+        return []
+
     def work(self, forces: Array, moved: Array) -> float:
         """Return the work of forces [N] along constrained displacements of this rank's nodes."""
         found = float(forces[self.dofs] @ moved[self.dofs])
@@ -296,16 +304,17 @@ class DirichletConditions(Dirichlet):
                 least = _ROUNDING * abs(coordinates).max(initial=0.0)
                 rows = np.where(abs(X[at]) > least, X[at], 0.0)
                 gathered = V.mesh.comm.allgather((rows.tolist(), different.any(axis=0)))
-                place = ", ".join(f"{x:.4g}" for x in min(x for rows, _ in gathered for x in rows))
+                place = min(x for rows, _ in gathered for x in rows)
                 differing = np.any([marks for _, marks in gathered], axis=0)
-                listed = ", ".join(AXES[i] for i in np.array(both)[differing])
-                self.contradictions.append(
-                    f"[[move]] of {motion.group!r} and [[{table}]] of {other.group!r} prescribe "
-                    f"other values of {listed} at {differs} common nodes, one at ({place}), where "
-                    f"that [[move]] is taken: the displacement jumps within a cell beside them, "
-                    "so forces there grow with finer meshes"
-                )
+                pair = f"[[move]] of {motion.group!r} and [[{table}]] of {other.group!r}"
+                listed = np.array(both)[differing].tolist()
+                text = contradiction(pair, listed, differs, place, "that [[move]]")
+                self.contradictions.append(text)
             earlier.append(("move", motion, nodes, axes))
+
+    def contradictions_of_values(self) -> list[str]:
+        """Return `contradictions`."""
+        return self.contradictions
 
     def _thin_supports(
         self,
@@ -390,6 +399,18 @@ class DirichletConditions(Dirichlet):
             values[self.dofs] += (1 - load) * self.path.offset
         if self.planes:
             self.planes.prescribe(values)
+
+
+def contradiction(
+    pair: str, axes: Sequence[int], count: int, place: Sequence[float], taken: str
+) -> str:
+    """Return the line on two conditions with other values at some nodes, one at a place."""
+    where = ", ".join(f"{x:.4g}" for x in place)
+    return (
+        f"{pair} prescribe other values of {', '.join(AXES[i] for i in axes)} at {count} common "
+        f"nodes, one at ({where}), where {taken} is taken: the displacement jumps within a cell "
+        "beside them, so forces there grow with finer meshes"
+    )
 
 
 def _displacement(condition: Any, X: Array, load: float) -> Array:

@@ -7,13 +7,21 @@ from functools import partial
 from math import isfinite
 from typing import Any
 
+from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
 import numpy.typing as npt
 
 from fem_snh import _dolfinx
-from fem_snh.assembly.boundary_conditions import Dirichlet, axis_nodes, facets_plane
+from fem_snh.assembly.boundary_conditions import (
+    Dirichlet,
+    NodePlane,
+    ThinSupports,
+    axis_nodes,
+    contradiction,
+    facets_plane,
+)
 from fem_snh.assembly.elements import (
     CELLS,
     ELEMENTS,
@@ -30,6 +38,7 @@ from fem_snh.assembly.unknowns import create_unknowns
 from fem_snh.errors import BadInput, bad_value, check_whole, unknown_name
 from fem_snh.kernels.material import Material
 from fem_snh.mesh.mesh_checks import check_geometry, check_half_plane
+from fem_snh.problem.covered_nodes import covered_nodes
 from fem_snh.problem.problem import Problem
 from fem_snh.tables.amplitudes import Amplitudes
 from fem_snh.tables.types import surface_name
@@ -43,6 +52,8 @@ Array = npt.NDArray[Any]
 
 #: Strain of the central difference in `_curvature`: about the cube root of the rounding error.
 _STRAIN = 1e-5
+#: Values that differ by less than this part of the largest one, and parts of a normal, are equal.
+_ROUNDING = 1e-9
 #: UFL's symbols of the integrals that a term may have, and what they integrate over.
 _SYMBOLS = {"cell": "dx", "exterior_facet": "ds"}
 _ENTITIES = {"dx": "cells", "ds": "facets of the boundary"}
@@ -114,7 +125,8 @@ class DolfinxConditions(Dirichlet):
         mask = _dolfinx.create_vector(V)
         self._V, self._dofs, self._size = V, list[Array](), mask.getLocalSize()
         sizes = []
-        numbers = [i for i, bc in enumerate(bcs) if not isinstance(bc, Symmetry)]
+        self._numbers = [i for i, bc in enumerate(bcs) if not isinstance(bc, Symmetry)]
+        numbers = self._numbers
         for number, bc in zip(numbers, self.bcs, strict=True):
             if not hasattr(bc, "dof_indices"):
                 raise bad_value(
@@ -136,16 +148,16 @@ class DolfinxConditions(Dirichlet):
                 raise bad_value(f"bcs[{number}]", "a condition on no dof", accepted)
         components = kinematics.components
         on_axis = np.empty(0, np.int64)
+        self._axis = axis_nodes(V) if kinematics.revolved else on_axis
         if kinematics.revolved:
             owned = mask.getLocalSize() // components
-            nodes = axis_nodes(V)
-            nodes = nodes[nodes < owned]
+            nodes = self._axis[self._axis < owned]
             on_axis = np.concatenate([components * nodes + i for i in kinematics.off_axis])
             mask.array[on_axis] = 1.0
         update_ghosts(mask)
         self.constrained = local_values(mask).reshape(-1, components) > 0
         self.symmetry: list[Array] = []
-        planes = []
+        planes: list[NodePlane] = []
         for number, bc in enumerate(bcs):
             if isinstance(bc, Symmetry):
                 key = f"bcs[{number}].group"
@@ -158,6 +170,66 @@ class DolfinxConditions(Dirichlet):
         given = np.concatenate([np.empty(0, np.int64), *self._dofs])
         self._zero = np.union1d(np.setdiff1d(self.dofs, given), on_axis)
         self.start: Array | None = None
+        self._symmetry_planes, self._on_axis = planes, on_axis
+        self._examined = False
+
+    def thin_supports(self) -> ThinSupports | None:
+        """Return what nodes constrain that are on no constrained facet; None without any.
+
+        Collective.
+        """
+        if self._examined:
+            return self.thin
+        self._examined = True
+        marked = self.constrained & ~covered_nodes(self._V, self.constrained, self._axis)
+        for plane in self._symmetry_planes:
+            marked[np.ix_(plane.nodes, abs(plane.normal) > _ROUNDING)] = False
+        owned = np.flatnonzero(marked[: self._size // marked.shape[1]])
+        thin = np.setdiff1d(owned, self._on_axis)
+        of_bcs = np.array([np.isin(thin, dofs).any() for dofs in self._dofs], dtype=np.int32)
+        found = self._V.mesh.comm.allreduce(of_bcs)
+        names = [f"bcs[{n}]" for n, used in zip(self._numbers, found, strict=True) if used]
+        self.thin = ThinSupports(", ".join(names), thin) if names else None
+        return self.thin
+
+    def contradictions_of_values(self) -> list[str]:
+        """Return a line for each pair of conditions that differ at common nodes. Collective.
+
+        A condition that another one overrides as a whole is replaced by it.
+        """
+        comm, vector = self._V.mesh.comm, _dolfinx.create_vector(self._V)
+        values, given = vector.array[: self._size], []
+        taken = np.full(self._size, -1)
+        for number, (bc, dofs) in enumerate(zip(self.bcs, self._dofs, strict=True)):
+            _dolfinx.set_bcs(values, [bc])
+            given.append(values[dofs].copy())
+            taken[dofs] = number
+        largest = max((abs(own).max(initial=0.0) for own in given), default=0.0)
+        largest = comm.allreduce(largest, op=MPI.MAX)
+        x, components = self._V.tabulate_dof_coordinates(), self.constrained.shape[1]
+        differing: dict[tuple[int, int], tuple[set[int], set[tuple[float, ...]]]] = {}
+        kept = np.zeros(len(self.bcs), dtype=np.int64)
+        for number, (dofs, own) in enumerate(zip(self._dofs, given, strict=True)):
+            kept[number] = (taken[dofs] == number).sum()
+            different = dofs[abs(own - values[dofs]) > _ROUNDING * largest]
+            for other in np.unique(taken[different]):
+                at = different[taken[different] == other]
+                points = {tuple(point) for point in x[at // components].tolist()}
+                differing[number, int(other)] = set((at % components).tolist()), points
+        kept = comm.allreduce(kept)
+        lines, gathered = [], comm.allgather(differing)
+        for first, other in sorted({pair for found in gathered for pair in found}):
+            if not kept[first]:
+                continue
+            axes, places = (
+                set[Any]().union(*(found[first, other][i] for found in gathered
+                                   if (first, other) in found))
+                for i in range(2)
+            )  # fmt: skip
+            names = [f"bcs[{self._numbers[i]}]" for i in (first, other)]
+            pair, at_least = " and ".join(names), min(places)
+            lines.append(contradiction(pair, sorted(axes), len(places), at_least, names[1]))
+        return lines
 
     @property
     def masks(self) -> list[Array]:
