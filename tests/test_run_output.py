@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from pathlib import Path
 
@@ -13,7 +14,7 @@ from running import record, rows, solve
 
 import fem_snh
 from fem_snh.errors import BadInput
-from fem_snh.runs.folder import COLUMNS
+from fem_snh.runs.folder import COLUMNS, Folder
 
 mpi = pytest.mark.mpi
 
@@ -235,3 +236,25 @@ def test_the_programs_own_choices_have_reasons(values, expected):
     for key, (value, reason) in expected.items():
         assert reason in found[key]["reason"]
         assert found[key]["value"] == (value or result.record[key]) == result.record[key]
+
+
+def test_numbers_of_steps_are_those_of_json(tmp_path):
+    """A step is a line; numpy's numbers are Python's, and infinity and NaN null."""
+    steps = [
+        {"load": np.float64(0.1), "newton": np.int64(3), "of": [np.float32(0.5), True]},
+        {"load": 1.0, "residual": np.inf, "of": {"energy": np.float64("nan")}},
+    ]
+    modes = {"steps": [], "frequencies": [], "residuals": []}
+    with Folder(MPI.COMM_SELF, tmp_path / "run") as folder:
+        for written in ([], steps):
+            folder.write({"a": np.nan, "steps": written, "modes": modes, "z": 1})
+            found = json.loads(
+                (tmp_path / "run" / "run.json").read_text(), parse_constant=pytest.fail
+            )
+            assert list(found) == ["a", "steps", "modes", "z", "files"]
+            assert found["a"] is None and found["modes"] == modes
+            assert len(found["steps"]) == len(written)
+    first, last = found["steps"]
+    assert first == {"load": 0.1, "newton": 3, "of": [0.5, True]}
+    assert last == {"load": 1.0, "residual": None, "of": {"energy": None}}
+    assert f"\n  {json.dumps(first)}," in (tmp_path / "run" / "run.json").read_text()
