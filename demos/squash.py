@@ -39,11 +39,13 @@ from fem_snh.viewing.states import States
 
 parser = ArgumentParser(description="An octopus is squashed between cylinders, and recovers.")
 parser.add_argument("--cells", type=int, default=54, help="from tip to tip of the arms")
+parser.add_argument("--substeps", type=int, default=10, help="time steps a frame")
 parser.add_argument("--out", type=Path, default=Path("out/squash"))
 parser.add_argument("--seconds", type=float, default=4, help="length of the movie; 0: no movie")
 args = parser.parse_args()
 
-result = fem_snh.run("squash", cells=args.cells, out=args.out, overwrite=True)
+options = {"cells": args.cells, "substeps": args.substeps}
+result = fem_snh.run("squash", **options, out=args.out, overwrite=True)
 assert result.converged, result.status
 steps = result.steps
 
