@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import hypothesis
 import pytest
+from ranks_on_one_debian import RANKS_ON_ONE_DEBIAN
 from same_on_every_debian import LIBRARY_PARAMETERS, SAME_ON_EVERY_DEBIAN, SAME_TESTS
 from scene_file import TOML
 
@@ -94,7 +95,8 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
             raise pytest.UsageError(f"{item.nodeid}: expected the word mpi in its file")
     kept = list(items)
     if config.getoption("other_debian"):
-        kept = _each_library_parameter([item for item in kept if _function(item) not in SAME_TESTS])
+        left_out = SAME_TESTS | (RANKS_ON_ONE_DEBIAN if _ranks(config) > 1 else set())
+        kept = _each_library_parameter([item for item in kept if _function(item) not in left_out])
     if _ranks(config) > 1 and not config.getoption("every_parameter"):  # all of them run on one
         kept = list({item.nodeid.split("[")[0]: item for item in reversed(kept)}.values())[::-1]
     left = set(kept)
