@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from fem_snh.contact.self_contact import SelfContact
     from fem_snh.dynamic_problem import DynamicProblem
     from fem_snh.kernels.material import material
+    from fem_snh.mesh.xao_writer import write_xao
     from fem_snh.nonlinear_problem import NonlinearProblem
     from fem_snh.runs import Result, run
     from fem_snh.runs.inverse import fit_scene
@@ -48,7 +49,7 @@ __all__ = [
     "BadInput", "Cavity", "Contact", "DynamicProblem", "Feature", "Fit", "Gravity",
     "NonlinearProblem", "Obstacle", "Pressure", "Result", "Rigid", "SelfContact", "Spring",
     "Symmetry", "Term", "Traction", "fit", "fit_scene", "interpolate_run", "material",
-    "materials", "register_feature", "run",
+    "materials", "register_feature", "run", "write_xao",
 ]  # fmt: skip
 
 #: Modules of the public names. They are imported on first use, as importing dolfinx is slow.
@@ -75,6 +76,7 @@ _MODULES = {
     "Symmetry": "terms.symmetry",
     "Term": "terms.term",
     "Traction": "terms.traction",
+    "write_xao": "mesh.xao_writer",
 }
 
 
