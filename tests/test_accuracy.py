@@ -226,6 +226,28 @@ def test_a_force_without_contact_is_not_within_the_request(capsys):
     assert levels.rows[0].reason.startswith("ground.force.x: nothing touches on these cells")
 
 
+def test_a_small_force_that_begins_is_no_reason_for_finer_cells():
+    """Beside that of the plate: each finer mesh may have several times it, so no bound holds."""
+    scene = scenes.load("press", cells=2, to=0.8, element="Q1P0", steps=1)
+    plane = {"plane": {"point": [1.06, 0, 0], "normal": [-1, 0, 0]}}
+    wall = scenes.Obstacle.model_validate({"name": "wall", "shape": plane})
+    scene = scene.model_copy(update={"obstacle": [scene.obstacle[0], wall], "error": True})
+    estimate = fem_snh.run(scene).estimate
+    goals, begins = estimate.goals, "it only begins to touch, and on finer cells may touch more"
+    assert abs(goals["wall.force.x"].error) > 100 > abs(goals["wall.force.x"].value)
+    assert {name for name, goal in goals.items() if goal.reason == begins} == {
+        f"wall.force.{axis}" for axis in "xyz"
+    }
+    row, known = LevelRow("Q1P0", 1, 8, 81, 1.0, 1.0), Levels(0.2)
+    known.add(row, estimate)
+    (line,) = row.untouched.values()
+    assert line.startswith("wall.force 0, of the better element 2") and line.endswith(begins)
+    assert known.reached and any(line in shown for shown in known.lines())
+    named = Levels(0.2, named=True)
+    named.add(LevelRow("Q1P0", 1, 8, 81, 1.0, 1.0), estimate)
+    assert not named.reached and named.worst[0].startswith("wall.force")
+
+
 def test_each_level_in_time_differs_from_the_last():
     """What is left as it is adds up to less than the request, also of P2P0 on triangles."""
     parts = {"mesh": 0.0024, "time steps": 0.0024}

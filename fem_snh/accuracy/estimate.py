@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from math import floor, inf, log10
+from math import floor, hypot, inf, log10
 from time import perf_counter
 from typing import Any
 
@@ -76,6 +76,9 @@ _OF_VECTOR = 0.05
 STEPS = TIME_STEPS, LOAD_STEPS = "time steps", "load steps"
 #: Why a force of contact has no estimate where neither solution touches.
 NO_CONTACT = "nothing touches on these cells, but finer ones may"
+#: What is said of a force of contact that is smaller than its error and than this part of the
+#: largest one: the contact begins at a few nodes, and each finer mesh may have several times it.
+BEGINS, SMALL_FORCE = "it only begins to touch, and on finer cells may touch more", 0.1
 #: Errors below this part of the goal are not located: their indicators are sums that cancel.
 _LOCATED = 1e-4
 
@@ -101,7 +104,7 @@ class GoalError:
     steps_bound : float
         A bound of the error of time or load steps; infinite where none is known.
     reason : str
-        Why this goal has no estimate, where others may have one.
+        Why this goal has no estimate, where others may have one, or an uncertain one.
     """
 
     value: float
@@ -172,7 +175,8 @@ class GoalError:
         share = "" if self.relative is None else f" ({_share(self.relative)})"
         parts = parts_text(self.parts, self.steps_bound)
         of = f": {parts}" if parts else ""
-        return f"{name} {value}, error {self.error:+.3g}{share}{of}, corrected {corrected}"
+        but = f"; {self.reason}" if self.reason else ""
+        return f"{name} {value}, error {self.error:+.3g}{share}{of}, corrected {corrected}{but}"
 
 
 def no_contact_text(force: str) -> str:
@@ -282,7 +286,7 @@ class Estimate:
         if self.reason:
             return [f"no estimate of the error: {self.reason}"]
         lines = [goal.text(name) for name, goal in self.goals.items() if not goal.is_zero]
-        lines += map(no_contact_text, self.untouched)
+        lines += map(no_contact_text, self._open)
         return [*lines, *filter(None, (self.where, self.doubt, *self.left_out))]
 
     @property
@@ -296,10 +300,24 @@ class Estimate:
         )
 
     @property
-    def untouched(self) -> list[str]:
+    def _open(self) -> list[str]:
         """The forces of contact without an estimate, as nothing touches."""
         names = [vector_of(n) for n, goal in self.goals.items() if goal.reason == NO_CONTACT]
         return list(dict.fromkeys(names))
+
+    @property
+    def untouched(self) -> dict[str, str]:
+        """The lines of forces of contact by name: nothing touches, or only begins to."""
+        found = {name: no_contact_text(name) for name in self._open}
+        sizes: dict[str, list[GoalError]] = {}
+        for name, goal in self.goals.items():
+            if goal.reason == BEGINS:
+                sizes.setdefault(vector_of(name), []).append(goal)
+        for name, goals in sizes.items():
+            here = hypot(*(goal.value for goal in goals))
+            better = hypot(*(goal.value + (goal.error or 0.0) for goal in goals))
+            found[name] = f"{name} {here:.3g}, of the better element {better:.3g}: {BEGINS}"
+        return found
 
     @property
     def where(self) -> str:
@@ -364,8 +382,23 @@ def estimated(
             for name in goal.names:
                 known = found.goals[name]
                 found.goals[name] = GoalError(known.value, None, known.scale, reason=NO_CONTACT)
+    _mark_small_contacts(found, goals)
     found.seconds = perf_counter() - start
     return found
+
+
+def _mark_small_contacts(found: Estimate, goals: Sequence[Goal]) -> None:
+    """Give a reason to forces of contact that are small beside others, and beside their errors."""
+    forces = [abs(g.value) for name, g in found.goals.items() if vector_of(name).endswith(".force")]
+    for goal in goals:
+        errors = [found.goals[name] for name in goal.names]
+        if not (isinstance(goal, TermGoal) and goal.is_force) or None in (e.error for e in errors):
+            continue
+        size = hypot(*(e.error or 0.0 for e in errors))
+        corrected = hypot(*(e.corrected or 0.0 for e in errors))
+        if size > hypot(*(e.value for e in errors)) and corrected < SMALL_FORCE * max(forces):
+            for name, error in zip(goal.names, errors, strict=True):
+                found.goals[name] = replace(error, reason=BEGINS)
 
 
 def _without_errors(problem: Problem, goals: Sequence[Goal]) -> dict[str, GoalError]:

@@ -496,7 +496,7 @@ class TermGoal:
     def __init__(self, name: str, components: Sequence[int] = (), label: str = "") -> None:
         self._name, self._components, shown = name, list(components) or [0], label or name
         self.names = [f"{shown}.{AXES[i]}" for i in components] or [shown]
-        self._is_force = len(components) > 0
+        self.is_force = len(components) > 0
 
     def bind(self, problem: Problem) -> Callable[[], Sequence[float]]:
         """See `Goal.bind`."""
@@ -511,11 +511,11 @@ class TermGoal:
     def is_without_contact(self, problem: Problem) -> bool:
         """Return whether it is a force that is rounding, with all its components. Collective."""
         force = self._term(problem).goal(self._name, problem.split(problem.x)[0])
-        return self._is_force and bool(np.abs(force).max() <= _NO_FORCE * self.unit(problem))
+        return self.is_force and bool(np.abs(force).max() <= _NO_FORCE * self.unit(problem))
 
     def unit(self, problem: Problem) -> float:
         """See `Goal.unit`."""
-        return problem.largest_force(problem.x) if self._is_force else 0.0
+        return problem.largest_force(problem.x) if self.is_force else 0.0
 
     def dual(self, at: Linearisation, number: int) -> Dual:
         """See `Goal.dual`."""

@@ -17,10 +17,10 @@ import numpy.typing as npt
 
 from fem_snh.accuracy.estimate import (
     LOAD_STEPS,
+    SMALL_FORCE,
     TIME_STEPS,
     Estimate,
     GoalError,
-    no_contact_text,
     parts_text,
 )
 from fem_snh.accuracy.goals import vector_of
@@ -45,7 +45,7 @@ _SAFETY_OF_SHAPES = 1.8
 _LARGEST_CORRECTION = 20.0
 #: Least bound of a component, over the largest one of the same vector; and what forces that were
 #: not asked for by name are relative to at least, over the largest force.
-_LEAST_OF_VECTOR, _LEAST_OF_FORCES = 0.1, 0.1
+_LEAST_OF_VECTOR, _LEAST_OF_FORCES = 0.1, SMALL_FORCE
 #: Order in h of the errors of singular solutions, by the degree of the displacement: the error of
 #: degree 1 decreases as h to h^2.
 _ORDER = {1: 1.2, 2: 1.5}
@@ -209,8 +209,8 @@ class LevelRow:
         What they are: "time" or "load".
     steps_have_no_order : bool
         Whether the changes of a goal by more steps do not decrease, so that there is no estimate.
-    untouched : list of str
-        The forces of contact that do not count, as nothing touches.
+    untouched : dict of str
+        The lines of forces of contact that do not count, as nothing touches, or only begins to.
     left_out : list of str
         What the errors do not include.
     """
@@ -230,7 +230,7 @@ class LevelRow:
     steps: int = 0
     kind: str = "time"
     steps_have_no_order: bool = False
-    untouched: list[str] = field(default_factory=list)
+    untouched: dict[str, str] = field(default_factory=dict)
     left_out: list[str] = field(default_factory=list)
 
 
@@ -536,7 +536,7 @@ class Levels:
         )
         shown = {name: goal for name, goal in row.goals.items() if not goal.is_zero}
         lines = [head, *(self._line(name, goal) for name, goal in shown.items())]
-        lines += [f"  {no_contact_text(name)}" for name in row.untouched]
+        lines += [f"  {line}" for line in row.untouched.values()]
         return [*lines, *(f"  {text}" for text in (row.where, row.doubt, *row.left_out) if text)]
 
     def _line(self, name: str, goal: GoalLevel) -> str:
@@ -559,7 +559,7 @@ class Levels:
             "limit": self.limit or None,
             "worst": self.worst[0] if self.worst else None,
             "relative": self.worst[1] if self.worst else None,
-            "without_contact": self.rows[-1].untouched if self.rows else [],
+            "without_contact": list(self.rows[-1].untouched) if self.rows else [],
             "left_out": self.rows[-1].left_out if self.rows else [],
             "small": [n for n, g in self.rows[-1].goals.items() if g.small] if self.rows else [],
             "levels": [
