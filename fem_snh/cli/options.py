@@ -29,7 +29,7 @@ SCENE_OPTIONS = (
     ("material", "NAME", "energy density; `fem-snh materials` lists them"),
     ("E", "X", "Young's modulus [Pa]"),
     ("nu", "X", "Poisson's ratio, in (-1, 0.5]"),
-    ("cells", "N", "resolution of a built-in geometry"),
+    ("cells", "N", "resolution of a built-in geometry or an .xao file"),
     ("element", "E", f"{', '.join(ELEMENTS)}; P tetrahedra, Q hexahedra"),
     ("quadrature", "N", "polynomial degree that is integrated exactly; default: the element's"),
     ("hessian", "H", f"{', '.join(HESSIANS)}; default: {DEFAULT_HESSIAN}"),

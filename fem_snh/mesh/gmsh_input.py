@@ -66,7 +66,7 @@ def read(path: str) -> MeshData:
     """Read a .msh file. Raises BadInput and OSError."""
     with open_file(path) as file:
         if not file.read(max(map(len, _HEADERS))).startswith(_HEADERS):
-            raise BadInput("this is not a gmsh .msh file")
+            raise BadInput("this is not a gmsh .msh file; an exact geometry is an .xao file")
         size = os.fstat(file.fileno()).st_size
     # gmsh executes the file of options m.msh.opt beside m.msh: there is none in a folder of its own
     with TemporaryDirectory(prefix="fem_snh-") as folder:
