@@ -52,7 +52,7 @@ QUICK = {
     f"{BENCH} squash": "--cells 20 --frames 1",
     f"{BENCH} stretch_times": "--cells 3 --ways ours --steps 1 --ranks 1 --timeout 60",
     f"{BENCH} taylor_hood": "--elements Q2Q1 --scenes stretch --nus 0.3 --cells 4",
-    f"{BENCH} time_to_accuracy": "--cases bracket --shares 0.2 --ways adaptive",
+    f"{BENCH} time_to_accuracy": "--cases bracket --shares 0.2 --ways adaptive --timeout 4",
     f"{BENCH} twist": "--cells 2",
     f"{BENCH} ufl_filter": "--elements Q1 --cells 2 --amplitude 0.02 --repeat 1",
     f"{BENCH} locking": "--scenes cook --elements Q1 --nus 0.499 --cells 2",

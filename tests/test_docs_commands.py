@@ -126,8 +126,12 @@ def quick_commands() -> list[str]:
             options = benchmark_options(words[3:]) | benchmark_options(["", *QUICK[key].split()])
             words = [*words[:4], *(w for k, v in sorted(options.items()) for w in (f"--{k}", v))]
         else:
+            quick = QUICK[key].split()
+            for option in quick[::2]:  # its first value does not count
+                while option.startswith("--") and option in words:
+                    del words[(at := words.index(option)) : at + 2]
             at = words.index("--") if "--" in words else len(words)
-            words[at:at] = QUICK[key].split()
+            words[at:at] = quick
         found[shlex.join(words)] = None
     return list(found)
 
