@@ -51,6 +51,21 @@ def test_the_error_of_the_mesh_is_the_difference_to_the_lifted_element(estimated
     assert estimated.record["estimate"]["element"] == "Q2Q1"
 
 
+def test_the_lifted_element_is_the_first_that_fits():
+    """A mass on a spring: nu = 0 and the energy of stretches have no unknown pressure."""
+    material = scenes.MaterialChoice(name="hencky", E=1e6, nu=0.0, density=1.0)
+    spring = scenes.Spring(group="bottom", stiffness=(0.0, 0.0, 100.0))
+    sides = [Hold(group=group, components=("x", "y")) for group in ("top", "bottom")]
+    keys = {"material": material, "spring": [spring], "hold": sides, "probe": TIP}
+    start = scenes.Start(velocity=(0, 0, 0.1))
+    time = {"duration": 0.1, "steps": 16}
+    found = solve(in_time(time, start=start, accuracy=GOALS, **keys))
+    assert found.record["estimate"]["element"] == "Q2"
+    goal = found.goals["tip.z"]
+    exact = 0.01 * np.sin(1.0)
+    assert abs(goal["corrected"] - exact) < 1e-5 < abs(exact)
+
+
 def test_steps_whose_order_is_not_measured_say_so(estimated):
     """Half of 14 steps, or of 5, has no half, or too few steps."""
     assert estimated.record["estimate"]["left_out"] == []

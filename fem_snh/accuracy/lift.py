@@ -93,6 +93,10 @@ class NoEstimate(Exception):
     """There is no estimate of the error; the text says why in one line."""
 
 
+class ElementDoesNotFit(NoEstimate):
+    """The problem cannot have this element; another one may do."""
+
+
 class NoEstimateOnAnyMesh(NoEstimate):
     """There is none for a reason that a finer mesh does not change."""
 

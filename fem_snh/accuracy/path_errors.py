@@ -28,6 +28,7 @@ from fem_snh.accuracy.estimate import (
 from fem_snh.accuracy.frequency_goals import FrequencyGoal
 from fem_snh.accuracy.goals import Goal, names_of
 from fem_snh.accuracy.lift import (
+    ElementDoesNotFit,
     NoEstimate,
     check_body,
     check_memory,
@@ -170,7 +171,7 @@ def _errors(
     check_body(problem)
     if motion and steps < _FEWEST_STEPS:
         raise NoEstimate(f"{steps} time steps: expected at least {_FEWEST_STEPS}")
-    element = _lifted_element(problem)
+    element, *others = _lifted_elements(problem)
     found.element, found.dofs = element.name, lifted_dofs(problem, element)
     found.memory, found.again = memory(problem, element), ceil(steps / 2) if steps > 1 else 2
     announce(found)
@@ -220,7 +221,16 @@ def _errors(
         found.goals[name] = replace(found.goals[name], steps_bound=float(bound), reason=reason)
     if all(found.goals[name].reason for name in names_of(goals)):
         return {_source(problem): steps_error}
-    parts = {_source(problem): steps_error, "mesh": follow(on, element).values - coarse.values}
+    lifted = None
+    while lifted is None:
+        try:
+            lifted = follow(on, element)
+        except ElementDoesNotFit:
+            if not others:
+                raise
+            element, *others = others
+            found.element = element.name
+    parts = {_source(problem): steps_error, "mesh": lifted.values - coarse.values}
     if problem.scale_penalties(1.0):  # there are some
         parts["penalty"] = penalty_part(coarse.values, follow(on, stiffer=STIFFER).values)
         if motion:
@@ -243,15 +253,15 @@ def _source(problem: Problem) -> str:
     return TIME_STEPS if problem.motion else LOAD_STEPS
 
 
-def _lifted_element(problem: Problem) -> Element:
-    """Return the element of the lifted runs.
+def _lifted_elements(problem: Problem) -> list[Element]:
+    """Return the elements of the lifted runs, of which the first one that fits is taken.
 
     Where the elements do not lock, one of degree 3 without a pressure: its matrix is definite, and
     each of many steps costs a fraction.
     """
     elements = list(lifted_elements(problem))
     definite = elements[-1].volume == problem.element.volume == "pointwise"
-    return elements[-1] if definite and problem.element.degree > 1 else elements[0]
+    return elements[-1:] if definite and problem.element.degree > 1 else elements
 
 
 def resolved_penalty(by_stiffer: npt.NDArray[Any], by_softer: npt.NDArray[Any]) -> npt.NDArray[Any]:

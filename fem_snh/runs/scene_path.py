@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from fem_snh import scenes
 from fem_snh.accuracy.goals import Goal
-from fem_snh.accuracy.lift import NoEstimate
+from fem_snh.accuracy.lift import ElementDoesNotFit, NoEstimate
 from fem_snh.accuracy.path_errors import Followed, end_of
 from fem_snh.assembly.elements import Element
 from fem_snh.errors import BadInput
@@ -49,7 +49,7 @@ class ScenePath:
                 stiffer=setup.stiffer * stiffer,
             )
         except BadInput as error:  # a material without a volume term of its own
-            raise NoEstimate(f"{name} does not fit: {error}") from None
+            raise ElementDoesNotFit(f"{name} does not fit: {error}") from None
         try:
             return end_of(again.stepper, again.problem, goals, f"with {steps} steps of {name}")
         finally:

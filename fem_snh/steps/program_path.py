@@ -12,7 +12,7 @@ import numpy.typing as npt
 from fem_snh import _dolfinx, solver
 from fem_snh._petsc import default_options
 from fem_snh.accuracy.goals import Goal
-from fem_snh.accuracy.lift import NoEstimate, depends_on_path
+from fem_snh.accuracy.lift import ElementDoesNotFit, NoEstimate, depends_on_path
 from fem_snh.accuracy.path_errors import Followed, end_of
 from fem_snh.assembly.elements import Element
 from fem_snh.errors import BadInput
@@ -134,7 +134,7 @@ class ProgramPath:
             try:
                 return self._followed(steps, goals, chosen, choice, stiffer)
             except BadInput as error:  # a material without a volume term, a term of its own
-                raise NoEstimate(f"{chosen.name} does not fit: {error}") from None
+                raise ElementDoesNotFit(f"{chosen.name} does not fit: {error}") from None
             finally:
                 self._load(1.0)
 
