@@ -278,26 +278,27 @@ def test_a_rotation_of_some_components_is_said(axis, components, left):
 
 
 @pytest.mark.parametrize(
-    ("integrator", "friction"), [("newmark", 0.3), ("newmark", 0), ("bdf2", 0.3)]
+    ("integrator", "friction"), [("newmark", 0.3), ("newmark", 0), ("bdf2", 0)]
 )
 def test_a_motion_that_gains_energy(integrator, friction):
-    """The block rocks as it slides: friction of a step's start acts in half of it, reversed or not.
+    """The block rocks: forces of a step's start act in half of it, also where contact ends.
 
-    Its energy was doubled within 12 steps, and it left the ground, without a word.
+    Its energy is nearly doubled within 12 steps. With friction the contact has a mean force.
     """
     floor = {"name": "floor", "shape": {"plane": {}}, "friction": friction}
     tables = {
         "cells": 1,
         "material": MaterialChoice(name="stable_neo_hookean", E=1e6, nu=0.3, density=1000.0),
         "gravity": DOWN,
-        "start": Start(velocity=(1, 0, 0)),
+        "start": Start(velocity=(1, 0, 0), angular_velocity=(0, 1, 0)),
         "obstacle": [Obstacle.model_validate(floor)],
     }
     time = {"duration": 1.2, "steps": 12, "integrator": integrator}
     result = solve(in_time(time, **tables), MPI.COMM_SELF)
     notes = [note for note in result.notes if note["kind"] == "energy"]
-    assert len(notes) == (integrator == "newmark" and friction > 0)
+    assert len(notes) == (integrator == "newmark" and not friction)
     for note in notes:
         row = result.steps[note["step"]]
-        assert note["gained"] > row["energy"] + row["dissipated"] - 500 - 1e-6 > 0
+        start = 500 + 500 / 6  # of the translation, and of the rotation about the centre
+        assert note["gained"] == pytest.approx(row["energy"] - start, rel=1e-6)
         assert f"the energy rises by {note['gained']:.3g} J that no load gives" in note["text"]

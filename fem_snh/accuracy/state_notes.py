@@ -214,8 +214,9 @@ def instability_note(
 def energy_note(steps: Mapping[int, Mapping[str, Any]]) -> Note | None:
     """Return a note if a motion gains energy that no load gave it.
 
-    Newmark's method has the friction of a step's start in half of it, also where sliding reverses:
-    time steps that do not resolve that give the body any velocity.
+    Second-order methods have the contact forces of a step's start in half of it, also where contact
+    ends within it: time steps that do not resolve that give the body any velocity. Newmark's method
+    has contact with friction by its mean over the step, which does not.
 
     Parameters
     ----------

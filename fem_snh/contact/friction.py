@@ -180,9 +180,9 @@ class Friction:
         energies = stress * (length - 0.5 * stress / k)
         return float((self._weights * energies).sum())
 
-    def add_gradient(self, u: Array, r: Array) -> None:
-        """Add the energy's derivative [N] to nodal vectors (nodes, 3)."""
-        forces = self._weights[..., None] * self._forces(self._trial(u))
+    def add_gradient(self, u: Array, r: Array, weight: float = 1.0) -> None:
+        """Add the energy's derivative [N], times a weight, to nodal vectors (nodes, 3)."""
+        forces = weight * self._weights[..., None] * self._forces(self._trial(u))
         self._surface.add_vectors(forces, self._which, r)
 
     def force(self, u: Array) -> Array:
@@ -199,7 +199,8 @@ class Friction:
         .. math:: \sum_q w_q \left[w\, t_1 + (1 - w)\, t_0\right] \cdot (s - t_1 / k_t)
 
         with the frictional stresses t at the start and the end of the step, the weight w of the
-        latter, and the plastic part :math:`s - t_1 / k_t` of the slip.
+        latter (1 where the step has them as their mean), and the plastic part
+        :math:`s - t_1 / k_t` of the slip.
         """
         k, slip = self._stiffness[self._which, None, None], self._trial(u)
         forces = self._forces(slip)

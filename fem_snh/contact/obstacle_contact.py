@@ -154,6 +154,17 @@ class ObstacleContact:
         for pair in self.pairs:
             pair.set_load(load)
 
+    @property
+    def has_mean_forces(self) -> bool:
+        """Whether an obstacle has friction: see `MeanForceTerm`."""
+        return bool(self._frictions)
+
+    def weight_mean_forces(self, weight: float | None) -> None:
+        """Set the weight of the contact with friction: see `MeanForceTerm`."""
+        for pair in self.pairs:
+            if pair.friction:
+                pair.weight_mean_forces(weight)
+
     def scale_penalties(self, factor: float) -> bool:
         """Multiply the stiffness of penalties; return whether there are any."""
         return any([pair.law.scale_penalty(factor) for pair in self.pairs])
@@ -184,7 +195,7 @@ class ObstacleContact:
             target.add_matrices(cells, matrices)
             count += filtered
             if pair.friction:
-                target.add_matrices(*pair.friction.matrices(values))
+                target.add_matrices(*pair.friction_matrices(values))
         return count
 
     def record(self, u: PETSc.Vec) -> dict[str, dict[str, dict[str, Any]]]:
@@ -270,7 +281,7 @@ class ObstacleContact:
             at = pair.points(values)
             changes += pair.law.settle(*at[:3])
             if pair.friction:
-                ratio = pair.friction.settle(at, self.comm, _SETTLED)
+                ratio = pair.friction.settle(pair.points_of_step(values), self.comm, _SETTLED)
                 what = f"obstacle '{c.name}': the change of friction's normal forces"
                 changes.append(LaggedChange(ratio, what))
         return largest_change(changes)

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh.contact.friction import ContactPoints, Friction
-from fem_snh.contact.law import ContactLaw
+from fem_snh.contact.law import ContactLaw, mean_pressure
 from fem_snh.contact.surface_quadrature import (
     FINE_INTERVALS,
     GRID_INTERVALS,
@@ -160,6 +160,9 @@ class ObstaclePair:
         The parameters.
     load : float
         The load at which the obstacle is.
+    mean_weight : float or None
+        Weight of the energy of a step's mean forces, in place of that of the present ones: see
+        `fem_snh.terms.history.MeanForceTerm`.
     linearised : bool
         Whether steps are linearised at their start. Points in contact there then stay on the linear
         branch :math:`p = \ell - k g` in the linearisation: where an obstacle recedes by more than
@@ -177,11 +180,16 @@ class ObstaclePair:
     ) -> None:
         self.surface, self.obstacle, self.law, self.friction = surface, obstacle, law, friction
         self.load, self.linearised = 0.0, False
+        self.mean_weight: float | None = None
         self._near = NearFacets(surface, X, self.distance, facets, self._material)
         #: Displacement at the start of a linearised step; its facets and points in contact.
         self._start: tuple[Array, Array, Array] | None = None
         #: The load at the start of the step, and the forces of an obstacle that moves.
         self._before: tuple[float, PointForces | None] = 0.0, None
+        #: The displacement at the start of the step, and the facets that touch there; facets, and
+        #: the gaps of their points there.
+        self._from: tuple[Array, Array] = np.zeros_like(X), np.empty(0, int)
+        self._start_gaps: tuple[Array, Array] | None = None
         #: The last displacement, and what `_evaluate` returned for it.
         self._gaps: tuple[Array, tuple[Array, Array, Array, Array]] | None = None
 
@@ -202,8 +210,15 @@ class ObstaclePair:
             self._start, self._gaps = (u.copy(), at.which, at.pressure > 0), None
         if self.friction:
             self.friction.begin_step(u, self.load, self.points(u))
+        self._from, self._start_gaps = (u.copy(), self.points(u).which), None
         moves = self.obstacle.motion is not None
         self._before = self.load, self._forces(u, self.points(u).acting) if moves else None
+
+    def weight_mean_forces(self, weight: float | None) -> None:
+        """Set ``mean_weight``."""
+        if (weight is None) != (self.mean_weight is None):
+            self._gaps = None
+        self.mean_weight = weight
 
     def end_step(self, u: Array) -> None:
         """Accept a step that ends at nodal displacements ``u`` (nodes, 3)."""
@@ -217,9 +232,11 @@ class ObstaclePair:
         """Return the obstacle's work in a step, and what friction dissipated, on this rank [J].
 
         The arguments are those of `fem_snh.terms.history.WorkingTerm`. The forces of a step that is
-        linearised at its start are those of the linearisation.
+        linearised at its start are those of the linearisation; mean forces have no other weight.
         """
         work, (load, before) = 0.0, self._before
+        if self.mean_weight is not None:
+            end_weight = 1.0
         if before is not None:
             after = self._forces(u, self._end_pressure(u))
             for weight, at in ((end_weight, after), (1 - end_weight, before)):
@@ -261,13 +278,30 @@ class ObstaclePair:
             curvature[touching],
         )
 
+    def points_of_step(self, u: Array) -> ContactPoints:
+        """Return the points with the pressures of the step: at its end, or mean ones."""
+        if self.mean_weight is None:
+            return self.points(u)
+        near, gap, normal, curvature = self._evaluate(u)
+        return ContactPoints(near, gap, self._mean(u)[1], normal, curvature)
+
+    def _mean(self, u: Array) -> tuple[Array, ...]:
+        """Return `mean_pressure` at the points of the near facets."""
+        near, gap, _, _ = self._evaluate(u)
+        if self._start_gaps is None or not np.array_equal(self._start_gaps[0], near):
+            x = self.surface.positions(self._from[0], near).reshape(-1, 3)
+            before = self.obstacle.evaluate(x, self._before[0])[0]
+            self._start_gaps = near, before.reshape(gap.shape)
+        k = np.broadcast_to(self.law.stiffness[near], gap.shape)
+        return mean_pressure(k, self.law.multipliers[near], self._start_gaps[1], gap)
+
     def _end_pressure(self, u: Array) -> tuple[Array, Array, Array]:
         """Return facets, pressures and normals at a step's end, as the step's solution has them.
 
         In a linearised step these are the points in contact at its start, on the linear branch.
         """
         if not self._start:
-            return self.points(u).acting
+            return self.points_of_step(u).acting
         near, gap, normal, _ = self._evaluate(u)
         which = self._start[1]
         rows = np.searchsorted(near, which)
@@ -285,6 +319,8 @@ class ObstaclePair:
         near = self._near.at(u)
         if self._start:
             near = np.union1d(near, self._start[1])
+        if self.mean_weight is not None:
+            near = np.union1d(near, self._from[1])
         x = self.surface.positions(u, near)
         gap, normal, curvature = self.obstacle.evaluate(x.reshape(-1, 3), self.load)
         found = near, gap.reshape(x.shape[:2]), normal.reshape(x.shape)
@@ -312,17 +348,21 @@ class ObstaclePair:
 
     def energy(self, u: Array) -> float:
         """Return the energy of this rank's facets [J]."""
+        friction = self.friction.energy(u) if self.friction else 0.0
+        if self.mean_weight is not None:
+            near, energies = self._evaluate(u)[0], self._mean(u)[0]
+            mean = float((self.surface.weights[near] * energies).sum())
+            return self.mean_weight * (mean + friction)
         at = self.points(u)
-        energy = self.law.energy(at.which, at.pressure)
-        return energy + (self.friction.energy(u) if self.friction else 0.0)
+        return self.law.energy(at.which, at.pressure) + friction
 
     def add_gradient(self, u: Array, r: Array) -> None:
         """Add the energy's derivative [N] to nodal vectors (nodes, 3)."""
-        at = self.points(u)
-        forces = (self.surface.weights[at.which] * at.pressure)[..., None] * at.normal
+        at, weight = self.points_of_step(u), self._weight
+        forces = weight * (self.surface.weights[at.which] * at.pressure)[..., None] * at.normal
         self.surface.add_vectors(-forces, at.which, r)
         if self.friction:
-            self.friction.add_gradient(u, r)
+            self.friction.add_gradient(u, r, weight)
 
     def force(self, u: Array) -> Array:
         """Return the force on this rank's facets, friction included [N], (3,)."""
@@ -333,16 +373,29 @@ class ObstaclePair:
 
     def matrices(self, u: Array, filter: str) -> tuple[Array, Array, int]:
         """Return cells, their filtered matrices [N/m], and the number of filtered points."""
-        at = self.points(u)
+        at = self.points_of_step(u)
         stiffness = np.where(at.pressure != 0, self.law.stiffness[at.which], 0.0)
+        if self.mean_weight is not None:
+            stiffness = self._mean(u)[2]
         curved = -at.pressure[..., None, None] * at.curvature
         some = curved.any(axis=(-2, -1))  # most obstacles are flat, most points without contact
         curved[some], count = filter_matrices(curved[some], filter)
         normal = at.normal
         products = normal[..., :, None] * normal[..., None, :]
         hessian = stiffness[..., None, None] * products + curved
-        hessian *= self.surface.weights[at.which][..., None, None]
+        hessian *= self._weight * self.surface.weights[at.which][..., None, None]
         return self.surface.cells[at.which], self.surface.cell_matrices(hessian, at.which), count
+
+    def friction_matrices(self, u: Array) -> tuple[Array, Array]:
+        """Return cells and their matrices of friction [N/m]."""
+        assert self.friction
+        cells, matrices = self.friction.matrices(u)
+        return cells, self._weight * matrices
+
+    @property
+    def _weight(self) -> float:
+        """The weight of the energy."""
+        return 1.0 if self.mean_weight is None else self.mean_weight
 
 
 def obstacle_work(obstacle: MovingShape, at: PointForces, start: float, end: float) -> float:

@@ -386,7 +386,7 @@ def restore_motion(
     comm = problem.comm
     columns = comm.bcast(None if values is None else values.shape[1])
     own = scatter_rows(comm, values, (len(problem.coordinates), columns))
-    dynamics.set_history(own, about)
+    dynamics.set_history(problem, own, about)
 
 
 def gather_terms(problem: Problem) -> dict[str, Array]:

@@ -124,7 +124,7 @@ class TimeSteps:
 
     def cancel_step(self) -> None:
         """End a step that failed, with the state at its start."""
-        self.dynamics.cancel_step()
+        self.dynamics.cancel_step(self._problem)
 
     def _inertial_force(self) -> float:
         """Return the norm of M a [N]."""

@@ -75,6 +75,26 @@ class WorkingTerm(Protocol):
 
 
 @runtime_checkable
+class MeanForceTerm(Protocol):
+    """A term with forces that a step in time has as means over the step: contact with friction.
+
+    Attributes
+    ----------
+    has_mean_forces : bool
+        Whether there are any.
+    """
+
+    @property
+    def has_mean_forces(self) -> bool: ...
+
+    def weight_mean_forces(self, weight: float | None) -> None:
+        """Let the energy's part of these forces be that of the step's mean, times a weight.
+
+        None: that of the present forces, as between steps.
+        """
+
+
+@runtime_checkable
 class RecordedTerm(Protocol):
     """A term that reports scalars of a step."""
 

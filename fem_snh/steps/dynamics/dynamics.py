@@ -21,7 +21,7 @@ from fem_snh.assembly.regions import Region
 from fem_snh.choices import MASSES
 from fem_snh.errors import BadInput, bad_value, check_number, on_every
 from fem_snh.problem.problem import Problem
-from fem_snh.steps.dynamics.force_balance import ForceBalance
+from fem_snh.steps.dynamics.force_balance import ForceBalance, MeanForces
 from fem_snh.steps.dynamics.integrators import Affine, Before, MotionState, StepFormulas, create
 from fem_snh.steps.dynamics.measures import motion_measures, total_energy, work_of_loads
 from fem_snh.steps.dynamics.prescribed import PrescribedMotion
@@ -116,8 +116,10 @@ class Dynamics:
         self._first_energy: float | None = None
         self._before: Before | None = None
         self._rigid: EliminatingTerm | None = None
+        #: The part of the acceleration by mean forces, if the step has any (local dofs,).
+        self._by_means: Array | None = None
         self._step: _Step  # set by begin_step
-        #: Damping forces, and all forces but those of inertia, at the last state (owned dofs,).
+        #: Damping forces, and all forces but inertia and means, at the last state (owned dofs,).
         self._damping: Array
         self._forces: Array
 
@@ -158,6 +160,10 @@ class Dynamics:
         self._damping = balance.damping_forces(v)
         self._forces = balance.other_forces(problem) + self._damping
         self.a.x.array[:] = balance.acceleration(problem, self._forces, motion.a)
+        self._by_means = None
+        if means := self._mean_forces(problem, None):
+            self._by_means = means.acceleration
+            self._forces = self._forces - means.forces
         balance.set_motion(self.a.x.array, self._damping)
         if problem.has_energy:
             self._first_energy = total_energy(self.energies(problem))
@@ -170,7 +176,7 @@ class Dynamics:
         """
         h = (load - problem.load) * self._duration
         u = np.array(local_values(problem.split(problem.x)[0]))
-        state = MotionState(u, self.v.x.array.copy(), self.a.x.array.copy(), self._before)
+        state = MotionState(u, self.v.x.array.copy(), self._smooth_acceleration(), self._before)
         formulas = self.integrator.formulas(h, state)
         project = self._motion.project
         spacing = -_SPACING * (load - problem.load)
@@ -186,9 +192,12 @@ class Dynamics:
         inertia.set_values(project, motion.u, motion.a + formulas.old_forces * state.a)
         constant = formulas.old_forces * self._old_forces() if formulas.old_forces else None
         balance.set_step(inertia, formulas.velocity, constant)
+        if self.integrator.has_mean_forces:
+            balance.weight_mean_forces(problem, new / formulas.gamma)
 
-    def cancel_step(self) -> None:
+    def cancel_step(self, problem: Problem) -> None:
         """End a step that failed: the problem is again at the step's start. Collective."""
+        self._balance.weight_mean_forces(problem, None)
         self._set_motion()
 
     def end_step(self, problem: Problem) -> None:
@@ -196,6 +205,8 @@ class Dynamics:
         h, load, state, formulas = self._step
         u = np.array(local_values(problem.split(problem.x)[0]))
         v, a = formulas.velocity(u), formulas.acceleration(u)
+        if means := self._mean_forces(problem):
+            a -= means.acceleration / formulas.gamma
         if self._rigid and not self.integrator.shift:  # else they are of other times than the pose
             self._rigid.make_rigid(problem.x, self.mass, v, a)
         weight, moved = self.integrator.end_weight, (u - state.u)[: self.mass.num_owned]
@@ -205,6 +216,8 @@ class Dynamics:
             self.dissipated += problem.comm.allreduce(float(mean @ moved))
         work, lost = work_of_loads(problem, state.u, load, weight, self.terms)
         self.work, self.dissipated = self.work + work, self.dissipated + lost
+        if means:
+            balance.weight_mean_forces(problem, 0.0)
         if self._needs_forces:
             forces = balance.other_forces(problem) + damping
             if self._moves:
@@ -212,6 +225,8 @@ class Dynamics:
                 new = self._acceleration(a, formulas.old_acceleration)
                 mean = weight * (forces + balance.inertial_forces(new))
                 mean += (1 - weight) * (self._forces + balance.inertial_forces(old))
+                if means:
+                    mean += means.forces + balance.inertial_forces(means.acceleration)
                 work = problem.dirichlet.work(mean, moved)
                 if self._rigid:
                     of_parts = self._rigid.dofs
@@ -220,6 +235,11 @@ class Dynamics:
             self._forces = forces
         self._damping = damping
         self.v.x.array[:], self.a.x.array[:] = v, a
+        self._by_means = None
+        if means:
+            self._by_means = means.acceleration
+            self.a.x.array[:] += means.acceleration
+            balance.weight_mean_forces(problem, None)
         self._before = Before(h, state.u, state.v, formulas.old_acceleration)
         self._set_motion()
 
@@ -233,6 +253,9 @@ class Dynamics:
         new, old = formulas.error
         u = np.array(local_values(problem.split(problem.x)[0]))
         error = new * formulas.acceleration(u) + old * formulas.old_acceleration
+        if means := self._mean_forces(problem):
+            error += new * (1 - 1 / formulas.gamma) * means.acceleration
+            error += old * (self.a.x.array - self._smooth_acceleration())
         self._motion.project(error)
         return float(np.sqrt(self.mass.dot(error, error) / self.mass.total))
 
@@ -255,17 +278,28 @@ class Dynamics:
         return found
 
     def _old_forces(self) -> Array:
-        """Return all forces but those of inertia at the step's start, (owned dofs,). Collective.
+        """Return the forces at the step's start that are in its balance, (owned dofs,). Collective.
 
         On nodes of rigid parts they include those that keep the parts rigid: they turn, and are in
         balance at each end of the step, but not their mean (Arnold & Brüls 2007).
         """
         if not self._rigid:
             return self._forces
-        a = self._acceleration(self.a.x.array, self._before and self._before.a)
+        a = self._acceleration(self._smooth_acceleration(), self._before and self._before.a)
         forces, dofs = self._forces.copy(), self._rigid.dofs
         forces[dofs] = -self._balance.inertial_forces(a)[dofs]
         return forces
+
+    def _mean_forces(self, problem: Problem, weight: float | None = 1.0) -> MeanForces | None:
+        """Return the step's mean forces if the integrator has them. Collective."""
+        if not self.integrator.has_mean_forces:
+            return None
+        return self._balance.mean_forces(problem, weight)
+
+    def _smooth_acceleration(self) -> Array:
+        """Return a copy of the acceleration, without the part by mean forces."""
+        a: Array = self.a.x.array.copy()
+        return a if self._by_means is None else np.asarray(a - self._by_means)
 
     @property
     def _needs_forces(self) -> bool:
@@ -295,6 +329,8 @@ class Dynamics:
             about["step_before"] = self._before.size
             names = ("u_before", "v_before", "a_before")
             fields |= dict(zip(names, self._before[1:], strict=True))
+        if self._by_means is not None:
+            fields["by_means"] = self._by_means
         if self._balance.damping:
             fields["damping"] = self._damping
         if self._needs_forces:
@@ -303,7 +339,7 @@ class Dynamics:
         owned = [field[: self.mass.num_owned].reshape(-1, columns) for field in fields.values()]
         return np.concatenate(owned, axis=1), about | {"fields": list(fields)}
 
-    def set_history(self, values: Array, about: Mapping[str, Any]) -> None:
+    def set_history(self, problem: Problem, values: Array, about: Mapping[str, Any]) -> None:
         """Continue from what `history` returned, instead of `start`. Collective.
 
         Raises
@@ -315,13 +351,15 @@ class Dynamics:
         columns = np.hsplit(values, values.shape[1] // self._kinematics.components)
         for name, field in zip(about.get("fields", ()), columns):
             fields[name] = with_ghosts(V, field.ravel())
-        needed = {"v", "a", *(["damping"] if self._balance.damping else [])}
-        if not needed | ({"forces"} if self._needs_forces else set()) <= set(fields):
+        means = self.integrator.has_mean_forces and self._balance.has_mean_forces(problem)
+        optional = {"damping": self._balance.damping, "forces": self._needs_forces}
+        optional["by_means"] = means
+        if not {"v", "a", *(name for name, needed in optional.items() if needed)} <= set(fields):
             raise BadInput("the checkpoint is of an older version: start again with --overwrite")
         self.v.x.array[:], self.a.x.array[:] = fields["v"], fields["a"]
         self.dissipated, self.work = about["dissipated"], about["work"]
         self._first_energy = about.get("first_energy")
-        self._before = None
+        self._before, self._by_means = None, fields.get("by_means")
         if "u_before" in fields:
             motion = (fields[name] for name in ("u_before", "v_before", "a_before"))
             self._before = Before(about["step_before"], *motion)
@@ -332,7 +370,9 @@ class Dynamics:
 
     def _set_motion(self) -> None:
         """Make the problem's gradient the sum of all forces at the present state. Collective."""
-        a = self._acceleration(self.a.x.array, self._before and self._before.a)
+        a = self._acceleration(self._smooth_acceleration(), self._before and self._before.a)
+        if self._by_means is not None:
+            a = a + self._by_means
         self._balance.set_motion(a, self._damping)
 
     def _acceleration(self, a: Array, before: Array | None) -> Array:

@@ -5,7 +5,10 @@ The stiffness of damping turns with the cells: `cell_rotations` follows their sp
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+from mpi4py import MPI
 
 import numpy as np
 import numpy.typing as npt
@@ -21,9 +24,25 @@ from fem_snh.assembly.nodal_mass import NodalMass
 from fem_snh.problem.problem import Problem
 from fem_snh.steps.dynamics.integrators import Affine
 from fem_snh.steps.dynamics.motion_terms import Inertia, RayleighDamping
+from fem_snh.terms.history import MeanForceTerm
 from fem_snh.terms.term import Term
 
 Array = npt.NDArray[Any]
+
+
+class MeanForces(NamedTuple):
+    """Forces that a step has as their mean: see `fem_snh.terms.history.MeanForceTerm`.
+
+    Attributes
+    ----------
+    forces : (owned dofs,)
+        The forces [N], as those of other terms in the balance.
+    acceleration : (local dofs,)
+        The acceleration [m/s^2] that balances them alone.
+    """
+
+    forces: Array
+    acceleration: Array
 
 
 class ForceBalance:
@@ -115,14 +134,42 @@ class ForceBalance:
         """Return M a [N], (owned dofs,), of an acceleration (local dofs,). Collective."""
         return self._summed(self._mass.apply(a))
 
-    def other_forces(self, problem: Problem) -> Array:
-        """Return the forces f [N] of the other terms at the present state, (owned dofs,).
+    def other_forces(self, problem: Problem, terms: Sequence[Any] | None = None) -> Array:
+        """Return the forces f [N] of other terms at the present state, (owned dofs,). Collective.
 
-        Collective.
+        Default: of all terms but inertia and damping.
         """
         r = problem.x.duplicate()
-        problem.gradient(problem.x, r, [t for t in problem.terms if t not in self.terms])
+        if terms is None:
+            terms = [t for t in problem.terms if t not in self.terms]
+        problem.gradient(problem.x, r, terms)
         return np.array(r.array_r[: self._mass.num_owned])
+
+    def has_mean_forces(self, problem: Problem) -> bool:
+        """Return whether a term has mean forces."""
+        return bool(_mean_force_terms(problem))
+
+    def weight_mean_forces(self, problem: Problem, weight: float | None) -> None:
+        """Set the weight of the mean forces: see `MeanForceTerm`."""
+        for term in _mean_force_terms(problem):
+            term.weight_mean_forces(weight)
+
+    def mean_forces(self, problem: Problem, weight: float | None = 1.0) -> MeanForces | None:
+        """Return the mean forces of a step; None if no term has any. Collective.
+
+        The weight stays; None gives the present forces. The problem's matrix is overwritten.
+        """
+        if not (terms := _mean_force_terms(problem)):
+            return None
+        found = []
+        for factor in (0.0, weight):
+            self.weight_mean_forces(problem, factor)
+            found.append(self.other_forces(problem, terms))
+        forces = found[1] - found[0]
+        a: Array = np.zeros(_dolfinx.num_components(self._V) * sum(_dolfinx.num_nodes(self._V)))
+        if problem.comm.allreduce(bool(forces.any()), op=MPI.LOR):
+            a = self.acceleration(problem, forces, a)
+        return MeanForces(forces, a)
 
     def acceleration(self, problem: Problem, forces: Array, prescribed: Array) -> Array:
         """Return the acceleration that balances forces. Collective.
@@ -167,6 +214,11 @@ class ForceBalance:
         writable_values(vector)[:] = local
         add_ghosts(vector)
         return np.array(vector.array_r)
+
+
+def _mean_force_terms(problem: Problem) -> list[MeanForceTerm]:
+    """Return the terms of a problem that have mean forces."""
+    return [t for t in problem.terms if isinstance(t, MeanForceTerm) and t.has_mean_forces]
 
 
 #: Added to the inertia of a cell's nodes, relative to its trace: that of a line about itself

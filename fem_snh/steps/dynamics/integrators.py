@@ -73,7 +73,7 @@ class MotionState:
     Attributes
     ----------
     u, v, a : arrays
-        Displacement [m], velocity [m/s], acceleration [m/s^2].
+        Displacement [m], velocity [m/s], acceleration [m/s^2] by forces that are no means.
     before : Before or None
         The step before; None at the beginning.
     """
@@ -100,6 +100,9 @@ class StepFormulas:
         (k_1, k_0), the weights of a and a_0 in the balance of forces.
     old_forces : float
         kappa, the weight of the forces at the step's start.
+    gamma : float
+        Weight of a in v / h: a force of the whole step, F, changes v by F h, and u as much as an
+        a that does so.
     tangent : float
         The part of a step after which a body that turns steadily is where its ``velocity`` is
         tangent to its path: 1/2 for the difference (u - u_0) / h, a chord, and 1 for a velocity of
@@ -112,6 +115,7 @@ class StepFormulas:
     error: tuple[float, float]
     inertia: tuple[float, float] = (1.0, 0.0)
     old_forces: float = 0.0
+    gamma: float = 1.0
     tangent: float = 1.0
 
 
@@ -132,6 +136,8 @@ class Integrator(Protocol):
         Whether the balance of a step contains the forces at its start.
     shift : float
         How much later than a step's end its acceleration is, as a part of the step.
+    has_mean_forces : bool
+        Whether contact with friction enters the balance of a step by its mean over the step.
     """
 
     name: str
@@ -140,6 +146,7 @@ class Integrator(Protocol):
     end_weight: float
     uses_old_forces: bool
     shift: float
+    has_mean_forces: bool
 
     def formulas(self, h: float, state: MotionState) -> StepFormulas:
         """Return the formulas of a step of h seconds from a state."""
@@ -148,7 +155,8 @@ class Integrator(Protocol):
 class BackwardEuler:
     """v = (u - u_0) / h, a = (v - v_0) / h. Order 1; damps all frequencies."""
 
-    order, num_steps, end_weight, uses_old_forces, shift = 1, 1, 1.0, False, 0.0
+    order, num_steps, end_weight = 1, 1, 1.0
+    uses_old_forces, shift, has_mean_forces = False, 0.0, False
 
     def __init__(self, name: str = "backward_euler") -> None:
         self.name = name
@@ -168,7 +176,7 @@ class BDF2:
     """
 
     name, order, num_steps, end_weight = "bdf2", 2, 2, 1.0
-    uses_old_forces, shift = False, 0.0
+    uses_old_forces, shift, has_mean_forces = False, 0.0, False
 
     def formulas(self, h: float, state: MotionState) -> StepFormulas:
         """Return the formulas of a step."""
@@ -212,6 +220,8 @@ class GeneralizedAlpha:
         self._gamma = 0.5 - self.shift
         self._beta = (1 - self.shift) ** 2 / 4
         self.num_steps = 2 if self.shift else 1
+        # With algorithmic damping the work of a mean force is not the energy that it gives.
+        self.has_mean_forces = not self.shift
         self.uses_old_forces = alpha_f > 0
         # Newmark's forces are in balance at both ends: their work is that of the trapezoidal rule.
         self.end_weight = 1 - alpha_f if alpha_f else 0.5
@@ -241,6 +251,7 @@ class GeneralizedAlpha:
             (error, -error),
             ((1 - self._alpha_m) / weight, self._alpha_m / weight),
             self._alpha_f / weight,
+            gamma,
         )
 
 
