@@ -30,6 +30,7 @@ SAME_ON_EVERY_DEBIAN = frozenset(
         "locking",
         "materials",
         "motion_nonlinear",
+        "motion_with_friction",
         "movies",
         "names",
         "native_constants",

@@ -111,7 +111,8 @@ def test_mean_pressure():
             def at(gap, i=i, level=level):
                 return mean_pressure(k, np.array(level), start[i], np.asarray(gap))
 
-            kink = [level / k] if min(start[i], end[i]) < level / k < max(start[i], end[i]) else None
+            inside = min(start[i], end[i]) < level / k < max(start[i], end[i])
+            kink = [level / k] if inside else None
             work = quad(lambda g, at=at: float(at(g)[1]), end[i], start[i], points=kink)[0]
             assert energy[i] - at(start[i])[0] == pytest.approx(work, rel=1e-6, abs=1e-12)
             h = 1e-6
