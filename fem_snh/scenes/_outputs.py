@@ -152,7 +152,7 @@ Mesh = Annotated[
     | Annotated[Tetrahedra, Tag("of tetrahedra")]
     | Annotated[
         FilePath,
-        Expect("a gmsh, XDMF or XAO file or a built-in geometry"),
+        Expect("a gmsh file, an XDMF file or an XAO file, or a built-in geometry"),
         Tag("file"),
     ],
     Discriminator(_kind),
