@@ -46,6 +46,7 @@ SAME_ON_EVERY_DEBIAN = frozenset(
         "readme",
         "references",
         "reports",
+        "round_faces",
         "rubber",
         "scene_mistakes",
         "scene_moves",

@@ -39,6 +39,7 @@ from fem_snh.accuracy.saturation import cell_squares, saturation
 from fem_snh.accuracy.shape_surfaces import ShapeSurfaces, check_shapes, is_on_flesh
 from fem_snh.assembly.elements import Element
 from fem_snh.mesh.mesh import Mesh
+from fem_snh.mesh.round_faces import round_faces
 from fem_snh.problem.problem import Problem
 from fem_snh.solver import StepOutcome
 
@@ -356,7 +357,10 @@ class Estimate:
 
 
 def estimated(
-    problem: Problem, goals: Sequence[Goal], find: Callable[[Estimate], None]
+    problem: Problem,
+    goals: Sequence[Goal],
+    find: Callable[[Estimate], None],
+    mesh: Mesh | None = None,
 ) -> Estimate:
     """Return the goals of a problem with their errors, or why there are none. Collective.
 
@@ -368,10 +372,15 @@ def estimated(
         The goals.
     find : callable
         Adds the errors to the goals, or raises NoEstimate.
+    mesh : Mesh, optional
+        The mesh of a scene.
     """
     start, found = perf_counter(), Estimate(_without_errors(problem, goals))
     try:
         find(found)
+        faces = mesh.round_faces if mesh else None
+        faces = faces or round_faces(problem.domain, problem.kinematics.revolved)
+        found.left_out += filter(None, [faces.text])
     except NoEstimate as reason:
         found.reason = str(reason)
         found.on_no_mesh = isinstance(reason, NoEstimateOnAnyMesh)
@@ -475,7 +484,7 @@ def estimate_error(
             if where := place(problem, indicators, mesh):
                 found.places[name] = where
 
-    return estimated(problem, goals, find)
+    return estimated(problem, goals, find, mesh)
 
 
 def _find_errors(

@@ -329,9 +329,10 @@ class Levels:
         # Parts may cancel.
         size = sum(map(abs, goal.parts.values())) - steps if goal.parts else abs(error)
         of_steps = max(safety * steps, goal.steps_bound)
-        bound = safety * size + of_steps + goal.unsettled
+        unsettled = 0.0 if goal.steps_bound else goal.unsettled  # of steps it is their bound
+        bound = safety * size + of_steps + unsettled
         uncertainty = (safety - 1) * size + max((safety - 1) * steps, goal.steps_bound)
-        uncertainty += goal.unsettled
+        uncertainty += unsettled
         if before is not None and name in before.goals and row.fineness > before.fineness:
             last = before.goals[name]
             change = abs(corrected - last.corrected)

@@ -37,6 +37,7 @@ from fem_snh.accuracy.lift import (
     memory,
 )
 from fem_snh.assembly.elements import Element
+from fem_snh.mesh.mesh import Mesh
 from fem_snh.problem.problem import Problem
 from fem_snh.terms.term import LengthTerm
 
@@ -125,6 +126,7 @@ def estimate_on_path(
     path: Path,
     goals: Sequence[Goal],
     announce: Callable[[Estimate], None] = lambda estimate: None,
+    mesh: Mesh | None = None,
 ) -> Estimate:
     """Return the errors of goals at the end of a motion, or of load steps. Collective.
 
@@ -138,6 +140,8 @@ def estimate_on_path(
         The goals.
     announce : callable, optional
         Called with the cost, before the path is followed.
+    mesh : Mesh, optional
+        The mesh of a scene.
     """
 
     def find(found: Estimate) -> None:
@@ -156,7 +160,7 @@ def estimate_on_path(
             error = sum(own.values())
             found.goals[name] = replace(goal, error=error, parts=own, unsettled=unsettled)
 
-    return estimated(problem, goals, find)
+    return estimated(problem, goals, find, mesh)
 
 
 def _errors(

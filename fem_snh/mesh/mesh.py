@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from mpi4py import MPI
 
@@ -22,6 +22,9 @@ from fem_snh.files import is_shape
 from fem_snh.mesh import gmsh_input, xdmf_input
 from fem_snh.mesh.mesh_checks import check_geometry
 from fem_snh.mesh.skin import NodeCopies, Skin
+
+if TYPE_CHECKING:
+    from fem_snh.mesh.round_faces import RoundFaces
 
 #: Suffix of a mesh of which every rank reads its part.
 XDMF = ".xdmf"
@@ -78,6 +81,9 @@ class Mesh:
         Of a lattice, the surface of the body, which its cells carry.
     copies : NodeCopies or None
         Of a lattice, nodes at which other parts of the body lie than those of their cells.
+    round_faces : RoundFaces or None
+        Of a mesh whose cells were divided in place, what round faces would change
+        (`fem_snh.mesh.round_faces`); the smaller facets no longer show it.
     """
 
     domain: Any
@@ -87,6 +93,7 @@ class Mesh:
     fractions: np.ndarray | None = None
     skin: Skin | None = None
     copies: NodeCopies | None = None
+    round_faces: RoundFaces | None = None
 
     @property
     def dim(self) -> int:

@@ -47,7 +47,7 @@ def estimate_errors(
         from fem_snh.accuracy.path_errors import estimate_on_path
         from fem_snh.runs.scene_path import ScenePath
 
-        return estimate_on_path(problem, ScenePath(scene, setup), goals, announce)
+        return estimate_on_path(problem, ScenePath(scene, setup), goals, announce, setup.mesh)
 
     def choose(found: Estimate, names: Sequence[str]) -> Collection[str]:
         if fields:

@@ -10,7 +10,7 @@ followed again on each level, with shorter steps where their error is not small.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import ceil
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
@@ -29,6 +29,7 @@ from fem_snh.assembly.kinematics import kinematics_of
 from fem_snh.mesh.bisection import bisect
 from fem_snh.mesh.gmsh_input import MeshData
 from fem_snh.mesh.mesh import Mesh, cell_volumes, distribute, gather
+from fem_snh.mesh.round_faces import round_faces
 from fem_snh.mesh.size_field import size_field
 from fem_snh.notes import NOTES_ON_PATH
 from fem_snh.problem.problem import Problem
@@ -358,7 +359,11 @@ def _bisected(
             growth = max(_LEAST_GROWTH, growth * wanted / found)
         return refined
 
-    return scene, _with_target(comm, scene, level, estimate, finer, bisected)
+    mesh = _with_target(comm, scene, level, estimate, finer, bisected)
+    assert level.mesh is not None
+    revolved = kinematics_of(scene.kinematics).revolved
+    faces = level.mesh.round_faces or round_faces(level.mesh.domain, revolved)
+    return scene, replace(mesh, round_faces=faces)
 
 
 def _remeshed(

@@ -1,0 +1,104 @@
+"""What straight edges leave out of round faces: exact volumes, and the line that says it."""
+
+from __future__ import annotations
+
+from math import pi, sin
+
+import pytest
+from gmsh_files import gmsh_model
+from running import solve
+
+from mpi4py import MPI
+
+from fem_snh.mesh import mesh
+from fem_snh.mesh.round_faces import round_faces
+
+mpi = pytest.mark.mpi
+RING = """
+SetFactory("OpenCASCADE");
+Circle(1) = {0, 0, 0, 2};
+Circle(2) = {0, 0, 0, 1};
+Curve Loop(1) = {1};
+Curve Loop(2) = {2};
+Plane Surface(1) = {1, 2};
+Physical Surface("body") = {1};
+Physical Curve("inner") = {2};
+Physical Curve("outer") = {1};
+Mesh.MeshSizeMax = 0.5;
+"""
+SCENE = """
+mesh = "ring.msh"
+element = "P2"
+kinematics = "plane_strain"
+steps = 1
+reactions = ["inner"]
+[material]
+name = "stable_neo_hookean"
+E = 1.0
+nu = 0.3
+[[hold]]
+group = "outer"
+[[move]]
+group = "inner"
+translate = [0.1, 0, 0]
+"""
+
+
+@mpi
+@pytest.mark.parametrize(
+    ("source", "cell", "cells", "exact", "miss"),
+    [
+        ("cylinder", "hexahedron", 6, pi / 4, 0.02),
+        ("cylinder", "tetrahedron", 6, pi / 4, 0.02),
+        ("ball", "tetrahedron", 8, pi / 6, 0.03),
+    ],
+)
+def test_the_rest_of_a_round_body(source, cell, cells, exact, miss):
+    """Volume and what round faces add are the exact volume, but for a small part of these."""
+    comm = MPI.COMM_WORLD
+    body = mesh.generate(comm, source, cell, cells=cells)
+    whole, faces = mesh.volume(body.domain), round_faces(body.domain)
+    assert faces.removed == pytest.approx(0, abs=1e-12) and faces.added > 0.01
+    assert whole * faces.added == pytest.approx(exact - whole, rel=miss)
+
+
+@mpi
+@pytest.mark.parametrize(("source", "cell"), [("bracket", "tetrahedron"), ("cook", "hexahedron")])
+def test_plane_faces_are_complete(source, cell):
+    """Corners of 90 degrees, also re-entrant ones, are no round faces."""
+    body = mesh.generate(MPI.COMM_WORLD, source, cell)
+    assert sum(round_faces(body.domain)) == pytest.approx(0, abs=1e-12)
+    assert not round_faces(body.domain).text
+
+
+@pytest.fixture
+def ring(tmp_path):
+    """A scene whose ring has straight edges, 0.5 long."""
+    with gmsh_model(RING, tmp_path) as gmsh:
+        gmsh.model.mesh.generate(2)
+        gmsh.write(str(tmp_path / "ring.msh"))
+    (tmp_path / "ring.toml").write_text(SCENE)
+    return tmp_path / "ring.toml"
+
+
+def test_hollow_faces_have_too_much(ring):
+    """Both circles are regular polygons, the outer of which is inside of its circle."""
+    body = mesh.read(MPI.COMM_SELF, ring.parent / "ring.msh")
+    area, faces = mesh.volume(body.domain), round_faces(body.domain)
+    segments = []
+    for name, radius in (("outer", 2), ("inner", 1)):
+        angle = 2 * pi / body.group(name).count
+        segments.append(pi * radius**2 * (1 - sin(angle) / angle))
+    assert area == pytest.approx(3 * pi - segments[0] + segments[1], rel=1e-6)
+    assert faces.added * area == pytest.approx(segments[0], rel=0.03)
+    assert faces.removed * area == pytest.approx(segments[1], rel=0.03)
+
+
+def test_errors_say_what_straight_edges_leave_out(ring):
+    """On the cells of the file, and after their facets were divided."""
+    result = solve(str(ring), error=True)
+    (line,) = result.estimate.left_out
+    assert line.startswith("the errors do not include that of straight edges")
+    levels = solve(str(ring), **{"accuracy.within": 2e-4, "accuracy.goals": "inner.force.x"})
+    assert len(levels.record["accuracy"]["levels"]) > 1
+    assert levels.record["accuracy"]["left_out"] == [line]
