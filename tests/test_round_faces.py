@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from math import pi, sin
 
+from mpi4py import MPI
+
 import pytest
 from gmsh_files import gmsh_model
 from running import solve
-
-from mpi4py import MPI
 
 from fem_snh.mesh import mesh
 from fem_snh.mesh.round_faces import round_faces
