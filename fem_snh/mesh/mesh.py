@@ -259,7 +259,17 @@ def distribute(
 
     common, num_cells = on_root(comm, make_on_root)
     data = kept[0] if kept else common  # all ranks get the groups, only rank 0 the cells
-    domain = _dolfinx.create_mesh(comm, data.cells, data.x, common.cell, common.degree)
+    try:
+        domain = _dolfinx.create_mesh(comm, data.cells, data.x, common.cell, common.degree)
+    except RuntimeError as error:
+        if common.skin is None:
+            raise
+        # Its numbering counts a cell twice that has two faces in common with another one. Other
+        # ranks may go on: an exception that is not of all of them ends the program.
+        raise (BadInput if comm.size == 1 else RuntimeError)(
+            f"{what}: dolfinx cannot number these {num_cells:,} cells "
+            f"({str(error).rstrip('.')}): expected another size of cells"
+        ) from None
     check_geometry(domain, what, may_overlap=common.skin is not None)
     groups = tuple(_locate(domain, group) for group in common.groups)
     fractions = common.fractions
