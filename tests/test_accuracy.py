@@ -166,6 +166,12 @@ def test_decisions():
     levels.add(LevelRow("Q1P0", 1, 64, 500), Estimate(goals={"a": goal}))
     assert levels.rows[0].goals["a"].uncertainty == pytest.approx(0.4 * 0.008 + 0.001)
     assert not levels.reached
+    # The mesh stays if stiffer penalties alone will do.
+    for mesh, stays in ((0.008, True), (0.014, False)):
+        levels = Levels(0.01)
+        goal = GoalError(1.0, mesh + 0.02, 1.0, parts={"mesh": mesh, "penalty": 0.02})
+        levels.add(LevelRow("P2", 2, 64, 500), Estimate(goals={"a": goal}))
+        assert levels.mesh_suffices == stays and levels.stiffer_penalties() > 1
     # A component that is small beside the largest displacement is judged by that.
     levels = Levels(0.01)
     row = LevelRow("Q1P0", 1, 64, 500, 1.0, 1e6)

@@ -32,6 +32,8 @@ Array = npt.NDArray[Any]
 #: many times stiffer (with more, a level finds no equilibrium from the state of the last), and by a
 #: tolerance that is at most so many times smaller.
 _SMALL_PART, _PART_AIM, _MOST_SHORTER, _MOST_STIFFER, _MOST_TIGHTER = 0.25, 0.15, 4.0, 10.0, 1e4
+#: What the mesh adds to a bound, over the request, up to which it stays while others are reduced.
+_HALF = 0.5
 #: Bound of an error over its estimate, by the degree of the displacement: 1.27 is measured with
 #: degree 1 and 1.48 with degree 2, 1.75 in components that are small (docs/results/error.md). What
 #: the corrected value misses is the estimate times this, less one.
@@ -428,6 +430,8 @@ class Levels:
             return self._suffices("mesh")
         part = max(map(self._largest_part, ("mesh", "shape")))
         other = max(self._largest_part(source) for source in (*_STEPS, *_OTHERS))
+        if other > _SMALL_PART * self.asked and self._contribution("mesh") <= _HALF * self.asked:
+            return True
         return other > 0 and part <= _SMALL_PART * max(self.asked, other)
 
     @property
