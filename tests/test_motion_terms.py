@@ -197,7 +197,7 @@ def test_history_continues_a_motion(integrator):
             p, d = in_motion("Q1", integrator, started=False)
             x.copy(p.x)
             p.set_load(0.5)
-            d.set_history(values, scalars)
+            d.set_history(p, values, scalars)
         list(advance(p, d, equal_steps(4)[2:]))
         ends.append((p.x.array.copy(), *(f.x.array.copy() for f in (d.v, d.a)), d.energies(p)))
     for one, other in zip(*ends, strict=True):
