@@ -161,7 +161,7 @@ def read(comm: MPI.Comm, path: str | Path, cells: int = DEFAULT_CELLS) -> Mesh:
     """Read a gmsh .msh file: format 2.2 or 4.1, ASCII or binary, order 1 or 2. Collective.
 
     Of a file .xdmf every rank reads its part (`fem_snh.mesh.xdmf_input`). The shape of a file .xao
-    is meshed with simplices, so many ``cells`` along its longest extent, and at least 8 around a
+    is meshed with simplices, so many ``cells`` along its longest extent, and at least 12 around a
     circle.
 
     The cells are those of the highest dimension: volumes, or surfaces in the plane z = 0. All of
