@@ -17,7 +17,7 @@ from test_cavity import SYMMETRIC, shell
 import fem_snh
 from benchmarks.accuracy_cases import exact
 from fem_snh import _dolfinx, scenes
-from fem_snh.accuracy.estimate import Estimate, GoalError
+from fem_snh.accuracy.goal_errors import Estimate, GoalError
 from fem_snh.accuracy.levels import LevelRow, Levels, target_volumes
 from fem_snh.cli import main
 from fem_snh.mesh import mesh as meshes

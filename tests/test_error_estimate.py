@@ -18,7 +18,7 @@ from test_cavity import SYMMETRIC, shell
 import fem_snh
 from benchmarks.accuracy_cases import exact as exact_value
 from fem_snh import scenes
-from fem_snh.accuracy.estimate import GoalError
+from fem_snh.accuracy.goal_errors import GoalError
 from fem_snh.accuracy.lift import lifted_elements
 from fem_snh.accuracy.saturation import saturation
 from fem_snh.errors import BadInput

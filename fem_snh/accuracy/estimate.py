@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
-from math import floor, hypot, inf, log10
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import replace
+from math import hypot, inf
 from time import perf_counter
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from fem_snh.accuracy.budget import algebra_errors, penalty_errors
 from fem_snh.accuracy.frequency_goals import FrequencyGoal, LiftedModes, lifted_modes
+from fem_snh.accuracy.goal_errors import (
+    BEGINS,
+    NO_CONTACT,
+    SMALL_FORCE,
+    UNSETTLED,
+    Estimate,
+    GoalError,
+)
 from fem_snh.accuracy.goals import (
     EnergyGoal,
     Goal,
@@ -22,7 +29,7 @@ from fem_snh.accuracy.goals import (
     names_of,
     vector_of,
 )
-from fem_snh.accuracy.indicators import Place, cell_indicators, place
+from fem_snh.accuracy.indicators import cell_indicators, place
 from fem_snh.accuracy.lift import (
     Lift,
     NoEstimate,
@@ -54,13 +61,9 @@ _OF_ASKED = 0.05
 #: They would change it by this multiple of the last change, times what the last iteration left of
 #: the residual (docs/results/error.md), and at least by this part of the last change.
 _CONTRACTION, _LEAST_CHANGE = 3.0, 0.03
-#: An estimate is printed as a bound if more than this part of it is unsettled.
-_UNSETTLED = 0.2
 #: The least Newton iterations, as the first change is the whole estimate; and the part of the first
 #: residual to which the residual is reduced at least.
 _LEAST_NEWTON, _REDUCED = 2, 1e-2
-#: Components below this part of their vector are not printed: the solvers leave that much.
-_SHOWN = 1e-5
 #: Goals are relative to the largest component of the same vector, or to this part of the largest
 #: displacement or force, if that is more.
 _LEAST_SCALE = 1e-3
@@ -73,287 +76,8 @@ _LEAST_PART = 0.01
 _MOST_MOVES = 8
 #: Part of the largest error of a vector that remains uncertain of each component with such shapes.
 _OF_VECTOR = 0.05
-#: The parts of an error that are those of steps.
-STEPS = TIME_STEPS, LOAD_STEPS = "time steps", "load steps"
-#: Why a force of contact has no estimate where neither solution touches.
-NO_CONTACT = "nothing touches on these cells, but finer ones may"
-#: What is said of a force of contact that is smaller than its error and than this part of the
-#: largest one: the contact begins at a few nodes, and each finer mesh may have several times it.
-BEGINS, SMALL_FORCE = "it only begins to touch, and on finer cells may touch more", 0.1
 #: Errors below this part of the goal are not located: their indicators are sums that cancel.
 _LOCATED = 1e-4
-
-
-@dataclass(frozen=True)
-class GoalError:
-    """A goal of a solution with the estimate of its error.
-
-    Attributes
-    ----------
-    value : float
-        The goal of the run.
-    error : float or None
-        The estimate of what is to be added to it; None: no estimate.
-    scale : float
-        The largest size of a component of the same vector, and at least a thousandth of the largest
-        displacement or force.
-    unsettled : float
-        By how much further Newton iterations would change the estimate, about.
-    parts : dict of float
-        The parts of the estimate by their source: mesh, shape, algebra, penalty, time or load
-        steps; empty if there is one source, the mesh.
-    steps_bound : float
-        A bound of the error of time or load steps; infinite where none is known.
-    reason : str
-        Why this goal has no estimate, where others may have one, or an uncertain one.
-    """
-
-    value: float
-    error: float | None = None
-    scale: float = 0.0
-    unsettled: float = 0.0
-    parts: dict[str, float] = field(default_factory=dict)
-    steps_bound: float = 0.0
-    reason: str = ""
-
-    @property
-    def corrected(self) -> float | None:
-        """The value with the estimate added."""
-        return None if self.error is None else self.value + self.error
-
-    @property
-    def relative(self) -> float | None:
-        """The size of the estimate over that of the value; None for a value that is rounding."""
-        if self.error is None or abs(self.value) <= _SHOWN * self.scale:
-            return None
-        return abs(self.error / self.value)
-
-    @property
-    def is_found(self) -> bool:
-        """Whether the estimate is more than what is unsettled of it."""
-        return abs(self.error or 0.0) * _UNSETTLED >= self.unsettled
-
-    @property
-    def is_zero(self) -> bool:
-        """Whether value and estimate are rounding beside the other components."""
-        limit = _SHOWN * self.scale
-        return abs(self.value) <= limit and abs(self.error or 0.0) <= limit
-
-    @property
-    def bound(self) -> float | None:
-        """What the error may be where the estimate, or that of the steps, is no more than a bound.
-
-        None for an estimate that is one, and without any.
-        """
-        if self.error is None:
-            return None
-        if not self.is_found:
-            return abs(self.error) + self.unsettled
-        bounded = bounded_steps(self.parts, self.steps_bound)
-        return abs(self.error) + self.steps_bound if bounded else None
-
-    def record(self) -> dict[str, Any]:
-        """Return the entry of ``goals`` in run.json."""
-        return {
-            "value": self.value,
-            "error": self.error,
-            "relative": self.relative,
-            "corrected": self.corrected,
-            **({"bound": self.bound} if self.bound is not None else {}),
-            **({"parts": self.parts} if self.parts else {}),
-            **({"reason": self.reason} if self.reason else {}),
-        }
-
-    def text(self, name: str) -> str:
-        """Return one line, "corner.y 6.631, error +0.267 (4.0 %), corrected 6.898"."""
-        if self.error is None:
-            reason = f": {self.reason}" if self.reason else ""
-            return f"{name} {self.value:.6g}, no estimate{reason}"
-        if not self.is_found:
-            bound = _share((self.bound or 0.0) / self.scale) if self.scale else "0"
-            return f"{name} {self.value:.6g}, error below {bound}"
-        value, corrected = (_shown(x, self.error) for x in (self.value, self.value + self.error))
-        share = "" if self.relative is None else f" ({_share(self.relative)})"
-        parts = parts_text(self.parts, self.steps_bound)
-        of = f": {parts}" if parts else ""
-        but = f"; {self.reason}" if self.reason else ""
-        return f"{name} {value}, error {self.error:+.3g}{share}{of}, corrected {corrected}{but}"
-
-
-def no_contact_text(force: str) -> str:
-    """Return the line of a force of contact without an estimate."""
-    return f"{force} 0, no estimate: {NO_CONTACT}"
-
-
-def bounded_steps(parts: Mapping[str, float], steps_bound: float) -> str:
-    """Return the steps whose error has a bound alone; "" where it has an estimate, or is zero."""
-    return next((s for s in STEPS if parts.get(s) == 0 and steps_bound > 0), "")
-
-
-def parts_text(parts: Mapping[str, float], steps_bound: float) -> str:
-    """Return the parts of an error, "time steps +0.00015, mesh -0.0052"; "" without any.
-
-    Where the error of steps has no estimate, which is then zero, its bound is shown.
-    """
-    bounded = bounded_steps(parts, steps_bound)
-    return ", ".join(
-        f"{source} below {steps_bound:.2g}" if source == bounded else f"{source} {part:+.2g}"
-        for source, part in parts.items()
-    )
-
-
-def _shown(value: float, error: float) -> str:
-    """Return a value with three digits of its error, ten at most."""
-    if not (error and value):
-        return f"{value:.6g}"
-    digits = 3 + floor(log10(abs(value))) - floor(log10(abs(error)))
-    return f"{value:#.{min(max(3, digits), 10)}g}".rstrip(".")
-
-
-def _share(part: float) -> str:
-    """Return a part in per cent with two digits; above 1 as a multiple."""
-    return f"{100 * part:#.2g}".rstrip(".") + " %" if part < 1 else f"{part:.3g} times"
-
-
-@dataclass
-class Estimate:
-    """The errors of the goals of a solution.
-
-    Attributes
-    ----------
-    goals : dict of GoalError
-        The goals by name.
-    reason : str
-        Why there is no estimate; empty if there is one.
-    on_no_mesh : bool
-        Whether a finer mesh would not have one either.
-    element : str
-        The lifted element.
-    dofs, memory : int, float
-        Its unknowns and the memory that it needs [bytes], before it is created.
-    saturation : float
-        The factor by which the difference of the two solutions was multiplied.
-    algebra : float or None
-        By how much another Newton iteration of the run would change a goal at most, over its scale;
-        None: unknown.
-    newton, linear : int
-        Its Newton and linear iterations.
-    penalty_newton : int
-        The Newton iterations with stiffer penalties.
-    again : int
-        The steps in which the path is followed again; 0 where the end does not depend on it.
-    seconds, jit : float
-        Elapsed time, and the part of it that compiled the kernels of the element.
-    indicators : dict of arrays
-        The error of each goal in each cell of this rank, for errors above 1e-4 of the goal.
-    places : dict of Place
-        Where half of each of them is.
-    may_be_unstable : bool
-        Whether the stability of the lifted equilibrium matters, and is unknown.
-    left_out : list of str
-        What the errors do not include, or what was not measured for them: a line each.
-    """
-
-    goals: dict[str, GoalError] = field(default_factory=dict)
-    reason: str = ""
-    on_no_mesh: bool = False
-    element: str = ""
-    dofs: int = 0
-    memory: float = 0.0
-    saturation: float = 1.0
-    algebra: float | None = None
-    newton: int = 0
-    linear: int = 0
-    penalty_newton: int = 0
-    again: int = 0
-    seconds: float = 0.0
-    jit: float = 0.0
-    indicators: dict[str, npt.NDArray[np.float64]] = field(default_factory=dict, repr=False)
-    places: dict[str, Place] = field(default_factory=dict)
-    may_be_unstable: bool = False
-    left_out: list[str] = field(default_factory=list)
-
-    def announcement(self) -> str:
-        """Return the line to print before the lifted problem is created."""
-        count = f"{self.again:,} step{'s' if self.again > 1 else ''}"
-        steps = f"the path again in {count}, and with " if self.again else ""
-        return (
-            f"error estimate: {steps}{self.dofs:,} unknowns of {self.element} on the same cells, "
-            f"about {self.memory / 1e6:.2g} MB"
-        )
-
-    def lines(self) -> list[str]:
-        """Return what is printed: a line for each goal, or why there is no estimate."""
-        if self.reason:
-            return [f"no estimate of the error: {self.reason}"]
-        lines = [goal.text(name) for name, goal in self.goals.items() if not goal.is_zero]
-        lines += map(no_contact_text, self._open)
-        return [*lines, *filter(None, (self.where, self.doubt, *self.left_out))]
-
-    @property
-    def doubt(self) -> str:
-        """The line that says that an instability may not have been found; empty without one."""
-        if not self.may_be_unstable:
-            return ""
-        return (
-            f"the state of {self.element} may be unstable, as iterations leave that open: a "
-            "scene's stability = true tells"
-        )
-
-    @property
-    def _open(self) -> list[str]:
-        """The forces of contact without an estimate, as nothing touches."""
-        names = [vector_of(n) for n, goal in self.goals.items() if goal.reason == NO_CONTACT]
-        return list(dict.fromkeys(names))
-
-    @property
-    def untouched(self) -> dict[str, str]:
-        """The lines of forces of contact by name: nothing touches, or only begins to."""
-        found = {name: no_contact_text(name) for name in self._open}
-        sizes: dict[str, list[GoalError]] = {}
-        for name, goal in self.goals.items():
-            if goal.reason == BEGINS:
-                sizes.setdefault(vector_of(name), []).append(goal)
-        for name, goals in sizes.items():
-            here = hypot(*(goal.value for goal in goals))
-            better = hypot(*(goal.value + (goal.error or 0.0) for goal in goals))
-            found[name] = f"{name} {here:.3g}, of the better element {better:.3g}: {BEGINS}"
-        return found
-
-    @property
-    def where(self) -> str:
-        """Return the line that says where most of the largest error is; empty without one."""
-        sizes = {
-            name: abs(goal.error or 0.0) / goal.scale
-            for name, goal in self.goals.items()
-            if name in self.places and goal.scale > 0
-        }
-        if not sizes:
-            return ""
-        largest = max(sizes, key=sizes.__getitem__)
-        return f"where the error of {largest} is: {self.places[largest]}"
-
-    def __str__(self) -> str:
-        return "\n".join(self.lines())
-
-    def record(self) -> dict[str, Any]:
-        """Return the entry ``estimate`` of run.json."""
-        return {
-            "reason": self.reason or None,
-            "element": self.element,
-            "dofs": self.dofs,
-            "memory_mb": self.memory / 1e6,
-            "saturation": self.saturation,
-            "algebra": self.algebra,
-            "may_be_unstable": self.may_be_unstable,
-            "left_out": self.left_out,
-            "newton": self.newton,
-            "linear": self.linear,
-            "penalty_newton": self.penalty_newton,
-            "seconds": self.seconds,
-            "jit": self.jit,
-            "places": {name: asdict(place) for name, place in self.places.items()},
-        }
 
 
 def estimated(
@@ -537,7 +261,7 @@ def _find_errors(
             unsettled = unsettled + np.where(inexact, np.abs(others["shape"]), further)
             whole_errors = errors + others["shape"]
             unsettled = np.maximum(unsettled, _least_of_vectors(static, whole_errors))
-            printed = unsettled > _UNSETTLED * np.abs(whole_errors)  # as a bound, of twice the size
+            printed = unsettled > UNSETTLED * np.abs(whole_errors)  # as a bound, of twice the size
             unsettled += np.where(printed, unsettled + np.abs(whole_errors), 0.0)
         _add(found, static, factor * errors, others, unsettled)
         modes = lifted_modes(lift, frequencies[0].modes) if frequencies else None

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from fem_snh.accuracy.estimate import (
+from fem_snh.accuracy.goal_errors import (
     LOAD_STEPS,
     SMALL_FORCE,
     TIME_STEPS,

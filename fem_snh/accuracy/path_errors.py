@@ -18,14 +18,9 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh.accuracy.budget import STIFFER, penalty_part
-from fem_snh.accuracy.estimate import (
-    LOAD_STEPS,
-    TIME_STEPS,
-    Estimate,
-    bounded_steps,
-    estimated,
-)
+from fem_snh.accuracy.estimate import estimated
 from fem_snh.accuracy.frequency_goals import FrequencyGoal
+from fem_snh.accuracy.goal_errors import LOAD_STEPS, TIME_STEPS, Estimate, bounded_steps
 from fem_snh.accuracy.goals import Goal, names_of
 from fem_snh.accuracy.lift import (
     ElementDoesNotFit,

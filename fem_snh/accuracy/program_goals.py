@@ -10,8 +10,9 @@ import numpy as np
 import ufl
 
 from fem_snh import _dolfinx
-from fem_snh.accuracy.estimate import Estimate, estimate_error
+from fem_snh.accuracy.estimate import estimate_error
 from fem_snh.accuracy.frequency_goals import FrequencyGoal
+from fem_snh.accuracy.goal_errors import Estimate
 from fem_snh.accuracy.goals import (
     AXES,
     EnergyGoal,

@@ -29,7 +29,7 @@ from fem_snh.runs.setup import Setup, set_up
 from fem_snh.runs.vibrations import vibrations
 
 if TYPE_CHECKING:
-    from fem_snh.accuracy.estimate import Estimate
+    from fem_snh.accuracy.goal_errors import Estimate
     from fem_snh.accuracy.goals import Goal
     from fem_snh.problem.modes import LowestModes
     from fem_snh.runs.levels import Level

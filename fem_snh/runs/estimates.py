@@ -6,7 +6,8 @@ from collections.abc import Callable, Collection, Sequence
 from typing import TYPE_CHECKING
 
 from fem_snh import scenes
-from fem_snh.accuracy.estimate import Estimate, estimate_error, largest_error
+from fem_snh.accuracy.estimate import estimate_error, largest_error
+from fem_snh.accuracy.goal_errors import Estimate
 from fem_snh.accuracy.goals import Goal
 from fem_snh.accuracy.lift import depends_on_path
 from fem_snh.runs.setup import Setup

@@ -21,7 +21,8 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh import _dolfinx, scenes
-from fem_snh.accuracy.estimate import Estimate, largest_error
+from fem_snh.accuracy.estimate import largest_error
+from fem_snh.accuracy.goal_errors import Estimate
 from fem_snh.accuracy.levels import LevelRow, Levels, target_volumes
 from fem_snh.accuracy.lift import available_memory
 from fem_snh.assembly.elements import ELEMENTS

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from fem_snh.notes import with_notes
 
 if TYPE_CHECKING:
-    from fem_snh.accuracy.estimate import Estimate
+    from fem_snh.accuracy.goal_errors import Estimate
 
 #: ANSI codes of the styles (ECMA-48, section 8.3.117). Importing rich, which has them, takes a
 #: tenth of a small run.

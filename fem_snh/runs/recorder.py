@@ -17,7 +17,7 @@ from fem_snh.scenes import Scene
 from fem_snh.steps.jump import jump_note
 
 if TYPE_CHECKING:
-    from fem_snh.accuracy.estimate import Estimate
+    from fem_snh.accuracy.goal_errors import Estimate
     from fem_snh.accuracy.goals import Goal
     from fem_snh.problem.modes import VibrationModes
     from fem_snh.runs.setup import Setup

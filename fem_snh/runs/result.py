@@ -13,7 +13,7 @@ import numpy.typing as npt
 from fem_snh.problem.problem import Problem
 
 if TYPE_CHECKING:
-    from fem_snh.accuracy.estimate import Estimate
+    from fem_snh.accuracy.goal_errors import Estimate
     from fem_snh.runs.output.field_values import FieldValues
     from fem_snh.steps.dynamics.dynamics import Dynamics
 

@@ -31,7 +31,7 @@ from fem_snh.steps.step_solver import StepSolver
 from fem_snh.steps.stepping import Stepper
 
 if TYPE_CHECKING:
-    from fem_snh.accuracy.estimate import Estimate
+    from fem_snh.accuracy.goal_errors import Estimate
     from fem_snh.problem.bone_nodes import BoneNodes
 
 
