@@ -349,8 +349,8 @@ def test_limits_end_the_levels(capsys):
         ("cook --accuracy 0", "accuracy.within = '0': expected per cent or a fraction"),
         ("cook --accuracy 200%", "expected per cent or a fraction, e.g. '1%' or 0.01"),
         ("cook --accuracy fine", "accuracy.within = 'fine': expected per cent"),
-        ("cook --max-dofs 100", "accuracy.max_dofs = 100: expected with accuracy.within"),
-        ("cook --set accuracy.path=true", "accuracy.path = true: expected with accuracy.within"),
+        ("cook --max-dofs 100", "accuracy: missing key 'within': expected with 'max_dofs'"),
+        ("cook --set accuracy.path=true", "accuracy: missing key 'within': expected with 'path'"),
     ],
 )
 def test_bad_input(words, message, capsys):

@@ -29,7 +29,7 @@ def test_a_motion_and_its_rotation_have_amplitudes_of_their_own() -> None:
     tables = [RAMP, {"name": "late", "points": [[0.5, 0], [1, 1]]}]
     move = {"move.0.translate": [1, 0, 0], "move.0.table": "ramp"}
     plain = scenes.load("twist", **{"move.0.translate": [1, 0, 0]}).motions[0]
-    both = scenes.load("twist", table=tables, **move).motions[0]
+    both = scenes.load("twist", table=[RAMP], **move).motions[0]
     for load in (0.0, 0.3, 0.8):
         expected = plain.displacement(X, Amplitude.model_validate(RAMP).value(load))
         assert np.array_equal(both.displacement(X, load), expected)

@@ -88,7 +88,7 @@ def test_prescribed_nodes_stay(comm: MPI.Comm) -> None:
     ("key", "value", "message"),
     [
         ("start", {"map": np.eye(3).tolist(), "scatter": 2.0}, "start: 'map' and 'scatter'"),
-        ("start", {"through": [0, 0, 0]}, "missing key 'map': expected with 'through'"),
+        ("start", {"through": [0, 0, 0]}, "missing key 'map' or 'angular_velocity': expected with"),
         ("start", {"scater": 2.0}, "unknown key 'scater'.*scatter"),
         ("start.scatter", 0.0, "start.scatter = 0.0: expected a number > 0"),
         ("start.scatter", "all", "start.scatter = 'all'"),

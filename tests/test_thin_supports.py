@@ -68,6 +68,17 @@ def test_corners_that_carry_a_load(comm: Any, square: Any) -> None:
     assert record["limit"] == f"the errors do not decrease: {note['text']}"
 
 
+def test_estimates_at_corners_are_no_accuracy(comm: Any, square: Any) -> None:
+    """The estimate is for these cells: whatever was asked for, finer ones have another answer."""
+    accuracy = {"within": 0.9, "goals": ["energy"]}
+    carried = scene(square, {"corners": "xy"}, {"top": -0.1}, accuracy=accuracy)
+    result = solve(carried, comm)
+    (note,) = supports(result)
+    record = result.record["accuracy"]
+    assert record["relative"] < 0.9 and len(record["levels"]) == 1
+    assert not record["reached"] and record["limit"] == note["text"]
+
+
 @pytest.mark.parametrize(
     ("hold", "loads"),
     [

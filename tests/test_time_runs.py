@@ -164,7 +164,7 @@ def test_forces_are_constant_and_tables_are_in_seconds(folder):
     """Without a table gravity acts from the start; with one, as its points in time say."""
     time = {"duration": 2.0, "steps": 4}
     late = [{"name": "late", "points": [[1.0, 0.0], [1.0 + 1e-9, 1.0]]}]
-    result = solve(in_time(time, gravity=DOWN, table=late, **{}))
+    result = solve(in_time(time, gravity=DOWN))
     assert result.steps[0]["momentum"][2] == pytest.approx(-1000 * G * 0.5, rel=1e-6)
     scene = in_time(time, gravity={"vector": (0, 0, -G), "table": "late"}, table=late)
     momenta = [row["momentum"][2] for row in solve(scene).steps]

@@ -215,6 +215,8 @@ class LevelRow:
         The lines of forces of contact that do not count, as nothing touches, or only begins to.
     left_out : list of str
         What the errors do not include.
+    gives_way : str
+        The note that supports without an area carry a force: finer meshes have another answer.
     """
 
     element: str
@@ -234,6 +236,7 @@ class LevelRow:
     steps_have_no_order: bool = False
     untouched: dict[str, str] = field(default_factory=dict)
     left_out: list[str] = field(default_factory=list)
+    gives_way: str = ""
 
 
 def _with_least_bounds(goals: Mapping[str, GoalLevel]) -> dict[str, GoalLevel]:
@@ -275,6 +278,9 @@ class Levels:
         Whether the goals were asked for by name: then all of them need an estimate. Otherwise
         forces of contact do not count while nothing touches, and the errors of forces below a tenth
         of the largest one are relative to that.
+    least : int, optional
+        Number of levels before the request can be met: two where the estimates are of another body
+        on each mesh, as the change from one to the next shows that error alone.
     """
 
     def __init__(
@@ -283,8 +289,9 @@ class Levels:
         limits: Mapping[str, float | None] | None = None,
         dim: int = 3,
         named: bool = False,
+        least: int = 1,
     ) -> None:
-        self.asked, self.dim, self.named = asked, dim, named
+        self.asked, self.dim, self.named, self.least = asked, dim, named, least
         self.rows: list[LevelRow] = []
         self._limits = {key: inf if v is None else v for key, v in (limits or {}).items()}
         #: Why the levels end before the request is met.
@@ -355,6 +362,12 @@ class Levels:
     @property
     def reached(self) -> bool:
         """Whether every goal of the last level is within the request."""
+        enough = len(self.rows) >= self.least
+        return enough and self.estimates_suffice and not self.rows[-1].gives_way
+
+    @property
+    def estimates_suffice(self) -> bool:
+        """Whether the estimate of every goal of the last level is within the request."""
         return self.worst is not None and self.worst[1] <= self.asked
 
     @property
@@ -376,6 +389,8 @@ class Levels:
         if self.worst is None:
             return _MOST_REFINEMENT
         goals, asked = self.rows[-1].goals, self.asked
+        if len(self.rows) < self.least and self.estimates_suffice:
+            return _MOST_REFINEMENT
         if self._is_shared:
             ratio = self._contribution("mesh") / (_SHARES["mesh"] * asked)
         else:
@@ -426,6 +441,8 @@ class Levels:
         """Whether the error of the mesh is small beside the other parts, or the request."""
         if self.rows[-1].steps_have_no_order:
             return True
+        if len(self.rows) < self.least:
+            return False
         if self._is_shared:
             return self._suffices("mesh")
         part = max(map(self._largest_part, ("mesh", "shape")))
@@ -536,9 +553,8 @@ class Levels:
         if not row.goals:
             return [f"{head}: no estimate: {row.reason}"]
         counts = sum(goal.relative(asked) <= asked for goal in row.goals.values())
-        head += (
-            f", {row.elapsed:.2g} s: {counts} of {len(row.goals)} goals within {100 * asked:g} %"
-        )
+        head += f", {row.elapsed:.2g} s: {counts} of {len(row.goals)} "
+        head += f"{'estimates' if row.gives_way else 'goals'} within {100 * asked:g} %"
         shown = {name: goal for name, goal in row.goals.items() if not goal.is_zero}
         lines = [head, *(self._line(name, goal) for name, goal in shown.items())]
         lines += [f"  {line}" for line in row.untouched.values()]

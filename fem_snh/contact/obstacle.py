@@ -35,6 +35,7 @@ class Obstacle(Feature, ContactTable):
     """A rigid obstacle, which may move: the body's surface does not enter it."""
 
     key, planar = "obstacle", True
+    needs = {"table": ("translate", "rotate")}
     nodal_fields: ClassVar[Mapping[str, OutputField]] = AT_OBSTACLES
     shape: ShapeChoice | None = Field(
         default=None, description="Its shape; or 'surface', or 'profile'."

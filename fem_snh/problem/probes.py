@@ -59,7 +59,8 @@ class Probes:
         V = self._u.function_space
         cell, xi, outside = _dolfinx.locate(V.mesh, np.array(probe.point, dtype=float))
         smallest, rank = self._comm.allreduce((outside, self._comm.rank), op=MPI.MINLOC)
-        if not smallest <= _TOLERANCE:
+        in_plane = V.mesh.geometry.dim == 3 or not any(probe.point[2:])
+        if not smallest <= _TOLERANCE or not in_plane:
             raise BadInput(
                 f"probe '{probe.name}': {list(probe.point)} is outside the body, which "
                 f"{_extent(V.mesh)}"

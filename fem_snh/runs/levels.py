@@ -193,7 +193,8 @@ def run_levels(
     scene = first_scene(scene, printed)
     refine = _refinement(scene)
     dim = kinematics_of(scene.kinematics).dim
-    levels = Levels(wanted.within, limits, dim, named=bool(wanted.goals))
+    least = 2 if isinstance(scene.mesh, scenes.Lattice) else 1
+    levels = Levels(wanted.within, limits, dim, bool(wanted.goals), least)
     start, current, stiffness = perf_counter(), scene, 1.0
     by_cells = refine is _more_cells
 
@@ -217,6 +218,8 @@ def run_levels(
         if not result.converged and started:
             printed.line("the path is followed again: no equilibrium was found near the last state")
             current, level, result = follow_path()
+        thin = [n["text"] for n in result.notes if n["kind"] == "supports" and "force" in n]
+        levels.rows[-1].gives_way = thin[0] if thin else ""
         printed.level(levels.lines())
         if not result.converged or levels.reached:
             break
@@ -225,12 +228,12 @@ def run_levels(
         if hopeless or (len(without) == _MOST_WITHOUT and all(without)):
             levels.limit = f"no estimate of the error: {levels.rows[-1].reason}"
             break
-        if thin := [
-            note for note in result.notes if note["kind"] == "supports" and "force" in note
-        ]:
-            if not levels.decrease:
-                levels.limit = f"the errors do not decrease: {thin[0]['text']}"
-                break
+        if thin and levels.estimates_suffice:
+            levels.limit = thin[0]
+            break
+        if thin and not levels.decrease:
+            levels.limit = f"the errors do not decrease: {thin[0]}"
+            break
         refinement = 1.0 if levels.mesh_suffices else levels.refinement()
         shorter = levels.shorter_steps()
         stiffer = levels.stiffer_penalties(refinement, shorter)

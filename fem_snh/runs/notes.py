@@ -23,7 +23,7 @@ from fem_snh.assembly.elements import Element
 from fem_snh.mesh.mesh_checks import unconnected_nodes
 from fem_snh.notes import Note
 from fem_snh.problem.problem import Problem
-from fem_snh.scenes import Scene
+from fem_snh.scenes import Lattice, Scene
 
 #: Makes the run's problem with another element.
 Make = Callable[[Element], Problem]
@@ -74,6 +74,13 @@ def shape_notes(scene: Scene) -> list[str]:
     """Return a line if estimates, which see one mesh, are those of another body."""
     if not scene.estimates_error:
         return []
+    if isinstance(scene.mesh, Lattice):
+        part = "by the part" if scene.mesh.weighting == "fraction" else "in full, not by the part"
+        return [
+            f"cells that the surface cuts count {part} of them that is inside: the estimated "
+            "errors are those of this lattice; that of the shape shows with half the cell, "
+            f"mesh.cell = {scene.mesh.cell / 2:g}"
+        ]
     from fem_snh.runs.exact_bodies import has_polyhedral_cells
 
     if not has_polyhedral_cells(scene):

@@ -135,6 +135,8 @@ class Progress:
             if (accuracy["worst"])
             else "no goal has an estimate"
         )
+        if accuracy["relative"] is not None and accuracy["relative"] <= accuracy["within"]:
+            best = "the estimates are, but finer meshes have another answer"
         ended = f"; {accuracy['limit']}" if accuracy["limit"] else ""
         self._print(self._style(f"not within {asked}: {best}{ended}", "red"))
 

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from fem_snh.problem.problem import Problem
 from fem_snh.scenes import Scene
+from fem_snh.scenes._outputs import DEFAULT_DENSITY
 
 if TYPE_CHECKING:
     from fem_snh.problem.modes import LowestModes
@@ -23,6 +24,6 @@ def vibrations(scene: Scene, problem: Problem) -> LowestModes | None:
         return None
     from fem_snh.problem.modes import LowestModes
 
-    modes = LowestModes(scene.modes.density, scene.modes.count)
+    modes = LowestModes(scene.modes.density or DEFAULT_DENSITY, scene.modes.count)
     modes.check(problem)
     return modes

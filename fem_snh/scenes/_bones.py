@@ -142,6 +142,7 @@ class BoneChoice(Table):
     all shapes. Bones override ``[[hold]]`` and ``[[move]]``.
     """
 
+    needs = {"table": ("translate", "rotate")}
     name: Text = Field(description="Its name in results and in the files of motions.")
     shape: ShapeChoice | None = Field(
         default=None, description="Its shape; or 'surface' or 'group'."

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import Field, model_validator
 
-from fem_snh.errors import BadInput
+from fem_snh.errors import BadInput, bad_value
 from fem_snh.tables.amplitudes import MOTION_TABLE, TableName
 from fem_snh.tables.motions import TRANSLATE, Rotate, rigid_displacement
 from fem_snh.tables.types import (
@@ -57,6 +57,10 @@ class Move(Table):
     def _check_motion(self) -> Move:
         if self.translate is None and self.rotate is None:
             raise BadInput("missing key 'translate' or 'rotate': expected one of them, or both")
+        for axis, value in zip("xyz", self.translate or (), strict=False):
+            if value and axis not in self.components:
+                accepted = f"zero along {axis}, which 'components' does not name"
+                raise bad_value("translate", list(self.translate or ()), accepted)
         return self
 
     def displacement(self, X: Array, amplitude: float, turn: float | None = None) -> Array:
@@ -71,6 +75,11 @@ class Start(Table):
     they go to their prescribed displacement in proportion to the load.
     """
 
+    needs = {
+        "step": ("run",),
+        "through": ("map", "angular_velocity"),
+        "seed": ("scatter", "noise"),
+    }
     run: FilePath | None = Field(
         default=None,
         description="Folder of another run, relative to this file, whose displacement is the "
@@ -113,15 +122,8 @@ class Start(Table):
             raise BadInput(
                 "'run' excludes 'map', 'scatter' and 'noise': expected one kind of initial state"
             )
-        if self.run is None and self.step != -1:
-            raise BadInput("missing key 'run': expected with 'step', the number of its state")
         if self.map is not None and self.scatter is not None:
             raise BadInput("'map' and 'scatter' exclude each other: expected one of them")
-        if self.through is not None and self.map is None and self.angular_velocity is None:
-            raise BadInput(
-                "missing key 'map': expected with 'through', which is its fixed point; "
-                "or 'angular_velocity'"
-            )
         return self
 
     @property

@@ -53,6 +53,10 @@ def check_consistency(scene: Scene) -> None:
         raise bad_value("static_condensation", "false", f"true, as {why}")
     _check_fields(scene)
     _check_mesh(scene)
+    if scene.modes and scene.modes.density and all(m.density for m in scene.materials):
+        accepted = "no value, as each material has its density"
+        raise bad_value("modes.density", scene.modes.density, accepted)
+    _check_loads(scene)
     results = term_goals(scene.features)
     for reaction in scene.reactions:
         if f"{reaction.group}.force" in results:  # two columns of one name in steps.csv
@@ -68,16 +72,19 @@ def check_consistency(scene: Scene) -> None:
 
 
 def _check_accuracy(accuracy: Accuracy, scene: Scene) -> None:
-    """Raise BadInput for a goal that the scene does not have, and for limits of nothing."""
+    """Raise BadInput for a goal that the scene does not have."""
     for goal in accuracy.goals:
         read_goal(goal, scene)
-    for key in ("max_time", "max_memory", "max_dofs"):
-        limit = getattr(accuracy, key)
-        if limit is not None and accuracy.within is None:
-            raise BadInput(f"accuracy.{key} = {limit:g}: expected with accuracy.within")
-    for key in ("keep_element", "path"):
-        if getattr(accuracy, key) and accuracy.within is None:
-            raise BadInput(f"accuracy.{key} = true: expected with accuracy.within")
+
+
+def _check_loads(scene: Scene) -> None:
+    """Raise BadInput for values of tables that a scene without time does not reach."""
+    for number, table in enumerate(() if scene.time else scene.table):
+        ends = [table.points[0][1], table.points[-1][1]]
+        if [table.value(0.0), table.value(1.0)] != ends:
+            points = [list(point) for point in table.points]
+            accepted = "loads from 0 to 1, as the scene has no table [time]"
+            raise bad_value(f"table.{number}.points", points, accepted)
 
 
 def group_references(scene: Scene) -> Iterator[tuple[str, str | int]]:
@@ -143,6 +150,12 @@ def _check_plane(scene: Scene) -> None:
     if isinstance(scene.mesh, Lattice | Tetrahedra):
         raise bad_value("mesh", type(scene.mesh).__name__.lower(), "a file or a geometry of gmsh")
     components = PLANAR[str(scene.kinematics)].components
+    if scene.start and scene.start.map and components == 2:
+        x, y, z = scene.start.map
+        if x[2] or y[2] or list(z) != [0, 0, 1]:
+            rows = [list(row) for row in scene.start.map]
+            rule = "a map that leaves z, [[a, b, 0], [c, d, 0], [0, 0, 1]]"
+            raise bad_value("start.map", rows, rule)
     for i, move in enumerate(scene.move):
         accepted = f"a motion without z, with kinematics = '{scene.kinematics}'"
         for key, other in (("translate", "rotate"), ("rotate", "translate")):

@@ -5,10 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-from pydantic import AfterValidator, Discriminator, Field, Tag
+from pydantic import AfterValidator, Discriminator, Field, Tag, model_validator
 
 from fem_snh.choices import LATTICE_PARTS, LATTICE_WEIGHTINGS
-from fem_snh.errors import choose
+from fem_snh.errors import bad_value, choose
 from fem_snh.geometry.shapes import ClosedSurface, Shape
 from fem_snh.tables.shapes import ShapeChoice
 from fem_snh.tables.types import FilePath, Positive
@@ -69,6 +69,13 @@ class Lattice(Table):
         description="The surface of a shape is triangulated on this number of cubes along a "
         "cell's edge; that of a file is the file's.",
     )
+
+    @model_validator(mode="after")
+    def _check_skin(self) -> Lattice:
+        if isinstance(self.lattice, Path) and self.skin != type(self).model_fields["skin"].default:
+            accepted = f"no value, as the surface is that of {self.lattice}"
+            raise bad_value("skin", self.skin, accepted)
+        return self
 
     def body(self) -> Shape:
         """Return the body. Reads the file that the table names; raises BadInput if it cannot."""

@@ -87,14 +87,18 @@ def _check_names(probes: list[Probe]) -> list[Probe]:
 #: Probes with different names.
 Probes = Annotated[list[Probe], AfterValidator(_check_names)]
 
+#: Density of materials in modes [kg/m^3]: that of water.
+DEFAULT_DENSITY = 1000.0
+
 
 class Modes(Table):
     """Eigenfrequencies of the body, computed at the end of the run (needs SLEPc)."""
 
     count: Count = Field(default=10, description="Number of modes, from the lowest.")
-    density: Positive = Field(
-        default=1000.0,
-        description="Mass per reference volume [kg/m^3] of materials without a density.",
+    density: Positive | None = Field(
+        default=None,
+        description="Mass per reference volume [kg/m^3] of materials without a density; "
+        f"default: {DEFAULT_DENSITY:g}.",
     )
 
     @property
@@ -212,6 +216,9 @@ def _read_share(value: Any) -> Any:
 class Accuracy(Table):
     """The goals of the error estimate, which a scene with this table has, and their accuracy."""
 
+    needs = dict.fromkeys(
+        ("max_time", "max_memory", "max_dofs", "keep_element", "path"), ("within",)
+    )
     goals: Annotated[
         list[Text],
         Expect("a list of goals, e.g. 'corner.y', 'top.force.z', 'volume', 'energy'"),

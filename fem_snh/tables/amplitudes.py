@@ -35,6 +35,8 @@ TableName = Annotated[
     Expect("the name of a [[table]]"),
     PlainSerializer(_function_name, when_used="json-unless-none"),
 ]
+#: Keys of that type.
+_KEYS = ("table", "load_table")
 TABLE = (
     "Name of the [[table]] that is its amplitude; default: the load itself, and of a force in a "
     "scene with [time] 1."
@@ -66,7 +68,7 @@ class Amplitude(Table):
 
 
 def check_tables(tables: Sequence[Amplitude], scene: Mapping[str, Any]) -> None:
-    """Raise BadInput if two tables have one name, or if a name refers to none of them.
+    """Raise BadInput if two tables have one name, for a name of none, and for one without a use.
 
     Parameters
     ----------
@@ -79,17 +81,22 @@ def check_tables(tables: Sequence[Amplitude], scene: Mapping[str, Any]) -> None:
     for name in known:
         if known.count(name) > 1:
             raise bad_value("table.name", name, "a different name for each table")
-    for key, name in _references(scene):
+    references = dict(_references(scene))
+    for key, name in references.items():
         if not known:
             raise bad_value(key, name, "the name of a [[table]]; the scene has none")
         choose(key, name, known)
+    for number, name in enumerate(known):
+        if name not in references.values():
+            accepted = "a name that the key 'table' of a load or a motion has"
+            raise bad_value(f"table.{number}.name", name, accepted)
 
 
 def _references(tables: Mapping[str, Any], path: str = "") -> Iterable[tuple[str, str]]:
     """Return the dotted keys and the names of all tables that are referred to."""
     for key, value in tables.items():
         here = f"{path}{key}"
-        if key == "table" and path:
+        if key in _KEYS and path:
             if isinstance(value, str):
                 yield here, value
         elif isinstance(value, Table):

@@ -134,5 +134,3 @@ def check_motion(table: Movable, file: object) -> None:
     for key in ("translate", "rotate", "table"):
         if file is not None and getattr(table, key) is not None:
             raise BadInput(f"'motion' and '{key}' exclude each other: expected one of them")
-    if table.table is not None and table.translate is None and table.rotate is None:
-        raise BadInput("missing key 'translate' or 'rotate': expected with 'table'")

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar, Self
 
 from pydantic import (
     AfterValidator,
@@ -99,9 +99,17 @@ class Whole(Expect):
 
 
 class Table(BaseModel):
-    """A table with known keys; messages name unknown and missing ones."""
+    """A table with known keys; messages name unknown and missing ones.
+
+    Attributes
+    ----------
+    needs : mapping of str to tuple of str
+        Keys that act on others alone, with these: without one of them they would have no effect,
+        and are refused. A dotted one is a key of a table in the table.
+    """
 
     model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
+    needs: ClassVar[Mapping[str, tuple[str, ...]]] = {}
 
     def __init__(self, *values: Any, **keys: Any) -> None:
         """Set the first keys to ``values``, in their order, and others by name.
@@ -153,6 +161,24 @@ class Table(BaseModel):
                 raise BadInput(f"missing key '{key}': expected {what[0]}")
         return data
 
+    @model_validator(mode="after")
+    def _check_needs(self) -> Self:
+        """Raise BadInput for a key without those that it acts on."""
+        for key, others in self.needs.items():
+            default = type(self).model_fields[key].default
+            if getattr(self, key) != default and not any(map(self._is_given, others)):
+                missing = "', '".join(others[:-1]) + "' or '" * (len(others) > 1) + others[-1]
+                raise BadInput(f"missing key '{missing}': expected with '{key}'")
+        return self
+
+    def _is_given(self, key: str) -> bool:
+        """Return whether the table has a value for a key, or for one of a table in it, 'a.b'."""
+        first, _, rest = key.partition(".")
+        value = getattr(self, first)
+        if rest:
+            return isinstance(value, Table) and value._is_given(rest)
+        return first in self.model_fields_set and value is not None
+
 
 def _files(values: Iterable[tuple[Any, Any]]) -> dict[str, Path]:
     """Return the files among values by key, and in their tables and lists."""
@@ -189,7 +215,7 @@ def one_line(error: ValidationError) -> str:
     cause = first.get("ctx", {}).get("error")
     if isinstance(cause, BadInput):
         message = str(cause)
-        if key := re.match(r"(\w+) = ", message):  # a validator knows its key without its table
+        if key := re.match(r"([\w.]+) = ", message):  # a validator knows its key without its table
             return ".".join([*(where[:-1] if where[-1:] == [key[1]] else where), message])
         return f"{'.'.join(where)}: {message}" if where else message
     if first["type"].startswith("missing_"):  # an argument of a scene's function

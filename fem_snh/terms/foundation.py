@@ -49,13 +49,13 @@ class Foundation(UFLTerms):
         self._present, self._terms = [], []
         components = body.kinematics.components
         for spring in springs:
-            self._given.append(
-                np.broadcast_to(np.array(spring.stiffness, float), 3)[:components].copy()
-            )
-            k = body.constant(self._given[-1])
-            forces = ufl.as_vector([k[i] * body.u[i] for i in range(components)])
+            k = spring.stiffness
+            each = k if isinstance(k, tuple) else (k,) * components
+            self._given.append(np.array(body.components("spring.stiffness", each), float))
+            present = body.constant(self._given[-1])
+            forces = ufl.as_vector([present[i] * body.u[i] for i in range(components)])
             ds = body.measure("spring.group", spring.group)
-            self._present.append(k)
+            self._present.append(present)
             self._terms.append(UFLTerm(ufl.inner(forces, body.u) / 2 * ds, body.u, self.name))
 
     def set_load(self, load: float) -> None:

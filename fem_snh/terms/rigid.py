@@ -106,6 +106,11 @@ class Rigid(Feature):
     """
 
     key, planar, has_mass = "rigid", True, True
+    needs = {
+        "table": ("translate", "rotate"),
+        "load_table": ("force", "torque", "joint.torque", "joint.force"),
+        "follower": ("force", "torque"),
+    }
     group: Part | None = Field(
         default=None,
         description="Physical group of volumes or surfaces, by name or number; in a program a "
@@ -176,8 +181,26 @@ class Rigid(Feature):
             raise BadInput(f"'joint' and '{given}' exclude each other: expected one of them")
         if self.joint and self.about is not None:
             raise BadInput("'joint' and 'about' exclude each other: the joint's point is the point")
-        if self.table is not None and not prescribed:
-            raise BadInput("missing key 'translate' or 'rotate': expected with 'table'")
+        moved = (*(self.translate or (0, 0, 0)), self.rotate)
+        motions = dict(zip(MOTIONS, moved, strict=True))
+        for motion in self.free or ():
+            if motions[motion]:
+                accepted = "motions that 'translate' and 'rotate' do not prescribe"
+                raise bad_value("free", motion, accepted)
+        return self
+
+    @model_validator(mode="after")
+    def _check_spring(self) -> Rigid:
+        """Raise BadInput for a spring along motions that the joint excludes."""
+        if self.joint and self.spring:
+            slides, to_world = self.joint.kind == "slider", self.joint.to is None
+            without = f"no value, as a {self.joint.kind} joint"
+            if slides and self.spring.rotation:
+                accepted = f"{without} leaves no rotation"
+                raise bad_value("spring.rotation", self.spring.rotation, accepted)
+            if not slides and to_world and self.spring.stiffness:
+                accepted = f"{without} leaves the point no displacement"
+                raise bad_value("spring.stiffness", self.spring.stiffness, accepted)
         return self
 
     @property

@@ -1,0 +1,115 @@
+"""Keys that would have no effect in their scene are refused in one line."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from fem_snh import scenes
+from fem_snh.errors import BadInput
+
+RAMP = {"name": "ramp", "points": [[0, 0], [1, 1]]}
+TOP = {"group": "top"}
+HINGE = {"kind": "hinge", "axis": [0, 1, 0], "through": [0, 0, 1]}
+SLIDER = {**HINGE, "kind": "slider"}
+BALL = {"sphere": {"center": [0, 0, 2], "radius": 0.1}}
+
+
+def rigid(**keys: Any) -> dict[str, Any]:
+    """Return the top of `twist` as a rigid part, in place of its motion."""
+    return {"move": [], "rigid": [{**TOP, **keys}]}
+
+
+SOLID: list[tuple[dict[str, Any], str]] = [
+    ({"table": [RAMP]}, "table.0.name = 'ramp': expected a name that the key 'table' of a load"),
+    (
+        {"table": [{**RAMP, "points": [[0, 0], [10, 1]]}], "move.0.table": "ramp"},
+        r"table.0.points = \[\[0.0, 0.0\], \[10.0, 1.0\]\]: expected loads from 0 to 1",
+    ),
+    (
+        {"move.0.translate": [0, 0.1, 0.2], "move.0.components": ["x", "y"]},
+        r"move.0.translate = \[0.0, 0.1, 0.2\]: expected zero along z, which 'components'",
+    ),
+    (
+        {"table": [RAMP], **rigid(load_table="ramp")},
+        "rigid.0: missing key 'force', 'torque', 'joint.torque' or 'joint.force': expected with",
+    ),
+    (
+        {"table": [RAMP], **rigid(load_table="rmp", force=[0, 0, 1])},
+        "rigid.0.load_table = 'rmp': expected one of ramp .did you mean 'ramp'",
+    ),
+    (rigid(load_table="r", force=[0, 0, 1]), r"rigid.0.load_table = 'r': expected .*has none"),
+    (rigid(follower=True), "rigid.0: missing key 'force' or 'torque': expected with 'follower'"),
+    (rigid(free=["z"], translate=[0, 0, 1]), "rigid.0.free = 'z': expected motions that"),
+    (
+        rigid(free=["rotation"], rotate={"axis": [0, 0, 1], "angle": 1}),
+        "rigid.0.free = 'rotation': expected motions that",
+    ),
+    (
+        rigid(spring={"stiffness": 1.0}, joint=HINGE),
+        "rigid.0.spring.stiffness = 1.0: expected no value, as a hinge joint leaves the point no",
+    ),
+    (
+        rigid(spring={"rotation": 1.0}, joint=SLIDER),
+        "rigid.0.spring.rotation = 1.0: expected no value, as a slider joint leaves no rotation",
+    ),
+    (
+        {"start": {"seed": 3}, "predictor": "none"},
+        "start: missing key 'scatter' or 'noise': expected with 'seed'",
+    ),
+    (
+        {"modes": {"density": 7.0}, "material.density": 1.0},
+        "modes.density = 7.0: expected no value, as each material has its density",
+    ),
+    (
+        {"mesh": {"lattice": "body.stl", "cell": 0.1, "skin": 3}, "cells": None},
+        "mesh.skin = 3: expected no value, as the surface is that of body.stl",
+    ),
+    (
+        {"obstacle": [{"shape": BALL, "table": "ramp"}], "table": [RAMP]},
+        "obstacle.0: missing key 'translate' or 'rotate': expected with 'table'",
+    ),
+]
+PLANE: list[tuple[dict[str, Any], str]] = [
+    (
+        {"start": {"map": [[1, 0, 0], [0, 1, 0], [0, 0, 2]]}, "predictor": "none"},
+        r"start.map = .*: expected a map that leaves z",
+    ),
+]
+
+
+@pytest.mark.parametrize(("overrides", "message"), SOLID, ids=[str(m[0]) for m in SOLID])
+def test_in_three_dimensions(overrides: dict[str, Any], message: str) -> None:
+    with pytest.raises(BadInput, match=f"^twist: .*{message}"):
+        scenes.load("twist", **overrides)
+
+
+@pytest.mark.parametrize(("overrides", "message"), PLANE, ids=[str(m[0]) for m in PLANE])
+def test_in_a_plane(overrides: dict[str, Any], message: str) -> None:
+    with pytest.raises(BadInput, match=f"^cook: {message}"):
+        scenes.load("cook", **overrides)
+
+
+def test_stiffness_out_of_the_plane() -> None:
+    import fem_snh
+
+    bed = [{"group": "right", "stiffness": [0, 1, 5]}]
+    message = r"spring.stiffness = \[0.0, 1.0, 5.0\]: expected 2 components and zero"
+    with pytest.raises(BadInput, match=message):
+        fem_snh.run("cook", cells=1, spring=bed, progress=False)
+
+
+def test_probe_out_of_the_plane() -> None:
+    import fem_snh
+
+    probe = [{"name": "a", "point": [48, 60, 0.5]}]
+    message = r"probe 'a': \[48.0, 60.0, 0.5\] is outside the body"
+    with pytest.raises(BadInput, match=message):
+        fem_snh.run("cook", cells=1, probe=probe, progress=False)
+
+
+def test_a_force_of_zero_may_have_a_table() -> None:
+    """A sweep over a force begins with zero."""
+    loaded = rigid(load_table="ramp", force=[0, 0, 0])
+    assert scenes.load("twist", table=[RAMP], **loaded).rigid[0].load_table == "ramp"
