@@ -30,11 +30,11 @@ CUBE: dict[str, Any] = {
 SNH = fem_snh.material("stable_neo_hookean", E=1.0, nu=0.4)
 #: Numbers of the faces x = 1 and z = 1.
 RIGHT, TOP = 1, 3
-RISE = {"name": "rise", "points": [[0, 0], [1, 0.5], [2, 2]]}
+RISE = {"name": "rise", "points": [[0, 0], [0.5, 0.1], [1, 0.5]]}
 
 
 def rise(x: float) -> float:
-    return float(np.interp(x, [0, 1, 2], [0, 0.5, 2]))
+    return float(np.interp(x, [0, 0.5, 1], [0, 0.1, 0.5]))
 
 
 def faces(domain: Any) -> Any:

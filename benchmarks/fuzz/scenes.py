@@ -47,7 +47,7 @@ _TINY: dict[str, Any] = {
     "hold": [{"group": "bottom"}],
     "move": [{"group": "top", "translate": [0.0, 0.0, -0.1]}],
     "traction": [{"group": "left", "vector": [0.01, 0.0, 0.0]}],
-    "pressure": [{"group": "right", "value": 0.01}],
+    "pressure": [{"group": "right", "value": 0.01, "table": "ramp"}],
     "spring": [{"group": "front", "stiffness": 0.1}],
     "gravity": {"vector": [0.0, 0.0, -0.01]},
     "table": [{"name": "ramp", "points": [[0.0, 0.0], [1.0, 1.0]]}],
