@@ -97,11 +97,20 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     if config.getoption("other_debian"):
         left_out = SAME_TESTS | (RANKS_ON_ONE_DEBIAN if _ranks(config) > 1 else set())
         kept = _each_library_parameter([item for item in kept if _function(item) not in left_out])
-    if _ranks(config) > 1 and not config.getoption("every_parameter"):  # all of them run on one
-        kept = list({item.nodeid.split("[")[0]: item for item in reversed(kept)}.values())[::-1]
+    if _ranks(config) == 1:
+        kept = [item for item in kept if _runs_serially(item)]
+    elif not config.getoption("every_parameter"):  # all of them run on one
+        first = set({item.nodeid.split("[")[0]: item for item in reversed(kept)}.values())
+        kept = [item for item in kept if item in first or not _runs_serially(item)]
     left = set(kept)
     config.hook.pytest_deselected(items=[item for item in items if item not in left])
     items[:] = kept
+
+
+def _runs_serially(item: pytest.Item) -> bool:
+    """Return whether a test runs on one rank: all do, unless marked mpi(serially=False)."""
+    mark = item.get_closest_marker("mpi")
+    return mark is None or mark.kwargs.get("serially", True)
 
 
 def _function(item: pytest.Item) -> str:
