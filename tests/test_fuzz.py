@@ -27,11 +27,11 @@ QUICK = {
 }
 
 
-@pytest.mark.parametrize("name", load_families())
-def test_damaged_input_ends_well(name: str) -> None:
-    (row,) = fuzz.rows(only=name, count=QUICK[name])
+@pytest.mark.parametrize("family", load_families())
+def test_damaged_input_ends_well(family: str) -> None:
+    (row,) = fuzz.rows(only=family, count=QUICK[family])
     assert row["ok"], row["failures"]
-    assert row["refused"] > 0 and row["cases"] == QUICK[name]
+    assert row["refused"] > 0 and row["cases"] == QUICK[family]
 
 
 # --- the judge ------------------------------------------------------------------------------------
