@@ -37,9 +37,6 @@ _SLOW, _GROWTH, _LARGEST = 0.25, 4.0, 1e4
 #: the penetration is a hundredth of the cell.
 #: ``python -m benchmarks hertz --factors 0.1,1,10,100`` measures what it leaves and what it costs.
 FACTOR = 10.0
-#: Depths in the gap before, at the beginning of contact, below which a series has more digits, and
-#: above which the gap is none.
-_SHALLOW, _DEEP = 1e-2, 1e12
 #: Height of a cell over a facet, in its volume over the facet's area.
 _HEIGHT = {"tetrahedron": 3.0, "hexahedron": 1.0, "triangle": 2.0, "quadrilateral": 1.0}
 
@@ -181,40 +178,6 @@ class ContactLaw:
         values[rows] = multipliers
         self.multipliers[:] = values
         self.version += 1
-
-
-def mean_pressure(k: Array, multipliers: Array, start: Array, end: Array) -> tuple[Array, ...]:
-    r"""Return the pressure in a step that takes exactly what its energy loses, from gaps [m].
-
-    .. math:: \bar p = \frac{p_1^2 - p_0^2}{2 k (g_0 - g_1)}
-
-    with the pressures p at the start and the end of the step (Hauret & Le Tallec 2006). It is their
-    mean where a point is in contact at both, and less where contact begins or ends.
-
-    Returns
-    -------
-    energy, pressure, stiffness : arrays
-        Minus the integral of the pressure over the gap at the end, the pressure, and minus its
-        derivative.
-    """
-    p0, p1 = (np.maximum(multipliers - k * gap, 0.0) for gap in (start, end))
-    both, opens, closes = (p0 > 0) & (p1 > 0), (p0 > 0) & (p1 == 0), (p0 == 0) & (p1 > 0)
-    change = end - start
-    # Where contact ends, the distance in p0 / k; where it begins, the depth in the gap before.
-    ratio = np.where(opens, k * change, 1.0) / np.where(opens, p0, 1.0)
-    gap, depth = np.where(closes, start - multipliers / k, 1.0), np.where(closes, p1 / k, 1.0)
-    r = depth / np.maximum(gap, depth / _DEEP)
-    series = r / 3 - r**2 / 4 + r**3 / 5 - r**4 / 6 + r**5 / 7
-    begun = np.where(r < _SHALLOW, series, 0.5 - 1 / r + np.log1p(r) / r**2)
-    cases = [both, opens, closes]
-    energy = [
-        p1**2 / (4 * k) + p0 * (p0 / k - change) / 2,
-        -(p0**2) / (2 * k) * np.log(ratio),
-        k / 2 * depth**2 * begun,
-    ]
-    pressure = [(p0 + p1) / 2, p0 / (2 * ratio), p1 / 2 * r / (1 + r)]
-    stiffness = [k / 2, k / (2 * ratio**2), k / 2 * r * (r + 2) / (1 + r) ** 2]
-    return tuple(np.select(cases, values) for values in (energy, pressure, stiffness))
 
 
 def cell_heights(surface: SurfaceQuadrature, V: Any) -> Array:

@@ -24,7 +24,7 @@ from fem_snh.contact.obstacle_pair import ObstaclePair
 from fem_snh.contact.surface_quadrature import DeepestPoint, SurfaceQuadrature
 from fem_snh.errors import choose
 from fem_snh.geometry.motions import MovingShape
-from fem_snh.terms.settling import LaggedChange, largest_change
+from fem_snh.terms.settling import LaggedChange, largest_change, relative
 
 Array = npt.NDArray[Any]
 
@@ -40,6 +40,8 @@ _DEGREE_3 = {"quadrilateral": 5, "triangle": 4, "interval": 5}
 _TANGENTIAL = 1.0
 #: Friction has settled when its lagged normal forces change by less than this in a solve.
 _SETTLED = 1e-3
+#: Mean normals of a step have settled when they change the force by less than this in a solve.
+_TURNED = 1e-4
 
 
 class RigidContact(NamedTuple):
@@ -154,16 +156,10 @@ class ObstacleContact:
         for pair in self.pairs:
             pair.set_load(load)
 
-    @property
-    def has_mean_forces(self) -> bool:
-        """Whether an obstacle has friction: see `MeanForceTerm`."""
-        return bool(self._frictions)
-
     def weight_mean_forces(self, weight: float | None) -> None:
-        """Set the weight of the contact with friction: see `MeanForceTerm`."""
+        """Set the weight of a step's mean forces: see `MeanForceTerm`."""
         for pair in self.pairs:
-            if pair.friction:
-                pair.weight_mean_forces(weight)
+            pair.weight_mean_forces(weight)
 
     def scale_penalties(self, factor: float) -> bool:
         """Multiply the stiffness of penalties; return whether there are any."""
@@ -280,8 +276,14 @@ class ObstacleContact:
         for c, pair in zip(self.contacts, self.pairs, strict=True):
             at = pair.points(values)
             changes += pair.law.settle(*at[:3])
+            if pair.mean_weight is not None:
+                sums = self.comm.allreduce(np.array(pair.lag_mean_normals(values)))
+                change, force = sums.tolist()
+                what = f"obstacle '{c.name}': the change of the mean normals"
+                changes.append(LaggedChange(relative(change, force, _TURNED), what))
+                at = pair.mean_points(values)
             if pair.friction:
-                ratio = pair.friction.settle(pair.points_of_step(values), self.comm, _SETTLED)
+                ratio = pair.friction.settle(at, self.comm, _SETTLED)
                 what = f"obstacle '{c.name}': the change of friction's normal forces"
                 changes.append(LaggedChange(ratio, what))
         return largest_change(changes)

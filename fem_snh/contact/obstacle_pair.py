@@ -9,7 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh.contact.friction import ContactPoints, Friction
-from fem_snh.contact.law import ContactLaw, mean_pressure
+from fem_snh.contact.law import ContactLaw
+from fem_snh.contact.mean_contact import MeanContact, MeanPressure, mean_pressure
 from fem_snh.contact.surface_quadrature import (
     FINE_INTERVALS,
     GRID_INTERVALS,
@@ -186,12 +187,11 @@ class ObstaclePair:
         self._start: tuple[Array, Array, Array] | None = None
         #: The load at the start of the step, and the forces of an obstacle that moves.
         self._before: tuple[float, PointForces | None] = 0.0, None
-        #: The displacement at the start of the step, and the facets that touch there; facets, and
-        #: the gaps of their points there.
-        self._from: tuple[Array, Array] = np.zeros_like(X), np.empty(0, int)
-        self._start_gaps: tuple[Array, Array] | None = None
+        self._mean_contact = MeanContact(surface, obstacle)
         #: The last displacement, and what `_evaluate` returned for it.
         self._gaps: tuple[Array, tuple[Array, Array, Array, Array]] | None = None
+        #: The last ``_gaps`` and version of the law, and what `_mean` returned for them.
+        self._means: tuple[Any, int, tuple[ContactPoints, MeanPressure]] | None = None
 
     def set_load(self, load: float) -> None:
         """Move the obstacle to its position at a load."""
@@ -210,7 +210,7 @@ class ObstaclePair:
             self._start, self._gaps = (u.copy(), at.which, at.pressure > 0), None
         if self.friction:
             self.friction.begin_step(u, self.load, self.points(u))
-        self._from, self._start_gaps = (u.copy(), self.points(u).which), None
+        self._mean_contact.begin(u, self.load, self.points(u).which)
         moves = self.obstacle.motion is not None
         self._before = self.load, self._forces(u, self.points(u).acting) if moves else None
 
@@ -236,12 +236,27 @@ class ObstaclePair:
         """
         work, (load, before) = 0.0, self._before
         if self.mean_weight is not None:
-            end_weight = 1.0
-        if before is not None:
+            end_weight, work = 1.0, self._work_of_means(u)
+        elif before is not None:
             after = self._forces(u, self._end_pressure(u))
             for weight, at in ((end_weight, after), (1 - end_weight, before)):
                 work += weight * obstacle_work(self.obstacle, at, load, self.load)
         return work, self.friction.dissipated(u, end_weight) if self.friction else 0.0
+
+    def _work_of_means(self, u: Array) -> float:
+        """Return the obstacle's work in a step with mean forces [J]."""
+        if self.obstacle.motion is None:
+            return 0.0
+        at = self.mean_points(u)
+        found = [(at.which, (self.surface.weights[at.which] * at.pressure)[..., None] * at.normal)]
+        if self.friction:
+            found.append(self.friction.weighted_forces(u))
+        work = 0.0
+        for which, forces in found:
+            x = self.surface.positions(u, which)
+            moved = self._mean_contact.displacement(which, x, self.load)
+            work += float((forces * moved).sum())
+        return work
 
     def _forces(self, u: Array, acting: tuple[Array, Array, Array]) -> PointForces:
         """Return the forces of contact and friction on this rank's facets."""
@@ -282,18 +297,43 @@ class ObstaclePair:
         """Return the points with the pressures of the step: at its end, or mean ones."""
         if self.mean_weight is None:
             return self.points(u)
-        near, gap, normal, curvature = self._evaluate(u)
-        return ContactPoints(near, gap, self._mean(u)[1], normal, curvature)
+        return self._mean(u)[0]
 
-    def _mean(self, u: Array) -> tuple[Array, ...]:
-        """Return `mean_pressure` at the points of the near facets."""
-        near, gap, _, _ = self._evaluate(u)
-        if self._start_gaps is None or not np.array_equal(self._start_gaps[0], near):
-            x = self.surface.positions(self._from[0], near).reshape(-1, 3)
-            before = self.obstacle.evaluate(x, self._before[0])[0]
-            self._start_gaps = near, before.reshape(gap.shape)
-        k = np.broadcast_to(self.law.stiffness[near], gap.shape)
-        return mean_pressure(k, self.law.multipliers[near], self._start_gaps[1], gap)
+    def mean_points(self, u: Array) -> ContactPoints:
+        """Return the points with the mean pressures and normals of the step."""
+        at = self.points_of_step(u)
+        x = self.surface.positions(u, at.which)
+        normal = self._mean_contact.normals(at.which, x, at.gap, at.normal, self.load)
+        return at._replace(normal=normal)
+
+    def lag_mean_normals(self, u: Array) -> tuple[float, float]:
+        """Lag what the mean normals add to the forces; return its change, and the force [N]."""
+        at, mean = self.points_of_step(u), self.mean_points(u).normal
+        change = self._mean_contact.lag(at.which, at.pressure[..., None] * (mean - at.normal))
+        return change, float((self.surface.weights[at.which] * at.pressure).sum())
+
+    def _mean(self, u: Array) -> tuple[ContactPoints, MeanPressure]:
+        """Return the points of facets that touch in a step, and their mean pressures.
+
+        Multipliers are means themselves: they leave no compliance, whose energy would be given back
+        where contact ends.
+        """
+        near, gap, normal, curvature = self._evaluate(u)
+        if self._means and self._means[0] is self._gaps and self._means[1] == self.law.version:
+            return self._means[2]
+        k, trial = np.broadcast_to(self.law.stiffness[near], gap.shape), self.law.trial(near, gap)
+        if self.law.augmented:
+            p = np.maximum(trial, 0.0)
+            mean = MeanPressure(p**2 / (2 * k), p, np.where(p > 0, k, 0.0))
+        else:
+            start = self._mean_contact.gaps(near)
+            mean = mean_pressure(k, start, gap)
+        touching = np.flatnonzero(mean.pressure.any(axis=1))
+        found = (near, gap, mean.pressure, normal, curvature)
+        at = ContactPoints(*(values[touching] for values in found))
+        mean = MeanPressure(*(values[touching] for values in mean))
+        self._means = self._gaps, self.law.version, (at, mean)
+        return at, mean
 
     def _end_pressure(self, u: Array) -> tuple[Array, Array, Array]:
         """Return facets, pressures and normals at a step's end, as the step's solution has them.
@@ -301,7 +341,7 @@ class ObstaclePair:
         In a linearised step these are the points in contact at its start, on the linear branch.
         """
         if not self._start:
-            return self.points_of_step(u).acting
+            return self.points(u).acting
         near, gap, normal, _ = self._evaluate(u)
         which = self._start[1]
         rows = np.searchsorted(near, which)
@@ -320,7 +360,7 @@ class ObstaclePair:
         if self._start:
             near = np.union1d(near, self._start[1])
         if self.mean_weight is not None:
-            near = np.union1d(near, self._from[1])
+            near = np.union1d(near, self._mean_contact.which)
         x = self.surface.positions(u, near)
         gap, normal, curvature = self.obstacle.evaluate(x.reshape(-1, 3), self.load)
         found = near, gap.reshape(x.shape[:2]), normal.reshape(x.shape)
@@ -350,9 +390,9 @@ class ObstaclePair:
         """Return the energy of this rank's facets [J]."""
         friction = self.friction.energy(u) if self.friction else 0.0
         if self.mean_weight is not None:
-            near, energies = self._evaluate(u)[0], self._mean(u)[0]
-            mean = float((self.surface.weights[near] * energies).sum())
-            return self.mean_weight * (mean + friction)
+            at, pressure = self._mean(u)
+            mean = float((self.surface.weights[at.which] * pressure.energy).sum())
+            return self.mean_weight * (mean + self._mean_contact.turn_energy(u) + friction)
         at = self.points(u)
         return self.law.energy(at.which, at.pressure) + friction
 
@@ -361,6 +401,8 @@ class ObstaclePair:
         at, weight = self.points_of_step(u), self._weight
         forces = weight * (self.surface.weights[at.which] * at.pressure)[..., None] * at.normal
         self.surface.add_vectors(-forces, at.which, r)
+        if self.mean_weight is not None:
+            self._mean_contact.add_turn(r, self.mean_weight)
         if self.friction:
             self.friction.add_gradient(u, r, weight)
 
@@ -376,7 +418,7 @@ class ObstaclePair:
         at = self.points_of_step(u)
         stiffness = np.where(at.pressure != 0, self.law.stiffness[at.which], 0.0)
         if self.mean_weight is not None:
-            stiffness = self._mean(u)[2]
+            stiffness = self._mean(u)[1].stiffness
         curved = -at.pressure[..., None, None] * at.curvature
         some = curved.any(axis=(-2, -1))  # most obstacles are flat, most points without contact
         curved[some], count = filter_matrices(curved[some], filter)

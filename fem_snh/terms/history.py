@@ -76,19 +76,10 @@ class WorkingTerm(Protocol):
 
 @runtime_checkable
 class MeanForceTerm(Protocol):
-    """A term with forces that a step in time has as means over the step: contact with friction.
-
-    Attributes
-    ----------
-    has_mean_forces : bool
-        Whether there are any.
-    """
-
-    @property
-    def has_mean_forces(self) -> bool: ...
+    """A term whose forces a step in time has as means over the step: contact with obstacles."""
 
     def weight_mean_forces(self, weight: float | None) -> None:
-        """Let the energy's part of these forces be that of the step's mean, times a weight.
+        """Let the energy be that of the step's mean forces, times a weight.
 
         None: that of the present forces, as between steps.
         """

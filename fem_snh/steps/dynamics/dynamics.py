@@ -21,7 +21,7 @@ from fem_snh.assembly.regions import Region
 from fem_snh.choices import MASSES
 from fem_snh.errors import BadInput, bad_value, check_number, on_every
 from fem_snh.problem.problem import Problem
-from fem_snh.steps.dynamics.force_balance import ForceBalance, MeanForces
+from fem_snh.steps.dynamics.force_balance import ForceBalance, MeanForces, mean_force_terms
 from fem_snh.steps.dynamics.integrators import Affine, Before, MotionState, StepFormulas, create
 from fem_snh.steps.dynamics.measures import motion_measures, total_energy, work_of_loads
 from fem_snh.steps.dynamics.prescribed import PrescribedMotion
@@ -116,7 +116,7 @@ class Dynamics:
         self._first_energy: float | None = None
         self._before: Before | None = None
         self._rigid: EliminatingTerm | None = None
-        #: The part of the acceleration by mean forces, if the step has any (local dofs,).
+        #: The part of the acceleration by forces that steps have as means, if any (local dofs,).
         self._by_means: Array | None = None
         self._step: _Step  # set by begin_step
         #: Damping forces, and all forces but inertia and means, at the last state (owned dofs,).
@@ -216,10 +216,9 @@ class Dynamics:
             self.dissipated += problem.comm.allreduce(float(mean @ moved))
         work, lost = work_of_loads(problem, state.u, load, weight, self.terms)
         self.work, self.dissipated = self.work + work, self.dissipated + lost
-        if means:
-            balance.weight_mean_forces(problem, 0.0)
         if self._needs_forces:
-            forces = balance.other_forces(problem) + damping
+            others = balance.smooth_forces if means else balance.other_forces
+            forces = others(problem) + damping
             if self._moves:
                 old = self._acceleration(state.a, state.before and state.before.a)
                 new = self._acceleration(a, formulas.old_acceleration)
@@ -236,10 +235,9 @@ class Dynamics:
         self._damping = damping
         self.v.x.array[:], self.a.x.array[:] = v, a
         self._by_means = None
-        if means:
-            self._by_means = means.acceleration
-            self.a.x.array[:] += means.acceleration
-            balance.weight_mean_forces(problem, None)
+        if present := self._mean_forces(problem, None):
+            self._by_means = present.acceleration
+            self.a.x.array[:] += present.acceleration
         self._before = Before(h, state.u, state.v, formulas.old_acceleration)
         self._set_motion()
 
@@ -253,9 +251,11 @@ class Dynamics:
         new, old = formulas.error
         u = np.array(local_values(problem.split(problem.x)[0]))
         error = new * formulas.acceleration(u) + old * formulas.old_acceleration
-        if means := self._mean_forces(problem):
-            error += new * (1 - 1 / formulas.gamma) * means.acceleration
-            error += old * (self.a.x.array - self._smooth_acceleration())
+        if self._by_means is not None:
+            new_forces, means = (self._mean_forces(problem, weight) for weight in (None, 1.0))
+            assert new_forces and means
+            by_means = new_forces.acceleration - means.acceleration / formulas.gamma
+            error += new * by_means + old * self._by_means
         self._motion.project(error)
         return float(np.sqrt(self.mass.dot(error, error) / self.mass.total))
 
@@ -351,7 +351,7 @@ class Dynamics:
         columns = np.hsplit(values, values.shape[1] // self._kinematics.components)
         for name, field in zip(about.get("fields", ()), columns):
             fields[name] = with_ghosts(V, field.ravel())
-        means = self.integrator.has_mean_forces and self._balance.has_mean_forces(problem)
+        means = self.integrator.has_mean_forces and bool(mean_force_terms(problem))
         optional = {"damping": self._balance.damping, "forces": self._needs_forces}
         optional["by_means"] = means
         if not {"v", "a", *(name for name, needed in optional.items() if needed)} <= set(fields):

@@ -145,13 +145,14 @@ class ForceBalance:
         problem.gradient(problem.x, r, terms)
         return np.array(r.array_r[: self._mass.num_owned])
 
-    def has_mean_forces(self, problem: Problem) -> bool:
-        """Return whether a term has mean forces."""
-        return bool(_mean_force_terms(problem))
+    def smooth_forces(self, problem: Problem) -> Array:
+        """Return `other_forces` without those of terms with mean forces. Collective."""
+        excluded = [*self.terms, *mean_force_terms(problem)]
+        return self.other_forces(problem, [t for t in problem.terms if t not in excluded])
 
     def weight_mean_forces(self, problem: Problem, weight: float | None) -> None:
         """Set the weight of the mean forces: see `MeanForceTerm`."""
-        for term in _mean_force_terms(problem):
+        for term in mean_force_terms(problem):
             term.weight_mean_forces(weight)
 
     def mean_forces(self, problem: Problem, weight: float | None = 1.0) -> MeanForces | None:
@@ -159,13 +160,10 @@ class ForceBalance:
 
         The weight stays; None gives the present forces. The problem's matrix is overwritten.
         """
-        if not (terms := _mean_force_terms(problem)):
+        if not (terms := mean_force_terms(problem)):
             return None
-        found = []
-        for factor in (0.0, weight):
-            self.weight_mean_forces(problem, factor)
-            found.append(self.other_forces(problem, terms))
-        forces = found[1] - found[0]
+        self.weight_mean_forces(problem, weight)
+        forces = self.other_forces(problem, terms)
         a: Array = np.zeros(_dolfinx.num_components(self._V) * sum(_dolfinx.num_nodes(self._V)))
         if problem.comm.allreduce(bool(forces.any()), op=MPI.LOR):
             a = self.acceleration(problem, forces, a)
@@ -216,9 +214,9 @@ class ForceBalance:
         return np.array(vector.array_r)
 
 
-def _mean_force_terms(problem: Problem) -> list[MeanForceTerm]:
+def mean_force_terms(problem: Problem) -> list[Any]:
     """Return the terms of a problem that have mean forces."""
-    return [t for t in problem.terms if isinstance(t, MeanForceTerm) and t.has_mean_forces]
+    return [term for term in problem.terms if isinstance(term, MeanForceTerm)]
 
 
 #: Added to the inertia of a cell's nodes, relative to its trace: that of a line about itself
