@@ -86,7 +86,8 @@ class ObstacleContact:
     `ObstaclePair` has the derivatives, `Friction` its own energy. Multipliers and the lagged forces
     of friction are constant in a solve and updated after it: with an augmented Lagrangian
     until no point in contact is farther from the obstacle than the tolerance, with friction until
-    the normal forces have settled.
+    the normal forces have settled. In time, Newmark's method has contact as the mean over a step:
+    `fem_snh.contact.mean_contact.MeanContact`.
 
     Parameters
     ----------
