@@ -35,11 +35,11 @@ class Theory:
 THEORY = {
     "P1": Theory((2, 1), (8, 12), least=1, volume=1, locks=True),
     "Q1": Theory((2, 1), (8, 12), least=2, volume=2, locks=True),
-    "P2": Theory((3, 2), (6, 9), least=2, volume=3, locks=True),
+    "P2": Theory((3, 2), (5, 7), least=2, volume=3, locks=True),
     "Q2": Theory((3, 2), (4, 6), least=4, volume=4, locks=True),
     "Q1P0": Theory((2, 1), (8, 12), least=2, volume=2),
-    "P2P0": Theory((2, 1), (6, 9), least=2, volume=3),
-    "P2P1": Theory((3, 2, 2), (6, 9), least=2, volume=3),
+    "P2P0": Theory((2, 1), (5, 7), least=2, volume=3),
+    "P2P1": Theory((3, 2, 2), (5, 7), least=2, volume=3),
     "Q2Q1": Theory((3, 2, 2), (5, 8), least=4, volume=4),
 }
 

@@ -23,9 +23,7 @@ from fem_snh.mesh.bisection import bisect
 mpi = pytest.mark.mpi
 
 
-@pytest.mark.parametrize(
-    ("element", "nu"), [("Q1P0", 0.3), ("Q1P0", 0.49), ("Q1", 0.49), ("Q2", 0.3)]
-)
+@pytest.mark.parametrize(("element", "nu"), [("Q1P0", 0.49), ("Q1", 0.49), ("Q2", 0.3)])
 def test_quadrilaterals_have_the_errors_of_the_layer_of_hexahedra(element, nu, monkeypatch):
     """Both lifted problems have the same solution, here to the solvers' smallest residual."""
     for name, value in {"_SETTLED": 0.0, "_ROUNDING": 0.0, "_OF_LARGEST": 0.0}.items():
@@ -52,8 +50,16 @@ def test_quadrilaterals_have_the_errors_of_the_layer_of_hexahedra(element, nu, m
 OUTER = sqrt(2**2 + 1.5**2 - 1) - 2
 
 
-@pytest.mark.parametrize("kinematics", ["plane_strain", "axisymmetric"])
-@pytest.mark.parametrize("element", ["P1", "Q1P0", "P2P1", "Q2Q1"])
+@pytest.mark.parametrize(
+    ("element", "kinematics"),
+    [
+        ("P1", "plane_strain"),
+        ("P1", "axisymmetric"),
+        ("Q1P0", "axisymmetric"),
+        ("P2P1", "axisymmetric"),
+        ("Q2Q1", "plane_strain"),
+    ],
+)
 def test_effectivity_on_a_tube(element, kinematics):
     """Against the exact solution of an incompressible tube."""
     nu = 0.5 if element in ("P2P1", "Q2Q1") else 0.4999
