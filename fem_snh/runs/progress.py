@@ -128,7 +128,8 @@ class Progress:
             but = f" but {untouched}, without an estimate," if untouched else ""
             small = ", ".join(accuracy["small"])
             of = f", {small} of a tenth of the largest force" if small else ""
-            self._print(self._style(f"every goal{but} is within {asked}{of}", "green"))
+            besides = ", beside what the errors do not include" if accuracy["left_out"] else ""
+            self._print(self._style(f"every goal{but} is within {asked}{of}{besides}", "green"))
             return
         best = (
             f"{accuracy['worst']} is known to {100 * accuracy['relative']:.2g} %"
