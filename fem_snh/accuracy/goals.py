@@ -18,7 +18,7 @@ from fem_snh import _dolfinx
 from fem_snh.assembly.ghosted_vectors import add_ghosts, set_to_zero, writable_values
 from fem_snh.problem.probes import Probes
 from fem_snh.problem.problem import Problem
-from fem_snh.problem.reactions import reaction, virtual_rotation
+from fem_snh.problem.reactions import reaction, virtual_rotation, weighted
 from fem_snh.problem.solids import solids_in_shapes
 from fem_snh.terms.body import displacement_gradient, of_the_body
 from fem_snh.terms.term import ForceTerm, GoalTerm
@@ -216,7 +216,8 @@ class ReactionGoal:
     name : str
         Name of the force or of the moment.
     entries : callable
-        Returns the (n, components) bool mask of the owned dofs whose dE/du count, given a problem.
+        Returns which parts of dE/du at the owned nodes count, given a problem: a mask (n,
+        components), or the weights of `reaction_weights`.
     components : sequence of int, optional
         The components; default: all.
     about : (3,) sequence of float, optional
@@ -236,10 +237,10 @@ class ReactionGoal:
 
     def bind(self, problem: Problem) -> Callable[[], Sequence[float]]:
         """See `Goal.bind`."""
-        mask, about = self._entries(problem), self._about
+        weights, about = self._entries(problem), self._about
 
         def values() -> list[float]:
-            force, moment = reaction(problem, mask, (0, 0, 0) if about is None else about)
+            force, moment = reaction(problem, weights, (0, 0, 0) if about is None else about)
             found = force if about is None else moment
             return [float(found[i]) for i in self._components]
 
@@ -252,32 +253,31 @@ class ReactionGoal:
 
     def dual(self, at: Linearisation, number: int) -> Dual:
         """See `Goal.dual`."""
-        problem, mask = at.problem, self._entries(at.problem)
-        kinematics, components = problem.kinematics, mask.shape[1]
+        problem, weights = at.problem, self._entries(at.problem)
+        kinematics, shape = problem.kinematics, weights.shape[:2]
         i = self._components[number]
         if self._about is None:
-            virtual = np.broadcast_to(np.eye(3)[i, :components], mask.shape)
+            virtual = np.broadcast_to(np.eye(3)[i, : shape[1]], shape)
         else:
             positions = problem.coordinates + kinematics.padded(problem.nodal(problem.x))
             virtual = virtual_rotation(kinematics, positions, i, self._about)
         e, turning = problem.x.duplicate(), None
         e.set(0.0)
-        e.array[: mask.size] = np.where(mask.ravel(), virtual.ravel(), 0.0)
+        e.array[: shape[0] * shape[1]] = weighted(weights, virtual).ravel()
         if self._about is not None and problem.rigid and not kinematics.revolved:
-            turning = _turning(problem, mask, np.eye(3)[i])
+            turning = _turning(problem, weights, np.eye(3)[i])
         return dual_of_reaction(at, e, turning)
 
 
-def _turning(problem: Problem, mask: Array, axis: Array) -> PETSc.Vec:
+def _turning(problem: Problem, weights: Array, axis: Array) -> PETSc.Vec:
     """Return the derivative of a moment by the positions of rigid parts' nodes: f x axis."""
     assert problem.rigid is not None
     forces, found = problem.x.duplicate(), problem.x.duplicate()
     problem.gradient(problem.x, forces)
     found.set(0.0)
     dofs = problem.rigid.dofs
-    f = problem.kinematics.padded(forces.array_r[dofs])
-    turned = np.cross(f, axis)[:, : dofs.shape[1]]
-    found.array[dofs] = np.where(mask[problem.rigid.nodes], turned, 0.0)
+    f = weighted(weights[problem.rigid.nodes], forces.array_r[dofs])
+    found.array[dofs] = np.cross(problem.kinematics.padded(f), axis)[:, : dofs.shape[1]]
     return found
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
@@ -88,6 +88,10 @@ class Dirichlet:
         This rank's own cells whose nodes are constrained and that are not assembled.
     thin : ThinSupports or None
         What is constrained at points, in three dimensions also at edges, and by no surface.
+    own_components : mapping of str to set of int
+        The components that conditions of a physical group constrain there, by the group's label.
+    own_normals : mapping of str to (components,) array
+        The normals of planes of symmetry, likewise.
     """
 
     constrained: Array
@@ -97,6 +101,8 @@ class Dirichlet:
     released: Array = np.empty(0, np.int64)
     solid_cells: Array = np.empty(0, np.int64)
     thin: ThinSupports | None = None
+    own_components: Mapping[str, set[int]] = {}
+    own_normals: Mapping[str, Array] = {}
 
     def release(self, nodes: Array) -> None:
         """Constrain no component of some local nodes, (local nodes,) bool."""
@@ -225,6 +231,7 @@ class DirichletConditions(Dirichlet):
         self._moved: list[tuple[Array, list[int], PrescribedDisplacement | NodalMotion, Array]] = []
         #: Where the nodes of bones are in these, if not at their own reference coordinates.
         self._in_bones: dict[int, Array] = {}
+        self.own_components: dict[str, set[int]] = {}
         for condition in hold:
             self._constrain(V, mesh, condition)
         coordinates = V.tabulate_dof_coordinates()
@@ -244,6 +251,10 @@ class DirichletConditions(Dirichlet):
             nodes = nodes[nodes < owned]
             self._on_axis = (components * nodes[:, None] + kinematics.off_axis).ravel()
         planes = [_plane_of_group(V, mesh, plane.group) for plane in symmetry]
+        self.own_normals = {
+            mesh.group(table.group).label: plane.normal
+            for table, plane in zip(symmetry, planes, strict=True)
+        }
         self.planes = InclinedPlanes.of(planes, self.constrained, owned)
         self.dofs = np.flatnonzero(self.constrained[:owned])
         self.depends_on_load = bool(move) or any(bone.moves for bone in bones)
@@ -257,6 +268,7 @@ class DirichletConditions(Dirichlet):
         nodes = group_nodes(V, mesh, condition.group)
         axes = self._axes(condition)
         self.constrained[nodes[:, None], axes] = True
+        self.own_components.setdefault(mesh.group(condition.group).label, set()).update(axes)
         return nodes, axes
 
     def _axes(self, condition: Constraint) -> list[int]:
@@ -456,3 +468,27 @@ def group_nodes(V: Any, mesh: Mesh, key: str | int) -> Array:
     """Return the local nodes of V, ghosts included, on a physical group. Collective."""
     group = mesh.group(key)
     return _dolfinx.locate_dofs(V, group.dim, group.entities)
+
+
+def reaction_weights(V: Any, mesh: Mesh, key: str | int, dirichlet: Dirichlet) -> Array:
+    """Return the parts of nodal forces that count for the reaction of a group. Collective.
+
+    They are those along what its own conditions constrain: on the edge of two surfaces each has the
+    force of its own condition. Of a group without conditions, as one that others cover, all count.
+
+    Returns
+    -------
+    (nodes, components, components) array
+        Symmetric matrices, by which forces on the nodes that this rank owns are multiplied.
+    """
+    owned, components = _dolfinx.num_nodes(V)[0], _dolfinx.num_components(V)
+    label, nodes = mesh.group(key).label, group_nodes(V, mesh, key)
+    own, normal = dirichlet.own_components.get(label), dirichlet.own_normals.get(label)
+    part: Array = np.eye(components)
+    if own is not None and normal is None:
+        part = np.diag(np.isin(np.arange(components), list(own)).astype(float))
+    elif own is None and normal is not None:
+        part = np.outer(normal, normal)
+    weights: Array = np.zeros((owned, components, components))
+    weights[nodes[nodes < owned]] = part
+    return weights

@@ -124,7 +124,7 @@ def create_problem(
         regions,
         dirichlet,
         [*terms, *(moving.terms if moving else [])],
-        Reactions(V, mesh, kinematics, reactions) if reactions else None,
+        Reactions(V, mesh, kinematics, dirichlet, reactions) if reactions else None,
         group_cells(mesh, volumes),
         assembly,
         moving,

@@ -406,6 +406,11 @@ class Problem:
         """
         return self.reaction_sums(x).get("reactions", {})
 
+    @property
+    def reaction_notes(self) -> list[str]:
+        """Lines on the groups of `reactions` that have forces of other groups' conditions."""
+        return self._reactions.notes if self._reactions else []
+
     def reaction_sums(self, x: PETSc.Vec) -> dict[str, dict[str, list[float]]]:
         """Return the forces and moments that `Reactions.sums` describes. Collective."""
         if self._reactions is None:

@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh import _dolfinx
-from fem_snh.assembly.boundary_conditions import group_nodes
+from fem_snh.assembly.boundary_conditions import Dirichlet, group_nodes, reaction_weights
 from fem_snh.assembly.kinematics import Kinematics
 from fem_snh.mesh.mesh import Mesh
 
@@ -52,6 +52,8 @@ class Reactions:
         The mesh.
     kinematics : Kinematics
         The kinematics of the displacement.
+    dirichlet : Dirichlet
+        The conditions, of which a group has the forces of its own: see `reaction_weights`.
     groups : sequence of str, int or ReactionGroup
         The groups; of a name or a number alone the force.
     """
@@ -61,22 +63,48 @@ class Reactions:
         V: Any,
         mesh: Mesh,
         kinematics: Kinematics,
+        dirichlet: Dirichlet,
         groups: Sequence[str | int | ReactionGroup],
     ) -> None:
         self._comm, self._kinematics = mesh.domain.comm, kinematics
         owned = _dolfinx.num_nodes(V)[0]
         self._X: Array = V.tabulate_dof_coordinates()[:owned]
-        self._nodes: dict[str, Array] = {}
+        self._weights: dict[str, Array] = {}
         self._about: dict[str, Array] = {}
+        #: Lines on surfaces that have the forces of other conditions alone.
+        self.notes: list[str] = []
         for chosen in groups:
             if isinstance(chosen, str | int):
                 key, about = chosen, None
             else:
                 key, about = chosen.group, chosen.about
-            nodes = group_nodes(V, mesh, key)
-            self._nodes[str(key)] = nodes[nodes < owned]
+            self._weights[str(key)] = reaction_weights(V, mesh, key, dirichlet)
+            self.notes += self._shared(V, mesh, key, dirichlet)
             if about is not None:
                 self._about[str(key)] = np.array(about)
+
+    def _shared(self, V: Any, mesh: Mesh, key: str | int, dirichlet: Dirichlet) -> list[str]:
+        """Return a line if other conditions constrain a part of a surface without any. Collective.
+
+        One that they constrain as a whole has the force of them.
+        """
+        group = mesh.group(key)
+        if group.dim != mesh.dim - 1 or group.label in {
+            *dirichlet.own_components,
+            *dirichlet.own_normals,
+        }:
+            return []
+        nodes = group_nodes(V, mesh, key)
+        nodes = nodes[nodes < len(self._X)]
+        local = [int(dirichlet.constrained_nodes[nodes].sum()), len(nodes)]
+        constrained, every = self._comm.allreduce(np.array(local)).tolist()
+        if constrained in (0, every):
+            return []
+        return [
+            f"reactions of {key!r}: no condition is of this group, and others constrain "
+            f"{constrained} of its {every} nodes: the force is the part of theirs at these nodes, "
+            "which depends on the mesh"
+        ]
 
     def sums(self, x: Array, gradient: Array) -> dict[str, dict[str, list[float]]]:
         """Return forces and moments. Collective.
@@ -93,17 +121,28 @@ class Reactions:
             a point, if there are any.
         """
         size = self._kinematics.components * len(self._X)
-        forces = self._kinematics.padded(gradient[:size])
+        nodal = gradient[:size].reshape(-1, self._kinematics.components)
         positions = self._X + self._kinematics.padded(x[:size])
-        local = np.zeros((len(self._nodes), 2, 3))
-        for row, (key, nodes) in zip(local, self._nodes.items(), strict=True):
-            row[0] = forces[nodes].sum(axis=0)
+        local = np.zeros((len(self._weights), 2, 3))
+        for row, (key, weights) in zip(local, self._weights.items(), strict=True):
+            counted = self._kinematics.padded(weighted(weights, nodal))
+            row[0] = counted.sum(axis=0)
             if key in self._about:
-                row[1] = moment(self._kinematics, positions[nodes], forces[nodes], self._about[key])
-        total = dict(zip(self._nodes, self._comm.allreduce(local).tolist(), strict=True))
+                row[1] = moment(self._kinematics, positions, counted, self._about[key])
+        total = dict(zip(self._weights, self._comm.allreduce(local).tolist(), strict=True))
         found = {"reactions": {key: force for key, (force, _) in total.items()}}
         moments = {key: total[key][1] for key in self._about}
         return found | ({"moments": moments} if moments else {})
+
+
+def weighted(weights: Array, vectors: Array) -> Array:
+    """Return the parts of nodal vectors (n, components) that count.
+
+    ``weights`` are those of `reaction_weights`, or a mask (n, components) of components.
+    """
+    if weights.ndim == 2:
+        return np.where(weights, vectors, 0.0)
+    return np.asarray(np.einsum("nij,nj->ni", weights, vectors))
 
 
 def moment(kinematics: Kinematics, x: Array, forces: Array, about: Array) -> Array:
@@ -140,22 +179,24 @@ def virtual_rotation(kinematics: Kinematics, x: Array, axis: int, about: Array) 
     return rotation[:, : kinematics.components]
 
 
-def reaction(problem: Problem, mask: Array, about: Sequence[float] | Array = (0, 0, 0)) -> Array:
+def reaction(problem: Problem, weights: Array, about: Sequence[float] | Array = (0, 0, 0)) -> Array:
     """Return the force and the moment (2, 3) of the reaction at dofs. Collective.
 
     Parameters
     ----------
     problem : Problem
         The problem, in its state ``x``.
-    mask : (n, components) bool array
-        The dofs of the owned nodes whose dE/du [N] count.
+    weights : array
+        Which parts of dE/du [N] at the owned nodes count: see `weighted`.
     about : (3,) sequence of float, optional
         The point of the moment [m].
     """
     gradient = problem.x.duplicate()
     problem.gradient(problem.x, gradient)
     kinematics = problem.kinematics
-    forces = kinematics.padded(np.where(mask.ravel(), gradient.array_r[: mask.size], 0.0))
-    positions = problem.coordinates + kinematics.padded(problem.x.array_r[: mask.size])
+    size = len(weights) * kinematics.components
+    nodal = gradient.array_r[:size].reshape(-1, kinematics.components)
+    forces = kinematics.padded(weighted(weights, nodal))
+    positions = problem.coordinates + kinematics.padded(problem.x.array_r[:size])
     local = [forces.sum(axis=0), moment(kinematics, positions, forces, np.array(about))]
     return np.asarray(problem.comm.allreduce(np.array(local)))

@@ -71,7 +71,7 @@ def describe(
     ]
     texts = [text for term in problem.terms if (text := getattr(term, "note", ""))]
     texts += [*turns(scene), *partial_rotations(scene)]
-    texts += problem.dirichlet.contradictions_of_values()
+    texts += [*problem.dirichlet.contradictions_of_values(), *problem.reaction_notes]
     loads = [Note("load", text) for text in texts]
     shapes = [Note("mesh", text) for text in shape_notes(scene)]
     notes = [note.record() for note in (*loads, *shapes, mesh_note(scene, problem)) if note]

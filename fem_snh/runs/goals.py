@@ -18,7 +18,7 @@ from fem_snh.accuracy.goals import (
     VolumeGoal,
 )
 from fem_snh.accuracy.rigid_goals import RigidGoal
-from fem_snh.assembly.boundary_conditions import group_nodes
+from fem_snh.assembly.boundary_conditions import reaction_weights
 from fem_snh.assembly.kinematics import kinematics_of
 from fem_snh.errors import bad_value
 from fem_snh.mesh.mesh import DIMENSIONS, Mesh
@@ -150,25 +150,21 @@ def _goal(scene: Scene, mesh: Mesh, text: str, modes: LowestModes | None = None)
     if kind == "volume":
         return VolumeGoal(text, _cells(mesh, name, text) if name else None)
     if kind == "force":
-        return ReactionGoal(f"{name}.force", _dofs_of_group(mesh, name), components)
+        return ReactionGoal(f"{name}.force", _weights_of_group(mesh, name), components)
     if kind == "moment":
         named = [r.about for r in scene.reactions if str(r.group) == name and r.about]
         about = named[0] if named else _ORIGIN
-        return ReactionGoal(f"{name}.moment", _dofs_of_group(mesh, name), components, about)
+        return ReactionGoal(f"{name}.moment", _weights_of_group(mesh, name), components, about)
     return MeanGoal(f"{name}.mean", _measure(mesh, name, text), components)
 
 
-def _dofs_of_group(mesh: Mesh, key: str) -> Callable[[Problem], Any]:
-    """Return the function that marks the owned dofs of a physical group in a problem."""
+def _weights_of_group(mesh: Mesh, key: str) -> Callable[[Problem], Any]:
+    """Return the function that returns the weights of a group's reaction in a problem."""
 
-    def mark(problem: Problem) -> Any:
-        owned = len(problem.coordinates)
-        nodes = group_nodes(problem.V, mesh, key)
-        mask = np.zeros((owned, _dolfinx.num_components(problem.V)), dtype=bool)
-        mask[nodes[nodes < owned]] = True
-        return mask
+    def weigh(problem: Problem) -> Any:
+        return reaction_weights(problem.V, mesh, key, problem.dirichlet)
 
-    return mark
+    return weigh
 
 
 def _cells(mesh: Mesh, key: str, text: str) -> Any:

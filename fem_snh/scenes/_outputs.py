@@ -50,7 +50,10 @@ class Probe(Table):
 class Reaction(Table):
     """A physical group whose reaction is reported after each step."""
 
-    group: GroupKey = Field(description="Physical group, by name or number.")
+    group: GroupKey = Field(
+        description="Physical group, by name or number. Its reaction is the force of its own "
+        "conditions; of a group without any, that of all others at its nodes."
+    )
     about: Vector | None = Field(
         default=None,
         description="Point of the moment, which is reported too [length]; without it the force "
