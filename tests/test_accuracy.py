@@ -255,14 +255,19 @@ def test_a_small_force_that_begins_is_no_reason_for_finer_cells():
 
 
 def test_each_level_in_time_differs_from_the_last():
-    """What is left as it is adds up to less than the request, also of P2P0 on triangles."""
+    """What is left as it is adds up to less than the request, also with P3P0 on triangles."""
     parts = {"mesh": 0.0024, "time steps": 0.0024}
-    for element, degree, dim in (("P2P0", 2, 2), ("Q2", 2, 3), ("Q1", 1, 3)):
+    for element, lifted, degree, dim in (
+        ("P2P0", "P3P0", 2, 2),
+        ("P2P0", "P3P2", 2, 2),
+        ("Q2", "Q3Q2", 2, 3),
+        ("Q1", "Q2Q1", 1, 3),
+    ):
         levels = Levels(0.01, dim=dim)
         goal = GoalError(1.0, 0.0048, 1.0, parts=parts)
         row = LevelRow(element, degree, 64, 500, 1.0, 1e6, steps=10)
-        levels.add(row, Estimate(goals={"a": goal}))
-        assert levels.reached == (element != "P2P0")
+        levels.add(row, Estimate(goals={"a": goal}, element=lifted))
+        assert levels.reached == (lifted != "P3P0")
         assert levels.reached or levels.shorter_steps() > 1 or not levels.mesh_suffices
 
 

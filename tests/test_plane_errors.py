@@ -18,7 +18,7 @@ import fem_snh
 from fem_snh import scenes
 from fem_snh.errors import BadInput
 from fem_snh.mesh import mesh as meshes
-from fem_snh.mesh.bisection import bisect
+from fem_snh.mesh.bisection import bisect, bisect_times
 
 mpi = pytest.mark.mpi
 
@@ -69,6 +69,24 @@ def test_effectivity_on_a_tube(element, kinematics):
         goal = result.goals[name]
         assert 0.7 < goal["error"] / (exact - goal["value"]) < 1.4, name
         assert abs(goal["corrected"] - exact) < abs(goal["value"] - exact) / 3, name
+
+
+@pytest.mark.parametrize("element", ["P2", "P2P0", "Q2"])
+def test_effectivity_of_degree_2_where_it_locks_or_has_cell_pressures(element):
+    """Of these elements the lifted one leaves what it leaves of the Taylor-Hood element.
+
+    The exact values are extrapolated from Q2Q1 on 64 cells (docs/results/error.md).
+    """
+    keys = {"kinematics": "plane_strain", "nu": 0.49, "cells": 4, "element": element}
+    result = solve("cook", **keys, error=True)
+    for name, exact in (("corner.y", 6.9965), ("energy", -364.27)):
+        goal = result.goals[name]
+        error = exact - goal["value"]
+        assert abs(error) > 0.03 * abs(exact)
+        assert goal["error"] == pytest.approx(error, rel=0.2), name
+    # The errors of the cells add up to the estimate.
+    ((located, cells),) = result.estimate.indicators.items()
+    assert cells.sum() == pytest.approx(result.goals[located]["error"], rel=0.1)
 
 
 def turned(comm, element="Q1P0", kinematics="axisymmetric_torsion"):
@@ -195,6 +213,14 @@ def test_triangles_are_bisected_with_their_groups():
     edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
     shapes = areas(finer) / edges.max(axis=1) ** 2
     assert shapes.min() > 0.06
+
+
+@pytest.mark.parametrize("wanted", [1.05, 1.3, 1.7, 4.0])
+def test_a_refined_mesh_has_more_cells(wanted):
+    """Also where all cells are to be a little smaller: otherwise levels never end."""
+    data = meshes.gather(meshes.generate(MPI.COMM_SELF, "cook", "triangle", cells=4))
+    finer = bisect_times(data, lambda growth: areas(data) / growth, wanted, 10**6)
+    assert 1.2 <= len(finer.cells) / len(data.cells) <= 2.6 * wanted
 
 
 def test_curved_triangles_stay_on_their_curves():

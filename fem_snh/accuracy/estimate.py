@@ -36,10 +36,12 @@ from fem_snh.accuracy.lift import (
     NoEstimateOnAnyMesh,
     check_memory,
     check_problem,
+    create_in,
     create_lifted,
     lifted_dofs,
     lifted_elements,
     memory,
+    taylor_hood,
 )
 from fem_snh.accuracy.pressure_oscillation import may_lock
 from fem_snh.accuracy.saturation import cell_squares, saturation
@@ -76,8 +78,9 @@ _LEAST_PART = 0.01
 _MOST_MOVES = 8
 #: Part of the largest error of a vector that remains uncertain of each component with such shapes.
 _OF_VECTOR = 0.05
-#: Errors below this part of the goal are not located: their indicators are sums that cancel.
-_LOCATED = 1e-4
+#: Errors below this part of the goal are not located, as their indicators are sums that cancel; nor
+#: those below this part of what is asked for.
+_LOCATED, _LOCATED_OF_ASKED = 1e-4, 0.25
 
 
 def estimated(
@@ -226,7 +229,8 @@ def _find_errors(
     check_shapes(problem)
     element = next(lifted_elements(problem))
     found.element, found.dofs = element.name, lifted_dofs(problem, element)
-    found.memory = memory(problem, element)
+    middle = taylor_hood(problem, element)
+    found.memory = memory(problem, element) + (memory(problem, middle) if middle else 0.0)
     announce(found)
     check_memory(problem, found.memory)
     lifted = create_lifted(problem, make)
@@ -246,14 +250,22 @@ def _find_errors(
         # are the corners of cells below the surface of a shape, which has none.
         triangles = problem.element.name == "P2" and problem.kinematics.dim == 2
         locks = bool(may_lock(problem)) and not triangles
-        whole = bool(surfaces) or locks
+        middle = None if surfaces else taylor_hood(problem, lifted.element)
+        whole = bool(surfaces) or (locks and middle is None)
         found.saturation = factor = 1.0 if whole else saturation(lifted, lifted.split(lifted.x)[0])
         count = len(errors)
+        of_degree, unsettled_of_degree = errors, unsettled
+        if middle:
+            in_middle = _in_middle(problem, create_in(middle, problem, make), static, found, asked)
+            of_degree = errors - in_middle[0]
+            unsettled_of_degree = unsettled + in_middle[1]
         if "algebra" in others:
             algebra = others["algebra"][:count]
             algebra[np.abs(algebra) <= _LEAST_PART * np.abs(errors)] = 0.0
             errors = errors - algebra  # the difference to the run has it
-        unsettled = factor * unsettled
+            of_degree = of_degree if middle else errors
+        mesh = errors + (factor - 1) * of_degree
+        unsettled = unsettled + (factor - 1) * unsettled_of_degree
         if surfaces:
             others["shape"], further = _changes_by_shapes(lift, surfaces, functions, errors, found)
             # That of a volume is what the continuation of the flesh misses: no more than a bound.
@@ -263,20 +275,23 @@ def _find_errors(
             unsettled = np.maximum(unsettled, _least_of_vectors(static, whole_errors))
             printed = unsettled > UNSETTLED * np.abs(whole_errors)  # as a bound, of twice the size
             unsettled += np.where(printed, unsettled + np.abs(whole_errors), 0.0)
-        _add(found, static, factor * errors, others, unsettled)
+        _add(found, static, mesh, others, unsettled)
         modes = lifted_modes(lift, frequencies[0].modes) if frequencies else None
         if modes:
             of_modes = {source: part[count:] for source, part in others.items()}
-            mesh, unsettled = _frequency_errors(lifted, modes, frequencies, found, locks)
-            _add(found, frequencies, mesh, of_modes, unsettled)
+            of_mesh, unsettled = _frequency_errors(lifted, modes, frequencies, found, locks)
+            _add(found, frequencies, of_mesh, of_modes, unsettled)
+        least = min(_LOCATED, _LOCATED_OF_ASKED * asked) if asked else _LOCATED
         names = [
             name
             for name, goal in found.goals.items()
-            if goal.is_found and abs(goal.error or 0.0) > _LOCATED * goal.scale
+            if goal.is_found and abs(goal.error or 0.0) > least * goal.scale
         ]
         chosen = choose(found, names) if names else ()
         cells = cell_indicators(lift, static, chosen.__contains__) if chosen else {}
-        found.indicators = {name: factor * values for name, values in cells.items()}
+        ratios = np.divide(mesh, errors, out=np.full(count, factor), where=mesh * errors > 0)
+        of_goals = dict(zip(names_of(static), ratios, strict=True))
+        found.indicators = {name: of_goals[name] * values for name, values in cells.items()}
         for name, goal in zip(names_of(frequencies), frequencies, strict=True):
             if modes and name in chosen:
                 squares = cell_squares(lifted, modes.changes[goal.number - 1])
@@ -386,6 +401,18 @@ def _changes_by_shapes(
     if not np.isfinite(last).all():
         raise NoEstimate("a goal is not finite with the surfaces of shapes")
     return last - start, unsettled
+
+
+def _in_middle(
+    problem: Problem, middle: Problem, goals: Sequence[Goal], found: Estimate, asked: float
+) -> tuple[Array, Array]:
+    """Return the differences of `_differences` to the Taylor-Hood element of the run's degree."""
+    lift = Lift(problem, middle)
+    try:
+        functions = [goal.bind(middle) for goal in goals]
+        return _differences(lift, functions, goals, replace(found), asked)
+    finally:
+        lift.destroy()
 
 
 def _differences(

@@ -38,9 +38,9 @@ _HALF = 0.5
 #: degree 1 and 1.48 with degree 2, 1.75 in components that are small (docs/results/error.md). What
 #: the corrected value misses is the estimate times this, less one.
 _SAFETY = {1: 1.4, 2: 1.5}
-#: The same of P2P0 on triangles, of which the estimate is a quarter to two thirds at a corner
-#: (docs/results/error.md).
-_SAFETY_OF_P2P0 = 4.0
+#: The same on triangles with one pressure in each cell of the better element, as several nearly
+#: incompressible materials have it: the estimate may be a quarter of the error at a corner.
+_SAFETY_OF_P3P0 = 4.0
 #: The same with bones and rigid parts that are shapes (docs/results/error.md).
 _SAFETY_OF_SHAPES = 1.8
 #: A corrected value serves if the correction is at most so many times the request.
@@ -312,7 +312,11 @@ class Levels:
             row.steps_have_no_order = any(known[name].steps_bound == inf for name in unknown)
         else:
             before = self.rows[-1] if self.rows else None
-            goals = {name: self._goal(name, goal, row, before) for name, goal in known.items()}
+            weak = self.dim == 2 and estimate.element == "P3P0"
+            safety = _SAFETY_OF_P3P0 if weak else _SAFETY[row.degree]
+            goals = {
+                name: self._goal(name, goal, row, before, safety) for name, goal in known.items()
+            }
             row.goals = _with_least_bounds(goals if self.named else _least_of_forces(goals))
             row.where, row.doubt = estimate.where, estimate.doubt
             row.left_out = estimate.left_out
@@ -325,13 +329,16 @@ class Levels:
         return [name for name, goal in goals.items() if goal.relative(self.asked) > self.asked]
 
     def _goal(
-        self, name: str, goal: GoalError, row: LevelRow, before: LevelRow | None
+        self,
+        name: str,
+        goal: GoalError,
+        row: LevelRow,
+        before: LevelRow | None,
+        safety: float,
     ) -> GoalLevel:
         error = goal.error or 0.0
         corrected = goal.value + error
         scale = max(goal.scale, abs(corrected))
-        singular = self.dim == 2 and row.element == "P2P0"
-        safety = _SAFETY_OF_P2P0 if singular else _SAFETY[row.degree]
         if "shape" in goal.parts:
             safety = max(safety, _SAFETY_OF_SHAPES)
         steps = sum(abs(goal.parts.get(source, 0.0)) for source in _STEPS)

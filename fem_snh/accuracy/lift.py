@@ -108,11 +108,7 @@ def lifted_elements(problem: Problem) -> Iterator[Element]:
     log(J): the mean dilatation of each cell where they are nearly incompressible.
     """
     base = problem.element
-    elements = [
-        in_kinematics(element, problem.kinematics)
-        for element in (_DEGREE_2 if base.degree == 1 else _DEGREE_3)
-    ]
-    best = next(element for element in elements if element.cell == base.cell)
+    best = _on_cells_of(problem, _DEGREE_2 if base.degree == 1 else _DEGREE_3)
     several = len(problem.elastic.parts) > 1
     # Energies in UFL alone, or a rigid body, have no pressure; a sheet that thins does not lock.
     if not problem.elastic.parts or problem.kinematics.plane_stress:
@@ -132,6 +128,12 @@ def lifted_elements(problem: Problem) -> Iterator[Element]:
         yield replace(best, name=f"{best.name[:2]}P0", volume="mean", pressure_degree=0)
     else:
         yield replace(best, name=best.name[:2], volume="pointwise", pressure_degree=0)
+
+
+def _on_cells_of(problem: Problem, elements: Sequence[Element]) -> Element:
+    """Return the one of some elements of three dimensions that has the problem's kind of cell."""
+    in_same = [in_kinematics(element, problem.kinematics) for element in elements]
+    return next(element for element in in_same if element.cell == problem.element.cell)
 
 
 def nearly_incompressible(problem: Problem, limit: float = _NO_LOCKING) -> bool:
@@ -194,16 +196,34 @@ def create_lifted(problem: Problem, make: Callable[[Element], Problem]) -> Probl
     reason = ""
     for element in lifted_elements(problem):
         try:
-            lifted = make(element)
+            return create_in(element, problem, make)
         except BadInput as error:  # a material without a volume term of its own
             reason = reason or str(error)
-            continue
-        for term, base in zip(lifted.terms, problem.terms, strict=True):
-            if isinstance(term, LengthTerm) and isinstance(base, type(term)):
-                term.share_lengths(base)
-        lifted.set_load(problem.load)
-        return lifted
     raise NoEstimate(f"no element of degree {problem.element.degree + 1} fits: {reason}")
+
+
+def create_in(element: Element, problem: Problem, make: Callable[[Element], Problem]) -> Problem:
+    """Return the same problem with another element at the same load. Collective."""
+    other = make(element)
+    for term, base in zip(other.terms, problem.terms, strict=True):
+        if isinstance(term, LengthTerm) and isinstance(base, type(term)):
+            term.share_lengths(base)
+    other.set_load(problem.load)
+    return other
+
+
+def taylor_hood(problem: Problem, lifted: Element) -> Element | None:
+    """Return the Taylor-Hood element of the problem's degree, if its error is another one.
+
+    What the lifted element leaves follows from the error of this one (`saturation`): an element
+    that locks has a larger error, and one pressure in each cell may have a smaller one. Elements of
+    degree 1 have no factor, and without a continuous pressure in the lifted element there is none.
+    """
+    base = problem.element
+    same = base.volume == "pointwise" and not nearly_incompressible(problem)
+    if base.degree < 2 or base.volume == "pressure" or lifted.volume != "pressure" or same:
+        return None
+    return _on_cells_of(problem, _DEGREE_2)
 
 
 def lifted_dofs(problem: Problem, element: Element) -> int:

@@ -7,6 +7,7 @@ the mesh; `fem_snh.mesh.mesh.distribute` distributes it.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -22,6 +23,9 @@ Array = np.ndarray
 _TOLERANCE = 2**0.5
 #: Rounds of bisection: three halve the edges.
 _MAX_ROUNDS = 60
+#: Bisection makes more cells than were wanted, as it leaves no hanging nodes: the wanted number is
+#: then reduced, down to this factor, until at most so many times as many are made.
+_TRIES, _LEAST_GROWTH, _MORE = 4, 1.2, 1.2
 
 
 class _Marked(NamedTuple):
@@ -30,6 +34,38 @@ class _Marked(NamedTuple):
     keys: Array
     ranks: Array
     midpoints: Array
+
+
+def bisect_times(
+    data: MeshData, target: Callable[[float], Array], wanted: float, max_cells: int
+) -> MeshData:
+    """Return the mesh with about so many times as many cells, and at least some more. On rank 0.
+
+    Parameters
+    ----------
+    data : MeshData
+        As for `bisect`.
+    target : callable
+        Returns the volumes of the cells by the factor of their number.
+    wanted : float
+        The factor, above 1.
+    max_cells : int
+        As for `bisect`.
+    """
+    growth, refined = wanted, data
+    for _ in range(_TRIES):
+        tried = bisect(data, target(growth), max_cells)
+        found = len(tried.cells) / len(data.cells)
+        if found == 1:  # all cells are to be a little smaller: none, or all are bisected
+            if refined is not data:
+                break
+            growth *= _TOLERANCE
+            continue
+        refined = tried
+        if found <= _MORE * wanted or growth == _LEAST_GROWTH:
+            break
+        growth = max(_LEAST_GROWTH, growth * wanted / found)
+    return refined
 
 
 def bisect(data: MeshData, volumes: Array, max_cells: int) -> MeshData:

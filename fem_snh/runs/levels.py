@@ -27,7 +27,7 @@ from fem_snh.accuracy.levels import LevelRow, Levels, target_volumes
 from fem_snh.accuracy.lift import available_memory
 from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.assembly.kinematics import kinematics_of
-from fem_snh.mesh.bisection import bisect
+from fem_snh.mesh.bisection import bisect_times
 from fem_snh.mesh.gmsh_input import MeshData
 from fem_snh.mesh.mesh import Mesh, cell_volumes, distribute, gather
 from fem_snh.mesh.round_faces import round_faces
@@ -53,9 +53,6 @@ if TYPE_CHECKING:
 
 Array = npt.NDArray[Any]
 
-#: Bisection makes more cells than were wanted, as it leaves no hanging nodes: the wanted number is
-#: then reduced, down to this factor, until at most so many times as many are made.
-_TRIES, _LEAST_GROWTH, _MORE = 4, 1.2, 1.2
 #: Cells at which bisection ends.
 _MOST_CELLS = 20_000_000
 #: The option of Newton's tolerance.
@@ -354,14 +351,7 @@ def _bisected(
     comm: MPI.Comm, scene: scenes.Scene, level: Level, estimate: Estimate | None, finer: float
 ) -> tuple[scenes.Scene, Mesh | None]:
     def bisected(data: MeshData, target: Target, wanted: float) -> MeshData:
-        growth = wanted
-        for _ in range(_TRIES):
-            refined = bisect(data, target(growth), _MOST_CELLS)
-            found = len(refined.cells) / len(data.cells)
-            if found <= _MORE * wanted or growth == _LEAST_GROWTH:
-                break
-            growth = max(_LEAST_GROWTH, growth * wanted / found)
-        return refined
+        return bisect_times(data, target, wanted, _MOST_CELLS)
 
     mesh = _with_target(comm, scene, level, estimate, finer, bisected)
     assert level.mesh is not None
