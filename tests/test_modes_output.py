@@ -129,4 +129,14 @@ def test_a_table_of_modes_in_a_scene_file(tmp_path):
     text = 'mesh = "x.msh"\nelement = "Q1"\n[material]\nname = "stvk"\nE = 1\nnu = 0.3\n[modes]\n'
     (tmp_path / "x.toml").write_text(text.replace("stvk", "neo_hookean"))
     found = scenes.load(tmp_path / "x.toml").modes
-    assert found is not None and (found.count, found.density) == (10, 1000.0)
+    assert found is not None and (found.count, found.density) == (10, None)
+
+
+def test_materials_without_a_density_have_that_of_water_for_modes():
+    given, default = (
+        solve("twist", cells=2, steps=1, angle=0.1, modes={"count": 2} | density).record["modes"]
+        for density in ({"density": 4000.0}, {})
+    )
+    assert (given["density"], default["density"]) == (4000, 1000)
+    halved = np.array(default["frequencies"]) / 2
+    assert given["frequencies"] == pytest.approx(halved, rel=1e-9)
