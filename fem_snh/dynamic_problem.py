@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from fem_snh.accuracy.lift import keeps_history
 from fem_snh.choices import DEFAULT_INTEGRATOR, MASSES
 from fem_snh.errors import bad_value, check_number
 from fem_snh.kernels.material import Material
@@ -132,7 +131,7 @@ class DynamicProblem(NonlinearProblem):
         self._read_displacement()
         self._time_steps.start(velocity)
         self._has_started, self._velocity = True, velocity
-        self._is_new = self._is_new or not keeps_history(self._problem)
+        self._is_new = self._is_new or not self._problem.history.is_kept(self._problem.comm)
         self._write_solution()
 
     def step(self, size: float) -> bool:

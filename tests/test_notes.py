@@ -303,3 +303,17 @@ def test_a_motion_that_gains_energy(integrator, friction):
         start = 500 + 500 / 6  # of the translation, and of the rotation about the centre
         assert note["gained"] == pytest.approx(row["energy"] - start, rel=1e-6)
         assert f"the energy rises by {note['gained']:.3g} J that no load gives" in note["text"]
+
+
+def test_penalties_that_yield_have_a_note():
+    """A penalty is a spring in series: its part of the energy is that of the force it costs."""
+    keys = {"nu": 0.0, "to": 0.999, "cells": 2, "steps": 1}
+    soft = fem_snh.run("press", **keys, progress=False)
+    (note,) = [note for note in soft.notes if note["kind"] == "penalty"]
+    force = soft.steps[-1]["obstacles"]["plate"]["force"][2]
+    exact = -1e5 * 0.001  # E times the strain: nu is zero
+    assert note["share"] == pytest.approx(1 - force / exact, rel=0.02)
+    assert "4.8 % of the energy" in note["text"]
+    estimated = fem_snh.run("press", **keys, error=True, progress=False)
+    assert "penalty" not in {note["kind"] for note in estimated.notes}
+    assert estimated.goals["plate.force.z"]["corrected"] == pytest.approx(exact, rel=2e-3)

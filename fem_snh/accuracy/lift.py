@@ -147,13 +147,7 @@ def nearly_incompressible(problem: Problem, limit: float = _NO_LOCKING) -> bool:
 
 def depends_on_path(problem: Problem) -> bool:
     """Return whether a state depends on those before it: in time, with friction. Collective."""
-    return problem.motion is not None or keeps_history(problem)
-
-
-def keeps_history(problem: Problem) -> bool:
-    """Return whether terms keep something from step to step, such as friction. Collective."""
-    terms = problem.history.by_name.values()
-    return any([problem.comm.allreduce(term.history()[1].size) > 0 for term in terms])
+    return problem.motion is not None or problem.history.is_kept(problem.comm)
 
 
 def check_body(problem: Problem) -> None:
@@ -170,7 +164,7 @@ def check_problem(problem: Problem) -> None:
     again = "follow the path by steps() of the problem, from its beginning"
     if problem.motion:
         raise NoEstimateOnAnyMesh(f"the motion is another one in another element: {again}")
-    if keeps_history(problem):
+    if problem.history.is_kept(problem.comm):
         names = " and ".join(f"'{name}'" for name in problem.history.by_name)
         raise NoEstimateOnAnyMesh(
             f"{names} keeps friction or multipliers from step to step, which another element "

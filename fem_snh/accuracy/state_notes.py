@@ -13,6 +13,7 @@ from fem_snh.accuracy.inverted_points import inverted_points
 from fem_snh.accuracy.pressure_oscillation import may_lock, pressure_oscillation
 from fem_snh.notes import Note
 from fem_snh.problem.problem import Problem
+from fem_snh.terms.term import PenaltyTerm
 
 #: The element without locking on the same cells with which each element is compared.
 REPLACEMENTS = {"P1": "P2P0", "P2": "P2P0", "Q1": "Q1P0", "Q2": "Q2Q1"}
@@ -25,6 +26,9 @@ _TOO_STIFF = 1.2
 #: Part of the largest force from which that of supports without an area is reported: those that
 #: only prevent rigid motions have what the solvers leave.
 _CARRIES = 1e-3
+
+#: Part of the elastic energy from which that of penalties is reported.
+_YIELDS = 0.02
 
 #: Part of the largest kinetic energy, work or dissipation by which an energy may rise by itself.
 _RISE = 0.05
@@ -45,7 +49,7 @@ def state_notes(problem: Problem, negative: int | None) -> list[Note]:
     """
     unstable = instability_note({0: negative or 0})
     found = [inversion_note(problem), locking_note(problem), unstable, pressure_note(problem)]
-    found.append(thin_support_note(problem))
+    found += [thin_support_note(problem), penalty_note(problem)]
     contradictions = problem.dirichlet.contradictions_of_values()
     return [note for note in found if note] + [Note("load", text) for text in contradictions]
 
@@ -81,6 +85,33 @@ def thin_support_note(problem: Problem, step: int | None = None) -> Note | None:
         "meshes it tends to zero, or the body gives way there without a limit; constrain surfaces"
     )
     return Note("supports", text, step, {"force": force})
+
+
+def penalty_note(problem: Problem, step: int | None = None) -> Note | None:
+    """Return a note if penalties have much of the energy. Collective.
+
+    A penalty is a spring in series with the body. Where both are linear, its part of the energy is
+    what it changes of the force at a prescribed displacement, or of the displacement under a given
+    load, relative to them. In time, with friction or multipliers the energy does not tell, and
+    there is no note; nor where energies in UFL alone have those of loads in them.
+    """
+    penalties = [t for t in problem.terms if isinstance(t, PenaltyTerm) and t.scale_penalties(1.0)]
+    static = problem.motion is None and not problem.history.is_kept(problem.comm)
+    if not (penalties and static and problem.elastic.parts):
+        return None
+    u, p = problem.split(problem.x)
+    energy = sum(term.energy(u, p) for term in penalties)
+    elastic = problem.elastic.energy(u, p)
+    if not energy > _YIELDS * elastic:
+        return None
+    share = energy / (energy + elastic)
+    names = " and ".join(f"'{term.name}'" for term in penalties)
+    text = (
+        f"penalties of {names} have {100 * share:.2g} % of the energy: forces at prescribed "
+        "displacements are about as much too small, displacements under given loads as much too "
+        "large; ask for the error (error = true), or take a larger stiffness"
+    )
+    return Note("penalty", text, step, {"share": share})
 
 
 def locking_note(

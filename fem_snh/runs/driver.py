@@ -173,7 +173,7 @@ def _run(
         if level:
             level.end(recorder.record, estimate)
         status = "converged" if setup.stepper.done else setup.stepper.failure_message()
-        recorder.add_notes(final_notes(setup.problem, recorder.record["steps"], setup.make))
+        recorder.add_notes(final_notes(setup, recorder.record["steps"], estimate))
         recorder.save(status)
         path = folder.path if folder else None
         # PETSc does not report misspelt options.

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -15,18 +15,19 @@ from fem_snh.accuracy.state_notes import (
     instability_note,
     inversion_note,
     locking_note,
+    penalty_note,
     penetration_note,
     pressure_note,
     thin_support_note,
 )
-from fem_snh.assembly.elements import Element
 from fem_snh.mesh.mesh_checks import unconnected_nodes
 from fem_snh.notes import Note
 from fem_snh.problem.problem import Problem
 from fem_snh.scenes import Lattice, Scene
 
-#: Makes the run's problem with another element.
-Make = Callable[[Element], Problem]
+if TYPE_CHECKING:
+    from fem_snh.accuracy.goal_errors import Estimate
+    from fem_snh.runs.setup import Setup
 
 
 def turns(scene: Scene) -> list[str]:
@@ -111,34 +112,35 @@ def mesh_note(scene: Scene, problem: Problem) -> Note | None:
 
 
 def final_notes(
-    problem: Problem,
-    steps: Sequence[Mapping[str, Any]],
-    make: Make | None,
+    setup: Setup, steps: Sequence[Mapping[str, Any]], estimate: Estimate | None
 ) -> list[Note]:
     """Return the notes on the last state of a run, and on states before it. Collective.
 
     Parameters
     ----------
-    problem : Problem
-        The problem in the state of the last step that converged.
+    setup : Setup
+        The problem in the state of the last step that converged; its ``make``, if there is one,
+        makes the problem with another element, by which a stiffness is compared.
     steps : sequence of mapping
         The rows of run.json.
-    make : callable or None
-        Makes the problem with another element, by which a stiffness is compared.
+    estimate : Estimate or None
+        The errors, which have a part for penalties.
     """
     good = [number for number, row in enumerate(steps) if row["converged"]]
     if not good:
         return []
-    stiffness = None
-    if make:
+    problem, stiffness = setup.problem, None
+    if setup.make:
         from fem_snh.accuracy.stiffness import stiffness_factor
 
-        stiffness = partial(stiffness_factor, make=make)
+        stiffness = partial(stiffness_factor, make=setup.make)
+    has_errors = estimate is not None and not estimate.reason
     found = [
         locking_note(problem, stiffness, good[-1]),
         inversion_note(problem, good[-1]) or _earlier_inversion(steps, good),
         pressure_note(problem),
         thin_support_note(problem, good[-1]),
+        None if has_errors else penalty_note(problem, good[-1]),
         energy_note({number: steps[number] for number in good}),
         penetration_note({number: steps[number] for number in good}),
         instability_note(

@@ -10,6 +10,7 @@ from collections.abc import Container, Mapping, Sequence
 from itertools import count
 from typing import Any, Protocol, runtime_checkable
 
+from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
@@ -192,6 +193,10 @@ class TermHistory:
                 for name, row in rows.items():
                     table[_unused(name, table)] = row
         return found
+
+    def is_kept(self, comm: MPI.Intracomm) -> bool:
+        """Return whether terms keep something from step to step, such as friction."""
+        return any([comm.allreduce(term.history()[1].size) > 0 for term in self._terms])
 
     @property
     def by_name(self) -> dict[str, HistoryTerm]:
