@@ -144,7 +144,7 @@ def test_a_motion_to_a_required_accuracy():
 
 def test_the_penalty_of_an_impact():
     """A ball in the middle of its impact: what 16 times the stiffness changes."""
-    keys = {"cells": 2, "time.duration": 0.5, "time.steps": 80}
+    keys = {"cells": 2, "time.duration": 0.45, "time.steps": 80}
     scene = scenes.load("bounce", **keys).model_copy(
         update={
             "probe": [Probe(name="centre", point=(0, 0, 0))],
