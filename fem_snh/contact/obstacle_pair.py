@@ -247,12 +247,8 @@ class ObstaclePair:
         """Return the obstacle's work in a step with mean forces [J]."""
         if self.obstacle.motion is None:
             return 0.0
-        at = self.mean_points(u)
-        found = [(at.which, (self.surface.weights[at.which] * at.pressure)[..., None] * at.normal)]
-        if self.friction:
-            found.append(self.friction.weighted_forces(u))
         work = 0.0
-        for which, forces in found:
+        for which, forces in self._weighted_forces(u, self.mean_points(u).acting):
             x = self.surface.positions(u, which)
             moved = self._mean_contact.displacement(which, x, self.load)
             work += float((forces * moved).sum())
@@ -260,13 +256,20 @@ class ObstaclePair:
 
     def _forces(self, u: Array, acting: tuple[Array, Array, Array]) -> PointForces:
         """Return the forces of contact and friction on this rank's facets."""
+        found = self._weighted_forces(u, acting)
+        x = [self.surface.positions(u, which).reshape(-1, 3) for which, _ in found]
+        forces = [f.reshape(-1, 3) for _, f in found]
+        return PointForces(np.concatenate(x), np.concatenate(forces))
+
+    def _weighted_forces(
+        self, u: Array, acting: tuple[Array, Array, Array]
+    ) -> list[tuple[Array, Array]]:
+        """Return facets, and the forces (m, points, 3) at their points [N]: contact, friction."""
         which, pressure, normal = acting
         found = [(which, (self.surface.weights[which] * pressure)[..., None] * normal)]
         if self.friction:
             found.append(self.friction.weighted_forces(u))
-        x = [self.surface.positions(u, which).reshape(-1, 3) for which, _ in found]
-        forces = [f.reshape(-1, 3) for _, f in found]
-        return PointForces(np.concatenate(x), np.concatenate(forces))
+        return found
 
     def distance(self, x: Array) -> Array:
         """Return the signed distance of points (n, 3) from the obstacle [m]."""
