@@ -69,7 +69,8 @@ class Reactions:
         self._comm, self._kinematics = mesh.domain.comm, kinematics
         owned = _dolfinx.num_nodes(V)[0]
         self._X: Array = V.tabulate_dof_coordinates()[:owned]
-        self._weights: dict[str, Array] = {}
+        #: The nodes of each group whose forces count, and their weights.
+        self._counted: dict[str, tuple[Array, Array]] = {}
         self._about: dict[str, Array] = {}
         #: Lines on surfaces that have the forces of other conditions alone.
         self.notes: list[str] = []
@@ -78,7 +79,9 @@ class Reactions:
                 key, about = chosen, None
             else:
                 key, about = chosen.group, chosen.about
-            self._weights[str(key)] = reaction_weights(V, mesh, key, dirichlet)
+            weights = reaction_weights(V, mesh, key, dirichlet)
+            nodes = np.flatnonzero(weights.any(axis=(1, 2)))
+            self._counted[str(key)] = nodes, weights[nodes]
             self.notes += self._shared(V, mesh, key, dirichlet)
             if about is not None:
                 self._about[str(key)] = np.array(about)
@@ -123,13 +126,13 @@ class Reactions:
         size = self._kinematics.components * len(self._X)
         nodal = gradient[:size].reshape(-1, self._kinematics.components)
         positions = self._X + self._kinematics.padded(x[:size])
-        local = np.zeros((len(self._weights), 2, 3))
-        for row, (key, weights) in zip(local, self._weights.items(), strict=True):
-            counted = self._kinematics.padded(weighted(weights, nodal))
+        local = np.zeros((len(self._counted), 2, 3))
+        for row, (key, (nodes, weights)) in zip(local, self._counted.items(), strict=True):
+            counted = self._kinematics.padded(weighted(weights, nodal[nodes]))
             row[0] = counted.sum(axis=0)
             if key in self._about:
-                row[1] = moment(self._kinematics, positions, counted, self._about[key])
-        total = dict(zip(self._weights, self._comm.allreduce(local).tolist(), strict=True))
+                row[1] = moment(self._kinematics, positions[nodes], counted, self._about[key])
+        total = dict(zip(self._counted, self._comm.allreduce(local).tolist(), strict=True))
         found = {"reactions": {key: force for key, (force, _) in total.items()}}
         moments = {key: total[key][1] for key in self._about}
         return found | ({"moments": moments} if moments else {})
