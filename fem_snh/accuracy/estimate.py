@@ -254,16 +254,17 @@ def _find_errors(
         whole = bool(surfaces) or (locks and middle is None)
         found.saturation = factor = 1.0 if whole else saturation(lifted, lifted.split(lifted.x)[0])
         count = len(errors)
-        of_degree, unsettled_of_degree = errors, unsettled
-        if middle:
-            in_middle = _in_middle(problem, create_in(middle, problem, make), static, found, asked)
-            of_degree = errors - in_middle[0]
-            unsettled_of_degree = unsettled + in_middle[1]
+        difference = errors
         if "algebra" in others:
             algebra = others["algebra"][:count]
             algebra[np.abs(algebra) <= _LEAST_PART * np.abs(errors)] = 0.0
-            errors = errors - algebra  # the difference to the run has it
-            of_degree = of_degree if middle else errors
+            errors = difference - algebra  # the difference to the run has it
+        of_degree, unsettled_of_degree = errors, unsettled
+        if middle:
+            in_middle, further = _in_middle(
+                problem, create_in(middle, problem, make), static, found, asked
+            )
+            of_degree, unsettled_of_degree = difference - in_middle, unsettled + further
         mesh = errors + (factor - 1) * of_degree
         unsettled = unsettled + (factor - 1) * unsettled_of_degree
         if surfaces:
