@@ -28,9 +28,11 @@ LIST = ".files"
 COLLECTIONS = ("fields", "skin", "obstacles", "modes")
 #: Files of which a run has one each. A record without a list is that of an older version.
 _SINGLE = ("run.json", "steps.csv", "modes.csv", CHECKPOINT, *(f"{c}.pvd" for c in COLLECTIONS))
-#: The other files: states of collections, and copies of the surfaces of obstacles and bones.
+#: The solids whose surfaces may be files, of which a run has copies: the tables of scenes.
+SOLIDS = ("obstacle", "bone", "rigid")
+#: The other files: states of collections, and these copies.
 _NUMBERED = re.compile(
-    rf"({'|'.join(COLLECTIONS)})(_p\d+_)?\d{{6,}}\.p?vtu|obstacle_\d+\.stl|bone_\d+\.(stl|obj)"
+    rf"({'|'.join(COLLECTIONS)})(_p\d+_)?\d{{6,}}\.p?vtu|({'|'.join(SOLIDS)})_\d+\.(stl|obj)"
 )
 #: File names that a message lists.
 _SHOWN = 3
@@ -39,6 +41,14 @@ _SHOWN = 3
 def is_run_file(name: str) -> bool:
     """Return whether a run may write a file of this name."""
     return name in _SINGLE or _NUMBERED.fullmatch(name) is not None
+
+
+def surface_copy(solid: str, number: int, source: Path) -> str:
+    """Return the name of the copy of a solid's surface, "rigid_0.obj", in the folder of a run.
+
+    Readers tell OBJ files by their suffix; every other file is STL.
+    """
+    return f"{solid}_{number}{'.obj' if source.suffix.lower() == '.obj' else '.stl'}"
 
 
 def listed_files(folder: Path) -> list[str] | None:

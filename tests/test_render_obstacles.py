@@ -10,7 +10,10 @@ from mpi4py import MPI
 import matplotlib.image
 import numpy as np
 import pytest
+from contact_scenes import slide
 from picture_runs import bad, record, write_record, write_run
+from running import record as read_record
+from running import solve
 from scipy.spatial.transform import Rotation
 
 from fem_snh.geometry.shapes import Box, Capsule, Cylinder, Plane, Polygon, Sphere, from_record
@@ -125,6 +128,21 @@ def test_poses_of_a_record(tmp_path):
         0.0, np.array([[-1, -1, 0], [1, 1, 2]])
     )
     assert obstacle_poses(record(), tmp_path) == []
+
+
+def test_a_surface_of_an_obj_file_is_drawn(tmp_path):
+    corners = [(x, y, z) for x in (0, 1) for y in (0, 1) for z in (1, 2)]
+    faces = "1 2 4 3", "5 7 8 6", "1 5 6 2", "3 4 8 7", "1 3 7 5", "2 6 8 4"
+    lines = [*("v {} {} {}".format(*corner) for corner in corners), *(f"f {f}" for f in faces)]
+    (tmp_path / "press.obj").write_text("\n".join(lines))
+    scene = slide(shape=None, surface=tmp_path / "press.obj", friction=0.0)
+    solve(scene, out=tmp_path / "out", steps=1)
+    poses = obstacle_poses(read_record(tmp_path / "out"), tmp_path / "out")
+    (drawn,) = Obstacles(poses).at(1.0, np.array([[0, 0, 0], [1, 1, 2]]))
+    moved = np.array([[0.06, 0, 0.9], [1.06, 1, 1.9]])
+    assert np.stack([drawn.points.min(axis=0), drawn.points.max(axis=0)]) == pytest.approx(
+        moved, abs=1e-6
+    )
 
 
 def coloured(path: Path) -> int:

@@ -106,6 +106,8 @@ def test_surface_of_a_file_is_copied_to_the_folder(tmp_path):
     assert (tmp_path / "out/rigid_0.stl").read_bytes() == (tmp_path / "ball.stl").read_bytes()
     assert second["shape"].keys() == {"capsule"}
     assert first["poses"][-1] == pytest.approx(np.column_stack([np.eye(3), [0, 0.1, 0]]), abs=1e-9)
+    fem_snh.run("twist", cells=1, steps=1, out=tmp_path / "out", overwrite=True, progress=False)
+    assert not (tmp_path / "out/rigid_0.stl").exists()
 
 
 @mpi

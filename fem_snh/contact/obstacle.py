@@ -15,9 +15,10 @@ from fem_snh.geometry.motions import MovingShape, RigidMotion, read_motion
 from fem_snh.geometry.motions.moving import DisplacementMotion
 from fem_snh.geometry.shapes import Box, ClosedSurface, Revolved, Shape, read_polygon
 from fem_snh.output_fields import AT_OBSTACLES, OutputField
+from fem_snh.run_files import surface_copy
 from fem_snh.tables.amplitudes import MOTION_TABLE, Amplitudes, TableName
 from fem_snh.tables.motions import TRANSLATE, Rotate, ScaledMotion, check_motion
-from fem_snh.tables.shapes import ShapeChoice
+from fem_snh.tables.shapes import ShapeChoice, SurfaceFile
 from fem_snh.tables.types import FilePath, NonNegative, Surface, Text, Vector
 from fem_snh.tables.validation import Expect, given_key
 from fem_snh.terms.feature import Feature
@@ -27,7 +28,6 @@ if TYPE_CHECKING:
     from fem_snh.terms.body import Body
     from fem_snh.terms.term import Term
 
-StlFile = Annotated[FilePath, Expect("the path of an STL file")]
 CsvFile = Annotated[FilePath, Expect("the path of a CSV file")]
 
 
@@ -40,9 +40,9 @@ class Obstacle(Feature, ContactTable):
     shape: ShapeChoice | None = Field(
         default=None, description="Its shape; or 'surface', or 'profile'."
     )
-    surface: StlFile | None = Field(
+    surface: SurfaceFile | None = Field(
         default=None,
-        description="STL file of a closed surface, instead of 'shape'; "
+        description="STL or OBJ file of a closed surface, instead of 'shape'; "
         "its path is relative to the scene file.",
     )
     profile: CsvFile | None = Field(
@@ -140,8 +140,11 @@ class Obstacle(Feature, ContactTable):
         """
         found = {}
         for i, (name, obstacle) in enumerate(zip(names(features), features, strict=True)):
-            shape = obstacle.shape.record() if obstacle.shape else {"surface": file_name(i)}
-            if obstacle.profile:
+            if obstacle.shape:
+                shape = obstacle.shape.record()
+            elif obstacle.surface:
+                shape = {"surface": surface_copy("obstacle", i, obstacle.surface)}
+            else:
                 section: Any = terms[0].contacts[i].obstacle.shape
                 if isinstance(section, Revolved):
                     section = section.section
@@ -212,8 +215,3 @@ def names(obstacles: Sequence[Obstacle]) -> list[str]:
         if found.count(name) > 1:
             raise bad_value("obstacle.name", name, "a different name for each obstacle")
     return found
-
-
-def file_name(number: int) -> str:
-    """Return the name of an obstacle's STL file in the folder of a run."""
-    return f"obstacle_{number}.stl"

@@ -8,7 +8,7 @@ from fem_snh.errors import on_every
 from fem_snh.mesh.mesh import Mesh
 from fem_snh.problem.bone_nodes import BoneNodes, place_bones
 from fem_snh.problem.problem import Problem
-from fem_snh.runs.obstacle_records import surface_name
+from fem_snh.run_files import surface_copy
 from fem_snh.scenes import Scene
 from fem_snh.scenes.bone_files import read_bones
 
@@ -35,12 +35,12 @@ def describe_bones(scene: Scene, problem: Problem) -> dict[str, dict[str, Any]]:
     """
     found = {}
     placed: list[BoneNodes] = getattr(problem.dirichlet, "bones", [])
-    for choice, bone in zip(scene.bone, placed, strict=True):
+    for i, (choice, bone) in enumerate(zip(scene.bone, placed, strict=True)):
         kind: dict[str, Any] = {"group": choice.group}
         if choice.shape is not None:
             kind = {"shape": choice.shape.record()}
         elif choice.surface is not None:
-            kind = {"shape": {"surface": surface_name(scene, choice)}}
+            kind = {"shape": {"surface": surface_copy("bone", i, choice.surface)}}
         pose = bone.affine(0.0).tolist()
         found[choice.name] = {**kind, "nodes": bone.count, "length": bone.length, "pose": pose}
     return found

@@ -166,7 +166,7 @@ def _run(
         former = stored.record if stored else None
         recorder = Recorder(about, scene, setup, folder, start, former, goals)
         if folder and (scene.obstacle or scene.bone or scene.rigid):
-            from fem_snh.runs.obstacle_records import copy_surfaces
+            from fem_snh.runs.surface_copies import copy_surfaces
 
             on_root(comm, copy_surfaces, scene, folder)
         estimate = _solve(comm, scene, setup, recorder, printed, goals, modes, level)

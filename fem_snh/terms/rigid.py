@@ -9,6 +9,7 @@ from pydantic import BeforeValidator, Field, model_validator
 
 from fem_snh.errors import BadInput, bad_value, choose
 from fem_snh.geometry.shapes import ClosedSurface, Shape
+from fem_snh.run_files import surface_copy
 from fem_snh.tables.amplitudes import MOTION_TABLE, TABLE, TableName
 from fem_snh.tables.motions import TRANSLATE, Rotate
 from fem_snh.tables.shapes import ShapeChoice, SurfaceFile
@@ -256,14 +257,15 @@ class Rigid(Feature):
         Each has its ``shape``, a table of one key as in the scene (a surface by its file's name in
         the folder), and the reference coordinates of its ``point``.
         """
-        found = {
-            part.label: {
-                "shape": part.shape.record() if part.shape else {"surface": file_name(i, part)},
-                "point": terms[0].place(part.label).tolist(),
-            }
-            for i, part in enumerate(features)
-            if part.group is None
-        }
+        found = {}
+        for i, part in enumerate(features):
+            if part.shape:
+                shape = part.shape.record()
+            elif part.surface:
+                shape = {"surface": surface_copy("rigid", i, part.surface)}
+            else:
+                continue
+            found[part.label] = {"shape": shape, "point": terms[0].place(part.label).tolist()}
         return {"rigid": found} if found else {}
 
     @classmethod
@@ -273,11 +275,6 @@ class Rigid(Feature):
 
         check_names(features)
         return [RigidParts(features, body)]
-
-
-def file_name(number: int, part: Rigid) -> str:
-    """Return the name of the file of a part's surface in the folder of a run; empty without one."""
-    return f"rigid_{number}{part.surface.suffix.lower()}" if part.surface else ""
 
 
 def check_motions(part: Rigid, kinematics: Kinematics) -> None:
