@@ -6,6 +6,7 @@ import csv
 import json
 import re
 from pathlib import Path
+from time import perf_counter
 
 from mpi4py import MPI
 
@@ -27,6 +28,7 @@ from fem_snh.runs.exact_bodies import cells_of
 from fem_snh.runs.first_level import first_scene
 from fem_snh.runs.progress import Progress
 from fem_snh.scenes import Accuracy, Scene
+from fem_snh.steps import stepping
 
 mpi = pytest.mark.mpi
 _COOK = Path(__file__).parents[1] / "docs" / "results" / "tradeoff" / "cook.csv"
@@ -346,6 +348,17 @@ def test_limits_end_the_levels(capsys):
     assert "max_dofs = 1,300: the next level has about" in output[-1]
     assert any(line.startswith("level 1: 16 Q1P0 cells, 150 dofs, ") for line in output)
     assert any(line.startswith("level 2: about ") for line in output)
+
+
+@mpi
+def test_ranks_of_unequal_speed_decide_alike(comm, monkeypatch):
+    """A rank that measures more seconds than `max_time` leaves no other one waiting."""
+    if comm.rank:
+        monkeypatch.setattr(stepping, "perf_counter", lambda: 1e6 * perf_counter())
+    asked = {"within": 1e-3, "goals": ["energy"], "max_time": 600, "max_dofs": 1000}
+    found = solve("twist", comm, cells=2, nu=0.3, steps=1, element="Q1", angle=0.5, accuracy=asked)
+    limits = comm.allgather(found.record["accuracy"]["limit"])
+    assert len(set(limits)) == 1 and limits[0].startswith("max_dofs = 1,000: ")
 
 
 @pytest.mark.parametrize(

@@ -152,7 +152,7 @@ class ClosestFacets:
 
 
 class Gaps(NamedTuple):
-    r"""FacetsInReach points, gaps and what their derivatives are made of, of n points.
+    r"""Closest points of n points, their gaps, and what the gaps' derivatives are made of.
 
     Attributes
     ----------

@@ -241,7 +241,8 @@ def run_levels(
             forecast = levels.forecast_of_degree(result.estimate.dofs if result.estimate else 0)
         else:
             forecast = levels.forecast(refinement, shorter)
-        elapsed = comm.bcast(perf_counter() - start)
+        # Each rank has measured seconds of its own: all decide by those of rank 0.
+        elapsed, forecast = comm.bcast((perf_counter() - start, forecast))
         if limit := levels.exceeds(forecast, elapsed, available_memory(comm)):
             levels.limit = limit
             break
