@@ -227,12 +227,7 @@ def _find_errors(
     """Add the estimates; raise NoEstimate if there is none."""
     check_problem(problem)
     check_shapes(problem)
-    element = next(lifted_elements(problem))
-    found.element, found.dofs = element.name, lifted_dofs(problem, element)
-    middle = taylor_hood(problem, element)
-    found.memory = memory(problem, element) + (memory(problem, middle) if middle else 0.0)
-    announce(found)
-    check_memory(problem, found.memory)
+    _announce(problem, found, announce)
     lifted = create_lifted(problem, make)
     found.element, found.jit = lifted.element.name, lifted.seconds["jit"]
     surfaces = ShapeSurfaces(lifted)
@@ -244,63 +239,106 @@ def _find_errors(
     lift = Lift(problem, lifted)
     try:
         functions = [surfaces.bind(goal) for goal in static]
-        errors, unsettled = _differences(lift, functions, static, found, asked)
+        difference, unsettled = _differences(lift, functions, static, found, asked)
         found.may_be_unstable = lift.check_stability(stability)
-        # Locking is no part of what the lifted solution leaves; P2 on triangles hardly locks. Nor
-        # are the corners of cells below the surface of a shape, which has none.
-        triangles = problem.element.name == "P2" and problem.kinematics.dim == 2
-        locks = bool(may_lock(problem)) and not triangles
-        middle = None if surfaces else taylor_hood(problem, lifted.element)
-        whole = bool(surfaces) or (locks and middle is None)
-        found.saturation = factor = 1.0 if whole else saturation(lifted, lifted.split(lifted.x)[0])
-        count = len(errors)
-        difference = errors
-        if "algebra" in others:
-            algebra = others["algebra"][:count]
-            algebra[np.abs(algebra) <= _LEAST_PART * np.abs(errors)] = 0.0
-            errors = difference - algebra  # the difference to the run has it
-        of_degree, unsettled_of_degree = errors, unsettled
-        if middle:
-            in_middle, further = _in_middle(
-                problem, create_in(middle, problem, make), static, found, asked
+        errors = _less_algebra(difference, others)
+        mesh = errors
+        if surfaces:  # they have none of the corners of cells, where the lifted solution has errors
+            others["shape"], unsettled = _changes_by_shapes(
+                lift, surfaces, functions, static, errors, unsettled, found
             )
-            of_degree, unsettled_of_degree = difference - in_middle, unsettled + further
-        mesh = errors + (factor - 1) * of_degree
-        unsettled = unsettled + (factor - 1) * unsettled_of_degree
-        if surfaces:
-            others["shape"], further = _changes_by_shapes(lift, surfaces, functions, errors, found)
-            # That of a volume is what the continuation of the flesh misses: no more than a bound.
-            inexact = [isinstance(goal, VolumeGoal) for goal in static for _ in goal.names]
-            unsettled = unsettled + np.where(inexact, np.abs(others["shape"]), further)
-            whole_errors = errors + others["shape"]
-            unsettled = np.maximum(unsettled, _least_of_vectors(static, whole_errors))
-            printed = unsettled > UNSETTLED * np.abs(whole_errors)  # as a bound, of twice the size
-            unsettled += np.where(printed, unsettled + np.abs(whole_errors), 0.0)
+        else:
+            rest, further = _errors_of_lifted(
+                lift, make, static, found, asked, difference, errors, unsettled
+            )
+            mesh, unsettled = errors + rest, unsettled + further
         _add(found, static, mesh, others, unsettled)
-        modes = lifted_modes(lift, frequencies[0].modes) if frequencies else None
-        if modes:
-            of_modes = {source: part[count:] for source, part in others.items()}
-            of_mesh, unsettled = _frequency_errors(lifted, modes, frequencies, found, locks)
-            _add(found, frequencies, of_mesh, of_modes, unsettled)
-        least = min(_LOCATED, _LOCATED_OF_ASKED * asked) if asked else _LOCATED
-        names = [
-            name
-            for name, goal in found.goals.items()
-            if goal.is_found and abs(goal.error or 0.0) > least * goal.scale
-        ]
-        chosen = choose(found, names) if names else ()
-        cells = cell_indicators(lift, static, chosen.__contains__) if chosen else {}
-        ratios = np.divide(mesh, errors, out=np.full(count, factor), where=mesh * errors > 0)
-        of_goals = dict(zip(names_of(static), ratios, strict=True))
-        found.indicators = {name: of_goals[name] * values for name, values in cells.items()}
-        for name, goal in zip(names_of(frequencies), frequencies, strict=True):
-            if modes and name in chosen:
-                squares = cell_squares(lifted, modes.changes[goal.number - 1])
-                total = lifted.comm.allreduce(squares.sum())
-                found.indicators[name] = squares * ((found.goals[name].error or 0.0) / total)
+        modes = _add_frequencies(lift, frequencies, found, others) if frequencies else None
+        if chosen := _located(found, choose, asked):
+            ratios = np.full(len(errors), found.saturation)
+            np.divide(mesh, errors, out=ratios, where=mesh * errors > 0)
+            of_goals = dict(zip(names_of(static), ratios, strict=True))
+            cells = cell_indicators(lift, static, chosen.__contains__)
+            found.indicators = {name: of_goals[name] * values for name, values in cells.items()}
+            if modes:
+                found.indicators |= _frequency_indicators(lifted, modes, frequencies, found, chosen)
         found.linear = lift.linear
     finally:
         lift.destroy()
+
+
+def _announce(problem: Problem, found: Estimate, announce: Callable[[Estimate], None]) -> None:
+    """Announce what the best lifted element costs; raise NoEstimate if there is no memory."""
+    element = next(lifted_elements(problem))
+    found.element, found.dofs = element.name, lifted_dofs(problem, element)
+    middle = taylor_hood(problem, element)
+    found.memory = memory(problem, element) + (memory(problem, middle) if middle else 0.0)
+    announce(found)
+    check_memory(problem, found.memory)
+
+
+def _less_algebra(difference: Array, others: dict[str, Array]) -> Array:
+    """Return the difference to the run less what Newton's method left, which it contains.
+
+    Where that is negligible beside it, the part ``algebra`` becomes zero.
+    """
+    if "algebra" not in others:
+        return difference
+    algebra = others["algebra"][: len(difference)]
+    algebra[np.abs(algebra) <= _LEAST_PART * np.abs(difference)] = 0.0
+    return difference - algebra
+
+
+def _locks(problem: Problem) -> bool:
+    """Return whether the run's element locks: no decay of the lifted one's degrees shows that.
+
+    P2 on triangles hardly does.
+    """
+    triangles = problem.element.name == "P2" and problem.kinematics.dim == 2
+    return bool(may_lock(problem)) and not triangles
+
+
+def _errors_of_lifted(
+    lift: Lift,
+    make: Callable[[Element], Problem],
+    goals: Sequence[Goal],
+    found: Estimate,
+    asked: float,
+    difference: Array,
+    errors: Array,
+    unsettled: Array,
+) -> tuple[Array, Array]:
+    """Return the errors of the lifted solution, and what is unsettled of them.
+
+    Parameters
+    ----------
+    difference, errors : (goals,) array
+        The goals in the lifted problem less those of the run, with and without algebra.
+    unsettled : (goals,) array
+        What is unsettled of them.
+    """
+    problem, lifted = lift.problem, lift.lifted
+    middle = taylor_hood(problem, lifted.element)
+    if middle is None and _locks(problem):
+        return np.zeros_like(errors), np.zeros_like(errors)
+    found.saturation = saturation(lifted, lifted.split(lifted.x)[0])
+    if middle:
+        in_middle, further = _in_middle(
+            problem, create_in(middle, problem, make), goals, found, asked
+        )
+        errors, unsettled = difference - in_middle, unsettled + further
+    return (found.saturation - 1) * errors, (found.saturation - 1) * unsettled
+
+
+def _located(found: Estimate, choose: Choose, asked: float) -> Collection[str]:
+    """Return the goals whose errors are distributed to the cells. Collective."""
+    least = min(_LOCATED, _LOCATED_OF_ASKED * asked) if asked else _LOCATED
+    names = [
+        name
+        for name, goal in found.goals.items()
+        if goal.is_found and abs(goal.error or 0.0) > least * goal.scale
+    ]
+    return choose(found, names) if names else ()
 
 
 def _values(found: Estimate, goals: Sequence[Goal]) -> tuple[Array, Array]:
@@ -309,20 +347,44 @@ def _values(found: Estimate, goals: Sequence[Goal]) -> tuple[Array, Array]:
     return np.array([goal.value for goal in known]), np.array([goal.scale for goal in known])
 
 
-def _frequency_errors(
+def _add_frequencies(
+    lift: Lift, goals: Sequence[FrequencyGoal], found: Estimate, others: dict[str, Array]
+) -> LiftedModes | None:
+    """Add the errors of frequencies, the last goals of ``others``. Collective.
+
+    Returns
+    -------
+    LiftedModes or None
+        The lifted modes; None if they were not found, and no errors were added.
+    """
+    modes = lifted_modes(lift, goals[0].modes)
+    if modes is None:
+        return None
+    numbers = [goal.number - 1 for goal in goals]
+    shapes = [] if _locks(lift.problem) else [modes.shapes[i] for i in numbers]
+    # The root: smooth modes leave nothing, those of clamped bodies the factor.
+    factors = np.sqrt([saturation(lift.lifted, shape) for shape in shapes]) if shapes else 1.0
+    errors = factors * (modes.frequencies[numbers] - _values(found, goals)[0])
+    of_modes = {source: part[-len(goals) :] for source, part in others.items()}
+    _add(found, goals, errors, of_modes, factors * modes.unsettled[numbers])
+    return modes
+
+
+def _frequency_indicators(
     lifted: Problem,
     modes: LiftedModes,
     goals: Sequence[FrequencyGoal],
     found: Estimate,
-    locks: bool,
-) -> tuple[Array, Array]:
-    """Return the errors of frequencies that are of the mesh, and what is unsettled of them."""
-    numbers = [goal.number - 1 for goal in goals]
-    shapes = [] if locks else [modes.shapes[i] for i in numbers]
-    # The root: smooth modes leave nothing, those of clamped bodies the factor.
-    factors = np.sqrt([saturation(lifted, shape) for shape in shapes]) if shapes else 1.0
-    errors = modes.frequencies[numbers] - _values(found, goals)[0]
-    return factors * errors, factors * modes.unsettled[numbers]
+    chosen: Collection[str],
+) -> dict[str, Array]:
+    """Return the errors of chosen frequencies in cells, as the squares of the modes' changes."""
+    indicators = {}
+    for name, goal in zip(names_of(goals), goals, strict=True):
+        if name in chosen:
+            squares = cell_squares(lifted, modes.changes[goal.number - 1])
+            total = lifted.comm.allreduce(squares.sum())
+            indicators[name] = squares * ((found.goals[name].error or 0.0) / total)
+    return indicators
 
 
 def _other_parts(
@@ -380,28 +442,45 @@ def _changes_by_shapes(
     lift: Lift,
     surfaces: ShapeSurfaces,
     functions: Sequence[Callable[[], Sequence[float]]],
+    goals: Sequence[Goal],
     errors: Array,
+    unsettled: Array,
     found: Estimate,
 ) -> tuple[Array, Array]:
-    """Return what moving solids at their surfaces changes of goals, and what is unsettled of it."""
+    """Return what moving solids at their surfaces changes of goals, and all that is unsettled.
+
+    Parameters
+    ----------
+    functions : sequence of callable
+        Evaluate the goals in the lifted problem.
+    errors, unsettled : (goals,) array
+        The errors before, and what is unsettled of them.
+    """
 
     def values() -> Array:
         return np.array([value for function in functions for value in function()])
 
     lift.allow(2 * _MOST_MOVES)
     start = last = values()
-    unsettled: Array = np.zeros(len(start))
+    moved: Array = np.zeros(len(start))
     for _ in range(_MOST_MOVES if surfaces.below else 0):
         surfaces.update()
         lift.solve()
         found.newton, found.linear = lift.newton, lift.linear
         before, last = last, values()
-        unsettled = np.abs(last - before)  # the further moves are at most a geometric series
-        if (unsettled <= _SETTLED * np.abs(errors + last - start)).all():
+        moved = np.abs(last - before)  # the further moves are at most a geometric series
+        if (moved <= _SETTLED * np.abs(errors + last - start)).all():
             break
     if not np.isfinite(last).all():
         raise NoEstimate("a goal is not finite with the surfaces of shapes")
-    return last - start, unsettled
+    change = last - start
+    # That of a volume is what the continuation of the flesh misses: no more than a bound.
+    inexact = [isinstance(goal, VolumeGoal) for goal in goals for _ in goal.names]
+    unsettled = unsettled + np.where(inexact, np.abs(change), moved)
+    whole = errors + change
+    unsettled = np.maximum(unsettled, _least_of_vectors(goals, whole))
+    printed = unsettled > UNSETTLED * np.abs(whole)  # as a bound, of twice the size
+    return change, unsettled + np.where(printed, unsettled + np.abs(whole), 0.0)
 
 
 def _in_middle(

@@ -435,7 +435,6 @@ class VolumeGoal(CellsGoal):
 
     def bind(self, problem: Problem) -> Callable[[], Sequence[float]]:
         """See `Goal.bind`."""
-
         if not problem.kinematics.plane_stress and solids_in_shapes(problem):
             return self._by_displacement(problem)
 
