@@ -19,7 +19,8 @@ import fem_snh
 from benchmarks.accuracy_cases import exact
 from fem_snh import _dolfinx, scenes
 from fem_snh.accuracy.goal_errors import Estimate, GoalError
-from fem_snh.accuracy.levels import LevelRow, Levels, target_volumes
+from fem_snh.accuracy.levels import LevelRow, Levels
+from fem_snh.accuracy.target_volumes import target_volumes
 from fem_snh.cli import main
 from fem_snh.mesh import mesh as meshes
 from fem_snh.mesh.bisection import bisect

@@ -1,8 +1,7 @@
 """Decide on the levels of a run to a required accuracy: when it ends, and how fine the next is.
 
-The value of a goal is within the request if a bound of its error is: the estimate, times what it
-misses at a corner. The corrected value serves instead if what the estimate misses is within the
-request. Where the corrected values of two levels contradict their bounds, their difference counts.
+The value of a goal is within the request if a bound of its error is; the corrected value serves
+instead if what the estimate may miss is (`fem_snh.accuracy.goal_bounds`).
 """
 
 from __future__ import annotations
@@ -15,12 +14,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from fem_snh.accuracy.goal_bounds import GoalLevel, bounded_goals
 from fem_snh.accuracy.goal_errors import (
     LOAD_STEPS,
     SMALL_FORCE,
     TIME_STEPS,
     Estimate,
-    GoalError,
     parts_text,
 )
 from fem_snh.accuracy.goals import vector_of
@@ -34,27 +33,11 @@ Array = npt.NDArray[Any]
 _SMALL_PART, _PART_AIM, _MOST_SHORTER, _MOST_STIFFER, _MOST_TIGHTER = 0.25, 0.15, 4.0, 10.0, 1e4
 #: What the mesh adds to a bound, over the request, up to which it stays while others are reduced.
 _HALF = 0.5
-#: Bound of an error over its estimate, by the degree of the displacement: 1.27 is measured with
-#: degree 1 and 1.48 with degree 2, 1.75 in components that are small (docs/results/error.md). What
-#: the corrected value misses is the estimate times this, less one.
-_SAFETY = {1: 1.4, 2: 1.5}
-#: The same on triangles with one pressure in each cell of the better element, as several nearly
-#: incompressible materials have it: the estimate may be a quarter of the error at a corner.
-_SAFETY_OF_P3P0 = 4.0
-#: The same with bones and rigid parts that are shapes (docs/results/error.md).
-_SAFETY_OF_SHAPES = 1.8
-#: A corrected value serves if the correction is at most so many times the request.
-_LARGEST_CORRECTION = 20.0
-#: Least bound of a component, over the largest one of the same vector; and what forces that were
-#: not asked for by name are relative to at least, over the largest force.
-_LEAST_OF_VECTOR, _LEAST_OF_FORCES = 0.1, SMALL_FORCE
 #: Order in h of the errors of singular solutions, by the degree of the displacement: the error of
 #: degree 1 decreases as h to h^2.
 _ORDER = {1: 1.2, 2: 1.5}
 #: Factors between the sizes of cells of two levels, least and most.
 _LEAST_REFINEMENT, _MOST_REFINEMENT = 1.3, 2.0
-#: Goals below this part of their scale are not printed: the solvers leave that much.
-_SHOWN = 1e-5
 #: Part of the error of the level before to which that of a finer one decreases at least: with half
 #: the size of the cells a corner of a crack has half.
 _DECREASES = 0.8
@@ -75,82 +58,6 @@ _TIME_POWER = 1.2
 #: On a path it is measured on two levels, and at least this; after the first level it is this.
 #: Steps of small meshes cost little more with more unknowns: P2 with 630 and 3,759 dofs, 0.47.
 _LEAST_TIME_POWER, _FIRST_TIME_POWER = 0.5, 0.8
-
-
-@dataclass(frozen=True)
-class GoalLevel:
-    """A goal at one level.
-
-    Attributes
-    ----------
-    value, error : float
-        The value, and the estimate of what is to be added to it.
-    scale : float
-        What the errors are relative to.
-    bound, uncertainty : float
-        Bounds of the errors of the value and of the corrected value.
-    parts : dict of float
-        The parts of the error by their source; empty if there is one source.
-    safety : float
-        By how much the estimate may be too small.
-    steps_bound : float
-        A bound of the error of time or load steps.
-    small : bool
-        Whether the scale is that of a larger force.
-    """
-
-    value: float
-    error: float
-    scale: float
-    bound: float
-    uncertainty: float
-    parts: dict[str, float]
-    safety: float
-    steps_bound: float = 0.0
-    small: bool = False
-
-    @property
-    def corrected(self) -> float:
-        """The value with the estimate added."""
-        return self.value + self.error
-
-    def relative(self, asked: float) -> float:
-        """Return the relative error with which the goal is known, of the better of both values."""
-        return self.best(asked)[1] / self.scale if self.scale > 0 else 0.0
-
-    def best(self, asked: float) -> tuple[float, float]:
-        """Return the value that is known better, or the corrected one, and a bound of its error."""
-        known = [(self.value, self.bound)]
-        if abs(self.error) <= _LARGEST_CORRECTION * asked * self.scale:
-            known.append((self.corrected, self.uncertainty))
-        return min(known, key=lambda pair: pair[1])
-
-    def contribution(self, source: str, asked: float) -> float:
-        """Return what a part adds to the relative bound of the value that is known better."""
-        part = abs(self.parts.get(source, 0.0))
-        if source == "mesh":
-            part += abs(self.parts.get("shape", 0.0))
-        part *= self.safety - (self.best(asked)[0] != self.value)
-        if source in _STEPS and source in self.parts:
-            part = max(part, self.steps_bound)
-        return part / self.scale if self.scale > 0 else 0.0
-
-    @property
-    def is_zero(self) -> bool:
-        """Whether value and correction are rounding beside the other components."""
-        return max(abs(self.value), abs(self.error)) <= _SHOWN * self.scale
-
-    def record(self, asked: float) -> dict[str, Any]:
-        """Return the entry of a goal in run.json."""
-        return {
-            "value": self.value,
-            "best": self.best(asked)[0],
-            "error": self.error,
-            "corrected": self.corrected,
-            "uncertainty": self.uncertainty,
-            "relative": self.relative(asked),
-            **({"parts": self.parts} if self.parts else {}),
-        }
 
 
 @dataclass(frozen=True)
@@ -239,30 +146,6 @@ class LevelRow:
     gives_way: str = ""
 
 
-def _with_least_bounds(goals: Mapping[str, GoalLevel]) -> dict[str, GoalLevel]:
-    """Return goals whose bounds are at least a part of the largest one of the same vector.
-
-    The estimate of a component may be small by chance, where it changes its sign.
-    """
-    largest: dict[str, float] = {}
-    for name, goal in goals.items():
-        largest[vector_of(name)] = max(largest.get(vector_of(name), 0.0), goal.uncertainty)
-    found = {}
-    for name, goal in goals.items():
-        least = _LEAST_OF_VECTOR * largest[vector_of(name)]
-        bounds = max(goal.bound, least), max(goal.uncertainty, least)
-        found[name] = replace(goal, bound=bounds[0], uncertainty=bounds[1])
-    return found
-
-
-def _least_of_forces(goals: Mapping[str, GoalLevel]) -> dict[str, GoalLevel]:
-    """Return goals of which small forces are relative to a part of the largest one."""
-    forces = [name for name in goals if vector_of(name).endswith(".force")]
-    least = _LEAST_OF_FORCES * max((goals[name].scale for name in forces), default=0.0)
-    small = {name: replace(goals[name], scale=least, small=True) for name in forces}
-    return dict(goals) | {name: goal for name, goal in small.items() if goals[name].scale < least}
-
-
 class Levels:
     """The levels so far, and the decisions that follow from them.
 
@@ -311,13 +194,9 @@ class Levels:
             row.reason = reasons[0] if reasons else f"no estimate of {', '.join(unknown)}"
             row.steps_have_no_order = any(known[name].steps_bound == inf for name in unknown)
         else:
-            before = self.rows[-1] if self.rows else None
-            weak = self.dim == 2 and estimate.element == "P3P0"
-            safety = _SAFETY_OF_P3P0 if weak else _SAFETY[row.degree]
-            goals = {
-                name: self._goal(name, goal, row, before, safety) for name, goal in known.items()
-            }
-            row.goals = _with_least_bounds(goals if self.named else _least_of_forces(goals))
+            finer = bool(self.rows) and row.fineness > self.rows[-1].fineness
+            coarser = self.rows[-1].goals if finer else {}
+            row.goals = bounded_goals(estimate, known, row.degree, self.dim, coarser, self.named)
             row.where, row.doubt = estimate.where, estimate.doubt
             row.left_out = estimate.left_out
         self.rows.append(row)
@@ -327,35 +206,6 @@ class Levels:
         self.add(replace(row), estimate)
         goals = self.rows.pop().goals
         return [name for name, goal in goals.items() if goal.relative(self.asked) > self.asked]
-
-    def _goal(
-        self,
-        name: str,
-        goal: GoalError,
-        row: LevelRow,
-        before: LevelRow | None,
-        safety: float,
-    ) -> GoalLevel:
-        error = goal.error or 0.0
-        corrected = goal.value + error
-        scale = max(goal.scale, abs(corrected))
-        if "shape" in goal.parts:
-            safety = max(safety, _SAFETY_OF_SHAPES)
-        steps = sum(abs(goal.parts.get(source, 0.0)) for source in _STEPS)
-        # Parts may cancel.
-        size = sum(map(abs, goal.parts.values())) - steps if goal.parts else abs(error)
-        of_steps = max(safety * steps, goal.steps_bound)
-        unsettled = 0.0 if goal.steps_bound else goal.unsettled  # of steps it is their bound
-        bound = safety * size + of_steps + unsettled
-        uncertainty = (safety - 1) * size + max((safety - 1) * steps, goal.steps_bound)
-        uncertainty += unsettled
-        if before is not None and name in before.goals and row.fineness > before.fineness:
-            last = before.goals[name]
-            change = abs(corrected - last.corrected)
-            if change > uncertainty + last.uncertainty:
-                bound, uncertainty = size + steps + change, change
-        sizes = goal.value, error, scale, bound, uncertainty
-        return GoalLevel(*sizes, goal.parts, safety, goal.steps_bound)
 
     @property
     def worst(self) -> tuple[str, float] | None:
@@ -574,7 +424,7 @@ class Levels:
         mark = "" if relative <= self.asked else "  not yet"
         share = f"{100 * relative:.2g} %"
         if goal.small:
-            share += f" of {_LEAST_OF_FORCES:g} of the largest force"
+            share += f" of {SMALL_FORCE:g} of the largest force"
         parts = parts_text(goal.parts, goal.steps_bound)
         of = f"  ({parts})" if parts else ""
         return f"  {name} {value:.6g} +- {error:.2g} ({share}){which}{mark}{of}"
@@ -603,43 +453,3 @@ class Levels:
                 for row in self.rows
             ],
         }
-
-
-def target_volumes(
-    volumes: Array, weights: Array, degree: int, growth: float, dim: int = 3
-) -> Array:
-    r"""Return the volumes of cells with which an error needs the fewest cells.
-
-    A cell of size h has the weight :math:`\eta = c\, h^{d + 2p}` with a local constant c, as the
-    goal's error is a product of two errors of order p. Of all meshes with the same sum of the
-    weights, the fewest cells have those of equal weight per :math:`d / (d + 2p)`: the number of
-    cells in the place of one is proportional to :math:`\eta^{d/(d+2p)}`.
-
-    Parameters
-    ----------
-    volumes, weights : (cells,) array
-        The volumes [length^dim], and the sizes of the errors of the cells.
-    degree : int
-        Degree p of the displacement.
-    growth : float
-        The factor by which the number of cells is to be larger.
-    dim : int, optional
-        Dimension d of the mesh.
-    """
-    power = dim / (dim + 2 * degree)
-    density = np.maximum(weights, 0.0) ** power
-    if not density.sum() > 0:
-        return np.asarray(volumes / growth)
-    low, high = 0.0, 2 * growth * len(volumes) / density.sum() * max(1.0, len(volumes))
-    for _ in range(100):
-        middle = (low + high) / 2
-        if np.maximum(1.0, middle * density).sum() < growth * len(volumes):
-            low = middle
-        else:
-            high = middle
-    parts = np.clip(high * density, 1.0, _MOST_PARTS**dim)
-    return np.asarray(volumes / parts)
-
-
-#: Parts into which the edges of a cell are divided at most from one level to the next.
-_MOST_PARTS = 4.0

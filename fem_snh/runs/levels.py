@@ -23,8 +23,9 @@ import numpy.typing as npt
 from fem_snh import _dolfinx, scenes
 from fem_snh.accuracy.estimate import largest_error
 from fem_snh.accuracy.goal_errors import Estimate
-from fem_snh.accuracy.levels import LevelRow, Levels, target_volumes
+from fem_snh.accuracy.levels import LevelRow, Levels
 from fem_snh.accuracy.lift import available_memory
+from fem_snh.accuracy.target_volumes import target_volumes
 from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.assembly.kinematics import kinematics_of
 from fem_snh.mesh.bisection import bisect_times

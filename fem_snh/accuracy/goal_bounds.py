@@ -1,0 +1,186 @@
+"""Bounds of the errors of goals on a level of a run to a required accuracy.
+
+A bound is the estimate of the error times what it misses at a corner; that of the corrected value
+is what the estimate misses. Where the corrected values of two levels contradict their bounds, their
+difference counts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+from fem_snh.accuracy.goal_errors import SMALL_FORCE, STEPS, Estimate, GoalError
+from fem_snh.accuracy.goals import vector_of
+
+#: Bound of an error over its estimate, by the degree of the displacement: 1.27 is measured with
+#: degree 1 and 1.48 with degree 2, 1.75 in components that are small (docs/results/error.md). What
+#: the corrected value misses is the estimate times this, less one.
+_SAFETY = {1: 1.4, 2: 1.5}
+#: The same on triangles with one pressure in each cell of the better element, as several nearly
+#: incompressible materials have it: the estimate may be a quarter of the error at a corner.
+_SAFETY_OF_P3P0 = 4.0
+#: The same with bones and rigid parts that are shapes (docs/results/error.md).
+_SAFETY_OF_SHAPES = 1.8
+#: A corrected value serves if the correction is at most so many times the request.
+_LARGEST_CORRECTION = 20.0
+#: Least bound of a component, over the largest one of the same vector.
+_LEAST_OF_VECTOR = 0.1
+#: Goals below this part of their scale are not printed: the solvers leave that much.
+_SHOWN = 1e-5
+
+
+@dataclass(frozen=True)
+class GoalLevel:
+    """A goal at one level.
+
+    Attributes
+    ----------
+    value, error : float
+        The value, and the estimate of what is to be added to it.
+    scale : float
+        What the errors are relative to.
+    bound, uncertainty : float
+        Bounds of the errors of the value and of the corrected value.
+    parts : dict of float
+        The parts of the error by their source; empty if there is one source.
+    safety : float
+        By how much the estimate may be too small.
+    steps_bound : float
+        A bound of the error of time or load steps.
+    small : bool
+        Whether the scale is that of a larger force.
+    """
+
+    value: float
+    error: float
+    scale: float
+    bound: float
+    uncertainty: float
+    parts: dict[str, float]
+    safety: float
+    steps_bound: float = 0.0
+    small: bool = False
+
+    @property
+    def corrected(self) -> float:
+        """The value with the estimate added."""
+        return self.value + self.error
+
+    def relative(self, asked: float) -> float:
+        """Return the relative error with which the goal is known, of the better of both values."""
+        return self.best(asked)[1] / self.scale if self.scale > 0 else 0.0
+
+    def best(self, asked: float) -> tuple[float, float]:
+        """Return the value that is known better, or the corrected one, and a bound of its error."""
+        known = [(self.value, self.bound)]
+        if abs(self.error) <= _LARGEST_CORRECTION * asked * self.scale:
+            known.append((self.corrected, self.uncertainty))
+        return min(known, key=lambda pair: pair[1])
+
+    def contribution(self, source: str, asked: float) -> float:
+        """Return what a part adds to the relative bound of the value that is known better."""
+        part = abs(self.parts.get(source, 0.0))
+        if source == "mesh":
+            part += abs(self.parts.get("shape", 0.0))
+        part *= self.safety - (self.best(asked)[0] != self.value)
+        if source in STEPS and source in self.parts:
+            part = max(part, self.steps_bound)
+        return part / self.scale if self.scale > 0 else 0.0
+
+    @property
+    def is_zero(self) -> bool:
+        """Whether value and correction are rounding beside the other components."""
+        return max(abs(self.value), abs(self.error)) <= _SHOWN * self.scale
+
+    def record(self, asked: float) -> dict[str, Any]:
+        """Return the entry of a goal in run.json."""
+        return {
+            "value": self.value,
+            "best": self.best(asked)[0],
+            "error": self.error,
+            "corrected": self.corrected,
+            "uncertainty": self.uncertainty,
+            "relative": self.relative(asked),
+            **({"parts": self.parts} if self.parts else {}),
+        }
+
+
+def bounded_goals(
+    estimate: Estimate,
+    known: Mapping[str, GoalError],
+    degree: int,
+    dim: int,
+    coarser: Mapping[str, GoalLevel],
+    named: bool,
+) -> dict[str, GoalLevel]:
+    """Return goals with the bounds of their errors.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        The estimate of their errors.
+    known : mapping of GoalError
+        The goals, which all have an estimate.
+    degree : int
+        The degree of the run's displacement.
+    dim : int
+        The dimension of the mesh.
+    coarser : mapping of GoalLevel
+        The goals on the level before, of larger cells; empty without one.
+    named : bool
+        Whether they were asked for by name: otherwise the errors of forces below a tenth of the
+        largest one are relative to that.
+    """
+    weak = dim == 2 and estimate.element == "P3P0"
+    safety = _SAFETY_OF_P3P0 if weak else _SAFETY[degree]
+    goals = {name: _bounded(goal, safety, coarser.get(name)) for name, goal in known.items()}
+    return _with_least_bounds(goals if named else _least_of_forces(goals))
+
+
+def _bounded(goal: GoalError, safety: float, coarser: GoalLevel | None) -> GoalLevel:
+    """Return a goal with the bounds of its error, and with the difference to a coarser level."""
+    error = goal.error or 0.0
+    corrected = goal.value + error
+    scale = max(goal.scale, abs(corrected))
+    if "shape" in goal.parts:
+        safety = max(safety, _SAFETY_OF_SHAPES)
+    steps = sum(abs(goal.parts.get(source, 0.0)) for source in STEPS)
+    # Parts may cancel.
+    size = sum(map(abs, goal.parts.values())) - steps if goal.parts else abs(error)
+    of_steps = max(safety * steps, goal.steps_bound)
+    unsettled = 0.0 if goal.steps_bound else goal.unsettled  # of steps it is their bound
+    bound = safety * size + of_steps + unsettled
+    uncertainty = (safety - 1) * size + max((safety - 1) * steps, goal.steps_bound)
+    uncertainty += unsettled
+    if coarser is not None:
+        change = abs(corrected - coarser.corrected)
+        if change > uncertainty + coarser.uncertainty:
+            bound, uncertainty = size + steps + change, change
+    sizes = goal.value, error, scale, bound, uncertainty
+    return GoalLevel(*sizes, goal.parts, safety, goal.steps_bound)
+
+
+def _with_least_bounds(goals: Mapping[str, GoalLevel]) -> dict[str, GoalLevel]:
+    """Return goals whose bounds are at least a part of the largest one of the same vector.
+
+    The estimate of a component may be small by chance, where it changes its sign.
+    """
+    largest: dict[str, float] = {}
+    for name, goal in goals.items():
+        largest[vector_of(name)] = max(largest.get(vector_of(name), 0.0), goal.uncertainty)
+    found = {}
+    for name, goal in goals.items():
+        least = _LEAST_OF_VECTOR * largest[vector_of(name)]
+        bounds = max(goal.bound, least), max(goal.uncertainty, least)
+        found[name] = replace(goal, bound=bounds[0], uncertainty=bounds[1])
+    return found
+
+
+def _least_of_forces(goals: Mapping[str, GoalLevel]) -> dict[str, GoalLevel]:
+    """Return goals of which small forces are relative to a part of the largest one."""
+    forces = [name for name in goals if vector_of(name).endswith(".force")]
+    least = SMALL_FORCE * max((goals[name].scale for name in forces), default=0.0)
+    small = {name: replace(goals[name], scale=least, small=True) for name in forces}
+    return dict(goals) | {name: goal for name, goal in small.items() if goals[name].scale < least}
