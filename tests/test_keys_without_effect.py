@@ -12,6 +12,7 @@ from fem_snh.errors import BadInput
 RAMP = {"name": "ramp", "points": [[0, 0], [1, 1]]}
 TOP = {"group": "top"}
 HINGE = {"kind": "hinge", "axis": [0, 1, 0], "through": [0, 0, 1]}
+AROUND = {"name": "edge", "point": [1, 1, 1], "radius": 0.5}
 SLIDER = {**HINGE, "kind": "slider"}
 BALL = {"sphere": {"center": [0, 0, 2], "radius": 0.1}}
 
@@ -53,6 +54,51 @@ SOLID: list[tuple[dict[str, Any], str]] = [
     (
         rigid(spring={"rotation": 1.0}, joint=SLIDER),
         "rigid.0.spring.rotation = 1.0: expected no value, as a slider joint leaves no rotation",
+    ),
+    (
+        rigid(translate=[0, 0, 1], spring={"rotation": 1.0}),
+        "rigid.0.spring.rotation = 1.0: expected no value, as the part does not turn",
+    ),
+    (
+        rigid(translate=[0, 0, 1], force=[0, 0, 2]),
+        r"rigid.0.force = \[0.0, 0.0, 2.0\]: expected no value, as the translation is prescribed",
+    ),
+    (
+        rigid(translate=[0, 0, 1], free=["x"], force=[1, 0, 2]),
+        r"rigid.0.force = \[1.0, 0.0, 2.0\]: expected zero along z, along which the translation",
+    ),
+    (
+        rigid(translate=[0, 0, 1], torque=[0, 0, 2]),
+        r"rigid.0.torque = \[0.0, 0.0, 2.0\]: expected no value, as the rotation is prescribed",
+    ),
+    (
+        rigid(joint=HINGE, force=[0, 0, 2]),
+        r"rigid.0.force = \[0.0, 0.0, 2.0\]: expected no value, as a hinge joint leaves the point",
+    ),
+    (
+        rigid(joint=HINGE, torque=[1, 0, 2]),
+        r"rigid.0.torque = .*: expected no value, as a hinge joint turns about its axis alone",
+    ),
+    (
+        rigid(joint=SLIDER, force=[1, 0, 2]),
+        r"rigid.0.force = .*: expected no value, as a slider joint slides along its axis alone",
+    ),
+    (
+        rigid(joint=SLIDER, torque=[1, 0, 2]),
+        r"rigid.0.torque = .*: expected no value, as a slider joint leaves no rotation",
+    ),
+    (
+        {"nu": 0.3, "nu_continuation": [0.2, 0.3]},
+        r"nu_continuation = \[0.2, 0.3\]: expected ratios below 0.3, that of the material",
+    ),
+    ({"fields_at": "nodes"}, "fields_at = 'nodes': expected no value, as 'fields' names none"),
+    (
+        {"fields_at": "nodes", "fields": ["reaction_force"]},
+        "fields_at = 'nodes': expected no value, as 'fields' names none",
+    ),
+    (
+        {"static_condensation": True},
+        "static_condensation = 'true': expected no value, as only P2P0 and Q1P0 have",
     ),
     (
         {"start": {"seed": 3}, "predictor": "none"},
@@ -113,3 +159,48 @@ def test_a_force_of_zero_may_have_a_table() -> None:
     """A sweep over a force begins with zero."""
     loaded = rigid(load_table="ramp", force=[0, 0, 0])
     assert scenes.load("twist", table=[RAMP], **loaded).rigid[0].load_table == "ramp"
+
+
+def bar_of_a_part(angle: float = 1.0) -> scenes.Scene:
+    """Return a scene with a rigid part without a load."""
+    return scenes.load("twist", **rigid(rotate={"axis": [0, 0, 1], "angle": angle}))
+
+
+def test_the_defaults_of_a_function_are_no_loads() -> None:
+    """An amplitude of a part without a force was accepted where a function made the scene."""
+    message = "rigid.0: missing key 'force', 'torque', 'joint.torque' or 'joint.force': expected"
+    for scene in (bar_of_a_part, bar_of_a_part()):
+        with pytest.raises(BadInput, match=message):
+            scenes.load(scene, table=[RAMP], **{"rigid.0.load_table": "ramp"})
+
+
+def test_loads_that_a_part_can_follow() -> None:
+    """A follower turns to a free direction, and another part takes what a joint carries."""
+    turned = {"rotate": {"axis": [0, 0, 1], "angle": 1}, "free": ["x"]}
+    scenes.load("twist", **rigid(**turned, force=[1, 1, 0], follower=True))
+    parts = [
+        {**TOP, "joint": {**HINGE, "to": "bottom"}, "force": [1, 1, 1], "torque": [1, 0, 0]},
+        {"group": "bottom"},
+    ]
+    assert len(scenes.load("twist", hold=[], move=[], rigid=parts).rigid) == 2
+
+
+def test_ratios_below_the_largest_of_several_materials() -> None:
+    """A material that is more compressible keeps its own."""
+    soft = {"name": "neo_hookean", "E": 1.0, "nu": 0.2, "group": 1}
+    stiff = {**soft, "nu": 0.45, "group": 2}
+    given = {"material": [soft, stiff]}
+    assert scenes.load("twist", nu_continuation=[0.4], **given).nu_continuation == [0.4]
+    with pytest.raises(BadInput, match=r"expected ratios below 0\.45"):
+        scenes.load("twist", nu_continuation=[0.47], **given)
+
+
+@pytest.mark.mpi
+def test_the_radius_of_a_probe_without_a_goal(comm: Any) -> None:
+    import fem_snh
+
+    given: dict[str, Any] = {"cells": 1, "probe": [AROUND], "comm": comm, "progress": False}
+    message = "probe.0.radius = 0.5: expected no value, as accuracy.goals does not name 'edge.str"
+    for goals in ({}, {"error": True}, {"accuracy": {"goals": ["edge.x"]}}):
+        with pytest.raises(BadInput, match=message):
+            fem_snh.run("twist", **given, **goals)

@@ -101,7 +101,7 @@ def run(
     if resume and (out is None or overwrite):
         raise BadInput("--resume: expected with --out DIR, and without --overwrite")
     # Files may differ from rank to rank: the scene, and the functions that it refers to.
-    scene = on_every(comm, partial(scenes.load, scene, **overrides))
+    scene = on_every(comm, partial(scenes.load_to_run, scene, **overrides))
     printed = Progress(comm, progress, expected)
     solve: Callable[..., Result] = partial(_run, comm, printed=printed, note=note, start=start)
     if scene.within:

@@ -13,7 +13,7 @@ from fem_snh.assembly.kinematics import PLANAR, kinematics_of
 from fem_snh.contact.obstacle import names as obstacle_names
 from fem_snh.errors import BadInput, bad_value
 from fem_snh.files import is_shape
-from fem_snh.output_fields import IN_TIME
+from fem_snh.output_fields import IN_TIME, NODAL
 from fem_snh.scenes._bones import check_bones
 from fem_snh.scenes._conditions import Hold, Move
 from fem_snh.scenes._lattice import Lattice, Tetrahedra
@@ -49,8 +49,11 @@ def check_consistency(scene: Scene) -> None:
     if scene.predictor == "bones" and (scene.time or not scene.bone):
         why = "[time]" if scene.time else "no [[bone]]"
         raise bad_value("predictor", "bones", f"another one, as the scene has {why}")
+    if scene.static_condensation and ELEMENTS[scene.element].volume != "mean":
+        raise bad_value("static_condensation", "true", f"no value, as {why_condensed(scene)}")
     if scene.static_condensation is False and (why := why_condensed(scene)):
         raise bad_value("static_condensation", "false", f"true, as {why}")
+    _check_continuation(scene)
     _check_fields(scene)
     _check_mesh(scene)
     if scene.modes and scene.modes.density and all(m.density for m in scene.materials):
@@ -85,6 +88,27 @@ def _check_loads(scene: Scene) -> None:
             points = [list(point) for point in table.points]
             accepted = "loads from 0 to 1, as the scene has no table [time]"
             raise bad_value(f"table.{number}.points", points, accepted)
+
+
+def _check_continuation(scene: Scene) -> None:
+    """Raise BadInput for a Poisson's ratio with which no material would be more compressible."""
+    largest = max(material.nu for material in scene.materials)
+    if any(nu >= largest for nu in scene.nu_continuation):
+        accepted = f"ratios below {largest:g}, that of the material"
+        raise bad_value("nu_continuation", list(scene.nu_continuation), accepted)
+
+
+def check_radii(scene: Scene) -> None:
+    """Raise BadInput for the radius of a probe whose stress is no goal of a run.
+
+    A fit has the goals of its curves.
+    """
+    goals = scene.accuracy.goals if scene.accuracy else []
+    for number, probe in enumerate(scene.probe):
+        goal = f"{probe.name}.stress"
+        if probe.radius is not None and goal not in goals:
+            accepted = f"no value, as accuracy.goals does not name '{goal}'"
+            raise bad_value(f"probe.{number}.radius", probe.radius, accepted)
 
 
 def group_references(scene: Scene) -> Iterator[tuple[str, str | int]]:
@@ -135,6 +159,9 @@ def _check_fields(scene: Scene) -> None:
         if name in homes and not any(getattr(scene, key) for key in homes[name]):
             tables = " and no ".join(f"[[{key}]]" for key in homes[name])
             raise bad_value("fields", name, f"another field, as the scene has no {tables}")
+    if scene.fields_at == "nodes" and set(scene.fields) <= set(NODAL):
+        accepted = "no value, as 'fields' names none that may be in cells"
+        raise bad_value("fields_at", scene.fields_at, accepted)
 
 
 def _check_plane(scene: Scene) -> None:

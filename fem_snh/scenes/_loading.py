@@ -14,6 +14,7 @@ from fem_snh.errors import BadInput, nearest_file, unknown_name
 from fem_snh.files import read_text
 from fem_snh.materials.keywords import TUNING
 from fem_snh.references import FileText, is_reference
+from fem_snh.scenes._consistency import check_radii
 from fem_snh.scenes._library import SceneFunction, function, make_scene, parameters
 from fem_snh.scenes.schema import MaterialChoice, Scene
 from fem_snh.tables.synonyms import suggestion
@@ -46,13 +47,20 @@ def load(scene: str | Path | Scene | Callable[..., Scene], /, **overrides: Any) 
     given = {key: value for key, value in overrides.items() if value is not None or "." in key}
     given = {key: v.tolist() if hasattr(v, "tolist") else v for key, v in given.items()}
     if isinstance(scene, Scene):
-        return validate(scene.model_dump(), scene.name, given) if given else scene
+        return validate(_tables(scene), scene.name, given) if given else scene
     if callable(scene):
         return _call(scene, getattr(scene, "__name__", "scene"), given)
     label = str(scene)
     if label.endswith(".toml"):
         return validate(read_toml(Path(scene)), label, given)
     return _call(function(label), label, given)
+
+
+def load_to_run(scene: str | Path | Scene | Callable[..., Scene], /, **overrides: Any) -> Scene:
+    """Return the scene of `load`; raise BadInput for a key that a run does not use, too."""
+    found = load(scene, **overrides)
+    check_radii(found)
+    return found
 
 
 def validate(
@@ -121,10 +129,15 @@ def _call(make: SceneFunction, label: str, given: dict[str, Any]) -> Scene:
         raise BadInput(f"{label}: {error}") from None
     if not given and not is_reference(label):
         return made
-    data = made.model_dump()
+    data = _tables(made)
     if is_reference(label):
         data = _starting_from(Path(label.rpartition(":")[0]).parent, data)
     return validate(data, label, given, own)
+
+
+def _tables(scene: Scene) -> dict[str, Any]:
+    """Return a scene's keys, and of its tables those that were given: see `Table.needs`."""
+    return scene.model_dump() | scene.model_dump(exclude_unset=True)
 
 
 def _starting_from(folder: Path, value: Any) -> Any:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
+import numpy as np
 from pydantic import BeforeValidator, Field, model_validator
 
 from fem_snh.errors import BadInput, bad_value, choose
@@ -38,6 +39,8 @@ KINDS = ("ball", "hinge", "slider")
 RESULTS = ("displacement", "rotation", "force", "moment")
 #: Kinds with an axis.
 _WITH_AXIS = KINDS[1:]
+#: Loads of a part.
+_LOADS = ("force", "torque")
 
 
 class RigidJoint(Table):
@@ -202,7 +205,48 @@ class Rigid(Feature):
             if not slides and to_world and self.spring.stiffness:
                 accepted = f"{without} leaves the point no displacement"
                 raise bad_value("spring.stiffness", self.spring.stiffness, accepted)
+        turns = self.joint or self.rotate is not None or self.free_motions[3]
+        if self.spring and self.spring.rotation and not turns:
+            accepted = "no value, as the part does not turn"
+            raise bad_value("spring.rotation", self.spring.rotation, accepted)
         return self
+
+    @model_validator(mode="after")
+    def _check_loads(self) -> Rigid:
+        """Raise BadInput for a load along motions that are prescribed, or that a joint excludes."""
+        force, torque = self.force, self.torque
+        if self.joint:
+            self._check_loads_of_joint(self.joint)
+            return self
+        *translations, rotation = self.free_motions
+        if any(force) and not any(translations):
+            raise bad_value("force", list(force), "no value, as the translation is prescribed")
+        for axis, value, free in zip(MOTIONS, force, translations, strict=False):
+            if value and not free and not self.follower:
+                accepted = f"zero along {axis}, along which the translation is prescribed"
+                raise bad_value("force", list(force), accepted)
+        if any(torque) and not rotation:
+            raise bad_value("torque", list(torque), "no value, as the rotation is prescribed")
+        return self
+
+    def _check_loads_of_joint(self, joint: RigidJoint) -> None:
+        """Raise BadInput for a load that a joint to the world carries alone."""
+        if joint.to is not None:
+            return
+        work = {key: np.dot(joint.axis or (0, 0, 0), getattr(self, key)) for key in _LOADS}
+        idle = {
+            "ball": {"force": "leaves the point no displacement"},
+            "hinge": {"force": "leaves the point no displacement"},
+            "slider": {"torque": "leaves no rotation"},
+        }[joint.kind]
+        if joint.kind == "hinge" and not work["torque"]:
+            idle["torque"] = "turns about its axis alone"
+        if joint.kind == "slider" and not work["force"]:
+            idle["force"] = "slides along its axis alone"
+        for key, why in idle.items():
+            if any(load := getattr(self, key)):
+                accepted = f"no value, as a {joint.kind} joint {why}"
+                raise bad_value(key, list(load), accepted)
 
     @property
     def label(self) -> str:
