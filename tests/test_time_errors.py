@@ -11,7 +11,11 @@ from time_scenes import DOWN, SWING, in_time
 
 from fem_snh import scenes
 from fem_snh.accuracy.levels import LevelRow, Levels
-from fem_snh.accuracy.path_errors import resolved_penalty, steps_errors
+from fem_snh.accuracy.path_errors import (
+    bounds_of_small_changes,
+    resolved_penalty,
+    steps_errors,
+)
 from fem_snh.runs.goals import scene_goals
 from fem_snh.runs.setup import set_up
 from fem_snh.scenes import Geometry, Hold, Probe
@@ -114,6 +118,62 @@ def test_steps_whose_changes_do_not_decrease_have_no_estimate():
     assert levels.lines()[0].endswith(f"no estimate: tip.z: {goal.reason}")
     assert levels.shorter_steps() == 4
     assert levels.mesh_suffices
+
+
+def bounce(integrator, friction, nu, steps=100, **keys):
+    """A ball that falls by 0.2 m and bounces; with friction it also flies along x."""
+    ball = {"cells": 3, "integrator": integrator, "friction": friction, "height": 0.2, "nu": nu}
+    scene = scenes.load("bounce", **ball, **{"time.steps": steps})
+    start = scenes.Start(velocity=(1, 0, 0)) if friction else None
+    return scene.model_copy(update={"start": start, **keys})
+
+
+@pytest.mark.parametrize(
+    ("integrator", "friction", "nu"),
+    [("newmark", 0.3, 0.3), ("generalized_alpha", 0.0, 0.3)],
+)
+def test_small_changes_that_do_not_decrease_have_a_bound(integrator, friction, nu):
+    """The height had no estimate, and lost that of the mesh and of the penalty with it."""
+    height = Accuracy(goals=["body.mean.z"])
+    given = integrator, friction, nu
+    found = solve(bounce(*given, accuracy=height)).estimate
+    goal = found.goals["body.mean.z"]
+    setup = set_up(MPI.COMM_WORLD, bounce(*given, steps=400, accuracy=height))
+    assert all(row["converged"] for row in setup.stepper)
+    (bound,) = scene_goals(bounce(*given, accuracy=height), setup.mesh, has_energy=False)
+    exact = bound.bind(setup.problem)()[-1]
+    setup.destroy()
+    assert abs(exact - goal.value) < goal.steps_bound < 0.1 * abs(goal.value)
+    assert goal.parts["time steps"] == 0
+    assert goal.error == goal.parts["mesh"] + goal.parts["penalty"] != 0
+    assert goal.bound == pytest.approx(abs(goal.error) + goal.steps_bound)
+    for part in ("error below", "time steps below", "mesh ", "penalty "):
+        assert part in goal.text("body.mean.z")
+    levels = Levels(0.01)
+    levels.add(LevelRow("P1", 1, 8, 81, 1.0, 1.0, steps=100), found)
+    level = levels.rows[0].goals["body.mean.z"]
+    assert not levels.rows[0].steps_have_no_order
+    assert level.bound > goal.steps_bound + abs(goal.error)
+
+
+def test_bounds_of_small_changes():
+    """Of values 3 + c h of order 1, and of the swing: its last two of three are small by chance."""
+    values = [3 + 0.1 * h for h in (1, 2, 4, 8)]
+    swing = [-0.7977, -0.8060, -0.7984, -1.5465]
+    changes = np.array([[a[i] - a[i + 1] for a in (values, swing)] for i in range(3)])
+    bounds = bounds_of_small_changes(changes, np.array([3.0, 0.04]), 2)
+    assert bounds == pytest.approx([2 * 0.2, np.inf])
+    exact = np.array([3.0, -0.725])
+    assert (np.abs(exact - [values[0], swing[0]]) < bounds).all()
+    assert bounds_of_small_changes(changes, np.array([0.09, 0.3]), 2) == pytest.approx(
+        [np.inf, (1.5465 - 0.7984) / 2]
+    )
+
+
+def test_bounds_of_small_changes_of_order_1():
+    """A cantilever by backward Euler (2 cells, nu = 0.45): 40, 20, 10, 5 steps, and 320."""
+    (bound,) = bounds_of_small_changes(np.array([[1.19], [0.01], [0.04]]), np.array([5.0]), 1)
+    assert 2.63 < bound < 5
 
 
 def test_equal_steps_alone_have_an_estimate():

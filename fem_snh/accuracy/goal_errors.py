@@ -111,13 +111,14 @@ class GoalError:
         if self.error is None:
             reason = f": {self.reason}" if self.reason else ""
             return f"{name} {self.value:.6g}, no estimate{reason}"
-        if not self.is_found:
-            bound = _share((self.bound or 0.0) / self.scale) if self.scale else "0"
-            return f"{name} {self.value:.6g}, error below {bound}"
-        value, corrected = (_shown(x, self.error) for x in (self.value, self.value + self.error))
-        share = "" if self.relative is None else f" ({_share(self.relative)})"
         parts = parts_text(self.parts, self.steps_bound)
         of = f": {parts}" if parts else ""
+        if not self.is_found:
+            bound = _share((self.bound or 0.0) / self.scale) if self.scale else "0"
+            of = of if bounded_steps(self.parts, self.steps_bound) else ""
+            return f"{name} {self.value:.6g}, error below {bound}{of}"
+        value, corrected = (_shown(x, self.error) for x in (self.value, self.value + self.error))
+        share = "" if self.relative is None else f" ({_share(self.relative)})"
         but = f"; {self.reason}" if self.reason else ""
         return f"{name} {value}, error {self.error:+.3g}{share}{of}, corrected {corrected}{but}"
 

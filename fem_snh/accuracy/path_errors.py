@@ -2,9 +2,10 @@
 
 In time, or with load steps of friction. Once with half the steps (of one step, with two): the
 difference, divided by 2^p - 1 of order p, is the error of the steps (Richardson). In time a run
-with a quarter of the steps bounds it. Once more with these steps in the lifted element: the
-difference to the same run of the own element is the error of the mesh. Where there are penalties,
-once more with stiffer ones: their error is inverse to the stiffness.
+with a quarter of the steps bounds it, and one with an eighth where the changes are small and do not
+decrease. Once more with these steps in the lifted element: the difference to the same run of the
+own element is the error of the mesh. Where there are penalties, once more with stiffer ones: their
+error is inverse to the stiffness.
 """
 
 from __future__ import annotations
@@ -51,6 +52,11 @@ _HALVES = 4
 _AGREE = 2.0
 #: The bound of an error over the larger change where changes do not decrease.
 _IRREGULAR = 2.0
+#: Changes up to this part of a goal's scale bound the error where they do not decrease, if a third
+#: one, by the first refinement of three, is not more than four times as large.
+_SMALL_CHANGES = 0.05
+#: Two refinements of order 1 divide a change by this.
+_LEFT_BY_TWO = 4.0
 #: Changes below this part of a goal's scale are not those of steps: the solvers leave that much.
 _ROUNDING = 1e-5
 #: The least ratio of the numbers of steps that are compared.
@@ -215,6 +221,14 @@ def _errors(
     rounding = np.array([_ROUNDING * goal.scale for goal in known])
     change = values - half.values
     steps_error, found_bounds = steps_errors(change, before, finer, orders, rounding)
+    limits = np.array([_SMALL_CHANGES * goal.scale for goal in known])
+    unordered = (found_bounds == inf) & (np.maximum(abs(change), abs(before)) <= limits)
+    if unordered.any() and (fewer := ceil(few / 2)) >= _FEWEST_QUARTER:
+        eighth = follow(fewer)
+        if eighth.taken == fewer:
+            changes = np.array([change, before, quarter.values - eighth.values])
+            bounds = bounds_of_small_changes(changes, limits, orders[1])
+            found_bounds = np.where(unordered, bounds, found_bounds)
     for i, (name, bound) in enumerate(zip(names_of(goals), found_bounds, strict=True)):
         reason = _no_order(before[i], change[i]) if bound == inf else ""
         found.goals[name] = replace(found.goals[name], steps_bound=float(bound), reason=reason)
@@ -237,6 +251,22 @@ def _errors(
             by_softer = penalty_part(soft, coarse.values) / STIFFER
             parts["penalty"] = resolved_penalty(parts["penalty"], by_softer)
     return parts
+
+
+def bounds_of_small_changes(
+    changes: npt.NDArray[Any], limits: npt.NDArray[Any], order: int
+) -> npt.NDArray[Any]:
+    """Return bounds of the errors of steps where changes (3, goals) do not decrease.
+
+    The last change is the first row. Of three refinements the first one finds what the others may
+    miss by chance; with order 1 a quarter of its change would remain. Twice the largest bounds the
+    error if it is within the limits (goals,), elsewhere the bound is infinite. An integrator of
+    order 1 leaves as much as the last change again: its bound is twice as large.
+    """
+    sizes = np.abs(changes)
+    sizes[2] /= _LEFT_BY_TWO
+    largest = sizes.max(axis=0)
+    return np.where(largest <= limits, _IRREGULAR * (2 if order == 1 else 1) * largest, inf)
 
 
 def _no_order(before: float, change: float) -> str:
@@ -289,7 +319,7 @@ def steps_errors(
     order 1, and at least what the change before leaves at the largest order. Changes that
     decrease slower than with order 1 say nothing of the sign: the error is zero, and the bound is
     twice the larger change. Where they do not decrease, both may be small by chance, and further
-    ones of any size: the bound is infinite.
+    ones of any size: the bound is infinite; see `bounds_of_small_changes`.
 
     Parameters
     ----------
