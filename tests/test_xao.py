@@ -145,6 +145,36 @@ def test_numbers_of_sub_shapes_are_those_of_gmsh(name):
         assert numbers == [int(row.get("reference")) for row in rows]
 
 
+QUARTER = """
+SetFactory("OpenCASCADE");
+Disk(1) = {0, 0, 0, RADIUS};
+Disk(2) = {0, 0, 0, RADIUS/2};
+BooleanDifference(3) = { Surface{1}; Delete; }{ Surface{2}; Delete; };
+Rectangle(4) = {0, 0, 0, 2*RADIUS, 2*RADIUS};
+BooleanIntersection(5) = { Surface{3}; Delete; }{ Surface{4}; Delete; };
+"""
+
+
+@pytest.mark.parametrize("radius", [1, 2, 4, 8])
+def test_a_model_with_coordinates_on_the_limit_of_rounding_is_written(tmp_path, radius):
+    """Bounding boxes have a margin of 1e-7, which half of a radius of 2 rounds either way."""
+    with gmsh_model(QUARTER.replace("RADIUS", str(radius)), tmp_path) as gmsh:
+        gmsh.model.addPhysicalGroup(2, [tag for _, tag in gmsh.model.getEntities(2)])
+        for _, tag in gmsh.model.getEntities(1):
+            group = gmsh.model.addPhysicalGroup(1, [tag])
+            length = gmsh.model.occ.getMass(1, tag) / radius
+            gmsh.model.setPhysicalName(1, group, f"{tag} {length:.6f}")
+        fem_snh.write_xao(tmp_path / "quarter.xao")
+    data = gmsh_input.mesh_shape(str(tmp_path / "quarter.xao"), 40)
+    lengths = []
+    for group in (group for group in data.groups if group.dim == 1):
+        ends = data.x[group.entities[:, :2]]
+        length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).sum() / radius
+        lengths.append(float(group.name.split()[1]))
+        assert length == pytest.approx(lengths[-1], rel=1e-3)
+    assert sorted(lengths) == pytest.approx([0.5, 0.5, pi / 4, pi / 2], rel=1e-6)
+
+
 TWO = """
 SetFactory("OpenCASCADE");
 Box(1) = {0, 0, 0, 1, 1, 1};

@@ -15,11 +15,15 @@ from tempfile import TemporaryDirectory
 from typing import Any
 from xml.etree import ElementTree as ET
 
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial import cKDTree
+
 from fem_snh.errors import BadInput
 from fem_snh.mesh.xao_file import ENTRIES, LISTS
 
-#: Digits of centres and sizes, relative to the largest coordinate, by which entities are compared.
-_DIGITS = 7
+#: Largest difference of centres and sizes of the same entity, relative to the largest coordinate.
+_TOLERANCE = 1e-7
 #: What a BREP calls vertices, edges, faces and solids.
 _CODES = ("Ve", "Ed", "Fa", "So")
 
@@ -49,15 +53,16 @@ def write_xao(path: str | Path) -> None:
         except Exception as error:  # gmsh raises no other
             raise BadInput(f"no geometry of OpenCASCADE to write: {error}") from None
         brep = file.read_text(encoding="utf-8")
-        own = _keys(gmsh)
+        model = _Entities(gmsh)
         gmsh.model.add("fem_snh copy")
         try:
             gmsh.model.occ.importShapes(str(file), False)
             gmsh.model.occ.synchronize()
-            copies = _keys(gmsh)
+            copy = _Entities(gmsh)
         finally:
             gmsh.model.remove()
             gmsh.model.setCurrent(name)
+    own, copies = _keys(model, copy)
     root = ET.Element("XAO", version="1.0", author="fem_snh")
     geometry = ET.SubElement(root, "geometry", name=name)
     ET.SubElement(geometry, "shape", format="BREP").text = f"\n{brep}"
@@ -94,24 +99,61 @@ def write_xao(path: str | Path) -> None:
         raise BadInput(f"cannot write {path}: {error.strerror}") from None
 
 
-def _keys(gmsh: Any) -> list[dict[int, Hashable]]:
-    """Return, by dimension and tag, what tells the entities of gmsh's model from each other."""
-    model, occ = gmsh.model, gmsh.model.occ
-    size = max(map(abs, model.getBoundingBox(-1, -1)))
-    keys: list[dict[int, Hashable]] = [{}, {}, {}, {}]
-    bodies: dict[tuple[int, int], set[Hashable]] = defaultdict(set)
-    for dim in (3, 2, 1, 0):
-        for _, tag in model.getEntities(dim):
-            numbers = [*model.getBoundingBox(dim, tag)]
-            if dim and (mass := occ.getMass(dim, tag)) > 0:
-                numbers += [*occ.getCenterOfMass(dim, tag), mass / size ** (dim - 1)]
-            shape = tuple(round(number / size, _DIGITS) + 0.0 for number in numbers)
-            keys[dim][tag] = shape, frozenset(bodies[dim, tag])
-            if dim:
-                above = bodies[dim, tag] if dim < 3 else {shape}
-                for entity in model.getBoundary([(dim, tag)], False, False):
-                    bodies[entity] |= above
-    return keys
+class _Entities:
+    """The entities of gmsh's current model.
+
+    Attributes
+    ----------
+    shapes : list of dict
+        By dimension and tag, bounding box, centre and size (10,), relative to the largest
+        coordinate; zeros where an entity has no size.
+    bodies : dict
+        By dimension and tag, dimension and tag of the bodies, volumes or else faces, that it bounds.
+    """
+
+    def __init__(self, gmsh: Any) -> None:
+        model, occ = gmsh.model, gmsh.model.occ
+        size = max(map(abs, model.getBoundingBox(-1, -1)))
+        self.shapes: list[dict[int, npt.NDArray[np.float64]]] = [{}, {}, {}, {}]
+        self.bodies: dict[tuple[int, int], set[tuple[int, int]]] = defaultdict(set)
+        for dim in (3, 2, 1, 0):
+            for _, tag in model.getEntities(dim):
+                numbers = np.zeros(10)
+                numbers[:6] = model.getBoundingBox(dim, tag)
+                if dim and (mass := occ.getMass(dim, tag)) > 0:
+                    numbers[6:] = *occ.getCenterOfMass(dim, tag), mass / size ** (dim - 1)
+                self.shapes[dim][tag] = numbers / size
+                if dim:
+                    above = self.bodies.get((dim, tag), {(dim, tag)})
+                    for entity in model.getBoundary([(dim, tag)], False, False):
+                        self.bodies[entity] |= above
+
+
+def _keys(*models: _Entities) -> list[list[dict[int, Hashable]]]:
+    """Return, for each model, by dimension and tag, what is equal for the same entities.
+
+    Numbers that differ by rounding are equal, which rounding each of them would not ensure.
+    """
+    same: dict[tuple[_Entities, int, int], int] = {}
+    for dim in range(4):
+        entities = [(model, dim, tag) for model in models for tag in model.shapes[dim]]
+        if entities:
+            points = np.array([model.shapes[dim][tag] for model, _, tag in entities])
+            close = cKDTree(points).query_ball_point(points, _TOLERANCE, p=np.inf)
+            same.update(zip(entities, map(min, close), strict=True))
+    return [
+        [
+            {
+                tag: (
+                    same[model, dim, tag],
+                    frozenset((body[0], same[model, *body]) for body in model.bodies[dim, tag]),
+                )
+                for tag in model.shapes[dim]
+            }
+            for dim in range(4)
+        ]
+        for model in models
+    ]
 
 
 def _numbers(brep: str) -> list[list[int]]:
