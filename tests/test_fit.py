@@ -145,11 +145,14 @@ def test_relative_errors_and_weights_of_a_biaxial_test() -> None:
 
 
 def test_stability_at_biaxial_data() -> None:
-    """A_00 + p s_2 of Hencky's energy changes sign at equal stretches e^1/3, as above."""
-    for end, stable in ((1.3, True), (1.5, False)):
-        x = np.linspace(1.1, end, 5)
-        test = TestData("b", "biaxial", x, 2 * np.log(x) / x, np.ones(5), x)
-        assert fem_snh.fit("hencky", test).stable_at_data is stable
+    """C1 s^2 + C2/s^2 of Mooney-Rivlin's energy changes sign in the equal stretches, s^4 = 1/6."""
+    C1, C2 = 0.3, -0.05
+    for end, stable in ((0.66, True), (0.6, False)):
+        x = np.linspace(0.95, end, 5)
+        stress = 2 * (x - x**-5) * (C1 + C2 * x**2)
+        f = fem_snh.fit("mooney_rivlin", TestData("b", "biaxial", x, stress, np.ones(5), x))
+        assert f.parameters["C1"] == pytest.approx(C1, rel=1e-6)
+        assert f.stable_at_data is stable
 
 
 def test_constants_and_errors_are_those_of_a_linear_regression() -> None:
@@ -255,21 +258,46 @@ def test_a_parameter_that_the_data_do_not_show() -> None:
 
 
 def test_stable_ranges_of_henckys_energy() -> None:
-    """P = E log(x)/x has its maximum at e; unequal stretches in an equibiaxial test begin at e^1/3.
+    """By Drucker's criterion all of it: psi is a square of logarithmic strains.
 
-    There A_00 + p s_2 = 2 mu (1 - log x)/x^2 - 4 mu log(x)/x^2 = 0.
+    Under dead loads: P = E log(x)/x has its maximum at e; unequal stretches in an equibiaxial test
+    begin at e^1/3, where A_00 + p s_2 = 2 mu (1 - log x)/x^2 - 4 mu log(x)/x^2 = 0.
     """
     x = np.linspace(1.1, 2, 5)
     f = fem_snh.fit("hencky", data("uniaxial", x, np.log(x) / x), stable_range=(0.5, 6))
-    ends = {s.kind: s.high for s in f.stable}
+    assert all(s.whole for s in f.stable) and f.stable_at_data
+    ends = {s.kind: s.high for s in f.stable_under_dead_loads}
     assert ends["uniaxial"] == pytest.approx(np.e, rel=1e-7)
     assert ends["equibiaxial"] == pytest.approx(np.exp(1 / 3), rel=1e-7)
-    assert all(s.low == 0.5 and not s.whole for s in f.stable)
-    assert f.stable_at_data
-    for searched in (None, (0.9, 1.5)):  # the data are beyond e in any case
-        unstable = fem_snh.fit("hencky", TRELOAR["uniaxial"], stable_range=searched)
+    assert all(s.low == 0.5 and not s.whole for s in f.stable_under_dead_loads)
+
+
+def mooney_data(kind: str, x: np.ndarray, C1: float, C2: float) -> TestData:
+    """The nominal stresses of Mooney and Rivlin's incompressible energy."""
+    power, both = {"uniaxial": (-2, C1 + C2 / x), "equibiaxial": (-5, C1 + C2 * x**2)}[kind]
+    return data(kind, x, 2 * (x - x**power) * both)
+
+
+def test_stable_ranges_of_mooney_and_rivlins_energy() -> None:
+    """With C1, C2 > 0 at all stretches; under dead loads not beyond Kearsley's equal stretch.
+
+    There C1 (1 + s^-6) + C2 (3 s^-4 - s^2) = 0 (Kearsley 1986). With C2 < 0 a sheet in uniaxial
+    tension gives way sideways, by C1/s + C2 s = 0; psi = C1 sum e^2eps + C2 sum e^-2eps.
+    """
+    x = np.linspace(0.7, 2.5, 9)
+    tests = [mooney_data(kind, x, 0.3, 0.1) for kind in ("uniaxial", "equibiaxial")]
+    f = fem_snh.fit("mooney_rivlin", *tests, stable_range=(0.2, 8))
+    assert all(s.whole for s in f.stable) and f.stable_at_data
+    known = brentq(lambda s: 0.3 * (1 + s**-6) + 0.1 * (3 * s**-4 - s**2), 1, 8)
+    ends = {s.kind: s.high for s in f.stable_under_dead_loads}
+    assert ends["equibiaxial"] == pytest.approx(known, rel=1e-6) and known < 1.83
+    for searched in (None, (0.9, 1.5)):  # the data are beyond the range in any case
+        tests = [mooney_data("uniaxial", x, 0.3, -0.06)]
+        unstable = fem_snh.fit("mooney_rivlin", *tests, stable_range=searched)
         assert not unstable.stable_at_data
         assert bool(fit_figure([unstable]).axes[0].patches) is (searched is None)
+    ends = {s.kind: s.high for s in fem_snh.fit("mooney_rivlin", *tests).stable}
+    assert ends["uniaxial"] == pytest.approx(np.sqrt(5), rel=1e-6)
 
 
 def test_stable_range_of_a_compressible_fit_is_that_of_the_report() -> None:
@@ -277,7 +305,7 @@ def test_stable_range_of_a_compressible_fit_is_that_of_the_report() -> None:
     f = fem_snh.fit("neo_hookean", data("uniaxial", x, x - 1), nu=0.3, stable_range=(0.25, 4))
     report = f.report()
     for interval in report.drucker[:2]:
-        (mine,) = [s for s in f.stable if s.kind == interval.path]
+        (mine,) = [s for s in f.stable_under_dead_loads if s.kind == interval.path]
         assert interval.scaling is not None
         if interval.path == "uniaxial":
             assert (mine.low, mine.high) == pytest.approx(interval.scaling, rel=1e-6)

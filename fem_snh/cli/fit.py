@@ -153,7 +153,8 @@ def _fit_scene(args: Namespace, petsc: dict[str, str | None]) -> int:
 
     def report() -> None:
         console = Console(width=None if sys.stdout.isatty() else 110)
-        console.print(_parameters(found.parameters, found.errors))
+        points = sum(map(math.isfinite, found.curve.values.ravel()))
+        console.print(_parameters(found.parameters, found.errors, points))
         print(
             f"{found.solves} solves, {'converged' if found.converged else 'not converged'}: "
             f"rms {found.rms:.4g}, R² {found.r_squared:.6f}\n"
@@ -218,7 +219,8 @@ def _print(found: Fit) -> None:
     from rich.table import Table
 
     console = Console(width=None if sys.stdout.isatty() else 110)
-    console.print(_parameters(found.parameters, found.errors))
+    points = sum(len(t.data.x) for t in found.tests)
+    console.print(_parameters(found.parameters, found.errors, points))
     table = Table("test", "kind", "points", "rms", "largest", "R²")
     for t in found.tests:
         table.add_row(
@@ -227,8 +229,10 @@ def _print(found: Fit) -> None:
         )  # fmt: skip
     console.print(table)
     low, high = found.searched
-    for s in found.stable:
+    for s, loaded in zip(found.stable, found.stable_under_dead_loads, strict=True):
         words = "all of it" if s.whole else f"{s.low:.4g} to {s.high:.4g}"
+        if (loaded.low, loaded.high) != (s.low, s.high):
+            words += f"; under dead loads {loaded.low:.4g} to {loaded.high:.4g}"
         print(f"stable (Drucker) between stretches {low:.3g} and {high:.3g}, {s.kind}: {words}")
     if any(t.data.kind == "biaxial" for t in found.tests):
         print(f"stable (Drucker) at all data: {'yes' if found.stable_at_data else 'no'}")
@@ -236,20 +240,22 @@ def _print(found: Fit) -> None:
     print(found.table())
 
 
-def _parameters(values: Mapping[str, float], errors: Mapping[str, float]) -> Table:
-    """Return the table of parameters with their standard errors."""
+def _parameters(values: Mapping[str, float], errors: Mapping[str, float], points: int) -> Table:
+    """Return the table of parameters of a fit to some points, with their standard errors."""
     from rich.table import Table
 
     table = Table("parameter", "value", "standard error")
     for name, number in values.items():
-        table.add_row(name, f"{number:.6g}", _error(errors[name]))
+        table.add_row(name, f"{number:.6g}", _error(errors[name], points > len(values)))
     return table
 
 
-def _error(error: float) -> str:
+def _error(error: float, over_determined: bool) -> str:
     """Return a standard error as text."""
     if math.isnan(error):
         return "at its bound"
+    if not over_determined:
+        return "needs more points than parameters"
     return f"{error:.2g}" if math.isfinite(error) else "not shown by the data"
 
 

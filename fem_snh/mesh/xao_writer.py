@@ -108,7 +108,7 @@ class _Entities:
         By dimension and tag, bounding box, centre and size (10,), relative to the largest
         coordinate; zeros where an entity has no size.
     bodies : dict
-        By dimension and tag, dimension and tag of the bodies, volumes or else faces, that it bounds.
+        By dimension and tag, dimension and tag of the volumes, or else faces, that it bounds.
     """
 
     def __init__(self, gmsh: Any) -> None:

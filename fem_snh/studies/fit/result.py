@@ -91,6 +91,8 @@ class Fit:
         Data, stresses and residuals.
     stable : tuple of StableRange
         Stretches around rest that are stable by Drucker's criterion.
+    stable_under_dead_loads : tuple of StableRange
+        Those that are also stable under prescribed forces.
     evaluations, starts : int
         Evaluations of all stresses, and starts of the search.
     """
@@ -120,6 +122,7 @@ class Fit:
         self.searched = searched
         self._law = family.at(solution.theta, self.nu)
         self.stable: tuple[StableRange, ...] = stable_ranges(self._law, *searched)
+        self.stable_under_dead_loads = stable_ranges(self._law, *searched, dead_loads=True)
 
     @property
     def r_squared(self) -> float:
@@ -243,6 +246,9 @@ class Fit:
                 for t in self.tests
             ],
             "stable": {s.kind: [s.low, s.high] for s in self.stable},
+            "stable_under_dead_loads": {
+                s.kind: [s.low, s.high] for s in self.stable_under_dead_loads
+            },
             "stable_at_data": self.stable_at_data,
             "searched": list(self.searched),
             "evaluations": self.evaluations,

@@ -1,7 +1,18 @@
-r"""Stable ranges of a fit: Drucker's criterion along the three tests with free sides.
+r"""Stable ranges of a fit along the three tests with free sides, by two criteria.
 
-A state is stable if :math:`dP : dF > 0` for all changes of the principal stretches, which for an
-incompressible material keep the volume:
+Drucker's criterion, as finite-element programs examine fits by it: Kirchhoff's stress
+:math:`\tau_i = \partial\psi/\partial\varepsilon_i` increases with the logarithmic strains
+:math:`\varepsilon_i = \log s_i`, :math:`d\tau : d\varepsilon > 0`, for all changes of the
+principal stretches, which for an incompressible material keep the volume:
+
+.. math::
+
+    \sum_{ij} d\varepsilon_i \left(s_i \frac{\partial^2\psi}{\partial s_i \partial s_j} s_j
+    + \delta_{ij} s_i \frac{\partial\psi}{\partial s_i}\right) d\varepsilon_j > 0
+
+Stability under dead loads, :math:`dP : dF > 0` for the same changes, is stricter in tension: it is
+lost where a force has a maximum, and where unequal stretches have the forces of equal ones
+(Kearsley 1986), also of materials that Drucker's criterion finds stable at all stretches:
 
 .. math::
 
@@ -9,7 +20,7 @@ incompressible material keep the volume:
     - p \frac{\partial^2 J}{\partial s_i \partial s_j}\right) ds_j > 0, \qquad
     p = s_2 \frac{\partial\psi}{\partial s_2}
 
-These are the scaling eigenvalues of the material reports (`fem_snh.kernels.reports.drucker`).
+The latter are the scaling eigenvalues of the material reports (`fem_snh.kernels.reports.drucker`).
 """
 
 from __future__ import annotations
@@ -52,7 +63,9 @@ class StableRange:
         return (self.low, self.high) == self.searched
 
 
-def stable_ranges(law: Law, low: float, high: float) -> tuple[StableRange, ...]:
+def stable_ranges(
+    law: Law, low: float, high: float, dead_loads: bool = False
+) -> tuple[StableRange, ...]:
     """Return the stable ranges of the uniaxial, the equibiaxial and the planar test.
 
     Parameters
@@ -61,14 +74,19 @@ def stable_ranges(law: Law, low: float, high: float) -> tuple[StableRange, ...]:
         The energy.
     low, high : float
         The range of stretches that is searched, around 1.
+    dead_loads : bool
+        Whether the criterion is stability under dead loads, not Drucker's.
     """
     return tuple(
-        StableRange(kind, _end(law, kind, low), _end(law, kind, high), (low, high)) for kind in FREE
+        StableRange(
+            kind, _end(law, kind, low, dead_loads), _end(law, kind, high, dead_loads), (low, high)
+        )
+        for kind in FREE
     )
 
 
 def stable_at(law: Law, kind: str, x: Array, stretch_2: Array | None = None) -> bool:
-    """Return whether a material is stable at the data of a test.
+    """Return whether a material is stable at the data of a test by Drucker's criterion.
 
     Those of a biaxial test are its points (n,), those of the others all from rest to the last one.
     """
@@ -77,22 +95,30 @@ def stable_at(law: Law, kind: str, x: Array, stretch_2: Array | None = None) -> 
     return all(_end(law, kind, end) == end for end in (min(1.0, *x), max(1.0, *x)))
 
 
-def smallest_stiffness(law: Law, kind: str, x: Array, stretch_2: Array | None = None) -> Array:
-    """Return the smallest eigenvalue of the stiffness above, (n,); NaN where there is no stress."""
+def smallest_stiffness(
+    law: Law, kind: str, x: Array, stretch_2: Array | None = None, dead_loads: bool = False
+) -> Array:
+    """Return the smallest eigenvalue of a stiffness above, (n,); NaN where there is no stress."""
     s = stretches(law, kind, x, stretch_2)
-    A = law.tangent(s)
+    stress, A = law.stress(s), law.tangent(s)
     A = (A + np.swapaxes(A, -1, -2)) / 2
-    if law.nu is None:
-        p = s[:, 2] * law.stress(s)[:, 2]
-        other = np.zeros_like(A)
-        for i, j, k in ((0, 1, 2), (0, 2, 1), (1, 2, 0)):
-            other[:, i, j] = other[:, j, i] = s[:, k]
-        with np.errstate(invalid="ignore"):  # infinite stresses
+    normal = s ** (-1.0 if dead_loads else 0.0)  # the gradient of log J
+    with np.errstate(invalid="ignore"):  # infinite stresses
+        if not dead_loads:
+            A = np.einsum("ni,nij,nj->nij", s, A, s)
+            A[:, range(3), range(3)] += s * stress
+        elif law.nu is None:
+            p = s[:, 2] * stress[:, 2]
+            other = np.zeros_like(A)
+            for i, j, k in ((0, 1, 2), (0, 2, 1), (1, 2, 0)):
+                other[:, i, j] = other[:, j, i] = s[:, k]
             A = A - p[:, None, None] * other
-        A = _tangential(A, 1 / s)  # the gradient of J
-    finite = np.isfinite(A).all(axis=(-1, -2)) & np.isfinite(response(law, kind, x, stretch_2))
-    values = np.linalg.eigvalsh(np.where(finite[:, None, None], A, 0.0))[:, 0]
-    return np.where(finite, values, np.nan)
+    finite: npt.NDArray[np.bool_] = np.isfinite(A).all(axis=(-1, -2))
+    finite &= np.isfinite(response(law, kind, x, stretch_2))
+    A = np.where(finite[:, None, None], A, 0.0)
+    if law.nu is None:
+        A = _tangential(A, normal)
+    return np.where(finite, np.linalg.eigvalsh(A)[:, 0], np.nan)
 
 
 def _tangential(A: Array, normal: Array) -> Array:
@@ -102,12 +128,12 @@ def _tangential(A: Array, normal: Array) -> Array:
     return np.einsum("nai,nij,nbj->nab", plane, A, plane)
 
 
-def _end(law: Law, kind: str, end: float) -> float:
+def _end(law: Law, kind: str, end: float, dead_loads: bool = False) -> float:
     """Return the end of the stable range between 1 and ``end``."""
     if end == 1.0:
         return 1.0
     x: Array = np.asarray(np.geomspace(1.0, end, _SAMPLES + 1), dtype=np.float64)
-    unstable = ~(smallest_stiffness(law, kind, x) > 0)
+    unstable = ~(smallest_stiffness(law, kind, x, None, dead_loads) > 0)
     if not unstable.any():
         return end
     first = int(np.argmax(unstable))
@@ -116,7 +142,7 @@ def _end(law: Law, kind: str, end: float) -> float:
     good, bad = x[first - 1], x[first]
     for _ in range(_BISECTIONS):
         middle = np.sqrt(good * bad)
-        if smallest_stiffness(law, kind, np.array([middle]))[0] > 0:
+        if smallest_stiffness(law, kind, np.array([middle]), None, dead_loads)[0] > 0:
             good = middle
         else:
             bad = middle
