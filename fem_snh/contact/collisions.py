@@ -141,7 +141,7 @@ class CollisionSurface:
 
         Areas are their weights (Li et al. 2023), so that a pressure depends on the distance and
         little on the mesh. ipctk's improved max approximation would remove that dependence, but its
-        energy jumps by 0.1 % where the closest parts change, at which a line search stops.
+        energy jumps where the closest parts change, at which a line search stops.
         """
         found = self.ipctk.NormalCollisions()
         found.use_area_weighting = True
