@@ -43,9 +43,10 @@ from fem_snh.assembly.regions import cells_of_one_label
 from fem_snh.errors import bad_value
 from fem_snh.geometry.rigid_tree import UNKNOWNS, Link, Poses, RigidTree, fit_poses
 from fem_snh.geometry.rotations import exponential, inverse_left_jacobian, logarithm, skew
-from fem_snh.tables.motions import rigid_displacement
 from fem_snh.terms.body import Body
 from fem_snh.terms.rigid import Rigid, check_motions
+from fem_snh.terms.rigid_loads import RigidLoads
+from fem_snh.terms.rigid_motions import PrescribedMotions
 from fem_snh.terms.rigid_nodes import locate_parts
 
 Array = npt.NDArray[Any]
@@ -53,9 +54,6 @@ Array = npt.NDArray[Any]
 #: Smallest radius of gyration of a part's nodes over the largest: those of a smaller one are on a
 #: line, about which the rotation is undetermined.
 _ON_A_LINE = 1e-6
-#: Spacing, in load, of the differences that are prescribed velocities and accelerations: their
-#: rounding errors are 1e-12 and 1e-8.
-_SPACING = 1e-4
 
 
 class RigidParts:
@@ -95,7 +93,7 @@ class RigidParts:
 
     def __init__(self, parts: Sequence[Rigid], body: Body) -> None:
         V, self._parts = body.V, list(parts)
-        self._V, self._duration = V, body.amplitudes.duration
+        self._V = V
         self._comm: MPI.Comm = V.mesh.comm
         self.names = [part.label for part in parts]
         owned = _dolfinx.num_nodes(V)[0]
@@ -123,30 +121,10 @@ class RigidParts:
         self._offsets = self._points - self.tree.points[self.labels]
         self._slots = self._choose_slots(_dolfinx.local_to_global(V))
         self._folding: Folding | None = None
-        amplitudes = body.amplitudes
-        self._motions = [amplitudes.motion(part.table) for part in parts]
-        self._turns = [
-            amplitudes.motion(part.rotate.table if part.rotate else None, motion)
-            for part, motion in zip(parts, self._motions, strict=True)
-        ]
-        self._factors = [amplitudes.force(part.load_table) for part in parts]
-        self._force = np.array([part.force for part in parts])
-        self._torque = np.array([part.torque for part in parts])
-        self._follows = np.array([part.follower for part in parts])
-        self._loads = np.zeros((len(parts), 2, 3))
-        self._drive = np.zeros(UNKNOWNS * len(parts))
-        self._driven = np.concatenate(
-            [_drive(part, r) for part, r in zip(parts, radii, strict=True)]
-        )
-        springs = [part.spring for part in parts]
-        self._stiffness = np.array([s.stiffness if s else 0.0 for s in springs])
-        self._rotational = np.array([s.rotation if s else 0.0 for s in springs])
-        turning = self._torque.any() or self._force[self._follows].any()
-        self.has_energy = not (turning or self._driven.any())
-        moved = any(part.translate is not None or part.rotate is not None for part in parts)
-        self.moves = moved
-        loaded = any(load.any() for load in (self._force, self._torque, self._driven))
-        self.depends_on_load = bool(moved or loaded)
+        self._motions = PrescribedMotions(parts, self.tree, body.amplitudes)
+        self._loads = RigidLoads(parts, self.tree, body.amplitudes)
+        self.has_energy, self.moves = self._loads.has_energy, self._motions.move
+        self.depends_on_load = self.moves or self._loads.act
         self.set_load(0.0)
         for part in parts:
             if part.mass:
@@ -305,24 +283,12 @@ class RigidParts:
         basis[:, :, :3], basis[:, :, 3:] = np.eye(3), -skew(self._arms(poses))
         return self._components(basis)
 
-    def _targets(self, load: float) -> tuple[Array, Array]:
-        """Return prescribed displacements of points and rotation vectors, (parts, 3) each."""
-        found = np.zeros((2, len(self._parts), 3))
-        for i, part in enumerate(self._parts):
-            amplitude, turn = self._motions[i](load), self._turns[i](load)
-            motion = part.translate, part.rotate, amplitude, turn
-            found[0, i] = rigid_displacement(self.tree.points[i : i + 1], *motion)[0]
-            if part.rotate:
-                axis = np.array(part.rotate.axis) / np.linalg.norm(part.rotate.axis)
-                found[1, i] = turn * part.rotate.angle * axis
-        return found[0], found[1]
-
     def prescribe(self, x: PETSc.Vec, load: float, poses: Poses | None = None) -> None:
         """Set the parts' nodes to the poses nearest to given ones that a load admits. Collective.
 
         By default those of ``x``.
         """
-        translations, vectors = self._targets(load)
+        translations, vectors = self._motions.at(load)
         rotations = np.array([exponential(vector) for vector in vectors])
         self._set_poses(x, self.tree.project(poses or self.poses(x), translations, rotations))
 
@@ -351,39 +317,16 @@ class RigidParts:
     def set_load(self, load: float) -> None:
         """Set the load."""
         self._load = load
-        for i, factor in enumerate(self._factors):
-            self._loads[i] = factor(load) * np.stack([self._force[i], self._torque[i]])
-            own = slice(UNKNOWNS * i, UNKNOWNS * (i + 1))
-            self._drive[own] = factor(load) * self._driven[own]
+        self._loads.set_load(load)
 
     def energy(self, u: PETSc.Vec, p: PETSc.Vec | None = None) -> float:
         """Return the energy of forces and springs [J]. Collective."""
-        poses = self.poses(u)
-        moved = poses.c - self.tree.points
-        energy = float(self._stiffness @ (moved**2).sum(axis=1)) / 2
-        for i in np.flatnonzero(self._rotational):
-            angle = self.tree.relative_rotation(poses, i)
-            energy += self._rotational[i] / 2 * float(angle @ angle)
-        return energy - float((self._loads[:, 0] * moved)[~self._follows].sum())
-
-    def _acting(self, poses: Poses) -> Array:
-        """Return minus the forces and moments of loads and springs on the parts, (6 parts,)."""
-        loads = self._loads.copy()
-        for i in np.flatnonzero(self._follows):
-            loads[i] = loads[i] @ poses.R[i].T
-        found = -loads
-        found[:, 0] += self._stiffness[:, None] * (poses.c - self.tree.points)
-        for i in np.flatnonzero(self._rotational):
-            moment = self._rotational[i] * self.tree.relative_rotation(poses, i)
-            found[i, 1] += moment
-            if (parent := self.tree.links[i].parent) >= 0:
-                found[parent, 1] -= moment
-        return found.ravel()
+        return self._loads.energy(self.poses(u))
 
     def largest_force(self, x: PETSc.Vec) -> float:
         """Return the norm of the forces of loads and springs on the unknowns [N]. Collective."""
         poses = self.poses(x)
-        forces = self.tree.jacobian(poses).T @ self._acting(poses) - self._drive
+        forces = self.tree.jacobian(poses).T @ self._loads.acting(poses) - self._loads.drive
         return float(np.linalg.norm(forces))
 
     def add_residual(
@@ -409,8 +352,8 @@ class RigidParts:
     def reduce(self, x: PETSc.Vec, r: PETSc.Vec) -> None:
         """Replace the forces on the parts' nodes by those on the unknowns, in place. Collective."""
         poses = self.poses(x)
-        forces = self.wrenches(poses, r) + self._acting(poses)
-        self._set_unknowns(r, self.tree.jacobian(poses).T @ forces - self._drive)
+        forces = self.wrenches(poses, r) + self._loads.acting(poses)
+        self._set_unknowns(r, self.tree.jacobian(poses).T @ forces - self._loads.drive)
 
     def reduce_vector(self, x: PETSc.Vec, g: PETSc.Vec) -> None:
         """Replace a gradient by nodal displacements by one by the unknowns, in place."""
@@ -435,16 +378,10 @@ class RigidParts:
         G, arms = tree.jacobian(poses), self._arms(poses)
         f = self._nodal(gradient)
         products = self._sum(_products(f, arms)).reshape(-1, 3, 3)
-        acting = self._acting(poses)
+        acting = self._loads.acting(poses)
         wrenches = self.wrenches(poses, gradient) + acting
         K = tree.curvature(poses, G, wrenches, products)
-        springs = np.zeros_like(K)
-        for i in np.flatnonzero(self._stiffness):
-            k = slice(UNKNOWNS * i, UNKNOWNS * i + 3)
-            springs[k, k] += self._stiffness[i] * np.eye(3)
-        for i in np.flatnonzero(self._rotational):
-            springs += self._rotational[i] * tree.spring_stiffness(poses, i)
-        K += G.T @ springs @ G
+        K += G.T @ self._loads.spring_matrix(poses) @ G
         K *= np.outer(tree.free, tree.free)
         self._filtered = 0
         if filter != "exact":
@@ -564,11 +501,8 @@ class RigidParts:
 
         The parameters are those of `constraint_rows`, and the modulus E [Pa].
         """
-        absolute, relative = self._twists(owners, origin, length, size)
-        unit = modulus * length
-        of_points = np.sqrt(self._stiffness / unit)[:, None, None] * absolute[:, 0]
-        of_turns = np.sqrt(self._rotational / (unit * length**2))[:, None, None] * relative[:, 1]
-        return np.concatenate([of_points.reshape(-1, size), of_turns.reshape(-1, size)])
+        twists = self._twists(owners, origin, length, size)
+        return self._loads.spring_rows(*twists, modulus, length)
 
     def load_work(self, owners: Array, origin: Array, length: float, mode: Array) -> Array:
         """Return minus the work of the parts' loads along a rigid motion, (parts,). Collective.
@@ -576,12 +510,7 @@ class RigidParts:
         The parameters are those of `constraint_rows`, and the motion (size,).
         """
         absolute, relative = self._twists(owners, origin, length, len(mode))
-        scale = np.array([1.0, 1 / length])[:, None]
-        work = (self._loads * (absolute @ mode) * scale).sum(axis=(1, 2))
-        for i, (link, twist) in enumerate(zip(self.tree.links, relative @ mode, strict=True)):
-            along, about = self._drive[UNKNOWNS * i], self._drive[UNKNOWNS * i + 3] * link.length
-            work[i] += link.axis @ (along * twist[0] + about * twist[1] / length)
-        return np.asarray(-work)
+        return -self._loads.work(absolute @ mode, relative @ mode, length)
 
     # --- motion in time --------------------------------------------------------------------------
 
@@ -621,23 +550,6 @@ class RigidParts:
         twists = (self.tree.jacobian(poses) @ self._unknowns(d)).reshape(-1, UNKNOWNS)
         moved = np.einsum("nik,nk->ni", self._basis(poses), twists[self.labels])
         values[self.dofs] = moved
-
-    def _prescribed_rates(self) -> tuple[Array, Array]:
-        """Return the first two time derivatives of prescribed unknowns, (6 parts,) each.
-
-        They are one-sided differences of second order, of points before the present load.
-        """
-        load, duration = self._load, self._duration or 1.0
-        h = _SPACING if load <= 0 else -min(_SPACING, load / 4)
-        motions = [np.stack(self._targets(load + k * h), axis=1) for k in range(4)]
-        lengths = np.array([link.length for link in self.tree.links])
-        found = []
-        for weights, power in (((-1.5, 2.0, -0.5, 0.0), 1), ((2.0, -5.0, 4.0, -1.0), 2)):
-            change = sum(w * (m - motions[0]) for w, m in zip(weights, motions, strict=True))
-            change = change / (h * duration) ** power
-            change[:, 1] *= lengths[:, None]
-            found.append(np.where(self.tree.free | self._jointed, 0.0, change.ravel()))
-        return found[0], found[1]
 
     def _set_nodes(self, values: Array, nodal: Array) -> None:
         """Set the parts' nodes in values (local dofs,), on all ranks. Collective."""
@@ -686,7 +598,10 @@ class RigidParts:
         M = np.stack([reduced(C[:, :, k]) for k in range(len(G))], axis=1)
         M += np.diag(np.where(tree.free, 0.0, 1.0))
 
-        first, second = self._prescribed_rates()
+        fixed = ~(tree.free | self._jointed)
+        first, second = (
+            np.where(fixed, rates.ravel(), 0.0) for rates in self._motions.rates(self._load)
+        )
         basis = self._basis(poses)
 
         def moved(rates: Array) -> Array:
@@ -723,14 +638,6 @@ class RigidParts:
             }
             for i, name in enumerate(self.names)
         }
-
-
-def _drive(part: Rigid, length: float) -> Array:
-    """Return the forces of a part's joint on its unknowns at amplitude 1, (6,)."""
-    found = np.zeros(UNKNOWNS)
-    if part.joint:
-        found[0], found[3] = part.joint.force, part.joint.torque / length
-    return found
 
 
 def _products(a: Array, b: Array) -> Array:

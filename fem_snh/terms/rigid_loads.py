@@ -1,0 +1,130 @@
+"""Forces, moments and springs on rigid parts, and the drives of their joints. Not collective."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from fem_snh.geometry.rigid_tree import UNKNOWNS, Poses, RigidTree
+from fem_snh.tables.amplitudes import Amplitudes
+from fem_snh.terms.rigid import Rigid
+
+Array = npt.NDArray[Any]
+
+
+class RigidLoads:
+    """What acts on rigid parts beside the flesh: loads, springs, drives of joints.
+
+    Parameters
+    ----------
+    parts : sequence of Rigid
+        The parts.
+    tree : RigidTree
+        How they may move.
+    amplitudes : Amplitudes
+        Those of the loads.
+
+    Attributes
+    ----------
+    drive : (6 parts,)
+        The forces of joints on the unknowns at the present load [N].
+    has_energy : bool
+        Whether they have an energy: no moments, no forces that follow, no drives.
+    act : bool
+        Whether there are any beside springs.
+    """
+
+    def __init__(self, parts: Sequence[Rigid], tree: RigidTree, amplitudes: Amplitudes) -> None:
+        self._tree = tree
+        self._factors = [amplitudes.force(part.load_table) for part in parts]
+        self._full = np.array([[part.force, part.torque] for part in parts])
+        self._follows = np.array([part.follower for part in parts])
+        self._full_drive = np.concatenate(
+            [_drive(part, link.length) for part, link in zip(parts, tree.links, strict=True)]
+        )
+        springs = [part.spring for part in parts]
+        self._stiffness = np.array([s.stiffness if s else 0.0 for s in springs])
+        self._rotational = np.array([s.rotation if s else 0.0 for s in springs])
+        turning = self._full[:, 1].any() or self._full[self._follows, 0].any()
+        self.has_energy = not (turning or self._full_drive.any())
+        self.act = bool(self._full.any() or self._full_drive.any())
+        self.set_load(0.0)
+
+    def set_load(self, load: float) -> None:
+        """Set the load, of which the amplitudes are functions."""
+        factors = np.array([factor(load) for factor in self._factors])
+        self._loads = factors[:, None, None] * self._full
+        self.drive = np.repeat(factors, UNKNOWNS) * self._full_drive
+
+    def energy(self, poses: Poses) -> float:
+        """Return the energy of springs and of forces of constant direction [J]."""
+        moved = poses.c - self._tree.points
+        energy = float(self._stiffness @ (moved**2).sum(axis=1)) / 2
+        for i in np.flatnonzero(self._rotational):
+            angle = self._tree.relative_rotation(poses, i)
+            energy += self._rotational[i] / 2 * float(angle @ angle)
+        return energy - float((self._loads[:, 0] * moved)[~self._follows].sum())
+
+    def acting(self, poses: Poses) -> Array:
+        """Return minus the forces and moments of loads and springs on the parts, (6 parts,)."""
+        loads = self._loads.copy()
+        for i in np.flatnonzero(self._follows):
+            loads[i] = loads[i] @ poses.R[i].T
+        found = -loads
+        found[:, 0] += self._stiffness[:, None] * (poses.c - self._tree.points)
+        for i in np.flatnonzero(self._rotational):
+            moment = self._rotational[i] * self._tree.relative_rotation(poses, i)
+            found[i, 1] += moment
+            if (parent := self._tree.links[i].parent) >= 0:
+                found[parent, 1] -= moment
+        return found.ravel()
+
+    def spring_matrix(self, poses: Poses) -> Array:
+        """Return the springs' stiffness by the parts' twists, (6 parts, 6 parts)."""
+        size = UNKNOWNS * len(self._stiffness)
+        found = np.zeros((size, size))
+        for i in np.flatnonzero(self._stiffness):
+            k = slice(UNKNOWNS * i, UNKNOWNS * i + 3)
+            found[k, k] += self._stiffness[i] * np.eye(3)
+        for i in np.flatnonzero(self._rotational):
+            found += self._rotational[i] * self._tree.spring_stiffness(poses, i)
+        return found
+
+    def spring_rows(self, absolute: Array, relative: Array, modulus: float, length: float) -> Array:
+        """Return rows whose squares are the springs' stiffness, relative to E L.
+
+        Parameters
+        ----------
+        absolute, relative : (parts, 2, 3, n)
+            The parts' twists in n motions, and those relative to their parents, in units of L.
+        modulus, length : float
+            E [Pa] and L [m].
+        """
+        unit = modulus * length
+        of_points = np.sqrt(self._stiffness / unit)[:, None, None] * absolute[:, 0]
+        of_turns = np.sqrt(self._rotational / (unit * length**2))[:, None, None] * relative[:, 1]
+        size = absolute.shape[-1]
+        return np.concatenate([of_points.reshape(-1, size), of_turns.reshape(-1, size)])
+
+    def work(self, absolute: Array, relative: Array, length: float) -> Array:
+        """Return the work of loads and drives along a motion, (parts,).
+
+        Parameters are those of `spring_rows`, for one motion: (parts, 2, 3).
+        """
+        scale = np.array([1.0, 1 / length])[:, None]
+        work = (self._loads * absolute * scale).sum(axis=(1, 2))
+        for i, (link, twist) in enumerate(zip(self._tree.links, relative, strict=True)):
+            along, about = self.drive[UNKNOWNS * i], self.drive[UNKNOWNS * i + 3] * link.length
+            work[i] += link.axis @ (along * twist[0] + about * twist[1] / length)
+        return np.asarray(work)
+
+
+def _drive(part: Rigid, length: float) -> Array:
+    """Return the forces of a part's joint on its unknowns at amplitude 1, (6,)."""
+    found = np.zeros(UNKNOWNS)
+    if part.joint:
+        found[0], found[3] = part.joint.force, part.joint.torque / length
+    return found
