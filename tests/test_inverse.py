@@ -112,6 +112,13 @@ def test_mistakes(tmp_path: Path, text: str, parameters: list[str], message: str
     assert message in str(error.value)
 
 
+@pytest.mark.parametrize("nu", [0.4999999, -0.95])
+def test_a_start_out_of_bounds_is_refused(nu: float) -> None:
+    curve = MeasuredCurve("load", np.ones(1), np.ones(1), ["volume"], np.ones((1, 1)))
+    with pytest.raises(BadInput, match=rf"^nu = {nu}: expected a number from -0.9 to 0.4999995 to"):
+        fit_scene("pull", curve, ["nu"], nu=nu, cells=1, steps=1)
+
+
 def test_scenes_that_are_refused() -> None:
     curve = MeasuredCurve("load", np.ones(1), np.ones(1), ["volume"], np.ones((1, 1)))
     with pytest.raises(BadInput, match="expected a scene without"):

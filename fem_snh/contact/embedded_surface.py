@@ -244,7 +244,7 @@ class SurfaceMatrix:
     ----------
     pairs : (n, 2) int64
         Global nodes of the pattern's blocks: see `BlockMatrix.couple`. It is the same array until
-        `extend` adds some.
+        `replace` is called.
     """
 
     def __init__(self, surface: EmbeddedSurface) -> None:

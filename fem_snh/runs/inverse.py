@@ -60,6 +60,9 @@ _FAILED = 10.0
 MAX_SOLVES = 12
 #: Keys of a scene that are parameters without the prefix "material.".
 _SCENE_KEYS = ("E", "nu")
+#: Poisson's ratios between which nu is sought, its variable log(1 - 2 nu) being bounded; and the
+#: factor by which positive parameters may differ from their first values, either way.
+_NU_RANGE, _WIDEST = (-0.9, 0.4999995), 1e3
 #: Loads of a curve whose first column is called so need no range.
 _LOAD = "load"
 
@@ -312,14 +315,14 @@ class InverseProblem:
 
     @property
     def bounds(self) -> tuple[Array, Array]:
-        """Return the bounds of the variables: positive parameters within a factor of 1000."""
+        """Return the bounds of the variables, ``_NU_RANGE`` and ``_WIDEST``."""
         pairs = []
         for (name, value), z in zip(self._first.items(), self.start, strict=True):
-            wide = np.log(1e3)
+            wide = np.log(_WIDEST)
             if name == "nu":
-                pairs.append((np.log(1e-6), np.log(2.8)))
+                pairs.append(sorted(_variable(name, ratio, value) for ratio in _NU_RANGE))
             else:
-                pairs.append((z - wide, z + wide) if value > 0 else (-1e3, 1e3))
+                pairs.append([z - wide, z + wide] if value > 0 else [-_WIDEST, _WIDEST])
         low, high = np.array(pairs).T
         return low, high
 
@@ -465,8 +468,9 @@ def _value(scene: scenes.Scene, name: str) -> float:
             k for k, v in known.items() if isinstance(v, int | float) and not isinstance(v, bool)
         ]
         raise bad_value("parameters", name, f"one of {', '.join(numbers)}", numbers)
-    if name == "nu" and value == 0.5:
-        raise bad_value("nu", 0.5, "a number below 0.5 to start from")
+    low, high = _NU_RANGE
+    if name == "nu" and not low <= value <= high:
+        raise bad_value("nu", value, f"a number from {low:g} to {high:.7g} to start from")
     return float(value)
 
 
