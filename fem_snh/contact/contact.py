@@ -5,23 +5,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Annotated, Any, Self
 
-from pydantic import AfterValidator, Field, field_validator, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from fem_snh.choices import CONTACT_METHODS
-from fem_snh.errors import bad_value, choose
+from fem_snh.errors import bad_value
 from fem_snh.tables.types import Positive, Surface, surface_name
-from fem_snh.tables.validation import Expect, Table
+from fem_snh.tables.validation import Expect, OneOf, Table
 from fem_snh.terms.feature import Feature
 
 if TYPE_CHECKING:
     from fem_snh.terms.body import Body
     from fem_snh.terms.term import Term
 
-Method = Annotated[
-    str,
-    Expect(f"one of {', '.join(CONTACT_METHODS)}"),
-    AfterValidator(lambda word: choose("method", word, CONTACT_METHODS)),
-]
+Method = Annotated[str, OneOf("method", CONTACT_METHODS)]
 
 
 class ContactTable(Table):

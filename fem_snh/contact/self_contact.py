@@ -5,24 +5,20 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self
 
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import Field, model_validator
 
 from fem_snh.choices import SELF_CONTACT_METHODS
-from fem_snh.errors import bad_value, choose
+from fem_snh.errors import bad_value
 from fem_snh.output_fields import AT_OBSTACLES, OutputField
 from fem_snh.tables.types import NonNegative, Positive
-from fem_snh.tables.validation import Expect
+from fem_snh.tables.validation import OneOf
 from fem_snh.terms.feature import Feature
 
 if TYPE_CHECKING:
     from fem_snh.terms.body import Body
     from fem_snh.terms.term import Term
 
-Method = Annotated[
-    str,
-    Expect(f"one of {', '.join(SELF_CONTACT_METHODS)}"),
-    AfterValidator(lambda word: choose("method", word, SELF_CONTACT_METHODS)),
-]
+Method = Annotated[str, OneOf("method", SELF_CONTACT_METHODS)]
 
 
 #: Keys of the barrier alone, and their defaults.

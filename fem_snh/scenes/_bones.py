@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy.typing as npt
-from pydantic import AfterValidator, Discriminator, Field, Tag, field_serializer, model_validator
+from pydantic import Discriminator, Field, Tag, field_serializer, model_validator
 
 from fem_snh.choices import RESTS
-from fem_snh.errors import BadInput, bad_value, choose
+from fem_snh.errors import BadInput, bad_value
 from fem_snh.tables.amplitudes import MOTION_TABLE, TableName
 from fem_snh.tables.motions import TRANSLATE, Rotate, check_motion
 from fem_snh.tables.shapes import ShapeChoice, SurfaceFile
@@ -25,7 +25,7 @@ from fem_snh.tables.types import (
     Text,
     Vector,
 )
-from fem_snh.tables.validation import Expect, Table, Whole, given_key
+from fem_snh.tables.validation import Expect, OneOf, Table, Whole, given_key
 
 if TYPE_CHECKING:
     from fem_snh.geometry.bones import Clip, RigidAffine
@@ -54,11 +54,7 @@ class SkeletonMotion(Table):
 
     bvh: BvhFile = Field(description="The file; its path is relative to the scene file.")
     joint: Text = Field(description="The joint that the bone follows.")
-    rest: Annotated[
-        str,
-        Expect(f"one of {', '.join(RESTS)}"),
-        AfterValidator(lambda word: choose("rest", word, RESTS)),
-    ] = Field(
+    rest: Annotated[str, OneOf("rest", RESTS)] = Field(
         default=RESTS[0],
         description="The skeleton's pose in the reference configuration: that of the first frame, "
         "or 'offset', all rotations zero and each joint at its OFFSET.",

@@ -5,14 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-from pydantic import AfterValidator, Discriminator, Field, Tag, model_validator
+from pydantic import Discriminator, Field, Tag, model_validator
 
 from fem_snh.choices import LATTICE_PARTS, LATTICE_WEIGHTINGS
-from fem_snh.errors import bad_value, choose
+from fem_snh.errors import bad_value
 from fem_snh.geometry.shapes import ClosedSurface, Shape
 from fem_snh.tables.shapes import ShapeChoice
 from fem_snh.tables.types import FilePath, Positive
-from fem_snh.tables.validation import Expect, Table, Whole
+from fem_snh.tables.validation import Expect, OneOf, Table, Whole
 
 #: Cubes along a cell's edge: fewer tell no parts apart, more need gigabytes for a body's cells.
 _SAMPLES = (2, 16)
@@ -30,16 +30,8 @@ Body = Annotated[
 ]
 
 
-Weighting = Annotated[
-    str,
-    Expect(f"one of {', '.join(LATTICE_WEIGHTINGS)}"),
-    AfterValidator(lambda word: choose("weighting", word, LATTICE_WEIGHTINGS)),
-]
-Parts = Annotated[
-    str,
-    Expect(f"one of {', '.join(LATTICE_PARTS)}"),
-    AfterValidator(lambda word: choose("parts", word, LATTICE_PARTS)),
-]
+Weighting = Annotated[str, OneOf("weighting", LATTICE_WEIGHTINGS)]
+Parts = Annotated[str, OneOf("parts", LATTICE_PARTS)]
 
 
 class Lattice(Table):

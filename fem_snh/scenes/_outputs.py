@@ -20,7 +20,7 @@ from fem_snh.tables.types import (
     Vector,
     split_text,
 )
-from fem_snh.tables.validation import Bounded, Expect, Table
+from fem_snh.tables.validation import Bounded, Expect, OneOf, Table
 from fem_snh.terms.feature import Feature, grouped
 from fem_snh.terms.rigid import RESULTS, Rigid
 
@@ -136,11 +136,7 @@ UnitNames = Annotated[
     AfterValidator(_check_units),
 ]
 #: Where output fields are written.
-Location = Annotated[
-    str,
-    Expect(f"one of {', '.join(LOCATIONS)}"),
-    AfterValidator(lambda word: choose("fields_at", word, LOCATIONS)),
-]
+Location = Annotated[str, OneOf("fields_at", LOCATIONS)]
 
 
 def _kind(mesh: Any) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import Field, model_validator
 
 from fem_snh.choices import (
     DEFAULT_INTEGRATOR,
@@ -12,21 +12,13 @@ from fem_snh.choices import (
     INTEGRATORS,
     MASSES,
 )
-from fem_snh.errors import bad_value, choose
+from fem_snh.errors import bad_value
 from fem_snh.tables.types import Count, NonNegative, Positive, Steps
-from fem_snh.tables.validation import Expect, Finite, Table
+from fem_snh.tables.validation import Expect, Finite, OneOf, Table
 
 _Radius = Annotated[Finite, Field(ge=0, le=1), Expect("a number from 0 to 1")]
-Integrator = Annotated[
-    str,
-    Expect(f"one of {', '.join(INTEGRATORS)}"),
-    AfterValidator(lambda word: choose("integrator", word, INTEGRATORS)),
-]
-Mass = Annotated[
-    str,
-    Expect(f"one of {', '.join(MASSES)}"),
-    AfterValidator(lambda word: choose("mass", word, MASSES)),
-]
+Integrator = Annotated[str, OneOf("integrator", INTEGRATORS)]
+Mass = Annotated[str, OneOf("mass", MASSES)]
 
 
 class Damping(Table):

@@ -20,7 +20,7 @@ from pydantic import (
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
 from fem_snh.choices import LARGEST_NUMBER
-from fem_snh.errors import BadInput, shown, unknown_name
+from fem_snh.errors import BadInput, choose, shown, unknown_name
 from fem_snh.tables.synonyms import suggestion
 
 Finite = Annotated[float, Field(strict=True, allow_inf_nan=False)]
@@ -96,6 +96,28 @@ class Whole(Expect):
     ) -> CoreSchema:
         numbers = core_schema.int_schema(strict=True, ge=self.lowest, le=self.highest)
         return core_schema.no_info_wrap_validator_function(self._check, numbers)
+
+
+@dataclass(frozen=True, init=False)
+class OneOf(Expect):
+    """An annotation for one of some words, the value of a key."""
+
+    key: str
+    words: tuple[str, ...]
+
+    def __init__(self, key: str, words: Iterable[str]) -> None:
+        object.__setattr__(self, "key", key)
+        object.__setattr__(self, "words", tuple(words))
+        object.__setattr__(self, "what", f"one of {', '.join(self.words)}")
+
+    def __get_pydantic_core_schema__(
+        self, source: Any, handler: GetCoreSchemaHandler
+    ) -> CoreSchema:
+        text = super().__get_pydantic_core_schema__(source, handler)
+        return core_schema.no_info_after_validator_function(self._choose, text)
+
+    def _choose(self, word: str) -> str:
+        return choose(self.key, word, self.words)
 
 
 class Table(BaseModel):
