@@ -260,7 +260,7 @@ def test_mistakes(comm: Any) -> None:
         "obstacle.name = 'a': expected a different name": lambda: solve(
             fem_snh.Obstacle({"plane": {}}, name="a"), fem_snh.Obstacle({"plane": {}}, name="a")
         ),
-        "surface = 3: expected the path of an STL file": lambda: fem_snh.Obstacle(surface=3),
+        "surface = 3: expected the path of an STL or OBJ file": lambda: fem_snh.Obstacle(surface=3),
         "nowhere.stl": lambda: solve(fem_snh.Obstacle(surface="nowhere.stl")),
         "table = 'ramp': expected a function": lambda: solve(
             fem_snh.Pressure(ds(TOP), 1.0, "ramp")
