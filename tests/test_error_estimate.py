@@ -100,20 +100,24 @@ def test_a_state_that_the_element_holds_has_no_error(element):
 
 
 @pytest.mark.parametrize(
-    ("element", "nu", "limit"), [("Q1P0", 0.3, 1e-2), ("Q1P0", 0.4999, 1e-2), ("Q1", 0.4999, 1e-2)]
+    ("element", "nu", "better"),
+    [("Q1P0", 1 / 3, "Q2"), ("Q1P0", 0.34, "Q2Q1"), ("Q1", 0.4999, "Q2Q1")],
 )
-def test_the_corrected_value_is_that_of_the_lifted_element(element, nu, limit):
-    """A run in Q2Q1 on the same cells is the nonlinear solution that the estimate stands for."""
+def test_the_corrected_value_is_that_of_the_lifted_element(element, nu, better):
+    """A run in that element on the same cells is the solution that the estimate stands for.
+
+    It has an unknown pressure above nu = 1/3.
+    """
     found = solve("cook", kinematics="layer", element=element, nu=nu, cells=4, error=True)
-    lifted = solve("cook", kinematics="layer", element="Q2Q1", nu=nu, cells=4)
-    assert found.record["estimate"]["element"] == "Q2Q1"
+    lifted = solve("cook", kinematics="layer", element=better, nu=nu, cells=4)
+    assert found.record["estimate"]["element"] == better
     corner = lifted.steps[-1]["probes"]["corner"]
     for axis, value in zip("xy", corner, strict=False):
         goal = found.goals[f"corner.{axis}"]
-        assert goal["corrected"] == pytest.approx(value, abs=limit * abs(goal["error"]))
+        assert goal["corrected"] == pytest.approx(value, abs=0.01 * abs(goal["error"]))
     energy = found.goals["energy"]
     assert energy["corrected"] == pytest.approx(
-        lifted.steps[-1]["energy"], abs=limit * abs(energy["error"])
+        lifted.steps[-1]["energy"], abs=0.01 * abs(energy["error"])
     )
 
 

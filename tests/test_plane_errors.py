@@ -72,18 +72,25 @@ def test_effectivity_on_a_tube(element, kinematics):
 
 
 @pytest.mark.parametrize("element", ["P2", "P2P0", "Q2"])
-def test_effectivity_of_degree_2_where_it_locks_or_has_cell_pressures(element):
+@pytest.mark.parametrize(
+    ("nu", "corner", "energy", "error"),
+    [(0.3, 7.8368, -416.84, 0.008), (0.4, 7.4774, -393.82, 0.015), (0.49, 6.9965, -364.27, 0.03)],
+)
+def test_effectivity_of_degree_2_where_it_locks_or_has_cell_pressures(
+    element, nu, corner, energy, error
+):
     """Of these elements the lifted one leaves what it leaves of the Taylor-Hood element.
 
-    The exact values are extrapolated from Q2Q1 on 64 cells (docs/results/error.md).
+    The exact values are extrapolated from Q2Q1 on 64 cells (docs/results/error.md), the errors
+    above a part of them; 0.4 is the least ratio at which an element locks.
     """
-    keys = {"kinematics": "plane_strain", "nu": 0.49, "cells": 4, "element": element}
+    keys = {"kinematics": "plane_strain", "nu": nu, "cells": 4, "element": element}
     result = solve("cook", **keys, error=True)
-    for name, exact in (("corner.y", 6.9965), ("energy", -364.27)):
+    for name, exact in (("corner.y", corner), ("energy", energy)):
         goal = result.goals[name]
-        error = exact - goal["value"]
-        assert abs(error) > 0.03 * abs(exact)
-        assert goal["error"] == pytest.approx(error, rel=0.2), name
+        true = exact - goal["value"]
+        assert abs(true) > error * abs(exact)
+        assert goal["error"] == pytest.approx(true, rel=0.2 if nu > 0.4 else 0.3), name
     # The errors of the cells add up to the estimate.
     ((located, cells),) = result.estimate.indicators.items()
     assert cells.sum() == pytest.approx(result.goals[located]["error"], rel=0.1)

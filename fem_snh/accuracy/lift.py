@@ -23,6 +23,7 @@ import numpy as np
 from fem_snh import _dolfinx, solver
 from fem_snh._petsc import negative_pivots
 from fem_snh.accuracy.hessian_solver import HessianSolver
+from fem_snh.accuracy.pressure_oscillation import may_lock
 from fem_snh.assembly.elements import ELEMENTS, Element, in_kinematics
 from fem_snh.assembly.ghosted_vectors import (
     add_ghosts,
@@ -53,6 +54,10 @@ _DEGREE_2 = (ELEMENTS["P2P1"], ELEMENTS["Q2Q1"])
 _NO_LOCKING = 4.0 * (1 + 1e-9)
 #: The same for P2 and P3 on triangles, nu = 0.499: beyond, Newton's method may find no state of P3.
 _LITTLE_LOCKING = 500.0
+#: lambda/mu up to which the lifted element has no unknown pressure either, nu = 1/3: the estimate
+#: takes a third to a half of the time, and misses 0.01 to 0.06 more of the error
+#: (docs/results/error.md).
+_COMPRESSIBLE = 2.0 * (1 + 1e-9)
 #: Mean number of nodes to which a node is connected in a large mesh of boxes, each of six
 #: tetrahedra, or of rectangles of two triangles; and what a pair of nodes needs in bytes: each
 #: number of its block (9 in three dimensions) in double precision for the matrix and in single
@@ -109,10 +114,13 @@ def lifted_elements(problem: Problem) -> Iterator[Element]:
     """
     base = problem.element
     best = _on_cells_of(problem, _DEGREE_2 if base.degree == 1 else _DEGREE_3)
+    pointwise = replace(best, name=best.name[:2], volume="pointwise", pressure_degree=0)
     several = len(problem.elastic.parts) > 1
+    alike = base.volume == "pointwise" or base.degree == 1  # P2P0 is another element at a corner
+    compressible = alike and not nearly_incompressible(problem, _COMPRESSIBLE)
     # Energies in UFL alone, or a rigid body, have no pressure; a sheet that thins does not lock.
-    if not problem.elastic.parts or problem.kinematics.plane_stress:
-        yield replace(best, name=best.name[:2], volume="pointwise", pressure_degree=0)
+    if not problem.elastic.parts or problem.kinematics.plane_stress or compressible:
+        yield pointwise
         return
     if problem.operator != problem.A:  # matrices of rank one: no unknown pressures
         yield replace(best, name=f"{best.name[:2]}P0", volume="mean", pressure_degree=0)
@@ -120,14 +128,14 @@ def lifted_elements(problem: Problem) -> Iterator[Element]:
         # P2 on triangles hardly locks, and P3 less: one pressure in each cell is a coarser element.
         triangles = base.name == "P2" and base.kinematics.dim == 2
         if not nearly_incompressible(problem, _LITTLE_LOCKING if triangles else _NO_LOCKING):
-            yield replace(best, name=best.name[:2], volume="pointwise", pressure_degree=0)
+            yield pointwise
         yield replace(best, name=f"{best.name[:2]}P0", volume="cell_pressure", pressure_degree=0)
     else:
         yield best
     if nearly_incompressible(problem):
         yield replace(best, name=f"{best.name[:2]}P0", volume="mean", pressure_degree=0)
     else:
-        yield replace(best, name=best.name[:2], volume="pointwise", pressure_degree=0)
+        yield pointwise
 
 
 def _on_cells_of(problem: Problem, elements: Sequence[Element]) -> Element:
@@ -214,7 +222,7 @@ def taylor_hood(problem: Problem, lifted: Element) -> Element | None:
     degree 1 have no factor, and without a continuous pressure in the lifted element there is none.
     """
     base = problem.element
-    same = base.volume == "pointwise" and not nearly_incompressible(problem)
+    same = base.volume == "pointwise" and not may_lock(problem)
     if base.degree < 2 or base.volume == "pressure" or lifted.volume != "pressure" or same:
         return None
     return _on_cells_of(problem, _DEGREE_2)
@@ -346,7 +354,7 @@ class Lift:
         """
         is_close = self._last_change <= _CLOSE * (self.lifted.x - self.start).norm()
         serves = is_close or self.lifted.regime.nodes > _MAX_FACTORED
-        assembled = not assemble and self._last_filter == "exact" and serves
+        assembled = not assemble and self._is_exact and serves
         ksp = self._snes.getKSP()
         solver_of_duals = HessianSolver(self.lifted, ksp, tolerance, filters, assembled)
 
@@ -357,6 +365,11 @@ class Lift:
             return solutions
 
         return solve
+
+    @property
+    def _is_exact(self) -> bool:
+        """Whether the matrix is the exact Hessian of the last Newton iteration."""
+        return self._last_filter in ("exact", "none needed")
 
     @property
     def at_end(self) -> bool:
@@ -396,7 +409,7 @@ class Lift:
             return False
         stability, ksp = solver.EquilibriumStability(self.lifted), self._snes.getKSP()
         if is_direct(ksp):
-            if self._last_filter == "exact" and negative_pivots(ksp.getPC()) == stability.expected:
+            if self._is_exact and negative_pivots(ksp.getPC()) == stability.expected:
                 return False
         elif not asked:
             definite = self._is_definite()
@@ -425,7 +438,7 @@ class Lift:
             return True
         if lifted.rigid:  # rotations of its parts that nothing constrains are other unknowns
             return None
-        HessianSolver(lifted, ksp, _DUAL, assembled=self._last_filter == "exact")  # assembles it
+        HessianSolver(lifted, ksp, _DUAL, assembled=self._is_exact)  # assembles it
         return is_definite(lifted, ksp)
 
     def _may_be_unstable(self, definite: bool | None) -> bool:
