@@ -55,7 +55,7 @@ _NO_LOCKING = 4.0 * (1 + 1e-9)
 #: The same for P2 and P3 on triangles, nu = 0.499: beyond, Newton's method may find no state of P3.
 _LITTLE_LOCKING = 500.0
 #: lambda/mu up to which the lifted element has no unknown pressure either, nu = 1/3: the estimate
-#: takes a third to a half of the time, and misses 0.01 to 0.06 more of the error
+#: takes a quarter to two thirds of the time, and misses 0.01 to 0.1 more of the error
 #: (docs/results/error.md).
 _COMPRESSIBLE = 2.0 * (1 + 1e-9)
 #: Mean number of nodes to which a node is connected in a large mesh of boxes, each of six
