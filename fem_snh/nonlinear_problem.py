@@ -258,7 +258,7 @@ class NonlinearProblem(EstimatesErrors, HasModes, HasReactions):
         with loading.applied():
             self._problem.set_load(0.0)
             self._problem.prescribe(self.x)
-            # The equilibria of an earlier path are none to extrapolate this one from.
+            # An earlier path's equilibria say nothing about the start of this one.
             stepper.solver.predictor.before = None
             self._supports.check()
             yield from self._rows(stepper)

@@ -211,7 +211,8 @@ class DirichletConditions(Dirichlet):
     ------
     BadInput
         On every rank, for an unknown physical group, for a condition that a later one with other
-        values overrides at all of its nodes, and for a plane that is none, or that nodes leave.
+        values overrides at all of its nodes, and for a `symmetry` that is not plane, or that nodes
+        leave.
     """
 
     def __init__(

@@ -160,12 +160,12 @@ class BodyContact:
         return self.pairs[self.goals.index(name)].force(self._positions(u))
 
     def add_nodal_forces(self, name: str, u: PETSc.Vec, r: PETSc.Vec) -> None:
-        """Add those of a force: see `fem_snh.terms.term.ForceTerm`. Collective."""
+        """Add the nodal forces of a force: see `fem_snh.terms.term.ForceTerm`. Collective."""
         forces = self.pairs[self.goals.index(name)].nodal_forces(self._positions(u))
         self.surface.add_own(forces, writable_values(r).reshape(-1, self._kinematics.components))
 
     def add_goal_derivative(self, name: str, component: int, u: PETSc.Vec, g: PETSc.Vec) -> None:
-        """Add that of a force to this rank's own entries: see `GoalTerm`. Collective."""
+        """Add the derivative of a force to own entries: see `GoalTerm`. Collective."""
         found = self.pairs[self.goals.index(name)].force_derivative(component, self._positions(u))
         self.surface.add_own(found, writable_values(g).reshape(-1, found.shape[1]))
 

@@ -173,7 +173,7 @@ def _in_plane(kinematics: Kinematics, name: str, obstacle: MovingShape) -> Movin
     ------
     BadInput
         For a shape or a motion that is not symmetric to the plane; on a body of revolution, for a
-        rotation in the half plane; under torsion, for a motion that is none of the axis.
+        rotation in the half plane; under torsion, for a motion that moves the axis.
     """
     accepted = "a shape and a motion in the plane z = 0"
     shape = _widened(obstacle.shape)

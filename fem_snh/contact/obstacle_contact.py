@@ -240,14 +240,14 @@ class ObstacleContact:
         return np.asarray(self.comm.allreduce(pair.force(self._nodal(u))))
 
     def add_nodal_forces(self, name: str, u: PETSc.Vec, r: PETSc.Vec) -> None:
-        """Add those of a force: see `fem_snh.terms.term.ForceTerm`."""
+        """Add the nodal forces of a force: see `fem_snh.terms.term.ForceTerm`."""
         pair, forces = self.pairs[self.goals.index(name)], writable_values(r)
         gradient = np.zeros_like(forces).reshape(-1, self._kinematics.components)
         pair.add_gradient(self._nodal(u), gradient)
         forces -= gradient.ravel()
 
     def add_goal_derivative(self, name: str, component: int, u: PETSc.Vec, g: PETSc.Vec) -> None:
-        """Add that of a force, whose friction is none: see `GoalTerm`."""
+        """Add the derivative of a force without its friction: see `GoalTerm`."""
         cells, matrices, _ = self.pairs[self.goals.index(name)].matrices(self._nodal(u), "exact")
         out = writable_values(g).reshape(-1, self._kinematics.components)
         nodes = _dolfinx.node_dofs(self._V)[cells]

@@ -390,7 +390,7 @@ class SurfacePair:
         return forces
 
     def force_derivative(self, component: int, x: Array) -> Array:
-        """Return that of a component of `force` by this rank's own nodes [N/m], (m, c)."""
+        """Return the derivative of a component of `force` by own nodes [N/m], (m, c)."""
         c, translation = self._surface.components, np.zeros((len(x), self._surface.components))
         translation[self.first, component] = 1.0
         found = np.zeros_like(translation)

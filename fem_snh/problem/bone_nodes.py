@@ -101,10 +101,10 @@ class BoneNodes:
 def place_bones(V: Any, mesh: Mesh | None, bones: Sequence[Bone]) -> list[BoneNodes]:
     """Return each bone with its nodes: those on or below its surface. Collective.
 
-    Of several bones that hold a node, the one in which it is deepest has it: whose signed distance
-    is smallest. A bone that is a group of the mesh precedes all shapes. Of bones in which a node is
-    equally deep, the first by name has it. A shape holds no `NodeCopies` of a lattice: the body is
-    not there with the part to which they belong.
+    A node that is in several bones follows the bone in which it is deepest, with the smallest
+    signed distance; a bone that is a group of the mesh precedes all shapes, and of bones in which
+    the node is equally deep the first by name is taken. A shape holds no `NodeCopies` of a lattice:
+    the part of the body to which they belong is elsewhere.
 
     Parameters
     ----------

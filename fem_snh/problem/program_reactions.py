@@ -31,7 +31,7 @@ class HasReactions:
         Raises
         ------
         BadInput
-            On every rank, for what is none of them.
+            On every rank, for another condition or object.
         """
         self._read_displacement()
         return np.asarray(reaction(self._problem, condition_mask(self._problem, condition))[0])
@@ -52,7 +52,7 @@ class HasReactions:
         Raises
         ------
         BadInput
-            On every rank, for what is none of them, and for what is no point.
+            On every rank, for another condition or object, and for anything but a point.
 
         Examples
         --------
@@ -80,7 +80,7 @@ def condition_mask(problem: Problem, condition: Any, key: str = "condition") -> 
 
 
 def condition_number(bcs: Sequence[Any], condition: Any, key: str) -> int:
-    """Return the index of a condition; raise BadInput for what is none of ``bcs``."""
+    """Return the index of a condition; raise BadInput for anything but one of ``bcs``."""
     for number, bc in enumerate(bcs):
         if bc is condition:
             return number

@@ -89,10 +89,9 @@ def named_goals(scene: Scene, mesh: Mesh, names: Sequence[str]) -> list[Goal]:
 def default_goals(scene: Scene, has_energy: bool) -> list[str]:
     """Return the names of the goals of a scene that names none.
 
-    They are its probes, reactions, results of features, volumes and energy.
-    Of a force or a displacement on a body of revolution it is the component along the axis: the sum
-    of the radial forces is none that acts on another body, and converges slowly at the corners of
-    bonded rubber.
+    They are its probes, reactions, results of features, volumes and energy. On a body of revolution
+    forces and displacements have their component along the axis alone: the sum of the radial forces
+    acts on no other body, and converges slowly at the corners of bonded rubber.
     """
     turned = [reaction for reaction in scene.reactions if reaction.about]
     kinematics = kinematics_of(scene.kinematics)

@@ -38,8 +38,8 @@ class Predictor:
     ``bones``        the last equilibrium, moved with the bones in it
     ===============  ==============================================================================
 
-    Where the problem does not admit all of the change, the free unknowns make a part of it, and the
-    constrained ones the rest alone.
+    Where the problem does not admit the whole change, as with a barrier, all unknowns make a part
+    of it, and then the constrained ones alone make the rest.
 
     Parameters
     ----------
@@ -48,8 +48,8 @@ class Predictor:
         The SNES whose linear solver is used.
     kind : str
     extrapolation : callable, optional
-        ``extrapolation(x, load)`` moves the equilibrium x to its extrapolation at a load, in place,
-        in the place of the extrapolation from the step before: in time, by the velocity.
+        ``extrapolation(x, load)`` moves the equilibrium x in place to its extrapolation at a load.
+        It replaces the extrapolation from the step before; in time it uses the velocity.
     response : callable, optional
         Replaces `tangent`: moves ``problem.x`` by the linearised response and returns the linear
         iterations.

@@ -125,7 +125,7 @@ class SearchDirection:
         """Yield the filters to try, in this order, at a residual of this norm.
 
         The first is that of the operator, the second that of the preconditioner's blocks, which
-        must be positive definite. Whether the exact Hessian is, `BlockTriangular` finds out.
+        must be positive definite. `BlockTriangular` finds out whether the exact Hessian is.
         """
         for filter in self._filters(norm):
             if blocks is not None and filter == "exact":

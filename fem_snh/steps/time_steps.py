@@ -198,7 +198,7 @@ class TimeIntegration:
 
 
 def time_integration(time: Time) -> TimeIntegration:
-    """Return that of a scene in time."""
+    """Return the time integration of a scene."""
     damping = (time.damping.mass, time.damping.stiffness)
     given = time.mass, damping, time.rho_infinity, time.tolerance
     return TimeIntegration(time.integrator, time.duration, *given)

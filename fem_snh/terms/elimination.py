@@ -36,7 +36,7 @@ class EliminatingTerm(Protocol):
     labels : (n,) int
         The part of each of them.
     shapes : dict of Shape
-        The shapes of parts that are none of groups of the mesh, by the part's number.
+        The shapes of the parts that are shapes, by the part's number.
     names : list of str
         The parts' names.
     """
@@ -116,15 +116,15 @@ class EliminatingTerm(Protocol):
         """Return the velocities of the part's nodes in a twist (6,)."""
 
     def derivative_of_pose(self, x: PETSc.Vec, part: str, kind: str, component: int) -> PETSc.Vec:
-        """Return that of a part's "displacement" or "rotation" by the displacements of its nodes.
+        """Return the derivative of a "displacement" or a "rotation" by those of the part's nodes.
 
-        It is one of those with the same product with all rigid motions.
+        Only its products with rigid motions are determined: it is one of many that share them.
         """
 
     def derivative_of_arms(
         self, x: PETSc.Vec, part: str, gradient: PETSc.Vec, axis: int
     ) -> PETSc.Vec:
-        """Return likewise that of the moment of given forces, which turn not, about the point."""
+        """Return the derivative of the moment about the point of forces of constant direction."""
 
     def make_rigid(self, x: PETSc.Vec, mass: NodalMass, v: Array, a: Array | None = None) -> Array:
         """Make velocity and acceleration, (local dofs,), those that the unknowns admit, in place.

@@ -28,8 +28,8 @@ _ON_SURFACE = 1e-9
 def locate_parts(parts: Sequence[Rigid], body: Body) -> tuple[Array, Array, dict[int, Shape]]:
     """Return which part has each node, the middle of each part, and the shapes. Collective.
 
-    Of several shapes the one in which it is deepest has a node, or the first by name; a group
-    precedes all shapes.
+    A node that is in several shapes belongs to the one in which it is deepest, or to the first by
+    name; a group precedes all shapes.
 
     Returns
     -------
@@ -39,7 +39,7 @@ def locate_parts(parts: Sequence[Rigid], body: Body) -> tuple[Array, Array, dict
         The centroids of groups, the centres of the bounding boxes of shapes; 0 along directions in
         which a shape has no end.
     shapes : dict of Shape
-        The shapes of parts that are none of groups, by the part's number.
+        The shapes of the parts that are shapes, by the part's number.
 
     Raises
     ------

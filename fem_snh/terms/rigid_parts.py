@@ -73,7 +73,7 @@ class RigidParts:
     cells : (n,) int
         This rank's own cells whose nodes all are on one part.
     shapes : dict of Shape
-        The shapes of parts that are none of groups of the mesh, by the part's number.
+        The shapes of the parts that are shapes, by the part's number.
     nodes, labels : (n,) int
         This rank's own nodes of the parts, and the part of each.
     dofs : (n, components) int
@@ -406,9 +406,9 @@ class RigidParts:
         return found
 
     def derivative_of_pose(self, x: PETSc.Vec, part: str, kind: str, component: int) -> PETSc.Vec:
-        """Return that of a "displacement" or a "rotation" by displacements of nodes. Collective.
+        """Return the derivative of a "displacement" or a "rotation" by those of nodes. Collective.
 
-        It is one of those with the same product with all rigid motions.
+        Only its products with rigid motions are determined: it is the smallest one.
         """
         wrench = np.zeros(UNKNOWNS)
         if kind == "displacement":
@@ -421,7 +421,7 @@ class RigidParts:
     def derivative_of_arms(
         self, x: PETSc.Vec, part: str, gradient: PETSc.Vec, axis: int
     ) -> PETSc.Vec:
-        """Return likewise that of the moment of constant forces about the point. Collective."""
+        """Return the derivative of the moment of constant forces about the point. Collective."""
         poses, f = self.poses(x), self._nodal(gradient)
         moments = np.cross(self._arms(poses), np.cross(f, np.eye(3)[axis]))
         wrench = np.zeros(UNKNOWNS)

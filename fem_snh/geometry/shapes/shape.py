@@ -117,8 +117,8 @@ def deepest(depths: Array, tolerance: float) -> Array:
     depths : (solids, n) array
         How deep the points are in the solids [length]; negative outside, infinite in a group.
     tolerance : float
-        Difference of depths that counts as none: of solids in which a point is equally deep, the
-        first has it.
+        Difference of depths that counts as none: a point that is equally deep in several solids is
+        in the first of them.
     """
     most = depths.max(axis=0)
     inside = most >= -tolerance

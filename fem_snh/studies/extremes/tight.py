@@ -1,8 +1,8 @@
 """A tight solve of a case, from the state that the case ended in: does it contradict the case?
 
 It has sparse factors and a tolerance of `_TOLERANCE`. A state that is an equilibrium stays where it
-is; one that was taken for an equilibrium moves. Another equilibrium of the same load is none that
-the tight solve leaves.
+is; one that was taken for an equilibrium moves. The tight solve does not leave another equilibrium
+of the same load either, so it does not tell which one the case should have found.
 """
 
 from __future__ import annotations
