@@ -32,7 +32,11 @@ from fem_snh.problem.dolfinx_problem import DolfinxConditions, check_converged
 from fem_snh.problem.lifted_problem import lifted_problem
 from fem_snh.problem.problem import Problem
 from fem_snh.problem.program_modes import ProgramModes
-from fem_snh.problem.program_reactions import condition_number, three_numbers
+from fem_snh.problem.program_reactions import (
+    condition_number,
+    counted_mask,
+    three_numbers,
+)
 from fem_snh.tables.types import surface_name
 from fem_snh.terms.body import measure_parts
 from fem_snh.terms.feature import Feature
@@ -183,10 +187,10 @@ def _goal(problem: Problem, bcs: Sequence[Any], name: str, goal: Any, number: in
         return TermGoal(result, components if result.endswith(".force") else (), name)
     if hasattr(goal, "dof_indices"):
         i = condition_number(bcs, goal, key)
-        return ReactionGoal(name or f"bcs[{i}].force", partial(_owned_mask, number=i), components)
+        return ReactionGoal(name or f"bcs[{i}].force", partial(counted_mask, number=i), components)
     if isinstance(goal, tuple) and len(goal) == 2 and hasattr(goal[0], "dof_indices"):
         i, about = condition_number(bcs, goal[0], key), three_numbers(key, goal[1])
-        mask, axes = partial(_owned_mask, number=i), kinematics.moment_axes
+        mask, axes = partial(counted_mask, number=i), kinematics.moment_axes
         if not axes:
             raise bad_value(key, "a moment", f"a force, with kinematics = '{kinematics.name}'")
         return ReactionGoal(name or f"bcs[{i}].moment", mask, [*map(AXES.index, axes)], about)
@@ -248,9 +252,3 @@ def _result(problem: Problem, feature: Feature) -> str:
     alike = [term for term in problem.given_terms if type(term) is type(feature)]
     found = zip(alike, type(feature).goals(alike), strict=False)
     return next((name for term, name in found if term is feature), "")
-
-
-def _owned_mask(problem: Problem, number: int) -> Any:
-    """Return the owned dofs that a condition of a program constrains, (nodes, components)."""
-    conditions: Any = problem.dirichlet
-    return conditions.masks[number][: len(problem.coordinates)]

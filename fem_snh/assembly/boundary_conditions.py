@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
@@ -25,6 +25,8 @@ AXES = ("x", "y", "z")
 #: Loads at which the values of two conditions are compared, and their largest difference, relative
 #: to the values, that is rounding.
 _LOADS, _ROUNDING = (0.25, 0.5, 1.0), 1e-9
+#: Sine of the angle below which two constrained directions are the same, as those of planes.
+_DEPENDENT = 1e-7
 
 
 class Constraint(Protocol):
@@ -69,6 +71,31 @@ class NodalMotion(Protocol):
         """Return the (n, 3) displacement [m] of reference points X (n, 3) at a load of 0 to 1."""
 
 
+class GroupCondition(NamedTuple):
+    """What a condition of a physical group constrains.
+
+    Attributes
+    ----------
+    label : str
+        The group's label; "bones" for all bones.
+    nodes : (n,) int
+        The local nodes, ghosts included.
+    axes : list of int
+        The components; none of a plane of symmetry.
+    normal : (components,) array or None
+        The normal of a plane of symmetry.
+    """
+
+    label: str
+    nodes: Array
+    axes: list[int]
+    normal: Array | None = None
+
+    def normals(self, components: int) -> Array:
+        """Return the constrained directions, (n, components)."""
+        return np.eye(components)[self.axes] if self.normal is None else self.normal[None]
+
+
 class Dirichlet:
     """The constrained directions of a displacement space and their values.
 
@@ -88,10 +115,8 @@ class Dirichlet:
         This rank's own cells whose nodes are constrained and that are not assembled.
     thin : ThinSupports or None
         What is constrained at points, in three dimensions also at edges, and by no surface.
-    own_components : mapping of str to set of int
-        The components that conditions of a physical group constrain there, by the group's label.
-    own_normals : mapping of str to (components,) array
-        The normals of planes of symmetry, likewise.
+    conditions : sequence of GroupCondition
+        Those of physical groups; at common nodes a later one overrides an earlier one.
     """
 
     constrained: Array
@@ -101,8 +126,7 @@ class Dirichlet:
     released: Array = np.empty(0, np.int64)
     solid_cells: Array = np.empty(0, np.int64)
     thin: ThinSupports | None = None
-    own_components: Mapping[str, set[int]] = {}
-    own_normals: Mapping[str, Array] = {}
+    conditions: Sequence[GroupCondition] = ()
 
     def release(self, nodes: Array) -> None:
         """Constrain no component of some local nodes, (local nodes,) bool."""
@@ -232,17 +256,18 @@ class DirichletConditions(Dirichlet):
         self._moved: list[tuple[Array, list[int], PrescribedDisplacement | NodalMotion, Array]] = []
         #: Where the nodes of bones are in these, if not at their own reference coordinates.
         self._in_bones: dict[int, Array] = {}
-        self.own_components: dict[str, set[int]] = {}
+        conditions: list[GroupCondition] = []
         for condition in hold:
-            self._constrain(V, mesh, condition)
+            conditions.append(self._constrain(V, mesh, condition))
         coordinates = V.tabulate_dof_coordinates()
         for motion in move:
-            nodes, axes = self._constrain(V, mesh, motion)
-            nodes = nodes[nodes < owned]
-            self._moved.append((nodes, axes, motion, coordinates[nodes]))
+            conditions.append(self._constrain(V, mesh, motion))
+            nodes = conditions[-1].nodes[conditions[-1].nodes < owned]
+            self._moved.append((nodes, conditions[-1].axes, motion, coordinates[nodes]))
         self._check_overrides(V, mesh, hold, move)
         for bone in bones:
             self.constrained[bone.nodes] = True
+            conditions.append(GroupCondition("bones", bone.nodes, [0, 1, 2]))
             nodes = bone.nodes[bone.nodes < owned]
             self._moved.append((nodes, [0, 1, 2], bone, coordinates[nodes]))
         self._on_axis: Array = np.empty(0, np.int64)
@@ -252,10 +277,11 @@ class DirichletConditions(Dirichlet):
             nodes = nodes[nodes < owned]
             self._on_axis = (components * nodes[:, None] + kinematics.off_axis).ravel()
         planes = [_plane_of_group(V, mesh, plane.group) for plane in symmetry]
-        self.own_normals = {
-            mesh.group(table.group).label: plane.normal
+        of_planes = [
+            GroupCondition(mesh.group(table.group).label, plane.nodes, [], plane.normal)
             for table, plane in zip(symmetry, planes, strict=True)
-        }
+        ]
+        self.conditions = [*of_planes, *conditions]
         self.planes = InclinedPlanes.of(planes, self.constrained, owned)
         self.dofs = np.flatnonzero(self.constrained[:owned])
         self.depends_on_load = bool(move) or any(bone.moves for bone in bones)
@@ -264,13 +290,11 @@ class DirichletConditions(Dirichlet):
             self._check_planes(V, planes, symmetry)
         self.thin = self._thin_supports(V, mesh, hold, move, planes)
 
-    def _constrain(self, V: Any, mesh: Mesh, condition: Constraint) -> tuple[Array, list[int]]:
+    def _constrain(self, V: Any, mesh: Mesh, condition: Constraint) -> GroupCondition:
         """Mark a condition's components as constrained; return its local nodes and components."""
-        nodes = group_nodes(V, mesh, condition.group)
-        axes = self._axes(condition)
+        nodes, axes = group_nodes(V, mesh, condition.group), self._axes(condition)
         self.constrained[nodes[:, None], axes] = True
-        self.own_components.setdefault(mesh.group(condition.group).label, set()).update(axes)
-        return nodes, axes
+        return GroupCondition(mesh.group(condition.group).label, nodes, axes)
 
     def _axes(self, condition: Constraint) -> list[int]:
         """Return the numbers of a condition's components; those of 3D alone are left out."""
@@ -471,25 +495,64 @@ def group_nodes(V: Any, mesh: Mesh, key: str | int) -> Array:
     return _dolfinx.locate_dofs(V, group.dim, group.entities)
 
 
-def reaction_weights(V: Any, mesh: Mesh, key: str | int, dirichlet: Dirichlet) -> Array:
+class CountedForces(NamedTuple):
+    """The parts of nodal forces that count for the reaction of a group.
+
+    Attributes
+    ----------
+    weights : (nodes, components, components) array
+        Symmetric matrices, by which forces on the nodes that this rank owns are multiplied.
+    shared : int
+        At how many of this rank's nodes others have set what the group's conditions constrain too.
+    others : set of str
+        Their groups, by name or number.
+    """
+
+    weights: Array
+    shared: int = 0
+    others: frozenset[str] = frozenset()
+
+
+def counted_forces(V: Any, mesh: Mesh, key: str | int, dirichlet: Dirichlet) -> CountedForces:
     """Return the parts of nodal forces that count for the reaction of a group. Collective.
 
     They are those along what its own conditions constrain: on the edge of two surfaces each has the
-    force of its own condition. Of a group without conditions, as one that others cover, all count.
-
-    Returns
-    -------
-    (nodes, components, components) array
-        Symmetric matrices, by which forces on the nodes that this rank owns are multiplied.
+    force of its own condition. What several conditions constrain counts for the one that sets the
+    value, the last: the reactions of all groups with conditions balance the loads. Of a group
+    without conditions, as one that others cover, all count.
     """
     owned, components = _dolfinx.num_nodes(V)[0], _dolfinx.num_components(V)
-    label, nodes = mesh.group(key).label, group_nodes(V, mesh, key)
-    own, normal = dirichlet.own_components.get(label), dirichlet.own_normals.get(label)
-    part: Array = np.eye(components)
-    if own is not None and normal is None:
-        part = np.diag(np.isin(np.arange(components), list(own)).astype(float))
-    elif own is None and normal is not None:
-        part = np.outer(normal, normal)
+    label, unit = mesh.group(key).label, np.eye(components)
     weights: Array = np.zeros((owned, components, components))
-    weights[nodes[nodes < owned]] = part
-    return weights
+    if label not in [condition.label for condition in dirichlet.conditions]:
+        nodes = group_nodes(V, mesh, key)
+        weights[nodes[nodes < owned]] = unit
+        return CountedForces(weights)
+    # The directions of each node that later conditions have, as projections.
+    taken = np.zeros_like(weights)
+    in_rigid = divmod(dirichlet.released, components)
+    taken[in_rigid] = unit[in_rigid[1]]
+    own = [n for c in dirichlet.conditions if c.label == label for n in c.normals(components)]
+    shared, takers = np.zeros(owned, dtype=bool), list[tuple[str, Array]]()
+    for condition in reversed(dirichlet.conditions):
+        nodes, normals = condition.nodes[condition.nodes < owned], condition.normals(components)
+        for normal in normals:
+            free = normal - taken[nodes] @ normal
+            size = np.linalg.norm(free, axis=1)[:, None]
+            direction = free / np.where(size > _DEPENDENT, size, np.inf)
+            part = direction[:, :, None] * direction[:, None]
+            taken[nodes] += part
+            if condition.label == label:
+                weights[nodes] += part
+                shared[nodes[size[:, 0] < 1 - _DEPENDENT]] = True
+        if condition.label != label and (np.abs(normals @ np.transpose(own)) > _DEPENDENT).any():
+            takers.append((condition.label, nodes))
+    if len(in_rigid[0]):
+        takers.append(("rigid parts", in_rigid[0]))
+    others = {name.partition(":")[2] or name for name, nodes in takers if shared[nodes].any()}
+    return CountedForces(weights, int(shared.sum()), frozenset(others))
+
+
+def reaction_weights(V: Any, mesh: Mesh, key: str | int, dirichlet: Dirichlet) -> Array:
+    """Return the weights of `counted_forces`. Collective."""
+    return counted_forces(V, mesh, key, dirichlet).weights

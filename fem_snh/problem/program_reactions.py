@@ -26,7 +26,8 @@ class HasReactions:
         Parameters
         ----------
         condition : dolfinx DirichletBC
-            One of the problem's ``bcs``. A node of several counts for each.
+            One of the problem's ``bcs``. What several constrain counts for the last, which sets
+            the value.
 
         Raises
         ------
@@ -45,7 +46,8 @@ class HasReactions:
         Parameters
         ----------
         condition : dolfinx DirichletBC
-            One of the problem's ``bcs``. A node of several counts for each.
+            One of the problem's ``bcs``. What several constrain counts for the last, which sets
+            the value.
         about : (3,) sequence of float, optional
             The point [m].
 
@@ -67,7 +69,7 @@ class HasReactions:
 
 
 def condition_mask(problem: Problem, condition: Any, key: str = "condition") -> Any:
-    """Return the owned dofs that a condition constrains, (nodes, components) bool. Collective.
+    """Return the owned dofs that a condition sets, (nodes, components) bool. Collective.
 
     Raises
     ------
@@ -75,8 +77,14 @@ def condition_mask(problem: Problem, condition: Any, key: str = "condition") -> 
         On every rank, for what is not one of the problem's ``bcs``.
     """
     conditions: Any = problem.dirichlet
-    number = condition_number(conditions.bcs, condition, key)
-    return conditions.masks[number][: len(problem.coordinates)]
+    return counted_mask(problem, condition_number(conditions.bcs, condition, key))
+
+
+def counted_mask(problem: Problem, number: int) -> Any:
+    """Return the owned dofs of a condition by its number that no later one sets. Collective."""
+    conditions: Any = problem.dirichlet
+    mask, *later = conditions.masks[number:]
+    return (mask & ~np.logical_or.reduce([*later, np.zeros_like(mask)]))[: len(problem.coordinates)]
 
 
 def condition_number(bcs: Sequence[Any], condition: Any, key: str) -> int:

@@ -19,7 +19,12 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh import _dolfinx
-from fem_snh.assembly.boundary_conditions import Dirichlet, group_nodes, reaction_weights
+from fem_snh.assembly.boundary_conditions import (
+    CountedForces,
+    Dirichlet,
+    counted_forces,
+    group_nodes,
+)
 from fem_snh.assembly.kinematics import Kinematics
 from fem_snh.mesh.mesh import Mesh
 
@@ -53,7 +58,7 @@ class Reactions:
     kinematics : Kinematics
         The kinematics of the displacement.
     dirichlet : Dirichlet
-        The conditions, of which a group has the forces of its own: see `reaction_weights`.
+        The conditions, of which a group has the forces of its own: see `counted_forces`.
     groups : sequence of str, int or ReactionGroup
         The groups; of a name or a number alone the force.
     """
@@ -79,10 +84,11 @@ class Reactions:
                 key, about = chosen, None
             else:
                 key, about = chosen.group, chosen.about
-            weights = reaction_weights(V, mesh, key, dirichlet)
-            nodes = np.flatnonzero(weights.any(axis=(1, 2)))
-            self._counted[str(key)] = nodes, weights[nodes]
+            counted = counted_forces(V, mesh, key, dirichlet)
+            nodes = np.flatnonzero(counted.weights.any(axis=(1, 2)))
+            self._counted[str(key)] = nodes, counted.weights[nodes]
             self.notes += self._shared(V, mesh, key, dirichlet)
+            self.notes += self._overridden(key, counted)
             if about is not None:
                 self._about[str(key)] = np.array(about)
 
@@ -92,10 +98,8 @@ class Reactions:
         One that they constrain as a whole has the force of them.
         """
         group = mesh.group(key)
-        if group.dim != mesh.dim - 1 or group.label in {
-            *dirichlet.own_components,
-            *dirichlet.own_normals,
-        }:
+        labels = [condition.label for condition in dirichlet.conditions]
+        if group.dim != mesh.dim - 1 or group.label in labels:
             return []
         nodes = group_nodes(V, mesh, key)
         nodes = nodes[nodes < len(self._X)]
@@ -107,6 +111,20 @@ class Reactions:
             f"reactions of {key!r}: no condition is of this group, and others constrain "
             f"{constrained} of its {every} nodes: the force is the part of theirs at these nodes, "
             "which depends on the mesh"
+        ]
+
+    def _overridden(self, key: str | int, counted: CountedForces) -> list[str]:
+        """Return a line if a group's conditions share nodes that others set. Collective."""
+        gathered = self._comm.allgather((counted.shared, counted.others))
+        shared = sum(count for count, _ in gathered)
+        if not shared:
+            return []
+        names = sorted(set[str]().union(*(names for _, names in gathered)))
+        others = " and ".join(map(repr, names))
+        return [
+            f"reactions of {key!r}: its conditions and those of {others} constrain the same "
+            f"components at {shared} nodes, whose force counts for the last one, so that the sum "
+            "of all reactions balances the loads"
         ]
 
     def sums(self, x: Array, gradient: Array) -> dict[str, dict[str, list[float]]]:
@@ -141,7 +159,7 @@ class Reactions:
 def weighted(weights: Array, vectors: Array) -> Array:
     """Return the parts of nodal vectors (n, components) that count.
 
-    ``weights`` are those of `reaction_weights`, or a mask (n, components) of components.
+    ``weights`` are those of `counted_forces`, or a mask (n, components) of components.
     """
     if weights.ndim == 2:
         return np.where(weights, vectors, 0.0)

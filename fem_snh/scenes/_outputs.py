@@ -52,7 +52,8 @@ class Reaction(Table):
 
     group: GroupKey = Field(
         description="Physical group, by name or number. Its reaction is the force of its own "
-        "conditions; of a group without any, that of all others at its nodes."
+        "conditions; what several constrain, as on a common edge, counts for the last, which sets "
+        "the value; of a group without conditions, it is that of all others at its nodes."
     )
     about: Vector | None = Field(
         default=None,
