@@ -17,6 +17,8 @@ from test_locking import cube
 from time_scenes import DOWN, in_time
 
 import fem_snh
+from benchmarks import plates
+from fem_snh import scenes
 from fem_snh.accuracy.state_notes import inversion_note
 from fem_snh.cli import main
 from fem_snh.contact.obstacle import Obstacle
@@ -303,6 +305,44 @@ def test_a_motion_that_gains_energy(integrator, friction):
         start = 500 + 500 / 6  # of the translation, and of the rotation about the centre
         assert note["gained"] == pytest.approx(row["energy"] - start, rel=1e-6)
         assert f"the energy rises by {note['gained']:.3g} J that no load gives" in note["text"]
+
+
+@pytest.mark.parametrize(("steps", "created"), [(12, 0.25), (25, 0.026), (50, 0.0)])
+def test_contact_of_bodies_that_creates_energy(steps, created):
+    """In 25 steps one step creates 2.6 %, of which others remove more: the end has less energy."""
+    result = solve(plates.plates("Q1", "newmark", "penalty", steps=steps), MPI.COMM_SELF)
+    notes = [note for note in result.notes if note["kind"] == "energy"]
+    assert len(notes) == bool(created)
+    rows = [row for row in result.steps if row["converged"]]
+    kept = [row["energy"] - row["work"] + row["dissipated"] for row in rows]
+    kept.insert(0, result.record["time"]["start"]["energy"])
+    largest = max(row["kinetic"] for row in rows)
+    for note in notes:
+        gained = max(kept) - kept[0] if created > 0.05 else np.diff(kept).max()
+        assert note["gained"] == pytest.approx(gained, rel=1e-6)
+        assert gained == pytest.approx(created * largest, rel=0.1)
+        assert ("contact creates energy" in note["text"]) == (created < 0.05)
+    assert created > 0.05 or kept[-1] < kept[0]
+
+
+def test_self_contact_that_creates_energy():
+    """A clip whose arm falls on the other one: in 48 steps one step creates 7 %."""
+    clip = {
+        "name": "clip",
+        "mesh": {"source": "clip", "parameters": {"gap": 0.3, "arm": 2}},
+        "cells": 1,
+        "element": "Q1",
+        "material": {"name": "stable_neo_hookean", "E": 100.0, "nu": 0.4, "density": 1.0},
+        "hold": [{"group": "bottom"}],
+        "gravity": {"vector": [0, 0, -6.0]},
+        "self_contact": {},
+    }
+    for steps, created in ((24, 0.384), (48, 0.0742)):
+        time = {"duration": 2.0, "steps": steps}
+        result = solve(scenes.validate(clip | {"time": time}, "clip"), MPI.COMM_SELF)
+        (note,) = [note for note in result.notes if note["kind"] == "energy"]
+        assert note["gained"] / note["exchanged"] == pytest.approx(created, rel=0.05)
+        assert ("contact creates energy" in note["text"]) == (steps == 48)
 
 
 def test_penalties_that_yield_have_a_note():

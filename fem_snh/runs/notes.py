@@ -135,13 +135,14 @@ def final_notes(
 
         stiffness = partial(stiffness_factor, make=setup.make)
     has_errors = estimate is not None and not estimate.reason
+    means = problem.motion is not None and problem.motion.integrator.has_mean_forces
     found = [
         locking_note(problem, stiffness, good[-1]),
         inversion_note(problem, good[-1]) or _earlier_inversion(steps, good),
         pressure_note(problem),
         thin_support_note(problem, good[-1]),
         None if has_errors else penalty_note(problem, good[-1]),
-        energy_note({number: steps[number] for number in good}),
+        energy_note({number: steps[number] for number in good}, means),
         penetration_note({number: steps[number] for number in good}),
         instability_note(
             {number: steps[number].get("negative_eigenvalues", 0) for number in good},
