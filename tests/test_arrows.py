@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import functools
 import subprocess
 import sys
 from collections import defaultdict
@@ -29,20 +30,32 @@ def part_of(path: Path) -> str:
     return module_of(path).split(".")[0]
 
 
-def imports(path: Path) -> set[str]:
+@functools.cache
+def syntax_tree(path: Path) -> ast.Module:
+    """Return the syntax tree of a file."""
+    return ast.parse(path.read_text())
+
+
+@functools.cache
+def imports(path: Path) -> frozenset[str]:
     """Return the full names of all that a file imports, at its top, in functions, or for types."""
     names: set[str] = set()
-    for node in ast.walk(ast.parse(path.read_text())):
+    for node in ast.walk(syntax_tree(path)):
         if isinstance(node, ast.Import):
             names |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
             assert node.level == 0, f"{path}: expected absolute imports"
             module = node.module or ""
             names |= {f"{module}.{alias.name}" for alias in node.names}
-    return names
+    return frozenset(names)
 
 
-def imported_parts(names: set[str]) -> set[str]:
+def imported_packages(path: Path) -> set[str]:
+    """Return the top-level packages that a file imports."""
+    return {name.split(".")[0] for name in imports(path)}
+
+
+def imported_parts(names: frozenset[str]) -> set[str]:
     """Return the parts of the package among imported names."""
     parts = {name.split(".")[1] for name in names if name.startswith("fem_snh.")}
     return parts & {*PARTS, *COMMON, *CALLERS}
@@ -54,7 +67,6 @@ def lies_in(module: str, homes: set[str]) -> bool:
 
 
 FILES = sorted(PACKAGE.rglob("*.py"))
-every_file = pytest.mark.parametrize("path", FILES, ids=lambda p: str(p.relative_to(PACKAGE)))
 
 
 def test_every_part_has_its_position():
@@ -70,33 +82,35 @@ def test_a_class_name_has_one_meaning():
     """No public class name stands in two modules."""
     modules = defaultdict(list)
     for path in FILES:
-        for node in ast.walk(ast.parse(path.read_text())):
+        for node in ast.walk(syntax_tree(path)):
             if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
                 modules[node.name].append(module_of(path))
     shared = {name: homes for name, homes in modules.items() if len(homes) > 1}
     assert not shared
 
 
-@every_file
-def test_imports_point_down(path):
-    """No cycle between folders: each imports those before it, lazily and for types as well."""
-    part = part_of(path)
-    if not part:
-        return  # fem_snh/__init__.py gives the public names
-    others = imported_parts(imports(path)) - {part}
+def allowed_parts(part: str) -> set[str]:
+    """Return the parts that the files of a part may import beside those of its own."""
     if part in COMMON:
-        allowed = set(COMMON[: COMMON.index(part)])
-    elif part in CALLERS:
-        allowed = {*COMMON, *PARTS[: PARTS.index(CALLERS[part]) + 1], *CALLERS}
-    else:
-        allowed = {*COMMON, *PARTS[: PARTS.index(part)]}
-    assert others <= allowed, f"{part} must not import {sorted(others - allowed)}"
+        return set(COMMON[: COMMON.index(part)])
+    if part in CALLERS:
+        return {*COMMON, *PARTS[: PARTS.index(CALLERS[part]) + 1], *CALLERS}
+    return {*COMMON, *PARTS[: PARTS.index(part)]}
+
+
+def test_imports_point_down():
+    """No cycle between folders: each imports those before it, lazily and for types as well."""
+    upward = {}
+    for path in FILES:
+        part = part_of(path)
+        if part:  # fem_snh/__init__.py gives the public names
+            upward[path] = imported_parts(imports(path)) - {part} - allowed_parts(part)
+    assert not {path: parts for path, parts in upward.items() if parts}
 
 
 def lazy_imports(path: Path) -> set[str]:
     """Return the modules of the package that the functions of a file import."""
-    tree = ast.parse(path.read_text())
-    functions = [n for n in ast.walk(tree) if isinstance(n, ast.FunctionDef)]
+    functions = [n for n in ast.walk(syntax_tree(path)) if isinstance(n, ast.FunctionDef)]
     return {
         node.module
         for function in functions
@@ -105,9 +119,9 @@ def lazy_imports(path: Path) -> set[str]:
     }
 
 
-@every_file
-def test_lazy_imports_have_a_reason(path):
-    assert not lazy_imports(path) or lies_in(module_of(path), set(LAZY))
+def test_lazy_imports_have_a_reason():
+    lazy = {path: lazy_imports(path) for path in FILES if not lies_in(module_of(path), set(LAZY))}
+    assert not {path: modules for path, modules in lazy.items() if modules}
 
 
 def code_lines(path: Path) -> int:
@@ -131,22 +145,25 @@ def test_callers_of_the_driver_are_thin(caller):
     assert code_lines(PACKAGE / caller) < 150
 
 
-@every_file
-def test_third_party_packages(path):
-    module = module_of(path)
-    packages = {name.split(".")[0] for name in imports(path)}
-    for package, homes in THIRD_PARTY.items():
-        assert package not in packages or lies_in(module, homes), f"{module} imports {package}"
-    for home, forbidden in FORBIDDEN.items():
+def forbidden_packages(path: Path) -> set[str]:
+    """Return the packages that a file imports and only others may, or its folder may not."""
+    module, packages = module_of(path), imported_packages(path)
+    elsewhere = {name for name, homes in THIRD_PARTY.items() if not lies_in(module, homes)}
+    for home, names in FORBIDDEN.items():
         if lies_in(module, {home}):
-            assert not packages & forbidden, f"{module} imports {sorted(packages & forbidden)}"
+            elsewhere |= names
+    return packages & elsewhere
 
 
-@every_file
-def test_the_package_does_not_import_benchmarks(path):
+def test_third_party_packages():
+    found = {path: forbidden_packages(path) for path in FILES}
+    assert not {path: packages for path, packages in found.items() if packages}
+
+
+def test_the_package_does_not_import_benchmarks():
     """Benchmarks and tests import the package; it is installed without them."""
-    found = {name.split(".")[0] for name in imports(path)}
-    assert not found & {"benchmarks", "demos", "tests"}
+    outside = {"benchmarks", "demos", "tests"}
+    assert not [path for path in FILES if imported_packages(path) & outside]
 
 
 def loaded_after(code: str) -> set[str]:
