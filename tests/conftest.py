@@ -63,7 +63,8 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption(
         "--other-debian",
         action="store_true",
-        help="leave out the tests whose result is the same on every Debian",
+        help="leave out the tests whose result is the same on every Debian; on one rank, also "
+        "those that run on several",
     )
     parser.addoption(
         "--every-parameter",
@@ -94,13 +95,16 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         if item.get_closest_marker("mpi") and not _may_have_ranks(item.path):
             raise pytest.UsageError(f"{item.nodeid}: expected the word mpi in its file")
     kept = list(items)
-    if config.getoption("other_debian"):
-        left_out = SAME_TESTS | (RANKS_ON_ONE_DEBIAN if _ranks(config) > 1 else set())
+    other_debian, serial = config.getoption("other_debian"), _ranks(config) == 1
+    if other_debian:
+        left_out = SAME_TESTS | (set() if serial else RANKS_ON_ONE_DEBIAN)
         kept = _each_library_parameter([item for item in kept if _function(item) not in left_out])
-    if _ranks(config) == 1:
+    first = set({_function(item): item for item in reversed(kept)}.values())
+    if serial:
         kept = [item for item in kept if _runs_serially(item)]
+        if other_debian:  # Debian 12 runs them on one rank
+            kept = [item for item in kept if item not in first or not _has_ranks_everywhere(item)]
     elif not config.getoption("every_parameter"):  # all of them run on one
-        first = set({item.nodeid.split("[")[0]: item for item in reversed(kept)}.values())
         kept = [item for item in kept if item in first or not _runs_serially(item)]
     left = set(kept)
     config.hook.pytest_deselected(items=[item for item in items if item not in left])
@@ -111,6 +115,11 @@ def _runs_serially(item: pytest.Item) -> bool:
     """Return whether a test runs on one rank: all do, unless marked mpi(serially=False)."""
     mark = item.get_closest_marker("mpi")
     return mark is None or mark.kwargs.get("serially", True)
+
+
+def _has_ranks_everywhere(item: pytest.Item) -> bool:
+    """Return whether the first parameters of a test run on several ranks on every Debian."""
+    return bool(item.get_closest_marker("mpi")) and _function(item) not in RANKS_ON_ONE_DEBIAN
 
 
 def _function(item: pytest.Item) -> str:

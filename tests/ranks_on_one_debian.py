@@ -1,11 +1,11 @@
 """Tests on several ranks that run on one Debian only: `conftest.py` leaves them out on the other.
 
 Measured, not chosen: without them the tests marked mpi still take every branch of `fem_snh` that
-they take with them. So on every Debian each branch that is tested on ranks runs on two, and every
-test runs on one. Measured on one rank by coverage.py with a context for each test
-(`Coverage(branch=True, source=["fem_snh"])`, `switch_context`); kept was, again and again, the test
-with the most new branches in a second. Tests of the number of ranks and of ghosts run everywhere,
-as does a new test, which is not in the list.
+they take with them. So on every Debian each branch that is tested on ranks runs on two; those that
+run on two ranks there run on one on Debian 12. Measured on one rank by coverage.py with a context
+for each test (`Coverage(branch=True, source=["fem_snh"])`, `switch_context`); kept was, again and
+again, the test with the most new branches in a second. Tests of the number of ranks and of ghosts
+run everywhere, as does a new test, which is not in the list.
 """
 
 from __future__ import annotations
