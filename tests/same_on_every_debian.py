@@ -121,8 +121,14 @@ SAME_TESTS = frozenset(
         "ipc_time::test_friction_in_time",
         # pip installs the same PyVista everywhere
         "hidden_groups::test_the_mark_is_in_the_picture",
+        "render::test_a_revolved_section_is_three_quarters_of_the_body",
+        "render::test_a_section_has_the_colours_of_the_bar",
+        "render::test_an_error_is_drawn_where_it_is_known",
         "render::test_render_bad_files",
         "render::test_render_other_fields_and_chosen_loads",
+        "render::test_two_dimensions_are_drawn_in_their_plane",
+        "render_fields::test_a_picture_of_a_component",
+        "render_obstacles::test_a_picture_and_a_missing_surface",
         # solved as the other tests of derivatives are
         "inverse::test_derivatives_with_a_pressure_and_an_obstacle",
         # what notes say about states, which tests of solvers compute
