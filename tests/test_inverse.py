@@ -119,6 +119,27 @@ def test_a_start_out_of_bounds_is_refused(nu: float) -> None:
         fit_scene("pull", curve, ["nu"], nu=nu, cells=1, steps=1)
 
 
+@pytest.mark.parametrize(
+    ("material", "parameters"),
+    [
+        ("extended_tube", ["delta", "beta"]),
+        ("stable_neo_hookean", ["E", "alpha"]),
+        ("seth_hill", ["n"]),
+        ("arap", ["nu"]),
+    ],
+)
+def test_parameters_stay_within_what_the_material_accepts(
+    material: str, parameters: list[str]
+) -> None:
+    """A curve that no parameters have drives them to their bounds."""
+    loads = np.array([0.5, 1.0])
+    curve = MeasuredCurve("load", loads, loads, ["right.force.x"], np.array([[0.5], [0.2]]))
+    keys = {"material.name": material, "material.nu": 0.45} | SMALL
+    found = fit_scene("pull", curve, parameters, max_solves=8, **keys)
+    assert np.isfinite(list(found.parameters.values())).all()
+    assert found.record()["standard_errors"].keys() == set(parameters)
+
+
 def test_scenes_that_are_refused() -> None:
     curve = MeasuredCurve("load", np.ones(1), np.ones(1), ["volume"], np.ones((1, 1)))
     with pytest.raises(BadInput, match="expected a scene without"):

@@ -29,7 +29,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import least_squares
 
-from fem_snh import scenes, solver
+from fem_snh import materials, scenes, solver
 from fem_snh._petsc import default_options
 from fem_snh.accuracy.goals import Goal, Linearisation
 from fem_snh.accuracy.hessian_solver import HessianSolver
@@ -40,6 +40,7 @@ from fem_snh.linalg.direct_solver import set_direct_solver
 from fem_snh.runs.goals import named_goals
 from fem_snh.runs.setup import Setup, make_problem, set_up
 from fem_snh.studies.fit.data import is_number, read_cells
+from fem_snh.studies.fit.family import accepted_range
 from fem_snh.studies.fit.least_squares import standard_errors
 from fem_snh.studies.fit.result import toml_table
 
@@ -292,6 +293,9 @@ class InverseProblem:
         self._first = {name: _value(scene, name) for name in self.names}
         if not self.names or len(self._first) < len(self.names):
             raise bad_value("parameters", self.names, "different names, one at least")
+        function = materials.function(scene.materials[0].name)
+        known = {"nu": _NU_RANGE, "E": (0.0, np.inf)}
+        self._ranges = {n: known.get(n) or accepted_range(function, n) for n in self.names}
         self.scale = float(np.nanmax(np.abs(curve.values)))
         self.solves = self.linear = 0
         self.failure = ""
@@ -310,19 +314,22 @@ class InverseProblem:
 
     @property
     def start(self) -> Array:
-        """Return the variables of the scene's own values, (k,)."""
-        return np.array([_variable(name, v, v) for name, v in self._first.items()])
+        """Return the variables of the scene's own values, (k,), within the bounds."""
+        return np.clip([_variable(name, v, v) for name, v in self._first.items()], *self.bounds)
 
     @property
     def bounds(self) -> tuple[Array, Array]:
-        """Return the bounds of the variables, ``_NU_RANGE`` and ``_WIDEST``."""
+        """Return the bounds of the variables: what the material accepts, and ``_WIDEST``."""
         pairs = []
-        for (name, value), z in zip(self._first.items(), self.start, strict=True):
-            wide = np.log(_WIDEST)
+        for name, value in self._first.items():
+            ends = sorted(_variable(name, end, value) for end in self._ranges[name])
+            z, wide = _variable(name, value, value), _WIDEST
             if name == "nu":
-                pairs.append(sorted(_variable(name, ratio, value) for ratio in _NU_RANGE))
-            else:
-                pairs.append([z - wide, z + wide] if value > 0 else [-_WIDEST, _WIDEST])
+                wide = np.inf
+            elif value > 0:
+                wide = np.log(_WIDEST)
+            # The differences go beyond the variables by a step.
+            pairs.append((max(ends[0] + 2 * _STEP, z - wide), min(ends[1] - 2 * _STEP, z + wide)))
         low, high = np.array(pairs).T
         return low, high
 
@@ -369,7 +376,13 @@ class InverseProblem:
     def _solve(self, z: Array) -> tuple[Array | None, Array | None]:
         """Run the scene and differentiate its goals."""
         self.solves += 1
-        scene = self.scene_at(z)
+        try:
+            scene = self.scene_at(z)
+        except BadInput as error:
+            if self.solves == 1:
+                raise
+            self.failure = str(error)
+            return None, None
         smoothers = multigrid.smoothers(min(material.E for material in scene.materials))
         with ExitStack() as stack:
             stack.enter_context(solver.petsc_failures())
@@ -455,13 +468,12 @@ def _is_in(load: float, loads: Sequence[float]) -> bool:
 
 def _value(scene: scenes.Scene, name: str) -> float:
     """Return the value of a parameter of the scene's material."""
-    from fem_snh.materials import TUNING, defaults
-
     if len(scene.materials) > 1:
         raise BadInput("fit --to: a scene with several materials: expected one material")
     (material,) = scene.materials
-    known = {"E": material.E, "nu": material.nu} | defaults(material.name)
-    known |= {k: v for k, v in TUNING.items() if isinstance(v, float)} | material.parameters
+    known = {"E": material.E, "nu": material.nu} | materials.defaults(material.name)
+    known |= {k: v for k, v in materials.TUNING.items() if isinstance(v, float)}
+    known |= material.parameters
     value = known.get(name)
     if not isinstance(value, int | float) or isinstance(value, bool):
         numbers = [
@@ -477,7 +489,9 @@ def _value(scene: scenes.Scene, name: str) -> float:
 def _variable(name: str, value: float, first: float) -> float:
     if name == "nu":
         return float(np.log(1 - 2 * value))
-    return float(np.log(value)) if first > 0 else value / (first or 1.0)
+    if first > 0:
+        return float(np.log(value)) if value > 0 else -np.inf
+    return value / (first or 1.0)
 
 
 def _from_variable(name: str, z: float, first: float) -> float:

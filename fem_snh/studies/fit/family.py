@@ -8,9 +8,10 @@ parameters, at E = 1: the stress is proportional to E.
 from __future__ import annotations
 
 import inspect
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
+from math import inf
 from typing import Any
 
 import numpy as np
@@ -67,6 +68,15 @@ class Unknown:
     low: float
     high: float
     constant: bool
+
+
+def accepted_range(function: Callable[..., Any], parameter: str) -> tuple[float, float]:
+    """Return the least and the largest value that a parameter of a material function may have."""
+    if parameter == "alpha":
+        return ALPHAS
+    if (accepted := ranges(function).get(parameter)) is None:
+        return -inf, inf
+    return accepted.low + _OPEN * accepted.above, accepted.high - _OPEN * accepted.below
 
 
 class Family:
@@ -128,7 +138,7 @@ class Family:
             choose("bounds", key, candidates)
             if not low < high:
                 raise bad_value(f"bounds of {key}", (low, high), "the lowest value first")
-        self._bounds, self._ranges = dict(bounds or {}), ranges(self.function)
+        self._bounds = dict(bounds or {})
         self.depends_on_nu = "nu" in inspect.signature(self.function).parameters
         self._symbols: dict[str, sympy.Symbol] = {}
         self._fixed: dict[int, float] = {}
@@ -255,13 +265,8 @@ class Family:
         low = -high
         if power:
             low, high = -float(MAX_EXPONENT), float(MAX_EXPONENT)
-        if name == "alpha":
-            low, high = ALPHAS
-        if parameter in self._ranges:
-            allowed = self._ranges[parameter]
-            low, high = max(low, allowed.low), min(high, allowed.high)
-            low += _OPEN * allowed.above
-            high -= _OPEN * allowed.below
+        least, most = accepted_range(self.function, parameter)
+        low, high = max(low, least), min(high, most)
         if signed and start:
             low, high = (max(low, 0.0), high) if start > 0 else (low, min(high, 0.0))
         if parameter in self._bounds:

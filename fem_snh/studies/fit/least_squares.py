@@ -312,6 +312,8 @@ def standard_errors(jacobian: Array, cost: float, bound: npt.NDArray[np.bool_]) 
     if n <= k:
         return np.where(bound, np.nan, np.inf)
     free = jacobian[:, ~bound]
+    if not free.size:
+        return errors
     size = np.linalg.norm(free, axis=0)
     size = np.where(size > 0, size, 1.0)
     _, values, rows = np.linalg.svd(free / size, full_matrices=False)
