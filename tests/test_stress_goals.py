@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import warnings
+
+from mpi4py import MPI
+
 import numpy as np
 import pytest
 from running import solve
 from test_error_estimate import stretched
 
 import fem_snh
-from fem_snh import _dolfinx
+from fem_snh import _dolfinx, scenes
 from fem_snh.accuracy.stress_goals import PointStressGoal
 from fem_snh.errors import BadInput
 from fem_snh.mesh.mesh import generate
@@ -64,7 +68,7 @@ def test_the_stress_of_a_group_that_is_the_body():
 
 def test_stresses_that_are_none():
     keys = {"cells": 2, "steps": 1, "accuracy.goals": "stress"}
-    with pytest.raises(BadInput, match="'stress': expected a body with a material, neither"):
+    with pytest.raises(BadInput, match="'stress': expected another goal than a stress"):
         solve("cook", kinematics="plane_stress", **keys)
     with pytest.raises(BadInput, match=r"goals = 'stress\.x': expected .*'core.stress'"):
         solve("cook", **keys | {"accuracy.goals": "stress.x"})
@@ -110,7 +114,7 @@ def test_the_weight_is_integrated(comm, cell):
 
 
 def test_a_radius_that_is_too_small():
-    message = r"radius = '0.1': expected at least 1\.32, as cells have a size of 7\.94 there"
+    message = r"radius = '0.1': expected at least 1\.32, as cells have a size of 7\.94 there, or"
     with pytest.raises(BadInput, match=message):
         around("Q1", 8, radius=0.1)
 
@@ -121,3 +125,28 @@ def test_a_point_far_from_the_body(comm):
     message = r"point = '\(5, 0.5, 0.5\)': expected a point within 3 radii of the body"
     with pytest.raises(BadInput, match=message):
         PointStressGoal("stress", (5, 0.5, 0.5), 0.5, domain)
+
+
+@pytest.mark.parametrize("goal", ["stress", "corner.stress"])
+def test_a_scene_in_plane_stress_is_refused_before_it_is_solved(goal):
+    """It was refused after all load steps, and after its radius."""
+    radius = {"radius": 1.0} if goal == "corner.stress" else {}
+    with pytest.raises(BadInput, match=f"accuracy.goals = '{goal}': expected another goal than a"):
+        scenes.Scene(
+            name="sheet", mesh={"source": "cook"}, cells=4, element="Q2",
+            kinematics="plane_stress", material={"name": "neo_hookean", "E": 1.0, "nu": 0.3},
+            hold=[{"group": "left"}], traction=[{"group": "right", "vector": (0, 1e-3, 0)}],
+            probe=[{"name": "corner", "point": (48, 60, 0), **radius}],
+            accuracy={"goals": [goal]},
+        )  # fmt: skip
+
+
+def test_a_weight_on_coarse_cells_compiles_without_a_warning(tmp_path):
+    """FFCx warned of 100 points and more in a cell, which no user can change."""
+    domain = generate(MPI.COMM_SELF, "cube", "tetrahedron", cells=1).domain
+    weight, degree = PointStressGoal("stress", (0.5, 0.5, 0.5), 0.4, domain)._weight(domain)
+    dx = _dolfinx.cell_measures(domain, [np.arange(0)], "tetrahedron", degree)[0]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", UserWarning)
+        # A form that was compiled before is silent.
+        _dolfinx.form(weight * dx, {"cache_dir": tmp_path})

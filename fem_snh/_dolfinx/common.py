@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -14,11 +15,17 @@ Array = np.ndarray
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Suppress log records of level INFO, which compiling a form emits with dolfinx 0.5."""
+    """Suppress what compiling a form says, which no user can change.
+
+    Log records of level INFO, with dolfinx 0.5, and that a rule of a high degree has many points:
+    the program chooses the degrees.
+    """
     before = logging.root.manager.disable
     logging.disable(max(before, logging.INFO))
     try:
-        yield
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", "Number of integration points per cell")
+            yield
     finally:
         logging.disable(before)
 

@@ -132,7 +132,8 @@ class PointStressGoal(StressGoal):
             raise bad_value("point", f"({shown})", f"a point within {_REACH:g} radii of the body")
         if size > _MOST_RADII * radius:
             accepted = (
-                f"at least {size / _MOST_RADII:.3g}, as cells have a size of {size:.3g} there"
+                f"at least {size / _MOST_RADII:.3g}, as cells have a size of {size:.3g} there, "
+                "or a mesh with smaller ones there"
             )
             raise bad_value("radius", f"{radius:g}", accepted)
         self._place, self._radius = place, radius

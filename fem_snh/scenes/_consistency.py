@@ -75,9 +75,17 @@ def check_consistency(scene: Scene) -> None:
 
 
 def _check_accuracy(accuracy: Accuracy, scene: Scene) -> None:
-    """Raise BadInput for a goal that the scene does not have."""
+    """Raise BadInput for a goal that the scene does not have.
+
+    In plane stress the thickness, and on a lattice the fraction of a cell that the body fills, are
+    no functions of the displacement that UFL derives.
+    """
+    sheet = kinematics_of(scene.kinematics).plane_stress
     for goal in accuracy.goals:
-        read_goal(goal, scene)
+        kind = read_goal(goal, scene).kind
+        if kind in ("stress", "stress_at") and (sheet or isinstance(scene.mesh, Lattice)):
+            accepted = "another goal than a stress, on a lattice and in plane stress"
+            raise bad_value("accuracy.goals", goal, accepted)
 
 
 def _check_loads(scene: Scene) -> None:
