@@ -44,6 +44,17 @@ def test_the_divergence_theorem(comm, cell, degree):
     assert len(surface.triangles) == 6 * 9 * 2 * degree**2
 
 
+@pytest.mark.parametrize("degree", [1, 2, 3])
+@pytest.mark.parametrize("cell", ["tetrahedron", "hexahedron"])
+def test_no_triangle_is_flipped(comm, cell, degree):
+    """They cover the cube's faces once. Degree 3, of error estimates, has no equal spacing."""
+    surface, _, _ = on(comm, cell, degree)
+    x = surface.points[surface.triangles]
+    normals = np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0]) / 2
+    assert np.einsum("ti,ti->t", normals, x.mean(axis=1) - surface.points.mean(axis=0)).min() > 0
+    assert np.linalg.norm(normals, axis=1).sum() == pytest.approx(6, rel=1e-12)
+
+
 @each_element
 def test_closed(comm, cell, degree):
     """Every edge belongs to two triangles, which pass it in opposite directions."""

@@ -285,6 +285,11 @@ class Lift:
         What is left of the first residual, and what the last solve left of its own.
     start, start_gradient : PETSc.Vec
         The run's state in the lifted problem, and the gradient of the energy there.
+
+    Raises
+    ------
+    NoEstimate
+        If the lifted problem cannot start from this state.
     """
 
     def __init__(self, problem: Problem, lifted: Problem) -> None:
@@ -301,7 +306,12 @@ class Lift:
             self._guess_pressure()
         self.start, self.start_gradient = lifted.x.copy(), lifted.x.duplicate()
         lifted.gradient(self.start, self.start_gradient)
-        lifted.history.begin_step(lifted.split(lifted.x)[0])
+        try:
+            lifted.history.begin_step(lifted.split(lifted.x)[0])
+        except BadInput as error:  # a barrier, as finer triangles of the surface may intersect
+            raise NoEstimate(
+                f"the run's state is not admissible in {lifted.element.name}: {error}"
+            ) from None
         # Each solve is one Newton iteration, which does not end at an equilibrium.
         self._snes = solver.create(lifted, prefix=PREFIX, examine_stability=False)
         self._outcome, self._last_filter = solver.StepOutcome(), ""

@@ -75,7 +75,7 @@ class EmbeddedSurface:
         kind = _dolfinx.FACET_OF[_dolfinx.cell_name(V.mesh)]
         surface = GatheredSurface(V, [SurfaceQuadrature(V, degree=1)])
         side = surface.sides[0]
-        corners = _subdivision(kind, _dolfinx.degree(V))
+        corners = _subdivision(surface.shape.nodes, kind, _dolfinx.degree(V))
         triangles = side.nodes[:, corners]  # (facets, triangles, 3)
         flipped = side.outward < 0
         triangles[flipped] = triangles[flipped][..., ::-1]
@@ -192,13 +192,18 @@ def carried_points(domain: Any, skin: Skin) -> tuple[Array, Array]:
     return points, row_of[skin.cells[points]]
 
 
-def _subdivision(kind: str, degree: int) -> Array:
-    """Return the triangles (m, 3) between the nodes of a facet, in `FacetShape`'s order.
+def _subdivision(nodes: Array, kind: str, degree: int) -> Array:
+    """Return the triangles (m, 3) between nodes of a facet with reference coordinates (k, d).
 
     Of a curve they are segments, (m, 2).
-
-    The nodes are sorted by the second, then by the first reference coordinate.
     """
+    # Those of degree 3 are at 0.28 and 0.72 along edges, and at 1/3: nearest to the lattice's.
+    order = np.lexsort(np.rint(degree * nodes).T)
+    return np.asarray(order[_lattice_triangles(kind, degree)])
+
+
+def _lattice_triangles(kind: str, degree: int) -> Array:
+    """Return the triangles between points sorted by their rows, or segments."""
     if kind == "interval":
         return np.stack([np.arange(degree), np.arange(1, degree + 1)], axis=1)
     is_triangle = kind == "triangle"
