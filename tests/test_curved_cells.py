@@ -79,26 +79,29 @@ def test_edges_are_straightened_where_cells_are_inverted(size):
     assert np.abs(part[15:, None] - known).min(axis=1).max() < 1e-9
 
 
-def test_the_bones_of_a_curved_arm_are_round():
+@pytest.fixture(scope="module")
+def elbows():
+    """First steps of the elbow on straight and on curved cells: {order: result}."""
+    given = {"cells": 12, "angle": 10.0, "steps": 1, "volumes": ["flesh", "humerus"]}
+    given |= {"progress": False, "comm": MPI.COMM_SELF}
+    return {order: fem_snh.run("elbow", order=order, **given) for order in (1, 2)}
+
+
+def test_the_bones_of_a_curved_arm_are_round(elbows):
     """A capsule of radius 11 mm between points in the file: its volume is known."""
     exact = pi * 0.011**2 * hypot(0.211, 0.012) + 4 / 3 * pi * 0.011**3
     errors = []
     for order in (1, 2):
-        arm = mesh.generate(MPI.COMM_SELF, "arm", "tetrahedron", cells=12, order=order)
-        assert mesh_checks.scaled_jacobian(arm.domain).min() > 0.005
-        volumes = mesh.cell_volumes(arm.domain)
-        errors.append(1 - volumes[arm.group("humerus").entities].sum() / exact)
+        problem = elbows[order].problem
+        assert mesh_checks.scaled_jacobian(problem.V.mesh).min() > 0.005
+        volumes = mesh.cell_volumes(problem.V.mesh)
+        errors.append(1 - volumes[problem._parts["humerus"]].sum() / exact)
     assert errors[0] > 0.3 and 0 < errors[1] < 0.01
 
 
-def test_a_curved_elbow_has_the_flesh_of_finer_cells():
+def test_a_curved_elbow_has_the_flesh_of_finer_cells(elbows):
     """The flesh of straight cells is 12 % too small on 12 cells; a first step's energy follows."""
-    energies = {}
-    for order in (1, 2):
-        result = fem_snh.run(
-            "elbow", progress=False, cells=12, order=order, angle=10.0, steps=1, comm=MPI.COMM_SELF
-        )
-        assert result.converged
-        energies[order] = result.steps[-1]["energy"]
+    assert all(result.converged for result in elbows.values())
+    energies = {order: result.steps[-1]["energy"] for order, result in elbows.items()}
     finer = 0.0058138  # 16 cells of order 2 [J]; other versions of gmsh have other cells
     assert abs(energies[2] - finer) < 0.1 * abs(energies[1] - finer)
