@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from itertools import pairwise
 from pathlib import Path
 
 from mpi4py import MPI
@@ -12,6 +13,9 @@ import dolfinx
 import matplotlib.image
 import numpy as np
 import pytest
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
 from picture_runs import CELLS, bad, record, write_record, write_run
 
 import fem_snh
@@ -230,6 +234,26 @@ def test_colours_of_J_are_centred_at_one_and_robust():
     assert drawing.colours("energy_density", np.zeros(9))[0] == "viridis"
     with pytest.raises(BadInput, match="no finite value"):
         drawing.colours("J", np.array([np.nan]))
+
+
+@pytest.mark.parametrize("change", [0.1, 1e-3, 1e-5])
+def test_numbers_of_a_bar_are_written_in_full(change):
+    """J = 0.9991 was -0.9 with "x 10^-3 + 1" beside it, which hid what the bar shows."""
+    figure = Figure(figsize=(8, 1), dpi=100)
+    bar = figure.add_axes((0.3, 0.7, 0.4, 0.2))
+    ticks, numbers = drawing.ticks_of_bar(1 - change, 1 + change, 7)
+    mappable = ScalarMappable(Normalize(1 - change, 1 + change))
+    figure.colorbar(mappable, bar, orientation="horizontal", ticks=ticks, format=numbers)
+    bar.tick_params(labelsize=8)  # as in pictures, which are 8 inches wide
+    figure.canvas.draw()
+    assert bar.xaxis.get_offset_text().get_text() == ""
+    labels = [label for label in bar.get_xticklabels() if label.get_text()]
+    assert len(labels) >= 2
+    for label in labels:
+        number = float(label.get_text().removeprefix("$\\mathdefault{").removesuffix("}$"))
+        assert number == pytest.approx(label.get_position()[0], abs=1e-3 * change)
+    boxes = [label.get_window_extent() for label in labels]
+    assert all(a.x1 < b.x0 for a, b in pairwise(boxes))
 
 
 def test_labels():

@@ -49,6 +49,9 @@ TOWARDS, TOWARDS_LONG = (0.62, -1.0, 0.55), ((0.32, -1.0, 0.15), (1.0, 0.32, 0.1
 LIGHTS = ((-0.6, 0.8, 0.4), (0.5, 0.1, 0.3))
 #: A section has the colours of the bar, which no light changes.
 _UNLIT: dict[str, Any] = {"ambient": 1.0, "diffuse": 0.0, "specular": 0.0}
+#: Colour bars of a smaller range, relative to their values, have fewer ticks: numbers of six digits
+#: and more.
+_LONG_NUMBERS = 1e-3
 
 
 def colours(field: str, values: np.ndarray) -> tuple[str, Normalize, str]:
@@ -285,11 +288,11 @@ class Drawing:
         With the units of a scene, a scale bar is beside it; panels are ``pixels`` wide.
         """
         bar = figure.add_axes((0.3, 76 / height, 0.4, 20 / height))
-        numbers = ScalarFormatter(useMathText=True)
-        numbers.set_powerlimits((-3, 6))  # 0.0003 beside 0.0006 overlap
+        most = 5 if self.field == "mode" else 7
+        ticks, numbers = ticks_of_bar(self.norm.vmin, self.norm.vmax, most)
         figure.colorbar(
             ScalarMappable(self.norm, self.cmap), bar, orientation="horizontal",
-            extend=self.extend, ticks=MaxNLocator(5 if self.field == "mode" else 7), format=numbers,
+            extend=self.extend, ticks=ticks, format=numbers,
         )  # fmt: skip
         bar.tick_params(labelsize=8)
         bar.xaxis.get_offset_text().set_fontsize(8)
@@ -303,6 +306,17 @@ class Drawing:
         figure.add_artist(Line2D(line, [at, at], color="black", lw=1.5, marker="|", ms=6))
         name = f"{length:g} {self.units.length}"
         figure.text(0.05 + part / 2, 62 / height, name, fontsize=8, ha="center", va="top")
+
+
+def ticks_of_bar(low: float, high: float, most: int) -> tuple[MaxNLocator, ScalarFormatter]:
+    """Return at most so many ticks of a colour bar between two values, and their format.
+
+    Numbers are written in full, 0.9994, not as the difference to one beside the bar.
+    """
+    numbers = ScalarFormatter(useOffset=False, useMathText=True)
+    numbers.set_powerlimits((-3, 6))  # 0.0003 beside 0.0006 overlap
+    long = high - low < _LONG_NUMBERS * max(abs(low), abs(high))
+    return MaxNLocator(min(most, 3) if long else most), numbers
 
 
 def write_text(figure: Figure, x: float, y: float, text: str, size: float) -> Any:
