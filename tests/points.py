@@ -16,8 +16,10 @@ from benchmarks.pointwise import Oracle, oracle
 from fem_snh import materials
 from fem_snh.choices import EIGENSOLVERS
 from fem_snh.kernels.material import Material, material
+from fem_snh.materials import registry
 from fem_snh.materials.energy import Energy
 from fem_snh.materials.invariants import SIGMA
+from fem_snh.materials.signature import measures_of
 from fem_snh.studies.extremes import pointwise
 from fem_snh.studies.extremes.pointwise import Compared, digits, exactly, perturbed
 
@@ -28,6 +30,8 @@ NUS = (0.3, 0.49)
 every_material = pytest.mark.parametrize(
     "m", [pytest.param((name, nu), id=f"{name}-{nu}") for name in REPRESENTATIVE for nu in NUS]
 )
+#: The materials whose stress is not the gradient of an energy.
+NO_ENERGY = {"filtered_neo_hookean"}
 every_name = pytest.mark.parametrize("name", materials.names())
 
 #: Stretches in and out of the domain of energies that are infinite for inverted states.
@@ -44,6 +48,11 @@ STATES = {
 def make(name: str, nu: float, **shape: Any) -> Material:
     """Return a material with E = 1.7, so that a missing factor E changes the result."""
     return material(name, E=1.7, nu=nu, **shape)
+
+
+def needs_stretches(name: str) -> bool:
+    """Return whether an energy needs principal stretches: its arguments tell, without making it."""
+    return bool({"I1", "s0"} & set(measures_of(registry.function(name))))
 
 
 def exact(m: Material, F: Any) -> Oracle:
