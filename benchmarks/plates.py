@@ -3,8 +3,9 @@
 The lower plate is fixed at two ends, and the groups in contact are the whole surfaces. Limits: no
 step is halved; no point is deeper than a tenth of the upper plate's thickness, and that plate stays
 above the lower one; the energy does not grow by more than 1 % of the largest kinetic one. They are
-for all but an augmented Lagrangian with `newmark` or `generalized_alpha`: a contact without any
-compliance is an impact that no time step resolves, and these integrators keep what it excites.
+for all but an augmented Lagrangian with `generalized_alpha`, and with `newmark`, whose steps may be
+halved: a contact without any compliance is an impact that no time step resolves, and these
+integrators keep what it excites.
 """
 
 from __future__ import annotations

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from contact_problems import constant, contact_problem, march, plane
+from running import solve
 
+from benchmarks import plates
 from fem_snh import _dolfinx
 from fem_snh.contact.obstacle_contact import RigidContact
 from fem_snh.mesh import mesh
+from fem_snh.scenes import Traction
 
-G = 9.81
+G, AUGMENTED = 9.81, "augmented_lagrangian"
 
 
 def strip(comm, length, cells):
@@ -75,3 +80,26 @@ def test_the_energy_of_a_bouncing_ball(comm, integrator, least, most):
     change = (energies[-1] - energies[0]) / fallen
     assert least <= change <= most
     assert max(energies) < energies[0] + 1e-3 * fallen
+
+
+@pytest.mark.parametrize(("method", "steps"), [("penalty", 12), ("penalty", 25), (AUGMENTED, 12)])
+def test_newmark_keeps_energy_and_momentum_of_bodies_that_collide(comm, method, steps):
+    """A plate is pushed onto another one, both free.
+
+    By the trapezoidal rule the energy grew by 25 % of the largest kinetic one in 12 steps on the
+    fixed plate. The mean forces have no sum, and do the work that the energy of contact loses.
+    """
+    pressure = 100.0
+    given: dict[str, Any] = {"hold": [], "gravity": None}
+    given["traction"] = [Traction(group="top", vector=(0, 0, -pressure))]
+    scene = plates.plates("Q1", "newmark", method, cells=3, steps=steps)
+    result = solve(scene.model_copy(update=given), comm)
+    rows = result.steps
+    assert all(row["converged"] for row in rows)  # no step was halved
+    assert max(row["contacts"]["lower_surface/upper_surface"]["contacts"] for row in rows) > 0
+    impulse = -pressure * plates.WIDTH**2 * rows[-1]["time"]
+    np.testing.assert_allclose(rows[-1]["momentum"], [0, 0, impulse], atol=2e-5 * abs(impulse))
+    lost = [row["numerical_dissipation"] for row in rows]
+    largest = max(row["kinetic"] for row in rows)
+    assert min(lost) > -2e-3 * largest
+    assert method == AUGMENTED or max(lost) < 5e-3 * largest

@@ -307,10 +307,10 @@ def test_a_motion_that_gains_energy(integrator, friction):
         assert f"the energy rises by {note['gained']:.3g} J that no load gives" in note["text"]
 
 
-@pytest.mark.parametrize(("steps", "created"), [(12, 0.25), (25, 0.026), (50, 0.0)])
+@pytest.mark.parametrize(("steps", "created"), [(12, 0.235), (25, 0.0237), (100, 0.0)])
 def test_contact_of_bodies_that_creates_energy(steps, created):
-    """In 25 steps one step creates 2.6 %, of which others remove more: the end has less energy."""
-    result = solve(plates.plates("Q1", "newmark", "penalty", steps=steps), MPI.COMM_SELF)
+    """One step may create what others remove: the end has less energy then."""
+    result = solve(plates.plates("Q1", "generalized_alpha", "penalty", steps=steps), MPI.COMM_SELF)
     notes = [note for note in result.notes if note["kind"] == "energy"]
     assert len(notes) == bool(created)
     rows = [row for row in result.steps if row["converged"]]

@@ -252,7 +252,7 @@ def energy_note(steps: Mapping[int, Mapping[str, Any]], mean_forces: bool = Fals
 
     Second-order methods have the contact forces of a step's start in half of it, also where contact
     ends within it: time steps that do not resolve that give the body any velocity. Newmark's method
-    has contact with obstacles by its mean over the step, which does not.
+    has contact with obstacles and bodies by its mean over the step, which does not.
 
     Parameters
     ----------

@@ -102,6 +102,11 @@ class BodyContact:
         """Search again at the next evaluation, if nothing calls `begin_step`."""
         self._stale |= not self._stepped
 
+    def weight_mean_forces(self, weight: float | None) -> None:
+        """Set the weight of a step's mean forces: see `MeanForceTerm`."""
+        for pair in self.pairs:
+            pair.weight_mean_forces(weight)
+
     def scale_penalties(self, factor: float) -> bool:
         """Multiply the stiffness of penalties; return whether there are any."""
         return any([pair.law.scale_penalty(factor) for pair in self.pairs])
@@ -173,8 +178,10 @@ class BodyContact:
         """Reset the multipliers to those of the last step and search the facets. Collective."""
         self._stepped, self._stale = True, True
         for pair in self.pairs:
-            pair.begin_step()
-        self._positions(u)
+            pair.law.begin_step()
+        x = self._positions(u)
+        for pair in self.pairs:
+            pair.begin_step(x)
 
     def update_lagged(self, u: PETSc.Vec) -> LaggedChange:
         """Search again, update multipliers; return the largest change. Collective."""

@@ -18,6 +18,7 @@ from fem_snh.contact.gaps import (
 )
 from fem_snh.contact.gathered_surface import GatheredSurface, Side
 from fem_snh.contact.law import ContactLaw
+from fem_snh.contact.mean_contact import MeanPressure, mean_pressure
 from fem_snh.contact.surface_quadrature import DeepestPoint, cross_tangents, facet_grid
 from fem_snh.errors import bad_value
 from fem_snh.kernels.form_cells import filter_matrices
@@ -44,6 +45,10 @@ _SPREAD = 5 / 3
 _MARGIN = 0.5
 #: Gap in sizes of a facet below which surfaces touch without a force: rounding.
 _ZERO_GAP = 1e-10
+#: Least gap at a step's start, in sizes of a facet, of a point that has no facet there.
+_OPEN = 1e-6
+#: Motions within a step, in sizes of a facet, below which mean derivatives need no correction.
+_AT_REST = 1e-8
 
 
 class BodyPair(NamedTuple):
@@ -90,6 +95,10 @@ class Touching(NamedTuple):
         Their gaps.
     pressure : (n,)
         Contact force per reference area [Pa].
+    stiffness : (n,)
+        Minus its derivative by the gap [Pa/m].
+    energy : (n,)
+        Minus its integral over the gap [J/m^2], of mean pressures; else none is used.
     """
 
     point: Array
@@ -97,6 +106,8 @@ class Touching(NamedTuple):
     facet: Array
     gaps: Gaps
     pressure: Array
+    stiffness: Array
+    energy: Array
 
 
 class SurfacePass:
@@ -116,7 +127,14 @@ class SurfacePass:
         Row in the law of this pass's first point.
     reach : float
         Largest distance of a point from its facet [m].
+
+    Attributes
+    ----------
+    mean_weight : float or None
+        Weight of a step's mean forces, in place of the present ones: see `SurfacePair`.
     """
+
+    mean_weight: float | None = None
 
     def __init__(
         self,
@@ -134,7 +152,12 @@ class SurfacePass:
         self._closest = ClosestFacets(surface.shape, other)
         self._facet: Array = np.full(self._count, -1)
         self._start: Array = np.zeros((0, 2))
-        self._evaluated: tuple[Array, int, Touching] | None = None
+        self._evaluated: tuple[Array, tuple[Any, ...], Touching] | None = None
+
+    def begin_step(self, x: Array) -> None:
+        """Begin a step at positions of the nodes, whose facets were searched there."""
+        self._before = x.copy(), self._facet.copy(), self._start.copy()
+        self._evaluated = None
 
     def search(self, x: Array, keep: float | None = None) -> None:
         """Choose the facet of each point.
@@ -192,22 +215,89 @@ class SurfacePass:
 
     def touching(self, x: Array) -> Touching:
         """Return the points that touch their facets."""
-        if self._evaluated and self._evaluated[1] == self.law.version:
+        version = self.law.version, self.mean_weight is not None
+        if self._evaluated and self._evaluated[1] == version:
             if np.array_equal(x, self._evaluated[0]):
                 return self._evaluated[2]
-        # Both surfaces move towards each other by at most this.
-        moved = 2 * _SPREAD * float(np.linalg.norm(x - self._searched, axis=1).max(initial=0.0))
-        zero = _ZERO_GAP * self.size
-        close = (self._gap <= moved + zero) | (self.law.multipliers[self._rows] > 0)
+        zero, reach = _ZERO_GAP * self.size, self._moved(x)
+        if self.mean_weight is not None:
+            reach = max(reach, self._moved(self._before[0]))
+        close = (self._gap <= reach + zero) | (self.law.multipliers[self._rows] > 0)
         some = np.flatnonzero(close & (self._facet >= 0))
-        gaps = self._measure(x, some)
-        pressure = np.maximum(self.law.trial(self._rows[some], gaps.gap), 0.0)
-        which = (pressure > 0) | (gaps.gap <= zero)
+        gaps, rows = self._measure(x, some), self._rows[some]
+        stiffness = np.broadcast_to(self.law.stiffness, self.law.weights.shape)[rows]
+        trial = np.maximum(self.law.trial(rows, gaps.gap), 0.0)
+        law = MeanPressure(trial**2 / (2 * stiffness), trial, stiffness)
+        if self.mean_weight is not None and not self.law.augmented:
+            # Points far outside of their facets have infinite gaps.
+            ends = self._at_start(some)[0].gap, gaps.gap
+            law = mean_pressure(stiffness, *(np.minimum(gap, self._reach) for gap in ends))
+            which = law.pressure > 0
+        else:
+            which = (trial > 0) | (gaps.gap <= zero)
         chosen = Gaps(*(values[which] for values in gaps))
         some = some[which]
-        found = Touching(some, self._rows[some], self._facet[some], chosen, pressure[which])
-        self._evaluated = x, self.law.version, found
+        found = Touching(
+            some,
+            self._rows[some],
+            self._facet[some],
+            chosen,
+            law.pressure[which],
+            law.stiffness[which],
+            law.energy[which],
+        )
+        self._evaluated = x, version, found
         return found
+
+    def turn(self, x: Array) -> Array:
+        r"""Return what the mean derivatives of the gaps add to `gradient` [N], (m, 3).
+
+        With a point's derivatives at the step's start and end, and the displacements y of its nodes
+        less their mean (Gonzalez 1996; without the mean the forces had a sum),
+
+        .. math:: \bar g' = \tfrac12 (g'_0 + g'_1)
+            + \frac{g_1 - g_0 - \frac12 (g'_0 + g'_1) \cdot y}{|y|^2}\, y .
+        """
+        at, found = self.touching(x), np.zeros_like(x)
+        before, facet = self._at_start(at.point)
+        basis, own = self._basis(at), self.own.nodes[at.point // len(self.own.basis)]
+        k, others = own.shape[1], self.other.nodes
+        nodes = np.concatenate([own, others[at.facet], others[facet]], axis=1)
+        old, new = gap_derivative(before, basis), gap_derivative(at.gaps, basis)
+        has = self._before[1][at.point] >= 0
+        old = np.where(has[:, None, None], old, new)
+        none = np.zeros_like(new[:, k:])
+        new = np.concatenate([new, none], axis=1)
+        mean = (np.concatenate([old[:, :k], none, old[:, k:]], axis=1) + new) / 2
+        moved = (x - self._before[0])[nodes]
+        start, end = (np.minimum(gap, self._reach) for gap in (before.gap, at.gaps.gap))
+        lacking = end - start - np.einsum("nki,nki->n", mean, moved)
+        moved -= moved.mean(axis=1, keepdims=True)
+        square = np.einsum("nki,nki->n", moved, moved)
+        moves = square > (_AT_REST * self.size) ** 2
+        factor = np.where(moves, lacking, 0.0) / np.where(moves, square, 1.0)
+        forces = mean + factor[:, None, None] * moved - new
+        forces *= (-self.law.weights[at.row] * at.pressure)[:, None, None]
+        np.add.at(found, nodes, forces)
+        return found
+
+    def _moved(self, x: Array) -> float:
+        """Return by how much gaps may have changed since the search, as both surfaces move [m]."""
+        moved = np.linalg.norm(x - self._searched, axis=1).max(initial=0.0)
+        return 2 * _SPREAD * float(moved)
+
+    def _at_start(self, which: Array) -> tuple[Gaps, Array]:
+        """Return the gaps of points at the step's start, and their facets there.
+
+        A point without a facet has the present one, and is open.
+        """
+        x, facets, starts = self._before
+        has = facets[which] >= 0
+        facet = np.where(has, facets[which], self._facet[which])
+        start = np.where(has[:, None], starts[which], self._start[which])
+        gaps = measure_gaps(self.surface.shape, self.other, x, self.points(x)[which], facet, start)
+        gap = np.where(has, gaps.gap, np.maximum(gaps.gap, _OPEN * self.size))
+        return gaps._replace(gap=gap), facet
 
     def deepest(self, x: Array) -> DeepestPoint:
         """Return the deepest point of the own surface in the other one."""
@@ -246,7 +336,8 @@ class SurfacePass:
         mine = self.surface.is_own[self._nodes(at)].any(axis=1)
         gaps = Gaps(*(values[mine] for values in at.gaps))
         rows = at.row[mine]
-        at = Touching(at.point[mine], rows, at.facet[mine], gaps, at.pressure[mine])
+        parts = at.pressure[mine], at.stiffness[mine], at.energy[mine]
+        at = Touching(at.point[mine], rows, at.facet[mine], gaps, *parts)
         basis, nodes = self._basis(at), self._nodes(at)
         dg = gap_derivative(gaps, basis).reshape(len(rows), 3 * nodes.shape[1])
         Q, C = gap_second_derivative(gaps, basis)
@@ -254,9 +345,10 @@ class SurfacePass:
         Q, R = np.linalg.qr(Q)
         curved = R @ (-at.pressure[:, None, None] * C) @ np.swapaxes(R, 1, 2)
         curved, filtered = filter_matrices(curved, filter)
-        found = self.law.stiffness[rows, None, None] * dg[:, :, None] * dg[:, None]
+        found = at.stiffness[:, None, None] * dg[:, :, None] * dg[:, None]
         found += Q @ curved @ np.swapaxes(Q, 1, 2)
-        found *= self.law.weights[rows, None, None]
+        weight = 1.0 if self.mean_weight is None else self.mean_weight
+        found *= weight * self.law.weights[rows, None, None]
         _, first, which = np.unique(self._key(at), return_index=True, return_inverse=True)
         order = np.argsort(which.ravel(), kind="stable")
         starts = np.searchsorted(which.ravel()[order], np.arange(len(first)))
@@ -306,6 +398,11 @@ class SurfacePair:
     """Contact of two surfaces in two passes, each with half of the stiffness.
 
     All ranks have the same, and positions of the nodes ``x`` are (m, 3) [m].
+
+    In time, Newmark's method has contact as the mean over a step: with `mean_pressure` at the gaps
+    of the step's start and end, each to the facet that is the closest one then, and with their mean
+    derivatives (`SurfacePass.turn`) the forces do the work that the energy of contact loses. The
+    part of the derivatives that is not that of the end is lagged.
 
     Parameters
     ----------
@@ -366,13 +463,27 @@ class SurfacePair:
 
     def energy(self, x: Array) -> float:
         """Return the energy [J]."""
-        rows, _, pressure = self._touching(x)
-        return self.law.energy(rows, pressure)
+        weight = self.passes[0].mean_weight
+        if weight is None or self.law.augmented:
+            rows, _, pressure = self._touching(x)
+            energy = self.law.energy(rows, pressure)
+        else:
+            found = [one.touching(x) for one in self.passes]
+            energy = float(sum((self.law.weights[at.row] * at.energy).sum() for at in found))
+        if weight is None:
+            return energy
+        return weight * (energy + float((self._turn * (x - self._before)).sum()))
 
     def gradient(self, x: Array) -> Array:
         """Return the energy's derivative by the nodes [N], (m, 3)."""
         first, second = self.passes
-        return first.gradient(x) + second.gradient(x)
+        found, weight = first.gradient(x) + second.gradient(x), first.mean_weight
+        return found if weight is None else weight * (found + self._turn)
+
+    def weight_mean_forces(self, weight: float | None) -> None:
+        """Set the weight of a step's mean forces: see `MeanForceTerm`."""
+        for one in self.passes:
+            one.mean_weight = weight
 
     @property
     def first(self) -> Array:
@@ -414,10 +525,12 @@ class SurfacePair:
             "stiffness": self.stiffness,
         }
 
-    def begin_step(self) -> None:
-        """Reset the multipliers to those of the last step."""
-        self.law.begin_step()
-        self._searches = 0
+    def begin_step(self, x: Array) -> None:
+        """Reset the multipliers to those of the last step, which ends at positions ``x``."""
+        self._searches, self._before = 0, x.copy()
+        self._turn = np.zeros_like(x)
+        for one in self.passes:
+            one.begin_step(x)
 
     def settle(self, x: Array) -> LaggedChange:
         """Search again and update the multipliers; return the largest change."""
@@ -425,6 +538,8 @@ class SurfacePair:
         self._searches += 1
         for one in self.passes:
             one.search(x, keep)
+        if self.passes[0].mean_weight is not None:
+            self._turn = self.passes[0].turn(x) + self.passes[1].turn(x)
         after = self.gradient(x)
         largest = max(np.abs(before).max(initial=0.0), np.abs(after).max(initial=0.0))
         change = float(np.abs(after - before).max(initial=0.0))

@@ -137,7 +137,8 @@ class Integrator(Protocol):
     shift : float
         How much later than a step's end its acceleration is, as a part of the step.
     has_mean_forces : bool
-        Whether contact with obstacles enters the balance of a step by its mean over the step.
+        Whether contact with obstacles and between bodies enters the balance of a step by its mean
+        over the step.
     """
 
     name: str
