@@ -17,7 +17,7 @@ from benchmarks import plates
 from fem_snh import scenes
 from fem_snh.assembly import couplings
 from fem_snh.errors import BadInput
-from fem_snh.runs import checkpoint
+from fem_snh.runs import checkpoint_file
 
 #: Two blocks, the upper one wider: it bulges over the lower one.
 BLOCKS: dict[str, Any] = {
@@ -93,8 +93,8 @@ def test_rows_and_resume(folder: Path) -> None:
         np.testing.assert_allclose(other["energy"], row["energy"], rtol=1e-13)
     header = (folder / "whole/steps.csv").read_text().splitlines()[0].split(",")
     assert {"upper_bottom/lower_top.force.z", "solves"} <= {*header}
-    _, a = checkpoint.load(folder / "whole")
-    _, b = checkpoint.load(folder / "cut")
+    _, a = checkpoint_file.load(folder / "whole")
+    _, b = checkpoint_file.load(folder / "cut")
     np.testing.assert_array_equal(a["u"], b["u"])
 
 

@@ -20,7 +20,7 @@ from time_scenes import SWING, in_time
 from fem_snh import run_record
 from fem_snh.cli import main
 from fem_snh.errors import BadInput
-from fem_snh.runs import checkpoint
+from fem_snh.runs import checkpoint_file
 from fem_snh.studies.batch import Batch
 from fem_snh.studies.sweep import sweep
 
@@ -51,7 +51,7 @@ def edited(run: Path, folder: Path, change: Callable[[dict, dict], object]) -> P
     out = folder / "out"
     if ALL.rank == 0:
         shutil.copytree(run, out)
-        about, arrays = checkpoint.load(out)
+        about, arrays = checkpoint_file.load(out)
         change(about, arrays)
         text = json.dumps(about).encode()
         np.savez(out / "checkpoint.npz", about=np.frombuffer(text, np.uint8), **arrays)

@@ -21,7 +21,7 @@ from fem_snh.geometry.motions.motion_rows import read_rows
 from fem_snh.geometry.shapes import ClosedSurface
 from fem_snh.mesh import mesh
 from fem_snh.references import load_reference
-from fem_snh.runs import checkpoint
+from fem_snh.runs import checkpoint_file
 from fem_snh.runs.scene_identity import _digest
 from fem_snh.scenes import load
 from fem_snh.studies.processes import environment, program
@@ -226,7 +226,7 @@ def test_records_of_a_run_that_are_no_files(tmp_path: Path) -> None:
     with pytest.raises(BadInput, match="it is a FIFO, expected a regular file"):
         read_record(tmp_path)
     with pytest.raises(BadInput, match="it is a FIFO, expected a regular file"):
-        checkpoint.load(tmp_path)
+        checkpoint_file.load(tmp_path)
 
 
 @pytest.mark.parametrize("module", ["numpy", "json", "fem_snh"])

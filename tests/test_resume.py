@@ -13,7 +13,7 @@ from interrupted_runs import ALL, ALONE, STRETCH, CutOff, cut, record, solve
 from test_cavity import SYMMETRIC, shell
 from time_scenes import SWING, TURN, in_time
 
-from fem_snh.runs import checkpoint
+from fem_snh.runs import checkpoint_file
 from fem_snh.runs.output import nodal_values
 from fem_snh.runs.output.fields import Fields
 
@@ -22,7 +22,7 @@ mpi = pytest.mark.mpi
 
 def difference(one, other):
     """The largest difference of any unknown between two checkpoints."""
-    (_, a), (_, b) = checkpoint.load(one), checkpoint.load(other)
+    (_, a), (_, b) = checkpoint_file.load(one), checkpoint_file.load(other)
     gaps = []
     for name in ("u", "p"):
         if name in a:

@@ -13,7 +13,7 @@ import numpy as np
 
 from benchmarks import Row, search_path
 from benchmarks.faults.intervention import CONVERGED_STEPS
-from fem_snh.runs import checkpoint
+from fem_snh.runs import checkpoint_file
 from fem_snh.runs.output import nodal_values
 from fem_snh.studies.processes import Child, program
 from fem_snh.studies.table import measured_columns, read_record
@@ -156,7 +156,7 @@ _folders: list[tempfile.TemporaryDirectory[str]] = []
 
 def difference(one: Path, other: Path) -> float:
     """Return max ``|u - u'|`` over the extent of the body, at the last steps of two runs."""
-    (_, a), (_, b) = checkpoint.load(one), checkpoint.load(other)
+    (_, a), (_, b) = checkpoint_file.load(one), checkpoint_file.load(other)
     order = nodal_values.match_nodes(a["u_nodes"], b["u_nodes"])
     extent = float(np.ptp(a["u_nodes"], axis=0).max())
     return float(np.abs(a["u"] - b["u"][order]).max()) / extent

@@ -18,7 +18,6 @@ from fem_snh.interrupts import Interrupts
 from fem_snh.linalg import multigrid
 from fem_snh.notes import Note
 from fem_snh.problem.supports import SupportsCheck
-from fem_snh.runs.checkpoint import Checkpoint
 from fem_snh.runs.defaults import describe_condensation
 from fem_snh.runs.folder import Folder, describe
 from fem_snh.runs.notes import final_notes
@@ -33,6 +32,7 @@ if TYPE_CHECKING:
     from fem_snh.accuracy.goals import Goal
     from fem_snh.problem.modes import LowestModes
     from fem_snh.runs.levels import Level
+    from fem_snh.runs.resume import Checkpoint
 
 #: Seconds for which the other ranks continue after an interruption, so that rank 0 can write
 #: run.json. It is longer than the second after which mpirun kills all ranks.
@@ -113,8 +113,11 @@ def run(
     if out is None:
         return solve(scene)
     with Folder(comm, out, scene.files.values(), overwrite, resume) as folder:
-        stored = {"stored": Checkpoint.read(folder, scene)} if resume else {}
-        result = solve(scene, folder=folder, **stored)
+        if resume:
+            from fem_snh.runs.resume import Checkpoint
+
+            solve = partial(solve, stored=Checkpoint.read(folder, scene))
+        result = solve(scene, folder=folder)
     comm.barrier()  # the files are complete before any rank returns
     return result
 
@@ -142,11 +145,10 @@ def _run(
             level.begin(setup)
         about = describe(scene, setup.problem, setup.snes, setup.stepper.motion)
         describe_condensation(about, setup.problem.element, setup.condensation)
-        notes = [Note("folder", folder.note)] if folder and folder.note else []
         supports = SupportsCheck(setup.problem)
         supports.check()
-        notes += [*([setup.note] if setup.note else []), *supports.notes]
-        if notes:
+        unlocked = Note("folder", folder.note) if folder and folder.note else None
+        if notes := [*filter(None, (unlocked, setup.note)), *supports.notes]:
             about["notes"] = [*about.get("notes", ()), *(note.record() for note in notes)]
         about |= note or {}
         printed.start(about)
@@ -163,8 +165,7 @@ def _run(
             if stored.finished and not missing:
                 setup.destroy()
                 return setup.result(True, "converged", stored.record, folder.path)
-        former = stored.record if stored else None
-        recorder = Recorder(about, scene, setup, folder, start, former, goals)
+        recorder = Recorder(about, scene, setup, folder, start, stored and stored.record, goals)
         if folder and (scene.obstacle or scene.bone or scene.rigid):
             from fem_snh.runs.surface_copies import copy_surfaces
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from fem_snh.errors import BadInput, on_root
 from fem_snh.notes import NOTES_ON_PATH, Note
-from fem_snh.runs.checkpoint import Writer
+from fem_snh.runs.checkpoint import CheckpointWriter
 from fem_snh.runs.folder import Folder
 from fem_snh.runs.output.fields import Fields, write_modes
 from fem_snh.scenes import Scene
@@ -60,7 +60,7 @@ class Recorder:
         self.record, self._folder, self._start = record, folder, start
         self._stepper, self._problem = setup.stepper, setup.problem
         self._seconds, self._processor = setup.seconds, setup.processor
-        self._checkpoint = Writer(folder, scene, setup.stepper) if folder else None
+        self._checkpoint = CheckpointWriter(folder, scene, setup.stepper) if folder else None
         self._earlier = earlier or {}
         self._fields: Fields | None = None
         if earlier is not None:
