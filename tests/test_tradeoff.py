@@ -179,6 +179,21 @@ def study(own: Path, lines: list[str], **more: Any) -> pd.DataFrame:
     return tradeoff(own / "box.toml", own / "out", meshes=meshes, report=lines.append, **asked)
 
 
+def test_a_study_without_a_reference_says_so_first(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It said so after all points, and named a picture that it had not drawn."""
+    words = "tradeoff twist --cells 1,2 --elements Q1,Q2Q1 --vary none --steps 1 --set angle=0.2"
+    assert main([*words.split(), "--out", str(tmp_path / "o")]) == 1
+    lines = capsys.readouterr().out.splitlines()
+    first, point = (
+        next(i for i, s in enumerate(lines) if s.startswith(t)) for t in ("no ref", "[")
+    )
+    assert first < point and "on three meshes" in lines[first]
+    assert lines[-2] == "twist, nu = 0.49: no reference that is accurate enough, no recommendation"
+    assert lines[-1].endswith("o: tradeoff.csv, advice.csv, advice.md")
+
+
 def test_a_study_of_ones_own_scene(own: Path, capsys: pytest.CaptureFixture[str]) -> None:
     lines: list[str] = []
     table = study(own, lines, elements=["Q2Q1"], vary=["tolerance"])

@@ -34,7 +34,7 @@ def test_without_three_meshes_there_is_no_error() -> None:
     found = errors.assess(table, OF, lambda line: None)
     assert found["error_displacement"].isna().all()
     assert list(advice.sentences(found)) == [
-        "hand, nu = 0.3: the reference is not accurate enough, no recommendation"
+        "hand, nu = 0.3: no reference that is accurate enough, no recommendation"
     ]
     assert advice.advice(found).empty
 

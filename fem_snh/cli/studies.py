@@ -146,7 +146,9 @@ def tradeoff(argv: list[str]) -> int:
         return code
     for sentence in advice.sentences(table):
         print(sentence)
-    print(f"{args.out}: tradeoff.csv, tradeoff.png, advice.csv, advice.md")
+    names = ("tradeoff.csv", "tradeoff.png", "advice.csv", "advice.md")
+    written = [name for name in names if (args.out / name).exists()]  # no picture without an error
+    print(f"{args.out}: {', '.join(written)}")
     return 0 if len(advice.advice(table)) else 1
 
 

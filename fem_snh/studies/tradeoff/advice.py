@@ -73,7 +73,7 @@ def sentences(table: pd.DataFrame, accuracies: Sequence[float] = ACCURACIES) -> 
         mine = rows[rows["nu"] == nu]
         head = f"{table['scene'].iloc[0]}, nu = {nu:g}"
         if mine.empty:
-            yield f"{head}: the reference is not accurate enough, no recommendation"
+            yield f"{head}: no reference that is accurate enough, no recommendation"
             continue
         fastest = mine.loc[mine["cpu"].idxmin()].to_dict()
         for accuracy in accuracies:

@@ -27,6 +27,8 @@ MARGIN = 10.0
 #: Elements that do not lock and converge fast enough to be extrapolated.
 LOCKING_FREE = tuple(e.name for e in ELEMENTS.values() if e.degree > 1 and e.volume != "pointwise")
 CANDIDATES = " or ".join((", ".join(LOCKING_FREE[:-1]), LOCKING_FREE[-1]))
+#: Meshes from which a value is extrapolated.
+MESHES = 3
 
 
 @dataclass(frozen=True)
@@ -111,7 +113,7 @@ def estimate(
     the finest mesh to the limit. With three meshes it is that step; without an observed order, the
     larger of the last two differences.
     """
-    if len(values) < 3:
+    if len(values) < MESHES:
         return None
     kept = mesh_sequence(h)
     h, values = [h[i] for i in kept], [values[i] for i in kept]

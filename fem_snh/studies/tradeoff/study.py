@@ -29,6 +29,7 @@ from fem_snh.studies.table import MEASURED, REQUESTED
 from fem_snh.studies.tradeoff import advice, errors
 from fem_snh.studies.tradeoff.grid import Plan, resolutions
 from fem_snh.studies.tradeoff.knobs import AUTOMATIC, KNOBS, SOLVERS
+from fem_snh.studies.tradeoff.reference import CANDIDATES, LOCKING_FREE, MESHES
 
 _FEATURES = ("mesh", "solver", "forcing", "tolerance", "default")
 _COST = ("cpu", "peak_memory_mb", "h", "linear_solver")
@@ -124,6 +125,12 @@ def tradeoff(
         batch.register(
             {name: point for points in studied.values() for name, point in points.items()}
         )
+        found = [plan.resolutions.get(element, []) for element in LOCKING_FREE]
+        if max(map(len, found)) < MESHES:
+            batch.report(
+                "no reference from these points alone, thus no errors: needs "
+                f"{CANDIDATES} on three meshes"
+            )
         complete = []
         for nu, points in studied.items():
             complete.append(batch.run(points, _measured))
