@@ -179,8 +179,7 @@ def test_effectivity_on_a_twisted_bar():
 def test_the_error_of_a_locked_element_agrees_with_its_note():
     """A force-driven body that is `stiffness` times too stiff has that displacement too little."""
     result = solve("cook", kinematics="layer", element="Q1", cells=4, error=True)
-    (note,) = result.notes
-    assert note["kind"] == "locking"
+    (note,) = (note for note in result.notes if note["kind"] == "locking")
     corner = result.goals["corner.y"]
     # Q1P0, with which the note compares, has 73 % of the displacement of Q2Q1 on this mesh.
     assert corner["corrected"] / corner["value"] > note["stiffness"] > 2
