@@ -503,7 +503,7 @@ class CountedForces(NamedTuple):
     weights : (nodes, components, components) array
         Symmetric matrices, by which forces on the nodes that this rank owns are multiplied.
     shared : int
-        At how many of this rank's nodes others have set what the group's conditions constrain too.
+        At how many of this rank's nodes others have set all that the group's conditions constrain.
     others : set of str
         Their groups, by name or number.
     """
@@ -549,6 +549,7 @@ def counted_forces(V: Any, mesh: Mesh, key: str | int, dirichlet: Dirichlet) -> 
             takers.append((condition.label, nodes))
     if len(in_rigid[0]):
         takers.append(("rigid parts", in_rigid[0]))
+    shared &= ~weights.any(axis=(1, 2))
     others = {name.partition(":")[2] or name for name, nodes in takers if shared[nodes].any()}
     return CountedForces(weights, int(shared.sum()), frozenset(others))
 
