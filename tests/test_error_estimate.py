@@ -480,6 +480,22 @@ def test_the_penalty_of_a_homogeneous_state():
     assert abs(exact - goal["corrected"]) < 0.1 * abs(exact - goal["value"])
 
 
+@pytest.mark.parametrize(("scene", "keys"), [("press", {"to": 0.7}), ("hertz", {})])
+def test_penalties_that_yield_much_are_made_stiffer_until_little_is_left(scene, keys):
+    """With a first-order estimate alone 0.25 and 0.9 of this part of the force would be found."""
+
+    def force(stiffness):
+        built_in = scenes.load(scene, cells=2, **keys)
+        obstacles = [o.model_copy(update={"stiffness": stiffness}) for o in built_in.obstacle]
+        result = solve(built_in.model_copy(update={"obstacle": obstacles, "error": True}))
+        goal = result.estimate.goals[f"{obstacles[0].name}.force.z"]
+        return goal.value, goal.value + goal.parts["penalty"]
+
+    (soft, of_soft), (_, of_stiff) = force(1e4), force(None)
+    assert abs(soft) < 0.8 * abs(of_stiff)
+    assert of_soft == pytest.approx(of_stiff, rel=5e-3)
+
+
 def test_an_incompressible_fluid_is_a_penalty():
     """Its default stiffness stands for an infinite one; a given stiffness is the fluid's own."""
     scene = shell(SYMMETRIC)

@@ -35,6 +35,24 @@ def test_corrected_force_does_not_depend_on_the_mesh_nor_on_its_penalty():
     assert fine.corrected == pytest.approx(coarse.corrected, rel=0.01)
 
 
+@pytest.mark.parametrize(("method", "limit"), [("penalty", 0.01), ("augmented_lagrangian", 0.4)])
+def test_sticking_is_a_penalty_too(method, limit):
+    """A soft one, beside the exact pressure of multipliers too, has the force of a stiff one."""
+
+    def force(stiffness):
+        built_in = scenes.load("press", cells=2, to=0.8, steps=2, element="Q2", error=True)
+        keys = {"stiffness": stiffness, "friction": 0.3, "method": method}
+        obstacles = [obstacle.model_copy(update=keys) for obstacle in built_in.obstacle]
+        goal = solve(built_in.model_copy(update={"obstacle": obstacles})).estimate.goals[
+            "plate.force.z"
+        ]
+        return goal.value, goal.value + goal.parts["penalty"]
+
+    (soft, of_soft), (_, of_stiff) = force(2e5), force(1e7)
+    assert abs(soft) < 0.98 * abs(of_stiff)
+    assert of_soft == pytest.approx(of_stiff, abs=limit * abs(of_stiff - soft))
+
+
 def turned_foot(steps, **keys):
     """Return a ball that is pressed into a cube, then turned about an axis beside it."""
     foot = {
@@ -77,7 +95,8 @@ def force_of_foot(steps):
 def test_the_error_of_the_load_steps(petsc):
     """Friction follows a turn by chords: a quarter of the force with four steps of it.
 
-    With few Newton iterations 8 steps are 10, and 4 are 6.
+    With few Newton iterations 8 steps are 10, and 4 are 6; with stiffer penalties no path is found,
+    and a line says so.
     """
     result = solve(turned_foot(8, error=True, petsc=petsc))
     force = np.array(result.steps[-1]["obstacles"]["foot"]["force"])
@@ -88,6 +107,8 @@ def test_the_error_of_the_load_steps(petsc):
         part = goals[f"foot.force.{axis}"].parts["load steps"]
         assert abs(true - value) > 0.1 * np.linalg.norm(exact[:2])
         assert 0.6 < part / (true - value) < 1.4
+    lines = [line for line in result.estimate.left_out if "the error of penalties is not" in line]
+    assert len(lines) == bool(petsc)
 
 
 def test_numbers_of_steps_that_are_too_similar():

@@ -5,7 +5,8 @@ The state is followed to stiffer penalties, or by one more Newton iteration; the
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 from petsc4py import PETSc
@@ -18,22 +19,35 @@ from fem_snh.accuracy.goals import Goal
 from fem_snh.accuracy.lift import NoEstimate
 from fem_snh.problem.problem import Problem
 
+Array = npt.NDArray[Any]
+
 #: Prefixes of the solvers' options: those of the run are for its load steps.
 PREFIX, _ALGEBRA_PREFIX = f"{solver.PREFIX}penalty_", f"{solver.PREFIX}algebra_"
 #: Factor of the stiffness. The error is c/k: from k to 4 k it loses three quarters, which is more
 #: than what Newton's method leaves, and the state is near enough for a few iterations.
 STIFFER = 4.0
+#: A first change that is larger than this part of the goal is followed by that of still stiffer
+#: penalties, whose ratio shows how the error decreases: not as c/k where they yield much, or where
+#: pairs of surfaces change. They are made stiffer until this part of the goal is left, or so many
+#: times.
+_SMALL, _LEFT, _MOST_STIFFER = 0.01, 0.02, 8
+#: Largest ratio of two changes that is believed.
+_SLOWEST = 0.8
 #: An iteration that does not reduce the residual to this part is followed by another one, of which
 #: there are so many at most.
 _REDUCED, _MOST_NEWTON = 0.999, 3
 
 
 def penalty_errors(
-    problem: Problem, goals: Sequence[Goal], values: npt.ArrayLike, outcome: solver.StepOutcome
-) -> npt.NDArray[np.float64] | None:
+    problem: Problem,
+    goals: Sequence[Goal],
+    values: Array,
+    scales: Array,
+    outcome: solver.StepOutcome,
+) -> Array | None:
     """Return what goals would change by without penalties; None if there are none. Collective.
 
-    To first order in the inverse stiffness. The problem and its state are unchanged.
+    The problem and its state are unchanged.
 
     Parameters
     ----------
@@ -41,39 +55,83 @@ def penalty_errors(
         The problem at its solution.
     goals : sequence of Goal
         The goals.
-    values : sequence of float
-        Their values.
+    values, scales : (goals,) array
+        Their values, and what their errors are relative to.
     outcome : StepOutcome
         Counts the iterations.
 
     Raises
     ------
     NoEstimate
-        If no equilibrium with the larger stiffness is found.
+        If no equilibrium with a larger stiffness is found, or the goals do not settle.
     """
-    if not problem.scale_penalties(STIFFER):
+    if not problem.scale_penalties(1.0):
         return None
+    present = 1.0
+
+    def stiffened(factor: float) -> Array:
+        nonlocal present
+        problem.scale_penalties(factor / present)
+        present = factor
+        found = _goals_after(problem, snes, goals, outcome)
+        if found is None:
+            raise NoEstimate(
+                f"no equilibrium was found with {factor:g} times the stiffness of the "
+                f"penalties ({outcome.reason} after {outcome.newton} Newton iterations)"
+            )
+        return found
+
     snes = solver.create(problem, prefix=PREFIX)
-    try:
-        stiff = _goals_after(problem, snes, goals, outcome)
-    finally:
-        problem.scale_penalties(1 / STIFFER)
-    if stiff is None:
-        raise NoEstimate(
-            f"no equilibrium was found with {STIFFER:g} times the stiffness of the "
-            f"penalties ({outcome.reason} after {outcome.newton} Newton iterations)"
-        )
-    return penalty_part(np.asarray(values), stiff)
+    with _restored(problem, snes):
+        try:
+            return without_penalties(values, scales, stiffened)
+        finally:
+            problem.scale_penalties(1 / present)
 
 
-def penalty_part(values: npt.NDArray[Any], stiff: npt.NDArray[Any]) -> npt.NDArray[Any]:
+def without_penalties(
+    values: Array, scales: Array, stiffened: Callable[[float], Array], verify: bool = True
+) -> Array:
+    """Return what goals would change by without penalties.
+
+    To first order in the inverse stiffness, from one at which that is small.
+
+    Parameters
+    ----------
+    values, scales : (goals,) array
+        The goals, and what their errors are relative to.
+    stiffened : callable
+        Returns the goals with penalties so many times stiffer than the run's.
+    verify : bool
+        Whether a first change that is not small is followed by another one, even if little is left.
+
+    Raises
+    ------
+    NoEstimate
+        If the goals do not settle.
+    """
+    last, factor, change = values, 1.0, np.zeros_like(values)
+    for repeated in range(_MOST_STIFFER):
+        factor *= STIFFER
+        before, earlier, last = last, change, stiffened(factor)
+        change = last - before
+        ratio = np.full_like(values, 1 / STIFFER)
+        np.divide(change, earlier, out=ratio, where=earlier != 0)
+        ratio = np.clip(ratio, 1 / STIFFER, _SLOWEST)
+        left = change * ratio / (1 - ratio)
+        sizes = np.maximum(scales, np.abs(last))
+        first = verify and not repeated and (np.abs(change) > _SMALL * sizes).any()
+        if not first and (np.abs(left) <= _LEFT * sizes).all():
+            return np.asarray(last - values + left)
+    raise NoEstimate(f"goals still change with penalties that are {factor:,.0f} times stiffer")
+
+
+def penalty_part(values: Array, stiff: Array) -> Array:
     """Return what goals would change by without penalties, from those with `STIFFER` ones."""
     return (stiff - values) * STIFFER / (STIFFER - 1)
 
 
-def algebra_errors(
-    problem: Problem, goals: Sequence[Goal], values: npt.ArrayLike
-) -> npt.NDArray[np.float64] | None:
+def algebra_errors(problem: Problem, goals: Sequence[Goal], values: Array) -> Array | None:
     """Return what another Newton iteration changes of goals. Collective.
 
     It is None where no iteration reduces the residual. The problem and its state are unchanged.
@@ -81,21 +139,28 @@ def algebra_errors(
     """
     snes = solver.create(problem, prefix=_ALGEBRA_PREFIX, examine_stability=False)
     snes.setTolerances(rtol=_REDUCED, atol=0, stol=0, max_it=_MOST_NEWTON)
-    further = _goals_after(problem, snes, goals, solver.StepOutcome())
-    return None if further is None else further - np.asarray(values)
+    with _restored(problem, snes):
+        further = _goals_after(problem, snes, goals, solver.StepOutcome())
+    return None if further is None else further - values
 
 
 def _goals_after(
     problem: Problem, snes: PETSc.SNES, goals: Sequence[Goal], outcome: solver.StepOutcome
-) -> npt.NDArray[np.float64] | None:
-    """Return the goals of a further solve, None if it fails; destroy the solver. Collective."""
+) -> Array | None:
+    """Return the goals of a further solve; None if it fails. Collective."""
+    solver.solve_until_settled(problem, snes, outcome)
+    if not outcome.converged:
+        return None
+    problem.split(problem.x)
+    return np.array([value for goal in goals for value in goal.bind(problem)()])
+
+
+@contextmanager
+def _restored(problem: Problem, snes: PETSc.SNES) -> Iterator[None]:
+    """Restore the state of a problem at the end of the context, and destroy a solver."""
     start = problem.x.copy()
     try:
-        solver.solve_until_settled(problem, snes, outcome)
-        if not outcome.converged:
-            return None
-        problem.split(problem.x)
-        return np.array([value for goal in goals for value in goal.bind(problem)()])
+        yield
     finally:
         solver.destroy(snes)
         start.copy(problem.x)

@@ -46,6 +46,7 @@ from fem_snh.accuracy.lift import (
 from fem_snh.accuracy.pressure_oscillation import may_lock
 from fem_snh.accuracy.saturation import cell_squares, saturation
 from fem_snh.accuracy.shape_surfaces import ShapeSurfaces, check_shapes, is_on_flesh
+from fem_snh.assembly.couplings import CouplingTerm
 from fem_snh.assembly.elements import Element
 from fem_snh.mesh.mesh import Mesh
 from fem_snh.mesh.round_faces import round_faces
@@ -76,6 +77,9 @@ _LEAST_PART = 0.01
 #: Moves of the nodes below the surfaces of shapes at most, each followed by a Newton iteration. A
 #: move leaves at most half of what is missing.
 _MOST_MOVES = 8
+#: Part of what penalties change that is unsettled where surfaces of the body touch each other: the
+#: pairs change, and stiffer penalties may find another state.
+_OF_PAIRS = 0.35
 #: Part of the largest error of a vector that remains uncertain of each component with such shapes.
 _OF_VECTOR = 0.05
 #: Errors below this part of the goal are not located, as their indicators are sums that cancel; nor
@@ -252,6 +256,8 @@ def _find_errors(
                 lift, make, static, found, asked, difference, errors, unsettled
             )
             mesh, unsettled = errors + rest, unsettled + further
+        if "penalty" in others and any(isinstance(term, CouplingTerm) for term in problem.terms):
+            unsettled = unsettled + _OF_PAIRS * np.abs(others["penalty"][: len(mesh)])
         _add(found, static, mesh, others, unsettled)
         modes = _add_frequencies(lift, frequencies, found, others) if frequencies else None
         if chosen := _located(found, choose, asked):
@@ -402,8 +408,10 @@ def _other_parts(
         values = values + algebra
         algebra[np.abs(algebra) <= _ROUNDING * scales] = 0.0
         parts["algebra"] = np.append(algebra, np.zeros(len(frequencies)))
+    goals = [*static, *frequencies]
     values = np.append(values, _values(found, frequencies)[0])
-    if (penalties := penalty_errors(problem, [*static, *frequencies], values, outcome)) is not None:
+    scales = _values(found, goals)[1]
+    if (penalties := penalty_errors(problem, goals, values, scales, outcome)) is not None:
         parts["penalty"] = penalties
     found.penalty_newton = outcome.newton
     return parts

@@ -120,6 +120,11 @@ class Friction:
         self.lag(at)
         self.slip[self.pressure == 0] = 0.0
 
+    def scale_stiffness(self, factor: float) -> None:
+        """Multiply the tangential stiffness; the stress of what sticks remains."""
+        self._stiffness = factor * self._stiffness
+        self.slip /= factor
+
     def set_load(self, load: float) -> None:
         """Set the load at the end of the step."""
         self._loads = self._loads[0], load

@@ -164,7 +164,7 @@ class ObstacleContact:
 
     def scale_penalties(self, factor: float) -> bool:
         """Multiply the stiffness of penalties; return whether there are any."""
-        return any([pair.law.scale_penalty(factor) for pair in self.pairs])
+        return any([pair.scale_penalties(factor) for pair in self.pairs])
 
     def energy(self, u: PETSc.Vec, p: PETSc.Vec | None = None) -> float:
         """Return the energy of contact and friction [J]. Collective."""

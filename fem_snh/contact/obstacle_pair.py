@@ -201,6 +201,15 @@ class ObstaclePair:
         if self.friction:
             self.friction.set_load(load)
 
+    def scale_penalties(self, factor: float) -> bool:
+        """Multiply the stiffness of penalties; return whether there are any.
+
+        That of sticking is one beside multipliers too.
+        """
+        if self.friction:
+            self.friction.scale_stiffness(factor)
+        return self.law.scale_penalty(factor) or self.friction is not None
+
     def begin_step(self, u: Array) -> None:
         """Begin a step at nodal displacements ``u`` (nodes, 3)."""
         self.law.begin_step()
