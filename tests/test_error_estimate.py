@@ -547,4 +547,4 @@ def test_a_barrier_in_whose_better_element_the_surface_intersects():
     result = solve(scene)
     assert result.converged and result.goals["top.force.z"]["error"] is None
     reason = result.record["estimate"]["reason"]
-    assert reason.startswith("the run's state is not admissible in P3P2: self_contact.method")
+    assert reason.startswith("the run's state is not admissible in P3: self_contact.method")
