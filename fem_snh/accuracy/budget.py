@@ -65,9 +65,9 @@ def penalty_errors(
     NoEstimate
         If no equilibrium with a larger stiffness is found, or the goals do not settle.
     """
-    if not problem.scale_penalties(1.0):
+    if not problem.scale_penalties(STIFFER):
         return None
-    present = 1.0
+    present = STIFFER
 
     def stiffened(factor: float) -> Array:
         nonlocal present
