@@ -241,11 +241,11 @@ def _errors(
     def stiffened(factor: float) -> npt.NDArray[Any]:
         return follow(on, stiffer=factor).values if factor != 1 else coarse.values
 
-    parts, stiffer = {_source(problem): steps_error}, 1.0
+    penalty, stiffer = None, 1.0
     if penalties and not motion:
         scales = np.array([found.goals[name].scale for name in names_of(goals)])
         try:
-            parts["penalty"] = without_penalties(coarse.values, scales, stiffened, verify=False)
+            penalty = without_penalties(coarse.values, scales, stiffened, verify=False)
             stiffer = STIFFER  # the mesh has another error without penalties: most of it with these
         except NoEstimate as error:
             found.left_out.append(f"the error of penalties is not known: {error}")
@@ -258,11 +258,13 @@ def _errors(
                 raise
             element, *others = others
             found.element = element.name
-    parts["mesh"] = lifted.values - stiffened(stiffer)
     if penalties and motion:
         by_stiffer = penalty_part(coarse.values, stiffened(STIFFER))
         by_softer = penalty_part(stiffened(1 / STIFFER), coarse.values) / STIFFER
-        parts["penalty"] = resolved_penalty(by_stiffer, by_softer)
+        penalty = resolved_penalty(by_stiffer, by_softer)
+    parts = {_source(problem): steps_error, "mesh": lifted.values - stiffened(stiffer)}
+    if penalty is not None:
+        parts["penalty"] = penalty
     return parts
 
 
