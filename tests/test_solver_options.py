@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from contextlib import nullcontext
 from pathlib import Path
 
 from petsc4py import PETSc
@@ -19,8 +20,11 @@ from solver_problems import (
 )
 
 from fem_snh import solver
+from fem_snh._petsc import set_operators
+from fem_snh.accuracy.hessian_solver import HessianSolver
 from fem_snh.errors import BadInput
 from fem_snh.mesh import mesh
+from fem_snh.solver.definiteness import is_definite
 from fem_snh.solver.options import OPTIONS
 
 mpi = pytest.mark.mpi
@@ -281,6 +285,34 @@ def test_exceptions_of_callbacks_pass_unchanged(comm, kind):
             snes.solve(None, p.x)
 
 
+#: Linear solves from outside the SNES.
+SOLVES = {
+    "predictor": lambda p, snes: solver.Predictor(p, snes, "tangent").tangent(),
+    "estimate": lambda p, snes: HessianSolver(p, snes.getKSP(), 1e-6)([p.x]),
+    "definiteness": lambda p, snes: is_definite(p, snes.getKSP()),
+    "any": lambda p, snes: snes.getKSP().solve(p.x, p.x.duplicate()),
+}
+
+
+@mpi
+@pytest.mark.parametrize("name", SOLVES)
+def test_exceptions_of_callbacks_pass_linear_solves_unchanged(comm, name):
+    """Ctrl-C in a predictor or in an estimate is no error of PETSc."""
+    p = twist(comm, cells=2)
+    p.x.set(1.0)
+    snes = solver.create(p)
+    set_operators(snes.getKSP(), p.A, p.A)
+    p.jacobian(p.x, "exact" if name == "definiteness" else "clamp")
+
+    def monitor(ksp, its, norm):
+        raise KeyboardInterrupt("enough")
+
+    snes.getKSP().setMonitor(monitor)
+    outer = solver.petsc_failures() if name == "any" else nullcontext()
+    with pytest.raises(KeyboardInterrupt, match="enough"), outer:
+        SOLVES[name](p, snes)
+
+
 def test_petsc_options_are_restored():
     assert not [k for k in PETSc.Options().getAll() if k.startswith(solver.PREFIX)]
 
@@ -299,6 +331,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 from solver_problems import twist
 from fem_snh import solver
+from fem_snh.accuracy.hessian_solver import HessianSolver
 from fem_snh.errors import BadInput
 gc.set_threshold(20)
 p = twist(MPI.COMM_SELF, cells=1)

@@ -10,6 +10,7 @@ from petsc4py import PETSc
 from fem_snh._petsc import set_operators
 from fem_snh.problem.problem import Problem
 from fem_snh.solver.block_gmres import solve_columns
+from fem_snh.solver.errors import callback_errors
 from fem_snh.solver.forcing import relative_tolerance
 from fem_snh.solver.saddle_point import outer_operator, preconditioner_of_columns
 
@@ -56,7 +57,7 @@ class HessianSolver:
     def __call__(self, rhs: Sequence[PETSc.Vec]) -> list[PETSc.Vec]:
         """Return z for each right-hand side; NaN if no solve converges."""
         while True:
-            with relative_tolerance(self._ksp, self._tolerance):
+            with callback_errors(), relative_tolerance(self._ksp, self._tolerance):
                 found = self._solutions(rhs)
             if found is not None:
                 return found

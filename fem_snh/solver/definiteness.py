@@ -25,6 +25,7 @@ import numpy as np
 from fem_snh._petsc import set_operators
 from fem_snh.linalg.ssor_cg import EisenstatCG
 from fem_snh.solver.block_triangular import BlockTriangular
+from fem_snh.solver.errors import callback_errors
 from fem_snh.solver.forcing import relative_tolerance
 from fem_snh.solver.protocol import SolvableProblem
 from fem_snh.solver.saddle_point import frozen_preconditioner, preconditioner_by_blocks
@@ -42,6 +43,7 @@ _MAX_IT = 300
 _LANCZOS, _INVERSE_RTOL, _NEGATIVE = 6, 1e-2, -0.01
 
 
+@callback_errors()
 def is_definite(problem: SolvableProblem, ksp: PETSc.KSP) -> bool | None:
     """Return whether the displacement's part of the assembled Hessian is definite. Collective.
 
@@ -77,6 +79,7 @@ def is_definite(problem: SolvableProblem, ksp: PETSc.KSP) -> bool | None:
     return True if reason == _Reason.CONVERGED_RTOL else None
 
 
+@callback_errors()
 def has_negative_curvature(problem: SolvableProblem, ksp: PETSc.KSP) -> bool:
     """Return whether an eigenvalue of S next to zero is negative. Collective.
 

@@ -36,11 +36,16 @@ def callback_errors() -> Iterator[None]:
         with without_collection():
             yield
     except PETSc.Error as error:
-        cause: BaseException = error
-        while isinstance(cause, PETSc.Error) and cause.__cause__ is not None:
-            cause = cause.__cause__
-        if isinstance(cause, PETSc.Error):
-            raise
+        _raise_callback_error(error)
+        raise
+
+
+def _raise_callback_error(error: PETSc.Error) -> None:
+    """Raise the exception of the Python callback that a PETSc.Error comes from, if there is one."""
+    cause: BaseException = error
+    while isinstance(cause, PETSc.Error) and cause.__cause__ is not None:
+        cause = cause.__cause__
+    if not isinstance(cause, PETSc.Error):
         raise cause from None
 
 
@@ -52,12 +57,16 @@ def cause_of(error: Exception) -> str:
 
 @contextmanager
 def petsc_failures() -> Iterator[None]:
-    """Raise PETSc's errors and exhausted memory as `Failed`, with a message of one line."""
+    """Raise PETSc's errors and exhausted memory as `Failed`, with a message of one line.
+
+    The exceptions of callbacks are raised as they are, as by `callback_errors`.
+    """
     try:
         yield
     except MemoryError as error:
         raise Failed(f"out of memory ({str(error) or 'an array'})") from error
     except PETSc.Error as error:
+        _raise_callback_error(error)
         if error.ierr == OUT_OF_MEMORY:
             raise Failed("out of memory (PETSc)") from error
         raise Failed(f"PETSc error {error.ierr}: {cause_of(error)}") from error

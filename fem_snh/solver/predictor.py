@@ -12,6 +12,7 @@ from petsc4py import PETSc
 from fem_snh._petsc import set_operators
 from fem_snh.choices import DEFAULT_PREDICTOR, PREDICTORS
 from fem_snh.errors import NotSettled, bad_value, choose
+from fem_snh.solver.errors import callback_errors
 from fem_snh.solver.forcing import relative_tolerance
 from fem_snh.solver.linearised import linearised_residual, take_step
 from fem_snh.solver.protocol import SolvableProblem
@@ -141,6 +142,7 @@ class Predictor:
         if self._extrapolation is None:
             self.before = self._last
 
+    @callback_errors()
     def tangent(self) -> int:
         """Make a linearised step from x; return the linear iterations.
 
