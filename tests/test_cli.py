@@ -99,7 +99,8 @@ def test_interrupt_leaves_a_readable_record(tmp_path: Path) -> None:
         time.sleep(0.05)
     process.send_signal(signal.SIGINT)
     _, output = process.communicate(timeout=30)
-    assert process.returncode == 130 and output.endswith("interrupted; what was computed is kept\n")
+    assert process.returncode == 130, output
+    assert output.endswith("interrupted; what was computed is kept\n")
     kept = json.loads(record.read_text())
     assert kept["steps"] and kept["converged"] is False
 
