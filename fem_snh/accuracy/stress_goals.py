@@ -25,6 +25,7 @@ import ufl
 
 from fem_snh import _dolfinx
 from fem_snh.accuracy.goals import CellsGoal, Dual, Linearisation, derivative_of
+from fem_snh.accuracy.probe_cells import MOST_RADII, REACH, sizes_near
 from fem_snh.errors import BadInput, bad_value
 from fem_snh.kernels.ufl_forms import energy_density
 from fem_snh.materials.energy import Energy
@@ -37,9 +38,6 @@ Array = npt.NDArray[Any]
 
 #: Quadrature degree, the same in both elements: a state has one stress.
 _DEGREE = 6
-#: The weight around a point ends at so many radii, where it is 1e-8. Cells there have at most so
-#: many radii, for which the largest quadrature degree integrates the weight to 1e-3.
-_REACH, _MOST_RADII = 3.0, 6.0
 #: Stress below which its root is smooth, in E: at zero it has no derivative.
 _ZERO = 1e-12
 
@@ -122,17 +120,15 @@ class PointStressGoal(StressGoal):
         dim = domain.topology.dim
         place = np.asarray(point, dtype=float)[:dim]
         X = _dolfinx.geometry_x(domain)[_dolfinx.geometry_dofs(domain)][..., :dim]
-        low, high = X.min(axis=1), X.max(axis=1)
-        outside = np.linalg.norm(np.maximum(np.maximum(low - place, place - high), 0.0), axis=1)
-        near = outside <= _REACH * radius
-        super().__init__(name, np.flatnonzero(near[: _dolfinx.num_owned(domain)]))
-        size = domain.comm.allreduce(float((high - low)[near].max(initial=0.0)), op=MPI.MAX)
+        sizes = sizes_near(X, place, radius)
+        super().__init__(name, np.flatnonzero(sizes[: _dolfinx.num_owned(domain)]))
+        size = domain.comm.allreduce(float(sizes.max(initial=0.0)), op=MPI.MAX)
         if size == 0:
             shown = ", ".join(f"{x:g}" for x in place)
-            raise bad_value("point", f"({shown})", f"a point within {_REACH:g} radii of the body")
-        if size > _MOST_RADII * radius:
+            raise bad_value("point", f"({shown})", f"a point within {REACH:g} radii of the body")
+        if size > MOST_RADII * radius:
             accepted = (
-                f"at least {size / _MOST_RADII:.3g}, as cells have a size of {size:.3g} there, "
+                f"at least {size / MOST_RADII:.3g}, as cells have a size of {size:.3g} there, "
                 "or a mesh with smaller ones there"
             )
             raise bad_value("radius", f"{radius:g}", accepted)

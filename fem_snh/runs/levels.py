@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from math import ceil
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
@@ -28,7 +29,7 @@ from fem_snh.accuracy.lift import available_memory
 from fem_snh.accuracy.target_volumes import target_volumes
 from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.assembly.kinematics import kinematics_of
-from fem_snh.mesh.bisection import bisect_times
+from fem_snh.mesh.bisection import bisect, bisect_times
 from fem_snh.mesh.gmsh_input import MeshData
 from fem_snh.mesh.mesh import Mesh, cell_volumes, distribute, gather
 from fem_snh.mesh.round_faces import round_faces
@@ -43,6 +44,7 @@ from fem_snh.runs.exact_bodies import (
     may_have_any_sizes,
 )
 from fem_snh.runs.first_level import HALVES, first_scene, raised_element
+from fem_snh.runs.first_mesh import fine_at, stress_probes
 from fem_snh.runs.result import Result
 from fem_snh.runs.scene_mesh import mesh_again
 from fem_snh.solver.options import OPTIONS
@@ -188,8 +190,14 @@ def run_levels(
     wanted = scene.accuracy
     assert wanted is not None and wanted.within is not None
     limits = {key: getattr(wanted, key) for key in ("max_time", "max_memory", "max_dofs")}
-    scene = first_scene(scene, printed)
+    own_cells, scene = scene.cells, first_scene(scene, printed)
     refine = _refinement(scene)
+    first = None
+    if probes := stress_probes(scene):
+        if smaller := _smaller_cells(scene):
+            first = fine_at(comm, scene, probes, smaller)
+        elif refine is _more_cells:
+            scene = scene.model_copy(update={"cells": own_cells})
     dim = kinematics_of(scene.kinematics).dim
     least = 2 if isinstance(scene.mesh, scenes.Lattice) else 1
     levels = Levels(wanted.within, limits, dim, bool(wanted.goals), least)
@@ -209,7 +217,7 @@ def run_levels(
         again, same = current.model_copy(update=_path(scene)), next_level(level.mesh)
         return again, same, solve(again, folder=folder, level=same)
 
-    level = next_level()
+    level = next_level(first)
     while True:
         started = level.before is not None
         result = solve(current, folder=folder, level=level)
@@ -366,10 +374,24 @@ def _remeshed(
     comm: MPI.Comm, scene: scenes.Scene, level: Level, estimate: Estimate | None, finer: float
 ) -> tuple[scenes.Scene, Mesh | None]:
     def remeshed(data: MeshData, target: Target, wanted: float) -> MeshData:
-        field = size_field(data.cells[:, : data.x.shape[1] + 1], data.x, target(wanted))
-        return mesh_again(scene, data.cell, field)
+        return _mesh_of_volumes(scene, data, target(wanted))
 
     return scene, _with_target(comm, scene, level, estimate, finer, remeshed)
+
+
+def _mesh_of_volumes(scene: scenes.Scene, data: MeshData, volumes: Array) -> MeshData:
+    """Return a mesh of an exact body with cells of other volumes. On rank 0."""
+    field = size_field(data.cells[:, : data.x.shape[1] + 1], data.x, volumes)
+    return mesh_again(scene, data.cell, field)
+
+
+def _smaller_cells(scene: scenes.Scene) -> Callable[[MeshData, Array], MeshData] | None:
+    """Return what makes cells of a scene smaller where they are too large, if that is possible."""
+    if (refine := _refinement(scene)) is _bisected:
+        return lambda data, volumes: bisect(data, volumes, _MOST_CELLS)
+    if refine is _remeshed:
+        return partial(_mesh_of_volumes, scene)
+    return None
 
 
 def _with_target(
