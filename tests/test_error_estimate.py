@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+from functools import partial
 from pathlib import Path
 
 from mpi4py import MPI
@@ -444,6 +445,14 @@ def test_few_newton_iterations_find_the_estimate():
 def test_an_estimate_that_is_mostly_unsettled_is_a_bound():
     text = GoalError(2.0, 1e-4, 2.0, unsettled=1e-4).text("g")
     assert text == "g 2, error below 0.010 %"
+
+
+def test_a_bound_is_relative_to_the_value_as_errors_are():
+    """It was relative to the largest component: 1.69 N beside 2068 N was "below 0.00067 %"."""
+    component = partial(GoalError, error=-0.0064, scale=2068.0, unsettled=0.0074)
+    assert component(1.69).text("F.z") == "F.z 1.69, error below 0.82 %"
+    for value in (0.0, 0.01, 1e-6):  # rounding, or less than the bound
+        assert component(value).text("F.z") == f"F.z {value:g}, error below 0.014"
 
 
 def test_the_penalty_of_contact_is_a_part_of_the_error():

@@ -114,13 +114,19 @@ class GoalError:
         parts = parts_text(self.parts, self.steps_bound)
         of = f": {parts}" if parts else ""
         if not self.is_found:
-            bound = _share((self.bound or 0.0) / self.scale) if self.scale else "0"
+            bound = self._bound_text(self.bound or 0.0)
             of = of if bounded_steps(self.parts, self.steps_bound) else ""
             return f"{name} {self.value:.6g}, error below {bound}{of}"
         value, corrected = (_shown(x, self.error) for x in (self.value, self.value + self.error))
         share = "" if self.relative is None else f" ({_share(self.relative)})"
         but = f"; {self.reason}" if self.reason else ""
         return f"{name} {value}, error {self.error:+.3g}{share}{of}, corrected {corrected}{but}"
+
+    def _bound_text(self, bound: float) -> str:
+        """Return a bound in per cent of the value; as it is if the value is not larger than it."""
+        if abs(self.value) <= max(bound, _SHOWN * self.scale):
+            return f"{bound:.2g}"
+        return _share(bound / abs(self.value))
 
 
 def no_contact_text(force: str) -> str:
