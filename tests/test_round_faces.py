@@ -105,3 +105,27 @@ def test_errors_say_what_straight_edges_leave_out(ring, capsys):
     assert levels.record["accuracy"]["left_out"] == [line]
     *_, ending = capsys.readouterr().out.splitlines()
     assert ending == "every goal is within 0.02 %, beside what the errors do not include"
+
+
+PLATE = """
+SetFactory("OpenCASCADE");
+Rectangle(1) = {0, 0, 0, 60, 60};
+Disk(2) = {30, 30, 0, 1};
+BooleanDifference(3) = { Surface{1}; Delete; }{ Surface{2}; Delete; };
+Physical Surface("body") = {3};
+MeshSize{ PointsOf{ Surface{3}; } } = 10;
+"""
+
+
+@pytest.mark.parametrize(("edges", "says"), [(24, True), (80, False)])
+def test_a_small_hole_is_a_small_part_of_a_plate(edges, says, tmp_path):
+    """With 24 edges the stress at its side is 3.5 % too large, and nothing was said of them."""
+    with gmsh_model(PLATE, tmp_path) as gmsh:
+        (hole,) = [tag for _, tag in gmsh.model.getEntitiesInBoundingBox(28, 28, -1, 32, 32, 1, 1)]
+        gmsh.model.mesh.setTransfiniteCurve(hole, edges + 1)
+        gmsh.model.mesh.generate(2)
+        gmsh.write(str(tmp_path / "plate.msh"))
+    faces = round_faces(mesh.read(MPI.COMM_SELF, tmp_path / "plate.msh").domain)
+    assert faces.added == 0 and 0 < faces.removed < 1e-4
+    assert faces.bend == pytest.approx(360 / edges, rel=1e-3)
+    assert bool(faces.text) == says
