@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import fem_snh
-from fem_snh import BadInput
+from fem_snh.cli import main
+from fem_snh.errors import BadInput
 from fem_snh.studies.fit import TestData
-from fem_snh.studies.fit.data import read
+from fem_snh.studies.fit.data import DATASETS, read
 from fem_snh.studies.fit.study import read_all
 
 
@@ -280,3 +282,55 @@ def test_moduli_in_the_unit_of_a_scene(tmp_path):
     path.write_text("# test = uniaxial\nstretch, stress\n1.5, 500\n2, 900\n")
     with pytest.raises(BadInput, match="modulus_unit = 'MPa': expected data whose stresses have"):
         read(path, modulus_unit="MPa")
+
+
+STRAINS = np.array([1.0, 2.0, 3.5, 5.0, 10.0])
+#: Nominal stresses of incompressible materials in tension, over the modulus.
+RUBBERS = {
+    "Neo-Hookean": lambda x: x - x**-2,
+    "Mooney-Rivlin": lambda x: (x - x**-2) * (0.64 + 0.36 / x),
+    "Ogden": lambda x: x**0.3 - x**-1.65,
+    "Yeoh": lambda x: (x - x**-2) * (1 - 0.05 * (y := x**2 + 2 / x - 3) + 0.0025 * y**2),
+}
+
+
+@pytest.mark.parametrize("rubber", RUBBERS)
+@pytest.mark.parametrize("column", ["stretch", "strain"])
+@pytest.mark.parametrize("scale", [0.95, 1.0, 20.0])
+def test_strains_in_per_cent_are_noticed(tmp_path, rubber, column, scale):
+    """In a column of stretches or of strains without a unit; with one they are read as such."""
+    lines = [f"{x:g}, {RUBBERS[rubber](1 + x / 100)}" for x in scale * STRAINS]
+    text = f"# test = uniaxial\n{column}, stress\n" + "\n".join(lines)
+    (found,) = read(written(tmp_path, text))
+    largest = 10 * scale + (column == "strain")
+    assert found.note.startswith(f"{found.name}: stretches up to {largest:g}: if these are strains")
+    (found,) = read(written(tmp_path, text.replace(column, "strain [%]", 1)))
+    assert found.note == "" and found.x == pytest.approx(1 + scale * STRAINS / 100)
+
+
+@pytest.mark.parametrize("rubber", RUBBERS)
+@pytest.mark.parametrize("largest", [1.2, 2.0, 3.0, 5.0, 7.5, 10.0])
+def test_true_stretches_have_no_note(rubber, largest):
+    x = np.linspace(1, largest, 12)[1:]
+    for noise in (0.0, 0.03):
+        stress = RUBBERS[rubber](x) * (1 + noise * np.cos(7 * np.arange(11)))
+        assert TestData("t", "uniaxial", x, stress, np.ones(11)).note == ""
+
+
+def test_built_in_data_have_no_note():
+    assert [t.note for name in DATASETS for t in read(name) if t.note] == []
+
+
+def test_strains_in_a_column_of_stretches_are_refused(tmp_path):
+    text = HEAD + "0.05, 0.06\n0.2, 0.2\n1.5, 0.9\n"
+    with pytest.raises(BadInput, match=r"every stress at a stretch below 0\.9 is above 0"):
+        read(written(tmp_path, text))
+
+
+def test_a_fit_has_the_notes_of_its_data(tmp_path, capsys):
+    path = written(tmp_path, HEAD + "5, 0.05\n10, 0.1\n20, 0.19\n")
+    note = "stretches up to 20: if these are strains in per cent, name the column 'strain [%]'"
+    assert main(["fit", "neo_hookean", str(path), "--out", str(tmp_path / "fit")]) == 0
+    assert f"note: {path.stem}: {note}" in capsys.readouterr().out.splitlines()
+    record = json.loads((tmp_path / "fit" / "fit.json").read_text())
+    assert record["notes"] == [f"{path.stem}: {note}"]

@@ -201,6 +201,7 @@ def _rank(args: Namespace, keywords: dict[str, Any]) -> int:
     for name, reason in refused:
         print(f"not fitted: {reason if name in reason else f'{name}: {reason}'}")
     best = fits[0]
+    _print_notes(best)
     best.write(args.out / "fit.json")
     best.write_table(args.out / "material.toml")
     from fem_snh.studies.fit.ranking import write_ranking
@@ -236,8 +237,15 @@ def _print(found: Fit) -> None:
         print(f"stable (Drucker) between stretches {low:.3g} and {high:.3g}, {s.kind}: {words}")
     if any(t.data.kind == "biaxial" for t in found.tests):
         print(f"stable (Drucker) at all data: {'yes' if found.stable_at_data else 'no'}")
+    _print_notes(found)
     print()
     print(found.table())
+
+
+def _print_notes(found: Fit) -> None:
+    """Print what is doubtful in the data."""
+    for line in found.notes:
+        print(f"note: {line}")
 
 
 def _parameters(values: Mapping[str, float], errors: Mapping[str, float], points: int) -> Table:

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -77,6 +77,16 @@ _COMMENT = re.compile(r"#+\s*(test|unit|weight|columns)\s*[=:]\s*(.+?)\s*$", re.
 _COLUMN = re.compile(r"^(?P<name>[^\[\(]*?)\s*[\[\(]\s*(?P<unit>[^\]\)]*)[\]\)]\s*$")
 #: Units of a column that has none.
 _NO_UNIT = ("", "-", "1", "mm/mm", "m/m")
+#: Rubber and gels are stretched to 10 at most, or not much more.
+_LARGEST_STRETCH = 12.0
+#: Stretches are probably strains in per cent if a Neo-Hookean material fitted to them misses
+#: more than this part of the stresses, and more than so many times what it misses of such strains.
+#: Of Treloar's data and of five materials at stretches from 1.2 to 10 it misses less than that.
+_MISFIT, _LESS_OF_STRAINS = 0.05, 5.0
+#: Stretches below this one are clearly compression.
+_COMPRESSED = 0.9
+#: The exponents n of the stress, x - x^-n, of an incompressible Neo-Hookean material.
+_NEO_HOOKEAN = {"uniaxial": 2, "equibiaxial": 5, "planar": 3}
 #: Cells without a value.
 _NO_VALUE = ("", "-")
 
@@ -104,6 +114,8 @@ class TestData:
     measure : str
         What is measured in ``biaxial``: "stress" or "stress_2", the nominal stress of direction 1
         or 2, or "stress_difference", the true stress of direction 1 minus that of direction 2.
+    in_per_cent : bool
+        Whether the deformation is stated in per cent.
 
     Raises
     ------
@@ -121,6 +133,7 @@ class TestData:
     weight: Array
     stretch_2: Array | None = None
     measure: str = "stress"
+    in_per_cent: bool = False
 
     def __post_init__(self) -> None:
         biaxial = self.kind == "biaxial"
@@ -145,6 +158,37 @@ class TestData:
     def rest(self) -> float:
         """Return the x of the state at rest."""
         return 0.0 if self.kind == "simple_shear" else 1.0
+
+    @property
+    def note(self) -> str:
+        """The line that says that stretches are probably strains in per cent; "" if not."""
+        if self.in_per_cent or self.kind not in (*_NEO_HOOKEAN, "biaxial"):
+            return ""
+        largest = float(max(self.x.max(), 1.0 if self.stretch_2 is None else self.stretch_2.max()))
+        if largest <= _LARGEST_STRETCH and not self._fits_strains_in_per_cent():
+            return ""
+        return (
+            f"{self.name}: stretches up to {largest:.4g}: if these are strains in per cent, name "
+            "the column 'strain [%]'"
+        )
+
+    def _fits_strains_in_per_cent(self) -> bool:
+        """Return whether stresses belong to strains x or x - 1 in per cent, not to stretches x."""
+        if self.kind not in _NEO_HOOKEAN or (self.x <= 0).any():
+            return False
+        power = -float(_NEO_HOOKEAN[self.kind])
+        as_stretches, *as_strains = (
+            _misfit(x - x**power, self.stress)
+            for x in (self.x, 1 + self.x / 100, 1 + (self.x - 1) / 100)
+        )
+        return as_stretches > max(_MISFIT, _LESS_OF_STRAINS * min(as_strains))
+
+
+def _misfit(shape: Array, stress: Array) -> float:
+    """Return the part of a stress that the best multiple of a shape misses."""
+    square = float(shape @ shape)
+    rest = stress - (shape @ stress / square if square else 0.0) * shape
+    return float(np.linalg.norm(rest) / (np.linalg.norm(stress) or 1.0))
 
 
 def read(
@@ -349,7 +393,8 @@ def _tests(
     found = []
     for (kind, measure), values in points.items():
         words = [kind] * (len(set(kinds)) > 1) + [measure] * (kinds.count(kind) > 1)
-        found.append(_checked(path, " ".join([path.stem, *words]), kind, measure, np.array(values)))
+        test = _checked(path, " ".join([path.stem, *words]), kind, measure, np.array(values))
+        found.append(replace(test, in_per_cent=columns[deformation][1] == "%"))
     return found
 
 
@@ -431,6 +476,12 @@ def _checked(path: Path, name: str, kind: str, measure: str, points: Array) -> T
                 else "tension and stretches above 1 with stresses above 0, compression with "
                 "stresses below 0"
             )
+        )
+    pressed = x < _COMPRESSED
+    if kind in _NEO_HOOKEAN and pressed.any() and (stress[pressed] > 0).all():
+        raise BadInput(
+            f"{path}: test '{kind}': every stress at a stretch below {_COMPRESSED:g} is above 0: "
+            "expected stretches, 1 at rest, or strains in a column strain"
         )
     return found
 

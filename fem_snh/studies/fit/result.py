@@ -125,6 +125,11 @@ class Fit:
         self.stable_under_dead_loads = stable_ranges(self._law, *searched, dead_loads=True)
 
     @property
+    def notes(self) -> list[str]:
+        """Return what is doubtful in the data, a line each."""
+        return [t.data.note for t in self.tests if t.data.note]
+
+    @property
     def r_squared(self) -> float:
         """Return R^2 over all tests."""
         return r_squared(
@@ -253,6 +258,7 @@ class Fit:
             "searched": list(self.searched),
             "evaluations": self.evaluations,
             "starts": self.starts,
+            "notes": self.notes,
         }
 
     def write(self, path: str | Path) -> Path:
