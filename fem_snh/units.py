@@ -41,6 +41,12 @@ _PER_THICKNESS["kg m^2/s"] = "N s"
 _DERIVED = {"J": "N m", "kg m/s": "N s", "kg m^2/s": "N m s"}
 
 
+def volume_change(ratio: float) -> str:
+    """Return the change of a volume in per cent, "+0.51"; "0.00" for what rounds to zero."""
+    text = f"{100 * (ratio - 1):+.2f}"
+    return text if float(text) else "0.00"
+
+
 def stress_unit(key: str, text: str) -> float:
     """Return the size of a unit of stress [Pa]; raise BadInput for an unknown one."""
     unit = _spelled(text)

@@ -30,7 +30,7 @@ def record(duration: float = 1e-3, **about: Any) -> dict[str, Any]:
 
 def test_states_are_named_by_their_time() -> None:
     run = record()
-    assert panel_label(run, 5e-4).startswith("time 0.0005 s  ·  volume +0.00 %")
+    assert panel_label(run, 5e-4).startswith("time 0.0005 s  ·  volume 0.00 %")
     assert parameter(run, 5e-4) == 5e-4 and load_range(run) == (0.0, 1e-3)
     assert axis_label(run) == "time [s]"
     step = step_at(run, 2.5e-4)

@@ -11,7 +11,7 @@ from fem_snh import scenes
 from fem_snh.cli import main
 from fem_snh.errors import BadInput
 from fem_snh.run_tables import column_unit, results
-from fem_snh.units import Units
+from fem_snh.units import Units, volume_change
 from fem_snh.viewing import plots, render
 from fem_snh.viewing.plots.curves import curve_figure, list_columns, run_table
 from fem_snh.viewing.plots.energies import draw_energies
@@ -147,3 +147,8 @@ def test_a_damaged_record_is_one_line(folder):
     assert bad(plots.main, [folder], None, False, None, ["min_J"]).startswith("run.json: units = ")
     write_record(folder, record(units=3))
     assert "units = 3: expected a text" in bad(plots.main, [folder])
+
+
+def test_a_volume_that_hardly_changes_has_no_sign():
+    changes = [volume_change(1 + part) for part in (-4e-5, 0.0, 4e-5, -6e-5, 0.0051)]
+    assert changes == ["0.00", "0.00", "0.00", "-0.01", "+0.51"]

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fem_snh.notes import with_notes
+from fem_snh.units import volume_change
 
 if TYPE_CHECKING:
     from fem_snh.accuracy.goal_errors import Estimate
@@ -96,7 +97,7 @@ class Progress:
             f"  {at} {mark} {row['newton']:3d} Newton "
             f"({row['clamped']} filtered), {row['linear']:6d} linear, "
             f"residual {row['residual']:.1e}, "
-            f"volume {100 * (row['volume_ratio'] - 1):+.2f} %, min J {row['min_J']:.3f}"
+            f"volume {volume_change(row['volume_ratio'])} %, min J {row['min_J']:.3f}"
             + (f" (cell means {row['min_cell_J']:.3f})" if row["min_J"] <= 0 else "")
             + f", {row['seconds']:.2f} s"
             + ("" if row["converged"] else f"  {row['reason']}, halved")

@@ -17,7 +17,7 @@ from fem_snh.atomic_files import output_path
 from fem_snh.errors import BadInput, bad_value
 from fem_snh.output_fields import ERRORS
 from fem_snh.run_record import load_record
-from fem_snh.units import Units
+from fem_snh.units import Units, volume_change
 from fem_snh.viewing.render.fields import check_field
 from fem_snh.viewing.render.options import WHOLE, ViewOptions
 from fem_snh.viewing.render.records import (
@@ -282,7 +282,7 @@ def panel_label(record: dict[str, Any], load: float) -> str:
     if step is None:
         return label
     if step.get("volume_ratio") is not None:
-        change = f"{100 * (step['volume_ratio'] - 1):+.2f}".replace("-", "\u2212")
+        change = volume_change(step["volume_ratio"]).replace("-", "\u2212")
         label += f"  ·  volume {change} %"
     if step.get("min_J") is not None:
         label += f"  ·  min J {step['min_J']:.2f}"
