@@ -455,6 +455,31 @@ def test_a_bound_is_relative_to_the_value_as_errors_are():
         assert component(value).text("F.z") == f"F.z {value:g}, error below 0.014"
 
 
+@pytest.mark.parametrize(("stretch", "known"), [(1e-9, True), (1e-11, False), (1e-12, False)])
+def test_errors_of_strains_that_are_rounding_are_not_estimated(stretch, known):
+    """A cube pulled by 1e-12 had an error of 2e-14 %; that of small strains is 1.9 %."""
+    found = fem_snh.run(
+        scenes.Scene(
+            name="tiny",
+            mesh={"source": "cube"},
+            cells=4,
+            element="Q1",
+            material={"name": "stable_neo_hookean", "E": 1e4, "nu": 0.3},
+            hold=[{"group": "left"}],
+            move=[{"group": "right", "translate": (stretch, 0, 0)}],
+            reactions=["left"],
+        ),
+        error=True,
+        progress=False,
+    )
+    estimate = found.estimate
+    if known:
+        assert estimate.goals["left.force.x"].relative == pytest.approx(0.019, abs=0.001)
+    else:
+        assert "% of the forces are within rounding in Q2" in estimate.lines()[0]
+        assert estimate.goals["left.force.x"].error is None
+
+
 def test_the_penalty_of_contact_is_a_part_of_the_error():
     """Of the ball's force it is more than what the mesh changes; both together are right."""
     found = solve("hertz", cells=4, **{"accuracy.goals": "z = 0.force.z", "error": True})

@@ -387,6 +387,11 @@ class Lift:
         return self._outcome.newton == 0
 
     @property
+    def residual(self) -> float:
+        """The norm of the residual that the last solve left [N]."""
+        return self._outcome.residual
+
+    @property
     def stable(self) -> bool:
         """Whether the last Newton step needed no filter; a pressure may hide instability."""
         return self._last_filter not in ("clamp", "abs")
