@@ -199,6 +199,28 @@ def test_decisions():
     ]
 
 
+@pytest.mark.parametrize("found", [0.3, 0.5, 0.8, 1.0, 1.5, 2.5])
+@pytest.mark.parametrize("ratio", [0.15, 0.35, 0.7])
+def test_bounds_hold_where_estimates_find_a_part_of_the_error(found, ratio):
+    """From the second level on, whatever part it is: how the corrected value changes tells it.
+
+    At the re-entrant corner of a bracket in plane stress estimates on coarse meshes find 0.55.
+    """
+    levels = Levels(1e-4)
+    for k in range(3):
+        true = 0.01 * ratio**k
+        row = LevelRow("P2", 2, 8 * 4**k, 64 * 4**k, fineness=2.0**k)
+        levels.add(row, Estimate(goals={"a": GoalError(1 - true, found * true, 1.0)}))
+        goal = levels.rows[-1].goals["a"]
+        if k or 1 / 1.5 <= found <= 1.5:
+            assert abs(goal.corrected - 1) <= goal.uncertainty * (1 + 1e-9)
+            assert abs(goal.value - 1) <= goal.bound * (1 + 1e-9)
+        # What an estimate may miss anyway is all that is added where it finds two thirds or more.
+        least = 0.5 * found * true
+        if 1 / 1.5 <= found <= 1.5:
+            assert goal.uncertainty == pytest.approx(least, rel=1e-9)
+
+
 def test_errors_are_located_where_the_next_level_needs_them(tmp_path, capsys):
     """Each costs a linear solve: none on the last level, unless the folder has their fields."""
     keys = {"element": "P2P1", "kinematics": "plane_strain", "nu": 0.4999, "cells": 8}

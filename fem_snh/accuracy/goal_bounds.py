@@ -1,8 +1,9 @@
 """Bounds of the errors of goals on a level of a run to a required accuracy.
 
 A bound is the estimate of the error times what it misses at a corner; that of the corrected value
-is what the estimate misses. Where the corrected values of two levels contradict their bounds, their
-difference counts.
+is what the estimate misses, and what its change from the level before leads to: if the estimates
+of both miss the same part, the corrected values change by the same factor from level to level as
+the estimates do. Where the corrected values contradict their bounds, their difference counts.
 """
 
 from __future__ import annotations
@@ -26,6 +27,9 @@ _SAFETY_OF_SHAPES = 1.8
 #: That of penalties where the end does not depend on the path: the estimates are 0.98 to 1.03 of
 #: the parts (docs/results/error.md).
 _SAFETY_OF_PENALTIES = 1.15
+#: Largest factor of the estimates of two levels by which the change of the corrected value is
+#: extrapolated.
+_SLOWEST = 0.8
 #: A corrected value serves if the correction is at most so many times the request.
 _LARGEST_CORRECTION = 20.0
 #: Least bound of a component, over the largest one of the same vector.
@@ -162,8 +166,10 @@ def _bounded(goal: GoalError, safety: float, coarser: GoalLevel | None) -> GoalL
     uncertainty = missed + max((safety - 1) * steps, goal.steps_bound) + unsettled
     if coarser is not None:
         change = abs(corrected - coarser.corrected)
-        if change > uncertainty + coarser.uncertainty:
-            bound, uncertainty = size + steps + change, change
+        ratio = min(abs(error) / abs(coarser.error), _SLOWEST) if coarser.error else 0.0
+        contradicts = change > uncertainty + coarser.uncertainty
+        left = max(change * ratio / (1 - ratio), change if contradicts else 0.0)
+        bound, uncertainty = max(bound, size + steps + left), max(uncertainty, left)
     sizes = goal.value, error, scale, bound, uncertainty
     return GoalLevel(*sizes, goal.parts, safety, goal.steps_bound)
 
