@@ -13,6 +13,7 @@ pages, are left to test_docs_commands.py, or `<!-- not run: FILE does -->` to th
 
 from __future__ import annotations
 
+import functools
 import io
 import re
 import shlex
@@ -80,12 +81,13 @@ class Block(NamedTuple):
         return found[1] if found else None
 
 
-def blocks(page: Path) -> list[Block]:
+def blocks(page: Path) -> tuple[Block, ...]:
     """Return the blocks of code of a page."""
     return blocks_of(page.read_text(encoding="utf-8"))
 
 
-def blocks_of(text: str) -> list[Block]:
+@functools.cache  # each page is read for its blocks, its commands and its test
+def blocks_of(text: str) -> tuple[Block, ...]:
     """Return the blocks of code of a text in Markdown."""
     found, note = [], ""
     for token in MarkdownIt("commonmark").parse(text):
@@ -95,7 +97,7 @@ def blocks_of(text: str) -> list[Block]:
             found.append(Block(token.map[0] + 1, kind, token.content, note))
         match = _NOTE.fullmatch(token.content) if token.type == "html_block" else None
         note = match[1] if match else ""
-    return found
+    return tuple(found)
 
 
 def measured(page: Path, block: Block) -> bool:
