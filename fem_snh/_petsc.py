@@ -119,10 +119,35 @@ def set_operators(ksp: PETSc.KSP, A: PETSc.Mat, P: PETSc.Mat) -> None:
             pc.setFactorSolverType(PETSc.Mat.SolverType.MUMPS)
             ksp.setOperators(A, P)
     if is_cholesky(pc, PETSc.Mat.SolverType.MUMPS):
-        pc.setFactorSetUpSolverType()  # before the analysis, at which alone the control counts
-        pc.getFactorMatrix().setMumpsIcntl(_ROOT_ON_ONE_RANK, 1)
-        if ksp.getAttr(_SINGULAR):
-            pc.getFactorMatrix().setMumpsIcntl(_NULL_PIVOTS, 1)
+        _factorise(ksp)
+        while workspace := _larger_workspace(pc.getFactorMatrix()):
+            pc.reset()  # PETSc leaves factors alone that MUMPS failed to find
+            ksp.setOperators(A, P)
+            _factorise(ksp, workspace)
+
+
+def _factorise(ksp: PETSc.KSP, workspace: int | None = None) -> None:
+    """Factorise by MUMPS with a workspace, ICNTL(14), unless the default one. Collective."""
+    ksp.getPC().setFactorSetUpSolverType()  # before the analysis, at which alone controls count
+    factors = ksp.getPC().getFactorMatrix()
+    factors.setMumpsIcntl(_ROOT_ON_ONE_RANK, 1)
+    if ksp.getAttr(_SINGULAR):
+        factors.setMumpsIcntl(_NULL_PIVOTS, 1)
+    if workspace is not None:
+        factors.setMumpsIcntl(_WORKSPACE, workspace)
+    ksp.setUp()
+
+
+def _larger_workspace(factors: PETSc.Mat) -> int:
+    """Return the workspace that may suffice where that of MUMPS did not for pivoting; else 0.
+
+    A limit of the memory that the user has set is not exceeded.
+    """
+    lacks = factors.getMumpsInfog(1) in _LACKS_WORKSPACE
+    larger = 2 * max(factors.getMumpsIcntl(_WORKSPACE), 1)
+    return (
+        larger if lacks and larger <= _MOST_WORKSPACE and not factors.getMumpsIcntl(_LIMIT) else 0
+    )
 
 
 def expect_singular_matrix(ksp: PETSc.KSP) -> None:
@@ -145,6 +170,10 @@ OUT_OF_MEMORY = 55
 _FACTORS_OUT_OF_MEMORY = 3  # PC_FACTOR_OUTMEMORY of PCFailedReason
 #: INFOG(1) of MUMPS for every lack of memory, its own limit included (MUMPS user guide, sec. 8).
 _MUMPS_OUT_OF_MEMORY = (-7, -8, -9, -11, -13, -14, -15, -17, -19, -20)
+
+#: Those where the workspace is less than pivoting needs; ICNTL(14), the part [%] that it has beyond
+#: what the analysis expects, its largest value here, and ICNTL(23), the user's limit of memory.
+_LACKS_WORKSPACE, _WORKSPACE, _MOST_WORKSPACE, _LIMIT = (-8, -9), 14, 1000, 23
 
 
 def factors_out_of_memory(pc: PETSc.PC) -> bool:

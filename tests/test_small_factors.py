@@ -6,11 +6,12 @@ from petsc4py import PETSc
 
 import numpy as np
 import pytest
+import scipy.sparse as sp
 from hypothesis import given
 from hypothesis import strategies as st
 
 import fem_snh
-from fem_snh._petsc import negative_pivots, set_operators
+from fem_snh._petsc import factors_out_of_memory, negative_pivots, set_operators
 from fem_snh.linalg.direct_solver import is_direct, set_direct_solver
 
 PETSC, MUMPS = PETSc.Mat.SolverType.PETSC, PETSc.Mat.SolverType.MUMPS
@@ -100,3 +101,33 @@ def test_the_equilibrium_is_that_of_mumps(scene, hessian):
     assert ours.converged and mumps.converged
     assert ours.steps[-1]["energy"] == pytest.approx(mumps.steps[-1]["energy"], rel=1e-10)
     assert [s["newton"] for s in ours.steps] == [s["newton"] for s in mumps.steps]
+
+
+@pytest.mark.parametrize("limit", [0, 1])
+def test_more_workspace_where_pivoting_needs_it(limit):
+    """Of a saddle point: MUMPS, without any to spare, ends with INFOG = -9.
+
+    Factors that exceed the memory that the user allows [MB] are out of memory.
+    """
+    n, m = 400, 300
+    K = sp.random(n, n, density=4 / n, random_state=2)
+    B = sp.random(m, n, density=3 / n, random_state=1) + sp.eye(m, n)
+    S = (sp.bmat([[K + K.T, B.T], [B, None]]) + 0.0 * sp.eye(n + m)).tocsr()
+    if limit:  # its factors are larger than a MB
+        S = sp.kron(sp.eye(20), S).tocsr()
+    csr = (S.indptr.astype(PETSc.IntType), S.indices.astype(PETSc.IntType), S.data)
+    A = PETSc.Mat().createAIJ(S.shape, csr=csr, comm=PETSc.COMM_SELF)
+    ksp = PETSc.KSP().create(PETSc.COMM_SELF)
+    set_direct_solver(ksp)
+    ksp.setOperators(A, A)
+    ksp.getPC().setFactorSetUpSolverType()
+    ksp.getPC().getFactorMatrix().setMumpsIcntl(14, 0)
+    ksp.getPC().getFactorMatrix().setMumpsIcntl(23, limit)
+    set_operators(ksp, A, A)
+    assert factors_out_of_memory(ksp.getPC()) == bool(limit)
+    if not limit:
+        b, x = A.createVecs()
+        b.array = S @ np.ones(n + m)
+        ksp.solve(b, x)
+        assert ksp.getPC().getFactorMatrix().getMumpsIcntl(14) > 0
+        assert np.abs(S @ x.array_r - b.array_r).max() < 1e-8
