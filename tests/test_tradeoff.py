@@ -113,12 +113,12 @@ def test_a_choice_that_there_is_not(wrong: dict[str, Any], message: str) -> None
     [
         ("cook --nu 0.5 --elements Q1", r"nu = 0\.5: none of Q1 can have it"),
         ("cook --elements Q9", "element = 'Q9': expected one of"),
-        ("cook --vary speed", "knob = 'speed': expected one of"),
+        ("cook --vary speed", "vary = 'speed': expected one of"),
         ("cook --nu many", "--nu many: expected numbers"),
         ("cook --cells 8,4", "--cells 8,4: expected whole numbers from coarse to fine"),
         ("cook --cells 4 --meshes a.msh", "--cells and --meshes: expected one of the two"),
         ("pull", "has no probe"),
-        ("cook --solver magic", "solver = 'magic': expected one of"),
+        ("cook --solver magic", "solver = 'magic': expected one of automatic, cg+ssor, "),
         ("cook --hessian magic", "hessian = 'magic': expected one of"),
         ("cook --timeout -1", "timeout = -1"),
     ],
@@ -186,6 +186,7 @@ def test_a_study_without_a_reference_says_so_first(
     words = "tradeoff twist --cells 1,2 --elements Q1,Q2Q1 --vary none --steps 1 --set angle=0.2"
     assert main([*words.split(), "--out", str(tmp_path / "o")]) == 1
     lines = capsys.readouterr().out.splitlines()
+    assert not any("error:" in line for line in lines)  # of the picture
     first, point = (
         next(i for i, s in enumerate(lines) if s.startswith(t)) for t in ("no ref", "[")
     )

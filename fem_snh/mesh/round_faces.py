@@ -22,6 +22,8 @@ Array = npt.NDArray[Any]
 _LARGEST_BEND = 46.0
 
 
+#: Parts of the volume below this one are zero.
+_ROUNDING = 1e-12
 #: The least part of the volume that is reported, and the least bend from facet to facet [degrees],
 #: as a hole is a small part of a plate: a circle of 72 edges is 0.1 % of its radius inside of them.
 _LEAST, _LEAST_BEND = 1e-4, 5.0
@@ -83,7 +85,8 @@ def round_faces(domain: Any, revolved: bool = False) -> RoundFaces:
     if revolved:
         missing *= 2 * np.pi * x[:, :, 0].mean(axis=1)
     whole = volume(domain, revolved)
-    added, removed = (float(np.maximum(part, 0.0).sum() / whole) for part in (missing, -missing))
+    parts = [float(np.maximum(part, 0.0).sum() / whole) for part in (missing, -missing)]
+    added, removed = (part if part > _ROUNDING else 0.0 for part in parts)
     return RoundFaces(added, removed, float(np.degrees(4 * np.arcsin(turns / 2))))
 
 

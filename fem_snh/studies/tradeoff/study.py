@@ -11,6 +11,7 @@ more values.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -139,7 +140,8 @@ def tradeoff(
         table = pd.read_csv(batch.table.path)
         if all(complete):
             write_advice(table, batch.out)
-            batch.draw()
+            if table["error_displacement"].notna().any():  # there is nothing to draw without
+                batch.draw()
     return table
 
 
@@ -169,13 +171,13 @@ def _plan(
     if len(set(stems)) < len(stems):
         raise BadInput(f"meshes {', '.join(stems)}: rows are named by them, so no two may be alike")
     for knob in vary:
-        choose("knob", knob, KNOBS)
+        choose("vary", knob, KNOBS)
     for knob in base:
         choose("default", knob, (*KNOBS, "steps"))
     if "hessian" in base:
         choose("hessian", base["hessian"], (AUTOMATIC, *HESSIANS))
     if "solver" in base:  # an element without this solver keeps its default
-        choose("solver", base["solver"], [name for kind in SOLVERS.values() for name in kind])
+        choose("solver", base["solver"], list(dict.fromkeys(chain(*SOLVERS.values()))))
     nus = list(dict.fromkeys(nus)) or [own.nu]
     names = list(elements) or fitting(own, meshes)
     options = {"forcing": "snes_forcing_max", "tolerance": "snes_scaled_tol"}
