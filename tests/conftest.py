@@ -16,6 +16,7 @@ import pytest
 from ranks_on_one_debian import RANKS_ON_ONE_DEBIAN
 from same_on_every_debian import LIBRARY_PARAMETERS, SAME_ON_EVERY_DEBIAN, SAME_TESTS
 from scene_file import TOML
+from serial_on_one_debian import SERIAL_ON_ONE_DEBIAN
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -97,7 +98,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     kept = list(items)
     other_debian, serial = config.getoption("other_debian"), _ranks(config) == 1
     if other_debian:
-        left_out = SAME_TESTS | (set() if serial else RANKS_ON_ONE_DEBIAN)
+        left_out = SAME_TESTS | (SERIAL_ON_ONE_DEBIAN if serial else RANKS_ON_ONE_DEBIAN)
         kept = _each_library_parameter([item for item in kept if _function(item) not in left_out])
     first = set({_function(item): item for item in reversed(kept)}.values())
     if serial:

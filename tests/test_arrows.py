@@ -13,6 +13,7 @@ import pytest
 from layers import CALLERS, COMMON, FORBIDDEN, LAZY, MOST_PARTS, PARTS, THIRD_PARTY
 from ranks_on_one_debian import RANKS_ON_ONE_DEBIAN
 from same_on_every_debian import SAME_ON_EVERY_DEBIAN, SAME_TESTS
+from serial_on_one_debian import SERIAL_ON_ONE_DEBIAN
 
 import fem_snh
 
@@ -216,6 +217,6 @@ def test_lazy_names_exist():
 def test_files_that_debian_13_leaves_out_exist():
     here = {path.stem for path in Path(__file__).parent.glob("test_*.py")}
     assert here >= SAME_ON_EVERY_DEBIAN
-    for test in SAME_TESTS | RANKS_ON_ONE_DEBIAN:
+    for test in SAME_TESTS | SERIAL_ON_ONE_DEBIAN | RANKS_ON_ONE_DEBIAN:
         file, _, function = test.partition("::")
         assert f"def {function}(" in (Path(__file__).parent / f"{file}.py").read_text(), test
