@@ -16,6 +16,7 @@ from fem_snh.accuracy.probe_cells import MOST_RADII, sizes_near
 from fem_snh.assembly.elements import element
 from fem_snh.assembly.kinematics import kinematics_of
 from fem_snh.mesh import simplices
+from fem_snh.mesh.bisection import bisect
 from fem_snh.mesh.gmsh_input import MeshData
 from fem_snh.mesh.mesh import Mesh, distribute, gather
 from fem_snh.mesh.round_faces import round_faces
@@ -23,8 +24,11 @@ from fem_snh.runs.scene_mesh import make_mesh
 
 Array = npt.NDArray[Any]
 
-#: Times that cells are made smaller at most; the goal then tells which radius they fit.
-_MOST_TIMES = 8
+#: Rounds of bisection at most, and meshes of a shape, each with cells at the probes that are to be
+#: smaller by this factor: the goal then tells which radius they fit.
+_MOST_ROUNDS, _MOST_MESHES, _SMALLER = 20, 4, 0.8
+#: Cells at which bisection ends.
+_MOST_CELLS = 20_000_000
 
 
 def stress_probes(scene: scenes.Scene) -> list[scenes.Probe]:
@@ -39,7 +43,7 @@ def fine_at(
     comm: MPI.Comm,
     scene: scenes.Scene,
     probes: Sequence[scenes.Probe],
-    smaller: Callable[[MeshData, Array], MeshData],
+    mesh_like: Callable[[MeshData], MeshData] | None = None,
 ) -> Mesh:
     """Return the mesh of a scene with cells that are small at probes. Collective.
 
@@ -48,33 +52,47 @@ def fine_at(
     comm : MPI.Comm
         The communicator.
     scene : Scene
-        The scene of the first level.
+        The scene of the first level, of triangles or tetrahedra.
     probes : sequence of Probe
         The probes.
-    smaller : callable
-        Returns, on rank 0, a mesh of triangles or tetrahedra with cells of other volumes.
+    mesh_like : callable, optional
+        Meshes the body again, on rank 0, with cells as large as those of another mesh. Default: the
+        cells are bisected.
     """
     kinematics = kinematics_of(scene.kinematics)
     mesh = make_mesh(comm, scene, element(scene.element, scene.quadrature, kinematics))
     given = gather(mesh)
 
     def make_on_root() -> MeshData:
-        data = given
-        for _ in range(_MOST_TIMES):
-            corners = data.x[data.cells[:, : data.x.shape[1] + 1]]
-            volumes = simplices.volumes(corners)
-            parts = np.ones(len(volumes))
-            for probe in probes:
-                assert probe.radius is not None
-                point = np.asarray(probe.point, dtype=float)[: data.x.shape[1]]
-                sizes = sizes_near(data.x[data.cells], point, probe.radius)
-                parts = np.maximum(parts, sizes / (MOST_RADII * probe.radius))
-            if not (large := parts > 1).any():
+        data, most = given, 1.0
+        for _ in range(_MOST_MESHES):
+            if (_sizes(data, probes) <= 1).all():
                 break
-            # Cells of a certain volume have different shapes, and hardly smaller ones none is made.
-            parts[large] = 2.0 * parts[large] ** data.x.shape[1]
-            data = smaller(data, volumes / parts)
+            data = _bisected(given, probes, most)
+            if mesh_like:
+                data, most = mesh_like(data), _SMALLER * most
         return data
 
     made = distribute(comm, "the mesh with small cells at probes", make_on_root)
     return replace(made, round_faces=round_faces(mesh.domain, kinematics.revolved))
+
+
+def _bisected(data: MeshData, probes: Sequence[scenes.Probe], most: float) -> MeshData:
+    """Return the mesh with cells that are at most so large, over the largest that fits a radius."""
+    for _ in range(_MOST_ROUNDS):
+        large = _sizes(data, probes) > most
+        if not large.any():
+            break
+        volumes = simplices.volumes(data.x[data.cells[:, : data.x.shape[1] + 1]])
+        data = bisect(data, np.where(large, volumes / 2, volumes), _MOST_CELLS)
+    return data
+
+
+def _sizes(data: MeshData, probes: Sequence[scenes.Probe]) -> Array:
+    """Return the sizes of cells over the largest that fits the radius of a probe near them."""
+    dim, sizes = data.x.shape[1], np.zeros(len(data.cells))
+    for probe in probes:
+        assert probe.radius is not None
+        near = sizes_near(data.x[data.cells], np.array(probe.point[:dim]), probe.radius)
+        sizes = np.maximum(sizes, near / (MOST_RADII * probe.radius))
+    return sizes

@@ -29,7 +29,8 @@ from fem_snh.accuracy.lift import available_memory
 from fem_snh.accuracy.target_volumes import target_volumes
 from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.assembly.kinematics import kinematics_of
-from fem_snh.mesh.bisection import bisect, bisect_times
+from fem_snh.mesh import simplices
+from fem_snh.mesh.bisection import bisect_times
 from fem_snh.mesh.gmsh_input import MeshData
 from fem_snh.mesh.mesh import Mesh, cell_volumes, distribute, gather
 from fem_snh.mesh.round_faces import round_faces
@@ -194,8 +195,9 @@ def run_levels(
     refine = _refinement(scene)
     first = None
     if probes := stress_probes(scene):
-        if smaller := _smaller_cells(scene):
-            first = fine_at(comm, scene, probes, smaller)
+        if is_refined_locally(scene):
+            again = partial(_mesh_like, scene) if refine is _remeshed else None
+            first = fine_at(comm, scene, probes, again)
         elif refine is _more_cells:
             scene = scene.model_copy(update={"cells": own_cells})
     dim = kinematics_of(scene.kinematics).dim
@@ -374,24 +376,16 @@ def _remeshed(
     comm: MPI.Comm, scene: scenes.Scene, level: Level, estimate: Estimate | None, finer: float
 ) -> tuple[scenes.Scene, Mesh | None]:
     def remeshed(data: MeshData, target: Target, wanted: float) -> MeshData:
-        return _mesh_of_volumes(scene, data, target(wanted))
+        return _mesh_like(scene, data, target(wanted))
 
     return scene, _with_target(comm, scene, level, estimate, finer, remeshed)
 
 
-def _mesh_of_volumes(scene: scenes.Scene, data: MeshData, volumes: Array) -> MeshData:
-    """Return a mesh of an exact body with cells of other volumes. On rank 0."""
-    field = size_field(data.cells[:, : data.x.shape[1] + 1], data.x, volumes)
-    return mesh_again(scene, data.cell, field)
-
-
-def _smaller_cells(scene: scenes.Scene) -> Callable[[MeshData, Array], MeshData] | None:
-    """Return what makes cells of a scene smaller where they are too large, if that is possible."""
-    if (refine := _refinement(scene)) is _bisected:
-        return lambda data, volumes: bisect(data, volumes, _MOST_CELLS)
-    if refine is _remeshed:
-        return partial(_mesh_of_volumes, scene)
-    return None
+def _mesh_like(scene: scenes.Scene, data: MeshData, volumes: Array | None = None) -> MeshData:
+    """Mesh an exact body again, with cells of other volumes or of those of a mesh. On rank 0."""
+    cells = data.cells[:, : data.x.shape[1] + 1]
+    volumes = simplices.volumes(data.x[cells]) if volumes is None else volumes
+    return mesh_again(scene, data.cell, size_field(cells, data.x, volumes))
 
 
 def _with_target(
