@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from fem_snh import cli
-from fem_snh.cli import options
+from fem_snh.cli import main, options
 from fem_snh.errors import BadInput
 
 
@@ -26,8 +26,22 @@ def test_value(text: str, meaning: object) -> None:
 
 @pytest.mark.parametrize("text", ["[1, 0", '[{"group": top}]', "{a: 1}"])
 def test_a_list_or_table_is_toml_or_json(text: str) -> None:
-    with pytest.raises(BadInput, match="expected a list or a table in TOML or JSON"):
-        options.value(text)
+    with pytest.raises(BadInput, match=r"^fields = .*: expected a list or a table in TOML or JSON"):
+        options.value(text, "fields")
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ("run twist --set fields=[J]", "fields = '[J]': expected a list or a table in TOML"),
+        ("run twist press", "run: unexpected 'press': one scene at most"),
+        ("view a b", "view: unexpected 'b': one name at most"),
+        ("extremes own.toml", "extremes: unexpected 'own.toml': extremes takes options alone"),
+    ],
+)
+def test_messages_name_what_is_wrong(words, message, capsys) -> None:
+    assert main(words.split()) == 2
+    assert message in capsys.readouterr().err
 
 
 def test_petsc_words() -> None:

@@ -120,6 +120,8 @@ def test_scales_of_what_cannot_be_negative_start_at_zero(field):
     assert (cmap, norm.vmin) == ("viridis", 0)
     assert norm.vmax == pytest.approx(4.98) and extend == "max"
     assert drawing.colours("cauchy_stress.xy", np.linspace(3, 5, 500))[1].vmin > 3
+    contact = np.append(np.full(499, 2.0), -1e-16)  # by a projection
+    assert drawing.colours("contact_pressure", contact)[2] == "neither"
 
 
 def test_the_smallest_J_at_a_point_is_beside_the_colour_bar(folder):

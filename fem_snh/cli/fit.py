@@ -101,7 +101,8 @@ def fit(argv: list[str]) -> int:
         "weights": _words("weights", args.weights),
     }
     keywords["held"] = {  # material.alpha=2, as for run
-        key.removeprefix("material."): value(text) for key, text in assignments(args.set).items()
+        key.removeprefix("material."): value(text, key)
+        for key, text in assignments(args.set).items()
     }
     if args.all:
         return _rank(args, keywords)
@@ -138,7 +139,7 @@ def _fit_scene(args: Namespace, petsc: dict[str, str | None]) -> int:
     if len(args.names) != 1 or not args.parameters:
         raise BadInput("fit --to: expected one scene and --parameters NAME,..")
     check_whole("solves", args.solves, 1, 10**6)
-    overrides = {key: value(text) for key, text in assignments(args.set).items()}
+    overrides = {key: value(text, key) for key, text in assignments(args.set).items()}
     comm = MPI.COMM_WORLD
     with Console(stderr=True, quiet=comm.rank > 0).status("fitting"):
         found = fit_scene(

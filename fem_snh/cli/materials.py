@@ -88,11 +88,11 @@ def _numbers(args: Namespace) -> dict[str, Any]:
     for key in ("E", "nu"):
         text = getattr(args, key)
         if text is not None:
-            keywords[key] = value(text)
+            keywords[key] = value(text, key)
             if isinstance(keywords[key], bool) or not isinstance(keywords[key], int | float):
                 raise BadInput(f"{key} = {text!r}: expected a number")
     for key, text in assignments(args.set).items():  # material.alpha=2, as for run
-        keywords[key.removeprefix("material.")] = value(text)
+        keywords[key.removeprefix("material.")] = value(text, key)
     return keywords
 
 

@@ -120,7 +120,10 @@ class Parser(argparse.ArgumentParser):
                 self.error(
                     f"{unknown_name('option', name, sorted(options))}; PETSc options go after --"
                 )
-            self.error(f"unexpected '{word}': one {'scene' if 'scene' in args else 'name'} at most")
+            known = "one scene at most" if "scene" in args else "one name at most"
+            if all(action.option_strings for action in self._actions):
+                known = f"{self.prog.split()[-1]} takes options alone"
+            self.error(f"unexpected '{word}': {known}")
         return args
 
 
@@ -140,8 +143,15 @@ def _is_number(word: str) -> bool:
     return True
 
 
-def value(text: str) -> Any:
+def value(text: str, key: str = "value") -> Any:
     """Return the value that ``text`` has in a TOML file or in JSON; a bare word is a string.
+
+    Parameters
+    ----------
+    text : str
+        The value.
+    key : str
+        What it is the value of, for the message.
 
     Raises
     ------
@@ -156,8 +166,8 @@ def value(text: str) -> Any:
         try:
             return json.loads(text)
         except ValueError:
-            accepted = "a list or a table in TOML or JSON, e.g. [{ group = 'top' }]"
-            raise bad_value("value", text, accepted) from None
+            accepted = "a list or a table in TOML or JSON, e.g. ['top'] or [{ group = 'top' }]"
+            raise bad_value(key, text, accepted) from None
     if text.lower() in ("true", "false"):
         return text.lower() == "true"
     return float(text) if _is_number(text) else text

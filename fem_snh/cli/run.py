@@ -68,7 +68,7 @@ def run(argv: list[str]) -> int:
             "FILE.py:NAME"
         )
     overrides = {key: getattr(args, key) for key, _, _ in SCENE_OPTIONS}
-    overrides |= {key: value(word) for key, word in assignments(args.set).items()}
+    overrides |= {key: value(word, key) for key, word in assignments(args.set).items()}
 
     if args.error:
         overrides["error"] = True

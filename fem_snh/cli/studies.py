@@ -138,7 +138,7 @@ def tradeoff(argv: list[str]) -> int:
         vary=vary,
         vary_at=_numbers("vary-at", args.vary_at) if args.vary_at is not None else None,
         full=args.full,
-        overrides={key: value(word) for key, word in assignments(args.set).items()},
+        overrides={key: value(word, key) for key, word in assignments(args.set).items()},
         petsc=petsc,
         **_limits(args),
     )
@@ -349,4 +349,4 @@ def comma_list(key: str, text: str) -> list[Any]:
             parts[-1] += letter
     if not all(part.strip() for part in parts):
         raise BadInput(f"{key} = '{text}': expected values with commas between, e.g. 0.3,0.45")
-    return [value(part.strip()) for part in parts]
+    return [value(part.strip(), key) for part in parts]

@@ -49,6 +49,8 @@ TOWARDS, TOWARDS_LONG = (0.62, -1.0, 0.55), ((0.32, -1.0, 0.15), (1.0, 0.32, 0.1
 LIGHTS = ((-0.6, 0.8, 0.4), (0.5, 0.1, 0.3))
 #: A section has the colours of the bar, which no light changes.
 _UNLIT: dict[str, Any] = {"ambient": 1.0, "diffuse": 0.0, "specular": 0.0}
+#: Values outside of the colours' range by less than this part of it are rounding.
+_ROUNDING = 1e-9
 #: Colour bars of a smaller range, relative to their values, have fewer ticks: numbers of six digits
 #: and more.
 _LONG_NUMBERS = 1e-3
@@ -79,7 +81,8 @@ def colours(field: str, values: np.ndarray) -> tuple[str, Normalize, str]:
         low = 0.0
     elif high <= low:
         high = low + max(abs(low), 1.0) * 1e-3
-    under, over = values.min() < low, values.max() > high
+    rounding = _ROUNDING * (high - low)
+    under, over = values.min() < low - rounding, values.max() > high + rounding
     extend = {(0, 0): "neither", (1, 0): "min", (0, 1): "max", (1, 1): "both"}[under, over]
     return ("coolwarm" if centre is not None else "viridis"), Normalize(low, high), extend
 
