@@ -92,6 +92,8 @@ _MAX_FACTORED = 5_000
 _CONVEX = 1e-4
 #: Newton iterations in all: a state that needs more is far from the run's.
 _MAX_IT = 15
+#: What the last Hessian of iterations that fail says of the run's state.
+_NEGATIVE = "the Hessian has negative curvature there, and on finer cells the body may leave it"
 
 
 class NoEstimate(Exception):
@@ -345,9 +347,10 @@ class Lift:
             self.last_reduction = outcome.residual / outcome.history[0].residual
             self.reduction *= self.last_reduction
         if not outcome.converged:
+            unstable = "" if self.stable else f": {_NEGATIVE}"
             raise NoEstimate(
                 f"no equilibrium of {self.lifted.element.name} was found near the run's "
-                f"({outcome.reason} after {self.newton} Newton iterations)"
+                f"({outcome.reason} after {self.newton} Newton iterations){unstable}"
             )
 
     def linear_solves(

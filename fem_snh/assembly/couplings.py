@@ -28,7 +28,11 @@ _KEPT_PAIRS = 2
 
 @runtime_checkable
 class CouplingTerm(Protocol):
-    """A term whose Hessian couples nodes that share no cell."""
+    """A term whose Hessian couples nodes that share no cell.
+
+    It may have an attribute ``unsettled_penalty``, the part of what its penalty changes of a goal
+    that stiffer ones may find otherwise (`fem_snh.accuracy.estimate`).
+    """
 
     def couplings(self, u: PETSc.Vec) -> Array:
         """Return the pairs of nodes that the Hessian at ``u`` couples. Collective.

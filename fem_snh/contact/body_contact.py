@@ -28,6 +28,9 @@ Array = npt.NDArray[Any]
 #: Degree of the quadrature beyond that of products of shape functions: those of the other surface
 #: have kinks inside of a facet. It reduces the error of a uniform pressure to a third.
 _QUADRATURE = 4
+#: Of `CouplingTerm`. With 100 times the stiffness the largest component of a force is within 3.2 %
+#: of what the estimate finds of the penalty, an energy within 6.3 %: blocks and a ball on a block.
+_UNSETTLED_PENALTY = 0.1
 
 
 class BodyContact:
@@ -68,6 +71,7 @@ class BodyContact:
     """
 
     name, has_energy, depends_on_load = "contact", True, False
+    unsettled_penalty = _UNSETTLED_PENALTY
 
     def __init__(
         self,

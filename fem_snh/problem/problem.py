@@ -98,6 +98,8 @@ class Problem:
         What a solver needs to know of a Taylor-Hood element's pressure.
     terms, history : list of Term, TermHistory
         All terms, the elastic energy first; what they keep from step to step.
+    coupling_terms : list of CouplingTerm
+        Those that couple nodes of different cells: surfaces of the body that touch each other.
     dirichlet : Dirichlet
         The constrained dofs and their values.
     solid_cells : (n,) int
@@ -195,7 +197,7 @@ class Problem:
         self.largest_step = StepLimit.of(
             self.terms, unknowns.num_owned_nodes, self.kinematics.components
         )
-        self._coupling_terms = [term for term in self.terms if isinstance(term, CouplingTerm)]
+        self.coupling_terms = [term for term in self.terms if isinstance(term, CouplingTerm)]
         self._rank_one = RankOneUpdate.of(self.terms, self.A, self.V, self.project)
         self.operator = self._rank_one.mat if self._rank_one else self.A
         self.seconds = {"jit": self.elastic.jit_seconds, "assemble": 0.0}
@@ -390,8 +392,8 @@ class Problem:
             self.gradient(x, force)
             self.rigid.prepare(x, force, filter)
         u, p = self.split(x)
-        if self._coupling_terms:
-            self.matrix.couple([term.couplings(u) for term in self._coupling_terms])
+        if self.coupling_terms:
+            self.matrix.couple([term.couplings(u) for term in self.coupling_terms])
         with self.matrix.adding():
             filtered = sum(term.add_hessian(u, p, filter, self.matrix) for term in self.terms)
         if self._rank_one:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Container, Mapping, Sequence
 from itertools import count
+from math import inf
 from typing import Any, Protocol, runtime_checkable
 
 from mpi4py import MPI
@@ -18,7 +19,7 @@ import numpy.typing as npt
 
 from fem_snh.errors import NotSettled
 from fem_snh.geometry.motions import MovingShape
-from fem_snh.terms.settling import MAX_SOLVES, LaggedChange, largest_change
+from fem_snh.terms.settling import MAX_SOLVES, MAX_STALLED, LaggedChange, largest_change
 from fem_snh.terms.term import Term
 
 Array = npt.NDArray[np.float64]
@@ -138,11 +139,15 @@ class TermHistory:
         self._terms = [term for term in terms if isinstance(term, HistoryTerm)]
         self._working = [term for term in terms if isinstance(term, WorkingTerm)]
         self._recorded = [term for term in terms if isinstance(term, RecordedTerm)]
+        self._reset()
+
+    def _reset(self) -> None:
         self.solves, self.change = 0, LaggedChange()
+        self._least, self._stalled = inf, 0  # the least change so far, and solves since then
 
     def begin_step(self, u: PETSc.Vec) -> None:
         """Reset the terms to the last accepted step, whose displacement is ``u``."""
-        self.solves, self.change = 0, LaggedChange()
+        self._reset()
         for term in self._terms:
             term.begin_step(u)
 
@@ -152,14 +157,22 @@ class TermHistory:
         Raises
         ------
         NotSettled
-            On every rank, if they still change after MAX_SOLVES solves.
+            On every rank, if they still change after MAX_SOLVES solves, or if the change has not
+            become smaller for MAX_STALLED solves.
         """
         self.solves += 1
         self.change = change = largest_change([term.update_lagged(u) for term in self._terms])
-        if not change.settled and self.solves >= MAX_SOLVES:
-            times = f"{change.ratio:.3g} times the tolerance"
-            raise NotSettled(f"{change.what} is {times} after {self.solves} solves")
-        return not change.settled
+        self._stalled = 0 if change.ratio < self._least else self._stalled + 1
+        self._least = min(self._least, change.ratio)
+        if change.settled:
+            self._least, self._stalled = inf, 0
+            return False
+        alternates = self._stalled >= MAX_STALLED
+        if alternates or self.solves >= MAX_SOLVES:
+            times = f"{change.ratio:.3g} times the tolerance after {self.solves} solves"
+            least = f", and never less than {self._least:.3g} times" if alternates else ""
+            raise NotSettled(f"{change.what} is {times}{least}")
+        return True
 
     def settling(self) -> dict[str, Any]:
         """Return what a step's row of run.json says of terms with a history.

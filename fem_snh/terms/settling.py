@@ -16,6 +16,11 @@ from typing import NamedTuple
 #: what has not settled then alternates, or cannot: nodes that are constrained cannot follow.
 MAX_SOLVES = 51
 
+#: Solves of a step after which it fails, if none of them has reduced the largest change below what
+#: it had been before: pairs of an unstable state alternate. In the tests of contact and friction
+#: quantities that settle have at most two such solves in turn.
+MAX_STALLED = 10
+
 
 def relative(change: float, size: float, tolerance: float) -> float:
     """Return ``change / (tolerance size)``: 0 without a change, infinity without a size."""
