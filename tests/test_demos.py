@@ -21,13 +21,13 @@ SMALLER = {
     "modes": ["--cells", "3"],
     "cook": ["--finest", "16"],
     "gent": ["--cells", "4"],
-    "scramble": ["--cells", "6"],
+    "scramble": ["--cells", "4"],
     "tutorial_beam": ["--cells", "4,1,1"],
     "foundation": ["--cells", "4"],
     "inflation": ["--cells", "2", "--steps", "12"],
     "biceps": ["--cells", "14"],  # its own smaller variant
     "elbow": ["--cells", "14", "--nus", "0", "0.499", "--steps", "2"],
-    "squash": ["--cells", "16", "--substeps", "3", "--seconds", "0"],
+    "squash": ["--cells", "16", "--substeps", "2", "--seconds", "0"],
     "hand": ["--cells", "40", "--steps", "4"],
     "torso": ["--cells", "30", "--steps", "4"],
 }
