@@ -11,6 +11,7 @@ from contact_problems import contact_problem, plane, press, translation
 from scipy.optimize import brentq
 from two_bodies import NU, PRESS, E, TwoBlocks, distance_from_affine
 
+import fem_snh
 from fem_snh import solver
 from fem_snh.contact.obstacle_contact import RigidContact
 from fem_snh.kernels.material import material
@@ -198,3 +199,46 @@ def test_a_small_load_is_augmented_too(other: str) -> None:
     lateral = brentq(lateral_stress, 1.0, 1.02, xtol=1e-14)
     exact = -made.pk1(np.diag([lateral, lateral, stretch]))[2, 2]
     assert force == pytest.approx(exact, rel=1e-3)
+
+
+SLIDE = """
+mesh = {{ source = "two_blocks", parameters = {{ upper_width = 0.6, shift = 0.2 }} }}
+cells = 4
+element = "P1"
+steps = 2
+[material]
+name = "stable_neo_hookean"
+E = 1e4
+nu = 0.3
+[[hold]]
+group = "bottom"
+[[move]]
+group = "top"
+translate = [0.05, 0, -0.12]
+[[contact]]
+groups = ["lower_top", "upper_bottom"]
+{more}
+"""
+
+
+def test_what_penalties_leave_unsettled_covers_a_hundred_times_the_stiffness(comm, tmp_path):
+    """The force's smaller components change otherwise than is found, the largest one does not."""
+    path = comm.bcast(tmp_path) / "slide.toml"
+
+    def solved(more="", **keys):
+        if comm.rank == 0:
+            path.write_text(SLIDE.format(more=more))
+        comm.barrier()
+        return fem_snh.run(path, comm=comm, progress=False, **keys)
+
+    run = solved(error=True)
+    (row,) = run.steps[-1]["contacts"].values()
+    stiff = solved(f"stiffness = {100 * row['stiffness']}")
+    (stiff_row,) = stiff.steps[-1]["contacts"].values()
+    goals = [run.estimate.goals[f"lower_top/upper_bottom.force.{axis}"] for axis in "xyz"]
+    found = np.array([goal.parts["penalty"] for goal in goals])
+    unsettled = np.array([goal.unsettled for goal in goals])
+    changes = (np.array(stiff_row["force"]) - row["force"]) / 0.99
+    assert (np.abs(changes - found) < unsettled).all()
+    assert abs(changes - found)[1] > 0.35 * abs(found[1])
+    assert unsettled[2] < 0.25 * abs(found[2]) < 0.01 * abs(row["force"][2])
