@@ -46,6 +46,8 @@ class GoalError:
         steps; empty if there is one source, the mesh.
     steps_bound : float
         A bound of the error of time or load steps; infinite where none is known.
+    of_body : float
+        Of a displacement of a point, the estimate of the largest error of one in the body.
     reason : str
         Why this goal has no estimate, where others may have one, or an uncertain one.
     """
@@ -56,6 +58,7 @@ class GoalError:
     unsettled: float = 0.0
     parts: dict[str, float] = field(default_factory=dict)
     steps_bound: float = 0.0
+    of_body: float = 0.0
     reason: str = ""
 
     @property

@@ -245,6 +245,9 @@ def run_levels(
         refinement = 1.0 if levels.mesh_suffices else levels.refinement()
         shorter = levels.shorter_steps()
         stiffer = levels.stiffer_penalties(refinement, shorter)
+        tighter = levels.tighter_tolerance()
+        if max(refinement, shorter, stiffer, tighter) == 1:  # no part is what the bound is of
+            refinement = levels.refinement()
         if refine is _higher_degree and refinement > 1:
             if raised_element(current) == current.element:
                 levels.limit = f"cells of a file have element = '{current.element}' at most"
@@ -264,7 +267,7 @@ def run_levels(
         if stiffer > 1:
             printed.line(f"penalties are {stiffer:.2g} times stiffer")
             stiffness *= stiffer
-        if (tighter := levels.tighter_tolerance()) > 1:
+        if tighter > 1:
             given = current.petsc.get(_TOLERANCE)
             tolerance = float(OPTIONS[_TOLERANCE].default if given is None else given) / tighter
             printed.line(f"Newton's tolerance is {tolerance:.2g}")
