@@ -16,7 +16,8 @@ from fem_snh.steps.step_solver import StepSolver
 if TYPE_CHECKING:
     from fem_snh.problem.bone_records import BoneRecords
 
-#: Steps of Newton's method with a Hessian that is positive definite.
+#: Iterations of Newton's method with a Hessian that is positive definite. So may be one that the
+#: user's choice of a filter, clamp or abs, makes it.
 _DEFINITE = ("exact", "none needed")
 #: Part of a failed step's iterations with another one, from which on the reason says so where
 #: bodies touch: where they slide off, nine tenths are (two flush blocks).
@@ -140,7 +141,8 @@ class Stepper:
         nonfinite = problem.nonfinite - nonfinite
         self._out_of_memory = outcome.out_of_memory
         converged, history = outcome.converged, outcome.history
-        self._indefinite = sum(i.filter not in _DEFINITE for i in history)
+        chosen = self.solver.snes.getPythonContext().options["snes_hessian"]
+        self._indefinite = sum(i.filter not in (*_DEFINITE, chosen) for i in history)
         self.jump = self._jumps.find(load, before) if converged and self._jumps else None
         self._last = {
             "load": to,
