@@ -34,8 +34,9 @@ _SLOWEST = 0.8
 _LARGEST_CORRECTION = 20.0
 #: Least bound of a component, over the largest one of the same vector.
 _LEAST_OF_VECTOR = 0.1
-#: Least bound of a displacement, over that of the largest one in the body: where a coarse mesh
-#: resolves a corner badly, the estimate at and behind it is small by chance, or of the other sign.
+#: Least bound of a displacement on the first level, over that of the largest one in the body: where
+#: a coarse mesh resolves a corner badly, the estimate at and behind it is small by chance, or of
+#: the other sign. From the second level on the change of the corrected value tells it.
 _LEAST_OF_BODY = 0.5
 #: Goals below this part of their scale are not printed: the solvers leave that much.
 _SHOWN = 1e-5
@@ -167,14 +168,14 @@ def _bounded(goal: GoalError, safety: float, coarser: GoalLevel | None) -> GoalL
     unsettled = 0.0 if goal.steps_bound else goal.unsettled  # of steps it is their bound
     bound = size + missed + max(safety * steps, goal.steps_bound) + unsettled
     uncertainty = missed + max((safety - 1) * steps, goal.steps_bound) + unsettled
-    least = _LEAST_OF_BODY * (safety - 1) * goal.of_body
-    bound, uncertainty = max(bound, size + steps + least), max(uncertainty, least)
-    if coarser is not None:
+    if coarser is None:
+        left = _LEAST_OF_BODY * (safety - 1) * goal.of_body
+    else:
         change = abs(corrected - coarser.corrected)
         ratio = min(abs(error) / abs(coarser.error), _SLOWEST) if coarser.error else 0.0
         contradicts = change > uncertainty + coarser.uncertainty
         left = max(change * ratio / (1 - ratio), change if contradicts else 0.0)
-        bound, uncertainty = max(bound, size + steps + left), max(uncertainty, left)
+    bound, uncertainty = max(bound, size + steps + left), max(uncertainty, left)
     sizes = goal.value, error, scale, bound, uncertainty
     return GoalLevel(*sizes, goal.parts, safety, goal.steps_bound)
 
