@@ -18,6 +18,8 @@ from fem_snh.mesh.gmsh_input import MeshData
 
 Array = np.ndarray
 
+#: Cells at which bisection of the mesh of a run ends.
+MOST_CELLS = 20_000_000
 #: A cell is bisected if its volume is larger than the target times this: halves are then as much
 #: too small as the whole was too large.
 _TOLERANCE = 2**0.5

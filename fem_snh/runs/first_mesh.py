@@ -16,7 +16,7 @@ from fem_snh.accuracy.probe_cells import MOST_RADII, sizes_near
 from fem_snh.assembly.elements import element
 from fem_snh.assembly.kinematics import kinematics_of
 from fem_snh.mesh import simplices
-from fem_snh.mesh.bisection import bisect
+from fem_snh.mesh.bisection import MOST_CELLS, bisect
 from fem_snh.mesh.gmsh_input import MeshData
 from fem_snh.mesh.mesh import Mesh, distribute, gather
 from fem_snh.mesh.round_faces import round_faces
@@ -27,8 +27,6 @@ Array = npt.NDArray[Any]
 #: Rounds of bisection at most, and meshes of a shape, each with cells at the probes that are to be
 #: smaller by this factor: the goal then tells which radius they fit.
 _MOST_ROUNDS, _MOST_MESHES, _SMALLER = 20, 4, 0.8
-#: Cells at which bisection ends.
-_MOST_CELLS = 20_000_000
 
 
 def stress_probes(scene: scenes.Scene) -> list[scenes.Probe]:
@@ -74,6 +72,9 @@ def fine_at(
         return data
 
     made = distribute(comm, "the mesh with small cells at probes", make_on_root)
+    if mesh_like:
+        return made
+    # Bisected cells have the faces of the first ones.
     return replace(made, round_faces=round_faces(mesh.domain, kinematics.revolved))
 
 
@@ -84,7 +85,7 @@ def _bisected(data: MeshData, probes: Sequence[scenes.Probe], most: float) -> Me
         if not large.any():
             break
         volumes = simplices.volumes(data.x[data.cells[:, : data.x.shape[1] + 1]])
-        data = bisect(data, np.where(large, volumes / 2, volumes), _MOST_CELLS)
+        data = bisect(data, np.where(large, volumes / 2, volumes), MOST_CELLS)
     return data
 
 

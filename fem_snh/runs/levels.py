@@ -30,7 +30,7 @@ from fem_snh.accuracy.target_volumes import target_volumes
 from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.assembly.kinematics import kinematics_of
 from fem_snh.mesh import simplices
-from fem_snh.mesh.bisection import bisect_times
+from fem_snh.mesh.bisection import MOST_CELLS, bisect_times
 from fem_snh.mesh.gmsh_input import MeshData
 from fem_snh.mesh.mesh import Mesh, cell_volumes, distribute, gather
 from fem_snh.mesh.round_faces import round_faces
@@ -57,8 +57,6 @@ if TYPE_CHECKING:
 
 Array = npt.NDArray[Any]
 
-#: Cells at which bisection ends.
-_MOST_CELLS = 20_000_000
 #: The option of Newton's tolerance.
 _TOLERANCE = "snes_scaled_tol"
 #: Levels without an estimate after which the run ends: the first meshes may be too coarse.
@@ -366,7 +364,7 @@ def _bisected(
     comm: MPI.Comm, scene: scenes.Scene, level: Level, estimate: Estimate | None, finer: float
 ) -> tuple[scenes.Scene, Mesh | None]:
     def bisected(data: MeshData, target: Target, wanted: float) -> MeshData:
-        return bisect_times(data, target, wanted, _MOST_CELLS)
+        return bisect_times(data, target, wanted, MOST_CELLS)
 
     mesh = _with_target(comm, scene, level, estimate, finer, bisected)
     assert level.mesh is not None
