@@ -28,7 +28,7 @@ import numpy.typing as npt
 from scipy.linalg import eigh
 
 from fem_snh import _dolfinx
-from fem_snh.accuracy.goals import Dual, Linearisation
+from fem_snh.accuracy.duals import Dual, Linearisation
 from fem_snh.accuracy.lift import Lift
 from fem_snh.assembly.assembled_matrix import BlockMatrix
 from fem_snh.assembly.ghosted_vectors import (

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from math import nan
 from typing import Any, NamedTuple, Protocol
 
 from mpi4py import MPI
@@ -15,6 +13,7 @@ import numpy.typing as npt
 import ufl
 
 from fem_snh import _dolfinx
+from fem_snh.accuracy.duals import Dual, Linearisation, dual_of_reaction
 from fem_snh.assembly.ghosted_vectors import add_ghosts, set_to_zero, writable_values
 from fem_snh.problem.probes import Probes
 from fem_snh.problem.problem import Problem
@@ -25,89 +24,8 @@ from fem_snh.terms.term import ForceTerm, GoalTerm
 
 Array = npt.NDArray[Any]
 AXES = ("x", "y", "z")
-#: Length of the central difference of residuals relative to the body: about the cube root of the
-#: rounding error, where truncation and rounding are balanced.
-_DIFFERENCE = 1e-6
 #: A force of contact is rounding below this part of the largest force on a node.
 _NO_FORCE = 1e-8
-
-
-class Dual(NamedTuple):
-    """The dual solution of a goal: H^-1 g + offset.
-
-    Attributes
-    ----------
-    derivative : PETSc.Vec or None
-        g, the derivative of the goal by all unknowns, reduced to those that are free; None: zero.
-    offset : PETSc.Vec or None
-        What is known of the solution; NaN where the goal has none. None: zero.
-    """
-
-    derivative: PETSc.Vec | None
-    offset: PETSc.Vec | None = None
-
-
-@dataclass(frozen=True)
-class Linearisation:
-    """The lifted problem, linearised about its solution.
-
-    Attributes
-    ----------
-    problem : Problem
-        The lifted problem at its solution.
-    step : PETSc.Vec
-        From the solution that is judged to that of the lifted problem.
-    solve : callable
-        Solves H z = g for several g with the Hessian, which is symmetric. Collective.
-    """
-
-    problem: Problem
-    step: PETSc.Vec
-    solve: Callable[[Sequence[PETSc.Vec]], Sequence[PETSc.Vec]]
-
-    def solutions(self, duals: Sequence[Dual]) -> list[PETSc.Vec]:
-        """Return dual solutions; NaN where there is none. They are solved for together."""
-        problem = self.problem
-        derivatives = [dual.derivative for dual in duals if dual.derivative is not None]
-        solved = iter(self.solve(derivatives) if derivatives else ())
-        found = []
-        for dual in duals:
-            if dual.derivative is None:
-                z = problem.x.duplicate()
-                z.set(0.0)
-            else:
-                z = next(solved)
-                if problem.rigid:
-                    problem.rigid.expand(problem.x, z.array)
-            if dual.offset is not None:
-                z.axpy(1.0, dual.offset)
-            found.append(z)
-        return found
-
-    def dual_of(self, derivative: PETSc.Vec) -> Dual:
-        """Return the dual for a derivative by the displacement, a ghosted vector of ``V``."""
-        g = self.problem.x.duplicate()
-        g.set(0.0)
-        size = self.problem.owned_displacements
-        g.array[:size] = derivative.array_r[:size]
-        return self.dual_of_all(g)
-
-    def dual_of_all(self, g: PETSc.Vec, offset: PETSc.Vec | None = None) -> Dual:
-        """Return the dual for a derivative by all displacements and pressures, which is reduced."""
-        self.reduce(g)
-        return Dual(g, offset)
-
-    def unknown(self) -> Dual:
-        """Return the dual of a goal that has none here: NaN."""
-        offset = self.problem.x.duplicate()
-        offset.set(nan)
-        return Dual(None, offset)
-
-    def reduce(self, g: PETSc.Vec) -> None:
-        """Reduce a derivative to the unknowns: of rigid parts, and of what is not constrained."""
-        if self.problem.rigid:
-            self.problem.rigid.reduce_vector(self.problem.x, g)
-        self.problem.project(g.array)
 
 
 class Goal(Protocol):
@@ -153,7 +71,27 @@ def largest_displacement(problem: Problem) -> float:
     return float(problem.comm.allreduce(norms.max(initial=0.0), op=MPI.MAX))
 
 
-class PointGoal:
+class VectorGoal:
+    """Components of a vector.
+
+    Parameters
+    ----------
+    name : str
+        The vector's name.
+    components : sequence of int
+        The components.
+    """
+
+    def __init__(self, name: str, components: Sequence[int]) -> None:
+        self._components = list(components)
+        self.names = [f"{name}.{AXES[i]}" for i in components]
+
+    def components_of(self, vector: Sequence[float] | Array) -> list[float]:
+        """Return the goal's components of a vector (3,)."""
+        return [float(vector[i]) for i in self._components]
+
+
+class PointGoal(VectorGoal):
     """Components of the displacement [m] of a point of the reference body.
 
     Parameters
@@ -169,8 +107,8 @@ class PointGoal:
     def __init__(
         self, name: str, point: Sequence[float], components: Sequence[int] = (0, 1, 2)
     ) -> None:
-        self._point, self._components = _Point(name, point), list(components)
-        self.names = [f"{name}.{AXES[i]}" for i in components]
+        super().__init__(name, components)
+        self._point = _Point(name, point)
 
     def bind(self, problem: Problem) -> Callable[[], Sequence[float]]:
         """See `Goal.bind`. Raises BadInput on every rank for a point outside the body."""
@@ -188,10 +126,6 @@ class PointGoal:
         """The reference coordinates [m]."""
         return self._point.point
 
-    def components_of(self, u: Sequence[float] | Array) -> list[float]:
-        """Return the goal's components of a displacement (3,)."""
-        return [float(u[i]) for i in self._components]
-
     def unit(self, problem: Problem) -> float:
         """See `Goal.unit`."""
         return largest_displacement(problem)
@@ -208,7 +142,7 @@ class PointGoal:
         return at.dual_of(weights)
 
 
-class ReactionGoal:
+class ReactionGoal(VectorGoal):
     """Components of the reaction on nodes: the force [N], or its moment [N m] about a point.
 
     Parameters
@@ -231,9 +165,9 @@ class ReactionGoal:
         components: Sequence[int] = (0, 1, 2),
         about: Sequence[float] | None = None,
     ) -> None:
-        self._entries, self._components = entries, list(components)
+        super().__init__(name, components)
+        self._entries = entries
         self._about = None if about is None else np.array(about, dtype=float)
-        self.names = [f"{name}.{AXES[i]}" for i in components]
 
     def bind(self, problem: Problem) -> Callable[[], Sequence[float]]:
         """See `Goal.bind`."""
@@ -241,8 +175,7 @@ class ReactionGoal:
 
         def values() -> list[float]:
             force, moment = reaction(problem, weights, (0, 0, 0) if about is None else about)
-            found = force if about is None else moment
-            return [float(found[i]) for i in self._components]
+            return self.components_of(force if about is None else moment)
 
         return values
 
@@ -281,35 +214,7 @@ def _turning(problem: Problem, weights: Array, axis: Array) -> PETSc.Vec:
     return found
 
 
-def dual_of_reaction(at: Linearisation, e: PETSc.Vec, turning: PETSc.Vec | None) -> Dual:
-    """Return the dual of e . dE/du, with a virtual displacement e, which is changed.
-
-    The derivative is H e, beside that of e itself by the displacement, ``turning``. Where e is
-    constrained, or of a rigid part, -e is a part of the dual solution; elsewhere e has none.
-    """
-    problem = at.problem
-    free = e.copy()
-    problem.project(free.array)
-    if problem.rigid:
-        free.array[problem.rigid.dofs] = 0.0
-    e.axpy(-1.0, free)
-    g = _hessian_product(problem, e)
-    if turning is not None:
-        g.axpy(1.0, turning)
-    return at.dual_of_all(g, -e)
-
-
-def _hessian_product(problem: Problem, e: PETSc.Vec) -> PETSc.Vec:
-    """Return H e by a central difference: the assembled matrix has no constrained columns."""
-    h, product, other = _DIFFERENCE * problem.length, e.duplicate(), e.duplicate()
-    problem.gradient(problem.x + h * e, product)
-    problem.gradient(problem.x - h * e, other)
-    product.axpy(-1.0, other)
-    product.scale(1 / (2 * h))
-    return product
-
-
-class MeanGoal:
+class MeanGoal(VectorGoal):
     """Components of the mean displacement [m] over cells or facets of the reference body.
 
     Parameters
@@ -323,8 +228,8 @@ class MeanGoal:
     """
 
     def __init__(self, name: str, measure: Any, components: Sequence[int] = (0, 1, 2)) -> None:
-        self._measure, self._components = measure, list(components)
-        self.names = [f"{name}.{AXES[i]}" for i in components]
+        super().__init__(name, components)
+        self._measure = measure
 
     @property
     def on_surface(self) -> bool:

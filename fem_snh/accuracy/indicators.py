@@ -25,7 +25,8 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh import _dolfinx
-from fem_snh.accuracy.goals import Goal, Linearisation, TermGoal
+from fem_snh.accuracy.duals import Linearisation
+from fem_snh.accuracy.goals import Goal, TermGoal
 from fem_snh.accuracy.lift import Lift
 from fem_snh.assembly.ghosted_vectors import (
     add_ghosts,
@@ -37,6 +38,9 @@ from fem_snh.mesh.mesh import Mesh
 from fem_snh.problem.problem import Problem
 
 Array = npt.NDArray[Any]
+
+#: The part of the error whose cells are described.
+_MOST = 0.5
 
 
 @dataclass(frozen=True)
@@ -200,10 +204,6 @@ def _multiplicity(V: Any) -> Array:
     """Return the number of cells around each node of each cell, (cells, nodes). Collective."""
     shape = _dolfinx.node_dofs(V).shape
     return np.asarray(_summed(V, np.ones((*shape, _dolfinx.num_components(V))))[..., 0])
-
-
-#: The part of the error whose cells are described.
-_MOST = 0.5
 
 
 def place(problem: Problem, indicators: Array, mesh: Mesh | None = None) -> Place | None:

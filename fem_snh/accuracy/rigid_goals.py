@@ -6,11 +6,12 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from fem_snh.accuracy.goals import AXES, Dual, Linearisation, dual_of_reaction, largest_displacement
+from fem_snh.accuracy.duals import Dual, Linearisation, dual_of_reaction
+from fem_snh.accuracy.goals import VectorGoal, largest_displacement
 from fem_snh.problem.problem import Problem
 
 
-class RigidGoal:
+class RigidGoal(VectorGoal):
     """Components of a motion of a rigid part, or of what holds it against the flesh.
 
     Parameters
@@ -27,8 +28,8 @@ class RigidGoal:
     def __init__(
         self, part: str, kind: str, components: Sequence[int] = (0, 1, 2), label: str = ""
     ) -> None:
-        self._part, self._kind, self._components = part, kind, list(components)
-        self.names = [f"{label or f'{part}.{kind}'}.{AXES[i]}" for i in components]
+        super().__init__(label or f"{part}.{kind}", components)
+        self._part, self._kind = part, kind
 
     def bind(self, problem: Problem) -> Callable[[], Sequence[float]]:
         """See `Goal.bind`."""
@@ -38,7 +39,7 @@ class RigidGoal:
         def values() -> list[float]:
             state = problem.rigid_states(problem.x)[self._part]
             state["displacement"] = list(np.subtract(state["position"], place))
-            return [state[self._kind][i] for i in self._components]
+            return self.components_of(state[self._kind])
 
         return values
 

@@ -31,7 +31,8 @@ from scipy.optimize import least_squares
 
 from fem_snh import materials, scenes, solver
 from fem_snh._petsc import default_options
-from fem_snh.accuracy.goals import Goal, Linearisation
+from fem_snh.accuracy.duals import Linearisation
+from fem_snh.accuracy.goals import Goal
 from fem_snh.accuracy.hessian_solver import HessianSolver
 from fem_snh.atomic_files import make_folder_of, replace_file
 from fem_snh.errors import BadInput, Failed, bad_value, on_every
