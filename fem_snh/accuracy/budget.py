@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh import solver
+from fem_snh.accuracy.differences import largest_components
 from fem_snh.accuracy.goals import Goal
 from fem_snh.accuracy.lift import NoEstimate
 from fem_snh.problem.problem import Problem
@@ -31,6 +32,16 @@ STIFFER = 4.0
 #: pairs of surfaces change. They are made stiffer until this part of the goal is left, or so many
 #: times.
 _SMALL, _LEFT, _MOST_STIFFER = 0.01, 0.02, 8
+#: Part of what penalties change that is unsettled where surfaces of the body touch each other: the
+#: pairs change, and stiffer penalties may find another state. Measured with self-contact; a term
+#: with ``unsettled_penalty`` has its own.
+_OF_PAIRS = 0.35
+#: Where surfaces of the body touch each other, components beside the largest one of a vector are
+#: unsettled by this multiple of what penalties change of them, or by this part of the most that
+#: they change in the vector, if that is less. With 100 times the stiffness the components of the
+#: force between two bodies change by another amount than was found, by up to 1.6 times that and
+#: 0.29 of the most.
+_BESIDE, _OF_MOST = 2.0, 0.35
 #: Largest ratio of two changes that is believed.
 _SLOWEST = 0.8
 #: An iteration that does not reduce the residual to this part is followed by another one, of which
@@ -129,6 +140,30 @@ def without_penalties(
 def penalty_part(values: Array, stiff: Array) -> Array:
     """Return what goals would change by without penalties, from those with `STIFFER` ones."""
     return (stiff - values) * STIFFER / (STIFFER - 1)
+
+
+def unsettled_penalties(
+    problem: Problem, goals: Sequence[Goal], values: Array, penalties: Array
+) -> Array:
+    """Return what is unsettled of the part of penalties; zero if no surfaces of the body touch.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem.
+    goals : sequence of Goal
+        The goals.
+    values, penalties : (goals,) array
+        Their values, and the part that is added for penalties.
+    """
+    if not problem.coupling_terms:
+        return np.zeros(len(values))
+    sizes, changes = np.abs(values), np.abs(penalties)
+    parts = [getattr(term, "unsettled_penalty", _OF_PAIRS) for term in problem.coupling_terms]
+    unsettled = max(parts) * changes
+    beside = np.minimum(_BESIDE * changes, _OF_MOST * largest_components(goals, changes))
+    is_smaller = sizes < largest_components(goals, sizes)
+    return np.where(is_smaller, np.maximum(unsettled, beside), unsettled)
 
 
 def algebra_errors(problem: Problem, goals: Sequence[Goal], values: Array) -> Array | None:

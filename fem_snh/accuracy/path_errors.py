@@ -20,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh.accuracy.budget import STIFFER, penalty_part, without_penalties
-from fem_snh.accuracy.estimate import estimated
+from fem_snh.accuracy.estimate import estimate_with
 from fem_snh.accuracy.frequency_goals import FrequencyGoal
 from fem_snh.accuracy.goal_errors import LOAD_STEPS, TIME_STEPS, Estimate, bounded_steps
 from fem_snh.accuracy.goals import Goal, names_of
@@ -162,7 +162,7 @@ def estimate_on_path(
             error = sum(own.values())
             found.goals[name] = replace(goal, error=error, parts=own, unsettled=unsettled)
 
-    return estimated(problem, goals, find, mesh)
+    return estimate_with(find, problem, goals, mesh)
 
 
 def _errors(

@@ -21,6 +21,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from fem_snh.accuracy.differences import SETTLED, Differences, LiftedGoals, largest_components
+from fem_snh.accuracy.goal_errors import UNSETTLED
 from fem_snh.accuracy.goals import Goal, MeanGoal, PointGoal, ReactionGoal, TermGoal, VolumeGoal
 from fem_snh.accuracy.lift import NoEstimate, NoEstimateOnAnyMesh, nearly_incompressible
 from fem_snh.accuracy.rigid_goals import RigidGoal
@@ -41,6 +43,11 @@ _LARGEST_RATIO = 100.0
 _ON_SURFACE = 1e-9
 #: The largest part of the nodes below a surface for which there may be no second point.
 _MOST_WITHOUT = 0.25
+#: Moves of the nodes below the surfaces at most, each followed by a Newton iteration. A move leaves
+#: at most half of what is missing.
+_MOST_MOVES = 8
+#: Part of the largest error of a vector that remains uncertain of each component.
+_OF_VECTOR = 0.05
 
 
 def check_shapes(problem: Problem) -> None:
@@ -188,3 +195,48 @@ def is_on_flesh(goal: Goal) -> bool:
     if isinstance(goal, MeanGoal):
         return goal.on_surface
     return isinstance(goal, PointGoal | ReactionGoal | RigidGoal | TermGoal | VolumeGoal)
+
+
+def changes_by_surfaces(
+    surfaces: ShapeSurfaces, goals: LiftedGoals, before: Differences
+) -> Differences:
+    """Return what moving the nodes below the surfaces changes of goals. Collective.
+
+    Parameters
+    ----------
+    surfaces : ShapeSurfaces
+        The surfaces.
+    goals : LiftedGoals
+        The goals, at the solution of the lifted problem.
+    before : Differences
+        The errors without these changes.
+
+    Returns
+    -------
+    Differences
+        The changes; what is unsettled of them and of the errors before.
+
+    Raises
+    ------
+    NoEstimate
+        If no equilibrium is found.
+    """
+    goals.lift.allow(2 * _MOST_MOVES)
+    start = last = goals.evaluate()
+    moved: Array = np.zeros(len(start))
+    for _ in range(_MOST_MOVES if surfaces.below else 0):
+        surfaces.update()
+        previous, last = last, goals.iterate()
+        moved = np.abs(last - previous)  # the further moves are at most a geometric series
+        if (moved <= SETTLED * np.abs(before.values + last - start)).all():
+            break
+    if not np.isfinite(last).all():
+        raise NoEstimate("a goal is not finite with the surfaces of shapes")
+    change = last - start
+    # That of a volume is what the continuation of the flesh misses: no more than a bound.
+    inexact = [isinstance(goal, VolumeGoal) for goal in goals.goals for _ in goal.names]
+    unsettled = before.unsettled + np.where(inexact, np.abs(change), moved)
+    whole = before.values + change
+    unsettled = np.maximum(unsettled, _OF_VECTOR * largest_components(goals.goals, whole))
+    printed = unsettled > UNSETTLED * np.abs(whole)  # as a bound, of twice the size
+    return Differences(change, unsettled + np.where(printed, unsettled + np.abs(whole), 0.0))

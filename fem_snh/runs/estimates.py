@@ -6,7 +6,7 @@ from collections.abc import Callable, Collection, Sequence
 from typing import TYPE_CHECKING
 
 from fem_snh import scenes
-from fem_snh.accuracy.estimate import estimate_error, largest_error
+from fem_snh.accuracy.estimate import EstimateOptions, estimate_error, largest_error
 from fem_snh.accuracy.goal_errors import Estimate
 from fem_snh.accuracy.goals import Goal
 from fem_snh.accuracy.lift import depends_on_path
@@ -50,15 +50,14 @@ def estimate_errors(
 
         return estimate_on_path(problem, ScenePath(scene, setup), goals, announce, setup.mesh)
 
-    def choose(found: Estimate, names: Sequence[str]) -> Collection[str]:
+    def choose(estimate: Estimate, names: Sequence[str]) -> Collection[str]:
         if fields:
             return names
         if level:
             from fem_snh.runs.levels import is_refined_locally
 
-            return level.located(found, names, is_refined_locally(scene))
-        return names if scene.accuracy and scene.accuracy.goals else largest_error(found, names)
+            return level.located(estimate, names, is_refined_locally(scene))
+        return names if scene.accuracy and scene.accuracy.goals else largest_error(estimate, names)
 
-    made = problem, setup.make
-    asked = scene.within or 0.0
-    return estimate_error(*made, goals, announce, setup.mesh, choose, scene.stability, asked)
+    options = EstimateOptions(scene.within or 0.0, scene.stability, choose)
+    return estimate_error(problem, setup.make, goals, announce, setup.mesh, options)
