@@ -20,6 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh.accuracy.budget import STIFFER, penalty_part, without_penalties
+from fem_snh.accuracy.differences import scales_of, values_of
 from fem_snh.accuracy.estimate import estimate_with
 from fem_snh.accuracy.frequency_goals import FrequencyGoal
 from fem_snh.accuracy.goal_errors import LOAD_STEPS, TIME_STEPS, Estimate, bounded_steps
@@ -37,6 +38,8 @@ from fem_snh.assembly.elements import Element
 from fem_snh.mesh.mesh import Mesh
 from fem_snh.problem.problem import Problem
 from fem_snh.terms.term import LengthTerm
+
+Array = npt.NDArray[Any]
 
 #: The order of time steps with contact, whose beginning and end fall between steps, and that of
 #: load steps, whose friction acts along the chord of a step.
@@ -93,7 +96,7 @@ class Path(Protocol):
 class Followed(NamedTuple):
     """The goals at the end of a path, the number of its steps, and what they cost."""
 
-    values: npt.NDArray[Any]
+    values: Array
     taken: int
     newton: int
     linear: int
@@ -146,131 +149,191 @@ def estimate_on_path(
         The mesh of a scene.
     """
 
-    def find(found: Estimate) -> None:
+    def add_errors(estimate: Estimate) -> None:
         known = [goal for goal in goals if not isinstance(goal, FrequencyGoal)]
-        found.on_no_mesh = len(known) < len(goals)
-        parts = _errors(problem, path, known, found, announce)
+        estimate.on_no_mesh = len(known) < len(goals)
+        _announce(problem, path, estimate, announce)
+        parts = _Repetitions(problem, path, known, estimate).parts()
         for i, name in enumerate(names_of(known)):
-            own = {part: float(errors[i]) for part, errors in parts.items()}
-            goal = found.goals[name]
+            of_goal = {source: float(errors[i]) for source, errors in parts.items()}
+            goal = estimate.goals[name]
             if goal.reason:
-                own.pop(_source(problem))
-                found.goals[name] = replace(goal, parts=own)
+                of_goal.pop(_source(problem))
+                estimate.goals[name] = replace(goal, parts=of_goal)
                 continue
             # Irregular steps have no estimate: the error is printed as a bound.
-            unsettled = goal.steps_bound if bounded_steps(own, goal.steps_bound) else 0.0
-            error = sum(own.values())
-            found.goals[name] = replace(goal, error=error, parts=own, unsettled=unsettled)
+            unsettled = goal.steps_bound if bounded_steps(of_goal, goal.steps_bound) else 0.0
+            error = sum(of_goal.values())
+            estimate.goals[name] = replace(goal, error=error, parts=of_goal, unsettled=unsettled)
 
-    return estimate_with(find, problem, goals, mesh)
+    return estimate_with(add_errors, problem, goals, mesh)
 
 
-def _errors(
-    problem: Problem,
-    path: Path,
-    goals: Sequence[Goal],
-    found: Estimate,
-    announce: Callable[[Estimate], None],
-) -> dict[str, npt.NDArray[Any]]:
-    """Return the errors of steps, mesh and penalties; raise NoEstimate if there are none."""
-    steps, motion = path.steps, problem.motion
+def _announce(
+    problem: Problem, path: Path, estimate: Estimate, announce: Callable[[Estimate], None]
+) -> None:
+    """Announce what it costs to follow the path again; raise NoEstimate if that is impossible."""
+    steps = path.steps
     check_body(problem)
-    if motion and steps < _FEWEST_STEPS:
+    if problem.motion and steps < _FEWEST_STEPS:
         raise NoEstimate(f"{steps} time steps: expected at least {_FEWEST_STEPS}")
-    element, *others = _lifted_elements(problem)
-    found.element, found.dofs = element.name, lifted_dofs(problem, element)
-    found.memory, found.again = memory(problem, element), ceil(steps / 2) if steps > 1 else 2
-    announce(found)
-    check_memory(problem, found.memory)
+    element = _lifted_elements(problem)[0]
+    estimate.element, estimate.dofs = element.name, lifted_dofs(problem, element)
+    estimate.memory = memory(problem, element)
+    estimate.again = ceil(steps / 2) if steps > 1 else 2
+    announce(estimate)
+    check_memory(problem, estimate.memory)
 
-    def follow(steps: int, element: Element | None = None, stiffer: float = 1.0) -> Followed:
-        again = path.follow(steps, goals, element, stiffer)
-        found.newton += again.newton
-        found.linear += again.linear
-        found.jit += again.jit
+
+class _Repetitions:
+    """The errors of goals at the end of a path, which is followed again. Collective.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem at the end of the path.
+    path : Path
+        How it came there.
+    goals : sequence of Goal
+        The goals.
+    estimate : Estimate
+        Has their values and the number of steps of the first repetition, and counts iterations.
+    """
+
+    def __init__(
+        self, problem: Problem, path: Path, goals: Sequence[Goal], estimate: Estimate
+    ) -> None:
+        self._problem, self._path, self._goals, self._estimate = problem, path, goals, estimate
+        self._values, self._scales = values_of(estimate, goals), scales_of(estimate, goals)
+
+    def parts(self) -> dict[str, Array]:
+        """Return the parts of the errors by their source; of the steps alone if no goal has more.
+
+        Raises
+        ------
+        NoEstimate
+            If there are none.
+        """
+        problem, estimate, half_steps = self._problem, self._estimate, self._estimate.again
+        half = self._follow(half_steps)
+        finer = self._path.taken / half.taken  # with more steps than in the run, of one step, < 1
+        if 1 / _LEAST_RATIO < finer < _LEAST_RATIO:
+            raise NoEstimate(
+                f"with half the steps some failed and were halved: {half.taken} steps beside the "
+                f"run's {self._path.taken} are no comparison"
+            )
+        quarter_steps = ceil(half_steps / 2)
+        quarter = self._quarter(quarter_steps, half)
+        before = half.values - quarter.values if quarter else np.zeros(len(self._values))
+        self._note_what_is_left_out(before)
+        parts = {_source(problem): self._errors_of_steps(half, finer, before, quarter)}
+        if all(estimate.goals[name].reason for name in names_of(self._goals)):
+            return parts
+        if quarter and quarter_steps >= _ENOUGH_STEPS:
+            return parts | self._errors_of_mesh_and_penalties(quarter_steps, quarter)
+        return parts | self._errors_of_mesh_and_penalties(half_steps, half)
+
+    def _follow(self, steps: int, element: Element | None = None, stiffer: float = 1.0) -> Followed:
+        """Follow the path, and count the iterations."""
+        again = self._path.follow(steps, self._goals, element, stiffer)
+        self._estimate.newton += again.newton
+        self._estimate.linear += again.linear
+        self._estimate.jit += again.jit
         return again
 
-    known = [found.goals[name] for name in names_of(goals)]
-    values = np.array([goal.value for goal in known])
-    coarse = half = follow(found.again)
-    finer = path.taken / half.taken  # with more steps than in the run, of one step, below 1
-    if 1 / _LEAST_RATIO < finer < _LEAST_RATIO:
-        raise NoEstimate(
-            f"with half the steps some failed and were halved: {half.taken} steps beside the run's "
-            f"{path.taken} are no comparison"
-        )
-    before, few = np.zeros(len(values)), ceil(found.again / 2)
-    on = found.again  # the steps of the paths that show the errors of the mesh and the penalties
-    if motion and few >= _FEWEST_QUARTER and 2 * few == found.again:
-        quarter = follow(few)
-        if 2 * quarter.taken == half.taken:
-            before = half.values - quarter.values
-            if few >= _ENOUGH_STEPS:
-                on, coarse = few, quarter
-    if motion and not before.any():
-        found.left_out.append(
-            f"the order of {path.taken} time steps was not measured: their error may be larger "
-            f"than its estimate, which takes order {motion.integrator.order}; a multiple of "
-            f"{_HALVES} steps, {_HALVES * _FEWEST_QUARTER} or more, shows it"
-        )
-    for term in problem.terms:
-        if isinstance(term, LengthTerm):
-            found.left_out.append(f"the errors do not include that of the gap: {term.length_text}")
-    orders = [_CONTACT_ORDER, motion.integrator.order if motion else _CONTACT_ORDER]
-    if not problem.history.by_name:  # without contact
-        orders[0] = orders[1]
-    rounding = np.array([_ROUNDING * goal.scale for goal in known])
-    change = values - half.values
-    steps_error, found_bounds = steps_errors(change, before, finer, orders, rounding)
-    limits = np.array([_SMALL_CHANGES * goal.scale for goal in known])
-    unordered = (found_bounds == inf) & (np.maximum(abs(change), abs(before)) <= limits)
-    if unordered.any() and (fewer := ceil(few / 2)) >= _FEWEST_QUARTER:
-        eighth = follow(fewer)
-        if eighth.taken == fewer:
-            changes = np.array([change, before, quarter.values - eighth.values])
-            bounds = bounds_of_small_changes(changes, limits, orders[1])
-            found_bounds = np.where(unordered, bounds, found_bounds)
-    for i, (name, bound) in enumerate(zip(names_of(goals), found_bounds, strict=True)):
-        reason = _no_order(before[i], change[i]) if bound == inf else ""
-        found.goals[name] = replace(found.goals[name], steps_bound=float(bound), reason=reason)
-    if all(found.goals[name].reason for name in names_of(goals)):
-        return {_source(problem): steps_error}
-    penalties = problem.scale_penalties(1.0)
+    def _quarter(self, steps: int, half: Followed) -> Followed | None:
+        """Return the motion with a quarter of the steps; None if that shows no order."""
+        if not self._problem.motion or steps < _FEWEST_QUARTER or 2 * steps != self._estimate.again:
+            return None
+        quarter = self._follow(steps)
+        return quarter if 2 * quarter.taken == half.taken else None
 
-    @cache
-    def stiffened(factor: float) -> npt.NDArray[Any]:
-        return follow(on, stiffer=factor).values if factor != 1 else coarse.values
+    def _note_what_is_left_out(self, before: Array) -> None:
+        """Note an order that is not measured, and lengths that the lifted element has, too."""
+        motion, left_out = self._problem.motion, self._estimate.left_out
+        if motion and not before.any():
+            left_out.append(
+                f"the order of {self._path.taken} time steps was not measured: their error may be "
+                f"larger than its estimate, which takes order {motion.integrator.order}; a "
+                f"multiple of {_HALVES} steps, {_HALVES * _FEWEST_QUARTER} or more, shows it"
+            )
+        for term in self._problem.terms:
+            if isinstance(term, LengthTerm):
+                left_out.append(f"the errors do not include that of the gap: {term.length_text}")
 
-    penalty, stiffer = None, 1.0
-    if penalties and not motion:
-        scales = np.array([found.goals[name].scale for name in names_of(goals)])
-        try:
-            penalty = without_penalties(coarse.values, scales, stiffened, verify=False)
-            stiffer = STIFFER  # the mesh has another error without penalties: most of it with these
-        except NoEstimate as error:
-            found.left_out.append(f"the error of penalties is not known: {error}")
-    lifted = None
-    while lifted is None:
-        try:
-            lifted = follow(on, element, stiffer)
-        except ElementDoesNotFit:
-            if not others:
-                raise
-            element, *others = others
-            found.element = element.name
-    if penalties and motion:
-        by_stiffer = penalty_part(coarse.values, stiffened(STIFFER))
-        by_softer = penalty_part(stiffened(1 / STIFFER), coarse.values) / STIFFER
-        penalty = resolved_penalty(by_stiffer, by_softer)
-    parts = {_source(problem): steps_error, "mesh": lifted.values - stiffened(stiffer)}
-    if penalty is not None:
-        parts["penalty"] = penalty
-    return parts
+    def _errors_of_steps(
+        self, half: Followed, finer: float, before: Array, quarter: Followed | None
+    ) -> Array:
+        """Return the errors of the steps, and set their bounds.
+
+        Parameters
+        ----------
+        half : Followed
+            The path with half the steps.
+        finer : float
+            The steps of the run over those.
+        before : (goals,) array
+            The change from a quarter of the steps to half of them; zero without a ``quarter``.
+        quarter : Followed or None
+            The path with a quarter of the steps.
+        """
+        motion, change = self._problem.motion, self._values - half.values
+        most = motion.integrator.order if motion else _CONTACT_ORDER
+        least = _CONTACT_ORDER if self._problem.history.by_name else most  # some have contact
+        rounding, limits = _ROUNDING * self._scales, _SMALL_CHANGES * self._scales
+        errors, bounds = steps_errors(change, before, finer, (least, most), rounding)
+        unordered = (bounds == inf) & (np.maximum(abs(change), abs(before)) <= limits)
+        eighth_steps = ceil(self._estimate.again / 4)
+        if quarter and unordered.any() and eighth_steps >= _FEWEST_QUARTER:
+            eighth = self._follow(eighth_steps)
+            if eighth.taken == eighth_steps:
+                changes = np.array([change, before, quarter.values - eighth.values])
+                small = bounds_of_small_changes(changes, limits, most)
+                bounds = np.where(unordered, small, bounds)
+        goals = self._estimate.goals
+        for i, (name, bound) in enumerate(zip(names_of(self._goals), bounds, strict=True)):
+            reason = _no_order(before[i], change[i]) if bound == inf else ""
+            goals[name] = replace(goals[name], steps_bound=float(bound), reason=reason)
+        return errors
+
+    def _errors_of_mesh_and_penalties(self, steps: int, followed: Followed) -> dict[str, Array]:
+        """Return these parts, as they are with so many steps, whose path was ``followed``."""
+        values, motion = followed.values, self._problem.motion
+        has_penalties = self._problem.scale_penalties(1.0)
+
+        @cache
+        def stiffened(factor: float) -> Array:
+            return self._follow(steps, stiffer=factor).values if factor != 1 else values
+
+        penalty, stiffer = None, 1.0
+        if has_penalties and not motion:
+            try:
+                penalty = without_penalties(values, self._scales, stiffened, verify=False)
+                stiffer = STIFFER  # most of the error that the mesh has without penalties
+            except NoEstimate as error:
+                self._estimate.left_out.append(f"the error of penalties is not known: {error}")
+        lifted = self._lifted(steps, stiffer)
+        if has_penalties and motion:
+            by_stiffer = penalty_part(values, stiffened(STIFFER))
+            by_softer = penalty_part(stiffened(1 / STIFFER), values) / STIFFER
+            penalty = resolved_penalty(by_stiffer, by_softer)
+        parts = {"mesh": lifted.values - stiffened(stiffer)}
+        return parts if penalty is None else parts | {"penalty": penalty}
+
+    def _lifted(self, steps: int, stiffer: float) -> Followed:
+        """Return the path in the best lifted element that fits."""
+        *others, last = _lifted_elements(self._problem)
+        for element in others:
+            self._estimate.element = element.name
+            try:
+                return self._follow(steps, element, stiffer)
+            except ElementDoesNotFit:
+                continue
+        self._estimate.element = last.name
+        return self._follow(steps, last, stiffer)
 
 
-def bounds_of_small_changes(
-    changes: npt.NDArray[Any], limits: npt.NDArray[Any], order: int
-) -> npt.NDArray[Any]:
+def bounds_of_small_changes(changes: Array, limits: Array, order: int) -> Array:
     """Return bounds of the errors of steps where changes (3, goals) do not decrease.
 
     The last change is the first row. Of three refinements the first one finds what the others may
@@ -308,7 +371,7 @@ def _lifted_elements(problem: Problem) -> list[Element]:
     return elements[-1:] if definite and problem.element.degree > 1 else elements
 
 
-def resolved_penalty(by_stiffer: npt.NDArray[Any], by_softer: npt.NDArray[Any]) -> npt.NDArray[Any]:
+def resolved_penalty(by_stiffer: Array, by_softer: Array) -> Array:
     """Return the errors of penalties in time, from stiffer and from softer ones.
 
     Both are about the same where the time steps resolve the vibration of the stiffer ones.
@@ -321,12 +384,12 @@ def resolved_penalty(by_stiffer: npt.NDArray[Any], by_softer: npt.NDArray[Any]) 
 
 
 def steps_errors(
-    change: npt.NDArray[Any],
-    before: npt.NDArray[Any],
+    change: Array,
+    before: Array,
     finer: float,
     orders: Sequence[int],
-    rounding: npt.NDArray[Any] | float = 0.0,
-) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
+    rounding: Array | float = 0.0,
+) -> tuple[Array, Array]:
     """Return the errors of the steps of goals, and bounds of them.
 
     The order is measured by both changes where there is one ``before``. Steps that hardly resolve
