@@ -15,7 +15,7 @@ from fem_snh import _dolfinx
 from fem_snh.accuracy.probe_cells import MOST_RADII, sizes_near
 from fem_snh.mesh.mesh import cell_volumes
 from fem_snh.runs.first_mesh import fine_at, stress_probes
-from fem_snh.runs.levels import _mesh_like
+from fem_snh.runs.refinement import mesh_like
 from fem_snh.scenes import Accuracy, Probe, Scene, load
 
 _BUSH = Path(__file__).parent / "data" / "bush.xao"
@@ -41,7 +41,7 @@ def probed(mesh, point, radius, **keys):
 def test_cells_are_small_at_the_point_alone(comm, mesh, point, radius, keys, volume):
     """Whether they are bisected or a shape is meshed again; the body stays as it is."""
     scene = probed(mesh, point, radius, element="P2", **keys)
-    again = partial(_mesh_like, scene) if mesh == _BUSH else None
+    again = partial(mesh_like, scene) if mesh == _BUSH else None
     made = fine_at(comm, scene, stress_probes(scene), again)
     domain, owned = made.domain, _dolfinx.num_owned(made.domain)
     x = _dolfinx.geometry_x(domain)[_dolfinx.geometry_dofs(domain)][:owned, :, : made.dim]

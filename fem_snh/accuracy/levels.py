@@ -27,27 +27,31 @@ from fem_snh.accuracy.goals import vector_of
 Array = npt.NDArray[Any]
 
 #: Parts of an error below this part of the request are left as they are; others are reduced to this
-#: part of it by time steps that are at most so many times shorter, by penalties that are at most so
-#: many times stiffer (with more, a level finds no equilibrium from the state of the last), and by a
-#: tolerance that is at most so many times smaller.
-_SMALL_PART, _PART_AIM, _MOST_SHORTER, _MOST_STIFFER, _MOST_TIGHTER = 0.25, 0.15, 4.0, 10.0, 1e4
-#: What the mesh adds to a bound, over the request, up to which it stays while others are reduced.
-_HALF = 0.5
+#: part of it.
+_SMALL_PART, _PART_AIM = 0.25, 0.15
+#: Largest factors by which the time steps of a level are shorter, its penalties are stiffer (with
+#: more, it finds no equilibrium from the state of the last) and its tolerance is smaller.
+_MOST_SHORTER, _MOST_STIFFER, _MOST_TIGHTER = 4.0, 10.0, 1e4
+#: While other parts are reduced, the mesh stays if it adds no more than this part of the request to
+#: the bounds.
+_MESH_STAYS = 0.5
 #: Order in h of the errors of singular solutions, by the degree of the displacement: the error of
 #: degree 1 decreases as h to h^2.
 _ORDER = {1: 1.2, 2: 1.5}
+#: Levels without an estimate after which the run ends: the first meshes may be too coarse.
+_MOST_WITHOUT = 3
 #: Factors between the sizes of cells of two levels, least and most.
 _LEAST_REFINEMENT, _MOST_REFINEMENT = 1.3, 2.0
-#: Part of the error of the level before to which that of a finer one decreases at least: with half
-#: the size of the cells a corner of a crack has half.
+#: An error decreases if it is at most this part of that of the level before: with half the size of
+#: the cells the error at a crack is a half.
 _DECREASES = 0.8
-#: The error aimed at, as a part of the request; and for errors that are at most so many times the
-#: request, which even the order of a crack, 1, reduces to it.
+#: The error that the next level aims at, over the request: of errors up to so many times the
+#: request it may be larger, as even the order of a crack, 1, reduces them to the request.
 _AIM, _NEAR, _AIM_OF_NEAR = 0.7, 1.5, 0.85
 #: The parts of an error that are those of steps, and the power of the number of steps with which
-#: they decrease: of load steps friction acts along the chord.
+#: they decrease: within a load step friction acts along a chord.
 _STEPS = {TIME_STEPS: 2.0, LOAD_STEPS: 1.0}
-#: On a path each run costs as much as all others: the bound is shared out between its parts.
+#: On a path, where every level costs a whole run, each part of an error has a share of the request.
 _SHARES = {"mesh": 0.45, "time steps": 0.2, "load steps": 0.2, "penalty": 0.15, "algebra": 0.05}
 #: Parts below so many times their share are left as they are.
 _ENOUGH = 1.2
@@ -88,6 +92,28 @@ class Forecast:
         )
 
 
+@dataclass(frozen=True)
+class LevelChanges:
+    """By which factors the next level differs from the last one; 1: not at all.
+
+    Attributes
+    ----------
+    refinement : float
+        The cells are smaller.
+    shorter : float
+        The steps are shorter.
+    stiffer : float
+        The penalties are stiffer.
+    tighter : float
+        Newton's tolerance is smaller.
+    """
+
+    refinement: float
+    shorter: float
+    stiffer: float
+    tighter: float
+
+
 @dataclass
 class LevelRow:
     """One level.
@@ -124,6 +150,8 @@ class LevelRow:
         What the errors do not include.
     gives_way : str
         The note that supports without an area carry a force: finer meshes have another answer.
+    on_no_mesh : bool
+        Whether a finer mesh would not have an estimate either.
     """
 
     element: str
@@ -144,6 +172,7 @@ class LevelRow:
     untouched: dict[str, str] = field(default_factory=dict)
     left_out: list[str] = field(default_factory=list)
     gives_way: str = ""
+    on_no_mesh: bool = False
 
 
 class Levels:
@@ -183,6 +212,7 @@ class Levels:
     def add(self, row: LevelRow, estimate: Estimate | None) -> None:
         """Add a level with its estimate."""
         known = estimate.goals if estimate else {}
+        row.on_no_mesh = estimate is not None and estimate.on_no_mesh
         if estimate and not self.named:
             row.untouched = estimate.untouched
             known = {name: g for name, g in known.items() if vector_of(name) not in row.untouched}
@@ -240,6 +270,29 @@ class Levels:
             for row in self.rows[-2:]
         )
         return now < inf and now <= _DECREASES * before
+
+    @property
+    def futility(self) -> str:
+        """Why a finer level would not meet the request either; "" if it may."""
+        row = self.rows[-1]
+        without = [not row.goals for row in self.rows[-_MOST_WITHOUT:]]
+        if row.on_no_mesh or (len(without) == _MOST_WITHOUT and all(without)):
+            return f"no estimate of the error: {row.reason}"
+        if row.gives_way and self.estimates_suffice:
+            return row.gives_way
+        if row.gives_way and not self.decrease:
+            return f"the errors do not decrease: {row.gives_way}"
+        return ""
+
+    def changes(self) -> LevelChanges:
+        """Return how the next level differs from the last one."""
+        refinement = 1.0 if self.mesh_suffices else self.refinement()
+        shorter = self.shorter_steps()
+        stiffer = self.stiffer_penalties(refinement, shorter)
+        tighter = self.tighter_tolerance()
+        if max(refinement, shorter, stiffer, tighter) == 1:  # no part is what the bound is of
+            refinement = self.refinement()
+        return LevelChanges(refinement, shorter, stiffer, tighter)
 
     def refinement(self) -> float:
         """Return the factor by which the cells of the next level are to be smaller."""
@@ -302,11 +355,12 @@ class Levels:
             return False
         if self._is_shared:
             return self._suffices("mesh")
-        part = max(map(self._largest_part, ("mesh", "shape")))
+        of_mesh = max(map(self._largest_part, ("mesh", "shape")))
         other = max(self._largest_part(source) for source in (*_STEPS, *_OTHERS))
-        if other > _SMALL_PART * self.asked and self._contribution("mesh") <= _HALF * self.asked:
-            return True
-        return other > 0 and part <= _SMALL_PART * max(self.asked, other)
+        if other > _SMALL_PART * self.asked:  # it is reduced
+            if self._contribution("mesh") <= _MESH_STAYS * self.asked:
+                return True
+        return other > 0 and of_mesh <= _SMALL_PART * max(self.asked, other)
 
     @property
     def _is_shared(self) -> bool:

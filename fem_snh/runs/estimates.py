@@ -54,7 +54,7 @@ def estimate_errors(
         if fields:
             return names
         if level:
-            from fem_snh.runs.levels import is_refined_locally
+            from fem_snh.runs.refinement import is_refined_locally
 
             return level.located(estimate, names, is_refined_locally(scene))
         return names if scene.accuracy and scene.accuracy.goals else largest_error(estimate, names)
