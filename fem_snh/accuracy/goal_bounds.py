@@ -1,9 +1,10 @@
 """Bounds of the errors of goals on a level of a run to a required accuracy.
 
-A bound is the estimate of the error times what it misses at a corner; that of the corrected value
-is what the estimate misses, and what its change from the level before leads to: if the estimates
-of both miss the same part, the corrected values change by the same factor from level to level as
-the estimates do. Where the corrected values contradict their bounds, their difference counts.
+The error of a value is bounded by its estimate times a factor, for what the estimate misses at a
+corner; that of the corrected value by what the estimate misses. From the second level on the change
+of the corrected value counts as well. If the estimates of all levels miss the same part, corrected
+values change from level to level by the same factor as the estimates do: their further changes are
+a geometric series. Where corrected values differ by more than their bounds, the difference counts.
 """
 
 from __future__ import annotations
@@ -16,27 +17,27 @@ from fem_snh.accuracy.goal_errors import SMALL_FORCE, STEPS, Estimate, GoalError
 from fem_snh.accuracy.goals import vector_of
 
 #: Bound of an error over its estimate, by the degree of the displacement: 1.27 is measured with
-#: degree 1 and 1.48 with degree 2, 1.75 in components that are small (docs/results/error.md). What
-#: the corrected value misses is the estimate times this, less one.
+#: degree 1 and 1.48 with degree 2, 1.75 in components that are small (docs/results/error.md). The
+#: corrected value misses this less one, times the estimate.
 _SAFETY = {1: 1.4, 2: 1.5}
-#: The same on triangles with one pressure in each cell of the better element, as several nearly
-#: incompressible materials have it: the estimate may be a quarter of the error at a corner.
+#: The same on triangles with the better element of several nearly incompressible materials, which
+#: has one pressure in each cell: the estimate may be a quarter of the error at a corner.
 _SAFETY_OF_P3P0 = 4.0
 #: The same with bones and rigid parts that are shapes (docs/results/error.md).
 _SAFETY_OF_SHAPES = 1.8
-#: That of penalties where the end does not depend on the path: the estimates are 0.98 to 1.03 of
-#: the parts (docs/results/error.md).
+#: The same of the part of penalties where the end does not depend on the path: the estimates are
+#: 0.98 to 1.03 of the parts (docs/results/error.md).
 _SAFETY_OF_PENALTIES = 1.15
-#: Largest factor of the estimates of two levels by which the change of the corrected value is
+#: Largest ratio of the estimates of two levels with which the change of the corrected value is
 #: extrapolated.
 _SLOWEST = 0.8
-#: A corrected value serves if the correction is at most so many times the request.
+#: A corrected value is taken if the correction is at most so many times the request.
 _LARGEST_CORRECTION = 20.0
 #: Least bound of a component, over the largest one of the same vector.
 _LEAST_OF_VECTOR = 0.1
-#: Least bound of a displacement on the first level, over that of the largest one in the body: where
-#: a coarse mesh resolves a corner badly, the estimate at and behind it is small by chance, or of
-#: the other sign. From the second level on the change of the corrected value tells it.
+#: Least bound of a displacement on the first level, over that of the largest error of one in the
+#: body: where a coarse mesh resolves a corner badly, the estimate at and behind it is small by
+#: chance, or of the other sign. From the second level on the change of corrected values shows it.
 _LEAST_OF_BODY = 0.5
 #: Goals below this part of their scale are not printed: the solvers leave that much.
 _SHOWN = 1e-5
@@ -57,7 +58,7 @@ class GoalLevel:
     parts : dict of float
         The parts of the error by their source; empty if there is one source.
     safety : float
-        By how much the estimate may be too small.
+        The bound of the error over its estimate.
     steps_bound : float
         A bound of the error of time or load steps.
     small : bool
@@ -80,11 +81,11 @@ class GoalLevel:
         return self.value + self.error
 
     def relative(self, asked: float) -> float:
-        """Return the relative error with which the goal is known, of the better of both values."""
+        """Return the relative bound of the value that is known better."""
         return self.best(asked)[1] / self.scale if self.scale > 0 else 0.0
 
     def best(self, asked: float) -> tuple[float, float]:
-        """Return the value that is known better, or the corrected one, and a bound of its error."""
+        """Return the value or the corrected one, whichever is known better, and its bound."""
         known = [(self.value, self.bound)]
         if abs(self.error) <= _LARGEST_CORRECTION * asked * self.scale:
             known.append((self.corrected, self.uncertainty))
@@ -152,7 +153,7 @@ def bounded_goals(
 
 
 def _bounded(goal: GoalError, safety: float, coarser: GoalLevel | None) -> GoalLevel:
-    """Return a goal with the bounds of its error, and with the difference to a coarser level."""
+    """Return a goal with the bounds of its error, from its change since a coarser level, too."""
     error = goal.error or 0.0
     corrected = goal.value + error
     scale = max(goal.scale, abs(corrected))
@@ -161,7 +162,7 @@ def _bounded(goal: GoalError, safety: float, coarser: GoalLevel | None) -> GoalL
     steps = sum(abs(goal.parts.get(source, 0.0)) for source in STEPS)
     parts = {source: abs(part) for source, part in goal.parts.items()} or {"mesh": abs(error)}
     others = {source: part for source, part in parts.items() if source not in STEPS}
-    size = sum(others.values())  # they may cancel
+    size = sum(others.values())  # the parts may cancel
     missed = sum((_safety_of(s, parts, safety) - 1) * part for s, part in others.items())
     if "penalty" in parts and scale > 0:  # without penalties the mesh has another error
         missed += parts["mesh"] * parts["penalty"] / scale
@@ -169,19 +170,25 @@ def _bounded(goal: GoalError, safety: float, coarser: GoalLevel | None) -> GoalL
     bound = size + missed + max(safety * steps, goal.steps_bound) + unsettled
     uncertainty = missed + max((safety - 1) * steps, goal.steps_bound) + unsettled
     if coarser is None:
-        left = _LEAST_OF_BODY * (safety - 1) * goal.of_body
+        least = _LEAST_OF_BODY * (safety - 1) * goal.of_body
     else:
-        change = abs(corrected - coarser.corrected)
-        ratio = min(abs(error) / abs(coarser.error), _SLOWEST) if coarser.error else 0.0
-        contradicts = change > uncertainty + coarser.uncertainty
-        left = max(change * ratio / (1 - ratio), change if contradicts else 0.0)
-    bound, uncertainty = max(bound, size + steps + left), max(uncertainty, left)
-    sizes = goal.value, error, scale, bound, uncertainty
-    return GoalLevel(*sizes, goal.parts, safety, goal.steps_bound)
+        least = _change_left(corrected, error, uncertainty, coarser)
+    bound, uncertainty = max(bound, size + steps + least), max(uncertainty, least)
+    return GoalLevel(
+        goal.value, error, scale, bound, uncertainty, goal.parts, safety, goal.steps_bound
+    )
+
+
+def _change_left(corrected: float, error: float, uncertainty: float, coarser: GoalLevel) -> float:
+    """Return by how much a corrected value will change further, from its last change."""
+    change = abs(corrected - coarser.corrected)
+    ratio = min(abs(error) / abs(coarser.error), _SLOWEST) if coarser.error else 0.0
+    contradicts = change > uncertainty + coarser.uncertainty
+    return max(change * ratio / (1 - ratio), change if contradicts else 0.0)
 
 
 def _safety_of(source: str, parts: Mapping[str, float], safety: float) -> float:
-    """Return by how much a part of an error may be too small, of which most parts may by this."""
+    """Return the bound of a part of an error over its estimate: ``safety`` of most parts."""
     static = parts.keys().isdisjoint(STEPS)
     return _SAFETY_OF_PENALTIES if source == "penalty" and static else safety
 

@@ -21,8 +21,8 @@ _SHOWN = 1e-5
 STEPS = TIME_STEPS, LOAD_STEPS = "time steps", "load steps"
 #: Why a force of contact has no estimate where neither solution touches.
 NO_CONTACT = "nothing touches on these cells, but finer ones may"
-#: What is said of a force of contact that is smaller than its error and than this part of the
-#: largest one: the contact begins at a few nodes, and each finer mesh may have several times it.
+#: Why a force of contact is uncertain that is smaller than its error and than this part of the
+#: largest force: contact begins at a few nodes, and each finer mesh may have several times as much.
 BEGINS, SMALL_FORCE = "it only begins to touch, and on finer cells may touch more", 0.1
 
 
@@ -75,7 +75,7 @@ class GoalError:
 
     @property
     def is_found(self) -> bool:
-        """Whether the estimate is more than what is unsettled of it."""
+        """Whether no more than a fifth of the estimate, `UNSETTLED`, is unsettled."""
         return abs(self.error or 0.0) * UNSETTLED >= self.unsettled
 
     @property
@@ -86,10 +86,7 @@ class GoalError:
 
     @property
     def bound(self) -> float | None:
-        """What the error may be where the estimate, or that of the steps, is no more than a bound.
-
-        None for an estimate that is one, and without any.
-        """
+        """The bound of the error where it is unsettled, or steps have a bound alone; else None."""
         if self.error is None:
             return None
         if not self.is_found:
