@@ -220,16 +220,15 @@ def fit_scene(
     start = inverse.start
     if np.count_nonzero(np.isfinite(curve.values)) < len(start):
         raise bad_value("parameters", list(parameters), "fewer parameters than measured values")
-    residual, _ = inverse.evaluate(start)
-    if residual is None:
+    if inverse.evaluate(start) is None:
         raise Failed(f"the scene did not converge at its own values: {inverse.failure}")
     found = least_squares(
         inverse.residual, start, jac=inverse.jacobian, bounds=inverse.bounds, x_scale="jac",
         ftol=_TOLERANCE, xtol=_TOLERANCE, gtol=1e-12, max_nfev=max_solves,
     )  # fmt: skip
-    residual, jacobian = inverse.evaluate(found.x)
-    assert residual is not None
-    assert jacobian is not None
+    last = inverse.evaluate(found.x)
+    assert last is not None
+    residual, jacobian = last
     sizes = np.abs(inverse.rates(found.x))
     errors = sizes * standard_errors(
         jacobian, float(residual @ residual), np.asarray(found.active_mask) != 0
@@ -250,6 +249,58 @@ def fit_scene(
     )
 
 
+@dataclass(frozen=True)
+class _Parameter:
+    """A parameter as a function of a variable of size one.
+
+    The variable is log(1 - 2 nu) of nu, the logarithm of a positive parameter, and a multiple of
+    the first value otherwise.
+
+    Attributes
+    ----------
+    name : str
+        Its name.
+    first : float
+        Its first value.
+    accepted : pair of float
+        The values that the material accepts.
+    """
+
+    name: str
+    first: float
+    accepted: tuple[float, float]
+
+    def variable(self, value: float) -> float:
+        """Return the variable of a value."""
+        if self.name == "nu":
+            return float(np.log(1 - 2 * value))
+        if self.first > 0:
+            return float(np.log(value)) if value > 0 else -np.inf
+        return value / (self.first or 1.0)
+
+    def value(self, z: float) -> float:
+        """Return the value of a variable."""
+        if self.name == "nu":
+            return float(1 - np.exp(z)) / 2
+        return float(np.exp(z)) if self.first > 0 else z * (self.first or 1.0)
+
+    def rate(self, z: float) -> float:
+        """Return the derivative of the value by the variable."""
+        return (self.value(z + _STEP) - self.value(z - _STEP)) / (2 * _STEP)
+
+    @property
+    def bounds(self) -> tuple[float, float]:
+        """The bounds of the variable: what the material accepts, and `_WIDEST`."""
+        ends = sorted(map(self.variable, self.accepted))
+        z, width = self.variable(self.first), _WIDEST
+        if self.name == "nu":
+            width = np.inf
+        elif self.first > 0:
+            width = np.log(_WIDEST)
+        # The differences go beyond the variables by a step.
+        return max(ends[0] + 2 * _STEP, z - width), min(ends[1] - 2 * _STEP, z + width)
+
+
 @dataclass
 class _State:
     """A converged state with the dual solutions of its goals."""
@@ -263,8 +314,8 @@ class _State:
 class InverseProblem:
     """The residuals of a curve as a function of a scene's parameters, and their derivatives.
 
-    The variables are logarithms of positive parameters, log(1 - 2 nu) of nu, and multiples of the
-    first value otherwise; residuals are divided by the largest measured value. Collective.
+    Each parameter has a variable of size one; residuals are divided by the largest measured value.
+    Collective.
 
     Parameters
     ----------
@@ -290,17 +341,19 @@ class InverseProblem:
     ) -> None:
         self.comm, self.scene, self.curve = comm, scene, curve
         self._check()
-        self.names = list(parameters)
-        self._first = {name: _value(scene, name) for name in self.names}
-        if not self.names or len(self._first) < len(self.names):
-            raise bad_value("parameters", self.names, "different names, one at least")
+        first = {name: _value(scene, name) for name in parameters}
+        if not first or len(first) < len(parameters):
+            raise bad_value("parameters", list(parameters), "different names, one at least")
         function = materials.function(scene.materials[0].name)
         known = {"nu": _NU_RANGE, "E": (0.0, np.inf)}
-        self._ranges = {n: known.get(n) or accepted_range(function, n) for n in self.names}
+        self._parameters = [
+            _Parameter(name, value, known.get(name) or accepted_range(function, name))
+            for name, value in first.items()
+        ]
         self.scale = float(np.nanmax(np.abs(curve.values)))
         self.solves = self.linear = 0
         self.failure = ""
-        self._known: dict[bytes, tuple[Array | None, Array | None]] = {}
+        self._known: dict[bytes, tuple[Array, Array] | None] = {}
 
     def _check(self) -> None:
         """Raise BadInput for a scene whose states are no functions of the load."""
@@ -316,52 +369,35 @@ class InverseProblem:
     @property
     def start(self) -> Array:
         """Return the variables of the scene's own values, (k,), within the bounds."""
-        return np.clip([_variable(name, v, v) for name, v in self._first.items()], *self.bounds)
+        return np.clip([p.variable(p.first) for p in self._parameters], *self.bounds)
 
     @property
     def bounds(self) -> tuple[Array, Array]:
-        """Return the bounds of the variables: what the material accepts, and ``_WIDEST``."""
-        pairs = []
-        for name, value in self._first.items():
-            ends = sorted(_variable(name, end, value) for end in self._ranges[name])
-            z, wide = _variable(name, value, value), _WIDEST
-            if name == "nu":
-                wide = np.inf
-            elif value > 0:
-                wide = np.log(_WIDEST)
-            # The differences go beyond the variables by a step.
-            pairs.append((max(ends[0] + 2 * _STEP, z - wide), min(ends[1] - 2 * _STEP, z + wide)))
-        low, high = np.array(pairs).T
+        """Return the bounds of the variables."""
+        low, high = np.array([parameter.bounds for parameter in self._parameters]).T
         return low, high
 
     def values(self, z: Array) -> dict[str, float]:
         """Return the parameters of variables."""
-        return {
-            name: _from_variable(name, float(x), first)
-            for (name, first), x in zip(self._first.items(), z, strict=True)
-        }
+        return {p.name: p.value(float(x)) for p, x in zip(self._parameters, z, strict=True)}
 
     def rates(self, z: Array) -> Array:
         """Return the derivatives of the parameters by their variables, (k,)."""
-        found = []
-        for (name, first), x in zip(self._first.items(), z, strict=True):
-            ends = [_from_variable(name, float(x) + s * _STEP, first) for s in (1, -1)]
-            found.append((ends[0] - ends[1]) / (2 * _STEP))
-        return np.array(found)
+        return np.array([p.rate(float(x)) for p, x in zip(self._parameters, z, strict=True)])
 
     def residual(self, z: Array) -> Array:
         """Return the residuals, (m,); large ones if the run fails."""
-        found = self.evaluate(z)[0]
+        found = self.evaluate(z)
         known = self.curve.values[np.isfinite(self.curve.values)]
-        return np.full(known.shape, _FAILED) if found is None else found
+        return np.full(known.shape, _FAILED) if found is None else found[0]
 
     def jacobian(self, z: Array) -> Array:
         """Return the derivatives of the residuals by the variables, (m, k)."""
-        found = self.evaluate(z)[1]
+        found = self.evaluate(z)
         assert found is not None
-        return found
+        return found[1]
 
-    def evaluate(self, z: Array) -> tuple[Array | None, Array | None]:
+    def evaluate(self, z: Array) -> tuple[Array, Array] | None:
         """Return residuals and derivatives; None if the run fails."""
         z = np.asarray(self.comm.bcast(z))
         key = z.tobytes()
@@ -374,8 +410,8 @@ class InverseProblem:
         keys = {k if k in _SCENE_KEYS else f"material.{k}": v for k, v in self.values(z).items()}
         return scenes.load(self.scene, **keys)
 
-    def _solve(self, z: Array) -> tuple[Array | None, Array | None]:
-        """Run the scene and differentiate its goals."""
+    def _solve(self, z: Array) -> tuple[Array, Array] | None:
+        """Run the scene and differentiate its goals; None if the run fails."""
         self.solves += 1
         try:
             scene = self.scene_at(z)
@@ -383,7 +419,7 @@ class InverseProblem:
             if self.solves == 1:
                 raise
             self.failure = str(error)
-            return None, None
+            return None
         smoothers = multigrid.smoothers(min(material.E for material in scene.materials))
         with ExitStack() as stack:
             stack.enter_context(solver.petsc_failures())
@@ -394,7 +430,7 @@ class InverseProblem:
                 states = self._states(scene, setup)
                 if not setup.stepper.done:
                     self.failure = setup.stepper.failure_message()
-                    return None, None
+                    return None
                 measured = self.curve.values[np.isfinite(self.curve.values)]
                 values = np.array([v for state in states for v in state.values])
                 columns = [self._derivative(z, k, setup, states) for k in range(len(z))]
@@ -485,20 +521,6 @@ def _value(scene: scenes.Scene, name: str) -> float:
     if name == "nu" and not low <= value <= high:
         raise bad_value("nu", value, f"a number from {low:g} to {high:.7g} to start from")
     return float(value)
-
-
-def _variable(name: str, value: float, first: float) -> float:
-    if name == "nu":
-        return float(np.log(1 - 2 * value))
-    if first > 0:
-        return float(np.log(value)) if value > 0 else -np.inf
-    return value / (first or 1.0)
-
-
-def _from_variable(name: str, z: float, first: float) -> float:
-    if name == "nu":
-        return float(1 - np.exp(z)) / 2
-    return float(np.exp(z)) if first > 0 else z * (first or 1.0)
 
 
 def _read_curve(to: str | Path | MeasuredCurve, scene: scenes.Scene) -> MeasuredCurve:
