@@ -22,7 +22,7 @@ import fem_snh
 from benchmarks.accuracy_cases import exact as exact_value
 from fem_snh import scenes
 from fem_snh.accuracy.goal_errors import GoalError
-from fem_snh.accuracy.lift import lifted_elements
+from fem_snh.accuracy.lifted_elements import lifted_elements
 from fem_snh.accuracy.saturation import saturation
 from fem_snh.errors import BadInput
 from fem_snh.mesh.mesh import generate

@@ -10,7 +10,8 @@ import numpy.typing as npt
 
 from fem_snh.accuracy.goal_errors import Estimate
 from fem_snh.accuracy.goals import Goal, largest_displacement, names_of
-from fem_snh.accuracy.lift import Lift, NoEstimate
+from fem_snh.accuracy.lift import Lift
+from fem_snh.accuracy.no_estimate import NoEstimate
 from fem_snh.problem.problem import Problem
 
 Array = npt.NDArray[np.float64]

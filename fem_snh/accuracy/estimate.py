@@ -25,19 +25,15 @@ from fem_snh.accuracy.frequency_goals import FrequencyGoal, LiftedModes, lifted_
 from fem_snh.accuracy.goal_errors import BEGINS, NO_CONTACT, SMALL_FORCE, Estimate, GoalError
 from fem_snh.accuracy.goals import EnergyGoal, Goal, PointGoal, TermGoal, names_of, vector_of
 from fem_snh.accuracy.indicators import cell_indicators, place
-from fem_snh.accuracy.lift import (
-    Lift,
-    NoEstimate,
-    NoEstimateOnAnyMesh,
+from fem_snh.accuracy.lift import Lift, create_in, create_lifted
+from fem_snh.accuracy.lifted_elements import (
     check_memory,
-    check_problem,
-    create_in,
-    create_lifted,
     lifted_dofs,
     lifted_elements,
     memory,
     taylor_hood,
 )
+from fem_snh.accuracy.no_estimate import NoEstimate, NoEstimateOnAnyMesh, check_problem
 from fem_snh.accuracy.pressure_oscillation import may_lock
 from fem_snh.accuracy.saturation import cell_squares, saturation
 from fem_snh.accuracy.shape_surfaces import (

@@ -25,15 +25,8 @@ from fem_snh.accuracy.estimate import estimate_with
 from fem_snh.accuracy.frequency_goals import FrequencyGoal
 from fem_snh.accuracy.goal_errors import LOAD_STEPS, TIME_STEPS, Estimate, bounded_steps
 from fem_snh.accuracy.goals import Goal, names_of
-from fem_snh.accuracy.lift import (
-    ElementDoesNotFit,
-    NoEstimate,
-    check_body,
-    check_memory,
-    lifted_dofs,
-    lifted_elements,
-    memory,
-)
+from fem_snh.accuracy.lifted_elements import check_memory, lifted_dofs, lifted_elements, memory
+from fem_snh.accuracy.no_estimate import ElementDoesNotFit, NoEstimate, check_body
 from fem_snh.assembly.elements import Element
 from fem_snh.mesh.mesh import Mesh
 from fem_snh.problem.problem import Problem

@@ -9,7 +9,7 @@ from fem_snh import scenes
 from fem_snh.accuracy.estimate import EstimateOptions, estimate_error, largest_error
 from fem_snh.accuracy.goal_errors import Estimate
 from fem_snh.accuracy.goals import Goal
-from fem_snh.accuracy.lift import depends_on_path
+from fem_snh.accuracy.no_estimate import depends_on_path
 from fem_snh.runs.setup import Setup
 
 if TYPE_CHECKING:

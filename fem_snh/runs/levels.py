@@ -25,7 +25,7 @@ from fem_snh import scenes
 from fem_snh.accuracy.estimate import largest_error
 from fem_snh.accuracy.goal_errors import Estimate
 from fem_snh.accuracy.levels import LevelChanges, LevelRow, Levels
-from fem_snh.accuracy.lift import available_memory
+from fem_snh.accuracy.lifted_elements import available_memory
 from fem_snh.assembly.kinematics import kinematics_of
 from fem_snh.mesh.mesh import Mesh, cell_volumes
 from fem_snh.notes import NOTES_ON_PATH
