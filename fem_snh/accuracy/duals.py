@@ -44,7 +44,7 @@ class Linearisation:
     problem : Problem
         The lifted problem at its solution.
     step : PETSc.Vec
-        From the solution that is judged to that of the lifted problem.
+        The lifted problem's solution less that of the run.
     solve : callable
         Solves H z = g for several g with the Hessian, which is symmetric. Collective.
     """

@@ -44,8 +44,8 @@ class Goal(Protocol):
     def dual(self, at: Linearisation, number: int) -> Dual:
         """Return the dual of a scalar, whose error is -z . r to first order.
 
-        r is the gradient of the lifted problem's energy at the base's solution, less that of the
-        base's energy; both with the reactions. Collective.
+        r is the gradient of the lifted problem's energy at the run's solution, less that of the
+        run's energy; both with the reactions. Collective.
         """
 
 

@@ -132,7 +132,7 @@ class Shares:
         cell, degree, low = lifted.element.cell, lifted.element.degree, problem.element.degree
         nodes = _dolfinx.reference_nodes(cell, degree)
         coarse = _dolfinx.reference_nodes(cell, low)
-        #: From values at the lifted nodes to those at the base's, and back.
+        #: From values at the lifted nodes to those at the run's, and back.
         self._down = _dolfinx.tabulate_element(cell, degree, coarse, 0)[0]
         self._up = _dolfinx.tabulate_element(cell, low, nodes, 0)[0]
         self._residual = self._parts(gradient)
@@ -156,24 +156,24 @@ class Shares:
             total += (self._residual[1] * parts[1]).sum(axis=(1, 2))
         return np.asarray(total)
 
-    def of_forces(self, lifted: PETSc.Vec | None, base: PETSc.Vec | None) -> Array | float:
-        """Return the share of each cell in the sum of nodal forces of both, less that of the base.
+    def of_forces(self, lifted: PETSc.Vec | None, of_run: PETSc.Vec | None) -> Array | float:
+        """Return the share of each cell in the sum of the lifted nodal forces less the run's.
 
-        They are at the nodes of the base's element, where forces at one state differ least.
+        They are at the nodes of the run's element, where forces at one state differ least.
         """
-        if lifted is None or base is None:
+        if lifted is None or of_run is None:
             return 0.0
         V = self._lifted.V
         at_nodes = _at_nodes(V, lifted.array_r) / _multiplicity(V)[..., None]
-        return np.asarray(self._less(at_nodes, base.array_r).sum(axis=(1, 2)))
+        return np.asarray(self._less(at_nodes, of_run.array_r).sum(axis=(1, 2)))
 
-    def _less(self, lifted: Array, base: Array) -> Array:
-        """Return the lifted element's forces at the base's nodes, less the base's, in cells.
+    def _less(self, lifted: Array, of_run: Array) -> Array:
+        """Return the lifted element's forces at the run's nodes, less the run's, in cells.
 
         The first are (cells, nodes, components), shared by the cells; the second owned dofs.
         """
         summed = _summed(self._V, self._up.T @ lifted)
-        return (summed - _at_nodes(self._V, base)) / _multiplicity(self._V)[..., None]
+        return (summed - _at_nodes(self._V, of_run)) / _multiplicity(self._V)[..., None]
 
     def _parts(self, x: PETSc.Vec) -> list[Array]:
         """Return a vector's displacements, (cells, nodes, components), then its pressures."""

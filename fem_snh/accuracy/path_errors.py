@@ -43,8 +43,8 @@ _FEWEST_STEPS = 4
 #: that the errors of mesh and penalties are measured with them: with 50 and 100 steps of a bounce
 #: that of the mesh differs by a tenth.
 _FEWEST_QUARTER, _ENOUGH_STEPS = 4, 100
-#: Half and a quarter of the time steps are compared.
-_HALVES = 4
+#: Time steps are a multiple of this where half and a quarter of them show the order of their error.
+HALVES = 4
 #: Two estimates of a penalty's error agree if one is less than so many times the other.
 _AGREE = 2.0
 #: The bound of an error over the larger change where changes do not decrease.
@@ -66,7 +66,8 @@ class Path(Protocol):
     Attributes
     ----------
     steps, taken : int
-        The given number of equal steps, and that of the steps taken: some failed and were halved.
+        The given number of equal steps, and that of the steps taken, which is larger where some
+        failed and were halved.
     """
 
     @property
@@ -77,7 +78,9 @@ class Path(Protocol):
     def follow(
         self, steps: int, goals: Sequence[Goal], element: Element | None, stiffer: float
     ) -> Followed:
-        """Follow the path in other steps, with another element, stiffer penalties. Collective.
+        """Follow the path in so many steps, by default with the run's element. Collective.
+
+        Penalties are so many times ``stiffer`` than those of the run.
 
         Raises
         ------
@@ -248,7 +251,7 @@ class _Repetitions:
             left_out.append(
                 f"the order of {self._path.taken} time steps was not measured: their error may be "
                 f"larger than its estimate, which takes order {motion.integrator.order}; a "
-                f"multiple of {_HALVES} steps, {_HALVES * _FEWEST_QUARTER} or more, shows it"
+                f"multiple of {HALVES} steps, {HALVES * _FEWEST_QUARTER} or more, shows it"
             )
         for term in self._problem.terms:
             if isinstance(term, LengthTerm):

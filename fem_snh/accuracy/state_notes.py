@@ -23,8 +23,8 @@ _SUSPECT, _ROUGH, _VERY_ROUGH = 0.7, 1.0, 2.0
 #: Factor of the stiffness from which it is reported.
 _TOO_STIFF = 1.2
 
-#: Part of the largest force from which that of supports without an area is reported: those that
-#: only prevent rigid motions have what the solvers leave.
+#: Part of the largest force from which that on supports without an area is reported: on those that
+#: only prevent rigid motions it is what the solvers leave.
 _CARRIES = 1e-3
 
 #: Part of the elastic energy from which that of penalties is reported.

@@ -7,6 +7,7 @@ from math import ceil
 from typing import Any
 
 from fem_snh import scenes
+from fem_snh.accuracy.path_errors import HALVES
 from fem_snh.accuracy.state_notes import REPLACEMENTS
 from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.assembly.kinematics import kinematics_of
@@ -40,12 +41,10 @@ _PLANE = {"P2P0": "P2P1"}
 #: Cells of the first level over those of the scene, along an edge, by the degree by which the
 #: element is raised; likewise time steps.
 _FIRST = (0.5, 0.25)
-#: The same for accuracies from which on a coarser mesh is likely to serve.
+#: The same for accuracies of this and more, for which a coarser mesh is likely to do.
 _COARSE, _FIRST_OF_COARSE = 0.005, (1 / 3, 1 / 6)
 #: Fewest cells along an edge of a first level, and fewest time steps.
 _FEWEST, _FEWEST_STEPS = 3, 16
-#: Time steps are a multiple of this: half and a quarter of them measure the order of their error.
-HALVES = 4
 
 
 def first_scene(scene: scenes.Scene, printed: Progress) -> scenes.Scene:

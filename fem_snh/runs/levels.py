@@ -26,12 +26,13 @@ from fem_snh.accuracy.estimate import largest_error
 from fem_snh.accuracy.goal_errors import Estimate
 from fem_snh.accuracy.levels import LevelChanges, LevelRow, Levels
 from fem_snh.accuracy.lifted_elements import available_memory
+from fem_snh.accuracy.path_errors import HALVES
 from fem_snh.assembly.kinematics import kinematics_of
 from fem_snh.mesh.mesh import Mesh, cell_volumes
 from fem_snh.notes import NOTES_ON_PATH
 from fem_snh.problem.problem import Problem
 from fem_snh.problem.transfer import transfer_state
-from fem_snh.runs.first_level import HALVES, first_scene, raised_element
+from fem_snh.runs.first_level import first_scene, raised_element
 from fem_snh.runs.first_mesh import fine_at, stress_probes
 from fem_snh.runs.refinement import (
     higher_degree,

@@ -33,8 +33,8 @@ if TYPE_CHECKING:
 def turns(scene: Scene) -> list[str]:
     """Return a line for each prescribed rotation by more than half a turn a step.
 
-    The pose at a load does not tell a turn from a turn and a half: the body follows whichever its
-    states before lead to.
+    The pose at a load does not tell half a turn from one and a half: the body takes the one that
+    its states before lead to.
     """
     steps = scene.time.steps if scene.time else scene.steps
     found = []
@@ -95,7 +95,7 @@ def shape_notes(scene: Scene) -> list[str]:
 def mesh_note(scene: Scene, problem: Problem) -> Note | None:
     """Return a note if the cells of a mesh file are not connected where they meet. Collective.
 
-    Contact is between such surfaces.
+    There is none with contact, which acts between such surfaces.
     """
     if not isinstance(scene.mesh, Path) or scene.contact or scene.self_contact:
         return None
