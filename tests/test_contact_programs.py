@@ -64,6 +64,29 @@ def test_two_blocks(comm, method):
         assert 0.002 < parts["penalty"] / row["energy"] < 0.2
 
 
+def test_a_force_that_begins_may_have_a_name(comm):
+    """It ended in a ValueError; alone it is small beside none."""
+    body = mesh.generate(comm, "cube", "hexahedron", cells=2)
+    walls = [
+        fem_snh.Obstacle(name=name, shape={"plane": {"point": point, "normal": normal}})
+        for name, point, normal in (
+            ("east", [1.03, 0, 0], [-1, 0, 0]),
+            ("north", [0, 1, 0], [0, -1, 0]),
+        )
+    ]
+    problem = program(body, {"bottom": 0.0, "top": -0.2}, *walls)
+    problem.solve()
+    begins = "it only begins to touch, and on finer cells may touch more"
+    given = {"push": walls[0], "side": walls[1]}
+    goals = problem.estimate_error(given).goals
+    push, side = goals["push.x"], goals["side.y"]
+    assert 0.1 * side.value < push.corrected <= push.error < push.value <= 0
+    assert {name for name, goal in goals.items() if goal.reason == begins} == {
+        "push.x", "push.y", "push.z"
+    }  # fmt: skip
+    assert not problem.estimate_error({"push": walls[0]}).goals["push.x"].reason
+
+
 def test_mistakes(comm):
     body = mesh.generate(comm, "two_blocks", "hexahedron", cells=1)
     (ds,) = surface(body, "lower_top")

@@ -23,7 +23,7 @@ from fem_snh.accuracy.differences import (
 )
 from fem_snh.accuracy.frequency_goals import FrequencyGoal, LiftedModes, lifted_modes
 from fem_snh.accuracy.goal_errors import BEGINS, NO_CONTACT, SMALL_FORCE, Estimate, GoalError
-from fem_snh.accuracy.goals import EnergyGoal, Goal, PointGoal, TermGoal, names_of, vector_of
+from fem_snh.accuracy.goals import EnergyGoal, Goal, PointGoal, TermGoal, VectorGoal, names_of
 from fem_snh.accuracy.indicators import cell_indicators, place
 from fem_snh.accuracy.lift import Lift, create_in, create_lifted
 from fem_snh.accuracy.lifted_elements import (
@@ -165,7 +165,7 @@ def estimate_with(
     problem.split(problem.x)
     terms = [goal for goal in goals if isinstance(goal, TermGoal)]
     _mark_forces_without_contact(problem, terms, estimate)
-    _mark_small_forces([goal for goal in terms if goal.is_force], estimate)
+    _mark_small_forces(goals, estimate)
     estimate.seconds = perf_counter() - start
     return estimate
 
@@ -196,12 +196,13 @@ def _mark_forces_without_contact(
                 estimate.goals[name] = GoalError(known.value, None, known.scale, reason=NO_CONTACT)
 
 
-def _mark_small_forces(forces: Sequence[TermGoal], estimate: Estimate) -> None:
+def _mark_small_forces(goals: Sequence[Goal], estimate: Estimate) -> None:
     """Give a reason to forces of contact that are small beside others, and beside their errors."""
-    sizes = [abs(g.value) for n, g in estimate.goals.items() if vector_of(n).endswith(".force")]
+    forces = [goal for goal in goals if isinstance(goal, VectorGoal | TermGoal) and goal.is_force]
+    sizes = [abs(estimate.goals[name].value) for name in names_of(forces)]
     for goal in forces:
         errors = [estimate.goals[name] for name in goal.names]
-        if None in (e.error for e in errors):
+        if not isinstance(goal, TermGoal) or None in (e.error for e in errors):
             continue
         size = hypot(*(e.error or 0.0 for e in errors))
         corrected = hypot(*(e.corrected or 0.0 for e in errors))

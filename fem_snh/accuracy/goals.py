@@ -80,7 +80,14 @@ class VectorGoal:
         The vector's name.
     components : sequence of int
         The components.
+
+    Attributes
+    ----------
+    is_force : bool
+        Whether it is a force [N].
     """
+
+    is_force = False
 
     def __init__(self, name: str, components: Sequence[int]) -> None:
         self._components = list(components)
@@ -168,6 +175,7 @@ class ReactionGoal(VectorGoal):
         super().__init__(name, components)
         self._entries = entries
         self._about = None if about is None else np.array(about, dtype=float)
+        self.is_force = about is None
 
     def bind(self, problem: Problem) -> Callable[[], Sequence[float]]:
         """See `Goal.bind`."""

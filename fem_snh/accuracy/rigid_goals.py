@@ -29,7 +29,7 @@ class RigidGoal(VectorGoal):
         self, part: str, kind: str, components: Sequence[int] = (0, 1, 2), label: str = ""
     ) -> None:
         super().__init__(label or f"{part}.{kind}", components)
-        self._part, self._kind = part, kind
+        self._part, self._kind, self.is_force = part, kind, kind == "force"
 
     def bind(self, problem: Problem) -> Callable[[], Sequence[float]]:
         """See `Goal.bind`."""
