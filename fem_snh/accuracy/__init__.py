@@ -1,1 +1,16 @@
-"""What a result is worth: estimated errors of goals; locking, inversion, and notes."""
+"""What a result is worth: estimated errors of goals; locking, inversion, and notes.
+
+Goals are scalars of a state (`goals`, `rigid_goals`, `stress_goals`, `frequency_goals`). Their
+errors are estimated by a second solution in a better element on the same cells:
+
+- `estimate` adds up the parts of the errors. `lifted_elements` chooses the element, `lift` solves
+  the problem in it, `differences` iterates until the goals are settled. `saturation` finds what
+  the better element misses, `budget` what penalties and Newton's tolerance change,
+  `shape_surfaces` what bones and rigid parts that are shapes do.
+- `path_errors` does the same where the end depends on the path: in time, and with friction.
+- `indicators` distributes an error to the cells, by the dual solutions of `duals`.
+- `goal_errors` has the result, as it is printed and recorded.
+
+`goal_bounds` and `levels` decide on the meshes of a run to an accuracy. `state_notes` finds what is
+wrong with a state that has converged.
+"""

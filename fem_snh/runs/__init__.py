@@ -1,8 +1,9 @@
 """Runs: from a scene and its options to a `Result`, by load steps, with output and checkpoints.
 
-`run` is the sequence of steps; ``setup`` makes the problem and its solver, ``stepping`` halves
-failed load steps, ``recorder`` keeps run.json, ``folder``, ``fields`` and ``checkpoint`` write the
-files.
+`driver` is the sequence: `setup` makes the problem, its solver and its steps, `recorder` keeps
+run.json, `folder`, `output` and `checkpoint` write the files, `estimates` finds the errors of the
+scene's `goals`. `levels` runs a scene to an accuracy: `first_level` has the first mesh and element,
+`refinement` the further meshes. `inverse` fits a scene's parameters to a curve.
 """
 
 from __future__ import annotations
