@@ -28,10 +28,10 @@ from fem_snh.accuracy.indicators import cell_indicators, place
 from fem_snh.accuracy.lift import Lift, create_in, create_lifted
 from fem_snh.accuracy.lifted_elements import (
     check_memory,
+    element_of_factor,
     lifted_dofs,
     lifted_elements,
     memory,
-    taylor_hood,
 )
 from fem_snh.accuracy.no_estimate import NoEstimate, NoEstimateOnAnyMesh, check_problem
 from fem_snh.accuracy.pressure_oscillation import may_lock
@@ -43,6 +43,7 @@ from fem_snh.accuracy.shape_surfaces import (
     is_on_flesh,
 )
 from fem_snh.assembly.elements import Element
+from fem_snh.contact.obstacle_contact import ObstacleContact
 from fem_snh.mesh.mesh import Mesh
 from fem_snh.mesh.round_faces import round_faces
 from fem_snh.problem.problem import Problem
@@ -159,6 +160,7 @@ def estimate_with(
         faces = mesh.round_faces if mesh else None
         faces = faces or round_faces(problem.domain, problem.kinematics.revolved)
         estimate.left_out += filter(None, [faces.text])
+        _add_narrow_contacts(problem, estimate)
     except NoEstimate as reason:
         estimate.reason = str(reason)
         estimate.on_no_mesh = isinstance(reason, NoEstimateOnAnyMesh)
@@ -168,6 +170,18 @@ def estimate_with(
     _mark_small_forces(goals, estimate)
     estimate.seconds = perf_counter() - start
     return estimate
+
+
+def _add_narrow_contacts(problem: Problem, estimate: Estimate) -> None:
+    """Add the obstacles whose contact is narrower than a cell, and a line. Collective."""
+    u = problem.split(problem.x)[0]
+    terms = [term for term in problem.terms if isinstance(term, ObstacleContact)]
+    estimate.narrow = [name for term in terms for name in term.narrow(u)]
+    if estimate.narrow:
+        names = " and ".join(f"'{name}'" for name in estimate.narrow)
+        estimate.left_out.append(
+            f"the contact with {names} is narrower than a cell: finer ones may find another one"
+        )
 
 
 def _without_errors(problem: Problem, goals: Sequence[Goal]) -> dict[str, GoalError]:
@@ -215,7 +229,7 @@ def _announce(problem: Problem, estimate: Estimate, announce: Callable[[Estimate
     """Announce what the best lifted element costs; raise NoEstimate if there is no memory."""
     element = next(lifted_elements(problem))
     estimate.element, estimate.dofs = element.name, lifted_dofs(problem, element)
-    middle = taylor_hood(problem, element)
+    middle = element_of_factor(problem, element)
     estimate.memory = memory(problem, element) + (memory(problem, middle) if middle else 0.0)
     announce(estimate)
     check_memory(problem, estimate.memory)
@@ -252,7 +266,7 @@ def _add_errors(
             further = unsettled_penalties(problem, static, lifted_goals.values, penalties)
             mesh = replace(mesh, unsettled=mesh.unsettled + further)
         _set_errors(estimate, static, mesh, parts)
-        _add_largest(lift, static, estimate)
+        _add_largest(lift, static, estimate, options.asked)
         modes = None
         if frequencies:
             modes = _add_frequencies(lift, frequencies, estimate, parts_of_frequencies)
@@ -328,8 +342,8 @@ def _missed_by_lifted(
         The relative error that is asked for.
     """
     problem, lifted = goals.lift.problem, goals.lift.lifted
-    middle = taylor_hood(problem, lifted.element)
-    if middle is None and _locks(problem):
+    middle = element_of_factor(problem, lifted.element)
+    if middle is None and _locks(problem, lifted):
         return Differences(*np.zeros((2, len(goals.values))))
     goals.estimate.saturation = saturation(lifted, lifted.split(lifted.x)[0])
     factor = goals.estimate.saturation - 1
@@ -340,13 +354,14 @@ def _missed_by_lifted(
     return Differences(between, errors.unsettled + in_middle.unsettled).scaled(factor)
 
 
-def _locks(problem: Problem) -> bool:
+def _locks(problem: Problem, lifted: Problem) -> bool:
     """Return whether the run's element locks: no decay of the lifted one's degrees shows that.
 
-    P2 on triangles hardly does.
+    P2 on triangles hardly does, nor does an element whose lifted one is of the same kind.
     """
     triangles = problem.element.name == "P2" and problem.kinematics.dim == 2
-    return bool(may_lock(problem)) and not triangles
+    same = lifted.element.volume == problem.element.volume
+    return bool(may_lock(problem)) and not triangles and not same
 
 
 def _differences_of(other: Problem, goals: LiftedGoals, asked: float) -> Differences:
@@ -374,19 +389,25 @@ def _set_errors(
         )
 
 
-def _add_largest(lift: Lift, goals: Sequence[Goal], estimate: Estimate) -> None:
+def _add_largest(lift: Lift, goals: Sequence[Goal], estimate: Estimate, asked: float) -> None:
     """Add the largest error of a displacement in the body to those of points. Collective.
 
-    With one pressure per cell the lifted displacement varies inside of cells, on any mesh.
+    With a request for an accuracy ``asked`` also the mean of the size of the error to the stress
+    around a point. With one pressure per cell the lifted displacement varies inside of cells, on
+    any mesh: then it is no measure of those of points.
     """
-    if lift.lifted.element.volume == "mean":
-        return
     unknowns = lift.lifted.owned_displacements
     changes = lift.lifted.x.array_r[:unknowns] - lift.start.array_r[:unknowns]
     on_rank = float(np.abs(changes).max(initial=0.0))
     largest = estimate.saturation * lift.lifted.comm.allreduce(on_rank, op=MPI.MAX)
-    for name in names_of([goal for goal in goals if isinstance(goal, PointGoal)]):
-        estimate.goals[name] = replace(estimate.goals[name], of_body=largest)
+    for goal in goals:
+        for name in goal.names:
+            known = estimate.goals[name]
+            if isinstance(goal, PointGoal) and lift.lifted.element.volume != "mean":
+                estimate.goals[name] = replace(known, of_body=largest)
+            elif asked and (size_of_change := getattr(goal, "size_of_change", None)):
+                size = estimate.saturation * size_of_change(lift.lifted, lift.start)
+                estimate.goals[name] = replace(known, of_size=size)
 
 
 def _add_frequencies(
@@ -403,7 +424,7 @@ def _add_frequencies(
     if modes is None:
         return None
     numbers = [goal.number - 1 for goal in goals]
-    shapes = [] if _locks(lift.problem) else [modes.shapes[i] for i in numbers]
+    shapes = [] if _locks(lift.problem, lift.lifted) else [modes.shapes[i] for i in numbers]
     # The root: smooth modes leave nothing, those of clamped bodies the factor.
     factors = np.sqrt([saturation(lift.lifted, shape) for shape in shapes]) if shapes else 1.0
     changes = modes.frequencies[numbers] - values_of(estimate, goals)

@@ -170,7 +170,8 @@ def _bounded(goal: GoalError, safety: float, coarser: GoalLevel | None) -> GoalL
     bound = size + missed + max(safety * steps, goal.steps_bound) + unsettled
     uncertainty = missed + max((safety - 1) * steps, goal.steps_bound) + unsettled
     if coarser is None:
-        least = _LEAST_OF_BODY * (safety - 1) * goal.of_body
+        # Errors of the stress on two sides of a point cancel in the estimate alone.
+        least = (safety - 1) * max(_LEAST_OF_BODY * goal.of_body, goal.of_size)
     else:
         least = _change_left(corrected, error, uncertainty, coarser)
     bound, uncertainty = max(bound, size + steps + least), max(uncertainty, least)

@@ -48,6 +48,8 @@ class GoalError:
         A bound of the error of time or load steps; infinite where none is known.
     of_body : float
         Of a displacement of a point, the estimate of the largest error of one in the body.
+    of_size : float
+        Of the stress around a point, the estimate of the mean of the size of its error there.
     reason : str
         Why this goal has no estimate, where others may have one, or an uncertain one.
     """
@@ -59,6 +61,7 @@ class GoalError:
     parts: dict[str, float] = field(default_factory=dict)
     steps_bound: float = 0.0
     of_body: float = 0.0
+    of_size: float = 0.0
     reason: str = ""
 
     @property
@@ -201,6 +204,8 @@ class Estimate:
         Whether the stability of the lifted equilibrium matters, and is unknown.
     left_out : list of str
         What the errors do not include, or what was not measured for them: a line each.
+    narrow : list of str
+        The obstacles whose contact is narrower than a cell.
     """
 
     goals: dict[str, GoalError] = field(default_factory=dict)
@@ -221,6 +226,7 @@ class Estimate:
     places: dict[str, Place] = field(default_factory=dict)
     may_be_unstable: bool = False
     left_out: list[str] = field(default_factory=list)
+    narrow: list[str] = field(default_factory=list)
 
     def announcement(self) -> str:
         """Return the line to print before the lifted problem is created."""

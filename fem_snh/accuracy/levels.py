@@ -192,7 +192,8 @@ class Levels:
         of the largest one are relative to that.
     least : int, optional
         Number of levels before the request can be met: two where the estimates are of another body
-        on each mesh, as the change from one to the next shows that error alone.
+        on each mesh, as the change from one to the next shows that error alone. It grows where
+        the contact with an obstacle is narrower than a cell, until one on finer cells follows.
     """
 
     def __init__(
@@ -229,6 +230,9 @@ class Levels:
             row.goals = bounded_goals(estimate, known, row.degree, self.dim, coarser, self.named)
             row.where, row.doubt = estimate.where, estimate.doubt
             row.left_out = estimate.left_out
+            before = [r for r in self.rows if r.goals and r.fineness < row.fineness]
+            if estimate.narrow and not before and not row.steps:
+                self.least = max(self.least, len(self.rows) + 2)
         self.rows.append(row)
 
     def beyond(self, row: LevelRow, estimate: Estimate) -> list[str]:
@@ -465,7 +469,8 @@ class Levels:
             return [f"{head}: no estimate: {row.reason}"]
         counts = sum(goal.relative(asked) <= asked for goal in row.goals.values())
         head += f", {row.elapsed:.2g} s: {counts} of {len(row.goals)} "
-        head += f"{'estimates' if row.gives_way else 'goals'} within {100 * asked:g} %"
+        unsure = row.gives_way or len(self.rows) < self.least
+        head += f"{'estimates' if unsure else 'goals'} within {100 * asked:g} %"
         shown = {name: goal for name, goal in row.goals.items() if not goal.is_zero}
         lines = [head, *(self._line(name, goal) for name, goal in shown.items())]
         lines += [f"  {line}" for line in row.untouched.values()]

@@ -19,7 +19,7 @@ from fem_snh import _dolfinx, solver
 from fem_snh._petsc import negative_pivots
 from fem_snh.accuracy.hessian_solver import HessianSolver
 from fem_snh.accuracy.lifted_elements import lifted_elements
-from fem_snh.accuracy.no_estimate import NoEstimate
+from fem_snh.accuracy.no_estimate import NoEstimate, NoEstimateOnAnyMesh
 from fem_snh.assembly.elements import Element
 from fem_snh.assembly.ghosted_vectors import (
     add_ghosts,
@@ -88,7 +88,7 @@ def create_lifted(problem: Problem, make: Callable[[Element], Problem]) -> Probl
             return create_in(element, problem, make)
         except BadInput as error:  # a material without a volume term of its own
             reason = reason or str(error)
-    raise NoEstimate(f"no element of degree {problem.element.degree + 1} fits: {reason}")
+    raise NoEstimateOnAnyMesh(f"no element of degree {problem.element.degree + 1} fits: {reason}")
 
 
 def create_in(element: Element, problem: Problem, make: Callable[[Element], Problem]) -> Problem:

@@ -26,6 +26,7 @@ _DEGREE_3 = (
     Element("Q3Q2", "hexahedron", 3, 7, 6, "pressure", 2),
 )
 _DEGREE_2 = (ELEMENTS["P2P1"], ELEMENTS["Q2Q1"])
+_POINTWISE = (ELEMENTS["P2"], ELEMENTS["Q2"])
 #: lambda/mu up to which an element with a pointwise volume term does not lock: nu = 0.4, rounded.
 _NO_LOCKING = 4.0 * (1 + 1e-9)
 #: The same for P2 and P3 on triangles, nu = 0.499: beyond, Newton's method may find no state of P3.
@@ -93,18 +94,23 @@ def nearly_incompressible(problem: Problem, limit: float = _NO_LOCKING) -> bool:
     return any(not lam <= limit * mu for mu, lam in moduli)
 
 
-def taylor_hood(problem: Problem, lifted: Element) -> Element | None:
-    """Return the Taylor-Hood element of the problem's degree, if its error is another one.
+def element_of_factor(problem: Problem, lifted: Element) -> Element | None:
+    """Return the element of the problem's degree whose error `saturation` continues.
 
-    What the lifted element leaves follows from the error of this one (`saturation`): an element
-    that locks has a larger error, and one pressure in each cell may have a smaller one. Elements of
-    degree 1 have no factor, and without a continuous pressure in the lifted element there is none.
+    It treats the volume as the lifted one does: a Taylor-Hood element, or one with the volume term
+    at every point. None if the problem's own element does, or is as good: an element that locks has
+    a larger error, and one pressure in each cell may have a smaller one. Elements of degree 1 have
+    no factor, nor have lifted ones with one pressure in each cell.
     """
     base = problem.element
-    same = base.volume == "pointwise" and not may_lock(problem)
-    if base.degree < 2 or base.volume == "pressure" or lifted.volume != "pressure" or same:
+    if base.degree < 2:
         return None
-    return _on_cells_of(problem, _DEGREE_2)
+    if lifted.volume == "pressure" and base.volume != "pressure":
+        same = base.volume == "pointwise" and not may_lock(problem)
+        return None if same else _on_cells_of(problem, _DEGREE_2)
+    if lifted.volume == "pointwise" and base.volume == "mean":
+        return _on_cells_of(problem, _POINTWISE)
+    return None
 
 
 def lifted_dofs(problem: Problem, element: Element) -> int:

@@ -18,6 +18,7 @@ from math import ceil
 from typing import Any
 
 from mpi4py import MPI
+from petsc4py import PETSc
 
 import numpy as np
 import numpy.typing as npt
@@ -27,6 +28,7 @@ from fem_snh import _dolfinx
 from fem_snh.accuracy.duals import Dual, Linearisation
 from fem_snh.accuracy.goals import CellsGoal, derivative_of
 from fem_snh.accuracy.probe_cells import MOST_RADII, REACH, sizes_near
+from fem_snh.assembly.ghosted_vectors import copy_to_function
 from fem_snh.errors import BadInput, bad_value
 from fem_snh.kernels.ufl_forms import energy_density
 from fem_snh.materials.energy import Energy
@@ -81,18 +83,28 @@ class StressGoal(CellsGoal):
         """Return the weight of the mean in UFL, and the degree of its quadrature."""
         return _dolfinx.constant(domain, 1.0), _DEGREE
 
-    def _integrals(self, problem: Problem) -> tuple[Any, Any]:
-        """Return the forms of the integral of the stress over E, and of the weight."""
+    def _integrals(self, problem: Problem, other: Any = None) -> tuple[Any, Any]:
+        """Return the forms of the integral of the stress over E, and of the weight.
+
+        With another displacement ``other``, that of the size of their difference.
+        """
         domain, kinematics = problem.domain, problem.kinematics
         weight, degree = self._weight(domain)
-        F = ufl.variable(ufl.Identity(3) + displacement_gradient(problem.u, kinematics))
         every = np.arange(_dolfinx.num_owned(domain), dtype=np.int32)
         parts = [np.intersect1d(region.cells, every[self._cells]) for region in problem.regions]
         parts.append(np.setdiff1d(every, np.concatenate(parts)))
         measures = _dolfinx.cell_measures(domain, parts, problem.element.cell, degree)
         measures = [of_the_body(kinematics, domain, dx) for dx in measures[:-1]]
         energies = [region.material.expression for region in problem.regions]
-        stresses = [_von_mises(energy, F, problem.modulus) for energy in energies]
+
+        def stresses_of(u: Any) -> list[Any]:
+            F = ufl.variable(ufl.Identity(3) + displacement_gradient(u, kinematics))
+            return [_von_mises(energy, F, problem.modulus) for energy in energies]
+
+        stresses = stresses_of(problem.u)
+        if other is not None:
+            pairs = zip(stresses, stresses_of(other), strict=True)
+            stresses = [abs(stress - before) for stress, before in pairs]
         whole = sum(weight * sigma * dx for sigma, dx in zip(stresses, measures, strict=True))
         return whole, sum(weight * dx for dx in measures)
 
@@ -135,6 +147,18 @@ class PointStressGoal(StressGoal):
             raise bad_value("radius", f"{radius:g}", accepted)
         self._place, self._radius = place, radius
         self._degree = _DEGREE + 4 * ceil(size / radius)
+
+    def size_of_change(self, problem: Problem, start: PETSc.Vec) -> float:
+        """Return the mean of the size of what the stress changed by from a state [Pa]. Collective.
+
+        It has no sign: the change of the mean may be small by chance.
+        """
+        before = _dolfinx.function(problem.V, "before")
+        copy_to_function(problem.split(start)[0], before)
+        whole, size = map(_dolfinx.form, self._integrals(problem, before))
+        problem.split(problem.x)
+        change, volume = map(_dolfinx.assemble_scalar, (whole, size))
+        return float(problem.modulus * change / volume)
 
     def _weight(self, domain: Any) -> tuple[Any, int]:
         """See `StressGoal`."""

@@ -35,6 +35,9 @@ Array = npt.NDArray[Any]
 _DEGREE = {"quadrilateral": 3, "triangle": 2, "interval": 3}
 #: The same of elements of degree 3, which bulge between so few points: 3 x 3, 6 and 3 points.
 _DEGREE_3 = {"quadrilateral": 5, "triangle": 4, "interval": 5}
+#: Part of the largest force of an obstacle below which a contact is no reason for finer cells
+#: (`fem_snh.accuracy.goal_errors.SMALL_FORCE`).
+_SMALL_FORCE = 0.1
 #: Tangential stiffness of friction in the normal stiffness: a sticking point then moves by at most
 #: the friction coefficient times the penetration.
 _TANGENTIAL = 1.0
@@ -228,6 +231,22 @@ class ObstacleContact:
                 row["sliding"] = int(counts[4])
             rows[contact.name] = row
         return {"obstacles": rows}
+
+    def narrow(self, u: PETSc.Vec) -> list[str]:
+        """Return the obstacles that touch points, but all those of no facet. Collective.
+
+        Those whose force is small beside that of another obstacle are left out.
+        """
+        values = self._nodal(u)
+        rows = []
+        for pair in self.pairs:
+            touched = pair.points(values).pressure > 0
+            counts = touched.any(), touched.all(axis=1).any()
+            rows.append(self.comm.allreduce(np.array([*pair.force(values), *counts], float)))
+        found = np.array(rows)
+        sizes = np.linalg.norm(found[:, :3], axis=1)
+        chosen = (found[:, 3] > 0) & (found[:, 4] == 0) & (sizes >= _SMALL_FORCE * sizes.max())
+        return [self.contacts[i].name for i in np.flatnonzero(chosen)]
 
     @property
     def goals(self) -> list[str]:

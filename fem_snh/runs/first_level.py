@@ -85,7 +85,7 @@ def first_scene(scene: scenes.Scene, printed: Progress) -> scenes.Scene:
 
 def raised_element(scene: scenes.Scene) -> str:
     """Return the element of degree 2 on the cells of a scene that does not lock; else its own."""
-    return next(name for name in _candidates(scene, _DEGREE_2) if _fits(scene, name))
+    return _fitting(scene, _DEGREE_2)
 
 
 def _element(scene: scenes.Scene) -> tuple[str, str]:
@@ -95,7 +95,7 @@ def _element(scene: scenes.Scene) -> tuple[str, str]:
     if _may_raise(scene) and _may_be_simplices(scene):
         ways.insert(0, _SIMPLICES)
     for raised in ways:
-        fitting = next(name for name in _candidates(scene, raised) if _fits(scene, name))
+        fitting = _fitting(scene, raised)
         if not (_locks(scene) and ELEMENTS[fitting].volume == "pointwise"):
             break
     if fitting == own:
@@ -106,6 +106,11 @@ def _element(scene: scenes.Scene) -> tuple[str, str]:
         return fitting, "which takes longer to the same accuracy"
     same = ELEMENTS[own].degree == ELEMENTS[fitting].degree
     return fitting, "whose cells are refined everywhere" if same else "which needs more dofs"
+
+
+def _fitting(scene: scenes.Scene, raised: Mapping[str, str]) -> str:
+    """Return the best candidate that fits; the scene's own if none does, which the run rejects."""
+    return next((n for n in _candidates(scene, raised) if _fits(scene, n)), scene.element)
 
 
 def _candidates(scene: scenes.Scene, raised: Mapping[str, str]) -> list[str]:
