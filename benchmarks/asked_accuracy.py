@@ -64,7 +64,7 @@ def rows(
     found: list[Row] = []
     for name, nu, element, cells, goal in _ASKED:
         if name in chosen:
-            scene = error_estimates.scene_of(name, nu, element, cells, estimate=False)
+            scene = error_estimates.scene_of(name, nu, element, cells)
             row = adaptive(scene, goal, share, error_estimates.exact(name, nu)[goal], max_time)
             about = {"scene": name, "nu": nu, "asked_with": element, "goal": goal}
             found.append(_judged(about | row, share))

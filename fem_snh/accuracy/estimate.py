@@ -33,7 +33,12 @@ from fem_snh.accuracy.lifted_elements import (
     lifted_elements,
     memory,
 )
-from fem_snh.accuracy.no_estimate import NoEstimate, NoEstimateOnAnyMesh, check_problem
+from fem_snh.accuracy.no_estimate import (
+    NoEstimate,
+    NoEstimateOnAnyMesh,
+    TooLittleMemory,
+    check_problem,
+)
 from fem_snh.accuracy.pressure_oscillation import may_lock
 from fem_snh.accuracy.saturation import cell_squares, saturation
 from fem_snh.accuracy.shape_surfaces import (
@@ -90,11 +95,14 @@ class EstimateOptions:
         Whether the stability of the lifted equilibrium is examined whatever it costs.
     choose : Choose
         The goals whose errors are distributed to the cells.
+    max_memory : float
+        The memory that the lifted problem may have [bytes].
     """
 
     asked: float = 0.0
     stability: bool = False
     choose: Choose = every_goal
+    max_memory: float = inf
 
 
 def estimate_error(
@@ -126,7 +134,7 @@ def estimate_error(
     def add_errors(estimate: Estimate) -> None:
         check_problem(problem)
         check_shapes(problem)
-        _announce(problem, estimate, announce)
+        _announce(problem, estimate, announce, options.max_memory)
         _add_errors(problem, make, goals, estimate, options)
         for name, indicators in estimate.indicators.items():
             if where := place(problem, indicators, mesh):
@@ -157,13 +165,15 @@ def estimate_with(
     start, estimate = perf_counter(), Estimate(_without_errors(problem, goals))
     try:
         add_errors(estimate)
-        faces = mesh.round_faces if mesh else None
-        faces = faces or round_faces(problem.domain, problem.kinematics.revolved)
-        estimate.left_out += filter(None, [faces.text])
+        if not estimate.coarser:  # which have other faces
+            faces = mesh.round_faces if mesh else None
+            faces = faces or round_faces(problem.domain, problem.kinematics.revolved)
+            estimate.left_out += filter(None, [faces.text])
         _add_narrow_contacts(problem, estimate)
     except NoEstimate as reason:
         estimate.reason = str(reason)
         estimate.on_no_mesh = isinstance(reason, NoEstimateOnAnyMesh)
+        estimate.lacks_memory = isinstance(reason, TooLittleMemory)
     problem.split(problem.x)
     terms = [goal for goal in goals if isinstance(goal, TermGoal)]
     _mark_forces_without_contact(problem, terms, estimate)
@@ -225,14 +235,16 @@ def _mark_small_forces(goals: Sequence[Goal], estimate: Estimate) -> None:
                 estimate.goals[name] = replace(error, reason=BEGINS)
 
 
-def _announce(problem: Problem, estimate: Estimate, announce: Callable[[Estimate], None]) -> None:
-    """Announce what the best lifted element costs; raise NoEstimate if there is no memory."""
+def _announce(
+    problem: Problem, estimate: Estimate, announce: Callable[[Estimate], None], max_memory: float
+) -> None:
+    """Announce what the best lifted element costs; raise TooLittleMemory if it is too much."""
     element = next(lifted_elements(problem))
     estimate.element, estimate.dofs = element.name, lifted_dofs(problem, element)
     middle = element_of_factor(problem, element)
     estimate.memory = memory(problem, element) + (memory(problem, middle) if middle else 0.0)
     announce(estimate)
-    check_memory(problem, estimate.memory)
+    check_memory(problem, estimate.memory, max_memory)
 
 
 def _add_errors(

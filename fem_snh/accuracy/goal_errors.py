@@ -46,6 +46,8 @@ class GoalError:
         steps; empty if there is one source, the mesh.
     steps_bound : float
         A bound of the error of time or load steps; infinite where none is known.
+    at_most : float
+        A bound of the error where it is an extrapolation from coarser meshes; 0 elsewhere.
     of_body : float
         Of a displacement of a point, the estimate of the largest error of one in the body.
     of_size : float
@@ -60,6 +62,7 @@ class GoalError:
     unsettled: float = 0.0
     parts: dict[str, float] = field(default_factory=dict)
     steps_bound: float = 0.0
+    at_most: float = 0.0
     of_body: float = 0.0
     of_size: float = 0.0
     reason: str = ""
@@ -92,6 +95,8 @@ class GoalError:
         """The bound of the error where it is unsettled, or steps have a bound alone; else None."""
         if self.error is None:
             return None
+        if self.at_most:
+            return self.at_most
         if not self.is_found:
             return abs(self.error) + self.unsettled
         bounded = bounded_steps(self.parts, self.steps_bound)
@@ -122,6 +127,7 @@ class GoalError:
             return f"{name} {self.value:.6g}, error below {bound}{of}"
         value, corrected = (_shown(x, self.error) for x in (self.value, self.value + self.error))
         share = "" if self.relative is None else f" ({_share(self.relative)})"
+        of += f", at most {self._bound_text(self.at_most)}" if self.at_most else ""
         but = f"; {self.reason}" if self.reason else ""
         return f"{name} {value}, error {self.error:+.3g}{share}{of}, corrected {corrected}{but}"
 
@@ -179,6 +185,10 @@ class Estimate:
         Why there is no estimate; empty if there is one.
     on_no_mesh : bool
         Whether a finer mesh would not have one either.
+    lacks_memory : bool
+        Whether there is none because the lifted problem needs more memory than is available.
+    coarser : str
+        The coarser meshes from which the errors are extrapolated, in place of a lifted problem.
     element : str
         The lifted element.
     dofs, memory : int, float
@@ -211,6 +221,8 @@ class Estimate:
     goals: dict[str, GoalError] = field(default_factory=dict)
     reason: str = ""
     on_no_mesh: bool = False
+    lacks_memory: bool = False
+    coarser: str = ""
     element: str = ""
     dofs: int = 0
     memory: float = 0.0
@@ -230,6 +242,8 @@ class Estimate:
 
     def announcement(self) -> str:
         """Return the line to print before the lifted problem is created."""
+        if self.coarser:
+            return f"error estimate: the scene again, on {self.coarser}"
         count = f"{self.again:,} step{'s' if self.again > 1 else ''}"
         steps = f"the path again in {count}, and with " if self.again else ""
         return (
@@ -296,6 +310,7 @@ class Estimate:
         return {
             "reason": self.reason or None,
             "element": self.element,
+            **({"coarser": self.coarser} if self.coarser else {}),
             "dofs": self.dofs,
             "memory_mb": self.memory / 1e6,
             "saturation": self.saturation,

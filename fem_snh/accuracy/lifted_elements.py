@@ -11,10 +11,11 @@ import os
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
+from math import inf
 from typing import Any
 
 from fem_snh import _dolfinx
-from fem_snh.accuracy.no_estimate import NoEstimate
+from fem_snh.accuracy.no_estimate import TooLittleMemory
 from fem_snh.accuracy.pressure_oscillation import may_lock
 from fem_snh.assembly.elements import ELEMENTS, Element, in_kinematics
 from fem_snh.problem.problem import Problem
@@ -128,13 +129,14 @@ def memory(problem: Problem, element: Element) -> float:
     return float(pairs * _COPIES * (components**2 * _BYTES_PER_NUMBER + _BYTES_PER_BLOCK))
 
 
-def check_memory(problem: Problem, needed: float) -> None:
-    """Raise NoEstimate if the ranks' machines have less memory than that [bytes]. Collective."""
-    if needed > (available := available_memory(problem.comm)):
-        raise NoEstimate(
-            f"it needs about {needed / 1e9:.1f} GB of memory, of which {available / 1e9:.1f} GB "
-            "are available"
-        )
+def check_memory(problem: Problem, needed: float, most: float = inf) -> None:
+    """Raise TooLittleMemory if that is more than ``most`` or is available [bytes]. Collective."""
+    available = available_memory(problem.comm)
+    if needed > min(available, most):
+        limit = f"{most / 1e6:.3g} MB are allowed"
+        if available < most:
+            limit = f"{available / 1e6:.2g} MB are available"
+        raise TooLittleMemory(f"it needs about {needed / 1e6:.2g} MB of memory, of which {limit}")
 
 
 def available_memory(comm: Any) -> float:

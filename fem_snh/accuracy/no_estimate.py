@@ -14,6 +14,10 @@ class ElementDoesNotFit(NoEstimate):
     """The problem cannot have this element; another one may do."""
 
 
+class TooLittleMemory(NoEstimate):
+    """The lifted problem needs more memory than it may have."""
+
+
 class NoEstimateOnAnyMesh(NoEstimate):
     """There is none for a reason that a finer mesh does not change."""
 

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
+from dataclasses import replace
+from functools import partial
+from math import inf
 from typing import TYPE_CHECKING
 
 from fem_snh import scenes
@@ -10,6 +13,7 @@ from fem_snh.accuracy.estimate import EstimateOptions, estimate_error, largest_e
 from fem_snh.accuracy.goal_errors import Estimate
 from fem_snh.accuracy.goals import Goal
 from fem_snh.accuracy.no_estimate import depends_on_path
+from fem_snh.choices import COARSER_MESHES
 from fem_snh.runs.setup import Setup
 
 if TYPE_CHECKING:
@@ -43,7 +47,9 @@ def estimate_errors(
         The level of a run to an accuracy: without fields the errors of those goals are distributed
         that are not within it.
     """
-    problem = setup.problem
+    problem, wanted = setup.problem, scene.accuracy
+    if wanted and wanted.estimate == COARSER_MESHES:
+        return _by_coarser_meshes(scene, setup, goals, announce)
     if setup.make is None or depends_on_path(problem):
         from fem_snh.accuracy.path_errors import estimate_on_path
         from fem_snh.runs.scene_path import ScenePath
@@ -59,5 +65,27 @@ def estimate_errors(
             return level.located(estimate, names, is_refined_locally(scene))
         return names if scene.accuracy and scene.accuracy.goals else largest_error(estimate, names)
 
-    options = EstimateOptions(scene.within or 0.0, scene.stability, choose)
-    return estimate_error(problem, setup.make, goals, announce, setup.mesh, options)
+    megabytes = wanted.max_memory if wanted and not scene.within else None
+    most = inf if megabytes is None else 1e6 * megabytes
+    options = EstimateOptions(scene.within or 0.0, scene.stability, choose, most)
+    estimate = estimate_error(problem, setup.make, goals, announce, setup.mesh, options)
+    if estimate.lacks_memory and not scene.within:
+        because = f"{estimate.element}: {estimate.reason}"
+        other = _by_coarser_meshes(scene, setup, goals, announce, because)
+        return replace(estimate, reason=f"{because}; {other.reason}") if other.reason else other
+    return estimate
+
+
+def _by_coarser_meshes(
+    scene: scenes.Scene,
+    setup: Setup,
+    goals: Sequence[Goal],
+    announce: Callable[[Estimate], None],
+    because: str = "",
+) -> Estimate:
+    """Return the errors of goals by the scene on coarser meshes. Collective."""
+    from fem_snh.accuracy.coarser_meshes import estimate_by_coarser_meshes
+    from fem_snh.runs.coarser_runs import coarser_meshes
+
+    coarsen = partial(coarser_meshes, scene, setup)
+    return estimate_by_coarser_meshes(setup.problem, coarsen, goals, announce, because)

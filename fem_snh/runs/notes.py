@@ -20,6 +20,7 @@ from fem_snh.accuracy.state_notes import (
     pressure_note,
     thin_support_note,
 )
+from fem_snh.choices import COARSER_MESHES
 from fem_snh.mesh.mesh_checks import unconnected_nodes
 from fem_snh.notes import Note
 from fem_snh.problem.problem import Problem
@@ -73,7 +74,8 @@ def partial_rotations(scene: Scene) -> list[str]:
 
 def shape_notes(scene: Scene) -> list[str]:
     """Return a line if estimates, which see one mesh, are those of another body."""
-    if not scene.estimates_error:
+    by_meshes = scene.accuracy and scene.accuracy.estimate == COARSER_MESHES
+    if by_meshes or not scene.estimates_error:
         return []
     if isinstance(scene.mesh, Lattice):
         part = "by the part" if scene.mesh.weighting == "fraction" else "in full, not by the part"

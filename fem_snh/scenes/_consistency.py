@@ -10,6 +10,7 @@ import numpy as np
 
 from fem_snh.assembly.elements import ELEMENTS, element
 from fem_snh.assembly.kinematics import PLANAR, kinematics_of
+from fem_snh.choices import COARSER_MESHES, LIFTED_ELEMENT
 from fem_snh.contact.obstacle import names as obstacle_names
 from fem_snh.errors import BadInput, bad_value
 from fem_snh.files import is_shape
@@ -80,6 +81,16 @@ def _check_accuracy(accuracy: Accuracy, scene: Scene) -> None:
     In plane stress the thickness, and on a lattice the fraction of a cell that the body fills, are
     no functions of the displacement that UFL derives.
     """
+    if accuracy.estimate == COARSER_MESHES:
+        reasons = {
+            "as accuracy.within is given": accuracy.within is not None,
+            "in time": scene.time is not None,
+            "as the mesh of a file has no coarser one": isinstance(scene.mesh, Path)
+            and scene.cells is None,
+        }
+        if reason := next((text for text, applies in reasons.items() if applies), ""):
+            accepted = f"{LIFTED_ELEMENT}, {reason}"
+            raise bad_value("accuracy.estimate", COARSER_MESHES, accepted)
     sheet = kinematics_of(scene.kinematics).plane_stress
     for goal in accuracy.goals:
         kind = read_goal(goal, scene).kind

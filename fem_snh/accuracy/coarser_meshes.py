@@ -1,0 +1,169 @@
+r"""Estimate the errors of goals from the same scene on coarser meshes (Richardson extrapolation).
+
+Where a lifted problem needs more memory than there is, or more time than its user has: half and a
+quarter of the cells along an edge have an eighth and a sixty-fourth of the unknowns in three
+dimensions. The geometry's error, as of a polyhedron in place of a round body, is included.
+
+With the changes :math:`d_1` from half of the cells to all, and :math:`d_2` from a quarter to half,
+the order p is that of :math:`d_2/d_1 = 2^p`, and :math:`d_1/(2^p - 1)` the error.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from math import inf
+
+import numpy as np
+import numpy.typing as npt
+
+from fem_snh.accuracy.estimate import estimate_with
+from fem_snh.accuracy.goal_errors import Estimate, GoalError
+from fem_snh.accuracy.goals import Goal, names_of
+from fem_snh.accuracy.no_estimate import NoEstimate, NoEstimateOnAnyMesh, depends_on_path
+from fem_snh.accuracy.path_errors import Followed
+from fem_snh.accuracy.pressure_oscillation import may_lock
+from fem_snh.choices import LIFTED_ELEMENT
+from fem_snh.problem.problem import Problem
+
+Array = npt.NDArray[np.float64]
+
+#: Least order of the errors, that of nearly incompressible bodies at the end of a clamped face
+#: (docs/theory/error.md), and the largest over the degree of the displacement.
+_LEAST_ORDER, _MOST_OF_DEGREE = 0.8, 2.0
+#: The bound of an error over the larger change where the order is below the least one, or where
+#: the changes have different signs.
+_IRREGULAR = 2.0
+#: The most that the bound of an estimate is over it: 6 with order 2, 9 with order 3.
+_MOST_OVER_ERROR = 8.0
+#: Changes below this part of a goal's scale need not decrease: the solver leaves that much.
+_ROUNDING = 1e-5
+#: Number of orders that are compared with the measured one.
+_ORDERS = 101
+
+
+@dataclass(frozen=True)
+class CoarserMeshes:
+    """The same scene on two coarser meshes.
+
+    Attributes
+    ----------
+    fineness : triple of float
+        Numbers to which the sizes of the cells are inverse: of the run's mesh and of the others,
+        the finer one first.
+    label : str
+        What they are, "12 and 6 cells along an edge".
+    follow : callable
+        Solves the scene on a mesh, 1 or 2, and returns its goals. It raises NoEstimate. Collective.
+    """
+
+    fineness: tuple[float, float, float]
+    label: str
+    follow: Callable[[int], Followed]
+
+
+def estimate_by_coarser_meshes(
+    problem: Problem,
+    coarsen: Callable[[], CoarserMeshes],
+    goals: Sequence[Goal],
+    announce: Callable[[Estimate], None] = lambda estimate: None,
+    because: str = "",
+) -> Estimate:
+    """Return the errors of goals of a problem at its solution. Collective.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem at its solution; its state is unchanged.
+    coarsen : callable
+        Returns the coarser meshes; it raises NoEstimate if there are none.
+    goals : sequence of Goal
+        The goals.
+    announce : callable, optional
+        Called before the coarser meshes are solved.
+    because : str, optional
+        Why there is no lifted problem.
+    """
+
+    def add_errors(estimate: Estimate) -> None:
+        if depends_on_path(problem):
+            raise NoEstimateOnAnyMesh(
+                "the state depends on its path, whose steps coarser meshes do not judge: expected "
+                f"accuracy.estimate = '{LIFTED_ELEMENT}'"
+            )
+        if problem.element.degree == 1 and may_lock(problem):
+            raise NoEstimate(
+                f"{problem.element.name} locks, on coarser meshes more so: expected another "
+                f"element, or accuracy.estimate = '{LIFTED_ELEMENT}'"
+            )
+        meshes = coarsen()
+        estimate.element, estimate.coarser = problem.element.name, meshes.label
+        announce(estimate)
+        runs = [meshes.follow(number) for number in (1, 2)]
+        estimate.newton, estimate.linear, estimate.jit = (
+            sum(getattr(run, key) for run in runs) for key in ("newton", "linear", "jit")
+        )
+        names = names_of(goals)
+        values = np.array([estimate.goals[name].value for name in names])
+        scales = np.array([estimate.goals[name].scale for name in names])
+        change, before = values - runs[0].values, runs[0].values - runs[1].values
+        errors, bounds = extrapolated(
+            change, before, meshes.fineness, problem.element.degree, _ROUNDING * scales
+        )
+        for i, name in enumerate(names):
+            estimate.goals[name] = with_error(estimate.goals[name], errors[i], bounds[i], change[i])
+        estimate.left_out.append(
+            f"the errors are those of {meshes.label}" + (f", as {because}" if because else "")
+        )
+
+    return estimate_with(add_errors, problem, goals)
+
+
+def with_error(goal: GoalError, error: float, bound: float, change: float) -> GoalError:
+    """Return a goal with its error, at most ``bound``; infinite: without one."""
+    if bound == inf:
+        reason = f"its changes do not decrease: the last finer mesh changed it by {change:+.2g}"
+        return replace(goal, reason=reason)
+    # Coarse meshes may have a high order by chance: then the error is printed as a bound, too.
+    unsettled = float(bound) if bound > _MOST_OVER_ERROR * abs(error) else 0.0
+    return replace(goal, error=float(error), at_most=float(bound), unsettled=unsettled)
+
+
+def extrapolated(
+    change: Array,
+    before: Array,
+    fineness: tuple[float, float, float],
+    degree: int,
+    rounding: Array | float = 0.0,
+) -> tuple[Array, Array]:
+    """Return the errors of goals, and bounds of them.
+
+    A coarse mesh has any order, and a change may be small by chance: the bound is the error with
+    the least order, and at least what the change before leaves with that of the degree. Where the
+    order is below the least one, or the changes have different signs, the error is zero and the
+    bound is twice the larger change. Where they do not decrease the bound is infinite.
+
+    Parameters
+    ----------
+    change, before : (goals,) array
+        What the last and the first refinement change.
+    fineness : triple of float
+        Of the meshes, the finest first: see `CoarserMeshes`.
+    degree : int
+        That of the displacement.
+    rounding : (goals,) array, optional
+        Changes up to this need not decrease.
+    """
+    orders = np.linspace(_LEAST_ORDER, _MOST_OF_DEGREE * degree, _ORDERS)
+    sizes = np.array([float(number) ** -orders for number in fineness])  # errors of each order
+    changes = np.diff(sizes, axis=0)
+    ratios, left = changes[1] / changes[0], sizes[0] / changes[0]
+    last, first = np.abs(change), np.abs(before)
+    ratio = np.divide(first, last, out=np.full(last.shape, inf), where=last > 0)
+    error = change * np.interp(ratio, ratios, left)
+    of_degree = np.interp(degree, orders, left / ratios)
+    bound = np.maximum(last * left[0], first * of_degree)
+    irregular = (last > rounding) & ((ratio < ratios[0]) | (change * before < 0))
+    bound = np.where(irregular, _IRREGULAR * np.maximum(last, first), bound)
+    bound = np.where(irregular & (first <= last), inf, bound)
+    return np.where(irregular, 0.0, error), bound

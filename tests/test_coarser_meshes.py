@@ -1,0 +1,131 @@
+"""Errors of goals by the same scene on coarser meshes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import fem_snh
+from benchmarks.accuracy_cases import exact, stretch
+from fem_snh.accuracy.coarser_meshes import extrapolated, with_error
+from fem_snh.accuracy.goal_errors import GoalError
+from fem_snh.errors import BadInput
+from fem_snh.scenes import Lattice, Scene
+
+_BY_MESHES = {"estimate": "coarser_meshes"}
+
+
+def run(scene, **keys):
+    """Return the result of a scene with an estimate by coarser meshes."""
+    given = {"progress": False, "accuracy": _BY_MESHES, **keys}
+    return fem_snh.run(scene, **given)
+
+
+@pytest.mark.parametrize("fineness", [(16.0, 8.0, 4.0), (15.0, 8.0, 4.0), (1.0, 0.5, 0.25)])
+@pytest.mark.parametrize("order", [0.9, 1.0, 1.7, 2.0, 3.3, 4.0])
+def test_errors_of_any_order_are_found(fineness, order):
+    errors = np.outer([n**-order for n in fineness], [2.0, -0.3])
+    change, before = errors[1] - errors[0], errors[2] - errors[1]
+    found, bounds = extrapolated(change, before, fineness, degree=2)
+    np.testing.assert_allclose(found, errors[0], rtol=1e-3)
+    assert (bounds >= abs(errors[0])).all()
+
+
+def test_changes_without_an_order_have_a_bound_or_none():
+    change, before = np.array([1.0, -1.0, 1.0, 1e-6]), np.array([1.5, 8.0, 0.9, 0.0])
+    errors, bounds = extrapolated(change, before, (4.0, 2.0, 1.0), 1, rounding=1e-5)
+    assert errors[:3].tolist() == [0, 0, 0]
+    assert bounds[:3].tolist() == [3.0, 16.0, np.inf]  # the third one may lock
+    assert 0 < bounds[3] < 2e-6
+    goal = with_error(GoalError(5.0, scale=5.0), errors[2], bounds[2], change[2])
+    assert goal.text("x").startswith("x 5, no estimate: its changes do not decrease")
+
+
+@pytest.mark.parametrize("element, nu", [("Q1P0", 0.3), ("Q1P0", 0.4999), ("P1", 0.3)])
+def test_effectivity_on_cook(element, nu):
+    known = run("cook", element=element, nu=nu, cells=32).estimate.goals["corner.y"]
+    error = exact(f"cook, nu {nu}")[0] - known.value
+    assert 0.7 < known.error / error < 1.4
+    assert abs(error) < known.at_most < 4 * abs(error)
+
+
+def test_an_element_that_locks_has_no_estimate():
+    assert "Q1 locks" in run("cook", element="Q1", nu=0.4999, cells=16).estimate.reason
+
+
+def test_the_error_of_a_polyhedron_is_included():
+    """A lifted element has the same straight edges, and a line says so."""
+    scene = stretch(element="P1", cells=16, steps=3)
+    scene.mesh.parameters["order"] = 1
+    found = run(scene)
+    known = found.estimate.goals["right.force.x"]
+    error = exact("stretch")[0] - known.value
+    assert 0.5 < known.error / error < 1.4
+    assert abs(error) < known.at_most
+    lines = "\n".join([*found.estimate.lines(), *(note["text"] for note in found.notes)])
+    assert "meshes with 8 and 4 cells" in lines
+    assert "polyhedron" not in lines
+
+
+def test_an_order_that_is_high_by_chance_gives_a_bound_alone():
+    """As of a polyhedron, whose errors of shape and element cancel in the last change.
+
+    The changes are those of `right.force.x` of `stretch`, 12 cells of P2 with straight edges.
+    """
+    change, before = np.array([0.00029]), np.array([0.276])
+    errors, bounds = extrapolated(change, before, (12.0, 6.0, 3.0), 2)
+    goal = with_error(GoalError(0.9514, scale=0.95), errors[0], bounds[0], change[0])
+    true = exact("stretch")[0] - goal.value
+    assert 0.01 * abs(true) > abs(goal.error)
+    assert abs(true) < goal.bound < 5 * abs(true)
+    assert goal.text("force") == "force 0.9514, error below 2.4 %"
+
+
+def test_lattices_are_coarser_as_well():
+    ball = {"sphere": {"center": [0, 0, 0], "radius": 1.0}}
+    scene = Scene(
+        name="ball", element="Q1", mesh=Lattice(lattice=ball, cell=0.125), steps=1,
+        material={"name": "stable_neo_hookean", "E": 1.0, "nu": 0.3, "density": 1.0},
+        gravity={"vector": [0, 0, -0.02]},
+        bone=[{"name": "core", "shape": {"sphere": {"center": [0, 0, 0], "radius": 0.4}}}],
+        probe=[{"name": "bottom", "point": [0, 0, -0.9]}],
+    )  # fmt: skip
+    found = run(scene)
+    assert found.estimate.coarser == "lattices with cells of 0.25 and 0.5"
+    assert found.estimate.goals["bottom.z"].bound is not None
+
+
+@pytest.mark.mpi
+def test_goals_do_not_depend_on_ranks(comm):
+    known = run("cook", element="Q2", cells=8, nu=0.3, comm=comm).estimate.goals["corner.y"]
+    alone = run("cook", element="Q2", cells=8, nu=0.3, comm=comm.Split(comm.rank))
+    other = alone.estimate.goals["corner.y"]
+    assert known.error == pytest.approx(other.error, rel=1e-6)
+    assert known.at_most == pytest.approx(other.at_most, rel=1e-6)
+
+
+def test_too_little_memory_for_the_lifted_element():
+    found = run("cook", element="Q2", cells=8, nu=0.3, accuracy={"max_memory": 0.5})
+    assert found.estimate.coarser and not found.estimate.reason
+    (line,) = found.estimate.left_out
+    assert "4 and 2 cells along an edge, as Q3: it needs about" in line
+    assert "0.5 MB are allowed" in line
+    record = found.record["goals"]["corner.y"]
+    assert record["bound"] == found.estimate.goals["corner.y"].at_most
+    plenty = run("cook", element="Q2", cells=8, nu=0.3, accuracy={"max_memory": 500})
+    assert not plenty.estimate.coarser
+
+
+def test_too_few_cells():
+    reason = run("cook", element="Q1", cells=8, nu=0.3).estimate.reason
+    assert reason == "of 8 cells along an edge a quarter are too few: expected 4 or more"
+
+
+def test_where_meshes_are_not_coarsened(toml):
+    accepted = "expected lifted_element, "
+    with pytest.raises(BadInput, match=f"{accepted}as the mesh of a file"):
+        run(toml)
+    with pytest.raises(BadInput, match=f"{accepted}as accuracy.within"):
+        run("cook", accuracy=_BY_MESHES | {"within": 0.01})
+    with pytest.raises(BadInput, match="coarser_meshes"):
+        run("cook", accuracy={"estimate": "coarser_mesh"})
