@@ -49,6 +49,7 @@ COMMON = (
     "errors",
     "units",
     "cache",
+    "compile_clock",
     "notes",
     "files",
     "child_process",

@@ -14,6 +14,7 @@ from dolfinx import fem
 from dolfinx.fem import petsc as fem_petsc
 
 from fem_snh._dolfinx.common import _quiet
+from fem_snh.compile_clock import compiling
 
 
 def petsc_vec(u: Any) -> PETSc.Vec:
@@ -51,7 +52,7 @@ def form(ufl_form: Any, jit_options: dict | None = None) -> Any:
     jit_options : dict, optional
         FFCx's options, e.g. {"cffi_extra_compile_args": ["-O3", "-march=native"]}.
     """
-    with _quiet():
+    with _quiet(), compiling():
         return fem.form(ufl_form, **_jit(fem.form, jit_options))
 
 
@@ -61,7 +62,9 @@ def interpolate(u: Any, expression: Any, jit_options: dict | None = None) -> Non
     points = points() if callable(points) else points  # a method up to 0.9, a property since 0.10
     with _quiet():
         options = _jit(fem.Expression.__init__, jit_options)
-        u.interpolate(fem.Expression(expression, points, **options))
+        with compiling():
+            compiled = fem.Expression(expression, points, **options)
+        u.interpolate(compiled)
     u.x.scatter_forward()
 
 

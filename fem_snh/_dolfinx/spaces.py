@@ -19,6 +19,7 @@ from fem_snh._dolfinx.meshes import (
     geometry_degree,
     num_owned,
 )
+from fem_snh.compile_clock import compiling
 
 Array = np.ndarray
 
@@ -27,7 +28,7 @@ def function_space(
     domain: Any, degree: int, shape: tuple[int, ...] = (), family: str = "Lagrange"
 ) -> Any:
     """Return a scalar (shape ()) or vector (shape (n,)) space; family "Lagrange" or "DG"."""
-    with _quiet():
+    with _quiet(), compiling():
         if hasattr(fem, "functionspace"):  # since 0.7
             return fem.functionspace(domain, (family, degree, shape) if shape else (family, degree))
         if shape:

@@ -48,6 +48,7 @@ from fem_snh.accuracy.shape_surfaces import (
     is_on_flesh,
 )
 from fem_snh.assembly.elements import Element
+from fem_snh.compile_clock import compile_seconds
 from fem_snh.contact.obstacle_contact import ObstacleContact
 from fem_snh.mesh.mesh import Mesh
 from fem_snh.mesh.round_faces import round_faces
@@ -162,7 +163,8 @@ def estimate_with(
     mesh : Mesh, optional
         The mesh of a scene.
     """
-    start, estimate = perf_counter(), Estimate(_without_errors(problem, goals))
+    start, compiled = perf_counter(), compile_seconds()
+    estimate = Estimate(_without_errors(problem, goals))
     try:
         add_errors(estimate)
         if not estimate.coarser:  # which have other faces
@@ -179,6 +181,7 @@ def estimate_with(
     _mark_forces_without_contact(problem, terms, estimate)
     _mark_small_forces(goals, estimate)
     estimate.seconds = perf_counter() - start
+    estimate.jit = compile_seconds() - compiled
     return estimate
 
 
@@ -256,7 +259,7 @@ def _add_errors(
 ) -> None:
     """Add the errors to an estimate; raise NoEstimate if there are none."""
     lifted = create_lifted(problem, make)
-    estimate.element, estimate.jit = lifted.element.name, lifted.seconds["jit"]
+    estimate.element = lifted.element.name
     surfaces = ShapeSurfaces(lifted)
     if surfaces:
         goals = [goal for goal in goals if is_on_flesh(goal)]

@@ -205,7 +205,7 @@ class Estimate:
     again : int
         The steps in which the path is followed again; 0 where the end does not depend on it.
     seconds, jit : float
-        Elapsed time, and the part of it that compiled the kernels of the element.
+        Elapsed time, and the part of it that compiled kernels, elements and forms.
     indicators : dict of arrays
         The error of each goal in each cell of this rank, for errors above 1e-4 of the goal.
     places : dict of Place

@@ -96,7 +96,6 @@ class Followed(NamedTuple):
     taken: int
     newton: int
     linear: int
-    jit: float
 
 
 def end_of(
@@ -119,7 +118,7 @@ def end_of(
     values = np.array([v for goal in goals for v in goal.bind(problem)()])
     if not np.isfinite(values).all():
         raise NoEstimate(f"a goal is not finite {what}")
-    return Followed(values, steps.taken, newton, linear, problem.seconds["jit"])
+    return Followed(values, steps.taken, newton, linear)
 
 
 def estimate_on_path(
@@ -234,7 +233,6 @@ class _Repetitions:
         again = self._path.follow(steps, self._goals, element, stiffer)
         self._estimate.newton += again.newton
         self._estimate.linear += again.linear
-        self._estimate.jit += again.jit
         return again
 
     def _quarter(self, steps: int, half: Followed) -> Followed | None:

@@ -7,6 +7,7 @@ matrices.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from time import perf_counter
 from typing import Any, NamedTuple
 
@@ -23,6 +24,7 @@ from fem_snh.assembly.elements import Element
 from fem_snh.assembly.ghosted_vectors import local_values, writable_values
 from fem_snh.assembly.regions import Region
 from fem_snh.choices import POINT_FILTERS
+from fem_snh.compile_clock import compiling
 from fem_snh.errors import BadInput, choose, on_root
 
 Array = npt.NDArray[Any]
@@ -93,7 +95,9 @@ class Elastic:
         tables = element_tables(V, element, Q, pressure_scale)
         self.shape = tables.nodes.shape[0], tables.nodes.shape[1]
         start = perf_counter()
-        compiled = [on_root(self._comm, compile_cell_loops, r.material, tables) for r in regions]
+        with compiling():
+            loops = partial(on_root, self._comm, compile_cell_loops)
+            compiled = [loops(region.material, tables) for region in regions]
         self.jit_seconds = perf_counter() - start
         self.parts = [
             Part(region, CellLoops(kernel, restricted(tables, region.cells, region.fractions)))
