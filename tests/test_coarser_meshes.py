@@ -80,6 +80,17 @@ def test_an_order_that_is_high_by_chance_gives_a_bound_alone():
     assert goal.text("force") == "force 0.9514, error below 2.4 %"
 
 
+def test_penalties_by_default_are_stiffer_on_finer_cells():
+    """With the default the estimate has the error of the penalty, 1 % of the force."""
+    found = run("press", element="P2", cells=8, nu=0.3, to=0.8, steps=2)
+    assert any("not that of a given stiffness" in line for line in found.estimate.lines())
+    lifted = run("press", element="P2", cells=8, nu=0.3, to=0.8, steps=2, accuracy={})
+    known, other = (r.estimate.goals["plate.force.z"] for r in (found, lifted))
+    assert abs(other.parts["penalty"]) > 0.7 * abs(other.error)
+    assert known.error / other.error == pytest.approx(1.0, abs=0.2)
+    assert abs(other.error) < known.at_most
+
+
 def test_lattices_are_coarser_as_well():
     ball = {"sphere": {"center": [0, 0, 0], "radius": 1.0}}
     scene = Scene(

@@ -41,6 +41,12 @@ _ROUNDING = 1e-5
 #: Number of orders that are compared with the measured one.
 _ORDERS = 101
 
+#: What is said of the errors of penalties, which default ones have in inverse proportion to h.
+_OF_PENALTIES = (
+    "the errors include that of penalties that are stiffer on finer cells, as by default; not that "
+    "of a given stiffness, or of the fluid in a cavity"
+)
+
 
 @dataclass(frozen=True)
 class CoarserMeshes:
@@ -112,6 +118,8 @@ def estimate_by_coarser_meshes(
         )
         for i, name in enumerate(names):
             estimate.goals[name] = with_error(estimate.goals[name], errors[i], bounds[i], change[i])
+        if problem.scale_penalties(1.0):
+            estimate.left_out.append(_OF_PENALTIES)
         estimate.left_out.append(
             f"the errors are those of {meshes.label}" + (f", as {because}" if because else "")
         )
