@@ -23,6 +23,7 @@ from typing import TYPE_CHECKING, Any
 from fem_snh.errors import BadInput
 
 if TYPE_CHECKING:
+    from fem_snh.accuracy.coarser_meshes import error_from_meshes
     from fem_snh.contact.contact import Contact
     from fem_snh.contact.obstacle import Obstacle
     from fem_snh.contact.self_contact import SelfContact
@@ -48,8 +49,8 @@ if TYPE_CHECKING:
 __all__ = [
     "BadInput", "Cavity", "Contact", "DynamicProblem", "Feature", "Fit", "Gravity",
     "NonlinearProblem", "Obstacle", "Pressure", "Result", "Rigid", "SelfContact", "Spring",
-    "Symmetry", "Term", "Traction", "fit", "fit_scene", "interpolate_run", "material",
-    "materials", "register_feature", "run", "write_xao",
+    "Symmetry", "Term", "Traction", "error_from_meshes", "fit", "fit_scene",
+    "interpolate_run", "material", "materials", "register_feature", "run", "write_xao",
 ]  # fmt: skip
 
 #: Modules of the public names. They are imported on first use, as importing dolfinx is slow.
@@ -77,6 +78,7 @@ _MODULES = {
     "Term": "terms.term",
     "Traction": "terms.traction",
     "write_xao": "mesh.xao_writer",
+    "error_from_meshes": "accuracy.coarser_meshes",
 }
 
 

@@ -31,6 +31,18 @@ def test_errors_of_any_order_are_found(fineness, order):
     assert (bounds >= abs(errors[0])).all()
 
 
+def test_the_error_of_numbers_on_three_meshes():
+    """Cook's membrane with Q1, nu = 0.3 (deal.II code gallery), where Q2 converges to 14.74."""
+    tip = fem_snh.error_from_meshes([13.86, 14.49, 14.67], [8, 16, 32], degree=1)
+    assert (
+        tip.text("tip.y")
+        == "tip.y 14.6700, error +0.072 (0.49 %), at most 2.1 %, corrected 14.7420"
+    )
+    for values, cells in (([1, 2], [1, 2, 4]), ([1, 2, 3], [4, 2, 1]), ([1, 2, np.nan], [1, 2, 3])):
+        with pytest.raises(BadInput, match="expected three"):
+            fem_snh.error_from_meshes(values, cells, 1)
+
+
 def test_changes_without_an_order_have_a_bound_or_none():
     change, before = np.array([1.0, -1.0, 1.0, 1e-6]), np.array([1.5, 8.0, 0.9, 0.0])
     errors, bounds = extrapolated(change, before, (4.0, 2.0, 1.0), 1, rounding=1e-5)

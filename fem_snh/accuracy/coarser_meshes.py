@@ -24,6 +24,7 @@ from fem_snh.accuracy.no_estimate import NoEstimate, NoEstimateOnAnyMesh, depend
 from fem_snh.accuracy.path_errors import Followed
 from fem_snh.accuracy.pressure_oscillation import may_lock
 from fem_snh.choices import LIFTED_ELEMENT
+from fem_snh.errors import bad_value
 from fem_snh.problem.problem import Problem
 
 Array = npt.NDArray[np.float64]
@@ -125,6 +126,45 @@ def estimate_by_coarser_meshes(
         )
 
     return estimate_with(add_errors, problem, goals)
+
+
+def error_from_meshes(values: Sequence[float], cells: Sequence[float], degree: int) -> GoalError:
+    """Return the error of a number that was computed on three meshes of one body.
+
+    Parameters
+    ----------
+    values : sequence of float
+        The number on the meshes, the finest last.
+    cells : sequence of float
+        Their cells along an edge, or other numbers to which the sizes of the cells are inverse.
+    degree : int
+        The degree of the displacement.
+
+    Returns
+    -------
+    GoalError
+        Of the last value: ``error``, ``corrected``, ``at_most`` (a bound), ``text(name)``.
+
+    Raises
+    ------
+    BadInput
+        For other than three values and increasing numbers of cells.
+
+    Notes
+    -----
+    See :func:`extrapolated`. An element that locks has changes of any size.
+    """
+    q, n = np.array(values, dtype=float), np.array(cells, dtype=float)
+    if q.shape != (3,) or not np.isfinite(q).all():
+        raise bad_value("values", list(values), "three numbers, that of the finest mesh last")
+    if n.shape != (3,) or not (np.diff(n) > 0).all() or not n[0] > 0:
+        raise bad_value("cells", list(cells), "three positive numbers that increase")
+    changes = np.diff(q)
+    fineness = float(n[2]), float(n[1]), float(n[0])
+    rounding = _ROUNDING * abs(q[2])
+    error, bound = extrapolated(changes[1:], changes[:1], fineness, degree, rounding)
+    goal = GoalError(float(q[2]), scale=float(abs(q[2])))
+    return with_error(goal, error[0], bound[0], changes[1])
 
 
 def with_error(goal: GoalError, error: float, bound: float, change: float) -> GoalError:
