@@ -107,9 +107,8 @@ def estimate_by_coarser_meshes(
         estimate.element, estimate.coarser = problem.element.name, meshes.label
         announce(estimate)
         runs = [meshes.follow(number) for number in (1, 2)]
-        estimate.newton, estimate.linear, estimate.jit = (
-            sum(getattr(run, key) for run in runs) for key in ("newton", "linear", "jit")
-        )
+        estimate.newton = sum(run.newton for run in runs)
+        estimate.linear = sum(run.linear for run in runs)
         names = names_of(goals)
         values = np.array([estimate.goals[name].value for name in names])
         scales = np.array([estimate.goals[name].scale for name in names])
