@@ -146,6 +146,8 @@ class Level:
         row.elapsed, row.steps = perf_counter() - self.start, len(rows) if followed else 0
         row.kind = "time" if in_time else "load"
         self.levels.add(row, estimate)
+        if not row.goals and not followed:  # the next level follows the load steps again
+            row.seconds += sum(step["seconds"] for step in record["steps"][:-1])
         self.estimate = estimate
         record["accuracy"] = self.levels.record()
         if self.notes:
