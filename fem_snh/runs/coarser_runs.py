@@ -42,7 +42,8 @@ def coarser_meshes(scene: scenes.Scene, setup: Setup) -> CoarserMeshes:
         fewest = _FEWEST[setup.problem.element.degree]
         if cells[1] < fewest or not cells[1] < cells[0] < own:
             raise NoEstimate(
-                f"of {scene.cells} cells along an edge a quarter are too few: expected "
+                f"in place of {scene.cells} cells along an edge coarser meshes would have "
+                f"{cells[0]} and {cells[1]}, as the geometry admits: expected two meshes, and "
                 f"{fewest} or more"
             )
         label = f"meshes with {cells[0]} and {cells[1]} cells along an edge"
