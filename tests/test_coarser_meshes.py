@@ -146,6 +146,15 @@ def test_too_few_cells():
     assert reason.startswith(text.format(16, 12, 12))
 
 
+def test_a_resumed_run_gets_the_other_estimate(tmp_path):
+    keys = {"element": "Q2", "cells": 8, "nu": 0.3, "out": tmp_path / "out"}
+    run("cook", **keys)
+    again = run("cook", **keys, resume=True, accuracy={})
+    assert "coarser" not in again.record["estimate"] and again.record["goals"]["corner.y"]["error"]
+    once_more = run("cook", **keys, resume=True)
+    assert "4 and 2 cells" in once_more.record["estimate"]["coarser"]
+
+
 def test_where_meshes_are_not_coarsened(toml):
     accepted = "expected lifted_element, "
     with pytest.raises(BadInput, match=f"{accepted}as the mesh of a file"):
