@@ -327,6 +327,16 @@ def test_strains_in_a_column_of_stretches_are_refused(tmp_path):
         read(written(tmp_path, text))
 
 
+def test_a_test_that_is_not_described_has_a_note():
+    """Treloar's rubber stiffens, and the planar test is a small part of the sum of squares."""
+    poor = fem_snh.fit("neo_hookean", "treloar", incompressible=True)
+    low = [t.data.name for t in poor.tests if t.r_squared < 0.8]
+    assert low == ["treloar planar"]
+    (note,) = poor.notes
+    assert note.startswith("treloar planar: R² = 0.0") and "neo_hookean does not describe" in note
+    assert fem_snh.fit("ogden", "treloar", incompressible=True).notes == []
+
+
 def test_a_fit_has_the_notes_of_its_data(tmp_path, capsys):
     path = written(tmp_path, HEAD + "5, 0.05\n10, 0.1\n20, 0.19\n")
     note = "stretches up to 20: if these are strains in per cent, name the column 'strain [%]'"

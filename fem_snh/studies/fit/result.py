@@ -30,6 +30,8 @@ Array = npt.NDArray[np.float64]
 _DIGITS = 10
 #: Poisson's ratio at which an incompressible fit is reported: kernels need nu < 0.5.
 REPORT_NU = 0.49
+#: R² of a test below which a fit has a note: two biaxial stresses that are exchanged have 0.46.
+_POOR = 0.8
 #: Smallest mean square of AICc, relative to that of the data: double precision shows no less.
 _NO_RESIDUAL = 1e-24
 
@@ -126,8 +128,14 @@ class Fit:
 
     @property
     def notes(self) -> list[str]:
-        """Return what is doubtful in the data, a line each."""
-        return [t.data.note for t in self.tests if t.data.note]
+        """Return what is doubtful in the data and in the fit of a test, a line each."""
+        poor = [
+            f"{t.data.name}: R² = {t.r_squared:.2f}: {self.name} does not describe this test; are "
+            "its kind and its columns those of the test?"
+            for t in self.tests
+            if t.r_squared < _POOR
+        ]
+        return [*(t.data.note for t in self.tests if t.data.note), *poor]
 
     @property
     def r_squared(self) -> float:
