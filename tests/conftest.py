@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import hypothesis
 import pytest
+from hypothesis.internal.conjecture import providers
 from ranks_on_one_debian import RANKS_ON_ONE_DEBIAN
 from same_on_every_debian import LIBRARY_PARAMETERS, SAME_ON_EVERY_DEBIAN, SAME_TESTS
 from scene_file import TOML
@@ -27,12 +28,21 @@ if "PYTEST_XDIST_WORKER" in os.environ:
     os.environ["OMPI_MCA_mpi_yield_when_idle"] = "1"
     os.environ["TMPDIR"] = tempfile.mkdtemp(dir=os.environ["PYTEST_XDIST_FOLDER"])
 
+# A program on one rank starts no daemon of Open MPI 4, which only MPI_Comm_spawn would need.
+os.environ["OMPI_MCA_ess_singleton_isolated"] = "1"
+
 # Compilation happens inside some examples, so no deadline.
 # The same examples in every run, on every machine.
 hypothesis.settings.register_profile(
     "fem_snh", deadline=None, max_examples=50, derandomize=True, database=None
 )
 hypothesis.settings.load_profile("fem_snh")
+# Examples are also constants of local modules, for which Hypothesis parses their sources. Debian's
+# packages, sympy and scipy among them, are not in site-packages and counted as local ones.
+_is_local = providers.is_local_module_file
+providers.is_local_module_file = functools.lru_cache(
+    lambda path: "/dist-packages/" not in path and _is_local(path)
+)
 
 
 @pytest.fixture(scope="session")
