@@ -307,7 +307,7 @@ def test_a_motion_that_gains_energy(integrator, friction):
         assert f"the energy rises by {note['gained']:.3g} J that no load gives" in note["text"]
 
 
-@pytest.mark.parametrize(("steps", "created"), [(12, 0.235), (25, 0.0237), (100, 0.0)])
+@pytest.mark.parametrize(("steps", "created"), [(12, 0.235), (25, 0.0237), (50, 0.0)])
 def test_contact_of_bodies_that_creates_energy(steps, created):
     """One step may create what others remove: the end has less energy then."""
     result = solve(plates.plates("Q1", "generalized_alpha", "penalty", steps=steps), MPI.COMM_SELF)
