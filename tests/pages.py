@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import functools
 import io
+import os
 import re
 import shlex
 import sys
@@ -234,7 +235,21 @@ def _command(page: Path, block: Block, command: str, output: str) -> None:
         assert same_form(output, printed.getvalue()), f"{where} prints\n{printed.getvalue()}"
 
 
-if __name__ == "__main__":
+def run_in(folder: Path, page: Path, log: Path) -> None:
+    """Run a page in this process, which ends after it, with its output in a file."""
+    with open(log, "wb") as file:
+        os.dup2(file.fileno(), 1)
+        os.dup2(file.fileno(), 2)
+    os.chdir(folder)
+    _run_program(page)
+
+
+def _run_program(page: Path) -> None:
     # A page imports the files that it has written, and those at the root of the repository.
     sys.path[:0] = ["", str(ROOT)]
-    run(Path(sys.argv[1]).resolve())
+    sys.argv = [__file__, str(page)]
+    run(page)
+
+
+if __name__ == "__main__":
+    _run_program(Path(sys.argv[1]).resolve())
