@@ -17,6 +17,7 @@ from math import inf
 import numpy as np
 import numpy.typing as npt
 
+from fem_snh.accuracy.differences import scales_of, values_of
 from fem_snh.accuracy.estimate import estimate_with
 from fem_snh.accuracy.goal_errors import Estimate, GoalError
 from fem_snh.accuracy.goals import Goal, names_of
@@ -109,14 +110,13 @@ def estimate_by_coarser_meshes(
         runs = [meshes.follow(number) for number in (1, 2)]
         estimate.newton = sum(run.newton for run in runs)
         estimate.linear = sum(run.linear for run in runs)
-        names = names_of(goals)
-        values = np.array([estimate.goals[name].value for name in names])
-        scales = np.array([estimate.goals[name].scale for name in names])
-        change, before = values - runs[0].values, runs[0].values - runs[1].values
+        change = values_of(estimate, goals) - runs[0].values
+        before = runs[0].values - runs[1].values
+        rounding = _ROUNDING * scales_of(estimate, goals)
         errors, bounds = extrapolated(
-            change, before, meshes.fineness, problem.element.degree, _ROUNDING * scales
+            change, before, meshes.fineness, problem.element.degree, rounding
         )
-        for i, name in enumerate(names):
+        for i, name in enumerate(names_of(goals)):
             estimate.goals[name] = with_error(estimate.goals[name], errors[i], bounds[i], change[i])
         if problem.scale_penalties(1.0):
             estimate.left_out.append(_OF_PENALTIES)
