@@ -10,7 +10,7 @@
 typedef struct {
   real p[PRESSURE_NODES][1];  /* nodal pressures */
   real r[PRESSURE_NODES];     /* residual of the pressure */
-  real B[PRESSURE_NODES][NODES][3], C[PRESSURE_NODES][PRESSURE_NODES];
+  real B[NODES][3][PRESSURE_NODES], C[PRESSURE_NODES][PRESSURE_NODES]; /* B: transposed */
 } VolumeTerm;
 
 INLINE void volume_prepare(const Cells *c, real fraction, long start, const real x[][3], const real v[][3], const double *pressure, VolumeTerm *m) {
@@ -51,7 +51,7 @@ INLINE void volume_jacobian_point(const Cells *c, VolumeTerm *m, int q, Paramete
   for (int b = 0; b < NODES; ++b)
     for (int i = 0; i < 3; ++i) {
       const real dJ = (cofactor[i] * G[3 * b] + cofactor[3 + i] * G[3 * b + 1] + cofactor[6 + i] * G[3 * b + 2]) * weight;
-      for (int a = 0; a < PRESSURE_NODES; ++a) m->B[a][b][i] += N[a] * dJ;
+      for (int a = 0; a < PRESSURE_NODES; ++a) m->B[b][i][a] += N[a] * dJ;
     }
   for (int a = 0; a < PRESSURE_NODES; ++a)
     for (int b = 0; b < PRESSURE_NODES; ++b) m->C[a][b] += N[a] * N[b] * conjugate[2] * weight;
@@ -69,7 +69,7 @@ INLINE void volume_jacobian_add(const Cells *c, const MatrixTarget *t, long star
         double *at = t->values[to & 3] + (to >> 2), *transposed = t->values[other] + (mirror >> 2);
         const long step = t->stride[other][nodes[b]];
         for (int i = 0; i < COMPONENTS; ++i) {
-          const double value = m->B[a][b][i][l] * (constrained ? free[b][i][l] : 1.0);
+          const double value = m->B[b][i][a][l] * (constrained ? free[b][i][l] : 1.0);
           at[i] += value;
           transposed[step * i] += value;
         }
