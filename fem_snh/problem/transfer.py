@@ -119,17 +119,7 @@ def _locate(domain: Any, points: Array) -> tuple[Array, Array, Array]:
         rest = np.flatnonzero(outside > _INSIDE)
         if not len(rest):
             break
-        nodes, xi = x[candidate[rest]], np.tile(start, (len(rest), 1))
-        for _ in range(_NEWTON):
-            basis = _dolfinx.tabulate_geometry_values(domain, xi)
-            gradients = _dolfinx.tabulate_geometry(domain, xi)
-            excess = points[rest, :dim] - (basis[:, None] @ nodes)[:, 0]
-            jacobians = nodes.transpose(0, 2, 1) @ gradients
-            before = xi.copy()
-            xi += np.linalg.solve(jacobians, excess[..., None])[..., 0]
-            np.clip(xi, -1.0, 2.0, out=xi)  # far outside, Newton's method may diverge
-            if (np.abs(xi - before) <= _SETTLED).all():
-                break
+        xi = _reference_coordinates(domain, x[candidate[rest]], points[rest, :dim], start)
         upper = xi.sum(axis=1) if simplex else xi.max(axis=1)
         distance = np.maximum(-xi.min(axis=1), upper - 1)
         better = distance < outside[rest]
@@ -137,3 +127,24 @@ def _locate(domain: Any, points: Array) -> tuple[Array, Array, Array]:
         cells[chosen], best[chosen] = candidate[chosen], xi[better]
         outside[chosen] = distance[better]
     return cells, best, outside
+
+
+def _reference_coordinates(domain: Any, nodes: Array, points: Array, start: Array) -> Array:
+    """Return where each point is in the reference cell of its cell, (n, dim), by Newton's method.
+
+    ``nodes`` (n, nodes of a cell, dim) are those of the points' cells; all begin at ``start``.
+    """
+    kind, degree = _dolfinx.cell_name(domain), _dolfinx.geometry_degree(domain)
+    xi = np.tile(start, (len(points), 1))
+    rest = np.arange(len(points))
+    for _ in range(_NEWTON):
+        basis, *derivatives = _dolfinx.tabulate_element(kind, degree, xi[rest], 1)
+        excess = points[rest] - np.einsum("pk,pki->pi", basis, nodes[rest])
+        jacobians = nodes[rest].transpose(0, 2, 1) @ np.stack(derivatives, axis=-1)
+        before = xi[rest]
+        after = before + np.linalg.solve(jacobians, excess[..., None])[..., 0]
+        xi[rest] = np.clip(after, -1.0, 2.0)  # far outside, Newton's method may diverge
+        rest = rest[(np.abs(xi[rest] - before) > _SETTLED).any(axis=1)]
+        if not len(rest):
+            break
+    return xi
