@@ -2,9 +2,23 @@ r"""Sparse factors :math:`L D L^T` of a symmetric matrix, their inertia and a ne
 
 By Sylvester's law of inertia :math:`D` has as many negative eigenvalues as the matrix (Golub & Van
 Loan 2013, section 8.1.5). MUMPS counts them while it factorises.
+
+With the factors of A the Sherman-Morrison-Woodbury formula
+
+.. math::
+
+    (A + U C U^T)^{-1} = A^{-1} - Z (C^{-1} + U^T Z)^{-1} Z^T, \quad Z = A^{-1} U,
+
+inverts the sum (Golub & Van Loan 2013, section 2.1.4). The inverse of A alone is an indefinite
+preconditioner where only the sum is definite: a body inflated beyond its largest pressure is stable
+by the volume of the fluid, and A is its Hessian at constant pressure. Far from an equilibrium,
+where that pressure is large, the solver needs fewer iterations with that of A: it finds the matrix
+indefinite, and filters it.
 """
 
 from __future__ import annotations
+
+from math import nan
 
 from petsc4py import PETSc
 
@@ -13,6 +27,7 @@ import numpy as np
 from fem_snh._petsc import (
     expect_singular_matrix,
     factors_out_of_memory,
+    is_cholesky,
     negative_pivots,
     set_operators,
 )
@@ -116,18 +131,97 @@ class SymmetricFactors:
         additive in :math:`[A, U; U^T, -C^{-1}]`, they are as many as the eigenvalues of
         :math:`C^{-1} + U^T A^{-1} U` that are not positive (Haynsworth 1968).
         """
-        _, U, c, _ = operator.getLRCMats()
-        comm, scales = self._A.comm.tompi4py(), np.array(c.array_r)
-        columns = np.array(U.getDenseArray())[:, scales > 0]
-        x, solved = self._A.createVecRight(), np.empty_like(columns)
-        y = x.duplicate()
-        for k, column in enumerate(columns.T):
-            x.array = column
-            self._ksp.solve(x, y)
-            solved[:, k] = y.array_r
-        S = np.diag(1 / scales[scales > 0]) + comm.allreduce(columns.T @ solved)
-        return int((np.linalg.eigvalsh((S + S.T) / 2) <= 0).sum())
+        _, S = solved_columns(self._ksp, operator)
+        return int((np.linalg.eigvalsh(S) <= 0).sum())
 
     def destroy(self) -> None:
         """Destroy the factors. Collective."""
         self._ksp.destroy()
+
+
+class FactorsOfSum:
+    """A PC of type "python": the inverse of an operator :math:`A + U C U^T`, a MATLRC."""
+
+    def __init__(self) -> None:
+        self._ksp: PETSc.KSP | None = None
+
+    def setUp(self, pc: PETSc.PC) -> None:
+        """Factorise the present values of A, the matrix of the PC; PETSc calls this.
+
+        Raises
+        ------
+        Failed
+            If the factors do not fit into memory.
+        """
+        operator, A = pc.getOperators()
+        if self._ksp is None:
+            self._ksp = PETSc.KSP().create(A.comm)
+            set_direct_solver(self._ksp)
+        set_operators(self._ksp, A, A)
+        self._ksp.setUp()
+        if factors_out_of_memory(self._ksp.getPC()):
+            raise Failed("out of memory (the factors of the Hessian)")
+        self._Z, S = solved_columns(self._ksp, operator)
+        try:
+            self._S_inverse = np.linalg.inv(S)
+        except np.linalg.LinAlgError:  # the sum is singular
+            self._S_inverse = np.full_like(S, nan)
+
+    def apply(self, pc: PETSc.PC, x: PETSc.Vec, y: PETSc.Vec) -> None:
+        """Compute y, the product of the inverse and x; PETSc calls this."""
+        assert self._ksp is not None
+        self._ksp.solve(x, y)
+        part = x.comm.tompi4py().allreduce(self._Z.T @ x.array_r)
+        y.array[:] -= self._Z @ (self._S_inverse @ part)
+
+    def destroy(self, pc: PETSc.PC) -> None:
+        """Destroy the factors; PETSc calls this."""
+        if self._ksp is not None:
+            self._ksp.destroy()
+
+
+def set_direct_solver_of_sum(ksp: PETSc.KSP) -> None:
+    """Configure an existing KSP as the inverse of the operator, a MATLRC."""
+    ksp.setType(PETSc.KSP.Type.PREONLY)
+    _set_factors(ksp.getPC())
+
+
+def precondition_by_sum(ksp: PETSc.KSP) -> None:
+    """Replace a KSP's sparse factors of A by `FactorsOfSum`, for an operator that is a MATLRC."""
+    if is_cholesky(ksp.getPC(), PETSc.Mat.SolverType.MUMPS):
+        _set_factors(ksp.getPC())
+
+
+def _set_factors(pc: PETSc.PC) -> None:
+    """Make a PC `FactorsOfSum`."""
+    pc.setType(PETSc.PC.Type.PYTHON)
+    pc.setPythonContext(FactorsOfSum())
+
+
+def solved_columns(ksp: PETSc.KSP, operator: PETSc.Mat) -> tuple[np.ndarray, np.ndarray]:
+    r"""Return :math:`Z = A^{-1} U` and :math:`S = C^{-1} + U^T Z` of an operator. Collective.
+
+    Parameters
+    ----------
+    ksp : KSP
+        Solves with A.
+    operator : Mat
+        A MATLRC, :math:`A + U C U^T` with a diagonal :math:`C \ge 0`; columns without a part in it
+        are left out.
+
+    Returns
+    -------
+    (rows, columns), (columns, columns)
+        Z has this rank's rows; S is symmetric.
+    """
+    A, U, c, _ = operator.getLRCMats()
+    scales = np.array(c.array_r)
+    columns = np.array(U.getDenseArray())[:, scales > 0]
+    x, y = A.createVecs()
+    Z = np.empty_like(columns)
+    for k, column in enumerate(columns.T):
+        x.array = column
+        ksp.solve(x, y)
+        Z[:, k] = y.array_r
+    S = np.diag(1 / scales[scales > 0]) + A.comm.tompi4py().allreduce(columns.T @ Z)
+    return Z, (S + S.T) / 2

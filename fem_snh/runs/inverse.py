@@ -38,6 +38,7 @@ from fem_snh.atomic_files import make_folder_of, replace_file
 from fem_snh.errors import BadInput, Failed, bad_value, on_every
 from fem_snh.linalg import multigrid
 from fem_snh.linalg.direct_solver import set_direct_solver
+from fem_snh.linalg.symmetric_factors import set_direct_solver_of_sum
 from fem_snh.runs.goals import named_goals
 from fem_snh.runs.setup import Setup, make_problem, set_up
 from fem_snh.studies.fit.data import is_number, read_cells
@@ -465,7 +466,10 @@ class InverseProblem:
         """Return the dual solutions of the wanted goals at the present state."""
         problem = setup.problem
         direct = PETSc.KSP().create(problem.comm)
-        set_direct_solver(direct)
+        if problem.operator == problem.A:
+            set_direct_solver(direct)
+        else:
+            set_direct_solver_of_sum(direct)
         try:
             # A preconditioner need not suit an indefinite Hessian; factors do.
             for ksp in (setup.snes.getKSP(), direct):

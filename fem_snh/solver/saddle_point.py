@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from math import isfinite
-from typing import Any, Literal, cast
+from typing import Any, Literal
 
 from petsc4py import PETSc
 
@@ -130,7 +130,8 @@ def block_options(prefix: str) -> dict[str, str]:
 def preconditioner_by_blocks(pc: PETSc.PC) -> Blocks | None:
     """Return `BlockTriangular`, "fieldsplit" for PETSc's, or None for another preconditioner."""
     if pc.getType() == PETSc.PC.Type.PYTHON:
-        return cast("BlockTriangular", pc.getPythonContext())
+        context = pc.getPythonContext()
+        return context if isinstance(context, BlockTriangular) else None
     return "fieldsplit" if pc.getType() == PETSc.PC.Type.FIELDSPLIT else None
 
 
