@@ -60,14 +60,26 @@ def test_a_source_is_compiled_once_and_kept_beside_its_library(cache_folder, mon
 
 def test_functions_linked_with_several_libraries_are_compiled_once(cache_folder):
     answer = "int answer(void);\n"
+    double = f"{answer}int double_answer(void) {{ return 2 * answer(); }}\n"
+    half = f"{answer}int half_answer(void) {{ return answer() / 2; }}\n"
     paths = [
-        build.library(f"{answer}int double_answer(void) {{ return 2 * answer(); }}\n", SOURCE),
-        build.library(f"{answer}int half_answer(void) {{ return answer() / 2; }}\n", SOURCE),
-        build.library(f"{answer}int half_answer(void) {{ return answer() / 2; }}\n", f"{SOURCE}\n"),
+        build.library(double, [build.object_file(SOURCE)]),
+        build.library(half, [build.object_file(SOURCE)]),
+        build.library(half, [build.object_file(f"{SOURCE}\n")]),
     ]
     assert len({*paths}) == 3 and len([*cache_folder.glob("*.o")]) == 2
     assert build.load(paths[0], "int double_answer(void);")[1].double_answer() == 84
     assert build.load(paths[1], "int half_answer(void);")[1].half_answer() == 21
+
+
+def test_object_files_are_linked_with_each_other(cache_folder, monkeypatch):
+    double = "int answer(void);\nint double_answer(void) { return 2 * answer(); }\n"
+    objects = [build.object_file(SOURCE), build.object_file(double)]
+    path = build.linked(objects)
+    assert build.load(path, "int double_answer(void);")[1].double_answer() == 84
+    assert build.linked([build.object_file(SOURCE + "\n"), objects[1]]) != path
+    monkeypatch.setattr(build.subprocess, "run", None)  # the compiler is not called again
+    assert build.linked(objects) == path
 
 
 def test_key_holds_source_flags_compiler_and_processor(monkeypatch, tmp_path):

@@ -77,7 +77,7 @@ def folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
 
 
 def compiled(folder: Path) -> int:
-    """Return the number of libraries of materials in the cache."""
+    """Return the number of materials that are compiled in the cache."""
     return sum("/* generated:" in source.read_text() for source in folder.glob("*.c"))
 
 
@@ -152,7 +152,7 @@ def test_one_library_serves_all_values(folder: Path) -> None:
 
 def test_the_source_is_generated_once(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     first = compile_kernel(fem_snh.material("gent", J_m=30.0))
-    monkeypatch.setattr("fem_snh.kernels.codegen.source.kernel_source", None)
+    monkeypatch.setattr("fem_snh.kernels.codegen.source.point_source", None)
     second = compile_kernel(fem_snh.material("gent", J_m=40.0))
     assert second.path == first.path
     assert second.constants.values[-1] == 40 != first.constants.values[-1]

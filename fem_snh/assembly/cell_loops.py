@@ -96,7 +96,8 @@ def compile_cell_loops(
     """Compile loops over an element's cells, files of ``include/``. Not collective."""
     volume = _VOLUME_HEADERS[tables.volume]
     after = ("cell_api.h", "kinematics.h", "element_matrices.h", volume, "cell_batches.h", *loops)
-    return compile_kernel(material, tables.volume, tables.sizes, after)
+    entries = tables.kinematics.entries
+    return compile_kernel(material, tables.volume, tables.sizes, after, entries)
 
 
 class CellLoops:

@@ -95,12 +95,15 @@ class Kinematics:
         """The C definitions that kinematics.h reads."""
         kind = "REVOLVED" if self.revolved else "PLANE" if self.dim == 2 else "SOLID"
         kind = "PLANE_STRESS" if self.plane_stress else kind
-        made = [f"#define COMPONENTS {self.components}", f"#define KINEMATICS {kind}"]
-        if self.dim == 2:
-            entries = [i + 3 * j for j in range(2) for i in range(self.components)]
-            entries += [6] * (self.components == 3) + [8] * (self.revolved or self.plane_stress)
-            made.append(f"#define ENTRIES {', '.join(map(str, entries))}")
-        return made
+        return [f"#define COMPONENTS {self.components}", f"#define KINEMATICS {kind}"]
+
+    @property
+    def entries(self) -> list[int]:
+        """The entries of vec(F) that vary, if not all do (material_point.h)."""
+        if self.dim == 3:
+            return []
+        varied = [i + 3 * j for j in range(2) for i in range(self.components)]
+        return varied + [6] * (self.components == 3) + [8] * (self.revolved or self.plane_stress)
 
     def gradient(self, u: Any, gradient: Any, radius: Any) -> Sequence[Sequence[Any]]:
         """Return the rows of H = F - I, in plane stress those of plane strain.

@@ -79,15 +79,15 @@ def fingerprint() -> str:
     return "\n".join([*FLAGS, _environment(compiler())])
 
 
-def library(source: str, linked: str = "") -> Path:
+def library(source: str, objects: Sequence[Path] = ()) -> Path:
     """Compile C source unless the cache has its library already.
 
     Parameters
     ----------
     source : str
         The C source.
-    linked : str
-        C source of functions that it declares: compiled once, however many libraries have them.
+    objects : sequence of Path
+        Files from `object_file`, with functions that the source declares.
 
     Returns
     -------
@@ -99,11 +99,24 @@ def library(source: str, linked: str = "") -> Path:
     BadInput
         If the cache cannot be written or the compiler fails.
     """
-    return _compiled(source, ".so", [_compiled(linked, ".o")] if linked else [])
+    return _compiled(source, ".so", objects)
+
+
+def object_file(source: str) -> Path:
+    """Compile C source to an object file, which several libraries are linked with.
+
+    Returns and raises as `library` does.
+    """
+    return _compiled(source, ".o")
+
+
+def linked(objects: Sequence[Path]) -> Path:
+    """Link files from `object_file` to a library. Returns and raises as `library` does."""
+    return _compiled("", ".so", objects)
 
 
 def _compiled(source: str, suffix: str, objects: Sequence[Path] = ()) -> Path:
-    """Return the library (.so) of a source and object files, or its object file (.o)."""
+    """Return the library (.so) of a source, if any, and object files, or its object file (.o)."""
     command = compiler()
     content = "\n".join([source, *(path.name for path in objects), fingerprint()])
     key = hashlib.sha256(content.encode()).hexdigest()
@@ -114,10 +127,12 @@ def _compiled(source: str, suffix: str, objects: Sequence[Path] = ()) -> Path:
     try:
         with cache.build_folder() as folder:
             code, compiled = folder / "kernel.c", folder / f"kernel{suffix}"
-            code.write_text(source)
+            files = [str(code)] if source else []
+            if source:
+                code.write_text(source)
             kind = ["-c"] if suffix == ".o" else [*map(str, objects), "-lm"]
             done = subprocess.run(
-                [*shlex.split(command), *FLAGS, str(code), *kind, "-o", str(compiled)],
+                [*shlex.split(command), *FLAGS, *files, *kind, "-o", str(compiled)],
                 capture_output=True,
                 text=True,
             )
@@ -126,8 +141,9 @@ def _compiled(source: str, suffix: str, objects: Sequence[Path] = ()) -> Path:
                 log.write_text(done.stderr)
                 raise BadInput(f"CC = {command}: could not compile a kernel, see {log}")
             cache.sign(compiled)
-            # The source first: a library in the cache always has its source beside it.
-            os.replace(code, target.with_suffix(".c"))
+            # The source first: a compiled file in the cache always has its source beside it.
+            if source:
+                os.replace(code, target.with_suffix(".c"))
             os.replace(compiled, target)
     except OSError as error:
         raise BadInput(

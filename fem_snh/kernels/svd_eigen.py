@@ -18,7 +18,8 @@ Array = npt.NDArray[np.float64]
 @lru_cache
 def _svd_eigen_library() -> tuple[Any, Any]:
     """Return the compiled SVD and eigensolvers."""
-    path = build.library(headers.svd_eigen_points_source(), headers.svd_eigen_source())
+    solvers = build.object_file(headers.svd_eigen_source())
+    path = build.library(headers.svd_eigen_points_source(), [solvers])
     return build.load(path, headers.header("svd_eigen_api.h"))
 
 

@@ -25,6 +25,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import sympy
 
@@ -97,11 +98,7 @@ class Split:
             )
         if (modulus := self._of_logarithm) is not None:
             return _dual_of_logarithm(modulus)
-        slope = sympy.diff(self.volume, J)
-        try:
-            found = sympy.solve(sympy.Eq(slope, PRESSURE), J)
-        except NotImplementedError:
-            found = []
+        found = _inverses(self.volume)
         # Of several branches of the inverse, the one through the rest state.
         numbers = dict(zip(self.energy.scalars, self.energy.scalar_values, strict=True)) | {
             PRESSURE: 0.0
@@ -109,9 +106,7 @@ class Split:
         at_rest = [g for g in found if (v := g.subs(numbers)).is_finite and abs(v - 1) < 1e-9]
         if len(at_rest) != 1 or at_rest[0].has(sympy.LambertW):
             raise self._without_inverse()
-        volume = sympy.simplify(at_rest[0])
-        conjugate = PRESSURE * volume - self.volume.subs(J, volume)
-        return sympy.simplify(conjugate), volume, sympy.simplify(sympy.diff(volume, PRESSURE))
+        return _conjugate(self.volume, at_rest[0])
 
     def check_closed_form(self) -> None:
         """Raise BadInput for a volume term in log(J), whose pressure iterations invert."""
@@ -131,6 +126,24 @@ class Split:
         """The c of U = c/2 (log J)^2, or None for another U."""
         modulus = 2 * self.volume / sympy.log(J) ** 2
         return None if modulus.has(J) else modulus
+
+
+# The volume terms of most materials are the same expression, whatever E and nu are.
+@lru_cache(maxsize=64)
+def _inverses(volume: sympy.Expr) -> tuple[sympy.Expr, ...]:
+    """Return the solutions J of U'(J) = p."""
+    try:
+        return tuple(sympy.solve(sympy.Eq(sympy.diff(volume, J), PRESSURE), J))
+    except NotImplementedError:
+        return ()
+
+
+@lru_cache(maxsize=64)
+def _conjugate(volume: sympy.Expr, inverse: sympy.Expr) -> _Curve:
+    """Return (U*, J(p), dJ/dp) of a volume term U(J) and the solution J of U'(J) = p."""
+    ratio = sympy.simplify(inverse)
+    conjugate = PRESSURE * ratio - volume.subs(J, ratio)
+    return sympy.simplify(conjugate), ratio, sympy.simplify(sympy.diff(ratio, PRESSURE))
 
 
 def _dual_of_logarithm(c: sympy.Expr) -> _Curve:
@@ -170,23 +183,36 @@ def split(energy: Energy, bound: float) -> Split:
     mu, lam = energy.lame
     local = bound * mu if math.isinf(lam) else lam * bound * mu / (lam + bound * mu)
     rest = psi.subs(energy.lambda_symbol, LOCAL)
-    terms = sympy.Add.make_args(sympy.expand(psi - rest))
-    volumes = [_of_volume(energy, term) for term in terms]
-    if None in volumes or sympy.Add(*volumes) == 0:
+    volume = _volume_term(psi - rest, energy.measures, energy.of_stretches)
+    if volume is None:
         raise BadInput(
             f"material '{energy.name}' has no volume term, one in J alone that brings lambda, "
             "which mixed elements need: take Q1, Q2, P1 or P2"
         )
     made = energy.at_pressure(rest, PRESSURE, {LOCAL: local})
+    return Split(made, volume)
+
+
+@lru_cache(maxsize=64)
+def _volume_term(
+    difference: sympy.Expr, measures: tuple[sympy.Symbol, ...], of_stretches: bool
+) -> sympy.Expr | None:
+    """Return what lambda adds to an energy as a function of J, or None if it is none, or zero."""
+    terms = sympy.Add.make_args(sympy.expand(difference))
+    volumes = [_of_volume(term, measures, of_stretches) for term in terms]
+    if None in volumes or sympy.Add(*volumes) == 0:
+        return None
     # Factored: lambda times the rounding of J^2 - 2 J + 1 would exceed p.
-    return Split(made, sympy.factor(sympy.simplify(sympy.Add(*volumes))))
+    return sympy.factor(sympy.simplify(sympy.Add(*volumes)))
 
 
-def _of_volume(energy: Energy, term: sympy.Expr) -> sympy.Expr | None:
+def _of_volume(
+    term: sympy.Expr, measures: tuple[sympy.Symbol, ...], of_stretches: bool
+) -> sympy.Expr | None:
     """Return an additive term as a function of J, or None if it depends on another measure."""
-    if energy.of_stretches:
+    if of_stretches:
         a, b, c = sympy.symbols("a b J", positive=True)
         signless = dict(zip(SIGMA, (a, b, c / (a * b)), strict=True))
         term = sympy.simplify(sympy.expand_log(term.subs(signless, simultaneous=True)))
         return term.subs(c, J) if not term.free_symbols & {a, b} else None
-    return term if term.free_symbols & set(energy.measures) <= {J} else None
+    return term if term.free_symbols & set(measures) <= {J} else None

@@ -146,7 +146,7 @@ class Functions(Derivatives):
         out: str,
         forms: Sequence[sympy.Expr] = (),
     ) -> str:
-        """Return one C function: a function of one variable and its two derivatives.
+        """Return a C function of material_functions.h: a function of one variable, two derivatives.
 
         Outside its domain the function is infinite and its derivatives are 0.
 
@@ -171,4 +171,4 @@ class Functions(Derivatives):
             f"  {r} = select(inside, {r}, splat({o}));"
             for r, o in zip(results, outside, strict=True)
         ]
-        return f"INLINE void {signature} {{\n" + "\n".join(lines) + "\n}\n"
+        return f"void {signature} {{\n" + "\n".join(lines) + "\n}\n"

@@ -26,6 +26,7 @@ For an energy of the invariants the divisions cancel, except that by :math:`\sig
 
 from __future__ import annotations
 
+from functools import cached_property
 from itertools import combinations_with_replacement
 from random import Random
 
@@ -45,21 +46,10 @@ _POINTS, _DIGITS, _ZERO = 16, 50, 1e-30
 _LARGEST_POWER = 8
 
 
-class Derivatives:
-    """First and second derivatives of psi in its measures (invariants or stretches), as symbols.
-
-    Attributes
-    ----------
-    first : dict
-        Symbol of dpsi/dm by measure m, where the derivative does not vanish identically.
-    second : dict
-        Symbol of d2psi/dm dn by measures (m, n), likewise.
-    derivatives : dict
-        Expression of each symbol.
-    """
+class _Symbols:
+    """Symbols of the first and second derivatives of an energy, and what they stand for."""
 
     def __init__(self, energy: Energy) -> None:
-        self.energy = energy
         self.first: dict[sympy.Symbol, sympy.Symbol] = {}
         self.second: dict[tuple[sympy.Symbol, sympy.Symbol], sympy.Symbol] = {}
         self.derivatives: dict[sympy.Symbol, sympy.Expr] = {}
@@ -84,6 +74,35 @@ class Derivatives:
         if expression != 0:
             table[key] = sympy.Symbol(name)
             self.derivatives[table[key]] = expression
+
+
+class Derivatives:
+    """First and second derivatives of psi in its measures (invariants or stretches), as symbols.
+
+    They are computed when they are needed.
+    """
+
+    def __init__(self, energy: Energy) -> None:
+        self.energy = energy
+
+    @cached_property
+    def _symbols(self) -> _Symbols:
+        return _Symbols(self.energy)
+
+    @property
+    def first(self) -> dict[sympy.Symbol, sympy.Symbol]:
+        """Symbol of dpsi/dm by measure m, where the derivative does not vanish identically."""
+        return self._symbols.first
+
+    @property
+    def second(self) -> dict[tuple[sympy.Symbol, sympy.Symbol], sympy.Symbol]:
+        """Symbol of d2psi/dm dn by measures (m, n), where it does not vanish identically."""
+        return self._symbols.second
+
+    @property
+    def derivatives(self) -> dict[sympy.Symbol, sympy.Expr]:
+        """Expression of each symbol."""
+        return self._symbols.derivatives
 
     def derivative(self, *measures: sympy.Symbol) -> sympy.Expr:
         """Return the symbol of a first or second derivative of psi, or 0 if it vanishes."""

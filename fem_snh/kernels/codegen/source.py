@@ -1,7 +1,6 @@
-"""Assemble the C source of a material's kernels from headers and generated functions.
+"""Assemble the C source of a material at a point from headers and generated functions.
 
-`fem_snh.kernels.material`, `fem_snh.assembly.cell_loops` and ``fem-snh materials NAME
---source`` call it.
+`fem_snh.kernels.compiled` and ``fem-snh materials NAME --source`` call it.
 """
 
 from __future__ import annotations
@@ -14,12 +13,18 @@ from fem_snh.kernels.codegen.small_strain import (
     SmallStrainFunctions,
     small_strain_forms,
 )
-from fem_snh.kernels.headers import POINTWISE, SVD_AND_EIGENSOLVERS, header, options
+from fem_snh.kernels.headers import (
+    MATERIAL_FUNCTIONS,
+    POINTWISE,
+    SVD_AND_EIGENSOLVERS,
+    header,
+    options,
+)
 from fem_snh.materials.energy import Energy
 from fem_snh.materials.volume_split import PRESSURE, J, Split
 
 #: Files that precede the generated functions, which call them.
-_BEFORE = ("log_exp_series.h", "divided_differences.h", "small_strain.h", "parameters.h")
+_BEFORE = ("log_exp_series.h", "divided_differences.h", *MATERIAL_FUNCTIONS)
 #: The file that calls the generated functions.
 _POINT = "material_point.h"
 
@@ -32,27 +37,20 @@ def material_source(energy: Energy) -> str:
     energy : Energy
         A normalised energy; ``fem_snh.materials.make_energy(name, E, nu)`` makes one.
     """
-    return kernel_source(energy, after=POINTWISE)
+    return "\n".join([point_source(energy), *map(header, POINTWISE)])
 
 
-def kernel_source(
-    energy: Energy,
-    definitions: Sequence[str] = (),
-    after: Sequence[str] = (),
-    functions: Sequence[str] = (),
-) -> str:
-    """Return the C source of a material at one quadrature point and of the files ``after`` it.
+def point_source(energy: Energy, entries: Sequence[int] = (), functions: Sequence[str] = ()) -> str:
+    """Return the C source of a material at one quadrature point: material_functions.h.
 
     Parameters
     ----------
     energy : Energy
         A normalised energy.
-    definitions : sequence of str
-        Lines for the top: ``#define`` of the sizes of an element.
-    after : sequence of str
-        Names of further files of ``include/``, appended in this order.
+    entries : sequence of int
+        The entries of vec(F) that the kinematics varies, if not all do.
     functions : sequence of str
-        Further generated functions that the files ``after`` call.
+        The generated functions of the element's volume term.
     """
     regular, small = Functions(energy), SmallStrainFunctions(energy)
     generated = [
@@ -68,7 +66,7 @@ def kernel_source(
     return "\n".join(
         [
             "#include <math.h>",
-            *definitions,
+            *([f"#define ENTRIES {', '.join(map(str, entries))}"] if entries else []),
             f"#define NEEDS_STRETCHES {int(energy.needs_stretches)}",
             f"#define USES_J {int(J in energy.measures)}",
             options(),
@@ -76,7 +74,7 @@ def kernel_source(
             f"/* generated: {energy.name}, psi = {energy.psi} */",
             *generated,
             *functions,
-            *map(header, (_POINT, *after)),
+            header(_POINT),
         ]
     )
 

@@ -1,7 +1,6 @@
 /* The kinematics: how nodal values become the displacement gradient H (3x3, by columns, F = I + H).
  *
- * The code generator defines COMPONENTS, the displacement components of a node (2 or 3), ENTRIES, the entries of
- * vec(H) that may vary if not all do, and KINEMATICS:
+ * The program defines COMPONENTS, the displacement components of a node (2 or 3), and KINEMATICS:
  *   SOLID ....... H = sum_a u_a (grad N_a)^T
  *   PLANE ....... the same with d/dx_3 = 0: F_33 = 1
  *   PLANE_STRESS  PLANE with the F_33 > 0 at which P_33 = 0 (third_stretch)

@@ -1,4 +1,5 @@
-/* One quadrature point (W of them in lanes): energy density, stress and filtered Hessian of a material.
+/* One quadrature point (W of them in lanes): the energy density, stress and filtered Hessian of a material that
+ * material_functions.h declares.
  *
  * The generated functions (kernels/codegen/) called here:
  *   energy_invariants, stress_invariants ..... from F; only if the energy needs no principal stretches
@@ -20,11 +21,6 @@ static const int entries[] = {ENTRIES};
 #define FOR_ENTRIES(first, i) for (int i##_ = first, i; i##_ < NUM_ENTRIES && (i = ENTRY(i##_), 1); ++i##_)
 #define FOR_UPPER_ENTRIES(i, j) FOR_ENTRIES(0, i) FOR_ENTRIES(i##_, j)
 
-/* The eigenvalue after the filter: clamp to >= 0, absolute value, or unchanged. */
-INLINE real filter_eigenvalue(int filter, real e) {
-  return filter == EXACT ? e : filter == ABS ? absolute(e) : lane_max(e, splat(0));
-}
-
 /* Lanes where F is nearly singular: |det F| < 1e-3 |F|^3, where cancellation in the cofactor formula of
  * det F loses digits or the sign. The product of the stretches of the SVD does not cancel. */
 INLINE mask nearly_singular(const real *F) {
@@ -36,7 +32,7 @@ INLINE mask nearly_singular(const real *F) {
 }
 
 /* psi at F = I + H [Pa]. Lanes of small strain use H, the others F. */
-INLINE void energy_point(Parameters p, const real *F, const real *H, real *psi) {
+void energy_point(Parameters p, const real *F, const real *H, real *psi) {
   const mask small = small_strain(H);
   real small_psi[1] = {splat(0)}, U[9], s[3], V[9], change[3];
   if (any(small)) {
@@ -73,7 +69,7 @@ INLINE void compose_stress(const real *g, const real *U, const real *V, real *P)
 }
 
 /* The first Piola-Kirchhoff stress P = dpsi/dF [Pa] at F = I + H. */
-INLINE void stress_point(Parameters p, const real *F, const real *H, real *P) {
+void stress_point(Parameters p, const real *F, const real *H, real *P) {
   const mask small = small_strain(H);
   real small_P[9], change[3];
   for (int i = 0; i < 9; ++i) small_P[i] = splat(0);
@@ -113,26 +109,11 @@ INLINE void stress_point(Parameters p, const real *F, const real *H, real *P) {
 
 /* The nine eigenvalues e of d2psi/dF2 in the order scaling 0-2, twist 3-5, flip 6-8, the eigenvectors Q of
  * the scaling block, and U, V: together they determine the eigenvectors (Smith et al. 2018, eq. 39, 62). */
-INLINE void eigenvalues_point(Parameters p, const real *F, int solver, real *e, real *Q, real *U, real *V) {
+void eigenvalues_point(Parameters p, const real *F, int solver, real *e, real *Q, real *U, real *V) {
   real s[3], A[6];
   svd(F, U, s, V);
   hessian_stretches(p, s, A, e + 3, e + 6);
   eigen3(solver, A, e, Q);
-}
-
-/* Eigenvector k as a 9-vector, vec(U D_k V^T) (Smith et al. 2018, eq. 39, 62 and Appendix A). */
-INLINE void eigenvector_point(int k, const real *Q, const real *U, const real *V, real *d) {
-  if (k < 3) {
-    for (int j = 0; j < 3; ++j)
-      for (int i = 0; i < 3; ++i)
-        d[3 * j + i] = Q[3 * k] * U[i] * V[j] + Q[3 * k + 1] * U[3 + i] * V[3 + j] + Q[3 * k + 2] * U[6 + i] * V[6 + j];
-    return;
-  }
-  const int axis = k % 3, a = axis == 0, b = axis == 2 ? 1 : 2; /* the pair of stretches it couples */
-  const double sign = k < 6 ? -1.0 : 1.0, r = 0.70710678118654752440; /* 1/sqrt 2 */
-  for (int j = 0; j < 3; ++j)
-    for (int i = 0; i < 3; ++i)
-      d[3 * j + i] = r * (U[3 * a + i] * V[3 * b + j] + sign * (U[3 * b + i] * V[3 * a + j]));
 }
 
 /* Sylvester's criterion for the scaling block A, with a margin of 1e-13 relative to the diagonal for the
@@ -185,7 +166,7 @@ INLINE void objective_pair(real sa, real sb, real *same, real *other) {
  *
  * C is assembled in the basis of the nine products u_a v_b^T: the scaling block couples u_i v_i^T, and each
  * twist/flip pair couples u_a v_b^T with u_b v_a^T, so the eigenvectors of these pairs are not needed. */
-INLINE mask hessian_point(Parameters p, const real *F, int filter, int solver, real *C) {
+mask hessian_point(Parameters p, const real *F, int filter, int solver, real *C) {
   real U[9], V[9], s[3], A[6], twist[3], flip[3], o[9][9], y[9];
   svd(F, U, s, V);
   hessian_stretches(p, s, A, twist, flip);

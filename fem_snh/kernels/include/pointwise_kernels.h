@@ -5,6 +5,21 @@ INLINE void subtract_identity(const real *F, real *H) {
   for (int i = 0; i < 9; ++i) H[i] = F[i] - (i % 4 == 0);
 }
 
+/* Eigenvector k as a 9-vector, vec(U D_k V^T) (Smith et al. 2018, eq. 39, 62 and Appendix A). */
+INLINE void eigenvector_point(int k, const real *Q, const real *U, const real *V, real *d) {
+  if (k < 3) {
+    for (int j = 0; j < 3; ++j)
+      for (int i = 0; i < 3; ++i)
+        d[3 * j + i] = Q[3 * k] * U[i] * V[j] + Q[3 * k + 1] * U[3 + i] * V[3 + j] + Q[3 * k + 2] * U[6 + i] * V[6 + j];
+    return;
+  }
+  const int axis = k % 3, a = axis == 0, b = axis == 2 ? 1 : 2; /* the pair of stretches it couples */
+  const double sign = k < 6 ? -1.0 : 1.0, r = 0.70710678118654752440; /* 1/sqrt 2 */
+  for (int j = 0; j < 3; ++j)
+    for (int i = 0; i < 3; ++i)
+      d[3 * j + i] = r * (U[3 * a + i] * V[3 * b + j] + sign * (U[3 * b + i] * V[3 * a + j]));
+}
+
 void energy_points(const double *constants, long n, const double *F, double *psi) {
   const Parameters p = {constants};
   for (long start = 0; start < n; start += W) {

@@ -40,7 +40,7 @@ def point_fields_library() -> Path:
     files = (*SVD_AND_EIGENSOLVERS, "point_fields_api.h", "point_fields.h")
     sizes = f"#define LANES {LANES}\n#define MAX_NODES {_MAX_NODES}\n#define CHUNK {_CHUNK}"
     source = "\n".join(["#include <math.h>", sizes, options(), *map(header, files)])
-    return build.library(source, svd_eigen_source())
+    return build.library(source, [build.object_file(svd_eigen_source())])
 
 
 class PointFieldLoops:
