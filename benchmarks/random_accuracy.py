@@ -1,7 +1,7 @@
 """Is what was asked for true of random scenes? Each is compared with finer meshes.
 
 Loads, ratios, materials, elements and meshes are drawn at random, in families: `plane`, `solid`,
-`revolved`, `contrast` and `supported` of `benchmarks.random_scenes`.
+`revolved`, `contrast`, `supported` and `moving` of `benchmarks.random_scenes`.
 """
 
 from __future__ import annotations
@@ -41,7 +41,8 @@ def rows(
         and cylinders in three dimensions; revolved: tubes, rods and bushings as bodies of
         revolution, most under a follower pressure; contrast: bars of two materials, one up to 1000
         times as stiff; supported: cubes with weight, on foundations, between symmetry planes,
-        pressed by a plane or a sphere.
+        pressed by a plane or a sphere; moving: bodies in time, held, on springs, shaken or thrown
+        at a plane, with rigid parts and loads that change.
     first, count : int
         The first seed, and the number of scenes of each family.
     share : float

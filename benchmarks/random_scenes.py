@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from random import Random
 from types import MappingProxyType
-from typing import Any
+from typing import Any, NamedTuple
 
 from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.errors import choose
@@ -203,9 +203,161 @@ def supported(draw: Random) -> Drawn:
     return _checked(scene), goals
 
 
+class _Body(NamedTuple):
+    """A body that moves: its mesh, groups and points.
+
+    Attributes
+    ----------
+    mesh : dict
+        The key ``mesh``.
+    cells : tuple of int
+        Of which one is drawn.
+    kinematics : str or None
+        The key ``kinematics``.
+    length, period : float
+        Its size, and about its slowest period where E = 1 and the density is 1/length^2.
+    up : int
+        The component that gravity has.
+    foot, loaded, whole : str
+        The groups that is held, that is loaded, and of all cells.
+    tip : tuple of float
+        A probe.
+    """
+
+    mesh: dict[str, Any]
+    cells: tuple[int, ...]
+    kinematics: str | None
+    length: float
+    period: float
+    up: int
+    foot: str
+    loaded: str
+    whole: str
+    tip: tuple[float, ...]
+
+
+def moving(draw: Random) -> Drawn:
+    """Bodies in time: in plane strain, of revolution and in three dimensions; some bounce."""
+    name = draw.choice(("cube", "bar", "cook", "bracket", "tube", "cylinder"))
+    body = _moving_body(draw, name)
+    scene, words, goals = _solid(draw, draw.choice(body.cells)), [name], ["tip", "volume"]
+    del scene["steps"]
+    scene |= {"mesh": body.mesh, "kinematics": body.kinematics} | _probes({"tip": body.tip})
+    scene["material"]["density"] = body.length**-2
+    goals.append(f"{body.whole}.mean")
+    duration = body.period * draw.uniform(0.15, 1.2)
+    up = [float(i == body.up) for i in range(3)]
+    if name in ("cube", "cylinder") and draw.random() < 0.4:
+        words.append("bounces")
+        gap, speed = draw.uniform(0.02, 0.2), draw.uniform(0.05, 0.4)
+        duration = gap / speed + draw.uniform(0.5, 5)
+        normal = list(up)
+        if name == "cube":
+            normal[0] = draw.choice((0.0, draw.uniform(-0.2, 0.2)))
+        at = [-gap * size for size in up]
+        plane = {"plane": {"point": at, "normal": normal}}
+        ground = {"name": "ground", "shape": plane, "friction": draw.choice((0.0, 0.0, 0.3))}
+        scene |= {"obstacle": [ground], "start": {"velocity": [-speed * size for size in up]}}
+        if draw.random() < 0.5:
+            scene["gravity"] = {"vector": [-draw.uniform(0.01, 0.1) * size for size in up]}
+        goals.append("ground.force")
+    else:
+        _hold_and_load(draw, body, duration, scene, words, goals)
+    damping = {"mass": draw.choice((0.0, draw.uniform(0, 2) / body.period))}
+    damping["stiffness"] = draw.choice((0.0, 0.03 * draw.random() * body.period))
+    scene["time"] = {
+        "duration": duration, "steps": draw.choice((8, 16, 20, 24, 32, 48)), "damping": damping,
+        "integrator": draw.choice(("newmark", "newmark", "generalized_alpha", "backward_euler")),
+    }  # fmt: skip
+    if body.kinematics == "axisymmetric":  # radial forces and displacements on the axis are zero
+        goals = [f"{g}.y" if g.endswith((".force", ".displacement")) else g for g in goals]
+    return _checked(scene | {"name": "_".join(words)}), goals
+
+
+def _moving_body(draw: Random, name: str) -> _Body:
+    """Return a body by its name; of some the ratios are drawn."""
+    if name == "cube":
+        foot, loaded = draw.choice((("bottom", "top"), ("left", "right")))
+        mesh = {"source": name}
+        return _Body(mesh, (2, 3), None, 1, 7, 2, foot, loaded, "body", (1, 1, 1))
+    if name == "bar":
+        end, mesh = (2, 0.5, 1), {"source": name}
+        return _Body(mesh, (1, 2), None, 1, 18, 2, "left", "right", "second", end)
+    if name == "cook":
+        mesh, corner = {"source": name}, (48, 60, 0)
+        return _Body(mesh, (2, 4), "plane_strain", 48, 12, 1, "left", "right", "body", corner)
+    if name == "bracket":
+        mesh, corner = {"source": name}, (3, 3, 0)
+        return _Body(mesh, (1, 2), "plane_strain", 1, 60, 1, "bottom", "end", "body", corner)
+    length = draw.uniform(0.5, 2)
+    if name == "tube":
+        outer = draw.uniform(1.3, 2.5)
+        mesh = _mesh(name, section=1, inner=1, outer=outer, length=length)
+        middle = (1, length / 2, 0)
+        return _Body(mesh, (2, 4), "axisymmetric", 1, 6, 1, "outer", "inner", "body", middle)
+    mesh, inside = _mesh(name, length=length), (0.3, 0.8 * length, 0)
+    period = 5 * length
+    return _Body(mesh, (4, 6), "axisymmetric", 1, period, 1, "left", "right", "body", inside)
+
+
+def _hold_and_load(
+    draw: Random,
+    body: _Body,
+    duration: float,
+    scene: dict[str, Any],
+    words: list[str],
+    goals: list[str],
+) -> None:
+    """Hold a body at its foot, by a spring or a motion, and load it; add words and goals."""
+    axes = {None: (0, 1, 2), "plane_strain": (0, 1), "axisymmetric": (1,)}[body.kinematics]
+    rise, fall = sorted(draw.uniform(0.1, 0.9) * duration for _ in range(2))
+    points = [(0, 0), (rise, 1), (fall, draw.choice((1, 0, -0.5)))]
+    history = {"table": "history"}
+    foot = draw.choice(("held", "held", "sprung", "shaken"))
+    words.append(foot)
+    if foot == "sprung":
+        stiffness = 10 ** draw.uniform(-0.5, 1.5) / body.length
+        scene["spring"] = [{"group": body.foot, "stiffness": stiffness}]
+    else:
+        scene["reactions"] = [{"group": body.foot}]
+        goals.append(f"{body.foot}.force")
+        if body.kinematics != "axisymmetric":
+            goals.append(f"{body.foot}.moment")
+        if foot == "held":
+            scene["hold"] = [{"group": body.foot}]
+        else:
+            shift = [0.1 * body.length * draw.uniform(-1, 1) * (i in axes) for i in range(3)]
+            scene["move"] = [{"group": body.foot, "translate": shift} | history]
+    slender = (body.period / 7) ** -2
+    if foot != "shaken" or draw.random() < 0.3:
+        kind = draw.choice(("traction", "gravity", "velocity", "rigid"))
+        words.append(kind)
+        size = [0.2 * slender * draw.uniform(-1, 1) * (i in axes) for i in range(3)]
+        table = draw.choice(({}, history))
+        if kind == "traction":
+            scene["traction"] = [{"group": body.loaded, "vector": size} | table]
+        elif kind == "gravity":
+            vector = [body.length * part for part in size]
+            scene["gravity"] = {"vector": vector} | table
+        elif kind == "velocity":
+            factor = body.length * slender**-0.5
+            scene["start"] = {"velocity": [factor * part for part in size]}
+        else:
+            area = body.length ** (len(axes) - 1) if body.kinematics != "axisymmetric" else 1
+            force = [area * part for part in size]
+            mass = draw.choice((0.0, 0.3 * area / body.length))
+            part: dict[str, Any] = {"group": body.loaded, "mass": mass, "force": force}
+            scene["rigid"] = [part | ({"load_table": "history"} if table else {})]
+            goals.append(f"{body.loaded}.displacement")
+            if body.kinematics != "axisymmetric":
+                goals.append(f"{body.loaded}.rotation")
+    if "history" in str(scene):
+        scene["table"] = [{"name": "history", "points": points}]
+
+
 #: The families by their names.
 FAMILIES: Mapping[str, Callable[[Random], Drawn]] = MappingProxyType(
-    {family.__name__: family for family in (plane, solid, revolved, contrast, supported)}
+    {family.__name__: family for family in (plane, solid, revolved, contrast, supported, moving)}
 )
 
 

@@ -13,7 +13,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from fem_snh.accuracy.goal_errors import SMALL_FORCE, STEPS, Estimate, GoalError
+from fem_snh.accuracy.goal_errors import SMALL_FORCE, STEPS, TIME_STEPS, Estimate, GoalError
 from fem_snh.accuracy.goals import vector_of
 
 #: Bound of an error over its estimate, by the degree of the displacement: 1.27 is measured with
@@ -37,8 +37,8 @@ _SAFETY_OF_PENALTIES = 1.15
 _SLOWEST = 0.8
 #: A corrected value is taken if the correction is at most so many times the request.
 _LARGEST_CORRECTION = 20.0
-#: Least bound of a component, over the largest one of the same vector.
-_LEAST_OF_VECTOR = 0.1
+#: Least bound of a component, over the largest one of the same vector; in time.
+_LEAST_OF_VECTOR, _LEAST_IN_TIME = 0.1, 0.2
 #: Least bound of a displacement on the first level, over that of the largest error of one in the
 #: body: where a coarse mesh resolves a corner badly, the estimate at and behind it is small by
 #: chance, or of the other sign. From the second level on the change of corrected values shows it.
@@ -67,6 +67,8 @@ class GoalLevel:
         A bound of the error of time or load steps.
     small : bool
         Whether the scale is that of a larger force.
+    mesh_bound, penalty_bound, of_path : float
+        As for `GoalError`.
     """
 
     value: float
@@ -78,6 +80,9 @@ class GoalLevel:
     safety: float
     steps_bound: float = 0.0
     small: bool = False
+    mesh_bound: float = 0.0
+    penalty_bound: float = 0.0
+    of_path: float = 0.0
 
     @property
     def corrected(self) -> float:
@@ -101,9 +106,13 @@ class GoalLevel:
         if source == "mesh":
             part += abs(self.parts.get("shape", 0.0))
         safety = _safety_of(source, self.parts, self.safety)
-        part *= safety - (self.best(asked)[0] != self.value)
+        known = self.best(asked)[0] != self.value
+        largest = max(part, self.of_path) if source == "mesh" else part
+        part = (0.0 if known else part) + (safety - 1) * largest
+        if source == "penalty":
+            part += self.penalty_bound
         if source in STEPS and source in self.parts:
-            part = max(part, self.steps_bound)
+            part = max(part, self.steps_bound) + self.mesh_bound
         return part / self.scale if self.scale > 0 else 0.0
 
     @property
@@ -168,10 +177,14 @@ def _bounded(goal: GoalError, safety: float, coarser: GoalLevel | None) -> GoalL
     parts = {source: abs(part) for source, part in goal.parts.items()} or {"mesh": abs(error)}
     others = {source: part for source, part in parts.items() if source not in STEPS}
     size = sum(others.values())  # the parts may cancel
-    missed = sum((_safety_of(s, parts, safety) - 1) * part for s, part in others.items())
+    # Errors of a vibration are small at an instant by chance.
+    sizes = others | ({"mesh": max(others["mesh"], goal.of_path)} if goal.of_path else {})
+    missed = sum((_safety_of(s, parts, safety) - 1) * part for s, part in sizes.items())
+    missed += goal.mesh_bound + goal.penalty_bound
     if "penalty" in parts and scale > 0:  # without penalties the mesh has another error
         missed += parts["mesh"] * parts["penalty"] / scale
-    unsettled = 0.0 if goal.steps_bound else goal.unsettled  # of steps it is their bound
+    on_path = not parts.keys().isdisjoint(STEPS)
+    unsettled = 0.0 if on_path else goal.unsettled  # its bounds are counted above
     bound = size + missed + max(safety * steps, goal.steps_bound) + unsettled
     uncertainty = missed + max((safety - 1) * steps, goal.steps_bound) + unsettled
     if coarser is None:
@@ -181,7 +194,17 @@ def _bounded(goal: GoalError, safety: float, coarser: GoalLevel | None) -> GoalL
         least = _change_left(corrected, error, uncertainty, coarser)
     bound, uncertainty = max(bound, size + steps + least), max(uncertainty, least)
     return GoalLevel(
-        goal.value, error, scale, bound, uncertainty, goal.parts, safety, goal.steps_bound
+        goal.value,
+        error,
+        scale,
+        bound,
+        uncertainty,
+        goal.parts,
+        safety,
+        goal.steps_bound,
+        mesh_bound=goal.mesh_bound,
+        penalty_bound=goal.penalty_bound,
+        of_path=goal.of_path,
     )
 
 
@@ -209,7 +232,8 @@ def _with_least_bounds(goals: Mapping[str, GoalLevel]) -> dict[str, GoalLevel]:
         largest[vector_of(name)] = max(largest.get(vector_of(name), 0.0), goal.uncertainty)
     found = {}
     for name, goal in goals.items():
-        least = _LEAST_OF_VECTOR * largest[vector_of(name)]
+        part = _LEAST_IN_TIME if TIME_STEPS in goal.parts else _LEAST_OF_VECTOR
+        least = part * largest[vector_of(name)]
         bounds = max(goal.bound, least), max(goal.uncertainty, least)
         found[name] = replace(goal, bound=bounds[0], uncertainty=bounds[1])
     return found

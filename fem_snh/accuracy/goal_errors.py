@@ -46,12 +46,16 @@ class GoalError:
         steps; empty if there is one source, the mesh.
     steps_bound : float
         A bound of the error of time or load steps; infinite where none is known.
+    mesh_bound, penalty_bound : float
+        In time, bounds of what shorter steps change of the parts of the mesh and of penalties.
     at_most : float
         A bound of the error where it is an extrapolation from coarser meshes; 0 elsewhere.
     of_body : float
         Of a displacement of a point, the estimate of the largest error of one in the body.
     of_size : float
         Of the stress around a point, the estimate of the mean of the size of its error there.
+    of_path : float
+        In time, the largest part of the mesh in the last half of the motion.
     reason : str
         Why this goal has no estimate, where others may have one, or an uncertain one.
     """
@@ -62,9 +66,12 @@ class GoalError:
     unsettled: float = 0.0
     parts: dict[str, float] = field(default_factory=dict)
     steps_bound: float = 0.0
+    mesh_bound: float = 0.0
+    penalty_bound: float = 0.0
     at_most: float = 0.0
     of_body: float = 0.0
     of_size: float = 0.0
+    of_path: float = 0.0
     reason: str = ""
 
     @property
@@ -97,10 +104,15 @@ class GoalError:
             return None
         if self.at_most:
             return self.at_most
-        if not self.is_found:
+        if self.is_found and not bounded_steps(self.parts, self.steps_bound):
+            return None
+        if self.parts.keys().isdisjoint(STEPS):
             return abs(self.error) + self.unsettled
-        bounded = bounded_steps(self.parts, self.steps_bound)
-        return abs(self.error) + self.steps_bound if bounded else None
+        sizes = {source: abs(part) for source, part in self.parts.items()}
+        steps = max(sizes.pop(source) for source in STEPS if source in sizes)
+        sizes["mesh"] = max(sizes.get("mesh", 0.0), self.of_path)
+        missed = max(steps, self.steps_bound) + self.mesh_bound + self.penalty_bound
+        return sum(sizes.values()) + missed
 
     def record(self) -> dict[str, Any]:
         """Return the entry of ``goals`` in run.json."""

@@ -4,16 +4,18 @@ In time, or with load steps of friction. Once with half the steps (of one step, 
 difference, divided by 2^p - 1 of order p, is the error of the steps (Richardson). In time a run
 with a quarter of the steps bounds it, and one with an eighth where the changes are small and do not
 decrease. Once more with these steps in the lifted element: the difference to the same run of the
-own element is the error of the mesh. Where there are penalties, once more with stiffer ones: their
-error is inverse to the stiffness.
+own element is the error of the mesh. In time it is another one with other steps, as both motions
+are out of phase: a lifted run with a quarter of the steps shows by how much. Where there are
+penalties, once more with stiffer ones: their error is inverse to the stiffness.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import cache
 from math import ceil, inf
+from types import MappingProxyType
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -56,6 +58,12 @@ _SMALL_CHANGES = 0.05
 _LEFT_BY_TWO = 4.0
 #: Changes below this part of a goal's scale are not those of steps: the solvers leave that much.
 _ROUNDING = 1e-5
+#: Part of a motion, up to its end, whose largest differences bound those at the end: errors of a
+#: vibration change their sign, and are small at an instant by chance. Loads are compared rounded.
+_LATE, _DIGITS = 0.5, 9
+#: The bound of what the error of penalties misses, over the difference of two estimates of it that
+#: do not agree.
+_DISAGREEMENT = 2.0
 #: The least ratio of the numbers of steps that are compared.
 _LEAST_RATIO = 1.5
 
@@ -90,12 +98,29 @@ class Path(Protocol):
 
 
 class Followed(NamedTuple):
-    """The goals at the end of a path, the number of its steps, and what they cost."""
+    """The goals at the end of a path, the number of its steps, and what they cost.
+
+    Attributes
+    ----------
+    values : (goals,) array
+        The goals at the end.
+    taken, newton, linear : int
+        The steps taken, and their iterations.
+    late : mapping of array
+        The goals after the steps of the last half of the path, by the load.
+    """
 
     values: Array
     taken: int
     newton: int
     linear: int
+    late: Mapping[float, Array] = MappingProxyType({})
+
+    def largest_difference(self, other: Followed) -> Array:
+        """Return the largest differences to another path at common loads, the end among them."""
+        loads = self.late.keys() & other.late.keys()
+        late = [abs(self.late[load] - other.late[load]) for load in loads]
+        return np.max([abs(self.values - other.values), *late], axis=0)
 
 
 def end_of(
@@ -109,16 +134,24 @@ def end_of(
         If they do not reach it, or a goal is not finite there.
     """
     newton = linear = 0
+    functions = [goal.bind(problem) for goal in goals]
+    late: dict[float, Array] = {}
+
+    def evaluate() -> Array:
+        return np.array([value for function in functions for value in function()])
+
     for row in stepper:
         newton += row["newton"]
         linear += row["linear"]
+        if problem.motion and row["converged"] and problem.load >= 1 - _LATE:
+            late[round(problem.load, _DIGITS)] = evaluate()
     steps: Any = stepper
     if not steps.done:
         raise NoEstimate(f"{what}: {steps.failure_message()}")
-    values = np.array([v for goal in goals for v in goal.bind(problem)()])
+    values = evaluate()
     if not np.isfinite(values).all():
         raise NoEstimate(f"a goal is not finite {what}")
-    return Followed(values, steps.taken, newton, linear)
+    return Followed(values, steps.taken, newton, linear, late)
 
 
 def estimate_on_path(
@@ -148,7 +181,8 @@ def estimate_on_path(
         known = [goal for goal in goals if not isinstance(goal, FrequencyGoal)]
         estimate.on_no_mesh = len(known) < len(goals)
         _announce(problem, path, estimate, announce)
-        parts = _Repetitions(problem, path, known, estimate).parts()
+        repetitions = _Repetitions(problem, path, known, estimate)
+        parts, missed = repetitions.parts(), repetitions.missed
         for i, name in enumerate(names_of(known)):
             of_goal = {source: float(errors[i]) for source, errors in parts.items()}
             goal = estimate.goals[name]
@@ -156,10 +190,18 @@ def estimate_on_path(
                 of_goal.pop(_source(problem))
                 estimate.goals[name] = replace(goal, parts=of_goal)
                 continue
+            of_mesh, penalty = float(missed.of_mesh[i]), float(missed.of_penalty[i])
             # Irregular steps have no estimate: the error is printed as a bound.
             unsettled = goal.steps_bound if bounded_steps(of_goal, goal.steps_bound) else 0.0
-            error = sum(of_goal.values())
-            estimate.goals[name] = replace(goal, error=error, parts=of_goal, unsettled=unsettled)
+            estimate.goals[name] = replace(
+                goal,
+                error=sum(of_goal.values()),
+                parts=of_goal,
+                unsettled=unsettled + of_mesh + penalty,
+                mesh_bound=of_mesh,
+                penalty_bound=penalty,
+                of_path=float(missed.largest[i]),
+            )
 
     return estimate_with(add_errors, problem, goals, mesh)
 
@@ -180,6 +222,24 @@ def _announce(
     check_memory(problem, estimate.memory)
 
 
+class _Missed(NamedTuple):
+    """What the parts of the errors miss, (goals,) arrays.
+
+    Attributes
+    ----------
+    of_mesh : array
+        A bound of what shorter steps change of the part of the mesh.
+    of_penalty : array
+        A bound of what the part of penalties misses, as time steps do not resolve them.
+    largest : array
+        The largest part of the mesh in the last half of a motion.
+    """
+
+    of_mesh: Array
+    of_penalty: Array
+    largest: Array
+
+
 class _Repetitions:
     """The errors of goals at the end of a path, which is followed again. Collective.
 
@@ -193,6 +253,11 @@ class _Repetitions:
         The goals.
     estimate : Estimate
         Has their values and the number of steps of the first repetition, and counts iterations.
+
+    Attributes
+    ----------
+    missed : _Missed
+        What the parts miss, after `parts`.
     """
 
     def __init__(
@@ -200,6 +265,8 @@ class _Repetitions:
     ) -> None:
         self._problem, self._path, self._goals, self._estimate = problem, path, goals, estimate
         self._values, self._scales = values_of(estimate, goals), scales_of(estimate, goals)
+        self._known: dict[tuple[int, str, float], Followed] = {}
+        self.missed = _Missed(*np.zeros((3, len(self._values))))
 
     def parts(self) -> dict[str, Array]:
         """Return the parts of the errors by their source; of the steps alone if no goal has more.
@@ -225,15 +292,20 @@ class _Repetitions:
         if all(estimate.goals[name].reason for name in names_of(self._goals)):
             return parts
         if quarter and quarter_steps >= _ENOUGH_STEPS:
-            return parts | self._errors_of_mesh_and_penalties(quarter_steps, quarter)
-        return parts | self._errors_of_mesh_and_penalties(half_steps, half)
+            fewer = ceil(quarter_steps / 2)
+            return parts | self._errors_of_mesh_and_penalties(quarter_steps, quarter, fewer)
+        fewer = quarter_steps if quarter else 0
+        return parts | self._errors_of_mesh_and_penalties(half_steps, half, fewer)
 
     def _follow(self, steps: int, element: Element | None = None, stiffer: float = 1.0) -> Followed:
-        """Follow the path, and count the iterations."""
-        again = self._path.follow(steps, self._goals, element, stiffer)
-        self._estimate.newton += again.newton
-        self._estimate.linear += again.linear
-        return again
+        """Follow the path once, and count the iterations."""
+        key = steps, element.name if element else "", stiffer
+        if key not in self._known:
+            again = self._path.follow(steps, self._goals, element, stiffer)
+            self._estimate.newton += again.newton
+            self._estimate.linear += again.linear
+            self._known[key] = again
+        return self._known[key]
 
     def _quarter(self, steps: int, half: Followed) -> Followed | None:
         """Return the motion with a quarter of the steps; None if that shows no order."""
@@ -276,6 +348,9 @@ class _Repetitions:
         least = _CONTACT_ORDER if self._problem.history.by_name else most  # some have contact
         rounding, limits = _ROUNDING * self._scales, _SMALL_CHANGES * self._scales
         errors, bounds = steps_errors(change, before, finer, (least, most), rounding)
+        if quarter:
+            late = half.largest_difference(quarter)
+            bounds = np.maximum(bounds, late / finer**most)
         unordered = (bounds == inf) & (np.maximum(abs(change), abs(before)) <= limits)
         eighth_steps = ceil(self._estimate.again / 4)
         if quarter and unordered.any() and eighth_steps >= _FEWEST_QUARTER:
@@ -290,8 +365,20 @@ class _Repetitions:
             goals[name] = replace(goals[name], steps_bound=float(bound), reason=reason)
         return errors
 
-    def _errors_of_mesh_and_penalties(self, steps: int, followed: Followed) -> dict[str, Array]:
-        """Return these parts, as they are with so many steps, whose path was ``followed``."""
+    def _errors_of_mesh_and_penalties(
+        self, steps: int, followed: Followed, fewer: int
+    ) -> dict[str, Array]:
+        """Return these parts with so many steps, and set what they miss.
+
+        Parameters
+        ----------
+        steps : int
+            The number of steps.
+        followed : Followed
+            The path with them.
+        fewer : int
+            A smaller number of them; 0: none.
+        """
         values, motion = followed.values, self._problem.motion
         has_penalties = self._problem.scale_penalties(1.0)
 
@@ -306,25 +393,47 @@ class _Repetitions:
                 stiffer = STIFFER  # most of the error that the mesh has without penalties
             except NoEstimate as error:
                 self._estimate.left_out.append(f"the error of penalties is not known: {error}")
-        lifted = self._lifted(steps, stiffer)
+        lifted, element = self._lifted(steps, stiffer)
+        mesh = lifted.values - stiffened(stiffer)
+        if motion:
+            largest = lifted.largest_difference(followed)
+            of_mesh = self._change_by_steps(mesh, element, fewer)
+            self.missed = self.missed._replace(of_mesh=of_mesh, largest=largest)
         if has_penalties and motion:
             by_stiffer = penalty_part(values, stiffened(STIFFER))
             by_softer = penalty_part(stiffened(1 / STIFFER), values) / STIFFER
-            penalty = resolved_penalty(by_stiffer, by_softer)
-        parts = {"mesh": lifted.values - stiffened(stiffer)}
+            penalty, unresolved = resolved_penalty(by_stiffer, by_softer)
+            self.missed = self.missed._replace(of_penalty=unresolved)
+        parts = {"mesh": mesh}
         return parts if penalty is None else parts | {"penalty": penalty}
 
-    def _lifted(self, steps: int, stiffer: float) -> Followed:
-        """Return the path in the best lifted element that fits."""
+    def _change_by_steps(self, mesh: Array, element: Element, steps: int) -> Array:
+        """Return by how much the part of the mesh differs with fewer steps; 0 without any.
+
+        Shorter steps change it by no more, if the difference decreases as with order 1.
+        """
+        if not steps:
+            return np.zeros(len(mesh))
+        try:
+            followed, lifted = self._follow(steps), self._follow(steps, element)
+        except NoEstimate as error:
+            self._estimate.left_out.append(
+                f"what shorter time steps change of the error of the mesh is not known: {error}"
+            )
+            return np.zeros(len(mesh))
+        return np.abs(mesh - (lifted.values - followed.values))
+
+    def _lifted(self, steps: int, stiffer: float) -> tuple[Followed, Element]:
+        """Return the path in the best lifted element that fits, and that element."""
         *others, last = _lifted_elements(self._problem)
         for element in others:
             self._estimate.element = element.name
             try:
-                return self._follow(steps, element, stiffer)
+                return self._follow(steps, element, stiffer), element
             except ElementDoesNotFit:
                 continue
         self._estimate.element = last.name
-        return self._follow(steps, last, stiffer)
+        return self._follow(steps, last, stiffer), last
 
 
 def bounds_of_small_changes(changes: Array, limits: Array, order: int) -> Array:
@@ -365,16 +474,18 @@ def _lifted_elements(problem: Problem) -> list[Element]:
     return elements[-1:] if definite and problem.element.degree > 1 else elements
 
 
-def resolved_penalty(by_stiffer: Array, by_softer: Array) -> Array:
-    """Return the errors of penalties in time, from stiffer and from softer ones.
+def resolved_penalty(by_stiffer: Array, by_softer: Array) -> tuple[Array, Array]:
+    """Return errors of penalties in time, from stiffer and from softer ones, and what they miss.
 
     Both are about the same where the time steps resolve the vibration of the stiffer ones.
-    Elsewhere the softer ones have the right one.
+    Elsewhere the softer ones have the right one, unless they yield too much: twice the difference
+    bounds what is missed.
     """
     agree = np.sign(by_stiffer) == np.sign(by_softer)
     agree &= np.abs(by_stiffer) < _AGREE * np.abs(by_softer)
     agree &= np.abs(by_softer) < _AGREE * np.abs(by_stiffer)
-    return np.where(agree, by_stiffer, by_softer)
+    missed = np.where(agree, 0.0, _DISAGREEMENT * np.abs(by_stiffer - by_softer))
+    return np.where(agree, by_stiffer, by_softer), missed
 
 
 def steps_errors(
@@ -388,10 +499,11 @@ def steps_errors(
 
     The order is measured by both changes where there is one ``before``. Steps that hardly resolve
     the motion have any order, and a change may be small by chance: the bound is the error with
-    order 1, and at least what the change before leaves at the largest order. Changes that
-    decrease slower than with order 1 say nothing of the sign: the error is zero, and the bound is
-    twice the larger change. Where they do not decrease, both may be small by chance, and further
-    ones of any size: the bound is infinite; see `bounds_of_small_changes`.
+    order 1, and at least what the change before leaves at the largest order, or at order 1 if both
+    have different signs. Changes that decrease slower than with order 1 say nothing of the sign:
+    the error is zero, and the bound is twice the larger change. Where they do not decrease, both
+    may be small by chance, and further ones of any size: the bound is infinite; see
+    `bounds_of_small_changes`.
 
     Parameters
     ----------
@@ -408,7 +520,8 @@ def steps_errors(
     least, most = (finer**order for order in orders)
     ratio = np.divide(first, last, out=np.full(last.shape, least), where=last > 0)
     error = change / (np.clip(ratio, min(least, most), max(least, most)) - 1)
-    bound = np.maximum(last / abs(finer - 1), first / most)
+    left_of_first = np.where(change * before < 0, finer**_CONTACT_ORDER, most)
+    bound = np.maximum(last / abs(finer - 1), first / left_of_first)
     irregular = (first > 0) & (first < finer**_CONTACT_ORDER * last)
     bound = np.where(irregular, _IRREGULAR * np.maximum(last, first), bound)
     bound = np.where(irregular & (first <= last) & (last > rounding), inf, bound)
