@@ -60,6 +60,16 @@ def test_lbfgs_iterations_save_newton_iterations(comm):
     assert max(counts[:2]) > counts[2] and counts[0] > counts[2]
 
 
+@mpi
+def test_steps_that_are_rounding_are_not_repeated(comm):
+    """With a radius of 1e-20 they change nothing: the clamped step takes their place."""
+    p = half_turn(comm, 4, 1e-4)
+    with options(snes_tr_deltamax=1e-20, snes_lbfgs_max_it=0, snes_max_it=12):
+        context = solve(p, **TRUST)[1]
+    assert (np.diff([i.energy for i in context.history] + [p.energy(p.x)]) < 0).all()
+    assert len(context.history) == 12
+
+
 def test_trust_region_is_not_entered_while_filtered_steps_converge(monkeypatch):
     """The third decreases the energy by 0.4 % of the whole, but leaves 1/40 of the residual."""
     monkeypatch.setattr(TrustRegion, "_step_in_region", None)

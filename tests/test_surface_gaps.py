@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
 from typing import Any
 
 from mpi4py import MPI
@@ -12,6 +13,7 @@ from bodies import dense, wave
 from two_bodies import TwoBlocks
 
 from fem_snh.contact.gaps import ClosestFacets, measure_gaps
+from fem_snh.contact.gathered_surface import FacetShape, Side
 
 #: A displacement that bends the surfaces, in the height of a block.
 BEND = 0.05
@@ -126,3 +128,17 @@ def test_points_beside_an_open_surface_have_no_facet(element: str) -> None:
     np.testing.assert_array_equal(found, inside)
     assert not (search.find(surface.X, points, -down, 0.5).facet >= 0).any()
     assert not (search.find(surface.X, points[z > 1.1], down[z > 1.1], 0.1).facet >= 0).any()
+
+
+@pytest.mark.parametrize(("size", "place", "gap"), [(1, -0.1, np.inf), (1, 0.1, 0), (0, 1, np.inf)])
+def test_a_folded_facet_has_no_normal(size, place, gap):
+    """Where the tangent of a curve vanishes there is no contact, and no division by zero."""
+    shape, none = FacetShape("interval", 2), np.empty(0)
+    xi = shape.nodes[:, 0]
+    x = np.zeros((3, 3))
+    x[:, 0] = size * xi * (xi - 1.5)  # it turns back at 0.75, or is a point
+    side = Side(np.arange(3)[None], np.ones(1), *[none] * (len(fields(Side)) - 2))
+    points = np.array([[size * 0.75 * (0.75 - 1.5) + place, 0.0, 0.0]])
+    with np.errstate(all="raise"):
+        gaps = measure_gaps(shape, side, x, points, np.zeros(1, int), np.array([[0.75]]))
+    assert gaps.gap == pytest.approx(gap, abs=1e-14)

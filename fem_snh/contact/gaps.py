@@ -43,6 +43,8 @@ _ON_EDGE = 1e-9
 _CONVERGED = 1e-13
 #: ... which it reaches in 1 iteration on flat triangles, in about 4 on curved facets.
 _MAX_IT = 20
+#: Added to a metric, relative to its trace, that a folded facet makes singular.
+_SINGULAR = 1e-14
 #: A closest point further outside of its facet, in reference coordinates, is no contact.
 _OUTSIDE = 1.0
 
@@ -214,7 +216,9 @@ def measure_gaps(
         if curved.shape[1] == 2:
             minor = curved[:, 0, 0] * curved[:, 1, 1] - curved[:, 0, 1] ** 2
             definite &= minor > 0
-        matrix = np.where(definite[:, None, None], curved, metric)
+        least = _SINGULAR * np.trace(metric, axis1=1, axis2=2) + np.finfo(float).tiny
+        regular = metric + least[:, None, None] * np.eye(metric.shape[1])
+        matrix = np.where(definite[:, None, None], curved, regular)
         slope = np.einsum("ni,nia->na", arm, tangents)
         step = np.linalg.solve(matrix, slope[..., None])[..., 0]
         moved = np.clip(xi[left] + step, -1 - _OUTSIDE, 2 + _OUTSIDE)
@@ -226,10 +230,11 @@ def measure_gaps(
     values, derivatives, second = shape.evaluate(xi, 2)
     tangents = np.einsum("nki,nka->nia", y, derivatives)
     normal = cross_tangents(tangents) * side.outward[facets, None]
-    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    size = np.linalg.norm(normal, axis=1, keepdims=True)
+    np.divide(normal, size, out=normal, where=size > 0)
     gap = np.einsum("ni,ni->n", normal, points - np.einsum("nk,nki->ni", values, y))
     outside = shape.outside(xi)
-    gap[outside > _OUTSIDE] = np.inf
+    gap[(outside > _OUTSIDE) | (size[:, 0] == 0)] = np.inf  # a folded facet has no normal there
     curvature = np.einsum("ni,nki,nkab->nab", normal, y, second, optimize=True)
     return Gaps(gap, normal, values, derivatives, tangents, curvature, outside)
 

@@ -21,6 +21,9 @@ from fem_snh.solver.step import State, Step
 
 _Linear = PETSc.KSP.ConvergedReason
 _INSIDE = (_Linear.CONVERGED_RTOL, _Linear.CONVERGED_ATOL)
+#: Part of the unknowns that is rounding: a shorter step, which changes nothing, would be accepted
+#: again and again, as the residual is the same.
+_NO_STEP = 2.0**-52
 
 #: Linear solvers that accept a radius. PETSc's gltr does too, but frees memory twice.
 SOLVERS = ("stcg", "nash")
@@ -174,7 +177,7 @@ class TrustRegion:
         self._entered_before |= self.entered
 
     def _step_in_region(self, start: State, d: PETSc.Vec, trial: State) -> Step:
-        """Return the step of the exact model, or that of the clamped one if it has none."""
+        """Return the step of the exact model, or that of the clamped one if it makes none."""
         A, P = self.snes.getJacobian()[:2]
         ksp, assemble = self.ksp, self.direction.assemble
         step = Step(filtered_points=assemble(start.x, "clamp"))
@@ -183,7 +186,10 @@ class TrustRegion:
             exact = partial(assemble, start.x, "exact") if step.filtered_points else None
             with frozen_preconditioner(ksp, A, P, exact):
                 if self._minimise_model(start, d, trial, step):
-                    return self.quasi_newton.continue_from(step, start.residual.norm())
+                    self.quasi_newton.continue_from(step, start.residual.norm())
+                    if step.lbfgs or d.norm() > _NO_STEP * start.x.norm():
+                        return step
+                    step.end, step.length = None, 0.0
             if step.filtered_points:
                 step.filter = "clamp"
                 assemble(start.x, "clamp")
