@@ -81,6 +81,23 @@ def test_ufl_energy_in_place_of_a_material(comm, hessian):
     assert filters <= {"exact", "none needed", hessian or "clamp"}
 
 
+def test_measures_without_a_material(comm):
+    """Volumes and J are those of the displacement, whatever has the energy."""
+    domain, dx = unit_cube(comm, 2), ufl.dx(metadata={"quadrature_degree": 3})
+    keys, rows = ("volume_ratio", "min_J", "min_cell_J", "max_u", "energy"), []
+    for has_material in (True, False):
+        body = Press(domain, height=-0.2)
+        materials, terms = ({SNH: dx}, []) if has_material else ({}, [SNH.ufl(body.F) * dx])
+        problem = fem_snh.NonlinearProblem(
+            body.u, materials, bcs=body.bcs, terms=terms, petsc_options=TIGHT
+        )
+        row = list(problem.steps(1))[-1]
+        assert row["converged"]
+        rows.append([row[key] for key in keys])
+    assert rows[0][1] < 1
+    assert rows[1] == pytest.approx(rows[0], rel=1e-8)
+
+
 def test_values_change_between_solves(comm):
     """A time loop: a component's boundary value and a load change; uniaxial stretch is exact."""
     bar = Bar(unit_cube(comm, 2))

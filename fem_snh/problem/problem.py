@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import cached_property, partial
 from math import isfinite
 from typing import Any
@@ -17,15 +18,17 @@ import numpy.typing as npt
 from fem_snh import _dolfinx
 from fem_snh.assembly.assembled_matrix import create_matrix
 from fem_snh.assembly.boundary_conditions import Dirichlet
+from fem_snh.assembly.cell_loops import CellLoops
 from fem_snh.assembly.couplings import CouplingTerm
 from fem_snh.assembly.elements import Element
-from fem_snh.assembly.ghosted_vectors import nodes_of_other_cells
+from fem_snh.assembly.ghosted_vectors import local_values, nodes_of_other_cells
 from fem_snh.assembly.near_null_space import rigid_motions
 from fem_snh.assembly.regions import Region, reference_modulus, without_cells
 from fem_snh.assembly.timing import timed
 from fem_snh.assembly.unknowns import Displacement, DisplacementPressure, pressure_unit
 from fem_snh.choices import ASSEMBLIES, DEFAULT_ASSEMBLY
 from fem_snh.errors import choose
+from fem_snh.kernels.material import material
 from fem_snh.mesh.mesh import cell_volumes, volume
 from fem_snh.mesh.mesh_checks import check_force_scale
 from fem_snh.mesh.skin import Skin
@@ -36,7 +39,7 @@ from fem_snh.problem.reactions import Reactions
 from fem_snh.problem.regime import regime_of
 from fem_snh.solver.protocol import Regime
 from fem_snh.terms.body import MotionInTime
-from fem_snh.terms.elastic import elastic_term
+from fem_snh.terms.elastic import elastic_term, loops_over
 from fem_snh.terms.elimination import EliminatingTerm
 from fem_snh.terms.history import TermHistory
 from fem_snh.terms.rank_one import RankOneUpdate
@@ -433,15 +436,36 @@ class Problem:
         """Return fields with one value for each cell of this rank. Collective.
 
         Reference and deformed volume ("volume", "deformed_volume") [m^3], smallest J ("min_J"),
-        "energy" [J], and smallest eigenvalue of d2psi/dF2 ("min_eigenvalue") [Pa].
+        "energy" [J], and smallest eigenvalue of d2psi/dF2 ("min_eigenvalue") [Pa]. In cells without
+        a material, whose energy is a term, the energy is 0 and the eigenvalue -inf: unknown.
         """
         fields = self.elastic.cell_fields(*self._unknowns.split(x))
+        if self._bare:
+            cells, loops = self._bare
+            unknown = {"energy": 0.0, "min_eigenvalue": -np.inf}
+            for name, values in loops.fields(local_values(self._unknowns.split(x)[0])).items():
+                fields[name][cells] = unknown.get(name, values)
         if len(cells := self.solid_cells):
             volumes = cell_volumes(self.domain)[cells]
             rest = {"volume": volumes, "deformed_volume": volumes, "min_J": 1.0}
             for name, values in fields.items():
                 values[cells] = rest.get(name, 0.0)
         return fields
+
+    @cached_property
+    def _bare(self) -> tuple[Array, CellLoops] | None:
+        """The cells of this rank without a material, and loops over them. Collective.
+
+        Those of the simplest material have volumes and J. None if all cells have a material.
+        """
+        filled = [part.region.cells for part in self.elastic.parts]
+        number = np.arange(self.elastic.shape[0], dtype=np.int32)
+        cells = np.setdiff1d(number, np.concatenate([*filled, self.solid_cells]))
+        if not self.comm.allreduce(len(cells)):
+            return None
+        element = replace(self.element, volume="pointwise", pressure_degree=0)
+        region = Region(material("stable_neo_hookean", E=1.0, nu=0.3), cells)
+        return cells, loops_over(self.V, element, region)
 
     def measures(self, x: PETSc.Vec) -> dict[str, Any]:
         """Return the measures of the body that `body_measures` describes. Collective."""

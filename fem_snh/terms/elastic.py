@@ -191,13 +191,23 @@ class Elastic:
         return self._targets
 
     def cell_fields(self, u: PETSc.Vec, p: PETSc.Vec | None = None) -> dict[str, Array]:
-        """Return, for each cell of this rank, the fields of `Problem.cell_fields`."""
+        """Return, for each cell of this rank, the fields of `Problem.cell_fields`.
+
+        They are NaN in cells without a material.
+        """
         values = local_values(u), _if_any(local_values, p)
-        fields: dict[str, Array] = {name: np.empty(self.shape[0]) for name in FIELDS}
+        fields: dict[str, Array] = {name: np.full(self.shape[0], np.nan) for name in FIELDS}
         for part in self.parts:
             for name, value in part.loops.fields(*values).items():
                 fields[name][part.region.cells] = value
         return fields
+
+
+def loops_over(V: Any, element: Element, region: Region) -> CellLoops:
+    """Return loops over a region that is no part of the elastic term. Collective."""
+    tables = element_tables(V, element)
+    compiled = on_root(V.mesh.comm, compile_cell_loops, region.material, tables)
+    return CellLoops(compiled, restricted(tables, region.cells, region.fractions))
 
 
 def _if_any(values: Callable[[PETSc.Vec], Array], vector: PETSc.Vec | None) -> Array | None:
