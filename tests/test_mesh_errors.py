@@ -34,7 +34,7 @@ def test_groups_are_named_by_name_number_or_dimension(comm, folder):
 @pytest.mark.parametrize(
     ("source", "cell", "parameters", "message"),
     [
-        ("cylindre", "hexahedron", {}, "geometry = 'cylindre': .*cube, cylinder.*'cylinder'"),
+        ("cylindre", "hexahedron", {}, "mesh.source = 'cylindre': .*cube, cylinder.*'cylinder'"),
         (
             "cube",
             "prism",

@@ -121,7 +121,7 @@ def test_sources_say_what_they_accept(source):
 
 
 def test_an_unknown_source_has_no_parameters():
-    with pytest.raises(BadInput, match=r"geometry = 'cubes'"):
+    with pytest.raises(BadInput, match=r"mesh.source = 'cubes'"):
         parameter("cubes", "cells")
 
 

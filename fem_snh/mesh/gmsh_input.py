@@ -44,7 +44,7 @@ def source_path(source: str) -> Path:
     here = Path(__file__).resolve().parents[1]
     folders = [here / "meshes", here.parent / "meshes"]
     known = {p.stem: p for folder in folders for p in sorted(folder.glob("*.geo"))}
-    return known[choose("geometry", source, sorted(known))]
+    return known[choose("mesh.source", source, sorted(known))]
 
 
 def generate(
