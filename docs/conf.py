@@ -28,6 +28,7 @@ extensions = [
     "gallery",  # the demos as pages
     "short_names",  # links of docstrings to names of other modules
     "constant_comments",
+    "navigation",
 ]
 exclude_patterns = ["_build", "_ext", "inventories"]
 source_suffix = {".md": "markdown", ".rst": "restructuredtext"}
