@@ -10,6 +10,7 @@ from running import solve
 from time_scenes import DOWN, SWING, in_time
 
 from fem_snh import scenes
+from fem_snh.accuracy.goal_errors import Estimate
 from fem_snh.accuracy.levels import LevelRow, Levels
 from fem_snh.accuracy.path_errors import (
     bounds_of_small_changes,
@@ -235,6 +236,15 @@ def test_bounds_of_small_changes_of_order_1():
     assert 2.63 < bound < 5
 
 
+def test_steps_that_fail_are_followed_by_shorter_ones_on_the_same_mesh():
+    """Finer cells followed, on which more steps fail: no level had an estimate."""
+    estimate = Estimate(reason="with half the steps some failed", steps_too_long=True)
+    levels = Levels(0.05, dim=2)
+    levels.add(LevelRow("P2", 2, 12, 70, 1.0, 1.0, steps=17), estimate)
+    changes = levels.changes()
+    assert (changes.refinement, changes.shorter) == (1.0, 4.0)
+
+
 def test_equal_steps_alone_have_an_estimate():
     time = {"duration": 0.01, "steps": 4, "tolerance": 1e-2}
     found = solve(in_time(time, probe=TIP, accuracy=GOALS, **SWING))
@@ -279,6 +289,33 @@ def test_the_penalty_of_an_impact():
     setup.destroy()
     assert abs(stiff - goal.value) > 0.04 * abs(goal.value)
     assert goal.parts["penalty"] / (stiff - goal.value) == pytest.approx(16 / 15, rel=0.15)
+
+
+def pulled_tube(cells, steps):
+    """A tube whose bonded outside is at rest, after a pull along its inside."""
+    return Scene(
+        name="tube",
+        mesh=Geometry(source="tube", parameters={"section": 1, "outer": 1.5, "length": 1.0}),
+        kinematics="axisymmetric",
+        cells=cells,
+        element="P2P1",
+        material=MaterialChoice(name="neo_hookean", E=1.0, nu=0.48, density=1.0),
+        hold=[Hold(group="outer")],
+        traction=[Traction(group="inner", vector=(0, -0.1, 0))],
+        probe=[Probe(name="tip", point=(1, 0.5, 0))],
+        time=Time(duration=2.0, steps=steps, damping={"stiffness": 0.2}),
+        accuracy=Accuracy(goals=["tip.y"]),
+    )
+
+
+def test_the_decay_at_a_bonded_edge_counts_in_time_too():
+    """Without it the estimate was half of the error."""
+    found = solve(pulled_tube(2, 32)).estimate
+    goal = found.goals["tip.y"]
+    fine = solve(pulled_tube(8, 32).model_copy(update={"accuracy": None}))
+    error = fine.steps[-1]["probes"]["tip"][1] - goal.value
+    assert found.saturation > 1.5
+    assert 0.7 < goal.parts["mesh"] / error < 1.4
 
 
 def thrown_cylinder(steps):

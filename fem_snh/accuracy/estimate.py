@@ -36,6 +36,7 @@ from fem_snh.accuracy.lifted_elements import (
 from fem_snh.accuracy.no_estimate import (
     NoEstimate,
     NoEstimateOnAnyMesh,
+    StepsTooLong,
     TooLittleMemory,
     check_problem,
 )
@@ -175,6 +176,7 @@ def estimate_with(
     except NoEstimate as reason:
         estimate.reason = str(reason)
         estimate.on_no_mesh = isinstance(reason, NoEstimateOnAnyMesh)
+        estimate.steps_too_long = isinstance(reason, StepsTooLong)
         estimate.lacks_memory = isinstance(reason, TooLittleMemory)
     problem.split(problem.x)
     terms = [goal for goal in goals if isinstance(goal, TermGoal)]
@@ -358,7 +360,7 @@ def _missed_by_lifted(
     """
     problem, lifted = goals.lift.problem, goals.lift.lifted
     middle = element_of_factor(problem, lifted.element)
-    if middle is None and _locks(problem, lifted):
+    if middle is None and locks(problem, lifted.element):
         return Differences(*np.zeros((2, len(goals.values))))
     goals.estimate.saturation = saturation(lifted, lifted.split(lifted.x)[0])
     factor = goals.estimate.saturation - 1
@@ -369,13 +371,13 @@ def _missed_by_lifted(
     return Differences(between, errors.unsettled + in_middle.unsettled).scaled(factor)
 
 
-def _locks(problem: Problem, lifted: Problem) -> bool:
+def locks(problem: Problem, lifted: Element) -> bool:
     """Return whether the run's element locks: no decay of the lifted one's degrees shows that.
 
     P2 on triangles hardly does, nor does an element whose lifted one is of the same kind.
     """
     triangles = problem.element.name == "P2" and problem.kinematics.dim == 2
-    same = lifted.element.volume == problem.element.volume
+    same = lifted.volume == problem.element.volume
     return bool(may_lock(problem)) and not triangles and not same
 
 
@@ -439,7 +441,7 @@ def _add_frequencies(
     if modes is None:
         return None
     numbers = [goal.number - 1 for goal in goals]
-    shapes = [] if _locks(lift.problem, lift.lifted) else [modes.shapes[i] for i in numbers]
+    shapes = [] if locks(lift.problem, lift.lifted.element) else [modes.shapes[i] for i in numbers]
     # The root: smooth modes leave nothing, those of clamped bodies the factor.
     factors = np.sqrt([saturation(lift.lifted, shape) for shape in shapes]) if shapes else 1.0
     changes = modes.frequencies[numbers] - values_of(estimate, goals)

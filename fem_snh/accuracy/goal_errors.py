@@ -197,6 +197,8 @@ class Estimate:
         Why there is no estimate; empty if there is one.
     on_no_mesh : bool
         Whether a finer mesh would not have one either.
+    steps_too_long : bool
+        Whether there is none because steps fail, and shorter ones may not.
     lacks_memory : bool
         Whether there is none because the lifted problem needs more memory than is available.
     coarser : str
@@ -233,6 +235,7 @@ class Estimate:
     goals: dict[str, GoalError] = field(default_factory=dict)
     reason: str = ""
     on_no_mesh: bool = False
+    steps_too_long: bool = False
     lacks_memory: bool = False
     coarser: str = ""
     element: str = ""

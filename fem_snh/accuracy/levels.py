@@ -143,7 +143,8 @@ class LevelRow:
     kind : str
         What they are: "time" or "load".
     steps_have_no_order : bool
-        Whether the changes of a goal by more steps do not decrease, so that there is no estimate.
+        Whether there is no estimate as the changes of a goal by more steps do not decrease, or as
+        steps fail.
     untouched : dict of str
         The lines of forces of contact that do not count, as nothing touches, or only begins to.
     left_out : list of str
@@ -220,6 +221,7 @@ class Levels:
         unknown = [name for name, goal in known.items() if goal.error is None]
         if estimate is None or estimate.reason:
             row.reason = estimate.reason if estimate else "the load steps did not converge"
+            row.steps_have_no_order = bool(estimate and estimate.steps_too_long)
         elif unknown:
             reasons = [f"{name}: {known[name].reason}" for name in unknown if known[name].reason]
             row.reason = reasons[0] if reasons else f"no estimate of {', '.join(unknown)}"

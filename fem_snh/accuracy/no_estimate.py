@@ -14,6 +14,10 @@ class ElementDoesNotFit(NoEstimate):
     """The problem cannot have this element; another one may do."""
 
 
+class StepsTooLong(NoEstimate):
+    """Steps fail on a path that is followed again with fewer of them; shorter ones may not."""
+
+
 class TooLittleMemory(NoEstimate):
     """The lifted problem needs more memory than it may have."""
 

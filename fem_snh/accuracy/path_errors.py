@@ -23,12 +23,24 @@ import numpy.typing as npt
 
 from fem_snh.accuracy.budget import STIFFER, penalty_part, without_penalties
 from fem_snh.accuracy.differences import scales_of, values_of
-from fem_snh.accuracy.estimate import estimate_with
+from fem_snh.accuracy.estimate import estimate_with, locks
 from fem_snh.accuracy.frequency_goals import FrequencyGoal
 from fem_snh.accuracy.goal_errors import LOAD_STEPS, TIME_STEPS, Estimate, bounded_steps
 from fem_snh.accuracy.goals import Goal, names_of
-from fem_snh.accuracy.lifted_elements import check_memory, lifted_dofs, lifted_elements, memory
-from fem_snh.accuracy.no_estimate import ElementDoesNotFit, NoEstimate, check_body
+from fem_snh.accuracy.lifted_elements import (
+    check_memory,
+    element_of_factor,
+    lifted_dofs,
+    lifted_elements,
+    memory,
+)
+from fem_snh.accuracy.no_estimate import (
+    ElementDoesNotFit,
+    NoEstimate,
+    StepsTooLong,
+    check_body,
+)
+from fem_snh.accuracy.saturation import saturation
 from fem_snh.assembly.elements import Element
 from fem_snh.mesh.mesh import Mesh
 from fem_snh.problem.problem import Problem
@@ -108,6 +120,8 @@ class Followed(NamedTuple):
         The steps taken, and their iterations.
     late : mapping of array
         The goals after the steps of the last half of the path, by the load.
+    saturation : float
+        The factor of `fem_snh.accuracy.saturation` at the end, of an element of degree 3.
     """
 
     values: Array
@@ -115,6 +129,7 @@ class Followed(NamedTuple):
     newton: int
     linear: int
     late: Mapping[float, Array] = MappingProxyType({})
+    saturation: float = 1.0
 
     def largest_difference(self, other: Followed) -> Array:
         """Return the largest differences to another path at common loads, the end among them."""
@@ -147,11 +162,12 @@ def end_of(
             late[round(problem.load, _DIGITS)] = evaluate()
     steps: Any = stepper
     if not steps.done:
-        raise NoEstimate(f"{what}: {steps.failure_message()}")
+        raise StepsTooLong(f"{what}: {steps.failure_message()}")
     values = evaluate()
     if not np.isfinite(values).all():
         raise NoEstimate(f"a goal is not finite {what}")
-    return Followed(values, steps.taken, newton, linear, late)
+    factor = saturation(problem, problem.split(problem.x)[0]) if problem.motion else 1.0
+    return Followed(values, steps.taken, newton, linear, late, factor)
 
 
 def estimate_on_path(
@@ -280,7 +296,7 @@ class _Repetitions:
         half = self._follow(half_steps)
         finer = self._path.taken / half.taken  # with more steps than in the run, of one step, < 1
         if 1 / _LEAST_RATIO < finer < _LEAST_RATIO:
-            raise NoEstimate(
+            raise StepsTooLong(
                 f"with half the steps some failed and were halved: {half.taken} steps beside the "
                 f"run's {self._path.taken} are no comparison"
             )
@@ -318,10 +334,13 @@ class _Repetitions:
         """Note an order that is not measured, and lengths that the lifted element has, too."""
         motion, left_out = self._problem.motion, self._estimate.left_out
         if motion and not before.any():
+            steps, fewest = self._path.steps, HALVES * _FEWEST_QUARTER
+            shows = f"a multiple of {HALVES} steps, {fewest} or more, shows it"
+            if steps % HALVES == 0 and steps >= fewest:
+                shows = "of a quarter of them some failed and were halved: more steps show it"
             left_out.append(
                 f"the order of {self._path.taken} time steps was not measured: their error may be "
-                f"larger than its estimate, which takes order {motion.integrator.order}; a "
-                f"multiple of {HALVES} steps, {HALVES * _FEWEST_QUARTER} or more, shows it"
+                f"larger than its estimate, which takes order {motion.integrator.order}; {shows}"
             )
         for term in self._problem.terms:
             if isinstance(term, LengthTerm):
@@ -394,10 +413,13 @@ class _Repetitions:
             except NoEstimate as error:
                 self._estimate.left_out.append(f"the error of penalties is not known: {error}")
         lifted, element = self._lifted(steps, stiffer)
-        mesh = lifted.values - stiffened(stiffer)
+        difference = lifted.values - stiffened(stiffer)
+        mesh = difference
         if motion:
-            largest = lifted.largest_difference(followed)
-            of_mesh = self._change_by_steps(mesh, element, fewer)
+            mesh = difference + self._missed_by_lifted(steps, lifted, element, difference)
+            factor = self._estimate.saturation
+            largest = np.maximum(np.abs(mesh), factor * lifted.largest_difference(followed))
+            of_mesh = factor * self._change_by_steps(difference, element, fewer)
             self.missed = self.missed._replace(of_mesh=of_mesh, largest=largest)
         if has_penalties and motion:
             by_stiffer = penalty_part(values, stiffened(STIFFER))
@@ -406,6 +428,30 @@ class _Repetitions:
             self.missed = self.missed._replace(of_penalty=unresolved)
         parts = {"mesh": mesh}
         return parts if penalty is None else parts | {"penalty": penalty}
+
+    def _missed_by_lifted(
+        self, steps: int, lifted: Followed, element: Element, difference: Array
+    ) -> Array:
+        """Return what the lifted element misses in time, from the decay of its degrees.
+
+        Parameters
+        ----------
+        steps : int
+            The number of steps.
+        lifted : Followed
+            The path with them in the lifted element.
+        element : Element
+            The lifted element.
+        difference : (goals,) array
+            Its goals less those of the run's element.
+        """
+        middle = element_of_factor(self._problem, element)
+        if middle is None and locks(self._problem, element):
+            return np.zeros(len(difference))
+        self._estimate.saturation = lifted.saturation
+        if lifted.saturation > 1 and middle is not None:
+            difference = lifted.values - self._follow(steps, middle).values
+        return (lifted.saturation - 1) * difference
 
     def _change_by_steps(self, mesh: Array, element: Element, steps: int) -> Array:
         """Return by how much the part of the mesh differs with fewer steps; 0 without any.

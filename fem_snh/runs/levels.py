@@ -143,7 +143,8 @@ class Level:
         row = self.row
         assert row is not None
         row.seconds, row.memory = seconds, memory
-        row.elapsed, row.steps = perf_counter() - self.start, len(rows) if followed else 0
+        row.elapsed = perf_counter() - self.start
+        row.steps = sum(step["converged"] for step in rows) if followed else 0
         row.kind = "time" if in_time else "load"
         self.levels.add(row, estimate)
         if not row.goals and not followed:  # the next level follows the load steps again
