@@ -18,6 +18,7 @@ MISTAKES = [
     ("run twst", "scene = 'twst': expected .*did you mean 'twist'"),
     ("run --nu 0.3", "missing SCENE: expected .*twist"),
     ("run twist stretch", "unexpected 'stretch'"),
+    ("sweep twist --out x --error", "sweep: unknown option .--error.: expected --set error="),
     ("run twist --nuu 0.3", "unknown option '--nuu': expected .*--cells.*did you mean '--nu'"),
     ("run twist --nu", "--nu: expected one argument"),
     ("run twist --nu 0.51", r"material.nu = 0.51: expected a number in \(-1, 0.5\]"),

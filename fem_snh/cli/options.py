@@ -54,6 +54,17 @@ SCENE_OPTIONS = (
 REPEATED: dict[str, Any] = {"action": "append", "default": []}
 
 
+#: Commands whose --set reaches every key of a scene.
+_OF_SCENES = ("run", "sweep")
+
+
+def _scene_keys() -> set[str]:
+    """Return the top-level keys of a scene."""
+    from fem_snh.scenes import Scene
+
+    return set(Scene.model_fields)
+
+
 class Parser(argparse.ArgumentParser):
     """An argparse parser without abbreviations that raises `BadInput` instead of exiting.
 
@@ -117,6 +128,9 @@ class Parser(argparse.ArgumentParser):
         for word in [w for w in rest if w.startswith("-")] or rest:
             name = word.partition("=")[0]
             if word.startswith("-"):
+                key = name.lstrip("-").replace("-", "_")
+                if self.prog.split()[-1] in _OF_SCENES and key in _scene_keys():
+                    self.error(f"unknown option '{name}': expected --set {key}=..., a scene's key")
                 self.error(
                     f"{unknown_name('option', name, sorted(options))}; PETSc options go after --"
                 )
