@@ -269,6 +269,7 @@ def moving(draw: Random) -> Drawn:
         "duration": duration, "steps": draw.choice((8, 16, 20, 24, 32, 48)), "damping": damping,
         "integrator": draw.choice(("newmark", "newmark", "generalized_alpha", "backward_euler")),
     }  # fmt: skip
+    goals = draw.sample(goals, 2)
     if body.kinematics == "axisymmetric":  # radial forces and displacements on the axis are zero
         goals = [f"{g}.y" if g.endswith((".force", ".displacement")) else g for g in goals]
     return _checked(scene | {"name": "_".join(words)}), goals
