@@ -1,7 +1,7 @@
 """Is what was asked for true of random scenes? Each is compared with finer meshes.
 
 Loads, ratios, materials, elements and meshes are drawn at random, in families: `plane`, `solid`,
-`revolved`, `contrast`, `supported` and `moving` of `benchmarks.random_scenes`.
+`revolved`, `contrast`, `supported`, `moving` and `rubbing` of `benchmarks.random_scenes`.
 """
 
 from __future__ import annotations
@@ -42,7 +42,8 @@ def rows(
         revolution, most under a follower pressure; contrast: bars of two materials, one up to 1000
         times as stiff; supported: cubes with weight, on foundations, between symmetry planes,
         pressed by a plane or a sphere; moving: bodies in time, held, on springs, shaken or thrown
-        at a plane, with rigid parts and loads that change.
+        at a plane, with rigid parts and loads that change; rubbing: cubes and cylinders that planes
+        and spheres press and rub, with friction.
     first, count : int
         The first seed, and the number of scenes of each family.
     share : float

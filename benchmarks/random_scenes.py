@@ -203,6 +203,51 @@ def supported(draw: Random) -> Drawn:
     return _checked(scene), goals
 
 
+def rubbing(draw: Random) -> Drawn:
+    """Cubes and cylinders of revolution that planes and spheres press and rub, with friction."""
+    body = draw.choice(("cube", "cube", "cylinder"))
+    scene = _solid(draw, draw.choice((2, 3) if body == "cube" else (4, 6)))
+    scene["steps"] = draw.choice((4, 8, 12, 16))
+    words, depth, shape = [body], draw.uniform(0.03, 0.2), draw.choice(("plane", "sphere"))
+    up, axes = (2, "xyz") if body == "cube" else (1, "y")
+    top: list[float] = [0.5, 0.5, 1] if body == "cube" else [0, 1, 0]
+    normal = [float(i == up) for i in range(3)]
+    press: dict[str, Any] = {"plane": {"point": top, "normal": [-size for size in normal]}}
+    if shape == "sphere":
+        radius = draw.uniform(0.5, 3)
+        center = [at + radius * size for at, size in zip(top, normal, strict=True)]
+        press = {"sphere": {"center": center, "radius": radius}}
+    obstacle = {"name": "press", "shape": press, "friction": draw.choice((0.1, 0.3, 0.6))}
+    obstacle["translate"] = [-depth * size for size in normal]
+    foot = "bottom"
+    if body == "cube":
+        scene |= {"mesh": {"source": body}}
+        slide = [draw.uniform(-0.25, 0.25), draw.choice((0.0, draw.uniform(-0.25, 0.25))), 0]
+        path = draw.choice(("at once", "pressed first", "there and back"))
+        points: dict[str, list[tuple[float, float]]] = {
+            "pressed first": [(0.5, 0), (1, 1)],
+            "there and back": [(0.5, 1), (1, -0.5)],
+        }
+        move: dict[str, Any] = {"group": foot, "translate": slide}
+        if path in points:
+            scene["table"] = [{"name": "path", "points": [(0, 0), *points[path]]}]
+            move["table"] = "path"
+        if path == "pressed first":
+            scene["table"].append({"name": "first", "points": [(0, 0), (0.5, 1), (1, 1)]})
+            obstacle["table"] = "first"
+        scene["move"] = [move]
+        words.append(path.replace(" ", "_"))
+    else:
+        foot = "left"
+        scene |= {"mesh": _mesh(body, length=1), "kinematics": "axisymmetric"}
+        scene["hold"] = [{"group": foot}]
+    tip = (1, 1, 1) if body == "cube" else (0.4, 0.8, 0)
+    scene |= {"obstacle": [obstacle], "reactions": [{"group": foot}]} | _probes({"tip": tip})
+    scene["name"] = "_".join([*words, shape])
+    forces = [f"{name}.force.{axis}" for name in ("press", foot) for axis in axes]
+    return _checked(scene), ["tip", "body.mean", "volume", *forces]
+
+
 class _Body(NamedTuple):
     """A body that moves: its mesh, groups and points.
 
@@ -358,7 +403,10 @@ def _hold_and_load(
 
 #: The families by their names.
 FAMILIES: Mapping[str, Callable[[Random], Drawn]] = MappingProxyType(
-    {family.__name__: family for family in (plane, solid, revolved, contrast, supported, moving)}
+    {
+        family.__name__: family
+        for family in (plane, solid, revolved, contrast, supported, moving, rubbing)
+    }
 )
 
 

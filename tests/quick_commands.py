@@ -12,6 +12,7 @@ QUICK = {
     f"{BENCH} accuracy_in_time": "--scenes swing --within 0.3 --exact false",
     f"{BENCH} random_accuracy": "--count 1 --first 2 --share 0.1 --finer 2",
     f"{BENCH} random_accuracy --families": "--families revolved --count 1 --first 4 --share 0.1",
+    f"{BENCH} random_accuracy --families rubbing": "--count 1 --first 3",
     f"{BENCH} random_accuracy --families moving": "--count 1 --first 2 --share 0.2",
     f"{BENCH} asked_accuracy": "--scenes tube --share 0.1 --exact false",
     f"{BENCH} assembly": "--elements Q1 --material stable_neo_hookean --cells 2 --repeat 1",

@@ -11,6 +11,8 @@ import pytest
 from running import solve
 
 from fem_snh import scenes
+from fem_snh.accuracy.goal_bounds import add_what_is_missed
+from fem_snh.accuracy.goal_errors import Estimate, GoalError
 from fem_snh.scenes import Accuracy, Geometry, Hold, MaterialChoice, Obstacle, Scene
 from fem_snh.tables.amplitudes import Amplitude
 
@@ -144,3 +146,38 @@ def test_levels_follow_the_path_again_with_stiffer_penalties():
     assert abs(last["parts"]["penalty"]) < 0.3 * abs(first["parts"]["penalty"])
     known = seal(8).estimate.goals[FORCE].corrected
     assert last["best"] == pytest.approx(known, rel=0.02)
+
+
+@pytest.mark.parametrize(
+    ("parts", "bound"),
+    [
+        # The sum is less than 0.4 of each part, 0.15 of a penalty without steps.
+        ({"mesh": 0.025, "penalty": -0.028}, 0.053 + 0.4 * 0.025 + 0.15 * 0.028),
+        ({"load steps": 0.001, "mesh": 0.025, "penalty": -0.028}, 0.054 + 0.4 * 0.054),
+        ({"mesh": 0.025, "penalty": -0.01}, None),
+        ({"load steps": 0.001, "mesh": 0.025, "penalty": 0.028}, None),
+    ],
+)
+def test_parts_that_cancel_have_a_bound_alone(parts, bound):
+    goal = GoalError(-1.0, sum(parts.values()), scale=1.0, parts=parts)
+    estimate = Estimate({"tip.z": goal})
+    add_what_is_missed(estimate, degree=1, dim=3)
+    found = estimate.goals["tip.z"]
+    assert found.is_found == (bound is None)
+    if bound is None:
+        assert found.bound is None
+    else:  # a penalty of 3 % is known to 3 % less, and changes the mesh's part by as much
+        assert bound < found.bound < bound + 2 * 0.028 * 0.053
+        assert "error below" in found.text("tip.z") and "mesh +0.025" in found.text("tip.z")
+
+
+def test_a_small_component_has_a_bound_with_friction():
+    """Its estimate is a difference of errors of the others."""
+    large, small = (
+        GoalError(1.0, error, scale=1.0, parts={"load steps": 0.0, "mesh": error})
+        for error in (0.2, 0.03)
+    )
+    estimate = Estimate({"tip.x": large, "tip.z": small})
+    add_what_is_missed(estimate, degree=1, dim=3)
+    assert estimate.goals["tip.x"].is_found and not estimate.goals["tip.z"].is_found
+    assert estimate.goals["tip.z"].bound == pytest.approx(0.03 + 0.2 * 0.2)

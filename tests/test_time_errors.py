@@ -203,7 +203,7 @@ def test_small_changes_that_do_not_decrease_have_a_bound(integrator, friction, n
     assert abs(exact - goal.value) < goal.steps_bound < 0.1 * abs(goal.value)
     assert goal.parts["time steps"] == 0
     assert goal.error == goal.parts["mesh"] + goal.parts["penalty"] != 0
-    bounds = goal.steps_bound + goal.mesh_bound + goal.penalty_bound
+    bounds = goal.steps_bound + goal.mesh_bound + goal.penalty_bound + goal.missed
     parts = goal.of_path + abs(goal.parts["penalty"])
     assert goal.bound == pytest.approx(parts + bounds)
     assert goal.bound >= abs(goal.error) + bounds

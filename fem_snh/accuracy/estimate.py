@@ -22,6 +22,7 @@ from fem_snh.accuracy.differences import (
     values_of,
 )
 from fem_snh.accuracy.frequency_goals import FrequencyGoal, LiftedModes, lifted_modes
+from fem_snh.accuracy.goal_bounds import add_what_is_missed
 from fem_snh.accuracy.goal_errors import BEGINS, NO_CONTACT, SMALL_FORCE, Estimate, GoalError
 from fem_snh.accuracy.goals import EnergyGoal, Goal, PointGoal, TermGoal, VectorGoal, names_of
 from fem_snh.accuracy.indicators import cell_indicators, place
@@ -173,6 +174,7 @@ def estimate_with(
             faces = faces or round_faces(problem.domain, problem.kinematics.revolved)
             estimate.left_out += filter(None, [faces.text])
         _add_narrow_contacts(problem, estimate)
+        add_what_is_missed(estimate, problem.element.degree, problem.kinematics.dim)
     except NoEstimate as reason:
         estimate.reason = str(reason)
         estimate.on_no_mesh = isinstance(reason, NoEstimateOnAnyMesh)

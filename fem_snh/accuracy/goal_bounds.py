@@ -13,7 +13,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from fem_snh.accuracy.goal_errors import SMALL_FORCE, STEPS, TIME_STEPS, Estimate, GoalError
+from fem_snh.accuracy.goal_errors import SMALL_FORCE, STEPS, Estimate, GoalError
 from fem_snh.accuracy.goals import vector_of
 
 #: Bound of an error over its estimate, by the degree of the displacement: 1.27 is measured with
@@ -37,8 +37,8 @@ _SAFETY_OF_PENALTIES = 1.15
 _SLOWEST = 0.8
 #: A corrected value is taken if the correction is at most so many times the request.
 _LARGEST_CORRECTION = 20.0
-#: Least bound of a component, over the largest one of the same vector; in time.
-_LEAST_OF_VECTOR, _LEAST_IN_TIME = 0.1, 0.2
+#: Least bound of a component, over the largest one of the same vector; in time and with friction.
+_LEAST_OF_VECTOR, _LEAST_ON_PATH = 0.1, 0.2
 #: Least bound of a displacement on the first level, over that of the largest error of one in the
 #: body: where a coarse mesh resolves a corner badly, the estimate at and behind it is small by
 #: chance, or of the other sign. From the second level on the change of corrected values shows it.
@@ -159,11 +159,60 @@ def bounded_goals(
         Whether they were asked for by name: otherwise the errors of forces below a tenth of the
         largest one are relative to that.
     """
-    weak = dim == 2 and estimate.element == "P3P0"
-    safety = _SAFETY_OF_P3P0 if weak else _SAFETY[degree]
-    safety = max(safety, 2 - _LEAST_WITHOUT_FACTOR / estimate.saturation)
+    safety = _safety(estimate, degree, dim)
     goals = {name: _bounded(goal, safety, coarser.get(name)) for name, goal in known.items()}
     return _with_least_bounds(goals if named else _least_of_forces(goals))
+
+
+def add_what_is_missed(estimate: Estimate, degree: int, dim: int) -> None:
+    """Add to errors of several parts what these may miss, of a run whose elements have a degree.
+
+    On a path that is at least a part of the largest error of the same vector, as for bounds.
+    """
+    common = _safety(estimate, degree, dim)
+    largest: dict[str, float] = {}
+    for name, goal in estimate.goals.items():
+        largest[vector_of(name)] = max(largest.get(vector_of(name), 0.0), abs(goal.error or 0.0))
+    for name, goal in estimate.goals.items():
+        if goal.error is not None and goal.parts:
+            safety = _safety_of_shapes(goal, common)
+            missed = _missed(goal, safety) + (safety - 1) * _of_steps(goal)
+            if not goal.parts.keys().isdisjoint(STEPS):
+                missed = max(missed, _LEAST_ON_PATH * largest[vector_of(name)])
+            estimate.goals[name] = replace(goal, missed=missed)
+
+
+def _safety(estimate: Estimate, degree: int, dim: int) -> float:
+    """Return the bound of an error over its estimate."""
+    weak = dim == 2 and estimate.element == "P3P0"
+    safety = _SAFETY_OF_P3P0 if weak else _SAFETY[degree]
+    return max(safety, 2 - _LEAST_WITHOUT_FACTOR / estimate.saturation)
+
+
+def _safety_of_shapes(goal: GoalError, safety: float) -> float:
+    """Return the bound of an error over its estimate, with that of bones that are shapes."""
+    return max(safety, _SAFETY_OF_SHAPES) if "shape" in goal.parts else safety
+
+
+def _of_steps(goal: GoalError) -> float:
+    """Return the size of the part of time or load steps."""
+    return sum(abs(goal.parts.get(source, 0.0)) for source in STEPS)
+
+
+def _missed(goal: GoalError, safety: float) -> float:
+    """Return what the parts of an error but that of steps may miss."""
+    safety = _safety_of_shapes(goal, safety)
+    parts = goal.parts or {"mesh": goal.error or 0.0}
+    sizes = {source: abs(part) for source, part in parts.items() if source not in STEPS}
+    # Errors of a vibration are small at an instant by chance.
+    largest = sizes | ({"mesh": max(sizes["mesh"], goal.of_path)} if goal.of_path else {})
+    missed = sum((_safety_of(s, goal.parts, safety) - 1) * part for s, part in largest.items())
+    scale = max(goal.scale, abs(goal.value + (goal.error or 0.0)))
+    if "penalty" in sizes and scale > 0:
+        # Without penalties the mesh has another error; that of penalties is inverse to their
+        # stiffness where it is small.
+        missed += (sizes.get("mesh", 0.0) + sizes["penalty"]) * sizes["penalty"] / scale
+    return missed
 
 
 def _bounded(goal: GoalError, safety: float, coarser: GoalLevel | None) -> GoalLevel:
@@ -171,19 +220,11 @@ def _bounded(goal: GoalError, safety: float, coarser: GoalLevel | None) -> GoalL
     error = goal.error or 0.0
     corrected = goal.value + error
     scale = max(goal.scale, abs(corrected))
-    if "shape" in goal.parts:
-        safety = max(safety, _SAFETY_OF_SHAPES)
-    steps = sum(abs(goal.parts.get(source, 0.0)) for source in STEPS)
-    parts = {source: abs(part) for source, part in goal.parts.items()} or {"mesh": abs(error)}
-    others = {source: part for source, part in parts.items() if source not in STEPS}
-    size = sum(others.values())  # the parts may cancel
-    # Errors of a vibration are small at an instant by chance.
-    sizes = others | ({"mesh": max(others["mesh"], goal.of_path)} if goal.of_path else {})
-    missed = sum((_safety_of(s, parts, safety) - 1) * part for s, part in sizes.items())
-    missed += goal.mesh_bound + goal.penalty_bound
-    if "penalty" in parts and scale > 0:  # without penalties the mesh has another error
-        missed += parts["mesh"] * parts["penalty"] / scale
-    on_path = not parts.keys().isdisjoint(STEPS)
+    safety = _safety_of_shapes(goal, safety)
+    steps = _of_steps(goal)
+    size = sum(map(abs, goal.parts.values())) - steps if goal.parts else abs(error)  # may cancel
+    missed = _missed(goal, safety) + goal.mesh_bound + goal.penalty_bound
+    on_path = not goal.parts.keys().isdisjoint(STEPS)
     unsettled = 0.0 if on_path else goal.unsettled  # its bounds are counted above
     bound = size + missed + max(safety * steps, goal.steps_bound) + unsettled
     uncertainty = missed + max((safety - 1) * steps, goal.steps_bound) + unsettled
@@ -232,7 +273,8 @@ def _with_least_bounds(goals: Mapping[str, GoalLevel]) -> dict[str, GoalLevel]:
         largest[vector_of(name)] = max(largest.get(vector_of(name), 0.0), goal.uncertainty)
     found = {}
     for name, goal in goals.items():
-        part = _LEAST_IN_TIME if TIME_STEPS in goal.parts else _LEAST_OF_VECTOR
+        on_path = not goal.parts.keys().isdisjoint(STEPS)
+        part = _LEAST_ON_PATH if on_path else _LEAST_OF_VECTOR
         least = part * largest[vector_of(name)]
         bounds = max(goal.bound, least), max(goal.uncertainty, least)
         found[name] = replace(goal, bound=bounds[0], uncertainty=bounds[1])

@@ -48,6 +48,8 @@ class GoalError:
         A bound of the error of time or load steps; infinite where none is known.
     mesh_bound, penalty_bound : float
         In time, bounds of what shorter steps change of the parts of the mesh and of penalties.
+    missed : float
+        Of an error of several parts, what they may miss in all.
     at_most : float
         A bound of the error where it is an extrapolation from coarser meshes; 0 elsewhere.
     of_body : float
@@ -68,6 +70,7 @@ class GoalError:
     steps_bound: float = 0.0
     mesh_bound: float = 0.0
     penalty_bound: float = 0.0
+    missed: float = 0.0
     at_most: float = 0.0
     of_body: float = 0.0
     of_size: float = 0.0
@@ -88,8 +91,13 @@ class GoalError:
 
     @property
     def is_found(self) -> bool:
-        """Whether no more than a fifth of the estimate, `UNSETTLED`, is unsettled."""
-        return abs(self.error or 0.0) * UNSETTLED >= self.unsettled
+        """Whether an estimate says more than a bound.
+
+        No more than a fifth of it, `UNSETTLED`, is unsettled, and its parts do not cancel: they may
+        miss no more than it is.
+        """
+        size = abs(self.error or 0.0)
+        return size * UNSETTLED >= self.unsettled and size >= self.missed
 
     @property
     def is_zero(self) -> bool:
@@ -99,20 +107,23 @@ class GoalError:
 
     @property
     def bound(self) -> float | None:
-        """The bound of the error where it is unsettled, or steps have a bound alone; else None."""
+        """The bound of the error where there is no more than one, or of coarser meshes; or None."""
         if self.error is None:
             return None
         if self.at_most:
             return self.at_most
         if self.is_found and not bounded_steps(self.parts, self.steps_bound):
             return None
-        if self.parts.keys().isdisjoint(STEPS):
+        if not self.parts:
             return abs(self.error) + self.unsettled
         sizes = {source: abs(part) for source, part in self.parts.items()}
-        steps = max(sizes.pop(source) for source in STEPS if source in sizes)
-        sizes["mesh"] = max(sizes.get("mesh", 0.0), self.of_path)
-        missed = max(steps, self.steps_bound) + self.mesh_bound + self.penalty_bound
-        return sum(sizes.values()) + missed
+        on_path = [sizes.pop(source) for source in STEPS if source in sizes]
+        if on_path:  # what is unsettled are the bounds
+            sizes["mesh"] = max(sizes.get("mesh", 0.0), self.of_path)
+            unsettled = max(*on_path, self.steps_bound) + self.mesh_bound + self.penalty_bound
+        else:
+            unsettled = self.unsettled
+        return sum(sizes.values()) + unsettled + self.missed
 
     def record(self) -> dict[str, Any]:
         """Return the entry of ``goals`` in run.json."""
@@ -135,7 +146,8 @@ class GoalError:
         of = f": {parts}" if parts else ""
         if not self.is_found:
             bound = self._bound_text(self.bound or 0.0)
-            of = of if bounded_steps(self.parts, self.steps_bound) else ""
+            cancel = self.missed > abs(self.error)
+            of = of if cancel or bounded_steps(self.parts, self.steps_bound) else ""
             return f"{name} {self.value:.6g}, error below {bound}{of}"
         value, corrected = (_shown(x, self.error) for x in (self.value, self.value + self.error))
         share = "" if self.relative is None else f" ({_share(self.relative)})"
