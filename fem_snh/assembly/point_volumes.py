@@ -56,10 +56,11 @@ def point_volumes(tables: ElementTables, u: Array) -> PointVolumes:
     for start in range(0, shape[0], _BATCH):
         chunk = slice(start, start + _BATCH)
         x = tables.x[tables.geometry[chunk]]
-        T = np.einsum("cai,qak->cqik", x, tables.geometry_gradients)
+        T = np.einsum("cai,qak->cqik", x, tables.geometry_gradients, optimize=True)
         kinematics.set_third_tangent(T)
         weights[chunk] = np.abs(np.linalg.det(T)) * tables.weights
-        gradient = np.einsum("cai,qak->cqik", nodal[tables.nodes[chunk]], tables.gradients)
+        values = nodal[tables.nodes[chunk]]
+        gradient = np.einsum("cai,qak->cqik", values, tables.gradients, optimize=True)
         H = gradient @ np.linalg.inv(T)
         kinematics.set_third_column(H)
         trace, HH = np.trace(H, axis1=2, axis2=3), np.einsum("cqij,cqji->cq", H, H)

@@ -61,7 +61,7 @@ def least_determinants(x: Array) -> Array:
         The nodes of tetrahedra of degree 2, in gmsh's order.
     """
     gradients, coefficients = _tables()
-    jacobian = np.einsum("cni,pnj->cpij", x, gradients)
+    jacobian = np.einsum("cni,pnj->cpij", x, gradients, optimize=True)
     straight = np.linalg.det(x[:, 1:4] - x[:, :1])
     return (np.linalg.det(jacobian) @ coefficients.T).min(axis=1) / straight
 

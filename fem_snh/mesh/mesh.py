@@ -230,7 +230,8 @@ def point_volumes(domain: Any, degree: int = _VOLUME_DEGREE, revolved: bool = Fa
     points, weights = _dolfinx.quadrature(_dolfinx.cell_name(domain), degree)
     x = _dolfinx.geometry_x(domain)[_dolfinx.geometry_dofs(domain)]
     x = x[..., : points.shape[1]]
-    T = np.einsum("cai,qak->cqik", x, _dolfinx.tabulate_geometry(domain, points))
+    gradients = _dolfinx.tabulate_geometry(domain, points)
+    T = np.einsum("cai,qak->cqik", x, gradients, optimize=True)
     products: np.ndarray = np.abs(np.linalg.det(T)) * weights
     if revolved:
         products *= 2 * np.pi * (x[..., 0] @ _dolfinx.tabulate_geometry_values(domain, points).T)

@@ -156,11 +156,11 @@ def scaled_jacobian(domain: Any) -> np.ndarray:
     worst = np.empty(len(cells))
     for start in range(0, len(cells), _BATCH):
         chunk = slice(start, start + _BATCH)
-        jacobian = np.einsum("cni,pnj->cpij", x[cells[chunk]], gradients)
+        jacobian = np.einsum("cni,pnj->cpij", x[cells[chunk]], gradients, optimize=True)
         # Relative to the cell's size: products of three lengths neither overflow nor underflow.
         size = np.abs(jacobian).max(axis=(1, 2, 3), keepdims=True)
         jacobian /= np.where(size > 0, size, 1.0)
-        lengths = np.linalg.norm(np.einsum("cpij,pej->cpei", jacobian, edges), axis=3).prod(axis=2)
+        lengths = np.linalg.norm(jacobian @ np.swapaxes(edges, 1, 2), axis=2).prod(axis=2)
         # No LU factors as of numpy.linalg.det: they overflow for tiny numbers.
         volumes = _determinants(np.moveaxis(jacobian, 2, 0))
         scaled = volumes / np.maximum(lengths, np.finfo(float).tiny)

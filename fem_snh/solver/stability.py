@@ -7,6 +7,7 @@ section 3.4).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import combinations
 from math import isfinite
 
@@ -162,10 +163,12 @@ class EquilibriumStability:
         plus a bound of them, and at least ``least``.
         """
         A = self._problem.A
+        rotations = self._free_rotations(x)
+        if not (least or rotations):
+            return
         diagonal = A.getDiagonal()
-        if factor := max(least, self._of_rotations(x, diagonal)):
-            diagonal.scale(1 + factor)
-            A.setDiagonal(diagonal)
+        diagonal.scale(1 + max(least, self._of_rotations(x, rotations, diagonal)))
+        A.setDiagonal(diagonal)
 
     def _assembled(self, x: PETSc.Vec) -> PETSc.Mat:
         """Return the exact Hessian at ``x``, whose zero eigenvalues are made positive."""
@@ -173,19 +176,13 @@ class EquilibriumStability:
         self.raise_rotations(x, _ZERO)
         return self._problem.A
 
-    def _of_rotations(self, x: PETSc.Vec, diagonal: PETSc.Vec) -> float:
-        r"""Return a bound of the eigenvalues of free rotations, relative to the diagonal.
-
-        A rotation :math:`w = \omega \times x` on which the energy does not depend has
-        :math:`H w = \omega \times r`, and the residual r is not zero.
-        """
-        problem, found = self._problem, 0.0
-        r, w, projected = (x.duplicate() for _ in range(3))
-        problem.residual(x, r)
-        norm, size = r.norm(), problem.regime.dimension
+    def _free_rotations(self, x: PETSc.Vec) -> list[PETSc.Vec]:
+        r"""Return the rotations :math:`\omega \times x` that nothing constrains. Collective."""
+        problem, size, found = self._problem, self._problem.regime.dimension, []
         points = x.array_r[: size * len(problem.coordinates)].reshape(-1, size)
         points = points + problem.coordinates[:, :size]
         points -= self._centre(points)
+        w, projected = x.duplicate(), x.duplicate()
         for i, j in combinations(range(size), 2):
             rotation = np.zeros_like(points)
             rotation[:, i], rotation[:, j] = -points[:, j], points[:, i]
@@ -195,8 +192,23 @@ class EquilibriumStability:
             problem.project(projected.array)
             projected.axpy(-1.0, w)
             if projected.norm() <= _ZERO * w.norm():
-                projected.pointwiseMult(w, diagonal)
-                found = max(found, norm * w.norm() / projected.dot(w))
+                found.append(w.copy())
+        return found
+
+    def _of_rotations(self, x: PETSc.Vec, free: Sequence[PETSc.Vec], diagonal: PETSc.Vec) -> float:
+        r"""Return a bound of the eigenvalues of free rotations, relative to the diagonal.
+
+        A rotation :math:`w = \omega \times x` on which the energy does not depend has
+        :math:`H w = \omega \times r`, and the residual r is not zero.
+        """
+        if not free:
+            return 0.0
+        r, weighted, found = x.duplicate(), x.duplicate(), 0.0
+        self._problem.residual(x, r)
+        norm = r.norm()
+        for w in free:
+            weighted.pointwiseMult(w, diagonal)
+            found = max(found, norm * w.norm() / weighted.dot(w))
         return _MARGIN * found
 
     def _centre(self, points: Array) -> Array:
