@@ -17,6 +17,9 @@ Array = npt.NDArray[Any]
 
 #: Cells that are searched for a point, those with the nearest centres first.
 _CANDIDATES = 24
+#: Cells whose boxes, larger by this part on each side, do not have a point are no better for it
+#: than the one with the nearest centre.
+_MARGIN = 0.25
 #: A point so far outside of the reference cell is in the cell, within rounding.
 _INSIDE = 1e-8
 #: Newton iterations for the coordinates in a reference cell; one suffices for tetrahedra.
@@ -113,12 +116,20 @@ def _locate(domain: Any, points: Array) -> tuple[Array, Array, Array]:
     x = x[..., :dim]
     count = min(_CANDIDATES, len(x))
     nearest = cKDTree(x.mean(axis=1)).query(points[:, :dim], count)[1].reshape(-1, count)
+    low, high = x.min(axis=1), x.max(axis=1)
+    margin = _MARGIN * (high - low)
+    low, high = low - margin, high + margin
     simplex = _dolfinx.cell_name(domain) in ("tetrahedron", "triangle")
     start = np.full(dim, 1 / (dim + 1) if simplex else 0.5)
     for candidate in nearest.T:
         rest = np.flatnonzero(outside > _INSIDE)
         if not len(rest):
             break
+        at, cell = points[rest, :dim], candidate[rest]
+        near = ((at >= low[cell]) & (at <= high[cell])).all(axis=1)
+        rest = rest[near | np.isinf(outside[rest])]
+        if not len(rest):
+            continue
         xi = _reference_coordinates(domain, x[candidate[rest]], points[rest, :dim], start)
         upper = xi.sum(axis=1) if simplex else xi.max(axis=1)
         distance = np.maximum(-xi.min(axis=1), upper - 1)
