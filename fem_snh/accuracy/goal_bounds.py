@@ -201,7 +201,6 @@ def _of_steps(goal: GoalError) -> float:
 
 def _missed(goal: GoalError, safety: float) -> float:
     """Return what the parts of an error but that of steps may miss."""
-    safety = _safety_of_shapes(goal, safety)
     parts = goal.parts or {"mesh": goal.error or 0.0}
     sizes = {source: abs(part) for source, part in parts.items() if source not in STEPS}
     # Errors of a vibration are small at an instant by chance.

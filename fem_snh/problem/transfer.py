@@ -17,8 +17,8 @@ Array = npt.NDArray[Any]
 
 #: Cells that are searched for a point, those with the nearest centres first.
 _CANDIDATES = 24
-#: Cells whose boxes, larger by this part on each side, do not have a point are no better for it
-#: than the one with the nearest centre.
+#: Cells whose boxes, larger on each side by this part of the longest one, do not have a point are
+#: no better for it than the one with the nearest centre.
 _MARGIN = 0.25
 #: A point so far outside of the reference cell is in the cell, within rounding.
 _INSIDE = 1e-8
@@ -117,7 +117,7 @@ def _locate(domain: Any, points: Array) -> tuple[Array, Array, Array]:
     count = min(_CANDIDATES, len(x))
     nearest = cKDTree(x.mean(axis=1)).query(points[:, :dim], count)[1].reshape(-1, count)
     low, high = x.min(axis=1), x.max(axis=1)
-    margin = _MARGIN * (high - low)
+    margin = _MARGIN * (high - low).max(axis=1, keepdims=True)  # thin cells may be bent by more
     low, high = low - margin, high + margin
     simplex = _dolfinx.cell_name(domain) in ("tetrahedron", "triangle")
     start = np.full(dim, 1 / (dim + 1) if simplex else 0.5)
