@@ -80,12 +80,19 @@ class SSORColumns:
         max_it : int
             Iterations after which what was found is returned.
         """
-        x, residual, indefinite = np.empty_like(b), np.empty_like(b), False
+        x, residual = np.empty_like(b), np.empty_like(b)
+        parts = []
         for first in range(0, len(b), LANES):
             some = slice(first, first + LANES)
-            x[some], residual[some], failed = self._solve_lanes(b[some], rtol, max_it)
-            indefinite |= failed
-        return Solutions(x, residual, indefinite)
+            parts.append(self._solve_lanes(b[some], rtol, max_it))
+            x[some], residual[some] = parts[-1].x, parts[-1].residual
+        return Solutions(
+            x,
+            residual,
+            indefinite=any(part.indefinite for part in parts),
+            iterations=sum(part.iterations for part in parts),
+            converged=all(part.converged for part in parts),
+        )
 
     def _solve_lanes(self, b: Array, rtol: float, max_it: int) -> Solutions:
         """Return the solutions for up to `LANES` right-hand sides (Saad 2003, alg. 9.1)."""
@@ -113,10 +120,9 @@ class SSORColumns:
 
         whole = update("tqxzw")  # the tolerance is relative to the norm of b, not to that of P b
         rho, limit, indefinite = update(), rtol**2 * whole, False
-        active = rho > limit
-        for _ in range(max_it):
-            if not active.any():
-                break
+        active, iterations = rho > limit, 0
+        while active.any() and iterations < max_it:
+            iterations += 1
             lib.columns_backward_sweep(matrix, at_beta, *(at[key] for key in "zptw"))
             if self._halo:
                 self._halo.exchange(vectors["t"])
@@ -139,7 +145,7 @@ class SSORColumns:
         scales = size * self._system.scale
         x = np.multiply(vectors["x"][:, :count].T, scales[:, None], dtype=float)
         r = np.multiply(residual[:, :count].T, size[:, None], dtype=float)
-        return Solutions(x, r, indefinite)
+        return Solutions(x, r, indefinite, iterations, not (indefinite or active.any()))
 
     def _in_null_space(self, curvature: Array) -> Array:
         """Return whether each column's direction has a curvature of zero, to rounding."""

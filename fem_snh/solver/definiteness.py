@@ -23,7 +23,7 @@ from petsc4py import PETSc
 import numpy as np
 
 from fem_snh._petsc import set_operators
-from fem_snh.linalg.ssor_cg import EisenstatCG
+from fem_snh.linalg.ssor_cg import context_of
 from fem_snh.solver.block_triangular import BlockTriangular
 from fem_snh.solver.errors import callback_errors
 from fem_snh.solver.forcing import relative_tolerance
@@ -61,8 +61,7 @@ def is_definite(problem: SolvableProblem, ksp: PETSc.KSP) -> bool | None:
     ksp.setUp()
     blocks = preconditioner_by_blocks(ksp.getPC())
     cg = blocks.u if isinstance(blocks, BlockTriangular) else ksp
-    is_ours = cg.getType() == PETSc.KSP.Type.PYTHON
-    if not is_ours or not isinstance(cg.getPythonContext(), EisenstatCG):
+    if context_of(cg) is None:
         return None
     diagonal = problem.A.getDiagonal()
     x, b = cg.getOperators()[0].createVecs()
