@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -27,7 +28,7 @@ from fem_snh.accuracy.goals import (
 )
 from fem_snh.accuracy.path_errors import Path, estimate_on_path
 from fem_snh.accuracy.rigid_goals import RigidGoal
-from fem_snh.errors import bad_value, check_number, check_whole, choose
+from fem_snh.errors import BadInput, bad_value, check_number, check_whole, choose
 from fem_snh.problem.dolfinx_problem import DolfinxConditions, check_converged
 from fem_snh.problem.lifted_problem import lifted_problem
 from fem_snh.problem.problem import Problem
@@ -136,9 +137,7 @@ def program_goals(problem: Problem, bcs: Sequence[Any], goals: Any) -> list[Goal
         raise bad_value("goals", goals, "at least one goal")
     found: list[Goal] = []
     for number, (name, goal) in enumerate(named):
-        key = f"goals[{name or number}]"
-        frequencies = _frequencies(problem, name, key, goal)
-        found += frequencies or [_goal(problem, bcs, name, goal, number)]
+        found += _goals(_Given(problem, bcs, name, number, goal))
     of_modes = {id(goal.modes) for goal in found if isinstance(goal, FrequencyGoal)}
     if len(of_modes) > 1:
         accepted = "frequencies of one call of vibration_modes()"
@@ -149,71 +148,198 @@ def program_goals(problem: Problem, bcs: Sequence[Any], goals: Any) -> list[Goal
     return found
 
 
-def _goal(problem: Problem, bcs: Sequence[Any], name: str, goal: Any, number: int) -> Goal:
-    key, kinematics = f"goals[{name or number}]", problem.kinematics
-    components = range(kinematics.components)
-    if isinstance(goal, str) and goal == "energy":
-        if problem.motion:  # of which another sum is the energy
-            raise bad_value(key, goal, "another goal, in time")
-        if not problem.has_energy:
-            raise bad_value(key, goal, "another goal, with a force without an energy")
-        return EnergyGoal(name or goal)
-    if of_cells := _of_cells(problem, name, key, goal):
-        return of_cells
-    if isinstance(goal, str):
-        raise bad_value(key, goal, _ACCEPTED)
-    if isinstance(goal, tuple) and len(goal) == 3 and goal[1] == "stress" and problem.regions:
-        from fem_snh.accuracy.stress_goals import PointStressGoal  # imports sympy
+@dataclass(frozen=True)
+class _Given:
+    """What a program gives for a goal.
 
-        check_number(f"{key} radius", goal[2], 0.0, exclusive=True)
-        centre = _point(goal[0], kinematics.dim)
-        if centre is None:
-            raise bad_value(key, goal, _ACCEPTED)
-        return PointStressGoal(name or f"{key}.stress", centre, goal[2], problem.domain)
-    if isinstance(goal, ufl.Form):
-        if goal.arguments() or problem.u not in goal.coefficients():
-            raise bad_value(key, "a form", "a form of rank 0 that contains u")
-        return FunctionalGoal(name or key, goal, problem.u)
-    if _dolfinx.is_measure(goal, facets=True):
-        return MeanGoal(name or f"mean {number}", goal, components)
-    part, result = goal if isinstance(goal, tuple) and len(goal) == 2 else (goal, RESULTS[0])
-    if isinstance(part, Rigid) and any(part is term for term in problem.given_terms):
-        choose(key, result, RESULTS)
-        of_axes = kinematics.moment_axes if result in ("rotation", "moment") else kinematics.axes
-        if not of_axes:
-            raise bad_value(key, result, f"a motion of kinematics = '{kinematics.name}'")
-        return RigidGoal(part.label, result, [*map(AXES.index, of_axes)], name)
-    if isinstance(goal, Feature) and (result := _result(problem, goal)):
-        return TermGoal(result, components if result.endswith(".force") else (), name)
-    if hasattr(goal, "dof_indices"):
-        i = condition_number(bcs, goal, key)
-        return ReactionGoal(name or f"bcs[{i}].force", partial(counted_mask, number=i), components)
-    if isinstance(goal, tuple) and len(goal) == 2 and hasattr(goal[0], "dof_indices"):
-        i, about = condition_number(bcs, goal[0], key), three_numbers(key, goal[1])
-        mask, axes = partial(counted_mask, number=i), kinematics.moment_axes
-        if not axes:
-            raise bad_value(key, "a moment", f"a force, with kinematics = '{kinematics.name}'")
-        return ReactionGoal(name or f"bcs[{i}].moment", mask, [*map(AXES.index, axes)], about)
-    if (place := _point(goal, kinematics.dim)) is None:
-        raise bad_value(key, goal, _ACCEPTED)
-    shown = f"({', '.join(f'{x:g}' for x in np.ravel(goal))})"
-    return PointGoal(name or shown, place, components)
+    Attributes
+    ----------
+    problem : Problem
+        Its problem.
+    bcs : sequence of dolfinx DirichletBC
+        Its conditions.
+    name : str
+        The name of the goal; "" for that of its kind.
+    number : int
+        Its place among the goals.
+    value : object
+        What is given.
+    """
+
+    problem: Problem
+    bcs: Sequence[Any]
+    name: str
+    number: int
+    value: Any
+
+    @property
+    def key(self) -> str:
+        """The goal's name in messages."""
+        return f"goals[{self.name or self.number}]"
+
+    @property
+    def pair(self) -> tuple[Any, Any]:
+        """The value and what is given with it; None for nothing."""
+        is_pair = isinstance(self.value, tuple) and len(self.value) == 2
+        return self.value if is_pair else (self.value, None)
+
+    def refused(self, value: object, accepted: str) -> BadInput:
+        """Return the error for a value of this goal."""
+        return bad_value(self.key, value, accepted)
 
 
-def _frequencies(problem: Problem, name: str, key: str, goal: Any) -> list[Goal]:
-    """Return the frequencies of modes, or of a pair of them and a number; none of others."""
-    modes, number = goal if isinstance(goal, tuple) and len(goal) == 2 else (goal, None)
+def _frequencies(given: _Given) -> list[Goal]:
+    """Frequencies of modes, or of a pair of them and a number."""
+    (modes, number), name = given.pair, given.name
     if not isinstance(modes, ProgramModes):
         return []
-    lowest = modes.of_state(problem)
+    lowest = modes.of_state(given.problem)
     if lowest is None:
         accepted = "those about the last solution: call vibration_modes()"
-        raise bad_value(key, "modes of another state", accepted)
+        raise given.refused("modes of another state", accepted)
     if number is not None:
-        check_whole(f"{key} number", number, 1, len(modes.frequencies))
+        check_whole(f"{given.key} number", number, 1, len(modes.frequencies))
         return [FrequencyGoal(number, lowest, name)]
     numbers = range(1, len(modes.frequencies) + 1)
     return [FrequencyGoal(i, lowest, name and f"{name}.{i}") for i in numbers]
+
+
+def _energy(given: _Given) -> list[Goal]:
+    if not (isinstance(given.value, str) and given.value == "energy"):
+        return []
+    if given.problem.motion:  # of which another sum is the energy
+        raise given.refused(given.value, "another goal, in time")
+    if not given.problem.has_energy:
+        raise given.refused(given.value, "another goal, with a force without an energy")
+    return [EnergyGoal(given.name or given.value)]
+
+
+def _volume_or_stress(given: _Given) -> list[Goal]:
+    """The volume or the stress of the body, or of a pair's measure of cells."""
+    problem, (measure, kind) = given.problem, given.pair
+    if kind is None:
+        measure, kind = None, given.value
+    if not isinstance(kind, str) or kind not in ("volume", "stress") or not problem.regions:
+        return []
+    cells, label = None, given.name or kind
+    if measure is not None:
+        if not _dolfinx.is_measure(measure, facets=True):
+            return []
+        dim, cells = measure_parts(problem.domain, given.key, measure)
+        if dim < problem.domain.topology.dim:
+            raise given.refused(surface_name(measure), "a measure of cells, dx(...)")
+        cells = cells[cells < _dolfinx.num_owned(problem.domain)]
+        label = given.name or f"{given.key}.{kind}"
+    if kind == "volume":
+        return [VolumeGoal(label, cells)]
+    from fem_snh.accuracy.stress_goals import StressGoal  # imports sympy
+
+    return [StressGoal(label, cells)]
+
+
+def _stress_at_point(given: _Given) -> list[Goal]:
+    value, problem = given.value, given.problem
+    is_kind = isinstance(value, tuple) and len(value) == 3 and value[1] == "stress"
+    if not (is_kind and problem.regions):
+        return []
+    from fem_snh.accuracy.stress_goals import PointStressGoal  # imports sympy
+
+    place, _, radius = value
+    check_number(f"{given.key} radius", radius, 0.0, exclusive=True)
+    centre = _point(place, problem.kinematics.dim)
+    if centre is None:
+        raise given.refused(value, _ACCEPTED)
+    return [PointStressGoal(given.name or f"{given.key}.stress", centre, radius, problem.domain)]
+
+
+def _functional(given: _Given) -> list[Goal]:
+    form, u = given.value, given.problem.u
+    if not isinstance(form, ufl.Form):
+        return []
+    if form.arguments() or u not in form.coefficients():
+        raise given.refused("a form", "a form of rank 0 that contains u")
+    return [FunctionalGoal(given.name or given.key, form, u)]
+
+
+def _mean(given: _Given) -> list[Goal]:
+    if not _dolfinx.is_measure(given.value, facets=True):
+        return []
+    components = range(given.problem.kinematics.components)
+    return [MeanGoal(given.name or f"mean {given.number}", given.value, components)]
+
+
+def _rigid_part(given: _Given) -> list[Goal]:
+    problem, (part, result) = given.problem, given.pair
+    if not (isinstance(part, Rigid) and any(part is term for term in problem.given_terms)):
+        return []
+    result, kinematics = RESULTS[0] if result is None else result, problem.kinematics
+    choose(given.key, result, RESULTS)
+    axes = kinematics.moment_axes if result in ("rotation", "moment") else kinematics.axes
+    if not axes:
+        raise given.refused(result, f"a motion of kinematics = '{kinematics.name}'")
+    return [RigidGoal(part.label, result, [*map(AXES.index, axes)], given.name)]
+
+
+def _term(given: _Given) -> list[Goal]:
+    """The force of contact, or the pressure of a cavity."""
+    problem, feature = given.problem, given.value
+    if not isinstance(feature, Feature):
+        return []
+    alike = [term for term in problem.given_terms if type(term) is type(feature)]
+    named = zip(alike, type(feature).goals(alike), strict=False)
+    result = next((name for term, name in named if term is feature), "")
+    if not result:
+        return []
+    components = range(problem.kinematics.components) if result.endswith(".force") else ()
+    return [TermGoal(result, components, given.name)]
+
+
+def _reaction(given: _Given) -> list[Goal]:
+    """The force of a condition, or its moment about the point of a pair."""
+    (condition, about), kinematics = given.pair, given.problem.kinematics
+    if not hasattr(condition, "dof_indices"):
+        return []
+    i = condition_number(given.bcs, condition, given.key)
+    mask = partial(counted_mask, number=i)
+    if about is None:
+        name, components = given.name or f"bcs[{i}].force", range(kinematics.components)
+        return [ReactionGoal(name, mask, components)]
+    point, axes = three_numbers(given.key, about), kinematics.moment_axes
+    if not axes:
+        raise given.refused("a moment", f"a force, with kinematics = '{kinematics.name}'")
+    name = given.name or f"bcs[{i}].moment"
+    return [ReactionGoal(name, mask, [*map(AXES.index, axes)], point)]
+
+
+def _displacement(given: _Given) -> list[Goal]:
+    """The displacement of a point."""
+    kinematics = given.problem.kinematics
+    if (place := _point(given.value, kinematics.dim)) is None:
+        return []
+    shown = f"({', '.join(f'{x:g}' for x in np.ravel(given.value))})"
+    return [PointGoal(given.name or shown, place, range(kinematics.components))]
+
+
+#: The kinds of goals. Each function returns the goals of what it accepts, and none of others.
+_KINDS: Sequence[Callable[[_Given], list[Goal]]] = (
+    _frequencies,
+    _energy,
+    _volume_or_stress,
+    _stress_at_point,
+    _functional,
+    _mean,
+    _rigid_part,
+    _term,
+    _reaction,
+    _displacement,
+)
+
+
+def _goals(given: _Given) -> list[Goal]:
+    for kind in _KINDS:
+        if goals := kind(given):
+            return goals
+    raise given.refused(given.value, _ACCEPTED)
 
 
 def _point(given: Any, dim: int) -> list[float] | None:
@@ -225,30 +351,3 @@ def _point(given: Any, dim: int) -> list[float] | None:
     if point.shape not in ((3,), (dim,)) or not np.isfinite(point).all():
         return None
     return [*map(float, point), *[0.0] * (3 - len(point))]
-
-
-def _of_cells(problem: Problem, name: str, key: str, goal: Any) -> Goal | None:
-    """Return a volume or a stress of the body, or of a pair's measure of cells; None for others."""
-    measure, kind = goal if isinstance(goal, tuple) and len(goal) == 2 else (None, goal)
-    if not isinstance(kind, str) or kind not in ("volume", "stress") or not problem.regions:
-        return None
-    cells, label = None, name or kind
-    if measure is not None:
-        if not _dolfinx.is_measure(measure, facets=True):
-            return None
-        dim, cells = measure_parts(problem.domain, key, measure)
-        if dim < problem.domain.topology.dim:
-            raise bad_value(key, surface_name(measure), "a measure of cells, dx(...)")
-        cells, label = cells[cells < _dolfinx.num_owned(problem.domain)], name or f"{key}.{kind}"
-    if kind == "volume":
-        return VolumeGoal(label, cells)
-    from fem_snh.accuracy.stress_goals import StressGoal  # imports sympy
-
-    return StressGoal(label, cells)
-
-
-def _result(problem: Problem, feature: Feature) -> str:
-    """Return the name of the goal that a term of the program has; "" if it has none."""
-    alike = [term for term in problem.given_terms if type(term) is type(feature)]
-    found = zip(alike, type(feature).goals(alike), strict=False)
-    return next((name for term, name in found if term is feature), "")
