@@ -36,6 +36,10 @@ def source(block: int) -> str:
     return "\n".join(parts)
 
 
+def _positive(curvature: Array) -> bool:
+    return bool(((curvature > 0) & np.isfinite(curvature)).all())
+
+
 class SSORColumns:
     """Solves A x = b for several b, with the copy of the matrix of an `SSORSystem`. Collective.
 
@@ -119,9 +123,11 @@ class SSORColumns:
             return self._sum(sums)
 
         whole = update("tqxzw")  # the tolerance is relative to the norm of b, not to that of P b
-        rho, limit, indefinite = update(), rtol**2 * whole, False
+        rho, limit = update(), rtol**2 * whole
+        # Sweeps over a positive definite matrix are bounded; an overflow shows an indefinite one.
+        indefinite = not np.isfinite([whole, rho]).all()
         active, iterations = rho > limit, 0
-        while active.any() and iterations < max_it:
+        while active.any() and not indefinite and iterations < max_it:
             iterations += 1
             lib.columns_backward_sweep(matrix, at_beta, *(at[key] for key in "zptw"))
             if self._halo:
@@ -130,12 +136,13 @@ class SSORColumns:
             names = (at[key] for key in ("p", "t", "ghosts", "w", "q"))
             lib.columns_forward_sweep(matrix, *names, at_sums)
             curvature = self._sum(sums)
-            if not (0 < curvature[active]).all():  # or NaN
+            if not _positive(curvature[active]):
                 active &= ~self._in_null_space(curvature)
-                if indefinite := not (0 < curvature[active]).all():
+                if indefinite := not _positive(curvature[active]):
                     break
             alpha[:] = np.divide(rho, curvature, out=np.zeros(LANES), where=active)
             new = update()
+            indefinite = not np.isfinite(new).all()
             beta[:] = np.divide(new, rho, out=np.zeros(LANES), where=active)
             rho = new
             active &= rho > limit
