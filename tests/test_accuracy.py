@@ -24,7 +24,7 @@ from fem_snh.accuracy.target_volumes import target_volumes
 from fem_snh.cli import main
 from fem_snh.mesh import mesh as meshes
 from fem_snh.mesh.bisection import bisect
-from fem_snh.problem.transfer import evaluate
+from fem_snh.problem.transfer import LocatedPoints, evaluate
 from fem_snh.runs.exact_bodies import cells_of
 from fem_snh.runs.first_level import first_scene
 from fem_snh.runs.levels import Level
@@ -123,6 +123,24 @@ def test_a_field_is_interpolated_on_another_mesh(cell, degree):
     u.x.scatter_forward()
     points = np.random.default_rng(comm.rank).random((40, 3))
     assert np.abs(evaluate(u, points) - field(points)).max() < 1e-10
+
+
+@mpi
+def test_a_point_beside_much_smaller_cells_is_in_its_own():
+    """Their centres are nearer than that of its own cell."""
+    mesh = meshes.generate(MPI.COMM_WORLD, "cube", "tetrahedron", cells=6)
+    x = mesh.domain.geometry.x
+    below = x[:, 2] < 0.7
+    x[:, 2] = np.where(below, 1e-3 * x[:, 2], 7e-4 + (x[:, 2] - 0.7) / 0.3 * (1 - 7e-4))
+    V = _dolfinx.function_space(mesh.domain, 1, (3,))
+    u = _dolfinx.function(V, "u")
+    size = 3 * _dolfinx.num_nodes(V)[0]
+    u.x.array[:size] = V.tabulate_dof_coordinates()[: size // 3].ravel()
+    u.x.scatter_forward()
+    points = np.random.default_rng(MPI.COMM_WORLD.rank).random((200, 3))
+    located = LocatedPoints(mesh.domain, points)
+    assert located.inside.all()
+    assert np.abs(located.values(u) - points).max() < 1e-12
 
 
 def test_cells_get_smaller_where_the_error_is():

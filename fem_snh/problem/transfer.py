@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 from mpi4py import MPI
@@ -15,7 +16,7 @@ from fem_snh.problem.problem import Problem
 
 Array = npt.NDArray[Any]
 
-#: Cells that are searched for a point, those with the nearest centres first.
+#: Cells that are searched for a point, those with the nearest centres first; then larger ones.
 _CANDIDATES = 24
 #: Cells whose boxes, larger on each side by this part of the longest one, do not have a point are
 #: no better for it than the one with the nearest centre.
@@ -113,31 +114,75 @@ def _locate(domain: Any, points: Array) -> tuple[Array, Array, Array]:
     best = np.zeros((len(points), dim))
     if not len(x) or not len(points):
         return cells, best, outside
-    x = x[..., :dim]
-    count = min(_CANDIDATES, len(x))
-    nearest = cKDTree(x.mean(axis=1)).query(points[:, :dim], count)[1].reshape(-1, count)
+    x, points = x[..., :dim], points[:, :dim]
+    centres, count = x.mean(axis=1), min(_CANDIDATES, len(x))
+    distances, nearest = (
+        found.reshape(-1, count) for found in cKDTree(centres).query(points, count)
+    )
     low, high = x.min(axis=1), x.max(axis=1)
     margin = _MARGIN * (high - low).max(axis=1, keepdims=True)  # thin cells may be bent by more
     low, high = low - margin, high + margin
     simplex = _dolfinx.cell_name(domain) in ("tetrahedron", "triangle")
     start = np.full(dim, 1 / (dim + 1) if simplex else 0.5)
-    for candidate in nearest.T:
-        rest = np.flatnonzero(outside > _INSIDE)
+
+    def search(rest: Array, candidates: Array) -> None:
+        """Search a candidate for each point of ``rest`` that is in no cell so far."""
+        left = outside[rest] > _INSIDE
+        rest, candidates = rest[left], candidates[left]
+        at = points[rest]
+        near = ((at >= low[candidates]) & (at <= high[candidates])).all(axis=1)
+        near |= np.isinf(outside[rest])
+        rest, candidates = rest[near], candidates[near]
         if not len(rest):
-            break
-        at, cell = points[rest, :dim], candidate[rest]
-        near = ((at >= low[cell]) & (at <= high[cell])).all(axis=1)
-        rest = rest[near | np.isinf(outside[rest])]
-        if not len(rest):
-            continue
-        xi = _reference_coordinates(domain, x[candidate[rest]], points[rest, :dim], start)
+            return
+        xi = _reference_coordinates(domain, x[candidates], points[rest], start)
         upper = xi.sum(axis=1) if simplex else xi.max(axis=1)
         distance = np.maximum(-xi.min(axis=1), upper - 1)
         better = distance < outside[rest]
         chosen = rest[better]
-        cells[chosen], best[chosen] = candidate[chosen], xi[better]
+        cells[chosen], best[chosen] = candidates[better], xi[better]
         outside[chosen] = distance[better]
+
+    for candidates in nearest.T:
+        search(np.arange(len(points)), candidates)
+    if count < len(x):
+        rest = np.flatnonzero(outside > _INSIDE)
+        for chosen, candidates in _larger_cells(
+            x - centres[:, None], centres, points[rest], distances[rest, -1]
+        ):
+            search(rest[chosen], candidates)
     return cells, best, outside
+
+
+def _larger_cells(
+    arms: Array, centres: Array, points: Array, distances: Array
+) -> Iterator[tuple[Array, Array]]:
+    """Yield points and a cell for each, whose centre is farther than a distance, not its nodes.
+
+    Beside small cells a point in a large one has many centres that are nearer than that of its own.
+
+    Parameters
+    ----------
+    arms, centres : (cells, nodes, dim), (cells, dim)
+        The nodes less the centre of each cell, and the centres.
+    points, distances : (n, dim), (n,)
+        The points, and the distances within which all centres have been searched.
+    """
+    radii = np.linalg.norm(arms, axis=2).max(axis=1)
+    rest = np.flatnonzero(distances < radii.max())
+    if not len(rest):
+        return
+    large = np.flatnonzero(radii > distances[rest].min())
+    found = cKDTree(points[rest]).query_ball_point(centres[large], radii[large])
+    number = np.repeat(large, [len(members) for members in found])
+    member = rest[np.concatenate(found).astype(np.int64)]
+    farther = np.linalg.norm(points[member] - centres[number], axis=1) > distances[member]
+    number, member = number[farther], member[farther]
+    order = np.argsort(member, kind="stable")
+    number, member = number[order], member[order]
+    turn = np.arange(len(member)) - np.searchsorted(member, member)
+    for k in range(turn.max(initial=-1) + 1):
+        yield member[turn == k], number[turn == k]
 
 
 def _reference_coordinates(domain: Any, nodes: Array, points: Array, start: Array) -> Array:
