@@ -10,6 +10,7 @@ import ufl
 from bodies import PRESS
 from dolfinx import fem, mesh
 from dolfinx_programs import Bar, Press, converged, halves, unit_cube, vector_space
+from plane_programs import prescribe, rectangle
 
 import fem_snh
 from fem_snh import scenes
@@ -96,6 +97,24 @@ def test_measures_without_a_material(comm):
         rows.append([row[key] for key in keys])
     assert rows[0][1] < 1
     assert rows[1] == pytest.approx(rows[0], rel=1e-8)
+
+
+@pytest.mark.parametrize("kinematics", ["plane_strain", "plane_stress"])
+def test_measures_of_a_plane_without_a_material(comm, kinematics):
+    """The thickness depends on the energy, which is a form: J is that of the plane."""
+    domain = rectangle(comm, "Q1", (0, 0), (1, 1), (2, 2))
+    u = fem.Function(vector_space(domain, 1, 2))
+    bcs = [
+        bc
+        for axis, at in ((0, 0), (0, 1), (1, 0), (1, 1))
+        for bc in prescribe(u.function_space, axis, at, lambda x: [0.2 * x[0], 0.1 * x[1]])
+    ]
+    F = ufl.Identity(2) + ufl.grad(u)
+    energy = ufl.inner(F, F) * ufl.dx(metadata={"quadrature_degree": 2})
+    problem = fem_snh.NonlinearProblem(u, {}, bcs=bcs, terms=[energy], kinematics=kinematics)
+    row = list(problem.steps(1))[-1]
+    assert row["converged"]
+    assert [row["volume_ratio"], row["min_J"]] == pytest.approx([1.32, 1.32], rel=1e-8)
 
 
 def test_values_change_between_solves(comm):

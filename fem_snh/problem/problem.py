@@ -456,14 +456,18 @@ class Problem:
     def _bare(self) -> tuple[Array, CellLoops] | None:
         """The cells of this rank without a material, and loops over them. Collective.
 
-        Those of the simplest material have volumes and J. None if all cells have a material.
+        Those of the simplest material have volumes and J, in plane stress those of the plane: the
+        thickness depends on the energy. None if all cells have a material.
         """
         filled = [part.region.cells for part in self.elastic.parts]
         number = np.arange(self.elastic.shape[0], dtype=np.int32)
         cells = np.setdiff1d(number, np.concatenate([*filled, self.solid_cells]))
         if not self.comm.allreduce(len(cells)):
             return None
-        element = replace(self.element, volume="pointwise", pressure_degree=0)
+        kinematics = replace(self.kinematics, plane_stress=False)
+        element = replace(
+            self.element, volume="pointwise", pressure_degree=0, kinematics=kinematics
+        )
         region = Region(material("stable_neo_hookean", E=1.0, nu=0.3), cells)
         return cells, loops_over(self.V, element, region)
 
