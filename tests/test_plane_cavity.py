@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from gmsh_files import section
 from scipy.integrate import solve_bvp
-from test_plane_scenes import own_scene, solve
+from test_plane_scenes import TIGHT, own_scene, solve
 
 from fem_snh.errors import BadInput
 
@@ -154,3 +154,21 @@ def test_error_past_the_limit_point(comm, folder):
     goals, exact = result.goals, compressible_pressure(0.3, 2.0)
     assert goals["equator.x"]["corrected"] == pytest.approx(1.0, abs=2e-4)
     assert goals["inner.pressure"]["corrected"] == pytest.approx(exact, rel=2e-4)
+
+
+@pytest.mark.mpi
+def test_factors_of_the_sum(comm, folder):
+    """Sparse factors are those of the Hessian with the fluid's part of rank one."""
+    if comm.rank == 0:
+        ring(folder / "ring.msh")
+        text = SHELL.format(kinematics="axisymmetric", volume=14 / 3 * pi)
+        (folder / "shell.toml").write_text(text.replace("0.49", "0.3"))
+    comm.barrier()
+    rows = []
+    for petsc in ({}, {"snes_linear_solver": "direct"}):
+        result = solve(folder / "shell.toml", comm, petsc=petsc | TIGHT)
+        rows.append(result.steps[-1]["cavities"]["inner"]["pressure"])
+    assert result.record["linear_solver"] == "preonly+cholesky"
+    assert rows[1] == pytest.approx(rows[0], rel=1e-9)
+    with pytest.raises(BadInput, match="ksp_type = preonly: expected an iterative solver"):
+        solve(folder / "shell.toml", comm, petsc={"ksp_type": "preonly", "pc_type": "lu"})

@@ -186,6 +186,12 @@ def set_direct_solver_of_sum(ksp: PETSc.KSP) -> None:
     _set_factors(ksp.getPC())
 
 
+def is_factors_of_sum(pc: PETSc.PC) -> bool:
+    """Return whether a PC is `FactorsOfSum`."""
+    is_python = pc.getType() == PETSc.PC.Type.PYTHON
+    return is_python and isinstance(pc.getPythonContext(), FactorsOfSum)
+
+
 def precondition_by_sum(ksp: PETSc.KSP) -> None:
     """Replace a KSP's sparse factors of A by `FactorsOfSum`, for an operator that is a MATLRC."""
     if is_cholesky(ksp.getPC(), PETSc.Mat.SolverType.MUMPS):

@@ -9,6 +9,7 @@ from fem_snh.choices import DEFAULT_GLOBALIZATIONS, FACTORS_LBFGS_MAX_IT
 from fem_snh.errors import BadInput
 from fem_snh.linalg.direct_solver import MAX_SMALL, set_direct_solver
 from fem_snh.linalg.ssor_cg import EisenstatCG
+from fem_snh.linalg.symmetric_factors import is_factors_of_sum, set_direct_solver_of_sum
 from fem_snh.solver import garbage, options, saddle_point, trust_region
 from fem_snh.solver.errors import callback_errors, cause_of
 from fem_snh.solver.linear_choice import CHOICES, LinearChoice, choose_linear_solver
@@ -123,6 +124,8 @@ def create(
             snes.setFromOptions()
             if saddle and ksp.getPC().getType() == PETSc.PC.Type.FIELDSPLIT:
                 ksp.getPC().setUp()  # the blocks read their options now, and only now
+            if problem.operator != problem.A:
+                _check_inverse_of_sum(ksp)
             if region:
                 context.trust_ksp = trust_region.linear_solver(
                     problem.operator, problem.A, prefix, context.linear_choice.direct
@@ -132,6 +135,15 @@ def create(
     objects = [problem.x, problem.A, *([saddle.schur_approximation] if saddle else ())]
     garbage.record(problem, snes, *objects)
     return snes
+
+
+def _check_inverse_of_sum(ksp: PETSc.KSP) -> None:
+    """Raise BadInput for one application of a preconditioner that lacks matrices of rank one."""
+    if ksp.getType() == PETSc.KSP.Type.PREONLY and not is_factors_of_sum(ksp.getPC()):
+        raise BadInput(
+            "ksp_type = preonly: expected an iterative solver, as a load adds matrices of rank one "
+            "that the preconditioner does not have; -snes_linear_solver direct inverts the sum"
+        )
 
 
 def destroy(snes: PETSc.SNES) -> None:
@@ -159,7 +171,9 @@ def linear_solver_name(snes: PETSc.SNES) -> str:
     if ksp.getType() == PETSc.KSP.Type.PYTHON:
         return "cg+ssor"
     kind = ksp.getPC().getType()
-    return f"{ksp.getType()}+{'block_triangular' if kind == PETSc.PC.Type.PYTHON else kind}"
+    if kind == PETSc.PC.Type.PYTHON:
+        kind = "cholesky" if is_factors_of_sum(ksp.getPC()) else "block_triangular"
+    return f"{ksp.getType()}+{kind}"
 
 
 def _configure_linear_solver(ksp: PETSc.KSP, problem: SolvableProblem, prefix: str) -> LinearChoice:
@@ -171,7 +185,9 @@ def _configure_linear_solver(ksp: PETSc.KSP, problem: SolvableProblem, prefix: s
     choice = LinearChoice(False) if named else choose_linear_solver(problem, wanted)
     dimension = problem.regime.dimension
     coordinates = problem.coordinates[:, :dimension]
-    if choice.direct:
+    if choice.direct and problem.operator != problem.A:
+        set_direct_solver_of_sum(ksp)
+    elif choice.direct:
         small = dimension == 2 and problem.A.comm.size == 1 and problem.A.getSize()[0] <= MAX_SMALL
         set_direct_solver(ksp, small and not problem.saddle_point)
         if problem.pressure_level_is_free:
