@@ -1,4 +1,4 @@
-"""Errors of scenes whose end depends on the path: friction and multipliers."""
+"""Errors of scenes whose end depends on the path: friction, multipliers and time."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import pytest
 from running import solve
 
 from fem_snh import scenes
+from fem_snh.accuracy import path_errors
 from fem_snh.accuracy.goal_bounds import add_what_is_missed
 from fem_snh.accuracy.goal_errors import Estimate, GoalError
 from fem_snh.scenes import Accuracy, Geometry, Hold, MaterialChoice, Obstacle, Scene
@@ -181,3 +182,15 @@ def test_a_small_component_has_a_bound_with_friction():
     add_what_is_missed(estimate, degree=1, dim=3)
     assert estimate.goals["tip.x"].is_found and not estimate.goals["tip.z"].is_found
     assert estimate.goals["tip.z"].bound == pytest.approx(0.03 + 0.2 * 0.2)
+
+
+def test_steps_that_are_too_long_for_the_error_of_the_mesh(monkeypatch):
+    """With 16 steps a bounce has another error of the mesh than with 8: 32 are taken."""
+    keys = {"element": "P1", "cells": 3, "time.steps": 64, "accuracy.goals": ["body.mean.z"]}
+    expected = solve("bounce", **keys).goals["body.mean.z"]  # 16 steps are less than enough
+    monkeypatch.setattr(path_errors, "_ENOUGH_STEPS", 8)
+    found = solve("bounce", **keys).goals["body.mean.z"]
+    assert found["parts"] == pytest.approx(expected["parts"])
+    monkeypatch.setattr(path_errors, "_NEGLIGIBLE", 10.0)
+    shorter = solve("bounce", **keys).goals["body.mean.z"]
+    assert abs(shorter["parts"]["mesh"]) < 0.5 * abs(found["parts"]["mesh"])

@@ -70,6 +70,8 @@ _SMALL_CHANGES = 0.05
 _LEFT_BY_TWO = 4.0
 #: Changes below this part of a goal's scale are not those of steps: the solvers leave that much.
 _ROUNDING = 1e-5
+#: What parts miss below this part of a goal's scale is no reason to find them again.
+_NEGLIGIBLE = 1e-3
 #: Part of a motion, up to its end, whose largest differences bound those at the end: errors of a
 #: vibration change their sign, and are small at an instant by chance. Loads are compared rounded.
 _LATE, _DIGITS = 0.5, 9
@@ -309,7 +311,9 @@ class _Repetitions:
             return parts
         if quarter and quarter_steps >= _ENOUGH_STEPS:
             fewer = ceil(quarter_steps / 2)
-            return parts | self._errors_of_mesh_and_penalties(quarter_steps, quarter, fewer)
+            others = self._errors_of_mesh_and_penalties(quarter_steps, quarter, fewer)
+            if not self._miss_more_than_they_find(others):
+                return parts | others
         fewer = quarter_steps if quarter else 0
         return parts | self._errors_of_mesh_and_penalties(half_steps, half, fewer)
 
@@ -428,6 +432,12 @@ class _Repetitions:
             self.missed = self.missed._replace(of_penalty=unresolved)
         parts = {"mesh": mesh}
         return parts if penalty is None else parts | {"penalty": penalty}
+
+    def _miss_more_than_they_find(self, parts: dict[str, Array]) -> bool:
+        """Return whether the steps are too long for the errors of the mesh and of penalties."""
+        found = np.sum([np.abs(part) for part in parts.values()], axis=0)
+        missed = self.missed.of_mesh + self.missed.of_penalty
+        return bool((missed > np.maximum(found, _NEGLIGIBLE * self._scales)).any())
 
     def _missed_by_lifted(
         self, steps: int, lifted: Followed, element: Element, difference: Array
