@@ -23,7 +23,7 @@ from fem_snh.scenes.schema import Accuracy
 
 _GOALS = {"swing": "tip.z", "bounce": "body.mean.z"}
 #: Levels end before one that would take longer [s].
-_MAX_TIME = 1800.0
+_MAX_TIME = 3600.0
 #: Order of the errors of a clamped cantilever with degree 2.
 _SINGULAR_ORDER = 1.5
 #: Cells along the diameter of the revolved ball, and the factor of its penalty's stiffness.
