@@ -230,8 +230,9 @@ class Estimate:
         The Newton iterations with stiffer penalties.
     again : int
         The steps in which the path is followed again; 0 where the end does not depend on it.
-    seconds, jit : float
-        Elapsed time, and the part of it that compiled kernels, elements and forms.
+    seconds, jit, repeated : float
+        Elapsed time, the part of it that compiled kernels, elements and forms, and that in which
+        errors were found again, as the steps were too long.
     indicators : dict of arrays
         The error of each goal in each cell of this rank, for errors above 1e-4 of the goal.
     places : dict of Place
@@ -261,6 +262,7 @@ class Estimate:
     again: int = 0
     seconds: float = 0.0
     jit: float = 0.0
+    repeated: float = 0.0
     indicators: dict[str, npt.NDArray[np.float64]] = field(default_factory=dict, repr=False)
     places: dict[str, Place] = field(default_factory=dict)
     may_be_unstable: bool = False

@@ -15,6 +15,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import cache
 from math import ceil, inf
+from time import perf_counter
 from types import MappingProxyType
 from typing import Any, NamedTuple, Protocol
 
@@ -314,8 +315,11 @@ class _Repetitions:
             others = self._errors_of_mesh_and_penalties(quarter_steps, quarter, fewer)
             if not self._miss_more_than_they_find(others):
                 return parts | others
-        fewer = quarter_steps if quarter else 0
-        return parts | self._errors_of_mesh_and_penalties(half_steps, half, fewer)
+        start, fewer = perf_counter(), quarter_steps if quarter else 0
+        others = self._errors_of_mesh_and_penalties(half_steps, half, fewer)
+        if fewer >= _ENOUGH_STEPS:
+            estimate.repeated = perf_counter() - start
+        return parts | others
 
     def _follow(self, steps: int, element: Element | None = None, stiffer: float = 1.0) -> Followed:
         """Follow the path once, and count the iterations."""

@@ -138,7 +138,7 @@ class Level:
         seconds = sum(row["seconds"] for row in rows)
         memory = 0.0
         if estimate:
-            seconds += estimate.seconds - estimate.jit
+            seconds += estimate.seconds - estimate.jit - estimate.repeated
             memory = estimate.memory
         row = self.row
         assert row is not None
