@@ -26,7 +26,7 @@ from fem_snh.accuracy.budget import STIFFER, penalty_part, without_penalties
 from fem_snh.accuracy.differences import scales_of, values_of
 from fem_snh.accuracy.estimate import estimate_with, locks
 from fem_snh.accuracy.frequency_goals import FrequencyGoal
-from fem_snh.accuracy.goal_errors import LOAD_STEPS, TIME_STEPS, Estimate, bounded_steps
+from fem_snh.accuracy.goal_errors import LOAD_STEPS, TIME_STEPS, Estimate
 from fem_snh.accuracy.goals import Goal, names_of
 from fem_snh.accuracy.lifted_elements import (
     check_memory,
@@ -69,6 +69,8 @@ _IRREGULAR = 2.0
 _SMALL_CHANGES = 0.05
 #: Two refinements of order 1 divide a change by this.
 _LEFT_BY_TWO = 4.0
+#: Bounds that differ by this part are the same.
+_DIGIT = 1e-9
 #: Changes below this part of a goal's scale are not those of steps: the solvers leave that much.
 _ROUNDING = 1e-5
 #: What parts miss below this part of a goal's scale is no reason to find them again.
@@ -210,13 +212,11 @@ def estimate_on_path(
                 estimate.goals[name] = replace(goal, parts=of_goal)
                 continue
             of_mesh, penalty = float(missed.of_mesh[i]), float(missed.of_penalty[i])
-            # Irregular steps have no estimate: the error is printed as a bound.
-            unsettled = goal.steps_bound if bounded_steps(of_goal, goal.steps_bound) else 0.0
             estimate.goals[name] = replace(
                 goal,
                 error=sum(of_goal.values()),
                 parts=of_goal,
-                unsettled=unsettled + of_mesh + penalty,
+                unsettled=float(missed.of_steps[i]) + of_mesh + penalty,
                 mesh_bound=of_mesh,
                 penalty_bound=penalty,
                 of_path=float(missed.largest[i]),
@@ -252,11 +252,15 @@ class _Missed(NamedTuple):
         A bound of what the part of penalties misses, as time steps do not resolve them.
     largest : array
         The largest part of the mesh in the last half of a motion.
+    of_steps : array
+        The bound of the part of the steps where it is more than they leave with order 1: changes
+        that do not decrease, of different signs, or small at the end by chance. Else 0.
     """
 
     of_mesh: Array
     of_penalty: Array
     largest: Array
+    of_steps: Array
 
 
 class _Repetitions:
@@ -285,7 +289,7 @@ class _Repetitions:
         self._problem, self._path, self._goals, self._estimate = problem, path, goals, estimate
         self._values, self._scales = values_of(estimate, goals), scales_of(estimate, goals)
         self._known: dict[tuple[int, str, float], Followed] = {}
-        self.missed = _Missed(*np.zeros((3, len(self._values))))
+        self.missed = _Missed(*np.zeros((4, len(self._values))))
 
     def parts(self) -> dict[str, Array]:
         """Return the parts of the errors by their source; of the steps alone if no goal has more.
@@ -386,6 +390,8 @@ class _Repetitions:
                 changes = np.array([change, before, quarter.values - eighth.values])
                 small = bounds_of_small_changes(changes, limits, most)
                 bounds = np.where(unordered, small, bounds)
+        more = bounds > (1 + _DIGIT) * np.abs(change) / abs(finer - 1)
+        self.missed = self.missed._replace(of_steps=np.where(more, bounds, 0.0))
         goals = self._estimate.goals
         for i, (name, bound) in enumerate(zip(names_of(self._goals), bounds, strict=True)):
             reason = _no_order(before[i], change[i]) if bound == inf else ""
