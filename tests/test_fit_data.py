@@ -167,6 +167,8 @@ BIAXIAL = "# test = biaxial\nstretch, stretch_2, stress_difference\n"
         (BIAXIAL.replace("stretch", "strain_2, stretch", 1) + "2, 1, 0, 1\n", "stretch_2 or str"),
         ("lambda, lambda_2, stress, stress_2 [Pa]\n2, 1, 1, 1\n", "expected units of all, or of"),
         ("# weight = 0\n" + HEAD + "1.5, 1\n", "weight = '0': expected a number > 0"),
+        ("# units = MPa\n" + HEAD + "1.5, 1\n", "line 1: '# units = MPa': unknown name (did you"),
+        (BIAXIAL.replace("_dif", ", stres_dif") + "2, 1, 1, 1\n", "(did you mean 'stress_differ"),
     ],
 )
 def test_mistakes(tmp_path: Path, text: str, message: str) -> None:
@@ -174,6 +176,13 @@ def test_mistakes(tmp_path: Path, text: str, message: str) -> None:
         read(written(tmp_path, text))
     assert message in str(error.value)
     assert "\n" not in str(error.value)
+
+
+def test_columns_that_are_no_data(tmp_path: Path) -> None:
+    """Neither other columns nor comments are misspelt names."""
+    text = "# rate: 1\n" + HEAD.replace("stress", "stress, stress_std, stress_3, strain_rate")
+    (test,) = read(written(tmp_path, text + "1.5, 2, 3, 4, 5\n"))
+    assert (test.x, test.stress) == (1.5, 2.0)
 
 
 def test_files_that_cannot_be_read(tmp_path: Path) -> None:

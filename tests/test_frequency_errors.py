@@ -73,6 +73,15 @@ def test_a_free_body_has_six_frequencies_of_zero(comm):
 
 
 @mpi
+def test_a_free_body_of_small_cells(comm):
+    """The shift is small beside the stiffness of a cell: a solve loses the rigid motions."""
+    modes = Modes(count=12)
+    free, fine = (box("Q2", n, hold=[], modes=modes) for n in (5, 8))
+    ratio = errors(comm, free, fine, range(7, 13))
+    assert ((ratio > 0.7) & (ratio < 1.4)).all(), ratio
+
+
+@mpi
 def test_errors_with_a_rigid_part(comm):
     def bar(element, cells):
         return Scene(

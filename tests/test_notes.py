@@ -170,6 +170,36 @@ def test_one_step_through_a_bifurcation(comm, folder):
     assert "than 4 smaller ones" in note["text"] and "take more steps" in note["text"]
 
 
+def test_rest_under_load_is_no_jump():
+    """A pressure leaves an incompressible cube at rest, to tolerances."""
+    rollers = [{"group": group} for group in ("left", "front", "bottom")]
+    scene = {
+        "name": "rivlin", "mesh": {"source": "cube"}, "cells": 2, "element": "Q2Q1", "steps": 3,
+        "material": {"name": "neo_hookean", "E": 3.0, "nu": 0.5}, "symmetry": rollers,
+        "traction": [
+            {"group": group, "vector": [0.3 * (i == axis) for i in range(3)]}
+            for axis, group in enumerate(("right", "back", "top"))
+        ],
+    }  # fmt: skip
+    result = solve(Scene.model_validate(scene), MPI.COMM_SELF)
+    assert result.steps[-1]["max_u"] < 1e-6 and not result.notes
+
+
+def test_rivlins_cube_names_a_way_that_its_element_has():
+    """From t = 2 mu on the cube is unstable: no trust region minimises with unknown pressures."""
+    scene = {
+        "name": "rivlin", "mesh": {"source": "cube"}, "cells": 1, "element": "Q2Q1",
+        "material": {"name": "neo_hookean", "E": 3.0, "nu": 0.5}, "stability": True,
+        "symmetry": [{"group": group} for group in ("left", "front", "bottom")],
+        "traction": [
+            {"group": group, "vector": [2.2 * (i == axis) for i in range(3)]}
+            for axis, group in enumerate(("right", "back", "top"))
+        ],
+    }  # fmt: skip
+    (note,) = solve(Scene.model_validate(scene), MPI.COMM_SELF).notes
+    assert note["kind"] == "unstable" and "with nu < 0.5 and Q1P0 or P2P0" in note["text"]
+
+
 def test_a_steep_path_is_no_jump():
     """A cube that is pressed flat is 1/sqrt(l) as wide at the height l, smoothly."""
     rollers = [("bottom", "z"), ("left", "x"), ("front", "y")]

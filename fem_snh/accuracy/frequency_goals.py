@@ -6,9 +6,10 @@ those from which inverse iteration begins, with the lifted problem's stiffness K
 
 .. math:: (K + s M)\, w = M \varphi,
 
-with a small shift s, for the rigid motions of a free body. The frequencies are those of the
-Rayleigh-Ritz method on the span of the w, to which modes of one frequency are no trouble. One
-iteration finds almost all of the difference (Xu & Zhou 2001, the two-grid method). An unknown
+with a small shift s, for the rigid motions of a free body: these are modes of both, with K v = 0
+and w = v / s, which no solve has to find. The frequencies are those of the Rayleigh-Ritz method on
+the span of the w, to which modes of one frequency are no trouble. One iteration finds almost all of
+the difference (Xu & Zhou 2001, the two-grid method). An unknown
 pressure has no mass: it is a part of the linear system. The quotients are stationary in both, so
 that what a linear solve leaves enters by its square.
 """
@@ -75,18 +76,28 @@ class FrequencyGoal:
         """See `Goal.bind`. The problem has no unknown pressure."""
 
         def values() -> list[float]:
-            frequency = self.modes(problem).frequencies[self.number - 1]
-            return [0.0 if abs(frequency) <= self.unit(problem) * sqrt(_RIGID) else frequency]
+            frequencies = np.array(self.modes(problem).frequencies)
+            return [float(_without_rounding(frequencies, self.unit(problem))[self.number - 1])]
 
         return values
 
     def unit(self, problem: Problem) -> float:
         """See `Goal.unit`: that of a wave across the body."""
-        return sqrt(self.modes.scale(problem)) / (2 * pi)
+        return _unit(self.modes, problem)
 
     def dual(self, at: Linearisation, number: int) -> Dual:
         """See `Goal.dual`: NaN, as most of the error is that of the mode."""
         return at.unknown()
+
+
+def _unit(modes: LowestModes, problem: Problem) -> float:
+    """Return the frequency of a wave across the body [Hz]. Collective."""
+    return sqrt(modes.scale(problem)) / (2 * pi)
+
+
+def _without_rounding(frequencies: Array, unit: float) -> Array:
+    """Return frequencies with zeros for those of rigid motions."""
+    return np.where(np.abs(frequencies) <= unit * sqrt(_RIGID), 0.0, frequencies)
 
 
 @dataclass
@@ -124,22 +135,27 @@ def lifted_modes(lift: Lift, modes: LowestModes) -> LiftedModes | None:
     shift = SHIFT * modes.scale(lifted)
     with _shifted(lifted, mass, shift):
         at = Linearisation(lifted, lifted.x, lift.linear_solves(True, _LINEAR, ("exact",)))
-    found = modes(problem)
+    found, unit = modes(problem), _unit(modes, problem)
     of_run = [_interpolated(found, i, lifted) for i in range(1, len(found.shapes) + 1)]
-    shapes, values = of_run, np.array(found.frequencies)
+    frequencies = _without_rounding(np.array(found.frequencies), unit)
+    shapes, values = of_run, frequencies
     for _ in range(_MOST_ITERATIONS):
-        unknowns, before = at.solve([_load(at, mass, shape) for shape in shapes]), values
+        rigid = [shape for shape, value in zip(shapes, values, strict=True) if value == 0]
+        others = [shape for shape, value in zip(shapes, values, strict=True) if value != 0]
+        unknowns, before = at.solve([_load(at, mass, shape) for shape in others]), values
         if not all(np.isfinite(x.norm()) for x in unknowns):
             return None
-        stiffness = _dots(unknowns, [lifted.operator * x for x in unknowns])
-        solutions = [_displacement(lifted, x) for x in unknowns]
+        solutions = [*rigid, *(_displacement(lifted, x) for x in unknowns)]
         inertia = _dots(solutions, [_product(mass, w) for w in solutions])
+        stiffness, n = shift * inertia, len(rigid)
+        stiffness[n:, n:] = _dots(unknowns, [lifted.operator * x for x in unknowns])
         eigenvalues, vectors = eigh(stiffness, inertia)
         shapes = [_combined(solutions, column) for column in vectors.T]
         eigenvalues -= shift
         values = np.sign(eigenvalues) * np.sqrt(np.abs(eigenvalues)) / (2 * pi)
+        values = _without_rounding(values, unit)
         changes = np.abs(values - before)
-        limits = _SETTLED * np.abs(values - found.frequencies) + _NEGLIGIBLE * values.max()
+        limits = _SETTLED * np.abs(values - frequencies) + _NEGLIGIBLE * values.max()
         if (changes <= limits).all():
             break
     else:

@@ -52,7 +52,7 @@ def state_notes(problem: Problem, negative: int | None) -> list[Note]:
     negative : int or None
         The number of negative eigenvalues of its Hessian, if it is known.
     """
-    unstable = instability_note({0: negative or 0})
+    unstable = instability_note({0: negative or 0}, saddle_point=bool(problem.saddle_point))
     found = [inversion_note(problem), locking_note(problem), unstable, pressure_note(problem)]
     found += [thin_support_note(problem), penalty_note(problem)]
     contradictions = problem.dirichlet.contradictions_of_values()
@@ -216,7 +216,10 @@ def unseen_penetrations(row: Mapping[str, Any]) -> list[tuple[str, Mapping[str, 
 
 
 def instability_note(
-    negative: Mapping[int, int], of: int | None = None, step: int | None = None
+    negative: Mapping[int, int],
+    of: int | None = None,
+    step: int | None = None,
+    saddle_point: bool = False,
 ) -> Note | None:
     """Return a note if an equilibrium is unstable.
 
@@ -228,6 +231,8 @@ def instability_note(
         Number of steps; None of a program's last solve, whose step is number 0.
     step : int, optional
         Number of the last step.
+    saddle_point : bool, optional
+        Whether the problem has unknown pressures, which no trust region minimises.
     """
     unstable = {number: count for number, count in negative.items() if count > 0}
     if not unstable:
@@ -238,10 +243,11 @@ def instability_note(
     where = "" if of is None else f" in {len(unstable)} of {of} steps"
     if of is not None and last != step:
         where += ", not in the last"
+    element = " with nu < 0.5 and Q1P0 or P2P0" if saddle_point else ""
     text = (
         f"unstable equilibrium{where}: the Hessian has {eigenvalues}, so a disturbance moves the "
-        "body to another state: take globalization = 'trust_region', which leaves it, or give the "
-        "body the imperfection of a real one"
+        f"body to another state: take globalization = 'trust_region'{element}, which leaves it, or "
+        "give the body the imperfection of a real one"
     )
     values = {"negative_eigenvalues": count, "steps": list(unstable)}
     return Note("unstable", text, None if of is None else last, values)

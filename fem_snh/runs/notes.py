@@ -150,6 +150,7 @@ def final_notes(
             {number: steps[number].get("negative_eigenvalues", 0) for number in good},
             len(good),
             good[-1],
+            saddle_point=bool(problem.saddle_point),
         ),
     ]
     return [note for note in found if note]

@@ -43,6 +43,9 @@ _OFF, _PARTS, _HALVED, _MAX_NODES = 0.6, 4, 6, 5_000
 #: Relative difference of energies from which states differ. Mirror images have the same; cells that
 #: are inverted in one of two states change it by a thousandth.
 _DIFFERENT = 1e-2
+#: Difference of energies, over E V, that tolerances leave: that of strains of 1e-6. A residual of
+#: 1e-7 E V^(2/3) leaves 1e-7, and more near an instability. Loads may leave a body at rest.
+_UNKNOWN = 1e-12
 
 
 class Jump(NamedTuple):
@@ -151,7 +154,8 @@ class JumpDetector:
                 return None
             state = following
         followed = problem.energy(state[1])
-        if abs(followed - energy) <= _DIFFERENT * max(abs(energy), abs(followed)):
+        unknown = _UNKNOWN * problem.force_scale * problem.length
+        if abs(followed - energy) <= max(_DIFFERENT * max(abs(energy), abs(followed)), unknown):
             return None
         return SkippedPath(start[0], to, energy, followed)
 

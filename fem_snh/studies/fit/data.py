@@ -14,8 +14,9 @@ a value in a column has nothing or a ``-`` there.
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from difflib import get_close_matches
 from pathlib import Path
 
 import numpy as np
@@ -73,7 +74,11 @@ _OF_DEFORMATION = {"shear": "simple_shear", "volume_ratio": "volumetric"}
 #: What a column is in the messages of a file without it.
 _DEFORMATION_WORDS = "stretch or strain (shear of simple_shear, volume_ratio of volumetric)"
 _STRESS_WORDS = "stress or pressure (of biaxial also stress_2, stress_difference)"
-_COMMENT = re.compile(r"#+\s*(test|unit|weight|columns)\s*[=:]\s*(.+?)\s*$", re.IGNORECASE)
+_STATED = ("test", "unit", "weight", "columns")
+_COMMENT = re.compile(r"#+\s*(\w+)\s*[=:]\s*(.+?)\s*$")
+#: Similarity (difflib) from which an unknown name is a misspelling: 'units' of 'unit' has 0.89,
+#: 'wieght' of 'weight' 0.83, but 'stress_std' of 'stress' 0.75.
+_MISSPELT = 0.8
 _COLUMN = re.compile(r"^(?P<name>[^\[\(]*?)\s*[\[\(]\s*(?P<unit>[^\]\)]*)[\]\)]\s*$")
 #: Units of a column that has none.
 _NO_UNIT = ("", "-", "1", "mm/mm", "m/m")
@@ -259,23 +264,39 @@ def read_cells(path: Path) -> tuple[dict[str, str], list[tuple[int, list[str]]]]
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error
         raise BadInput(f"data = '{path}': {reason}") from None
-    stated, rows = _lines(text)
+    stated, rows = _lines(path, text)
     if not rows:
         raise BadInput(f"{path}: no line of numbers: expected columns of numbers")
     return stated, rows
 
 
-def _lines(text: str) -> tuple[dict[str, str], list[tuple[int, list[str]]]]:
+def _lines(path: Path, text: str) -> tuple[dict[str, str], list[tuple[int, list[str]]]]:
     """Return what the comments state, and the number and the cells of the other lines."""
     stated: dict[str, str] = {}
     rows = []
     for number, line in enumerate(text.splitlines(), start=1):
         if line.strip().startswith("#"):
             if found := _COMMENT.match(line.strip()):
-                stated[found[1].lower()] = found[2]
+                key = found[1].lower()
+                if key in _STATED:
+                    stated[key] = found[2]
+                else:
+                    _check_spelling(f"{path}: line {number}: '{line.strip()}'", key, _STATED)
         elif line.strip():
             rows.append((number, _cells(line)))
     return stated, rows
+
+
+def _check_spelling(what: str, word: str, known: Iterable[str]) -> None:
+    """Raise BadInput if an unknown word is nearly a known one.
+
+    A name that differs in its number alone is another one: stress_3 is no misspelt stress_2.
+    """
+    close = get_close_matches(word, known, 1, _MISSPELT)
+    if close and re.sub(r"_?\d+$", "", word) != re.sub(r"_?\d+$", "", close[0]):
+        raise BadInput(
+            f"{what}: unknown name (did you mean '{close[0]}'?): expected another if it is no data"
+        )
 
 
 def _cells(line: str) -> list[str]:
@@ -304,6 +325,7 @@ def _columns(path: Path, cells: Sequence[str]) -> dict[str, tuple[int, str]]:
                 f"{path}: column '{cell}': expected the nominal stress, force per area at rest"
             )
         if word not in known:
+            _check_spelling(f"{path}: column '{cell}'", word, COLUMNS)
             continue
         if known[word] in found:
             raise BadInput(f"{path}: column '{cell}': expected one column {known[word]}")

@@ -285,7 +285,7 @@ def panel_label(record: dict[str, Any], load: float) -> str:
         change = volume_change(step["volume_ratio"]).replace("-", "\u2212")
         label += f"  ·  volume {change} %"
     if step.get("min_J") is not None:
-        label += f"  ·  min J {step['min_J']:.2f}"
+        label += f"  ·  min J {step['min_J']:.2f}".replace("-", "\u2212")
     return label if step.get("converged", True) else label + "  ·  not converged"
 
 
