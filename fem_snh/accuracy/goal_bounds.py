@@ -53,36 +53,39 @@ class GoalLevel:
 
     Attributes
     ----------
-    value, error : float
-        The value, and the estimate of what is to be added to it.
+    known : GoalError
+        The value and the estimate of its error.
     scale : float
         What the errors are relative to.
     bound, uncertainty : float
         Bounds of the errors of the value and of the corrected value.
-    parts : dict of float
-        The parts of the error by their source; empty if there is one source.
     safety : float
         The bound of the error over its estimate.
-    steps_bound : float
-        A bound of the error of time or load steps.
     small : bool
         Whether the scale is that of a larger force.
-    mesh_bound, penalty_bound, of_path : float
-        As for `GoalError`.
     """
 
-    value: float
-    error: float
+    known: GoalError
     scale: float
     bound: float
     uncertainty: float
-    parts: dict[str, float]
     safety: float
-    steps_bound: float = 0.0
     small: bool = False
-    mesh_bound: float = 0.0
-    penalty_bound: float = 0.0
-    of_path: float = 0.0
+
+    @property
+    def value(self) -> float:
+        """The value."""
+        return self.known.value
+
+    @property
+    def error(self) -> float:
+        """The estimate of what is to be added to it."""
+        return self.known.error or 0.0
+
+    @property
+    def parts(self) -> dict[str, float]:
+        """The parts of the error by their source; empty if there is one source."""
+        return self.known.parts
 
     @property
     def corrected(self) -> float:
@@ -107,12 +110,12 @@ class GoalLevel:
             part += abs(self.parts.get("shape", 0.0))
         safety = _safety_of(source, self.parts, self.safety)
         known = self.best(asked)[0] != self.value
-        largest = max(part, self.of_path) if source == "mesh" else part
+        largest = max(part, self.known.of_path) if source == "mesh" else part
         part = (0.0 if known else part) + (safety - 1) * largest
         if source == "penalty":
-            part += self.penalty_bound
+            part += self.known.penalty_bound
         if source in STEPS and source in self.parts:
-            part = max(part, self.steps_bound) + self.mesh_bound
+            part = max(part, self.known.steps_bound) + self.known.mesh_bound
         return part / self.scale if self.scale > 0 else 0.0
 
     @property
@@ -170,14 +173,12 @@ def add_what_is_missed(estimate: Estimate, degree: int, dim: int) -> None:
     On a path that is at least a part of the largest error of the same vector, as for bounds.
     """
     common = _safety(estimate, degree, dim)
-    largest: dict[str, float] = {}
-    for name, goal in estimate.goals.items():
-        largest[vector_of(name)] = max(largest.get(vector_of(name), 0.0), abs(goal.error or 0.0))
+    largest = _largest_of_vectors({n: abs(g.error or 0.0) for n, g in estimate.goals.items()})
     for name, goal in estimate.goals.items():
         if goal.error is not None and goal.parts:
             safety = _safety_of_shapes(goal, common)
             missed = _missed(goal, safety) + (safety - 1) * _of_steps(goal)
-            if not goal.parts.keys().isdisjoint(STEPS):
+            if _on_path(goal.parts):
                 missed = max(missed, _LEAST_ON_PATH * largest[vector_of(name)])
             estimate.goals[name] = replace(goal, missed=missed)
 
@@ -192,6 +193,11 @@ def _safety(estimate: Estimate, degree: int, dim: int) -> float:
 def _safety_of_shapes(goal: GoalError, safety: float) -> float:
     """Return the bound of an error over its estimate, with that of bones that are shapes."""
     return max(safety, _SAFETY_OF_SHAPES) if "shape" in goal.parts else safety
+
+
+def _on_path(parts: Mapping[str, float]) -> bool:
+    """Return whether an error has a part of time or load steps."""
+    return not parts.keys().isdisjoint(STEPS)
 
 
 def _of_steps(goal: GoalError) -> float:
@@ -223,8 +229,7 @@ def _bounded(goal: GoalError, safety: float, coarser: GoalLevel | None) -> GoalL
     steps = _of_steps(goal)
     size = sum(map(abs, goal.parts.values())) - steps if goal.parts else abs(error)  # may cancel
     missed = _missed(goal, safety) + goal.mesh_bound + goal.penalty_bound
-    on_path = not goal.parts.keys().isdisjoint(STEPS)
-    unsettled = 0.0 if on_path else goal.unsettled  # its bounds are counted above
+    unsettled = 0.0 if _on_path(goal.parts) else goal.unsettled  # its bounds are counted above
     bound = size + missed + max(safety * steps, goal.steps_bound) + unsettled
     uncertainty = missed + max((safety - 1) * steps, goal.steps_bound) + unsettled
     if coarser is None:
@@ -233,19 +238,7 @@ def _bounded(goal: GoalError, safety: float, coarser: GoalLevel | None) -> GoalL
     else:
         least = _change_left(corrected, error, uncertainty, coarser)
     bound, uncertainty = max(bound, size + steps + least), max(uncertainty, least)
-    return GoalLevel(
-        goal.value,
-        error,
-        scale,
-        bound,
-        uncertainty,
-        goal.parts,
-        safety,
-        goal.steps_bound,
-        mesh_bound=goal.mesh_bound,
-        penalty_bound=goal.penalty_bound,
-        of_path=goal.of_path,
-    )
+    return GoalLevel(goal, scale, bound, uncertainty, safety)
 
 
 def _change_left(corrected: float, error: float, uncertainty: float, coarser: GoalLevel) -> float:
@@ -258,8 +251,8 @@ def _change_left(corrected: float, error: float, uncertainty: float, coarser: Go
 
 def _safety_of(source: str, parts: Mapping[str, float], safety: float) -> float:
     """Return the bound of a part of an error over its estimate: ``safety`` of most parts."""
-    static = parts.keys().isdisjoint(STEPS)
-    return _SAFETY_OF_PENALTIES if source == "penalty" and static else safety
+    static = source == "penalty" and not _on_path(parts)
+    return _SAFETY_OF_PENALTIES if static else safety
 
 
 def _with_least_bounds(goals: Mapping[str, GoalLevel]) -> dict[str, GoalLevel]:
@@ -267,17 +260,22 @@ def _with_least_bounds(goals: Mapping[str, GoalLevel]) -> dict[str, GoalLevel]:
 
     The estimate of a component may be small by chance, where it changes its sign.
     """
-    largest: dict[str, float] = {}
-    for name, goal in goals.items():
-        largest[vector_of(name)] = max(largest.get(vector_of(name), 0.0), goal.uncertainty)
+    largest = _largest_of_vectors({name: goal.uncertainty for name, goal in goals.items()})
     found = {}
     for name, goal in goals.items():
-        on_path = not goal.parts.keys().isdisjoint(STEPS)
-        part = _LEAST_ON_PATH if on_path else _LEAST_OF_VECTOR
+        part = _LEAST_ON_PATH if _on_path(goal.parts) else _LEAST_OF_VECTOR
         least = part * largest[vector_of(name)]
         bounds = max(goal.bound, least), max(goal.uncertainty, least)
         found[name] = replace(goal, bound=bounds[0], uncertainty=bounds[1])
     return found
+
+
+def _largest_of_vectors(sizes: Mapping[str, float]) -> dict[str, float]:
+    """Return the largest size of a component, by the name of its vector."""
+    largest: dict[str, float] = {}
+    for name, size in sizes.items():
+        largest[vector_of(name)] = max(largest.get(vector_of(name), 0.0), size)
+    return largest
 
 
 def _least_of_forces(goals: Mapping[str, GoalLevel]) -> dict[str, GoalLevel]:

@@ -486,7 +486,7 @@ class Levels:
         share = f"{100 * relative:.2g} %"
         if goal.small:
             share += f" of {SMALL_FORCE:g} of the largest force"
-        parts = parts_text(goal.parts, goal.steps_bound)
+        parts = parts_text(goal.parts, goal.known.steps_bound)
         of = f"  ({parts})" if parts else ""
         return f"  {name} {value:.6g} +- {error:.2g} ({share}){which}{mark}{of}"
 
