@@ -237,6 +237,22 @@ def test_goals_of_groups():
     assert found["body.volume"] == found["volume"]
 
 
+def test_components_of_a_vector_have_its_scale():
+    """Symmetry makes a component zero: relative to itself no mesh would be fine enough."""
+    scene = {
+        "name": "pulled", "mesh": {"source": "cube"}, "cells": 2,
+        "element": "P2", "material": {"name": "stable_neo_hookean", "E": 1.0, "nu": 0.3},
+        "hold": [{"group": "left"}], "move": [{"group": "right", "translate": [0.3, 0, 0]}],
+        "probe": [{"name": "c", "point": [0.8, 0.5, 0.5]}],
+    }  # fmt: skip
+    whole, named = (
+        solve(Scene.model_validate(scene | {"accuracy": {"goals": goals, "within": 0.05}})).record
+        for goals in (["c", "energy"], ["c.x", "energy", "c.z", "c.y"])
+    )
+    assert named["accuracy"]["levels"][0]["goals"] == whole["accuracy"]["levels"][0]["goals"]
+    assert len(named["accuracy"]["levels"]) == 1
+
+
 def test_goals_in_the_files(tmp_path, capsys):
     result = fem_snh.run(sheared(), out=tmp_path / "run")
     record = json.loads((tmp_path / "run" / "run.json").read_text())

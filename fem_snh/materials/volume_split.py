@@ -78,7 +78,7 @@ class Split:
         """Return (U, U', U'') in J; raise BadInput at nu = 0.5."""
         if math.isinf(self.stiffness):
             raise BadInput(
-                f"nu = 0.5: material '{self.energy.name}' is incompressible, and requires "
+                f"nu = 0.5: material '{self.energy.name}' is incompressible and requires "
                 "a Taylor-Hood element (P2P1, Q2Q1)"
             )
         first = sympy.factor(sympy.diff(self.volume, J))

@@ -65,7 +65,17 @@ def scene_goals(
     names = named or default_goals(scene, has_energy and None not in groups)
     if "energy" in names and not has_energy:
         raise bad_value(_KEY, "energy", "another goal, in time or with a force without an energy")
-    return [_goal(scene, mesh, name, modes) for name in dict.fromkeys(names)]
+    read = {name: read_goal(name, scene) for name in names}
+    vectors: dict[tuple[str, str], set[int]] = {}
+    for kind, vector, components in read.values():
+        vectors.setdefault((kind, vector), set()).update(components)
+    # Components of one vector are one goal: their errors are relative to the largest of them.
+    first = {(goal.kind, goal.name): name for name, goal in reversed(read.items())}
+    return [
+        _goal(scene, mesh, name, modes, sorted(vectors[goal.kind, goal.name]))
+        for name, goal in read.items()
+        if first[goal.kind, goal.name] == name
+    ]
 
 
 def named_goals(scene: Scene, mesh: Mesh, names: Sequence[str]) -> list[Goal]:
@@ -116,8 +126,16 @@ def default_goals(scene: Scene, has_energy: bool) -> list[str]:
     ]
 
 
-def _goal(scene: Scene, mesh: Mesh, text: str, modes: LowestModes | None = None) -> Goal:
+def _goal(
+    scene: Scene,
+    mesh: Mesh,
+    text: str,
+    modes: LowestModes | None = None,
+    of_vector: Sequence[int] = (),
+) -> Goal:
+    """Return the goal of a name, or with several components the goal of all these."""
     kind, name, components = read_goal(text, scene)
+    components = tuple(of_vector) or components
     if kind == "frequency":
         if modes is None:
             raise bad_value("goal", text, "a displacement, a force, a moment or a volume")
