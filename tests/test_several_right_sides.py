@@ -86,7 +86,7 @@ def test_a_matrix_whose_sweeps_overflow_is_indefinite(comm):
     p.A.assemble()
     _, cg = conjugate_gradients(p, 0)
     found = cg.solve_columns(np.stack([v.array_r for v in right_sides(p, 2)]), 1e-4, 500)
-    assert found.indefinite and not found.converged
+    assert found.indefinite
 
 
 @mpi

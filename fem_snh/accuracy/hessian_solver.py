@@ -7,10 +7,7 @@ from math import nan
 
 from petsc4py import PETSc
 
-import numpy as np
-
 from fem_snh._petsc import set_operators
-from fem_snh.linalg import ssor_cg
 from fem_snh.problem.problem import Problem
 from fem_snh.solver.block_gmres import solve_columns
 from fem_snh.solver.errors import callback_errors
@@ -77,8 +74,6 @@ class HessianSolver:
             found, iterations = solve_columns(blocks, rhs, self._ksp)
             self.iterations += iterations
             return found
-        if len(rhs) > 1 and (cg := ssor_cg.of_columns(self._ksp)):
-            return self._by_conjugate_gradients(cg, rhs)
         solutions = []
         for vector in rhs:
             z = vector.duplicate()
@@ -88,19 +83,6 @@ class HessianSolver:
             if not self._ksp.getConvergedReason() > 0:
                 return None
             solutions.append(z)
-        return solutions
-
-    def _by_conjugate_gradients(
-        self, cg: ssor_cg.EisenstatCG, rhs: Sequence[PETSc.Vec]
-    ) -> list[PETSc.Vec] | None:
-        rtol, _, _, max_it = self._ksp.getTolerances()
-        found = cg.solve_columns(np.array([vector.array_r for vector in rhs]), rtol, max_it)
-        self.iterations += found.iterations
-        if not found.converged:
-            return None
-        solutions = [vector.duplicate() for vector in rhs]
-        for z, x in zip(solutions, found.x, strict=True):
-            z.array[:] = x
         return solutions
 
     def _assemble(self, filter: str) -> None:

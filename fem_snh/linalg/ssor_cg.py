@@ -46,18 +46,6 @@ def context_of(ksp: PETSc.KSP) -> EisenstatCG | None:
     return context if isinstance(context, EisenstatCG) else None
 
 
-def of_columns(ksp: PETSc.KSP) -> EisenstatCG | None:
-    """Return the `EisenstatCG` for several right-hand sides, where matrix and tolerance admit it.
-
-    It has the present values of the matrix. Collective.
-    """
-    A, P = ksp.getOperators()
-    cg = context_of(ksp) if A == P and ksp.getTolerances()[0] >= _CYCLE_REDUCTION else None
-    if cg:
-        cg.update_matrix(A)
-    return cg
-
-
 class EisenstatCG:
     """A KSP of type "python" for a symmetric matrix of 2x2 or 3x3 blocks. Collective.
 

@@ -84,19 +84,12 @@ class SSORColumns:
         max_it : int
             Iterations after which what was found is returned.
         """
-        x, residual = np.empty_like(b), np.empty_like(b)
-        parts = []
+        x, residual, indefinite = np.empty_like(b), np.empty_like(b), False
         for first in range(0, len(b), LANES):
             some = slice(first, first + LANES)
-            parts.append(self._solve_lanes(b[some], rtol, max_it))
-            x[some], residual[some] = parts[-1].x, parts[-1].residual
-        return Solutions(
-            x,
-            residual,
-            indefinite=any(part.indefinite for part in parts),
-            iterations=sum(part.iterations for part in parts),
-            converged=all(part.converged for part in parts),
-        )
+            x[some], residual[some], failed = self._solve_lanes(b[some], rtol, max_it)
+            indefinite |= failed
+        return Solutions(x, residual, indefinite)
 
     def _solve_lanes(self, b: Array, rtol: float, max_it: int) -> Solutions:
         """Return the solutions for up to `LANES` right-hand sides (Saad 2003, alg. 9.1)."""
@@ -126,9 +119,10 @@ class SSORColumns:
         rho, limit = update(), rtol**2 * whole
         # Sweeps over a positive definite matrix are bounded; an overflow shows an indefinite one.
         indefinite = not np.isfinite([whole, rho]).all()
-        active, iterations = rho > limit, 0
-        while active.any() and not indefinite and iterations < max_it:
-            iterations += 1
+        active = rho > limit
+        for _ in range(max_it):
+            if indefinite or not active.any():
+                break
             lib.columns_backward_sweep(matrix, at_beta, *(at[key] for key in "zptw"))
             if self._halo:
                 self._halo.exchange(vectors["t"])
@@ -152,7 +146,7 @@ class SSORColumns:
         scales = size * self._system.scale
         x = np.multiply(vectors["x"][:, :count].T, scales[:, None], dtype=float)
         r = np.multiply(residual[:, :count].T, size[:, None], dtype=float)
-        return Solutions(x, r, indefinite, iterations, not (indefinite or active.any()))
+        return Solutions(x, r, indefinite)
 
     def _in_null_space(self, curvature: Array) -> Array:
         """Return whether each column's direction has a curvature of zero, to rounding."""

@@ -105,17 +105,11 @@ class Solutions(NamedTuple):
         This rank's solutions and residuals b - A x, exact to single precision.
     indefinite : bool
         Whether the matrix was found indefinite: the solutions are useless.
-    iterations : int
-        Iterations, each for up to `fem_snh.linalg.ssor_columns.LANES` columns.
-    converged : bool
-        Whether all columns reached the tolerance.
     """
 
     x: npt.NDArray[np.float64]
     residual: npt.NDArray[np.float64]
     indefinite: bool
-    iterations: int = 0
-    converged: bool = False
 
 
 class SSORSystem:

@@ -144,9 +144,9 @@ class BlockTriangular:
             self._blocks.B_transposed.mult(p, f)
             rhs[k] -= f.array_r
         rtol, _, _, max_it = self.u.getTolerances()
-        found = self._cg.solve_columns(rhs, rtol, max_it)
-        self.indefinite |= found.indefinite
-        y[:, :n], product[:, :n] = found.x, x[:, :n] - found.residual
+        y[:, :n], residual, indefinite = self._cg.solve_columns(rhs, rtol, max_it)
+        self.indefinite |= indefinite
+        product[:, :n] = x[:, :n] - residual
         for k, column in enumerate(y):
             u.array[:], p.array[:] = column[:n], column[n:]
             product[k, n:] = self._blocks.product_of_pressures(u, p)
