@@ -24,7 +24,7 @@ from fem_snh.errors import bad_value
 from fem_snh.mesh.mesh import DIMENSIONS, Mesh
 from fem_snh.problem.measures import group_cells
 from fem_snh.problem.problem import Problem
-from fem_snh.scenes import Scene, read_goal, term_goals
+from fem_snh.scenes import GoalName, Scene, read_goal, term_goals
 from fem_snh.terms.body import group_facets
 
 if TYPE_CHECKING:
@@ -65,17 +65,14 @@ def scene_goals(
     names = named or default_goals(scene, has_energy and None not in groups)
     if "energy" in names and not has_energy:
         raise bad_value(_KEY, "energy", "another goal, in time or with a force without an energy")
-    read = {name: read_goal(name, scene) for name in names}
-    vectors: dict[tuple[str, str], set[int]] = {}
-    for kind, vector, components in read.values():
-        vectors.setdefault((kind, vector), set()).update(components)
     # Components of one vector are one goal: their errors are relative to the largest of them.
-    first = {(goal.kind, goal.name): name for name, goal in reversed(read.items())}
-    return [
-        _goal(scene, mesh, name, modes, sorted(vectors[goal.kind, goal.name]))
-        for name, goal in read.items()
-        if first[goal.kind, goal.name] == name
-    ]
+    vectors: dict[tuple[str, str], tuple[str, GoalName]] = {}
+    for name in names:
+        read = read_goal(name, scene)
+        first, before = vectors.get((read.kind, read.name), (name, read))
+        components = sorted({*before.components, *read.components})
+        vectors[read.kind, read.name] = first, read._replace(components=tuple(components))
+    return [_goal(scene, mesh, name, read, modes) for name, read in vectors.values()]
 
 
 def named_goals(scene: Scene, mesh: Mesh, names: Sequence[str]) -> list[Goal]:
@@ -89,7 +86,7 @@ def named_goals(scene: Scene, mesh: Mesh, names: Sequence[str]) -> list[Goal]:
     """
     goals = []
     for name in names:
-        goal = _goal(scene, mesh, name)
+        goal = _goal(scene, mesh, name, read_goal(name, scene))
         if name == "energy" or len(goal.names) > 1:
             raise bad_value("goal", name, "a component such as right.force.x, or a volume")
         goals.append(goal)
@@ -127,15 +124,10 @@ def default_goals(scene: Scene, has_energy: bool) -> list[str]:
 
 
 def _goal(
-    scene: Scene,
-    mesh: Mesh,
-    text: str,
-    modes: LowestModes | None = None,
-    of_vector: Sequence[int] = (),
+    scene: Scene, mesh: Mesh, text: str, read: GoalName, modes: LowestModes | None = None
 ) -> Goal:
-    """Return the goal of a name, or with several components the goal of all these."""
-    kind, name, components = read_goal(text, scene)
-    components = tuple(of_vector) or components
+    """Return the goal of a name, and of what was read from it and other components' names."""
+    kind, name, components = read
     if kind == "frequency":
         if modes is None:
             raise bad_value("goal", text, "a displacement, a force, a moment or a volume")
