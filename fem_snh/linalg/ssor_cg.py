@@ -32,6 +32,9 @@ _Reason = PETSc.KSP.ConvergedReason
 #: Residual reduction per refinement cycle. Single precision rounds to 6e-8; the remaining factor of
 #: 1000 is for the accumulated rounding errors of the iterations.
 _CYCLE_REDUCTION = 1e-4
+#: A cycle ends where its residual is so many times its least one. In single precision deflation
+#: leaves a part in its own space, which then grows until a negative curvature seems to be zero.
+_MAX_GROWTH = 100.0
 #: The refinement ends if a cycle does not reduce the residual at least to this fraction.
 _MIN_REDUCTION = 0.5
 #: Lower bound of the limit on iterations, for matrices of a few unknowns.
@@ -144,6 +147,7 @@ class EisenstatCG:
         while not ksp.getConvergedReason():
             if start.deflated_norm > _MIN_REDUCTION * previous:
                 happy, failed = _Reason.CONVERGED_HAPPY_BREAKDOWN, _Reason.DIVERGED_BREAKDOWN
+                singular &= start.deflated_norm <= previous / _MIN_REDUCTION
                 ksp.setConvergedReason(happy if singular else failed)
                 return
             (its, singular), previous = self._run_cycle(ksp, its, start), start.deflated_norm
@@ -196,7 +200,7 @@ class EisenstatCG:
         Returns the number of iterations so far, of which there were ``its`` before, and whether the
         last direction is in the null space.
         """
-        system, beta, rho = self._system, 0.0, start.rho
+        system, beta, rho, least = self._system, 0.0, start.rho, 1.0
         if rho == 0:  # the coarse component is the whole solution
             self._test_convergence(ksp, its + 1, 0.0)
             return its + 1, False
@@ -217,7 +221,9 @@ class EisenstatCG:
             its += 1
             ratio = sqrt(max(new, 0.0) / start.rho)
             converged = self._test_convergence(ksp, its, start.deflated_norm * ratio)
-            if converged or singular or ratio <= _CYCLE_REDUCTION:
+            least = min(least, ratio)
+            grown = _MAX_GROWTH * least < ratio <= _MIN_REDUCTION
+            if converged or singular or grown or ratio <= _CYCLE_REDUCTION:
                 return its, singular
             beta, rho = new / rho, new
 
