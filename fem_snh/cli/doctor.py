@@ -194,8 +194,9 @@ _OPTIONAL = {
     "SLEPc": "eigenfrequencies",
     "ipctk": "self_contact.method = 'ipc'",
 }
-#: Seconds after which a probe counts as hung.
-_TIMEOUT = 60.0
+#: Seconds after which a probe counts as hung: the first import of VTK from a slow disk takes above a
+#: minute.
+_TIMEOUT = 300.0
 
 
 def find(what: str) -> Finding:
