@@ -276,12 +276,17 @@ def test_a_force_without_contact_is_not_within_the_request(capsys):
     assert levels.rows[0].reason.startswith("ground.force.x: nothing touches on these cells")
 
 
+def between_plate_and_wall(x, update, **keys):
+    """The cube under a plate, which bulges towards a wall."""
+    scene = scenes.load("press", to=0.8, steps=1, **keys)
+    plane = {"plane": {"point": [x, 0, 0], "normal": [-1, 0, 0]}}
+    wall = scenes.Obstacle.model_validate({"name": "wall", "shape": plane})
+    return scene.model_copy(update={"obstacle": [scene.obstacle[0], wall], **update})
+
+
 def test_a_small_force_that_begins_is_no_reason_for_finer_cells():
     """Beside that of the plate: each finer mesh may have several times it, so no bound holds."""
-    scene = scenes.load("press", cells=2, to=0.8, element="Q1P0", steps=1)
-    plane = {"plane": {"point": [1.06, 0, 0], "normal": [-1, 0, 0]}}
-    wall = scenes.Obstacle.model_validate({"name": "wall", "shape": plane})
-    scene = scene.model_copy(update={"obstacle": [scene.obstacle[0], wall], "error": True})
+    scene = between_plate_and_wall(1.06, {"error": True}, cells=2, element="Q1P0")
     estimate = fem_snh.run(scene).estimate
     goals, begins = estimate.goals, "it only begins to touch, and on finer cells may touch more"
     assert abs(goals["wall.force.x"].error) > 100 > abs(goals["wall.force.x"].value)
@@ -296,6 +301,19 @@ def test_a_small_force_that_begins_is_no_reason_for_finer_cells():
     named = Levels(0.2, named=True)
     named.add(LevelRow("Q1P0", 1, 8, 81, 1.0, 1.0), estimate)
     assert not named.reached and named.worst[0].startswith("wall.force")
+
+
+@pytest.mark.parametrize("written", [False, True])
+def test_cells_are_not_refined_for_a_small_force_that_begins(tmp_path, capsys, written):
+    """Its error was located before it was known not to count: a KeyError ended the run."""
+    asked = Accuracy(within=0.02, keep_element=True)
+    scene = between_plate_and_wall(1.054, {"accuracy": asked}, cells=3, element="P2P0")
+    found = fem_snh.run(scene, out=tmp_path / "run" if written else None).record["accuracy"]
+    assert found["reached"] and len(found["levels"]) == 2
+    assert "wall.force.x" not in found["levels"][0]["goals"]
+    shown = capsys.readouterr().out
+    assert "wall.force 12.3, of the better element 86.5: it only begins" in shown
+    assert written or "where the error of plate.force.z is" in shown
 
 
 def pressed(shape):

@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh.accuracy.differences import scales_of, values_of
-from fem_snh.accuracy.estimate import estimate_with
+from fem_snh.accuracy.estimate import estimate_with, mark_small_forces
 from fem_snh.accuracy.goal_errors import Estimate, GoalError
 from fem_snh.accuracy.goals import Goal, names_of
 from fem_snh.accuracy.no_estimate import NoEstimate, NoEstimateOnAnyMesh, depends_on_path
@@ -118,6 +118,7 @@ def estimate_by_coarser_meshes(
         )
         for i, name in enumerate(names_of(goals)):
             estimate.goals[name] = with_error(estimate.goals[name], errors[i], bounds[i], change[i])
+        mark_small_forces(goals, estimate)
         if problem.scale_penalties(1.0):
             estimate.left_out.append(_OF_PENALTIES)
         estimate.left_out.append(

@@ -183,7 +183,6 @@ def estimate_with(
     problem.split(problem.x)
     terms = [goal for goal in goals if isinstance(goal, TermGoal)]
     _mark_forces_without_contact(problem, terms, estimate)
-    _mark_small_forces(goals, estimate)
     estimate.seconds = perf_counter() - start
     estimate.jit = compile_seconds() - compiled
     return estimate
@@ -227,7 +226,7 @@ def _mark_forces_without_contact(
                 estimate.goals[name] = GoalError(known.value, None, known.scale, reason=NO_CONTACT)
 
 
-def _mark_small_forces(goals: Sequence[Goal], estimate: Estimate) -> None:
+def mark_small_forces(goals: Sequence[Goal], estimate: Estimate) -> None:
     """Give a reason to forces of contact that are small beside others, and beside their errors."""
     forces = [goal for goal in goals if isinstance(goal, VectorGoal | TermGoal) and goal.is_force]
     sizes = [abs(estimate.goals[name].value) for name in names_of(forces)]
@@ -286,6 +285,7 @@ def _add_errors(
             mesh = replace(mesh, unsettled=mesh.unsettled + further)
         _set_errors(estimate, static, mesh, parts)
         _add_largest(lift, static, estimate, options.asked)
+        mark_small_forces(static, estimate)  # those that do not count are not located
         modes = None
         if frequencies:
             modes = _add_frequencies(lift, frequencies, estimate, parts_of_frequencies)

@@ -455,11 +455,10 @@ class Levels:
 
     def cell_weights(self, estimate: Estimate, cells: int) -> Array:
         """Return the errors of cells over the request, of the goals that are not within it."""
-        goals, weights = self.rows[-1].goals, np.zeros(cells)
-        for name, indicators in estimate.indicators.items():
-            goal = goals[name]
-            if goal.relative(self.asked) > self.asked:
-                weights += np.abs(indicators) / (self.asked * goal.scale)
+        weights = np.zeros(cells)
+        for name, goal in self.rows[-1].goals.items():
+            if name in estimate.indicators and goal.relative(self.asked) > self.asked:
+                weights += np.abs(estimate.indicators[name]) / (self.asked * goal.scale)
         return weights
 
     def lines(self) -> list[str]:

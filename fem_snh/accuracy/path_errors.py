@@ -24,7 +24,7 @@ import numpy.typing as npt
 
 from fem_snh.accuracy.budget import STIFFER, penalty_part, without_penalties
 from fem_snh.accuracy.differences import scales_of, values_of
-from fem_snh.accuracy.estimate import estimate_with, locks
+from fem_snh.accuracy.estimate import estimate_with, locks, mark_small_forces
 from fem_snh.accuracy.frequency_goals import FrequencyGoal
 from fem_snh.accuracy.goal_errors import LOAD_STEPS, TIME_STEPS, Estimate
 from fem_snh.accuracy.goals import Goal, names_of
@@ -221,6 +221,7 @@ def estimate_on_path(
                 penalty_bound=penalty,
                 of_path=float(missed.largest[i]),
             )
+        mark_small_forces(known, estimate)
 
     return estimate_with(add_errors, problem, goals, mesh)
 
