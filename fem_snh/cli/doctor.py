@@ -194,8 +194,8 @@ _OPTIONAL = {
     "SLEPc": "eigenfrequencies",
     "ipctk": "self_contact.method = 'ipc'",
 }
-#: Seconds after which a probe counts as hung: the first import of VTK from a slow disk takes above a
-#: minute.
+#: Seconds after which a probe counts as hung: the first import of VTK from a slow disk takes more
+#: than a minute.
 _TIMEOUT = 300.0
 
 
