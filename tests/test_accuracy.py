@@ -157,10 +157,10 @@ def test_decisions():
     """A value serves if its error is within the request, a corrected one if its own error is."""
 
     def estimate(value, error, scale=1.0):
-        return Estimate(goals={"a": GoalError(value, error, scale)})
+        return Estimate(goals={"a": GoalError(value, error, scale)}, memory=1e6)
 
     levels = Levels(0.01, {"max_dofs": 5000})
-    levels.add(LevelRow("Q1P0", 1, 64, 500, 1.0, 1e6, fineness=4), estimate(0.9, 0.1))
+    levels.add(LevelRow("Q1P0", 1, 64, 500, 1.0, fineness=4), estimate(0.9, 0.1))
     # The estimate of degree 1 may miss 40 % of what it finds: so much the corrected value is off.
     assert not levels.reached and levels.worst == ("a", pytest.approx(0.04))
     assert levels.rows[0].goals["a"].bound == pytest.approx(0.14)
@@ -170,17 +170,17 @@ def test_decisions():
     assert not levels.exceeds(forecast, 0.0, 1e9)
     assert levels.exceeds(levels.forecast(2.5), 0.0, 1e9).startswith("max_dofs = 5,000: ")
     assert levels.exceeds(forecast, 0.0, 1e6).startswith("1 MB are available")
-    levels.add(LevelRow("Q1P0", 1, 512, 4000, 8.0, 8e6, fineness=8), estimate(0.968, 0.02))
+    levels.add(LevelRow("Q1P0", 1, 512, 4000, 8.0, fineness=8), estimate(0.968, 0.02))
     assert levels.reached and levels.worst == ("a", pytest.approx(0.008))
     assert levels.lines()[1] == "  a 0.988 +- 0.008 (0.8 %) (corrected)"
     # The next corrected value is further from that than both may be off: their difference counts.
-    levels.add(LevelRow("Q1P0", 1, 4096, 32000, 64.0, 64e6, fineness=16), estimate(0.97, 0.006))
+    levels.add(LevelRow("Q1P0", 1, 4096, 32000, 64.0, fineness=16), estimate(0.97, 0.006))
     assert levels.worst == ("a", pytest.approx(0.012)) and not levels.reached
     # Parts that cancel are no small error.
     levels = Levels(0.01)
     parts = {"mesh": 0.02, "time steps": -0.019}
     goal = GoalError(1.0, 0.001, 1.0, parts=parts)
-    levels.add(LevelRow("Q1P0", 1, 64, 500, 1.0, 1e6, steps=8), Estimate(goals={"a": goal}))
+    levels.add(LevelRow("Q1P0", 1, 64, 500, 1.0, steps=8), Estimate(goals={"a": goal}))
     assert not levels.reached
     # What further Newton iterations may change is a part of the bound.
     goal = GoalError(1.0, 0.008, 1.0, unsettled=0.001)
@@ -196,7 +196,7 @@ def test_decisions():
         assert levels.mesh_suffices == stays and levels.stiffer_penalties() > 1
     # A component that is small beside the largest displacement is judged by that.
     levels = Levels(0.01)
-    row = LevelRow("Q1P0", 1, 64, 500, 1.0, 1e6)
+    row = LevelRow("Q1P0", 1, 64, 500, 1.0)
     levels.add(row, estimate(1e-9, 1e-9, scale=1e-3))
     assert levels.reached
     # A force that was not asked for is judged by the largest one, and the line says so.
@@ -212,7 +212,7 @@ def test_decisions():
         share = "1.2 %)" if named else "0.24 % of 0.1 of the largest force)"
         line = f"  ground.force.z 1.03 +- 0.012 ({share} (corrected)"
         assert of_forces.lines()[2].startswith(line)
-    levels.add(LevelRow("Q1P0", 1, 512, 4000, 1.0, 1e6), Estimate(reason="far away"))
+    levels.add(LevelRow("Q1P0", 1, 512, 4000, 1.0), Estimate(reason="far away"))
     assert not levels.reached and levels.lines() == [
         "level 2: 512 Q1P0 cells, 4,000 dofs: no estimate: far away"
     ]
@@ -271,7 +271,7 @@ def test_a_force_without_contact_is_not_within_the_request(capsys):
         assert line in shown and "every goal but ground.force, without an estimate, is" in shown
     # Who names the goal has finer cells instead.
     levels = Levels(0.2, named=True)
-    levels.add(LevelRow("Q1P0", 1, 8, 81, 1.0, 1.0), result.estimate)
+    levels.add(LevelRow("Q1P0", 1, 8, 81, 1.0), result.estimate)
     assert not levels.reached and levels.refinement() == 2
     assert levels.rows[0].reason.startswith("ground.force.x: nothing touches on these cells")
 
@@ -293,13 +293,13 @@ def test_a_small_force_that_begins_is_no_reason_for_finer_cells():
     assert {name for name, goal in goals.items() if goal.reason == begins} == {
         f"wall.force.{axis}" for axis in "xyz"
     }
-    row, known = LevelRow("Q1P0", 1, 8, 81, 1.0, 1.0), Levels(0.2)
-    known.add(row, estimate)
-    (line,) = row.untouched.values()
+    known = Levels(0.2)
+    known.add(LevelRow("Q1P0", 1, 8, 81, 1.0), estimate)
+    (line,) = estimate.untouched.values()
     assert line.startswith("wall.force 0, of the better element 2") and line.endswith(begins)
     assert known.reached and any(line in shown for shown in known.lines())
     named = Levels(0.2, named=True)
-    named.add(LevelRow("Q1P0", 1, 8, 81, 1.0, 1.0), estimate)
+    named.add(LevelRow("Q1P0", 1, 8, 81, 1.0), estimate)
     assert not named.reached and named.worst[0].startswith("wall.force")
 
 
@@ -361,7 +361,7 @@ def test_each_level_in_time_differs_from_the_last():
     ):
         levels = Levels(0.01, dim=dim)
         goal = GoalError(1.0, 0.0048, 1.0, parts=parts)
-        row = LevelRow(element, degree, 64, 500, 1.0, 1e6, steps=10)
+        row = LevelRow(element, degree, 64, 500, 1.0, steps=10)
         levels.add(row, Estimate(goals={"a": goal}, element=lifted))
         assert levels.reached == (lifted != "P3P0")
         assert levels.reached or levels.shorter_steps() > 1 or not levels.mesh_suffices

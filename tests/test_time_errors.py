@@ -170,7 +170,7 @@ def test_steps_whose_order_is_not_measured_say_so(estimated):
     assert line.endswith("a multiple of 4 steps, 16 or more, shows it")
     assert line in estimate.lines()
     levels = Levels(0.5)
-    levels.add(LevelRow("Q1", 1, 8, 81, 1.0, 1.0, steps=5), estimate)
+    levels.add(LevelRow("Q1", 1, 8, 81, 1.0, steps=5), estimate)
     assert levels.lines()[-1] == f"  {line}" and levels.record()["left_out"] == [line]
 
 
@@ -198,7 +198,7 @@ def test_steps_whose_changes_do_not_decrease_have_no_estimate():
     A finer level has shorter time steps, and the same mesh.
     """
     found = solve(in_time({"duration": 2.0, "steps": 32}, probe=TIP, accuracy=GOALS, **SWING))
-    goal, row = found.estimate.goals["tip.z"], LevelRow("Q1", 1, 8, 81, 1.0, 1.0, steps=32)
+    goal, row = found.estimate.goals["tip.z"], LevelRow("Q1", 1, 8, 81, 1.0, steps=32)
     shown = "tip.z -0.797726, no estimate: its changes do not decrease: twice as many time steps"
     assert goal.text("tip.z").startswith(shown)
     assert goal.reason.endswith("changed it by -0.0076, and twice as many again by +0.0083")
@@ -244,7 +244,7 @@ def test_small_changes_that_do_not_decrease_have_a_bound(integrator, friction, n
     for part in ("error below", "time steps below", "mesh ", "penalty "):
         assert part in goal.text("body.mean.z")
     levels = Levels(0.01)
-    levels.add(LevelRow("P1", 1, 8, 81, 1.0, 1.0, steps=100), found)
+    levels.add(LevelRow("P1", 1, 8, 81, 1.0, steps=100), found)
     level = levels.rows[0].goals["body.mean.z"]
     assert not levels.rows[0].steps_have_no_order
     assert level.bound > goal.steps_bound + abs(goal.error)
@@ -274,7 +274,7 @@ def test_steps_that_fail_are_followed_by_shorter_ones_on_the_same_mesh():
     """Finer cells followed, on which more steps fail: no level had an estimate."""
     estimate = Estimate(reason="with half the steps some failed", steps_too_long=True)
     levels = Levels(0.05, dim=2)
-    levels.add(LevelRow("P2", 2, 12, 70, 1.0, 1.0, steps=17), estimate)
+    levels.add(LevelRow("P2", 2, 12, 70, 1.0, steps=17), estimate)
     changes = levels.changes()
     assert (changes.refinement, changes.shorter) == (1.0, 4.0)
 

@@ -124,35 +124,24 @@ class LevelRow:
         The discretisation: the element and the degree of its displacement.
     seconds : float
         Elapsed seconds of the last load step and of the estimate, without compilation.
-    memory : float
-        Memory of the estimate's problem [bytes].
-    goals : dict of GoalLevel
-        The goals; empty without an estimate.
-    reason : str
-        Why there is no estimate.
     elapsed : float
         Seconds since the start of the first level.
     fineness : float
         A number to which the size of the cells is inverse.
-    where : str
-        Where most of the largest error is.
-    doubt : str
-        That an instability would not have been found.
     steps : int
         The steps of a path on which the end depends; 0 without one.
     kind : str
         What they are: "time" or "load".
+    estimate : Estimate
+        The errors.
+    goals : dict of GoalLevel
+        The goals that count, with bounds; empty if one of them has no estimate.
+    reason : str
+        Why one has none.
     steps_have_no_order : bool
-        Whether there is no estimate as the changes of a goal by more steps do not decrease, or as
-        steps fail.
-    untouched : dict of str
-        The lines of forces of contact that do not count, as nothing touches, or only begins to.
-    left_out : list of str
-        What the errors do not include.
+        Whether that is as the changes of a goal by more steps do not decrease, or as steps fail.
     gives_way : str
         The note that supports without an area carry a force: finer meshes have another answer.
-    on_no_mesh : bool
-        Whether a finer mesh would not have an estimate either.
     """
 
     element: str
@@ -160,20 +149,15 @@ class LevelRow:
     cells: int
     dofs: int
     seconds: float = 0.0
-    memory: float = 0.0
-    goals: dict[str, GoalLevel] = field(default_factory=dict)
-    reason: str = ""
     elapsed: float = 0.0
     fineness: float = 1.0
-    where: str = ""
-    doubt: str = ""
     steps: int = 0
     kind: str = "time"
+    estimate: Estimate = field(default_factory=Estimate)
+    goals: dict[str, GoalLevel] = field(default_factory=dict)
+    reason: str = ""
     steps_have_no_order: bool = False
-    untouched: dict[str, str] = field(default_factory=dict)
-    left_out: list[str] = field(default_factory=list)
     gives_way: str = ""
-    on_no_mesh: bool = False
 
 
 class Levels:
@@ -213,15 +197,12 @@ class Levels:
 
     def add(self, row: LevelRow, estimate: Estimate | None) -> None:
         """Add a level with its estimate."""
-        known = estimate.goals if estimate else {}
-        row.on_no_mesh = estimate is not None and estimate.on_no_mesh
-        if estimate and not self.named:
-            row.untouched = estimate.untouched
-            known = {name: g for name, g in known.items() if vector_of(name) not in row.untouched}
+        row.estimate = estimate = estimate or Estimate(reason="the load steps did not converge")
+        untouched = self._untouched(row)
+        known = {name: g for name, g in estimate.goals.items() if vector_of(name) not in untouched}
         unknown = [name for name, goal in known.items() if goal.error is None]
-        if estimate is None or estimate.reason:
-            row.reason = estimate.reason if estimate else "the load steps did not converge"
-            row.steps_have_no_order = bool(estimate and estimate.steps_too_long)
+        if estimate.reason:
+            row.reason, row.steps_have_no_order = estimate.reason, estimate.steps_too_long
         elif unknown:
             reasons = [f"{name}: {known[name].reason}" for name in unknown if known[name].reason]
             row.reason = reasons[0] if reasons else f"no estimate of {', '.join(unknown)}"
@@ -230,12 +211,14 @@ class Levels:
             finer = bool(self.rows) and row.fineness > self.rows[-1].fineness
             coarser = self.rows[-1].goals if finer else {}
             row.goals = bounded_goals(estimate, known, row.degree, self.dim, coarser, self.named)
-            row.where, row.doubt = estimate.where, estimate.doubt
-            row.left_out = estimate.left_out
             before = [r for r in self.rows if r.goals and r.fineness < row.fineness]
             if estimate.narrow and not before and not row.steps:
                 self.least = max(self.least, len(self.rows) + 2)
         self.rows.append(row)
+
+    def _untouched(self, row: LevelRow) -> dict[str, str]:
+        """Return the lines of forces of contact that do not count: see `Estimate.untouched`."""
+        return {} if self.named else row.estimate.untouched
 
     def beyond(self, row: LevelRow, estimate: Estimate) -> list[str]:
         """Return the goals that are not within the request on a level that is not yet added."""
@@ -246,7 +229,7 @@ class Levels:
     @property
     def worst(self) -> tuple[str, float] | None:
         """The goal with the largest relative error on the last level; None without an estimate."""
-        goals = self.rows[-1].goals if self.rows else {}
+        goals = self.rows[-1].goals
         if not goals:
             return None
         name = max(goals, key=lambda name: goals[name].relative(self.asked))
@@ -282,7 +265,7 @@ class Levels:
         """Why a finer level would not meet the request either; "" if it may."""
         row = self.rows[-1]
         without = [not row.goals for row in self.rows[-_MOST_WITHOUT:]]
-        if row.on_no_mesh or (len(without) == _MOST_WITHOUT and all(without)):
+        if row.estimate.on_no_mesh or (len(without) == _MOST_WITHOUT and all(without)):
             return f"no estimate of the error: {row.reason}"
         if row.gives_way and self.estimates_suffice:
             return row.gives_way
@@ -302,15 +285,12 @@ class Levels:
 
     def refinement(self) -> float:
         """Return the factor by which the cells of the next level are to be smaller."""
-        if self.worst is None:
-            return _MOST_REFINEMENT
-        goals, asked = self.rows[-1].goals, self.asked
-        if len(self.rows) < self.least and self.estimates_suffice:
+        if self.worst is None or (len(self.rows) < self.least and self.estimates_suffice):
             return _MOST_REFINEMENT
         if self._is_shared:
-            ratio = self._contribution("mesh") / (_SHARES["mesh"] * asked)
+            ratio = self._contribution("mesh") / (_SHARES["mesh"] * self.asked)
         else:
-            ratio = max(goal.relative(asked) for goal in goals.values()) / asked
+            ratio = self.worst[1] / self.asked
         ratio /= _AIM_OF_NEAR if ratio <= _NEAR else _AIM
         factor = ratio ** (1 / _ORDER[self.rows[-1].degree])
         return float(min(max(factor, _LEAST_REFINEMENT), _MOST_REFINEMENT))
@@ -401,7 +381,7 @@ class Levels:
         seconds = last.seconds * growth ** self._time_power() * shorter
         cells, dofs = (round(count * growth) for count in (last.cells, last.dofs))
         steps = f"{ceil(last.steps * shorter):,} {last.kind} steps" if last.steps else ""
-        return Forecast(cells, dofs, seconds, last.memory * growth, steps)
+        return Forecast(cells, dofs, seconds, last.estimate.memory * growth, steps)
 
     def _time_power(self) -> float:
         """Return the power of the unknowns with which the time of a step on a path grows.
@@ -424,7 +404,7 @@ class Levels:
         last = self.rows[-1]
         growth = max(1.0, dofs / last.dofs)
         seconds = last.seconds * growth**_TIME_POWER
-        return Forecast(last.cells, dofs, seconds, last.memory * growth)
+        return Forecast(last.cells, dofs, seconds, last.estimate.memory * growth)
 
     def exceeds(self, forecast: Forecast, elapsed: float, available: float) -> str:
         """Return why the next level is not solved; empty if it is.
@@ -453,12 +433,12 @@ class Levels:
             return f"{available / 1e6:.2g} MB are available: the next level has {forecast}"
         return ""
 
-    def cell_weights(self, estimate: Estimate, cells: int) -> Array:
+    def cell_weights(self, cells: int) -> Array:
         """Return the errors of cells over the request, of the goals that are not within it."""
-        weights = np.zeros(cells)
-        for name, goal in self.rows[-1].goals.items():
-            if name in estimate.indicators and goal.relative(self.asked) > self.asked:
-                weights += np.abs(estimate.indicators[name]) / (self.asked * goal.scale)
+        row, weights = self.rows[-1], np.zeros(cells)
+        for name, goal in row.goals.items():
+            if name in row.estimate.indicators and goal.relative(self.asked) > self.asked:
+                weights += np.abs(row.estimate.indicators[name]) / (self.asked * goal.scale)
         return weights
 
     def lines(self) -> list[str]:
@@ -474,8 +454,9 @@ class Levels:
         head += f"{'estimates' if unsure else 'goals'} within {100 * asked:g} %"
         shown = {name: goal for name, goal in row.goals.items() if not goal.is_zero}
         lines = [head, *(self._line(name, goal) for name, goal in shown.items())]
-        lines += [f"  {line}" for line in row.untouched.values()]
-        return [*lines, *(f"  {text}" for text in (row.where, row.doubt, *row.left_out) if text)]
+        found = row.estimate
+        further = (*self._untouched(row).values(), found.where, found.doubt, *found.left_out)
+        return [*lines, *(f"  {text}" for text in further if text)]
 
     def _line(self, name: str, goal: GoalLevel) -> str:
         relative = goal.relative(self.asked)
@@ -491,15 +472,16 @@ class Levels:
 
     def record(self) -> dict[str, Any]:
         """Return the entry ``accuracy`` of run.json."""
+        last = self.rows[-1]
         return {
             "within": self.asked,
             "reached": self.reached,
             "limit": self.limit or None,
             "worst": self.worst[0] if self.worst else None,
             "relative": self.worst[1] if self.worst else None,
-            "without_contact": list(self.rows[-1].untouched) if self.rows else [],
-            "left_out": self.rows[-1].left_out if self.rows else [],
-            "small": [n for n, g in self.rows[-1].goals.items() if g.small] if self.rows else [],
+            "without_contact": list(self._untouched(last)),
+            "left_out": last.estimate.left_out if last.goals else [],
+            "small": [name for name, goal in last.goals.items() if goal.small],
             "levels": [
                 {
                     "element": row.element,

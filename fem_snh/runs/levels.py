@@ -79,9 +79,7 @@ class Level:
     volumes : (owned cells,) array
         The volumes of its cells [length^dim].
     row : LevelRow or None
-        Its discretisation, from `begin` on.
-    estimate : Estimate or None
-        Its errors, from `end` on.
+        Its discretisation, from `begin` on; its errors, from `end` on.
     """
 
     levels: Levels
@@ -93,7 +91,6 @@ class Level:
     notes: list[dict[str, Any]] = field(default_factory=list)
     volumes: Array = field(default_factory=lambda: np.empty(0))
     row: LevelRow | None = None
-    estimate: Estimate | None = None
 
     @property
     def given(self) -> tuple[Mesh | None, float]:
@@ -135,30 +132,24 @@ class Level:
         in_time = "time" in record["steps"][-1]
         followed = in_time or (estimate is not None and estimate.again > 0)
         rows = record["steps"] if followed else record["steps"][-1:]
-        seconds = sum(row["seconds"] for row in rows)
-        memory = 0.0
-        if estimate:
-            seconds += estimate.seconds - estimate.jit - estimate.repeated
-            memory = estimate.memory
         row = self.row
         assert row is not None
-        row.seconds, row.memory = seconds, memory
+        row.seconds = sum(step["seconds"] for step in rows)
+        if estimate:
+            row.seconds += estimate.seconds - estimate.jit - estimate.repeated
         row.elapsed = perf_counter() - self.start
         row.steps = sum(step["converged"] for step in rows) if followed else 0
         row.kind = "time" if in_time else "load"
         self.levels.add(row, estimate)
         if not row.goals and not followed:  # the next level follows the load steps again
             row.seconds += sum(step["seconds"] for step in record["steps"][:-1])
-        self.estimate = estimate
         record["accuracy"] = self.levels.record()
         if self.notes:
             record.setdefault("notes", []).extend(self.notes)
 
     def cell_weights(self) -> Array:
         """Return the errors of this rank's cells that are to be reduced; zero if none is known."""
-        if self.estimate is None or not self.levels.rows[-1].goals:
-            return np.zeros(len(self.volumes))
-        return self.levels.cell_weights(self.estimate, len(self.volumes))
+        return self.levels.cell_weights(len(self.volumes))
 
 
 #: ``solve(scene, folder=folder, level=level)`` is a run of the driver.
