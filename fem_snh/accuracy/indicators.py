@@ -28,12 +28,7 @@ from fem_snh import _dolfinx
 from fem_snh.accuracy.duals import Linearisation
 from fem_snh.accuracy.goals import Goal, TermGoal
 from fem_snh.accuracy.lift import Lift
-from fem_snh.assembly.ghosted_vectors import (
-    add_ghosts,
-    set_to_zero,
-    with_ghosts,
-    writable_values,
-)
+from fem_snh.assembly.ghosted_vectors import summed_over_cells, with_ghosts
 from fem_snh.mesh.mesh import Mesh
 from fem_snh.problem.problem import Problem
 
@@ -192,18 +187,13 @@ def _at_nodes(V: Any, owned: Array) -> Array:
 
 def _summed(V: Any, values: Array) -> Array:
     """Return the sums over cells of values at their nodes, at the nodes of each cell."""
-    vector = _dolfinx.create_vector(V)
-    set_to_zero(vector)
-    nodal = writable_values(vector).reshape(-1, _dolfinx.num_components(V))
-    np.add.at(nodal, _dolfinx.node_dofs(V), values)
-    add_ghosts(vector)
-    return _at_nodes(V, vector.array_r)
+    return np.asarray(summed_over_cells(V, values)[_dolfinx.node_dofs(V)])
 
 
 def _multiplicity(V: Any) -> Array:
     """Return the number of cells around each node of each cell, (cells, nodes). Collective."""
     shape = _dolfinx.node_dofs(V).shape
-    return np.asarray(_summed(V, np.ones((*shape, _dolfinx.num_components(V))))[..., 0])
+    return np.asarray(_summed(V, np.ones((*shape, 1)))[..., 0])
 
 
 def place(problem: Problem, indicators: Array, mesh: Mesh | None = None) -> Place | None:

@@ -21,14 +21,7 @@ from fem_snh.accuracy.hessian_solver import HessianSolver
 from fem_snh.accuracy.lifted_elements import lifted_elements
 from fem_snh.accuracy.no_estimate import NoEstimate, NoEstimateOnAnyMesh
 from fem_snh.assembly.elements import Element
-from fem_snh.assembly.ghosted_vectors import (
-    add_ghosts,
-    copy_to_function,
-    local_values,
-    set_to_zero,
-    update_ghosts,
-    writable_values,
-)
+from fem_snh.assembly.ghosted_vectors import summed_over_cells
 from fem_snh.errors import BadInput
 from fem_snh.linalg.direct_solver import is_direct
 from fem_snh.linalg.symmetric_factors import precondition_by_sum
@@ -364,17 +357,9 @@ class Lift:
 def _vertex_means(problem: Problem, volumes: np.ndarray, values: np.ndarray) -> object:
     """Return the function of degree 1 with the means over the cells of each vertex. Collective."""
     Q = _dolfinx.function_space(problem.domain, 1)
-    nodes = _dolfinx.node_dofs(Q)[: len(volumes)]
-    sums, weights = (_dolfinx.create_vector(Q) for _ in range(2))
-    for vector, cells in ((sums, volumes * values), (weights, volumes)):
-        set_to_zero(vector)
-        np.add.at(writable_values(vector), nodes, np.repeat(cells[:, None], nodes.shape[1], axis=1))
-        add_ghosts(vector)
-        update_ghosts(vector)
-    means = sums.duplicate()
-    quotient = writable_values(means)
-    np.divide(local_values(sums), local_values(weights), out=quotient,
-              where=local_values(weights) > 0)  # fmt: skip
+    sums, weights = (
+        summed_over_cells(Q, cells[:, None, None]).ravel() for cells in (volumes * values, volumes)
+    )
     function = _dolfinx.function(Q, "pressure")
-    copy_to_function(means, function)
+    np.divide(sums, weights, out=function.x.array, where=weights > 0)
     return function

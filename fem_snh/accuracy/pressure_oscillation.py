@@ -24,13 +24,7 @@ from typing import Any
 import numpy as np
 
 from fem_snh import _dolfinx
-from fem_snh.assembly.ghosted_vectors import (
-    add_ghosts,
-    local_values,
-    set_to_zero,
-    update_ghosts,
-    writable_values,
-)
+from fem_snh.assembly.ghosted_vectors import local_values, summed_over_cells
 from fem_snh.assembly.point_volumes import PointVolumes, point_volumes
 from fem_snh.problem.problem import Problem
 from fem_snh.terms.elastic import Part
@@ -85,13 +79,10 @@ def pressure_oscillation(problem: Problem, parts: Sequence[Part]) -> float:
 
 def _distance_to_nodal_means(Q: Any, nodes: Any, basis: Any, state: PointVolumes) -> float:
     """Return this rank's part of the squared norm of J - Pi J [m^3]. Collective."""
-    sums, masses = (_dolfinx.create_vector(Q) for _ in range(2))
-    for vector, values in ((sums, state.weights * state.growth), (masses, state.weights)):
-        set_to_zero(vector)
-        np.add.at(writable_values(vector), nodes, values @ basis)
-        add_ghosts(vector)
-        update_ghosts(vector)
-    mass = local_values(masses)
-    means = np.divide(local_values(sums), mass, out=np.zeros_like(mass), where=mass != 0)
+    sums, masses = (
+        summed_over_cells(Q, (values @ basis)[..., None], nodes).ravel()
+        for values in (state.weights * state.growth, state.weights)
+    )
+    means = np.divide(sums, masses, out=np.zeros_like(masses), where=masses != 0)
     rough = state.growth - means[nodes] @ basis.T
     return float((state.weights * rough**2).sum())

@@ -32,6 +32,46 @@ def with_ghosts(V: Any, owned: Array) -> Array:
     return np.array(local_values(vector))
 
 
+def summed_over_ranks(V: Any, values: Array) -> Array:
+    """Return the sums over ranks of values at local nodes, ghosts included. Collective.
+
+    Parameters
+    ----------
+    V : dolfinx function space
+    values : (local nodes, components) array
+        This rank's part of the sums, zero at nodes of other ranks' cells alone.
+
+    Returns
+    -------
+    (local nodes, components) array
+    """
+    vector = _dolfinx.create_vector(V)
+    writable_values(vector)[:] = values.ravel()
+    add_ghosts(vector)
+    update_ghosts(vector)
+    return np.array(local_values(vector)).reshape(values.shape)
+
+
+def summed_over_cells(V: Any, values: Array, nodes: Array | None = None) -> Array:
+    """Return the sums over cells of values at their nodes, ghosts included. Collective.
+
+    Parameters
+    ----------
+    V : dolfinx function space
+    values : (cells, nodes, components) array
+        The values in cells of this rank.
+    nodes : (cells, nodes) int, optional
+        The local nodes of these cells; default: of all own cells.
+
+    Returns
+    -------
+    (local nodes, components) array
+    """
+    sums = np.zeros((sum(_dolfinx.num_nodes(V)), _dolfinx.num_components(V)))
+    np.add.at(sums, _dolfinx.node_dofs(V) if nodes is None else nodes, values)
+    return summed_over_ranks(V, sums)
+
+
 def nodes_of_other_cells(V: Any, cells: Array) -> Array:
     """Return which of this rank's own nodes belong to a cell beside its own ``cells``. Collective.
 
@@ -45,12 +85,9 @@ def nodes_of_other_cells(V: Any, cells: Array) -> Array:
     -------
     (owned nodes,) bool
     """
-    marked, components = _dolfinx.create_vector(V), _dolfinx.num_components(V)
-    set_to_zero(marked)
-    others = np.delete(np.arange(_dolfinx.num_owned(V.mesh)), cells)
-    writable_values(marked).reshape(-1, components)[_dolfinx.node_dofs(V)[others]] = 1.0
-    add_ghosts(marked)
-    return np.asarray(marked.array_r.reshape(-1, components)[:, 0] > 0)
+    nodes = np.delete(_dolfinx.node_dofs(V), cells, axis=0)
+    marks = summed_over_cells(V, np.ones((*nodes.shape, 1)), nodes)
+    return np.asarray(marks[: _dolfinx.num_nodes(V)[0], 0] > 0)
 
 
 def local_values(vector: PETSc.Vec) -> Array:

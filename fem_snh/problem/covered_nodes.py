@@ -8,13 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh import _dolfinx
-from fem_snh.assembly.ghosted_vectors import (
-    add_ghosts,
-    local_values,
-    set_to_zero,
-    update_ghosts,
-    writable_values,
-)
+from fem_snh.assembly.ghosted_vectors import summed_over_ranks
 
 Array = npt.NDArray[Any]
 
@@ -42,17 +36,13 @@ def covered_nodes(V: Any, constrained: Array, axis: Array) -> Array:
     kind = _dolfinx.cell_name(domain)
     off_axis = np.ones(len(constrained), dtype=bool)
     off_axis[axis] = False
-    marks = _dolfinx.create_vector(V)
-    set_to_zero(marks)
-    values = writable_values(marks)[: constrained.size].reshape(constrained.shape)
+    marks = np.zeros(constrained.shape)
     for local in _facets(kind, _dolfinx.reference_nodes(kind, _dolfinx.degree(V))):
         nodes = cells[:, local]
         whole = constrained[nodes].all(axis=1) & off_axis[nodes].any(axis=1)[:, None]
         for component in range(constrained.shape[1]):
-            values[nodes[whole[:, component]], component] = 1.0
-    add_ghosts(marks)
-    update_ghosts(marks)
-    return local_values(marks)[: constrained.size].reshape(constrained.shape) > 0
+            marks[nodes[whole[:, component]], component] = 1.0
+    return summed_over_ranks(V, marks) > 0
 
 
 def _facets(kind: str, points: Array) -> list[Array]:

@@ -20,12 +20,9 @@ from fem_snh import _dolfinx
 from fem_snh.assembly.boundary_conditions import Dirichlet, axis_nodes, facets_plane
 from fem_snh.assembly.elements import Element
 from fem_snh.assembly.ghosted_vectors import (
-    add_ghosts,
     copy_to_function,
-    local_values,
-    set_to_zero,
+    summed_over_ranks,
     update_ghosts,
-    writable_values,
 )
 from fem_snh.assembly.inclined_planes import InclinedPlanes
 from fem_snh.assembly.kinematics import Kinematics
@@ -151,22 +148,18 @@ def _lifted_mask(V: Any, W: Any, nodes: _Nodes, mask: Array) -> Array:
     old, new = _dolfinx.node_dofs(V), _dolfinx.node_dofs(W)
     inside = mask[old]  # (cells, nodes, components)
     components = mask.shape[1]
-    marked = _dolfinx.create_vector(W)
-    set_to_zero(marked)
-    found = writable_values(marked).reshape(-1, components)
+    marks = np.zeros((sum(_dolfinx.num_nodes(W)), components))
     known = nodes.same >= 0
-    np.maximum.at(found, new[:, known], inside[:, nodes.same[known]].astype(float))
+    np.maximum.at(marks, new[:, known], inside[:, nodes.same[known]].astype(float))
     whole = inside.all(axis=1)[:, None].astype(float)
-    np.maximum.at(found, new, np.broadcast_to(whole, (*new.shape, components)))
+    np.maximum.at(marks, new, np.broadcast_to(whole, (*new.shape, components)))
     _, cells, local = _dolfinx.exterior_facets(V.mesh)
     for number, (base, lifted) in enumerate(nodes.facets):
         on = cells[local == number]
         whole = inside[on][:, base].all(axis=1)[:, None].astype(float)
         targets = new[on][:, lifted]
-        np.maximum.at(found, targets, np.broadcast_to(whole, (*targets.shape, components)))
-    add_ghosts(marked)
-    update_ghosts(marked)
-    return np.asarray(local_values(marked).reshape(-1, components) > 0)
+        np.maximum.at(marks, targets, np.broadcast_to(whole, (*targets.shape, components)))
+    return summed_over_ranks(W, marks) > 0
 
 
 def lifted_problem(
