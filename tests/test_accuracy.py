@@ -489,8 +489,9 @@ def test_ranks_of_unequal_speed_decide_alike(comm, monkeypatch):
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        ("cook --accuracy 0", "accuracy.within = '0': expected per cent or a fraction"),
-        ("cook --accuracy 200%", "expected per cent or a fraction, e.g. '1%' or 0.01"),
+        ("cook --accuracy 0", "accuracy.within = 0.0: expected per cent or a fraction, more than 0"),
+        ("cook --accuracy 200%", "more than 0 and less than 1, e.g. '1%' or 0.01"),
+        ("cook --accuracy nan", "accuracy.within = nan: expected per cent"),
         ("cook --accuracy fine", "accuracy.within = 'fine': expected per cent"),
         ("cook --max-dofs 100", "accuracy: missing key 'within': expected with 'max_dofs'"),
         ("cook --set accuracy.path=true", "accuracy: missing key 'within': expected with 'path'"),
@@ -500,6 +501,11 @@ def test_bad_input(words, message, capsys):
     assert main(["run", *words.split()]) == 2
     output = capsys.readouterr().err
     assert message in output and output.count("\n") == 1
+
+
+@pytest.mark.parametrize("given", ["1%", "1 %", "0.01", "1e-2", 0.01])
+def test_per_cent_and_fractions(given):
+    assert scenes.load("cook", **{"accuracy.within": given}).within == 0.01
 
 
 @pytest.mark.parametrize(("nu", "asked", "element"), [(0.3, 0.02, "Q2"), (0.49, 1e-4, "Q2Q1")])

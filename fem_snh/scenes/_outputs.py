@@ -205,13 +205,14 @@ class GoalName(NamedTuple):
 
 
 def _read_share(value: Any) -> Any:
-    """Return 0.01 for "1%" or "1 %"; other values as they are."""
-    if isinstance(value, str) and value.strip().endswith("%"):
-        try:
-            return float(value.strip().removesuffix("%")) / 100
-        except ValueError:
-            return value
-    return value
+    """Return 0.01 for "1%", "1 %" or "0.01"; other values as they are."""
+    if not isinstance(value, str):
+        return value
+    number, percent, rest = value.strip().partition("%")
+    try:
+        return value if rest else float(number) / (100 if percent else 1)
+    except ValueError:
+        return value
 
 
 class Accuracy(Table):
@@ -242,7 +243,7 @@ class Accuracy(Table):
         Annotated[
             Bounded,
             Field(gt=0, lt=1),
-            Expect("per cent or a fraction, e.g. '1%' or 0.01"),
+            Expect("per cent or a fraction, more than 0 and less than 1, e.g. '1%' or 0.01"),
             BeforeValidator(_read_share),
         ]
         | None
