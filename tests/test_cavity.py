@@ -65,6 +65,28 @@ def test_pressure_of_the_exact_solution_on_both_sides_of_the_limit_point() -> No
     assert a == pytest.approx(STRETCH, rel=0.01)
 
 
+def test_a_cavity_between_parallel_planes():
+    """A cube whose top pushes a fluid between smooth walls: V* is its area times its height."""
+    walls = {"left": "x", "right": "x", "front": "y", "back": "y", "bottom": "z"}
+    scene = Scene(
+        name="box",
+        mesh=Geometry(source="cube"),
+        cells=1,
+        element="Q1",
+        material=MaterialChoice(name="stable_neo_hookean", E=3.0, nu=0.3),
+        hold=[Hold(group=group, components=(c,)) for group, c in walls.items()],
+        cavity=[Cavity(group="top", volume=0.2, stiffness=1e6)],
+        probe=[Probe(name="top", point=(1, 1, 1))],
+    )
+    step = fem_snh.run(scene, progress=False).steps[-1]
+    F = np.diag([1, 1, 1 + step["probes"]["top"][2]])
+    fluid = step["cavities"]["top"]
+    assert F[2, 2] == pytest.approx(0.8, abs=1e-5)
+    assert fluid["volume"] == pytest.approx(1 - F[2, 2], rel=1e-7)
+    stress = fem_snh.material("stable_neo_hookean", E=3.0, nu=0.3).pk1(F)[2, 2]
+    assert fluid["pressure"] == pytest.approx(-stress, rel=1e-5)
+
+
 @pytest.mark.mpi
 def test_a_surface_with_a_free_edge_encloses_no_volume() -> None:
     with pytest.raises(BadInput, match=r"cavity.group = 'inner': expected a surface that encloses"):

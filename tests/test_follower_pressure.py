@@ -80,12 +80,37 @@ def test_amplitudes_must_agree_around_a_closed_surface(comm):
     assert not pressed(body, [*ramped[1:], on(FACES[0])]).has_energy
 
 
-def test_a_moving_plane_of_symmetry_is_none(comm):
-    """The point of the energy would have to move with it."""
-    move = [Condition("right", lambda X, load: 0.3 * load + 0 * X, ("x",))]
-    sides = [Hold("left"), Hold("front"), Hold("back")]
-    body = cube(comm, "hexahedron", 2)
-    assert not pressed(body, [on("top")], hold=sides, move=move).has_energy
+@pytest.mark.parametrize(("moving", "has_energy"), [(1, True), (2, True), (3, False)])
+def test_no_field_crosses_moving_planes_of_symmetry(comm, moving, has_energy):
+    """The field has no component normal to them, which leaves none where three move."""
+    faces = {"right": "x", "back": "y", "bottom": "z"}
+    move = [
+        Condition(group, lambda X, load: 0.3 * load + 0 * X, (component,))
+        for group, component in [*faces.items()][:moving]
+    ]
+    hold = [roller(group, component) for group, component in [*faces.items()][moving:]]
+    hold.append(roller("left", "x"))
+    body = cube(comm, "hexahedron", 2, 0.03)
+    p = pressed(body, [on("top"), on("front")], hold=hold, move=move)
+    assert p.has_energy == has_energy
+
+
+def in_a_box(comm, element, at=0.0):
+    """A cube that is pressed from above between four smooth walls, parallel by pairs."""
+    body = cube(comm, ELEMENTS[element].cell, 2, 0.03)
+    _dolfinx.geometry_x(body.domain)[:] += at
+    hold = [roller(g, c) for g, c in zip(("left", "right", "front", "back"), "xxyy", strict=True)]
+    return pressed(body, [on("top", 3.0)], element, hold=hold)
+
+
+@mpi
+@pytest.mark.parametrize("at", [0.0, 1e3])
+def test_energy_between_parallel_walls(comm, at):
+    """It is the pressure times the volume below the top, which becomes an inclined plane."""
+    p = in_a_box(comm, "Q1", at)
+    p.set_load(1.0)
+    set_values(p, lambda X: (X - at) @ np.array([[0, 0, 0.2], [0, 0, 0.3], [0, 0, 0.1]]))
+    assert p.terms[1].energy(p.split(p.x)[0]) == pytest.approx(3 * 0.35, rel=1e-9)
 
 
 def shell(comm, element):
@@ -99,9 +124,10 @@ def symmetric_shell(comm, element, **options):
 
 @mpi
 @pytest.mark.parametrize("element", ["Q2", "P2"])
-def test_derivatives_of_the_energy(comm, element):
+@pytest.mark.parametrize("body", [symmetric_shell, in_a_box])
+def test_derivatives_of_the_energy(comm, body, element):
     """On curved cells: the residual is the energy's slope, the Hessian is the residual's."""
-    p = symmetric_shell(comm, element)
+    p = body(comm, element)
     p.set_load(0.7)
     free = free_components(p)
     set_values(p, lambda X: free * wave(0.2)(X))

@@ -15,7 +15,7 @@ from fem_snh.assembly.ghosted_vectors import add_ghosts, set_to_zero
 from fem_snh.errors import bad_value
 from fem_snh.tables.types import surface_name
 from fem_snh.terms.body import Body
-from fem_snh.terms.swept_volume import SweptVolume, enclosed_volume, fit_points
+from fem_snh.terms.swept_volume import SweptVolume, enclosed_volume, fit_fields
 from fem_snh.terms.ufl_term import UFLTerm
 
 if TYPE_CHECKING:
@@ -69,20 +69,20 @@ class EnclosedFluid:
         self._pressure = body.constant(0.0)
         self._volume = SweptVolume(body.V, ds, body.kinematics)
         self._term = UFLTerm(self._pressure * self._volume.residual(u), u, self.name)
-        points = fit_points([self._volume], [1.0], dirichlet)
-        if points is None:
+        fields = fit_fields([self._volume], [1.0], dirichlet)
+        if fields is None:
             accepted = "a surface that encloses a volume: closed, or with an edge that is "
             accepted += "constrained or in planes of symmetry"
             raise bad_value("cavity.group", self.group, accepted)
-        self._volume.set_point(points[0])
-        self._check_volume(points[0], dirichlet)
+        self._volume.set_field(fields[0])
+        self._check_volume(fields[0], dirichlet)
 
-    def _check_volume(self, point: npt.NDArray[Any], dirichlet: Dirichlet) -> None:
+    def _check_volume(self, parameters: npt.NDArray[Any], dirichlet: Dirichlet) -> None:
         """Raise BadInput if more fluid leaves the cavity than there is. Collective."""
         least = min(self._amplitude(load) * self._added for load in np.linspace(0, 1, _LOADS))
         if least >= 0:
             return
-        swept = enclosed_volume(self._volume, point, dirichlet)
+        swept = enclosed_volume(self._volume, parameters, dirichlet)
         if swept is not None and least <= swept:  # the body's normals point into the cavity
             accepted = f"a volume that leaves some of the {-swept:.6g} m^3 in the cavity"
             raise bad_value("cavity.volume", self._added, accepted)

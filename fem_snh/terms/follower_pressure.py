@@ -13,7 +13,7 @@ from fem_snh.assembly.boundary_conditions import Dirichlet
 from fem_snh.errors import BadInput
 from fem_snh.tables.types import surface_name
 from fem_snh.terms.body import Body
-from fem_snh.terms.swept_volume import SweptVolume, fit_points
+from fem_snh.terms.swept_volume import SweptVolume, fit_fields
 from fem_snh.terms.ufl_term import UFLTerm
 from fem_snh.terms.ufl_terms import UFLTerms
 
@@ -77,12 +77,12 @@ class FollowerPressure(UFLTerms):
         )
 
     def _fit(self, which: Sequence[int], dirichlet: Dirichlet) -> bool:
-        """Set the points of some surfaces; whether the pressures on them are conservative."""
+        """Set the fields of some surfaces; whether the pressures on them are conservative."""
         volumes, values = [self._volumes[i] for i in which], [self._values[i] for i in which]
-        points = fit_points(volumes, values, dirichlet)
-        for volume, point in zip(volumes, [] if points is None else points, strict=False):
-            volume.set_point(point)
-        return points is not None
+        fields = fit_fields(volumes, values, dirichlet)
+        for volume, field in zip(volumes, [] if fields is None else fields, strict=False):
+            volume.set_field(field)
+        return fields is not None
 
     def set_load(self, load: float) -> None:
         """Set the pressures of a load."""

@@ -1,22 +1,25 @@
-r"""The volume between a deformed surface and a fixed point: the potential of a uniform pressure.
+r"""The volume that a deformed surface encloses: the potential of a uniform pressure.
 
 A pressure p on a surface has the virtual work
 
 .. math:: R(u; v) = p \int_\Gamma \mathrm{cof}(F) N \cdot v \, \mathrm{d}A
 
-(Bonet & Wood 2008, section 8.5). With x = X + u and a point c,
+(Bonet & Wood 2008, section 8.5). With x = X + u, the flux of an affine field f of divergence 1,
 
-.. math:: S(u) = \frac13 \int_\Gamma (x - c) \cdot \mathrm{cof}(F) N \, \mathrm{d}A
+.. math:: S(u) = \int_\Gamma f(x) \cdot \mathrm{cof}(F) N \, \mathrm{d}A, \quad
+    f(x) = A (x - o) + b, \quad \mathrm{tr} A = 1,
 
-has the derivative R/p but for an integral over the surface's edge, which is linear in x - c. The
-integral vanishes where the surface is closed, where its edge is constrained, and where each part of
-the edge stays in a plane through c that is a plane of symmetry. Only then is the pressure
-conservative, with the energy p S. `fit_points` finds out.
+is the enclosed volume by the divergence theorem. It has the derivative R/p but for an integral over
+the surface's edge, which is linear in f. The integral vanishes where the surface is closed, where
+its edge is constrained, and where each part of the edge stays in a plane of symmetry that f does
+not cross. Only then is the pressure conservative, with the energy p S. `fit_fields` finds out. Of
+one plane, or of three that meet in a point c, the field is (x - c)/3, and S the volume of the cone
+between the surface and c; of a tube between two parallel planes the field has no component along
+the axis.
 
-In the plane S is an area, with 1/2 in place of 1/3. On a body of revolution it is the volume
-between the surface and the axis, :math:`\int \pi r^2 \, \mathrm{d}z` along the deformed curve, and
-needs no point; the pressure is conservative where the curve's ends are on the axis or do not move
-along it.
+In the plane S is an area. On a body of revolution it is the volume between the surface and the
+axis, :math:`\int \pi r^2 \, \mathrm{d}z` along the deformed curve, and needs no field; the pressure
+is conservative where the curve's ends are on the axis or do not move along it.
 """
 
 from __future__ import annotations
@@ -39,8 +42,8 @@ from fem_snh.terms.body import displacement_gradient
 
 Array = npt.NDArray[Any]
 
-#: Loads at which the derivatives are compared, each with another displacement: the point must be
-#: the same for all, so that a moving plane of symmetry is no reason for an energy.
+#: Loads at which the derivatives are compared, each with another displacement: the field must be
+#: the same for all, so that a moving plane is a reason for an energy only if no field crosses it.
 _LOADS = (0.0, 0.5, 1.0)
 #: Amplitude and wave vectors of these displacements, in lengths of the body: large enough for
 #: cof(F) to be nonlinear, without a symmetry.
@@ -53,7 +56,7 @@ _ROUNDING = 1e-9
 
 
 class SweptVolume:
-    """The volume S between a deformed surface and a point, and its derivative. Collective.
+    """The volume S that a deformed surface encloses, and its derivative. Collective.
 
     Parameters
     ----------
@@ -67,7 +70,9 @@ class SweptVolume:
     Attributes
     ----------
     at_rest : float
-        S(0) [m^3] with the point that was set last.
+        S(0) [m^3] with the field that was set last.
+    length : float
+        A length of the body [m].
     """
 
     def __init__(self, V: Any, ds: Any, kinematics: Kinematics = SOLID) -> None:
@@ -76,13 +81,17 @@ class SweptVolume:
         self._ds, self.V = ds(metadata={"quadrature_degree": degree}), V
         self._u = _dolfinx.function(V, "displacement")
         self._kinematics, self._X = kinematics, ufl.SpatialCoordinate(V.mesh)
-        self._point = _dolfinx.constant(V.mesh, np.zeros(kinematics.dim))
+        dim = kinematics.dim
+        self._A = _dolfinx.constant(V.mesh, np.eye(dim) / dim)
+        self._b = _dolfinx.constant(V.mesh, np.zeros(dim))
+        self.length = body_volume(V.mesh) ** (1 / dim)
         if kinematics.revolved:
             self._form = self._around_axis(self._u) * self._ds
         else:
-            x = self._X + self._u
-            normal = self._normal(self._u)
-            self._form = ufl.inner(x - self._point, normal) / kinematics.dim * self._ds
+            # Far from the coordinates' origin rounding would be that of the distance.
+            x = self._X - _dolfinx.constant(V.mesh, _centre(V.mesh)[:dim]) + self._u
+            field = ufl.dot(self._A, x) + self._b
+            self._form = ufl.inner(field, self._normal(self._u)) * self._ds
         self._compiled = _dolfinx.form(self._form)
         self.at_rest = 0.0
 
@@ -98,9 +107,26 @@ class SweptVolume:
             density *= 2 * ufl.pi * self._X[0]
         return density * self._ds
 
-    def set_point(self, point: Array) -> None:
-        """Set the point c [m]. Collective."""
-        self._point.value[:] = point
+    @property
+    def num_parameters(self) -> int:
+        """The number of parameters of the field; 0 on a body of revolution."""
+        dim = self._kinematics.dim
+        return 0 if self._kinematics.revolved else dim**2 - 1 + dim
+
+    def _choose_field(self, parameters: Array) -> None:
+        """Set A, by its part of trace 0, and b, in lengths of the body."""
+        if not self.num_parameters:
+            return
+        dim = self._kinematics.dim
+        # The last entry of the diagonal follows from the trace.
+        entries = np.append(parameters[: dim**2 - 1], 0.0).reshape(dim, dim)
+        entries[-1, -1] = -np.trace(entries)
+        self._A.value[:] = np.eye(dim) / dim + entries
+        self._b.value[:] = self.length * parameters[dim**2 - 1 :]
+
+    def set_field(self, parameters: Array) -> None:
+        """Set the field f by its parameters, (num_parameters,). Collective."""
+        self._choose_field(parameters)
         self._u.x.array[:] = 0.0
         self.at_rest = _dolfinx.assemble_scalar(self._compiled)
 
@@ -126,15 +152,15 @@ class SweptVolume:
         residual : (n,)
             The residual.
         missing : (n,)
-            The residual minus the derivative for c = 0.
-        change : (n, dim)
-            Change of the derivative with each component of c.
+            The residual minus the derivative for parameters 0, of f = (x - o)/dim.
+        change : (n, num_parameters)
+            Change of the derivative with each parameter of f.
         """
         derivative = _dolfinx.form(ufl.derivative(self._form, self._u, ufl.TestFunction(self.V)))
         residual, vector = _dolfinx.form(self.residual(self._u)), _dolfinx.create_vector(self.V)
 
-        def assemble(form: Any, point: Array) -> Array:
-            self._point.value[:] = point
+        def assemble(form: Any, parameters: Array) -> Array:
+            self._choose_field(parameters)
             _dolfinx.assemble_vector(vector, form)
             values = np.array(vector.array_r)
             dirichlet.project(values)
@@ -143,7 +169,7 @@ class SweptVolume:
         rows = []
         for u in states:
             copy_to_function(u, self._u)
-            zero = np.zeros(self._kinematics.dim)
+            zero = np.zeros(self.num_parameters)
             wanted, origin = assemble(residual, zero), assemble(derivative, zero)
             change = [assemble(derivative, unit) - origin for unit in np.eye(len(zero))]
             rows.append(np.stack([wanted, wanted - origin, *change], axis=1))
@@ -170,10 +196,10 @@ class SweptVolume:
         return ufl.pi * squares * ((1 + H[1, 1]) * N[0] - H[1, 0] * N[1])
 
 
-def fit_points(
+def fit_fields(
     volumes: Sequence[SweptVolume], pressures: Sequence[float], dirichlet: Dirichlet
 ) -> Array | None:
-    """Return points with which pressures are conservative, (n, dim) [m]. Collective.
+    """Return parameters of fields with which pressures are conservative. Collective.
 
     The least-squares fit of the derivatives to the residuals at several displacements.
 
@@ -188,74 +214,77 @@ def fit_points(
 
     Returns
     -------
-    (n, dim) array or None
-        None if no points make the pressures conservative.
+    (n, num_parameters) array or None
+        None if no fields make the pressures conservative.
     """
-    V = volumes[0].V
-    dim = _dolfinx.mesh_dimension(V.mesh)[0]
-    length = body_volume(V.mesh) ** (1 / dim)
-    states = _states(V, dirichlet, length)
+    V, size = volumes[0].V, volumes[0].num_parameters
+    states = _states(V, dirichlet)
     found = [(p, *v.compare(states, dirichlet)) for p, v in zip(pressures, volumes, strict=True)]
-    columns = [length * p * change for p, _, _, change in found]
+    columns = [p * change for p, _, _, change in found]
     missing = np.sum([p * column for p, _, column, _ in found], axis=0)
     sizes = np.stack([p * residual for p, residual, _, _ in found], axis=1)
     # The triangular factor has the norms and the products of all columns, on all ranks together.
     table = np.concatenate([*columns, missing[:, None], sizes], axis=1)
     factors = V.mesh.comm.allgather(np.linalg.qr(table, mode="r"))
     R = np.concatenate(factors)
-    A, b, size = R[:, : dim * len(found)], R[:, dim * len(found)], np.abs(R[:, -len(found) :])
-    scale = np.sqrt((size**2).sum())
+    A, b = R[:, : size * len(found)], R[:, size * len(found)]
+    scale = np.linalg.norm(R[:, -len(found) :])
     if scale == 0.0:
-        return np.zeros((len(found), dim))
+        return np.zeros((len(found), size))
     U, values, W = np.linalg.svd(A, full_matrices=False)
     kept = values > _ROUNDING * scale
-    points = (W[kept].T / values[kept]) @ (U[:, kept].T @ b)
-    fits = np.linalg.norm(A @ points - b) <= _ROUNDING * scale
-    return length * points.reshape(-1, dim) if fits else None
+    parameters = (W[kept].T / values[kept]) @ (U[:, kept].T @ b)
+    fits = np.linalg.norm(A @ parameters - b) <= _ROUNDING * scale
+    return parameters.reshape(len(found), size) if fits else None
 
 
-def enclosed_volume(volume: SweptVolume, point: Array, dirichlet: Dirichlet) -> float | None:
+def enclosed_volume(volume: SweptVolume, parameters: Array, dirichlet: Dirichlet) -> float | None:
     """Return the volume that a surface encloses at rest [m^3], of which its normals point out.
 
-    Collective. The point of ``volume`` is then ``point``.
+    Collective. The field of ``volume`` is then that of ``parameters``.
 
     Parameters
     ----------
     volume : SweptVolume
         The surface.
-    point : (dim,)
-        The point of `fit_points` [m].
+    parameters : (num_parameters,)
+        Those of `fit_fields`.
     dirichlet : Dirichlet
         The constrained dofs.
 
     Returns
     -------
     float or None
-        None if the surface is open elsewhere than in planes of symmetry through the point: then
-        the volume depends on directions in which the point is arbitrary.
+        None if the surface is open elsewhere than in planes of symmetry: then the volume depends
+        on parameters of the field that are arbitrary.
     """
-    V = volume.V
-    dim = _dolfinx.mesh_dimension(V.mesh)[0]
-    length = body_volume(V.mesh) ** (1 / dim)
-    size, _, change = volume.compare(_states(V, dirichlet, length), dirichlet)
-    table = np.concatenate([length * change, size[:, None]], axis=1)
+    V, size = volume.V, volume.num_parameters
+    residual, _, change = volume.compare(_states(V, dirichlet), dirichlet)
+    table = np.concatenate([change, residual[:, None]], axis=1)
     R = np.concatenate(V.mesh.comm.allgather(np.linalg.qr(table, mode="r")))
-    _, values, directions = np.linalg.svd(R[:, :dim])
-    volume.set_point(point)
+    _, values, directions = np.linalg.svd(R[:, :size])
+    volume.set_field(parameters)
     found: float | None = volume.at_rest
-    at_rest = volume.at_rest
+    at_rest, unit = volume.at_rest, volume.length**volume.volume_dimension
     for value, direction in zip(values, directions, strict=True):
-        if value <= _ROUNDING * np.linalg.norm(R[:, dim]):
-            volume.set_point(point + length * direction)
-            if abs(volume.at_rest - at_rest) > _ROUNDING * length**volume.volume_dimension:
+        if value <= _ROUNDING * np.linalg.norm(R[:, size]):
+            volume.set_field(parameters + direction)
+            if abs(volume.at_rest - at_rest) > _ROUNDING * unit:
                 found = None
                 break
-    volume.set_point(point)
+    volume.set_field(parameters)
     return found
 
 
-def _states(V: Any, dirichlet: Dirichlet, length: float) -> list[PETSc.Vec]:
+def _centre(domain: Any) -> Array:
+    """Return the centre of the bounding box of the nodes (3,) [m]. Collective."""
+    boxes = domain.comm.allgather(_dolfinx.bounding_box(domain))
+    return (np.min(boxes, axis=0)[0] + np.max(boxes, axis=0)[1]) / 2
+
+
+def _states(V: Any, dirichlet: Dirichlet) -> list[PETSc.Vec]:
     """Return smooth displacements without a symmetry, with the boundary values of some loads."""
+    length = body_volume(V.mesh) ** (1 / _dolfinx.mesh_dimension(V.mesh)[0])
     X = V.tabulate_dof_coordinates() / length
     states = []
     for number, load in enumerate(_LOADS):
