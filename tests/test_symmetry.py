@@ -376,10 +376,11 @@ def test_program_in_plane_strain(comm, element):
         u = displacement(domain, element, "plane_strain")
         material = fem_snh.material("stable_neo_hookean", E=1.0, nu=0.45)
         load = turn @ [0.2, 0.1]
+        planes = [fem_snh.Symmetry(group=ds(1)), fem_snh.Symmetry(group=ds(2))]
         p = fem_snh.NonlinearProblem(
             u,
             {material: ufl.dx},
-            bcs=[fem_snh.Symmetry(group=ds(1)), fem_snh.Symmetry(group=ds(2))],
+            bcs=planes,
             terms=[fem_snh.Traction(group=ds(3), vector=(*load, 0.0))],
             element=element,
             kinematics="plane_strain",
@@ -388,6 +389,8 @@ def test_program_in_plane_strain(comm, element):
         p.solve()
         assert p.solver.getConvergedReason() > 0
         assert p.solve() and p.newton == 0  # the solution is one: its boundary values are unchanged
+        for plane, force in zip(planes, np.diag([-0.2, -0.1]), strict=True):  # along the normals
+            assert p.reaction_force(plane)[:2] == pytest.approx(turn @ force, abs=1e-10)
         values = u.x.array.reshape(-1, 2)
         found.append(values @ turn)
     assert norm(comm, found[0] - found[1]) < 1e-9 * norm(comm, found[0])

@@ -35,7 +35,8 @@ from fem_snh.problem.problem import Problem
 from fem_snh.problem.program_modes import ProgramModes
 from fem_snh.problem.program_reactions import (
     condition_number,
-    counted_mask,
+    counted_weights,
+    is_condition,
     three_numbers,
 )
 from fem_snh.tables.types import surface_name
@@ -104,7 +105,7 @@ class EstimatesErrors:
         problem = self._problem
         check_converged(self.reason, "estimate_error")
         assert isinstance(problem.dirichlet, DolfinxConditions)
-        found = program_goals(problem, problem.dirichlet.bcs, goals)
+        found = program_goals(problem, problem.dirichlet.given, goals)
         if self._path:
             return estimate_on_path(problem, self._path, found)
         return estimate_error(problem, partial(lifted_problem, problem), found)
@@ -117,7 +118,7 @@ def program_goals(problem: Problem, bcs: Sequence[Any], goals: Any) -> list[Goal
     ----------
     problem : Problem
         Its problem.
-    bcs : sequence of dolfinx DirichletBC
+    bcs : sequence of dolfinx DirichletBC or Symmetry
         Its conditions.
     goals : mapping or sequence
         The goals, by name or in a list.
@@ -156,7 +157,7 @@ class _Given:
     ----------
     problem : Problem
         Its problem.
-    bcs : sequence of dolfinx DirichletBC
+    bcs : sequence of dolfinx DirichletBC or Symmetry
         Its conditions.
     name : str
         The name of the goal; "" for that of its kind.
@@ -297,18 +298,18 @@ def _term(given: _Given) -> list[Goal]:
 def _reaction(given: _Given) -> list[Goal]:
     """The force of a condition, or its moment about the point of a pair."""
     (condition, about), kinematics = given.pair, given.problem.kinematics
-    if not hasattr(condition, "dof_indices"):
+    if not is_condition(condition):
         return []
     i = condition_number(given.bcs, condition, given.key)
-    mask = partial(counted_mask, number=i)
+    weights = partial(counted_weights, number=i)
     if about is None:
         name, components = given.name or f"bcs[{i}].force", range(kinematics.components)
-        return [ReactionGoal(name, mask, components)]
+        return [ReactionGoal(name, weights, components)]
     point, axes = three_numbers(given.key, about), kinematics.moment_axes
     if not axes:
         raise given.refused("a moment", f"a force, with kinematics = '{kinematics.name}'")
     name = given.name or f"bcs[{i}].moment"
-    return [ReactionGoal(name, mask, [*map(AXES.index, axes)], point)]
+    return [ReactionGoal(name, weights, [*map(AXES.index, axes)], point)]
 
 
 def _displacement(given: _Given) -> list[Goal]:

@@ -537,14 +537,10 @@ def counted_forces(V: Any, mesh: Mesh, key: str | int, dirichlet: Dirichlet) -> 
     for condition in reversed(dirichlet.conditions):
         nodes, normals = condition.nodes[condition.nodes < owned], condition.normals(components)
         for normal in normals:
-            free = normal - taken[nodes] @ normal
-            size = np.linalg.norm(free, axis=1)[:, None]
-            direction = free / np.where(size > _DEPENDENT, size, np.inf)
-            part = direction[:, :, None] * direction[:, None]
-            taken[nodes] += part
+            part, size = take_direction(taken, nodes, normal)
             if condition.label == label:
                 weights[nodes] += part
-                shared[nodes[size[:, 0] < 1 - _DEPENDENT]] = True
+                shared[nodes[size < 1 - _DEPENDENT]] = True
         if condition.label != label and (np.abs(normals @ np.transpose(own)) > _DEPENDENT).any():
             takers.append((condition.label, nodes))
     if len(in_rigid[0]):
@@ -552,6 +548,33 @@ def counted_forces(V: Any, mesh: Mesh, key: str | int, dirichlet: Dirichlet) -> 
     shared &= ~weights.any(axis=(1, 2))
     others = {name.partition(":")[2] or name for name, nodes in takers if shared[nodes].any()}
     return CountedForces(weights, int(shared.sum()), frozenset(others))
+
+
+def take_direction(taken: Array, nodes: Array, normal: Array) -> tuple[Array, Array]:
+    """Take what is left of a direction at some nodes.
+
+    Parameters
+    ----------
+    taken : (all nodes, components, components) array
+        The projections on the directions that are taken, to which the new ones are added.
+    nodes : (n,) int
+        The nodes.
+    normal : (components,) array
+        The direction, of size 1.
+
+    Returns
+    -------
+    parts : (n, components, components) array
+        The projections on what was left.
+    size : (n,) array
+        How much of the direction was left, from 0 to 1.
+    """
+    free: Array = normal - taken[nodes] @ normal
+    size = np.linalg.norm(free, axis=1)
+    direction = free / np.where(size > _DEPENDENT, size, np.inf)[:, None]
+    parts = direction[:, :, None] * direction[:, None]
+    taken[nodes] += parts
+    return parts, size
 
 
 def reaction_weights(V: Any, mesh: Mesh, key: str | int, dirichlet: Dirichlet) -> Array:

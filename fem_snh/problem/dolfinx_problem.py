@@ -99,10 +99,16 @@ class DolfinxConditions(Dirichlet):
 
     Attributes
     ----------
+    given : list of dolfinx DirichletBC or Symmetry
+        All conditions.
     bcs : list of dolfinx DirichletBC
         The conditions of dolfinx.
+    numbers, symmetry_numbers : list of int
+        The places of the conditions of dolfinx, and of the planes of symmetry, in ``given``.
     symmetry : list of (n,) arrays
         This rank's facets in each plane of symmetry.
+    symmetry_planes : list of NodePlane
+        Its nodes in each plane.
     start : (n,) or None
         The values of `dofs` at load 0, from which they go to the present ones at load 1, in
         proportion to the load; None: the present ones at every load.
@@ -120,13 +126,15 @@ class DolfinxConditions(Dirichlet):
         on_load: Callable[[float], None] | None = None,
         kinematics: Kinematics = SOLID,
     ) -> None:
+        self.given = list(bcs)
         self.bcs = [bc for bc in bcs if not isinstance(bc, Symmetry)]
         self._on_load, self.depends_on_load = on_load, on_load is not None
         mask = _dolfinx.create_vector(V)
         self._V, self._dofs, self._size = V, list[Array](), mask.getLocalSize()
         sizes = []
-        self._numbers = [i for i, bc in enumerate(bcs) if not isinstance(bc, Symmetry)]
-        numbers = self._numbers
+        of_symmetry = [isinstance(bc, Symmetry) for bc in bcs]
+        self.symmetry_numbers = np.flatnonzero(of_symmetry).tolist()
+        self.numbers = numbers = np.flatnonzero(~np.array(of_symmetry, dtype=bool)).tolist()
         for number, bc in zip(numbers, self.bcs, strict=True):
             if not hasattr(bc, "dof_indices"):
                 raise bad_value(
@@ -157,7 +165,7 @@ class DolfinxConditions(Dirichlet):
         update_ghosts(mask)
         self.constrained = local_values(mask).reshape(-1, components) > 0
         self.symmetry: list[Array] = []
-        planes: list[NodePlane] = []
+        planes = self.symmetry_planes = list[NodePlane]()
         for number, bc in enumerate(bcs):
             if isinstance(bc, Symmetry):
                 key = f"bcs[{number}].group"
@@ -170,7 +178,7 @@ class DolfinxConditions(Dirichlet):
         given = np.concatenate([np.empty(0, np.int64), *self._dofs])
         self._zero = np.union1d(np.setdiff1d(self.dofs, given), on_axis)
         self.start: Array | None = None
-        self._symmetry_planes, self._on_axis = planes, on_axis
+        self._on_axis = on_axis
         self._examined = False
 
     def thin_supports(self) -> ThinSupports | None:
@@ -182,13 +190,13 @@ class DolfinxConditions(Dirichlet):
             return self.thin
         self._examined = True
         marked = self.constrained & ~covered_nodes(self._V, self.constrained, self._axis)
-        for plane in self._symmetry_planes:
+        for plane in self.symmetry_planes:
             marked[np.ix_(plane.nodes, abs(plane.normal) > _ROUNDING)] = False
         owned = np.flatnonzero(marked[: self._size // marked.shape[1]])
         thin = np.setdiff1d(owned, self._on_axis)
         of_bcs = np.array([np.isin(thin, dofs).any() for dofs in self._dofs], dtype=np.int32)
         found = self._V.mesh.comm.allreduce(of_bcs)
-        names = [f"bcs[{n}]" for n, used in zip(self._numbers, found, strict=True) if used]
+        names = [f"bcs[{n}]" for n, used in zip(self.numbers, found, strict=True) if used]
         self.thin = ThinSupports(", ".join(names), thin) if names else None
         return self.thin
 
@@ -226,7 +234,7 @@ class DolfinxConditions(Dirichlet):
                                    if (first, other) in found))
                 for i in range(2)
             )  # fmt: skip
-            names = [f"bcs[{self._numbers[i]}]" for i in (first, other)]
+            names = [f"bcs[{self.numbers[i]}]" for i in (first, other)]
             pair, at_least = " and ".join(names), min(places)
             lines.append(contradiction(pair, sorted(axes), len(places), at_least, names[1]))
         return lines

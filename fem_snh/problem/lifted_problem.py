@@ -62,6 +62,13 @@ class LiftedConditions(Dirichlet):
         The displacement, and its interpolation in the other space.
     kinematics : Kinematics
         On a body of revolution the radial and rotational displacements are zero on the axis.
+
+    Attributes
+    ----------
+    numbers, symmetry_numbers : list of int
+        As those of `DolfinxConditions`.
+    symmetry_planes : list of NodePlane
+        This rank's nodes in each plane of symmetry.
     """
 
     depends_on_load = False
@@ -77,8 +84,11 @@ class LiftedConditions(Dirichlet):
         self.constrained = np.logical_or.reduce([empty, *self._masks])
         if kinematics.revolved:
             self.constrained[axis_nodes(W)[:, None], kinematics.off_axis] = True
-        planes = [facets_plane(W, facets, "bcs", "symmetry") for facets in conditions.symmetry]
-        self.planes = InclinedPlanes.of(planes, self.constrained, owned)
+        self.numbers, self.symmetry_numbers = conditions.numbers, conditions.symmetry_numbers
+        self.symmetry_planes = [
+            facets_plane(W, facets, "bcs", "symmetry") for facets in conditions.symmetry
+        ]
+        self.planes = InclinedPlanes.of(self.symmetry_planes, self.constrained, owned)
         self.dofs = np.flatnonzero(self.constrained[:owned])
         self._values = lifted.x.array.copy()
 

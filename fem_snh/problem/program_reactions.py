@@ -8,9 +8,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from fem_snh.assembly.boundary_conditions import take_direction
 from fem_snh.errors import bad_value
 from fem_snh.problem.problem import Problem
 from fem_snh.problem.reactions import reaction
+from fem_snh.terms.symmetry import Symmetry
 
 Array = npt.NDArray[np.float64]
 
@@ -25,9 +27,9 @@ class HasReactions:
 
         Parameters
         ----------
-        condition : dolfinx DirichletBC
+        condition : dolfinx DirichletBC or Symmetry
             One of the problem's ``bcs``. What several constrain counts for the last, which sets
-            the value.
+            the value; a plane of symmetry has what no condition of dolfinx sets.
 
         Raises
         ------
@@ -35,7 +37,7 @@ class HasReactions:
             On every rank, for another condition or object.
         """
         self._read_displacement()
-        return np.asarray(reaction(self._problem, condition_mask(self._problem, condition))[0])
+        return np.asarray(reaction(self._problem, condition_weights(self._problem, condition))[0])
 
     def reaction_moment(self, condition: Any, about: Sequence[float] = (0, 0, 0)) -> Array:
         """Return the moment (3,) [N m] that a condition exerts on the body. Collective.
@@ -45,9 +47,9 @@ class HasReactions:
 
         Parameters
         ----------
-        condition : dolfinx DirichletBC
+        condition : dolfinx DirichletBC or Symmetry
             One of the problem's ``bcs``. What several constrain counts for the last, which sets
-            the value.
+            the value; a plane of symmetry has what no condition of dolfinx sets.
         about : (3,) sequence of float, optional
             The point [m].
 
@@ -61,15 +63,17 @@ class HasReactions:
         >>> torque = problem.reaction_moment(bcs[1], about=[0, 0, 0])[2]
         """
         self._read_displacement()
-        mask = condition_mask(self._problem, condition)
-        return np.asarray(reaction(self._problem, mask, three_numbers("about", about))[1])
+        weights = condition_weights(self._problem, condition)
+        return np.asarray(reaction(self._problem, weights, three_numbers("about", about))[1])
 
     def _read_displacement(self) -> None:
         raise NotImplementedError
 
 
-def condition_mask(problem: Problem, condition: Any, key: str = "condition") -> Any:
-    """Return the owned dofs that a condition sets, (nodes, components) bool. Collective.
+def condition_weights(problem: Problem, condition: Any, key: str = "condition") -> Array:
+    """Return the parts of the owned nodes' forces that a condition exerts. Collective.
+
+    They are those of `counted_weights`.
 
     Raises
     ------
@@ -77,14 +81,45 @@ def condition_mask(problem: Problem, condition: Any, key: str = "condition") -> 
         On every rank, for what is not one of the problem's ``bcs``.
     """
     conditions: Any = problem.dirichlet
-    return counted_mask(problem, condition_number(conditions.bcs, condition, key))
+    return counted_weights(problem, condition_number(conditions.given, condition, key))
 
 
-def counted_mask(problem: Problem, number: int) -> Any:
-    """Return the owned dofs of a condition by its number that no later one sets. Collective."""
+def counted_weights(problem: Problem, number: int) -> Array:
+    """Return the parts of the owned nodes' forces that a condition exerts. Collective.
+
+    Parameters
+    ----------
+    problem : Problem
+        A problem of a program, or the lifted one.
+    number : int
+        The condition's place in ``bcs``.
+
+    Returns
+    -------
+    (nodes, components, components) array
+        The projections on the directions that it sets, and that no later one does: see
+        `fem_snh.assembly.boundary_conditions.counted_forces`.
+    """
     conditions: Any = problem.dirichlet
-    mask, *later = conditions.masks[number:]
-    return (mask & ~np.logical_or.reduce([*later, np.zeros_like(mask)]))[: len(problem.coordinates)]
+    owned, components = len(problem.coordinates), problem.kinematics.components
+    taken, units = np.zeros((owned, components, components)), np.eye(components)
+    in_rigid = divmod(conditions.released, components)
+    taken[in_rigid] = units[in_rigid[1]]
+    directions = {
+        i: [(plane.nodes, plane.normal)]
+        for i, plane in zip(conditions.symmetry_numbers, conditions.symmetry_planes, strict=True)
+    }
+    # Conditions of dolfinx override planes of symmetry, and earlier ones.
+    for i, mask in zip(conditions.numbers, conditions.masks, strict=True):
+        directions[i] = [(np.flatnonzero(m), unit) for m, unit in zip(mask.T, units, strict=True)]
+    weights: Array = np.zeros_like(taken)
+    for i, constrained in reversed(directions.items()):
+        for nodes, normal in constrained:
+            nodes = nodes[nodes < owned]
+            parts, _ = take_direction(taken, nodes, normal)
+            if i == number:
+                weights[nodes] += parts
+    return weights
 
 
 def condition_number(bcs: Sequence[Any], condition: Any, key: str) -> int:
@@ -92,8 +127,13 @@ def condition_number(bcs: Sequence[Any], condition: Any, key: str) -> int:
     for number, bc in enumerate(bcs):
         if bc is condition:
             return number
-    found = "a condition" if hasattr(condition, "dof_indices") else condition
+    found = "a condition" if is_condition(condition) else condition
     raise bad_value(key, found, "one of the problem's bcs")
+
+
+def is_condition(given: Any) -> bool:
+    """Whether an object is a condition of dolfinx or a plane of symmetry."""
+    return hasattr(given, "dof_indices") or isinstance(given, Symmetry)
 
 
 def three_numbers(key: str, value: Any) -> list[float]:
