@@ -127,7 +127,7 @@ def _revolved_ball(cells: int, stiffer: float) -> float:
         setup = set_up(MPI.COMM_WORLD, scene, stiffer=stiffer)
     for row in setup.stepper:
         assert row["converged"], row["reason"]
-    (goal,) = scene_goals(scene, setup.mesh, has_energy=False)
+    (goal,) = scene_goals(setup)
     (value,) = goal.bind(setup.problem)()
     setup.destroy()
     return float(value)

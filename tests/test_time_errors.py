@@ -231,7 +231,7 @@ def test_small_changes_that_do_not_decrease_have_a_bound(integrator, friction, n
     goal = found.goals["body.mean.z"]
     setup = set_up(MPI.COMM_WORLD, bounce(*given, steps=400, accuracy=height))
     assert all(row["converged"] for row in setup.stepper)
-    (bound,) = scene_goals(bounce(*given, accuracy=height), setup.mesh, has_energy=False)
+    (bound,) = scene_goals(setup)
     exact = bound.bind(setup.problem)()[-1]
     setup.destroy()
     assert abs(exact - goal.value) < goal.steps_bound < 0.1 * abs(goal.value)
@@ -318,7 +318,7 @@ def test_the_penalty_of_an_impact():
     goal = solve(scene).estimate.goals["centre.z"]
     setup = set_up(MPI.COMM_WORLD, scene, stiffer=16.0)
     assert all(row["converged"] for row in setup.stepper)
-    (bound,) = scene_goals(scene, setup.mesh, has_energy=False)
+    (bound,) = scene_goals(setup)
     (stiff,) = bound.bind(setup.problem)()
     setup.destroy()
     assert abs(stiff - goal.value) > 0.04 * abs(goal.value)
@@ -380,7 +380,7 @@ def test_penalties_that_yield_too_much_for_an_estimate_by_softer_ones():
     scene = thrown_cylinder(160)
     setup = set_up(MPI.COMM_WORLD, scene, stiffer=16.0)
     assert all(row["converged"] for row in setup.stepper)
-    for goal in scene_goals(scene, setup.mesh, has_energy=False):
+    for goal in scene_goals(setup):
         known, (exact,) = goals[goal.names[0]], goal.bind(setup.problem)()
         assert known.penalty_bound > 0
         assert abs(exact - known.value) < known.bound

@@ -19,7 +19,7 @@ from fem_snh.runs.vibrations import vibrations
 _PARTS, _FEWEST = (0.5, 0.25), {1: 4, 2: 2}
 
 
-def coarser_meshes(scene: scenes.Scene, setup: Setup) -> CoarserMeshes:
+def coarser_meshes(setup: Setup) -> CoarserMeshes:
     """Return coarser meshes of a scene's body.
 
     Raises
@@ -27,9 +27,9 @@ def coarser_meshes(scene: scenes.Scene, setup: Setup) -> CoarserMeshes:
     NoEstimate
         For a mesh of a file, and with too few cells.
     """
-    own: float
+    scene, own = setup.scene, 1.0
     if isinstance(scene.mesh, scenes.Lattice):
-        own, edges = 1.0, [scene.mesh.cell / part for part in _PARTS]
+        edges = [scene.mesh.cell / part for part in _PARTS]
         label = f"lattices with cells of {edges[0]:g} and {edges[1]:g}"
         others = [
             scene.model_copy(update={"mesh": scene.mesh.model_copy(update={"cell": edge})})
@@ -38,7 +38,7 @@ def coarser_meshes(scene: scenes.Scene, setup: Setup) -> CoarserMeshes:
         fineness = list(_PARTS)
     elif is_exact(scene):
         assert scene.cells is not None
-        own, cells = scene.cells, [cells_of(scene, part * scene.cells) for part in _PARTS]
+        own, cells = float(scene.cells), [cells_of(scene, part * scene.cells) for part in _PARTS]
         fewest = _FEWEST[setup.problem.element.degree]
         if cells[1] < fewest or not cells[1] < cells[0] < own:
             raise NoEstimate(
@@ -56,15 +56,13 @@ def coarser_meshes(scene: scenes.Scene, setup: Setup) -> CoarserMeshes:
 
 def _follow(setup: Setup, others: list[scenes.Scene], number: int) -> Followed:
     """Solve one of the scenes; see `CoarserMeshes`. Collective."""
-    scene, comm = others[number - 1], setup.problem.comm
     try:
-        again = set_up(comm, scene, stiffer=setup.stiffer)
+        again = set_up(setup.problem.comm, others[number - 1], stiffer=setup.stiffer)
     except BadInput as error:
         raise NoEstimate(f"on a coarser mesh: {error}") from None
     try:
-        problem = again.problem
-        goals = scene_goals(scene, again.mesh, problem.has_energy, vibrations(scene, problem))
-        return end_of(again.stepper, problem, goals, "on a coarser mesh")
+        goals = scene_goals(again, vibrations(again))
+        return end_of(again.stepper, again.problem, goals, "on a coarser mesh")
     except BadInput as error:  # cells that are too large for the radius of a probe
         raise NoEstimate(f"on a coarser mesh: {error}") from None
     finally:

@@ -9,7 +9,6 @@ from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 from mpi4py import MPI
-from petsc4py import PETSc
 
 from fem_snh import scenes, solver
 from fem_snh._petsc import default_options, option_used
@@ -18,7 +17,6 @@ from fem_snh.interrupts import Interrupts
 from fem_snh.linalg import multigrid
 from fem_snh.notes import Note
 from fem_snh.problem.supports import SupportsCheck
-from fem_snh.runs.defaults import describe_condensation
 from fem_snh.runs.folder import Folder, describe
 from fem_snh.runs.notes import final_notes
 from fem_snh.runs.progress import Progress
@@ -143,8 +141,7 @@ def _run(
         setup = set_up(comm, scene, stored is not None, *(level.given if level else ()))
         if level:
             level.begin(setup)
-        about = describe(scene, setup.problem, setup.snes, setup.stepper.motion)
-        describe_condensation(about, setup.problem.element, setup.condensation)
+        about = describe(setup)
         supports = SupportsCheck(setup.problem)
         supports.check()
         unlocked = Note("folder", folder.note) if folder and folder.note else None
@@ -153,24 +150,24 @@ def _run(
         about |= note or {}
         printed.start(about)
         goals: list[Goal] = []
-        modes = vibrations(scene, setup.problem)
+        modes = vibrations(setup)
         if scene.estimates_error:
             from fem_snh.runs.goals import scene_goals
 
-            goals = scene_goals(scene, setup.mesh, setup.problem.has_energy, modes)
+            goals = scene_goals(setup, modes)
         if stored and folder:
             missing = stored.missing(scene, goals)
             stored.restore(setup.stepper)
             printed.resumed(stored.load, stored.finished, missing, scene.duration)
             if stored.finished and not missing:
                 setup.destroy()
-                return setup.result(True, "converged", stored.record, folder.path)
-        recorder = Recorder(about, scene, setup, folder, start, stored and stored.record, goals)
+                return setup.result(stored.record, folder.path)
+        recorder = Recorder(about, setup, folder, start, stored and stored.record, goals)
         if folder and (scene.obstacle or scene.bone or scene.rigid):
             from fem_snh.runs.surface_copies import copy_surfaces
 
             on_root(comm, copy_surfaces, scene, folder)
-        estimate = _solve(comm, scene, setup, recorder, printed, goals, modes, level)
+        estimate = _solve(setup, recorder, printed, goals, modes, level)
         if level:
             level.end(recorder.record, estimate)
         status = "converged" if setup.stepper.done else setup.stepper.failure_message()
@@ -180,12 +177,10 @@ def _run(
         # PETSc does not report misspelt options.
         printed.end(recorder.record, path, [k for k in given if not option_used(solver.PREFIX + k)])
         setup.destroy()
-    return setup.result(setup.stepper.done, status, recorder.record, path, estimate)
+    return setup.result(recorder.record, path, estimate)
 
 
 def _solve(
-    comm: MPI.Comm,
-    scene: scenes.Scene,
     setup: Setup,
     recorder: Recorder,
     printed: Progress,
@@ -195,7 +190,7 @@ def _solve(
 ) -> Estimate | None:
     """Solve all load steps, then compute modes and errors; record each result. Collective."""
     estimate = None
-    with _interrupts(comm, setup.snes) as interrupts, recorder, solver.petsc_failures():
+    with _interrupts(setup) as interrupts, recorder, solver.petsc_failures():
         recorder.save("running", state=True)
         for step in setup.stepper:
             printed.step(step)
@@ -209,16 +204,16 @@ def _solve(
             from fem_snh.runs.estimates import estimate_errors
 
             fields = recorder.writes_fields
-            estimate = estimate_errors(scene, setup, goals, printed.estimating, fields, level)
+            estimate = estimate_errors(setup, goals, printed.estimating, fields, level)
             recorder.add_estimate(estimate)
-            if scene.within is None:  # the levels have rows of their own
+            if setup.scene.within is None:  # the levels have rows of their own
                 printed.estimated(estimate)
     return estimate
 
 
-def _interrupts(comm: MPI.Comm, snes: PETSc.SNES) -> Interrupts:
+def _interrupts(setup: Setup) -> Interrupts:
     """Return the signal handlers, which leave rank 0 the time to write run.json."""
     # Python handles signals when PETSc calls it, so it needs a monitor. All ranks have one: with a
     # monitor, a solver may compute a norm, which is collective.
-    snes.getKSP().setMonitor(lambda *_: None)
-    return Interrupts(_DELAY if comm.rank else 0.0)
+    setup.snes.getKSP().setMonitor(lambda *_: None)
+    return Interrupts(_DELAY if setup.problem.comm.rank else 0.0)

@@ -8,7 +8,6 @@ from functools import partial
 from math import inf
 from typing import TYPE_CHECKING
 
-from fem_snh import scenes
 from fem_snh.accuracy.estimate import EstimateOptions, estimate_error, largest_error
 from fem_snh.accuracy.goal_errors import Estimate
 from fem_snh.accuracy.goals import Goal
@@ -21,7 +20,6 @@ if TYPE_CHECKING:
 
 
 def estimate_errors(
-    scene: scenes.Scene,
     setup: Setup,
     goals: Sequence[Goal],
     announce: Callable[[Estimate], None],
@@ -32,10 +30,8 @@ def estimate_errors(
 
     Parameters
     ----------
-    scene : Scene
-        The scene.
     setup : Setup
-        Its run, at the end.
+        The run, at its end.
     goals : sequence of Goal
         The goals.
     announce : callable
@@ -47,14 +43,15 @@ def estimate_errors(
         The level of a run to an accuracy: without fields the errors of those goals are distributed
         that are not within it.
     """
-    problem, wanted = setup.problem, scene.accuracy
+    scene, problem = setup.scene, setup.problem
+    wanted = scene.accuracy
     if wanted and wanted.estimate == COARSER_MESHES:
-        return _by_coarser_meshes(scene, setup, goals, announce)
+        return _by_coarser_meshes(setup, goals, announce)
     if setup.make is None or depends_on_path(problem):
         from fem_snh.accuracy.path_errors import estimate_on_path
         from fem_snh.runs.scene_path import ScenePath
 
-        return estimate_on_path(problem, ScenePath(scene, setup), goals, announce, setup.mesh)
+        return estimate_on_path(problem, ScenePath(setup), goals, announce, setup.mesh)
 
     def choose(estimate: Estimate, names: Sequence[str]) -> Collection[str]:
         if fields:
@@ -63,7 +60,7 @@ def estimate_errors(
             from fem_snh.runs.refinement import is_refined_locally
 
             return level.located(estimate, names, is_refined_locally(scene))
-        return names if scene.accuracy and scene.accuracy.goals else largest_error(estimate, names)
+        return names if wanted and wanted.goals else largest_error(estimate, names)
 
     megabytes = wanted.max_memory if wanted and not scene.within else None
     most = inf if megabytes is None else 1e6 * megabytes
@@ -71,13 +68,12 @@ def estimate_errors(
     estimate = estimate_error(problem, setup.make, goals, announce, setup.mesh, options)
     if estimate.lacks_memory and not scene.within:
         because = f"{estimate.element}: {estimate.reason}"
-        other = _by_coarser_meshes(scene, setup, goals, announce, because)
+        other = _by_coarser_meshes(setup, goals, announce, because)
         return replace(estimate, reason=f"{because}; {other.reason}") if other.reason else other
     return estimate
 
 
 def _by_coarser_meshes(
-    scene: scenes.Scene,
     setup: Setup,
     goals: Sequence[Goal],
     announce: Callable[[Estimate], None],
@@ -87,5 +83,5 @@ def _by_coarser_meshes(
     from fem_snh.accuracy.coarser_meshes import estimate_by_coarser_meshes
     from fem_snh.runs.coarser_runs import coarser_meshes
 
-    coarsen = partial(coarser_meshes, scene, setup)
+    coarsen = partial(coarser_meshes, setup)
     return estimate_by_coarser_meshes(setup.problem, coarsen, goals, announce, because)

@@ -25,12 +25,13 @@ from fem_snh.notes import Note
 from fem_snh.problem.problem import Problem
 from fem_snh.run_files import RunFiles
 from fem_snh.run_tables import flat, table_text
-from fem_snh.runs.defaults import describe_defaults
+from fem_snh.runs.defaults import describe_condensation, describe_defaults
 from fem_snh.runs.notes import mesh_note, partial_rotations, shape_notes, turns
 from fem_snh.scenes import MaterialChoice, Scene
 from fem_snh.terms.feature import grouped
 
 if TYPE_CHECKING:
+    from fem_snh.runs.setup import Setup
     from fem_snh.steps.time_steps import TimeSteps
 
 #: Columns of steps.csv that every run has.
@@ -43,27 +44,13 @@ COLUMNS = (
 MODE_COLUMNS = ("mode", "frequency", "residual")
 
 
-def describe(
-    scene: Scene, problem: Problem, snes: PETSc.SNES, motion: TimeSteps | None = None
-) -> dict[str, Any]:
+def describe(setup: Setup) -> dict[str, Any]:
     """Return the content of run.json before the first step. Collective.
 
-    Parameters
-    ----------
-    scene : Scene
-        The scene.
-    problem : Problem
-        Its discretised problem.
-    snes : PETSc.SNES
-        Its nonlinear solver.
-    motion : TimeSteps, optional
-        Its time integration.
-
-    Returns
-    -------
-    dict
-        The scene, its material, discretisation and solver, and no steps.
+    It has the scene, its material, discretisation and solver, and no steps.
     """
+    scene, problem, snes = setup.scene, setup.problem, setup.snes
+    motion = setup.stepper.motion
     solver_options = snes.getPythonContext().options
     materials = [
         _describe_material(choice, region)
@@ -75,7 +62,7 @@ def describe(
     loads = [Note("load", text) for text in texts]
     shapes = [Note("mesh", text) for text in shape_notes(scene)]
     notes = [note.record() for note in (*loads, *shapes, mesh_note(scene, problem)) if note]
-    return {
+    about = {
         "scene": scene.name,
         "material": materials[0] if len(materials) == 1 else materials,
         "element": scene.element,
@@ -111,6 +98,8 @@ def describe(
             "python": platform.python_version(),
         },
     }
+    describe_condensation(about, problem.element, setup.condensation)
+    return about
 
 
 def _describe_time(scene: Scene, problem: Problem, motion: TimeSteps) -> dict[str, Any]:

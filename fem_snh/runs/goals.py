@@ -29,6 +29,7 @@ from fem_snh.terms.body import group_facets
 
 if TYPE_CHECKING:
     from fem_snh.problem.modes import LowestModes
+    from fem_snh.runs.setup import Setup
 
 #: Key of the goals' names.
 _KEY = "accuracy.goals"
@@ -38,19 +39,13 @@ _ORIGIN = (0.0, 0.0, 0.0)
 _MEAN_DEGREE = 5
 
 
-def scene_goals(
-    scene: Scene, mesh: Mesh, has_energy: bool, modes: LowestModes | None = None
-) -> list[Goal]:
+def scene_goals(setup: Setup, modes: LowestModes | None = None) -> list[Goal]:
     """Return the goals of a scene, by default those of `default_goals`.
 
     Parameters
     ----------
-    scene : Scene
-        The scene.
-    mesh : Mesh
-        Its mesh.
-    has_energy : bool
-        Whether all its forces have an energy.
+    setup : Setup
+        The scene with its problem.
     modes : LowestModes, optional
         What computes its modes.
 
@@ -59,8 +54,10 @@ def scene_goals(
     BadInput
         On every rank, for a goal that the scene or its mesh does not have.
     """
+    scene = setup.scene
     named = scene.accuracy.goals if scene.accuracy else []
-    has_energy = has_energy and scene.time is None  # of a motion, another sum is the energy
+    # Of a motion another sum is the energy.
+    has_energy = setup.problem.has_energy and scene.time is None
     groups = [*(bone.group for bone in scene.bone), *(part.group for part in scene.rigid)]
     names = named or default_goals(scene, has_energy and None not in groups)
     if "energy" in names and not has_energy:
@@ -72,10 +69,10 @@ def scene_goals(
         first, before = vectors.get((read.kind, read.name), (name, read))
         components = sorted({*before.components, *read.components})
         vectors[read.kind, read.name] = first, read._replace(components=tuple(components))
-    return [_goal(scene, mesh, name, read, modes) for name, read in vectors.values()]
+    return [_goal(scene, setup.mesh, name, read, modes) for name, read in vectors.values()]
 
 
-def named_goals(scene: Scene, mesh: Mesh, names: Sequence[str]) -> list[Goal]:
+def named_goals(setup: Setup, names: Sequence[str]) -> list[Goal]:
     """Return goals of one component by their names.
 
     Raises
@@ -86,7 +83,7 @@ def named_goals(scene: Scene, mesh: Mesh, names: Sequence[str]) -> list[Goal]:
     """
     goals = []
     for name in names:
-        goal = _goal(scene, mesh, name, read_goal(name, scene))
+        goal = _goal(setup.scene, setup.mesh, name, read_goal(name, setup.scene))
         if name == "energy" or len(goal.names) > 1:
             raise bad_value("goal", name, "a component such as right.force.x, or a volume")
         goals.append(goal)

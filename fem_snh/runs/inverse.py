@@ -428,7 +428,7 @@ class InverseProblem:
             stack.enter_context(default_options(solver.PREFIX, smoothers))
             setup = set_up(self.comm, scene)
             try:
-                states = self._states(scene, setup)
+                states = self._states(setup)
                 if not setup.stepper.done:
                     self.failure = setup.stepper.failure_message()
                     return None
@@ -442,13 +442,13 @@ class InverseProblem:
         found: tuple[Array, Array] = self.comm.bcast((residual, jacobian))
         return found
 
-    def _states(self, scene: scenes.Scene, setup: Setup) -> list[_State]:
+    def _states(self, setup: Setup) -> list[_State]:
         """Return the states at the measured loads, with their goals and dual solutions."""
         problem, stepper = setup.problem, setup.stepper
         loads = list(self.curve.loads)
         between = [t for t in stepper.targets if t < loads[-1] and not _is_in(t, loads)]
         stepper.targets = sorted([*loads, *between])
-        goals = named_goals(scene, setup.mesh, self.curve.names)
+        goals = named_goals(setup, self.curve.names)
         evaluate = [goal.bind(problem) for goal in goals]
         states = []
         for row in stepper:

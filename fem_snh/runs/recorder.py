@@ -13,7 +13,6 @@ from fem_snh.notes import NOTES_ON_PATH, Note
 from fem_snh.runs.checkpoint import CheckpointWriter
 from fem_snh.runs.folder import Folder
 from fem_snh.runs.output.fields import Fields, write_modes
-from fem_snh.scenes import Scene
 from fem_snh.steps.jump import jump_note
 
 if TYPE_CHECKING:
@@ -33,10 +32,8 @@ class Recorder:
     ----------
     record : dict
         The content of run.json, updated in place.
-    scene : Scene
-        The scene.
     setup : Setup
-        Its problem and load steps.
+        The scene, its problem and load steps.
     folder : Folder or None
         The folder of the output; None writes nothing.
     start : float
@@ -50,7 +47,6 @@ class Recorder:
     def __init__(
         self,
         record: dict[str, Any],
-        scene: Scene,
         setup: Setup,
         folder: Folder | None,
         start: float,
@@ -58,6 +54,7 @@ class Recorder:
         goals: Sequence[Goal] = (),
     ) -> None:
         self.record, self._folder, self._start = record, folder, start
+        scene = setup.scene
         self._stepper, self._problem = setup.stepper, setup.problem
         self._seconds, self._processor = setup.seconds, setup.processor
         self._checkpoint = CheckpointWriter(folder, scene, setup.stepper) if folder else None

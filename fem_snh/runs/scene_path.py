@@ -16,11 +16,14 @@ from fem_snh.runs.setup import Setup, set_up
 class ScenePath:
     """The path of a scene's run: see `fem_snh.accuracy.path_errors.Path`.
 
-    Parameters are those of `fem_snh.runs.estimates.estimate_errors`.
+    Parameters
+    ----------
+    setup : Setup
+        The run, at its end.
     """
 
-    def __init__(self, scene: scenes.Scene, setup: Setup) -> None:
-        self._scene, self._setup, self.taken = scene, setup, setup.stepper.taken
+    def __init__(self, setup: Setup) -> None:
+        self._setup, self._scene, self.taken = setup, setup.scene, setup.stepper.taken
 
     @property
     def steps(self) -> int:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from time import perf_counter, process_time
 from typing import TYPE_CHECKING, Any
@@ -32,7 +33,6 @@ from fem_snh.steps.stepping import Stepper
 
 if TYPE_CHECKING:
     from fem_snh.accuracy.goal_errors import Estimate
-    from fem_snh.problem.bone_nodes import BoneNodes
 
 
 @dataclass(frozen=True)
@@ -41,6 +41,8 @@ class Setup:
 
     Attributes
     ----------
+    scene : Scene
+        The scene.
     problem : Problem
         The discretised problem.
     snes : PETSc.SNES
@@ -63,6 +65,7 @@ class Setup:
         The stiffness of its penalties over that of the scene's.
     """
 
+    scene: scenes.Scene
     problem: Problem
     snes: PETSc.SNES
     stepper: Stepper
@@ -75,13 +78,12 @@ class Setup:
     stiffer: float = 1.0
 
     def result(
-        self, converged: bool, status: str, record: dict[str, Any], out: Path | None,
-        estimate: Estimate | None = None,
-    ) -> Result:  # fmt: skip
-        """Return the result of the run."""
-        steps = self.stepper.motion
-        motion = steps.dynamics if steps else None
-        return Result(converged, status, record, self.problem, out, motion, estimate)
+        self, record: dict[str, Any], out: Path | None, estimate: Estimate | None = None
+    ) -> Result:
+        """Return the result of the run, whose record is complete."""
+        ended = record["converged"], record["status"]
+        motion = self.stepper.motion.dynamics if self.stepper.motion else None
+        return Result(*ended, record, self.problem, out, motion, estimate)
 
     def destroy(self) -> None:
         """Destroy the solvers; the problem remains. Collective."""
@@ -154,7 +156,9 @@ def set_up(
     seconds = {"jit": jit, "mesh": meshed - start, "setup": perf_counter() - meshed - jit}
     working = max(0.0, process_time() - working - jit)
     other = None if scene.time else lambda element: make(element=element)
-    return Setup(problem, snes, stepper, seconds, working, condensation, mesh, other, note, stiffer)
+    return Setup(
+        scene, problem, snes, stepper, seconds, working, condensation, mesh, other, note, stiffer
+    )
 
 
 def _why_condensed(scene: scenes.Scene) -> str:
@@ -177,10 +181,7 @@ def _check_groups(scene: scenes.Scene, mesh: meshes.Mesh) -> None:
 
 
 def make_problem(
-    scene: scenes.Scene,
-    mesh: meshes.Mesh,
-    element: elements.Element,
-    nu: float | None = None,
+    scene: scenes.Scene, mesh: meshes.Mesh, element: elements.Element, nu: float | None = None
 ) -> Problem:
     """Return the scene's problem, with another Poisson's ratio if one is given. Collective.
 
@@ -188,17 +189,15 @@ def make_problem(
     degree than the scene's, cells inside of bones that are shapes are not assembled.
     """
 
-    def place(V: Any, mesh: meshes.Mesh) -> list[BoneNodes]:
+    bones = motion = None
+    if scene.bone:
         from fem_snh.runs.bones import scene_bones
 
-        return scene_bones(scene, V, mesh)
-
-    def dynamics(*body: Any) -> Any:
+        bones = partial(scene_bones, scene)
+    if scene.time:
         from fem_snh.steps.time_steps import time_integration
 
-        assert scene.time
-        return time_integration(scene.time).create_dynamics(*body)
-
+        motion = time_integration(scene.time).create_dynamics
     fillings = []
     for chosen in scene.materials:
         ratio = chosen.nu if nu is None or (len(scene.materials) > 1 and chosen.nu < nu) else nu
@@ -211,10 +210,10 @@ def make_problem(
         hold=scene.hold,
         move=scene.motions,
         symmetry=scene.symmetry,
-        bones=place if scene.bone else None,
+        bones=bones,
         features=scene.features,
         amplitudes=scene.amplitudes,
-        motion=dynamics if scene.time else None,
+        motion=motion,
         reactions=scene.reactions,
         volumes=scene.volumes,
         assembly=scene.assembly,

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from fem_snh.problem.problem import Problem
-from fem_snh.scenes import Scene
+from fem_snh.runs.setup import Setup
 from fem_snh.scenes._outputs import DEFAULT_DENSITY
 
 if TYPE_CHECKING:
     from fem_snh.problem.modes import LowestModes
 
 
-def vibrations(scene: Scene, problem: Problem) -> LowestModes | None:
+def vibrations(setup: Setup) -> LowestModes | None:
     """Return what computes the modes of a scene's problem; None if it asks for none. Collective.
 
     Raises
@@ -20,10 +19,11 @@ def vibrations(scene: Scene, problem: Problem) -> LowestModes | None:
     BadInput
         On every rank, for modes that cannot be computed.
     """
-    if scene.modes is None:
+    wanted = setup.scene.modes
+    if wanted is None:
         return None
     from fem_snh.problem.modes import LowestModes
 
-    modes = LowestModes(scene.modes.density or DEFAULT_DENSITY, scene.modes.count)
-    modes.check(problem)
+    modes = LowestModes(wanted.density or DEFAULT_DENSITY, wanted.count)
+    modes.check(setup.problem)
     return modes
