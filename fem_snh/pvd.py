@@ -45,6 +45,8 @@ class Collection:
     ) -> None:
         self.comm, self.path, self._files = comm, path, files
         self.times: list[float] = on_root(comm, self._keep, until)
+        #: The lines of the states that are listed.
+        self._rows: list[str] = []
 
     def _keep(self, until: float | None) -> list[float]:
         """Return the times of the states that are kept; remove the files of the others."""
@@ -79,15 +81,16 @@ class Collection:
 
     def list_next(self, t: float, suffix: str) -> None:
         """Add the next state, whose files are complete, to the .pvd file. On rank 0."""
-        names = (self.name(suffix, number=number) for number in range(len(self.times) + 1))
-        rows = [
-            f'    <DataSet timestep="{time:.17g}" part="0" file="{name}" />\n'
-            for time, name in zip([*self.times, t], names, strict=True)
-        ]
+        times = [*self.times, t]
+        for number in range(len(self._rows), len(times)):
+            name = self.name(suffix, number=number)
+            self._rows.append(
+                f'    <DataSet timestep="{times[number]:.17g}" part="0" file="{name}" />\n'
+            )
         replace_file(
             self.path,
             '<?xml version="1.0"?>\n<VTKFile type="Collection" version="1.0">\n  <Collection>\n'
-            + "".join(rows)
+            + "".join(self._rows)
             + "  </Collection>\n</VTKFile>\n",
         )
 

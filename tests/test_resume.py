@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from time import perf_counter, sleep
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,8 @@ from interrupted_runs import ALL, ALONE, STRETCH, CutOff, cut, record, solve
 from test_cavity import SYMMETRIC, shell
 from time_scenes import SWING, TURN, in_time
 
-from fem_snh.runs import checkpoint_file
+from fem_snh.runs import checkpoint_file, recorder
+from fem_snh.runs.folder import Folder
 from fem_snh.runs.output import nodal_values
 from fem_snh.runs.output.fields import Fields
 
@@ -107,6 +109,45 @@ def test_on_the_same_ranks_it_is_the_same_to_the_last_digit(comm, folder, case):
     assert times(folder / "cut") == times(folder / "whole")
     assert contents(folder / "cut") == contents(folder / "whole")
     comm.barrier()
+
+
+@mpi
+@pytest.mark.parametrize("case", ["two steps back", "bounce"])
+def test_with_many_steps_the_record_may_wait(comm, folder, case, monkeypatch):
+    """Only the first steps are written at once; the rest is lost with a crash, and nothing else."""
+    scene, options, steps = case_of(case)
+    whole = solve(scene, out=folder / "whole", **options)
+    monkeypatch.setattr(recorder, "_FIRST_STEPS", 1)
+    monkeypatch.setattr(recorder, "_SHARE", 1e-9)
+    with cut(steps):
+        solve(scene, out=folder / "cut", **options)
+    assert len(times(folder / "cut")) == steps + 1
+    (about, _), left = checkpoint_file.load(folder / "cut"), record(folder / "cut")
+    assert len(about["record"]["steps"]) == 1 and len(left["steps"]) == steps
+    again = solve(scene, out=folder / "cut", resume=True, **options)
+    assert record(folder / "cut")["resumed"] == [left["steps"][0]["load"]]
+    assert np.array_equal(whole.problem.x.array, again.problem.x.array)
+    assert len(record(folder / "cut")["steps"]) == len(whole.steps)
+    assert contents(folder / "cut") == contents(folder / "whole")
+    comm.barrier()
+
+
+def test_the_record_takes_a_small_share_of_the_time(tmp_path, monkeypatch):
+    seconds = []
+    write = Folder.write
+
+    def slow(self, record):
+        start = perf_counter()
+        write(self, record)
+        sleep(0.02)
+        seconds.append(perf_counter() - start)
+
+    monkeypatch.setattr(Folder, "write", slow)
+    monkeypatch.setattr(recorder, "_FIRST_STEPS", 0)
+    start = perf_counter()
+    solve("bounce", out=tmp_path, cells=2, steps=40)
+    total = perf_counter() - start
+    assert sum(seconds[:-2]) <= 0.1 * total and len(record(tmp_path)["steps"]) == 40
 
 
 @mpi

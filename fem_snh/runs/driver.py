@@ -60,7 +60,7 @@ def run(
         A scene's name, a .toml file, ``FILE.py:NAME``, a function that returns a Scene, or a
         `fem_snh.scenes.Scene`.
     out : str or Path, optional
-        Folder for run.json, steps.csv, checkpoint.npz and fields.pvd, all written after every step;
+        Folder for run.json, steps.csv, checkpoint.npz and fields.pvd, all written as steps end;
         modes.csv and modes.pvd if the scene requests modes. A folder that holds a run is an error
         without ``overwrite`` or ``resume``, one that holds other files without ``overwrite``.
     overwrite : bool

@@ -1,6 +1,6 @@
 """The output folder of a run: run.json and the tables, each replaced as a whole.
 
-`fem_snh.runs.recorder` writes it after every step.
+`fem_snh.runs.recorder` decides when it is written.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Write the output of a run after every step: run.json, tables, checkpoint and fields."""
+"""Write the output of a run as it comes: run.json, tables, checkpoint and fields."""
 
 from __future__ import annotations
 
@@ -21,11 +21,17 @@ if TYPE_CHECKING:
     from fem_snh.problem.modes import VibrationModes
     from fem_snh.runs.setup import Setup
 
+#: Largest share of a run's time for its record and checkpoint beyond the first steps. They are
+#: written whole, and take longer with each step: after each of 2,000 small steps, ten times as long
+#: as the steps.
+_FIRST_STEPS, _SHARE = 100, 0.1
+
 
 class Recorder:
     """A context that records every step in run.json and writes the output.
 
-    If an exception leaves the context, rank 0 writes its reason as the status. The checkpoint is
+    With very many quick steps the record and the checkpoint are not written after each one. If an
+    exception leaves the context, rank 0 writes its reason as the status. The checkpoint is
     written before the other files, so that a step which they contain can always be resumed.
 
     Parameters
@@ -95,6 +101,8 @@ class Recorder:
         self._output = 0.0
         #: Whether a state that converged has not been written.
         self._behind = False
+        #: When the record may be written again, by `time.perf_counter`.
+        self._due = start
 
     def __enter__(self) -> Recorder:
         return self
@@ -163,7 +171,7 @@ class Recorder:
             The run's status: "running", "converged" or the reason of a failure.
         state : bool
             Write the checkpoint and the fields, too; also done at the end for a state that was not
-            written.
+            written. While the run goes on, the record and the checkpoint may wait: see `_SHARE`.
 
         Raises
         ------
@@ -179,14 +187,32 @@ class Recorder:
         processor += self._earlier.get("processor_seconds", 0.0)
         self.record["processor_seconds"] = processor
         self._update(status)
-        state |= self._behind and status != "running"
-        self._behind &= not state
-        if self._checkpoint and state:
+        running = status == "running"
+        state |= self._behind and not running
+        due = not running or self._is_due(state)
+        self._behind = (self._behind or state) and not (due and state)
+        if self._checkpoint and due and state:
             self._checkpoint.write(self.record)
+        taken = perf_counter() - start
         if self._fields and state:
             self._fields.write(self._problem)
         self._output += perf_counter() - start
+        if not due:
+            return
+        start = perf_counter()
         on_root(comm, self._write, status)
+        now = perf_counter()
+        self._due = now + (taken + now - start) * (1 / _SHARE - 1)
+
+    def _is_due(self, state: bool) -> bool:
+        """Return whether a running run's record is to be written now. Collective.
+
+        A step that failed waits for the state before it: each step in run.json can be resumed.
+        """
+        if len(self.record["steps"]) <= _FIRST_STEPS:
+            return True
+        in_time = self._problem.comm.bcast(perf_counter() >= self._due)
+        return in_time and (state or not self._behind)
 
     def _update(self, status: str) -> None:
         """Update the status and the elapsed seconds."""
