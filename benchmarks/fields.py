@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import process_time
@@ -55,16 +56,17 @@ def measure(element: str, cells: int, names: list[str], repeat: int) -> Iterator
     (step,) = setup.stepper
     problem = setup.problem
     newton = comm.allreduce(setup.stepper.processor) / step["newton"]
-    kinds: dict[str, tuple[list[str], str]] = {"": ([], LOCATIONS[0])}
-    kinds |= {at: (names, at) for at in LOCATIONS}
-    taken: dict[str, list[float]] = {kind: [] for kind in kinds}
+    scenes_of = {"": setup.scene}
+    for at in LOCATIONS:
+        scenes_of[at] = setup.scene.model_copy(update={"fields": names, "fields_at": at})
+    taken: dict[str, list[float]] = {kind: [] for kind in scenes_of}
     values = {at: RequestedFields(problem, names, at, {}) for at in LOCATIONS}
     evaluated: dict[str, list[float]] = {at: [] for at in LOCATIONS}
     with TemporaryDirectory() as own:
         folder = Path(comm.bcast(own, root=0))
         outputs = {
-            kind: Fields(folder / f"fields_{kind}.pvd", problem, False, *chosen)
-            for kind, chosen in kinds.items()
+            kind: Fields(folder / f"fields_{kind}.pvd", replace(setup, scene=chosen))
+            for kind, chosen in scenes_of.items()
         }
         for state in range(repeat + 1):
             problem.load = 1.0 + state  # a series skips a load that it has

@@ -28,10 +28,9 @@ from fem_snh.runs.folder import Folder
 from fem_snh.runs.output import nodal_values
 from fem_snh.runs.output.nodal_values import gather_rows
 from fem_snh.runs.scene_identity import identity
-from fem_snh.scenes import Scene
-from fem_snh.steps.stepping import Stepper
 
 if TYPE_CHECKING:
+    from fem_snh.runs.setup import Setup
     from fem_snh.steps.dynamics.dynamics import Dynamics
 
 Array = npt.NDArray[Any]
@@ -50,16 +49,14 @@ class CheckpointWriter:
     ----------
     folder : Folder
         The folder of the output.
-    scene : Scene
-        The scene, with which a resumed run is compared.
-    stepper : Stepper
-        The load steps.
+    setup : Setup
+        The load steps, and the scene, with which that of a resumed run is compared.
     """
 
-    def __init__(self, folder: Folder, scene: Scene, stepper: Stepper) -> None:
-        self._folder, self._stepper = folder, stepper
-        self._scene = on_root(folder.comm, identity, scene)
-        self._fields = nodal_values.fields(stepper.problem)
+    def __init__(self, folder: Folder, setup: Setup) -> None:
+        self._folder, self._stepper = folder, setup.stepper
+        self._scene = on_root(folder.comm, identity, setup.scene)
+        self._fields = nodal_values.fields(setup.problem)
         self._flushed = -_FLUSH_INTERVAL
 
     def write(self, record: dict[str, Any]) -> None:

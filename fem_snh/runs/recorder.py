@@ -60,10 +60,9 @@ class Recorder:
         goals: Sequence[Goal] = (),
     ) -> None:
         self.record, self._folder, self._start = record, folder, start
-        scene = setup.scene
         self._stepper, self._problem = setup.stepper, setup.problem
         self._seconds, self._processor = setup.seconds, setup.processor
-        self._checkpoint = CheckpointWriter(folder, scene, setup.stepper) if folder else None
+        self._checkpoint = CheckpointWriter(folder, setup) if folder else None
         self._earlier = earlier or {}
         self._fields: Fields | None = None
         if earlier is not None:
@@ -78,24 +77,11 @@ class Recorder:
         elif folder:
             folder.clear()
         if folder:
-            groups = None
-            if setup.mesh.has_parts or len(self._problem.regions) > 1:
-                from fem_snh.runs.output.cell_groups import cell_groups
-
-                groups = cell_groups(setup.mesh, self._problem.regions)
-            if groups:
-                record["cell_groups"] = groups.names
-            self._fields = Fields(
-                folder.path / "fields.pvd",
-                self._problem,
-                earlier is not None,
-                scene.fields,
-                scene.fields_at,
-                self._stepper.motion,
-                folder.files,
-                [name for goal in goals for name in goal.names],
-                groups,
-            )
+            names = [name for goal in goals for name in goal.names]
+            path, resumed = folder.path / "fields.pvd", earlier is not None
+            self._fields = Fields(path, setup, resumed, folder.files, names)
+            if self._fields.group_names:
+                record["cell_groups"] = self._fields.group_names
             jit = self._seconds["jit"] + self._fields.jit_seconds
             self._seconds = self._seconds | {"jit": jit}
         self._output = 0.0

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from fem_snh.runs.output.field_values import RequestedFields
     from fem_snh.runs.output.obstacle_series import ObstacleSeries
     from fem_snh.runs.output.skin_series import SkinSeries
-    from fem_snh.steps.time_steps import TimeSteps
+    from fem_snh.runs.setup import Setup
 
 Array = npt.NDArray[Any]
 
@@ -48,26 +48,20 @@ class Fields:
     ----------
     path : Path
         The .pvd file.
-    problem : Problem
-        The discretised problem.
+    setup : Setup
+        The scene, which names further fields, and its problem.
     resumed : bool, optional
         Keep the states of an existing file up to the problem's load.
-    names : sequence of str, optional
-        Further fields, of `fem_snh.output_fields.ON_REQUEST`.
-    at : {"cells", "nodes"}
-        Where they are written.
-    motion : TimeSteps, optional
-        The time integration of a scene in time.
     files : RunFiles, optional
         The run's files.
     goals : sequence of str, optional
         Goals whose errors are written for each cell, as ``error_<goal>``. The state at load 1 is
         then written by `write_errors`; before it they are zero.
-    groups : CellGroups, optional
-        The parts of the mesh, which are written as the field ``cell_group``.
 
     Attributes
     ----------
+    group_names : list of list of str
+        See `CellGroups`: the parts of the mesh are the field ``cell_group``. Empty: there is one.
     jit_seconds : float
         Time spent compiling what the further fields need.
     """
@@ -75,21 +69,24 @@ class Fields:
     def __init__(
         self,
         path: Path,
-        problem: Problem,
+        setup: Setup,
         resumed: bool = False,
-        names: Sequence[str] = (),
-        at: str = "cells",
-        motion: TimeSteps | None = None,
         files: RunFiles | None = None,
         goals: Sequence[str] = (),
-        groups: CellGroups | None = None,
     ) -> None:
+        problem, motion = setup.problem, setup.stepper.motion
         #: The time of load 1.
         self._duration = motion.duration if motion else 1.0
         constant = _dolfinx.function_space(problem.domain, 0, family="DG")
         energy = ["energy_density"] if problem.has_energy else []
         names_of_all = ["J", "min_J", *energy, "min_eigenvalue"]
         self._cellwise = {name: _dolfinx.function(constant, name) for name in names_of_all}
+        groups: CellGroups | None = None
+        if setup.mesh.has_parts or len(problem.regions) > 1:
+            from fem_snh.runs.output.cell_groups import cell_groups
+
+            groups = cell_groups(setup.mesh, problem.regions)
+        self.group_names = groups.names if groups else []
         self._groups = [_dolfinx.DataArray(CELL_GROUP, groups.numbers)] if groups else []
         self._errors = {goal: _dolfinx.function(constant, error_field(goal)) for goal in goals}
         #: Whether the state at load 1 waits for the errors.
@@ -117,12 +114,11 @@ class Fields:
             self._skin = SkinSeries(path.with_name(SKIN), problem.V, problem.skin, until, files)
         self._requested: RequestedFields | None = None
         start = perf_counter()
-        if names:
+        if setup.scene.fields:
             from fem_snh.runs.output.field_values import RequestedFields
 
-            self._requested = RequestedFields(
-                problem, names, at, motion.functions if motion else {}
-            )
+            chosen = setup.scene.fields, setup.scene.fields_at
+            self._requested = RequestedFields(problem, *chosen, motion.functions if motion else {})
         self.jit_seconds = perf_counter() - start
 
     def write(self, problem: Problem) -> None:
