@@ -130,7 +130,7 @@ def test_too_little_memory_for_the_lifted_element():
     found = run("cook", element="Q2", cells=8, nu=0.3, accuracy={"max_memory": 0.5})
     assert found.estimate.coarser and not found.estimate.reason
     (line,) = found.estimate.left_out
-    assert "4 and 2 cells along an edge, as Q3: it needs about" in line
+    assert "4 and 2 cells along an edge, as Q3 needs about" in line
     assert "0.5 MB are allowed" in line
     record = found.record["goals"]["corner.y"]
     assert record["bound"] == found.estimate.goals["corner.y"].at_most

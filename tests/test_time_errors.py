@@ -75,6 +75,15 @@ def test_the_error_of_the_mesh_is_the_difference_to_the_lifted_element(estimated
     assert known.of_path >= abs(goal["parts"]["mesh"])
 
 
+def test_the_memory_of_the_lifted_element_is_limited():
+    """The limit had no effect on a path, whose errors coarser meshes do not show."""
+    found = solve(swing(12, element="Q1", accuracy=Accuracy(max_memory=0.01)))
+    assert found.converged and found.goals["tip.z"]["error"] is None
+    assert found.estimate.reason.startswith("Q2Q1 needs about ")
+    assert found.estimate.reason.endswith(", of which 0.01 MB are allowed")
+    assert found.estimate.newton == 0
+
+
 PULSE = Amplitude(name="pulse", points=[(0, 0), (1.812, 1), (3.352, 0)])
 
 

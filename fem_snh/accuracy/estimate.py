@@ -250,7 +250,7 @@ def _announce(
     middle = element_of_factor(problem, element)
     estimate.memory = memory(problem, element) + (memory(problem, middle) if middle else 0.0)
     announce(estimate)
-    check_memory(problem, estimate.memory, max_memory)
+    check_memory(problem, element.name, estimate.memory, max_memory)
 
 
 def _add_errors(

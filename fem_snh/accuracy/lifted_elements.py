@@ -11,7 +11,6 @@ import os
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
-from math import inf
 from typing import Any
 
 from fem_snh import _dolfinx
@@ -129,14 +128,19 @@ def memory(problem: Problem, element: Element) -> float:
     return float(pairs * _COPIES * (components**2 * _BYTES_PER_NUMBER + _BYTES_PER_BLOCK))
 
 
-def check_memory(problem: Problem, needed: float, most: float = inf) -> None:
-    """Raise TooLittleMemory if that is more than ``most`` or is available [bytes]. Collective."""
+def check_memory(problem: Problem, element: str, needed: float, most: float) -> None:
+    """Raise TooLittleMemory if an element needs more than ``most`` or is available [bytes].
+
+    Collective.
+    """
     available = available_memory(problem.comm)
     if needed > min(available, most):
         limit = f"{most / 1e6:.3g} MB are allowed"
         if available < most:
             limit = f"{available / 1e6:.2g} MB are available"
-        raise TooLittleMemory(f"it needs about {needed / 1e6:.2g} MB of memory, of which {limit}")
+        raise TooLittleMemory(
+            f"{element} needs about {needed / 1e6:.2g} MB of memory, of which {limit}"
+        )
 
 
 def available_memory(comm: Any) -> float:

@@ -181,6 +181,7 @@ def estimate_on_path(
     goals: Sequence[Goal],
     announce: Callable[[Estimate], None] = lambda estimate: None,
     mesh: Mesh | None = None,
+    max_memory: float = inf,
 ) -> Estimate:
     """Return the errors of goals at the end of a motion, or of load steps. Collective.
 
@@ -196,12 +197,14 @@ def estimate_on_path(
         Called with the cost, before the path is followed.
     mesh : Mesh, optional
         The mesh of a scene.
+    max_memory : float, optional
+        The memory that the lifted problem may have [bytes].
     """
 
     def add_errors(estimate: Estimate) -> None:
         known = [goal for goal in goals if not isinstance(goal, FrequencyGoal)]
         estimate.on_no_mesh = len(known) < len(goals)
-        _announce(problem, path, estimate, announce)
+        _announce(problem, path, estimate, announce, max_memory)
         repetitions = _Repetitions(problem, path, known, estimate)
         parts, missed = repetitions.parts(), repetitions.missed
         for i, name in enumerate(names_of(known)):
@@ -227,7 +230,11 @@ def estimate_on_path(
 
 
 def _announce(
-    problem: Problem, path: Path, estimate: Estimate, announce: Callable[[Estimate], None]
+    problem: Problem,
+    path: Path,
+    estimate: Estimate,
+    announce: Callable[[Estimate], None],
+    max_memory: float,
 ) -> None:
     """Announce what it costs to follow the path again; raise NoEstimate if that is impossible."""
     steps = path.steps
@@ -239,7 +246,7 @@ def _announce(
     estimate.memory = memory(problem, element)
     estimate.again = ceil(steps / 2) if steps > 1 else 2
     announce(estimate)
-    check_memory(problem, estimate.memory)
+    check_memory(problem, element.name, estimate.memory, max_memory)
 
 
 class _Missed(NamedTuple):

@@ -47,11 +47,14 @@ def estimate_errors(
     wanted = scene.accuracy
     if wanted and wanted.estimate == COARSER_MESHES:
         return _by_coarser_meshes(setup, goals, announce)
+    megabytes = wanted.max_memory if wanted and not scene.within else None
+    max_memory = inf if megabytes is None else 1e6 * megabytes
     if setup.make is None or depends_on_path(problem):
         from fem_snh.accuracy.path_errors import estimate_on_path
         from fem_snh.runs.scene_path import ScenePath
 
-        return estimate_on_path(problem, ScenePath(setup), goals, announce, setup.mesh)
+        path = ScenePath(setup)
+        return estimate_on_path(problem, path, goals, announce, setup.mesh, max_memory)
 
     def choose(estimate: Estimate, names: Sequence[str]) -> Collection[str]:
         if fields:
@@ -62,14 +65,12 @@ def estimate_errors(
             return level.located(estimate, names, is_refined_locally(scene))
         return names if wanted and wanted.goals else largest_error(estimate, names)
 
-    megabytes = wanted.max_memory if wanted and not scene.within else None
-    most = inf if megabytes is None else 1e6 * megabytes
-    options = EstimateOptions(scene.within or 0.0, scene.stability, choose, most)
+    options = EstimateOptions(scene.within or 0.0, scene.stability, choose, max_memory)
     estimate = estimate_error(problem, setup.make, goals, announce, setup.mesh, options)
     if estimate.lacks_memory and not scene.within:
-        because = f"{estimate.element}: {estimate.reason}"
-        other = _by_coarser_meshes(setup, goals, announce, because)
-        return replace(estimate, reason=f"{because}; {other.reason}") if other.reason else other
+        other = _by_coarser_meshes(setup, goals, announce, estimate.reason)
+        reason = f"{estimate.reason}; {other.reason}"
+        return replace(estimate, reason=reason) if other.reason else other
     return estimate
 
 

@@ -263,7 +263,7 @@ class Accuracy(Table):
     max_memory: Positive | None = Field(
         default=None,
         description="Nor one whose estimate needs more memory [MB]; without `within` the estimate "
-        "is then that of coarser meshes.",
+        "is then that of coarser meshes; in time and with friction there is none.",
     )
     max_dofs: Positive | None = Field(default=None, description="Nor one with more unknowns.")
     keep_element: bool = Field(
