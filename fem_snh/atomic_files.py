@@ -35,6 +35,11 @@ def make_folder_of(path: Path) -> None:
         raise BadInput(f"cannot write {path}: {error.strerror or error}") from None
 
 
+def temporary_path(path: Path) -> Path:
+    """Return the hidden path under which a file is written before it is moved."""
+    return path.with_name(f".{path.name}.new")
+
+
 def replace_file(
     path: Path, content: str | Callable[[BinaryIO], object], sync: bool = False
 ) -> None:
@@ -56,7 +61,7 @@ def replace_file(
     BadInput
         If the file cannot be written, as on a full disk; an earlier file is unchanged.
     """
-    new = path.with_name(f".{path.name}.new")
+    new = temporary_path(path)
     try:
         with new.open("w+b") as file:
             if isinstance(content, str):
@@ -71,26 +76,6 @@ def replace_file(
         raise BadInput(f"cannot write {path}: {error.strerror or error}") from None
     finally:
         remove(new)
-
-
-def check_whole(written: Path, path: Path, ending: bytes) -> None:
-    """Raise BadInput if a file that a library has written does not end with ``ending``.
-
-    Libraries need not report a full disk. ``path`` is the file's name in the message.
-    """
-    reason = "it was cut short"
-    try:
-        if written.exists():
-            with written.open("rb") as file:
-                file.seek(0, os.SEEK_END)
-                file.seek(max(0, file.tell() - len(ending) - 16))
-                if file.read().rstrip().endswith(ending):
-                    return
-        with written.open("ab") as file:  # fails for the reason for which the library failed
-            file.write(b" " * 65536)
-    except OSError as error:
-        reason = error.strerror or str(error)
-    raise BadInput(f"cannot write {path}: {reason}")
 
 
 def remove(path: Path) -> None:

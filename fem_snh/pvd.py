@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as ET
@@ -72,11 +73,11 @@ class Collection:
         if self._files:
             self._files.add((*names, self.path.name))
 
-    def write_next(self, t: float, text: str) -> None:
+    def write_next(self, t: float, content: Iterable[bytes | memoryview]) -> None:
         """Write the next state's .vtu file and list it. On rank 0."""
         name = self.name(".vtu")
         self.announce(name)
-        replace_file(self.path.with_name(name), text)
+        replace_file(self.path.with_name(name), lambda file: file.writelines(content))
         self.list_next(t, ".vtu")
 
     def list_next(self, t: float, suffix: str) -> None:

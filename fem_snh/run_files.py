@@ -16,7 +16,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from fem_snh.atomic_files import remove
+from fem_snh.atomic_files import remove, temporary_path
 from fem_snh.errors import BadInput
 from fem_snh.files import read_text
 
@@ -69,11 +69,6 @@ def _listed(path: Path) -> list[str]:
     except OSError:
         return []
     return text[: text.rfind("\n") + 1].splitlines()
-
-
-def _temporary_names(name: str) -> tuple[str, ...]:
-    """Return the hidden names under which a file is written: `replace_file`'s, and dolfinx's."""
-    return f".{name}.new", "." + re.sub(r"\d{6,}(?=\.p?vtu$)", "000000", name)
 
 
 def _record(folder: Path) -> dict[str, Any] | None:
@@ -205,8 +200,7 @@ class RunFiles:
         """Remove files that are listed, and what a killed process has left of writing them."""
         for name in [name for name in names if name in self.names]:
             remove(self.folder / name)
-            for left in _temporary_names(name):
-                remove(self.folder / left)
+            remove(temporary_path(self.folder / name))
             del self.names[name]
 
     def note_recorded(self) -> None:

@@ -16,6 +16,8 @@ import ufl
 
 from fem_snh import _dolfinx
 from fem_snh.errors import BadInput, on_root
+from fem_snh.runs.output.grid_series import GridSeries
+from fem_snh.runs.output.vtu import DataArray
 
 CELLS = 3  # along an edge of the cube
 
@@ -41,6 +43,11 @@ def write_record(folder: Path, content: dict[str, Any]) -> Path:
     return folder
 
 
+def nodal_arrays(functions: list[Any]) -> list[DataArray]:
+    """The values of vector functions at their nodes."""
+    return [DataArray(u.name, u.x.array.reshape(-1, 3).copy()) for u in functions]
+
+
 def write_run(comm: MPI.Intracomm, folder: Path, element: str) -> Path:
     """A run folder with the fields of a twisted unit cube, by dolfinx. Collective."""
     cell = {"Q": dolfinx.mesh.CellType.hexahedron, "P": dolfinx.mesh.CellType.tetrahedron}
@@ -52,7 +59,9 @@ def write_run(comm: MPI.Intracomm, folder: Path, element: str) -> Path:
     fields = {name: dolfinx.fem.Function(per_cell, name=name) for name in names}
     J = ufl.det(ufl.Identity(3) + ufl.grad(u))
 
-    file = _dolfinx.Series(comm, folder / "fields.pvd")
+    on_root(comm, lambda: folder.mkdir(parents=True, exist_ok=True))
+    file = GridSeries(folder / "fields.pvd", u.function_space)
+    cells = _dolfinx.node_dofs(per_cell)[:, 0]
     for t in (0.0, 0.5, 1.0):
 
         def twist(x: np.ndarray, t: float = t) -> np.ndarray:
@@ -63,7 +72,8 @@ def write_run(comm: MPI.Intracomm, folder: Path, element: str) -> Path:
         u.interpolate(twist)
         for field in fields.values():
             _dolfinx.interpolate(field, J)
-        file.write([u, *fields.values()], t)
+        values = [DataArray(name, field.x.array[cells]) for name, field in fields.items()]
+        file.write(t, nodal_arrays([u]), values)
     on_root(comm, write_record, folder, record(element=element))
     comm.barrier()  # all ranks' pieces are there
     return folder

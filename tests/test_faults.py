@@ -9,7 +9,7 @@ import pytest
 from benchmarks.faults import FAULTS, trial
 
 #: The faults are in step 4 of 30; the first 8 steps, in a run of their own.
-SCENE = ("stretch", "--cells=6", "--steps=8", "--set=stretch=1.27")
+SCENE = ("stretch", "--cells=6", "--steps=8", "--set=stretch=1.27", trial.FIELDS)
 
 
 @pytest.mark.parametrize("name", FAULTS)

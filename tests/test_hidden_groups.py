@@ -125,7 +125,7 @@ def test_the_mark_is_in_the_picture(folder):
     content = json.loads((folder / "run.json").read_text())
     assert content["steps"][-1]["min_J"] < 1
     for file in folder.glob("*.vtu"):
-        file.write_text(file.read_text().replace('Name="min_J"', 'Name="other"'))
+        file.write_bytes(file.read_bytes().replace(b'Name="min_J"', b'Name="other"'))
     plain = matplotlib_image.imread(render.main(folder, folder / "b.png", [1.0], view=options))
     changed = np.argwhere(np.abs(marked - plain).max(axis=2) > 0.3)
     assert marked.shape == plain.shape and 100 < len(changed) < 20_000

@@ -23,7 +23,6 @@ from interrupted_runs import ALL, ALONE, solve
 
 import fem_snh
 from fem_snh import atomic_files, run_files, scenes
-from fem_snh._dolfinx import output
 from fem_snh.cli import main
 from fem_snh.errors import BadInput
 from fem_snh.studies.processes import environment, program
@@ -63,7 +62,6 @@ def killed_after(replacements: int, monkeypatch: pytest.MonkeyPatch) -> Iterator
         def counted(source: Any, target: Any) -> None:
             if next(count) >= replacements:
                 patch.setattr(atomic_files, "remove", lambda path: None)
-                patch.setattr(output, "remove", lambda path: None)
                 patch.setattr(run_files.FolderLock, "release", lambda self, keep: self.file.close())
                 raise Killed
             replace(source, target)

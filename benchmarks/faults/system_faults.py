@@ -16,7 +16,7 @@ from benchmarks.faults.intervention import CONVERGED_STEPS
 from benchmarks.faults.pause import RESUME
 from benchmarks.faults.trial import Trial, resume_and_compare
 
-#: Limit on the size of a file [B]: between a checkpoint (30 KiB) and the fields of a step (51 KiB).
+#: Limit on the size of a file [B]: between a checkpoint (30 KiB) and the fields of a step (42 KiB).
 _FILE_SIZE = 40 * 1024
 _MOUNT = ("mount", "-t", "tmpfs", "-o")
 

@@ -49,7 +49,6 @@ from fem_snh._dolfinx.meshes import (
     write_xdmf,
 )
 from fem_snh._dolfinx.newton import newton_solver, prescribed
-from fem_snh._dolfinx.output import Series
 from fem_snh._dolfinx.points import bounding_box, locate
 from fem_snh._dolfinx.programs import (
     bc_dofs,
@@ -82,13 +81,13 @@ from fem_snh._dolfinx.spaces import (
     tabulate_geometry,
     tabulate_geometry_values,
     tabulate_values,
+    vtk_mesh,
 )
-from fem_snh._dolfinx.vtu_arrays import DataArray
 
 version: str = dolfinx.__version__
 
 __all__ = [
-    "FACET_OF", "DataArray", "Series", "add_vector", "assemble_matrix", "assemble_scalar",
+    "FACET_OF", "add_vector", "assemble_matrix", "assemble_scalar",
     "assemble_vector", "bc_dofs", "bc_space_is_within", "bounding_box", "cell_facets",
     "cell_measures", "cell_name", "cell_vertices", "constant", "coordinates", "count_entities",
     "create_matrix", "create_mesh", "create_vector", "degree", "exterior_facets", "facet_maps",
@@ -101,5 +100,5 @@ __all__ = [
     "quadrature", "read_xdmf", "read_xdmf_tags", "reference_corners", "reference_edges",
     "reference_facets", "reference_nodes", "set_bcs", "surface_measure", "tabulate",
     "tabulate_element", "tabulate_geometry", "tabulate_geometry_values", "tabulate_values",
-    "version", "write_xdmf",
+    "version", "vtk_mesh", "write_xdmf",
 ]  # fmt: skip

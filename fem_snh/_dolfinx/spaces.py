@@ -11,7 +11,7 @@ import dolfinx
 import numpy as np
 import numpy.typing as npt
 import ufl
-from dolfinx import fem
+from dolfinx import fem, plot
 
 from fem_snh._dolfinx.common import _quiet, _rows
 from fem_snh._dolfinx.meshes import (
@@ -22,6 +22,9 @@ from fem_snh._dolfinx.meshes import (
 from fem_snh.compile_clock import compiling
 
 Array = np.ndarray
+
+#: VTK's numbers of its Lagrange cells.
+_VTK_LAGRANGE = {"triangle": 69, "quadrilateral": 70, "tetrahedron": 71, "hexahedron": 72}
 
 
 def function_space(
@@ -92,6 +95,25 @@ def degree(V: Any) -> int:
 def node_dofs(V: Any) -> Array:
     """Return the local nodes (dof blocks of V) of each owned cell, (cells, nodes) int32."""
     return _rows(V.dofmap.list, V.dofmap.dof_layout.num_dofs)[: num_owned(V.mesh)]
+
+
+def vtk_mesh(V: Any) -> tuple[Array, Array, int]:
+    """Return the nodes of a Lagrange space as a mesh of VTK's.
+
+    Returns
+    -------
+    points : (local nodes, 3)
+    cells : (owned cells, nodes) int
+        In VTK's order.
+    kind : int
+        VTK's number of the kind of cell: of Lagrange cells of any degree, as the faces of
+        trilinear hexahedra are drawn with their curvature.
+    """
+    # create_vtk_mesh until 0.6
+    make = plot.vtk_mesh if hasattr(plot, "vtk_mesh") else plot.create_vtk_mesh
+    topology, _, points = make(V)
+    cells = topology.reshape(-1, 1 + V.dofmap.dof_layout.num_dofs)[:, 1:]
+    return points, np.ascontiguousarray(cells), _VTK_LAGRANGE[cell_name(V.mesh)]
 
 
 def num_components(V: Any) -> int:

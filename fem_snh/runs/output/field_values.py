@@ -13,13 +13,13 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh import _dolfinx
-from fem_snh._dolfinx import DataArray
 from fem_snh.assembly.ghosted_vectors import local_values, update_ghosts
 from fem_snh.errors import choose
 from fem_snh.output_fields import LOCATIONS, NAMED, NODAL, ON_REQUEST
 from fem_snh.problem.problem import Problem
 from fem_snh.runs.output.point_fields import POINT_FIELDS
 from fem_snh.runs.output.stress_fields import PointState, StressFields
+from fem_snh.runs.output.vtu import DataArray
 from fem_snh.terms.history import FieldTerm
 
 if TYPE_CHECKING:

@@ -7,12 +7,15 @@ from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import numpy.typing as npt
 
 from fem_snh import _dolfinx
 from fem_snh.output_fields import CELL_GROUP, ERRORS, SUMMED
 from fem_snh.problem.problem import Problem
 from fem_snh.run_files import RunFiles
+from fem_snh.runs.output.grid_series import GridSeries
+from fem_snh.runs.output.vtu import DataArray
 from fem_snh.terms.history import SurfaceTerm
 
 if TYPE_CHECKING:
@@ -77,28 +80,24 @@ class Fields:
         problem, motion = setup.problem, setup.stepper.motion
         #: The time of load 1.
         self._duration = motion.duration if motion else 1.0
-        constant = _dolfinx.function_space(problem.domain, 0, family="DG")
         energy = ["energy_density"] if problem.has_energy else []
-        names_of_all = ["J", "min_J", *energy, "min_eigenvalue"]
-        self._cellwise = {name: _dolfinx.function(constant, name) for name in names_of_all}
+        self._names = ["J", "min_J", *energy, "min_eigenvalue"]
         groups: CellGroups | None = None
         if setup.mesh.has_parts or len(problem.regions) > 1:
             from fem_snh.runs.output.cell_groups import cell_groups
 
             groups = cell_groups(setup.mesh, problem.regions)
         self.group_names = groups.names if groups else []
-        self._groups = [_dolfinx.DataArray(CELL_GROUP, groups.numbers)] if groups else []
-        self._errors = {goal: _dolfinx.function(constant, error_field(goal)) for goal in goals}
-        #: Whether the state at load 1 waits for the errors.
-        self._waits = bool(goals)
-        self._dofs = _dolfinx.node_dofs(constant)[:, 0]
-        self._nodal, self._num_owned = [problem.u], _dolfinx.num_nodes(problem.V)[0]
+        self._groups = [DataArray(CELL_GROUP, groups.numbers)] if groups else []
+        #: The errors of goals in the cells, and whether the state at load 1 waits for them.
+        self._errors: Mapping[str, Array] = {}
+        self._goals, self._waits = goals, bool(goals)
+        self._num_owned = _dolfinx.num_nodes(problem.V)[0]
         if problem.saddle_point:
             self._pressure = _dolfinx.function(problem.saddle_point.Q, "pressure")
-            scalars = _dolfinx.function_space(problem.domain, problem.element.degree)
-            self._nodal.append(_dolfinx.function(scalars, "pressure"))
+            self._at_nodes = _dolfinx.function(problem.V, "pressure")
         until = problem.load * self._duration if resumed else None
-        self._series = _dolfinx.Series(problem.comm, path, until, files)
+        self._series = GridSeries(path, problem.V, until, files)
         self._obstacles: ObstacleSeries | None = None
         shapes = [s for t in problem.terms if isinstance(t, SurfaceTerm) for s in t.surfaces]
         if shapes:
@@ -141,36 +140,36 @@ class Fields:
             "energy_density": fields["energy"] / fields["volume"],
             "min_eigenvalue": fields["min_eigenvalue"],
         }
-        for name, function in self._cellwise.items():
-            function.x.array[self._dofs] = values[name]
-        if problem.saddle_point:
-            self._pressure.x.array[:] = problem.saddle_point.pressure()
-            self._nodal[1].interpolate(self._pressure)
+        u = problem.kinematics.padded(problem.u.x.array)
+        cells = [DataArray(name, values[name]) for name in self._names]
+        nodes = self._nodal_pressure(problem)
         further = self._requested.arrays() if self._requested else ([], [])
         if self._series in lacking:
-            functions = [*self._nodal, *self._cellwise.values(), *self._errors.values()]
-            cells = [*self._groups, *further[0]]
-            self._series.write(functions, time, cells, self._without_copies(further[1]))
+            none = np.zeros(len(fields["volume"]))
+            errors = [DataArray(error_field(g), self._errors.get(g, none)) for g in self._goals]
+            points = [DataArray("displacement", u), *nodes, *self._without_copies(further[1])]
+            self._series.write(time, points, [*cells, *errors, *self._groups, *further[0]])
         if self._skin in lacking:
-            per_cell, nodes = ({array.name: array.values for array in found} for found in further)
-            if problem.saddle_point:
-                vector = _dolfinx.function(problem.V, "pressure")  # the skin needs its numbering
-                vector.sub(0).interpolate(self._pressure)
-                nodes["pressure"] = vector.x.array.reshape(-1, 3)[:, 0]
-            u = problem.u.x.array.reshape(-1, 3)
-            self._skin.write(u, time, {n: values[n] for n in self._cellwise} | per_cell, nodes)
+            self._skin.write(time, u, [*further[1], *nodes], [*cells, *further[0]])
+
+    def _nodal_pressure(self, problem: Problem) -> list[DataArray]:
+        """Return the pressure at the nodes of the displacement, if it is unknown."""
+        if not problem.saddle_point:
+            return []
+        self._pressure.x.array[:] = problem.saddle_point.pressure()
+        self._at_nodes.sub(0).interpolate(self._pressure)
+        components = problem.kinematics.components
+        return [DataArray("pressure", self._at_nodes.x.array.reshape(-1, components)[:, 0])]
 
     def write_errors(self, problem: Problem, indicators: Mapping[str, Array]) -> None:
         """Write the state with the errors of goals in each cell of this rank. Collective.
 
         Goals without indicators have zeros.
         """
-        for goal, function in self._errors.items():
-            function.x.array[self._dofs] = indicators.get(goal, 0.0)
-        self._waits = False
+        self._errors, self._waits = indicators, False
         self.write(problem)
 
-    def _without_copies(self, arrays: list[_dolfinx.DataArray]) -> list[_dolfinx.DataArray]:
+    def _without_copies(self, arrays: list[DataArray]) -> list[DataArray]:
         """Return arrays at the nodes, with zeros at ghosts where values are to be summed."""
         found = []
         for array in arrays:
@@ -198,6 +197,11 @@ def write_modes(path: Path, modes: VibrationModes, files: RunFiles | None = None
         The run's files.
     """
     problem = modes.problem
-    series = _dolfinx.Series(problem.comm, path, files=files)
+    series = GridSeries(path, problem.V, files=files)
     for number in range(1, len(modes.shapes) + 1):
-        series.write([problem.u, modes.function(number)], float(number))
+        shapes = {"displacement": problem.u, "mode": modes.function(number)}
+        points = [
+            DataArray(name, problem.kinematics.padded(shape.x.array))
+            for name, shape in shapes.items()
+        ]
+        series.write(float(number), points)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,7 @@ from fem_snh.errors import on_root
 from fem_snh.mesh.skin import Skin
 from fem_snh.pvd import Collection
 from fem_snh.run_files import RunFiles
-from fem_snh.runs.output.triangle_file import triangle_file
+from fem_snh.runs.output.vtu import TRIANGLE, DataArray, Grid, vtu_file
 
 Array = npt.NDArray[Any]
 
@@ -52,36 +52,35 @@ class SkinSeries(Collection):
         self._points, self._cells = carried_points(V.mesh, skin)
 
     def write(
-        self, u: Array, t: float, cells: Mapping[str, Array], nodes: Mapping[str, Array]
+        self, t: float, u: Array, points: Sequence[DataArray], cells: Sequence[DataArray]
     ) -> None:
         """Append a state. Collective.
 
         Parameters
         ----------
-        u : (local nodes, 3)
-            The displacement [m].
         t : float
             The time.
-        cells, nodes : mapping of str to array
-            Values at this rank's own cells, (cells, ...), and at its nodes, (local nodes, ...).
+        u : (local nodes, 3)
+            The displacement [m].
+        points, cells : sequence of DataArray
+            Values at this rank's nodes, ghosts included, and of its cells.
 
         Raises
         ------
         BadInput
             On every rank, if a file cannot be written.
         """
-        fields: dict[str, Array | None] = {
-            "displacement": self._surface.interpolate(self._surface.support.gather(u))
-        }
-        for name, values in cells.items():
-            fields[name] = self._carried(values)
-        for name, values in nodes.items():
-            fields[name] = self._interpolated(values)
+        moved = self._surface.interpolate(self._surface.support.gather(u))
+        fields = [
+            DataArray("displacement", moved),
+            *(array._replace(values=self._carried(array.values)) for array in cells),
+            *(array._replace(values=self._interpolated(array.values)) for array in points),
+        ]
         on_root(self.comm, self._write, fields, t)
         self.times.append(t)
 
-    def _carried(self, values: Array) -> Array | None:
-        """Return the values of the cells that carry the points, on rank 0."""
+    def _carried(self, values: Array) -> Any:
+        """Return the values of the cells that carry the points, on rank 0 alone."""
         parts = self.comm.gather((self._points, values[self._cells]))
         if parts is None:
             return None
@@ -101,6 +100,7 @@ class SkinSeries(Collection):
         found: Array = np.concatenate(parts, axis=1)[:, : columns.shape[1]]
         return found.reshape(-1, *values.shape[1:])
 
-    def _write(self, fields: Mapping[str, Any], t: float) -> None:
+    def _write(self, fields: Sequence[DataArray], t: float) -> None:
         """Write the state's file, then the collection."""
-        self.write_next(t, triangle_file(self._skin.points, self._skin.triangles, fields))
+        grid = Grid(self._skin.points, self._skin.triangles, TRIANGLE)
+        self.write_next(t, vtu_file(grid, fields))

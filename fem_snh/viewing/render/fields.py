@@ -12,7 +12,7 @@ from fem_snh.units import Units
 
 _KNOWN = STANDARD | NAMED
 #: Arrays of VTK files that describe the mesh.
-_MESH = ("connectivity", "offsets", "types")
+_MESH = ("Points", "connectivity", "offsets", "types")
 #: The displacement of the drawn surface, also where the colours show its magnitude.
 VECTORS = "displacement vector"
 #: Labels that do not follow from label and unit.
@@ -88,11 +88,12 @@ def written_fields(pvd: Path) -> list[str]:
     """Return the names of the fields of a run's last state, sorted."""
     try:
         states = [data.get("file", "") for data in ET.parse(pvd).iter("DataSet")]
-        text = (pvd.parent / states[-1]).read_text() if states else ""
+        content = (pvd.parent / states[-1]).read_bytes() if states else b""
     except FileNotFoundError as error:
         raise BadInput(f"{error.filename}: missing: the run has stored no fields") from None
     except (OSError, ET.ParseError) as error:
         raise BadInput(f"{pvd}: cannot be read: {error}") from None
+    text = content.partition(b"<AppendedData")[0].decode()
     names = set(re.findall(r'<P?DataArray [^>]*?Name="([^"]+)"', text))
     return sorted(name for name in names if name not in _MESH and not name.startswith("vtk"))
 
