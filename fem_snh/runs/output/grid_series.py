@@ -13,7 +13,7 @@ from fem_snh.atomic_files import replace_file
 from fem_snh.errors import on_every, on_root
 from fem_snh.pvd import Collection
 from fem_snh.run_files import RunFiles
-from fem_snh.runs.output.vtu import DataArray, Grid, pvtu_file, vtu_file
+from fem_snh.runs.output.vtu import DataArray, VtkGrid, pvtu_file, vtu_file
 
 
 class GridSeries(Collection):
@@ -38,7 +38,7 @@ class GridSeries(Collection):
         self, path: Path, V: Any, until: float | None = None, files: RunFiles | None = None
     ) -> None:
         super().__init__(V.mesh.comm, path, until, files)
-        self._grid = Grid(*_dolfinx.vtk_mesh(V))
+        self._grid = VtkGrid(*_dolfinx.vtk_mesh(V))
         self._marks: list[DataArray] = []
         if self.comm.size > 1:
             owned, ghosts = _dolfinx.num_nodes(V)

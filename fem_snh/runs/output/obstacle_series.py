@@ -19,7 +19,7 @@ from fem_snh.problem.initial_state import bounding_box
 from fem_snh.problem.problem import Problem
 from fem_snh.pvd import Collection
 from fem_snh.run_files import RunFiles
-from fem_snh.runs.output.vtu import TRIANGLE, DataArray, Grid, vtu_file
+from fem_snh.runs.output.vtu import TRIANGLE, DataArray, VtkGrid, vtu_file
 
 Array = npt.NDArray[Any]
 
@@ -87,7 +87,7 @@ class ObstacleSeries(Collection):
             )
             parts.append((pose.apply(X), triangles))
         numbers = np.repeat(np.arange(len(parts)), [len(triangles) for _, triangles in parts])
-        grid = Grid(*_joined(parts), TRIANGLE)
+        grid = VtkGrid(*_joined(parts), TRIANGLE)
         self.write_next(t, vtu_file(grid, cells=[DataArray("obstacle", numbers)]))
 
     def _triangles(self, i: int, centre: Array, size: Array) -> tuple[Array, Array]:

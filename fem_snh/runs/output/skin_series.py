@@ -14,7 +14,7 @@ from fem_snh.errors import on_root
 from fem_snh.mesh.skin import Skin
 from fem_snh.pvd import Collection
 from fem_snh.run_files import RunFiles
-from fem_snh.runs.output.vtu import TRIANGLE, DataArray, Grid, vtu_file
+from fem_snh.runs.output.vtu import TRIANGLE, DataArray, VtkGrid, vtu_file
 
 Array = npt.NDArray[Any]
 
@@ -102,5 +102,5 @@ class SkinSeries(Collection):
 
     def _write(self, fields: Sequence[DataArray], t: float) -> None:
         """Write the state's file, then the collection."""
-        grid = Grid(self._skin.points, self._skin.triangles, TRIANGLE)
+        grid = VtkGrid(self._skin.points, self._skin.triangles, TRIANGLE)
         self.write_next(t, vtu_file(grid, fields))

@@ -17,7 +17,7 @@ import numpy.typing as npt
 Array = npt.NDArray[Any]
 Buffer = bytes | memoryview
 
-#: VTK's number of a triangle, as the kind of a `Grid`.
+#: VTK's number of a triangle, as the kind of a `VtkGrid`.
 TRIANGLE = 5
 #: VTK's names of numpy's kinds of numbers.
 _KINDS = {"f": "Float", "i": "Int", "u": "UInt"}
@@ -53,7 +53,7 @@ class DataArray(NamedTuple):
         return found | names
 
 
-class Grid(NamedTuple):
+class VtkGrid(NamedTuple):
     """A mesh of cells of one kind.
 
     Attributes
@@ -72,7 +72,7 @@ class Grid(NamedTuple):
 
 
 def vtu_file(
-    grid: Grid, points: Sequence[DataArray] = (), cells: Sequence[DataArray] = ()
+    grid: VtkGrid, points: Sequence[DataArray] = (), cells: Sequence[DataArray] = ()
 ) -> list[Buffer]:
     """Return the content of a .vtu file in parts, with values at the points and of the cells.
 
