@@ -40,6 +40,14 @@ def temporary_path(path: Path) -> Path:
     return path.with_name(f".{path.name}.new")
 
 
+def write_file(path: str | Path, content: str | Callable[[BinaryIO], object]) -> Path:
+    """Write a file as `replace_file` does, and create its folder; return its path."""
+    path = Path(path)
+    make_folder_of(path)
+    replace_file(path, content)
+    return path
+
+
 def replace_file(
     path: Path, content: str | Callable[[BinaryIO], object], sync: bool = False
 ) -> None:

@@ -34,7 +34,7 @@ from fem_snh._petsc import default_options
 from fem_snh.accuracy.duals import Linearisation
 from fem_snh.accuracy.goals import Goal
 from fem_snh.accuracy.hessian_solver import HessianSolver
-from fem_snh.atomic_files import make_folder_of, replace_file
+from fem_snh.atomic_files import write_file
 from fem_snh.errors import BadInput, Failed, bad_value, on_every
 from fem_snh.linalg import multigrid
 from fem_snh.linalg.direct_solver import set_direct_solver
@@ -157,17 +157,13 @@ class SceneFit:
         """Return the table ``[material]`` of a scene."""
         return toml_table("material", self.material)
 
-    def write(self, path: str | Path) -> None:
+    def write(self, path: str | Path) -> Path:
         """Write fit.json; raise BadInput if that fails."""
-        path = Path(path)
-        make_folder_of(path)
-        replace_file(path, json.dumps(self.record(), indent=1) + "\n")
+        return write_file(path, json.dumps(self.record(), indent=1) + "\n")
 
-    def write_table(self, path: str | Path) -> None:
+    def write_table(self, path: str | Path) -> Path:
         """Write `table` into a file; raise BadInput if that fails."""
-        path = Path(path)
-        make_folder_of(path)
-        replace_file(path, self.table())
+        return write_file(path, self.table())
 
     def plot(self, path: str | Path) -> Path:
         """Draw measurement and fit; raise BadInput if the picture cannot be written."""

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from fem_snh import materials
-from fem_snh.atomic_files import make_folder_of, replace_file
+from fem_snh.atomic_files import write_file
 from fem_snh.errors import BadInput
 from fem_snh.kernels.material import material
 from fem_snh.kernels.reports import stability
@@ -88,5 +88,4 @@ def write(path: Path, table: list[dict[str, Any]]) -> None:
     writer = csv.DictWriter(text, COLUMNS, lineterminator="\n")
     writer.writeheader()
     writer.writerows(table)
-    make_folder_of(path)
-    replace_file(path, text.getvalue())
+    write_file(path, text.getvalue())

@@ -7,7 +7,7 @@ import io
 from collections.abc import Sequence
 from pathlib import Path
 
-from fem_snh.atomic_files import make_folder_of, replace_file
+from fem_snh.atomic_files import write_file
 from fem_snh.studies.fit.result import Fit
 
 #: The columns of ranking.csv.
@@ -33,5 +33,4 @@ def write_ranking(fits: Sequence[Fit], path: Path) -> None:
                 *ranges,
             )
         )
-    make_folder_of(path)
-    replace_file(path, text.getvalue())
+    write_file(path, text.getvalue())

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 import numpy.typing as npt
 
-from fem_snh.atomic_files import make_folder_of, replace_file
+from fem_snh.atomic_files import write_file
 from fem_snh.studies.fit.data import TestData
 from fem_snh.studies.fit.family import Family
 from fem_snh.studies.fit.least_squares import BestFit
@@ -271,17 +271,11 @@ class Fit:
 
     def write(self, path: str | Path) -> Path:
         """Write fit.json; raise BadInput if that fails."""
-        path = Path(path)
-        make_folder_of(path)
-        replace_file(path, json.dumps(self.record(), indent=1) + "\n")
-        return path
+        return write_file(path, json.dumps(self.record(), indent=1) + "\n")
 
     def write_table(self, path: str | Path) -> Path:
         """Write `table` into a file; raise BadInput if that fails."""
-        path = Path(path)
-        make_folder_of(path)
-        replace_file(path, self.table())
-        return path
+        return write_file(path, self.table())
 
     def plot(self, path: str | Path) -> Path:
         """Draw data, fit and extrapolation; raise BadInput if the picture cannot be written."""

@@ -16,7 +16,7 @@ from typing import Any
 from matplotlib.backend_bases import FigureCanvasBase
 from matplotlib.figure import Figure
 
-from fem_snh.atomic_files import make_folder_of, output_path, replace_file
+from fem_snh.atomic_files import output_path, write_file
 from fem_snh.errors import BadInput
 from fem_snh.viewing.plots.curves import curve_figure, run_table, x_of
 from fem_snh.viewing.plots.newton import newton_figure
@@ -118,6 +118,4 @@ def save(figure: Figure, out: Path) -> Path:
     kind = out.suffix.lower().removeprefix(".")
     if kind not in kinds:
         raise BadInput(f"{out}: cannot be written: expected a file .{', .'.join(sorted(kinds))}")
-    make_folder_of(out)
-    replace_file(out, lambda file: figure.savefig(file, dpi=200, format=kind))
-    return out
+    return write_file(out, lambda file: figure.savefig(file, dpi=200, format=kind))

@@ -22,7 +22,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patheffects import withStroke
 from matplotlib.ticker import MaxNLocator, ScalarFormatter
 
-from fem_snh.atomic_files import make_folder_of, replace_file
+from fem_snh.atomic_files import write_file
 from fem_snh.errors import BadInput
 from fem_snh.units import Units
 from fem_snh.viewing.render.fields import is_nonnegative, label
@@ -379,8 +379,7 @@ def draw(job: dict[str, Any]) -> None:
     drawing.add_colour_bar(figure, height, wide)
     out = Path(job["out"])
     options: dict[str, Any] = {"format": out.suffix[1:], "pil_kwargs": {"optimize": True}}
-    make_folder_of(out)
-    replace_file(out, lambda file: figure.savefig(file, dpi=DPI, **options))
+    write_file(out, lambda file: figure.savefig(file, dpi=DPI, **options))
 
 
 if __name__ == "__main__":

@@ -11,7 +11,7 @@ import tempfile
 from dataclasses import asdict
 from pathlib import Path
 
-from fem_snh.atomic_files import make_folder_of, output_path, replace_file
+from fem_snh.atomic_files import output_path, write_file
 from fem_snh.errors import BadInput
 from fem_snh.units import Units
 from fem_snh.viewing.render import Job, StoredRun
@@ -69,9 +69,7 @@ def main(
             "fem_snh.viewing.view.scenes",
         )
         scenes = [(Path(scratch) / f"{k}.zip").read_bytes() for k in range(len(states))]
-    make_folder_of(out)
-    replace_file(out, page(run.record, field, states, scenes))
-    return out
+    return write_file(out, page(run.record, field, states, scenes))
 
 
 def choose_states(loads: list[float]) -> list[float]:
