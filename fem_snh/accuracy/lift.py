@@ -87,12 +87,12 @@ def create_lifted(problem: Problem, make: Callable[[Element], Problem]) -> Probl
 
 
 def create_in(element: Element, problem: Problem, make: Callable[[Element], Problem]) -> Problem:
-    """Return the same problem with another element at the same load. Collective."""
+    """Return the problem with another element, at its load and displacement. Collective."""
     other = make(element)
     for term, base in zip(other.terms, problem.terms, strict=True):
         if isinstance(term, LengthTerm) and isinstance(base, type(term)):
             term.share_lengths(base)
-    other.set_load(problem.load)
+    other.interpolate(problem)
     return other
 
 
@@ -104,7 +104,7 @@ class Lift:
     problem : Problem
         The problem at its solution.
     lifted : Problem
-        The same with the lifted element, from `create_lifted`.
+        The same with the lifted element, from `create_in`.
 
     Attributes
     ----------
@@ -124,13 +124,6 @@ class Lift:
     def __init__(self, problem: Problem, lifted: Problem) -> None:
         self.problem, self.lifted = problem, lifted
         self.newton = self.linear = 0
-        problem.split(problem.x)
-        lifted.u.interpolate(problem.u)
-        size = lifted.owned_displacements
-        displacements = lifted.u.x.array[:size].copy()  # without a pressure, x is u's own vector
-        lifted.x.set(0.0)
-        lifted.x.array[:size] = displacements
-        lifted.prescribe(lifted.x)
         if lifted.saddle_point is not None:
             self._guess_pressure()
         self.start, self.start_gradient = lifted.x.copy(), lifted.x.duplicate()

@@ -60,14 +60,8 @@ def stiffness_factor(problem: Problem, make: Callable[[Element], Problem]) -> fl
         mixed = make(other)
     except BadInput:  # a material without a volume term, or without a conjugate of it
         return None
-    mixed.set_load(problem.load)
-    problem.split(problem.x)
-    mixed.u.interpolate(problem.u)
+    mixed.interpolate(problem)
     x = mixed.x
-    x.set(0.0)
-    size = mixed.owned_displacements
-    x.array[:size] = mixed.u.x.array[:size]
-    mixed.prescribe(x)
     energy, elastic = energies(problem)
     start, gradient, external = x.copy(), x.duplicate(), x.duplicate()
     first_energy, first_elastic = energies(mixed)

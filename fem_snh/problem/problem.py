@@ -334,6 +334,19 @@ class Problem:
         for term in self.terms:
             term.set_load(load)
 
+    def interpolate(self, other: Problem) -> None:
+        """Set ``x`` to the displacement of a problem on the same cells, at its load. Collective.
+
+        What is constrained has its own values, and unknown pressures are zero.
+        """
+        self.set_load(other.load)
+        other.split(other.x)
+        self.u.interpolate(other.u)
+        displacements = self.u.x.array[: self.owned_displacements].copy()
+        self.x.set(0.0)  # without pressures, x is u's own vector
+        self.x.array[: len(displacements)] = displacements
+        self.prescribe(self.x)
+
     def update_lagged(self) -> bool:
         """Update the terms' lagged quantities at ``x``; return whether to solve again. Collective.
 
