@@ -61,21 +61,22 @@ class CoarserMeshes:
         the finer one first.
     label : str
         What they are, "12 and 6 cells along an edge".
-    follow : callable
-        Solves the scene on a mesh, 1 or 2, and returns its goals. It raises NoEstimate. Collective.
+    runs : pair of callable
+        Each solves the scene on one of the others and returns its goals, or raises NoEstimate.
+        Collective.
     """
 
     fineness: tuple[float, float, float]
     label: str
-    follow: Callable[[int], Followed]
+    runs: Sequence[Callable[[], Followed]]
 
 
 def estimate_by_coarser_meshes(
     problem: Problem,
     coarsen: Callable[[], CoarserMeshes],
     goals: Sequence[Goal],
-    announce: Callable[[Estimate], None] = lambda estimate: None,
-    because: str = "",
+    announce: Callable[[Estimate], None],
+    because: str,
 ) -> Estimate:
     """Return the errors of goals of a problem at its solution. Collective.
 
@@ -87,10 +88,10 @@ def estimate_by_coarser_meshes(
         Returns the coarser meshes; it raises NoEstimate if there are none.
     goals : sequence of Goal
         The goals.
-    announce : callable, optional
+    announce : callable
         Called before the coarser meshes are solved.
-    because : str, optional
-        Why there is no lifted problem.
+    because : str
+        Why there is no lifted problem; "" if none was wanted.
     """
 
     def add_errors(estimate: Estimate) -> None:
@@ -107,7 +108,7 @@ def estimate_by_coarser_meshes(
         meshes = coarsen()
         estimate.element, estimate.coarser = problem.element.name, meshes.label
         announce(estimate)
-        runs = [meshes.follow(number) for number in (1, 2)]
+        runs = [run() for run in meshes.runs]
         estimate.newton = sum(run.newton for run in runs)
         estimate.linear = sum(run.linear for run in runs)
         change = values_of(estimate, goals) - runs[0].values

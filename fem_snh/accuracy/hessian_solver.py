@@ -52,7 +52,7 @@ class HessianSolver:
         self.iterations = 0
         first = self._filters.pop(0)
         if not assembled:
-            self._assemble(first)
+            assemble_hessian(problem, ksp, first)
 
     def __call__(self, rhs: Sequence[PETSc.Vec]) -> list[PETSc.Vec]:
         """Return z for each right-hand side; NaN if no solve converges."""
@@ -66,7 +66,7 @@ class HessianSolver:
                 for z in found:
                     z.set(nan)
                 return found
-            self._assemble(self._filters.pop(0))
+            assemble_hessian(self._problem, self._ksp, self._filters.pop(0))
 
     def _solutions(self, rhs: Sequence[PETSc.Vec]) -> list[PETSc.Vec] | None:
         """Return z for each right-hand side, or None if a solve does not converge."""
@@ -85,9 +85,10 @@ class HessianSolver:
             solutions.append(z)
         return solutions
 
-    def _assemble(self, filter: str) -> None:
-        problem, ksp = self._problem, self._ksp
-        problem.jacobian(problem.x, filter)
-        if problem.saddle_point:
-            problem.saddle_point.update_schur_approximation(problem.A)
-        set_operators(ksp, outer_operator(ksp, problem.operator, problem.A), problem.A)
+
+def assemble_hessian(problem: Problem, ksp: PETSc.KSP, filter: str) -> None:
+    """Assemble a problem's Hessian at its present state for a linear solver. Collective."""
+    problem.jacobian(problem.x, filter)
+    if problem.saddle_point:
+        problem.saddle_point.update_schur_approximation(problem.A)
+    set_operators(ksp, outer_operator(ksp, problem.operator, problem.A), problem.A)

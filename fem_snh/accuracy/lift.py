@@ -17,7 +17,7 @@ import numpy as np
 
 from fem_snh import _dolfinx, solver
 from fem_snh._petsc import negative_pivots
-from fem_snh.accuracy.hessian_solver import HessianSolver
+from fem_snh.accuracy.hessian_solver import HessianSolver, assemble_hessian
 from fem_snh.accuracy.lifted_elements import lifted_elements
 from fem_snh.accuracy.no_estimate import NoEstimate, NoEstimateOnAnyMesh
 from fem_snh.assembly.elements import Element
@@ -282,7 +282,8 @@ class Lift:
             return True
         if lifted.rigid:  # rotations of its parts that nothing constrains are other unknowns
             return None
-        HessianSolver(lifted, ksp, self._dual, assembled=self._is_exact)  # assembles it
+        if not self._is_exact:
+            assemble_hessian(lifted, ksp, "exact")
         return is_definite(lifted, ksp)
 
     def _may_be_unstable(self, definite: bool | None) -> bool:

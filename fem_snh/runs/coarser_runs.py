@@ -51,13 +51,14 @@ def coarser_meshes(setup: Setup) -> CoarserMeshes:
         fineness = [float(count) for count in cells]
     else:
         raise NoEstimate("the mesh of a file has no coarser one")
-    return CoarserMeshes((own, fineness[0], fineness[1]), label, partial(_follow, setup, others))
+    runs = [partial(_follow, setup, other) for other in others]
+    return CoarserMeshes((own, fineness[0], fineness[1]), label, runs)
 
 
-def _follow(setup: Setup, others: list[scenes.Scene], number: int) -> Followed:
-    """Solve one of the scenes; see `CoarserMeshes`. Collective."""
+def _follow(setup: Setup, scene: scenes.Scene) -> Followed:
+    """Solve a scene and return its goals; see `CoarserMeshes`. Collective."""
     try:
-        again = set_up(setup.problem.comm, others[number - 1], stiffer=setup.stiffer)
+        again = set_up(setup.problem.comm, scene, stiffer=setup.stiffer)
     except BadInput as error:
         raise NoEstimate(f"on a coarser mesh: {error}") from None
     try:
