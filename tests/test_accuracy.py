@@ -286,7 +286,7 @@ def between_plate_and_wall(x, update, **keys):
 
 def test_a_small_force_that_begins_is_no_reason_for_finer_cells():
     """Beside that of the plate: each finer mesh may have several times it, so no bound holds."""
-    scene = between_plate_and_wall(1.06, {"error": True}, cells=2, element="Q1P0")
+    scene = between_plate_and_wall(1.05, {"error": True}, cells=2, element="P2P0")
     estimate = fem_snh.run(scene).estimate
     goals, begins = estimate.goals, "it only begins to touch, and on finer cells may touch more"
     assert abs(goals["wall.force.x"].error) > 100 > abs(goals["wall.force.x"].value)
@@ -294,12 +294,12 @@ def test_a_small_force_that_begins_is_no_reason_for_finer_cells():
         f"wall.force.{axis}" for axis in "xyz"
     }
     known = Levels(0.2)
-    known.add(LevelRow("Q1P0", 1, 8, 81, 1.0), estimate)
+    known.add(LevelRow("P2P0", 2, 48, 375, 1.0), estimate)
     (line,) = estimate.untouched.values()
-    assert line.startswith("wall.force 0, of the better element 2") and line.endswith(begins)
+    assert line.startswith("wall.force 76.4, of the better element 1") and line.endswith(begins)
     assert known.reached and any(line in shown for shown in known.lines())
     named = Levels(0.2, named=True)
-    named.add(LevelRow("Q1P0", 1, 8, 81, 1.0), estimate)
+    named.add(LevelRow("P2P0", 2, 48, 375, 1.0), estimate)
     assert not named.reached and named.worst[0].startswith("wall.force")
 
 
@@ -312,7 +312,7 @@ def test_cells_are_not_refined_for_a_small_force_that_begins(tmp_path, capsys, w
     assert found["reached"] and len(found["levels"]) == 2
     assert "wall.force.x" not in found["levels"][0]["goals"]
     shown = capsys.readouterr().out
-    assert "wall.force 12.3, of the better element 86.5: it only begins" in shown
+    assert "wall.force 12.3, of the better element 91.3: it only begins" in shown
     assert written or "where the error of plate.force.z is" in shown
 
 
@@ -629,7 +629,8 @@ def test_the_penalty_of_a_fluid_is_raised():
     found = solve(scene).record["accuracy"]
     first, last = (level["goals"]["pole.x"] for level in found["levels"])
     assert found["reached"]
-    assert last["parts"]["penalty"] == pytest.approx(first["parts"]["penalty"] / 10, rel=0.02)
+    # The first part is more than was asked for, and that of the better element.
+    assert last["parts"]["penalty"] == pytest.approx(first["parts"]["penalty"] / 10, rel=0.03)
     assert last["parts"]["mesh"] == pytest.approx(first["parts"]["mesh"], rel=0.2)
     assert last["corrected"] == pytest.approx(first["corrected"], abs=first["uncertainty"])
 

@@ -70,7 +70,7 @@ def test_a_force_that_begins_may_have_a_name(comm):
     walls = [
         fem_snh.Obstacle(name=name, shape={"plane": {"point": point, "normal": normal}})
         for name, point, normal in (
-            ("east", [1.03, 0, 0], [-1, 0, 0]),
+            ("east", [1.032, 0, 0], [-1, 0, 0]),
             ("north", [0, 1, 0], [0, -1, 0]),
         )
     ]

@@ -32,6 +32,9 @@ STIFFER = 4.0
 #: pairs of surfaces change. They are made stiffer until this part of the goal is left, or so many
 #: times.
 _SMALL, _LEFT, _MOST_STIFFER = 0.01, 0.02, 8
+#: A part of penalties that is more than this, relative to a goal, or than the error that is asked
+#: for, is found in the lifted problem: on few facets all of it may be the run's element's own.
+_YIELDS = 0.05
 #: Part of what penalties change that is unsettled where surfaces of the body touch each other: the
 #: pairs change, and stiffer penalties may find another state. Measured with self-contact; a term
 #: with ``unsettled_penalty`` has its own.
@@ -87,8 +90,9 @@ def penalty_errors(
         found = _goals_after(problem, snes, goals, outcome)
         if found is None:
             raise NoEstimate(
-                f"no equilibrium was found with {factor:g} times the stiffness of the "
-                f"penalties ({outcome.reason} after {outcome.newton} Newton iterations)"
+                f"no equilibrium of {problem.element.name} was found with {factor:g} times the "
+                f"stiffness of the penalties ({outcome.reason} after {outcome.newton} Newton "
+                "iterations)"
             )
         return found
 
@@ -140,6 +144,21 @@ def without_penalties(
 def penalty_part(values: Array, stiff: Array) -> Array:
     """Return what goals would change by without penalties, from those with `STIFFER` ones."""
     return (stiff - values) * STIFFER / (STIFFER - 1)
+
+
+def yield_much(penalties: Array, scales: Array, asked: float) -> bool:
+    """Return whether penalties are a part of the error that the better element has to confirm.
+
+    Parameters
+    ----------
+    penalties, scales : (goals,) array
+        The part that is added for penalties, and what errors are relative to.
+    asked : float
+        The relative error that is asked for; 0: none is.
+    """
+    most = min(asked or _YIELDS, _YIELDS)
+    relative = np.abs(penalties[scales > 0]) / scales[scales > 0]
+    return bool(relative.max(initial=0.0) > most)
 
 
 def unsettled_penalties(

@@ -12,7 +12,12 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 
-from fem_snh.accuracy.budget import algebra_errors, penalty_errors, unsettled_penalties
+from fem_snh.accuracy.budget import (
+    algebra_errors,
+    penalty_errors,
+    unsettled_penalties,
+    yield_much,
+)
 from fem_snh.accuracy.differences import (
     ROUNDING,
     Differences,
@@ -276,14 +281,19 @@ def _add_errors(
         estimate.may_be_unstable = lift.check_stability(options.stability)
         errors = mesh = _without_algebra(differences, parts)
         if surfaces:  # they have none of the corners of cells, where the lifted solution has errors
-            changes = changes_by_surfaces(surfaces, lifted_goals, errors)
-            parts["shape"], mesh = changes.values, replace(errors, unsettled=changes.unsettled)
+            moved = changes_by_surfaces(surfaces, lifted_goals, errors)
+            parts["shape"], mesh = moved.values, replace(errors, unsettled=moved.unsettled)
         else:
             mesh += _missed_by_lifted(lifted_goals, make, differences, errors, options.asked)
+        changes = np.zeros(len(mesh.values))
         if (penalties := parts.get("penalty")) is not None:
             further = unsettled_penalties(problem, static, lifted_goals.values, penalties)
+            scales = _with_least_of_forces(static, lifted_goals.scales)
+            if not surfaces and yield_much(penalties, scales, options.asked):
+                parts["penalty"] = _lifted_penalties(lift, lifted_goals, scales)
+                changes = np.abs(parts["penalty"] - penalties)
             mesh = replace(mesh, unsettled=mesh.unsettled + further)
-        _set_errors(estimate, static, mesh, parts)
+        _set_errors(estimate, static, mesh, parts, changes)
         _add_largest(lift, static, estimate, options.asked)
         mark_small_forces(static, estimate)  # those that do not count are not located
         modes = None
@@ -325,6 +335,26 @@ def _other_parts(
         return parts, {}
     of_static, of_frequencies = np.split(penalties, [len(scales)])
     return parts | {"penalty": of_static}, {"penalty": of_frequencies}
+
+
+def _with_least_of_forces(goals: Sequence[Goal], scales: Array) -> Array:
+    """Return what errors are relative to, of forces at least a part of the largest one."""
+    of_forces = [getattr(goal, "is_force", False) for goal in goals for _ in goal.names]
+    forces = scales[of_forces]
+    return np.where(of_forces, np.maximum(scales, SMALL_FORCE * forces.max(initial=0.0)), scales)
+
+
+def _lifted_penalties(lift: Lift, goals: LiftedGoals, scales: Array) -> Array:
+    """Return what goals would change by without penalties, in the lifted problem. Collective.
+
+    Contact that yields much, on few facets, has another part without a penalty there.
+    """
+    outcome = StepOutcome()
+    found = penalty_errors(lift.lifted, goals.goals, goals.evaluate(), scales, outcome)
+    lift.forget_hessian()
+    goals.estimate.penalty_newton += outcome.newton
+    assert found is not None  # the run's problem has penalties
+    return found
 
 
 def _without_algebra(differences: Differences, parts: Parts) -> Differences:
@@ -394,9 +424,14 @@ def _differences_of(other: Problem, goals: LiftedGoals, asked: float) -> Differe
 
 
 def _set_errors(
-    estimate: Estimate, goals: Sequence[Goal], mesh: Differences, others: Parts
+    estimate: Estimate,
+    goals: Sequence[Goal],
+    mesh: Differences,
+    others: Parts,
+    penalty_changes: Array | None = None,
 ) -> None:
     """Set the errors of some goals: the sums of their parts."""
+    changes = np.zeros(len(mesh.values)) if penalty_changes is None else penalty_changes
     for i, name in enumerate(names_of(goals)):
         parts = {"mesh": float(mesh.values[i])}
         parts |= {source: float(part[i]) for source, part in others.items() if part[i]}
@@ -405,6 +440,7 @@ def _set_errors(
             error=sum(parts.values()),
             unsettled=float(mesh.unsettled[i]),
             parts=parts if len(parts) > 1 else {},
+            penalty_change=float(changes[i]),
         )
 
 

@@ -48,6 +48,9 @@ class GoalError:
         A bound of the error of time or load steps; infinite where none is known.
     mesh_bound, penalty_bound : float
         In time, bounds of what shorter steps change of the parts of the mesh and of penalties.
+    penalty_change : float
+        By how much the lifted problem has another part of penalties than the run's element, where
+        both are known.
     missed : float
         Of an error of several parts, what they may miss in all.
     at_most : float
@@ -70,6 +73,7 @@ class GoalError:
     steps_bound: float = 0.0
     mesh_bound: float = 0.0
     penalty_bound: float = 0.0
+    penalty_change: float = 0.0
     missed: float = 0.0
     at_most: float = 0.0
     of_body: float = 0.0

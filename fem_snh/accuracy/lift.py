@@ -201,6 +201,10 @@ class Lift:
 
         return solve
 
+    def forget_hessian(self) -> None:
+        """Let `linear_solves` assemble the Hessian, as another solver has changed the matrix."""
+        self._last_filter = ""
+
     @property
     def _dual(self) -> float:
         return _DUAL if self.lifted.saddle_point else _DUAL_OF_DISPLACEMENT
