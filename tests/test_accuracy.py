@@ -664,6 +664,14 @@ def test_a_body_back_at_rest_has_no_relative_errors():
     assert found.goals["top.force.z"]["relative"] is None
 
 
+def test_a_crushed_body_that_is_back_at_rest_has_no_relative_errors():
+    """Forces within rounding leave displacements of 1e-14 to 1e-10: the limit was 1e-12."""
+    found = solve("crush", cells=3, accuracy={"within": 0.05, "max_dofs": 2000})
+    assert found.record["accuracy"]["reached"] and len(found.record["accuracy"]["levels"]) == 1
+    energy = solve("crush", cells=3, error=True).estimate.goals["energy"]
+    assert energy.value < 1e-20 and energy.is_zero
+
+
 def test_a_goal_need_not_have_the_factor_of_the_decay():
     """The clamped ends give a factor of 2.2, and the estimate of the force is 2.4 times its error.
 

@@ -93,6 +93,14 @@ def test_corners_that_prevent_rigid_motions(
     assert not supports(solve(scene(square, hold, loads), comm))
 
 
+@pytest.mark.parametrize("scene", ["crush", "scramble"])
+def test_what_rounding_leaves_of_a_body_at_rest_is_no_force(scene: str) -> None:
+    """Its largest force is rounding, too: corners were said to carry 1e-13 N."""
+    found = solve(scene, cells=2)
+    assert found.converged and not found.notes
+    assert found.problem.largest_force(found.problem.x) < 1e-10
+
+
 def test_the_axis_of_revolution_is_an_edge(comm: Any, square: Any) -> None:
     """A disc that hangs at its axis gives way without a limit; radially nothing moves there."""
     axial, radial = (

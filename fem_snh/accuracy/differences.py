@@ -31,8 +31,9 @@ _CONTRACTION, _LEAST_CHANGE = 3.0, 0.03
 #: The least Newton iterations, as the first change is the whole difference; and the part of the
 #: first residual to which the residual is reduced at least.
 _LEAST_NEWTON, _REDUCED = 2, 1e-2
-#: Displacements below this part of the body's length are rounding where the forces are, too.
-_AT_REST = 1e-12
+#: Displacements below this part of the body's length are rounding where the forces are, too: those
+#: of a crushed cube that has returned to rest are 1e-14 to 1e-10.
+_AT_REST = 1e-9
 #: There is no estimate if more than this part of the forces is rounding: with 1 % errors of 2 % are
 #: a quarter too small (a cube stretched by 1e-11).
 _LARGEST_ROUNDING = 0.01
