@@ -22,9 +22,10 @@ import fem_snh
 from benchmarks import error_estimates
 from benchmarks.accuracy_cases import exact as exact_value
 from fem_snh import scenes
-from fem_snh.accuracy import lift
+from fem_snh.accuracy import indicators, lift
 from fem_snh.accuracy.goal_bounds import bounded_goals
 from fem_snh.accuracy.goal_errors import GoalError
+from fem_snh.accuracy.hessian_solver import HessianSolver
 from fem_snh.accuracy.lifted_elements import lifted_elements
 from fem_snh.accuracy.saturation import saturation
 from fem_snh.choices import LIFTED_ELEMENT
@@ -461,6 +462,25 @@ def test_indicators_of_a_mean_are_those_with_a_direct_solver(cells):
     for name in ("right.mean.x", "right.mean.y"):
         change = np.abs(found[name] - exact[name]).sum()
         assert change <= 0.01 * np.abs(exact[name]).sum(), name
+
+
+def test_dual_problems_are_solved_in_batches(monkeypatch):
+    """Of many goals a few at a time, with the same result."""
+    batches = []
+    solve_all = HessianSolver.__call__
+
+    def counted(self, rhs):
+        batches.append(len(rhs))
+        return solve_all(self, rhs)
+
+    monkeypatch.setattr(HessianSolver, "__call__", counted)
+    goals, keys = ["energy", "right.mean", "corner"], {"element": "Q1P0", "cells": 4, "steps": 1}
+    together = estimate("cook", goals, **keys).indicators
+    monkeypatch.setattr(indicators, "_TOGETHER", 2)
+    apart = estimate("cook", goals, **keys).indicators
+    assert batches == [7, 2, 2, 2, 1] and together.keys() == apart.keys()
+    for name, values in together.items():
+        assert np.abs(values - apart[name]).sum() <= 0.01 * np.abs(values).sum(), name
 
 
 def test_the_energy_error_is_at_cooks_corner():

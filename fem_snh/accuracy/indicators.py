@@ -36,6 +36,9 @@ Array = npt.NDArray[Any]
 
 #: The part of the error whose cells are described.
 _MOST = 0.5
+#: Dual problems that are solved together: their common Krylov space takes time with the square of
+#: their number, and memory with the number.
+_TOGETHER = 24
 
 
 @dataclass(frozen=True)
@@ -97,17 +100,18 @@ def cell_indicators(
         for number, name in enumerate(goal.names)
         if wanted(name)
     ]
-    solutions = at.solutions([goal.dual(at, number) for goal, number, _ in asked])
     found = {}
-    for (goal, number, name), z in zip(asked, solutions, strict=True):
-        if not np.isfinite(z.norm()):
-            continue
-        found[name] = -shares.of(z)
-        if isinstance(goal, TermGoal):
-            found[name] += shares.of_forces(
-                goal.nodal(lifted, lift.start, number),
-                goal.nodal(problem, problem.x, number),
-            )
+    for batch in (asked[start : start + _TOGETHER] for start in range(0, len(asked), _TOGETHER)):
+        solutions = at.solutions([goal.dual(at, number) for goal, number, _ in batch])
+        for (goal, number, name), z in zip(batch, solutions, strict=True):
+            if not np.isfinite(z.norm()):
+                continue
+            found[name] = -shares.of(z)
+            if isinstance(goal, TermGoal):
+                found[name] += shares.of_forces(
+                    goal.nodal(lifted, lift.start, number),
+                    goal.nodal(problem, problem.x, number),
+                )
     return found
 
 
