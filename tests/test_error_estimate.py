@@ -478,7 +478,8 @@ def test_dual_problems_are_solved_in_batches(monkeypatch):
     together = estimate("cook", goals, **keys).indicators
     monkeypatch.setattr(indicators, "_TOGETHER", 2)
     apart = estimate("cook", goals, **keys).indicators
-    assert batches == [7, 2, 2, 2, 1] and together.keys() == apart.keys()
+    # The energy, the first of five goals, has no dual problem.
+    assert batches == [4, 1, 2, 1] and together.keys() == apart.keys() and len(apart) == 5
     for name, values in together.items():
         assert np.abs(values - apart[name]).sum() <= 0.01 * np.abs(values).sum(), name
 
