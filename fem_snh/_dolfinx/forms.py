@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from inspect import signature
 from typing import Any
 
@@ -93,10 +92,10 @@ def create_matrix(compiled: Any) -> PETSc.Mat:
     return fem_petsc.create_matrix(compiled)
 
 
-def assemble_matrix(matrix: PETSc.Mat, compiled: Any, bcs: Sequence[Any] = ()) -> None:
-    """Overwrite a matrix by a bilinear form, with unit rows and columns at the dofs of ``bcs``."""
+def assemble_matrix(matrix: PETSc.Mat, compiled: Any) -> None:
+    """Overwrite a matrix by a bilinear form."""
     matrix.zeroEntries()
     # 0.9 names the overload for an existing matrix; 0.5 has assemble_matrix alone
     assemble: Any = getattr(fem_petsc, "assemble_matrix_mat", fem_petsc.assemble_matrix)
-    assemble(matrix, compiled, list(bcs))
+    assemble(matrix, compiled)
     matrix.assemble()

@@ -86,11 +86,6 @@ class Kinematics:
         return True, True, not flat, not flat, not flat, True
 
     @property
-    def force_unit(self) -> str:
-        """The unit of forces: of a plane, per thickness; of a body of revolution, of the turn."""
-        return "N/m" if self.dim == 2 and not self.revolved else "N"
-
-    @property
     def definitions(self) -> list[str]:
         """The C definitions that kinematics.h reads."""
         kind = "REVOLVED" if self.revolved else "PLANE" if self.dim == 2 else "SOLID"

@@ -70,7 +70,7 @@ class HasReactions:
         raise NotImplementedError
 
 
-def condition_weights(problem: Problem, condition: Any, key: str = "condition") -> Array:
+def condition_weights(problem: Problem, condition: Any) -> Array:
     """Return the parts of the owned nodes' forces that a condition exerts. Collective.
 
     They are those of `counted_weights`.
@@ -81,7 +81,7 @@ def condition_weights(problem: Problem, condition: Any, key: str = "condition") 
         On every rank, for what is not one of the problem's ``bcs``.
     """
     conditions: Any = problem.dirichlet
-    return counted_weights(problem, condition_number(conditions.given, condition, key))
+    return counted_weights(problem, condition_number(conditions.given, condition, "condition"))
 
 
 def counted_weights(problem: Problem, number: int) -> Array:

@@ -12,6 +12,8 @@ from fem_snh.kernels.reports.evaluate import Array, inside
 from fem_snh.kernels.svd_eigen import svd
 from fem_snh.materials.normalise import lame
 
+#: Number of starts, of which some are inverted, and the seed of their random numbers.
+_STARTS, _SEED = 160, 0
 #: Largest number of descent steps.
 STEPS = 150
 #: Eigenvalues below this [E] count as zero.
@@ -75,23 +77,14 @@ class Minima:
         return found
 
 
-def minima(m: Material, starts: int = 160, seed: int = 0) -> Minima:
-    """Return the minima that are reached from random F of all sizes and orientations.
+def minima(m: Material) -> Minima:
+    """Return a material's minima that are reached from random F of all sizes and orientations.
 
     At a minimum the Hessian has no negative eigenvalue and its scaling eigenvalues are positive. A
     stationary start that is no minimum, such as F = 0, is displaced at random.
-
-    Parameters
-    ----------
-    m : Material
-        The material.
-    starts : int
-        Number of starts; some are inverted.
-    seed : int
-        Seed of the random numbers.
     """
-    rng = np.random.default_rng(seed)
-    F = _starts(m, starts, rng)
+    rng = np.random.default_rng(_SEED)
+    F = _starts(m, _STARTS, rng)
     done = np.zeros(len(F), dtype=bool)
     for _ in range(STEPS):
         left = np.flatnonzero(~done)

@@ -119,14 +119,14 @@ def shifts(table: pd.DataFrame, components: Sequence[str]) -> pd.Series:
     return moved
 
 
-def error_bound(row: Mapping[str, Any], name: str = "displacement") -> float:
-    """Return an upper bound of a row's error; NaN if it is unknown.
+def error_bound(row: Mapping[str, Any]) -> float:
+    """Return an upper bound of the error of a row's displacement; NaN if it is unknown.
 
     It contains the shift by a changed setting, which could cancel the error of the mesh by chance,
     and the reference's own error r = floor / MARGIN: a value that differs by e from a reference
     which differs by r from the solution has an error of at most (e + r) / (1 - r).
     """
-    error, floor = float(row[f"error_{name}"]), float(row[f"floor_{name}"])
+    error, floor = float(row["error_displacement"]), float(row["floor_displacement"])
     shift, own = float(row["shift"]), floor / MARGIN
     if own >= 1:
         return float("inf")
