@@ -69,6 +69,12 @@ def nearest_file(path: Path) -> str:
     return f" (did you mean '{match[0]}{path.suffix}'?)" if match else ""
 
 
+def in_words(names: Iterable[object]) -> str:
+    """Return names as they are listed in a sentence: "a", "a and b", "a, b and c"."""
+    *first, last = map(str, names)
+    return f"{', '.join(first)} and {last}" if first else last
+
+
 def shown(value: object) -> str:
     """Return the ``repr`` of a value in one line, cut if it is long; numpy's as Python's."""
     if getattr(value, "shape", None) == () and hasattr(value, "item"):

@@ -13,7 +13,8 @@ import pytest
 from running import record, rows, solve
 
 import fem_snh
-from fem_snh.errors import BadInput
+from fem_snh.errors import BadInput, in_words
+from fem_snh.runs import estimates
 from fem_snh.runs.folder import COLUMNS, Folder
 
 mpi = pytest.mark.mpi
@@ -258,3 +259,21 @@ def test_numbers_of_steps_are_those_of_json(tmp_path):
     assert first == {"load": 0.1, "newton": 3, "of": [0.5, True]}
     assert last == {"load": 1.0, "residual": None, "of": {"energy": None}}
     assert f"\n  {json.dumps(first)}," in (tmp_path / "run" / "run.json").read_text()
+
+
+def test_the_estimate_is_no_time_of_the_solve(monkeypatch):
+    """With contact it assembles the run's own problem again."""
+    before = []
+    estimate = estimates.estimate_errors
+
+    def noting(setup, *args):
+        before.append(setup.problem.seconds["assemble"])
+        return estimate(setup, *args)
+
+    monkeypatch.setattr(estimates, "estimate_errors", noting)
+    seconds = solve("press", cells=4, steps=2, error=True).record["seconds"]
+    assert seconds["assemble"] == before[0] and seconds["estimate"] > 0
+
+
+def test_names_in_a_sentence():
+    assert [in_words("abc"[:n]) for n in (1, 2, 3)] == ["a", "a and b", "a, b and c"]

@@ -57,6 +57,7 @@ from fem_snh.accuracy.shape_surfaces import (
 from fem_snh.assembly.elements import Element
 from fem_snh.compile_clock import compile_seconds
 from fem_snh.contact.obstacle_contact import ObstacleContact
+from fem_snh.errors import in_words
 from fem_snh.mesh.mesh import Mesh
 from fem_snh.mesh.round_faces import round_faces
 from fem_snh.problem.problem import Problem
@@ -199,7 +200,7 @@ def _add_narrow_contacts(problem: Problem, estimate: Estimate) -> None:
     terms = [term for term in problem.terms if isinstance(term, ObstacleContact)]
     estimate.narrow = [name for term in terms for name in term.narrow(u)]
     if estimate.narrow:
-        names = " and ".join(f"'{name}'" for name in estimate.narrow)
+        names = in_words(f"'{name}'" for name in estimate.narrow)
         estimate.left_out.append(
             f"the contact with {names} is narrower than a cell: finer ones may find another one"
         )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from fem_snh.errors import in_words
 from fem_snh.problem.problem import Problem
 from fem_snh.problem.solids import solids_in_shapes
 
@@ -46,7 +47,7 @@ def check_problem(problem: Problem) -> None:
     if problem.motion:
         raise NoEstimateOnAnyMesh(f"the motion is another one in another element: {again}")
     if problem.history.is_kept(problem.comm):
-        names = " and ".join(f"'{name}'" for name in problem.history.by_name)
+        names = in_words(f"'{name}'" for name in problem.history.by_name)
         raise NoEstimateOnAnyMesh(
             f"{names} keeps friction or multipliers from step to step, which another element "
             f"does not have: {again}"

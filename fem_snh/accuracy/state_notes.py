@@ -11,6 +11,7 @@ import numpy as np
 
 from fem_snh.accuracy.inverted_points import inverted_points
 from fem_snh.accuracy.pressure_oscillation import may_lock, pressure_oscillation
+from fem_snh.errors import in_words
 from fem_snh.notes import Note
 from fem_snh.problem.problem import Problem
 from fem_snh.terms.term import PenaltyTerm
@@ -110,7 +111,7 @@ def penalty_note(problem: Problem, step: int | None = None) -> Note | None:
     if not energy > _YIELDS * elastic:
         return None
     share = energy / (energy + elastic)
-    names = " and ".join(f"'{term.name}'" for term in penalties)
+    names = in_words(f"'{term.name}'" for term in penalties)
     text = (
         f"penalties of {names} have {100 * share:.2g} % of the energy: forces at prescribed "
         "displacements are about as much too small, displacements under given loads as much too "

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import wraps
 from time import perf_counter
 from typing import Any, TypeVar
@@ -22,3 +23,11 @@ def timed(method: Callable[..., T]) -> Callable[..., T]:
             self.seconds["assemble"] += perf_counter() - start
 
     return with_time
+
+
+@contextmanager
+def untimed(problem: Any) -> Iterator[None]:
+    """Leave evaluations within this block, as of output, out of the problem's time."""
+    seconds = problem.seconds["assemble"]
+    yield
+    problem.seconds["assemble"] = seconds

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from fem_snh import child_process
-from fem_snh.errors import BadInput, bad_value, unknown_name
+from fem_snh.errors import BadInput, bad_value, in_words, unknown_name
 from fem_snh.mesh.skin import NodeCopies, Skin
 
 if TYPE_CHECKING:
@@ -303,7 +303,7 @@ def _extract(gmsh: Any) -> MeshData:
     if not len(types):
         raise BadInput("it has no volume cells: mesh in 3 dimensions, and save all elements")
     if len(types) > 1 or types[0] not in _CELLS:
-        names = " and ".join(mesh.getElementProperties(t)[0] for t in types)
+        names = in_words(mesh.getElementProperties(t)[0] for t in types)
         wanted = (
             "tetrahedra, or all hexahedra" if dimension == 3 else "triangles, or quadrilaterals"
         )

@@ -35,7 +35,7 @@ from fem_snh.assembly.inclined_planes import InclinedPlanes
 from fem_snh.assembly.kinematics import PLANE_CELLS, SOLID, Kinematics, find_kinematics
 from fem_snh.assembly.regions import Region, check_partition
 from fem_snh.assembly.unknowns import create_unknowns
-from fem_snh.errors import BadInput, bad_value, check_whole, unknown_name
+from fem_snh.errors import BadInput, bad_value, check_whole, in_words, unknown_name
 from fem_snh.kernels.material import Material
 from fem_snh.mesh.mesh_checks import check_geometry, check_half_plane
 from fem_snh.problem.covered_nodes import covered_nodes
@@ -235,7 +235,7 @@ class DolfinxConditions(Dirichlet):
                 for i in range(2)
             )  # fmt: skip
             names = [f"bcs[{self.numbers[i]}]" for i in (first, other)]
-            pair, at_least = " and ".join(names), min(places)
+            pair, at_least = in_words(names), min(places)
             lines.append(contradiction(pair, sorted(axes), len(places), at_least, names[1]))
         return lines
 

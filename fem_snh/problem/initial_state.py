@@ -10,7 +10,7 @@ from mpi4py import MPI
 import numpy as np
 
 from fem_snh.assembly.kinematics import Kinematics
-from fem_snh.errors import bad_value
+from fem_snh.errors import bad_value, in_words
 from fem_snh.problem.problem import Problem
 
 if TYPE_CHECKING:
@@ -89,7 +89,7 @@ def _check_velocity(
 ) -> None:
     """Raise BadInput for a component that is not along one of the axes."""
     if any(number and axis not in axes for axis, number in zip("xyz", value or (), strict=False)):
-        accepted = " and ".join(axes) or "none"
+        accepted = in_words(axes) if axes else "none"
         accepted = f"only these components: {accepted}, in {kinematics.name}"
         raise bad_value(f"start.{key}", list(value or ()), accepted)
 

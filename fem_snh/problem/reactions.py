@@ -26,6 +26,7 @@ from fem_snh.assembly.boundary_conditions import (
     group_nodes,
 )
 from fem_snh.assembly.kinematics import Kinematics
+from fem_snh.errors import in_words
 from fem_snh.mesh.mesh import Mesh
 
 if TYPE_CHECKING:
@@ -120,7 +121,7 @@ class Reactions:
         if not shared:
             return []
         names = sorted(set[str]().union(*(names for _, names in gathered)))
-        others = " and ".join(map(repr, names))
+        others = in_words(map(repr, names))
         return [
             f"reactions of {key!r}: its conditions and those of {others} constrain the same "
             f"components at {shared} nodes, whose force counts for the last one, so that the sum "

@@ -12,6 +12,7 @@ from mpi4py import MPI
 
 from fem_snh import scenes, solver
 from fem_snh._petsc import default_options, option_used
+from fem_snh.assembly.timing import untimed
 from fem_snh.errors import BadInput, on_every, on_root
 from fem_snh.interrupts import Interrupts
 from fem_snh.linalg import multigrid
@@ -171,7 +172,8 @@ def _run(
         if level:
             level.end(recorder.record, estimate)
         status = "converged" if setup.stepper.done else setup.stepper.failure_message()
-        recorder.add_notes(final_notes(setup, recorder.record["steps"], estimate))
+        with untimed(setup.problem):
+            recorder.add_notes(final_notes(setup, recorder.record["steps"], estimate))
         recorder.save(status)
         path = folder.path if folder else None
         # PETSc does not report misspelt options.
@@ -204,7 +206,8 @@ def _solve(
             from fem_snh.runs.estimates import estimate_errors
 
             fields = recorder.writes_fields
-            estimate = estimate_errors(setup, goals, printed.estimating, fields, level)
+            with untimed(setup.problem):
+                estimate = estimate_errors(setup, goals, printed.estimating, fields, level)
             recorder.add_estimate(estimate)
             if setup.scene.within is None:  # the levels have rows of their own
                 printed.estimated(estimate)

@@ -12,7 +12,7 @@ from fem_snh.assembly.elements import ELEMENTS, element
 from fem_snh.assembly.kinematics import PLANAR, kinematics_of
 from fem_snh.choices import COARSER_MESHES, LIFTED_ELEMENT
 from fem_snh.contact.obstacle import names as obstacle_names
-from fem_snh.errors import BadInput, bad_value
+from fem_snh.errors import BadInput, bad_value, in_words
 from fem_snh.files import is_shape
 from fem_snh.output_fields import IN_TIME, NODAL
 from fem_snh.scenes._bones import check_bones
@@ -156,7 +156,7 @@ def group_references(scene: Scene) -> Iterator[tuple[str, str | int]]:
 def why_condensed(scene: Scene) -> str:
     """Return why cell pressures cannot be unknowns in a scene; empty if they can."""
     if ELEMENTS[scene.element].volume != "mean":
-        names = " and ".join(e.name for e in ELEMENTS.values() if e.volume == "mean")
+        names = in_words(e.name for e in ELEMENTS.values() if e.volume == "mean")
         return f"only {names} have cell pressures, not {scene.element}"
     # Terms with a state of their own, or with a matrix that is not assembled, would need two.
     for key in ("time", "nu_continuation"):

@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from fem_snh import _dolfinx
 from fem_snh.assembly.ghosted_vectors import local_values, update_ghosts
+from fem_snh.assembly.timing import untimed
 from fem_snh.errors import choose
 from fem_snh.output_fields import LOCATIONS, NAMED, NODAL, ON_REQUEST
 from fem_snh.problem.problem import Problem
@@ -129,9 +130,8 @@ class RequestedFields:
 
     def arrays(self) -> tuple[list[DataArray], list[DataArray]]:
         """Return the arrays at the cells and at the nodes of the present state. Collective."""
-        seconds = self._problem.seconds["assemble"]
-        found = self._values.evaluate(self._computed, self._at)
-        self._problem.seconds["assemble"] = seconds  # a reaction is output, not part of the solve
+        with untimed(self._problem):
+            found = self._values.evaluate(self._computed, self._at)
         for name in self._names:
             if name in self._functions:
                 values = self._functions[name].x.array.copy()
