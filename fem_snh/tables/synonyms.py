@@ -9,7 +9,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 #: For the names of this program, the words that others use. A name in brackets is a table of the
-#: scene; any other is a key, of whichever table has it. Of several names the keys come first.
+#: scene, one with an equals sign what to write there; any other is a key, of whichever table has
+#: it. Of several names the keys come first.
 _WORDS: dict[tuple[str, ...], str] = {
     ("translate", "[[move]]", "[[hold]]"): (
         "displacement displacements displ disp u ux uy uz dx dy dz ddl_impo char_meca prescribed "
@@ -72,7 +73,9 @@ _WORDS: dict[tuple[str, ...], str] = {
     ("nu", "[material]"): "v poisson poissons_ratio poisson_ratio poissonratio",
     ("E", "nu", "[material]"): "mu lambda lambda_ lam lame shear_modulus bulk_modulus kappa c10 d1",
     ("density", "[material]"): "rho mass_density masse_volumique",
-    ("mesh",): "geometry grid domain mesh_file meshfile file msh model_file maillage part",
+    ("mesh", "mesh = 'FILE'"): (
+        "path filename geometry grid domain mesh_file meshfile file msh model_file maillage part"
+    ),
     ("group",): (
         "surface surfaces boundary face faces nset node_set nodeset elset element_set elem_set "
         "set region regions where on tag tags marker markers subdomain group_ma group_no "
@@ -115,6 +118,6 @@ def suggestion(word: str, known: Iterable[str]) -> str:
     for names, words in _WORDS.items():
         if plain in words.split():
             found += [f"'{name}'" for name in names if name in known]
-            tables += [name for name in names if name.startswith("[")]
+            tables += [name for name in names if name.startswith("[") or "=" in name]
     chosen = list(dict.fromkeys(found or tables))
     return f" (did you mean {' or '.join(chosen)}?)" if chosen else ""
