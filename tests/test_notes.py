@@ -24,6 +24,7 @@ from fem_snh.cli import main
 from fem_snh.contact.obstacle import Obstacle
 from fem_snh.errors import ResultNote
 from fem_snh.scenes import MaterialChoice, Scene, Start
+from fem_snh.steps.jump import JumpDetector
 
 mpi = pytest.mark.mpi
 
@@ -168,6 +169,21 @@ def test_one_step_through_a_bifurcation(comm, folder):
     assert several.steps[-1]["energy"] < 0.7 * energy
     assert note["followed"] == pytest.approx(several.steps[-1]["energy"], rel=0.1)
     assert "than 4 smaller ones" in note["text"] and "take more steps" in note["text"]
+
+
+@pytest.mark.parametrize(("steps", "examined"), [(2, 1), (6, 0)])
+def test_steps_without_a_guess_go_on_as_the_last_one(monkeypatch, steps, examined):
+    """Turns of 45 degrees are far from straight on, those of 15 are not: they are not followed."""
+    calls = []
+    compare = JumpDetector._compare
+
+    def counted(self, *args):
+        calls.append(args)
+        return compare(self, *args)
+
+    monkeypatch.setattr(JumpDetector, "_compare", counted)
+    assert solve("twist", cells=3, steps=steps, angle=np.pi / 2).converged
+    assert len(calls) == examined
 
 
 def test_rest_under_load_is_no_jump():

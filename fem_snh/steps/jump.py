@@ -7,7 +7,8 @@ to exist, it has most of it, however the step is divided. So it is divided furth
 is steep and steady, as that of a sheet that is pressed to a hundredth of its height, less is left.
 
 A step that ends far from where its first guess was may have passed a bifurcation: beyond it there
-are several stable states. Small problems are solved again in parts of the step; where their end has
+are several stable states. (The guess of a step without one is that the body goes on as in the step
+before.) Small problems are solved again in parts of the step; where their end has
 another energy, the step has skipped the path.
 """
 
@@ -100,7 +101,9 @@ class JumpDetector:
 
     def __init__(self, problem: Problem, snes: PETSc.SNES) -> None:
         self._problem, self._snes = problem, snes
-        self._rate = 0.0  # distance over load of the last step
+        #: The last step's motion by load, and its length.
+        self._motion: PETSc.Vec | None = None
+        self._rate = 0.0
         self._guess: PETSc.Vec | None = None
 
     @staticmethod
@@ -123,9 +126,12 @@ class JumpDetector:
         if guess is None:
             return None
         to, end, self._guess = problem.load, problem.x.copy(), None
-        moved = self._distance(start, end)
-        expected = max(self._distance(start, guess), self._rate * (to - load))
-        self._rate = moved / (to - load)
+        moved, step = self._distance(start, end), to - load
+        guessed = self._distance(start, guess)
+        expected = max(guessed, self._rate * step)
+        if not guessed and self._motion is not None:
+            guess = start + step * self._motion
+        self._motion, self._rate = (end - start) / step, moved / step
         found: Jump | SkippedPath | None = None
         if not _NONE * moved < _FAR * expected:
             return None
