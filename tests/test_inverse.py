@@ -64,10 +64,22 @@ def test_two_parameters_are_found_again() -> None:
 def test_derivatives_with_a_pressure_and_an_obstacle() -> None:
     """Taylor-Hood's unit of pressure and the contact's stiffness depend on E."""
     scene = scenes.load("press", cells=1, steps=1, to=0.8, element="P2P1")
-    goals = ["bottom.force.z"]
-    curve = MeasuredCurve("load", np.ones(1), np.ones(1), goals, np.ones((1, 1)))
+    goals = ["bottom.force.z", "plate.force.z"]
+    curve = MeasuredCurve("load", np.ones(1), np.ones(1), goals, np.ones((1, 2)))
     inverse = InverseProblem(MPI.COMM_WORLD, scene, curve, ["E", "nu"])
     assert largest_difference(inverse) < 1e-5
+
+
+@pytest.mark.mpi
+def test_derivatives_of_goals_that_depend_on_parameters_themselves() -> None:
+    """At prescribed displacements forces and stresses are proportional to E; those by E were 0."""
+    scene = scenes.load("press", cells=1, steps=1, to=0.8, element="Q1")
+    goals = ["bottom.force.z", "plate.force.z", "stress", "volume"]
+    curve = MeasuredCurve("load", np.ones(1), np.ones(1), goals, np.ones((1, 4)))
+    inverse = InverseProblem(MPI.COMM_WORLD, scene, curve, ["E"])
+    residual, jacobian = inverse.evaluate(inverse.start)
+    exact = (residual + 1) * (1, 1, 1, 0)  # the variable is the logarithm of E
+    assert jacobian[:, 0] == pytest.approx(exact, rel=1e-6, abs=1e-6)
 
 
 def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

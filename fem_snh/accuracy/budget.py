@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from fem_snh import solver
 from fem_snh.accuracy.differences import largest_components
-from fem_snh.accuracy.goals import Goal
+from fem_snh.accuracy.goals import Goal, bind_all
 from fem_snh.accuracy.no_estimate import NoEstimate
 from fem_snh.problem.problem import Problem
 
@@ -206,7 +206,7 @@ def _goals_after(
     if not outcome.converged:
         return None
     problem.split(problem.x)
-    return np.array([value for goal in goals for value in goal.bind(problem)()])
+    return bind_all(goals, problem)()
 
 
 @contextmanager

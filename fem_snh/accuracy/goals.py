@@ -54,6 +54,12 @@ def names_of(goals: Sequence[Goal]) -> list[str]:
     return [name for goal in goals for name in goal.names]
 
 
+def bind_all(goals: Sequence[Goal], problem: Problem) -> Callable[[], Array]:
+    """Return the function that evaluates all scalars of some goals, (n,): see `Goal.bind`."""
+    functions = [goal.bind(problem) for goal in goals]
+    return lambda: np.array([value for function in functions for value in function()])
+
+
 def vector_of(name: str) -> str:
     """Return the name of the vector of which a goal is a component, or the goal's own."""
     rest, _, last = name.rpartition(".")

@@ -27,7 +27,7 @@ from fem_snh.accuracy.differences import scales_of, values_of
 from fem_snh.accuracy.estimate import estimate_with, locks, mark_small_forces
 from fem_snh.accuracy.frequency_goals import FrequencyGoal
 from fem_snh.accuracy.goal_errors import LOAD_STEPS, TIME_STEPS, Estimate
-from fem_snh.accuracy.goals import Goal, names_of
+from fem_snh.accuracy.goals import Goal, bind_all, names_of
 from fem_snh.accuracy.lifted_elements import (
     check_memory,
     element_of_factor,
@@ -154,12 +154,7 @@ def end_of(
         If they do not reach it, or a goal is not finite there.
     """
     newton = linear = 0
-    functions = [goal.bind(problem) for goal in goals]
-    late: dict[float, Array] = {}
-
-    def evaluate() -> Array:
-        return np.array([value for function in functions for value in function()])
-
+    evaluate, late = bind_all(goals, problem), dict[float, Array]()
     for row in stepper:
         newton += row["newton"]
         linear += row["linear"]

@@ -4,12 +4,13 @@ A goal :math:`Q_k` of the equilibrium at load k has by the adjoint method the de
 
 .. math::
 
-    \frac{dQ_k}{dp} = -z_k \cdot \frac{\partial r}{\partial p}, \qquad
-    H z_k = \frac{\partial Q_k}{\partial u}
+    \frac{dQ_k}{dp} = \frac{\partial Q_k}{\partial p} - z_k \cdot \frac{\partial r}{\partial p},
+    \qquad H z_k = \frac{\partial Q_k}{\partial u}
 
 with the exact Hessian H, which is symmetric: one linear solve for each measured value, whatever the
-number of parameters. The residual's derivative by a parameter is a central difference of assembled
-residuals at the converged states, in which no equilibrium is solved for.
+number of parameters. The derivatives of goals and residual by a parameter are central differences
+at the converged states, in which no equilibrium is solved for. That of a reaction, a sum of
+residuals, is a part of its dual solution.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -32,7 +33,7 @@ from scipy.optimize import least_squares
 from fem_snh import materials, scenes, solver
 from fem_snh._petsc import default_options
 from fem_snh.accuracy.duals import Linearisation
-from fem_snh.accuracy.goals import Goal
+from fem_snh.accuracy.goals import Goal, bind_all
 from fem_snh.accuracy.hessian_solver import HessianSolver
 from fem_snh.atomic_files import write_file
 from fem_snh.errors import BadInput, Failed, bad_value, on_every
@@ -47,6 +48,7 @@ from fem_snh.studies.fit.least_squares import standard_errors
 from fem_snh.studies.fit.result import toml_table
 
 Array = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
 
 #: Step of the central difference of residuals in a variable of size one: the cube root of the
 #: rounding error.
@@ -300,12 +302,30 @@ class _Parameter:
 
 @dataclass
 class _State:
-    """A converged state with the dual solutions of its goals."""
+    """A converged state with those of all goals that are measured there.
+
+    Attributes
+    ----------
+    load : float
+        The load.
+    x : PETSc.Vec
+        The unknowns.
+    measured : (goals,) bool
+        Which of all goals they are.
+    values : (n,) array
+        Their values.
+    duals : list of PETSc.Vec
+        Their dual solutions.
+    are_reactions : (n,) bool
+        Whether these have the derivatives of the goals by parameters.
+    """
 
     load: float
     x: PETSc.Vec
-    values: list[float] = field(default_factory=list)
-    duals: list[PETSc.Vec] = field(default_factory=list)
+    measured: Mask
+    values: Array
+    duals: list[PETSc.Vec]
+    are_reactions: Mask
 
 
 class InverseProblem:
@@ -429,7 +449,7 @@ class InverseProblem:
                     self.failure = setup.stepper.failure_message()
                     return None
                 measured = self.curve.values[np.isfinite(self.curve.values)]
-                values = np.array([v for state in states for v in state.values])
+                values = np.concatenate([state.values for state in states])
                 columns = [self._derivative(z, k, setup, states) for k in range(len(z))]
             finally:
                 setup.destroy()
@@ -445,21 +465,21 @@ class InverseProblem:
         between = [t for t in stepper.targets if t < loads[-1] and not _is_in(t, loads)]
         stepper.targets = sorted([*loads, *between])
         goals = named_goals(setup, self.curve.names)
-        evaluate = [goal.bind(problem) for goal in goals]
+        evaluate = bind_all(goals, problem)
         states = []
         for row in stepper:
             if not row["converged"] or row["load"] not in loads:
                 continue
-            wanted = np.isfinite(self.curve.values[loads.index(row["load"])])
-            state = _State(row["load"], problem.x.copy())
-            values = [v for function in evaluate for v in function()]
-            state.values = [v for v, use in zip(values, wanted, strict=True) if use]
-            state.duals = self._duals(setup, goals, wanted)
-            states.append(state)
+            measured = np.isfinite(self.curve.values[loads.index(row["load"])])
+            x, values = problem.x.copy(), evaluate()[measured]
+            duals, are_reactions = self._duals(setup, goals, measured)
+            states.append(_State(row["load"], x, measured, values, duals, are_reactions))
         return states
 
-    def _duals(self, setup: Setup, goals: Sequence[Goal], wanted: Any) -> list[PETSc.Vec]:
-        """Return the dual solutions of the wanted goals at the present state."""
+    def _duals(
+        self, setup: Setup, goals: Sequence[Goal], measured: Mask
+    ) -> tuple[list[PETSc.Vec], Mask]:
+        """Return the dual solutions of the measured goals at the present state: see `_State`."""
         problem = setup.problem
         direct = PETSc.KSP().create(problem.comm)
         if problem.operator == problem.A:
@@ -472,10 +492,11 @@ class InverseProblem:
                 solve = HessianSolver(problem, ksp, _ADJOINT, ("exact",))
                 at = Linearisation(problem, problem.x.duplicate(), solve)
                 of_goals = [goal.dual(at, i) for goal in goals for i in range(len(goal.names))]
+                of_goals = [dual for dual, use in zip(of_goals, measured, strict=True) if use]
                 duals = at.solutions(of_goals)
                 self.linear += solve.iterations
                 if all(np.isfinite(z.norm()) for z in duals):
-                    return [z for z, use in zip(duals, wanted, strict=True) if use]
+                    return duals, np.array([dual.offset is not None for dual in of_goals], bool)
         finally:
             direct.destroy()
         raise Failed(
@@ -486,16 +507,20 @@ class InverseProblem:
     def _derivative(self, z: Array, k: int, setup: Setup, states: Sequence[_State]) -> Array:
         """Return the derivatives of all goals by variable ``k``."""
         sums = [np.zeros(len(state.duals)) for state in states]
+        goals = named_goals(setup, self.curve.names)
         for sign in (1, -1):
             moved = z.copy()
             moved[k] += sign * _STEP
             problem = make_problem(self.scene_at(moved), setup.mesh, setup.problem.element)
-            gradient = problem.x.duplicate()
+            gradient, evaluate = problem.x.duplicate(), bind_all(goals, problem)
             for total, state in zip(sums, states, strict=True):
                 problem.set_load(state.load)
-                problem.history.begin_step(problem.split(state.x)[0])
-                problem.gradient(state.x, gradient)
-                total -= [sign / (2 * _STEP) * dual.dot(gradient) for dual in state.duals]
+                state.x.copy(problem.x)
+                problem.history.begin_step(problem.split(problem.x)[0])
+                problem.gradient(problem.x, gradient)
+                values = np.where(state.are_reactions, 0.0, evaluate()[state.measured])
+                values -= [dual.dot(gradient) for dual in state.duals]
+                total += sign / (2 * _STEP) * values
         return np.concatenate(sums)
 
 
