@@ -173,7 +173,7 @@ def test_one_step_through_a_bifurcation(comm, folder):
 
 @pytest.mark.parametrize(("steps", "examined"), [(2, 1), (6, 0)])
 def test_steps_without_a_guess_go_on_as_the_last_one(monkeypatch, steps, examined):
-    """Turns of 45 degrees are far from straight on, those of 15 are not: they are not followed."""
+    """Turns of 90 degrees are far from straight on; those of 30 are not, and are not followed."""
     calls = []
     compare = JumpDetector._compare
 
@@ -182,7 +182,7 @@ def test_steps_without_a_guess_go_on_as_the_last_one(monkeypatch, steps, examine
         return compare(self, *args)
 
     monkeypatch.setattr(JumpDetector, "_compare", counted)
-    assert solve("twist", cells=3, steps=steps, angle=np.pi / 2).converged
+    assert solve("twist", cells=3, steps=steps, angle=np.pi).converged
     assert len(calls) == examined
 
 
