@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fem_snh.cli.options import REPEATED, Parser, assignments, output, split_petsc, value
+from fem_snh.cli.run import load_scene
 from fem_snh.cli.studies import comma_list
 from fem_snh.errors import BadInput
 
@@ -139,18 +140,13 @@ def _fit_scene(args: Namespace, petsc: dict[str, str | None]) -> int:
     if len(args.names) != 1 or not args.parameters:
         raise BadInput("fit --to: expected one scene and --parameters NAME,..")
     check_whole("solves", args.solves, 1, 10**6)
-    overrides = {key: value(text, key) for key, text in assignments(args.set).items()}
+    overrides = {"nu": args.nu}
+    overrides |= {key: value(text, key) for key, text in assignments(args.set).items()}
     comm = MPI.COMM_WORLD
     with Console(stderr=True, quiet=comm.rank > 0).status("fitting"):
-        found = fit_scene(
-            args.names[0],
-            args.to,
-            comma_list("parameters", args.parameters),
-            max_solves=args.solves,
-            nu=args.nu,
-            petsc=petsc or None,
-            **overrides,
-        )
+        scene = load_scene(comm, args.names[0], overrides, petsc)
+        parameters = comma_list("parameters", args.parameters)
+        found = fit_scene(scene, args.to, parameters, comm=comm, max_solves=args.solves)
 
     def report() -> None:
         console = Console(width=None if sys.stdout.isatty() else 110)

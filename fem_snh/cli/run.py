@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import textwrap
 from functools import partial
+from typing import TYPE_CHECKING, Any
 
 from fem_snh.cli.doctor import check
 from fem_snh.cli.options import (
@@ -17,6 +18,11 @@ from fem_snh.cli.options import (
 )
 from fem_snh.errors import BadInput, on_every, on_root
 from fem_snh.references import is_reference
+
+if TYPE_CHECKING:
+    from mpi4py import MPI
+
+    from fem_snh.scenes import Scene
 
 #: Width of the list of keys in the help.
 _WIDTH = 98
@@ -82,11 +88,7 @@ def run(argv: list[str]) -> int:
     from mpi4py import MPI
 
     comm = MPI.COMM_WORLD
-    if petsc:
-        overrides["petsc"] = petsc
-    # Functions in a scene of a Python file cannot be sent to the other ranks.
-    everywhere = on_every if is_reference(args.scene) else on_root
-    scene = everywhere(comm, partial(scenes.load, args.scene, **overrides))
+    scene = load_scene(comm, args.scene, overrides, petsc)
     check()
     from fem_snh.runs import run as solve
 
@@ -100,6 +102,20 @@ def run(argv: list[str]) -> int:
     )
     reached = result.record.get("accuracy", {}).get("reached", True)
     return 0 if result.converged and reached else 1
+
+
+def load_scene(
+    comm: MPI.Comm, name: str, overrides: dict[str, Any], petsc: dict[str, str | None]
+) -> Scene:
+    """Return a scene with other values and PETSc options, on every rank. Collective."""
+    from fem_snh import scenes
+
+    if petsc:
+        overrides = overrides | {"petsc": petsc}
+    # Functions in a scene of a Python file cannot be sent to the other ranks.
+    everywhere = on_every if is_reference(name) else on_root
+    scene: Scene = everywhere(comm, partial(scenes.load, name, **overrides))
+    return scene
 
 
 def scene_list() -> str:
