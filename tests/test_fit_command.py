@@ -131,6 +131,7 @@ def test_biaxial(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
         (["odgen", "treloar"], "did you mean 'ogden'?"),
         (["ogden", "treloar", "--range", "1"], "--range 1: expected two numbers"),
         (["ogden", "treloar", "--bounds", "weights=a,b"], "expected two numbers"),
+        (["ogden", "treloar", "--set", "nu=0.3"], "held = 'nu': expected a shape parameter"),
         (["ogden", "treloar", "--nu", "soft"], "nu = 'soft': expected a number"),
         (["ogden", "treloar", "--weights", "a"], "weights = 'a': expected a number"),
         (["--all", "treloar", "--report"], "expected without --all"),

@@ -115,6 +115,9 @@ class Family:
     ) -> None:
         self.name = materials.label(material)
         self.incompressible = incompressible
+        if taken := sorted({"E", "nu"} & held.keys()):
+            accepted = "a shape parameter; E is fitted, and nu given by itself (--nu)"
+            raise bad_value("held", taken[0], accepted)
         made = materials.make_energy(material, 1.0, 0.5 if incompressible else nu, **held)
         self.function = materials.function(material)
         if held.get("lambda_part") is not None or not {"alpha_mu", "alpha_lambda"}.isdisjoint(held):
