@@ -179,6 +179,7 @@ def estimate_with(
             faces = mesh.round_faces if mesh else None
             faces = faces or round_faces(problem.domain, problem.kinematics.revolved)
             estimate.left_out += filter(None, [faces.text])
+            estimate.of_curved = faces.added + faces.removed if faces.degree == 2 else 0.0
         _add_narrow_contacts(problem, estimate)
         add_what_is_missed(estimate, problem.element.degree, problem.kinematics.dim)
     except NoEstimate as reason:

@@ -247,6 +247,8 @@ class Estimate:
         What the errors do not include, or what was not measured for them: a line each.
     narrow : list of str
         The obstacles whose contact is narrower than a cell.
+    of_curved : float
+        What edges of degree 2 leave out of round faces, over the volume of the mesh.
     """
 
     goals: dict[str, GoalError] = field(default_factory=dict)
@@ -272,6 +274,7 @@ class Estimate:
     may_be_unstable: bool = False
     left_out: list[str] = field(default_factory=list)
     narrow: list[str] = field(default_factory=list)
+    of_curved: float = 0.0
 
     def announcement(self) -> str:
         """Return the line to print before the lifted problem is created."""

@@ -40,6 +40,8 @@ _MESH_STAYS = 0.5
 _ORDER = {1: 1.2, 2: 1.5}
 #: Levels without an estimate after which the run ends: the first meshes may be too coarse.
 _MOST_WITHOUT = 3
+#: What edges of degree 2 may leave out of the body, over the accuracy.
+_OF_CURVED = 0.25
 #: Factors between the sizes of cells of two levels, least and most.
 _LEAST_REFINEMENT, _MOST_REFINEMENT = 1.3, 2.0
 #: An error decreases if it is at most this part of that of the level before: with half the size of
@@ -178,7 +180,10 @@ class Levels:
     least : int, optional
         Number of levels before the request can be met: two where the estimates are of another body
         on each mesh, as the change from one to the next shows that error alone. It grows where
-        the contact with an obstacle is narrower than a cell, until one on finer cells follows.
+        the contact with an obstacle is narrower than a cell, until one on finer cells follows, and
+        where edges of degree 2 are not round enough.
+    rounder : bool, optional
+        Whether finer cells have rounder faces.
     """
 
     def __init__(
@@ -188,8 +193,10 @@ class Levels:
         dim: int = 3,
         named: bool = False,
         least: int = 1,
+        rounder: bool = False,
     ) -> None:
         self.asked, self.dim, self.named, self.least = asked, dim, named, least
+        self.rounder = rounder
         self.rows: list[LevelRow] = []
         self._limits = {key: inf if v is None else v for key, v in (limits or {}).items()}
         #: Why the levels end before the request is met.
@@ -209,12 +216,19 @@ class Levels:
             row.steps_have_no_order = any(known[name].steps_bound == inf for name in unknown)
         else:
             finer = bool(self.rows) and row.fineness > self.rows[-1].fineness
-            coarser = self.rows[-1].goals if finer else {}
+            # From one that was not round enough the body's change counts, which is no error now.
+            same_body = finer and not self._is_angular(self.rows[-1].estimate)
+            coarser = self.rows[-1].goals if same_body else {}
             row.goals = bounded_goals(estimate, known, row.degree, self.dim, coarser, self.named)
             before = [r for r in self.rows if r.goals and r.fineness < row.fineness]
-            if estimate.narrow and not before and not row.steps:
+            narrow = estimate.narrow and not before
+            if (narrow or self._is_angular(estimate)) and not row.steps:
                 self.least = max(self.least, len(self.rows) + 2)
         self.rows.append(row)
+
+    def _is_angular(self, estimate: Estimate) -> bool:
+        """Return whether finer cells have rounder faces, which the request needs."""
+        return self.rounder and estimate.of_curved > _OF_CURVED * self.asked
 
     def _untouched(self, row: LevelRow) -> dict[str, str]:
         """Return the lines of forces of contact that do not count: see `Estimate.untouched`."""

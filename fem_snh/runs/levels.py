@@ -32,6 +32,7 @@ from fem_snh.mesh.mesh import Mesh, cell_volumes
 from fem_snh.notes import NOTES_ON_PATH
 from fem_snh.problem.problem import Problem
 from fem_snh.problem.transfer import transfer_state
+from fem_snh.runs.exact_bodies import has_curved_cells
 from fem_snh.runs.first_level import first_scene, raised_element
 from fem_snh.runs.first_mesh import fine_at, stress_probes
 from fem_snh.runs.refinement import (
@@ -209,7 +210,8 @@ class _LevelRuns:
         limits = {key: getattr(wanted, key) for key in ("max_time", "max_memory", "max_dofs")}
         dim = kinematics_of(first.kinematics).dim
         least = 2 if isinstance(first.mesh, scenes.Lattice) else 1
-        self._levels = Levels(wanted.within, limits, dim, bool(wanted.goals), least)
+        rounder = self._refine in (more_cells, meshed_again) and has_curved_cells(first)
+        self._levels = Levels(wanted.within, limits, dim, bool(wanted.goals), least, rounder)
         #: The scene of the first level, and that of the present one.
         self._first, self._scene = first, first
         self._start, self._stiffer = perf_counter(), 1.0
