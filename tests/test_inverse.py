@@ -173,3 +173,7 @@ def test_scenes_that_are_refused() -> None:
     curve = MeasuredCurve("load", np.ones(1), np.ones(1), ["volume"], np.ones((1, 1)))
     with pytest.raises(BadInput, match="expected a scene without"):
         fit_scene("bounce", curve, ["E"])
+    press = scenes.load("press")
+    obstacles = [o.model_copy(update={"method": "augmented_lagrangian"}) for o in press.obstacle]
+    with pytest.raises(BadInput, match="method = 'augmented_lagrangian': expected 'penalty'"):
+        fit_scene(press.model_copy(update={"obstacle": obstacles}), curve, ["E"])

@@ -193,7 +193,8 @@ def fit_scene(
     Parameters
     ----------
     scene : str, Path, Scene or callable
-        As for `fem_snh.run`: without time and friction, in three dimensions.
+        As for `fem_snh.run`: without time, and friction and multipliers of contact, in three
+        dimensions.
     to : str, Path or MeasuredCurve
         A file with a column ``load``, from 0 to 1, or the scene's ``load_name``, and columns with
         the names of goals, such as ``right.force.x``.
@@ -382,6 +383,8 @@ class InverseProblem:
         for feature in scene.features:
             if getattr(feature, "friction", 0):
                 raise BadInput("fit --to: friction: expected contact without friction")
+            if getattr(feature, "augmented", False):  # multipliers depend on parameters, too
+                raise BadInput("fit --to: method = 'augmented_lagrangian': expected 'penalty'")
 
     @property
     def start(self) -> Array:
