@@ -8,6 +8,7 @@ errors are estimated by a second solution in a better element on the same cells:
   the better element misses, `budget` what penalties and Newton's tolerance change,
   `shape_surfaces` what bones and rigid parts that are shapes do.
 - `path_errors` does the same where the end depends on the path: in time, and with friction.
+- `coarser_meshes` extrapolates them from the same scene on coarser meshes instead.
 - `indicators` distributes an error to the cells, by the dual solutions of `duals`.
 - `goal_errors` has the result, as it is printed and recorded.
 

@@ -134,7 +134,7 @@ class Progress:
             return
         best = (
             f"{accuracy['worst']} is known to {100 * accuracy['relative']:.2g} %"
-            if (accuracy["worst"])
+            if accuracy["worst"]
             else "no goal has an estimate"
         )
         if accuracy["relative"] is not None and accuracy["relative"] <= accuracy["within"]:
