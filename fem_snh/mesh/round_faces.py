@@ -22,10 +22,13 @@ from fem_snh.mesh.mesh import volume
 
 Array = npt.NDArray[Any]
 
-#: Largest angle between neighbours of a round face; a circle of eight edges has 45 degrees.
-_LARGEST_BEND = 46.0
+#: Largest angle between neighbours of a round face, by the degree of the edges: a circle of eight
+#: straight edges has 45 degrees, one of three edges of degree 2 has 22.
+_LARGEST_BEND = {1: 46.0, 2: 23.0}
 
 
+#: No length is less.
+_TINY = np.finfo(float).tiny
 #: Parts of the volume below this one are zero.
 _ROUNDING = 1e-12
 #: The least part of the volume that is reported, and the least bend from facet to facet [degrees],
@@ -36,8 +39,9 @@ _LEAST_OF_CURVED = 1e-3
 #: The area between a round edge and one of degree 2, over that of a parabola with the same slopes;
 #: of triangles on a ball it is up to 0.75.
 _OF_PARABOLA = 0.2
-#: An edge is curved if it bends by more than this part of the round one.
-_CURVED = 0.5
+#: An edge of degree 2 is that of a round face if it bends by more than this part of it, as one of a
+#: circle of three does by 0.8; elsewhere facets meet at an edge of the body.
+_CURVED = 0.75
 
 
 class RoundFaces(NamedTuple):
@@ -91,18 +95,23 @@ def round_faces(domain: Any, revolved: bool = False) -> RoundFaces:
     normals, sizes, angles = _shapes(x, inside)
     # Those of the facet itself at its corners.
     own = np.broadcast_to(normals[:, None], x.shape) if degree == 1 else at_corners
-    corner_normals = _means_at_corners(vertices, own, angles)
+    corner_normals = _means_at_corners(vertices, own, angles, _LARGEST_BEND[degree])
     # At a corner the normal of the face is in the middle between those of two facets.
-    turns = np.linalg.norm(corner_normals - own, axis=2).max(initial=0.0)
+    turns = np.linalg.norm(corner_normals - own, axis=2) if degree == 1 else np.zeros(1)
+    angle = 2 * np.arcsin(turns.max(initial=0.0) / 2)
     missing = np.zeros(len(x))
     cycle = _cycle(x.shape[1])
     for start, end in zip(cycle, [*cycle[1:], cycle[0]], strict=True):
         edge = x[:, end] - x[:, start]
         slopes = [_slope(corner_normals[:, i], own[:, i], edge) for i in (start, end)]
-        bent = np.einsum("ij,ij->i", own[:, end] - own[:, start], edge)
         rest = slopes[1] - slopes[0]
-        curved = np.abs(bent) > _CURVED * np.abs(bent + rest)
-        missing += np.where(curved, _OF_PARABOLA, 1.0) * rest / 8
+        if degree == 2:
+            bent = np.einsum("ij,ij->i", own[:, end] - own[:, start], edge)
+            is_round = np.abs(bent) > _CURVED * np.abs(bent + rest)
+            rest *= np.where(is_round, _OF_PARABOLA, 0.0)
+            sines = np.abs(slopes)[:, is_round] / np.linalg.norm(edge, axis=1)[is_round]
+            angle = max(angle, np.arcsin(min(sines.max(initial=0.0), 1.0)))
+        missing += rest / 8
     # A parabola over a segment, which has two ends here; bubbles of degree 2 over the other facets.
     missing *= sizes / 3
     if revolved:
@@ -110,13 +119,13 @@ def round_faces(domain: Any, revolved: bool = False) -> RoundFaces:
     whole = volume(domain, revolved)
     parts = [float(np.maximum(part, 0.0).sum() / whole) for part in (missing, -missing)]
     added, removed = (part if part > _ROUNDING else 0.0 for part in parts)
-    return RoundFaces(added, removed, float(np.degrees(4 * np.arcsin(turns / 2))), degree)
+    return RoundFaces(added, removed, float(np.degrees(2 * angle)), degree)
 
 
 def _slope(normals: Array, own: Array, edge: Array) -> Array:
     """Return the components of normals along edges at an end, (n,), where facets have their own."""
     along = edge - np.einsum("ij,ij->i", own, edge)[:, None] * own
-    size = np.linalg.norm(edge, axis=1) / np.linalg.norm(along, axis=1)
+    size = np.linalg.norm(edge, axis=1) / np.maximum(np.linalg.norm(along, axis=1), _TINY)
     return np.asarray(size * np.einsum("ij,ij->i", normals, along))
 
 
@@ -188,10 +197,11 @@ def _shapes(x: Array, inside: Array) -> tuple[Array, Array, Array]:
     return normals, sizes, angles
 
 
-def _means_at_corners(vertices: Array, normals: Array, angles: Array) -> Array:
+def _means_at_corners(vertices: Array, normals: Array, angles: Array, bend: float) -> Array:
     """Return the normals of the round faces at the corners of facets, (n, corners, dim).
 
-    Each is the mean of those of the facets around it, by their angles, that are in the same face.
+    Each is the mean of those of the facets around it, by their angles, that are in the same face:
+    at no more than ``bend`` degrees from it.
     """
     dim = normals.shape[2]
     order = np.argsort(vertices.ravel(), kind="stable")
@@ -204,7 +214,7 @@ def _means_at_corners(vertices: Array, normals: Array, angles: Array) -> Array:
         known = np.flatnonzero(counts[at] > k)
         other = first[at[known]] + k
         n = normals[other]
-        same = np.einsum("ij,ij->i", n, normals[known]) >= np.cos(np.radians(_LARGEST_BEND))
+        same = np.einsum("ij,ij->i", n, normals[known]) >= np.cos(np.radians(bend))
         sums[known[same]] += weight[other[same], None] * n[same]
     sums /= np.linalg.norm(sums, axis=1, keepdims=True)
     found = np.empty_like(sums)
