@@ -39,7 +39,7 @@ _DELAY = 5.0
 
 
 def run(
-    scene: str | Path | scenes.Scene,
+    scene: str | Path | scenes.Scene | Callable[..., scenes.Scene],
     *,
     out: str | Path | None = None,
     overwrite: bool = False,

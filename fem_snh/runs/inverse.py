@@ -16,7 +16,7 @@ residuals, is a part of its dual solution.
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
@@ -180,7 +180,7 @@ def _by_name(names: Sequence[str], values: Array) -> dict[str, list[float | None
 
 
 def fit_scene(
-    scene: str | Path | scenes.Scene,
+    scene: str | Path | scenes.Scene | Callable[..., scenes.Scene],
     to: str | Path | MeasuredCurve,
     parameters: Sequence[str],
     *,
