@@ -146,5 +146,5 @@ def test_a_force_without_an_energy_has_none_as_a_goal(comm):
     push = fem_snh.Pressure(ufl.Measure("ds", domain=domain, subdomain_data=tags)(1), 1e-3)
     problem = fem_snh.NonlinearProblem(body.u, {SNH: ufl.dx}, bcs=body.bcs, terms=[push])
     problem.solve()
-    with pytest.raises(BadInput, match=r"= 'energy': expected another goal, with a force without"):
+    with pytest.raises(BadInput, match=r"= 'energy': expected another goal, as a load or a mater"):
         problem.estimate_error({"all": "energy"})

@@ -211,7 +211,7 @@ def _energy(given: _Given) -> list[Goal]:
     if given.problem.motion:  # of which another sum is the energy
         raise given.refused(given.value, "another goal, in time")
     if not given.problem.has_energy:
-        raise given.refused(given.value, "another goal, with a force without an energy")
+        raise given.refused(given.value, "another goal, as a load or a material has no energy")
     return [EnergyGoal(given.name or given.value)]
 
 

@@ -61,7 +61,8 @@ def scene_goals(setup: Setup, modes: LowestModes | None = None) -> list[Goal]:
     groups = [*(bone.group for bone in scene.bone), *(part.group for part in scene.rigid)]
     names = named or default_goals(scene, has_energy and None not in groups)
     if "energy" in names and not has_energy:
-        raise bad_value(_KEY, "energy", "another goal, in time or with a force without an energy")
+        why = "in time" if scene.time else "as a load or a material has no energy"
+        raise bad_value(_KEY, "energy", f"another goal, {why}")
     # Components of one vector are one goal: their errors are relative to the largest of them.
     vectors: dict[tuple[str, str], tuple[str, GoalName]] = {}
     for name in names:
