@@ -51,6 +51,8 @@ class EmbeddedSurface:
         The nodes that the points depend on.
     columns : (n, k) int
         Rows of ``support.nodes`` that hold ``nodes``.
+    matrix : (n, m) scipy CSR matrix
+        W, from values at the nodes of ``support`` to values at the points.
     components : int
         Components of the displacement.
     """
@@ -62,6 +64,11 @@ class EmbeddedSurface:
         self.nodes, self.weights, self.components = nodes, weights, _dolfinx.num_components(V)
         self.support = GatheredNodes(V, nodes.ravel())
         self.columns = np.searchsorted(self.support.nodes, nodes)
+        starts = np.arange(len(nodes) + 1) * nodes.shape[1]
+        self.matrix = csr_matrix(
+            (weights.ravel(), self.columns.ravel(), starts),
+            shape=(len(points), len(self.support.nodes)),
+        )
 
     @classmethod
     def boundary(cls, V: Any, revolved: bool = False) -> EmbeddedSurface:
@@ -132,8 +139,7 @@ class EmbeddedSurface:
 
     def interpolate(self, values: Array) -> Array:
         """Return vectors at the points (n, 3) from those at the nodes of ``support``, (m, 3)."""
-        found: Array = np.einsum("nk,nki->ni", self.weights, values[self.columns])
-        return found
+        return np.asarray(self.matrix @ values)
 
 
 def embedded_surface(V: Any, skin: Skin | None = None, revolved: bool = False) -> EmbeddedSurface:
@@ -254,13 +260,10 @@ class SurfaceMatrix:
 
     def __init__(self, surface: EmbeddedSurface) -> None:
         self._nodes, own = surface.support.nodes, surface.support.is_own
-        shape = (len(surface.points), len(self._nodes))
-        indptr = np.arange(shape[0] + 1) * surface.columns.shape[1]
-        entries = (surface.weights.ravel(), surface.columns.ravel(), indptr)
-        weights = csr_matrix(entries, shape=shape)
         self._own = np.flatnonzero(own)
         self._components = surface.components
         one = identity(self._components)
+        weights = surface.matrix
         self._map = kron(weights, one, format="csr")
         self._own_map = kron(weights[:, self._own].T, one, format="csr")
         self._nodal_map = csr_matrix(weights.T)
