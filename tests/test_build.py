@@ -134,6 +134,8 @@ def test_a_missing_compiler_is_bad_input(monkeypatch, tmp_path):
 def test_a_command_that_is_no_compiler_is_bad_input(monkeypatch, tmp_path):
     monkeypatch.setenv("CC", str(script(tmp_path / "broken", "exit 1")))
     assert re.search(r"^CC = .*broken: expected a C compiler", one_line(build.library, SOURCE))
+    monkeypatch.setenv("CC", str(script(tmp_path / "idle", "exit 0")))
+    assert re.search(r"^CC = .*idle: could not compile a kernel", one_line(build.library, SOURCE))
 
 
 def test_a_compiler_error_is_bad_input_and_names_its_log(cache_folder):

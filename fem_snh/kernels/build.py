@@ -136,7 +136,7 @@ def _compiled(source: str, suffix: str, objects: Sequence[Path] = ()) -> Path:
                 capture_output=True,
                 text=True,
             )
-            if done.returncode:
+            if done.returncode or not compiled.exists():
                 log = target.with_suffix(".log")
                 log.write_text(done.stderr)
                 raise BadInput(f"CC = {command}: could not compile a kernel, see {log}")
