@@ -493,6 +493,15 @@ def test_ranks_of_unequal_speed_decide_alike(comm, monkeypatch):
         ("cook --accuracy 200%", "more than 0 and less than 1, e.g. '1%' or 0.01"),
         ("cook --accuracy nan", "accuracy.within = nan: expected per cent"),
         ("cook --accuracy fine", "accuracy.within = 'fine': expected per cent"),
+        (
+            "cook --accuracy 1% --set accuracy.within=2%",
+            "--accuracy and --set accuracy.within: exp",
+        ),
+        ("cook --cells 2 --set cells=3", "--cells and --set cells: expected one of them"),
+        (
+            "cook --max-dofs 9 --set accuracy.max_dofs=8",
+            "--max-dofs and --set accuracy.max_dofs: ex",
+        ),
         ("cook --max-dofs 100", "accuracy: missing key 'within': expected with 'max_dofs'"),
         ("cook --set accuracy.path=true", "accuracy: missing key 'within': expected with 'path'"),
     ],

@@ -74,16 +74,17 @@ def run(argv: list[str]) -> int:
             f"missing SCENE: expected one of {', '.join(scenes.names())}, a .toml file or "
             "FILE.py:NAME"
         )
-    overrides = {key: getattr(args, key) for key, _, _ in SCENE_OPTIONS}
-    overrides |= {key: value(word, key) for key, word in assignments(args.set).items()}
-
-    if args.error:
-        overrides["error"] = True
-    if args.accuracy is not None:
-        overrides["accuracy.within"] = args.accuracy
+    options = {key: (key, getattr(args, key)) for key, _, _ in SCENE_OPTIONS}
+    options |= {"error": ("error", args.error or None)}
+    options |= {"accuracy.within": ("accuracy", args.accuracy)}
     for key in ("max_time", "max_memory", "max_dofs"):
-        if (limit := getattr(args, key)) is not None:
-            overrides[f"accuracy.{key}"] = limit
+        options[f"accuracy.{key}"] = key, getattr(args, key)
+    overrides = {key: value(word, key) for key, word in assignments(args.set).items()}
+    for key, (name, given) in options.items():
+        if given is not None and key in overrides:
+            option = f"--{name.replace('_', '-')}"
+            raise BadInput(f"{option} and --set {key}: expected one of them")
+    overrides |= {key: given for key, (_, given) in options.items() if given is not None}
 
     from mpi4py import MPI
 
