@@ -9,7 +9,15 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from fem_snh.cli.options import REPEATED, Parser, assignments, output, split_petsc, value
+from fem_snh.cli.options import (
+    REPEATED,
+    Parser,
+    assignments,
+    output,
+    split_petsc,
+    value,
+    with_settings,
+)
 from fem_snh.cli.run import load_scene
 from fem_snh.cli.studies import comma_list
 from fem_snh.errors import BadInput
@@ -140,8 +148,8 @@ def _fit_scene(args: Namespace, petsc: dict[str, str | None]) -> int:
     if len(args.names) != 1 or not args.parameters:
         raise BadInput("fit --to: expected one scene and --parameters NAME,..")
     check_whole("solves", args.solves, 1, 10**6)
-    overrides = {"nu": args.nu}
-    overrides |= {key: value(text, key) for key, text in assignments(args.set).items()}
+    settings = {key: value(text, key) for key, text in assignments(args.set).items()}
+    overrides = with_settings({"nu": args.nu}, settings)
     comm = MPI.COMM_WORLD
     with Console(stderr=True, quiet=comm.rank > 0).status("fitting"):
         scene = load_scene(comm, args.names[0], overrides, petsc)

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from fem_snh.cli.options import REPEATED, Parser, assignments, output, value
+from fem_snh.cli.options import REPEATED, Parser, assignments, output, value, with_settings
 from fem_snh.errors import BadInput
 
 EPILOG = """\
@@ -91,9 +91,11 @@ def _numbers(args: Namespace) -> dict[str, Any]:
             keywords[key] = value(text, key)
             if isinstance(keywords[key], bool) or not isinstance(keywords[key], int | float):
                 raise BadInput(f"{key} = {text!r}: expected a number")
-    for key, text in assignments(args.set).items():  # material.alpha=2, as for run
-        keywords[key.removeprefix("material.")] = value(text, key)
-    return keywords
+    settings = {  # material.alpha=2, as for run
+        key.removeprefix("material."): value(text, key)
+        for key, text in assignments(args.set).items()
+    }
+    return with_settings(keywords, settings)
 
 
 def _list() -> int:

@@ -7,7 +7,7 @@ import json
 import re
 import textwrap
 import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -196,6 +196,28 @@ def assignments(pairs: list[str]) -> dict[str, str]:
             raise BadInput(f"--set {pair}: expected key=value, e.g. --set material.barrier=true")
         values[key.strip()] = right.strip()
     return values
+
+
+def with_settings(
+    options: Mapping[str, Any], settings: Mapping[str, Any], names: Mapping[str, str] | None = None
+) -> dict[str, Any]:
+    """Return the keys of a scene that options and --set give; raise BadInput if both give one.
+
+    Parameters
+    ----------
+    options : mapping
+        The keys that have options, with their values; None is none.
+    settings : mapping
+        Those of --set.
+    names : mapping, optional
+        Options that are not called as their keys.
+    """
+    given = {key: value for key, value in options.items() if value is not None}
+    for key in given:
+        if key in settings:
+            option = (names or {}).get(key, f"--{key}")
+            raise BadInput(f"{option} and --set {key}: expected one of them")
+    return given | dict(settings)
 
 
 def split_petsc(argv: list[str]) -> tuple[list[str], dict[str, str | None]]:

@@ -15,6 +15,7 @@ from fem_snh.cli.options import (
     output,
     split_petsc,
     value,
+    with_settings,
 )
 from fem_snh.errors import BadInput, on_every, on_root
 from fem_snh.references import is_reference
@@ -74,17 +75,14 @@ def run(argv: list[str]) -> int:
             f"missing SCENE: expected one of {', '.join(scenes.names())}, a .toml file or "
             "FILE.py:NAME"
         )
-    options = {key: (key, getattr(args, key)) for key, _, _ in SCENE_OPTIONS}
-    options |= {"error": ("error", args.error or None)}
-    options |= {"accuracy.within": ("accuracy", args.accuracy)}
+    options = {key: getattr(args, key) for key, _, _ in SCENE_OPTIONS}
+    options |= {"error": args.error or None, "accuracy.within": args.accuracy}
+    names = {"accuracy.within": "--accuracy"}
     for key in ("max_time", "max_memory", "max_dofs"):
-        options[f"accuracy.{key}"] = key, getattr(args, key)
-    overrides = {key: value(word, key) for key, word in assignments(args.set).items()}
-    for key, (name, given) in options.items():
-        if given is not None and key in overrides:
-            option = f"--{name.replace('_', '-')}"
-            raise BadInput(f"{option} and --set {key}: expected one of them")
-    overrides |= {key: given for key, (_, given) in options.items() if given is not None}
+        options[f"accuracy.{key}"] = getattr(args, key)
+        names[f"accuracy.{key}"] = f"--{key.replace('_', '-')}"
+    settings = {key: value(word, key) for key, word in assignments(args.set).items()}
+    overrides = with_settings(options, settings, names)
 
     from mpi4py import MPI
 

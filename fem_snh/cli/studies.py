@@ -16,6 +16,7 @@ from fem_snh.cli.options import (
     output,
     split_petsc,
     value,
+    with_settings,
 )
 from fem_snh.cli.run import scene_list
 from fem_snh.errors import BadInput
@@ -270,9 +271,9 @@ def _prepare_process(command: str) -> None:
 
 def _axes(args: argparse.Namespace) -> dict[str, list[Any]]:
     """Return the list of values of each scene key on the command line."""
-    given = {key: getattr(args, key) for key, _, _ in SCENE_OPTIONS}
-    given = {key: text for key, text in given.items() if text is not None}
-    return {key: comma_list(key, text) for key, text in (given | assignments(args.set)).items()}
+    options = {key: getattr(args, key) for key, _, _ in SCENE_OPTIONS}
+    given = with_settings(options, assignments(args.set))
+    return {key: comma_list(key, text) for key, text in given.items()}
 
 
 def _limits(args: argparse.Namespace) -> dict[str, Any]:

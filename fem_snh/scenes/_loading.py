@@ -24,6 +24,8 @@ from fem_snh.tables.validation import Table, one_line
 _MOST_SUGGESTED = 4
 #: Keys that stand for a key of the material's table.
 _SHORT = {"material": "material.name", "E": "material.E", "nu": "material.nu"}
+#: Keys that have another name, and that name.
+_SYNONYMS = _SHORT | {"steps": "time.steps"}
 
 
 def load(scene: str | Path | Scene | Callable[..., Scene], /, **overrides: Any) -> Scene:
@@ -48,6 +50,7 @@ def load(scene: str | Path | Scene | Callable[..., Scene], /, **overrides: Any) 
     """
     given = {key: value for key, value in overrides.items() if value is not None or "." in key}
     given = {key: v.tolist() if hasattr(v, "tolist") else v for key, v in given.items()}
+    _check_given_once(given)
     if isinstance(scene, Scene):
         return validate(_tables(scene), scene.name, given) if given else scene
     if callable(scene):
@@ -56,6 +59,19 @@ def load(scene: str | Path | Scene | Callable[..., Scene], /, **overrides: Any) 
     if label.endswith(".toml"):
         return validate(read_toml(Path(scene)), label, given)
     return _call(function(label), label, given)
+
+
+def _check_given_once(given: Mapping[str, Any]) -> None:
+    """Raise BadInput for a key that is given under two names."""
+    choice = given.get("material")
+    table = choice if isinstance(choice, Mapping) else {}
+    for short, long in _SYNONYMS.items():
+        if short in given and long in given and not (short == "material" and table):
+            raise BadInput(f"{short} and {long}: expected one of them")
+    for key in table:
+        for other in (key, f"material.{key}"):
+            if other in given and _SYNONYMS.get(other, other) == f"material.{key}":
+                raise BadInput(f"material and {other}: expected {key} in one of them")
 
 
 def load_to_run(scene: str | Path | Scene | Callable[..., Scene], /, **overrides: Any) -> Scene:

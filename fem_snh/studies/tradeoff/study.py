@@ -34,6 +34,8 @@ from fem_snh.studies.tradeoff.reference import CANDIDATES, LOCKING_FREE, MESHES
 
 _FEATURES = ("mesh", "solver", "forcing", "tolerance", "default")
 _COST = ("cpu", "peak_memory_mb", "h", "linear_solver")
+#: The keys of a scene that set Poisson's ratio.
+_NU = {"nu", "material.nu"}
 
 
 def tradeoff(
@@ -96,6 +98,9 @@ def tradeoff(
     """
     overrides, flags = dict(overrides or {}), {k: limits.pop(k, False) for k in _FLAGS}
     own = scenes.load(scene, **overrides)
+    for key in _NU & overrides.keys():
+        if nus:
+            raise BadInput(f"nu and {key}: expected one of them")
     plan = _plan(own, nus, elements, meshes, dict(base or {}), vary, vary_at, full)
     of = errors.quantities([str(r.group) for r in own.reactions], [p.name for p in own.probe])
     if not own.probe:
@@ -121,7 +126,8 @@ def tradeoff(
         report=report,
         **flags,
     )
-    studied = {nu: plan.points(scene, nu, overrides, options) for nu in plan.nus}
+    other = {key: value for key, value in overrides.items() if key not in _NU}
+    studied = {nu: plan.points(scene, nu, other, options) for nu in plan.nus}
     with batch:
         batch.register(
             {name: point for points in studied.values() for name, point in points.items()}
