@@ -73,6 +73,18 @@ def test_pressures_are_conservative_where_edges_are_closed_or_constrained(
     assert bool(p.terms[1].note) == (not has_energy)
 
 
+@mpi
+@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
+@pytest.mark.parametrize("cells", [1, 2])
+def test_fields_have_enough_equations(comm, cell, cells):
+    """Five pressures on a cell have 55 parameters, and three displacements 36 equations."""
+    faces = ["left", "right", "front", "back", "top"]
+    element, body = {"h": "Q1", "t": "P1"}[cell[0]], cube(comm, cell, cells)
+    for differ in (True, False):  # equal ones are that of a closed surface
+        loads = [on(face, 1.0 + differ * i) for i, face in enumerate(faces)]
+        assert pressed(body, loads, element, hold=[Hold("bottom")]).has_energy != differ
+
+
 def test_amplitudes_must_agree_around_a_closed_surface(comm):
     body = cube(comm, "hexahedron", 1)
     ramped = [on(face, table=ramp) for face in FACES]

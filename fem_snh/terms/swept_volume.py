@@ -25,8 +25,11 @@ is conservative where the curve's ends are on the axis or do not move along it.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import cycle
+from math import ceil
 from typing import Any
 
+from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
@@ -45,6 +48,8 @@ Array = npt.NDArray[Any]
 #: Loads at which the derivatives are compared, each with another displacement: the field must be
 #: the same for all, so that a moving plane is a reason for an energy only if no field crosses it.
 _LOADS = (0.0, 0.5, 1.0)
+#: Least number of equations over that of parameters: few nodes have further displacements.
+_OVERDETERMINED = 2
 #: Amplitude and wave vectors of these displacements, in lengths of the body: large enough for
 #: cof(F) to be nonlinear, without a symmetry.
 _AMPLITUDE, _WAVES = 0.1, np.array([[2.0, 5, 3], [3, 1, 4], [5, 3, 2]])
@@ -217,25 +222,43 @@ def fit_fields(
     (n, num_parameters) array or None
         None if no fields make the pressures conservative.
     """
-    V, size = volumes[0].V, volumes[0].num_parameters
-    states = _states(V, dirichlet)
-    found = [(p, *v.compare(states, dirichlet)) for p, v in zip(pressures, volumes, strict=True)]
-    columns = [p * change for p, _, _, change in found]
-    missing = np.sum([p * column for p, _, column, _ in found], axis=0)
-    sizes = np.stack([p * residual for p, residual, _, _ in found], axis=1)
+    comm, size = volumes[0].V.mesh.comm, volumes[0].num_parameters
+    unknowns = size * len(volumes)
+    table = _compare_all(volumes, pressures, dirichlet, len(_LOADS))
+    # On few free nodes there are fewer equations than parameters, which fulfil any of them.
+    largest = comm.allreduce(float(np.abs(table).max(initial=0.0)), op=MPI.MAX)
+    is_equation = (np.abs(table[:, : unknowns + 1]) > _ROUNDING * largest).any(axis=1)
+    equations = comm.allreduce(int(is_equation.sum()))
+    if 0 < equations < _OVERDETERMINED * unknowns:
+        more = ceil(_OVERDETERMINED * unknowns / equations)
+        table = _compare_all(volumes, pressures, dirichlet, more * len(_LOADS))
     # The triangular factor has the norms and the products of all columns, on all ranks together.
-    table = np.concatenate([*columns, missing[:, None], sizes], axis=1)
-    factors = V.mesh.comm.allgather(np.linalg.qr(table, mode="r"))
-    R = np.concatenate(factors)
-    A, b = R[:, : size * len(found)], R[:, size * len(found)]
-    scale = np.linalg.norm(R[:, -len(found) :])
+    R = np.concatenate(comm.allgather(np.linalg.qr(table, mode="r")))
+    A, b = R[:, :unknowns], R[:, unknowns]
+    scale = np.linalg.norm(R[:, unknowns + 1 :])
     if scale == 0.0:
-        return np.zeros((len(found), size))
+        return np.zeros((len(volumes), size))
     U, values, W = np.linalg.svd(A, full_matrices=False)
     kept = values > _ROUNDING * scale
     parameters = (W[kept].T / values[kept]) @ (U[:, kept].T @ b)
     fits = np.linalg.norm(A @ parameters - b) <= _ROUNDING * scale
-    return parameters.reshape(len(found), size) if fits else None
+    return parameters.reshape(len(volumes), size) if fits else None
+
+
+def _compare_all(
+    volumes: Sequence[SweptVolume], pressures: Sequence[float], dirichlet: Dirichlet, count: int
+) -> Array:
+    """Return the equations of `fit_fields` at some displacements: a row for each owned dof.
+
+    Collective. The columns are the changes with the parameters of each surface, what is missing,
+    and the residual of each surface.
+    """
+    states = _states(volumes[0].V, dirichlet, count)
+    found = [(p, *v.compare(states, dirichlet)) for p, v in zip(pressures, volumes, strict=True)]
+    columns = [p * change for p, _, _, change in found]
+    missing = np.sum([p * column for p, _, column, _ in found], axis=0)
+    sizes = np.stack([p * residual for p, residual, _, _ in found], axis=1)
+    return np.concatenate([*columns, missing[:, None], sizes], axis=1)
 
 
 def enclosed_volume(volume: SweptVolume, parameters: Array, dirichlet: Dirichlet) -> float | None:
@@ -282,12 +305,12 @@ def _centre(domain: Any) -> Array:
     return (np.min(boxes, axis=0)[0] + np.max(boxes, axis=0)[1]) / 2
 
 
-def _states(V: Any, dirichlet: Dirichlet) -> list[PETSc.Vec]:
+def _states(V: Any, dirichlet: Dirichlet, count: int = len(_LOADS)) -> list[PETSc.Vec]:
     """Return smooth displacements without a symmetry, with the boundary values of some loads."""
     length = body_volume(V.mesh) ** (1 / _dolfinx.mesh_dimension(V.mesh)[0])
     X = V.tabulate_dof_coordinates() / length
     states = []
-    for number, load in enumerate(_LOADS):
+    for number, load in zip(range(count), cycle(_LOADS), strict=False):
         u = _dolfinx.create_vector(V)
         waves = _AMPLITUDE * length * np.sin(X @ _WAVES + _PHASES + _SHIFT * number)
         waves = waves[:, : _dolfinx.num_components(V)]
