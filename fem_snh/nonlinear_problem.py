@@ -12,7 +12,6 @@ from typing import Any
 from petsc4py import PETSc
 
 from fem_snh import _dolfinx, solver
-from fem_snh._petsc import default_options
 from fem_snh.accuracy.program_goals import EstimatesErrors
 from fem_snh.accuracy.state_notes import state_notes
 from fem_snh.errors import ResultNote, check_whole, choose
@@ -23,7 +22,7 @@ from fem_snh.problem.problem import Problem
 from fem_snh.problem.program_modes import HasModes
 from fem_snh.problem.program_reactions import HasReactions
 from fem_snh.problem.supports import SupportsCheck
-from fem_snh.solver.options import check_given_options
+from fem_snh.solver.options import GivenOptions
 from fem_snh.steps.condensation import program_pressures
 from fem_snh.steps.jump import jump_note
 from fem_snh.steps.program_path import Loading, ProgramPath, SolverChoice
@@ -160,10 +159,10 @@ class NonlinearProblem(EstimatesErrors, HasModes, HasReactions):
         kinematics: str | None = None,
     ) -> None:
         choose("predictor", predictor, PREDICTORS)
-        check_given_options(petsc_options_prefix, petsc_options)
+        given = GivenOptions(petsc_options_prefix, petsc_options)
         self._load, self._kinematics = LoadFunction(), kinematics
         self._problem = self._create(u, materials, bcs, terms, element, densities)
-        self._prefix, self._options = petsc_options_prefix, dict(petsc_options or {})
+        self._prefix, self._given = petsc_options_prefix, given
         self.u, self.x, self.A, self.reason = u, self._problem.x, self._problem.A, ""
         self.newton = self.linear = 0
         with self._petsc_options():
@@ -175,7 +174,7 @@ class NonlinearProblem(EstimatesErrors, HasModes, HasReactions):
             name: StepSolver(self._problem, self.solver, name, motion, None, pressures)
             for name in dict.fromkeys((predictor, PREDICTORS[predictor]))
         }
-        chosen = self._prefix, self._options, hessian, globalization, PREDICTORS[predictor]
+        chosen = self._prefix, given.values, hessian, globalization, PREDICTORS[predictor]
         self._path_of = partial(ProgramPath.of, self._problem, self._load, SolverChoice(*chosen))
         self._path, self._is_new = None, True
         self._predictor, self.b = predictor, self.solver.getFunction()[0]
@@ -309,7 +308,8 @@ class NonlinearProblem(EstimatesErrors, HasModes, HasReactions):
     def _examine(self, converged: bool, negative: int | None, notes: Sequence[Note] = ()) -> None:
         """Set the notes on a state; warn of new kinds on rank 0. Collective."""
         found = state_notes(self._problem, negative) if converged else []
-        self.notes = [*self._load_notes, *self._supports.notes, *notes, *found]
+        own = [*self._load_notes, *self._supports.notes, *self._given.notes()]
+        self.notes = [*own, *notes, *found]
         for note in self.notes:
             if note.kind not in self._warned and self._problem.comm.rank == 0:
                 warnings.warn(note.text, ResultNote, stacklevel=3)
@@ -334,6 +334,6 @@ class NonlinearProblem(EstimatesErrors, HasModes, HasReactions):
         norm = PETSc.NormType.INFINITY
         return bool(prescribed.norm(norm) > _ROUNDING * self.x.norm(norm))
 
-    def _petsc_options(self) -> AbstractContextManager[list[str]]:
+    def _petsc_options(self) -> AbstractContextManager[None]:
         """Put the options into PETSc's database: parts of the solver are set up when it solves."""
-        return default_options(self._prefix, self._options)
+        return self._given.active()

@@ -14,7 +14,8 @@ from typing import Any, NamedTuple
 #: another surface, between the points at which contact acts; penalties that yield; an unstable
 #: equilibrium; nodes outside of the mesh of the run from which this one starts; rigid motions that
 #: nothing constrains, or supports without an area; a pressure that is known up to a constant; cells
-#: of the mesh that meet without being connected; a motion that gains energy.
+#: of the mesh that meet without being connected; a motion that gains energy; PETSc options that no
+#: solver has.
 KINDS = (
     "supports",
     "load",
@@ -29,6 +30,7 @@ KINDS = (
     "pressure",
     "mesh",
     "energy",
+    "options",
 )
 #: Those on how a state was reached, which hold for what starts from it.
 NOTES_ON_PATH = ("jump", "start")

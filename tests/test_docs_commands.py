@@ -170,7 +170,7 @@ def test_quick_variant_runs(
         code = cli.main(words[1:])
         printed = capsys.readouterr()
         assert code == 0, printed
-        assert "nothing used the PETSc option" not in printed.out  # a misspelt one
+        assert "no solver has the PETSc option" not in printed.out  # a misspelt one
         return
     options = {key: value(text) for key, text in benchmark_options(words[3:]).items()}
     code = benchmarks.main(words[3], options)

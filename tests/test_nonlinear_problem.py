@@ -195,6 +195,17 @@ def test_solver_that_diverges(comm):
     assert not PETSc.Options("other_").hasName("snes_max_it")
 
 
+def test_an_option_that_no_solver_has(comm):
+    """It has a note after each solve; one of what may be asked for later has none."""
+    body = Press(unit_cube(comm, 2))
+    options = {"snes_maxx_it": 5, "snes_max_it": 60, "-ksp_rtol": 1e-3, "modes_eps_tol": 1e-9}
+    problem = fem_snh.NonlinearProblem(body.u, {SNH: ufl.dx}, bcs=body.bcs, petsc_options=options)
+    for _ in range(2):
+        problem.solve()
+        (note,) = (note for note in problem.notes if note.kind == "options")
+        assert note.values["names"] == ["-snh_snes_maxx_it"] and "-snh_snes_maxx_it" in note.text
+
+
 def turned(element: str, cell: str, cells: tuple[int, int, int], comm) -> tuple:
     """Return the problem of a bar of rubber, nu = 0.4999, and the function that turns its top."""
     kind = getattr(mesh.CellType, cell)

@@ -277,3 +277,9 @@ def test_the_estimate_is_no_time_of_the_solve(monkeypatch):
 
 def test_names_in_a_sentence():
     assert [in_words("abc"[:n]) for n in (1, 2, 3)] == ["a", "a and b", "a, b and c"]
+
+
+def test_a_petsc_option_that_no_solver_has_is_a_note():
+    found = solve("twist", cells=1, steps=1, petsc={"snes_maxx_it": 3, "ksp_max_it": 90})
+    (note,) = (note for note in found.record["notes"] if note["kind"] == "options")
+    assert note["names"] == ["-snh_snes_maxx_it"]

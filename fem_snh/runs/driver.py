@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from mpi4py import MPI
 
 from fem_snh import scenes, solver
-from fem_snh._petsc import default_options, option_used
+from fem_snh._petsc import default_options
 from fem_snh.assembly.timing import untimed
 from fem_snh.errors import BadInput, on_every, on_root
 from fem_snh.interrupts import Interrupts
@@ -25,6 +25,7 @@ from fem_snh.runs.recorder import Recorder
 from fem_snh.runs.result import Result
 from fem_snh.runs.setup import Setup, set_up
 from fem_snh.runs.vibrations import vibrations
+from fem_snh.solver.options import unused_options
 
 if TYPE_CHECKING:
     from fem_snh.accuracy.goal_errors import Estimate
@@ -174,10 +175,10 @@ def _run(
         status = "converged" if setup.stepper.done else setup.stepper.failure_message()
         with untimed(setup.problem):
             recorder.add_notes(final_notes(setup, recorder.record["steps"], estimate))
+        recorder.add_notes(unused_options(solver.PREFIX + name for name in given))
         recorder.save(status)
         path = folder.path if folder else None
-        # PETSc does not report misspelt options.
-        printed.end(recorder.record, path, [k for k in given if not option_used(solver.PREFIX + k)])
+        printed.end(recorder.record, path)
         setup.destroy()
     return setup.result(recorder.record, path, estimate)
 

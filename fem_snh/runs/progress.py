@@ -142,8 +142,8 @@ class Progress:
         ended = f"; {accuracy['limit']}" if accuracy["limit"] else ""
         self._print(self._style(f"not within {asked}: {best}{ended}", "red"))
 
-    def end(self, record: dict[str, Any], out: Path | None, unused: list[str]) -> None:
-        """Print the frequencies, the status, the files, and PETSc options that nothing used."""
+    def end(self, record: dict[str, Any], out: Path | None) -> None:
+        """Print the frequencies, the status, the files and the notes."""
         files = "run.json, steps.csv, fields.pvd"
         if modes := record.get("modes"):
             listed = ", ".join(f"{f:.4g}" for f in modes["frequencies"][:_FREQUENCIES])
@@ -157,9 +157,6 @@ class Progress:
             status = f"{outcome}: {status}"
         self._print(f"  {status} in {record['seconds']['total']:.1f} s{where}")
         self._notes(record)
-        if unused:
-            note = self._style("note", "yellow")
-            self._print(f"  {note}: nothing used the PETSc option(s) {', '.join(unused)}")
 
 
 def _shows_styles() -> bool:

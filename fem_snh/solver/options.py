@@ -6,12 +6,14 @@ have its name (PETSc 3.22 and later); their defaults are ours.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from math import inf
 from typing import Any, NamedTuple
 
 from petsc4py import PETSc
 
+from fem_snh._petsc import default_options, option_used
 from fem_snh.choices import (
     DEFAULT_HESSIAN,
     DEFAULT_LBFGS_MAX_IT,
@@ -20,7 +22,8 @@ from fem_snh.choices import (
     GLOBALIZATIONS,
     HESSIANS,
 )
-from fem_snh.errors import BadInput, bad_value, choose
+from fem_snh.errors import BadInput, bad_value, choose, in_words
+from fem_snh.notes import Note
 from fem_snh.solver.linear_choice import CHOICES
 
 Value = str | float
@@ -313,7 +316,57 @@ def check(options: Values, problem: str) -> None:
     choose("snes_adaptive_filter", str(options["snes_adaptive_filter"]), FILTERS[1:])
 
 
-def check_given_options(prefix: Any, options: Any) -> None:
+#: Options of what a program may ask for after it has solved: eigenfrequencies, errors.
+_LATER = ("modes_", "lifted_")
+
+
+def unused_options(names: Iterable[str]) -> list[Note]:
+    """Return a note on options, with their prefix, that no solver has asked PETSc for.
+
+    PETSc does not report misspelt options.
+    """
+    unused = [f"-{name.lstrip('-')}" for name in names if not option_used(name.lstrip("-"))]
+    if not unused:
+        return []
+    text = f"no solver has the PETSc option {in_words(unused)}: it may be misspelt"
+    return [Note("options", text, values={"names": unused})]
+
+
+class GivenOptions:
+    """The PETSc options of a program, in PETSc's database while `active`.
+
+    Parameters
+    ----------
+    prefix : str
+        Their prefix.
+    options : mapping or None
+        Their values by name without the prefix.
+
+    Raises
+    ------
+    BadInput
+        Unless they are a mapping, and the prefix is a text.
+    """
+
+    def __init__(self, prefix: str, options: Mapping[str, Any] | None) -> None:
+        _check_given(prefix, options)
+        self.prefix, self.values = prefix, dict(options or {})
+        names = (name.lstrip("-") for name in self.values)
+        self._unused = {prefix + name for name in names if not name.startswith(_LATER)}
+
+    @contextmanager
+    def active(self) -> Iterator[None]:
+        """Set those that the user has not set, for the duration of a ``with`` block."""
+        with default_options(self.prefix, self.values):
+            yield
+            self._unused = {name for name in self._unused if not option_used(name)}
+
+    def notes(self) -> list[Note]:
+        """Return a note on those that no solver has used, now or in an earlier block."""
+        return unused_options(sorted(self._unused))
+
+
+def _check_given(prefix: Any, options: Any) -> None:
     """Raise BadInput unless a program's options are a mapping and their prefix is a text."""
     if not isinstance(prefix, str):
         raise bad_value("petsc_options_prefix", prefix, "a text, e.g. 'press_'")
