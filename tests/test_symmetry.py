@@ -18,6 +18,7 @@ import fem_snh
 from fem_snh import _dolfinx, scenes, solver
 from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.errors import BadInput
+from fem_snh.steps.jump import JumpDetector
 
 mpi = pytest.mark.mpi
 CORNER = ("left", "bottom", "back")
@@ -264,6 +265,21 @@ def test_a_sector_of_a_tube_is_the_whole(comm, folder, parts):
     assert second["reactions"]["start"][1] == pytest.approx(
         first["reactions"]["start"][1], abs=1e-9
     )
+
+
+@mpi
+def test_steps_of_a_sector_without_a_guess_are_not_examined(comm, folder, monkeypatch):
+    """Inclined planes leave rounding of the guess, by which each step was followed again."""
+    calls = []
+    compare = JumpDetector._compare
+
+    def counted(self, *args):
+        calls.append(args)
+        return compare(self, *args)
+
+    monkeypatch.setattr(JumpDetector, "_compare", counted)
+    run_sector(comm, folder, np.pi / 6, 2, hold=[LOW, HIGH], steps=4, predictor="none", **PLANES)
+    assert not calls
 
 
 @mpi

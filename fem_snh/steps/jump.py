@@ -8,8 +8,8 @@ is steep and steady, as that of a sheet that is pressed to a hundredth of its he
 
 A step that ends far from where its first guess was may have passed a bifurcation: beyond it there
 are several stable states. (The guess of a step without one is that the body goes on as in the step
-before.) Small problems are solved again in parts of the step; where their end has
-another energy, the step has skipped the path.
+before.) Small problems are solved again in parts of the step; where their end has another energy,
+the step has skipped the path.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from fem_snh.problem.problem import Problem
 #: Displacement of a step over the one that was expected from which it is examined.
 _FAR = 3.0
 #: Expected over real displacement below which the expected one is rounding: the first guess was the
-#: state before the step, as where a level starts from that of a coarser mesh.
+#: state before the step, as without a predictor, or where a level starts from a coarser mesh.
 _NONE = 1e-9
 #: How often the step is halved.
 _HALVINGS = 3
@@ -129,7 +129,7 @@ class JumpDetector:
         moved, step = self._distance(start, end), to - load
         guessed = self._distance(start, guess)
         expected = max(guessed, self._rate * step)
-        if not guessed and self._motion is not None:
+        if guessed <= _NONE * moved and self._motion is not None:
             guess = start + step * self._motion
         self._motion, self._rate = (end - start) / step, moved / step
         found: Jump | SkippedPath | None = None
