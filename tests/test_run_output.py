@@ -275,6 +275,20 @@ def test_the_estimate_is_no_time_of_the_solve(monkeypatch):
     assert seconds["assemble"] == before[0] and seconds["estimate"] > 0
 
 
+def test_an_interrupted_estimate_is_no_time_of_the_solve_either(tmp_path, monkeypatch):
+    before = []
+
+    def interrupted(setup, *_):
+        before.append(setup.problem.seconds["assemble"])
+        setup.problem.seconds["assemble"] += 100.0
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(estimates, "estimate_errors", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        solve("press", out=tmp_path, cells=2, steps=1, error=True)
+    assert record(tmp_path)["seconds"]["assemble"] == before[0]
+
+
 def test_names_in_a_sentence():
     assert [in_words("abc"[:n]) for n in (1, 2, 3)] == ["a", "a and b", "a, b and c"]
 

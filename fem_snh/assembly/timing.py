@@ -29,5 +29,7 @@ def timed(method: Callable[..., T]) -> Callable[..., T]:
 def untimed(problem: Any) -> Iterator[None]:
     """Leave evaluations within this block, as of output, out of the problem's time."""
     seconds = problem.seconds["assemble"]
-    yield
-    problem.seconds["assemble"] = seconds
+    try:
+        yield
+    finally:
+        problem.seconds["assemble"] = seconds

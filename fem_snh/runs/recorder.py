@@ -30,9 +30,10 @@ _FIRST_STEPS, _SHARE = 100, 0.1
 class Recorder:
     """A context that records every step in run.json and writes the output.
 
-    With very many quick steps the record and the checkpoint are not written after each one. If an
-    exception leaves the context, rank 0 writes its reason as the status. The checkpoint is
-    written before the other files, so that a step which they contain can always be resumed.
+    With very many quick steps the record and the checkpoint are not written after each one. The
+    checkpoint is written before the other files, so that each step in run.json can be resumed while
+    the run goes on. If an exception leaves the context, rank 0 writes its reason as the status, and
+    all steps, of which the last may not be in the checkpoint.
 
     Parameters
     ----------
