@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from pathlib import Path
+from time import sleep
 
 from mpi4py import MPI
 
@@ -13,6 +14,7 @@ import pytest
 from running import record, rows, solve
 
 import fem_snh
+from fem_snh import _dolfinx
 from fem_snh.errors import BadInput, in_words
 from fem_snh.runs import estimates
 from fem_snh.runs.folder import COLUMNS, Folder
@@ -287,6 +289,29 @@ def test_an_interrupted_estimate_is_no_time_of_the_solve_either(tmp_path, monkey
     with pytest.raises(KeyboardInterrupt):
         solve("press", out=tmp_path, cells=2, steps=1, error=True)
     assert record(tmp_path)["seconds"]["assemble"] == before[0]
+
+
+def test_the_seconds_of_jit_are_of_all_that_is_compiled(monkeypatch, tmp_path):
+    """Spaces and forms of the setup, of fields, of the estimate and of notes: in no other part."""
+    plain, slept = _dolfinx.forms.fem.form, []
+
+    def slow(*arguments, **keys):
+        slept.append(0.1)
+        sleep(slept[-1])
+        return plain(*arguments, **keys)
+
+    keys = {"cells": 2, "steps": 1, "assembly": "ufl", "fields": ["von_mises"], "error": True}
+    solve("twist", out=tmp_path / "first", **keys)
+    monkeypatch.setattr(_dolfinx.forms.fem, "form", slow)
+    found = solve("twist", out=tmp_path / "second", **keys).record
+    seconds = dict(found["seconds"])
+    total, jit = seconds.pop("total"), seconds.pop("jit")
+    assert len(slept) > 3 and jit > sum(slept)
+    assert all(value >= 0 for value in seconds.values()) and sum(seconds.values()) + jit <= total
+    assert sum(seconds.values()) < total - sum(slept)
+    assert seconds["estimate"] == pytest.approx(
+        found["estimate"]["seconds"] - found["estimate"]["jit"]
+    )
 
 
 def test_names_in_a_sentence():

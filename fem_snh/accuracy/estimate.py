@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from math import hypot, inf
-from time import perf_counter
 
 from mpi4py import MPI
 
@@ -55,7 +54,7 @@ from fem_snh.accuracy.shape_surfaces import (
     is_on_flesh,
 )
 from fem_snh.assembly.elements import Element
-from fem_snh.compile_clock import compile_seconds
+from fem_snh.compile_clock import Stopwatch
 from fem_snh.contact.obstacle_contact import ObstacleContact
 from fem_snh.errors import in_words
 from fem_snh.mesh.mesh import Mesh
@@ -171,7 +170,7 @@ def estimate_with(
     mesh : Mesh, optional
         The mesh of a scene.
     """
-    start, compiled = perf_counter(), compile_seconds()
+    watch = Stopwatch()
     estimate = Estimate(_without_errors(problem, goals))
     try:
         add_errors(estimate)
@@ -190,8 +189,8 @@ def estimate_with(
     problem.split(problem.x)
     terms = [goal for goal in goals if isinstance(goal, TermGoal)]
     _mark_forces_without_contact(problem, terms, estimate)
-    estimate.seconds = perf_counter() - start
-    estimate.jit = compile_seconds() - compiled
+    estimate.jit = watch.jit
+    estimate.seconds = watch.seconds + estimate.jit
     return estimate
 
 

@@ -20,7 +20,6 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib import import_module
-from time import perf_counter
 from typing import Any
 
 from petsc4py import PETSc
@@ -39,6 +38,7 @@ from fem_snh.assembly.regions import (
     volume_mean,
 )
 from fem_snh.assembly.timing import untimed
+from fem_snh.compile_clock import Stopwatch
 from fem_snh.errors import BadInput
 from fem_snh.problem.problem import Problem
 from fem_snh.solver import PREFIX as SOLVER_PREFIX
@@ -347,7 +347,7 @@ def lowest(
         On every rank: see `check`; or if SLEPc does not converge, or its eigenpairs have a large
         residual.
     """
-    start = perf_counter()
+    watch = Stopwatch()
     with untimed(problem):
         check(problem, count)
         with _library_errors():
@@ -368,7 +368,7 @@ def lowest(
         frequencies.tolist(),
         residuals,
         [eigenproblem.shape(v, np.sqrt(mass) * problem.length) for v in vectors],
-        perf_counter() - start,
+        watch.seconds,
     )
 
 

@@ -129,7 +129,7 @@ class Problem:
     nonfinite : int
         Number of energies evaluated so far that were infinite or NaN.
     seconds : dict of float
-        Time for compilation ("jit") and for evaluations ("assemble").
+        Time for evaluations ("assemble"), without compilation.
 
     Raises
     ------
@@ -203,7 +203,7 @@ class Problem:
         self.coupling_terms = [term for term in self.terms if isinstance(term, CouplingTerm)]
         self._rank_one = RankOneUpdate.of(self.terms, self.A, self.V, self.project)
         self.operator = self._rank_one.mat if self._rank_one else self.A
-        self.seconds = {"jit": self.elastic.jit_seconds, "assemble": 0.0}
+        self.seconds = {"assemble": 0.0}
 
     @property
     def num_cells(self) -> int:

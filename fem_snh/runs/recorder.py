@@ -8,6 +8,7 @@ from contextlib import suppress
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
+from fem_snh.compile_clock import Stopwatch
 from fem_snh.errors import BadInput, on_root
 from fem_snh.notes import NOTES_ON_PATH, Note
 from fem_snh.runs.checkpoint import CheckpointWriter
@@ -63,6 +64,7 @@ class Recorder:
         self.record, self._folder, self._start = record, folder, start
         self._stepper, self._problem = setup.stepper, setup.problem
         self._seconds, self._processor = setup.seconds, setup.processor
+        self._watch = setup.watch
         self._checkpoint = CheckpointWriter(folder, setup) if folder else None
         self._earlier = earlier or {}
         self._fields: Fields | None = None
@@ -83,8 +85,6 @@ class Recorder:
             self._fields = Fields(path, setup, resumed, folder.files, names)
             if self._fields.group_names:
                 record["cell_groups"] = self._fields.group_names
-            jit = self._seconds["jit"] + self._fields.jit_seconds
-            self._seconds = self._seconds | {"jit": jit}
         self._output = 0.0
         #: Whether a state that converged has not been written.
         self._behind = False
@@ -121,12 +121,12 @@ class Recorder:
 
     def add_modes(self, modes: VibrationModes) -> None:
         """Add the eigenfrequencies and write the mode shapes. Collective."""
-        start = perf_counter()
+        watch = Stopwatch()
         self.record["modes"] = modes.record
         self._seconds = self._seconds | {"modes": modes.seconds}
         if self._folder:
             write_modes(self._folder.path / "modes.pvd", modes, self._folder.files)
-        self._output += perf_counter() - start
+        self._output += watch.seconds
 
     def add_estimate(self, estimate: Estimate) -> None:
         """Add the goals and the estimates of their errors, also to the row of the last step.
@@ -138,11 +138,11 @@ class Recorder:
         last = next(row for row in reversed(self.record["steps"]) if row["converged"])
         last["goals"] = {name: goal.value for name, goal in estimate.goals.items()}
         last["errors"] = {name: goal.error for name, goal in estimate.goals.items()}
-        self._seconds = self._seconds | {"estimate": estimate.seconds}
+        self._seconds = self._seconds | {"estimate": estimate.seconds - estimate.jit}
         if self._fields:
-            start = perf_counter()
+            watch = Stopwatch()
             self._fields.write_errors(self._problem, estimate.indicators)
-            self._output += perf_counter() - start
+            self._output += watch.seconds
 
     @property
     def writes_fields(self) -> bool:
@@ -165,7 +165,7 @@ class Recorder:
         BadInput
             On every rank, if a file cannot be written.
         """
-        start = perf_counter()
+        watch = Stopwatch()
         comm = self._problem.comm
         # ru_maxrss is in KiB.
         peak = comm.allreduce(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
@@ -180,10 +180,10 @@ class Recorder:
         self._behind = (self._behind or state) and not (due and state)
         if self._checkpoint and due and state:
             self._checkpoint.write(self.record)
-        taken = perf_counter() - start
+        taken = watch.seconds
         if self._fields and state:
             self._fields.write(self._problem)
-        self._output += perf_counter() - start
+        self._output += watch.seconds
         if not due:
             return
         start = perf_counter()
@@ -206,7 +206,8 @@ class Recorder:
         assemble = self._problem.seconds["assemble"]
         self.record["status"] = status
         self.record["converged"] = status == "converged"
-        seconds = self._seconds | {
+        seconds = {"jit": self._watch.jit} | self._seconds
+        seconds |= {
             "assemble": assemble,
             "solve": self._stepper.seconds - assemble,
             "output": self._output,
@@ -217,11 +218,11 @@ class Recorder:
 
     def _write(self, status: str) -> None:
         """Update the record and write run.json and the tables. Not collective."""
-        now = perf_counter()
+        watch = Stopwatch()
         self._update(status)
         if self._folder:
             self._folder.write(self.record)
-            self._output += perf_counter() - now
+            self._output += watch.seconds
 
 
 def one_line(error: BaseException) -> str:

@@ -6,7 +6,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from time import perf_counter, process_time
 from typing import TYPE_CHECKING, Any
 
 from mpi4py import MPI
@@ -16,6 +15,7 @@ from fem_snh import scenes, solver
 from fem_snh.assembly import elements
 from fem_snh.assembly.kinematics import find_kinematics, kinematics_of
 from fem_snh.assembly.regions import Filling
+from fem_snh.compile_clock import Stopwatch
 from fem_snh.errors import BadInput
 from fem_snh.kernels.material import material
 from fem_snh.mesh import mesh as meshes
@@ -49,8 +49,10 @@ class Setup:
         Its nonlinear solver.
     stepper : Stepper
         The load steps.
+    watch : Stopwatch
+        What counts the seconds since its beginning.
     seconds : dict
-        Elapsed seconds: "jit" (compilation), "mesh", "setup".
+        Elapsed seconds, without compilation: "mesh", "setup".
     processor : float
         This rank's processor seconds, without compilation.
     condensation : Condensation
@@ -69,6 +71,7 @@ class Setup:
     problem: Problem
     snes: PETSc.SNES
     stepper: Stepper
+    watch: Stopwatch
     seconds: dict[str, float]
     processor: float
     condensation: Condensation
@@ -105,13 +108,13 @@ def set_up(
     BadInput
         On every rank, for a scene that does not fit its mesh, its material or its element.
     """
-    start, working = perf_counter(), process_time()
+    watch = Stopwatch()
     kinematics = kinematics_of(scene.kinematics)
     element = element or elements.element(scene.element, scene.quadrature, kinematics)
     mesh = mesh or make_mesh(comm, scene, element)
     find_kinematics(scene.kinematics, mesh.dim)
     _check_groups(scene, mesh)
-    meshed = perf_counter()
+    meshed = watch.seconds
 
     def make(nu: float | None = None, element: elements.Element = element) -> Problem:
         made = make_problem(scene, mesh, element, nu)
@@ -152,13 +155,12 @@ def set_up(
     asked = "stability = true"
     stability = solver.EquilibriumStability(problem, asked) if scene.stability else None
     stepper = Stepper(step, steps, probes, bones, every, stability)
-    jit = problem.seconds["jit"] + sum(part.jit for part in (continuation, pressures) if part)
-    seconds = {"jit": jit, "mesh": meshed - start, "setup": perf_counter() - meshed - jit}
-    working = max(0.0, process_time() - working - jit)
+    seconds = {"mesh": meshed, "setup": watch.seconds - meshed}
     other = None if scene.time else lambda element: make(element=element)
     return Setup(
-        scene, problem, snes, stepper, seconds, working, condensation, mesh, other, note, stiffer
-    )
+        scene, problem, snes, stepper, watch, seconds, watch.processor, condensation, mesh, other,
+        note, stiffer,
+    )  # fmt: skip
 
 
 def _why_condensed(scene: scenes.Scene) -> str:

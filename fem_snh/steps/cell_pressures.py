@@ -66,11 +66,6 @@ class CellPressures:
         self.reason = ""
         self.history: list[solver.Iteration] = []
 
-    @property
-    def jit(self) -> float:
-        """Seconds spent compiling its kernels."""
-        return self._mixed.seconds["jit"]
-
     def begin_step(self) -> None:
         """Take displacement and pressures from the equilibrium ``problem.x``. Collective."""
         mixed = self._mixed

@@ -25,11 +25,6 @@ class PoissonContinuation:
         ``make_problem(nu)`` returns the problem with this Poisson's ratio. Collective.
     hessian, globalization : str or None
         Hessian and globalization of their solvers, as for `fem_snh.solver.create`.
-
-    Attributes
-    ----------
-    jit : float
-        Seconds spent compiling their kernels.
     """
 
     def __init__(
@@ -43,7 +38,6 @@ class PoissonContinuation:
         for nu in nus:
             stage = make_problem(nu)
             self._stages.append((stage, solver.create(stage, hessian, globalization)))
-        self.jit = sum(stage.seconds["jit"] for stage, _ in self._stages)
 
     def solve(self, problem: Problem) -> list[solver.Iteration]:
         """Replace ``problem.x`` by the equilibrium of the last ratio. Collective.

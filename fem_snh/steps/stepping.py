@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from time import perf_counter, process_time
 from typing import TYPE_CHECKING, Any
 
 from fem_snh.accuracy.state_notes import unseen_penetrations
+from fem_snh.compile_clock import Stopwatch
 from fem_snh.problem.probes import Probes
 from fem_snh.solver import EquilibriumStability, StepOutcome
 from fem_snh.steps.jump import Jump, JumpDetector, SkippedPath
@@ -57,9 +57,9 @@ class Stepper:
     taken : int
         The steps that converged: more than the nominal ones where some were halved.
     seconds : float
-        Elapsed seconds of the steps.
+        Elapsed seconds of the steps, without compilation.
     processor : float
-        This rank's processor seconds of the steps.
+        This rank's processor seconds of the steps, without compilation.
     jump : Jump, SkippedPath or None
         The jump in the last step.
     """
@@ -134,7 +134,7 @@ class Stepper:
 
     def _attempt(self, load: float, to: float) -> dict[str, Any]:
         """Solve from ``load`` to load ``to`` and return the row; restore the state on failure."""
-        problem, start, processor_start = self.problem, perf_counter(), process_time()
+        problem, watch = self.problem, Stopwatch()
         nonfinite, estimate = problem.nonfinite, dict[str, float]()
         before = problem.x.copy()
         outcome = self.solver.solve(to, lambda outcome: estimate.update(self._judge(outcome)))
@@ -161,7 +161,7 @@ class Stepper:
             **estimate,
             **problem.measures(problem.x),
             "nonfinite": nonfinite,
-            "seconds": perf_counter() - start,
+            "seconds": watch.seconds,
         }
         if converged:
             self._last |= self._equilibrium(outcome)
@@ -177,8 +177,8 @@ class Stepper:
             self._last["probes"] = self.probes.values()
         if converged and self._bones:
             self._last["bones"] = self._bones.row()
-        self.seconds += perf_counter() - start
-        self.processor += process_time() - processor_start
+        self.seconds += watch.seconds
+        self.processor += watch.processor
         return self._last
 
     def examine_stability(self) -> dict[str, Any]:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from time import perf_counter
 from typing import Any, NamedTuple
 
 from mpi4py import MPI
@@ -69,8 +68,6 @@ class Elastic:
     ----------
     parts : list of Part
         The regions with their energies and loops.
-    jit_seconds : float
-        Time spent generating and compiling C.
     shape : tuple of int
         (cells of this rank, nodes per cell).
 
@@ -94,11 +91,9 @@ class Elastic:
         self._comm = V.mesh.comm
         tables = element_tables(V, element, Q, pressure_scale)
         self.shape = tables.nodes.shape[0], tables.nodes.shape[1]
-        start = perf_counter()
         with compiling():
             loops = partial(on_root, self._comm, compile_cell_loops)
             compiled = [loops(region.material, tables) for region in regions]
-        self.jit_seconds = perf_counter() - start
         self.parts = [
             Part(region, CellLoops(kernel, restricted(tables, region.cells, region.fractions)))
             for region, kernel in zip(regions, compiled, strict=True)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from math import isnan
-from time import perf_counter
 from typing import Any
 
 from mpi4py import MPI
@@ -71,7 +70,6 @@ class ElasticForms(Elastic):
                 accepted = f"'kernels' for '{material.name}', which has a stress but no energy"
                 raise bad_value("assembly", "ufl", accepted)
         super().__init__(V, element, regions, Q, pressure_scale)
-        start = perf_counter()
         self._u = _dolfinx.function(V, "u")
         self._p = None if Q is None else _dolfinx.function(Q, "p")
         self._mean: _MeanVolume | None = None
@@ -106,7 +104,6 @@ class ElasticForms(Elastic):
             for f in (self._u, self._p)
             if f is not None
         ]
-        self.jit_seconds += perf_counter() - start
 
     def energy(self, u: PETSc.Vec, p: PETSc.Vec | None = None) -> float:
         """Return the energy [J]; +inf where u is outside the energy's domain. Collective."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -65,8 +64,6 @@ class Fields:
     ----------
     group_names : list of list of str
         See `CellGroups`: the parts of the mesh are the field ``cell_group``. Empty: there is one.
-    jit_seconds : float
-        Time spent compiling what the further fields need.
     """
 
     def __init__(
@@ -112,13 +109,11 @@ class Fields:
 
             self._skin = SkinSeries(path.with_name(SKIN), problem.V, problem.skin, until, files)
         self._requested: RequestedFields | None = None
-        start = perf_counter()
         if setup.scene.fields:
             from fem_snh.runs.output.field_values import RequestedFields
 
             chosen = setup.scene.fields, setup.scene.fields_at
             self._requested = RequestedFields(problem, *chosen, motion.functions if motion else {})
-        self.jit_seconds = perf_counter() - start
 
     def write(self, problem: Problem) -> None:
         """Append the problem's state at its load to each series that does not have it. Collective.
