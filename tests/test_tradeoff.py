@@ -121,6 +121,7 @@ def test_a_choice_that_there_is_not(wrong: dict[str, Any], message: str) -> None
         ("cook --solver magic", "solver = 'magic': expected one of automatic, cg+ssor, "),
         ("cook --hessian magic", "hessian = 'magic': expected one of"),
         ("cook --timeout -1", "timeout = -1"),
+        ("cook --nu 0.3 --set material={nu=0.4}", "nu and material: expected one of them"),
     ],
 )
 def test_bad_input(
@@ -252,3 +253,15 @@ def test_a_study_with_a_material_of_ones_own(own: Path, tmp_path: Path) -> None:
     assert len(table) == 2 and table["converged"].all() and table["newton"].max() > 0
     records = [json.loads(path.read_text()) for path in tmp_path.rglob("run.json")]
     assert records and all(r["material"]["name"].endswith("gel.py:gel") for r in records)
+
+
+def test_poissons_ratio_of_a_table(own: Path, tmp_path: Path) -> None:
+    """It was said to be given twice, as each point has one."""
+    table = tradeoff(
+        own / "box.toml", tmp_path, meshes=[str(own / f"box{n}.msh") for n in (1, 2)],
+        elements=["Q1"], vary=[], timeout=60.0, overrides={"material": {"nu": 0.35}},
+        report=lambda line: None,
+    )  # fmt: skip
+    assert len(table) == 2 and table["converged"].all() and (table["nu"] == 0.35).all()
+    records = [json.loads(path.read_text()) for path in tmp_path.rglob("run.json")]
+    assert records and all(r["material"]["nu"] == 0.35 for r in records)

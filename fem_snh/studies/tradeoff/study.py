@@ -34,8 +34,6 @@ from fem_snh.studies.tradeoff.reference import CANDIDATES, LOCKING_FREE, MESHES
 
 _FEATURES = ("mesh", "solver", "forcing", "tolerance", "default")
 _COST = ("cpu", "peak_memory_mb", "h", "linear_solver")
-#: The keys of a scene that set Poisson's ratio.
-_NU = {"nu", "material.nu"}
 
 
 def tradeoff(
@@ -98,9 +96,9 @@ def tradeoff(
     """
     overrides, flags = dict(overrides or {}), {k: limits.pop(k, False) for k in _FLAGS}
     own = scenes.load(scene, **overrides)
-    for key in _NU & overrides.keys():
-        if nus:
-            raise BadInput(f"nu and {key}: expected one of them")
+    other, taken = _without_nu(overrides)
+    if nus and taken:
+        raise BadInput(f"nu and {taken}: expected one of them")
     plan = _plan(own, nus, elements, meshes, dict(base or {}), vary, vary_at, full)
     of = errors.quantities([str(r.group) for r in own.reactions], [p.name for p in own.probe])
     if not own.probe:
@@ -126,7 +124,6 @@ def tradeoff(
         report=report,
         **flags,
     )
-    other = {key: value for key, value in overrides.items() if key not in _NU}
     studied = {nu: plan.points(scene, nu, other, options) for nu in plan.nus}
     with batch:
         batch.register(
@@ -158,6 +155,18 @@ def write_advice(table: pd.DataFrame, out: Path) -> None:
     """Write advice.csv and advice.md into a folder."""
     replace_file(out / "advice.csv", advice.advice(table).to_csv(index=False, float_format="%.6g"))
     replace_file(out / "advice.md", advice.page(table))
+
+
+def _without_nu(overrides: Mapping[str, Any]) -> tuple[dict[str, Any], str]:
+    """Return the values of a scene without Poisson's ratio, and what set it, if anything did."""
+    other, taken = dict(overrides), ""
+    for key in ("nu", "material.nu"):
+        if other.pop(key, None) is not None:
+            taken = key
+    material = other.get("material")
+    if isinstance(material, Mapping) and "nu" in material:
+        taken, other["material"] = "material", {k: v for k, v in material.items() if k != "nu"}
+    return other, taken
 
 
 def _plan(
