@@ -169,6 +169,17 @@ def test_parameters_stay_within_what_the_material_accepts(
     assert found.record()["standard_errors"].keys() == first.keys()
 
 
+def test_a_parameter_of_a_scene_is_not_taken_for_its_own() -> None:
+    """It was a TypeError that said nothing of the scene; `to` alone was taken for a path."""
+    curve = MeasuredCurve("load", np.ones(1), np.ones(1), ["volume"], np.ones((1, 1)))
+    given: list[Any] = [(("press", curve, ["E"]), {}), (("press",), {"parameters": ["E"]})]
+    for arguments, keywords in given:
+        with pytest.raises(BadInput, match=r"^to = 0.8: .* fit_scene\(fem_snh.scenes.load\(scen"):
+            fit_scene(*arguments, to=0.8, **keywords)
+    with pytest.raises(BadInput, match="no such file"):
+        fit_scene(scenes.load("press", to=0.8), to="none.csv", parameters=["E"])
+
+
 def test_scenes_that_are_refused() -> None:
     curve = MeasuredCurve("load", np.ones(1), np.ones(1), ["volume"], np.ones((1, 1)))
     with pytest.raises(BadInput, match="expected a scene without"):

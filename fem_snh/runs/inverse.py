@@ -19,9 +19,10 @@ import json
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
-from functools import partial
+from functools import partial, wraps
+from inspect import signature
 from pathlib import Path
-from typing import Any
+from typing import Any, ParamSpec
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -49,6 +50,7 @@ from fem_snh.studies.fit.result import toml_table
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
+_P = ParamSpec("_P")
 
 #: Step of the central difference of residuals in a variable of size one: the cube root of the
 #: rounding error.
@@ -179,6 +181,28 @@ def _by_name(names: Sequence[str], values: Array) -> dict[str, list[float | None
     return dict(zip(names, rows, strict=True))
 
 
+def _refuse_two_values(function: Callable[_P, SceneFit]) -> Callable[_P, SceneFit]:
+    """Refuse a parameter that is given by its place and its name: that of a scene has its name."""
+    names = list(signature(function).parameters)
+
+    @wraps(function)
+    def checked(*arguments: _P.args, **keywords: _P.kwargs) -> SceneFit:
+        for name in names[: len(arguments)]:
+            if name in keywords:
+                accepted = f"one value; {_of_scene(name, keywords[name])}"
+                raise bad_value(name, keywords[name], accepted)
+        return function(*arguments, **keywords)
+
+    return checked
+
+
+def _of_scene(name: str, value: Any) -> str:
+    """Return how a value is given that belongs to a scene, not to `fit_scene`."""
+    call = f"fem_snh.scenes.load(scene, {name}={value!r})"
+    return f"a scene's own '{name}' is given by fit_scene({call}, ...)"
+
+
+@_refuse_two_values
 def fit_scene(
     scene: str | Path | scenes.Scene | Callable[..., scenes.Scene],
     to: str | Path | MeasuredCurve,
@@ -205,7 +229,8 @@ def fit_scene(
     max_solves : int
         Largest number of runs.
     **overrides
-        As for `fem_snh.run`.
+        As for `fem_snh.run`. A scene's parameter of the name of one of these, as ``to`` of `press`,
+        is given by ``fit_scene(fem_snh.scenes.load("press", to=0.8), ...)``.
 
     Raises
     ------
@@ -555,6 +580,8 @@ def _read_curve(to: str | Path | MeasuredCurve, scene: scenes.Scene) -> Measured
     """Return the measurements of a file; raise BadInput for what is wrong in it."""
     if isinstance(to, MeasuredCurve):
         return to
+    if not isinstance(to, str | Path):
+        raise bad_value("to", to, f"a file or a MeasuredCurve; {_of_scene('to', to)}")
     path = Path(to)
     _, ((_, names), *rows) = read_cells(path)
     if len(names) < 2 or any(map(is_number, names)):
