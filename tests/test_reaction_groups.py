@@ -58,6 +58,34 @@ def test_a_group_that_others_cover_has_their_forces(comm: Any) -> None:
     assert not [note for note in result.notes if "reactions" in note["text"]]
 
 
+def test_a_force_on_free_nodes_is_no_goal(comm: Any) -> None:
+    """It was the residual, with an error and a bound of its own."""
+    keys = CLAMPED | {"hold": [{"group": "left"}], "reactions": ["left", "right"]}
+    keys |= {"error": True, "petsc": {"snes_scaled_tol": 1e-3}}
+    scene = keys.pop("scene")
+    result = solve(scene, comm=comm, **keys)
+    assert {name for name in result.goals if ".force." in name} == {
+        f"left.force.{i}" for i in "xyz"
+    }
+    (note,) = [note["text"] for note in result.notes if "reactions" in note["text"]]
+    assert note.startswith("reactions of 'right': nothing constrains its nodes: the force is zero")
+    row = result.steps[-1]
+    assert 0 < np.linalg.norm(row["reactions"]["right"]) < row["tolerance"] * 4
+    for goal in ("right.force.x", "right.moment"):
+        with pytest.raises(
+            fem_snh.BadInput, match=f"goal = '{goal}': expected a group with constr"
+        ):
+            solve(scene, comm=comm, **keys | {"accuracy": {"goals": [goal]}})
+
+
+def test_a_rigid_part_has_forces_without_a_condition(comm: Any) -> None:
+    """They are those between it and the body, which carry the load."""
+    keys = CLAMPED | {"hold": [{"group": "left"}], "reactions": ["right"], "error": True}
+    result = solve(keys.pop("scene"), comm=comm, **keys, rigid=[{"name": "end", "group": "right"}])
+    assert not [note for note in result.notes if "nothing constrains" in note["text"]]
+    assert {f"right.force.{i}" for i in "xyz"} < result.goals.keys()
+
+
 #: Of a cube: clamped at two faces with a common edge, with a corner of a roller, moved at a third.
 CORNER: dict[str, Any] = {
     "cells": 3,

@@ -157,6 +157,17 @@ class Reactions:
         return found | ({"moments": moments} if moments else {})
 
 
+def is_free(problem: Problem, mesh: Mesh, key: str | int) -> bool:
+    """Return whether nothing constrains a group, whose force is the residual. Collective."""
+    group = mesh.group(key)
+    if group.label in [condition.label for condition in problem.dirichlet.conditions]:
+        return False
+    nodes = group_nodes(problem.V, mesh, key)
+    constrained = problem.constrained_nodes
+    local = int(constrained[nodes[nodes < len(constrained)]].sum())
+    return not problem.comm.allreduce(local)
+
+
 def weighted(weights: Array, vectors: Array) -> Array:
     """Return the parts of nodal vectors (n, components) that count.
 

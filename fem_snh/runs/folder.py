@@ -23,6 +23,7 @@ from fem_snh.atomic_files import output_path, replace_file
 from fem_snh.errors import BadInput, on_root
 from fem_snh.notes import Note
 from fem_snh.problem.problem import Problem
+from fem_snh.problem.reactions import is_free
 from fem_snh.run_files import RunFiles
 from fem_snh.run_tables import flat, table_text
 from fem_snh.runs.defaults import describe_condensation, describe_defaults
@@ -59,6 +60,11 @@ def describe(setup: Setup) -> dict[str, Any]:
     texts = [text for term in problem.terms if (text := getattr(term, "note", ""))]
     texts += [*turns(scene), *partial_rotations(scene)]
     texts += [*problem.dirichlet.contradictions_of_values(), *problem.reaction_notes]
+    texts += [
+        f"reactions of {key!r}: nothing constrains its nodes: the force is zero, up to the residual"
+        for key in (reaction.group for reaction in scene.reactions)
+        if is_free(problem, setup.mesh, key)
+    ]
     loads = [Note("load", text) for text in texts]
     shapes = [Note("mesh", text) for text in shape_notes(scene)]
     notes = [note.record() for note in (*loads, *shapes, mesh_note(scene, problem)) if note]

@@ -20,10 +20,11 @@ from fem_snh.accuracy.goals import (
 from fem_snh.accuracy.rigid_goals import RigidGoal
 from fem_snh.assembly.boundary_conditions import reaction_weights
 from fem_snh.assembly.kinematics import kinematics_of
-from fem_snh.errors import bad_value
+from fem_snh.errors import BadInput, bad_value
 from fem_snh.mesh.mesh import DIMENSIONS, Mesh
 from fem_snh.problem.measures import group_cells
 from fem_snh.problem.problem import Problem
+from fem_snh.problem.reactions import is_free
 from fem_snh.scenes import GoalName, Scene, read_goal, term_goals
 from fem_snh.terms.body import group_facets
 
@@ -40,7 +41,7 @@ _MEAN_DEGREE = 5
 
 
 def scene_goals(setup: Setup, modes: LowestModes | None = None) -> list[Goal]:
-    """Return the goals of a scene, by default those of `default_goals`.
+    """Return the goals of a scene, by default those of `default_goals`, without zero forces.
 
     Parameters
     ----------
@@ -67,6 +68,10 @@ def scene_goals(setup: Setup, modes: LowestModes | None = None) -> list[Goal]:
     vectors: dict[tuple[str, str], tuple[str, GoalName]] = {}
     for name in names:
         read = read_goal(name, scene)
+        if free := _on_free_nodes(setup, name, read):
+            if named:
+                raise free
+            continue
         first, before = vectors.get((read.kind, read.name), (name, read))
         components = sorted({*before.components, *read.components})
         vectors[read.kind, read.name] = first, read._replace(components=tuple(components))
@@ -84,11 +89,22 @@ def named_goals(setup: Setup, names: Sequence[str]) -> list[Goal]:
     """
     goals = []
     for name in names:
-        goal = _goal(setup.scene, setup.mesh, name, read_goal(name, setup.scene))
+        read = read_goal(name, setup.scene)
+        if free := _on_free_nodes(setup, name, read):
+            raise free
+        goal = _goal(setup.scene, setup.mesh, name, read)
         if name == "energy" or len(goal.names) > 1:
             raise bad_value("goal", name, "a component such as right.force.x, or a volume")
         goals.append(goal)
     return goals
+
+
+def _on_free_nodes(setup: Setup, text: str, read: GoalName) -> BadInput | None:
+    """Return the refusal of a force that is the residual, whose error is unknown. Collective."""
+    if read.kind not in ("force", "moment") or not is_free(setup.problem, setup.mesh, read.name):
+        return None
+    accepted = "a group with constrained nodes: on free ones the force is zero, up to the residual"
+    return bad_value("goal", text, accepted)
 
 
 def default_goals(scene: Scene, has_energy: bool) -> list[str]:

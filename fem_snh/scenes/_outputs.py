@@ -54,7 +54,7 @@ class Reaction(Table):
     group: GroupKey = Field(
         description="Physical group, by name or number. Its reaction is the force of its own "
         "conditions; what several constrain, as on a common edge, counts for the last, which sets "
-        "the value; of a group without conditions, it is that of all others at its nodes."
+        "the value; of a group without conditions, it is that of all others at its nodes, or zero."
     )
     about: Vector | None = Field(
         default=None,
