@@ -63,6 +63,7 @@ ENERGIES = {
     ),
     "neo_hookean": Volume({"name": "neo_hookean", "nu": 0.45}, logarithmic),
     "fixed_corotational": Volume({"name": "fixed_corotational", "nu": 0.45}, quadratic),
+    "hencky": Volume({"name": "hencky", "nu": 0.45}, logarithmic),
 }
 HOLD = [Hold("bottom"), Hold("right", ("x", "z"))]
 

@@ -200,6 +200,8 @@ def _volume_term(
     """Return what lambda adds to an energy as a function of J, or None if it is none, or zero."""
     terms = sympy.Add.make_args(sympy.expand(difference))
     volumes = [_of_volume(term, measures, of_stretches) for term in terms]
+    if None in volumes and of_stretches:  # a square of log J is one in J as a whole alone
+        volumes = [_of_volume(difference, measures, of_stretches)]
     if None in volumes or sympy.Add(*volumes) == 0:
         return None
     # Factored: lambda times the rounding of J^2 - 2 J + 1 would exceed p.
