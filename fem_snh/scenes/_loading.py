@@ -66,7 +66,9 @@ def _check_given_once(given: Mapping[str, Any]) -> None:
     choice = given.get("material")
     table = choice if isinstance(choice, Mapping) else {}
     for short, long in _SYNONYMS.items():
-        if short in given and long in given and not (short == "material" and table):
+        # A static scene that is given a [time] is given its one step, too.
+        own = table if short == "material" else given.get(short) == 1 and short == "steps"
+        if short in given and long in given and not own:
             raise BadInput(f"{short} and {long}: expected one of them")
     for key in table:
         for other in (key, f"material.{key}"):
