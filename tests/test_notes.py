@@ -12,7 +12,7 @@ import pytest
 from gmsh_files import write_msh
 from interrupted_runs import cut
 from note_scenes import arch, bushing
-from running import record, rows, solve
+from running import record, rows, solve, watch_calls
 from test_locking import cube
 from time_scenes import DOWN, in_time
 
@@ -174,14 +174,7 @@ def test_one_step_through_a_bifurcation(comm, folder):
 @pytest.mark.parametrize(("steps", "examined"), [(2, 1), (6, 0)])
 def test_steps_without_a_guess_go_on_as_the_last_one(monkeypatch, steps, examined):
     """Turns of 90 degrees are far from straight on; those of 30 are not, and are not followed."""
-    calls = []
-    compare = JumpDetector._compare
-
-    def counted(self, *args):
-        calls.append(args)
-        return compare(self, *args)
-
-    monkeypatch.setattr(JumpDetector, "_compare", counted)
+    calls = watch_calls(monkeypatch, JumpDetector, "_compare")
     assert solve("twist", cells=3, steps=steps, angle=np.pi).converged
     assert len(calls) == examined
 

@@ -13,6 +13,7 @@ from dolfinx_programs import unit_cube, vector_space
 from gmsh_files import write_msh
 from interrupted_runs import CutOff, cut
 from plane_programs import displacement, rectangle
+from running import watch_calls
 
 import fem_snh
 from fem_snh import _dolfinx, scenes, solver
@@ -270,14 +271,7 @@ def test_a_sector_of_a_tube_is_the_whole(comm, folder, parts):
 @mpi
 def test_steps_of_a_sector_without_a_guess_are_not_examined(comm, folder, monkeypatch):
     """Inclined planes leave rounding of the guess, by which each step was followed again."""
-    calls = []
-    compare = JumpDetector._compare
-
-    def counted(self, *args):
-        calls.append(args)
-        return compare(self, *args)
-
-    monkeypatch.setattr(JumpDetector, "_compare", counted)
+    calls = watch_calls(monkeypatch, JumpDetector, "_compare")
     run_sector(comm, folder, np.pi / 6, 2, hold=[LOW, HIGH], steps=4, predictor="none", **PLANES)
     assert not calls
 
