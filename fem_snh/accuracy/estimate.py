@@ -286,7 +286,7 @@ def _add_errors(
             parts["shape"], mesh = moved.values, replace(errors, unsettled=moved.unsettled)
         else:
             mesh += _missed_by_lifted(lifted_goals, make, differences, errors, options.asked)
-        changes = np.zeros(len(mesh.values))
+        changes: Array | None = None
         if (penalties := parts.get("penalty")) is not None:
             further = unsettled_penalties(problem, static, lifted_goals.values, penalties)
             scales = _with_least_of_forces(static, lifted_goals.scales)
@@ -432,7 +432,6 @@ def _set_errors(
     penalty_changes: Array | None = None,
 ) -> None:
     """Set the errors of some goals: the sums of their parts."""
-    changes = np.zeros(len(mesh.values)) if penalty_changes is None else penalty_changes
     for i, name in enumerate(names_of(goals)):
         parts = {"mesh": float(mesh.values[i])}
         parts |= {source: float(part[i]) for source, part in others.items() if part[i]}
@@ -441,7 +440,7 @@ def _set_errors(
             error=sum(parts.values()),
             unsettled=float(mesh.unsettled[i]),
             parts=parts if len(parts) > 1 else {},
-            penalty_change=float(changes[i]),
+            penalty_change=0.0 if penalty_changes is None else float(penalty_changes[i]),
         )
 
 
