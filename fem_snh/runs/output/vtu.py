@@ -76,7 +76,7 @@ def vtu_file(
 ) -> list[Buffer]:
     """Return the content of a .vtu file in parts, with values at the points and of the cells.
 
-    Nothing is copied.
+    Contiguous values are not copied.
     """
     count, size = grid.cells.shape
     mesh = [
