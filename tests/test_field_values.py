@@ -9,7 +9,18 @@ from mpi4py import MPI
 import numpy as np
 import pytest
 from bodies import Hold
-from stress_states import affine, close, displaced, evaluated, quadrature_points, slope, torsion
+from stress_states import (
+    NU,
+    E,
+    affine,
+    close,
+    displaced,
+    evaluated,
+    quadrature_points,
+    slope,
+    torsion,
+    torsion_gradient,
+)
 
 from fem_snh import _dolfinx
 from fem_snh.output_fields import ON_REQUEST
@@ -31,6 +42,41 @@ def test_a_linear_field_is_projected_exactly(comm, element):
     nodes = p.V.tabulate_dof_coordinates()
     found = NodalProjection(p, state.weights).project({"f": values})["f"]
     close(found, np.column_stack([slope(nodes), np.ones(len(nodes)), nodes[:, 1]]))
+
+
+@pytest.mark.parametrize("element", [pytest.param("P2", marks=mpi), "Q2"])
+def test_principal_values_at_nodes_are_those_of_the_tensor_there(comm, element):
+    """In pure bending the only stress is along the beam and changes sign across it."""
+    curvature = 1e-6
+
+    def bent(X):
+        x, y, z = (X - 0.5).T
+        columns = x * y, -(x**2 + NU * (y**2 - z**2)) / 2, -NU * y * z
+        return curvature * np.column_stack(columns)
+
+    p = displaced(comm, element, bent)
+    found = evaluated(p, "nodes")
+    along = E * curvature * (p.V.tabulate_dof_coordinates()[:, 1] - 0.5)
+    none = np.zeros_like(along)
+    expected = {
+        "von_mises": abs(along),
+        "principal_stresses": np.column_stack([along.clip(0), none, along.clip(None, 0)]),
+        "hydrostatic_stress": along / 3,
+    }
+    for name, values in expected.items():
+        np.testing.assert_allclose(found[name], values, rtol=0, atol=1e-5 * E * curvature)
+
+
+@mpi
+def test_principal_stretches_at_nodes_are_those_of_the_projected_gradient(comm):
+    """F is linear in torsion, so its projection is exact: its singular values are not linear."""
+    p = displaced(comm, "P2", torsion)
+    F = torsion_gradient(p.V.tabulate_dof_coordinates())
+    # With no other field, and with all of them.
+    alone = FieldValues(p).evaluate(["principal_stretches"], "nodes")
+    assert list(alone) == ["principal_stretches"]
+    for found in (alone, evaluated(p, "nodes")):
+        close(found["principal_stretches"], np.linalg.svd(F, compute_uv=False))
 
 
 @mpi

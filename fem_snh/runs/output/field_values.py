@@ -19,7 +19,7 @@ from fem_snh.errors import choose
 from fem_snh.output_fields import LOCATIONS, NAMED, NODAL, ON_REQUEST
 from fem_snh.problem.problem import Problem
 from fem_snh.runs.output.point_fields import POINT_FIELDS
-from fem_snh.runs.output.stress_fields import PointState, StressFields
+from fem_snh.runs.output.stress_fields import StressFields
 from fem_snh.runs.output.vtu import DataArray
 from fem_snh.terms.history import FieldTerm
 
@@ -30,6 +30,9 @@ Array = npt.NDArray[np.float64]
 
 #: The symmetric tensors of ``POINT_FIELDS``.
 _SYMMETRIC = ("cauchy_stress", "green_lagrange_strain")
+#: The functions of the Cauchy stress, and those of the displacement gradient.
+_OF_STRESS = ("von_mises", "principal_stresses", "hydrostatic_stress")
+_OF_GRADIENT = ("principal_stretches",)
 
 
 class FieldValues:
@@ -61,17 +64,20 @@ class FieldValues:
             Names of fields.
         at : {"cells", "nodes", "points"}
             "cells": means over the reference volume of this rank's cells, (cells, ...); "nodes":
-            values of the L2 projection at the displacement's nodes, ghosts included, (nodes, ...);
-            "points": at the quadrature points, (cells, points, ...). ``reaction_force`` is at the
-            nodes always.
+            values of the L2 projection at the displacement's nodes, ghosts included, (nodes, ...),
+            von Mises' stress and principal values those of the projected tensor; "points": at the
+            quadrature points, (cells, points, ...). ``reaction_force`` is at the nodes always.
         """
         for name in names:
             choose("field", name, ON_REQUEST)
         choose("at", at, (*LOCATIONS, "points"))
         wanted = [name for name in names if name in POINT_FIELDS]
         found = {}
-        if wanted:
-            found = self._located(self._stresses.evaluate(self._problem.x, wanted), at)
+        if wanted and at == "nodes":
+            found = self._projected(wanted)
+        elif wanted:
+            state = self._stresses.evaluate(self._problem.x, wanted)
+            found = {name: state.mean(name) for name in wanted} if at == "cells" else state.values
         if "reaction_force" in names:
             found["reaction_force"] = self._reaction_force()
         return {name: found[name] for name in names}
@@ -80,17 +86,35 @@ class FieldValues:
     def _stresses(self) -> StressFields:
         return StressFields(self._problem)
 
-    def _located(self, state: PointState, at: str) -> dict[str, Array]:
-        """Return fields of ``POINT_FIELDS`` at points, cells or nodes."""
-        if at == "cells":
-            return {name: state.mean(name) for name in state.values}
-        if at == "points":
-            return state.values
+    def _projected(self, names: Sequence[str]) -> dict[str, Array]:
+        """Return fields of ``POINT_FIELDS`` at the nodes: of tensors that are projected first.
+
+        A projection of sorted eigenvalues would be the eigenvalues of no tensor.
+        """
+        of_stress = [name for name in names if name in _OF_STRESS]
+        of_gradient = [name for name in names if name in _OF_GRADIENT]
+        tensors = {*names, "cauchy_stress"} if of_stress else {*names}
+        tensors -= {*of_stress, *of_gradient}
+        state = self._stresses.evaluate(self._problem.x, sorted(tensors))
         if self._projection is None:
             from fem_snh.runs.output.nodal_projection import NodalProjection  # imports scipy
 
             self._projection = NodalProjection(self._problem, state.weights)
-        return self._projection.project(state.values, _SYMMETRIC)
+        gradient = {"gradient": state.H} if of_gradient else {}
+        found = self._projection.project(state.values | gradient, _SYMMETRIC)
+        if of_stress:
+            # With F = I the Cauchy stress is the first Piola-Kirchhoff stress.
+            sigma = found["cauchy_stress"][:, None]
+            found |= self._at_points(np.zeros_like(sigma), sigma, of_stress)
+        if of_gradient:
+            H = found["gradient"][:, None]
+            found |= self._at_points(H, np.zeros_like(H), of_gradient)
+        return found
+
+    def _at_points(self, H: Array, P: Array, names: Sequence[str]) -> dict[str, Array]:
+        """Return fields at points, one in each row of H and P."""
+        found = self._stresses.loops.evaluate(H, P, names)
+        return {name: values[:, 0] for name, values in found.items()}
 
     def _reaction_force(self) -> Array:
         """Return dE/du [N] in constrained directions and 0 in the others, (nodes, 3)."""

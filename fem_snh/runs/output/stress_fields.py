@@ -95,8 +95,8 @@ class StressLoops:
 
 Array = npt.NDArray[np.float64]
 
-#: The key of the quadrature weights among the fields of a part.
-_WEIGHTS = "weights"
+#: The keys of the quadrature weights and the displacement gradient among the fields of a part.
+_WEIGHTS, _GRADIENT = "weights", "displacement_gradient"
 
 
 class PointState(NamedTuple):
@@ -106,11 +106,14 @@ class PointState(NamedTuple):
     ----------
     weights : (cells, points)
         Quadrature weights in the reference configuration [m^3].
+    H : (cells, points, 3, 3)
+        Displacement gradients du_i/dX_j.
     values : dict of (cells, points, ...)
         The fields by name.
     """
 
     weights: Array
+    H: Array
     values: dict[str, Array]
 
     def mean(self, name: str) -> Array:
@@ -129,13 +132,18 @@ class StressFields:
     ----------
     problem : Problem
         The problem.
+
+    Attributes
+    ----------
+    loops : PointFieldLoops
+        The loops over points.
     """
 
     def __init__(self, problem: Problem) -> None:
         self._problem = problem
         self._num_cells = problem.elastic.shape[0]
         path = on_root(problem.comm, point_fields_library)
-        self._point_fields = PointFieldLoops(path)
+        self.loops = PointFieldLoops(path)
         self._parts = []
         for part in problem.elastic.parts:
             arguments = part.region.material, part.loops.tables
@@ -157,7 +165,8 @@ class StressFields:
         found = []
         for cells, loops in self._parts:
             weights, H, P = loops.evaluate(*arrays)
-            found.append((cells, {_WEIGHTS: weights, **self._point_fields.evaluate(H, P, names)}))
+            values = self.loops.evaluate(H, P, names)
+            found.append((cells, {_WEIGHTS: weights, _GRADIENT: H, **values}))
         merged, rigid = found[0][1], self._problem.rigid
         if len(found) > 1 or rigid:
             # Cells of rigid parts have no stress; any weight will do.
@@ -167,4 +176,4 @@ class StressFields:
             for cells, values in found:
                 for name, part in values.items():
                     merged[name][cells] = part
-        return PointState(merged.pop(_WEIGHTS), merged)
+        return PointState(merged.pop(_WEIGHTS), merged.pop(_GRADIENT), merged)
