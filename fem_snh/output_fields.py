@@ -103,13 +103,20 @@ IN_TIME = {
         "acceleration", "m/s^2", VECTOR, "acceleration of the nodes; with [time]"
     ),
 }
-#: Those that only a scene with obstacles may name; the first one also with self-contact.
-AT_OBSTACLES = {
+#: Those that only a scene with contact may name.
+CONTACT_PRESSURES = {
     "contact_pressure": OutputField(
         "contact pressure", "Pa", (),
-        "force per reference area of the surface: normal force with [[obstacle]], magnitude with "
-        "[self_contact]", True,
+        "force per area of the deformed surface, in a plane per reference thickness: normal force "
+        "with [[obstacle]], magnitude with [self_contact]", True,
     ),
+    "nominal_contact_pressure": OutputField(
+        "nominal contact pressure", "Pa", (),
+        "the same per reference area of the surface", True,
+    ),
+}  # fmt: skip
+#: Those that only a scene with obstacles may name.
+AT_OBSTACLES = CONTACT_PRESSURES | {
     "gap": OutputField(
         "gap", "m", (), "signed distance from the closest obstacle; with [[obstacle]]"
     ),

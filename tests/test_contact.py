@@ -202,6 +202,20 @@ def test_fields_at_the_nodes(comm):
 
 
 @mpi
+@pytest.mark.parametrize("element", ["P2", "Q1"])
+def test_the_pressure_is_that_of_the_deformed_surface(comm, element):
+    """Of a face that is 1.3 times as wide in x and 0.9 times in y; the nominal one is at rest."""
+    floor = [RigidContact("floor", plane((0, 0, 0.01)), 0, 100.0)]
+    p, contact, _ = contact_problem(cube(comm, ELEMENTS[element].cell, 4), element, floor)
+    u = set_values(p, lambda X: X * [0.3, -0.1, 0], _dolfinx.create_vector(p.V))
+    X = p.V.tabulate_dof_coordinates()
+    inside = ((X[:, :2] > 0.3) & (X[:, :2] < 0.7)).all(axis=1) & (X[:, 2] == 0)
+    for name, expected in (("nominal_contact_pressure", 1.0), ("contact_pressure", 1 / 1.17)):
+        found = contact.nodal_field(name, u)
+        np.testing.assert_allclose(found[inside], expected, rtol=1e-10)
+
+
+@mpi
 def test_a_far_obstacle_adds_nothing(comm):
     p, contact, _ = contact_problem(
         cube(comm, "tetrahedron", 2), "P1", [RigidContact("far", plane((0, 0, -9)), 0.5)]

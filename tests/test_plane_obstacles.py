@@ -16,6 +16,7 @@ from test_plane_motion import motion
 from test_plane_scenes import own_scene, solve, write_mesh
 
 import fem_snh
+from fem_snh import _dolfinx
 from fem_snh.errors import BadInput
 from fem_snh.geometry.shapes import Polygon, Revolved, Sphere
 from fem_snh.viewing.render.records import obstacle_poses
@@ -140,6 +141,30 @@ def test_uniform_pressure(comm, kinematics, element, method):
     assert contact["force"][1] == pytest.approx(-P * area, rel=2e-2)
     if method == "augmented_lagrangian":
         assert depth < 1e-3
+
+
+@mpi
+@pytest.mark.parametrize("element", ["Q1", "P2"])
+@pytest.mark.parametrize("kinematics", COMPONENTS)
+def test_the_pressure_is_that_of_the_deformed_surface(comm, kinematics, element):
+    """Of a section that is 1.2 times as wide; its rotation about the axis changes no area."""
+    domain = rectangle(comm, element, (0.2, 0.0), (0.8, 1.0), (3, 2))
+    u = displacement(domain, element, kinematics)
+    shape = {"plane": {"point": [0, 0.01, 0], "normal": [0, 1, 0]}}
+    floor = fem_snh.Obstacle(shape=shape, stiffness=100.0)
+    material = fem_snh.material("stable_neo_hookean", E=1.0, nu=0.3)
+    made = fem_snh.NonlinearProblem(u, {material: ufl.dx}, terms=[floor], kinematics=kinematics)
+    X = u.function_space.tabulate_dof_coordinates()
+    values, stretch, angle = u.x.array.reshape(len(X), -1), 1.2, 0.4
+    values[:, 0] = (stretch - 1) * X[:, 0]
+    if kinematics == "axisymmetric_torsion":
+        values[:, 0] = (stretch * np.cos(angle) - 1) * X[:, 0]
+        values[:, 2] = stretch * np.sin(angle) * X[:, 0]
+    inside = (X[:, 1] == 0) & (X[:, 0] > 0.35) & (X[:, 0] < 0.65)
+    area = stretch if kinematics == "plane_strain" else stretch**2
+    for name, expected in (("nominal_contact_pressure", 1.0), ("contact_pressure", 1 / area)):
+        found = made._problem.terms[1].nodal_field(name, _dolfinx.petsc_vec(u))
+        np.testing.assert_allclose(found[inside], expected, rtol=1e-10)
 
 
 @pytest.mark.parametrize("kinematics", FLAT)

@@ -227,6 +227,22 @@ def test_pressure_is_the_force_over_the_area() -> None:
 
 
 @mpi
+def test_the_pressure_is_that_of_the_deformed_surface() -> None:
+    """Two blocks become 1.5 times as wide in x; the upper one enters the lower one by 0.05."""
+    p, _ = blocks(gap=0.05, press=0.0, shift=0.0, upper_cells=2, upper_width=1.0, k=20.0)
+    X, term = p.coordinates, p.terms[1]
+    p.x.array[:] = np.column_stack([X[:, 0] / 2, 0 * X[:, 1], -0.1 * (X[:, 2] > 1.02)]).ravel()
+    u = p.split(p.x)[0]
+    term.begin_step(u)  # its search
+    true = term.nodal_field("contact_pressure", u)
+    nominal = term.nodal_field("nominal_contact_pressure", u)
+    x = p.V.tabulate_dof_coordinates()[:, 0]
+    inside = (x > 0.01) & (x < 0.99) & (nominal > 0)  # of no side, which is as wide as before
+    assert COMM.allreduce(int(inside.sum())) >= 6
+    np.testing.assert_allclose(true[inside], nominal[inside] / 1.5, rtol=1e-10)
+
+
+@mpi
 def test_bodies_apart_have_no_pairs() -> None:
     p, row = blocks(gap=0.5)
     assert row["self_contact"] == row["self_contact"] | {"pairs": 0, "penetration": 0, "force": 0}

@@ -162,7 +162,7 @@ def embedded_surface(V: Any, skin: Skin | None = None, revolved: bool = False) -
 
 
 def point_areas(points: Array, triangles: Array, revolved: bool = False) -> Array:
-    r"""Return the reference areas of a surface's points (n,) [m^2]: a third of their triangles.
+    r"""Return the areas of a surface's points (n,) [m^2]: a third of their triangles.
 
     In two dimensions they are half of the segments per thickness, and on a body of revolution
     :math:`\int N_i\, 2 \pi r\, ds`, with linear :math:`N_i`.
@@ -170,7 +170,7 @@ def point_areas(points: Array, triangles: Array, revolved: bool = False) -> Arra
     Parameters
     ----------
     points : (n, 3)
-        Reference positions [m].
+        Positions [m].
     triangles : (m, 3) or (m, 2) int
         The triangles, or the segments, by their points.
     revolved : bool

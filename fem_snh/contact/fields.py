@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from functools import cached_property
 from typing import Any
 
 from petsc4py import PETSc
@@ -29,6 +28,7 @@ from fem_snh.contact.embedded_surface import (
 from fem_snh.contact.obstacle_pair import ObstaclePair
 from fem_snh.contact.surface_quadrature import SurfaceQuadrature
 from fem_snh.mesh.skin import Skin
+from fem_snh.output_fields import CONTACT_PRESSURES
 
 Array = npt.NDArray[Any]
 
@@ -37,8 +37,9 @@ class ObstacleFields:
     """The fields of `fem_snh.output_fields.AT_OBSTACLES` at the nodes. Collective.
 
     ``gap`` is the signed distance of each node from the closest obstacle [m]. ``contact_pressure``
-    is the contact force per reference area [Pa]: at a vertex the mean over its facets, weighted by
-    the shape function of degree 1; elsewhere it is interpolated between the vertices of a cell.
+    is the contact force per deformed area [Pa], ``nominal_contact_pressure`` that per reference
+    area: at a vertex the mean over its facets, weighted by the shape function of degree 1;
+    elsewhere it is interpolated between the vertices of a cell.
 
     Parameters
     ----------
@@ -60,33 +61,33 @@ class ObstacleFields:
         nodes = _dolfinx.reference_nodes(_dolfinx.cell_name(V.mesh), _dolfinx.degree(V))
         self._table = _dolfinx.tabulate_values(Q, nodes)
         self._nodes, self._num_nodes = _dolfinx.node_dofs(V), sum(_dolfinx.num_nodes(V))
-        everywhere = np.ones((len(self._surface), len(self._surface.points)))
-        self._areas = self._sums(np.arange(len(self._surface)), everywhere)
 
     def evaluate(self, name: str, u: PETSc.Vec) -> Array:
         """Return a field at the displacement's nodes, ghosts included, (nodes,)."""
         values = self._kinematics.padded(local_values(u))
-        if name == "contact_pressure":
-            return self._pressure(values)
+        if name in CONTACT_PRESSURES:
+            return self._pressure(values, nominal=name != "contact_pressure")
         x = self._X + values
         return np.asarray(np.min([pair.distance(x) for pair in self._pairs], axis=0))
 
-    def _pressure(self, values: Array) -> Array:
+    def _pressure(self, values: Array, nominal: bool) -> Array:
         """Return the contact pressure at nodal displacements (nodes, 3)."""
-        found = np.zeros_like(self._areas)
+        weights = self._surface.weights
+        force = np.zeros_like(weights)
         for pair in self._pairs:
             points = pair.points(values)
-            found += self._sums(points.which, points.normal_forces[0])
-        found = np.divide(found, self._areas, out=found, where=self._areas > 0)
+            force[points.which] += weights[points.which] * points.normal_forces[0]
+        areas = weights if nominal else self._pairs[0].surface.deformed_weights(values)
+        found, areas = self._sums(force), self._sums(areas)
+        found = np.divide(found, areas, out=found, where=areas > 0)
         nodal = np.zeros(self._num_nodes)
         nodal[self._nodes] = found[_dolfinx.node_dofs(self._space)] @ self._table.T
         return nodal
 
-    def _sums(self, which: Array, values: Array) -> Array:
-        """Return the integral of point values times each shape function of degree 1. Collective."""
-        sums = np.zeros((self._surface.num_nodes, 3))
-        weighted = self._surface.weights[which] * values
-        self._surface.add_vectors(weighted[..., None] * [1.0, 0.0, 0.0], which, sums)
+    def _sums(self, weighted: Array) -> Array:
+        """Return the sum of weighted point values times each shape function of degree 1."""
+        sums = np.zeros((self._surface.num_nodes, 1))
+        self._surface.add_vectors(weighted[..., None], slice(None), sums)
         vector = _dolfinx.create_vector(self._space)
         writable_values(vector)[:] = sums[:, 0]
         add_ghosts(vector)
@@ -97,13 +98,13 @@ class ObstacleFields:
 class SelfContactTerm(ABC):
     r"""What both methods of self-contact share: the surface, its matrix, the contact pressure.
 
-    The pressure is the force per reference area at the nodes. With the weights :math:`W` of the
-    surface's points :math:`i` (`EmbeddedSurface`) and their areas
-    :math:`A_i` (`point_areas`),
+    The pressure is the force per area at the nodes. With the weights :math:`W` of the surface's
+    points :math:`i` (`EmbeddedSurface`) and their areas :math:`A_i` (`point_areas`),
 
     .. math:: p_a = \frac{|f_a|}{\sum_i W_{ia} A_i},
 
-    where :math:`f_a` is the nodal force of contact. At other nodes it is zero.
+    where :math:`f_a` is the nodal force of contact. The areas are those of the deformed surface,
+    of the nominal pressure those at rest. At other nodes it is zero.
 
     Parameters
     ----------
@@ -134,27 +135,29 @@ class SelfContactTerm(ABC):
         """Add the forces [N] to this rank's own entries of ``r_u``. Collective."""
 
     def nodal_field(self, name: str, u: PETSc.Vec) -> Array:
-        """Return the contact pressure, 0 of another field: see `FieldTerm`. Collective."""
-        if name != "contact_pressure":
+        """Return a contact pressure, 0 of another field: see `FieldTerm`. Collective."""
+        if name not in CONTACT_PRESSURES:
             return np.zeros(1)
         forces = _dolfinx.create_vector(self._V)
         values = writable_values(forces)
         values[:] = 0
         self.add_residual(u, None, forces, None)
-        components = self._kinematics.components
-        nodal = values.reshape(-1, components)
+        components, x = self._kinematics.components, self.surface.points
+        if name == "contact_pressure":
+            x = x.copy()
+            moved = self.surface.positions(local_values(u).reshape(-1, components))
+            x[:, : moved.shape[1]] = moved
+        nodal, areas = values.reshape(-1, components), self._areas(x)
         size = np.linalg.norm(nodal, axis=1)
-        nodal[:] = np.divide(size, self._areas, out=np.zeros_like(size), where=self._areas > 0)[
-            :, None
-        ]
+        found = np.divide(size, areas, out=np.zeros_like(size), where=areas > 0)
+        nodal[:] = found[:, None]
         update_ghosts(forces)
         return np.array(local_values(forces).reshape(-1, components)[:, 0])
 
-    @cached_property
-    def _areas(self) -> Array:
-        """The areas of this rank's nodes, ghosts included, (nodes,) [m^2]."""
+    def _areas(self, x: Array) -> Array:
+        """Return the areas of this rank's nodes, with the surface's points at x [m^2]."""
         surface = self.surface
-        points = point_areas(surface.points, surface.triangles, self._kinematics.revolved)
+        points = point_areas(x, surface.triangles, self._kinematics.revolved)
         weighted = surface.weights * points[:, None]
         areas = np.bincount(
             surface.columns.ravel(), weighted.ravel(), minlength=len(surface.support.nodes)

@@ -9,7 +9,7 @@ from pydantic import Field, model_validator
 
 from fem_snh.choices import SELF_CONTACT_METHODS
 from fem_snh.errors import bad_value
-from fem_snh.output_fields import AT_OBSTACLES, OutputField
+from fem_snh.output_fields import CONTACT_PRESSURES, OutputField
 from fem_snh.tables.types import NonNegative, Positive
 from fem_snh.tables.validation import OneOf
 from fem_snh.terms.feature import Feature
@@ -33,9 +33,7 @@ class SelfContact(Feature):
     """
 
     key, planar = "self_contact", True
-    nodal_fields: ClassVar[Mapping[str, OutputField]] = {
-        "contact_pressure": AT_OBSTACLES["contact_pressure"]
-    }
+    nodal_fields: ClassVar[Mapping[str, OutputField]] = CONTACT_PRESSURES
     method: Method = Field(
         default=SELF_CONTACT_METHODS[0],
         description="reference: springs that push samples of the surface out of deformed cells, to "

@@ -100,7 +100,7 @@ class SurfaceQuadrature:
         self.kind = kind = _dolfinx.FACET_OF[cell]
         self.degree = degree or 2 * order + (kind == "quadrilateral")
         self.points, weights = _dolfinx.quadrature(kind, self.degree)
-        self._V, self._local = V, local
+        self._V, self._local, self._revolved = V, local, revolved
 
         origins, tangents = _dolfinx.facet_maps(cell)
         numbers = _facet_nodes(_dolfinx.reference_nodes(cell, order), origins, tangents)
@@ -111,23 +111,27 @@ class SurfaceQuadrature:
         first = origins[0] + self.points @ tangents[0]
         self.basis = _dolfinx.tabulate_values(V, first)[:, numbers[0]]
         self.derivatives = _dolfinx.tabulate(V, first)[:, numbers[0]] @ tangents[0].T
-        self._set_geometry(domain, weights, origins, tangents)
+        self._rule = weights
+        self._set_geometry(domain, origins, tangents)
         if revolved:
             self.weights *= 2 * np.pi * self.X[..., 0]
 
-    def _set_geometry(self, domain: Any, weights: Array, origins: Array, tangents: Array) -> None:
-        """Set weights, coordinates and normals."""
+    def _set_geometry(self, domain: Any, origins: Array, tangents: Array) -> None:
+        """Set weights, coordinates, tangents and normals."""
         self.X = self._coordinates(self.points, ALL)
         x = _dolfinx.geometry_x(domain)[_dolfinx.geometry_dofs(domain)[self.cells]]
-        normals, dim = np.empty_like(self.X), origins.shape[1]
+        dim = origins.shape[1]
+        #: Derivatives of X by the coordinates of the reference facet, (facets, points, 3, d).
+        self._tangents = np.empty((*self.X.shape, dim - 1))
         for number, (origin, tangent) in enumerate(zip(origins, tangents, strict=True)):
             mine = self._local == number
             points = origin + self.points @ tangent
             gradients = _dolfinx.tabulate_geometry(domain, points) @ tangent.T
             found = np.einsum("cni,pnj->cpij", x[mine], gradients, optimize=True)
-            normals[mine] = cross_tangents(found)
+            self._tangents[mine] = found
+        normals = cross_tangents(self._tangents)
         areas = np.linalg.norm(normals, axis=2)
-        self.weights = areas * weights
+        self.weights = areas * self._rule
         self.areas: Array = self.weights.sum(axis=1)
         #: Lengths of the facets [m]: roots of the areas, (facets,).
         self.sizes = self.areas ** (1 / (dim - 1))
@@ -157,6 +161,21 @@ class SurfaceQuadrature:
     def positions(self, u: Array, which: Which = ALL) -> Array:
         """Return the deformed coordinates x_q(u) of points [m], as `displacements` does."""
         return np.asarray(self.X[which] + self.displacements(u, which))
+
+    def deformed_weights(self, u: Array) -> Array:
+        """Return the quadrature weights in the deformed configuration, (facets, points) [m^2].
+
+        In a plane they are per reference thickness. ``u`` are nodal displacements (local nodes, 3).
+        """
+        tangents = self._tangents + np.einsum(
+            "fki,pkj->fpij", u[self.nodes], self.derivatives, optimize=True
+        )
+        if self._revolved:
+            # Along the circle, by the angle: x is the radius, the third component is along it too.
+            x = self.positions(u)
+            turn = 2 * np.pi * np.stack([-x[..., 2], 0 * x[..., 0], x[..., 0]], axis=-1)
+            tangents = np.concatenate([tangents, turn[..., None]], axis=-1)
+        return np.asarray(np.linalg.norm(cross_tangents(tangents), axis=2) * self._rule)
 
     def positions_at(self, points: Array, u: Array, which: Which = ALL) -> Array:
         """Return the deformed coordinates of other points (n, d) of the reference facet [m].
