@@ -80,7 +80,8 @@ def shown(value: object) -> str:
     if getattr(value, "shape", None) == () and hasattr(value, "item"):
         value = value.item()  # numpy 2 has np.True_ and np.float64(1.0)
     try:
-        text = " ".join(repr(value).split())
+        # The repr of a UFL expression has the whole mesh.
+        text = " ".join((str if hasattr(value, "ufl_shape") else repr)(value).split())
     except ValueError:  # Python prints no whole number of more than 4300 digits
         text = "<a number of too many digits>"
     return text if len(text) <= _SHOWN else text[: _SHOWN - 3] + "..."

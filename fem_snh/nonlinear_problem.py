@@ -66,8 +66,8 @@ class NonlinearProblem(EstimatesErrors, HasModes, HasReactions):
         loads are those of an energy, too: -f . u dx for a force f per volume. Features are the
         objects that are tables in a scene: `fem_snh.Traction`, `fem_snh.Gravity`,
         `fem_snh.Pressure`, `fem_snh.Spring`, `fem_snh.Cavity`, `fem_snh.SelfContact`; `solve`
-        applies loads as a whole, `steps` in proportion to the load. Any other object has the
-        methods of `fem_snh.Term`.
+        applies loads as a whole, `steps` in proportion to the load. Their values may be UFL
+        expressions without ``u``. Any other object has the methods of `fem_snh.Term`.
     petsc_options_prefix : str, optional
         Prefix of the solver's options in PETSc's database.
     petsc_options : mapping, optional

@@ -150,6 +150,73 @@ def test_statics(comm: Any, kind: str) -> None:
     assert sorted(names) == sorted(result.record["terms"])
 
 
+def given_as_ufl(terms: list[Any], domain: Any) -> tuple[list[Any], list[Any]]:
+    """Return features with Constants for their values, and the Constants with the values."""
+    found, constants = [], []
+    for term in terms:
+        key = next(k for k in ("vector", "value", "stiffness") if hasattr(term, k))
+        value = np.array(getattr(term, key), float)
+        constants.append((fem.Constant(domain, value), value))
+        keys = {k: getattr(term, k) for k in type(term).model_fields}
+        found.append(type(term)(**keys | {key: constants[-1][0]}))
+    return found, constants
+
+
+@pytest.mark.parametrize("kind", ["traction", "gravity", "pressure", "spring"])
+def test_values_of_ufl(comm: Any, kind: str) -> None:
+    """Constants that change between two solves give the state of the numbers."""
+    domain = mesh.create_unit_cube(comm, 2, 2, 2, mesh.CellType.hexahedron)
+    terms, states = LOADS[kind][1](faces(domain)), []
+    given, constants = given_as_ufl(terms, domain)
+    for some in (terms, given):
+        u = fem.Function(vector_space(domain))
+        problem = fem_snh.NonlinearProblem(
+            u, {SNH: ufl.dx}, bcs=bottom(u.function_space), terms=some,
+            densities={SNH: 2.0}, petsc_options=TIGHT,
+        )  # fmt: skip
+        for factor in (0.3, 1.0) if some is given else (1.0,):
+            before = u.x.array.copy()
+            for constant, value in constants:
+                constant.value = factor * value
+            problem.solve()
+        assert problem.reason.startswith("CONVERGED")
+        states.append(u.x.array.copy())
+    assert same(comm, states[1], states[0]) and not same(comm, before, states[0], 1e-2)
+
+
+def test_gravity_of_ufl_in_time(comm: Any) -> None:
+    """A free body falls as a uniform acceleration says, and so in a field that does not vary."""
+    domain = mesh.create_unit_cube(comm, 2, 2, 2, mesh.CellType.hexahedron)
+    V = vector_space(domain)
+    field = fem.Function(V)
+    field.x.array[2::3] = -9.81
+    for g in (fem.Constant(domain, (0.0, 0.0, -9.81)), field):
+        u = fem.Function(V)
+        problem = fem_snh.DynamicProblem(
+            u, {SNH: ufl.dx}, {SNH: 2.0}, duration=0.1, terms=[fem_snh.Gravity(g)],
+            petsc_options=TIGHT,
+        )  # fmt: skip
+        assert problem.step(0.1)
+        owned = V.dofmap.index_map.size_local
+        moved = u.x.array.reshape(-1, 3)[:owned, 2]
+        np.testing.assert_allclose(moved, -9.81 * 0.1**2 / 2, rtol=1e-6)
+
+
+def test_a_pressure_that_varies(comm: Any) -> None:
+    """Its resultant on a block that hardly strains is that of p(x) = 1 + x on the face."""
+    domain = mesh.create_unit_cube(comm, 2, 2, 2, mesh.CellType.hexahedron)
+    u = fem.Function(vector_space(domain))
+    p = 1e-6 * (1 + ufl.SpatialCoordinate(domain)[0])
+    problem = fem_snh.NonlinearProblem(
+        u, {SNH: ufl.dx}, bcs=bottom(u.function_space),
+        terms=[fem_snh.Pressure(faces(domain)(TOP), p)], petsc_options=TIGHT,
+    )  # fmt: skip
+    problem.solve()
+    assert "varies over the surface" in problem.notes[0].text
+    found = problem.reaction_force(problem._problem.dirichlet.bcs[0])
+    np.testing.assert_allclose(found, [0, 0, 1.5e-6], atol=1e-11)
+
+
 def test_steps_ramp_the_loads(comm: Any) -> None:
     """Each step has the energy of the step of a scene."""
     tables, terms = LOADS["table"]
@@ -192,7 +259,8 @@ def test_time(comm: Any, kind: str) -> None:
     assert rows[-1]["potential"] == pytest.approx(result.steps[-1]["potential"], rel=1e-5)
 
 
-def test_a_program_inflates_a_cavity(comm: Any) -> None:
+@pytest.mark.parametrize("as_constant", [False, True])
+def test_a_program_inflates_a_cavity(comm: Any, as_constant: bool) -> None:
     """An octant of a shell: pressure and volume are those of the scene."""
     volume = 0.2
     scene = CUBE | {
@@ -210,8 +278,9 @@ def test_a_program_inflates_a_cavity(comm: Any) -> None:
     )
     tags = mesh.meshtags(domain, 2, np.sort(inner), np.full(len(inner), 7, np.int32))
     ds = ufl.Measure("ds", domain=domain, subdomain_data=tags)
+    given = 2 * fem.Constant(domain, volume / 2) if as_constant else volume
     problem = fem_snh.NonlinearProblem(
-        u, {SNH: ufl.dx}, bcs=bcs, terms=[fem_snh.Cavity(ds(7), volume)], petsc_options=TIGHT
+        u, {SNH: ufl.dx}, bcs=bcs, terms=[fem_snh.Cavity(ds(7), given)], petsc_options=TIGHT
     )
     row = list(problem.steps(1))[-1]
     assert row["converged"] and same(comm, u.x.array, result.problem.u.x.array)
@@ -236,8 +305,25 @@ def test_mistakes(comm: Any) -> None:
     domain = mesh.create_unit_cube(comm, 1, 1, 1, mesh.CellType.hexahedron)
     u = fem.Function(vector_space(domain))
     ds, other = faces(domain), mesh.create_unit_cube(comm, 1, 1, 1)
+    two = fem.Constant(domain, (1.0, 2.0))
     mistakes = {
         "value = 'x': expected a finite number": lambda: fem_snh.Pressure(ds(TOP), "x"),
+        "a finite number, or a UFL expression, a scalar": lambda: fem_snh.Pressure(ds(TOP), two),
+        "[x, y, z], or a UFL expression, a vector": lambda: fem_snh.Gravity(two[0]),
+        "stiffness = c_": lambda: fem_snh.Cavity(ds(TOP), 0.1, fem.Constant(domain, 1.0)),
+        "E = c_": lambda: fem_snh.material("hencky", E=fem.Constant(domain, 1.0), nu=0.3),
+        "translate = [0, 0, ": lambda: fem_snh.Obstacle(
+            {"plane": {}}, translate=[0, 0, fem.Constant(domain, 1.0)]
+        ),
+        "traction.vector = 'a vector of 2': expected 3": lambda: solve(
+            fem_snh.Traction(ds(TOP), two)
+        ),
+        "traction.vector = f: expected no displacement": lambda: solve(
+            fem_snh.Traction(ds(TOP), u)
+        ),
+        "cavity.volume = x[0]: expected a number, or an expression of Constants": lambda: solve(
+            fem_snh.Cavity(ds(TOP), ufl.SpatialCoordinate(domain)[0])
+        ),
         "group = Measure": lambda: fem_snh.Pressure(ufl.dx, 1.0),
         "missing key 'value'": lambda: fem_snh.Pressure(ds(TOP)),
         "Pressure with 4 values: expected at most 3": lambda: fem_snh.Pressure(ds(TOP), 1, "a", 2),

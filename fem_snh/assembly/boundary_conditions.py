@@ -136,6 +136,9 @@ class Dirichlet:
         self.dofs = np.flatnonzero(self.constrained[:owned])
         self.released = np.setdiff1d(before, self.dofs)
 
+    def set_load(self, load: float) -> None:
+        """Set constants and functions of a program, which conditions and terms may have."""
+
     def set_values(self, x: PETSc.Vec, load: float) -> None:
         """Set what is constrained of ``x`` to its values at this load."""
         raise NotImplementedError(f"{type(self).__name__}.set_values")

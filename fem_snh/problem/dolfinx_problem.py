@@ -251,10 +251,14 @@ class DolfinxConditions(Dirichlet):
             found.append(local_values(mask).reshape(-1, components) > 0)
         return found
 
-    def set_values(self, x: PETSc.Vec, load: float) -> None:
-        """Set what is constrained of ``x`` to its values at a load."""
+    def set_load(self, load: float) -> None:
+        """Set the program's constants, functions and boundary values."""
         if self._on_load is not None:
             self._on_load(load)
+
+    def set_values(self, x: PETSc.Vec, load: float) -> None:
+        """Set what is constrained of ``x`` to its values at a load."""
+        self.set_load(load)
         # Pressures may follow the displacement: ghosts of the conditions must not reach them.
         _dolfinx.set_bcs(x.array[: self._size], self.bcs)
         x.array[self._zero] = 0.0
@@ -327,7 +331,7 @@ def create_dolfinx_problem(
     entities = partial(measure_parts, V.mesh)
     found = facets, entities, amplitudes, moving, None, chosen_kinematics
     body = Body(u, regions, conditions, *found)
-    made = [_term(term, f"terms[{i}]", u, on_load) for i, term in enumerate(terms)]
+    made = [_term(term, f"terms[{i}]", u) for i, term in enumerate(terms)]
     if not regions and chosen.pressure_degree:
         raise bad_value("element", chosen.name, "an element without a pressure, without materials")
     created = [*create_terms(made, body), *(moving.terms if moving else [])]
@@ -347,7 +351,7 @@ def check_converged(reason: str, asked: str) -> None:
         raise BadInput(f"{asked}: expected a solution that has converged: call solve()")
 
 
-def _term(term: Any, name: str, u: Any, on_load: Callable[[float], None] | None) -> Any:
+def _term(term: Any, name: str, u: Any) -> Any:
     """Return a feature or a term as it is, and the term of a form. Collective."""
     if isinstance(term, Feature | Term):
         return term
@@ -355,7 +359,7 @@ def _term(term: Any, name: str, u: Any, on_load: Callable[[float], None] | None)
         raise bad_value(name, term, f"{TERM}; a Symmetry is one of 'bcs'")
     check_form(term, u, name)
     _check_integrals(term, name, u.function_space.mesh)
-    return UFLTerm(term, u, name, on_load)
+    return UFLTerm(term, u, name)
 
 
 def _checked(

@@ -6,7 +6,6 @@ constrained dofs and forms, which are carried over to the new space here.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import partial
 from typing import Any
 
@@ -116,6 +115,10 @@ class FollowingConditions(LiftedConditions):
         self._vector = _dolfinx.create_vector(V)
         self._given, self._lifted = _dolfinx.function(V, "given"), _dolfinx.function(W, "lifted")
 
+    def set_load(self, load: float) -> None:
+        """Set the program's constants, functions and boundary values."""
+        self._conditions.set_load(load)
+
     def set_values(self, x: PETSc.Vec, load: float) -> None:
         """Set what is constrained of ``x`` to the program's values at a load. Collective."""
         self._conditions.set_values(self._vector, load)
@@ -176,7 +179,6 @@ def lifted_problem(
     problem: Problem,
     element: Element,
     start: Any = None,
-    on_load: Callable[[float], None] | None = None,
     motion: CreateMotion | None = None,
     duration: float | None = None,
 ) -> Problem:
@@ -191,8 +193,6 @@ def lifted_problem(
     start : dolfinx Function, optional
         The displacement to begin from, on the program's space. Boundary values and forms then
         follow the load, as the program's do. Default: the solution, with its boundary values.
-    on_load : callable, optional
-        ``on_load(load)`` sets the constants and functions of the program.
     motion, duration : optional
         As for `create_dolfinx_problem`.
 
@@ -215,7 +215,7 @@ def lifted_problem(
     given = *found, Amplitudes((), duration), moving
     body = Body(u, problem.regions, conditions, *given, kinematics=kinematics)
     made = [
-        _lifted_term(term, f"terms[{i}]", problem.u, u, on_load)
+        _lifted_term(term, f"terms[{i}]", problem.u, u)
         for i, term in enumerate(problem.given_terms)
     ]
     terms = [*create_terms(made, body), *(moving.terms if moving else [])]
@@ -228,9 +228,7 @@ def lifted_problem(
     return lifted
 
 
-def _lifted_term(
-    term: Any, name: str, u: Any, lifted: Any, on_load: Callable[[float], None] | None
-) -> Any:
+def _lifted_term(term: Any, name: str, u: Any, lifted: Any) -> Any:
     """Return a feature as it is, and the term of a form in the other displacement."""
     if isinstance(term, Feature):
         return term
@@ -240,7 +238,7 @@ def _lifted_term(
     tests = {old: ufl.TestFunction(W) for old in term.arguments()}
     form = ufl.replace(term, {u: lifted} | tests)
     form = _integrated(form, 2 * (_dolfinx.degree(W) - _dolfinx.degree(V)))
-    return UFLTerm(form, lifted, name, on_load)
+    return UFLTerm(form, lifted, name)
 
 
 def _integrated(form: Any, more: int) -> Any:

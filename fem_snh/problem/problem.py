@@ -331,6 +331,7 @@ class Problem:
     def set_load(self, load: float) -> None:
         """Set the load parameter, 0 to 1, of boundary values and terms."""
         self.load = load
+        self.dirichlet.set_load(load)
         for term in self.terms:
             term.set_load(load)
 

@@ -148,9 +148,7 @@ class ProgramPath:
     ) -> Followed:
         integration = self._integration
         given = (integration.create_dynamics, integration.duration) if integration else ()
-        follows = self._problem.dirichlet.depends_on_load
-        load = self._load if follows else None
-        again = lifted_problem(self._problem, element, self._start, load, *given)
+        again = lifted_problem(self._problem, element, self._start, *given)
         again.scale_penalties(stiffer)
         motion = integration.time_steps(again) if integration else None
         with default_options(choice.prefix, choice.options):

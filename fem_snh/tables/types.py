@@ -11,7 +11,14 @@ from pydantic.json_schema import SkipJsonSchema
 
 from fem_snh.errors import bad_value
 from fem_snh.references import FileText, folder_of
-from fem_snh.tables.validation import Bounded, BoundedPositive, Expect, Finite, Whole
+from fem_snh.tables.validation import (
+    Bounded,
+    BoundedPositive,
+    Expect,
+    ExpectExpression,
+    Finite,
+    Whole,
+)
 
 #: Largest PetscInt of 32 bits, which also bounds the numbers of gmsh's physical groups.
 INT32_MAX = 2**31 - 1
@@ -64,9 +71,15 @@ Cells = Annotated[int, Whole(1, MAX_CELLS)]
 Steps = Annotated[int, Whole(1, MAX_STEPS)]
 Count = Annotated[int, Whole(1, INT32_MAX)]
 Seed = Annotated[int, Whole(0, INT64_MAX)]
+_VECTOR = "three finite numbers, [x, y, z]"
 Vector = Annotated[
+    tuple[Bounded, Bounded, Bounded], Expect(_VECTOR), BeforeValidator(split_numbers)
+]
+#: A number and a vector of a load that a program may give as UFL expressions.
+ScalarValue = Annotated[Bounded, ExpectExpression("a finite number")]
+VectorValue = Annotated[
     tuple[Bounded, Bounded, Bounded],
-    Expect("three finite numbers, [x, y, z]"),
+    ExpectExpression(_VECTOR, (1,)),
     BeforeValidator(split_numbers),
 ]
 Matrix = Annotated[tuple[Vector, Vector, Vector], Expect("a matrix, three rows of three numbers")]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import sys
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -51,11 +52,24 @@ _BOUNDS = {
 }
 
 
+def is_expression(value: object) -> bool:
+    """Return whether a value is a UFL expression, such as a Constant or a Function of dolfinx."""
+    kinds = sys.modules.get("ufl.core.expr")
+    return kinds is not None and isinstance(value, kinds.Expr)
+
+
+def _has_expressions(value: object) -> bool:
+    """Return whether a value is a UFL expression, or a list with one."""
+    return is_expression(value) or (
+        isinstance(value, list | tuple) and any(map(is_expression, value))
+    )
+
+
 @dataclass(frozen=True)
 class Expect:
     """An annotation that states what a field accepts; it replaces pydantic's own messages.
 
-    Numpy's scalars and arrays are accepted as Python's.
+    Numpy's scalars and arrays are accepted as Python's, and no UFL expressions.
     """
 
     what: str
@@ -66,6 +80,8 @@ class Expect:
         return core_schema.no_info_wrap_validator_function(self._check, handler(source))
 
     def _check(self, value: Any, inner: Callable[[Any], Any]) -> Any:
+        if _has_expressions(value):  # pydantic calls float() of one, which calls itself
+            return self._expression(value)
         try:
             return inner(value.tolist() if hasattr(value, "tolist") else value)
         except ValidationError as error:
@@ -74,9 +90,35 @@ class Expect:
         except OverflowError:  # a whole number too large for a float
             raise self._error(_BOUNDS["too_large"]) from None
 
+    def _expression(self, value: Any) -> Any:
+        """Return a UFL expression, or a list with one, as the field's value, or reject it."""
+        raise self._error("")
+
     def _error(self, bounds: str) -> PydanticCustomError:
         """Return the exception that states what is accepted."""
         return PydanticCustomError("expected", "expected {what}", {"what": self.what + bounds})
+
+
+@dataclass(frozen=True)
+class ExpectExpression(Expect):
+    """An annotation for numbers that may be a UFL expression in a program.
+
+    A list with UFL expressions becomes a vector of UFL.
+
+    Attributes
+    ----------
+    ranks : tuple of int
+        The ranks of tensors that the expression may have.
+    """
+
+    ranks: tuple[int, ...] = (0,)
+
+    def _expression(self, value: Any) -> Any:
+        given = value if is_expression(value) else sys.modules["ufl"].as_vector(value)
+        if len(given.ufl_shape) not in self.ranks:
+            kinds = " or ".join(("scalar", "vector")[rank] for rank in self.ranks)
+            raise self._error(f", or a UFL expression, a {kinds}")
+        return given
 
 
 @dataclass(frozen=True, init=False)

@@ -20,6 +20,8 @@ from fem_snh.mesh.mesh import DIMENSIONS, Mesh, volume
 from fem_snh.mesh.skin import Skin
 from fem_snh.tables.amplitudes import LOAD_ITSELF, Amplitudes
 from fem_snh.tables.types import surface_name
+from fem_snh.tables.validation import is_expression
+from fem_snh.terms.values import check_expression
 
 if TYPE_CHECKING:
     from fem_snh.assembly.nodal_mass import NodalMass
@@ -137,12 +139,8 @@ class Body:
         densities = [density_of(region, purpose) for region in self.regions]
         return cell_constant(self.domain, self.regions, densities)
 
-    def vector(self, key: str, value: Sequence[float]) -> Any:
-        """Return `components` as a dolfinx Constant."""
-        return self.constant(self.components(key, value))
-
-    def components(self, key: str, value: Sequence[float]) -> list[float]:
-        """Return a vector's components that are those of the displacement.
+    def components(self, key: str, value: Any) -> Any:
+        """Return a vector's components that are those of the displacement, or its expression.
 
         Raises
         ------
@@ -150,10 +148,22 @@ class Body:
             If others are not zero.
         """
         components = self.kinematics.components
+        if is_expression(value):
+            return self.expression(key, value)
         if any(value[components:]):
             accepted = f"{components} components and zero, in {self.kinematics.name}"
             raise bad_value(key, list(value), accepted)
         return list(value[:components])
+
+    def expression(self, key: str, value: Any) -> Any:
+        """Return a scalar, or a vector with the displacement's components, in UFL.
+
+        Numbers become a dolfinx Constant. It raises BadInput as `check_expression` does.
+        """
+        if not is_expression(value):
+            return self.constant(value)
+        check_expression(key, value, self.u, self.kinematics.components)
+        return value
 
     def constant(self, value: Any) -> Any:
         """Return a dolfinx Constant."""

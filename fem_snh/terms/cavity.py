@@ -12,7 +12,7 @@ from pydantic import Field
 from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.errors import BadInput, bad_value
 from fem_snh.tables.amplitudes import MOTION_TABLE, TableName
-from fem_snh.tables.types import SURFACE, Number, Positive, Surface, surface_name
+from fem_snh.tables.types import SURFACE, Positive, ScalarValue, Surface, surface_name
 from fem_snh.terms.feature import Feature
 
 if TYPE_CHECKING:
@@ -25,7 +25,7 @@ class Cavity(Feature):
 
     key, planar = "cavity", True
     group: Surface = Field(description=SURFACE)
-    volume: Number = Field(
+    volume: ScalarValue = Field(
         description="Volume of fluid that is added at amplitude 1 [m^3], in a plane per thickness; "
         "in a symmetric part of a body, the part's share."
     )

@@ -17,6 +17,7 @@ from fem_snh.tables.types import surface_name
 from fem_snh.terms.body import Body
 from fem_snh.terms.swept_volume import SweptVolume, enclosed_volume, fit_fields
 from fem_snh.terms.ufl_term import UFLTerm
+from fem_snh.terms.values import is_uniform, present
 
 if TYPE_CHECKING:
     from fem_snh.terms.cavity import Cavity
@@ -61,6 +62,9 @@ class EnclosedFluid:
 
     def __init__(self, fluid: Cavity, body: Body) -> None:
         u, dirichlet = body.u, body.dirichlet
+        if not is_uniform(fluid.volume):
+            accepted = "a number, or an expression of Constants: one volume"
+            raise bad_value("cavity.volume", fluid.volume, accepted)
         ds = body.surface("cavity.group", fluid.group)
         self.group, self._added, self._target = surface_name(fluid.group), fluid.volume, 0.0
         self._amplitude = body.amplitudes.motion(fluid.table)
@@ -79,17 +83,20 @@ class EnclosedFluid:
 
     def _check_volume(self, parameters: npt.NDArray[Any], dirichlet: Dirichlet) -> None:
         """Raise BadInput if more fluid leaves the cavity than there is. Collective."""
-        least = min(self._amplitude(load) * self._added for load in np.linspace(0, 1, _LOADS))
+        least = min(
+            self._amplitude(load) * float(present(self._added))
+            for load in np.linspace(0, 1, _LOADS)
+        )
         if least >= 0:
             return
         swept = enclosed_volume(self._volume, parameters, dirichlet)
         if swept is not None and least <= swept:  # the body's normals point into the cavity
             accepted = f"a volume that leaves some of the {-swept:.6g} m^3 in the cavity"
-            raise bad_value("cavity.volume", self._added, accepted)
+            raise bad_value("cavity.volume", float(present(self._added)), accepted)
 
     def set_load(self, load: float) -> None:
         """Set the volume of a load."""
-        self._target = self._amplitude(load) * self._added
+        self._target = self._amplitude(load) * float(present(self._added))
 
     def scale_penalties(self, factor: float) -> bool:
         """Multiply a default stiffness; a given one is a property of the fluid: return False."""

@@ -12,10 +12,12 @@ import numpy as np
 from fem_snh.assembly.boundary_conditions import Dirichlet
 from fem_snh.errors import BadInput
 from fem_snh.tables.types import surface_name
+from fem_snh.tables.validation import is_expression
 from fem_snh.terms.body import Body
 from fem_snh.terms.swept_volume import SweptVolume, fit_fields
 from fem_snh.terms.ufl_term import UFLTerm
 from fem_snh.terms.ufl_terms import UFLTerms
+from fem_snh.terms.values import check_expression, is_uniform, present
 
 if TYPE_CHECKING:
     from fem_snh.terms.pressure import Pressure
@@ -55,30 +57,41 @@ class FollowerPressure(UFLTerms):
     def __init__(self, pressures: Sequence[Pressure], body: Body) -> None:
         u, dirichlet = body.u, body.dirichlet
         self._amplitudes = [body.amplitudes.force(load.table) for load in pressures]
-        self._values = [load.value for load in pressures]
+        given = [load.value if is_expression(load.value) else 1.0 for load in pressures]
+        for value in filter(is_expression, given):
+            check_expression("pressure.value", value, u)
+        #: The pressures at amplitude 1 are numbers times expressions.
+        self._numbers = [1.0 if is_expression(load.value) else load.value for load in pressures]
+        self._expressions = given
         self._present = [body.constant(0.0) for _ in pressures]
         self._volumes = [
             SweptVolume(body.V, body.surface("pressure.group", load.group), body.kinematics)
             for load in pressures
         ]
-        both = list(zip(self._present, self._volumes, strict=True))
-        self._terms = [UFLTerm(p * v.residual(u), u, self.name) for p, v in both]
-        open_surfaces: list[str] = []
-        for amplitude in dict.fromkeys(self._amplitudes):
-            which = [i for i, other in enumerate(self._amplitudes) if other == amplitude]
-            if not self._fit(which, dirichlet):
-                open_surfaces += [f"'{surface_name(pressures[i].group)}'" for i in which]
-        self.has_energy = not open_surfaces
-        self.note = (
-            f"the pressure on {', '.join(open_surfaces)} has no energy, as an edge of the surface "
-            "is free: the line search is on the residual"
-            if open_surfaces
-            else ""
-        )
+        parts = zip(self._present, given, self._volumes, strict=True)
+        self._terms = [UFLTerm(p * v.residual(u, q), u, self.name) for p, q, v in parts]
+        # Pressures vary in proportion that have one amplitude and one expression.
+        factors = list(zip(self._amplitudes, given, strict=True))
+        causes: dict[str, list[str]] = {}
+        for factor in dict.fromkeys(factors):
+            which = [i for i, other in enumerate(factors) if other == factor]
+            cause = ""
+            if not is_uniform(factor[1]):
+                cause = "as it varies over the surface"
+            elif not self._fit(which, dirichlet):
+                cause = "as an edge of the surface is free"
+            names = [f"'{surface_name(pressures[i].group)}'" for i in which]
+            causes.setdefault(cause, []).extend(names)
+        causes.pop("", None)
+        self.has_energy = not causes
+        texts = [
+            f"the pressure on {', '.join(on)} has no energy, {why}" for why, on in causes.items()
+        ]
+        self.note = f"{'; '.join(texts)}: the line search is on the residual" if texts else ""
 
     def _fit(self, which: Sequence[int], dirichlet: Dirichlet) -> bool:
         """Set the fields of some surfaces; whether the pressures on them are conservative."""
-        volumes, values = [self._volumes[i] for i in which], [self._values[i] for i in which]
+        volumes, values = [self._volumes[i] for i in which], [self._numbers[i] for i in which]
         fields = fit_fields(volumes, values, dirichlet)
         for volume, field in zip(volumes, [] if fields is None else fields, strict=False):
             volume.set_field(field)
@@ -86,9 +99,9 @@ class FollowerPressure(UFLTerms):
 
     def set_load(self, load: float) -> None:
         """Set the pressures of a load."""
-        factors = zip(self._present, self._values, self._amplitudes, strict=True)
-        for present, value, amplitude in factors:
-            present.value = np.array(value * amplitude(load))
+        factors = zip(self._present, self._numbers, self._amplitudes, strict=True)
+        for factor, number, amplitude in factors:
+            factor.value = np.array(number * amplitude(load))
         for term in self._terms:
             term.set_load(load)
 
@@ -102,5 +115,5 @@ class FollowerPressure(UFLTerms):
         """
         if not self.has_energy:
             raise BadInput(self.note)
-        both = zip(self._present, self._volumes, strict=True)
-        return sum(float(present.value) * volume.change(u) for present, volume in both)
+        parts = zip(self._present, self._expressions, self._volumes, strict=True)
+        return sum(float(p.value * present(q)) * v.change(u) for p, q, v in parts)

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from petsc4py import PETSc
 
 import numpy as np
-import numpy.typing as npt
 import ufl
 
+from fem_snh.tables.validation import is_expression
 from fem_snh.terms.ufl_term import UFLTerm
 from fem_snh.terms.ufl_terms import UFLTerms
 
@@ -45,23 +45,24 @@ class Foundation(UFLTerms):
             None if spring.table is None else body.amplitudes.force(spring.table)
             for spring in springs
         ]
-        self._given: list[npt.NDArray[Any]] = []
-        self._present, self._terms = [], []
+        self._factors, self._terms = [body.constant(1.0) for _ in springs], []
         components = body.kinematics.components
-        for spring in springs:
-            k = spring.stiffness
-            each = k if isinstance(k, tuple) else (k,) * components
-            self._given.append(np.array(body.components("spring.stiffness", each), float))
-            present = body.constant(self._given[-1])
-            forces = ufl.as_vector([present[i] * body.u[i] for i in range(components)])
+        for spring, factor in zip(springs, self._factors, strict=True):
+            key, k = "spring.stiffness", spring.stiffness
+            if is_expression(k):
+                k = body.expression(key, k)
+            else:
+                each = k if isinstance(k, tuple) else (k,) * components
+                k = body.constant(np.array(body.components(key, each), float))
+            forces = [(k[i] if k.ufl_shape else k) * body.u[i] for i in range(components)]
+            energy = factor * ufl.inner(ufl.as_vector(forces), body.u) / 2
             ds = body.measure("spring.group", spring.group)
-            self._present.append(present)
-            self._terms.append(UFLTerm(ufl.inner(forces, body.u) / 2 * ds, body.u, self.name))
+            self._terms.append(UFLTerm(energy * ds, body.u, self.name))
 
     def set_load(self, load: float) -> None:
-        """Set the stiffnesses of a load."""
-        for k, given, amplitude in zip(self._present, self._given, self._amplitudes, strict=True):
-            k.value[:] = given if amplitude is None else amplitude(load) * given
+        """Set the factors of the stiffnesses."""
+        for factor, amplitude in zip(self._factors, self._amplitudes, strict=True):
+            factor.value = np.array(1.0 if amplitude is None else amplitude(load))
 
     def energy(self, u: PETSc.Vec, p: PETSc.Vec | None = None) -> float:
         """Return the energy of the foundations [J]. Collective."""

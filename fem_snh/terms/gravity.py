@@ -9,7 +9,8 @@ from pydantic import Field
 
 from fem_snh.errors import bad_value
 from fem_snh.tables.amplitudes import TABLE, TableName
-from fem_snh.tables.types import Vector
+from fem_snh.tables.types import VectorValue
+from fem_snh.tables.validation import is_expression
 from fem_snh.terms.feature import Feature
 
 if TYPE_CHECKING:
@@ -27,23 +28,26 @@ class Gravity(Feature):
     """
 
     key, stateless, planar = "gravity", True, True
-    vector: Vector = Field(description="Acceleration at amplitude 1 [m/s^2].")
+    vector: VectorValue = Field(description="Acceleration at amplitude 1 [m/s^2].")
     table: TableName | None = Field(default=None, description=TABLE)
 
     @classmethod
     def create_terms(cls, features: Sequence[Self], body: Body) -> Sequence[Term]:
         """Return one term of all accelerations. Collective."""
         from fem_snh.terms.dead_load import DeadLoad  # imports PETSc
+        from fem_snh.terms.values import is_uniform
 
         term = DeadLoad(cls.key, body.V)
         for load in features:
             amplitude = body.amplitudes.force(load.table)
             vector = body.components(f"{cls.key}.vector", load.vector)
-            if body.kinematics.revolved and any(load.vector[::2]):
+            given = is_expression(load.vector)
+            if body.kinematics.revolved and not given and any(load.vector[::2]):
                 accepted = f"a vector along the axis y, in {body.kinematics.name}"
                 raise bad_value(f"{cls.key}.vector", list(load.vector), accepted)
-            if body.motion:
+            if body.motion and is_uniform(vector):
                 term.add_weight(body.motion.mass, vector, amplitude)
             else:
-                term.add(body.density(cls.key) * body.constant(vector), body.cells, amplitude)
+                density = body.density(cls.key) * body.expression(cls.key, vector)
+                term.add(density, body.cells, amplitude, given)
         return [term]

@@ -9,7 +9,7 @@ from pydantic import Field
 
 from fem_snh.errors import bad_value
 from fem_snh.tables.amplitudes import TABLE, TableName
-from fem_snh.tables.types import SURFACE, Number, Surface
+from fem_snh.tables.types import SURFACE, ScalarValue, Surface
 from fem_snh.terms.feature import Feature
 
 if TYPE_CHECKING:
@@ -25,7 +25,7 @@ class Pressure(Feature):
 
     key, stateless, planar = "pressure", True, True
     group: Surface = Field(description=SURFACE)
-    value: Number = Field(
+    value: ScalarValue = Field(
         description="Pressure at amplitude 1 [Pa]; a positive one pushes into the body."
     )
     table: TableName | None = Field(default=None, description=TABLE)

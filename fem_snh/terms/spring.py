@@ -9,7 +9,7 @@ from pydantic import Field
 
 from fem_snh.tables.amplitudes import TableName
 from fem_snh.tables.types import SURFACE, Surface
-from fem_snh.tables.validation import Bounded, Expect
+from fem_snh.tables.validation import Bounded, ExpectExpression
 from fem_snh.terms.feature import Feature
 
 if TYPE_CHECKING:
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 _Stiffness = Annotated[Bounded, Field(ge=0)]
 Stiffness = Annotated[
     _Stiffness | tuple[_Stiffness, _Stiffness, _Stiffness],
-    Expect("a number >= 0, or three of them, [x, y, z]"),
+    ExpectExpression("a number >= 0, or three of them, [x, y, z]", (0, 1)),
 ]
 
 

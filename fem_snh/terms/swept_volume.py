@@ -35,6 +35,7 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 import ufl
+from ufl.algorithms import estimate_total_polynomial_degree
 
 from fem_snh import _dolfinx
 from fem_snh.assembly.boundary_conditions import Dirichlet
@@ -82,8 +83,8 @@ class SweptVolume:
 
     def __init__(self, V: Any, ds: Any, kinematics: Kinematics = SOLID) -> None:
         # The integrands are polynomials of this degree in each direction of a facet.
-        degree = 3 * max(_dolfinx.degree(V), _dolfinx.geometry_degree(V.mesh)) - 1
-        self._ds, self.V = ds(metadata={"quadrature_degree": degree}), V
+        self._degree = 3 * max(_dolfinx.degree(V), _dolfinx.geometry_degree(V.mesh)) - 1
+        self._ds, self.V = ds(metadata={"quadrature_degree": self._degree}), V
         self._u = _dolfinx.function(V, "displacement")
         self._kinematics, self._X = kinematics, ufl.SpatialCoordinate(V.mesh)
         dim = kinematics.dim
@@ -105,12 +106,13 @@ class SweptVolume:
         """The power of a length that S is."""
         return self._kinematics.volume_dimension
 
-    def residual(self, u: Any) -> Any:
-        """Return the UFL form of the integral of cof(F) N . v [m^2], v a test function."""
-        density = ufl.inner(self._normal(u), ufl.TestFunction(self.V))
+    def residual(self, u: Any, value: Any = 1.0) -> Any:
+        """Return the UFL form of the integral of value cof(F) N . v, v a test function."""
+        density = value * ufl.inner(self._normal(u), ufl.TestFunction(self.V))
         if self._kinematics.revolved:
             density *= 2 * ufl.pi * self._X[0]
-        return density * self._ds
+        degree = self._degree + estimate_total_polynomial_degree(ufl.as_ufl(value))
+        return density * self._ds(metadata={"quadrature_degree": degree})
 
     @property
     def num_parameters(self) -> int:

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Self
 from pydantic import Field
 
 from fem_snh.tables.amplitudes import TABLE, TableName
-from fem_snh.tables.types import SURFACE, Surface, Vector
+from fem_snh.tables.types import SURFACE, Surface, VectorValue
+from fem_snh.tables.validation import is_expression
 from fem_snh.terms.feature import Feature
 
 if TYPE_CHECKING:
@@ -24,7 +25,7 @@ class Traction(Feature):
 
     key, stateless, planar = "traction", True, True
     group: Surface = Field(description=SURFACE)
-    vector: Vector = Field(description="Force per reference area at amplitude 1 [Pa].")
+    vector: VectorValue = Field(description="Force per reference area at amplitude 1 [Pa].")
     table: TableName | None = Field(default=None, description=TABLE)
 
     @classmethod
@@ -34,8 +35,7 @@ class Traction(Feature):
 
         term = DeadLoad(cls.key, body.V)
         for load in features:
-            ds = body.measure("traction.group", load.group)
-            term.add(
-                body.vector(f"{cls.key}.vector", load.vector), ds, body.amplitudes.force(load.table)
-            )
+            ds, key = body.measure("traction.group", load.group), f"{cls.key}.vector"
+            force = body.expression(key, body.components(key, load.vector))
+            term.add(force, ds, body.amplitudes.force(load.table), is_expression(load.vector))
         return [term]

@@ -7,7 +7,7 @@ positive semidefinite, as with the closed-form filter of the materials.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from math import isnan
 from time import perf_counter
@@ -64,15 +64,11 @@ class UFLTerm:
         The displacement in ``form``, of a Lagrange space.
     name : str, optional
         The term's name in run.json.
-    on_load : callable, optional
-        ``on_load(load)`` sets the form's constants and functions for a load parameter.
 
     Attributes
     ----------
     has_energy : bool
         Whether the term's forces are the gradient of an energy.
-    depends_on_load : bool
-        Whether ``on_load`` is given.
     seconds : float
         Time spent compiling.
 
@@ -88,19 +84,13 @@ class UFLTerm:
     `set_load` is called, once per solve.
     """
 
-    stateless = True
+    stateless, depends_on_load = True, False
 
-    def __init__(
-        self,
-        form: Any,
-        u: Any,
-        name: str = "ufl",
-        on_load: Callable[[float], None] | None = None,
-    ) -> None:
+    def __init__(self, form: Any, u: Any, name: str = "ufl") -> None:
         check_form(form, u, name)
         if np.issubdtype(PETSc.ScalarType, np.complexfloating):
             raise bad_value("PETSc.ScalarType", "complex", "a PETSc configured with real numbers")
-        self.name, self._on_load, self.depends_on_load = name, on_load, on_load is not None
+        self.name = name
         self._comm = u.function_space.mesh.comm
         start = perf_counter()
         V = u.function_space
@@ -114,14 +104,14 @@ class UFLTerm:
             hessian = _derivative(residual, self._u, w)
         self._force = _dolfinx.create_vector(V) if hessian.empty() else None
         self._is_current = False
-        self._hessian = None if hessian.empty() else _compile_form(hessian, name)
+        self._hessian = None if hessian.empty() else compile_form(hessian, name)
         self._cells = None if self._hessian is None else self._form_cells()
         if energy is None and self._cells and self._is_linear_and_symmetric(hessian):
             # u . R(u) has the quadratic part twice and the linear part once.
             energy = _at_u(residual, self._u) - 0.5 * _at_u(hessian, self._u)
         self.has_energy = energy is not None or self._hessian is None
-        self._residual = _compile_form(residual, name)
-        self._energy = None if energy is None or self._force else _compile_form(energy, name)
+        self._residual = compile_form(residual, name)
+        self._energy = None if energy is None or self._force else compile_form(energy, name)
         self.seconds = perf_counter() - start
 
     @property
@@ -131,8 +121,6 @@ class UFLTerm:
 
     def set_load(self, load: float) -> None:
         """Set the load parameter. A dead load is assembled again, with present constants."""
-        if self._on_load is not None:
-            self._on_load(load)
         self._is_current = False
 
     def energy(self, u: PETSc.Vec, p: PETSc.Vec | None = None) -> float:
@@ -232,7 +220,7 @@ def check_form(form: Any, u: Any, name: str) -> None:
         raise bad_value(name, kinds[0], "integrals over cells (dx) or exterior facets (ds)")
 
 
-def _compile_form(form: Any, name: str) -> Any:
+def compile_form(form: Any, name: str) -> Any:
     """Return a compiled form; raise BadInput, with key ``name``, for an error. Collective."""
     with _compiling(name):
         # On every rank: dolfinx lets this error, which is no Exception, leave the first one alone.
