@@ -22,12 +22,21 @@ from fem_snh.files import read_text
 
 #: File name of the checkpoint.
 CHECKPOINT = "checkpoint.npz"
+#: File name of the finished levels of a run to an accuracy, and of the folder of the next level.
+LEVELS, NEXT_LEVEL = "levels.npz", "next_level"
 #: File name of the list of a run that has not ended, which is also its lock.
 LIST = ".files"
 #: Names of collections (.pvd), whose states have files of the same stem.
 COLLECTIONS = ("fields", "skin", "obstacles", "modes")
 #: Files of which a run has one each. A record without a list is that of an older version.
-_SINGLE = ("run.json", "steps.csv", "modes.csv", CHECKPOINT, *(f"{c}.pvd" for c in COLLECTIONS))
+_SINGLE = (
+    "run.json",
+    "steps.csv",
+    "modes.csv",
+    CHECKPOINT,
+    LEVELS,
+    *(f"{c}.pvd" for c in COLLECTIONS),
+)
 #: The solids whose surfaces may be files, of which a run has copies: the tables of scenes.
 SOLIDS = ("obstacle", "bone", "rigid")
 #: The other files: states of collections, and these copies.
@@ -202,6 +211,27 @@ class RunFiles:
             remove(self.folder / name)
             remove(temporary_path(self.folder / name))
             del self.names[name]
+
+    def take(self, other: RunFiles) -> None:
+        """Replace the files by those of another run, from another folder, which is removed.
+
+        `LEVELS`, which makes that run complete, comes last: a killed process has not begun to take
+        the files, or its folder has `LEVELS` and the rest of them.
+        """
+        self.discard([name for name in self.names if name not in other.names])
+        self.add(other.names)
+        last = ("run.json", LEVELS)
+        for name in [*(name for name in other.names if name not in last), *last]:
+            with suppress(FileNotFoundError):  # taken before the process was killed
+                (other.folder / name).replace(self.folder / name)
+        other.remove()
+
+    def remove(self) -> None:
+        """Remove the files, and the folder if it is empty then."""
+        self.discard(list(self.names))
+        self.close()
+        with suppress(OSError):
+            self.folder.rmdir()
 
     def note_recorded(self) -> None:
         """Note that run.json has the list as it is now."""

@@ -243,7 +243,7 @@ class Levels:
     @property
     def worst(self) -> tuple[str, float] | None:
         """The goal with the largest relative error on the last level; None without an estimate."""
-        goals = self.rows[-1].goals
+        goals = self.rows[-1].goals if self.rows else {}
         if not goals:
             return None
         name = max(goals, key=lambda name: goals[name].relative(self.asked))
@@ -486,7 +486,7 @@ class Levels:
 
     def record(self) -> dict[str, Any]:
         """Return the entry ``accuracy`` of run.json."""
-        last = self.rows[-1]
+        last = self.rows[-1] if self.rows else LevelRow("", 1, 0, 0)
         return {
             "within": self.asked,
             "reached": self.reached,

@@ -69,7 +69,8 @@ def run(
         Replace the run in ``out``: the files that its run.json lists. Other files stay, except
         those whose names a run writes.
     resume : bool
-        Continue the run in ``out`` from its last step, on any number of ranks. It must be a run of
+        Continue the run in ``out`` from its last step, on any number of ranks; with
+        ``accuracy.within`` from the level after the last that was finished. It must be a run of
         the same scene, except for the keys SOLVER_KEYS and OUTPUT_KEYS of
         ``fem_snh.runs.scene_identity``.
     comm : MPI.Comm
@@ -107,13 +108,11 @@ def run(
     if scene.within:
         from fem_snh.runs.levels import run_levels
 
-        if resume:
-            raise BadInput("--resume: expected without --accuracy, whose levels start again")
-        solve = partial(run_levels, comm, solve, printed)
+        solve = partial(run_levels, comm, solve, printed, resume=resume)
     if out is None:
         return solve(scene)
     with Folder(comm, out, scene.files.values(), overwrite, resume) as folder:
-        if resume:
+        if resume and not scene.within:
             from fem_snh.runs.resume import Checkpoint
 
             solve = partial(solve, stored=Checkpoint.read(folder, scene))
@@ -150,6 +149,8 @@ def _run(
         if notes := [*filter(None, (unlocked, setup.note)), *supports.notes]:
             about["notes"] = [*about.get("notes", ()), *(note.record() for note in notes)]
         about |= note or {}
+        if level:
+            about["accuracy"] = level.levels.record()
         printed.start(about)
         goals: list[Goal] = []
         modes = vibrations(setup)
@@ -177,7 +178,7 @@ def _run(
             recorder.add_notes(final_notes(setup, recorder.record["steps"], estimate))
         recorder.add_notes(unused_options(solver.PREFIX + name for name in given))
         recorder.save(status)
-        path = folder.path if folder else None
+        path = folder.final if folder else None
         printed.end(recorder.record, path)
         setup.destroy()
     return setup.result(recorder.record, path, estimate)

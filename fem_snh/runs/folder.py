@@ -24,7 +24,7 @@ from fem_snh.errors import BadInput, on_root
 from fem_snh.notes import Note
 from fem_snh.problem.problem import Problem
 from fem_snh.problem.reactions import is_free
-from fem_snh.run_files import RunFiles
+from fem_snh.run_files import LEVELS, NEXT_LEVEL, RunFiles
 from fem_snh.run_tables import flat, table_text
 from fem_snh.runs.defaults import describe_condensation, describe_defaults
 from fem_snh.runs.notes import mesh_note, partial_rotations, shape_notes, turns
@@ -191,8 +191,12 @@ class Folder:
         resume: bool = False,
     ) -> None:
         self.comm, self.path = comm, output_path("out", path)
+        #: Where its files are in the end.
+        self.final = self.path
         self.files: RunFiles | None = None
         self.note = on_root(comm, self._open, inputs, overwrite, resume)
+        if resume and on_root(comm, (self.path / NEXT_LEVEL / LEVELS).exists):
+            self.take(self._next_level(resume=True))  # a process was killed as it did
 
     def _open(self, inputs: Iterable[Path], overwrite: bool, resume: bool) -> str:
         """Make the folder and lock it."""
@@ -218,7 +222,30 @@ class Folder:
         """Remove the files of an earlier run. Collective."""
         if self.files:
             self.files.discard(list(self.files.names))
+            if (level := self.path / NEXT_LEVEL).is_dir():
+                RunFiles(level, overwrite=True).remove()
         self.comm.barrier()
+
+    def next_level(self) -> Folder:
+        """Return the folder of the next level of a run to an accuracy, until it is complete.
+
+        Collective.
+        """
+        return self._next_level(overwrite=True)
+
+    def _next_level(self, **mode: bool) -> Folder:
+        folder = Folder(self.comm, self.path / NEXT_LEVEL, (), **mode)
+        folder.final = self.path
+        return folder
+
+    def take(self, level: Folder) -> None:
+        """Replace the run by a complete one in the folder of `next_level`. Collective."""
+
+        def take() -> None:
+            assert self.files and level.files
+            self.files.take(level.files)
+
+        on_root(self.comm, take)
 
     def announce(self, *names: str) -> None:
         """List files of the run before they are written. On rank 0."""

@@ -5,11 +5,14 @@ before it, interpolated, in one step to the full load; on the last one they are 
 the scene asks for the path. A motion, or a path on which the end depends, as with friction, is
 followed again on each level, with shorter steps where their error is not small.
 `fem_snh.accuracy.levels` decides when the levels end and how fine the next is.
+
+A finished level is the run in the folder until the next one, which is written into a folder of its
+own, is complete: then it replaces that run. A killed run goes on after the last finished level.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from math import ceil
@@ -28,6 +31,7 @@ from fem_snh.accuracy.levels import LevelChanges, LevelRow, Levels
 from fem_snh.accuracy.lifted_elements import available_memory
 from fem_snh.accuracy.path_errors import HALVES
 from fem_snh.assembly.kinematics import kinematics_of
+from fem_snh.errors import on_root
 from fem_snh.mesh.mesh import Mesh, cell_volumes
 from fem_snh.notes import NOTES_ON_PATH
 from fem_snh.problem.problem import Problem
@@ -42,14 +46,18 @@ from fem_snh.runs.refinement import (
     meshed_again,
     more_cells,
     refinement_of,
+    smaller_lattice,
 )
 from fem_snh.runs.result import Result
+from fem_snh.runs.resume import Checkpoint
+from fem_snh.runs.setup import Setup, set_up
+from fem_snh.runs.stored_levels import StoredLevels, read_levels, write_levels
+from fem_snh.solver import petsc_failures
 from fem_snh.solver.options import OPTIONS
 
 if TYPE_CHECKING:
     from fem_snh.runs.folder import Folder
     from fem_snh.runs.progress import Progress
-    from fem_snh.runs.setup import Setup
 
 Array = npt.NDArray[Any]
 
@@ -163,6 +171,7 @@ def run_levels(
     printed: Progress,
     scene: scenes.Scene,
     folder: Folder | None = None,
+    resume: bool = False,
 ) -> Result:
     """Solve a scene on finer and finer meshes until its goals are within the request. Collective.
 
@@ -177,34 +186,46 @@ def run_levels(
     scene : Scene
         The scene, whose ``accuracy.within`` is set.
     folder : Folder, optional
-        The folder of the output, which has that of the last level.
+        The folder of the output, which has that of the last finished level.
+    resume : bool, optional
+        Whether the levels in the folder are continued.
 
     Returns
     -------
     Result
         That of the last level. ``record["accuracy"]`` has all of them.
     """
-    return _LevelRuns(comm, partial(solve, folder=folder), printed, scene).run()
+    stored = read_levels(folder, scene) if resume and folder else None
+    if resume and stored is None:
+        printed.line("no level was finished: the first one starts again")
+    return _LevelRuns(comm, solve, printed, scene, folder, stored).run()
 
 
 class _LevelRuns:
     """The runs of the levels of a scene, one after the other. Collective.
 
-    Parameters are those of `run_levels`; ``solve`` knows the folder.
+    Parameters are those of `run_levels`, and the levels that are continued.
     """
 
     def __init__(
-        self, comm: MPI.Comm, solve: Solve, printed: Progress, scene: scenes.Scene
+        self,
+        comm: MPI.Comm,
+        solve: Solve,
+        printed: Progress,
+        scene: scenes.Scene,
+        folder: Folder | None,
+        stored: StoredLevels | None,
     ) -> None:
         wanted = scene.accuracy
         assert wanted is not None and wanted.within is not None
         self._comm, self._solve, self._printed, self._wanted = comm, solve, printed, wanted
+        self._asked, self._folder = scene, folder
         first = first_scene(scene, printed)
         self._refine, mesh = refinement_of(first), None
         if probes := stress_probes(first):
             if is_refined_locally(first):
                 again = partial(mesh_like, first) if self._refine is meshed_again else None
-                mesh = fine_at(comm, first, probes, again)
+                mesh = None if stored else fine_at(comm, first, probes, again)
             elif self._refine is more_cells:
                 first = first.model_copy(update={"cells": scene.cells})
         limits = {key: getattr(wanted, key) for key in ("max_time", "max_memory", "max_dofs")}
@@ -216,11 +237,23 @@ class _LevelRuns:
         self._first, self._scene = first, first
         self._start, self._stiffer = perf_counter(), 1.0
         self._level = self._create_level(mesh)
+        self._stored = stored
+        #: The record of the last level that was finished.
+        self._finished: dict[str, Any] = {}
+        #: The folder of the next one, until that replaces it.
+        self._next: Folder | None = None
 
     def run(self) -> Result:
         """Solve levels until the goals are within the request, or a limit is reached."""
+        try:
+            return self._run()
+        finally:
+            if self._next and self._next.files:
+                self._next.files.close()
+
+    def _run(self) -> Result:
         levels, printed = self._levels, self._printed
-        result = self._solve_level()
+        result = self._restore(self._stored) if self._stored else self._solve_level()
         while result.converged and not levels.reached:
             levels.limit = levels.futility
             if levels.limit:
@@ -233,9 +266,13 @@ class _LevelRuns:
             result = self._solve_level()
         if self._wanted.path and levels.reached and self._scene.steps < self._first.steps:
             printed.line("the load steps are followed on the last mesh")
-            result = self._follow_path()
-            printed.level(levels.lines())
+            result = self._end_level(self._follow_path())
+        if not result.converged and not levels.limit:
+            levels.limit = f"level {len(levels.rows)}: {result.status}"
         result.record["accuracy"] = levels.record()
+        if self._finished and self._folder:
+            self._finished["accuracy"] |= {"limit": levels.limit or None}
+            on_root(self._comm, self._folder.write, self._finished)
         printed.reached(result.record["accuracy"])
         return result
 
@@ -250,24 +287,73 @@ class _LevelRuns:
         return level
 
     def _solve_level(self) -> Result:
-        """Solve the present level, and print its goals."""
-        level, levels, printed = self._level, self._levels, self._printed
-        started = level.before is not None
-        result = self._solve(self._scene, level=level)
+        """Solve the present level, store it and print its goals."""
+        started = self._level.before is not None
+        result = self._solve_aside()
         if not result.converged and started:
-            printed.line("the path is followed again: no equilibrium was found near the last state")
+            self._printed.line(
+                "the path is followed again: no equilibrium was found near the last state"
+            )
             result = self._follow_path()
+        return self._end_level(result)
+
+    def _solve_aside(self) -> Result:
+        """Solve the present level; its files are beside those of the last finished one."""
+        if self._folder and self._finished and not self._next:
+            self._next = self._folder.next_level()
+        return self._solve(self._scene, level=self._level, folder=self._next or self._folder)
+
+    def _end_level(self, result: Result) -> Result:
+        """Print the goals of the present level; replace the last finished one in the folder."""
+        levels = self._levels
         thin = [n["text"] for n in result.notes if n["kind"] == "supports" and "force" in n]
         levels.rows[-1].gives_way = thin[0] if thin else ""
-        printed.level(levels.lines())
+        self._printed.level(levels.lines())
+        if result.converged:
+            self._finished = result.record | {"accuracy": levels.record()}
+            if self._folder:
+                self._store(self._folder, result.problem.domain)
         return result
+
+    def _store(self, folder: Folder, domain: Any) -> None:
+        """Write what the next level follows from, and replace the last finished level."""
+        aside = self._next or folder
+        mesh = None if self._refine in (more_cells, smaller_lattice) else self._level.mesh
+        changes = {"stiffer": self._stiffer, "scene": _changes_of(self._scene)}
+        on_root(self._comm, aside.write, self._finished)
+        write_levels(aside, self._asked, self._levels, changes, domain, mesh)
+        if self._next:
+            folder.take(self._next)
+            self._next = None
+
+    def _restore(self, stored: StoredLevels) -> Result:
+        """Return the result of the last finished level, with the state that it has."""
+        assert self._folder
+        levels = self._levels
+        stored.restore(levels)
+        last = levels.rows[-1]
+        self._start -= last.elapsed
+        self._stiffer = stored.changes["stiffer"]
+        self._scene = _with_changes(self._first, stored.changes["scene"])
+        self._level = self._create_level(stored.mesh)
+        with petsc_failures():
+            setup = set_up(self._comm, self._scene, True, *self._level.given)
+            self._level.begin(setup)
+            stored.restore_errors(last, setup.mesh.domain)
+            checkpoint = Checkpoint.read(self._folder, self._scene)
+            checkpoint.restore(setup.stepper)
+            setup.destroy()
+        self._finished = checkpoint.record
+        self._printed.line(f"resumed after level {len(levels.rows)}")
+        self._printed.level(levels.lines())
+        return setup.result(checkpoint.record, self._folder.path, last.estimate)
 
     def _follow_path(self) -> Result:
         """Solve the present level again, by the scene's own load steps."""
         self._levels.rows.pop()
         self._level = self._create_level(self._level.mesh)
         self._scene = self._scene.model_copy(update=_path(self._first))
-        return self._solve(self._scene, level=self._level)
+        return self._solve_aside()
 
     def _announce(self, changes: LevelChanges, result: Result) -> str:
         """Print what the next level will cost; return why it is not solved, "" if it is."""
@@ -331,3 +417,31 @@ _ONE_STEP = {"steps": 1, "predictor": "none", "nu_continuation": [], "start": No
 def _path(scene: scenes.Scene) -> dict[str, Any]:
     """Return the scene's own load steps, and how they begin."""
     return {key: getattr(scene, key) for key in _ONE_STEP}
+
+
+def _changes_of(scene: scenes.Scene) -> dict[str, Any]:
+    """Return what levels change of a scene, as JSON has it."""
+    mesh, time = scene.mesh, scene.time
+    return {
+        "cells": scene.cells,
+        "element": scene.element,
+        "steps": scene.steps,
+        "time_steps": time.steps if time else None,
+        "cell": mesh.cell if isinstance(mesh, scenes.Lattice) else None,
+        "tolerance": scene.petsc.get(_TOLERANCE),
+        "starts_there": _ONE_STEP == _path(scene),
+    }
+
+
+def _with_changes(first: scenes.Scene, changes: Mapping[str, Any]) -> scenes.Scene:
+    """Return the scene of a level from that of the first one, and what `_changes_of` returned."""
+    update = {key: changes[key] for key in ("cells", "element", "steps")}
+    if first.time:
+        update["time"] = first.time.model_copy(update={"steps": changes["time_steps"]})
+    if isinstance(first.mesh, scenes.Lattice):
+        update["mesh"] = first.mesh.model_copy(update={"cell": changes["cell"]})
+    if changes["tolerance"] is not None:
+        update["petsc"] = first.petsc | {_TOLERANCE: changes["tolerance"]}
+    if changes["starts_there"]:
+        update |= _ONE_STEP
+    return first.model_copy(update=update)

@@ -1,0 +1,227 @@
+"""Write and read levels.npz: what the next level of a run to an accuracy follows from.
+
+It has the rows of the levels, how the scene of the last one differs from that of the first, its
+mesh if that is not the scene's, and the errors of its cells. The solution is in checkpoint.npz.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
+from io import BytesIO
+from typing import Any
+
+from mpi4py import MPI
+
+import numpy as np
+import numpy.typing as npt
+
+from fem_snh import _dolfinx, scenes
+from fem_snh.accuracy.goal_bounds import GoalLevel
+from fem_snh.accuracy.goal_errors import Estimate, GoalError
+from fem_snh.accuracy.indicators import Place
+from fem_snh.accuracy.levels import LevelRow, Levels
+from fem_snh.atomic_files import replace_file
+from fem_snh.errors import BadInput, on_root
+from fem_snh.files import open_file
+from fem_snh.mesh.gmsh_model import MeshData, PhysicalGroup
+from fem_snh.mesh.mesh import Mesh, distribute, gather
+from fem_snh.mesh.round_faces import RoundFaces
+from fem_snh.run_files import LEVELS
+from fem_snh.run_record import load_record
+from fem_snh.runs.folder import Folder
+from fem_snh.runs.scene_identity import check_same, identity
+
+Array = npt.NDArray[Any]
+#: Keys of the mesh's arrays, and of errors in cells and entities of groups, before their number.
+_CELLS, _NODES, _ERROR, _GROUP = "cells", "x", "error_", "group_"
+
+
+@dataclass(frozen=True)
+class StoredLevels:
+    """The content of levels.npz.
+
+    Attributes
+    ----------
+    changes : mapping
+        What `write_levels` was given.
+    mesh : Mesh or None
+        The mesh of the last level, if it is not the scene's.
+    """
+
+    changes: Mapping[str, Any]
+    mesh: Mesh | None
+    _rows: list[LevelRow]
+    _least: int
+    _errors: Mapping[str, Array]
+
+    def restore(self, levels: Levels) -> None:
+        """Set the rows of levels, whose last one still lacks the errors of the cells."""
+        levels.rows, levels.least = self._rows, self._least
+
+    def restore_errors(self, row: LevelRow, domain: Any) -> None:
+        """Set the errors of this rank's cells."""
+        rows = _dolfinx.input_cells(domain)[: _dolfinx.num_owned(domain)]
+        row.estimate.indicators = {name: values[rows] for name, values in self._errors.items()}
+
+
+def write_levels(
+    folder: Folder,
+    scene: scenes.Scene,
+    levels: Levels,
+    changes: Mapping[str, Any],
+    domain: Any,
+    mesh: Mesh | None,
+) -> None:
+    """Write levels, whose last one is complete, into its folder. Collective.
+
+    Parameters
+    ----------
+    folder : Folder
+        The folder of the last level.
+    scene : Scene
+        The scene as it was given.
+    levels : Levels
+        The levels.
+    changes : mapping
+        What else the next level follows from, as JSON has it.
+    domain : dolfinx Mesh
+        Of the last level.
+    mesh : Mesh or None
+        The same, if it is not the scene's.
+    """
+    last = levels.rows[-1].estimate.indicators
+    arrays = {f"{_ERROR}{i}": _of_cells(domain, last[name]) for i, name in enumerate(last)}
+    about = {
+        "scene": _identity(scene),
+        "least": levels.least,
+        "rows": [_row_record(row) for row in levels.rows],
+        "changes": dict(changes),
+        "errors": list(last),
+        "mesh": None,
+    }
+    if mesh:
+        data = gather(mesh)
+        arrays |= {_CELLS: data.cells, _NODES: data.x}
+        arrays |= {f"{_GROUP}{i}": group.entities for i, group in enumerate(data.groups)}
+        about["mesh"] = {
+            "cell": data.cell,
+            "degree": data.degree,
+            "groups": [(group.name, group.dim, group.tag) for group in data.groups],
+            "round_faces": mesh.round_faces,
+        }
+
+    def write() -> None:
+        text = json.dumps(about, default=lambda number: number.item()).encode()
+        archive = BytesIO()
+        np.savez(archive, about=np.frombuffer(text, np.uint8), **arrays)
+        folder.announce(LEVELS)
+        replace_file(folder.path / LEVELS, lambda file: file.write(archive.getbuffer()), sync=True)
+
+    on_root(folder.comm, write)
+
+
+def read_levels(folder: Folder, scene: scenes.Scene) -> StoredLevels | None:
+    """Return the levels of a folder; None if no level was finished. Collective.
+
+    Raises
+    ------
+    BadInput
+        On every rank, for a folder with another run, or a file that cannot be read.
+    """
+    path = folder.path / LEVELS
+
+    def read() -> tuple[dict[str, Any] | None, dict[str, Array]]:
+        if not path.exists():
+            if (record := folder.path / "run.json").exists() and "accuracy" not in load_record(
+                record
+            ):
+                raise BadInput(
+                    f"cannot resume {folder.path}: accuracy.within = {scene.within}: expected no "
+                    "value, as before, or another folder"
+                )
+            return None, {}
+        try:
+            with open_file(path) as file, np.load(file, allow_pickle=False) as stored:
+                arrays = {key: stored[key] for key in stored.files}
+            about = json.loads(arrays.pop("about").tobytes())
+            before = about["scene"]
+            rows = [_row(row) for row in about["rows"]]
+            errors = {n: arrays.pop(f"{_ERROR}{i}") for i, n in enumerate(about["errors"])}
+        except Exception as error:  # zipfile, zlib, numpy and json raise different ones
+            raise _unusable(folder, error) from None
+        check_same(folder.path, before, _identity(scene))
+        return about | {"rows": rows, "errors": errors}, arrays
+
+    kept: list[dict[str, Array]] = []
+
+    def read_on_root() -> dict[str, Any] | None:
+        about, arrays = read()
+        kept.append(arrays)
+        return about
+
+    about = on_root(folder.comm, read_on_root)
+    if about is None:
+        return None
+    mesh = _mesh(folder, about["mesh"], kept[0] if kept else {}) if about["mesh"] else None
+    return StoredLevels(about["changes"], mesh, about["rows"], about["least"], about["errors"])
+
+
+def _unusable(folder: Folder, error: Exception) -> BadInput:
+    """Return the exception for a file that cannot be used."""
+    reason = str(error) or type(error).__name__
+    return BadInput(
+        f"{folder.path / LEVELS} cannot be read ({reason}): start again with --overwrite"
+    )
+
+
+def _mesh(folder: Folder, about: Mapping[str, Any], arrays: Mapping[str, Array]) -> Mesh:
+    """Return a mesh whose cells rank 0 has. Collective."""
+
+    def make() -> MeshData:
+        groups = [
+            PhysicalGroup(name, dim, tag, arrays[f"{_GROUP}{i}"])
+            for i, (name, dim, tag) in enumerate(about["groups"])
+        ]
+        return MeshData(arrays[_CELLS], arrays[_NODES], about["cell"], about["degree"], groups)
+
+    made = distribute(folder.comm, str(folder.path / LEVELS), make)
+    faces = about["round_faces"]
+    return replace(made, round_faces=RoundFaces(*faces) if faces else None)
+
+
+def _identity(scene: scenes.Scene) -> dict[str, Any]:
+    """Return the values that must not change between the levels, by dotted keys."""
+    keys = {"goals", "estimate", "keep_element"}
+    accuracy = scene.accuracy.model_dump(mode="json", include=keys) if scene.accuracy else {}
+    return identity(scene) | {f"accuracy.{key}": value for key, value in accuracy.items()}
+
+
+def _of_cells(domain: Any, values: Array) -> Array:
+    """Return values of owned cells on rank 0, by the number of the cell. Collective."""
+    comm: MPI.Comm = domain.comm
+    rows = _dolfinx.input_cells(domain)[: len(values)]
+    parts = comm.gather((rows, values)) or [(rows, values)]
+    found = np.empty(sum(len(part[0]) for part in parts))
+    if comm.rank == 0:
+        for numbers, part in parts:
+            found[numbers] = part
+    return found
+
+
+def _row_record(row: LevelRow) -> dict[str, Any]:
+    """Return a level as JSON has it, without the errors in its cells."""
+    return asdict(replace(row, estimate=replace(row.estimate, indicators={})))
+
+
+def _row(record: dict[str, Any]) -> LevelRow:
+    """Return a level from what `_row_record` returned."""
+    found = record["estimate"]
+    places = {n: Place(**p | {"largest": tuple(p["largest"])}) for n, p in found["places"].items()}
+    errors = {name: GoalError(**goal) for name, goal in found["goals"].items()}
+    estimate = Estimate(**found | {"goals": errors, "places": places})
+    goals = {
+        n: GoalLevel(**g | {"known": GoalError(**g["known"])}) for n, g in record["goals"].items()
+    }
+    return LevelRow(**record | {"estimate": estimate, "goals": goals})
