@@ -22,7 +22,7 @@ _TESTS = {
         "large_forces_keep_the_tolerance_of_the_body",
         "programs_have_the_same_tolerance",
         "programs_in_time_have_that_of_scenes",
-        "rounding_bounds_the_tolerance",
+        "rounding_is_bounded",
     ),
     "assembled_matrix": (
         "element_matrices_are_summed",

@@ -22,7 +22,7 @@ _TESTS = {
         "hertz",
         "programs_have_the_same_tolerance",
         "programs_in_time_have_that_of_scenes",
-        "rounding_bounds_the_tolerance",
+        "rounding_is_bounded",
     ),
     "algebra_error": ("the_estimate_does_not_change_the_run",),
     "assembled_matrix": ("element_matrices_are_summed",),

@@ -167,7 +167,7 @@ class LiftedGoals:
         if not forces or is_at_rest(problem):
             return np.zeros(len(values))
         part = lift.residual / forces
-        if part > _LARGEST_ROUNDING and lift.residual <= lift.lifted.rounding_force:
+        if part > _LARGEST_ROUNDING and lift.residual <= lift.lifted.rounding_force(lift.lifted.x):
             raise NoEstimate(
                 f"{100 * part:.2g} % of the forces are within rounding in "
                 f"{lift.lifted.element.name}, as strains are so small"
@@ -201,4 +201,4 @@ def largest_components(goals: Sequence[Goal], values: Array) -> Array:
 def is_at_rest(problem: Problem) -> bool:
     """Return whether displacements and forces are zero to rounding. Collective."""
     moved = largest_displacement(problem) > _AT_REST * problem.length
-    return not moved and problem.largest_force(problem.x) <= problem.rounding_force
+    return not moved and problem.largest_force(problem.x) <= problem.rounding_force(problem.x)

@@ -84,7 +84,7 @@ def thin_support_note(problem: Problem, step: int | None = None) -> Note | None:
     problem.gradient(problem.x, forces)
     held = forces.array_r[thin.dofs]
     force = float(np.sqrt(problem.comm.allreduce(float(held @ held), op=MPI.SUM)))
-    if force <= max(_CARRIES * problem.largest_force(problem.x), problem.rounding_force):
+    if force <= _CARRIES * problem.largest_force(problem.x):
         return None
     text = (
         f"{thin.text}: points and edges have no area, and carry a force, {force:.3g} N: with finer "

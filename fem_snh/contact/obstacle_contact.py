@@ -155,6 +155,12 @@ class ObstacleContact:
         """The obstacles."""
         return [c.obstacle for c in self.contacts]
 
+    @property
+    def extent(self) -> float:
+        """The largest finite coordinate of the shapes [length]: gaps are as accurate as it is."""
+        bounds = np.array([shape.shape.bounds for shape in self.surfaces])
+        return float(np.abs(bounds, where=np.isfinite(bounds), out=np.zeros(bounds.shape)).max())
+
     def set_load(self, load: float) -> None:
         """Move the obstacles to their positions at a load."""
         for pair in self.pairs:

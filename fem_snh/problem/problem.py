@@ -9,13 +9,13 @@ from functools import cached_property, partial
 from math import isfinite
 from typing import Any
 
-from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
 import numpy.typing as npt
 
 from fem_snh import _dolfinx
+from fem_snh._petsc import aij_blocks
 from fem_snh.assembly.assembled_matrix import create_matrix
 from fem_snh.assembly.boundary_conditions import Dirichlet
 from fem_snh.assembly.cell_loops import CellLoops
@@ -45,12 +45,12 @@ from fem_snh.terms.history import TermHistory
 from fem_snh.terms.rank_one import RankOneUpdate
 from fem_snh.terms.step_limit import StepLimit
 from fem_snh.terms.term import PenaltyTerm, Term
+from fem_snh.terms.ufl_term import UFLTerm
 
 Array = npt.NDArray[Any]
 
-#: Rounding error of the residual's norm relative to (lambda + 2 mu) V^(2/3), with a margin: it is
-#: 1e-15 to 1e-14, as sums over more nodes have smaller parts.
-_ROUNDING = 1e3 * float(np.finfo(float).eps)
+#: Relative rounding error of a number.
+_EPS = float(np.finfo(float).eps)
 #: Forces of a constant pressure on what is free, relative to all of them, that are rounding.
 _NO_FORCE = 1e-9
 
@@ -281,32 +281,65 @@ class Problem:
         """`prescribe`, for nodes in inclined planes, which inexact linear solves leave; or None."""
         return self.prescribe if self.dirichlet.planes else None
 
-    @property
-    def acting_force(self) -> Callable[[PETSc.Vec], float] | None:
-        """The function `largest_force`; None in time, where each step has a unit of forces."""
-        return None if self.motion else self.largest_force
-
     def largest_force(self, x: PETSc.Vec) -> float:
         """Return the largest norm of a term's forces on all dofs [N]. Collective.
 
         At an equilibrium the elastic forces balance loads and contact on free dofs, and are the
-        reactions on constrained ones.
+        reactions on constrained ones. Loads on rigid parts count as well.
         """
-        force, largest = self.x.duplicate(), 0.0
+        force, largest = self.x.duplicate(), self.rigid.largest_force(x) if self.rigid else 0.0
         for term in self.terms:
             self.gradient(x, force, [term])
             largest = max(largest, force.norm())
         return largest
 
-    @property
-    def rounding_force(self) -> float:
-        """A bound of the residual's rounding error [N]: ``_ROUNDING`` times the forces of strain 1.
+    def rounding_force(self, x: PETSc.Vec, least: float = 0.0) -> float:
+        r"""Return a bound of the residual's rounding error [N]; 0 where it is below ``least``.
 
-        It grows with coordinates far from the origin. Collective.
+        .. math:: \epsilon \left\| |A| \, m \right\|_2
+
+        (Tisseur 2001), A the Hessian assembled last. The size m of an unknown is :math:`|x|`.
+        It is that of the position :math:`|X| + |x|` where positions decide, at nodes that are rigid
+        or touch something; where no force acts and the body is at rest; and that of a cell more
+        where an energy is a UFL form, which rounds F = I + H. Collective.
         """
-        far = self.comm.allreduce(np.abs(self.coordinates).max(initial=0.0), op=MPI.MAX)
-        unit = self.stiffest_modulus * self.length ** (self.kinematics.volume_dimension - 1)
-        return float(_ROUNDING * unit * max(1.0, far / self.length))
+        sizes, positions = self.x.duplicate(), self.x.duplicate()
+        positions.set(0.0)
+        X = np.abs(self.coordinates[:, : self._unknowns.components])
+        positions.array[: self.owned_displacements] = X.ravel()
+        sizes.array[:] = np.abs(x.array_r)
+        whole = sizes + positions
+        extents = [getattr(term, "extent", 0.0) for term in self.terms]
+        whole.shift(max([*extents, self.length]))
+        if _EPS * self.A.norm(PETSc.NormType.NORM_INFINITY) * whole.norm() < least:
+            return 0.0
+        at_rest = sizes.max()[1] <= _EPS * self.length
+        decisive, force = np.zeros(len(positions.array_r), bool), self.x.duplicate()
+        for term in self.terms:
+            is_contact = isinstance(term, PenaltyTerm) or term in self.coupling_terms
+            if term is self.elastic or not (is_contact or at_rest):
+                continue
+            self.gradient(x, force, [term])
+            if is_contact:
+                touching = force.array_r != 0.0
+                decisive |= touching
+                positions.array[touching] += getattr(term, "extent", 0.0)
+            at_rest = at_rest and force.norm() == 0.0
+        if self.rigid:
+            decisive[self.rigid.dofs] = True
+        if at_rest:
+            decisive[:] = True
+        sizes.array[decisive] += positions.array_r[decisive]
+        if any(isinstance(term, UFLTerm) and term.has_hessian for term in self.terms):
+            sizes.array[:] += self.length / self.regime.nodes ** (1 / self.kinematics.dim)
+        absolute, product = self.A.duplicate(copy=True), self.x.duplicate()
+        with aij_blocks(absolute) as blocks:
+            for block in blocks:
+                np.abs(block.array(), out=block.array())
+        absolute.mult(sizes, product)
+        absolute.destroy()
+        self.project(product.array)
+        return float(_EPS * product.norm())
 
     @property
     def coordinates(self) -> Array:

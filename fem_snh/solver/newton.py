@@ -28,11 +28,6 @@ from fem_snh.solver.stability import EquilibriumStability
 from fem_snh.solver.step import Iteration, State, Step
 from fem_snh.solver.trust_region import TrustRegion
 
-#: The part of ``rounding_force`` that no residual comes below: 7e-15 (lambda + 2 mu) V^(2/3). It
-#: exceeds the tolerance where the stiffest material is 1e6 times as stiff as the others. Measured
-#: with `fem-snh extremes --only contrast`: P2 at a contrast of 1e8 needs two thirds of it.
-_LEAST_ROUNDING = 3e-2
-
 Reason = PETSc.SNES.ConvergedReason
 
 
@@ -55,10 +50,11 @@ class ProjectedNewton:
               \min\left(E\, V^{2/3},\ 10^3 \max_t \|f_t\|_2\right),
 
     f_t the forces of one term at the present state, reactions included: of the elastic energy, of
-    loads, of contact. Where they are small, as those of a local contact on a large body, the
-    residual is so too: 1e-4 of them by default. It need not come below its rounding error. The test
-    is invariant to scale and stiffness. ``-snes_atol`` [N], ``-snes_rtol`` and ``-snes_stol`` add
-    PETSc's own tests.
+    loads, of contact, of inertia. Where they are small, as those of a local contact on a large body
+    or the weight of a stiff one, the residual is so too: 1e-4 of them by default. The test is
+    invariant to scale and stiffness. ``-snes_atol`` [N] and ``-snes_rtol`` replace it by PETSc's
+    tests; ``-snes_stol`` adds one. After an iteration the residual need not come below its rounding
+    error, which is also the end of a solve that no step improves.
 
     Parameters
     ----------
@@ -82,8 +78,9 @@ class ProjectedNewton:
     acting_force : callable, optional
         ``acting_force(x)`` returns the largest norm of a term's forces [N]; without it the
         tolerance depends on ``force_scale`` alone.
-    rounding_force : float
-        A bound of the residual's rounding error [N].
+    rounding_force : callable, optional
+        ``rounding_force(x, least)`` returns a bound of the rounding error [N], with the Hessian
+        assembled last; 0 where it is below ``least``.
     stability : EquilibriumStability, optional
         Tells whether an equilibrium is stable. It is asked where the linear solver has factors, and
         where parts are stiff.
@@ -92,6 +89,12 @@ class ProjectedNewton:
     ----------
     force_scale : float
         The unit of the residual's norm [N]; it may change between solves.
+    earlier_force, least_load : float
+        Of a step in time, whose errors add up: the norm of the forces [N] at its start, which count
+        as those that act, and the smallest one of a dead load, which may be small beside others.
+    force_iteration : bool
+        Whether the next solve makes an iteration, whatever its first residual; as PETSc's
+        ``-snes_force_iteration``.
     tolerance : float
         The norm of the residual [N] at which the last solve converged, or would have.
     history : list of Iteration
@@ -117,7 +120,7 @@ class ProjectedNewton:
         retraction: CurvedPaths | None = None,
         prescribe: Callable[[PETSc.Vec], None] | None = None,
         acting_force: Callable[[PETSc.Vec], float] | None = None,
-        rounding_force: float = 0.0,
+        rounding_force: Callable[[PETSc.Vec, float], float] | None = None,
         stability: EquilibriumStability | None = None,
     ) -> None:
         self.largest_step, self.retraction = largest_step, retraction
@@ -125,6 +128,8 @@ class ProjectedNewton:
         self._acting_force, self._rounding_force = acting_force, rounding_force
         self._assemble, self.has_energy, self.saddle_point = jacobian, has_energy, saddle_point
         self.force_scale, self.energy_scale = force_scale, energy_scale
+        self.earlier_force, self.least_load = 0.0, inf
+        self.force_iteration, self._first_norm = False, 0.0
         self.options = options.defaults_for("linesearch")
         self.tolerance = self.scaled_tolerance
         self.history: list[Iteration] = []
@@ -183,9 +188,11 @@ class ProjectedNewton:
             return
         snes.computeFunction(x, state.residual)
         norm, step_norm, step = state.residual.norm(), 0.0, Step()
+        first, self._first_norm = not self.force_iteration, norm
+        self.force_iteration = False
         max_it = snes.getTolerances()[3]
         for its in range(max_it + 1):
-            if self._test_convergence(snes, its, x, step_norm, norm):
+            if self._test_convergence(snes, its, x, step_norm, norm, first or its > 0):
                 step = self._leave_unstable(snes, state, step.negative, trial)
                 if step.end is None:
                     return
@@ -206,6 +213,9 @@ class ProjectedNewton:
                 )
             )  # fmt: skip
             if step.end is None:
+                rounding = self._rounding(x, norm)
+                if norm <= rounding:
+                    self.tolerance, step.diverged = rounding, Reason.CONVERGED_FNORM_ABS
                 snes.setConvergedReason(step.diverged)
                 return
             if step.lbfgs:
@@ -273,8 +283,7 @@ class ProjectedNewton:
     @property
     def scaled_tolerance(self) -> float:
         """Return the largest norm of the residual [N] at which a solve may converge."""
-        wanted = float(self.options["snes_scaled_tol"]) * self.force_scale
-        return max(wanted, _LEAST_ROUNDING * self._rounding_force)
+        return float(self.options["snes_scaled_tol"]) * self.force_scale
 
     def tolerance_at(self, x: PETSc.Vec) -> float:
         """Return the norm of the residual [N] at which the state ``x`` is a solution. Collective.
@@ -283,30 +292,59 @@ class ProjectedNewton:
         """
         if self._acting_force is None:
             return self.scaled_tolerance
-        return min(self.scaled_tolerance, self.force_tolerance(self._acting_force(x)))
+        force = max(self.earlier_force, self._acting_force(x))
+        return min(self.scaled_tolerance, self.force_tolerance(force))
 
     def force_tolerance(self, force: float) -> float:
         """Return the norm of the residual [N] that is small where forces of this norm [N] act."""
-        relative = ACTING_FORCES * float(self.options["snes_scaled_tol"])
-        return max(relative * force, self._rounding_force)
+        return ACTING_FORCES * float(self.options["snes_scaled_tol"]) * min(force, self.least_load)
 
     def _test_convergence(
-        self, snes: PETSc.SNES, its: int, x: PETSc.Vec, step_norm: float, norm: float
+        self,
+        snes: PETSc.SNES,
+        its: int,
+        x: PETSc.Vec,
+        step_norm: float,
+        norm: float,
+        may_end: bool,
     ) -> bool:
-        """Report the iteration to the SNES; return whether PETSc's or the scaled test stops it."""
+        """Report the iteration to the SNES; return whether PETSc's or the scaled test stops it.
+
+        Convergence counts only where it ``may_end``, or without any residual.
+        """
         snes.setIterationNumber(its)
         snes.setFunctionNorm(norm)
         snes.logConvergenceHistory(norm)
         reason = snes.callConvergenceTest(its, x.norm(), step_norm, norm)
         if reason == Reason.DIVERGED_DTOL and not self._dtol_given:
             reason = 0  # near an unstable state the residual grows while the energy decreases
-        if norm <= self.scaled_tolerance and not reason > 0:
-            self.tolerance = self.tolerance_at(x)
+        if reason > 0 and not may_end:
+            reason = 0
+        if (may_end or norm == 0) and not reason > 0:
+            self.tolerance = self._tolerance(snes, x, norm)
+            if its and norm > self.tolerance:
+                self.tolerance = max(self.tolerance, self._rounding(x, norm))
             if norm <= self.tolerance:
                 reason = Reason.CONVERGED_FNORM_ABS
         snes.setConvergedReason(reason)
         snes.monitor(its, norm)
         return bool(reason)
+
+    def _tolerance(self, snes: PETSc.SNES, x: PETSc.Vec, norm: float) -> float:
+        """Return the norm [N] at which a state with this residual would be a solution. Collective.
+
+        The forces that act are evaluated only where it depends on them.
+        """
+        rtol, atol = snes.getTolerances()[:2]
+        if rtol or atol:
+            return max(atol, rtol * self._first_norm)
+        earlier = min(self.scaled_tolerance, self.force_tolerance(self.earlier_force))
+        within = earlier < norm <= self.scaled_tolerance
+        return self.tolerance_at(x) if within else earlier if earlier else self.scaled_tolerance
+
+    def _rounding(self, x: PETSc.Vec, norm: float) -> float:
+        """Return the rounding error [N] of a residual of this norm, 0 if it is far above."""
+        return self._rounding_force(x, norm) if self._rounding_force else 0.0
 
     def _leave_unstable(
         self, snes: PETSc.SNES, state: State, negative: int | None, trial: State

@@ -157,17 +157,17 @@ class SolvableProblem(Protocol):
         None if it is constrained by components, which every solution of a linear system keeps.
         """
 
-    @property
-    def acting_force(self) -> Callable[[PETSc.Vec], float] | None:
-        """Return a function, or None if ``force_scale`` is set for the forces of each step.
+    def largest_force(self, x: PETSc.Vec) -> float:
+        """Return the largest norm of a term's forces [N]. Collective.
 
-        ``acting_force(x)`` returns the largest norm of a term's forces [N], with those on
-        constrained unknowns. Collective.
+        Those on constrained unknowns count as well.
         """
 
-    @property
-    def rounding_force(self) -> float:
-        """Return a bound of the residual's rounding error [N]."""
+    def rounding_force(self, x: PETSc.Vec, least: float = 0.0) -> float:
+        """Return a bound of the residual's rounding error [N]; 0 where it is below ``least``.
+
+        The Hessian is the one assembled last. Collective.
+        """
 
     @property
     def pressure_level_is_free(self) -> bool:

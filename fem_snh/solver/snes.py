@@ -98,7 +98,7 @@ def create(
         problem.largest_step,
         problem.retraction,
         problem.step_end,
-        problem.acting_force,
+        problem.largest_force,
         problem.rounding_force,
         EquilibriumStability(problem) if examine_stability and is_conservative(problem) else None,
     )

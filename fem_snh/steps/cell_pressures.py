@@ -109,9 +109,8 @@ class CellPressures:
             solved = True
             self._write_displacement()
             problem.residual(problem.x, self._residual)
-            tolerance = largest
-            if problem.acting_force is not None:
-                tolerance = min(tolerance, context.force_tolerance(problem.acting_force(problem.x)))
+            force = problem.largest_force(problem.x)
+            tolerance = min(largest, context.force_tolerance(force))
             if (norm := self._residual.norm()) <= tolerance:
                 break
             cut = max(_LEAST_CUT, _TARGET * tolerance / norm)

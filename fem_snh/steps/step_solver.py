@@ -94,7 +94,8 @@ class StepSolver:
         start, before = problem.x.copy(), problem.load
         problem.history.begin_step(problem.split(problem.x)[0])
         if motion:
-            self.snes.getPythonContext().force_scale = motion.begin_step(load)
+            context = self.snes.getPythonContext()
+            context.earlier_force, context.least_load = motion.begin_step(load)
         if self.pressures:
             self.pressures.begin_step()
         with solver.callback_errors():
@@ -116,7 +117,7 @@ class StepSolver:
 
     def _solve(self, load: float, predict: bool) -> solver.StepOutcome:
         """Solve at a load from a first guess; return the outcome of all solves."""
-        problem, outcome = self.problem, solver.StepOutcome()
+        problem, outcome, before = self.problem, solver.StepOutcome(), self.problem.load
         if self._semi_implicit:
             problem.set_load(load)
             return self._semi_implicit.solve()
@@ -135,6 +136,9 @@ class StepSolver:
         if self.pressures:
             self.pressures.solve()
             outcome.history += self.pressures.history
+        # Forces that change little beside others, as the weight of a body in tension, count too.
+        changes = self.motion is not None or (problem.depends_on_load and load != before)
+        self.snes.getPythonContext().force_iteration = changes and not outcome.predicted
         solver.solve_until_settled(problem, self.snes, outcome)
         return outcome
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from math import inf
 from typing import TYPE_CHECKING, Any
 
 from petsc4py import PETSc
@@ -16,7 +17,7 @@ from fem_snh.assembly.boundary_conditions import Dirichlet
 from fem_snh.assembly.ghosted_vectors import add_ghosts, writable_values
 from fem_snh.assembly.kinematics import Kinematics
 from fem_snh.assembly.regions import Region
-from fem_snh.choices import ACTING_FORCES, MASSES
+from fem_snh.choices import MASSES
 from fem_snh.problem.initial_state import initial_velocity
 from fem_snh.problem.problem import Problem
 from fem_snh.steps.step_size import AdaptiveStepSize, StepSize
@@ -26,9 +27,6 @@ if TYPE_CHECKING:
     from fem_snh.steps.dynamics.dynamics import Dynamics
 
 Array = npt.NDArray[np.float64]
-
-#: Smallest unit of a residual in E V^(2/3): the tolerance is then 1e-10, well above rounding.
-_LEAST_UNIT = 1e-3
 
 
 class TimeSteps:
@@ -96,12 +94,10 @@ class TimeSteps:
         v = self.dynamics.v.x.array[: self.dynamics.mass.num_owned]
         x.array[: len(v)] += (load - self._before) * self.duration * v
 
-    def begin_step(self, load: float) -> float:
-        """Begin a step from the problem's state to a load; return the unit of its residual [N].
+    def begin_step(self, load: float) -> tuple[float, float]:
+        """Begin a step from the problem's state to a load; return norms of forces there [N].
 
-        The unit of a quasi-static step, E V^(2/3), may be far above the forces that accelerate a
-        stiff body: it would not even fall. So the largest of inertial and external forces at the
-        step's start counts as well.
+        The largest one of external and inertial forces, and the smallest one of a dead load.
         """
         problem = self._problem
         self._before = problem.load
@@ -110,9 +106,13 @@ class TimeSteps:
         largest = max(forces.norm(), self._inertial_force())
         if problem.rigid:
             largest = max(largest, problem.rigid.largest_force(problem.x))
+        least = inf
+        for term in self._loads:
+            if not getattr(term, "has_hessian", True):
+                problem.gradient(problem.x, forces, [term])
+                least = min(least, forces.norm() or inf)
         self.dynamics.begin_step(problem, load)
-        unit = min(problem.force_scale, ACTING_FORCES * largest)
-        return max(_LEAST_UNIT * problem.force_scale, unit)
+        return largest, least
 
     def error(self) -> float:
         """Return the estimate of the solved step's error, relative to V^(1/3)."""

@@ -7,7 +7,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import sympy
+
 from fem_snh.kernels.codegen.c_functions import Functions
+from fem_snh.kernels.codegen.increments import Increments
 from fem_snh.kernels.codegen.small_strain import (
     VOLUME_INCREMENT,
     SmallStrainFunctions,
@@ -87,6 +90,8 @@ def volume_energy_function(split: Split) -> str:
 
 
 def volume_conjugate_function(split: Split) -> str:
-    """Return the C function of U*(p), dU*/dp, d2U*/dp2 that volume_pressure.h calls."""
-    head = "volume_conjugate(Parameters p, real *conjugate)"
-    return Functions(split.energy).curve_function(head, PRESSURE, split.dual_curve, "conjugate")
+    """Return the C function of U*(p), dU*/dp - 1, d2U*/dp2 that volume_pressure.h calls."""
+    head, curve = "volume_conjugate(Parameters p, real *conjugate)", split.dual_curve
+    at_rest, increment = Increments({PRESSURE: (sympy.Integer(0), PRESSURE)})(curve[1])
+    forms = [curve[0], at_rest - 1 + increment, curve[2]]
+    return Functions(split.energy).curve_function(head, PRESSURE, curve, "conjugate", forms)

@@ -24,7 +24,7 @@ void residual_cells(const Cells *c, const double *u, const double *pressure, dou
       for (int i = 0; i < 9; ++i) P[i] *= weight;
       for (int a = 0; a < NODES; ++a)
         for (int i = 0; i < 3; ++i) f[a][i] += P[i] * G[3 * a] + P[3 + i] * G[3 * a + 1] + P[6 + i] * G[3 * a + 2];
-      volume_residual_point(c, &volume, q, p, F, weight);
+      volume_residual_point(c, &volume, q, p, F, H, weight);
     }
     for (int l = 0; l < lanes; ++l)
       for (int a = 0; a < NODES; ++a)

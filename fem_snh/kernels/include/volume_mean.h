@@ -39,7 +39,7 @@ INLINE real volume_energy_density(Parameters p, const VolumeTerm *m, const real 
   return m->U[0] - p.pressure * determinant(F, cofactor);
 }
 
-INLINE void volume_residual_point(const Cells *c, VolumeTerm *m, int q, Parameters p, const real *F, real weight) {}
+INLINE void volume_residual_point(const Cells *c, VolumeTerm *m, int q, Parameters p, const real *F, const real *H, real weight) {}
 
 INLINE void volume_residual_add(const Cells *c, long start, int lanes, const VolumeTerm *m, double *r) {}
 

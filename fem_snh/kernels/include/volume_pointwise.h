@@ -12,7 +12,7 @@ INLINE Parameters volume_parameters(const Cells *c, const VolumeTerm *m, int q) 
 
 INLINE real volume_energy_density(Parameters p, const VolumeTerm *m, const real *F) { return splat(0); }
 
-INLINE void volume_residual_point(const Cells *c, VolumeTerm *m, int q, Parameters p, const real *F, real weight) {}
+INLINE void volume_residual_point(const Cells *c, VolumeTerm *m, int q, Parameters p, const real *F, const real *H, real weight) {}
 
 INLINE void volume_residual_add(const Cells *c, long start, int lanes, const VolumeTerm *m, double *r) {}
 

@@ -5,7 +5,8 @@
  *   [ H   B^T ]   B = integral of N dJ/du,  C = integral of N N^T d2(U*)/dp2,
  *   [ B   -C  ]   N the basis of the pressure; C = 0 at nu = 0.5.
  *
- * The code generator provides volume_conjugate(p, {U*, d(U*)/dp, d2(U*)/dp2}). */
+ * The code generator provides volume_conjugate(p, {U*, d(U*)/dp - 1, d2(U*)/dp2}): the volume ratio that
+ * belongs to p is 1 at p = 0, and its increment is as accurate as that of J. */
 
 typedef struct {
   real p[PRESSURE_NODES][1];  /* nodal pressures */
@@ -30,10 +31,11 @@ INLINE real volume_energy_density(Parameters p, const VolumeTerm *m, const real 
   return -conjugate[0];
 }
 
-INLINE void volume_residual_point(const Cells *c, VolumeTerm *m, int q, Parameters p, const real *F, real weight) {
+INLINE void volume_residual_point(const Cells *c, VolumeTerm *m, int q, Parameters p, const real *F, const real *H, real weight) {
   real conjugate[3], cofactor[9];
   volume_conjugate(p, conjugate);
-  const real mismatch = (determinant(F, cofactor) - conjugate[1]) * weight;
+  const real J = determinant(F, cofactor), change = select(small_strain(H), volume_increment(H, cofactor), J - 1);
+  const real mismatch = (change - conjugate[1]) * weight;
   for (int a = 0; a < PRESSURE_NODES; ++a) m->r[a] += c->pressure_basis[PRESSURE_NODES * q + a] * mismatch;
 }
 
