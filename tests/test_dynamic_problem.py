@@ -11,6 +11,7 @@ from dolfinx import fem
 from dolfinx_programs import Press, unit_cube, vector_space
 
 import fem_snh
+from fem_snh import _dolfinx
 from fem_snh.choices import INTEGRATORS
 from fem_snh.errors import BadInput
 
@@ -145,3 +146,35 @@ def test_bad_input(comm):
         fem_snh.DynamicProblem(u, {}, {}, duration=1.0)
     with pytest.raises(BadInput, match=r"time.integrator = 'euler'.*" + INTEGRATORS[0]):
         fem_snh.DynamicProblem(u, {m: ufl.dx}, {m: 1.0}, "euler", duration=1.0)
+
+
+@pytest.mark.parametrize("by_hand", [False, True])
+def test_a_base_that_a_program_moves(comm, by_hand):
+    """Its reaction contains the inertia of its nodes, also if the program sets their values."""
+    V = vector_space(unit_cube(comm, 1))
+    u, base = fem.Function(V), fem.Function(V)
+    m = fem_snh.material("stable_neo_hookean", E=1e8, nu=0.3)
+    nodes = np.arange(len(u.x.array) // 3)
+    w, n = 4 * np.pi, 40
+
+    def set_time(t):
+        base.x.array[::3] = 0.1 * np.sin(w * t)
+
+    problem = fem_snh.DynamicProblem(
+        u, {m: ufl.dx}, {m: 1000.0}, "newmark", duration=1.0,
+        set_time=None if by_hand else set_time, bcs=[_dolfinx.prescribed(base, nodes)],
+    )  # fmt: skip
+    found = []
+    for k in range(n):
+        if by_hand:
+            set_time((k + 1) / n)
+        assert problem.step(1.0 / n)
+        forces = problem._problem.x.duplicate()
+        problem._problem.gradient(problem._problem.x, forces)
+        found.append(comm.allreduce(forces.array_r[::3].sum()))
+    exact = -1000 * 0.1 * w**2 * np.sin(w * np.arange(1, n + 1) / n)
+    # Backward differences have the error 2/3 (w h)^2; those of the function are almost exact.
+    allowed = (w / n) ** 2 if by_hand else 1e-4
+    assert abs(found - exact)[5:].max() < allowed * abs(exact).max()
+    kinetic = problem.energies()["kinetic"]
+    assert kinetic == pytest.approx(500 * (0.1 * w) ** 2, rel=allowed)

@@ -109,6 +109,8 @@ class Dirichlet:
         The nodes with a constrained direction that is no component.
     depends_on_load : bool
         Whether any value depends on the load.
+    by_hand : bool
+        Whether values are a program's own, which it may change from step to step.
     released : (n,) int
         Dofs of this rank that other unknowns move: `set_values` may set them, to no effect.
     solid_cells : (n,) int
@@ -123,6 +125,7 @@ class Dirichlet:
     dofs: Array
     planes: InclinedPlanes | None = None
     depends_on_load: bool
+    by_hand: bool = False
     released: Array = np.empty(0, np.int64)
     solid_cells: Array = np.empty(0, np.int64)
     thin: ThinSupports | None = None

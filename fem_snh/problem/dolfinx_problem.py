@@ -129,6 +129,7 @@ class DolfinxConditions(Dirichlet):
         self.given = list(bcs)
         self.bcs = [bc for bc in bcs if not isinstance(bc, Symmetry)]
         self._on_load, self.depends_on_load = on_load, on_load is not None
+        self.by_hand = bool(self.bcs) and on_load is None
         mask = _dolfinx.create_vector(V)
         self._V, self._dofs, self._size = V, list[Array](), mask.getLocalSize()
         sizes = []

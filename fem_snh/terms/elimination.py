@@ -126,11 +126,13 @@ class EliminatingTerm(Protocol):
     ) -> PETSc.Vec:
         """Return the derivative of the moment about the point of forces of constant direction."""
 
-    def make_rigid(self, x: PETSc.Vec, mass: NodalMass, v: Array, a: Array | None = None) -> Array:
+    def make_rigid(
+        self, x: PETSc.Vec, mass: NodalMass, step: float, v: Array, a: Array | None = None
+    ) -> Array:
         """Make velocity and acceleration, (local dofs,), those that the unknowns admit, in place.
 
-        Returns the part of the nodes' acceleration that does not depend on forces, of the size of
-        ``dofs``.
+        The step is that of `fem_snh.geometry.motions.rates.path_rates`. Returns the part of the
+        nodes' acceleration that does not depend on forces, of the size of ``dofs``.
         """
 
     def states(self, x: PETSc.Vec, gradient: PETSc.Vec) -> dict[str, dict[str, list[float]]]:

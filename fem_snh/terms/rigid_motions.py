@@ -8,18 +8,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from fem_snh.geometry.motions.rates import path_rates
 from fem_snh.geometry.rigid_tree import RigidTree
 from fem_snh.tables.amplitudes import Amplitudes
 from fem_snh.tables.motions import rigid_displacement
 from fem_snh.terms.rigid import Rigid
 
 Array = npt.NDArray[Any]
-
-#: Spacing, in load, of the differences that are prescribed velocities and accelerations: their
-#: rounding errors are 1e-12 and 1e-8.
-_SPACING = 1e-4
-#: One-sided differences of second order, the first and the second one: weights of four values.
-_FIRST, _SECOND = (-1.5, 2.0, -0.5, 0.0), (2.0, -5.0, 4.0, -1.0)
 
 
 class PrescribedMotions:
@@ -61,19 +56,13 @@ class PrescribedMotions:
                 found[1, i] = turn * part.rotate.angle * axis
         return found[0], found[1]
 
-    def rates(self, load: float) -> tuple[Array, Array]:
+    def rates(self, load: float, step: float) -> tuple[Array, Array]:
         """Return the first two time derivatives at a load, (parts, 2, 3) each.
 
-        They are differences of points before the load, so that a kink of an amplitude at it does
-        not matter. Rotations are times the unit of length of the part's unknowns.
+        Rotations are times the unit of length of the part's unknowns. See `path_rates`.
         """
-        h = _SPACING if load <= 0 else -min(_SPACING, load / 4)
-        motions = [np.stack(self.at(load + k * h), axis=1) for k in range(len(_FIRST))]
-        lengths = np.array([link.length for link in self._tree.links])
-        found = []
-        for weights, power in ((_FIRST, 1), (_SECOND, 2)):
-            change = sum(w * (m - motions[0]) for w, m in zip(weights, motions, strict=True))
-            change = change / (h * (self._duration or 1.0)) ** power
-            change[:, 1] *= lengths[:, None]
-            found.append(change)
-        return found[0], found[1]
+        _, *rates = path_rates(lambda at: np.stack(self.at(at), axis=1), load, step)
+        for power, rate in enumerate(rates, 1):
+            rate /= (self._duration or 1.0) ** power
+            rate[:, 1] *= np.array([link.length for link in self._tree.links])[:, None]
+        return rates[0], rates[1]

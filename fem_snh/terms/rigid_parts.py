@@ -559,7 +559,9 @@ class RigidParts:
         update_ghosts(vector)
         values[:] = local_values(vector)
 
-    def make_rigid(self, x: PETSc.Vec, mass: NodalMass, v: Array, a: Array | None = None) -> Array:
+    def make_rigid(
+        self, x: PETSc.Vec, mass: NodalMass, step: float, v: Array, a: Array | None = None
+    ) -> Array:
         """Make velocity and acceleration of the nodes those of rigid bodies, in place. Collective.
 
         The momenta that belong to the unknowns stay. The acceleration contains that of the
@@ -571,6 +573,8 @@ class RigidParts:
             The displacement.
         mass : NodalMass
             The mass matrix.
+        step : float
+            As for `path_rates`.
         v, a : (local dofs,)
             Velocity and acceleration, ghosts included.
 
@@ -600,7 +604,7 @@ class RigidParts:
 
         fixed = ~(tree.free | self._jointed)
         first, second = (
-            np.where(fixed, rates.ravel(), 0.0) for rates in self._motions.rates(self._load)
+            np.where(fixed, rates.ravel(), 0.0) for rates in self._motions.rates(self._load, step)
         )
         basis = self._basis(poses)
 

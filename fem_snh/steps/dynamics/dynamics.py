@@ -29,10 +29,9 @@ from fem_snh.terms.elimination import EliminatingTerm
 
 Array = npt.NDArray[Any]
 
-#: Spacing of the differences of prescribed motion, relative to the step and, at the start, to the
-#: duration. Truncation, of the fourth power, is then far below the integrators' own error, rounding
-#: below the forces' tolerance.
-_SPACING, _FIRST_SPACING = 0.1, 1e-4
+#: Where a motion is differentiated at the start, in loads: its rounding errors are then far below
+#: the forces' tolerance.
+_START = 5e-4
 
 
 class _Step(NamedTuple):
@@ -141,7 +140,7 @@ class Dynamics:
         """
         self.dissipated = self.work = 0.0
         self._first_energy = self._before = None
-        motion = self._motion.at(problem.load, _FIRST_SPACING, problem.load)
+        motion = self._motion.at(problem.load, -_START, problem.load)
         v = self.v.x.array
         v[:] = 0.0
         if velocity is not None:
@@ -152,7 +151,7 @@ class Dynamics:
         v += motion.v
         self._rigid = problem.rigid
         if self._rigid:
-            turning = self._rigid.make_rigid(problem.x, self.mass, v)
+            turning = self._rigid.make_rigid(problem.x, self.mass, -_START, v)
             motion.a[self._rigid.dofs] = turning
             self._balance.update_ghosts(motion.a)
         balance = self._balance
@@ -179,8 +178,7 @@ class Dynamics:
         state = MotionState(u, self.v.x.array.copy(), self._smooth_acceleration(), self._before)
         formulas = self.integrator.formulas(h, state)
         project = self._motion.project
-        spacing = -_SPACING * (load - problem.load)
-        motion = self._motion.at(load, spacing, problem.load)
+        motion = self._motion.after(state, load, problem.load)
         formulas.velocity.set_values(project, motion.u, motion.v)
         formulas.acceleration.set_values(project, motion.u, motion.a)
         self._step = _Step(h, problem.load, state, formulas)
@@ -208,7 +206,7 @@ class Dynamics:
         if means := self._mean_forces(problem):
             a -= means.acceleration / formulas.gamma
         if self._rigid and not self.integrator.shift:  # else they are of other times than the pose
-            self._rigid.make_rigid(problem.x, self.mass, v, a)
+            self._rigid.make_rigid(problem.x, self.mass, problem.load - load, v, a)
         weight, moved = self.integrator.end_weight, (u - state.u)[: self.mass.num_owned]
         balance, damping = self._balance, self._balance.damping_forces(v)
         if balance.damping:
