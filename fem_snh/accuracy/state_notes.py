@@ -53,7 +53,11 @@ def state_notes(problem: Problem, negative: int | None) -> list[Note]:
     negative : int or None
         The number of negative eigenvalues of its Hessian, if it is known.
     """
-    unstable = instability_note({0: negative or 0}, saddle_point=bool(problem.saddle_point))
+    unstable = instability_note(
+        {0: negative or 0},
+        saddle_point=bool(problem.saddle_point),
+        touches=bool(problem.coupling_terms),
+    )
     found = [inversion_note(problem), locking_note(problem), unstable, pressure_note(problem)]
     found += [thin_support_note(problem), penalty_note(problem)]
     contradictions = problem.dirichlet.contradictions_of_values()
@@ -221,6 +225,7 @@ def instability_note(
     of: int | None = None,
     step: int | None = None,
     saddle_point: bool = False,
+    touches: bool = False,
 ) -> Note | None:
     """Return a note if an equilibrium is unstable.
 
@@ -234,6 +239,8 @@ def instability_note(
         Number of the last step.
     saddle_point : bool, optional
         Whether the problem has unknown pressures, which no trust region minimises.
+    touches : bool, optional
+        Whether surfaces of bodies touch: see `fem_snh.steps.step_solver.StepSolver`.
     """
     unstable = {number: count for number, count in negative.items() if count > 0}
     if not unstable:
@@ -245,10 +252,13 @@ def instability_note(
     if of is not None and last != step:
         where += ", not in the last"
     element = " with nu < 0.5 and Q1P0 or P2P0" if saddle_point else ""
+    cure = f"take globalization = 'trust_region'{element}, which leaves it, or give the body the "
+    if touches:  # their trust region had found no stable state
+        cure = "where surfaces that touch end at the same edge, let one reach beyond the other, or "
+        cure += "hold the bodies sideways; or give them the "
     text = (
         f"unstable equilibrium{where}: the Hessian has {eigenvalues}, so a disturbance moves the "
-        f"body to another state: take globalization = 'trust_region'{element}, which leaves it, or "
-        "give the body the imperfection of a real one"
+        f"body to another state: {cure}imperfection of a real one"
     )
     values = {"negative_eigenvalues": count, "steps": list(unstable)}
     return Note("unstable", text, None if of is None else last, values)

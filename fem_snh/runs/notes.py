@@ -151,6 +151,7 @@ def final_notes(
             len(good),
             good[-1],
             saddle_point=bool(problem.saddle_point),
+            touches=bool(problem.coupling_terms),
         ),
     ]
     return [note for note in found if note]

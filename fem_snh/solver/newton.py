@@ -15,9 +15,10 @@ from petsc4py import PETSc
 
 from fem_snh.choices import ACTING_FORCES
 from fem_snh.linalg.direct_solver import is_direct
+from fem_snh.linalg.symmetric_factors import SymmetricFactors
 from fem_snh.solver import garbage, options
 from fem_snh.solver.forcing import ForcingTerm
-from fem_snh.solver.globalization import Globalization, LineSearchNewton
+from fem_snh.solver.globalization import FullNewton, Globalization, LineSearchNewton
 from fem_snh.solver.line_search import LargestStep, LineSearch
 from fem_snh.solver.linear_choice import LinearChoice
 from fem_snh.solver.protocol import CurvedPaths, SaddlePoint
@@ -102,6 +103,9 @@ class ProjectedNewton:
     negative : int or None
         Negative eigenvalues of the exact Hessian at the end of the last solve, more than those of a
         minimum; None where they are not counted.
+    full_steps : bool
+        Whether a solve takes full steps with the exact Hessian, which converge to unstable
+        equilibria, too (`FullNewton`); otherwise it minimises.
     linear_choice, trust_ksp : LinearChoice, KSP or None
         The linear solver and why it was chosen; that of `TrustRegion`, None with a line search.
     """
@@ -135,6 +139,8 @@ class ProjectedNewton:
         self.history: list[Iteration] = []
         self.stability = stability
         self.negative: int | None = None
+        self.full_steps = False
+        self.factors: SymmetricFactors | None = None
         self.trust_ksp: PETSc.KSP | None = None
         self.linear_choice = LinearChoice(False)
         self._filter, self._filtered_points = "exact", 0
@@ -239,6 +245,9 @@ class ProjectedNewton:
     def _globalization(self, snes: PETSc.SNES, forcing: ForcingTerm) -> Globalization:
         """Return the globalization of one solve, with its parts."""
         direction = self.direction(snes, forcing)
+        if self.full_steps:
+            self.factors = self.factors or SymmetricFactors(snes.getJacobian()[1])
+            return FullNewton(direction, self.factors)
         line_search = direction.line_search
         ksp = self.trust_ksp
         quasi_newton = QuasiNewton(
@@ -355,6 +364,9 @@ class ProjectedNewton:
         """
         found, converged = self.stability, snes.getConvergedReason() > 0
         if found is None or not converged:
+            return Step()
+        if self.full_steps:
+            self.negative = found.negative_eigenvalues(state.x)
             return Step()
         if not (is_direct(snes.getKSP()) or found.is_doubtful):
             return Step()

@@ -149,8 +149,9 @@ def _check_inverse_of_sum(ksp: PETSc.KSP) -> None:
 def destroy(snes: PETSc.SNES) -> None:
     """Destroy a SNES of `create` with its linear solvers. Collective."""
     context = snes.getPythonContext()
-    if context.trust_ksp is not None:
-        context.trust_ksp.destroy()
+    for owned in (context.trust_ksp, context.factors):
+        if owned is not None:
+            owned.destroy()
     snes.destroy()
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 from petsc4py import PETSc
@@ -66,6 +66,7 @@ class StepSolver:
         response = pressures.tangent if pressures else None
         self.predictor = solver.Predictor(problem, snes, predictor, extrapolate, blend, response)
         linearised = motion is not None and motion.semi_implicit
+        self._unstable = False  # whether the last step ended at an unstable equilibrium
         self._semi_implicit = solver.SemiImplicit(problem, snes) if linearised else None
 
     def solve(
@@ -91,15 +92,19 @@ class StepSolver:
             iterate.
         """
         problem, motion = self.problem, self.motion
-        start, before = problem.x.copy(), problem.load
-        problem.history.begin_step(problem.split(problem.x)[0])
-        if motion:
-            context = self.snes.getPythonContext()
-            context.earlier_force, context.least_load = motion.begin_step(load)
-        if self.pressures:
-            self.pressures.begin_step()
-        with solver.callback_errors():
-            outcome = self._solve(load, predict)
+        start, before, history = problem.x.copy(), problem.load, list[solver.Iteration]()
+        for number, full_steps in enumerate(self._attempts()):
+            if number:
+                start.copy(problem.x)
+                problem.set_load(before)
+            tried = self._attempt(load, predict, full_steps)
+            history += tried.history
+            if tried.converged or not full_steps:
+                outcome = tried
+            if tried.converged:
+                self._unstable = full_steps and bool(tried.negative)
+                break
+        outcome.history = history
         if judge and outcome.converged:
             judge(outcome)
         if outcome.converged:
@@ -114,6 +119,33 @@ class StepSolver:
             if motion:
                 motion.cancel_step()
         return outcome
+
+    def _attempt(self, load: float, predict: bool, full_steps: bool) -> solver.StepOutcome:
+        """Solve from the problem's state to a load, by a minimisation or by full steps."""
+        problem, context = self.problem, self.snes.getPythonContext()
+        problem.history.begin_step(problem.split(problem.x)[0])
+        if self.motion:
+            context.earlier_force, context.least_load = self.motion.begin_step(load)
+        if self.pressures:
+            self.pressures.begin_step()
+        context.full_steps = full_steps
+        try:
+            with solver.callback_errors():
+                return self._solve(load, predict)
+        finally:
+            context.full_steps = False
+
+    def _attempts(self) -> Sequence[bool]:
+        """Return whether each attempt of a step takes full steps, to any equilibrium.
+
+        Where surfaces touch without friction the energy of a state may be no minimum, and no
+        minimum may be near: bodies that slide off each other. The path of equilibria goes on.
+        """
+        problem = self.problem
+        conservative = self.snes.getPythonContext().stability is not None
+        if not (conservative and problem.coupling_terms and problem.operator == problem.A):
+            return [False]
+        return [True, False] if self._unstable else [False, True]
 
     def _solve(self, load: float, predict: bool) -> solver.StepOutcome:
         """Solve at a load from a first guess; return the outcome of all solves."""
@@ -131,9 +163,10 @@ class StepSolver:
             return outcome
         if self.guessed:
             self.guessed()
-        if self.continuation:
+        full_steps = self.snes.getPythonContext().full_steps
+        if self.continuation and not full_steps:
             outcome.history += self.continuation.solve(problem)
-        if self.pressures:
+        if self.pressures and not full_steps:
             self.pressures.solve()
             outcome.history += self.pressures.history
         # Forces that change little beside others, as the weight of a body in tension, count too.

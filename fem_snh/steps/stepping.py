@@ -16,14 +16,6 @@ from fem_snh.steps.step_solver import StepSolver
 if TYPE_CHECKING:
     from fem_snh.problem.bone_records import BoneRecords
 
-#: Iterations of Newton's method with a Hessian that is positive definite. So may be one that the
-#: user's choice of a filter, clamp or abs, makes it.
-_DEFINITE = ("exact", "none needed")
-#: Part of a failed step's iterations with another one, from which on the reason says so where
-#: bodies touch: where they slide off, nine tenths are (two flush blocks).
-_MOSTLY = 0.5
-_UNSTABLE = "surfaces that touch may have no stable equilibrium further on"
-
 
 class Stepper:
     """An iterator over the attempted load increments; it yields a row of run.json for each.
@@ -87,7 +79,6 @@ class Stepper:
         self.done, self.taken = False, 0
         self.seconds = self.processor = 0.0
         self._last: dict[str, Any] = {}
-        self._indefinite = 0  # iterations of the last step
         #: Whether memory was exhausted, in which case a shorter step fails as well.
         self._out_of_memory = False
 
@@ -122,15 +113,8 @@ class Stepper:
             return f"stopped at {at}: {self._last['reason']}"
         return (
             f"stopped at {at}: a step of 1/{self.size.max_divisions} of the nominal "
-            f"one still fails ({self._last['reason']}){self._instability()}"
+            f"one still fails ({self._last['reason']})"
         )
-
-    def _instability(self) -> str:
-        """Return that bodies may slide off each other where the last step failed, or nothing."""
-        indefinite, newton = self._indefinite, self._last["newton"]
-        if not self.problem.coupling_terms or indefinite <= _MOSTLY * newton:
-            return ""
-        return f": the Hessian was indefinite in {indefinite} of {newton} iterations; {_UNSTABLE}"
 
     def _attempt(self, load: float, to: float) -> dict[str, Any]:
         """Solve from ``load`` to load ``to`` and return the row; restore the state on failure."""
@@ -141,8 +125,6 @@ class Stepper:
         nonfinite = problem.nonfinite - nonfinite
         self._out_of_memory = outcome.out_of_memory
         converged, history = outcome.converged, outcome.history
-        chosen = self.solver.snes.getPythonContext().options["snes_hessian"]
-        self._indefinite = sum(i.filter not in (*_DEFINITE, chosen) for i in history)
         self.jump = self._jumps.find(load, before) if converged and self._jumps else None
         self._last = {
             "load": to,
