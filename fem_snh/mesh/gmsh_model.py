@@ -338,6 +338,8 @@ def _extract(gmsh: Any) -> MeshData:
         groups.append(PhysicalGroup(name, dim, tag, np.concatenate([empty, *parts])))
 
     tags, x, _ = mesh.getNodes()
+    if not np.isin(used, tags).all():
+        raise BadInput("its cells have nodes that are not in it")
     order = np.argsort(tags)
     x = x.reshape(-1, 3)[order[np.searchsorted(tags, used, sorter=order)]]
     if dimension == 2:
