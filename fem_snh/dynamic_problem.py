@@ -14,6 +14,7 @@ from fem_snh.kernels.material import Material
 from fem_snh.nonlinear_problem import PREDICTORS, NonlinearProblem
 from fem_snh.problem.dolfinx_problem import DENSITIES, check_materials, create_dolfinx_problem
 from fem_snh.problem.problem import Problem
+from fem_snh.steps.stepping import Stepper
 from fem_snh.steps.time_steps import TimeIntegration, TimeSteps
 
 Array = npt.NDArray[np.float64]
@@ -152,12 +153,12 @@ class DynamicProblem(NonlinearProblem):
         if not self._problem.load < to:
             raise bad_value("size", size, f"a step that double precision can add to {self.time:g}")
         with self._petsc_options():
-            outcome = self._end(self._steps[PREDICTORS[self._predictor]].solve(to))
-            self._examine(outcome.converged, None)
-        if outcome.converged:  # else nothing has changed
+            stepper = Stepper(self._steps[PREDICTORS[self._predictor]], 1)
+            self._end(stepper.attempt(self._problem.load, to))
+        if self.row["converged"]:  # else nothing has changed
             self._path, self._is_new = None, False
         self._write_solution()
-        return outcome.converged
+        return bool(self.row["converged"])
 
     def steps(
         self, number: int, set_load: Callable[[float], None] | None = None

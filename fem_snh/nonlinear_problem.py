@@ -17,7 +17,7 @@ from fem_snh.accuracy.state_notes import state_notes
 from fem_snh.errors import ResultNote, check_whole, choose
 from fem_snh.kernels.material import Material
 from fem_snh.notes import Note
-from fem_snh.problem.dolfinx_problem import LoadFunction, create_dolfinx_problem
+from fem_snh.problem.dolfinx_problem import LoadFunction, check_lists, create_dolfinx_problem
 from fem_snh.problem.problem import Problem
 from fem_snh.problem.program_modes import HasModes
 from fem_snh.problem.program_reactions import HasReactions
@@ -25,7 +25,7 @@ from fem_snh.problem.supports import SupportsCheck
 from fem_snh.solver.options import GivenOptions
 from fem_snh.steps.condensation import program_pressures
 from fem_snh.steps.jump import jump_note
-from fem_snh.steps.program_path import Loading, ProgramPath, SolverChoice
+from fem_snh.steps.program_path import Loading, ProgramPath, SolverChoice, boundary_values_changed
 from fem_snh.steps.step_solver import StepSolver
 from fem_snh.steps.stepping import Stepper
 from fem_snh.steps.time_steps import TimeSteps
@@ -35,8 +35,6 @@ from fem_snh.steps.time_steps import TimeSteps
 PREDICTORS = {"tangent": "extrapolate", "none": "none"}
 #: Largest number of load steps.
 _MAX_STEPS = 1_000_000
-#: Relative change of boundary values that is rounding: of nodes in inclined planes, of one step.
-_ROUNDING = 1e-14
 
 
 class NonlinearProblem(EstimatesErrors, HasModes, HasReactions):
@@ -112,6 +110,9 @@ class NonlinearProblem(EstimatesErrors, HasModes, HasReactions):
     reason : str
         Why the last solve ended: PETSc's name, followed by the cause of a failure, such as
         "DIVERGED_LINEAR_SOLVE: DIVERGED_INDEFINITE_PC"; empty before the first one.
+    row : dict
+        The row of the last solve or step, as `steps` yields it: energy, volume, forces of contact
+        and rigid parts, states of cavities, ...; empty before the first one.
     x : PETSc.Vec
         The unknowns. Without a pressure it is the vector of ``u``, and shares its memory.
     notes : list of Note
@@ -131,7 +132,8 @@ class NonlinearProblem(EstimatesErrors, HasModes, HasReactions):
 
     Notes
     -----
-    Functions, constants and boundary values may change between calls of `solve`.
+    Functions, constants and boundary values may change between calls of `solve`, the lists ``bcs``
+    and ``terms`` may not.
 
     Examples
     --------
@@ -162,9 +164,10 @@ class NonlinearProblem(EstimatesErrors, HasModes, HasReactions):
         given = GivenOptions(petsc_options_prefix, petsc_options)
         self._load, self._kinematics = LoadFunction(), kinematics
         self._problem = self._create(u, materials, bcs, terms, element, densities)
+        self._check_lists = partial(check_lists, self._problem, bcs, terms)
         self._prefix, self._given = petsc_options_prefix, given
         self.u, self.x, self.A, self.reason = u, self._problem.x, self._problem.A, ""
-        self.newton = self.linear = 0
+        self.newton, self.linear, self.row = 0, 0, dict[str, Any]()
         with self._petsc_options():
             self.solver = solver.create(self._problem, hessian, globalization, petsc_options_prefix)
             choices = {"hessian": hessian, "globalization": globalization}
@@ -207,14 +210,16 @@ class NonlinearProblem(EstimatesErrors, HasModes, HasReactions):
             If the solver diverged and ``snes_error_if_not_converged`` is set. Otherwise
             ``solver.getConvergedReason()`` is negative, and `reason` says why.
         """
+        self._check_lists()
         self._read_displacement()
         self._path, self._is_new = None, False
         self._supports.check()
-        changed = self._boundary_values_changed()
+        changed = boundary_values_changed(self._problem)
         with self._petsc_options():
             step = self._steps[self._predictor]
-            outcome = self._end(step.solve(1.0, predict=changed, restore=False))
-            self._examine(outcome.converged, outcome.negative)
+            stepper = Stepper(step, 1, find_jumps=False)
+            row = stepper.attempt(self._problem.load, 1.0, predict=changed, restore=False)
+            self._end(row)
         self._write_solution()
         return self.u
 
@@ -265,6 +270,7 @@ class NonlinearProblem(EstimatesErrors, HasModes, HasReactions):
     def _stepper(self, number: int) -> Stepper:
         """Return equal steps of the load from 0 to 1."""
         check_whole("number", number, 1, _MAX_STEPS)
+        self._check_lists()
         return Stepper(self._steps[PREDICTORS[self._predictor]], number)
 
     def _rows(self, stepper: Stepper) -> Iterator[dict[str, Any]]:
@@ -275,9 +281,7 @@ class NonlinearProblem(EstimatesErrors, HasModes, HasReactions):
                 row = next(rows, None)
             if row is None:
                 return
-            self.reason, self.newton, self.linear = row["reason"], row["newton"], row["linear"]
-            notes = [jump_note(jump, attempted)] if (jump := stepper.jump) else []
-            self._examine(row["converged"], row.get("negative_eigenvalues"), notes)
+            self._end(row, [jump_note(jump, attempted)] if (jump := stepper.jump) else [])
             self._write_solution()
             yield row
 
@@ -298,16 +302,17 @@ class NonlinearProblem(EstimatesErrors, HasModes, HasReactions):
         with self._petsc_options():
             return solver.EquilibriumStability(self._problem).negative_eigenvalues(self.x)
 
-    def _end(self, outcome: solver.StepOutcome) -> solver.StepOutcome:
-        """Keep the outcome of a step; the SNES has its converged reason."""
-        self.reason, self.newton, self.linear = outcome.reason, outcome.newton, outcome.linear
-        if not outcome.converged and self.solver.getConvergedReason() > 0:
-            self.solver.setConvergedReason(PETSc.SNES.ConvergedReason.DIVERGED_INNER)
-        return outcome
+    def _end(self, row: dict[str, Any], notes: Sequence[Note] = ()) -> None:
+        """Keep the row of a step, and set the notes; the SNES has its converged reason.
 
-    def _examine(self, converged: bool, negative: int | None, notes: Sequence[Note] = ()) -> None:
-        """Set the notes on a state; warn of new kinds on rank 0. Collective."""
-        found = state_notes(self._problem, negative) if converged else []
+        Warn of new kinds of notes on rank 0. Collective.
+        """
+        self.row, self.reason = row, row["reason"]
+        self.newton, self.linear = row["newton"], row["linear"]
+        if not row["converged"] and self.solver.getConvergedReason() > 0:
+            self.solver.setConvergedReason(PETSc.SNES.ConvergedReason.DIVERGED_INNER)
+        negative = row.get("negative_eigenvalues")
+        found = state_notes(self._problem, negative) if row["converged"] else []
         own = [*self._load_notes, *self._supports.notes, *self._given.notes()]
         self.notes = [*own, *notes, *found]
         for note in self.notes:
@@ -325,14 +330,6 @@ class NonlinearProblem(EstimatesErrors, HasModes, HasReactions):
         self._problem.split(self.x)
         if self._pressure is not None:
             self.p.x.array[:] = self._pressure.pressure()
-
-    def _boundary_values_changed(self) -> bool:
-        """Whether the boundary values differ from those of ``x``. Collective."""
-        prescribed = self.x.copy()
-        self._problem.prescribe(prescribed)
-        prescribed.axpy(-1.0, self.x)
-        norm = PETSc.NormType.INFINITY
-        return bool(prescribed.norm(norm) > _ROUNDING * self.x.norm(norm))
 
     def _petsc_options(self) -> AbstractContextManager[None]:
         """Put the options into PETSc's database: parts of the solver are set up when it solves."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import pydoc
 from typing import Any
 
 import numpy as np
@@ -282,8 +283,10 @@ def test_a_program_inflates_a_cavity(comm: Any, as_constant: bool) -> None:
     problem = fem_snh.NonlinearProblem(
         u, {SNH: ufl.dx}, bcs=bcs, terms=[fem_snh.Cavity(ds(7), given)], petsc_options=TIGHT
     )
-    row = list(problem.steps(1))[-1]
+    problem.solve()
+    row = problem.row
     assert row["converged"] and same(comm, u.x.array, result.problem.u.x.array)
+    assert row["energy"] == pytest.approx(result.steps[-1]["energy"], rel=1e-8)
     assert row["cavities"]["ds(7)"]["pressure"] == pytest.approx(state["pressure"], rel=1e-8)
     assert row["cavities"]["ds(7)"]["volume"] == pytest.approx(volume, rel=0.05)
 
@@ -298,6 +301,31 @@ def test_uniform_compression(comm: Any) -> None:
     s = brentq(lambda s: SNH.pk1(s * np.eye(3))[0, 0] + 0.3 * s**2, 0.5, 1.0, xtol=1e-15)
     X = V.tabulate_dof_coordinates()
     np.testing.assert_allclose(u.x.array.reshape(-1, 3), (s - 1) * X, atol=1e-9)
+
+
+def test_help_says_what_the_fields_are() -> None:
+    """The fields with units and defaults, as the arguments, and nothing of pydantic's."""
+    text = pydoc.render_doc(fem_snh.Cavity, renderer=pydoc.plaintext)
+    assert "stiffness : a number > 0, default None" in text and "[Pa/m^3]" in text
+    assert text.index("group :") < text.index("volume :") < text.index("table :")
+    assert "model_dump" not in text and "__pydantic" not in text
+    text = pydoc.render_doc(fem_snh.Obstacle, renderer=pydoc.plaintext)
+    assert text.index("shape :") < text.index("method :")
+
+
+def test_a_list_that_changes_later(comm: Any) -> None:
+    """A condition that is appended would have no effect."""
+    domain = mesh.create_unit_cube(comm, 1, 1, 1, mesh.CellType.hexahedron)
+    u = fem.Function(vector_space(domain))
+    bcs, terms = bottom(u.function_space), [fem_snh.Traction(faces(domain)(TOP), UP)]
+    problem = fem_snh.NonlinearProblem(u, {SNH: ufl.dx}, bcs=bcs, terms=terms)
+    bcs += bottom(u.function_space)
+    with pytest.raises(fem_snh.BadInput, match="bcs = 'a list of 2 that has changed': expected"):
+        problem.solve()
+    bcs.pop()
+    terms[0] = fem_snh.Traction(faces(domain)(TOP), ALONG)
+    with pytest.raises(fem_snh.BadInput, match="terms = "):
+        next(problem.steps(2))
 
 
 def test_mistakes(comm: Any) -> None:
@@ -345,6 +373,17 @@ def test_mistakes(comm: Any) -> None:
         "shape: unknown key 'ball'": lambda: fem_snh.Obstacle({"ball": {}}),
         "obstacle.name = 'a': expected a different name": lambda: solve(
             fem_snh.Obstacle({"plane": {}}, name="a"), fem_snh.Obstacle({"plane": {}}, name="a")
+        ),
+        "rigid.name = 'a': expected a name that no obstacle has": lambda: solve(
+            fem_snh.Rigid(ds(TOP), name="a"), fem_snh.Obstacle({"plane": {}}, name="a")
+        ),
+        "time.integrator = 'semi_implicit'": lambda: fem_snh.DynamicProblem(
+            u,
+            {SNH: ufl.dx},
+            {SNH: 1.0},
+            "semi_implicit",
+            duration=1.0,
+            terms=[fem_snh.SelfContact("ipc")],
         ),
         "surface = 3: expected the path of an STL or OBJ file": lambda: fem_snh.Obstacle(surface=3),
         "nowhere.stl": lambda: solve(fem_snh.Obstacle(surface="nowhere.stl")),

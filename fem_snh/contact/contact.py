@@ -108,7 +108,6 @@ class Contact(Feature, ContactTable):
         from fem_snh.contact.body_contact import BodyContact  # imports PETSc
         from fem_snh.contact.surface_pair import BodyPair
 
-        cls.check(features, None)
         kinematics = body.kinematics
         if kinematics.dim == 2 and kinematics.components == 3:
             accepted = f"no contact, with kinematics = '{kinematics.name}'"

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from math import isfinite
+from types import SimpleNamespace
 from typing import Any
 
 from mpi4py import MPI
@@ -42,8 +43,8 @@ from fem_snh.problem.covered_nodes import covered_nodes
 from fem_snh.problem.problem import Problem
 from fem_snh.tables.amplitudes import Amplitudes
 from fem_snh.tables.types import surface_name
-from fem_snh.terms.body import Body, CreateMotion, measure_facets, measure_parts
-from fem_snh.terms.feature import Feature, create_terms
+from fem_snh.terms.body import Body, CreateMotion, MotionInTime, measure_facets, measure_parts
+from fem_snh.terms.feature import Feature, create_terms, grouped
 from fem_snh.terms.symmetry import Symmetry
 from fem_snh.terms.term import Term
 from fem_snh.terms.ufl_term import TERM, UFLTerm, check_form
@@ -332,7 +333,9 @@ def create_dolfinx_problem(
     entities = partial(measure_parts, V.mesh)
     found = facets, entities, amplitudes, moving, None, chosen_kinematics
     body = Body(u, regions, conditions, *found)
-    made = [_term(term, f"terms[{i}]", u) for i, term in enumerate(terms)]
+    follows = conditions.depends_on_load
+    made = [_term(term, f"terms[{i}]", u, follows) for i, term in enumerate(terms)]
+    _check_features(made, chosen.name, moving)
     if not regions and chosen.pressure_degree:
         raise bad_value("element", chosen.name, "an element without a pressure, without materials")
     created = [*create_terms(made, body), *(moving.terms if moving else [])]
@@ -346,13 +349,40 @@ def create_dolfinx_problem(
     return problem
 
 
+class _ProgramKeys(SimpleNamespace):
+    """The keys of a scene that a program has, for `Feature.check`; all others are None."""
+
+    def __getattr__(self, key: str) -> None:
+        return None
+
+
+def _check_features(terms: Sequence[Any], element_name: str, motion: MotionInTime | None) -> None:
+    """Raise BadInput if features contradict each other, the element or the motion in time."""
+    obstacles = [term for term in terms if getattr(term, "key", "") == "obstacle"]
+    time = SimpleNamespace(integrator=motion.integrator.name) if motion else None
+    keys = _ProgramKeys(element=element_name, time=time, obstacle=obstacles)
+    for kind, features in grouped(terms):
+        if issubclass(kind, Feature):
+            kind.check(features, keys)
+
+
+def check_lists(problem: Problem, bcs: Sequence[Any] | None, terms: Sequence[Any] | None) -> None:
+    """Raise BadInput if a list that a problem was made of has changed since then."""
+    assert isinstance(problem.dirichlet, DolfinxConditions)
+    made_of = {"bcs": (bcs, problem.dirichlet.given), "terms": (terms, problem.given_terms)}
+    for key, (present, given) in made_of.items():
+        if [*map(id, present or ())] != [*map(id, given)]:
+            accepted = "the list that the problem was made of: make a new one for another"
+            raise bad_value(key, f"a list of {len(present or ())} that has changed", accepted)
+
+
 def check_converged(reason: str, asked: str) -> None:
     """Raise BadInput, with what asks for a solution, unless the last solve found one."""
     if not reason.startswith("CONVERGED"):
         raise BadInput(f"{asked}: expected a solution that has converged: call solve()")
 
 
-def _term(term: Any, name: str, u: Any) -> Any:
+def _term(term: Any, name: str, u: Any, depends_on_load: bool) -> Any:
     """Return a feature or a term as it is, and the term of a form. Collective."""
     if isinstance(term, Feature | Term):
         return term
@@ -360,7 +390,7 @@ def _term(term: Any, name: str, u: Any) -> Any:
         raise bad_value(name, term, f"{TERM}; a Symmetry is one of 'bcs'")
     check_form(term, u, name)
     _check_integrals(term, name, u.function_space.mesh)
-    return UFLTerm(term, u, name)
+    return UFLTerm(term, u, name, depends_on_load)
 
 
 def _checked(

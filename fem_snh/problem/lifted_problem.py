@@ -215,7 +215,7 @@ def lifted_problem(
     given = *found, Amplitudes((), duration), moving
     body = Body(u, problem.regions, conditions, *given, kinematics=kinematics)
     made = [
-        _lifted_term(term, f"terms[{i}]", problem.u, u)
+        _lifted_term(term, f"terms[{i}]", problem.u, u, conditions.depends_on_load)
         for i, term in enumerate(problem.given_terms)
     ]
     terms = [*create_terms(made, body), *(moving.terms if moving else [])]
@@ -228,7 +228,7 @@ def lifted_problem(
     return lifted
 
 
-def _lifted_term(term: Any, name: str, u: Any, lifted: Any) -> Any:
+def _lifted_term(term: Any, name: str, u: Any, lifted: Any, depends_on_load: bool) -> Any:
     """Return a feature as it is, and the term of a form in the other displacement."""
     if isinstance(term, Feature):
         return term
@@ -238,7 +238,7 @@ def _lifted_term(term: Any, name: str, u: Any, lifted: Any) -> Any:
     tests = {old: ufl.TestFunction(W) for old in term.arguments()}
     form = ufl.replace(term, {u: lifted} | tests)
     form = _integrated(form, 2 * (_dolfinx.degree(W) - _dolfinx.degree(V)))
-    return UFLTerm(form, lifted, name)
+    return UFLTerm(form, lifted, name, depends_on_load)
 
 
 def _integrated(form: Any, more: int) -> Any:

@@ -8,10 +8,9 @@ from __future__ import annotations
 import inspect
 import re
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
@@ -21,8 +20,8 @@ from fem_snh.materials import TUNING, defaults, describe, names, names_in_litera
 from fem_snh.materials.keywords import MEANINGS
 from fem_snh.materials.registry import published
 from fem_snh.scenes.schema import WORDS, MaterialChoice, Scene
+from fem_snh.tables.field_texts import accepted, is_list, models
 from fem_snh.tables.synonyms import suggestion
-from fem_snh.tables.validation import Expect
 
 
 @dataclass(frozen=True)
@@ -61,12 +60,18 @@ def keys_of(model: type[BaseModel], prefix: str = "") -> list[Key]:
     for name, field in model.model_fields.items():
         # The only key that a file gives by its own name.
         default = "the file's name" if model is Scene and name == "name" else _default(field)
-        tables = tuple(dict.fromkeys(_models(field.annotation)))
+        tables = tuple(dict.fromkeys(models(field.annotation)))
         words = WORDS.get(name, ()) if model is Scene else ()
-        accepted = f"one of {', '.join(words)}" if words else _accepted(field)
-        is_list = _is_list(field.annotation)
+        what = f"one of {', '.join(words)}" if words else accepted(field)
         found.append(
-            Key(prefix + name, accepted, default, field.description or "", tables, is_list)
+            Key(
+                prefix + name,
+                what,
+                default,
+                field.description or "",
+                tables,
+                is_list(field.annotation),
+            )
         )
     return found
 
@@ -175,53 +180,6 @@ def sections() -> Iterator[tuple[str, type[BaseModel]]]:
         else:
             parents = dict.fromkeys(usual[parent] for parent, _ in found if parent is not model)
             yield f"{usual[model]}, of {', '.join(parents)}{beside}", model
-
-
-def _accepted(field: FieldInfo) -> str:
-    """Return what error messages say that a key accepts, else the kind of its values."""
-    if found := _expected([*field.metadata, field.annotation]):
-        return found
-    kinds = ["a table"] if _is_table(field.annotation) else []
-    kinds += ["a list of tables"] if _is_list(field.annotation) else []
-    return " or ".join(kinds) or _plain(field.annotation)
-
-
-def _expected(parts: Iterable[Any]) -> str:
-    """Return the text of the first `Expect` in a nested annotation."""
-    for part in parts:
-        if isinstance(part, Expect):
-            return part.what
-        if found := _expected([*get_args(part), *getattr(part, "__metadata__", ())]):
-            return found
-    return ""
-
-
-def _models(kind: Any) -> list[type[BaseModel]]:
-    """Return the models that an annotation names."""
-    if isinstance(kind, type) and issubclass(kind, BaseModel):
-        return [kind]
-    return [model for part in get_args(kind) for model in _models(part)]
-
-
-def _is_list(kind: Any) -> bool:
-    """Whether an annotation accepts a list of tables."""
-    if getattr(kind, "__origin__", None) is list:
-        return bool(_models(kind))
-    return any(_is_list(part) for part in get_args(kind))
-
-
-def _is_table(kind: Any) -> bool:
-    """Whether an annotation accepts a table outside a list."""
-    if isinstance(kind, type) and issubclass(kind, BaseModel):
-        return True
-    parts = () if getattr(kind, "__origin__", None) is list else get_args(kind)
-    return any(_is_table(part) for part in parts)
-
-
-def _plain(kind: Any) -> str:
-    """Return the word for the first type of Python's in an annotation."""
-    words = {bool: "true or false", int: "a whole number", str: "a text", Path: "a path"}
-    return words.get(kind) or next((word for part in get_args(kind) if (word := _plain(part))), "")
 
 
 def _documented(material: str, parameter: str) -> str:

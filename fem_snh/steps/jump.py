@@ -107,9 +107,9 @@ class JumpDetector:
         self._guess: PETSc.Vec | None = None
 
     @staticmethod
-    def of(problem: Problem, snes: PETSc.SNES, dynamic: bool) -> JumpDetector | None:
+    def of(problem: Problem, snes: PETSc.SNES) -> JumpDetector | None:
         """Return the detector of a problem; None where steps are not examined."""
-        if dynamic or problem.history.by_name or not problem.depends_on_load:
+        if problem.history.by_name or not problem.depends_on_load:
             return None
         return JumpDetector(problem, snes)
 

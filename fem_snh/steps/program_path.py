@@ -6,6 +6,8 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from typing import Any, NamedTuple
 
+from petsc4py import PETSc
+
 import numpy as np
 import numpy.typing as npt
 
@@ -24,6 +26,18 @@ from fem_snh.steps.stepping import Stepper
 from fem_snh.steps.time_steps import TimeIntegration
 
 Array = npt.NDArray[np.float64]
+
+
+#: Relative change of boundary values that is rounding: of nodes in inclined planes, of one step.
+_ROUNDING = 1e-14
+
+
+def boundary_values_changed(problem: Problem) -> bool:
+    """Return whether the boundary values differ from those of the unknowns. Collective."""
+    prescribed, norm = problem.x.copy(), PETSc.NormType.INFINITY
+    problem.prescribe(prescribed)
+    prescribed.axpy(-1.0, problem.x)
+    return bool(prescribed.norm(norm) > _ROUNDING * problem.x.norm(norm))
 
 
 class SolverChoice(NamedTuple):

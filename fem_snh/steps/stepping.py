@@ -37,6 +37,8 @@ class Stepper:
         Number of nominal steps after which `is_output` is true.
     stability : EquilibriumStability, optional
         Tells of each step whether its equilibrium is stable.
+    find_jumps : bool, optional
+        Whether steps are examined for jumps, where they can be.
 
     Attributes
     ----------
@@ -64,6 +66,7 @@ class Stepper:
         bones: BoneRecords | None = None,
         output_every: int = 1,
         stability: EquilibriumStability | None = None,
+        find_jumps: bool = True,
     ) -> None:
         self.solver, self.problem, self.steps = solver, solver.problem, steps
         self.targets: Sequence[float] = [k / steps for k in range(1, steps + 1)]
@@ -73,7 +76,8 @@ class Stepper:
         # Without loads a shorter step is the same problem: it is not tried.
         divisible = self.problem.depends_on_load
         self.size = motion.step_size(steps) if motion else StepSize(steps, divisible)
-        self._jumps = JumpDetector.of(self.problem, solver.snes, motion is not None)
+        examined = find_jumps and not motion
+        self._jumps = JumpDetector.of(self.problem, solver.snes) if examined else None
         solver.guessed = self._jumps.begin if self._jumps else None
         self.jump: Jump | SkippedPath | None = None
         self.done, self.taken = False, 0
@@ -88,7 +92,7 @@ class Stepper:
             while problem.load < target:
                 load = problem.load
                 to = self.size.end(load, target)
-                row = self._attempt(load, to)
+                row = self.attempt(load, to)
                 if row["converged"]:
                     self.size.accept(to, target)
                     self.taken += 1
@@ -116,12 +120,19 @@ class Stepper:
             f"one still fails ({self._last['reason']})"
         )
 
-    def _attempt(self, load: float, to: float) -> dict[str, Any]:
-        """Solve from ``load`` to load ``to`` and return the row; restore the state on failure."""
+    def attempt(
+        self, load: float, to: float, *, predict: bool = True, restore: bool = True
+    ) -> dict[str, Any]:
+        """Solve from ``load`` to load ``to`` and return the row: see `StepSolver.solve`."""
         problem, watch = self.problem, Stopwatch()
         nonfinite, estimate = problem.nonfinite, dict[str, float]()
         before = problem.x.copy()
-        outcome = self.solver.solve(to, lambda outcome: estimate.update(self._judge(outcome)))
+        outcome = self.solver.solve(
+            to,
+            lambda outcome: estimate.update(self._judge(outcome)),
+            predict=predict,
+            restore=restore,
+        )
         nonfinite = problem.nonfinite - nonfinite
         self._out_of_memory = outcome.out_of_memory
         converged, history = outcome.converged, outcome.history

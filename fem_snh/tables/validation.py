@@ -7,7 +7,7 @@ import sys
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Self
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self
 
 from pydantic import (
     AfterValidator,
@@ -23,6 +23,11 @@ from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 from fem_snh.choices import LARGEST_NUMBER
 from fem_snh.errors import BadInput, choose, shown, unknown_name
 from fem_snh.tables.synonyms import suggestion
+
+if TYPE_CHECKING:
+    from pydantic._internal._model_construction import ModelMetaclass
+else:
+    ModelMetaclass = type(BaseModel)
 
 Finite = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 
@@ -162,7 +167,15 @@ class OneOf(Expect):
         return choose(self.key, word, self.words)
 
 
-class Table(BaseModel):
+class _TableClass(ModelMetaclass):
+    """The class of tables, of which ``help`` and completion leave out what is pydantic's."""
+
+    def __dir__(cls) -> list[str]:
+        names = super().__dir__()
+        return [name for name in names if not (name.startswith("_") or hasattr(BaseModel, name))]
+
+
+class Table(BaseModel, metaclass=_TableClass):
     """A table with known keys; messages name unknown and missing ones.
 
     Attributes
@@ -183,10 +196,7 @@ class Table(BaseModel):
         BadInput
             One line, for a value that is not accepted, an unknown or a missing key.
         """
-        # Those of the class come first, then those of its bases.
-        own = [*type(self).__annotations__, *type(self).model_fields]
-        fields = [key for key in dict.fromkeys(own) if key in type(self).model_fields]
-        name = type(self).__name__
+        fields, name = self.positional_fields(), type(self).__name__
         if len(values) > len(fields):
             accepted = f"at most {len(fields)}: {', '.join(fields)}"
             raise BadInput(f"{name} with {len(values)} values: expected {accepted}")
@@ -201,6 +211,12 @@ class Table(BaseModel):
     # Otherwise pydantic calls it for tables in tables, too, and their errors lose their keys. Type
     # checkers know no attributes of functions.
     __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]
+
+    @classmethod
+    def positional_fields(cls) -> list[str]:
+        """Return the fields' names: those of the class first, then those of its bases."""
+        own = [*cls.__annotations__, *cls.model_fields]
+        return [key for key in dict.fromkeys(own) if key in cls.model_fields]
 
     @property
     def files(self) -> dict[str, Path]:

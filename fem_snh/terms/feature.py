@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar, Self, get_args
 
 from fem_snh.output_fields import OutputField
+from fem_snh.tables.field_texts import with_parameters
 from fem_snh.tables.validation import Table
 
 if TYPE_CHECKING:
@@ -42,6 +43,12 @@ class Feature(Table):
     has_mass: ClassVar[bool] = False
     nodal_fields: ClassVar[Mapping[str, OutputField]] = {}
 
+    @classmethod
+    def __pydantic_init_subclass__(cls, **keywords: Any) -> None:
+        """Describe the fields in the class's docstring."""
+        super().__pydantic_init_subclass__(**keywords)
+        cls.__doc__ = with_parameters(cls)
+
     @property
     def named_groups(self) -> Sequence[tuple[str, Any]]:
         """The keys that name physical groups, and the groups."""
@@ -50,7 +57,11 @@ class Feature(Table):
 
     @classmethod
     def check(cls, features: Sequence[Self], scene: Any) -> None:
-        """Raise BadInput if the tables of a scene contradict each other or its other keys."""
+        """Raise BadInput if the tables of a scene contradict each other or its other keys.
+
+        Of a program, ``scene`` has the keys ``element``, ``time.integrator`` and ``obstacle``; all
+        others are None.
+        """
 
     @classmethod
     def goals(cls, features: Sequence[Self]) -> Sequence[str]:

@@ -40,7 +40,11 @@ class Foundation(UFLTerms):
     name, has_energy = "spring", True
 
     def __init__(self, springs: Sequence[Spring], body: Body) -> None:
-        self.depends_on_load = any(spring.table is not None for spring in springs)
+        follows = body.dirichlet.depends_on_load
+        self.depends_on_load = any(
+            spring.table is not None or (follows and is_expression(spring.stiffness))
+            for spring in springs
+        )
         self._amplitudes = [
             None if spring.table is None else body.amplitudes.force(spring.table)
             for spring in springs

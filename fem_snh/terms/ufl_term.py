@@ -64,6 +64,8 @@ class UFLTerm:
         The displacement in ``form``, of a Lagrange space.
     name : str, optional
         The term's name in run.json.
+    depends_on_load : bool, optional
+        Whether the program sets the form's constants and functions for a load.
 
     Attributes
     ----------
@@ -84,13 +86,13 @@ class UFLTerm:
     `set_load` is called, once per solve.
     """
 
-    stateless, depends_on_load = True, False
+    stateless = True
 
-    def __init__(self, form: Any, u: Any, name: str = "ufl") -> None:
+    def __init__(self, form: Any, u: Any, name: str = "ufl", depends_on_load: bool = False) -> None:
         check_form(form, u, name)
         if np.issubdtype(PETSc.ScalarType, np.complexfloating):
             raise bad_value("PETSc.ScalarType", "complex", "a PETSc configured with real numbers")
-        self.name = name
+        self.name, self.depends_on_load = name, depends_on_load
         self._comm = u.function_space.mesh.comm
         start = perf_counter()
         V = u.function_space

@@ -94,11 +94,13 @@ def work_of_loads(
     before, (after, p) = _dolfinx.create_vector(problem.V), problem.split(problem.x)
     writable_values(before)[:] = u
     for sign, at in ((1, problem.load), (-1, load)):
+        problem.dirichlet.set_load(at)  # a program's constants
         for term in loads:
             term.set_load(at)
             work += sign * end_weight * term.energy(before, p)
             if end_weight < 1:
                 work += sign * (1 - end_weight) * term.energy(after, p)
+    problem.dirichlet.set_load(problem.load)
     for term in loads:
         term.set_load(problem.load)
     return work, dissipated
