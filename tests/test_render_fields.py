@@ -49,7 +49,10 @@ def test_components_and_magnitudes_are_drawn(stressed):
 
 
 def test_a_picture_of_a_component(stressed):
-    out = render.main(stressed, field="cauchy_stress.xz")
+    lines = []
+    out = render.main(stressed, field="cauchy_stress.xz", report=lines.append)
+    (line,) = lines
+    assert line.startswith("Cauchy stress, xz [Pa]: from -")
     assert out == stressed / "cauchy_stress.xz.png" and out.stat().st_size > 10_000
 
 

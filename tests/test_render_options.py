@@ -57,6 +57,28 @@ def test_a_section_has_the_values_of_the_inside(folder):
     assert item.surface.bounds[1] == pytest.approx(0.5)
 
 
+def test_values_that_the_colours_leave_out_are_named(folder):
+    """One cell inside has the largest value: neither the surface nor the percentiles show it."""
+    write_run(MPI.COMM_SELF, folder, "Q1")
+    files = [str(file) for file in render.stored_loads(folder / "fields.pvd")[1.0]]
+    grid = surfaces.read_grid(files, "energy_density")
+    middle, corner = (grid.find_containing_cell([x, x, x]) for x in (0.5, 0.1))
+    values = grid.cell_data["energy_density"]
+    values[:] = np.linspace(3, 5, len(values))
+    values[middle], values[corner] = 40.0, 20.0
+    item = surfaces.body_of(grid, "energy_density")
+    drawn = drawing.Drawing("energy_density", [item], [[]], [1.0])
+    assert drawn.norm.vmax < 21
+    assert drawn.label.endswith("values from 3.08 to 40, the colours end before")
+    job = {"panels": [{"label": "load 1  ·  volume 0 %"}]}
+    line = drawing.extremes_line(drawn, [item], job)
+    assert line.startswith("energy density [Pa]: from 3.077 at (")
+    assert line.endswith("to 40 at (0.5, 0.5, 0.5), load 1")
+    wide = drawing.Drawing("energy_density", [item], [[]], [1.0], view_options(limits="-1,50"))
+    assert (wide.norm.vmin, wide.norm.vmax, wide.extend) == (-1, 50, "neither")
+    assert wide.label == "energy density [Pa]"
+
+
 def test_a_plane_beside_the_body(folder):
     write_run(MPI.COMM_SELF, folder, "Q1")
     message = bad(lambda: render.main(folder, view=view_options(clip="x@-3")))
@@ -73,6 +95,10 @@ def test_directions_and_points_of_the_command_line():
         assert bad(view_options, clip).startswith(f"--clip = '{clip}': expected a direction")
     assert bad(view_options, None, None, "x@2").startswith("--up = 'x@2'")
     assert bad(view_options, None, "z", "-z").startswith("--up = '-z'")
+    assert view_options(limits="-0.5,2").limits == (-0.5, 2)
+    for limits in ("", "1", "2,1", "1,1", "0,nan", "0,inf", "0,1,2"):
+        found = bad(lambda text=limits: view_options(limits=text))
+        assert found.startswith(f"--range = '{limits}': expected two numbers")
     for zoom in (0.0, -1.0, math.inf, math.nan):
         assert bad(view_options, None, None, None, zoom).startswith("--zoom = ")
 

@@ -23,7 +23,9 @@ _VIEW = """--clip NORMAL[@POINT]  cut the deformed body by a plane and remove th
         --camera DIRECTION[@FOCUS]  direction to the viewer: x, -y or 1,-1,0.5@0,0,1
         --up DIRECTION  direction that is upwards; default: z
         --zoom A  magnification; default: 1
-        --hide NAME,NAME  obstacles, bones, groups of cells and materials that are not drawn"""
+        --hide NAME,NAME  obstacles, bones, groups of cells and materials that are not drawn
+        --range LOW,HIGH  values at the ends of the colour bar; default: of all values but the
+            outer percents; write --range=-1,2 if it begins with a minus"""
 
 
 def plot_parser() -> Parser:
@@ -117,6 +119,7 @@ def render(argv: list[str]) -> int:
             args.opacity,
             args.revolve,
             _view(args),
+            print,
         )
     )
     return 0
@@ -127,7 +130,7 @@ def _view(args: Namespace) -> ViewOptions:
     from fem_snh.viewing.render.options import view_options
 
     hide = [name.strip() for name in (args.hide or "").split(",") if name.strip()]
-    return view_options(args.clip, args.camera, args.up, args.zoom, hide)
+    return view_options(args.clip, args.camera, args.up, args.zoom, hide, args.range)
 
 
 def _movie(args: Namespace) -> int:

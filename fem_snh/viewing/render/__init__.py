@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import xml.etree.ElementTree as ET
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from fractions import Fraction
 from pathlib import Path
@@ -75,6 +75,7 @@ def main(
     opacity: float = 1.0,
     revolve: bool = False,
     view: ViewOptions | None = None,
+    report: Callable[[str], None] | None = None,
 ) -> Path:
     """Draw the body of a run at some loads or times side by side and return the path of the PNG.
 
@@ -97,7 +98,10 @@ def main(
     revolve : bool
         Draw an axisymmetric body revolved, with a quarter left open, in place of its section.
     view : ViewOptions, optional
-        Clip plane, camera and hidden parts.
+        Clip plane, camera, hidden parts and the range of the colours.
+    report : callable, optional
+        Called with a line that has the smallest and the largest value of the field, and where they
+        are in the body at rest; not for modes.
 
     Raises
     ------
@@ -106,7 +110,11 @@ def main(
     """
     folder = Path(folder)
     if modes:
-        for option, given in (("--revolve", revolve), ("--hide", view and view.hide)):
+        for option, given in (
+            ("--revolve", revolve),
+            ("--hide", view and view.hide),
+            ("--range", view and view.limits),
+        ):
             if given:
                 raise BadInput(f"--modes and {option}: expected one of the two")
         from fem_snh.viewing.render.modes import main as draw_modes
@@ -121,7 +129,8 @@ def main(
     panels, note = [run.panel(load) for load in chosen], run.note(chosen)
     opacity = check_opacity(opacity)
     units = Units.of(run.record)
-    draw(Job(field, title(run.record), panels, str(out), opacity, revolve, run.view, note, units))
+    job = Job(field, title(run.record), panels, str(out), opacity, revolve, run.view, note, units)
+    draw(job, report)
     return out
 
 
@@ -303,7 +312,7 @@ def one_line(error: object) -> str:
     return (str(error).strip() or type(error).__name__).splitlines()[0]
 
 
-def draw(job: Job) -> None:
-    """Draw in a separate process; raise BadInput if it cannot."""
+def draw(job: Job, report: Callable[[str], None] | None = None) -> None:
+    """Draw in a separate process and report what it prints; raise BadInput if it cannot."""
     require("render", ("pyvista", "matplotlib"))
-    draw_elsewhere(asdict(job))
+    draw_elsewhere(asdict(job), report=report)

@@ -56,12 +56,14 @@ _ROUNDING = 1e-9
 _LONG_NUMBERS = 1e-3
 
 
-def colours(field: str, values: np.ndarray) -> tuple[str, Normalize, str]:
+def colours(
+    field: str, values: np.ndarray, limits: Sequence[float] | None = None
+) -> tuple[str, Normalize, str]:
     """Return colour map, range and open ends of the colour bar, which all panels share.
 
-    The range excludes the lowest and highest percent of the values. J is centred at 1, so that grey
-    means no change of volume; other fields that change sign are centred at 0. The scale of what
-    cannot be negative starts at 0.
+    The range excludes the lowest and highest percent of the values, or is given by ``limits``. J is
+    centred at 1, so that grey means no change of volume; other fields that change sign are centred
+    at 0. The scale of what cannot be negative starts at 0.
     """
     values = values[np.isfinite(values)]
     if not len(values):
@@ -81,6 +83,9 @@ def colours(field: str, values: np.ndarray) -> tuple[str, Normalize, str]:
         low = 0.0
     elif high <= low:
         high = low + max(abs(low), 1.0) * 1e-3
+    if limits:
+        low, high = limits
+        centre = centre if centre == (low + high) / 2 else None
     rounding = _ROUNDING * (high - low)
     under, over = values.min() < low - rounding, values.max() > high + rounding
     extend = {(0, 0): "neither", (1, 0): "min", (0, 1): "max", (1, 1): "both"}[under, over]
@@ -197,7 +202,11 @@ class Drawing:
     ) -> None:
         self.field, self._note, self.units = field, note, units
         values = np.concatenate([body.values for body in bodies])
-        self.cmap, self.norm, self.extend = colours(field, values)
+        ends = options.limits if options else None
+        self.cmap, self.norm, self.extend = colours(field, values, ends)
+        found = [value for body in bodies for value, _ in body.extremes]
+        #: The smallest and the largest value, also inside of the bodies.
+        self.extremes = min(found, default=np.nan), max(found, default=np.nan)
         points = np.concatenate([p for b in bodies for p in (b.surface.points, b.ghost.points)])
         limits = np.array([points.min(axis=0), points.max(axis=0)])
         solids = [Obstacles(records, revolved) for records in obstacles]
@@ -285,6 +294,17 @@ class Drawing:
         # Rounding the colours to multiples of 4 is invisible and halves the file.
         return np.minimum(4 * np.round(averaged / 4), 255).astype(np.uint8)
 
+    @property
+    def label(self) -> str:
+        """The label of the colour bar, with the range of values that its colours do not reach."""
+        text = label(self.field, self.units) + (f", {self._note}" if self._note else "")
+        (low, high), ends = self.extremes, (self.norm.vmin, self.norm.vmax)
+        rounding = _ROUNDING * (ends[1] - ends[0])
+        if self.field == "mode" or not (low < ends[0] - rounding or high > ends[1] + rounding):
+            return text
+        values = f"values from {low:.3g} to {high:.3g}".replace("-", "\u2212")
+        return f"{text}  ·  {values}, the colours end before"
+
     def add_colour_bar(self, figure: Figure, height: int, pixels: int) -> None:
         """Add the colour bar at the bottom of a figure ``height`` pixels high.
 
@@ -299,8 +319,7 @@ class Drawing:
         )  # fmt: skip
         bar.tick_params(labelsize=8)
         bar.xaxis.get_offset_text().set_fontsize(8)
-        text = label(self.field, self.units) + (f", {self._note}" if self._note else "")
-        bar.set_xlabel(text, fontsize=8.5, labelpad=2)
+        bar.set_xlabel(self.label, fontsize=8.5, labelpad=2)
         if self.units is None:
             return
         length = round_up(_SCALE_BAR * self.view.width)
@@ -309,6 +328,20 @@ class Drawing:
         figure.add_artist(Line2D(line, [at, at], color="black", lw=1.5, marker="|", ms=6))
         name = f"{length:g} {self.units.length}"
         figure.text(0.05 + part / 2, 62 / height, name, fontsize=8, ha="center", va="top")
+
+
+def extremes_line(drawing: Drawing, bodies: Sequence[DrawnBody], job: dict[str, Any]) -> str:
+    """Return the smallest and the largest value of all panels, and where they are at rest."""
+    panels = [panel["label"].partition("  ·  ")[0] for panel in job["panels"]]
+    found = [
+        (*end, panel) for body, panel in zip(bodies, panels, strict=True) for end in body.extremes
+    ]
+    ends = [
+        f"{value:.4g} at ({', '.join(f'{x:.4g}' for x in at)}), {panel}"
+        for value, at, panel in (min(found), max(found))
+    ]
+    name = label(drawing.field, drawing.units).replace("  ", " ")
+    return f"{name}: from {ends[0]}, to {ends[1]}"
 
 
 def ticks_of_bar(low: float, high: float, most: int) -> tuple[MaxNLocator, ScalarFormatter]:
@@ -380,6 +413,8 @@ def draw(job: dict[str, Any]) -> None:
     out = Path(job["out"])
     options: dict[str, Any] = {"format": out.suffix[1:], "pil_kwargs": {"optimize": True}}
     write_file(out, lambda file: figure.savefig(file, dpi=DPI, **options))
+    if drawing.field != "mode":
+        print(extremes_line(drawing, bodies, job), flush=True)
 
 
 if __name__ == "__main__":

@@ -40,6 +40,8 @@ class ViewOptions:
         Names of obstacles, bones, groups of cells and materials that are not drawn.
     hidden_cells : tuple of int
         Values of the field ``cell_group`` in cells that are not drawn.
+    limits : (2,), optional
+        The values at the ends of the colour bar; default: of all values but the outer percents.
     """
 
     clip: Point | None = None
@@ -50,6 +52,7 @@ class ViewOptions:
     zoom: float = 1.0
     hide: tuple[str, ...] = ()
     hidden_cells: tuple[int, ...] = ()
+    limits: tuple[float, float] | None = None
 
 
 #: The whole body from the default side.
@@ -62,6 +65,7 @@ def view_options(
     up: str | None = None,
     zoom: float = 1.0,
     hide: Iterable[str] = (),
+    limits: str | None = None,
 ) -> ViewOptions:
     """Return the options that the texts of a command line name.
 
@@ -78,11 +82,13 @@ def view_options(
         Magnification.
     hide : iterable of str
         Names of obstacles, bones, groups of cells and materials.
+    limits : str, optional
+        The values at the ends of the colour bar, ``0,2.5``.
 
     Raises
     ------
     BadInput
-        If a text is no direction or point, or ``zoom`` is not positive.
+        If a text is no direction, point or range, or ``zoom`` is not positive.
     """
     if not 0 < zoom < math.inf:
         raise bad_value("--zoom", zoom, "a number above 0")
@@ -94,7 +100,13 @@ def view_options(
     seen_along = towards or (0.62, -1.0, 0.55)
     if upwards and not math.dist((0, 0, 0), _cross(upwards, seen_along)) > 1e-6:
         raise bad_value("--up", up, "a direction other than that of --camera")
-    return ViewOptions(normal, point, towards, focus, upwards, zoom, tuple(hide))
+    ends = None
+    if limits is not None:
+        found = _numbers(limits)
+        if not (len(found) == 2 and -math.inf < found[0] < found[1] < math.inf):
+            raise bad_value("--range", limits, "two numbers, the smaller one first: 0,2.5")
+        ends = found[0], found[1]
+    return ViewOptions(normal, point, towards, focus, upwards, zoom, tuple(hide), limits=ends)
 
 
 def _direction_and_point(option: str, text: str | None) -> tuple[Point | None, Point | None]:

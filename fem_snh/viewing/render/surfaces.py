@@ -167,7 +167,9 @@ class DrawnBody:
     """The geometry of one panel and the values of its field.
 
     ``lowest`` is where the smallest J at a quadrature point is, and its value: the centre of a
-    deformed cell, or a point of a skin. It may lie inside of the body.
+    deformed cell, or a point of a skin. It may lie inside of the body. ``extremes`` are the
+    smallest and the largest value of the field in the whole body, each with the cell's centre or
+    the node at rest.
     """
 
     surface: pv.PolyData
@@ -176,6 +178,7 @@ class DrawnBody:
     ghost: pv.PolyData
     values: np.ndarray
     lowest: tuple[np.ndarray, float] | None = None
+    extremes: Sequence[tuple[float, list[float]]] = ()
 
 
 def is_flat(points: np.ndarray) -> bool:
@@ -210,7 +213,8 @@ def revolve(item: DrawnBody, field: str) -> DrawnBody:
     whole = pv.merge([side, _caps(surface)], merge_points=False)
     edges = None if item.edges is None else _caps(item.edges)
     lowest = item.lowest and (_turned(item.lowest[0][None], _FIRST)[0], item.lowest[1])
-    return DrawnBody(whole, edges, _caps(item.rest), _caps(item.ghost), item.values, lowest)
+    rest, ghost = _caps(item.rest), _caps(item.ghost)
+    return DrawnBody(whole, edges, rest, ghost, item.values, lowest, item.extremes)
 
 
 def swept(points: np.ndarray, lines: np.ndarray) -> pv.PolyData:
@@ -372,11 +376,25 @@ def body_of(
         lowest = _lowest(deformed, np.array(options.clip), np.array(origin))
     if not (is_flat(grid.points) and np.any(grid["displacement"][:, 2])):  # no torsion
         surface.point_data[VECTORS] = surface.point_data["displacement"]
-    values = np.asarray(surface[field], dtype=float)
-    if values.ndim == 2:
-        values = np.linalg.norm(values, axis=1)
-    surface[field] = values
-    return DrawnBody(surface, edges, rest, ghost, values, lowest)
+    surface[field] = values = _scalars(surface, field)
+    return DrawnBody(surface, edges, rest, ghost, values, lowest, _extremes(grid, field))
+
+
+def _scalars(mesh: Any, field: str) -> np.ndarray:
+    """Return the values of a field, of a vector or tensor their magnitudes."""
+    values = np.asarray(mesh[field], dtype=float)
+    return np.linalg.norm(values, axis=1) if values.ndim == 2 else values
+
+
+def _extremes(grid: pv.UnstructuredGrid, field: str) -> list[tuple[float, list[float]]]:
+    """Return the smallest and the largest finite value of a field, and where they are at rest."""
+    values = _scalars(grid, field)
+    finite = np.flatnonzero(np.isfinite(values))
+    if not len(finite):
+        return []
+    points = grid.points if field in grid.point_data else grid.cell_centers().points
+    chosen = finite[values[finite].argmin()], finite[values[finite].argmax()]
+    return [(float(values[i]), np.asarray(points[i], dtype=float).tolist()) for i in chosen]
 
 
 def _lowest(

@@ -64,12 +64,10 @@ def main(
     with tempfile.TemporaryDirectory() as scratch:
         units = Units.of(run.record)
         job = Job(field, "", states, scratch, revolve=revolve, view=run.view, units=units)
-        draw_elsewhere(
-            asdict(job),
-            "fem_snh.viewing.view.scenes",
-        )
+        said = list[str]()
+        draw_elsewhere(asdict(job), "fem_snh.viewing.view.scenes", said.append)
         scenes = [(Path(scratch) / f"{k}.zip").read_bytes() for k in range(len(states))]
-    return write_file(out, page(run.record, field, states, scenes))
+    return write_file(out, page(run.record, field, states, scenes, said[-1] if said else ""))
 
 
 def choose_states(loads: list[float]) -> list[float]:

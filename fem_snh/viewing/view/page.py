@@ -34,7 +34,11 @@ _ICON = "https://kitware.github.io/vtk-js/icon/favicon-${t}x${t}.png"
 
 
 def page(
-    record: dict[str, Any], field: str, states: Sequence[Panel], scenes: Sequence[bytes]
+    record: dict[str, Any],
+    field: str,
+    states: Sequence[Panel],
+    scenes: Sequence[bytes],
+    extremes: str = "",
 ) -> str:
     """Return the page.
 
@@ -48,6 +52,8 @@ def page(
         The states.
     scenes : sequence of bytes
         The states' scenes, from `fem_snh.viewing.view.scenes`.
+    extremes : str
+        A line with the smallest and the largest value of the field.
     """
     title = f"{record['scene']}: {material_name(record)}, ν = {poisson_ratio(record)}"
     rows = [step for step in record["steps"] if step.get("converged", True)]
@@ -80,6 +86,7 @@ def page(
     return template.substitute(
         title=escape(title),
         status=escape(str(record.get("status", ""))),
+        extremes=escape(extremes),
         last=len(shown) - 1,
         curves=_curves(record),
         steps=_step_table(record),

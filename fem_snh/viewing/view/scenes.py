@@ -24,7 +24,7 @@ from trame_vtk.modules.vtk.serializers import (
 from trame_vtk.modules.vtk.serializers.data import polydata_serializer
 from trame_vtk.modules.vtk.serializers.registry import register_instance_serializer
 
-from fem_snh.viewing.render.drawing import Drawing
+from fem_snh.viewing.render.drawing import Drawing, extremes_line
 from fem_snh.viewing.render.fields import VECTORS, label
 from fem_snh.viewing.render.obstacles import add_solid
 from fem_snh.viewing.render.worker import serve
@@ -60,6 +60,7 @@ def export(job: dict[str, Any]) -> None:
         plotter.render()
         (Path(job["out"]) / f"{number}.zip").write_bytes(scene(plotter.render_window))
         plotter.close()
+    print(extremes_line(drawing, bodies, job), flush=True)
 
 
 def scene(window: Any) -> bytes:
