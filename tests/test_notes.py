@@ -9,6 +9,7 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
+from contact_scenes import slide
 from gmsh_files import write_msh
 from interrupted_runs import cut
 from note_scenes import arch, bushing
@@ -382,6 +383,19 @@ def test_self_contact_that_creates_energy():
         (note,) = [note for note in result.notes if note["kind"] == "energy"]
         assert note["gained"] / note["exchanged"] == pytest.approx(created, rel=0.05)
         assert ("contact creates energy" in note["text"]) == (steps == 48)
+
+
+@mpi
+def test_penalties_with_friction_have_the_note_too(comm):
+    """With 100 times the stiffness the force is larger by the part that the note names."""
+    soft, stiff = (solve(slide(**keys), comm) for keys in ({}, {"stiffness": 2e3}))
+    (note,) = [note for note in soft.notes if note["kind"] == "penalty"]
+    assert "penalty" not in {note["kind"] for note in stiff.notes}
+    found, expected = (r.steps[-1]["obstacles"]["plate"]["force"][2] for r in (soft, stiff))
+    assert found / expected < 0.95
+    assert note["share"] == pytest.approx(1 - found / expected, rel=0.1)
+    multipliers = solve(slide(method="augmented_lagrangian"), comm)
+    assert "penalty" not in {note["kind"] for note in multipliers.notes}
 
 
 def test_penalties_that_yield_have_a_note():

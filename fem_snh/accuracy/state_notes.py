@@ -102,12 +102,13 @@ def penalty_note(problem: Problem, step: int | None = None) -> Note | None:
 
     A penalty is a spring in series with the body. Where both are linear, its part of the energy is
     what it changes of the force at a prescribed displacement, or of the displacement under a given
-    load, relative to them. In time, with friction or multipliers the energy does not tell, and
-    there is no note; nor where energies in UFL alone have those of loads in them.
+    load, relative to them. At the end of a step the energy of friction is that of its sticking
+    springs; what sliding has dissipated is not in the sum, so that the part is too large rather
+    than too small. In time the energy does not tell, and there is no note; nor where energies in
+    UFL alone have those of loads in them.
     """
     penalties = [t for t in problem.terms if isinstance(t, PenaltyTerm) and t.scale_penalties(1.0)]
-    static = problem.motion is None and not problem.history.is_kept(problem.comm)
-    if not (penalties and static and problem.elastic.parts):
+    if not penalties or problem.motion is not None or not problem.elastic.parts:
         return None
     u, p = problem.split(problem.x)
     energy = sum(term.energy(u, p) for term in penalties)
