@@ -143,6 +143,11 @@ class CellLoops:
         pointers = {name: self.pointer(array) for name, array in arrays.items()}
         self._cells = self._ffi.new("Cells *", {"cells": self.num_cells, **pointers})
 
+    def set_viscosity(self, ratio: float, origin: Array | None) -> None:
+        """Set the viscous part of an unknown pressure: see `Elastic.set_viscosity`."""
+        self._origin = origin  # the struct holds a pointer to it
+        self._cells.viscosity, self._cells.pressure_origin = ratio, self.pointer(origin)
+
     def pointer(self, array: Array | None) -> Any:
         """Return a C pointer to the memory of ``array``, which the caller keeps alive."""
         return self._ffi.NULL if array is None else build.pointer(self._ffi, array)

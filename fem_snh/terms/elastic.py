@@ -185,6 +185,23 @@ class Elastic:
                 )
         return self._targets
 
+    def set_viscosity(self, ratio: float = 0.0, origin: Array | None = None) -> None:
+        r"""Set the viscous part of an unknown pressure; none by default.
+
+        The unknown is then :math:`p = p_e + s (p_e - w)` with the elastic pressure
+        :math:`p_e = U'(J)`. The state is stationary in p of
+        :math:`\psi' + p J - (1 + s) U^*(p_e)`.
+
+        Parameters
+        ----------
+        ratio : float
+            s.
+        origin : (local pressures,)
+            w, in the unit of the unknown.
+        """
+        for part in self.parts:
+            part.loops.set_viscosity(ratio, origin)
+
     def cell_fields(self, u: PETSc.Vec, p: PETSc.Vec | None = None) -> dict[str, Array]:
         """Return, for each cell of this rank, the fields of `Problem.cell_fields`.
 

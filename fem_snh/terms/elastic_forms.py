@@ -90,9 +90,12 @@ class ElasticForms(Elastic):
                 self._mean = _MeanVolume(V.mesh, F, measures, parts, cells)
             densities = [energy_density(part.deviatoric, F) for part in parts]
             if self._p is not None:
-                p = pressure_scale * self._p
+                self._origin = _dolfinx.function(Q, "origin")
+                self._ratio = _dolfinx.constant(V.mesh, np.array(0.0))
+                p, w, s = pressure_scale * self._p, pressure_scale * self._origin, self._ratio
+                elastic = (p + s * w) / (1 + s)
                 densities = [
-                    psi + p * ufl.det(F) - _dual(part, p)
+                    psi + p * ufl.det(F) - (1 + s) * _dual(part, elastic)
                     for psi, part in zip(densities, parts, strict=True)
                 ]
         form = sum(psi * dx for psi, dx in zip(densities, measures, strict=True))
@@ -120,6 +123,13 @@ class ElasticForms(Elastic):
         self._set_state(u, p)
         for r, form in zip((r_u, r_p), self._residuals, strict=False):
             _dolfinx.add_vector(r, form)
+
+    def set_viscosity(self, ratio: float = 0.0, origin: Array | None = None) -> None:
+        """Set the viscous part of an unknown pressure: see `Elastic.set_viscosity`."""
+        super().set_viscosity(ratio, origin)
+        self._ratio.value = ratio
+        if origin is not None:
+            self._origin.x.array[:] = origin
 
     def _set_state(self, u: PETSc.Vec, p: PETSc.Vec | None) -> None:
         for function, vector in ((self._u, u), (self._p, p)):

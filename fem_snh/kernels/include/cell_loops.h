@@ -6,7 +6,7 @@ double energy_cells(const Cells *c, const double *u, const double *pressure) {
     real sum = splat(0), psi;
     FOR_EACH_POINT
       energy_point(p, F, H, &psi);
-      sum += (psi + volume_energy_density(p, &volume, F)) * weight;
+      sum += (psi + volume_energy_density(c, q, p, &volume, F)) * weight;
     }
     for (int l = 0; l < lanes; ++l) total += sum[l];
   }
@@ -77,7 +77,7 @@ void fields_cells(const Cells *c, const double *u, const double *pressure, doubl
       out[0] += weight;
       out[1] += weight * J;
       out[2] = lane_min(out[2], J);
-      out[3] += weight * (psi + volume_energy_density(p, &volume, F));
+      out[3] += weight * (psi + volume_energy_density(c, q, p, &volume, F));
       for (int k = 0; k < 9; ++k) out[4] = lane_min(out[4], e[k]);
     }
     for (int l = 0; l < lanes; ++l)

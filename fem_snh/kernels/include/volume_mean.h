@@ -34,7 +34,7 @@ INLINE void volume_prepare(const Cells *c, real fraction, long start, const real
 
 INLINE Parameters volume_parameters(const Cells *c, const VolumeTerm *m, int q) { return (Parameters){c->constants, m->pressure}; }
 
-INLINE real volume_energy_density(Parameters p, const VolumeTerm *m, const real *F) {
+INLINE real volume_energy_density(const Cells *c, int q, Parameters p, const VolumeTerm *m, const real *F) {
   real cofactor[9];
   return m->U[0] - p.pressure * determinant(F, cofactor);
 }

@@ -10,7 +10,7 @@ INLINE void volume_prepare(const Cells *c, real fraction, long start, const real
 
 INLINE Parameters volume_parameters(const Cells *c, const VolumeTerm *m, int q) { return (Parameters){c->constants, splat(0)}; }
 
-INLINE real volume_energy_density(Parameters p, const VolumeTerm *m, const real *F) { return splat(0); }
+INLINE real volume_energy_density(const Cells *c, int q, Parameters p, const VolumeTerm *m, const real *F) { return splat(0); }
 
 INLINE void volume_residual_point(const Cells *c, VolumeTerm *m, int q, Parameters p, const real *F, const real *H, real weight) {}
 

@@ -6,10 +6,13 @@
  *   [ B   -C  ]   N the basis of the pressure; C = 0 at nu = 0.5.
  *
  * The code generator provides volume_conjugate(p, {U*, d(U*)/dp - 1, d2(U*)/dp2}): the volume ratio that
- * belongs to p is 1 at p = 0, and its increment is as accurate as that of J. */
+ * belongs to p is 1 at p = 0, and its increment is as accurate as that of J.
+ *
+ * With damping p has a viscous part s (p_e - w) beside the elastic pressure p_e = (p + s w) / (1 + s), to which
+ * the volume ratio belongs: (1 + s) U*(p_e) replaces U*(p). */
 
 typedef struct {
-  real p[PRESSURE_NODES][1];  /* nodal pressures */
+  real p[PRESSURE_NODES][1], w[PRESSURE_NODES][1]; /* nodal pressures, and the w of damping */
   real r[PRESSURE_NODES];     /* residual of the pressure */
   real B[NODES][3][PRESSURE_NODES], C[PRESSURE_NODES][PRESSURE_NODES]; /* B: transposed */
 } VolumeTerm;
@@ -17,6 +20,7 @@ typedef struct {
 INLINE void volume_prepare(const Cells *c, real fraction, long start, const real x[][3], const real v[][3], const double *pressure, VolumeTerm *m) {
   *m = (VolumeTerm){0};
   GATHER(m->p, PRESSURE_NODES, 1, c->pressure_nodes, pressure)
+  if (c->viscosity) { GATHER(m->w, PRESSURE_NODES, 1, c->pressure_nodes, c->pressure_origin) }
 }
 
 INLINE Parameters volume_parameters(const Cells *c, const VolumeTerm *m, int q) {
@@ -25,15 +29,28 @@ INLINE Parameters volume_parameters(const Cells *c, const VolumeTerm *m, int q) 
   return p;
 }
 
-INLINE real volume_energy_density(Parameters p, const VolumeTerm *m, const real *F) {
-  real conjugate[3];
+/* (1 + s) U*(p_e) and its derivatives by p. */
+INLINE void conjugate_point(const Cells *c, const VolumeTerm *m, int q, Parameters p, real *conjugate) {
+  const double factor = 1 + c->viscosity;
+  if (c->viscosity) {
+    for (int a = 0; a < PRESSURE_NODES; ++a)
+      p.pressure += m->w[a][0] * (c->viscosity * c->pressure_basis[PRESSURE_NODES * q + a]);
+    p.pressure /= factor;
+  }
   volume_conjugate(p, conjugate);
+  conjugate[0] *= factor;
+  conjugate[2] /= factor;
+}
+
+INLINE real volume_energy_density(const Cells *c, int q, Parameters p, const VolumeTerm *m, const real *F) {
+  real conjugate[3];
+  conjugate_point(c, m, q, p, conjugate);
   return -conjugate[0];
 }
 
 INLINE void volume_residual_point(const Cells *c, VolumeTerm *m, int q, Parameters p, const real *F, const real *H, real weight) {
   real conjugate[3], cofactor[9];
-  volume_conjugate(p, conjugate);
+  conjugate_point(c, m, q, p, conjugate);
   const real J = determinant(F, cofactor), change = select(small_strain(H), volume_increment(H, cofactor), J - 1);
   const real mismatch = (change - conjugate[1]) * weight;
   for (int a = 0; a < PRESSURE_NODES; ++a) m->r[a] += c->pressure_basis[PRESSURE_NODES * q + a] * mismatch;
@@ -47,7 +64,7 @@ INLINE void volume_residual_add(const Cells *c, long start, int lanes, const Vol
 INLINE void volume_jacobian_point(const Cells *c, VolumeTerm *m, int q, Parameters p, const real *F, const real *G, real weight) {
   const double *N = c->pressure_basis + PRESSURE_NODES * q;
   real conjugate[3], cofactor[9];
-  volume_conjugate(p, conjugate);
+  conjugate_point(c, m, q, p, conjugate);
   determinant(F, cofactor);
   pull_back(cofactor);
   for (int b = 0; b < NODES; ++b)

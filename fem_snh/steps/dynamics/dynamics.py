@@ -156,7 +156,7 @@ class Dynamics:
             self._balance.update_ghosts(motion.a)
         balance = self._balance
         balance.update_stiffness(problem, v, 0.0)
-        self._damping = balance.damping_forces(v)
+        self._damping = balance.damping_forces(v) + balance.start_volume_damping(v)
         self._forces = balance.other_forces(problem) + self._damping
         self.a.x.array[:] = balance.acceleration(problem, self._forces, motion.a)
         self._by_means = None
@@ -190,12 +190,14 @@ class Dynamics:
         inertia.set_values(project, motion.u, motion.a + formulas.old_forces * state.a)
         constant = formulas.old_forces * self._old_forces() if formulas.old_forces else None
         balance.set_step(inertia, formulas.velocity, constant)
+        balance.begin_volume_damping(problem, formulas.velocity)
         if self.integrator.has_mean_forces:
             balance.weight_mean_forces(problem, new / formulas.gamma)
 
     def cancel_step(self, problem: Problem) -> None:
         """End a step that failed: the problem is again at the step's start. Collective."""
         self._balance.weight_mean_forces(problem, None)
+        self._balance.end_volume_damping(problem, accepted=False)
         self._set_motion()
 
     def end_step(self, problem: Problem) -> None:
@@ -209,6 +211,7 @@ class Dynamics:
             self._rigid.make_rigid(problem.x, self.mass, problem.load - load, v, a)
         weight, moved = self.integrator.end_weight, (u - state.u)[: self.mass.num_owned]
         balance, damping = self._balance, self._balance.damping_forces(v)
+        damping += balance.end_volume_damping(problem)
         if balance.damping:
             mean = weight * damping + (1 - weight) * self._damping
             self.dissipated += problem.comm.allreduce(float(mean @ moved))

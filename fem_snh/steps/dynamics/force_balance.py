@@ -70,6 +70,7 @@ class ForceBalance:
     def __init__(self, V: Any, mass: NodalMass, damping: tuple[float, float]) -> None:
         self._V, self._mass, self.inertia = V, mass, Inertia(mass)
         self.damping = RayleighDamping(mass, damping) if any(damping) else None
+        self._viscosity: tuple[float, Any]  # ratio and origin of the pressure's viscous part
 
     @property
     def terms(self) -> list[Term]:
@@ -129,6 +130,55 @@ class ForceBalance:
         if not self.damping:
             return np.zeros(self._mass.num_owned)
         return self._summed(self.damping.apply(v))
+
+    def start_volume_damping(self, v: Array) -> Array:
+        """Return the forces [N] that damp an unknown pressure, (owned dofs,). Collective."""
+        if not (self.damping and (rates := self.damping.rates)):
+            return np.zeros(self._mass.num_owned)
+        rate = rates.of_velocity(v[: self._mass.num_owned])
+        return self.damping.beta * rates.forces(rate)
+
+    def begin_volume_damping(self, problem: Problem, velocity: Affine) -> None:
+        r"""Give an unknown pressure its viscous part in a step. Collective.
+
+        With the rate c and the origin w of the step's velocity, that of the elastic pressure is
+
+        .. math:: \dot p_e = c (p_e - p_0) + C^{-1} B \, c (u_0 - w) .
+        """
+        if not (self.damping and (rates := self.damping.rates)):
+            return
+        u, p = problem.split(problem.x)
+        assert p is not None
+        known = velocity(local_values(u))[: self._mass.num_owned]
+        origin = p.duplicate()
+        p.copy(origin)
+        origin.array[:] -= rates.of_velocity(known).array_r / velocity.rate
+        update_ghosts(origin)
+        ratio = self.damping.beta * velocity.rate
+        self._viscosity = ratio, origin
+        problem.elastic.set_viscosity(ratio, local_values(origin).copy())
+
+    def end_volume_damping(self, problem: Problem, accepted: bool = True) -> Array:
+        """Make an unknown pressure the elastic one again; return the forces of the viscous part.
+
+        Collective.
+
+        Returns
+        -------
+        (owned dofs,)
+            Forces [N].
+        """
+        forces: Array = np.zeros(self._mass.num_owned)
+        if not (self.damping and (rates := self.damping.rates)):
+            return forces
+        problem.elastic.set_viscosity()
+        if accepted:
+            assert problem.saddle_point
+            before = self.other_forces(problem, [problem.elastic])
+            (ratio, origin), p = self._viscosity, problem.saddle_point.pressure_dofs(problem.x)
+            p[:] = np.where(rates.compliant, (p + ratio * origin.array_r) / (1 + ratio), p)
+            forces = before - self.other_forces(problem, [problem.elastic])
+        return forces
 
     def inertial_forces(self, a: Array) -> Array:
         """Return M a [N], (owned dofs,), of an acceleration (local dofs,). Collective."""

@@ -18,6 +18,10 @@ from fem_snh.steps.dynamics.integrators import Affine
 
 Array = npt.NDArray[Any]
 
+#: Relative tolerance of the rates of a pressure, and the compliance, relative to the largest one,
+#: that is rounding.
+_RTOL, _INCOMPRESSIBLE = 1e-12, 1e-14
+
 
 class _MotionTerm:
     """What terms of a motion have in common."""
@@ -92,7 +96,8 @@ class RayleighDamping(_MotionTerm):
 
     Its derivative is C v. K is the Hessian of the elastic energy at the step's start, clamped and
     without the stiffness of spins, and turned with its cells: C is constant in a step, positive
-    semidefinite, and does not damp the rotation of a cell (docs/theory/dynamics.md).
+    semidefinite, and does not damp the rotation of a cell (docs/theory/dynamics.md). The stiffness
+    by an unknown pressure is not in K: see `VolumeRates`.
 
     Parameters
     ----------
@@ -105,20 +110,25 @@ class RayleighDamping(_MotionTerm):
     ----------
     velocity : Affine or None
         v as a function of the displacement; None without a step.
+    beta : float
+        The factor of K [s].
+    rates : VolumeRates or None
+        The rates of an unknown pressure.
     """
 
     name = "damping"
 
     def __init__(self, mass: NodalMass, factors: tuple[float, float]) -> None:
-        self._mass, (self._alpha, self._beta) = mass, factors
+        self._mass, (self._alpha, self.beta) = mass, factors
         self.velocity: Affine | None = None
+        self.rates: VolumeRates | None = None
         self._K: StoredMatrix | None = None
         self._vectors: tuple[PETSc.Vec, PETSc.Vec]
 
     @property
     def has_stiffness(self) -> bool:
         """Whether the elastic stiffness contributes."""
-        return self._beta > 0
+        return self.beta > 0
 
     def update_stiffness(
         self,
@@ -141,8 +151,10 @@ class RayleighDamping(_MotionTerm):
         if self._K is None:
             self._K, self._vectors = StoredMatrix(matrix), (x.duplicate(), x.duplicate())
         self._K.assemble(add_hessian)
+        self.rates = None
         if x.getSize() > u.getSize():
-            # Only the displacement's block is damped, not the coupling to a pressure.
+            self.rates = VolumeRates.of(self._K.mat, u.getLocalSize())
+            # K is the displacement's block alone, without the coupling to a pressure.
             mask = self._vectors[0]
             mask.set(0.0)
             mask.array[: u.getLocalSize()] = 1.0
@@ -168,7 +180,7 @@ class RayleighDamping(_MotionTerm):
             x.set(0.0)
             x.array[:owned] = v[:owned]
             self._K.mat.mult(x, y)
-            force[:owned] += self._beta * y.array_r[:owned]
+            force[:owned] += self.beta * y.array_r[:owned]
         return force
 
     def energy(self, u: PETSc.Vec, p: PETSc.Vec | None = None) -> float:
@@ -195,5 +207,62 @@ class RayleighDamping(_MotionTerm):
             if self._alpha:
                 self._mass.add_to(target, self._alpha * self.velocity.rate)
             if self._K is not None:
-                self._K.add_to(target, self._beta * self.velocity.rate)
+                self._K.add_to(target, self.beta * self.velocity.rate)
         return 0
+
+
+class VolumeRates:
+    r"""The rates of an unknown pressure, in an elastic state. Collective.
+
+    With the blocks of the Hessian B = d2E/(dp du) and -C = d2E/dp2, the pressure that belongs to a
+    displacement changes by
+
+    .. math:: C \, \dot p = B v .
+
+    Parameters
+    ----------
+    B, C : PETSc.Mat
+        The blocks.
+    """
+
+    def __init__(self, B: PETSc.Mat, C: PETSc.Mat) -> None:
+        self._B, self._ksp = B, PETSc.KSP().create(C.comm)
+        diagonal = C.getDiagonal()
+        #: Which own pressures have a compliance: not those of incompressible cells alone.
+        self.compliant = diagonal.array_r > _INCOMPRESSIBLE * diagonal.max()[1]
+        diagonal.array[~self.compliant] = 1.0
+        C.setDiagonal(diagonal)
+        self._ksp.setOperators(C)
+        self._ksp.setType("cg")
+        self._ksp.getPC().setType("jacobi")
+        self._ksp.setTolerances(rtol=_RTOL, atol=0.0)
+
+    @classmethod
+    def of(cls, A: PETSc.Mat, num_u: int) -> VolumeRates | None:
+        """Return the rates by a Hessian of displacement and pressure; None if nu = 1/2 everywhere.
+
+        ``num_u`` is the number of displacement dofs that this rank owns.
+        """
+        first, end = A.getOwnershipRange()
+        u, p = (
+            PETSc.IS().createStride(size, start, 1, comm=A.comm)
+            for size, start in ((num_u, first), (end - first - num_u, first + num_u))
+        )
+        C = A.createSubMatrix(p, p)
+        C.scale(-1.0)
+        return cls(A.createSubMatrix(p, u), C) if C.getDiagonal().max()[1] > 0 else None
+
+    def of_velocity(self, v: Array) -> PETSc.Vec:
+        """Return the rate of the pressure, by a velocity (owned dofs,)."""
+        velocity, rate = self._B.createVecs()
+        velocity.array[:] = v
+        mismatch = self._B * velocity
+        mismatch.array[~self.compliant] = 0.0
+        self._ksp.solve(mismatch, rate)
+        return rate
+
+    def forces(self, p: PETSc.Vec) -> Array:
+        """Return the forces [N] of a pressure, (owned dofs,)."""
+        forces = self._B.createVecRight()
+        self._B.multTranspose(p, forces)
+        return np.array(forces.array_r)
