@@ -99,6 +99,7 @@ THIRD_PARTY = {
         "contact.obstacle",
         "contact.self_contact",
         "scenes",
+        "studies.jobs",
     },
     "slepc4py": {"problem.modes"},
     "ipctk": {"contact.collisions"},

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import json
 import re
+import subprocess
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from slurm_cluster import PROCESSORS, Cluster, CountedPoint, missing, wait_for
@@ -133,6 +135,131 @@ def test_script_of_an_array(tmp_path: Path) -> None:
     ):  # fmt: skip
         assert f"#SBATCH {option}" in lines
     assert lines[0] == "#!/bin/bash" and lines[-1] == 'exec python "$SLURM_ARRAY_TASK_ID"'
+
+
+def slurm_words(line: str) -> list[str]:
+    """Read the options of an #SBATCH line as Slurm 22.05 does (``get_argument`` of its sbatch)."""
+    words, word, quote, escaped = [], "", "", False
+    for letter in line.removeprefix("#SBATCH") + " ":
+        if letter.isspace() and not quote:
+            words += [word] * bool(word)
+            word = ""
+        elif escaped:
+            word, escaped = word + letter, False
+        elif letter == "\\":
+            escaped = True
+        elif quote:
+            word, quote = (word, "") if letter == quote else (word + letter, quote)
+        elif letter in "'\"":
+            quote = letter
+        elif letter == "#":
+            break
+        else:
+            word += letter
+    return words
+
+
+@pytest.mark.parametrize("name", ["a b", "{x} {index}", 'it\'s "$HOME" #1 50% $(false);', "ü\\n"])
+def test_paths_are_quoted_for_slurm_and_for_the_shell(tmp_path: Path, name: str) -> None:
+    out = tmp_path / name
+    (out / "fem_snh_element").mkdir(parents=True)
+    scheduler = out / "record.py"
+    scheduler.write_text(RECORDING)
+    Jobs(out).submit([task("p")], Submission(f"{scheduler}:Recording", account=name))
+    (script,) = (out / "jobs").glob("*.sh")
+    lines = script.read_text().splitlines()
+    options = [word for line in lines if line.startswith("#SBATCH") for word in slurm_words(line)]
+    assert f"--account={name}" in options
+    log = f"{out}/jobs/{script.stem}-%a.txt".replace("%", "%%").replace("%%a.txt", "%a.txt")
+    assert f"--output={log}" in options
+    assert lines[-1].startswith("exec ")
+    echo = lines[-1].replace("exec ", "printf '%s\\n' ", 1)
+    said = subprocess.run(["bash", "-c", echo], capture_output=True, text=True, check=True,
+                          env={"SLURM_ARRAY_TASK_ID": "7"}).stdout  # fmt: skip
+    assert said.endswith(f"\n{script.with_suffix('.json')}\n7\n")
+
+
+@pytest.mark.parametrize("given", [{"account": "a\ntouch x"}, {"options": ["--qos=a\rb"]}])
+def test_no_option_adds_a_line_to_the_script(tmp_path: Path, given: dict[str, Any]) -> None:
+    array = Array("fem-snh-0", 1, 1, tmp_path, "python {index}")
+    with pytest.raises(BadInput, match="expected one line"):
+        Slurm().script(array, Submission(**given))
+    array = Array("fem-snh-0", 1, 1, tmp_path / "a\nb", "python {index}")
+    with pytest.raises(BadInput, match="expected one line"):
+        Slurm().script(array, Submission())
+
+
+#: A scheduler that records when its file is executed, and has every element in its queue.
+RECORDING = """
+from pathlib import Path
+from fem_snh.studies.schedulers import Slurm
+
+(Path(__file__).parent / "executed").touch()
+
+class Recording(Slurm):
+    def largest_array(self):
+        return 10
+    def submit(self, script):
+        return "1"
+    def states(self, names):
+        return {name: {0: "pending", 99: "running"} for name in names}
+"""
+
+
+def test_a_folder_does_not_choose_what_is_executed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    file, executed = tmp_path / "record.py", tmp_path / "executed"
+    file.write_text(RECORDING)
+    out = ["--out", str(tmp_path / "out")]
+    scheduler = ["--scheduler", f"{file}:Recording"]
+    words = ["sweep", "twist", "--cells", "2", "--nu", "0.3", *out]
+    assert cli.main([*words, *scheduler]) == 0
+    assert "later: the same command again" in capsys.readouterr().out
+    executed.unlink()
+    file.write_text(file.read_text() + "\n")  # another file: it would be executed again
+    assert cli.main(["sweep", "--status", *out]) == 1
+    assert "1 points: 1 submitted" in capsys.readouterr().out
+    assert cli.main(["sweep", "--collect", *out]) == 2
+    assert "expected no Python file with --collect" in capsys.readouterr().err
+    assert cli.main(words) == 2
+    assert "are in the queue of a scheduler" in capsys.readouterr().err
+    assert not executed.exists()
+    assert cli.main(["sweep", "--status", *out, *scheduler]) == 1
+    assert "1 points: 1 pending" in capsys.readouterr().out and executed.exists()
+
+
+@pytest.mark.parametrize("command", ["--status", "--collect"])
+def test_damaged_jobs_are_one_line(
+    command: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Every value of the file is replaced by values of other types, or missing."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "record.py").write_text(RECORDING)
+    words = ["sweep", "twist", "--cells", "2", "--nu", "0.3", "--out", "out"]
+    assert cli.main([*words, "--scheduler", "record.py:Recording"]) == 0
+    (file,) = Path("out/jobs").glob("*.json")
+    data = json.loads(file.read_text())
+    texts = ["", "[", "nul", "[]", "3", "{}", '"a"', "[" * 10_000, '{"elements": []}']
+    texts += [json.dumps({k: v for k, v in data.items() if k != key}) for key in data]
+    task_data = data["elements"][0][0]
+    for bad in (None, 3, "a\0b", [], [[3]], {}, {"a": 1}):
+        texts += [json.dumps(data | {key: bad}) for key in data]
+        texts += [
+            json.dumps(data | {"elements": [[task_data | {key: bad}]]})
+            for key in ("name", "arguments", "ranks", "timeout", "after")
+        ]
+    texts.append(json.dumps(data | {"command": ["sweep", "twist", "--collect", "--out", "out"]}))
+    capsys.readouterr()
+    for text in texts:
+        file.write_text(text)
+        assert cli.main(["sweep", command, "--out", "out"]) in (1, 2), text
+        printed = capsys.readouterr()
+        assert len((printed.out + printed.err).splitlines()) == 1, (text, printed)
 
 
 @pytest.mark.parametrize(

@@ -5,9 +5,11 @@ from __future__ import annotations
 import argparse
 import os
 import signal
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from fem_snh import references
 from fem_snh.cli.options import (
     REPEATED,
     SCENE_OPTIONS,
@@ -62,14 +64,13 @@ def sweep(argv: list[str]) -> int:
     """Solve every point; return 0 if all converged, else 1."""
     args, petsc = _parse(sweep_parser(), "sweep", argv)
     if args.status:
-        return _print_status("sweep", args.out)
+        return _print_status("sweep", args)
     axes = _axes(args)
 
     from fem_snh.studies.sweep import sweep as study
     from fem_snh.studies.table import NO_NOTES
 
-    limits = _limits(args)
-    table = study(args.scene, args.out, axes, petsc=petsc, render=args.render, **limits)
+    table = _call(study, args, args.scene, args.out, axes, petsc=petsc, render=args.render)
     if (code := _incomplete("sweep", args)) is not None:
         return code
     good = int(table["converged"].sum())
@@ -120,7 +121,7 @@ def tradeoff(argv: list[str]) -> int:
     """Study a scene; return 0 if there is a recommendation, else 1."""
     args, petsc = _parse(tradeoff_parser(), "tradeoff", argv)
     if args.status:
-        return _print_status("tradeoff", args.out)
+        return _print_status("tradeoff", args)
 
     from fem_snh.studies.tradeoff import advice
     from fem_snh.studies.tradeoff.knobs import KNOBS
@@ -129,7 +130,9 @@ def tradeoff(argv: list[str]) -> int:
     if args.cells and args.meshes:
         raise BadInput("--cells and --meshes: expected one of the two")
     vary = [] if args.vary == "none" else _list("vary", args.vary) or list(KNOBS)
-    table = study(
+    table = _call(
+        study,
+        args,
         args.scene,
         args.out,
         nus=_numbers("nu", args.nu),
@@ -141,7 +144,6 @@ def tradeoff(argv: list[str]) -> int:
         full=args.full,
         overrides={key: value(word, key) for key, word in assignments(args.set).items()},
         petsc=petsc,
-        **_limits(args),
     )
     if (code := _incomplete("tradeoff", args)) is not None:
         return code
@@ -203,19 +205,13 @@ def extremes(argv: list[str]) -> int:
     """Run the cases; return 0 if all required criteria are met, else 1."""
     args, _ = _parse(extremes_parser(), "extremes", argv)
     if args.status:
-        return _print_status("extremes", args.out)
+        return _print_status("extremes", args)
 
     from fem_snh.studies.extremes.study import extremes as study
 
     only = comma_list("only", args.only) if args.only is not None else []
-    outcome = study(
-        args.out,
-        only=only,
-        quick=args.quick,
-        seeds=args.seeds,
-        material=args.material,
-        **_limits(args),
-    )
+    options = {"quick": args.quick, "seeds": args.seeds, "material": args.material}
+    outcome = _call(study, args, args.out, only=only, **options)
     if (code := _incomplete("extremes", args)) is not None:
         return code
     failures = outcome.failures
@@ -253,7 +249,7 @@ def _add_limits(
         --array-limit N  number of elements of an array that run at a time
         --chunk N  points in an element, one after another; default: 1
         --scheduler-option OPTION  further option of sbatch, e.g. --qos=long; may be repeated
-        --status  with --out alone: say how many points are in the table, run or wait
+        --status  with --out: say how many points are in the table, run or wait
         --collect  with --out alone: append the rows of submitted points that have ended
         """,
         array_limit={"type": value},
@@ -274,6 +270,16 @@ def _axes(args: argparse.Namespace) -> dict[str, list[Any]]:
     options = {key: getattr(args, key) for key, _, _ in SCENE_OPTIONS}
     given = with_settings(options, assignments(args.set))
     return {key: comma_list(key, text) for key, text in given.items()}
+
+
+def _call(study: Callable[..., Any], args: argparse.Namespace, *words: Any, **options: Any) -> Any:
+    """Return the result of a study; with --collect it executes no Python file.
+
+    The folder names it, and the user need not have written the folder.
+    """
+    reason = "expected no Python file with --collect: give the command itself again"
+    with references.refused(reason if args.collect else ""):
+        return study(*words, **options, **_limits(args))
 
 
 def _limits(args: argparse.Namespace) -> dict[str, Any]:
@@ -300,15 +306,22 @@ def _parse(
     parser: Parser, command: str, argv: list[str]
 ) -> tuple[argparse.Namespace, dict[str, Any]]:
     """Return the options and those for PETSc; with --collect those of the submitted command."""
-    words, petsc = (argv, {}) if command == "extremes" else split_petsc(argv)
-    args = parser.parse(words)
+
+    def parsed(argv: list[str]) -> tuple[argparse.Namespace, dict[str, Any]]:
+        words, petsc = (argv, {}) if command == "extremes" else split_petsc(argv)
+        return parser.parse(words), petsc
+
+    args, petsc = parsed(argv)
     if args.collect:
         from fem_snh.studies.jobs import Jobs
 
-        folder, argv = Jobs(args.out.resolve()).command()
+        out = args.out.resolve()
+        folder, argv = Jobs(out).command()
+        args, petsc = parsed(argv)
         os.chdir(folder)
-        args, petsc = _parse(parser, command, argv)
-        args.collect = True
+        if args.scheduler is None:
+            raise BadInput(f"out = {out}: its last command has no --scheduler: expected one")
+        args.out, args.collect, args.status = out, True, False
     elif not args.status and getattr(args, "scene", "") is None:
         parser.error("the following arguments are required: SCENE")
     args.command = argv
@@ -316,11 +329,11 @@ def _parse(
     return args, petsc
 
 
-def _print_status(command: str, out: Path) -> int:
+def _print_status(command: str, args: argparse.Namespace) -> int:
     """Print where the points of a study are; return 0 if all are in the table, else 1."""
     from fem_snh.studies.jobs import Jobs
 
-    count = Jobs(out).status(command)
+    count = Jobs(args.out).status(command, args.scheduler)
     points = count.pop("points")
     states = ", ".join(f"{number} {state}" for state, number in count.items() if number)
     print(f"{points} points: {states or 'none in the table'}")
@@ -329,9 +342,12 @@ def _print_status(command: str, out: Path) -> int:
 
 def _incomplete(command: str, args: argparse.Namespace) -> int | None:
     """Return the exit code of a study some points of which have no row yet, and say what to do."""
-    if args.scheduler is None or _print_status(command, args.out) == 0:
+    if args.scheduler is None or _print_status(command, args) == 0:
         return None
-    print(f"later: fem-snh {command} --collect --out {args.out}, or the same command again")
+    collect = f"fem-snh {command} --collect --out {args.out}, or "
+    if any(map(references.is_reference, args.command)):  # which --collect would not execute
+        collect = ""
+    print(f"later: {collect}the same command again")
     return 1 if args.collect else 0
 
 

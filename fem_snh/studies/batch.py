@@ -95,7 +95,7 @@ class Batch:
         self.out = output_path("out", out)
         self._jobs = Jobs(self.out)
         if overwrite:
-            self._check_queue(self._jobs.queued())
+            self._check_queue(self._queued())
         self._folder = StudyFolder(out, name, definition, inputs, overwrite)
         if self._folder.note:
             report(f"note: {self._folder.note}")
@@ -138,7 +138,7 @@ class Batch:
             not answer.
         """
         self.register(points)
-        queued = self._jobs.queued()
+        queued = self._queued()
         if self._retry:  # rows of points that are not asked for stay
             failed = {row["point"] for row in self.table.rows() if self._is_repeated(row)}
             self.table.drop(failed & set(points))
@@ -160,6 +160,11 @@ class Batch:
                 self._check_queue(queued)
             self._run_here(points, waiting, rows, extra, self.limits.jobs)
         return not points.keys() - {row["point"] for row in self.table.rows()}
+
+    def _queued(self) -> dict[str, str]:
+        """Return the points of this study that a scheduler has, and their states."""
+        jobs = self.limits.jobs
+        return self._jobs.queued(jobs.scheduler if isinstance(jobs, Submission) else None)
 
     def _check_queue(self, queued: Mapping[str, str]) -> None:
         """Raise BadInput if a scheduler has points of this study."""

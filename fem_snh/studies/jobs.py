@@ -14,14 +14,17 @@ import secrets
 import shlex
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import chain
 from pathlib import Path
-from typing import Any
+
+from pydantic import TypeAdapter
 
 from fem_snh.atomic_files import remove, replace_file
 from fem_snh.child_process import python
 from fem_snh.errors import BadInput
 from fem_snh.files import read_text
+from fem_snh.references import is_reference
 from fem_snh.studies.schedulers import Array, Submission, make_scheduler
 from fem_snh.studies.tasks import Task, read_end
 
@@ -33,13 +36,13 @@ _MODULE = "fem_snh.studies.array_element"
 
 @dataclass(frozen=True)
 class _Submitted:
-    """The content of NAME.json."""
+    """The content of NAME.json, and the name."""
 
-    name: str
     scheduler: str
     command: list[str]
     folder: str
     elements: list[list[Task]]
+    name: str = ""
 
 
 class Jobs:
@@ -54,10 +57,19 @@ class Jobs:
     def __init__(self, out: Path) -> None:
         self._out, self.path = out, out / JOBS
 
-    def queued(self) -> dict[str, str]:
+    def queued(self, scheduler: str | None = None) -> dict[str, str]:
         """Return the points that wait or run, and the states of their elements.
 
-        Raises BadInput if a scheduler does not answer.
+        Parameters
+        ----------
+        scheduler : str, optional
+            The scheduler that the user names. No other Python file is executed, only because it
+            is named in the folder: its points that have not ended are "submitted".
+
+        Raises
+        ------
+        BadInput
+            If a scheduler does not answer, or a file of the folder is damaged.
         """
         waiting: dict[str, list[_Submitted]] = {}
         for job in self._submitted():
@@ -66,11 +78,16 @@ class Jobs:
             ):
                 waiting.setdefault(job.scheduler, []).append(job)
         found: dict[str, str] = {}
-        for scheduler, jobs in waiting.items():
-            states = make_scheduler(scheduler).states([job.name for job in jobs])
+        for name, jobs in waiting.items():
+            if is_reference(name) and name != scheduler:
+                tasks = (task for job in jobs for element in job.elements for task in element)
+                found |= dict.fromkeys((task.name for task in tasks), "submitted")
+                continue
+            states = make_scheduler(name).states([job.name for job in jobs])
             for job in jobs:
                 for index, state in states.get(job.name, {}).items():
-                    found |= dict.fromkeys((task.name for task in job.elements[index]), state)
+                    element = job.elements[index : index + 1]
+                    found |= dict.fromkeys((task.name for task in chain(*element)), state)
         # Ends are read after the states: an element that has left the queue has written its own.
         return {name: state for name, state in found.items() if not read_end(self._out / name)}
 
@@ -101,10 +118,11 @@ class Jobs:
                 "folder": os.getcwd(),
                 "elements": [[task.data() for task in tasks] for tasks in part],
             }
-            words = [*python(_MODULE), str(data.resolve())]
+            words = shlex.join([*python(_MODULE), str(data.resolve())])
+            words = words.replace("{", "{{").replace("}", "}}")
             array = Array(
                 name, len(part), max(task.ranks for tasks in part for task in tasks),
-                self.path.resolve(), f"{shlex.join(words)} {{index}}",
+                self.path.resolve(), f"{words} {{index}}",
                 _largest_sum(part), max(t.memory or 0 for ts in part for t in ts) or None,
             )  # fmt: skip
             replace_file(script, scheduler.script(array, submission))
@@ -132,27 +150,29 @@ class Jobs:
             If no command has.
         """
         newest = max(self._submitted(), key=lambda job: self._time(job.name), default=None)
-        if newest is None or not newest.command:
+        if newest is None or not newest.command or not Path(newest.folder).is_dir():
             raise BadInput(
                 f"out = {self._out}: expected a study that a command with --scheduler has submitted"
             )
         return Path(newest.folder), newest.command
 
-    def status(self, name: str) -> Counter[str]:
+    def status(self, name: str, scheduler: str | None = None) -> Counter[str]:
         """Return the number of points by state, with those that have a row or have ended.
 
         Parameters
         ----------
         name : str
             Name of the study.
+        scheduler : str, optional
+            As in `queued`.
         """
         try:
-            points = json.loads(read_text(self._out / f"{name}.json"))["points"]
+            points = list(json.loads(read_text(self._out / f"{name}.json"))["points"])
             table = read_text(self._out / f"{name}.csv").splitlines()[1:]
-        except (OSError, ValueError, KeyError):
+        except (OSError, ValueError, KeyError, TypeError, RecursionError):
             raise BadInput(f"out = {self._out}: expected the folder of a {name} study") from None
         rows = {line.partition(",")[0].strip('"') for line in table}
-        queued = self.queued()
+        queued = self.queued(scheduler)
         count: Counter[str] = Counter({"points": len(points), "in the table": 0})
         for point in points:
             if point in rows:
@@ -172,9 +192,7 @@ class Jobs:
     def _submitted(self) -> Iterator[_Submitted]:
         """Yield what has been submitted."""
         for file in sorted(self.path.glob("fem-snh-*.json")):
-            data = json.loads(read_text(file))
-            elements = [[Task(**_tuples(task)) for task in tasks] for tasks in data.pop("elements")]
-            yield _Submitted(file.stem, elements=elements, **data)
+            yield _read(file)
 
     def _time(self, name: str) -> int:
         return (self.path / f"{name}.json").stat().st_mtime_ns
@@ -182,12 +200,18 @@ class Jobs:
 
 def read_element(file: Path, index: int) -> list[Task]:
     """Return the tasks of an element of an array."""
-    return [Task(**_tuples(task)) for task in json.loads(read_text(file))["elements"][index]]
+    return _read(file).elements[index]
 
 
-def _tuples(task: dict[str, Any]) -> dict[str, Any]:
-    """Return the keywords of a task, with tuples in place of lists."""
-    return {key: tuple(v) if isinstance(v, list) else v for key, v in task.items()}
+def _read(file: Path) -> _Submitted:
+    """Return the content of NAME.json; raise BadInput if it is damaged."""
+    try:
+        found = TypeAdapter(_Submitted).validate_json(read_text(file))
+    except (OSError, ValueError):
+        raise BadInput(
+            f"{file} is damaged: expected the points of a job: remove it if none is in the queue"
+        ) from None
+    return replace(found, name=file.stem)
 
 
 def _largest_sum(elements: Sequence[Sequence[Task]]) -> float | None:

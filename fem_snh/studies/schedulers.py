@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from fem_snh.child_process import import_path
-from fem_snh.errors import BadInput, check_whole, choose
+from fem_snh.errors import BadInput, bad_value, check_whole, choose
 from fem_snh.references import is_reference, load_reference
 
 #: Seconds of an element beside the timeouts of its points: imports, the start of MPI.
@@ -85,7 +85,7 @@ class Array:
     log : Path
         Folder for the output of the elements.
     command : str
-        A line of shell; ``{index}`` is the number of the element.
+        A line of shell: ``command.format(index=...)``, where the index is the element's number.
     seconds, memory : float, optional
         What each needs at most [s, GiB].
     """
@@ -148,13 +148,18 @@ class Slurm(Scheduler):
             "partition": submission.partition,
             "time": array.seconds and math.ceil((array.seconds + _OVERHEAD) / 60),
             "mem": array.memory and f"{math.ceil(array.memory * 1024) + _OVERHEAD_MEMORY}M",
-            "output": array.log / f"{array.name}-%a.txt",
+            # %% is a percent sign (sbatch(1), FILENAME PATTERN)
+            "output": f"{array.log}/{array.name}-".replace("%", "%%") + "%a.txt",
             "open-mode": "append",
         }
-        lines = [f"#SBATCH --{key}={value}" for key, value in given.items() if value is not None]
-        lines += ["#SBATCH --requeue", *(f"#SBATCH {option}" for option in submission.options)]
+        lines = [f"--{key}={_quote(value)}" for key, value in given.items() if value is not None]
+        lines += ["--requeue", *submission.options]
+        for line in lines:
+            if re.search(r"[\n\r\0]", line):  # what follows would be a line of the script
+                raise bad_value("option of sbatch", line, "one line")
         command = array.command.format(index='"$SLURM_ARRAY_TASK_ID"')
-        return "\n".join(["#!/bin/bash", *lines, f"exec {command}", ""])
+        directives = [f"#SBATCH {line}" for line in lines]
+        return "\n".join(["#!/bin/bash", *directives, f"exec {command}", ""])
 
     def submit(self, script: Path) -> str:
         """Submit a script and return the number of the job."""
@@ -172,6 +177,18 @@ class Slurm(Scheduler):
                 if state not in self._ENDED and reason != "launch failed requeued held":
                     found[name][int(index)] = "held" if "held" in reason.lower() else state.lower()
         return found
+
+
+def _quote(value: object) -> str:
+    """Return a value as one word of an ``#SBATCH`` line, which is not read as the shell reads it.
+
+    Inside double quotes a backslash precedes any character, and older versions of Slurm begin a
+    comment at ``#``.
+    """
+    text = str(value)
+    if re.fullmatch(r"[\w%@=+:,./-]*", text):
+        return text
+    return '"' + re.sub(r'(["\\#])', r"\\\1", text) + '"'
 
 
 #: The schedulers that have a name.
