@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from math import floor, hypot, log10
 from typing import Any
 
@@ -201,6 +201,13 @@ def _share(part: float) -> str:
     return f"{100 * part:#.2g}".rstrip(".") + " %" if part < 1 else f"{part:.3g} times"
 
 
+#: Attributes of an `Estimate` at several loads: those that hold if they hold at one of them, and
+#: those of which the largest or the sum counts.
+_FLAGS = "on_no_mesh", "steps_too_long", "lacks_memory", "may_be_unstable"
+_LARGEST = "dofs", "memory", "saturation", "of_curved"
+_SUMS = "newton", "linear", "penalty_newton", "seconds", "jit"
+
+
 @dataclass
 class Estimate:
     """The errors of the goals of a solution.
@@ -249,6 +256,8 @@ class Estimate:
         The obstacles whose contact is narrower than a cell.
     of_curved : float
         What edges of degree 2 leave out of round faces, over the volume of the mesh.
+    loads : dict of float
+        The loads of goals that are not those of the end.
     """
 
     goals: dict[str, GoalError] = field(default_factory=dict)
@@ -275,6 +284,38 @@ class Estimate:
     left_out: list[str] = field(default_factory=list)
     narrow: list[str] = field(default_factory=list)
     of_curved: float = 0.0
+    loads: dict[str, float] = field(default_factory=dict)
+
+    @classmethod
+    def merged(cls, estimates: Mapping[float, Estimate], names: Sequence[str]) -> Estimate:
+        """Return one estimate of those at several loads, with the goals in the order of names."""
+        first, *_ = found = list(estimates.values())
+        goals, indicators, places = (
+            {name: values[name] for name in names for values in tables if name in values}
+            for tables in zip(*((e.goals, e.indicators, e.places) for e in found), strict=True)
+        )
+        combined: dict[str, Any] = {
+            **{key: any(getattr(e, key) for e in found) for key in _FLAGS},
+            **{key: max(getattr(e, key) for e in found) for key in _LARGEST},
+            **{key: sum(getattr(e, key) for e in found) for key in _SUMS},
+        }
+        algebra = [e.algebra for e in found if e.algebra is not None]
+        return replace(
+            first,
+            goals=goals,
+            indicators=indicators,
+            places=places,
+            reason=next((e.reason for e in found if e.reason), ""),
+            algebra=max(algebra, default=None),
+            left_out=list(dict.fromkeys(text for e in found for text in e.left_out)),
+            narrow=list(dict.fromkeys(name for e in found for name in e.narrow)),
+            loads={n: load for load, e in estimates.items() if load < 1 for n in e.goals},
+            **combined,
+        )
+
+    def label(self, name: str) -> str:
+        """Return what the line of a goal begins with: its name, and its load if not the end."""
+        return f"{name} at load {self.loads[name]:.6g}" if name in self.loads else name
 
     def announcement(self) -> str:
         """Return the line to print before the lifted problem is created."""
@@ -291,7 +332,8 @@ class Estimate:
         """Return what is printed: a line for each goal, or why there is no estimate."""
         if self.reason:
             return [f"no estimate of the error: {self.reason}"]
-        lines = [goal.text(name) for name, goal in self.goals.items() if not goal.is_zero]
+        shown = {name: goal for name, goal in self.goals.items() if not goal.is_zero}
+        lines = [goal.text(self.label(name)) for name, goal in shown.items()]
         lines += map(no_contact_text, self._open)
         return [*lines, *filter(None, (self.where, self.doubt, *self.left_out))]
 

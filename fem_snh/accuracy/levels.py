@@ -467,8 +467,8 @@ class Levels:
         unsure = row.gives_way or len(self.rows) < self.least
         head += f"{'estimates' if unsure else 'goals'} within {100 * asked:g} %"
         shown = {name: goal for name, goal in row.goals.items() if not goal.is_zero}
-        lines = [head, *(self._line(name, goal) for name, goal in shown.items())]
         found = row.estimate
+        lines = [head, *(self._line(found.label(name), goal) for name, goal in shown.items())]
         further = (*self._untouched(row).values(), found.where, found.doubt, *found.left_out)
         return [*lines, *(f"  {text}" for text in further if text)]
 
@@ -495,6 +495,7 @@ class Levels:
             "relative": self.worst[1] if self.worst else None,
             "without_contact": list(self._untouched(last)),
             "left_out": last.estimate.left_out if last.goals else [],
+            **({"at": last.estimate.loads} if last.estimate.loads else {}),
             "small": [name for name, goal in last.goals.items() if goal.small],
             "levels": [
                 {

@@ -207,9 +207,9 @@ def _solve(
         if goals and setup.stepper.done:
             from fem_snh.runs.estimates import estimate_errors
 
-            fields = recorder.writes_fields
+            fields, states = recorder.writes_fields, recorder.states
             with untimed(setup.problem):
-                estimate = estimate_errors(setup, goals, printed.estimating, fields, level)
+                estimate = estimate_errors(setup, goals, printed.estimating, fields, level, states)
             recorder.add_estimate(estimate)
             if setup.scene.within is None:  # the levels have rows of their own
                 printed.estimated(estimate)

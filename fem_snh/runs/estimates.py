@@ -8,14 +8,20 @@ from functools import partial
 from math import inf
 from typing import TYPE_CHECKING
 
-from fem_snh.accuracy.estimate import EstimateOptions, estimate_error, largest_error
+from fem_snh.accuracy.estimate import (
+    EstimateOptions,
+    estimate_error,
+    estimate_with,
+    largest_error,
+)
 from fem_snh.accuracy.goal_errors import Estimate
-from fem_snh.accuracy.goals import Goal
-from fem_snh.accuracy.no_estimate import depends_on_path
-from fem_snh.choices import COARSER_MESHES
+from fem_snh.accuracy.goals import Goal, names_of
+from fem_snh.accuracy.no_estimate import NoEstimateOnAnyMesh, depends_on_path
+from fem_snh.choices import COARSER_MESHES, LIFTED_ELEMENT
 from fem_snh.runs.setup import Setup
 
 if TYPE_CHECKING:
+    from fem_snh.runs.goal_states import GoalStates
     from fem_snh.runs.levels import Level
 
 
@@ -25,8 +31,9 @@ def estimate_errors(
     announce: Callable[[Estimate], None],
     fields: bool,
     level: Level | None = None,
+    states: GoalStates | None = None,
 ) -> Estimate:
-    """Return the errors of goals at the end of a run. Collective.
+    """Return the errors of goals of a run, at its end. Collective.
 
     Parameters
     ----------
@@ -42,7 +49,37 @@ def estimate_errors(
     level : Level, optional
         The level of a run to an accuracy: without fields the errors of those goals are distributed
         that are not within it.
+    states : GoalStates, optional
+        The states that goals are of; default: the end.
     """
+    if states is None:
+        return _errors_at(setup, goals, announce, fields, level)
+    if states.reason:
+        return _without(setup, goals, states.reason)
+    found = {}
+    for load, goals_there in states.by_load().items():
+        with states.at(load):
+            found[load] = _errors_at(setup, goals_there, announce, fields, level)
+    return Estimate.merged(found, names_of(goals))
+
+
+def _without(setup: Setup, goals: Sequence[Goal], reason: str) -> Estimate:
+    """Return goals without errors, for a reason that holds on any mesh. Collective."""
+
+    def refuse(estimate: Estimate) -> None:
+        raise NoEstimateOnAnyMesh(reason)
+
+    return estimate_with(refuse, setup.problem, goals)
+
+
+def _errors_at(
+    setup: Setup,
+    goals: Sequence[Goal],
+    announce: Callable[[Estimate], None],
+    fields: bool,
+    level: Level | None,
+) -> Estimate:
+    """Return the errors of goals in the present state; see `estimate_errors`. Collective."""
     scene, problem = setup.scene, setup.problem
     wanted = scene.accuracy
     if wanted and wanted.estimate == COARSER_MESHES:
@@ -84,5 +121,11 @@ def _by_coarser_meshes(
     from fem_snh.accuracy.coarser_meshes import estimate_by_coarser_meshes
     from fem_snh.runs.coarser_runs import coarser_meshes
 
+    if setup.problem.load < 1:
+        reason = (
+            f"coarser meshes show the errors at load 1, not at load {setup.problem.load:.6g}: "
+            f"expected accuracy.estimate = '{LIFTED_ELEMENT}'"
+        )
+        return _without(setup, goals, reason)
     coarsen = partial(coarser_meshes, setup)
     return estimate_by_coarser_meshes(setup.problem, coarsen, goals, announce, because)

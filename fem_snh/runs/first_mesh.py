@@ -31,7 +31,7 @@ _MOST_ROUNDS, _MOST_MESHES, _SMALLER = 20, 4, 0.8
 
 def stress_probes(scene: scenes.Scene) -> list[scenes.Probe]:
     """Return the probes around which stresses are goals."""
-    named = scene.accuracy.goals if scene.accuracy else []
+    named = scene.accuracy.names if scene.accuracy else []
     goals = [scenes.read_goal(name, scene) for name in named]
     names = [goal.name for goal in goals if goal.kind == "stress_at"]
     return [probe for probe in scene.probe if probe.name in names]

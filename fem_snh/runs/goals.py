@@ -56,7 +56,7 @@ def scene_goals(setup: Setup, modes: LowestModes | None = None) -> list[Goal]:
         On every rank, for a goal that the scene or its mesh does not have.
     """
     scene = setup.scene
-    named = scene.accuracy.goals if scene.accuracy else []
+    named = scene.accuracy.names if scene.accuracy else []
     # Of a motion another sum is the energy.
     has_energy = setup.problem.has_energy and scene.time is None
     groups = [*(bone.group for bone in scene.bone), *(part.group for part in scene.rigid)]

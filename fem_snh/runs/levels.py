@@ -140,7 +140,8 @@ class Level:
         """Add the level to the levels, and them to the record of the run."""
         in_time = "time" in record["steps"][-1]
         followed = in_time or (estimate is not None and estimate.again > 0)
-        rows = record["steps"] if followed else record["steps"][-1:]
+        whole = followed or (estimate is not None and estimate.loads)
+        rows = record["steps"] if whole else record["steps"][-1:]
         row = self.row
         assert row is not None
         row.seconds = sum(step["seconds"] for step in rows)
@@ -150,7 +151,7 @@ class Level:
         row.steps = sum(step["converged"] for step in rows) if followed else 0
         row.kind = "time" if in_time else "load"
         self.levels.add(row, estimate)
-        if not row.goals and not followed:  # the next level follows the load steps again
+        if not row.goals and not whole:  # the next level follows the load steps again
             row.seconds += sum(step["seconds"] for step in record["steps"][:-1])
         record["accuracy"] = self.levels.record()
         if self.notes:
@@ -273,7 +274,7 @@ class _LevelRuns:
         if self._finished and self._folder:
             self._finished["accuracy"] |= {"limit": levels.limit or None}
             on_root(self._comm, self._folder.write, self._finished)
-        printed.reached(result.record["accuracy"])
+        printed.reached(result.record["accuracy"], self._asked.duration)
         return result
 
     def _create_level(self, mesh: Mesh | None, before: Result | None = None) -> Level:
@@ -392,8 +393,8 @@ class _LevelRuns:
             update: dict[str, Any] = {"time": scene.time.model_copy(update={"steps": steps})}
         elif last.steps:
             update = {"steps": ceil(scene.steps * changes.shorter)}
-        else:  # without goals the state may be none to start from
-            starts_there = bool(last.goals)
+        else:  # without goals the state may be none to start from; with loads they need the path
+            starts_there = bool(last.goals) and not last.estimate.loads
             update = _ONE_STEP if starts_there else _path(self._first)
         self._scene = scene.model_copy(update=update)
         self._level = self._create_level(mesh, result if starts_there else None)

@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from fem_snh.errors import in_words
 from fem_snh.notes import with_notes
 from fem_snh.units import volume_change
 
@@ -121,8 +122,11 @@ class Progress:
         for line in lines:
             self._print(self._style(line, "bold") if line is lines[0] else line)
 
-    def reached(self, accuracy: Mapping[str, Any]) -> None:
-        """Print whether the required accuracy was reached, and what ended the levels."""
+    def reached(self, accuracy: Mapping[str, Any], duration: float | None) -> None:
+        """Print whether the required accuracy was reached, and what ended the levels.
+
+        The goals of a motion are those at its end, after ``duration`` [s].
+        """
         asked = f"{100 * accuracy['within']:g} %"
         if accuracy["reached"]:
             untouched = ", ".join(accuracy["without_contact"])
@@ -130,7 +134,13 @@ class Progress:
             small = ", ".join(accuracy["small"])
             of = f", {small} of a tenth of the largest force" if small else ""
             besides = ", beside what the errors do not include" if accuracy["left_out"] else ""
-            self._print(self._style(f"every goal{but} is within {asked}{of}{besides}", "green"))
+            at: dict[float, list[str]] = {}
+            for name, load in accuracy.get("at", {}).items():
+                at.setdefault(load, []).append(name)
+            loads = "".join(f", {in_words(n)} at load {load:.6g}" for load, n in at.items())
+            loads += "" if duration is None else f" at time {duration:.6g} s"
+            text = f"every goal{but} is within {asked}{of}{loads}{besides}"
+            self._print(self._style(text, "green"))
             return
         best = (
             f"{accuracy['worst']} is known to {100 * accuracy['relative']:.2g} %"

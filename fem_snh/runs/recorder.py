@@ -8,6 +8,7 @@ from contextlib import suppress
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
+from fem_snh.assembly.timing import untimed
 from fem_snh.compile_clock import Stopwatch
 from fem_snh.errors import BadInput, on_root
 from fem_snh.notes import NOTES_ON_PATH, Note
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from fem_snh.accuracy.goal_errors import Estimate
     from fem_snh.accuracy.goals import Goal
     from fem_snh.problem.modes import VibrationModes
+    from fem_snh.runs.goal_states import GoalStates
     from fem_snh.runs.setup import Setup
 
 #: Largest share of a run's time for its record and checkpoint beyond the first steps. They are
@@ -67,6 +69,12 @@ class Recorder:
         self._watch = setup.watch
         self._checkpoint = CheckpointWriter(folder, setup) if folder else None
         self._earlier = earlier or {}
+        #: The states that the goals are of; None: the last one.
+        self.states: GoalStates | None = None
+        if goals and not setup.scene.time:
+            from fem_snh.runs.goal_states import GoalStates
+
+            self.states = GoalStates(setup, goals, earlier is not None)
         self._fields: Fields | None = None
         if earlier is not None:
             notes = record.pop("notes", [])
@@ -109,6 +117,9 @@ class Recorder:
         if jump := self._stepper.jump:
             self.add_notes([jump_note(jump, len(self.record["steps"]))])
         self.record["steps"].append(row)
+        if self.states and row["converged"]:
+            with untimed(self._problem):
+                self.states.add_state()
         if self._stepper.is_output(row):
             self.save("running", state=row["converged"])
         else:
@@ -135,9 +146,14 @@ class Recorder:
         """
         self.record["estimate"] = estimate.record()
         self.record["goals"] = {name: goal.record() for name, goal in estimate.goals.items()}
-        last = next(row for row in reversed(self.record["steps"]) if row["converged"])
-        last["goals"] = {name: goal.value for name, goal in estimate.goals.items()}
-        last["errors"] = {name: goal.error for name, goal in estimate.goals.items()}
+        rows = {row["load"]: row for row in self.record["steps"] if row["converged"]}
+        for name, goal in estimate.goals.items():
+            load = estimate.loads.get(name, self._problem.load)
+            row = rows[load]
+            row.setdefault("goals", {})[name] = goal.value
+            row.setdefault("errors", {})[name] = goal.error
+        for name, load in estimate.loads.items():
+            self.record["goals"][name]["at"] = load
         self._seconds = self._seconds | {"estimate": estimate.seconds - estimate.jit}
         if self._fields:
             watch = Stopwatch()

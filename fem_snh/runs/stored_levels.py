@@ -193,9 +193,11 @@ def _mesh(folder: Folder, about: Mapping[str, Any], arrays: Mapping[str, Array])
 
 def _identity(scene: scenes.Scene) -> dict[str, Any]:
     """Return the values that must not change between the levels, by dotted keys."""
-    keys = {"goals", "estimate", "keep_element"}
-    accuracy = scene.accuracy.model_dump(mode="json", include=keys) if scene.accuracy else {}
-    return identity(scene) | {f"accuracy.{key}": value for key, value in accuracy.items()}
+    wanted = scene.accuracy
+    assert wanted
+    goals = [g.name if g.at is None else f"{g.name} at {g.at}" for g in wanted.goals]
+    keys = {"estimate": wanted.estimate, "keep_element": wanted.keep_element, "goals": goals}
+    return identity(scene) | {f"accuracy.{key}": value for key, value in keys.items()}
 
 
 def _of_cells(domain: Any, values: Array) -> Array:

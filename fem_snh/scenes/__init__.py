@@ -15,7 +15,7 @@ from fem_snh.scenes._consistency import check_consistency, group_references, why
 from fem_snh.scenes._features import FEATURES, register_feature
 from fem_snh.scenes._library import GROUP, describe, function, names, own_parameters
 from fem_snh.scenes._loading import load, load_to_run, read_toml, validate
-from fem_snh.scenes._outputs import GoalName, read_goal, term_goals
+from fem_snh.scenes._outputs import LARGEST, GoalName, read_goal, term_goals
 from fem_snh.scenes.schema import (
     Accuracy,
     Amplitude,
@@ -48,7 +48,7 @@ from fem_snh.scenes.schema import (
 )
 
 __all__ = [
-    "FEATURES", "GROUP", "Accuracy", "Amplitude", "BoneChoice", "Cavity",
+    "FEATURES", "GROUP", "LARGEST", "Accuracy", "Amplitude", "BoneChoice", "Cavity",
     "Contact", "Damping", "Geometry", "GoalName", "Gravity", "Hold", "Lattice", "MaterialChoice",
     "Modes", "Move", "Obstacle", "Pressure", "Probe", "Reaction", "Rig", "Rigid", "Rotate", "Scene",
     "SelfContact", "Spring", "Start", "Symmetry", "Tetrahedra", "Time", "Traction",

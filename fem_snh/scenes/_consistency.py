@@ -92,11 +92,33 @@ def _check_accuracy(accuracy: Accuracy, scene: Scene) -> None:
             accepted = f"{LIFTED_ELEMENT}, {reason}"
             raise bad_value("accuracy.estimate", COARSER_MESHES, accepted)
     sheet = kinematics_of(scene.kinematics).plane_stress
-    for goal in accuracy.goals:
+    for goal in accuracy.names:
         kind = read_goal(goal, scene).kind
         if kind in ("stress", "stress_at") and (sheet or isinstance(scene.mesh, Lattice)):
             accepted = "another goal than a stress, on a lattice and in plane stress"
             raise bad_value("accuracy.goals", goal, accepted)
+    _check_loads_of_goals(accuracy, scene)
+
+
+def _check_loads_of_goals(accuracy: Accuracy, scene: Scene) -> None:
+    """Raise BadInput for the load of a goal that has none, or at which no step ends."""
+    loads: dict[tuple[str, str], object] = {}
+    for number, goal in enumerate(accuracy.goals):
+        at, key = goal.at, f"accuracy.goals.{number}.at"
+        kind, name, _ = read_goal(goal.name, scene)
+        if (other := loads.setdefault((kind, name), at)) != at:
+            raise bad_value(key, at, f"{other}, as for another component")
+        if at is None:
+            continue
+        reasons = {
+            "in time": scene.time is not None,
+            "as frequencies are computed at the end": kind == "frequency",
+            f"with accuracy.estimate = '{COARSER_MESHES}'": accuracy.estimate == COARSER_MESHES,
+        }
+        if reason := next((text for text, applies in reasons.items() if applies), ""):
+            raise bad_value(key, at, f"no value, {reason}")
+        if isinstance(at, float) and (at == 0 or round(at * scene.steps) / scene.steps != at):
+            raise bad_value(key, at, f"the load of one of the {scene.steps} steps")
 
 
 def _check_loads(scene: Scene) -> None:
@@ -122,7 +144,7 @@ def check_radii(scene: Scene) -> None:
 
     A fit has the goals of its curves.
     """
-    goals = scene.accuracy.goals if scene.accuracy else []
+    goals = scene.accuracy.names if scene.accuracy else []
     for number, probe in enumerate(scene.probe):
         goal = f"{probe.name}.stress"
         if probe.radius is not None and goal not in goals:
@@ -147,7 +169,7 @@ def group_references(scene: Scene) -> Iterator[tuple[str, str | int]]:
         yield "reactions", reaction.group
     for group in scene.volumes:
         yield "volumes", group
-    for goal in scene.accuracy.goals if scene.accuracy else ():
+    for goal in scene.accuracy.names if scene.accuracy else ():
         named = read_goal(goal, scene)
         if named.is_of_group:
             yield "accuracy.goals", named.name

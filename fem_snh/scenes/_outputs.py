@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Annotated, Any, NamedTuple, Protocol
+from typing import Annotated, Any, Literal, NamedTuple, Protocol
 
 from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag
 
@@ -179,6 +179,37 @@ _ACCEPTED = (
 )
 
 
+#: The load of a goal at which it differs most from its value at the start.
+LARGEST = "largest"
+
+
+class GoalChoice(Table):
+    """A goal, and the load at which it counts."""
+
+    name: Text = Field(description="Its name.")
+    at: Annotated[
+        Annotated[Bounded, Field(ge=0, le=1)] | Literal["largest"] | None,
+        Expect("'largest', or the load of a step, from 0 to 1"),
+    ] = Field(
+        default=None,
+        description="The load of a step, or 'largest': that at which it differs most from its "
+        "value at the start. Default: the end, and 'largest' where loads or motions return.",
+    )
+
+
+def _as_goals(goals: object) -> object:
+    """Return the tables of goals that are given by their names."""
+    goals = split_text(goals)
+    if not isinstance(goals, list | tuple) or not all(
+        g and isinstance(g, str | dict | GoalChoice) for g in goals
+    ):
+        raise bad_value("accuracy.goals", goals, _GOALS)
+    return [{"name": goal} if isinstance(goal, str) else goal for goal in goals]
+
+
+_GOALS = "a list of goals, e.g. 'corner.y', 'top.force.z', 'volume', 'energy'"
+
+
 class GoalName(NamedTuple):
     """A goal of a scene.
 
@@ -220,18 +251,18 @@ class Accuracy(Table):
 
     needs = dict.fromkeys(("max_time", "max_dofs", "keep_element", "path"), ("within",))
     goals: Annotated[
-        list[Text],
-        Expect("a list of goals, e.g. 'corner.y', 'top.force.z', 'volume', 'energy'"),
-        BeforeValidator(split_text),
+        list[GoalChoice],
+        BeforeValidator(_as_goals),
     ] = Field(
         default=[],
-        description="Probes and their components, corner.y; reaction forces and moments and mean "
-        "displacements of groups, top.force.z, top.moment.z and top.mean.z; forces of obstacles "
-        "and contacts, plate.force.z; pressures of cavities, inner.pressure; motions of rigid "
-        "parts and what holds them, lid.displacement.z, lid.rotation.z, lid.force.z and "
-        "lid.moment.z; means of von Mises' stress, stress and core.stress; volume ratios, volume "
-        "and core.volume; energy. Default: probes, reactions, what is unknown of rigid parts, of a "
-        "static scene those forces and pressures, volumes and energy.",
+        description="Names, or { name = ..., at = ... }: probes and their components, corner.y; "
+        "reaction forces and moments and mean displacements of groups, top.force.z, top.moment.z "
+        "and top.mean.z; forces of obstacles and contacts, plate.force.z; pressures of cavities, "
+        "inner.pressure; motions of rigid parts and what holds them, lid.displacement.z, "
+        "lid.rotation.z, lid.force.z and lid.moment.z; means of von Mises' stress, stress and "
+        "core.stress; volume ratios, volume and core.volume; energy. Default: probes, "
+        "reactions, what is unknown of rigid parts, of a static scene those forces and "
+        "pressures, volumes and energy.",
     )
     estimate: Annotated[str, OneOf("estimate", ESTIMATES)] = Field(
         default=LIFTED_ELEMENT,
@@ -271,6 +302,11 @@ class Accuracy(Table):
         description="Whether every level has the degree and the kind of cell of the scene's "
         "element; otherwise others replace it where they reach the accuracy sooner.",
     )
+
+    @property
+    def names(self) -> list[str]:
+        """The names of the goals."""
+        return [goal.name for goal in self.goals]
 
 
 class HasGoals(Protocol):

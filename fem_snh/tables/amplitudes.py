@@ -81,7 +81,7 @@ def check_tables(tables: Sequence[Amplitude], scene: Mapping[str, Any]) -> None:
     for name in known:
         if known.count(name) > 1:
             raise bad_value("table.name", name, "a different name for each table")
-    references = dict(_references(scene))
+    references = {key: name for key, name in _references(scene) if isinstance(name, str)}
     for key, name in references.items():
         if not known:
             raise bad_value(key, name, "the name of a [[table]]; the scene has none")
@@ -92,12 +92,12 @@ def check_tables(tables: Sequence[Amplitude], scene: Mapping[str, Any]) -> None:
             raise bad_value(f"table.{number}.name", name, accepted)
 
 
-def _references(tables: Mapping[str, Any], path: str = "") -> Iterable[tuple[str, str]]:
-    """Return the dotted keys and the names of all tables that are referred to."""
+def _references(tables: Mapping[str, Any], path: str = "") -> Iterable[tuple[str, str | Function]]:
+    """Return the dotted keys and the names of all tables that are referred to, or functions."""
     for key, value in tables.items():
         here = f"{path}{key}"
         if key in _KEYS and path:
-            if isinstance(value, str):
+            if value is not None:
                 yield here, value
         elif isinstance(value, Table):
             yield from _references(dict(value), f"{here}.")
@@ -175,3 +175,22 @@ class Amplitudes:
 
 #: Those of a body without tables and without time.
 LOAD_ITSELF = Amplitudes()
+
+
+def loads_return(scene: Mapping[str, Any], amplitudes: Amplitudes, steps: int) -> bool:
+    """Return whether an amplitude of a scene was larger at the end of a step than it is at load 1.
+
+    Parameters
+    ----------
+    scene : mapping
+        The scene's keys and their values, as for `check_tables`.
+    amplitudes : Amplitudes
+        The amplitudes that they may name.
+    steps : int
+        The number of equal steps.
+    """
+    functions = [amplitudes.motion(table) for _, table in _references(scene)]
+    return any(
+        max(abs(function(step / steps)) for step in range(steps + 1)) > abs(function(1.0))
+        for function in functions
+    )
