@@ -86,12 +86,24 @@ def test_meshes_of_surfaces_are_refused(comm, folder):
         mesh.read(comm, write_msh(comm, folder, BOX.replace("RECOMBINE", ""), dim=2))
 
 
+def test_cells_without_nodes_inside_are_refused_with_the_option_for_whole_ones(comm, folder):
+    whole = BOX.replace("RECOMBINE", "Recombine;")
+    lacking = whole + "Mesh.SecondOrderIncomplete = 1;"
+    with pytest.raises(BadInput, match=r"cells Hexahedron 20:.*SecondOrderIncomplete = 0 .* 27 no"):
+        mesh.read(comm, write_msh(comm, folder, lacking, order=2))
+    assert mesh.read(comm, write_msh(comm, folder, whole, order=2)).cell == "hexahedron"
+    with pytest.raises(BadInput, match=r"cells Tetrahedron 20:.*\(Mesh.ElementOrder = 2\)"):
+        mesh.read(comm, write_msh(comm, folder, BOX.replace("RECOMBINE", ""), order=3))
+
+
 def test_prisms_and_mixed_cells_are_refused(comm, folder):
     prisms = """Point(1) = {0, 0, 0}; line[] = Extrude {1, 0, 0} { Point{1}; Layers{1}; };
         base[] = Extrude {0, 1, 0} { Line{line[1]}; Layers{1}; };
         Extrude {0, 0, 1} { Surface{base[1]}; Layers{1}; Recombine; }"""
-    with pytest.raises(BadInput, match="has cells Prism 6: all must be tetra"):
+    with pytest.raises(BadInput, match=r"has cells Prism 6: all must be tetra.*Recombine Surface"):
         mesh.read(comm, write_msh(comm, folder, prisms))
+    whole = prisms.replace("{1}; };\n        Extrude", "{1}; Recombine; };\n        Extrude")
+    assert mesh.read(comm, write_msh(comm, folder, whole)).cell == "hexahedron"
     mixed = BOX.replace("RECOMBINE", "Recombine;") + (
         "Point(200) = {0, 0, 3}; l[] = Extrude {1, 0, 0} { Point{200}; Layers{1}; };"
         "s[] = Extrude {0, 1, 0} { Line{l[1]}; Layers{1}; };"

@@ -138,6 +138,19 @@ def test_sweep_of_something_else_than_nu(tmp_path):
     assert figure.axes[0].get_xlabel() == "cells"
 
 
+def test_sweep_of_a_body_of_two_materials(tmp_path):
+    """Their Poisson's ratios are one text, "0.5 + 0.3", which is no axis."""
+    rows = ROWS.replace("0.3,clamp,5", "0.49,clamp,10").replace("neo_hookean,0.5,", "x,0.49,")
+    (tmp_path / "sweep.csv").write_text(HEAD + rows.replace("0.49", "0.5 + 0.3"))
+    figure = sweep_figure(read_sweep(tmp_path / "sweep.csv"))
+    assert figure.axes[0].get_xlabel() == "cells"
+    lines_of = rows.splitlines(keepends=True)
+    rows = "".join(line.replace("0.49", f"0.{k} + 0.3") for k, line in enumerate(lines_of, 1))
+    (tmp_path / "sweep.csv").write_text(HEAD + rows.replace(",10,", ",5,"))
+    figure = sweep_figure(read_sweep(tmp_path / "sweep.csv"))
+    assert any("nu 0.1 + 0.3" in name for name in lines(figure, 0))
+
+
 def test_axes_of_a_sweep_have_the_units_of_its_points(tmp_path):
     (tmp_path / "sweep.csv").write_text(HEAD.replace("cells", "E") + ROWS)
     assert plots.main([tmp_path], x="E", y=["newton"]).name == "curves.png"

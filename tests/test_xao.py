@@ -56,23 +56,43 @@ def test_holes_are_round():
     assert len(hole) == 7  # three cells of order 2 on the quarter
 
 
-def test_plane_faces_have_straight_cells(tmp_path):
-    with gmsh_model('SetFactory("OpenCASCADE"); Box(1) = {1, 2, 3, 1, 2, 3};', tmp_path) as gmsh:
-        gmsh.write(str(tmp_path / "box.brep"))
+def write_box(folder, counts=(8, 12, 6, 1), more="", groups=""):
+    """Write a box as a XAO file, with ``more`` shapes beside it; return its path."""
+    with gmsh_model(
+        f'SetFactory("OpenCASCADE"); Box(1) = {{1, 2, 3, 1, 2, 3}};{more}', folder
+    ) as g:
+        g.write(str(folder / "box.brep"))
     lists = "".join(
         f"<{entries}>"
         + "".join(f'<{entry} index="{i}" reference="{i + 9}"/>' for i in range(count))
         + f"</{entries}>"
-        for entries, entry, count in zip(LISTS, ENTRIES, (8, 12, 6, 1), strict=True)
+        for entries, entry, count in zip(LISTS, ENTRIES, counts, strict=True)
     )
-    (tmp_path / "box.xao").write_text(
-        f'<XAO><geometry><shape format="BREP">{(tmp_path / "box.brep").read_text()}</shape>'
-        f"<topology>{lists}</topology></geometry></XAO>"
+    (folder / "box.xao").write_text(
+        f'<XAO><geometry><shape format="BREP">{(folder / "box.brep").read_text()}</shape>'
+        f"<topology>{lists}</topology></geometry><groups>{groups}</groups></XAO>"
     )
-    data = gmsh_input.mesh_shape(str(tmp_path / "box.xao"), 3)
+    return str(folder / "box.xao")
+
+
+def test_plane_faces_have_straight_cells(tmp_path):
+    data = gmsh_input.mesh_shape(write_box(tmp_path), 3)
     assert (data.cell, data.degree, data.groups) == ("tetrahedron", 1, [])
     assert simplices.volumes(data.x[data.cells]).sum() == pytest.approx(6, rel=1e-12)
     assert 50 < len(data.cells) < 200  # 51 regular ones would fill it
+
+
+@pytest.mark.parametrize("kind", ["face", "edge"])
+def test_a_loose_face_is_named_not_a_group(tmp_path, kind):
+    """The group is one of the box; the face is a rectangle inside of the box."""
+    group = f'<group name="side" dimension="{kind}"><element index="0"/></group>'
+    loose = "Rectangle(9) = {1.25, 2.5, 4, 0.5, 1};"
+    path = write_box(tmp_path, (12, 16, 7, 1), loose, group)
+    with pytest.raises(BadInput) as refused:
+        gmsh_input.mesh_shape(path, 3)
+    assert "it has faces that bound no solid, around (1.5, 3, 4)," in str(refused.value)
+    assert f"so that its groups of {kind}s are not known" in str(refused.value)
+    assert "BooleanFragments" in str(refused.value) and "side" not in str(refused.value)
 
 
 def bush(**changes):

@@ -201,26 +201,44 @@ def _load_shape(gmsh: Any, content: ShapeFile, folder: Path) -> None:
     if found != list(content.counts.values()) or max(found[2:]) == 0:
         listed = ", ".join(f"{count} {kind}" for kind, count in content.counts.items())
         raise BadInput(f"it lists {listed}: its shape has {', '.join(map(str, found))}")
-    inner = _without_body(gmsh)
+    loose = _loose(gmsh)
     for group in content.groups:
-        if inner[group.dim]:
-            kind = list(content.counts)[group.dim]
-            accepted = f"a shape without {kind} inside of faces or solids"
-            raise BadInput(f"its group '{group.name}': expected {accepted}")
+        if loose[group.dim]:  # gmsh visits them in another order than the file
+            raise BadInput(_loose_text(gmsh, max(filter(None, loose)), group.dim))
         chosen = [tags[group.dim][rank] for rank in group.ranks]
         number = gmsh.model.addPhysicalGroup(group.dim, chosen, group.tag)
         if group.name:
             gmsh.model.setPhysicalName(group.dim, number, group.name)
 
 
-def _without_body(gmsh: Any) -> list[bool]:
-    """Return, by dimension, whether some entities bound none of the next dimension."""
-    found, dim = [False] * 4, gmsh.model.getDimension()
+def _loose(gmsh: Any) -> list[list[tuple[int, int]]]:
+    """Return, by dimension, the entities that bound no part of the body."""
+    found, dim = list[list[tuple[int, int]]]([[], [], [], []]), gmsh.model.getDimension()
     level = gmsh.model.getEntities(dim)
     for lower in range(dim)[::-1]:
         level = gmsh.model.getBoundary(level, False, False)
-        found[lower] = set(level) != set(gmsh.model.getEntities(lower))
+        found[lower] = sorted(set(gmsh.model.getEntities(lower)) - set(level))
     return found
+
+
+def _loose_text(gmsh: Any, loose: list[tuple[int, int]], dim: int) -> str:
+    """Return what is wrong with loose entities, beside which groups of ``dim`` have no numbers."""
+    from fem_snh.mesh.xao_file import ENTRIES, LISTS
+
+    where = [gmsh.model.getBoundingBox(*entity) for entity in loose]
+    shown = in_words(_middle(np.reshape(box, (2, 3))) for box in where[:3])
+    more = f" and {len(loose) - 3} more" if len(loose) > 3 else ""
+    top = gmsh.model.getDimension()
+    return (
+        f"it has {LISTS[loose[0][0]]} that bound no {ENTRIES[top]}, around {shown}{more}, so that "
+        f"its groups of {LISTS[dim]} are not known: expected a shape without them, or "
+        f"{LISTS[top]} that they cut (gmsh's BooleanFragments)"
+    )
+
+
+def _middle(box: np.ndarray) -> str:
+    """Return the middle of a box as text."""
+    return "({})".format(", ".join(f"{x:.4g}" for x in box.mean(axis=0)))
 
 
 def _straightened(data: MeshData) -> MeshData:
@@ -290,6 +308,30 @@ def fill(points: np.ndarray, triangles: np.ndarray, size: float) -> MeshData:
         return _extract(gmsh)
 
 
+def _other_cells(kinds: list[tuple[str, int, int, int]]) -> str:
+    """Return what is wrong with cells, and which of gmsh's options makes other ones.
+
+    ``kinds`` are their names, dimension, order and number of nodes.
+    """
+    names, dim = in_words(name for name, *_ in kinds), kinds[0][1]
+    wanted = "tetrahedra, or all hexahedra" if dim == 3 else "triangles, or all quadrilaterals"
+    whole = {8: 9, 20: 27}
+    cures = []
+    if any(order > 2 for _, _, order, _ in kinds):
+        cures.append("Mesh.ElementOrder = 2")
+    if lacking := [whole[count] for _, _, order, count in kinds if order == 2 and count in whole]:
+        cures.append(f"Mesh.SecondOrderIncomplete = 0 makes cells of {lacking[0]} nodes")
+    if dim == 3 and any(name.startswith(("Prism", "Pyramid")) for name, *_ in kinds):
+        cures.append(
+            "Recombine Surface, of those that are extruded, makes hexahedra, an Extrude without "
+            "Recombine tetrahedra"
+        )
+    elif len(kinds) > 1:
+        cures.append("recombine all surfaces, or none")
+    cure = f" ({'; '.join(cures)})" if cures else ""
+    return f"it has cells {names}: all must be {wanted}, order 1-2{cure}"
+
+
 def _extract(gmsh: Any) -> MeshData:
     """Return the cells and the physical groups of gmsh's current model.
 
@@ -303,11 +345,7 @@ def _extract(gmsh: Any) -> MeshData:
     if not len(types):
         raise BadInput("it has no volume cells: mesh in 3 dimensions, and save all elements")
     if len(types) > 1 or types[0] not in _CELLS:
-        names = in_words(mesh.getElementProperties(t)[0] for t in types)
-        wanted = (
-            "tetrahedra, or all hexahedra" if dimension == 3 else "triangles, or quadrilaterals"
-        )
-        raise BadInput(f"it has cells {names}: all must be {wanted}, order 1-2")
+        raise BadInput(_other_cells([mesh.getElementProperties(t)[:4] for t in types]))
     kind, degree, size = _CELLS[types[0]]
     # Drop nodes without a cell (centres of arcs); gmsh's node numbers may have gaps.
     used, cells = np.unique(np.asarray(cell_nodes[0], dtype=np.int64), return_inverse=True)

@@ -257,7 +257,9 @@ class Batch:
         import_module("pandas")  # the caller reads the table with it: meanwhile
         out, errors = drawing.communicate()
         output = (out if drawing.returncode == 0 else errors).strip().splitlines()
-        self.report(output[-1] if output else f"no picture: exit code {drawing.returncode}")
+        said = output[-1] if output else f"exit code {drawing.returncode}"
+        failed = not output or drawing.returncode != 0
+        self.report(f"no picture: {said.removeprefix('fem-snh: error: ')}" if failed else said)
 
     def _task(self, name: str, point: Point) -> Task:
         """Return what a process needs to know of a point."""

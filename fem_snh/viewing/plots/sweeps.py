@@ -10,6 +10,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
+from pandas.api.types import is_numeric_dtype
 
 from fem_snh.errors import BadInput
 from fem_snh.files import check_regular
@@ -49,7 +50,8 @@ def read_table(path: Path) -> pd.DataFrame:
 def read_sweep(path: Path) -> pd.DataFrame:
     """Return the table of a sweep, with the volume change [%] as ``volume_ratio``.
 
-    Missing results of a failed point are NaN.
+    Missing results of a failed point are NaN. Poisson's ratios of several materials, "0.5 + 0.3",
+    stay texts.
 
     Raises
     ------
@@ -61,7 +63,7 @@ def read_sweep(path: Path) -> pd.DataFrame:
     if missing:
         raise BadInput(f"{path}: not the table of a sweep: has no column {', '.join(missing)}")
     try:
-        for column in ("nu", *MEASURES):
+        for column in MEASURES:
             table[column] = pd.to_numeric(table[column])
     except ValueError as error:
         raise BadInput(f"{path}: column {column}: {one_line(error)}") from None
@@ -69,7 +71,7 @@ def read_sweep(path: Path) -> pd.DataFrame:
     table["volume_ratio"] = 100 * (table["volume_ratio"] - 1)
     nothing_done = ~table["converged"] & (table["newton"] == 0)
     table.loc[nothing_done, ["newton", "linear"]] = float("nan")
-    if table["nu"].nunique() > 1:
+    if table["nu"].nunique() > 1 and is_numeric_dtype(table["nu"]):
         table = table[table["nu"] < 0.5].copy()  # nu = 1/2 is not on the logarithmic axis
     if table[list(MEASURES)].isna().all(axis=None):
         raise BadInput(f"{path}: holds no result yet")
@@ -79,12 +81,19 @@ def read_sweep(path: Path) -> pd.DataFrame:
 def sweep_figure(table: pd.DataFrame) -> Figure:
     """Return panels against nu, with a line per material and combination of other values.
 
-    If nu has one value only, the first other number that was varied takes its place. A failed point
-    is a cross at its value, or above the panel if it has none.
+    If nu has one value only, the first other number that was varied takes its place, or numbers the
+    points if nu is a text. A failed point is a cross at its value, or above the panel if it has
+    none.
     """
     varied = varied_columns(table)
-    numbers = [c for c in varied if pd.api.types.is_numeric_dtype(table[c])]
-    axis = numbers[0] if numbers and table["nu"].nunique() == 1 else "nu"
+    numbers = [c for c in varied if is_numeric_dtype(table[c])]
+    single = table["nu"].nunique() == 1 and is_numeric_dtype(table["nu"])
+    if not is_numeric_dtype(table["nu"]):
+        varied += ["nu"] if table["nu"].nunique() > 1 else []
+        table = table.assign(point=range(1, len(table) + 1))
+        axis = numbers[0] if numbers else "point"
+    else:
+        axis = numbers[0] if numbers and single else "nu"
     # The axis is log(1/2 - nu), with the incompressible limit to the right.
     towards_half = axis == "nu" and bool((table["nu"] < 0.5).all())
     position = (0.5 - table["nu"]) if towards_half else table[axis].astype(float)
@@ -110,7 +119,7 @@ def sweep_figure(table: pd.DataFrame) -> Figure:
         legend_entry(axes[0], "not converged" + " (above: no result)" * lost, "x")
     legend(figure, axes[0])
     if "scene" in table and table["scene"].nunique() == 1:
-        same = [] if axis == "nu" else [rf"$\nu$ = {table['nu'].iloc[0]:g}"]
+        same = [rf"$\nu$ = {table['nu'].iloc[0]:g}"] if axis != "nu" and single else []
         scene = plain(str(table["scene"].iloc[0]))
         figure.suptitle("  ·  ".join([scene, *same]), fontsize=11)
     return figure
@@ -140,7 +149,7 @@ def _series(table: pd.DataFrame, varied: list[str]) -> Iterator[tuple[str, pd.Da
 
 
 def _label(name: str, value: Any) -> str:
-    return value if isinstance(value, str) else f"{name} {value}"
+    return value if isinstance(value, str) and name != "nu" else f"{name} {value}"
 
 
 def _cross_above(ax: Axes, positions: pd.Series, index: int) -> bool:
