@@ -91,11 +91,49 @@ def test_a_bushing_that_is_tilted(tmp_path, capsys):
     assert note["min_cell_J"] == pytest.approx(last["min_cell_J"], rel=1e-9)
     assert record(tmp_path / "out")["notes"] == result.notes
     assert rows(tmp_path / "out")[-1]["notes"] == "inverted"
-    step = next(line for line in lines if "load 1.0000" in line)
+    step = [line for line in lines if "load 1.0000" in line][-1]
     assert " ok, inverted " in step and f"(cell means {last['min_cell_J']:.3f})" in step
     count = f"{len(result.notes)} note"
     assert any(line.startswith(f"  converged, {count}") for line in lines)
     assert f"  note: {note['text']}" in lines
+
+
+def test_a_step_that_inverts_points_is_followed_in_halves(tmp_path):
+    """A block that is pressed to a fifth of its height: only in one step its points invert."""
+    keys = {"cells": 2, "element": "Q2", "nu": 0.45, "stretch": 0.2, "predictor": "tangent"}
+    keys["petsc"] = {"snes_linear_solver": "direct"}
+    one, two = (
+        solve("pull", MPI.COMM_SELF, steps=n, out=tmp_path / str(n), **keys) for n in (1, 2)
+    )
+    assert [(row["load"], row["converged"]) for row in one.steps] == [
+        (1.0, False), (0.5, True), (1.0, True)
+    ]  # fmt: skip
+    assert one.steps[0]["reason"].startswith("INVERTED_END: min J = -0.")
+    for ours, theirs in zip(one.steps[1:], two.steps, strict=True):
+        assert ours["energy"] == pytest.approx(theirs["energy"], rel=1e-6)
+        assert ours["min_J"] > 0
+    assert rows(tmp_path / "1")[0]["lbfgs"] == str(one.steps[0]["lbfgs"])
+
+
+@mpi
+def test_points_that_invert_in_halves_as_well_are_believed(comm):
+    """Once a step, so that a body that must invert is not pressed in ever smaller steps."""
+    keys = {"cells": 2, "element": "Q2", "nu": 0.3, "stretch": 0.3, "steps": 1}
+    result = solve("pull", comm, **keys)
+    assert [row["converged"] for row in result.steps] == [False, True, True]
+    (note,) = [note for note in result.notes if note["kind"] == "inverted"]
+    assert "; halves of the step end so as well: refine the mesh" in note["text"]
+
+
+def test_iterations_of_every_kind_are_printed_and_in_the_row(capsys):
+    """Two thousand L-BFGS iterations were in no line, those that examine a step in no row."""
+    result = fem_snh.run("scramble", cells=4, comm=MPI.COMM_SELF)
+    (row,), lines = result.steps, capsys.readouterr().out.splitlines()
+    assert row["lbfgs"] > 0 and any(f" {row['lbfgs']} L-BFGS, " in line for line in lines)
+    result = fem_snh.run("twist", cells=3, steps=2, angle=np.pi, comm=MPI.COMM_SELF)
+    row, lines = result.steps[-1], capsys.readouterr().out.splitlines()
+    assert row["examined_newton"] >= 4 and row["examined_linear"] > row["examined_newton"]
+    assert any(f" {row['examined_newton']} Newton to examine it, " in line for line in lines)
 
 
 # --- jumps ----------------------------------------------------------------------------------------

@@ -166,8 +166,11 @@ def locking_note(
     return Note("locking", f"element = '{name}' {text}: {advice}", step, values)
 
 
-def inversion_note(problem: Problem, step: int | None = None) -> Note | None:
-    """Return a note if quadrature points are inverted in the problem's state. Collective."""
+def inversion_note(problem: Problem, step: int | None = None, halved: bool = False) -> Note | None:
+    """Return a note if quadrature points are inverted in the problem's state. Collective.
+
+    ``halved`` says that the step was also followed in halves.
+    """
     if not problem.elastic.parts:
         return None
     fields, comm = problem.cell_fields(problem.x), problem.comm
@@ -185,8 +188,9 @@ def inversion_note(problem: Problem, step: int | None = None) -> Note | None:
     text = (
         f"{found.points:,} of {found.of:,} quadrature points are inverted, in {found.cells:,} "
         f"cells: smallest J = {found.min_J:.3g} at ({where}){inside}; the means over cells, which "
-        f"fields and pictures show as J, are {lowest:.3g} to {highest:.3g}: refine the mesh there, "
-        "or load less"
+        f"fields and pictures show as J, are {lowest:.3g} to {highest:.3g}"
+        f"{'; halves of the step end so as well' if halved else ''}: refine the mesh there, or "
+        "load less"
     )
     values = {
         "points": found.points,

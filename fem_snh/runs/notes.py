@@ -25,6 +25,7 @@ from fem_snh.mesh.mesh_checks import unconnected_nodes
 from fem_snh.notes import Note
 from fem_snh.problem.problem import Problem
 from fem_snh.scenes import Lattice, Scene
+from fem_snh.steps.stepping import INVERTED_END
 
 if TYPE_CHECKING:
     from fem_snh.accuracy.goal_errors import Estimate
@@ -140,7 +141,7 @@ def final_notes(
     means = problem.motion is not None and problem.motion.integrator.has_mean_forces
     found = [
         locking_note(problem, stiffness, good[-1]),
-        inversion_note(problem, good[-1]) or _earlier_inversion(steps, good),
+        inversion_note(problem, good[-1], _was_halved(steps)) or _earlier_inversion(steps, good),
         pressure_note(problem),
         thin_support_note(problem, good[-1]),
         None if has_errors else penalty_note(problem, good[-1]),
@@ -155,6 +156,14 @@ def final_notes(
         ),
     ]
     return [note for note in found if note]
+
+
+def _was_halved(steps: Sequence[Mapping[str, Any]]) -> bool:
+    """Return whether the step by which points of the last state inverted was followed in halves."""
+    clean = max((row["load"] for row in steps if row["converged"] and row["min_J"] > 0), default=0)
+    inverted = [row["load"] for row in steps if row["converged"] and row["load"] > clean]
+    doubted = [row["load"] for row in steps if row["reason"].startswith(INVERTED_END)]
+    return bool(inverted and doubted) and doubted[-1] >= inverted[0]
 
 
 def _earlier_inversion(steps: Sequence[Mapping[str, Any]], good: Sequence[int]) -> Note | None:

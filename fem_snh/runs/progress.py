@@ -96,7 +96,7 @@ class Progress:
         at = f"time {row['time']:.4g} s" if "time" in row else f"load {row['load']:.4f}"
         self._print(
             f"  {at} {mark} {row['newton']:3d} Newton "
-            f"({row['clamped']} filtered), {row['linear']:6d} linear, "
+            f"({row['clamped']} filtered), {row['linear']:6d} linear, {_other_iterations(row)}"
             f"residual {row['residual']:.1e}, "
             f"volume {volume_change(row['volume_ratio'])} %, min J {row['min_J']:.3f}"
             + (f" (cell means {row['min_cell_J']:.3f})" if row["min_J"] <= 0 else "")
@@ -167,6 +167,13 @@ class Progress:
             status = f"{outcome}: {status}"
         self._print(f"  {status} in {record['seconds']['total']:.1f} s{where}")
         self._notes(record)
+
+
+def _other_iterations(row: Mapping[str, Any]) -> str:
+    """Return the iterations of a step's row beside Newton's and the linear ones, if any."""
+    text = f"{row['lbfgs']} L-BFGS, " if row.get("lbfgs") else ""
+    examined = row.get("examined_newton")
+    return f"{text}{examined} Newton to examine it, " if examined else text
 
 
 def _shows_styles() -> bool:

@@ -57,6 +57,11 @@ class StepOutcome:
         """Linear iterations, those of the predictor included."""
         return self.predicted + sum(iteration.linear for iteration in self.history)
 
+    @property
+    def lbfgs(self) -> int:
+        """L-BFGS iterations."""
+        return sum(iteration.lbfgs for iteration in self.history)
+
     def add_solve(self, snes: PETSc.SNES) -> None:
         """Add a solve of `ProjectedNewton`, whose end is now that of the step. Collective."""
         self.converged = snes.getConvergedReason() > 0

@@ -105,6 +105,8 @@ class JumpDetector:
         self._motion: PETSc.Vec | None = None
         self._rate = 0.0
         self._guess: PETSc.Vec | None = None
+        #: The solves by which the last step was examined.
+        self._examined = solver.StepOutcome()
 
     @staticmethod
     def of(problem: Problem, snes: PETSc.SNES) -> JumpDetector | None:
@@ -123,6 +125,7 @@ class JumpDetector:
         Or that the step has skipped its path.
         """
         problem, guess = self._problem, self._guess
+        self._examined = solver.StepOutcome()
         if guess is None:
             return None
         to, end, self._guess = problem.load, problem.x.copy(), None
@@ -202,15 +205,22 @@ class JumpDetector:
         problem = self._problem
         start[1].copy(problem.x)
         problem.set_load(start[0])
+        outcome = self._examined
         try:
-            solver.Predictor(problem, self._snes, "tangent").predict(to)
+            outcome.predicted += solver.Predictor(problem, self._snes, "tangent").predict(to)
         except NotSettled:
             return None
         with solver.callback_errors():
             self._snes.solve(None, problem.x)
-        if self._snes.getConvergedReason() <= 0:
-            return None
-        return to, problem.x.copy()
+        outcome.add_solve(self._snes)
+        return (to, problem.x.copy()) if outcome.converged else None
+
+    def row(self) -> dict[str, int]:
+        """Return what the row of a step says of the solves that examined it."""
+        found = self._examined
+        if not found.history:
+            return {}
+        return {f"examined_{name}": getattr(found, name) for name in ("newton", "linear", "lbfgs")}
 
     def _distance(self, start: PETSc.Vec, end: PETSc.Vec) -> float:
         """Return the norm of the displacement [m] of the free dofs from one state to another."""

@@ -54,10 +54,15 @@ class StepSize:
         """Set the size after a step to ``to`` that converged."""
         self.next = None if to == target else 2 * self._size
 
+    @property
+    def is_divisible(self) -> bool:
+        """Whether the present step may be tried in halves."""
+        return self._size > self._shortest * 1.5
+
     def reject(self, load: float, to: float) -> bool:
         """Set the size after a step that failed; return whether one so short may be tried."""
         self.next = (to - load) / 2
-        return self._size > self._shortest * 1.5
+        return self.is_divisible
 
 
 class AdaptiveStepSize(StepSize):
@@ -94,7 +99,7 @@ class AdaptiveStepSize(StepSize):
         """Set the size after a step that failed or whose error exceeds the tolerance."""
         factor = min(0.5, self._factor()) if self.ratio > 1 else 0.5
         self.next = max(self._shortest, factor * self._size)
-        return self._size > self._shortest * 1.5
+        return self.is_divisible
 
     def _factor(self) -> float:
         """Return the factor by which the size changes."""

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+from petsc4py import PETSc
+
 from fem_snh.accuracy.state_notes import unseen_penetrations
 from fem_snh.compile_clock import Stopwatch
 from fem_snh.problem.probes import Probes
@@ -16,12 +18,16 @@ from fem_snh.steps.step_solver import StepSolver
 if TYPE_CHECKING:
     from fem_snh.problem.bone_records import BoneRecords
 
+#: The reason of a step whose end has inverted points and its start none: its halves decide.
+INVERTED_END = "INVERTED_END"
+
 
 class Stepper:
     """An iterator over the attempted load increments; it yields a row of run.json for each.
 
     The first increment starts from the problem's load. Every multiple of 1/steps is reached. A
-    step that fails is rolled back and halved; after a step that converges the size doubles.
+    step that fails is rolled back and halved; after a step that converges the size doubles. So is,
+    without inertia, a step that inverts points, once: its halves may invert none.
 
     Parameters
     ----------
@@ -83,6 +89,8 @@ class Stepper:
         self.done, self.taken = False, 0
         self.seconds = self.processor = 0.0
         self._last: dict[str, Any] = {}
+        #: The end of the last step that inverted points: up to it ends are not doubted again.
+        self._doubted = -1.0
         #: Whether memory was exhausted, in which case a shorter step fails as well.
         self._out_of_memory = False
 
@@ -129,7 +137,7 @@ class Stepper:
         before = problem.x.copy()
         outcome = self.solver.solve(
             to,
-            lambda outcome: estimate.update(self._judge(outcome)),
+            lambda outcome: estimate.update(self._judge(outcome, before, to)),
             predict=predict,
             restore=restore,
         )
@@ -144,13 +152,14 @@ class Stepper:
             "newton": outcome.newton,
             "clamped": sum(i.filter in ("clamp", "abs") for i in history),
             "linear": outcome.linear,
-            "lbfgs": sum(i.lbfgs for i in history),
+            "lbfgs": outcome.lbfgs,
             "residual": outcome.residual,
             "tolerance": self._tolerance(outcome),
             **problem.history.settling(),
             **self._linear_residual(outcome),
             **self._energies(load, to),
             **(self.solver.pressures.row() if self.solver.pressures else {}),
+            **(self._jumps.row() if converged and self._jumps else {}),
             **estimate,
             **problem.measures(problem.x),
             "nonfinite": nonfinite,
@@ -217,13 +226,30 @@ class Stepper:
         problem = self.problem
         return {"energy": problem.energy(problem.x) if problem.has_energy else None}
 
-    def _judge(self, outcome: StepOutcome) -> dict[str, float]:
-        """Return the estimate of a time step's error; one above the tolerance is a failure."""
+    def _judge(self, outcome: StepOutcome, start: PETSc.Vec, to: float) -> dict[str, float]:
+        """Make a step a failure that is not believed; return the estimate of a time step's error.
+
+        An error above the tolerance is not believed, nor an end that the halves may not have.
+        """
         motion = self.motion
-        if motion is None or motion.tolerance is None:
+        if motion is None:
+            self._doubt_inversion(outcome, start, to)
+            return {}
+        if motion.tolerance is None:
             return {}
         ratio = motion.error() / motion.tolerance
         self.size.ratio = ratio
         if not ratio <= 1:
             outcome.converged, outcome.reason = False, "ERROR_ABOVE_TOLERANCE"
         return {"error": ratio * motion.tolerance}
+
+    def _doubt_inversion(self, outcome: StepOutcome, start: PETSc.Vec, to: float) -> None:
+        """Make a step to a load a failure whose end is the first one with inverted points."""
+        problem = self.problem
+        if to <= self._doubted or not self.size.is_divisible:
+            return
+        if (lowest := problem.measures(problem.x)["min_J"]) > 0:
+            return
+        if problem.measures(start)["min_J"] > 0:
+            self._doubted, outcome.converged = to, False
+            outcome.reason = f"{INVERTED_END}: min J = {lowest:.2g}, at the start > 0"
