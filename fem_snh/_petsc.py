@@ -118,7 +118,7 @@ def set_operators(ksp: PETSc.KSP, A: PETSc.Mat, P: PETSc.Mat) -> None:
             pc.reset()
             pc.setFactorSolverType(PETSc.Mat.SolverType.MUMPS)
             ksp.setOperators(A, P)
-    if is_cholesky(pc, PETSc.Mat.SolverType.MUMPS):
+    if _has_mumps_factors(pc):
         _factorise(ksp)
         while workspace := _larger_workspace(pc.getFactorMatrix()):
             pc.reset()  # PETSc leaves factors alone that MUMPS failed to find
@@ -179,9 +179,8 @@ _LACKS_WORKSPACE, _WORKSPACE, _MOST_WORKSPACE, _LIMIT = (-8, -9), 14, 1000, 23
 def factors_out_of_memory(pc: PETSc.PC) -> bool:
     """Return whether the last set-up of a PC failed because its factors exceed the memory."""
     reason = _failed_reason(pc)
-    if reason and pc.getType() in (PETSc.PC.Type.LU, PETSc.PC.Type.CHOLESKY):
-        if pc.getFactorSolverType() == PETSc.Mat.SolverType.MUMPS:
-            return mumps_out_of_memory(pc)
+    if reason and _has_mumps_factors(pc):
+        return mumps_out_of_memory(pc)
     return bool(reason == _FACTORS_OUT_OF_MEMORY)
 
 
@@ -207,6 +206,12 @@ _NULL_PIVOTS = 24
 def is_cholesky(pc: PETSc.PC, package: str) -> bool:
     """Return whether a PC has symmetric factors by a package of PETSc.Mat.SolverType."""
     return bool(pc.getType() == PETSc.PC.Type.CHOLESKY and pc.getFactorSolverType() == package)
+
+
+def _has_mumps_factors(pc: PETSc.PC) -> bool:
+    """Return whether a PC has factors by MUMPS."""
+    factors = pc.getType() in (PETSc.PC.Type.CHOLESKY, PETSc.PC.Type.LU)
+    return bool(factors and pc.getFactorSolverType() == PETSc.Mat.SolverType.MUMPS)
 
 
 def _is_positive_definite(pc: PETSc.PC) -> bool:

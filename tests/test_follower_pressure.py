@@ -6,6 +6,7 @@ from petsc4py import PETSc
 
 import numpy as np
 import pytest
+import ufl
 from bodies import (
     FACES,
     MATERIALS,
@@ -17,8 +18,12 @@ from bodies import (
     set_values,
     wave,
 )
+from dolfinx import fem
+from dolfinx import mesh as dolfinx_mesh
+from dolfinx_programs import vector_space
 from scipy.optimize import brentq
 
+import fem_snh
 from fem_snh import _dolfinx, solver
 from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.errors import BadInput
@@ -27,6 +32,9 @@ from fem_snh.mesh import mesh
 from fem_snh.terms.pressure import Pressure
 
 mpi = pytest.mark.mpi
+#: Largest displacement of `strip` [m], by dolfinx's forms and Newton's method without a
+#: globalization, in 20 steps.
+TIP = 5.841246192
 
 
 def on(group, value=1.0, table=None):
@@ -231,6 +239,57 @@ def test_a_free_edge_is_searched_on_the_residual(comm):
     area = -np.cross(loop, np.roll(loop, -1, axis=0)).sum(axis=0) / 2
     assert area[0] == pytest.approx(1.0, abs=0.3) and abs(area[2]) > 1e-3
     np.testing.assert_allclose(p.reactions(p.x)["bottom"], value * area, rtol=1e-7, atol=1e-10)
+
+
+def strip(comm, form, **arguments):
+    """A strip that is clamped at x = 0 under a pressure on its top, of a feature or of UFL."""
+    domain = dolfinx_mesh.create_box(
+        comm, [np.zeros(3), np.array([4.0, 1.0, 0.5])], [12, 2, 2], dolfinx_mesh.CellType.hexahedron
+    )
+    V = vector_space(domain)
+    u = fem.Function(V)
+    top = dolfinx_mesh.locate_entities_boundary(domain, 2, lambda x: np.isclose(x[2], 0.5))
+    tags = dolfinx_mesh.meshtags(domain, 2, np.sort(top), np.full(len(top), 1, np.int32))
+    ds = ufl.Measure("ds", domain=domain, subdomain_data=tags)(1)
+    clamped = fem.locate_dofs_geometrical(V, lambda x: np.isclose(x[0], 0.0))
+    m, p = fem_snh.material("stable_neo_hookean", E=1000.0, nu=0.3), fem.Constant(domain, 0.0)
+    F, v = ufl.Identity(3) + ufl.grad(u), ufl.TestFunction(V)
+    force = p * ufl.inner(ufl.cofac(F) * ufl.FacetNormal(domain), v) * ds
+    bcs = [fem.dirichletbc(np.zeros(3), clamped, V)]
+    terms = [force if form else fem_snh.Pressure(ds, p)]
+    problem = fem_snh.NonlinearProblem(u, {m: ufl.dx}, bcs=bcs, terms=terms, **arguments)
+
+    def set_load(load):
+        p.value = 6.0 * load if form else 6.0  # the feature's amplitude is the load
+
+    return problem, u, list(problem.steps(10, set_load))
+
+
+@mpi
+@pytest.mark.parametrize("form", [False, True])
+def test_a_free_edge_has_the_whole_derivative(comm, form):
+    """Newton's method is quadratic at a large rotation; with the symmetric part it is linear."""
+    problem, u, found = strip(comm, form)
+    assert all(row["converged"] for row in found)
+    assert sum(row["newton"] for row in found) < 75  # 221 with the symmetric part
+    assert found[-1]["newton"] <= 7 and found[-1]["clamped"] == 0
+    # Near the solution each iteration squares the residual.
+    u.x.array[:] *= 1 + 1e-4
+    problem.solve()
+    assert 1 <= problem.newton <= 4
+    tip = comm.allreduce(float(abs(u.x.array).max()), max)
+    assert tip == pytest.approx(TIP, rel=1e-5)
+
+
+@mpi
+@pytest.mark.parametrize(
+    "options", [{"snes_linear_solver": "iterative"}, {"ksp_type": "gmres", "pc_type": "bjacobi"}]
+)
+def test_iterations_for_a_matrix_that_is_not_symmetric(comm, options):
+    problem, u, rows = strip(comm, False, petsc_options=options)
+    assert all(row["converged"] for row in rows)
+    tip = comm.allreduce(float(abs(u.x.array).max()), max)
+    assert tip == pytest.approx(TIP, rel=1e-5) and problem.linear > problem.newton
 
 
 def test_a_pressure_on_a_line_is_refused(comm):

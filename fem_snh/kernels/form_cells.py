@@ -115,8 +115,10 @@ class FormCells:
         self._matrices, self._work = np.empty((batch, dofs, dofs)), np.empty((dofs, dofs))
         self._indefinite = np.empty(batch, np.int32)
 
-    def matrices(self, integral: Integral, filter: str) -> Iterator[tuple[Array, Array, int]]:
-        """Yield, batch after batch, the symmetric parts of an integral's element matrices.
+    def matrices(
+        self, integral: Integral, filter: str, symmetric: bool = True
+    ) -> Iterator[tuple[Array, Array, int]]:
+        """Yield, batch after batch, an integral's element matrices, or their symmetric parts.
 
         Parameters
         ----------
@@ -124,6 +126,8 @@ class FormCells:
             The integral.
         filter : {"exact", "clamp", "abs"}
             What becomes of a matrix's negative eigenvalues.
+        symmetric : bool
+            Whether they are the symmetric parts, of which alone eigenvalues are filtered.
 
         Yields
         ------
@@ -134,7 +138,7 @@ class FormCells:
         filtered : int
             How many of them were not positive semidefinite; 0 with "exact".
         """
-        for cells, count, _ in self._batches(integral):
+        for cells, count, _ in self._batches(integral, symmetric or filter != "exact"):
             filtered = 0 if filter == "exact" else self._filter(count, filter)
             yield cells, self._matrices[:count], filtered
 
@@ -152,7 +156,9 @@ class FormCells:
             self._matrices[indefinite] = filter_matrices(self._matrices[indefinite], filter)[0]
         return int(found)
 
-    def _batches(self, integral: Integral) -> Iterator[tuple[Array, int, float]]:
+    def _batches(
+        self, integral: Integral, symmetric: bool = True
+    ) -> Iterator[tuple[Array, int, float]]:
         """Tabulate batch after batch; yield its cells, their number and the asymmetry."""
         entities = integral.entities
         cells = entities if entities.ndim == 1 else entities[:, 0]
@@ -165,5 +171,7 @@ class FormCells:
         matrices, batch = build.pointer(self._ffi, self._matrices), len(self._matrices)
         for start in range(0, len(cells), batch):
             count = min(batch, len(cells) - start)
-            asymmetry = self._lib.tabulate_entities(self._cells, struct, start, count, matrices)
+            asymmetry = self._lib.tabulate_entities(
+                self._cells, struct, start, count, symmetric, matrices
+            )
             yield cells[start : start + count], count, asymmetry

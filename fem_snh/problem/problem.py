@@ -29,6 +29,7 @@ from fem_snh.assembly.unknowns import Displacement, DisplacementPressure, pressu
 from fem_snh.choices import ASSEMBLIES, DEFAULT_ASSEMBLY
 from fem_snh.errors import choose
 from fem_snh.kernels.material import material
+from fem_snh.linalg.asymmetry import is_symmetric
 from fem_snh.mesh.mesh import cell_volumes, volume
 from fem_snh.mesh.mesh_checks import check_force_scale
 from fem_snh.mesh.skin import Skin
@@ -126,6 +127,8 @@ class Problem:
         The largest lambda + 2 mu of the materials [Pa]; 3 mu with an unknown pressure.
     given_terms : list
         Of a program: the forms, features and terms from which it was made.
+    asymmetric : bool
+        Whether the last Hessian is not symmetric.
     nonfinite : int
         Number of energies evaluated so far that were infinite or NaN.
     seconds : dict of float
@@ -201,6 +204,10 @@ class Problem:
             self.terms, unknowns.num_owned_nodes, self.kinematics.components
         )
         self.coupling_terms = [term for term in self.terms if isinstance(term, CouplingTerm)]
+        if self.rigid:  # whose fold is that of a symmetric matrix
+            for term in self._asymmetric_terms:
+                term.symmetric = True
+        self.asymmetric = False
         self._rank_one = RankOneUpdate.of(self.terms, self.A, self.V, self.project)
         self.operator = self._rank_one.mat if self._rank_one else self.A
         self.seconds = {"assemble": 0.0}
@@ -252,6 +259,16 @@ class Problem:
             self.rigid.reduce(x, forces)
         self.project(forces.array)
         return bool(forces.norm() <= _NO_FORCE * whole)
+
+    @property
+    def _asymmetric_terms(self) -> list[Any]:
+        """The terms whose exact Hessian may not be symmetric."""
+        return [term for term in self.terms if not getattr(term, "symmetric", True)]
+
+    @property
+    def symmetric(self) -> bool:
+        """Whether exact Hessians are symmetric at every state."""
+        return not self._asymmetric_terms
 
     def scale_penalties(self, factor: float) -> bool:
         """Multiply the stiffness of all penalties; return whether there are any."""
@@ -446,6 +463,8 @@ class Problem:
             self.matrix.couple([term.couplings(u) for term in self.coupling_terms])
         with self.matrix.adding():
             filtered = sum(term.add_hessian(u, p, filter, self.matrix) for term in self.terms)
+        may_be = filter == "exact" and not self.symmetric
+        self.asymmetric = may_be and not is_symmetric(self.A)
         if self._rank_one:
             reduce = partial(self.rigid.reduce_vector, x) if self.rigid else None
             self._rank_one.update(u, reduce)

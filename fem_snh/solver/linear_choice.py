@@ -44,7 +44,7 @@ _MIN_ASPECT = 4.0
 #: python -m benchmarks contrast; docs/results/linear_solver.md).
 _CONTRAST = 1e4
 #: Nodes of a body above which factors are never chosen; measured up to 33,282.
-_MAX_NODES = 50_000
+MAX_NODES = 50_000
 #: On meshes of two dimensions: for iterations, the least number of nodes and the least
 #: sqrt(1 - 2 nu) / k (measured: python -m benchmarks linear_solvers --bodies
 #: membrane,tube,bushing,cylinder,seal); the largest N/s^2 of a section that does not buckle like a
@@ -90,7 +90,7 @@ def choose_linear_solver(problem: SolvableProblem, wanted: str = CHOICES[0]) -> 
         return LinearChoice(False, reason)
     if regime.dimension == 2:
         return _choose_for_section(regime, problem.saddle_point is not None)
-    direct = not regime.inertia and regime.nodes <= _MAX_NODES
+    direct = not regime.inertia and regime.nodes <= MAX_NODES
     if direct and regime.contrast >= _CONTRAST:
         reason = f"contrast of the moduli = {regime.contrast:.2g} >= {_CONTRAST:g}"
         return LinearChoice(True, f"{reason}: iterations would be many")
@@ -99,8 +99,8 @@ def choose_linear_solver(problem: SolvableProblem, wanted: str = CHOICES[0]) -> 
     if regime.inertia:
         return LinearChoice(False, "inertia makes the matrix well conditioned")
     nodes = regime.nodes
-    if nodes > _MAX_NODES:
-        return LinearChoice(False, f"{nodes} nodes > {_MAX_NODES}: factors would need much memory")
+    if nodes > MAX_NODES:
+        return LinearChoice(False, f"{nodes} nodes > {MAX_NODES}: factors would need much memory")
     value, name = regime.section_nodes**3 / nodes**1.5, "s^3/N^1.5"
     if value < _MIN_LAYER:
         bar = f"{name} = {value:.2g} < {_MIN_LAYER:g}: a bar"

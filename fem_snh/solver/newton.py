@@ -17,6 +17,7 @@ from fem_snh.choices import ACTING_FORCES
 from fem_snh.linalg.direct_solver import is_direct
 from fem_snh.linalg.symmetric_factors import SymmetricFactors
 from fem_snh.solver import garbage, options
+from fem_snh.solver.asymmetric import AsymmetricSolver
 from fem_snh.solver.forcing import ForcingTerm
 from fem_snh.solver.globalization import FullNewton, Globalization, LineSearchNewton
 from fem_snh.solver.line_search import LargestStep, LineSearch
@@ -106,6 +107,8 @@ class ProjectedNewton:
     full_steps : bool
         Whether a solve takes full steps with the exact Hessian, which converge to unstable
         equilibria, too (`FullNewton`); otherwise it minimises.
+    asymmetric : AsymmetricSolver or None
+        The linear solver of exact Hessians that are not symmetric, where they may be.
     linear_choice, trust_ksp : LinearChoice, KSP or None
         The linear solver and why it was chosen; that of `TrustRegion`, None with a line search.
     """
@@ -142,6 +145,7 @@ class ProjectedNewton:
         self.full_steps = False
         self.factors: SymmetricFactors | None = None
         self.trust_ksp: PETSc.KSP | None = None
+        self.asymmetric: AsymmetricSolver | None = None
         self.linear_choice = LinearChoice(False)
         self._filter, self._filtered_points = "exact", 0
         self._dtol_given = False
@@ -276,6 +280,7 @@ class ProjectedNewton:
         return self.search_direction(
             snes, assemble, self._line_search(snes), forcing, self.options, self.saddle_point,
             bool(self.linear_choice.reason) and not self.linear_choice.direct, accurate,
+            self.asymmetric,
         )  # fmt: skip
 
     def _line_search(self, snes: PETSc.SNES) -> LineSearch:

@@ -120,6 +120,8 @@ class SolvableProblem(Protocol):
         E V^(2/3) [N]: the unit of the residual's norm.
     load : float
         The present load, in [0, 1].
+    asymmetric : bool
+        Whether the last matrix of `jacobian` is not symmetric.
     """
 
     comm: Any
@@ -129,6 +131,11 @@ class SolvableProblem(Protocol):
     length: float
     force_scale: float
     load: float
+    asymmetric: bool
+
+    @property
+    def symmetric(self) -> bool:
+        """Return whether exact Hessians are symmetric at every state."""
 
     @property
     def has_energy(self) -> bool:

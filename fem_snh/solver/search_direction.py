@@ -12,6 +12,7 @@ from functools import cached_property, partial
 from petsc4py import PETSc
 
 from fem_snh._petsc import NEGATIVE_CURVATURE, negative_pivots, set_operators
+from fem_snh.solver.asymmetric import AsymmetricSolver
 from fem_snh.solver.block_triangular import BlockTriangular
 from fem_snh.solver.forcing import ForcingTerm, relative_tolerance
 from fem_snh.solver.line_search import SHORT, LineSearch
@@ -65,6 +66,8 @@ class SearchDirection:
     saddle_point : SaddlePoint, optional
     factorise : bool
         Whether sparse factors replace a linear solver that fails.
+    asymmetric : AsymmetricSolver, optional
+        The linear solver of exact Hessians that are not symmetric.
     accurate : bool
         Whether the direction is used as it is: its residual must reach the tolerance of the linear
         solver. Newton's iterations need no accuracy, as the nonlinear residual decides.
@@ -86,9 +89,11 @@ class SearchDirection:
         saddle_point: SaddlePoint | None = None,
         factorise: bool = False,
         accurate: bool = False,
+        asymmetric: AsymmetricSolver | None = None,
     ) -> None:
         self.snes, self.assemble, self.forcing = snes, assemble, forcing
         self._factorise, self._accurate = factorise, accurate
+        self._asymmetric, self._ksp = asymmetric, snes.getKSP()
         self.hessian = str(options["snes_hessian"])
         self.line_search, self._saddle_point = line_search, saddle_point
         self._fallback = str(options["snes_adaptive_filter"])
@@ -96,22 +101,25 @@ class SearchDirection:
         #: Norm of the residual where the exact Hessian was last found indefinite [N].
         self._indefinite = float("inf")
         #: Whether the exact Hessian has been positive definite as a block of the preconditioner.
-        self._exact_blocks = True
+        self._exact_blocks = asymmetric is None
 
     def compute(self, start: State, d: PETSc.Vec) -> Direction:
         """Set ``d`` to the search direction at ``start``. Collective."""
         norm, direction = start.residual.norm(), Direction()
         A, P = self.snes.getJacobian()[:2]
-        ksp = self.snes.getKSP()
-        blocks = preconditioner_by_blocks(ksp.getPC()) if self._saddle_point else None
+        own = self.snes.getKSP()
+        blocks = preconditioner_by_blocks(own.getPC()) if self._saddle_point else None
         for direction.filter, block_filter in self._attempts(norm, blocks):
             direction.filtered_points = self.assemble(start.x, block_filter)
             if blocks is not None and self._saddle_point:
                 self._saddle_point.update_schur_approximation(P)
-            unlike = direction.filter != block_filter and direction.filtered_points > 0
+            changed = direction.filtered_points > 0 or self._asymmetric is not None
+            unlike = direction.filter != block_filter and changed
             if direction.filter == "exact" and not direction.filtered_points:
                 direction.filter = "none needed"
             exact = partial(self.assemble, start.x, "exact") if unlike else None
+            asymmetric = self._asymmetric
+            self._ksp = ksp = asymmetric.ksp if asymmetric and asymmetric.needed else own
             with frozen_preconditioner(ksp, A, P, exact) if blocks else nullcontext():
                 direction.slope = self._solve(A, P, start.residual, d, direction)
             if direction.slope is not None:
@@ -120,6 +128,11 @@ class SearchDirection:
                 return direction
             self._indefinite = norm
         return direction
+
+    @property
+    def _needs_asymmetric(self) -> bool:
+        """Whether the last Hessian is not symmetric."""
+        return self._asymmetric is not None and self._asymmetric.needed
 
     def _attempts(self, norm: float, blocks: Blocks | None) -> Iterator[tuple[str, str]]:
         """Yield the filters to try, in this order, at a residual of this norm.
@@ -145,7 +158,8 @@ class SearchDirection:
         function; only a short step along it, or none, shows it. ``start_norm`` is the residual's
         norm at the start.
         """
-        if self._saddle_point is None or step.length >= SHORT or step.limited:
+        usual = self._saddle_point is None and not self._needs_asymmetric
+        if usual or step.length >= SHORT or step.limited:
             return True
         self._indefinite = start_norm
         return self.hessian != "adaptive" or step.filter != "exact"
@@ -161,7 +175,7 @@ class SearchDirection:
         self, A: PETSc.Mat, P: PETSc.Mat, f: PETSc.Vec, d: PETSc.Vec, direction: Direction
     ) -> float | None:
         """Solve A d = -f; return the slope along d, or None if A showed negative curvature."""
-        ksp, semidefinite = self.snes.getKSP(), direction.filter in ("clamp", "abs")
+        ksp, semidefinite = self._ksp, direction.filter in ("clamp", "abs")
         filtered = semidefinite and self._saddle_point is None
         reason = self._apply(ksp, A, P, f, d, direction)
         if reason in _INDEFINITE and filtered and ksp.getType() == PETSc.KSP.Type.PYTHON:
@@ -200,7 +214,7 @@ class SearchDirection:
 
         Returns None if no solution is good enough.
         """
-        ksp, slope = self.snes.getKSP(), None
+        ksp, slope = self._ksp, None
         rtol = ksp.getTolerances()[0]
 
         def solve(residual: PETSc.Vec, step: PETSc.Vec, tolerance: float) -> None:
@@ -213,9 +227,10 @@ class SearchDirection:
                 return solution.relative <= solution.attainable(rtol)
             return slope is not None
 
+        factorise = self._factorise and not self._needs_asymmetric
         solution = Solution(A, P, f, d)
         first = solution.relative
-        accepted = improve(solution, solve, rtol, accept, self._factorise)
+        accepted = improve(solution, solve, rtol, accept, factorise)
         direction.linear += solution.linear
         direction.residual, direction.out_of_memory = solution.relative, solution.out_of_memory
         if solution.factorised:

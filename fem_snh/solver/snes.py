@@ -11,6 +11,7 @@ from fem_snh.linalg.direct_solver import MAX_SMALL, set_direct_solver
 from fem_snh.linalg.ssor_cg import EisenstatCG
 from fem_snh.linalg.symmetric_factors import is_factors_of_sum, set_direct_solver_of_sum
 from fem_snh.solver import garbage, options, saddle_point, trust_region
+from fem_snh.solver.asymmetric import AsymmetricSolver
 from fem_snh.solver.errors import callback_errors, cause_of
 from fem_snh.solver.linear_choice import CHOICES, LinearChoice, choose_linear_solver
 from fem_snh.solver.newton import ProjectedNewton
@@ -115,6 +116,8 @@ def create(
     snes.setMaxFunctionEvaluations(_NO_LIMIT)
     ksp = snes.getKSP()
     context.linear_choice = _configure_linear_solver(ksp, problem, prefix)
+    if not problem.symmetric:
+        context.asymmetric = AsymmetricSolver(problem, ksp, context.linear_choice)
     region = globalization == "trust_region"
     if region and context.linear_choice.direct:
         context.options["snes_lbfgs_max_it"] = float(FACTORS_LBFGS_MAX_IT)
@@ -149,7 +152,7 @@ def _check_inverse_of_sum(ksp: PETSc.KSP) -> None:
 def destroy(snes: PETSc.SNES) -> None:
     """Destroy a SNES of `create` with its linear solvers. Collective."""
     context = snes.getPythonContext()
-    for owned in (context.trust_ksp, context.factors):
+    for owned in (context.trust_ksp, context.factors, context.asymmetric):
         if owned is not None:
             owned.destroy()
     snes.destroy()

@@ -73,6 +73,7 @@ class EnclosedFluid:
         self._pressure = body.constant(0.0)
         self._volume = SweptVolume(body.V, ds, body.kinematics)
         self._term = UFLTerm(self._pressure * self._volume.residual(u), u, self.name)
+        self._term.symmetric = True
         fields = fit_fields([self._volume], [1.0], dirichlet)
         if fields is None:
             accepted = "a surface that encloses a volume: closed, or with an edge that is "

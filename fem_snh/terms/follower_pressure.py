@@ -30,7 +30,7 @@ class FollowerPressure(UFLTerms):
         \, \mathrm{d}A
 
     Surfaces with the same amplitude are examined together: a closed surface may be of several
-    groups. If they are not conservative, the Hessian is the symmetric part of dR/du.
+    groups. If they are not conservative, the exact Hessian is not symmetric.
 
     Parameters
     ----------
@@ -83,7 +83,7 @@ class FollowerPressure(UFLTerms):
             names = [f"'{surface_name(pressures[i].group)}'" for i in which]
             causes.setdefault(cause, []).extend(names)
         causes.pop("", None)
-        self.has_energy = not causes
+        self.has_energy = self.symmetric = not causes
         texts = [
             f"the pressure on {', '.join(on)} has no energy, {why}" for why, on in causes.items()
         ]

@@ -16,7 +16,9 @@ from fem_snh.assembly.assembled_matrix import BlockMatrix
 class Term(Protocol):
     """A part of a problem's energy, with its derivative.
 
-    A term with ``stateless = True`` keeps nothing from one evaluation to the next.
+    A term with ``stateless = True`` keeps nothing from one evaluation to the next; one with
+    ``symmetric = False`` may have an exact Hessian, the derivative of its forces, that is not
+    symmetric.
 
     ``u`` and ``p`` are the ghosted vectors of the displacement and of the pressure, ``r_u`` and
     ``r_p`` those of the derivatives with respect to them. Without an unknown pressure ``p`` and

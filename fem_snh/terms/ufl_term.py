@@ -53,7 +53,8 @@ class UFLTerm:
     residual, rank 1      R(u; v) [N], linear in the test function v. Constant in u (a dead load) or
                           linear with a symmetric derivative, it has the energy
                           :math:`\int_0^1 R(t u; u) \, \mathrm{d}t`. All others have none:
-                          ``has_energy`` is False, and the Hessian is the symmetric part of dR/du.
+                          ``has_energy`` is False, the exact Hessian is dR/du, and a filtered one
+                          that of its symmetric part.
     ====================  ==========================================================================
 
     Parameters
@@ -71,6 +72,8 @@ class UFLTerm:
     ----------
     has_energy : bool
         Whether the term's forces are the gradient of an energy.
+    symmetric : bool
+        Whether the exact Hessian is the symmetric part of dR/du: by default, if there is an energy.
     seconds : float
         Time spent compiling.
 
@@ -111,7 +114,7 @@ class UFLTerm:
         if energy is None and self._cells and self._is_linear_and_symmetric(hessian):
             # u . R(u) has the quadratic part twice and the linear part once.
             energy = _at_u(residual, self._u) - 0.5 * _at_u(hessian, self._u)
-        self.has_energy = energy is not None or self._hessian is None
+        self.has_energy = self.symmetric = energy is not None or self._hessian is None
         self._residual = compile_form(residual, name)
         self._energy = None if energy is None or self._force else compile_form(energy, name)
         self.seconds = perf_counter() - start
@@ -163,7 +166,7 @@ class UFLTerm:
         copy_to_function(u, self._u)
         filtered = 0
         for integral in self._integrals():
-            for cells, matrices, count in self._cells.matrices(integral, filter):
+            for cells, matrices, count in self._cells.matrices(integral, filter, self.symmetric):
                 target.add_matrices(cells, matrices)
                 filtered += count
         return filtered

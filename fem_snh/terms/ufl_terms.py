@@ -17,6 +17,16 @@ class UFLTerms:
     stateless = True
     _terms: list[UFLTerm]
 
+    @property
+    def symmetric(self) -> bool:
+        """Whether the exact Hessian has the symmetric parts of the terms' derivatives alone."""
+        return all(term.symmetric for term in self._terms)
+
+    @symmetric.setter
+    def symmetric(self, value: bool) -> None:
+        for term in self._terms:
+            term.symmetric = value
+
     def add_residual(
         self, u: PETSc.Vec, p: PETSc.Vec | None, r_u: PETSc.Vec, r_p: PETSc.Vec | None
     ) -> None:

@@ -4,7 +4,7 @@
 typedef void tabulate_tensor(double *A, const double *w, const double *c, const double *x, const int *facet,
                              const unsigned char *permutation CUSTOM_DATA_TYPE);
 
-double tabulate_entities(const FormCells *c, const FormIntegral *f, int start, int count, double *K) {
+double tabulate_entities(const FormCells *c, const FormIntegral *f, int start, int count, int symmetric, double *K) {
   tabulate_tensor *kernel = (tabulate_tensor *)f->kernel;
   const int n = c->components * c->nodes, corners = c->geometry_nodes;
   double x[3 * corners], asymmetry = 0;
@@ -23,7 +23,7 @@ double tabulate_entities(const FormCells *c, const FormIntegral *f, int start, i
         const double a = K[n * i + j], b = K[n * j + i];
         largest = fmax(largest, fmax(fabs(a), fabs(b)));
         difference = fmax(difference, fabs(a - b));
-        K[n * i + j] = K[n * j + i] = 0.5 * (a + b);
+        if (symmetric) K[n * i + j] = K[n * j + i] = 0.5 * (a + b);
       }
     }
     if (difference > asymmetry * largest) asymmetry = difference / largest;

@@ -19,9 +19,9 @@ typedef struct {
   const double *constants;
 } FormIntegral;
 
-/* K[count][n][n], n = components * nodes, = the symmetric parts of the element matrices of entities start, start + 1, ... Returns the
- * largest |K - K^T| over the largest |K| of any entity. */
-double tabulate_entities(const FormCells *c, const FormIntegral *f, int start, int count, double *K);
+/* K[count][n][n], n = components * nodes, = the element matrices of entities start, start + 1, ..., or their symmetric parts. Returns
+ * the largest |K - K^T| over the largest |K| of any entity. */
+double tabulate_entities(const FormCells *c, const FormIntegral *f, int start, int count, int symmetric, double *K);
 
 /* Write the numbers of those of `count` symmetric n x n matrices that are not positive semidefinite, NaN included, to
  * `indefinite`, and return how many there are. An eigenvalue above -shift times the largest entry counts as zero.
