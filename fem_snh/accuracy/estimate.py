@@ -17,6 +17,7 @@ from fem_snh.accuracy.budget import (
     unsettled_penalties,
     yield_much,
 )
+from fem_snh.accuracy.cross_points import check_cross_points
 from fem_snh.accuracy.differences import (
     ROUNDING,
     Differences,
@@ -173,6 +174,7 @@ def estimate_with(
     watch = Stopwatch()
     estimate = Estimate(_without_errors(problem, goals))
     try:
+        check_cross_points(problem)
         add_errors(estimate)
         if not estimate.coarser:  # which have other faces
             faces = mesh.round_faces if mesh else None
