@@ -22,7 +22,8 @@ def test_the_first_line_names_the_hessian_and_the_globalization(
 ) -> None:
     converged, lines = printed(capsys, hessian="clamp", globalization="linesearch")
     assert converged
-    assert lines[0].startswith("twist: stable_neo_hookean, E = 1, nu = 0.49; 8 Q1 cells, 81 dofs")
+    material = "stable_neo_hookean (eq. 13 of Smith et al. 2018), E = 1, nu = 0.49"
+    assert lines[0].startswith(f"twist: {material}; 8 Q1 cells, 81 dofs")
     assert lines[0].endswith("; clamp Hessian, linesearch; 1 rank(s)")
     assert lines[-1].startswith("  converged in ")
 

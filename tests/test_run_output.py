@@ -43,8 +43,9 @@ def test_the_record_says_what_was_solved_and_how(comm, folder):
         "lambda_lame": pytest.approx(0.49 / (1.49 * 0.02), rel=1e-10),
         "parameters": dict(
             zip(("mu", "lam"), result.problem.regions[0].material.expression.values, strict=True),
-            barrier=None,
+            barrier=False,
         ),
+        "equation": "eq. 13 of Smith et al. 2018",
     }
     plain = (
         "scene",

@@ -55,6 +55,8 @@ class Energy:
         Shape parameters and tuning whose values are not the defaults.
     with_symbols : callable or None
         Returns this energy with symbols for some of ``adjusted``.
+    equation : str
+        The variant and its source; "" for a material without variants.
     """
 
     name: str
@@ -73,6 +75,7 @@ class Energy:
     parameter_values: tuple[float, ...] = ()
     adjusted: Mapping[str, Any] = field(default_factory=dict)
     with_symbols: Callable[[Mapping[str, Any]], Energy] | None = None
+    equation: str = ""
 
     @property
     def scalars(self) -> tuple[sympy.Symbol, ...]:

@@ -5,6 +5,7 @@ Scenes are checked against them without sympy, which takes longer to import than
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -74,6 +75,22 @@ class Accepted:
         low = value > self.low if self.above else value >= self.low
         high = value < self.high if self.below else value <= self.high
         return low and high and not (self.nonzero and value == 0)
+
+
+@dataclass(frozen=True)
+class Variant:
+    """The equations between which a shape parameter selects, as an annotation of it.
+
+    Attributes
+    ----------
+    default : callable
+        Returns the value for a Poisson's ratio, where the parameter is None.
+    equations : mapping
+        The equation of each value, with its source.
+    """
+
+    default: Callable[[float], Any]
+    equations: Mapping[Any, str]
 
 
 #: Accepted exponents of the power strains.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import sympy
@@ -12,7 +13,13 @@ from fem_snh.materials.energy import Energy
 from fem_snh.materials.invariants import SIGMA
 from fem_snh.materials.keywords import LARGEST_MODULUS, LARGEST_PARAMETER, TUNING
 from fem_snh.materials.native import Incomplete, with_moduli
-from fem_snh.materials.parameters import check_constants, check_keywords, moduli_or_defaults
+from fem_snh.materials.parameters import (
+    check_constants,
+    check_keywords,
+    default_variants,
+    moduli_or_defaults,
+    variants,
+)
 from fem_snh.materials.registry import (
     built_in,
     function,
@@ -83,16 +90,20 @@ def make_energy(
     for key in {**own, **dict.fromkeys(pinned)}:
         if key in keywords:
             check_size(key, keywords[key], LARGEST_MODULUS if key in pinned else LARGEST_PARAMETER)
+    shape = own | {k: v for k, v in keywords.items() if k in own}
+    shape |= default_variants(found, nu, shape)
     energy = construct(
         found,
         name,
         E=E,
         nu=nu,
-        shape=own | {k: v for k, v in keywords.items() if k in own},
+        shape=shape,
         pins={k: v for k, v in keywords.items() if k in pinned and v is not None},
         tuned=tuned,
         lambda_part=None if other is None else make_energy(other, E, nu),
     )
+    equations = [v.equations[shape[key]] for key, v in variants(found).items()]
+    energy = replace(energy, equation=", ".join(equations))
     if not (isinstance(material, str) and material in built_in()):
         _check_isotropy(energy)
         _check_rest_stress(energy)

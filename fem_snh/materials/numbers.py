@@ -37,6 +37,8 @@ class Numbers:
         (mu_lame, lambda_lame) [Pa], linearised from the energy.
     has_energy : bool
         Whether the stress is the gradient of an energy.
+    equation : str
+        The variant, e.g. "eq. 14 of Smith et al. 2018"; "" for a material without variants.
     key : str or None
         The key of these numbers in the cache; None for a material of the user's own.
     """
@@ -49,6 +51,7 @@ class Numbers:
     values: tuple[float, ...]
     lame: tuple[float, float]
     has_energy: bool
+    equation: str = ""
     key: str | None = None
 
     @property
@@ -68,6 +71,7 @@ def numbers_of(energy: Energy, key: str | None = None) -> Numbers:
         energy.values,
         energy.lame,
         energy.has_energy,
+        energy.equation,
         key,
     )
 

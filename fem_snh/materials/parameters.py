@@ -6,10 +6,12 @@ from collections.abc import Callable, Mapping
 from inspect import formatannotation, signature
 from numbers import Real
 from types import NoneType, UnionType
-from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
+from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
 from fem_snh.errors import bad_value
-from fem_snh.materials.keywords import LARGEST_MODULUS, TUNING, Accepted
+from fem_snh.materials.keywords import LARGEST_MODULUS, TUNING, Accepted, Variant
+
+T = TypeVar("T")
 
 #: What Young's modulus and Poisson's ratio are, and the numbers that are accepted.
 _CONSTANTS = {
@@ -82,12 +84,30 @@ def check_keywords(function: Callable[..., Any], given: Mapping[str, Any]) -> di
 
 def ranges(function: Callable[..., Any]) -> dict[str, Accepted]:
     """Return the accepted values of the parameters that a material's function annotates."""
+    return _annotations(function, Accepted)
+
+
+def variants(function: Callable[..., Any]) -> dict[str, Variant]:
+    """Return the variants of the parameters that a material's function annotates."""
+    return _annotations(function, Variant)
+
+
+def default_variants(
+    function: Callable[..., Any], nu: float, given: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Return the parameters that select a variant and are not among the given, at a ratio nu."""
+    found = variants(function)
+    return {key: v.default(nu) for key, v in found.items() if given.get(key) is None}
+
+
+def _annotations(function: Callable[..., Any], kind: type[T]) -> dict[str, T]:
+    """Return the annotations of one kind, by parameter."""
     try:
         hints = get_type_hints(function, include_extras=True)
     except (NameError, TypeError, AttributeError, SyntaxError):
         return {}
     metadata = {key: getattr(hint, "__metadata__", ()) for key, hint in hints.items()}
-    return {k: r for k, found in metadata.items() for r in found if isinstance(r, Accepted)}
+    return {k: r for k, found in metadata.items() for r in found if isinstance(r, kind)}
 
 
 def plain(value: Any) -> Any:

@@ -146,6 +146,7 @@ def _describe_material(choice: MaterialChoice, region: Region) -> dict[str, Any]
         "mu_lame": mu,
         "lambda_lame": lam,
         "parameters": constants | energy.shape,
+        **({"equation": energy.equation} if energy.equation else {}),
         **{key: value for key, value in own.items() if value is not None},
     }
 

@@ -54,8 +54,9 @@ class Progress:
         """Print the scene, the material, the discretisation and the solver."""
         found = record["material"]
         materials = " + ".join(
-            f"{m['name']}, E = {m['E']:g}, nu = {m['nu']:g}"
+            f"{m['name']}{equation and f' ({equation})'}, E = {m['E']:g}, nu = {m['nu']:g}"
             for m in (found if isinstance(found, list) else [found])
+            for equation in [m.get("equation", "")]
         )
         method = f"{record['hessian']} Hessian"
         if "globalization" in record:

@@ -79,6 +79,13 @@ class MaterialChoice(Table):
         """The further keys, e.g. ``{"barrier": True, "alpha": 2.0}``."""
         return dict(self.model_extra or {})
 
+    def default_variants(self) -> dict[str, Any]:
+        """Return the parameters that select an equation by nu, where none is given."""
+        from fem_snh.materials import function
+        from fem_snh.materials.parameters import default_variants
+
+        return default_variants(function(self.name), self.nu, self.parameters)
+
     @property
     def label(self) -> str:
         """The name of the material as text."""

@@ -13,11 +13,15 @@ from __future__ import annotations
 import itertools
 import re
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fem_snh import scenes
 from fem_snh.errors import BadInput
+from fem_snh.materials import function
+from fem_snh.materials.parameters import variants
+from fem_snh.scenes import MaterialChoice
 from fem_snh.studies.batch import Batch
 from fem_snh.studies.point import Limits
 from fem_snh.studies.scene_points import ScenePoint, file_digests, scene_files, value_text
@@ -97,8 +101,10 @@ def sweep(
         name: ScenePoint(scene, values, scenes.load(scene, **values), options)
         for name, values in combinations(lists).items()
     }
+    points |= _with_one_variant(points, report)
     files = file_digests(scene, (point.scene for point in points.values()))
-    extra = [key for key in lists if key not in (*REQUESTED, *MEASURED)]
+    keys = dict.fromkeys(key for point in points.values() for key in point.values)
+    extra = [key for key in keys if key not in (*REQUESTED, *MEASURED)]
     batch = Batch(
         out,
         "sweep",
@@ -120,6 +126,47 @@ def sweep(
     import pandas as pd
 
     return pd.read_csv(batch.table.path)
+
+
+def _with_one_variant(
+    points: Mapping[str, ScenePoint], report: Callable[[str], None]
+) -> dict[str, ScenePoint]:
+    """Return the points of materials whose equation would change with nu, with that of the largest.
+
+    Otherwise a curve over nu would have a jump.
+    """
+    at_ratios: dict[tuple[int, str], dict[float, MaterialChoice]] = {}
+    for point in points.values():
+        for place, material in enumerate(point.scene.materials):
+            at_ratios.setdefault((place, material.label), {})[material.nu] = material
+    kept: dict[tuple[int, str], dict[str, Any]] = {}
+    for which, found in at_ratios.items():
+        if len(found) > 1:
+            defaults = [material.default_variants() for _, material in sorted(found.items())]
+            kept[which] = {
+                k: v for k, v in defaults[-1].items() if any(d.get(k, v) != v for d in defaults)
+            }
+    changed = {}
+    for name, point in points.items():
+        several = len(point.scene.materials) > 1
+        more = {
+            f"material.{f'{place}.' if several else ''}{key}": value
+            for place, material in enumerate(point.scene.materials)
+            for key, value in kept.get((place, material.label), {}).items()
+            if material.parameters.get(key) is None
+        }
+        if more:
+            values = {**point.values, **more}
+            loaded = scenes.load(point.name, **values)
+            changed[name] = replace(point, values=values, scene=loaded)
+    for (_, name), values in kept.items():
+        for key, value in values.items():
+            equation = variants(function(name))[key].equations[value]
+            report(
+                f"material.{key} = {value_text(value)} at all nu: {name} has {equation}, its "
+                f"default at the largest; --set material.{key} sets another"
+            )
+    return changed
 
 
 def _draw_bodies(out: Path, points: list[str], field: str) -> str:
