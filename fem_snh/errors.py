@@ -137,13 +137,17 @@ def check_number(
     exclusive : bool
         Whether ``lowest`` itself is refused.
     """
-    if isinstance(value, Real) and not isinstance(value, bool) and isfinite(value):
-        number = float(value)
-        if (lowest < number if exclusive else lowest <= number) and number <= highest:
+    if isinstance(value, Real) and not isinstance(value, bool):
+        try:
+            number = float(value)
+        except OverflowError:  # a whole number beyond the floating-point numbers
+            number = inf
+        above_lowest = lowest < number if exclusive else lowest <= number
+        if isfinite(number) and above_lowest and number <= highest:
             return
     above = f" > {lowest:g}" if exclusive else f" >= {lowest:g}"
-    accepted = f" from {lowest:g} to {highest:g}" if isfinite(highest) else above
-    raise bad_value(key, value, f"a number{accepted}")
+    within = f" from {lowest:g} to {highest:g}" if isfinite(highest) else above
+    raise bad_value(key, value, f"a number{within}" if isfinite(lowest) else "a finite number")
 
 
 def choose(key: str, word: str, known: Iterable[str]) -> str:

@@ -10,8 +10,12 @@ import pytest
 from scipy.optimize import brentq
 
 import fem_snh
+from fem_snh.errors import BadInput
 from fem_snh.studies.fit import TestData, ordered, rank
 from fem_snh.studies.fit.data import read
+from fem_snh.studies.fit.family import Family
+from fem_snh.studies.fit.least_squares import solve, standard_errors
+from fem_snh.studies.fit.responses import response
 from fem_snh.viewing.plots.fits import fit_figure
 
 #: Ogden's fit to Treloar's data (Ogden 1972): mu_p [Pa] and alpha_p.
@@ -233,6 +237,92 @@ def test_relative_errors() -> None:
     ratio = ((t.x - t.x**-2) / t.stress)[large]
     f = fem_snh.fit("neo_hookean", data("uniaxial", t.x[large], t.stress[large]), relative=True)
     assert f.E / 3 == pytest.approx(ratio.sum() / (ratio @ ratio), rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("name", "ratio", "second", "weight", "unit"),
+    [
+        ("hencky", 0.495, "volumetric", 1.0, 1.0),
+        ("hencky", 0.495, "volumetric", 50.0, 1e6),
+        ("mooney_rivlin", None, "equibiaxial", 1.0, 1e-6),
+    ],
+)
+def test_standard_errors_are_the_scatter_of_fits(
+    name: str, ratio: float | None, second: str, weight: float, unit: float
+) -> None:
+    """Of 200 fits to fresh noise: of 0.01 in a uniaxial test, and of 0.5 in another."""
+    family = Family(name, ratio is None, ratio or 0.5, {})
+    law = family.at(family.start, ratio)
+    kinds, sizes, weights = ("uniaxial", second), (0.01, 0.5), (weight, 1.0)
+    stretches = [np.linspace(1.05, 2.5, 12), np.linspace(*(1.05, 2.0) if ratio is None else
+                                                        (0.97, 0.998), 12)]  # fmt: skip
+    exact = [3 * response(law, kind, x) for kind, x in zip(kinds, stretches, strict=True)]
+    rng, found = np.random.default_rng(0), []
+    for _ in range(200):
+        noisy = [unit * (P + s * rng.normal(size=12)) for P, s in zip(exact, sizes, strict=True)]
+        parts = zip(kinds, stretches, noisy, weights, strict=True)
+        tests = [TestData("t", kind, x, P, np.full(12, w)) for kind, x, P, w in parts]
+        f = solve(family, tests, nu=None, fit_nu=ratio is not None)
+        constants = [*f.theta * f.E / unit] if ratio is None else [f.nu]
+        found.append([[f.E / unit, *constants], f.errors / (unit, unit if ratio is None else 1)])
+    values, errors = np.moveaxis(np.array(found), 1, 0)
+    true = [3, ratio or 3 * family.start[0]]
+    assert (np.abs(values.mean(axis=0) - true) < values.std(axis=0) / 4).all()
+    quotient = errors.mean(axis=0) / values.std(axis=0, ddof=1)
+    assert (1 / 1.3 < quotient).all() and (quotient < 1.3).all()
+
+
+@pytest.mark.parametrize("relative", [False, True])
+def test_a_fit_does_not_depend_on_the_unit(relative: bool) -> None:
+    found = []
+    for size in (1e-9, 1.0, 1e6, 1e30):
+        tests = [TestData(t.name, t.kind, t.x, size * t.stress, t.weight) for t in TRELOAR.values()]
+        f = fem_snh.fit("yeoh", *tests, relative=relative)
+        found.append(np.array([*f.parameters.values(), *f.errors.values()]) / size)
+    for other in found[1:]:
+        assert other == pytest.approx(found[0], rel=1e-6)
+
+
+def test_standard_errors_of_groups_with_different_variances() -> None:
+    """A straight line through two groups of points, one with 100 times the other's deviation."""
+    rng = np.random.default_rng(0)
+    x = np.linspace(-1, 2, 12)
+    jacobian, group = np.stack([np.ones(12), x], axis=1), np.repeat([0, 1], 6)
+    solver, noise = np.linalg.pinv(jacobian), np.where(group, 1.0, 0.01)
+    covariance = (solver * noise**2) @ solver.T
+    squares = []
+    for _ in range(2000):
+        measured = noise * rng.normal(size=12)
+        residual = measured - jacobian @ (solver @ measured)
+        squares.append(standard_errors(jacobian, residual, group, np.zeros(2, bool)) ** 2)
+    assert np.mean(squares, axis=0) == pytest.approx(np.diag(covariance), rel=0.15)
+
+
+def test_points_of_weight_0_are_left_out() -> None:
+    x = np.linspace(1.05, 2, 8)
+    stress = x - x**-2 + 0.01 * np.cos(5 * x)
+    weight, last = np.ones(8), np.full(92, 5.0)
+    one = fem_snh.fit("mooney_rivlin", TestData("a", "uniaxial", x, stress, weight))
+    other = fem_snh.fit(
+        "mooney_rivlin",
+        TestData("a", "uniaxial", np.append(x, np.linspace(2.1, 4, 92)), np.append(stress, last),
+                 np.append(weight, 0 * last)),
+    )  # fmt: skip
+    assert one.record() == other.record() | {"evaluations": one.evaluations}
+    assert one.errors["C1"] > 0
+    with pytest.raises(BadInput, match=r"^a: weight = array\(\[0\.\]\): expected one other than 0"):
+        TestData("a", "uniaxial", x[:1], stress[:1], weight[:1] * 0)
+
+
+def test_a_parameter_that_tends_to_the_end_of_its_range_is_at_its_bound() -> None:
+    """The stresses of beta = -0.1; the material takes those above 0."""
+    x = np.linspace(1.1, 3, 12)
+    stress = 0.2 * (x - x**-2) - 4 * (x**-1.05 - x**-0.9)
+    for relative in (False, True):
+        test = data("uniaxial", x, stress + 1e-3 * np.cos(9 * x))
+        f = fem_snh.fit("extended_tube", test, held={"delta": 0.0}, relative=relative)
+        assert f.parameters["beta"] == pytest.approx(1e-6, rel=1e-3)
+        assert np.isnan(f.errors["beta"]) and np.isfinite(f.errors["E"])
 
 
 @pytest.mark.parametrize("nu", [0.3, 0.45])

@@ -31,8 +31,11 @@ def test_fit(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     table = tomllib.loads((out / "material.toml").read_text())["material"]
     assert table["E"] == pytest.approx(1.2e6, rel=1e-9)
     assert table["nu"] == 0.5
+    assert "E = 1200000.0  # Pa\n" in (out / "material.toml").read_text()
+    assert any("│ E " in line and "│ Pa " in line for line in printed.splitlines())
     record = json.loads((out / "fit.json").read_text())
     assert record["r_squared"] == pytest.approx(1)
+    assert record["units"] == {"E": "Pa"}
     assert [t["points"] for t in record["tests"]] == [3, 3]
     assert (out / "fit.png").read_bytes()[:4] == b"\x89PNG"
 
@@ -134,6 +137,9 @@ def test_biaxial(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
         (["ogden", "treloar", "--set", "nu=0.3"], "held = 'nu': expected a shape parameter"),
         (["ogden", "treloar", "--nu", "soft"], "nu = 'soft': expected a number"),
         (["ogden", "treloar", "--weights", "a"], "weights = 'a': expected a number"),
+        (["ogden", "treloar", "--weights", "1" + 400 * "0"], "expected a number > 0"),
+        (["ogden", "treloar", "--weights", "1" + 5000 * "0"], "expected a number > 0"),
+        (["ogden", "treloar", "--range", "0.5,1" + 400 * "0"], "expected a finite number"),
         (["--all", "treloar", "--report"], "expected without --all"),
         (["stvk", "treloar"], "has no volume term"),
     ],

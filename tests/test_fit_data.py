@@ -168,6 +168,13 @@ BIAXIAL = "# test = biaxial\nstretch, stretch_2, stress_difference\n"
         ("lambda, lambda_2, stress, stress_2 [Pa]\n2, 1, 1, 1\n", "expected units of all, or of"),
         ("# weight = 0\n" + HEAD + "1.5, 1\n", "weight = '0': expected a number > 0"),
         ("# units = MPa\n" + HEAD + "1.5, 1\n", "line 1: '# units = MPa': unknown name (did you"),
+        (
+            "# unit = psi\n" + HEAD.replace("ss", "ss [MPa]") + "2, 1\n",
+            "# unit = 'psi': expected that",
+        ),
+        (HEAD + "1.5, 1e-300\n", "line 3: stress = 1e-300: expected 0, or a number whose absolute"),
+        (HEAD + "1.5, 1e308\n", "line 3: stress = 1e+308: expected 0, or a number whose absolute"),
+        ("# weight = 1" + 400 * "0" + "\n" + HEAD + "2, 1\n", "weight = inf: expected a finite"),
         (BIAXIAL.replace("_dif", ", stres_dif") + "2, 1, 1, 1\n", "(did you mean 'stress_differ"),
     ],
 )
@@ -216,6 +223,7 @@ SQUEEZE = TestData("squeeze", "volumetric", 2 - X, 1 - X, np.ones(3))
         ((PULL,), {"bounds": {"gamma": (1, 0)}}, "the lowest value first"),
         ((PULL,), {"stable_range": (1.5, 2)}, "range = 1.5"),
         ((PULL,), {"weights": [1, 2]}, "expected one value, or one for each of 1 files"),
+        ((PULL,), {"weights": [10**400]}, "weights = 1000000000"),
     ],
 )  # fmt: skip
 def test_mistakes_in_arguments(tests: tuple, keywords: dict, message: str) -> None:
@@ -277,6 +285,19 @@ def test_too_few_points_and_too_far() -> None:
 def test_weights_of_files(tmp_path: Path) -> None:
     path = written(tmp_path, HEAD + "1.5, 1\n")
     assert [t.weight[0] for t in read_all([path, path], weights=[1, 5])] == [1, 5]
+
+
+def test_units_that_a_file_states_twice(tmp_path):
+    text = "# test = uniaxial\n# unit = N/mm²\nstretch, stress [MPa]\n1.5, 2\n"
+    path = written(tmp_path, text)
+    assert read(path)[0].stress == 2e6
+    assert read(path, unit="psi")[0].stress == pytest.approx(2 * 6894.757, rel=1e-6)
+
+
+def test_stresses_with_and_without_units_are_refused(tmp_path):
+    path = written(tmp_path, HEAD + "1.5, 2\n")
+    with pytest.raises(BadInput, match=r"^data: stresses without a unit beside those of treloar"):
+        read_all([path, "treloar"])
 
 
 def test_moduli_in_the_unit_of_a_scene(tmp_path):

@@ -52,13 +52,30 @@ def test_derivatives_are_those_of_differences() -> None:
 
 @pytest.mark.mpi
 def test_two_parameters_are_found_again() -> None:
-    curve = measure(E=2.0, nu=0.4)
+    curve = measure(E=2.0, nu=0.39)
     found = fit_scene("pull", curve, ["E", "nu"], **SMALL)
     assert found.converged
     assert found.solves <= 12
     assert found.parameters["E"] == pytest.approx(2, rel=1e-5)
-    assert found.parameters["nu"] == pytest.approx(0.4, rel=1e-5)
+    assert found.parameters["nu"] == pytest.approx(0.39, rel=1e-5)
     assert found.material["E"] == found.parameters["E"]
+
+
+@pytest.mark.mpi
+def test_goals_in_other_units_give_the_same_fit() -> None:
+    """Forces and volume ratios were summed as they are: nu was 0.4004, 0.4040 and 0.4084."""
+    curve = measure(nu=0.4)
+    noise = np.array([[1.03, 1.0], [0.98, 1.0]]), np.array([[0, 1e-3], [0, -2e-3]])
+    found = []
+    for unit in (1e-4, 1.0, 1e4):
+        values = (curve.values * noise[0] + noise[1]) * [unit, 1.0]
+        measured = MeasuredCurve("load", curve.x, curve.loads, GOALS, values)
+        f = fit_scene("pull", measured, ["E", "nu"], E=0.8 * unit, nu=0.45, **SMALL)
+        assert f.converged
+        numbers = [f.parameters["E"] / unit, f.errors["E"] / unit, f.parameters["nu"]]
+        found.append([*numbers, f.errors["nu"], *f.r_squared.values()])
+    assert found[0] == pytest.approx(found[1], rel=1e-6)
+    assert found[2] == pytest.approx(found[1], rel=1e-6)
 
 
 def test_derivatives_with_a_pressure_and_an_obstacle() -> None:
@@ -97,7 +114,9 @@ def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert record["loads"] == [0.5, 1]
     assert 'name = "stable_neo_hookean"' in (tmp_path / "out" / "material.toml").read_text()
     assert (tmp_path / "out" / "fit.png").exists()
-    assert "converged" in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert "converged" in printed and "right.force.x" in printed
+    assert record["r_squared"] == {"right.force.x": pytest.approx(1)}
 
 
 def test_command_with_parameters_of_a_scene(
@@ -130,6 +149,8 @@ def test_command_with_parameters_of_a_scene(
         ("load,right.force.x\n1,a\n", ["E"], "line 2: expected 2 numbers"),
         ("1,2\n", ["E"], "expected a first line with"),
         ("load,right.force.x\n", ["E"], "no line of numbers"),
+        ("load,right.force.x,volume\n1,0,1\n", ["E"], "goal right.force.x: expected measured"),
+        ("load,right.force.x\n1,1e-300\n", ["E"], "absolute value is from 1e-60 to 1e+60"),
     ],
 )
 def test_mistakes(tmp_path: Path, text: str, parameters: list[str], message: str) -> None:

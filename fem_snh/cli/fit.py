@@ -20,7 +20,7 @@ from fem_snh.cli.options import (
 )
 from fem_snh.cli.run import load_scene
 from fem_snh.cli.studies import comma_list
-from fem_snh.errors import BadInput
+from fem_snh.errors import BadInput, check_number
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -134,10 +134,13 @@ def _fit_scene(args: Namespace, petsc: dict[str, str | None]) -> int:
     """Fit parameters of a scene to a measured curve; return 0 if the search converged, else 1."""
     from mpi4py import MPI
 
+    import numpy as np
     from rich.console import Console
+    from rich.table import Table
 
     from fem_snh.errors import check_whole, on_root
     from fem_snh.runs.inverse import fit_scene
+    from fem_snh.units import Units
 
     given = (args.all, args.incompressible, args.bounds, args.relative, args.weights, args.test,
              args.columns, args.unit, args.modulus_unit, args.range, args.report)  # fmt: skip
@@ -159,11 +162,17 @@ def _fit_scene(args: Namespace, petsc: dict[str, str | None]) -> int:
     def report() -> None:
         console = Console(width=None if sys.stdout.isatty() else 110)
         points = sum(map(math.isfinite, found.curve.values.ravel()))
-        console.print(_parameters(found.parameters, found.errors, points))
-        print(
-            f"{found.solves} solves, {'converged' if found.converged else 'not converged'}: "
-            f"rms {found.rms:.4g}, R² {found.r_squared:.6f}\n"
-        )
+        unit = Units.read(scene.units).stress if scene.units else ""
+        units = {name: unit if name == "E" else "" for name in found.parameters}
+        console.print(_parameters(found.parameters, found.errors, units, points))
+        table = Table("goal", "points", "rms", "R²")
+        for k, name in enumerate(found.curve.names):
+            count = int(np.isfinite(found.curve.values[:, k]).sum())
+            table.add_row(
+                name, str(count), f"{found.rms[name]:.4g}", f"{found.r_squared[name]:.5f}"
+            )
+        console.print(table)
+        print(f"{found.solves} solves, {'converged' if found.converged else 'not converged'}\n")
         print(found.table())
         found.write(args.out / "fit.json")
         found.write_table(args.out / "material.toml")
@@ -226,7 +235,7 @@ def _print(found: Fit) -> None:
 
     console = Console(width=None if sys.stdout.isatty() else 110)
     points = sum(len(t.data.x) for t in found.tests)
-    console.print(_parameters(found.parameters, found.errors, points))
+    console.print(_parameters(found.parameters, found.errors, found.units, points))
     table = Table("test", "kind", "points", "rms", "largest", "R²")
     for t in found.tests:
         table.add_row(
@@ -253,13 +262,19 @@ def _print_notes(found: Fit) -> None:
         print(f"note: {line}")
 
 
-def _parameters(values: Mapping[str, float], errors: Mapping[str, float], points: int) -> Table:
+def _parameters(
+    values: Mapping[str, float],
+    errors: Mapping[str, float],
+    units: Mapping[str, str],
+    points: int,
+) -> Table:
     """Return the table of parameters of a fit to some points, with their standard errors."""
     from rich.table import Table
 
-    table = Table("parameter", "value", "standard error")
+    table = Table("parameter", "value", "standard error", "unit")
     for name, number in values.items():
-        table.add_row(name, f"{number:.6g}", _error(errors[name], points > len(values)))
+        error = _error(errors[name], points > len(values))
+        table.add_row(name, f"{number:.6g}", error, units[name])
     return table
 
 
@@ -289,4 +304,6 @@ def _pair(key: str, text: str | None) -> tuple[float, float] | None:
     found = comma_list(key, text)
     if len(found) != 2 or not all(type(x) in (int, float) for x in found):
         raise BadInput(f"--{key} {text}: expected two numbers with a comma between, e.g. 0.5,2")
+    for number in found:
+        check_number(key, number, -math.inf)
     return float(found[0]), float(found[1])

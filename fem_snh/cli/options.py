@@ -174,7 +174,7 @@ def value(text: str, key: str = "value") -> Any:
     """
     try:
         return tomllib.loads(f"value = {text}")["value"]
-    except tomllib.TOMLDecodeError:
+    except ValueError:  # no TOML, or a whole number of more than 4300 digits
         pass
     if text.startswith(("[", "{")):
         try:

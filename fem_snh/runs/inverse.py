@@ -11,6 +11,9 @@ with the exact Hessian H, which is symmetric: one linear solve for each measured
 number of parameters. The derivatives of goals and residual by a parameter are central differences
 at the converged states, in which no equilibrium is solved for. That of a reaction, a sum of
 residuals, is a part of its dual solution.
+
+Goals have different units: the residuals of each are divided by its largest measured value, and
+have a variance of their own in the standard errors.
 """
 
 from __future__ import annotations
@@ -43,10 +46,10 @@ from fem_snh.linalg.direct_solver import set_direct_solver
 from fem_snh.linalg.symmetric_factors import set_direct_solver_of_sum
 from fem_snh.runs.goals import named_goals
 from fem_snh.runs.setup import Setup, make_problem, set_up
-from fem_snh.studies.fit.data import is_number, read_cells
+from fem_snh.studies.fit.data import WITH_A_SQUARE, has_a_square, is_number, read_cells
 from fem_snh.studies.fit.family import accepted_range
-from fem_snh.studies.fit.least_squares import standard_errors
-from fem_snh.studies.fit.result import toml_table
+from fem_snh.studies.fit.least_squares import reaches_bound, standard_errors
+from fem_snh.studies.fit.result import r_squared, toml_table
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
@@ -90,6 +93,11 @@ class MeasuredCurve:
         The goals.
     values : (n, goals)
         The measurements; NaN where a cell is empty.
+
+    Raises
+    ------
+    BadInput
+        If a goal has no measured value other than 0, or one whose square is no number.
     """
 
     label: str
@@ -97,6 +105,18 @@ class MeasuredCurve:
     loads: Array
     names: list[str]
     values: Array
+
+    def __post_init__(self) -> None:
+        for name, column in zip(self.names, self.values.T, strict=True):
+            if not has_a_square(column[np.isfinite(column)]).all() or not np.nansum(np.abs(column)):
+                raise BadInput(
+                    f"goal {name}: expected measured values other than 0, {WITH_A_SQUARE}"
+                )
+
+    @property
+    def scales(self) -> Array:
+        """Return the largest absolute value of each goal, (goals,)."""
+        return np.asarray(np.nanmax(np.abs(self.values), axis=0))
 
 
 @dataclass
@@ -129,28 +149,32 @@ class SceneFit:
     material: dict[str, Any]
 
     @property
-    def rms(self) -> float:
-        """Return the root mean square of the residual."""
-        return float(np.sqrt(np.nanmean((self.fitted - self.curve.values) ** 2)))
+    def rms(self) -> dict[str, float]:
+        """Return the root mean square of the residuals of each goal, in its unit."""
+        squares = np.nanmean((self.fitted - self.curve.values) ** 2, axis=0)
+        return dict(zip(self.curve.names, map(float, np.sqrt(squares)), strict=True))
 
     @property
-    def r_squared(self) -> float:
-        """Return the coefficient of determination R^2."""
-        measured = self.curve.values
-        varied = float(np.nansum((measured - np.nanmean(measured)) ** 2))
-        residual = float(np.nansum((self.fitted - measured) ** 2))
-        return 1 - residual / varied if varied > 0 else float("nan")
+    def r_squared(self) -> dict[str, float]:
+        """Return the coefficient of determination R^2 of each goal; NaN of one that is constant."""
+        return {
+            name: r_squared(measured[known], (fitted - measured)[known])
+            for name, measured, fitted in zip(
+                self.curve.names, self.curve.values.T, self.fitted.T, strict=True
+            )
+            for known in [np.isfinite(measured)]
+        }
 
     def record(self) -> dict[str, Any]:
         """Return the content of fit.json."""
         curve = self.curve
         return {
             "parameters": self.parameters,
-            "standard_errors": {k: v if np.isfinite(v) else None for k, v in self.errors.items()},
+            "standard_errors": _finite(self.errors),
             "converged": self.converged,
             "solves": self.solves,
             "linear": self.linear,
-            "r_squared": self.r_squared,
+            "r_squared": _finite(self.r_squared),
             "rms": self.rms,
             "loads": curve.loads.tolist(),
             "measured": _by_name(curve.names, curve.values),
@@ -174,6 +198,11 @@ class SceneFit:
         from fem_snh.viewing.plots.fits import draw_curve
 
         return draw_curve(self.curve, self.fitted, Path(path))
+
+
+def _finite(values: dict[str, float]) -> dict[str, float | None]:
+    """Return numbers for JSON, which has no infinite ones."""
+    return {name: value if np.isfinite(value) else None for name, value in values.items()}
 
 
 def _by_name(names: Sequence[str], values: Array) -> dict[str, list[float | None]]:
@@ -253,13 +282,13 @@ def fit_scene(
     )  # fmt: skip
     last = inverse.evaluate(found.x)
     assert last is not None
-    residual, jacobian = last
-    sizes = np.abs(inverse.rates(found.x))
-    errors = sizes * standard_errors(
-        jacobian, float(residual @ residual), np.asarray(found.active_mask) != 0
-    )
-    fitted = np.full_like(curve.values, np.nan)
+    residual, jacobian = last[0], last[1] / inverse.rates(found.x)
+    at_bound = reaches_bound(jacobian, residual, *inverse.distances(found.x))
+    at_bound |= np.asarray(found.active_mask) != 0
     known = np.isfinite(curve.values)
+    goals = np.broadcast_to(np.arange(len(curve.names)), known.shape)[known]
+    errors = standard_errors(jacobian, residual, goals, at_bound)
+    fitted = np.full_like(curve.values, np.nan)
     fitted[known] = curve.values[known] + inverse.scale * residual
     values = inverse.values(found.x)
     return SceneFit(
@@ -357,8 +386,8 @@ class _State:
 class InverseProblem:
     """The residuals of a curve as a function of a scene's parameters, and their derivatives.
 
-    Each parameter has a variable of size one; residuals are divided by the largest measured value.
-    Collective.
+    Each parameter has a variable of size one; residuals are divided by the largest measured value
+    of their goal. Collective.
 
     Parameters
     ----------
@@ -387,13 +416,17 @@ class InverseProblem:
         first = {name: _value(scene, name) for name in parameters}
         if not first or len(first) < len(parameters):
             raise bad_value("parameters", list(parameters), "different names, one at least")
+        # The energy is a function of nu, which does not jump where the default variant changes.
+        variants = scene.materials[0].default_variants()
+        self.scene = scenes.load(scene, **{f"material.{k}": v for k, v in variants.items()})
         function = materials.function(scene.materials[0].name)
         known = {"nu": _NU_RANGE, "E": (0.0, np.inf)}
         self._parameters = [
             _Parameter(name, value, known.get(name) or accepted_range(function, name))
             for name, value in first.items()
         ]
-        self.scale = float(np.nanmax(np.abs(curve.values)))
+        measured = np.isfinite(curve.values)
+        self.scale = np.broadcast_to(curve.scales, measured.shape)[measured]
         self.solves = self.linear = 0
         self.failure = ""
         self._known: dict[bytes, tuple[Array, Array] | None] = {}
@@ -429,6 +462,13 @@ class InverseProblem:
     def rates(self, z: Array) -> Array:
         """Return the derivatives of the parameters by their variables, (k,)."""
         return np.array([p.rate(float(x)) for p, x in zip(self._parameters, z, strict=True)])
+
+    def distances(self, z: Array) -> tuple[Array, Array]:
+        """Return how far the parameters may decrease (as numbers <= 0) and increase."""
+        ends = [[p.value(b) for b in p.bounds] for p in self._parameters]
+        low, high = np.sort(ends, axis=1).T
+        values = np.array(list(self.values(z).values()))
+        return low - values, high - values
 
     def residual(self, z: Array) -> Array:
         """Return the residuals, (m,); large ones if the run fails."""
@@ -482,7 +522,7 @@ class InverseProblem:
             finally:
                 setup.destroy()
         residual = (values - measured) / self.scale
-        jacobian = np.stack(columns, axis=1) / self.scale
+        jacobian = np.stack(columns, axis=1) / self.scale[:, None]
         found: tuple[Array, Array] = self.comm.bcast((residual, jacobian))
         return found
 
@@ -611,6 +651,4 @@ def _read_curve(to: str | Path | MeasuredCurve, scene: scenes.Scene) -> Measured
         raise BadInput(
             f"{path}: column {names[0]}: expected ascending numbers between {low:g} and {high:g}"
         )
-    if not np.nansum(np.abs(table[:, 1:])) > 0:
-        raise BadInput(f"{path}: expected a value other than 0")
     return MeasuredCurve(names[0], table[:, 0], np.minimum(loads, 1.0), names[1:], table[:, 1:])

@@ -92,6 +92,9 @@ _MISFIT, _LESS_OF_STRAINS = 0.05, 5.0
 _COMPRESSED = 0.9
 #: The exponents n of the stress, x - x^-n, of an incompressible Neo-Hookean material.
 _NEO_HOOKEAN = {"uniaxial": 2, "equibiaxial": 5, "planar": 3}
+#: Sums of squares of numbers from this one to its inverse, and of their products, are numbers.
+_LEAST = 1e-60
+WITH_A_SQUARE = f"0, or a number whose absolute value is from {_LEAST:g} to {1 / _LEAST:g}"
 #: Cells without a value.
 _NO_VALUE = ("", "-")
 
@@ -113,7 +116,8 @@ class TestData:
         Nominal stress, force per area at rest [Pa, or the file's unit if it states none]; P_01 of
         ``simple_shear``. Of ``biaxial`` it is that of `measure`.
     weight : float or (n,)
-        Weights of the residuals.
+        Weights of the residuals, proportional to the inverse of their standard deviations. Points
+        of weight 0 are left out.
     stretch_2 : float or (n,), optional
         Stretch in the second direction of ``biaxial``.
     measure : str
@@ -121,12 +125,14 @@ class TestData:
         or 2, or "stress_difference", the true stress of direction 1 minus that of direction 2.
     in_per_cent : bool
         Whether the deformation is stated in per cent.
+    unit : str
+        Unit of the stresses, "" if it is not known.
 
     Raises
     ------
     BadInput
-        For an unknown kind or measure, a missing or surplus `stretch_2`, and numbers that are not
-        one for each x.
+        For an unknown kind or measure, a missing or surplus `stretch_2`, numbers that are not one
+        for each x, numbers whose squares are no numbers, and weights that are all 0.
     """
 
     __test__ = False  # the name is not one of a test of pytest's
@@ -139,6 +145,7 @@ class TestData:
     stretch_2: Array | None = None
     measure: str = "stress"
     in_per_cent: bool = False
+    unit: str = ""
 
     def __post_init__(self) -> None:
         biaxial = self.kind == "biaxial"
@@ -149,7 +156,8 @@ class TestData:
                 f"{self.name}: test '{self.kind}': expected {'' if biaxial else 'no '}stretch_2"
             )
         shape: tuple[int, ...] | None = None
-        for key in ("x", "stress", "weight", *(["stretch_2"] if biaxial else [])):
+        keys = ("x", "stress", "weight", *(["stretch_2"] if biaxial else []))
+        for key in keys:
             value = getattr(self, key)
             try:
                 array = np.asarray(value, dtype=np.float64)
@@ -158,6 +166,13 @@ class TestData:
             except (TypeError, ValueError):
                 accepted = "one number, or one for each x"
                 raise bad_value(f"{self.name}: {key}", value, accepted) from None
+            if key in ("stress", "weight") and not has_a_square(array).all():
+                raise bad_value(f"{self.name}: {key}", value, WITH_A_SQUARE)
+        counted = self.weight != 0
+        if not counted.any():
+            raise bad_value(f"{self.name}: weight", self.weight, "one other than 0")
+        for key in keys:
+            object.__setattr__(self, key, getattr(self, key)[counted])
 
     @property
     def rest(self) -> float:
@@ -187,6 +202,12 @@ class TestData:
             for x in (self.x, 1 + self.x / 100, 1 + (self.x - 1) / 100)
         )
         return as_stretches > max(_MISFIT, _LESS_OF_STRAINS * min(as_strains))
+
+
+def has_a_square(value: npt.ArrayLike) -> npt.NDArray[np.bool_]:
+    """Return which numbers are 0 or of a size from `_LEAST` to its inverse."""
+    size = np.abs(np.asarray(value, dtype=np.float64))
+    return np.asarray((size == 0) | (size >= _LEAST) & (size <= 1 / _LEAST))
 
 
 def _misfit(shape: Array, stress: Array) -> float:
@@ -236,6 +257,8 @@ def read(
             "'stretch, stress [MPa]', or --columns stretch,stress"
         )
     found = _columns(path, names)
+    if unit is None and "unit" in stated:
+        _check_units(path, stated["unit"], found)
     if not rows:
         raise BadInput(f"{path}: no line of numbers below the column names")
     count = max(len(names), len(header))
@@ -416,8 +439,21 @@ def _tests(
     for (kind, measure), values in points.items():
         words = [kind] * (len(set(kinds)) > 1) + [measure] * (kinds.count(kind) > 1)
         test = _checked(path, " ".join([path.stem, *words]), kind, measure, np.array(values))
-        found.append(replace(test, in_per_cent=columns[deformation][1] == "%"))
+        unit = stated.get("unit") or columns[measure if measure in columns else "pressure"][1]
+        returned = "" if unit in _NO_UNIT else modulus_unit or "Pa"
+        found.append(replace(test, in_per_cent=columns[deformation][1] == "%", unit=returned))
     return found
+
+
+def _check_units(path: Path, unit: str, columns: dict[str, tuple[int, str]]) -> None:
+    """Raise BadInput for a column of stresses with another unit than the file's comment."""
+    for column in _STRESSES:
+        of_column = columns.get(column, (0, ""))[1]
+        if of_column not in _NO_UNIT and _stress_size(path, of_column, None) != _stress_size(
+            path, unit, None
+        ):
+            accepted = f"that of the column {column}, '{of_column}', or --unit"
+            raise bad_value(f"{path}: # unit", unit, accepted)
 
 
 def _stress_size(path: Path, unit: str, modulus_unit: str | None) -> float:
@@ -539,4 +575,6 @@ def _number(path: Path, line: int, text: str | float, what: str) -> float:
         raise bad_value(where, text, "a number, with a decimal point") from None
     if not np.isfinite(number):
         raise bad_value(where, number, "a finite number")
+    if not has_a_square(number):
+        raise bad_value(where, number, WITH_A_SQUARE)
     return number

@@ -25,7 +25,7 @@ from fem_snh.materials.energy import LAME, principal_stresses
 from fem_snh.materials.functions import PrincipalStress, domain, positive
 from fem_snh.materials.invariants import INVARIANTS, MEASURES, SIGMA
 from fem_snh.materials.keywords import ALPHAS, MAX_EXPONENT
-from fem_snh.materials.parameters import ranges
+from fem_snh.materials.parameters import default_variants, ranges
 from fem_snh.materials.signature import constants_of, measures_of
 
 Array = npt.NDArray[np.float64]
@@ -125,7 +125,7 @@ class Family:
         self._known = materials.defaults(material) | {
             k: v for k, v in made.shape.items() if v is not None
         }
-        self._held = dict(held)
+        self._held = dict(held) | default_variants(self.function, made.nu, held)
         self._tuned = "alpha" in (parameters or ()) or held.get("alpha") is not None
         if self._tuned:
             self._known.setdefault("alpha", 1.0)
@@ -319,7 +319,8 @@ class Family:
     def all_values(self, theta: Array) -> list[float]:
         """Return the values of all symbols."""
         rest, fixed = iter(theta), self._fixed
-        return [float(fixed[k] if k in fixed else next(rest)) for k in range(len(self._symbols))]
+        values = [fixed[k] if k in fixed else next(rest) for k in range(len(self._symbols))]
+        return list(np.array(values, dtype=np.float64))  # unlike Python's, powers may be infinite
 
     def shape(self, theta: Array, E: float) -> dict[str, Any]:
         """Return the keywords of `fem_snh.material` besides E and nu."""

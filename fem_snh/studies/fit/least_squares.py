@@ -6,6 +6,11 @@ The stress is proportional to E, so that the best E of given shape parameters :m
 closed form; the iteration is in :math:`\theta` alone (variable projection, Golub & Pereyra 1973).
 If the data show it, Poisson's ratio is one of them. The starts are the defaults and points around
 them from a fixed seed.
+
+The weights are those of the data, but each test has a variance of its own: `standard_errors`.
+Weights from the variances (iterated weights, or the likelihood concentrated in the parameters) are
+not used: where no material meets two tests, as of two specimens, that likelihood is unbounded, and
+one test then counts alone (Bates & Watts 1988, section 4.2).
 """
 
 from __future__ import annotations
@@ -24,6 +29,7 @@ from fem_snh.studies.fit.family import Family, Unknown
 from fem_snh.studies.fit.responses import response
 
 Array = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
 
 #: Tolerance of scipy's least squares, and its largest number of iterations from a start.
 _TOLERANCE, _ITERATIONS = 1e-10, 200
@@ -50,6 +56,8 @@ _SMALLEST = 1e-12
 _STEP = 6e-6
 #: Singular values of the Jacobian below this part of the largest show no parameter.
 _RANK = 1e-9
+#: Fewest degrees of freedom that a test's residuals leave for a variance of its own.
+_OWN_VARIANCE = 0.5
 
 
 @dataclass(frozen=True)
@@ -97,6 +105,7 @@ class _Problem:
         self.family, self.tests, self.nu, self.fit_nu = family, tests, nu, fit_nu
         self.measured = np.concatenate([test.stress for test in tests])
         self.weight = np.concatenate([_weights(test, relative) for test in tests])
+        self.group = np.repeat(np.arange(len(tests)), [len(test.x) for test in tests])
         self.penalty = _PENALTY * float(np.abs(self.measured).max())
         self.unknowns = family.unknowns
         self.one_sign = np.array([_one_sign(u) for u in self.unknowns], dtype=bool)
@@ -158,6 +167,22 @@ class _Problem:
             best = (a @ b) / (a @ a) if len(a) else 0.0
         return float(best) if np.isfinite(best) and best > 0 else 0.0
 
+    def parameters(self, z: Array) -> tuple[Array, float | None, float]:
+        """Return the shape parameters and Poisson's ratio of the variables, and the best E."""
+        theta, ratio = self.theta(z), self.ratio(z)
+        return theta, ratio, self.modulus(np.concatenate(self.predict(theta, ratio)))
+
+    def distances(self, E: float, theta: Array, nu: float | None) -> tuple[Array, Array]:
+        """Return how far E, the parameters and nu may decrease (as numbers <= 0) and increase."""
+        pairs = [(-np.inf, np.inf)]
+        for value, u in zip(theta, self.unknowns, strict=True):
+            size = E if u.constant else 1.0
+            pairs.append((size * (u.low - value), size * (u.high - value)))
+        if self.fit_nu and nu is not None:
+            pairs.append(tuple((1 - np.exp(z)) / 2 - nu for z in _NU_BOUNDS[::-1]))
+        low, high = np.array(pairs).T
+        return low, high
+
     def residual(self, z: Array) -> Array:
         """Return the weighted residuals at the best E."""
         predicted = np.concatenate(self.predict(self.theta(z), self.ratio(z)))
@@ -166,7 +191,7 @@ class _Problem:
         return self.weight * np.where(np.isfinite(difference), difference, self.penalty)
 
     def jacobian(self, E: float, theta: Array, nu: float | None) -> Array:
-        """Return the derivatives of the residuals by E, the parameters and log(1 - 2 nu).
+        """Return the derivatives of the residuals by E, the parameters and nu.
 
         A constant that is an unknown, theta E, counts itself [units of E] and not as theta.
         """
@@ -183,7 +208,7 @@ class _Problem:
             gap = 1 - 2 * nu
             ends = [0.5 - gap / 2 * np.exp(sign * _STEP) for sign in (1, -1)]
             sides = [np.concatenate(self.predict(theta, ratio)) for ratio in ends]
-            columns.append(E * (sides[0] - sides[1]) / (2 * _STEP))
+            columns.append(E * (sides[0] - sides[1]) / (ends[0] - ends[1]))
         return np.asarray(np.stack(columns, axis=1) * self.weight[:, None])
 
     def _difference(
@@ -227,33 +252,32 @@ def solve(
     """
     problem = _Problem(family, tests, nu, relative, fit_nu)
     count = 1 + len(family.unknowns) + fit_nu
-    points = int(np.count_nonzero(problem.weight))
+    points = len(problem.measured)
     if points < count:
         raise BadInput(
             f"material '{family.name}': {points} points for {count} unknowns: expected more "
             "points, or fewer parameters"
         )
     z, used = _search(problem)
-    theta, ratio = problem.theta(z), problem.ratio(z)
-    predicted = problem.predict(theta, ratio)
-    E = problem.modulus(np.concatenate(predicted))
-    if not E > 0 or not all(np.isfinite(stress).all() for stress in predicted):
+    theta, ratio, E = problem.parameters(z)
+    if not E > 0 or not all(np.isfinite(p).all() for p in problem.predict(theta, ratio)):
         raise BadInput(
             f"material '{family.name}': no fit has a stress at all measured stretches: expected "
             "another material, or other values of its parameters"
         )
-    low, high = problem.bounds()
-    at_bound = np.concatenate([[False], _at_bound(problem, z, low, high)])
-    sizes = np.array([1.0, *np.ones(len(theta)), *([0.5 - (ratio or 0.0)] if fit_nu else [])])
-    cost = float((problem.residual(z) ** 2).sum())
-    errors = sizes * standard_errors(problem.jacobian(E, theta, ratio), cost, at_bound)
+    residual, jacobian = problem.residual(z), problem.jacobian(E, theta, ratio)
+    at_bound = reaches_bound(jacobian, residual, *problem.distances(E, theta, ratio))
+    at_bound[0] = False
+    z = _moved_to_bounds(problem, z, at_bound[1:])
+    theta, ratio, E = problem.parameters(z)
+    residual, jacobian = problem.residual(z), problem.jacobian(E, theta, ratio)
     return BestFit(
         E,
         0.5 if ratio is None else ratio,
         theta,
-        errors,
-        [E * stress for stress in predicted],
-        cost,
+        standard_errors(jacobian, residual, problem.group, at_bound),
+        [E * stress for stress in problem.predict(theta, ratio)],
+        float(residual @ residual),
         problem.evaluations,
         used,
     )
@@ -263,14 +287,15 @@ def _search(problem: _Problem) -> tuple[Array, int]:
     """Return the best variables, and the number of starts that were needed."""
     starts = problem.starts()
     low, high = problem.bounds()
+    size = float(np.linalg.norm(problem.weight * problem.measured))  # gtol is no relative one
     if not len(low):
         return starts[0], 1
     best: Any = None
     agreeing = 0
     for used, start in enumerate(starts, start=1):
         found = least_squares(
-            problem.residual, start, bounds=(low, high), x_scale="jac", max_nfev=_ITERATIONS,
-            ftol=_TOLERANCE, xtol=_TOLERANCE, gtol=_TOLERANCE,
+            lambda z: problem.residual(z) / size, start, bounds=(low, high), x_scale="jac",
+            max_nfev=_ITERATIONS, ftol=_TOLERANCE, xtol=_TOLERANCE, gtol=_TOLERANCE,
         )  # fmt: skip
         if best is not None and abs(found.cost - best.cost) <= _SAME * best.cost:
             agreeing += 1
@@ -283,44 +308,102 @@ def _search(problem: _Problem) -> tuple[Array, int]:
     return np.asarray(best.x), used
 
 
-def _at_bound(problem: _Problem, z: Array, low: Array, high: Array) -> npt.NDArray[np.bool_]:
-    """Return which variables are at a bound."""
-    margin = 1e-6 * (1 + np.abs(z))
-    return np.asarray((z <= low + margin) | (z >= high - margin))
+def _moved_to_bounds(problem: _Problem, z: Array, at_bound: Mask) -> Array:
+    """Return the variables with those of parameters at a bound there, where that is no worse.
+
+    The logarithm of a parameter that tends to 0 ends where its derivative is small.
+    """
+    ends = problem.bounds()
+    for k in np.flatnonzero(at_bound):
+        for end in ends:
+            moved = z.copy()
+            moved[k] = end[k]
+            if np.linalg.norm(problem.residual(moved)) <= np.linalg.norm(problem.residual(z)):
+                z = moved
+    return z
 
 
-def standard_errors(jacobian: Array, cost: float, bound: npt.NDArray[np.bool_]) -> Array:
-    """Return the standard errors of the parameters, from the Jacobian of the residuals.
+def _factors(jacobian: Array) -> tuple[Array, Array, Array]:
+    """Return U, S^-1 V^T of J = U S V^T without what shows nothing, and the hidden rows of V^T."""
+    size = np.linalg.norm(jacobian, axis=0)
+    size = np.where(size > 0, size, 1.0)
+    left, values, rows = np.linalg.svd(jacobian / size, full_matrices=False)
+    shown = values > _RANK * values.max(initial=0.0)
+    return left[:, shown], rows[shown] / values[shown, None] / size, rows[~shown]
+
+
+def reaches_bound(jacobian: Array, residual: Array, low: Array, high: Array) -> Mask:
+    """Return which parameters are at a bound: a Gauss-Newton step of them would cross it.
 
     Parameters
     ----------
     jacobian : (n, k)
-        Derivatives of the residuals at the solution.
-    cost : float
-        Sum of their squares.
+        Derivatives of the residuals by the parameters at the solution.
+    residual : (n,)
+        The residuals.
+    low, high : (k,)
+        Bounds minus parameters.
+    """
+    bound = np.zeros(len(low), dtype=bool)
+    while not bound.all():
+        left, inverse, _ = _factors(jacobian[:, ~bound])
+        step = np.zeros(len(low))
+        step[~bound] = -(left.T @ residual) @ inverse
+        room = np.where(step < 0, low, high)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            beyond = np.where(room == 0, np.inf, step / room)
+        beyond[bound] = 0.0
+        if not (worst := beyond.max()) >= 1:
+            break
+        bound |= beyond == worst  # without it the others may remain
+    return bound
+
+
+def standard_errors(jacobian: Array, residual: Array, group: Array, bound: Mask) -> Array:
+    r"""Return the standard errors of parameters of least squares, each group with its variance.
+
+    .. math:: C = (J^T J)^{-1} \Big(\sum_g \sigma_g^2 J_g^T J_g\Big) (J^T J)^{-1}
+
+    is the covariance of least squares whose weights need not be the inverse of the variances
+    (White 1980). With the projection H = J (J^T J)^-1 J^T and the sum of squares S_g,
+
+    .. math:: \sigma_g^2 = S_g / (n_g - \operatorname{tr} H_{gg})
+
+    is exact if the variances are equal, and almost unbiased otherwise (Horn, Horn & Duncan 1975). A
+    group whose residuals leave less than half a degree of freedom has the variance of all.
+
+    Parameters
+    ----------
+    jacobian : (n, k)
+        Derivatives of the residuals by the parameters at the solution.
+    residual : (n,)
+        The residuals.
+    group : (n,) int
+        The group of each residual, from 0: a test, or a goal.
     bound : (k,)
         Whether a parameter is at a bound; its error is NaN.
 
     Returns
     -------
     (k,)
-        Roots of the diagonal of cost/(n - k) (J^T J)^-1; infinite where the columns of J are
-        dependent.
+        Infinite where the columns of J are dependent, or there are no more residuals than
+        parameters.
     """
     n, k = jacobian.shape
     errors = np.full(k, np.nan)
     if n <= k:
-        return np.where(bound, np.nan, np.inf)
-    free = jacobian[:, ~bound]
-    if not free.size:
-        return errors
-    size = np.linalg.norm(free, axis=0)
-    size = np.where(size > 0, size, 1.0)
-    _, values, rows = np.linalg.svd(free / size, full_matrices=False)
-    shown = values > _RANK * values[0]
-    variance = ((rows[shown] / values[shown, None]) ** 2).sum(axis=0)
-    hidden = (np.abs(rows[~shown]) > np.sqrt(_RANK)).any(axis=0)
-    errors[~bound] = np.where(hidden, np.inf, np.sqrt(cost / (n - k) * variance) / size)
+        errors[~bound] = np.inf
+    elif not bound.all():
+        left, inverse, hidden = _factors(jacobian[:, ~bound])
+        of_groups = [left[group == g] for g in range(group.max() + 1)]
+        squares = np.array([block.T @ block for block in of_groups])
+        sums = np.bincount(group, residual**2)
+        freedom = np.bincount(group) - np.trace(squares, axis1=1, axis2=2)
+        own = freedom >= _OWN_VARIANCE
+        variance = np.where(own, sums / np.where(own, freedom, 1.0), sums.sum() / freedom.sum())
+        covariance = inverse.T @ np.tensordot(variance, squares, 1) @ inverse
+        not_shown = (np.abs(hidden) > np.sqrt(_RANK)).any(axis=0)
+        errors[~bound] = np.where(not_shown, np.inf, np.sqrt(np.diag(covariance)))
     return errors
 
 

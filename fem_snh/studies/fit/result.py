@@ -89,6 +89,8 @@ class Fit:
     parameters, errors : dict
         The fitted numbers and their standard errors: E, entries such as "weights[1]", and nu if it
         was fitted. An error is infinite if the data do not show the number, and NaN at a bound.
+    units : dict
+        The units of these numbers: "" if they have none, or the data state none.
     tests : tuple of TestResult
         Data, stresses and residuals.
     stable : tuple of StableRange
@@ -117,6 +119,8 @@ class Fit:
         values = [self.E, *(solution.theta * sizes), *([self.nu] if fit_nu else [])]
         self.parameters = dict(zip(names, map(float, values), strict=True))
         self.errors = dict(zip(names, map(float, solution.errors), strict=True))
+        dimensional = {"E", *(u.name for u in family.unknowns if u.constant)}
+        self.units = {name: tests[0].unit if name in dimensional else "" for name in names}
         self.tests = tuple(map(TestResult, tests, solution.predicted))
         self.cost, self.evaluations, self.starts = (
             solution.cost, solution.evaluations, solution.starts,
@@ -154,9 +158,10 @@ class Fit:
     def aicc(self) -> float:
         """Return the corrected information criterion of Akaike (Burnham & Anderson 2002).
 
-        The smaller, the better: it weighs the sum of squares against the number of parameters.
+        The smaller, the better: it weighs the sum of squares that the fit minimises, with the
+        weights of the data, against the number of parameters.
         """
-        n = sum(np.count_nonzero(t.data.weight) for t in self.tests)
+        n = sum(len(t.data.x) for t in self.tests)
         k = len(self.parameters) + 1  # and the variance
         scale = sum(float((t.data.weight * t.data.stress) @ t.data.stress) for t in self.tests)
         mean = max(self.cost, _NO_RESIDUAL * scale) / n
@@ -201,8 +206,8 @@ class Fit:
         (n,)
             NaN where there is no solution.
         """
-        zero, second = np.zeros(1), cast("Array | None", stretch_2)
-        t = TestData("stress", kind, cast("Array", x), zero, zero, second, measure)
+        one, second = np.ones(1), cast("Array | None", stretch_2)
+        t = TestData("stress", kind, cast("Array", x), one, one, second, measure)
         stress = self.E * response(self._law, kind, t.x, t.stretch_2, measure)
         return stress.reshape(np.shape(x))
 
@@ -234,7 +239,9 @@ class Fit:
     def table(self) -> str:
         """Return the table ``[material]`` of a scene."""
         text = toml_table("material", {"name": self.name, "E": self.E, "nu": self.nu, **self.shape})
-        return text.replace("nu = 0.5\n", "nu = 0.5  # requires P2P1 or Q2Q1\n", 1)
+        text = text.replace("nu = 0.5\n", "nu = 0.5  # requires P2P1 or Q2Q1\n", 1)
+        unit = self.units["E"]
+        return text.replace("\nnu =", f"  # {unit}\nnu =", 1) if unit else text
 
     def record(self) -> dict[str, Any]:
         """Return the result as the content of fit.json."""
@@ -243,6 +250,7 @@ class Fit:
             "incompressible": self.incompressible,
             "parameters": self.parameters,
             "standard_errors": {k: v if math.isfinite(v) else None for k, v in self.errors.items()},
+            "units": self.units,
             "r_squared": self.r_squared,
             "rms": self.rms,
             "aicc": self.aicc if math.isfinite(self.aicc) else None,

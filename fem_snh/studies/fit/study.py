@@ -10,6 +10,7 @@ import numpy as np
 
 from fem_snh import materials
 from fem_snh.errors import BadInput, bad_value, check_number
+from fem_snh.materials.parameters import default_variants
 from fem_snh.studies.fit.data import TestData, read
 from fem_snh.studies.fit.family import Family
 from fem_snh.studies.fit.least_squares import solve
@@ -87,10 +88,13 @@ def fit(
     tests = read_all(data, test, columns, unit, modulus_unit, weights)
     incompressible, fit_nu, nu = _compressibility(tests, nu, incompressible)
     searched = _searched(tests, stable_range)
-    keywords = (held or {}, parameters, bounds)
+    held = dict(held or {})
+    if fit_nu:  # the variant of the first ratio
+        held |= default_variants(materials.function(material), nu, held)
+    keywords = (held, parameters, bounds)
     family = Family(material, incompressible, nu, *keywords)
     solution = solve(family, tests, None if incompressible else nu, relative, fit_nu)
-    if fit_nu and family.depends_on_nu:  # e.g. the barrier of stable_neo_hookean below nu = 0.4
+    if fit_nu and family.depends_on_nu:
         family = Family(material, incompressible, solution.nu, *keywords)
         solution = solve(family, tests, None, relative, fit_nu)
     return Fit(material, family, tests, solution, fit_nu, searched)
@@ -157,6 +161,13 @@ def read_all(
             found.append(given)
         else:
             found += read(given, kind, columns, unit, weight, modulus_unit)
+    units = {t.unit: t.name for t in found}
+    if len(units) > 1 and "" in units:
+        named = next(name for unit, name in units.items() if unit)
+        raise BadInput(
+            f"{units['']}: stresses without a unit beside those of {named}: expected units of all, "
+            "or of none"
+        )
     return found
 
 
