@@ -254,6 +254,20 @@ def clamped_column(comm, approach, across=4, element="Q1"):
 
 
 @mpi
+@pytest.mark.parametrize("factored", [5_000, 10], ids=["factors", "iterations"])
+@pytest.mark.parametrize(("part", "unstable"), [(0.8, False), (1.25, True)])
+def test_the_end_of_a_mixed_column_is_examined(comm, part, unstable, factored, monkeypatch):
+    """A straight one past buckling was converged without a note: Euler's strain is pi^2/300."""
+    monkeypatch.setattr("fem_snh.solver.definiteness._MAX_FACTORED", factored)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ResultNote)
+        column = clamped_column(comm, part * np.pi**2 / 300, across=1, element="Q2Q1")[1]
+    assert column.solver.getType() == "python" and not column.solver.getPythonContext().trust_ksp
+    assert [note.kind for note in column.notes] == ["unstable"] * unstable
+    assert column.negative_eigenvalues() == 2 * unstable  # one for each plane
+
+
+@mpi
 def test_a_column_of_many_nodes_that_would_buckle_has_no_estimate(comm):
     """It is stable in the run's element, and the lifted one has 6,561 nodes."""
     push, column = clamped_column(comm, 0.033)

@@ -256,6 +256,8 @@ def instability_note(
     where = "" if of is None else f" in {len(unstable)} of {of} steps"
     if of is not None and last != step:
         where += ", not in the last"
+    elif list(unstable) == [step]:  # others may not have been examined
+        where = " in the last step"
     element = " with nu < 0.5 and Q1P0 or P2P0" if saddle_point else ""
     cure = f"take globalization = 'trust_region'{element}, which leaves it, or give the body the "
     if touches:  # their trust region had found no stable state

@@ -11,6 +11,7 @@ from fem_snh.accuracy.state_notes import unseen_penetrations
 from fem_snh.compile_clock import Stopwatch
 from fem_snh.problem.probes import Probes
 from fem_snh.solver import EquilibriumStability, StepOutcome
+from fem_snh.solver.definiteness import negative_eigenvalues
 from fem_snh.steps.jump import Jump, JumpDetector, SkippedPath
 from fem_snh.steps.step_size import StepSize
 from fem_snh.steps.step_solver import StepSolver
@@ -188,10 +189,17 @@ class Stepper:
         return self._equilibrium(StepOutcome()) if self._stability else {}
 
     def _equilibrium(self, outcome: StepOutcome) -> dict[str, Any]:
-        """Return whether the equilibrium is stable, where that is requested, or where it is not."""
-        negative = outcome.negative
+        """Return whether the equilibrium is stable, where that is requested, or where it is not.
+
+        Iterations with an unknown pressure keep the symmetry of a body that has buckled, and no
+        globalization leaves it: the last state is always examined.
+        """
+        problem, snes, negative = self.problem, self.solver.snes, outcome.negative
         if self._stability:
-            negative = self._stability.negative_eigenvalues(self.problem.x)
+            negative = self._stability.negative_eigenvalues(problem.x)
+        elif negative is None and problem.saddle_point and problem.load >= self.targets[-1]:
+            if snes.getPythonContext().stability:
+                negative = negative_eigenvalues(problem, snes.getKSP())
         if negative is None or not (negative or self._stability):
             return {}
         stable = "stable" if negative == 0 else "unstable equilibrium"
