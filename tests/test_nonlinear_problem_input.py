@@ -125,6 +125,30 @@ def test_measures_of_nothing(body):
     assert expected in message(body.u, {SNH: ufl.dx}, bcs=[body.bcs[0], empty])
 
 
+def test_residuals_of_the_other_sign(body):
+    """Newton's method for equations takes either; one that minimises would go to infinity."""
+    strain = ufl.sym(ufl.grad(body.u))
+    energy = (ufl.inner(strain, strain) + 10 * ufl.tr(strain) ** 4) * ufl.dx
+    residual = ufl.derivative(energy, body.u, ufl.TestFunction(body.V))
+    dead = body.u[2] * ufl.ds
+    found = message(body.u, {}, bcs=body.bcs, terms=[-residual, dead])
+    assert "terms = 'forms of the other sign'" in found and "multiply the forms by -1" in found
+    problem = fem_snh.NonlinearProblem(body.u, {}, bcs=body.bcs, terms=[residual, dead])
+    problem.solve()
+    assert problem.reason.startswith("CONVERGED")
+
+
+def test_an_element_that_treats_nothing(body):
+    """Q1P0 treats volume terms of materials; a program with forms alone is told so."""
+    strain = ufl.sym(ufl.grad(body.u))
+    terms = [(ufl.inner(strain, strain) + 100 * ufl.tr(strain) ** 2) * ufl.dx]
+    for element, noted in (("Q1P0", True), ("Q1", False)):
+        problem = fem_snh.NonlinearProblem(body.u, {}, bcs=body.bcs, terms=terms, element=element)
+        problem.solve()
+        texts = [note.text for note in problem.notes if note.kind == "locking"]
+        assert any("'Q1P0' has no effect without a material" in t for t in texts) == noted
+
+
 def test_measures_of_part_of_the_ranks(body):
     """The tops of all ranks together give the resultant force, 1 per unit of the top."""
     ds = tagged_top(body)

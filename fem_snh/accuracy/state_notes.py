@@ -59,9 +59,21 @@ def state_notes(problem: Problem, negative: int | None) -> list[Note]:
         touches=bool(problem.coupling_terms),
     )
     found = [inversion_note(problem), locking_note(problem), unstable, pressure_note(problem)]
-    found += [thin_support_note(problem), penalty_note(problem)]
+    found += [thin_support_note(problem), penalty_note(problem), untreated_volume_note(problem)]
     contradictions = problem.dirichlet.contradictions_of_values()
     return [note for note in found if note] + [Note("load", text) for text in contradictions]
+
+
+def untreated_volume_note(problem: Problem) -> Note | None:
+    """Return a note if an element treats volume terms, and no material has one."""
+    if problem.regions or problem.element.volume == "pointwise":
+        return None
+    text = (
+        f"element = '{problem.element.name}' has no effect without a material: it treats the "
+        "volume terms of materials, and no forms; give the energy that has the volume term as a "
+        "material, which may be a function of I_C and J, and the rest as forms"
+    )
+    return Note("locking", text)
 
 
 def pressure_note(problem: Problem) -> Note | None:

@@ -16,10 +16,10 @@ def timed(method: Callable[..., T]) -> Callable[..., T]:
     """Add a method's run time, without compilation, to ``seconds["assemble"]`` of its object."""
 
     @wraps(method)
-    def with_time(self: Any, *arguments: Any) -> T:
+    def with_time(self: Any, *arguments: Any, **keywords: Any) -> T:
         watch = Stopwatch()
         try:
-            return method(self, *arguments)
+            return method(self, *arguments, **keywords)
         finally:
             self.seconds["assemble"] += watch.seconds
 

@@ -540,6 +540,12 @@ def set_modulus(problem: Problem) -> None:
     That of forces is 3 times the shear modulus, E of an incompressible material: the least
     curvature of the energy in three uniform shears. Without resistance to shear, as of springs, it
     is the mean entry on the Hessian's diagonal over the nodes' distance, which has the same unit.
+
+    Raises
+    ------
+    BadInput
+        If the curvature is negative in the shears and in a dilation: of residuals with the other
+        sign, which a solver of equations does not notice.
     """
     dim, components = problem.kinematics.dim, problem.kinematics.components
     gradients = np.zeros((dim + 1, components, 3))
@@ -547,6 +553,10 @@ def set_modulus(problem: Problem) -> None:
         gradients[i, i, (i + 1) % dim] = 1.0  # u_i = g X_j
     gradients[dim] = np.eye(components, 3)
     *shears, dilation = [_curvature(problem, gradient) for gradient in gradients]
+    if max(*shears, dilation) < 0:
+        accepted = "energies, or residuals that are their derivatives: the stiffness is negative "
+        accepted += "in shear and in dilation; multiply the forms by -1"
+        raise bad_value("terms", "forms of the other sign", accepted)
     modulus = 3 * min(shears)
     if not (isfinite(modulus) and modulus > 0):
         problem.jacobian(problem.x, "clamp")

@@ -204,9 +204,10 @@ class Problem:
             self.terms, unknowns.num_owned_nodes, self.kinematics.components
         )
         self.coupling_terms = [term for term in self.terms if isinstance(term, CouplingTerm)]
-        if self.rigid:  # whose fold is that of a symmetric matrix
-            for term in self._asymmetric_terms:
-                term.symmetric = True
+        # The fold of rigid parts is that of a symmetric matrix.
+        self._asymmetric_terms: list[Any] = [
+            term for term in self.terms if not self.rigid and not getattr(term, "symmetric", True)
+        ]
         self.asymmetric = False
         self._rank_one = RankOneUpdate.of(self.terms, self.A, self.V, self.project)
         self.operator = self._rank_one.mat if self._rank_one else self.A
@@ -261,13 +262,8 @@ class Problem:
         return bool(forces.norm() <= _NO_FORCE * whole)
 
     @property
-    def _asymmetric_terms(self) -> list[Any]:
-        """The terms whose exact Hessian may not be symmetric."""
-        return [term for term in self.terms if not getattr(term, "symmetric", True)]
-
-    @property
     def symmetric(self) -> bool:
-        """Whether exact Hessians are symmetric at every state."""
+        """Whether exact Hessians have no part that is not symmetric, at any state."""
         return not self._asymmetric_terms
 
     def scale_penalties(self, factor: float) -> bool:
@@ -448,12 +444,16 @@ class Problem:
                 term.add_residual(u, p, r_u, r_p)
 
     @timed
-    def jacobian(self, x: PETSc.Vec, filter: str) -> int:
+    def jacobian(self, x: PETSc.Vec, filter: str, whole: bool = False) -> int:
         """Fill ``A`` with the Hessian d2E/dx2 [N/m]. Collective.
 
         ``filter``, one of `fem_snh.choices.FILTERS`, decides what becomes of negative eigenvalues.
-        The result is the number of filtered quadrature points and cells, on all ranks.
+        Of forces without an energy it has the symmetric part, or if it is exact the ``whole`` of
+        their derivative. The result is the number of filtered quadrature points and cells, on all
+        ranks.
         """
+        for term in self._asymmetric_terms:
+            term.symmetric = not whole
         if self.rigid:
             force = self.x.duplicate()
             self.gradient(x, force)
@@ -463,7 +463,7 @@ class Problem:
             self.matrix.couple([term.couplings(u) for term in self.coupling_terms])
         with self.matrix.adding():
             filtered = sum(term.add_hessian(u, p, filter, self.matrix) for term in self.terms)
-        may_be = filter == "exact" and not self.symmetric
+        may_be = whole and filter == "exact" and not self.symmetric
         self.asymmetric = may_be and not is_symmetric(self.A)
         if self._rank_one:
             reduce = partial(self.rigid.reduce_vector, x) if self.rigid else None

@@ -135,7 +135,7 @@ class SolvableProblem(Protocol):
 
     @property
     def symmetric(self) -> bool:
-        """Return whether exact Hessians are symmetric at every state."""
+        """Return whether exact Hessians have no part that is not symmetric, at any state."""
 
     @property
     def has_energy(self) -> bool:
@@ -194,8 +194,12 @@ class SolvableProblem(Protocol):
     def residual(self, x: PETSc.Vec, r: PETSc.Vec) -> None:
         """Assemble the energy's gradient [N], zero at constrained unknowns. Collective."""
 
-    def jacobian(self, x: PETSc.Vec, filter: str) -> int:
-        """Assemble the filtered Hessian into ``A``; return the number of filtered points."""
+    def jacobian(self, x: PETSc.Vec, filter: str, whole: bool = False) -> int:
+        """Assemble the filtered Hessian into ``A``; return the number of filtered points.
+
+        An exact one has the symmetric parts of forces without an energy, or their ``whole``
+        derivatives.
+        """
 
     def update_lagged(self) -> bool:
         """Update what is constant in a solve, at ``x``; return whether to solve again. Collective.

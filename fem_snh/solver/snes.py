@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 from petsc4py import PETSc
 
 from fem_snh._petsc import default_options, expect_singular_matrix
@@ -91,7 +93,7 @@ def create(
     hessian, chosen = options.read_choices(prefix, hessian, globalization)
     globalization = chosen or default_globalization(problem)
     context = ProjectedNewton(
-        problem.jacobian,
+        problem.jacobian if problem.symmetric else partial(problem.jacobian, whole=True),
         problem.force_scale,
         problem.force_scale * problem.length,
         problem.has_energy,

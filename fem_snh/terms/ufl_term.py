@@ -73,7 +73,8 @@ class UFLTerm:
     has_energy : bool
         Whether the term's forces are the gradient of an energy.
     symmetric : bool
-        Whether the exact Hessian is the symmetric part of dR/du: by default, if there is an energy.
+        Whether the exact Hessian is the symmetric part of dR/du, as it is if there is an energy;
+        otherwise `fem_snh.problem.problem.Problem` chooses it.
     seconds : float
         Time spent compiling.
 
