@@ -108,6 +108,27 @@ def test_obstacles_of_a_section_are_revolved_as_the_body_is(shape):
     assert np.unique(angles.round(3)).size >= 73
 
 
+@pytest.mark.parametrize(
+    "shape, area",
+    [
+        ({"polygon": {"points": [[0, 0], [1, 0], [1, 1], [0.5, 0.2], [0, 1]]}}, 0.6),
+        ({"box": {"center": [0, 0, 0], "size": [0.6, 0.4, 9], "rotation": [0, 0, 0.3]}}, 0.24),
+        ({"sphere": {"center": [0, 0, 0], "radius": 0.5}}, np.pi / 4),
+        ({"plane": {"point": [0, 0, 0], "normal": [0, 1, 0]}}, 2.2 * 1.3),
+    ],
+    ids=lambda shape: next(iter(shape)) if isinstance(shape, dict) else "",
+)  # fmt: skip
+def test_obstacles_of_a_flat_picture_are_filled_sections(shape, area):
+    """Their sides are not seen along z; half of the picture is 1.1 wide and 1.3 high."""
+    pose = np.eye(3, 4)
+    pose[:2, 3] = 0.1, 0.25
+    made = {"shape": shape, "loads": [0, 1], "poses": [pose.tolist()] * 2}
+    bounds = np.array([[-0.5, -0.55, 0], [0.7, 1.05, 0]])  # 0.6 and 0.8 on each side of (0.1, 0.25)
+    (section,) = Obstacles([made], flat=True).at(1.0, bounds)
+    assert section.area == pytest.approx(area, rel=0.01)
+    assert not np.asarray(section.points)[:, 2].any()
+
+
 def test_poses_of_a_record(tmp_path):
     rows = {0.5: np.eye(3, 4, 1).tolist(), 1.0: np.eye(3, 4, 2).tolist()}
     content = record(

@@ -26,7 +26,7 @@ from fem_snh.atomic_files import write_file
 from fem_snh.errors import BadInput
 from fem_snh.units import Units
 from fem_snh.viewing.render.fields import is_nonnegative, label
-from fem_snh.viewing.render.obstacles import Obstacles, add_solid
+from fem_snh.viewing.render.obstacles import Obstacles, add_solid, kind_of
 from fem_snh.viewing.render.options import WHOLE, ViewOptions
 from fem_snh.viewing.render.surfaces import DrawnBody, body, is_flat
 from fem_snh.viewing.render.worker import serve
@@ -205,11 +205,13 @@ class Drawing:
         ends = options.limits if options else None
         self.cmap, self.norm, self.extend = colours(field, values, ends)
         found = [value for body in bodies for value, _ in body.extremes]
-        #: The smallest and the largest value, also inside of the bodies.
-        self.extremes = min(found, default=np.nan), max(found, default=np.nan)
+        low, high = min(found, default=np.nan), max(found, default=np.nan)
+        #: The smallest and the largest value, also inside of the bodies, without rounding.
+        self.extremes = (0.0 if abs(low) < _ROUNDING * abs(high) else low), high
         points = np.concatenate([p for b in bodies for p in (b.surface.points, b.ghost.points)])
         limits = np.array([points.min(axis=0), points.max(axis=0)])
-        solids = [Obstacles(records, revolved) for records in obstacles]
+        self._flat = not revolved and all(is_flat(b.rest.points) for b in bodies)
+        solids = [Obstacles(records, revolved, self._flat) for records in obstacles]
         self.solids_at = lambda panel, load: solids[panel].at(load, limits)
         self.solids = [self.solids_at(k, load) for k, load in enumerate(loads)]
         self.view = view(bodies, self.solids, options)
@@ -248,6 +250,19 @@ class Drawing:
         if item.ghost.n_cells:  # a round body has no sharp edge
             plotter.add_mesh(item.ghost, color="#8c8c8c", line_width=ghost, lighting=False)
 
+    def add_solids(self, plotter: Any, solids: Sequence[pv.PolyData], **options: Any) -> None:
+        """Add the obstacles and the bones: of a body in the plane sections behind and on it."""
+        for solid in solids:
+            if self._flat:
+                way = -self._shift if kind_of(solid) == "obstacles" else self._shift / 2
+                solid, options = solid.translate(list(way)), _UNLIT
+            add_solid(plotter, solid, **options)
+
+    @property
+    def _shift(self) -> np.ndarray:
+        """A short way towards the viewer, in front of the faces; the projection is parallel."""
+        return np.asarray(2e-3 * self.view.width * self.view.towards)
+
     def image(
         self,
         item: DrawnBody,
@@ -269,8 +284,7 @@ class Drawing:
             light.position = (side, up, 1.0)
             plotter.add_light(light)
         plotter.enable_anti_aliasing("msaa", multi_samples=4)
-        # Moved towards the viewer, in front of the faces; the projection is parallel.
-        shift = 2e-3 * where.width * where.towards
+        shift = self._shift
         self.add(
             plotter, item, {"opacity": 0.3, "line_width": pixels / 350}, pixels / 300, list(shift),
             opacity=opacity, show_scalar_bar=False, smooth_shading=True, split_sharp_edges=True,
@@ -279,8 +293,7 @@ class Drawing:
         rest = item.rest.translate(list(-shift))  # behind a section in the same plane
         faces = None if is_flat(item.rest.points) else "front"
         plotter.add_mesh(rest, color="#b0b0b0", opacity=0.15, culling=faces, lighting=False)
-        for solid in solids:
-            add_solid(plotter, solid, smooth_shading=True, split_sharp_edges=True)
+        self.add_solids(plotter, solids, smooth_shading=True, split_sharp_edges=True)
         plotter.camera.SetParallelProjection(True)
         where.place(plotter.camera, 10 * (where.width + where.height))
         plotter.camera.parallel_scale = where.height / 2
@@ -338,7 +351,7 @@ def extremes_line(drawing: Drawing, bodies: Sequence[DrawnBody], job: dict[str, 
     ]
     ends = [
         f"{value:.4g} at ({', '.join(f'{x:.4g}' for x in at)}), {panel}"
-        for value, at, panel in (min(found), max(found))
+        for value, (_, at, panel) in zip(drawing.extremes, (min(found), max(found)), strict=True)
     ]
     name = label(drawing.field, drawing.units).replace("  ", " ")
     return f"{name}: from {ends[0]}, to {ends[1]}"

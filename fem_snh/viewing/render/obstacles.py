@@ -7,11 +7,12 @@ from typing import Any
 
 import numpy as np
 import pyvista as pv
+from vtkmodules.vtkFiltersGeneral import vtkContourTriangulator
 
 from fem_snh.errors import BadInput
 from fem_snh.geometry.bones import AffineMotion, AffineTable, RigidAffine
 from fem_snh.geometry.motions import PoseTable
-from fem_snh.geometry.shapes import Shape, from_record
+from fem_snh.geometry.shapes import ClosedSurface, Shape, from_record
 from fem_snh.geometry.shapes.triangles import surface_triangles
 from fem_snh.viewing.render.surfaces import boundary, swept
 
@@ -26,6 +27,9 @@ _MARGIN = 0.25
 _THIN = 0.01
 #: Points along an edge of the grid on which a smooth union is sampled: 1 % of the picture.
 _GRID = 100
+#: The same of sections by the plane of the body, and the distance of the edge from what is filled,
+#: over the size of the picture.
+_FLAT_GRID, _ROUNDING = 400, 1e-6
 #: Divisions of a circle.
 _CIRCLE = 120
 
@@ -41,10 +45,15 @@ class Obstacles:
         load the rows [R | c], which are slerped, or [A | c] of a bone.
     revolved : bool
         Whether the obstacles of a section are drawn as bodies of revolution, as the body is.
+    flat : bool
+        Whether the bodies are in the plane z = 0: of the obstacles it is their section by it, as
+        the sides of a prism are not seen along z.
     """
 
-    def __init__(self, records: Sequence[dict[str, Any]], revolved: bool = False) -> None:
-        self._items, self._revolved = [], revolved
+    def __init__(
+        self, records: Sequence[dict[str, Any]], revolved: bool = False, flat: bool = False
+    ) -> None:
+        self._items, self._revolved, self._flat = [], revolved, flat and not revolved
         for record in records:
             poses = np.array(record["poses"], dtype=float)
             loads, drawn_as = np.array(record["loads"]), record.get("kind", "obstacles")
@@ -74,6 +83,12 @@ class Obstacles:
         for kind, keys, motion, drawn_as in self._items:
             matrix = np.eye(4)
             matrix[:3] = motion.affine(load)
+            if self._flat:
+                shape = ClosedSurface.read(keys) if kind == "surface" else from_record({kind: keys})
+                if (section := _section(shape, matrix, box)).n_cells:
+                    found.append(section)
+                    found[-1].add_field_data([drawn_as], _KIND)
+                continue
             # The box in the shape's own coordinates: centre and radius.
             inverse = np.linalg.inv(matrix[:3, :3])
             centre = inverse @ (box.mean(axis=0) - matrix[:3, 3])
@@ -100,10 +115,38 @@ def _swept_section(surface: Any) -> pv.PolyData:
     return swept(np.asarray(section.points) * (1.0, 1.0, 0.0), lines)
 
 
+def _section(shape: Shape, matrix: np.ndarray, box: np.ndarray) -> pv.PolyData:
+    """Return the part of a shape at a pose that is in the plane z = 0 and in a box."""
+    low, high = box[:, :2]
+    grid = pv.ImageData(
+        dimensions=(_FLAT_GRID, _FLAT_GRID, 1),
+        spacing=(*(high - low) / (_FLAT_GRID - 1), 1.0),
+        origin=(*low, 0.0),
+    )
+    x = np.asarray(grid.points, dtype=float) - matrix[:3, 3]
+    distance = shape.distance(x @ np.linalg.inv(matrix[:3, :3]).T).reshape(_FLAT_GRID, -1)
+    # Outside of the shape along the edge of the box, where the outline closes.
+    outside = np.ones_like(distance, dtype=bool)
+    outside[1:-1, 1:-1] = False
+    spacing = _ROUNDING * np.linalg.norm(high - low)
+    distance[outside] = np.maximum(distance[outside], spacing)
+    grid["distance"] = distance.ravel()
+    outline = grid.contour([0.0], scalars="distance")
+    filled = vtkContourTriangulator()
+    filled.SetInputData(outline)
+    filled.Update()
+    return pv.wrap(filled.GetOutput())
+
+
 def add_solid(plotter: Any, surface: pv.PolyData, **options: Any) -> None:
     """Add a surface of `Obstacles` to a plotter, in the colour of its kind."""
-    colour, opacity = STYLES[str(surface.field_data[_KIND][0])]
+    colour, opacity = STYLES[kind_of(surface)]
     plotter.add_mesh(surface, color=colour, opacity=opacity, **options)
+
+
+def kind_of(surface: pv.PolyData) -> str:
+    """Return the kind of a surface of `Obstacles`, a key of `STYLES`."""
+    return str(surface.field_data[_KIND][0])
 
 
 def triangles(kind: str, keys: Any, centre: np.ndarray, radius: float) -> pv.PolyData:

@@ -26,7 +26,6 @@ from trame_vtk.modules.vtk.serializers.registry import register_instance_seriali
 
 from fem_snh.viewing.render.drawing import Drawing, extremes_line
 from fem_snh.viewing.render.fields import VECTORS, label
-from fem_snh.viewing.render.obstacles import add_solid
 from fem_snh.viewing.render.worker import serve
 
 #: Of the off-screen window [pixels]; the page draws with its own size.
@@ -53,8 +52,7 @@ def export(job: dict[str, Any]) -> None:
             plotter, item, {"opacity": 0.35, "line_width": 1}, 1, ambient=0.35, diffuse=0.75,
             scalar_bar_args={"title": title, "color": "black", "vertical": True},
         )  # fmt: skip
-        for solid in solids:
-            add_solid(plotter, solid)
+        drawing.add_solids(plotter, solids)
         where.place(plotter.camera, 2.5 * max(where.width, where.height))
         plotter.renderer.ResetCameraClippingRange()
         plotter.render()
