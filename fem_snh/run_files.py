@@ -39,9 +39,10 @@ _SINGLE = (
 )
 #: The solids whose surfaces may be files, of which a run has copies: the tables of scenes.
 SOLIDS = ("obstacle", "bone", "rigid")
-#: The other files: states of collections, and these copies.
+#: The other files: states of collections, these copies, and what PETSc's viewers write.
 _NUMBERED = re.compile(
     rf"({'|'.join(COLLECTIONS)})(_p\d+_)?\d{{6,}}\.p?vtu|({'|'.join(SOLIDS)})_\d+\.(stl|obj)"
+    r"|petsc_[\w.+-]+"
 )
 #: File names that a message lists.
 _SHOWN = 3
@@ -58,6 +59,11 @@ def surface_copy(solid: str, number: int, source: Path) -> str:
     Readers tell OBJ files by their suffix; every other file is STL.
     """
     return f"{solid}_{number}{'.obj' if source.suffix.lower() == '.obj' else '.stl'}"
+
+
+def viewer_file(name: str) -> str:
+    """Return the name, in the folder of a run, of a file that a viewer of PETSc writes."""
+    return f"petsc_{name}"
 
 
 def listed_files(folder: Path) -> list[str] | None:

@@ -10,6 +10,7 @@ from typing import Any
 from mpi4py import MPI
 
 import pytest
+from command_line import start_program
 from interrupted_runs import solve
 
 import fem_snh
@@ -283,3 +284,46 @@ def test_a_sweep_identifies_its_rows(tmp_path: Path) -> None:
     path.write_text(json.dumps(definition))
     with pytest.raises(BadInput, match=r"nu=0\.4 in sweep\.csv was computed with other values"):
         sweep("twist", tmp_path, values)
+
+
+@mpi
+def test_viewers_of_petsc_write_into_the_folder_of_the_run(
+    comm: MPI.Intracomm, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(folder)
+    out, outside = folder / "out", folder / "outside.txt"
+    options = {"snes_view": ":view.txt", "snes_monitor": "ascii:monitor.txt::append"}
+    for _ in range(2):
+        solve("twist", comm=comm, out=out, overwrite=True, petsc=options, **TWIST)
+        comm.barrier()
+        listed = set(json.loads((out / "run.json").read_text())["files"])
+        written = {path.name for path in out.glob("petsc_*")}
+        assert written == {"petsc_view.txt", "petsc_monitor.txt"} <= listed
+        assert len((out / "petsc_view.txt").read_text().split()) > 100
+        comm.barrier()
+        if comm.rank == 0:  # a link that somebody has put there
+            (out / "petsc_view.txt").unlink()
+            (out / "petsc_view.txt").symlink_to(outside)
+        comm.barrier()
+    assert not outside.exists()
+    for viewer in (":/tmp/x", "ascii:../x", "ascii:.x", "socket:host:80", "binary", "vtk:x"):
+        with pytest.raises(BadInput, match=f"petsc.ksp_view = '{viewer}': expected ascii:NAME"):
+            solve("twist", comm=comm, out=folder / "new", petsc={"ksp_view": viewer}, **TWIST)
+    solve("twist", comm=comm, petsc={"snes_converged_reason": "ascii:"}, **TWIST)  # the terminal
+    with pytest.raises(BadInput, match=r"ksp_view = .:x.: expected --out DIR"):
+        solve("twist", comm=comm, petsc={"ksp_view": ":x"}, **TWIST)
+    with pytest.raises(BadInput, match="expected a folder without ':'"):
+        solve("twist", comm=comm, out=folder / "a:b", petsc={"ksp_view": ":x"}, **TWIST)
+
+
+def test_petscrc_of_the_working_directory_is_not_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / ".petscrc").write_text("-snh_snes_view\n-dll_append nowhere.so\n")
+    words = ("run", "twist", "--cells", "1", "--steps", "1", "--set", "angle=0.1")
+    without = start_program(*words)
+    assert without.returncode == 0 and "SNES Object" not in without.stdout
+    (tmp_path / ".petscrc").write_text("-snh_snes_view\n")
+    monkeypatch.setenv("PETSC_OPTIONS", "-options_file .petscrc")
+    assert "SNES Object" in start_program(*words).stdout

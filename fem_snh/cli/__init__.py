@@ -82,6 +82,18 @@ def exit_code(command: Callable[[list[str]], int], argv: list[str]) -> int:
         return _crash()
 
 
+def start_petsc() -> None:
+    """Start PETSc, unless it has been, without the files .petscrc.
+
+    One in the working directory, which came with a scene, may name a library to load
+    (``-dll_append``). PETSc reads the option to skip them from its arguments alone.
+    """
+    with suppress(ImportError):  # `fem_snh.cli.doctor.check` says what is missing
+        import petsc4py
+
+        petsc4py.init("-skip_petscrc")
+
+
 def _open_standard_streams() -> None:
     """Open the null device for standard streams that are closed.
 

@@ -188,6 +188,8 @@ _PROBES = {
         "tempfile.TemporaryFile(dir=cache.folder()).close(); print(cache.folder())",
     ),
 }
+#: Rows whose programs start PETSc.
+_OF_PETSC = ("dolfinx", "PETSc", "BLAS", "SLEPc")
 #: Rows of packages that only some runs need, and what for.
 _OPTIONAL = {
     "pyvista": "pictures and pages",
@@ -204,6 +206,9 @@ def find(what: str) -> Finding:
     needed, code = _PROBES[what]
     ranks = ["mpirun", "-n", "2"] if what == "MPI ranks" else []
     # -P: Python would import from the working directory first, where there may be any file.
+    code = (
+        f"from fem_snh.cli import start_petsc; start_petsc()\n{code}" if what in _OF_PETSC else code
+    )
     command = [*ranks, sys.executable, "-P", "-c", code]
     variables = without_launcher(os.environ, RUN_AS_ROOT) if is_rank() else dict(os.environ)
     try:

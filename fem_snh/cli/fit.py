@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from fem_snh.cli import start_petsc
 from fem_snh.cli.options import (
     REPEATED,
     Parser,
@@ -139,6 +140,8 @@ def _fit_scene(args: Namespace, petsc: dict[str, str | None]) -> int:
     from rich.table import Table
 
     from fem_snh.errors import check_whole, on_root
+
+    start_petsc()
     from fem_snh.runs.inverse import fit_scene
     from fem_snh.units import Units
 

@@ -6,6 +6,7 @@ import textwrap
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
+from fem_snh.cli import start_petsc
 from fem_snh.cli.doctor import check
 from fem_snh.cli.options import (
     REPEATED,
@@ -88,6 +89,7 @@ def run(argv: list[str]) -> int:
 
     comm = MPI.COMM_WORLD
     scene = load_scene(comm, args.scene, overrides, petsc)
+    start_petsc()
     check()
     from fem_snh.runs import run as solve
 

@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from fem_snh.cli import start_petsc
 from fem_snh.cli.options import Parser, output, value
 from fem_snh.errors import BadInput
 from fem_snh.files import is_shape
@@ -232,6 +233,7 @@ def _convert_mesh(args: Namespace) -> int:
             raise BadInput(f"{option} = {given}: expected no such option with a mesh")
     from mpi4py import MPI
 
+    start_petsc()
     from fem_snh.mesh import mesh
 
     if Path(args.out).suffix != mesh.XDMF:

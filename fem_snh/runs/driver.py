@@ -11,11 +11,9 @@ from typing import TYPE_CHECKING, Any
 from mpi4py import MPI
 
 from fem_snh import scenes, solver
-from fem_snh._petsc import default_options
 from fem_snh.assembly.timing import untimed
 from fem_snh.errors import BadInput, on_every, on_root
 from fem_snh.interrupts import Interrupts
-from fem_snh.linalg import multigrid
 from fem_snh.notes import Note
 from fem_snh.problem.supports import SupportsCheck
 from fem_snh.runs.folder import Folder, describe
@@ -23,6 +21,7 @@ from fem_snh.runs.notes import final_notes
 from fem_snh.runs.progress import Progress
 from fem_snh.runs.recorder import Recorder
 from fem_snh.runs.result import Result
+from fem_snh.runs.scene_options import scene_options
 from fem_snh.runs.setup import Setup, set_up
 from fem_snh.runs.vibrations import vibrations
 from fem_snh.solver.options import unused_options
@@ -133,12 +132,7 @@ def _run(
     level: Level | None = None,
 ) -> Result:
     """Solve a scene, from the checkpoint or the level before if there is one. Collective."""
-    defaults = multigrid.smoothers(min(material.E for material in scene.materials))
-    with (
-        solver.petsc_failures(),
-        default_options(solver.PREFIX, scene.petsc) as given,
-        default_options(solver.PREFIX, defaults),
-    ):
+    with solver.petsc_failures(), scene_options(scene, folder) as given:
         setup = set_up(comm, scene, stored is not None, *(level.given if level else ()))
         if level:
             level.begin(setup)

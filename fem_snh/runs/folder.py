@@ -195,6 +195,8 @@ class Folder:
         #: Where its files are in the end.
         self.final = self.path
         self.files: RunFiles | None = None
+        #: The files that viewers of PETSc write.
+        self.viewed: list[str] = []
         self.note = on_root(comm, self._open, inputs, overwrite, resume)
         if resume and on_root(comm, (self.path / NEXT_LEVEL / LEVELS).exists):
             self.take(self._next_level(resume=True))  # a process was killed as it did
@@ -263,7 +265,8 @@ class Folder:
         """
         if self.files is None:
             return
-        self.announce("run.json", "steps.csv", *(["modes.csv"] if "modes" in record else []))
+        tables = ["run.json", "steps.csv", *(["modes.csv"] if "modes" in record else [])]
+        self.announce(*tables, *self.viewed)
         steps = [flat(step) for step in record["steps"]]
         columns = dict.fromkeys([*COLUMNS, *(key for step in steps for key in step)])
         replace_file(self.path / "steps.csv", table_text(list(columns), steps))

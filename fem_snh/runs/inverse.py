@@ -35,16 +35,15 @@ import numpy.typing as npt
 from scipy.optimize import least_squares
 
 from fem_snh import materials, scenes, solver
-from fem_snh._petsc import default_options
 from fem_snh.accuracy.duals import Linearisation
 from fem_snh.accuracy.goals import Goal, bind_all
 from fem_snh.accuracy.hessian_solver import HessianSolver
 from fem_snh.atomic_files import write_file
 from fem_snh.errors import BadInput, Failed, bad_value, on_every
-from fem_snh.linalg import multigrid
 from fem_snh.linalg.direct_solver import set_direct_solver
 from fem_snh.linalg.symmetric_factors import set_direct_solver_of_sum
 from fem_snh.runs.goals import named_goals
+from fem_snh.runs.scene_options import scene_options
 from fem_snh.runs.setup import Setup, make_problem, set_up
 from fem_snh.studies.fit.data import WITH_A_SQUARE, has_a_square, is_number, read_cells
 from fem_snh.studies.fit.family import accepted_range
@@ -505,11 +504,9 @@ class InverseProblem:
                 raise
             self.failure = str(error)
             return None
-        smoothers = multigrid.smoothers(min(material.E for material in scene.materials))
         with ExitStack() as stack:
             stack.enter_context(solver.petsc_failures())
-            stack.enter_context(default_options(solver.PREFIX, scene.petsc))
-            stack.enter_context(default_options(solver.PREFIX, smoothers))
+            stack.enter_context(scene_options(scene, None))
             setup = set_up(self.comm, scene)
             try:
                 states = self._states(setup)
