@@ -87,6 +87,7 @@ def test_a_node_follows_the_bone_in_which_it_is_deepest(element):
         return [result.record["steps"][-1] for result in results]
 
     steps = [*find("long", "ball", "low"), *find("low", "ball", "long")]
+    assert len(steps) == 4 and steps[0]["bones"].keys() == {"long", "ball", "low"}
     for step in steps[1:]:
         assert step["energy"] == pytest.approx(steps[0]["energy"], rel=1e-9)
         for name, bone in steps[0]["bones"].items():

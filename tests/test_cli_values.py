@@ -54,7 +54,7 @@ def test_petsc_words() -> None:
         "mg_levels_pc_type": "jacobi",
         "a": "-1",
     }
-    with pytest.raises(BadInput):
+    with pytest.raises(BadInput, match=r"'2' after --: expected PETSc options"):
         options.split_petsc(["--", "-a", "1", "2"])
 
 

@@ -196,6 +196,7 @@ def test_units_do_not_matter():
     soft = solve(sheared(E=1.0, force=0.05)).goals
     hard = solve(sheared(E=2.0**20, force=0.05 * 2**20)).goals
     factors = {"corner": 1, "bottom": 2**20, "energy": 2**20, "volume": 1}
+    assert {name.partition(".")[0] for name in soft} == factors.keys()
     for name, goal in soft.items():
         factor = factors[name.partition(".")[0]]
         for key in ("value", "error"):
@@ -376,7 +377,9 @@ def test_several_materials_of_which_none_locks(element):
     """
     exact = {"end.z": 0.036770, "energy": -8.9788e-5}
     scene = error_estimates.scene_of("bar", 0.4, element, 2, estimate=LIFTED_ELEMENT)
-    for name, goal in fem_snh.run(scene, progress=False).goals.items():
+    goals = fem_snh.run(scene, progress=False).goals
+    assert goals.keys() == exact.keys()
+    for name, goal in goals.items():
         assert 0.8 < goal["error"] / (exact[name] - goal["value"]) < 1.1
 
 
@@ -435,7 +438,9 @@ def test_indicators_of_a_reaction_force(element):
         hold=[Hold(group="left")],
         move=[Move(group="right", translate=(0.05, 0.05, 0))],
     )
-    found = estimate(scene, ["right.force.x", "right.force.y", "right.moment.z"])
+    goals = ["right.force.x", "right.force.y", "right.moment.z"]
+    found = estimate(scene, goals)
+    assert list(found.indicators) == goals
     for name, values in found.indicators.items():
         assert values.sum() == pytest.approx(found.goals[name].error, rel=0.12), name
 
@@ -447,6 +452,7 @@ def test_indicators_of_a_force_with_conjugate_gradients(monkeypatch, element):
     keys = {"element": element, "cells": 8, "nu": 0.3, "steps": 6, "angle": 1.5}
     found = estimate("twist", goals, **keys).indicators
     monkeypatch.setattr(lift, "_DUAL_OF_DISPLACEMENT", 1e-8)
+    assert list(found) == goals
     for name, exact in estimate("twist", goals, **keys).indicators.items():
         assert np.abs(found[name] - exact).sum() <= 0.03 * np.abs(exact).sum(), name
 

@@ -239,6 +239,6 @@ def test_no_process_imports_from_the_working_directory(
     command = [*program(1), "--version"]
     done = subprocess.run(command, env=environment(), capture_output=True, text=True)
     assert done.stdout.startswith("fem-snh "), done.stderr
-    with pytest.raises(BadInput):
+    with pytest.raises(BadInput, match="KeyError: 'panels'"):  # it ran the package's own module
         run_elsewhere({}, "fem_snh.viewing.render.drawing")
     assert not Path("executed").exists()

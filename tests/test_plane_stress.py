@@ -171,7 +171,9 @@ def test_rest_has_the_rigid_motions():
         made.jacobian(made.x, "exact")
         values = np.linalg.eigvalsh(dense(made.A))
         assert (values > 1e-12 * values[-1]).sum() == len(values) - 3
-        for vector in made.A.getNearNullSpace().getVecs():
+        vectors = made.A.getNearNullSpace().getVecs()
+        assert len(vectors) == 3
+        for vector in vectors:
             assert (made.A * vector).norm() < 1e-13 * values[-1]
 
 

@@ -74,6 +74,7 @@ def test_shape_is_the_group_of_its_cells(comm):
         program.solve()
         assert converged(program)
         states.append(program._problem.rigid_states(program.x)["dx(2)"])
+    assert states[0].keys() == states[1].keys() and states[0]
     for key, values in states[0].items():
         assert states[1][key] == pytest.approx(values, abs=1e-7), key
 

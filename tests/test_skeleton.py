@@ -85,6 +85,7 @@ def test_fist_folds_the_fingers_into_the_palm():
     skeleton, bones = hand.rig()
     tips = {bone.name: bone for bone in bones if bone.name.endswith("_distal")}
     palm = np.mean([bone.end for bone in bones if bone.name.endswith("_metacarpal")], axis=0)
+    assert len(tips) == 5
     for bone in tips.values():
         open_, closed = (apply(skeleton.affine(bone.joint, s), bone.end) for s in (0.0, 1.0))
         assert np.linalg.norm(open_ - palm) > 0.045

@@ -132,7 +132,9 @@ def test_matrix_is_symmetric_and_keeps_its_spectrum():
 @mpi
 def test_near_null_space_is_projected(comm):
     p = loaded(comm, "Q1", R)
-    for vector in p.A.getNearNullSpace().getVecs():
+    vectors = p.A.getNearNullSpace().getVecs()
+    assert len(vectors) == 6
+    for vector in vectors:
         projected = vector.copy()
         p.project(projected.array)
         assert (projected - vector).norm() < 1e-12
@@ -330,6 +332,7 @@ def test_modes_of_a_sector_are_symmetric_ones_of_the_whole(folder):
         MPI.COMM_SELF, folder, np.pi / 2, 6, **QUARTER, modes={"count": 12}, pressure=[]
     )
     sector = run_sector(MPI.COMM_SELF, folder, np.pi / 6, 2, **PLANES, **modes)
+    assert len(sector.record["modes"]["frequencies"]) == 3
     for frequency in sector.record["modes"]["frequencies"]:
         assert abs(np.array(whole.record["modes"]["frequencies"]) / frequency - 1).min() < 1e-9
 
