@@ -6,8 +6,12 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
+import ufl
 from beam_theory import timoshenko
 from bodies import MINIMISING, Condition, Hold, constrained, cube, dense, problem, set_values, wave
+from dolfinx import fem
+from dolfinx.mesh import CellType, create_box
+from dolfinx_programs import vector_space
 from scipy.linalg import eigh
 
 import fem_snh
@@ -117,6 +121,27 @@ def test_a_slender_beam(comm, element, nu, bound):
 
 
 # --- free bodies, multiple eigenvalues -----------------------------------------------------------
+
+
+@mpi
+@pytest.mark.parametrize("length", [200.0, 1000.0])
+def test_a_free_slender_bar(comm, length):
+    """Its squares of frequencies are 1e-6 to 1e-9 of E / (density V^(2/3)): pairs and their count.
+
+    With a shift of 1e-2 of that SLEPc needed minutes, and the bound of the count was a shift off.
+    """
+    low, high = np.zeros(3), np.array([length, 1.0, 1.0])
+    domain = create_box(comm, [low, high], [40, 1, 1], CellType.hexahedron)
+    u = fem.Function(vector_space(domain, 2))
+    material = fem_snh.material("stable_neo_hookean", E=1.0, nu=0.3)
+    p = fem_snh.NonlinearProblem(u, {material: ufl.dx}, element="Q2")._problem
+    pencil = modes.Eigenproblem(p, 1.0, "")
+    values, _ = pencil.lowest(10)
+    bending = np.repeat([4.7300407449, 7.8532046241], 2) ** 2 / (12**0.5 * length**2)
+    assert abs(values[:6]).max() <= 1e-3 * bending[0] ** 2
+    assert np.sqrt(values[6:]) == pytest.approx(bending, rel=3e-3)
+    assert pencil._size_of(10) == pytest.approx(values[9], rel=10)  # not 1e3 to 1e6 times as large
+    assert pencil._count_below(values[9] / 2) == 8
 
 
 @mpi

@@ -34,6 +34,23 @@ WORDS: list[tuple[dict[str, Any], str]] = [
 ]
 
 
+@pytest.mark.parametrize(
+    ("tables", "message"),
+    [
+        ({"viscoelastic": 1}, r"key .*\(there is no viscoelasticity: 'damping' of \[time\] has "),
+        ({"swelling": 1}, r"\(there is no swelling .*: in a program an energy in UFL may have it"),
+        ({"membrane": True}, r"\(there are solids alone: .*'plane_stress', whose forces are per"),
+        ({"material.prony": 1}, r"\(there is no viscoelasticity: "),
+        ({"material.thermal_expansion": 1}, r"\(there is no swelling"),
+    ],
+)
+def test_what_is_not_there_is_said_so(tables: dict[str, Any], message: str) -> None:
+    for name, value in tables.items():
+        with pytest.raises(BadInput, match=message) as caught:
+            scenes.load("twist", **{name: value})
+        assert "did you mean" not in str(caught.value)
+
+
 @pytest.mark.parametrize(("tables", "message"), WORDS, ids=[str(w[0]) for w in WORDS])
 def test_the_word_of_this_program(tables: dict[str, Any], message: str) -> None:
     with pytest.raises(BadInput, match=message) as caught:

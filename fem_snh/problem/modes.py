@@ -11,7 +11,9 @@ eigenvalue, so that :math:`K - s M` is positive definite even if K is not (a fre
 state). A Krylov method can miss copies of a multiple eigenvalue: the six zeros of a free body, the
 pairs of a symmetric one. By Sylvester's law of inertia, a factorisation of :math:`K - b M` counts
 the eigenvalues below b; if some were missed, a further solve searches the complement of the
-eigenvectors found.
+eigenvectors found. Where all eigenvalues are far smaller than the shift, as the squares of the
+lowest frequencies of a slender bar, the transformed ones differ by less than the method resolves,
+and the bound of the count by more than the eigenvalues: the shift decreases with them.
 """
 
 from __future__ import annotations
@@ -49,6 +51,11 @@ from fem_snh.terms.mass import mass_matrix
 PREFIX = "modes_"
 #: First shift, in units of E / (density length^2), the scale of the eigenvalues.
 SHIFT = 1e-2
+#: Factor by which the shift decreases while the eigenvalues wanted are that much smaller.
+_NEARER = 10.0
+#: Least shift over the largest quotient of the matrices' diagonals, about the largest eigenvalue:
+#: rounding of K is 1e-16 of it, and a free body has eigenvalues that are zero.
+_LEAST_SHIFT = 1e-12
 #: Shift, in the same units, at which the search for a bound below all eigenvalues stops.
 _LOWEST_SHIFT = 1e20
 #: Relative distance of the bound below which eigenvalues are counted from the highest one found:
@@ -111,7 +118,7 @@ class Eigenproblem:
         BadInput
             If no shift is below all eigenvalues, or a solver fails.
         """
-        shift = -SHIFT * self._scale
+        shift = -self._size_of(count)
         while below := self._count_below(shift):
             shift *= 10
             if abs(shift) > _LOWEST_SHIFT * self._scale:
@@ -127,6 +134,15 @@ class Eigenproblem:
             missing = self._count_below(bound) - sum(value < bound for value, _ in found)
             missing = max(missing, count - len(found))
         return np.array([value for value, _ in found[:count]]), [v for _, v in found[:count]]
+
+    def _size_of(self, count: int) -> float:
+        """Return a size of the ``count`` lowest eigenvalues, at most `SHIFT` of their scale."""
+        quotients = self.K.getDiagonal()
+        quotients.pointwiseDivide(quotients, self.M.getDiagonal())
+        size, least = SHIFT * self._scale, _LEAST_SHIFT * quotients.max()[1]
+        while size > least and self._count_below(size / _NEARER) >= count:
+            size /= _NEARER
+        return size
 
     def _shifted(self, shift: float) -> PETSc.Mat:
         """Return K - shift M."""

@@ -100,9 +100,38 @@ _WORDS: dict[tuple[str, ...], str] = {
     ("integrator",): "scheme method solver_type",
 }
 
+#: What this program does not have, with the next thing that it has, and the words for it.
+_ABSENT: dict[str, str] = {
+    "there is no viscoelasticity: 'damping' of [time] has the viscosity of Kelvin and Voigt": (
+        "viscoelastic viscoelasticity visco viscosity prony maxwell relaxation creep"
+    ),
+    "there is no swelling or thermal expansion: in a program an energy in UFL may have it": (
+        "swelling swell growth thermal thermal_expansion expansion temperature cte shrinkage "
+        "eigenstrain"
+    ),
+    "there are solids alone: a thin body is 'Q2' or 'P2' cells, kinematics = 'axisymmetric' or "
+    "'plane_stress', whose forces are per thickness": (
+        "membrane membranes shell shells beam beams truss trusses plate_element thickness"
+    ),
+    "there are elastic energies alone: no plasticity, damage or Mullins effect": (
+        "plastic plasticity yield_stress hardening damage mullins fracture hysteresis"
+    ),
+    "there are no fibres and no active stress: in a program an energy in UFL may have them": (
+        "fibre fibres fiber fibers anisotropy anisotropic active active_stress activation "
+        "contraction"
+    ),
+    "there are no periodic or tied surfaces: one mesh with common nodes, or [[contact]]": (
+        "periodic periodicity tie mpc multipoint_constraint"
+    ),
+    "there are no stages: loads and motions have a 'table' each, and [start] run = 'DIR' begins "
+    "with the state of another run": "stage stages phase phases load_case load_cases",
+}
+
 
 def suggestion(word: str, known: Iterable[str]) -> str:
     """Return ``" (did you mean 'x'?)"`` for a word of another program, or ``""``.
+
+    Of what this program does not have it says so, and what it has.
 
     Parameters
     ----------
@@ -120,4 +149,7 @@ def suggestion(word: str, known: Iterable[str]) -> str:
             found += [f"'{name}'" for name in names if name in known]
             tables += [name for name in names if name.startswith("[") or "=" in name]
     chosen = list(dict.fromkeys(found or tables))
+    for text, words in _ABSENT.items():
+        if not chosen and plain in words.split():
+            return f" ({text})"
     return f" (did you mean {' or '.join(chosen)}?)" if chosen else ""
