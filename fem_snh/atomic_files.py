@@ -1,13 +1,18 @@
 """Replace files as a whole: a reader finds the old content or the new one.
 
-All output of runs and studies is written here.
+All output of runs and studies is written here. What is written first has a random hidden name and
+is created exclusively: it neither follows a link nor replaces a file that somebody has put there.
 """
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+import re
+import secrets
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import BinaryIO
 
 from fem_snh.errors import BadInput, bad_value
@@ -35,9 +40,32 @@ def make_folder_of(path: Path) -> None:
         raise BadInput(f"cannot write {path}: {error.strerror or error}") from None
 
 
-def temporary_path(path: Path) -> Path:
-    """Return the hidden path under which a file is written before it is moved."""
-    return path.with_name(f".{path.name}.new")
+def _temporary_path(path: Path) -> Path:
+    """Return a hidden path under which a file is written before it is moved."""
+    return path.with_name(f".{path.name}.{secrets.token_hex(8)}.new")
+
+
+def remove_leftovers(folder: Path, is_own: Callable[[str], bool]) -> None:
+    """Remove what killed processes have left of writing files whose names are a program's own."""
+    for path in folder.iterdir():
+        match = re.fullmatch(r"\.(.+)\.[0-9a-f]{16}\.new", path.name)
+        if match and is_own(match[1]):
+            remove(path)
+
+
+@contextmanager
+def replacement(path: Path) -> Iterator[Path]:
+    """Provide a path of the same name in a new folder, from where the file replaces ``path``.
+
+    It is for libraries that write to a path; see `replace_file`.
+    """
+    try:
+        with TemporaryDirectory(dir=path.parent, prefix=".") as folder:
+            new = Path(folder) / path.name
+            yield new
+            os.replace(new, path)
+    except OSError as error:
+        raise BadInput(f"cannot write {path}: {error.strerror or error}") from None
 
 
 def write_file(path: str | Path, content: str | Callable[[BinaryIO], object]) -> Path:
@@ -69,9 +97,9 @@ def replace_file(
     BadInput
         If the file cannot be written, as on a full disk; an earlier file is unchanged.
     """
-    new = temporary_path(path)
+    new = _temporary_path(path)
     try:
-        with new.open("w+b") as file:
+        with new.open("x+b") as file:
             if isinstance(content, str):
                 file.write(content.encode())
             else:

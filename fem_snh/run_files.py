@@ -16,9 +16,9 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from fem_snh.atomic_files import remove, temporary_path
+from fem_snh.atomic_files import remove, remove_leftovers
 from fem_snh.errors import BadInput
-from fem_snh.files import read_text
+from fem_snh.files import check_regular, read_text
 
 #: File name of the checkpoint.
 CHECKPOINT = "checkpoint.npz"
@@ -122,7 +122,10 @@ class FolderLock:
         self.path, self.note = path, ""
         while True:
             try:
-                self.file = path.open("a+b", buffering=0)
+                # No link is followed to another file, and no FIFO waited for.
+                flags = os.O_RDWR | os.O_CREAT | os.O_APPEND | os.O_NOFOLLOW | os.O_NONBLOCK
+                self.file = open(os.open(path, flags, 0o666), "a+b", buffering=0)
+                check_regular(path)
             except OSError as error:
                 raise BadInput(
                     f"output folder {path.parent} cannot be written ({error.strerror}): "
@@ -200,6 +203,7 @@ class RunFiles:
         except BadInput:
             self._lock.release(keep=earlier is not None)
             raise
+        remove_leftovers(folder, is_run_file)
         #: The names, as keys, in the order in which they were listed.
         self.names = dict.fromkeys(earlier or ())
         self._recorded = set(self.names) - set(_listed(folder / LIST))
@@ -212,10 +216,9 @@ class RunFiles:
             self.names |= dict.fromkeys(new)
 
     def discard(self, names: Iterable[str]) -> None:
-        """Remove files that are listed, and what a killed process has left of writing them."""
+        """Remove files that are listed."""
         for name in [name for name in names if name in self.names]:
             remove(self.folder / name)
-            remove(temporary_path(self.folder / name))
             del self.names[name]
 
     def take(self, other: RunFiles) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 from pathlib import Path
 from typing import Any
@@ -284,6 +285,43 @@ def test_a_sweep_identifies_its_rows(tmp_path: Path) -> None:
     path.write_text(json.dumps(definition))
     with pytest.raises(BadInput, match=r"nu=0\.4 in sweep\.csv was computed with other values"):
         sweep("twist", tmp_path, values)
+
+
+def test_files_that_are_written_first_follow_no_link(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Links of the names that a writer has, or has had, to a file of the user's."""
+    fill(tmp_path, ["mine"])
+    out = tmp_path / "out"
+    out.mkdir()
+    for name in ("run.json", "steps.csv", "checkpoint.npz", "fields.pvd", "p.png"):
+        (out / f".{name}.new").symlink_to(tmp_path / "mine")
+    (out / ".m.new.gif").symlink_to(tmp_path / "mine")
+    left = out / f".run.json.{'0' * 16}.new"  # by a killed process
+    left.touch()
+    solve("twist", out=out, overwrite=True, **TWIST)
+    assert main(["plot", str(out), "--out", str(out / "p.png")]) == 0
+    assert main(["render", str(out), "--movie", str(out / "m.gif"), "--seconds", "0.1"]) == 0
+    assert unchanged(tmp_path) == {"mine"} and not left.exists()
+    assert len([path for path in out.iterdir() if path.name.startswith(".")]) == 6
+    new = tmp_path / "new"
+    new.mkdir()
+    (new / ".files").symlink_to(tmp_path / "mine")
+    capsys.readouterr()
+    assert "cannot be written" in refusal(capsys, "run", "twist", "--out", str(new))
+    (new / ".files").unlink()
+    os.mkfifo(new / ".files")
+    assert "it is a FIFO" in refusal(capsys, "run", "twist", "--out", str(new))
+    assert unchanged(tmp_path) == {"mine"}
+
+
+def test_a_table_of_materials_replaces_no_file(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["materials", "--table", "neo_hookean", "--csv", str(fill(tmp_path, ["a"]) / "a")]
+    assert "exists: expected another file, or --overwrite" in refusal(capsys, *words)
+    assert unchanged(tmp_path) == {"a"}
+    assert main([*words, "--overwrite"]) == 0 and not unchanged(tmp_path)
 
 
 @mpi

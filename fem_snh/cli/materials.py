@@ -38,6 +38,7 @@ def materials_parser() -> Parser:
         --source  print the generated C
         --table  compare the stability of NAME ... or of all materials
         --csv FILE  also write the table to FILE
+        --overwrite  replace FILE
         """,
         names={"nargs": "*"},
         set=REPEATED,
@@ -58,6 +59,8 @@ def materials(argv: list[str]) -> int:
     if args.table:
         if one:
             raise BadInput("materials --table: expected without --report, --plot and --source")
+        if args.csv is not None and args.csv.exists() and not args.overwrite:
+            raise BadInput(f"csv = {args.csv}: exists: expected another file, or --overwrite")
         return _table(args.names, args.csv, numbers)
     if len(args.names) > 1:
         raise BadInput(

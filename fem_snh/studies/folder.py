@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from fem_snh import cache
-from fem_snh.atomic_files import output_path, remove, replace_file
+from fem_snh.atomic_files import output_path, remove, remove_leftovers, replace_file
 from fem_snh.errors import BadInput
 from fem_snh.files import file_digest, read_text
 from fem_snh.run_files import FolderLock, RunFiles, check_inputs, list_others
@@ -70,6 +70,7 @@ class StudyFolder:
         check_inputs(self.path, inputs, lambda file: Path(file).stem == name)
         self._lock = FolderLock(self.path / _LOCK)
         self.note = self._lock.note
+        remove_leftovers(self.path, lambda file: Path(file).stem == name)
         try:
             self._points = self._open(overwrite)
         except BaseException:

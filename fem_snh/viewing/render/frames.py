@@ -17,8 +17,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from PIL import Image
 
-from fem_snh.atomic_files import make_folder_of, remove
-from fem_snh.errors import BadInput
+from fem_snh.atomic_files import make_folder_of, replacement
 from fem_snh.units import Units
 from fem_snh.viewing.render.drawing import DPI, FOOT, LABEL, TOP, Drawing, write_text
 from fem_snh.viewing.render.options import ViewOptions
@@ -70,18 +69,12 @@ def frames(job: dict[str, Any]) -> Iterator[np.ndarray]:
 def write(job: dict[str, Any]) -> None:
     """Draw the frames and write the movie, which replaces an earlier file once it is complete."""
     out = Path(job["out"])
-    new = out.with_name(f".{out.stem}.new{out.suffix}")
     make_folder_of(out)
-    try:
+    with replacement(out) as new:
         if out.suffix.lower() == ".gif":
             _write_gif(new, job)
         else:
             _write_mp4(new, job)
-        new.replace(out)
-    except OSError as error:
-        raise BadInput(f"cannot write {out}: {error.strerror or error}") from None
-    finally:
-        remove(new)
 
 
 def _write_mp4(path: Path, job: dict[str, Any]) -> None:
