@@ -37,7 +37,7 @@ WORDS: list[tuple[dict[str, Any], str]] = [
 @pytest.mark.parametrize(
     ("tables", "message"),
     [
-        ({"viscoelastic": 1}, r"key .*\(there is no viscoelasticity: 'damping' of \[time\] has "),
+        ({"viscoelastic": 1}, r"\(there is no viscoelasticity: 'damping' of \[time\] has "),
         ({"swelling": 1}, r"\(there is no swelling .*: in a program an energy in UFL may have it"),
         ({"membrane": True}, r"\(there are solids alone: .*'plane_stress', whose forces are per"),
         ({"material.prony": 1}, r"\(there is no viscoelasticity: "),
