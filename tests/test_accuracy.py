@@ -14,12 +14,15 @@ import numpy as np
 import pytest
 from running import solve
 from test_cavity import SYMMETRIC, shell
+from test_error_estimate import sheared
+from test_goals_on_the_path import UP, loaded
 
 import fem_snh
 from benchmarks.accuracy_cases import exact, stretch
 from fem_snh import _dolfinx, compile_clock, scenes
 from fem_snh.accuracy.goal_errors import Estimate, GoalError
 from fem_snh.accuracy.levels import LevelRow, Levels
+from fem_snh.accuracy.rest import is_at_rest
 from fem_snh.accuracy.target_volumes import target_volumes
 from fem_snh.cli import main
 from fem_snh.mesh import mesh as meshes
@@ -666,7 +669,7 @@ def test_a_body_back_at_rest_has_no_relative_errors():
         "hold": [{"group": "bottom"}],
         "move": [{"group": "top", "translate": [0.1, 0, 0.2], "table": "pulse"}],
         "table": [{"name": "pulse", "points": [[0, 0], [0.5, 1], [1, 0]]}],
-        "reactions": ["top"], "accuracy": {"within": "1%", "max_dofs": 2000},
+        "accuracy": {"within": "1%", "max_dofs": 2000, "goals": [{"name": "top.force", "at": 1.0}]},
     }  # fmt: skip
     found = solve(Scene.model_validate(scene))
     assert found.record["accuracy"]["reached"] and len(found.record["accuracy"]["levels"]) == 1
@@ -680,6 +683,21 @@ def test_a_crushed_body_that_is_back_at_rest_has_no_relative_errors():
     assert found.record["accuracy"]["reached"] and len(found.record["accuracy"]["levels"]) == 1
     energy = solve("crush", cells=3, error=True).estimate.goals["energy"]
     assert energy.value < 1e-20 and energy.is_zero
+
+
+@mpi
+def test_a_body_on_which_a_force_acts_is_not_at_rest():
+    """However small it is: zeros that rounding had made were within any accuracy."""
+    goals = {}
+    for force in (1e-9, 1e-12, 1e-30, 0.0):
+        found = solve(sheared(force=force, element="Q1P0"))
+        assert is_at_rest(found.problem) == (force == 0.0)
+        goals[force] = found.goals["corner.x"]
+    assert goals[1e-12]["value"] == pytest.approx(1e-3 * goals[1e-9]["value"], rel=1e-6)
+    assert goals[1e-30]["value"] != 0 == goals[0.0]["value"]
+    moved = loaded(UP).model_copy(update={"traction": [], "table": []})
+    move = scenes.Move(group="top", translate=(1e-12, 0, 0))
+    assert not is_at_rest(solve(moved.model_copy(update={"move": [move]})).problem)
 
 
 def test_a_goal_need_not_have_the_factor_of_the_decay():

@@ -74,24 +74,6 @@ def test_the_solver_of_a_problem_in_a_program_is_freed(comm):
     assert not any(linked(problems))
 
 
-@mpi
-def test_the_solvers_of_one_mesh_are_freed(comm):
-    """Newton's iterations of the next problem destroy the SNES: its linear solvers go, too."""
-    V = _dolfinx.function_space(cube(comm, "hexahedron").domain, 1, (3,))
-    material, ds = fem_snh.material("stable_neo_hookean", E=1.0, nu=0.3), ufl.ds
-    springs, pull = fem_snh.Spring(ds, 1.0), fem_snh.Traction(ds, [0, 0, 0.1])
-    contexts = []
-    for _ in range(4):
-        u = _dolfinx.function(V, "u")
-        problem = fem_snh.NonlinearProblem(u, {material: ufl.dx}, terms=[springs, pull])
-        problem.solve()
-        newton = problem.solver.getPythonContext()
-        contexts.append([ref(newton), ref(newton.trust_ksp.getPC().getPythonContext())])
-        del newton
-    gc.collect()
-    assert not any(reference() for pair in contexts[:-2] for reference in pair)
-
-
 def solved(comm, kind, element, cells):
     """Solve a program's problem, or a step of a motion; return the bytes of its matrix."""
     body = cube(comm, ELEMENTS[element].cell, cells)

@@ -9,10 +9,10 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh.accuracy.goal_errors import Estimate
-from fem_snh.accuracy.goals import Goal, largest_displacement, names_of
+from fem_snh.accuracy.goals import Goal, names_of
 from fem_snh.accuracy.lift import Lift
 from fem_snh.accuracy.no_estimate import NoEstimate
-from fem_snh.problem.problem import Problem
+from fem_snh.accuracy.rest import is_at_rest
 
 Array = npt.NDArray[np.float64]
 
@@ -31,9 +31,6 @@ _CONTRACTION, _LEAST_CHANGE = 3.0, 0.03
 #: The least Newton iterations, as the first change is the whole difference; and the part of the
 #: first residual to which the residual is reduced at least.
 _LEAST_NEWTON, _REDUCED = 2, 1e-2
-#: Displacements below this part of the body's length are rounding where the forces are, too: those
-#: of a crushed cube that has returned to rest are 1e-14 to 1e-10.
-_AT_REST = 1e-9
 #: There is no estimate if more than this part of the forces is rounding: with 1 % errors of 2 % are
 #: a quarter too small (a cube stretched by 1e-11).
 _LARGEST_ROUNDING = 0.01
@@ -196,9 +193,3 @@ def largest_components(goals: Sequence[Goal], values: Array) -> Array:
         largest[components] = np.abs(values[components]).max()
         first = components.stop
     return largest
-
-
-def is_at_rest(problem: Problem) -> bool:
-    """Return whether displacements and forces are zero to rounding. Collective."""
-    moved = largest_displacement(problem) > _AT_REST * problem.length
-    return not moved and problem.largest_force(problem.x) <= problem.rounding_force(problem.x)

@@ -22,7 +22,6 @@ from fem_snh.accuracy.differences import (
     ROUNDING,
     Differences,
     LiftedGoals,
-    is_at_rest,
     scales_of,
     values_of,
 )
@@ -47,6 +46,7 @@ from fem_snh.accuracy.no_estimate import (
     check_problem,
 )
 from fem_snh.accuracy.pressure_oscillation import may_lock
+from fem_snh.accuracy.rest import is_at_rest
 from fem_snh.accuracy.saturation import cell_squares, saturation
 from fem_snh.accuracy.shape_surfaces import (
     ShapeSurfaces,

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, Protocol
 
-from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
@@ -14,6 +13,7 @@ import ufl
 
 from fem_snh import _dolfinx
 from fem_snh.accuracy.duals import Dual, Linearisation, dual_of_reaction
+from fem_snh.accuracy.rest import largest_displacement
 from fem_snh.assembly.ghosted_vectors import add_ghosts, set_to_zero, writable_values
 from fem_snh.problem.probes import Probes
 from fem_snh.problem.problem import Problem
@@ -69,12 +69,6 @@ def vector_of(name: str) -> str:
 class _Point(NamedTuple):
     name: str
     point: Sequence[float]
-
-
-def largest_displacement(problem: Problem) -> float:
-    """Return the largest norm of a nodal displacement [m]. Collective."""
-    norms = np.linalg.norm(problem.nodal(problem.x), axis=1)
-    return float(problem.comm.allreduce(norms.max(initial=0.0), op=MPI.MAX))
 
 
 class VectorGoal:

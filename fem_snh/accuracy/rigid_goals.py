@@ -7,7 +7,8 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from fem_snh.accuracy.duals import Dual, Linearisation, dual_of_reaction
-from fem_snh.accuracy.goals import VectorGoal, largest_displacement
+from fem_snh.accuracy.goals import VectorGoal
+from fem_snh.accuracy.rest import largest_displacement
 from fem_snh.problem.problem import Problem
 
 

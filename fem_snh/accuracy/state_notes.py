@@ -11,6 +11,7 @@ import numpy as np
 
 from fem_snh.accuracy.inverted_points import inverted_points
 from fem_snh.accuracy.pressure_oscillation import may_lock, pressure_oscillation
+from fem_snh.accuracy.rest import is_at_rest
 from fem_snh.errors import in_words
 from fem_snh.notes import Note
 from fem_snh.problem.problem import Problem
@@ -100,7 +101,7 @@ def thin_support_note(problem: Problem, step: int | None = None) -> Note | None:
     problem.gradient(problem.x, forces)
     held = forces.array_r[thin.dofs]
     force = float(np.sqrt(problem.comm.allreduce(float(held @ held), op=MPI.SUM)))
-    if force <= _CARRIES * problem.largest_force(problem.x):
+    if force <= _CARRIES * problem.largest_force(problem.x) or is_at_rest(problem):
         return None
     text = (
         f"{thin.text}: points and edges have no area, and carry a force, {force:.3g} N: with finer "

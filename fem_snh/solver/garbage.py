@@ -55,9 +55,13 @@ def free_unused(comm: MPI.Comm) -> None:
     """
     clean([PETSc.COMM_SELF])  # each rank's own, as the factors of a coarse matrix
     for entry in [r for r in _records if _same_ranks(r.comms[0].tompi4py(), comm)]:
+        users: list[Any] = [entry.problem(), entry.newton()]
+        contexts = [reference() for reference in entry.linear]
         clean(entry.comms)  # a SNES, which refers to its problem
+        users.clear()
         unused = comm.allreduce(entry.problem() is None, op=MPI.LAND)
         clean(entry.comms)  # the objects of the problem, and linear solvers
+        contexts.clear()
         clean(entry.comms)  # the objects of linear solvers' contexts
         if unused:
             for each in entry.comms:
@@ -66,16 +70,10 @@ def free_unused(comm: MPI.Comm) -> None:
 
 
 def clean(comms: Iterable[PETSc.Comm]) -> None:
-    """Destroy the objects of these communicators that all ranks have dropped. Collective.
-
-    Problems and contexts to which only these objects refer are dropped afterwards.
-    """
-    references = [(entry.problem, entry.newton, *entry.linear) for entry in _records]
-    kept = [reference() for each in references for reference in each]
+    """Destroy the objects of these communicators that all ranks have dropped. Collective."""
     with without_collection():  # Python must drop nothing meanwhile
         for comm in comms:
             PETSc.garbage_cleanup(comm)
-    kept.clear()
 
 
 def _same_ranks(first: MPI.Comm, second: MPI.Comm) -> bool:
