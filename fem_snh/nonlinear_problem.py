@@ -312,7 +312,8 @@ class NonlinearProblem(EstimatesErrors, HasModes, HasReactions):
         if not row["converged"] and self.solver.getConvergedReason() > 0:
             self.solver.setConvergedReason(PETSc.SNES.ConvergedReason.DIVERGED_INNER)
         negative = row.get("negative_eigenvalues")
-        found = state_notes(self._problem, negative) if row["converged"] else []
+        rounding = self.solver.getPythonContext().rounding
+        found = state_notes(self._problem, negative, rounding) if row["converged"] else []
         own = [*self._load_notes, *self._supports.notes, *self._given.notes()]
         self.notes = [*own, *notes, *found]
         for note in self.notes:

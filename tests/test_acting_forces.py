@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from typing import Any
 
 from mpi4py import MPI
@@ -188,6 +189,27 @@ def test_rounding_is_bounded(comm: Any, nu: float, strain: float) -> None:
     p.residual(p.x, s)
     s.axpy(-1.0, r)
     assert s.norm() < bound < 300 * s.norm()
+
+
+@pytest.mark.parametrize(("load", "noted"), [(1e-9, False), (1e-13, True)])
+def test_rounding_is_said(comm: Any, load: float, noted: bool) -> None:
+    """An energy in UFL rounds I + grad u, so that strains of 1e-13 are known to some per cent."""
+    body = Bar(unit_cube(comm, 2), pull=0.0)
+    F = ufl.Identity(3) + ufl.grad(body.u)
+    energy = fem_snh.material("stable_neo_hookean", E=1.0, nu=1e-3).ufl(F)
+    problem = fem_snh.NonlinearProblem(
+        body.u, {}, bcs=body.bcs[:3], terms=[energy * ufl.dx, -load * body.u[0] * ufl.dx]
+    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        problem.solve()
+    assert problem.reason == "CONVERGED_FNORM_ABS"
+    notes = [note for note in problem.notes if note.kind == "rounding"]
+    assert bool(notes) is noted
+    x = body.V.tabulate_dof_coordinates()[: len(body.u.x.array) // 3, 0]
+    part = notes[0].values["part"] if notes else 2e-3
+    assert 1e-4 < part < 0.1
+    assert body.u.x.array[::3] == pytest.approx(load * (x - x**2 / 2), abs=part * load)
 
 
 def fall(E: float, integrator: str, cells: int = 3, **keys: Any) -> list[dict[str, Any]]:

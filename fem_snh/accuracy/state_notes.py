@@ -9,6 +9,7 @@ from mpi4py import MPI
 
 import numpy as np
 
+from fem_snh.accuracy.goals import largest_displacement
 from fem_snh.accuracy.inverted_points import inverted_points
 from fem_snh.accuracy.pressure_oscillation import may_lock, pressure_oscillation
 from fem_snh.accuracy.rest import is_at_rest
@@ -44,7 +45,7 @@ _TOUCHING = ("contacts", "pairs")
 Stiffness = Callable[[Problem], float | None]
 
 
-def state_notes(problem: Problem, negative: int | None) -> list[Note]:
+def state_notes(problem: Problem, negative: int | None, rounding: float) -> list[Note]:
     """Return the notes on a program's state. Collective.
 
     Parameters
@@ -53,6 +54,8 @@ def state_notes(problem: Problem, negative: int | None) -> list[Note]:
         The problem at its solution.
     negative : int or None
         The number of negative eigenvalues of its Hessian, if it is known.
+    rounding : float
+        See `rounding_note`.
     """
     unstable = instability_note(
         {0: negative or 0},
@@ -61,6 +64,7 @@ def state_notes(problem: Problem, negative: int | None) -> list[Note]:
     )
     found = [inversion_note(problem), locking_note(problem), unstable, pressure_note(problem)]
     found += [thin_support_note(problem), penalty_note(problem), untreated_volume_note(problem)]
+    found.append(rounding_note(problem, rounding))
     contradictions = problem.dirichlet.contradictions_of_values()
     return [note for note in found if note] + [Note("load", text) for text in contradictions]
 
@@ -108,6 +112,29 @@ def thin_support_note(problem: Problem, step: int | None = None) -> Note | None:
         "meshes it tends to zero, or the body gives way there without a limit; constrain surfaces"
     )
     return Note("supports", text, step, {"force": force})
+
+
+def rounding_note(problem: Problem, rounding: float, step: int | None = None) -> Note | None:
+    """Return a note if the forces of a static state are known to their rounding error only.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem at its solution.
+    rounding : float
+        The rounding error [N] that ended the solve above its tolerance, or 0.
+    step : int, optional
+        Number of the last step.
+    """
+    force = problem.largest_force(problem.x) if rounding and problem.motion is None else 0.0
+    if not force or largest_displacement(problem) <= np.finfo(float).eps * problem.length:
+        return None
+    text = (
+        f"the rounding error of the residual is {100 * rounding / force:.2g} % of the forces that "
+        "act: displacements and forces are no more accurate; larger loads are, and energies of "
+        "fem_snh instead of UFL, which rounds I + grad u"
+    )
+    return Note("rounding", text, step, {"part": rounding / force})
 
 
 def penalty_note(problem: Problem, step: int | None = None) -> Note | None:

@@ -18,6 +18,7 @@ from fem_snh.accuracy.state_notes import (
     penalty_note,
     penetration_note,
     pressure_note,
+    rounding_note,
     thin_support_note,
 )
 from fem_snh.choices import COARSER_MESHES
@@ -144,6 +145,7 @@ def final_notes(
         inversion_note(problem, good[-1], _was_halved(steps)) or _earlier_inversion(steps, good),
         pressure_note(problem),
         thin_support_note(problem, good[-1]),
+        rounding_note(problem, setup.snes.getPythonContext().rounding, good[-1]),
         None if has_errors else penalty_note(problem, good[-1]),
         energy_note({number: steps[number] for number in good}, means),
         penetration_note({number: steps[number] for number in good}),

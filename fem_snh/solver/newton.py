@@ -104,6 +104,8 @@ class ProjectedNewton:
     negative : int or None
         Negative eigenvalues of the exact Hessian at the end of the last solve, more than those of a
         minimum; None where they are not counted.
+    rounding : float
+        The rounding error [N] that ended the last solve above its tolerance; 0 otherwise.
     full_steps : bool
         Whether a solve takes full steps with the exact Hessian, which converge to unstable
         equilibria, too (`FullNewton`); otherwise it minimises.
@@ -136,7 +138,7 @@ class ProjectedNewton:
         self._assemble, self.has_energy, self.saddle_point = jacobian, has_energy, saddle_point
         self.force_scale, self.energy_scale = force_scale, energy_scale
         self.earlier_force, self.least_load = 0.0, inf
-        self.force_iteration, self._first_norm = False, 0.0
+        self.force_iteration, self._first_norm, self.rounding = False, 0.0, 0.0
         self.options = options.defaults_for("linesearch")
         self.tolerance = self.scaled_tolerance
         self.history: list[Iteration] = []
@@ -199,7 +201,7 @@ class ProjectedNewton:
         snes.computeFunction(x, state.residual)
         norm, step_norm, step = state.residual.norm(), 0.0, Step()
         first, self._first_norm = not self.force_iteration, norm
-        self.force_iteration = False
+        self.force_iteration, self.rounding = False, 0.0
         max_it = snes.getTolerances()[3]
         for its in range(max_it + 1):
             if self._test_convergence(snes, its, x, step_norm, norm, first or its > 0):
@@ -223,9 +225,8 @@ class ProjectedNewton:
                 )
             )  # fmt: skip
             if step.end is None:
-                rounding = self._rounding(x, norm)
-                if norm <= rounding:
-                    self.tolerance, step.diverged = rounding, Reason.CONVERGED_FNORM_ABS
+                if self._is_rounding(x, norm):
+                    step.diverged = Reason.CONVERGED_FNORM_ABS
                 snes.setConvergedReason(step.diverged)
                 return
             if step.lbfgs:
@@ -336,9 +337,7 @@ class ProjectedNewton:
             reason = 0
         if (may_end or norm == 0) and not reason > 0:
             self.tolerance = self._tolerance(snes, x, norm)
-            if its and norm > self.tolerance:
-                self.tolerance = max(self.tolerance, self._rounding(x, norm))
-            if norm <= self.tolerance:
+            if norm <= self.tolerance or (its and self._is_rounding(x, norm)):
                 reason = Reason.CONVERGED_FNORM_ABS
         snes.setConvergedReason(reason)
         snes.monitor(its, norm)
@@ -356,9 +355,13 @@ class ProjectedNewton:
         within = earlier < norm <= self.scaled_tolerance
         return self.tolerance_at(x) if within else earlier if earlier else self.scaled_tolerance
 
-    def _rounding(self, x: PETSc.Vec, norm: float) -> float:
-        """Return the rounding error [N] of a residual of this norm, 0 if it is far above."""
-        return self._rounding_force(x, norm) if self._rounding_force else 0.0
+    def _is_rounding(self, x: PETSc.Vec, norm: float) -> bool:
+        """Return whether a residual is a rounding error, whose bound is then the tolerance."""
+        bound = self._rounding_force(x, norm) if self._rounding_force else 0.0
+        if norm > bound:
+            return False
+        self.tolerance = self.rounding = bound
+        return True
 
     def _leave_unstable(
         self, snes: PETSc.SNES, state: State, negative: int | None, trial: State
