@@ -96,6 +96,12 @@ class NonlinearProblem(EstimatesErrors, HasModes, HasReactions):
         In plane strain energies are per thickness [J/m] and forces [N/m]; on a body of revolution
         they are those of the whole turn: integrals of ``terms`` have the factor 2 pi r.
 
+    volume : callable, optional
+        A volume energy U(J) [Pa] of UFL over all cells, such as ``lambda J: k/2 * (J - 1)**2``,
+        beside energies in ``terms``: "Q1P0" and "P2P0" treat it as the volume terms of materials,
+        by the mean J of each cell. Forms in ``terms`` are not treated by any element; leave a few
+        times the shear modulus in them, as (J - 1)**2, against a J that varies within a cell.
+
     Attributes
     ----------
     u : dolfinx Function
@@ -159,11 +165,12 @@ class NonlinearProblem(EstimatesErrors, HasModes, HasReactions):
         predictor: str = "tangent",
         static_condensation: bool | None = None,
         kinematics: str | None = None,
+        volume: Callable[[Any], Any] | None = None,
     ) -> None:
         choose("predictor", predictor, PREDICTORS)
         given = GivenOptions(petsc_options_prefix, petsc_options)
         self._load, self._kinematics = LoadFunction(), kinematics
-        self._problem = self._create(u, materials, bcs, terms, element, densities)
+        self._problem = self._create(u, materials, bcs, terms, element, densities, volume)
         self._check_lists = partial(check_lists, self._problem, bcs, terms)
         self._prefix, self._given = petsc_options_prefix, given
         self.u, self.x, self.A, self.reason = u, self._problem.x, self._problem.A, ""

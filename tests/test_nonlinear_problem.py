@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import ufl
 from bodies import PRESS
+from derivatives import check_derivatives
 from dolfinx import fem, mesh
 from dolfinx_programs import Bar, Press, converged, halves, unit_cube, vector_space
 from plane_programs import prescribe, rectangle
@@ -310,3 +311,39 @@ def test_steps_that_fail_are_halved_and_restored(comm):
     assert not rows[0]["converged"] and rows[-1]["converged"] and rows[-1]["load"] == 1
     with pytest.raises(BadInput, match="number = 0: expected a whole number from 1"):
         next(problem.steps(0))
+
+
+@pytest.mark.parametrize("element", ["Q1P0", "Q1"])
+def test_a_volume_energy_beside_a_form(comm, element):
+    """The element treats it as the material's: the same state, and derivatives of the energy."""
+    mu, lam = SNH.lame
+    treated = element == "Q1P0"
+    local = 4 * mu * lam / (lam + 4 * mu) if treated else 0.0  # fem_snh.materials.volume_split
+    states = []
+    for own in (False, True):
+        body = Press(unit_cube(comm, 2))
+        J, k = ufl.det(body.F), fem.Constant(body.domain, lam - local)
+        form = mu / 2 * (ufl.inner(body.F, body.F) - 3) - mu * (J - 1)
+        form += (mu + local) / 2 * (J - 1) ** 2
+        terms = [form * ufl.dx(metadata={"quadrature_degree": 2})] if own else []
+        volume = (lambda J, k=k: k / 2 * (J - 1) ** 2) if own else None
+        problem = fem_snh.NonlinearProblem(
+            body.u, {} if own else {SNH: ufl.dx}, bcs=body.bcs, terms=terms, element=element,
+            petsc_options=TIGHT, volume=volume,
+        )  # fmt: skip
+        problem.solve()
+        assert converged(problem)
+        assert not [note for note in problem.notes if "no effect" in note.text]
+        states.append((body.u.x.array.copy(), problem.row["energy"]))
+    assert difference(comm, states[1][0], states[0][0]) < 1e-7
+    assert states[1][1] == pytest.approx(states[0][1], rel=1e-9)
+    if comm.size == 1:
+        problem.x.array[:] *= 1.3
+        check_derivatives(problem._problem, range(81), 1e-5, 1e-7, 1e-6, constrained=False)
+
+
+def test_volume_energies_that_no_element_treats(comm):
+    body = Press(unit_cube(comm, 1, "tetrahedron"), degree=2)
+    for volume, element in ((3.0, "P2P0"), (lambda J: (J - 1) ** 2, "P2P1")):
+        with pytest.raises(BadInput, match=r"volume = .*: expected"):
+            fem_snh.NonlinearProblem(body.u, {SNH: ufl.dx}, element=element, volume=volume)

@@ -71,12 +71,12 @@ def state_notes(problem: Problem, negative: int | None, rounding: float) -> list
 
 def untreated_volume_note(problem: Problem) -> Note | None:
     """Return a note if an element treats volume terms, and no material has one."""
-    if problem.regions or problem.element.volume == "pointwise":
+    if problem.regions or problem.given_volume or problem.element.volume == "pointwise":
         return None
     text = (
         f"element = '{problem.element.name}' has no effect without a material: it treats the "
-        "volume terms of materials, and no forms; give the energy that has the volume term as a "
-        "material, which may be a function of I_C and J, and the rest as forms"
+        "volume terms of materials and the argument 'volume', and no forms; give the volume term "
+        "as volume = lambda J: ..., and the rest as forms"
     )
     return Note("locking", text)
 

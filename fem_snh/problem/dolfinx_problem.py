@@ -45,6 +45,7 @@ from fem_snh.tables.amplitudes import Amplitudes
 from fem_snh.tables.types import surface_name
 from fem_snh.terms.body import Body, CreateMotion, MotionInTime, measure_facets, measure_parts
 from fem_snh.terms.feature import Feature, create_terms, grouped
+from fem_snh.terms.mean_volume import VolumeEnergy, volume_term
 from fem_snh.terms.symmetry import Symmetry
 from fem_snh.terms.term import Term
 from fem_snh.terms.ufl_term import TERM, UFLTerm, check_form
@@ -277,6 +278,7 @@ def create_dolfinx_problem(
     terms: Sequence[Any] = (),
     element_name: str | None = None,
     densities: Mapping[Material, float] | None = None,
+    volume: VolumeEnergy | None = None,
     *,
     on_load: Callable[[float], None] | None = None,
     motion: CreateMotion | None = None,
@@ -300,6 +302,8 @@ def create_dolfinx_problem(
         with the volume term at every quadrature point.
     densities : mapping of Material to float, optional
         Masses per reference volume [kg/m^3].
+    volume : callable, optional
+        A volume energy: see `volume_term`.
     on_load : callable, optional
         ``on_load(load)`` sets constants, functions and boundary values for a load parameter.
     motion : callable, optional
@@ -338,12 +342,13 @@ def create_dolfinx_problem(
     _check_features(made, chosen.name, moving)
     if not regions and chosen.pressure_degree:
         raise bad_value("element", chosen.name, "an element without a pressure, without materials")
-    created = [*create_terms(made, body), *(moving.terms if moving else [])]
+    own = [volume_term(volume, u, chosen, follows)] if volume is not None else []
+    created = [*create_terms(made, body), *own, *(moving.terms if moving else [])]
     if not regions and not any(getattr(term, "has_hessian", True) for term in created):
         raise bad_value("materials", materials, "a material, or a term that is not linear in u")
     unknowns = create_unknowns(u, chosen)
     problem = Problem(unknowns, chosen, regions, conditions, created, motion=moving)
-    problem.given_terms = list(terms)
+    problem.given_terms, problem.given_volume = list(terms), volume
     if not regions:
         set_modulus(problem)
     return problem

@@ -37,6 +37,7 @@ from fem_snh.problem.problem import Problem
 from fem_snh.tables.amplitudes import Amplitudes
 from fem_snh.terms.body import Body, CreateMotion, measure_facets, measure_parts
 from fem_snh.terms.feature import Feature, create_terms
+from fem_snh.terms.mean_volume import volume_term
 from fem_snh.terms.ufl_term import UFLTerm
 
 Array = npt.NDArray[Any]
@@ -218,6 +219,9 @@ def lifted_problem(
         _lifted_term(term, f"terms[{i}]", problem.u, u, conditions.depends_on_load)
         for i, term in enumerate(problem.given_terms)
     ]
+    if problem.given_volume is not None:
+        follows = conditions.depends_on_load
+        made.append(volume_term(problem.given_volume, u, element, follows))
     terms = [*create_terms(made, body), *(moving.terms if moving else [])]
     unknowns = create_unknowns(u, element)
     lifted = Problem(unknowns, element, problem.regions, conditions, terms, motion=moving)

@@ -125,8 +125,8 @@ class Problem:
         [N], of a plane E times `length` [N/m].
     stiffest_modulus : float
         The largest lambda + 2 mu of the materials [Pa]; 3 mu with an unknown pressure.
-    given_terms : list
-        Of a program: the forms, features and terms from which it was made.
+    given_terms, given_volume : list, callable or None
+        Of a program: the forms, features and terms, and the volume energy of which it was made.
     asymmetric : bool
         Whether the last Hessian is not symmetric.
     nonfinite : int
@@ -181,6 +181,7 @@ class Problem:
         self.load, self.nonfinite = 0.0, 0
         self.motion, self.skin = motion, skin
         self.given_terms: list[Any] = []
+        self.given_volume: Any = None
         self.constrained_dofs = dirichlet.dofs
         scale = pressure_unit(element, self.num_cells) * self.modulus / self.length
         elastic = elastic_term(choose("assembly", assembly, ASSEMBLIES))

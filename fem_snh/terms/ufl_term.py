@@ -161,16 +161,22 @@ class UFLTerm:
         self, u: PETSc.Vec, p: PETSc.Vec | None, filter: str, target: BlockMatrix
     ) -> int:
         """Add the Hessian [N/m], filtered by element matrices: see `Term.add_hessian`."""
+        filtered = 0
+        for cells, matrices, count in self.element_matrices(u, filter, self.symmetric):
+            target.add_matrices(cells, matrices)
+            filtered += count
+        return filtered
+
+    def element_matrices(
+        self, u: PETSc.Vec, filter: str, symmetric: bool
+    ) -> Iterator[tuple[Any, Any, int]]:
+        """Yield the element matrices of dR/du of all integrals: see `FormCells.matrices`."""
         choose("filter", filter, FILTERS)
         if self._cells is None:
-            return 0
+            return
         copy_to_function(u, self._u)
-        filtered = 0
         for integral in self._integrals():
-            for cells, matrices, count in self._cells.matrices(integral, filter, self.symmetric):
-                target.add_matrices(cells, matrices)
-                filtered += count
-        return filtered
+            yield from self._cells.matrices(integral, filter, symmetric)
 
     def _current_force(self) -> PETSc.Vec:
         """The derivative of a dead load's energy [N], assembled once after `set_load`."""
