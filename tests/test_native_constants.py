@@ -7,10 +7,14 @@ from collections.abc import Callable
 import mpmath as mp
 import numpy as np
 import pytest
+import sympy
 
 import fem_snh
 from fem_snh import scenes
 from fem_snh.errors import BadInput
+from fem_snh.materials.invariants import SIGMA
+from fem_snh.materials.making import make_energy
+from fem_snh.materials.volume_split import J, split
 
 F = np.array([[1.3, 0.2, -0.1], [0.1, 0.8, 0.3], [-0.2, 0.1, 1.1]])
 D1 = 0.04
@@ -187,3 +191,75 @@ def test_a_scene_runs_with_them():
     assert result.converged
     assert result.record["material"]["E"] == pytest.approx(2.4)
     assert result.steps[-1]["volume_ratio"] == pytest.approx(1, abs=1e-6)
+
+
+#: Published constants of every material that has some, with Poisson's ratio.
+WITH_NU = {
+    "mooney_rivlin": {"C10": 0.3, "C01": 0.1},
+    "ogden": {"mu_p": [0.63, 0.0012, -0.01], "alpha_p": [1.3, 5, -2]},
+    "gent": {"mu": 0.3, "J_m": 80},
+    "yeoh": {"C10": 0.2, "C20": -0.002, "C30": 5e-5},
+    "extended_tube": {"Gc": 0.2, "Ge": 0.15},
+    "van_der_waals": {"mu": 0.3, "lambda_m": 10.0, "a": 0.2},
+}
+LOCKING_FREE = ["Q1P0", "P2P0", "Q2Q1", "P2P1"]
+
+
+@pytest.mark.parametrize("name", WITH_NU)
+def test_published_constants_and_nu_in_mixed_elements(name):
+    """The parts of the split are the energy, also with E and nu beside the constants."""
+    first = make_energy(name, nu=0.49, **WITH_NU[name])
+    energy = make_energy(name, first.E, first.nu, **WITH_NU[name])
+    for bound in (2.0, 4.0):
+        parts = split(energy, bound)
+        rest = parts.deviatoric
+        numbers = dict(zip(rest.scalars, rest.scalar_values, strict=True))
+        whole = dict(zip(energy.scalars, energy.scalar_values, strict=True))
+        stretches = dict(zip(SIGMA, (1.2, 1.0, 0.9), strict=True))
+        found = rest.psi_sigma.subs(numbers).subs(stretches)
+        found += parts.volume.subs(numbers).subs(J, 1.2 * 0.9)
+        expected = energy.psi_sigma.subs(whole).subs(stretches)
+        assert float(found) == pytest.approx(float(expected), rel=1e-8)
+
+
+def stretched(material, element):
+    """Return the force that stretches a cube of these constants by a tenth, its sides free."""
+    rollers = [
+        {"group": g, "components": [a]} for g, a in (("left", "x"), ("front", "y"), ("bottom", "z"))
+    ]
+    scene = {
+        "name": "stretch", "mesh": {"source": "cube"}, "cells": 1, "element": element,
+        "material": material,
+        "hold": rollers, "reactions": ["top"], "petsc": {"snes_scaled_tol": 1e-12},
+        "move": [{"group": "top", "translate": [0, 0, 0.1], "components": ["z"]}],
+    }  # fmt: skip
+    result = fem_snh.run(scenes.validate(scene, "stretch"), progress=False)
+    assert result.converged
+    return result.steps[-1]["reactions"]["top"][2]
+
+
+@pytest.mark.parametrize("name", ["mooney_rivlin", "ogden", "gent", "yeoh"])
+def test_locking_free_elements_with_published_constants(name):
+    """A homogeneous deformation is exact in every element."""
+    material = {"name": name, "nu": 0.49, **WITH_NU[name]}
+    expected = stretched(material, "Q1")
+    for element in LOCKING_FREE:
+        assert stretched(material, element) == pytest.approx(expected, rel=1e-7)
+    incompressible = [stretched(material | {"nu": 0.5}, element) for element in ("Q2Q1", "P2P1")]
+    assert incompressible == pytest.approx([expected] * 2, rel=0.02)
+
+
+def own(I_C, J, C1: float = 0.4, C2: float = 0.1, kappa: float = 1.0):
+    return (
+        C1 * (I_C * J ** sympy.Rational(-2, 3) - 3)
+        + C2 * (I_C - 3 - 2 * sympy.log(J))
+        + kappa / 2 * (J - 1) ** 2
+    )
+
+
+@pytest.mark.parametrize("pinned", [{"C1": 0.3, "C2": 0.1}, {"E": 1.2, "C1": 0.3}])
+def test_own_material_with_prescribed_constants_in_mixed_elements(pinned):
+    material = {"name": own, "nu": 0.45, **pinned}
+    expected = stretched(material, "Q1")
+    for element in LOCKING_FREE:
+        assert stretched(material, element) == pytest.approx(expected, rel=1e-7)

@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Iterable, Mapping
 from inspect import signature
-from itertools import combinations
 from typing import Any
 
 import sympy
@@ -17,7 +16,7 @@ import sympy
 from fem_snh.errors import BadInput, shown
 from fem_snh.materials.construction import moduli_of
 from fem_snh.materials.keywords import LARGEST_MODULUS, LARGEST_PARAMETER
-from fem_snh.materials.normalise import Pair
+from fem_snh.materials.normalise import Pair, determined
 from fem_snh.materials.parameters import check_keywords, check_value
 from fem_snh.materials.registry import function, label, names_in_literature, published
 from fem_snh.materials.signature import Function, check_size, constants_of, shape_parameters
@@ -77,7 +76,7 @@ def with_moduli(
             f"{what} is incomplete: it takes E, nu, or its constants {', '.join(constants)}"
             f"{f' ({names})' if names else ''}, of which one may be E or nu"
         )
-    free = _determined(moduli, [symbols[c] for c in pins])
+    free = determined(moduli, [symbols[c] for c in pins])
     return *found, {k: v for k, v in keywords.items() if symbols.get(k) not in free}
 
 
@@ -203,15 +202,3 @@ def _solve(
 
 def _short(value: Any) -> str:
     return f"{value:g}" if isinstance(value, float) else shown(value)
-
-
-def _determined(moduli: Pair, pinned: list[sympy.Symbol]) -> frozenset[sympy.Symbol | None]:
-    """Return the fewest constants that, if they are free, let E and nu determine all that are."""
-    free = [c for c in moduli[0].free_symbols | moduli[1].free_symbols if c not in pinned]
-    for size in range(len(pinned) + 1):
-        for chosen in combinations(pinned, size):
-            columns = [*chosen, *free]
-            matrix = sympy.Matrix([[sympy.diff(m, c) for c in columns] for m in moduli])
-            if matrix.rank() == 2:
-                return frozenset(chosen)
-    return frozenset(pinned)

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from itertools import combinations
 from typing import Any
 
 import sympy
@@ -126,32 +127,42 @@ class Normalisation:
         BadInput
             If there is no solution, or more than one and no default to choose by.
         """
+        pins, free = self.pins, self.free
+        if pins and isinstance(target[0], sympy.Symbol):
+            # Pins determine the moduli: those that E and nu give, too, follow from the symbols.
+            released = determined(
+                (_rational(self.moduli[0]), _rational(self.moduli[1])), list(pins)
+            )
+            pins = {c: v for c, v in pins.items() if c not in released}
+            free = tuple(c for c in self.symbols if c not in pins)
         # The doubles as exact rationals: the solution is then accurate to double precision.
-        pinned = {c: sympy.Rational(v) for c, v in self.pins.items()}
+        pinned = {c: sympy.Rational(v) for c, v in pins.items()}
         known = [_rational(m.subs(pinned)) for m in self.moduli]
         wanted = [t if isinstance(t, sympy.Basic) else sympy.Rational(t) for t in target]
-        if self.pins and known[0].is_number:
+        if pins and known[0].is_number:
             found = self._solve_without_shear(known, wanted)
-        elif len(self.free) == 1:
+        elif len(free) == 1:
             found = self._solve_one(known, wanted, mixed or not wanted[1].is_number)
-        elif len(self.free) == 2:
-            found = self._solve_two(known, wanted)
+        elif len(free) == 2:
+            found = self._solve_two(known, wanted, free)
         else:
             found = self._nearest_to_defaults(known, wanted, E)
         found = pinned | found
         return tuple(found[c] for c in self.symbols)
 
-    def _solve_two(self, moduli: list[Any], target: list[Any]) -> dict[Any, Any]:
+    def _solve_two(
+        self, moduli: list[Any], target: list[Any], free: tuple[sympy.Symbol, ...]
+    ) -> dict[Any, Any]:
         """Return the two constants that solve both equations."""
         equations = [m - t for m, t in zip(moduli, target, strict=True)]
         try:
-            solutions = sympy.solve(equations, self.free, dict=True)
+            solutions = sympy.solve(equations, free, dict=True)
         except NotImplementedError:
             solutions = []
-        if len(solutions) != 1 or set(solutions[0]) != set(self.free):
+        if len(solutions) != 1 or set(solutions[0]) != set(free):
             raise BadInput(
                 f"material '{self.name}' cannot be fitted to E and nu: its constants "
-                f"{self._names()} have {len(solutions)} solutions"
+                f"{', '.join(map(str, free))} have {len(solutions)} solutions"
             )
         return dict(solutions[0])
 
@@ -168,8 +179,6 @@ class Normalisation:
         shear = [c for c in self.symbols if c in self.moduli[0].free_symbols]
         cure = f"{' or '.join(map(str, shear))} without a value"
         wanted = target[0]
-        if not wanted.is_number:
-            raise BadInput(f"{what} takes one alpha, and no lambda_part: expected {cure}")
         if abs(moduli[0] - wanted) > _PINNED_TOLERANCE * abs(wanted):
             raise BadInput(
                 f"{what} has the shear modulus {float(moduli[0]):.10g} Pa, E and nu have "
@@ -232,6 +241,26 @@ class Normalisation:
 
     def _names(self) -> str:
         return ", ".join(map(str, self.free))
+
+
+def determined(moduli: Pair, pinned: Sequence[sympy.Symbol]) -> frozenset[sympy.Symbol]:
+    """Return the fewest constants that, if they are free, let E and nu determine all that are.
+
+    Parameters
+    ----------
+    moduli : pair of sympy.Expr
+        (mu_lame, lambda_lame) in the constants.
+    pinned : sequence of sympy.Symbol
+        The constants that are prescribed.
+    """
+    free = [c for c in moduli[0].free_symbols | moduli[1].free_symbols if c not in pinned]
+    for size in range(len(pinned) + 1):
+        for chosen in combinations(pinned, size):
+            columns = [*chosen, *free]
+            matrix = sympy.Matrix([[sympy.diff(m, c) for c in columns] for m in moduli])
+            if matrix.rank() == 2:
+                return frozenset(chosen)
+    return frozenset(pinned)
 
 
 def _rational(expression: sympy.Expr) -> sympy.Expr:
