@@ -17,16 +17,18 @@ THICKNESS, STRETCH = 1.5, 2.0
 SYMMETRIC = [Hold(group=f"{c} = 0", components=(c,)) for c in ("x", "y", "z")]
 
 
-def shell(hold: list[Hold], **tables: Any) -> Scene:
+def shell(
+    hold: list[Hold], element: str = "Q2", nu: float = 0.49, steps: int = 6, **tables: Any
+) -> Scene:
     """An octant of a shell that is filled with fluid."""
     octant = 4 / 3 * np.pi / 8
     return Scene(
         name="shell",
         mesh=Geometry(source="shell", parameters={"layers": 1, "outer": THICKNESS}),
         cells=2,
-        element="Q2",
-        steps=6,
-        material=MaterialChoice(name="stable_neo_hookean", E=3.0, nu=0.49),
+        element=element,
+        steps=steps,
+        material=MaterialChoice(name="stable_neo_hookean", E=3.0, nu=nu),
         hold=hold,
         cavity=[Cavity(group="inner", volume=octant * (STRETCH**3 - 1))],
         probe=[Probe(name="pole", point=(1, 0, 0))],
@@ -50,9 +52,12 @@ def exact(a: float) -> float:
 
 
 @pytest.mark.mpi
-def test_pressure_of_the_exact_solution_on_both_sides_of_the_limit_point() -> None:
-    """Within 2 %: one element across the wall, and nu = 0.49 instead of 1/2."""
-    result = fem_snh.run(shell(SYMMETRIC), progress=False)
+@pytest.mark.parametrize("element, nu", [("Q2", 0.49), ("Q2Q1", 0.5), ("P2P1", 0.5)])
+def test_pressure_of_the_exact_solution_on_both_sides_of_the_limit_point(
+    element: str, nu: float
+) -> None:
+    """Within 2 %: one element across the wall, or nu = 0.49 instead of 1/2."""
+    result = fem_snh.run(shell(SYMMETRIC, element, nu), progress=False)
     assert result.converged and result.record["terms"] == ["elastic", "cavity"]
     states = [step["cavities"]["inner"] for step in result.steps if step["converged"]]
     pressures = [state["pressure"] for state in states]
@@ -63,6 +68,14 @@ def test_pressure_of_the_exact_solution_on_both_sides_of_the_limit_point() -> No
     top = int(np.argmax(pressures))
     assert 0 < top < len(pressures) - 1
     assert a == pytest.approx(STRETCH, rel=0.01)
+
+
+def test_the_energy_of_a_fluid_that_is_far_too_much_is_infinite() -> None:
+    """A trial step that is far too long is shortened."""
+    problem = fem_snh.run(shell(SYMMETRIC, steps=1), progress=False).problem
+    x = problem.x.copy()
+    x.scale(1e100)
+    assert problem.energy(x) == np.inf
 
 
 def test_a_cavity_between_parallel_planes():

@@ -63,7 +63,7 @@ def lifted_elements(problem: Problem) -> Iterator[Element]:
     if not problem.elastic.parts or problem.kinematics.plane_stress or compressible:
         yield pointwise
         return
-    if problem.operator != problem.A:  # matrices of rank one: no unknown pressures
+    if problem.operator != problem.A and base.volume != "pressure":  # condensed as the run is
         yield constant
     elif several and base.volume != "pressure":  # a continuous pressure is wrong at interfaces
         # P2 on triangles hardly locks, and P3 less: one pressure in each cell is a coarser element.

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 from pydantic import Field
 
-from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.errors import BadInput, bad_value
 from fem_snh.tables.amplitudes import MOTION_TABLE, TableName
 from fem_snh.tables.types import SURFACE, Positive, ScalarValue, Surface, surface_name
@@ -38,10 +37,7 @@ class Cavity(Feature):
 
     @classmethod
     def check(cls, features: Sequence[Self], scene: Any) -> None:
-        """Check the element and the modes of a scene with a cavity."""
-        if ELEMENTS[scene.element].volume == "pressure":
-            accepted = "an element without an unknown pressure, as the scene has a 'cavity'"
-            raise bad_value("element", scene.element, accepted)
+        """Check the modes of a scene with a cavity."""
         if scene.modes:
             raise BadInput("'cavity' and 'modes' exclude each other: expected one of them")
 

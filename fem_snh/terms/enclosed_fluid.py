@@ -130,7 +130,8 @@ class EnclosedFluid:
 
     def energy(self, u: PETSc.Vec, p: PETSc.Vec | None = None) -> float:
         """Return the energy of the fluid [J]. Collective."""
-        return self.state(u)["pressure"] ** 2 / (2 * self._stiffness)
+        pressure = self.state(u)["pressure"]
+        return pressure * pressure / (2 * self._stiffness)  # a power raises OverflowError
 
     def add_residual(
         self, u: PETSc.Vec, p: PETSc.Vec | None, r_u: PETSc.Vec, r_p: PETSc.Vec | None

@@ -29,7 +29,7 @@ class RankOneUpdate:
     A : PETSc.Mat
         The assembled matrix.
     V : dolfinx function space
-        The displacement's space, the only unknown.
+        The displacement's space.
     terms : sequence of RankOneTerm
         The terms that have such matrices.
     project : callable
@@ -76,6 +76,7 @@ class RankOneUpdate:
             if reduce:
                 reduce(self._g)
             self._project(self._g.array)
-            self._U.getDenseArray()[:, column] = np.asarray(self._g.array_r)
+            own = np.asarray(self._g.array_r)
+            self._U.getDenseArray()[: len(own), column] = own  # zero for an unknown pressure
         self._U.assemble()
         self.mat.assemble()
