@@ -15,7 +15,8 @@ from typing import Any, NamedTuple
 #: known to their rounding error; an unstable equilibrium; nodes outside of the mesh of the run
 #: from which this one starts; rigid motions that nothing constrains, or supports without an area;
 #: a pressure that is known up to a constant; cells of the mesh that meet without being connected;
-#: a motion that gains energy; PETSc options that no solver has.
+#: a motion that gains energy; PETSc options that no solver has; steps that
+#: needed a proximal term.
 KINDS = (
     "supports",
     "load",
@@ -32,6 +33,7 @@ KINDS = (
     "mesh",
     "energy",
     "options",
+    "stabilised",
 )
 #: Those on how a state was reached, which hold for what starts from it.
 NOTES_ON_PATH = ("jump", "start")

@@ -126,8 +126,8 @@ def test_blocks_that_may_slide_off_stay_on_their_path_and_are_called_unstable(co
     result = fem_snh.run(blocks(comm.bcast(tmp_path), 4, 0.4), comm=comm, progress=False)
     assert result.converged
     row = result.steps[-1]
-    assert row["negative_eigenvalues"] == 1 and row["notes"] == ["unstable"]
-    assert "let one reach beyond the other" in result.record["notes"][-1]["text"]
+    assert row["negative_eigenvalues"] == 1 and row["notes"] == ["unstable", "stabilised"]
+    assert "let one reach beyond the other" in result.record["notes"][-2]["text"]
 
     def lack(stretches):
         pk1 = material("stable_neo_hookean", E=1.0, nu=0.3).pk1(np.diag([*stretches, 1.0]))

@@ -399,3 +399,65 @@ def test_ring_that_closes_is_the_body(tmp_path, method):
         assert 0 < contact["penetration"] < 0.01  # a tenth of a cell
     else:
         assert 0 < contact["distance"] < 0.004
+
+
+SLIDING = """
+mesh = "block.msh"
+element = "Q1"
+kinematics = "plane_strain"
+steps = 4
+[material]
+name = "stable_neo_hookean"
+E = 1.0
+nu = 0.3
+[[obstacle]]
+name = "floor"
+friction = {friction}
+shape = {{ box = {{ center = [1, -1, 0], size = [9, 2, 9] }} }}
+[[obstacle]]
+name = "press"
+friction = {friction}
+shape = {{ box = {{ center = [1, 1.5, 0], size = [9, 2, 9] }} }}
+translate = [0, -0.05, 0]
+table = "press"
+[[obstacle]]
+name = "wall"
+shape = {{ box = {{ center = [2.4, 0, 0], size = [2, 9, 9] }} }}
+[[traction]]
+group = "left"
+vector = [0.02, 0, 0]
+table = "push"
+[[table]]
+name = "press"
+points = [[0, 0], [0.5, 1]]
+[[table]]
+name = "push"
+points = [[0.5, 0], [1, 1]]
+"""
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("friction", [0.0, 0.02])
+def test_a_block_that_contact_alone_holds_slides_to_the_wall(comm, folder, friction):
+    """Between two plates nothing holds it sideways; the wall bears what friction does not."""
+    if comm.rank == 0:
+        with section(folder / "block.msh") as (geo, groups, bodies):
+            corners = [geo.addPoint(x, y, 0) for x, y in ((0, 0), (1, 0), (1, 0.5), (0, 0.5))]
+            lines = [geo.addLine(corners[i], corners[(i + 1) % 4]) for i in range(4)]
+            surface = geo.addPlaneSurface([geo.addCurveLoop(lines)])
+            for line, points in zip(lines, (5, 3, 5, 3), strict=True):
+                geo.mesh.setTransfiniteCurve(line, points)
+            geo.mesh.setTransfiniteSurface(surface)
+            geo.mesh.setRecombine(2, surface)
+            groups["left"], bodies["block"] = [lines[3]], [surface]
+        (folder / "sliding.toml").write_text(SLIDING.format(friction=friction))
+    comm.barrier()
+    result = solve(folder / "sliding.toml", comm)
+    row = result.steps[-1]
+    across, along = ({n: o["force"][i] for n, o in row["obstacles"].items()} for i in (1, 0))
+    assert sum(along.values()) == pytest.approx(-0.02 * 0.5, rel=1e-4)
+    for plate in ("floor", "press"):
+        assert along[plate] == pytest.approx(-friction * abs(across[plate]), rel=1e-3, abs=1e-8)
+    assert row["load"] == 1 and row["stabilisation"] < 1e-6
+    assert "stabilised" in row["notes"]
+    assert any("by a proximal term" in note["text"] for note in result.record["notes"])

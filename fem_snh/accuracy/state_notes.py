@@ -311,6 +311,26 @@ def instability_note(
     return Note("unstable", text, None if of is None else last, values)
 
 
+def stabilisation_note(parts: Mapping[int, float], of: int) -> Note | None:
+    """Return a note if steps needed a proximal term.
+
+    Parameters
+    ----------
+    parts : mapping
+        The part of its forces in those that act at the end of each such step, by its number.
+    of : int
+        Number of steps.
+    """
+    if not parts:
+        return None
+    largest = max(parts.values())
+    text = (
+        f"{len(parts)} of {of} steps were stabilised, as contact alone did not guide the body: by "
+        f"a proximal term, whose forces at their ends are at most {largest:.2g} of those that act"
+    )
+    return Note("stabilised", text, max(parts), {"largest": largest, "steps": list(parts)})
+
+
 def energy_note(steps: Mapping[int, Mapping[str, Any]], mean_forces: bool = False) -> Note | None:
     """Return a note if a motion gains energy that no load gave it.
 

@@ -72,10 +72,6 @@ class SymmetricFactors:
         assert found is not None
         return found
 
-    def solve(self, b: PETSc.Vec, x: PETSc.Vec) -> None:
-        """Set ``x`` to the solution of A x = b by the last factors."""
-        self._ksp.solve(b, x)
-
     @property
     def null_pivots(self) -> int:
         """Return how many pivots of the last factors are zero, as those of rows of zeros."""

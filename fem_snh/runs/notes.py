@@ -19,6 +19,7 @@ from fem_snh.accuracy.state_notes import (
     penetration_note,
     pressure_note,
     rounding_note,
+    stabilisation_note,
     thin_support_note,
 )
 from fem_snh.choices import COARSER_MESHES
@@ -138,6 +139,11 @@ def final_notes(
         from fem_snh.accuracy.stiffness import stiffness_factor
 
         stiffness = partial(stiffness_factor, make=setup.make)
+    stabilised = {
+        number: float(steps[number]["stabilisation"])
+        for number in good
+        if "stabilisation" in steps[number]
+    }
     has_errors = estimate is not None and not estimate.reason
     means = problem.motion is not None and problem.motion.integrator.has_mean_forces
     found = [
@@ -156,6 +162,7 @@ def final_notes(
             saddle_point=bool(problem.saddle_point),
             touches=bool(problem.coupling_terms),
         ),
+        stabilisation_note(stabilised, len(good)),
     ]
     return [note for note in found if note]
 

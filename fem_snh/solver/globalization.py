@@ -6,13 +6,12 @@
 
 from __future__ import annotations
 
-from math import isfinite
+from math import inf, isfinite
 from typing import Protocol
 
 from petsc4py import PETSc
 
-from fem_snh.errors import Failed
-from fem_snh.linalg.symmetric_factors import SymmetricFactors
+from fem_snh._petsc import factors_out_of_memory, set_operators
 from fem_snh.solver.line_search import LineSearch
 from fem_snh.solver.quasi_newton import QuasiNewton
 from fem_snh.solver.search_direction import SearchDirection
@@ -22,6 +21,9 @@ _Reason = PETSc.SNES.ConvergedReason
 
 #: Iterations of Newton's method without a globalization: near a solution it needs 4 to 6.
 _MAX_FULL_STEPS = 15
+#: Residual over that of the first iteration from which it diverges: a point that comes into contact
+#: changes forces by a stiffness, not by orders of magnitude.
+_MOST_GROWTH = 1e3
 
 
 class Globalization(Protocol):
@@ -82,28 +84,33 @@ class FullNewton:
     ----------
     direction : SearchDirection
         Assembles the Hessian.
-    factors : SymmetricFactors
-        The factors of its matrix.
+    ksp : KSP
+        Factorises its matrix, which may not be symmetric.
     """
 
-    def __init__(self, direction: SearchDirection, factors: SymmetricFactors) -> None:
-        self._direction, self._factors, self._count = direction, factors, 0
+    def __init__(self, direction: SearchDirection, ksp: PETSc.KSP) -> None:
+        self._direction, self._ksp, self._count, self._largest = direction, ksp, 0, 0.0
 
     def step(self, start: State, d: PETSc.Vec, trial: State) -> Step:
         """Take one step from ``start`` to ``trial``; ``d`` becomes the direction. Collective."""
-        step, search = Step(filter="exact"), self._direction.line_search
+        step, search, norm = Step(filter="exact"), self._direction.line_search, inf
         step.filtered_points = self._direction.assemble(start.x, "exact")
         self._count += 1
-        try:
-            self._factors.factorise()
-        except Failed:
-            step.diverged = _Reason.DIVERGED_LINEAR_SOLVE
-            return step
-        self._factors.solve(start.residual, d)
+        self._largest = self._largest or _MOST_GROWTH * start.residual.norm()
+        A, P = self._direction.snes.getJacobian()[:2]
+        set_operators(self._ksp, A, P)
+        self._ksp.solve(start.residual, d)
         d.scale(-1.0)
-        step.length, step.diverged = search.largest_step(start.x, d), _Reason.DIVERGED_LINE_SEARCH
-        energy = search.evaluate_energy(start.x, d, step.length, trial)
-        if isfinite(energy) and self._count <= _MAX_FULL_STEPS:
-            search.evaluate_residual(trial)
+        step.diverged = _Reason.DIVERGED_LINE_SEARCH
+        if factors_out_of_memory(self._ksp.getPC()):
+            step.diverged = _Reason.DIVERGED_LINEAR_SOLVE
+        elif isfinite(d.norm()) and self._count <= _MAX_FULL_STEPS:
+            step.length = search.largest_step(start.x, d)
+            if isfinite(search.evaluate_energy(start.x, d, step.length, trial)):
+                search.evaluate_residual(trial)
+                norm = trial.residual.norm()
+        if norm <= self._largest:
             step.end, step.diverged = trial, 0
+        else:
+            self._ksp.reset()  # factors that are not finite would stay so
         return step

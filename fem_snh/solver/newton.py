@@ -13,9 +13,10 @@ from typing import NamedTuple
 
 from petsc4py import PETSc
 
+from fem_snh._petsc import expect_singular_matrix
 from fem_snh.choices import ACTING_FORCES
+from fem_snh.linalg.asymmetry import set_asymmetric_factors
 from fem_snh.linalg.direct_solver import is_direct
-from fem_snh.linalg.symmetric_factors import SymmetricFactors
 from fem_snh.solver import garbage, options
 from fem_snh.solver.asymmetric import AsymmetricSolver
 from fem_snh.solver.forcing import ForcingTerm
@@ -29,6 +30,9 @@ from fem_snh.solver.search_direction import SearchDirection
 from fem_snh.solver.stability import EquilibriumStability
 from fem_snh.solver.step import Iteration, State, Step
 from fem_snh.solver.trust_region import TrustRegion
+
+#: Rounding error of the residual over the forces that act, above which a state is no solution.
+_MOST_ROUNDING = 1e-2
 
 Reason = PETSc.SNES.ConvergedReason
 
@@ -145,7 +149,7 @@ class ProjectedNewton:
         self.stability = stability
         self.negative: int | None = None
         self.full_steps = False
-        self.factors: SymmetricFactors | None = None
+        self.full_ksp: PETSc.KSP | None = None
         self.trust_ksp: PETSc.KSP | None = None
         self.asymmetric: AsymmetricSolver | None = None
         self.linear_choice = LinearChoice(False)
@@ -251,8 +255,11 @@ class ProjectedNewton:
         """Return the globalization of one solve, with its parts."""
         direction = self.direction(snes, forcing)
         if self.full_steps:
-            self.factors = self.factors or SymmetricFactors(snes.getJacobian()[1])
-            return FullNewton(direction, self.factors)
+            if self.full_ksp is None:
+                self.full_ksp = PETSc.KSP().create(snes.comm)
+                set_asymmetric_factors(self.full_ksp)
+                expect_singular_matrix(self.full_ksp)
+            return FullNewton(direction, self.full_ksp)
         line_search = direction.line_search
         ksp = self.trust_ksp
         quasi_newton = QuasiNewton(
@@ -356,10 +363,17 @@ class ProjectedNewton:
         return self.tolerance_at(x) if within else earlier if earlier else self.scaled_tolerance
 
     def _is_rounding(self, x: PETSc.Vec, norm: float) -> bool:
-        """Return whether a residual is a rounding error, whose bound is then the tolerance."""
+        """Return whether a residual is a rounding error, whose bound is then the tolerance.
+
+        That of a state that is nothing but rounding is not: of a body that has flown off to 1e14
+        times its size.
+        """
         bound = self._rounding_force(x, norm) if self._rounding_force else 0.0
         if norm > bound:
             return False
+        if bound > self.scaled_tolerance and self._acting_force:
+            if bound > _MOST_ROUNDING * self._acting_force(x):
+                return False
         self.tolerance = self.rounding = bound
         return True
 
@@ -371,10 +385,7 @@ class ProjectedNewton:
         ``negative`` is the number of negative eigenvalues of the last Hessian, if it is known.
         """
         found, converged = self.stability, snes.getConvergedReason() > 0
-        if found is None or not converged:
-            return Step()
-        if self.full_steps:
-            self.negative = found.negative_eigenvalues(state.x)
+        if found is None or self.full_steps or not converged:
             return Step()
         if not (is_direct(snes.getKSP()) or found.is_doubtful):
             return Step()

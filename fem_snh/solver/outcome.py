@@ -33,6 +33,8 @@ class StepOutcome:
     negative : int or None
         Negative eigenvalues of the exact Hessian at the end, beyond those of a minimum; None if
         they were not counted.
+    stabilisation : float or None
+        The norm of the forces of a proximal term, over that of the forces that act; None without.
     predicted : int
         Linear iterations of the predictor; 0 if it solved no linear system.
     """
@@ -45,6 +47,7 @@ class StepOutcome:
     linear_residual: float | None = None
     tolerance: float | None = None
     negative: int | None = None
+    stabilisation: float | None = None
     predicted: int = 0
 
     @property

@@ -81,8 +81,10 @@ class Predictor:
         self._response = response  # a bound method of this object would be a reference cycle
         self.before: tuple[float, PETSc.Vec] | None = None
 
-    def predict(self, load: float) -> int:
+    def predict(self, load: float, stay: bool = False) -> int:
         """Set the load and the first guess; return the linear iterations used. Collective.
+
+        With ``stay`` it is the present state, with what is prescribed at the load.
 
         Raises
         ------
@@ -92,7 +94,9 @@ class Predictor:
         problem, x, old = self.problem, self.problem.x, self.problem.load
         present, linear = x.copy(), 0
         problem.set_load(load)
-        if self.kind == "extrapolate" and self._extrapolation is not None:
+        if stay:
+            pass
+        elif self.kind == "extrapolate" and self._extrapolation is not None:
             self._extrapolation(x, load)
         elif self.kind == "bones" and self._blend is not None:
             self._blend(x, old, load)

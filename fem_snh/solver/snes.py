@@ -154,7 +154,7 @@ def _check_inverse_of_sum(ksp: PETSc.KSP) -> None:
 def destroy(snes: PETSc.SNES) -> None:
     """Destroy a SNES of `create` with its linear solvers. Collective."""
     context = snes.getPythonContext()
-    for owned in (context.trust_ksp, context.factors, context.asymmetric):
+    for owned in (context.trust_ksp, context.full_ksp, context.asymmetric):
         if owned is not None:
             owned.destroy()
     snes.destroy()

@@ -13,6 +13,7 @@ from fem_snh.errors import NotSettled
 from fem_snh.problem.problem import Problem
 from fem_snh.steps.cell_pressures import CellPressures
 from fem_snh.steps.poisson_continuation import PoissonContinuation
+from fem_snh.steps.rescue import Rescue
 
 if TYPE_CHECKING:
     from fem_snh.steps.time_steps import TimeSteps
@@ -66,7 +67,8 @@ class StepSolver:
         response = pressures.tangent if pressures else None
         self.predictor = solver.Predictor(problem, snes, predictor, extrapolate, blend, response)
         linearised = motion is not None and motion.semi_implicit
-        self._unstable = False  # whether the last step ended at an unstable equilibrium
+        self._rescue: Rescue | None = None
+        self._rescued = False  # whether the last step was
         self._semi_implicit = solver.SemiImplicit(problem, snes) if linearised else None
 
     def solve(
@@ -93,16 +95,16 @@ class StepSolver:
         """
         problem, motion = self.problem, self.motion
         start, before, history = problem.x.copy(), problem.load, list[solver.Iteration]()
-        for number, full_steps in enumerate(self._attempts()):
+        for number, rescues in enumerate(self._attempts()):
             if number:
                 start.copy(problem.x)
                 problem.set_load(before)
-            tried = self._attempt(load, predict, full_steps)
+            tried = self._attempt(load, predict, rescues)
             history += tried.history
-            if tried.converged or not full_steps:
+            if tried.converged or not rescues:
                 outcome = tried
             if tried.converged:
-                self._unstable = full_steps and bool(tried.negative)
+                self._rescued = rescues
                 break
         outcome.history = history
         if judge and outcome.converged:
@@ -120,34 +122,24 @@ class StepSolver:
                 motion.cancel_step()
         return outcome
 
-    def _attempt(self, load: float, predict: bool, full_steps: bool) -> solver.StepOutcome:
-        """Solve from the problem's state to a load, by a minimisation or by full steps."""
+    def _attempt(self, load: float, predict: bool, rescues: bool) -> solver.StepOutcome:
+        """Solve from the problem's state to a load, or rescue the step."""
         problem, context = self.problem, self.snes.getPythonContext()
         problem.history.begin_step(problem.split(problem.x)[0])
         if self.motion:
             context.earlier_force, context.least_load = self.motion.begin_step(load)
         if self.pressures:
             self.pressures.begin_step()
-        context.full_steps = full_steps
-        try:
-            with solver.callback_errors():
-                return self._solve(load, predict)
-        finally:
-            context.full_steps = False
+        with solver.callback_errors():
+            return self._solve(load, predict, rescues)
 
     def _attempts(self) -> Sequence[bool]:
-        """Return whether each attempt of a step takes full steps, to any equilibrium.
-
-        Where surfaces touch without friction the energy of a state may be no minimum, and no
-        minimum may be near: bodies that slide off each other. The path of equilibria goes on.
-        """
-        problem = self.problem
-        conservative = self.snes.getPythonContext().stability is not None
-        if not (conservative and problem.coupling_terms and problem.operator == problem.A):
+        """Return whether each attempt of a step rescues it: first, after a step that needed it."""
+        if not Rescue.fits(self.problem):
             return [False]
-        return [True, False] if self._unstable else [False, True]
+        return [True, False] if self._rescued else [False, True]
 
-    def _solve(self, load: float, predict: bool) -> solver.StepOutcome:
+    def _solve(self, load: float, predict: bool, rescues: bool) -> solver.StepOutcome:
         """Solve at a load from a first guess; return the outcome of all solves."""
         problem, outcome, before = self.problem, solver.StepOutcome(), self.problem.load
         if self._semi_implicit:
@@ -155,7 +147,7 @@ class StepSolver:
             return self._semi_implicit.solve()
         try:
             if predict:
-                outcome.predicted = self.predictor.predict(load)
+                outcome.predicted = self.predictor.predict(load, stay=rescues)
             else:
                 problem.set_load(load)
         except NotSettled as error:
@@ -163,10 +155,13 @@ class StepSolver:
             return outcome
         if self.guessed:
             self.guessed()
-        full_steps = self.snes.getPythonContext().full_steps
-        if self.continuation and not full_steps:
+        if rescues:
+            self._rescue = self._rescue or Rescue(problem, self.snes)
+            self._rescue.solve(outcome)
+            return outcome
+        if self.continuation:
             outcome.history += self.continuation.solve(problem)
-        if self.pressures and not full_steps:
+        if self.pressures:
             self.pressures.solve()
             outcome.history += self.pressures.history
         # Forces that change little beside others, as the weight of a body in tension, count too.

@@ -158,6 +158,7 @@ class Stepper:
             "tolerance": self._tolerance(outcome),
             **problem.history.settling(),
             **self._linear_residual(outcome),
+            **self._stabilisation(outcome),
             **self._energies(load, to),
             **(self.solver.pressures.row() if self.solver.pressures else {}),
             **(self._jumps.row() if converged and self._jumps else {}),
@@ -217,6 +218,12 @@ class Stepper:
         residual = outcome.linear_residual
         return {} if residual is None else {"linear_residual": residual}
 
+    @staticmethod
+    def _stabilisation(outcome: StepOutcome) -> dict[str, float]:
+        """Return the part of a proximal term in the forces of a step that has needed it."""
+        part = outcome.stabilisation
+        return {} if part is None or not outcome.converged else {"stabilisation": part}
+
     def _notes(self, recorded: Mapping[str, Any]) -> list[str]:
         """Return the kinds of notes on the last step, of which the terms have recorded this."""
         kinds = {
@@ -224,6 +231,7 @@ class Stepper:
             "jump": self.jump is not None,
             "unstable": self._last.get("negative_eigenvalues", 0) > 0,
             "penetration": bool(unseen_penetrations(recorded)),
+            "stabilised": "stabilisation" in self._last,
         }
         return [kind for kind, noted in kinds.items() if noted]
 

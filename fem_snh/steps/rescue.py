@@ -1,0 +1,118 @@
+r"""Solve a step again by full Newton steps, with a proximal term where a body is free to move.
+
+Where surfaces touch, minimisation may find no way: a body that nothing but contact constrains has
+no stiffness along some motion, bodies that slide off each other leave their path, and a follower
+pressure or friction has no energy to minimise. Full steps of Newton's method with the exact Hessian
+converge to any equilibrium that is near. A proximal term makes each solve start near to its end,
+
+.. math:: \frac{r}{2 L^2} \int E\, |u - u_k|^2 \, \mathrm{d}V ,
+
+with the displacement :math:`u_k` of the solve before. This is pseudo-transient continuation (Kelley
+& Keyes 1998): the rate r increases where a solve fails, and decreases where it does not. The step
+ends when the term's forces are within the tolerance of the residual, so that the state is an
+equilibrium without it.
+"""
+
+from __future__ import annotations
+
+from petsc4py import PETSc
+
+from fem_snh import solver
+from fem_snh.assembly.ghosted_vectors import local_values
+from fem_snh.assembly.nodal_mass import NodalMass
+from fem_snh.errors import NotSettled
+from fem_snh.problem.problem import Problem
+from fem_snh.problem.supports import Supports
+from fem_snh.solver.linear_choice import MAX_NODES
+from fem_snh.solver.settling import update_lagged
+from fem_snh.steps.dynamics.integrators import Affine
+from fem_snh.steps.dynamics.motion_terms import Inertia
+from fem_snh.terms.settling import MAX_SOLVES
+
+#: The first rate r of a body that is free to move: the term is about as stiff as the body.
+_FIRST = 1.0
+#: Its factors after a solve and after one that failed, its least value, and how many may fail. An
+#: O-ring that slides to the side of its groove needs rates up to 100, and 3 to 40 solves.
+_DECREASE, _INCREASE, _LEAST, _MOST_FAILURES = 0.1, 10.0, 1e-2, 10
+
+
+class Rescue:
+    """The second solver of a step that has failed. Its methods are collective.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem.
+    snes : PETSc.SNES
+        Its solver.
+    """
+
+    def __init__(self, problem: Problem, snes: PETSc.SNES) -> None:
+        self._problem, self._snes = problem, snes
+        regions = [r._replace(density=r.material.numbers.E) for r in problem.regions]
+        self._term = Inertia(NodalMass(problem.V, regions, "lumped", problem.kinematics))
+        #: The rate of a step's first solve. A body that is held is not kept from its path.
+        self._first = _FIRST if Supports(problem).left.shape[1] else 0.0
+
+    @staticmethod
+    def fits(problem: Problem) -> bool:
+        """Return whether steps of a problem are solved again: static ones with contact."""
+        touches = bool(problem.history.by_name) and problem.motion is None
+        assembled = problem.operator == problem.A and bool(problem.regions)
+        return touches and assembled and problem.regime.nodes <= MAX_NODES
+
+    def solve(self, outcome: solver.StepOutcome) -> None:
+        """Solve from ``problem.x``, in place, until nothing lagged changes.
+
+        Parameters
+        ----------
+        outcome : StepOutcome
+            The outcome of the step, to which each solve is added.
+        """
+        problem, context = self._problem, self._snes.getPythonContext()
+        rate, failures, again, accepted = self._first, 0, True, problem.x.copy()
+        context.full_steps = True
+        problem.terms.append(self._term)
+        try:
+            while again:
+                origin = local_values(problem.split(accepted)[0]).copy()
+                pulls = Affine(rate / problem.length**2, origin)
+                self._term.acceleration = pulls if rate else None
+                with solver.callback_errors():
+                    self._snes.solve(None, problem.x)
+                outcome.add_solve(self._snes)
+                if outcome.converged:
+                    again = self._update(outcome)
+                    problem.x.copy(accepted)
+                    rate = max(_LEAST, _DECREASE * rate) if rate else 0.0
+                else:
+                    failures += 1
+                    again = failures <= _MOST_FAILURES and not outcome.out_of_memory
+                    rate = max(_FIRST, _INCREASE * rate)
+                    accepted.copy(problem.x)
+        finally:
+            context.full_steps = False
+            problem.terms.remove(self._term)
+        if not outcome.converged:
+            return
+        if rate:
+            self._first = _FIRST
+        if context.stability is not None:
+            outcome.negative = context.stability.negative_eigenvalues(problem.x)
+
+    def _update(self, outcome: solver.StepOutcome) -> bool:
+        """Update what is lagged after a solve; return whether to solve again."""
+        problem, forces = self._problem, self._problem.x.duplicate()
+        again = update_lagged(problem, outcome)
+        problem.gradient(problem.x, forces, [self._term])
+        problem.project(forces.array)
+        force, tolerance = forces.norm(), outcome.tolerance or 0.0
+        largest = problem.largest_force(problem.x)
+        if self._term.acceleration is not None:
+            outcome.stabilisation = force / largest if largest > 0 else 0.0
+        if not outcome.converged or force <= tolerance:
+            return again
+        if problem.history.solves >= MAX_SOLVES:
+            what = f"the force of stabilisation is {force / tolerance:.3g} times the tolerance"
+            outcome.fail_inner(NotSettled(f"{what} after {MAX_SOLVES} solves"))
+        return outcome.converged
