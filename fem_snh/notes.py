@@ -12,11 +12,11 @@ from typing import Any, NamedTuple
 #: The kinds of notes: of the loads; of the output folder; an element that locks; points that are
 #: inverted; a jump to a state far away within one step; a surface that is deep in an obstacle or
 #: another surface, between the points at which contact acts; penalties that yield; forces that are
-#: known to their rounding error; an unstable equilibrium; nodes outside of the mesh of the run
-#: from which this one starts; rigid motions that nothing constrains, or supports without an area;
-#: a pressure that is known up to a constant; cells of the mesh that meet without being connected;
-#: a motion that gains energy; PETSc options that no solver has; steps that
-#: needed a proximal term.
+#: known to their rounding error; an unstable equilibrium; one other than rest though no load acts;
+#: nodes outside of the mesh of the run from which this one starts; rigid motions that nothing
+#: constrains, or supports without an area; a pressure that is known up to a constant; cells of the
+#: mesh that meet without being connected; a motion that gains energy; PETSc options that no solver
+#: has; steps that needed a proximal term.
 KINDS = (
     "supports",
     "load",
@@ -28,6 +28,7 @@ KINDS = (
     "penalty",
     "rounding",
     "unstable",
+    "rest",
     "start",
     "pressure",
     "mesh",

@@ -14,18 +14,21 @@ from gmsh_files import write_msh
 from interrupted_runs import cut
 from note_scenes import arch, bushing
 from running import record, rows, solve, watch_calls
+from scipy.integrate import quad
+from scipy.optimize import minimize_scalar
 from test_locking import cube
 from time_scenes import DOWN, in_time
 
 import fem_snh
 from benchmarks import plates
 from fem_snh import scenes
-from fem_snh.accuracy.state_notes import inversion_note
+from fem_snh.accuracy.state_notes import inversion_note, rest_note
 from fem_snh.cli import main
 from fem_snh.contact.obstacle import Obstacle
 from fem_snh.errors import ResultNote
 from fem_snh.scenes import MaterialChoice, Scene, Start
 from fem_snh.steps.jump import JumpDetector
+from fem_snh.steps.stepping import Stepper
 
 mpi = pytest.mark.mpi
 
@@ -136,6 +139,26 @@ def test_iterations_of_every_kind_are_printed_and_in_the_row(capsys):
     assert any(f" {row['examined_newton']} Newton to examine it, " in line for line in lines)
 
 
+@mpi
+def test_a_state_without_loads_that_is_not_at_rest_is_noted(comm):
+    """Its energy is that of the material; at rest, and under a load, there is no note."""
+    stretched = cube(comm, 2, "Q1", 0.4, lambda X: 0.1 * X)
+    note = rest_note(stretched, 3)
+    energy = fem_snh.material("stable_neo_hookean", E=1.0, nu=0.4).energy(1.1 * np.eye(3))
+    assert note.kind == "rest" and note.step == 3
+    assert note.values["energy"] == pytest.approx(float(energy), rel=1e-12)
+    assert rest_note(cube(comm, 2, "Q1", 0.4, lambda X: 0 * X)) is None
+    loaded = solve("pull", comm, cells=2, stretch=1.1, steps=1)
+    assert not [note for note in loaded.notes if note["kind"] == "rest"]
+
+
+def test_a_scrambled_cube_is_at_rest_or_says_that_it_is_not():
+    """It ended at .21 J on one rank, at 1e-28 J on three, and said converged alike."""
+    result = solve("scramble", MPI.COMM_SELF, cells=3)
+    (row,), kinds = result.steps, [note["kind"] for note in result.notes]
+    assert ("rest" in kinds) == (row["energy"] > 1e-9)
+
+
 # --- jumps ----------------------------------------------------------------------------------------
 
 
@@ -165,6 +188,75 @@ def test_a_jump_on_ranks(comm, folder):
     comm.barrier()
     assert result.steps[2]["notes"] == ["jump"] and rows(folder / "out")[2]["notes"] == "jump"
     comm.barrier()
+
+
+SHELL = """
+Point(1) = {0, 0, 0};
+For k In {0:1}
+  Point(10+k) = {10+k, 0, 0}; Point(20+k) = {0, 10+k, 0}; Circle(k+1) = {10+k, 1, 20+k};
+EndFor
+Line(3) = {10, 11}; Line(4) = {20, 21};
+Curve Loop(1) = {1, 4, -2, -3}; Plane Surface(1) = {1};
+Transfinite Curve{1, 2} = 7; Transfinite Curve{3, 4} = 2;
+Transfinite Surface{1} = {10, 20, 21, 11}; Recombine Surface{1};
+Physical Surface("body") = {1}; Physical Curve("inside") = {1}; Physical Curve("equator") = {3};
+"""
+
+
+def limit_pressure(C10, C01, ratio):
+    """Return the largest pressure of an incompressible spherical shell (Green & Zerna, 3.10)."""
+
+    def pressure(a):
+        b = np.cbrt(1 + (a**3 - 1) / ratio**3)
+        return quad(lambda s: slope(s) / (s**3 - 1), b, a)[0]
+
+    def slope(s):
+        return C10 * (4 * s - 4 * s**-5) + C01 * (4 * s**3 - 4 * s**-3)
+
+    return -minimize_scalar(lambda a: -pressure(a), bounds=(1.05, 1.8), method="bounded").fun
+
+
+@mpi
+def test_a_balloon_jumps_at_its_limit_pressure(comm, folder):
+    """It went from a stretch of 1.3 to one of 5.9 in one step, without a word."""
+    limit = limit_pressure(0.4, 0.04, 1.1)
+    scene = {
+        "name": "balloon", "mesh": write_msh(comm, folder, SHELL, dim=2), "element": "Q2Q1",
+        "kinematics": "axisymmetric", "steps": 8,
+        "material": {"name": "mooney_rivlin", "C10": 0.4, "C01": 0.04, "D1": 0.0},
+        "hold": [{"group": "equator", "components": ["y"]}],
+        "pressure": [{"group": "inside", "value": limit / 0.95}],
+    }  # fmt: skip
+    result = solve(Scene.model_validate(scene), comm)
+    (note,) = [note for note in result.notes if note["kind"] == "jump"]
+    assert note["start"] < 0.95 < note["end"] and note["ratio"] > 10
+    assert note["part"] > 0.8 and result.steps[note["step"]]["load"] == 1.0
+    assert "the volume of a [[cavity]] in place of a pressure" in note["text"]
+
+
+def test_steps_with_contact_are_noted_if_they_jump(tmp_path):
+    """They are not solved again: an arch snaps through above a floor that is far away."""
+    path = arch(MPI.COMM_SELF, tmp_path, 5, -40.0)
+    floor = '[[obstacle]]\nname = "floor"\nshape = { plane = { point = [0, 0, -9] } }\n'
+    path.write_text(path.read_text() + floor)
+    (note,) = solve(path, MPI.COMM_SELF).notes
+    assert note["kind"] == "jump" and note["step"] == 2 and note["ratio"] > 10
+    assert "times as far as expected in" in note["text"] and "are not examined" in note["text"]
+
+
+def test_steps_that_fail_after_a_jump_name_the_limit_load(tmp_path, monkeypatch):
+    """What stops the run need not be what is wrong with it."""
+
+    def judge(stepper, outcome, start, to):
+        outcome.converged = to <= 0.7
+        return {}
+
+    monkeypatch.setattr(Stepper, "_judge", judge)
+    result = solve(arch(MPI.COMM_SELF, tmp_path, 5, -40.0), comm=MPI.COMM_SELF)
+    status = result.record["status"]
+    assert status.startswith("stopped at load 0.") and "which may be a limit load" in status
+    (note,) = [note for note in result.notes if note["kind"] == "jump"]
+    assert f"between the loads {note['start']:.6g} and {note['end']:.6g}" in status
 
 
 @pytest.mark.parametrize(("rise", "hold", "pressure"), [(0.06, "ends", 40.0), (0.0, "left", 4.0)])

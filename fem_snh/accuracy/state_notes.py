@@ -30,6 +30,10 @@ _TOO_STIFF = 1.2
 #: only prevent rigid motions it is what the solvers leave.
 _CARRIES = 1e-3
 
+#: Norm of the residual at rest, over E V^(2/3), that rounding leaves of no load; difference of
+#: energies, over E V, that the tolerance leaves: strains of 3e-5, where it is 1e-7 E V^(2/3).
+_NO_LOAD, _AT_REST = 1e-12, 1e-9
+
 #: Part of the elastic energy from which that of penalties is reported.
 _YIELDS = 0.02
 
@@ -64,7 +68,7 @@ def state_notes(problem: Problem, negative: int | None, rounding: float) -> list
     )
     found = [inversion_note(problem), locking_note(problem), unstable, pressure_note(problem)]
     found += [thin_support_note(problem), penalty_note(problem), untreated_volume_note(problem)]
-    found.append(rounding_note(problem, rounding))
+    found += [rounding_note(problem, rounding), rest_note(problem)]
     contradictions = problem.dirichlet.contradictions_of_values()
     return [note for note in found if note] + [Note("load", text) for text in contradictions]
 
@@ -91,6 +95,31 @@ def pressure_note(problem: Problem) -> Note | None:
         "nu < 0.5"
     )
     return Note("pressure", text)
+
+
+def rest_note(problem: Problem, step: int | None = None) -> Note | None:
+    """Return a note if no load acts, and the body is not at rest. Collective.
+
+    There is none in time, nor where terms remember what has happened.
+    """
+    static = problem.motion is None and not problem.history.is_kept(problem.comm)
+    if not (static and problem.has_energy):
+        return None
+    rest, residual = problem.x.duplicate(), problem.x.duplicate()
+    rest.set(0.0)
+    problem.prescribe(rest)
+    problem.residual(rest, residual)
+    if rest.norm() > 0 or not residual.norm() <= _NO_LOAD * problem.force_scale:
+        return None
+    energy = problem.energy(problem.x) - problem.energy(rest)
+    if not abs(energy) > _AT_REST * problem.force_scale * problem.length:
+        return None
+    text = (
+        f"no load acts, and the energy is {energy:.4g} J above that at rest: the body has come to "
+        "another equilibrium, which the path selects, or rounding; take another globalization or "
+        "more cells"
+    )
+    return Note("rest", text, step, {"energy": energy})
 
 
 def thin_support_note(problem: Problem, step: int | None = None) -> Note | None:

@@ -6,6 +6,9 @@ a path of equilibria an eighth of the load has about an eighth of the motion; wh
 to exist, it has most of it, however the step is divided. So it is divided further: of a motion that
 is steep and steady, as that of a sheet that is pressed to a hundredth of its height, less is left.
 
+A trial step that fails where the whole step converged has lost the path: it is said, as are, with
+terms that keep a history, which no trial may repeat, steps of many iterations and far motions.
+
 A step that ends far from where its first guess was may have passed a bifurcation: beyond it there
 are several stable states. (The guess of a step without one is that the body goes on as in the step
 before.) Small problems are solved again in parts of the step; where their end has another energy,
@@ -28,6 +31,12 @@ from fem_snh.problem.problem import Problem
 
 #: Displacement of a step over the one that was expected from which it is examined.
 _FAR = 3.0
+#: The same from which a step that cannot be examined is noted: a body that begins to slide or to
+#: touch moves a few times as far.
+_VERY_FAR = 10.0
+#: Newton iterations over the median of the steps before from which a step is suspicious, and the
+#: least median: a step that changes little takes 2, one with contact up to 50.
+_MANY, _LEAST_USUAL = 10, 5
 #: Expected over real displacement below which the expected one is rounding: the first guess was the
 #: state before the step, as without a predictor, or where a level starts from a coarser mesh.
 _NONE = 1e-9
@@ -68,6 +77,45 @@ class Jump(NamedTuple):
     ratio: float
 
 
+class LostPath(NamedTuple):
+    """A far step of which a smaller one finds no equilibrium.
+
+    Attributes
+    ----------
+    start, end : float
+        Loads between which the path is lost.
+    part, ratio : float
+        See `Jump`.
+    """
+
+    start: float
+    end: float
+    part: float
+    ratio: float
+
+
+class UnexaminedStep(NamedTuple):
+    """A far step, or one of many iterations, that cannot be solved again.
+
+    Attributes
+    ----------
+    start, end : float
+        Loads of the step.
+    ratio : float
+        The step's displacement over the expected one.
+    newton : int
+        Its Newton iterations.
+    usual : float
+        Their median in the steps before; 0 in the first step.
+    """
+
+    start: float
+    end: float
+    ratio: float
+    newton: int
+    usual: float
+
+
 class SkippedPath(NamedTuple):
     """A step that ends in another state than its path.
 
@@ -85,11 +133,20 @@ class SkippedPath(NamedTuple):
     followed: float
 
 
+#: How to reach the states that a load jumps over.
+BEYOND_LIMIT = (
+    "those between need a prescribed displacement ([[move]]) in place of the load, the volume of a "
+    "[[cavity]] in place of a pressure, or a motion in time"
+)
+#: What a step may be found to be.
+Finding = Jump | LostPath | UnexaminedStep | SkippedPath
+
+
 class JumpDetector:
     """Examines each step of a load stepping. Its methods are collective.
 
-    Steps are not examined in time, nor with terms that keep a history: what has slid or touched is
-    not undone.
+    Steps are not examined in time. With terms that keep a history they are not solved again: what
+    has slid or touched is not undone.
 
     Parameters
     ----------
@@ -105,24 +162,24 @@ class JumpDetector:
         self._motion: PETSc.Vec | None = None
         self._rate = 0.0
         self._guess: PETSc.Vec | None = None
+        #: Newton iterations of the steps before.
+        self._newton: list[int] = []
         #: The solves by which the last step was examined.
         self._examined = solver.StepOutcome()
 
     @staticmethod
     def of(problem: Problem, snes: PETSc.SNES) -> JumpDetector | None:
-        """Return the detector of a problem; None where steps are not examined."""
-        if problem.history.by_name or not problem.depends_on_load:
-            return None
-        return JumpDetector(problem, snes)
+        """Return the detector of a problem; None without loads."""
+        return JumpDetector(problem, snes) if problem.depends_on_load else None
 
     def begin(self) -> None:
         """Keep the present unknowns, the first guess of the step."""
         self._guess = self._problem.x.copy()
 
-    def find(self, load: float, start: PETSc.Vec) -> Jump | SkippedPath | None:
-        """Return the jump in the step from ``load`` and ``start`` to the problem's state.
+    def find(self, load: float, start: PETSc.Vec, newton: int) -> Finding | None:
+        """Return what the step is found to be, of so many Newton iterations; None if all is well.
 
-        Or that the step has skipped its path.
+        It went from ``load`` and ``start`` to the problem's state.
         """
         problem, guess = self._problem, self._guess
         self._examined = solver.StepOutcome()
@@ -135,16 +192,22 @@ class JumpDetector:
         if guessed <= _NONE * moved and self._motion is not None:
             guess = start + step * self._motion
         self._motion, self._rate = (end - start) / step, moved / step
-        found: Jump | SkippedPath | None = None
-        if not _NONE * moved < _FAR * expected:
-            return None
-        if _FAR * expected < moved:
+        usual = float(np.median(self._newton)) if self._newton else 0.0
+        self._newton.append(newton)
+        is_slow = usual > 0 and newton >= _MANY * max(usual, _LEAST_USUAL)
+        is_known = _NONE * moved < _FAR * expected
+        ratio = moved / expected if is_known else 0.0
+        if problem.history.by_name:
+            noted = is_slow or ratio > _VERY_FAR
+            return UnexaminedStep(load, to, ratio, newton, usual) if noted else None
+        found: Finding | None = None
+        if ratio > _FAR or (is_slow and moved > 0):
             jump = self._bisect((load, start), (to, end), moved)
-            found = jump and jump._replace(ratio=moved / expected)
-        elif self._distance(guess, end) > _OFF * moved:
-            found = self._compare((load, start), to)
-        else:
+            found = jump and jump._replace(ratio=ratio)
+        elif not is_known or self._distance(guess, end) <= _OFF * moved:
             return None
+        if found is None and ratio <= _FAR:
+            found = self._compare((load, start), to)
         end.copy(problem.x)
         problem.set_load(to)
         problem.split(problem.x)
@@ -180,13 +243,14 @@ class JumpDetector:
 
     def _bisect(
         self, low: tuple[float, PETSc.Vec], high: tuple[float, PETSc.Vec], moved: float
-    ) -> Jump | None:
-        """Return the jump between two states; None if there is none, or where no solve decides."""
-        found, part = None, 1.0
+    ) -> Jump | LostPath | None:
+        """Return the jump between two states, or where a solve fails; None if there is none."""
+        found: Jump | None = None
+        part = 1.0
         for halvings in range(1, _HALVINGS + _FURTHER + 1):
             middle = self._solve(low, (low[0] + high[0]) / 2)
             if middle is None:
-                return found
+                return found or LostPath(low[0], high[0], part, 0.0)
             if self._distance(low[1], middle[1]) > self._distance(middle[1], high[1]):
                 high = middle
             else:
@@ -230,20 +294,32 @@ class JumpDetector:
         return float(np.sqrt(self._problem.comm.allreduce(moved @ moved, op=MPI.SUM)))
 
 
-def jump_note(jump: Jump | SkippedPath, step: int) -> Note:
-    """Return the note of a jump, or of a path that was skipped."""
-    if isinstance(jump, SkippedPath):
+def jump_note(found: Finding, step: int) -> Note:
+    """Return the note of what a step was found to be."""
+    loads = f"{found.start:.6g} to {found.end:.6g}"
+    if isinstance(found, SkippedPath):
         text = (
-            f"the step from load {jump.start:.6g} to {jump.end:.6g} ends at another equilibrium "
-            f"than {_PARTS} smaller ones: its energy is {jump.energy:.4g} J, theirs "
-            f"{jump.followed:.4g} J; the body has several states there, and which one it reaches "
-            "depends on the path: take more steps"
+            f"the step from load {loads} ends at another equilibrium than {_PARTS} smaller ones: "
+            f"its energy is {found.energy:.4g} J, theirs {found.followed:.4g} J; the body has "
+            "several states there, and which one it reaches depends on the path: take more steps"
         )
-        return Note("jump", text, step, jump._asdict())
+        return Note("jump", text, step, found._asdict())
+    is_far = found.ratio > _FAR
+    far = f"{found.ratio:.2g} times as far as expected"
+    if isinstance(found, UnexaminedStep):
+        usual = f", {found.usual:g} in the steps before" if found.usual else ""
+        text = (
+            f"in the step from load {loads} the body moves{f' {far}' if is_far else ''} in "
+            f"{found.newton} Newton iterations{usual}: it may have jumped to another state "
+            "(snap-through, buckling, loss of contact), for which steps with contact or friction "
+            f"are not examined; {BEYOND_LIMIT}"
+        )
+        return Note("jump", text, step, found._asdict())
+    lost = isinstance(found, LostPath)
+    way = ", and half of that step finds no equilibrium: " if lost else ": "
     text = (
-        f"{100 * jump.part:.0f} % of the displacement of the step to its load are made between the "
-        f"loads {jump.start:.6g} and {jump.end:.6g}: the body jumps to a state far away "
-        f"(snap-through), {jump.ratio:.2g} times as far as expected; the states before and after "
-        "are equilibria, those between need a motion in time, or a prescribed displacement"
+        f"{100 * found.part:.0f} % of the displacement of the step to its load are made between "
+        f"the loads {found.start:.6g} and {found.end:.6g}{way}the body jumps to a state far away "
+        f"(snap-through){f', {far}' if is_far else ''}; {BEYOND_LIMIT}"
     )
-    return Note("jump", text, step, jump._asdict())
+    return Note("jump", text, step, found._asdict())

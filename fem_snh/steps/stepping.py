@@ -12,7 +12,7 @@ from fem_snh.compile_clock import Stopwatch
 from fem_snh.problem.probes import Probes
 from fem_snh.solver import EquilibriumStability, StepOutcome
 from fem_snh.solver.definiteness import negative_eigenvalues
-from fem_snh.steps.jump import Jump, JumpDetector, SkippedPath
+from fem_snh.steps.jump import BEYOND_LIMIT, Finding, JumpDetector
 from fem_snh.steps.step_size import StepSize
 from fem_snh.steps.step_solver import StepSolver
 
@@ -61,7 +61,7 @@ class Stepper:
         Elapsed seconds of the steps, without compilation.
     processor : float
         This rank's processor seconds of the steps, without compilation.
-    jump : Jump, SkippedPath or None
+    jump : Finding or None
         The jump in the last step.
     """
 
@@ -86,7 +86,8 @@ class Stepper:
         examined = find_jumps and not motion
         self._jumps = JumpDetector.of(self.problem, solver.snes) if examined else None
         solver.guessed = self._jumps.begin if self._jumps else None
-        self.jump: Jump | SkippedPath | None = None
+        self.jump: Finding | None = None
+        self._last_jump: Finding | None = None
         self.done, self.taken = False, 0
         self.seconds = self.processor = 0.0
         self._last: dict[str, Any] = {}
@@ -126,8 +127,15 @@ class Stepper:
             return f"stopped at {at}: {self._last['reason']}"
         return (
             f"stopped at {at}: a step of 1/{self.size.max_divisions} of the nominal "
-            f"one still fails ({self._last['reason']})"
+            f"one still fails ({self._last['reason']}){self._limit_load()}"
         )
+
+    def _limit_load(self) -> str:
+        """Return that the body has passed a limit load before the last step failed, or nothing."""
+        if (jump := self._last_jump) is None:
+            return ""
+        between = f"between the loads {jump.start:.6g} and {jump.end:.6g}"
+        return f"; the body jumped {between}, which may be a limit load: {BEYOND_LIMIT}"
 
     def attempt(
         self, load: float, to: float, *, predict: bool = True, restore: bool = True
@@ -145,7 +153,10 @@ class Stepper:
         nonfinite = problem.nonfinite - nonfinite
         self._out_of_memory = outcome.out_of_memory
         converged, history = outcome.converged, outcome.history
-        self.jump = self._jumps.find(load, before) if converged and self._jumps else None
+        self.jump = None
+        if converged and self._jumps:
+            self.jump = self._jumps.find(load, before, outcome.newton)
+            self._last_jump = self.jump or self._last_jump
         self._last = {
             "load": to,
             "converged": converged,
