@@ -93,6 +93,10 @@ MISTAKES: list[tuple[dict[str, Any], str]] = [
     ),
     ({"hold": 3}, r"hold = 3: expected a list of tables, \[\[...\]\]"),
     ({"hold": [3]}, "hold.0 = 3: expected a table"),
+    (
+        {"hold": [{"group": "top", "table": "on"}]},
+        r"hold.0.table = 'on': expected no table: a \[\[hold\]\] lasts for the whole run",
+    ),
     ({"traction": [{"group": "top", "vector": [1, 2]}]}, "traction.0.vector = .* three finite"),
     ({"petsc.ksp": {}}, "petsc = .*: expected a table of"),
     ({"mesh": "x.msh"}, "cells = 15: expected no value, as x.msh has its own"),

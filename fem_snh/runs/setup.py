@@ -128,7 +128,7 @@ def set_up(
     if scene.start and scene.start.run is not None:
         from fem_snh.runs.start import start_from_run
 
-        path, note = start_from_run(problem, scene.start, read=not resumed)
+        path, note = start_from_run(problem, scene, read=not resumed)
     elif scene.start and (scene.start.displaces or not scene.time):
         set_initial_state(problem, scene.start)
     probes = Probes(problem.u, scene.probe) if scene.probe else None

@@ -15,12 +15,14 @@ import numpy.typing as npt
 
 from fem_snh import _dolfinx
 from fem_snh.assembly.boundary_conditions import DirichletConditions, StartPath
-from fem_snh.errors import ResultNote, on_root
+from fem_snh.contact.obstacle import names as obstacle_names
+from fem_snh.errors import ResultNote, in_words, on_root
 from fem_snh.notes import Note
 from fem_snh.problem.dolfinx_problem import check_displacement
 from fem_snh.problem.problem import Problem
+from fem_snh.run_record import load_record
 from fem_snh.runs.output.nodal_values import gather_rows, scatter_rows
-from fem_snh.scenes import Start
+from fem_snh.scenes import Scene
 
 Array = npt.NDArray[np.float64]
 
@@ -68,7 +70,7 @@ def interpolate_run(
 
 
 def start_from_run(
-    problem: Problem, start: Start, read: bool = True
+    problem: Problem, scene: Scene, read: bool = True
 ) -> tuple[StartPath, Note | None]:
     """Set ``problem.x`` to the state of ``start.run``, from which its conditions go. Collective.
 
@@ -80,14 +82,15 @@ def start_from_run(
     path : StartPath
         The path of the problem's conditions.
     note : Note or None
-        Which nodes are outside of the run's mesh.
+        Which nodes are outside of the run's mesh, and what friction begins without its state.
 
     Raises
     ------
     BadInput
         On every rank, if there is no such state, or it is of another body.
     """
-    assert start.run is not None
+    start = scene.start
+    assert start is not None and start.run is not None
     conditions = problem.dirichlet
     assert isinstance(conditions, DirichletConditions)
     conditions.share_path(path := StartPath())
@@ -100,7 +103,27 @@ def start_from_run(
     problem.set_load(0.0)
     problem.prescribe(problem.x)
     problem.split(problem.x)
-    return path, note
+    lost = on_root(problem.comm, _friction_text, scene, start.run)
+    texts = ([note.text] if note else []) + ([lost] if lost else [])
+    return path, Note("start", "; ".join(texts)) if texts else None
+
+
+def _friction_text(scene: Scene, run: Path) -> str:
+    """Return which friction of a run its displacement does not have; empty for none."""
+    steps = load_record(run / "run.json")["steps"]
+    row: dict[str, Any] = next((row for row in reversed(steps) if row["converged"]), {})
+    names = [name for name, o in zip(obstacle_names(scene.obstacle), scene.obstacle) if o.friction]
+    touched = [f"'{n}'" for n in names if row.get("obstacles", {}).get(n, {}).get("contacts")]
+    if scene.self_contact and scene.self_contact.friction and row.get("self_contact"):
+        touched.append("itself")
+    if not touched:
+        return ""
+    return (
+        f"start.run = '{run}': friction with {in_words(touched)} begins without the shear stress "
+        "that it has there: the surface sticks where it is, and what friction alone held springs "
+        "back; within one run friction keeps it: take a force with a 'table' that returns to zero "
+        "in place of a second run"
+    )
 
 
 def _displacement(

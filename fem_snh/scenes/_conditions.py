@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -38,6 +39,17 @@ class Hold(Table):
 
     group: GroupKey = Field(description=_GROUP)
     components: Components = Field(default=("x", "y", "z"), description=_COMPONENTS)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _check_table(cls, data: Any) -> Any:
+        if isinstance(data, dict) and "table" in data:
+            accepted = (
+                "no table: a [[hold]] lasts for the whole run; to set a part free, move it by a "
+                "force that a table takes back to zero, of [[rigid]] or [[traction]]"
+            )
+            raise bad_value("table", data["table"], accepted)
+        return data
 
     def displacement(self, X: Array, load: float) -> Array:
         """Return zeros of the shape of X (n, 3): see `Move.displacement`."""
