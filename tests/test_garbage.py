@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import ctypes
 import gc
+import re
 import resource
+import subprocess
+import sys
 from pathlib import Path
 from weakref import ref
 
@@ -19,6 +22,7 @@ from fem_snh import _dolfinx
 from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.runs import run
 from fem_snh.solver import garbage
+from fem_snh.studies.processes import environment
 
 mpi = pytest.mark.mpi
 
@@ -117,3 +121,46 @@ def test_repeated_programs_take_no_more_memory(comm, kind, element, cells):
         gc.collect()
         memory.append(allocated(comm))
     assert memory[-1] - memory[2] < 0.1 * 6 * size
+
+
+#: Estimates errors as often as its argument says, on the cells of one element.
+ESTIMATES = """
+import gc, sys
+sys.path.insert(0, {tests!r})
+from bodies import cube
+from mpi4py import MPI
+import fem_snh, ufl
+from fem_snh import _dolfinx
+
+body = cube(MPI.COMM_WORLD, "tetrahedron", 1)
+u = _dolfinx.function(_dolfinx.function_space(body.domain, 2, (3,)), "u")
+material = fem_snh.material("stable_neo_hookean", E=1.0, nu=0.3)
+terms = [1e-2 * ufl.inner(u, u) * ufl.ds, 1e-3 * u[2] * ufl.ds]
+problem = fem_snh.NonlinearProblem(u, {{material: ufl.dx}}, terms=terms, element={element!r})
+problem.solve()
+for _ in range(int(sys.argv[1])):
+    problem.estimate_error({{"energy": "energy"}})
+    gc.collect()
+"""
+
+
+def remaining(log):
+    """Return how many more objects of each class were created than destroyed, by PETSc's log."""
+    table = log[log.index("Object Type") :].split("=====")[0]
+    rows = re.findall(r"^\s+(\S.*?)\s+(\d+)\s+(\d+)$", table, re.MULTILINE)
+    return {name: int(created) - int(destroyed) for name, created, destroyed in rows}
+
+
+@pytest.mark.parametrize("element", ["P2P0", "P2P1"])
+def test_estimates_leave_no_objects(tmp_path, element):
+    """Vectors of mixed spaces have communicators of their own: four vectors a call remained."""
+    script = tmp_path / "estimates.py"
+    script.write_text(ESTIMATES.format(tests=str(Path(__file__).parent), element=element))
+    counts = []
+    for times in ("1", "3"):
+        log = tmp_path / f"log{times}"
+        options = environment() | {"PETSC_OPTIONS": f"-log_view :{log}"}
+        subprocess.run([sys.executable, script, times], env=options, check=True, timeout=120)
+        counts.append(remaining(log.read_text()))
+    assert counts[0]["Vector"] > 0
+    assert counts[0] == counts[1]

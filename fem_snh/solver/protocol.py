@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple, Protocol
 
 from petsc4py import PETSc
@@ -63,6 +63,10 @@ class SaddlePoint(Protocol):
     @property
     def index_sets(self) -> Mapping[str, PETSc.IS]:
         """Return the unknowns of displacement and pressure, {"u": IS, "p": IS}."""
+
+    @property
+    def fields(self) -> Sequence[PETSc.Vec]:
+        """Return the vectors of displacement and pressure, on communicators of their own."""
 
     @property
     def schur_approximation(self) -> PETSc.Mat:

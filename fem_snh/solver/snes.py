@@ -137,7 +137,8 @@ def create(
                 )
     except (PETSc.Error, ImportError) as error:  # an option may name a class of Python
         raise BadInput(f"PETSc rejects an option under -{prefix}: {cause_of(error)}") from None
-    objects = [problem.x, problem.A, *([saddle.schur_approximation] if saddle else ())]
+    parts = (saddle.schur_approximation, *saddle.fields) if saddle else ()
+    objects = [problem.x, problem.A, *parts]
     garbage.record(problem, snes, *objects)
     return snes
 

@@ -86,6 +86,11 @@ class PressureBlock:
         return self.unit * local_values(self._unknowns.pressure)
 
     @property
+    def fields(self) -> tuple[PETSc.Vec, PETSc.Vec]:
+        """The vectors of displacement and pressure, on communicators of their own."""
+        return _dolfinx.petsc_vec(self._unknowns.u), self._unknowns.pressure
+
+    @property
     def schur_approximation(self) -> PETSc.Mat:
         """An approximation of the Schur complement, negative definite."""
         return self._schur.matrix
