@@ -24,7 +24,6 @@ from fem_snh.assembly.elements import Element
 from fem_snh.assembly.ghosted_vectors import summed_over_cells
 from fem_snh.errors import BadInput
 from fem_snh.linalg.direct_solver import is_direct
-from fem_snh.linalg.symmetric_factors import precondition_by_sum
 from fem_snh.problem.problem import Problem
 from fem_snh.problem.supports import Supports
 from fem_snh.solver.definiteness import has_negative_curvature, is_definite
@@ -136,8 +135,6 @@ class Lift:
             ) from None
         # Each solve is one Newton iteration, which does not end at an equilibrium.
         self._snes = solver.create(lifted, prefix=PREFIX, examine_stability=False)
-        if lifted.operator != lifted.A:  # the run's state is near the equilibrium
-            precondition_by_sum(self._snes.getKSP())
         self._outcome, self._last_filter = solver.StepOutcome(), ""
         self.reduction = self.last_reduction = 1.0
         self._last_change = 0.0  # of all unknowns, in the last Newton iteration

@@ -27,7 +27,6 @@ import numpy as np
 from fem_snh._petsc import (
     expect_singular_matrix,
     factors_out_of_memory,
-    is_cholesky,
     negative_pivots,
     set_operators,
 )
@@ -183,25 +182,14 @@ class FactorsOfSum:
 def set_direct_solver_of_sum(ksp: PETSc.KSP) -> None:
     """Configure an existing KSP as the inverse of the operator, a MATLRC."""
     ksp.setType(PETSc.KSP.Type.PREONLY)
-    _set_factors(ksp.getPC())
+    ksp.getPC().setType(PETSc.PC.Type.PYTHON)
+    ksp.getPC().setPythonContext(FactorsOfSum())
 
 
 def is_factors_of_sum(pc: PETSc.PC) -> bool:
     """Return whether a PC is `FactorsOfSum`."""
     is_python = pc.getType() == PETSc.PC.Type.PYTHON
     return is_python and isinstance(pc.getPythonContext(), FactorsOfSum)
-
-
-def precondition_by_sum(ksp: PETSc.KSP) -> None:
-    """Replace a KSP's sparse factors of A by `FactorsOfSum`, for an operator that is a MATLRC."""
-    if is_cholesky(ksp.getPC(), PETSc.Mat.SolverType.MUMPS):
-        _set_factors(ksp.getPC())
-
-
-def _set_factors(pc: PETSc.PC) -> None:
-    """Make a PC `FactorsOfSum`."""
-    pc.setType(PETSc.PC.Type.PYTHON)
-    pc.setPythonContext(FactorsOfSum())
 
 
 def solved_columns(ksp: PETSc.KSP, operator: PETSc.Mat) -> tuple[np.ndarray, np.ndarray]:

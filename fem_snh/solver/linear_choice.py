@@ -85,10 +85,9 @@ def choose_linear_solver(problem: SolvableProblem, wanted: str = CHOICES[0]) -> 
         return LinearChoice(wanted == "direct")
     if problem.operator != problem.A:
         reason = "a load adds matrices of rank one, which are applied without being assembled"
-        if problem.saddle_point is not None and regime.nodes <= MAX_NODES:
+        few = regime.dimension == 2 or problem.saddle_point is not None
+        if few and regime.nodes <= MAX_NODES:
             return LinearChoice(True, f"{reason}: sparse factors of the rest")
-        if regime.dimension == 2:
-            reason += ": CG with sparse factors of the rest"
         return LinearChoice(False, reason)
     if regime.dimension == 2:
         return _choose_for_section(regime, problem.saddle_point is not None)

@@ -203,12 +203,8 @@ def _configure_linear_solver(ksp: PETSc.KSP, problem: SolvableProblem, prefix: s
         saddle_point.configure(ksp, problem.A, problem.saddle_point, coordinates, prefix)
     elif problem.operator != problem.A:
         # EisenstatCG needs an assembled matrix. A preconditioner of its sparse part leaves one
-        # large eigenvalue for each matrix of rank one, which costs conjugate gradients one step. In
-        # two dimensions these are the sparse factors of that part.
-        if dimension == 2:
-            set_direct_solver(ksp)
-        else:
-            ksp.getPC().setType(PETSc.PC.Type.SOR)
+        # large eigenvalue for each matrix of rank one, which costs conjugate gradients one step.
+        ksp.getPC().setType(PETSc.PC.Type.SOR)
         ksp.setType(PETSc.KSP.Type.CG)
     elif not named:
         ksp.setType(PETSc.KSP.Type.PYTHON)
