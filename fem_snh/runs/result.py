@@ -89,8 +89,9 @@ class Result:
             One of `fem_snh.output_fields.ON_REQUEST`, e.g. "von_mises" [Pa].
         at : {"cells", "nodes", "points"}
             "cells": means over this rank's cells, (cells, ...); "nodes": the L2 projection at the
-            nodes of ``u``, ghosts included, (nodes, ...); "points": values at the quadrature
-            points, (cells, points, ...). ``reaction_force`` is at the nodes always.
+            nodes of ``u``, ghosts included, (nodes, ...), where principal values and von Mises'
+            stress are those of the projected tensor; "points": values at the quadrature points,
+            (cells, points, ...). ``reaction_force`` is at the nodes always.
 
         Raises
         ------
