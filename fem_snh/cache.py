@@ -102,7 +102,10 @@ def own_folder() -> Path:
 
 
 def read_signed(path: Path) -> bytes | None:
-    """Return the content of a file that `sign` has made, None unless it is whole and trusted."""
+    """Return the content of a file that `sign` has made, None unless it is whole and trusted.
+
+    One under another name than the one it was signed with is not: it holds something else.
+    """
     try:
         with path.open("rb") as file:
             state, content = os.fstat(file.fileno()), file.read()
@@ -111,19 +114,20 @@ def read_signed(path: Path) -> bytes | None:
     if state.st_uid not in (os.geteuid(), _ROOT) or state.st_mode & _OTHERS_WRITE:
         return None
     content, signature = content[:-_SIGNATURE], content[-_SIGNATURE:]
-    return content if signature == _signature(content) else None
+    return content if signature == _signature(path.name, content) else None
 
 
 def sign(path: Path) -> None:
-    """Append its digest to a file, by which `read_signed` recognises one that was damaged."""
+    """Append its digest and its name's to a file, by which `read_signed` recognises it."""
     with path.open("r+b") as file:
-        file.write(_signature(file.read()))
+        file.write(_signature(path.name, file.read()))
     path.chmod(0o644)
 
 
-def _signature(content: bytes) -> bytes:
+def _signature(name: str, content: bytes) -> bytes:
     """Return a last line that Python and the loader of shared libraries ignore."""
-    return f"\n# {hashlib.sha256(content).hexdigest()}\n".encode()
+    digest = hashlib.sha256(name.encode() + b"\0" + content).hexdigest()
+    return f"\n# {digest}\n".encode()
 
 
 @contextmanager

@@ -225,6 +225,13 @@ def test_a_library_that_was_cut_off_is_compiled_again(kept: float) -> None:
     assert path.read_bytes() == whole
 
 
+def test_another_library_under_the_name_is_compiled_again() -> None:
+    path, other = build.library(SOURCE), build.library(f"{SOURCE}\nint other(void) {{ return 1; }}")
+    whole = path.read_bytes()
+    path.write_bytes(other.read_bytes())
+    assert build.library(SOURCE) == path and path.read_bytes() == whole
+
+
 def test_a_library_with_another_byte_is_compiled_again() -> None:
     path = build.library(SOURCE)
     whole = path.read_bytes()

@@ -126,7 +126,7 @@ def _compiled(source: str, suffix: str, objects: Sequence[Path] = ()) -> Path:
         return target
     try:
         with cache.build_folder() as folder:
-            code, compiled = folder / "kernel.c", folder / f"kernel{suffix}"
+            code, compiled = folder / "kernel.c", folder / name
             files = [str(code)] if source else []
             if source:
                 code.write_text(source)

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
 import shutil
 import signal
 import subprocess
+import sys
 import tempfile
 import time
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import IO, Any
 
@@ -37,6 +40,8 @@ _SHARING = {
 }
 #: Seconds between SIGTERM and SIGKILL.
 _GRACE = 5.0
+#: prctl(2): the signal that the kernel sends to a process when its parent has ended.
+_PR_SET_PDEATHSIG = 1
 #: Seconds between two measurements of the memory.
 _MEMORY_INTERVAL = 0.25
 
@@ -140,6 +145,13 @@ class Child:
             stderr=stderr,
             env=environment() | {"TMPDIR": self._files.name} | dict(variables or {}),
             start_new_session=True,
+            # A study that is killed leaves no point behind, which would write into its folder.
+            # mpirun has to end its ranks.
+            preexec_fn=partial(
+                ctypes.CDLL(None).prctl,
+                _PR_SET_PDEATHSIG,
+                signal.SIGKILL if command[0] == sys.executable else signal.SIGTERM,
+            ),
         )
         if is_rank():  # mpirun may have bound this rank to one core; the child may use them all
             os.sched_setaffinity(self._process.pid, range(os.cpu_count() or 1))
