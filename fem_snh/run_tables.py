@@ -55,7 +55,7 @@ def results(step: Mapping[str, Any]) -> dict[str, Any]:
 _UNITS = {
     **dict.fromkeys(("residual", "tolerance", "force", "friction"), "N"),
     **dict.fromkeys(("energy", "kinetic", "elastic", "potential", "work", "dissipated"), "J"),
-    **dict.fromkeys(("max_u", "mean", "position", "penetration", "deepest"), "m"),
+    **dict.fromkeys(("max_u", "mean", "position", "displacement", "penetration", "deepest"), "m"),
     **dict.fromkeys(("distance", "activation"), "m"),
     **dict.fromkeys(("time", "time_step"), "s"),
     "numerical_dissipation": "J",

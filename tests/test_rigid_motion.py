@@ -186,6 +186,8 @@ def test_force_on_a_part_that_a_record_moves(comm, integrator, spacing):
         forces = problem._problem.x.duplicate()
         problem._problem.gradient(problem._problem.x, forces)
         state = problem._problem.rigid.states(problem._problem.x, forces)["box"]
+        moved = [0.1 * float(np.interp(problem.time, times, record)), 0.0, 0.0]
+        assert state["displacement"] == pytest.approx(moved, abs=1e-12)
         found.append([state["force"][0], state["moment"][2]])
     size = -(w**2) * np.array([0.1 * DENSITY * SIDES.prod(), angle * moments_of_inertia()[2]])
     exact = np.sin(w * np.arange(1, steps + 1) / steps)[:, None] * size

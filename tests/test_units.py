@@ -72,14 +72,14 @@ STEP = {
     "reactions": {"top": [0, 0, 1]}, "moments": {"top": [0, 0, 2]}, "probes": {"edge": [1, 2, 3]},
     "volumes": {"body": 1.0}, "cavities": {"inner": {"volume": 1.0, "pressure": 2.0}},
     "obstacles": {"ball": {"force": [1, 2, 3], "penetration": 0.1, "stiffness": 3.0}},
-    "rigid": {"bar": {"position": [1, 2, 3], "rotation": [0, 0, 1]}}, "momentum": [1, 2, 3],
+    "rigid": {"bar": {"displacement": [1, 2, 3], "rotation": [0, 0, 1]}}, "momentum": [1, 2, 3],
     "goals": {"top.mean.z": 1.0}, "errors": {"edge.y": 0.1, "top.moment.z": 0.2},
 }  # fmt: skip
 UNITS = {
     "energy": "J", "max_u": "m", "volume_ratio": "", "newton": "", "seconds": "", "load": "",
     "top.force.z": "N", "top.moment.z": "N m", "edge.x": "m", "body.volume": "",
     "inner.volume": "m^3", "inner.pressure": "Pa", "ball.force.y": "N", "ball.penetration": "m",
-    "ball.stiffness": "Pa/m", "bar.position.x": "m", "bar.rotation.z": "rad",
+    "ball.stiffness": "Pa/m", "bar.displacement.x": "m", "bar.rotation.z": "rad",
     "momentum.x": "kg m/s", "top.mean.z": "m", "edge.y.error": "m", "top.moment.z.error": "N m",
     "top.force.z/edge.x": "N/m", "edge.x/edge.y": "", "body.volume/edge.x": "1/m",
     "top.force.z/top.moment.z": "N/(N m)", "edge.x/body.volume": "m",

@@ -34,13 +34,9 @@ class RigidGoal(VectorGoal):
 
     def bind(self, problem: Problem) -> Callable[[], Sequence[float]]:
         """See `Goal.bind`."""
-        assert problem.rigid is not None
-        place = problem.rigid.place(self._part)
 
         def values() -> list[float]:
-            state = problem.rigid_states(problem.x)[self._part]
-            state["displacement"] = list(np.subtract(state["position"], place))
-            return self.components_of(state[self._kind])
+            return self.components_of(problem.rigid_states(problem.x)[self._part][self._kind])
 
         return values
 

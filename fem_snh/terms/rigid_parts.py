@@ -628,7 +628,8 @@ class RigidParts:
     def states(self, x: PETSc.Vec, gradient: PETSc.Vec) -> dict[str, dict[str, Any]]:
         """Return what run.json has of the parts in a state. Collective.
 
-        The "position" [m] of each part's point and its "rotation", a rotation vector [rad]; the
+        The "position" [m] of each part's point, its "displacement" [m] from the reference
+        coordinates, and the part's "rotation", a rotation vector [rad]; the
         "force" [N] and the "moment" [N m] about this point that hold the part against the flesh.
         """
         poses = self.poses(x)
@@ -636,6 +637,7 @@ class RigidParts:
         return {
             name: {
                 "position": poses.c[i].tolist(),
+                "displacement": (poses.c[i] - self.tree.points[i]).tolist(),
                 "rotation": logarithm(poses.R[i]).tolist(),
                 "force": forces[i, 0].tolist(),
                 "moment": forces[i, 1].tolist(),
