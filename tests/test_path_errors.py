@@ -173,16 +173,15 @@ def test_parts_that_cancel_have_a_bound_alone(parts, bound):
         assert "error below" in found.text("tip.z") and "mesh +0.025" in found.text("tip.z")
 
 
-def test_a_small_component_has_a_bound_with_friction():
-    """Its estimate is a difference of errors of the others."""
-    large, small = (
-        GoalError(1.0, error, scale=1.0, parts={"load steps": 0.0, "mesh": error})
-        for error in (0.2, 0.03)
-    )
+@pytest.mark.parametrize(("parts", "least"), [({"load steps": 0.0}, 0.2), ({"penalty": 0.0}, 0.1)])
+def test_a_small_component_has_a_bound_with_contact(parts, least):
+    """Its estimate is a difference of errors of the others, with friction of larger ones."""
+    sizes = 0.2, 0.15 * least
+    large, small = (GoalError(1.0, size, scale=1.0, parts=parts | {"mesh": size}) for size in sizes)
     estimate = Estimate({"tip.x": large, "tip.z": small})
     add_what_is_missed(estimate, degree=1, dim=3)
     assert estimate.goals["tip.x"].is_found and not estimate.goals["tip.z"].is_found
-    assert estimate.goals["tip.z"].bound == pytest.approx(0.03 + 0.2 * 0.2)
+    assert estimate.goals["tip.z"].bound == pytest.approx(sizes[1] + least * sizes[0])
 
 
 def test_steps_that_are_too_long_for_the_error_of_the_mesh(monkeypatch):

@@ -175,7 +175,7 @@ def bounded_goals(
 def add_what_is_missed(estimate: Estimate, degree: int, dim: int) -> None:
     """Add to errors of several parts what these may miss, of a run whose elements have a degree.
 
-    On a path that is at least a part of the largest error of the same vector, as for bounds.
+    That is at least a part of the largest error of the same vector, as for bounds.
     """
     common = _safety(estimate, degree, dim)
     largest = _largest_of_vectors({n: abs(g.error or 0.0) for n, g in estimate.goals.items()})
@@ -183,8 +183,7 @@ def add_what_is_missed(estimate: Estimate, degree: int, dim: int) -> None:
         if goal.error is not None and goal.parts:
             safety = _safety_of_shapes(goal, common)
             missed = _missed(goal, safety) + (safety - 1) * _of_steps(goal)
-            if _on_path(goal.parts):
-                missed = max(missed, _LEAST_ON_PATH * largest[vector_of(name)])
+            missed = max(missed, _least_part(goal) * largest[vector_of(name)])
             estimate.goals[name] = replace(goal, missed=missed)
 
 
@@ -268,11 +267,15 @@ def _with_least_bounds(goals: Mapping[str, GoalLevel]) -> dict[str, GoalLevel]:
     largest = _largest_of_vectors({name: goal.uncertainty for name, goal in goals.items()})
     found = {}
     for name, goal in goals.items():
-        part = _LEAST_ON_PATH if _on_path(goal.parts) else _LEAST_OF_VECTOR
-        least = part * largest[vector_of(name)]
+        least = _least_part(goal.known) * largest[vector_of(name)]
         bounds = max(goal.bound, least), max(goal.uncertainty, least)
         found[name] = replace(goal, bound=bounds[0], uncertainty=bounds[1])
     return found
+
+
+def _least_part(goal: GoalError) -> float:
+    """Return the least bound of a component over the largest one of the same vector."""
+    return _LEAST_ON_PATH if _on_path(goal.parts) else _LEAST_OF_VECTOR
 
 
 def _largest_of_vectors(sizes: Mapping[str, float]) -> dict[str, float]:
