@@ -61,6 +61,15 @@ def test_two_parameters_are_found_again() -> None:
     assert found.material["E"] == found.parameters["E"]
 
 
+def test_loads_of_a_file_with_many_steps(tmp_path: Path) -> None:
+    """A load of numpy's, times a PETSc vector, is an array of vectors."""
+    loads = np.array([0.25, 0.5, 0.75, 1.0])
+    rows = fem_snh.run("pull", progress=False, E=2.0, cells=1, steps=4).steps
+    forces = np.array([[row["reactions"]["right"][0]] for row in rows])
+    curve = MeasuredCurve("load", loads, loads, GOALS[:1], forces)
+    assert fit_scene("pull", curve, ["E"], cells=1, steps=4).parameters["E"] == pytest.approx(2)
+
+
 @pytest.mark.mpi
 def test_goals_in_other_units_give_the_same_fit() -> None:
     """Forces and volume ratios were summed as they are: nu was 0.4004, 0.4040 and 0.4084."""

@@ -526,7 +526,7 @@ class InverseProblem:
     def _states(self, setup: Setup) -> list[_State]:
         """Return the states at the measured loads, with their goals and dual solutions."""
         problem, stepper = setup.problem, setup.stepper
-        loads = list(self.curve.loads)
+        loads = self.curve.loads.tolist()  # numpy.float64 times a PETSc.Vec is an array
         between = [t for t in stepper.targets if t < loads[-1] and not _is_in(t, loads)]
         stepper.targets = sorted([*loads, *between])
         goals = named_goals(setup, self.curve.names)
