@@ -1,10 +1,11 @@
-"""Fuzz the program: damaged and random input must end well, whatever it is.
+"""Fuzz the program: random input gives the known answer, and damaged input ends well.
 
 A family (`benchmarks.fuzz.family`) makes inputs of one kind from seeds: files in an empty folder,
-and a command line. Each case runs in a process of its own, with limits of time. It passes if the
-program
+and a command line. Two of three are valid, and their answer is known: constants of a fit, the
+reaction of a support, a distance, the same numbers in other units. The others are damaged in one
+place. Each case runs in a process of its own, with limits of time. It passes if the program
 
-- succeeds (exit code 0) without a traceback;
+- succeeds (exit code 0) without a traceback, with the answer where it is known;
 - or keeps a result that did not converge (exit code 1, with a run.json);
 - or refuses the input (exit code 2) with exactly one line on standard error;
 
@@ -58,8 +59,9 @@ def rows(
     ------
     dict
         ``family``, ``description``, ``cases``; ``converged``, ``unconverged``, ``refused``: the
-        numbers of cases with exit code 0, 1 and 2; ``failed``, the number of failures, and
-        ``failures``, the seed and the reason of the first ten; ``ok`` if there are none.
+        numbers of cases with exit code 0, 1 and 2; ``valid``, the share of the first; ``failed``,
+        the number of failures, and ``failures``, the seed and the reason of the first ten; ``ok``
+        if there are none.
     """
     families = load_families()
     names = [choose("family", name, families) for name in split_list(only)] or list(families)
@@ -83,6 +85,7 @@ def _row(name: str, seed: int, count: int, out: str) -> Row:
         "converged": codes[0],
         "unconverged": codes[1],
         "refused": codes[2],
+        "valid": round(codes[0] / (len(cases) or 1), 2),
         "failed": len(failures),
         "failures": failures[:_SHOWN],
         "ok": not failures and len(cases) == count,
@@ -119,5 +122,5 @@ def run_cases(name: str, seeds: range, out: str = "") -> Iterator[dict[str, Any]
 
 def table(found: list[Row]) -> str:
     """Return the rows as a Markdown table."""
-    keys = ("family", "description", "cases", "converged", "unconverged", "refused", "failed")
+    keys = "family description cases converged unconverged refused valid failed".split()
     return markdown_table(keys, [[str(row[key]) for key in keys] for row in found])

@@ -1,13 +1,17 @@
-"""Command lines: every command and option with values that are missing, repeated, or wrong."""
+"""Command lines: those of a run, and every command and option with a value that is wrong."""
 
 from __future__ import annotations
 
+import json
+import math
 import subprocess
 import sys
+from functools import cache
 from pathlib import Path
 from random import Random
 
 from benchmarks.fuzz.family import Family
+from benchmarks.fuzz.mutations import WHOLE
 from fem_snh import cli
 from fem_snh.cli.options import Parser
 from fem_snh.studies.processes import environment, program
@@ -46,27 +50,59 @@ _PETSC = (
 )  # fmt: skip
 
 
+#: Options that leave the answer as it is.
+_HARMLESS = (
+    ["--nu", "0.3"], ["--set", "material.nu=0.3"], ["--E=1"], ["--element", "Q1"], ["--steps=1"],
+    ["--hessian", "clamp"], ["--globalization", "linesearch"], ["--set=reactions=['top']"],
+    ["--material", "stable_neo_hookean"], ["--set", "fields=['von_mises']"],
+)  # fmt: skip
+
+
 def make_command(random: Random, folder: Path) -> list[str]:
-    """Command lines with wrong, missing, repeated and empty values"""
+    """Command lines of a run with options that do not change it, or one of any command changed"""
     (folder / "scene.toml").write_text(_SCENE)
     (folder / "file").write_text("no scene, no run, no mesh\n")
+    words = ["run", "scene.toml", "--cells", "1", "--out", "out"]
+    if random.random() < WHOLE:
+        chosen = random.sample(_HARMLESS, random.randrange(4))
+        given = {option[0].partition("=")[0] for option in chosen}
+        if len(given) < len(chosen) or {"--nu", "--set"} <= given:
+            chosen = chosen[:1]
+        return ["whole", *words, *(word for option in chosen for word in option)]
     name = random.choice((*cli.COMMANDS, "run", "run", "run", "materials", random.choice(_VALUES)))
-    words = [name]
-    if name == "run":
-        words += [
-            random.choice(("scene.toml", "scene", "twst", "file", "scene.py:f", "", "scene.toml"))
-        ]
-        words += ["--cells", "1", "--steps", "1", "--out", "out"]
-    parser = cli.parsers().get(name)
-    for _ in range(random.choice((0, 1, 1, 2, 3))):
-        words += _option(random, parser)
-    for _ in range(random.choice((0, 0, 1, 2)) if name != "run" else 0):
+    if name != "run":
+        words = [name]
+    change = random.randrange(3 if name in ("run", *_LONG) else 2)
+    if change == 0:
+        words += _option(random, cli.parsers().get(name))
+    elif change == 1:
         words.insert(random.randrange(1, len(words) + 1), random.choice(_VALUES))
     if name in _LONG:
         words.insert(random.randrange(1, len(words) + 1), "--nonsense")
-    if name in ("run", *_LONG) and random.random() < 0.3:
+    if change == 2:
         words += ["--", *random.choice(_PETSC)]
-    return words
+    return ["changed", *words]
+
+
+def _main(arguments: list[str]) -> int:
+    """Run a command; a whole one has the energy of the scene."""
+    code = cli.main(arguments[1:])
+    _check_energy(arguments[0])
+    return code
+
+
+def _check_energy(state: str) -> None:
+    """Raise AssertionError unless out/run.json has the energy of the scene, if it was whole."""
+    if state == "whole":
+        found = json.loads(Path("out/run.json").read_text())["steps"][-1]["energy"]
+        assert math.isclose(found, _energy(), rel_tol=1e-6), found
+
+
+@cache
+def _energy() -> float:
+    import fem_snh
+
+    return float(fem_snh.run("scene.toml", progress=False).steps[-1]["energy"])
 
 
 def _option(random: Random, parser: Parser | None) -> list[str]:
@@ -85,13 +121,13 @@ def make_ranks(random: Random, folder: Path) -> list[str]:
     """The same command lines on two ranks"""
     while True:
         words = make_command(random, folder)
-        if words[0] in ("run", "plot", "render", "view") and "--" not in words:
+        if words[1] in ("run", "plot", "render", "view") and "--" not in words:
             return words
 
 
 def _on_two_ranks(arguments: list[str]) -> int:
     """Run ``fem-snh`` under mpirun; keep what the program itself prints on standard error."""
-    command = [*program(2), *arguments]
+    command = [*program(2), *arguments[1:]]
     done = subprocess.run(
         command, stdin=subprocess.DEVNULL, env=environment(), capture_output=True, text=True
     )
@@ -99,10 +135,11 @@ def _on_two_ranks(arguments: list[str]) -> int:
     for line in done.stderr.splitlines():
         if line.startswith(own):
             print(line, file=sys.stderr)
+    _check_energy(arguments[0])
     return done.returncode
 
 
 FAMILIES = {
-    "command": Family(make_command, preload=("fem_snh.scenes",)),
+    "command": Family(make_command, _main, ("fem_snh.runs",)),
     "ranks": Family(make_ranks, _on_two_ranks),
 }

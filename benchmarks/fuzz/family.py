@@ -22,7 +22,7 @@ from typing import Any
 from fem_snh import cli
 
 #: Modules of `benchmarks.fuzz` that define families.
-MODULES = ("meshes", "surfaces", "motions", "scenes", "commands")
+MODULES = ("meshes", "surfaces", "motions", "fits", "scenes", "commands")
 #: Limits of a case's processor time and elapsed time [s]; a case takes a second or two.
 _PROCESSOR, _ELAPSED = 60, 300
 #: Where a case is made and run: its input, and what the program printed.

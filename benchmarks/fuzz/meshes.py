@@ -1,28 +1,30 @@
-"""Damaged mesh files, as runs that would hold and load what they can read of them."""
+"""Mesh files, as runs that hold and load what they can read of them."""
 
 from __future__ import annotations
 
 import itertools
-import struct
+import math
+import tempfile
 from pathlib import Path
 from random import Random
 
 from benchmarks.fuzz.family import Family
-from benchmarks.fuzz.mutations import mutate
+from benchmarks.fuzz.mutations import write
 
 _SCENE = """\
 mesh = "body.msh"
 element = "{element}"
 steps = 1
+reactions = ["left"]
 [material]
 name = "stable_neo_hookean"
-E = 1.0
+E = {E}
 nu = 0.3
 [[hold]]
 group = "left"
 [[traction]]
 group = "right"
-vector = [0.01, 0, 0]
+vector = [{traction}, 0, 0]
 """
 #: The corners of a cube in gmsh's order, and the tetrahedra that share its diagonal.
 _CUBE = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)]
@@ -74,7 +76,14 @@ def _body(kind: str, n: int) -> tuple[list[tuple[float, ...]], Elements]:
     return nodes, elements
 
 
-def write_mesh(kind: str, n: int, version: float, binary: bool) -> bytes:
+def write_mesh(
+    kind: str,
+    n: int,
+    version: float,
+    binary: bool,
+    edge: float = 1.0,
+    random: Random | None = None,
+) -> bytes:
     """Return a cube of n^3 cubes as a gmsh file.
 
     Parameters
@@ -83,75 +92,66 @@ def write_mesh(kind: str, n: int, version: float, binary: bool) -> bytes:
         The cells.
     version : {2.2, 4.1}
         The format.
+    edge : float
+        The edge of the cube [length].
+    random : Random, optional
+        Numbers the nodes, and orders the elements of each kind, at random.
     """
     nodes, elements = _body(kind, n)
-    head = f"$MeshFormat\n{version} {int(binary)} 8\n".encode()
-    if binary:
-        head += struct.pack("<i", 1) + b"\n"
-    names = '3\n3 1 "body"\n2 2 "left"\n2 3 "right"\n'
-    head += f"$EndMeshFormat\n$PhysicalNames\n{names}$EndPhysicalNames\n".encode()
-    write = _format_2 if version < 3 else _format_4
-    return head + write(nodes, elements, binary)
+    nodes = [tuple(edge * x for x in node) for node in nodes]
+    if random is not None:
+        order = random.sample(range(len(nodes)), len(nodes))
+        number = {old: new for new, old in enumerate(order, 1)}
+        nodes = [nodes[old] for old in order]
+        elements = [(*e[:3], [number[i - 1] for i in e[3]]) for e in elements]
+        random.shuffle(elements)
+        elements.sort(key=lambda e: e[:3])
+    import gmsh
 
-
-def _numbers(binary: bool, kind: str, values: list[float]) -> bytes:
-    """Return numbers as bytes, or as a line of text; ``kind`` is struct's, one letter for each."""
-    if binary:
-        return struct.pack("<" + kind, *values)
-    return (" ".join(map(repr, values)) + "\n").encode()
-
-
-def _format_2(nodes: list[tuple[float, ...]], elements: Elements, binary: bool) -> bytes:
-    """Return the nodes and elements in format 2.2."""
-    text = f"$Nodes\n{len(nodes)}\n".encode()
-    for i, x in enumerate(nodes, 1):
-        text += _numbers(binary, "i3d", [i, *x])
-    text += f"\n$EndNodes\n$Elements\n{len(elements)}\n".replace("\n$E", "\n$E").encode()
-    for i, (_, group, kind, list_of_nodes) in enumerate(elements, 1):
-        tags: list[float] = [group, group, *list_of_nodes]
-        if binary:  # a header for each element
-            text += _numbers(True, f"4i{len(tags)}i", [kind, 1, 2, i, *tags])
-        else:
-            text += _numbers(False, "", [i, kind, 2, *tags])
-    return text + b"\n$EndElements\n"
-
-
-def _format_4(nodes: list[tuple[float, ...]], elements: Elements, binary: bool) -> bytes:
-    """Return entities, nodes and elements in format 4.1."""
-    box: list[float] = [0.0, 0.0, 0.0, 1.0, 1.0, 1.0]
-    text = b"$Entities\n" + _numbers(binary, "4Q", [0, 0, 2, 1])
-    for tag in (2, 3):
-        text += _numbers(binary, "i6dQiQ", [tag, *box, 1, tag, 0])
-    text += _numbers(binary, "i6dQiQ", [1, *box, 1, 1, 0]) + b"\n$EndEntities\n$Nodes\n"
-    text += _numbers(binary, "4Q", [1, len(nodes), 1, len(nodes)])
-    text += _numbers(binary, "3iQ", [3, 1, 0, len(nodes)])
-    for i in range(1, len(nodes) + 1):
-        text += _numbers(binary, "Q", [i])
-    for x in nodes:
-        text += _numbers(binary, "3d", list(x))
-    text += b"\n$EndNodes\n$Elements\n"
-    blocks = [list(block) for _, block in itertools.groupby(elements, lambda e: e[:3])]
-    text += _numbers(binary, "4Q", [len(blocks), len(elements), 1, len(elements)])
-    count = itertools.count(1)
-    for block in blocks:
-        dim, group, kind, _ = block[0]
-        text += _numbers(binary, "3iQ", [dim, group, kind, len(block)])
-        for *_, list_of_nodes in block:
-            text += _numbers(binary, f"{1 + len(list_of_nodes)}Q", [next(count), *list_of_nodes])
-    return text + b"\n$EndElements\n"
+    gmsh.initialize([], readConfigFiles=False)
+    try:
+        options = {"General.Terminal": 0, "Mesh.MshFileVersion": version, "Mesh.Binary": binary}
+        for key, value in options.items():
+            gmsh.option.setNumber(key, value)
+        for dim, tag, name in ((3, 1, "body"), (2, 2, "left"), (2, 3, "right")):
+            gmsh.model.addDiscreteEntity(dim, tag)
+            gmsh.model.addPhysicalGroup(dim, [tag], tag)
+            gmsh.model.setPhysicalName(dim, tag, name)
+        gmsh.model.mesh.addNodes(3, 1, range(1, len(nodes) + 1), [x for p in nodes for x in p])
+        for _, tag, element, numbers in elements:
+            gmsh.model.mesh.addElementsByType(tag, element, [], numbers)
+        with tempfile.TemporaryDirectory() as folder:
+            gmsh.write(f"{folder}/body.msh")
+            return Path(folder, "body.msh").read_bytes()
+    finally:
+        gmsh.finalize()
 
 
 def make_mesh(random: Random, folder: Path) -> list[str]:
-    """Gmsh files of tetrahedra or hexahedra, format 2.2 or 4.1, text or binary"""
+    """Gmsh files of a cube, format 2.2 or 4.1, text or binary, any numbering, edge and modulus"""
     kind = random.choice(("tetrahedra", "tetrahedra", "hexahedra", "quadratic"))
-    binary = random.random() < 0.4
-    data = write_mesh(kind, random.choice((1, 2)), random.choice((2.2, 4.1)), binary)
-    if random.random() < 0.98:  # some remain whole
-        data = mutate(random, data, binary)
-    (folder / "body.msh").write_bytes(data)
+    binary, edge, E = random.random() < 0.4, 10 ** random.uniform(-3, 3), 10 ** random.uniform(0, 9)
+    version = random.choice((2.2, 4.1))
+    data = write_mesh(kind, random.choice((1, 2)), version, binary, edge, random)
+    state = write(random, folder / "body.msh", data, binary)
     element = {"tetrahedra": "P1", "hexahedra": "Q1", "quadratic": "P2"}[kind]
-    (folder / "scene.toml").write_text(_SCENE.format(element=element))
-    return ["run", "scene.toml", "--out", "out", "--quiet"]
+    scene = _SCENE.format(element=element, E=E, traction=0.01 * E)
+    (folder / "scene.toml").write_text(scene)
+    return [state, repr(0.01 * E * edge**2)]
 
 
-FAMILIES = {"mesh": Family(make_mesh, preload=("fem_snh.runs", "fem_snh.mesh.mesh"))}
+def _run(arguments: list[str]) -> int:
+    """Run the scene; the support of a whole mesh holds the traction times the area."""
+    import fem_snh
+
+    state, force = arguments[0], float(arguments[1])
+    result = fem_snh.run("scene.toml", out="out", progress=False)
+    if result.converged:
+        reaction = result.steps[-1]["reactions"]["left"]
+        assert all(map(math.isfinite, reaction))
+        if state == "whole":
+            assert math.dist(reaction, (-force, 0, 0)) < 1e-5 * force, (reaction, force)
+    return 0 if result.converged else 1
+
+
+FAMILIES = {"mesh": Family(make_mesh, _run, ("fem_snh.runs", "fem_snh.mesh.mesh"))}
