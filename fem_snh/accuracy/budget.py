@@ -192,7 +192,8 @@ def algebra_errors(problem: Problem, goals: Sequence[Goal], values: Array) -> Ar
     Parameters are those of `penalty_errors`.
     """
     snes = solver.create(problem, prefix=_ALGEBRA_PREFIX, examine_stability=False)
-    snes.setTolerances(rtol=_REDUCED, atol=0, stol=0, max_it=_MOST_NEWTON)
+    snes.setTolerances(max_it=_MOST_NEWTON)
+    snes.getPythonContext().reduction = _REDUCED
     with _restored(problem, snes):
         further = _goals_after(problem, snes, goals, solver.StepOutcome())
     return None if further is None else further - values

@@ -153,8 +153,10 @@ class Lift:
             If the solver does not converge.
         """
         left = self._most - self.newton
-        self._snes.setTolerances(rtol=_REDUCED, atol=0, stol=0, max_it=max(left, 0))
-        self._snes.getPythonContext().options["snes_forcing_max"] = _LINEAR[self.newton > 0]
+        self._snes.setTolerances(max_it=max(left, 0))
+        context = self._snes.getPythonContext()
+        context.reduction = _REDUCED
+        context.options["snes_forcing_max"] = _LINEAR[self.newton > 0]
         self._outcome = outcome = solver.StepOutcome()
         before = self.lifted.x.copy()
         solver.solve_until_settled(self.lifted, self._snes, outcome)

@@ -9,7 +9,6 @@ from mpi4py import MPI
 
 import numpy as np
 
-from fem_snh.accuracy.goals import largest_displacement
 from fem_snh.accuracy.inverted_points import inverted_points
 from fem_snh.accuracy.pressure_oscillation import may_lock, pressure_oscillation
 from fem_snh.accuracy.rest import is_at_rest
@@ -156,7 +155,7 @@ def rounding_note(problem: Problem, rounding: float, step: int | None = None) ->
         Number of the last step.
     """
     force = problem.largest_force(problem.x) if rounding and problem.motion is None else 0.0
-    if not force or largest_displacement(problem) <= np.finfo(float).eps * problem.length:
+    if not force or is_at_rest(problem):
         return None
     text = (
         f"the rounding error of the residual is {100 * rounding / force:.2g} % of the forces that "

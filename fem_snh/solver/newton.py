@@ -98,6 +98,9 @@ class ProjectedNewton:
     earlier_force, least_load : float
         Of a step in time, whose errors add up: the norm of the forces [N] at its start, which count
         as those that act, and the smallest one of a dead load, which may be small beside others.
+    reduction : float
+        The part of its first residual at which a solve ends as well: 1 makes one iteration unless
+        the start is a solution.
     force_iteration : bool
         Whether the next solve makes an iteration, whatever its first residual; as PETSc's
         ``-snes_force_iteration``.
@@ -143,6 +146,7 @@ class ProjectedNewton:
         self.force_scale, self.energy_scale = force_scale, energy_scale
         self.earlier_force, self.least_load = 0.0, inf
         self.force_iteration, self._first_norm, self.rounding = False, 0.0, 0.0
+        self.reduction = 0.0
         self.options = options.defaults_for("linesearch")
         self.tolerance = self.scaled_tolerance
         self.history: list[Iteration] = []
@@ -344,6 +348,8 @@ class ProjectedNewton:
             reason = 0
         if (may_end or norm == 0) and not reason > 0:
             self.tolerance = self._tolerance(snes, x, norm)
+            if its:
+                self.tolerance = max(self.tolerance, self.reduction * self._first_norm)
             if norm <= self.tolerance or (its and self._is_rounding(x, norm)):
                 reason = Reason.CONVERGED_FNORM_ABS
         snes.setConvergedReason(reason)

@@ -70,11 +70,19 @@ class RigidLoads:
 
     def acting(self, poses: Poses) -> Array:
         """Return minus the forces and moments of loads and springs on the parts, (6 parts,)."""
+        return self.loads(poses) + self.springs(poses)
+
+    def loads(self, poses: Poses) -> Array:
+        """Return minus the forces and moments of loads on the parts, (6 parts,)."""
         loads = self._loads.copy()
         for i in np.flatnonzero(self._follows):
             loads[i] = loads[i] @ poses.R[i].T
-        found = -loads
-        found[:, 0] += self._stiffness[:, None] * (poses.c - self._tree.points)
+        return -loads.ravel()
+
+    def springs(self, poses: Poses) -> Array:
+        """Return minus the forces and moments of springs on the parts, (6 parts,)."""
+        found = np.zeros_like(self._loads)
+        found[:, 0] = self._stiffness[:, None] * (poses.c - self._tree.points)
         for i in np.flatnonzero(self._rotational):
             moment = self._rotational[i] * self._tree.relative_rotation(poses, i)
             found[i, 1] += moment

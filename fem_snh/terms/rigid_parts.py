@@ -324,10 +324,11 @@ class RigidParts:
         return self._loads.energy(self.poses(u))
 
     def largest_force(self, x: PETSc.Vec) -> float:
-        """Return the norm of the forces of loads and springs on the unknowns [N]. Collective."""
+        """Return the largest norm on the unknowns of loads, springs or drives [N]. Collective."""
         poses = self.poses(x)
-        forces = self.tree.jacobian(poses).T @ self._loads.acting(poses) - self._loads.drive
-        return float(np.linalg.norm(forces))
+        acting = np.stack([self._loads.loads(poses), self._loads.springs(poses)])
+        forces = [*(acting @ self.tree.jacobian(poses)), self._loads.drive]
+        return float(np.linalg.norm(forces, axis=1).max())
 
     def add_residual(
         self, u: PETSc.Vec, p: PETSc.Vec | None, r_u: PETSc.Vec, r_p: PETSc.Vec | None

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import sympy
+from sympy.codegen.cfunctions import expm1
 
 from fem_snh.kernels.codegen.c_functions import Functions
 from fem_snh.kernels.codegen.increments import Increments
@@ -92,6 +93,10 @@ def volume_energy_function(split: Split) -> str:
 def volume_conjugate_function(split: Split) -> str:
     """Return the C function of U*(p), dU*/dp - 1, d2U*/dp2 that volume_pressure.h calls."""
     head, curve = "volume_conjugate(Parameters p, real *conjugate)", split.dual_curve
-    at_rest, increment = Increments({PRESSURE: (sympy.Integer(0), PRESSURE)})(curve[1])
-    forms = [curve[0], at_rest - 1 + increment, curve[2]]
+    ratio = curve[1]  # 1 at p = 0
+    if isinstance(ratio, sympy.exp):
+        increment = expm1(ratio.args[0])
+    else:
+        increment = Increments({PRESSURE: (sympy.Integer(0), PRESSURE)})(ratio)[1]
+    forms = [curve[0], increment, curve[2]]
     return Functions(split.energy).curve_function(head, PRESSURE, curve, "conjugate", forms)
