@@ -31,9 +31,10 @@ from fem_snh.terms.settling import MAX_SOLVES
 
 #: The first rate r of a body that is free to move: the term is about as stiff as the body.
 _FIRST = 1.0
-#: Its factors after a solve and after one that failed, its least value, and how many may fail. An
-#: O-ring that slides to the side of its groove needs rates up to 100, and 3 to 40 solves.
-_DECREASE, _INCREASE, _LEAST, _MOST_FAILURES = 0.1, 10.0, 1e-2, 10
+#: Its factors after a solve, after one in a step where a solve has failed, and after a failure; its
+#: least value, and how many solves may fail in turn. An O-ring that slides to the side of its
+#: groove needs rates up to 1e3, where friction begins 1e6, and 3 to 40 solves.
+_DECREASE, _SLOW_DECREASE, _INCREASE, _LEAST, _MOST_FAILURES = 0.1, 0.3, 10.0, 1e-2, 9
 
 
 class Rescue:
@@ -71,6 +72,7 @@ class Rescue:
         """
         problem, context = self._problem, self._snes.getPythonContext()
         rate, failures, again, accepted = self._first, 0, True, problem.x.copy()
+        factor = _DECREASE
         context.full_steps = True
         problem.terms.append(self._term)
         try:
@@ -84,9 +86,9 @@ class Rescue:
                 if outcome.converged:
                     again = self._update(outcome)
                     problem.x.copy(accepted)
-                    rate = max(_LEAST, _DECREASE * rate) if rate else 0.0
+                    failures, rate = 0, max(_LEAST, factor * rate) if rate else 0.0
                 else:
-                    failures += 1
+                    failures, factor = failures + 1, _SLOW_DECREASE
                     again = failures <= _MOST_FAILURES and not outcome.out_of_memory
                     rate = max(_FIRST, _INCREASE * rate)
                     accepted.copy(problem.x)
