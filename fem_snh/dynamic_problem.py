@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+import json
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from fem_snh.choices import DEFAULT_INTEGRATOR, MASSES
-from fem_snh.errors import bad_value, check_number
+from fem_snh.errors import BadInput, bad_value, check_number, on_every
 from fem_snh.kernels.material import Material
 from fem_snh.nonlinear_problem import PREDICTORS, NonlinearProblem
 from fem_snh.problem.dolfinx_problem import DENSITIES, check_materials, create_dolfinx_problem
@@ -112,20 +113,48 @@ class DynamicProblem(NonlinearProblem):
         """The time of ``u`` [s]."""
         return self._problem.load * self._duration
 
-    def start(self, velocity: Velocity | None = None) -> None:
-        """Begin at time 0 with the present values of ``u``. Collective.
+    def state(self) -> dict[str, Array]:
+        """Return what a problem like this needs to continue at the present time. Collective.
+
+        Returns
+        -------
+        dict of arrays
+            Those of this rank, as `numpy.savez` stores them. `start` accepts them on the same mesh
+            and number of ranks.
+        """
+        if not self._has_started:
+            self.start()
+        values, about = self.dynamics.history()
+        terms = self._problem.history.by_name.items()
+        return {
+            "time": np.array(self.time),
+            "unknowns": self.x.array.copy(),
+            "motion": values,
+            "about": np.array(json.dumps(about)),
+            **{f"{name}_history": term.history()[1] for name, term in terms},
+        }
+
+    def start(
+        self, velocity: Velocity | None = None, state: Mapping[str, Any] | None = None
+    ) -> None:
+        """Begin at time 0 with the present values of ``u``, or at a stored state. Collective.
 
         Parameters
         ----------
         velocity : callable, optional
             Initial velocities [m/s] (n, components) at reference coordinates [m] (n, 3).
             Default: zero.
+        state : mapping, optional
+            What `state` returned: the motion continues at its time, as without an interruption.
 
         Raises
         ------
         BadInput
-            On every rank, if it does not return such velocities.
+            On every rank, if it does not return such velocities, or for a state of another problem.
         """
+        if state is not None:
+            self._restore(state, velocity)
+            return
         if velocity is not None and not callable(velocity):
             raise bad_value("velocity", velocity, "a function of coordinates (n, 3)")
         self._path = None
@@ -133,6 +162,22 @@ class DynamicProblem(NonlinearProblem):
         self._time_steps.start(velocity)
         self._has_started, self._velocity = True, velocity
         self._is_new = self._is_new or not self._problem.history.is_kept(self._problem.comm)
+        self._write_solution()
+
+    def _restore(self, state: Mapping[str, Any], velocity: Velocity | None) -> None:
+        """Continue from what `state` returned. Collective."""
+        if velocity is not None:
+            raise bad_value("velocity", velocity, "no value, as 'state' has the velocities")
+        problem, terms = self._problem, self._problem.history.by_name
+        on_every(problem.comm, _check_state, state, terms, len(self.x.array))
+        about = json.loads(str(state["about"]))
+        self.x.array[:] = state["unknowns"]
+        problem.set_load(float(state["time"]) / self._duration)
+        for name, term in terms.items():
+            term.set_history(np.asarray(state[f"{name}_history"]))
+        problem.history.begin_step(problem.split(self.x)[0])
+        self.dynamics.set_history(problem, np.asarray(state["motion"]), about)
+        self._path, self._has_started, self._is_new = None, True, False
         self._write_solution()
 
     def step(self, size: float) -> bool:
@@ -210,3 +255,16 @@ class DynamicProblem(NonlinearProblem):
             duration=duration,
             kinematics=self._kinematics,
         )
+
+
+def _check_state(state: Mapping[str, Any], terms: Iterable[str], size: int) -> None:
+    """Raise BadInput unless a state has the arrays of this rank, of so many unknowns.
+
+    Not collective.
+    """
+    for name in ("time", "unknowns", "motion", "about", *(f"{term}_history" for term in terms)):
+        if name not in state:
+            raise BadInput(f"state without {name!r}: expected what DynamicProblem.state returns")
+    if (rows := len(state["unknowns"])) != size:
+        accepted = f"{size}, as on the mesh and the ranks of this problem"
+        raise bad_value("rows of state['unknowns']", rows, accepted)

@@ -178,3 +178,43 @@ def test_a_base_that_a_program_moves(comm, by_hand):
     assert abs(found - exact)[5:].max() < allowed * abs(exact).max()
     kinetic = problem.energies()["kinetic"]
     assert kinetic == pytest.approx(500 * (0.1 * w) ** 2, rel=allowed)
+
+
+@pytest.mark.parametrize("integrator", INTEGRATORS)
+@pytest.mark.parametrize("element", ["Q1", "Q2Q1"])
+def test_a_stored_state_continues_the_motion(comm, integrator, element, tmp_path):
+    """The end is that of the uninterrupted motion; a state of another mesh is refused."""
+
+    def swing(cells=2):
+        domain = unit_cube(comm, cells)
+        u, g = fem.Function(vector_space(domain, 2 if element == "Q2Q1" else 1)), None
+        nodes = fem.locate_dofs_geometrical(u.function_space, lambda x: x[2] < 1e-9)
+        g = fem.Function(u.function_space)
+        m = snh()
+        problem = fem_snh.DynamicProblem(
+            u, {m: ufl.dx}, {m: 1.0}, integrator, duration=1.0, element=element,
+            bcs=[_dolfinx.prescribed(g, nodes)], damping=(0.1, 0.05),
+            terms=[fem_snh.Gravity([0.1, 0, 0], lambda t: np.sin(3 * t))], petsc_options=TIGHT,
+        )  # fmt: skip
+        return problem, g
+
+    def advance(problem, base, steps):
+        for k in steps:
+            base.x.array[::3] = 0.02 * np.sin(0.2 * (k + 1))  # changed by hand
+            assert problem.step(0.1)
+
+    whole, base = swing()
+    advance(whole, base, range(8))
+    first, base = swing()
+    advance(first, base, range(4))
+    np.savez(tmp_path / f"{comm.rank}.npz", **first.state())
+    second, base = swing()
+    with np.load(tmp_path / f"{comm.rank}.npz") as stored:
+        second.start(state=stored)
+        assert second.time == pytest.approx(0.4)
+        advance(second, base, range(4, 8))
+        with pytest.raises(BadInput, match=r"rows of state\['unknowns'\] = "):
+            swing(3)[0].start(state=stored)
+    size = abs(whole.u.x.array).max(initial=0)
+    assert abs(second.u.x.array - whole.u.x.array).max(initial=0) <= 1e-9 * size
+    assert second.energies()["work"] == pytest.approx(whole.energies()["work"], rel=1e-7)

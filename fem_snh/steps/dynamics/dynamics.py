@@ -326,7 +326,7 @@ class Dynamics:
         if self._first_energy is not None:
             about["first_energy"] = self._first_energy
         fields = {"v": self.v.x.array, "a": self.a.x.array}
-        if self._before and self.integrator.num_steps > 1:
+        if self._before and (self.integrator.num_steps > 1 or self._motion.by_hand):
             about["step_before"] = self._before.size
             names = ("u_before", "v_before", "a_before")
             fields |= dict(zip(names, self._before[1:], strict=True))

@@ -50,11 +50,13 @@ class PrescribedMotion:
     ----------
     moves : bool
         Whether a value may change.
+    by_hand : bool
+        Whether a program changes values from step to step.
     """
 
     def __init__(self, V: Any, dirichlet: Dirichlet, duration: float) -> None:
         self._dirichlet, self._duration = dirichlet, duration
-        self._depends_on_load, self._by_hand = dirichlet.depends_on_load, dirichlet.by_hand
+        self._depends_on_load, self.by_hand = dirichlet.depends_on_load, dirichlet.by_hand
         self.moves = dirichlet.depends_on_load or dirichlet.by_hand
         self._vector = _dolfinx.create_vector(V)
 
@@ -88,7 +90,7 @@ class PrescribedMotion:
 
     def after(self, state: MotionState, load: float, present: float) -> PrescribedState:
         """Return the motion at a load, a step after a state at the present load."""
-        if not self._by_hand:
+        if not self.by_hand:
             return self.at(load, load - present, present)
         u = self.displacement(load)
         # Changes from the state: a constant displacement has no rounding error.
