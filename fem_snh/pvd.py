@@ -9,6 +9,7 @@ from xml.etree import ElementTree as ET
 
 from fem_snh.atomic_files import replace_file
 from fem_snh.errors import BadInput, on_root
+from fem_snh.files import open_file
 from fem_snh.run_files import RunFiles
 
 
@@ -54,7 +55,8 @@ class Collection:
         kept = []
         if until is not None and self.path.exists():
             try:
-                states = list(ET.parse(self.path).iter("DataSet"))
+                with open_file(self.path) as file:
+                    states = list(ET.parse(file).iter("DataSet"))
                 kept = [t for s in states if (t := float(s.attrib["timestep"])) <= until]
             except (OSError, ET.ParseError, KeyError, ValueError) as error:
                 raise BadInput(f"{self.path} cannot be read ({error}): remove it") from None

@@ -175,3 +175,15 @@ def test_missing_package_is_one_line(tmp_path: Path) -> None:
     )  # fmt: skip
     assert done.returncode == 2 and done.stderr.count("\n") == 1
     assert "no pydantic here" in done.stderr and "fem-snh doctor" in done.stderr
+
+
+def test_names_of_any_length_and_any_letters_are_one_short_line(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    long = "n" * 3000
+    monkeypatch.setenv("PYTHONIOENCODING", "latin-1:strict")
+    for words in (["run", "twist", "--out", long], ["render", long], ["help", long]):
+        done = start_program(*words)
+        assert done.returncode == 2 and len(done.stderr.splitlines()) == 1
+        assert len(done.stderr) < 700
+    done = start_program("run", "twist", "--cells", "1", "--steps", "1", "--out", "\u4e2d")
+    assert done.returncode == 0 and "\\u4e2d/run.json" in done.stdout

@@ -315,6 +315,18 @@ def test_files_that_are_written_first_follow_no_link(
     assert unchanged(tmp_path) == {"mine"}
 
 
+def test_a_fifo_in_place_of_a_list_of_states_is_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    solve("twist", out=tmp_path, **TWIST)
+    (tmp_path / "fields.pvd").unlink()
+    os.mkfifo(tmp_path / "fields.pvd")
+    capsys.readouterr()
+    for words in (["render"], ["render", "--field", "J"], ["view"]):
+        assert "it is a FIFO" in refusal(capsys, *words, str(tmp_path))
+    assert "it is a FIFO" in refusal(capsys, "export", str(tmp_path), str(tmp_path / "a.obj"))
+
+
 def test_a_table_of_materials_replaces_no_file(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -9,6 +9,7 @@ needs them, which keeps the help fast.
 from __future__ import annotations
 
 import errno
+import io
 import os
 import signal
 import sys
@@ -42,6 +43,8 @@ COMMANDS = {
 }
 #: Errors of a full disk, which can also concern standard output.
 _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+#: Characters of a word in a message, as a path, beyond which it is cut.
+_LONGEST = 300
 #: Seconds that a failing rank waits for the others to fail in the same way: their errors may be
 #: late by a few seconds on a network file system.
 _BARRIER_TIMEOUT = 10.0
@@ -109,6 +112,9 @@ def _open_standard_streams() -> None:
                 os.close(null)
         if getattr(sys, name) is None:
             setattr(sys, name, os.fdopen(number, mode, closefd=False))
+        # A name in letters that the terminal lacks is no reason to end a run.
+        if mode == "w" and isinstance(stream := getattr(sys, name), io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
 
 
 def _dispatch(argv: list[str]) -> int:
@@ -172,7 +178,8 @@ def _stop(message: str, code: int) -> int:
     others.
     """
     comm = _communicator()
-    line = "fem-snh: error: " + " ".join(message.split())
+    words = (w if len(w) <= _LONGEST else f"{w[:_LONGEST]}..." for w in message.split())
+    line = "fem-snh: error: " + " ".join(words)
     if comm is None or comm.rank == 0:
         with suppress(OSError):  # standard error may be on the full disk
             print(line, file=sys.stderr, flush=True)

@@ -15,6 +15,7 @@ from typing import Any
 
 from fem_snh.atomic_files import output_path
 from fem_snh.errors import BadInput, bad_value
+from fem_snh.files import open_file
 from fem_snh.output_fields import ERRORS
 from fem_snh.run_record import load_record
 from fem_snh.units import Units, volume_change
@@ -248,7 +249,8 @@ def stored_loads(pvd: Path) -> dict[float, list[Path]]:
 
 def _elements(path: Path, tag: str) -> list[ET.Element]:
     try:
-        return list(ET.parse(path).iter(tag))
+        with open_file(path) as file:
+            return list(ET.parse(file).iter(tag))
     except FileNotFoundError:
         raise BadInput(f"{path}: missing: the run has stored no fields") from None
     except (OSError, ET.ParseError) as error:

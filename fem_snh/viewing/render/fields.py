@@ -7,6 +7,7 @@ import xml.etree.ElementTree as ET
 from pathlib import Path
 
 from fem_snh.errors import BadInput, bad_value
+from fem_snh.files import open_file
 from fem_snh.output_fields import NAMED, STANDARD, VECTOR, OutputField
 from fem_snh.units import Units
 
@@ -87,8 +88,9 @@ def check_field(pvd: Path, field: str) -> None:
 def written_fields(pvd: Path) -> list[str]:
     """Return the names of the fields of a run's last state, sorted."""
     try:
-        states = [data.get("file", "") for data in ET.parse(pvd).iter("DataSet")]
-        content = (pvd.parent / states[-1]).read_bytes() if states else b""
+        with open_file(pvd) as file:
+            states = [data.get("file", "") for data in ET.parse(file).iter("DataSet")]
+        content = open_file(pvd.parent / states[-1]).read() if states else b""
     except FileNotFoundError as error:
         raise BadInput(f"{error.filename}: missing: the run has stored no fields") from None
     except (OSError, ET.ParseError) as error:
