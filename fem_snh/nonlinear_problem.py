@@ -24,7 +24,7 @@ from fem_snh.problem.program_reactions import HasReactions
 from fem_snh.problem.supports import SupportsCheck
 from fem_snh.solver.options import GivenOptions
 from fem_snh.steps.condensation import program_pressures
-from fem_snh.steps.jump import jump_note
+from fem_snh.steps.jump import jump_notes, start_notes
 from fem_snh.steps.program_path import Loading, ProgramPath, SolverChoice, boundary_values_changed
 from fem_snh.steps.step_solver import StepSolver
 from fem_snh.steps.stepping import Stepper
@@ -272,7 +272,7 @@ class NonlinearProblem(EstimatesErrors, HasModes, HasReactions):
             # An earlier path's equilibria say nothing about the start of this one.
             stepper.solver.predictor.before = None
             self._supports.check()
-            yield from self._rows(stepper)
+            yield from self._rows(stepper, [] if set_load else start_notes(self._problem))
 
     def _stepper(self, number: int) -> Stepper:
         """Return equal steps of the load from 0 to 1."""
@@ -280,15 +280,15 @@ class NonlinearProblem(EstimatesErrors, HasModes, HasReactions):
         self._check_lists()
         return Stepper(self._steps[PREDICTORS[self._predictor]], number)
 
-    def _rows(self, stepper: Stepper) -> Iterator[dict[str, Any]]:
-        """Yield the rows of the steps from the present load to 1."""
+    def _rows(self, stepper: Stepper, notes: Sequence[Note] = ()) -> Iterator[dict[str, Any]]:
+        """Yield the rows of the steps from the present load to 1, which all have these notes."""
         rows = iter(stepper)
         for attempted in count():
             with self._petsc_options():
                 row = next(rows, None)
             if row is None:
                 return
-            self._end(row, [jump_note(jump, attempted)] if (jump := stepper.jump) else [])
+            self._end(row, [*notes, *jump_notes(stepper.jump, attempted)])
             self._write_solution()
             yield row
 

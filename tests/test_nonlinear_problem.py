@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import warnings
+
 from petsc4py import PETSc
 
 import numpy as np
@@ -15,7 +17,7 @@ from plane_programs import prescribe, rectangle
 
 import fem_snh
 from fem_snh import scenes
-from fem_snh.errors import BadInput
+from fem_snh.errors import BadInput, ResultNote
 from fem_snh.runs.setup import set_up
 
 pytestmark = pytest.mark.mpi
@@ -294,6 +296,31 @@ def test_steps_go_to_the_boundary_values_in_proportion(comm):
     for key in ("newton", "linear", "residual"):  # nothing of the first path is left
         assert first[key] == pytest.approx(expected[key], rel=1e-6)
     np.testing.assert_allclose(body.u.x.array.reshape(-1, 3)[nodes, 2], -0.2, rtol=1e-14)
+
+
+@pytest.mark.parametrize("ramped", [False, True])
+def test_loads_in_ufl_that_are_not_ramped_are_no_jump(comm, ramped):
+    """They act in full in the first step, which had the note of a snap-through."""
+    body = mesh.create_box(
+        comm, [np.zeros(3), np.array([4.0, 1.0, 1.0])], [4, 1, 1], mesh.CellType.hexahedron
+    )
+    V = vector_space(body, 2)
+    dofs = fem.locate_dofs_geometrical(V, lambda x: np.isclose(x[0], 0))
+    u, pull = fem.Function(V), fem.Constant(body, np.array([80.0, 0.0, 0.0]))
+    m = fem_snh.material("stable_neo_hookean", E=100.0, nu=0.49)
+    problem = fem_snh.NonlinearProblem(
+        u, {m: ufl.dx}, bcs=[fem.dirichletbc(np.zeros(3), dofs, V)],
+        terms=[-ufl.inner(pull, u) * ufl.ds],
+    )  # fmt: skip
+
+    def set_load(load):
+        pull.value[0] = 80.0 * load
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ResultNote)
+        row = next(problem.steps(6, set_load if ramped else None))
+    assert row["converged"] and "jump" not in row.get("notes", [])
+    assert ["load" in [note.kind for note in problem.notes]] == [not ramped]
 
 
 def test_steps_that_fail_are_halved_and_restored(comm):

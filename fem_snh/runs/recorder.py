@@ -15,7 +15,7 @@ from fem_snh.notes import NOTES_ON_PATH, Note
 from fem_snh.runs.checkpoint import CheckpointWriter
 from fem_snh.runs.folder import Folder
 from fem_snh.runs.output.fields import Fields, write_modes
-from fem_snh.steps.jump import jump_note
+from fem_snh.steps.jump import jump_notes
 
 if TYPE_CHECKING:
     from fem_snh.accuracy.goal_errors import Estimate
@@ -114,8 +114,7 @@ class Recorder:
 
         A scene in time may ask for output after some of its steps only.
         """
-        if jump := self._stepper.jump:
-            self.add_notes([jump_note(jump, len(self.record["steps"]))])
+        self.add_notes(jump_notes(self._stepper.jump, len(self.record["steps"])))
         self.record["steps"].append(row)
         if self.states and row["converged"]:
             with untimed(self._problem):

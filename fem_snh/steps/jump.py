@@ -29,6 +29,8 @@ from fem_snh.errors import NotSettled
 from fem_snh.notes import Note
 from fem_snh.problem.problem import Problem
 
+#: Residual over the largest force up to which a state is an equilibrium: solves leave 1e-4.
+_BALANCED = 1e-2
 #: Displacement of a step over the one that was expected from which it is examined.
 _FAR = 3.0
 #: The same from which a step that cannot be examined is noted: a body that begins to slide or to
@@ -200,18 +202,26 @@ class JumpDetector:
         if problem.history.by_name:
             noted = is_slow or ratio > _VERY_FAR
             return UnexaminedStep(load, to, ratio, newton, usual) if noted else None
+        is_suspicious = ratio > _FAR or (is_slow and moved > 0)
+        if not is_suspicious and (not is_known or self._distance(guess, end) <= _OFF * moved):
+            return None
         found: Finding | None = None
-        if ratio > _FAR or (is_slow and moved > 0):
+        self._restore(load, start)
+        is_path = is_balanced(problem)
+        if is_path and is_suspicious:
             jump = self._bisect((load, start), (to, end), moved)
             found = jump and jump._replace(ratio=ratio)
-        elif not is_known or self._distance(guess, end) <= _OFF * moved:
-            return None
-        if found is None and ratio <= _FAR:
+        self._restore(to, end)
+        if is_path and found is None and ratio <= _FAR:
             found = self._compare((load, start), to)
-        end.copy(problem.x)
-        problem.set_load(to)
-        problem.split(problem.x)
+            self._restore(to, end)
         return found
+
+    def _restore(self, load: float, x: PETSc.Vec) -> None:
+        """Set the problem's load and unknowns."""
+        x.copy(self._problem.x)
+        self._problem.set_load(load)
+        self._problem.split(self._problem.x)
 
     def _compare(self, start: tuple[float, PETSc.Vec], to: float) -> SkippedPath | None:
         """Return the difference of the state to the end of the path; None where none is known."""
@@ -267,8 +277,7 @@ class JumpDetector:
     def _solve(self, start: tuple[float, PETSc.Vec], to: float) -> tuple[float, PETSc.Vec] | None:
         """Return the state at a load, from the one at a smaller load; None if it fails."""
         problem = self._problem
-        start[1].copy(problem.x)
-        problem.set_load(start[0])
+        self._restore(*start)
         outcome = self._examined
         try:
             outcome.predicted += solver.Predictor(problem, self._snes, "tangent").predict(to)
@@ -294,8 +303,31 @@ class JumpDetector:
         return float(np.sqrt(self._problem.comm.allreduce(moved @ moved, op=MPI.SUM)))
 
 
-def jump_note(found: Finding, step: int) -> Note:
-    """Return the note of what a step was found to be."""
+def is_balanced(problem: Problem) -> bool:
+    """Return whether the problem's state is about an equilibrium, as where a path begins."""
+    residual = problem.x.duplicate()
+    problem.residual(problem.x, residual)
+    return residual.norm() <= _BALANCED * problem.largest_force(problem.x)
+
+
+def start_notes(problem: Problem) -> list[Note]:
+    """Return a note if the steps of a program do not begin at an equilibrium. Collective."""
+    if is_balanced(problem):
+        return []
+    text = (
+        "the state at load 0 is no equilibrium, so the first step moves the body more than its "
+        "load does: constants and functions of terms in UFL act in full in every step, unless "
+        "set_load of steps(number, set_load) ramps them; or u is no solution"
+    )
+    return [Note("load", text)]
+
+
+def jump_notes(found: Finding | None, step: int) -> list[Note]:
+    """Return the note of what a step was found to be, if there is one."""
+    return [_jump_note(found, step)] if found else []
+
+
+def _jump_note(found: Finding, step: int) -> Note:
     loads = f"{found.start:.6g} to {found.end:.6g}"
     if isinstance(found, SkippedPath):
         text = (
