@@ -640,8 +640,9 @@ def test_the_penalty_of_a_fluid_is_raised():
         update={"steps": 2, "cavity": [little], "accuracy": asked, "cells": 10}
     )
     found = solve(scene).record["accuracy"]
-    assert found["reached"] and len({level["cells"] for level in found["levels"]}) == 1
-    first, last = (level["goals"]["pole.x"] for level in found["levels"])
+    levels = found["levels"][:2]
+    assert found["reached"] and len({level["cells"] for level in levels}) == 1
+    first, last = (level["goals"]["pole.x"] for level in levels)
     # The first part is more than was asked for, and that of the better element.
     assert last["parts"]["penalty"] == pytest.approx(first["parts"]["penalty"] / 10, rel=0.02)
     assert abs(last["parts"]["mesh"] - first["parts"]["mesh"]) < 0.1 * first["uncertainty"]

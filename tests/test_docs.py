@@ -150,7 +150,8 @@ def test_run_json_page_has_every_key(tmp_path: Path) -> None:
         "accuracy", "bones", "cavities", "cell_groups", "contacts",
         "examined_lbfgs", "examined_linear", "examined_newton", "fields", "fields_at", "files",
         "lagged_change", "linear_residual", "mixed_newton", "mixed_reason", "moments", "notes",
-        "obstacles", "resumed", "rigid", "self_contact", "solves", "static_condensation", "volumes",
+        "obstacles", "resumed", "rigid", "self_contact", "solves", "stabilisation",
+        "static_condensation", "volumes",
     }  # fmt: skip
 
 
