@@ -48,10 +48,17 @@ def function(V: Any, name: str) -> Any:
 
 def surface_measure(domain: Any, facets: Array) -> Any:
     """Return the UFL measure of the exterior facets among these local facets."""
-    facets = np.unique(facets).astype(np.int32)
-    dim = domain.topology.dim - 1
-    tags = dolfinx.mesh.meshtags(domain, dim, facets, np.ones(len(facets), np.int32))
-    return ufl.Measure("ds", domain=domain, subdomain_data=tags)(1)
+    return surface_measures(domain, [np.unique(facets)])[0]
+
+
+def surface_measures(domain: Any, groups: Sequence[Array]) -> list[Any]:
+    """Return measures, of which one form may have several, of disjoint exterior local facets."""
+    facets = np.concatenate(groups).astype(np.int32)
+    numbers = np.repeat(np.arange(len(groups), dtype=np.int32), [len(g) for g in groups])
+    order, dim = np.argsort(facets), domain.topology.dim - 1
+    tags = dolfinx.mesh.meshtags(domain, dim, facets[order], numbers[order] + np.int32(1))
+    measure = ufl.Measure("ds", domain=domain, subdomain_data=tags)
+    return [measure(number + 1) for number in range(len(groups))]
 
 
 def cell_measures(
@@ -95,6 +102,13 @@ def degree(V: Any) -> int:
 def node_dofs(V: Any) -> Array:
     """Return the local nodes (dof blocks of V) of each owned cell, (cells, nodes) int32."""
     return _rows(V.dofmap.list, V.dofmap.dof_layout.num_dofs)[: num_owned(V.mesh)]
+
+
+def facet_nodes(V: Any) -> Array:
+    """Return the numbers in a cell of the nodes on each of its facets, (facets, nodes)."""
+    dim, layout = V.mesh.topology.dim, V.dofmap.dof_layout
+    count = len(basix.topology(getattr(basix.CellType, str(V.mesh.topology.cell_name())))[-2])
+    return np.array([layout.entity_closure_dofs(dim - 1, facet) for facet in range(count)])
 
 
 def vtk_mesh(V: Any) -> tuple[Array, Array, int]:

@@ -113,6 +113,8 @@ class Dirichlet:
         Whether values are a program's own, which it may change from step to step.
     released : (n,) int
         Dofs of this rank that other unknowns move: `set_values` may set them, to no effect.
+    rigid_parts : (local nodes,) int or None
+        The rigid part of each node, -1: none. None if the body has no rigid parts.
     solid_cells : (n,) int
         This rank's own cells whose nodes are constrained and that are not assembled.
     thin : ThinSupports or None
@@ -127,14 +129,15 @@ class Dirichlet:
     depends_on_load: bool
     by_hand: bool = False
     released: Array = np.empty(0, np.int64)
+    rigid_parts: Array | None = None
     solid_cells: Array = np.empty(0, np.int64)
     thin: ThinSupports | None = None
     conditions: Sequence[GroupCondition] = ()
 
-    def release(self, nodes: Array) -> None:
-        """Constrain no component of some local nodes, (local nodes,) bool."""
-        before = self.dofs
-        self.constrained[nodes] = False
+    def release(self, parts: Array) -> None:
+        """Constrain no component of the nodes of rigid parts, (local nodes,) int >= 0."""
+        before, self.rigid_parts = self.dofs, parts
+        self.constrained[parts >= 0] = False
         owned = int(before[-1]) // self.constrained.shape[1] + 1 if len(before) else 0
         self.dofs = np.flatnonzero(self.constrained[:owned])
         self.released = np.setdiff1d(before, self.dofs)

@@ -9,9 +9,15 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 
+from fem_snh import _dolfinx
 from fem_snh.assembly.assembled_matrix import BlockMatrix
 from fem_snh.assembly.boundary_conditions import Dirichlet
-from fem_snh.assembly.ghosted_vectors import add_ghosts, set_to_zero
+from fem_snh.assembly.ghosted_vectors import (
+    add_ghosts,
+    local_values,
+    set_to_zero,
+    writable_values,
+)
 from fem_snh.errors import bad_value
 from fem_snh.tables.types import surface_name
 from fem_snh.terms.body import Body
@@ -71,15 +77,22 @@ class EnclosedFluid:
         self._is_default = fluid.stiffness is None
         self._stiffness = fluid.stiffness or _STIFFNESS * body.modulus / body.volume
         self._pressure = body.constant(0.0)
-        self._volume = SweptVolume(body.V, ds, body.kinematics)
-        self._term = UFLTerm(self._pressure * self._volume.residual(u), u, self.name)
-        self._term.symmetric = True
-        fields = fit_fields([self._volume], [1.0], dirichlet)
-        if fields is None:
+        for parts in (None, dirichlet.rigid_parts):  # lids, where it is not closed without them
+            self._volume = SweptVolume(body.V, ds, body.kinematics, parts)
+            fields = fit_fields([self._volume], [1.0], dirichlet)
+            # Planes of symmetry close a lid whose edge is not: f must be that of such planes.
+            if fields is not None and (fields.any() or not self._volume.has_open_lids):
+                break
+        else:
             accepted = "a surface that encloses a volume: closed, or with an edge that is "
-            accepted += "constrained or in planes of symmetry"
+            accepted += "constrained, on rigid parts or in planes of symmetry"
             raise bad_value("cavity.group", self.group, accepted)
         self._volume.set_field(fields[0])
+        self._term = UFLTerm(self._pressure * self._volume.residual(u), u, self.name)
+        self._whole, self._lid_dofs = self._term, self._volume.lid_dofs
+        if body.domain.comm.allreduce(len(self._lid_dofs)):
+            self._whole = UFLTerm(self._pressure * self._volume.derivative(u), u, self.name)
+        self._term.symmetric = self._whole.symmetric = True
         self._check_volume(fields[0], dirichlet)
 
     def _check_volume(self, parameters: npt.NDArray[Any], dirichlet: Dirichlet) -> None:
@@ -88,7 +101,7 @@ class EnclosedFluid:
             self._amplitude(load) * float(present(self._added))
             for load in np.linspace(0, 1, _LOADS)
         )
-        if least >= 0:
+        if least >= 0 or self._whole is not self._term:  # S has no constant of a lid
             return
         swept = enclosed_volume(self._volume, parameters, dirichlet)
         if swept is not None and least <= swept:  # the body's normals point into the cavity
@@ -126,7 +139,19 @@ class EnclosedFluid:
     def add_goal_derivative(self, name: str, component: int, u: PETSc.Vec, g: PETSc.Vec) -> None:
         """Add that of the pressure: see `GoalTerm`."""
         self._pressure.value = np.array(self._stiffness)  # -k times the change of volume
-        self._term.add_residual(u, None, g, None)
+        self._add_forces(u, g)
+
+    def _add_forces(self, u: PETSc.Vec, r: PETSc.Vec) -> None:
+        """Add the forces of the present pressure, on lids those of the whole volume. Collective."""
+        if self._whole is self._term:
+            return self._term.add_residual(u, None, r, None)
+        forces, on_lids = _dolfinx.create_vector(self._volume.V), self._lid_dofs
+        self._whole.add_residual(u, None, forces, None)
+        kept = local_values(forces)[on_lids]
+        set_to_zero(forces)
+        self._term.add_residual(u, None, forces, None)
+        writable_values(forces)[on_lids] = kept
+        writable_values(r)[:] += local_values(forces)
 
     def energy(self, u: PETSc.Vec, p: PETSc.Vec | None = None) -> float:
         """Return the energy of the fluid [J]. Collective."""
@@ -138,14 +163,14 @@ class EnclosedFluid:
     ) -> None:
         """Add the forces [N] to all entries of ``r_u``, ghosts included. Collective."""
         self._pressure.value = np.array(self.state(u)["pressure"])
-        self._term.add_residual(u, p, r_u, r_p)
+        self._add_forces(u, r_u)
 
     def add_hessian(
         self, u: PETSc.Vec, p: PETSc.Vec | None, filter: str, target: BlockMatrix
     ) -> int:
         """Add the pressure's Hessian; return how many facets of this rank were filtered."""
         self._pressure.value = np.array(self.state(u)["pressure"])
-        return self._term.add_hessian(u, p, filter, target)
+        return self._whole.add_hessian(u, p, filter, target)
 
     def rank_one(self, u: PETSc.Vec, g: PETSc.Vec) -> float:
         """Set ``g``, ghosted, to the derivative of the volume; return k. Collective.
@@ -154,6 +179,6 @@ class EnclosedFluid:
         """
         set_to_zero(g)
         self._pressure.value = np.array(1.0)
-        self._term.add_residual(u, None, g, None)
+        self._add_forces(u, g)
         add_ghosts(g)
         return self._stiffness

@@ -176,7 +176,7 @@ class RigidParts:
                 accepted = "a part without constrained nodes inside of it (its own keys "
                 accepted += "'translate', 'rotate' and 'free' constrain it)"
                 raise bad_value(part.where, part.label, accepted)
-        dirichlet.release(local >= 0)
+        dirichlet.release(local)
 
     def _set_points(self, points: Array) -> None:
         """Set the points of their parts at which the nodes are, (nodes, 3). Collective."""

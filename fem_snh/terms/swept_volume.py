@@ -20,12 +20,19 @@ the axis.
 In the plane S is an area. On a body of revolution it is the volume between the surface and the
 axis, :math:`\int \pi r^2 \, \mathrm{d}z` along the deformed curve, and needs no field; the pressure
 is conservative where the curve's ends are on the axis or do not move along it.
+
+A rigid part that has an edge of the surface closes it by a lid, whose work R lacks. There
+x = R X + c, and with :math:`f = (x - o)/n` in n dimensions the flux through the lid is, but for a
+constant, :math:`f(x) \cdot R a` at any point x of the part, a the lid's vector area. The mean over
+the part's facets, where F = R along them and cof(F) N = R N, has local derivatives. On a body of
+revolution :math:`\pi r^2 \, \mathrm{d}z` is zero along a lid. The forces at the parts' nodes are
+those of S.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import cycle
+from itertools import combinations, cycle
 from math import ceil
 from typing import Any
 
@@ -35,7 +42,7 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 import ufl
-from ufl.algorithms import estimate_total_polynomial_degree
+from ufl.algorithms import estimate_total_polynomial_degree, expand_derivatives
 
 from fem_snh import _dolfinx
 from fem_snh.assembly.boundary_conditions import Dirichlet
@@ -72,6 +79,8 @@ class SweptVolume:
         The surface.
     kinematics : Kinematics, optional
         How the displacement becomes a deformation gradient.
+    parts : (local nodes,) int, optional
+        Which rigid part has each node, -1: none. They are lids of the surface.
 
     Attributes
     ----------
@@ -79,12 +88,22 @@ class SweptVolume:
         S(0) [m^3] with the field that was set last.
     length : float
         A length of the body [m].
+    has_open_lids : bool
+        Whether planes of symmetry must close some lids: f must be zero in them.
+    lid_dofs : (n,) int
+        The local dofs of lids, at which the forces are the derivative of S.
     """
 
-    def __init__(self, V: Any, ds: Any, kinematics: Kinematics = SOLID) -> None:
+    def __init__(
+        self, V: Any, ds: Any, kinematics: Kinematics = SOLID, parts: Array | None = None
+    ) -> None:
         # The integrands are polynomials of this degree in each direction of a facet.
         self._degree = 3 * max(_dolfinx.degree(V), _dolfinx.geometry_degree(V.mesh)) - 1
-        self._ds, self.V = ds(metadata={"quadrature_degree": self._degree}), V
+        rule = {"metadata": {"quadrature_degree": self._degree}}
+        groups = [_dolfinx.measure_entities(ds, V.mesh)]
+        groups += [] if parts is None else _facets_of_parts(V, parts, kinematics, groups[0])
+        self._ds, *on_parts = (m(**rule) for m in _dolfinx.surface_measures(V.mesh, groups))
+        self.V = V
         self._u = _dolfinx.function(V, "displacement")
         self._kinematics, self._X = kinematics, ufl.SpatialCoordinate(V.mesh)
         dim = kinematics.dim
@@ -95,9 +114,14 @@ class SweptVolume:
             self._form = self._around_axis(self._u) * self._ds
         else:
             # Far from the coordinates' origin rounding would be that of the distance.
-            x = self._X - _dolfinx.constant(V.mesh, _centre(V.mesh)[:dim]) + self._u
-            field = ufl.dot(self._A, x) + self._b
-            self._form = ufl.inner(field, self._normal(self._u)) * self._ds
+            x = self._X - _dolfinx.constant(V.mesh, _centre(V.mesh)[:dim])
+            self._field_at_rest = ufl.dot(self._A, x) + self._b
+            self._field = self._field_at_rest + ufl.dot(self._A, self._u)
+            self._form = ufl.inner(self._field, self._normal(self._u)) * self._ds
+        self._lids: list[tuple[Any, list[Any], float]] = []
+        self.lid_dofs, self.has_open_lids = np.empty(0, np.int64), False
+        if parts is not None:
+            self._add_lids(parts, on_parts)
         self._compiled = _dolfinx.form(self._form)
         self.at_rest = 0.0
 
@@ -114,17 +138,62 @@ class SweptVolume:
         degree = self._degree + estimate_total_polynomial_degree(ufl.as_ufl(value))
         return density * self._ds(metadata={"quadrature_degree": degree})
 
+    def _add_lids(self, parts: Array, measures: Sequence[Any]) -> None:
+        """Add the flux through the lids by rigid parts with an edge of the surface. Collective.
+
+        ``measures`` are those of `_facets_of_parts`.
+        """
+        V, dim, domain = self.V, self._kinematics.dim, self.V.mesh
+        if self._kinematics.revolved:
+            self.lid_dofs = np.flatnonzero(np.repeat(parts >= 0, self._kinematics.components))
+            return
+        N, Y, H = ufl.FacetNormal(domain), dim * self._field_at_rest, ufl.grad(self._u)
+        on_lids = np.zeros(len(parts), dtype=bool)
+        for part, ds in enumerate(measures):
+            inside = _dolfinx.function(V, "lid")
+            inside.x.array.reshape(len(parts), -1)[:, 0] = parts == part
+            slope = ufl.grad(inside[0])
+            # By Stokes's theorem: where the surface is closed it is zero.
+            curl = ufl.inner(slope, Y) + (dim - 1) * inside[0]
+            areas = [
+                _dolfinx.form((ufl.dot(Y, N) * slope[k] - N[k] * curl) / (dim - 1) * self._ds)
+                for k in range(dim)
+            ]
+            one = _dolfinx.constant(domain, 1.0)
+            size = _dolfinx.assemble_scalar(_dolfinx.form(one * ds))
+            area = [_dolfinx.assemble_scalar(form) for form in areas]
+            if not size or np.abs(area).max() <= _ROUNDING * self.length ** (dim - 1):
+                continue
+            across = [N[i] * slope[k] - N[k] * slope[i] for i, k in combinations(range(dim), 2)]
+            ends = [_dolfinx.assemble_scalar(_dolfinx.form(form * self._ds)) for form in across]
+            self.has_open_lids |= bool(np.abs(ends).max() > _ROUNDING * self.length ** (dim - 2))
+            mean = _dolfinx.constant(domain, np.zeros(dim))  # a over the facets' size
+            along = mean - N * ufl.dot(N, mean)
+            turned = self._normal(self._u) * ufl.dot(N, mean) + along + ufl.dot(H, along)
+            self._form += ufl.inner(self._field, turned) * ds
+            self._lids.append((mean, areas, size))
+            on_lids |= parts == part
+        components = self._kinematics.components
+        self.lid_dofs = np.flatnonzero(np.repeat(on_lids, components))
+
+    def derivative(self, u: Any) -> Any:
+        """Return the UFL form of the derivative of S."""
+        form = ufl.derivative(self._form, self._u, ufl.TestFunction(self.V))
+        return ufl.replace(expand_derivatives(form), {self._u: u})
+
     @property
     def num_parameters(self) -> int:
-        """The number of parameters of the field; 0 on a body of revolution."""
+        """The number of parameters of the field, with lids of b; 0 on a body of revolution."""
         dim = self._kinematics.dim
-        return 0 if self._kinematics.revolved else dim**2 - 1 + dim
+        return 0 if self._kinematics.revolved else (0 if self._lids else dim**2 - 1) + dim
 
     def _choose_field(self, parameters: Array) -> None:
         """Set A, by its part of trace 0, and b, in lengths of the body."""
         if not self.num_parameters:
             return
         dim = self._kinematics.dim
+        if self._lids:
+            parameters = np.concatenate([np.zeros(dim**2 - 1), parameters])
         # The last entry of the diagonal follows from the trace.
         entries = np.append(parameters[: dim**2 - 1], 0.0).reshape(dim, dim)
         entries[-1, -1] = -np.trace(entries)
@@ -134,6 +203,8 @@ class SweptVolume:
     def set_field(self, parameters: Array) -> None:
         """Set the field f by its parameters, (num_parameters,). Collective."""
         self._choose_field(parameters)
+        for mean, areas, size in self._lids:
+            mean.value[:] = [_dolfinx.assemble_scalar(form) / size for form in areas]
         self._u.x.array[:] = 0.0
         self.at_rest = _dolfinx.assemble_scalar(self._compiled)
 
@@ -152,7 +223,7 @@ class SweptVolume:
         states : sequence of PETSc.Vec
             Ghosted displacements; the results are those of one state after the other.
         dirichlet : Dirichlet
-            What is constrained: there nothing is compared, and the results are zero.
+            What is constrained: there the results are zero. On lids nothing is compared, either.
 
         Returns
         -------
@@ -163,7 +234,7 @@ class SweptVolume:
         change : (n, num_parameters)
             Change of the derivative with each parameter of f.
         """
-        derivative = _dolfinx.form(ufl.derivative(self._form, self._u, ufl.TestFunction(self.V)))
+        derivative = _dolfinx.form(self.derivative(self._u))
         residual, vector = _dolfinx.form(self.residual(self._u)), _dolfinx.create_vector(self.V)
 
         def assemble(form: Any, parameters: Array) -> Array:
@@ -179,7 +250,9 @@ class SweptVolume:
             zero = np.zeros(self.num_parameters)
             wanted, origin = assemble(residual, zero), assemble(derivative, zero)
             change = [assemble(derivative, unit) - origin for unit in np.eye(len(zero))]
-            rows.append(np.stack([wanted, wanted - origin, *change], axis=1))
+            row = np.stack([wanted, wanted - origin, *change], axis=1)
+            row[self.lid_dofs[self.lid_dofs < len(row)], 1:] = 0.0
+            rows.append(row)
         table = np.concatenate(rows)
         return table[:, 0], table[:, 1], table[:, 2:]
 
@@ -299,6 +372,17 @@ def enclosed_volume(volume: SweptVolume, parameters: Array, dirichlet: Dirichlet
                 break
     volume.set_field(parameters)
     return found
+
+
+def _facets_of_parts(V: Any, parts: Array, kinematics: Kinematics, beside: Array) -> list[Array]:
+    """Return this rank's facets of each rigid part that are not among others. Collective."""
+    if kinematics.revolved:
+        return []
+    facets, cells, local = _dolfinx.exterior_facets(V.mesh)
+    owners = parts[_dolfinx.node_dofs(V)[cells[:, None], _dolfinx.facet_nodes(V)[local]]]
+    owners[np.isin(facets, beside)] = -1
+    count = V.mesh.comm.allreduce(int(parts.max(initial=-1)) + 1, op=MPI.MAX)
+    return [facets[(owners == part).all(axis=1)] for part in range(count)]
 
 
 def _centre(domain: Any) -> Array:
