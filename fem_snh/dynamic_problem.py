@@ -118,8 +118,8 @@ class DynamicProblem(NonlinearProblem):
 
         Returns
         -------
-        dict of arrays
-            Those of this rank, as `numpy.savez` stores them. `start` accepts them on the same mesh
+        dict
+            Arrays of this rank, as `numpy.savez` stores them. `start` accepts them on the same mesh
             and number of ranks.
         """
         if not self._has_started:

@@ -21,14 +21,11 @@ def largest_displacement(problem: Problem) -> float:
     return float(problem.comm.allreduce(norms.max(initial=0.0), op=MPI.MAX))
 
 
-def is_at_rest(problem: Problem) -> bool:
-    """Return whether nothing acts on a body, and its displacements are rounding. Collective.
+def is_loaded(problem: Problem) -> bool:
+    """Return whether a load, contact or a prescribed displacement acts, however small. Collective.
 
-    A load, contact or a prescribed displacement acts, however small it is: what it moves has
-    relative errors.
+    What it moves has relative errors.
     """
-    if largest_displacement(problem) > _AT_REST * problem.length:
-        return False
     force = problem.x.duplicate()
     constrained = np.zeros(len(force.array_r), bool)
     constrained[problem.dirichlet.dofs] = True
@@ -39,4 +36,9 @@ def is_at_rest(problem: Problem) -> bool:
             problem.gradient(problem.x, force, [term])
             acting = max(acting, force.norm())
     force.destroy()
-    return acting == 0.0 and problem.comm.allreduce(moved, op=MPI.MAX) <= _EPS * problem.length
+    return acting > 0.0 or problem.comm.allreduce(moved, op=MPI.MAX) > _EPS * problem.length
+
+
+def is_at_rest(problem: Problem) -> bool:
+    """Return whether nothing acts on a body, and its displacements are rounding. Collective."""
+    return largest_displacement(problem) <= _AT_REST * problem.length and not is_loaded(problem)

@@ -266,9 +266,12 @@ def solve(
             "another material, or other values of its parameters"
         )
     residual, jacobian = problem.residual(z), problem.jacobian(E, theta, ratio)
-    at_bound = reaches_bound(jacobian, residual, *problem.distances(E, theta, ratio))
+    distances = problem.distances(E, theta, ratio)
+    at_bound = reaches_bound(jacobian, residual, *distances)
+    errors = standard_errors(jacobian, residual, problem.group, at_bound)
+    near = at_bound | (errors >= np.abs(distances).min(axis=0))
+    z, at_bound[1:] = _moved_to_bounds(problem, z, at_bound[1:], near[1:])
     at_bound[0] = False
-    z = _moved_to_bounds(problem, z, at_bound[1:])
     theta, ratio, E = problem.parameters(z)
     residual, jacobian = problem.residual(z), problem.jacobian(E, theta, ratio)
     return BestFit(
@@ -286,41 +289,66 @@ def solve(
 def _search(problem: _Problem) -> tuple[Array, int]:
     """Return the best variables, and the number of starts that were needed."""
     starts = problem.starts()
-    low, high = problem.bounds()
-    size = float(np.linalg.norm(problem.weight * problem.measured))  # gtol is no relative one
-    if not len(low):
+    if not starts[0].size:
         return starts[0], 1
-    best: Any = None
+    best: tuple[float, Array] | None = None
     agreeing = 0
     for used, start in enumerate(starts, start=1):
-        found = least_squares(
-            lambda z: problem.residual(z) / size, start, bounds=(low, high), x_scale="jac",
-            max_nfev=_ITERATIONS, ftol=_TOLERANCE, xtol=_TOLERANCE, gtol=_TOLERANCE,
-        )  # fmt: skip
-        if best is not None and abs(found.cost - best.cost) <= _SAME * best.cost:
+        cost, z = _minimise(problem, start, np.arange(start.size))
+        if best is not None and abs(cost - best[0]) <= _SAME * best[0]:
             agreeing += 1
-        elif best is None or found.cost < best.cost:
+        elif best is None or cost < best[0]:
             agreeing = 1
-        if best is None or found.cost < best.cost:
-            best = found
+        if best is None or cost < best[0]:
+            best = cost, z
         if agreeing >= _AGREEING:
             break
-    return np.asarray(best.x), used
+    assert best is not None
+    return best[1], used
 
 
-def _moved_to_bounds(problem: _Problem, z: Array, at_bound: Mask) -> Array:
-    """Return the variables with those of parameters at a bound there, where that is no worse.
+def _minimise(problem: _Problem, start: Array, free: Array) -> tuple[float, Array]:
+    """Return the least cost from a start, and its variables, of which some are free."""
+    low, high = (bound[free] for bound in problem.bounds())
+    size = float(np.linalg.norm(problem.weight * problem.measured))  # gtol is no relative one
+    z = start.copy()
 
-    The logarithm of a parameter that tends to 0 ends where its derivative is small.
+    def residual(values: Array) -> Array:
+        z[free] = values
+        return problem.residual(z) / size
+
+    if not free.size:
+        return float(np.sum(residual(z[free]) ** 2)) / 2, z
+    found = least_squares(
+        residual, start[free], bounds=(low, high), x_scale="jac",
+        max_nfev=_ITERATIONS, ftol=_TOLERANCE, xtol=_TOLERANCE, gtol=_TOLERANCE,
+    )  # fmt: skip
+    z[free] = found.x
+    return float(found.cost), z
+
+
+def _moved_to_bounds(problem: _Problem, z: Array, at_bound: Mask, near: Mask) -> tuple[Array, Mask]:
+    """Return the variables with those of parameters at a bound there, and which are there.
+
+    Those whose Gauss-Newton step crosses a bound are moved to it where that is no worse; others,
+    whose error reaches it, where it is better. The logarithm of a parameter that tends to 0 ends
+    where its derivative is small.
     """
-    ends = problem.bounds()
-    for k in np.flatnonzero(at_bound):
-        for end in ends:
+    if not near.any():
+        return z, at_bound
+    at_bound = at_bound.copy()
+    cost, z = _minimise(problem, z, np.flatnonzero(~at_bound))
+    for k in np.flatnonzero(near):
+        allowed = cost if at_bound[k] else cost * (1 - _TOLERANCE)
+        others = ~at_bound
+        others[k] = False
+        for end in problem.bounds():
             moved = z.copy()
             moved[k] = end[k]
-            if np.linalg.norm(problem.residual(moved)) <= np.linalg.norm(problem.residual(z)):
-                z = moved
-    return z
+            least, moved = _minimise(problem, moved, np.flatnonzero(others))
+            if least <= allowed:
+                cost, allowed, z, at_bound[k] = least, least, moved, True
+    return z, at_bound
 
 
 def _factors(jacobian: Array) -> tuple[Array, Array, Array]:
