@@ -37,6 +37,7 @@ LAZY = {
     "linalg.ssor_system": "small bodies are not deflated",
     "runs": "a scene imports only what its tables name: contact, bones, lattices, fields",
     "contact": "a scene imports only the method of contact that it names",
+    "steps.step_solver": "few steps need a second solver",
     "terms": "tables are read and validated without PETSc; their terms need it",
     "scenes": "scenes are listed without sympy, which checks materials; without numpy's bones",
     "accuracy.program_goals": "sympy splits energies for those who ask for a stress",

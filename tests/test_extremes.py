@@ -177,6 +177,7 @@ def test_a_study_is_a_table_and_a_page(done: tuple[Path, Robustness]) -> None:
     measures = ["converged", "newton", "clamped", "linear", "min_J", "residual", "nonfinite"]
     assert not table[[*measures, "seconds", "max_u"]].isna().any(axis=None)
     turned = table[table["point"].str.contains("2pi")]
+    # one iteration: the rounding error is not known before a Hessian is assembled
     assert (turned["newton"] <= 1).all() and (turned["max_u"] < 1e-12).all()
     text = (out / "extremes.md").read_text()
     assert (

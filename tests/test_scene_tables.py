@@ -102,10 +102,6 @@ MISTAKES: list[tuple[dict[str, Any], str]] = [
     ({"spring": [{"group": "top", "stiffness": -1}]}, "spring.0.stiffness = -1: expected a number"),
     ({"spring": [{"group": "top", "stiffness": [1, 2]}]}, "spring.0.stiffness = .*: .*or three"),
     ({"cavity": [{"group": "top", "volume": 1, "stiffness": 0}]}, "stiffness = 0: .* number > 0"),
-    (
-        {"cavity": [{"group": "top", "volume": 1}], "element": "Q2Q1"},
-        "element = 'Q2Q1': expected an element without an unknown pressure",
-    ),
     ({"cavity": [{"group": "top", "volume": 1}], "modes": {}}, "'cavity' and 'modes' exclude each"),
     ({"traction": [{"group": "top", "vector": [0, 0, 1], "tabel": "a"}]}, "did you mean 'table'"),
 ]

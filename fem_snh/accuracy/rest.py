@@ -21,24 +21,29 @@ def largest_displacement(problem: Problem) -> float:
     return float(problem.comm.allreduce(norms.max(initial=0.0), op=MPI.MAX))
 
 
-def is_loaded(problem: Problem) -> bool:
-    """Return whether a load, contact or a prescribed displacement acts, however small. Collective.
+def forces_act(problem: Problem) -> bool:
+    """Return whether a load or contact acts, however small. Collective.
 
-    What it moves has relative errors.
+    An energy in UFL, which may be the body's own, acts if its forces are more than rounding.
     """
     force = problem.x.duplicate()
-    constrained = np.zeros(len(force.array_r), bool)
-    constrained[problem.dirichlet.dofs] = True
-    moved = float(np.abs(problem.x.array_r[constrained]).max(initial=0.0))
-    acting = problem.rigid.largest_force(problem.x) if problem.rigid else 0.0
+    acts = bool(problem.rigid and problem.rigid.largest_force(problem.x) > 0.0)
     for term in problem.terms:
         if term is not problem.elastic:
             problem.gradient(problem.x, force, [term])
-            acting = max(acting, force.norm())
+            is_energy = getattr(term, "rounds_identity", False)
+            acts |= force.norm() > (problem.rounding_force(problem.x) if is_energy else 0.0)
     force.destroy()
-    return acting > 0.0 or problem.comm.allreduce(moved, op=MPI.MAX) > _EPS * problem.length
+    return acts
 
 
 def is_at_rest(problem: Problem) -> bool:
-    """Return whether nothing acts on a body, and its displacements are rounding. Collective."""
-    return largest_displacement(problem) <= _AT_REST * problem.length and not is_loaded(problem)
+    """Return whether nothing acts on a body, and its displacements are rounding. Collective.
+
+    A load, contact or a prescribed displacement acts, however small it is: what it moves has
+    relative errors.
+    """
+    if largest_displacement(problem) > _AT_REST * problem.length or forces_act(problem):
+        return False
+    moved = float(np.abs(problem.x.array_r[problem.dirichlet.dofs]).max(initial=0.0))
+    return bool(problem.comm.allreduce(moved, op=MPI.MAX) <= _EPS * problem.length)

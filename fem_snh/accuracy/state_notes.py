@@ -11,7 +11,7 @@ import numpy as np
 
 from fem_snh.accuracy.inverted_points import inverted_points
 from fem_snh.accuracy.pressure_oscillation import may_lock, pressure_oscillation
-from fem_snh.accuracy.rest import is_at_rest, is_loaded
+from fem_snh.accuracy.rest import forces_act, is_at_rest
 from fem_snh.errors import in_words
 from fem_snh.notes import Note
 from fem_snh.problem.problem import Problem
@@ -155,7 +155,7 @@ def rounding_note(problem: Problem, rounding: float, step: int | None = None) ->
         Number of the last step.
     """
     force = problem.largest_force(problem.x) if rounding and problem.motion is None else 0.0
-    if not force or not is_loaded(problem):
+    if not force or (rounding >= force and not forces_act(problem)):
         return None
     text = (
         f"the rounding error of the residual is {100 * rounding / force:.2g} % of the forces that "

@@ -46,7 +46,6 @@ from fem_snh.terms.history import TermHistory
 from fem_snh.terms.rank_one import RankOneUpdate
 from fem_snh.terms.step_limit import StepLimit
 from fem_snh.terms.term import PenaltyTerm, Term
-from fem_snh.terms.ufl_term import UFLTerm
 
 Array = npt.NDArray[Any]
 
@@ -344,7 +343,7 @@ class Problem:
         if at_rest:
             decisive[:] = True
         sizes.array[decisive] += positions.array_r[decisive]
-        if any(isinstance(term, UFLTerm) and term.has_hessian for term in self.terms):
+        if any(getattr(term, "rounds_identity", False) for term in self.terms):
             sizes.array[:] += self.length / self.regime.nodes ** (1 / self.kinematics.dim)
         absolute, product = self.A.duplicate(copy=True), self.x.duplicate()
         with aij_blocks(absolute) as blocks:

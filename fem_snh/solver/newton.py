@@ -59,8 +59,8 @@ class ProjectedNewton:
     loads, of contact, of inertia. Where they are small, as those of a local contact on a large body
     or the weight of a stiff one, the residual is so too: 1e-4 of them by default. The test is
     invariant to scale and stiffness. ``-snes_atol`` [N] and ``-snes_rtol`` replace it by PETSc's
-    tests; ``-snes_stol`` adds one. After an iteration the residual need not come below its rounding
-    error, which is also the end of a solve that no step improves.
+    tests; ``-snes_stol`` adds one. Once a Hessian is assembled the residual need not come below its
+    rounding error, which is also the end of a solve that no step improves.
 
     Parameters
     ----------
@@ -350,7 +350,7 @@ class ProjectedNewton:
             self.tolerance = self._tolerance(snes, x, norm)
             if its:
                 self.tolerance = max(self.tolerance, self.reduction * self._first_norm)
-            if norm <= self.tolerance or (its and self._is_rounding(x, norm)):
+            if norm <= self.tolerance or self._is_rounding(x, norm):
                 reason = Reason.CONVERGED_FNORM_ABS
         snes.setConvergedReason(reason)
         snes.monitor(its, norm)
@@ -375,7 +375,7 @@ class ProjectedNewton:
         times its size.
         """
         bound = self._rounding_force(x, norm) if self._rounding_force else 0.0
-        if norm > bound:
+        if not norm <= bound:
             return False
         if bound > self.scaled_tolerance and self._acting_force:
             if bound > _MOST_ROUNDING * self._acting_force(x):

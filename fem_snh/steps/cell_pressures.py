@@ -111,6 +111,7 @@ class CellPressures:
             problem.residual(problem.x, self._residual)
             force = problem.largest_force(problem.x)
             tolerance = min(largest, context.force_tolerance(force))
+            tolerance = max(tolerance, mixed.rounding_force(mixed.x))
             if (norm := self._residual.norm()) <= tolerance:
                 break
             cut = max(_LEAST_CUT, _TARGET * tolerance / norm)

@@ -23,7 +23,6 @@ from fem_snh.assembly.nodal_mass import NodalMass
 from fem_snh.errors import NotSettled
 from fem_snh.problem.problem import Problem
 from fem_snh.problem.supports import Supports
-from fem_snh.solver.linear_choice import MAX_NODES
 from fem_snh.solver.settling import update_lagged
 from fem_snh.steps.dynamics.integrators import Affine
 from fem_snh.steps.dynamics.motion_terms import Inertia
@@ -54,13 +53,6 @@ class Rescue:
         self._term = Inertia(NodalMass(problem.V, regions, "lumped", problem.kinematics))
         #: The rate of a step's first solve. A body that is held is not kept from its path.
         self._first = _FIRST if Supports(problem).left.shape[1] else 0.0
-
-    @staticmethod
-    def fits(problem: Problem) -> bool:
-        """Return whether steps of a problem are solved again: static ones with contact."""
-        touches = bool(problem.history.by_name) and problem.motion is None
-        assembled = problem.operator == problem.A and bool(problem.regions)
-        return touches and assembled and problem.regime.nodes <= MAX_NODES
 
     def solve(self, outcome: solver.StepOutcome) -> None:
         """Solve from ``problem.x``, in place, until nothing lagged changes.

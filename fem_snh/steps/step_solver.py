@@ -11,11 +11,12 @@ from fem_snh import solver
 from fem_snh.choices import DEFAULT_PREDICTOR
 from fem_snh.errors import NotSettled
 from fem_snh.problem.problem import Problem
+from fem_snh.solver.linear_choice import MAX_NODES
 from fem_snh.steps.cell_pressures import CellPressures
 from fem_snh.steps.poisson_continuation import PoissonContinuation
-from fem_snh.steps.rescue import Rescue
 
 if TYPE_CHECKING:
+    from fem_snh.steps.rescue import Rescue
     from fem_snh.steps.time_steps import TimeSteps
 
 
@@ -133,15 +134,23 @@ class StepSolver:
         with solver.callback_errors():
             return self._solve(load, predict, rescues)
 
+    @property
+    def can_rescue(self) -> bool:
+        """Whether steps that fail are solved again: static ones with contact."""
+        problem = self.problem
+        touches = bool(problem.history.by_name) and problem.motion is None
+        assembled = problem.operator == problem.A and bool(problem.regions)
+        return touches and assembled and problem.regime.nodes <= MAX_NODES
+
     def _attempts(self) -> Sequence[bool]:
         """Return whether each attempt of a step rescues it: first, after a step that needed it."""
-        if not Rescue.fits(self.problem):
+        if not self.can_rescue:
             return [False]
         return [True, False] if self._rescued else [False, True]
 
     def _solve(self, load: float, predict: bool, rescues: bool) -> solver.StepOutcome:
         """Solve at a load from a first guess; return the outcome of all solves."""
-        problem, outcome, before = self.problem, solver.StepOutcome(), self.problem.load
+        problem, outcome = self.problem, solver.StepOutcome()
         if self._semi_implicit:
             problem.set_load(load)
             return self._semi_implicit.solve()
@@ -156,6 +165,8 @@ class StepSolver:
         if self.guessed:
             self.guessed()
         if rescues:
+            from fem_snh.steps.rescue import Rescue  # few steps need it
+
             self._rescue = self._rescue or Rescue(problem, self.snes)
             self._rescue.solve(outcome)
             return outcome
@@ -164,9 +175,8 @@ class StepSolver:
         if self.pressures:
             self.pressures.solve()
             outcome.history += self.pressures.history
-        # Forces that change little beside others, as the weight of a body in tension, count too.
-        changes = self.motion is not None or (problem.depends_on_load and load != before)
-        self.snes.getPythonContext().force_iteration = changes and not outcome.predicted
+        # Forces that are small beside others, as the weight of a body in tension, count too.
+        self.snes.getPythonContext().force_iteration = self.motion is not None
         solver.solve_until_settled(problem, self.snes, outcome)
         return outcome
 

@@ -275,7 +275,7 @@ class Stepper:
         problem = self.problem
         if to <= self._doubted or not self.size.is_divisible:
             return
-        if (lowest := problem.measures(problem.x)["min_J"]) > 0:
+        if not (lowest := problem.measures(problem.x)["min_J"]) <= 0:
             return
         if problem.measures(start)["min_J"] > 0:
             self._doubted, outcome.converged = to, False

@@ -125,6 +125,11 @@ class UFLTerm:
         """Whether the forces depend on the displacement."""
         return self._cells is not None
 
+    @property
+    def rounds_identity(self) -> bool:
+        """Whether its forces have the rounding errors of I + grad u."""
+        return self.has_hessian
+
     def set_load(self, load: float) -> None:
         """Set the load parameter. A dead load is assembled again, with present constants."""
         self._is_current = False

@@ -307,7 +307,7 @@ def _search(problem: _Problem) -> tuple[Array, int]:
     return best[1], used
 
 
-def _minimise(problem: _Problem, start: Array, free: Array) -> tuple[float, Array]:
+def _minimise(problem: _Problem, start: Array, free: npt.NDArray[np.intp]) -> tuple[float, Array]:
     """Return the least cost from a start, and its variables, of which some are free."""
     low, high = (bound[free] for bound in problem.bounds())
     size = float(np.linalg.norm(problem.weight * problem.measured))  # gtol is no relative one
