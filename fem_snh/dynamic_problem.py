@@ -119,8 +119,8 @@ class DynamicProblem(NonlinearProblem):
         Returns
         -------
         dict
-            Arrays of this rank, as `numpy.savez` stores them. `start` accepts them on the same mesh
-            and number of ranks.
+            Arrays of this rank, as ``numpy.savez`` stores them. `start` accepts them on the same
+            mesh and number of ranks.
         """
         if not self._has_started:
             self.start()

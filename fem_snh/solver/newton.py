@@ -59,8 +59,8 @@ class ProjectedNewton:
     loads, of contact, of inertia. Where they are small, as those of a local contact on a large body
     or the weight of a stiff one, the residual is so too: 1e-4 of them by default. The test is
     invariant to scale and stiffness. ``-snes_atol`` [N] and ``-snes_rtol`` replace it by PETSc's
-    tests; ``-snes_stol`` adds one. Once a Hessian is assembled the residual need not come below its
-    rounding error, which is also the end of a solve that no step improves.
+    tests; ``-snes_stol`` adds one. After an iteration the residual need not come below its rounding
+    error, which is also the end of a solve that no step improves.
 
     Parameters
     ----------
@@ -350,7 +350,10 @@ class ProjectedNewton:
             self.tolerance = self._tolerance(snes, x, norm)
             if its:
                 self.tolerance = max(self.tolerance, self.reduction * self._first_norm)
-            if norm <= self.tolerance or self._is_rounding(x, norm):
+            # At the start the Hessian is that of an earlier state, so that a run that is resumed
+            # would not be the same; but it serves where a state is solved for again.
+            assembled = its > 0 or self.reduction > 0
+            if norm <= self.tolerance or (assembled and self._is_rounding(x, norm)):
                 reason = Reason.CONVERGED_FNORM_ABS
         snes.setConvergedReason(reason)
         snes.monitor(its, norm)
