@@ -54,7 +54,7 @@ assert result.converged, result.status
 # often a step is solved until the pairs that touch have settled.
 
 # %%
-steps = result.steps
+steps = [step for step in result.steps if step["converged"]]
 newton = np.mean([step["newton"] for step in steps])
 contact = [step["self_contact"] for step in steps]
 

@@ -49,7 +49,7 @@ through = fem_snh.run("torso", **options, contact=False, progress=False)
 assert through.converged, through.status
 
 # %%
-steps = result.steps
+steps = [step for step in result.steps if step["converged"]]
 newton = np.mean([step["newton"] for step in steps])
 contact = [step["self_contact"] for step in steps]
 cell = 1.51 / args.cells
