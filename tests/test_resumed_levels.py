@@ -61,13 +61,27 @@ def levels_of(record):
     return [{key: value for key, value in level.items() if key != "seconds"} for level in levels]
 
 
+def same(found, expected, comm):
+    """Whether records agree: bit for bit on one rank, up to the order of sums on several."""
+    if isinstance(expected, dict):
+        return found.keys() == expected.keys() and same(
+            [*found.values()], [*expected.values()], comm
+        )
+    if isinstance(expected, list):
+        pairs = zip(found, expected, strict=True)
+        return len(found) == len(expected) and all(same(*pair, comm) for pair in pairs)
+    if isinstance(expected, float) and comm.size > 1:
+        return found == pytest.approx(expected, rel=1e-9)
+    return found == expected
+
+
 @pytest.fixture(scope="module")
 def whole():
     """The run that nothing interrupts."""
     return solve("cook", **KEYS)
 
 
-# Not on ranks: their sums are not the same to the last bit from run to run.
+@mpi
 @pytest.mark.parametrize("moment", MOMENTS)
 def test_a_killed_run_keeps_its_last_level_and_goes_on_after_it(folder, comm, whole, moment):
     out = folder
@@ -78,13 +92,14 @@ def test_a_killed_run_keeps_its_last_level_and_goes_on_after_it(folder, comm, wh
     assert len(expected) == 3
     if finished:
         found = record(out)
-        assert found["converged"] and levels_of(found) == expected[:finished]
+        assert found["converged"] and same(levels_of(found), expected[:finished], comm)
         assert found["dofs"] == expected[finished - 1]["dofs"] and found["goals"]
         assert (out / "fields.pvd").exists() and (out / LEVELS).exists()
     comm.barrier()
     resumed = solve("cook", out=out, resume=True, **KEYS)
-    assert levels_of(resumed.record) == expected and resumed.record["accuracy"]["reached"]
-    assert record(out)["goals"] == whole.record["goals"]
+    assert same(levels_of(resumed.record), expected, comm)
+    assert resumed.record["accuracy"]["reached"]
+    assert same(record(out)["goals"], whole.record["goals"], comm)
     assert not (out / NEXT_LEVEL).exists()
     comm.barrier()
 
@@ -144,7 +159,7 @@ def test_levels_in_time_go_on(folder, comm):
     solve(scene.model_copy(update={"accuracy": first}), out=folder)
     comm.barrier()
     resumed = solve(scene, out=folder, resume=True)
-    assert levels_of(resumed.record) == expected
+    assert same(levels_of(resumed.record), expected, comm)
 
 
 def test_other_runs_are_not_continued(tmp_path, capsys):

@@ -206,5 +206,6 @@ def test_a_filtered_stress_survives_inversion(name):
     if name == "neo_hookean":
         assert first["reason"] == "DIVERGED_FUNCTION_DOMAIN"
     else:
-        assert result.converged and len(result.steps) == 1
+        # Rounding decides whether the first end has inverted points and is followed in halves.
+        assert result.converged and result.steps[-1]["min_J"] > 0
         assert first["newton"] > 5
