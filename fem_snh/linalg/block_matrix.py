@@ -109,6 +109,24 @@ class SymmetricBlockMatrix:
         """Return max ``|A_ii|`` of an AIJ matrix; infinity if an entry is not finite."""
         return float(self.lib.matrix_largest_diagonal(self.struct, *self.addresses(values)))
 
+    def coupled_unknowns(self, values: int, off_diagonal: int) -> Array:
+        """Return where a row of the AIJ matrix has a nonzero entry beside its diagonal.
+
+        Parameters
+        ----------
+        values, off_diagonal : int
+            Addresses of the AIJ matrix's values.
+
+        Returns
+        -------
+        (rows, size) bool
+        """
+        coupled = np.zeros((self.rows, self.size), np.uint8)
+        addresses = self.addresses(values, off_diagonal)
+        pointer = self.pointer(coupled)
+        self.lib.matrix_coupled_unknowns(self.struct, *addresses, pointer)
+        return coupled.astype(bool)
+
     def addresses(self, *values: int) -> list[Any]:
         """Return addresses of doubles as C pointers."""
         return [self.ffi.cast("double *", address) for address in values]

@@ -19,7 +19,7 @@ Array = npt.NDArray[Any]
 
 #: Singular values below this fraction of the largest are dropped: linear functions that coincide at
 #: the free nodes of a subdomain (a plane of nodes), with a margin for single precision.
-_RANK_TOLERANCE = 1e-3
+RANK_TOLERANCE = 1e-3
 
 
 def coordinate_bisection(coordinates: Array, subdomains: int) -> Array:
@@ -90,7 +90,7 @@ def linear_functions(coordinates: Array, subdomain: Array, free: Array) -> Array
                 X = np.column_stack([X, X.prod(axis=1)])
             X = np.column_stack([np.ones(len(here)), X])
             U, sigma, _ = np.linalg.svd(X, full_matrices=False)
-            kept = sigma > _RANK_TOLERANCE * sigma[0]
+            kept = sigma > RANK_TOLERANCE * sigma[0]
             functions[here, component, : kept.sum()] = U[:, kept]
     return functions
 
@@ -156,24 +156,6 @@ class CoarseSpace:
         self.nbytes = sum(self.arrays[name].nbytes for name in read)
         pointers = {name: matrix.pointer(array) for name, array in self.arrays.items()}
         self.struct = matrix.ffi.new("CoarseSpace *", {"rows": rows, **pointers})
-
-    def find_coupled_unknowns(self, values: int, off_diagonal: int) -> Array:
-        """Return where a row of the AIJ matrix has a nonzero entry beside its diagonal.
-
-        Parameters
-        ----------
-        values, off_diagonal : int
-            Addresses of the AIJ matrix's values.
-
-        Returns
-        -------
-        (rows, size) bool
-        """
-        coupled = np.zeros((self._matrix.rows, self._matrix.size), np.uint8)
-        addresses = self._matrix.addresses(values, off_diagonal)
-        pointer = self._matrix.pointer(coupled)
-        self._matrix.lib.matrix_coupled_unknowns(self._matrix.struct, *addresses, pointer)
-        return coupled.astype(bool)
 
     def assemble(self, values: int, off_diagonal: int, scale: float) -> Array:
         """Compute A Z and return the blocks of E = Z^T A Z, whose rows are of this rank alone.

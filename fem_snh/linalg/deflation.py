@@ -132,7 +132,7 @@ class Deflation:
         int
             0, or a negative ``KSP.ConvergedReason`` if E is not finite or indefinite.
         """
-        self._update_functions(self.coarse.find_coupled_unknowns(values, off_diagonal))
+        self._update_functions(self._matrix.coupled_unknowns(values, off_diagonal))
         return self.E.update(self.coarse.assemble(values, off_diagonal, scale))
 
     def start(self, r: Any) -> None:

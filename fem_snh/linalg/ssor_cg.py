@@ -4,7 +4,8 @@ Newton's linear systems need a relative tolerance of 1e-1 to 1e-2 only, and the 
 is memory traffic: single precision halves it. It limits the reduction of the residual in one run of
 conjugate gradients. For smaller tolerances the residual b - A x is computed in double precision and
 a correction is solved for (iterative refinement, Wilkinson 1963): each run is a refinement cycle.
-`fem_snh.linalg.ssor_system` has the preconditioner and the steps of an iteration.
+`fem_snh.linalg.ssor_system` has the preconditioner and the steps of an iteration;
+`fem_snh.linalg.body_modes` solves for motions that single precision loses.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from petsc4py import PETSc
 
 import numpy as np
 
+from fem_snh.linalg.body_modes import BodyModes
 from fem_snh.linalg.ssor_system import (
     AUTOMATIC,
     MAX_REPLICATED,
@@ -95,6 +97,7 @@ class EisenstatCG:
         """Set an empty state; PETSc calls this."""
         self._made: SSORSystem | None = None
         self._columns: SSORColumns | None = None
+        self._modes: BodyModes | None = None
         self._state = -1  # of the matrix last used
 
     def setFromOptions(self, ksp: PETSc.KSP) -> None:
@@ -125,6 +128,7 @@ class EisenstatCG:
             self._columns = None
         if self._state != A.stateGet() or force:
             self._failure, self._state = self._system.update(A), A.stateGet()
+            self._modes = None if self._failure else self._system.body_modes(A)
 
     def solve(self, ksp: PETSc.KSP, b: PETSc.Vec, x: PETSc.Vec) -> None:
         """Solve A x = b from x = 0, whatever ``x`` holds."""
@@ -145,6 +149,11 @@ class EisenstatCG:
         # The tolerance is relative to the norm of b, not to that of the deflated P b.
         self._test_convergence(ksp, its, start.norm)
         while not ksp.getConvergedReason():
+            if self._modes:
+                self._modes.correct(x, residual)
+                its, start = its + 1, system.start_cycle(residual)
+                if self._test_convergence(ksp, its, start.norm):
+                    return
             if start.deflated_norm > _MIN_REDUCTION * previous:
                 happy, failed = _Reason.CONVERGED_HAPPY_BREAKDOWN, _Reason.DIVERGED_BREAKDOWN
                 singular &= start.deflated_norm <= previous / _MIN_REDUCTION

@@ -45,6 +45,7 @@ from fem_snh.errors import BadInput, on_every, on_root
 from fem_snh.kernels import build
 from fem_snh.linalg import library
 from fem_snh.linalg.block_matrix import SymmetricBlockMatrix
+from fem_snh.linalg.body_modes import BodyModes, is_almost_free
 from fem_snh.linalg.coarse_matrix import MAX_INVERTED
 from fem_snh.linalg.displacement_blocks import displacement_blocks, stored_in
 from fem_snh.linalg.halo import Halo
@@ -162,7 +163,7 @@ class SSORSystem:
                 "the built-in linear solver"
             )
         self.comm, self.unknowns = A.comm.tompi4py(), A.getSize()[0]
-        self._pattern = _pattern(A)
+        self._pattern, self._coordinates = _pattern(A), coordinates
         path = on_root(self.comm, build.library, library.source(block))
         stored = displacement_blocks(A)
         blocks = stored.diagonal, stored.off_diagonal
@@ -215,6 +216,16 @@ class SSORSystem:
             if self.comm.allreduce(self.matrix.fill(*values, self.scale)):
                 return int(_Reason.DIVERGED_INDEFINITE_PC)
             return self.deflation.update(*values, self.scale) if self.deflation else 0
+
+    def body_modes(self, A: PETSc.Mat) -> BodyModes | None:
+        """Return the body's modes, which the copy of A has lost, or None. Collective."""
+        X, matrix = self._coordinates, self.matrix
+        if X is None or not is_almost_free(A, matrix.size, self.scale):
+            return None
+        with aij_blocks(stored_in(A), read_only=True) as (diagonal, *off_diagonal):
+            values = diagonal.values, off_diagonal[0].values if off_diagonal else 0
+            free = matrix.coupled_unknowns(*values)
+        return BodyModes(A, X, free, self.scale)
 
     def start_cycle(self, residual: PETSc.Vec) -> CycleStart:
         """Start conjugate gradients for a residual from x = 0, or from the coarse component."""

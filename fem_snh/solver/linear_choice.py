@@ -98,7 +98,7 @@ def choose_linear_solver(problem: SolvableProblem, wanted: str = CHOICES[0]) -> 
     if problem.saddle_point is not None:
         return LinearChoice(False, "an unknown pressure: few iterations for every nu and mesh")
     if regime.inertia:
-        return LinearChoice(False, "inertia makes the matrix well conditioned")
+        return LinearChoice(False, "in time: iterations, with exact rigid motions")
     nodes = regime.nodes
     if nodes > MAX_NODES:
         return LinearChoice(False, f"{nodes} nodes > {MAX_NODES}: factors would need much memory")
