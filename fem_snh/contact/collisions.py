@@ -7,11 +7,11 @@ arrays in Fortran order, its distances are squared.
 from __future__ import annotations
 
 from functools import cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy.sparse import csgraph, csr_matrix
+from scipy.sparse import bsr_matrix, csgraph, csr_matrix
 
 from fem_snh.child_process import call
 from fem_snh.errors import BadInput
@@ -247,14 +247,18 @@ _STICKING = 0.05
 
 
 class SurfaceFriction:
-    r"""The energy of friction in a step, of the displacement since its start. Not collective.
+    r"""The energy of friction in a step, of the slip since its start. Not collective.
 
-    With the lagged normal force :math:`\ell_k` of a collision and its tangential displacement s_k,
+    With the lagged normal force :math:`\ell_k` and tangents :math:`T_k` of a collision,
 
     .. math:: E = \sum_k \mu \ell_k f_0(|s_k|), \qquad
         f_0'(y) = \begin{cases} 2 y/\epsilon - y^2/\epsilon^2 & y < \epsilon \\ 1 \end{cases}
 
-    (Li et al. 2020, eq. 13 to 16).
+    (Li et al. 2020, eq. 13 to 16). The slip is :math:`s_k = T_k^T (r_k - c_k r_k^0)`, with the
+    vector r between the closest points of both parts and the same vector at the start of the step,
+    which :math:`c_k \le 1` shortens to the lagged distance along the lagged normal: an approach is
+    no slip. With :math:`c_k = 1` it is one as soon as the normal tilts; where the parts stick, the
+    next solve tilts the normal back by the ratio of both distances, and the step does not settle.
 
     Parameters
     ----------
@@ -267,61 +271,122 @@ class SurfaceFriction:
     """
 
     def __init__(self, surface: CollisionSurface, coefficient: float, distance: float) -> None:
-        self._surface, self._mu, self._ipctk = surface, coefficient, surface.ipctk
-        self._potential = self._ipctk.FrictionPotential(_STICKING * distance)
+        self._surface, self._mu, self._distance = surface, coefficient, distance
         self._start: Array = np.zeros(0)
-        self._collisions = self._ipctk.TangentialCollisions()
+        self._lagged: _LaggedSlip | None = None
 
     @property
     def acts(self) -> bool:
         """Whether there is a collision with friction."""
-        return not self._collisions.empty()
+        return self._lagged is not None
 
     def begin_step(self, x: Array) -> None:
         """Start a step at points x (n, 3) [m], without forces until `lag`."""
-        self._start = np.array(x)
-        self._collisions = self._ipctk.TangentialCollisions()
+        self._start, self._lagged = np.array(x), None
 
     def lag(self, x: Array, collisions: Any, barrier: Any) -> None:
-        """Set normal forces and tangent planes to those of collisions at points x (n, 3)."""
-        if self._mu > 0:
-            self._collisions = self._lagged(x, collisions, barrier)
+        """Set normal forces, tangents and the start of slip to those of collisions at points x."""
+        self._lagged = self._slip(x, collisions, barrier)
 
     def change(self, x: Array, collisions: Any, barrier: Any) -> float:
         """Return the norm of how `lag` would change the forces at x [N]."""
-        if not self._mu > 0:
-            return 0.0
-        after = self._gradient(self._lagged(x, collisions, barrier), x)
+        after = self._gradient(self._slip(x, collisions, barrier), x)
         return float(np.linalg.norm(after - self.gradient(x)))
 
     def energy(self, x: Array) -> float:
         """Return the energy [J] at points x (n, 3)."""
-        if not self.acts:
+        if self._lagged is None:
             return 0.0
-        return float(self._potential(self._collisions, self._surface.mesh, self._slip(x)))
+        y, width = np.linalg.norm(self._lagged.slip(x), axis=1), self._width
+        sticking = y**2 / width - y**3 / (3 * width**2) + width / 3
+        return float(self._lagged.limit @ np.where(y < width, sticking, y))
 
     def gradient(self, x: Array) -> Array:
         """Return the energy's derivative [N] by the points, (n, 3)."""
-        return self._gradient(self._collisions, x) if self.acts else np.zeros(x.shape)
+        return self._gradient(self._lagged, x)
 
-    def hessian(self, x: Array, projection: Any) -> Any:
-        """Return the projected second derivative [N/m], a sparse (3 n, 3 n) matrix."""
-        mesh = self._surface.mesh
-        return self._potential.hessian(self._collisions, mesh, self._slip(x), projection)
+    def hessian(self, x: Array) -> Any:
+        """Return the second derivative [N/m], a sparse (3 n, 3 n) matrix without negative values.
 
-    def _lagged(self, x: Array, collisions: Any, barrier: Any) -> Any:
-        found = self._ipctk.TangentialCollisions()
-        mesh, points = self._surface.mesh, np.asfortranarray(x)
-        found.build(mesh, points, collisions, barrier, self._mu)
-        return found
+        The energy is convex.
+        """
+        assert self._lagged is not None
+        slip, matrix = self._lagged.slip(x), self._lagged.matrix
+        y, limit = np.linalg.norm(slip, axis=1), self._lagged.limit
+        unit = slip / np.where(y > 0, y, 1.0)[:, None]
+        # f_0'' - f_0'/y
+        along = np.where(y < self._width, -y / self._width**2, -1 / np.maximum(y, self._width))
+        blocks = self._factor(y)[:, None, None] * np.eye(slip.shape[1])
+        blocks += along[:, None, None] * unit[:, :, None] * unit[:, None, :]
+        count = len(y)
+        middle = bsr_matrix((limit[:, None, None] * blocks, np.arange(count), np.arange(count + 1)))
+        return (matrix.T @ middle @ matrix).tocsc()
 
-    def _gradient(self, collisions: Any, x: Array) -> Array:
-        mesh, slip = self._surface.mesh, self._slip(x)
-        return np.asarray(self._potential.gradient(collisions, mesh, slip)).reshape(x.shape)
+    @property
+    def _width(self) -> float:
+        return _STICKING * self._distance
 
-    def _slip(self, x: Array) -> Array:
-        """Return the displacement since the start of the step."""
-        return np.asfortranarray(x - self._start)
+    def _factor(self, y: Array) -> Array:
+        """Return f_0'(y) / y."""
+        width = self._width
+        return np.where(y < width, 2 / width - y / width**2, 1 / np.maximum(y, width))
+
+    def _slip(self, x: Array, collisions: Any, barrier: Any) -> _LaggedSlip | None:
+        """Return what `lag` keeps of collisions at points x; None without friction."""
+        mesh, found = self._surface.mesh, self._surface.ipctk.TangentialCollisions()
+        if self._mu > 0:
+            found.build(mesh, np.asfortranarray(x), collisions, barrier, self._mu)
+        if found.empty():
+            return None
+        dim = x.shape[1]
+        values, rows, columns, offsets, limits = [], [], [], [], []
+        for k in range(len(found)):
+            one = found[k]
+            points = [i for i in one.vertex_ids(mesh.edges, mesh.faces) if i >= 0]
+            relative, tangents = one.relative_velocity_jacobian(), one.tangent_basis
+            start, end = (relative @ at[points].ravel() for at in (self._start, x))
+            distance = np.linalg.norm(end)
+            before = start @ end / distance
+            offsets.append(tangents.T @ start * (distance / max(before, distance)))
+            values.append(tangents.T @ relative)
+            dofs = (dim * np.array(points)[:, None] + np.arange(dim)).ravel()
+            row, column = np.meshgrid(k * (dim - 1) + np.arange(dim - 1), dofs, indexing="ij")
+            rows.append(row.ravel())
+            columns.append(column.ravel())
+            limits.append(one.weight * self._mu * one.normal_force_magnitude)
+        entries = np.concatenate([value.ravel() for value in values])
+        places = np.concatenate(rows), np.concatenate(columns)
+        matrix = csr_matrix((entries, places), shape=(len(found) * (dim - 1), x.size))
+        return _LaggedSlip(matrix, np.array(offsets), np.array(limits))
+
+    def _gradient(self, lagged: _LaggedSlip | None, x: Array) -> Array:
+        if lagged is None:
+            return np.zeros(x.shape)
+        slip = lagged.slip(x)
+        forces = (lagged.limit * self._factor(np.linalg.norm(slip, axis=1)))[:, None] * slip
+        return np.asarray(lagged.matrix.T @ forces.ravel()).reshape(x.shape)
+
+
+class _LaggedSlip(NamedTuple):
+    """The slip of k collisions, for lagged normals.
+
+    Attributes
+    ----------
+    matrix : (k (d - 1), n d) sparse
+        From the coordinates of points to relative positions along the tangents.
+    offset : (k, d - 1)
+        Those from which the slip counts [m].
+    limit : (k,)
+        Coulomb's limit of the force, mu times the lagged normal force [N].
+    """
+
+    matrix: Any
+    offset: Array
+    limit: Array
+
+    def slip(self, x: Array) -> Array:
+        """Return the slip at points x (n, d), (k, d - 1) [m]."""
+        return np.asarray((self.matrix @ x.ravel()).reshape(self.offset.shape) - self.offset)
 
 
 #: The sparsity pattern has all pairs within this many activation distances.
@@ -390,7 +455,7 @@ class BarrierEnergy:
         """Return the filtered second derivative [N/m], a sparse (3 n, 3 n) matrix."""
         projection = self._projections[filter]
         found = self._barrier.hessian(self.collisions(x), self._surface.mesh, x, projection)
-        return found + self.friction.hessian(x, projection) if self.friction.acts else found
+        return found + self.friction.hessian(x) if self.friction.acts else found
 
     def pattern(self, x: Array) -> Any:
         """Return a sparse matrix of ones, where the Hessian of a wider barrier has entries."""
