@@ -15,6 +15,7 @@ from dolfinx_programs import Bar, Press, unit_cube
 from running import solve
 
 import fem_snh
+from fem_snh.accuracy.rest import is_at_rest
 from fem_snh.problem.dolfinx_problem import create_dolfinx_problem
 from fem_snh.scenes import Scene
 
@@ -305,6 +306,27 @@ def test_a_given_tolerance_is_met(option: str) -> None:
     assert tight["residual"] <= tight["tolerance"] <= 1e-12 < default["residual"]
     least = loaded(1.0, 0.1, petsc={option: 1e-30}).steps[0]
     assert least["converged"] and least["residual"] <= least["tolerance"] < 1e-14
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("force", [0.0, 1e-9])
+def test_springs_at_rest_are_no_forces_that_act(force: float) -> None:
+    """A rigid part on springs: its positions are rounded, which matters beside a force only."""
+    scene = {
+        "name": "springs",
+        "mesh": {"source": "cube"},
+        "cells": 3,
+        "element": "Q1",
+        "material": {"name": "stable_neo_hookean", "E": 1e6, "nu": 0.3},
+        "hold": [{"group": "bottom"}],
+        "rigid": [
+            {"group": "top", "force": [0, 0, force], "spring": {"stiffness": 1e3, "rotation": 10.0}}
+        ],
+    }
+    found = solve(Scene.model_validate(scene))
+    noted = [note["kind"] for note in found.notes]
+    assert noted == (["rounding"] if force else [])
+    assert is_at_rest(found.problem) == (not force)
 
 
 def test_the_largest_force_is_that_of_a_term(comm: Any) -> None:

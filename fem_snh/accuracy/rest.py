@@ -24,16 +24,13 @@ def largest_displacement(problem: Problem) -> float:
 def forces_act(problem: Problem) -> bool:
     """Return whether a load or contact acts, however small. Collective.
 
-    An energy in UFL, which may be the body's own, acts if its forces are more than rounding.
+    Springs, and an energy in UFL, which may be the body's own, act if their forces are more than
+    rounding.
     """
-    force = problem.x.duplicate()
-    acts = bool(problem.rigid and problem.rigid.largest_force(problem.x) > 0.0)
-    for term in problem.terms:
+    acts = False
+    for term, norm, rounded in problem.force_norms(problem.x):
         if term is not problem.elastic:
-            problem.gradient(problem.x, force, [term])
-            is_energy = getattr(term, "rounds_identity", False)
-            acts |= force.norm() > (problem.rounding_force(problem.x) if is_energy else 0.0)
-    force.destroy()
+            acts |= norm > (problem.rounding_force(problem.x) if rounded else 0.0)
     return acts
 
 

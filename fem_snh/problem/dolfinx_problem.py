@@ -570,9 +570,6 @@ def set_modulus(problem: Problem) -> None:
     volume_dimension = problem.kinematics.volume_dimension
     problem.modulus = modulus
     problem.force_scale = modulus * problem.length ** (volume_dimension - 1)
-    # lambda + 2 mu = K + 4/3 mu, and the curvature of a uniform dilation is 9 K.
-    stiffest = dilation / 9 + 4 / 3 * max(shears)
-    problem.stiffest_modulus = max(modulus, stiffest) if isfinite(stiffest) else modulus
 
 
 def _curvature(problem: Problem, gradient: Array) -> float:

@@ -122,8 +122,6 @@ class Problem:
     modulus, force_scale : float
         The scale E of the moduli [Pa] (`fem_snh.assembly.regions.reference_modulus`); E V^(2/3)
         [N], of a plane E times `length` [N/m].
-    stiffest_modulus : float
-        The largest lambda + 2 mu of the materials [Pa]; 3 mu with an unknown pressure.
     given_terms, given_volume : list, callable or None
         Of a program: the forms, features and terms, and the volume energy of which it was made.
     asymmetric : bool
@@ -170,12 +168,6 @@ class Problem:
         # A body that is rigid as a whole has the unit of its material.
         self.modulus = reference_modulus(self.domain, regions or given, revolved)
         self.force_scale = self.modulus * self.length ** (dim - 1)
-        # With an unknown pressure no force has the factor lambda, which may be infinite.
-        moduli = [
-            float(3 * mu if element.has_pressure else lam + 2 * mu)
-            for mu, lam in (r.material.lame for r in regions or given)
-        ]
-        self.stiffest_modulus = max(moduli, default=self.modulus)
         check_force_scale(self.force_scale)
         self.load, self.nonfinite = 0.0, 0
         self.motion, self.skin = motion, skin
@@ -300,11 +292,22 @@ class Problem:
         At an equilibrium the elastic forces balance loads and contact on free dofs, and are the
         reactions on constrained ones. Loads on rigid parts count as well.
         """
-        force, largest = self.x.duplicate(), self.rigid.largest_force(x) if self.rigid else 0.0
+        return max(norm for _, norm, _ in self.force_norms(x))
+
+    def force_norms(self, x: PETSc.Vec) -> Iterator[tuple[Term, float, bool]]:
+        """Yield each term with the norm of its forces on all dofs [N]. Collective.
+
+        And whether they are rounding at rest: those of springs, and of energies in UFL. The loads,
+        drives and springs of rigid parts come one by one, on their unknowns.
+        """
+        if self.rigid:
+            loads, drives, springs = self.rigid.force_norms(x)
+            yield from ((self.rigid, norm, False) for norm in (loads, drives))
+            yield self.rigid, springs, True
+        force = self.x.duplicate()
         for term in self.terms:
             self.gradient(x, force, [term])
-            largest = max(largest, force.norm())
-        return largest
+            yield term, force.norm(), getattr(term, "rounds_identity", False)
 
     def rounding_force(self, x: PETSc.Vec, least: float = 0.0) -> float:
         r"""Return a bound of the residual's rounding error [N]; 0 where it is below ``least``.

@@ -105,7 +105,7 @@ class TimeSteps:
         problem.gradient(problem.x, forces, self._loads)
         largest = max(forces.norm(), self._inertial_force())
         if problem.rigid:
-            largest = max(largest, problem.rigid.largest_force(problem.x))
+            largest = max(largest, *problem.rigid.force_norms(problem.x))
         least = inf
         for term in self._loads:
             if not getattr(term, "has_hessian", True):

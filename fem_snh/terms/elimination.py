@@ -93,8 +93,8 @@ class EliminatingTerm(Protocol):
     def move_rigidly(self, x: PETSc.Vec) -> None:
         """Set the nodes to the nearest displacements that are admissible at the present load."""
 
-    def largest_force(self, x: PETSc.Vec) -> float:
-        """Return the largest force of the term's own loads [N]."""
+    def force_norms(self, x: PETSc.Vec) -> tuple[float, float, float]:
+        """Return the norms on the unknowns of loads, of drives and of springs [N]."""
 
     @property
     def moves(self) -> bool:

@@ -89,7 +89,6 @@ class RigidParts:
     """
 
     name = "rigid"
-    has_hessian = True
 
     def __init__(self, parts: Sequence[Rigid], body: Body) -> None:
         V, self._parts = body.V, list(parts)
@@ -323,12 +322,12 @@ class RigidParts:
         """Return the energy of forces and springs [J]. Collective."""
         return self._loads.energy(self.poses(u))
 
-    def largest_force(self, x: PETSc.Vec) -> float:
-        """Return the largest norm on the unknowns of loads, springs or drives [N]. Collective."""
+    def force_norms(self, x: PETSc.Vec) -> tuple[float, float, float]:
+        """Return the norms on the unknowns of loads, of drives and of springs [N]. Collective."""
         poses = self.poses(x)
         acting = np.stack([self._loads.loads(poses), self._loads.springs(poses)])
-        forces = [*(acting @ self.tree.jacobian(poses)), self._loads.drive]
-        return float(np.linalg.norm(forces, axis=1).max())
+        loads, springs = np.linalg.norm(acting @ self.tree.jacobian(poses), axis=1)
+        return float(loads), float(np.linalg.norm(self._loads.drive)), float(springs)
 
     def add_residual(
         self, u: PETSc.Vec, p: PETSc.Vec | None, r_u: PETSc.Vec, r_p: PETSc.Vec | None
