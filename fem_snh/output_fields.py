@@ -107,8 +107,8 @@ IN_TIME = {
 CONTACT_PRESSURES = {
     "contact_pressure": OutputField(
         "contact pressure", "Pa", (),
-        "force per area of the deformed surface, in a plane per reference thickness: normal force "
-        "with [[obstacle]], magnitude with [self_contact]", True,
+        "force per area of the deformed surface, in plane stress of the reference thickness: "
+        "normal force with [[obstacle]], magnitude with [self_contact]", True,
     ),
     "nominal_contact_pressure": OutputField(
         "nominal contact pressure", "Pa", (),
