@@ -185,6 +185,10 @@ class SurfacePass:
         self._known = self._keys(near)
         self._pairs: Array | None = None
 
+    def has_lost(self, before: Touching) -> bool:
+        """Return whether points that touched before a search have no facet any more."""
+        return bool((self._facet[before.point[before.pressure > 0]] < 0).any())
+
     def points(self, x: Array) -> Array:
         """Return the positions of the quadrature points [m], (points, 3)."""
         return np.asarray((self.own.basis @ x[self.own.nodes]).reshape(-1, 3))
@@ -535,6 +539,7 @@ class SurfacePair:
     def settle(self, x: Array) -> LaggedChange:
         """Search again and update the multipliers; return the largest change."""
         before, keep = self.gradient(x), _KEPT if self._searches >= _FREE_SEARCHES else None
+        touched = [one.touching(x) for one in self.passes]
         self._searches += 1
         for one in self.passes:
             one.search(x, keep)
@@ -544,7 +549,8 @@ class SurfacePair:
         largest = max(np.abs(before).max(initial=0.0), np.abs(after).max(initial=0.0))
         change = float(np.abs(after - before).max(initial=0.0))
         what = f"contact '{self.name}': the change of forces by another search"
-        changed = LaggedChange(relative(change, largest, _SETTLED), what)
+        slid_off = any(map(SurfacePass.has_lost, self.passes, touched))
+        changed = LaggedChange(relative(change, largest, _SETTLED), what, slid_off)
         return largest_change([changed, *self.law.settle(*self._touching(x))])
 
     def end_step(self, x: Array) -> None:

@@ -65,6 +65,11 @@ class StepOutcome:
         """L-BFGS iterations."""
         return sum(iteration.lbfgs for iteration in self.history)
 
+    @property
+    def left_unstable(self) -> bool:
+        """Whether an iteration has followed negative curvature, away from an unstable state."""
+        return any(i.filter in ("trust_region", "negative curvature") for i in self.history)
+
     def add_solve(self, snes: PETSc.SNES) -> None:
         """Add a solve of `ProjectedNewton`, whose end is now that of the step. Collective."""
         self.converged = snes.getConvergedReason() > 0

@@ -6,6 +6,8 @@ and pairs of surfaces after each solve (`fem_snh.terms.history.TermHistory`).
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from petsc4py import PETSc
 
 from fem_snh.errors import NotSettled
@@ -14,7 +16,12 @@ from fem_snh.solver.outcome import StepOutcome
 from fem_snh.solver.protocol import SolvableProblem
 
 
-def solve_until_settled(problem: SolvableProblem, snes: PETSc.SNES, outcome: StepOutcome) -> None:
+def solve_until_settled(
+    problem: SolvableProblem,
+    snes: PETSc.SNES,
+    outcome: StepOutcome,
+    judge: Callable[[StepOutcome], None] | None = None,
+) -> None:
     """Solve from ``problem.x``, in place, until nothing lagged changes. Collective.
 
     Parameters
@@ -25,6 +32,8 @@ def solve_until_settled(problem: SolvableProblem, snes: PETSc.SNES, outcome: Ste
     outcome : StepOutcome
         The outcome of the step, to which each solve is added. It has not converged if a solve has
         not, or if lagged quantities do not settle: the reason then says which.
+    judge : callable, optional
+        Called with the outcome before another solve; it may make the step a failure.
     """
     again = True
     while again:
@@ -32,6 +41,9 @@ def solve_until_settled(problem: SolvableProblem, snes: PETSc.SNES, outcome: Ste
             snes.solve(None, problem.x)
         outcome.add_solve(snes)
         again = outcome.converged and update_lagged(problem, outcome)
+        if again and judge:
+            judge(outcome)
+            again = outcome.converged
 
 
 def update_lagged(problem: SolvableProblem, outcome: StepOutcome) -> bool:

@@ -177,8 +177,20 @@ class StepSolver:
             outcome.history += self.pressures.history
         # Forces that are small beside others, as the weight of a body in tension, count too.
         self.snes.getPythonContext().force_iteration = self.motion is not None
-        solver.solve_until_settled(problem, self.snes, outcome)
+        judge = self._judge_slide if self.can_rescue and not self._rescued else None
+        solver.solve_until_settled(problem, self.snes, outcome, judge)
         return outcome
+
+    def _judge_slide(self, outcome: solver.StepOutcome) -> None:
+        """Make a step a failure that has left an unstable state for surfaces that slide off.
+
+        It is at a minimum for facets that points do not touch there. Further solves begin far from
+        the path, and alternate, or end at a state that depends on their order.
+        """
+        change = self.problem.history.change
+        if outcome.left_unstable and change.slid_off:
+            what = f"{change.what} is {change.ratio:.3g} times the tolerance"
+            outcome.fail_inner(NotSettled(f"{what} as surfaces slide off an unstable state"))
 
     def destroy(self) -> None:
         """Destroy the auxiliary solvers. Collective."""

@@ -38,10 +38,13 @@ class LaggedChange(NamedTuple):
         The change over its tolerance: above 1 the step is solved again.
     what : str
         What changes, for the reason of a failure.
+    slid_off : bool
+        Whether points that touched are beside the edge of the other surface now.
     """
 
     ratio: float = 0.0
     what: str = ""
+    slid_off: bool = False
 
     @property
     def settled(self) -> bool:
