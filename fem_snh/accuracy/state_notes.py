@@ -159,9 +159,12 @@ def rounding_note(problem: Problem, rounding: float, step: int | None = None) ->
         return None
     text = (
         f"the rounding error of the residual is {100 * rounding / force:.2g} % of the forces that "
-        "act: displacements and forces are no more accurate; larger loads are, and energies of "
-        "fem_snh instead of UFL, which rounds I + grad u"
+        "act: displacements and forces are no more accurate"
     )
+    if any(getattr(term, "rounds_identity", False) for term in problem.terms):
+        text += (
+            "; larger loads are, and energies of fem_snh instead of UFL, which rounds I + grad u"
+        )
     return Note("rounding", text, step, {"part": rounding / force})
 
 
