@@ -64,6 +64,19 @@ def test_a_body_touches_itself(tmp_path):
 
 
 @needs_ipctk
+def test_parallel_edges_have_friction():
+    """Their friction is continuous: where it jumps, lagged forces alternate and steps fail."""
+    move = [{"group": "upper_tip", "translate": [0.1, 0, -0.5]}]
+    material = CLIP["material"] | {"nu": 0.45}
+    changes = {"cells": 2, "element": "Q1", "steps": 3, "move": move, "material": material}
+    contact = {"method": "ipc", "friction": 0.3}
+    result = fem_snh.run(scene(CLIP, **changes, self_contact=contact))
+    assert result.converged
+    assert not [row["reason"] for row in result.steps if "friction" in row["reason"]]
+    assert sum(row["newton"] for row in result.steps) < 150
+
+
+@needs_ipctk
 def test_a_body_touches_itself_in_time(tmp_path):
     """The potential energy has the barrier's; a scene goes on from its checkpoint."""
     result = fem_snh.run(scene(IN_TIME), out=tmp_path / "clip")

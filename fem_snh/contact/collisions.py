@@ -249,12 +249,13 @@ _STICKING = 0.05
 class SurfaceFriction:
     r"""The energy of friction in a step, of the slip since its start. Not collective.
 
-    With the lagged normal force :math:`\ell_k` and tangents :math:`T_k` of a collision,
+    With the lagged normal force :math:`\ell_k` and tangent plane of a collision, on which
+    :math:`T_k` projects,
 
     .. math:: E = \sum_k \mu \ell_k f_0(|s_k|), \qquad
         f_0'(y) = \begin{cases} 2 y/\epsilon - y^2/\epsilon^2 & y < \epsilon \\ 1 \end{cases}
 
-    (Li et al. 2020, eq. 13 to 16). The slip is :math:`s_k = T_k^T (r_k - c_k r_k^0)`, with the
+    (Li et al. 2020, eq. 13 to 16). The slip is :math:`s_k = T_k (r_k - c_k r_k^0)`, with the
     vector r between the closest points of both parts and the same vector at the start of the step,
     which :math:`c_k \le 1` shortens to the lagged distance along the lagged normal: an approach is
     no slip. With :math:`c_k = 1` it is one as soon as the normal tilts; where the parts stick, the
@@ -285,7 +286,7 @@ class SurfaceFriction:
         self._start, self._lagged = np.array(x), None
 
     def lag(self, x: Array, collisions: Any, barrier: Any) -> None:
-        """Set normal forces, tangents and the start of slip to those of collisions at points x."""
+        """Set normal forces, tangents and the origin of slip to those of collisions at x."""
         self._lagged = self._slip(x, collisions, barrier)
 
     def change(self, x: Array, collisions: Any, barrier: Any) -> float:
@@ -332,32 +333,39 @@ class SurfaceFriction:
         return np.where(y < width, 2 / width - y / width**2, 1 / np.maximum(y, width))
 
     def _slip(self, x: Array, collisions: Any, barrier: Any) -> _LaggedSlip | None:
-        """Return what `lag` keeps of collisions at points x; None without friction."""
-        mesh, found = self._surface.mesh, self._surface.ipctk.TangentialCollisions()
-        if self._mu > 0:
-            found.build(mesh, np.asfortranarray(x), collisions, barrier, self._mu)
-        if found.empty():
+        """Return what `lag` keeps of collisions at points x; None without friction.
+
+        ipctk's own `TangentialCollisions` leave out edges that are nearly parallel, whose forces
+        then jump where the closest parts change.
+        """
+        count, dim = len(collisions), x.shape[1]
+        if not self._mu > 0 or not count:
             return None
-        dim = x.shape[1]
-        values, rows, columns, offsets, limits = [], [], [], [], []
-        for k in range(len(found)):
-            one = found[k]
-            points = [i for i in one.vertex_ids(mesh.edges, mesh.faces) if i >= 0]
-            relative, tangents = one.relative_velocity_jacobian(), one.tangent_basis
-            start, end = (relative @ at[points].ravel() for at in (self._start, x))
-            distance = np.linalg.norm(end)
-            before = start @ end / distance
-            offsets.append(tangents.T @ start * (distance / max(before, distance)))
-            values.append(tangents.T @ relative)
-            dofs = (dim * np.array(points)[:, None] + np.arange(dim)).ravel()
-            row, column = np.meshgrid(k * (dim - 1) + np.arange(dim - 1), dofs, indexing="ij")
-            rows.append(row.ravel())
-            columns.append(column.ravel())
-            limits.append(one.weight * self._mu * one.normal_force_magnitude)
-        entries = np.concatenate([value.ravel() for value in values])
-        places = np.concatenate(rows), np.concatenate(columns)
-        matrix = csr_matrix((entries, places), shape=(len(found) * (dim - 1), x.size))
-        return _LaggedSlip(matrix, np.array(offsets), np.array(limits))
+        x, mesh = _rows(x), self._surface.mesh
+        edges, faces = mesh.edges, mesh.faces
+        points, weights = np.zeros((count, 4), dtype=int), np.zeros((count, 4))
+        limit = np.empty(count)
+        for k in range(count):
+            one = collisions[k]
+            vertices = one.dof(x, edges, faces)
+            size = len(vertices) // dim
+            points[k, :size] = one.vertex_ids(edges, faces)[:size]
+            weights[k, :size] = one.compute_coefficients(vertices)
+            force = barrier.force_magnitude(one.compute_distance(vertices), one.dmin)
+            smooth = one.mollifier(vertices) if one.is_mollified() else 1.0
+            limit[k] = self._mu * one.weight * smooth * force
+        start, end = (np.einsum("ki,kid->kd", weights, at[points]) for at in (self._start, x))
+        distance = np.linalg.norm(end, axis=1)
+        normal = end / distance[:, None]
+        shorter = distance / np.maximum((start * normal).sum(axis=1), distance)
+        tangential = np.eye(dim) - normal[:, :, None] * normal[:, None, :]
+        offset = shorter[:, None] * np.einsum("kde,ke->kd", tangential, start)
+        values = np.einsum("kde,ki->kdie", tangential, weights)
+        columns = dim * points[:, None, :, None] + np.arange(dim)
+        rows = np.arange(count * dim).reshape(count, dim, 1, 1)
+        rows, columns = (np.broadcast_to(index, values.shape).ravel() for index in (rows, columns))
+        matrix = csr_matrix((values.ravel(), (rows, columns)), shape=(count * dim, x.size))
+        return _LaggedSlip(matrix, offset, limit)
 
     def _gradient(self, lagged: _LaggedSlip | None, x: Array) -> Array:
         if lagged is None:
@@ -372,10 +380,10 @@ class _LaggedSlip(NamedTuple):
 
     Attributes
     ----------
-    matrix : (k (d - 1), n d) sparse
-        From the coordinates of points to relative positions along the tangents.
-    offset : (k, d - 1)
-        Those from which the slip counts [m].
+    matrix : (k d, n d) sparse
+        From the coordinates of points to relative positions in the tangent planes.
+    offset : (k, d)
+        Relative positions from which the slip counts [m].
     limit : (k,)
         Coulomb's limit of the force, mu times the lagged normal force [N].
     """
@@ -385,7 +393,7 @@ class _LaggedSlip(NamedTuple):
     limit: Array
 
     def slip(self, x: Array) -> Array:
-        """Return the slip at points x (n, d), (k, d - 1) [m]."""
+        """Return the slip at points x (n, d), (k, d) [m]."""
         return np.asarray((self.matrix @ x.ravel()).reshape(self.offset.shape) - self.offset)
 
 
