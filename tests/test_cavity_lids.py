@@ -12,16 +12,36 @@ from plane_programs import COMPONENTS
 from test_plane_scenes import solve
 
 import fem_snh
+from fem_snh.assembly.ghosted_vectors import update_ghosts
 from fem_snh.errors import BadInput
 
 TIGHT = {"snes_scaled_tol": 1e-12, "ksp_rtol": 1e-10}
 E, CELLS = 1.0, 4
 #: A box whose upper quarter is rigid; a surface "whole" has its facets, "walls" ends at them.
 WHOLE, WALLS = (1, 2), 1
+ENDS = ("lid", "moved")
 
 
-def box(comm, kinematics, degree, surface, planes=(), sides=(), **part):
-    """Return a box on a fixed bottom that a fluid around it compresses, with a rigid lid."""
+def unsolved_box(
+    comm,
+    kinematics,
+    degree,
+    surface,
+    planes=(),
+    sides=(),
+    slabs=(),
+    parts=None,
+    gap=False,
+    top=(),
+    fluid=lambda ds: fem_snh.Cavity(ds, volume=0.05),
+):
+    """Return the problem of a box on a fixed bottom that a fluid around it compresses.
+
+    ``parts`` makes terms of the measure of its upper quarter, whose number is 2; with a ``gap`` it
+    is two parts, 2 and 3. Planes of symmetry are the sides at 0 along axes ``planes``, and the
+    sides at 0 and 1 along ``slabs``; both ``sides`` along others have no normal displacement.
+    ``top`` is the displacement of the upper end, and ``fluid`` the term of the surface.
+    """
     dim = 2 if kinematics in COMPONENTS else 3
     create = mesh.create_rectangle if dim == 2 else mesh.create_box
     kind = mesh.CellType.quadrilateral if dim == 2 else mesh.CellType.hexahedron
@@ -42,13 +62,13 @@ def box(comm, kinematics, degree, surface, planes=(), sides=(), **part):
 
     def outer(x):
         """Facets of the walls: not at the bottom, nor in planes of symmetry or on the axis."""
-        on = [np.isclose(x[i], 1) for i in range(up)]
-        on += [np.isclose(x[i], 0) for i in range(up) if i not in planes]
+        on = [np.isclose(x[i], 1) for i in range(up) if i not in slabs]
+        on += [np.isclose(x[i], 0) for i in range(up) if i not in (*planes, *slabs)]
         return np.any(on, axis=0)
 
     if kinematics.startswith("axisymmetric"):
         planes = (0,)
-    lid = 1 - 1 / CELLS - 1e-9
+    lid = 1 - 1 / CELLS - 1e-9 if parts else 1.0
     ds = tagged(
         "ds",
         dim - 1,
@@ -57,7 +77,11 @@ def box(comm, kinematics, degree, surface, planes=(), sides=(), **part):
             lambda x: (outer(x) & (x[up] > lid)) | np.isclose(x[up], 1),
         ],
     )
-    dx = tagged("dx", dim, [lambda x: x[up] < lid + 1e-6, lambda x: x[up] > lid])
+    regions = [lambda x: x[up] < lid + 1e-6, lambda x: x[up] > lid]
+    if gap:
+        halves = (lambda x: x[0] < 0.26, lambda x: x[0] > 0.49)
+        regions[1:] = [lambda x, half=half: (x[up] > lid) & half(x) for half in halves]
+    dx = tagged("dx", dim, regions)
 
     def held(axis, place, component=None):
         def there(x):  # the lid's own nodes follow its keys
@@ -71,16 +95,28 @@ def box(comm, kinematics, degree, surface, planes=(), sides=(), **part):
         return fem.dirichletbc(0.0, dofs, V.sub(component))
 
     bcs = [held(i, 0.0, i) for i in planes if dim == 3 or kinematics == "plane_strain"]
-    bcs += [held(i, place, i) for i in sides for place in (0.0, 1.0)]
+    bcs += [held(i, place, i) for i in (*sides, *slabs) for place in (0.0, 1.0)]
     material = fem_snh.material("stable_neo_hookean", E=E, nu=0.3)
-    fluid = fem_snh.Cavity(ds(surface), volume=0.05)
+    fluid = fluid(ds(surface))
     keys = {"petsc_options": TIGHT}
     if dim == 2:
         keys["kinematics"] = kinematics
-    terms = [fluid, fem_snh.Rigid(group=dx(2), name="lid", **part)]
-    problem = fem_snh.NonlinearProblem(
-        u, {material: ufl.dx}, bcs=[*bcs, held(up, 0.0)], terms=terms, **keys
-    )
+    bcs.append(held(up, 0.0))
+    if len(top):
+        facets = mesh.locate_entities_boundary(domain, dim - 1, lambda x: np.isclose(x[up], 1))
+        dofs = fem.locate_dofs_topological(V, dim - 1, facets)
+        bcs.append(fem.dirichletbc(np.array(top, float), dofs, V))
+    terms = [fluid, *(parts(dx) if parts else ())]
+    return fem_snh.NonlinearProblem(u, {material: ufl.dx}, bcs=bcs, terms=terms, **keys)
+
+
+def box(*args, planes=(), sides=(), **part):
+    """Return the solved problem of a box with a rigid lid, and the states of fluid and lid."""
+
+    def parts(dx):
+        return [fem_snh.Rigid(group=dx(2), name="lid", **part)]
+
+    problem = unsolved_box(*args, planes, sides, parts=parts)
     problem.solve()
     assert problem.row["converged"]
     (state,) = problem.row["cavities"].values()
@@ -101,15 +137,20 @@ CASES = {
 @pytest.mark.mpi
 @pytest.mark.parametrize("name", CASES)
 def test_a_lid_counts_as_its_facets(comm, name):
-    """Volume, pressure, force and moment are those of the surface that has the lid's facets."""
+    """Volume, pressure, force and moment are those of the surface that has the lid's facets.
+
+    Forces across planes of symmetry depend on where the lid meets them.
+    """
     kinematics, degree, planes, part = CASES[name]
-    _, fluid, lid = box(comm, kinematics, degree, WALLS, planes, **part)
-    _, given, known = box(comm, kinematics, degree, WHOLE, planes, **part)
+    _, fluid, lid = box(comm, kinematics, degree, WALLS, planes=planes, **part)
+    _, given, known = box(comm, kinematics, degree, WHOLE, planes=planes, **part)
     assert given["pressure"] > 0.01 * E
     for key in ("volume", "pressure"):
         assert fluid[key] == pytest.approx(given[key], rel=1e-7), key
-    for key in ("displacement", "rotation", "force", "moment"):
+    keys = ("displacement", "rotation") + (() if planes else ("force", "moment"))
+    for key in keys:
         assert lid[key] == pytest.approx(known[key], abs=1e-7), key
+    assert lid["force"][2] == pytest.approx(known["force"][2], abs=1e-7)
 
 
 @pytest.mark.mpi
@@ -117,6 +158,59 @@ def test_the_volume_is_area_times_motion(comm):
     """A d, of a piston between smooth walls."""
     _, fluid, _ = box(comm, "solid", 1, WALLS, sides=(0, 1), translate=(0, 0, -0.1))
     assert fluid["volume"] == pytest.approx(0.1, rel=1e-12)
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize(
+    "end, kinematics, planes, slabs",
+    [
+        ("lid", "solid", (), (0,)),
+        *((end, "solid", planes, ()) for end in ENDS for planes in [(), (0,), (0, 1)]),
+        *((end, "plane_strain", (), ()) for end in ENDS),
+    ],
+)
+def test_the_volume_of_walls_that_bulge(comm, end, kinematics, planes, slabs):
+    """By the area of cross-sections, between planes of symmetry, the bottom and an end."""
+    height = 1 - 1 / CELLS if end == "lid" else 1.0
+    up = 2 if kinematics == "solid" else 1
+    moved = np.zeros(up + 1)
+    moved[up] = 0.3
+
+    def parts(dx):
+        return [
+            fem_snh.Rigid(
+                group=dx(2), name="lid", translate=(0, 0, 0.3) if up == 2 else (0, 0.3, 0)
+            )
+        ]
+
+    problem = unsolved_box(
+        comm,
+        kinematics,
+        1,
+        WALLS,
+        planes,
+        slabs=slabs,
+        parts=parts if end == "lid" else None,
+        top=() if end == "lid" else moved,
+    )._problem
+    X, u = problem.coordinates, problem.x.duplicate()
+    s = np.minimum(X[:, up] / height, 1.0)
+    bulge = s * (1 - s)
+    values = np.outer(s, moved)
+    for axis in set(range(up)) - set(slabs):
+        values[:, axis] += 0.5 * bulge * X[:, axis]
+    u.array[: values.size] = values.ravel()
+    update_ghosts(u)
+    heights = np.linspace(0, height, round(height * CELLS) + 1) / height
+    q = 0.5 * heights * (1 - heights)
+    points, weights = np.polynomial.legendre.leggauss(2)
+    at = q[:-1] + np.outer(points + 1, np.diff(q)) / 2
+    mean = weights @ (1 + at) ** (up - len(slabs)) / 2
+    (fluid,) = (term for term in problem.terms if term.name == "cavity")
+    exact = height - (height + 0.3) * mean.mean()
+    assert fluid.state(u)["volume"] == pytest.approx(exact, rel=1e-12)
+    if not slabs:  # the rest of the constrained edge is open; the fluid is outside
+        assert fluid.volume_at_rest == pytest.approx(-height, rel=1e-12)
 
 
 @pytest.mark.mpi
@@ -156,7 +250,43 @@ def test_derivatives_along_the_motion_of_the_lid(comm):
 def test_a_lid_that_nothing_closes_is_refused(comm):
     """In half a plane the wall, from the fixed bottom to the lid, does not touch the symmetry."""
     with pytest.raises(BadInput, match="on rigid parts or in planes of symmetry"):
-        box(comm, "plane_strain", 1, WALLS, (0,), free=("y",))
+        box(comm, "plane_strain", 1, WALLS, planes=(0,), free=("y",))
+
+
+@pytest.mark.mpi
+def test_a_pressure_acts_on_its_facets_alone(comm):
+    """Not on a lid, as a fluid does; its note says so."""
+
+    def parts(dx):
+        return [fem_snh.Rigid(group=dx(2), name="lid", translate=(0, 0, 0))]
+
+    problem = unsolved_box(
+        comm, "solid", 1, WALLS, parts=parts, fluid=lambda ds: fem_snh.Pressure(ds, value=0.01)
+    )._problem
+    (pressure,) = (term for term in problem.terms if term.name == "pressure")
+    assert "as it ends on a rigid part, on which it does not act" in pressure.note
+    x, r = problem.x.duplicate(), problem.x.duplicate()
+    pressure.set_load(1.0)
+    problem.gradient(x, r, [pressure])
+    assert r.sum() == pytest.approx(0.0, abs=1e-15)
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("planes", [(), (0,), (0, 1)])
+def test_a_rim_that_two_parts_share_is_refused(comm, planes):
+    """The lid between them is not known."""
+
+    def parts(dx):
+        return [fem_snh.Rigid(group=dx(i), name=f"lid{i}", free=("z",)) for i in (2, 3)]
+
+    with pytest.raises(BadInput, match="its edge is between two parts or supports at"):
+        unsolved_box(comm, "solid", 1, WALLS, planes, parts=parts, gap=True)
+
+
+@pytest.mark.mpi
+def test_a_lid_that_leaves_the_plane_of_symmetry_is_refused(comm):
+    with pytest.raises(BadInput, match="a rigid part leaves the plane of symmetry at"):
+        box(comm, "solid", 1, WALLS, planes=(0,), free=("x", "z"))
 
 
 BELLOWS = """

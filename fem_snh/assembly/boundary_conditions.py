@@ -115,6 +115,9 @@ class Dirichlet:
         Dofs of this rank that other unknowns move: `set_values` may set them, to no effect.
     rigid_parts : (local nodes,) int or None
         The rigid part of each node, -1: none. None if the body has no rigid parts.
+    part_motions : sequence of (n, 2, 3)
+        The motions of each part that its conditions admit or prescribe at rest: velocities of a
+        point at the origin, and angular velocities.
     solid_cells : (n,) int
         This rank's own cells whose nodes are constrained and that are not assembled.
     thin : ThinSupports or None
@@ -130,6 +133,7 @@ class Dirichlet:
     by_hand: bool = False
     released: Array = np.empty(0, np.int64)
     rigid_parts: Array | None = None
+    part_motions: Sequence[Array] = ()
     solid_cells: Array = np.empty(0, np.int64)
     thin: ThinSupports | None = None
     conditions: Sequence[GroupCondition] = ()

@@ -9,19 +9,13 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 
-from fem_snh import _dolfinx
 from fem_snh.assembly.assembled_matrix import BlockMatrix
-from fem_snh.assembly.boundary_conditions import Dirichlet
-from fem_snh.assembly.ghosted_vectors import (
-    add_ghosts,
-    local_values,
-    set_to_zero,
-    writable_values,
-)
+from fem_snh.assembly.ghosted_vectors import add_ghosts, set_to_zero
 from fem_snh.errors import bad_value
 from fem_snh.tables.types import surface_name
 from fem_snh.terms.body import Body
-from fem_snh.terms.swept_volume import SweptVolume, enclosed_volume, fit_fields
+from fem_snh.terms.closing_surface import ClosingSurface, NotClosedError
+from fem_snh.terms.swept_volume import SweptVolume
 from fem_snh.terms.ufl_term import UFLTerm
 from fem_snh.terms.values import is_uniform, present
 
@@ -57,6 +51,11 @@ class EnclosedFluid:
     body : Body
         What it acts on.
 
+    Attributes
+    ----------
+    volume_at_rest : float or None
+        The cavity's reference volume [m^3]; None if it is not known.
+
     Raises
     ------
     BadInput
@@ -77,35 +76,31 @@ class EnclosedFluid:
         self._is_default = fluid.stiffness is None
         self._stiffness = fluid.stiffness or _STIFFNESS * body.modulus / body.volume
         self._pressure = body.constant(0.0)
-        for parts in (None, dirichlet.rigid_parts):  # lids, where it is not closed without them
-            self._volume = SweptVolume(body.V, ds, body.kinematics, parts)
-            fields = fit_fields([self._volume], [1.0], dirichlet)
-            # Planes of symmetry close a lid whose edge is not: f must be that of such planes.
-            if fields is not None and (fields.any() or not self._volume.has_open_lids):
-                break
-        else:
+        try:
+            closing = ClosingSurface(
+                body.V, body.facets("cavity.group", fluid.group), dirichlet, body.kinematics
+            )
+            self._volume = SweptVolume(body.V, ds, body.kinematics, closing)
+        except NotClosedError as error:
             accepted = "a surface that encloses a volume: closed, or with an edge that is "
-            accepted += "constrained, on rigid parts or in planes of symmetry"
-            raise bad_value("cavity.group", self.group, accepted)
-        self._volume.set_field(fields[0])
+            accepted += f"constrained, on rigid parts or in planes of symmetry; {error}"
+            raise bad_value("cavity.group", self.group, accepted) from None
+        # The body's normals point into the cavity.
+        self.volume_at_rest = -self._volume.at_rest if closing.volume_is_known else None
         self._term = UFLTerm(self._pressure * self._volume.residual(u), u, self.name)
-        self._whole, self._lid_dofs = self._term, self._volume.lid_dofs
-        if body.domain.comm.allreduce(len(self._lid_dofs)):
-            self._whole = UFLTerm(self._pressure * self._volume.derivative(u), u, self.name)
-        self._term.symmetric = self._whole.symmetric = True
-        self._check_volume(fields[0], dirichlet)
+        self._term.symmetric = True
+        self._check_volume()
 
-    def _check_volume(self, parameters: npt.NDArray[Any], dirichlet: Dirichlet) -> None:
+    def _check_volume(self) -> None:
         """Raise BadInput if more fluid leaves the cavity than there is. Collective."""
         least = min(
             self._amplitude(load) * float(present(self._added))
             for load in np.linspace(0, 1, _LOADS)
         )
-        if least >= 0 or self._whole is not self._term:  # S has no constant of a lid
-            return
-        swept = enclosed_volume(self._volume, parameters, dirichlet)
-        if swept is not None and least <= swept:  # the body's normals point into the cavity
-            accepted = f"a volume that leaves some of the {-swept:.6g} m^3 in the cavity"
+        volume = self.volume_at_rest
+        # It is negative of a fluid around the body.
+        if volume is not None and volume > 0 and least <= -volume:
+            accepted = f"a volume that leaves some of the {volume:.6g} m^3 in the cavity"
             raise bad_value("cavity.volume", float(present(self._added)), accepted)
 
     def set_load(self, load: float) -> None:
@@ -139,19 +134,7 @@ class EnclosedFluid:
     def add_goal_derivative(self, name: str, component: int, u: PETSc.Vec, g: PETSc.Vec) -> None:
         """Add that of the pressure: see `GoalTerm`."""
         self._pressure.value = np.array(self._stiffness)  # -k times the change of volume
-        self._add_forces(u, g)
-
-    def _add_forces(self, u: PETSc.Vec, r: PETSc.Vec) -> None:
-        """Add the forces of the present pressure, on lids those of the whole volume. Collective."""
-        if self._whole is self._term:
-            return self._term.add_residual(u, None, r, None)
-        forces, on_lids = _dolfinx.create_vector(self._volume.V), self._lid_dofs
-        self._whole.add_residual(u, None, forces, None)
-        kept = local_values(forces)[on_lids]
-        set_to_zero(forces)
-        self._term.add_residual(u, None, forces, None)
-        writable_values(forces)[on_lids] = kept
-        writable_values(r)[:] += local_values(forces)
+        self._term.add_residual(u, None, g, None)
 
     def energy(self, u: PETSc.Vec, p: PETSc.Vec | None = None) -> float:
         """Return the energy of the fluid [J]. Collective."""
@@ -163,14 +146,14 @@ class EnclosedFluid:
     ) -> None:
         """Add the forces [N] to all entries of ``r_u``, ghosts included. Collective."""
         self._pressure.value = np.array(self.state(u)["pressure"])
-        self._add_forces(u, r_u)
+        self._term.add_residual(u, p, r_u, r_p)
 
     def add_hessian(
         self, u: PETSc.Vec, p: PETSc.Vec | None, filter: str, target: BlockMatrix
     ) -> int:
         """Add the pressure's Hessian; return how many facets of this rank were filtered."""
         self._pressure.value = np.array(self.state(u)["pressure"])
-        return self._whole.add_hessian(u, p, filter, target)
+        return self._term.add_hessian(u, p, filter, target)
 
     def rank_one(self, u: PETSc.Vec, g: PETSc.Vec) -> float:
         """Set ``g``, ghosted, to the derivative of the volume; return k. Collective.
@@ -179,6 +162,6 @@ class EnclosedFluid:
         """
         set_to_zero(g)
         self._pressure.value = np.array(1.0)
-        self._add_forces(u, g)
+        self._term.add_residual(u, None, g, None)
         add_ghosts(g)
         return self._stiffness

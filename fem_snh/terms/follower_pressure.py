@@ -14,6 +14,7 @@ from fem_snh.errors import BadInput
 from fem_snh.tables.types import surface_name
 from fem_snh.tables.validation import is_expression
 from fem_snh.terms.body import Body
+from fem_snh.terms.closing_surface import edge_of
 from fem_snh.terms.swept_volume import SweptVolume, fit_fields
 from fem_snh.terms.ufl_term import UFLTerm
 from fem_snh.terms.ufl_terms import UFLTerms
@@ -79,7 +80,11 @@ class FollowerPressure(UFLTerms):
             if not is_uniform(factor[1]):
                 cause = "as it varies over the surface"
             elif not self._fit(which, dirichlet):
+                facets = [body.facets("pressure.group", pressures[i].group) for i in which]
+                edge = edge_of(body.V, np.concatenate(facets), dirichlet, body.kinematics.dim)
                 cause = "as an edge of the surface is free"
+                if edge.on_parts.any():
+                    cause = "as it ends on a rigid part, on which it does not act"
             names = [f"'{surface_name(pressures[i].group)}'" for i in which]
             causes.setdefault(cause, []).extend(names)
         causes.pop("", None)

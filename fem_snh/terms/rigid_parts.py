@@ -54,6 +54,8 @@ Array = npt.NDArray[Any]
 #: Smallest radius of gyration of a part's nodes over the largest: those of a smaller one are on a
 #: line, about which the rotation is undetermined.
 _ON_A_LINE = 1e-6
+#: Loads at which prescribed motions are examined.
+_LOADS = (0.25, 0.5, 1.0)
 
 
 class RigidParts:
@@ -123,6 +125,7 @@ class RigidParts:
         self._motions = PrescribedMotions(parts, self.tree, body.amplitudes)
         self._loads = RigidLoads(parts, self.tree, body.amplitudes)
         self.has_energy, self.moves = self._loads.has_energy, self._motions.move
+        body.dirichlet.part_motions = self._motions_at_rest()
         self.depends_on_load = self.moves or self._loads.act
         self.set_load(0.0)
         for part in parts:
@@ -210,6 +213,19 @@ class RigidParts:
         parent = self.names.index(joint.to) if joint.to else -1
         point = np.array(joint.through)
         return Link(point, radius, joint.kind, axis, parent, motions=admitted)
+
+    def _motions_at_rest(self) -> list[Array]:
+        """Return `Dirichlet.part_motions`."""
+        tree, size = self.tree, len(self._parts)
+        lengths = np.repeat([link.length for link in tree.links], 3).reshape(size, 3)
+        moves = [self._motions.at(load) for load in _LOADS]
+        prescribed = [np.hstack([v, w * lengths]).ravel() * ~tree.free for v, w in moves]
+        G = tree.jacobian(Poses(tree.points, np.tile(np.eye(3), (size, 1, 1))))
+        twists = np.concatenate([G[:, tree.free].T, np.array(prescribed) @ G.T])
+        twists = twists.reshape(-1, size, 2, 3).swapaxes(0, 1).copy()
+        for found, point in zip(twists, tree.points, strict=True):
+            found[:, 0] -= np.cross(found[:, 1], point)
+        return list(twists)
 
     def _choose_slots(self, to_global: Array) -> Array:
         """Return the two nodes with the least numbers of each part, (parts, 2)."""

@@ -21,18 +21,22 @@ In the plane S is an area. On a body of revolution it is the volume between the 
 axis, :math:`\int \pi r^2 \, \mathrm{d}z` along the deformed curve, and needs no field; the pressure
 is conservative where the curve's ends are on the axis or do not move along it.
 
-A rigid part that has an edge of the surface closes it by a lid, whose work R lacks. There
-x = R X + c, and with :math:`f = (x - o)/n` in n dimensions the flux through the lid is, but for a
-constant, :math:`f(x) \cdot R a` at any point x of the part, a the lid's vector area. The mean over
-the part's facets, where F = R along them and cof(F) N = R N, has local derivatives. On a body of
-revolution :math:`\pi r^2 \, \mathrm{d}z` is zero along a lid. The forces at the parts' nodes are
-those of S.
+A rigid part that has an edge of the surface closes it by a lid (`fem_snh.terms.closing_surface`),
+whose work R lacks. With its vector area a and its moment M at rest about a point X of the part,
+which moves to x, the flux through the lid is
+
+.. math:: f(x) \cdot R a + A : R M R^T, \quad M = \int N (Y - X)^T \, \mathrm{d}A .
+
+The mean over the part's facets, where F = R along them and cof(F) N = R N, has local derivatives.
+Where the part's own conditions keep it in a plane of symmetry they are not the forces on the lid:
+the work of the pressure is :math:`R a \cdot v + \delta R : R M`, without the field. On a body of
+revolution :math:`\pi r^2 \, \mathrm{d}z` is zero along a lid, and the work is that on a disc.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from itertools import combinations, cycle
+from collections.abc import Callable, Mapping, Sequence
+from itertools import cycle
 from math import ceil
 from typing import Any
 
@@ -50,6 +54,7 @@ from fem_snh.assembly.ghosted_vectors import copy_to_function, update_ghosts
 from fem_snh.assembly.kinematics import SOLID, Kinematics
 from fem_snh.mesh.mesh import volume as body_volume
 from fem_snh.terms.body import displacement_gradient
+from fem_snh.terms.closing_surface import ClosingSurface, Fan, NotClosedError
 
 Array = npt.NDArray[Any]
 
@@ -79,8 +84,8 @@ class SweptVolume:
         The surface.
     kinematics : Kinematics, optional
         How the displacement becomes a deformation gradient.
-    parts : (local nodes,) int, optional
-        Which rigid part has each node, -1: none. They are lids of the surface.
+    closing : ClosingSurface, optional
+        What closes the surface: then the field is its field, and S the enclosed volume.
 
     Attributes
     ----------
@@ -88,20 +93,22 @@ class SweptVolume:
         S(0) [m^3] with the field that was set last.
     length : float
         A length of the body [m].
-    has_open_lids : bool
-        Whether planes of symmetry must close some lids: f must be zero in them.
-    lid_dofs : (n,) int
-        The local dofs of lids, at which the forces are the derivative of S.
     """
 
     def __init__(
-        self, V: Any, ds: Any, kinematics: Kinematics = SOLID, parts: Array | None = None
+        self,
+        V: Any,
+        ds: Any,
+        kinematics: Kinematics = SOLID,
+        closing: ClosingSurface | None = None,
     ) -> None:
         # The integrands are polynomials of this degree in each direction of a facet.
         self._degree = 3 * max(_dolfinx.degree(V), _dolfinx.geometry_degree(V.mesh)) - 1
         rule = {"metadata": {"quadrature_degree": self._degree}}
         groups = [_dolfinx.measure_entities(ds, V.mesh)]
-        groups += [] if parts is None else _facets_of_parts(V, parts, kinematics, groups[0])
+        self._closing, lids = closing, closing.lids if closing else {}
+        groups += [closing.facets_of_part(part, groups[0]) for part in lids] if closing else []
+        self._lids: list[tuple[Fan, float, Any]] = []
         self._ds, *on_parts = (m(**rule) for m in _dolfinx.surface_measures(V.mesh, groups))
         self.V = V
         self._u = _dolfinx.function(V, "displacement")
@@ -114,16 +121,17 @@ class SweptVolume:
             self._form = self._around_axis(self._u) * self._ds
         else:
             # Far from the coordinates' origin rounding would be that of the distance.
-            x = self._X - _dolfinx.constant(V.mesh, _centre(V.mesh)[:dim])
-            self._field_at_rest = ufl.dot(self._A, x) + self._b
-            self._field = self._field_at_rest + ufl.dot(self._A, self._u)
+            self._centre = _centre(V.mesh)[:dim]
+            self._from_centre = self._X - _dolfinx.constant(V.mesh, self._centre)
+            self._field = ufl.dot(self._A, self._from_centre + self._u) + self._b
             self._form = ufl.inner(self._field, self._normal(self._u)) * self._ds
-        self._lids: list[tuple[Any, list[Any], float]] = []
-        self.lid_dofs, self.has_open_lids = np.empty(0, np.int64), False
-        if parts is not None:
-            self._add_lids(parts, on_parts)
-        self._compiled = _dolfinx.form(self._form)
+        self._add_lids(lids, on_parts)
         self.at_rest = 0.0
+        self._compiled = _dolfinx.form(self._form)
+        if closing and not kinematics.revolved:
+            self._A.value[:], self._b.value[:] = closing.field(self._centre)
+        if closing:
+            self.at_rest = self._flux()
 
     @property
     def volume_dimension(self) -> int:
@@ -131,50 +139,63 @@ class SweptVolume:
         return self._kinematics.volume_dimension
 
     def residual(self, u: Any, value: Any = 1.0) -> Any:
-        """Return the UFL form of the integral of value cof(F) N . v, v a test function."""
+        """Return the UFL form of the integral of value cof(F) N . v, v a test function.
+
+        With the work of the value on lids, where it must not vary.
+        """
         density = value * ufl.inner(self._normal(u), ufl.TestFunction(self.V))
         if self._kinematics.revolved:
             density *= 2 * ufl.pi * self._X[0]
         degree = self._degree + estimate_total_polynomial_degree(ufl.as_ufl(value))
-        return density * self._ds(metadata={"quadrature_degree": degree})
+        form = density * self._ds(metadata={"quadrature_degree": degree})
+        return form + value * self._work_on_lids(u) if self._lids else form
 
-    def _add_lids(self, parts: Array, measures: Sequence[Any]) -> None:
-        """Add the flux through the lids by rigid parts with an edge of the surface. Collective.
+    def _on_lids(self, u: Any, integrand: Callable[[Any, Any, Any], Any]) -> Any:
+        """Return the mean of an integrand over the facets of each lid's part, and their sum.
 
-        ``measures`` are those of `_facets_of_parts`.
+        It is a function of R, a and M, in UFL.
         """
-        V, dim, domain = self.V, self._kinematics.dim, self.V.mesh
-        if self._kinematics.revolved:
-            self.lid_dofs = np.flatnonzero(np.repeat(parts >= 0, self._kinematics.components))
-            return
-        N, Y, H = ufl.FacetNormal(domain), dim * self._field_at_rest, ufl.grad(self._u)
-        on_lids = np.zeros(len(parts), dtype=bool)
-        for part, ds in enumerate(measures):
-            inside = _dolfinx.function(V, "lid")
-            inside.x.array.reshape(len(parts), -1)[:, 0] = parts == part
-            slope = ufl.grad(inside[0])
-            # By Stokes's theorem: where the surface is closed it is zero.
-            curl = ufl.inner(slope, Y) + (dim - 1) * inside[0]
-            areas = [
-                _dolfinx.form((ufl.dot(Y, N) * slope[k] - N[k] * curl) / (dim - 1) * self._ds)
-                for k in range(dim)
-            ]
-            one = _dolfinx.constant(domain, 1.0)
+        domain, dim, total = self.V.mesh, self._kinematics.dim, 0
+        N, unit = ufl.FacetNormal(domain), ufl.Identity(dim)
+        R = unit
+        if not self._kinematics.revolved:  # F N is not R N
+            along = ufl.dot(unit + ufl.grad(u), unit - ufl.outer(N, N))
+            R = along + ufl.outer(self._normal(u), N)
+        for fan, size, ds in self._lids:
+            area = _dolfinx.constant(domain, fan.area / size)
+            arm = self._X - _dolfinx.constant(domain, fan.apex)
+            moment = _dolfinx.constant(domain, fan.moment / size) - ufl.outer(area, arm)
+            total += integrand(R, area, moment) * ds
+        return total
+
+    def _add_lids(self, lids: Mapping[int, Fan], measures: Sequence[Any]) -> None:
+        """Add the flux through lids of rigid parts. Collective."""
+        one = _dolfinx.constant(self.V.mesh, 1.0)
+        for (part, fan), ds in zip(lids.items(), measures, strict=True):
             size = _dolfinx.assemble_scalar(_dolfinx.form(one * ds))
-            area = [_dolfinx.assemble_scalar(form) for form in areas]
-            if not size or np.abs(area).max() <= _ROUNDING * self.length ** (dim - 1):
-                continue
-            across = [N[i] * slope[k] - N[k] * slope[i] for i, k in combinations(range(dim), 2)]
-            ends = [_dolfinx.assemble_scalar(_dolfinx.form(form * self._ds)) for form in across]
-            self.has_open_lids |= bool(np.abs(ends).max() > _ROUNDING * self.length ** (dim - 2))
-            mean = _dolfinx.constant(domain, np.zeros(dim))  # a over the facets' size
-            along = mean - N * ufl.dot(N, mean)
-            turned = self._normal(self._u) * ufl.dot(N, mean) + along + ufl.dot(H, along)
-            self._form += ufl.inner(self._field, turned) * ds
-            self._lids.append((mean, areas, size))
-            on_lids |= parts == part
-        components = self._kinematics.components
-        self.lid_dofs = np.flatnonzero(np.repeat(on_lids, components))
+            if not size:
+                raise NotClosedError(f"rigid part {part + 1} has no other facets of the boundary")
+            self._lids.append((fan, size, ds))
+        if not self._kinematics.revolved:
+
+            def flux(R: Any, area: Any, moment: Any) -> Any:
+                quadratic = ufl.inner(self._A, ufl.dot(ufl.dot(R, moment), ufl.transpose(R)))
+                return ufl.dot(self._field, ufl.dot(R, area)) + quadratic
+
+            self._form += self._on_lids(self._u, flux)
+
+    def _work_on_lids(self, u: Any) -> Any:
+        """Return the UFL form of the work of a unit pressure on the lids."""
+        v, dim = ufl.TestFunction(self.V), self._kinematics.dim
+        ahead = ufl.as_vector([v[i] for i in range(dim)])
+
+        def work(R: Any, area: Any, moment: Any) -> Any:
+            if self._kinematics.revolved:
+                return ufl.dot(area, ahead)
+            turned = expand_derivatives(ufl.derivative(R, u, v))
+            return ufl.dot(ufl.dot(R, area), ahead) + ufl.inner(turned, ufl.dot(R, moment))
+
+        return self._on_lids(u, work)
 
     def derivative(self, u: Any) -> Any:
         """Return the UFL form of the derivative of S."""
@@ -183,17 +204,16 @@ class SweptVolume:
 
     @property
     def num_parameters(self) -> int:
-        """The number of parameters of the field, with lids of b; 0 on a body of revolution."""
-        dim = self._kinematics.dim
-        return 0 if self._kinematics.revolved else (0 if self._lids else dim**2 - 1) + dim
+        """The number of parameters of the field; 0 on a body of revolution."""
+        return (
+            0 if self._kinematics.revolved else self._kinematics.dim**2 - 1 + self._kinematics.dim
+        )
 
     def _choose_field(self, parameters: Array) -> None:
         """Set A, by its part of trace 0, and b, in lengths of the body."""
         if not self.num_parameters:
             return
         dim = self._kinematics.dim
-        if self._lids:
-            parameters = np.concatenate([np.zeros(dim**2 - 1), parameters])
         # The last entry of the diagonal follows from the trace.
         entries = np.append(parameters[: dim**2 - 1], 0.0).reshape(dim, dim)
         entries[-1, -1] = -np.trace(entries)
@@ -203,15 +223,22 @@ class SweptVolume:
     def set_field(self, parameters: Array) -> None:
         """Set the field f by its parameters, (num_parameters,). Collective."""
         self._choose_field(parameters)
-        for mean, areas, size in self._lids:
-            mean.value[:] = [_dolfinx.assemble_scalar(form) / size for form in areas]
-        self._u.x.array[:] = 0.0
-        self.at_rest = _dolfinx.assemble_scalar(self._compiled)
+        self.at_rest = self._flux()
+
+    def _flux(self, u: PETSc.Vec | None = None) -> float:
+        """Return S at a displacement or, by default, at rest."""
+        if u is None:
+            self._u.x.array[:] = 0.0
+        else:
+            copy_to_function(u, self._u)
+        flux = _dolfinx.assemble_scalar(self._compiled)
+        if self._closing and not self._kinematics.revolved:
+            flux += self._closing.flux(self._A.value, self._b.value, self._centre, u)
+        return flux
 
     def change(self, u: PETSc.Vec) -> float:
         """Return S(u) - S(0) [m^3]. Collective."""
-        copy_to_function(u, self._u)
-        return _dolfinx.assemble_scalar(self._compiled) - self.at_rest
+        return self._flux(u) - self.at_rest
 
     def compare(
         self, states: Sequence[PETSc.Vec], dirichlet: Dirichlet
@@ -223,7 +250,7 @@ class SweptVolume:
         states : sequence of PETSc.Vec
             Ghosted displacements; the results are those of one state after the other.
         dirichlet : Dirichlet
-            What is constrained: there the results are zero. On lids nothing is compared, either.
+            What is constrained: there the results are zero.
 
         Returns
         -------
@@ -250,9 +277,7 @@ class SweptVolume:
             zero = np.zeros(self.num_parameters)
             wanted, origin = assemble(residual, zero), assemble(derivative, zero)
             change = [assemble(derivative, unit) - origin for unit in np.eye(len(zero))]
-            row = np.stack([wanted, wanted - origin, *change], axis=1)
-            row[self.lid_dofs[self.lid_dofs < len(row)], 1:] = 0.0
-            rows.append(row)
+            rows.append(np.stack([wanted, wanted - origin, *change], axis=1))
         table = np.concatenate(rows)
         return table[:, 0], table[:, 1], table[:, 2:]
 
@@ -334,55 +359,6 @@ def _compare_all(
     missing = np.sum([p * column for p, _, column, _ in found], axis=0)
     sizes = np.stack([p * residual for p, residual, _, _ in found], axis=1)
     return np.concatenate([*columns, missing[:, None], sizes], axis=1)
-
-
-def enclosed_volume(volume: SweptVolume, parameters: Array, dirichlet: Dirichlet) -> float | None:
-    """Return the volume that a surface encloses at rest [m^3], of which its normals point out.
-
-    Collective. The field of ``volume`` is then that of ``parameters``.
-
-    Parameters
-    ----------
-    volume : SweptVolume
-        The surface.
-    parameters : (num_parameters,)
-        Those of `fit_fields`.
-    dirichlet : Dirichlet
-        The constrained dofs.
-
-    Returns
-    -------
-    float or None
-        None if the surface is open elsewhere than in planes of symmetry: then the volume depends
-        on parameters of the field that are arbitrary.
-    """
-    V, size = volume.V, volume.num_parameters
-    residual, _, change = volume.compare(_states(V, dirichlet), dirichlet)
-    table = np.concatenate([change, residual[:, None]], axis=1)
-    R = np.concatenate(V.mesh.comm.allgather(np.linalg.qr(table, mode="r")))
-    _, values, directions = np.linalg.svd(R[:, :size])
-    volume.set_field(parameters)
-    found: float | None = volume.at_rest
-    at_rest, unit = volume.at_rest, volume.length**volume.volume_dimension
-    for value, direction in zip(values, directions, strict=True):
-        if value <= _ROUNDING * np.linalg.norm(R[:, size]):
-            volume.set_field(parameters + direction)
-            if abs(volume.at_rest - at_rest) > _ROUNDING * unit:
-                found = None
-                break
-    volume.set_field(parameters)
-    return found
-
-
-def _facets_of_parts(V: Any, parts: Array, kinematics: Kinematics, beside: Array) -> list[Array]:
-    """Return this rank's facets of each rigid part that are not among others. Collective."""
-    if kinematics.revolved:
-        return []
-    facets, cells, local = _dolfinx.exterior_facets(V.mesh)
-    owners = parts[_dolfinx.node_dofs(V)[cells[:, None], _dolfinx.facet_nodes(V)[local]]]
-    owners[np.isin(facets, beside)] = -1
-    count = V.mesh.comm.allreduce(int(parts.max(initial=-1)) + 1, op=MPI.MAX)
-    return [facets[(owners == part).all(axis=1)] for part in range(count)]
 
 
 def _centre(domain: Any) -> Array:
