@@ -123,3 +123,24 @@ def test_what_the_linear_solver_reports(reason: str) -> None:
     rows = list(setup.stepper)
     assert all(row["converged"] and row["linear_residual"] <= RTOL for row in rows)
     assert setup.problem.x.array_r == pytest.approx(exact, abs=5e-3 * np.abs(exact).max())
+
+
+@pytest.mark.mpi
+def test_a_stiff_body_that_turns_about_a_spring_follows_its_loads() -> None:
+    """Its elastic forces at the start of a step are 100 times the weight, which turns it."""
+    scene = {
+        "name": "pendulum",
+        "mesh": {"source": "bar", "parameters": {"length": 4, "interface": 2}},
+        "cells": 2,
+        "element": "Q1",
+        "material": {"name": "stable_neo_hookean", "E": 2.1e11, "nu": 0.3, "density": 7800},
+        "rigid": [{"group": "right", "mass": 1e4, "spring": {"stiffness": 1e8}}],
+        "gravity": {"vector": [0, 0, -9.81]},
+        "time": {"duration": 1.2, "steps": 12, "integrator": "semi_implicit"},
+        "probe": [{"name": "tip", "point": [4, 1, 1]}],
+    }
+    found, exact = (
+        [row["probes"]["tip"][2] for row in solve(Scene.model_validate(scene | keys)).steps]
+        for keys in ({}, {"petsc": {"snes_linear_solver": "direct"}})
+    )
+    assert found == pytest.approx(exact, rel=2e-3)

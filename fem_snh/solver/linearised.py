@@ -57,9 +57,10 @@ class SemiImplicit:
 
     Hessian and linear solver are those of the SNES, without forcing terms. The residual of the
     linear system, computed in double precision, must not exceed ``-ksp_rtol`` times its right-hand
-    side, or what rounding permits. A solution that misses it is refined; then sparse factors
-    replace the linear solver, unless the user chose it; otherwise the step fails. There is no line
-    search.
+    side, nor times the forces that act: a stiff body may begin with elastic forces far above its
+    loads. What rounding permits is enough. A solution that misses it is refined; then sparse
+    factors replace the linear solver, unless the user chose it; otherwise the step fails. There is
+    no line search.
 
     Parameters
     ----------
@@ -91,7 +92,9 @@ class SemiImplicit:
         problem, x = self._problem, self._problem.x
         start, d = State(x, linearised_residual(problem)), x.duplicate()
         # A new one for each step: a run that is resumed has no memory of the last one's Hessian.
-        direction = self._snes.getPythonContext().direction(self._snes, ForcingTerm(0.0), True)
+        context = self._snes.getPythonContext()
+        forcing = ForcingTerm(0.0, self._snes.getKSP().getTolerances()[0] * context.force_at(x))
+        direction = context.direction(self._snes, forcing, True)
         found = direction.compute(start, d)
         norm = start.residual.norm()
         iteration = Iteration(norm, 0.0, found.filter, found.filtered_points, found.linear, 1.0)

@@ -316,10 +316,16 @@ class ProjectedNewton:
 
         The forces are evaluated, at the cost of a residual.
         """
+        return min(self.scaled_tolerance, self.force_tolerance(self.force_at(x)))
+
+    def force_at(self, x: PETSc.Vec) -> float:
+        """Return the norm of the forces [N] beside which a residual is small. Collective.
+
+        The forces that act at ``x`` or at the step's start, or a dead load smaller than these.
+        """
         if self._acting_force is None:
-            return self.scaled_tolerance
-        force = max(self.earlier_force, self._acting_force(x))
-        return min(self.scaled_tolerance, self.force_tolerance(force))
+            return inf
+        return min(max(self.earlier_force, self._acting_force(x)), self.least_load)
 
     def force_tolerance(self, force: float) -> float:
         """Return the norm of the residual [N] that is small where forces of this norm [N] act."""

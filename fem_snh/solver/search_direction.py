@@ -70,7 +70,8 @@ class SearchDirection:
         The linear solver of exact Hessians that are not symmetric.
     accurate : bool
         Whether the direction is used as it is: its residual must reach the tolerance of the linear
-        solver. Newton's iterations need no accuracy, as the nonlinear residual decides.
+        solver, and the forcing term's target. Newton's iterations need no accuracy, as the
+        nonlinear residual decides.
 
     Notes
     -----
@@ -216,6 +217,8 @@ class SearchDirection:
         """
         ksp, slope = self._ksp, None
         rtol = ksp.getTolerances()[0]
+        if self._accurate and (norm := f.norm()) > 0:
+            rtol = min(rtol, self.forcing.target / norm)
 
         def solve(residual: PETSc.Vec, step: PETSc.Vec, tolerance: float) -> None:
             self._apply(ksp, A, P, residual, step, direction, tolerance)
@@ -236,7 +239,8 @@ class SearchDirection:
         if solution.factorised:
             direction.remedy = f"sparse factors, as iterations left {first:.2g} of the residual"
         if self._accurate and not solution.relative <= solution.attainable(rtol):
-            direction.lack = f"relative residual {solution.relative:.2g} > ksp_rtol = {rtol:g}"
+            limit = f"{rtol:.2g}" if rtol < ksp.getTolerances()[0] else f"ksp_rtol = {rtol:g}"
+            direction.lack = f"relative residual {solution.relative:.2g} > {limit}"
         if not self._accurate:
             self.forcing.maximum = min(self.forcing.maximum, rtol)
         return slope if accepted else None
