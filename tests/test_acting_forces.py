@@ -309,6 +309,25 @@ def test_a_given_tolerance_is_met(option: str) -> None:
 
 
 @pytest.mark.mpi
+def test_a_light_stiff_body_on_a_moved_rigid_part() -> None:
+    """Its inertia is less than the rounding of the rigid nodes' positions, times the stiffness."""
+    scene = {
+        "name": "base",
+        "mesh": {"source": "cube"},
+        "cells": 3,
+        "element": "Q1",
+        "material": {"name": "stable_neo_hookean", "E": 1e12, "nu": 0.3, "density": 1e-2},
+        "rigid": [{"group": "bottom", "translate": [0, 0, 1e-2], "table": "rise"}],
+        "table": [{"name": "rise", "points": [[t / 40, (t / 40) ** 2] for t in range(41)]}],
+        "time": {"duration": 1.0, "steps": 40, "integrator": "backward_euler"},
+        "probe": [{"name": "top", "point": [0.5, 0.5, 1]}],
+    }
+    rows = solve(Scene.model_validate(scene)).steps
+    assert len(rows) == 40 and max(row["newton"] for row in rows) <= 20
+    assert rows[-1]["probes"]["top"][2] == pytest.approx(1e-2, rel=1e-6)
+
+
+@pytest.mark.mpi
 @pytest.mark.parametrize("force", [0.0, 1e-9])
 def test_springs_at_rest_are_no_forces_that_act(force: float) -> None:
     """A rigid part on springs: its positions are rounded, which matters beside a force only."""

@@ -21,7 +21,12 @@ from fem_snh.assembly.boundary_conditions import Dirichlet
 from fem_snh.assembly.cell_loops import CellLoops
 from fem_snh.assembly.couplings import CouplingTerm
 from fem_snh.assembly.elements import Element
-from fem_snh.assembly.ghosted_vectors import local_values, nodes_of_other_cells
+from fem_snh.assembly.ghosted_vectors import (
+    local_values,
+    nodes_of_other_cells,
+    summed_over_cells,
+    with_ghosts,
+)
 from fem_snh.assembly.near_null_space import rigid_motions
 from fem_snh.assembly.regions import Region, reference_modulus, without_cells
 from fem_snh.assembly.timing import timed
@@ -315,9 +320,9 @@ class Problem:
         .. math:: \epsilon \left\| |A| \, m \right\|_2
 
         (Tisseur 2001), A the Hessian assembled last. The size m of an unknown is :math:`|x|`.
-        It is that of the position :math:`|X| + |x|` where positions decide, at nodes that are rigid
-        or touch something; where no force acts and the body is at rest; and that of a cell more
-        where an energy is a UFL form, which rounds F = I + H. Collective.
+        It is that of the position :math:`|X| + |x|` where positions decide: in cells with rigid
+        nodes, and at nodes that touch something; where no force acts and the body is at rest; and
+        that of a cell more where an energy is a UFL form, which rounds F = I + H. Collective.
         """
         sizes, positions = self.x.duplicate(), self.x.duplicate()
         positions.set(0.0)
@@ -342,7 +347,7 @@ class Problem:
                 positions.array[touching] += getattr(term, "extent", 0.0)
             at_rest = at_rest and force.norm() == 0.0
         if self.rigid:
-            decisive[self.rigid.dofs] = True
+            decisive[: self.owned_displacements] |= self._beside_rigid
         if at_rest:
             decisive[:] = True
         sizes.array[decisive] += positions.array_r[decisive]
@@ -356,6 +361,21 @@ class Problem:
         absolute.destroy()
         self.project(product.array)
         return float(_EPS * product.norm())
+
+    @cached_property
+    def _beside_rigid(self) -> Array:
+        """(owned displacements,) bool: which are in a cell with rigid nodes. Collective.
+
+        A matrix has no columns of rigid nodes, whose rounded positions load the nodes beside them.
+        """
+        assert self.rigid
+        rigid = np.zeros(self.owned_displacements)
+        rigid[self.rigid.dofs] = 1.0
+        components = self._unknowns.components
+        marked = with_ghosts(self.V, rigid).reshape(-1, components)[_dolfinx.node_dofs(self.V)]
+        cells = np.broadcast_to(marked.max(axis=1, keepdims=True), marked.shape)
+        found = summed_over_cells(self.V, cells).ravel()[: self.owned_displacements] > 0
+        return np.asarray(found)
 
     @property
     def coordinates(self) -> Array:
