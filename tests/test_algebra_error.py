@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 from running import solve
+
+from fem_snh.scenes import Scene
 
 GOALS = ["tip.y", "corner.x", "energy"]
 #: Newton's tolerances: one that leaves percents of the displacement, and the default.
 LOOSE, DEFAULT = 1e-2, 1e-7
+#: The dead load on the top of a cube of steel [Pa].
+SHEAR = 2e6
 
 
 def cook(comm, tolerance, **keys):
@@ -53,3 +58,31 @@ def test_levels_tighten_the_tolerance(comm):
     assert abs(last.get("parts", {}).get("algebra", 0.0)) < 0.0025 * exact
     assert result.record["accuracy"]["reached"]
     assert last["corrected"] == pytest.approx(exact, rel=0.01)
+
+
+def sheared_cube(comm, **keys):
+    """A cube of steel under a shear of 2 MPa, which is the force on its bottom."""
+    scene = {
+        "name": "sheared_cube", "mesh": {"source": "cube"}, "cells": 2, "element": "Q2",
+        "material": {"name": "stable_neo_hookean", "E": 2e11, "nu": 0.3},
+        "hold": [{"group": "bottom"}], "reactions": ["bottom"],
+        "traction": [{"group": "top", "vector": [SHEAR, 0, 0]}],
+    }  # fmt: skip
+    return solve(Scene.model_validate(scene | keys), comm=comm)
+
+
+@pytest.mark.mpi
+def test_what_the_default_tolerance_leaves_is_measured(comm):
+    result = sheared_cube(comm, error=True)
+    left = np.abs(np.array(result.steps[-1]["reactions"]["bottom"]) - [-SHEAR, 0, 0]).max() / SHEAR
+    assert left > 1e-8
+    assert result.record["estimate"]["algebra"] == pytest.approx(left, rel=0.1)
+
+
+@pytest.mark.mpi
+def test_bounds_have_what_linear_solves_of_the_estimate_leave(comm):
+    # The solves end when 3 % are sure: the force across is then far above rounding.
+    levels = sheared_cube(comm, accuracy={"within": 0.03}).record["accuracy"]["levels"]
+    for axis, exact in zip("xyz", (-SHEAR, 0, 0), strict=True):
+        force = levels[-1]["goals"][f"bottom.force.{axis}"]
+        assert abs(force["best"] - exact) <= force["uncertainty"]

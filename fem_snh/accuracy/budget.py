@@ -50,6 +50,8 @@ _SLOWEST = 0.8
 #: An iteration that does not reduce the residual to this part is followed by another one, of which
 #: there are so many at most.
 _REDUCED, _MOST_NEWTON = 0.999, 3
+#: Relative tolerance of its linear solves, below Newton's tolerance too.
+_LINEAR = 1e-2
 
 
 def penalty_errors(
@@ -193,7 +195,9 @@ def algebra_errors(problem: Problem, goals: Sequence[Goal], values: Array) -> Ar
     """
     snes = solver.create(problem, prefix=_ALGEBRA_PREFIX, examine_stability=False)
     snes.setTolerances(max_it=_MOST_NEWTON)
-    snes.getPythonContext().reduction = _REDUCED
+    context = snes.getPythonContext()
+    context.reduction, context.force_iteration = _REDUCED, True
+    context.options |= {"snes_forcing_max": _LINEAR, "snes_forcing_safeguard": 0.0}
     with _restored(problem, snes):
         further = _goals_after(problem, snes, goals, solver.StepOutcome())
     return None if further is None else further - values

@@ -24,9 +24,9 @@ ROUNDING = 1e-6
 #: changes that are negligible; and this part of the relative error that is asked for, if it is
 #: more.
 _OF_LARGEST, _NEGLIGIBLE, _OF_ASKED = 0.01, 1e-4, 0.05
-#: Further iterations would change a difference by this multiple of the last change, times what the
-#: last iteration left of the residual (docs/results/error.md), and at least by this part of the
-#: last change.
+#: Further iterations would change a difference by this multiple of the last change in its vector,
+#: times what the last iteration left of the residual (docs/results/error.md), and at least by this
+#: part of that change: linear solves leave as much of a small component as of the largest one.
 _CONTRACTION, _LEAST_CHANGE = 3.0, 0.03
 #: The least Newton iterations, as the first change is the whole difference; and the part of the
 #: first residual to which the residual is reduced at least.
@@ -128,7 +128,8 @@ class LiftedGoals:
                 found = Differences(values, self._unsettled_at_end(values))
             else:
                 further = max(_LEAST_CHANGE, _CONTRACTION * lift.last_reduction)
-                found = Differences(values, further * np.abs(values - before))
+                changes = largest_components(self.goals, values - before)
+                found = Differences(values, further * changes)
             enough = lift.newton >= _LEAST_NEWTON and lift.reduction <= _REDUCED
             if lift.at_end or (self._settled(found, asked) and enough and lift.stable):
                 break
