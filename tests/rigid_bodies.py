@@ -70,9 +70,17 @@ def _rigid(dx: Any, tag: int | None = None, **keys: Any) -> Any:
 
 
 def corner_program(
-    comm: Any, parts: Any, cells: int = 4, body_force: Any = None, **keys: Any
+    comm: Any,
+    parts: Any,
+    cells: int = 4,
+    body_force: Any = None,
+    pressure: float = 0.0,
+    **keys: Any,
 ) -> Any:
-    """Return a cube with a fixed bottom and rigid parts, dx(2) and dx(3) at the upper corners."""
+    """Return a cube with a fixed bottom and rigid parts, dx(2) and dx(3) at the upper corners.
+
+    A pressure is on the side x = 1, with free edges.
+    """
     domain = unit_cube(comm, cells)
     V = vector_space(domain)
     u = fem.Function(V)
@@ -91,4 +99,9 @@ def corner_program(
     terms = [_rigid(dx, **part) for part in parts]
     if body_force is not None:
         terms.append(-ufl.inner(fem.Constant(domain, np.array(body_force)), u) * ufl.dx)
+    if pressure:
+        side = mesh.locate_entities_boundary(domain, 2, lambda x: np.isclose(x[0], 1))
+        tags = mesh.meshtags(domain, 2, np.sort(side), np.full(len(side), 1, np.int32))
+        ds = ufl.Measure("ds", domain=domain, subdomain_data=tags)
+        terms.append(fem_snh.Pressure(ds(1), pressure))
     return fem_snh.NonlinearProblem(u, {m: dx}, bcs=[fixed], terms=terms, **keys)

@@ -94,6 +94,41 @@ def test_residual_and_hessian_are_derivatives_along_the_rigid_motion(comm, parts
     assert f.dot(d) == pytest.approx(slope / h, rel=1e-7)
 
 
+@mpi
+def test_the_whole_hessian_is_the_derivative_of_forces_without_an_energy(comm):
+    """Of a pressure with a free edge, a force that follows its part, and a moment."""
+    loads = {"force": (30.0, 20.0, -50.0), "torque": (4.0, -6.0, 5.0)}
+    parts = [{"tag": 2, "follower": True, **loads}, {"tag": 3, **loads}]
+    problem = corner_program(comm, parts, pressure=500.0)._problem
+    problem.set_load(1.0)
+    x, end = problem.x, problem.x.duplicate()
+
+    def step(wave, size):
+        d = x.duplicate()
+        d.array[: problem.owned_displacements] = np.sin(wave * problem.coordinates + wave).ravel()
+        d.array[problem.constrained_dofs] = 0.0
+        d.scale(size)
+        return d
+
+    problem.retraction(x, step(9.0, 0.05), 1.0, end)
+    end.copy(x)
+    d, Hd = step(5.0, 0.1), x.duplicate()
+
+    def forces(s):
+        f = x.duplicate()
+        problem.retraction(x, d, s, end)
+        problem.residual(end, f)
+        return f
+
+    h = 1e-3
+    wanted = (8 * (forces(h) - forces(-h)) - forces(2 * h) + forces(-2 * h)) * (1 / (12 * h))
+    problem.jacobian(x, "exact", whole=True)
+    assert problem.asymmetric
+    problem.operator.mult(d, Hd)
+    Hd.array[problem.constrained_dofs] = wanted.array[problem.constrained_dofs] = 0.0
+    assert (Hd - wanted).norm() <= 1e-8 * wanted.norm()
+
+
 def test_filtered_hessian_is_positive_semidefinite_and_keeps_its_blocks(comm):
     problem = corner_program(comm, [{"tag": 2, "rotate": {"axis": (0, 1, 0), "angle": 0.9}}])
     problem.solve()

@@ -84,7 +84,9 @@ class Folding:
         self.set_state(np.zeros((len(own), UNKNOWNS)), np.eye(size), np.zeros((size, size)))
         self._pattern: tuple[int, ...] = ()
 
-    def set_state(self, basis: Array, jacobian: Array, stiffness: Array) -> None:
+    def set_state(
+        self, basis: Array, jacobian: Array, stiffness: Array, symmetric: bool = True
+    ) -> None:
         """Set what `apply` folds by.
 
         Parameters
@@ -94,9 +96,12 @@ class Folding:
         jacobian : (6 parts, 6 parts) array
             The derivative of the twists by the unknowns.
         stiffness : (6 parts, 6 parts) array
-            A symmetric matrix that is added to the rows and columns of the unknowns.
+            A matrix that is added to the rows and columns of the unknowns.
+        symmetric : bool
+            Whether the matrix is symmetric, but for rounding.
         """
         self._basis, self._jacobian, self._stiffness = basis, jacobian, stiffness
+        self._symmetric = symmetric
 
     def pairs(self, mat: PETSc.Mat) -> Indices:
         """Return the pairs of global blocks that the fold of a matrix needs, (n, 2). Collective.
@@ -143,13 +148,25 @@ class Folding:
                 self._locate(blocks)
                 self._pattern = pattern
             arrays = [block.array() for block in blocks]
-            unknowns = self._folded(arrays)
+            rows, square = self._folded(arrays)
+        columns = rows
+        if self._symmetric:
+            square = (square + square.T) / 2
+        else:  # the pattern is symmetric, so the transpose has the same
+            transpose = mat.transpose(PETSc.Mat())  # without an argument in place
+            with aij_blocks(transpose, read_only=True) as blocks:
+                columns = self._folded([block.array() for block in blocks])[0]
+            transpose.destroy()
+        square = (square + self._stiffness) * np.outer(self._free, self._free)
+        unknowns = np.concatenate([part.ravel() for part in (rows, columns, square)])
+        with aij_blocks(mat) as blocks:
+            arrays = [block.array() for block in blocks]
             for array, (zeros, targets, sources) in zip(arrays, self._targets, strict=True):
                 array[zeros] = 0.0
                 array[targets] += unknowns[sources]
 
-    def _folded(self, arrays: Sequence[Array]) -> Array:
-        """Return B^T A in the columns of other nodes, then B^T A B, as one array (n,)."""
+    def _folded(self, arrays: Sequence[Array]) -> tuple[Array, Array]:
+        """Return B^T A in the columns of other nodes, and B^T A B."""
         size, G = len(self._jacobian), self._jacobian
         row = np.arange(len(self._own))
         column = UNKNOWNS * np.repeat(self._labels, self._dof_map.components)[:, None] + np.arange(
@@ -163,10 +180,7 @@ class Folding:
             rows += (B.T @ csr_matrix((array[entries], position), shape=shape)).toarray()
         rows = self._comm.allreduce(rows)
         square = self._comm.allreduce(rows[:, self._own_columns] @ B)
-        rows, square = G.T @ rows, G.T @ square @ G
-        square = (square + square.T) / 2 + self._stiffness
-        square *= np.outer(self._free, self._free)
-        return np.concatenate([(rows * self._free[:, None]).ravel(), square.ravel()])
+        return (G.T @ rows) * self._free[:, None], G.T @ square @ G
 
     def _entries(self, block: AIJBlock, ghosts: bool) -> tuple[Indices, Indices]:
         """Return the local row and the global column of each value of a block of the matrix."""
@@ -201,14 +215,14 @@ class Folding:
             row_slot, column_slot = slot(global_row[zeros]), slot(column[zeros])
             sources = np.full(len(zeros), -1)
             # A row or a column of a slot and another node, and of two slots.
-            for unknown, other, foreign in (
-                (row_slot, column[zeros], ~slave_column[zeros]),
-                (column_slot, global_row[zeros], ~slave_row[zeros]),
+            for first, unknown, other, foreign in (
+                (0, row_slot, column[zeros], ~slave_column[zeros]),
+                (size, column_slot, global_row[zeros], ~slave_row[zeros]),
             ):
                 at = np.minimum(np.searchsorted(columns, other), len(columns) - 1)
                 chosen = (unknown >= 0) & foreign & (columns[at] == other)
-                sources[chosen] = unknown[chosen] * len(columns) + at[chosen]
+                sources[chosen] = (first + unknown[chosen]) * len(columns) + at[chosen]
             both = (row_slot >= 0) & (column_slot >= 0)
-            sources[both] = size * len(columns) + row_slot[both] * size + column_slot[both]
+            sources[both] = 2 * size * len(columns) + row_slot[both] * size + column_slot[both]
             filled = sources >= 0
             self._targets.append((zeros, zeros[filled], sources[filled]))

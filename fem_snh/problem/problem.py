@@ -201,9 +201,8 @@ class Problem:
             self.terms, unknowns.num_owned_nodes, self.kinematics.components
         )
         self.coupling_terms = [term for term in self.terms if isinstance(term, CouplingTerm)]
-        # The fold of rigid parts is that of a symmetric matrix.
         self._asymmetric_terms: list[Any] = [
-            term for term in self.terms if not self.rigid and not getattr(term, "symmetric", True)
+            term for term in self.terms if not getattr(term, "symmetric", True)
         ]
         self.asymmetric = False
         self._rank_one = RankOneUpdate.of(self.terms, self.A, self.V, self.project)
@@ -480,7 +479,7 @@ class Problem:
         if self.rigid:
             force = self.x.duplicate()
             self.gradient(x, force)
-            self.rigid.prepare(x, force, filter)
+            self.rigid.prepare(x, force, filter, whole and not self.symmetric)
         u, p = self.split(x)
         if self.coupling_terms:
             self.matrix.couple([term.couplings(u) for term in self.coupling_terms])

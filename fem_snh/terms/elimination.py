@@ -66,8 +66,11 @@ class EliminatingTerm(Protocol):
     def fold(self, matrix: BlockMatrix) -> npt.NDArray[Any]:
         """Fold a problem's matrix from now on; return the entries that are no unknowns."""
 
-    def prepare(self, x: PETSc.Vec, gradient: PETSc.Vec, filter: str) -> None:
-        """Set the fold at x, where the derivative by all displacements is ``gradient``."""
+    def prepare(self, x: PETSc.Vec, gradient: PETSc.Vec, filter: str, whole: bool = False) -> None:
+        """Set the fold at x, where the derivative by all displacements is ``gradient``.
+
+        With the ``whole`` of an exact Hessian that is not symmetric: see `Problem.jacobian`.
+        """
 
     def reduce(self, x: PETSc.Vec, r: PETSc.Vec) -> None:
         """Replace the derivative by displacements by that by the unknowns, with the term's own."""

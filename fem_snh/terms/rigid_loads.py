@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh.geometry.rigid_tree import UNKNOWNS, Poses, RigidTree
+from fem_snh.geometry.rotations import skew
 from fem_snh.tables.amplitudes import Amplitudes
 from fem_snh.terms.rigid import Rigid
 
@@ -99,6 +100,22 @@ class RigidLoads:
             found[k, k] += self._stiffness[i] * np.eye(3)
         for i in np.flatnonzero(self._rotational):
             found += self._rotational[i] * self._tree.spring_stiffness(poses, i)
+        return found
+
+    def turning(self, poses: Poses, wrenches: Array) -> Array:
+        """Return what the derivative of forces by the twists has beside its symmetric part.
+
+        As the parts turn, loads follow them, and moments of forces that do not turn with a part
+        change by half of their product with the rotation. The result is (6 parts, 6 parts).
+        """
+        found = np.zeros((UNKNOWNS * len(self._loads),) * 2)
+        loads = self.loads(poses).reshape(-1, 2, 3)
+        for i, (acting, held) in enumerate(zip(loads, wrenches.reshape(-1, 2, 3), strict=True)):
+            k = UNKNOWNS * i
+            found[k + 3 : k + 6, k + 3 : k + 6] -= skew(held[1]) / 2
+            if self._follows[i]:
+                found[k : k + 3, k + 3 : k + 6] -= skew(acting[0])
+                found[k + 3 : k + 6, k + 3 : k + 6] -= skew(acting[1])
         return found
 
     def spring_rows(self, absolute: Array, relative: Array, modulus: float, length: float) -> Array:

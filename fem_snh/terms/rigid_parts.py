@@ -125,6 +125,7 @@ class RigidParts:
         self._motions = PrescribedMotions(parts, self.tree, body.amplitudes)
         self._loads = RigidLoads(parts, self.tree, body.amplitudes)
         self.has_energy, self.moves = self._loads.has_energy, self._motions.move
+        self.symmetric = self.has_energy
         body.dirichlet.part_motions = self._motions_at_rest()
         self.depends_on_load = self.moves or self._loads.act
         self.set_load(0.0)
@@ -384,10 +385,12 @@ class RigidParts:
         own[self.dofs] = 0.0
         own[entries] = np.where(self.tree.free, values, 0.0)[which]
 
-    def prepare(self, x: PETSc.Vec, gradient: PETSc.Vec, filter: str) -> None:
+    def prepare(self, x: PETSc.Vec, gradient: PETSc.Vec, filter: str, whole: bool = False) -> None:
         """Set the fold of the Hessian at x, where the forces dE/du are ``gradient``. Collective.
 
-        ``filter`` is that of `fem_snh.terms.term.Term.add_hessian`.
+        ``filter`` is that of `fem_snh.terms.term.Term.add_hessian`, and ``whole`` that of
+        `fem_snh.problem.problem.Problem.jacobian`: an exact Hessian then has the derivative of
+        loads that follow a part, and of moments.
         """
         assert self._folding is not None
         poses, tree = self.poses(x), self.tree
@@ -398,6 +401,9 @@ class RigidParts:
         wrenches = self.wrenches(poses, gradient) + acting
         K = tree.curvature(poses, G, wrenches, products)
         K += G.T @ self._loads.spring_matrix(poses) @ G
+        whole = whole and filter == "exact"
+        if whole:
+            K += G.T @ self._loads.turning(poses, self.wrenches(poses, gradient)) @ G
         K *= np.outer(tree.free, tree.free)
         self._filtered = 0
         if filter != "exact":
@@ -405,7 +411,7 @@ class RigidParts:
             self._filtered = int((values < 0).sum())
             values = np.abs(values) if filter == "abs" else np.maximum(values, 0.0)
             K = (vectors * values) @ vectors.T
-        self._folding.set_state(self._basis(poses).reshape(-1, UNKNOWNS), G, K)
+        self._folding.set_state(self._basis(poses).reshape(-1, UNKNOWNS), G, K, not whole)
 
     # --- goals of error estimates ----------------------------------------------------------------
 
