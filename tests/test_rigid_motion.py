@@ -168,7 +168,7 @@ def test_energy_of_a_bar_with_a_rigid_weight_and_a_resumed_run(comm, tmp_path, i
 
 @mpi
 @pytest.mark.parametrize("spacing", [2e-4, 2.5e-4, 1e-3])
-@pytest.mark.parametrize("integrator", ["backward_euler", "newmark", "bdf2"])
+@pytest.mark.parametrize("integrator", ["backward_euler", "newmark", "bdf2", "generalized_alpha"])
 def test_force_on_a_part_that_a_record_moves(comm, integrator, spacing):
     """It is m a, with points of the table closer than steps; so is the moment that turns it."""
     w, steps, angle = 4 * np.pi, 40, 0.2

@@ -103,6 +103,13 @@ class EliminatingTerm(Protocol):
     def moves(self) -> bool:
         """Whether motions are prescribed."""
 
+    @property
+    def prescribed_parts(self) -> Array:
+        """The numbers of the parts whose motion is prescribed as a whole."""
+
+    def prescribed_displacement(self, load: float) -> Array:
+        """Return the displacements at a load of this rank's own nodes of these parts, (n,)."""
+
     def prepare_mass(self, x: PETSc.Vec) -> None:
         """Set the fold of a mass matrix at x."""
 

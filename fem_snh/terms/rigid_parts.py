@@ -308,6 +308,20 @@ class RigidParts:
         rotations = np.array([exponential(vector) for vector in vectors])
         self._set_poses(x, self.tree.project(poses or self.poses(x), translations, rotations))
 
+    @property
+    def prescribed_parts(self) -> Array:
+        """The numbers of the parts whose motion is prescribed as a whole."""
+        fixed = ~(self.tree.free | self._jointed).reshape(-1, UNKNOWNS)
+        return np.flatnonzero(fixed.all(axis=1))
+
+    def prescribed_displacement(self, load: float) -> Array:
+        """Return the displacements of this rank's own nodes of `prescribed_parts`, (n,)."""
+        translations, vectors = self._motions.at(load)
+        rotations = np.array([exponential(vector) for vector in vectors])
+        poses = Poses(self.tree.points + translations, rotations)
+        moved = self._components(poses.c[self.labels] + self._arms(poses) - self._X)
+        return np.asarray(moved[np.isin(self.labels, self.prescribed_parts)].ravel())
+
     def move(self, x: PETSc.Vec, d: PETSc.Vec, step: float, end: PETSc.Vec) -> None:
         """Set the nodes in ``end`` to the end of the parts' path from x along a step. Collective.
 

@@ -140,6 +140,8 @@ class Dynamics:
         """
         self.dissipated = self.work = 0.0
         self._first_energy = self._before = None
+        self._rigid = problem.rigid
+        self._motion.add_parts(problem.rigid)
         motion = self._motion.at(problem.load, -_START, problem.load)
         v = self.v.x.array
         v[:] = 0.0
@@ -149,7 +151,6 @@ class Dynamics:
             v[:] = on_every(problem.comm, _values, velocity, nodes, columns).ravel()
         self._motion.project(v)
         v += motion.v
-        self._rigid = problem.rigid
         if self._rigid:
             turning = self._rigid.make_rigid(problem.x, self.mass, -_START, v)
             motion.a[self._rigid.dofs] = turning
@@ -348,6 +349,8 @@ class Dynamics:
         BadInput
             If ``about`` is from a version whose history lacks something.
         """
+        self._rigid = problem.rigid
+        self._motion.add_parts(problem.rigid)
         V, fields = self.v.function_space, {}
         columns = np.hsplit(values, values.shape[1] // self._kinematics.components)
         for name, field in zip(about.get("fields", ()), columns):

@@ -12,6 +12,7 @@ from fem_snh.assembly.boundary_conditions import Dirichlet
 from fem_snh.assembly.ghosted_vectors import local_values, update_ghosts
 from fem_snh.geometry.motions.rates import path_rates
 from fem_snh.steps.dynamics.integrators import BDF2, MotionState
+from fem_snh.terms.elimination import EliminatingTerm
 
 Array = npt.NDArray[Any]
 
@@ -55,19 +56,35 @@ class PrescribedMotion:
     """
 
     def __init__(self, V: Any, dirichlet: Dirichlet, duration: float) -> None:
-        self._dirichlet, self._duration = dirichlet, duration
+        self._V, self._dirichlet, self._duration = V, dirichlet, duration
         self._depends_on_load, self.by_hand = dirichlet.depends_on_load, dirichlet.by_hand
         self.moves = dirichlet.depends_on_load or dirichlet.by_hand
         self._vector = _dolfinx.create_vector(V)
+        self._rigid: EliminatingTerm | None = None
+        #: The dofs of parts whose motion is prescribed as a whole, local ones and this rank's own.
+        self._of_parts = self._own_of_parts = np.empty(0, np.int64)
+
+    def add_parts(self, rigid: EliminatingTerm | None) -> None:
+        """Add the motions of rigid parts of which nothing is free."""
+        parts = self._dirichlet.rigid_parts
+        if rigid is None or parts is None:
+            return
+        on_parts = np.isin(parts, rigid.prescribed_parts)
+        dofs = np.flatnonzero(np.repeat(on_parts, _dolfinx.num_components(self._V)))
+        self._rigid, self._of_parts = rigid, dofs
+        self._own_of_parts = dofs[dofs < self._vector.getLocalSize()]
 
     def project(self, values: Array) -> None:
         """Set what is constrained of displacements (local dofs,) to zero, in place."""
         self._dirichlet.project(values, ghosts=True)
+        values[self._of_parts] = 0.0
 
     def displacement(self, load: float) -> Array:
         """Return the prescribed displacement [m], (local dofs,), zero at free dofs."""
         self._dirichlet.set_values(self._vector, load)
         self._vector.array[self._dirichlet.released] = 0.0
+        if self._rigid:
+            self._vector.array[self._own_of_parts] = self._rigid.prescribed_displacement(load)
         update_ghosts(self._vector)
         return np.array(local_values(self._vector))
 
@@ -81,7 +98,7 @@ class PrescribedMotion:
         present : float
             The problem's load: values that a program sets as a function of time are left there.
         """
-        if not self._depends_on_load:
+        if not self._depends_on_load and not self._rigid:
             u = self.displacement(load)
             return PrescribedState(u, np.zeros_like(u), np.zeros_like(u))
         u, v, a = path_rates(self.displacement, load, step)
@@ -97,6 +114,8 @@ class PrescribedMotion:
         before = state.before and state.before._replace(u=state.before.u - state.u)
         change = MotionState(np.zeros_like(u), state.v, state.a, before)
         formulas = BDF2().formulas((load - present) * self._duration, change)
-        return PrescribedState(
-            u, *(f(u - state.u) for f in (formulas.velocity, formulas.acceleration))
-        )
+        v, a = formulas.velocity(u - state.u), formulas.acceleration(u - state.u)
+        if self._rigid:  # the motions of parts are known at all loads
+            of_parts, known = self._of_parts, self.at(load, load - present, present)
+            v[of_parts], a[of_parts] = known.v[of_parts], known.a[of_parts]
+        return PrescribedState(u, v, a)
