@@ -56,6 +56,16 @@ def test_a_bad_state_leaves_the_earlier_file(twisted, tmp_path):
     assert sorted(p.name for p in tmp_path.iterdir()) == ["a.vtkhdf", "run"]
 
 
+@pytest.mark.parametrize(("part", "why"), [(0.5, "truncated"), (0.05, "damaged")])
+def test_a_truncated_file_is_one_line(twisted, tmp_path, capfd, part, why):
+    """VTK prints several lines of its own; one file has no data, the other no complete header."""
+    file = twisted / "fields_p0_000001.vtu"
+    file.write_bytes(file.read_bytes()[: int(part * file.stat().st_size)])
+    message = bad(export.main, twisted, tmp_path / "a.vtkhdf")
+    assert message.startswith(f"{file}: cannot be read: it is ") and why in message
+    assert capfd.readouterr() == ("", "")
+
+
 @pytest.mark.parametrize("limit", [2_000, 25_000])
 def test_a_full_disk(twisted, tmp_path, limit):
     """Simulated by a limit on the size of files, at several positions of the file."""

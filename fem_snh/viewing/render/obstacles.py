@@ -14,7 +14,7 @@ from fem_snh.geometry.bones import AffineMotion, AffineTable, RigidAffine
 from fem_snh.geometry.motions import PoseTable
 from fem_snh.geometry.shapes import ClosedSurface, Shape, from_record
 from fem_snh.geometry.shapes.triangles import surface_triangles
-from fem_snh.viewing.render.surfaces import boundary, swept
+from fem_snh.viewing.render.surfaces import boundary, read_file, swept
 
 #: Colour and opacity of obstacles and of bones; a body must be translucent to show its bones.
 STYLES = {"obstacles": ("#a0a0a0", 0.35), **dict.fromkeys(("bones", "rigid"), ("#e3d9bf", 1.0))}
@@ -181,10 +181,7 @@ def triangles(kind: str, keys: Any, centre: np.ndarray, radius: float) -> pv.Pol
             box.rotate_vector(keys["rotation"], np.degrees(angle), inplace=True)
         return box.translate(keys["center"])
     if kind == "surface":
-        try:
-            return pv.read(keys)
-        except Exception as error:  # VTK's readers document no exceptions
-            raise BadInput(f"{keys}: cannot be read: {error}") from None
+        return read_file(keys)
     if kind == "union":
         parts = [triangles(k, v, centre, radius) for table in keys for k, v in table.items()]
         return parts[0].append_polydata(*parts[1:]) if parts[1:] else parts[0]

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pyvista as pv
-from vtkmodules.vtkCommonCore import mutable
+from vtkmodules.vtkCommonCore import mutable, vtkObject
 from vtkmodules.vtkFiltersGeometry import vtkDataSetSurfaceFilter
 
 from fem_snh.errors import BadInput
@@ -32,6 +32,22 @@ _LOWEST = "min_J"
 _SAME_J = 1e-6
 #: Largest displacement of a mode, relative to the diagonal of the body.
 _EXAGGERATION = 0.12
+
+
+def read_file(file: str) -> Any:
+    """Return what VTK reads from a file; raise BadInput if it cannot, without VTK's own lines."""
+    shown = vtkObject.GetGlobalWarningDisplay()
+    vtkObject.SetGlobalWarningDisplay(0)
+    try:
+        reader: Any = pv.get_reader(file)
+        found = reader.read()
+    except Exception as error:  # VTK's readers document no exceptions
+        raise BadInput(f"{file}: cannot be read: {error}") from None
+    finally:
+        vtkObject.SetGlobalWarningDisplay(shown)
+    if reader.reader.GetErrorCode():
+        raise BadInput(f"{file}: cannot be read: it is truncated or damaged")
+    return found
 
 
 def read_grid(
@@ -66,10 +82,9 @@ def read_grid(
     needed |= {CELL_GROUP} if hidden else set()
     kept = {"displacement", field, *also}
     for file in files:
-        try:
-            piece: Any = pv.read(file)
-        except Exception as error:  # VTK's readers document no exceptions
-            raise BadInput(f"{file}: cannot be read: {error}") from None
+        piece = read_file(file)
+        if not piece.array_names:
+            raise BadInput(f"{file}: cannot be read: it is damaged")
         for name in sorted(needed):
             if name not in piece.array_names:
                 raise BadInput(f"{file}: has no '{name}', only {', '.join(piece.array_names)}")
