@@ -6,6 +6,9 @@ a path of equilibria an eighth of the load has about an eighth of the motion; wh
 to exist, it has most of it, however the step is divided. So it is divided further: of a motion that
 is steep and steady, as that of a sheet that is pressed to a hundredth of its height, less is left.
 
+A step that loses energy is divided in the same way, by its loss: a fold that snaps need not move
+the body far. Along a path of equilibria the energy changes by the work of what is prescribed.
+
 A trial step that fails where the whole step converged has lost the path: it is said, as are, with
 terms that keep a history, which no trial may repeat, steps of many iterations and far motions.
 
@@ -17,6 +20,7 @@ the step has skipped the path.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 from mpi4py import MPI
@@ -55,6 +59,14 @@ _OFF, _PARTS, _HALVED, _MAX_NODES = 0.6, 4, 6, 5_000
 #: Relative difference of energies from which states differ. Mirror images have the same; cells that
 #: are inverted in one of two states change it by a thousandth.
 _DIFFERENT = 1e-2
+#: Lost energy of a step, over its work, from which it is examined. The trapezoidal rule gives the
+#: work along a path with an error that is an eighth after each halving.
+_LOSS = 0.25
+#: Part of the loss, in 1/2^_HALVINGS of the load, from which it may be a jump, or one of several:
+#: the error of a path is (1/8)^_HALVINGS there.
+_LOST_PART = 1 / 8
+#: Change of the load, in the step, by which the rate of work is differenced.
+_DIFFERENCE = 1e-3
 #: Difference of energies, over E V, that tolerances leave: that of strains of 1e-6. A residual of
 #: 1e-7 E V^(2/3) leaves 1e-7, and more near an instability. Loads may leave a body at rest.
 _UNKNOWN = 1e-12
@@ -71,12 +83,15 @@ class Jump(NamedTuple):
         Part of the step's displacement between them.
     ratio : float
         The step's displacement over the expected one.
+    lost : float
+        The energy that the step loses [J], by whose part it was found; 0 if by displacement.
     """
 
     start: float
     end: float
     part: float
     ratio: float
+    lost: float = 0.0
 
 
 class LostPath(NamedTuple):
@@ -135,6 +150,8 @@ class SkippedPath(NamedTuple):
     followed: float
 
 
+#: A load, and the unknowns there.
+State = tuple[float, PETSc.Vec]
 #: How to reach the states that a load jumps over.
 BEYOND_LIMIT = (
     "those between need a prescribed displacement ([[move]]) in place of the load, the volume of a "
@@ -202,18 +219,26 @@ class JumpDetector:
         if problem.history.by_name:
             noted = is_slow or ratio > _VERY_FAR
             return UnexaminedStep(load, to, ratio, newton, usual) if noted else None
-        is_suspicious = ratio > _FAR or (is_slow and moved > 0)
+        low, high = (load, start), (to, end)
+        lost, work = self._lost(low, high)
+        self._restore(to, end)
+        loses = moved > 0 and lost > max(_LOSS * work, self._unknown_energy)
+        is_suspicious = ratio > _FAR or (is_slow and moved > 0) or loses
         if not is_suspicious and (not is_known or self._distance(guess, end) <= _OFF * moved):
             return None
         found: Finding | None = None
         self._restore(load, start)
         is_path = is_balanced(problem)
-        if is_path and is_suspicious:
-            jump = self._bisect((load, start), (to, end), moved)
-            found = jump and jump._replace(ratio=ratio)
+        if is_path and (ratio > _FAR or (is_slow and moved > 0)):
+            found = self._bisect(low, high, lambda a, b: self._distance(a[1], b[1]), _MOST)
+            found = found and found._replace(ratio=ratio)
+        if is_path and found is None and loses:
+            found = self._bisect(low, high, lambda a, b: self._lost(a, b)[0], _LOST_PART)
+            if isinstance(found, Jump):
+                found = found._replace(ratio=ratio, lost=lost)
         self._restore(to, end)
         if is_path and found is None and ratio <= _FAR:
-            found = self._compare((load, start), to)
+            found = self._compare(low, to)
             self._restore(to, end)
         return found
 
@@ -223,7 +248,7 @@ class JumpDetector:
         self._problem.set_load(load)
         self._problem.split(self._problem.x)
 
-    def _compare(self, start: tuple[float, PETSc.Vec], to: float) -> SkippedPath | None:
+    def _compare(self, start: State, to: float) -> SkippedPath | None:
         """Return the difference of the state to the end of the path; None where none is known."""
         problem = self._problem
         if problem.regime.nodes > _MAX_NODES or not problem.has_energy:
@@ -236,14 +261,36 @@ class JumpDetector:
                 return None
             state = following
         followed = problem.energy(state[1])
-        unknown = _UNKNOWN * problem.force_scale * problem.length
-        if abs(followed - energy) <= max(_DIFFERENT * max(abs(energy), abs(followed)), unknown):
+        different = _DIFFERENT * max(abs(energy), abs(followed))
+        if abs(followed - energy) <= max(different, self._unknown_energy):
             return None
         return SkippedPath(start[0], to, energy, followed)
 
-    def _follow(
-        self, start: tuple[float, PETSc.Vec], to: float, halvings: int
-    ) -> tuple[float, PETSc.Vec] | None:
+    @property
+    def _unknown_energy(self) -> float:
+        """The difference of energies [J] that tolerances leave."""
+        return _UNKNOWN * self._problem.force_scale * self._problem.length
+
+    def _lost(self, low: State, high: State) -> tuple[float, float]:
+        """Return the energy [J] that is lost between two equilibria, and the work done.
+
+        Energy is that of the body and of its loads; what is prescribed works on it.
+        """
+        problem = self._problem
+        if not problem.has_energy:
+            return 0.0, 0.0
+        step, energies, rates = high[0] - low[0], [], []
+        for load, x in (low, high):
+            for part in (0.0, -_DIFFERENCE, _DIFFERENCE):
+                self._restore(load, x)
+                problem.set_load(load + part * step)
+                problem.prescribe(problem.x)
+                energies.append(problem.energy(problem.x))
+            rates.append((energies[-1] - energies[-2]) / (2 * _DIFFERENCE * step))
+        work = step * sum(rates) / 2
+        return work - (energies[3] - energies[0]), abs(work)
+
+    def _follow(self, start: State, to: float, halvings: int) -> State | None:
         """Return the state at a load by a solve, or by two to the middle and on if that fails."""
         found = self._solve(start, to)
         if found is not None or halvings == 0:
@@ -252,21 +299,24 @@ class JumpDetector:
         return middle and self._follow(middle, to, halvings - 1)
 
     def _bisect(
-        self, low: tuple[float, PETSc.Vec], high: tuple[float, PETSc.Vec], moved: float
+        self, low: State, high: State, measure: Callable[[State, State], float], most: float
     ) -> Jump | LostPath | None:
-        """Return the jump between two states, or where a solve fails; None if there is none."""
+        """Return the jump between two states, or where a solve fails; None if there is none.
+
+        ``measure`` is what a jump has, however small the step is: at least the part ``most``.
+        """
         found: Jump | None = None
-        part = 1.0
+        part, whole = 1.0, measure(low, high)
         for halvings in range(1, _HALVINGS + _FURTHER + 1):
             middle = self._solve(low, (low[0] + high[0]) / 2)
             if middle is None:
                 return found or LostPath(low[0], high[0], part, 0.0)
-            if self._distance(low[1], middle[1]) > self._distance(middle[1], high[1]):
+            if measure(low, middle) > measure(middle, high):
                 high = middle
             else:
                 low = middle
-            before, part = part, self._distance(low[1], high[1]) / moved
-            if halvings >= _HALVINGS and part <= _MOST:
+            before, part = part, measure(low, high) / whole
+            if halvings >= _HALVINGS and part <= most:
                 return None
             if halvings == _HALVINGS:
                 found = Jump(low[0], high[0], part, 0.0)
@@ -274,7 +324,7 @@ class JumpDetector:
                 break
         return found
 
-    def _solve(self, start: tuple[float, PETSc.Vec], to: float) -> tuple[float, PETSc.Vec] | None:
+    def _solve(self, start: State, to: float) -> State | None:
         """Return the state at a load, from the one at a smaller load; None if it fails."""
         problem = self._problem
         self._restore(*start)
@@ -349,8 +399,11 @@ def _jump_note(found: Finding, step: int) -> Note:
         return Note("jump", text, step, found._asdict())
     lost = isinstance(found, LostPath)
     way = ", and half of that step finds no equilibrium: " if lost else ": "
+    parts = "displacement of the step to its load are made"
+    if isinstance(found, Jump) and found.lost:
+        parts = f"{found.lost:.3g} J that the step to its load loses are lost"
     text = (
-        f"{100 * found.part:.0f} % of the displacement of the step to its load are made between "
+        f"{100 * found.part:.0f} % of the {parts} between "
         f"the loads {found.start:.6g} and {found.end:.6g}{way}the body jumps to a state far away "
         f"(snap-through){f', {far}' if is_far else ''}; {BEYOND_LIMIT}"
     )
