@@ -38,10 +38,14 @@ Reason = PETSc.SNES.ConvergedReason
 
 
 class _Left(NamedTuple):
-    """The unstable equilibrium that was left last: its energy [J], and the length of the step."""
+    """The unstable equilibrium that was left last: its energy [J], and the length of the step.
+
+    ``first`` is the state that the solve has left first, about an equilibrium.
+    """
 
     energy: float = -inf
     length: float = 0.0
+    first: PETSc.Vec | None = None
 
 
 class ProjectedNewton:
@@ -159,7 +163,7 @@ class ProjectedNewton:
         self.linear_choice = LinearChoice(False)
         self._filter, self._filtered_points = "exact", 0
         self._dtol_given = False
-        self._left = _Left()
+        self.left = _Left()
 
     # --- PETSc's callbacks -----------------------------------------------------------------------
 
@@ -195,7 +199,7 @@ class ProjectedNewton:
 
     def solve(self, snes: PETSc.SNES, b: PETSc.Vec | None, x: PETSc.Vec) -> None:
         """Iterate from ``x``, in place. Collective."""
-        self._left = _Left()
+        self.left = _Left()
         self.history, self.tolerance, self.negative = [], self.scaled_tolerance, None
         state = State(x, snes.getFunction()[0])
         trial, d, forcing = State.like(state), x.duplicate(), self._forcing()
@@ -237,6 +241,9 @@ class ProjectedNewton:
                     step.diverged = Reason.CONVERGED_FNORM_ABS
                 snes.setConvergedReason(step.diverged)
                 return
+            # In the region the solve leaves an unstable state, next to an equilibrium.
+            if step.filter == "trust_region" and not self.left.first:
+                self.left = self.left._replace(first=x.copy())
             if step.lbfgs:
                 d.waxpy(-1.0, x, step.end.x)
             step.end.copy_to(state)
@@ -410,11 +417,12 @@ class ProjectedNewton:
             self.negative = found.negative_eigenvalues(state.x)
         else:
             # A valley of equilibria within the tolerance is followed by longer and longer steps.
-            shortest = 2 * self._left.length if state.energy < self._left.energy else 0.0
+            left = self.left
+            shortest = 2 * left.length if state.energy < left.energy else 0.0
             search = self._line_search(snes)
             self.negative, length = found.leave(state, search, trial, shortest)
             if length > 0:
-                self._left = _Left(state.energy, length)
+                self.left = _Left(state.energy, length, left.first or state.x.copy())
                 return Step(trial, length, filter="negative curvature")
         return Step()
 

@@ -168,6 +168,9 @@ class StepSolver:
             from fem_snh.steps.rescue import Rescue  # few steps need it
 
             self._rescue = self._rescue or Rescue(problem, self.snes)
+            if left := self.snes.getPythonContext().left.first:
+                left.copy(problem.x)
+                problem.prescribe(problem.x)
             self._rescue.solve(outcome)
             return outcome
         if self.continuation:
