@@ -74,3 +74,17 @@ class Bar(Press):
 
 def converged(problem: fem_snh.NonlinearProblem) -> bool:
     return problem.solver.getConvergedReason() > 0
+
+
+def tagged_measure(kind: str, domain: Any, places: Any) -> Any:
+    """Return dx, or ds, whose tags 1, 2, ... are the entities in places; the last one wins."""
+    dim = domain.topology.dim - (kind == "ds")
+    found = [mesh.locate_entities(domain, dim, place) for place in places]
+    if kind == "ds":
+        outside = mesh.locate_entities_boundary(domain, dim, lambda x: x[0] == x[0])
+        found = [np.intersect1d(entities, outside) for entities in found]
+    tags = {int(i): tag for tag, some in enumerate(found, 1) for i in some}
+    items = np.array(sorted(tags), np.int32)
+    values = np.array([tags[i] for i in items], np.int32)
+    data = mesh.meshtags(domain, dim, items, values)
+    return ufl.Measure(kind, domain=domain, subdomain_data=data)

@@ -5,9 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import pytest
 import ufl
 from dolfinx import fem, mesh
-from dolfinx_programs import unit_cube, vector_space
+from dolfinx_programs import tagged_measure, unit_cube, vector_space
 from gmsh_files import write_msh
 
 import fem_snh
@@ -84,15 +85,9 @@ def corner_program(
     domain = unit_cube(comm, cells)
     V = vector_space(domain)
     u = fem.Function(V)
-    index = domain.topology.index_map(3)
-    tags = np.ones(index.size_local + index.num_ghosts, np.int32)
-    for tag, low, high in ((2, 0.49, 1.0), (3, -1.0, 0.26)):
-        inside = mesh.locate_entities(
-            domain, 3, lambda x, a=low, b=high: (x[0] > a) & (x[0] < b + 1e-9) & (x[2] > 0.49)
-        )
-        tags[inside] = tag
-    tagged = mesh.meshtags(domain, 3, np.arange(len(tags), dtype=np.int32), tags)
-    dx = ufl.Measure("dx", domain=domain, subdomain_data=tagged)
+    corners = [lambda x: x[0] > 0.49, lambda x: x[0] < 0.26]
+    places = [lambda x, at=corner: at(x) & (x[2] > 0.49) for corner in corners]
+    dx = tagged_measure("dx", domain, [lambda x: x[0] == x[0], *places])
     facets = mesh.locate_entities_boundary(domain, 2, lambda x: np.isclose(x[2], 0))
     fixed = fem.dirichletbc(np.zeros(3), fem.locate_dofs_topological(V, 2, facets), V)
     m = fem_snh.material("stable_neo_hookean", E=1e4, nu=0.45)
@@ -100,8 +95,51 @@ def corner_program(
     if body_force is not None:
         terms.append(-ufl.inner(fem.Constant(domain, np.array(body_force)), u) * ufl.dx)
     if pressure:
-        side = mesh.locate_entities_boundary(domain, 2, lambda x: np.isclose(x[0], 1))
-        tags = mesh.meshtags(domain, 2, np.sort(side), np.full(len(side), 1, np.int32))
-        ds = ufl.Measure("ds", domain=domain, subdomain_data=tags)
+        ds = tagged_measure("ds", domain, [lambda x: np.isclose(x[0], 1)])
         terms.append(fem_snh.Pressure(ds(1), pressure))
     return fem_snh.NonlinearProblem(u, {m: dx}, bcs=[fixed], terms=terms, **keys)
+
+
+def wave(problem: Any, number: float, size: float) -> Any:
+    """Return a step of a `Problem` without a symmetry."""
+    d = problem.x.duplicate()
+    d.array[: problem.owned_displacements] = np.sin(number * problem.coordinates + number).ravel()
+    d.array[problem.constrained_dofs] = 0.0
+    d.scale(size)
+    return d
+
+
+def move_away(problem: Any) -> None:
+    """Move a `Problem` away from rest, along a path of its parts."""
+    end = problem.x.duplicate()
+    problem.retraction(problem.x, wave(problem, 9.0, 0.05), 1.0, end)
+    end.copy(problem.x)
+
+
+def first_derivative(f: Any, at: float, h: float) -> Any:
+    """Return a derivative by differences of fourth order."""
+    return (8 * (f(at + h) - f(at - h)) - f(at + 2 * h) + f(at - 2 * h)) * (1 / (12 * h))
+
+
+def check_derivatives(problem: Any) -> None:
+    """Compare residual and Hessian with the energy along a path of rigid motions."""
+    move_away(problem)
+    x, end, f, Hd = (problem.x, *(problem.x.duplicate() for _ in range(3)))
+    d = wave(problem, 5.0, 0.1)
+
+    def energy(s: float) -> float:
+        problem.retraction(x, d, s, end)
+        return problem.energy(end)
+
+    problem.residual(x, f)
+    assert f.dot(d) == pytest.approx(first_derivative(energy, 0.0, 1e-3), rel=1e-7)
+    problem.jacobian(x, "exact")
+    problem.operator.mult(d, Hd)
+    h = 1e-2
+    inner, outer = energy(h) + energy(-h), energy(2 * h) + energy(-2 * h)
+    curvature = (16 * inner - 30 * energy(0.0) - outer) / (12 * h**2)
+    assert d.dot(Hd) == pytest.approx(curvature, rel=1e-6)
+    # The residual at the end of a path is the slope there, too.
+    problem.retraction(x, d, 0.7, end)
+    problem.residual(end, f)
+    assert f.dot(d) == pytest.approx(first_derivative(energy, 0.7, 1e-3), rel=1e-7)

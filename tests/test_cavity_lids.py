@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 import ufl
 from dolfinx import fem, mesh
-from dolfinx_programs import vector_space
+from dolfinx_programs import tagged_measure, vector_space
 from gmsh_files import section
 from plane_programs import COMPONENTS
+from rigid_bodies import check_derivatives
 from test_plane_scenes import solve
 
 import fem_snh
@@ -49,17 +50,6 @@ def unsolved_box(
     V, up = vector_space(domain, degree, COMPONENTS.get(kinematics, 3)), dim - 1
     u = fem.Function(V)
 
-    def tagged(measure, of, places):
-        found = [mesh.locate_entities(domain, of, place) for place in places]
-        if of < dim:
-            outside = mesh.locate_entities_boundary(domain, of, lambda x: x[0] == x[0])
-            found = [np.intersect1d(entities, outside) for entities in found]
-        tags = {int(i): tag for tag, some in enumerate(found, 1) for i in some}
-        items = np.array(sorted(tags), np.int32)
-        values = np.array([tags[i] for i in items], np.int32)
-        data = mesh.meshtags(domain, of, items, values)
-        return ufl.Measure(measure, domain=domain, subdomain_data=data)
-
     def outer(x):
         """Facets of the walls: not at the bottom, nor in planes of symmetry or on the axis."""
         on = [np.isclose(x[i], 1) for i in range(up) if i not in slabs]
@@ -69,9 +59,9 @@ def unsolved_box(
     if kinematics.startswith("axisymmetric"):
         planes = (0,)
     lid = 1 - 1 / CELLS - 1e-9 if parts else 1.0
-    ds = tagged(
+    ds = tagged_measure(
         "ds",
-        dim - 1,
+        domain,
         [
             lambda x: outer(x) & (x[up] < lid + 1e-6),
             lambda x: (outer(x) & (x[up] > lid)) | np.isclose(x[up], 1),
@@ -81,7 +71,7 @@ def unsolved_box(
     if gap:
         halves = (lambda x: x[0] < 0.26, lambda x: x[0] > 0.49)
         regions[1:] = [lambda x, half=half: (x[up] > lid) & half(x) for half in halves]
-    dx = tagged("dx", dim, regions)
+    dx = tagged_measure("dx", domain, regions)
 
     def held(axis, place, component=None):
         def there(x):  # the lid's own nodes follow its keys
@@ -216,34 +206,7 @@ def test_the_volume_of_walls_that_bulge(comm, end, kinematics, planes, slabs):
 @pytest.mark.mpi
 def test_derivatives_along_the_motion_of_the_lid(comm):
     """The forces and the Hessian, with its matrix of rank one, where the lid is turned."""
-    problem = box(comm, "solid", 1, WALLS, force=(0.02, 0.0, 0.01))[0]._problem
-    x, end = problem.x, problem.x.duplicate()
-
-    def step(wave, size):
-        d = x.duplicate()
-        d.array[: problem.owned_displacements] = np.sin(wave * problem.coordinates + wave).ravel()
-        d.array[problem.constrained_dofs] = 0.0
-        d.scale(size)
-        return d
-
-    problem.retraction(x, step(9.0, 0.05), 1.0, end)
-    end.copy(x)
-    d, f, Hd = step(5.0, 0.1), x.duplicate(), x.duplicate()
-
-    def energy(s):
-        problem.retraction(x, d, s, end)
-        return problem.energy(end)
-
-    problem.residual(x, f)
-    h = 1e-3
-    slope = (8 * (energy(h) - energy(-h)) - energy(2 * h) + energy(-2 * h)) / (12 * h)
-    assert f.dot(d) == pytest.approx(slope, rel=1e-7)
-    problem.jacobian(x, "exact")
-    problem.operator.mult(d, Hd)
-    h = 1e-2
-    inner, outer = energy(h) + energy(-h), energy(2 * h) + energy(-2 * h)
-    curvature = (16 * inner - 30 * energy(0.0) - outer) / (12 * h**2)
-    assert d.dot(Hd) == pytest.approx(curvature, rel=1e-6)
+    check_derivatives(box(comm, "solid", 1, WALLS, force=(0.02, 0.0, 0.01))[0]._problem)
 
 
 @pytest.mark.mpi

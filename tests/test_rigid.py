@@ -14,7 +14,11 @@ from rigid_bodies import (
     E,
     bushing,
     bushing_mesh,
+    check_derivatives,
     corner_program,
+    first_derivative,
+    move_away,
+    wave,
 )
 from running import solve
 
@@ -56,42 +60,7 @@ def test_logarithm_is_the_inverse_of_the_exponential(angle):
 @mpi
 @pytest.mark.parametrize("parts", [JOINTED, SLIDING], ids=["hinge", "slider"])
 def test_residual_and_hessian_are_derivatives_along_the_rigid_motion(comm, parts):
-    problem = corner_program(comm, copy(parts))._problem
-    x, end = problem.x, problem.x.duplicate()
-
-    def step(wave, size):
-        d = x.duplicate()
-        d.array[: problem.owned_displacements] = np.sin(wave * problem.coordinates + wave).ravel()
-        d.array[problem.constrained_dofs] = 0.0
-        d.scale(size)
-        return d
-
-    problem.retraction(x, step(9.0, 0.05), 1.0, end)
-    end.copy(x)
-    d, f, Hd = step(5.0, 0.1), x.duplicate(), x.duplicate()
-
-    def energy(s):
-        problem.retraction(x, d, s, end)
-        return problem.energy(end)
-
-    problem.residual(x, f)
-    h = 1e-3
-    slope = (8 * (energy(h) - energy(-h)) - energy(2 * h) + energy(-2 * h)) / (12 * h)
-    assert f.dot(d) == pytest.approx(slope, rel=1e-7)
-    problem.jacobian(x, "exact")
-    problem.A.mult(d, Hd)
-    h = 1e-2
-    inner, outer = energy(h) + energy(-h), energy(2 * h) + energy(-2 * h)
-    curvature = (16 * inner - 30 * energy(0.0) - outer) / (12 * h**2)
-    assert d.dot(Hd) == pytest.approx(curvature, rel=1e-6)
-    # The residual at the end of a path is the slope there, too.
-    problem.retraction(x, d, 0.7, end)
-    problem.residual(end, f)
-    h = 1e-3
-    slope = (
-        8 * (energy(0.7 + h) - energy(0.7 - h)) - energy(0.7 + 2 * h) + energy(0.7 - 2 * h)
-    ) / 12
-    assert f.dot(d) == pytest.approx(slope / h, rel=1e-7)
+    check_derivatives(corner_program(comm, copy(parts))._problem)
 
 
 @mpi
@@ -101,18 +70,9 @@ def test_the_whole_hessian_is_the_derivative_of_forces_without_an_energy(comm):
     parts = [{"tag": 2, "follower": True, **loads}, {"tag": 3, **loads}]
     problem = corner_program(comm, parts, pressure=500.0)._problem
     problem.set_load(1.0)
-    x, end = problem.x, problem.x.duplicate()
-
-    def step(wave, size):
-        d = x.duplicate()
-        d.array[: problem.owned_displacements] = np.sin(wave * problem.coordinates + wave).ravel()
-        d.array[problem.constrained_dofs] = 0.0
-        d.scale(size)
-        return d
-
-    problem.retraction(x, step(9.0, 0.05), 1.0, end)
-    end.copy(x)
-    d, Hd = step(5.0, 0.1), x.duplicate()
+    move_away(problem)
+    x, end, Hd = (problem.x, *(problem.x.duplicate() for _ in range(2)))
+    d = wave(problem, 5.0, 0.1)
 
     def forces(s):
         f = x.duplicate()
@@ -120,8 +80,7 @@ def test_the_whole_hessian_is_the_derivative_of_forces_without_an_energy(comm):
         problem.residual(end, f)
         return f
 
-    h = 1e-3
-    wanted = (8 * (forces(h) - forces(-h)) - forces(2 * h) + forces(-2 * h)) * (1 / (12 * h))
+    wanted = first_derivative(forces, 0.0, 1e-3)
     problem.jacobian(x, "exact", whole=True)
     assert problem.asymmetric
     problem.operator.mult(d, Hd)
