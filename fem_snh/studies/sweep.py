@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import itertools
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -131,13 +131,28 @@ def sweep(
 def _with_one_variant(
     points: Mapping[str, ScenePoint], report: Callable[[str], None]
 ) -> dict[str, ScenePoint]:
-    """Return the points of materials whose equation would change with nu, with that of the largest.
+    """Return the points that `one_variant` changes, with its parameters."""
+    keys = one_variant([point.scene for point in points.values()], report)
+    changed = {}
+    for name, point in points.items():
+        if more := keys(point.scene):
+            values = {**point.values, **more}
+            loaded = scenes.load(point.name, **values)
+            changed[name] = replace(point, values=values, scene=loaded)
+    return changed
 
-    Otherwise a curve over nu would have a jump.
+
+def one_variant(
+    loaded: Iterable[scenes.Scene], report: Callable[[str], None]
+) -> Callable[[scenes.Scene], dict[str, Any]]:
+    """Return a function that gives the keys of a scene whose materials keep one equation at all nu.
+
+    Of materials whose equation would change with nu it is that of the largest; otherwise a curve
+    over nu would have a jump.
     """
     at_ratios: dict[tuple[int, str], dict[float, MaterialChoice]] = {}
-    for point in points.values():
-        for place, material in enumerate(point.scene.materials):
+    for scene in loaded:
+        for place, material in enumerate(scene.materials):
             at_ratios.setdefault((place, material.label), {})[material.nu] = material
     kept: dict[tuple[int, str], dict[str, Any]] = {}
     for which, found in at_ratios.items():
@@ -146,19 +161,6 @@ def _with_one_variant(
             kept[which] = {
                 k: v for k, v in defaults[-1].items() if any(d.get(k, v) != v for d in defaults)
             }
-    changed = {}
-    for name, point in points.items():
-        several = len(point.scene.materials) > 1
-        more = {
-            f"material.{f'{place}.' if several else ''}{key}": value
-            for place, material in enumerate(point.scene.materials)
-            for key, value in kept.get((place, material.label), {}).items()
-            if material.parameters.get(key) is None
-        }
-        if more:
-            values = {**point.values, **more}
-            loaded = scenes.load(point.name, **values)
-            changed[name] = replace(point, values=values, scene=loaded)
     for (_, name), values in kept.items():
         for key, value in values.items():
             equation = variants(function(name))[key].equations[value]
@@ -166,7 +168,17 @@ def _with_one_variant(
                 f"material.{key} = {value_text(value)} at all nu: {name} has {equation}, its "
                 f"default at the largest; --set material.{key} sets another"
             )
-    return changed
+
+    def keys(scene: scenes.Scene) -> dict[str, Any]:
+        several = len(scene.materials) > 1
+        return {
+            f"material.{f'{place}.' if several else ''}{key}": value
+            for place, material in enumerate(scene.materials)
+            for key, value in kept.get((place, material.label), {}).items()
+            if material.parameters.get(key) is None
+        }
+
+    return keys
 
 
 def _draw_bodies(out: Path, points: list[str], field: str) -> str:

@@ -26,6 +26,7 @@ from fem_snh.files import is_shape
 from fem_snh.studies.batch import Batch
 from fem_snh.studies.point import Limits
 from fem_snh.studies.scene_points import file_digests, scene_files
+from fem_snh.studies.sweep import one_variant
 from fem_snh.studies.table import MEASURED, REQUESTED
 from fem_snh.studies.tradeoff import advice, errors
 from fem_snh.studies.tradeoff.grid import Plan, resolutions
@@ -125,6 +126,9 @@ def tradeoff(
         **flags,
     )
     studied = {nu: plan.points(scene, nu, other, options) for nu in plan.nus}
+    loaded = [point.scene for points in studied.values() for point in points.values()]
+    if loaded and (keys := one_variant(loaded, report)(loaded[0])):
+        studied = {nu: plan.points(scene, nu, other | keys, options) for nu in plan.nus}
     with batch:
         batch.register(
             {name: point for points in studied.values() for name, point in points.items()}
