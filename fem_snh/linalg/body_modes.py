@@ -23,32 +23,9 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh.linalg.coarse_space import RANK_TOLERANCE
+from fem_snh.linalg.ssor_system import LEAST_IN_DOUBLE
 
 Array = npt.NDArray[Any]
-
-#: Accuracy asked for of a rigid motion: the least tolerance of Newton's linear systems. Rounding to
-#: eps gives a motion of Rayleigh quotient q, in largest diagonal entries, to eps / q.
-_ACCURACY = 1e-3
-_LEAST_IN_SINGLE, _LEAST_IN_DOUBLE = (
-    float(np.finfo(kind).eps) / _ACCURACY for kind in (np.float32, np.float64)
-)
-
-
-def is_almost_free(A: PETSc.Mat, components: int, scale: float) -> bool:
-    """Return whether single precision loses a translation of the whole body. Collective.
-
-    ``scale`` is one over the largest diagonal entry of A, whose blocks have so many ``components``.
-    """
-    x, y = A.createVecs()
-    quotients = []
-    for component in range(components):
-        x.set(0.0)
-        x.array[component::components] = 1.0
-        A.mult(x, y)
-        quotients.append(scale * x.dot(y) / x.dot(x))
-    for vector in (x, y):
-        vector.destroy()
-    return _LEAST_IN_DOUBLE < min(quotients) < _LEAST_IN_SINGLE
 
 
 class BodyModes:
@@ -80,7 +57,7 @@ class BodyModes:
         self._AZ = np.column_stack(images)
         values, vectors = np.linalg.eigh(scale * self._comm.allreduce(self._Z.T @ self._AZ))
         # Z^T A Z is rounded, too: what it has not in double precision is left to the iterations.
-        known = values > _LEAST_IN_DOUBLE
+        known = values > LEAST_IN_DOUBLE
         self._inverse = scale * (vectors[:, known] / values[known]) @ vectors[:, known].T
 
     def correct(self, x: PETSc.Vec, residual: PETSc.Vec) -> None:

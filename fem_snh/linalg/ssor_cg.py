@@ -17,7 +17,6 @@ from petsc4py import PETSc
 
 import numpy as np
 
-from fem_snh.linalg.body_modes import BodyModes
 from fem_snh.linalg.ssor_system import (
     AUTOMATIC,
     MAX_REPLICATED,
@@ -28,6 +27,7 @@ from fem_snh.linalg.ssor_system import (
 )
 
 if TYPE_CHECKING:
+    from fem_snh.linalg.body_modes import BodyModes
     from fem_snh.linalg.ssor_columns import SSORColumns
 
 _Reason = PETSc.KSP.ConvergedReason

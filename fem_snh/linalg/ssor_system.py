@@ -45,12 +45,12 @@ from fem_snh.errors import BadInput, on_every, on_root
 from fem_snh.kernels import build
 from fem_snh.linalg import library
 from fem_snh.linalg.block_matrix import SymmetricBlockMatrix
-from fem_snh.linalg.body_modes import BodyModes, is_almost_free
 from fem_snh.linalg.coarse_matrix import MAX_INVERTED
 from fem_snh.linalg.displacement_blocks import displacement_blocks, stored_in
 from fem_snh.linalg.halo import Halo
 
 if TYPE_CHECKING:
+    from fem_snh.linalg.body_modes import BodyModes
     from fem_snh.linalg.deflation import Deflation
 
 _Reason = PETSc.KSP.ConvergedReason
@@ -73,6 +73,14 @@ ZERO_CURVATURE = 1e-6
 MAX_REPLICATED = 300
 #: Components of a displacement: the sizes of blocks for which there are kernels.
 BLOCK_SIZES = (2, 3)
+
+
+#: Accuracy asked for of a rigid motion: the least tolerance of Newton's linear systems. Rounding to
+#: eps gives a motion of Rayleigh quotient q, in largest diagonal entries, to eps / q.
+_ACCURACY = 1e-3
+_LEAST_IN_SINGLE, LEAST_IN_DOUBLE = (
+    float(np.finfo(kind).eps) / _ACCURACY for kind in (np.float32, np.float64)
+)
 
 
 class CycleStart(NamedTuple):
@@ -220,8 +228,10 @@ class SSORSystem:
     def body_modes(self, A: PETSc.Mat) -> BodyModes | None:
         """Return the body's modes, which the copy of A has lost, or None. Collective."""
         X, matrix = self._coordinates, self.matrix
-        if X is None or not is_almost_free(A, matrix.size, self.scale):
+        if X is None or not _is_almost_free(A, matrix.size, self.scale):
             return None
+        from fem_snh.linalg.body_modes import BodyModes
+
         with aij_blocks(stored_in(A), read_only=True) as (diagonal, *off_diagonal):
             values = diagonal.values, off_diagonal[0].values if off_diagonal else 0
             free = matrix.coupled_unknowns(*values)
@@ -300,6 +310,23 @@ class SSORSystem:
         self._total[0] = own  # a buffer: MPI's own sum, not messages of Python objects
         self.comm.Allreduce(MPI.IN_PLACE, self._total)
         return float(self._total[0])
+
+
+def _is_almost_free(A: PETSc.Mat, components: int, scale: float) -> bool:
+    """Return whether single precision loses a translation of the whole body. Collective.
+
+    ``scale`` is one over the largest diagonal entry of A, whose blocks have so many ``components``.
+    """
+    x, y = A.createVecs()
+    quotients = []
+    for component in range(components):
+        x.set(0.0)
+        x.array[component::components] = 1.0
+        A.mult(x, y)
+        quotients.append(scale * x.dot(y) / x.dot(x))
+    for vector in (x, y):
+        vector.destroy()
+    return LEAST_IN_DOUBLE < min(quotients) < _LEAST_IN_SINGLE
 
 
 def _pattern(A: PETSc.Mat) -> tuple[int, tuple[int, int]]:
