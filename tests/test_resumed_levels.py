@@ -174,6 +174,9 @@ def test_other_runs_are_not_continued(tmp_path, capsys):
     assert record(levels)["accuracy"]["limit"].startswith("max_dofs = 1")
     assert main([*words, "--set=accuracy.goals=volume", "--out", str(levels), "--resume"]) == 2
     assert 'accuracy.goals = ["volume"]: expected ["corner.y"' in capsys.readouterr().err
+    without = [word for word in words if not word.startswith("--set=accuracy")]
+    assert main([*without, "--out", str(levels), "--resume"]) == 2
+    assert "it holds levels of a run to an accuracy: expected --accuracy" in capsys.readouterr().err
     (levels / LEVELS).write_bytes(b"PK")
     assert main([*words, "--out", str(levels), "--resume"]) == 2
     assert "levels.npz cannot be read" in capsys.readouterr().err

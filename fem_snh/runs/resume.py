@@ -15,6 +15,7 @@ import numpy.typing as npt
 from fem_snh.choices import COARSER_MESHES
 from fem_snh.errors import BadInput, on_root
 from fem_snh.problem.problem import Problem
+from fem_snh.run_files import LEVELS
 from fem_snh.run_record import load_record
 from fem_snh.runs.checkpoint import OFFSET, history_names
 from fem_snh.runs.checkpoint_file import load, unusable
@@ -69,7 +70,13 @@ class Checkpoint:
 
         def read() -> tuple[dict[str, Any], dict[str, Any] | None]:
             about, found = load(folder.path)
-            check_same(folder.path, about["scene"], identity(scene))
+            now = identity(scene)
+            if now != about["scene"] and not scene.accuracy and (folder.path / LEVELS).exists():
+                raise BadInput(
+                    f"cannot resume {folder.path}: it holds levels of a run to an accuracy: "
+                    "expected --accuracy (or [accuracy]) as before, with --resume"
+                )
+            check_same(folder.path, about["scene"], now)
             arrays.update(found)
             return about, _finished(folder.path, about["load"])
 
