@@ -13,6 +13,7 @@ from gmsh_files import write_msh
 
 import fem_snh
 from fem_snh.scenes import Hold, MaterialChoice, Rigid, Scene
+from fem_snh.terms.rank_one import RankOneTerm
 
 #: Inner radius of the sleeve, radii of the rubber, height; Young's modulus and Poisson's ratio.
 BORE, INNER, OUTER, HEIGHT = 0.8, 1.0, 2.0, 0.3
@@ -135,9 +136,18 @@ def check_derivatives(problem: Any) -> None:
     assert f.dot(d) == pytest.approx(first_derivative(energy, 0.0, 1e-3), rel=1e-7)
     problem.jacobian(x, "exact")
     problem.operator.mult(d, Hd)
+    fluids = [term for term in problem.terms if isinstance(term, RankOneTerm)]
+
+    def lagrangian(s: float) -> float:
+        """Return the energy, with the multipliers of fluids: their energy is p^2/(2 k)."""
+        found, u = energy(s), problem.split(end)[0]
+        g = u.copy()
+        pressures = [float(fluid.goal("", u)[0]) / fluid.rank_one(u, g) for fluid in fluids]
+        return found + sum(f.imbalance * p for f, p in zip(fluids, pressures, strict=True))
+
     h = 1e-2
-    inner, outer = energy(h) + energy(-h), energy(2 * h) + energy(-2 * h)
-    curvature = (16 * inner - 30 * energy(0.0) - outer) / (12 * h**2)
+    inner, outer = lagrangian(h) + lagrangian(-h), lagrangian(2 * h) + lagrangian(-2 * h)
+    curvature = (16 * inner - 30 * lagrangian(0.0) - outer) / (12 * h**2)
     assert d.dot(Hd) == pytest.approx(curvature, rel=1e-6)
     # The residual at the end of a path is the slope there, too.
     problem.retraction(x, d, 0.7, end)

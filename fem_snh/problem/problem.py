@@ -476,20 +476,22 @@ class Problem:
         """
         for term in self._asymmetric_terms:
             term.symmetric = not whole
-        if self.rigid:
+        u, p = self.split(x)
+        if self.rigid or self._rank_one:
             force = self.x.duplicate()
             self.gradient(x, force)
-            self.rigid.prepare(x, force, filter, whole and not self.symmetric)
-        u, p = self.split(x)
+            if self._rank_one:
+                reduce = partial(self.rigid.reduce_vector, x) if self.rigid else None
+                self._rank_one.update(u, force, reduce)
+            if self.rigid:
+                self.rigid.prepare(x, force, filter, whole and not self.symmetric)
+            u, p = self.split(x)
         if self.coupling_terms:
             self.matrix.couple([term.couplings(u) for term in self.coupling_terms])
         with self.matrix.adding():
             filtered = sum(term.add_hessian(u, p, filter, self.matrix) for term in self.terms)
         may_be = whole and filter == "exact" and not self.symmetric
         self.asymmetric = may_be and not is_symmetric(self.A)
-        if self._rank_one:
-            reduce = partial(self.rigid.reduce_vector, x) if self.rigid else None
-            self._rank_one.update(u, reduce)
         return int(self.comm.allreduce(filtered))
 
     def reactions(self, x: PETSc.Vec) -> dict[str, list[float]]:

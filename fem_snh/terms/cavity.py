@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 class Cavity(Feature):
     """A fluid that a surface encloses, of prescribed volume; its pressure is a result."""
 
-    key, planar = "cavity", True
+    key, planar, stateless = "cavity", True, True
     group: Surface = Field(description=SURFACE)
     volume: ScalarValue = Field(
         description="Volume of fluid that is added at amplitude 1 [m^3], in a plane per thickness; "

@@ -42,7 +42,8 @@ class EnclosedFluid:
     the pressure decreases with the volume and a prescribed pressure would be unstable.
 
     The Hessian is that of a follower pressure plus k g g^T, g the derivative of :math:`\Delta V`:
-    a dense matrix of rank one, which `rank_one` returns as g.
+    a dense matrix of rank one, which `rank_one` returns as g. The pressure in it is p at
+    equilibrium, and elsewhere the one that the body's forces balance best: `RankOneTerm`.
 
     Parameters
     ----------
@@ -64,6 +65,7 @@ class EnclosedFluid:
     """
 
     name, has_energy, depends_on_load = "cavity", True, True
+    stateless, imbalance = True, 0.0
 
     def __init__(self, fluid: Cavity, body: Body) -> None:
         u, dirichlet = body.u, body.dirichlet
@@ -152,7 +154,7 @@ class EnclosedFluid:
         self, u: PETSc.Vec, p: PETSc.Vec | None, filter: str, target: BlockMatrix
     ) -> int:
         """Add the pressure's Hessian; return how many facets of this rank were filtered."""
-        self._pressure.value = np.array(self.state(u)["pressure"])
+        self._pressure.value = np.array(self.state(u)["pressure"] + self.imbalance)
         return self._term.add_hessian(u, p, filter, target)
 
     def rank_one(self, u: PETSc.Vec, g: PETSc.Vec) -> float:

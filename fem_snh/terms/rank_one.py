@@ -15,7 +15,18 @@ from fem_snh import _dolfinx
 
 @runtime_checkable
 class RankOneTerm(Protocol):
-    """A term whose Hessian has a part k g g^T beside the sparse one."""
+    """A term with the energy p^2/(2 k) of a scalar p, so that its forces are p g, g = dp/du / k.
+
+    Its Hessian is k g g^T + p dg/du. Where the forces do not balance, p is no estimate of that at
+    equilibrium: of a stiff term it is larger by orders of magnitude.
+
+    Attributes
+    ----------
+    imbalance : float
+        What the sparse part p dg/du has in addition to p.
+    """
+
+    imbalance: float
 
     def rank_one(self, u: PETSc.Vec, g: PETSc.Vec) -> float:
         """Set the ghosted vector ``g`` and return k >= 0. Collective."""
@@ -66,17 +77,46 @@ class RankOneUpdate:
         found = [term for term in terms if isinstance(term, RankOneTerm)]
         return cls(A, V, found, project) if found else None
 
-    def update(self, u: PETSc.Vec, reduce: Callable[[PETSc.Vec], None] | None = None) -> None:
-        """Evaluate the terms at a ghosted displacement. Collective.
+    def update(
+        self, u: PETSc.Vec, force: PETSc.Vec, reduce: Callable[[PETSc.Vec], None] | None = None
+    ) -> None:
+        """Evaluate the terms at a ghosted displacement, and set their imbalances. Collective.
 
-        ``reduce`` replaces a derivative by displacements by that by fewer unknowns, in place.
+        With these the terms' scalars are the least-squares multipliers of the other forces (Nocedal
+        & Wright 2006, eq. 18.21): at equilibrium their own, whatever k is.
+
+        Parameters
+        ----------
+        u : PETSc.Vec
+            The displacement.
+        force : PETSc.Vec
+            The forces dE/du of all terms; on return those with the multipliers.
+        reduce : callable, optional
+            Replaces a derivative by displacements by that by fewer unknowns, in place.
         """
-        for column, term in enumerate(self._terms):
-            self._factors.array[column] = term.rank_one(u, self._g)
-            if reduce:
-                reduce(self._g)
-            self._project(self._g.array)
-            own = np.asarray(self._g.array_r)
-            self._U.getDenseArray()[: len(own), column] = own  # zero for an unknown pressure
+        owned, U = self._g.getLocalSize(), self._U.getDenseArray()
+        columns = []
+        for number, term in enumerate(self._terms):
+            self._factors.array[number] = term.rank_one(u, self._g)
+            columns.append(np.array(self._g.array_r))
+            U[:owned, number] = self._reduced(self._g, reduce)  # zero for an unknown pressure
+        self._g.array = force.array_r[:owned]
+        rows = np.column_stack([U[:owned], self._reduced(self._g, reduce)])
+        sums = self._U.comm.tompi4py().allreduce(rows.T @ rows)
+        if not np.isfinite(sums).all():  # a state outside of the material's domain
+            sums[:] = 0.0
+        found = np.linalg.lstsq(sums[:-1, :-1], -sums[:-1, -1], rcond=None)[0]
+        for term, imbalance, column in zip(self._terms, found, columns, strict=True):
+            term.imbalance = float(imbalance)
+            force.array[:owned] += imbalance * column
         self._U.assemble()
         self.mat.assemble()
+
+    def _reduced(
+        self, g: PETSc.Vec, reduce: Callable[[PETSc.Vec], None] | None
+    ) -> npt.NDArray[Any]:
+        """Return this rank's part of a derivative by the free unknowns; it changes ``g``."""
+        if reduce:
+            reduce(g)
+        self._project(g.array)
+        return np.asarray(g.array_r)
