@@ -35,6 +35,9 @@ RESTS = ("first", "offset")
 #: Time integrators (`fem_snh.steps.dynamics.integrators`); without damping of their own: newmark.
 INTEGRATORS = ("backward_euler", "newmark", "bdf2", "generalized_alpha", "semi_implicit")
 
+#: What a table is between its points (`fem_snh.tables.amplitudes`).
+INTERPOLATIONS = ("linear", "smooth")
+
 #: Mass matrices (`fem_snh.assembly.nodal_mass`).
 MASSES = ("consistent", "lumped")
 

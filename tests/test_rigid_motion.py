@@ -17,6 +17,7 @@ from scipy.integrate import solve_ivp
 import fem_snh
 from fem_snh.geometry.rotations import exponential, logarithm, skew
 from fem_snh.scenes import Geometry, Gravity, Hold, MaterialChoice, Rigid, Scene, Time
+from fem_snh.tables.amplitudes import Amplitude
 
 mpi = pytest.mark.mpi
 
@@ -193,3 +194,30 @@ def test_force_on_a_part_that_a_record_moves(comm, integrator, spacing):
     exact = np.sin(w * np.arange(1, steps + 1) / steps)[:, None] * size
     weight = np.array(found) - exact
     assert abs(weight / size).max() < (w / steps) ** 2 / 3
+
+
+@mpi
+@pytest.mark.parametrize("integrator", ["bdf2", "newmark", "generalized_alpha"])
+def test_force_on_a_part_that_a_coarse_record_moves(comm, integrator):
+    """It is m a, with steps a quarter of the distance of the points, if these are interpolated."""
+    w, steps, points = 4 * np.pi, 80, np.linspace(0, 1, 21)
+    record = Amplitude(
+        name="record",
+        points=[*zip(points.tolist(), np.sin(w * points).tolist(), strict=True)],
+        interpolation="smooth",
+    )
+    problem = box(comm, integrator, 1.0, translate=(0.1, 0, 0), table=record.value)
+    problem.start()
+    size, found = 0.1 * w**2 * DENSITY * SIDES.prod(), []
+    for _ in range(steps):
+        assert problem.step(1.0 / steps)
+        forces = problem._problem.x.duplicate()
+        problem._problem.gradient(problem._problem.x, forces)
+        found.append(problem._problem.rigid.states(problem._problem.x, forces)["box"]["force"][0])
+    exact = -size * np.sin(w * np.arange(1, steps + 1) / steps)
+    # The second derivative of a cubic spline is off by (w h)^2 / 12, more beside its ends.
+    inside = slice(8, -8)
+    assert abs(np.array(found) - exact)[inside].max() < 1.5 * (w / 20) ** 2 / 12 * size
+    linear = record.model_copy(update={"interpolation": "linear"})
+    assert linear.has_kinks(1 / steps) and not linear.has_kinks(1 / 20)
+    assert not record.has_kinks(1 / steps)

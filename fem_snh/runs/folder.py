@@ -27,7 +27,7 @@ from fem_snh.problem.reactions import is_free
 from fem_snh.run_files import LEVELS, NEXT_LEVEL, RunFiles
 from fem_snh.run_tables import flat, table_text
 from fem_snh.runs.defaults import describe_condensation, describe_defaults
-from fem_snh.runs.notes import mesh_note, partial_rotations, shape_notes, turns
+from fem_snh.runs.notes import kinks, mesh_note, partial_rotations, shape_notes, turns
 from fem_snh.scenes import MaterialChoice, Scene
 from fem_snh.terms.feature import grouped
 
@@ -58,7 +58,7 @@ def describe(setup: Setup) -> dict[str, Any]:
         for choice, region in zip(scene.materials, problem.regions, strict=True)
     ]
     texts = [text for term in problem.terms if (text := getattr(term, "note", ""))]
-    texts += [*turns(scene), *partial_rotations(scene)]
+    texts += [*turns(scene), *partial_rotations(scene), *kinks(scene)]
     texts += [*problem.dirichlet.contradictions_of_values(), *problem.reaction_notes]
     texts += [
         f"reactions of {key!r}: nothing constrains its nodes: the force is zero, up to the residual"

@@ -58,6 +58,22 @@ def turns(scene: Scene) -> list[str]:
     return found
 
 
+def kinks(scene: Scene) -> list[str]:
+    """Return a line for each table by which a velocity jumps in time, within its points."""
+    if not scene.time:
+        return []
+    motions: list[Any] = [*scene.move, *scene.rigid]
+    motions += [motion.rotate for motion in motions if motion.rotate]
+    moved = {motion.table for motion in motions}
+    return [
+        f"the velocity of table {table.name!r} jumps at its points, which are farther apart than "
+        "the time steps: forces of inertia there grow as the steps become shorter, and a stiff "
+        "body rings; of a record take interpolation = 'smooth'"
+        for table in scene.table
+        if table.name in moved and table.has_kinks(scene.time.duration / scene.time.steps)
+    ]
+
+
 def partial_rotations(scene: Scene) -> list[str]:
     """Return a line for each rotation that does not prescribe all components that it moves."""
     known = "xyz" if scene.kinematics in (None, "axisymmetric_torsion") else "xy"

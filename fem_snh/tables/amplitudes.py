@@ -4,17 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 from typing import Annotated, Any
 
 import numpy as np
 from pydantic import Field, PlainSerializer, field_validator
 
-from fem_snh.choices import LARGEST_NUMBER
+from fem_snh.choices import INTERPOLATIONS, LARGEST_NUMBER
 from fem_snh.errors import bad_value, check_number, choose
 from fem_snh.tables.types import Text
-from fem_snh.tables.validation import Bounded, Expect, Table
+from fem_snh.tables.validation import Bounded, Expect, OneOf, Table
 
+#: Relative difference of numbers in a file that is rounding.
+_ROUNDING = 1e-6
 _POINTS = "a list of [load, value], two or more, the loads ascending"
 
 Points = Annotated[tuple[tuple[Bounded, Bounded], ...], Field(min_length=2), Expect(_POINTS)]
@@ -45,12 +48,18 @@ MOTION_TABLE = "Name of the [[table]] that is its amplitude; default: the load i
 
 
 class Amplitude(Table):
-    """A factor of loads and motions that name it: linear between points, constant beyond them."""
+    """A factor of loads and motions that name it, constant beyond its points."""
 
     name: Text = Field(description="Name by which loads and motions refer to it.")
     points: Points = Field(
-        description="Points [load, value] of the piecewise linear function; in a scene with "
-        "[time], [time in s, value]."
+        description="Points [load, value] of the function; in a scene with [time], [time in s, "
+        "value]."
+    )
+    interpolation: Annotated[str, OneOf("interpolation", INTERPOLATIONS)] = Field(
+        default=INTERPOLATIONS[0],
+        description="linear between the points, or smooth: a cubic spline through them, whose "
+        "velocities and accelerations are continuous, for records that move a body in time by "
+        "steps shorter than the distance of the points.",
     )
 
     @field_validator("points")
@@ -64,7 +73,28 @@ class Amplitude(Table):
     def value(self, load: float) -> float:
         """Return the factor at a load, or at a time in a scene with ``[time]``."""
         loads, values = zip(*self.points, strict=True)
-        return float(np.interp(load, loads, values))
+        if self.interpolation == "linear":
+            return float(np.interp(load, loads, values))
+        return float(self._spline(np.clip(load, loads[0], loads[-1])))
+
+    def has_kinks(self, step: float) -> bool:
+        """Return whether its slope jumps at points, and such steps are shorter than its parts."""
+        loads, values = np.transpose(self.points)
+        slopes = np.diff(values) / np.diff(loads)
+        kinked = bool(np.ptp(slopes) > _ROUNDING * np.abs(slopes).max())
+        return (
+            self.interpolation == "linear"
+            and kinked
+            and step < (1 - _ROUNDING) * np.diff(loads).max()
+        )
+
+    @cached_property
+    def _spline(self) -> Function:
+        """The cubic spline through the points."""
+        from scipy.interpolate import CubicSpline
+
+        spline: Function = CubicSpline(*zip(*self.points, strict=True))
+        return spline
 
 
 def check_tables(tables: Sequence[Amplitude], scene: Mapping[str, Any]) -> None:
