@@ -18,9 +18,9 @@ from fem_snh.errors import ResultNote, check_whole, choose
 from fem_snh.kernels.material import Material
 from fem_snh.notes import Note
 from fem_snh.problem.dolfinx_problem import LoadFunction, check_lists, create_dolfinx_problem
+from fem_snh.problem.modes import HasModes
 from fem_snh.problem.problem import Problem
-from fem_snh.problem.program_modes import HasModes
-from fem_snh.problem.program_reactions import HasReactions
+from fem_snh.problem.reactions import HasReactions
 from fem_snh.problem.supports import SupportsCheck
 from fem_snh.solver.options import GivenOptions
 from fem_snh.steps.condensation import program_pressures

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from mpi4py import MPI
 
 import fem_snh
-from fem_snh.steps.step_size import AdaptiveStepSize, StepSize
+from fem_snh.steps.stepping import AdaptiveStepSize, StepSize
 
 ALONE, ALL = MPI.COMM_SELF, MPI.COMM_WORLD
 

@@ -16,7 +16,7 @@ import ufl
 
 from fem_snh import _dolfinx
 from fem_snh.errors import BadInput, on_root
-from fem_snh.runs.output.grid_series import GridSeries
+from fem_snh.runs.output.fields import GridSeries
 from fem_snh.runs.output.vtu import DataArray
 
 CELLS = 3  # along an edge of the cube

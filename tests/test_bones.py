@@ -17,8 +17,7 @@ from fem_snh.errors import BadInput
 from fem_snh.geometry.bones import Bone
 from fem_snh.geometry.shapes import Capsule, Sphere, from_record
 from fem_snh.mesh import lattice
-from fem_snh.problem.bone_conditions import BoneConditions
-from fem_snh.problem.bone_nodes import place_bones
+from fem_snh.problem.bones import BoneConditions, place_bones
 
 E = 1e4  # of the bar, whose volume is 2
 #: Affine and not rigid: a bone of a skinned character.

@@ -197,11 +197,11 @@ STUDIES = {"sweep", "tradeoff", "extremes"}
 #: Examples that need a mesh, and the test that runs the same lines.
 EXAMPLES_ELSEWHERE = {
     "fem_snh/accuracy/program_goals.py": "tests/test_error_of_programs.py",
-    "fem_snh/problem/bone_conditions.py": "tests/test_bones.py",
+    "fem_snh/problem/bones.py": "tests/test_bones.py",
     "fem_snh/dynamic_problem.py": "tests/test_dynamic_problem.py",
     "fem_snh/nonlinear_problem.py": "tests/test_nonlinear_problem.py",
-    "fem_snh/problem/program_modes.py": "tests/test_program_modes.py",
-    "fem_snh/problem/program_reactions.py": "tests/test_plane_problems.py",
+    "fem_snh/problem/modes.py": "tests/test_program_modes.py",
+    "fem_snh/problem/reactions.py": "tests/test_plane_problems.py",
     "fem_snh/runs/start.py": "tests/test_start_from_run.py",
 }
 

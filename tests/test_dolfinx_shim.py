@@ -8,7 +8,7 @@ import ufl
 
 from fem_snh import _dolfinx
 from fem_snh.mesh import mesh
-from fem_snh.runs.output.grid_series import GridSeries
+from fem_snh.runs.output.fields import GridSeries
 from fem_snh.runs.output.vtu import DataArray
 
 ELEMENTS = [("hexahedron", 1), ("tetrahedron", 1), ("hexahedron", 2), ("tetrahedron", 2)]

@@ -12,7 +12,7 @@ import pytest
 from running import solve
 
 from fem_snh import _dolfinx
-from fem_snh.accuracy.probe_cells import MOST_RADII, sizes_near
+from fem_snh.accuracy.goals import MOST_RADII, sizes_near
 from fem_snh.mesh.mesh import cell_volumes
 from fem_snh.runs.first_mesh import fine_at, stress_probes
 from fem_snh.runs.refinement import mesh_like

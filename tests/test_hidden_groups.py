@@ -19,7 +19,7 @@ from fem_snh.assembly.regions import Region
 from fem_snh.kernels.material import material
 from fem_snh.mesh import mesh
 from fem_snh.mesh.mesh import Group
-from fem_snh.runs.output.cell_groups import cell_groups
+from fem_snh.runs.output.fields import cell_groups
 from fem_snh.viewing import render
 from fem_snh.viewing.render import drawing, surfaces
 from fem_snh.viewing.render.options import view_options

@@ -22,7 +22,7 @@ from fem_snh.geometry.shapes import ClosedSurface
 from fem_snh.mesh import mesh
 from fem_snh.references import load_reference
 from fem_snh.runs import checkpoint_file
-from fem_snh.runs.scene_identity import _digest
+from fem_snh.runs.scene_options import _digest
 from fem_snh.scenes import load
 from fem_snh.studies.processes import environment, program
 from fem_snh.viewing.render import read_record

@@ -21,7 +21,7 @@ from picture_runs import CELLS, bad, nodal_arrays, record, write_record, write_r
 import fem_snh
 from fem_snh import _dolfinx
 from fem_snh.errors import BadInput, on_root
-from fem_snh.runs.output.grid_series import GridSeries
+from fem_snh.runs.output.fields import GridSeries
 from fem_snh.viewing import plots, render
 from fem_snh.viewing.render import drawing, modes, surfaces, worker
 

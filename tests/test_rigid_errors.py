@@ -9,9 +9,8 @@ from rigid_bodies import HINGE_BETWEEN, bushing, bushing_mesh, corner_program
 from running import solve
 
 from fem_snh.accuracy.duals import Linearisation
-from fem_snh.accuracy.goals import ReactionGoal
+from fem_snh.accuracy.goals import ReactionGoal, RigidGoal
 from fem_snh.accuracy.hessian_solver import HessianSolver
-from fem_snh.accuracy.rigid_goals import RigidGoal
 from fem_snh.errors import BadInput
 from fem_snh.mesh.centroid import centroid
 from fem_snh.scenes import Accuracy, Geometry, MaterialChoice, Rigid, Scene

@@ -22,7 +22,7 @@ from fem_snh import scenes
 from fem_snh.errors import BadInput
 from fem_snh.mesh import gmsh_input, mesh, mesh_checks, simplices, xao_writer
 from fem_snh.mesh.xao_file import ENTRIES, LISTS
-from fem_snh.runs.scene_identity import identity
+from fem_snh.runs.scene_options import identity
 
 mpi = pytest.mark.mpi
 DATA = Path(__file__).parent / "data"

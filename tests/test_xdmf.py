@@ -16,7 +16,7 @@ from fem_snh.cli import main
 from fem_snh.errors import BadInput
 from fem_snh.files import xdmf_data
 from fem_snh.mesh import mesh
-from fem_snh.runs.scene_identity import identity
+from fem_snh.runs.scene_options import identity
 from fem_snh.scenes import Hold, MaterialChoice, Move, Scene
 
 pytestmark = pytest.mark.mpi

@@ -1,6 +1,6 @@
 """What a result is worth: estimated errors of goals; locking, inversion, and notes.
 
-Goals are scalars of a state (`goals`, `rigid_goals`, `stress_goals`, `frequency_goals`). Their
+Goals are scalars of a state (`goals`, `stress_goals`, `frequency_goals`). Their
 errors are estimated by a second solution in a better element on the same cells:
 
 - `estimate` adds up the parts of the errors. `lifted_elements` chooses the element, `lift` solves

@@ -22,18 +22,18 @@ from fem_snh.accuracy.goals import (
     MeanGoal,
     PointGoal,
     ReactionGoal,
+    RigidGoal,
     TermGoal,
     VolumeGoal,
     names_of,
 )
 from fem_snh.accuracy.path_errors import Path, estimate_on_path
-from fem_snh.accuracy.rigid_goals import RigidGoal
 from fem_snh.errors import BadInput, bad_value, check_number, check_whole, choose
-from fem_snh.problem.dolfinx_problem import DolfinxConditions, check_converged
+from fem_snh.problem.dolfinx_problem import DolfinxConditions
 from fem_snh.problem.lifted_problem import lifted_problem
-from fem_snh.problem.problem import Problem
-from fem_snh.problem.program_modes import ProgramModes
-from fem_snh.problem.program_reactions import (
+from fem_snh.problem.modes import ProgramModes
+from fem_snh.problem.problem import Problem, check_converged
+from fem_snh.problem.reactions import (
     condition_number,
     counted_weights,
     is_condition,

@@ -26,8 +26,7 @@ import ufl
 
 from fem_snh import _dolfinx
 from fem_snh.accuracy.duals import Dual, Linearisation
-from fem_snh.accuracy.goals import CellsGoal, derivative_of
-from fem_snh.accuracy.probe_cells import MOST_RADII, REACH, sizes_near
+from fem_snh.accuracy.goals import MOST_RADII, REACH, CellsGoal, derivative_of, sizes_near
 from fem_snh.assembly.ghosted_vectors import copy_to_function
 from fem_snh.errors import BadInput, bad_value
 from fem_snh.kernels.ufl_forms import energy_density

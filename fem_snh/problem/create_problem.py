@@ -32,7 +32,7 @@ from fem_snh.terms.feature import Feature, create_terms
 from fem_snh.terms.term import Term
 
 if TYPE_CHECKING:
-    from fem_snh.problem.bone_nodes import BoneNodes
+    from fem_snh.problem.bones import BoneNodes
 
 
 def create_problem(

@@ -31,15 +31,14 @@ from fem_snh.assembly.elements import (
     element,
     names_for,
 )
-from fem_snh.assembly.ghosted_vectors import local_values, update_ghosts
+from fem_snh.assembly.ghosted_vectors import local_values, summed_over_ranks, update_ghosts
 from fem_snh.assembly.inclined_planes import InclinedPlanes
 from fem_snh.assembly.kinematics import PLANE_CELLS, SOLID, Kinematics, find_kinematics
 from fem_snh.assembly.regions import Region, check_partition
 from fem_snh.assembly.unknowns import create_unknowns
-from fem_snh.errors import BadInput, bad_value, check_whole, in_words, unknown_name
+from fem_snh.errors import bad_value, check_whole, in_words, unknown_name
 from fem_snh.kernels.material import Material
 from fem_snh.mesh.mesh_checks import check_geometry, check_half_plane
-from fem_snh.problem.covered_nodes import covered_nodes
 from fem_snh.problem.problem import Problem
 from fem_snh.tables.amplitudes import Amplitudes
 from fem_snh.tables.types import surface_name
@@ -381,12 +380,6 @@ def check_lists(problem: Problem, bcs: Sequence[Any] | None, terms: Sequence[Any
             raise bad_value(key, f"a list of {len(present or ())} that has changed", accepted)
 
 
-def check_converged(reason: str, asked: str) -> None:
-    """Raise BadInput, with what asks for a solution, unless the last solve found one."""
-    if not reason.startswith("CONVERGED"):
-        raise BadInput(f"{asked}: expected a solution that has converged: call solve()")
-
-
 def _term(term: Any, name: str, u: Any, depends_on_load: bool) -> Any:
     """Return a feature or a term as it is, and the term of a form. Collective."""
     if isinstance(term, Feature | Term):
@@ -585,3 +578,42 @@ def _curvature(problem: Problem, gradient: Array) -> float:
         works.append(float(force.dot(moved)))
     volume = problem.length**problem.kinematics.volume_dimension
     return (works[0] - works[1]) / (2 * _STRAIN * volume)
+
+
+def covered_nodes(V: Any, constrained: Array, axis: Array) -> Array:
+    """Return the nodes of facets whose nodes are all constrained, by component. Collective.
+
+    Parameters
+    ----------
+    V : dolfinx function space
+        The displacement's space.
+    constrained : (local nodes, components) bool
+        What is constrained, ghosts included.
+    axis : (n,) int
+        Local nodes on the axis of revolution, whose facets have no area.
+
+    Returns
+    -------
+    (local nodes, components) bool
+    """
+    domain, cells = V.mesh, _dolfinx.node_dofs(V)
+    kind = _dolfinx.cell_name(domain)
+    off_axis = np.ones(len(constrained), dtype=bool)
+    off_axis[axis] = False
+    marks = np.zeros(constrained.shape)
+    for local in _facets(kind, _dolfinx.reference_nodes(kind, _dolfinx.degree(V))):
+        nodes = cells[:, local]
+        whole = constrained[nodes].all(axis=1) & off_axis[nodes].any(axis=1)[:, None]
+        for component in range(constrained.shape[1]):
+            marks[nodes[whole[:, component]], component] = 1.0
+    return summed_over_ranks(V, marks) > 0
+
+
+def _facets(kind: str, points: Array) -> list[Array]:
+    """Return the numbers of the nodes on each facet of a reference cell."""
+    distances = list(points.T)
+    if kind in ("triangle", "tetrahedron"):
+        distances.append(1 - points.sum(axis=1))
+    else:
+        distances += list(1 - points.T)
+    return [np.flatnonzero(np.abs(distance) < _ROUNDING) for distance in distances]

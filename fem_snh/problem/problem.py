@@ -32,7 +32,7 @@ from fem_snh.assembly.regions import Region, reference_modulus, without_cells
 from fem_snh.assembly.timing import timed
 from fem_snh.assembly.unknowns import Displacement, DisplacementPressure, pressure_unit
 from fem_snh.choices import ASSEMBLIES, DEFAULT_ASSEMBLY
-from fem_snh.errors import choose
+from fem_snh.errors import BadInput, choose
 from fem_snh.kernels.material import material
 from fem_snh.linalg.asymmetry import is_symmetric
 from fem_snh.mesh.mesh import cell_volumes, volume
@@ -569,3 +569,9 @@ class Problem:
         """Return the displacement's entries of ``x`` at the nodes of this rank, (n, components)."""
         values: Array = x.array_r[: self.owned_displacements]
         return values.reshape(-1, self._unknowns.components)
+
+
+def check_converged(reason: str, asked: str) -> None:
+    """Raise BadInput, with what asks for a solution, unless the last solve found one."""
+    if not reason.startswith("CONVERGED"):
+        raise BadInput(f"{asked}: expected a solution that has converged: call solve()")

@@ -27,7 +27,7 @@ from fem_snh.run_files import CHECKPOINT
 from fem_snh.runs.folder import Folder
 from fem_snh.runs.output import nodal_values
 from fem_snh.runs.output.nodal_values import gather_rows
-from fem_snh.runs.scene_identity import identity
+from fem_snh.runs.scene_options import identity
 
 if TYPE_CHECKING:
     from fem_snh.runs.setup import Setup

@@ -71,7 +71,7 @@ def run(
         Continue the run in ``out`` from its last step, on any number of ranks; with
         ``accuracy.within`` from the level after the last that was finished. It must be a run of
         the same scene, except for the keys SOLVER_KEYS and OUTPUT_KEYS of
-        ``fem_snh.runs.scene_identity``.
+        ``fem_snh.runs.scene_options``.
     comm : MPI.Comm
         The communicator.
     progress : bool

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh import scenes
-from fem_snh.accuracy.probe_cells import MOST_RADII, sizes_near
+from fem_snh.accuracy.goals import MOST_RADII, sizes_near
 from fem_snh.assembly.elements import element
 from fem_snh.assembly.kinematics import kinematics_of
 from fem_snh.mesh import simplices

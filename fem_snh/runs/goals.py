@@ -14,10 +14,10 @@ from fem_snh.accuracy.goals import (
     MeanGoal,
     PointGoal,
     ReactionGoal,
+    RigidGoal,
     TermGoal,
     VolumeGoal,
 )
-from fem_snh.accuracy.rigid_goals import RigidGoal
 from fem_snh.assembly.boundary_conditions import reaction_weights
 from fem_snh.assembly.kinematics import kinematics_of
 from fem_snh.errors import BadInput, bad_value

@@ -22,7 +22,7 @@ from fem_snh.runs.checkpoint_file import load, unusable
 from fem_snh.runs.folder import Folder
 from fem_snh.runs.output import nodal_values
 from fem_snh.runs.output.nodal_values import gather_rows, match_nodes, scatter_rows
-from fem_snh.runs.scene_identity import check_same, identity
+from fem_snh.runs.scene_options import check_same, identity
 from fem_snh.scenes import Scene
 from fem_snh.steps.stepping import Stepper
 

@@ -143,7 +143,7 @@ def set_up(
         steps, every = scene.time.steps, scene.time.output_every
         motion = start_motion(problem, scene.time, scene.start)
     if scene.bone:
-        from fem_snh.problem.bone_records import BoneRecords
+        from fem_snh.problem.bones import BoneRecords
 
         bones = BoneRecords(problem)
     mixed = elements.with_cell_pressures(element)

@@ -31,7 +31,7 @@ from fem_snh.mesh.round_faces import RoundFaces
 from fem_snh.run_files import LEVELS
 from fem_snh.run_record import load_record
 from fem_snh.runs.folder import Folder
-from fem_snh.runs.scene_identity import check_same, identity
+from fem_snh.runs.scene_options import check_same, identity
 
 Array = npt.NDArray[Any]
 #: Keys of the mesh's arrays, and of errors in cells and entities of groups, before their number.

@@ -20,7 +20,7 @@ from fem_snh.assembly.regions import Region
 from fem_snh.choices import MASSES
 from fem_snh.problem.initial_state import initial_velocity
 from fem_snh.problem.problem import Problem
-from fem_snh.steps.step_size import AdaptiveStepSize, StepSize
+from fem_snh.steps.stepping import AdaptiveStepSize, StepSize
 
 if TYPE_CHECKING:
     from fem_snh.scenes import Start, Time

@@ -4,26 +4,30 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from fem_snh import _dolfinx
+from fem_snh.assembly.regions import Region
+from fem_snh.atomic_files import replace_file
+from fem_snh.errors import on_every, on_root
+from fem_snh.mesh.mesh import Mesh
 from fem_snh.output_fields import CELL_GROUP, ERRORS, SUMMED
 from fem_snh.problem.problem import Problem
+from fem_snh.pvd import Collection
 from fem_snh.run_files import RunFiles
-from fem_snh.runs.output.grid_series import GridSeries
-from fem_snh.runs.output.vtu import DataArray
+from fem_snh.runs.output.vtu import DataArray, VtkGrid, pvtu_file, vtu_file
 from fem_snh.terms.history import SurfaceTerm
 
 if TYPE_CHECKING:
     from fem_snh.problem.modes import VibrationModes
-    from fem_snh.runs.output.cell_groups import CellGroups
     from fem_snh.runs.output.field_values import RequestedFields
     from fem_snh.runs.output.obstacle_series import ObstacleSeries
     from fem_snh.runs.output.skin_series import SkinSeries
     from fem_snh.runs.setup import Setup
+
 
 Array = npt.NDArray[Any]
 
@@ -81,7 +85,7 @@ class Fields:
         self._names = ["J", "min_J", *energy, "min_eigenvalue"]
         groups: CellGroups | None = None
         if setup.mesh.has_parts or len(problem.regions) > 1:
-            from fem_snh.runs.output.cell_groups import cell_groups
+            from fem_snh.runs.output.fields import cell_groups
 
             groups = cell_groups(setup.mesh, problem.regions)
         self.group_names = groups.names if groups else []
@@ -200,3 +204,109 @@ def write_modes(path: Path, modes: VibrationModes, files: RunFiles | None = None
             for name, shape in shapes.items()
         ]
         series.write(float(number), points)
+
+
+class GridSeries(Collection):
+    """Values at the nodes and of the cells of a mesh at increasing times. Collective.
+
+    Another run can continue the series on another number of ranks. Nodes between ranks are points
+    of each of them, marked by ``vtkGhostType`` on those that do not own them.
+
+    Parameters
+    ----------
+    path : Path
+        The .pvd file.
+    V : dolfinx function space
+        A Lagrange space, whose nodes are the points.
+    until : float, optional
+        Keep the states of an existing file up to this time.
+    files : RunFiles, optional
+        The run's files.
+    """
+
+    def __init__(
+        self, path: Path, V: Any, until: float | None = None, files: RunFiles | None = None
+    ) -> None:
+        super().__init__(V.mesh.comm, path, until, files)
+        self._grid = VtkGrid(*_dolfinx.vtk_mesh(V))
+        self._marks: list[DataArray] = []
+        if self.comm.size > 1:
+            owned, ghosts = _dolfinx.num_nodes(V)
+            ghost = np.repeat(np.array([0, 1], np.uint8), [owned, ghosts])
+            self._marks.append(DataArray("vtkGhostType", ghost))
+
+    def write(self, t: float, points: Sequence[DataArray], cells: Sequence[DataArray] = ()) -> None:
+        """Append a state. Collective.
+
+        Parameters
+        ----------
+        t : float
+            The time.
+        points, cells : sequence of DataArray
+            Values at this rank's nodes, ghosts included, and of its cells.
+
+        Raises
+        ------
+        BadInput
+            On every rank, if one of them cannot write its file.
+        """
+        points = [*points, *self._marks]
+        names = [self.name(".vtu", f"_p{rank}_") for rank in range(self.comm.size)]
+        state = self.name(".pvtu")
+        on_root(self.comm, self.announce, state, *names)
+        content = vtu_file(self._grid, points, cells)
+        piece = self.path.with_name(names[self.comm.rank])
+        on_every(self.comm, replace_file, piece, lambda file: file.writelines(content))
+        on_root(self.comm, self._list, t, state, pvtu_file(names, points, cells))
+        self.times.append(t)
+
+    def _list(self, t: float, state: str, text: str) -> None:
+        """Write the state's .pvtu, then the .pvd. On rank 0."""
+        replace_file(self.path.with_name(state), text)
+        self.list_next(t, ".pvtu")
+
+
+class CellGroups(NamedTuple):
+    """The parts of a mesh: cells of the same physical groups and of the same material.
+
+    Attributes
+    ----------
+    names : list of list of str
+        The groups of each part, and its material where the body has several.
+    numbers : (n,) int array
+        The part of each cell that this rank owns.
+    """
+
+    names: list[list[str]]
+    numbers: npt.NDArray[Any]
+
+
+def cell_groups(mesh: Mesh, regions: list[Region]) -> CellGroups | None:
+    """Return the parts of a mesh; None if all cells are in one. Collective.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        The mesh with its physical groups, which may overlap.
+    regions : list of Region
+        The materials; rigid cells have none.
+    """
+    count = _dolfinx.num_owned(mesh.domain)
+    groups = [group for group in mesh.groups if group.dim == mesh.dim and group.count]
+    # A column for each group, and one with the number of the material.
+    kind = np.zeros((count, len(groups) + 1), dtype=np.int32)
+    for column, group in enumerate(groups):
+        kind[group.entities[group.entities < count], column] = 1
+    for number, region in enumerate(regions, 1):
+        kind[region.cells, -1] = number
+    gathered = np.concatenate(mesh.domain.comm.allgather(np.unique(kind, axis=0)))
+    parts, numbers = np.unique(np.concatenate([gathered, kind]), axis=0, return_inverse=True)
+    if len(parts) < 2:
+        return None
+    names = []
+    for *members, material in parts:
+        found = [group.name for group, member in zip(groups, members, strict=True) if member]
+        if material and len(regions) > 1:
+            found.append(regions[material - 1].material.numbers.name)
+        names.append(found)
+    return CellGroups(names, numbers.ravel()[len(gathered) :])
