@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from fem_snh.geometry.shapes.closed_surface import ClosedSurface
 from fem_snh.geometry.shapes.polygon import Polygon
 from fem_snh.geometry.shapes.round_shapes import Capsule, Cylinder, Sphere
 from fem_snh.geometry.shapes.shape import Array, Shape
+from fem_snh.geometry.shapes.unions import SmoothUnion, Union
 
 Triangles = npt.NDArray[np.int64]
 
@@ -19,21 +21,32 @@ Triangles = npt.NDArray[np.int64]
 _CIRCLE = 48
 
 
-def surface_triangles(shape: Shape, centre: Array, radius: float) -> tuple[Array, Triangles]:
+def surface_triangles(
+    shape: Shape,
+    centre: Array,
+    radius: float,
+    level_set: Callable[[SmoothUnion, Array, float], tuple[Array, Triangles]] | None = None,
+) -> tuple[Array, Triangles]:
     """Return points (n, 3) [length] and triangles (m, 3) of a shape's surface.
 
     Parameters
     ----------
     shape : Shape
-        The shape at its reference position; no union.
+        The shape at its reference position.
     centre, radius : (3,) array, float
         A ball [length]: surfaces without an end are cut off outside of it.
+    level_set : callable, optional
+        Returns the triangles of a smooth union in the ball.
 
     Raises
     ------
     TypeError
         For another shape.
     """
+    if isinstance(shape, Union):
+        return join([surface_triangles(s, centre, radius, level_set) for s in shape.shapes])
+    if isinstance(shape, SmoothUnion) and level_set:
+        return level_set(shape, centre, radius)
     if isinstance(shape, ClosedSurface):
         return shape.points, shape.triangles
     if isinstance(shape, Plane):
@@ -61,6 +74,13 @@ def surface_triangles(shape: Shape, centre: Array, radius: float) -> tuple[Array
         start = start + axis * ((centre - start) @ axis - radius)
         return _revolved(start, axis, np.array([0.0, 2 * radius]), np.array([r, r]))
     raise TypeError(f"no triangles of a {type(shape).__name__}")
+
+
+def join(parts: Sequence[tuple[Array, Triangles]]) -> tuple[Array, Triangles]:
+    """Return several surfaces' points and triangles as one."""
+    first = np.cumsum([0, *(len(points) for points, _ in parts[:-1])])
+    points = np.concatenate([points for points, _ in parts])
+    return points, np.concatenate([t + n for (_, t), n in zip(parts, first, strict=True)])
 
 
 def _arc(radius: float, length: float) -> tuple[Array, Array]:

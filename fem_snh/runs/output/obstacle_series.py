@@ -13,8 +13,8 @@ import numpy.typing as npt
 
 from fem_snh.errors import on_root
 from fem_snh.geometry.motions import MovingShape, Pose
-from fem_snh.geometry.shapes import Revolved, Shape, SmoothUnion, Union
-from fem_snh.geometry.shapes.triangles import surface_triangles
+from fem_snh.geometry.shapes import Revolved, SmoothUnion, Union
+from fem_snh.geometry.shapes.triangles import join, surface_triangles
 from fem_snh.problem.initial_state import bounding_box
 from fem_snh.problem.problem import Problem
 from fem_snh.pvd import Collection
@@ -87,40 +87,29 @@ class ObstacleSeries(Collection):
             )
             parts.append((pose.apply(X), triangles))
         numbers = np.repeat(np.arange(len(parts)), [len(triangles) for _, triangles in parts])
-        grid = VtkGrid(*_joined(parts), TRIANGLE)
+        grid = VtkGrid(*join(parts), TRIANGLE)
         self.write_next(t, vtu_file(grid, cells=[DataArray("obstacle", numbers)]))
 
     def _triangles(self, i: int, centre: Array, size: Array) -> tuple[Array, Array]:
         """Return the triangles of an obstacle at its reference position, near the body."""
         if i not in self._made:
             shape, radius = self._obstacles[i].shape, _REACH / 2 * float(np.linalg.norm(size))
-            found = _surface(shape, centre, radius)
+            if isinstance(shape, Revolved):
+                shape = shape.section
+            found = surface_triangles(shape, centre, radius, _smooth_triangles)
             if not np.isfinite(shape.bounds).all():
                 return found
             self._made[i] = found
         return self._made[i]
 
 
-def _joined(parts: Sequence[tuple[Array, Array]]) -> tuple[Array, Array]:
-    """Return several surfaces' points and triangles as one."""
-    first = np.cumsum([0, *(len(points) for points, _ in parts[:-1])])
-    points = np.concatenate([points for points, _ in parts])
-    return points, np.concatenate([t + n for (_, t), n in zip(parts, first, strict=True)])
+def _smooth_triangles(shape: SmoothUnion, centre: Array, radius: float) -> tuple[Array, Array]:
+    """Return the triangles of a smooth union on the cubes of a grid.
 
-
-def _surface(shape: Shape, centre: Array, radius: float) -> tuple[Array, Array]:
-    """Return the triangles of a shape, those of a smooth union on the cubes of a grid.
-
-    The seams of a smooth union without an end are left sharp. Of a revolved shape they are those
-    of the section.
+    The seams of a smooth union without an end are left sharp.
     """
-    if isinstance(shape, Revolved):
-        return _surface(shape.section, centre, radius)
-    bounded = np.isfinite(shape.bounds).all()
-    if isinstance(shape, Union) or (isinstance(shape, SmoothUnion) and not bounded):
-        return _joined([_surface(part, centre, radius) for part in shape.shapes])
-    if not isinstance(shape, SmoothUnion):
-        return surface_triangles(shape, centre, radius)
+    if not np.isfinite(shape.bounds).all():
+        return surface_triangles(Union(shape.shapes), centre, radius, _smooth_triangles)
     from fem_snh.mesh.lattice.grid import Grid, cells_of_box
     from fem_snh.mesh.lattice.surface_nets import triangulate
 

@@ -9,7 +9,6 @@ import numpy as np
 import pyvista as pv
 from vtkmodules.vtkFiltersGeneral import vtkContourTriangulator
 
-from fem_snh.errors import BadInput
 from fem_snh.geometry.bones import AffineMotion, AffineTable, RigidAffine
 from fem_snh.geometry.motions import PoseTable
 from fem_snh.geometry.shapes import ClosedSurface, Shape, from_record
@@ -30,8 +29,6 @@ _GRID = 100
 #: The same of sections by the plane of the body, and the distance of the edge from what is filled,
 #: over the size of the picture.
 _FLAT_GRID, _ROUNDING = 400, 1e-6
-#: Divisions of a circle.
-_CIRCLE = 120
 
 
 class Obstacles:
@@ -164,72 +161,23 @@ def triangles(kind: str, keys: Any, centre: np.ndarray, radius: float) -> pv.Pol
     Raises
     ------
     BadInput
-        For a file that cannot be read, and a kind that this version does not know.
+        For a file that cannot be read.
     """
-    if kind == "plane":
-        n = np.array(keys["normal"]) / np.linalg.norm(keys["normal"])
-        foot = centre - n * ((centre - keys["point"]) @ n)
-        size = 2 * radius
-        return pv.Plane(center=tuple(foot), direction=tuple(n), i_size=size, j_size=size)
-    if kind == "sphere":
-        return _sphere(keys["radius"]).translate(keys["center"])
-    if kind == "box":
-        half = np.array(keys["size"]) / 2
-        box: Any = pv.Box(np.column_stack([-half, half]).ravel())
-        angle = float(np.linalg.norm(keys["rotation"]))
-        if angle:
-            box.rotate_vector(keys["rotation"], np.degrees(angle), inplace=True)
-        return box.translate(keys["center"])
     if kind == "surface":
         return read_file(keys)
-    if kind == "union":
-        parts = [triangles(k, v, centre, radius) for table in keys for k, v in table.items()]
-        return parts[0].append_polydata(*parts[1:]) if parts[1:] else parts[0]
-    if kind == "smooth_union":
-        return _level_set(from_record({kind: keys}), centre, radius)
-    if kind == "polygon":
-        return pv.PolyData.from_regular_faces(
-            *surface_triangles(from_record({kind: keys}), centre, radius)
-        )
-    if kind not in ("cylinder", "capsule"):
-        raise BadInput(f"run.json: a shape '{kind}': expected one that this version draws")
-    start, end = np.array(keys["from"]), np.array(keys["to"])
-    t = (end - start) / np.linalg.norm(end - start)
-    if kind == "cylinder":
-        middle, length = (start + end) / 2, float(np.linalg.norm(end - start))
-        if keys.get("infinite"):
-            middle, length = start + t * ((centre - start) @ t), 2 * radius
-        return pv.Cylinder(
-            center=tuple(middle),
-            direction=tuple(t),
-            radius=keys["radius"],
-            height=length,
-            resolution=_CIRCLE,
-        )
-    capsule = _sphere(keys["radius"])  # its halves are moved apart
-    points = capsule.points @ _basis(t).T
-    capsule.points = points + np.where((points @ t > 0)[:, None], end, start)
-    return capsule
+    found = surface_triangles(from_record({kind: keys}), centre, radius, _smooth_triangles)
+    return pv.PolyData.from_regular_faces(*found)
 
 
-def _sphere(radius: float) -> Any:
-    return pv.Sphere(radius=radius, theta_resolution=_CIRCLE, phi_resolution=_CIRCLE // 2)
-
-
-def _level_set(shape: Shape, centre: np.ndarray, radius: float) -> pv.PolyData:
-    """Return the triangles of a shape's surface within a cube around a ball."""
+def _smooth_triangles(
+    shape: Shape, centre: np.ndarray, radius: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the triangles of a smooth union within a cube around a ball."""
     grid = pv.ImageData(
         dimensions=(_GRID,) * 3,
         spacing=(2 * radius / (_GRID - 1),) * 3,
         origin=tuple(centre - radius),
     )
     grid["distance"] = shape.distance(np.asarray(grid.points, dtype=float))
-    found: pv.PolyData = grid.contour([0.0], scalars="distance", method="flying_edges")
-    return found
-
-
-def _basis(t: np.ndarray) -> np.ndarray:
-    """Return a rotation matrix whose third column is a unit vector."""
-    first = np.cross(t, np.eye(3)[np.argmin(np.abs(t))])
-    first /= np.linalg.norm(first)
-    return np.column_stack([first, np.cross(t, first), t])
+    found = grid.contour([0.0], scalars="distance", method="flying_edges")
+    return np.asarray(found.points), found.regular_faces
