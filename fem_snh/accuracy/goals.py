@@ -158,7 +158,7 @@ class ReactionGoal(VectorGoal):
         Name of the force or of the moment.
     entries : callable
         Returns which parts of dE/du at the owned nodes count, given a problem: a mask (n,
-        components), or the weights of `reaction_weights`.
+        components), or the weights of `counted_forces`.
     components : sequence of int, optional
         The components; default: all.
     about : (3,) sequence of float, optional

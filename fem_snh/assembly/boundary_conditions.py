@@ -71,29 +71,24 @@ class NodalMotion(Protocol):
         """Return the (n, 3) displacement [m] of reference points X (n, 3) at a load of 0 to 1."""
 
 
-class GroupCondition(NamedTuple):
-    """What a condition of a physical group constrains.
+class Condition(NamedTuple):
+    """The directions that one condition constrains.
 
     Attributes
     ----------
     label : str
-        The group's label; "bones" for all bones.
-    nodes : (n,) int
-        The local nodes, ghosts included.
-    axes : list of int
-        The components; none of a plane of symmetry.
-    normal : (components,) array or None
-        The normal of a plane of symmetry.
+        The label of its physical group; "bones" for all bones; of a program ``bcs[number]``.
+    directions : sequence of ((n,) int, (components,) array)
+        Local nodes, ghosts included, and the direction that is constrained there.
     """
 
     label: str
-    nodes: Array
-    axes: list[int]
-    normal: Array | None = None
+    directions: Sequence[tuple[Array, Array]]
 
-    def normals(self, components: int) -> Array:
-        """Return the constrained directions, (n, components)."""
-        return np.eye(components)[self.axes] if self.normal is None else self.normal[None]
+    @classmethod
+    def of_axes(cls, label: str, nodes: Array, axes: Sequence[int], components: int) -> Condition:
+        """Return the condition on some components of nodes."""
+        return cls(label, [(nodes, np.eye(components)[axis]) for axis in axes])
 
 
 class Dirichlet:
@@ -122,8 +117,8 @@ class Dirichlet:
         This rank's own cells whose nodes are constrained and that are not assembled.
     thin : ThinSupports or None
         What is constrained at points, in three dimensions also at edges, and by no surface.
-    conditions : sequence of GroupCondition
-        Those of physical groups; at common nodes a later one overrides an earlier one.
+    conditions : sequence of Condition
+        What each condition constrains; at common nodes a later one overrides an earlier one.
     """
 
     constrained: Array
@@ -136,7 +131,7 @@ class Dirichlet:
     part_motions: Sequence[Array] = ()
     solid_cells: Array = np.empty(0, np.int64)
     thin: ThinSupports | None = None
-    conditions: Sequence[GroupCondition] = ()
+    conditions: Sequence[Condition] = ()
 
     def release(self, parts: Array) -> None:
         """Constrain no component of the nodes of rigid parts, (local nodes,) int >= 0."""
@@ -269,18 +264,19 @@ class DirichletConditions(Dirichlet):
         self._moved: list[tuple[Array, list[int], PrescribedDisplacement | NodalMotion, Array]] = []
         #: Where the nodes of bones are in these, if not at their own reference coordinates.
         self._in_bones: dict[int, Array] = {}
-        conditions: list[GroupCondition] = []
+        conditions: list[Condition] = []
         for condition in hold:
-            conditions.append(self._constrain(V, mesh, condition))
+            conditions.append(self._constrain(V, mesh, condition)[0])
         coordinates = V.tabulate_dof_coordinates()
         for motion in move:
-            conditions.append(self._constrain(V, mesh, motion))
-            nodes = conditions[-1].nodes[conditions[-1].nodes < owned]
-            self._moved.append((nodes, conditions[-1].axes, motion, coordinates[nodes]))
+            made, nodes, axes = self._constrain(V, mesh, motion)
+            conditions.append(made)
+            nodes = nodes[nodes < owned]
+            self._moved.append((nodes, axes, motion, coordinates[nodes]))
         self._check_overrides(V, mesh, hold, move)
         for bone in bones:
             self.constrained[bone.nodes] = True
-            conditions.append(GroupCondition("bones", bone.nodes, [0, 1, 2]))
+            conditions.append(Condition.of_axes("bones", bone.nodes, range(3), components))
             nodes = bone.nodes[bone.nodes < owned]
             self._moved.append((nodes, [0, 1, 2], bone, coordinates[nodes]))
         self._on_axis: Array = np.empty(0, np.int64)
@@ -291,7 +287,7 @@ class DirichletConditions(Dirichlet):
             self._on_axis = (components * nodes[:, None] + kinematics.off_axis).ravel()
         planes = [_plane_of_group(V, mesh, plane.group) for plane in symmetry]
         of_planes = [
-            GroupCondition(mesh.group(table.group).label, plane.nodes, [], plane.normal)
+            Condition(mesh.group(table.group).label, [(plane.nodes, plane.normal)])
             for table, plane in zip(symmetry, planes, strict=True)
         ]
         self.conditions = [*of_planes, *conditions]
@@ -303,11 +299,14 @@ class DirichletConditions(Dirichlet):
             self._check_planes(V, planes, symmetry)
         self.thin = self._thin_supports(V, mesh, hold, move, planes)
 
-    def _constrain(self, V: Any, mesh: Mesh, condition: Constraint) -> GroupCondition:
-        """Mark a condition's components as constrained; return its local nodes and components."""
+    def _constrain(
+        self, V: Any, mesh: Mesh, condition: Constraint
+    ) -> tuple[Condition, Array, list[int]]:
+        """Mark what a condition constrains; return it, its local nodes and its components."""
         nodes, axes = group_nodes(V, mesh, condition.group), self._axes(condition)
         self.constrained[nodes[:, None], axes] = True
-        return GroupCondition(mesh.group(condition.group).label, nodes, axes)
+        label, components = mesh.group(condition.group).label, self._kinematics.components
+        return Condition.of_axes(label, nodes, axes, components), nodes, axes
 
     def _axes(self, condition: Constraint) -> list[int]:
         """Return the numbers of a condition's components; those of 3D alone are left out."""
@@ -526,36 +525,43 @@ class CountedForces(NamedTuple):
     others: frozenset[str] = frozenset()
 
 
-def counted_forces(V: Any, mesh: Mesh, key: str | int, dirichlet: Dirichlet) -> CountedForces:
+def group_forces(V: Any, mesh: Mesh, key: str | int, dirichlet: Dirichlet) -> CountedForces:
     """Return the parts of nodal forces that count for the reaction of a group. Collective.
 
-    They are those along what its own conditions constrain: on the edge of two surfaces each has the
-    force of its own condition. What several conditions constrain counts for the one that sets the
-    value, the last: the reactions of all groups with conditions balance the loads. Of a group
-    without conditions, as one that others cover, all count.
+    They are those of its conditions: see `counted_forces`. Of a group without conditions, as one
+    that others cover, all count.
     """
     owned, components = _dolfinx.num_nodes(V)[0], _dolfinx.num_components(V)
-    label, unit = mesh.group(key).label, np.eye(components)
-    weights: Array = np.zeros((owned, components, components))
-    if label not in [condition.label for condition in dirichlet.conditions]:
-        nodes = group_nodes(V, mesh, key)
-        weights[nodes[nodes < owned]] = unit
-        return CountedForces(weights)
+    label = mesh.group(key).label
+    if label in [condition.label for condition in dirichlet.conditions]:
+        return counted_forces(dirichlet, label, owned, components)
+    weights, nodes = np.zeros((owned, components, components)), group_nodes(V, mesh, key)
+    weights[nodes[nodes < owned]] = np.eye(components)
+    return CountedForces(weights)
+
+
+def counted_forces(dirichlet: Dirichlet, label: str, owned: int, components: int) -> CountedForces:
+    """Return the parts of the forces at the owned nodes that count for conditions of one label.
+
+    They are those along what these conditions constrain: on the edge of two surfaces each has the
+    force of its own condition. What several conditions constrain counts for the one that sets the
+    value, the last: the reactions of all conditions balance the loads.
+    """
     # The directions of each node that later conditions have, as projections.
-    taken = np.zeros_like(weights)
+    weights, taken = np.zeros((2, owned, components, components))
     in_rigid = divmod(dirichlet.released, components)
-    taken[in_rigid] = unit[in_rigid[1]]
-    own = [n for c in dirichlet.conditions if c.label == label for n in c.normals(components)]
+    taken[in_rigid] = np.eye(components)[in_rigid[1]]
+    own = [n for c in dirichlet.conditions if c.label == label for _, n in c.directions]
     shared, takers = np.zeros(owned, dtype=bool), list[tuple[str, Array]]()
     for condition in reversed(dirichlet.conditions):
-        nodes, normals = condition.nodes[condition.nodes < owned], condition.normals(components)
-        for normal in normals:
+        for nodes, normal in condition.directions:
+            nodes = nodes[nodes < owned]
             part, size = take_direction(taken, nodes, normal)
             if condition.label == label:
                 weights[nodes] += part
                 shared[nodes[size < 1 - _DEPENDENT]] = True
-        if condition.label != label and (np.abs(normals @ np.transpose(own)) > _DEPENDENT).any():
-            takers.append((condition.label, nodes))
+            elif (np.abs(np.array(own) @ normal) > _DEPENDENT).any():
+                takers.append((condition.label, nodes))
     if len(in_rigid[0]):
         takers.append(("rigid parts", in_rigid[0]))
     shared &= ~weights.any(axis=(1, 2))
@@ -588,8 +594,3 @@ def take_direction(taken: Array, nodes: Array, normal: Array) -> tuple[Array, Ar
     parts = direction[:, :, None] * direction[:, None]
     taken[nodes] += parts
     return parts, size
-
-
-def reaction_weights(V: Any, mesh: Mesh, key: str | int, dirichlet: Dirichlet) -> Array:
-    """Return the weights of `counted_forces`. Collective."""
-    return counted_forces(V, mesh, key, dirichlet).weights

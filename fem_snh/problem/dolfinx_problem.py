@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from fem_snh import _dolfinx
 from fem_snh.assembly.boundary_conditions import (
+    Condition,
     Dirichlet,
     NodePlane,
     ThinSupports,
@@ -104,12 +105,8 @@ class DolfinxConditions(Dirichlet):
         All conditions.
     bcs : list of dolfinx DirichletBC
         The conditions of dolfinx.
-    numbers, symmetry_numbers : list of int
-        The places of the conditions of dolfinx, and of the planes of symmetry, in ``given``.
-    symmetry : list of (n,) arrays
-        This rank's facets in each plane of symmetry.
-    symmetry_planes : list of NodePlane
-        Its nodes in each plane.
+    symmetry : dict of str to (n,) array
+        This rank's facets in each plane of symmetry, by the condition's label.
     start : (n,) or None
         The values of `dofs` at load 0, from which they go to the present ones at load 1, in
         proportion to the load; None: the present ones at every load.
@@ -134,9 +131,9 @@ class DolfinxConditions(Dirichlet):
         mask = _dolfinx.create_vector(V)
         self._V, self._dofs, self._size = V, list[Array](), mask.getLocalSize()
         sizes = []
-        of_symmetry = [isinstance(bc, Symmetry) for bc in bcs]
-        self.symmetry_numbers = np.flatnonzero(of_symmetry).tolist()
-        self.numbers = numbers = np.flatnonzero(~np.array(of_symmetry, dtype=bool)).tolist()
+        components = kinematics.components
+        numbers = [i for i, bc in enumerate(bcs) if not isinstance(bc, Symmetry)]
+        self._labels, conditions = [f"bcs[{i}]" for i in numbers], list[Condition]()
         for number, bc in zip(numbers, self.bcs, strict=True):
             if not hasattr(bc, "dof_indices"):
                 raise bad_value(
@@ -150,13 +147,13 @@ class DolfinxConditions(Dirichlet):
             owned = dofs[dofs < mask.getLocalSize()]
             mask.array[owned] = 1.0
             self._dofs.append(owned)
+            conditions.append(_condition_on(V, f"bcs[{number}]", owned, components))
             sizes.append(len(owned))
         totals = V.mesh.comm.allreduce(np.array(sizes, dtype=np.int64))
         for number, size in zip(numbers, totals, strict=True):
             if size == 0:
                 accepted = "a condition on at least one node of the mesh"
                 raise bad_value(f"bcs[{number}]", "a condition on no dof", accepted)
-        components = kinematics.components
         on_axis = np.empty(0, np.int64)
         self._axis = axis_nodes(V) if kinematics.revolved else on_axis
         if kinematics.revolved:
@@ -166,16 +163,17 @@ class DolfinxConditions(Dirichlet):
             mask.array[on_axis] = 1.0
         update_ghosts(mask)
         self.constrained = local_values(mask).reshape(-1, components) > 0
-        self.symmetry: list[Array] = []
-        planes = self.symmetry_planes = list[NodePlane]()
+        self.symmetry: dict[str, Array] = {}
+        planes = self._symmetry_planes = dict[str, NodePlane]()
         for number, bc in enumerate(bcs):
             if isinstance(bc, Symmetry):
-                key = f"bcs[{number}].group"
-                facets = measure_facets(V.mesh, key, bc.group)
-                planes.append(facets_plane(V, facets, key, surface_name(bc.group)))
-                self.symmetry.append(facets)
+                label = f"bcs[{number}]"
+                facets = measure_facets(V.mesh, f"{label}.group", bc.group)
+                planes[label] = facets_plane(V, facets, f"{label}.group", surface_name(bc.group))
+                self.symmetry[label] = facets
+        self.conditions = [*conditions_of_planes(planes), *conditions]
         owned_nodes = mask.getLocalSize() // components
-        self.planes = InclinedPlanes.of(planes, self.constrained, owned_nodes)
+        self.planes = InclinedPlanes.of([*planes.values()], self.constrained, owned_nodes)
         self.dofs = np.flatnonzero(self.constrained[:owned_nodes])
         given = np.concatenate([np.empty(0, np.int64), *self._dofs])
         self._zero = np.union1d(np.setdiff1d(self.dofs, given), on_axis)
@@ -192,13 +190,13 @@ class DolfinxConditions(Dirichlet):
             return self.thin
         self._examined = True
         marked = self.constrained & ~covered_nodes(self._V, self.constrained, self._axis)
-        for plane in self.symmetry_planes:
+        for plane in self._symmetry_planes.values():
             marked[np.ix_(plane.nodes, abs(plane.normal) > _ROUNDING)] = False
         owned = np.flatnonzero(marked[: self._size // marked.shape[1]])
         thin = np.setdiff1d(owned, self._on_axis)
         of_bcs = np.array([np.isin(thin, dofs).any() for dofs in self._dofs], dtype=np.int32)
         found = self._V.mesh.comm.allreduce(of_bcs)
-        names = [f"bcs[{n}]" for n, used in zip(self.numbers, found, strict=True) if used]
+        names = [label for label, used in zip(self._labels, found, strict=True) if used]
         self.thin = ThinSupports(", ".join(names), thin) if names else None
         return self.thin
 
@@ -236,22 +234,10 @@ class DolfinxConditions(Dirichlet):
                                    if (first, other) in found))
                 for i in range(2)
             )  # fmt: skip
-            names = [f"bcs[{self.numbers[i]}]" for i in (first, other)]
+            names = [self._labels[i] for i in (first, other)]
             pair, at_least = in_words(names), min(places)
             lines.append(contradiction(pair, sorted(axes), len(places), at_least, names[1]))
         return lines
-
-    @property
-    def masks(self) -> list[Array]:
-        """The components that each condition constrains, (local nodes, components). Collective."""
-        components = _dolfinx.num_components(self._V)
-        found = []
-        for dofs in self._dofs:
-            mask = _dolfinx.create_vector(self._V)
-            mask.array[dofs] = 1.0
-            update_ghosts(mask)
-            found.append(local_values(mask).reshape(-1, components) > 0)
-        return found
 
     def set_load(self, load: float) -> None:
         """Set the program's constants, functions and boundary values."""
@@ -268,6 +254,25 @@ class DolfinxConditions(Dirichlet):
             x.array[self.dofs] = (1 - load) * self.start + load * x.array_r[self.dofs]
         if self.planes:
             self.planes.prescribe(x.array)
+
+
+def _condition_on(V: Any, label: str, owned_dofs: Array, components: int) -> Condition:
+    """Return the condition on some of this rank's dofs, and the ghosts of others. Collective."""
+    mask = _dolfinx.create_vector(V)
+    mask.array[owned_dofs] = 1.0
+    update_ghosts(mask)
+    return condition_of_mask(label, local_values(mask).reshape(-1, components) > 0)
+
+
+def condition_of_mask(label: str, mask: Array) -> Condition:
+    """Return the condition on components of nodes, (local nodes, components) bool."""
+    units = np.eye(mask.shape[1])
+    return Condition(label, [(np.flatnonzero(m), n) for m, n in zip(mask.T, units, strict=True)])
+
+
+def conditions_of_planes(planes: Mapping[str, NodePlane]) -> list[Condition]:
+    """Return the conditions of planes of symmetry, by their labels."""
+    return [Condition(label, [(plane.nodes, plane.normal)]) for label, plane in planes.items()]
 
 
 def create_dolfinx_problem(

@@ -31,6 +31,8 @@ from fem_snh.problem.dolfinx_problem import (
     DEFAULT_RULES,
     RULE_KEYS,
     DolfinxConditions,
+    condition_of_mask,
+    conditions_of_planes,
     set_modulus,
 )
 from fem_snh.problem.problem import Problem
@@ -63,12 +65,6 @@ class LiftedConditions(Dirichlet):
     kinematics : Kinematics
         On a body of revolution the radial and rotational displacements are zero on the axis.
 
-    Attributes
-    ----------
-    numbers, symmetry_numbers : list of int
-        As those of `DolfinxConditions`.
-    symmetry_planes : list of NodePlane
-        This rank's nodes in each plane of symmetry.
     """
 
     depends_on_load = False
@@ -77,25 +73,27 @@ class LiftedConditions(Dirichlet):
         self, conditions: DolfinxConditions, u: Any, lifted: Any, kinematics: Kinematics
     ) -> None:
         V, W = u.function_space, lifted.function_space
-        lift = partial(_lifted_mask, V, W, _Nodes(V, W))
-        self._masks = [lift(mask) for mask in conditions.masks]
+        nodes, components = _Nodes(V, W), _dolfinx.num_components(W)
         owned = _dolfinx.num_nodes(W)[0]
-        empty = np.zeros((sum(_dolfinx.num_nodes(W)), _dolfinx.num_components(W)), dtype=bool)
-        self.constrained = np.logical_or.reduce([empty, *self._masks])
+        self.constrained = np.zeros((sum(_dolfinx.num_nodes(W)), components), dtype=bool)
+        planes = {
+            label: facets_plane(W, facets, "bcs", "symmetry")
+            for label, facets in conditions.symmetry.items()
+        }
+        self.conditions = conditions_of_planes(planes)
+        for label, directions in conditions.conditions:
+            if label not in planes:
+                given = np.zeros_like(conditions.constrained)
+                for of_component, normal in directions:
+                    given[of_component, normal.argmax()] = True
+                mask = _lifted_mask(V, W, nodes, given)
+                self.constrained |= mask
+                self.conditions.append(condition_of_mask(label, mask))
         if kinematics.revolved:
             self.constrained[axis_nodes(W)[:, None], kinematics.off_axis] = True
-        self.numbers, self.symmetry_numbers = conditions.numbers, conditions.symmetry_numbers
-        self.symmetry_planes = [
-            facets_plane(W, facets, "bcs", "symmetry") for facets in conditions.symmetry
-        ]
-        self.planes = InclinedPlanes.of(self.symmetry_planes, self.constrained, owned)
+        self.planes = InclinedPlanes.of([*planes.values()], self.constrained, owned)
         self.dofs = np.flatnonzero(self.constrained[:owned])
         self._values = lifted.x.array.copy()
-
-    @property
-    def masks(self) -> list[Array]:
-        """What each condition constrains, each (local nodes, components) bool."""
-        return self._masks
 
     def set_values(self, x: PETSc.Vec, load: float) -> None:
         """Set what is constrained of ``x`` to the program's values."""

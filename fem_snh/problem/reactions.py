@@ -23,8 +23,8 @@ from fem_snh.assembly.boundary_conditions import (
     CountedForces,
     Dirichlet,
     counted_forces,
+    group_forces,
     group_nodes,
-    take_direction,
 )
 from fem_snh.assembly.kinematics import Kinematics
 from fem_snh.errors import bad_value, in_words
@@ -61,7 +61,7 @@ class Reactions:
     kinematics : Kinematics
         The kinematics of the displacement.
     dirichlet : Dirichlet
-        The conditions, of which a group has the forces of its own: see `counted_forces`.
+        The conditions, of which a group has the forces of its own: see `group_forces`.
     groups : sequence of str, int or ReactionGroup
         The groups; of a name or a number alone the force.
     """
@@ -87,7 +87,7 @@ class Reactions:
                 key, about = chosen, None
             else:
                 key, about = chosen.group, chosen.about
-            counted = counted_forces(V, mesh, key, dirichlet)
+            counted = group_forces(V, mesh, key, dirichlet)
             nodes = np.flatnonzero(counted.weights.any(axis=(1, 2)))
             self._counted[str(key)] = nodes, counted.weights[nodes]
             self.notes += self._shared(V, mesh, key, dirichlet)
@@ -291,9 +291,7 @@ class HasReactions:
 
 
 def condition_weights(problem: Problem, condition: Any) -> Array:
-    """Return the parts of the owned nodes' forces that a condition exerts. Collective.
-
-    They are those of `counted_weights`.
+    """Return the weights of the owned nodes' forces that a condition exerts. Collective.
 
     Raises
     ------
@@ -305,41 +303,9 @@ def condition_weights(problem: Problem, condition: Any) -> Array:
 
 
 def counted_weights(problem: Problem, number: int) -> Array:
-    """Return the parts of the owned nodes' forces that a condition exerts. Collective.
-
-    Parameters
-    ----------
-    problem : Problem
-        A problem of a program, or the lifted one.
-    number : int
-        The condition's place in ``bcs``.
-
-    Returns
-    -------
-    (nodes, components, components) array
-        The projections on the directions that it sets, and that no later one does: see
-        `fem_snh.assembly.boundary_conditions.counted_forces`.
-    """
-    conditions: Any = problem.dirichlet
-    owned, components = len(problem.coordinates), problem.kinematics.components
-    taken, units = np.zeros((owned, components, components)), np.eye(components)
-    in_rigid = divmod(conditions.released, components)
-    taken[in_rigid] = units[in_rigid[1]]
-    directions = {
-        i: [(plane.nodes, plane.normal)]
-        for i, plane in zip(conditions.symmetry_numbers, conditions.symmetry_planes, strict=True)
-    }
-    # Conditions of dolfinx override planes of symmetry, and earlier ones.
-    for i, mask in zip(conditions.numbers, conditions.masks, strict=True):
-        directions[i] = [(np.flatnonzero(m), unit) for m, unit in zip(mask.T, units, strict=True)]
-    weights: Array = np.zeros_like(taken)
-    for i, constrained in reversed(directions.items()):
-        for nodes, normal in constrained:
-            nodes = nodes[nodes < owned]
-            parts, _ = take_direction(taken, nodes, normal)
-            if i == number:
-                weights[nodes] += parts
-    return weights
+    """Return the weights of `counted_forces` of a condition, by its index in ``bcs``."""
+    size = len(problem.coordinates), problem.kinematics.components
+    return counted_forces(problem.dirichlet, f"bcs[{number}]", *size).weights
 
 
 def condition_number(bcs: Sequence[Any], condition: Any, key: str) -> int:

@@ -18,7 +18,7 @@ from fem_snh.accuracy.goals import (
     TermGoal,
     VolumeGoal,
 )
-from fem_snh.assembly.boundary_conditions import reaction_weights
+from fem_snh.assembly.boundary_conditions import group_forces
 from fem_snh.assembly.kinematics import kinematics_of
 from fem_snh.errors import BadInput, bad_value
 from fem_snh.mesh.mesh import DIMENSIONS, Mesh
@@ -185,7 +185,7 @@ def _weights_of_group(mesh: Mesh, key: str) -> Callable[[Problem], Any]:
     """Return the function that returns the weights of a group's reaction in a problem."""
 
     def weigh(problem: Problem) -> Any:
-        return reaction_weights(problem.V, mesh, key, problem.dirichlet)
+        return group_forces(problem.V, mesh, key, problem.dirichlet).weights
 
     return weigh
 
