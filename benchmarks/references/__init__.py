@@ -1,22 +1,24 @@
 """Published numbers of finite strain beside ours, one row per number.
 
-docs/results/references.md lists the sources, and ``--write`` with that path rewrites its table.
+docs/results/references.md lists the sources; ``--write`` rewrites the CSV file beside it.
 """
 
 from __future__ import annotations
 
+import csv
+import io
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from mpi4py import MPI
 
-from benchmarks import Row, page_tables, split_list
+from benchmarks import Row, split_list
 from benchmarks.references.block import block
 from benchmarks.references.cook import cook, cook_large, cook_locking, cook_locking_free
 from benchmarks.references.exact import plane_strain, torsion, uniaxial
 from benchmarks.references.paper import paper_stretch, paper_twist
-from fem_snh.errors import choose, on_root
-from fem_snh.studies.markdown import markdown_table
+from fem_snh.atomic_files import replace_file
+from fem_snh.errors import choose
 
 GROUPS: dict[str, Callable[[], Iterator[Row]]] = {
     f.__name__: f
@@ -35,33 +37,33 @@ def rows(only: str = "", write: str = "") -> Iterator[Row]:
     only : str
         Comma list of names of `GROUPS`; default: all.
     write : str
-        A page whose table is replaced by these rows.
+        A CSV file that gets these rows.
 
     Raises
     ------
     BadInput
-        On every rank, for an unknown group and for a page without such a table.
+        On every rank, for an unknown group.
     """
     groups = [choose("reference", name, GROUPS) for name in split_list(only) or GROUPS]
-    parts = ("", "")
-    if write:
-        parts = on_root(MPI.COMM_WORLD, page_tables.split_page, Path(write), "references")
     done: list[Row] = []
     for name in groups:
         for row in GROUPS[name]():
             done.append({"reference": name} | row)
             yield done[-1]
     if write and MPI.COMM_WORLD.rank == 0:
-        page_tables.write_table(Path(write), "references", parts, table(done))
+        replace_file(Path(write), table(done))
 
 
 def table(found: list[Row]) -> str:
-    """Return the rows as a Markdown table."""
-    head = ("reference", "number", "source", "published", "ours", "difference", "limit", "")
-    lines = []
+    """Return the rows as CSV."""
+    text = io.StringIO()
+    lines = csv.writer(text, lineterminator="\n")
+    lines.writerow(
+        ("reference", "number", "source", "published", "ours", "difference", "limit", "met")
+    )
     for row in found:
         ours, difference = row["ours"], row["difference"]
-        lines.append(
+        lines.writerow(
             [
                 row["reference"],
                 row["what"],
@@ -70,10 +72,10 @@ def table(found: list[Row]) -> str:
                 "did not converge" if ours is None else f"{ours:.6g}",
                 "" if difference is None else f"{_signed(difference)} %",
                 "" if row["limit"] is None else f"{row['limit']:g} %",
-                row.get("note") or ("ok" if row["ok"] else "**not met**"),
+                row.get("note") or ("ok" if row["ok"] else "not met"),
             ]
         )
-    return markdown_table(head, lines)
+    return text.getvalue()
 
 
 def _signed(percent: float) -> str:
