@@ -450,7 +450,7 @@ def edge_of(V: Any, facets: Array, dirichlet: Dirichlet, dim: int) -> Edge:
     parts = dirichlet.rigid_parts
     columns = [
         V.tabulate_dof_coordinates()[:owned, :dim],
-        free[:, :dim, :dim].reshape(owned, -1),
+        free[:, :dim, :dim].reshape(owned, dim**2),
         np.full((owned, 1), -1) if parts is None else parts[:owned, None],
     ]
     for load in _LOADS:
@@ -472,8 +472,9 @@ def edge_of(V: Any, facets: Array, dirichlet: Dirichlet, dim: int) -> Edge:
 
 
 def _gather(V: Any, values: Array, numbers: Array) -> Array:
-    """Return rows of the values (owned nodes, ...) of nodes with global numbers. Collective."""
-    values = values.reshape(_dolfinx.num_nodes(V)[0], -1)
+    """Return rows of values of the owned nodes, or of their dofs, by global numbers. Collective."""
+    if values.ndim == 1:
+        values = values.reshape(-1, _dolfinx.num_components(V))
     local = numbers - _dolfinx.local_to_global(V)[0] if len(values) else numbers * 0 - 1
     mine = (local >= 0) & (local < len(values))
     found = np.zeros((len(numbers), values.shape[1]))
