@@ -335,7 +335,7 @@ class SurfaceFriction:
     def _slip(self, x: Array, collisions: Any, barrier: Any) -> _LaggedSlip | None:
         """Return what `lag` keeps of collisions at points x; None without friction.
 
-        ipctk's own `TangentialCollisions` leave out edges that are nearly parallel, whose forces
+        ipctk's own tangential collisions leave out edges that are nearly parallel, whose forces
         then jump where the closest parts change.
         """
         count, dim = len(collisions), x.shape[1]
