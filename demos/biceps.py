@@ -30,7 +30,7 @@ from pathlib import Path
 from mpi4py import MPI
 
 import fem_snh
-from fem_snh.viewing.render.compare import main as compare
+from fem_snh.viewing.render import compare
 
 parser = ArgumentParser(description="A flexed arm in Stable Neo-Hookean and in StVK.")
 parser.add_argument("--cells", type=int, default=30, help="along the arm")

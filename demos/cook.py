@@ -24,7 +24,7 @@ from mpi4py import MPI
 from matplotlib.figure import Figure
 
 import fem_snh
-from fem_snh.viewing.render.compare import main as compare
+from fem_snh.viewing.render import compare
 
 parser = ArgumentParser(description="Cook's membrane with three elements.")
 parser.add_argument("--finest", type=int, choices=(16, 32, 64), default=32, help="mesh")

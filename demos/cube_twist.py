@@ -30,7 +30,7 @@ from pathlib import Path
 from mpi4py import MPI
 
 import fem_snh
-from fem_snh.viewing.render.compare import main as compare
+from fem_snh.viewing.render import compare
 
 parser = ArgumentParser(description="A cube twisted by two quarter turns, in four materials.")
 parser.add_argument("--cells", type=int, default=15, help="along an edge")

@@ -35,7 +35,7 @@ from mpi4py import MPI
 
 import fem_snh
 from fem_snh.viewing.plots import main as plot
-from fem_snh.viewing.render.compare import main as compare
+from fem_snh.viewing.render import compare
 
 parser = ArgumentParser(description="A cylinder stretched to 3.4 times its length.")
 parser.add_argument("--cells", type=int, default=16, help="along the diameter")

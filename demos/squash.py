@@ -34,7 +34,7 @@ from scipy.spatial.transform import Rotation
 
 import fem_snh
 from fem_snh.viewing.render import main as render
-from fem_snh.viewing.render.movie import main as movie
+from fem_snh.viewing.render import movie
 from fem_snh.viewing.states import States
 
 parser = ArgumentParser(description="An octopus is squashed between cylinders, and recovers.")

@@ -13,7 +13,7 @@ import pytest
 from picture_runs import bad, write_run
 
 from fem_snh.viewing import render
-from fem_snh.viewing.render import frames, movie
+from fem_snh.viewing.render import drawing
 from fem_snh.viewing.states import InterpolatedStates
 
 SECONDS = 0.2
@@ -65,8 +65,10 @@ def test_states_of_other_ranks_are_reordered(twisted, tmp_path):
 @pytest.mark.parametrize("suffix", [".mp4", ".gif"])
 def test_movie_has_its_frames_and_moves(twisted, tmp_path, suffix):
     reported: list[tuple[int, int]] = []
-    out = movie.main(twisted, tmp_path / f"a{suffix}", "J", SECONDS, lambda *n: reported.append(n))
-    count = round(SECONDS * movie.FRAMES_PER_SECOND)
+    out = render.movie(
+        twisted, tmp_path / f"a{suffix}", "J", SECONDS, lambda *n: reported.append(n)
+    )
+    count = round(SECONDS * render.FRAMES_PER_SECOND)
     assert reported == [(k, count) for k in range(1, count + 1)]
     images = [np.asarray(image) for image in imageio.get_reader(out)]
     assert len(images) == count
@@ -78,12 +80,12 @@ def test_movie_has_its_frames_and_moves(twisted, tmp_path, suffix):
 
 
 def test_mistakes_are_one_line(twisted, tmp_path):
-    assert ".mp4 or .gif" in bad(movie.main, twisted, tmp_path / "a.avi")
-    assert "--seconds" in bad(movie.main, twisted, tmp_path / "a.gif", "J", 0.0)
-    assert "field = 'mises'" in bad(movie.main, twisted, tmp_path / "a.gif", "mises", SECONDS)
+    assert ".mp4 or .gif" in bad(render.movie, twisted, tmp_path / "a.avi")
+    assert "--seconds" in bad(render.movie, twisted, tmp_path / "a.gif", "J", 0.0)
+    assert "field = 'mises'" in bad(render.movie, twisted, tmp_path / "a.gif", "mises", SECONDS)
     blocked = tmp_path / "file"
     blocked.write_text("")
-    assert "cannot write" in bad(movie.main, twisted, blocked / "a.gif", "J", SECONDS)
+    assert "cannot write" in bad(render.movie, twisted, blocked / "a.gif", "J", SECONDS)
 
 
 def test_a_movie_needs_two_states(tmp_path):
@@ -92,15 +94,12 @@ def test_a_movie_needs_two_states(tmp_path):
     lines = collection.read_text().splitlines()
     kept = [k for k, line in enumerate(lines) if "DataSet" in line]
     collection.write_text("\n".join(line for k, line in enumerate(lines) if k not in kept[1:]))
-    assert "two stored loads" in bad(movie.main, tmp_path, tmp_path / "a.gif")
+    assert "two stored loads" in bad(render.movie, tmp_path, tmp_path / "a.gif")
 
 
 def test_frames_have_even_sizes(twisted):
-    job = {
-        "field": "J", "title": "t", "obstacles": [], "opacity": 1.0,
-        "panels": [{"files": f, "load": t} for t, f in files_of(twisted).items()],
-        "names": LOADS, "load_name": "load", "load_unit": "", "frames": 2, "view": {},
-        "units": None,
-    }  # fmt: skip
-    (first, _) = frames.frames(job)
+    panels = [render.Panel(f, "", t) for t, f in files_of(twisted).items()]
+    names = list(LOADS)
+    job = render.MovieJob("J", "t", panels, "", names=names, load_name="load", frames=2)
+    (first, _) = drawing.movie_frames(job)
     assert first.shape[0] % 2 == first.shape[1] % 2 == 0 and first.shape[2] == 3

@@ -22,8 +22,8 @@ import fem_snh
 from fem_snh import _dolfinx
 from fem_snh.errors import BadInput, on_root
 from fem_snh.runs.output.fields import GridSeries
-from fem_snh.viewing import plots, render
-from fem_snh.viewing.render import drawing, modes, surfaces, worker
+from fem_snh.viewing import plots, render, worker
+from fem_snh.viewing.render import drawing, surfaces
 
 
 @pytest.fixture
@@ -196,12 +196,12 @@ def test_modes_are_exaggerated_alike_about_the_state_they_are_of(comm, folder):
 
 def test_which_modes_are_shown_and_what_they_are_called():
     zeros = [0.0, -1e-9, 1e-9, 0.0, 0.0, 0.0]
-    assert modes.choose([*zeros, 1.0, 2.0], None) == [7, 8]
-    assert modes.choose([*map(float, range(1, 11))], None) == [1, 2, 3, 4, 5, 6]
-    assert modes.choose(zeros[:1] * 3, None) == [1, 2, 3]
-    assert modes.choose([1.0, 2.0, 3.0], [3, 1]) == [3, 1]
-    assert modes.label(2, 12.345) == "mode 2  ·  12.35 Hz"
-    assert modes.label(1, -0.5) == "mode 1  ·  0.5 i Hz, unstable"
+    assert render.choose_modes([*zeros, 1.0, 2.0], None) == [7, 8]
+    assert render.choose_modes([*map(float, range(1, 11))], None) == [1, 2, 3, 4, 5, 6]
+    assert render.choose_modes(zeros[:1] * 3, None) == [1, 2, 3]
+    assert render.choose_modes([1.0, 2.0, 3.0], [3, 1]) == [3, 1]
+    assert render.mode_label(2, 12.345) == "mode 2  ·  12.35 Hz"
+    assert render.mode_label(1, -0.5) == "mode 1  ·  0.5 i Hz, unstable"
 
 
 def test_render_modes_bad_files(twisted):

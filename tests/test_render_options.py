@@ -70,7 +70,7 @@ def test_values_that_the_colours_leave_out_are_named(folder):
     drawn = drawing.Drawing("energy_density", [item], [[]], [1.0])
     assert drawn.norm.vmax < 21
     assert drawn.label.endswith("values from 3.08 to 40, the colours end before")
-    job = {"panels": [{"label": "load 1  ·  volume 0 %"}]}
+    job = render.Job("", "", [render.Panel([], "load 1  ·  volume 0 %")], "")
     line = drawing.extremes_line(drawn, [item], job)
     assert line.startswith("energy density [Pa]: from 3.077 at (")
     assert line.endswith("to 40 at (0.5, 0.5, 0.5), load 1")

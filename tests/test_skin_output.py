@@ -164,7 +164,7 @@ def test_colours_show_a_field_and_cells_give_means(tmp_path):
 
 
 def test_usd_without_the_package(folder, tmp_path, monkeypatch):
-    from fem_snh.viewing.render import worker
+    from fem_snh.viewing import worker
 
     monkeypatch.setattr(worker, "find_spec", lambda name: None if name == "pxr" else object())
     message = r"a file .usd needs pxr: pip install 'fem_snh\[usd\]'"

@@ -145,10 +145,10 @@ def _movie(args: Namespace) -> int:
         if given is not None:
             raise BadInput(f"{option} and --movie: expected one of the two")
 
-    from fem_snh.viewing.render.movie import main
+    from fem_snh.viewing.render import movie
 
     with _progress_bar("drawing") as report:
-        path = main(
+        path = movie(
             args.folder, args.movie, args.field, args.seconds, report, args.opacity, _view(args)
         )
     print(path)

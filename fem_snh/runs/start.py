@@ -136,7 +136,7 @@ def _displacement(
     read: list[Array] = []
 
     def interpolate() -> str:
-        from fem_snh.viewing.stored_state import displacement_at
+        from fem_snh.viewing.states import displacement_at
 
         found, distance = displacement_at(run, step, kinematics, nodes)
         read.append(found[:, :components])

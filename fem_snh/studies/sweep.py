@@ -183,7 +183,7 @@ def one_variant(
 
 def _draw_bodies(out: Path, points: list[str], field: str) -> str:
     """Draw bodies.png; return its path, or why there is none. A failure is no exception."""
-    from fem_snh.viewing.render.compare import main as compare
+    from fem_snh.viewing.render import compare
 
     drawn = [name for name in points if (out / name / "fields.pvd").exists()]
     labels = [name.replace("__", ", ").replace("=", " = ") for name in drawn]

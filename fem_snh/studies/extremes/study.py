@@ -233,7 +233,7 @@ def _text(value: Any) -> str:
 
 def _draw(path: Path, bodies: Sequence[tuple[str, float, str]]) -> str:
     """Draw bodies side by side; return why there is no picture, or ""."""
-    from fem_snh.viewing.render.compare import main as compare
+    from fem_snh.viewing.render import compare
 
     folders = [found for pattern, _, _ in bodies for found in sorted(path.parent.glob(pattern))[:1]]
     try:

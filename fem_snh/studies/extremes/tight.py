@@ -85,8 +85,7 @@ def difference(
     folder: Path, record: Mapping[str, Any], tight_folder: Path, tight: Mapping[str, Any]
 ) -> float:
     """Return the largest relative difference of two runs in displacements, forces and energy."""
-    from fem_snh.viewing.states import States
-    from fem_snh.viewing.stored_state import displacement_at
+    from fem_snh.viewing.states import States, displacement_at
 
     states = States(folder / "fields.pvd")
     points = np.asarray(states.mesh.points, dtype=float)

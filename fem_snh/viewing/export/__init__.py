@@ -13,15 +13,13 @@ from fem_snh.atomic_files import make_folder_of, output_path
 from fem_snh.errors import bad_value
 from fem_snh.viewing.render import StoredRun
 from fem_snh.viewing.render.records import duration
-from fem_snh.viewing.render.worker import require, run_elsewhere
+from fem_snh.viewing.worker import require, run_elsewhere
 
-#: File types, and the packages that write them beside pyvista.
-TYPES: dict[str, tuple[str, ...]] = {
-    ".vtkhdf": ("h5py",),
-    ".obj": (),
-    ".usd": ("pxr",),
-    ".usda": ("pxr",),
-    ".usdc": ("pxr",),
+#: File types, the packages that write them beside pyvista, and the function of ``writers``.
+TYPES: dict[str, tuple[tuple[str, ...], str]] = {
+    ".vtkhdf": (("h5py",), "write_vtkhdf"),
+    ".obj": ((), "write_obj"),
+    **dict.fromkeys((".usd", ".usda", ".usdc"), (("pxr",), "write_usd")),
 }
 #: What a user installs for them.
 _EXTRAS = {"h5py": "'fem_snh[export]'", "pxr": "'fem_snh[usd]'"}
@@ -73,24 +71,28 @@ def main(
     if field is not None and kind == ".vtkhdf":
         raise bad_value("--field", field, "a file .obj or .usd beside it")
     require("export", ("pyvista",) if field is None else ("pyvista", "matplotlib"))
-    for package in TYPES[kind]:
+    packages, writer = TYPES[kind]
+    for package in packages:
         require(f"a file {kind}", (package,), _EXTRAS[package])
     run = StoredRun(folder, field)
     make_folder_of(out)
+    arguments: tuple[Any, ...] = (duration(run.record), field)
     if kind == ".obj":
-        from fem_snh.viewing.export.obj import write_sequence
-        from fem_snh.viewing.states import States
-
-        return write_sequence(out, States(run.pvd), frames, report, field)
-    job: dict[str, Any] = {"pvd": str(run.pvd), "out": str(out), "record": run.record}
-    job |= {"duration": duration(run.record), "field": field}
+        arguments = frames, field
+    elif kind == ".vtkhdf":
+        arguments = (run.record,)
+    count = frames or len(run.states)
 
     def show(line: str) -> None:
         numbers = line.split()
         if report and len(numbers) == 2 and all(number.isdigit() for number in numbers):
             report(int(numbers[0]), int(numbers[1]))
 
-    # A process of its own, which prints how many states it has written.
-    program = f"{__name__}.{'vtkhdf' if kind == '.vtkhdf' else 'usd'}"
-    run_elsewhere(job, program, show, _STATE_TIMEOUT * (1 + len(run.states)))
-    return [out]
+    module, timeout = f"{__name__}.writers", _STATE_TIMEOUT * (1 + count)
+    run_elsewhere(module, writer, out, run.pvd, *arguments, report=show, timeout=timeout)
+    return [obj_path(out, number) for number in range(count)] if kind == ".obj" else [out]
+
+
+def obj_path(out: Path, number: int) -> Path:
+    """Return the path of a file of a sequence ``NAME_0000.obj``, ``NAME_0001.obj``, ..."""
+    return out.with_name(f"{out.stem}_{number:04}{out.suffix}")

@@ -1,6 +1,6 @@
 """Draw the deformed body from a run folder, coloured by J or another field.
 
-A separate process (``fem_snh.viewing.render.drawing``) draws: see `fem_snh.viewing.render.worker`.
+`fem_snh.viewing.render.drawing` draws in a process of its own: see `fem_snh.viewing.worker`.
 """
 
 from __future__ import annotations
@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -23,6 +23,7 @@ from fem_snh.viewing.render.fields import check_field
 from fem_snh.viewing.render.options import WHOLE, ViewOptions
 from fem_snh.viewing.render.records import (
     check_hidden,
+    common_units,
     hidden_cells,
     load_name,
     load_unit,
@@ -32,10 +33,25 @@ from fem_snh.viewing.render.records import (
     poisson_ratio,
     step_at,
 )
-from fem_snh.viewing.render.worker import draw_elsewhere, require
+from fem_snh.viewing.worker import require, run_elsewhere
 
+#: The module that draws.
+_DRAWING = "fem_snh.viewing.render.drawing"
 #: Types of pictures.
 PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".webp")
+
+#: Frequencies below this fraction of the highest are rigid motions, drawn on request only.
+_RIGID = 1e-3
+_SHOWN = 6
+#: File types, and the packages that write them beside matplotlib's Pillow.
+MOVIES: dict[str, tuple[str, ...]] = {".mp4": ("imageio", "imageio_ffmpeg"), ".gif": ()}
+FRAMES_PER_SECOND = 25
+#: Bounds of a movie's length [s]; the upper one is 15,000 frames.
+MIN_SECONDS, MAX_SECONDS = 0.1, 600.0
+#: Upper bound of the time that a frame takes to draw [s], after which the process counts as hung.
+_FRAME_TIMEOUT = 60.0
+#: What separates the parts of a label.
+_DOT = "  ·  "
 
 
 @dataclass(frozen=True)
@@ -67,6 +83,22 @@ class Job:
     units: Units | None = None
 
 
+@dataclass(frozen=True)
+class MovieJob(Job):
+    """The input of the process that draws a movie.
+
+    The panels are the stored states; ``names`` are the values of the load parameter there, and
+    ``obstacles`` those of the run at all its loads.
+    """
+
+    names: list[float] = field(default_factory=list)
+    load_name: str = ""
+    load_unit: str = ""
+    obstacles: list[dict[str, Any]] = field(default_factory=list)
+    frames: int = 0
+    frames_per_second: int = FRAMES_PER_SECOND
+
+
 def main(
     folder: Path,
     out: Path | None = None,
@@ -93,7 +125,7 @@ def main(
         A field that the run has written, or a component such as ``cauchy_stress.xy``. A whole
         vector or tensor is drawn by its magnitude (the Frobenius norm of a tensor).
     modes : bool
-        Draw eigenmodes instead (`fem_snh.viewing.render.modes.main`); ``loads`` are their numbers.
+        Draw eigenmodes instead (`draw_modes`); ``loads`` are their numbers.
     opacity : float
         Opacity of the body, between 0 and 1: bones are seen through a translucent one.
     revolve : bool
@@ -118,8 +150,6 @@ def main(
         ):
             if given:
                 raise BadInput(f"--modes and {option}: expected one of the two")
-        from fem_snh.viewing.render.modes import main as draw_modes
-
         return draw_modes(folder, out, loads, view)
     run = StoredRun(folder, field, view)
     out = picture_path(out) if out is not None else folder / f"{field}.png"
@@ -132,6 +162,205 @@ def main(
     units = Units.of(run.record)
     job = Job(field, title(run.record), panels, str(out), opacity, revolve, run.view, note, units)
     draw(job, report)
+    return out
+
+
+def draw_modes(
+    folder: Path,
+    out: Path | None = None,
+    numbers: Sequence[float] | None = None,
+    view: ViewOptions | None = None,
+) -> Path:
+    """Draw eigenmodes of a run and return the path of the PNG.
+
+    The outline shows the linearised state; all modes are exaggerated to the same amplitude.
+
+    Parameters
+    ----------
+    folder : Path
+        Folder of the run.
+    out : Path, optional
+        Default: ``folder/modes.png``.
+    numbers : sequence of float, optional
+        Numbers of the modes, from 1; default: the first six that deform the body.
+    view : ViewOptions, optional
+        Clip plane and camera.
+
+    Raises
+    ------
+    BadInput
+        If the run has no modes or no such number, or nothing can draw here.
+    """
+    folder = Path(folder)
+    record = read_record(folder)
+    frequencies = read_frequencies(folder, record)
+    stored = stored_loads(folder / "modes.pvd")
+    out = picture_path(out) if out is not None else folder / "modes.png"
+    panels = []
+    for number in choose_modes(frequencies, numbers):
+        if number not in stored:
+            raise BadInput(f"{folder / 'modes.pvd'}: holds no mode {number}")
+        files = [str(file) for file in stored[number]]
+        panels.append(Panel(files, mode_label(number, frequencies[number - 1])))
+    shown, units = view or WHOLE, Units.of(record)
+    draw(Job("mode", title(record), panels, str(out), view=shown, units=units))
+    return out
+
+
+def read_frequencies(folder: Path, record: dict[str, Any]) -> list[float]:
+    """Return the eigenfrequencies [Hz] of a run's record; raise BadInput if it has none."""
+    try:
+        return [float(f) for f in record["modes"]["frequencies"]]
+    except (KeyError, TypeError, ValueError):
+        raise BadInput(
+            f"{folder / 'run.json'}: this run has no modes: its scene needs a table [modes]"
+        ) from None
+
+
+def choose_modes(frequencies: list[float], wanted: Sequence[float] | None) -> list[int]:
+    """Return the numbers of the modes to draw."""
+    count = len(frequencies)
+    if wanted:
+        for number in wanted:
+            if number not in range(1, count + 1):
+                raise BadInput(f"no mode {number:g}: the run has 1 to {count}")
+        return [int(number) for number in wanted]
+    highest = max(abs(f) for f in frequencies)
+    shown = [i for i, f in enumerate(frequencies, 1) if abs(f) > _RIGID * highest]
+    return (shown or list(range(1, count + 1)))[:_SHOWN]
+
+
+def mode_label(number: int, frequency: float) -> str:
+    """Return ``mode 3  ·  1.28 Hz``; a negative frequency marks an unstable mode."""
+    text = f"mode {number}  ·  {abs(frequency):.4g} Hz"
+    return text if frequency >= 0 else text.replace("Hz", "i Hz, unstable")
+
+
+def compare(
+    folders: Sequence[Path],
+    out: Path,
+    load: float | Sequence[float] | None = None,
+    labels: Sequence[str] | None = None,
+    field: str = "J",
+) -> Path:
+    """Draw the bodies of runs side by side, with one scale and colour map, and return the PNG.
+
+    Parameters
+    ----------
+    folders : sequence of Path
+        Folders of the runs, one panel each.
+    load : float or sequence of float, optional
+        In 0..1, of all runs or of each; default: the last one that each has stored.
+    labels : sequence of str, optional
+        Labels of the panels, before load and volume; default: the names of the materials. What
+        all panels share is in the title.
+    field : str
+        As for `main`.
+
+    Raises
+    ------
+    BadInput
+        As from `main`.
+    """
+    out = picture_path(out)
+    runs = [StoredRun(folder, field) for folder in folders]
+    if not runs:
+        raise BadInput("nothing to draw: give folders of runs")
+    names = labels or [material_name(run.record) for run in runs]
+    loads = load if isinstance(load, Sequence) else [load] * len(folders)
+    panels = []
+    for run, name, at in zip(runs, names, loads, strict=True):
+        stored = list(run.states)
+        panel = run.panel(*choose_loads(stored, [stored[-1] if at is None else at]))
+        panels.append(replace(panel, label=f"{name}{_DOT}{panel.label}"))
+    common = _common([title(run.record) for run in runs])
+    if len(panels) > 1:
+        shared = _common([panel.label for panel in panels])
+        for index, panel in enumerate(panels):
+            own = [part for part in panel.label.split(_DOT) if part not in shared]
+            panels[index] = replace(panel, label=_DOT.join(own))
+        common += [part for part in shared if part not in common]
+    units = common_units([run.record for run in runs])
+    draw(Job(field, _DOT.join(common), panels, str(out), units=units))
+    return out
+
+
+def _common(texts: Sequence[str]) -> list[str]:
+    """Return the parts that all texts have."""
+    parts = [text.split(_DOT) for text in texts]
+    return [part for part in parts[0] if all(part in other for other in parts)]
+
+
+def movie(
+    folder: Path,
+    out: Path,
+    field: str = "J",
+    seconds: float = 4.0,
+    report: Callable[[int, int], None] | None = None,
+    opacity: float = 1.0,
+    view: ViewOptions | None = None,
+) -> Path:
+    """Draw a movie of a run and return its path.
+
+    Between the stored loads displacement and colours are interpolated by monotone cubic
+    polynomials (PCHIP); each stored state appears as it is.
+
+    Parameters
+    ----------
+    folder : Path
+        Folder of the run.
+    out : Path
+        The movie: a file .mp4 or .gif.
+    field : str
+        The field that the colours show, as for `main`.
+    seconds : float
+        Length of the movie [s].
+    report : callable, optional
+        Called with the numbers of frames drawn and of all frames.
+    opacity : float
+        Opacity of the body, as for `main`.
+    view : ViewOptions, optional
+        Clip plane, camera and hidden parts.
+
+    Raises
+    ------
+    BadInput
+        For another file type, if a package is missing, if fewer than two states are stored, or as
+        `main`.
+    """
+    out = output_path("--movie", out)
+    if out.suffix.lower() not in MOVIES:
+        raise bad_value("--movie", str(out), f"a file {' or '.join(MOVIES)}")
+    if not MIN_SECONDS <= seconds <= MAX_SECONDS:
+        raise bad_value("--seconds", seconds, f"a number from {MIN_SECONDS:g} to {MAX_SECONDS:g}")
+    require("render", ("pyvista", "matplotlib"))
+    remedy = "'fem_snh[movies]', or write a .gif"
+    require(f"a movie {out.suffix}", MOVIES[out.suffix.lower()], remedy)
+    run = StoredRun(folder, field, view)
+    if len(run.states) < 2:
+        raise BadInput(f"{folder}: a movie needs two stored loads or more: found {len(run.states)}")
+    frames = max(2, round(seconds * FRAMES_PER_SECOND))
+    job = MovieJob(
+        field,
+        title(run.record),
+        [Panel(files, "", load) for load, files in run.states.items()],
+        str(out),
+        check_opacity(opacity),
+        view=run.view,
+        units=Units.of(run.record),
+        names=[parameter(run.record, load) for load in run.states],
+        load_name=load_name(run.record),
+        load_unit=load_unit(run.record),
+        obstacles=obstacle_poses(run.record, run.folder, hide=run.view.hide),
+        frames=frames,
+    )
+
+    def show(line: str) -> None:
+        if report and line.isdigit():
+            report(int(line), frames)
+
+    timeout = frames * _FRAME_TIMEOUT
+    run_elsewhere(_DRAWING, "write_movie", job, report=show, timeout=timeout, opengl=True)
     return out
 
 
@@ -317,4 +546,4 @@ def one_line(error: object) -> str:
 def draw(job: Job, report: Callable[[str], None] | None = None) -> None:
     """Draw in a separate process and report what it prints; raise BadInput if it cannot."""
     require("render", ("pyvista", "matplotlib"))
-    draw_elsewhere(asdict(job), report=report)
+    run_elsewhere(_DRAWING, "draw", job, report=report, opengl=True)

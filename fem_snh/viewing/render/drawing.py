@@ -1,35 +1,38 @@
-"""Draw panels with PyVista and arrange them with matplotlib: the worker process of ``render``.
+"""Draw panels with PyVista and arrange them with matplotlib, as a picture or a movie.
 
-``python -m fem_snh.viewing.render.drawing`` reads a job (`render.Job` as JSON) from standard input.
-It exits with 2 for a mistake in the files, which the last line on standard error names, and with
-another code than 0 if it cannot draw.
+`draw` and `write_movie` are called in a process of their own: `fem_snh.viewing.worker`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import io
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from math import floor, log10
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pyvista as pv
 from matplotlib import colormaps
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patheffects import withStroke
 from matplotlib.ticker import MaxNLocator, ScalarFormatter
+from PIL import Image
 
-from fem_snh.atomic_files import write_file
+from fem_snh.atomic_files import make_folder_of, replacement, write_file
 from fem_snh.errors import BadInput
 from fem_snh.units import Units
+from fem_snh.viewing.render import Job, MovieJob
 from fem_snh.viewing.render.fields import is_nonnegative, label
 from fem_snh.viewing.render.obstacles import Obstacles, add_solid, kind_of
 from fem_snh.viewing.render.options import WHOLE, ViewOptions
-from fem_snh.viewing.render.surfaces import DrawnBody, body, is_flat
-from fem_snh.viewing.render.worker import serve
+from fem_snh.viewing.render.surfaces import DrawnBody, body, body_of, is_flat
+from fem_snh.viewing.states import InterpolatedStates
 
 #: Width of the picture [pixels].
 WIDTH = 1600
@@ -54,6 +57,10 @@ _ROUNDING = 1e-9
 #: Colour bars of a smaller range, relative to their values, have fewer ticks: numbers of six digits
 #: and more.
 _LONG_NUMBERS = 1e-3
+#: Pixels: the width of a frame, and the largest height of the body in it.
+_FRAME_WIDTH, _FRAME_TALLEST = 1280, 720
+#: Colours of a GIF's palette, which is chosen once, from the last frame.
+_GIF_COLOURS = 256
 
 
 def colours(
@@ -217,15 +224,20 @@ class Drawing:
         self.view = view(bodies, self.solids, options)
 
     @classmethod
-    def of(cls, job: dict[str, Any]) -> tuple[Drawing, list[DrawnBody]]:
+    def of(cls, job: Job) -> tuple[Drawing, list[DrawnBody]]:
         """Return the drawing and the bodies of the panels of a `render.Job`."""
-        panels, field = job["panels"], job["field"]
-        options = ViewOptions(**job["view"])
-        bodies = [body(panel["files"], field, options, job["revolve"]) for panel in panels]
-        obstacles, loads = ([panel[key] for panel in panels] for key in ("obstacles", "load"))
-        units = job["units"] and Units(**job["units"])
-        turned = job["revolve"]
-        return cls(field, bodies, obstacles, loads, options, job["note"], units, turned), bodies
+        bodies = [body(panel.files, job.field, job.view, job.revolve) for panel in job.panels]
+        drawing = cls(
+            job.field,
+            bodies,
+            [panel.obstacles for panel in job.panels],
+            [panel.load for panel in job.panels],
+            job.view,
+            job.note,
+            job.units,
+            job.revolve,
+        )
+        return drawing, bodies
 
     def add(
         self,
@@ -343,9 +355,9 @@ class Drawing:
         figure.text(0.05 + part / 2, 62 / height, name, fontsize=8, ha="center", va="top")
 
 
-def extremes_line(drawing: Drawing, bodies: Sequence[DrawnBody], job: dict[str, Any]) -> str:
+def extremes_line(drawing: Drawing, bodies: Sequence[DrawnBody], job: Job) -> str:
     """Return the smallest and the largest value of all panels, and where they are at rest."""
-    panels = [panel["label"].partition("  ·  ")[0] for panel in job["panels"]]
+    panels = [panel.label.partition("  ·  ")[0] for panel in job.panels]
     found = [
         (*end, panel) for body, panel in zip(bodies, panels, strict=True) for end in body.extremes
     ]
@@ -390,7 +402,7 @@ def mark_lowest(figure: Figure, where: tuple[float, float], value: float, flip: 
     )  # fmt: skip
 
 
-def draw(job: dict[str, Any]) -> None:
+def draw(job: Job) -> None:
     """Draw a `render.Job`: panels in a row, or in a column if the body is wide."""
     drawing, bodies = Drawing.of(job)
     where, count = drawing.view, len(bodies)
@@ -401,34 +413,105 @@ def draw(job: dict[str, Any]) -> None:
     wide = round(WIDTH / columns * (0.8 if columns == 1 else 1.0))
     wide = min(wide, round(TALLEST * where.width / where.height))
     images = [
-        drawing.image(item, solids, wide, job["opacity"])
+        drawing.image(item, solids, wide, job.opacity)
         for item, solids in zip(bodies, drawing.solids, strict=True)
     ]
     tall = images[0].shape[0]
     height = TOP + rows * (LABEL + tall) + FOOT
     figure = Figure(figsize=(WIDTH / DPI, height / DPI), dpi=DPI)
-    write_text(figure, 0.5, 1 - TOP / 2 / height, job["title"], 11)
-    longest = max(len(panel["label"]) for panel in job["panels"])
+    write_text(figure, 0.5, 1 - TOP / 2 / height, job.title, 11)
+    longest = max(len(panel.label) for panel in job.panels)
     size = LABEL_SIZE * min(1.0, 0.95 * wide / (CHARACTER * longest))
-    for i, (image, panel) in enumerate(zip(images, job["panels"], strict=True)):
+    for i, (image, panel) in enumerate(zip(images, job.panels, strict=True)):
         row, column = divmod(i, columns)
         left = (WIDTH - columns * wide) // 2 + column * wide
         low = height - TOP - (row + 1) * (LABEL + tall)
         figure.figimage(image, left, low)
         x, y = (left + wide / 2) / WIDTH, (low + tall + LABEL / 3) / height
-        write_text(figure, x, y, panel["label"], size)
+        write_text(figure, x, y, panel.label, size)
         if lowest := bodies[i].lowest:
             across, upwards = where.project(lowest[0])
             if 0 < across < 1 and 0 < upwards < 1:  # not outside of a magnified view
                 at = (left + wide * across) / WIDTH, (low + tall * upwards) / height
                 mark_lowest(figure, at, lowest[1], across > 0.7)
     drawing.add_colour_bar(figure, height, wide)
-    out = Path(job["out"])
+    out = Path(job.out)
     options: dict[str, Any] = {"format": out.suffix[1:], "pil_kwargs": {"optimize": True}}
     write_file(out, lambda file: figure.savefig(file, dpi=DPI, **options))
     if drawing.field != "mode":
         print(extremes_line(drawing, bodies, job), flush=True)
 
 
-if __name__ == "__main__":
-    serve(draw)
+def movie_frames(job: MovieJob) -> Iterator[np.ndarray]:
+    """Yield the frames as RGB arrays (height, width, 3) uint8, of even height and width."""
+    loads = [panel.load for panel in job.panels]
+    stored = {panel.load: panel.files for panel in job.panels}
+    states = InterpolatedStates(stored, job.field, job.view.hidden_cells)
+    # The view and the range of colours are those of all stored states together.
+    bodies = [body_of(states.grid(load), job.field, job.view) for load in loads]
+    obstacles = [job.obstacles] * len(loads)
+    drawing = Drawing(job.field, bodies, obstacles, loads, job.view, units=job.units)
+    where = drawing.view
+    wide = min(_FRAME_WIDTH, round(_FRAME_TALLEST * where.width / where.height))
+    del bodies
+    decimals = max(0, 2 - floor(log10(abs(job.names[-1] - job.names[0]) or 1.0)))
+    figure = None
+    for load in np.linspace(loads[0], loads[-1], job.frames):
+        item = body_of(states.grid(load), job.field, job.view)
+        image = drawing.image(item, drawing.solids_at(0, load), wide, job.opacity, scale=1)
+        if figure is None:
+            height = TOP + LABEL + image.shape[0] + FOOT
+            height += height % 2
+            figure = Figure(figsize=(_FRAME_WIDTH / DPI, height / DPI), dpi=DPI)
+            canvas = FigureCanvasAgg(figure)
+            write_text(figure, 0.5, 1 - TOP / 2 / height, job.title, 8)
+            label = write_text(figure, 0.5, 1 - TOP / height, "", 7)
+            shown = figure.figimage(image, (_FRAME_WIDTH - wide) // 2, FOOT)
+            drawing.add_colour_bar(figure, height, wide)
+        shown.set_data(image)
+        value = float(np.interp(load, loads, job.names))
+        label.set_text(f"{job.load_name} {value:.{decimals}f}{job.load_unit}")
+        canvas.draw()
+        yield np.asarray(canvas.buffer_rgba())[..., :3].copy()
+
+
+def write_movie(job: MovieJob) -> None:
+    """Draw the frames and write the movie, which replaces an earlier file once it is complete."""
+    out = Path(job.out)
+    make_folder_of(out)
+    with replacement(out) as new:
+        if out.suffix.lower() == ".gif":
+            _write_gif(new, job)
+        else:
+            _write_mp4(new, job)
+
+
+def _write_mp4(path: Path, job: MovieJob) -> None:
+    import imageio
+
+    settings: dict[str, Any] = {"codec": "libx264", "quality": 6, "macro_block_size": 2}
+    movie: Any = imageio.get_writer(path, fps=job.frames_per_second, **settings)
+    with movie:
+        for count, frame in enumerate(movie_frames(job), 1):
+            movie.append_data(frame)
+            print(count, flush=True)
+
+
+def _write_gif(path: Path, job: MovieJob) -> None:
+    drawn = []
+    for count, frame in enumerate(movie_frames(job), 1):
+        compressed = io.BytesIO()  # whole frames would need gigabytes
+        Image.fromarray(frame).save(compressed, "PNG", compress_level=1)
+        drawn.append(compressed)
+        print(count, flush=True)
+    palette = Image.open(drawn[-1]).quantize(_GIF_COLOURS)
+    images = [
+        Image.open(data).quantize(palette=palette, dither=Image.Dither.NONE) for data in drawn
+    ]
+    images[0].save(
+        path,
+        save_all=True,
+        append_images=images[1:],
+        duration=round(1000 / job.frames_per_second),
+        loop=0,
+    )

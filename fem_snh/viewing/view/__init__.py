@@ -1,22 +1,20 @@
 """``fem-snh view``: a run as one HTML page: its body in three dimensions, curves, steps, settings.
 
 The page needs no other file and no network: it holds the viewer, which is vtk.js as trame packs it,
-and a scene for each state. `fem_snh.viewing.view.scenes` exports the scenes in a process of its own
-(`fem_snh.viewing.render.worker`); `fem_snh.viewing.view.page` writes the page.
+and a scene for each state. `fem_snh.viewing.view.page` writes it in a process of its own
+(`fem_snh.viewing.worker`).
 """
 
 from __future__ import annotations
 
-import tempfile
-from dataclasses import asdict
 from pathlib import Path
 
-from fem_snh.atomic_files import output_path, write_file
+from fem_snh.atomic_files import output_path
 from fem_snh.errors import BadInput
 from fem_snh.units import Units
 from fem_snh.viewing.render import Job, StoredRun
 from fem_snh.viewing.render.options import ViewOptions
-from fem_snh.viewing.render.worker import draw_elsewhere, require
+from fem_snh.viewing.worker import require, run_elsewhere
 
 #: States on a page, at most: each takes about a tenth of a second and 100 kB for 1,000 cells.
 MAX_STATES = 13
@@ -58,16 +56,10 @@ def main(
     run = StoredRun(folder, field, view)
     run.check_revolved(revolve)
     states = [run.panel(load) for load in choose_states(list(run.states))]
-
-    from fem_snh.viewing.view.page import page  # imports matplotlib
-
-    with tempfile.TemporaryDirectory() as scratch:
-        units = Units.of(run.record)
-        job = Job(field, "", states, scratch, revolve=revolve, view=run.view, units=units)
-        said = list[str]()
-        draw_elsewhere(asdict(job), "fem_snh.viewing.view.scenes", said.append)
-        scenes = [(Path(scratch) / f"{k}.zip").read_bytes() for k in range(len(states))]
-    return write_file(out, page(run.record, field, states, scenes, said[-1] if said else ""))
+    units = Units.of(run.record)
+    job = Job(field, "", states, str(out), revolve=revolve, view=run.view, units=units)
+    run_elsewhere(f"{__name__}.page", "write_page", job, run.record, opengl=True)
+    return out
 
 
 def choose_states(loads: list[float]) -> list[float]:

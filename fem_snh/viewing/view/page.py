@@ -1,25 +1,43 @@
-"""The HTML page of a run: a viewer with its scenes, curves, step table, settings and versions."""
+"""The HTML page of a run: a viewer with its scenes, curves, step table, settings and versions.
+
+`write_page` is called in a process of its own: `fem_snh.viewing.worker`.
+"""
 
 from __future__ import annotations
 
 import io
 import json
+import zipfile
 from base64 import b64encode
 from collections.abc import Iterable, Sequence
+from functools import partial
 from html import escape
 from importlib.resources import files
 from math import isfinite
+from pathlib import Path
 from string import Template
 from typing import Any
 
 import pandas as pd
+import pyvista as pv
+from trame_vtk.modules.vtk.serializers import (
+    SynchronizationContext,
+    extract_array_hash,
+    initialize_serializers,
+    reference_id,
+    serialize,
+)
+from trame_vtk.modules.vtk.serializers.data import polydata_serializer
+from trame_vtk.modules.vtk.serializers.registry import register_instance_serializer
 from trame_vtk.tools.vtksz2html import HTML_VIEWER_PATH
 
+from fem_snh.atomic_files import write_file
 from fem_snh.errors import BadInput
 from fem_snh.units import Units
 from fem_snh.viewing.plots.curves import numbers, principal_result, run_table, x_of
 from fem_snh.viewing.plots.runs import run_figure
-from fem_snh.viewing.render import Panel
+from fem_snh.viewing.render import Job, Panel
+from fem_snh.viewing.render.drawing import Drawing, extremes_line
 from fem_snh.viewing.render.fields import VECTORS, label
 from fem_snh.viewing.render.records import column_label, material_name, poisson_ratio, step_at
 
@@ -31,6 +49,65 @@ COLUMNS = (
 )  # fmt: skip
 #: Where vtk.js's viewer would load its icon from; the page loads nothing.
 _ICON = "https://kitware.github.io/vtk-js/icon/favicon-${t}x${t}.png"
+
+#: Of the off-screen window [pixels]; the page draws with its own size.
+_SIZE = (800, 600)
+
+
+def write_page(job: Job, record: dict[str, Any]) -> None:
+    """Write the page of a job's states; ``record`` is the run's run.json."""
+    write_file(Path(job.out), page(record, job.field, job.panels, *export_scenes(job)))
+
+
+def export_scenes(job: Job) -> tuple[list[bytes], str]:
+    """Return the states of a job as scenes of vtk.js, with one view, and the extremes' line."""
+    drawing, bodies = Drawing.of(job)
+    where = drawing.view
+    initialize_serializers()
+    # The displacement, too, which is the surface's vectors.
+    fields = ["Normals", "TCoords", "Vectors"]
+    register_instance_serializer(
+        "vtkPolyData", partial(polydata_serializer, requested_fields=fields)
+    )
+    title = label(drawing.field, drawing.units).replace("  ", " ")
+    scenes = []
+    for item, solids in zip(bodies, drawing.solids, strict=True):
+        plotter: Any = pv.Plotter(off_screen=True, window_size=list(_SIZE), border=False)
+        plotter.background_color = "white"
+        if VECTORS in item.surface.point_data:  # not of a revolved section
+            item.surface.set_active_vectors(VECTORS)
+        drawing.add(
+            plotter, item, {"opacity": 0.35, "line_width": 1}, 1, ambient=0.35, diffuse=0.75,
+            scalar_bar_args={"title": title, "color": "black", "vertical": True},
+        )  # fmt: skip
+        drawing.add_solids(plotter, solids)
+        where.place(plotter.camera, 2.5 * max(where.width, where.height))
+        plotter.renderer.ResetCameraClippingRange()
+        plotter.render()
+        scenes.append(scene(plotter.render_window))
+        plotter.close()
+    return scenes, extremes_line(drawing, bodies, job)
+
+
+def scene(window: Any) -> bytes:
+    """Return a render window as vtk.js's offline viewer reads it: index.json in a zip file."""
+    context = SynchronizationContext()
+    context.set_ignore_last_dependencies(True)
+    state = serialize(None, window, reference_id(window), context, 1)
+    camera = window.GetRenderers().GetFirstRenderer().GetActiveCamera()
+    state["extra"] = {
+        "vtkRefId": reference_id(window),
+        "centerOfRotation": camera.GetFocalPoint(),
+        "camera": reference_id(camera),
+    }
+    arrays = {
+        entry["hash"]: {**entry, "content": context.get_cached_data_array(entry["hash"], False)}
+        for entry in extract_array_hash(state)
+    }
+    packed = io.BytesIO()
+    with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as file:
+        file.writestr("index.json", json.dumps({"hashes": arrays, "scene": state}))
+    return packed.getvalue()
 
 
 def page(
@@ -51,7 +128,7 @@ def page(
     states : sequence of Panel
         The states.
     scenes : sequence of bytes
-        The states' scenes, from `fem_snh.viewing.view.scenes`.
+        The states' scenes.
     extremes : str
         A line with the smallest and the largest value of the field.
     """

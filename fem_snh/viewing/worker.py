@@ -1,19 +1,20 @@
-"""Run a drawing program in a process of its own, with the first kind of OpenGL that works.
+"""Call a function in a process of its own, with the first kind of OpenGL that works.
 
-Without a display OpenGL can abort its process; the parent can then report it in one line. The
-program reads its request as JSON from standard input and may print its progress. Exit code 2: the
-last line on standard error says what is wrong with the request or its files. Any other code but 0:
-the process could not draw, and the next kind of OpenGL is tried.
+Without a display OpenGL can abort its process; the parent can then report it in one line. Libraries
+that do not get along with those of dolfinx have a process of their own, too. The function may print
+its progress. Exit code 2: the last line on standard error says what is wrong with the arguments or
+their files. Any other code but 0: the process could not draw, and the next kind of OpenGL is tried.
 """
 
 from __future__ import annotations
 
-import json
 import os
+import pickle
 import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Iterable
+from importlib import import_module
 from importlib.util import find_spec
 from tempfile import TemporaryFile
 from threading import Timer
@@ -36,94 +37,76 @@ def require(program: str, packages: Iterable[str], install: str = "") -> None:
             raise BadInput(f"{program} needs {package}: pip install {install or package}")
 
 
-def draw_elsewhere(
-    request: dict[str, Any],
-    program: str = "fem_snh.viewing.render.drawing",
+def run_elsewhere(
+    module: str,
+    function: str,
+    *args: Any,
     report: Callable[[str], None] | None = None,
     timeout: float = _TIMEOUT,
+    opengl: bool = False,
 ) -> None:
-    """Run a drawing program in a new process.
+    """Call a function of a module in a new process, which imports it.
 
     Parameters
     ----------
-    request : dict
-        The program's input, as JSON can hold it.
-    program : str
-        The module that is run.
+    module, function : str
+        Their names.
+    *args : Any
+        Its arguments, which can be pickled.
     report : callable, optional
-        Called with each line that the program prints.
+        Called with each line that the function prints.
     timeout : float
         Seconds after which the process is ended.
+    opengl : bool
+        Whether the function draws.
 
     Raises
     ------
     BadInput
-        If the program rejects its request, or no kind of OpenGL works.
+        If the function does, or no kind of OpenGL works.
     """
-    message = ""
-    for prefix, settings in _opengl_backends():
-        command = [*prefix, *python(program)]
-        env = {
-            **os.environ,
-            **import_path(),
-            "PYVISTA_OFF_SCREEN": "true",
-            "MPLBACKEND": "Agg",
-            **settings,
-        }
-        code, said = _run(command, env, request, report, timeout)
+    request, message = pickle.dumps((module, function, args)), ""
+    for prefix, settings in _opengl_backends() if opengl else [([], {})]:
+        env = {**os.environ, **import_path(), **settings}
+        code, said = _run([*prefix, *python(__name__)], env, request, report, timeout)
         if code == 0:
             return
-        if code == 2:
+        if code == 2 or not opengl:
             raise BadInput(said)
         message = said[:200]
     raise BadInput(f"cannot draw without a display ({message}): {INSTALL}")
 
 
-def run_elsewhere(
-    request: dict[str, Any],
-    program: str,
-    report: Callable[[str], None] | None = None,
-    timeout: float = _TIMEOUT,
-) -> None:
-    """Run a program that needs no OpenGL in a new process.
-
-    Parameters and errors are those of `draw_elsewhere`.
-    """
-    command = python(program)
-    code, said = _run(command, {**os.environ, **import_path()}, request, report, timeout)
-    if code:
-        raise BadInput(said)
-
-
-def serve(function: Callable[[dict[str, Any]], object]) -> None:
-    """Call ``function`` with the request on standard input: the main program of a worker.
+def _serve() -> None:
+    """Call the function that standard input names.
 
     A BadInput ends the process with its message on standard error and exit code 2, as does an
-    error of Python in the values of the request: no other kind of OpenGL would help.
+    error of Python in the values of the arguments: no other kind of OpenGL would help.
     """
-    request = json.load(sys.stdin)
     try:
-        function(request)
+        module, function, args = pickle.load(sys.stdin.buffer)
+        getattr(import_module(module), function)(*args)
     except BadInput as error:
-        print(error, file=sys.stderr)
-        sys.exit(2)
+        sys.stderr.write(f"{error}\n")
     except (ArithmeticError, LookupError, TypeError, ValueError, AttributeError) as error:
         reason = f"{type(error).__name__}: {error}".splitlines()[0]
-        print(f"the files of the run cannot be shown ({reason})", file=sys.stderr)
-        sys.exit(2)
+        sys.stderr.write(f"the files of the run cannot be shown ({reason})\n")
+    else:
+        return
+    sys.exit(2)
 
 
 def _run(
     command: list[str],
     env: dict[str, str],
-    request: dict[str, Any],
+    request: bytes,
     report: Callable[[str], None] | None,
     timeout: float,
 ) -> tuple[int, str]:
     """Run a command; return its exit code and the last line of its errors, or how it ended."""
     # A pipe to a process that dies early would raise SIGPIPE, so that files are used.
-    with TemporaryFile("w+") as stdin, TemporaryFile("w+") as stderr:
-        json.dump(request, stdin)
+    with TemporaryFile() as stdin, TemporaryFile("w+") as stderr:
+        stdin.write(request)
         stdin.seek(0)
         worker = subprocess.Popen(
             command, stdin=stdin, stdout=subprocess.PIPE, stderr=stderr, env=env, text=True
@@ -155,12 +138,17 @@ def _opengl_backends() -> list[tuple[list[str], dict[str, str]]]:
 
     VTK >= 9.4 uses the window class that the variable names; older builds have one class only.
     """
+    drawing = {"PYVISTA_OFF_SCREEN": "true", "MPLBACKEND": "Agg"}
     backends: list[tuple[list[str], dict[str, str]]] = [
-        ([], {"VTK_DEFAULT_OPENGL_WINDOW": "vtkEGLRenderWindow"}),
-        ([], {"VTK_DEFAULT_OPENGL_WINDOW": "vtkOSOpenGLRenderWindow"}),
+        ([], drawing | {"VTK_DEFAULT_OPENGL_WINDOW": window})
+        for window in ("vtkEGLRenderWindow", "vtkOSOpenGLRenderWindow")
     ]
     if os.environ.get("DISPLAY"):
-        backends.append(([], {}))
+        backends.append(([], drawing))
     if shutil.which("xvfb-run"):
-        backends.append((["xvfb-run", "-a"], {}))
+        backends.append((["xvfb-run", "-a"], drawing))
     return backends
+
+
+if __name__ == "__main__":
+    _serve()

@@ -1,0 +1,310 @@
+"""Write the states of a run: OBJ files and USD files of the surface, a VTKHDF file of all.
+
+`fem_snh.viewing.export.main` calls these functions in a process of its own, as h5py fails to import
+after dolfinx, which loads another HDF5 library, and the libraries of usd-core carry symbols of the
+C++ library that gmsh would then call. They print the number of states written and of all, and raise
+BadInput if a state cannot be read or a file cannot be written.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import re
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+import pyvista as pv
+from scipy.interpolate import PchipInterpolator
+
+from fem_snh.atomic_files import replace_file
+from fem_snh.errors import BadInput
+from fem_snh.viewing.export import obj_path
+from fem_snh.viewing.render.surfaces import boundary
+from fem_snh.viewing.states import Array, ExportedState, States, SurfaceFields
+
+#: Divides each face of a quadratic cell into the triangles between its nodes.
+_LEVEL = 1
+#: Frames of USD from load 0 to load 1 if the run is quasi-static: two seconds of a film.
+_FRAMES = 48.0
+#: Frames per second, of viewers of USD and of runs in time.
+FRAMES_PER_SECOND = 24.0
+#: Version of the VTKHDF specification; 2.2 is the first that allows groups beside VTKHDF.
+VERSION = (2, 2)
+
+
+def _report(written: int, count: int) -> None:
+    print(written, count, flush=True)
+
+
+def surface_of(mesh: pv.UnstructuredGrid) -> tuple[Array, Array]:
+    """Return the surface of a mesh.
+
+    Returns
+    -------
+    nodes : (n,)
+        The nodes on the surface.
+    triangles : (m, 3)
+        Indices into ``nodes``, in mathematically positive order seen from outside.
+    """
+    grid = pv.UnstructuredGrid(mesh)
+    grid.point_data["node"] = np.arange(grid.n_points)
+    surface = boundary(grid, _LEVEL).triangulate()
+    oriented = surface.compute_normals(
+        point_normals=False, split_vertices=False, consistent_normals=True, auto_orient_normals=True
+    )
+    return np.asarray(oriented["node"]), np.asarray(oriented.regular_faces)
+
+
+def _colours(fields: SurfaceFields, count: int, field: str) -> Callable[[Array], Array]:
+    """Return the function from values (n,) of a field to sRGB (n, 3), 0 to 1, as in pictures.
+
+    The range of colours is that of all stored loads.
+    """
+    from fem_snh.viewing.render.drawing import colour_function  # imports matplotlib
+
+    values = [fields.scalar(number, field) for number in range(count)]
+    return colour_function(field, np.concatenate(values))
+
+
+def write_obj(out: Path, pvd: Path, frames: int | None = None, field: str | None = None) -> None:
+    """Write the surface at stored loads, or between them, as the files of `obj_path`.
+
+    All files have the same triangles of the same vertices, the nodes on the surface, with normals
+    outwards. One state at a time is in memory, and of interpolated ones the surface.
+
+    Parameters
+    ----------
+    out : Path
+        ``NAME.obj``.
+    pvd : Path
+        The collection of the states.
+    frames : int, optional
+        Number of files, evenly spaced over the load; default: one for each stored load.
+    field : str, optional
+        A field that colours the vertices: red, green and blue (sRGB, 0 to 1) after the coordinates.
+
+    Raises
+    ------
+    BadInput
+        Also if frames are to be interpolated from one state, or there are files of an earlier,
+        longer sequence.
+    """
+    states = States(pvd)
+    count = frames or len(states)
+    if frames and len(states) < 2:
+        raise BadInput(f"--frames {frames}: needs two stored loads or more: found {len(states)}")
+    paths = [obj_path(out, number) for number in range(count)]
+    later = [path for path in out.parent.glob(f"{out.stem}_*.obj") if _is_later(path, out, count)]
+    if later:
+        raise BadInput(
+            f"{min(later)}: of an earlier, longer sequence: remove it or choose another name"
+        )
+    nodes, triangles = surface_of(states.mesh)
+    faces = io.BytesIO()
+    np.savetxt(faces, triangles + 1, fmt="f %d %d %d")  # OBJ counts from 1
+    rest = states.mesh.points[nodes]
+    fields = SurfaceFields(states, nodes) if field else None
+    colours = _colours(fields, len(states), str(field)) if fields else None
+    form = " ".join(["v", *["%.10g"] * 3, *["%.4f"] * (3 if colours else 0)])
+
+    def stored() -> Iterator[tuple[float, np.ndarray]]:
+        """Yield load and displacement at the nodes, and the field if any, for each state."""
+        for number, load in enumerate(states.loads):
+            u = states.displacement(number)[nodes]
+            yield load, np.column_stack([u, fields.scalar(number, str(field))]) if fields else u
+
+    frame = _interpolated(states.loads, stored(), frames) if frames else stored()
+    for number, (path, (load, values)) in enumerate(zip(paths, frame, strict=True), 1):
+        text = io.BytesIO()
+        x = rest + values[:, :3]
+        rows = np.column_stack([x, colours(values[:, 3])]) if colours else x
+        np.savetxt(text, rows, fmt=form, header=f"load {load:.10g}")
+        replace_file(path, (text.getvalue() + faces.getvalue()).decode())
+        _report(number, count)
+
+
+def _interpolated(
+    loads: list[float], stored: Iterator[tuple[float, np.ndarray]], frames: int
+) -> Iterator[tuple[float, np.ndarray]]:
+    """Yield load and values at the nodes, at evenly spaced loads."""
+    values_at = PchipInterpolator(loads, np.array([values for _, values in stored]))
+    for load in np.linspace(loads[0], loads[-1], frames):
+        yield float(load), values_at(load)
+
+
+def _is_later(path: Path, out: Path, count: int) -> bool:
+    """Whether a file has the name of a file of the sequence beyond the last one."""
+    number = re.fullmatch(rf"{re.escape(out.stem)}_(\d{{4,}})", path.stem)
+    return number is not None and int(number[1]) >= count
+
+
+def write_usd(
+    out: Path, pvd: Path, duration: float | None = None, field: str | None = None
+) -> None:
+    """Write the surface at all stored loads: a mesh with points that depend on the time.
+
+    The mesh ``/body`` has the same triangles at all times, with normals outwards; its points
+    [length] are sampled at the stored loads, between which viewers interpolate linearly. The fields
+    are primvars of the same name at the points: numbers, and vectors of three numbers; those of the
+    cells are means over the cells around a point. Of a scene in time, 24 frames are a second;
+    otherwise 48 frames lead from load 0 to load 1.
+
+    Parameters
+    ----------
+    out : Path
+        A file .usd or .usdc (binary), or .usda (text).
+    pvd : Path
+        The collection of the states.
+    duration : float, optional
+        The end of a run in time [s].
+    field : str, optional
+        A field that colours the surface (``displayColor``), as in pictures.
+
+    References
+    ----------
+    OpenUSD, *UsdGeomMesh* and *UsdGeomPrimvar*, https://openusd.org/release/api.
+    """
+    from pxr import Sdf, Tf, Usd, UsdGeom, Vt
+
+    states = States(pvd)
+    nodes, triangles = surface_of(states.mesh)
+    fields = SurfaceFields(states, nodes)
+    colours = _colours(fields, len(states), field) if field else None
+    per_time = FRAMES_PER_SECOND if duration else _FRAMES
+    hidden = out.with_name(f".{out.name}{out.suffix}")
+    try:
+        stage = Usd.Stage.CreateNew(str(hidden))
+        UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z)
+        UsdGeom.SetStageMetersPerUnit(stage, 1.0)
+        stage.SetTimeCodesPerSecond(FRAMES_PER_SECOND)
+        stage.SetFramesPerSecond(FRAMES_PER_SECOND)
+        stage.SetStartTimeCode(per_time * states.loads[0])
+        stage.SetEndTimeCode(per_time * states.loads[-1])
+        mesh = UsdGeom.Mesh.Define(stage, "/body")
+        stage.SetDefaultPrim(mesh.GetPrim())
+        mesh.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
+        mesh.CreateFaceVertexCountsAttr(Vt.IntArray.FromNumpy(np.full(len(triangles), 3, "i4")))
+        mesh.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(triangles.ravel().astype("i4")))
+        points, extent = mesh.CreatePointsAttr(), mesh.CreateExtentAttr()
+        primvars: dict[str, Any] = {}
+        kinds = {1: (Sdf.ValueTypeNames.FloatArray, Vt.FloatArray)}
+        kinds[3] = (Sdf.ValueTypeNames.Vector3fArray, Vt.Vec3fArray)
+        for number, load in enumerate(states.loads):
+            data = fields.read(number)
+            x = np.asarray(states.mesh.points[nodes] + data["displacement"], np.float32)
+            if not np.isfinite(x).all():
+                raise BadInput(f"the displacement at load {load:g} is not finite")
+            time = Usd.TimeCode(per_time * load)
+            points.Set(Vt.Vec3fArray.FromNumpy(np.ascontiguousarray(x)), time)
+            box = np.ascontiguousarray([x.min(axis=0), x.max(axis=0)])
+            extent.Set(Vt.Vec3fArray.FromNumpy(box), time)
+            for name, values in data.items():
+                rows = np.asarray(values, np.float32).reshape(len(nodes), -1)
+                if rows.shape[1] not in kinds:
+                    continue
+                kind, array = kinds[rows.shape[1]]
+                if name not in primvars:
+                    api = UsdGeom.PrimvarsAPI(mesh)
+                    primvars[name] = api.CreatePrimvar(name, kind, UsdGeom.Tokens.vertex)
+                found = rows[:, 0] if rows.shape[1] == 1 else rows
+                primvars[name].Set(array.FromNumpy(np.ascontiguousarray(found)), time)
+            if colours and field:
+                rgb = linear_rgb(colours(fields.scalar(number, field))).astype(np.float32)
+                shown = mesh.CreateDisplayColorPrimvar(UsdGeom.Tokens.vertex)
+                shown.Set(Vt.Vec3fArray.FromNumpy(np.ascontiguousarray(rgb)), time)
+            _report(number + 1, len(states))
+        stage.GetRootLayer().Save()
+        del stage
+        hidden.replace(out)
+    except (Tf.ErrorException, OSError) as error:
+        reason = " ".join(str(error).split())
+        raise BadInput(f"cannot write {out}: {reason}") from None
+    finally:
+        hidden.unlink(missing_ok=True)
+
+
+def linear_rgb(srgb: Array) -> Array:
+    """Return linear colours of sRGB colours (IEC 61966-2-1), both from 0 to 1."""
+    return np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
+
+
+def write_vtkhdf(out: Path, pvd: Path, record: dict[str, Any]) -> None:
+    """Write all states into one file: a temporal unstructured grid, with the load as its time.
+
+    The mesh is written once, as one part. The fields of the states follow each other in one array
+    for each field, of which ``Steps`` holds the offsets. One state at a time is in memory. An
+    earlier file is replaced at the end.
+
+    Parameters
+    ----------
+    out : Path
+        The file.
+    pvd : Path
+        The collection of the states.
+    record : dict
+        The run's run.json; the file holds it as the text ``/fem_snh/run.json``, which VTK ignores.
+
+    References
+    ----------
+    Kitware, *VTKHDF format specification*, version 2:
+    https://docs.vtk.org/en/latest/vtk_file_formats/vtkhdf_file_format/vtkhdf_specifications.html
+    """
+    import h5py
+
+    states = States(pvd)
+
+    def write(file: BinaryIO) -> None:
+        with h5py.File(file, "w") as hdf:
+            root = hdf.create_group("VTKHDF")
+            root.attrs["Version"] = VERSION
+            # The reader expects a string of fixed length.
+            root.attrs.create("Type", np.bytes_("UnstructuredGrid"))
+            _write_mesh(root, states)
+            _write_steps(root, states)
+            for number in range(len(states)):
+                _write_state(root, states.read(number), number, len(states))
+                _report(number + 1, len(states))
+            hdf.create_dataset("fem_snh/run.json", data=json.dumps(record))
+
+    replace_file(out, write)
+
+
+def _write_mesh(root: Any, states: States) -> None:
+    """Write the points [m] and the cells."""
+    mesh = states.mesh
+    root["NumberOfPoints"] = np.array([mesh.n_points])
+    root["NumberOfCells"] = np.array([mesh.n_cells])
+    root["NumberOfConnectivityIds"] = np.array([len(mesh.cell_connectivity)])
+    root["Points"] = mesh.points
+    root["Connectivity"] = np.asarray(mesh.cell_connectivity, dtype=np.int64)
+    offsets = pv.convert_array(mesh.GetCells().GetOffsetsArray())
+    root["Offsets"] = np.asarray(offsets, dtype=np.int64)
+    root["Types"] = np.asarray(mesh.celltypes, dtype=np.uint8)
+
+
+def _write_steps(root: Any, states: States) -> None:
+    """Write the loads, and that all steps have the one mesh."""
+    steps = root.create_group("Steps")
+    steps.attrs["NSteps"] = len(states)
+    steps["Values"] = np.array(states.loads)
+    steps["NumberOfParts"] = np.ones(len(states), dtype=np.int64)
+    for name in ("PartOffsets", "PointOffsets"):
+        steps[name] = np.zeros(len(states), dtype=np.int64)
+    for name in ("CellOffsets", "ConnectivityIdOffsets"):
+        steps[name] = np.zeros((len(states), 1), dtype=np.int64)
+
+
+def _write_state(root: Any, state: ExportedState, number: int, count: int) -> None:
+    """Write the fields of a state; the first one makes the arrays for all."""
+    for place, fields in (("PointData", state.point_data), ("CellData", state.cell_data)):
+        for name, values in fields.items():
+            rows = len(values)
+            if number == 0:
+                offsets = root.require_group(f"Steps/{place}Offsets")
+                offsets[name] = rows * np.arange(count)
+                shape = (rows * count, *values.shape[1:])
+                root.require_group(place).create_dataset(name, shape, values.dtype)
+            root[place][name][rows * number : rows * (number + 1)] = values
