@@ -1,7 +1,7 @@
 """Pointwise errors of every material and filter at extreme F, against a 50-digit oracle.
 
 The table of docs/results/extremes_pointwise.md: F of any orientation, every eigensolver. The bounds
-are those of `fem_snh.studies.extremes.pointwise`, which measures diagonal F for users.
+are those of `benchmarks.point_bounds`.
 """
 
 from __future__ import annotations
@@ -17,13 +17,8 @@ import pandas as pd
 from mpmath import mpf
 from scipy.spatial.transform import Rotation
 
-from benchmarks import Row
-from fem_snh import materials
-from fem_snh.choices import EIGENSOLVERS
-from fem_snh.kernels.material import Material
-from fem_snh.materials.energy import Energy
-from fem_snh.studies.extremes import pointwise
-from fem_snh.studies.extremes.pointwise import (
+from benchmarks import Row, point_bounds
+from benchmarks.point_bounds import (
     STRAINED,
     STRETCHED,
     Exact,
@@ -34,6 +29,10 @@ from fem_snh.studies.extremes.pointwise import (
     perturbed,
     stretches,
 )
+from fem_snh import materials
+from fem_snh.choices import EIGENSOLVERS
+from fem_snh.kernels.material import Material
+from fem_snh.materials.energy import Energy
 
 Array = npt.NDArray[np.float64]
 
@@ -136,8 +135,8 @@ def samples(m: Material, number: int) -> Iterator[tuple[str, Any, list[Oracle]]]
 
 
 def measure(material: str, quick: bool = False) -> list[Row]:
-    """Return the rows of a material (`fem_snh.studies.extremes.pointwise.measure`)."""
-    return list(pointwise.measure(material, quick, samples, EIGENSOLVERS))
+    """Return the rows of a material (`benchmarks.point_bounds.measure`)."""
+    return list(point_bounds.measure(material, quick, samples=samples, eigensolvers=EIGENSOLVERS))
 
 
 def rows(names: str = "", quick: bool = False) -> Iterator[Row]:

@@ -22,7 +22,7 @@
 # at $\nu = -0.3$ is found first
 # ([continuation in Poisson's ratio](../theory/newton.md#continuation-in-poissons-ratio)): there
 # the volume term is too weak to trap elements, and rest is an equilibrium for every $\nu$
-# ([all scrambles](../results/extremes_tables.md#scramble)).
+# ([all scrambles](../results/extremes.md)).
 
 # %%
 from argparse import ArgumentParser

@@ -11,7 +11,9 @@ import pytest
 import sympy
 from scipy.spatial.transform import Rotation
 
+from benchmarks import point_bounds
 from benchmarks.eigensolvers import stretches
+from benchmarks.point_bounds import Compared, digits, exactly, perturbed
 from benchmarks.pointwise import Oracle, oracle
 from fem_snh import materials
 from fem_snh.choices import EIGENSOLVERS
@@ -20,8 +22,6 @@ from fem_snh.materials import registry
 from fem_snh.materials.energy import Energy
 from fem_snh.materials.invariants import SIGMA
 from fem_snh.materials.signature import measures_of
-from fem_snh.studies.extremes import pointwise
-from fem_snh.studies.extremes.pointwise import Compared, digits, exactly, perturbed
 
 #: Materials for the tests of the kernels, at nu below and above 0.4, where stable_neo_hookean
 #: changes its form. The tests of every material are in test_every_material.py.
@@ -64,7 +64,7 @@ def compare(m: Material, F: np.ndarray, rng: np.random.Generator) -> list[Compar
     """Return every quantity of the material at F beside the exact one."""
     with mpmath.workdps(digits(F)):
         points = [oracle(m.expression, f) for f in perturbed(F, rng)]
-        return list(pointwise.compare(m, F, points, EIGENSOLVERS))
+        return list(point_bounds.compare(m, F, points, EIGENSOLVERS))
 
 
 def rotations(n: int, seed: int = 0) -> np.ndarray:

@@ -76,7 +76,6 @@ MISTAKES = [
     ("render nowhere --modes --loads 1", "--loads and --modes: expected one of the two"),
     ("render nowhere --field Jay", "nowhere: no run.json here"),
     ("doctor now", "unexpected 'now'"),
-    ("extremes --only=", "only = '': expected values"),
     ("sweep twist --nu= --out a", "nu = '': expected values"),
     ("tradeoff cook --elements= --out a", "elements = '': expected values"),
     ("render nowhere --loads=", "--loads : expected numbers"),

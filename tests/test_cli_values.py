@@ -36,7 +36,7 @@ def test_a_list_or_table_is_toml_or_json(text: str) -> None:
         ("run twist --set fields=[J]", "fields = '[J]': expected a list or a table in TOML"),
         ("run twist press", "run: unexpected 'press': one scene at most"),
         ("view a b", "view: unexpected 'b': one name at most"),
-        ("extremes own.toml", "extremes: unexpected 'own.toml': extremes takes options alone"),
+        ("doctor own.toml", "doctor: unexpected 'own.toml': doctor takes options alone"),
     ],
 )
 def test_messages_name_what_is_wrong(words, message, capsys) -> None:

@@ -179,10 +179,9 @@ def test_quick_variant_runs(
     assert printed and all(json.loads(line)["bench"] == words[3] for line in printed)
 
 
-@pytest.mark.parametrize("page", ["tradeoff.md", "tradeoff_tables.md", "extremes_tables.md"])
+@pytest.mark.parametrize("page", ["tradeoff.md", "tradeoff_tables.md"])
 def test_tables_are_those_of_the_data(page: str, folder: Path) -> None:
     """The tables of the pages are what the CSV files beside them give."""
     write = folder / "docs" / "results" / page
-    name = "extremes_page" if "extremes" in page else "tradeoff_tables"
-    assert list(import_module(f"benchmarks.{name}").rows(write=str(write)))
+    assert list(import_module("benchmarks.tradeoff_tables").rows(write=str(write)))
     assert write.read_text() == (ROOT / "docs" / "results" / page).read_text()

@@ -8,8 +8,8 @@ import pytest
 import sympy
 from points import compare, every_name, exact, make
 
+from benchmarks.point_bounds import exactly, filtered, norm
 from fem_snh.kernels.material import Material
-from fem_snh.studies.extremes.pointwise import exactly, filtered, norm
 
 
 def mp(A) -> mpmath.matrix:

@@ -18,7 +18,6 @@ import fem_snh
 from fem_snh import run_files, scenes
 from fem_snh.cli import main
 from fem_snh.errors import BadInput
-from fem_snh.studies.extremes.study import extremes
 from fem_snh.studies.sweep import sweep
 
 mpi = pytest.mark.mpi
@@ -84,7 +83,7 @@ def test_the_working_directory_is_refused(
     assert "(obstacle_table.stl, s.toml)" in refusal(capsys, "run", "twist", "--out", ".")
     assert unchanged(tmp_path) == {"obstacle_table.stl", "s.toml"}
     for command in (
-        "run twist --out", "sweep twist --out", "tradeoff cook --out", "extremes --out",
+        "run twist --out", "sweep twist --out", "tradeoff cook --out",
         "plot x --out", "render x --out", "render x --movie", "view x --out", "export x",
         "materials --table --csv",
     ):  # fmt: skip
@@ -218,12 +217,12 @@ def test_a_sweep_leaves_folders_of_others(
 
 @pytest.mark.parametrize(
     "words",
-    ["sweep twist --cells 1", "tradeoff cook --elements Q1 --cells 1,2", "extremes --quick"],
+    ["sweep twist --cells 1", "tradeoff cook --elements Q1 --cells 1,2"],
 )
 def test_a_study_refuses_a_folder_of_others(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], words: str
 ) -> None:
-    names = [*NAMES, "log.txt", "sweep.csv", "tradeoff.csv", "extremes.csv", "sweep.png"]
+    names = [*NAMES, "log.txt", "sweep.csv", "tradeoff.csv", "sweep.png"]
     fill(tmp_path, names)
     message = refusal(capsys, *words.split(), "--out", str(tmp_path))
     assert "expected a new or an empty folder, or --overwrite" in message
@@ -256,23 +255,18 @@ def gent(I_C, J, mu, lam, *, limit=50.0):
 
 
 def test_rows_of_another_material_file_are_refused(tmp_path: Path) -> None:
-    """Of extremes, whose definition names the file but not its content."""
     file, out = tmp_path / "gent.py", tmp_path / "out"
     file.write_text(GENT)
-    options: dict[str, Any] = {
-        "only": ["pointwise"],
-        "quick": True,
-        "material": f"{file}:gent",
-    }
-    extremes(out, report=lambda line: None, jobs=4, timeout=0.01, **options)
-    before = (out / "extremes.csv").read_bytes()
+    values = TWIST | {"material": f"{file}:gent"}
+    sweep("twist", out, values, report=lambda line: None, timeout=0.01)
+    before = (out / "sweep.csv").read_bytes()
     lines: list[str] = []
-    extremes(out, report=lines.append, **options)
+    sweep("twist", out, values, report=lines.append)
     assert re.match(r"(\d+) of \1 points are there already", lines[0])
     file.write_text(GENT.replace("50.0", "60.0"))
-    with pytest.raises(BadInput, match=r"in extremes\.csv was computed with other .*gent\.py: exp"):
-        extremes(out, **options)
-    assert (out / "extremes.csv").read_bytes() == before
+    with pytest.raises(BadInput, match=r"holds sweep\.csv of other files"):
+        sweep("twist", out, values)
+    assert (out / "sweep.csv").read_bytes() == before
 
 
 def test_a_sweep_identifies_its_rows(tmp_path: Path) -> None:

@@ -17,11 +17,11 @@ from scipy.optimize import brentq
 from scipy.special import ellipk
 
 import fem_snh
+from benchmarks.extremes import bodies
 from fem_snh.errors import BadInput, ResultNote
 from fem_snh.linalg.symmetric_factors import SymmetricFactors
 from fem_snh.scenes import Geometry, MaterialChoice, Rigid, Scene
 from fem_snh.scenes import Hold as SceneHold
-from fem_snh.studies.extremes import bodies
 
 mpi = pytest.mark.mpi
 

@@ -11,7 +11,9 @@ import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from benchmarks import Row, page_tables, split_list
+import pandas as pd
+
+from benchmarks import Row, split_list
 from benchmarks.faults.solver_faults import (
     diverging_solve,
     factors_out_of_memory,
@@ -21,7 +23,6 @@ from benchmarks.faults.solver_faults import (
 )
 from benchmarks.faults.system_faults import file_size_limit, full_disk, killed_rank, terminated
 from fem_snh.errors import choose
-from fem_snh.studies.markdown import markdown_table
 
 FAULTS: dict[str, Callable[[Path], Row]] = {
     fault.__name__: fault
@@ -47,7 +48,7 @@ def rows(only: str = "", write: str = "") -> Iterator[Row]:
     only : str
         Comma list of names of `FAULTS`; default: all.
     write : str
-        A page whose table is replaced by these rows: docs/results/extremes_tables.md.
+        CSV file for the rows: docs/results/extremes/faults.csv.
 
     Yields
     ------
@@ -58,8 +59,7 @@ def rows(only: str = "", write: str = "") -> Iterator[Row]:
         max ``|u - u'|`` over the extent of the body.
     """
     names = [choose("fault", name, FAULTS) for name in split_list(only)] or FAULTS
-    parts = page_tables.split_page(Path(write), "faults") if write else ("", "")
-    done = []
+    done: list[Row] = []
     for name in names:
         fault = FAULTS[name]
         description = (fault.__doc__ or "").strip().partition("\n")[0]
@@ -67,14 +67,10 @@ def rows(only: str = "", write: str = "") -> Iterator[Row]:
             done.append({"fault": name, "description": description} | fault(Path(folder)))
         yield done[-1]
     if write:
-        page_tables.write_table(Path(write), "faults", parts, table(done))
-
-
-def table(found: list[Row]) -> str:
-    """Return the rows as a Markdown table."""
-    head = ("fault", "what is done", "message", "passed", "seconds")
-    lines = [
-        [row["fault"], row["description"], row["status"], str(row["ok"]), f"{row['seconds']:.1f}"]
-        for row in found
-    ]
-    return markdown_table(head, lines)
+        columns = {
+            "fault": "fault", "description": "what is done", "status": "message",
+            "ok": "passed", "seconds": "seconds",
+        }  # fmt: skip
+        pd.DataFrame(done)[list(columns)].rename(columns=columns).round(1).to_csv(
+            write, index=False
+        )

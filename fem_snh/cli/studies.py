@@ -1,4 +1,4 @@
-"""The commands ``sweep``, ``tradeoff`` and ``extremes``: many runs, in processes of their own."""
+"""The commands ``sweep`` and ``tradeoff``: many runs, in processes of their own."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import argparse
 import os
 import signal
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 from fem_snh import references
@@ -174,54 +173,6 @@ def _cells(text: str | None) -> list[int]:
     return cells
 
 
-def extremes_parser() -> Parser:
-    """Return the parser of ``fem-snh extremes``."""
-    from fem_snh.studies.extremes import FAMILIES
-
-    parser = Parser(
-        "extremes",
-        "Run scrambled, crushed and overloaded bodies, each case in its own process, and write a\n"
-        "table and a page with pictures. An interrupted study continues.\n"
-        f"Families: {', '.join(FAMILIES)}.",
-    )
-    parser.add(
-        """
-        --only FAMILY,..  families of cases; default: all
-        --quick  run a few small cases only, in minutes
-        --seeds N  random scrambles of each small cube; default: 100
-        --material NAME|FILE.py:NAME  test this material, e.g. one of your own; default: all
-            pointwise, Stable Neo-Hookean
-        --out DIR  the study's folder
-        """,
-        seeds={"type": value, "default": 100},
-        material={"default": ""},
-        out={"type": output, "default": Path("out/extremes")},
-    )
-    _add_limits(parser, jobs=2, timeout=900.0, memory=3.0)
-    return parser
-
-
-def extremes(argv: list[str]) -> int:
-    """Run the cases; return 0 if all required criteria are met, else 1."""
-    args, _ = _parse(extremes_parser(), "extremes", argv)
-    if args.status:
-        return _print_status("extremes", args)
-
-    from fem_snh.studies.extremes.study import extremes as study
-
-    only = comma_list("only", args.only) if args.only is not None else []
-    options = {"quick": args.quick, "seeds": args.seeds, "material": args.material}
-    outcome = _call(study, args, args.out, only=only, **options)
-    if (code := _incomplete("extremes", args)) is not None:
-        return code
-    failures = outcome.failures
-    for criterion, reason in failures.items():
-        print(f"failed: {criterion}: {reason}")
-    passed = outcome.required - len(failures)
-    print(f"{passed} of {outcome.required} that are expected to pass do: {args.out}")
-    return 1 if failures else 0
-
-
 def _add_limits(
     parser: Parser, jobs: int = 1, timeout: float | None = None, memory: float | None = None
 ) -> None:
@@ -308,7 +259,7 @@ def _parse(
     """Return the options and those for PETSc; with --collect those of the submitted command."""
 
     def parsed(argv: list[str]) -> tuple[argparse.Namespace, dict[str, Any]]:
-        words, petsc = (argv, {}) if command == "extremes" else split_petsc(argv)
+        words, petsc = split_petsc(argv)
         return parser.parse(words), petsc
 
     args, petsc = parsed(argv)

@@ -28,8 +28,8 @@ Array = npt.NDArray[np.float64]
 #: V^(1/3); it is halved at most so often where the energy does not decrease.
 _FIRST, _HALVINGS = 1e-3, 20
 #: Contrast of the shear moduli from which a coarse mesh has several equilibria, some of them
-#: unstable (fem-snh extremes --only contrast), and nodes up to which factors of one Hessian
-#: cost less than the iterations that led there.
+#: unstable (python -m benchmarks extremes --only contrast), and nodes up to which factors of one
+#: Hessian cost less than the iterations that led there.
 _CONTRAST, _MAX_NODES = 50.0, 5_000
 #: Eigenvalues above minus this, relative to the diagonal, are zero: rounding leaves 1e-14.
 _ZERO = 1e-10

@@ -1,4 +1,4 @@
-"""Draw graphs of runs (against load), sweeps (against nu), accuracy-cost studies and extremes.
+"""Draw graphs of runs (against load), sweeps (against nu) and accuracy-cost studies.
 
 The command ``plot`` and the studies call them. They read files only: run.json, or the CSV file of a
 study.
@@ -19,7 +19,6 @@ from matplotlib.figure import Figure
 from fem_snh.atomic_files import output_path, write_file
 from fem_snh.errors import BadInput
 from fem_snh.viewing.plots.curves import curve_figure, run_table, x_of
-from fem_snh.viewing.plots.newton import newton_figure
 from fem_snh.viewing.plots.runs import run_figure
 from fem_snh.viewing.plots.sweeps import by_material, read_sweep, read_table, sweep_figure
 from fem_snh.viewing.plots.tradeoff import tradeoff_figure
@@ -56,9 +55,7 @@ def main(
     """
     paths = [Path(p) for p in paths]
     if not paths:
-        raise BadInput(
-            "nothing to plot: give folders of runs, or one sweep.csv, tradeoff.csv or extremes.csv"
-        )
+        raise BadInput("nothing to plot: give folders of runs, or one sweep.csv or tradeoff.csv")
     tables = [_table_in(p) for p in paths]
     if any(t.suffix == ".csv" for t in tables):
         if len(tables) > 1:
@@ -84,7 +81,7 @@ def main(
 
 def _table_in(path: Path) -> Path:
     """Return the CSV file in a study's folder, or any other path unchanged."""
-    for name in ("sweep.csv", "tradeoff.csv", "extremes.csv"):
+    for name in ("sweep.csv", "tradeoff.csv"):
         if (path / name).is_file():
             return path / name
     return path
@@ -97,8 +94,6 @@ def _table_figure(path: Path, x: str | None, y: Sequence[str]) -> Figure:
             raise BadInput("--y: expected with --x, a column of the table")
         label_of = partial(column_label, records=_first_record(path.parent))
         return curve_figure(by_material(table, x), x, y, label_of)
-    if "passed" in table:
-        return newton_figure(table, path)
     if "error_displacement" in table:
         return tradeoff_figure(table, path)
     return sweep_figure(read_sweep(path))

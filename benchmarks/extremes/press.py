@@ -1,4 +1,19 @@
-"""The family "press": flattened to 1 % of the height, fast obstacles, stiff and soft penalties."""
+"""The family "press": flattened to 1 % of the height, fast obstacles, stiff and soft penalties.
+
+The cube of `fem-snh run press`, fixed to the ground at its bottom, under a plate that
+
+- *flat*: sinks to 1 % of the cube's height, in ten steps or in one, with and without friction. The
+  default penalty gives way by some part of the height; a penalty ten times stiffer gives way less.
+- *fast*: sinks in time, at 2 and 10 times the velocity of pressure waves, sqrt(M/rho) with
+  M = E (1 - nu)/((1 + nu)(1 - 2 nu)): no wave runs ahead of the plate.
+- *stiff*, *soft*: sinks to half the height with a penalty 1e6 times the default one, or 1e-6 times.
+  The soft one must let the plate through, whose force is then k times the depth of all points
+  below it, integrated over the surface: k/2 on the top and k/2 on the sides, for a unit cube. With
+  the augmented Lagrangian, which increases the stiffness, the plate must flatten the cube: no point
+  is farther from it than a thousandth of a cell.
+
+A run passes if it converges, or if it stops with a reason and keeps the steps before.
+"""
 
 from __future__ import annotations
 
@@ -6,18 +21,11 @@ from itertools import product
 from math import sqrt
 from typing import Any
 
-from fem_snh.studies.extremes.cases import CLEAR, Case, Check, Record, Row, ends_clearly, scene_case
+from benchmarks.extremes.cases import CLEAR, Case, Check, Record, Row, ends_clearly, scene_case
 
 #: Young's modulus [Pa] and density [kg/m^3] of the scene, and Poisson's ratio if it is not varied.
 _E, _DENSITY, _NU = 1e5, 1000.0, 0.45
 CELLS = 4
-LABEL, BY = "press-(.*)", ()
-PICTURES = {
-    "press.png": (
-        "Pressed to 1 % of its height, nu = 0.45.",
-        [(f"press-flat-stiffer-nu{_NU:g}-Q1", load, "nu = 0.45") for load in (0.0, 0.5, 1.0)],
-    )
-}
 #: The default penalty stiffness [Pa/m]: 10 E over the size of a cell.
 _DEFAULT = 10 * _E * CELLS
 #: The augmented Lagrangian's default tolerance [m], a thousandth of a cell.
@@ -43,7 +51,7 @@ _ELEMENTS = ("Q1", "P1", "Q1P0")
 _SPEEDS, _STEPS = (2.0, 10.0), 20
 
 
-def cases(quick: bool, seeds: int, material: str = "") -> list[Case]:
+def cases(quick: bool, seeds: int) -> list[Case]:
     """Return the cases of every element."""
     few = 1 if quick else None
     runs = [
@@ -59,7 +67,7 @@ def cases(quick: bool, seeds: int, material: str = "") -> list[Case]:
         demand, check = _CHECKS.get(name, ("", ends_clearly))
         made.append(
             scene_case(
-                "press", f"press-{name}-nu{nu:g}-{element}", CLEAR + demand, check, material,
+                "press", f"press-{name}-nu{nu:g}-{element}", CLEAR + demand, check,
                 cells=CELLS, nu=nu, element=element, **values,
             )
         )  # fmt: skip

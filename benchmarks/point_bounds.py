@@ -1,7 +1,4 @@
-"""The family "pointwise": the kernels of a material at extreme stretches, in 50 digits.
-
-``python -m fem_snh.studies.extremes.pointwise MATERIAL FOLDER [--quick]`` measures one material and
-writes FOLDER/record.json: ``{"rows": [{"passed", ...}, ...], "seconds"}``.
+"""Bounds of the errors of a material's kernels at extreme stretches, by exact values in 50 digits.
 
 The kernels at F = diag(s) are compared with the material's expression, which sympy differentiates
 and mpmath evaluates at the exact values of the doubles. In double precision F has rounding errors,
@@ -33,13 +30,9 @@ signed stretches sum to zero.
 
 from __future__ import annotations
 
-import json
-import sys
-import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import mpmath
@@ -49,23 +42,15 @@ import sympy
 from mpmath import mpf
 from sympy.codegen.cfunctions import log1p
 
-from fem_snh import materials
-from fem_snh.atomic_files import replace_file
 from fem_snh.choices import EIGENSOLVERS
 from fem_snh.kernels.material import Material
 from fem_snh.kernels.material import material as make_material
 from fem_snh.materials.energy import Energy
 from fem_snh.materials.functions import fractions
 from fem_snh.materials.invariants import INVARIANTS, SIGMA
-from fem_snh.references import file_of, is_reference
-from fem_snh.studies.extremes.cases import Case, Record, Row, case_columns
-from fem_snh.studies.point import Point
-from fem_snh.studies.sweep import folder_name
-from fem_snh.studies.table import NO_NOTES, failure_message
 
 Array = npt.NDArray[np.float64]
 
-LABEL, BY = "-(.*)", ()
 
 #: Pairs (nu, E [Pa]), each combined with each group of stretches.
 MODULI = (
@@ -342,25 +327,12 @@ def compare(
         yield compared(f"eigenvalues, {solver}", values, exact, change, known)
 
 
-def samples(m: Material, number: int) -> Iterator[tuple[str, Any, list[Exact]]]:
-    """Yield a diagonal F of each group, with the exact values at F and at the F_k.
-
-    The smallest stretch carries the sign (rotation-variant SVD, Smith et al. 2018, section 2).
-    """
-    rng = np.random.default_rng(number)
-    for name in (*STRETCHED, *STRAINED):
-        s = stretches(name, rng)
-        s, sign = np.sort(np.abs(s))[::-1], np.prod(np.sign(s))
-        s[2] *= sign or 1
-        with mpmath.workdps(digits(s)):
-            yield name, np.diag(s), [evaluate(m.expression, x) for x in perturbed(s, rng)]
-
-
 def measure(
     material: str,
     quick: bool = False,
-    samples: Callable[[Material, int], Iterator[tuple[str, Any, Any]]] = samples,
-    eigensolvers: Sequence[str] = EIGENSOLVERS[:1],
+    *,
+    samples: Callable[[Material, int], Iterator[tuple[str, Any, Any]]],
+    eigensolvers: Sequence[str],
 ) -> Iterator[dict[str, Any]]:
     """Compare a material at the F that ``samples`` yields for it and a number.
 
@@ -386,73 +358,3 @@ def measure(
                         "error": float(c.error), "bound": float(c.bound), "ratio": c.ratio,
                         "passed": c.ratio <= 1, "F": " ".join(x.hex() for x in F.ravel()),
                     }  # fmt: skip
-
-
-@dataclass(frozen=True)
-class PointwisePoint(Point):
-    """The measurement of one material, whose record has the rows of `measure`."""
-
-    material: str
-    quick: bool
-
-    module = "fem_snh.studies.extremes.pointwise"
-    parallel = False
-    record = "record.json"
-
-    def arguments(self, folder: Path) -> list[str]:
-        """Return the arguments of ``python -m fem_snh.studies.extremes.pointwise``."""
-        return [self.material, str(folder), *(["--quick"] if self.quick else [])]
-
-    def files(self) -> list[Path]:
-        """Return the file of a material of the user's own."""
-        return [file_of(self.material)] if is_reference(self.material) else []
-
-    def requested(self) -> Mapping[str, Any]:
-        """Return the material."""
-        return {"material": self.material}
-
-    def measured(self, record: Record, log: Path, code: int) -> Mapping[str, Any]:
-        """Return how many rows pass, and the time."""
-        rows = record.get("rows", []) if code == 0 else []
-        passed = sum(row["passed"] for row in rows)
-        status = f"{passed} of {len(rows)} pass" if rows else failure_message(log, code)
-        return {"status": status, "notes": NO_NOTES, "seconds": record.get("seconds")}
-
-
-def all_rows_pass(record: Record, row: Row) -> str:
-    """Check that every row of the record passes; name the first ones that do not."""
-    failed = [r for r in record["rows"] if not r["passed"]]
-    names = [" ".join(str(r[key]) for key in ("group", "quantity")) for r in failed[:3]]
-    more = f" and {len(failed) - 3} more" if len(failed) > 3 else ""
-    return "; ".join(names) + more
-
-
-def cases(quick: bool, seeds: int, material: str = "") -> list[Case]:
-    """Return a case for the material, or for every built-in material."""
-    if material:
-        make_material(material)  # a mistake is reported before anything runs
-    names = ["stable_neo_hookean", "stvk"] if quick else materials.names()
-    columns = case_columns("pointwise", "every error within its bound", True)
-    return [
-        Case(
-            f"pointwise-{folder_name([name])}",
-            PointwisePoint(name, quick, columns=columns),
-            all_rows_pass,
-        )
-        for name in ([material] if material else names)
-    ]
-
-
-def main(material: str, folder: str, *flags: str) -> int:
-    """Measure a material and write its record; the folder is created."""
-    out = Path(folder)
-    out.mkdir(parents=True, exist_ok=True)
-    start = time.perf_counter()
-    rows = list(measure(material, "--quick" in flags))
-    record = {"rows": rows, "seconds": time.perf_counter() - start}
-    replace_file(out / "record.json", json.dumps(record, indent=1) + "\n")
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main(*sys.argv[1:]))

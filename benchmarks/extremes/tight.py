@@ -8,14 +8,13 @@ of the same load either, so it does not tell which one the case should have foun
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from fem_snh.studies.extremes.cases import Case, Record, Row
-from fem_snh.studies.scene_points import ScenePoint, run_arguments
+from benchmarks.extremes.cases import Case, Record, Row
 from fem_snh.studies.table import read_record
 
 #: The tight solve's tolerance of forces relative to E V^(2/3); the default one is 1e-7.
@@ -28,52 +27,28 @@ AGREES = 0.01
 _REST = {"u": 1e-10, "force": 1e-10, "energy": 1e-18}
 
 
-@dataclass(frozen=True)
-class TightPoint(ScenePoint):
-    """The tight solve of the case that it comes ``after``."""
+def tight_row(case: Case, out: Path) -> dict[str, Any]:
+    """Solve a case that has converged in ``out`` again, and return the row of that solve.
 
-    def arguments(self, folder: Path) -> list[str]:
-        """Return the arguments of ``fem-snh``."""
-        values = {**self.values, "steps": 1}
-        if not self.values.get("friction"):  # its history begins with the run
-            values["start.run"] = str(self._other(folder))
-        return run_arguments(self.name, folder, values, _PETSC)
-
-    def measured(self, record: Mapping[str, Any], log: Path, code: int) -> Mapping[str, Any]:
-        """Return the columns MEASURED, and ``difference`` from the case."""
-        found = dict(super().measured(record, log, code))
-        other = read_record(self._other(log.parent))
-        if not other.get("converged"):
-            return found | {"status": "nothing to compare with"}
-        if found["converged"]:
-            found["difference"] = difference(self._other(log.parent), other, log.parent, record)
-        return found
-
-    def _other(self, folder: Path) -> Path:
-        """Return the folder of the case, beside that of its tight solve."""
-        return folder.parent / str(self.after)
-
-
-def with_tight(case: Case) -> list[Case]:
-    """Return a case of a scene, whose name ends with its element, and its tight solve."""
-    point = case.point
-    assert isinstance(point, ScenePoint)
+    Its column ``difference`` is the difference from the case.
+    """
     kind, _, element = case.name.rpartition("-")
-    columns = {**point.columns, "criterion": f"a tight solve differs by at most {AGREES:.0%}"}
-    tight = TightPoint(
-        point.name, point.values, point.scene, columns=columns, timeout=point.timeout,
-        after=case.name,
+    values = {**case.values, "steps": 1}
+    if not case.values.get("friction"):  # its history begins with the run
+        values["start.run"] = str(out / case.name)
+    tight = replace(
+        case, name=f"{kind}-tight-{element}", values=values, petsc=_PETSC, check=agrees,
+        criterion=f"a tight solve differs by at most {AGREES:.0%}",
     )  # fmt: skip
-    return [
-        case,
-        Case(f"{kind}-tight-{element}", tight, agrees, case.required),
-    ]
+    record, row = tight.run(out)
+    if row["converged"]:
+        before = out / case.name
+        row["difference"] = difference(before, read_record(before), out / tight.name, record)
+    return row | tight.verdict(record, row)
 
 
 def agrees(record: Record, row: Row) -> str:
     """Check that the tight solve leaves the state of the case where it is."""
-    if row["status"] == "nothing to compare with":
-        return ""
     if row["converged"] is not True:
         return f"the tight solve fails: {row['status']}"
     return (

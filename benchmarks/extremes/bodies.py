@@ -1,6 +1,6 @@
 """Scenes of the extremes: bodies of extreme contrast, shape, support and load.
 
-Each is run by ``fem-snh run fem_snh/studies/extremes/bodies.py:NAME``, as `reference` returns it.
+Each is run by ``fem-snh run benchmarks/extremes/bodies.py:NAME``, as `reference` returns it.
 """
 
 from __future__ import annotations

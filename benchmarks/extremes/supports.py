@@ -1,4 +1,9 @@
-"""The family "supports": bodies with no supports, or too few."""
+"""The family "supports": bodies with no supports, or too few.
+
+Blocks on rollers, in three dimensions, in plane strain and of revolution. The rigid motions that
+nothing constrains are named before the first step: in a note, or under a net force in the one line
+with which the scene is refused. In time a free motion is no mistake.
+"""
 
 from __future__ import annotations
 
@@ -6,10 +11,9 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
-from fem_snh.studies.extremes import bodies
-from fem_snh.studies.extremes.cases import Case, Record, Row, scene_case
+from benchmarks.extremes import bodies
+from benchmarks.extremes.cases import Case, Record, Row, scene_case
 
-LABEL, BY = "supports-(.*)", ("criterion",)
 #: The bodies, and the result: "held", "one of many" equilibria, "refused", "by contact" alone.
 _CASES: dict[str, tuple[dict[str, Any], str]] = {
     "held": ({"planes": "xyz", "load": 0.01}, "held"),
@@ -38,7 +42,7 @@ _CRITERIA = {
 _NOTE = {"one of many": "one of many", "by contact": "contact alone can hold it"}
 
 
-def cases(quick: bool, seeds: int, material: str = "") -> list[Case]:
+def cases(quick: bool, seeds: int) -> list[Case]:
     """Return the cases; the quick ones are some of all kinds."""
     some = ("none-loaded", "too-few", "plane-loaded", "too-few-in-time")
     made = []
@@ -46,7 +50,7 @@ def cases(quick: bool, seeds: int, material: str = "") -> list[Case]:
         if name in some or not quick:
             case = scene_case(
                 bodies.reference(bodies.rollers), f"supports-{name}", _CRITERIA[result],
-                partial(_ends, result), material, **keys,
+                partial(_ends, result), **keys,
             )  # fmt: skip
             made.append(replace(case, refused=result == "refused"))
     return made

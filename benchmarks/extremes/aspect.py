@@ -1,4 +1,11 @@
-"""The family "aspect": sheets and struts up to 1 : 1000, and slivers of 0.1 degree."""
+"""The family "aspect": sheets and struts up to 1 : 1000, and slivers of 0.1 degree.
+
+*sheet*: a square, clamped at one edge, 1 to 1000 times as wide as thick; the opposite edge is
+stretched by 20 % and moved out of the plane by a tenth of the width. *strut*: 1 to 1000 times as
+long as wide; its end is moved to the side by a tenth of the length. *slivers*: a cube whose first
+layer of tetrahedra is so thin that they have angles of 1 and 0.1 degrees. All in one step, each
+with a tight solve as for stiff inclusions.
+"""
 
 from __future__ import annotations
 
@@ -6,11 +13,9 @@ from itertools import product
 from math import radians, tan
 from typing import Any
 
-from fem_snh.studies.extremes import bodies
-from fem_snh.studies.extremes.cases import Case, converged, scene_case
-from fem_snh.studies.extremes.tight import with_tight
+from benchmarks.extremes import bodies
+from benchmarks.extremes.cases import Case, converged, scene_case
 
-LABEL, BY = "aspect-(.*)-", ()
 _ELEMENTS = ("Q1P0", "P2P0", "Q1", "P1", "Q2", "P2")
 #: Sizes of a cell of a sheet's and of a cube's edge.
 _CELLS = {"1": 8, "2": 4}
@@ -22,7 +27,7 @@ _STRUT_CELLS, _BEND = 1, 0.1
 _SLOW = ("strut-1to1000",)
 
 
-def cases(quick: bool, seeds: int, material: str = "") -> list[Case]:
+def cases(quick: bool, seeds: int) -> list[Case]:
     """Return the cases of every shape and element, each with a tight solve."""
     made: list[Case] = []
     aspects = (1000,) if quick else (1, 10, 100, 1000)
@@ -35,25 +40,20 @@ def cases(quick: bool, seeds: int, material: str = "") -> list[Case]:
         }
         if aspect == 1:
             shapes = {"cube": {"length": 1.0, "cells": cells, "stretch": 0.2}}
-        made += [
-            each
-            for name, keys in shapes.items()
-            for each in _case(f"{name}-1to{aspect}", element, keys, material)
-        ]
+        made += [_case(f"{name}-1to{aspect}", element, keys) for name, keys in shapes.items()]
     for element in ("P1", "P2P0") if not quick else ("P1",):
         cells = _CELLS[element[1]]
         for angle in (1.0, 0.1):
             # The first layer of cells is so thin that its tetrahedra have this angle.
             thin = {"length": 1.0, "cells": cells, "first": tan(radians(angle)) / cells}
-            made += _case(f"slivers-{angle:g}deg", element, {**thin, "stretch": 0.2}, material)
+            made.append(_case(f"slivers-{angle:g}deg", element, {**thin, "stretch": 0.2}))
     return made
 
 
-def _case(name: str, element: str, keys: dict[str, Any], material: str) -> list[Case]:
-    """Return a case and its tight solve."""
+def _case(name: str, element: str, keys: dict[str, Any]) -> Case:
+    """Return a case with a tight solve."""
     nu = 0.499 if "P0" in element else 0.45
-    case = scene_case(
+    return scene_case(
         bodies.reference(bodies.bar), f"aspect-{name}-{element}", "reaches its load in one step",
-        converged, material, name not in _SLOW, element=element, nu=nu, **keys,
+        converged, name not in _SLOW, tight=True, element=element, nu=nu, **keys,
     )  # fmt: skip
-    return with_tight(case)

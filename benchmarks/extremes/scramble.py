@@ -1,4 +1,19 @@
-"""The family "scramble": vertices at random in twice the volume (Smith et al. 2018, Figure 3)."""
+"""The family "scramble": vertices at random in twice the volume (Smith et al. 2018, Figure 3).
+
+Every vertex of a unit cube starts at a random position in a cube of twice its volume, four corners
+are fixed, and the body is released (Smith et al. 2018, Figure 3): `fem-snh run scramble`. The
+criterion is that the body returns to rest: no point is further than 1e-6 of the side from its rest
+position.
+
+An energy that is finite for every F does not guarantee this. From a scramble a descent may end in
+another minimum: most cells have J > 0 and some stress, and the lowest eigenfrequency is positive.
+For nu >= 0.45 this is common on tetrahedra and happens on hexahedra; at nu = 0.499 the descent
+itself converges slowly. The runs that are expected to pass therefore find the equilibrium at
+nu = -0.3 first (`nu_continuation = [-0.3]`), where the volume term is too weak to
+keep cells inverted. The rest state is an equilibrium for every nu, so the run at the real nu has
+little left to do. Newton iterations of both runs are counted. The descents without continuation may
+fail.
+"""
 
 from __future__ import annotations
 
@@ -7,15 +22,8 @@ from typing import Any
 
 import pandas as pd
 
-from fem_snh.studies.extremes.cases import PASS, POLICIES, Case, at_rest, scene_case
+from benchmarks.extremes.cases import PASS, POLICIES, Case, at_rest, scene_case
 
-LABEL, BY = "-([QP][12])-", ("cells", "nu", "hessian", "globalization")
-PICTURES = {
-    "scramble.png": (
-        "Scrambled and released (Smith et al. 2018, Figure 3).",
-        [("scramble-Q1-*-nu0.49*-0", load, "nu = 0.49") for load in (0.0, 1.0)],
-    )
-}
 #: Poisson's ratio at which the required runs start (continuation in Poisson's ratio).
 START_NU = -0.3
 NUS = (0.0, 0.3, 0.45, 0.49, 0.499)
@@ -26,7 +34,7 @@ SMALL, LARGE = 10, 15
 MEDIAN_NU, MEDIAN_LIMIT = 0.49, 150
 
 
-def cases(quick: bool, seeds: int, material: str = "") -> list[Case]:
+def cases(quick: bool, seeds: int) -> list[Case]:
     """Return ``seeds`` cases of the small cube, a tenth as many of the large one, and descents."""
 
     def case(cells: int, element: str, nu: float, seed: int, plain: str = "") -> Case:
@@ -37,7 +45,7 @@ def cases(quick: bool, seeds: int, material: str = "") -> list[Case]:
             "scramble",
             f"{name}-plain-{plain}" if plain else name,
             f"plain descent, {plain}: back at rest" if plain else "back at rest",
-            at_rest, material, not plain, cells=cells, element=element, nu=nu, seed=seed, **how,
+            at_rest, not plain, cells=cells, element=element, nu=nu, seed=seed, **how,
         )  # fmt: skip
 
     if quick:
@@ -56,9 +64,11 @@ def cases(quick: bool, seeds: int, material: str = "") -> list[Case]:
     ]
 
 
-def aggregate_criteria(rows: pd.DataFrame) -> dict[str, str]:
-    """Check the median of the Newton iterations of the large cube."""
-    large = rows[(rows["expected"] == PASS) & (rows["cells"] == LARGE) & (rows["nu"] == MEDIAN_NU)]
+def median_criteria(rows: pd.DataFrame) -> dict[str, str]:
+    """Return why the large cube takes too many Newton iterations, or "", by criterion."""
+    ours = rows[(rows["family"] == "scramble") & (rows["expected"] == PASS)]
+    # Of the text of a CSV file: two materials have two nu.
+    large = ours[(ours["cells"] == LARGE) & (ours["nu"].astype(float) == MEDIAN_NU)]
     medians = large.groupby("element")["newton"].median()
     return {
         f"scramble, {element}, {LARGE}^3, nu = {MEDIAN_NU:g}: median of Newton iterations at most "

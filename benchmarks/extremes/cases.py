@@ -1,18 +1,20 @@
-"""A case of the study: its run, its acceptance criterion, and whether it must pass."""
+"""A case: its run, its acceptance criterion, and whether it must pass."""
 
 from __future__ import annotations
 
 import json
+import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 from fem_snh import scenes
 from fem_snh.choices import HESSIANS
-from fem_snh.studies.point import Point
-from fem_snh.studies.scene_points import ScenePoint
-from fem_snh.studies.table import MEASURED, REQUESTED
+from fem_snh.studies.processes import Child, program
+from fem_snh.studies.scene_points import requested_columns, run_arguments
+from fem_snh.studies.table import MEASURED, REQUESTED, measured_columns, read_record
 
 #: The record of a case (empty if there is none) and its row.
 Record = Mapping[str, Any]
@@ -24,17 +26,21 @@ Check = Callable[[Record, Row], str]
 PASS, MAY_FAIL = "pass", "may fail"
 
 #: Hessian and globalization of each policy, by the word for both in a case's name.
-POLICIES = {h: {"hessian": h, "globalization": "linesearch"} for h in HESSIANS}
+POLICIES: dict[str, dict[str, Any]] = {
+    h: {"hessian": h, "globalization": "linesearch"} for h in HESSIANS
+}
 POLICIES["trust"] = {"hessian": "adaptive", "globalization": "trust_region"}
 
 #: Columns of the table.
 COLUMNS = (
-    "point", "family", "criterion", "expected", "passed", "reason",
-    *REQUESTED, "seed", "ranks", *MEASURED, "max_u", "nonfinite", "difference",
+    "case", "family", "criterion", "expected", "passed", "reason",
+    *REQUESTED, "seed", *MEASURED, "max_u", "nonfinite", "difference",
 )  # fmt: skip
 
-#: Timeout of a case that may fail [s].
-_MAY_FAIL_TIMEOUT = 200.0
+#: Timeouts of cases that must pass and of cases that may fail [s]; memory of each [GiB].
+_TIMEOUT, _MAY_FAIL_TIMEOUT, _MEMORY = 900.0, 200.0, 3.0
+#: Seconds between two polls of a run.
+_POLL_INTERVAL = 0.01
 #: Largest displacement at which a unit cube counts as being at rest.
 REST_TOLERANCE = 1e-6
 #: The criterion of `ends_clearly`, in words.
@@ -43,42 +49,79 @@ CLEAR = "converges, or says why not and keeps its steps"
 
 @dataclass(frozen=True)
 class Case:
-    """One row of the study.
+    """A run of a scene, and what it must fulfil.
 
     Parameters
     ----------
     name : str
-        Name of its folder: unique, with its family first.
-    point : Point
-        The run.
+        Unique; its family comes first.
+    scene : str
+        Name of the scene, or ``FILE.py:FUNCTION``.
+    values : mapping
+        Keyword arguments of `fem_snh.scenes.load`.
+    criterion : str
+        The acceptance criterion, in words.
     check : Check
-        Evaluates its acceptance criterion.
+        Evaluates the criterion.
     required : bool
-        Whether the study fails if this case fails.
+        Whether it must pass; the others are run for comparison.
     refused : bool
         Whether it is meant to end without a record.
+    tight : bool
+        Whether a tight solve follows; the name ends with the element.
+    petsc : mapping
+        PETSc options, without the dash.
     """
 
     name: str
-    point: Point
+    scene: str
+    values: Mapping[str, Any]
+    criterion: str
     check: Check
     required: bool = True
     refused: bool = False
+    tight: bool = False
+    petsc: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def family(self) -> str:
         """The family that the case belongs to."""
         return self.name.partition("-")[0]
 
-    def evaluate(self, record: Record, row: Row) -> dict[str, Any]:
+    @property
+    def loaded(self) -> scenes.Scene:
+        """The scene with the values."""
+        values = {key: v for key, v in self.values.items() if key != "seed"}
+        return _load_scene(self.scene, json.dumps(values))
+
+    def run(self, out: Path, timeout: float | None = None) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Run it in a process, in a folder of its name in ``out``; return its record and row."""
+        log = out / f"{self.name}.txt"
+        arguments = run_arguments(self.scene, out / self.name, self.values, self.petsc)
+        limit = timeout or (_TIMEOUT if self.required else _MAY_FAIL_TIMEOUT)
+        child = Child([*program(1), *arguments], log, limit, _MEMORY)
+        try:
+            while (code := child.poll()) is None:
+                time.sleep(_POLL_INTERVAL)
+        except BaseException:
+            child.end()
+            raise
+        record = read_record(out / self.name)
+        row = {
+            "case": self.name, "family": self.family, "criterion": self.criterion,
+            "expected": PASS if self.required else MAY_FAIL, "seed": self.values.get("seed"),
+            **requested_columns(self.loaded), **measured_columns(record, log, code),
+        }  # fmt: skip
+        row["seconds"] = row["seconds"] or child.seconds
+        if child.limit_reached:
+            row |= {"converged": False, "status": child.limit_reached}
+        return record, row
+
+    def verdict(self, record: Record, row: Row) -> dict[str, Any]:
         """Evaluate the acceptance criterion; return the columns ``passed`` and ``reason``."""
         checked = record or self.refused
         reason = self.check(record, row) if checked else str(row["status"])
-        remark = ""
-        if reason:
-            remark = "failed" if self.required else "failed, as it may"
-            remark += "" if reason == row["status"] else f": {reason}"
-        return {"passed": not reason, "reason": reason, "remark": remark}
+        return {"passed": not reason, "reason": reason}
 
 
 def scene_case(
@@ -86,28 +129,13 @@ def scene_case(
     name: str,
     criterion: str,
     check: Check,
-    material: str = "",
     required: bool = True,
+    *,
+    tight: bool = False,
     **values: Any,
 ) -> Case:
-    """Return a case that runs a scene with keyword arguments of `fem_snh.scenes.load`.
-
-    With a ``material`` it is not required: the theory is that of Stable Neo-Hookean.
-    """
-    required = required and not material
-    values |= {"material": material} if material else {}
-    family, seed = name.partition("-")[0], values.get("seed")
-    columns = case_columns(family, criterion, required) | {"seed": seed}
-    loaded = _load_scene(scene, json.dumps({k: v for k, v in values.items() if k != "seed"}))
-    timeout = None if required else _MAY_FAIL_TIMEOUT
-    point = ScenePoint(scene, values, loaded, columns=columns, timeout=timeout)
-    return Case(name, point, check, required)
-
-
-def case_columns(family: str, criterion: str, required: bool) -> dict[str, Any]:
-    """Return the columns of a case that are known before it runs."""
-    expected = PASS if required else MAY_FAIL
-    return {"family": family, "criterion": criterion, "expected": expected}
+    """Return a case that runs a scene with keyword arguments of `fem_snh.scenes.load`."""
+    return Case(name, scene, values, criterion, check, required, tight=tight)
 
 
 @cache
