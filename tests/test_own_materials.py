@@ -105,7 +105,7 @@ def test_tuning_and_mixing(here: Path):
 def test_report_and_table(here: Path):
     report = fem_snh.material(gent, nu=0.3).report()
     assert report.name == "gent" and report.rest.verdict == "passed"
-    from fem_snh.kernels.reports.table import rows
+    from fem_snh.kernels.reports.report import rows
 
     row, other = rows("gent.py:gent", "neo_hookean", nu=0.3)
     assert (row["name"], row["rest"]) == ("gent.py:gent", "passed")

@@ -1,4 +1,4 @@
-"""Stress curves, the region of a positive tangent, and collapse, against exact solutions."""
+"""Stress curves and the region of a positive tangent, against exact solutions."""
 
 from __future__ import annotations
 
@@ -10,8 +10,7 @@ import pytest
 from fem_snh import materials
 from fem_snh.kernels.material import Material, material
 from fem_snh.kernels.reports import curves, drucker
-from fem_snh.kernels.reports.collapse import collapses
-from fem_snh.kernels.reports.evaluate import diagonal, stress
+from fem_snh.kernels.reports.curves import diagonal, stress
 from fem_snh.kernels.reports.report import Report, domain
 
 every_name = pytest.mark.parametrize("name", materials.names())
@@ -109,24 +108,6 @@ def test_regions_against_the_hessian(name):
         size = np.abs(m.hessian(F)).max(axis=(-1, -2))
         assert np.all(np.abs(r.tangent - expected) < 1e-7 * size)
         assert np.all(r.scaling >= r.tangent - 1e-12 * size)
-
-
-# --- crushed -------------------------------------------------------------------------------------
-
-
-def test_crushed():
-    flat, shrunk = collapses(made("stable_neo_hookean", 0.49))
-    mu, lam = made("stable_neo_hookean", 0.49).constants
-    assert flat.at_zero == pytest.approx(-mu / 2 + mu + lam / 2)
-    assert flat.stress_at_zero == pytest.approx(-(lam + mu))
-    assert shrunk.at_zero == pytest.approx(-1.5 * mu + mu + lam / 2)
-    for name in ("neo_hookean", "hencky", "symmetric_dirichlet"):
-        for c in collapses(made(name)):
-            assert c.at_zero == np.inf and c.stress_at_zero == -np.inf
-            assert np.isnan(c.energy[c.s < 0]).all() and np.isfinite(c.energy[c.s > 0]).all()
-    for c in collapses(made("stvk")):  # an even function
-        even = np.interp(-c.s[c.s < 0], c.s, c.energy)
-        assert c.energy[c.s < 0] == pytest.approx(even, rel=1e-3, abs=1e-3)
 
 
 def test_domain_in_words():

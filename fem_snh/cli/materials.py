@@ -164,7 +164,7 @@ def _table(names: Sequence[str], path: Path | None, numbers: dict[str, Any]) -> 
     from rich.console import Console
     from rich.table import Table
 
-    from fem_snh.kernels.reports.table import rows, write
+    from fem_snh.kernels.reports.report import rows, write
 
     verdicts = []
     with Console(stderr=True).status("compiling and evaluating") as status:
@@ -174,7 +174,7 @@ def _table(names: Sequence[str], path: Path | None, numbers: dict[str, Any]) -> 
     if path is not None:
         write(path, verdicts)
     four = ("inversion", "reflection", "rest", "degeneracy")
-    table = Table("material", "mu", "lambda", *four, "minima", "finite for", "SVD")
+    table = Table("material", "mu", "lambda", *four, "finite for", "SVD")
     table.columns[0].no_wrap = True
     for row in verdicts:
         if not row["inversion"]:
@@ -184,7 +184,6 @@ def _table(names: Sequence[str], path: Path | None, numbers: dict[str, Any]) -> 
             row["name"] + (f"\n({row['note']})" if row["note"] else ""),
             *(f"{row[key]:.4g}" for key in ("mu_lame", "lambda_lame")),
             *(_verdict(row[key], row[f"{key}_reason"]) for key in four),
-            row["minima"],
             row["domain"],
             "yes" if row["stretches"] else "no",
         )

@@ -1,12 +1,11 @@
-"""Characterise a material: stability, admissible region, stress curves, equilibrium shapes.
+"""Characterise a material: stability, admissible region, stress curves.
 
     >>> m = fem_snh.material("stable_neo_hookean", nu=0.49)
     >>> print(m.report())
     >>> m.report().plot("stable_neo_hookean.png")
 
 `curves` computes stress against stretch, `drucker` the region of a positive tangent, `stability`
-the four stability properties of Smith et al. 2018, `minima` all equilibrium shapes of an element,
-`collapse` the behaviour as J -> 0 and under inversion, and `table` compares materials. Only
-reflection stability uses the symbolic expression, because the kernels fix one convention for the
-sign of the stretches.
+the four stability properties of Smith et al. 2018, and `report` puts them together and compares
+materials. Only reflection stability uses the symbolic expression, because the kernels fix one
+convention for the sign of the stretches.
 """

@@ -9,13 +9,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 from scipy.optimize import brentq
 
 from fem_snh.kernels.material import Material
-from fem_snh.kernels.reports.evaluate import Array, stress
 from fem_snh.kernels.svd_eigen import svd
+
+Array = npt.NDArray[Any]
 
 #: A test: the function of (prescribed, free stretch) that returns three stretches, and the index of
 #: the free one.
@@ -28,6 +31,33 @@ EQUIBIAXIAL: Test = (lambda s, t: np.stack([s, s, t], axis=-1), 2)
 _FREE = np.geomspace(0.02, 50, 241)
 #: Largest ratio of consecutive free stretches on one branch of solutions.
 _JUMP = 1.6
+
+
+def diagonal(s: npt.ArrayLike) -> Array:
+    """Return F = diag(s), shape (..., 3, 3), of stretches (..., 3)."""
+    s = np.asarray(s, dtype=float)
+    return s[..., None] * np.eye(3)
+
+
+def inside(m: Material, F: Array) -> npt.NDArray[np.bool_]:
+    """Return where the energy is finite, shape (...); everywhere for a material without one."""
+    finite = (
+        np.isfinite(m.energy(F)) if m.expression.has_energy else np.isfinite(F).all(axis=(-1, -2))
+    )
+    return np.asarray(finite)
+
+
+def stress(m: Material, s: npt.ArrayLike) -> Array:
+    """Return the diagonal of PK1 [Pa] at F = diag(s), (..., 3); NaN where psi is infinite."""
+    F = diagonal(s)
+    P = np.diagonal(m.pk1(F), axis1=-2, axis2=-1)
+    return np.where(inside(m, F)[..., None], P, np.nan)
+
+
+def eigenvalues(m: Material, s: npt.ArrayLike) -> Array:
+    """Return the eigenvalues [Pa] of the tangent at F = diag(s), (..., 9); NaN likewise."""
+    F = diagonal(s)
+    return np.where(inside(m, F)[..., None], m.eigensystem(F)[0], np.nan)
 
 
 @dataclass(frozen=True)

@@ -16,8 +16,15 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh.kernels.material import Material
-from fem_snh.kernels.reports.curves import EQUIBIAXIAL, UNIAXIAL, Curve, Test, free_stretch
-from fem_snh.kernels.reports.evaluate import Array, eigenvalues
+from fem_snh.kernels.reports.curves import (
+    EQUIBIAXIAL,
+    UNIAXIAL,
+    Array,
+    Curve,
+    Test,
+    eigenvalues,
+    free_stretch,
+)
 
 #: Planes of stretches: the third stretch as a function of the two others.
 PLANES: dict[str, Callable[[Array, Array], Array]] = {

@@ -1,20 +1,32 @@
-"""The report of one material, and its printed form: ``Material.report`` and the command line."""
+"""The report of one material, ``Material.report``, and a table of the stability of several."""
 
 from __future__ import annotations
 
+import csv
+import io
 import math
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from fem_snh.kernels.material import Material
-from fem_snh.kernels.reports import collapse, curves, drucker, minima, stability
-from fem_snh.kernels.reports.collapse import Collapse
+from fem_snh import materials
+from fem_snh.atomic_files import write_file
+from fem_snh.errors import BadInput
+from fem_snh.kernels.material import Material, material
+from fem_snh.kernels.reports import curves, drucker, stability
 from fem_snh.kernels.reports.curves import Curve
 from fem_snh.kernels.reports.drucker import Interval, StableRegion
-from fem_snh.kernels.reports.minima import Minima
 from fem_snh.kernels.reports.stability import Stability
+
+#: The columns in order; the columns ``*_reason`` give the reason of a verdict that is not "passed".
+COLUMNS = (
+    "name", "nu", "mu_lame", "lambda_lame",
+    "inversion", "reflection", "rest", "degeneracy",
+    "inversion_reason", "reflection_reason", "rest_reason", "degeneracy_reason",
+    "domain", "stretches", "note",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -41,14 +53,10 @@ class Report:
         True if energy and stress need the singular values of F.
     inversion, reflection, rest, degeneracy : Stability
         The four stability properties of Smith et al. 2018.
-    unique_minimum, minima : Stability, Minima
-        Whether the rest state is the only minimum, and all minima that were found.
     curves : tuple of Curve
         Uniaxial, equibiaxial, simple shear and volumetric stress curves.
     drucker, regions : tuple of Interval, tuple of StableRegion
         Where the exact tangent is positive semidefinite.
-    collapse : tuple of Collapse
-        Energy and stress as J -> 0 and under inversion.
     """
 
     name: str
@@ -66,12 +74,9 @@ class Report:
     reflection: Stability
     rest: Stability
     degeneracy: Stability
-    unique_minimum: Stability
-    minima: Minima
     curves: tuple[Curve, ...]
     drucker: tuple[Interval, ...]
     regions: tuple[StableRegion, ...]
-    collapse: tuple[Collapse, ...]
 
     @property
     def stabilities(self) -> tuple[Stability, Stability, Stability, Stability]:
@@ -90,7 +95,6 @@ class Report:
 
 def report(m: Material) -> Report:
     """Return the report of a material; it takes half a second once the kernel is compiled."""
-    found = minima.minima(m)
     tests = curves.curves(m)
     return Report(
         name=m.name,
@@ -106,16 +110,13 @@ def report(m: Material) -> Report:
         has_energy=m.expression.has_energy,
         domain=tuple(map(str, m.expression.domain)),
         needs_stretches=m.expression.needs_stretches,
-        inversion=stability.inversion(m, found),
+        inversion=stability.inversion(m),
         reflection=stability.reflection(m),
         rest=stability.rest(m),
         degeneracy=stability.degeneracy(m),
-        unique_minimum=stability.unique_minimum(found),
-        minima=found,
         curves=tests,
         drucker=drucker.intervals(m, tests),
         regions=drucker.regions(m),
-        collapse=collapse.collapses(m),
     )
 
 
@@ -135,7 +136,7 @@ def _lines(r: Report) -> list[str]:
         "",
         "Stability (numbers in units of E):",
     ]
-    for s in (*r.stabilities, r.unique_minimum):
+    for s in r.stabilities:
         lines.append(f"  {s.name:<13}  {s}")
         numbers = ", ".join(f"{k} {_short(v)}" for k, v in s.numbers.items())
         lines += [f"  {'':<13}  {numbers}"] if numbers else []
@@ -146,10 +147,6 @@ def _lines(r: Report) -> list[str]:
     for i in r.drucker:
         both = (_span(x, i.searched) for x in (i.tangent, i.scaling))
         lines.append(f"  {i.path:<38}" + "".join(f"   {text:<16}" for text in both).rstrip())
-    lines += ["", "Collapse: energy and stress along the last stretch as it tends to 0 [E]"]
-    for c in r.collapse:
-        psi = _short(c.at_zero / r.E) if r.has_energy else "none"
-        lines.append(f"  {c.path:<22} energy {psi:<10} stress {_short(c.stress_at_zero / r.E)}")
     return lines
 
 
@@ -182,3 +179,67 @@ def _span(found: tuple[float, float] | None, searched: tuple[float, float]) -> s
     low = f"< {searched[0]:.3g}" if found[0] == searched[0] else f"{found[0]:.4g}"
     high = f"> {searched[1]:.3g}" if found[1] == searched[1] else f"{found[1]:.4g}"
     return f"{low} to {high}"
+
+
+def rows(
+    *names: str, E: float = 1.0, nu: float = 0.49, **keywords: Any
+) -> Iterator[dict[str, Any]]:
+    """Yield a row (the keys are `COLUMNS`) for each material, once its kernel is compiled.
+
+    A material that cannot have this nu has a row with the reason as ``note``.
+
+    Parameters
+    ----------
+    *names : str
+        The materials; all of `fem_snh.materials()` by default.
+    E, nu : float
+        Young's modulus [Pa] and Poisson's ratio.
+    **keywords : Any
+        Shape and tuning parameters.
+
+    Raises
+    ------
+    BadInput
+        If no material accepts the parameters.
+    """
+    refused: list[BadInput] = []
+    chosen = names or materials.names()
+    for name in chosen:
+        try:
+            yield row(name, E, nu, **keywords)
+        except BadInput as error:
+            refused.append(error)
+            if len(refused) == len(chosen):
+                raise
+            yield dict.fromkeys(COLUMNS, "") | {"name": name, "note": str(error)}
+
+
+def row(name: str, E: float = 1.0, nu: float = 0.49, **keywords: Any) -> dict[str, Any]:
+    """Return the row of one material; raise BadInput if it does not accept the parameters."""
+    m = material(name, E, nu, **keywords)
+    four = (
+        stability.inversion(m),
+        stability.reflection(m),
+        stability.rest(m),
+        stability.degeneracy(m),
+    )
+    mu, lam = m.lame
+    return (
+        {"name": name, "nu": nu, "mu_lame": mu, "lambda_lame": lam}
+        | {s.name: s.verdict for s in four}
+        | {f"{s.name}_reason": s.reason for s in four}
+        | {
+            "domain": domain(tuple(map(str, m.expression.domain))),
+            "stretches": m.expression.needs_stretches,
+            "note": "" if m.expression.has_energy else "no energy",
+        }
+    )
+
+
+def write(path: Path, table: list[dict[str, Any]]) -> None:
+    """Write the rows as CSV; raise BadInput if ``path`` cannot be written."""
+    text = io.StringIO()
+    writer = csv.DictWriter(text, COLUMNS, lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(table)
+    write_file(path, text.getvalue())

@@ -15,13 +15,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from itertools import combinations_with_replacement, permutations
+from typing import Any
 
 import numpy as np
+import sympy
 
 from fem_snh.kernels.material import Material
-from fem_snh.kernels.reports.evaluate import Array, diagonal, eigenvalues, inside, stress
-from fem_snh.kernels.reports.minima import Minima
-from fem_snh.kernels.reports.signed_stretches import Signed
+from fem_snh.kernels.reports.curves import Array, diagonal, eigenvalues, inside, stress
+from fem_snh.materials.energy import Energy
+from fem_snh.materials.invariants import INVARIANTS, SIGMA
 from fem_snh.materials.normalise import lame
 
 #: The verdicts on a property.
@@ -39,13 +41,71 @@ FLIPS = np.array([[1, 1, -1], [1, -1, 1], [-1, 1, 1], [-1, -1, -1]], dtype=float
 
 #: Forces, curvatures and differences below this [E] count as zero.
 _SMALL = 1e-9
-#: Negative stretches above -_INVERTED are rounding errors of the search for minima.
-_INVERTED = 1e-6
+#: The other stretches that twist and flip couple.
+_PAIRS = ((1, 2), (0, 2), (0, 1))
 #: Distances from a singular state at which eigenvalues are compared, and the largest accepted
 #: growth from the first to the second: a pole 1/d grows by 1e4.
 _DISTANCES, _MOST_GROWTH = (1e-2, 1e-6), 1e3
 #: Samples of a path of stretches from -0.99 s1 to 0, whose largest stress is sought.
 _SAMPLES = 60
+
+
+class Signed:
+    """Energy, principal stresses and eigenvalues at stretches (..., 3) of any signs.
+
+    All values are NaN outside the domain. They are evaluated from the symbolic expression, because
+    the kernels compute an SVD with one convention for the sign.
+    """
+
+    def __init__(self, energy: Energy) -> None:
+        self._values = energy.values
+        psi = energy.psi_sigma
+        slopes = energy.slopes
+        second = [[sympy.diff(p, s) for s in SIGMA] for p in slopes]
+        self._psi = self._function(energy, [sympy.Integer(0) if psi is None else psi])
+        self._slopes = self._function(energy, list(slopes))
+        self._second = self._function(energy, [a for row in second for a in row])
+        self._domain = self._function(energy, [d.subs(INVARIANTS) for d in energy.domain])
+
+    @staticmethod
+    def _function(energy: Energy, expressions: list[sympy.Expr]) -> Any:
+        modules = [{"where": lambda x, a, b: np.where(x > 0, a, b)}, "numpy"]
+        return sympy.lambdify((*SIGMA, *energy.constants), expressions, modules=modules, cse=True)
+
+    def _call(self, function: Any, s: Array) -> Array:
+        """Return the values (..., number of expressions); NaN outside the domain."""
+        with np.errstate(all="ignore"):
+            found = function(*np.moveaxis(s, -1, 0), *self._values)
+        outside = np.zeros(s.shape[:-1], dtype=bool)
+        with np.errstate(all="ignore"):
+            for d in self._domain(*np.moveaxis(s, -1, 0), *self._values):
+                outside |= ~(np.asarray(d) > 0)
+        out = np.stack([np.broadcast_to(f, s.shape[:-1]) for f in found], axis=-1).astype(float)
+        return np.where(outside[..., None], np.nan, out)
+
+    def energy(self, s: Array) -> Array:
+        """Return psi [Pa], shape (...); 0 for a material without an energy."""
+        return self._call(self._psi, s)[..., 0]
+
+    def stress(self, s: Array) -> Array:
+        """Return dpsi/ds_i [Pa], shape (..., 3)."""
+        return self._call(self._slopes, s)
+
+    def eigenvalues(self, s: Array) -> Array:
+        """Return the eigenvalues [Pa] of the Hessian at unequal stretches, ascending, (..., 9).
+
+        The twist eigenvalue of two opposite stretches is infinite.
+        """
+        p, A = self.stress(s), self._call(self._second, s).reshape(*s.shape[:-1], 3, 3)
+        finite = np.asarray(np.isfinite(A).all(axis=(-1, -2), keepdims=True))
+        block = np.linalg.eigvalsh(np.where(finite, (A + np.swapaxes(A, -1, -2)) / 2, 0))
+        pairs = []
+        with np.errstate(all="ignore"):
+            for j, k in _PAIRS:
+                pairs.append((p[..., j] + p[..., k]) / (s[..., j] + s[..., k]))
+                pairs.append((p[..., j] - p[..., k]) / (s[..., j] - s[..., k]))
+        values = np.concatenate([block, np.stack(pairs, axis=-1)], axis=-1)
+        return np.where(finite[..., 0], np.sort(values, axis=-1), np.nan)
 
 
 @dataclass(frozen=True)
@@ -59,7 +119,7 @@ class Stability:
     verdict : str
         "passed", "failed" or "not applicable".
     reason : str
-        The reason of a verdict that is not "passed"; for the minima, what was found.
+        The reason of a verdict that is not "passed".
     numbers : dict
         The numbers behind the verdict; stresses in units of E.
     """
@@ -77,13 +137,13 @@ def _verdict(name: str, faults: list[str], numbers: dict[str, float]) -> Stabili
     return Stability(name, FAILED if faults else PASSED, "; ".join(faults), numbers)
 
 
-def inversion(m: Material, minima: Minima) -> Stability:
+def inversion(m: Material) -> Stability:
     """Evaluate inversion stability: psi is finite for every F and drives inverted elements back.
 
-    The Hessian has to be bounded and no inverted state may be a minimum. Numbers: ``finite``, the
-    share of the six kinds of inverted and degenerate states; ``growth`` of the largest
-    ``|eigenvalue|`` from 1e-2 to 1e-6 away from singular states; ``force``, the largest stress
-    along a stretch that is moved through 0, which must be negative; ``inverted minima``.
+    The Hessian has to be bounded. Numbers: ``finite``, the share of the six kinds of inverted and
+    degenerate states; ``growth`` of the largest ``|eigenvalue|`` from 1e-2 to 1e-6 away from
+    singular states; ``force``, the largest stress along a stretch that is moved through 0, which
+    must be negative.
     """
     F = diagonal(np.array(INVERTED + DEGENERATE))
     finite = inside(m, F)
@@ -94,17 +154,13 @@ def inversion(m: Material, minima: Minima) -> Stability:
         turned = [0, 2, 3, 4, 5]  # two negative stretches are a rotation
         where = "some inverted states" if finite[turned].any() else "J <= 0"
         return Stability("inversion", FAILED, f"infinite for {where}", numbers)
-    force, inverted = largest_stress(m), sum(s[2] < -_INVERTED for s in minima.stretches)
-    numbers |= {
-        "growth": growth(m), "force": force / m.expression.E, "inverted minima": float(inverted)
-    }  # fmt: skip
+    force = largest_stress(m)
+    numbers |= {"growth": growth(m), "force": force / m.expression.E}
     faults = []
     if numbers["growth"] > _MOST_GROWTH:
         faults.append("Hessian unbounded")
     if force >= 0:
         faults.append("not driven back")
-    if inverted:
-        faults.append("inverted minimum")
     return _verdict("inversion", faults, numbers)
 
 
@@ -130,21 +186,6 @@ def growth(m: Material) -> float:
     with np.errstate(invalid="ignore", divide="ignore"):
         ratio = sizes[1] / np.maximum(sizes[0], _SMALL * m.expression.E)
     return float(ratio.max()) if np.isfinite(ratio).all() else float("inf")
-
-
-def unique_minimum(found: Minima) -> Stability:
-    """Evaluate whether the rest state is the only minimum.
-
-    Numbers: ``spurious`` minima, ``collapsed`` and ``lost`` starts of the search.
-    """
-    numbers = {
-        "spurious": float(len(found.spurious)),
-        "collapsed": float(found.collapsed),
-        "lost": float(found.lost),
-    }
-    others = len(found.spurious) or found.collapsed or found.lost > found.starts // 50
-    passed = found.rest and not others
-    return Stability("minima", PASSED if passed else FAILED, str(found), numbers)
 
 
 def reflection(m: Material) -> Stability:

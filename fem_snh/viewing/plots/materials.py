@@ -31,8 +31,6 @@ MEANINGS = (
 _SIZE, _LEGEND = (15, 7.6), 0.06
 #: Greatest stress that is drawn, in multiples of that of linear elasticity.
 _MOST_STRESS = 2.5
-#: Greatest energy that is drawn, in multiples of its greatest value between these stretches.
-_MOST_ENERGY, _NEAR_REST = 1.6, (0.2, 1.5)
 #: Margin below and above a curve, as a fraction of its height.
 _MARGIN = 0.05
 #: Smallest height of an axis, for curves that are zero.
@@ -59,17 +57,17 @@ def main(report: Any, out: Path) -> Path:
 
 
 def material_figure(report: Any) -> Figure:
-    """Return a figure of stress curves, regions of a positive tangent, collapse and stability."""
+    """Return a figure of stress curves, regions of a positive tangent and stability."""
     figure = Figure(figsize=_SIZE, layout="constrained")
-    axes = list(figure.subplots(2, 4).flat)
+    grid = figure.add_gridspec(2, 4)
+    axes = [figure.add_subplot(grid[divmod(n, 4)]) for n in range(6)]
     for ax, curve in zip(axes, report.curves, strict=False):
         _test(ax, curve, report.E)
     axes[0].legend(frameon=False, fontsize=9)
     for ax, region in zip(axes[4:6], report.regions, strict=True):
         _tangent(ax, region, report)
-    _collapse(axes[6], report)
-    _verdicts(axes[7], report)
-    for ax in axes[:7]:
+    _verdicts(figure.add_subplot(grid[1, 2:]), report)
+    for ax in axes:
         ax.spines[["top", "right"]].set_visible(False)
     handles = [
         Patch(facecolor=shade, edgecolor="0.6", label=text)
@@ -141,45 +139,12 @@ def _tangent(ax: Axes, region: Any, report: Any) -> None:
     ax.set_ylabel(r"$\sigma_1$")
 
 
-def _collapse(ax: Axes, report: Any) -> None:
-    """Draw psi through J = 0 to inverted states; the stress of a material without an energy."""
-    what = "energy" if report.has_energy else "stress"
-    label = r"$\psi/E$" if report.has_energy else r"$\partial\psi/\partial\sigma_2\,/E$"
-    top = []
-    for index, path in enumerate(report.collapse):
-        values = getattr(path, what) / report.E
-        end = ""
-        if np.isinf(path.at_zero):
-            end = rf": $\psi \to$ {'∞' if path.at_zero > 0 else '−∞'}"
-        ax.plot(path.s, values, color=colour(index), lw=2, label=path.path + end)
-        near = np.abs(values[(path.s > _NEAR_REST[0]) & (path.s < _NEAR_REST[1])])
-        near = np.append(near[np.isfinite(near)], _LEAST_HEIGHT)
-        top.append(_MOST_ENERGY * float(np.nanmax(near)))
-    shown = [getattr(p, what) / report.E for p in report.collapse]
-    known = np.concatenate([v[np.isfinite(v)] for v in shown] + [np.zeros(1)])
-    high, low = min(known.max(), max(top)), max(known.min(), -max(top))
-    margin = _MARGIN * (high - low)
-    ax.set_ylim(low - margin, high + 2 * margin + _LEAST_HEIGHT)
-    ax.axvspan(-1.5, 0, color="0.94", zorder=0)
-    ax.annotate(
-        "inverted", (0.02, 0.1), xycoords="axes fraction", fontsize=9, color="0.35",
-        bbox={"facecolor": "0.94", "edgecolor": "none", "pad": 1},
-    )  # fmt: skip
-    _cross_hairs(ax, 1.0)
-    ax.set_xlim(-1.5, 2)
-    ax.set_title("collapse and inversion", fontsize=11)
-    ax.set_xlabel("stretch s")
-    ax.set_ylabel(label)
-    ax.yaxis.set_major_formatter(FuncFormatter(thousands))
-    ax.legend(fontsize=8.5, loc="upper right", edgecolor="none", framealpha=0.85)
-
-
 def _verdicts(ax: Axes, report: Any) -> None:
     """Write the verdicts on stability and the constants."""
     ax.set_axis_off()
     ax.set_title("stability", fontsize=11)
     y = _TOP
-    for s in (*report.stabilities, report.unique_minimum):
+    for s in report.stabilities:
         ax.text(0.0, y, s.name, fontsize=10, va="top", transform=ax.transAxes)
         ax.text(
             0.36, y, s.verdict, fontsize=10, va="top", weight="bold", transform=ax.transAxes,
