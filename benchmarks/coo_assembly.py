@@ -15,13 +15,13 @@ import numpy as np
 
 from benchmarks import Row, split_list
 from benchmarks.assembly import CELLS, deformed, hessian, times
-from fem_snh import _dolfinx, c_declarations
+from fem_snh import _dolfinx, cache
 from fem_snh.choices import FILTERS
 from fem_snh.kernels.material import material as make_material
 from fem_snh.terms.elastic import Elastic
 
 # The petsc4py of PETSc 3.18 (Debian 12) lacks these functions. PetscCount is ptrdiff_t.
-ffi = c_declarations.parse("""
+ffi = cache.c_declarations("""
 int MatSetPreallocationCOO(void *A, ptrdiff_t n, int *rows, int *columns);
 int MatSetValuesCOO(void *A, const double *values, int mode);
 """)

@@ -23,9 +23,9 @@ import fem_snh
 from benchmarks import Row
 from benchmarks.accuracy_cases import CASES, bracket, goals_of, twist
 from benchmarks.graded_meshes import at, graded, write
-from fem_snh.atomic_files import replace_file
 from fem_snh.contact.obstacle import Obstacle
 from fem_snh.errors import BadInput, choose
+from fem_snh.files import replace_file
 from fem_snh.mesh.gmsh_input import generate, source_path
 from fem_snh.mesh.gmsh_model import session
 from fem_snh.mesh.mesh import distribute, write_xdmf

@@ -27,7 +27,7 @@ from benchmarks.assembly import JIT
 from fem_snh import _dolfinx, scenes
 from fem_snh._petsc import mumps_out_of_memory
 from fem_snh.assembly import elements
-from fem_snh.atomic_files import replace_file
+from fem_snh.files import replace_file
 from fem_snh.kernels import ufl_forms
 from fem_snh.kernels.material import material
 from fem_snh.mesh import mesh as meshes

@@ -15,7 +15,7 @@ import numpy as np
 from benchmarks import Row, split_list
 from fem_snh import _dolfinx, scenes
 from fem_snh.errors import on_root
-from fem_snh.output_fields import LOCATIONS, ON_REQUEST
+from fem_snh.records.output_fields import LOCATIONS, ON_REQUEST
 from fem_snh.runs.output.field_values import RequestedFields
 from fem_snh.runs.output.fields import Fields
 from fem_snh.runs.setup import set_up

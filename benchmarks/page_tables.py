@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from fem_snh.atomic_files import replace_file
 from fem_snh.errors import BadInput
+from fem_snh.files import replace_file
 
 
 def markers(benchmark: str) -> tuple[str, str]:

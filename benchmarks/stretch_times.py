@@ -14,7 +14,7 @@ from typing import Any
 
 from benchmarks import Row, search_path, split_list
 from fem_snh.errors import choose
-from fem_snh.interrupts import Interrupts
+from fem_snh.processes import Interrupts
 from fem_snh.studies.processes import Child, program
 from fem_snh.studies.scene_points import run_arguments
 from fem_snh.studies.table import read_record

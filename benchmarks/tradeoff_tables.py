@@ -16,9 +16,9 @@ import pandas as pd
 
 from benchmarks import Row, page_tables
 from fem_snh.assembly.elements import ELEMENTS
-from fem_snh.atomic_files import replace_file
 from fem_snh.choices import HESSIANS
 from fem_snh.errors import BadInput, choose
+from fem_snh.files import replace_file
 from fem_snh.studies.markdown import markdown_table
 from fem_snh.studies.tradeoff import advice
 from fem_snh.studies.tradeoff.grid import changed_knobs

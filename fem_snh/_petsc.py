@@ -12,10 +12,10 @@ from petsc4py import PETSc
 
 import numpy as np
 
-from fem_snh import c_declarations
+from fem_snh import cache
 from fem_snh.errors import BadInput
 
-ffi = c_declarations.parse("""
+ffi = cache.c_declarations("""
 int MatMPIAIJGetSeqAIJ(void *A, void **diagonal, void **off_diagonal, int **ghosts);
 int MatSeqAIJGetArray(void *A, double **values);
 int MatSeqAIJRestoreArray(void *A, double **values);

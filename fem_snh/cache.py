@@ -1,4 +1,4 @@
-"""The user's cache folder, and small records in it: results that are the same in every run.
+"""The user's cache folder, and what is the same in every run: small records, C declarations.
 
 A record's key is a hash of all that its content depends on, source files of the package included,
 so that no record is ever out of date. Records may be deleted at any time.
@@ -176,3 +176,54 @@ def write(key: str, record: dict[str, Any]) -> None:
         written = scratch / f"{key}.json"
         written.write_text(json.dumps(record))
         os.replace(written, folder() / written.name)
+
+
+def c_declarations(declarations: str) -> Any:
+    """Return an FFI object that knows C declarations. Not collective.
+
+    cffi parses C in Python: that takes longer than opening a library and all of its calls in a
+    small run. So the declarations are parsed once, and what cffi writes is kept.
+
+    Parameters
+    ----------
+    declarations : str
+        C declarations of structs and functions.
+
+    Returns
+    -------
+    cffi.FFI or _cffi_backend.FFI
+        The second is read from the cache; both have ``new``, ``cast``, ``buffer``,
+        ``from_buffer``, ``NULL`` and ``dlopen``.
+    """
+    import cffi  # the cache of materials needs none
+
+    name = key("declarations", declarations, cffi.__version__)
+    target = folder() / f"{name}.py"
+    if (source := _stored_module(target)) is not None:
+        return _ffi(source)
+    from cffi.recompiler import make_py_source  # "ABI mode, out of line"; slow to import
+
+    ffi = cffi.FFI()
+    ffi.cdef(declarations)
+    # A folder that cannot be written: the next run parses them again.
+    with suppress(OSError), build_folder() as made:
+        written = made / target.name
+        make_py_source(ffi, f"declarations_{name}", str(written))
+        sign(written)
+        os.replace(written, target)
+    return ffi
+
+
+def _stored_module(path: Path) -> bytes | None:
+    """Return a module that cffi has written, or None. Raises BadInput for another user's cache."""
+    if not os.path.exists(path):  # also where the folder cannot be searched
+        return None
+    own_folder()
+    return read_signed(path)
+
+
+def _ffi(source: bytes) -> Any:
+    """Return the FFI object of a module that cffi has written."""
+    names: dict[str, Any] = {}
+    exec(source, names)
+    return names["ffi"]

@@ -35,7 +35,7 @@ class BadInput(ValueError):
 
 
 class ResultNote(UserWarning):
-    """A note on a result that has converged: see `fem_snh.notes`."""
+    """A note on a result that has converged: see `fem_snh.records.notes`."""
 
 
 class Failed(RuntimeError):

@@ -1,15 +1,27 @@
-"""Files that a user names: only regular ones are opened."""
+"""Files: only regular ones are opened, and a file is replaced as a whole.
+
+A reader finds the old content or the new one. All output of runs and studies is written here. What
+is written first has a random hidden name and is created exclusively: it neither follows a link nor
+replaces a file that somebody has put there.
+"""
 
 from __future__ import annotations
 
 import errno
 import hashlib
 import os
+import re
+import secrets
 import stat
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import lru_cache
 from io import BufferedReader
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeGuard
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, BinaryIO, TypeGuard
+
+from fem_snh.errors import BadInput, bad_value
 
 if TYPE_CHECKING:
     from xml.etree import ElementTree as ET
@@ -88,3 +100,107 @@ def _digest(path: str, _modified: int, _size: int) -> str:
     """Hash a file; time and size are part of the key, so that a changed file is hashed again."""
     with open_file(path) as file:
         return hashlib.file_digest(file, "sha256").hexdigest()[:16]
+
+
+def output_path(key: str, path: str | Path) -> Path:
+    """Return the path that a user gave for output.
+
+    Raises
+    ------
+    BadInput
+        For an empty text, which would be the working directory, and for one with a null byte.
+    """
+    text = os.fspath(path)
+    if not text.strip() or "\0" in text:
+        raise bad_value(key, text, "a path; '.' is the working directory")
+    return Path(text)
+
+
+def make_folder_of(path: Path) -> None:
+    """Create the folder of a file that is to be written; raise BadInput if that fails."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise BadInput(f"cannot write {path}: {error.strerror or error}") from None
+
+
+def _temporary_path(path: Path) -> Path:
+    """Return a hidden path under which a file is written before it is moved."""
+    return path.with_name(f".{path.name}.{secrets.token_hex(8)}.new")
+
+
+def remove_leftovers(folder: Path, is_own: Callable[[str], bool]) -> None:
+    """Remove what killed processes have left of writing files whose names are a program's own."""
+    for path in folder.iterdir():
+        match = re.fullmatch(r"\.(.+)\.[0-9a-f]{16}\.new", path.name)
+        if match and is_own(match[1]):
+            remove(path)
+
+
+@contextmanager
+def replacement(path: Path) -> Iterator[Path]:
+    """Provide a path of the same name in a new folder, from where the file replaces ``path``.
+
+    It is for libraries that write to a path; see `replace_file`.
+    """
+    try:
+        with TemporaryDirectory(dir=path.parent, prefix=".") as folder:
+            new = Path(folder) / path.name
+            yield new
+            os.replace(new, path)
+    except OSError as error:
+        raise BadInput(f"cannot write {path}: {error.strerror or error}") from None
+
+
+def write_file(path: str | Path, content: str | Callable[[BinaryIO], object]) -> Path:
+    """Write a file as `replace_file` does, and create its folder; return its path."""
+    path = Path(path)
+    make_folder_of(path)
+    replace_file(path, content)
+    return path
+
+
+def replace_file(
+    path: Path, content: str | Callable[[BinaryIO], object], sync: bool = False
+) -> None:
+    """Replace a file as a whole.
+
+    The content is written beside ``path`` under a hidden name, and the file is then moved there.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    content : str or callable
+        A text, or a function that writes to the binary file that it is given, and may read it.
+    sync : bool
+        Wait until the content is on the disk, so that it survives a loss of power.
+
+    Raises
+    ------
+    BadInput
+        If the file cannot be written, as on a full disk; an earlier file is unchanged.
+    """
+    new = _temporary_path(path)
+    try:
+        with new.open("x+b") as file:
+            if isinstance(content, str):
+                file.write(content.encode())
+            else:
+                content(file)
+            if sync:
+                file.flush()
+                os.fsync(file.fileno())
+        os.replace(new, path)
+    except OSError as error:
+        raise BadInput(f"cannot write {path}: {error.strerror or error}") from None
+    finally:
+        remove(new)
+
+
+def remove(path: Path) -> None:
+    """Remove a file if it exists; ignore errors."""
+    try:
+        path.unlink(missing_ok=True)
+    except OSError:
+        pass  # a remaining file does no harm

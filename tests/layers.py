@@ -45,25 +45,16 @@ LAZY = {
     "studies": "pictures and gmsh are for the studies that need them",
     "viewing": "each kind of export and of page imports its own library",
 }
-#: Modules beside the folders that any part may import, from the bottom up.
+#: Modules, and the folder of records, that any part may import, from the bottom up.
 COMMON = (
     "errors",
-    "units",
     "cache",
     "compile_clock",
-    "notes",
     "files",
-    "child_process",
-    "interrupts",
-    "output_fields",
+    "processes",
     "choices",
     "references",
-    "c_declarations",
-    "atomic_files",
-    "run_record",
-    "run_tables",
-    "run_files",
-    "pvd",
+    "records",
     "_petsc",
 )
 #: Modules beside the folders that call the parts: module -> the highest part that it may import.

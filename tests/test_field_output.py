@@ -15,7 +15,7 @@ from time_scenes import TURN, in_time
 from fem_snh import _dolfinx, scenes
 from fem_snh.cli import main
 from fem_snh.errors import BadInput
-from fem_snh.output_fields import ON_REQUEST, SUMMED, TENSOR
+from fem_snh.records.output_fields import ON_REQUEST, SUMMED, TENSOR
 
 pyvista = pytest.importorskip("pyvista")
 mpi = pytest.mark.mpi

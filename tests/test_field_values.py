@@ -23,7 +23,7 @@ from stress_states import (
 )
 
 from fem_snh import _dolfinx
-from fem_snh.output_fields import ON_REQUEST
+from fem_snh.records.output_fields import ON_REQUEST
 from fem_snh.runs.output.field_values import FieldValues
 from fem_snh.runs.output.nodal_projection import NodalProjection
 from fem_snh.runs.output.point_fields import POINT_FIELDS

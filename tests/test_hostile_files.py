@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from gmsh_files import BOX, write_msh
 
-from fem_snh import child_process
+from fem_snh import processes
 from fem_snh.errors import BadInput
 from fem_snh.geometry.bones import joint_motion, read_bvh
 from fem_snh.geometry.motions.motion_rows import read_rows
@@ -194,17 +194,17 @@ def test_surfaces_whose_squares_no_number_holds(tmp_path: Path) -> None:
 
 
 def test_a_call_returns_what_the_function_does(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert child_process.call("Python", divmod, 17, 5) == (3, 2)
+    assert processes.call("Python", divmod, 17, 5) == (3, 2)
     big = bytes(10**7)  # more than a pipe holds, both ways
-    assert child_process.call("Python", bytes, big) == big
+    assert processes.call("Python", bytes, big) == big
     with pytest.raises(ZeroDivisionError, match="by zero"):
-        child_process.call("Python", divmod, 1, 0)
+        processes.call("Python", divmod, 1, 0)
     with pytest.raises(EOFError):  # no prompt waits for an answer
-        child_process.call("Python", input, "?")
+        processes.call("Python", input, "?")
     monkeypatch.setenv("OMPI_COMM_WORLD_RANK", "1")
     monkeypatch.setenv("PMIX_RANK", "1")
     for name in ("OMPI_COMM_WORLD_RANK", "PMIX_RANK", "OMPI_MCA_ess"):
-        assert child_process.call("Python", os.getenv, name) is None
+        assert processes.call("Python", os.getenv, name) is None
 
 
 @pytest.mark.parametrize(
@@ -217,7 +217,7 @@ def test_a_call_returns_what_the_function_does(monkeypatch: pytest.MonkeyPatch) 
 )
 def test_a_crash_is_one_line(function: Any, args: Any, message: str) -> None:
     with pytest.raises(BadInput, match=message):
-        child_process.call("libc", function, *args)
+        processes.call("libc", function, *args)
 
 
 def test_records_of_a_run_that_are_no_files(tmp_path: Path) -> None:

@@ -22,9 +22,10 @@ import pyvista as pv
 from interrupted_runs import ALL, ALONE, solve
 
 import fem_snh
-from fem_snh import atomic_files, run_files, scenes
+from fem_snh import files, scenes
 from fem_snh.cli import main
 from fem_snh.errors import BadInput
+from fem_snh.records import run_files
 from fem_snh.studies.processes import environment, program
 
 #: A ball in a lattice, which has a skin, falls past a plane that moves, in two steps.
@@ -61,7 +62,7 @@ def killed_after(replacements: int, monkeypatch: pytest.MonkeyPatch) -> Iterator
 
         def counted(source: Any, target: Any) -> None:
             if next(count) >= replacements:
-                patch.setattr(atomic_files, "remove", lambda path: None)
+                patch.setattr(files, "remove", lambda path: None)
                 patch.setattr(run_files.FolderLock, "release", lambda self, keep: self.file.close())
                 raise Killed
             replace(source, target)

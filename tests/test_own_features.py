@@ -17,7 +17,7 @@ PAGE = Path(__file__).parents[1] / "docs/howto/own_term.md"
 FEATURE = '''
 from typing import ClassVar
 
-from fem_snh.output_fields import VECTOR, OutputField
+from fem_snh.records.output_fields import VECTOR, OutputField
 from fem_snh.terms.feature import Feature
 from fem_snh.tables.types import FilePath, Positive
 

@@ -8,8 +8,8 @@ from interrupted_runs import STRETCH, cut, record, solve
 
 import fem_snh
 from fem_snh import scenes
-from fem_snh.atomic_files import replace_file
 from fem_snh.errors import BadInput
+from fem_snh.files import replace_file
 from fem_snh.runs.output import nodal_values
 
 mpi = pytest.mark.mpi

@@ -12,7 +12,7 @@ from running import record, solve
 from time_scenes import SWING, in_time
 
 from fem_snh.cli import main
-from fem_snh.run_files import LEVELS, NEXT_LEVEL
+from fem_snh.records.run_files import LEVELS, NEXT_LEVEL
 from fem_snh.runs.levels import _LevelRuns
 from fem_snh.runs.recorder import Recorder
 from fem_snh.scenes import Accuracy

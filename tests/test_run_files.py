@@ -15,9 +15,10 @@ from command_line import start_program
 from interrupted_runs import solve
 
 import fem_snh
-from fem_snh import run_files, scenes
+from fem_snh import scenes
 from fem_snh.cli import main
 from fem_snh.errors import BadInput
+from fem_snh.records import run_files
 from fem_snh.studies.sweep import sweep
 
 mpi = pytest.mark.mpi

@@ -10,8 +10,8 @@ from running import solve
 from fem_snh import scenes
 from fem_snh.cli import main
 from fem_snh.errors import BadInput
-from fem_snh.run_tables import column_unit, results
-from fem_snh.units import Units, volume_change
+from fem_snh.records.run_tables import column_unit, results
+from fem_snh.records.units import Units, volume_change
 from fem_snh.viewing import plots, render
 from fem_snh.viewing.plots.curves import curve_figure, list_columns, run_table
 from fem_snh.viewing.plots.energies import draw_energies

@@ -9,7 +9,7 @@ from random import Random
 
 from benchmarks.fuzz.family import Family
 from benchmarks.fuzz.mutations import write
-from fem_snh.units import STRESS_UNITS
+from fem_snh.records.units import STRESS_UNITS
 
 #: The largest stretch, and the exponents n, m of P = 2 (x - x^-n) (W1 + x^m W2) at volume 1, where
 #: W1 and W2 are the derivatives of the energy by its invariants.

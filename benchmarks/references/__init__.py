@@ -17,8 +17,8 @@ from benchmarks.references.block import block
 from benchmarks.references.cook import cook, cook_large, cook_locking, cook_locking_free
 from benchmarks.references.exact import plane_strain, torsion, uniaxial
 from benchmarks.references.paper import paper_stretch, paper_twist
-from fem_snh.atomic_files import replace_file
 from fem_snh.errors import choose
+from fem_snh.files import replace_file
 
 GROUPS: dict[str, Callable[[], Iterator[Row]]] = {
     f.__name__: f

@@ -13,8 +13,8 @@ from fem_snh.accuracy.inverted_points import inverted_points
 from fem_snh.accuracy.pressure_oscillation import may_lock, pressure_oscillation
 from fem_snh.accuracy.rest import forces_act, is_at_rest
 from fem_snh.errors import in_words
-from fem_snh.notes import Note
 from fem_snh.problem.problem import Problem
+from fem_snh.records.notes import Note
 from fem_snh.terms.term import PenaltyTerm
 
 #: The element without locking on the same cells with which each element is compared.

@@ -20,8 +20,8 @@ from contextlib import suppress
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from fem_snh.child_process import is_rank
 from fem_snh.errors import BadInput, Failed, choose
+from fem_snh.processes import is_rank
 
 if TYPE_CHECKING:
     from fem_snh.cli.options import Parser

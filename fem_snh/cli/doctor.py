@@ -16,14 +16,14 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from fem_snh.child_process import (
+from fem_snh.errors import BadInput
+from fem_snh.processes import (
     RANK_VARIABLES,
     RUN_AS_ROOT,
     import_path,
     is_rank,
     without_launcher,
 )
-from fem_snh.errors import BadInput
 
 if TYPE_CHECKING:
     from fem_snh.cli.options import Parser

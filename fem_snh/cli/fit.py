@@ -142,8 +142,8 @@ def _fit_scene(args: Namespace, petsc: dict[str, str | None]) -> int:
     from fem_snh.errors import check_whole, on_root
 
     start_petsc()
+    from fem_snh.records.units import Units
     from fem_snh.runs.inverse import fit_scene
-    from fem_snh.units import Units
 
     given = (args.all, args.incompressible, args.bounds, args.relative, args.weights, args.test,
              args.columns, args.unit, args.modulus_unit, args.range, args.report)  # fmt: skip

@@ -102,7 +102,7 @@ def _parameters(rows: Iterable[tuple[str, str, str]]) -> list[tuple[str, str]]:
 def _keys(words: str) -> None:
     """Print the keys that a dotted path means, and the keys of their tables."""
     from fem_snh.materials import names
-    from fem_snh.output_fields import NAMED
+    from fem_snh.records.output_fields import NAMED
     from fem_snh.scenes import reference
     from fem_snh.scenes.schema import MaterialChoice
 

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from fem_snh.assembly.elements import ELEMENTS
-from fem_snh.atomic_files import output_path
 from fem_snh.choices import (
     ASSEMBLIES,
     DEFAULT_ASSEMBLY,
@@ -23,6 +22,7 @@ from fem_snh.choices import (
     PREDICTORS,
 )
 from fem_snh.errors import BadInput, bad_value, unknown_name
+from fem_snh.files import output_path
 
 #: Scene keys with an option of their own: key, placeholder, help.
 SCENE_OPTIONS = (

@@ -13,8 +13,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.sparse import bsr_matrix, csgraph, csr_matrix
 
-from fem_snh.child_process import call
 from fem_snh.errors import BadInput
+from fem_snh.processes import call
 from fem_snh.terms.settling import relative
 
 Array = npt.NDArray[Any]

@@ -28,13 +28,13 @@ from fem_snh.contact.embedded_surface import (
 from fem_snh.contact.obstacle_pair import ObstaclePair
 from fem_snh.contact.surface_quadrature import SurfaceQuadrature
 from fem_snh.mesh.skin import Skin
-from fem_snh.output_fields import CONTACT_PRESSURES
+from fem_snh.records.output_fields import CONTACT_PRESSURES
 
 Array = npt.NDArray[Any]
 
 
 class ObstacleFields:
-    """The fields of `fem_snh.output_fields.AT_OBSTACLES` at the nodes. Collective.
+    """The fields of `fem_snh.records.output_fields.AT_OBSTACLES` at the nodes. Collective.
 
     ``gap`` is the signed distance of each node from the closest obstacle [m]. ``contact_pressure``
     is the contact force per deformed area [Pa], ``nominal_contact_pressure`` that per reference

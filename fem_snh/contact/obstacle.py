@@ -14,8 +14,8 @@ from fem_snh.errors import bad_value, on_every
 from fem_snh.geometry.motions import MovingShape, RigidMotion, read_motion
 from fem_snh.geometry.motions.moving import DisplacementMotion
 from fem_snh.geometry.shapes import Box, ClosedSurface, Revolved, Shape, read_polygon
-from fem_snh.output_fields import AT_OBSTACLES, OutputField
-from fem_snh.run_files import surface_copy
+from fem_snh.records.output_fields import AT_OBSTACLES, OutputField
+from fem_snh.records.run_files import surface_copy
 from fem_snh.tables.amplitudes import MOTION_TABLE, Amplitudes, TableName
 from fem_snh.tables.motions import TRANSLATE, Rotate, ScaledMotion, check_motion
 from fem_snh.tables.shapes import ShapeChoice, SurfaceFile

@@ -9,7 +9,7 @@ from pydantic import Field, model_validator
 
 from fem_snh.choices import SELF_CONTACT_METHODS
 from fem_snh.errors import bad_value
-from fem_snh.output_fields import CONTACT_PRESSURES, OutputField
+from fem_snh.records.output_fields import CONTACT_PRESSURES, OutputField
 from fem_snh.tables.types import NonNegative, Positive
 from fem_snh.tables.validation import OneOf
 from fem_snh.terms.feature import Feature

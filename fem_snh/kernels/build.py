@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy.typing as npt
 
-from fem_snh import c_declarations, cache
+from fem_snh import cache
 from fem_snh.errors import BadInput
 
 #: No -ffast-math: NaN and infinity must keep their IEEE meaning. The code reads neither errno nor
@@ -197,14 +197,14 @@ def load(path: Path, declarations: str) -> tuple[Any, Any]:
     Returns
     -------
     (ffi, library)
-        See `fem_snh.c_declarations.parse`.
+        See `fem_snh.cache.c_declarations`.
 
     Raises
     ------
     BadInput
         If the system cannot open the library.
     """
-    ffi = c_declarations.parse(declarations)
+    ffi = cache.c_declarations(declarations)
     try:
         return ffi, ffi.dlopen(str(path))
     except OSError as error:

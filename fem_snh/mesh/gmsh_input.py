@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fem_snh import _dolfinx, child_process
+from fem_snh import _dolfinx, processes
 from fem_snh.choices import DEFAULT_CELLS
 from fem_snh.errors import BadInput, choose
 from fem_snh.files import open_file
@@ -59,7 +59,7 @@ def generate(
     if threading.current_thread() is threading.main_thread():
         return _in_dolfinx_order(gmsh_model.generate(*arguments))
     # gmsh installs a handler of signals, which Python allows in the main thread only.
-    return _in_dolfinx_order(child_process.call("gmsh", gmsh_model.generate, *arguments))
+    return _in_dolfinx_order(processes.call("gmsh", gmsh_model.generate, *arguments))
 
 
 def read(path: str) -> MeshData:
@@ -72,7 +72,7 @@ def read(path: str) -> MeshData:
     with TemporaryDirectory(prefix="fem_snh-") as folder:
         link = Path(folder) / "mesh.msh"
         link.symlink_to(Path(path).resolve())
-        return _in_dolfinx_order(child_process.call("gmsh", gmsh_model.read, str(link), size=size))
+        return _in_dolfinx_order(processes.call("gmsh", gmsh_model.read, str(link), size=size))
 
 
 def mesh_shape(path: str, cells: int = DEFAULT_CELLS, sizes: SizeField | None = None) -> MeshData:
@@ -82,13 +82,13 @@ def mesh_shape(path: str, cells: int = DEFAULT_CELLS, sizes: SizeField | None = 
     with TemporaryDirectory(prefix="fem_snh-") as folder:
         arguments = os.path.abspath(path), folder, cells, sizes
         return _in_dolfinx_order(
-            child_process.call("gmsh", gmsh_model.mesh_shape, *arguments, size=size)
+            processes.call("gmsh", gmsh_model.mesh_shape, *arguments, size=size)
         )
 
 
 def fill(points: np.ndarray, triangles: np.ndarray, size: float) -> MeshData:
     """Fill a closed surface with tetrahedra; see `gmsh_model.fill`."""
-    return _in_dolfinx_order(child_process.call("gmsh", gmsh_model.fill, points, triangles, size))
+    return _in_dolfinx_order(processes.call("gmsh", gmsh_model.fill, points, triangles, size))
 
 
 def _in_dolfinx_order(data: MeshData) -> MeshData:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from fem_snh import child_process
+from fem_snh import processes
 from fem_snh.errors import BadInput, bad_value, in_words, unknown_name
 from fem_snh.mesh.skin import NodeCopies, Skin
 
@@ -174,7 +174,7 @@ def mesh_shape(path: str, folder: str, cells: int, sizes: SizeField | None = Non
     content = xao_file.read(Path(path))
     with session() as gmsh:
         _load_shape(gmsh, content, Path(folder))
-        child_process.lift_limits()  # they are those of reading
+        processes.lift_limits()  # they are those of reading
         dim = gmsh.model.getDimension()
         kinds = {gmsh.model.getType(*entity) for entity in gmsh.model.getEntities(dim - 1)}
         gmsh.option.setNumber("Mesh.ElementOrder", 1 if kinds <= {_STRAIGHT[dim]} else 2)

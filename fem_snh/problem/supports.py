@@ -22,9 +22,9 @@ from fem_snh.assembly.ghosted_vectors import local_values, update_ghosts
 from fem_snh.assembly.kinematics import Kinematics
 from fem_snh.errors import BadInput
 from fem_snh.geometry.rotations import rotate
-from fem_snh.notes import Note
 from fem_snh.problem.problem import Problem
 from fem_snh.problem.stiff_parts import components
+from fem_snh.records.notes import Note
 from fem_snh.terms.history import HistoryTerm
 from fem_snh.terms.step_limit import StepLimitingTerm
 from fem_snh.terms.term import Term

@@ -8,7 +8,7 @@ from fem_snh.errors import on_every
 from fem_snh.mesh.mesh import Mesh
 from fem_snh.problem.bones import BoneNodes, place_bones
 from fem_snh.problem.problem import Problem
-from fem_snh.run_files import surface_copy
+from fem_snh.records.run_files import surface_copy
 from fem_snh.scenes import Scene
 from fem_snh.scenes.bone_files import read_bones
 

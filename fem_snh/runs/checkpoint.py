@@ -20,10 +20,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from fem_snh.atomic_files import replace_file
 from fem_snh.errors import on_root
+from fem_snh.files import replace_file
 from fem_snh.problem.problem import Problem
-from fem_snh.run_files import CHECKPOINT
+from fem_snh.records.run_files import CHECKPOINT
 from fem_snh.runs.folder import Folder
 from fem_snh.runs.output import nodal_values
 from fem_snh.runs.output.nodal_values import gather_rows

@@ -12,8 +12,8 @@ import numpy.typing as npt
 from fem_snh.assembly.kinematics import PLANAR, kinematics_of
 from fem_snh.errors import BadInput, shown
 from fem_snh.files import open_file
-from fem_snh.run_files import CHECKPOINT
-from fem_snh.run_record import is_number, problem
+from fem_snh.records.run_files import CHECKPOINT
+from fem_snh.records.run_record import is_number, problem
 
 Array = npt.NDArray[Any]
 

@@ -38,8 +38,8 @@ from fem_snh import materials, scenes, solver
 from fem_snh.accuracy.duals import Linearisation
 from fem_snh.accuracy.goals import Goal, bind_all
 from fem_snh.accuracy.hessian_solver import HessianSolver
-from fem_snh.atomic_files import write_file
 from fem_snh.errors import BadInput, Failed, bad_value, on_every
+from fem_snh.files import write_file
 from fem_snh.linalg.direct_solver import set_direct_solver
 from fem_snh.linalg.symmetric_factors import set_direct_solver_of_sum
 from fem_snh.runs.goals import named_goals

@@ -33,9 +33,9 @@ from fem_snh.accuracy.path_errors import HALVES
 from fem_snh.assembly.kinematics import kinematics_of
 from fem_snh.errors import on_root
 from fem_snh.mesh.mesh import Mesh, cell_volumes
-from fem_snh.notes import NOTES_ON_PATH
 from fem_snh.problem.problem import Problem
 from fem_snh.problem.transfer import transfer_state
+from fem_snh.records.notes import NOTES_ON_PATH
 from fem_snh.runs.exact_bodies import has_curved_cells
 from fem_snh.runs.first_level import first_scene, raised_element
 from fem_snh.runs.first_mesh import fine_at, stress_probes

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fem_snh.errors import in_words
-from fem_snh.notes import with_notes
-from fem_snh.units import volume_change
+from fem_snh.records.notes import with_notes
+from fem_snh.records.units import volume_change
 
 if TYPE_CHECKING:
     from fem_snh.accuracy.goal_errors import Estimate

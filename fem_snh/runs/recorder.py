@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from fem_snh.assembly.timing import untimed
 from fem_snh.compile_clock import Stopwatch
 from fem_snh.errors import BadInput, on_root
-from fem_snh.notes import NOTES_ON_PATH, Note
+from fem_snh.records.notes import NOTES_ON_PATH, Note
 from fem_snh.runs.checkpoint import CheckpointWriter
 from fem_snh.runs.folder import Folder
 from fem_snh.runs.output.fields import Fields, write_modes

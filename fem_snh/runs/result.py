@@ -86,7 +86,7 @@ class Result:
         Parameters
         ----------
         name : str
-            One of `fem_snh.output_fields.ON_REQUEST`, e.g. "von_mises" [Pa].
+            One of `fem_snh.records.output_fields.ON_REQUEST`, e.g. "von_mises" [Pa].
         at : {"cells", "nodes", "points"}
             "cells": means over this rank's cells, (cells, ...); "nodes": the L2 projection at the
             nodes of ``u``, ghosts included, (nodes, ...), where principal values and von Mises'

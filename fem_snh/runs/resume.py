@@ -15,8 +15,8 @@ import numpy.typing as npt
 from fem_snh.choices import COARSER_MESHES
 from fem_snh.errors import BadInput, on_root
 from fem_snh.problem.problem import Problem
-from fem_snh.run_files import LEVELS
-from fem_snh.run_record import load_record
+from fem_snh.records.run_files import LEVELS
+from fem_snh.records.run_record import load_record
 from fem_snh.runs.checkpoint import OFFSET, history_names
 from fem_snh.runs.checkpoint_file import load, unusable
 from fem_snh.runs.folder import Folder

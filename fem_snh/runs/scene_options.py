@@ -10,11 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from fem_snh._petsc import default_options
-from fem_snh.atomic_files import remove
 from fem_snh.errors import BadInput, bad_value, on_root
-from fem_snh.files import file_digest
+from fem_snh.files import file_digest, remove
 from fem_snh.linalg import multigrid
-from fem_snh.run_files import viewer_file
+from fem_snh.records.run_files import viewer_file
 from fem_snh.runs.folder import Folder
 from fem_snh.scenes import Scene
 from fem_snh.solver import PREFIX

@@ -22,14 +22,13 @@ from fem_snh.accuracy.goal_bounds import GoalLevel
 from fem_snh.accuracy.goal_errors import Estimate, GoalError
 from fem_snh.accuracy.indicators import Place
 from fem_snh.accuracy.levels import LevelRow, Levels
-from fem_snh.atomic_files import replace_file
 from fem_snh.errors import BadInput, on_root
-from fem_snh.files import open_file
+from fem_snh.files import open_file, replace_file
 from fem_snh.mesh.gmsh_model import MeshData, PhysicalGroup
 from fem_snh.mesh.mesh import Mesh, distribute, gather
 from fem_snh.mesh.round_faces import RoundFaces
-from fem_snh.run_files import LEVELS
-from fem_snh.run_record import load_record
+from fem_snh.records.run_files import LEVELS
+from fem_snh.records.run_record import load_record
 from fem_snh.runs.folder import Folder
 from fem_snh.runs.scene_options import check_same, identity
 

@@ -6,9 +6,9 @@ import shutil
 from functools import partial
 from pathlib import Path
 
-from fem_snh.atomic_files import replace_file
 from fem_snh.errors import BadInput
-from fem_snh.run_files import SOLIDS, surface_copy
+from fem_snh.files import replace_file
+from fem_snh.records.run_files import SOLIDS, surface_copy
 from fem_snh.runs.folder import Folder
 from fem_snh.scenes import Scene
 

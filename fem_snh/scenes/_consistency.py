@@ -14,7 +14,7 @@ from fem_snh.choices import COARSER_MESHES, LIFTED_ELEMENT
 from fem_snh.contact.obstacle import names as obstacle_names
 from fem_snh.errors import BadInput, bad_value, in_words
 from fem_snh.files import is_shape
-from fem_snh.output_fields import IN_TIME, NODAL
+from fem_snh.records.output_fields import IN_TIME, NODAL
 from fem_snh.scenes._bones import check_bones
 from fem_snh.scenes._conditions import Hold, Move
 from fem_snh.scenes._lattice import Lattice, Tetrahedra

@@ -9,7 +9,7 @@ from pydantic import BeforeValidator
 from pydantic.fields import FieldInfo
 
 from fem_snh.errors import BadInput, bad_value
-from fem_snh.output_fields import add_nodal_fields
+from fem_snh.records.output_fields import add_nodal_fields
 from fem_snh.references import entry_points
 from fem_snh.scenes.schema import Scene
 from fem_snh.terms.feature import Feature

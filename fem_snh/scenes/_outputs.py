@@ -10,7 +10,7 @@ from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag
 from fem_snh.assembly.kinematics import kinematics_of
 from fem_snh.choices import ESTIMATES, LIFTED_ELEMENT
 from fem_snh.errors import bad_value, choose, nearest
-from fem_snh.output_fields import LOCATIONS, NAMED
+from fem_snh.records.output_fields import LOCATIONS, NAMED
 from fem_snh.scenes._lattice import Lattice, Tetrahedra
 from fem_snh.tables.types import (
     Count,
@@ -118,7 +118,7 @@ def _check_fields(names: list[str]) -> list[str]:
 
 
 def _check_units(text: str) -> str:
-    from fem_snh.units import Units
+    from fem_snh.records.units import Units
 
     Units.read(text)
     return text

@@ -23,7 +23,7 @@ from fem_snh.choices import (
     HESSIANS,
 )
 from fem_snh.errors import BadInput, bad_value, choose, in_words
-from fem_snh.notes import Note
+from fem_snh.records.notes import Note
 from fem_snh.solver.linear_choice import CHOICES
 
 Value = str | float

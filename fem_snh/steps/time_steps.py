@@ -63,7 +63,7 @@ class TimeSteps:
 
     @property
     def functions(self) -> dict[str, Any]:
-        """The fields that output may have, by the names of `fem_snh.output_fields.IN_TIME`."""
+        """The fields of output, by the names of `fem_snh.records.output_fields.IN_TIME`."""
         return {"velocity": self.dynamics.v, "acceleration": self.dynamics.a}
 
     def start(self, velocity: Callable[[Array], Array] | None = None) -> None:

@@ -16,10 +16,10 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from fem_snh.atomic_files import output_path
 from fem_snh.errors import BadInput
-from fem_snh.interrupts import Interrupts
-from fem_snh.notes import with_notes
+from fem_snh.files import output_path
+from fem_snh.processes import Interrupts
+from fem_snh.records.notes import with_notes
 from fem_snh.studies.folder import LOG, StudyFolder
 from fem_snh.studies.jobs import Jobs
 from fem_snh.studies.point import Limits, Point

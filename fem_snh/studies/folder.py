@@ -9,10 +9,16 @@ from pathlib import Path
 from typing import Any
 
 from fem_snh import cache
-from fem_snh.atomic_files import output_path, remove, remove_leftovers, replace_file
 from fem_snh.errors import BadInput
-from fem_snh.files import file_digest, read_text
-from fem_snh.run_files import FolderLock, RunFiles, check_inputs, list_others
+from fem_snh.files import (
+    file_digest,
+    output_path,
+    read_text,
+    remove,
+    remove_leftovers,
+    replace_file,
+)
+from fem_snh.records.run_files import FolderLock, RunFiles, check_inputs, list_others
 from fem_snh.studies.point import Point
 
 #: The log of a point.

@@ -20,10 +20,9 @@ from pathlib import Path
 
 from pydantic import TypeAdapter
 
-from fem_snh.atomic_files import remove, replace_file
-from fem_snh.child_process import python
 from fem_snh.errors import BadInput
-from fem_snh.files import read_text
+from fem_snh.files import read_text, remove, replace_file
+from fem_snh.processes import python
 from fem_snh.references import is_reference
 from fem_snh.studies.schedulers import Array, Submission, make_scheduler
 from fem_snh.studies.tasks import Task, read_end

@@ -17,7 +17,8 @@ from typing import IO, Any
 
 import psutil
 
-from fem_snh.child_process import (
+from fem_snh.errors import BadInput
+from fem_snh.processes import (
     RANK_VARIABLES,
     RUN_AS_ROOT,
     import_path,
@@ -25,7 +26,6 @@ from fem_snh.child_process import (
     python,
     without_launcher,
 )
-from fem_snh.errors import BadInput
 
 # Open MPI: jobs side by side must not be bound to the same cores, and a laptop may oversubscribe.
 # Version 4 reads the variables of OMPI, 5 those of PRTE, 6 the last two, which it would ask for.

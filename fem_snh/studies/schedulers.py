@@ -18,8 +18,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
-from fem_snh.child_process import import_path
 from fem_snh.errors import BadInput, bad_value, check_whole, choose
+from fem_snh.processes import import_path
 from fem_snh.references import is_reference, load_reference
 
 #: Seconds of an element beside the timeouts of its points: imports, the start of MPI.

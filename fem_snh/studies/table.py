@@ -10,11 +10,10 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from fem_snh.atomic_files import replace_file
 from fem_snh.errors import BadInput
-from fem_snh.files import read_text
-from fem_snh.run_record import problem
-from fem_snh.run_tables import results
+from fem_snh.files import read_text, replace_file
+from fem_snh.records.run_record import problem
+from fem_snh.records.run_tables import results
 
 #: Columns of the settings of a run.
 REQUESTED = "scene material E nu element cells hessian globalization predictor steps".split()

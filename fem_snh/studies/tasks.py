@@ -13,8 +13,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from fem_snh.atomic_files import replace_file
-from fem_snh.files import read_text
+from fem_snh.files import read_text, replace_file
 from fem_snh.studies.folder import END, LOG
 from fem_snh.studies.processes import Child, environment, program
 from fem_snh.studies.workers import Worker

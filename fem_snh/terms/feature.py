@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar, Self, get_args
 
-from fem_snh.output_fields import OutputField
+from fem_snh.records.output_fields import OutputField
 from fem_snh.tables.field_texts import with_parameters
 from fem_snh.tables.validation import Table
 

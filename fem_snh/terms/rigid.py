@@ -10,7 +10,7 @@ from pydantic import BeforeValidator, Field, model_validator
 
 from fem_snh.errors import BadInput, bad_value, choose
 from fem_snh.geometry.shapes import ClosedSurface, Shape
-from fem_snh.run_files import surface_copy
+from fem_snh.records.run_files import surface_copy
 from fem_snh.tables.amplitudes import MOTION_TABLE, TABLE, TableName
 from fem_snh.tables.motions import TRANSLATE, Rotate
 from fem_snh.tables.shapes import ShapeChoice, SurfaceFile

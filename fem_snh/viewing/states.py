@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 from vtkmodules.vtkCommonCore import mutable
 
 from fem_snh.errors import BadInput, bad_value
-from fem_snh.run_record import load_record
+from fem_snh.records.run_record import load_record
 from fem_snh.viewing.render import stored_loads
 from fem_snh.viewing.render.fields import component_index, split_component
 from fem_snh.viewing.render.surfaces import read_grid

@@ -20,8 +20,8 @@ from tempfile import TemporaryFile
 from threading import Timer
 from typing import Any
 
-from fem_snh.child_process import import_path, python
 from fem_snh.errors import BadInput
+from fem_snh.processes import import_path, python
 
 INSTALL = (
     "install libegl1 (apt install libegl1) or Xvfb (apt install xvfb), and VTK >= 9.4 from PyPI"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from fem_snh.output_fields import NAMED
+from fem_snh.records.output_fields import NAMED
 from generated.table import table
 
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from fem_snh import child_process
+from fem_snh import processes
 from fem_snh.choices import LARGEST_NUMBER
 from fem_snh.errors import BadInput, nearest_file
 from fem_snh.files import open_file
@@ -72,7 +72,7 @@ class ClosedSurface:
         except OSError as error:
             near = nearest_file(path)
             raise BadInput(f"cannot read the surface {path}: {error.strerror}{near}") from None
-        corners = child_process.call("VTK", read_corners, path, size=size)
+        corners = processes.call("VTK", read_corners, path, size=size)
         points, numbers = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
         triangles = numbers.reshape(-1, 3)
         a, b, c = triangles.T

@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import Any
 
 from fem_snh import materials
-from fem_snh.atomic_files import write_file
 from fem_snh.errors import BadInput
+from fem_snh.files import write_file
 from fem_snh.kernels.material import Material, material
 from fem_snh.kernels.reports import curves, drucker, stability
 from fem_snh.kernels.reports.curves import Curve

@@ -16,8 +16,8 @@ from fem_snh import _dolfinx
 from fem_snh.assembly.ghosted_vectors import local_values, update_ghosts
 from fem_snh.assembly.timing import untimed
 from fem_snh.errors import choose
-from fem_snh.output_fields import LOCATIONS, NAMED, NODAL, ON_REQUEST
 from fem_snh.problem.problem import Problem
+from fem_snh.records.output_fields import LOCATIONS, NAMED, NODAL, ON_REQUEST
 from fem_snh.runs.output.point_fields import POINT_FIELDS
 from fem_snh.runs.output.stress_fields import StressFields
 from fem_snh.runs.output.vtu import DataArray
@@ -36,7 +36,7 @@ _OF_GRADIENT = ("principal_stretches",)
 
 
 class FieldValues:
-    """Evaluates the fields of `fem_snh.output_fields.ON_REQUEST`. Its methods are collective.
+    """Evaluates the fields of `fem_snh.records.output_fields.ON_REQUEST`. Collective.
 
     Kernels are compiled when a field is first evaluated that needs them, or by `prepare`.
 
@@ -138,7 +138,7 @@ class RequestedFields:
     names : sequence of str
         Names of fields.
     at : {"cells", "nodes"}
-        Their location; those of `fem_snh.output_fields.NODAL` are at the nodes always.
+        Their location; those of `fem_snh.records.output_fields.NODAL` are at the nodes always.
     functions : mapping of str to dolfinx Function
         Fields that are functions on the displacement's space, by name: velocity and acceleration.
     """

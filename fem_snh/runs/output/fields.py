@@ -11,13 +11,13 @@ import numpy.typing as npt
 
 from fem_snh import _dolfinx
 from fem_snh.assembly.regions import Region
-from fem_snh.atomic_files import replace_file
 from fem_snh.errors import on_every, on_root
+from fem_snh.files import replace_file
 from fem_snh.mesh.mesh import Mesh
-from fem_snh.output_fields import CELL_GROUP, ERRORS, SUMMED
 from fem_snh.problem.problem import Problem
-from fem_snh.pvd import Collection
-from fem_snh.run_files import RunFiles
+from fem_snh.records.output_fields import CELL_GROUP, ERRORS, SUMMED
+from fem_snh.records.run_files import RunFiles
+from fem_snh.runs.output.pvd import Collection
 from fem_snh.runs.output.vtu import DataArray, VtkGrid, pvtu_file, vtu_file
 from fem_snh.terms.history import SurfaceTerm
 

@@ -17,8 +17,8 @@ from fem_snh.geometry.shapes import Revolved, SmoothUnion, Union
 from fem_snh.geometry.shapes.triangles import join, surface_triangles
 from fem_snh.problem.initial_state import bounding_box
 from fem_snh.problem.problem import Problem
-from fem_snh.pvd import Collection
-from fem_snh.run_files import RunFiles
+from fem_snh.records.run_files import RunFiles
+from fem_snh.runs.output.pvd import Collection
 from fem_snh.runs.output.vtu import TRIANGLE, DataArray, VtkGrid, vtu_file
 
 Array = npt.NDArray[Any]

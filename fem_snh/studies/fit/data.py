@@ -24,8 +24,8 @@ import numpy.typing as npt
 
 from fem_snh.errors import BadInput, bad_value, choose, nearest, nearest_file, shown
 from fem_snh.files import read_text
+from fem_snh.records.units import stress_unit
 from fem_snh.studies.fit.responses import MEASURES
-from fem_snh.units import stress_unit
 
 Array = npt.NDArray[np.float64]
 

@@ -7,7 +7,7 @@ import io
 from collections.abc import Sequence
 from pathlib import Path
 
-from fem_snh.atomic_files import write_file
+from fem_snh.files import write_file
 from fem_snh.studies.fit.result import Fit
 
 #: The columns of ranking.csv.

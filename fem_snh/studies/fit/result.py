@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 import numpy.typing as npt
 
-from fem_snh.atomic_files import write_file
+from fem_snh.files import write_file
 from fem_snh.studies.fit.data import TestData
 from fem_snh.studies.fit.family import Family
 from fem_snh.studies.fit.least_squares import BestFit

@@ -19,10 +19,9 @@ import pandas as pd
 
 from fem_snh import scenes
 from fem_snh.assembly.elements import ELEMENTS
-from fem_snh.atomic_files import replace_file
 from fem_snh.choices import HESSIANS
 from fem_snh.errors import BadInput, choose
-from fem_snh.files import is_shape
+from fem_snh.files import is_shape, replace_file
 from fem_snh.studies.batch import Batch
 from fem_snh.studies.point import Limits
 from fem_snh.studies.scene_points import file_digests, scene_files

@@ -9,8 +9,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from fem_snh.atomic_files import make_folder_of, output_path
 from fem_snh.errors import bad_value
+from fem_snh.files import make_folder_of, output_path
 from fem_snh.viewing.render import StoredRun
 from fem_snh.viewing.render.records import duration
 from fem_snh.viewing.worker import require, run_elsewhere

@@ -19,8 +19,8 @@ import numpy as np
 import pyvista as pv
 from scipy.interpolate import PchipInterpolator
 
-from fem_snh.atomic_files import replace_file
 from fem_snh.errors import BadInput
+from fem_snh.files import replace_file
 from fem_snh.viewing.export import obj_path
 from fem_snh.viewing.render.surfaces import boundary
 from fem_snh.viewing.states import Array, ExportedState, States, SurfaceFields

@@ -16,8 +16,8 @@ from typing import Any
 from matplotlib.backend_bases import FigureCanvasBase
 from matplotlib.figure import Figure
 
-from fem_snh.atomic_files import output_path, write_file
 from fem_snh.errors import BadInput
+from fem_snh.files import output_path, write_file
 from fem_snh.viewing.plots.curves import curve_figure, run_table, x_of
 from fem_snh.viewing.plots.runs import run_figure
 from fem_snh.viewing.plots.sweeps import by_material, read_sweep, read_table, sweep_figure

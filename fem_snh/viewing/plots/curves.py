@@ -15,7 +15,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from fem_snh.errors import BadInput, choose
-from fem_snh.run_tables import flat, results
+from fem_snh.records.run_tables import flat, results
 from fem_snh.viewing.plots.style import legend, plain, style, subplots
 from fem_snh.viewing.render import read_record
 from fem_snh.viewing.render.records import column_label, load_name, load_range

@@ -13,12 +13,11 @@ from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
-from fem_snh.atomic_files import output_path
 from fem_snh.errors import BadInput, bad_value
-from fem_snh.files import open_file
-from fem_snh.output_fields import ERRORS
-from fem_snh.run_record import load_record
-from fem_snh.units import Units, volume_change
+from fem_snh.files import open_file, output_path
+from fem_snh.records.output_fields import ERRORS
+from fem_snh.records.run_record import load_record
+from fem_snh.records.units import Units, volume_change
 from fem_snh.viewing.render.fields import check_field
 from fem_snh.viewing.render.options import WHOLE, ViewOptions
 from fem_snh.viewing.render.records import (

@@ -24,9 +24,9 @@ from matplotlib.patheffects import withStroke
 from matplotlib.ticker import MaxNLocator, ScalarFormatter
 from PIL import Image
 
-from fem_snh.atomic_files import make_folder_of, replacement, write_file
 from fem_snh.errors import BadInput
-from fem_snh.units import Units
+from fem_snh.files import make_folder_of, replacement, write_file
+from fem_snh.records.units import Units
 from fem_snh.viewing.render import Job, MovieJob
 from fem_snh.viewing.render.fields import is_nonnegative, label
 from fem_snh.viewing.render.obstacles import Obstacles, add_solid, kind_of

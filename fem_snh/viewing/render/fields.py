@@ -8,8 +8,8 @@ from pathlib import Path
 
 from fem_snh.errors import BadInput, bad_value
 from fem_snh.files import open_file
-from fem_snh.output_fields import NAMED, STANDARD, VECTOR, OutputField
-from fem_snh.units import Units
+from fem_snh.records.output_fields import NAMED, STANDARD, VECTOR, OutputField
+from fem_snh.records.units import Units
 
 _KNOWN = STANDARD | NAMED
 #: Arrays of VTK files that describe the mesh.

@@ -11,8 +11,8 @@ import numpy as np
 
 from fem_snh.errors import bad_value
 from fem_snh.geometry.rotations import exponential
-from fem_snh.run_tables import column_unit
-from fem_snh.units import Units
+from fem_snh.records.run_tables import column_unit
+from fem_snh.records.units import Units
 
 #: Keys of run.json whose solids are drawn.
 KINDS = ("obstacles", "bones", "rigid")

@@ -12,7 +12,7 @@ from vtkmodules.vtkCommonCore import mutable, vtkObject
 from vtkmodules.vtkFiltersGeometry import vtkDataSetSurfaceFilter
 
 from fem_snh.errors import BadInput
-from fem_snh.output_fields import CELL_GROUP, SUMMED
+from fem_snh.records.output_fields import CELL_GROUP, SUMMED
 from fem_snh.viewing.render.fields import VECTORS, component_index, split_component
 from fem_snh.viewing.render.options import ViewOptions
 

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from fem_snh.atomic_files import output_path
 from fem_snh.errors import BadInput
-from fem_snh.units import Units
+from fem_snh.files import output_path
+from fem_snh.records.units import Units
 from fem_snh.viewing.render import Job, StoredRun
 from fem_snh.viewing.render.options import ViewOptions
 from fem_snh.viewing.worker import require, run_elsewhere

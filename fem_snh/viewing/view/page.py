@@ -31,9 +31,9 @@ from trame_vtk.modules.vtk.serializers.data import polydata_serializer
 from trame_vtk.modules.vtk.serializers.registry import register_instance_serializer
 from trame_vtk.tools.vtksz2html import HTML_VIEWER_PATH
 
-from fem_snh.atomic_files import write_file
 from fem_snh.errors import BadInput
-from fem_snh.units import Units
+from fem_snh.files import write_file
+from fem_snh.records.units import Units
 from fem_snh.viewing.plots.curves import numbers, principal_result, run_table, x_of
 from fem_snh.viewing.plots.runs import run_figure
 from fem_snh.viewing.render import Job, Panel

@@ -7,10 +7,9 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as ET
 
-from fem_snh.atomic_files import replace_file
 from fem_snh.errors import BadInput, on_root
-from fem_snh.files import open_file
-from fem_snh.run_files import RunFiles
+from fem_snh.files import open_file, replace_file
+from fem_snh.records.run_files import RunFiles
 
 
 class Collection:

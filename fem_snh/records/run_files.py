@@ -16,9 +16,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from fem_snh.atomic_files import remove, remove_leftovers
 from fem_snh.errors import BadInput
-from fem_snh.files import check_regular, read_text
+from fem_snh.files import check_regular, read_text, remove, remove_leftovers
 
 #: File name of the checkpoint.
 CHECKPOINT = "checkpoint.npz"

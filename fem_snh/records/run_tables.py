@@ -11,7 +11,7 @@ import io
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from fem_snh.run_record import is_number
+from fem_snh.records.run_record import is_number
 
 _AXES = "xyz"
 #: Tables of a row by the name of what they describe, and what their vectors are called.
