@@ -8,10 +8,17 @@ from typing import Any
 from benchmarks import Row, split_list
 from fem_snh.errors import choose
 from fem_snh.runs import run
-from fem_snh.studies.tradeoff.knobs import AUTOMATIC, SOLVERS
 
+#: Incomplete Cholesky factors of the diagonal block of each rank.
+ICC = {"pc_type": "bjacobi", "sub_pc_type": "icc"}
 #: Solvers of displacement elements.
-_SOLVERS = {name: v for name, v in SOLVERS["pointwise"].items() if name != AUTOMATIC}
+_SOLVERS: dict[str, dict[str, Any]] = {
+    "cg+ssor": {"snes_linear_solver": "iterative"},  # in single precision
+    "cg+jacobi": {"ksp_type": "cg", "pc_type": "jacobi"},
+    "cg+icc": {"ksp_type": "cg", **ICC},
+    "cg+gamg": {"ksp_type": "cg", "pc_type": "gamg"},
+    "direct": {"snes_linear_solver": "direct"},
+}
 
 
 def rows(

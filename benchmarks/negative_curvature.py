@@ -14,6 +14,7 @@ from petsc4py import PETSc
 import numpy as np
 
 from benchmarks import Row, policy, split_list
+from benchmarks.linear_iterations import ICC
 from fem_snh import solver
 from fem_snh._petsc import default_options
 from fem_snh.assembly.elements import ELEMENTS
@@ -23,7 +24,6 @@ from fem_snh.mesh import mesh
 from fem_snh.problem.create_problem import create_problem
 from fem_snh.problem.problem import Problem
 from fem_snh.scenes import Hold, Move, Rotate, Traction
-from fem_snh.studies.tradeoff.knobs import ICC
 
 #: A small linear tolerance, as in the scene twist, so that rounding has less influence.
 TIGHT = {"snes_forcing_max": 5e-3}

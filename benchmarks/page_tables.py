@@ -37,8 +37,3 @@ def write_table(page: Path, benchmark: str, parts: tuple[str, str], table: str) 
     """Write the page with a new table or text between its two ``parts``."""
     begin, end = markers(benchmark)
     replace_file(page, f"{parts[0]}{begin}\n\n{table}\n\n{end}{parts[1]}")
-
-
-def data_folder(page: Path) -> Path:
-    """Return the folder with the data of a page: NAME beside NAME.md or NAME_tables.md."""
-    return page.parent / page.stem.removesuffix("_tables")

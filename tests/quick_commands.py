@@ -79,7 +79,6 @@ ELSEWHERE = {
     "fem-snh run squeeze.toml": "docs/howto/own_scene.md",
     "fem-snh run stretch --out out/stretch --resume": "tests/test_resume.py",
     "fem-snh sweep": "tests/test_sweep.py",
-    "fem-snh tradeoff": "tests/test_tradeoff.py",
     "make": "Makefile",
     "python -c": "tests/test_volume_terms.py",
     "python demos/": "tests/test_demos.py",
@@ -89,6 +88,5 @@ ELSEWHERE = {
     f"{BENCH} felupe_sections": "tests/test_plane_problems.py",
     f"{BENCH} felupe_twist": "tests/test_bench.py",
     f"{BENCH} ranks": "tests/test_ranks.py",
-    f"{BENCH} tradeoff_tables": "tests/test_docs_commands.py",
     "source": "tools/setup",
 }

@@ -18,7 +18,7 @@ MISTAKES = [
     ("run twst", "scene = 'twst': expected .*did you mean 'twist'"),
     ("run --nu 0.3", "missing SCENE: expected .*twist"),
     ("run twist stretch", "unexpected 'stretch'"),
-    ("sweep twist --out x --error", "sweep: unknown option .--error.: expected --set error="),
+    ("sweep twist --out x --kinematics layer", "unknown option .--kinematics.: expected --set kin"),
     ("run twist --nuu 0.3", "unknown option '--nuu': expected .*--cells.*did you mean '--nu'"),
     ("run twist --nu", "--nu: expected one argument"),
     ("run twist --nu 0.51", r"material.nu = 0.51: expected a number in \(-1, 0.5\]"),
@@ -49,7 +49,6 @@ MISTAKES = [
     ("sweep twist", "required: --out"),
     ("sweep twist --out x --nu 0.3 --set material.nu=0.4", "nu and material.nu: expected one"),
     ("sweep twist --out x --cells 2 --set cells=3", "--cells and --set cells: expected one of"),
-    ("tradeoff cook --out x --nu 0.3 --set material.nu=0.4", "nu and material.nu: expected one"),
     ("fit twist --to x --parameters E --nu 0.3 --set nu=0.4", "--nu and --set nu: expected one"),
     ("sweep twist --out x --nu 0.3,,0.4", "nu = '0.3,,0.4': expected values with commas"),
     ("sweep twist --out x --nu 0.3,0.6", "material.nu = 0.6: "),
@@ -77,7 +76,7 @@ MISTAKES = [
     ("render nowhere --field Jay", "nowhere: no run.json here"),
     ("doctor now", "unexpected 'now'"),
     ("sweep twist --nu= --out a", "nu = '': expected values"),
-    ("tradeoff cook --elements= --out a", "elements = '': expected values"),
+    ("sweep twist --error --set error=true --out a", "--error and --set error: expected one of"),
     ("render nowhere --loads=", "--loads : expected numbers"),
 ]
 

@@ -189,10 +189,9 @@ EXAMPLES: dict[str, dict[str, Any]] = {
     "fem_snh.scenes": {},
     "fem_snh.kernels.reports": {"fem_snh": fem_snh},
     "fem_snh.studies.sweep": {},
-    "fem_snh.studies.tradeoff.study": {},
 }
 #: Functions that take minutes: only the arguments of the example are checked here.
-STUDIES = {"sweep", "tradeoff"}
+STUDIES = {"sweep"}
 #: Examples that need a mesh, and the test that runs the same lines.
 EXAMPLES_ELSEWHERE = {
     "fem_snh/accuracy/program_goals.py": "tests/test_error_of_programs.py",

@@ -82,9 +82,8 @@ def accept(name: str, words: list[str], parser: Any) -> None:
     words, petsc = split_petsc(words)
     args = parser.parse(words)
     files = [word for word in words if re.search(r"\.(py|toml|csv)\b", word)]  # of the page
-    if name in ("run", "tradeoff") and args.scene in scenes.names() and not files:
-        keys = [key for key, _, _ in SCENE_OPTIONS if name == "run"]
-        values = {key: getattr(args, key) for key in keys}
+    if name == "run" and args.scene in scenes.names() and not files:
+        values = {key: getattr(args, key) for key, _, _ in SCENE_OPTIONS}
         values |= {key: value(word) for key, word in assignments(args.set).items()}
         scenes.load(args.scene, **values | ({"petsc": petsc} if petsc else {}))
 
@@ -177,11 +176,3 @@ def test_quick_variant_runs(
     assert code in (0, 1)  # the limits are of the whole measurement
     printed = capsys.readouterr().out.splitlines()
     assert printed and all(json.loads(line)["bench"] == words[3] for line in printed)
-
-
-@pytest.mark.parametrize("page", ["tradeoff.md", "tradeoff_tables.md"])
-def test_tables_are_those_of_the_data(page: str, folder: Path) -> None:
-    """The tables of the pages are what the CSV files beside them give."""
-    write = folder / "docs" / "results" / page
-    assert list(import_module("benchmarks.tradeoff_tables").rows(write=str(write)))
-    assert write.read_text() == (ROOT / "docs" / "results" / page).read_text()

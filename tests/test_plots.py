@@ -13,6 +13,7 @@ from picture_runs import bad, record, write_record
 from fem_snh.errors import BadInput
 from fem_snh.viewing import plots
 from fem_snh.viewing.plots.curves import curve_figure, run_table
+from fem_snh.viewing.plots.front import front_figure
 from fem_snh.viewing.plots.runs import run_figure
 from fem_snh.viewing.plots.sweeps import by_material, read_sweep, read_table, sweep_figure
 
@@ -113,6 +114,50 @@ def test_stiffness_over_nu_in_a_sweep(tmp_path):
     assert plots.main([tmp_path], x="nu", y=["top.force.z"]) == tmp_path / "curves.png"
     with pytest.raises(BadInput, match="--y: expected with --x"):
         plots.main([tmp_path], y=["top.force.z"])
+
+
+ERRORS = """\
+point,material,nu,element,cells,globalization,converged,seconds,error,tip.x,tip.x.error
+a,snh,0.3,Q1,4,trust_region,True,1,0.4,2,-0.8
+b,snh,0.3,Q1,8,trust_region,True,8,0.1,2,-0.2
+c,snh,0.3,Q2Q1,2,linesearch,True,2,0.05,2,0.1
+d,snh,0.3,Q2Q1,4,linesearch,True,9,0.001,2,0.002
+e,snh,0.3,Q2Q1,8,linesearch,False,0.1,,,
+f,snh,0.3,Q2Q1,16,linesearch,True,0.1,,2,
+"""
+
+
+def test_errors_over_cost_mark_the_pareto_front(tmp_path):
+    """Q1 on 8 cells is slower than Q2Q1 on 2 and less accurate; e failed, f has no estimate."""
+    file = tmp_path / "sweep.csv"
+    file.write_text(ERRORS)
+    figure = front_figure(read_table(file), "seconds", "error", file)
+    shown = lines(figure, 0)
+    assert list(shown)[:2] == ["snh, Q1", "snh, Q2Q1"]  # without the default globalization
+    (best,) = [line for label, line in shown.items() if label.startswith("best")]
+    assert best.get_xdata().tolist() == [1, 2, 9]
+    assert best.get_ydata().tolist() == [0.4, 0.05, 0.001]
+    assert [text.get_text() for text in figure.axes[0].texts] == ["Q1, 4", "Q2Q1, 2", "Q2Q1, 4"]
+    of_one = front_figure(read_table(file), "seconds", "tip.x.error/tip.x", file)
+    assert lines(of_one, 0)["snh, Q1"].get_ydata().tolist() == [0.4, 0.1]
+    assert plots.main([tmp_path], x="seconds", y=["error"]) == tmp_path / "curves.png"
+
+
+def test_another_poissons_ratio_has_a_front_of_its_own(tmp_path):
+    """The points are of two problems, of which one is easier."""
+    file = tmp_path / "sweep.csv"
+    head, *rows = ERRORS.splitlines()
+    harder = [row.replace("0.3", "0.49").replace("0.4,2", "0.8,2") for row in rows[:1]]
+    file.write_text("\n".join([head, *rows, *harder]))
+    shown = lines(front_figure(read_table(file), "seconds", "error", file), 0)
+    (best,) = [line for label, line in shown.items() if label.startswith("best")]
+    assert sorted(best.get_ydata()) == [0.001, 0.05, 0.4, 0.8]
+
+
+def test_errors_of_a_sweep_without_any(tmp_path):
+    (tmp_path / "sweep.csv").write_text(HEAD + ROWS)
+    with pytest.raises(BadInput, match="has no column error: expected a sweep with --error"):
+        plots.main([tmp_path], x="seconds", y=["error"])
 
 
 def test_plot_sweep(tmp_path):

@@ -15,12 +15,13 @@ import pandas as pd
 import pytest
 
 import fem_snh
+from fem_snh.cli import main
 from fem_snh.cli.studies import comma_list
 from fem_snh.errors import BadInput
 from fem_snh.studies.processes import environment, program
 from fem_snh.studies.scene_points import run_arguments
 from fem_snh.studies.sweep import combinations, sweep
-from fem_snh.studies.table import MEASURED, REQUESTED, StudyTable
+from fem_snh.studies.table import MEASURED, REQUESTED, StudyTable, largest_error
 
 TINY: dict[str, Any] = {"cells": 2, "steps": 1, "angle": 0.2}
 
@@ -120,6 +121,38 @@ def test_a_sweep_over_nu_keeps_the_equation(tmp_path: Path) -> None:
     chosen = small | {"nu": [0.39, 0.4], "material.barrier": True}
     table = sweep("pull", tmp_path, chosen, overwrite=True, report=said.append)
     assert table["material.barrier"].tolist() == [True] * 2
+
+
+def test_rows_have_seconds_and_errors(tmp_path: Path) -> None:
+    """The errors are those of the run; the seconds are without compilation and estimate."""
+    words = "sweep twist --cells 2 --steps 1 --element Q1,Q1P0 --error"
+    more = ["--set", "angle=0.2", "--set", "petsc.snes_scaled_tol=1e-3,1e-7"]
+    assert main([*words.split(), *more, "--out", str(tmp_path)]) == 0
+    table = pd.read_csv(tmp_path / "sweep.csv")
+    assert len(table) == 4 and table["error"].between(1e-4, 10).all()
+    for _, row in table.iterrows():
+        record = json.loads((tmp_path / row["point"] / "run.json").read_text())
+        seconds, goal = record["seconds"], record["goals"]["edge.y"]
+        spent = seconds["total"] - seconds["jit"] - seconds["estimate"]
+        assert row["seconds"] == pytest.approx(spent) and spent > 0
+        assert row["edge.y.error"] == pytest.approx(goal["error"])
+        assert row["error"] == pytest.approx(largest_error(record))
+    assert (tmp_path / "sweep.png").exists()
+
+
+def test_the_largest_error_is_relative_to_a_vector() -> None:
+    """A component that is small beside the others does not count as if it were the whole."""
+    goals = {
+        "tip.x": {"value": 0.001, "error": 0.002, "relative": 2.0},
+        "tip.y": {"value": -2.0, "error": 0.1, "relative": 0.05},
+        "top.force.z": {"value": 1e-18, "error": 1e-17, "relative": None, "bound": 1e-9},
+        "volume": {"value": 1.0, "error": 0.0, "relative": 0.0, "bound": 0.01},
+        "energy": {"value": 3.0, "error": None, "relative": None, "corrected": None},
+    }
+    assert largest_error({"goals": goals}) == 0.05
+    goals["volume"]["bound"] = 0.2
+    assert largest_error({"goals": goals}) == 0.2
+    assert largest_error({}) is None
 
 
 def test_a_finished_sweep_runs_nothing(done: tuple[Path, pd.DataFrame]) -> None:

@@ -42,7 +42,7 @@ _VALUES = (
     "mesh=", "table.0=1", "hold=1", "hold.5.group=1", "a.b.c.d=1", "..=1", "gravity.vector=1,2",
 )  # fmt: skip
 #: Commands whose valid calls are studies of hours: they get an option that no command has.
-_LONG = ("tradeoff", "sweep")
+_LONG = ("sweep",)
 _PETSC = (
     ("-ksp_rtol", "x"), ("-snes_max_it", "-1"), ("-snes_hessian", "x"), ("1e-6",), ("-",), ("--",),
     ("-snes_rtol", "nan"), ("-snes_max_it", "3"), ("-pc_type", "nonsense"),

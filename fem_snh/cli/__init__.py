@@ -30,7 +30,6 @@ if TYPE_CHECKING:
 COMMANDS = {
     "run": ("run", "solve a scene: a built-in one, a TOML file or a Python function"),
     "sweep": ("studies", "solve a scene for every combination of lists of values"),
-    "tradeoff": ("studies", "run an accuracy-cost study of a scene and recommend settings"),
     "fit": ("fit", "fit a material to test data, or rank all materials"),
     "materials": ("materials", "list the materials, describe one, or characterise them"),
     "plot": ("tools", "draw curves from run folders or a study's table"),

@@ -1,4 +1,4 @@
-"""The commands ``sweep`` and ``tradeoff``: many runs, in processes of their own."""
+"""The command ``sweep``: many runs, in processes of their own."""
 
 from __future__ import annotations
 
@@ -22,17 +22,6 @@ from fem_snh.cli.options import (
 from fem_snh.cli.run import scene_list
 from fem_snh.errors import BadInput
 
-_SCENE = "scene SCENE  a name, FILE.toml or FILE.py:FUNCTION"
-#: The defaults that ``tradeoff`` varies.
-_DEFAULTS = {
-    "hessian": "automatic, or exact, clamp, abs or adaptive with a line search",
-    "solver": "automatic, cg+ssor, +jacobi, +icc, +gamg, direct; Q1P0, P2P0: mixed+fgmres, "
-    "+direct; Taylor-Hood: fgmres+ssor, minres+hypre, +gamg, +icc, direct",
-    "forcing": "largest relative tolerance of a linear solve",
-    "tolerance": "of the residual, relative to E V^(2/3)",
-    "steps": "load steps",
-}
-
 
 def sweep_parser() -> Parser:
     """Return the parser of ``fem-snh sweep``."""
@@ -42,13 +31,14 @@ def sweep_parser() -> Parser:
         "Every option of a scene takes a comma list: --nu 0.3,0.45 --material a,b --set angle=1,2",
         scene_list,
     )
-    parser.add(_SCENE, scene={"nargs": "?"})
+    parser.add("scene SCENE  a name, FILE.toml or FILE.py:FUNCTION", scene={"nargs": "?"})
     for key, placeholder, help in SCENE_OPTIONS:
         parser.add_argument(f"--{key}", metavar=f"{placeholder},..", help=help)
     parser.add("--set KEY=VALUE,..  any other key of the scene: angle=1,2", set=REPEATED)
     _add_limits(parser)
     parser.add(
         """
+        --error  estimate the errors of the numbers of every point
         --out DIR  the sweep's folder
         --render FIELD  also draw the bodies of all points in one picture, bodies.png, with the
             colours of a field; default: J
@@ -77,100 +67,6 @@ def sweep(argv: list[str]) -> int:
     remark = f", {noted} with notes" if noted else ""
     print(f"{good} of {len(table)} points converged{remark}: {args.out / 'sweep.csv'}")
     return 0 if good == len(table) else 1
-
-
-def tradeoff_parser() -> Parser:
-    """Return the parser of ``fem-snh tradeoff``."""
-    parser = Parser(
-        "tradeoff",
-        "Run an accuracy-cost study of a scene: elements by meshes, then one setting at a time\n"
-        "(Hessian policy, linear solver, forcing, tolerance), each in its own\n"
-        "process. Errors are relative to a reference solution computed from the finest meshes. An\n"
-        "interrupted study continues; with more --nu, --elements or --cells only new points run.",
-        scene_list,
-    )
-    parser.add(
-        f"""
-        {_SCENE}
-        --out DIR  the study's folder
-        --nu X,..  Poisson's ratios; default: the scene's
-        --elements E,..  elements to compare; default: all that fit the scene
-        --cells N,..  resolutions for every element, from coarse to fine
-        --meshes FILE,..  gmsh files of one body, from coarse to fine
-        """,
-        out={"type": output, "required": True},
-        scene={"nargs": "?"},
-    )
-    for knob, help in _DEFAULTS.items():
-        parser.add_argument(f"--{knob}", metavar="X", type=value, help=f"the default: {help}")
-    parser.add(
-        """
-        --vary KNOB,..  settings to vary, or none; default: all
-        --vary-at X,..  values of nu at which settings are varied
-        --full  run every combination of settings on every mesh
-        --set KEY=VALUE  other values of the scene
-        """,
-        set=REPEATED,
-    )
-    _add_limits(parser, timeout=120.0, memory=4.0)
-    return parser
-
-
-def tradeoff(argv: list[str]) -> int:
-    """Study a scene; return 0 if there is a recommendation, else 1."""
-    args, petsc = _parse(tradeoff_parser(), "tradeoff", argv)
-    if args.status:
-        return _print_status("tradeoff", args)
-
-    from fem_snh.studies.tradeoff import advice
-    from fem_snh.studies.tradeoff.knobs import KNOBS
-    from fem_snh.studies.tradeoff.study import tradeoff as study
-
-    if args.cells and args.meshes:
-        raise BadInput("--cells and --meshes: expected one of the two")
-    vary = [] if args.vary == "none" else _list("vary", args.vary) or list(KNOBS)
-    table = _call(
-        study,
-        args,
-        args.scene,
-        args.out,
-        nus=_numbers("nu", args.nu),
-        elements=_list("elements", args.elements),
-        meshes=_cells(args.cells) or [str(mesh) for mesh in _list("meshes", args.meshes)],
-        base={knob: v for knob in _DEFAULTS if (v := getattr(args, knob)) is not None},
-        vary=vary,
-        vary_at=_numbers("vary-at", args.vary_at) if args.vary_at is not None else None,
-        full=args.full,
-        overrides={key: value(word, key) for key, word in assignments(args.set).items()},
-        petsc=petsc,
-    )
-    if (code := _incomplete("tradeoff", args)) is not None:
-        return code
-    for sentence in advice.sentences(table):
-        print(sentence)
-    names = ("tradeoff.csv", "tradeoff.png", "advice.csv", "advice.md")
-    written = [name for name in names if (args.out / name).exists()]  # no picture without an error
-    print(f"{args.out}: {', '.join(written)}")
-    return 0 if len(advice.advice(table)) else 1
-
-
-def _list(key: str, text: str | None) -> list[Any]:
-    return comma_list(key, text) if text is not None else []
-
-
-def _numbers(key: str, text: str | None) -> list[float]:
-    numbers = _list(key, text)
-    if not all(isinstance(v, int | float) and not isinstance(v, bool) for v in numbers):
-        raise BadInput(f"--{key} {text}: expected numbers with commas between, e.g. 0.3,0.49")
-    return [float(number) for number in numbers]
-
-
-def _cells(text: str | None) -> list[int]:
-    cells = _list("cells", text)
-    whole = all(isinstance(v, int) and not isinstance(v, bool) and v > 0 for v in cells)
-    if not whole or cells != sorted(set(cells)):
-        raise BadInput(f"--cells {text}: expected whole numbers from coarse to fine, e.g. 4,8,16")
-    return cells
 
 
 def _add_limits(
@@ -219,6 +115,7 @@ def _prepare_process(command: str) -> None:
 def _axes(args: argparse.Namespace) -> dict[str, list[Any]]:
     """Return the list of values of each scene key on the command line."""
     options = {key: getattr(args, key) for key, _, _ in SCENE_OPTIONS}
+    options["error"] = "true" if args.error else None
     given = with_settings(options, assignments(args.set))
     return {key: comma_list(key, text) for key, text in given.items()}
 

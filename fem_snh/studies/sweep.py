@@ -26,7 +26,7 @@ from fem_snh.studies.batch import Batch
 from fem_snh.studies.point import Limits
 from fem_snh.studies.scene_points import ScenePoint, file_digests, scene_files, value_text
 from fem_snh.studies.schedulers import Submission
-from fem_snh.studies.table import MEASURED, REQUESTED
+from fem_snh.studies.table import ERROR, MEASURED, REQUESTED
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -84,7 +84,8 @@ def sweep(
     Returns
     -------
     pandas.DataFrame
-        One row per point.
+        One row per point. With the key ``error`` of a scene it has a column ``error``, the
+        largest relative error of the point's goals as the estimate finds it.
 
     Raises
     ------
@@ -104,12 +105,13 @@ def sweep(
     points |= _with_one_variant(points, report)
     files = file_digests(scene, (point.scene for point in points.values()))
     keys = dict.fromkeys(key for point in points.values() for key in point.values)
-    extra = [key for key in keys if key not in (*REQUESTED, *MEASURED)]
+    extra = [key for key in keys if key not in (*REQUESTED, *MEASURED, ERROR)]
+    estimated = any(point.scene.estimates_error for point in points.values())
     batch = Batch(
         out,
         "sweep",
         {"scene": str(scene), "axes": lists, "files": files, "petsc": options},
-        ["point", *REQUESTED, *extra, "ranks", *MEASURED],
+        ["point", *REQUESTED, *extra, "ranks", *MEASURED, *([ERROR] if estimated else [])],
         limits,
         inputs=scene_files(scene, (point.scene for point in points.values())),
         retry=retry,

@@ -6,6 +6,7 @@ import csv
 import io
 import json
 import os
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,8 @@ MEASURED = (
     "converged status notes load newton clamped linear energy volume_ratio min_J residual "
     "seconds num_cells dofs"
 ).split()
+#: The column of the estimated error, which tables of scenes with an estimate have.
+ERROR = "error"
 #: The column ``notes`` of a run without notes.
 NO_NOTES = "none"
 
@@ -112,7 +115,8 @@ def measured_columns(record: Mapping[str, Any], log: Path, code: int) -> dict[st
     ``notes`` has the kinds of the notes on the run, with spaces between.
 
     Iterations are summed over all steps, converged or not; energy, volume and the other state
-    variables are those of the last converged step.
+    variables are those of the last converged step. ``seconds`` has neither the compilation nor,
+    unless the run refines its mesh by it, the estimate of the errors. ``error`` is `largest_error`.
 
     Parameters
     ----------
@@ -136,10 +140,35 @@ def measured_columns(record: Mapping[str, Any], log: Path, code: int) -> dict[st
     row["status"] = record.get("status") if code in (0, 1) else None
     row["status"] = row["status"] or failure_message(log, code)
     row |= {"num_cells": record.get("cells"), "dofs": record.get("dofs")}
-    row["seconds"] = record.get("seconds", {}).get("total")
+    seconds = record.get("seconds", {})
+    if "total" in seconds:
+        without = ("jit",) if "accuracy" in record else ("jit", "estimate")
+        row["seconds"] = seconds["total"] - sum(seconds.get(key, 0.0) for key in without)
+    else:
+        row["seconds"] = None
+    row[ERROR] = largest_error(record)
     # The defaults, if the scene names none.
     row |= {key: record[key] for key in ("hessian", "globalization") if key in record}
     return row
+
+
+def largest_error(record: Mapping[str, Any]) -> float | None:
+    """Return the largest relative error of a run's goals; None without an estimate.
+
+    Errors of components are relative to the largest component. Where a goal has a bound of its
+    error, the bound counts. A vector that is rounding has no relative error.
+    """
+    vectors: dict[str, list[Mapping[str, Any]]] = {}
+    for name, goal in record.get("goals", {}).items():
+        if goal.get("error") is not None:
+            vectors.setdefault(re.sub(r"\.[xyz]$", "", name), []).append(goal)
+    ratios = [
+        max(goal.get("bound", abs(goal["error"])) for goal in goals)
+        / max(abs(goal["value"]) for goal in goals)
+        for goals in vectors.values()
+        if any(goal.get("relative") is not None for goal in goals)
+    ]
+    return max(ratios, default=None)
 
 
 def failure_message(log: Path, code: int) -> str:

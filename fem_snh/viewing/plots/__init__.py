@@ -1,4 +1,4 @@
-"""Draw graphs of runs (against load), sweeps (against nu) and accuracy-cost studies.
+"""Draw graphs of runs (against load) and sweeps (against nu, or errors against their cost).
 
 The command ``plot`` and the studies call them. They read files only: run.json, or the CSV file of a
 study.
@@ -19,9 +19,9 @@ from matplotlib.figure import Figure
 from fem_snh.errors import BadInput
 from fem_snh.files import output_path, write_file
 from fem_snh.viewing.plots.curves import curve_figure, run_table, x_of
+from fem_snh.viewing.plots.front import front_figure, is_error_over_cost
 from fem_snh.viewing.plots.runs import run_figure
 from fem_snh.viewing.plots.sweeps import by_material, read_sweep, read_table, sweep_figure
-from fem_snh.viewing.plots.tradeoff import tradeoff_figure
 from fem_snh.viewing.render import read_record
 from fem_snh.viewing.render.records import column_label
 
@@ -46,7 +46,8 @@ def main(
         Add a panel with the Newton iterations per step.
     x, y : str and sequence of str, optional
         Columns of steps.csv, or of the study's table, or quotients of two: a panel for each of
-        ``y`` over ``x``, which is the load parameter of runs by default.
+        ``y`` over ``x``, which is the load parameter of runs by default. An error of a sweep over
+        its cost is drawn with the best points marked: see `fem_snh.viewing.plots.front`.
 
     Raises
     ------
@@ -55,7 +56,7 @@ def main(
     """
     paths = [Path(p) for p in paths]
     if not paths:
-        raise BadInput("nothing to plot: give folders of runs, or one sweep.csv or tradeoff.csv")
+        raise BadInput("nothing to plot: give folders of runs, or one sweep.csv")
     tables = [_table_in(p) for p in paths]
     if any(t.suffix == ".csv" for t in tables):
         if len(tables) > 1:
@@ -80,11 +81,8 @@ def main(
 
 
 def _table_in(path: Path) -> Path:
-    """Return the CSV file in a study's folder, or any other path unchanged."""
-    for name in ("sweep.csv", "tradeoff.csv"):
-        if (path / name).is_file():
-            return path / name
-    return path
+    """Return the CSV file in a sweep's folder, or any other path unchanged."""
+    return path / "sweep.csv" if (path / "sweep.csv").is_file() else path
 
 
 def _table_figure(path: Path, x: str | None, y: Sequence[str]) -> Figure:
@@ -92,10 +90,10 @@ def _table_figure(path: Path, x: str | None, y: Sequence[str]) -> Figure:
     if y:
         if x is None:
             raise BadInput("--y: expected with --x, a column of the table")
+        if is_error_over_cost(x, y):
+            return front_figure(table, x, y[0], path)
         label_of = partial(column_label, records=_first_record(path.parent))
         return curve_figure(by_material(table, x), x, y, label_of)
-    if "error_displacement" in table:
-        return tradeoff_figure(table, path)
     return sweep_figure(read_sweep(path))
 
 

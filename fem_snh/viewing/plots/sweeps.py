@@ -126,18 +126,33 @@ def sweep_figure(table: pd.DataFrame) -> Figure:
 
 
 def varied_columns(table: pd.DataFrame) -> list[str]:
-    """Return the columns before ``converged`` that vary, without material and nu."""
+    """Return the columns before ``converged`` that vary, without material and nu.
+
+    A column that an earlier one determines, as the default globalization of an element, is left
+    out.
+    """
     requested = table.columns[: table.columns.get_loc("converged")]
     skip = ("point", "material", "nu", *MEASURES)
-    return [c for c in requested if c not in skip and table[c].nunique(dropna=False) > 1]
+    varied: list[str] = []
+    for name in requested:
+        if name in skip or table[name].nunique(dropna=False) < 2:
+            continue
+        if not any(_determines(table, earlier, name) for earlier in varied):
+            varied.append(name)
+    return varied
 
 
-def by_material(table: pd.DataFrame, x: str) -> dict[str, pd.DataFrame]:
+def _determines(table: pd.DataFrame, one: str, other: str) -> bool:
+    """Return whether rows of equal values in one column have equal values in the other."""
+    return bool(table.groupby(one, dropna=False)[other].nunique(dropna=False).max() == 1)
+
+
+def by_material(table: pd.DataFrame, *x: str) -> dict[str, pd.DataFrame]:
     """Return the points that converged by material and combination of the values but ``x``."""
     if "converged" not in table or "material" not in table:
         return {"all points": table}
     good = table[table["converged"].astype(str).str.lower() == "true"]
-    varied = [c for c in ("nu", *varied_columns(table)) if c != x and table[c].nunique() > 1]
+    varied = [c for c in ("nu", *varied_columns(table)) if c not in x and table[c].nunique() > 1]
     return dict(_series(good, varied))
 
 
