@@ -30,7 +30,7 @@ from mpi4py import MPI
 import fem_snh
 from fem_snh.choices import INTEGRATORS
 from fem_snh.scenes import Geometry, Gravity, Hold, MaterialChoice, Probe, Scene, Time
-from fem_snh.viewing.plots.energies import energies
+from fem_snh.viewing.plots.runs import energies
 from fem_snh.viewing.plots.style import legend, subplots
 
 parser = ArgumentParser(description="A swinging cantilever, with every time integrator.")

@@ -44,7 +44,7 @@ from fem_snh.scenes.schema import (
     Scene,
     Traction,
 )
-from fem_snh.viewing.render.fields import written_fields
+from fem_snh.viewing.render.records import written_fields
 from fem_snh.viewing.states import States
 
 mpi = pytest.mark.mpi

@@ -16,7 +16,7 @@ from usd_files import needs_usd, read_usd
 from fem_snh import scenes
 from fem_snh.errors import BadInput, on_root
 from fem_snh.viewing import export, render
-from fem_snh.viewing.render import stored_loads
+from fem_snh.viewing.render.records import stored_loads
 from fem_snh.viewing.render.surfaces import read_grid
 
 #: A ball that moves as a whole with a bone, while it is stretched along x by 20 %.

@@ -14,9 +14,8 @@ from fem_snh.records.run_tables import column_unit, results
 from fem_snh.records.units import Units, volume_change
 from fem_snh.viewing import plots, render
 from fem_snh.viewing.plots.curves import curve_figure, list_columns, run_table
-from fem_snh.viewing.plots.energies import draw_energies
-from fem_snh.viewing.render.fields import label
-from fem_snh.viewing.render.records import axis_label, column_label
+from fem_snh.viewing.plots.runs import draw_energies
+from fem_snh.viewing.render.records import axis_label, column_label, label
 from fem_snh.viewing.view import page
 
 MM = Units("mm", "N", "MPa")

@@ -15,8 +15,7 @@ from vtkmodules.vtkCommonCore import mutable
 
 from fem_snh.errors import BadInput, bad_value
 from fem_snh.records.run_record import load_record
-from fem_snh.viewing.render import stored_loads
-from fem_snh.viewing.render.fields import component_index, split_component
+from fem_snh.viewing.render.records import component_index, split_component, stored_loads
 from fem_snh.viewing.render.surfaces import read_grid
 
 Array = npt.NDArray[Any]
@@ -126,38 +125,19 @@ class States:
         return u
 
     def _match(self, found: Array, wanted: Array, file: str) -> Array:
-        return match_points(found, wanted, self.mesh.length, file)
+        """Return for each wanted point its index in ``found``: ranks order points differently."""
+        if found.shape == wanted.shape:
+            if np.array_equal(found, wanted):
+                return np.arange(len(wanted))
+            distance, index = cKDTree(found).query(wanted)
+            if distance.max() < _SAME_POINT * self.mesh.length:
+                return np.asarray(index)
+        raise BadInput(f"{file}: its mesh is not that of the other loads")
 
 
 def _names(grid: pv.UnstructuredGrid) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Return the names of the fields at points and at cells."""
     return tuple(sorted(grid.point_data.keys())), tuple(sorted(grid.cell_data.keys()))
-
-
-def match_points(found: Array, wanted: Array, scale: float, file: str) -> Array:
-    """Return for each wanted point its index in ``found``: ranks order points differently.
-
-    Parameters
-    ----------
-    found, wanted : (n, 3)
-        The points of two states of one mesh.
-    scale : float
-        The body's diagonal.
-    file : str
-        A file of the found points, for the message.
-
-    Raises
-    ------
-    BadInput
-        If a wanted point is missing.
-    """
-    if found.shape == wanted.shape:
-        if np.array_equal(found, wanted):
-            return np.arange(len(wanted))
-        distance, index = cKDTree(found).query(wanted)
-        if distance.max() < _SAME_POINT * scale:
-            return index
-    raise BadInput(f"{file}: its mesh is not that of the other loads")
 
 
 class InterpolatedStates:

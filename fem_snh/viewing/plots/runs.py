@@ -1,4 +1,4 @@
-"""Draw graphs of runs: volume change and iterations per step against the load."""
+"""Draw graphs of runs: volume change and iterations per step, and energies against the time."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ from matplotlib.ticker import FuncFormatter, MaxNLocator, MultipleLocator
 
 from fem_snh.errors import BadInput
 from fem_snh.viewing.plots.curves import column, principal_result, run_table
-from fem_snh.viewing.plots.energies import draw_energies
 from fem_snh.viewing.plots.style import (
     colour,
     failure,
@@ -23,7 +22,7 @@ from fem_snh.viewing.plots.style import (
     style,
     subplots,
 )
-from fem_snh.viewing.render import number, one_line
+from fem_snh.viewing.render import number
 from fem_snh.viewing.render.records import (
     axis_label,
     column_label,
@@ -31,7 +30,9 @@ from fem_snh.viewing.render.records import (
     load_range,
     material_name,
     materials,
+    one_line,
     poisson_ratio,
+    unit_name,
 )
 
 # Volume change [%] at stretch 3.4 and nu = 0.49, Smith et al. 2018, Section 6.
@@ -42,6 +43,15 @@ _LABELS = {
     "volume": "volume change [%]",
     "linear": "linear iterations per step",
     "newton": "Newton iterations per step",
+}
+
+#: The energies of one run, and the styles of their lines. The sum is that of the first three.
+ENERGIES = {
+    "kinetic": "-",
+    "elastic": "--",
+    "potential": ":",
+    "energy": "-.",
+    "dissipated": (0, (1, 3)),
 }
 
 
@@ -148,3 +158,40 @@ def _paper_marks(ax: Axes, records: Sequence[dict[str, Any]]) -> None:
 
 def _turns(span: tuple[float, float]) -> bool:
     return "π" in number(span[1]) and span[0] == 0
+
+
+def draw_energies(ax: Axes, records: Sequence[dict[str, Any]], names: Sequence[str]) -> None:
+    """Draw the energies of one run, or the sums of several, against time.
+
+    Parameters
+    ----------
+    ax : Axes
+        The panel.
+    records : sequence of dict
+        The runs' run.json, all in time.
+    names : sequence of str
+        Their names in the legend of the other panels, whose colours the sums have.
+    """
+    joule = unit_name("J", records)
+    if len(records) == 1:
+        for number, (key, line) in enumerate(ENERGIES.items()):
+            times, values = energies(records[0], key)
+            if any(values):
+                label = "sum" if key == "energy" else key
+                ax.plot(times, values, color=colour(number), ls=line, lw=1.6, label=label)
+        ax.legend(frameon=False, fontsize=8)
+        ax.set_ylabel(f"energy [{joule}]")
+    else:
+        for number, record in enumerate(records):
+            times, values = energies(record, "energy")
+            ax.plot(times, values, label=names[number], **style(number, len(times)))
+        ax.set_ylabel(f"kinetic + elastic + potential energy [{joule}]")
+    ax.set_xlabel(f"time [{unit_name('s', records)}]")
+
+
+def energies(record: dict[str, Any], key: str) -> tuple[list[float], list[float]]:
+    """Return times and values of an energy: at the start and after each step that converged."""
+    rows = [{"time": 0.0, **record["time"]["start"]}]
+    rows += [step for step in record["steps"] if step["converged"]]
+    rows = [row for row in rows if row.get(key) is not None]
+    return [row["time"] for row in rows], [row[key] for row in rows]

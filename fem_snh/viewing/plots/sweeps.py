@@ -24,8 +24,7 @@ from fem_snh.viewing.plots.style import (
     subplots,
     thousands,
 )
-from fem_snh.viewing.render import one_line
-from fem_snh.viewing.render.records import pretty
+from fem_snh.viewing.render.records import one_line, pretty
 
 #: The columns that are plotted, with their axis labels.
 MEASURES = {

@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 import math
-import xml.etree.ElementTree as ET
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
@@ -14,13 +13,13 @@ from pathlib import Path
 from typing import Any
 
 from fem_snh.errors import BadInput, bad_value
-from fem_snh.files import open_file, output_path
+from fem_snh.files import output_path
 from fem_snh.records.output_fields import ERRORS
 from fem_snh.records.run_record import load_record
 from fem_snh.records.units import Units, volume_change
-from fem_snh.viewing.render.fields import check_field
 from fem_snh.viewing.render.options import WHOLE, ViewOptions
 from fem_snh.viewing.render.records import (
+    check_field,
     check_hidden,
     common_units,
     hidden_cells,
@@ -31,6 +30,7 @@ from fem_snh.viewing.render.records import (
     parameter,
     poisson_ratio,
     step_at,
+    stored_loads,
 )
 from fem_snh.viewing.worker import require, run_elsewhere
 
@@ -454,37 +454,6 @@ def read_record(folder: Path) -> dict[str, Any]:
     return load_record(path)
 
 
-def stored_loads(pvd: Path) -> dict[float, list[Path]]:
-    """Return {load: .vtu files} of a collection (.pvd) that dolfinx's VTKFile wrote.
-
-    The collection names .vtu files or .pvtu files, which name one .vtu per rank. dolfinx 0.5 lists
-    each file once per field; duplicates are removed.
-    """
-    found: dict[float, list[Path]] = {}
-    for data in _elements(pvd, "DataSet"):
-        file = pvd.parent / data.get("file", "")
-        pieces = [file]
-        if file.suffix == ".pvtu":
-            pieces = [file.parent / p.get("Source", "") for p in _elements(file, "Piece")]
-        missing = [p for p in pieces if not p.is_file()]
-        if missing:
-            raise BadInput(f"{missing[0]}: missing, but {file.name} refers to it")
-        found.setdefault(float(data.get("timestep", "nan")), []).extend(pieces)
-    if not found:
-        raise BadInput(f"{pvd}: holds no fields")
-    return {load: list(dict.fromkeys(pieces)) for load, pieces in found.items()}
-
-
-def _elements(path: Path, tag: str) -> list[ET.Element]:
-    try:
-        with open_file(path) as file:
-            return list(ET.parse(file).iter(tag))
-    except FileNotFoundError:
-        raise BadInput(f"{path}: missing: the run has stored no fields") from None
-    except (OSError, ET.ParseError) as error:
-        raise BadInput(f"{path}: cannot be read: {one_line(error)}") from None
-
-
 def choose_loads(stored: list[float], wanted: Sequence[float] | None) -> list[float]:
     """Return the stored loads to draw; raise BadInput if a requested one was not stored."""
     if wanted:
@@ -535,11 +504,6 @@ def number(x: float) -> str:
         return f"{x:.3g}"
     top = {1: "π", -1: "-π"}.get(turn.numerator, f"{turn.numerator}π")
     return top if turn.denominator == 1 else f"{top}/{turn.denominator}"
-
-
-def one_line(error: object) -> str:
-    """Return the first line of an error's message."""
-    return (str(error).strip() or type(error).__name__).splitlines()[0]
 
 
 def draw(job: Job, report: Callable[[str], None] | None = None) -> None:

@@ -28,9 +28,9 @@ from fem_snh.errors import BadInput
 from fem_snh.files import make_folder_of, replacement, write_file
 from fem_snh.records.units import Units
 from fem_snh.viewing.render import Job, MovieJob
-from fem_snh.viewing.render.fields import is_nonnegative, label
 from fem_snh.viewing.render.obstacles import Obstacles, add_solid, kind_of
 from fem_snh.viewing.render.options import WHOLE, ViewOptions
+from fem_snh.viewing.render.records import is_nonnegative, label
 from fem_snh.viewing.render.surfaces import DrawnBody, body, body_of, is_flat
 from fem_snh.viewing.states import InterpolatedStates
 

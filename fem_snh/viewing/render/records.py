@@ -1,16 +1,20 @@
-"""What pictures show of run.json: materials, the load or time of states, solids."""
+"""What pictures show of a run: materials, the load or time of states, solids, fields."""
 
 from __future__ import annotations
 
 import math
+import re
+import xml.etree.ElementTree as ET
 from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from fem_snh.errors import bad_value
+from fem_snh.errors import BadInput, bad_value
+from fem_snh.files import open_file
 from fem_snh.geometry.rotations import exponential
+from fem_snh.records.output_fields import NAMED, STANDARD, VECTOR, OutputField
 from fem_snh.records.run_tables import column_unit
 from fem_snh.records.units import Units
 
@@ -18,6 +22,16 @@ from fem_snh.records.units import Units
 KINDS = ("obstacles", "bones", "rigid")
 #: Difference of two loads, or of times relative to the duration, that are the same.
 _SAME = 1e-6
+_KNOWN = STANDARD | NAMED
+#: Arrays of VTK files that describe the mesh.
+_MESH = ("Points", "connectivity", "offsets", "types")
+#: The displacement of the drawn surface, also where the colours show its magnitude.
+VECTORS = "displacement vector"
+#: Labels that do not follow from label and unit.
+_LABELS = {
+    "displacement": "|u|  (displacement)",
+    "mode": "|u| / max |u|  (displacement of a mode)",
+}
 
 
 def materials(record: dict[str, Any]) -> list[dict[str, Any]]:
@@ -161,3 +175,115 @@ def _pose(state: dict[str, Any], about: dict[str, Any]) -> list[list[float]]:
     R = exponential(np.array(state["rotation"]))
     c = np.array(state["position"]) - R @ np.array(about["point"])
     return [list(map(float, row)) for row in np.column_stack([R, c])]
+
+
+def stored_loads(pvd: Path) -> dict[float, list[Path]]:
+    """Return {load: .vtu files} of a collection (.pvd) that dolfinx's VTKFile wrote.
+
+    The collection names .vtu files or .pvtu files, which name one .vtu per rank. dolfinx 0.5 lists
+    each file once per field; duplicates are removed.
+    """
+    found: dict[float, list[Path]] = {}
+    for data in _elements(pvd, "DataSet"):
+        file = pvd.parent / data.get("file", "")
+        pieces = [file]
+        if file.suffix == ".pvtu":
+            pieces = [file.parent / p.get("Source", "") for p in _elements(file, "Piece")]
+        missing = [p for p in pieces if not p.is_file()]
+        if missing:
+            raise BadInput(f"{missing[0]}: missing, but {file.name} refers to it")
+        found.setdefault(float(data.get("timestep", "nan")), []).extend(pieces)
+    if not found:
+        raise BadInput(f"{pvd}: holds no fields")
+    return {load: list(dict.fromkeys(pieces)) for load, pieces in found.items()}
+
+
+def _elements(path: Path, tag: str) -> list[ET.Element]:
+    try:
+        with open_file(path) as file:
+            return list(ET.parse(file).iter(tag))
+    except FileNotFoundError:
+        raise BadInput(f"{path}: missing: the run has stored no fields") from None
+    except (OSError, ET.ParseError) as error:
+        raise BadInput(f"{path}: cannot be read: {one_line(error)}") from None
+
+
+def split_component(field: str) -> tuple[str, str]:
+    """Return name and component of ``cauchy_stress.xy``; component "" for a whole field."""
+    name, _, component = field.partition(".")
+    return name, component
+
+
+def component_index(field: str) -> int | None:
+    """Return the index of the component that ``field`` names, or None for a whole field."""
+    name, component = split_component(field)
+    return _components(name).index(component) if component else None
+
+
+def label(field: str, units: Units | None = None) -> str:
+    """Return the label of the colour bar of a field or component, with its unit.
+
+    Without ``units`` it is that of SI, and a displacement has none.
+    """
+    if field == "displacement" and units:
+        return f"{_LABELS[field]} [{units.length}]"
+    if field in _LABELS:
+        return _LABELS[field]
+    name, component = split_component(field)
+    known = _KNOWN.get(name, OutputField(name, ""))
+    text = known.label
+    if component:
+        text = f"{text}, {component}"
+    elif known.components:
+        text = f"magnitude of the {text}"
+    return f"{text} [{(units or Units()).name(known.unit)}]" if known.unit else text
+
+
+def is_nonnegative(field: str) -> bool:
+    """Return whether a field, or the magnitude that is drawn of it, cannot be negative."""
+    name, component = split_component(field)
+    known = _KNOWN.get(name, OutputField(name, ""))
+    return known.nonnegative or bool(known.components and not component)
+
+
+def check_field(pvd: Path, field: str) -> None:
+    """Raise BadInput unless a run has written a field and the field has the component.
+
+    Parameters
+    ----------
+    pvd : Path
+        The collection of the run's states.
+    field : str
+        A name such as ``von_mises``, or a component such as ``cauchy_stress.xy``.
+    """
+    written = written_fields(pvd)
+    name, component = split_component(field)
+    if name not in written:
+        accepted = f"one of {', '.join(written)}, which this run has written"
+        if name in NAMED:
+            accepted += f"; a run with --set fields={name} writes it"
+        raise bad_value("field", field, accepted, written)
+    components = _components(name)
+    if component and component not in components:
+        accepted = "a component of " + name if components else f"'{name}', a scalar"
+        found = f": {', '.join(components)}" if components else ""
+        raise bad_value("field", field, accepted + found)
+
+
+def written_fields(pvd: Path) -> list[str]:
+    """Return the names of the fields of a run's last state, sorted."""
+    last = _elements(pvd, "DataSet")[-1].get("file", "")
+    with open_file(pvd.parent / last) as opened:
+        text = opened.read().partition(b"<AppendedData")[0].decode()
+    names = set(re.findall(r'<P?DataArray [^>]*?Name="([^"]+)"', text))
+    return sorted(name for name in names if name not in _MESH and not name.startswith("vtk"))
+
+
+def _components(name: str) -> tuple[str, ...]:
+    """Return the names of a field's components."""
+    return _KNOWN[name].components if name in _KNOWN else VECTOR if name == "mode" else ()
+
+
+def one_line(error: object) -> str:
+    """Return the first line of an error's message."""
+    return (str(error).strip() or type(error).__name__).splitlines()[0]

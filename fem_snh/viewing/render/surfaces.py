@@ -13,8 +13,8 @@ from vtkmodules.vtkFiltersGeometry import vtkDataSetSurfaceFilter
 
 from fem_snh.errors import BadInput
 from fem_snh.records.output_fields import CELL_GROUP, SUMMED
-from fem_snh.viewing.render.fields import VECTORS, component_index, split_component
 from fem_snh.viewing.render.options import ViewOptions
+from fem_snh.viewing.render.records import VECTORS, component_index, split_component
 
 #: Largest number of boundary faces with which element edges are drawn.
 EDGES_UP_TO = 6000

@@ -38,8 +38,14 @@ from fem_snh.viewing.plots.curves import numbers, principal_result, run_table, x
 from fem_snh.viewing.plots.runs import run_figure
 from fem_snh.viewing.render import Job, Panel
 from fem_snh.viewing.render.drawing import Drawing, extremes_line
-from fem_snh.viewing.render.fields import VECTORS, label
-from fem_snh.viewing.render.records import column_label, material_name, poisson_ratio, step_at
+from fem_snh.viewing.render.records import (
+    VECTORS,
+    column_label,
+    label,
+    material_name,
+    poisson_ratio,
+    step_at,
+)
 
 #: Columns of the step table, in this order, as far as the steps have them.
 COLUMNS = (
