@@ -285,18 +285,6 @@ def main() -> int:
     if any(os.environ.get(name, "0") != "0" for name in RANK_VARIABLES):
         return 0
     findings = examine()
-    cells = [(f.what, f.state, f"{f.found}: {f.remedy}" if f.remedy else f.found) for f in findings]
-    try:
-        from rich.console import Console
-        from rich.table import Table
-        from rich.text import Text
-    except ImportError:
-        print(*(f"{what:13} {state:8} {detail}" for what, state, detail in cells), sep="\n")
-    else:
-        colour = {"ok": "green", "slow": "yellow", "absent": "yellow", "missing": "red"}
-        table = Table("", "state", box=None)
-        table.add_column("found, and what to do", overflow="fold")
-        for what, state, detail in cells:
-            table.add_row(what, Text(state, colour[state]), Text(detail))
-        Console().print(table)
+    for what, state, found, action in findings:
+        print(f"{what:13} {state:8} {found}{f': {action}' if action else ''}")
     return 2 if any(f.state == "missing" for f in findings) else 0

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import sys
 from argparse import Namespace
 from collections.abc import Mapping
 from pathlib import Path
@@ -15,6 +14,7 @@ from fem_snh.cli.options import (
     Parser,
     assignments,
     output,
+    print_table,
     split_petsc,
     value,
     with_settings,
@@ -24,8 +24,7 @@ from fem_snh.cli.studies import comma_list
 from fem_snh.errors import BadInput, check_number
 
 if TYPE_CHECKING:
-    from rich.table import Table
-
+    from fem_snh.runs.inverse import SceneFit
     from fem_snh.studies.fit import Fit
 
 EPILOG = """\
@@ -124,10 +123,7 @@ def fit(argv: list[str]) -> int:
     _print(found)
     if args.report:
         print(found.report())
-    found.write(args.out / "fit.json")
-    found.write_table(args.out / "material.toml")
-    found.plot(args.out / "fit.png")
-    print(f"{args.out}: fit.json, fit.png, material.toml")
+    _write(found, args.out)
     return 0
 
 
@@ -137,7 +133,6 @@ def _fit_scene(args: Namespace, petsc: dict[str, str | None]) -> int:
 
     import numpy as np
     from rich.console import Console
-    from rich.table import Table
 
     from fem_snh.errors import check_whole, on_root
 
@@ -163,33 +158,35 @@ def _fit_scene(args: Namespace, petsc: dict[str, str | None]) -> int:
         found = fit_scene(scene, args.to, parameters, comm=comm, max_solves=args.solves)
 
     def report() -> None:
-        console = Console(width=None if sys.stdout.isatty() else 110)
         points = sum(map(math.isfinite, found.curve.values.ravel()))
         unit = Units.read(scene.units).stress if scene.units else ""
         units = {name: unit if name == "E" else "" for name in found.parameters}
-        console.print(_parameters(found.parameters, found.errors, units, points))
-        table = Table("goal", "points", "rms", "R²")
-        for k, name in enumerate(found.curve.names):
-            count = int(np.isfinite(found.curve.values[:, k]).sum())
-            table.add_row(
-                name, str(count), f"{found.rms[name]:.4g}", f"{found.r_squared[name]:.5f}"
-            )
-        console.print(table)
+        _print_parameters(found.parameters, found.errors, units, points)
+        counts = np.isfinite(found.curve.values).sum(axis=0)
+        rows = [
+            (name, str(count), f"{found.rms[name]:.4g}", f"{found.r_squared[name]:.5f}")
+            for name, count in zip(found.curve.names, counts, strict=True)
+        ]
+        print_table(("goal", "points", "rms", "R²"), rows)
         print(f"{found.solves} solves, {'converged' if found.converged else 'not converged'}\n")
         print(found.table())
-        found.write(args.out / "fit.json")
-        found.write_table(args.out / "material.toml")
-        found.plot(args.out / "fit.png")
-        print(f"{args.out}: fit.json, fit.png, material.toml")
+        _write(found, args.out)
 
     on_root(comm, report)
     return 0 if found.converged else 1
 
 
+def _write(found: Fit | SceneFit, out: Path) -> None:
+    """Write the files of a fit to a folder."""
+    found.write(out / "fit.json")
+    found.write_table(out / "material.toml")
+    found.plot(out / "fit.png")
+    print(f"{out}: fit.json, fit.png, material.toml")
+
+
 def _rank(args: Namespace, keywords: dict[str, Any]) -> int:
     """Fit all materials and print them from the best to the worst."""
     from rich.console import Console
-    from rich.table import Table
 
     from fem_snh.studies.fit import Fit, ordered, rank
 
@@ -207,14 +204,13 @@ def _rank(args: Namespace, keywords: dict[str, Any]) -> int:
     if not fits:
         raise BadInput(f"fit --all: no material can be fitted: {refused[0][1]}")
     fits = ordered(fits)
-    table = Table("", "material", "parameters", "R²", "rms", "AICc", "stable at the data")
-    for place, f in enumerate(fits, start=1):
-        stable = "yes" if f.stable_at_data else "no"
-        table.add_row(
-            str(place), f.name, str(len(f.parameters)), f"{f.r_squared:.5f}", f"{f.rms:.4g}",
-            f"{f.aicc:.1f}", stable,
-        )  # fmt: skip
-    Console(width=None if sys.stdout.isatty() else 110).print(table)
+    heading = ("", "material", "parameters", "R²", "rms", "AICc", "stable at the data")
+    rows = [
+        (str(place), f.name, str(len(f.parameters)), f"{f.r_squared:.5f}", f"{f.rms:.4g}",
+         f"{f.aicc:.1f}", "yes" if f.stable_at_data else "no")
+        for place, f in enumerate(fits, start=1)
+    ]  # fmt: skip
+    print_table(heading, rows)
     for name, reason in refused:
         print(f"not fitted: {reason if name in reason else f'{name}: {reason}'}")
     best = fits[0]
@@ -233,19 +229,14 @@ def _rank(args: Namespace, keywords: dict[str, Any]) -> int:
 
 def _print(found: Fit) -> None:
     """Print parameters, tests, stable ranges and the table of a scene."""
-    from rich.console import Console
-    from rich.table import Table
-
-    console = Console(width=None if sys.stdout.isatty() else 110)
     points = sum(len(t.data.x) for t in found.tests)
-    console.print(_parameters(found.parameters, found.errors, found.units, points))
-    table = Table("test", "kind", "points", "rms", "largest", "R²")
-    for t in found.tests:
-        table.add_row(
-            t.data.name, t.data.kind, str(len(t.data.x)), f"{t.rms:.4g}", f"{t.largest:.4g}",
-            f"{t.r_squared:.5f}",
-        )  # fmt: skip
-    console.print(table)
+    _print_parameters(found.parameters, found.errors, found.units, points)
+    rows = [
+        (t.data.name, t.data.kind, str(len(t.data.x)), f"{t.rms:.4g}", f"{t.largest:.4g}",
+         f"{t.r_squared:.5f}")
+        for t in found.tests
+    ]  # fmt: skip
+    print_table(("test", "kind", "points", "rms", "largest", "R²"), rows)
     low, high = found.searched
     for s, loaded in zip(found.stable, found.stable_under_dead_loads, strict=True):
         words = "all of it" if s.whole else f"{s.low:.4g} to {s.high:.4g}"
@@ -265,20 +256,15 @@ def _print_notes(found: Fit) -> None:
         print(f"note: {line}")
 
 
-def _parameters(
-    values: Mapping[str, float],
-    errors: Mapping[str, float],
-    units: Mapping[str, str],
-    points: int,
-) -> Table:
-    """Return the table of parameters of a fit to some points, with their standard errors."""
-    from rich.table import Table
-
-    table = Table("parameter", "value", "standard error", "unit")
-    for name, number in values.items():
-        error = _error(errors[name], points > len(values))
-        table.add_row(name, f"{number:.6g}", error, units[name])
-    return table
+def _print_parameters(
+    values: Mapping[str, float], errors: Mapping[str, float], units: Mapping[str, str], points: int
+) -> None:
+    """Print the parameters of a fit to some points, with their standard errors."""
+    rows = [
+        (name, f"{number:.6g}", _error(errors[name], points > len(values)), units[name])
+        for name, number in values.items()
+    ]
+    print_table(("parameter", "value", "standard error", "unit"), rows)
 
 
 def _error(error: float, over_determined: bool) -> str:

@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
-import sys
 from argparse import Namespace
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from fem_snh.cli.options import REPEATED, Parser, assignments, output, value, with_settings
+from fem_snh.cli.options import (
+    REPEATED,
+    Parser,
+    assignments,
+    output,
+    print_table,
+    value,
+    with_settings,
+)
 from fem_snh.errors import BadInput
 
 EPILOG = """\
@@ -77,7 +84,10 @@ def materials(argv: list[str]) -> int:
         return _list()
     name = args.names[0]
     if not one:
-        return _describe(name)
+        from fem_snh.materials import describe
+
+        print(describe(name))
+        return 0
     if args.source:
         _print_source(name, numbers)
     if args.report or args.plot is not None:
@@ -103,38 +113,25 @@ def _numbers(args: Namespace) -> dict[str, Any]:
 
 def _list() -> int:
     """Print all materials with their energy densities and shape parameters."""
-    from rich.console import Console
-    from rich.table import Table
-    from rich.text import Text
-
     from fem_snh.materials import defaults, describe, names
 
-    table = Table("material", "energy density and source", "shape parameters", show_lines=True)
+    rows = []
     for name in names():
         try:
             title, *body = describe(name).split("\n\n")
             parameters = [f"{key} = {default}" for key, default in defaults(name).items()]
-        except (
-            BadInput
-        ) as error:  # an entry point that fails to load must not hide the other materials
-            table.add_row(name, Text(str(error)), "-")
+        except BadInput as error:  # of an entry point; it must not hide the other materials
+            rows.append((name, str(error), "-"))
             continue
         shown = [title, *(part for part in body if "psi =" in part)]
-        table.add_row(name, Text("\n".join(shown)), Text("\n".join(parameters) or "-"))
-    Console(width=None if sys.stdout.isatty() else 110).print(table)
+        rows.append((name, "\n".join(shown), "\n".join(parameters) or "-"))
+    heading = ("material", "energy density and source", "shape parameters")
+    print_table(heading, rows, show_lines=True)
     print(
         "Every material takes --E [Pa] and --nu; all agree at small strain. "
         "`fem-snh materials NAME` describes one, NAME --report reports its stability, --table "
         "compares them."
     )
-    return 0
-
-
-def _describe(name: str) -> int:
-    """Print the energy density, source and parameters of a material."""
-    from fem_snh.materials import describe
-
-    print(describe(name))
     return 0
 
 
@@ -162,7 +159,6 @@ def _report(name: str, args: Namespace, numbers: dict[str, Any]) -> None:
 def _table(names: Sequence[str], path: Path | None, numbers: dict[str, Any]) -> int:
     """Print the table of the materials ``names``, of all if there are none."""
     from rich.console import Console
-    from rich.table import Table
 
     from fem_snh.kernels.reports.report import rows, write
 
@@ -174,20 +170,19 @@ def _table(names: Sequence[str], path: Path | None, numbers: dict[str, Any]) -> 
     if path is not None:
         write(path, verdicts)
     four = ("inversion", "reflection", "rest", "degeneracy")
-    table = Table("material", "mu", "lambda", *four, "finite for", "SVD")
-    table.columns[0].no_wrap = True
-    for row in verdicts:
-        if not row["inversion"]:
-            table.add_row(row["name"], *["-"] * 6, row["note"])
-            continue
-        table.add_row(
+    cells = [
+        (
             row["name"] + (f"\n({row['note']})" if row["note"] else ""),
             *(f"{row[key]:.4g}" for key in ("mu_lame", "lambda_lame")),
             *(_verdict(row[key], row[f"{key}_reason"]) for key in four),
             row["domain"],
             "yes" if row["stretches"] else "no",
         )
-    Console(width=None if sys.stdout.isatty() else 180).print(table)
+        if row["inversion"]
+        else (row["name"], *["-"] * 6, row["note"])
+        for row in verdicts
+    ]
+    print_table(("material", "mu", "lambda", *four, "finite for", "SVD"), cells, width=180)
     print("`fem-snh materials NAME --report` prints the numbers behind each verdict.")
     return 0
 

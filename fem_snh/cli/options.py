@@ -5,9 +5,10 @@ from __future__ import annotations
 import argparse
 import json
 import re
+import sys
 import textwrap
 import tomllib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -147,6 +148,21 @@ def output(text: str) -> Path:
         return output_path("path", text)
     except BadInput as error:  # argparse would not show the message of a ValueError
         raise argparse.ArgumentTypeError(str(error)) from None
+
+
+def print_table(
+    columns: Iterable[str], rows: Iterable[Iterable[str]], width: int = 110, **settings: Any
+) -> None:
+    """Print a table; ``width`` is its width in columns where standard output is no terminal."""
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table(*columns, **settings)
+    table.columns[0].no_wrap = True
+    for row in rows:
+        table.add_row(*map(Text, row))  # brackets in a text are no markup
+    Console(width=None if sys.stdout.isatty() else width).print(table)
 
 
 def _is_number(word: str) -> bool:
