@@ -24,7 +24,6 @@ from benchmarks import Row, page_tables
 from fem_snh.choices import EIGENSOLVERS
 from fem_snh.kernels.material import Material, material
 from fem_snh.kernels.svd_eigen import eigen3
-from fem_snh.studies.markdown import markdown_table
 
 Array = npt.NDArray[np.float64]
 
@@ -212,4 +211,4 @@ def table(found: list[Row]) -> str:
         ]
         for row in found
     ]
-    return markdown_table(head, lines)
+    return page_tables.markdown_table(head, lines)

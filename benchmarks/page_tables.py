@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from fem_snh.errors import BadInput
@@ -37,3 +38,9 @@ def write_table(page: Path, benchmark: str, parts: tuple[str, str], table: str) 
     """Write the page with a new table or text between its two ``parts``."""
     begin, end = markers(benchmark)
     replace_file(page, f"{parts[0]}{begin}\n\n{table}\n\n{end}{parts[1]}")
+
+
+def markdown_table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """Return a Markdown table whose cells are these texts."""
+    lines = [head, ["---"] * len(head), *rows]
+    return "\n".join("| " + " | ".join(line) + " |" for line in lines)

@@ -12,12 +12,9 @@ from typing import Any
 import psutil
 import pytest
 
-from fem_snh import scenes
 from fem_snh.studies.batch import Batch
 from fem_snh.studies.point import Limits, Point
 from fem_snh.studies.processes import Child, environment, program
-from fem_snh.studies.scene_points import ScenePoint
-from fem_snh.studies.table import MEASURED, REQUESTED
 
 TINY: dict[str, Any] = {"cells": 2, "steps": 1, "angle": 0.2}
 
@@ -98,34 +95,10 @@ def test_memory_is_counted_over_all_ranks(tmp_path: Path) -> None:
     assert alone.limit_reached == "given up after 1.5 s"
 
 
-def test_what_is_hopeless_is_not_tried(tmp_path: Path) -> None:
-    """A finer mesh than one that was given up, or than one that took too long by itself."""
-    scene = scenes.load("twist", **TINY)
-    lines: list[str] = []
-    batch = Batch(
-        tmp_path, "study", {}, ["point", *REQUESTED, *MEASURED], Limits(2, timeout=0.05),
-        report=lines.append,
-    )  # fmt: skip
-    points = {
-        "a": ScenePoint("twist", TINY, scene),
-        "b": ScenePoint("twist", TINY, scene, after="a"),
-        "c": ScenePoint("twist", TINY, scene, after="b"),
-        "d": ScenePoint("twist", TINY, scene, timeout=60.0),
-        "e": ScenePoint("twist", TINY, scene, timeout=60.0, after="d", growth=1e6),
-    }
-    batch.run(points)
-    status = {row["point"]: row["status"] for row in batch.table.rows()}
-    assert status.pop("a") == "given up after 0.05 s"
-    assert status.pop("b") == status.pop("c") == "not tried: 2 cells were given up after 0.05 s"
-    assert status == {"d": "converged", "e": "not tried: would take more than 60 s"}
-    assert len(lines) == 5 and not (tmp_path / "b").exists()
-
-
 class Echo(Point):
     """A point that is no run of a scene: a module of Python's own, and what it says."""
 
     module = "calendar"
-    parallel = False
 
     def arguments(self, folder: Path) -> list[str]:
         return ["2018"]
@@ -139,12 +112,12 @@ class Echo(Point):
 
 
 def test_a_point_may_be_any_command(tmp_path: Path) -> None:
-    columns = ["point", "ranks", "scene", "converged", "status", "seconds", "extra"]
-    batch = Batch(tmp_path, "study", {}, columns, Limits(ranks=2), report=lambda line: None)
-    batch.run({"a": Echo()}, lambda record, row: {"extra": row["status"] + "!"})
+    columns = ["point", "ranks", "scene", "converged", "status", "seconds"]
+    batch = Batch(tmp_path, "study", {}, columns, Limits(), report=lambda line: None)
+    assert batch.run({"a": Echo()})
     (row,) = batch.table.rows()
     assert float(row.pop("seconds")) > 0
-    assert list(row.values()) == ["a", "1", "none", "True", "2018", "2018!"]
+    assert list(row.values()) == ["a", "1", "none", "True", "2018"]
 
 
 def test_a_rank_may_start_a_sweep(monkeypatch: pytest.MonkeyPatch) -> None:

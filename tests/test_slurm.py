@@ -16,7 +16,7 @@ from slurm_cluster import PROCESSORS, Cluster, CountedPoint, missing, wait_for
 from fem_snh import cli
 from fem_snh.errors import BadInput
 from fem_snh.studies.batch import Batch
-from fem_snh.studies.jobs import Jobs, pack
+from fem_snh.studies.jobs import Jobs
 from fem_snh.studies.point import Limits
 from fem_snh.studies.schedulers import Array, Slurm, Submission
 from fem_snh.studies.tasks import Task
@@ -113,18 +113,6 @@ def test_commands(cluster: Cluster, tmp_path: Path, capsys: pytest.CaptureFixtur
         assert record["ranks"] == 2 and record["converged"]
 
 
-def task(name: str, after: str | None = None, timeout: float | None = None) -> Task:
-    return Task(name, "fem_snh", (), 1, timeout=timeout, after=after)
-
-
-def test_points_that_wait_for_others_are_in_their_element() -> None:
-    tasks = [task("c", "b"), task("x"), task("b", "a"), task("a", "done before"), task("y")]
-    names = [[t.name for t in element] for element in pack(tasks, 1)]
-    assert names == [["a", "b", "c"], ["x"], ["y"]]
-    names = [[t.name for t in element] for element in pack(tasks, 4)]
-    assert names == [["a", "b", "c", "x"], ["y"]]
-
-
 def test_script_of_an_array(tmp_path: Path) -> None:
     submission = Submission(account="a", partition="p", array_limit=3, options=["--qos=long"])
     array = Array("fem-snh-0", 7, 2, tmp_path, "python {index}", seconds=3600.0, memory=1.5)
@@ -165,7 +153,9 @@ def test_paths_are_quoted_for_slurm_and_for_the_shell(tmp_path: Path, name: str)
     (out / "fem_snh_element").mkdir(parents=True)
     scheduler = out / "record.py"
     scheduler.write_text(RECORDING)
-    Jobs(out).submit([task("p")], Submission(f"{scheduler}:Recording", account=name))
+    Jobs(out).submit(
+        [Task("p", "fem_snh", (), 1)], Submission(f"{scheduler}:Recording", account=name)
+    )
     (script,) = (out / "jobs").glob("*.sh")
     lines = script.read_text().splitlines()
     options = [word for line in lines if line.startswith("#SBATCH") for word in slurm_words(line)]
@@ -251,7 +241,7 @@ def test_damaged_jobs_are_one_line(
         texts += [json.dumps(data | {key: bad}) for key in data]
         texts += [
             json.dumps(data | {"elements": [[task_data | {key: bad}]]})
-            for key in ("name", "arguments", "ranks", "timeout", "after")
+            for key in ("name", "arguments", "ranks", "timeout")
         ]
     texts.append(json.dumps(data | {"command": ["sweep", "twist", "--collect", "--out", "out"]}))
     capsys.readouterr()

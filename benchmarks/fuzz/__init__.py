@@ -30,7 +30,6 @@ from typing import Any
 from benchmarks import Row, page_tables, search_path, split_list
 from benchmarks.fuzz.family import load_families
 from fem_snh.errors import choose
-from fem_snh.studies.markdown import markdown_table
 from fem_snh.studies.processes import environment
 
 #: Messages of failures that a row shows.
@@ -123,4 +122,4 @@ def run_cases(name: str, seeds: range, out: str = "") -> Iterator[dict[str, Any]
 def table(found: list[Row]) -> str:
     """Return the rows as a Markdown table."""
     keys = "family description cases converged unconverged refused valid failed".split()
-    return markdown_table(keys, [[str(row[key]) for key in keys] for row in found])
+    return page_tables.markdown_table(keys, [[str(row[key]) for key in keys] for row in found])

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import os
 import signal
-from collections.abc import Callable
 from typing import Any
 
 from fem_snh import references
@@ -51,16 +50,20 @@ def sweep_parser() -> Parser:
 
 def sweep(argv: list[str]) -> int:
     """Solve every point; return 0 if all converged, else 1."""
-    args, petsc = _parse(sweep_parser(), "sweep", argv)
+    args, petsc = _parse(argv)
     if args.status:
-        return _print_status("sweep", args)
+        return _print_status(args)
     axes = _axes(args)
 
     from fem_snh.studies.sweep import sweep as study
     from fem_snh.studies.table import NO_NOTES
 
-    table = _call(study, args, args.scene, args.out, axes, petsc=petsc, render=args.render)
-    if (code := _incomplete("sweep", args)) is not None:
+    # With --collect the folder names a Python file, and the user need not have written the folder.
+    reason = "expected no Python file with --collect: give the command itself again"
+    with references.refused(reason if args.collect else ""):
+        options = {"petsc": petsc, "render": args.render} | _limits(args)
+        table = study(args.scene, args.out, axes, **options)
+    if (code := _incomplete(args)) is not None:
         return code
     good = int(table["converged"].sum())
     noted = int(table["notes"].ne(NO_NOTES).sum())
@@ -69,24 +72,21 @@ def sweep(argv: list[str]) -> int:
     return 0 if good == len(table) else 1
 
 
-def _add_limits(
-    parser: Parser, jobs: int = 1, timeout: float | None = None, memory: float | None = None
-) -> None:
-    """Add the options for processes and limits, with these defaults [points, s, GiB]."""
-    seconds, most = (f"; default: {limit:g}" if limit else "" for limit in (timeout, memory))
+def _add_limits(parser: Parser) -> None:
+    """Add the options for processes, limits and schedulers."""
     parser.add(
-        f"""
-        --jobs J  number of points that run at a time; default: {jobs}
+        """
+        --jobs J  number of points that run at a time; default: 1
         --ranks R  number of MPI ranks of each point; default: 1
-        --timeout S  seconds after which a point is terminated{seconds}
-        --memory GIB  memory above which a point is terminated{most}
+        --timeout S  seconds after which a point is terminated
+        --memory GIB  memory above which a point is terminated
         --retry  run failed points again
         --overwrite  discard the points in the folder
         """,
-        jobs={"type": value, "default": jobs},
+        jobs={"type": value, "default": 1},
         ranks={"type": value, "default": 1},
-        timeout={"type": value, "default": timeout},
-        memory={"type": value, "default": memory},
+        timeout={"type": value},
+        memory={"type": value},
     )
     parser.add(
         """
@@ -105,29 +105,12 @@ def _add_limits(
     )
 
 
-def _prepare_process(command: str) -> None:
-    """Refuse to run under mpirun; turn SIGTERM, which batch systems send, into an interrupt."""
-    if int(os.environ.get("OMPI_COMM_WORLD_SIZE", os.environ.get("PMI_SIZE", 1))) > 1:
-        raise BadInput(f"{command} under mpirun: it starts the ranks itself; use --ranks R instead")
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
-
-
 def _axes(args: argparse.Namespace) -> dict[str, list[Any]]:
     """Return the list of values of each scene key on the command line."""
     options = {key: getattr(args, key) for key, _, _ in SCENE_OPTIONS}
     options["error"] = "true" if args.error else None
     given = with_settings(options, assignments(args.set))
     return {key: comma_list(key, text) for key, text in given.items()}
-
-
-def _call(study: Callable[..., Any], args: argparse.Namespace, *words: Any, **options: Any) -> Any:
-    """Return the result of a study; with --collect it executes no Python file.
-
-    The folder names it, and the user need not have written the folder.
-    """
-    reason = "expected no Python file with --collect: give the command itself again"
-    with references.refused(reason if args.collect else ""):
-        return study(*words, **options, **_limits(args))
 
 
 def _limits(args: argparse.Namespace) -> dict[str, Any]:
@@ -150,10 +133,12 @@ def _limits(args: argparse.Namespace) -> dict[str, Any]:
     return limits | {"jobs": submission}
 
 
-def _parse(
-    parser: Parser, command: str, argv: list[str]
-) -> tuple[argparse.Namespace, dict[str, Any]]:
-    """Return the options and those for PETSc; with --collect those of the submitted command."""
+def _parse(argv: list[str]) -> tuple[argparse.Namespace, dict[str, Any]]:
+    """Return the options and those for PETSc; with --collect those of the submitted command.
+
+    It refuses to run under mpirun, and turns SIGTERM, which batch systems send, into an interrupt.
+    """
+    parser = sweep_parser()
 
     def parsed(argv: list[str]) -> tuple[argparse.Namespace, dict[str, Any]]:
         words, petsc = split_petsc(argv)
@@ -170,29 +155,31 @@ def _parse(
         if args.scheduler is None:
             raise BadInput(f"out = {out}: its last command has no --scheduler: expected one")
         args.out, args.collect, args.status = out, True, False
-    elif not args.status and getattr(args, "scene", "") is None:
+    elif not args.status and args.scene is None:
         parser.error("the following arguments are required: SCENE")
     args.command = argv
-    _prepare_process(command)
+    if int(os.environ.get("OMPI_COMM_WORLD_SIZE", os.environ.get("PMI_SIZE", 1))) > 1:
+        raise BadInput("sweep under mpirun: it starts the ranks itself; use --ranks R instead")
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     return args, petsc
 
 
-def _print_status(command: str, args: argparse.Namespace) -> int:
+def _print_status(args: argparse.Namespace) -> int:
     """Print where the points of a study are; return 0 if all are in the table, else 1."""
     from fem_snh.studies.jobs import Jobs
 
-    count = Jobs(args.out).status(command, args.scheduler)
+    count = Jobs(args.out).status("sweep", args.scheduler)
     points = count.pop("points")
     states = ", ".join(f"{number} {state}" for state, number in count.items() if number)
     print(f"{points} points: {states or 'none in the table'}")
     return 0 if count["in the table"] == points else 1
 
 
-def _incomplete(command: str, args: argparse.Namespace) -> int | None:
+def _incomplete(args: argparse.Namespace) -> int | None:
     """Return the exit code of a study some points of which have no row yet, and say what to do."""
-    if args.scheduler is None or _print_status(command, args) == 0:
+    if args.scheduler is None or _print_status(args) == 0:
         return None
-    collect = f"fem-snh {command} --collect --out {args.out}, or "
+    collect = f"fem-snh sweep --collect --out {args.out}, or "
     if any(map(references.is_reference, args.command)):  # which --collect would not execute
         collect = ""
     print(f"later: {collect}the same command again")

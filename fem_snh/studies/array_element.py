@@ -25,12 +25,11 @@ def main(file: str, index: str) -> int:
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # its children are ended as well
     out = Path(file).parents[1]
     tasks = read_element(Path(file), int(index))
-    cells = {task.name: task.cells for task in tasks}
     runner = TaskRunner()
     try:
         for number, task in enumerate(tasks):
             if read_end(out / task.name) is None:
-                end = _run(task, out, cells, runner, number + 1 < len(tasks))
+                end = _run(task, out, runner, number + 1 < len(tasks))
                 end.write(out / task.name)
                 print(f"{task.name}: exit code {end.code}, {end.seconds:.1f} s {end.limit}")
     finally:
@@ -38,13 +37,9 @@ def main(file: str, index: str) -> int:
     return 0
 
 
-def _run(task: Task, out: Path, cells: dict[str, object], runner: TaskRunner, more: bool) -> End:
+def _run(task: Task, out: Path, runner: TaskRunner, more: bool) -> End:
     """Run one task and return its end."""
     folder = clear_point(out, task.name)  # what an attempt that was interrupted has left
-    if task.after and (before := read_end(out / task.after)):
-        found = {"status": before.limit, "seconds": before.seconds, "cells": cells.get(task.after)}
-        if reason := task.skip_reason(found):
-            return End(limit=reason)
     child = runner.start(task, folder)
     try:
         while child.poll() is None:

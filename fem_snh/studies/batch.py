@@ -26,11 +26,7 @@ from fem_snh.studies.point import Limits, Point
 from fem_snh.studies.processes import Child, environment, program
 from fem_snh.studies.schedulers import Submission
 from fem_snh.studies.table import NO_NOTES, StudyTable, read_record
-from fem_snh.studies.tasks import NOT_TRIED, End, Task, TaskRunner, read_end
-
-#: Computes further columns of a point's row from its record and the row so far. A key ``remark``
-#: is no column; it is printed in the progress line of the point.
-ExtraColumns = Callable[[Mapping[str, Any], Mapping[str, Any]], Mapping[str, Any]]
+from fem_snh.studies.tasks import End, Task, TaskRunner, read_end
 
 #: Seconds between two polls of the running points.
 _POLL_INTERVAL = 0.005
@@ -53,17 +49,10 @@ class Batch:
         Columns of the table.
     inputs : iterable of Path
         Files that the study reads.
-    success : str
-        The column that is true for a point which ``retry`` does not run again.
     retry : bool
         Run again the points of earlier calls that failed.
     overwrite : bool
         Delete an earlier study in ``out``.
-    reuse : bool
-        Run the points, all of which are commands of ``fem-snh``, one after another in ``jobs``
-        processes. A process is replaced after a point that fails.
-    results : bool
-        Whether the table has columns of what the scene asks for: see `StudyTable`.
     report : callable
         Called with one line per point.
 
@@ -82,11 +71,8 @@ class Batch:
         limits: Limits,
         *,
         inputs: Iterable[Path] = (),
-        success: str = "converged",
         retry: bool = False,
         overwrite: bool = False,
-        reuse: bool = False,
-        results: bool = True,
         report: Callable[[str], None] = print,
     ) -> None:
         self.name, self.limits, self.report = name, limits, report
@@ -101,8 +87,8 @@ class Batch:
             report(f"note: {self._folder.note}")
         if overwrite:
             self._jobs.clear()
-        self.table = StudyTable(self.out / f"{name}.csv", columns, results)
-        self._success, self._retry, self._reuse = success, retry, reuse
+        self.table = StudyTable(self.out / f"{name}.csv", columns)
+        self._retry = retry
 
     def __enter__(self) -> Batch:
         return self
@@ -117,9 +103,9 @@ class Batch:
 
     def _is_repeated(self, row: Mapping[str, Any]) -> bool:
         """Return whether the point of a row is run again."""
-        return self._retry and row[self._success] != "True"
+        return self._retry and row["converged"] != "True"
 
-    def run(self, points: Mapping[str, Point], extra: ExtraColumns | None = None) -> bool:
+    def run(self, points: Mapping[str, Point]) -> bool:
         """Run the points that have no row; a failed point has a row with the reason.
 
         With a `Submission` in the limits it appends the rows of the points that have ended, submits
@@ -149,7 +135,7 @@ class Batch:
             self.report(f"{present} of {len(points)} points are there already")
         for name, point in points.items():
             if name not in rows and (end := read_end(self.out / name)):
-                row = self._result(name, point, end, extra)
+                row = self._result(name, point, end)
                 present += 1
                 rows[name] = self._append(name, row, present, len(points))
         waiting = [name for name in points if name not in rows and name not in queued]
@@ -158,7 +144,7 @@ class Batch:
         else:
             if waiting or queued.keys() & points:
                 self._check_queue(queued)
-            self._run_here(points, waiting, rows, extra, self.limits.jobs)
+            self._run_here(points, waiting, rows, self.limits.jobs)
         return not points.keys() - {row["point"] for row in self.table.rows()}
 
     def _queued(self) -> dict[str, str]:
@@ -184,14 +170,9 @@ class Batch:
     ) -> None:
         """Submit the points that are waiting, and report how many are where."""
         if submission.submit and waiting:
-            tasks = []
+            tasks = [self._task(name, points[name]) for name in waiting]
             for name in waiting:
-                task = self._task(name, points[name])
-                if reason := task.skip_reason(rows.get(task.after or "")):
-                    End(limit=reason).write(self._folder.begin(name))
-                else:
-                    self._folder.begin(name)
-                    tasks.append(task)
+                self._folder.begin(name)
             for line in self._jobs.submit(tasks, submission):
                 self.report(line)
             return
@@ -207,7 +188,6 @@ class Batch:
         points: Mapping[str, Point],
         waiting: list[str],
         rows: dict[str, Any],
-        extra: ExtraColumns | None,
         jobs: int,
     ) -> None:
         """Run the points that are waiting in child processes, ``jobs`` at a time."""
@@ -219,19 +199,13 @@ class Batch:
             try:
                 while waiting or running:
                     with interrupts.postponed():  # an interrupt here would lose a new child
-                        for name in _startable(waiting, running, points, jobs):
-                            waiting.remove(name)
-                            task = tasks[name]
-                            if reason := task.skip_reason(rows.get(task.after or "")):
-                                row = self._result(name, points[name], End(limit=reason), extra)
-                                ended += 1
-                                rows[name] = self._append(name, row, ended, len(points))
-                            else:
-                                running[name] = runner.start(task, self._folder.begin(name))
+                        while waiting and len(running) < jobs:
+                            task = tasks[name := waiting.pop(0)]
+                            running[name] = runner.start(task, self._folder.begin(name))
                         for name in [name for name in running if running[name].poll() is not None]:
                             child = running.pop(name)
                             end = End(child.poll() or 0, child.seconds, child.limit_reached)
-                            row = self._result(name, points[name], end, extra)
+                            row = self._result(name, points[name], end)
                             runner.keep_or_close(child, bool(waiting))
                             ended += 1
                             rows[name] = self._append(name, row, ended, len(points))
@@ -263,15 +237,9 @@ class Batch:
 
     def _task(self, name: str, point: Point) -> Task:
         """Return what a process needs to know of a point."""
-        return Task(
-            name, point.module, tuple(point.arguments(self.out / name)), self._ranks(point),
-            point.timeout if point.timeout is not None else self.limits.timeout,
-            self.limits.memory, self._reuse, tuple(point.preparation), point.after, point.growth,
-            self._row(name, point).get("cells"),
-        )  # fmt: skip
-
-    def _ranks(self, point: Point) -> int:
-        return self.limits.ranks if point.parallel else 1
+        arguments = tuple(point.arguments(self.out / name))
+        limits = self.limits
+        return Task(name, point.module, arguments, limits.ranks, limits.timeout, limits.memory)
 
     def _row(self, name: str, point: Point) -> dict[str, Any]:
         """Return the columns of a point that are known before it runs."""
@@ -280,39 +248,22 @@ class Batch:
             for key, value in point.requested().items()
             if "." not in key or key in self.table.columns
         }
-        row = {"point": name, "ranks": self._ranks(point), **requested}
-        return row | dict(point.columns)
+        return {"point": name, "ranks": self.limits.ranks, **requested}
 
-    def _result(
-        self, name: str, point: Point, end: End, extra: ExtraColumns | None
-    ) -> dict[str, Any]:
+    def _result(self, name: str, point: Point, end: End) -> dict[str, Any]:
         """Return the row of a point that has ended."""
+        record = read_record(self.out / name)
         row = self._row(name, point)
-        if end.limit.startswith(NOT_TRIED):
-            return row | {"converged": False, "status": end.limit}
-        record = read_record(self.out / name, point.record)
         row |= point.measured(record, self.out / name / LOG, end.code)
         row["seconds"] = row["seconds"] or end.seconds
-        if end.limit:
-            row |= {"converged": False, "status": end.limit}
-        return row | dict(extra(record, row) if extra else {})
+        return row | ({"converged": False, "status": end.limit} if end.limit else {})
 
     def _append(self, name: str, row: dict[str, Any], count: int, of: int) -> dict[str, Any]:
         """Append a row to the table and report it."""
         self.table.append(row)
         seconds = f", {row['seconds']:.1f} s" if row.get("seconds") else ""
-        remark = f" ({row['remark']})" if row.get("remark") else ""
         status = row["status"]
         if (notes := row.get("notes", NO_NOTES)) != NO_NOTES:
             status = f"{with_notes(status, len(notes.split()))} ({notes})"
-        self.report(f"[{count}/{of}] {name}: {status}{seconds}{remark}")
+        self.report(f"[{count}/{of}] {name}: {status}{seconds}")
         return row
-
-
-def _startable(
-    waiting: Sequence[str], running: Mapping[str, Child], points: Mapping[str, Point], jobs: int
-) -> list[str]:
-    """Return the points to start now, in order, each only after the point it names."""
-    not_ended = {*waiting, *running}
-    ready = [name for name in waiting if points[name].after not in not_ended]
-    return ready[: jobs - len(running)]

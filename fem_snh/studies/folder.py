@@ -195,7 +195,7 @@ def _remove_point(out: Path, name: str) -> None:
     run = RunFiles(folder, overwrite=True)
     run.discard(list(run.names))
     run.close()
-    for file in (LOG, "record.json", END):
+    for file in (LOG, END):
         remove(folder / file)
     with suppress(OSError):
         folder.rmdir()

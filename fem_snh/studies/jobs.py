@@ -93,8 +93,6 @@ class Jobs:
     def submit(self, tasks: Sequence[Task], submission: Submission) -> list[str]:
         """Submit tasks and return a line about each array.
 
-        A task that comes after another one is in the same element.
-
         Raises
         ------
         BadInput
@@ -102,7 +100,8 @@ class Jobs:
             submitted; those after it are for the next call.
         """
         scheduler = make_scheduler(submission.scheduler)
-        elements = pack(tasks, submission.chunk)
+        size = submission.chunk
+        elements = [tasks[i : i + size] for i in range(0, len(tasks), size)]
         largest = scheduler.largest_array()
         lines = []
         self.path.mkdir(exist_ok=True)
@@ -219,28 +218,3 @@ def _largest_sum(elements: Sequence[Sequence[Task]]) -> float | None:
     if any(timeout is None for element in timeouts for timeout in element):
         return None
     return max(sum(timeout or 0 for timeout in element) for element in timeouts)
-
-
-def pack(tasks: Sequence[Task], size: int) -> list[list[Task]]:
-    """Return elements of at least ``size`` tasks; a task is in the element of the one before it.
-
-    Parameters
-    ----------
-    tasks : sequence of Task
-        In any order; those that name a task which is not among them come first in their element.
-    size : int
-        Tasks in an element, but for the last one, and for trees of tasks that are larger.
-    """
-    by_name = {task.name: task for task in tasks}
-    trees: dict[str, list[tuple[int, Task]]] = {}
-    for task in tasks:
-        root, depth = task, 0
-        while root.after in by_name:
-            root, depth = by_name[root.after], depth + 1
-        trees.setdefault(root.name, []).append((depth, task))
-    elements: list[list[Task]] = []
-    for tree in trees.values():
-        if not elements or len(elements[-1]) >= size:
-            elements.append([])
-        elements[-1] += [task for _, task in sorted(tree, key=lambda item: item[0])]
-    return elements

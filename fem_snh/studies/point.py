@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -55,44 +55,16 @@ class Limits:
                 raise BadInput(f"{key} = {limit}: expected {unit}, a number > 0")
 
 
-@dataclass(frozen=True, kw_only=True)
 class Point(ABC):
-    """A command that writes a record into its folder, and the row made of that record.
-
-    Parameters
-    ----------
-    timeout : float, optional
-        Timeout of this point, in place of the one in `Limits`.
-    after : str, optional
-        Name of a point that must have ended before this one starts: a coarser mesh.
-    growth : float
-        Lower bound of the time of this point over that of ``after``. If the product exceeds the
-        timeout, or ``after`` reached a limit itself, this point is skipped.
-    columns : mapping
-        Further columns of its row, whatever its result.
-    preparation : sequence of str
-        Arguments of ``fem-snh`` that compile what it needs. They are run once, before the first
-        point that has them, so that its row does not contain the time of the compiler.
+    """A command that writes run.json into its folder, and the row made of it.
 
     Attributes
     ----------
     module : str
         The module that is run.
-    parallel : bool
-        Whether it is started on several ranks.
-    record : str
-        The file that it writes into its folder.
     """
 
-    timeout: float | None = None
-    after: str | None = None
-    growth: float = 1.0
-    columns: Mapping[str, Any] = field(default_factory=dict)
-    preparation: Sequence[str] = ()
-
     module: ClassVar[str] = "fem_snh"
-    parallel: ClassVar[bool] = True
-    record: ClassVar[str] = "run.json"
 
     @abstractmethod
     def arguments(self, folder: Path) -> list[str]:

@@ -50,9 +50,8 @@ class ScenePoint(Point):
         return {**self.values, **requested_columns(self.scene)}
 
     def measured(self, record: Mapping[str, Any], log: Path, code: int) -> Mapping[str, Any]:
-        """Return the columns MEASURED, without those that the study sets itself."""
-        found = measured_columns(record, log, code)
-        return {key: value for key, value in found.items() if key not in self.columns}
+        """Return the columns MEASURED."""
+        return measured_columns(record, log, code)
 
 
 def run_arguments(

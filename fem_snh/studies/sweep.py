@@ -116,7 +116,6 @@ def sweep(
         inputs=scene_files(scene, (point.scene for point in points.values())),
         retry=retry,
         overwrite=overwrite,
-        reuse=True,
         report=report,
     )
     with batch:

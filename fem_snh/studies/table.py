@@ -39,12 +39,10 @@ class StudyTable:
     columns : sequence of str
         Names of the columns; ``point`` is the key. Those of results, whose names contain a dot
         (``corner.y``, ``top.force.z``), are added when a row has them.
-    results : bool, optional
-        Whether they are; the scenes of one study have the same.
     """
 
-    def __init__(self, path: Path, columns: Sequence[str], results: bool = True) -> None:
-        self.path, self.columns, self._has_results = path, list(columns), results
+    def __init__(self, path: Path, columns: Sequence[str]) -> None:
+        self.path, self.columns = path, list(columns)
         rows = self.rows() if path.exists() else []
         self._add_results(rows[0] if rows else ())
         self.replace(rows)
@@ -75,7 +73,6 @@ class StudyTable:
     def _add_results(self, keys: Iterable[str]) -> bool:
         """Add the columns of results; return whether there are new ones."""
         new = [key for key in keys if "." in key and key not in self.columns]
-        new = new if self._has_results else []
         self.columns += new
         return bool(new)
 
@@ -98,15 +95,13 @@ class StudyTable:
         )
 
 
-def read_record(folder: Path, name: str = "run.json") -> dict[str, Any]:
+def read_record(folder: Path) -> dict[str, Any]:
     """Return the record that a point left in its folder; empty if it left none that is whole."""
     try:
-        record = json.loads(read_text(folder / name))
+        record = json.loads(read_text(folder / "run.json"))
     except (OSError, ValueError, RecursionError):
         return {}
-    if not isinstance(record, dict) or (name == "run.json" and problem(record)):
-        return {}
-    return record
+    return record if isinstance(record, dict) and not problem(record) else {}
 
 
 def measured_columns(record: Mapping[str, Any], log: Path, code: int) -> dict[str, Any]:

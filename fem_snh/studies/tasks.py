@@ -7,19 +7,14 @@ the one of the study or a node of a cluster (`fem_snh.studies.array_element`).
 from __future__ import annotations
 
 import json
-import subprocess
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 from fem_snh.files import read_text, replace_file
 from fem_snh.studies.folder import END, LOG
-from fem_snh.studies.processes import Child, environment, program
+from fem_snh.studies.processes import Child, program
 from fem_snh.studies.workers import Worker
-
-#: What the status of a point that is skipped starts with.
-NOT_TRIED = "not tried: "
 
 
 @dataclass(frozen=True)
@@ -38,16 +33,6 @@ class Task:
         MPI ranks.
     timeout, memory : float, optional
         Limits [s, GiB].
-    reuse : bool
-        Whether the command is one of ``fem-snh``, for which a `Worker` can be used again.
-    preparation : tuple of str
-        Arguments of ``fem-snh`` that compile what the point needs; nothing is left of them.
-    after : str, optional
-        The point that has to end before.
-    growth : float
-        Lower bound of the time over that of ``after``.
-    cells : Any
-        Its mesh, for the messages about points that come after it.
     """
 
     name: str
@@ -56,34 +41,10 @@ class Task:
     ranks: int
     timeout: float | None = None
     memory: float | None = None
-    reuse: bool = False
-    preparation: tuple[str, ...] = ()
-    after: str | None = None
-    growth: float = 1.0
-    cells: Any = None
 
     def data(self) -> dict[str, Any]:
         """Return the task as JSON accepts it; the keywords of a `Task`."""
         return asdict(self)
-
-    def skip_reason(self, coarser: Mapping[str, Any] | None) -> str:
-        """Return why the point is skipped, or "".
-
-        Parameters
-        ----------
-        coarser : mapping, optional
-            Of the point ``after``: ``status``, ``seconds`` and ``cells``.
-        """
-        if coarser is None:
-            return ""
-        status = str(coarser["status"])
-        if status.startswith(NOT_TRIED):  # for the coarsest mesh that failed
-            return status
-        if status.startswith("given up"):
-            return f"{NOT_TRIED}{coarser['cells']} cells were {status}"
-        if self.timeout and float(coarser["seconds"] or 0) * self.growth > self.timeout:
-            return f"{NOT_TRIED}would take more than {self.timeout:g} s"
-        return ""
 
 
 @dataclass(frozen=True)
@@ -97,7 +58,7 @@ class End:
     seconds : float
         Running time.
     limit : str
-        The limit that ended it, or why it was not tried; "" otherwise.
+        The limit that ended it; "" otherwise.
     """
 
     code: int = 0
@@ -118,19 +79,15 @@ def read_end(folder: Path) -> End | None:
 
 
 class TaskRunner:
-    """Start tasks in child processes of this machine, in idle ones where possible."""
+    """Start tasks in child processes of this machine: commands of ``fem-snh`` in idle workers."""
 
     def __init__(self) -> None:
         self._idle: list[Worker] = []
-        self._prepared: set[tuple[str, ...]] = set()
 
     def start(self, task: Task, folder: Path) -> Child:
         """Start a task whose log is in ``folder``."""
-        if task.preparation not in self._prepared and task.preparation:
-            self._prepared.add(task.preparation)
-            subprocess.run([*program(1), *task.preparation], env=environment(), capture_output=True)
         limits = task.timeout, task.memory
-        if not task.reuse:
+        if task.module != "fem_snh":
             return Child(
                 [*program(task.ranks, task.module), *task.arguments], folder / LOG, *limits
             )
