@@ -116,7 +116,11 @@ def write_obj(out: Path, pvd: Path, frames: int | None = None, field: str | None
             u = states.displacement(number)[nodes]
             yield load, np.column_stack([u, fields.scalar(number, str(field))]) if fields else u
 
-    frame = _interpolated(states.loads, stored(), frames) if frames else stored()
+    frame = stored()
+    if frames:
+        values_at = PchipInterpolator(states.loads, np.array([values for _, values in frame]))
+        loads = np.linspace(states.loads[0], states.loads[-1], frames).tolist()
+        frame = ((load, values_at(load)) for load in loads)
     for number, (path, (load, values)) in enumerate(zip(paths, frame, strict=True), 1):
         text = io.BytesIO()
         x = rest + values[:, :3]
@@ -124,15 +128,6 @@ def write_obj(out: Path, pvd: Path, frames: int | None = None, field: str | None
         np.savetxt(text, rows, fmt=form, header=f"load {load:.10g}")
         replace_file(path, (text.getvalue() + faces.getvalue()).decode())
         _report(number, count)
-
-
-def _interpolated(
-    loads: list[float], stored: Iterator[tuple[float, np.ndarray]], frames: int
-) -> Iterator[tuple[float, np.ndarray]]:
-    """Yield load and values at the nodes, at evenly spaced loads."""
-    values_at = PchipInterpolator(loads, np.array([values for _, values in stored]))
-    for load in np.linspace(loads[0], loads[-1], frames):
-        yield float(load), values_at(load)
 
 
 def _is_later(path: Path, out: Path, count: int) -> bool:

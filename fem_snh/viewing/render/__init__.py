@@ -65,7 +65,7 @@ class Panel:
 
 @dataclass(frozen=True)
 class Job:
-    """The input of a drawing process; ``out`` is the file, or the folder of the files.
+    """The input of a drawing process; ``out`` is the file.
 
     With ``revolve`` sections are drawn as bodies of revolution. ``note`` follows the label of the
     colour bar. ``units`` are those of labels; None: SI, and no scale bar.
@@ -95,7 +95,6 @@ class MovieJob(Job):
     load_unit: str = ""
     obstacles: list[dict[str, Any]] = field(default_factory=list)
     frames: int = 0
-    frames_per_second: int = FRAMES_PER_SECOND
 
 
 def main(

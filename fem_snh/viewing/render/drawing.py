@@ -27,8 +27,8 @@ from PIL import Image
 from fem_snh.errors import BadInput
 from fem_snh.files import make_folder_of, replacement, write_file
 from fem_snh.records.units import Units
-from fem_snh.viewing.render import Job, MovieJob
-from fem_snh.viewing.render.obstacles import Obstacles, add_solid, kind_of
+from fem_snh.viewing.render import FRAMES_PER_SECOND, Job, MovieJob
+from fem_snh.viewing.render.obstacles import STYLES, Obstacles, kind_of
 from fem_snh.viewing.render.options import WHOLE, ViewOptions
 from fem_snh.viewing.render.records import is_nonnegative, label
 from fem_snh.viewing.render.surfaces import DrawnBody, body, body_of, is_flat
@@ -265,10 +265,12 @@ class Drawing:
     def add_solids(self, plotter: Any, solids: Sequence[pv.PolyData], **options: Any) -> None:
         """Add the obstacles and the bones: of a body in the plane sections behind and on it."""
         for solid in solids:
+            kind = kind_of(solid)
+            colour, opacity = STYLES[kind]
             if self._flat:
-                way = -self._shift if kind_of(solid) == "obstacles" else self._shift / 2
+                way = -self._shift if kind == "obstacles" else self._shift / 2
                 solid, options = solid.translate(list(way)), _UNLIT
-            add_solid(plotter, solid, **options)
+            plotter.add_mesh(solid, color=colour, opacity=opacity, **options)
 
     @property
     def _shift(self) -> np.ndarray:
@@ -490,7 +492,7 @@ def _write_mp4(path: Path, job: MovieJob) -> None:
     import imageio
 
     settings: dict[str, Any] = {"codec": "libx264", "quality": 6, "macro_block_size": 2}
-    movie: Any = imageio.get_writer(path, fps=job.frames_per_second, **settings)
+    movie: Any = imageio.get_writer(path, fps=FRAMES_PER_SECOND, **settings)
     with movie:
         for count, frame in enumerate(movie_frames(job), 1):
             movie.append_data(frame)
@@ -512,6 +514,6 @@ def _write_gif(path: Path, job: MovieJob) -> None:
         path,
         save_all=True,
         append_images=images[1:],
-        duration=round(1000 / job.frames_per_second),
+        duration=round(1000 / FRAMES_PER_SECOND),
         loop=0,
     )

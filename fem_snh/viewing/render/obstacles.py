@@ -135,12 +135,6 @@ def _section(shape: Shape, matrix: np.ndarray, box: np.ndarray) -> pv.PolyData:
     return pv.wrap(filled.GetOutput())
 
 
-def add_solid(plotter: Any, surface: pv.PolyData, **options: Any) -> None:
-    """Add a surface of `Obstacles` to a plotter, in the colour of its kind."""
-    colour, opacity = STYLES[kind_of(surface)]
-    plotter.add_mesh(surface, color=colour, opacity=opacity, **options)
-
-
 def kind_of(surface: pv.PolyData) -> str:
     """Return the kind of a surface of `Obstacles`, a key of `STYLES`."""
     return str(surface.field_data[_KIND][0])
