@@ -57,8 +57,7 @@ def materials_parser() -> Parser:
 
 def materials(argv: list[str]) -> int:
     """List the materials, describe one, or report its behaviour; return 0."""
-    parser = materials_parser()
-    args = parser.parse(argv)
+    args = materials_parser().parse(argv)
     numbers = _numbers(args)
     if args.csv is not None and not args.table:
         raise BadInput("materials --csv: expected with --table")

@@ -65,12 +65,11 @@ def run(argv: list[str]) -> int:
     """Solve a scene; return 0 if every step converged, else 1."""
     from fem_snh import scenes
 
-    parser = run_parser()
     if not argv:
         print("fem-snh run SCENE [options]\n\n" + scene_list())
         return 0
     words, petsc = split_petsc(argv)
-    args = parser.parse(words)
+    args = run_parser().parse(words)
     if args.scene is None:
         raise BadInput(
             f"missing SCENE: expected one of {', '.join(scenes.names())}, a .toml file or "

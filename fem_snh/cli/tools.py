@@ -50,8 +50,7 @@ def plot_parser() -> Parser:
 
 def plot(argv: list[str]) -> int:
     """Draw curves from run folders or a study's table; return 0."""
-    parser = plot_parser()
-    args = parser.parse(argv)
+    args = plot_parser().parse(argv)
 
     if args.columns:
         from fem_snh.viewing.plots.curves import list_columns
@@ -97,32 +96,22 @@ def render_parser() -> Parser:
 
 def render(argv: list[str]) -> int:
     """Draw the deformed body of a run folder; return 0."""
-    parser = render_parser()
-    args = parser.parse(argv)
+    args = render_parser().parse(argv)
     if args.modes is not None and args.loads is not None:
         raise BadInput("--loads and --modes: expected one of the two")
     if args.movie is not None:
         return _movie(args)
-    loads = _numbers("--loads", args.loads, "numbers, e.g. 0.5,1", (int, float))
-    modes = _numbers("--modes", args.modes or None, "mode numbers from 1 on, e.g. 1,2,3", (int,))
+    modal = args.modes is not None
+    if modal:
+        accepted = "mode numbers from 1 on, e.g. 1,2,3"
+        pictured = _numbers("--modes", args.modes or None, accepted, (int,))
+    else:
+        pictured = _numbers("--loads", args.loads, "numbers, e.g. 0.5,1", (int, float))
 
     from fem_snh.viewing.render import main
 
-    pictured = loads if args.modes is None else modes
-    modal = args.modes is not None
-    print(
-        main(
-            args.folder,
-            args.out,
-            pictured,
-            args.field,
-            modal,
-            args.opacity,
-            args.revolve,
-            _view(args),
-            print,
-        )
-    )
+    look = (args.field, modal, args.opacity, args.revolve, _view(args))
+    print(main(args.folder, args.out, pictured, *look, print))
     return 0
 
 
@@ -136,14 +125,9 @@ def _view(args: Namespace) -> ViewOptions:
 
 def _movie(args: Namespace) -> int:
     """Draw the movie that the options request, with a progress bar; return 0."""
-    for option, given in (
-        ("--out", args.out),
-        ("--loads", args.loads),
-        ("--modes", args.modes),
-        ("--revolve", args.revolve or None),
-    ):
-        if given is not None:
-            raise BadInput(f"{option} and --movie: expected one of the two")
+    for name in ("out", "loads", "modes", "revolve"):
+        if getattr(args, name) not in (None, False):
+            raise BadInput(f"--{name} and --movie: expected one of the two")
 
     from fem_snh.viewing.render import movie
 
