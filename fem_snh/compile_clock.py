@@ -1,10 +1,14 @@
-"""The seconds in which this process compiled: C kernels, and FFCx's forms and elements."""
+"""The seconds in which this process compiled or evaluated: C kernels, FFCx's forms, problems."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import wraps
 from time import perf_counter, process_time
+from typing import Any, TypeVar
+
+T = TypeVar("T")
 
 
 class _Clock:
@@ -50,3 +54,27 @@ class Stopwatch:
     def jit(self) -> float:
         """Return the elapsed seconds of compilation."""
         return _CLOCK.seconds - self._compiled[0]
+
+
+def timed(method: Callable[..., T]) -> Callable[..., T]:
+    """Add a method's run time, without compilation, to ``seconds["assemble"]`` of its object."""
+
+    @wraps(method)
+    def with_time(self: Any, *arguments: Any, **keywords: Any) -> T:
+        watch = Stopwatch()
+        try:
+            return method(self, *arguments, **keywords)
+        finally:
+            self.seconds["assemble"] += watch.seconds
+
+    return with_time
+
+
+@contextmanager
+def untimed(problem: Any) -> Iterator[None]:
+    """Leave evaluations within this block, as of output, out of the problem's time."""
+    seconds = problem.seconds["assemble"]
+    try:
+        yield
+    finally:
+        problem.seconds["assemble"] = seconds

@@ -10,7 +10,7 @@ from volume_energies import mixed_problem, mpi, set_state
 from fem_snh import solver
 from fem_snh.runs import run
 from fem_snh.solver import saddle_point
-from fem_snh.solver.block_product import BlockProduct
+from fem_snh.solver.block_triangular import BlockProduct
 
 
 def _preconditioned(comm, element, options=None):

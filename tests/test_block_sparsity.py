@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.sparse import coo_matrix
 
-from fem_snh.assembly.block_sparsity import BlockSparsity
+from fem_snh.assembly.matrix_layout import BlockSparsity
 from fem_snh.kernels.block_pattern import BlockPattern, unknown_columns
 
 

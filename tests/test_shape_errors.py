@@ -9,8 +9,7 @@ from test_rigid_shapes import HINGE, arm, parts
 
 import fem_snh
 from fem_snh.geometry.shapes import Box, Capsule, ClosedSurface, Cylinder, Sphere, Union
-from fem_snh.geometry.shapes.edges import has_edges
-from fem_snh.geometry.shapes.triangles import surface_triangles
+from fem_snh.geometry.shapes.triangles import has_edges, surface_triangles
 from fem_snh.scenes import (
     Accuracy,
     BoneChoice,

@@ -7,7 +7,7 @@ from petsc4py import PETSc
 import pytest
 from solver_problems import options, solve, twist
 
-from fem_snh.solver.forcing import ForcingTerm
+from fem_snh.solver.step import ForcingTerm
 
 
 def tolerances(forcing: ForcingTerm, norms: list[float]) -> list[float]:

@@ -9,7 +9,7 @@ import pytest
 from plane_programs import COMPONENTS, clamped
 from test_eisenstat import body, right_side
 
-from fem_snh.linalg.ssor import SSOR
+from fem_snh.linalg.ssor_system import SSOR
 from fem_snh.solver import callback_errors
 
 mpi = pytest.mark.mpi

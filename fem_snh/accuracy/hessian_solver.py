@@ -11,8 +11,8 @@ from fem_snh._petsc import set_operators
 from fem_snh.problem.problem import Problem
 from fem_snh.solver.block_gmres import solve_columns
 from fem_snh.solver.errors import callback_errors
-from fem_snh.solver.forcing import relative_tolerance
 from fem_snh.solver.saddle_point import outer_operator, preconditioner_of_columns
+from fem_snh.solver.step import relative_tolerance
 
 
 class HessianSolver:

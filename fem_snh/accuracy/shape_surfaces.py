@@ -35,7 +35,7 @@ from fem_snh.accuracy.goals import (
 from fem_snh.accuracy.lifted_elements import nearly_incompressible
 from fem_snh.accuracy.no_estimate import NoEstimate, NoEstimateOnAnyMesh
 from fem_snh.assembly.ghosted_vectors import nodes_of_other_cells
-from fem_snh.geometry.shapes.edges import has_edges
+from fem_snh.geometry.shapes.triangles import has_edges
 from fem_snh.problem.problem import Problem
 from fem_snh.problem.solids import Solid, solids_in_shapes
 from fem_snh.problem.transfer import LocatedPoints

@@ -16,10 +16,9 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh._petsc import set_pattern
-from fem_snh.assembly.block_sparsity import BlockSparsity
 from fem_snh.assembly.numbering import MixedDofMap
 from fem_snh.errors import BadInput
-from fem_snh.kernels.block_pattern import BlockPattern, CellPattern, unknown_columns
+from fem_snh.kernels.block_pattern import BlockPattern, CellPattern, Pattern, unknown_columns
 
 Array = npt.NDArray[Any]
 
@@ -27,6 +26,50 @@ Array = npt.NDArray[Any]
 _DIAGONAL, _OFF_DIAGONAL, _SENT = 0, 1, 2
 #: Largest of these numbers: the compiled loops read them as 32-bit integers.
 _LARGEST = int(np.iinfo(np.int32).max)
+
+
+class BlockSparsity:
+    """A CSR pattern of blocks whose values are stored row by row of unknowns, as in AIJ.
+
+    Parameters
+    ----------
+    pattern : Pattern
+        The blocks.
+    row_sizes, column_sizes : (block rows,), (block columns,) int
+        Unknowns of each block row and of each block column.
+
+    Attributes
+    ----------
+    indptr, indices : int arrays
+        The CSR pattern of blocks, columns sorted.
+    row_sizes : (block rows,) int
+        As given.
+    row_lengths : (block rows,) int
+        Values in one row of unknowns of each block row: the stride between rows of a block.
+    row_offsets : (block rows + 1,) int
+        Offset of each block row's first value.
+    block_offsets : (blocks,) int
+        Offset of each block's first value.
+    """
+
+    def __init__(self, pattern: Pattern, row_sizes: Array, column_sizes: Array) -> None:
+        self._pattern = pattern
+        self.indptr, self.indices = pattern.indptr, pattern.indices
+        self.row_sizes = row_sizes
+        before = np.concatenate([[0], np.cumsum(column_sizes[self.indices], dtype=np.int64)])
+        row_start = before[self.indptr[:-1]]
+        self.row_lengths = before[self.indptr[1:]] - row_start
+        self.row_offsets = np.concatenate([[0], np.cumsum(row_sizes * self.row_lengths)])
+        shift = np.repeat(self.row_offsets[:-1] - row_start, np.diff(self.indptr))
+        self.block_offsets = np.add(before[:-1], shift, out=shift)
+
+    def block_rows(self) -> Array:
+        """Return the block row of each block of the pattern."""
+        return self._pattern.rows()
+
+    def offsets(self, rows: Array, columns: Array) -> Array:
+        """Return the offset of the first value of each of these blocks in the value array."""
+        return np.asarray(self.block_offsets[self._pattern.find(rows, columns)])
 
 
 class Received(NamedTuple):

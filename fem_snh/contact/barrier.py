@@ -19,7 +19,7 @@ from fem_snh.contact.collisions import BarrierEnergy, CollisionSurface
 from fem_snh.contact.embedded_surface import Blocks, point_areas
 from fem_snh.contact.fields import SelfContactTerm
 from fem_snh.errors import NotSettled, choose
-from fem_snh.mesh.skin import Skin
+from fem_snh.mesh.gmsh_model import Skin
 from fem_snh.terms.settling import LaggedChange
 
 Array = npt.NDArray[Any]

@@ -16,8 +16,8 @@ from fem_snh import _dolfinx
 from fem_snh.assembly.assembled_matrix import BlockMatrix
 from fem_snh.contact.gathered_surface import GatheredNodes, GatheredSurface
 from fem_snh.contact.surface_quadrature import SurfaceQuadrature
+from fem_snh.mesh.gmsh_model import Skin
 from fem_snh.mesh.mesh_checks import ON_AXIS
-from fem_snh.mesh.skin import Skin
 
 Array = npt.NDArray[Any]
 

@@ -27,7 +27,7 @@ from fem_snh.contact.embedded_surface import (
 )
 from fem_snh.contact.obstacle_pair import ObstaclePair
 from fem_snh.contact.surface_quadrature import SurfaceQuadrature
-from fem_snh.mesh.skin import Skin
+from fem_snh.mesh.gmsh_model import Skin
 from fem_snh.records.output_fields import CONTACT_PRESSURES
 
 Array = npt.NDArray[Any]

@@ -1,6 +1,6 @@
 """The sparsity pattern of blocks, and the index of each block in it, in C.
 
-`fem_snh.assembly.block_sparsity` calls it. scipy.sparse has both, but takes longer to import than a
+`fem_snh.assembly.matrix_layout` calls it. scipy.sparse has both, but takes longer to import than a
 small solve, and more memory.
 """
 

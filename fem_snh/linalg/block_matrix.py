@@ -1,6 +1,7 @@
-"""A symmetric matrix of 2x2 or 3x3 blocks in single precision, and its SSOR sweeps.
+"""The C library of the linear solver; a symmetric matrix of blocks, and its SSOR sweeps.
 
-`fem_snh.linalg.ssor_system` sweeps over it; `fem_snh.linalg.coarse_space` reads its pattern.
+The blocks are 2x2 or 3x3, in single precision. `fem_snh.linalg.ssor_system` sweeps over the matrix;
+`fem_snh.linalg.coarse_space` reads its pattern.
 """
 
 from __future__ import annotations
@@ -14,12 +15,42 @@ import numpy.typing as npt
 from fem_snh.errors import BadInput
 from fem_snh.kernels import build
 from fem_snh.linalg.displacement_blocks import BlockRows
-from fem_snh.linalg.library import declarations
 
 Array = npt.NDArray[Any]
 
 #: Floats in a vector register of block_matrix_kernels.h.
 _LANES = 4
+_DECLARATIONS = ("block_matrix_api.h", "coarse_space_api.h")
+_FUNCTIONS = ("block_matrix_kernels.h", "coarse_space_kernels.h")
+
+#: Functions per component and subdomain of Z, one for each lane of a vector register.
+FUNCTIONS = 4
+
+
+def columns(block: int) -> int:
+    """Return the columns of Z per subdomain for nodes of ``block`` components."""
+    return FUNCTIONS * block
+
+
+def declarations() -> str:
+    """Return the C declarations of structs and functions, for cffi."""
+    return "\n".join(Path(__file__).with_name(name).read_text() for name in _DECLARATIONS)
+
+
+def source(block: int) -> str:
+    """Return the C source, the same for every matrix whose blocks have ``block`` rows, 2 or 3."""
+    functions = (Path(__file__).with_name(name).read_text() for name in _FUNCTIONS)
+    return "\n".join(
+        [
+            "#include <math.h>",
+            "#include <string.h>",
+            f"#define BLOCK {block}",
+            f"#define ENTRIES ((long){block**2})",
+            f"#define COLUMNS {columns(block)}",
+            declarations(),
+            *functions,
+        ]
+    )
 
 
 class SymmetricBlockMatrix:
@@ -30,7 +61,7 @@ class SymmetricBlockMatrix:
     Parameters
     ----------
     path : Path
-        The library compiled from `fem_snh.linalg.library.source` for blocks of this size.
+        The library compiled from `source` for blocks of this size.
     size : int
         Rows of a block: 2 or 3.
     diagonal : BlockRows

@@ -11,9 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh.kernels.block_pattern import BlockPattern
-from fem_snh.linalg.block_matrix import SymmetricBlockMatrix
+from fem_snh.linalg.block_matrix import FUNCTIONS, SymmetricBlockMatrix, columns
 from fem_snh.linalg.displacement_blocks import BlockRows
-from fem_snh.linalg.library import FUNCTIONS, columns
 
 Array = npt.NDArray[Any]
 

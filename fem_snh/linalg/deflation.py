@@ -33,13 +33,12 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 
-from fem_snh.linalg.block_matrix import SymmetricBlockMatrix
+from fem_snh.linalg.block_matrix import SymmetricBlockMatrix, columns
 from fem_snh.linalg.coarse_layout import CoarseLayout, Distributed, Replicated
 from fem_snh.linalg.coarse_matrix import CoarseMatrix
 from fem_snh.linalg.coarse_space import CoarseSpace, coordinate_bisection, linear_functions
 from fem_snh.linalg.displacement_blocks import BlockRows
 from fem_snh.linalg.halo import Halo
-from fem_snh.linalg.library import columns
 
 Array = npt.NDArray[Any]
 

@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from fem_snh.errors import on_root
 from fem_snh.kernels import build
-from fem_snh.linalg import library
+from fem_snh.linalg import block_matrix
 from fem_snh.linalg.halo import Halo
 from fem_snh.linalg.ssor_system import ZERO_CURVATURE, Solutions, SSORSystem
 
@@ -32,7 +32,7 @@ def _text(part: str) -> str:
 
 def source(block: int) -> str:
     """Return the C source for matrices whose blocks have ``block`` rows."""
-    parts = library.source(block), f"#define LANES {LANES}", _text("api"), _text("kernels")
+    parts = block_matrix.source(block), f"#define LANES {LANES}", _text("api"), _text("kernels")
     return "\n".join(parts)
 
 
@@ -54,7 +54,7 @@ class SSORColumns:
         matrix = system.matrix
         self._size = matrix.size * matrix.rows
         path = on_root(self._comm, build.library, source(matrix.size))
-        declarations = "\n".join([library.declarations(), _text("api")])
+        declarations = "\n".join([block_matrix.declarations(), _text("api")])
         self._ffi, self._lib = build.load(path, declarations)
         self._matrix = self._struct("SymmetricBlockMatrix *", matrix.struct)
         self._coarse: Any = None

@@ -8,6 +8,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from typing import Any
+
 import sympy
 
 #: The signed principal stretches of the rotation-variant SVD (Smith et al. 2018, eq. 2).
@@ -27,3 +30,18 @@ INVARIANTS: dict[sympy.Symbol, sympy.Expr] = {
 
 #: The measures that a material function may have as arguments, by name.
 MEASURES: dict[str, sympy.Symbol] = {str(m): m for m in (*INVARIANTS, *SIGMA)}
+
+
+class Parameter(sympy.Symbol):  # type: ignore[misc]  # sympy has no annotations
+    """The symbol of a shape parameter."""
+
+
+def parameters_in(values: Iterable[Any]) -> set[sympy.Symbol]:
+    """Return the symbols of shape parameters in expressions and in tuples of them."""
+    found: set[sympy.Symbol] = set()
+    for value in values:
+        if isinstance(value, tuple | list):
+            found |= parameters_in(value)
+        elif isinstance(value, sympy.Basic):
+            found |= value.atoms(Parameter)
+    return found

@@ -26,8 +26,7 @@ import sympy
 from fem_snh.errors import BadInput
 from fem_snh.materials.energy import Energy
 from fem_snh.materials.functions import exact, where
-from fem_snh.materials.invariants import INVARIANTS, SIGMA
-from fem_snh.materials.symbols import Parameter, parameters_in
+from fem_snh.materials.invariants import INVARIANTS, SIGMA, Parameter, parameters_in
 
 #: Stretches at which both forms of an energy are compared, the last ones only if the energy is
 #: finite there.

@@ -9,19 +9,22 @@ from __future__ import annotations
 import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from fem_snh import processes
 from fem_snh.errors import BadInput, bad_value, in_words, unknown_name
-from fem_snh.mesh.skin import NodeCopies, Skin
 
 if TYPE_CHECKING:
     from fem_snh.mesh.size_field import SizeField
     from fem_snh.mesh.xao_file import ShapeFile
+
+Array = npt.NDArray[Any]
 
 #: gmsh's element type: cell, degree of the geometry, nodes per cell (gmsh manual, MSH format).
 _CELLS = {
@@ -53,6 +56,46 @@ _PLANE_CELLS = ("triangle", "quadrilateral")
 
 #: Largest extent along z of a mesh in the plane, relative to its coordinates: rounding.
 _FLAT = 1e-12
+
+
+@dataclass(frozen=True)
+class Skin:
+    """A triangulated surface whose points move with the cells of a mesh; the same on all ranks.
+
+    Attributes
+    ----------
+    points : (n, 3) array
+        Reference positions [length].
+    triangles : (m, 3) int32 array
+        The points of each triangle, anticlockwise as seen from outside.
+    cells : (n,) int64 array
+        The cell that carries each point, by its row in the mesh's input: cells of a lattice with
+        separate parts overlap, so a position alone does not tell.
+    """
+
+    points: Array
+    triangles: Array
+    cells: Array
+
+
+@dataclass(frozen=True)
+class NodeCopies:
+    """Nodes of a lattice that are not at the part of the body to which their cells belong.
+
+    Parts of a body that pass through one cube of a lattice have cells of their own there, with
+    nodes with the same coordinates. One of these is at its own part of the body, the others are
+    copies.
+
+    Attributes
+    ----------
+    cells : (n,) int array
+        Cells with such nodes, by their rows in the mesh's input.
+    copied : (n, 27) bool array
+        Which of a cell's nodes of degree 2 are copies, sorted by their reference coordinates.
+    """
+
+    cells: Array
+    copied: Array
 
 
 class PhysicalGroup(NamedTuple):

@@ -20,8 +20,8 @@ from fem_snh.choices import DEFAULT_CELLS
 from fem_snh.errors import BadInput, choose, nearest, on_every, on_root
 from fem_snh.files import is_shape
 from fem_snh.mesh import gmsh_input, xdmf_input
+from fem_snh.mesh.gmsh_model import NodeCopies, Skin
 from fem_snh.mesh.mesh_checks import check_geometry
-from fem_snh.mesh.skin import NodeCopies, Skin
 
 if TYPE_CHECKING:
     from fem_snh.mesh.round_faces import RoundFaces

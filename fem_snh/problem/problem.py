@@ -29,15 +29,15 @@ from fem_snh.assembly.ghosted_vectors import (
 )
 from fem_snh.assembly.near_null_space import rigid_motions
 from fem_snh.assembly.regions import Region, reference_modulus, without_cells
-from fem_snh.assembly.timing import timed
 from fem_snh.assembly.unknowns import Displacement, DisplacementPressure, pressure_unit
 from fem_snh.choices import ASSEMBLIES, DEFAULT_ASSEMBLY
+from fem_snh.compile_clock import timed
 from fem_snh.errors import BadInput, choose
 from fem_snh.kernels.material import material
-from fem_snh.linalg.asymmetry import is_symmetric
+from fem_snh.linalg.direct_solver import is_symmetric
+from fem_snh.mesh.gmsh_model import Skin
 from fem_snh.mesh.mesh import cell_volumes, volume
 from fem_snh.mesh.mesh_checks import check_force_scale
-from fem_snh.mesh.skin import Skin
 from fem_snh.problem.measures import body_measures
 from fem_snh.problem.mixed.taylor_hood import PressureBlock
 from fem_snh.problem.paths import Paths

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from mpi4py import MPI
 
 from fem_snh import scenes, solver
-from fem_snh.assembly.timing import untimed
+from fem_snh.compile_clock import untimed
 from fem_snh.errors import BadInput, on_every, on_root
 from fem_snh.problem.supports import SupportsCheck
 from fem_snh.processes import Interrupts

@@ -6,7 +6,7 @@ from math import ceil
 
 from fem_snh.assembly.kinematics import kinematics_of
 from fem_snh.files import is_shape
-from fem_snh.mesh.sources import has_free_sizes, parameter
+from fem_snh.mesh.gmsh_input import has_free_sizes, parameter
 from fem_snh.scenes import Geometry, Scene
 
 #: Bodies with plane faces: tetrahedra that are refined in place fill them exactly. So do triangles

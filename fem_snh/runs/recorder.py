@@ -8,8 +8,7 @@ from contextlib import suppress
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
-from fem_snh.assembly.timing import untimed
-from fem_snh.compile_clock import Stopwatch
+from fem_snh.compile_clock import Stopwatch, untimed
 from fem_snh.errors import BadInput, on_root
 from fem_snh.records.notes import NOTES_ON_PATH, Note
 from fem_snh.runs.checkpoint import CheckpointWriter

@@ -12,7 +12,6 @@ from typing import Any
 from fem_snh._petsc import default_options
 from fem_snh.errors import BadInput, bad_value, on_root
 from fem_snh.files import file_digest, remove
-from fem_snh.linalg import multigrid
 from fem_snh.records.run_files import viewer_file
 from fem_snh.runs.folder import Folder
 from fem_snh.scenes import Scene
@@ -22,6 +21,8 @@ from fem_snh.solver import PREFIX
 #: another process (PETSc's manual, PetscOptionsCreateViewer).
 _WRITING = ("", "ascii", "binary", "hdf5")
 _ALWAYS = ("binary", "hdf5", "vtk", "matlab", "mathematica", "socket", "saws", "exodusii", "cgns")
+#: Shift of a zero diagonal, relative to Young's modulus: negligible beside a stiffness.
+_SHIFT = 1e-10
 
 
 @contextmanager
@@ -40,9 +41,9 @@ def scene_options(scene: Scene, folder: Folder | None) -> Iterator[list[str]]:
     list of str
         The names of those of the scene that were set.
     """
-    smoothers = multigrid.smoothers(min(material.E for material in scene.materials))
+    defaults = _smoothers(min(material.E for material in scene.materials))
     options = _place_viewers(scene.petsc, folder)
-    with default_options(PREFIX, options) as given, default_options(PREFIX, smoothers):
+    with default_options(PREFIX, options) as given, default_options(PREFIX, defaults):
         yield given
 
 
@@ -149,3 +150,22 @@ def check_same(folder: Path, before: dict[str, Any], now: dict[str, Any]) -> Non
 def _text(scene: dict[str, Any], key: str) -> str:
     """Return a key's value as text, or "no value"."""
     return json.dumps(scene[key]) if key in scene else "no value"
+
+
+def _smoothers(E: float) -> dict[str, Any]:
+    """Return PETSc options that make multigrid's smoothers SOR sweeps.
+
+    For the displacement, and for the displacement's block of a saddle-point problem. PETSc's
+    default is a Chebyshev polynomial up to an estimated largest eigenvalue; a filtered Hessian may
+    have larger ones, and the preconditioner is then indefinite. An aggregate of one node has fewer
+    unknowns than there are rigid motions, so the coarser matrix has a zero on its diagonal, which
+    is shifted.
+
+    Parameters
+    ----------
+    E : float
+        Young's modulus [Pa]; of several materials the smallest.
+    """
+    sweeps = {"ksp_type": "richardson", "pc_type": "sor", "pc_sor_diagonal_shift": _SHIFT * E}
+    blocks = ("", "fieldsplit_u_")
+    return {f"{b}mg_levels_{key}": value for b in blocks for key, value in sweeps.items()}

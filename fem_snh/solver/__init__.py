@@ -8,12 +8,16 @@ from fem_snh.linalg.ssor_cg import EisenstatCG
 from fem_snh.solver.errors import callback_errors, petsc_failures
 from fem_snh.solver.linearised import SemiImplicit
 from fem_snh.solver.newton import ProjectedNewton
-from fem_snh.solver.outcome import StepOutcome
+from fem_snh.solver.outcome import (
+    StepOutcome,
+    converged_reason,
+    failure_reason,
+    out_of_memory,
+    solve_until_settled,
+)
 from fem_snh.solver.predictor import Predictor
 from fem_snh.solver.protocol import SaddlePoint, SolvableProblem
-from fem_snh.solver.reasons import converged_reason, failure_reason, out_of_memory
 from fem_snh.solver.search_direction import SearchDirection
-from fem_snh.solver.settling import solve_until_settled
 from fem_snh.solver.snes import (
     PREFIX,
     create,

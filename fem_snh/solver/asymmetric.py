@@ -13,7 +13,7 @@ from functools import cached_property
 from petsc4py import PETSc
 
 from fem_snh._petsc import expect_singular_matrix
-from fem_snh.linalg.asymmetry import set_asymmetric_factors
+from fem_snh.linalg.direct_solver import set_asymmetric_factors
 from fem_snh.solver.linear_choice import MAX_NODES, LinearChoice
 from fem_snh.solver.protocol import SolvableProblem
 from fem_snh.solver.saddle_point import preconditioner_by_blocks

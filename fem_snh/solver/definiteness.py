@@ -26,10 +26,10 @@ from fem_snh._petsc import set_operators
 from fem_snh.linalg.ssor_cg import context_of
 from fem_snh.solver.block_triangular import BlockTriangular
 from fem_snh.solver.errors import callback_errors
-from fem_snh.solver.forcing import relative_tolerance
 from fem_snh.solver.protocol import SolvableProblem
 from fem_snh.solver.saddle_point import frozen_preconditioner, preconditioner_by_blocks
 from fem_snh.solver.stability import EquilibriumStability
+from fem_snh.solver.step import relative_tolerance
 
 _Reason = PETSc.KSP.ConvergedReason
 _INDEFINITE = (_Reason.DIVERGED_INDEFINITE_MAT, _Reason.DIVERGED_INDEFINITE_PC)

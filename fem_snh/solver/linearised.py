@@ -7,13 +7,10 @@ from math import isfinite
 from petsc4py import PETSc
 
 from fem_snh._petsc import factors_out_of_memory
-from fem_snh.solver.forcing import ForcingTerm
 from fem_snh.solver.garbage import clean
-from fem_snh.solver.outcome import StepOutcome
+from fem_snh.solver.outcome import StepOutcome, linear_failure, update_lagged
 from fem_snh.solver.protocol import SolvableProblem
-from fem_snh.solver.reasons import linear_failure
-from fem_snh.solver.settling import update_lagged
-from fem_snh.solver.step import Iteration, State
+from fem_snh.solver.step import ForcingTerm, Iteration, State
 
 #: Length of the central difference along the boundary's motion, relative to the body: about the
 #: cube root of the rounding error, where truncation and rounding are balanced.

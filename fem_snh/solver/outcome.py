@@ -1,14 +1,67 @@
-"""The outcome of the solve of a load step."""
+"""The solve of a load step, again while lagged quantities change, and its outcome.
+
+Scenes, programs and time steps have this one loop. The terms update multipliers, lagged friction
+and pairs of surfaces after each solve (`fem_snh.terms.history.TermHistory`). Converged and diverged
+reasons have PETSc's names.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from math import isfinite
+from typing import Any
 
 from petsc4py import PETSc
 
+from fem_snh._petsc import factors_out_of_memory
 from fem_snh.errors import NotSettled
-from fem_snh.solver.reasons import failure_reason, out_of_memory
-from fem_snh.solver.step import Iteration
+from fem_snh.solver.errors import callback_errors
+from fem_snh.solver.protocol import SolvableProblem
+from fem_snh.solver.step import Direction, Iteration
+
+
+def converged_reason(snes: PETSc.SNES) -> str:
+    """Return PETSc's name for the end of the last solve: "CONVERGED_FNORM_ABS", ..."""
+    return _name(PETSc.SNES.ConvergedReason, snes.getConvergedReason())
+
+
+def failure_reason(snes: PETSc.SNES) -> str:
+    """Return `converged_reason`, followed by its cause if the last solve failed. Collective.
+
+    For example "DIVERGED_LINEAR_SOLVE: DIVERGED_INDEFINITE_PC".
+    """
+    reason = converged_reason(snes)
+    if snes.getConvergedReason() < 0 and not isfinite(snes.getSolution().norm()):
+        return f"{reason}: NaN or infinity in the unknowns"
+    if snes.getConvergedReason() != PETSc.SNES.ConvergedReason.DIVERGED_LINEAR_SOLVE:
+        return reason
+    return linear_failure(snes.getKSP())
+
+
+def linear_failure(ksp: PETSc.KSP, direction: Direction | None = None) -> str:
+    """Return the reason of a step without a direction: "DIVERGED_LINEAR_SOLVE: " and its cause."""
+    reason, linear = "DIVERGED_LINEAR_SOLVE", ksp.getConvergedReason()
+    if factors_out_of_memory(ksp.getPC()):
+        return f"{reason}: the factors do not fit into memory"
+    if direction and direction.lack:
+        factors = "; sparse factors do not fit into memory" if direction.out_of_memory else ""
+        return f"{reason}: {direction.lack}{factors}"
+    if linear >= 0:
+        return f"{reason}: no descent direction"
+    return f"{reason}: {_name(PETSc.KSP.ConvergedReason, linear)}"
+
+
+def out_of_memory(snes: PETSc.SNES) -> bool:
+    """Return whether the last solve failed because the factors did not fit into memory."""
+    failed = snes.getConvergedReason() == PETSc.SNES.ConvergedReason.DIVERGED_LINEAR_SOLVE
+    return failed and factors_out_of_memory(snes.getKSP().getPC())
+
+
+def _name(reasons: Any, code: int) -> str:
+    """Return PETSc's name of a reason."""
+    names = {v: k for k, v in vars(reasons).items() if isinstance(v, int)}
+    return names.get(code, str(code))
 
 
 @dataclass
@@ -82,3 +135,42 @@ class StepOutcome:
     def fail_inner(self, error: NotSettled) -> None:
         """Set the reason to PETSc's name of the failure of an inner solver, with its cause."""
         self.converged, self.reason = False, f"DIVERGED_INNER: {error}"
+
+
+def solve_until_settled(
+    problem: SolvableProblem,
+    snes: PETSc.SNES,
+    outcome: StepOutcome,
+    judge: Callable[[StepOutcome], None] | None = None,
+) -> None:
+    """Solve from ``problem.x``, in place, until nothing lagged changes. Collective.
+
+    Parameters
+    ----------
+    problem : SolvableProblem
+    snes : SNES
+        Its solver.
+    outcome : StepOutcome
+        The outcome of the step, to which each solve is added. It has not converged if a solve has
+        not, or if lagged quantities do not settle: the reason then says which.
+    judge : callable, optional
+        Called with the outcome before another solve; it may make the step a failure.
+    """
+    again = True
+    while again:
+        with callback_errors():
+            snes.solve(None, problem.x)
+        outcome.add_solve(snes)
+        again = outcome.converged and update_lagged(problem, outcome)
+        if again and judge:
+            judge(outcome)
+            again = outcome.converged
+
+
+def update_lagged(problem: SolvableProblem, outcome: StepOutcome) -> bool:
+    """Update lagged quantities after a solve; return whether to solve again. Collective."""
+    try:
+        return problem.update_lagged()
+    except NotSettled as error:
+        outcome.fail_inner(error)
+        return False

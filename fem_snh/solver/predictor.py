@@ -13,10 +13,10 @@ from fem_snh._petsc import set_operators
 from fem_snh.choices import DEFAULT_PREDICTOR, PREDICTORS
 from fem_snh.errors import NotSettled, bad_value, choose
 from fem_snh.solver.errors import callback_errors
-from fem_snh.solver.forcing import relative_tolerance
 from fem_snh.solver.linearised import linearised_residual, take_step
 from fem_snh.solver.protocol import SolvableProblem
 from fem_snh.solver.saddle_point import outer_operator
+from fem_snh.solver.step import relative_tolerance
 
 _MAX_IT = PETSc.KSP.ConvergedReason.DIVERGED_MAX_IT
 #: Smallest relative tolerance of the tangent's linear solve: the linear model is no more accurate.

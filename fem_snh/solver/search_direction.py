@@ -14,7 +14,6 @@ from petsc4py import PETSc
 from fem_snh._petsc import NEGATIVE_CURVATURE, negative_pivots, set_operators
 from fem_snh.solver.asymmetric import AsymmetricSolver
 from fem_snh.solver.block_triangular import BlockTriangular
-from fem_snh.solver.forcing import ForcingTerm, relative_tolerance
 from fem_snh.solver.line_search import SHORT, LineSearch
 from fem_snh.solver.options import Values
 from fem_snh.solver.protocol import SaddlePoint
@@ -25,7 +24,7 @@ from fem_snh.solver.saddle_point import (
     outer_operator,
     preconditioner_by_blocks,
 )
-from fem_snh.solver.step import Direction, State, Step
+from fem_snh.solver.step import Direction, ForcingTerm, State, Step, relative_tolerance
 
 _Linear = PETSc.KSP.ConvergedReason
 #: How linear solvers report a matrix or a preconditioner that is not positive definite.

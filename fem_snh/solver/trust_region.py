@@ -11,7 +11,7 @@ from petsc4py import PETSc
 from fem_snh._petsc import call, ffi, set_operators
 from fem_snh.errors import choose
 from fem_snh.linalg.direct_solver import set_direct_factors
-from fem_snh.linalg.ssor import SSOR
+from fem_snh.linalg.ssor_system import SSOR
 from fem_snh.solver.globalization import LineSearchNewton
 from fem_snh.solver.line_search import SHORT
 from fem_snh.solver.options import Values

@@ -16,8 +16,8 @@ from fem_snh.assembly.boundary_conditions import Dirichlet
 from fem_snh.assembly.kinematics import SOLID, Kinematics
 from fem_snh.assembly.regions import Region, cell_constant, density_of, reference_modulus
 from fem_snh.errors import bad_value
+from fem_snh.mesh.gmsh_model import Skin
 from fem_snh.mesh.mesh import DIMENSIONS, Mesh, volume
-from fem_snh.mesh.skin import Skin
 from fem_snh.tables.amplitudes import LOAD_ITSELF, Amplitudes
 from fem_snh.tables.types import surface_name
 from fem_snh.tables.validation import is_expression

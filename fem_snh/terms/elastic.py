@@ -17,8 +17,14 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh.assembly.assembled_matrix import BlockMatrix
-from fem_snh.assembly.cell_loops import FIELDS, CellLoops, compile_cell_loops
-from fem_snh.assembly.element_tables import element_tables, restricted, selection
+from fem_snh.assembly.cell_loops import (
+    FIELDS,
+    CellLoops,
+    compile_cell_loops,
+    element_tables,
+    restricted,
+    selection,
+)
 from fem_snh.assembly.elements import Element
 from fem_snh.assembly.ghosted_vectors import local_values, writable_values
 from fem_snh.assembly.regions import Region

@@ -20,7 +20,7 @@ from fem_snh.contact.fields import SelfContactTerm
 from fem_snh.contact.reference.pairs import ContactPairs
 from fem_snh.contact.reference.target_search import TargetSearch
 from fem_snh.errors import choose
-from fem_snh.mesh.skin import Skin
+from fem_snh.mesh.gmsh_model import Skin
 from fem_snh.terms.settling import LaggedChange, relative
 
 Array = npt.NDArray[Any]

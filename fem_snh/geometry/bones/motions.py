@@ -1,10 +1,13 @@
-"""Affine motions of bones: the map x = A X + c at a load, from functions and CSV files."""
+"""Bones, and their motions: the map x = A X + c at a load, from functions and CSV files.
+
+Random disturbances are added to them, as in production skinning.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -12,7 +15,7 @@ import numpy.typing as npt
 from fem_snh.errors import BadInput, bad_value
 from fem_snh.geometry.motions.motion_rows import MotionRows
 from fem_snh.geometry.motions.moving import RigidMotion, pose_table
-from fem_snh.geometry.shapes.shape import Array
+from fem_snh.geometry.shapes.shape import Array, Shape
 
 #: The matrix of a bone that does not move.
 IDENTITY: Array = np.eye(3, 4)
@@ -176,3 +179,109 @@ def bone_motion(rows: MotionRows, name: str, duration: float | None, rigid: bool
             f"{where}: the determinant of a11 to a33 is {determinant:.3g}: expected one > 0"
         )
     return table
+
+
+@dataclass(frozen=True)
+class Noise:
+    r"""A random affine map at each frame, which is added to a bone's own.
+
+    A point X of a bone with centre :math:`X_c` and length L is displaced by
+
+    .. math:: a [L t + B (X - X_c)], \quad |t| \le 1/2, \quad \|B\|_F \le 1,
+
+    with amplitude a. No point of the bone is displaced by more than a L, as none is farther than
+    L/2 from the centre. The vector t is uniform in its ball, as is B in the ball of matrices.
+
+    Parameters
+    ----------
+    amplitude : float
+        The largest displacement a, in parts of the bone's length.
+    seed : int
+        Seed of the random numbers, together with the bone's name.
+    frames : int
+        Number of frames between load 0, which is not disturbed, and load 1.
+    smooth : bool
+        Whether the disturbance is a cubic spline in the load; otherwise it is linear between two
+        frames.
+    """
+
+    amplitude: float
+    seed: int
+    frames: int
+    smooth: bool = False
+
+    def maps(self, name: str, centre: Array, length: float) -> Array:
+        """Return the matrices [a B | c] of a bone at all frames, (frames + 1, 3, 4)."""
+        random = np.random.default_rng([self.seed, *name.encode()])
+        t = _in_ball(random, self.frames, 3) / 2
+        B = _in_ball(random, self.frames, 9).reshape(-1, 3, 3)
+        found = np.zeros((self.frames + 1, 3, 4))
+        found[1:, :, :3] = self.amplitude * B
+        found[1:, :, 3] = self.amplitude * (length * t - B @ centre)
+        return found
+
+    def motion(self, name: str, centre: Array, length: float) -> Callable[[float], Array]:
+        """Return the matrix (3, 4) that is added to a bone's own, as a function of the load."""
+        loads, maps = np.linspace(0.0, 1.0, self.frames + 1), self.maps(name, centre, length)
+        if not self.smooth:
+            return AffineTable(loads, maps).affine
+        from scipy.interpolate import CubicSpline
+
+        spline: Any = CubicSpline(loads, maps)
+        return lambda load: np.asarray(spline(np.clip(load, 0.0, 1.0)))
+
+
+def _in_ball(random: np.random.Generator, count: int, dimension: int) -> Array:
+    """Return points (count, dimension) that are uniform in the unit ball."""
+    direction = random.normal(size=(count, dimension))
+    direction /= np.linalg.norm(direction, axis=1)[:, None]
+    points: Array = direction * random.uniform(size=(count, 1)) ** (1 / dimension)
+    return points
+
+
+@dataclass(frozen=True)
+class Bone:
+    """A solid in the flesh, whose nodes follow its motion.
+
+    Parameters
+    ----------
+    name : str
+        Its name, by which ties between bones are decided.
+    shape : Shape, optional
+        The solid, at its reference position.
+    group : str or int, optional
+        A physical group of volumes, instead of a shape.
+    motion : AffineMotion or callable, optional
+        Its motion, or a function of the load that returns the (3, 4) matrix [A | c] of its map
+        x = A X + c; without one it does not move.
+    origin : (3,) tuple, optional
+        A reference point [length], about which moments are given; default: the centre of the
+        bounding box of the bone's nodes.
+    noise : Noise, optional
+        Random maps that are added to its motion.
+
+    Raises
+    ------
+    BadInput
+        Unless exactly one of ``shape`` and ``group`` is given.
+    """
+
+    name: str
+    shape: Shape | None = None
+    group: str | int | None = None
+    motion: AffineMotion | Callable[[float], npt.ArrayLike] | None = None
+    origin: tuple[float, float, float] | None = None
+    noise: Noise | None = None
+
+    def __post_init__(self) -> None:
+        if (self.shape is None) == (self.group is None):
+            found = "none" if self.shape is None else "both"
+            raise BadInput(f"bone '{self.name}': expected a shape or a group; found {found}")
+
+    def affine(self, load: float) -> Array:
+        """Return the (3, 4) matrix [A | c] of x = A X + c [length] at a load, without noise."""
+        if self.motion is None:
+            return IDENTITY
+        if callable(self.motion):
+            return FunctionMotion(self.name, self.motion).affine(load)
+        return self.motion.affine(load)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,13 +10,35 @@ import numpy as np
 from fem_snh.choices import RESTS
 from fem_snh.errors import BadInput, bad_value
 from fem_snh.geometry.bones.bvh import AXES, Clip, Joint
-from fem_snh.geometry.bones.kinematics import global_pose
 from fem_snh.geometry.bones.motions import RigidAffine
 from fem_snh.geometry.motions.moving import PoseTable
 from fem_snh.geometry.shapes.shape import Array
 
 #: How far a clip may miss the end of the run, in frames: files round the time of a frame.
 _ROUNDED = 0.5
+
+
+def global_pose(
+    number: int, parents: Sequence[int], local_pose: Callable[[int], tuple[Array, Array]]
+) -> tuple[Array, Array]:
+    """Return rotations (m, 3, 3) and translations (m, 3) of a joint at m instants.
+
+    The pose x -> R x + d of a joint is its local one, then its parent's, up to the root.
+
+    Parameters
+    ----------
+    number : int
+        The joint's number.
+    parents : sequence of int
+        The number of each joint's parent; -1 of a root.
+    local_pose : callable
+        Rotations (m, 3, 3) and translations (m, 3) of a joint in the frame of its parent.
+    """
+    R, d = local_pose(number)
+    while (number := parents[number]) >= 0:
+        turned, origin = local_pose(number)
+        R, d = turned @ R, np.einsum("mij,mj->mi", turned, d) + origin
+    return R, d
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,7 @@
-"""Triangles of the surfaces of shapes, for files that show them."""
+"""Triangles of the surfaces of shapes, for files that show them, and which shapes have edges.
+
+Beside sharp edges strains are infinite in the flesh around them.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +14,7 @@ import numpy.typing as npt
 from fem_snh.geometry.shapes.box import Box, Plane
 from fem_snh.geometry.shapes.closed_surface import ClosedSurface
 from fem_snh.geometry.shapes.polygon import Polygon
-from fem_snh.geometry.shapes.round_shapes import Capsule, Cylinder, Sphere
+from fem_snh.geometry.shapes.round_shapes import Capsule, Cylinder, Revolved, Sphere
 from fem_snh.geometry.shapes.shape import Array, Shape
 from fem_snh.geometry.shapes.unions import SmoothUnion, Union
 
@@ -19,6 +22,10 @@ Triangles = npt.NDArray[np.int64]
 
 #: Divisions of a circle; a polygon of 48 edges is 0.2 % of the radius inside of it.
 _CIRCLE = 48
+
+#: Triangles of a surface whose outward normals differ by a larger angle meet in an edge [degrees]:
+#: a sphere of 8 triangles around its equator has none, a cube and an octagonal prism have some.
+_EDGE = 45.5
 
 
 def surface_triangles(
@@ -134,3 +141,28 @@ def _across(axis: Array) -> tuple[Array, Array]:
     a = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
     a /= np.linalg.norm(a)
     return a, np.cross(axis, a)
+
+
+def has_edges(shape: Shape) -> bool:
+    """Return whether a shape has convex edges. Seams of a union are concave."""
+    if isinstance(shape, Union | SmoothUnion):
+        return any(has_edges(part) for part in shape.shapes)
+    if isinstance(shape, Revolved):
+        return has_edges(shape.section)
+    if isinstance(shape, ClosedSurface):
+        return _largest_fold(shape) > _EDGE
+    return not isinstance(shape, Capsule | Plane | Sphere)
+
+
+def _largest_fold(surface: ClosedSurface) -> float:
+    """Return the largest angle at a convex edge of two triangles [degrees]; 0 without one."""
+    corners = surface.points[surface.triangles]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    edges = np.sort(surface.triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    owners = np.repeat(np.arange(len(corners)), 3)[np.lexsort(edges.T)].reshape(-1, 2)
+    first, second = owners.T
+    outwards = corners.mean(axis=1)[second] - corners.mean(axis=1)[first]
+    convex = np.einsum("ij,ij->i", outwards, normals[first]) < 0
+    cosines = np.einsum("ij,ij->i", normals[first], normals[second])[convex]
+    return float(np.degrees(np.arccos(np.clip(cosines.min(initial=1.0), -1.0, 1.0))))

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import cKDTree
 
+from fem_snh.mesh.gmsh_model import Skin
 from fem_snh.mesh.lattice.grid import Array, Grid, Integers, cells_of_box
 from fem_snh.mesh.lattice.parts import Parts
 from fem_snh.mesh.lattice.samples import Samples, sorted_samples
 from fem_snh.mesh.lattice.surface_nets import Triangles
-from fem_snh.mesh.skin import Skin
 
 #: Cells that the body fills by less than this are left out: a cell's stiffness is proportional to
 #: the fraction, and so is the smallest eigenvalue of the matrix.

@@ -12,6 +12,7 @@ from fem_snh.choices import LATTICE_PARTS, LATTICE_WEIGHTINGS
 from fem_snh.errors import bad_value, choose
 from fem_snh.geometry.shapes import ClosedSurface, Shape
 from fem_snh.mesh.gmsh_input import MeshData, PhysicalGroup
+from fem_snh.mesh.gmsh_model import NodeCopies
 from fem_snh.mesh.lattice.carriers import carry, cover
 from fem_snh.mesh.lattice.crossings import refine, sample_surface
 from fem_snh.mesh.lattice.grid import Grid, Integers
@@ -19,7 +20,6 @@ from fem_snh.mesh.lattice.parts import FACES, Parts, joined, separate, without_f
 from fem_snh.mesh.lattice.samples import sample_shape
 from fem_snh.mesh.lattice.surface_nets import triangulate
 from fem_snh.mesh.mesh import Mesh, distribute
-from fem_snh.mesh.skin import NodeCopies
 
 _SIDES = ("xmin", "xmax", "ymin", "ymax", "zmin", "zmax")
 

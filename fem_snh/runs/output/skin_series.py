@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from fem_snh.contact.embedded_surface import EmbeddedSurface, carried_points
 from fem_snh.errors import on_root
-from fem_snh.mesh.skin import Skin
+from fem_snh.mesh.gmsh_model import Skin
 from fem_snh.records.run_files import RunFiles
 from fem_snh.runs.output.pvd import Collection
 from fem_snh.runs.output.vtu import TRIANGLE, DataArray, VtkGrid, vtu_file
