@@ -12,7 +12,7 @@ from fem_snh.accuracy.duals import Linearisation
 from fem_snh.accuracy.goals import ReactionGoal, RigidGoal
 from fem_snh.accuracy.hessian_solver import HessianSolver
 from fem_snh.errors import BadInput
-from fem_snh.mesh.centroid import centroid
+from fem_snh.mesh.mesh import centroid
 from fem_snh.scenes import Accuracy, Geometry, MaterialChoice, Rigid, Scene
 from fem_snh.scenes import Hold as HoldTable
 from fem_snh.terms.rigid import RESULTS

@@ -27,8 +27,8 @@ if TYPE_CHECKING:
     from fem_snh.mesh.size_field import SizeField
 
 __all__ = [
-    "CELL_KINDS", "MeshData", "PhysicalGroup", "fill", "generate", "mesh_shape", "read",
-    "source_path",
+    "CELL_KINDS", "MeshData", "PhysicalGroup", "SourceParameter", "fill", "generate",
+    "has_free_sizes", "mesh_shape", "parameter", "read", "source_path",
 ]  # fmt: skip
 
 #: The first bytes of a mesh; gmsh executes any other text as a script.

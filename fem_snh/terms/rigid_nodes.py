@@ -15,7 +15,7 @@ from fem_snh import _dolfinx
 from fem_snh.assembly.ghosted_vectors import with_ghosts
 from fem_snh.errors import bad_value, on_every
 from fem_snh.geometry.shapes import Shape, deepest
-from fem_snh.mesh.centroid import centroid
+from fem_snh.mesh.mesh import centroid
 from fem_snh.terms.body import Body
 from fem_snh.terms.rigid import Rigid
 

@@ -6,9 +6,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from fem_snh.mesh.gmsh_model import Skin
-from fem_snh.mesh.lattice.grid import Array, Grid, Integers, cells_of_box
+from fem_snh.mesh.lattice.grid import Array, Grid, Integers, Samples, cells_of_box, sorted_samples
 from fem_snh.mesh.lattice.parts import Parts
-from fem_snh.mesh.lattice.samples import Samples, sorted_samples
 from fem_snh.mesh.lattice.surface_nets import Triangles
 
 #: Cells that the body fills by less than this are left out: a cell's stiffness is proportional to

@@ -15,9 +15,8 @@ from fem_snh.mesh.gmsh_input import MeshData, PhysicalGroup
 from fem_snh.mesh.gmsh_model import NodeCopies
 from fem_snh.mesh.lattice.carriers import carry, cover
 from fem_snh.mesh.lattice.crossings import refine, sample_surface
-from fem_snh.mesh.lattice.grid import Grid, Integers
+from fem_snh.mesh.lattice.grid import Grid, Integers, sample_shape
 from fem_snh.mesh.lattice.parts import FACES, Parts, joined, separate, without_fragments
-from fem_snh.mesh.lattice.samples import sample_shape
 from fem_snh.mesh.lattice.surface_nets import triangulate
 from fem_snh.mesh.mesh import Mesh, distribute
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from fem_snh.geometry.shapes import ClosedSurface
-from fem_snh.mesh.lattice.grid import Array, Grid, Integers
-from fem_snh.mesh.lattice.samples import Samples, sorted_samples
+from fem_snh.mesh.lattice.grid import Array, Grid, Integers, Samples, sorted_samples
 from fem_snh.mesh.lattice.surface_nets import Triangles
 
 #: Pairs of a triangle and a line that are tested together, which bounds the memory.

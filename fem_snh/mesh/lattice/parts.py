@@ -10,8 +10,7 @@ from scipy import ndimage
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from fem_snh.mesh.lattice.grid import Array, Grid, Integers
-from fem_snh.mesh.lattice.samples import Samples
+from fem_snh.mesh.lattice.grid import Array, Grid, Integers, Samples
 
 Labels = npt.NDArray[np.int32]
 
