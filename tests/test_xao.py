@@ -20,7 +20,8 @@ from running import solve
 import fem_snh
 from fem_snh import scenes
 from fem_snh.errors import BadInput
-from fem_snh.mesh import gmsh_input, mesh, mesh_checks, simplices, xao_writer
+from fem_snh.mesh import gmsh_input, mesh, mesh_checks, xao_writer
+from fem_snh.mesh.size_field import simplex_volumes
 from fem_snh.mesh.xao_file import ENTRIES, LISTS
 from fem_snh.runs.scene_options import identity
 
@@ -78,7 +79,7 @@ def write_box(folder, counts=(8, 12, 6, 1), more="", groups=""):
 def test_plane_faces_have_straight_cells(tmp_path):
     data = gmsh_input.mesh_shape(write_box(tmp_path), 3)
     assert (data.cell, data.degree, data.groups) == ("tetrahedron", 1, [])
-    assert simplices.volumes(data.x[data.cells]).sum() == pytest.approx(6, rel=1e-12)
+    assert simplex_volumes(data.x[data.cells]).sum() == pytest.approx(6, rel=1e-12)
     assert 50 < len(data.cells) < 200  # 51 regular ones would fill it
 
 

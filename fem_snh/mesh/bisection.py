@@ -13,8 +13,8 @@ from typing import NamedTuple
 import numpy as np
 
 from fem_snh import _dolfinx
-from fem_snh.mesh import simplices as shapes
 from fem_snh.mesh.gmsh_input import MeshData
+from fem_snh.mesh.size_field import simplex_edges, simplex_volumes
 
 Array = np.ndarray
 
@@ -87,7 +87,7 @@ def bisect(data: MeshData, volumes: Array, max_cells: int) -> MeshData:
     MeshData
         The mesh. Cells of degree 2 are on the curved faces of those that they are part of.
     """
-    dim, pairs = data.x.shape[1], shapes.edges(data.x.shape[1] + 1)
+    dim, pairs = data.x.shape[1], simplex_edges(data.x.shape[1] + 1)
     vertices, corners = np.unique(data.cells[:, : dim + 1], return_inverse=True)
     cells, x = corners.reshape(-1, dim + 1).astype(np.int64), data.x[vertices]
     parts = {
@@ -98,7 +98,7 @@ def bisect(data: MeshData, volumes: Array, max_cells: int) -> MeshData:
     roots = np.arange(len(cells))
     barycentric = np.tile(np.eye(dim + 1), (len(cells), 1, 1))
     for _ in range(_MAX_ROUNDS):
-        marked = shapes.volumes(x[cells]) > _TOLERANCE * volumes[roots]
+        marked = simplex_volumes(x[cells]) > _TOLERANCE * volumes[roots]
         if not marked.any() or len(cells) >= max_cells:
             break
         found, places = _marked_edges(cells, x, marked)
@@ -131,7 +131,7 @@ def _keys(pairs: Array) -> Array:
 
 def _marked_edges(cells: Array, x: Array, marked: Array) -> tuple[_Marked, Array]:
     """Return the edges to bisect, and for each its place in the edges of all cells, flattened."""
-    pairs = shapes.edges(cells.shape[1])
+    pairs = simplex_edges(cells.shape[1])
     keys = _keys(cells[:, pairs])
     unique, first, edges = np.unique(keys, return_index=True, return_inverse=True)
     edges = edges.reshape(keys.shape)
@@ -154,7 +154,7 @@ def _split(
 ) -> tuple[Array, Array, Array]:
     """Return simplices without marked edges, the row of each one's origin, and coordinates."""
     size = simplices.shape[1]
-    pairs = shapes.edges(size)
+    pairs = simplex_edges(size)
     origins = np.arange(len(simplices))
     attached = np.zeros((len(simplices), size, 0)) if barycentric is None else barycentric
     while len(simplices):

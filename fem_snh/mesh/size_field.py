@@ -1,13 +1,13 @@
-"""The sizes of cells of a new mesh, given on the cells of an old one."""
+"""The sizes of cells of a new mesh, given on the cells of an old one: triangles and tetrahedra."""
 
 from __future__ import annotations
 
+from itertools import combinations
+from math import factorial
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-
-from fem_snh.mesh import simplices
 
 Array = npt.NDArray[np.float64]
 
@@ -52,7 +52,7 @@ def size_field(cells: npt.NDArray[np.int64], x: Array, volumes: Array) -> SizeFi
     dim = x.shape[1]
     used, corners = np.unique(cells, return_inverse=True)
     corners, x = corners.reshape(cells.shape), x[used]
-    own = simplices.volumes(x[corners])
+    own = simplex_volumes(x[corners])
     wanted = np.log(volumes / _REGULAR[dim]) / dim
     ends = corners.ravel()
     means = np.bincount(ends, np.repeat(wanted, dim + 1)) / np.bincount(ends)
@@ -66,7 +66,7 @@ def size_field(cells: npt.NDArray[np.int64], x: Array, volumes: Array) -> SizeFi
 
 def _graded(sizes: Array, cells: npt.NDArray[np.int64], x: Array) -> Array:
     """Return the largest sizes, none above those given, whose change along edges is limited."""
-    pairs = simplices.edges(cells.shape[1])
+    pairs = simplex_edges(cells.shape[1])
     edges = np.unique(np.sort(cells[:, pairs].reshape(-1, 2), axis=1), axis=0)
     rise = _GRADIENT * np.linalg.norm(x[edges[:, 1]] - x[edges[:, 0]], axis=1)
     sizes = sizes.copy()
@@ -76,3 +76,15 @@ def _graded(sizes: Array, cells: npt.NDArray[np.int64], x: Array) -> Array:
             np.minimum.at(sizes, here, sizes[there] + rise)
         if np.array_equal(sizes, before):
             return sizes
+
+
+def simplex_edges(corners: int) -> npt.NDArray[np.int64]:
+    """Return the edges of a simplex with so many corners, (edges, 2)."""
+    return np.array(list(combinations(range(corners), 2)))
+
+
+def simplex_volumes(x: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """Return the volumes of simplices from their corners, (cells, dim + 1, dim) [m^dim]."""
+    dim = x.shape[2]
+    found: npt.NDArray[np.float64] = np.abs(np.linalg.det(x[:, 1:] - x[:, :1])) / factorial(dim)
+    return found

@@ -15,11 +15,11 @@ from fem_snh import scenes
 from fem_snh.accuracy.goals import MOST_RADII, sizes_near
 from fem_snh.assembly.elements import element
 from fem_snh.assembly.kinematics import kinematics_of
-from fem_snh.mesh import simplices
 from fem_snh.mesh.bisection import MOST_CELLS, bisect
 from fem_snh.mesh.gmsh_input import MeshData
 from fem_snh.mesh.mesh import Mesh, distribute, gather
 from fem_snh.mesh.round_faces import round_faces
+from fem_snh.mesh.size_field import simplex_volumes
 from fem_snh.runs.scene_mesh import make_mesh
 
 Array = npt.NDArray[Any]
@@ -84,7 +84,7 @@ def _bisected(data: MeshData, probes: Sequence[scenes.Probe], most: float) -> Me
         large = _sizes(data, probes) > most
         if not large.any():
             break
-        volumes = simplices.volumes(data.x[data.cells[:, : data.x.shape[1] + 1]])
+        volumes = simplex_volumes(data.x[data.cells[:, : data.x.shape[1] + 1]])
         data = bisect(data, np.where(large, volumes / 2, volumes), MOST_CELLS)
     return data
 

@@ -15,12 +15,11 @@ from fem_snh import _dolfinx
 from fem_snh.accuracy.target_volumes import target_volumes
 from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.assembly.kinematics import kinematics_of
-from fem_snh.mesh import simplices
 from fem_snh.mesh.bisection import MOST_CELLS, bisect_times
 from fem_snh.mesh.gmsh_input import MeshData
 from fem_snh.mesh.mesh import Mesh, distribute, gather
 from fem_snh.mesh.round_faces import round_faces
-from fem_snh.mesh.size_field import size_field
+from fem_snh.mesh.size_field import simplex_volumes, size_field
 from fem_snh.runs.exact_bodies import cells_of, has_exact_cells, is_exact, may_have_any_sizes
 from fem_snh.runs.first_level import raised_element
 from fem_snh.runs.scene_mesh import mesh_again
@@ -107,7 +106,7 @@ def meshed_again(
 def mesh_like(scene: Scene, data: MeshData, volumes: Array | None = None) -> MeshData:
     """Mesh an exact body again, with cells of other volumes or of those of a mesh. On rank 0."""
     cells = data.cells[:, : data.x.shape[1] + 1]
-    volumes = simplices.volumes(data.x[cells]) if volumes is None else volumes
+    volumes = simplex_volumes(data.x[cells]) if volumes is None else volumes
     return mesh_again(scene, data.cell, size_field(cells, data.x, volumes))
 
 
