@@ -7,7 +7,7 @@ memory for other ranks' subdomains, and exchanges with the neighbouring ranks al
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from typing import Any
 
 from mpi4py import MPI
 
@@ -19,8 +19,15 @@ from fem_snh.linalg.halo import Halo
 Array = npt.NDArray[Any]
 
 
-class CoarseLayout(Protocol):
-    """The unknowns of the coarse matrix E on this rank.
+class Replicated:
+    """Every rank holds all subdomains, the unknowns of the coarse matrix E. Collective.
+
+    Parameters
+    ----------
+    comm : MPI.Intracomm
+        The ranks whose contributions are added up.
+    subdomains : int
+        Number of subdomains on all ranks.
 
     Attributes
     ----------
@@ -32,62 +39,34 @@ class CoarseLayout(Protocol):
         How many of them, the first, are rows of E on this rank.
     """
 
-    comm: MPI.Intracomm
-    held: Array
-    own: int
-
-    def local(self, subdomain: Array) -> Array:
-        """Return the positions in ``held`` of subdomains."""
-
-    def gather(self, blocks: Array) -> Array:
-        """Return the blocks of the rows of E on this rank, from those that each rank computes."""
-
-    def add(self, y: Array) -> None:
-        """Replace the entries of the rows on this rank by the sum over all ranks, in place."""
-
-    def extend(self, own: Array) -> Array:
-        """Return ``own``, the entries of the rows on this rank, followed by those of the others."""
-
-
-class Replicated:
-    """Every rank holds all subdomains: see `CoarseLayout`. Collective.
-
-    Parameters
-    ----------
-    comm : MPI.Intracomm
-        The ranks whose contributions are added up.
-    subdomains : int
-        Number of subdomains on all ranks.
-    """
-
     def __init__(self, comm: MPI.Intracomm, subdomains: int) -> None:
         self._ranks, self.comm = comm, MPI.COMM_SELF
         self.held: Array = np.arange(subdomains)
         self.own = subdomains
 
     def local(self, subdomain: Array) -> Array:
-        """See `CoarseLayout`."""
+        """Return the positions in ``held`` of subdomains."""
         return subdomain
 
     def gather(self, blocks: Array) -> Array:
-        """See `CoarseLayout`."""
+        """Return the blocks of the rows of E on this rank, from those that each rank computes."""
         counts, entries = self._ranks.allgather(len(blocks)), int(np.prod(blocks.shape[1:]))
         gathered = np.empty((sum(counts), *blocks.shape[1:]), blocks.dtype)
         self._ranks.Allgatherv(blocks, [gathered, [entries * count for count in counts]])
         return gathered
 
     def add(self, y: Array) -> None:
-        """See `CoarseLayout`."""
+        """Replace the entries of the rows on this rank by the sum over all ranks, in place."""
         if self._ranks.size > 1:
             self._ranks.Allreduce(MPI.IN_PLACE, y)
 
     def extend(self, own: Array) -> Array:
-        """See `CoarseLayout`."""
+        """Return ``own``, the entries of the rows on this rank, followed by those of the others."""
         return own
 
 
 class Distributed:
-    """Every rank holds its subdomains and those of its ghost nodes: see `CoarseLayout`. Collective.
+    """Every rank holds its subdomains and those of its ghost nodes: see `Replicated`. Collective.
 
     Parameters
     ----------
@@ -110,21 +89,21 @@ class Distributed:
         self._end = self.own * columns
 
     def local(self, subdomain: Array) -> Array:
-        """See `CoarseLayout`."""
+        """See `Replicated`."""
         mine = subdomain - self._first
         of_others = self.own + np.searchsorted(self._ghosts, subdomain)
         return np.where((mine >= 0) & (mine < self.own), mine, of_others)
 
     def gather(self, blocks: Array) -> Array:
-        """See `CoarseLayout`."""
+        """See `Replicated`."""
         return blocks.copy()
 
     def add(self, y: Array) -> None:
-        """See `CoarseLayout`."""
+        """See `Replicated`."""
         flat = y.reshape(-1)
         self._halo.add(flat[self._end :], flat[: self._end])
 
     def extend(self, own: Array) -> Array:
-        """See `CoarseLayout`."""
+        """See `Replicated`."""
         self._halo.exchange(own)
         return np.concatenate([own, self._halo.ghosts.ravel()])

@@ -7,7 +7,7 @@ small. The factors of a larger one are sparse: an inverse would take :math:`O(n^
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from typing import Any
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -15,7 +15,7 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 
-from fem_snh.linalg.coarse_layout import CoarseLayout
+from fem_snh.linalg.coarse_layout import Distributed, Replicated
 from fem_snh.linalg.direct_solver import set_direct_factors
 
 Array = npt.NDArray[Any]
@@ -37,7 +37,7 @@ class CoarseMatrix:
 
     Parameters
     ----------
-    layout : CoarseLayout
+    layout : Replicated or Distributed
         The subdomains that this rank holds.
     row, column : (blocks,)
         Positions among these of the blocks to which this rank's nodes contribute.
@@ -45,11 +45,13 @@ class CoarseMatrix:
         Columns of Z per subdomain: rows of a block.
     """
 
-    def __init__(self, layout: CoarseLayout, row: Array, column: Array, columns: int) -> None:
+    def __init__(
+        self, layout: Replicated | Distributed, row: Array, column: Array, columns: int
+    ) -> None:
         self._layout, self._columns = layout, columns
         self._row, self._column = layout.gather(row), layout.gather(column)
         few = len(layout.held) <= MAX_INVERTED and layout.comm.size == 1
-        self._solver: _Solver = _Inverse() if few else _Factors(layout)
+        self._solver: _Inverse | _Factors = _Inverse() if few else _Factors(layout)
         self._own = columns * layout.own
 
     def update(self, contributions: Array) -> int:
@@ -123,8 +125,8 @@ def _orthonormal(vectors: Array, comm: MPI.Intracomm) -> Array:
     return vectors
 
 
-class _Solver(Protocol):
-    """Solves with a matrix whose diagonal entries are at most 1; vectors have its rows here.
+class _Inverse:
+    """The (pseudo-)inverse of a matrix whose diagonal entries are at most 1.
 
     Attributes
     ----------
@@ -136,21 +138,6 @@ class _Solver(Protocol):
 
     def update(self, row: Array, column: Array, blocks: Array) -> bool:
         """Set the matrix; return False if it has a negative eigenvalue."""
-
-    def rescale(self, scale: Array) -> None:
-        """Multiply what `solve` applies by diag(``scale``) from both sides."""
-
-    def solve(self, rhs: Array) -> Array:
-        """Return a solution; the right-hand side is in the range of a singular matrix."""
-
-
-class _Inverse:
-    """The (pseudo-)inverse."""
-
-    null_space: Array
-
-    def update(self, row: Array, column: Array, blocks: Array) -> bool:
-        """See `_Solver`."""
         from scipy.linalg import lapack  # slow to import; small problems have no subdomains
 
         subdomains, columns = int(row.max(initial=-1)) + 1, blocks.shape[1]
@@ -173,11 +160,11 @@ class _Inverse:
         return True
 
     def rescale(self, scale: Array) -> None:
-        """See `_Solver`."""
+        """Multiply what `solve` applies by diag(``scale``) from both sides."""
         self._inverse *= scale[:, None] * scale
 
     def solve(self, rhs: Array) -> Array:
-        """See `_Solver`."""
+        """Return a solution; the right-hand side is in the range of a singular matrix."""
         solution: Array = self._inverse @ rhs
         return solution
 
@@ -191,18 +178,18 @@ class _Factors:
 
     Parameters
     ----------
-    layout : CoarseLayout
+    layout : Replicated or Distributed
         The rows on this rank.
     """
 
     _pc: PETSc.PC
     null_space: Array
 
-    def __init__(self, layout: CoarseLayout) -> None:
+    def __init__(self, layout: Replicated | Distributed) -> None:
         self._layout, self._comm = layout, layout.comm
 
     def update(self, row: Array, column: Array, blocks: Array) -> bool:
-        """See `_Solver`. The pattern is always that of the first call."""
+        """See `_Inverse`. The pattern is always that of the first call."""
         if not hasattr(self, "_pc"):
             self._create(row, self._layout.held[column], blocks.shape[1])
         self._E.setValuesBlockedCSR(*self._pattern, blocks[self._upper])
@@ -221,11 +208,11 @@ class _Factors:
         return self._factors.getInertia()[0] == 0
 
     def rescale(self, scale: Array) -> None:
-        """See `_Solver`."""
+        """See `_Inverse`."""
         self._scale = scale
 
     def solve(self, rhs: Array) -> Array:
-        """See `_Solver`."""
+        """See `_Inverse`."""
         return self._scale * self._apply(self._scale * rhs)
 
     def _apply(self, rhs: Array) -> Array:

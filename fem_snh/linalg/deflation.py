@@ -34,7 +34,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh.linalg.block_matrix import SymmetricBlockMatrix, columns
-from fem_snh.linalg.coarse_layout import CoarseLayout, Distributed, Replicated
+from fem_snh.linalg.coarse_layout import Distributed, Replicated
 from fem_snh.linalg.coarse_matrix import CoarseMatrix
 from fem_snh.linalg.coarse_space import CoarseSpace, coordinate_bisection, linear_functions
 from fem_snh.linalg.displacement_blocks import BlockRows
@@ -94,7 +94,7 @@ class Deflation:
         if halo:
             halo.exchange(np.repeat(subdomain, matrix.size).astype(np.float32))  # exact up to 2^24
             subdomain = np.concatenate([subdomain, halo.ghosts[:, 0].astype(np.int32)])
-        layout: CoarseLayout = Replicated(comm, sum(counts))
+        layout: Replicated | Distributed = Replicated(comm, sum(counts))
         if halo and sum(counts) > replicated:
             layout = Distributed(comm, counts, subdomain[rows:], columns(matrix.size))
         subdomain, held = layout.local(subdomain), len(layout.held)
