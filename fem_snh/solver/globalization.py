@@ -7,7 +7,6 @@
 from __future__ import annotations
 
 from math import inf, isfinite
-from typing import Protocol
 
 from petsc4py import PETSc
 
@@ -24,13 +23,6 @@ _MAX_FULL_STEPS = 15
 #: Residual over that of the first iteration from which it diverges: a point that comes into contact
 #: changes forces by a stiffness, not by orders of magnitude.
 _MOST_GROWTH = 1e3
-
-
-class Globalization(Protocol):
-    """A strategy that takes one step: `LineSearchNewton` or `trust_region.TrustRegion`."""
-
-    def step(self, start: State, d: PETSc.Vec, trial: State) -> Step:
-        """Take one step from ``start`` to ``trial``; ``d`` becomes the direction. Collective."""
 
 
 class LineSearchNewton:

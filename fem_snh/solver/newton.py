@@ -18,7 +18,7 @@ from fem_snh.choices import ACTING_FORCES
 from fem_snh.linalg.direct_solver import is_direct, set_asymmetric_factors
 from fem_snh.solver import garbage, options
 from fem_snh.solver.asymmetric import AsymmetricSolver
-from fem_snh.solver.globalization import FullNewton, Globalization, LineSearchNewton
+from fem_snh.solver.globalization import FullNewton, LineSearchNewton
 from fem_snh.solver.line_search import LargestStep, LineSearch
 from fem_snh.solver.linear_choice import LinearChoice
 from fem_snh.solver.protocol import CurvedPaths, SaddlePoint
@@ -260,7 +260,9 @@ class ProjectedNewton:
         )
         return ForcingTerm(largest, safeguard * self.scaled_tolerance)
 
-    def _globalization(self, snes: PETSc.SNES, forcing: ForcingTerm) -> Globalization:
+    def _globalization(
+        self, snes: PETSc.SNES, forcing: ForcingTerm
+    ) -> LineSearchNewton | FullNewton | TrustRegion:
         """Return the globalization of one solve, with its parts."""
         direction = self.direction(snes, forcing)
         if self.full_steps:
