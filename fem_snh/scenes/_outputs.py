@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Annotated, Any, Literal, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
 
 from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag
 
@@ -24,6 +24,9 @@ from fem_snh.tables.types import (
 from fem_snh.tables.validation import Bounded, Expect, OneOf, Table
 from fem_snh.terms.feature import Feature, grouped
 from fem_snh.terms.rigid import RESULTS, Rigid
+
+if TYPE_CHECKING:
+    from fem_snh.scenes.schema import Scene
 
 
 class Geometry(Table):
@@ -309,32 +312,12 @@ class Accuracy(Table):
         return [goal.name for goal in self.goals]
 
 
-class HasGoals(Protocol):
-    """What goals may be of: a scene."""
-
-    @property
-    def probe(self) -> Sequence[Probe]:
-        """Its probes."""
-
-    @property
-    def kinematics(self) -> str | None:
-        """The name of its kinematics."""
-
-    @property
-    def features(self) -> Sequence[Feature]:
-        """Its features."""
-
-    @property
-    def modes(self) -> Modes | None:
-        """Its modes of vibration."""
-
-
 def term_goals(features: Sequence[Feature]) -> list[str]:
     """Return the names of the goals that are results of features."""
     return [name for kind, some in grouped(features) for name in kind.goals(some)]
 
 
-def read_goal(text: str, scene: HasGoals) -> GoalName:
+def read_goal(text: str, scene: Scene) -> GoalName:
     """Return the goal of this name.
 
     Raises
