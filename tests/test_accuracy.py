@@ -12,7 +12,6 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
-from gmsh_files import write_msh
 from running import solve
 from test_cavity import SYMMETRIC, shell
 from test_error_estimate import sheared
@@ -443,40 +442,6 @@ def test_bounds_hold_at_a_corner_that_a_coarse_mesh_resolves_badly():
         first, last = (found["levels"][i]["goals"][name] for i in (0, -1))
         assert abs(first["corrected"] - value) <= 1.1 * first["uncertainty"]
         assert last["best"] == pytest.approx(value, rel=0.01)
-
-
-#: A block of which a patch on its top is loaded.
-BLOCK = """
-h = 0.25;
-Point(1) = {0, 0, 0, h}; Point(2) = {2, 0, 0, h}; Point(3) = {2, 1, 0, h};
-Point(4) = {1.7, 1, 0, h}; Point(5) = {1.1, 1, 0, h}; Point(6) = {0, 1, 0, h};
-For i In {1:5}
-Line(i) = {i, i + 1};
-EndFor
-Line(6) = {6, 1};
-Curve Loop(1) = {1:6};
-Plane Surface(1) = {1};
-Physical Curve("bottom") = {1};
-Physical Curve("patch") = {4};
-Physical Surface("body") = {1};
-"""
-
-
-def test_bounds_hold_where_the_estimate_of_a_patch_load_cancels(comm, tmp_path):
-    # The contributions of the two ends of the patch have opposite signs at the side.
-    exact = {"side.x": 0.0044391, "side.y": -0.0179815}  # of 30,000 cells, +- 2e-7
-    scene = {
-        "name": "patch", "mesh": str(write_msh(comm, tmp_path, BLOCK, dim=2)), "element": "P2",
-        "kinematics": "plane_strain", "hold": [{"group": "bottom"}],
-        "material": {"name": "stable_neo_hookean", "E": 1.0, "nu": 0.3},
-        "traction": [{"group": "patch", "vector": [0, -0.1, 0]}],
-        "probe": [{"name": "side", "point": [2, 1, 0]}],
-        "accuracy": {"within": 1e-3, "goals": ["side"]},
-    }  # fmt: skip
-    levels = solve(Scene.model_validate(scene), comm=comm).record["accuracy"]["levels"]
-    for level in levels:
-        for name, goal in level["goals"].items():
-            assert abs(goal["best"] - exact[name]) <= goal["uncertainty"]
 
 
 def test_round_bodies_have_curved_cells(capsys):

@@ -5,8 +5,6 @@ corner; that of the corrected value by what the estimate misses. From the second
 of the corrected value counts as well. If the estimates of all levels miss the same part, corrected
 values change from level to level by the same factor as the estimates do: their further changes are
 a geometric series. Where corrected values differ by more than their bounds, the difference counts.
-Contributions of cells to the estimate of a displacement may cancel on one level, behind a corner or
-the edges of a load: its estimate counts as if it decreased no faster than the largest in the body.
 """
 
 from __future__ import annotations
@@ -46,7 +44,7 @@ _LARGEST_CORRECTION = 20.0
 _LEAST_OF_VECTOR, _LEAST_ON_PATH = 0.1, 0.2
 #: Least bound of a displacement on the first level, over that of the largest error of one in the
 #: body: where a coarse mesh resolves a corner badly, the estimate at and behind it is small by
-#: chance, or of the other sign. From the second level on the level before shows it.
+#: chance, or of the other sign. From the second level on the change of corrected values shows it.
 _LEAST_OF_BODY = 0.5
 #: Goals below this part of their scale are not printed: the solvers leave that much.
 _SHOWN = 1e-5
@@ -66,8 +64,6 @@ class GoalLevel:
         Bounds of the errors of the value and of the corrected value.
     safety : float
         The bound of the error over its estimate.
-    of_mesh : float
-        What the estimate of the mesh's error counts as, at least its size.
     small : bool
         Whether the scale is that of a larger force.
     """
@@ -77,7 +73,6 @@ class GoalLevel:
     bound: float
     uncertainty: float
     safety: float
-    of_mesh: float = 0.0
     small: bool = False
 
     @property
@@ -241,27 +236,13 @@ def _bounded(goal: GoalError, safety: float, coarser: GoalLevel | None) -> GoalL
     unsettled = 0.0 if _on_path(goal.parts) else goal.unsettled  # its bounds are counted above
     bound = size + missed + max(safety * steps, goal.steps_bound) + unsettled
     uncertainty = missed + max((safety - 1) * steps, goal.steps_bound) + unsettled
-    of_mesh = _of_mesh(goal, coarser)
     if coarser is None:
         # Errors of the stress on two sides of a point cancel in the estimate alone.
         least = (safety - 1) * max(_LEAST_OF_BODY * goal.of_body, goal.of_size)
     else:
-        counted = max(abs(error), of_mesh) if goal.of_body else error
-        least = _change_left(corrected, counted, uncertainty, coarser)
-        least = max(least, (safety - 1) * of_mesh)
+        least = _change_left(corrected, error, uncertainty, coarser)
     bound, uncertainty = max(bound, size + steps + least), max(uncertainty, least)
-    return GoalLevel(goal, scale, bound, uncertainty, safety, of_mesh)
-
-
-def _of_mesh(goal: GoalError, coarser: GoalLevel | None) -> float:
-    """Return what the estimate of the mesh's error counts as.
-
-    That of a displacement decreases no faster than the largest one in the body.
-    """
-    size = abs(goal.parts.get("mesh", goal.error or 0.0))
-    if coarser is None or not coarser.known.of_body:
-        return size
-    return max(size, coarser.of_mesh * min(goal.of_body / coarser.known.of_body, 1.0))
+    return GoalLevel(goal, scale, bound, uncertainty, safety)
 
 
 def _change_left(corrected: float, error: float, uncertainty: float, coarser: GoalLevel) -> float:
