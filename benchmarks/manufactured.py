@@ -30,6 +30,7 @@ from fem_snh.linalg.direct_solver import set_direct_solver
 from fem_snh.mesh import mesh
 from fem_snh.problem.create_problem import create_problem
 from fem_snh.problem.problem import Problem
+from fem_snh.terms.term import Term
 
 #: Quadrature degree of errors and load: enough for the waves on cells of size 1/2.
 DEGREE = 7
@@ -105,15 +106,10 @@ class _Boundary:
     displacement: Callable[[Any, float], Any]
 
 
-class Load:
+class Load(Term):
     """The potential -f . u of the virtual work of a stress field, as an energy term."""
 
     name = "load"
-    has_energy = True
-    depends_on_load = False
-
-    def set_load(self, load: float) -> None:
-        """Do nothing: the load is constant."""
 
     def __init__(self, V: Any, P: Any) -> None:
         self._force = _dolfinx.create_vector(V)

@@ -188,7 +188,7 @@ class NonlinearProblem(EstimatesErrors, HasModes, HasReactions):
         self._path_of = partial(ProgramPath.of, self._problem, self._load, SolverChoice(*chosen))
         self._path, self._is_new = None, True
         self._predictor, self.b = predictor, self.solver.getFunction()[0]
-        texts = [text for term in self._problem.terms if (text := getattr(term, "note", ""))]
+        texts = [text for term in self._problem.terms if (text := term.note)]
         self._load_notes = [Note("load", text) for text in texts]
         self._supports = SupportsCheck(self._problem)
         self.notes, self._warned = list[Note](), set[str]()

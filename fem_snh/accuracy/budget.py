@@ -180,7 +180,7 @@ def unsettled_penalties(
     if not problem.coupling_terms:
         return np.zeros(len(values))
     sizes, changes = np.abs(values), np.abs(penalties)
-    parts = [getattr(term, "unsettled_penalty", _OF_PAIRS) for term in problem.coupling_terms]
+    parts = [term.unsettled_penalty or _OF_PAIRS for term in problem.coupling_terms]
     unsettled = max(parts) * changes
     beside = np.minimum(_BESIDE * changes, _OF_MOST * largest_components(goals, changes))
     is_smaller = sizes < largest_components(goals, sizes)

@@ -20,7 +20,7 @@ from fem_snh.problem.problem import Problem
 from fem_snh.problem.reactions import reaction, virtual_rotation, weighted
 from fem_snh.problem.solids import solids_in_shapes
 from fem_snh.terms.body import displacement_gradient, of_the_body
-from fem_snh.terms.term import ForceTerm, GoalTerm
+from fem_snh.terms.term import ForceTerm, Term
 
 Array = npt.NDArray[Any]
 AXES = ("x", "y", "z")
@@ -398,7 +398,7 @@ class TermGoal:
     Parameters
     ----------
     name : str
-        Its name among the ``goals`` of `fem_snh.terms.term.GoalTerm`.
+        Its name among the ``goals`` of `fem_snh.terms.term.Term`.
     components : sequence of int, optional
         The components of a force; default: a scalar.
     label : str, optional
@@ -455,10 +455,9 @@ class TermGoal:
         parts[:, [i for i in range(parts.shape[1]) if i != self._components[number]]] = 0.0
         return forces
 
-    def _term(self, problem: Problem) -> GoalTerm:
+    def _term(self, problem: Problem) -> Term:
         """Return the problem's term with the result."""
-        terms = [term for term in problem.terms if isinstance(term, GoalTerm)]
-        return next(term for term in terms if self._name in term.goals)
+        return next(term for term in problem.terms if self._name in term.goals)
 
 
 class EnergyGoal:

@@ -27,7 +27,6 @@ from fem_snh.linalg.direct_solver import is_direct
 from fem_snh.problem.problem import Problem
 from fem_snh.problem.supports import Supports
 from fem_snh.solver.definiteness import has_negative_curvature, is_definite
-from fem_snh.terms.term import LengthTerm
 
 #: Prefix of its solver's options: those of the run are for another problem.
 PREFIX = f"{solver.PREFIX}lifted_"
@@ -89,7 +88,7 @@ def create_in(element: Element, problem: Problem, make: Callable[[Element], Prob
     """Return the problem with another element, at its load and displacement. Collective."""
     other = make(element)
     for term, base in zip(other.terms, problem.terms, strict=True):
-        if isinstance(term, LengthTerm) and isinstance(base, type(term)):
+        if isinstance(base, type(term)):
             term.share_lengths(base)
     other.interpolate(problem)
     return other

@@ -45,7 +45,6 @@ from fem_snh.accuracy.saturation import saturation
 from fem_snh.assembly.elements import Element
 from fem_snh.mesh.mesh import Mesh
 from fem_snh.problem.problem import Problem
-from fem_snh.terms.term import LengthTerm
 
 Array = npt.NDArray[Any]
 
@@ -358,7 +357,7 @@ class _Repetitions:
                 f"larger than its estimate, which takes order {motion.integrator.order}; {shows}"
             )
         for term in self._problem.terms:
-            if isinstance(term, LengthTerm):
+            if term.length_text:
                 left_out.append(f"the errors do not include that of the gap: {term.length_text}")
 
     def _errors_of_steps(

@@ -15,7 +15,6 @@ from fem_snh.accuracy.rest import forces_act, is_at_rest
 from fem_snh.errors import in_words
 from fem_snh.problem.problem import Problem
 from fem_snh.records.notes import Note
-from fem_snh.terms.term import PenaltyTerm
 
 #: The element without locking on the same cells with which each element is compared.
 REPLACEMENTS = {"P1": "P2P0", "P2": "P2P0", "Q1": "Q1P0", "Q2": "Q2Q1"}
@@ -161,7 +160,7 @@ def rounding_note(problem: Problem, rounding: float, step: int | None = None) ->
         f"the rounding error of the residual is {100 * rounding / force:.2g} % of the forces that "
         "act: displacements and forces are no more accurate"
     )
-    if any(getattr(term, "rounds_identity", False) for term in problem.terms):
+    if any(term.rounds_identity for term in problem.terms):
         text += (
             "; larger loads are, and energies of fem_snh instead of UFL, which rounds I + grad u"
         )
@@ -178,7 +177,7 @@ def penalty_note(problem: Problem, step: int | None = None) -> Note | None:
     than too small. In time the energy does not tell, and there is no note; nor where energies in
     UFL alone have those of loads in them.
     """
-    penalties = [t for t in problem.terms if isinstance(t, PenaltyTerm) and t.scale_penalties(1.0)]
+    penalties = [term for term in problem.terms if term.scale_penalties(1.0)]
     if not penalties or problem.motion is not None or not problem.elastic.parts:
         return None
     u, p = problem.split(problem.x)

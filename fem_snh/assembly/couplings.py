@@ -9,7 +9,7 @@ keeps it for a while: two facets that touch and part in turn do not change the p
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -24,21 +24,6 @@ Array = npt.NDArray[Any]
 #: Old pairs are kept while there are at most this many times as many of them as of new ones: their
 #: zeros cost the linear solver time, a new pattern costs that of about one Newton step.
 _KEPT_PAIRS = 2
-
-
-@runtime_checkable
-class CouplingTerm(Protocol):
-    """A term whose Hessian couples nodes that share no cell.
-
-    It may have an attribute ``unsettled_penalty``, the part of what its penalty changes of a goal
-    that stiffer ones may find otherwise (`fem_snh.accuracy.estimate`).
-    """
-
-    def couplings(self, u: PETSc.Vec) -> Array:
-        """Return the pairs of nodes that the Hessian at ``u`` couples. Collective.
-
-        The (n, 2) array of `BlockMatrix.couple`; the same object while nothing changes.
-        """
 
 
 class Couplings:

@@ -20,7 +20,9 @@ from fem_snh.contact.embedded_surface import Blocks, point_areas
 from fem_snh.contact.fields import SelfContactTerm
 from fem_snh.errors import NotSettled, choose
 from fem_snh.mesh.gmsh_model import Skin
+from fem_snh.terms.history import WorkingTerm
 from fem_snh.terms.settling import LaggedChange
+from fem_snh.terms.step_limit import StepLimitingTerm
 
 Array = npt.NDArray[Any]
 
@@ -29,7 +31,7 @@ Array = npt.NDArray[Any]
 _STIFFNESS = 0.1
 
 
-class IPC(SelfContactTerm):
+class IPC(SelfContactTerm, WorkingTerm, StepLimitingTerm):
     """Self-contact by a barrier, with friction: the term of `BarrierEnergy`. Collective.
 
     The energy is infinite where surfaces touch. `largest_step` keeps every step shorter than its
@@ -115,7 +117,7 @@ class IPC(SelfContactTerm):
 
     @property
     def length_text(self) -> str:
-        """See `fem_snh.terms.term.LengthTerm`."""
+        """See `fem_snh.terms.term.Term.length_text`."""
         return f"the barrier of self-contact acts from {self.distance:.3g} m"
 
     def share_lengths(self, other: Self) -> None:

@@ -21,7 +21,9 @@ from fem_snh.contact.law import TOLERANCE, cell_heights, default_stiffness, surf
 from fem_snh.contact.surface_pair import BodyPair, SurfacePair
 from fem_snh.contact.surface_quadrature import SurfaceQuadrature
 from fem_snh.errors import bad_value, choose
+from fem_snh.terms.history import HistoryTerm, MeanForceTerm
 from fem_snh.terms.settling import LaggedChange, largest_change
+from fem_snh.terms.term import CouplingTerm, ForceTerm
 
 Array = npt.NDArray[Any]
 
@@ -33,7 +35,7 @@ _QUADRATURE = 4
 _UNSETTLED_PENALTY = 0.1
 
 
-class BodyContact:
+class BodyContact(HistoryTerm, MeanForceTerm, ForceTerm, CouplingTerm):
     r"""The energy of contact between pairs of surfaces. Collective.
 
     The quadrature points of either surface have gaps to the other one, with half of the stiffness
@@ -70,7 +72,7 @@ class BodyContact:
         On every rank, if a surface has no facet on the boundary, or the two have a common node.
     """
 
-    name, has_energy, depends_on_load = "contact", True, False
+    name, has_penalties, is_contact = "contact", True, True
     unsettled_penalty = _UNSETTLED_PENALTY
 
     def __init__(
@@ -161,11 +163,11 @@ class BodyContact:
 
     @property
     def goals(self) -> list[str]:
-        """The names of the forces on first surfaces: see `GoalTerm`."""
+        """The names of the forces on first surfaces: see `Term.goals`."""
         return [f"{pair.name}.force" for pair in self.pairs]
 
     def goal(self, name: str, u: PETSc.Vec) -> Array:
-        """Return a force on a first surface [N]: see `GoalTerm`. Collective."""
+        """Return a force on a first surface [N]: see `Term.goals`. Collective."""
         return self.pairs[self.goals.index(name)].force(self._positions(u))
 
     def add_nodal_forces(self, name: str, u: PETSc.Vec, r: PETSc.Vec) -> None:
@@ -174,7 +176,7 @@ class BodyContact:
         self.surface.add_own(forces, writable_values(r).reshape(-1, self._kinematics.components))
 
     def add_goal_derivative(self, name: str, component: int, u: PETSc.Vec, g: PETSc.Vec) -> None:
-        """Add the derivative of a force to own entries: see `GoalTerm`. Collective."""
+        """Add the derivative of a force to own entries: see `Term.goals`. Collective."""
         found = self.pairs[self.goals.index(name)].force_derivative(component, self._positions(u))
         self.surface.add_own(found, writable_values(g).reshape(-1, found.shape[1]))
 

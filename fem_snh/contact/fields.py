@@ -29,6 +29,8 @@ from fem_snh.contact.obstacle_pair import ObstaclePair
 from fem_snh.contact.surface_quadrature import SurfaceQuadrature
 from fem_snh.mesh.gmsh_model import Skin
 from fem_snh.records.output_fields import CONTACT_PRESSURES
+from fem_snh.terms.history import HistoryTerm
+from fem_snh.terms.term import CouplingTerm
 
 Array = npt.NDArray[Any]
 
@@ -95,7 +97,7 @@ class ObstacleFields:
         return np.array(local_values(vector))
 
 
-class SelfContactTerm(ABC):
+class SelfContactTerm(HistoryTerm, CouplingTerm, ABC):
     r"""What both methods of self-contact share: the surface, its matrix, the contact pressure.
 
     The pressure is the force per area at the nodes. With the weights :math:`W` of the surface's
@@ -121,7 +123,7 @@ class SelfContactTerm(ABC):
         The surface, on every rank.
     """
 
-    name, has_energy, depends_on_load = "self_contact", True, False
+    name, has_penalties, is_contact = "self_contact", True, True
 
     def __init__(self, V: Any, skin: Skin | None, kinematics: Kinematics = SOLID) -> None:
         self._kinematics = kinematics
@@ -135,7 +137,7 @@ class SelfContactTerm(ABC):
         """Add the forces [N] to this rank's own entries of ``r_u``. Collective."""
 
     def nodal_field(self, name: str, u: PETSc.Vec) -> Array:
-        """Return a contact pressure, 0 of another field: see `FieldTerm`. Collective."""
+        """Return a contact pressure, 0 of another field: see `Term.nodal_field`. Collective."""
         if name not in CONTACT_PRESSURES:
             return np.zeros(1)
         forces = _dolfinx.create_vector(self._V)

@@ -24,7 +24,9 @@ from fem_snh.contact.obstacle_pair import ObstaclePair
 from fem_snh.contact.surface_quadrature import DeepestPoint, SurfaceQuadrature
 from fem_snh.errors import choose
 from fem_snh.geometry.motions import MovingShape
+from fem_snh.terms.history import HistoryTerm, MeanForceTerm, WorkingTerm
 from fem_snh.terms.settling import LaggedChange, largest_change, relative
+from fem_snh.terms.term import ForceTerm
 
 Array = npt.NDArray[Any]
 
@@ -81,7 +83,7 @@ class RigidContact(NamedTuple):
     limits_force: bool = True
 
 
-class ObstacleContact:
+class ObstacleContact(HistoryTerm, WorkingTerm, MeanForceTerm, ForceTerm):
     r"""The energy of contact of a body's whole surface with rigid obstacles. Collective.
 
     .. math:: E = \sum_q \frac{w_q}{2 k} \left(\langle \ell - k g(x_q)\rangle^2 - \ell^2\right)
@@ -111,7 +113,7 @@ class ObstacleContact:
         Whether an obstacle moves.
     """
 
-    name, has_energy = "obstacle", True
+    name, has_penalties, is_contact = "obstacle", True, True
 
     def __init__(
         self,
@@ -256,11 +258,11 @@ class ObstacleContact:
 
     @property
     def goals(self) -> list[str]:
-        """The names of the obstacles' forces: see `GoalTerm`."""
+        """The names of the obstacles' forces: see `Term.goals`."""
         return [f"{contact.name}.force" for contact in self.contacts]
 
     def goal(self, name: str, u: PETSc.Vec) -> Array:
-        """Return a force on the body [N]: see `GoalTerm`. Collective."""
+        """Return a force on the body [N]: see `Term.goals`. Collective."""
         pair = self.pairs[self.goals.index(name)]
         return np.asarray(self.comm.allreduce(pair.force(self._nodal(u))))
 
@@ -272,7 +274,7 @@ class ObstacleContact:
         forces -= gradient.ravel()
 
     def add_goal_derivative(self, name: str, component: int, u: PETSc.Vec, g: PETSc.Vec) -> None:
-        """Add the derivative of a force without its friction: see `GoalTerm`."""
+        """Add the derivative of a force without its friction: see `Term.goals`."""
         cells, matrices, _ = self.pairs[self.goals.index(name)].matrices(self._nodal(u), "exact")
         out = writable_values(g).reshape(-1, self._kinematics.components)
         nodes = _dolfinx.node_dofs(self._V)[cells]
@@ -281,7 +283,7 @@ class ObstacleContact:
         np.add.at(out, nodes, -blocks[..., component].sum(axis=3))
 
     def nodal_field(self, name: str, u: PETSc.Vec) -> Array:
-        """Return a field of `ObstacleFields`: see `FieldTerm`. Collective."""
+        """Return a field of `ObstacleFields`: see `Term.nodal_field`. Collective."""
         if self._fields is None:
             self._fields = ObstacleFields(self._V, self.pairs, self._kinematics)
         return self._fields.evaluate(name, u)

@@ -348,7 +348,7 @@ def create_dolfinx_problem(
         raise bad_value("element", chosen.name, "an element without a pressure, without materials")
     own = [volume_term(volume, u, chosen, follows)] if volume is not None else []
     created = [*create_terms(made, body), *own, *(moving.terms if moving else [])]
-    if not regions and not any(getattr(term, "has_hessian", True) for term in created):
+    if not regions and not any(term.has_hessian for term in created):
         raise bad_value("materials", materials, "a material, or a term that is not linear in u")
     unknowns = create_unknowns(u, chosen)
     problem = Problem(unknowns, chosen, regions, conditions, created, motion=moving)

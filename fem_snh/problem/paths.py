@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from petsc4py import PETSc
 
@@ -12,7 +12,9 @@ import numpy.typing as npt
 
 from fem_snh.assembly.regions import Region
 from fem_snh.problem.stiff_parts import StiffParts
-from fem_snh.terms.elimination import EliminatingTerm
+
+if TYPE_CHECKING:
+    from fem_snh.terms.rigid_parts import RigidParts
 
 
 class Paths:
@@ -21,7 +23,7 @@ class Paths:
     Parameters
     ----------
     stiff : StiffParts or None
-    rigid : EliminatingTerm or None
+    rigid : RigidParts or None
 
     Attributes
     ----------
@@ -29,7 +31,7 @@ class Paths:
         Whether steps must end on the path: a straight step would deform rigid parts.
     """
 
-    def __init__(self, stiff: StiffParts | None, rigid: EliminatingTerm | None) -> None:
+    def __init__(self, stiff: StiffParts | None, rigid: RigidParts | None) -> None:
         self._stiff, self._rigid, self.exact = stiff, rigid, rigid is not None
 
     @classmethod
@@ -39,7 +41,7 @@ class Paths:
         regions: Sequence[Region],
         fixed: npt.NDArray[np.bool_],
         excluded: npt.NDArray[np.bool_],
-        rigid: EliminatingTerm | None,
+        rigid: RigidParts | None,
     ) -> Paths | None:
         """Return the paths of a problem; None if all are straight. Collective.
 

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from functools import cached_property, partial
 from math import isfinite
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from petsc4py import PETSc
 
@@ -19,7 +19,6 @@ from fem_snh._petsc import aij_blocks
 from fem_snh.assembly.assembled_matrix import create_matrix
 from fem_snh.assembly.boundary_conditions import Dirichlet
 from fem_snh.assembly.cell_loops import CellLoops
-from fem_snh.assembly.couplings import CouplingTerm
 from fem_snh.assembly.elements import Element
 from fem_snh.assembly.ghosted_vectors import (
     local_values,
@@ -46,11 +45,13 @@ from fem_snh.problem.regime import regime_of
 from fem_snh.solver.protocol import Regime
 from fem_snh.terms.body import MotionInTime
 from fem_snh.terms.elastic import elastic_term, loops_over
-from fem_snh.terms.elimination import EliminatingTerm
 from fem_snh.terms.history import TermHistory
 from fem_snh.terms.rank_one import RankOneUpdate
 from fem_snh.terms.step_limit import StepLimit
-from fem_snh.terms.term import PenaltyTerm, Term
+from fem_snh.terms.term import CouplingTerm, Term
+
+if TYPE_CHECKING:
+    from fem_snh.terms.rigid_parts import RigidParts
 
 Array = npt.NDArray[Any]
 
@@ -112,7 +113,7 @@ class Problem:
         The constrained dofs and their values.
     solid_cells : (n,) int
         This rank's own cells that are not assembled: in bones, of a lifted problem, or rigid parts.
-    rigid : EliminatingTerm or None
+    rigid : RigidParts or None
         The rigid parts, whose nodes follow six unknowns each.
     largest_step : StepLimit or None
         The part of a step that the terms admit; None if they admit every step.
@@ -156,8 +157,8 @@ class Problem:
         skin: Skin | None = None,
     ) -> None:
         self._unknowns, self.element = unknowns, element
-        eliminating = [term for term in terms if isinstance(term, EliminatingTerm)]
-        self.rigid = eliminating[0] if eliminating else None
+        eliminating: list[Any] = [term for term in terms if term.eliminates]
+        self.rigid: RigidParts | None = eliminating[0] if eliminating else None
         self.regions = given = list(regions)
         self.solid_cells = dirichlet.solid_cells
         if self.rigid:
@@ -201,9 +202,7 @@ class Problem:
             self.terms, unknowns.num_owned_nodes, self.kinematics.components
         )
         self.coupling_terms = [term for term in self.terms if isinstance(term, CouplingTerm)]
-        self._asymmetric_terms: list[Any] = [
-            term for term in self.terms if not getattr(term, "symmetric", True)
-        ]
+        self._asymmetric_terms = [term for term in self.terms if not term.symmetric]
         self.asymmetric = False
         self._rank_one = RankOneUpdate.of(self.terms, self.A, self.V, self.project)
         self.operator = self._rank_one.mat if self._rank_one else self.A
@@ -264,8 +263,7 @@ class Problem:
 
     def scale_penalties(self, factor: float) -> bool:
         """Multiply the stiffness of all penalties; return whether there are any."""
-        terms = [term for term in self.terms if isinstance(term, PenaltyTerm)]
-        return any([term.scale_penalties(factor) for term in terms])
+        return any([term.scale_penalties(factor) for term in self.terms])
 
     @contextmanager
     def kept_fields(self) -> Iterator[None]:
@@ -311,7 +309,7 @@ class Problem:
         force = self.x.duplicate()
         for term in self.terms:
             self.gradient(x, force, [term])
-            yield term, force.norm(), getattr(term, "rounds_identity", False)
+            yield term, force.norm(), term.rounds_identity
 
     def rounding_force(self, x: PETSc.Vec, least: float = 0.0) -> float:
         r"""Return a bound of the residual's rounding error [N]; 0 where it is below ``least``.
@@ -329,28 +327,28 @@ class Problem:
         positions.array[: self.owned_displacements] = X.ravel()
         sizes.array[:] = np.abs(x.array_r)
         whole = sizes + positions
-        extents = [getattr(term, "extent", 0.0) for term in self.terms]
+        extents = [term.extent for term in self.terms]
         whole.shift(max([*extents, self.length]))
         if _EPS * self.A.norm(PETSc.NormType.NORM_INFINITY) * whole.norm() < least:
             return 0.0
         at_rest = sizes.max()[1] <= _EPS * self.length
         decisive, force = np.zeros(len(positions.array_r), bool), self.x.duplicate()
         for term in self.terms:
-            is_contact = isinstance(term, PenaltyTerm) or term in self.coupling_terms
+            is_contact = term.has_penalties or term in self.coupling_terms
             if term is self.elastic or not (is_contact or at_rest):
                 continue
             self.gradient(x, force, [term])
             if is_contact:
                 touching = force.array_r != 0.0
                 decisive |= touching
-                positions.array[touching] += getattr(term, "extent", 0.0)
+                positions.array[touching] += term.extent
             at_rest = at_rest and force.norm() == 0.0
         if self.rigid:
             decisive[: self.owned_displacements] |= self._beside_rigid
         if at_rest:
             decisive[:] = True
         sizes.array[decisive] += positions.array_r[decisive]
-        if any(getattr(term, "rounds_identity", False) for term in self.terms):
+        if any(term.rounds_identity for term in self.terms):
             sizes.array[:] += self.length / self.regime.nodes ** (1 / self.kinematics.dim)
         absolute, product = self.A.duplicate(copy=True), self.x.duplicate()
         with aij_blocks(absolute) as blocks:

@@ -10,11 +10,10 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 
-from fem_snh.assembly.couplings import CouplingTerm
 from fem_snh.assembly.elements import Element
 from fem_snh.solver.protocol import Regime
 from fem_snh.terms.elastic import Part
-from fem_snh.terms.term import PenaltyTerm, Term
+from fem_snh.terms.term import Term
 
 Array = npt.NDArray[Any]
 
@@ -62,7 +61,7 @@ def regime_of(
         supported(comm, coordinates, constrained),
         float(comm.allreduce(constrained.sum()) / max(1, comm.allreduce(len(constrained)))),
         max(shear) / min(shear) if shear else 1.0,
-        any(isinstance(term, PenaltyTerm | CouplingTerm) for term in terms),
+        any(term.has_penalties for term in terms),
     )
 
 

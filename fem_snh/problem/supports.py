@@ -25,8 +25,6 @@ from fem_snh.geometry.rotations import rotate
 from fem_snh.problem.problem import Problem
 from fem_snh.problem.stiff_parts import components
 from fem_snh.records.notes import Note
-from fem_snh.terms.history import HistoryTerm
-from fem_snh.terms.step_limit import StepLimitingTerm
 from fem_snh.terms.term import Term
 
 Array = npt.NDArray[Any]
@@ -47,8 +45,6 @@ _FAR = (0.03, 0.3, 3.0)
 _RESISTS = 1e-9
 #: A component of a direction below this part of the largest is not shown.
 _SHOWN = 1e-6
-#: Terms of contact, which may hold a body where it touches something.
-_CONTACT = (HistoryTerm, StepLimitingTerm)
 
 
 class FreeMotion(NamedTuple):
@@ -110,7 +106,7 @@ class Supports:
             return []
         problem = self._problem
         present = problem.load
-        rest = [t for t in problem.terms[1:] if not isinstance(t, _CONTACT)]
+        rest = [term for term in problem.terms[1:] if not term.is_contact]
         with problem.kept_fields():
             problem.set_load(0.0)
             free = free @ _null_space(self._stiffness(free, rest))
@@ -254,7 +250,7 @@ class SupportsCheck:
         if not (self._supports and (motions := self._supports.free_motions())):
             return
         text = _listed(motions, self._supports)
-        contact = any(isinstance(term, _CONTACT) for term in self._problem.terms[1:])
+        contact = any(term.is_contact for term in self._problem.terms[1:])
         loaded = [motion for motion in motions if motion.work and not motion.resists]
         if contact:
             text += "; contact alone can hold it"

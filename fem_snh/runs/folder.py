@@ -57,7 +57,7 @@ def describe(setup: Setup) -> dict[str, Any]:
         _describe_material(choice, region)
         for choice, region in zip(scene.materials, problem.regions, strict=True)
     ]
-    texts = [text for term in problem.terms if (text := getattr(term, "note", ""))]
+    texts = [text for term in problem.terms if (text := term.note)]
     texts += [*turns(scene), *partial_rotations(scene), *kinks(scene)]
     texts += [*problem.dirichlet.contradictions_of_values(), *problem.reaction_notes]
     texts += [

@@ -101,7 +101,7 @@ def program_pressures(
         accepted = f"None: {problem.element.name} has no cell pressures"
         raise bad_value("static_condensation", wanted, accepted)
     why_condensed = chosen_for_condensed(prefix, choices)
-    stateful = [t.name for t in problem.terms[1:] if not getattr(t, "stateless", False)]
+    stateful = [t.name for t in problem.terms[1:] if not t.stateless]
     if stateful:
         why_condensed = f"the term '{stateful[0]}' has a state of its own"
         if wanted is False:

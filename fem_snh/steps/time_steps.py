@@ -108,7 +108,7 @@ class TimeSteps:
             largest = max(largest, *problem.rigid.force_norms(problem.x))
         least = inf
         for term in self._loads:
-            if not getattr(term, "has_hessian", True):
+            if not term.has_hessian:
                 problem.gradient(problem.x, forces, [term])
                 least = min(least, forces.norm() or inf)
         self.dynamics.begin_step(problem, load)

@@ -15,6 +15,7 @@ from fem_snh import _dolfinx
 from fem_snh.assembly.assembled_matrix import BlockMatrix
 from fem_snh.assembly.ghosted_vectors import add_ghosts, update_ghosts, writable_values
 from fem_snh.tables.validation import is_expression
+from fem_snh.terms.term import Term
 from fem_snh.terms.ufl_term import compile_form
 from fem_snh.terms.values import present
 
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
 Amplitude = Callable[[float], float]
 
 
-class DeadLoad:
+class DeadLoad(Term):
     r"""Nodal forces, each scaled by an amplitude of the load.
 
     .. math:: E = -\sum_i a_i(\lambda) f_i \cdot u

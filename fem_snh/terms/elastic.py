@@ -31,6 +31,7 @@ from fem_snh.assembly.regions import Region
 from fem_snh.choices import POINT_FILTERS
 from fem_snh.compile_clock import compiling
 from fem_snh.errors import BadInput, choose, on_root
+from fem_snh.terms.term import Term
 
 Array = npt.NDArray[Any]
 
@@ -50,7 +51,7 @@ class Part(NamedTuple):
     loops: CellLoops
 
 
-class Elastic:
+class Elastic(Term):
     r"""The elastic energy of a body's materials on a finite element space. Collective.
 
     .. math:: E(u) = \sum_i \int_{\Omega_i} \psi_i(I + \nabla u) \, \mathrm{d}V
@@ -84,7 +85,6 @@ class Elastic:
     """
 
     name, assembly = "elastic", "kernels"
-    depends_on_load = False
 
     def __init__(
         self,
@@ -104,18 +104,11 @@ class Elastic:
             Part(region, CellLoops(kernel, restricted(tables, region.cells, region.fractions)))
             for region, kernel in zip(regions, compiled, strict=True)
         ]
+        self.has_energy = all(region.material.has_energy for region in regions)
         self._positions: Array | None = None  # of the matrix for which `_targets` are
         self._free: Array | None = None  # of that matrix
         self._targets: list[Any] = []
         self._kept: list[Array] = []
-
-    @property
-    def has_energy(self) -> bool:
-        """Whether the stress of every material is the gradient of an energy."""
-        return all(part.region.material.has_energy for part in self.parts)
-
-    def set_load(self, load: float) -> None:
-        """Do nothing: the energy does not depend on the load."""
 
     def energy(self, u: PETSc.Vec, p: PETSc.Vec | None = None) -> float:
         """Return the energy [J]; +inf where u is outside the energy's domain. Collective.

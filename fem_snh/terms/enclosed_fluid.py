@@ -15,6 +15,7 @@ from fem_snh.errors import bad_value
 from fem_snh.tables.types import surface_name
 from fem_snh.terms.body import Body
 from fem_snh.terms.closing_surface import ClosingSurface, NotClosedError
+from fem_snh.terms.rank_one import RankOneTerm
 from fem_snh.terms.swept_volume import SweptVolume
 from fem_snh.terms.ufl_term import UFLTerm
 from fem_snh.terms.values import is_uniform, present
@@ -30,7 +31,7 @@ _STIFFNESS = 100.0
 _LOADS = 201
 
 
-class EnclosedFluid:
+class EnclosedFluid(RankOneTerm):
     r"""A fluid in a cavity of the body, to which a prescribed volume is added.
 
     .. math:: E = \frac{k}{2} \left(a(\lambda) V^* - \Delta V(u)\right)^2, \qquad
@@ -65,7 +66,7 @@ class EnclosedFluid:
     """
 
     name, has_energy, depends_on_load = "cavity", True, True
-    stateless, imbalance = True, 0.0
+    stateless = has_penalties = True
 
     def __init__(self, fluid: Cavity, body: Body) -> None:
         u, dirichlet = body.u, body.dirichlet
@@ -126,15 +127,15 @@ class EnclosedFluid:
 
     @property
     def goals(self) -> list[str]:
-        """The name of the fluid's pressure: see `GoalTerm`."""
+        """The name of the fluid's pressure: see `Term.goals`."""
         return [f"{self.group}.pressure"]
 
     def goal(self, name: str, u: PETSc.Vec) -> npt.NDArray[Any]:
-        """Return the pressure [Pa]: see `GoalTerm`. Collective."""
+        """Return the pressure [Pa]: see `Term.goals`. Collective."""
         return np.array([self.state(u)["pressure"]])
 
     def add_goal_derivative(self, name: str, component: int, u: PETSc.Vec, g: PETSc.Vec) -> None:
-        """Add that of the pressure: see `GoalTerm`."""
+        """Add that of the pressure: see `Term.goals`."""
         self._pressure.value = np.array(self._stiffness)  # -k times the change of volume
         self._term.add_residual(u, None, g, None)
 

@@ -34,7 +34,7 @@ class Feature(Table):
         Whether its terms add to the mass of a body in time.
     nodal_fields : mapping of str to OutputField
         The fields at the nodes that a scene with the table may name in ``fields``: its terms then
-        have the method of `fem_snh.terms.history.FieldTerm`.
+        have the method of `fem_snh.terms.term.Term.nodal_field`.
     """
 
     key: ClassVar[str]
@@ -67,7 +67,7 @@ class Feature(Table):
     def goals(cls, features: Sequence[Self]) -> Sequence[str]:
         """Return the names of what may be goals of an error estimate, one for each feature.
 
-        NAME.force is a vector. The terms are then `fem_snh.terms.term.GoalTerm`.
+        NAME.force is a vector. The terms then have `Term.goals`.
         """
         return []
 

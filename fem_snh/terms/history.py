@@ -6,10 +6,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Mapping, Sequence
+from collections.abc import Container, Sequence
 from itertools import count
 from math import inf
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -18,48 +18,46 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh.errors import NotSettled
-from fem_snh.geometry.motions import MovingShape
 from fem_snh.terms.settling import MAX_SOLVES, MAX_STALLED, LaggedChange, largest_change
 from fem_snh.terms.term import Term
 
 Array = npt.NDArray[np.float64]
 
 
-@runtime_checkable
-class HistoryTerm(Protocol):
+class HistoryTerm(Term):
     """A term with quantities that are constant during a solve: multipliers, lagged friction.
 
     ``u`` is the ghosted displacement. All methods are collective.
     """
-
-    @property
-    def name(self) -> str:
-        """The term's name, unique among the terms with a history."""
 
     def begin_step(self, u: PETSc.Vec) -> None:
         """Reset lagged quantities to those of the last accepted step, whose displacement is u.
 
         It is called before each attempt of a step, so also after one that failed.
         """
+        raise NotImplementedError(f"{type(self).__name__}.begin_step")
 
     def update_lagged(self, u: PETSc.Vec) -> LaggedChange:
         """Update lagged quantities after a converged solve; return their change.
 
         The result is the same on all ranks.
         """
+        raise NotImplementedError(f"{type(self).__name__}.update_lagged")
 
     def end_step(self, u: PETSc.Vec) -> None:
         """Keep the present quantities: the step is accepted."""
+        raise NotImplementedError(f"{type(self).__name__}.end_step")
 
     def history(self) -> tuple[Array, Array]:
         """Return this rank's (n, 3) reference coordinates [m] and (n, k) kept values there."""
+        raise NotImplementedError(f"{type(self).__name__}.history")
 
     def set_history(self, values: Array) -> None:
         """Set the kept values, (n, k), in the order of `history`."""
+        raise NotImplementedError(f"{type(self).__name__}.set_history")
 
 
-@runtime_checkable
-class WorkingTerm(Protocol):
+class WorkingTerm(Term):
     """A term whose loads move, or which dissipates energy, in a body in motion."""
 
     def step_work(self, u: PETSc.Vec, end_weight: float) -> tuple[float, float]:
@@ -74,10 +72,10 @@ class WorkingTerm(Protocol):
         end_weight : float
             Weight of the forces at the step's end in the work that they do.
         """
+        raise NotImplementedError(f"{type(self).__name__}.step_work")
 
 
-@runtime_checkable
-class MeanForceTerm(Protocol):
+class MeanForceTerm(Term):
     """A term whose forces a step in time has as means over the step: contact with obstacles."""
 
     def weight_mean_forces(self, weight: float | None) -> None:
@@ -85,38 +83,7 @@ class MeanForceTerm(Protocol):
 
         None: that of the present forces, as between steps.
         """
-
-
-@runtime_checkable
-class RecordedTerm(Protocol):
-    """A term that reports scalars of a step."""
-
-    def record(self, u: PETSc.Vec) -> Mapping[str, Mapping[str, Any]]:
-        """Return what the term adds to the step's row of run.json. Collective.
-
-        A table of rows by name, under the key of run.json: {"cavities": {"inner": {...}}}.
-        """
-
-
-@runtime_checkable
-class FieldTerm(Protocol):
-    """A term that computes fields at the nodes."""
-
-    def nodal_field(self, name: str, u: PETSc.Vec) -> Array:
-        """Return a field of its feature, (nodes of this rank, components). Collective.
-
-        Of a scalar it is (nodes,). Values of several terms are added; it is 0 of a field that the
-        term does not have.
-        """
-
-
-@runtime_checkable
-class SurfaceTerm(Protocol):
-    """A term with surfaces of its own, which pictures show beside the body: obstacles."""
-
-    @property
-    def surfaces(self) -> Sequence[MovingShape]:
-        """The surfaces, in the order of run.json."""
+        raise NotImplementedError(f"{type(self).__name__}.weight_mean_forces")
 
 
 class TermHistory:
@@ -138,7 +105,7 @@ class TermHistory:
     def __init__(self, terms: Sequence[Term]) -> None:
         self._terms = [term for term in terms if isinstance(term, HistoryTerm)]
         self._working = [term for term in terms if isinstance(term, WorkingTerm)]
-        self._recorded = [term for term in terms if isinstance(term, RecordedTerm)]
+        self._all = list(terms)
         self._reset()
 
     def _reset(self) -> None:
@@ -200,7 +167,7 @@ class TermHistory:
         The second row of one name under a key is called ``name_2``.
         """
         found: dict[str, dict[str, Any]] = {}
-        for term in self._recorded:
+        for term in self._all:
             for key, rows in term.record(u).items():
                 table = found.setdefault(key, {})
                 for name, row in rows.items():

@@ -28,6 +28,7 @@ from fem_snh.assembly.ghosted_vectors import copy_to_function
 from fem_snh.errors import bad_value
 from fem_snh.kernels.form_cells import filter_matrices
 from fem_snh.terms.body import displacement_gradient, of_the_body
+from fem_snh.terms.term import Term
 from fem_snh.terms.ufl_term import UFLTerm, compile_form
 
 #: U(J) [Pa], of a UFL expression J.
@@ -56,7 +57,7 @@ def volume_term(energy: VolumeEnergy, u: Any, element: Element, depends_on_load:
     return UFLTerm(energy(J) * measure, u, _NAME, depends_on_load)
 
 
-class MeanVolume:
+class MeanVolume(Term):
     """The energy of the mean J of each cell. Collective.
 
     Parameters

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
 
 from petsc4py import PETSc
 
@@ -11,10 +11,10 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh import _dolfinx
+from fem_snh.terms.term import Term
 
 
-@runtime_checkable
-class RankOneTerm(Protocol):
+class RankOneTerm(Term):
     """A term with the energy p^2/(2 k) of a scalar p, so that its forces are p g, g = dp/du / k.
 
     Its Hessian is k g g^T + p dg/du. Where the forces do not balance, p is no estimate of that at
@@ -26,10 +26,11 @@ class RankOneTerm(Protocol):
         What the sparse part p dg/du has in addition to p.
     """
 
-    imbalance: float
+    imbalance: float = 0.0
 
     def rank_one(self, u: PETSc.Vec, g: PETSc.Vec) -> float:
         """Set the ghosted vector ``g`` and return k >= 0. Collective."""
+        raise NotImplementedError(f"{type(self).__name__}.rank_one")
 
 
 class RankOneUpdate:

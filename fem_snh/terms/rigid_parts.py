@@ -48,6 +48,7 @@ from fem_snh.terms.rigid import Rigid, check_motions
 from fem_snh.terms.rigid_loads import RigidLoads
 from fem_snh.terms.rigid_motions import PrescribedMotions
 from fem_snh.terms.rigid_nodes import locate_parts
+from fem_snh.terms.term import Term
 
 Array = npt.NDArray[Any]
 
@@ -58,7 +59,7 @@ _ON_A_LINE = 1e-6
 _LOADS = (0.25, 0.5, 1.0)
 
 
-class RigidParts:
+class RigidParts(Term):
     """The rigid parts of a body, with their loads, springs and joints. Collective.
 
     Parameters
@@ -90,7 +91,7 @@ class RigidParts:
         not determine a rotation, and for nodes of two parts, or with another condition.
     """
 
-    name = "rigid"
+    name, eliminates = "rigid", True
 
     def __init__(self, parts: Sequence[Rigid], body: Body) -> None:
         V, self._parts = body.V, list(parts)

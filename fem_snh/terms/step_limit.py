@@ -9,7 +9,7 @@ detection).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
 
 from petsc4py import PETSc
 
@@ -20,8 +20,7 @@ from fem_snh.terms.term import Term
 Array = npt.NDArray[Any]
 
 
-@runtime_checkable
-class StepLimitingTerm(Protocol):
+class StepLimitingTerm(Term):
     """A term that admits only a part of some steps."""
 
     def largest_step(self, u: Array, d: Array) -> float:
@@ -32,6 +31,7 @@ class StepLimitingTerm(Protocol):
         u, d : (owned nodes, components)
             Displacement and step [m].
         """
+        raise NotImplementedError(f"{type(self).__name__}.largest_step")
 
 
 class StepLimit:

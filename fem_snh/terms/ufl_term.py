@@ -30,13 +30,14 @@ from fem_snh.errors import BadInput, bad_value, choose, on_root
 from fem_snh.kernels import build
 from fem_snh.kernels.form_cells import FormCells, Integral, form_cells_source
 from fem_snh.references import describe_error
+from fem_snh.terms.term import Term
 
 #: Relative asymmetry of element matrices up to which a residual has an energy: far above rounding.
 _SYMMETRIC = 1e-10
 #: What a program's list of terms may have.
 TERM = (
     "a UFL form, an energy (rank 0) or a residual (rank 1); a feature such as fem_snh.Pressure; or "
-    "an object with the methods of fem_snh.Term"
+    "a term, derived from fem_snh.Term"
 )
 #: Integrals that have one element matrix per cell or facet.
 _KINDS = ("cell", "exterior_facet")
@@ -45,7 +46,7 @@ _KINDS = ("cell", "exterior_facet")
 _SHOWN = 160
 
 
-class UFLTerm:
+class UFLTerm(Term):
     r"""A term given by a UFL energy or residual of the displacement. Collective.
 
     ====================  ==========================================================================

@@ -5,10 +5,11 @@ from __future__ import annotations
 from petsc4py import PETSc
 
 from fem_snh.assembly.assembled_matrix import BlockMatrix
+from fem_snh.terms.term import Term
 from fem_snh.terms.ufl_term import UFLTerm
 
 
-class UFLTerms:
+class UFLTerms(Term):
     """Forces and Hessian of several `UFLTerm`: UFL accepts one set of marked facets per form.
 
     Subclasses set the list ``_terms``.

@@ -21,7 +21,6 @@ from fem_snh.records.output_fields import LOCATIONS, NAMED, NODAL, ON_REQUEST
 from fem_snh.runs.output.point_fields import POINT_FIELDS
 from fem_snh.runs.output.stress_fields import StressFields
 from fem_snh.runs.output.vtu import DataArray
-from fem_snh.terms.history import FieldTerm
 
 if TYPE_CHECKING:
     from fem_snh.runs.output.nodal_projection import NodalProjection
@@ -169,5 +168,4 @@ class RequestedFields:
     def _of_terms(self, name: str) -> Any:
         """Return a field of terms at the nodes. Collective."""
         u = self._problem.split(self._problem.x)[0]
-        terms = [term for term in self._problem.terms if isinstance(term, FieldTerm)]
-        return sum(term.nodal_field(name, u) for term in terms)
+        return sum(term.nodal_field(name, u) for term in self._problem.terms)

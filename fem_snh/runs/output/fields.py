@@ -19,7 +19,6 @@ from fem_snh.records.output_fields import CELL_GROUP, ERRORS, SUMMED
 from fem_snh.records.run_files import RunFiles
 from fem_snh.runs.output.pvd import Collection
 from fem_snh.runs.output.vtu import DataArray, VtkGrid, pvtu_file, vtu_file
-from fem_snh.terms.history import SurfaceTerm
 
 if TYPE_CHECKING:
     from fem_snh.problem.modes import VibrationModes
@@ -100,7 +99,7 @@ class Fields:
         until = problem.load * self._duration if resumed else None
         self._series = GridSeries(path, problem.V, until, files)
         self._obstacles: ObstacleSeries | None = None
-        shapes = [s for t in problem.terms if isinstance(t, SurfaceTerm) for s in t.surfaces]
+        shapes = [shape for term in problem.terms for shape in term.surfaces]
         if shapes:
             from fem_snh.runs.output.obstacle_series import ObstacleSeries
 

@@ -7,7 +7,7 @@ the terms of `Dynamics` are terms of the problem as any other, and its solver is
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -24,9 +24,11 @@ from fem_snh.problem.problem import Problem
 from fem_snh.steps.dynamics.force_balance import ForceBalance, MeanForces, mean_force_terms
 from fem_snh.steps.dynamics.integrators import Affine, Before, MotionState, StepFormulas, create
 from fem_snh.steps.dynamics.prescribed import PrescribedMotion
-from fem_snh.terms.elimination import EliminatingTerm
 from fem_snh.terms.history import WorkingTerm
 from fem_snh.terms.term import Term
+
+if TYPE_CHECKING:
+    from fem_snh.terms.rigid_parts import RigidParts
 
 Array = npt.NDArray[Any]
 
@@ -115,7 +117,7 @@ class Dynamics:
         self.dissipated = self.work = 0.0
         self._first_energy: float | None = None
         self._before: Before | None = None
-        self._rigid: EliminatingTerm | None = None
+        self._rigid: RigidParts | None = None
         #: The part of the acceleration by forces that steps have as means, if any (local dofs,).
         self._by_means: Array | None = None
         self._step: _Step  # set by begin_step

@@ -15,6 +15,7 @@ from fem_snh.assembly.ghosted_vectors import local_values, writable_values
 from fem_snh.assembly.nodal_mass import NodalMass
 from fem_snh.assembly.stored_matrix import StoredMatrix
 from fem_snh.steps.dynamics.integrators import Affine
+from fem_snh.terms.term import Term
 
 Array = npt.NDArray[Any]
 
@@ -23,7 +24,7 @@ Array = npt.NDArray[Any]
 _RTOL, _INCOMPRESSIBLE = 1e-12, 1e-14
 
 
-class _MotionTerm:
+class _MotionTerm(Term):
     """What terms of a motion have in common."""
 
     has_energy = depends_on_load = True

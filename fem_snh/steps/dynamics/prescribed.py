@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -12,7 +12,9 @@ from fem_snh.assembly.boundary_conditions import Dirichlet
 from fem_snh.assembly.ghosted_vectors import local_values, update_ghosts
 from fem_snh.geometry.motions.rates import path_rates
 from fem_snh.steps.dynamics.integrators import BDF2, MotionState
-from fem_snh.terms.elimination import EliminatingTerm
+
+if TYPE_CHECKING:
+    from fem_snh.terms.rigid_parts import RigidParts
 
 Array = npt.NDArray[Any]
 
@@ -60,11 +62,11 @@ class PrescribedMotion:
         self._depends_on_load, self.by_hand = dirichlet.depends_on_load, dirichlet.by_hand
         self.moves = dirichlet.depends_on_load or dirichlet.by_hand
         self._vector = _dolfinx.create_vector(V)
-        self._rigid: EliminatingTerm | None = None
+        self._rigid: RigidParts | None = None
         #: The dofs of parts whose motion is prescribed as a whole, local ones and this rank's own.
         self._of_parts = self._own_of_parts = np.empty(0, np.int64)
 
-    def add_parts(self, rigid: EliminatingTerm | None) -> None:
+    def add_parts(self, rigid: RigidParts | None) -> None:
         """Add the motions of rigid parts of which nothing is free."""
         parts = self._dirichlet.rigid_parts
         if rigid is None or parts is None:
