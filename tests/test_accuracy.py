@@ -21,15 +21,14 @@ import fem_snh
 from benchmarks.accuracy_cases import exact, stretch
 from fem_snh import _dolfinx, compile_clock, scenes
 from fem_snh.accuracy.goal_errors import Estimate, GoalError
+from fem_snh.accuracy.indicators import target_volumes
 from fem_snh.accuracy.levels import LevelRow, Levels
-from fem_snh.accuracy.rest import is_at_rest
-from fem_snh.accuracy.target_volumes import target_volumes
+from fem_snh.accuracy.state_checks import is_at_rest
 from fem_snh.cli import main
 from fem_snh.mesh import mesh as meshes
 from fem_snh.mesh.bisection import bisect
 from fem_snh.problem.transfer import LocatedPoints, evaluate
-from fem_snh.runs.exact_bodies import cells_of
-from fem_snh.runs.first_level import first_scene
+from fem_snh.runs.level_meshes import cells_of, first_scene
 from fem_snh.runs.levels import Level
 from fem_snh.runs.progress import Progress
 from fem_snh.scenes import Accuracy, Scene

@@ -15,7 +15,7 @@ from dolfinx_programs import Bar, Press, unit_cube
 from running import solve
 
 import fem_snh
-from fem_snh.accuracy.rest import is_at_rest
+from fem_snh.accuracy.state_checks import is_at_rest
 from fem_snh.problem.dolfinx_problem import create_dolfinx_problem
 from fem_snh.scenes import Scene
 

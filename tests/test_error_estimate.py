@@ -23,11 +23,11 @@ from benchmarks import error_estimates
 from benchmarks.accuracy_cases import exact as exact_value
 from fem_snh import scenes
 from fem_snh.accuracy import indicators, lift
+from fem_snh.accuracy.differences import saturation
+from fem_snh.accuracy.duals import HessianSolver
 from fem_snh.accuracy.goal_bounds import bounded_goals
 from fem_snh.accuracy.goal_errors import GoalError
-from fem_snh.accuracy.hessian_solver import HessianSolver
-from fem_snh.accuracy.lifted_elements import lifted_elements
-from fem_snh.accuracy.saturation import saturation
+from fem_snh.accuracy.lift import lifted_elements
 from fem_snh.choices import LIFTED_ELEMENT
 from fem_snh.errors import BadInput
 from fem_snh.mesh.mesh import generate

@@ -14,8 +14,7 @@ from running import solve
 from fem_snh import _dolfinx
 from fem_snh.accuracy.goals import MOST_RADII, sizes_near
 from fem_snh.mesh.mesh import cell_volumes
-from fem_snh.runs.first_mesh import fine_at, stress_probes
-from fem_snh.runs.refinement import mesh_like
+from fem_snh.runs.level_meshes import fine_at, mesh_like, stress_probes
 from fem_snh.scenes import Accuracy, Probe, Scene, load
 
 _BUSH = Path(__file__).parent / "data" / "bush.xao"

@@ -13,7 +13,7 @@ from running import solve
 
 import fem_snh
 from fem_snh import _dolfinx
-from fem_snh.accuracy.pressure_oscillation import may_lock, pressure_oscillation
+from fem_snh.accuracy.state_checks import may_lock, pressure_oscillation
 from fem_snh.assembly.boundary_conditions import DirichletConditions
 from fem_snh.assembly.elements import element
 from fem_snh.assembly.regions import whole_body

@@ -8,9 +8,8 @@ from dolfinx_programs import converged, unit_cube
 from rigid_bodies import HINGE_BETWEEN, bushing, bushing_mesh, corner_program
 from running import solve
 
-from fem_snh.accuracy.duals import Linearisation
+from fem_snh.accuracy.duals import HessianSolver, Linearisation
 from fem_snh.accuracy.goals import ReactionGoal, RigidGoal
-from fem_snh.accuracy.hessian_solver import HessianSolver
 from fem_snh.errors import BadInput
 from fem_snh.mesh.mesh import centroid
 from fem_snh.scenes import Accuracy, Geometry, MaterialChoice, Rigid, Scene

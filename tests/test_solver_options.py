@@ -21,7 +21,7 @@ from solver_problems import (
 
 from fem_snh import solver
 from fem_snh._petsc import set_operators
-from fem_snh.accuracy.hessian_solver import HessianSolver
+from fem_snh.accuracy.duals import HessianSolver
 from fem_snh.errors import BadInput
 from fem_snh.mesh import mesh
 from fem_snh.solver.definiteness import is_definite
@@ -331,7 +331,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 from solver_problems import twist
 from fem_snh import solver
-from fem_snh.accuracy.hessian_solver import HessianSolver
+from fem_snh.accuracy.duals import HessianSolver
 from fem_snh.errors import BadInput
 gc.set_threshold(20)
 p = twist(MPI.COMM_SELF, cells=1)

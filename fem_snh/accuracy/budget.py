@@ -16,8 +16,8 @@ import numpy.typing as npt
 
 from fem_snh import solver
 from fem_snh.accuracy.differences import largest_components
+from fem_snh.accuracy.goal_errors import NoEstimate
 from fem_snh.accuracy.goals import Goal, bind_all
-from fem_snh.accuracy.no_estimate import NoEstimate
 from fem_snh.problem.problem import Problem
 
 Array = npt.NDArray[Any]

@@ -19,11 +19,16 @@ import numpy.typing as npt
 
 from fem_snh.accuracy.differences import scales_of, values_of
 from fem_snh.accuracy.estimate import estimate_with, mark_small_forces
-from fem_snh.accuracy.goal_errors import Estimate, GoalError
+from fem_snh.accuracy.goal_errors import (
+    Estimate,
+    GoalError,
+    NoEstimate,
+    NoEstimateOnAnyMesh,
+    depends_on_path,
+)
 from fem_snh.accuracy.goals import Goal, names_of
-from fem_snh.accuracy.no_estimate import NoEstimate, NoEstimateOnAnyMesh, depends_on_path
 from fem_snh.accuracy.path_errors import Followed
-from fem_snh.accuracy.pressure_oscillation import may_lock
+from fem_snh.accuracy.state_checks import may_lock
 from fem_snh.choices import LIFTED_ELEMENT
 from fem_snh.errors import bad_value
 from fem_snh.problem.problem import Problem

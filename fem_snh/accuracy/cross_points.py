@@ -18,7 +18,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from fem_snh import _dolfinx
-from fem_snh.accuracy.no_estimate import NoEstimateOnAnyMesh
+from fem_snh.accuracy.goal_errors import NoEstimateOnAnyMesh
 from fem_snh.problem.problem import Problem
 
 Array = npt.NDArray[Any]

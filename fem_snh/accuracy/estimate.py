@@ -22,38 +22,44 @@ from fem_snh.accuracy.differences import (
     ROUNDING,
     Differences,
     LiftedGoals,
+    cell_squares,
+    saturation,
     scales_of,
     values_of,
 )
 from fem_snh.accuracy.frequency_goals import FrequencyGoal, LiftedModes, lifted_modes
 from fem_snh.accuracy.goal_bounds import add_what_is_missed
-from fem_snh.accuracy.goal_errors import BEGINS, NO_CONTACT, SMALL_FORCE, Estimate, GoalError
-from fem_snh.accuracy.goals import EnergyGoal, Goal, PointGoal, TermGoal, VectorGoal, names_of
-from fem_snh.accuracy.indicators import cell_indicators, place
-from fem_snh.accuracy.lift import Lift, create_in, create_lifted
-from fem_snh.accuracy.lifted_elements import (
-    check_memory,
-    element_of_factor,
-    lifted_dofs,
-    lifted_elements,
-    memory,
-)
-from fem_snh.accuracy.no_estimate import (
+from fem_snh.accuracy.goal_errors import (
+    BEGINS,
+    NO_CONTACT,
+    SMALL_FORCE,
+    Estimate,
+    GoalError,
     NoEstimate,
     NoEstimateOnAnyMesh,
     StepsTooLong,
     TooLittleMemory,
     check_problem,
 )
-from fem_snh.accuracy.pressure_oscillation import may_lock
-from fem_snh.accuracy.rest import is_at_rest
-from fem_snh.accuracy.saturation import cell_squares, saturation
+from fem_snh.accuracy.goals import EnergyGoal, Goal, PointGoal, TermGoal, VectorGoal, names_of
+from fem_snh.accuracy.indicators import cell_indicators, place
+from fem_snh.accuracy.lift import (
+    Lift,
+    check_memory,
+    create_in,
+    create_lifted,
+    element_of_factor,
+    lifted_dofs,
+    lifted_elements,
+    memory,
+)
 from fem_snh.accuracy.shape_surfaces import (
     ShapeSurfaces,
     changes_by_surfaces,
     check_shapes,
     is_on_flesh,
 )
+from fem_snh.accuracy.state_checks import is_at_rest, may_lock
 from fem_snh.assembly.elements import Element
 from fem_snh.compile_clock import Stopwatch
 from fem_snh.contact.obstacle_contact import ObstacleContact

@@ -11,7 +11,9 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh.accuracy.goals import vector_of
-from fem_snh.accuracy.indicators import Place
+from fem_snh.errors import in_words
+from fem_snh.problem.problem import Problem
+from fem_snh.problem.solids import solids_in_shapes
 
 #: An estimate is printed as a bound if more than this part of it is unsettled.
 UNSETTLED = 0.2
@@ -24,6 +26,40 @@ NO_CONTACT = "nothing touches on these cells, but finer ones may"
 #: Why a force of contact is uncertain that is smaller than its error and than this part of the
 #: largest force: contact begins at a few nodes, and each finer mesh may have several times as much.
 BEGINS, SMALL_FORCE = "it only begins to touch, and on finer cells may touch more", 0.1
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where most of a goal's error is.
+
+    Attributes
+    ----------
+    share : float
+        The part of the sum of the indicators' sizes that is there.
+    cells : int
+        The number of these cells.
+    of : int
+        The number of all cells.
+    largest : tuple of float
+        The centre of the cell with the largest error [length], (dim,).
+    group : str
+        The group of surfaces, curves or points that most of them touch, and the fewest other
+        cells; "" for none that fewer than half of all cells touch.
+    """
+
+    share: float
+    cells: int
+    of: int
+    largest: tuple[float, ...]
+    group: str = ""
+
+    def __str__(self) -> str:
+        where = ", ".join(f"{x:.4g}" for x in self.largest)
+        at = f" at '{self.group}'" if self.group else ""
+        return (
+            f"{100 * self.share:.0f} % of it in {self.cells:,} of {self.of:,} cells{at}, most in "
+            f"that at ({where})"
+        )
 
 
 @dataclass(frozen=True)
@@ -402,3 +438,50 @@ class Estimate:
             "jit": self.jit,
             "places": {name: asdict(place) for name, place in self.places.items()},
         }
+
+
+class NoEstimate(Exception):
+    """There is no estimate of the error; the text says why in one line."""
+
+
+class ElementDoesNotFit(NoEstimate):
+    """The problem cannot have this element; another one may do."""
+
+
+class StepsTooLong(NoEstimate):
+    """Steps fail on a path that is followed again with fewer of them; shorter ones may not."""
+
+
+class TooLittleMemory(NoEstimate):
+    """The lifted problem needs more memory than it may have."""
+
+
+class NoEstimateOnAnyMesh(NoEstimate):
+    """There is none for a reason that a finer mesh does not change."""
+
+
+def depends_on_path(problem: Problem) -> bool:
+    """Return whether a state depends on those before it: in time, with friction. Collective."""
+    return problem.motion is not None or problem.history.is_kept(problem.comm)
+
+
+def check_body(problem: Problem) -> None:
+    """Raise NoEstimate for a solid that is a shape, whose surface cells follow step by step."""
+    if solids := solids_in_shapes(problem):
+        raise NoEstimateOnAnyMesh(
+            f"the {solids[0].kind} '{solids[0].name}' is a shape: in time, and with friction or "
+            "multipliers, it needs a 'group' of the mesh"
+        )
+
+
+def check_problem(problem: Problem) -> None:
+    """Raise NoEstimate for a state that depends on its path. Collective."""
+    again = "follow the path by steps() of the problem, from its beginning"
+    if problem.motion:
+        raise NoEstimateOnAnyMesh(f"the motion is another one in another element: {again}")
+    if problem.history.is_kept(problem.comm):
+        names = in_words(f"'{name}'" for name in problem.history.by_name)
+        raise NoEstimateOnAnyMesh(
+            f"{names} keeps friction or multipliers from step to step, which another element "
+            f"does not have: {again}"
+        )

@@ -15,7 +15,6 @@ same way by the nodes of the run's element, so that the sum over all cells is ex
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from itertools import chain
 from typing import Any
 
@@ -26,6 +25,7 @@ import numpy.typing as npt
 
 from fem_snh import _dolfinx
 from fem_snh.accuracy.duals import Linearisation
+from fem_snh.accuracy.goal_errors import Place
 from fem_snh.accuracy.goals import Goal, TermGoal
 from fem_snh.accuracy.lift import Lift
 from fem_snh.assembly.ghosted_vectors import summed_over_cells, with_ghosts
@@ -39,40 +39,6 @@ _MOST = 0.5
 #: Dual problems that are solved together: their common Krylov space takes time with the square of
 #: their number, and memory with the number.
 _TOGETHER = 24
-
-
-@dataclass(frozen=True)
-class Place:
-    """Where most of a goal's error is.
-
-    Attributes
-    ----------
-    share : float
-        The part of the sum of the indicators' sizes that is there.
-    cells : int
-        The number of these cells.
-    of : int
-        The number of all cells.
-    largest : tuple of float
-        The centre of the cell with the largest error [length], (dim,).
-    group : str
-        The group of surfaces, curves or points that most of them touch, and the fewest other
-        cells; "" for none that fewer than half of all cells touch.
-    """
-
-    share: float
-    cells: int
-    of: int
-    largest: tuple[float, ...]
-    group: str = ""
-
-    def __str__(self) -> str:
-        where = ", ".join(f"{x:.4g}" for x in self.largest)
-        at = f" at '{self.group}'" if self.group else ""
-        return (
-            f"{100 * self.share:.0f} % of it in {self.cells:,} of {self.of:,} cells{at}, most in "
-            f"that at ({where})"
-        )
 
 
 def cell_indicators(
@@ -249,3 +215,43 @@ def _nearest_group(mesh: Mesh, weights: Array, num_cells: int) -> str:
         if weight > _MOST * total and cells < best[1]:
             best = group.name, cells
     return best[0]
+
+
+#: Parts into which the edges of a cell are divided at most from one level to the next.
+_MOST_PARTS = 4.0
+
+
+def target_volumes(
+    volumes: Array, weights: Array, degree: int, growth: float, dim: int = 3
+) -> Array:
+    r"""Return the volumes of cells with which an error needs the fewest cells.
+
+    A cell of size h has the weight :math:`\eta = c\, h^{d + 2p}` with a local constant c, as the
+    goal's error is a product of two errors of order p. Of all meshes with the same sum of the
+    weights, the fewest cells have those of equal weight per :math:`d / (d + 2p)`: the number of
+    cells in the place of one is proportional to :math:`\eta^{d/(d+2p)}`.
+
+    Parameters
+    ----------
+    volumes, weights : (cells,) array
+        The volumes [length^dim], and the sizes of the errors of the cells.
+    degree : int
+        Degree p of the displacement.
+    growth : float
+        The factor by which the number of cells is to be larger.
+    dim : int, optional
+        Dimension d of the mesh.
+    """
+    power = dim / (dim + 2 * degree)
+    density = np.maximum(weights, 0.0) ** power
+    if not density.sum() > 0:
+        return np.asarray(volumes / growth)
+    low, high = 0.0, 2 * growth * len(volumes) / density.sum() * max(1.0, len(volumes))
+    for _ in range(100):
+        middle = (low + high) / 2
+        if np.maximum(1.0, middle * density).sum() < growth * len(volumes):
+            low = middle
+        else:
+            high = middle
+    parts = np.clip(high * density, 1.0, _MOST_PARTS**dim)
+    return np.asarray(volumes / parts)

@@ -23,25 +23,26 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh.accuracy.budget import STIFFER, penalty_part, without_penalties
-from fem_snh.accuracy.differences import scales_of, values_of
+from fem_snh.accuracy.differences import saturation, scales_of, values_of
 from fem_snh.accuracy.estimate import estimate_with, locks, mark_small_forces
 from fem_snh.accuracy.frequency_goals import FrequencyGoal
-from fem_snh.accuracy.goal_errors import LOAD_STEPS, TIME_STEPS, Estimate
+from fem_snh.accuracy.goal_errors import (
+    LOAD_STEPS,
+    TIME_STEPS,
+    ElementDoesNotFit,
+    Estimate,
+    NoEstimate,
+    StepsTooLong,
+    check_body,
+)
 from fem_snh.accuracy.goals import Goal, bind_all, names_of
-from fem_snh.accuracy.lifted_elements import (
+from fem_snh.accuracy.lift import (
     check_memory,
     element_of_factor,
     lifted_dofs,
     lifted_elements,
     memory,
 )
-from fem_snh.accuracy.no_estimate import (
-    ElementDoesNotFit,
-    NoEstimate,
-    StepsTooLong,
-    check_body,
-)
-from fem_snh.accuracy.saturation import saturation
 from fem_snh.assembly.elements import Element
 from fem_snh.mesh.mesh import Mesh
 from fem_snh.problem.problem import Problem
@@ -125,7 +126,7 @@ class Followed(NamedTuple):
     late : mapping of array
         The goals after the steps of the last half of the path, by the load.
     saturation : float
-        The factor of `fem_snh.accuracy.saturation` at the end, of an element of degree 3.
+        The factor of `fem_snh.accuracy.differences` at the end, of an element of degree 3.
     """
 
     values: Array

@@ -22,7 +22,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh.accuracy.differences import SETTLED, Differences, LiftedGoals, largest_components
-from fem_snh.accuracy.goal_errors import UNSETTLED
+from fem_snh.accuracy.goal_errors import UNSETTLED, NoEstimate, NoEstimateOnAnyMesh
 from fem_snh.accuracy.goals import (
     Goal,
     MeanGoal,
@@ -32,8 +32,7 @@ from fem_snh.accuracy.goals import (
     TermGoal,
     VolumeGoal,
 )
-from fem_snh.accuracy.lifted_elements import nearly_incompressible
-from fem_snh.accuracy.no_estimate import NoEstimate, NoEstimateOnAnyMesh
+from fem_snh.accuracy.lift import nearly_incompressible
 from fem_snh.assembly.ghosted_vectors import nodes_of_other_cells
 from fem_snh.geometry.shapes.triangles import has_edges
 from fem_snh.problem.problem import Problem

@@ -9,9 +9,13 @@ from mpi4py import MPI
 
 import numpy as np
 
-from fem_snh.accuracy.inverted_points import inverted_points
-from fem_snh.accuracy.pressure_oscillation import may_lock, pressure_oscillation
-from fem_snh.accuracy.rest import forces_act, is_at_rest
+from fem_snh.accuracy.state_checks import (
+    forces_act,
+    inverted_points,
+    is_at_rest,
+    may_lock,
+    pressure_oscillation,
+)
 from fem_snh.errors import in_words
 from fem_snh.problem.problem import Problem
 from fem_snh.records.notes import Note

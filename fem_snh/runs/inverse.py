@@ -35,9 +35,8 @@ import numpy.typing as npt
 from scipy.optimize import least_squares
 
 from fem_snh import materials, scenes, solver
-from fem_snh.accuracy.duals import Linearisation
+from fem_snh.accuracy.duals import HessianSolver, Linearisation
 from fem_snh.accuracy.goals import Goal, bind_all
-from fem_snh.accuracy.hessian_solver import HessianSolver
 from fem_snh.errors import BadInput, Failed, bad_value, on_every
 from fem_snh.files import write_file
 from fem_snh.linalg.direct_solver import set_direct_solver

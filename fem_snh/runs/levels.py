@@ -28,7 +28,7 @@ from fem_snh import scenes
 from fem_snh.accuracy.estimate import largest_error
 from fem_snh.accuracy.goal_errors import Estimate
 from fem_snh.accuracy.levels import LevelChanges, LevelRow, Levels
-from fem_snh.accuracy.lifted_elements import available_memory
+from fem_snh.accuracy.lift import available_memory
 from fem_snh.accuracy.path_errors import HALVES
 from fem_snh.assembly.kinematics import kinematics_of
 from fem_snh.errors import on_root
@@ -36,17 +36,19 @@ from fem_snh.mesh.mesh import Mesh, cell_volumes
 from fem_snh.problem.problem import Problem
 from fem_snh.problem.transfer import transfer_state
 from fem_snh.records.notes import NOTES_ON_PATH
-from fem_snh.runs.exact_bodies import has_curved_cells
-from fem_snh.runs.first_level import first_scene, raised_element
-from fem_snh.runs.first_mesh import fine_at, stress_probes
-from fem_snh.runs.refinement import (
+from fem_snh.runs.level_meshes import (
+    fine_at,
+    first_scene,
+    has_curved_cells,
     higher_degree,
     is_refined_locally,
     mesh_like,
     meshed_again,
     more_cells,
+    raised_element,
     refinement_of,
     smaller_lattice,
+    stress_probes,
 )
 from fem_snh.runs.result import Result
 from fem_snh.runs.resume import Checkpoint

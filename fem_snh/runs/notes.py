@@ -104,7 +104,7 @@ def shape_notes(scene: Scene) -> list[str]:
             "errors are those of this lattice; that of the shape shows with half the cell, "
             f"mesh.cell = {scene.mesh.cell / 2:g}"
         ]
-    from fem_snh.runs.exact_bodies import has_polyhedral_cells
+    from fem_snh.runs.level_meshes import has_polyhedral_cells
 
     if not has_polyhedral_cells(scene):
         return []

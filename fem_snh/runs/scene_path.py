@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from fem_snh import scenes
+from fem_snh.accuracy.goal_errors import ElementDoesNotFit, NoEstimate
 from fem_snh.accuracy.goals import Goal
-from fem_snh.accuracy.no_estimate import ElementDoesNotFit, NoEstimate
 from fem_snh.accuracy.path_errors import Followed, end_of
 from fem_snh.assembly.elements import Element
 from fem_snh.errors import BadInput

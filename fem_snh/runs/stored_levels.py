@@ -19,8 +19,7 @@ import numpy.typing as npt
 
 from fem_snh import _dolfinx, scenes
 from fem_snh.accuracy.goal_bounds import GoalLevel
-from fem_snh.accuracy.goal_errors import Estimate, GoalError
-from fem_snh.accuracy.indicators import Place
+from fem_snh.accuracy.goal_errors import Estimate, GoalError, Place
 from fem_snh.accuracy.levels import LevelRow, Levels
 from fem_snh.errors import BadInput, on_root
 from fem_snh.files import open_file, replace_file

@@ -13,8 +13,8 @@ import numpy.typing as npt
 
 from fem_snh import _dolfinx, solver
 from fem_snh._petsc import default_options
+from fem_snh.accuracy.goal_errors import ElementDoesNotFit, NoEstimate, depends_on_path
 from fem_snh.accuracy.goals import Goal
-from fem_snh.accuracy.no_estimate import ElementDoesNotFit, NoEstimate, depends_on_path
 from fem_snh.accuracy.path_errors import Followed, end_of
 from fem_snh.assembly.elements import Element
 from fem_snh.errors import BadInput

@@ -1,0 +1,434 @@
+"""The scenes of a run's levels to an accuracy: element, cells and time steps of the first one.
+
+The mesh of the next one has smaller cells everywhere, or where the errors are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from math import ceil
+from typing import TYPE_CHECKING, Any
+
+from mpi4py import MPI
+
+import numpy as np
+import numpy.typing as npt
+
+from fem_snh import _dolfinx, scenes
+from fem_snh.accuracy.goals import MOST_RADII, sizes_near
+from fem_snh.accuracy.indicators import target_volumes
+from fem_snh.accuracy.path_errors import HALVES
+from fem_snh.accuracy.state_notes import REPLACEMENTS
+from fem_snh.assembly.elements import ELEMENTS, element
+from fem_snh.assembly.kinematics import kinematics_of
+from fem_snh.choices import DEFAULT_CELLS
+from fem_snh.errors import BadInput
+from fem_snh.files import is_shape
+from fem_snh.kernels.compiled import supports
+from fem_snh.kernels.material import material
+from fem_snh.mesh.bisection import MOST_CELLS, bisect, bisect_times
+from fem_snh.mesh.gmsh_input import MeshData, has_free_sizes, parameter
+from fem_snh.mesh.mesh import Mesh, distribute, gather
+from fem_snh.mesh.round_faces import round_faces
+from fem_snh.mesh.size_field import simplex_volumes, size_field
+from fem_snh.runs.progress import Progress
+from fem_snh.runs.scene_mesh import make_mesh, mesh_again
+from fem_snh.scenes import Geometry, Lattice, Scene
+
+if TYPE_CHECKING:
+    from fem_snh.runs.levels import Level
+
+
+#: Bodies with plane faces: tetrahedra that are refined in place fill them exactly. So do triangles
+#: those whose half plane is a rectangle.
+_PLANE_FACES = ("bar", "block", "bracket", "clip", "cook", "cube", "two_blocks")
+_RECTANGLES = ("bushing", "cylinder", "tube")
+#: Bodies with re-entrant edges.
+_REENTRANT = ("bracket", "clip")
+
+
+def is_exact(scene: Scene) -> bool:
+    """Return whether the body is known exactly: cells are made for it, so many along an edge."""
+    return scene.cells is not None
+
+
+def cells_of(scene: Scene, least: float) -> int:
+    """Return the fewest cells along an edge that the geometry accepts, at least so many."""
+    cells = parameter(scene.mesh.source, "cells") if isinstance(scene.mesh, Geometry) else None
+    if cells is None:
+        return ceil(least)
+    return round(cells.step * ceil(max(least, cells.least) / cells.step))
+
+
+def has_exact_cells(scene: Scene) -> bool:
+    """Return whether simplices with straight edges fill the body exactly."""
+    exact = _PLANE_FACES + (_RECTANGLES if kinematics_of(scene.kinematics).revolved else ())
+    return isinstance(scene.mesh, Geometry) and scene.mesh.source in exact
+
+
+def has_reentrant_edges(scene: Scene) -> bool:
+    """Return whether the body has re-entrant edges."""
+    return isinstance(scene.mesh, Geometry) and scene.mesh.source in _REENTRANT
+
+
+def has_polyhedral_cells(scene: Scene) -> bool:
+    """Return whether a body with round faces has cells with straight edges.
+
+    Those change its volume from mesh to mesh, by 2.6 % with 8 cells along a diameter, by 12 % of an
+    arm with 12 along it, which no estimate on one mesh sees.
+    """
+    return _order(scene) == 1 and not has_exact_cells(scene)
+
+
+def has_curved_cells(scene: Scene) -> bool:
+    """Return whether the cells follow round faces. Those of a file's shape do where it has some."""
+    return is_shape(scene.mesh) or _order(scene) == 2
+
+
+def may_have_any_sizes(scene: Scene) -> bool:
+    """Return whether the body can be meshed with a field of sizes."""
+    if not isinstance(scene.mesh, Geometry):
+        return is_shape(scene.mesh)
+    return has_free_sizes(scene.mesh.source, kinematics_of(scene.kinematics).dim)
+
+
+def _order(scene: Scene) -> float:
+    """Return the order of the cells of a body that has a choice; else 0."""
+    if not isinstance(scene.mesh, Geometry):
+        return 0.0
+    order = parameter(scene.mesh.source, "order")
+    return float(scene.mesh.parameters.get("order", order.default)) if order else 0.0
+
+
+#: Poisson's ratio above which elements with a pointwise volume term are replaced: they lock
+#: (docs/results/locking.md).
+_LOCKING = 0.4
+#: Elements of degree 2 on the cells of those of degree 1: at 5 % and less they reach an accuracy in
+#: less time (docs/results/time_to_accuracy.md).
+_DEGREE_2 = {"P1": "P2", "Q1": "Q2", "Q1P0": "Q2"}
+#: Simplices of degree 2, which are refined where the error is, in place of other cells: in two
+#: dimensions, and at re-entrant edges, they reach an accuracy in less time
+#: (docs/results/time_to_accuracy.md).
+_SIMPLICES = dict.fromkeys(("P1", "Q1", "Q1P0", "Q2", "Q2Q1"), "P2")
+#: In place of P2P0 on triangles, which takes up to five times as long to 0.1 % at a corner.
+_PLANE = {"P2P0": "P2P1"}
+#: Cells of the first level over those of the scene, along an edge, by the degree by which the
+#: element is raised; likewise time steps.
+_FIRST = (0.5, 0.25)
+#: The same for accuracies of this and more, for which a coarser mesh is likely to do.
+_COARSE, _FIRST_OF_COARSE = 0.005, (1 / 3, 1 / 6)
+#: Fewest cells along an edge of a first level, and fewest time steps.
+_FEWEST, _FEWEST_STEPS = 3, 16
+
+
+def first_scene(scene: scenes.Scene, printed: Progress) -> scenes.Scene:
+    """Return the scene of the first level: a coarse mesh of an element that does not lock.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene, whose ``accuracy.within`` is set.
+    printed : Progress
+        Prints a line for each choice that is not the scene's.
+    """
+    update: dict[str, Any] = {}
+    mesh = scene.mesh
+    if isinstance(mesh, scenes.Geometry) and has_polyhedral_cells(scene):
+        printed.line("order = 2 in place of 1: cells with curved faces, as the body is round")
+        parameters = {**mesh.parameters, "order": 2}
+        update["mesh"] = mesh.model_copy(update={"parameters": parameters})
+    scene = scene.model_copy(update=update)
+    element, reason = _element(scene)
+    if reason:
+        printed.line(f"element = '{element}' in place of '{scene.element}', {reason}")
+    raised = ELEMENTS[element].degree - ELEMENTS[scene.element].degree
+    update = {"element": element}
+    if is_shape(mesh):
+        update["cells"] = min(scene.cells or DEFAULT_CELLS, DEFAULT_CELLS)
+    elif is_exact(scene):
+        assert scene.accuracy and scene.accuracy.within and scene.cells
+        coarse = scene.accuracy.within >= _COARSE and _may_raise(scene)
+        parts = _FIRST_OF_COARSE if coarse else _FIRST
+        fewest = max(min(scene.cells, _FEWEST), parts[raised] * scene.cells)
+        update["cells"] = cells_of(scene, fewest)
+    if scene.time:
+        steps = HALVES * ceil(max(_FEWEST_STEPS, _FIRST[0] * scene.time.steps) / HALVES)
+        update["time"] = scene.time.model_copy(update={"steps": steps})
+    return scene.model_copy(update=update)
+
+
+def raised_element(scene: scenes.Scene) -> str:
+    """Return the element of degree 2 on the cells of a scene that does not lock; else its own."""
+    return _fitting(scene, _DEGREE_2)
+
+
+def _element(scene: scenes.Scene) -> tuple[str, str]:
+    """Return the element of the levels, and why it is not the scene's; empty if it is."""
+    own = scene.element
+    ways: list[Mapping[str, str]] = [_DEGREE_2] if _may_raise(scene) else [{}]
+    if _may_raise(scene) and _may_be_simplices(scene):
+        ways.insert(0, _SIMPLICES)
+    for raised in ways:
+        fitting = _fitting(scene, raised)
+        if not (_locks(scene) and ELEMENTS[fitting].volume == "pointwise"):
+            break
+    if fitting == own:
+        return own, ""
+    if _locks(scene) and ELEMENTS[own].volume == "pointwise":
+        return fitting, "which locks"
+    if own in _PLANE:
+        return fitting, "which takes longer to the same accuracy"
+    same = ELEMENTS[own].degree == ELEMENTS[fitting].degree
+    return fitting, "whose cells are refined everywhere" if same else "which needs more dofs"
+
+
+def _fitting(scene: scenes.Scene, raised: Mapping[str, str]) -> str:
+    """Return the best candidate that fits; the scene's own if none does, which the run rejects."""
+    return next((n for n in _candidates(scene, raised) if _fits(scene, n)), scene.element)
+
+
+def _candidates(scene: scenes.Scene, raised: Mapping[str, str]) -> list[str]:
+    """Return elements of a scene, the best first, the last its own.
+
+    A continuous pressure is wrong at the interface of several materials: none is chosen there.
+    """
+    own, several = scene.element, len(scene.materials) > 1
+    other = raised.get(own, own)
+    if not _locks(scene):
+        return [other, own]
+    plane = _PLANE if kinematics_of(scene.kinematics).dim == 2 else {}
+    without = REPLACEMENTS.get(other, other)
+    names = [plane.get(without, without), without, REPLACEMENTS.get(own, own), other]
+    chosen = [n for n in names if not several or ELEMENTS[n].volume == "mean"]
+    return [*chosen, own]
+
+
+def _locks(scene: scenes.Scene) -> bool:
+    """Return whether an element with a pointwise volume term locks."""
+    sheet = kinematics_of(scene.kinematics).plane_stress
+    return not sheet and max(material.nu for material in scene.materials) > _LOCKING
+
+
+def _may_raise(scene: scenes.Scene) -> bool:
+    """Return whether larger cells of degree 2 are the same body.
+
+    With contact in a static scene the solution is less smooth than cells of degree 2 need. In time
+    they need fewer dofs also for an impact (docs/results/time_to_accuracy.md).
+    """
+    assert scene.accuracy
+    if scene.accuracy.keep_element or not is_exact(scene):
+        return False
+    if not scene.time and (scene.obstacle or scene.contact or scene.self_contact):
+        return False
+    return has_exact_cells(scene) or has_curved_cells(scene)
+
+
+def _may_be_simplices(scene: scenes.Scene) -> bool:
+    """Return whether simplices may replace other cells.
+
+    In three dimensions P2P0, which does not lock, takes more time than Q2Q1. Several nearly
+    incompressible materials have P2P0 alone.
+    """
+    if not has_exact_cells(scene):
+        return False
+    if kinematics_of(scene.kinematics).dim == 2:
+        return not (_locks(scene) and len(scene.materials) > 1)
+    return has_reentrant_edges(scene) and not _locks(scene)
+
+
+def _fits(scene: scenes.Scene, element: str) -> bool:
+    """Return whether the scene's features and materials have an element."""
+    try:
+        scenes.check_consistency(scene.model_copy(update={"element": element}))
+    except BadInput:
+        return False
+    volume = ELEMENTS[element].volume
+    return volume == "pointwise" or all(
+        supports(material(chosen.name, chosen.E, chosen.nu, **chosen.parameters), volume)
+        for chosen in scene.materials
+    )
+
+
+Array = npt.NDArray[Any]
+
+#: Rounds of bisection at most, and meshes of a shape, each with cells at the probes that are to be
+#: smaller by this factor: the goal then tells which radius they fit.
+_MOST_ROUNDS, _MOST_MESHES, _SMALLER = 20, 4, 0.8
+
+
+def stress_probes(scene: scenes.Scene) -> list[scenes.Probe]:
+    """Return the probes around which stresses are goals."""
+    named = scene.accuracy.names if scene.accuracy else []
+    goals = [scenes.read_goal(name, scene) for name in named]
+    names = [goal.name for goal in goals if goal.kind == "stress_at"]
+    return [probe for probe in scene.probe if probe.name in names]
+
+
+def fine_at(
+    comm: MPI.Comm,
+    scene: scenes.Scene,
+    probes: Sequence[scenes.Probe],
+    mesh_like: Callable[[MeshData], MeshData] | None = None,
+) -> Mesh:
+    """Return the mesh of a scene with cells that are small at probes. Collective.
+
+    Parameters
+    ----------
+    comm : MPI.Comm
+        The communicator.
+    scene : Scene
+        The scene of the first level, of triangles or tetrahedra.
+    probes : sequence of Probe
+        The probes.
+    mesh_like : callable, optional
+        Meshes the body again, on rank 0, with cells as large as those of another mesh. Default: the
+        cells are bisected.
+    """
+    kinematics = kinematics_of(scene.kinematics)
+    mesh = make_mesh(comm, scene, element(scene.element, scene.quadrature, kinematics))
+    given = gather(mesh)
+
+    def make_on_root() -> MeshData:
+        data, most = given, 1.0
+        for _ in range(_MOST_MESHES):
+            if (_sizes(data, probes) <= 1).all():
+                break
+            data = _bisected(given, probes, most)
+            if mesh_like:
+                data, most = mesh_like(data), _SMALLER * most
+        return data
+
+    made = distribute(comm, "the mesh with small cells at probes", make_on_root)
+    if mesh_like:
+        return made
+    # Bisected cells have the faces of the first ones.
+    return replace(made, round_faces=round_faces(mesh.domain, kinematics.revolved))
+
+
+def _bisected(data: MeshData, probes: Sequence[scenes.Probe], most: float) -> MeshData:
+    """Return the mesh with cells that are at most so large, over the largest that fits a radius."""
+    for _ in range(_MOST_ROUNDS):
+        large = _sizes(data, probes) > most
+        if not large.any():
+            break
+        volumes = simplex_volumes(data.x[data.cells[:, : data.x.shape[1] + 1]])
+        data = bisect(data, np.where(large, volumes / 2, volumes), MOST_CELLS)
+    return data
+
+
+def _sizes(data: MeshData, probes: Sequence[scenes.Probe]) -> Array:
+    """Return the sizes of cells over the largest that fits the radius of a probe near them."""
+    dim, sizes = data.x.shape[1], np.zeros(len(data.cells))
+    for probe in probes:
+        assert probe.radius is not None
+        near = sizes_near(data.x[data.cells], np.array(probe.point[:dim]), probe.radius)
+        sizes = np.maximum(sizes, near / (MOST_RADII * probe.radius))
+    return sizes
+
+
+#: Returns the scene of the next level, and its mesh if that is not the scene's own, for cells that
+#: are smaller than those of the last level by a factor. Collective.
+Refine = Callable[[MPI.Comm, Scene, "Level", float], tuple[Scene, Mesh | None]]
+#: The volumes of cells that a level wants, by the factor of the number of cells.
+Target = Callable[[float], Array]
+
+
+def refinement_of(scene: Scene) -> Refine:
+    """Return how the mesh of a scene is refined; hexahedra of a file get a higher degree."""
+    has_simplices = ELEMENTS[scene.element].cell == "tetrahedron"
+    if isinstance(scene.mesh, Lattice):
+        return smaller_lattice
+    if is_exact(scene) and not (has_simplices and has_exact_cells(scene)):
+        # On a path the errors are not distributed to the cells.
+        sizes = has_simplices and not scene.time and may_have_any_sizes(scene)
+        return meshed_again if sizes else more_cells
+    return bisected if has_simplices else higher_degree
+
+
+def is_refined_locally(scene: Scene) -> bool:
+    """Return whether a scene's mesh is refined where the errors are."""
+    return refinement_of(scene) in (bisected, meshed_again)
+
+
+def more_cells(
+    comm: MPI.Comm, scene: Scene, last: Level, finer: float
+) -> tuple[Scene, Mesh | None]:
+    """Return the scene with more cells along an edge."""
+    assert scene.cells is not None
+    cells = cells_of(scene, max(scene.cells + 1, scene.cells * finer))
+    return scene.model_copy(update={"cells": cells}), None
+
+
+def smaller_lattice(
+    comm: MPI.Comm, scene: Scene, last: Level, finer: float
+) -> tuple[Scene, Mesh | None]:
+    """Return the scene with a smaller cell of its lattice."""
+    assert isinstance(scene.mesh, Lattice)
+    cell = scene.mesh.cell / finer
+    return scene.model_copy(update={"mesh": scene.mesh.model_copy(update={"cell": cell})}), None
+
+
+def higher_degree(
+    comm: MPI.Comm, scene: Scene, last: Level, finer: float
+) -> tuple[Scene, Mesh | None]:
+    """Return the scene with an element of degree 2, on the same mesh."""
+    return scene.model_copy(update={"element": raised_element(scene)}), last.mesh
+
+
+def bisected(comm: MPI.Comm, scene: Scene, last: Level, finer: float) -> tuple[Scene, Mesh | None]:
+    """Return the mesh whose cells are bisected where the errors are."""
+
+    def bisect(data: MeshData, target: Target, wanted: float) -> MeshData:
+        return bisect_times(data, target, wanted, MOST_CELLS)
+
+    mesh = _with_target(comm, scene, last, finer, bisect)
+    assert last.mesh is not None
+    revolved = kinematics_of(scene.kinematics).revolved
+    faces = last.mesh.round_faces or round_faces(last.mesh.domain, revolved)
+    return scene, replace(mesh, round_faces=faces)
+
+
+def meshed_again(
+    comm: MPI.Comm, scene: Scene, last: Level, finer: float
+) -> tuple[Scene, Mesh | None]:
+    """Return a mesh of the exact body, with cells of the sizes that the errors ask for."""
+
+    def mesh(data: MeshData, target: Target, wanted: float) -> MeshData:
+        return mesh_like(scene, data, target(wanted))
+
+    return scene, _with_target(comm, scene, last, finer, mesh)
+
+
+def mesh_like(scene: Scene, data: MeshData, volumes: Array | None = None) -> MeshData:
+    """Mesh an exact body again, with cells of other volumes or of those of a mesh. On rank 0."""
+    cells = data.cells[:, : data.x.shape[1] + 1]
+    volumes = simplex_volumes(data.x[cells]) if volumes is None else volumes
+    return mesh_again(scene, data.cell, size_field(cells, data.x, volumes))
+
+
+def _with_target(
+    comm: MPI.Comm,
+    scene: Scene,
+    last: Level,
+    finer: float,
+    make: Callable[[MeshData, Target, float], MeshData],
+) -> Mesh:
+    """Return the mesh that a function makes on rank 0 from the last one. Collective."""
+    assert last.mesh is not None
+    data, owned = gather(last.mesh), len(last.volumes)
+    numbers = _dolfinx.input_cells(last.mesh.domain)[:owned]
+    rows = comm.gather((numbers, last.volumes, last.cell_weights()))
+    degree, dim = ELEMENTS[scene.element].degree, last.mesh.dim
+
+    def make_on_root() -> MeshData:
+        volumes, weights = np.empty((2, len(data.cells)))
+        for numbers, *values in rows:
+            volumes[numbers], weights[numbers] = values
+
+        def target(growth: float) -> Array:
+            return target_volumes(volumes, weights, degree, growth, dim)
+
+        return make(data, target, finer**dim)
+
+    return distribute(comm, "the refined mesh", make_on_root)
