@@ -19,7 +19,7 @@ from dolfinx import fem, mesh
 
 import fem_snh
 from benchmarks import Row, split_list
-from benchmarks.fenicsx_tutorial import MUMPS
+from benchmarks.fenicsx_tutorial import MUMPS, newton_solver
 from fem_snh import _dolfinx, scenes
 from fem_snh.runs.setup import set_up
 
@@ -87,7 +87,7 @@ class Beam:
         F = ufl.variable(ufl.Identity(3) + ufl.grad(self.u))
         P = ufl.diff(self.material.ufl(F), F)
         residual = ufl.inner(ufl.grad(v), P) * self.dx - ufl.inner(v, self.T) * self.ds
-        solver = _dolfinx.newton_solver(residual, self.u, self.bcs, {}, MUMPS)
+        solver = newton_solver(residual, self.u, self.bcs, {}, MUMPS)
         solver.convergence_criterion = "incremental"
         solver.atol = solver.rtol = 1e-8
         solver.max_it = MAX_IT

@@ -12,6 +12,7 @@ from __future__ import annotations
 import json
 import resource
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from time import perf_counter, process_time
 from typing import Any
@@ -19,13 +20,16 @@ from typing import Any
 from mpi4py import MPI
 from petsc4py import PETSc
 
+import dolfinx.fem.petsc as fem_petsc
 import numpy as np
 import ufl
 from dolfinx import fem
+from dolfinx.nls.petsc import NewtonSolver
 
 from benchmarks.assembly import JIT
 from fem_snh import _dolfinx, scenes
-from fem_snh._petsc import mumps_out_of_memory
+from fem_snh._dolfinx.forms import _jit, _quiet
+from fem_snh._petsc import default_options, mumps_out_of_memory
 from fem_snh.assembly import elements
 from fem_snh.files import replace_file
 from fem_snh.kernels import ufl_forms
@@ -41,6 +45,28 @@ MUMPS = {
     "pc_factor_mat_solver_type": "mumps",
     "ksp_error_if_not_converged": None,  # else Newton's method continues with NaN
 }
+
+
+def newton_solver(
+    residual: Any, u: Any, conditions: Sequence[Any], jit_options: dict, petsc: dict[str, Any]
+) -> Any:
+    """Return a Newton solver without line search that stops on the residual's norm.
+
+    The caller sets ``atol``, ``rtol`` and ``max_it``; ``petsc`` are options of the linear solver.
+    ``solve(u)`` of the result returns (iterations, converged).
+    """
+    # Since 0.10 NonlinearProblem is an interface to SNES, and the old class has the longer name.
+    kind = getattr(fem_petsc, "NewtonSolverNonlinearProblem", fem_petsc.NonlinearProblem)
+    with _quiet():
+        problem = kind(residual, u, list(conditions), **_jit(kind.__init__, jit_options))
+        solver = NewtonSolver(u.function_space.mesh.comm, problem)
+    solver.convergence_criterion = "residual"
+    solver.error_on_nonconvergence = False
+    solver.report = False
+    ksp = solver.krylov_solver
+    with default_options(ksp.getOptionsPrefix(), petsc):
+        ksp.setFromOptions()
+    return solver
 
 
 def solve(
@@ -93,7 +119,7 @@ def solve(
         F -= load_factor * ufl.inner(vector, v) * _dolfinx.surface_measure(domain.domain, facets)
 
     def create_solver() -> Any:
-        solver = _dolfinx.newton_solver(F, u, conditions_of_u, JIT, MUMPS)
+        solver = newton_solver(F, u, conditions_of_u, JIT, MUMPS)
         solver.rtol, solver.max_it = 0.0, MAX_IT
         solver.atol = tolerance * energy.E * meshes.volume(domain.domain) ** (2 / 3)
         return solver

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import logging
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from inspect import signature
 from typing import Any
 
@@ -12,8 +16,24 @@ import numpy as np
 from dolfinx import fem
 from dolfinx.fem import petsc as fem_petsc
 
-from fem_snh._dolfinx.common import _quiet
 from fem_snh.compile_clock import compiling
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Suppress what compiling a form says, which no user can change.
+
+    Log records of level INFO, with dolfinx 0.5, and that a rule of a high degree has many points:
+    the program chooses the degrees.
+    """
+    before = logging.root.manager.disable
+    logging.disable(max(before, logging.INFO))
+    try:
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", "Number of integration points per cell")
+            yield
+    finally:
+        logging.disable(before)
 
 
 def petsc_vec(u: Any) -> PETSc.Vec:

@@ -1,4 +1,4 @@
-"""Meshes: their distribution over the ranks, their entities and their geometry."""
+"""Meshes: their distribution over the ranks, their entities, their geometry, points in them."""
 
 from __future__ import annotations
 
@@ -19,9 +19,18 @@ import dolfinx.io
 import numpy as np
 import ufl
 
-from fem_snh._dolfinx.common import _rows
-
 Array = np.ndarray
+
+#: The facets of each kind of cell.
+FACET_OF = {
+    "tetrahedron": "triangle",
+    "hexahedron": "quadrilateral",
+    "triangle": "interval",
+    "quadrilateral": "interval",
+}
+#: A cell is searched if the point is in the bounding box of its nodes, enlarged by this fraction:
+#: curved cells extend beyond their nodes.
+_MARGIN = 0.1
 
 
 def create_mesh(comm: MPI.Comm, cells: Array, x: Array, cell: str, degree: int) -> Any:
@@ -141,6 +150,12 @@ def write_xdmf(
             file.write_meshtags(written, *geometry)
         for name, value in notes.items():
             file.write_information(name, value)
+
+
+def _rows(table: Any, width: int) -> Array:
+    """Return a dofmap or connectivity as a (rows, width) array, also without rows."""
+    # Connectivities are adjacency lists; so are the dofmaps of 0.5 (arrays since 0.7).
+    return np.asarray(getattr(table, "array", table)).reshape(-1, width)
 
 
 def gmsh_permutation(cell: str, nodes: int) -> Array:
@@ -272,8 +287,89 @@ def coordinates(domain: Any) -> Any:
     return ufl.SpatialCoordinate(domain)
 
 
-def num_exterior_facets(domain: Any) -> int:
-    """Return the number of this rank's facets on the boundary of the body."""
-    dim = domain.topology.dim
-    domain.topology.create_connectivity(dim - 1, dim)
-    return len(dolfinx.mesh.exterior_facet_indices(domain.topology))
+def exterior_facets(domain: Any) -> tuple[Array, Array, Array]:
+    """Return the facets on the boundary of the body whose cells this rank owns.
+
+    Returns
+    -------
+    facets : (n,) int32
+        Local numbers, sorted.
+    cells : (n,) int32
+        The cell of each facet.
+    local_facets : (n,) int32
+        The facet's number in its reference cell.
+    """
+    topology, dim = domain.topology, domain.topology.dim
+    topology.create_connectivity(dim - 1, dim)
+    topology.create_connectivity(dim, dim - 1)
+    facets = np.sort(np.asarray(dolfinx.mesh.exterior_facet_indices(topology), dtype=np.int32))
+    cells_of = topology.connectivity(dim - 1, dim)
+    # An exterior facet has one cell.
+    cells = np.asarray(cells_of.array)[np.asarray(cells_of.offsets)[facets]]
+    facets_of = _rows(topology.connectivity(dim, dim - 1), len(reference_facets(cell_name(domain))))
+    owned = cells < num_owned(domain)
+    facets, cells = facets[owned], cells[owned]
+    return facets, cells, (facets_of[cells] == facets[:, None]).argmax(axis=1).astype(np.int32)
+
+
+def facet_maps(cell: str) -> tuple[Array, Array]:
+    """Return the affine maps x = origin + s tangents of the reference facets into the cell.
+
+    Returns
+    -------
+    origins : (facets, dim)
+        The images of the reference facet's origin.
+    tangents : (facets, dim - 1, dim)
+        The derivatives by its coordinates.
+    """
+    kind = getattr(basix.CellType, cell)
+    corners = np.asarray(basix.geometry(kind))
+    dim = corners.shape[1]
+    facets = basix.topology(kind)[dim - 1]
+    origins = np.array([corners[facet[0]] for facet in facets])
+    tangents = [[corners[facet[i]] - corners[facet[0]] for i in range(1, dim)] for facet in facets]
+    return origins, np.array(tangents)
+
+
+def bounding_box(domain: Any) -> Array:
+    """Return the smallest and largest coordinates of this rank's nodes, (2, 3).
+
+    Without nodes they are inf and -inf.
+    """
+    x = geometry_x(domain)[geometry_dofs(domain).ravel()]
+    return np.stack([x.min(axis=0, initial=np.inf), x.max(axis=0, initial=-np.inf)])
+
+
+def locate(domain: Any, point: Array) -> tuple[int, Array, float]:
+    """Return this rank's cell that contains ``point`` (3,), or comes closest to it. Not collective.
+
+    Returns
+    -------
+    cell : int
+        Local number of the cell; -1 if the point is near no cell of this rank.
+    xi : (dim,) array
+        The point's coordinates in the reference cell.
+    outside : float
+        Distance of ``xi`` from the reference cell: <= 0 inside, inf without a cell.
+    """
+    x = geometry_x(domain)[geometry_dofs(domain)]
+    low, high = x.min(axis=1), x.max(axis=1)
+    margin = _MARGIN * (high - low).max(axis=1, initial=0)[:, None]
+    near = np.flatnonzero(((point > low - margin) & (point < high + margin)).all(axis=1))
+    dim = domain.geometry.dim
+    best = (-1, np.zeros(dim), np.inf)
+    for cell in near:
+        try:
+            xi = _only(domain.geometry, "cmap").pull_back(point[None, :dim], x[cell][:, :dim])[0]
+        except RuntimeError:  # Newton's method diverged, so the point is outside the cell
+            continue
+        outside = _distance_outside(cell_name(domain), xi)
+        if outside < best[2]:
+            best = (int(cell), xi, outside)
+    return best
+
+
+def _distance_outside(cell: str, xi: Array) -> float:
+    """Return the largest violation of the inequalities that define the reference cell."""
+    upper = xi.sum() if cell in ("tetrahedron", "triangle") else xi.max()
+    return float(max(-xi.min(), upper - 1))

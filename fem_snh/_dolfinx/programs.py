@@ -12,8 +12,7 @@ import numpy as np
 import ufl
 from dolfinx import fem
 
-from fem_snh._dolfinx.facets import exterior_facets
-from fem_snh._dolfinx.meshes import cell_facets, num_owned
+from fem_snh._dolfinx.meshes import cell_facets, exterior_facets, num_owned
 
 Array = np.ndarray
 

@@ -13,12 +13,8 @@ import numpy.typing as npt
 import ufl
 from dolfinx import fem, plot
 
-from fem_snh._dolfinx.common import _quiet, _rows
-from fem_snh._dolfinx.meshes import (
-    cell_name,
-    geometry_degree,
-    num_owned,
-)
+from fem_snh._dolfinx.forms import _quiet
+from fem_snh._dolfinx.meshes import _rows, cell_name, geometry_degree, num_owned
 from fem_snh.compile_clock import compiling
 
 Array = np.ndarray
@@ -161,13 +157,6 @@ def reference_nodes(cell: str, degree: int) -> Array:
     return np.asarray(_lagrange(cell, degree).points)
 
 
-def _table(cell: str, degree: int, points: Array) -> Array:
-    """Return basis functions, then their derivatives in x, y, z: (1 + dim, points, nodes)."""
-    points = np.ascontiguousarray(points, dtype=np.float64)
-    table: Array = _lagrange(cell, degree).tabulate(1, points)[..., 0]
-    return table
-
-
 def tabulate_element(kind: str, degree: int, points: Array, order: int) -> Array:
     """Return the Lagrange basis on a reference cell or facet, and its derivatives.
 
@@ -191,18 +180,18 @@ def tabulate_element(kind: str, degree: int, points: Array, order: int) -> Array
     if not len(points):  # basix 0.5 aborts
         points = np.zeros((1, points.shape[1]))
         return tabulate_element(kind, degree, points, order)[:, :0]
-    return np.asarray(_lagrange(kind, degree).tabulate(order, points)[..., 0])
+    return np.ascontiguousarray(_lagrange(kind, degree).tabulate(order, points)[..., 0])
 
 
 def _gradients(cell: str, degree: int, points: Array) -> Array:
-    return np.ascontiguousarray(np.moveaxis(_table(cell, degree, points)[1:], 0, -1))
+    return np.ascontiguousarray(np.moveaxis(tabulate_element(cell, degree, points, 1)[1:], 0, -1))
 
 
 def tabulate_values(V: Any, points: Array) -> Array:
     """Return V's scalar basis functions at reference points, (points, nodes)."""
     if degree(V) == 0:
         return np.ones((len(points), 1))
-    return np.ascontiguousarray(_table(cell_name(V.mesh), degree(V), points)[0])
+    return tabulate_element(cell_name(V.mesh), degree(V), points, 1)[0]
 
 
 def tabulate(V: Any, points: Array) -> Array:
@@ -215,8 +204,7 @@ def tabulate(V: Any, points: Array) -> Array:
 
 def tabulate_geometry_values(domain: Any, points: Array) -> Array:
     """Return the geometry's basis functions at reference points, (points, nodes)."""
-    table = _table(cell_name(domain), geometry_degree(domain), points)
-    return np.ascontiguousarray(table[0])
+    return tabulate_element(cell_name(domain), geometry_degree(domain), points, 1)[0]
 
 
 def tabulate_geometry(domain: Any, points: Array) -> Array:
@@ -252,3 +240,8 @@ def locate_dofs(V: Any, dim: int, entities: Array) -> Array:
     """Return local nodes of V (int32, ghosts included) on mesh entities. Collective."""
     V.mesh.topology.create_connectivity(dim, V.mesh.topology.dim)
     return np.asarray(fem.locate_dofs_topological(V, dim, np.asarray(entities, np.int32)))
+
+
+def prescribed(values: Any, nodes: Array) -> Any:
+    """Return the Dirichlet condition with the function ``values`` at these local nodes."""
+    return fem.dirichletbc(values, np.asarray(nodes, np.int32))

@@ -601,24 +601,13 @@ def covered_nodes(V: Any, constrained: Array, axis: Array) -> Array:
     -------
     (local nodes, components) bool
     """
-    domain, cells = V.mesh, _dolfinx.node_dofs(V)
-    kind = _dolfinx.cell_name(domain)
+    cells = _dolfinx.node_dofs(V)
     off_axis = np.ones(len(constrained), dtype=bool)
     off_axis[axis] = False
     marks = np.zeros(constrained.shape)
-    for local in _facets(kind, _dolfinx.reference_nodes(kind, _dolfinx.degree(V))):
+    for local in _dolfinx.facet_nodes(V):
         nodes = cells[:, local]
         whole = constrained[nodes].all(axis=1) & off_axis[nodes].any(axis=1)[:, None]
         for component in range(constrained.shape[1]):
             marks[nodes[whole[:, component]], component] = 1.0
     return summed_over_ranks(V, marks) > 0
-
-
-def _facets(kind: str, points: Array) -> list[Array]:
-    """Return the numbers of the nodes on each facet of a reference cell."""
-    distances = list(points.T)
-    if kind in ("triangle", "tetrahedron"):
-        distances.append(1 - points.sum(axis=1))
-    else:
-        distances += list(1 - points.T)
-    return [np.flatnonzero(np.abs(distance) < _ROUNDING) for distance in distances]

@@ -44,8 +44,6 @@ from fem_snh.terms.ufl_term import UFLTerm
 
 Array = npt.NDArray[Any]
 
-#: Distance on the reference cell below which a node is on a facet.
-_ON_FACET = 1e-9
 #: Size below which the value of a basis function at a node is rounding.
 _ROUNDING = 1e-9
 
@@ -136,7 +134,7 @@ class _Nodes:
     same : (lifted nodes,) int
         The node of the first space at the same coordinates; -1: none.
     facets : list of (base nodes, lifted nodes)
-        The nodes on each facet, as bool masks.
+        The numbers of the nodes on each facet.
     """
 
     def __init__(self, V: Any, W: Any) -> None:
@@ -144,15 +142,7 @@ class _Nodes:
         nodes = [_dolfinx.reference_nodes(cell, _dolfinx.degree(space)) for space in (V, W)]
         distance = np.linalg.norm(nodes[1][:, None] - nodes[0][None], axis=2)
         self.same = np.where(distance.min(axis=1) < _ROUNDING, distance.argmin(axis=1), -1)
-        origins, tangents = _dolfinx.facet_maps(cell)
-        if tangents.shape[2] == 2:
-            normals = tangents[:, 0, ::-1] * (1, -1)
-        else:
-            normals = np.cross(tangents[:, 0], tangents[:, 1])
-        self.facets = [
-            tuple(np.abs((points - origin) @ normal) < _ON_FACET for points in nodes)
-            for origin, normal in zip(origins, normals, strict=True)
-        ]
+        self.facets = [*zip(_dolfinx.facet_nodes(V), _dolfinx.facet_nodes(W), strict=True)]
 
 
 def _lifted_mask(V: Any, W: Any, nodes: _Nodes, mask: Array) -> Array:
