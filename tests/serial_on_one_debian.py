@@ -134,7 +134,7 @@ _TESTS = {
         "a_contact_of_few_facets_without_a_penalty",
         "the_corrected_value_is_that_of_the_lifted_element",
         "the_energy_error_is_at_cooks_corner",
-        "the_error_of_a_locked_element_agrees_with_its_note",
+        "the_error_of_a_locked_element_that_has_a_note",
         "the_penalty_of_a_homogeneous_state",
         "the_penalty_of_contact_is_a_part_of_the_error",
         "units_do_not_matter",

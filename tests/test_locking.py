@@ -1,4 +1,4 @@
-"""The note on an element that locks: the indicator, the factor of the stiffness, and silence."""
+"""The note on an element that locks: the indicator, and silence."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
-from note_scenes import bushing, scene
+from note_scenes import bushing
 from running import solve
 
 import fem_snh
@@ -103,29 +103,21 @@ def test_a_bushing_of_linear_tetrahedra_locks(comm, folder):
         found[name] = force, [note for note in result.notes if note["kind"] == "locking"]
     assert found["P2P0"][1] == found["P2P1"][1] == []
     note = found["P1"][1][0]
-    assert note["stiffness"] == pytest.approx(found["P1"][0] / found["P2P0"][0], rel=0.03)
-    assert note["stiffness"] == pytest.approx(found["P1"][0] / found["P2P1"][0], rel=0.3)
-    assert note["stiffness"] > 100 and note["oscillation"] > 100 and note["step"] == 1
+    assert found["P1"][0] / found["P2P1"][0] > 100
+    assert note["oscillation"] > 100 and note["replacement"] == "P2P0" and note["step"] == 1
     text = "element = 'P1' locks at nu = 0.4999: "
     assert note["text"].startswith(text) and "take element = 'P2P0'" in note["text"]
 
 
 @pytest.mark.parametrize(("nu", "locks"), [(0.3, False), (0.499, True)])
 def test_a_bushing_of_linear_hexahedra(tmp_path, nu, locks):
-    forces = []
     for name in ("Q1", "Q1P0"):
         result = solve(bushing(MPI.COMM_SELF, tmp_path, name, nu), comm=MPI.COMM_SELF)
-        forces.append(abs(result.steps[-1]["reactions"]["inner"][0]))
         assert bool(result.notes) is (locks and name == "Q1")
-        if result.notes:
-            stiffness = result.notes[0]["stiffness"]
-    if locks:
-        assert stiffness == pytest.approx(forces[0] / forces[1], rel=0.02) and stiffness > 4
 
 
 @pytest.mark.parametrize(("name", "cells"), [("Q1", 4), ("Q1", 8), ("Q2", 2)])
-def test_cooks_membrane_is_too_stiff_by_the_ratio_of_its_deflections(name, cells):
-    """Forces are prescribed, and strains are large: the factor is that of the work."""
+def test_cooks_membrane_that_is_too_stiff_has_a_note(name, cells):
     found = {}
     for key in (name, {"Q1": "Q1P0", "Q2": "Q2Q1"}[name]):
         result = solve(
@@ -133,8 +125,8 @@ def test_cooks_membrane_is_too_stiff_by_the_ratio_of_its_deflections(name, cells
         )
         found[key] = result.steps[-1]["probes"]["corner"][1], result.notes
     (locked, notes), (free, none) = found.values()
-    assert not none and len(notes) == 1
-    assert notes[0]["stiffness"] == pytest.approx(free / locked, rel=0.2)
+    assert not none and [note["kind"] for note in notes] == ["locking"]
+    assert free > 1.2 * locked
 
 
 def test_elements_that_do_not_lock_have_no_note():
@@ -147,29 +139,3 @@ def test_elements_that_do_not_lock_have_no_note():
 @pytest.mark.parametrize(("name", "options"), [("twist", {"cells": 4}), ("stretch", {"cells": 6})])
 def test_scenes_that_do_not_lock_have_no_note(name, options):
     assert not solve(name, comm=MPI.COMM_SELF, **options).notes
-
-
-PRESSED = """mesh = "mesh.msh"
-element = "P1"
-steps = 1
-[material]
-name = "{material}"
-E = 1e6
-nu = 0.4999
-[[hold]]
-group = "outer"
-[[move]]
-group = "inner"
-translate = [0.0005, 0, 0]
-[[obstacle]]
-shape = {{ plane = {{ point = [0, 0, -1], normal = [0, 0, 1] }} }}
-"""
-
-
-@pytest.mark.parametrize("material", ["stable_neo_hookean", "corotational"])
-def test_without_a_comparison_the_factor_is_unknown(tmp_path, material):
-    """Contact keeps a history, which the other element has not lived through."""
-    bushing(MPI.COMM_SELF, tmp_path, "P1", 0.4999)
-    path = scene(MPI.COMM_SELF, tmp_path, PRESSED.format(material=material))
-    (note,) = solve(path, comm=MPI.COMM_SELF).notes
-    assert note["stiffness"] is None and "by an unknown factor" in note["text"]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from mpi4py import MPI
@@ -20,13 +20,10 @@ from fem_snh.errors import in_words
 from fem_snh.problem.problem import Problem
 from fem_snh.records.notes import Note
 
-#: The element without locking on the same cells with which each element is compared.
+#: The element without locking on the same cells that replaces an element.
 REPLACEMENTS = {"P1": "P2P0", "P2": "P2P0", "Q1": "Q1P0", "Q2": "Q2Q1"}
-#: `pressure_oscillation` from which the stiffness is compared, from which an unknown stiffness is
-#: reported, and from which one that is right is (docs/results/locking.md).
-_SUSPECT, _ROUGH, _VERY_ROUGH = 0.7, 1.0, 2.0
-#: Factor of the stiffness from which it is reported.
-_TOO_STIFF = 1.2
+#: `pressure_oscillation` from which it is reported (docs/results/locking.md).
+_ROUGH = 1.0
 
 #: Part of the largest force from which that on supports without an area is reported: on those that
 #: only prevent rigid motions it is what the solvers leave.
@@ -46,9 +43,6 @@ _RISE_OF_CONTACT = 0.01
 #: Where rows of run.json have contact, and their entries that count what touches.
 _OBSTACLES, _BODIES = "obstacles", ("contacts", "self_contact")
 _TOUCHING = ("contacts", "pairs")
-
-#: Returns how many times stiffer than its replacement the element is; None if that is unknown.
-Stiffness = Callable[[Problem], float | None]
 
 
 def state_notes(problem: Problem, negative: int | None, rounding: float) -> list[Note]:
@@ -199,45 +193,21 @@ def penalty_note(problem: Problem, step: int | None = None) -> Note | None:
     return Note("penalty", text, step, {"share": share})
 
 
-def locking_note(
-    problem: Problem, stiffness: Stiffness | None = None, step: int | None = None
-) -> Note | None:
-    """Return a note if the element locks in the problem's state. Collective.
-
-    Parameters
-    ----------
-    problem : Problem
-        The problem at its solution.
-    stiffness : callable, optional
-        Compares the stiffness with that of the element in `REPLACEMENTS`.
-    step : int, optional
-        Number of the step.
-    """
+def locking_note(problem: Problem, step: int | None = None) -> Note | None:
+    """Return a note if the element locks in the problem's state. Collective."""
     parts = may_lock(problem)
     roughness = pressure_oscillation(problem, parts)
-    if roughness < _SUSPECT:
+    if roughness < _ROUGH:
         return None
-    factor = stiffness(problem) if stiffness else None
     name, nu = problem.element.name, max(part.region.material.numbers.nu for part in parts)
     other = REPLACEMENTS[name]
-    stresses = f"its pressure oscillates by {roughness:.2g} times the shear stress"
-    if factor is not None and factor >= _TOO_STIFF:
-        text = f"locks at nu = {nu:g}: {factor:.2g} times as stiff as '{other}' on this mesh; "
-        text += f"{stresses}, so neither forces nor stresses are right"
-    elif factor is not None and roughness >= _VERY_ROUGH:
-        text = f"at nu = {nu:g}: {stresses}, so stresses are wrong; the stiffness is {factor:.2f} "
-        text += f"times that of '{other}' on this mesh"
-    elif factor is None and roughness >= _ROUGH:
-        text = (
-            f"locks at nu = {nu:g}: {stresses}, so stresses are wrong, and the body is too stiff "
-        )
-        text += "by an unknown factor"
-    else:
-        return None
     degree = " and a displacement of degree 2" if name == "P1" else ""
-    values = {"oscillation": roughness, "stiffness": factor, "replacement": other}
-    advice = f"take element = '{other}'{degree}"
-    return Note("locking", f"element = '{name}' {text}: {advice}", step, values)
+    text = (
+        f"element = '{name}' locks at nu = {nu:g}: its pressure oscillates by {roughness:.2g} "
+        "times the shear stress, so stresses are wrong, and the body may be too stiff: take "
+        f"element = '{other}'{degree}"
+    )
+    return Note("locking", text, step, {"oscillation": roughness, "replacement": other})
 
 
 def inversion_note(problem: Problem, step: int | None = None, halved: bool = False) -> Note | None:

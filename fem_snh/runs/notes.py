@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -141,8 +140,7 @@ def final_notes(
     Parameters
     ----------
     setup : Setup
-        The problem in the state of the last step that converged; its ``make``, if there is one,
-        makes the problem with another element, by which a stiffness is compared.
+        The problem in the state of the last step that converged.
     steps : sequence of mapping
         The rows of run.json.
     estimate : Estimate or None
@@ -151,11 +149,7 @@ def final_notes(
     good = [number for number, row in enumerate(steps) if row["converged"]]
     if not good:
         return []
-    problem, stiffness = setup.problem, None
-    if setup.make:
-        from fem_snh.accuracy.stiffness import stiffness_factor
-
-        stiffness = partial(stiffness_factor, make=setup.make)
+    problem = setup.problem
     stabilised = {
         number: float(steps[number]["stabilisation"])
         for number in good
@@ -164,7 +158,7 @@ def final_notes(
     has_errors = estimate is not None and not estimate.reason
     means = problem.motion is not None and problem.motion.integrator.has_mean_forces
     found = [
-        locking_note(problem, stiffness, good[-1]),
+        locking_note(problem, good[-1]),
         inversion_note(problem, good[-1], _was_halved(steps)) or _earlier_inversion(steps, good),
         pressure_note(problem),
         thin_support_note(problem, good[-1]),
