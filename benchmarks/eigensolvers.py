@@ -22,8 +22,7 @@ import numpy.typing as npt
 
 from benchmarks import Row, page_tables
 from fem_snh.choices import EIGENSOLVERS
-from fem_snh.kernels.material import Material, material
-from fem_snh.kernels.svd_eigen import eigen3
+from fem_snh.kernels.material import Material, eigen3, material
 
 Array = npt.NDArray[np.float64]
 

@@ -15,7 +15,7 @@ from benchmarks.quadrature import dense, spurious_modes
 from fem_snh.assembly.elements import ELEMENTS, Element, element
 from fem_snh.kernels.material import material
 from fem_snh.linalg.direct_solver import DIRECT_SOLVER
-from fem_snh.materials.keywords import BOUNDS
+from fem_snh.materials.parameters import BOUNDS
 from fem_snh.problem.create_problem import create_problem
 from fem_snh.runs import run
 from fem_snh.scenes import Hold, Move

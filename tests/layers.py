@@ -67,8 +67,6 @@ THIRD_PARTY = {
     "ffcx": {"_dolfinx"},
     "ufl": {
         "_dolfinx",
-        "kernels.ufl_frame",
-        "kernels.ufl_stretches",
         "kernels.ufl_forms",
         "terms",
         "accuracy.goals",

@@ -20,8 +20,8 @@ from fem_snh.choices import EIGENSOLVERS
 from fem_snh.kernels.material import Material, material
 from fem_snh.materials import registry
 from fem_snh.materials.energy import Energy
-from fem_snh.materials.invariants import SIGMA
-from fem_snh.materials.signature import measures_of
+from fem_snh.materials.functions import SIGMA
+from fem_snh.materials.parameters import measures_of
 
 #: Materials for the tests of the kernels, at nu below and above 0.4, where stable_neo_hookean
 #: changes its form. The tests of every material are in test_every_material.py.

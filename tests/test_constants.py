@@ -12,8 +12,8 @@ import sympy
 import fem_snh
 from fem_snh.errors import BadInput
 from fem_snh.materials import models
-from fem_snh.materials.invariants import SIGMA
-from fem_snh.materials.keywords import TUNING
+from fem_snh.materials.functions import SIGMA
+from fem_snh.materials.parameters import TUNING
 from fem_snh.materials.tuning import stretch_power
 
 NU = 0.3

@@ -17,7 +17,7 @@ import benchmarks
 from benchmarks import eigensolvers as study
 from fem_snh.choices import EIGENSOLVERS
 from fem_snh.errors import BadInput
-from fem_snh.kernels.svd_eigen import eigen3
+from fem_snh.kernels.material import eigen3
 
 each_solver = pytest.mark.parametrize("solver", EIGENSOLVERS)
 MATERIALS = [make("stable_neo_hookean", nu) for nu in (0.49, 0.3)]

@@ -20,7 +20,7 @@ from points import (
 
 from benchmarks.eigensolvers import cubic_coefficients, cubic_vector, paper_terms
 from fem_snh.choices import EIGENSOLVERS
-from fem_snh.kernels.svd_eigen import svd
+from fem_snh.kernels.material import svd
 
 APPENDIX_A = {
     3: [[0, 0, 0], [0, 0, 1], [0, -1, 0]],

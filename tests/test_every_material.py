@@ -26,9 +26,8 @@ from fem_snh import materials
 from fem_snh.choices import EIGENSOLVERS
 from fem_snh.errors import BadInput
 from fem_snh.kernels import ufl_forms
-from fem_snh.kernels.material import Material
-from fem_snh.kernels.svd_eigen import svd
-from fem_snh.materials.invariants import SIGMA
+from fem_snh.kernels.material import Material, svd
+from fem_snh.materials.functions import SIGMA
 
 NU = 0.3
 PAIRS = ((1, 2), (0, 2), (0, 1))

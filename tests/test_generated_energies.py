@@ -22,8 +22,7 @@ from points import (
 )
 
 from fem_snh.choices import FILTERS
-from fem_snh.kernels.material import Material
-from fem_snh.kernels.svd_eigen import svd
+from fem_snh.kernels.material import Material, svd
 from fem_snh.materials.construction import construct
 
 

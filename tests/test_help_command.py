@@ -9,7 +9,7 @@ import sys
 import pytest
 
 from fem_snh import cli, materials
-from fem_snh.materials.keywords import MEANINGS, TUNING
+from fem_snh.materials.parameters import MEANINGS, TUNING
 from fem_snh.scenes import Obstacle, Scene, reference
 
 

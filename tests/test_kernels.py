@@ -24,8 +24,7 @@ from points import (
 )
 
 from benchmarks.eigensolvers import paper_terms
-from fem_snh.kernels.material import Material
-from fem_snh.kernels.svd_eigen import svd
+from fem_snh.kernels.material import Material, svd
 from fem_snh.materials.energy import Energy
 
 # --- derivatives ---------------------------------------------------------------------------------

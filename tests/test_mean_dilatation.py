@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import fem_snh
-from fem_snh.materials.keywords import BOUNDS
+from fem_snh.materials.parameters import BOUNDS
 from fem_snh.scenes.builtin.block import LAM, MU
 
 #: Edge of the modelled quarter of the block [mm], and a load so small that the answer is linear.

@@ -12,7 +12,7 @@ import sympy
 import fem_snh
 from fem_snh import scenes
 from fem_snh.errors import BadInput
-from fem_snh.materials.invariants import SIGMA
+from fem_snh.materials.functions import SIGMA
 from fem_snh.materials.making import make_energy
 from fem_snh.materials.volume_split import J, split
 

@@ -14,10 +14,10 @@ from benchmarks import point_bounds, pointwise
 from benchmarks.point_bounds import MODULI, exactly, norm
 from benchmarks.pointwise import deformations
 from fem_snh.assembly.cell_loops import CellLoops, ElementTables, compile_cell_loops
-from fem_snh.kernels.codegen.divided_differences import DividedDifference
-from fem_snh.kernels.codegen.increments import Increments
+from fem_snh.kernels.codegen.derivatives import DividedDifference
+from fem_snh.kernels.codegen.small_strain import Increments
 from fem_snh.kernels.material import material
-from fem_snh.materials.invariants import SIGMA
+from fem_snh.materials.functions import SIGMA
 
 STIFF = 0.4999999
 BY_HAND = ["stable_neo_hookean", "neo_hookean"]

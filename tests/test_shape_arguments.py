@@ -13,7 +13,7 @@ from points import STATES, compare, deformations, every_name
 import fem_snh
 from fem_snh import cli, materials
 from fem_snh.choices import POINT_FILTERS
-from fem_snh.kernels import element_energy
+from fem_snh.kernels.codegen import source
 from fem_snh.kernels.compiled import compile_kernel
 from fem_snh.kernels.material import Material
 from fem_snh.materials.runtime import with_arguments
@@ -92,7 +92,7 @@ def with_literals(m: Material, monkeypatch: pytest.MonkeyPatch) -> Material:
     """Return the material with all its numbers compiled in."""
     literal = Material.of(m.expression)
     with monkeypatch.context() as patch:
-        patch.setattr(element_energy, "with_arguments", lambda energy: energy)
+        patch.setattr(source, "with_arguments", lambda energy: energy)
         literal.energy(np.eye(3))
     return literal
 

@@ -10,7 +10,7 @@ from smith_formulas import NU
 
 from fem_snh import materials
 from fem_snh.errors import BadInput
-from fem_snh.materials.invariants import SIGMA
+from fem_snh.materials.functions import SIGMA
 
 # --- thresholds ----------------------------------------------------------------------------------
 

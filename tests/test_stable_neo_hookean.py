@@ -11,7 +11,7 @@ import sympy
 from fem_snh.kernels.material import Material, material
 from fem_snh.kernels.reports import stability
 from fem_snh.kernels.reports.curves import stress
-from fem_snh.materials.invariants import SIGMA
+from fem_snh.materials.functions import SIGMA
 
 
 @lru_cache

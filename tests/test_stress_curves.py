@@ -9,7 +9,7 @@ import pytest
 
 from fem_snh import materials
 from fem_snh.kernels.material import Material, material
-from fem_snh.kernels.reports import curves, drucker
+from fem_snh.kernels.reports import curves
 from fem_snh.kernels.reports.curves import diagonal, stress
 from fem_snh.kernels.reports.report import Report, domain
 
@@ -74,9 +74,9 @@ def test_curves_of_every_material(name):
 # --- the tangent ---------------------------------------------------------------------------------
 
 
-def interval(name: str, path: str, nu: float = 0.3, **shape) -> drucker.Interval:
+def interval(name: str, path: str, nu: float = 0.3, **shape) -> curves.Interval:
     m = made(name, nu, **shape)
-    return next(i for i in drucker.intervals(m, curves.curves(m)) if i.path == path)
+    return next(i for i in curves.intervals(m, curves.curves(m)) if i.path == path)
 
 
 @pytest.mark.parametrize("nu", [0.0, 0.3, 0.49])
@@ -100,10 +100,10 @@ def test_volumetric_interval_of_stable_neo_hookean():
 def test_regions_against_the_hessian(name):
     m = made(name)
     axis = np.array([0.3, 0.8, 1.0, 1.7])
-    for plane in drucker.PLANES:
-        r = drucker.region(m, plane, axis)
+    for plane in curves.PLANES:
+        r = curves.region(m, plane, axis)
         s0, s1 = np.meshgrid(axis, axis)
-        F = diagonal(np.stack([s0, s1, drucker.PLANES[plane](s0, s1)], axis=-1))
+        F = diagonal(np.stack([s0, s1, curves.PLANES[plane](s0, s1)], axis=-1))
         expected = np.linalg.eigvalsh(m.hessian(F))[..., 0]
         size = np.abs(m.hessian(F)).max(axis=(-1, -2))
         assert np.all(np.abs(r.tangent - expected) < 1e-7 * size)

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis.extra.numpy import arrays
 from points import KINDS, deformations, every_kind, rotations
 
-from fem_snh.kernels.svd_eigen import svd
+from fem_snh.kernels.material import svd
 
 
 def exact_determinants(F: np.ndarray) -> np.ndarray:

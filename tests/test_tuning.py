@@ -15,7 +15,7 @@ import fem_snh
 from fem_snh import materials
 from fem_snh.errors import BadInput
 from fem_snh.kernels.codegen.source import material_source
-from fem_snh.materials.invariants import SIGMA
+from fem_snh.materials.functions import SIGMA
 from fem_snh.materials.tuning import EPSILON, stretch_power
 
 NU = 0.3

@@ -12,7 +12,7 @@ from ufl_values import energy_and_derivatives, value
 
 from fem_snh import _dolfinx, materials
 from fem_snh.errors import BadInput
-from fem_snh.kernels.ufl_frame import PrincipalFrame, freeze
+from fem_snh.kernels.ufl_forms import PrincipalFrame, freeze
 from fem_snh.mesh import mesh
 
 NU = 0.3

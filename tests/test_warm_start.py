@@ -13,8 +13,8 @@ from fem_snh import cache, materials
 from fem_snh.errors import BadInput
 from fem_snh.kernels.compiled import compile_kernel, supports
 from fem_snh.materials import models
-from fem_snh.materials.keywords import BOUNDS
 from fem_snh.materials.numbers import Numbers, numbers_of, stored
+from fem_snh.materials.parameters import BOUNDS
 
 RUN = """
 import sys

@@ -31,7 +31,7 @@ from fem_snh.assembly.ghosted_vectors import copy_to_function
 from fem_snh.errors import BadInput, bad_value
 from fem_snh.kernels.ufl_forms import energy_density
 from fem_snh.materials.energy import Energy
-from fem_snh.materials.keywords import BOUNDS
+from fem_snh.materials.parameters import BOUNDS
 from fem_snh.materials.volume_split import split
 from fem_snh.problem.problem import Problem
 from fem_snh.terms.body import displacement_gradient, of_the_body

@@ -31,7 +31,7 @@ from fem_snh.assembly.inclined_planes import InclinedPlanes, MatrixProjection
 from fem_snh.assembly.matrix_layout import MatrixLayout, Received
 from fem_snh.assembly.numbering import MixedDofMap, dof_map
 from fem_snh.kernels.block_pattern import concatenated_ranges
-from fem_snh.kernels.matrix_addition import MatrixAddition
+from fem_snh.kernels.cell_matrices import MatrixAddition
 
 if TYPE_CHECKING:
     from fem_snh.assembly.folding import Folding

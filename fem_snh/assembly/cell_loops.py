@@ -17,8 +17,8 @@ from fem_snh.assembly.elements import Element
 from fem_snh.assembly.kinematics import SOLID, Kinematics
 from fem_snh.choices import EIGENSOLVERS
 from fem_snh.kernels import build
+from fem_snh.kernels.build import header
 from fem_snh.kernels.compiled import Compiled, compile_kernel
-from fem_snh.kernels.headers import header
 from fem_snh.kernels.material import Material
 
 #: Results of `CellLoops.fields`, in the order of fields_cells (cell_api.h).

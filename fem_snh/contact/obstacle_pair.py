@@ -20,7 +20,7 @@ from fem_snh.contact.surface_quadrature import (
     may_be_deep,
 )
 from fem_snh.geometry.motions import MovingShape
-from fem_snh.kernels.form_cells import filter_matrices
+from fem_snh.kernels.cell_matrices import filter_matrices
 
 Array = npt.NDArray[Any]
 

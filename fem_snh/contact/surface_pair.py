@@ -21,7 +21,7 @@ from fem_snh.contact.law import ContactLaw
 from fem_snh.contact.mean_contact import MeanPressure, mean_pressure
 from fem_snh.contact.surface_quadrature import DeepestPoint, cross_tangents, facet_grid
 from fem_snh.errors import bad_value
-from fem_snh.kernels.form_cells import filter_matrices
+from fem_snh.kernels.cell_matrices import filter_matrices
 from fem_snh.terms.settling import LaggedChange, largest_change, relative
 
 Array = npt.NDArray[Any]

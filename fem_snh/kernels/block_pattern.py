@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh.kernels import build
-from fem_snh.kernels.headers import header
+from fem_snh.kernels.build import header
 
 Array = npt.NDArray[Any]
 

@@ -3,6 +3,9 @@
 Ranks, jobs and machines may share the cache: the key is a hash of the source, the compiler, its
 flags and the processor, and files are moved into place atomically. The source is kept beside its
 library.
+
+The C files that the kernels share are in ``include``; from them the sources are made that depend on
+no material.
 """
 
 from __future__ import annotations
@@ -16,12 +19,14 @@ import shutil
 import subprocess
 from collections.abc import Sequence
 from functools import lru_cache
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 import numpy.typing as npt
 
 from fem_snh import cache
+from fem_snh.choices import EIGENSOLVERS, POINT_FILTERS
 from fem_snh.errors import BadInput
 
 #: No -ffast-math: NaN and infinity must keep their IEEE meaning. The code reads neither errno nor
@@ -212,3 +217,56 @@ def load(path: Path, declarations: str) -> tuple[Any, Any]:
             f"kernel library {path} cannot be opened ({error}): delete it, or set FEM_SNH_CACHE to "
             "a folder on a file system that is not mounted noexec"
         ) from None
+
+
+#: The vector types, and the SVD and eigensolvers of `svd_eigen_source`.
+SVD_AND_EIGENSOLVERS = ("lanes.h", "svd_eigen.h")
+#: The functions of a material at a point, and what their callers and they themselves call.
+MATERIAL_FUNCTIONS = ("small_strain.h", "parameters.h", "material_functions.h")
+#: The loops over points for `fem_snh.kernels.material.Material`.
+POINTWISE = ("pointwise_api.h", "pointwise_kernels.h")
+
+
+def header(name: str) -> str:
+    """Return the text of a file of ``fem_snh/kernels/include``."""
+    return (files("fem_snh.kernels") / "include" / name).read_text()
+
+
+def options() -> str:
+    """Return the C enums of the eigenvalue filters and the eigensolvers of `fem_snh.choices`.
+
+    The C name is the upper-case name; the value is the position in the tuple.
+    """
+    enums = (POINT_FILTERS, "eigenvalue filters"), (EIGENSOLVERS, "eigensolvers")
+    return "\n".join(
+        f"enum {{ {', '.join(name.upper() for name in names)} }}; /* {comment} */"
+        for names, comment in enums
+    )
+
+
+def svd_eigen_source() -> str:
+    """Return the C source of the 3x3 SVD and eigensolvers, which every kernel is linked with."""
+    return _source("svd.h", "eigen3.h")
+
+
+def svd_eigen_points_source() -> str:
+    """Return the C source of their loops over points, which depend on no material."""
+    return _source("svd_eigen_api.h", "svd_eigen_kernels.h")
+
+
+def loops_source(definitions: Sequence[str], names: Sequence[str]) -> str:
+    """Return the C source of loops that call the functions of a material at a point.
+
+    Parameters
+    ----------
+    definitions : sequence of str
+        Lines for the top: ``#define`` of the sizes of an element.
+    names : sequence of str
+        Names of files of ``include/`` with the loops, in this order.
+    """
+    return "\n".join([*definitions, _source(*MATERIAL_FUNCTIONS, *names)])
+
+
+def _source(*names: str) -> str:
+    files = map(header, (*SVD_AND_EIGENSOLVERS, *names))
+    return "\n".join(["#include <math.h>", options(), *files])

@@ -19,11 +19,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from fem_snh import cache
 from fem_snh.errors import BadInput
 from fem_snh.kernels import build
-from fem_snh.kernels.headers import loops_source, svd_eigen_source
-from fem_snh.materials.keywords import BOUNDS
+from fem_snh.kernels.build import loops_source, svd_eigen_source
+from fem_snh.materials.parameters import BOUNDS
 
 if TYPE_CHECKING:
-    from fem_snh.kernels.element_energy import ElementEnergy
+    from fem_snh.kernels.codegen.source import ElementEnergy
     from fem_snh.kernels.material import Material
 
 
@@ -68,7 +68,7 @@ def compile_kernel(
     volume : str
         The element's volume treatment, one of `fem_snh.assembly.elements`.
     definitions, after : sequences of str
-        The definitions and the loops of `fem_snh.kernels.headers.loops_source`.
+        The definitions and the loops of `fem_snh.kernels.build.loops_source`.
     entries : sequence of int
         As for `fem_snh.kernels.codegen.source.point_source`.
 
@@ -93,7 +93,7 @@ def _compile_point(material: Material, volume: str, entries: Sequence[int]) -> C
     key = _key(material, volume, "point", [*entries])
     if stored := _stored(key):
         return stored
-    from fem_snh.kernels.element_energy import element_energy
+    from fem_snh.kernels.codegen.source import element_energy
 
     chosen = element_energy(material.expression, volume)
     compiled = Compiled(_object_file(chosen, entries), chosen.constants)
@@ -123,7 +123,7 @@ def supports(material: Material, volume: str) -> bool:
     key = _key(material, volume, "supports")
     if key and (record := cache.read(key)):
         return bool(record["supported"])
-    from fem_snh.kernels.element_energy import element_energy
+    from fem_snh.kernels.codegen.source import element_energy
 
     try:
         element_energy(material.expression, volume)

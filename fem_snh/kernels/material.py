@@ -1,12 +1,13 @@
 """Evaluate a material at given deformation gradients, with the kernels of the assembly.
 
 `Material` and `material` are public: ``fem_snh.material("stable_neo_hookean", E=1.0, nu=0.49)``.
+`svd` and `eigen3` are the kernels' singular value decomposition and eigensolvers, for arrays.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,9 +17,8 @@ from fem_snh import materials
 from fem_snh.choices import EIGENSOLVERS, POINT_FILTERS
 from fem_snh.errors import BadInput, choose
 from fem_snh.kernels import build
+from fem_snh.kernels.build import POINTWISE, header
 from fem_snh.kernels.compiled import compile_kernel
-from fem_snh.kernels.headers import POINTWISE, header
-from fem_snh.kernels.svd_eigen import stored_by_columns
 from fem_snh.materials.numbers import Numbers, numbers_of, store, stored, stored_key
 from fem_snh.materials.parameters import check_constants
 
@@ -26,7 +26,74 @@ if TYPE_CHECKING:
     from fem_snh.kernels.reports.report import Report
     from fem_snh.materials.energy import Energy
 
+
 Array = npt.NDArray[np.float64]
+
+
+@lru_cache
+def _svd_eigen_library() -> tuple[Any, Any]:
+    """Return the compiled SVD and eigensolvers."""
+    solvers = build.object_file(build.svd_eigen_source())
+    path = build.library(build.svd_eigen_points_source(), [solvers])
+    return build.load(path, build.header("svd_eigen_api.h"))
+
+
+def stored_by_columns(A: Array) -> Array:
+    """Return matrices (..., 3, 3) stored by columns, (n, 9), as the C functions take them."""
+    return np.ascontiguousarray(np.swapaxes(A, -1, -2)).reshape(-1, 9)
+
+
+def svd(F: npt.ArrayLike) -> tuple[Array, Array, Array]:
+    """Return the rotation-variant SVD F = U diag(sigma) V^T (Smith et al. 2018, eq. 2).
+
+    Parameters
+    ----------
+    F : (..., 3, 3)
+        Matrices.
+
+    Returns
+    -------
+    U : (..., 3, 3)
+        Rotations, det U = 1.
+    sigma : (..., 3)
+        Signed singular values, sigma_0 >= sigma_1 >= abs(sigma_2).
+    V : (..., 3, 3)
+        Rotations, det V = 1.
+    """
+    F = np.asarray(F, dtype=np.float64)
+    columns = stored_by_columns(F)
+    U, s, V = (np.empty((len(columns), size)) for size in (9, 3, 9))
+    ffi, lib = _svd_eigen_library()
+    lib.svd_points(len(columns), *(ffi.cast("double *", a.ctypes.data) for a in (columns, U, s, V)))
+    rows = [np.swapaxes(a.reshape(F.shape), -1, -2) for a in (U, V)]
+    return rows[0], s.reshape(F.shape[:-1]), rows[1]
+
+
+def eigen3(A: npt.ArrayLike, eigensolver: str = EIGENSOLVERS[0]) -> tuple[Array, Array]:
+    """Return eigenvalues and eigenvectors of symmetric 3x3 matrices.
+
+    Parameters
+    ----------
+    A : (..., 3, 3)
+        Symmetric matrices.
+    eigensolver : str
+        "cubic" or "jacobi".
+
+    Returns
+    -------
+    values : (..., 3)
+        Descending.
+    vectors : (..., 3, 3)
+        In columns.
+    """
+    A = np.asarray(A, dtype=np.float64)
+    solver = EIGENSOLVERS.index(choose("eigensolver", eigensolver, EIGENSOLVERS))
+    packed = np.ascontiguousarray(A.reshape(-1, 9)[:, [0, 4, 8, 1, 2, 5]])
+    e, Q = (np.empty((len(packed), size)) for size in (3, 9))
+    ffi, lib = _svd_eigen_library()
+    a, b, c = (ffi.cast("double *", x.ctypes.data) for x in (packed, e, Q))
+    lib.eigen3_points(len(packed), a, solver, b, c)
+    return e.reshape(A.shape[:-1]), np.swapaxes(Q.reshape(A.shape), -1, -2)
 
 
 class Material:
@@ -193,7 +260,7 @@ class Material:
         -----
         UFL's first and second derivative are those of `pk1` and `hessian`, also at equal stretches
         and for an inverted F. An energy of the principal stretches has the form of
-        `fem_snh.kernels.ufl_stretches`: a relative accuracy of 1e-12 while no stretch is more
+        `fem_snh.kernels.ufl_forms`: a relative accuracy of 1e-12 while no stretch is more
         than 30 times another, wrong third derivatives, and a size that only compilers of forms can
         handle: evaluate it by ``dolfinx.fem.Expression``, not by UFL's ``psi(point)``. Outside the
         energy's domain the value is NaN. Where the energy has no Hessian (`arap`, `corotational`
@@ -235,7 +302,7 @@ def material(
     **shape : Any
         Shape parameters of the material, its constants (``mu``, ``C10``, ``D1``: `fem-snh help
         NAME` lists them) and the keywords of every material
-        (`fem_snh.materials.keywords.TUNING`).
+        (`fem_snh.materials.parameters.TUNING`).
 
     Raises
     ------

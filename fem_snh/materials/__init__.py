@@ -16,7 +16,7 @@ the UFL forms and the numpy values are all generated from that one expression, t
 A function of the user's own is a material, too, in three ways: the function itself
 (``fem_snh.material(gent, E=1e4, nu=0.45)``), a reference ``"gent.py:gent"``, and the name of an
 entry point in the group ``fem_snh.materials`` of an installed package. It is normalised, tuned,
-mixed and compiled like a built-in one. `fem_snh.materials.keywords.TUNING` lists the keywords of
+mixed and compiled like a built-in one. `fem_snh.materials.parameters.TUNING` lists the keywords of
 every material.
 
 `fem_snh.materials()` returns the sorted names.
@@ -29,7 +29,7 @@ from importlib import import_module
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
-from fem_snh.materials.keywords import TUNING
+from fem_snh.materials.parameters import TUNING
 from fem_snh.materials.registry import (
     defaults,
     describe,

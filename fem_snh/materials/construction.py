@@ -14,13 +14,26 @@ from sympy.codegen.cfunctions import log1p
 
 from fem_snh.errors import BadInput
 from fem_snh.materials import normalise, tuning
-from fem_snh.materials.bounds import why_unbounded
 from fem_snh.materials.energy import LAME, Energy, principal_stresses
-from fem_snh.materials.functions import PrincipalStress, positive, where
-from fem_snh.materials.invariants import INVARIANTS, MEASURES, parameters_in
-from fem_snh.materials.keywords import MAX_EXPONENT, TUNING, check
-from fem_snh.materials.parameters import check_constants
-from fem_snh.materials.signature import Function, constants_of, measures_of, shape_parameters
+from fem_snh.materials.functions import (
+    INVARIANTS,
+    MEASURES,
+    PrincipalStress,
+    parameters_in,
+    positive,
+    where,
+)
+from fem_snh.materials.parameters import (
+    MAX_EXPONENT,
+    TUNING,
+    Function,
+    check,
+    check_constants,
+    constants_of,
+    measures_of,
+    shape_parameters,
+)
+from fem_snh.materials.parsing import why_unbounded
 
 #: The measures at rest, F = I.
 REST = {m: 3.0 if str(m) in ("I1", "I_C", "II_C") else 1.0 for m in MEASURES.values()}

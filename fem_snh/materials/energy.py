@@ -10,8 +10,7 @@ from typing import Any
 import sympy
 
 from fem_snh.materials import normalise
-from fem_snh.materials.functions import domain
-from fem_snh.materials.invariants import INVARIANTS, MEASURES, SIGMA
+from fem_snh.materials.functions import INVARIANTS, MEASURES, SIGMA, domain
 
 #: The symbols of the small-strain constants in `Energy.by_lame`.
 LAME = sympy.symbols("mu_lame lambda_lame", real=True)

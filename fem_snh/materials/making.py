@@ -1,23 +1,38 @@
-"""Make the energy of a material from its name, (E, nu) and keywords."""
+r"""Make the energy of a material from its name, (E, nu) and keywords.
+
+E and nu may follow from the material's own constants, or from those of the literature: two of the
+shear modulus :math:`\mu`, the bulk modulus K, E and :math:`\nu` determine the others. The constants
+give :math:`\mu` and K by PK1-linearisation (`fem_snh.materials.normalise`).
+"""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import replace
+from inspect import signature
 from typing import Any
 
 import sympy
 
-from fem_snh.errors import BadInput, bad_value, nearest
-from fem_snh.materials.construction import construct
+from fem_snh.errors import BadInput, bad_value, nearest, shown
+from fem_snh.materials.construction import construct, moduli_of
 from fem_snh.materials.energy import Energy
-from fem_snh.materials.invariants import SIGMA
-from fem_snh.materials.keywords import LARGEST_MODULUS, LARGEST_PARAMETER, TUNING
-from fem_snh.materials.native import Incomplete, with_moduli
+from fem_snh.materials.functions import SIGMA
+from fem_snh.materials.normalise import Pair, determined
 from fem_snh.materials.parameters import (
+    LARGEST_MODULUS,
+    LARGEST_PARAMETER,
+    TUNING,
+    Function,
     check_constants,
     check_keywords,
+    check_size,
+    check_value,
+    constants_of,
     default_variants,
     moduli_or_defaults,
+    shape_parameters,
     variants,
 )
 from fem_snh.materials.registry import (
@@ -26,8 +41,8 @@ from fem_snh.materials.registry import (
     label,
     names_in_literature,
     pins,
+    published,
 )
-from fem_snh.materials.signature import Function, check_size, shape_parameters
 
 #: Largest rest stress [E] of a user's energy: above the rounding errors of its parameters.
 REST_STRESS = 1e-9
@@ -137,3 +152,186 @@ def _check_isotropy(energy: Energy) -> None:
                 f"material '{energy.name}' is not symmetric in s0, s1, s2: expected an isotropic "
                 "energy"
             )
+
+
+#: Accepted relative difference of two moduli, and difference of Poisson's ratios: rounding of the
+#: ten digits that the message about it shows.
+_SAME = 1e-9
+
+
+class Incomplete(BadInput):
+    """The constants do not determine E and nu."""
+
+
+def with_moduli(
+    material: str | Function, E: float | None, nu: float | None, given: Mapping[str, Any]
+) -> tuple[float, float, dict[str, Any]]:
+    """Return E [Pa], nu and the other keywords of a material, published constants replaced.
+
+    Parameters
+    ----------
+    material : str or callable
+        As for `fem_snh.materials.make_energy`.
+    E, nu : float or None
+        Young's modulus [Pa] and Poisson's ratio, if given.
+    given : mapping
+        The other keywords.
+
+    Returns
+    -------
+    (float, float, dict)
+        The constants among the keywords are those that E and nu do not determine.
+
+    Raises
+    ------
+    Incomplete
+        If E and nu are not determined.
+    BadInput
+        For constants that contradict each other or E and nu.
+    """
+    own = function(material)
+    keywords = _translated(material, given)
+    constants = constants_of(own)
+    pins = {c: keywords[c] for c in constants if keywords.get(c) is not None}
+    if E is not None and nu is not None and len(pins) < len(constants):
+        return E, nu, keywords  # `Normalisation` compares them
+    symbols, moduli = _moduli(own, label(material), nu, keywords)
+    values = {symbols[c]: sympy.oo if v == math.inf else sympy.Rational(v) for c, v in pins.items()}
+    mu, lam = (m.subs(values) for m in moduli)
+    bulk = sympy.simplify(lam + mu * 2 / 3)
+    named = {*constants, *names_in_literature(material)}
+    words = [f"{k} = {_short(v)}" for k, v in given.items() if k in named and v is not None]
+    what = f"material '{label(material)}' with {', '.join(words)}"
+    found = _solve(what, mu, bulk, E, nu)
+    if found is None:
+        names = ", ".join(names_in_literature(material))
+        raise Incomplete(
+            f"{what} is incomplete: it takes E, nu, or its constants {', '.join(constants)}"
+            f"{f' ({names})' if names else ''}, of which one may be E or nu"
+        )
+    free = determined(moduli, [symbols[c] for c in pins])
+    return *found, {k: v for k, v in keywords.items() if symbols.get(k) not in free}
+
+
+def replace_weak(
+    table: dict[str, Any], given: Collection[str], keywords: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Return a material's table without an E and a nu that its new constants replace.
+
+    Parameters
+    ----------
+    table : dict
+        ``name``, E, nu and keywords.
+    given : collection of str
+        The keys that are new; E and nu among them are kept.
+    keywords : mapping
+        The table without the keys of every material.
+    """
+    own = function(table["name"])
+    together = {k: p.meanings for p in published(table["name"]) for k in p.meanings}
+
+    def translated(keys: Iterable[str]) -> dict[str, Any]:
+        whole = {n for k in keys for n in together.get(k, (k,))}
+        return _translated(table["name"], {n: keywords[n] for n in whole if n in keywords})
+
+    new = translated(given)
+    # A new constant replaces an old one of another name.
+    replaced = {
+        k: v
+        for k, v in keywords.items()
+        if k in given
+        or any(n in given for n in together.get(k, ()))
+        or not new.keys() & translated([k])
+    }
+    kept = {k: v for k, v in table.items() if k not in keywords or k in replaced}
+    symbols, (mu, _) = _moduli(own, label(table["name"]), table.get("nu"), {**keywords, **new})
+    of_shear = any(symbols.get(c) in mu.free_symbols for c in new)
+    choices = ({"E", "nu"}, {"E"}) if of_shear else ({"E", "nu"}, {"nu"}, {"E"}, set[str]())
+    error: Incomplete | None = None
+    for dropped in choices:
+        left = {k: table.get(k) for k in ("E", "nu") if k in given or k not in dropped}
+        try:
+            with_moduli(table["name"], left.get("E"), left.get("nu"), replaced)
+        except Incomplete as reason:
+            error = error or reason
+            continue
+        return {k: v for k, v in kept.items() if k not in ("E", "nu") or k in left}
+    assert error is not None
+    raise error
+
+
+def _translated(material: str | Function, given: Mapping[str, Any]) -> dict[str, Any]:
+    """Return keywords with published constants replaced by the material's own keywords."""
+    keywords = dict(given)
+    for constants in published(material):
+        names = list(constants.meanings)
+        values = [keywords.pop(name, None) for name in names]
+        if all(v is None for v in values):
+            continue
+        missing = [n for n, v in zip(names, values, strict=True) if v is None]
+        if missing:
+            raise Incomplete(
+                f"material '{label(material)}': expected {missing[0]} beside "
+                f"{', '.join(n for n in names if n not in missing)}"
+            )
+        values = [check_value(n, v, constants.kind) for n, v in zip(names, values, strict=True)]
+        for name, value in zip(names, values, strict=True):
+            check_size(name, value, LARGEST_MODULUS)
+        for key, value in constants.own(*values).items():
+            if keywords.get(key) is not None:
+                raise BadInput(
+                    f"material '{label(material)}': {key} and {', '.join(names)}: expected one of "
+                    "the two"
+                )
+            keywords[key] = value
+    return keywords
+
+
+def _moduli(
+    own: Function, name: str, nu: float | None, keywords: Mapping[str, Any]
+) -> tuple[dict[str, sympy.Symbol], Pair]:
+    """Return the symbols of the constants, and (mu_lame, lambda_lame) in them."""
+    shape = shape_parameters(own)
+    known = {k: v for k, v in keywords.items() if k in shape or k in constants_of(own)}
+    finite = {k: v for k, v in known.items() if v != math.inf}
+    check_keywords(own, finite)
+    for key, value in finite.items():
+        check_size(key, value, LARGEST_PARAMETER if key in shape else LARGEST_MODULUS)
+    shape |= {k: v for k, v in known.items() if k in shape}
+    if nu is None and "nu" in signature(own).parameters:
+        raise Incomplete(f"material '{name}': its energy depends on nu: expected nu = a number")
+    return moduli_of(own, name, nu, shape)
+
+
+def _solve(
+    what: str, mu: sympy.Expr, bulk: sympy.Expr, E: float | None, nu: float | None
+) -> tuple[float, float] | None:
+    """Return E and nu from two of mu, the bulk modulus, E and nu; None if one is not a number."""
+    if mu.is_number and not mu > 0:
+        raise BadInput(f"{what} has the shear modulus {float(mu):g} Pa: expected one above 0")
+    if bulk.is_number and not bulk > 0:
+        raise BadInput(f"{what} has the bulk modulus {float(bulk):g} Pa: expected one above 0")
+    if mu.is_number and bulk.is_number:
+        ratio = mu / bulk
+        found = float(9 * mu / (3 + ratio)), float((3 - 2 * ratio) / (6 + 2 * ratio))
+    elif mu.is_number and nu is not None:
+        found = float(2 * mu * (1 + sympy.Rational(nu))), nu
+    elif mu.is_number and E is not None:
+        found = E, float(sympy.Rational(E) / (2 * mu) - 1)
+    elif bulk.is_number and E is not None:
+        found = E, float(sympy.Rational(1, 2) - sympy.Rational(E) / (6 * bulk))
+    elif bulk.is_number and nu is not None and bulk != sympy.oo:
+        found = float(3 * bulk * (1 - 2 * sympy.Rational(nu))), nu
+    else:
+        return None
+    for key, mine, theirs, size in (("E", E, found[0], found[0]), ("nu", nu, found[1], 1.0)):
+        if mine is not None and abs(mine - theirs) > _SAME * size:
+            raise BadInput(
+                f"{what} has no free constant and {key} = {theirs:.10g}, not {mine:g}: expected "
+                f"that {key}, or none"
+            )
+    return found
+
+
+def _short(value: Any) -> str:
+    return f"{value:g}" if isinstance(value, float) else shown(value)

@@ -1,15 +1,227 @@
-"""Check the numbers and the keywords that a user gives a material."""
+"""The parameters of a material: read from its function's signature, and checked.
+
+Keywords of every material and limits of numbers stand here, too. Scenes are checked against them
+without sympy, which takes longer to import than a small solve.
+"""
 
 from __future__ import annotations
 
+import inspect
+import re
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from inspect import formatannotation, signature
 from numbers import Real
 from types import NoneType, UnionType
 from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
-from fem_snh.errors import bad_value
-from fem_snh.materials.keywords import LARGEST_MODULUS, TUNING, Accepted, Variant
+from fem_snh.errors import BadInput, bad_value
+
+#: Largest modulus [Pa], and the inverse of the smallest: the squares in a norm stay finite.
+LARGEST_MODULUS = 1e100
+#: Largest shape parameter: its products with stretches and moduli stay finite.
+LARGEST_PARAMETER = 1e6
+#: Largest exponent: the generated C has one multiplication for each unit, and sympy would expand
+#: 9**9**9.
+MAX_EXPONENT = 64
+#: The b of lambda_local (`fem_snh.materials.volume_split`), by the element's volume treatment.
+#: A small b favours the linear solver of a saddle-point problem, a large b strong compression
+#: (measured in docs/results/elements.md).
+BOUNDS = {"mean": 4.0, "cell_pressure": 4.0, "pressure": 2.0}
+#: Keywords of every material, with their defaults.
+TUNING: dict[str, float | str | None] = {
+    "alpha": 1.0,
+    "alpha_mu": None,
+    "alpha_lambda": None,
+    "lambda_part": None,
+    "epsilon": None,
+}
+#: What each of them is.
+MEANINGS = {
+    "alpha": "nonlinearity: the same material at small strain, stiffer (above 1) or softer at "
+    "large stretch (Chen & Barbič)",
+    "alpha_mu": "alpha of the part of mu alone",
+    "alpha_lambda": "alpha of the part of lambda alone",
+    "lambda_part": "name of the material whose part of lambda replaces its own",
+    "epsilon": "stretch below which the nonlinearity is extended so that it survives inversion",
+}
+#: Accepted alpha: s^alpha increases with s, and s^(4 alpha) has at most the largest exponent of
+#: generated code.
+ALPHAS = (0.01, MAX_EXPONENT / 4)
+#: Accepted epsilon, besides 0: the rest state s = 1 is outside the extension, and 1 + epsilon^4
+#: differs from 1 in double precision.
+EPSILONS = (1e-4, 0.99)
+
+
+@dataclass(frozen=True)
+class Accepted:
+    """The accepted values of a shape parameter, as an annotation of it.
+
+    Attributes
+    ----------
+    accepted : str
+        The values in words.
+    low, high : float
+        The ends.
+    above, below : bool
+        Whether a value has to be above the lower and below the upper end.
+    nonzero : bool
+        Whether 0 is not accepted.
+    """
+
+    accepted: str
+    low: float = -LARGEST_PARAMETER
+    high: float = LARGEST_PARAMETER
+    above: bool = False
+    below: bool = False
+    nonzero: bool = False
+
+    def __contains__(self, value: float) -> bool:
+        """Return whether a value is accepted."""
+        low = value > self.low if self.above else value >= self.low
+        high = value < self.high if self.below else value <= self.high
+        return low and high and not (self.nonzero and value == 0)
+
+
+@dataclass(frozen=True)
+class Variant:
+    """The equations between which a shape parameter selects, as an annotation of it.
+
+    Attributes
+    ----------
+    default : callable
+        Returns the value for a Poisson's ratio, where the parameter is None.
+    equations : mapping
+        The equation of each value, with its source.
+    """
+
+    default: Callable[[float], Any]
+    equations: Mapping[Any, str]
+
+
+#: Accepted exponents of the power strains.
+EXPONENTS = Accepted(
+    f"a number from {-MAX_EXPONENT} to {MAX_EXPONENT}, not 0: that limit is 'hencky'",
+    -MAX_EXPONENT,
+    MAX_EXPONENT,
+    nonzero=True,
+)
+
+
+def check(tuning: dict[str, Any]) -> dict[str, Any]:
+    """Return the values of all `TUNING` keywords; the alphas of the parts default to ``alpha``.
+
+    Raises
+    ------
+    BadInput
+        For an alpha outside `ALPHAS` or an epsilon outside `EPSILONS`.
+    """
+    given = TUNING | {k: v for k, v in tuning.items() if v is not None}
+    for key in ("alpha_mu", "alpha_lambda"):
+        given[key] = given["alpha"] if given[key] is None else given[key]
+    for key in ("alpha", "alpha_mu", "alpha_lambda", "epsilon"):
+        value = given[key]
+        if value is None or (key == "epsilon" and value == 0 and not isinstance(value, bool)):
+            continue
+        number = isinstance(value, int | float) and not isinstance(value, bool)
+        low, high = EPSILONS if key == "epsilon" else ALPHAS
+        if not (number and low <= value <= high):
+            zero = "0 or " if key == "epsilon" else ""
+            raise bad_value(key, value, f"{zero}a number from {low:g} to {high:g}")
+    return given
+
+
+Function = Callable[..., Any]
+
+#: Names of the deformation measures that may be arguments (`fem_snh.materials.functions`).
+MEASURES = ("I1", "I_C", "II_C", "J", "s0", "s1", "s2")
+
+#: The accepted measures, for messages.
+ACCEPTED = "I_C (tr C), II_C, J (det F), I1 (sum of the stretches), s0, s1, s2 (the stretches)"
+#: Names that the literature uses for deformation measures, which a constant must not have.
+#: I_1, I4, I_Q, IIIC, I1bar, J_bar, F, C, B, sigma_0, lambda_1, ...
+_OTHER_MEASURE = re.compile(
+    r"I[I_]*\w{0,2}(_?bar)?|J_?bar|[FCBjs]|s3|s_[012]|sigma_?[012]?|lambda_?[123]|stretch(es)?"
+)
+
+
+def measures_of(function: Function) -> list[str]:
+    """Return the names of the deformation measures among a material function's arguments."""
+    parameters = inspect.signature(function).parameters
+    return [n for n, p in parameters.items() if p.kind is p.POSITIONAL_OR_KEYWORD and n in MEASURES]
+
+
+def shape_parameters(function: Function) -> dict[str, Any]:
+    """Return the keyword-only arguments of a material function, without ``nu``, and defaults."""
+    return {
+        name: parameter.default
+        for name, parameter in inspect.signature(function).parameters.items()
+        if parameter.kind is parameter.KEYWORD_ONLY and name != "nu"
+    }
+
+
+def constants_of(function: Function) -> dict[str, float | None]:
+    """Return the free constants of a material function, with defaults [units of E] or None."""
+    return {
+        name: None if parameter.default is parameter.empty else parameter.default
+        for name, parameter in inspect.signature(function).parameters.items()
+        if parameter.kind is parameter.POSITIONAL_OR_KEYWORD and name not in MEASURES
+    }
+
+
+def check_size(key: str, value: Any, largest: float) -> None:
+    """Raise BadInput if a number, or one of a sequence, is not in [-largest, largest]."""
+    for number in value if isinstance(value, tuple | list) else (value,):
+        if isinstance(number, int | float) and not abs(number) <= largest:
+            what = "numbers" if isinstance(value, tuple | list) else "a number"
+            raise bad_value(key, value, f"{what} from {-largest:g} to {largest:g}")
+
+
+def check_signature(function: Function, name: str, reserved: set[str]) -> None:
+    """Raise BadInput unless the arguments of a user's function define a material.
+
+    Parameters
+    ----------
+    function : callable
+        The material function.
+    name : str
+        The material, for messages.
+    reserved : set of str
+        Keywords of every material.
+    """
+    try:
+        parameters = inspect.signature(function).parameters
+    except (TypeError, ValueError):
+        raise BadInput(f"material '{name}': expected a Python function of {ACCEPTED}") from None
+    for key, p in parameters.items():
+        if p.kind not in (p.POSITIONAL_OR_KEYWORD, p.KEYWORD_ONLY):
+            raise BadInput(
+                f"material '{name}': argument '{key}': expected measures, constants and, after *, "
+                "shape parameters by name"
+            )
+        constant = p.kind is p.POSITIONAL_OR_KEYWORD and key not in MEASURES
+        if constant and _OTHER_MEASURE.fullmatch(key):
+            raise BadInput(
+                f"material '{name}': argument '{key}': expected a measure among {ACCEPTED}, or a "
+                "constant with another name"
+            )
+        if constant and set(list(parameters)[list(parameters).index(key) :]) & set(MEASURES):
+            raise BadInput(
+                f"material '{name}': argument '{key}': expected a measure among {ACCEPTED}; the "
+                "constants follow the measures"
+            )
+        if key in reserved:
+            raise BadInput(
+                f"material '{name}': argument '{key}': expected another name; every material has "
+                f"the keyword {key}"
+            )
+        if p.kind is p.KEYWORD_ONLY and key != "nu" and p.default is p.empty:
+            raise BadInput(f"material '{name}': shape parameter '{key}': expected a default value")
+        if p.kind is p.POSITIONAL_OR_KEYWORD and key == "nu":
+            raise BadInput(f"material '{name}': argument 'nu': expected after *, as a keyword")
+    if not measures_of(function):
+        raise BadInput(f"material '{name}': expected an argument that is a measure: {ACCEPTED}")
+
 
 T = TypeVar("T")
 

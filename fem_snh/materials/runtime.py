@@ -25,8 +25,7 @@ import sympy
 
 from fem_snh.errors import BadInput
 from fem_snh.materials.energy import Energy
-from fem_snh.materials.functions import exact, where
-from fem_snh.materials.invariants import INVARIANTS, SIGMA, Parameter, parameters_in
+from fem_snh.materials.functions import INVARIANTS, SIGMA, Parameter, exact, parameters_in, where
 
 #: Stretches at which both forms of an energy are compared, the last ones only if the energy is
 #: finite there.

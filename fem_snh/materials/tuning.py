@@ -36,8 +36,7 @@ import sympy
 
 from fem_snh.errors import BadInput
 from fem_snh.materials.energy import LAME, Energy
-from fem_snh.materials.functions import exact, where
-from fem_snh.materials.invariants import INVARIANTS, SIGMA
+from fem_snh.materials.functions import INVARIANTS, SIGMA, exact, where
 from fem_snh.materials.normalise import lame
 
 #: Default stretch below which s^alpha is extended, for energies that are finite for every F.

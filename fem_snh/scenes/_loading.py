@@ -12,7 +12,7 @@ from pydantic import ValidationError
 
 from fem_snh.errors import BadInput, nearest_file, unknown_name
 from fem_snh.files import read_text
-from fem_snh.materials.keywords import TUNING
+from fem_snh.materials.parameters import TUNING
 from fem_snh.references import FileText, is_reference
 from fem_snh.scenes._consistency import check_radii
 from fem_snh.scenes._library import SceneFunction, function, make_scene, parameters
@@ -253,7 +253,7 @@ def _without_replaced(material: dict[str, Any], given: set[str]) -> dict[str, An
         return material
     if not constants & given:
         return material
-    from fem_snh.materials.native import Incomplete, replace_weak  # imports sympy
+    from fem_snh.materials.making import Incomplete, replace_weak  # imports sympy
 
     own = {k: v for k, v in material.items() if k not in MaterialChoice.model_fields}
     try:

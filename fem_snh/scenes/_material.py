@@ -19,7 +19,7 @@ from pydantic import (
 )
 
 from fem_snh.errors import BadInput, bad_value, unknown_name
-from fem_snh.materials.keywords import LARGEST_MODULUS
+from fem_snh.materials.parameters import LARGEST_MODULUS
 from fem_snh.tables.synonyms import suggestion
 from fem_snh.tables.types import GroupKey, Positive
 from fem_snh.tables.validation import Expect, Finite, Table
@@ -129,9 +129,8 @@ class MaterialChoice(Table):
     @model_validator(mode="after")
     def _check_parameters(self) -> MaterialChoice:
         from fem_snh.materials import TUNING, defaults, function, names_in_literature, pins
-        from fem_snh.materials.keywords import check
         from fem_snh.materials.numbers import stored
-        from fem_snh.materials.parameters import check_keywords, plain
+        from fem_snh.materials.parameters import check, check_keywords, plain
 
         given = {key: plain(value) for key, value in (self.model_extra or {}).items()}
         if stored(self.name, self.E, self.nu, **given):
@@ -169,7 +168,7 @@ class MaterialChoice(Table):
 def _moduli_of(name: Any, E: Any, nu: Any, given: Mapping[str, Any]) -> dict[str, float]:
     """Return the E and nu that a material's constants determine; nothing without constants."""
     from fem_snh.materials import make_energy, names_in_literature, pins
-    from fem_snh.materials.native import with_moduli
+    from fem_snh.materials.making import with_moduli
     from fem_snh.materials.numbers import numbers_of, store, stored, stored_key
     from fem_snh.materials.parameters import plain
 

@@ -17,7 +17,7 @@ from pydantic.fields import FieldInfo
 
 from fem_snh.errors import BadInput, nearest, unknown_name
 from fem_snh.materials import TUNING, defaults, describe, names, names_in_literature, pins
-from fem_snh.materials.keywords import MEANINGS
+from fem_snh.materials.parameters import MEANINGS
 from fem_snh.materials.registry import published
 from fem_snh.scenes.schema import WORDS, MaterialChoice, Scene
 from fem_snh.tables.field_texts import accepted, is_list, models

@@ -19,10 +19,9 @@ from fem_snh.assembly.elements import Element
 from fem_snh.assembly.ghosted_vectors import copy_to_function
 from fem_snh.assembly.regions import Region, cell_constant
 from fem_snh.errors import bad_value
-from fem_snh.kernels.ufl_forms import energy_density
-from fem_snh.kernels.ufl_stretches import FUNCTIONS
-from fem_snh.materials.invariants import MEASURES
-from fem_snh.materials.keywords import BOUNDS
+from fem_snh.kernels.ufl_forms import FUNCTIONS, energy_density
+from fem_snh.materials.functions import MEASURES
+from fem_snh.materials.parameters import BOUNDS
 from fem_snh.materials.volume_split import PRESSURE, Split, split
 from fem_snh.terms.body import WeightedMeasure, displacement_gradient, of_the_body
 from fem_snh.terms.elastic import Elastic

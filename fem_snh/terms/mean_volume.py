@@ -26,7 +26,7 @@ from fem_snh.assembly.assembled_matrix import BlockMatrix
 from fem_snh.assembly.elements import Element
 from fem_snh.assembly.ghosted_vectors import copy_to_function
 from fem_snh.errors import bad_value
-from fem_snh.kernels.form_cells import filter_matrices
+from fem_snh.kernels.cell_matrices import filter_matrices
 from fem_snh.terms.body import displacement_gradient, of_the_body
 from fem_snh.terms.term import Term
 from fem_snh.terms.ufl_term import UFLTerm, compile_form

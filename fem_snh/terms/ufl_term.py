@@ -28,7 +28,7 @@ from fem_snh.assembly.ghosted_vectors import copy_to_function
 from fem_snh.choices import FILTERS
 from fem_snh.errors import BadInput, bad_value, choose, on_root
 from fem_snh.kernels import build
-from fem_snh.kernels.form_cells import FormCells, Integral, form_cells_source
+from fem_snh.kernels.cell_matrices import FormCells, Integral, form_cells_source
 from fem_snh.references import describe_error
 from fem_snh.terms.term import Term
 

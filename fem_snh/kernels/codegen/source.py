@@ -1,31 +1,38 @@
-"""Assemble the C source of a material at a point from headers and generated functions.
+"""Choose the energy that an element evaluates, and assemble the C source of it at a point.
 
-`fem_snh.kernels.compiled` and ``fem-snh materials NAME --source`` call it.
+The energy is the material's, whole or without its volume term. `fem_snh.kernels.compiled` and
+``fem-snh materials NAME --source`` call this module.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import sympy
 from sympy.codegen.cfunctions import expm1
 
-from fem_snh.kernels.codegen.c_functions import Functions
-from fem_snh.kernels.codegen.increments import Increments
-from fem_snh.kernels.codegen.small_strain import (
-    VOLUME_INCREMENT,
-    SmallStrainFunctions,
-    small_strain_forms,
-)
-from fem_snh.kernels.headers import (
+from fem_snh.errors import BadInput
+from fem_snh.kernels.build import (
     MATERIAL_FUNCTIONS,
     POINTWISE,
     SVD_AND_EIGENSOLVERS,
     header,
     options,
 )
+from fem_snh.kernels.codegen import source
+from fem_snh.kernels.codegen.c_functions import Functions
+from fem_snh.kernels.codegen.small_strain import (
+    VOLUME_INCREMENT,
+    Increments,
+    SmallStrainFunctions,
+    small_strain_forms,
+)
+from fem_snh.kernels.compiled import ElementConstants
 from fem_snh.materials.energy import Energy
-from fem_snh.materials.volume_split import PRESSURE, J, Split
+from fem_snh.materials.parameters import BOUNDS
+from fem_snh.materials.runtime import with_arguments
+from fem_snh.materials.volume_split import PRESSURE, J, Split, split
 
 #: Files that precede the generated functions, which call them.
 _BEFORE = ("log_exp_series.h", "divided_differences.h", *MATERIAL_FUNCTIONS)
@@ -100,3 +107,67 @@ def volume_conjugate_function(split: Split) -> str:
         increment = Increments({PRESSURE: (sympy.Integer(0), PRESSURE)})(ratio)[1]
     forms = [curve[0], increment, curve[2]]
     return Functions(split.energy).curve_function(head, PRESSURE, curve, "conjugate", forms)
+
+
+class ElementEnergy(NamedTuple):
+    """The energy that the kernels evaluate at quadrature points.
+
+    Attributes
+    ----------
+    energy : Energy
+        The material's energy; for a mixed element psi' + p J of `fem_snh.materials.volume_split`.
+    functions : tuple of str
+        C functions of the volume term, if it is split off.
+    constants : ElementConstants
+        The numbers of the energy.
+    """
+
+    energy: Energy
+    functions: tuple[str, ...]
+    constants: ElementConstants
+
+
+def element_energy(energy: Energy, volume: str) -> ElementEnergy:
+    """Return the energy in the form that an element needs.
+
+    Parameters
+    ----------
+    energy : Energy
+        A material's energy.
+    volume : str
+        The element's volume treatment, one of `fem_snh.assembly.elements`.
+
+    Raises
+    ------
+    BadInput
+        If the element cannot use the energy: nu = 0.5 without a pressure, or a volume term that
+        cannot be split off.
+    """
+    if volume == "pointwise":
+        if energy.incompressible:
+            raise BadInput(
+                f"nu = 0.5: material '{energy.name}' is incompressible and requires a Taylor-Hood "
+                "element (P2P1, Q2Q1)"
+            )
+        made = with_arguments(energy)
+        return ElementEnergy(made, (), ElementConstants(made.scalar_values))
+    parts = _split_with_arguments(energy, split(energy, BOUNDS[volume]), BOUNDS[volume])
+    if volume == "cell_pressure":  # its condensed problem is the faster one
+        parts.check_closed_form()
+    function = (
+        source.volume_energy_function if volume == "mean" else source.volume_conjugate_function
+    )
+    constants = ElementConstants(parts.energy.scalar_values, parts.stiffness, parts.local)
+    return ElementEnergy(parts.energy, (function(parts),), constants)
+
+
+def _split_with_arguments(energy: Energy, parts: Split, bound: float) -> Split:
+    """Return the split of an energy with symbols, if its volume term contains none."""
+    made = with_arguments(energy)
+    if made is energy:
+        return parts
+    try:
+        found = split(made, bound)
+    except BadInput:
+        return parts
+    return found if found.volume == parts.volume else parts

@@ -15,9 +15,8 @@ from fem_snh import materials
 from fem_snh.errors import BadInput
 from fem_snh.files import write_file
 from fem_snh.kernels.material import Material, material
-from fem_snh.kernels.reports import curves, drucker, stability
-from fem_snh.kernels.reports.curves import Curve
-from fem_snh.kernels.reports.drucker import Interval, StableRegion
+from fem_snh.kernels.reports import curves, stability
+from fem_snh.kernels.reports.curves import Curve, Interval, StableRegion
 from fem_snh.kernels.reports.stability import Stability
 
 #: The columns in order; the columns ``*_reason`` give the reason of a verdict that is not "passed".
@@ -115,8 +114,8 @@ def report(m: Material) -> Report:
         rest=stability.rest(m),
         degeneracy=stability.degeneracy(m),
         curves=tests,
-        drucker=drucker.intervals(m, tests),
-        regions=drucker.regions(m),
+        drucker=curves.intervals(m, tests),
+        regions=curves.regions(m),
     )
 
 

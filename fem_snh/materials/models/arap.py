@@ -1,6 +1,6 @@
 """The material ``arap``."""
 
-from fem_snh.materials.models._volume_term import volume as volume_term
+from fem_snh.materials.models._terms import volume_term
 
 
 def arap(I1, I_C, J, mu, lam, *, volume: str = "J"):

@@ -6,9 +6,9 @@ from sympy import Rational
 from sympy.codegen.cfunctions import log1p
 
 from fem_snh.materials.functions import exact, positive
-from fem_snh.materials.keywords import Accepted
-from fem_snh.materials.models import _isochoric
-from fem_snh.materials.published import bulk
+from fem_snh.materials.models._terms import first_invariant, volume_term
+from fem_snh.materials.parameters import Accepted
+from fem_snh.materials.registry import bulk
 
 PUBLISHED = (bulk("kappa"),)
 
@@ -62,7 +62,7 @@ def extended_tube(
     squared, power = exact(delta) ** 2, exact(beta)
     stretches = [positive(s) for s in (s0, s1, s2)]
     J = positive(s0 * s1 * s2)
-    x = _isochoric.first_invariant(sum(s**2 for s in stretches), J) - 3
+    x = first_invariant(sum(s**2 for s in stretches), J) - 3
     links = Gc / 2 * ((1 - squared) * x / (1 - squared * x) + log1p(-squared * x))
     entanglements = J ** (power * Rational(1, 3)) * sum(s**-power for s in stretches) - 3
-    return links + 2 * Ge / power**2 * entanglements + _isochoric.volume(J, kappa)
+    return links + 2 * Ge / power**2 * entanglements + volume_term(J, kappa)

@@ -5,9 +5,9 @@ from typing import Annotated
 from sympy.codegen.cfunctions import log1p
 
 from fem_snh.materials.functions import exact
-from fem_snh.materials.keywords import Accepted
-from fem_snh.materials.models import _isochoric
-from fem_snh.materials.published import bulk
+from fem_snh.materials.models._terms import first_invariant, volume_term
+from fem_snh.materials.parameters import Accepted
+from fem_snh.materials.registry import bulk
 
 PUBLISHED = (bulk("kappa"),)
 
@@ -44,5 +44,5 @@ def gent(
     Gent 1996.
     """
     limit = exact(J_m)
-    x = _isochoric.first_invariant(I_C, J) - 3
-    return -mu * limit / 2 * log1p(-x / limit) + _isochoric.volume(J, kappa)
+    x = first_invariant(I_C, J) - 3
+    return -mu * limit / 2 * log1p(-x / limit) + volume_term(J, kappa)

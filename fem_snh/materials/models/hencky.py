@@ -2,7 +2,7 @@
 
 from sympy import log
 
-from fem_snh.materials.models._quadratic_strain import quadratic
+from fem_snh.materials.models._terms import quadratic
 
 
 def hencky(s0, s1, s2, mu, lam):

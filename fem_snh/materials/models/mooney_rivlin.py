@@ -2,8 +2,8 @@
 
 from typing import Any
 
-from fem_snh.materials.models import _isochoric
-from fem_snh.materials.published import bulk, renamed
+from fem_snh.materials.models._terms import first_invariant, second_invariant, volume_term
+from fem_snh.materials.registry import bulk, renamed
 
 PUBLISHED = (
     renamed("C10", "C1", "Coefficient of I1 - 3 [Pa]"),
@@ -29,5 +29,5 @@ def mooney_rivlin(I_C, II_C, J, C1: Any = 0.125, C2: Any = 0.0417, kappa: Any = 
     -----
     Infinite for J <= 0. Without the volume term lambda_lame would be negative.
     """
-    first, second = _isochoric.first_invariant(I_C, J), _isochoric.second_invariant(II_C, J)
-    return C1 * (first - 3) + C2 * (second - 3) + _isochoric.volume(J, kappa)
+    first, second = first_invariant(I_C, J), second_invariant(II_C, J)
+    return C1 * (first - 3) + C2 * (second - 3) + volume_term(J, kappa)

@@ -2,7 +2,7 @@
 
 from sympy import Rational
 
-from fem_snh.materials.published import Published, bulk
+from fem_snh.materials.registry import Published, bulk
 
 PUBLISHED = (
     Published({"C10": "Coefficient of I1 - 3 [Pa]: mu = 2 C10."}, lambda C10: {"mu": 2 * C10}),

@@ -4,8 +4,8 @@ from sympy import log
 
 from fem_snh.errors import BadInput
 from fem_snh.materials.functions import exact, positive
-from fem_snh.materials.models._volume_term import volume as volume_term
-from fem_snh.materials.published import LIST, Published
+from fem_snh.materials.models._terms import volume_term
+from fem_snh.materials.registry import LIST, Published
 
 
 def _from_terms(mu_p, alpha_p):

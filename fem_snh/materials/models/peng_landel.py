@@ -2,7 +2,7 @@
 
 from sympy import log
 
-from fem_snh.materials.models._volume_term import volume as volume_term
+from fem_snh.materials.models._terms import volume_term
 
 
 def peng_landel(s0, s1, s2, mu, lam, *, volume: str = "J"):

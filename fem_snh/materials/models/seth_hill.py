@@ -3,8 +3,8 @@
 from typing import Annotated
 
 from fem_snh.materials.functions import exact, positive
-from fem_snh.materials.keywords import EXPONENTS
-from fem_snh.materials.models._quadratic_strain import quadratic
+from fem_snh.materials.models._terms import quadratic
+from fem_snh.materials.parameters import EXPONENTS
 
 
 def seth_hill(s0, s1, s2, mu, lam, *, n: Annotated[float, EXPONENTS] = 0.5):

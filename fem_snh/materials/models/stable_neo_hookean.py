@@ -4,7 +4,7 @@ from typing import Annotated
 
 from sympy import Rational, log
 
-from fem_snh.materials.keywords import Variant
+from fem_snh.materials.parameters import Variant
 
 
 def _has_barrier(nu: float) -> bool:

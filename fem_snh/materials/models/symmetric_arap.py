@@ -1,7 +1,7 @@
 """The material ``symmetric_arap``."""
 
 from fem_snh.materials.functions import positive
-from fem_snh.materials.models._volume_term import volume as volume_term
+from fem_snh.materials.models._terms import volume_term
 
 
 def symmetric_arap(s0, s1, s2, mu, lam, *, volume: str = "J"):

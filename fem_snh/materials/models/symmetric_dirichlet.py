@@ -1,7 +1,7 @@
 """The material ``symmetric_dirichlet``."""
 
 from fem_snh.materials.functions import positive
-from fem_snh.materials.models._volume_term import volume as volume_term
+from fem_snh.materials.models._terms import volume_term
 
 
 def symmetric_dirichlet(I_C, II_C, J, mu, lam, *, volume: str = "J"):

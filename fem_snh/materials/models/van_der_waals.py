@@ -6,9 +6,9 @@ from sympy import Rational, log, sqrt
 from sympy.codegen.cfunctions import log1p
 
 from fem_snh.materials.functions import exact, positive, where
-from fem_snh.materials.keywords import Accepted
-from fem_snh.materials.models import _isochoric
-from fem_snh.materials.published import bulk
+from fem_snh.materials.models._terms import first_invariant, second_invariant, volume_term
+from fem_snh.materials.parameters import Accepted
+from fem_snh.materials.registry import bulk
 
 PUBLISHED = (bulk("kappa"),)
 #: The x below which psi is a polynomial: stretches within 0.6 % of 1. The Hessian of x^(3/2)
@@ -63,10 +63,10 @@ def van_der_waals(
     """
     m, attraction, share = exact(lambda_m) ** 2 - 3, exact(a), exact(beta)
     J = positive(J)
-    first, second = _isochoric.first_invariant(I_C, J), _isochoric.second_invariant(II_C, J)
+    first, second = first_invariant(I_C, J), second_invariant(II_C, J)
     x = (1 - share) * first + share * second - 3
     psi = where(x - SMALL, _network(x, m, attraction), _near_rest(x, m, attraction))
-    return mu * psi + _isochoric.volume(J, kappa)
+    return mu * psi + volume_term(J, kappa)
 
 
 def _network(x, m, a):

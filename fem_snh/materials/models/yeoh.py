@@ -2,8 +2,8 @@
 
 from typing import Any
 
-from fem_snh.materials.models import _isochoric
-from fem_snh.materials.published import bulk
+from fem_snh.materials.models._terms import first_invariant, volume_term
+from fem_snh.materials.registry import bulk
 
 PUBLISHED = (bulk("kappa"),)
 
@@ -32,5 +32,5 @@ def yeoh(I_C, J, C10: Any = 0.16667, C20: Any = -0.00176, C30: Any = 4.35e-5, ka
     ----------
     Yeoh 1993.
     """
-    x = _isochoric.first_invariant(I_C, J) - 3
-    return C10 * x + C20 * x**2 + C30 * x**3 + _isochoric.volume(J, kappa)
+    x = first_invariant(I_C, J) - 3
+    return C10 * x + C20 * x**2 + C30 * x**3 + volume_term(J, kappa)

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh.kernels import build
-from fem_snh.kernels.headers import SVD_AND_EIGENSOLVERS, header, options, svd_eigen_source
+from fem_snh.kernels.build import SVD_AND_EIGENSOLVERS, header, options, svd_eigen_source
 from fem_snh.linalg.columns_cg import LANES
 
 Array = npt.NDArray[np.float64]

@@ -23,8 +23,8 @@ from fem_snh.assembly.cell_loops import CellLoops, ElementTables, compile_cell_l
 from fem_snh.assembly.ghosted_vectors import local_values
 from fem_snh.errors import on_root
 from fem_snh.kernels import build
+from fem_snh.kernels.build import header
 from fem_snh.kernels.compiled import Compiled
-from fem_snh.kernels.headers import header
 from fem_snh.kernels.material import Material
 from fem_snh.problem.problem import Problem
 from fem_snh.runs.output.point_fields import PointFieldLoops, point_fields_library

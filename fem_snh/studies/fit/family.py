@@ -22,11 +22,22 @@ from fem_snh import materials
 from fem_snh.errors import BadInput, bad_value, choose
 from fem_snh.materials import normalise, tuning
 from fem_snh.materials.energy import LAME, principal_stresses
-from fem_snh.materials.functions import PrincipalStress, domain, positive
-from fem_snh.materials.invariants import INVARIANTS, MEASURES, SIGMA
-from fem_snh.materials.keywords import ALPHAS, MAX_EXPONENT
-from fem_snh.materials.parameters import default_variants, ranges
-from fem_snh.materials.signature import constants_of, measures_of
+from fem_snh.materials.functions import (
+    INVARIANTS,
+    MEASURES,
+    SIGMA,
+    PrincipalStress,
+    domain,
+    positive,
+)
+from fem_snh.materials.parameters import (
+    ALPHAS,
+    MAX_EXPONENT,
+    constants_of,
+    default_variants,
+    measures_of,
+    ranges,
+)
 
 Array = npt.NDArray[np.float64]
 

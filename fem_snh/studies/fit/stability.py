@@ -20,7 +20,7 @@ lost where a force has a maximum, and where unequal stretches have the forces of
     - p \frac{\partial^2 J}{\partial s_i \partial s_j}\right) ds_j > 0, \qquad
     p = s_2 \frac{\partial\psi}{\partial s_2}
 
-The latter are the scaling eigenvalues of the material reports (`fem_snh.kernels.reports.drucker`).
+The latter are the scaling eigenvalues of the material reports (`fem_snh.kernels.reports.curves`).
 """
 
 from __future__ import annotations
