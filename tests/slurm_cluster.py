@@ -1,4 +1,4 @@
-"""A real Slurm on this machine, with its own munge, and a point whose runs are counted."""
+"""A real Slurm on this machine, with its own munge, and points whose runs are counted."""
 
 from __future__ import annotations
 
@@ -7,14 +7,13 @@ import secrets
 import shutil
 import socket
 import subprocess
-import sys
 import time
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from fem_snh.studies.point import Point
+from fem_snh import scenes
+from fem_snh.studies.points import Point
 
 #: The programs that the tests start; Debian's packages are slurmctld, slurmd, slurm-client, munge.
 PROGRAMS = ("slurmctld", "slurmd", "sbatch", "squeue", "scontrol", "scancel", "munged")
@@ -167,28 +166,21 @@ def wait_for(condition: Callable[[], Any], interval: float = 0.05) -> None:
         time.sleep(interval)
 
 
-@dataclass(frozen=True, kw_only=True)
-class CountedPoint(Point):
-    """A point that appends its name to a file, waits and squares a number."""
+#: A scene that appends its number to a file, waits and ends with the square of the number.
+COUNTED = """
+import time
 
-    number: int
-    runs: Path
-
-    module = "slurm_cluster"
-
-    def arguments(self, folder: Path) -> list[str]:
-        return [str(folder), str(self.number), str(self.runs)]
-
-    def requested(self) -> Mapping[str, Any]:
-        return {"number": self.number}
-
-    def measured(self, record: Mapping[str, Any], log: Path, code: int) -> Mapping[str, Any]:
-        square = int(log.read_text().split()[-1]) if code == 0 else None
-        return {"converged": code == 0, "status": f"code {code}", "seconds": 0, "square": square}
-
-
-if __name__ == "__main__":
-    with open(sys.argv[3], "a") as file:
-        file.write(f"{Path(sys.argv[1]).name}\n")
+def counted(number: int = 0):
+    with open({runs!r}, "a") as file:
+        file.write(f"p{{number}}\\n")
     time.sleep(0.2)
-    print(int(sys.argv[2]) ** 2)
+    raise ValueError(f"its square is {{number**2}}")
+"""
+
+
+def counted_points(folder: Path, number: int, runs: Path) -> dict[str, Point]:
+    """Return points whose runs are counted in a file; they fail, without a solve."""
+    file = folder / "counted.py"
+    file.write_text(COUNTED.format(runs=str(runs)))
+    scene = scenes.load("twist")
+    return {f"p{n}": Point(f"{file}:counted", {"number": n}, scene) for n in range(number)}

@@ -31,7 +31,7 @@ from benchmarks.extremes import (
 from benchmarks.extremes.cases import COLUMNS, at_rest, converged, scene_case
 from benchmarks.extremes.tight import agrees, tight_row
 from fem_snh.errors import BadInput
-from fem_snh.studies.table import read_record
+from fem_snh.studies.points import read_record
 
 ROOT = Path(__file__).parents[1]
 

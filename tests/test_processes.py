@@ -5,18 +5,12 @@ from __future__ import annotations
 import subprocess
 import sys
 import time
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import psutil
 import pytest
 
-from fem_snh.studies.batch import Batch
-from fem_snh.studies.point import Limits, Point
 from fem_snh.studies.processes import Child, environment, program
-
-TINY: dict[str, Any] = {"cells": 2, "steps": 1, "angle": 0.2}
 
 
 def test_a_child_ends_with_all_its_ranks(tmp_path: Path) -> None:
@@ -93,31 +87,6 @@ def test_memory_is_counted_over_all_ranks(tmp_path: Path) -> None:
     while alone.poll() is None:
         time.sleep(0.05)
     assert alone.limit_reached == "given up after 1.5 s"
-
-
-class Echo(Point):
-    """A point that is no run of a scene: a module of Python's own, and what it says."""
-
-    module = "calendar"
-
-    def arguments(self, folder: Path) -> list[str]:
-        return ["2018"]
-
-    def requested(self) -> Mapping[str, Any]:
-        return {"scene": "none"}
-
-    def measured(self, record: Mapping[str, Any], log: Path, code: int) -> Mapping[str, Any]:
-        words = log.read_text().split()
-        return {"converged": code == 0 and not record, "status": words[0], "seconds": None}
-
-
-def test_a_point_may_be_any_command(tmp_path: Path) -> None:
-    columns = ["point", "ranks", "scene", "converged", "status", "seconds"]
-    batch = Batch(tmp_path, "study", {}, columns, Limits(), report=lambda line: None)
-    assert batch.run({"a": Echo()})
-    (row,) = batch.table.rows()
-    assert float(row.pop("seconds")) > 0
-    assert list(row.values()) == ["a", "1", "none", "True", "2018"]
 
 
 def test_a_rank_may_start_a_sweep(monkeypatch: pytest.MonkeyPatch) -> None:

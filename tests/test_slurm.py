@@ -11,17 +11,16 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from slurm_cluster import PROCESSORS, Cluster, CountedPoint, missing, wait_for
+from slurm_cluster import PROCESSORS, Cluster, counted_points, missing, wait_for
 
 from fem_snh import cli
 from fem_snh.errors import BadInput
 from fem_snh.studies.batch import Batch
-from fem_snh.studies.jobs import Jobs
-from fem_snh.studies.point import Limits
+from fem_snh.studies.jobs import Jobs, Task
+from fem_snh.studies.points import Limits
 from fem_snh.studies.schedulers import Array, Slurm, Submission
-from fem_snh.studies.tasks import Task
 
-COLUMNS = ["point", "number", "square", "ranks", "converged", "status", "seconds"]
+COLUMNS = ["point", "number", "ranks", "converged", "status", "seconds"]
 WITH_SLURM = pytest.mark.skipif(bool(missing()), reason=missing() or "Slurm is here")
 
 
@@ -41,7 +40,7 @@ def study(out: Path, submission: Submission, lines: list[str] | None = None) -> 
 def test_nothing_is_lost_and_nothing_runs_twice(cluster: Cluster, tmp_path: Path) -> None:
     """60 points; slurmctld is killed and started again, a job is killed, a node fails."""
     runs = tmp_path / "runs.txt"
-    points = {f"p{n}": CountedPoint(number=n, runs=runs) for n in range(60)}
+    points = counted_points(tmp_path, 60, runs)
     out, submission = tmp_path / "out", Submission(chunk=2)
     lines: list[str] = []
     with study(out, submission, lines) as batch:
@@ -80,7 +79,8 @@ def test_nothing_is_lost_and_nothing_runs_twice(cluster: Cluster, tmp_path: Path
         assert batch.run(points)
         rows = batch.table.rows()
     assert sorted(row["point"] for row in rows) == sorted(points)
-    assert all(int(row["square"]) == int(row["number"]) ** 2 for row in rows)
+    for row in rows:
+        assert row["status"].endswith(f"its square is {int(row['number']) ** 2}")
     repeated = {name for name, n in Counter(runs.read_text().split()).items() if n > 1}
     # A controller that has lost its last seconds starts again what it believes to be waiting.
     assert len(repeated) <= 2 * (on_node + 1 + PROCESSORS)
@@ -153,9 +153,7 @@ def test_paths_are_quoted_for_slurm_and_for_the_shell(tmp_path: Path, name: str)
     (out / "fem_snh_element").mkdir(parents=True)
     scheduler = out / "record.py"
     scheduler.write_text(RECORDING)
-    Jobs(out).submit(
-        [Task("p", "fem_snh", (), 1)], Submission(f"{scheduler}:Recording", account=name)
-    )
+    Jobs(out).submit([Task("p", (), 1)], Submission(f"{scheduler}:Recording", account=name))
     (script,) = (out / "jobs").glob("*.sh")
     lines = script.read_text().splitlines()
     options = [word for line in lines if line.startswith("#SBATCH") for word in slurm_words(line)]

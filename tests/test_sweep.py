@@ -18,10 +18,10 @@ import fem_snh
 from fem_snh.cli import main
 from fem_snh.cli.studies import comma_list
 from fem_snh.errors import BadInput
+from fem_snh.studies.batch import StudyTable
+from fem_snh.studies.points import MEASURED, REQUESTED, largest_error, run_arguments
 from fem_snh.studies.processes import environment, program
-from fem_snh.studies.scene_points import run_arguments
 from fem_snh.studies.sweep import combinations, sweep
-from fem_snh.studies.table import MEASURED, REQUESTED, StudyTable, largest_error
 
 TINY: dict[str, Any] = {"cells": 2, "steps": 1, "angle": 0.2}
 

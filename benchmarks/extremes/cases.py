@@ -12,9 +12,15 @@ from typing import Any
 
 from fem_snh import scenes
 from fem_snh.choices import HESSIANS
+from fem_snh.studies.points import (
+    MEASURED,
+    REQUESTED,
+    measured_columns,
+    read_record,
+    requested_columns,
+    run_arguments,
+)
 from fem_snh.studies.processes import Child, program
-from fem_snh.studies.scene_points import requested_columns, run_arguments
-from fem_snh.studies.table import MEASURED, REQUESTED, measured_columns, read_record
 
 #: The record of a case (empty if there is none) and its row.
 Record = Mapping[str, Any]

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.extremes.cases import Case, Record, Row
-from fem_snh.studies.table import read_record
+from fem_snh.studies.points import read_record
 
 #: The tight solve's tolerance of forces relative to E V^(2/3); the default one is 1e-7.
 _TOLERANCE = 1e-9

@@ -8,13 +8,13 @@ from pathlib import Path
 from benchmarks import Row
 from benchmarks.faults.intervention import CONVERGED_STEPS
 from benchmarks.faults.trial import Trial, compare_with_undisturbed, resume_and_compare
-from fem_snh.studies.table import read_record
+from fem_snh.studies.points import read_record
 
 
 def _run_first_steps(trial: Trial, ranks: int) -> None:
     """Run until `CONVERGED_STEPS` have converged, then stop the run."""
     child = trial.start_paused(ranks)
-    child.signal(signal.SIGTERM)
+    child.process.send_signal(signal.SIGTERM)
     trial.wait(child)
 
 

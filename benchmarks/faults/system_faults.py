@@ -8,13 +8,17 @@ import signal
 import subprocess
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
+
+import psutil
 
 from benchmarks import Row
 from benchmarks.faults.intervention import CONVERGED_STEPS
 from benchmarks.faults.pause import RESUME
 from benchmarks.faults.trial import Trial, resume_and_compare
+from fem_snh.processes import RANK_VARIABLES
+from fem_snh.studies.processes import Child
 
 #: Limit on the size of a file [B]: between a checkpoint (30 KiB) and the fields of a step (42 KiB).
 _FILE_SIZE = 40 * 1024
@@ -25,7 +29,7 @@ def killed_rank(folder: Path) -> Row:
     """Send SIGKILL to one of two ranks: mpirun ends the other."""
     trial = Trial(folder)
     child = trial.start_paused(2)
-    os.kill(child.ranks()[1], signal.SIGKILL)
+    os.kill(_ranks(child)[1], signal.SIGKILL)
     code = trial.wait(child)
     return resume_and_compare(trial, code, "signal 9", CONVERGED_STEPS, 1)
 
@@ -34,7 +38,7 @@ def terminated(folder: Path) -> Row:
     """Send SIGTERM to both ranks, as batch systems do, and mpirun up to Open MPI 5 at Ctrl-C."""
     trial = Trial(folder)
     child = trial.start_paused(2)
-    for rank in child.ranks():
+    for rank in _ranks(child):
         os.kill(rank, signal.SIGTERM)
     code = trial.wait(child)
     return resume_and_compare(trial, code, "interrupted", CONVERGED_STEPS, 1)
@@ -58,10 +62,24 @@ def file_size_limit(folder: Path) -> Row:
     """Limit files to 40 KiB from one step on: the fields of a step are larger."""
     trial = Trial(folder)
     child = trial.start_paused(1)
-    resource.prlimit(child.ranks()[0], resource.RLIMIT_FSIZE, (_FILE_SIZE, _FILE_SIZE))
-    os.kill(child.ranks()[0], RESUME)
+    resource.prlimit(_ranks(child)[0], resource.RLIMIT_FSIZE, (_FILE_SIZE, _FILE_SIZE))
+    os.kill(_ranks(child)[0], RESUME)
     code = trial.wait(child)
     return resume_and_compare(trial, code, "File too large", CONVERGED_STEPS, 1)
+
+
+def _ranks(child: Child) -> list[int]:
+    """Return the process ids of the running MPI ranks of a child, rank 0 first.
+
+    A process that mpirun has not started counts as its own only rank.
+    """
+    numbered = []
+    for process in child.processes():
+        with suppress(psutil.Error):  # it has just ended
+            variables = process.environ()
+            values = [variables[key] for key in RANK_VARIABLES if key in variables]
+            numbered += [(int(values[0]), process.pid)] if values else []
+    return [pid for _, pid in sorted(numbered)] or [child.process.pid]
 
 
 @contextmanager

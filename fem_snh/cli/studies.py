@@ -55,8 +55,8 @@ def sweep(argv: list[str]) -> int:
         return _print_status(args)
     axes = _axes(args)
 
+    from fem_snh.studies.points import NO_NOTES
     from fem_snh.studies.sweep import sweep as study
-    from fem_snh.studies.table import NO_NOTES
 
     # With --collect the folder names a Python file, and the user need not have written the folder.
     reason = "expected no Python file with --collect: give the command itself again"

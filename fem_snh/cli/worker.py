@@ -1,6 +1,6 @@
 """A process that solves points of a study one after another: ``python -m fem_snh.cli.worker``.
 
-`fem_snh.studies.workers` starts it, on any number of ranks. It reads a line of JSON per point,
+`fem_snh.studies.processes` starts it, on any number of ranks. It reads a line of JSON per point,
 ``{"arguments": [...], "log": path}``, solves it as ``fem-snh`` with these arguments would, and
 writes its exit code as a line. It ends after the first point that fails, as that may leave memory
 or MPI in any state, and at the end of its input.
@@ -18,7 +18,7 @@ from pathlib import Path
 from mpi4py import MPI
 
 from fem_snh.cli import main as run_command
-from fem_snh.studies.workers import ANSWER
+from fem_snh.studies.processes import ANSWER
 
 
 def main() -> int:

@@ -1,41 +1,118 @@
-"""Run the points of a study, here or by a scheduler, and append a row when a point ends.
+"""The folder of a study: its definition, its table, and the loop that runs its points.
 
-A `Batch` owns a folder: NAME.json (the definition of the study), NAME.csv (the rows) and one folder
-per point with its log and its record. A point that has a row is not run again, so an interrupted
-study continues when it is started again. A point is run in a child process of this one, or of an
-element of an array of jobs (`fem_snh.studies.jobs`); its row is made here in both cases.
+The folder holds NAME.json (the definition of the study), NAME.csv (the rows) and one folder per
+point with its log and its record. A point that has a row is not run again, so an interrupted study
+continues when it is started again. A point is run in a child process of this one, or of an element
+of an array of jobs (`fem_snh.studies.jobs`); its row is made here in both cases.
 """
 
 from __future__ import annotations
 
+import csv
+import io
+import json
+import os
 import subprocess
-import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
+from fem_snh import cache
 from fem_snh.errors import BadInput
-from fem_snh.files import output_path
-from fem_snh.processes import Interrupts
+from fem_snh.files import output_path, read_text, remove, remove_leftovers, replace_file
 from fem_snh.records.notes import with_notes
-from fem_snh.studies.folder import LOG, StudyFolder
-from fem_snh.studies.jobs import Jobs
-from fem_snh.studies.point import Limits, Point
-from fem_snh.studies.processes import Child, environment, program
+from fem_snh.records.run_files import FolderLock, check_inputs, list_others
+from fem_snh.studies.jobs import LOG, End, Jobs, Task, read_end, remove_point, run_tasks
+from fem_snh.studies.points import (
+    NO_NOTES,
+    Limits,
+    Point,
+    measured_columns,
+    read_record,
+    requested_columns,
+)
+from fem_snh.studies.processes import environment, program
 from fem_snh.studies.schedulers import Submission
-from fem_snh.studies.table import NO_NOTES, StudyTable, read_record
-from fem_snh.studies.tasks import End, Task, TaskRunner, read_end
 
-#: Seconds between two polls of the running points.
-_POLL_INTERVAL = 0.005
+#: Hidden file that is the lock of the folder.
+_LOCK = ".study"
+#: Key of the definition that has the points: a digest of the command of each.
+_POINTS = "points"
+
+
+class StudyTable:
+    """The rows of a study in a CSV file, one row per point. Only one process may write it.
+
+    Parameters
+    ----------
+    path : Path
+        The file; rows that it holds already are kept.
+    columns : sequence of str
+        Names of the columns; ``point`` is the key. Those of results, whose names contain a dot
+        (``corner.y``, ``top.force.z``), are added when a row has them.
+    """
+
+    def __init__(self, path: Path, columns: Sequence[str]) -> None:
+        self.path, self.columns = path, list(columns)
+        rows = self.rows() if path.exists() else []
+        self._add_results(rows[0] if rows else ())
+        self.replace(rows)
+
+    def rows(self) -> list[dict[str, str]]:
+        """Return the rows as text, without a last line that was cut off.
+
+        Raises BadInput for a file that is no such table.
+        """
+        try:
+            text = read_text(self.path)
+            rows = list(csv.DictReader(io.StringIO(text[: text.rfind("\n") + 1])))
+        except (OSError, ValueError, csv.Error) as error:
+            raise BadInput(f"{self.path}: cannot be read ({error}): remove it") from None
+        if any(None in row.values() or None in row or "point" not in row for row in rows):
+            raise BadInput(f"{self.path}: expected a table with a column 'point': remove it")
+        return rows
+
+    def append(self, row: Mapping[str, Any]) -> None:
+        """Append one row and flush it to the disk; keys that are no columns are left out."""
+        if self._add_results(row):
+            self.replace(self.rows())
+        with self.path.open("a", encoding="utf-8", newline="") as file:
+            self._writer(file).writerow(row)
+            file.flush()
+            os.fsync(file.fileno())
+
+    def _add_results(self, keys: Iterable[str]) -> bool:
+        """Add the columns of results; return whether there are new ones."""
+        new = [key for key in keys if "." in key and key not in self.columns]
+        self.columns += new
+        return bool(new)
+
+    def replace(self, rows: Iterable[Mapping[str, Any]]) -> None:
+        """Replace all rows."""
+        text = io.StringIO()
+        writer = self._writer(text)
+        writer.writeheader()
+        writer.writerows(rows)
+        replace_file(self.path, text.getvalue())
+
+    def drop(self, points: Iterable[str]) -> None:
+        """Remove the rows of these points."""
+        removed = set(points)
+        self.replace(row for row in self.rows() if row["point"] not in removed)
+
+    def _writer(self, file: TextIO) -> csv.DictWriter[str]:
+        return csv.DictWriter(
+            file, self.columns, restval="", extrasaction="ignore", lineterminator="\n"
+        )
 
 
 class Batch:
-    """The folder and the table of a study, and the loop that runs its points.
+    """A study in its folder, which is created, and which one process at a time may use.
 
-    Only one process may use a folder; as a context, a batch releases it at the end.
+    NAME.json holds the definition and the names of the points before a point writes anything, so
+    that no other folder is ever taken for one of a point. As a context, a batch releases the folder
+    at the end.
 
     Parameters
     ----------
@@ -47,19 +124,23 @@ class Batch:
         The values that all rows of the table share.
     columns : sequence of str
         Columns of the table.
+    limits : Limits
+        How many points run at a time, and the limits of each.
     inputs : iterable of Path
         Files that the study reads.
     retry : bool
         Run again the points of earlier calls that failed.
     overwrite : bool
-        Delete an earlier study in ``out``.
+        Delete an earlier study in ``out``; accept a folder that holds other files, which stay.
     report : callable
         Called with one line per point.
 
     Raises
     ------
     BadInput
-        As from `fem_snh.studies.folder.StudyFolder`.
+        If ``out`` holds a study of another definition, or files of no study, and ``overwrite`` is
+        false; if it holds an input that the study would replace; if another process uses it, or it
+        cannot be written.
     """
 
     def __init__(
@@ -75,35 +156,108 @@ class Batch:
         overwrite: bool = False,
         report: Callable[[str], None] = print,
     ) -> None:
-        self.name, self.limits, self.report = name, limits, report
+        self.name, self.limits, self.report, self._retry = name, limits, report, retry
         program(limits.ranks)  # fails here, before anything runs, if there is no mpirun
-        definition = {**definition, "ranks": limits.ranks}
+        self._definition = json.loads(json.dumps({**definition, "ranks": limits.ranks}))
         self.out = output_path("out", out)
         self._jobs = Jobs(self.out)
         if overwrite:
             self._check_queue(self._queued())
-        self._folder = StudyFolder(out, name, definition, inputs, overwrite)
-        if self._folder.note:
-            report(f"note: {self._folder.note}")
-        if overwrite:
-            self._jobs.clear()
-        self.table = StudyTable(self.out / f"{name}.csv", columns)
-        self._retry = retry
+        try:
+            self.out.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise BadInput(f"out = {out}: cannot be written: {error.strerror}") from None
+
+        def is_own(file: str) -> bool:
+            return Path(file).stem == name
+
+        check_inputs(self.out, inputs, is_own)
+        self._lock = FolderLock(self.out / _LOCK)
+        if self._lock.note:
+            report(f"note: {self._lock.note}")
+        try:
+            remove_leftovers(self.out, is_own)
+            self._points = self._open(overwrite)
+            self._write()
+            self.table = StudyTable(self.out / f"{name}.csv", columns)
+        except BaseException:
+            self._lock.release()
+            raise
 
     def __enter__(self) -> Batch:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._folder.close()
+        self._lock.release()
 
-    def register(self, points: Mapping[str, Point]) -> None:
-        """Check the rows and folders of points before they run; see `StudyFolder.register`."""
-        kept = (row for row in self.table.rows() if not self._is_repeated(row))
-        self._folder.register(points, (row["point"] for row in kept))
+    def _open(self, overwrite: bool) -> dict[str, Any]:
+        """Return the points of an earlier study in the folder; refuse or remove one."""
+        earlier = self._earlier()
+        if earlier is None:
+            others = list_others(self.out)
+            if others and not overwrite:
+                raise BadInput(
+                    f"out = {self.out}: holds what is not of a {self.name} study ({others}): "
+                    "expected a new or an empty folder, or --overwrite"
+                )
+            earlier = {}
+        points = earlier.pop(_POINTS, {})
+        points = points if isinstance(points, dict) else {}
+        if overwrite:
+            for point in points:
+                remove_point(self.out, point)
+            remove(self.out / f"{self.name}.csv")
+            self._jobs.clear()
+            return {}
+        if earlier and earlier != self._definition:
+            keys = dict.fromkeys([*self._definition, *filter(None, earlier)])
+            other = [k for k in keys if earlier.get(k) != self._definition.get(k)]
+            raise BadInput(
+                f"out = {self.out}: holds {self.name}.csv of other {', '.join(other)}: "
+                "expected another folder, or --overwrite"
+            )
+        return points
 
-    def _is_repeated(self, row: Mapping[str, Any]) -> bool:
-        """Return whether the point of a row is run again."""
-        return self._retry and row["converged"] != "True"
+    def _earlier(self) -> dict[str, Any] | None:
+        """Return the content of NAME.json; None without one, {"": text} if it cannot be read."""
+        unreadable = {"": "text that is no definition"}
+        try:
+            found = json.loads(read_text(self.out / f"{self.name}.json"))
+        except FileNotFoundError:
+            return None
+        except (OSError, ValueError, RecursionError):
+            return unreadable
+        return found if isinstance(found, dict) and found else unreadable
+
+    def _write(self) -> None:
+        text = json.dumps(self._definition | {_POINTS: self._points}, indent=1)
+        replace_file(self.out / f"{self.name}.json", text)
+
+    def _register(self, points: Mapping[str, Point], rows: Iterable[str]) -> None:
+        """Note the points before any of them writes.
+
+        Raises BadInput if the row of a point was made by another command, as by that of another
+        version, or the folder of a point is not that of a point of this study.
+        """
+        commands = {
+            name: {"values": cache.key("fem_snh", point.arguments(Path()))}
+            for name, point in points.items()
+        }
+        known = set(rows)
+        for name, command in commands.items():
+            if name not in self._points and list_others(self.out / name):
+                raise BadInput(
+                    f"out = {self.out}: its folder {name} is not one of this study: expected "
+                    "another folder"
+                )
+            if name in known and self._points.get(name, command) != command:
+                raise BadInput(
+                    f"out = {self.out}: {name} in {self.name}.csv was computed with other "
+                    "values: expected another folder, or --overwrite"
+                )
+        if (registered := self._points | commands) != self._points:
+            self._points = registered
+            self._write()
 
     def run(self, points: Mapping[str, Point]) -> bool:
         """Run the points that have no row; a failed point has a row with the reason.
@@ -119,33 +273,58 @@ class Batch:
         Raises
         ------
         BadInput
-            Before anything runs if a row is not that of its point; see `register`. If points are
-            in the queue of a scheduler, and other points are to run here; if the scheduler does
-            not answer.
+            Before anything runs if a row is not that of its point, or a folder of another. If
+            points are in the queue of a scheduler, and other points are to run here; if the
+            scheduler does not answer.
         """
-        self.register(points)
+        rows = self.table.rows()
+        failed = {row["point"] for row in rows if self._retry and row["converged"] != "True"}
+        self._register(points, (row["point"] for row in rows if row["point"] not in failed))
         queued = self._queued()
-        if self._retry:  # rows of points that are not asked for stay
-            failed = {row["point"] for row in self.table.rows() if self._is_repeated(row)}
-            self.table.drop(failed & set(points))
-            for name in failed & set(points):
-                self._folder.discard(name)
-        rows = {row["point"]: row for row in self.table.rows()}
-        if present := len(rows.keys() & points):
-            self.report(f"{present} of {len(points)} points are there already")
-        for name, point in points.items():
-            if name not in rows and (end := read_end(self.out / name)):
-                row = self._result(name, point, end)
-                present += 1
-                rows[name] = self._append(name, row, present, len(points))
-        waiting = [name for name in points if name not in rows and name not in queued]
-        if isinstance(self.limits.jobs, Submission):
-            self._submit(points, waiting, rows, queued, self.limits.jobs)
+        if failed := failed & points.keys():  # rows of points that are not asked for stay
+            self.table.drop(failed)
+            for name in failed:
+                remove_point(self.out, name)
+        done = {row["point"] for row in self.table.rows()} & points.keys()
+        if done:
+            self.report(f"{len(done)} of {len(points)} points are there already")
+
+        def append(name: str, end: End) -> None:
+            row = self._row(name, points[name], end)
+            self.table.append(row)
+            done.add(name)
+            seconds = f", {row['seconds']:.1f} s" if row["seconds"] else ""
+            status = row["status"]
+            if (notes := row["notes"]) != NO_NOTES:
+                status = f"{with_notes(status, len(notes.split()))} ({notes})"
+            self.report(f"[{len(done)}/{len(points)}] {name}: {status}{seconds}")
+
+        for name in points:
+            if name not in done and (end := read_end(self.out / name)):
+                append(name, end)
+        limits = self.limits
+        tasks = [
+            Task(name, tuple(point.arguments(self.out / name)), limits.ranks, limits.timeout,
+                 limits.memory)
+            for name, point in points.items()
+            if name not in done and name not in queued
+        ]  # fmt: skip
+        if isinstance(limits.jobs, Submission):
+            if limits.jobs.submit and tasks:
+                for task in tasks:
+                    remove_point(self.out, task.name)
+                for line in self._jobs.submit(tasks, limits.jobs):
+                    self.report(line)
+            elif tasks or queued.keys() & points:
+                states = Counter(queued[name] for name in points if name in queued)
+                states["not in the queue"] = len(tasks)
+                parts = [f"{number} {state}" for state, number in states.items() if number]
+                self.report(f"{len(points)} points: {len(done)} in the table, {', '.join(parts)}")
         else:
-            if waiting or queued.keys() & points:
+            if tasks or queued.keys() & points:
                 self._check_queue(queued)
-            self._run_here(points, waiting, rows, self.limits.jobs)
-        return not points.keys() - {row["point"] for row in self.table.rows()}
+            run_tasks(self.out, tasks, limits.jobs, lambda task, end: append(task.name, end))
+        return len(done) == len(points)
 
     def _queued(self) -> dict[str, str]:
         """Return the points of this study that a scheduler has, and their states."""
@@ -160,110 +339,26 @@ class Batch:
                 "--scheduler, --collect, or that they are cancelled"
             )
 
-    def _submit(
-        self,
-        points: Mapping[str, Point],
-        waiting: Sequence[str],
-        rows: dict[str, Any],
-        queued: Mapping[str, str],
-        submission: Submission,
-    ) -> None:
-        """Submit the points that are waiting, and report how many are where."""
-        if submission.submit and waiting:
-            tasks = [self._task(name, points[name]) for name in waiting]
-            for name in waiting:
-                self._folder.begin(name)
-            for line in self._jobs.submit(tasks, submission):
-                self.report(line)
-            return
-        states = Counter(queued[name] for name in points if name in queued)
-        states["not in the queue"] = len(waiting)
-        parts = [f"{number} {state}" for state, number in states.items() if number]
-        if parts:
-            there = len(rows.keys() & points)
-            self.report(f"{len(points)} points: {there} in the table, {', '.join(parts)}")
-
-    def _run_here(
-        self,
-        points: Mapping[str, Point],
-        waiting: list[str],
-        rows: dict[str, Any],
-        jobs: int,
-    ) -> None:
-        """Run the points that are waiting in child processes, ``jobs`` at a time."""
-        running: dict[str, Child] = {}
-        ended = len(points) - len(waiting)
-        runner = TaskRunner()
-        tasks = {name: self._task(name, points[name]) for name in waiting}
-        with Interrupts() as interrupts:
-            try:
-                while waiting or running:
-                    with interrupts.postponed():  # an interrupt here would lose a new child
-                        while waiting and len(running) < jobs:
-                            task = tasks[name := waiting.pop(0)]
-                            running[name] = runner.start(task, self._folder.begin(name))
-                        for name in [name for name in running if running[name].poll() is not None]:
-                            child = running.pop(name)
-                            end = End(child.poll() or 0, child.seconds, child.limit_reached)
-                            row = self._result(name, points[name], end)
-                            runner.keep_or_close(child, bool(waiting))
-                            ended += 1
-                            rows[name] = self._append(name, row, ended, len(points))
-                    time.sleep(_POLL_INTERVAL)
-            finally:
-                for child in running.values():
-                    child.end()
-                runner.close()
-
     def draw(self) -> None:
         """Draw NAME.png in a process of its own; report a failure without an exception."""
         picture = self.out / f"{self.name}.png"
-        command = [*program(1), "plot", str(self.table.path), "--out", str(picture)]
-        pipe = subprocess.PIPE
-        drawing = subprocess.Popen(
-            command,
-            env=environment(),
-            stdin=subprocess.DEVNULL,
-            stdout=pipe,
-            stderr=pipe,
-            text=True,
-        )
-        import_module("pandas")  # the caller reads the table with it: meanwhile
-        out, errors = drawing.communicate()
-        output = (out if drawing.returncode == 0 else errors).strip().splitlines()
-        said = output[-1] if output else f"exit code {drawing.returncode}"
-        failed = not output or drawing.returncode != 0
-        self.report(f"no picture: {said.removeprefix('fem-snh: error: ')}" if failed else said)
+        drawing = subprocess.run(
+            [*program(1), "plot", str(self.table.path), "--out", str(picture)],
+            env=environment(), stdin=subprocess.DEVNULL, capture_output=True, text=True,
+        )  # fmt: skip
+        succeeded = drawing.returncode == 0
+        lines = (drawing.stdout if succeeded else drawing.stderr).strip().splitlines()
+        said = lines[-1] if lines else f"exit code {drawing.returncode}"
+        if not (succeeded and lines):
+            said = f"no picture: {said.removeprefix('fem-snh: error: ')}"
+        self.report(said)
 
-    def _task(self, name: str, point: Point) -> Task:
-        """Return what a process needs to know of a point."""
-        arguments = tuple(point.arguments(self.out / name))
-        limits = self.limits
-        return Task(name, point.module, arguments, limits.ranks, limits.timeout, limits.memory)
-
-    def _row(self, name: str, point: Point) -> dict[str, Any]:
-        """Return the columns of a point that are known before it runs."""
-        requested = {  # dotted keys of a scene are columns only where the study varies them
-            key: value
-            for key, value in point.requested().items()
-            if "." not in key or key in self.table.columns
-        }
-        return {"point": name, "ranks": self.limits.ranks, **requested}
-
-    def _result(self, name: str, point: Point, end: End) -> dict[str, Any]:
+    def _row(self, name: str, point: Point, end: End) -> dict[str, Any]:
         """Return the row of a point that has ended."""
-        record = read_record(self.out / name)
-        row = self._row(name, point)
-        row |= point.measured(record, self.out / name / LOG, end.code)
+        columns = {**point.values, **requested_columns(point.scene)}
+        # Dotted keys of a scene are columns only where the study varies them.
+        row = {k: v for k, v in columns.items() if "." not in k or k in self.table.columns}
+        row |= {"point": name, "ranks": self.limits.ranks}
+        row |= measured_columns(read_record(self.out / name), self.out / name / LOG, end.code)
         row["seconds"] = row["seconds"] or end.seconds
         return row | ({"converged": False, "status": end.limit} if end.limit else {})
-
-    def _append(self, name: str, row: dict[str, Any], count: int, of: int) -> dict[str, Any]:
-        """Append a row to the table and report it."""
-        self.table.append(row)
-        seconds = f", {row['seconds']:.1f} s" if row.get("seconds") else ""
-        status = row["status"]
-        if (notes := row.get("notes", NO_NOTES)) != NO_NOTES:
-            status = f"{with_notes(status, len(notes.split()))} ({notes})"
-        self.report(f"[{count}/{of}] {name}: {status}{seconds}")
-        return row

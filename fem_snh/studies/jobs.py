@@ -1,9 +1,11 @@
-"""The points of a study that were submitted to a scheduler: the folder ``jobs`` of the study.
+"""Run the points of a study on this machine, or submit them to a scheduler.
 
-It holds for each array NAME.json (the tasks of its elements), NAME.sh (its script) and the output
-of its elements. That a point has ended is known from the file in its own folder alone; the
-scheduler is asked only for points that wait or run. Hence nothing depends on the files of the
-scheduler, and a point whose job was lost is one that has neither ended nor is in the queue.
+The folder ``jobs`` of a study holds for each array NAME.json (the tasks of its elements), NAME.sh
+(its script) and the output of its elements. An element runs its tasks one after another, as the
+study does on its own machine: ``python -m fem_snh.studies.jobs FILE.json INDEX``. That a point has
+ended is known from the file in its own folder alone; the scheduler is asked only for points that
+wait or run. Hence nothing depends on the files of the scheduler, and a point whose job was lost is
+one that has neither ended nor is in the queue.
 """
 
 from __future__ import annotations
@@ -12,9 +14,12 @@ import json
 import os
 import secrets
 import shlex
+import sys
+import time
 from collections import Counter
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import asdict, dataclass
 from itertools import chain
 from pathlib import Path
 
@@ -22,26 +27,126 @@ from pydantic import TypeAdapter
 
 from fem_snh.errors import BadInput
 from fem_snh.files import read_text, remove, replace_file
-from fem_snh.processes import python
+from fem_snh.processes import Interrupts, python
+from fem_snh.records.run_files import RunFiles
 from fem_snh.references import is_reference
+from fem_snh.studies.processes import Worker
 from fem_snh.studies.schedulers import Array, Submission, make_scheduler
-from fem_snh.studies.tasks import Task, read_end
 
-#: The folder.
-JOBS = "jobs"
-#: The module that an element runs.
-_MODULE = "fem_snh.studies.array_element"
+#: The log of a point, and how a point ended that a job of a scheduler ran (`End`).
+LOG, END = "log.txt", "end.json"
+#: Seconds between two polls of the running points.
+_POLL_INTERVAL = 0.005
+
+
+@dataclass(frozen=True)
+class Task:
+    """The arguments of ``fem-snh`` for a point, and its limits.
+
+    Parameters
+    ----------
+    name : str
+        Name of the point, and of its folder.
+    arguments : tuple of str
+        The arguments.
+    ranks : int
+        MPI ranks.
+    timeout, memory : float, optional
+        Limits [s, GiB].
+    """
+
+    name: str
+    arguments: tuple[str, ...]
+    ranks: int
+    timeout: float | None = None
+    memory: float | None = None
+
+
+@dataclass(frozen=True)
+class End:
+    """How a task ended.
+
+    Parameters
+    ----------
+    code : int
+        Exit code; negative: a signal.
+    seconds : float
+        Running time.
+    limit : str
+        The limit that ended it; "" otherwise.
+    """
+
+    code: int = 0
+    seconds: float = 0.0
+    limit: str = ""
+
+
+def read_end(folder: Path) -> End | None:
+    """Return the end of the point in a folder; None if it has not ended."""
+    try:
+        return End(**json.loads(read_text(folder / END)))
+    except (OSError, ValueError, TypeError):
+        return None
+
+
+def remove_point(out: Path, name: str) -> None:
+    """Remove the files of a point, and its folder unless it holds others.
+
+    Raises BadInput if a process still writes into it.
+    """
+    folder = out / name
+    if Path(name).name != name or not folder.is_dir() or folder.is_symlink():
+        return  # a name that was edited, or a point that has not run
+    run = RunFiles(folder, overwrite=True)
+    run.discard(list(run.names))
+    run.close()
+    for file in (LOG, END):
+        remove(folder / file)
+    with suppress(OSError):
+        folder.rmdir()
+
+
+def run_tasks(
+    out: Path, tasks: Iterable[Task], number: int, report: Callable[[Task, End], None]
+) -> None:
+    """Run tasks in processes of this machine, ``number`` at a time, and report each that ends.
+
+    A task has the folder of its name in ``out``, from which an earlier attempt is removed.
+    """
+    waiting, idle = list(tasks), list[Worker]()
+    running: dict[Task, Worker] = {}
+    with Interrupts() as interrupts:
+        try:
+            while waiting or running:
+                with interrupts.postponed():  # an interrupt here would lose a new process
+                    while waiting and len(running) < number:
+                        task = waiting.pop(0)
+                        remove_point(out, task.name)
+                        (log := out / task.name / LOG).parent.mkdir(exist_ok=True)
+                        worker = running[task] = idle.pop() if idle else Worker(task.ranks)
+                        worker.start(task.arguments, log, task.timeout, task.memory)
+                    for task, worker in list(running.items()):
+                        if (code := worker.poll()) is not None:
+                            del running[task]
+                            if waiting and worker.idle:
+                                idle.append(worker)
+                            else:
+                                worker.close()
+                            report(task, End(code, worker.seconds, worker.limit_reached))
+                time.sleep(_POLL_INTERVAL)
+        finally:
+            for worker in (*running.values(), *idle):
+                worker.end()
 
 
 @dataclass(frozen=True)
 class _Submitted:
-    """The content of NAME.json, and the name."""
+    """The content of NAME.json."""
 
     scheduler: str
     command: list[str]
     folder: str
     elements: list[list[Task]]
-    name: str = ""
 
 
 class Jobs:
@@ -54,7 +159,7 @@ class Jobs:
     """
 
     def __init__(self, out: Path) -> None:
-        self._out, self.path = out, out / JOBS
+        self._out, self.path = out, out / "jobs"
 
     def queued(self, scheduler: str | None = None) -> dict[str, str]:
         """Return the points that wait or run, and the states of their elements.
@@ -70,28 +175,27 @@ class Jobs:
         BadInput
             If a scheduler does not answer, or a file of the folder is damaged.
         """
-        waiting: dict[str, list[_Submitted]] = {}
-        for job in self._submitted():
-            if any(
-                read_end(self._out / task.name) is None for tasks in job.elements for task in tasks
-            ):
-                waiting.setdefault(job.scheduler, []).append(job)
+        waiting: dict[str, dict[str, _Submitted]] = {}
+        for name, job in self._submitted().items():
+            if any(not read_end(self._out / task.name) for task in chain(*job.elements)):
+                waiting.setdefault(job.scheduler, {})[name] = job
         found: dict[str, str] = {}
-        for name, jobs in waiting.items():
-            if is_reference(name) and name != scheduler:
-                tasks = (task for job in jobs for element in job.elements for task in element)
-                found |= dict.fromkeys((task.name for task in tasks), "submitted")
-                continue
-            states = make_scheduler(name).states([job.name for job in jobs])
-            for job in jobs:
-                for index, state in states.get(job.name, {}).items():
-                    element = job.elements[index : index + 1]
-                    found |= dict.fromkeys((task.name for task in chain(*element)), state)
+        for kind, jobs in waiting.items():
+            states: Mapping[str, Mapping[int, str]]
+            if is_reference(kind) and kind != scheduler:
+                states = {n: dict.fromkeys(range(len(j.elements)), "submitted")
+                          for n, j in jobs.items()}  # fmt: skip
+            else:
+                states = make_scheduler(kind).states(list(jobs))
+            for name, job in jobs.items():
+                for index, state in states.get(name, {}).items():
+                    for task in chain(*job.elements[index : index + 1]):
+                        found[task.name] = state
         # Ends are read after the states: an element that has left the queue has written its own.
         return {name: state for name, state in found.items() if not read_end(self._out / name)}
 
     def submit(self, tasks: Sequence[Task], submission: Submission) -> list[str]:
-        """Submit tasks and return a line about each array.
+        """Submit tasks, whose limits are the same, and return a line about each array.
 
         Raises
         ------
@@ -100,32 +204,25 @@ class Jobs:
             submitted; those after it are for the next call.
         """
         scheduler = make_scheduler(submission.scheduler)
-        size = submission.chunk
-        elements = [tasks[i : i + size] for i in range(0, len(tasks), size)]
+        size, limits = submission.chunk, tasks[0]
+        elements = [list(tasks[i : i + size]) for i in range(0, len(tasks), size)]
         largest = scheduler.largest_array()
         lines = []
         self.path.mkdir(exist_ok=True)
         for start in range(0, len(elements), largest):
             part = elements[start : start + largest]
             name = f"fem-snh-{secrets.token_hex(4)}"
-            data = self.path / f"{name}.json"
-            script = data.with_suffix(".sh")
-            record = {
-                "scheduler": submission.scheduler,
-                "command": list(submission.command),
-                "folder": os.getcwd(),
-                "elements": [[task.data() for task in tasks] for tasks in part],
-            }
-            words = shlex.join([*python(_MODULE), str(data.resolve())])
+            data, script = self.path / f"{name}.json", self.path / f"{name}.sh"
+            job = _Submitted(submission.scheduler, list(submission.command), os.getcwd(), part)
+            words = shlex.join([*python("fem_snh.studies.jobs"), str(data.resolve())])
             words = words.replace("{", "{{").replace("}", "}}")
             array = Array(
-                name, len(part), max(task.ranks for tasks in part for task in tasks),
-                self.path.resolve(), f"{words} {{index}}",
-                _largest_sum(part), max(t.memory or 0 for ts in part for t in ts) or None,
+                name, len(part), limits.ranks, self.path.resolve(), f"{words} {{index}}",
+                limits.timeout and limits.timeout * max(map(len, part)), limits.memory,
             )  # fmt: skip
             replace_file(script, scheduler.script(array, submission))
             # Before it is submitted: a job that nobody remembers would run points twice.
-            replace_file(data, json.dumps(record))
+            replace_file(data, json.dumps(asdict(job)))
             try:
                 number = scheduler.submit(script)
             except BadInput:
@@ -147,12 +244,14 @@ class Jobs:
         BadInput
             If no command has.
         """
-        newest = max(self._submitted(), key=lambda job: self._time(job.name), default=None)
-        if newest is None or not newest.command or not Path(newest.folder).is_dir():
+        jobs = self._submitted()
+        newest = max(jobs, key=lambda n: (self.path / f"{n}.json").stat().st_mtime_ns, default="")
+        job = jobs.get(newest)
+        if job is None or not job.command or not Path(job.folder).is_dir():
             raise BadInput(
                 f"out = {self._out}: expected a study that a command with --scheduler has submitted"
             )
-        return Path(newest.folder), newest.command
+        return Path(job.folder), job.command
 
     def status(self, name: str, scheduler: str | None = None) -> Counter[str]:
         """Return the number of points by state, with those that have a row or have ended.
@@ -169,52 +268,49 @@ class Jobs:
             table = read_text(self._out / f"{name}.csv").splitlines()[1:]
         except (OSError, ValueError, KeyError, TypeError, RecursionError):
             raise BadInput(f"out = {self._out}: expected the folder of a {name} study") from None
-        rows = {line.partition(",")[0].strip('"') for line in table}
-        queued = self.queued(scheduler)
+        states = self.queued(scheduler)
+        states |= {point: "ended" for point in points if read_end(self._out / point)}
+        states |= {line.partition(",")[0].strip('"'): "in the table" for line in table}
         count: Counter[str] = Counter({"points": len(points), "in the table": 0})
-        for point in points:
-            if point in rows:
-                count["in the table"] += 1
-            elif read_end(self._out / point):
-                count["ended"] += 1
-            else:
-                count[queued.get(point, "not in the queue")] += 1
+        count.update(states.get(point, "not in the queue") for point in points)
         return count
 
     def clear(self) -> None:
         """Remove the files of jobs that have ended."""
-        for job in self._submitted():
-            for file in self.path.glob(f"{job.name}*"):
+        for name in self._submitted():
+            for file in self.path.glob(f"{name}*"):
                 remove(file)
 
-    def _submitted(self) -> Iterator[_Submitted]:
-        """Yield what has been submitted."""
-        for file in sorted(self.path.glob("fem-snh-*.json")):
-            yield _read(file)
-
-    def _time(self, name: str) -> int:
-        return (self.path / f"{name}.json").stat().st_mtime_ns
-
-
-def read_element(file: Path, index: int) -> list[Task]:
-    """Return the tasks of an element of an array."""
-    return _read(file).elements[index]
+    def _submitted(self) -> dict[str, _Submitted]:
+        """Return what has been submitted, by the names of the arrays."""
+        return {file.stem: _read(file) for file in sorted(self.path.glob("fem-snh-*.json"))}
 
 
 def _read(file: Path) -> _Submitted:
     """Return the content of NAME.json; raise BadInput if it is damaged."""
     try:
-        found = TypeAdapter(_Submitted).validate_json(read_text(file))
+        return TypeAdapter(_Submitted).validate_json(read_text(file))
     except (OSError, ValueError):
         raise BadInput(
             f"{file} is damaged: expected the points of a job: remove it if none is in the queue"
         ) from None
-    return replace(found, name=file.stem)
 
 
-def _largest_sum(elements: Sequence[Sequence[Task]]) -> float | None:
-    """Return the largest sum of the timeouts of an element; None if a task has none [s]."""
-    timeouts = [[task.timeout for task in tasks] for tasks in elements]
-    if any(timeout is None for element in timeouts for timeout in element):
-        return None
-    return max(sum(timeout or 0 for timeout in element) for element in timeouts)
+def main(file: str, index: str) -> int:
+    """Run the tasks of an element of an array that have not ended; return 0.
+
+    A scheduler may start an element a second time.
+    """
+    out = Path(file).parents[1]
+    tasks = _read(Path(file)).elements[int(index)]
+
+    def write(task: Task, end: End) -> None:
+        replace_file(out / task.name / END, json.dumps(asdict(end)))
+        print(f"{task.name}: exit code {end.code}, {end.seconds:.1f} s {end.limit}", flush=True)
+
+    run_tasks(out, [task for task in tasks if read_end(out / task.name) is None], 1, write)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(*sys.argv[1:]))

@@ -1,8 +1,12 @@
-"""Start and end the child processes of studies, with a log file and all their MPI ranks."""
+"""Child processes of studies: their environment, their limits, and their end with all MPI ranks.
+
+A `Worker` runs one point after another, which spares each its imports and the start of MPI.
+"""
 
 from __future__ import annotations
 
 import ctypes
+import json
 import os
 import shutil
 import signal
@@ -10,22 +14,16 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 import psutil
 
 from fem_snh.errors import BadInput
-from fem_snh.processes import (
-    RANK_VARIABLES,
-    RUN_AS_ROOT,
-    import_path,
-    is_rank,
-    python,
-    without_launcher,
-)
+from fem_snh.processes import RUN_AS_ROOT, import_path, is_rank, python, without_launcher
 
 # Open MPI: jobs side by side must not be bound to the same cores, and a laptop may oversubscribe.
 # Version 4 reads the variables of OMPI, 5 those of PRTE, 6 the last two, which it would ask for.
@@ -44,6 +42,14 @@ _GRACE = 5.0
 _PR_SET_PDEATHSIG = 1
 #: Seconds between two measurements of the memory.
 _MEMORY_INTERVAL = 0.25
+#: The module that a worker runs.
+_WORKER = "fem_snh.cli.worker"
+#: What precedes the exit code of a point in a worker's answer.
+ANSWER = b"fem-snh: exit code "
+#: Seconds for which a worker without a point may finalise MPI before it is ended.
+_TIME_TO_END = 5.0
+#: Bytes of messages that are kept.
+_MAX_MESSAGES = 100_000
 
 
 def environment() -> dict[str, str]:
@@ -53,12 +59,8 @@ def environment() -> dict[str, str]:
     """
     env = dict(os.environ)
     if is_rank():
-        kept = {
-            *RUN_AS_ROOT,
-            *_SHARING,
-            "OMPI_MCA_btl_vader_single_copy_mechanism",
-        }  # the user's own
-        env = without_launcher(env, kept)
+        own = {*RUN_AS_ROOT, *_SHARING, "OMPI_MCA_btl_vader_single_copy_mechanism"}  # the user's
+        env = without_launcher(env, own)
     if os.geteuid() == 0:
         env = dict.fromkeys(RUN_AS_ROOT, "1") | env
     return _SHARING | env | import_path()
@@ -100,6 +102,8 @@ class Child:
 
     Attributes
     ----------
+    process : subprocess.Popen
+        The launcher, or the only process.
     limit_reached : str
         The limit that ended it; empty if none did.
     seconds : float
@@ -115,69 +119,47 @@ class Child:
         variables: Mapping[str, str] | None = None,
     ) -> None:
         with log.open("w") as file:
-            self._launch(command, variables, subprocess.DEVNULL, file, subprocess.STDOUT)
+            self._launch(command, variables or {}, subprocess.DEVNULL, file, subprocess.STDOUT)
         self._set_limits(timeout, memory)
 
     def _set_limits(self, timeout: float | None, memory: float | None) -> None:
         """Set the limits, and count the seconds from now."""
         self.timeout, self.memory = timeout, memory
         self.limit_reached = ""
-        self.seconds = 0.0
+        self.seconds = self._memory_measured = 0.0
         self._start = time.monotonic()
-        self._memory_measured = 0.0
 
     def _launch(
-        self,
-        command: list[str],
-        variables: Mapping[str, str] | None,
-        stdin: int,
-        stdout: IO[Any] | int,
-        stderr: IO[Any] | int,
+        self, command: list[str], variables: Mapping[str, str], stdin: int, stdout: Any, stderr: Any
     ) -> None:
-        """Start the command with these files."""
+        """Start the command with these streams, as `subprocess.Popen` takes them."""
         # Open MPI keeps its session files in TMPDIR and removes that folder when the last job ends:
         # each child has its own, so that no job removes it while another one starts.
         self._files = tempfile.TemporaryDirectory(prefix="fem-snh-", ignore_cleanup_errors=True)
-        self._process = subprocess.Popen(
+        # A study that is killed leaves no point behind, which would write into its folder.
+        # mpirun has to end its ranks.
+        number = signal.SIGKILL if command[0] == sys.executable else signal.SIGTERM
+        self.process = subprocess.Popen(
             command,
+            env=environment() | {"TMPDIR": self._files.name} | dict(variables),
+            start_new_session=True,
+            preexec_fn=partial(ctypes.CDLL(None).prctl, _PR_SET_PDEATHSIG, number),
             stdin=stdin,
             stdout=stdout,
             stderr=stderr,
-            env=environment() | {"TMPDIR": self._files.name} | dict(variables or {}),
-            start_new_session=True,
-            # A study that is killed leaves no point behind, which would write into its folder.
-            # mpirun has to end its ranks.
-            preexec_fn=partial(
-                ctypes.CDLL(None).prctl,
-                _PR_SET_PDEATHSIG,
-                signal.SIGKILL if command[0] == sys.executable else signal.SIGTERM,
-            ),
         )
         if is_rank():  # mpirun may have bound this rank to one core; the child may use them all
-            os.sched_setaffinity(self._process.pid, range(os.cpu_count() or 1))
-
-    def ranks(self) -> list[int]:
-        """Return the process ids of its running MPI ranks, rank 0 first.
-
-        A process that mpirun has not started counts as its own only rank.
-        """
-        pairs = [(_rank(process), process.pid) for process in self.processes()]
-        numbered = sorted((rank, pid) for rank, pid in pairs if rank is not None)
-        return [pid for _, pid in numbered] or [self._process.pid]
-
-    def signal(self, number: int) -> None:
-        """Send a signal to the launcher, or to the only process."""
-        self._process.send_signal(number)
+            os.sched_setaffinity(self.process.pid, range(os.cpu_count() or 1))
 
     def poll(self) -> int | None:
         """Return the exit code (negative: a signal), or None while it runs; enforce the limits."""
-        code = self._process.poll()
+        code = self.process.poll()
         if code is None or not self.seconds:
             self.seconds = time.monotonic() - self._start
         if code is None and (limit := self._exceeded_limit()):
             self.limit_reached = limit
             self.end()
-            code = self._process.wait()
+            code = self.process.wait()
         if code is not None:
             self._files.cleanup()
         return code
@@ -188,27 +170,27 @@ class Child:
             return f"given up after {self.timeout:g} s"
         if self.memory and self.seconds > self._memory_measured + _MEMORY_INTERVAL:
             self._memory_measured = self.seconds
-            if sum(map(_resident, self.processes())) / 2**30 > self.memory:
+            resident = 0  # pages that are shared count for each process
+            for process in self.processes():
+                with suppress(psutil.Error):  # it has just ended
+                    resident += process.memory_info().rss
+            if resident / 2**30 > self.memory:
                 return f"given up above {self.memory:g} GiB"
         return ""
 
     def end(self) -> None:
         """Terminate the launcher; after a grace period kill every process of the session."""
-        if self._process.poll() is None:
-            self._process.terminate()
-            try:
-                self._process.wait(_GRACE)
-            except subprocess.TimeoutExpired:
-                pass
+        if self.process.poll() is None:
+            self.process.terminate()
+            with suppress(subprocess.TimeoutExpired):
+                self.process.wait(_GRACE)
         deadline = time.monotonic() + _GRACE
         while (remaining := self.processes()) and time.monotonic() < deadline:
             for process in remaining:
-                try:
-                    process.send_signal(signal.SIGKILL)
-                except psutil.NoSuchProcess:
-                    pass
+                with suppress(psutil.NoSuchProcess):
+                    process.kill()
             time.sleep(0.01)
-        self._process.wait()
+        self.process.wait()
 
     def processes(self) -> list[psutil.Process]:
         """Return the living processes of its session.
@@ -216,30 +198,73 @@ class Child:
         mpirun gives each rank a process group of its own but leaves it in the session, and a rank
         whose parent has died is no longer among the parent's children.
         """
-        found = []
+        living = []
         for process in psutil.process_iter():
-            try:
-                same = os.getsid(process.pid) == self._process.pid
+            # One that has just ended, or belongs to the system, raises an error.
+            with suppress(ProcessLookupError, PermissionError, psutil.Error):
+                same = os.getsid(process.pid) == self.process.pid
                 if same and process.status() not in (psutil.STATUS_ZOMBIE, psutil.STATUS_DEAD):
-                    found.append(process)
-            except (ProcessLookupError, PermissionError, psutil.Error):
-                continue  # it has just ended, or belongs to the system
-        return found
+                    living.append(process)
+        return living
 
 
-def _resident(process: psutil.Process) -> int:
-    """Return the resident memory of a process [B]; pages that are shared count for each process."""
-    try:
-        return int(process.memory_info().rss)
-    except psutil.Error:
-        return 0  # it has just ended
+class Worker(Child):
+    """A process, or the ranks of one MPI job, for one point after another.
 
+    To its caller it is the `Child` of its present point: `poll` returns the exit code of that
+    point, and the limits hold for that point. A point that crashes or reaches a limit ends the
+    worker; the next point needs another one.
 
-def _rank(process: psutil.Process) -> int | None:
-    """Return the MPI rank of a process from its environment."""
-    try:
-        variables = process.environ()
-    except psutil.Error:
-        return None  # it has just ended
-    values = [variables[key] for key in RANK_VARIABLES if key in variables]
-    return int(values[0]) if values else None
+    Parameters
+    ----------
+    ranks : int
+        MPI ranks of each point.
+    """
+
+    def __init__(self, ranks: int) -> None:
+        self._messages = tempfile.TemporaryFile()  # of mpirun, and of a start that fails
+        pipe = subprocess.PIPE
+        self._launch(program(ranks, _WORKER), {}, pipe, pipe, self._messages)
+        assert self.process.stdin is not None and self.process.stdout is not None
+        self._points, self._answers = self.process.stdin, self.process.stdout
+        os.set_blocking(self._answers.fileno(), False)
+
+    def start(
+        self, arguments: Sequence[str], log: Path, timeout: float | None, memory: float | None
+    ) -> None:
+        """Start a point: see `Child`. The worker must be `idle`, or new."""
+        self._log = log
+        self._code: int | None = None
+        log.touch()
+        self._set_limits(timeout, memory)
+        point = {"arguments": list(arguments), "log": str(log.resolve())}
+        with suppress(BrokenPipeError):  # it has ended: `poll` returns its exit code
+            self._points.write(json.dumps(point).encode() + b"\n")
+            self._points.flush()
+
+    @property
+    def idle(self) -> bool:
+        """Whether its point has converged and the process waits for the next one."""
+        return self._code == 0 and self.process.poll() is None
+
+    def poll(self) -> int | None:
+        """Return the exit code of the present point, or None while it runs; enforce the limits."""
+        if self._code is None:
+            ended = super().poll()  # before reading: a process that has ended writes no more
+            while line := self._answers.readline():
+                if line.startswith(ANSWER):
+                    self._code = int(line.removeprefix(ANSWER))
+            if self._code is None and ended is not None:
+                self._code = ended
+                with self._log.open("ab") as file:
+                    file.write(os.pread(self._messages.fileno(), _MAX_MESSAGES, 0))
+        return self._code
+
+    def close(self) -> None:
+        """Let a worker without a point end, and wait for that."""
+        with suppress(BrokenPipeError):
+            self._points.close()
+        with suppress(subprocess.TimeoutExpired):
+            self.process.wait(_TIME_TO_END)
+        self.end()
+        self._files.cleanup()

@@ -12,21 +12,20 @@ from __future__ import annotations
 
 import itertools
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fem_snh import scenes
 from fem_snh.errors import BadInput
+from fem_snh.files import file_digest
 from fem_snh.materials import function
 from fem_snh.materials.parameters import variants
 from fem_snh.scenes import MaterialChoice
 from fem_snh.studies.batch import Batch
-from fem_snh.studies.point import Limits
-from fem_snh.studies.scene_points import ScenePoint, file_digests, scene_files, value_text
+from fem_snh.studies.points import ERROR, MEASURED, REQUESTED, Limits, Point, value_text
 from fem_snh.studies.schedulers import Submission
-from fem_snh.studies.table import ERROR, MEASURED, REQUESTED
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -99,21 +98,22 @@ def sweep(
             raise BadInput(f"{key}: expected names or references FILE.py:FUNCTION, no functions")
     options = dict(petsc or {})
     points = {
-        name: ScenePoint(scene, values, scenes.load(scene, **values), options)
+        name: Point(scene, values, scenes.load(scene, **values), options)
         for name, values in combinations(lists).items()
     }
-    points |= _with_one_variant(points, report)
-    files = file_digests(scene, (point.scene for point in points.values()))
+    points = _keep_equations(points, report)
+    files = sorted({path for point in points.values() for path in point.files()})
+    digests = {str(path): file_digest(path) for path in files}
     keys = dict.fromkeys(key for point in points.values() for key in point.values)
     extra = [key for key in keys if key not in (*REQUESTED, *MEASURED, ERROR)]
     estimated = any(point.scene.estimates_error for point in points.values())
     batch = Batch(
         out,
         "sweep",
-        {"scene": str(scene), "axes": lists, "files": files, "petsc": options},
+        {"scene": str(scene), "axes": lists, "files": digests, "petsc": options},
         ["point", *REQUESTED, *extra, "ranks", *MEASURED, *([ERROR] if estimated else [])],
         limits,
-        inputs=scene_files(scene, (point.scene for point in points.values())),
+        inputs=files,
         retry=retry,
         overwrite=overwrite,
         report=report,
@@ -124,62 +124,48 @@ def sweep(
             batch.draw()
         if complete and render is not None:
             report(_draw_bodies(batch.out, list(points), render))
-    import pandas as pd
+    import pandas as pd  # not for --help
 
     return pd.read_csv(batch.table.path)
 
 
-def _with_one_variant(
-    points: Mapping[str, ScenePoint], report: Callable[[str], None]
-) -> dict[str, ScenePoint]:
-    """Return the points that `one_variant` changes, with its parameters."""
-    keys = one_variant([point.scene for point in points.values()], report)
-    changed = {}
-    for name, point in points.items():
-        if more := keys(point.scene):
-            values = {**point.values, **more}
-            loaded = scenes.load(point.name, **values)
-            changed[name] = replace(point, values=values, scene=loaded)
-    return changed
-
-
-def one_variant(
-    loaded: Iterable[scenes.Scene], report: Callable[[str], None]
-) -> Callable[[scenes.Scene], dict[str, Any]]:
-    """Return a function that gives the keys of a scene whose materials keep one equation at all nu.
+def _keep_equations(points: Mapping[str, Point], report: Callable[[str], None]) -> dict[str, Point]:
+    """Return points whose materials keep one equation at all nu.
 
     Of materials whose equation would change with nu it is that of the largest; otherwise a curve
     over nu would have a jump.
     """
     at_ratios: dict[tuple[int, str], dict[float, MaterialChoice]] = {}
-    for scene in loaded:
-        for place, material in enumerate(scene.materials):
+    for point in points.values():
+        for place, material in enumerate(point.scene.materials):
             at_ratios.setdefault((place, material.label), {})[material.nu] = material
     kept: dict[tuple[int, str], dict[str, Any]] = {}
-    for which, found in at_ratios.items():
-        if len(found) > 1:
-            defaults = [material.default_variants() for _, material in sorted(found.items())]
-            kept[which] = {
-                k: v for k, v in defaults[-1].items() if any(d.get(k, v) != v for d in defaults)
-            }
-    for (_, name), values in kept.items():
-        for key, value in values.items():
-            equation = variants(function(name))[key].equations[value]
+    for (place, label), by_ratio in at_ratios.items():
+        defaults = [material.default_variants() for _, material in sorted(by_ratio.items())]
+        kept[place, label] = {
+            k: v for k, v in defaults[-1].items() if any(d.get(k, v) != v for d in defaults)
+        }
+        for key, value in kept[place, label].items():
+            equation = variants(function(label))[key].equations[value]
             report(
-                f"material.{key} = {value_text(value)} at all nu: {name} has {equation}, its "
+                f"material.{key} = {value_text(value)} at all nu: {label} has {equation}, its "
                 f"default at the largest; --set material.{key} sets another"
             )
 
-    def keys(scene: scenes.Scene) -> dict[str, Any]:
-        several = len(scene.materials) > 1
-        return {
+    def with_kept(point: Point) -> Point:
+        several = len(point.scene.materials) > 1
+        values = {
             f"material.{f'{place}.' if several else ''}{key}": value
-            for place, material in enumerate(scene.materials)
-            for key, value in kept.get((place, material.label), {}).items()
+            for place, material in enumerate(point.scene.materials)
+            for key, value in kept[place, material.label].items()
             if material.parameters.get(key) is None
         }
+        if not values:
+            return point
+        values = {**point.values, **values}
+        return replace(point, values=values, scene=scenes.load(point.name, **values))
 
-    return keys
+    return {name: with_kept(point) for name, point in points.items()}
 
 
 def _draw_bodies(out: Path, points: list[str], field: str) -> str:
@@ -201,14 +187,10 @@ def combinations(lists: Mapping[str, list[Any]]) -> dict[str, dict[str, Any]]:
     for chosen in itertools.product(*lists.values()):
         values = dict(zip(lists, chosen, strict=True))
         parts = [f"{key}={value_text(v)}" for key, v in values.items() if len(lists[key]) > 1]
-        name = plain = folder_name(parts) or "point"
+        # What not every file system accepts is replaced.
+        name = plain = re.sub(r"[^\w.=+-]+", "_", "__".join(parts)) or "point"
         for number in itertools.count(2):  # other values can have the same name: "a b", "a_b"
             if points.setdefault(name, values) == values:
                 break
             name = f"{plain}-{number}"
     return points
-
-
-def folder_name(parts: list[str]) -> str:
-    """Return texts joined to one name that every file system accepts."""
-    return re.sub(r"[^\w.=+-]+", "_", "__".join(parts))

@@ -1,0 +1,210 @@
+"""A point of a study: a run of a scene by ``fem-snh run``, its limits and its row of the table."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from fem_snh import scenes
+from fem_snh.errors import BadInput, check_whole
+from fem_snh.files import read_text
+from fem_snh.records.run_record import problem
+from fem_snh.records.run_tables import results
+from fem_snh.references import file_of
+from fem_snh.studies.schedulers import Submission
+
+#: Columns of the settings of a run.
+REQUESTED = "scene material E nu element cells hessian globalization predictor steps".split()
+#: Columns of the results of a run.
+MEASURED = (
+    "converged status notes load newton clamped linear energy volume_ratio min_J residual "
+    "seconds num_cells dofs"
+).split()
+#: The column of the estimated error, which tables of scenes with an estimate have.
+ERROR = "error"
+#: The column ``notes`` of a run without notes.
+NO_NOTES = "none"
+#: Largest number of points at a time, and of ranks: more than the cores of any single machine.
+MAX_PROCESSES = 4096
+
+
+@dataclass(frozen=True)
+class Limits:
+    """The number of points that run at a time, and the limits of each.
+
+    Parameters
+    ----------
+    jobs : int or Submission
+        Points at a time on this machine, or how they are submitted to a scheduler.
+    ranks : int
+        MPI ranks of each point.
+    timeout : float, optional
+        Seconds after which a point is given up; None: never.
+    memory : float, optional
+        Resident memory above which a point is given up [GiB]; None: no limit.
+
+    Raises
+    ------
+    BadInput
+        For a value outside its range.
+    """
+
+    jobs: int | Submission = 1
+    ranks: int = 1
+    timeout: float | None = None
+    memory: float | None = None
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.jobs, Submission):
+            check_whole("jobs", self.jobs, 1, MAX_PROCESSES)
+        check_whole("ranks", self.ranks, 1, MAX_PROCESSES)
+        limits = (("timeout", self.timeout, "seconds"), ("memory", self.memory, "GiB"))
+        for key, limit, unit in limits:
+            number = isinstance(limit, int | float) and not isinstance(limit, bool)
+            if limit is not None and not (number and limit > 0):
+                raise BadInput(f"{key} = {limit}: expected {unit}, a number > 0")
+
+
+@dataclass(frozen=True)
+class Point:
+    """A run of a scene.
+
+    Parameters
+    ----------
+    name : str | Path
+        Name of the scene, or its .toml file.
+    values : mapping
+        Keyword arguments of `fem_snh.scenes.load`.
+    scene : scenes.Scene
+        The scene loaded with these values.
+    petsc : mapping
+        PETSc options, without the dash.
+    """
+
+    name: str | Path
+    values: Mapping[str, Any]
+    scene: scenes.Scene
+    petsc: Mapping[str, Any] = field(default_factory=dict)
+
+    def arguments(self, folder: Path) -> list[str]:
+        """Return the arguments of ``fem-snh`` for a run that writes into ``folder``."""
+        return run_arguments(self.name, folder, self.values, self.petsc)
+
+    def files(self) -> list[Path]:
+        """Return the files of the scene: its own, and those that it reads."""
+        paths = {file_of(str(self.name)), *self.scene.files.values()}
+        return [path for path in sorted(paths) if path.suffix]
+
+
+def run_arguments(
+    scene: str | Path, folder: Path | None, values: Mapping[str, Any], petsc: Mapping[str, Any]
+) -> list[str]:
+    """Return the arguments of ``fem-snh`` for a run with these values and PETSc options.
+
+    Without a folder the run writes nothing.
+    """
+    arguments = ["run", str(scene), "--quiet"]
+    arguments += ["--out", str(folder), "--overwrite"] if folder is not None else []
+    arguments += [f"--set={key}={json.dumps(v)}" for key, v in values.items()]
+    options = [[f"-{k}"] if v is None else [f"-{k}", value_text(v)] for k, v in petsc.items()]
+    return [*arguments, "--", *itertools.chain(*options)]
+
+
+def value_text(value: Any) -> str:
+    """Return a value as it is written on the command line."""
+    return value if isinstance(value, str) else json.dumps(value)
+
+
+def requested_columns(scene: scenes.Scene) -> dict[str, Any]:
+    """Return the settings of a scene as the columns REQUESTED."""
+    values = {key: getattr(scene, key) for key in REQUESTED if key not in ("scene", "E", "nu")}
+    materials = {key: [getattr(m, key) for m in scene.materials] for key in ("name", "E", "nu")}
+    name, E, nu = (v[0] if len(v) == 1 else _joined(v) for v in materials.values())
+    return values | {"scene": scene.name, "material": name, "E": E, "nu": nu}
+
+
+def _joined(values: Iterable[Any]) -> str:
+    """Return the values of several materials as text."""
+    return " + ".join(f"{value:g}" if isinstance(value, float) else str(value) for value in values)
+
+
+def read_record(folder: Path) -> dict[str, Any]:
+    """Return the record that a point left in its folder; empty if it left none that is whole."""
+    try:
+        record = json.loads(read_text(folder / "run.json"))
+    except (OSError, ValueError, RecursionError):
+        return {}
+    return record if isinstance(record, dict) and not problem(record) else {}
+
+
+def measured_columns(record: Mapping[str, Any], log: Path, code: int) -> dict[str, Any]:
+    """Return the results of a run: the columns MEASURED, ``nonfinite``, ``max_u`` and `results`.
+
+    ``notes`` has the kinds of the notes on the run, with spaces between.
+
+    Iterations are summed over all steps, converged or not; energy, volume and the other state
+    variables are those of the last converged step. ``seconds`` has neither the compilation nor,
+    unless the run refines its mesh by it, the estimate of the errors. ``error`` is `largest_error`.
+
+    Parameters
+    ----------
+    record : mapping
+        Its run.json; empty if there is none.
+    log : Path
+        Its output.
+    code : int
+        Its exit code.
+    """
+    steps = record.get("steps", [])
+    converged = [step for step in steps if step.get("converged")]
+    summed = ("newton", "clamped", "linear", "nonfinite")
+    last = ("load", "energy", "volume_ratio", "min_J", "residual", "max_u")
+    row: dict[str, Any] = {key: sum(step.get(key) or 0 for step in steps) for key in summed}
+    row |= {key: converged[-1].get(key) for key in last if converged}
+    row |= results(converged[-1]) if converged else {}
+    # Not empty: pandas would read a missing value.
+    row["notes"] = " ".join(note["kind"] for note in record.get("notes", ())) or NO_NOTES
+    row["converged"] = code == 0 and record.get("converged") is True
+    row["status"] = (code in (0, 1) and record.get("status")) or failure_message(log, code)
+    row |= {"num_cells": record.get("cells"), "dofs": record.get("dofs"), "seconds": None}
+    if "total" in (seconds := record.get("seconds", {})):
+        without = ("jit",) if "accuracy" in record else ("jit", "estimate")
+        row["seconds"] = seconds["total"] - sum(seconds.get(key, 0.0) for key in without)
+    row[ERROR] = largest_error(record)
+    # The defaults, if the scene names none.
+    row |= {key: record[key] for key in ("hessian", "globalization") if key in record}
+    return row
+
+
+def largest_error(record: Mapping[str, Any]) -> float | None:
+    """Return the largest relative error of a run's goals; None without an estimate.
+
+    Errors of components are relative to the largest component. Where a goal has a bound of its
+    error, the bound counts. A vector that is rounding has no relative error.
+    """
+    vectors: dict[str, list[Mapping[str, Any]]] = {}
+    for name, goal in record.get("goals", {}).items():
+        if goal.get("error") is not None:
+            vectors.setdefault(re.sub(r"\.[xyz]$", "", name), []).append(goal)
+    ratios = [
+        max(goal.get("bound", abs(goal["error"])) for goal in goals)
+        / max(abs(goal["value"]) for goal in goals)
+        for goals in vectors.values()
+        if any(goal.get("relative") is not None for goal in goals)
+    ]
+    return max(ratios, default=None)
+
+
+def failure_message(log: Path, code: int) -> str:
+    """Return why a point failed, from its log: its error message, or its last line."""
+    reason = f"ended by signal {-code}" if code < 0 else f"exit code {code}"
+    lines = [line.strip() for line in log.read_text(errors="replace").splitlines() if line.strip()]
+    errors = [line for line in lines if "fem-snh: error: " in line]
+    if errors:
+        return errors[-1].partition("fem-snh: error: ")[2]
+    return f"{reason}: {lines[-1][:200]}" if lines else reason
