@@ -59,7 +59,7 @@ DEFAULT_GLOBALIZATIONS = {
 
 #: Largest unit of the residual's norm relative to the forces that act, in statics and in time. With
 #: the default of ``-snes_scaled_tol``, 1e-7, the residual is then 1e-4 of them: Hertz's force is
-#: accurate to 1e-5 (`tests/test_acting_forces.py`), the accelerations of a step to 1e-4.
+#: accurate to 1e-5 (`tests/solver/test_acting_forces.py`), the accelerations of a step to 1e-4.
 ACTING_FORCES = 1e3
 
 #: How contact with an obstacle is enforced; the first is the default.

@@ -15,10 +15,7 @@ from typing import TYPE_CHECKING
 import hypothesis
 import pytest
 from hypothesis.internal.conjecture import providers
-from ranks_on_one_debian import RANKS_ON_ONE_DEBIAN
-from same_on_every_debian import LIBRARY_PARAMETERS, SAME_ON_EVERY_DEBIAN, SAME_TESTS
 from scene_file import TOML
-from serial_on_one_debian import SERIAL_ON_ONE_DEBIAN
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -70,13 +67,23 @@ def toml(tmp_path: Path) -> Path:
 
 # --- tests that run on one Debian or on one rank only ---------------------------------------------
 
+#: Parameters of tests that select code of dolfinx, FFCx, PETSc, sympy or the compiler: each of
+#: their values runs on every Debian, and every combination of them on one. Other parameters are
+#: numbers, files with mistakes and messages: their first values run on every Debian.
+LIBRARY_PARAMETERS = frozenset(
+    (
+        "case", "cell", "degree", "element", "field", "filter", "globalization", "hessian",
+        "integrator", "kind", "kinematics", "m", "mass", "material", "method", "name", "scene",
+        "shape", "solver", "space", "volume",
+    )
+)  # fmt: skip
+
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption(
         "--other-debian",
         action="store_true",
-        help="leave out the tests whose result is the same on every Debian; on one rank, also "
-        "those that run on several",
+        help="leave out the tests marked one_debian; on one rank, also those that run on several",
     )
     parser.addoption(
         "--every-parameter",
@@ -87,12 +94,17 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
     """Import no file of which no test would be left: on several ranks, every rank imports them."""
-    if collection_path.suffix != ".py":
+    if not collection_path.name.startswith("test_") or collection_path.suffix != ".py":
         return None
-    if config.getoption("other_debian") and collection_path.stem in SAME_ON_EVERY_DEBIAN:
+    if config.getoption("other_debian") and _is_left_out(collection_path):
         return True
     ranks = config.option.markexpr == "mpi" and _ranks(config) > 1
     return True if ranks and not _may_have_ranks(collection_path) else None
+
+
+def _is_left_out(path: Path) -> bool:
+    """Return whether a whole file is marked one_debian, without importing it."""
+    return bool(re.search(r"^pytestmark = .*\bone_debian\b(?!\()", path.read_text(), re.M))
 
 
 @functools.lru_cache
@@ -109,8 +121,8 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     kept = list(items)
     other_debian, serial = config.getoption("other_debian"), _ranks(config) == 1
     if other_debian:
-        left_out = SAME_TESTS | (SERIAL_ON_ONE_DEBIAN if serial else RANKS_ON_ONE_DEBIAN)
-        kept = _each_library_parameter([item for item in kept if _function(item) not in left_out])
+        place = "serial" if serial else "ranks"
+        kept = _each_library_parameter([item for item in kept if not _is_on_one(item, place)])
     first = set({_function(item): item for item in reversed(kept)}.values())
     if serial:
         kept = [item for item in kept if _runs_serially(item)]
@@ -123,6 +135,12 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     items[:] = kept
 
 
+def _is_on_one(item: pytest.Item, place: str) -> bool:
+    """Return whether a test runs on one Debian only: everywhere, or `serial` or on `ranks`."""
+    marks = item.iter_markers("one_debian")
+    return any(not mark.args or place in mark.args for mark in marks)
+
+
 def _runs_serially(item: pytest.Item) -> bool:
     """Return whether a test runs on one rank: all do, unless marked mpi(serially=False)."""
     mark = item.get_closest_marker("mpi")
@@ -131,12 +149,12 @@ def _runs_serially(item: pytest.Item) -> bool:
 
 def _has_ranks_everywhere(item: pytest.Item) -> bool:
     """Return whether the first parameters of a test run on several ranks on every Debian."""
-    return bool(item.get_closest_marker("mpi")) and _function(item) not in RANKS_ON_ONE_DEBIAN
+    return bool(item.get_closest_marker("mpi")) and not _is_on_one(item, "ranks")
 
 
 def _function(item: pytest.Item) -> str:
-    """Return a test's file and function, e.g. "test_mesh::test_groups"."""
-    return f"{item.path.stem}::{item.nodeid.split('[')[0].partition('::')[2]}"
+    """Return a test without its parameters, e.g. "tests/mesh/test_mesh.py::test_groups"."""
+    return item.nodeid.split("[")[0]
 
 
 def _each_library_parameter(items: list[pytest.Item]) -> list[pytest.Item]:

@@ -65,7 +65,7 @@ class Element:
 
 #: The elements with their default quadrature; docs/results/elements.md measures other degrees. On
 #: tetrahedra degree 3 (6 points) is the lowest that integrates J, a cell's volume, exactly. The
-#: least degrees follow from the eigenvalues of one cell (tests/test_element_modes.py).
+#: least degrees follow from the eigenvalues of one cell (tests/assembly/test_element_modes.py).
 ELEMENTS = {
     e.name: e
     for e in (

@@ -48,7 +48,8 @@ MAX_NODES = 50_000
 #: On meshes of two dimensions: for iterations, the least number of nodes and the least
 #: sqrt(1 - 2 nu) / k (measured: python -m benchmarks linear_solvers --bodies
 #: membrane,tube,bushing,cylinder,seal); the largest N/s^2 of a section that does not buckle like a
-#: bar: at 3.4 iterations stay at a straight strip that is unstable (tests/test_linear_choice.py).
+#: bar: at 3.4 iterations stay at a straight strip that is unstable
+#: (tests/solver/test_linear_choice.py).
 _MIN_SECTION_NODES, _MIN_SECTION, _MAX_SLENDERNESS = 1000, 0.12, 2.0
 
 

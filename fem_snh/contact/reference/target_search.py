@@ -36,7 +36,7 @@ _SAME = 0.5
 #: Samples in front of another part of the surface, closer to it than this part of a cell, may touch
 #: in the next solve. Without them, the flesh of a finger that bends passes through itself by 2.7
 #: cells in a solve: the scene hand, step 35, takes 47 Newton iterations instead of 22. With an
-#: entire cell, blocks of two cells (tests/test_reference_contact.py) tilt.
+#: entire cell, blocks of two cells (tests/contact/test_reference_contact.py) tilt.
 _APPROACH = 0.5
 #: A target whose sample is beside the normal of its triangle by less than this part of a cell is
 #: not on a sharp edge, though it may be by rounding errors: two blocks of the same width.

@@ -7,7 +7,7 @@
  *   JACOBI  cyclic Jacobi (Golub & Van Loan 2013, sec. 8.5).
  * Both have absolute errors of a few roundings of the norm of A, for every finite A. CUBIC is several
  * times faster; JACOBI also gives small eigenvalues of graded positive definite matrices to relative
- * accuracy. tests/test_eigen3.py compares them; docs/results/eigensolver.md holds the table. */
+ * accuracy. tests/kernels/test_eigen3.py compares them; docs/results/eigensolver.md holds the table. */
 
 /* B = A scaled by a power of two to a sum of absolute values in [1, 2); zero where A is not finite. */
 INLINE void scale_block(const real *A, real *B, real *up) {

@@ -1,0 +1,151 @@
+"""The estimate of the error in a dolfinx program: the same as of a scene; its goals."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import ufl
+from bodies import PRESS
+from dolfinx import fem, mesh
+from dolfinx_programs import Bar, Press, converged, unit_cube
+from running import solve
+
+import fem_snh
+from fem_snh.errors import BadInput
+from fem_snh.scenes import Accuracy, Probe, Reaction
+from fem_snh.terms.traction import Traction
+
+SNH = fem_snh.material("stable_neo_hookean", E=1.0, nu=0.49)
+POINT = (1.0, 0.25, 0.5)
+
+
+@pytest.mark.mpi
+def test_a_program_has_the_errors_of_its_scene(comm):
+    scene = PRESS.model_copy(
+        update={
+            "material": PRESS.material.model_copy(
+                update={"name": "stable_neo_hookean", "nu": 0.49}
+            ),
+            "probe": [Probe(name="side", point=POINT, radius=0.3)],
+            "reactions": [Reaction("top", (0, 0, -1))],
+            "error": True,
+        }
+    )
+    named = ["side", "top.force", "top.moment", "right.mean", "energy", "volume", "stress"]
+    named.append("side.stress")
+    scene = scene.model_copy(update={"accuracy": Accuracy(goals=named)})
+    of_scene = solve(scene, comm=comm)
+    body = Press(of_scene.problem.domain, height=-0.5)
+    problem = fem_snh.NonlinearProblem(body.u, {SNH: ufl.dx}, bcs=body.bcs)
+    problem.solve()
+    assert converged(problem)
+    before = body.u.x.array.copy()
+    goals = {"side": POINT, "top.force": body.bcs[1], "energy": "energy", "volume": "volume"}
+    goals |= {"top.moment": (body.bcs[1], (0, 0, -1)), "stress": (ufl.dx, "stress")}
+    goals["side.stress"] = (POINT, "stress", 0.3)
+    face = mesh.locate_entities_boundary(body.domain, 2, lambda x: np.isclose(x[0], 1))
+    tags = mesh.meshtags(body.domain, 2, np.sort(face), np.full(len(face), 1, np.int32))
+    goals["right.mean"] = ufl.Measure("ds", domain=body.domain, subdomain_data=tags)(1)
+    found = problem.estimate_error(goals)
+    assert found.reason == ""
+    assert (body.u.x.array == before).all()
+    assert found.goals.keys() == of_scene.goals.keys()
+    for name, goal in found.goals.items():
+        other = of_scene.goals[name]
+        assert goal.value == pytest.approx(other["value"], rel=1e-5, abs=1e-6)
+        assert goal.error == pytest.approx(other["error"], rel=0.02, abs=1e-5)
+
+
+@pytest.mark.one_debian("ranks")
+@pytest.mark.mpi
+@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
+def test_a_stretched_bar_has_no_error(comm, cell):
+    """A homogeneous state between rollers, which constrain components of faces."""
+    body = Bar(unit_cube(comm, 2, cell))
+    problem = fem_snh.NonlinearProblem(body.u, {SNH: ufl.dx}, bcs=body.bcs)
+    problem.solve()
+    stretch = body.F[0, 0] * ufl.dx
+    found = problem.estimate_error([(1, 1, 1), body.bcs[3], stretch, ufl.dx, "energy"])
+    assert found.reason == ""
+    assert list(found.goals)[:6] == [
+        "(1, 1, 1).x", "(1, 1, 1).y", "(1, 1, 1).z",
+        "bcs[3].force.x", "bcs[3].force.y", "bcs[3].force.z",
+    ]  # fmt: skip
+    assert found.goals["goals[2]"].value == pytest.approx(1.5)
+    assert found.goals["mean 3.x"].value == pytest.approx(0.25)
+    for name, goal in found.goals.items():
+        assert abs(goal.error) < 1e-5, name
+
+
+def test_terms_are_carried_over(comm):
+    """A dead load as a form and as a feature, and a spring as an energy: one estimate."""
+    errors = []
+    for kind in ("form", "feature"):
+        body = Press(unit_cube(comm, 2))
+        ds = ufl.Measure("ds", body.domain)
+        load = fem.Constant(body.domain, np.array([0.05, 0.0, 0.0]))
+        spring = 0.01 * ufl.inner(body.u, body.u) * ds
+        form = -ufl.inner(load, ufl.TestFunction(body.V)) * ds
+        dead = form if kind == "form" else Traction(group=ds, vector=(0.05, 0, 0))
+        problem = fem_snh.NonlinearProblem(
+            body.u, {SNH: ufl.dx}, bcs=body.bcs[:1], terms=[dead, spring]
+        )
+        problem.solve()
+        found = problem.estimate_error({"corner": (1, 1, 1)})
+        errors.append(found.goals["corner.x"].error)
+        assert found.goals["corner.x"].relative > 0.01
+    assert errors[0] == pytest.approx(errors[1], rel=1e-3)
+
+
+@pytest.mark.parametrize(("degree", "quadrature"), [(1, 3), (2, 4)])
+def test_an_energy_with_its_own_quadrature_has_the_error_of_its_material(comm, degree, quadrature):
+    """That quadrature, as the tutorial's of degree 4, is too little for the element of the error.
+
+    One that leaves the lifted element modes without energy gives six times the error.
+    """
+    soft, found = fem_snh.material("neo_hookean", E=1.0, nu=0.3), []
+    for in_ufl in (False, True):
+        body = Press(unit_cube(comm, 3 - degree), degree, height=-0.2)
+        dx = ufl.dx(domain=body.domain, degree=quadrature)
+        terms = [soft.ufl(body.F) * dx] if in_ufl else []
+        materials = {} if in_ufl else {soft: ufl.dx}
+        problem = fem_snh.NonlinearProblem(body.u, materials, bcs=body.bcs, terms=terms)
+        problem.solve()
+        found.append(problem.estimate_error({"pull": body.bcs[1]}).goals["pull.z"])
+    assert found[1].value == pytest.approx(found[0].value, rel=1e-3)
+    assert found[1].error == pytest.approx(found[0].error, rel=0.1)
+
+
+@pytest.mark.parametrize(
+    ("goals", "message"),
+    [
+        ([(1, 2)], "goals[0] = (1, 2): expected a point [x, y, z]"),
+        (["strain"], "goals[0] = 'strain': expected a point"),
+        ([(ufl.ds, "stress")], "goals[0] = 'ds(everywhere)': expected a measure of cells, dx(...)"),
+        ({"far": (3, 0, 0)}, "outside the body"),
+        ([], "expected at least one goal"),
+        ("energy", "expected a list of goals"),
+    ],
+)
+def test_goals_that_are_none(comm, goals, message):
+    body = Press(unit_cube(comm, 1))
+    problem = fem_snh.NonlinearProblem(body.u, {SNH: ufl.dx}, bcs=body.bcs)
+    with pytest.raises(BadInput, match="expected a solution that has converged"):
+        problem.estimate_error(["energy"])
+    problem.solve()
+    with pytest.raises(BadInput) as refused:
+        problem.estimate_error(goals)
+    assert message in str(refused.value)
+
+
+def test_a_force_without_an_energy_has_none_as_a_goal(comm):
+    """The message named 'energy' as one of those that are accepted."""
+    domain = unit_cube(comm, 2)
+    body = Press(domain, height=-0.1)
+    face = mesh.locate_entities_boundary(domain, 2, lambda x: np.isclose(x[0], 1))
+    tags = mesh.meshtags(domain, 2, np.sort(face), np.full(len(face), 1, np.int32))
+    push = fem_snh.Pressure(ufl.Measure("ds", domain=domain, subdomain_data=tags)(1), 1e-3)
+    problem = fem_snh.NonlinearProblem(body.u, {SNH: ufl.dx}, bcs=body.bcs, terms=[push])
+    problem.solve()
+    with pytest.raises(BadInput, match=r"= 'energy': expected another goal, as a load or a mater"):
+        problem.estimate_error({"all": "energy"})

@@ -1,0 +1,173 @@
+"""Errors in programs in time: the motion is followed again, as in a scene."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import ufl
+from contact_scenes import PLATE
+from dolfinx import fem
+from dolfinx_programs import vector_space
+from running import solve
+from time_scenes import DOWN, SOFT, in_time
+
+import fem_snh
+from fem_snh import _dolfinx
+from fem_snh.assembly.boundary_conditions import group_nodes
+from fem_snh.errors import BadInput
+from fem_snh.mesh import mesh
+from fem_snh.scenes import Accuracy, Hold, Move, Probe, Reaction, Start
+
+mpi = pytest.mark.mpi
+MATERIAL = fem_snh.material("stable_neo_hookean", E=1e4, nu=0.4)
+TIGHT = {"snes_scaled_tol": 1e-10}
+TIP, SHIFT = (1.0, 1.0, 1.0), (0.0, 0.2, 0.1)
+DURATION = 0.4
+
+
+def cube(comm):
+    return mesh.generate(comm, "cube", "hexahedron", cells=2)
+
+
+class Swing:
+    """A cube that falls while its left side moves: the displacement of that side, and a program."""
+
+    def __init__(self, comm, degree=1, **arguments):
+        body = cube(comm)
+        V = vector_space(body.domain, degree)
+        nodes, self.side = group_nodes(V, body, "left"), fem.Function(V)
+        self.bcs = [_dolfinx.prescribed(self.side, nodes)]
+        gravity = fem_snh.Gravity(vector=DOWN.vector)
+        self.problem = fem_snh.DynamicProblem(
+            fem.Function(V), {MATERIAL: ufl.dx}, {MATERIAL: SOFT.density}, duration=DURATION,
+            set_time=self.set_time, bcs=self.bcs, terms=[gravity], petsc_options=TIGHT, **arguments
+        )  # fmt: skip
+
+    def set_time(self, t):
+        self.side.x.array[:] = np.tile(SHIFT, len(self.side.x.array) // 3) * t / DURATION
+
+    def end(self, steps):
+        """Take steps from the present state; return the tip's errors."""
+        list(self.problem.steps(steps))
+        return self.problem.estimate_error({"tip": TIP})
+
+    @property
+    def tip(self):
+        """The tip's displacement along z, on one rank."""
+        nodes = self.problem.u.function_space.tabulate_dof_coordinates()
+        return self.problem.u.x.array.reshape(-1, 3)[np.isclose(nodes, TIP).all(axis=1), 2].item()
+
+
+@mpi
+def test_a_program_in_time_has_the_errors_of_its_scene(comm):
+    """From a stretched state that spins, with damping, a moving side and a reaction there."""
+    turn, stretch = np.array([0, 0, 3.0]), np.diag([1.1, 1.0, 1.0])
+    start = Start(map=stretch.tolist(), velocity=(0.5, 0, 0), angular_velocity=turn.tolist(),
+                  through=(0, 0, 0))  # fmt: skip
+    scene = in_time(
+        {"duration": DURATION, "steps": 4, "damping": {"stiffness": 0.01}},
+        move=[Move(group="left", translate=SHIFT)],
+        gravity=DOWN,
+        start=start,
+        probe=[Probe(name="tip", point=TIP)],
+        reactions=[Reaction("left")],
+        accuracy=Accuracy(goals=["tip", "left.force", "volume"]),
+    )
+    expected = solve(scene, comm=comm).estimate
+    swing = Swing(comm, damping=(0.0, 0.01))
+    problem = swing.problem
+    problem.u.interpolate(lambda X: (stretch - np.eye(3)) @ X)
+    problem.start(lambda X: start.velocity + np.cross(turn, X @ stretch.T))
+    list(problem.steps(4))
+    functions = problem.u, problem.v, problem.a, swing.side
+    before = [f.x.array.copy() for f in functions]
+    found = problem.estimate_error({"tip": TIP, "left.force": swing.bcs[0], "volume": "volume"})
+    assert (found.reason, found.element) == ("", "Q2Q1")
+    for kept, f in zip(before, functions, strict=True):
+        np.testing.assert_array_equal(kept, f.x.array)
+    assert found.goals.keys() == expected.goals.keys()
+    for name, goal in found.goals.items():
+        other = expected.goals[name]
+        assert goal.parts.keys() == {"time steps", "mesh"}
+        assert goal.value == pytest.approx(other.value, abs=1e-8 * other.scale), name
+        assert goal.parts == pytest.approx(other.parts, abs=1e-8 * other.scale), name
+        for bound in ("steps_bound", "mesh_bound", "of_path"):
+            expected_bound = getattr(other, bound)
+            assert getattr(goal, bound) == pytest.approx(expected_bound, abs=1e-8 * other.scale)
+
+
+@pytest.mark.one_debian
+def test_the_parts_of_the_error(comm):
+    """Against four times the time steps, and against elements of the next degree as well."""
+    goal = Swing(comm).end(16).goals["tip.z"]
+    fine, best = (Swing(comm, degree) for degree in (1, 2))
+    for reference, steps in ((fine, 64), (best, 32)):
+        list(reference.problem.steps(steps))
+    assert 0.7 < goal.parts["time steps"] / (fine.tip - goal.value) < 1.4
+    assert 0.85 < goal.error / (best.tip - goal.value) < 1.15
+    assert abs(goal.error) > 0.1 * abs(goal.value)
+
+
+def pressed(comm):
+    """Return a block on which a plate presses and slides in time, and the plate."""
+    body = cube(comm)
+    V = vector_space(body.domain)
+    plate = fem_snh.Obstacle(**PLATE)
+    bottom = _dolfinx.prescribed(fem.Function(V), group_nodes(V, body, "bottom"))
+    problem = fem_snh.DynamicProblem(
+        fem.Function(V), {MATERIAL: ufl.dx}, {MATERIAL: SOFT.density}, duration=DURATION,
+        bcs=[bottom], terms=[plate], petsc_options=TIGHT,
+    )  # fmt: skip
+    return problem, plate
+
+
+@pytest.mark.one_debian
+def test_contact_has_the_errors_of_the_scene(comm):
+    """Penalties have a part, friction is followed from its beginning, and only from there."""
+    scene = in_time(
+        {"duration": DURATION, "steps": 4},
+        hold=[Hold(group="bottom")],
+        obstacle=[fem_snh.Obstacle(**PLATE)],
+        accuracy=Accuracy(goals=["plate.force"]),
+    )
+    expected = solve(scene, comm=comm).estimate
+    problem, plate = pressed(comm)
+    list(problem.steps(4))
+    found = problem.estimate_error([plate])
+    assert found.reason == ""
+    for name, goal in found.goals.items():
+        other = expected.goals[name]
+        assert goal.parts.keys() == {"time steps", "mesh", "penalty"}
+        assert goal.parts == pytest.approx(other.parts, abs=1e-6 * other.scale), name
+    problem.u.x.array[:] = 0
+    problem.start()
+    list(problem.steps(4))
+    assert "from its beginning" in problem.estimate_error([plate]).reason
+
+
+def test_motions_without_an_estimate(comm):
+    swing = Swing(comm)
+    problem = swing.problem
+    assert problem.step(DURATION / 8)
+    assert "from its beginning" in problem.estimate_error({"tip": TIP}).reason
+    assert "from its beginning" in swing.end(8).reason
+    problem.u.x.array[:] = 0
+    problem.start()
+    assert swing.end(3).reason == "3 time steps: expected at least 4"
+    problem.u.x.array[:] = 0
+    problem.start()
+    next(problem.steps(8))
+    half = problem.estimate_error({"tip": TIP})
+    assert half.reason == "the steps have not reached their end"
+    assert half.goals["tip.z"].error is None
+    with pytest.raises(BadInput, match=r"= 'energy': expected another goal, in time$"):
+        problem.estimate_error(["energy"])
+
+
+def test_a_motion_that_starts_again_has_the_same_estimate(comm):
+    swing = Swing(comm)
+    first = swing.end(4)
+    swing.problem.u.x.array[:] = 0
+    swing.problem.start()
+    assert str(swing.end(4)) == str(first)
+    assert not first.reason

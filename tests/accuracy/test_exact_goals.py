@@ -1,0 +1,98 @@
+"""Exact values of goals: graded meshes, limits, and what the stored values agree with."""
+
+from __future__ import annotations
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+from running import solve
+
+import fem_snh
+from benchmarks.accuracy_cases import CASES, bracket, exact, goals_of
+from benchmarks.exact_goals import MESHES, limit, stretch
+from benchmarks.fenicsx_tutorial import solve as solve_as_the_tutorial
+from benchmarks.graded_meshes import at, graded, write
+from benchmarks.pressed_ball import force_ratio
+from fem_snh.errors import BadInput
+from fem_snh.mesh import mesh as meshes
+from fem_snh.scenes import Reaction
+from fem_snh.scenes.builtin.hertz import MODULUS, RADIUS, RATIO
+
+
+def test_cells_decrease_towards_the_ends():
+    axis = graded((0, 1, 3), 8, 2.0)
+    assert axis[[0, 8, 16]] == pytest.approx([0, 1, 3], abs=1e-15)
+    assert axis[1] == pytest.approx(0.5 / 16) and axis[9] - axis[8] == pytest.approx(1 / 16)
+    assert set(np.round(graded((0, 1), 4, 3.0), 12)) <= set(np.round(graded((0, 1), 8, 3.0), 12))
+
+
+@pytest.mark.one_debian
+@pytest.mark.parametrize("dim", [2, 3])
+def test_graded_meshes_fill_the_body(dim, tmp_path):
+    axes = [graded((0, 1, 3), 2, 2.0), graded((0, 2, 3), 2, 2.0), graded((0, 0.5), 2, 2.0)][:dim]
+    sides = {"bottom": at(1, 0.0), "end": at(0, 3.0), "top": at(1, 3.0)}
+    write(tmp_path / "m.msh", axes, sides, inside=lambda x: (x[:, 0] < 1) | (x[:, 1] > 2))
+    mesh = meshes.read(MPI.COMM_SELF, tmp_path / "m.msh")
+    depth = 0.5 if dim == 3 else 1.0
+    assert meshes.volume(mesh.domain) == pytest.approx(5 * depth, rel=1e-12)
+    assert mesh.num_cells == 12 * (2 if dim == 3 else 1)
+    counts = {name: mesh.group(name).count for name in sides}
+    along = 2 if dim == 3 else 1
+    assert counts == {"bottom": 2 * along, "end": 2 * along, "top": 4 * along}
+
+
+def test_the_limit_of_a_power():
+    cells = [4, 8, 16]
+    found = limit(cells, [2 + 3 * n**-1.5 for n in cells])
+    assert found["value"] == pytest.approx(2, rel=1e-12)
+    assert found["order"] == 1.5
+    assert found["uncertainty"] == pytest.approx(3 * 16**-1.5 / 2, rel=1e-9)
+    uneven = [4, 8, 12]
+    found = limit(uneven, [2 + 3 * n**-2.5 for n in uneven])
+    assert found["value"] == pytest.approx(2, rel=1e-12)
+    assert found["order"] == 2.5
+    # No order: the last value, which is known to its last change.
+    assert limit(cells, [1.0, 2.0, 3.0])["value"] == 3.0
+    assert limit(cells, [1.0, 2.0, 3.0])["uncertainty"] == pytest.approx(1 / 3)
+    with pytest.raises(BadInput, match="three meshes"):
+        limit([4, 8], [1.0, 2.0])
+
+
+def test_each_case_has_a_value():
+    assert set(CASES) == set(MESHES)
+    for case in CASES:
+        value, uncertainty = exact(case)
+        assert value != 0 and 0 < uncertainty < 3e-3
+
+
+@pytest.mark.one_debian
+def test_a_coarse_section_agrees_with_the_stored_value(tmp_path):
+    """The stored value is extrapolated from meshes that are up to four times as fine."""
+    assert stretch(tmp_path, 8) == pytest.approx(exact("stretch")[0], rel=1e-4)
+
+
+def test_the_force_of_the_ball():
+    """The series of a linearly elastic ball; strains are up to 0.03 here."""
+    ratio = force_ratio(0.2 / RADIUS, RATIO)
+    hertz = 4 / 3 * MODULUS / (1 - RATIO**2) * RADIUS**0.5 * 0.2**1.5
+    assert 4 * abs(exact("hertz")[0]) == pytest.approx(ratio * hertz, rel=0.005)
+
+
+def test_the_tutorials_program_has_the_same_goal():
+    """Dead loads and the moment of the foot, as by the scene on that mesh."""
+    foot = [Reaction(group="bottom", about=(0, 0, 0))]
+    scene = bracket(element="P2", cells=1).model_copy(update={"reactions": foot})
+    result = solve(scene, petsc={"snes_scaled_tol": 1e-10})
+    found = solve_as_the_tutorial(scene, tolerance=1e-10, goal="bottom.moment.z")
+    expected = goals_of(result.steps[-1])["bottom.moment.z"]
+    assert found["goal"] == pytest.approx(expected, rel=1e-6)
+
+
+def test_the_built_in_bracket_is_the_graded_one(tmp_path):
+    """Two meshes of the same body, which differ by less than their distance to the exact value."""
+    value, _ = exact("bracket")
+    result = fem_snh.run(CASES["bracket"].scene(element="Q2", cells=2), progress=False)
+    coarse = goals_of(result.steps[-1])["tip.y"]
+    assert abs(coarse) < abs(value)  # the displacement under a dead load converges from below
+    assert coarse == pytest.approx(value, rel=0.03)

@@ -1,0 +1,209 @@
+"""Errors of scenes whose end depends on the path: friction, multipliers and time."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+from running import solve
+
+from fem_snh import scenes
+from fem_snh.accuracy import path_errors
+from fem_snh.accuracy.goal_bounds import add_what_is_missed
+from fem_snh.accuracy.goal_errors import Estimate, GoalError
+from fem_snh.scenes import Accuracy, Geometry, Hold, MaterialChoice, Obstacle, Scene
+from fem_snh.tables.amplitudes import Amplitude
+
+mpi = pytest.mark.mpi
+
+FORCE = "upper.force.y"
+
+
+def seal(cells, **keys):
+    """Return the force on an O-ring that is pressed by 15 % between frictional plates."""
+    keys = {"cells": cells, "steps": 3, "squeeze": 0.15, "error": True} | keys
+    return solve(scenes.load("seal", **keys))
+
+
+@pytest.mark.one_debian
+def test_corrected_force_does_not_depend_on_the_mesh_nor_on_its_penalty():
+    coarse, fine = (seal(cells).estimate.goals[FORCE] for cells in (4, 8))
+    assert coarse.parts.keys() == {"load steps", "mesh", "penalty"}
+    assert abs(fine.value / coarse.value - 1) > 0.015
+    assert abs(coarse.parts["penalty"]) > 0.05 * abs(coarse.value)
+    # The penalty is inverse to the size of the cells.
+    assert coarse.parts["penalty"] / fine.parts["penalty"] == pytest.approx(2.0, rel=0.1)
+    assert fine.corrected == pytest.approx(coarse.corrected, rel=0.01)
+
+
+@pytest.mark.one_debian
+@pytest.mark.parametrize(("method", "limit"), [("penalty", 0.01), ("augmented_lagrangian", 0.4)])
+def test_sticking_is_a_penalty_too(method, limit):
+    """A soft one, beside the exact pressure of multipliers too, has the force of a stiff one."""
+
+    def force(stiffness):
+        built_in = scenes.load("press", cells=2, to=0.8, steps=2, element="Q2", error=True)
+        keys = {"stiffness": stiffness, "friction": 0.3, "method": method}
+        obstacles = [obstacle.model_copy(update=keys) for obstacle in built_in.obstacle]
+        goal = solve(built_in.model_copy(update={"obstacle": obstacles})).estimate.goals[
+            "plate.force.z"
+        ]
+        return goal.value, goal.value + goal.parts["penalty"]
+
+    (soft, of_soft), (_, of_stiff) = force(2e5), force(1e7)
+    assert abs(soft) < 0.98 * abs(of_stiff)
+    assert of_soft == pytest.approx(of_stiff, abs=limit * abs(of_stiff - soft))
+
+
+def turned_foot(steps, **keys):
+    """Return a ball that is pressed into a cube, then turned about an axis beside it."""
+    foot = {
+        "name": "foot",
+        "shape": {"sphere": {"center": (0.5, 0.5, 1.6), "radius": 0.6}},
+        "translate": (0, 0, -0.15),
+        "table": "down",
+        "rotate": {"axis": (0, 0, 1), "angle": 1.2, "through": (0.3, 0.5, 0), "table": "turn"},
+        "friction": 0.3,
+    }
+    scene = Scene(
+        name="foot",
+        mesh=Geometry(source="cube"),
+        cells=2,
+        element="Q1P0",
+        steps=steps,
+        material=MaterialChoice(name="stable_neo_hookean", E=1e4, nu=0.45),
+        hold=[Hold(group="bottom")],
+        table=[
+            Amplitude(name="down", points=[(0, 0), (0.5, 1), (1, 1)]),
+            Amplitude(name="turn", points=[(0, 0), (0.5, 0), (1, 1)]),
+        ],
+        obstacle=[Obstacle.model_validate(foot)],
+        accuracy=Accuracy(goals=["foot.force"]),
+    )
+    return scenes.load(scene, **keys)
+
+
+#: Newton iterations with which some of these steps fail, and are halved.
+FEW = {"snes_max_it": 4}
+
+
+def halve_failed_steps(monkeypatch):
+    """Let steps that fail be halved, in place of being solved again in another way."""
+    monkeypatch.setattr("fem_snh.steps.step_solver.StepSolver.can_rescue", False)
+
+
+@lru_cache
+def force_of_foot(steps):
+    """Return the force on the foot after steps of the same length."""
+    return np.array(solve(turned_foot(steps)).steps[-1]["obstacles"]["foot"]["force"])
+
+
+@pytest.mark.one_debian
+@pytest.mark.parametrize("petsc", [{}, FEW])
+def test_the_error_of_the_load_steps(petsc, monkeypatch):
+    """Friction follows a turn by chords: a quarter of the force with four steps of it.
+
+    With few Newton iterations 8 steps are 10, and 4 are 6; with stiffer penalties no path is found,
+    and a line says so.
+    """
+    if petsc:
+        halve_failed_steps(monkeypatch)
+    result = solve(turned_foot(8, error=True, petsc=petsc))
+    force = np.array(result.steps[-1]["obstacles"]["foot"]["force"])
+    assert sum(row["converged"] for row in result.steps) == (10 if petsc else 8)
+    goals = result.estimate.goals
+    exact = 2 * force_of_foot(32) - force_of_foot(16)
+    for axis, value, true in zip("xy", force, exact, strict=False):
+        part = goals[f"foot.force.{axis}"].parts["load steps"]
+        assert abs(true - value) > 0.1 * np.linalg.norm(exact[:2])
+        assert 0.6 < part / (true - value) < 1.4
+    lines = [line for line in result.estimate.left_out if "the error of penalties is not" in line]
+    assert len(lines) == bool(petsc)
+
+
+def test_numbers_of_steps_that_are_too_similar(monkeypatch):
+    """With few Newton iterations 6 steps are 7, and 3 are 5."""
+    halve_failed_steps(monkeypatch)
+    estimate = solve(turned_foot(6, error=True, petsc=FEW)).estimate
+    assert "5 steps beside the run's 7" in estimate.reason
+    assert estimate.goals["foot.force.x"].error is None
+
+
+@pytest.mark.one_debian
+def test_one_step_is_compared_with_two():
+    one, two = (solve(turned_foot(steps, error=steps == 1)) for steps in (1, 2))
+    part = one.estimate.goals["foot.force.x"].parts["load steps"]
+    change = two.steps[-1]["obstacles"]["foot"]["force"][0]
+    change -= one.steps[-1]["obstacles"]["foot"]["force"][0]
+    assert part == pytest.approx(2 * change, rel=1e-4)
+
+
+@mpi
+def test_ranks_have_the_same_estimate(comm):
+    scene = scenes.load("seal", cells=4, steps=2, squeeze=0.1, error=True)
+    shared, alone = (solve(scene, ranks).estimate.goals[FORCE] for ranks in (comm, MPI.COMM_SELF))
+    assert alone.parts.keys() == shared.parts.keys() and alone.parts
+    for name, part in alone.parts.items():
+        assert shared.parts[name] == pytest.approx(part, rel=1e-4, abs=1e-4), name
+
+
+@pytest.mark.one_debian
+def test_levels_follow_the_path_again_with_stiffer_penalties():
+    wanted = Accuracy(goals=[FORCE], within=0.02)
+    result = solve(scenes.load("seal", cells=4, steps=3, squeeze=0.15, accuracy=wanted))
+    found = result.record["accuracy"]
+    assert found["reached"]
+    assert [level["load_steps"] for level in found["levels"]] == [3] * len(found["levels"])
+    first, last = (level["goals"][FORCE] for level in (found["levels"][0], found["levels"][-1]))
+    assert abs(last["parts"]["penalty"]) < 0.3 * abs(first["parts"]["penalty"])
+    known = seal(8).estimate.goals[FORCE].corrected
+    assert last["best"] == pytest.approx(known, rel=0.02)
+
+
+@pytest.mark.parametrize(
+    ("parts", "bound"),
+    [
+        # The sum is less than 0.4 of each part, 0.15 of a penalty without steps.
+        ({"mesh": 0.025, "penalty": -0.028}, 0.053 + 0.4 * 0.025 + 0.15 * 0.028),
+        ({"load steps": 0.001, "mesh": 0.025, "penalty": -0.028}, 0.054 + 0.4 * 0.054),
+        ({"mesh": 0.025, "penalty": -0.01}, None),
+        ({"load steps": 0.001, "mesh": 0.025, "penalty": 0.028}, None),
+    ],
+)
+def test_parts_that_cancel_have_a_bound_alone(parts, bound):
+    goal = GoalError(-1.0, sum(parts.values()), scale=1.0, parts=parts)
+    estimate = Estimate({"tip.z": goal})
+    add_what_is_missed(estimate, degree=1, dim=3)
+    found = estimate.goals["tip.z"]
+    assert found.is_found == (bound is None)
+    if bound is None:
+        assert found.bound is None
+    else:  # a penalty of 3 % is known to 3 % less, and changes the mesh's part by as much
+        assert bound < found.bound < bound + 2 * 0.028 * 0.053
+        assert "error below" in found.text("tip.z") and "mesh +0.025" in found.text("tip.z")
+
+
+@pytest.mark.parametrize(("parts", "least"), [({"load steps": 0.0}, 0.2), ({"penalty": 0.0}, 0.1)])
+def test_a_small_component_has_a_bound_with_contact(parts, least):
+    """Its estimate is a difference of errors of the others, with friction of larger ones."""
+    sizes = 0.2, 0.15 * least
+    large, small = (GoalError(1.0, size, scale=1.0, parts=parts | {"mesh": size}) for size in sizes)
+    estimate = Estimate({"tip.x": large, "tip.z": small})
+    add_what_is_missed(estimate, degree=1, dim=3)
+    assert estimate.goals["tip.x"].is_found and not estimate.goals["tip.z"].is_found
+    assert estimate.goals["tip.z"].bound == pytest.approx(sizes[1] + least * sizes[0])
+
+
+def test_steps_that_are_too_long_for_the_error_of_the_mesh(monkeypatch):
+    """With 16 steps a bounce has another error of the mesh than with 8: 32 are taken."""
+    keys = {"element": "P1", "cells": 3, "time.steps": 64, "accuracy.goals": ["body.mean.z"]}
+    expected = solve("bounce", **keys).goals["body.mean.z"]  # 16 steps are less than enough
+    monkeypatch.setattr(path_errors, "_ENOUGH_STEPS", 8)
+    found = solve("bounce", **keys).goals["body.mean.z"]
+    assert found["parts"] == pytest.approx(expected["parts"])
+    monkeypatch.setattr(path_errors, "_NEGLIGIBLE", 10.0)
+    shorter = solve("bounce", **keys).goals["body.mean.z"]
+    assert abs(shorter["parts"]["mesh"]) < 0.5 * abs(found["parts"]["mesh"])

@@ -1,0 +1,313 @@
+"""The estimate of the error in two dimensions: the layer of three, exact solutions, programs."""
+
+from __future__ import annotations
+
+from math import sqrt
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+import ufl
+from gmsh_files import write_msh
+from plane_programs import displacement, prescribe, rectangle, zero
+from plane_programs import solve as run
+from running import solve
+
+import fem_snh
+from fem_snh import scenes
+from fem_snh.errors import BadInput
+from fem_snh.mesh import mesh as meshes
+from fem_snh.mesh.bisection import bisect, bisect_times
+
+mpi = pytest.mark.mpi
+
+
+@pytest.mark.one_debian
+@pytest.mark.parametrize(("element", "nu"), [("Q1P0", 0.49), ("Q1", 0.49), ("Q2", 0.3)])
+def test_quadrilaterals_have_the_errors_of_the_layer_of_hexahedra(element, nu, monkeypatch):
+    """Both lifted problems have the same solution, here to the solvers' smallest residual."""
+    for name in ("differences.SETTLED", "differences._OF_LARGEST"):
+        monkeypatch.setattr(f"fem_snh.accuracy.{name}", 0.0)
+    for module in ("differences", "estimate"):
+        monkeypatch.setattr(f"fem_snh.accuracy.{module}.ROUNDING", 0.0)
+    keys = {
+        "element": element,
+        "nu": nu,
+        "cells": 3,
+        "petsc": {"snes_scaled_tol": 1e-12, "lifted_snes_scaled_tol": 1e-11},
+    }
+    keys |= {"accuracy.goals": ["corner", "left.moment.z", "energy"]}
+    layer, plane = (
+        solve("cook", kinematics=kinematics, **keys) for kinematics in ("layer", "plane_strain")
+    )
+    assert list(plane.goals) == ["corner.x", "corner.y", "left.moment.z", "energy"]
+    for name, goal in plane.goals.items():
+        other = layer.goals[name]
+        assert goal["value"] == pytest.approx(other["value"], rel=1e-9)
+        assert goal["error"] == pytest.approx(other["error"], rel=1e-6), name
+    mine, others = (np.sort(r.estimate.indicators["corner.y"]) for r in (plane, layer))
+    assert mine == pytest.approx(others, abs=1e-2 * np.abs(others).max())
+
+
+OUTER = sqrt(2**2 + 1.5**2 - 1) - 2
+
+
+@pytest.mark.one_debian
+@pytest.mark.parametrize(
+    ("element", "kinematics"),
+    [
+        ("P1", "plane_strain"),
+        ("P1", "axisymmetric"),
+        ("Q1P0", "axisymmetric"),
+        ("P2P1", "axisymmetric"),
+        ("Q2Q1", "plane_strain"),
+    ],
+)
+def test_effectivity_on_a_tube(element, kinematics):
+    """Against the exact solution of an incompressible tube."""
+    nu = 0.5 if element in ("P2P1", "Q2Q1") else 0.4999
+    result = solve("tube", element=element, nu=nu, cells=4, kinematics=kinematics, error=True)
+    assert result.record["estimate"]["reason"] is None
+    for name, exact in (("inner.x", 0.5), ("outer.x", OUTER)):
+        goal = result.goals[name]
+        assert 0.7 < goal["error"] / (exact - goal["value"]) < 1.4, name
+        assert abs(goal["corrected"] - exact) < abs(goal["value"] - exact) / 3, name
+
+
+@pytest.mark.one_debian
+@pytest.mark.parametrize("element", ["P2", "P2P0", "Q2"])
+@pytest.mark.parametrize(
+    ("nu", "corner", "energy", "error"),
+    [(0.3, 7.8368, -416.84, 0.008), (0.4, 7.4774, -393.82, 0.015), (0.49, 6.9965, -364.27, 0.03)],
+)
+def test_effectivity_of_degree_2_where_it_locks_or_has_cell_pressures(
+    element, nu, corner, energy, error
+):
+    """Of these elements the lifted one leaves what it leaves of the Taylor-Hood element.
+
+    The exact values are extrapolated from Q2Q1 on 64 cells (docs/results/error.md), the errors
+    above a part of them; 0.4 is the least ratio at which an element locks.
+    """
+    keys = {"kinematics": "plane_strain", "nu": nu, "cells": 4, "element": element}
+    result = solve("cook", **keys, error=True)
+    for name, exact in (("corner.y", corner), ("energy", energy)):
+        goal = result.goals[name]
+        true = exact - goal["value"]
+        assert abs(true) > error * abs(exact)
+        assert goal["error"] == pytest.approx(true, rel=0.2 if nu > 0.4 else 0.3), name
+    # The errors of the cells add up to the estimate.
+    ((located, cells),) = result.estimate.indicators.items()
+    assert cells.sum() == pytest.approx(result.goals[located]["error"], rel=0.1)
+
+
+def turned(comm, element="Q1P0", kinematics="axisymmetric_torsion"):
+    """A rubber ring between two sleeves whose inner one is pushed along the axis, and turned."""
+    domain = rectangle(comm, element, (1, 0), (2, 1), (4, 3))
+    u = displacement(domain, element, kinematics)
+    V = u.function_space
+    bcs = prescribe(V, 0, 1.0, lambda x: [0 * x[0], 0.03, 0.06]) + prescribe(V, 0, 2.0, zero)
+    rubber = fem_snh.material("stable_neo_hookean", E=1.0, nu=0.49)
+    return run(u, rubber, bcs, element=element, kinematics=kinematics), u, bcs
+
+
+def goals_of(u, bcs):
+    r = ufl.SpatialCoordinate(u.function_space.mesh)[0]
+    return {
+        "end": (1.5, 1.0),
+        "push": bcs[0],
+        "mean": ufl.dx,
+        "turn": (bcs[0], (0, 0, 0)),
+        "form": u[1] * 2 * ufl.pi * r * ufl.dx,
+        "volume": "volume",
+        "energy": "energy",
+    }
+
+
+@mpi
+def test_a_program_of_a_body_of_revolution(comm):
+    """The corrected values are those of the lifted element; the indicators sum to the errors."""
+    problem, u, bcs = turned(comm)
+    found = problem.estimate_error(goals_of(u, bcs))
+    assert found.reason == "" and found.element == "Q2Q1"
+    lifted, other, conditions = turned(comm, "Q2Q1")
+    values = lifted.estimate_error(goals_of(other, conditions)).goals
+    assert set(values) == set(found.goals)
+    # Errors below 1e-4 are not located.
+    assert set(found.goals) - set(found.indicators) <= {"volume"}
+    vectors = [f"{name}.{axis}" for name in ("end", "push", "mean") for axis in "xyz"]
+    assert list(found.goals) == [*vectors, "turn.y", "form", "volume", "energy"]
+    for name, goal in found.goals.items():
+        size = max(abs(goal.error), 1e-3 * goal.scale)
+        assert goal.corrected == pytest.approx(values[name].value, abs=0.05 * size), name
+        if name in found.indicators:
+            total = comm.allreduce(float(found.indicators[name].sum()))
+            assert total == pytest.approx(goal.error, abs=0.25 * size), name
+    # The mean over the volume of the whole turn.
+    body = np.pi * (2**2 - 1**2)
+    assert found.goals["form"].value / body == pytest.approx(found.goals["mean.y"].value, rel=1e-9)
+
+
+def test_no_moment_of_a_body_without_torsion(comm):
+    problem, _, bcs = turned(comm, kinematics="axisymmetric")
+    with pytest.raises(BadInput, match="a moment': expected a force, with kinematics = 'axisymme"):
+        problem.estimate_error([(bcs[0], (0, 0, 0))])
+
+
+@pytest.mark.one_debian
+def test_default_goals_of_a_body_of_revolution():
+    """Forces along the axis and torques: no sum of radial forces."""
+    goals = solve("bushing", cells=1, steps=1, error=True).goals
+    names = ["inner.force.y", "outer.force.y", "inner.moment.y", "volume", "energy"]
+    assert list(goals) == names
+
+
+@mpi
+def test_goals_do_not_depend_on_ranks():
+    """Of a bushing that is turned: all of its goals, the mean of a curve and of a surface."""
+    keys = {"element": "Q1P0", "cells": 3, "steps": 1, "angle": 0.2}
+    keys["accuracy.goals"] = ["inner.moment.y", "inner.force.y", "ends.mean.y", "volume", "energy"]
+    alone = solve("bushing", comm=MPI.COMM_SELF, **keys).goals
+    together = solve("bushing", comm=MPI.COMM_WORLD, **keys).goals
+    assert list(alone) == keys["accuracy.goals"]
+    for name, goal in alone.items():
+        size = abs(goal["error"]) + 1e-6 * abs(goal["value"])
+        assert together[name]["value"] == pytest.approx(goal["value"], rel=1e-6)
+        assert together[name]["error"] == pytest.approx(goal["error"], abs=0.02 * size), name
+
+
+@pytest.mark.one_debian
+def test_a_sheet_is_lifted_without_a_pressure():
+    """In plane stress: effectivity against a fine mesh, and indicators at Cook's corner."""
+    keys = {"kinematics": "plane_stress", "nu": 0.4999}
+    fine = solve("cook", element="Q2", cells=24, **keys).steps[-1]["probes"]["corner"]
+    result = solve(
+        "cook", element="P1", cells=8, **{"accuracy.goals": ["corner", "energy"]}, **keys
+    )
+    assert result.record["estimate"]["element"] == "P2"
+    for axis, exact in zip("xy", fine, strict=False):
+        goal = result.goals[f"corner.{axis}"]
+        assert 0.7 < goal["error"] / (exact - goal["value"]) < 1.1
+    found = result.estimate
+    for name in ("corner.y", "energy"):
+        assert found.indicators[name].sum() == pytest.approx(found.goals[name].error, rel=0.1)
+    x, y = found.places["energy"].largest
+    assert np.hypot(x, y - 44) < 6
+
+
+def refined(source, **parameters):
+    """A mesh of triangles, its data, and the same refined near a corner."""
+    mesh = meshes.generate(MPI.COMM_SELF, source, "triangle", **parameters)
+    data = meshes.gather(mesh)
+    near = np.linalg.norm(data.x[data.cells[:, :3]].mean(axis=1) - (0, 44), axis=1) < 20
+    sizes = np.where(near, areas(data) / 64, areas(data))
+    return mesh, data, bisect(data, sizes, 10**6)
+
+
+def areas(data):
+    corners = data.x[data.cells[:, :3]]
+    return np.abs(np.linalg.det(corners[:, 1:] - corners[:, :1])) / 2
+
+
+def test_triangles_are_bisected_with_their_groups():
+    """No hanging nodes: each side is of two triangles, or in one of the four groups."""
+    _, data, finer = refined("cook", cells=4)
+    assert areas(finer).sum() == pytest.approx(48 * 60 / 2, rel=1e-12)
+    near = np.linalg.norm(finer.x[finer.cells].mean(axis=1) - (0, 44), axis=1) < 8
+    assert areas(finer)[near].max() < areas(data).max() / 32
+    sides = np.sort(finer.cells[:, [[0, 1], [0, 2], [1, 2]]].reshape(-1, 2), axis=1)
+    _, counts = np.unique(sides, axis=0, return_counts=True)
+    groups = {group.name: group for group in finer.groups if group.dim == 1}
+    assert counts.max() == 2
+    assert (counts == 1).sum() == sum(len(group.entities) for group in groups.values())
+    ends = finer.x[groups["left"].entities]
+    assert np.abs(ends[..., 0]).max() < 1e-12
+    assert np.abs(ends[:, 1, 1] - ends[:, 0, 1]).sum() == pytest.approx(44, rel=1e-12)
+    # No angle degenerates.
+    corners = finer.x[finer.cells]
+    edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
+    shapes = areas(finer) / edges.max(axis=1) ** 2
+    assert shapes.min() > 0.06
+
+
+@pytest.mark.parametrize("wanted", [1.05, 1.3, 1.7, 4.0])
+def test_a_refined_mesh_has_more_cells(wanted):
+    """Also where all cells are to be a little smaller: otherwise levels never end."""
+    data = meshes.gather(meshes.generate(MPI.COMM_SELF, "cook", "triangle", cells=4))
+    finer = bisect_times(data, lambda growth: areas(data) / growth, wanted, 10**6)
+    assert 1.2 <= len(finer.cells) / len(data.cells) <= 2.6 * wanted
+
+
+def test_curved_triangles_stay_on_their_curves():
+    mesh = meshes.generate(MPI.COMM_SELF, "tube", "triangle", cells=3, order=2)
+    data = meshes.gather(mesh)
+    finer = bisect(data, areas(data) / 8, 10**6)
+    other = meshes.distribute(MPI.COMM_SELF, "refined", lambda: finer)
+    assert other.num_cells > 4 * mesh.num_cells
+    assert meshes.volume(other.domain) == pytest.approx(meshes.volume(mesh.domain), rel=1e-9)
+    inner = next(group for group in finer.groups if group.name == "inner")
+    radii = np.hypot(*finer.x[np.unique(inner.entities)].T)
+    assert np.abs(radii - 1).max() < 2e-4  # parabolas for arcs
+
+
+@pytest.mark.one_debian
+@pytest.mark.parametrize(
+    ("scene", "keys", "exact"),
+    [
+        ("cook", {"element": "P1", "nu": 0.3, "cells": 8}, {"corner.y": 7.837}),
+        ("cook", {"element": "P2P1", "nu": 0.4999, "cells": 4}, {"corner.y": 6.922}),
+        ("cook", {"element": "P2P0", "nu": 0.4999, "cells": 8}, {"corner.y": 6.928}),
+        ("tube", {"element": "P2P0", "nu": 0.4999}, {"inner.x": 0.5, "outer.x": OUTER}),
+        ("tube", {"element": "Q1P0", "nu": 0.4999}, {"inner.x": 0.5, "outer.x": OUTER}),
+    ],
+)
+def test_the_true_error_is_within_the_request(scene, keys, exact):
+    """Triangles where the error is, quadrilaterals by their number; the tube in both planes."""
+    planes = ["plane_strain"] if scene == "cook" else ["plane_strain", "axisymmetric"]
+    for kinematics in planes:
+        goals = {"accuracy.within": 0.01, "accuracy.goals": list(exact)}
+        record = solve(scene, kinematics=kinematics, **keys, **goals).record
+        assert record["accuracy"]["reached"]
+        for name, value in exact.items():
+            goal = record["accuracy"]["levels"][-1]["goals"][name]
+            better = min(
+                (abs(goal["error"]), goal["value"]),
+                (goal["uncertainty"] or np.inf, goal["corrected"]),
+            )
+            assert abs(better[1] - value) <= 0.01 * abs(value)
+
+
+#: Two layers that share their nodes, with these cells along the length.
+_LAYERS = """
+Point(1) = {{0, 0, 0}};
+side[] = Extrude {{1, 0, 0}} {{ Point{{1}}; Layers{{{0}}}; }};
+low[] = Extrude {{0, 0.3, 0}} {{ Line{{side[1]}}; Layers{{{1}}}; }};
+high[] = Extrude {{0, 0.2, 0}} {{ Line{{low[0]}}; Layers{{{1}}}; }};
+Physical Surface("soft") = {{low[1]}}; Physical Surface("stiff") = {{high[1]}};
+Physical Curve("left") = {{low[3], high[3]}}; Physical Curve("right") = {{low[2], high[2]}};
+"""
+
+
+def test_a_stiff_layer_on_a_nearly_incompressible_one(comm, folder):
+    """In the lifted element one pressure in each cell was coarser than P2: 7 times the error."""
+    material = {"name": "stable_neo_hookean", "group": "soft", "E": 1e4, "nu": 0.45}
+    scene = {
+        "name": "layers", "element": "P2", "kinematics": "plane_strain",
+        "material": [material, material | {"group": "stiff", "E": 1e7, "nu": 0.3}],
+        "hold": [{"group": "left"}], "traction": [{"group": "right", "vector": [0, -2e3, 0]}],
+        "probe": [{"name": "tip", "point": [1, 0.5, 0]}],
+        "accuracy": {"goals": ["tip.y", "energy"]},
+    }  # fmt: skip
+    goals = []
+    for cells in (8, 32):
+        path = folder / str(cells)
+        if comm.rank == 0:
+            path.mkdir()
+        comm.barrier()
+        mesh = write_msh(comm, path, _LAYERS.format(cells, cells // 4), dim=2)
+        goals.append(solve(scenes.validate(scene | {"mesh": mesh}, "scene"), comm).estimate.goals)
+    coarse, fine = goals
+    assert list(coarse) == ["tip.y", "energy"]
+    for name, goal in coarse.items():
+        true = fine[name].corrected - goal.value
+        assert 0.5 < goal.error / true < 1.7, name

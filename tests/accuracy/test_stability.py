@@ -1,0 +1,400 @@
+"""Stable and unstable equilibria: the inertia of the Hessian, and columns that buckle."""
+
+from __future__ import annotations
+
+import warnings
+
+from petsc4py import PETSc
+
+import numpy as np
+import pytest
+import ufl
+from bodies import Hold, cube, problem
+from dolfinx import fem, mesh
+from dolfinx_programs import vector_space
+from running import solve
+from scipy.optimize import brentq
+from scipy.special import ellipk
+
+import fem_snh
+from benchmarks.extremes import bodies
+from fem_snh.errors import BadInput, ResultNote
+from fem_snh.linalg.symmetric_factors import SymmetricFactors
+from fem_snh.scenes import Geometry, MaterialChoice, Rigid, Scene
+from fem_snh.scenes import Hold as SceneHold
+
+mpi = pytest.mark.mpi
+
+#: Slenderness of the column, which is clamped at one end and has a dead load on the other.
+LENGTH = 20.0
+EULER = np.pi**2 / 12 / (4 * LENGTH**2)
+
+
+def indefinite(comm, size=60, negative=4):
+    """Return a symmetric matrix with so many negative eigenvalues, and it as an array."""
+    rng = np.random.default_rng(3)
+    q = np.linalg.qr(rng.normal(size=(size, size)))[0]
+    values = np.concatenate([-np.arange(1.0, negative + 1), np.linspace(0.5, 90, size - negative)])
+    array = q @ np.diag(values) @ q.T
+    array = (array + array.T) / 2
+    A = PETSc.Mat().createAIJ([size, size], comm=comm)
+    A.setUp()
+    for i in range(*A.getOwnershipRange()):
+        A.setValues([i], range(size), array[i])
+    A.assemble()
+    return A, array
+
+
+@pytest.mark.one_debian("ranks")
+@mpi
+def test_negative_eigenvalues_and_the_lowest_eigenvector_are_those_of_numpy(comm):
+    A, array = indefinite(comm)
+    factors = SymmetricFactors(A)
+    assert factors.factorise() == 4
+    start = A.createVecRight()
+    start.array = np.sin(1.0 + np.arange(*start.getOwnershipRange()))
+    v = factors.negative_direction(4, start)
+    lowest = np.linalg.eigh(array)[1][:, 0][slice(*v.getOwnershipRange())]
+    assert abs(comm.allreduce(lowest @ v.array_r)) == pytest.approx(1, abs=1e-6)
+    assert v.dot(start) > 0
+    A.shift(2.5)
+    assert factors.factorise() == 2
+    A.shift(2.5)
+    assert factors.factorise() == 0
+    factors.destroy()
+
+
+@mpi
+@pytest.mark.parametrize("scale", [0.01, 1.0, 100.0])
+def test_matrices_of_rank_one_remove_negative_eigenvalues(comm, scale):
+    A, array = indefinite(comm)
+    rows = A.getSizes()[0]
+    U = PETSc.Mat().createDense((rows, (PETSc.DECIDE, 2)), comm=comm)
+    U.setUp()
+    columns = np.linalg.eigh(array)[1][:, [0, 10]] + 0.01
+    U.getDenseArray()[:] = columns[slice(*A.getOwnershipRange())]
+    U.assemble()
+    c = PETSc.Vec().createSeq(2, comm=PETSc.COMM_SELF)
+    c.array = np.array([scale, 1.0])
+    factors = SymmetricFactors(A)
+    whole = array + columns @ np.diag(c.array_r) @ columns.T
+    left = factors.factorise() - factors.removed_by(PETSc.Mat().createLRC(A, U, c, U))
+    assert left == np.count_nonzero(np.linalg.eigvalsh(whole) < 0)
+    factors.destroy()
+
+
+def column(comm, load, side=0.0, **settings):
+    """Return a column of Q2 under a dead load in multiples of Euler's, with a part to the side."""
+    body = mesh.create_box(
+        comm, [np.zeros(3), np.array([LENGTH, 1.0, 1.0])], [10, 1, 1], mesh.CellType.hexahedron
+    )
+    V = vector_space(body, 2)
+    u = fem.Function(V)
+    foot = mesh.locate_entities_boundary(body, 2, lambda x: np.isclose(x[0], 0))
+    head = np.sort(mesh.locate_entities_boundary(body, 2, lambda x: np.isclose(x[0], LENGTH)))
+    dofs = fem.locate_dofs_topological(V, 2, foot)
+    tags = mesh.meshtags(body, 2, head, np.ones(len(head), np.int32))
+    ds = ufl.Measure("ds", domain=body, subdomain_data=tags)
+    force = fem.Constant(body, np.array([-1.0, 0.0, side]) * load * EULER)
+    m = fem_snh.material("stable_neo_hookean", E=1.0, nu=0.3)
+    return fem_snh.NonlinearProblem(
+        u, {m: ufl.dx}, bcs=[fem.dirichletbc(np.zeros(3), dofs, V)],
+        terms=[-ufl.inner(force, u) * ds(1)], **settings,
+    )  # fmt: skip
+
+
+def elastica(load):
+    """Return the head's displacement to the side over the length (Timoshenko & Gere 1961, 2.7)."""
+    k = brentq(lambda k: ellipk(k**2) - np.pi / 2 * np.sqrt(load), 1e-9, 0.999)
+    return 2 * k / ellipk(k**2)
+
+
+def side_of(p):
+    """Return the largest displacement to the side over the length."""
+    u = p.x.array_r.reshape(-1, 3)[:, 1:]
+    return p.x.comm.tompi4py().allreduce(np.linalg.norm(u, axis=1).max(initial=0), op=max) / LENGTH
+
+
+def solved(p):
+    p.solve()
+    assert p.solver.getConvergedReason() > 0, p.reason
+    return p
+
+
+@mpi
+def test_a_straight_column_is_stable_up_to_the_load_of_euler(comm):
+    """The line search with a given Hessian is Newton's method, which keeps the symmetry."""
+    for load, negative in ((0.98, 0), (1.02, 2)):
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", ResultNote)
+            p = solved(column(comm, load, hessian="exact"))
+        assert side_of(p) < 1e-3
+        assert p.negative_eigenvalues() == negative  # one for each plane
+        assert [note.kind for note in p.notes] == ["unstable"] * (negative > 0)
+    assert "2 negative eigenvalues" in p.notes[0].text
+
+
+@pytest.mark.one_debian("ranks")
+@mpi
+@pytest.mark.parametrize("side", [0.0, 1e-4], ids=["perfect", "imperfect"])
+def test_a_column_buckles_at_default_settings(comm, side):
+    p = solved(column(comm, 1.3, side))
+    assert p.solver.getPythonContext().linear_choice.direct
+    assert side_of(p) == pytest.approx(elastica(1.3), rel=0.02)
+    assert p.negative_eigenvalues() == 0 and not p.notes
+
+
+@pytest.mark.one_debian("ranks")
+@mpi
+def test_below_the_load_of_euler_the_column_stays_straight(comm):
+    p = solved(column(comm, 0.97))
+    assert side_of(p) < 1e-3 and p.newton <= 4
+
+
+@pytest.mark.one_debian
+@mpi
+@pytest.mark.parametrize("element", ["Q1", "Q2Q1", "Q1P0"])
+def test_a_scene_tells_stable_from_unstable(comm, element):
+    """The pressures of a mixed element are not counted as instabilities."""
+    given = {"element": element, "cells": 3, "aspect": 2.0, "stretch": 1.1, "steps": 2}
+    result = fem_snh.run("stretch", comm=comm, progress=False, stability=True, **given)
+    assert [row["stability"] for row in result.steps] == ["stable"] * 2
+    assert [row["negative_eigenvalues"] for row in result.steps] == [0, 0]
+    result = fem_snh.run("stretch", comm=comm, progress=False, **given)
+    assert "stability" not in result.steps[0]
+
+
+def test_an_unstable_equilibrium_of_a_scene_is_noted(comm, tmp_path):
+    """Newton's method with a line search and factors keeps the compressed bar straight."""
+    given = {"cells": 3, "aspect": 20.0, "stretch": 0.9, "steps": 1, "hessian": "exact"}
+    result = fem_snh.run("stretch", comm=comm, progress=False, out=tmp_path / "out", **given)
+    (row,) = result.steps
+    assert row["stability"] == "unstable equilibrium" and row["notes"] == ["unstable"]
+    (note,) = [note for note in result.notes if note["kind"] == "unstable"]
+    assert note["negative_eigenvalues"] == row["negative_eigenvalues"] > 0
+    table = (tmp_path / "out" / "steps.csv").read_text().splitlines()
+    assert "stability" in table[0] and "unstable equilibrium" in table[1]
+
+
+def test_stability_is_that_of_equilibria(comm):
+    with pytest.raises(BadInput, match="stability"):
+        fem_snh.run("bounce", comm=comm, progress=False, stability=True)
+    p = problem(cube(comm, "hexahedron", 2), "Q1", hold=[Hold("bottom")])
+    assert fem_snh.solver.EquilibriumStability(p).negative_eigenvalues(p.x) == 0
+
+
+def test_an_unstable_equilibrium_beside_a_stiff_inclusion_is_left_or_noted():
+    """Iterations ended at one with two negative eigenvalues, and said nothing unless asked."""
+    keys = {"shape": "sphere", "contrast": 1e2, "element": "P2P0", "nu": 0.499, "cells": 4}
+    result = solve(bodies.reference(bodies.inclusion), **keys)
+    assert result.record["linear_solver"] == "fgmres+block_triangular"
+    asked = solve(bodies.reference(bodies.inclusion), stability=True, **keys)
+    noted = "unstable" in [note["kind"] for note in result.notes]
+    assert noted == (asked.steps[-1]["stability"] == "unstable equilibrium")
+    assert result.steps[-1]["energy"] == pytest.approx(asked.steps[-1]["energy"], rel=1e-8)
+
+
+def compressed(comm, cells, element):
+    """Return a clamped column in plane strain, solved, whose ends approach by 4.5 %."""
+    counts = [10 * cells, cells]
+    corners = [np.zeros(2), np.array([10.0, 1.0])]
+    body = mesh.create_rectangle(comm, corners, counts, mesh.CellType.quadrilateral)
+    V = vector_space(body, int(element[1]), 2)
+    ends = [fem.locate_dofs_geometrical(V, lambda x, at=at: np.isclose(x[0], at)) for at in (0, 10)]
+    values = np.zeros(2), np.array([-0.45, 0.0])
+    bcs = [fem.dirichletbc(value, dofs, V) for value, dofs in zip(values, ends, strict=True)]
+    m = fem_snh.material("stable_neo_hookean", E=1e4, nu=0.3)
+    keys = {"element": element, "kinematics": "plane_strain"}
+    return bcs, solved(fem_snh.NonlinearProblem(fem.Function(V), {m: ufl.dx}, bcs=bcs, **keys))
+
+
+@mpi
+def test_a_straight_column_that_only_coarse_cells_keep_straight_has_no_estimate(comm):
+    """It was printed: the column of the better element is straight, too, and unstable."""
+    bcs, coarse = compressed(comm, 1, "Q1")
+    assert coarse.negative_eigenvalues() == 0 and not coarse.notes
+    estimate = coarse.estimate_error({"push": bcs[1]})
+    assert "unstable: its Hessian has 1 negative eigenvalue," in estimate.reason
+    bcs, fine = compressed(comm, 3, "Q2")
+    found = fine.estimate_error({"push": bcs[1]})
+    assert not found.reason and fine.negative_eigenvalues() == 0
+    force = found.goals["push.x"]
+    assert abs(force.error) < 0.01 * abs(force.value)
+    assert abs(estimate.goals["push.x"].value) > 1.3 * abs(force.value)
+
+
+@pytest.mark.parametrize(("asked", "found"), [(True, "4 negative"), (False, "negative")])
+def test_the_lifted_state_is_examined_by_factors_or_iterations(asked, found, monkeypatch):
+    """A cube that finer cells let fold: conjugate gradients and the pressure hid it."""
+    monkeypatch.setattr("fem_snh.accuracy.lift._MAX_FACTORED", 10)
+    keys = {"stretch": 0.5, "element": "Q2", "cells": 3, "nu": 0.35, "error": True}
+    result = solve("pull", stability=asked, **keys)
+    assert f"unstable: its Hessian has {found} eigenvalues" in result.estimate.reason
+
+
+@pytest.mark.one_debian
+@mpi
+@pytest.mark.parametrize(("scene", "keys"), [("pull", {"stretch": 0.7}), ("twist", {"angle": 1.5})])
+def test_iterations_show_that_a_state_is_stable(comm, scene, keys, monkeypatch):
+    """Every estimate of more than 5,000 nodes said that it was not examined."""
+    monkeypatch.setattr("fem_snh.accuracy.lift._MAX_FACTORED", 10)
+    keys |= {"element": "Q1P0", "cells": 4, "error": True, "steps": 2}
+    estimate = solve(scene, comm, **keys).estimate
+    assert not estimate.reason and not estimate.may_be_unstable and not estimate.doubt
+
+
+def clamped_column(comm, approach, across=4, element="Q1"):
+    """Return a straight column of length 10 whose clamped ends approached, and a condition."""
+    counts = [10 * across, across, across]
+    corners = [np.zeros(3), np.array([10.0, 1.0, 1.0])]
+    body = mesh.create_box(comm, corners, counts, mesh.CellType.hexahedron)
+    V = vector_space(body, int(element[1]))
+    ends = [fem.locate_dofs_geometrical(V, lambda x, at=at: np.isclose(x[0], at)) for at in (0, 10)]
+    values = np.zeros(3), np.array([-10 * approach, 0.0, 0.0])
+    bcs = [fem.dirichletbc(value, dofs, V) for value, dofs in zip(values, ends, strict=True)]
+    m = fem_snh.material("stable_neo_hookean", E=1e4, nu=0.35)
+    return bcs[1], solved(
+        fem_snh.NonlinearProblem(fem.Function(V), {m: ufl.dx}, bcs=bcs, element=element)
+    )
+
+
+@mpi
+@pytest.mark.parametrize("factored", [5_000, 10], ids=["factors", "iterations"])
+@pytest.mark.parametrize(("part", "unstable"), [(0.8, False), (1.25, True)])
+def test_the_end_of_a_mixed_column_is_examined(comm, part, unstable, factored, monkeypatch):
+    """A straight one past buckling was converged without a note: Euler's strain is pi^2/300."""
+    monkeypatch.setattr("fem_snh.solver.definiteness._MAX_FACTORED", factored)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ResultNote)
+        column = clamped_column(comm, part * np.pi**2 / 300, across=1, element="Q2Q1")[1]
+    assert column.solver.getType() == "python" and not column.solver.getPythonContext().trust_ksp
+    assert [note.kind for note in column.notes] == ["unstable"] * unstable
+    assert column.negative_eigenvalues() == 2 * unstable  # one for each plane
+
+
+@mpi
+def test_a_column_of_many_nodes_that_would_buckle_has_no_estimate(comm):
+    """It is stable in the run's element, and the lifted one has 6,561 nodes."""
+    push, column = clamped_column(comm, 0.033)
+    assert column.negative_eigenvalues() == 0
+    assert "unstable: its Hessian has negative eigenvalues" in (
+        column.estimate_error({"push": push}).reason
+    )
+
+
+@pytest.mark.one_debian
+@mpi
+@pytest.mark.parametrize(
+    ("approach", "state"), [(0.028, "stable"), (0.032, "doubtful"), (0.035, "unstable")]
+)
+def test_a_doubt_is_left_next_to_buckling_alone(comm, approach, state, monkeypatch):
+    monkeypatch.setattr("fem_snh.accuracy.lift._MAX_FACTORED", 10)
+    push, column = clamped_column(comm, approach, across=2)
+    estimate = column.estimate_error({"push": push})
+    assert ("unstable" in estimate.reason) == (state == "unstable")
+    line = "the state of Q2Q1 may be unstable, as iterations leave that open"
+    assert any(text.startswith(line) for text in estimate.lines()) == (state == "doubtful")
+    assert estimate.record()["may_be_unstable"] == (state == "doubtful")
+
+
+@pytest.mark.one_debian("ranks")
+@mpi
+def test_a_rigid_motion_that_nothing_constrains_is_no_instability(comm):
+    """The sign of its eigenvalue is rounding: a stretched body without supports has an estimate."""
+    body = mesh.create_unit_cube(comm, 2, 2, 2, mesh.CellType.tetrahedron)
+    u = fem.Function(vector_space(body, 2))
+    ends = [
+        np.sort(mesh.locate_entities_boundary(body, 2, lambda x, at=at: np.isclose(x[2], at)))
+        for at in (0.0, 1.0)
+    ]
+    facets = np.concatenate(ends).astype(np.int32)
+    values = np.repeat(np.arange(2, dtype=np.int32), [len(end) for end in ends])
+    order = np.argsort(facets)
+    tags = mesh.meshtags(body, 2, facets[order], values[order])
+    ds = ufl.Measure("ds", domain=body, subdomain_data=tags)
+    pull = [fem_snh.Traction(ds(i), (0.0, 0.0, side * 800.0)) for i, side in enumerate((-1, 1))]
+    m = fem_snh.material("stable_neo_hookean", E=1e4, nu=0.3)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ResultNote)
+        p = solved(fem_snh.NonlinearProblem(u, {m: ufl.dx}, terms=pull, element="P2"))
+    assert p.negative_eigenvalues() == 0
+    estimate = p.estimate_error(["volume"])
+    assert not estimate.reason
+    assert abs(estimate.goals["volume"].error) < 1e-6
+
+
+@mpi
+@pytest.mark.parametrize(("push", "negative"), [(40.0, 0), (150.0, 2)])
+def test_a_column_with_a_rigid_head_and_pressures_as_unknowns(comm, push, negative):
+    """A slender one buckles at 57.5 N. Factors keep it straight, where iterations may not."""
+    column = Scene(
+        name="column",
+        mesh=Geometry(source="bar", parameters={"length": 7.0, "interface": 5.0}),
+        cells=1,
+        element="Q2Q1",
+        steps=1,
+        material=MaterialChoice(name="stable_neo_hookean", E=1e4, nu=0.49),
+        hold=[SceneHold(group="left")],
+        rigid=[Rigid(group="second", force=(-push, 0, 0))],
+        stability=True,
+        petsc={"ksp_type": "preonly", "pc_type": "lu", "pc_factor_mat_solver_type": "mumps"},
+    )
+    assert solve(column, comm).steps[-1]["negative_eigenvalues"] == negative
+
+
+@mpi
+@pytest.mark.parametrize(("stiffer", "pinned"), [(20.0, False), (1.0, False), (20.0, True)])
+def test_a_free_body_under_pressure_is_no_instability(comm, stiffer, pinned):
+    """H w = omega x r for a rotation w: residuals gave two or three negative eigenvalues.
+
+    A corner that is held leaves all rotations, and of two materials the prestress is inhomogeneous.
+    """
+    body = mesh.create_unit_cube(comm, 2, 2, 2, mesh.CellType.hexahedron)
+    V = vector_space(body, 1)
+    corner = fem.locate_dofs_geometrical(V, lambda x: np.isclose(x, 0.0).all(axis=0))
+    bcs = [fem.dirichletbc(np.zeros(3), corner, V)] if pinned else []
+    index = body.topology.index_map(3)
+    cells = np.arange(index.size_local + index.num_ghosts, dtype=np.int32)
+    right = mesh.locate_entities(body, 3, lambda x: x[0] > 0.49)
+    tags = mesh.meshtags(body, 3, cells, np.isin(cells, right).astype(np.int32))
+    dx = ufl.Measure("dx", domain=body, subdomain_data=tags)
+    materials = {
+        fem_snh.material("stable_neo_hookean", E=E, nu=0.45): dx(tag)
+        for tag, E in enumerate((1e4, 1e4 * stiffer))
+    }
+    pressure = [fem_snh.Pressure(ufl.ds, 2000.0)]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ResultNote)
+        u = fem.Function(V)
+        p = fem_snh.NonlinearProblem(u, materials, bcs=bcs, terms=pressure, element="Q1P0")
+        solved(p)
+    assert p.negative_eigenvalues() == 0
+    estimate = p.estimate_error(["volume"])
+    assert not estimate.reason and abs(estimate.goals["volume"].error) < 1e-3
+
+
+@pytest.mark.one_debian("ranks")
+@mpi
+def test_a_free_body_under_dead_loads_that_push_is_unstable(comm):
+    """It turns over: two rotations have a negative eigenvalue, which is no rounding."""
+    body = mesh.create_unit_cube(comm, 1, 1, 1, mesh.CellType.hexahedron)
+    u = fem.Function(vector_space(body, 1))
+    facets = [
+        np.sort(mesh.locate_entities_boundary(body, 2, lambda x, at=at: np.isclose(x[2], at)))
+        for at in (0.0, 1.0)
+    ]
+    order = np.argsort(np.concatenate(facets))
+    values = np.repeat(np.arange(2, dtype=np.int32), [len(end) for end in facets])
+    tagged = np.concatenate(facets).astype(np.int32)
+    tags = mesh.meshtags(body, 2, tagged[order], values[order])
+    ds = ufl.Measure("ds", domain=body, subdomain_data=tags)
+    push = [fem_snh.Traction(ds(i), (0.0, 0.0, side * 500.0)) for i, side in enumerate((1, -1))]
+    m = fem_snh.material("stable_neo_hookean", E=1e4, nu=0.3)
+    keys = {"globalization": "linesearch", "hessian": "exact"}
+    keys["petsc_options"] = {"ksp_type": "minres", "pc_type": "jacobi", "ksp_rtol": 1e-10}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ResultNote)
+        p = solved(fem_snh.NonlinearProblem(u, {m: ufl.dx}, terms=push, **keys))
+    assert p.negative_eigenvalues() == 2
+    # As many as the motions that nothing constrains, or less, were called rounding.
+    assert "its Hessian has 2 negative eigenvalues" in p.estimate_error(["volume"]).reason

@@ -1,0 +1,191 @@
+"""Goals that are results of terms: forces of obstacles and contacts, pressures of cavities."""
+
+from __future__ import annotations
+
+from math import pi
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+import ufl
+from dolfinx_programs import Press, unit_cube
+from running import solve
+from shells import SYMMETRIC, exact, shell
+
+import fem_snh
+from fem_snh import _dolfinx, scenes
+from fem_snh.assembly.ghosted_vectors import add_ghosts, set_to_zero
+from fem_snh.errors import BadInput
+from fem_snh.runs.goals import default_goals
+from fem_snh.scenes import Accuracy, Contact, Geometry, Hold, MaterialChoice, Move, Obstacle, Scene
+
+mpi = pytest.mark.mpi
+BALL = {"sphere": {"center": [0.5, 0.4, 1.45], "radius": 0.5}}
+
+
+def indented(element="Q1", obstacle=BALL, nu=0.3, **keys):
+    """A cube that a ball dents; its stiffness is that of the material, so that it stays smooth."""
+    ball = Obstacle.model_validate(
+        {"name": "ball", "shape": obstacle, "translate": [0, 0, -0.1], "stiffness": 50.0}
+    )
+    return Scene(
+        name="indented",
+        mesh=Geometry(source="cube"),
+        element=element,
+        material=MaterialChoice(name="stable_neo_hookean", E=1.0, nu=nu),
+        hold=[Hold(group="bottom")],
+        **{"cells": 4, "obstacle": [ball]} | keys,
+    )
+
+
+def blocks(element="P2", **keys):
+    """Two blocks of different meshes, the upper one pressed on the lower one and sideways."""
+    return Scene(
+        name="blocks",
+        mesh=Geometry(source="two_blocks", parameters={"upper_cells": 3, "gap": 0.0}),
+        cells=2,
+        element=element,
+        material=MaterialChoice(name="stable_neo_hookean", E=1.0, nu=0.3),
+        hold=[Hold(group="bottom")],
+        move=[Move(group="top", translate=(0.02, 0.01, -0.2))],
+        contact=[Contact(groups=("lower_top", "upper_bottom"))],
+        **keys,
+    )
+
+
+SCENES = {
+    "ball": (indented, "ball.force"),
+    "contact": (blocks, "lower_top/upper_bottom.force"),
+    "cavity": (lambda: shell(SYMMETRIC).model_copy(update={"steps": 2}), "inner.pressure"),
+    "section": (lambda: scenes.load("seal", friction=0, cells=8, steps=2), "upper.force"),
+}
+
+
+@pytest.mark.one_debian("ranks")
+@mpi
+@pytest.mark.parametrize("case", SCENES)
+def test_derivatives(comm, case):
+    """Along a wave through the body, against a central difference of the goal."""
+    make, name = SCENES[case]
+    problem = solve(make(), comm).problem
+    (term,) = (t for t in problem.terms if name in t.goals)
+    wave = np.sin(5 * problem.coordinates + problem.coordinates[:, ::-1])
+    d, h = wave[:, : problem.kinematics.components].ravel(), 1e-6 * problem.length
+    d[problem.constrained_dofs] = 0.0  # of a cavity the rims stay in their planes
+    x = problem.x.copy()
+
+    def goal(step):
+        problem.x.array[: len(d)] = x.array_r[: len(d)] + step * d
+        return term.goal(name, problem.split(problem.x)[0])
+
+    difference = (goal(h) - goal(-h)) / (2 * h)
+    u = problem.split(x)[0]
+    for component, value in enumerate(difference[: problem.kinematics.components]):
+        g = _dolfinx.create_vector(problem.V)
+        set_to_zero(g)
+        term.add_goal_derivative(name, component, u, g)
+        add_ghosts(g)
+        found = comm.allreduce(float(g.array_r[: len(d)] @ d), op=MPI.SUM)
+        assert found == pytest.approx(value, rel=1e-5, abs=1e-6 * np.abs(difference).max())
+
+
+@pytest.mark.one_debian
+@mpi
+@pytest.mark.parametrize("element", ["Q1", "P1", "P2"])
+def test_the_force_of_an_obstacle_is_minus_the_reaction(comm, element):
+    """Equal values, equal errors by parts, and equal sums of indicators.
+
+    The dual solutions differ by a translation of the whole body, which no force resists.
+    """
+    goals = ["ball.force.z", "bottom.force.z"]
+    found = solve(indented(element, accuracy={"goals": goals}), comm)
+    ball, bottom = (found.estimate.goals[name] for name in goals)
+    assert ball.value == pytest.approx(-bottom.value, rel=1e-4)
+    for part in ("mesh", "penalty"):
+        assert ball.parts[part] == pytest.approx(-bottom.parts[part], rel=0.02)
+    assert abs(ball.parts["penalty"]) > 0.01 * abs(ball.value)
+    sums = [comm.allreduce(found.estimate.indicators[name].sum()) for name in goals]
+    assert sums[0] == pytest.approx(-sums[1], rel=0.05)
+
+
+@pytest.mark.one_debian
+@pytest.mark.parametrize(("element", "force"), [("Q1", -0.109505), ("P2", -0.109202)])
+def test_effectivity_of_the_force_between_bodies(element, force):
+    """Against the force on 8 and 12 cells along an edge, with a stiffness of 3e3."""
+    goal = solve(blocks(element, error=True)).goals["lower_top/upper_bottom.force.z"]
+    assert goal["value"] < 0
+    assert goal["error"] == pytest.approx(force - goal["value"], rel=0.4)
+
+
+@pytest.mark.one_debian
+def test_effectivity_of_a_fluids_pressure():
+    """Against the exact solution, to which nu = 0.4999 adds less than a hundredth of the error."""
+    material = MaterialChoice(name="stable_neo_hookean", E=3.0, nu=0.4999)
+    scene = shell(SYMMETRIC).model_copy(
+        update={"material": material, "error": True, "element": "Q1P0", "cells": 4}
+    )
+    found = solve(scene)
+    goal, volume = found.goals["inner.pressure"], found.steps[-1]["cavities"]["inner"]["volume"]
+    error = exact((1 + volume * 6 / pi) ** (1 / 3)) - goal["value"]
+    assert 0.01 < abs(error / goal["value"]) < 0.5
+    assert 0.7 < goal["error"] / error < 1.4
+
+
+@mpi
+def test_a_program_has_the_goals_of_its_terms(comm):
+    body = Press(unit_cube(comm, 4))
+    SNH = fem_snh.material("stable_neo_hookean", E=1.0, nu=0.3)
+    ball = indented().obstacle[0].model_copy(update={"name": None, "translate": None})
+    lower = {"sphere": {"center": [0.5, 0.4, 1.35], "radius": 0.5}}
+    ball = Obstacle.model_validate(ball.model_dump(exclude_unset=True) | {"shape": lower})
+    problem = fem_snh.NonlinearProblem(body.u, {SNH: ufl.dx}, bcs=body.bcs[:1], terms=[ball])
+    problem.solve()
+    found = problem.estimate_error({"dent": ball, "floor": body.bcs[0]})
+    dent, floor = found.goals["dent.z"], found.goals["floor.z"]
+    assert dent.value == pytest.approx(-floor.value, rel=1e-4) and dent.value < 0
+    assert dent.error == pytest.approx(-floor.error, rel=0.02)
+    stranger = ball.model_copy(deep=True)
+    with pytest.raises(BadInput, match=r"an obstacle, a contact .* of its terms"):
+        problem.estimate_error([stranger])
+
+
+@pytest.mark.parametrize(
+    ("goal", "message"),
+    [
+        ("bal.force.z", "did you mean|no physical group"),
+        ("ball.force.w", "accuracy.goals = 'ball.force.w': expected .*plate.force.z"),
+        ("ball.pressure", "accuracy.goals = 'ball.pressure': expected .*did you mean 'ball.force'"),
+        ("inner.pressure.x", "accuracy.goals = 'inner.pressure.x': expected"),
+    ],
+)
+def test_goals_that_are_none(goal, message):
+    with pytest.raises(BadInput, match=message):
+        solve(indented(accuracy={"goals": [goal]}, cells=1))
+
+
+def test_an_obstacle_has_another_name_than_a_reaction():
+    with pytest.raises(BadInput, match="reactions = 'ball': expected a group of another name"):
+        indented(reactions=["ball"])
+
+
+def test_defaults_are_static():
+    """A contact that opens and closes has any force at the end of a motion."""
+    assert "ball.force" in default_goals(indented(), True)
+    assert "upper.force.y" in default_goals(scenes.load("seal", friction=0), True)
+    assert not any("force" in name for name in default_goals(scenes.load("bounce"), False))
+
+
+def test_levels_reach_the_force_of_an_obstacle():
+    """The bound contains the force on a mesh that is finer in all, with a stiff penalty."""
+    keys = {"friction": 0, "kinematics": "plane_strain", "squeeze": 0.1, "steps": 2}
+    asked = Accuracy(goals=["upper.force.y"], within=0.01, max_time=120)
+    scene = scenes.load("seal", **keys)
+    found = solve(scene.model_copy(update={"accuracy": asked}))
+    record = found.record["accuracy"]
+    goal = record["levels"][-1]["goals"]["upper.force.y"]
+    stiff = [ring.model_copy(update={"stiffness": 1e4}) for ring in scene.obstacle]
+    fine = scene.model_copy(update={"obstacle": stiff, "cells": 32, "element": "P2P1"})
+    force = solve(fine).steps[-1]["obstacles"]["upper"]["force"][1]
+    assert record["reached"] and abs(goal["best"] - force) < goal["uncertainty"]
+    assert goal["uncertainty"] < 0.01 * abs(force)

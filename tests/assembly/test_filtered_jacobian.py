@@ -1,0 +1,101 @@
+"""The filtered Jacobian: symmetric, semidefinite, equal to a filter by numpy at every point."""
+
+from __future__ import annotations
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+from bodies import (
+    MINIMISING,
+    POINTWISE,
+    cube,
+    dense,
+    one_cell,
+    pairs,
+    problem,
+    set_values,
+    wave,
+)
+
+from fem_snh import _dolfinx
+from fem_snh.assembly.elements import ELEMENTS, Element
+
+elements = pytest.mark.parametrize("element", MINIMISING)
+pointwise = pytest.mark.parametrize("element", POINTWISE)
+
+
+# --- symmetry and definiteness -------------------------------------------------------------------
+
+
+def set_large_waves(p):
+    """Set the largest waves with a finite energy; they invert cells where the energy allows it."""
+    size = 0.8
+    while not np.isfinite(p.energy(set_values(p, wave(size)))):
+        size *= 0.8
+    assert p.regions[0].material.name == "neo_hookean" or p.measures(p.x)["min_J"] < 0
+
+
+@pytest.mark.one_debian
+@pairs(MINIMISING)
+def test_matrix_is_symmetric_and_filters_make_it_semidefinite(comm, element, name):
+    p = problem(cube(comm, ELEMENTS[element].cell, 1 if element != "Q1" else 2), element, name)
+    set_large_waves(p)
+    values = {}
+    for choice in ("exact", "clamp", "abs"):
+        filtered = p.jacobian(p.x, choice)
+        A = dense(p.A)
+        assert np.isfinite(A).all()
+        assert abs(A - A.T).max() <= 1e-14 * abs(A).max()
+        values[choice] = np.linalg.eigvalsh(A)
+        scale = abs(values[choice]).max()
+        assert filtered > 0
+        if choice == "exact":
+            continue
+        assert values[choice].min() >= -1e-12 * scale
+        assert np.sum(values[choice] < 1e-9 * scale) >= 3  # the translations
+    if name != "neo_hookean":
+        assert values["exact"].min() < -1e-2  # there was something to filter
+
+
+# --- by hand, in numpy ---------------------------------------------------------------------------
+
+
+def by_hand(p, element: Element, clamp):
+    """sum over points of weight B^T H B, with H clamped by numpy's eigh; one rank."""
+    points, weights = _dolfinx.quadrature(element.cell, element.quadrature)
+    basis = _dolfinx.tabulate(p.V, points)
+    geometry = _dolfinx.tabulate_geometry(p.domain, points)
+    x = _dolfinx.geometry_x(p.domain)
+    u = p.x.array.reshape(-1, 3)
+    A, worst = np.zeros((p.dofs, p.dofs)), np.inf
+    cells = zip(_dolfinx.node_dofs(p.V), _dolfinx.geometry_dofs(p.domain), strict=True)
+    for nodes, corners in cells:
+        dofs = (3 * nodes[:, None] + np.arange(3)).ravel()
+        for q, weight in enumerate(weights):
+            T = x[corners].T @ geometry[q]
+            G = basis[q] @ np.linalg.inv(T)
+            F = np.eye(3) + u[nodes].T @ G
+            # vec(F) by columns: entry 3 j + i is F_ij = ... + u_ai G_aj
+            B = np.einsum("aj,ik->jiak", G, np.eye(3)).reshape(9, -1)
+            e, Q = np.linalg.eigh(p.regions[0].material.hessian(F))
+            worst = min(worst, e.min() / abs(e).max())
+            H = Q @ np.diag(clamp(e)) @ Q.T
+            A[np.ix_(dofs, dofs)] += weight * abs(np.linalg.det(T)) * B.T @ H @ B
+    return A, worst
+
+
+@pytest.mark.one_debian("serial")
+@pairs(POINTWISE, ())
+@pytest.mark.parametrize(
+    "choice, clamp",
+    [("exact", lambda e: e), ("clamp", lambda e: np.maximum(e, 0)), ("abs", np.abs)],
+)
+def test_filters_are_numpys_eigh_at_every_point(element, name, choice, clamp):
+    """One bent cell; as the filtered Hessian's size goes with that of F, so does the bound."""
+    p = problem(one_cell(MPI.COMM_SELF, ELEMENTS[element].cell), element, name)
+    set_large_waves(p)
+    p.jacobian(p.x, choice)
+    expected, worst = by_hand(p, ELEMENTS[element], clamp)
+    assert worst < 0  # there is something to filter
+    assert abs(dense(p.A) - expected).max() <= 1e-10 * abs(expected).max()

@@ -1,0 +1,124 @@
+"""[[material]] of a scene: the file, replaced values, the output, and mistakes on every rank."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+from running import solve
+from scene_file import TWO_MATERIALS
+
+from fem_snh import scenes
+from fem_snh.assembly.elements import ELEMENTS
+from fem_snh.assembly.regions import Filling, Region, check_partition
+from fem_snh.errors import BadInput
+from fem_snh.kernels.material import material
+from fem_snh.mesh import mesh
+from fem_snh.problem.create_problem import create_problem
+
+COMM = MPI.COMM_WORLD
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    path = tmp_path / "bar.toml"
+    path.write_text(TWO_MATERIALS)
+    return path
+
+
+def test_values_are_replaced_in_all_materials_or_in_one(file: Path) -> None:
+    assert [m.group for m in scenes.load(file).materials] == ["second", None]
+    assert [m.density for m in scenes.load(file).materials] == [3000.0, None]
+    given = {"material.1.E": 7.0, "material.alpha": 2.0, "nu": 0.4}
+    found = scenes.load(file, **given).materials
+    assert [(m.E, m.nu, m.parameters) for m in found] == [
+        (4.0, 0.4, {"alpha": 2.0}), (7.0, 0.4, {"alpha": 2.0})
+    ]  # fmt: skip
+    other = scenes.load(scenes.load(file, **given), material="neo_hookean_ogden").materials
+    assert [(m.name, m.E, m.group, m.parameters) for m in other] == [
+        ("neo_hookean_ogden", 4.0, "second", {}), ("neo_hookean_ogden", 7.0, None, {})
+    ]  # fmt: skip
+    assert scenes.load(file, nu=0.2).nu == 0.2
+
+
+def test_run_and_resume(file: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    modes = {"count": 7, "density": 1000.0}
+    given: dict[str, Any] = {"steps": 2, "nu_continuation": [0.35], "comm": MPI.COMM_SELF}
+    solve(file, out=out, modes=modes, **given)
+    record = json.loads((out / "run.json").read_text())
+    first, second = record["material"]
+    assert (first["name"], first["group"], first["density"]) == (
+        "stable_neo_hookean", "second", 3000.0
+    )  # fmt: skip
+    assert second["name"] == "neo_hookean" and "group" not in second and record["converged"]
+    assert record["modes"]["mass"] == pytest.approx(3000 + 1000, rel=1e-12)
+    # The modulus that the tolerance is relative to: that of the two halves in a row.
+    problem = solve(file, out=out, modes=modes, resume=True, **given).problem
+    assert problem.modulus == pytest.approx(2 / (1 / 4 + 1 / 1), rel=1e-12)
+    with pytest.raises(BadInput, match=r"material\.1\.E = 2\.0: expected 1\.0 as before"):
+        solve(file, out=out, modes=modes, resume=True, **given, **{"material.1.E": 2.0})
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize(
+    ("groups", "message"),
+    [
+        (("first", "secnd"), r"no physical group 'secnd' in the mesh \(did you mean 'second'"),
+        (("first", "left"), r"material.group = 'left': expected a group of volumes, not a surf"),
+        (("first", "body"), r"material.group = 'body': .* shares no cell with 'first'; .* share 1"),
+        (("first",), r"material: 1 of 2 cells are in none of the groups 'first': expected a mater"),
+        (("first", "second", None), r"the groups 'first', 'second' fill the whole body: expected"),
+    ],
+)
+def test_mistakes_are_reported_on_every_rank(groups: tuple[Any, ...], message: str) -> None:
+    body = mesh.generate(COMM, "bar", "hexahedron", cells=1)
+    count = sum(len(g.entities) for g in body.groups if g.dim == 3)
+    every = mesh.Group("body", 3, 99, np.arange(count, dtype=np.int32), 2)
+    body = replace(body, groups=(*body.groups, every))
+    m = material("stable_neo_hookean", E=1.0, nu=0.45)
+    with pytest.raises(BadInput, match=message):
+        create_problem(body, ELEMENTS["Q1"], [Filling(m, group) for group in groups])
+
+
+@pytest.mark.one_debian("ranks")
+@pytest.mark.mpi
+def test_cells_need_one_region() -> None:
+    body = mesh.generate(COMM, "bar", "hexahedron", cells=2)
+    m = material("stable_neo_hookean", E=1.0, nu=0.45)
+    groups = [g for g in body.groups if g.dim == 3]
+    owned = len(create_problem(body, ELEMENTS["Q1"], m).regions[0].cells)
+    first, second = (Region(m, g.entities[g.entities < owned]) for g in groups)
+    check_partition(body.domain, [first, second])
+    with pytest.raises(BadInput, match="0 of 16 cells are in two regions and 8 in none"):
+        check_partition(body.domain, [first])
+    with pytest.raises(BadInput, match="8 of 16 cells are in two regions and 0 in none"):
+        check_partition(body.domain, [first, second, second])
+
+
+@pytest.mark.parametrize(
+    ("overrides", "message"),
+    [
+        ({"material": []}, "material = []: expected at least one table"),
+        ({"material.0.E": -1.0}, "material.0.E = -1.0: expected a number from 1e-100"),
+        ({"material.1.group": "second"}, "material.group = 'second': expected another group"),
+        ({"material.1.barier": True}, "material.1: unknown parameter 'barier': expected one of"),
+        ({"material.density": 0}, "material.0.density = 0: expected a number > 0"),
+        ({"material.2.E": 1.0}, "unknown key 'material.2.E': expected a key of a table"),
+    ],
+)
+def test_mistakes_in_the_tables(file: Path, overrides: dict[str, Any], message: str) -> None:
+    with pytest.raises(BadInput) as error:
+        scenes.load(file, **overrides)
+    assert message in str(error.value)
+
+
+def test_studies_that_vary_nu_need_one_ratio(file: Path) -> None:
+    with pytest.raises(BadInput, match=r"material.nu = \[0.3, 0.45\]: expected the same in all"):
+        scenes.load(file).nu

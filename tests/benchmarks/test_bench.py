@@ -1,0 +1,109 @@
+"""The measurements: rows that say what they should, on problems small enough for a test."""
+
+from __future__ import annotations
+
+import json
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+import benchmarks
+from benchmarks import assembly, felupe_twist, stretch, stretch_times, twist
+from fem_snh.errors import BadInput
+from fem_snh.studies.processes import environment
+
+pytestmark = pytest.mark.one_debian
+
+
+def test_assembly_is_faster_than_ffcx() -> None:
+    """Within three times the benchmark's limits, so that a busy machine does not break them."""
+    for row in assembly.rows(elements="Q1,P1,P2", cells=8, repeat=5):
+        assert row["filtered"] > 0.5  # the filter has work to do
+        assert row["ratio"] <= 3 * row["limit"]
+
+
+def test_assembly_of_a_material_without_ufl() -> None:
+    (row,) = assembly.rows(elements="Q1", cells=4, material="fixed_corotational", repeat=1)
+    assert "ratio" not in row and row["clamp_us"] > 0
+
+
+def test_twist_prints_json(capsys: pytest.CaptureFixture[str]) -> None:
+    assert benchmarks.main("twist", {"cells": 4, "hessians": "adaptive"}) == 0
+    row = json.loads(capsys.readouterr().out)
+    assert row["bench"] == "twist" and row["converged"] and len(row["newton"]) == 2
+    assert row["paper"] == twist.PAPER
+
+
+def test_stretch_has_the_papers_order() -> None:
+    rows = {row["material"]: row for row in stretch.rows(elements="P2", cells=4)}
+    assert set(rows) == set(stretch.PAPER)
+    volume = {name: row["volume_percent"] for name, row in rows.items()}
+    assert all(row["ok"] for row in rows.values())
+    paper = sorted(rows, key=lambda name: stretch.PAPER[name])
+    assert sorted(rows, key=lambda name: volume[name]) == paper
+    assert 0 < volume[paper[0]]
+
+
+def test_every_material_against_the_stable_one() -> None:
+    """At most 4.5 times its assembly: 1.13 on a quiet machine, so that no busy one breaks it."""
+    rows = list(assembly.compare("Q1", 4, 20, ["ogden", "valanis_landel_xu"]))
+    assert [row["material"] for row in rows] == ["ogden", "valanis_landel_xu"]
+    assert all(row["filtered"] > 0.4 for row in rows)
+    assert all(row["to_stable_neo_hookean"] <= 3 * row["limit"] for row in rows)
+
+
+def test_the_tutorial_ends_where_no_step_is_small_enough(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A factorisation that is given a MB: its code, instead of Newton's method on no numbers."""
+    (row,) = stretch_times.rows(cells="3", ways="tutorial", nu=0.3, ranks=1)
+    assert row["converged"] and row["load"] == 1 and row["newton"] == row["linear"] > row["steps"]
+    monkeypatch.setenv("PETSC_OPTIONS", "-nls_solve_mat_mumps_icntl_23 1")
+    (row,) = stretch_times.rows(cells="5", ways="tutorial")
+    assert re.fullmatch(r"MUMPS cannot factorise the matrix: INFOG = -\d+, -?\d+", row["status"])
+    assert not row["converged"] and (row["steps"], row["failed_steps"]) == (0, 1)
+
+
+def test_mistakes() -> None:
+    message = r"benchmark = 'asembly': expected .*did you mean 'assembly'"
+    with pytest.raises(BadInput, match=message):
+        benchmarks.main("asembly", {})
+    with pytest.raises(BadInput, match="unknown option of benchmark twist 'cell'"):
+        benchmarks.main("twist", {"cell": 3})
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_a_measurement_that_is_ended_ends_its_runs(number, tmp_path) -> None:
+    """They have a session of their own, which the signal does not reach."""
+    words = "stretch_times --cells 30 --ways ours --ranks 1".split()
+    command, here = [sys.executable, "-m", "benchmarks", *words], environment()
+    here["TMPDIR"] = str(tmp_path)  # where it puts the run's folder, so that we know the run
+    running = subprocess.Popen(command, env=here, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    late = time.monotonic() + 60
+    while not list(tmp_path.glob("*/out")) and time.monotonic() < late:
+        time.sleep(0.05)
+    assert (runs := _naming(str(tmp_path)))
+    running.send_signal(number)
+    running.communicate(timeout=60)
+    assert running.returncode == 130
+    assert not set(runs) & set(_naming(str(tmp_path)))
+
+
+def _naming(text: str) -> list[str]:
+    """Processes with this text in their arguments."""
+    found = []
+    for path in Path("/proc").glob("[0-9]*/cmdline"):
+        try:
+            if text in path.read_text():
+                found.append(path.parent.name)
+        except OSError:
+            continue  # it has just ended
+    return found
+
+
+def test_felupe_twist_says_what_it_needs() -> None:
+    with pytest.raises(BadInput, match="expected a Python with FElupe, pip install felupe"):
+        next(felupe_twist.rows(cells="2", python="/bin/false"))

@@ -1,0 +1,237 @@
+"""The benchmark ``extremes``: its cases, their verdicts, and the table of docs/results."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+from paths import ROOT
+
+from benchmarks.extremes import (
+    FAMILIES,
+    aspect,
+    bodies,
+    contrast,
+    crush,
+    drop,
+    loads,
+    press,
+    results,
+    rigid,
+    rows,
+    scramble,
+    small_force,
+    supports,
+)
+from benchmarks.extremes.cases import COLUMNS, at_rest, converged, scene_case
+from benchmarks.extremes.tight import agrees, tight_row
+from fem_snh.errors import BadInput
+from fem_snh.studies.points import read_record
+
+pytestmark = pytest.mark.one_debian
+
+
+# --- verdicts ------------------------------------------------------------------------------------
+
+STEP = {"load": 1.0, "converged": True}
+#: A row and a record of a run that came home.
+HOME: dict[str, Any] = {
+    "converged": True, "status": "converged", "steps": 1, "newton": 30, "max_u": 1e-9,
+    "energy": 1e-17, "min_J": 1.0, "volume_ratio": 1.0,
+}  # fmt: skip
+RECORD: dict[str, Any] = {
+    "steps": [STEP],
+    "modes": {"frequencies": [0.04]},
+    "material": {"parameters": {"mu": 0.3, "lam": 17.0}},
+}
+NOTE = {"kind": "supports", "text": "nothing constrains the body: all; it is one of many"}
+POINT = HOME | {"min_J": 0.0, "volume_ratio": 0.0, "energy": 8.35}
+
+
+def modes(frequency: float) -> dict[str, Any]:
+    return RECORD | {"modes": {"frequencies": [frequency]}}
+
+
+@pytest.mark.parametrize(
+    ("check", "record", "row", "message"),
+    [
+        (converged, RECORD, HOME, ""),
+        (converged, RECORD, HOME | {"converged": False, "status": "stopped"}, "stopped"),
+        (converged, {"steps": [STEP] * 3}, HOME, "3 steps instead of 1"),
+        (at_rest, RECORD, HOME, ""),
+        (at_rest, RECORD, HOME | {"max_u": 2e-6}, "another equilibrium: max |u| 2e-06"),
+        (at_rest, RECORD, HOME | {"max_u": float("nan")}, "another equilibrium"),
+        (crush._rest, RECORD, HOME | {"max_u": 2.0}, ""),  # turned by half
+        (crush._rest, RECORD, HOME | {"energy": 1e-3}, "ends elsewhere"),
+        (crush._rest, RECORD, HOME | {"min_J": -1.0}, "ends elsewhere"),
+        (crush._rest, modes(-0.1), HOME, "ends elsewhere"),
+        (crush._left_the_state, RECORD, HOME | {"energy": 0.1, "volume_ratio": 0.98}, ""),
+        (crush._left_the_state, RECORD, POINT, "volume 0, lowest frequency 0.04"),
+        (crush._rest_or_point, RECORD, HOME, ""),
+        (crush._rest_or_point, modes(-1e-8), POINT, ""),
+        (crush._rest_or_point, RECORD, POINT, "ends elsewhere"),
+        (crush._minimum_point, RECORD, POINT, ""),
+        (crush._minimum_point, RECORD, POINT | {"energy": 8.0}, "its energy is 8"),
+        (crush._minimum_point, modes(0.0), POINT, "it is no minimum"),
+        (crush._minimum_point, RECORD, HOME, "it left"),
+        (crush._unstable_point, modes(-1e-8), POINT, ""),
+        (crush._unstable_point, RECORD, POINT, "it is a minimum"),
+        (loads._stays_at_rest, RECORD, HOME, ""),
+        (loads._stays_at_rest, RECORD, HOME | {"max_u": 0.1}, "it moved by 0.1"),
+        (loads._few, RECORD, HOME, ""),
+        (loads._few, RECORD, HOME | {"newton": 41}, "41 Newton iterations"),
+        (agrees, {}, HOME | {"difference": 0.009}, ""),
+        (agrees, {}, HOME | {"difference": 0.011}, "the tight solve differs by 0.011"),
+        (agrees, {}, HOME | {"difference": float("nan")}, "the tight solve differs by nan"),
+        (agrees, {}, HOME | {"converged": False, "status": "stopped"}, "the tight solve fails: st"),
+        (partial(supports._ends, "held"), {"notes": [NOTE]}, HOME, "nothing constrains the body"),
+        (partial(supports._ends, "one of many"), {"notes": [NOTE]}, HOME, ""),
+        (partial(supports._ends, "one of many"), {}, HOME, "no note on supports"),
+        (partial(supports._ends, "refused"), {}, HOME, "converged"),
+    ],
+)
+def test_a_verdict(check: Any, record: Any, row: Any, message: str) -> None:
+    why = check(record, row)
+    assert why.startswith(message) and bool(why) == bool(message)
+
+
+def test_a_case_without_a_record_fails(tmp_path: Path) -> None:
+    case = loads.cases(True, 1)[0]
+    record, row = case.run(tmp_path, timeout=0.05)
+    assert record == {} and row["status"] == "given up after 0.05 s" and not row["converged"]
+    assert case.verdict(record, row) == {"passed": False, "reason": row["status"]}
+
+
+def test_what_several_must_fulfil() -> None:
+    rows = pd.DataFrame({"element": ["Q1", "Q1", "Q1", "P1"], "newton": [100, 160, 170, 30]})
+    rows = rows.assign(expected="pass", cells=15, nu=0.49, family="scramble")
+    found = scramble.median_criteria(rows)
+    assert list(found.values()) == ["", "it is 160"] and all("15^3" in asked for asked in found)
+
+
+#: The families that solve each case tightly, too.
+TIGHT = [contrast, aspect, rigid, small_force]
+RUNS = [scramble, crush, loads, drop, press, supports, *TIGHT]
+
+
+@pytest.mark.parametrize("family", RUNS)
+@pytest.mark.parametrize("quick", [True, False])
+def test_every_case_has_a_name_of_its_own(family: Any, quick: bool) -> None:
+    made = family.cases(quick, 2)
+    names = [case.name for case in made]
+    assert len(set(names)) == len(names) and {case.family for case in made} == {
+        family.__name__.rpartition(".")[2]
+    }
+    assert any(case.required for case in made)
+    assert family.__name__.rpartition(".")[2] in FAMILIES and len(FAMILIES) == len(RUNS)
+    assert all(case.tight for case in made) == (family in TIGHT)
+
+
+def test_the_issues_cases_are_there() -> None:
+    must = [case for case in scramble.cases(False, 100) if case.required]
+    assert sum("-10-" in case.name for case in must) == 2 * 5 * 100
+    assert sum("-15-" in case.name for case in must) == 2 * 5 * 10
+    made = {case.name for case in loads.cases(False, 1) if case.required}
+    assert len(made) == 7 * 3 + 2 * 4 and "loads-twist-pi-nu0.3-Q1-15-trust" in made
+
+
+# --- runs ----------------------------------------------------------------------------------------
+
+
+def test_loads_in_one_step() -> None:
+    found = list(rows(only="loads", quick=True))
+    assert len(found) == 6 and all(row["ok"] for row in found)
+    assert all(tuple(row) == (*COLUMNS, "ok") for row in found)
+    measures = ["newton", "clamped", "linear", "min_J", "residual", "nonfinite", "seconds"]
+    assert all(math.isfinite(row[key]) for row in found for key in measures)
+    turned = [row for row in found if "2pi" in row["case"]]
+    # one iteration: the rounding error is not known before a Hessian is assembled
+    assert all(row["newton"] <= 1 and row["max_u"] < 1e-12 for row in turned)
+
+
+def test_a_locking_element_has_a_note(tmp_path: Path) -> None:
+    """Q1 locks at nu = 0.4999, at 0.3 it does not."""
+    notes = []
+    for nu in (0.3, 0.4999):
+        case = scene_case(
+            "twist", f"loads-{nu}", "reaches its load", converged,
+            nu=nu, cells=2, element="Q1", steps=1, angle=0.3,
+        )  # fmt: skip
+        record, row = case.run(tmp_path)
+        kinds = [note["kind"] for note in record.get("notes", ())]
+        assert row["notes"] == (" ".join(kinds) or "none")
+        notes.append(kinds)
+    assert not notes[0] and notes[1]
+
+
+def test_a_stiff_inclusion_is_that_of_a_tight_solve(tmp_path: Path) -> None:
+    """The difference is that of the runs; a coarse tolerance is caught."""
+    keys = {"contrast": 1e4, "cells": 3, "shape": "bar", "nu": 0.3, "tight": True}
+    make = partial(
+        scene_case, bodies.reference(bodies.inclusion), criterion="reaches its load",
+        check=converged, **keys,
+    )  # fmt: skip
+    row, tight = results(make(name="contrast-a-Q1"))
+    assert row["passed"] and tight["passed"] and tight["difference"] < 1e-4
+    loose = make(name="contrast-loose-Q1", **{"petsc.snes_scaled_tol": 1e-2})
+    record, row = loose.run(tmp_path)
+    assert loose.verdict(record, row)["passed"]
+    found = tight_row(loose, tmp_path)
+    assert not found["passed"] and found["reason"].startswith("the tight solve differs by")
+    other = read_record(tmp_path / "contrast-loose-tight-Q1")
+    force = [np.array(run["steps"][-1]["reactions"]["right"]) for run in (record, other)]
+    least = np.abs(force[0] - force[1]).max() / np.abs(force[1]).max()
+    assert found["difference"] >= least > 0.01
+
+
+@pytest.mark.parametrize("family", [supports, small_force])
+def test_a_free_body_and_a_small_force(family: Any) -> None:
+    case = next(c for c in family.cases(True, 1) if c.name != "supports-none-loaded")
+    assert all(row["passed"] for row in results(case))
+
+
+# --- the benchmark -------------------------------------------------------------------------------
+
+
+def test_a_failure_is_a_row_that_is_not_ok(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    case = scene_case("twist", "loads-twist-Q1", "fails", lambda *_: "it fails", cells=2, steps=1)
+    other = replace(case, name="loads-other-Q1", required=False)
+    monkeypatch.setattr(loads, "cases", lambda quick, seeds: [case, other])
+    found = list(rows(only="loads", write=str(tmp_path / "extremes.csv")))
+    assert [row.get("ok") for row in found] == [False, None]
+    assert [row["reason"] for row in found] == ["it fails"] * 2
+    table = pd.read_csv(tmp_path / "extremes.csv")
+    assert list(table.columns) == list(COLUMNS) and list(table["expected"]) == ["pass", "may fail"]
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"only": "scrambel"}, r"family = 'scrambel': .*did you mean 'scramble'\?"),
+        ({"seeds": 0}, "seeds = 0: expected a whole number from 1 to 10000"),
+        ({"seeds": "many"}, "seeds = 'many': expected a whole number from 1 to 10000"),
+    ],
+)
+def test_mistakes(options: dict[str, Any], message: str) -> None:
+    with pytest.raises(BadInput, match=message):
+        next(rows(**options))
+
+
+def test_the_page_has_the_numbers_of_the_table() -> None:
+    table = pd.read_csv(ROOT / "docs" / "results" / "extremes" / "extremes.csv")
+    text = (ROOT / "docs" / "results" / "extremes.md").read_text()
+    assert list(table.columns) == list(COLUMNS) and not set(table["family"]) ^ set(FAMILIES)
+    must = table[table["expected"] == "pass"]
+    other = table[table["expected"] == "may fail"]
+    assert f"{must['passed'].sum()} of {len(must)}" in text
+    assert f"{other['passed'].sum()} of {len(other)}" in text
+    for family, group in must.groupby("family"):
+        (line,) = (line for line in text.splitlines() if line.startswith(f"| {family} |"))
+        assert f"| {group['passed'].sum()} of {len(group)} |" in line
+    assert set(scramble.median_criteria(must).values()) == {""}

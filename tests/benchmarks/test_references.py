@@ -1,0 +1,130 @@
+"""Published numbers: a quick subset of `python -m benchmarks references`, each within its limit."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Callable, Iterable, Iterator
+from functools import cache
+from pathlib import Path
+
+from mpi4py import MPI
+
+import pytest
+from paths import ROOT
+
+import benchmarks
+from benchmarks import Row
+from benchmarks.references import GROUPS, compare
+from benchmarks.references.block import block
+from benchmarks.references.cook import cook, cook_locking, cook_locking_free
+from benchmarks.references.exact import plane_strain, torsion, uniaxial
+from benchmarks.references.paper import paper_twist
+from fem_snh.errors import BadInput
+
+pytestmark = pytest.mark.one_debian
+
+mpi = pytest.mark.mpi
+
+
+@cache
+def small_block() -> list[Row]:
+    """The block on its coarsest mesh. Collective."""
+    return list(block(finest=4))
+
+
+@cache
+def small_torsion(element: str) -> list[Row]:
+    """The torque and the force of two materials on a coarse mesh. Collective."""
+    return list(torsion(element, cells=4))
+
+
+@cache
+def every_uniaxial() -> list[Row]:
+    """The bar of all elements. Collective."""
+    return list(uniaxial())
+
+
+QUICK: dict[str, Callable[[], Iterable[Row]]] = {
+    "cook": lambda: cook(finest=8),
+    "cook_locking": lambda: cook_locking(finest=10),
+    "cook_locking_free": lambda: cook_locking_free(finest=16),
+    "block": small_block,
+    "plane_strain": plane_strain,
+    "torsion": lambda: small_torsion("Q2Q1"),
+}
+
+
+@pytest.mark.parametrize("name", QUICK)
+def test_ours_are_as_published(name: str) -> None:
+    found = list(QUICK[name]())
+    assert any(row["limit"] for row in found) and all(row["ok"] for row in found), found
+
+
+def test_incompressible_uniaxial_is_exact() -> None:
+    found = every_uniaxial()
+    assert len(found) == 12 and all(row["ok"] for row in found), found
+
+
+@mpi
+def test_the_block_sinks_as_far_on_any_number_of_ranks(comm: MPI.Comm) -> None:
+    """Digits of one rank, as printed by `bench references --only block`."""
+    ours = {(row["what"], row["source"][-3:]): row["ours"] for row in small_block()}
+    assert ours["-u_z (0, 0, 50) [mm], Q1P0, 4 x 4 x 4", "3.3"] == pytest.approx(19.8163, rel=1e-5)
+
+
+@mpi
+@pytest.mark.parametrize("element", ["P2P1", "Q2Q1"])
+def test_rivlins_cylinder_on_any_number_of_ranks(comm: MPI.Comm, element: str) -> None:
+    """Coarse: the torque within 3 %, and the ends pressed together, more for Mooney-Rivlin."""
+    torque, force, other_torque, other_force = small_torsion(element)
+    assert abs(torque["difference"]) < 3 and abs(other_torque["difference"]) < 3
+    assert other_force["ours"] < force["ours"] < 0
+
+
+def test_the_papers_iterations_on_a_small_cube() -> None:
+    rows = list(paper_twist(cells=4))
+    assert [row["published"] for row in rows] == [28, 8234, 28, 8234]
+    assert all(row["ours"] > 0 for row in rows) and rows[0]["ours"] < rows[2]["ours"]
+
+
+def test_a_row_says_how_far_off_ours_is() -> None:
+    row = compare.compare("length [m]", "a book", 2.0, 2.01, 0.4)
+    assert row["difference"] == pytest.approx(0.5) and row["ok"] is False
+    assert compare.compare("length [m]", "a book", 2.0, 2.01, 0.6)["ok"]
+    assert not compare.compare("length [m]", "a book", 2.0, None)["ok"]
+
+
+def test_a_file_gets_the_rows(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def two() -> Iterator[Row]:
+        yield compare.compare("length [m]", "a book", 2.0, 2.01, 0.6)
+        yield compare.compare("width [m]", "a book", 1.0, None, 0.6)
+
+    monkeypatch.setitem(GROUPS, "two", two)
+    file = folder / "rows.csv"
+    file.write_text("old")
+    for _ in range(2):  # the second file equals the first
+        assert benchmarks.main("references", {"only": "two", "write": str(file)}) == 1
+        head, *rows = file.read_text().splitlines()
+        assert head.split(",")[-1] == "met"
+        assert rows == [
+            "two,length [m],a book,2,2.01,+0.5 %,0.6 %,ok",
+            "two,width [m],a book,1,did not converge,,0.6 %,not met",
+        ]
+
+
+def test_the_stored_rows_have_every_group() -> None:
+    """The file of docs/results is of this program: its rows name every group's sources."""
+    path = ROOT / "docs" / "results" / "references" / "references.csv"
+    with path.open(encoding="utf-8", newline="") as file:
+        stored = {(row["number"], row["source"]) for row in csv.DictReader(file)}
+    for row in (*every_uniaxial(), *small_block()):
+        assert (row["what"], row["source"]) in stored
+
+
+def test_mistakes(folder: Path) -> None:
+    with pytest.raises(BadInput, match=r"reference = 'blok': expected .*did you mean 'block'"):
+        benchmarks.main("references", {"only": "blok"})
+    page = folder / "page.md"
+    page.write_text("no table")
+    with pytest.raises(BadInput, match="expected a page with the lines <!-- made by"):
+        benchmarks.main("eigensolvers", {"write": str(page)})

@@ -1,0 +1,108 @@
+"""The octopus between cylinders: its mesh, linearised contact, and its benchmark's distances."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from bodies import cube
+from contact_problems import plane, translation
+from scipy.spatial.transform import Rotation
+
+from benchmarks.squash import distance
+from fem_snh import _dolfinx
+from fem_snh.contact.law import ContactLaw
+from fem_snh.contact.obstacle_pair import NearFacets, ObstaclePair
+from fem_snh.contact.surface_quadrature import SurfaceQuadrature
+from fem_snh.errors import BadInput
+from fem_snh.mesh import mesh as meshes
+from fem_snh.mesh import mesh_checks
+
+mpi = pytest.mark.mpi
+
+
+@pytest.mark.one_debian
+@mpi
+def test_octopus_has_the_cells_that_its_source_promises(comm):
+    octopus = meshes.generate(comm, "octopus", "tetrahedron", cells=54)
+    assert octopus.num_cells == pytest.approx(20_000, rel=0.05)
+    quality = mesh_checks.scaled_jacobian(octopus.domain)  # 0.707 is a regular tetrahedron
+    assert comm.allreduce(quality.min(), op=min) > 0.05
+    facets = [octopus.group(name).count for name in ("surface", "bell", "arms")]
+    assert facets[0] == facets[1] + facets[2] and min(facets) > 500
+    # A bell 2.1 radii high, eight cones 3 radii long.
+    assert 2.9e-3 < meshes.volume(octopus.domain) < 3.5e-3
+
+
+@pytest.mark.parametrize(("cell", "cells", "text"), [
+    ("hexahedron", 54, "expected tetrahedron"), ("tetrahedron", 3, "at least 4"),
+])  # fmt: skip
+def test_octopus_rejects(comm, cell, cells, text):
+    with pytest.raises(BadInput, match=text):
+        meshes.generate(comm, "octopus", cell, cells=cells)
+
+
+def pair_below(comm, motion):
+    """The contact of a unit cube, 0.01 deep in a plane that moves; and the nodes."""
+    V = _dolfinx.function_space(cube(comm, "tetrahedron", 2).domain, 1, (3,))
+    surface, X = SurfaceQuadrature(V), V.tabulate_dof_coordinates()
+    law = ContactLaw("plane", surface.weights, np.full(1, 100.0))
+    return ObstaclePair(surface, X, plane((0, 0, 0.01), motion=motion), law), X
+
+
+@mpi
+def test_linearised_contact_follows_a_plane_that_recedes(comm):
+    pair, X = pair_below(comm, translation((0, 0, -0.05)))
+    u = np.zeros_like(X)
+
+    def force(u):
+        r = np.zeros_like(u)
+        pair.add_gradient(u, r)
+        return comm.allreduce(-r[:, 2].sum())
+
+    assert force(u) == pytest.approx(100 * 0.01)
+    for linearised in (False, True):
+        pair.linearised = linearised
+        pair.set_load(0.0)
+        pair.begin_step(u)
+        pair.set_load(1.0)  # the plane is now 0.04 below the cube
+        assert force(u) == pytest.approx(-100 * 0.04 if linearised else 0.0)
+        curved = comm.allreduce(np.abs(pair.matrices(u, "clamp")[1]).sum())
+        assert (curved > 0) == linearised
+        # At another displacement the plane only pushes.
+        assert force(u - (0, 0, 0.03)) == 0.0
+        assert force(u - (0, 0, 0.06)) == pytest.approx(100 * 0.02)
+        pair.end_step(u)
+        assert force(u) == 0.0
+
+
+@pytest.mark.one_debian("ranks")
+@mpi
+def test_facets_near_a_moving_obstacle_are_all_that_touch(comm):
+    V = _dolfinx.function_space(cube(comm, "tetrahedron", 6).domain, 1, (3,))
+    surface, X = SurfaceQuadrature(V), V.tabulate_dof_coordinates()
+    obstacle, load, searches = plane((0, 0, -1), motion=translation((0, 0, 1.3))), 0.0, []
+
+    def gaps(x):
+        searches.append(len(x))
+        return obstacle.evaluate(x, load).distance
+
+    near = NearFacets(surface, X, gaps, material=lambda x: obstacle.pose(load).invert(x))
+    found = 0
+    for load in np.linspace(0, 1, 40):
+        u = np.full_like(X, -0.1 * load)
+        x = surface.positions(u)
+        deepest = obstacle.evaluate(x.reshape(-1, 3), load).distance.reshape(x.shape[:2])
+        touching = set(np.flatnonzero(deepest.min(axis=1) <= 0))
+        assert touching <= set(near.at(u))
+        found += len(touching)
+    assert comm.allreduce(found) > 0
+    if len(surface):
+        assert searches.count(1) < len(searches) < 40
+
+
+def test_distance_leaves_out_rigid_motions():
+    x = np.random.default_rng(1).normal(size=(50, 3))
+    turned = Rotation.from_rotvec((0.4, -1.0, 0.3)).apply(x) + np.array([1, 2, 3])
+    assert distance(turned, x).max() < 1e-14
+    turned[0] += 0.1
+    assert 0.1 < distance(turned, x).max() < 0.2

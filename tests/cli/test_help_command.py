@@ -1,0 +1,112 @@
+"""`fem-snh help`: every key and every material, in the words of the schema that validates them."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+
+import pytest
+
+from fem_snh import cli, materials
+from fem_snh.materials.parameters import MEANINGS, TUNING
+from fem_snh.scenes import Obstacle, Scene, reference
+
+
+def printed(capsys: pytest.CaptureFixture[str], *words: str) -> str:
+    assert cli.main(["help", *words]) == 0
+    return " ".join(capsys.readouterr().out.split())
+
+
+def test_all_that_there_is(capsys: pytest.CaptureFixture[str]) -> None:
+    assert {*Scene.model_fields, *materials.names()} <= set(
+        printed(capsys).replace(",", "").split()
+    )
+
+
+def test_a_table_has_all_its_keys(capsys: pytest.CaptureFixture[str]) -> None:
+    text = printed(capsys, "scene.obstacle")
+    for key, field in Obstacle.model_fields.items():
+        assert f"{key} " in text and field.description.rstrip(".") in text
+    assert text == printed(capsys, "obstacle") == printed(capsys, "[[obstacle]]")
+
+
+@pytest.mark.parametrize(
+    ("words", "text"),
+    [
+        ("obstacle.friction", "obstacle.friction Coulomb's coefficient of friction. "
+         "Expected: a number >= 0; default: 0.0."),
+        ("friction", "self_contact.friction ipc: coefficient"),
+        ("move.0.translate", "Expected: three finite numbers, [x, y, z]."),
+        ("shape.sphere", "radius The radius [length]. Expected: a number > 0; required."),
+        ("hessian", "Expected: one of exact, clamp, abs, adaptive."),
+        ("element", "Expected: one of P1, P2, P2P0"),
+        ("time.integrator", "Expected: one of backward_euler, newmark,"),
+        ("damping", "time.damping"),
+        ("fields", "von_mises sqrt(3/2 s : s)"),
+        ("material", "nu Poisson's ratio at small strain"),
+        ("material.ogden", "exponents The exponents a_p."),
+        ("yeoh", "psi = C10 (I1 - 3)"),
+        ("alpha", "material.alpha, of every material: nonlinearity"),
+        ("material.barrier", "of stable_neo_hookean: True for eq. 14"),
+        ("C30", "material.C30, of yeoh:"),
+        ("plot", "usage: fem-snh plot"),
+    ],
+)  # fmt: skip
+def test_one_key(words: str, text: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert text in printed(capsys, words)
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ("obstcle", "unknown key or material 'obstcle': .*did you mean 'obstacle'"),
+        (
+            "obstacle.frction",
+            "obstacle: unknown key 'frction': expected one of method, .*'friction'",
+        ),
+        ("material.ogdn", "did you mean 'ogden'"),
+        ("encastre", r"did you mean \[\[hold\]\]"),
+        ("", "unknown key or material ''"),
+        ("obstacle friction", "unexpected 'friction'"),
+    ],
+)
+def test_mistakes(words: str, message: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["help", *(words.split() or [""])]) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1 and re.search(message, error), error
+
+
+def test_every_key_is_described() -> None:
+    """What it is, what it accepts, and the default that validation uses."""
+    keys = list(reference.every_key())
+    assert all(key.meaning and key.accepted and key.default for key in keys)
+    assert len({key.path for key in keys}) > 200
+    assert {key.path for key in reference.keys_of(Scene)} == set(Scene.model_fields)
+
+
+def test_every_table_has_its_section() -> None:
+    """Found by pydantic's own walk over the schema."""
+    core = Scene.model_json_schema()["$defs"]
+    sections = dict(reference.sections())
+    assert len(sections) == len({model for model in sections.values()})
+    assert {model.__name__ for model in sections.values()} == {*core, "Scene"}
+
+
+def test_every_parameter_of_a_material_is_described() -> None:
+    assert set(MEANINGS) == set(TUNING)
+    for name in materials.registry.built_in():
+        for key, default, meaning in reference.parameters(name):
+            assert default and not meaning.startswith("a parameter of"), f"{name}: {key}"
+
+
+@pytest.mark.one_debian
+def test_help_imports_no_solver() -> None:
+    code = (
+        "import sys; from fem_snh import cli; cli.main(['help', 'obstacle']); print(*sys.modules)"
+    )
+    command = [sys.executable, "-c", code]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    loaded = set(done.stdout.splitlines()[-1].split())
+    assert "pydantic" in loaded
+    assert not loaded & {"petsc4py", "mpi4py", "dolfinx", "ufl", "gmsh", "sympy"}

@@ -1,0 +1,253 @@
+"""Contact between two bodies of one mesh: patch test, symmetry, equal results on all ranks."""
+
+from __future__ import annotations
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+from bodies import Condition, Hold, cube, problem
+from contact_problems import contact_problem, plane, press, translation
+from scipy.optimize import brentq
+from two_bodies import NU, PRESS, E, TwoBlocks, distance_from_affine
+
+import fem_snh
+from fem_snh import solver
+from fem_snh.contact.obstacle_contact import RigidContact
+from fem_snh.kernels.material import material
+from fem_snh.problem.create_problem import create_problem
+
+pytestmark = pytest.mark.mpi
+COMM = MPI.COMM_WORLD
+
+
+@pytest.mark.one_debian
+@pytest.mark.parametrize(
+    ("element", "cells", "tolerance"),
+    [("Q1", (2, 2), 1e-5), ("Q1", (2, 3), 1e-3), ("P1", (2, 3), 1e-3), ("P2", (1, 2), 1e-3)],
+    ids=str,
+)
+def test_patch(element: str, cells: tuple[int, int], tolerance: float) -> None:
+    """A uniform state is affine in both bodies, to 1e-3 of the displacement without a mortar."""
+    two = TwoBlocks(COMM, element, cells, stiffness=1000 * E)
+    row = two.solve()["contacts"]["blocks"]
+    for body in ("lower", "upper"):
+        assert distance_from_affine(*two.values(body)) < tolerance * PRESS
+    # Uniaxial stress: the strain is half of the displacement, less the penetration.
+    force = E * (PRESS - row["penetration"]) / 2
+    assert row["force"][2] == pytest.approx(-force, rel=1e-2)
+    assert np.abs(row["force"][:2]).max() < 1e-4 * force
+    assert 1 <= row["penetration"] * 1000 * E / force < 2  # uneven where the meshes differ
+
+
+@pytest.mark.one_debian("ranks")
+@pytest.mark.parametrize("element", ["Q1", "P1", "Q2", "P2"])
+def test_patch_with_multipliers(element: str) -> None:
+    """With the default stiffness the augmented Lagrangian removes the quadrature's error, too."""
+    two = TwoBlocks(COMM, element, (2, 3), augmented=True, tolerance=1e-6)
+    row = two.solve(tolerance=1e-9)["contacts"]["blocks"]
+    for body in ("lower", "upper"):
+        assert distance_from_affine(*two.values(body)) < 1e-3 * PRESS
+    assert row["penetration"] <= 1e-6
+    assert row["force"][2] == pytest.approx(-E * PRESS / 2, rel=1e-2)
+
+
+@pytest.mark.one_debian("ranks")
+def test_penetration_is_pressure_over_stiffness() -> None:
+    k = 20.0
+    row = TwoBlocks(COMM, stiffness=k).solve(tolerance=1e-10)["contacts"]["blocks"]
+    assert row["stiffness"] == k and row["contacts"] == 2 * 4 * 16
+    assert row["penetration"] == pytest.approx(-row["force"][2] / k, rel=1e-6)
+
+
+@pytest.mark.one_debian
+def test_multipliers_remove_the_penetration() -> None:
+    """With the default stiffness of 10 E/h the augmented Lagrangian has the rigid result."""
+    step = TwoBlocks(COMM, augmented=True, tolerance=1e-6).solve()
+    soft = step["contacts"]["blocks"]
+    assert soft["penetration"] <= 1e-6 and step["solves"] > 1
+    stiff = TwoBlocks(COMM, stiffness=1e4).solve()["contacts"]["blocks"]
+    assert soft["force"][2] == pytest.approx(stiff["force"][2], rel=3e-4)
+
+
+def test_two_cubes_are_one_of_double_height() -> None:
+    """Clamped at both ends, the contact is a plane of symmetry, as the middle of one body is."""
+    fixed = ("x", "y", "z")
+    two = TwoBlocks(
+        COMM, press=0.3, hold=[Hold("bottom")], components=fixed, augmented=True, tolerance=1e-7
+    )
+    two.solve()
+    half = create_problem(
+        cube(COMM, "hexahedron"),
+        two.element,
+        material("stable_neo_hookean", E, NU),
+        hold=[Hold("bottom")],
+        move=[Condition("top", lambda X, load: -0.15 * load + 0 * X, ("z",))],
+    )
+    half.set_load(1.0)
+    half.prescribe(half.x)
+    snes = solver.create(half)
+    snes.solve(None, half.x)
+    assert snes.getConvergedReason() > 0
+
+    X, u = two.values("lower")
+    nodes = np.arange(len(half.u.x.array) // 3)
+    found = COMM.allgather((half.V.tabulate_dof_coordinates()[nodes], half.u.x.array))
+    expected = {
+        tuple(np.round(point, 6) + 0.0): value
+        for points, values in found
+        for point, value in zip(points, values.reshape(-1, 3), strict=True)
+    }
+    for point, value in zip(X, u, strict=True):
+        np.testing.assert_allclose(value, expected[tuple(np.round(point, 6) + 0.0)], atol=2e-5)
+    assert np.abs(u[:, 0]).max() > 0.03  # it bulges: the state is not affine
+
+
+@pytest.mark.one_debian("serial")
+@pytest.mark.parametrize("element", ["Q1", "P2"])
+def test_ranks_agree_and_action_is_reaction(element: str) -> None:
+    """Each rank also solves by itself; blocks of other widths, meshes that do not match."""
+    args = {"element": element, "cells": (2, 1), "upper_width": 0.7, "shift": 0.2, "press": 0.1}
+    both = [TwoBlocks(comm, **args) for comm in (COMM, MPI.COMM_SELF)]
+    rows = [two.solve(tolerance=1e-10) for two in both]
+    contacts = [row["contacts"]["blocks"] for row in rows]
+    np.testing.assert_allclose(contacts[0]["force"], contacts[1]["force"], atol=1e-8 * E)
+    assert rows[0]["energy"] == pytest.approx(rows[1]["energy"], rel=1e-8)
+    assert contacts[0]["contacts"] == contacts[1]["contacts"] > 0
+
+    two = both[0]
+    x = two.contact.surface.positions(two.problem.u.x.array.reshape(-1, 3))
+    gradient = two.contact.pairs[0].gradient(x)
+    lower = np.unique(two.contact.surface.sides[0].nodes)
+    forces = gradient[lower].sum(axis=0), np.delete(gradient, lower, axis=0).sum(axis=0)
+    assert np.linalg.norm(forces[0]) > 1e-3 * E
+    np.testing.assert_allclose(forces[0], -forces[1], atol=1e-10 * np.linalg.norm(forces[0]))
+    arms = np.cross(x, gradient).sum(axis=0)  # moments balance where the gap is closed exactly
+    assert np.abs(arms).max() < 1e-10 * np.linalg.norm(forces[0])
+
+
+@pytest.mark.one_debian("ranks")
+def test_order_of_the_surfaces_does_not_matter() -> None:
+    two = TwoBlocks(COMM, cells=(2, 3), press=0.1)
+    two.solve()
+    x = two.contact.surface.positions(two.problem.u.x.array.reshape(-1, 3))
+    pair = two.contact.pairs[0]
+    there, back = pair.passes
+    assert there.own is back.other and np.ptp(pair.law.stiffness) == 0
+    found = [pair.law.energy(at.row, at.pressure) for at in (there.touching(x), back.touching(x))]
+    assert found[0] > 0 and found[0] == pytest.approx(found[1], rel=0.05)
+    assert pair.energy(x) == pytest.approx(sum(found), rel=1e-12)
+
+
+@pytest.mark.one_debian("ranks")
+def test_points_beside_a_surface_do_not_touch() -> None:
+    """An upper block that overhangs by half: all points in contact are above the lower one."""
+    two = TwoBlocks(COMM, cells=(2, 2), shift=0.5, press=0.05, components=("x", "y", "z"))
+    two.solve()
+    x = two.contact.surface.positions(two.problem.u.x.array.reshape(-1, 3))
+    for one in two.contact.pairs[0].passes:
+        at = one.touching(x)
+        points = one.points(two.contact.surface.X)[at.point]
+        assert len(points) and points[:, :2].min() > 0.4 and points[:, :2].max() < 1.1
+
+
+def test_multipliers_survive_a_checkpoint() -> None:
+    """History to another problem: the same forces without a solve."""
+    args = {"augmented": True, "tolerance": 1e-5}
+    two, other = TwoBlocks(COMM, **args), TwoBlocks(COMM, **args)
+    two.solve()
+    points, values = two.contact.history()
+    assert len(np.unique(np.round(points, 9), axis=0)) == len(points)
+    assert COMM.allreduce(values.max(initial=0.0), op=MPI.MAX) > 0
+    other.contact.set_history(values)
+    other.problem.x.array[:] = two.problem.x.array_r
+    u = other.problem.split(other.problem.x)[0]
+    other.contact.begin_step(u)
+    first, second = (t.contact.energy(t.problem.split(t.problem.x)[0]) for t in (two, other))
+    assert first == pytest.approx(second, rel=1e-12)
+
+
+@pytest.mark.one_debian("ranks")
+def test_bodies_without_contact_are_independent() -> None:
+    """A gap that stays open: no force, and no coupling in the matrix."""
+    two = TwoBlocks(COMM, gap=0.5)
+    row = two.solve()["contacts"]["blocks"]
+    assert row["contacts"] == 0 and row["penetration"] == 0 and row["force"] == [0, 0, 0]
+    free = problem(two.mesh, "Q1")
+    u = two.problem.split(two.problem.x)[0]
+    assert len(two.contact.couplings(u)) == 0
+    assert two.problem.A.getInfo()["nz_used"] == free.A.getInfo()["nz_used"]
+
+
+@pytest.mark.one_debian
+@pytest.mark.parametrize("other", ["body", "obstacle"])
+def test_a_small_load_is_augmented_too(other: str) -> None:
+    """The force of a uniaxial state, from the material's stress alone.
+
+    The penalty's gap is below the default tolerance, a thousandth of a cell, and its force is 2.5 %
+    too small for two cubes, 5 % for one on a rigid plane.
+    """
+    if other == "body":
+        two = TwoBlocks(COMM, augmented=True)
+        force = -two.solve(tolerance=1e-10)["contacts"]["blocks"]["force"][2]
+        stretch = 1 - PRESS / 2
+    else:
+        top = plane((0, 0, 1), (0, 0, -1), translation((0, 0, -PRESS)))
+        hold = [Hold("left", ("x",)), Hold("front", ("y",)), Hold("bottom", ("z",))]
+        body = cube(COMM, "hexahedron", 2)
+        p, _, _ = contact_problem(
+            body, "Q1", [RigidContact("press", top, augmented=True)], E=E, nu=NU, hold=hold
+        )
+        force = -press(p)["obstacles"]["press"]["force"][2]
+        stretch = 1 - PRESS
+    made = material("stable_neo_hookean", E, NU)
+
+    def lateral_stress(lateral: float) -> float:
+        return float(made.pk1(np.diag([lateral, lateral, stretch]))[0, 0])
+
+    lateral = brentq(lateral_stress, 1.0, 1.02, xtol=1e-14)
+    exact = -made.pk1(np.diag([lateral, lateral, stretch]))[2, 2]
+    assert force == pytest.approx(exact, rel=1e-3)
+
+
+SLIDE = """
+mesh = {{ source = "two_blocks", parameters = {{ upper_width = 0.6, shift = 0.2 }} }}
+cells = 4
+element = "P1"
+steps = 2
+[material]
+name = "stable_neo_hookean"
+E = 1e4
+nu = 0.3
+[[hold]]
+group = "bottom"
+[[move]]
+group = "top"
+translate = [0.05, 0, -0.12]
+[[contact]]
+groups = ["lower_top", "upper_bottom"]
+{more}
+"""
+
+
+def test_what_penalties_leave_unsettled_covers_a_hundred_times_the_stiffness(comm, tmp_path):
+    """The force's smaller components change otherwise than is found, the largest one does not."""
+    path = comm.bcast(tmp_path) / "slide.toml"
+
+    def solved(more="", **keys):
+        if comm.rank == 0:
+            path.write_text(SLIDE.format(more=more))
+        comm.barrier()
+        return fem_snh.run(path, comm=comm, progress=False, **keys)
+
+    run = solved(error=True)
+    (row,) = run.steps[-1]["contacts"].values()
+    stiff = solved(f"stiffness = {100 * row['stiffness']}")
+    (stiff_row,) = stiff.steps[-1]["contacts"].values()
+    goals = [run.estimate.goals[f"lower_top/upper_bottom.force.{axis}"] for axis in "xyz"]
+    found = np.array([goal.parts["penalty"] for goal in goals])
+    unsettled = np.array([goal.unsettled for goal in goals])
+    changes = (np.array(stiff_row["force"]) - row["force"]) / 0.99
+    assert (np.abs(changes - found) < unsettled).all()
+    assert abs(changes - found)[1] > 0.35 * abs(found[1])
+    assert unsettled[2] < 0.25 * abs(found[2]) < 0.01 * abs(row["force"][2])

@@ -1,0 +1,98 @@
+"""Obstacles and contact of two surfaces as terms of a dolfinx program: as in a scene."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from contact_programs import TIGHT, program, surface
+from contact_scenes import PLATE, slide
+from running import solve
+
+import fem_snh
+from fem_snh import scenes
+from fem_snh.errors import BadInput
+from fem_snh.mesh import mesh
+
+pytestmark = pytest.mark.mpi
+
+
+@pytest.mark.one_debian
+@pytest.mark.parametrize("top", [False, True], ids=["everywhere", "the top"])
+def test_an_obstacle_with_friction(comm, top):
+    expected = solve(slide(**({"group": "top"} if top else {})), comm=comm).steps[-1]
+    body = mesh.generate(comm, "cube", "hexahedron", cells=2)
+    group = {"group": surface(body, "top")[0]} if top else {}
+    problem = program(body, {"bottom": 0.0}, fem_snh.Obstacle(**PLATE, **group))
+    *_, row = problem.steps(4)
+    assert row["converged"] and row["load"] == 1.0
+    found, wanted = row["obstacles"]["plate"], expected["obstacles"]["plate"]
+    np.testing.assert_allclose(found["force"], wanted["force"], rtol=1e-5, atol=1e-8)
+    assert found["contacts"] == wanted["contacts"] and found["sliding"] == wanted["sliding"]
+
+
+@pytest.mark.one_debian
+@pytest.mark.parametrize("method", ["penalty", "augmented_lagrangian"])
+def test_two_blocks(comm, method):
+    groups = ["lower_top", "upper_bottom"]
+    scene = scenes.validate(
+        {
+            "name": "blocks",
+            "mesh": {"source": "two_blocks", "parameters": {"upper_cells": 3}},
+            "cells": 2,
+            "element": "Q1",
+            "material": {"name": "stable_neo_hookean", "E": 1.0, "nu": 0.3},
+            "hold": [{"group": "bottom"}],
+            "move": [{"group": "top", "translate": [0, 0, -0.1]}],
+            "contact": [{"groups": groups, "method": method}],
+            "accuracy": {"goals": "energy"},
+            "petsc": TIGHT,
+        },
+        "blocks",
+    )
+    result = solve(scene, comm=comm)
+    expected = result.steps[-1]["contacts"]["lower_top/upper_bottom"]
+    body = mesh.generate(comm, "two_blocks", "hexahedron", cells=2, upper_cells=3)
+    contact = fem_snh.Contact(groups=surface(body, *groups), method=method)
+    problem = program(body, {"bottom": 0.0, "top": -0.1}, contact)
+    (row,) = problem.steps(1)
+    found = row["contacts"]["ds(1)/ds(2)"]
+    assert found["force"][2] < -0.05
+    np.testing.assert_allclose(found["force"], expected["force"], rtol=1e-5, atol=1e-8)
+    assert found["penetration"] == pytest.approx(expected["penetration"], rel=1e-5)
+    estimate, parts = problem.estimate_error(["energy"]), result.goals["energy"]["parts"]
+    assert estimate.goals["energy"].parts == pytest.approx(parts, rel=1e-3)
+    assert ("load steps" in parts) == (method == "augmented_lagrangian")
+    if method == "penalty":
+        assert 0.002 < parts["penalty"] / row["energy"] < 0.2
+
+
+def test_a_force_that_begins_may_have_a_name(comm):
+    """It ended in a ValueError; alone it is small beside none."""
+    body = mesh.generate(comm, "cube", "hexahedron", cells=2)
+    walls = [
+        fem_snh.Obstacle(name=name, shape={"plane": {"point": point, "normal": normal}})
+        for name, point, normal in (
+            ("east", [1.032, 0, 0], [-1, 0, 0]),
+            ("north", [0, 1, 0], [0, -1, 0]),
+        )
+    ]
+    problem = program(body, {"bottom": 0.0, "top": -0.2}, *walls)
+    problem.solve()
+    begins = "it only begins to touch, and on finer cells may touch more"
+    given = {"push": walls[0], "side": walls[1]}
+    goals = problem.estimate_error(given).goals
+    push, side = goals["push.x"], goals["side.y"]
+    assert 0.1 * side.value < push.corrected <= push.error < push.value <= 0
+    assert {name for name, goal in goals.items() if goal.reason == begins} == {
+        "push.x", "push.y", "push.z"
+    }  # fmt: skip
+    assert not problem.estimate_error({"push": walls[0]}).goals["push.x"].reason
+
+
+def test_mistakes(comm):
+    body = mesh.generate(comm, "two_blocks", "hexahedron", cells=1)
+    (ds,) = surface(body, "lower_top")
+    with pytest.raises(BadInput, match=r"groups = .*: expected two different groups"):
+        fem_snh.Contact(groups=(ds, ds))
+    with pytest.raises(BadInput, match=r"obstacle\.group = 'lower_top': expected a measure ds"):
+        program(body, {"bottom": 0.0}, fem_snh.Obstacle(**PLATE, group="lower_top"))

@@ -1,0 +1,105 @@
+"""Runs of scenes with obstacles: rows, fields, groups and mistakes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from bodies import PRESS
+from contact_scenes import slide
+from running import record, solve
+
+from fem_snh import scenes
+from fem_snh.errors import BadInput
+from fem_snh.viewing.render.records import written_fields
+
+
+@pytest.mark.one_debian
+@pytest.mark.mpi
+def test_a_plate_presses_and_rubs(comm, tmp_path):
+    """The force on the block is that on its fixed side; friction is at most 0.3 of the pressure."""
+    folder = comm.bcast(tmp_path)
+    scene = slide().model_copy(update={"reactions": [scenes.Reaction("bottom")]})
+    result = solve(scene, comm=comm, out=folder)
+    assert result.converged and result.record["terms"] == ["elastic", "obstacle"]
+    steps = record(folder)["steps"]
+    for step in steps:
+        plate = step["obstacles"]["plate"]
+        np.testing.assert_allclose(
+            plate["force"], -np.array(step["reactions"]["bottom"]), atol=1e-9
+        )
+        x, y, z = plate["force"]
+        assert z < 0 and 0 < np.hypot(x, y) <= 0.3 * abs(z) * (1 + 1e-3)
+        assert 0 < plate["penetration"] < 0.01 and plate["contacts"] == 16
+    assert (
+        -steps[-1]["obstacles"]["plate"]["force"][2] > -steps[0]["obstacles"]["plate"]["force"][2]
+    )
+    assert {"contact_pressure", "gap"} <= set(written_fields(folder / "fields.pvd"))
+
+
+@pytest.mark.one_debian
+@pytest.mark.parametrize("group, contacts", [("top", 16), ("left", 0)])
+def test_a_group_of_the_surface(comm, group, contacts):
+    result = solve(slide(group=group), comm=comm)
+    assert result.record["steps"][-1]["obstacles"]["plate"]["contacts"] == contacts
+
+
+@pytest.mark.one_debian
+def test_a_tolerance_is_relative_to_the_body(comm):
+    plate = {"method": "augmented_lagrangian", "tolerance": 1e-6, "friction": 0.0}
+    step = solve(slide(**plate), comm=comm).record["steps"][-1]
+    found = step["obstacles"]["plate"]
+    assert found["penetration"] <= 1e-6 and 1 < step["solves"] < 10 and "sliding" not in found
+
+
+def test_mistakes(comm):
+    with pytest.raises(BadInput, match=r"obstacle.group = 'corner_000': expected a surface, not a"):
+        solve(slide(group="corner_000"), comm=comm)
+    with pytest.raises(BadInput, match="no physical group 'lid' in the mesh"):
+        solve(slide(group="lid"), comm=comm)
+    with pytest.raises(BadInput, match=r"fields = 'gap': expected another field, as the scene has"):
+        scenes.load(PRESS, fields=["gap"])
+
+
+@pytest.mark.one_debian
+def test_hertz(comm):
+    """A quarter of the force of SSNV104 at a depth of 0.2, 18,533 N, to the mesh's 1 %."""
+    (row,) = solve("hertz", comm=comm, cells=2).record["steps"]
+    expected = 4 / 3 * 2e4 / (1 - 0.3**2) * 50**0.5 * 0.2**1.5
+    assert expected == pytest.approx(18_533, rel=1e-4)
+    assert row["converged"] and row["obstacles"]["plane"]["contacts"] > 0
+    assert row["obstacles"]["plane"]["force"][2] == pytest.approx(expected / 4, rel=0.01)
+
+
+@pytest.mark.mpi
+def test_a_ball_bounces(comm):
+    """Newton's second law: the momentum changes by gravity and the force of the ground.
+
+    With bdf2 it holds at the end of each step, (3 p - 4 p_1 + p_2) / 2 h = F - m g.
+    """
+    options = {"time.duration": 0.4, "steps": 12, "integrator": "bdf2"}
+    result = solve("bounce", comm=comm, cells=2, **options)
+    rows = result.record["steps"]
+    p = np.array([row["momentum"][2] for row in rows])
+    force = np.array([row["obstacles"]["ground"]["force"][2] for row in rows])
+    t, h = np.array([row["time"] for row in rows]), 0.4 / 12
+    free = t < (2 * 0.5 / 9.81) ** 0.5  # it falls by 0.5 m
+    mass = -p[0] / (9.81 * t[0])
+    np.testing.assert_allclose(p[free], -mass * 9.81 * t[free], rtol=1e-6)
+    assert not force[free].any() and (force[~free] > 0).all() and free.sum() == 9
+    rate = (3 * p[2:] - 4 * p[1:-1] + p[:-2]) / (2 * h)
+    np.testing.assert_allclose(rate, force[2:] - mass * 9.81, atol=1e-3 * force.max())
+    # The mass is that of the mesh of the ball, inscribed in it: 90 % with 2 cells.
+    assert 0.7 < mass / (1000 * 4 / 3 * np.pi * 0.5**3) < 1
+
+
+def test_multipliers_settle_in_an_impact():
+    """Three multipliers on each facet of P1 are more than it can follow: the stiffness grows."""
+    multipliers = {"obstacle.0.method": "augmented_lagrangian", "obstacle.0.tolerance": 1e-4}
+    result = solve("bounce", cells=3, **{"time.steps": 24, "time.duration": 0.5} | multipliers)
+    assert result.converged and len(result.steps) == 24  # no step is halved
+    touching = [step for step in result.steps if step["obstacles"]["ground"]["contacts"]]
+    assert len(touching) >= 8
+    size = result.problem.length
+    for step in touching:
+        assert step["obstacles"]["ground"]["penetration"] <= 1e-4 * size
+        assert step["newton"] <= 40

@@ -1,0 +1,159 @@
+"""The table [[contact]] of a scene: a run's rows, mistakes, resuming."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import numpy as np
+import pytest
+from interrupted_runs import cut, record, solve
+
+from benchmarks import plates
+from fem_snh import scenes
+from fem_snh.assembly import couplings
+from fem_snh.errors import BadInput
+from fem_snh.runs import checkpoint_file
+
+#: Two blocks, the upper one wider: it bulges over the lower one.
+BLOCKS: dict[str, Any] = {
+    "name": "blocks",
+    "mesh": {"source": "two_blocks", "parameters": {"upper_width": 1.4, "shift": -0.2}},
+    "cells": 2,
+    "element": "Q1",
+    "steps": 2,
+    "material": {"name": "stable_neo_hookean", "E": 1.0, "nu": 0.49},
+    "hold": [{"group": "bottom"}],
+    "move": [{"group": "top", "translate": [0.0, 0.0, -0.2]}],
+    "contact": [{"groups": ["upper_bottom", "lower_top"], "method": "augmented_lagrangian"}],
+    "reactions": ["bottom", "top"],
+}
+SCENE = scenes.validate(BLOCKS, "blocks")
+mpi = pytest.mark.mpi
+
+MISTAKES: list[tuple[dict[str, Any], str]] = [
+    ({"groups": ["top"]}, r"contact.0.groups = .*: expected two physical groups of surfaces"),
+    ({"groups": ["top", "top"]}, r"contact.0.groups = .*: expected two different groups"),
+    ({"groups": "top"}, r"contact.0.groups = 'top': expected two physical groups"),
+    ({"groups": ["a", "b"], "stiffness": 0}, "contact.0.stiffness = 0: expected a number > 0"),
+    ({"groups": ["a", "b"], "tolerance": 1}, "tolerance = 1.*: expected no value, as the method"),
+    ({"groups": ["a", "b"], "method": "penal"}, "method = 'penal': expected one of .*'penalty'"),
+]
+#: Groups that the mesh has, but that cannot touch.
+GROUPS: list[tuple[list[str], str]] = [
+    (["lower_top", "upper"], "contact.groups = 'upper': expected a surface, not a volume:upper"),
+    (["lower_top", "uper_bottom"], "no physical group 'uper_bottom' in the mesh .did you mean"),
+    (["top", "right"], "contact.groups = 'top/right': expected two surfaces without a common node"),
+]
+
+
+@pytest.mark.parametrize(("table", "message"), MISTAKES, ids=[str(m[0]) for m in MISTAKES])
+def test_mistake_in_one_line(table: dict[str, Any], message: str) -> None:
+    with pytest.raises(BadInput, match=message) as caught:
+        scenes.validate(BLOCKS | {"contact": [table]}, "blocks")
+    assert "\n" not in str(caught.value)
+
+
+def test_a_pair_has_one_table() -> None:
+    tables = [{"groups": ["a", "b"]}, {"groups": ["b", "a"]}]
+    with pytest.raises(BadInput, match=re.escape("contact.groups = ['b', 'a']: expected one")):
+        scenes.validate(BLOCKS | {"contact": tables}, "blocks")
+
+
+@mpi
+@pytest.mark.parametrize(("groups", "message"), GROUPS, ids=[str(g[0]) for g in GROUPS])
+def test_groups_of_the_mesh(groups: list[str], message: str) -> None:
+    scene = scenes.validate(BLOCKS | {"contact": [{"groups": groups}]}, "blocks")
+    with pytest.raises(BadInput, match=message):
+        solve(scene)
+
+
+@pytest.mark.one_debian("ranks")
+@mpi
+def test_rows_and_resume(folder: Path) -> None:
+    """The force is that on the supports; a run that is resumed has the same numbers."""
+    solve(SCENE, out=folder / "whole")
+    with cut(1):
+        solve(SCENE, out=folder / "cut")
+    again = solve(SCENE, out=folder / "cut", resume=True)
+    MPI.COMM_WORLD.barrier()
+    whole, found = record(folder / "whole"), record(folder / "cut")
+    assert again.converged and whole["terms"] == ["elastic", "contact"]
+    for row, other in zip(whole["steps"], found["steps"], strict=True):
+        contact = row["contacts"]["upper_bottom/lower_top"]
+        assert contact["force"][2] == pytest.approx(row["reactions"]["bottom"][2], rel=1e-5)
+        assert contact["force"][2] == pytest.approx(-row["reactions"]["top"][2], rel=1e-5)
+        assert contact["force"][2] > 0 and contact["contacts"] > 0 and row["solves"] > 1
+        # A thousandth of a cell's height.
+        assert contact["penetration"] <= 0.5e-3 and contact["stiffness"] == pytest.approx(20.0)
+        assert (row["newton"], row["linear"]) == (other["newton"], other["linear"])
+        np.testing.assert_allclose(other["energy"], row["energy"], rtol=1e-13)
+    header = (folder / "whole/steps.csv").read_text().splitlines()[0].split(",")
+    assert {"upper_bottom/lower_top.force.z", "solves"} <= {*header}
+    _, a = checkpoint_file.load(folder / "whole")
+    _, b = checkpoint_file.load(folder / "cut")
+    np.testing.assert_array_equal(a["u"], b["u"])
+
+
+@pytest.mark.one_debian
+def test_thin_plates_collide() -> None:
+    """A plate falls on another one, eight times as wide as thick; whole surfaces may touch."""
+    scene = plates.plates("Q1", "bdf2", "penalty", cells=3, steps=16)
+    row = plates.measure(scene)
+    assert row["ok"] and row["steps_in_contact"] >= 8
+
+
+@mpi
+def test_damping_while_other_surfaces_touch(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Pressed, lifted, shifted and pressed elsewhere: as with a pattern that keeps all pairs.
+
+    The smaller block then touches other facets, so that the matrix drops the former pairs, which
+    the stiffness of damping still has.
+    """
+    table = [
+        {"name": "press", "points": [[0, 0], [0.25, 1], [0.5, -1], [0.75, -1], [1, 1]]},
+        {"name": "shift", "points": [[0, 0], [0.5, 0], [0.75, 1], [1, 1]]},
+    ]
+    size = {"upper_width": 0.4, "upper_height": 0.4, "upper_cells": 1}
+    scene = scenes.validate(
+        {
+            "name": "lift",
+            "mesh": {"source": "two_blocks", "parameters": size},
+            "cells": 4,
+            "element": "P1",
+            "material": {"name": "stable_neo_hookean", "E": 1e4, "nu": 0.3, "density": 1000},
+            "hold": [{"group": "bottom"}],
+            "move": [
+                {"group": "top", "translate": [0, 0, -0.1], "table": "press", "components": ["z"]},
+                {
+                    "group": "top",
+                    "translate": [0.6, 0.6, 0],
+                    "table": "shift",
+                    "components": ["x", "y"],
+                },
+            ],
+            "contact": [{"groups": ["lower_top", "upper_bottom"]}],
+            "table": table,
+            "time": {
+                "duration": 1.0,
+                "steps": 8,
+                "integrator": "backward_euler",
+                "damping": {"stiffness": 1e-3},
+            },
+            "petsc": {"snes_scaled_tol": 1e-10},
+        },
+        "lift",
+    )
+    found = []
+    for kept in (couplings._KEPT_PAIRS, 10**9):
+        monkeypatch.setattr(couplings, "_KEPT_PAIRS", kept)
+        result = solve(scene)
+        assert result.converged
+        energies = [[step["energy"], step["dissipated"]] for step in result.steps]
+        found.append((energies, result.problem.A.getInfo(PETSc.Mat.InfoType.GLOBAL_SUM)["nz_used"]))
+    np.testing.assert_allclose(found[0][0], found[1][0], rtol=1e-7)
+    assert found[0][1] < found[1][1]

@@ -1,0 +1,180 @@
+"""Corners and small obstacles between the points at which contact acts: depth, place, note."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+from bodies import Condition, Hold, cube
+from contact_problems import contact_problem, plane, press, translation
+from contact_scenes import slide
+from interrupted_runs import cut
+from running import record, rows, solve
+from test_sharp_contact import DIAGONAL
+
+from fem_snh import _dolfinx
+from fem_snh.accuracy.state_notes import penetration_note
+from fem_snh.assembly.elements import ELEMENTS
+from fem_snh.assembly.ghosted_vectors import local_values
+from fem_snh.contact.body_contact import BodyContact
+from fem_snh.contact.obstacle_contact import RigidContact
+from fem_snh.contact.surface_pair import BodyPair
+from fem_snh.contact.surface_quadrature import DeepestPoint
+from fem_snh.geometry.motions import MovingShape
+from fem_snh.geometry.shapes import Sphere
+from fem_snh.kernels.material import material
+from fem_snh.mesh import mesh
+from fem_snh.problem.create_problem import create_problem
+
+mpi = pytest.mark.mpi
+
+
+def pressed_corner(comm: MPI.Comm, element: str, cells: int) -> tuple[dict[str, Any], np.ndarray]:
+    """Move a cube on its corner down by 0.2, with 0.01 between; return the row and the corner."""
+    body = cube(comm, ELEMENTS[element].cell, cells)
+    X = _dolfinx.geometry_x(body.domain)
+    X[:] = DIAGONAL.apply(X - 0.5)
+    floor = comm.allreduce(X[:, 2].min(), op=MPI.MIN) - 0.01
+    move = [Condition("top", lambda X, load: 0 * X - [0, 0, 0.2 * load])]
+    contacts = [RigidContact("floor", plane((0, 0, floor)))]
+    p, _, _ = contact_problem(body, element, contacts, move=move)
+    row = press(p, 2)
+    x = local_values(p.split(p.x)[0]).reshape(-1, 3) + p.V.tabulate_dof_coordinates()
+    lowest = min(comm.allgather(x[x[:, 2].argmin()].tolist()), key=lambda x: x[2])
+    return row, np.array([*lowest[:2], floor - lowest[2]])
+
+
+@pytest.mark.parametrize("element", ["Q1", "P2"])
+def test_a_corner_that_no_point_sees(element: str) -> None:
+    """The points are farther from the corner than it is deep: nothing resists, 0.2 - 0.01 deep."""
+    row, (x, y, depth) = pressed_corner(MPI.COMM_SELF, element, 1)
+    floor = row["obstacles"]["floor"]
+    assert floor["force"] == [0, 0, 0] and floor["contacts"] == floor["penetration"] == 0
+    assert depth == pytest.approx(0.19, abs=1e-9)
+    assert floor["deepest"] == pytest.approx(0.19, abs=1e-9)
+    np.testing.assert_allclose(floor["deepest_at"], [x, y, -(0.75**0.5) - 0.2], atol=1e-9)
+    note = penetration_note({4: row})
+    assert note.kind == "penetration" and note.step == 4 and note.values["steps"] == [4]
+    assert "obstacle 'floor': in 1 of 1 steps" in note.text and "0.19 m at (" in note.text
+
+
+@pytest.mark.one_debian
+@mpi
+@pytest.mark.parametrize("element", ["Q1", "P1"])
+def test_a_corner_is_deeper_than_its_points(comm: MPI.Comm, element: str) -> None:
+    """The lowest node is the deepest point, on any number of ranks."""
+    for ranks in (comm, MPI.COMM_SELF):
+        row, (x, y, depth) = pressed_corner(ranks, element, 2)
+        floor = row["obstacles"]["floor"]
+        assert floor["deepest"] == pytest.approx(depth, rel=1e-12)
+        assert floor["deepest_at"][:2] == pytest.approx([x, y], abs=1e-12)
+        assert 0 < 2 * floor["penetration"] < depth and row["notes"] == ["penetration"]
+
+
+@pytest.mark.one_debian("ranks")
+@mpi
+@pytest.mark.parametrize(("depth", "noted"), [(0.01, False), (0.045, True)])
+def test_a_small_ball_between_the_points(comm: MPI.Comm, depth: float, noted: bool) -> None:
+    """A ball of a tenth of the facet in its middle: no force, and a note from 5 % of the facet."""
+    ball = MovingShape(Sphere((0.25, 0.25, 1.1), 0.05), translation((0, 0, -0.05 - depth)))
+    contacts = [RigidContact("ball", ball)]
+    p, _, _ = contact_problem(cube(comm, "hexahedron", 2), "Q1", contacts, hold=[Hold("bottom")])
+    row = press(p)
+    found = row["obstacles"]["ball"]
+    assert found["force"] == [0, 0, 0] and found["contacts"] == 0
+    assert found["deepest"] == pytest.approx(depth, abs=1e-9)
+    assert ("deepest_at" in found) == ("notes" in row) == noted
+    if noted:
+        np.testing.assert_allclose(found["deepest_at"], [0.25, 0.25, 1], atol=1e-9)
+
+
+@pytest.mark.one_debian("ranks")
+@mpi
+@pytest.mark.parametrize("at", [(0.19, 0.31), (0.06, 0.44), (0.313, 0.187)])
+def test_a_ball_between_the_points_of_the_grid(comm: MPI.Comm, at: tuple[float, float]) -> None:
+    """A ball of an eighth of the facet, half way through, between all points of the first grid."""
+    ball = MovingShape(Sphere((*at, 1.1), 0.031), translation((0, 0, -0.1)))
+    contacts = [RigidContact("ball", ball)]
+    p, _, _ = contact_problem(cube(comm, "hexahedron", 2), "Q1", contacts, hold=[Hold("bottom")])
+    row = press(p)
+    found = row["obstacles"]["ball"]
+    assert found["force"] == [0, 0, 0] and row["notes"] == ["penetration"]
+    x, y, z = found["deepest_at"]
+    assert np.hypot(x - at[0], y - at[1]) <= 0.5 / 128 * 2**0.5 + 1e-9
+    assert z == pytest.approx(1) and 0.031 - 0.0056 < found["deepest"] <= 0.031
+
+
+@mpi
+def test_a_smooth_contact_has_no_note(comm: MPI.Comm) -> None:
+    """Hertz's ball on 6 cells along the contact: its nodes are no deeper than the mesh's error."""
+    result = solve("hertz", comm=comm)
+    plane = result.steps[-1]["obstacles"]["plane"]
+    assert result.notes == [] and "notes" not in result.steps[-1]
+    assert plane["penetration"] <= plane["deepest"] < 2 * plane["penetration"]
+
+
+@pytest.mark.one_debian("ranks")
+@mpi
+def test_a_corner_in_another_body(comm: MPI.Comm) -> None:
+    """At rest, by geometry: its points are 2 s / sqrt(3) higher, with s the first of 4 of Gauss."""
+    overlap, first = 0.1, (1 - np.sqrt(3 / 7 + 2 / 7 * np.sqrt(6 / 5))) / 2
+    for ranks in (comm, MPI.COMM_SELF):
+        body = mesh.generate(ranks, "two_blocks", "hexahedron", cells=1, gap=1.0)
+        X = _dolfinx.geometry_x(body.domain)
+        upper = X[:, 2] > 1.5
+        X[upper] = DIAGONAL.apply(X[upper] - [0.5, 0.5, 2.5])
+        lowest = ranks.allreduce(X[upper, 2].min(initial=9.0), op=MPI.MIN)
+        X[upper] += [0.57, 0.55, 1 - overlap - lowest]
+
+        def loads(body: Any, u: Any, regions: Any, _: Any) -> list[BodyContact]:
+            facets, cells, _ = _dolfinx.exterior_facets(body.domain)
+            corners = _dolfinx.geometry_x(body.domain)[_dolfinx.geometry_dofs(body.domain)[cells]]
+            lower_top = body.group("lower_top").entities
+            pair = BodyPair("blocks", lower_top, facets[corners[..., 2].max(axis=1) > 1.5])
+            return [BodyContact(u.function_space, regions, [pair])]
+
+        neo_hookean = material("stable_neo_hookean", 1.0, 0.3)
+        p = create_problem(
+            body, ELEMENTS["Q1"], neo_hookean, hold=[Hold("bottom"), Hold("top")], loads=loads
+        )
+        row = p.history.record(p.split(p.x)[0])
+        pair = row["contacts"]["blocks"]
+        assert pair["deepest"] == pytest.approx(overlap, rel=1e-9)
+        assert pair["deepest_at"] == pytest.approx([0.57, 0.55, 1 - overlap], abs=1e-9)
+        assert pair["penetration"] == pytest.approx(overlap - 2 * first / 3**0.5, rel=1e-9)
+        note = penetration_note({0: row | {"load": 1.0}})
+        assert note.text.startswith("contact 'blocks': in 1 of 1 steps")
+
+
+@mpi
+def test_a_run_has_the_note(comm: MPI.Comm, folder: Any) -> None:
+    """Only the left side may touch the plate, which is 0.08 below its upper edge at the end."""
+    scene = slide(group="left", translate=[0.06, 0, -0.08])
+    result = solve(scene, comm=comm, out=folder / "whole")
+    assert result.converged and [note["kind"] for note in result.notes] == ["penetration"]
+    (note,) = result.notes
+    assert note["step"] == 3 and note["steps"] == [1, 2, 3] and note["name"] == "obstacle 'plate'"
+    assert note["deepest"] == pytest.approx(0.08, abs=1e-9) and note["penetration"] == 0
+    table = rows(folder / "whole")
+    depths = [float(row["plate.deepest"]) for row in table]
+    np.testing.assert_allclose(depths, [0.02, 0.04, 0.06, 0.08], atol=1e-9)
+    assert [row["notes"] for row in table] == ["", *["penetration"] * 3]
+    assert record(folder / "whole")["notes"] == result.notes
+    with cut(3):
+        solve(scene, comm=comm, out=folder / "cut")
+    for _ in range(2):  # the second one has finished
+        again = solve(scene, comm=comm, out=folder / "cut", resume=True)
+        assert [other["text"] for other in again.notes] == [note["text"]]
+
+
+def test_of_a_common_node_the_smallest_facet_counts() -> None:
+    gaps, x = np.array([[-0.1, 0.2], [-0.1, 0.0]]), np.ones((2, 2, 3))
+    point = DeepestPoint.among(gaps, np.array([2.0, 1.0]), x)
+    assert point == (0.1, 1.0, [1, 1, 1])
+    assert point.row(0.06) == {"deepest": 0.1}  # 1.7 times as deep
+    assert point.row(0.04) == {"deepest": 0.1, "deepest_at": [1, 1, 1]}
+    assert DeepestPoint.deepest([DeepestPoint(), point]) == point
+    assert DeepestPoint.among(-gaps.clip(max=0), np.ones(2), x) == DeepestPoint()

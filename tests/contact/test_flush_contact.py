@@ -1,0 +1,184 @@
+"""Blocks without friction whose surfaces end at the same edge: they may slide off each other."""
+
+from __future__ import annotations
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+import ufl
+from dolfinx import fem
+from gmsh_files import section
+from plane_scenes import solve
+from scipy.optimize import fsolve
+from scipy.sparse import csr_matrix
+from scipy.sparse.linalg import eigsh
+
+import fem_snh
+from fem_snh import solver
+from fem_snh.contact.body_contact import BodyContact
+from fem_snh.kernels.material import material
+from fem_snh.scenes import Scene
+
+mpi = pytest.mark.mpi
+
+SCENE = """
+mesh = "blocks.msh"
+element = "P2"
+kinematics = "plane_strain"
+steps = {steps}
+[material]
+name = "stable_neo_hookean"
+E = 1.0
+nu = 0.3
+[[symmetry]]
+group = "axis"
+[[symmetry]]
+group = "bottom"
+[[traction]]
+group = "top"
+vector = [0, -{load}, 0]
+"""
+CONTACT = """
+[[contact]]
+groups = ["under", "over"]
+"""
+
+
+def blocks(folder, cells, load, touch=True, steps=4):
+    """Return the scene of two unit squares of triangles, one on the other, or of one column."""
+    if MPI.COMM_WORLD.rank == 0:
+        with section(folder / "blocks.msh") as (geo, groups, bodies):
+            parts = ((0, 1), (1, 2)) if touch else ((0, 2),)
+            for low, high in parts:
+                places = ((0, low), (1, low), (1, high), (0, high))
+                corners = [geo.addPoint(x, y, 0) for x, y in places]
+                lines = [geo.addLine(corners[i], corners[(i + 1) % 4]) for i in range(4)]
+                surface = geo.addPlaneSurface([geo.addCurveLoop(lines)])
+                for line, count in zip(lines, 2 * [cells, (high - low) * cells], strict=True):
+                    geo.mesh.setTransfiniteCurve(line, count + 1)
+                geo.mesh.setTransfiniteSurface(surface)
+                groups |= {"bottom" if low == 0 else "over": [lines[0]]}
+                groups |= {"top" if high == 2 else "under": [lines[2]]}
+                groups.setdefault("axis", []).append(lines[3])
+                bodies[f"block_{low}"] = [surface]
+        text = SCENE.format(load=load, steps=steps) + (CONTACT if touch else "")
+        (folder / "blocks.toml").write_text(text)
+    MPI.COMM_WORLD.barrier()
+    return folder / "blocks.toml"
+
+
+def second_frequency(problem):
+    """Return the second eigenvalue of the Hessian, with the L2 product of displacements."""
+    V = problem.V
+    u, v = ufl.TrialFunction(V), ufl.TestFunction(V)
+    problem.jacobian(problem.x, "exact")
+    mass = fem.petsc.assemble_matrix(fem.form(ufl.inner(u, v) * ufl.dx))
+    mass.assemble()
+    H, M = (csr_matrix(A.getValuesCSR()[::-1]).tocsc() for A in (problem.A, mass))
+    return np.sort(eigsh(H, 3, M, sigma=-0.01, return_eigenvectors=False))[1]
+
+
+def test_every_halving_of_cells_takes_the_same_from_the_stiffness_of_flush_blocks(tmp_path):
+    r"""Their state is uniform, and the exact one has no least eigenvalue.
+
+    If one surface slides by s over the other, a strip of this width loses the pressure p. It is
+    next to the corner, which it moves by about p s/E log(1/s): the energy changes by
+    -p^2 s^2/E log(1/s), and cells of size h see log(1/h). One column has no such mode.
+    """
+
+    def lowest(cells, touch):
+        return second_frequency(solve(blocks(tmp_path, cells, 0.08, touch)).problem)
+
+    flush = np.diff([lowest(cells, True) for cells in (8, 16, 32)])
+    column = np.diff([lowest(cells, False) for cells in (8, 16)])
+    assert (flush < -0.004).all() and flush[1] == pytest.approx(flush[0], rel=0.2)
+    assert abs(column[0]) < 0.1 * abs(flush[0])
+
+
+@mpi
+def test_a_better_element_that_finds_flush_blocks_unstable_says_so(comm, tmp_path):
+    """The run's own state is stable: P2 sees less of the corner than P3."""
+    folder = comm.bcast(tmp_path)
+    result = solve(blocks(folder, 8, 0.25), comm, error=True)
+    assert result.converged
+    assert solver.EquilibriumStability(result.problem).negative_eigenvalues(result.problem.x) == 0
+    assert "of P3 near the run's is unstable: its Hessian has 1 negative" in result.estimate.reason
+
+
+@mpi
+def test_iterations_that_find_no_better_state_say_that_the_hessian_is_indefinite(
+    comm, tmp_path, monkeypatch
+):
+    """Conjugate gradients filter it, and so does the built-in solver of larger bodies.
+
+    The run's state is one whose surfaces have slid: there is none of P3 near.
+    """
+    monkeypatch.setattr("fem_snh.steps.step_solver.StepSolver.can_rescue", False)
+    monkeypatch.setattr("fem_snh.accuracy.lift._MAX_IT", 3)
+    petsc = {"lifted_ksp_type": "cg", "lifted_pc_type": "jacobi"}
+    result = solve(blocks(comm.bcast(tmp_path), 8, 0.26), comm, error=True, petsc=petsc)
+    assert "no equilibrium of P3 was found near" in result.estimate.reason
+    assert result.estimate.reason.endswith(
+        "Newton iterations): the Hessian has negative curvature there, and on finer cells the "
+        "body may leave it"
+    )
+
+
+@mpi
+def test_blocks_that_may_slide_off_stay_on_their_path_and_are_called_unstable(comm, tmp_path):
+    """Beyond a load P2 has no stable state; the uniform one is that of the stress alone."""
+    result = fem_snh.run(blocks(comm.bcast(tmp_path), 4, 0.4), comm=comm, progress=False)
+    assert result.converged
+    # 23, if full steps do not begin at the unstable state that is known.
+    assert result.steps[2]["newton"] < 15
+    row = result.steps[-1]
+    assert row["negative_eigenvalues"] == 1 and row["notes"] == ["unstable", "stabilised"]
+    assert "let one reach beyond the other" in result.record["notes"][-2]["text"]
+
+    def lack(stretches):
+        pk1 = material("stable_neo_hookean", E=1.0, nu=0.3).pk1(np.diag([*stretches, 1.0]))
+        return pk1[0, 0], pk1[1, 1] + 0.4
+
+    (pair,) = row["contacts"].values()
+    _, stretch = fsolve(lack, (1.0, 0.7), xtol=1e-12)
+    down = comm.allreduce(result.problem.nodal(result.problem.x)[:, 1].min(), op=MPI.MIN)
+    assert -down == pytest.approx(2 * (1 - stretch) + 0.4 / pair["stiffness"], rel=1e-6)
+
+
+@mpi
+def test_blocks_that_lock_stay_on_their_path_and_every_unstable_step_says_so(comm):
+    """Q1 locks, so that the pressure is many times as large, and they slide off at 20 %.
+
+    On the path they are mirror images, whose faces are plane and do not slide: those of blocks
+    without contact, whose faces are moved to the plane between them.
+    """
+    faces = ["lower_top", "upper_bottom"]
+    scene = {
+        "mesh": {"source": "two_blocks", "parameters": {"layers": 2, "width": 5, "upper_width": 5}},
+        "cells": 3, "element": "Q1", "steps": 5, "predictor": "none", "stability": True,
+        "material": {"name": "neo_hookean", "E": 1.0, "nu": 0.499}, "hold": [{"group": "bottom"}],
+        "reactions": ["top"],
+    }  # fmt: skip
+    top = {"group": "top", "translate": [0, 0, -0.5]}
+    plane = [{"group": g, "components": ["z"], "translate": [0, 0, -0.25]} for g in faces]
+    contact = [{"groups": faces, "method": "augmented_lagrangian"}]
+
+    def run(**parts):
+        return solve(Scene.model_validate(scene | {"name": "blocks"} | parts), comm)
+
+    touching, apart = run(move=[top], contact=contact), run(move=[top, *plane])
+    assert [row["negative_eigenvalues"] for row in touching.steps] == [0, 0, 0, 1, 3]
+    assert [row.get("notes") for row in touching.steps] == 3 * [None] + 2 * [["unstable"]]
+    assert max(row["newton"] for row in touching.steps) < 50  # 94, to another state, if they slide
+    for one, other in zip(touching.steps, apart.steps, strict=True):
+        assert one["reactions"]["top"] == pytest.approx(
+            other["reactions"]["top"], rel=2e-3, abs=1e-6
+        )
+        assert one["max_u"] == pytest.approx(other["max_u"], rel=1e-3)
+
+
+def test_the_problem_names_its_terms_of_contact(tmp_path):
+    touching, column = (solve(blocks(tmp_path, 4, 0.01, touch)).problem for touch in (True, False))
+    (term,) = touching.coupling_terms
+    assert isinstance(term, BodyContact) and not column.coupling_terms

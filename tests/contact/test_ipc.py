@@ -1,0 +1,282 @@
+"""Self-contact by a barrier: two blocks pressed together, friction, never an intersection."""
+
+from __future__ import annotations
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+from barrier_problems import GAP, intersects, needs_ipctk, points, pressed, steps
+from bodies import Hold, norm, set_values
+
+from fem_snh import solver
+from fem_snh.assembly.elements import ELEMENTS
+
+pytestmark = needs_ipctk
+mpi = pytest.mark.mpi
+COMM = MPI.COMM_WORLD
+
+
+@pytest.mark.one_debian
+@mpi
+def test_two_blocks_pressed_together():
+    """Ten steps: no intersection, action is reaction, the same forces as on one rank alone."""
+    problem, term = pressed(COMM)
+    alone, _ = pressed(MPI.COMM_SELF)
+    newton = 0
+    for row, reference in zip(steps(problem, 10), steps(alone, 10), strict=True):
+        assert row["converged"], row["reason"]
+        assert not intersects(problem, term)
+        newton += row["newton"]
+        found, expected = row["self_contact"], reference["self_contact"]
+        lower, upper = np.array(found["bodies"])
+        size = np.linalg.norm(lower)
+        np.testing.assert_allclose(lower + upper, 0, atol=1e-6 * size)
+        np.testing.assert_allclose(found["bodies"], expected["bodies"], atol=1e-5 * size)
+        assert 0 < found["distance"] < found["activation"] == term.distance
+    assert newton <= 70  # 100 in a trial that predicted nothing
+    assert size > 0.1 and row["solves"] == 1
+
+
+@pytest.mark.one_debian("serial")
+@pytest.mark.parametrize("friction", [0.0, 0.3])
+def test_one_function_along_a_line(friction):
+    """Energy, forces and Hessian of a step, where pairs end and begin, against differences.
+
+    The upper block lifts off and slides: all pairs end on the way.
+    """
+    problem, term = pressed(MPI.COMM_SELF, shear=0.1, friction=friction)
+    *_, last = steps(problem, 4)
+    assert last["converged"]
+    start, d, X, h = problem.x.copy(), problem.x.duplicate(), problem.coordinates, 1e-6
+    motion = np.zeros(X.shape)
+    motion[X[:, 2] > 1 + GAP / 2] = [-0.3, 0.1, 1.0]
+    d.array[:] = motion.ravel()
+    problem.history.begin_step(problem.split(start)[0])
+    problem.set_load(problem.load)
+
+    def at(t):
+        x = start.copy()
+        x.axpy(t, d)
+        return x
+
+    def energy(t):
+        return term.energy(problem.split(at(t))[0])
+
+    def forces(t):
+        x = at(t)
+        problem.gradient(x, r := x.duplicate(), [term])
+        return r
+
+    def product(t):
+        u, found = problem.split(at(t))[0], d.duplicate()
+        problem.matrix.couple([term.couplings(u)])
+        with problem.matrix.adding():
+            term.add_hessian(u, None, "exact", problem.matrix)
+        problem.matrix.mat.mult(d, found)
+        found.array[problem.constrained_dofs] = 0.0
+        return found
+
+    free, counts = np.ones(len(d.array)), []
+    free[problem.constrained_dofs] = 0.0
+    slopes = [forces(t).dot(d) for t in (-0.002, 0.003, 0.009, 0.02)]
+    scale = max(map(abs, slopes))
+    for t, slope in zip((-0.002, 0.003, 0.009, 0.02), slopes, strict=True):
+        assert (energy(t + h) - energy(t - h)) / (2 * h) == pytest.approx(slope, abs=1e-6 * scale)
+        counts.append(term.record(problem.split(at(t))[0])["self_contact"]["pairs"])
+    assert counts[0] > counts[2] > counts[3] == 0
+    d.array[:] *= free
+    for t in (-0.002, 0.003, 0.009):
+        difference, expected = forces(t + h) - forces(t - h), product(t)
+        difference.array[:] *= free / (2 * h)
+        assert (difference - expected).norm() < 1e-6 * product(-0.002).norm()
+
+
+@pytest.mark.parametrize("length", [1e100, 1e160, 1e300])
+@pytest.mark.parametrize("direction", ["together", "along"])
+def test_a_step_of_any_length_ends(direction, length):
+    """The part up to the collision, or a part of it; ipctk's squares of 1e160 m overflow.
+
+    Along each other, 0.05 apart, parts take as many iterations as their way is longer than that.
+    """
+    _, term = pressed(COMM)
+    X = term.surface.support.X
+    d = np.zeros(X.shape)
+    d[X[:, 2] > 1 + GAP / 2, {"together": 2, "along": 0}[direction]] = -length
+    x, moved = term.surface.points, term.surface.interpolate(d)
+    part = term.collision_surface.largest_step(x, moved)
+    if direction == "together":
+        assert part * length == pytest.approx(0.9 * GAP, rel=1e-6)
+    else:
+        assert part > 0
+    assert isinstance(part, float)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_no_part_of_a_step_that_is_not_finite(value):
+    _, term = pressed(COMM)
+    x = term.surface.points
+    d = np.zeros(x.shape)
+    d[0, 2] = value
+    assert term.collision_surface.largest_step(x, d) == 0.0
+
+
+@pytest.mark.one_debian("serial")
+def test_force_is_that_of_the_strain():
+    """With nu = 0 both blocks are springs in series, and the barrier takes a part of the gap."""
+    rollers = [Hold("bottom", ("z",)), Hold("left", ("x",)), Hold("front", ("y",))]
+    problem, _ = pressed(COMM, "Q1", (2, 2), 0.06, nu=0.0, hold=rollers, components=("z",))
+    (row,) = steps(problem, 1, tolerance=1e-10)
+    found = row["self_contact"]
+    strain = (0.06 - (GAP - found["distance"])) / 2
+    assert found["bodies"][1][2] == pytest.approx(strain, rel=0.02)
+    assert found["force"] == pytest.approx(strain, rel=0.02)
+
+
+@pytest.mark.one_debian
+@mpi
+@pytest.mark.parametrize("globalization", ["linesearch", "trust_region"])
+def test_no_iterate_intersects(globalization):
+    """One long step: neither the prediction nor any iteration passes through a surface."""
+    problem, term = pressed(COMM, press=0.35, nu=0.45)
+    seen = []
+
+    def check(snes, iteration):
+        seen.append(intersects(problem, term))
+
+    rows = list(steps(problem, 2, tolerance=1e-7, globalization=globalization, update=check))
+    assert rows[-1]["converged"] and problem.load == 1
+    assert len(seen) > 5 and not any(seen)
+
+
+@pytest.mark.one_debian("ranks")
+@mpi
+def test_largest_step():
+    """The upper block falls by twice the gap: half of the step, and a tenth before it."""
+    problem, term = pressed(COMM)
+    up = problem.coordinates[:, 2] > 1 + GAP / 2
+    d = np.zeros(problem.coordinates.shape)
+    d[up, 2] = -2 * GAP
+    admitted = term.largest_step(np.zeros_like(d), d)
+    assert 0.4 < admitted < 0.5
+    assert COMM.allgather(admitted) == [admitted] * COMM.size
+    assert term.largest_step(np.zeros_like(d), -d) == 1
+    assert term.largest_step(np.zeros_like(d), 0 * d) == 1
+
+
+@mpi
+def test_prescribed_motion_through_the_body():
+    """A motion that would pass through a surface fails with the reason, and is halved."""
+    problem, term = pressed(COMM, press=1.2, hold=[Hold("bottom"), Hold("lower_top")])
+    rows = []
+    for row in steps(problem, 1, tolerance=1e-7):
+        rows.append(row)
+        if row["converged"]:
+            break
+    assert "the prescribed motion of the step is too large: it takes a surface" in rows[0]["reason"]
+    assert rows[-1]["converged"] and 0 < problem.load < 1
+    assert not intersects(problem, term)
+
+
+@pytest.mark.one_debian("ranks")
+@mpi
+@pytest.mark.parametrize("friction", [0.0, 0.3])
+def test_derivatives(friction):
+    """Residual and unprojected Hessian are the differences of energy and residual."""
+    problem, term = pressed(COMM, friction=friction, distance=0.03)
+    rng = np.random.default_rng(4)
+    noise = rng.uniform(-1, 1, (10_000, 3))
+
+    def near(X):
+        """The upper block close to the lower one, both with noise that every rank agrees on."""
+        which = np.round(X @ [1, 17, 311] * 6).astype(int) % len(noise)
+        return 2e-3 * noise[which] - np.outer(X[:, 2] > 1 + GAP / 2, [0.01, 0, 0.035])
+
+    x = set_values(problem, near)
+    assert not intersects(problem, term)
+    problem.history.begin_step(problem.split(x)[0])
+    problem.set_load(0.0)
+    # A slip of about the length below which surfaces stick.
+    set_values(problem, lambda X: near(X) + np.outer(X[:, 2] > 1 + GAP / 2, [2e-3, 1e-3, 0]))
+    d, h = x.duplicate(), 1e-7
+    set_values(problem, lambda X: np.sin(X @ np.array([[3.0, 5, 7], [2, 9, 4], [8, 1, 6]])), d)
+    d.array[problem.constrained_dofs] = 0
+    ends, residuals, energies = [x + h * d, x - h * d], [], []
+    for end in ends:
+        energies.append(problem.energy(end))
+        residuals.append(x.duplicate())
+        problem.residual(end, residuals[-1])
+    r = x.duplicate()
+    problem.residual(x, r)
+    assert (energies[0] - energies[1]) / (2 * h) == pytest.approx(r.dot(d), rel=1e-6)
+    difference = (residuals[0] - residuals[1]).array_r / (2 * h)
+    problem.jacobian(x, "exact")
+    product = x.duplicate()
+    problem.A.mult(d, product)
+    error = norm(COMM, product.array_r - difference)
+    assert error < 1e-5 * norm(COMM, difference)
+    # Contact is most of it.
+    assert len(term.record(problem.split(x)[0])["self_contact"]["bodies"]) == 2
+    for filter in ("clamp", "abs"):
+        assert problem.jacobian(x, filter) > 0
+        problem.A.mult(d, product)
+        assert product.dot(d) > 0
+
+
+@pytest.mark.one_debian("serial")
+@pytest.mark.parametrize(("friction", "slides"), [(0.1, True), (2.0, False)])
+def test_friction(friction, slides):
+    """The upper block is pressed down and sideways: it slides at mu times the force, or sticks."""
+    problem, term = pressed(COMM, "Q1", (2, 3), press=0.15, shear=0.1, friction=friction)
+    before = None
+    for row in steps(problem, 8, tolerance=1e-8):
+        assert row["converged"], row["reason"]
+        assert not intersects(problem, term)
+        if row["load"] == 0.5:
+            before = points(problem, term)
+    lower, upper = np.array(row["self_contact"]["bodies"])
+    np.testing.assert_allclose(lower + upper, 0, atol=1e-6 * np.linalg.norm(lower))
+    tangential, normal = -row["self_contact"]["friction"][1][0], upper[2]
+    X = term.surface.points
+    moved = (points(problem, term) - before)[:, 0]
+    slip = moved[np.isclose(X[:, 2], 1 + GAP)].mean() - moved[np.isclose(X[:, 2], 1)].mean()
+    sticking = 4 * 0.05 * term.distance  # the largest of four steps
+    if slides:
+        # Not all points slide in the direction of x: the blocks bulge.
+        assert 0.95 * friction * normal < tangential < 1.01 * friction * normal
+        assert slip > 2 * sticking
+    else:
+        assert 0 < tangential < 0.6 * friction * normal
+        assert 0 <= slip < sticking
+
+
+@pytest.mark.one_debian("serial")
+@pytest.mark.parametrize("element", ELEMENTS)
+def test_every_element(element):
+    cells = (1, 2) if ELEMENTS[element].degree == 2 else (2, 2)
+    problem, term = pressed(COMM, element, cells, 0.1)
+    rows = list(steps(problem, 2, tolerance=1e-6))
+    assert rows[-1]["converged"], rows[-1]["reason"]
+    assert rows[-1]["self_contact"]["pairs"] > 0 and not intersects(problem, term)
+
+
+def test_default_distance():
+    """A tenth of the mean edge, but less than the gap of the mesh."""
+    _, term = pressed(COMM, cells=(1, 1))
+    assert term.distance == pytest.approx(0.9 * GAP, rel=1e-9)
+    _, term = pressed(COMM, cells=(4, 4))
+    surface = term.surface
+    edges = np.concatenate([surface.triangles[:, [i, (i + 1) % 3]] for i in range(3)])
+    ends = surface.points[np.unique(np.sort(edges), axis=0)]
+    mean = np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1).mean()
+    assert term.distance == pytest.approx(0.1 * mean, rel=1e-12)
+    assert term.stiffness == 0.1
+
+
+def test_a_problem_without_it_has_no_limit():
+    from bodies import cube
+    from bodies import problem as elastic
+
+    p = elastic(cube(COMM, "hexahedron"), "Q1")
+    assert p.largest_step is None
+    assert solver.create(p).getPythonContext().largest_step is None

@@ -1,0 +1,140 @@
+"""Self-contact by a barrier in time: momentum, friction, checkpoints."""
+
+from __future__ import annotations
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+from barrier_problems import GAP, intersects, needs_ipctk, pressed
+from interrupted_runs import cut, record, solve
+
+from fem_snh import _dolfinx, solver
+from fem_snh.assembly.ghosted_vectors import add_ghosts, writable_values
+from fem_snh.assembly.kinematics import SOLID
+from fem_snh.scenes import validate
+from fem_snh.steps.dynamics.dynamics import Dynamics
+
+pytestmark = needs_ipctk
+COMM = MPI.COMM_WORLD
+
+#: A clip whose arms touch from the fifth step on and slide on each other.
+CLIP = {
+    "name": "clip",
+    "mesh": {"source": "clip", "parameters": {"gap": 0.3, "arm": 2}},
+    "cells": 1,
+    "element": "Q1",
+    "material": {"name": "stable_neo_hookean", "E": 1.0, "nu": 0.4, "density": 1.0},
+    "hold": [{"group": "bottom"}],
+    "move": [{"group": "upper_tip", "translate": [0.2, 0, -0.6]}],
+    "self_contact": {"method": "ipc", "friction": 0.3},
+    "time": {"duration": 2.0, "steps": 12, "integrator": "newmark"},
+}
+
+
+@pytest.mark.mpi
+def test_resumed_run_is_the_same(comm, folder):
+    """The forces of friction at the end of a step are in its checkpoint."""
+    scene = validate(CLIP, "scene")
+    whole = solve(scene, out=folder / "whole")
+    with cut(10):
+        solve(scene, out=folder / "cut")
+    assert record(folder / "cut")["steps"][-1]["self_contact"]["pairs"] > 0
+    again = solve(scene, out=folder / "cut", resume=True)
+    assert again.converged and whole.converged
+    for one, other in zip(whole.steps, again.steps, strict=True):
+        assert one | {"seconds": 0} == other | {"seconds": 0}
+    comm.barrier()
+
+
+@pytest.mark.one_debian
+def test_errors_on_a_path_do_not_include_the_gap():
+    tables = {
+        "move": [{"group": "upper_tip", "translate": [0, 0, -0.1]}],
+        "time": {"duration": 2.0, "steps": 4},
+        "accuracy": {"goals": ["volume"]},
+    }
+    result = solve(validate(CLIP | tables, "scene"))
+    *_, line = result.estimate.lines()
+    assert line.startswith("the errors do not include that of the gap: the barrier of self-contact")
+    assert result.record["estimate"]["left_out"][-1] == line
+    assert result.estimate.goals["volume"].error is not None
+
+
+@pytest.mark.one_debian
+@pytest.mark.parametrize("integrator", ["newmark", "backward_euler"])
+def test_collision_in_time(integrator):
+    """The upper block falls on the lower one, both free: momentum is exchanged, never lost."""
+    made = []
+
+    def inertia(u, regions, dirichlet):
+        made.append(Dynamics(u, regions, dirichlet, SOLID, integrator, duration=0.25))
+        return made[0].terms
+
+    problem, term = pressed(COMM, "Q1", hold=(), move=(), terms=inertia, E=100.0, nu=0.0)
+    (dynamics,) = made
+    dynamics.start(problem, lambda X: -np.outer(X[:, 2] > 1 + GAP / 2, [0, 0, 1.0]))
+    touched = False
+    for row in move_in_time(problem, dynamics, 25):
+        assert not intersects(problem, term)
+        touched |= row["pairs"] > 0
+        momentum = dynamics.energies(problem)["momentum"]
+        np.testing.assert_allclose(momentum, [0, 0, -1], atol=1e-5)
+    assert touched and row["pairs"] == 0
+    assert momentum_above(problem, dynamics)[2] > -0.2  # exactly 0 for thin bars
+
+
+@pytest.mark.one_debian
+@pytest.mark.parametrize("integrator", ["newmark", "backward_euler"])
+def test_friction_in_time(integrator):
+    """A block that is pressed on another one slides: the reported forces take its momentum."""
+    made, friction, duration = [], 0.5, 0.4
+
+    def inertia(u, regions, dirichlet):
+        made.append(Dynamics(u, regions, dirichlet, SOLID, integrator, duration=duration))
+        return made[0].terms
+
+    options = {"terms": inertia, "E": 100.0, "nu": 0.0, "friction": friction}
+    problem, _ = pressed(COMM, "Q1", (2, 1), 0.1, components=("y", "z"), **options)
+    (dynamics,), number = made, 20
+    dynamics.start(problem, lambda X: np.outer(X[:, 2] > 1 + GAP / 2, [0.7, 0, 0]))
+    weight, impulse, force = dynamics.integrator.end_weight, np.zeros(3), np.zeros(3)
+    for row in move_in_time(problem, dynamics, number):
+        before, force = force, np.array(row["bodies"][1])
+        impulse += duration / number * (weight * force + (1 - weight) * before)
+        tangential = np.linalg.norm(row.get("friction", np.zeros((2, 3)))[1])
+        assert tangential < 1.02 * friction * force[2] + 1e-12
+    assert impulse[2] > 0.2 and impulse[0] < -0.2 * impulse[2]
+    lost = 0.7 - momentum_above(problem, dynamics)[0]
+    assert lost == pytest.approx(-impulse[0], rel=1e-4)
+    assert 0 < dynamics.dissipated < 0.7**2 / 2
+
+
+def move_in_time(problem, dynamics, number):
+    """Take equal steps in time; yield the rows of self-contact."""
+    snes = solver.create(problem)
+    snes.getPythonContext().options["snes_scaled_tol"] = 1e-10
+    for load in np.arange(1, number + 1) / number:
+        problem.history.begin_step(problem.split(problem.x)[0])
+        dynamics.begin_step(problem, load)
+        problem.set_load(load)
+        problem.prescribe(problem.x)
+        again = True
+        while again:
+            snes.solve(None, problem.x)
+            assert snes.getConvergedReason() > 0
+            again = problem.history.update_lagged(problem.split(problem.x)[0])
+        u = problem.split(problem.x)[0]
+        row = problem.history.record(u)["self_contact"]
+        dynamics.end_step(problem)
+        problem.history.end_step(u)
+        yield row
+
+
+def momentum_above(problem, dynamics):
+    """Return the momentum of the upper block (3,). Collective."""
+    vector = _dolfinx.create_vector(problem.V)
+    writable_values(vector)[:] = dynamics.mass.apply(dynamics.v.x.array)
+    add_ghosts(vector)
+    upper = problem.coordinates[:, 2] > 1 + GAP / 2
+    return COMM.allreduce(vector.array_r.reshape(-1, 3)[upper].sum(axis=0))

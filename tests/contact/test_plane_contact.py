@@ -1,0 +1,469 @@
+"""Contact between bodies of two dimensions: patch test, derivatives, momentum."""
+
+from __future__ import annotations
+
+from math import pi
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+from barrier_problems import needs_ipctk
+from derivatives import check_derivatives
+from gmsh_files import section, write_msh
+from plane_scenes import own_scene, solve
+
+import fem_snh
+from fem_snh.errors import BadInput
+
+FLAT = ("plane_strain", "axisymmetric")
+
+
+def blocks(path, triangles, order, gap=0.0):
+    """Two rectangles, 3 and 4 cells wide, one above the other at a distance."""
+    with section(path, order) as (geo, groups, bodies):
+        blocks = ((0.0, ("bottom", "under"), 3), (0.5 + gap, ("over", "top"), 4))
+        for number, (low, names, count) in enumerate(blocks):
+            places = ((0, 0), (1, 0), (1, 0.5), (0, 0.5))
+            corners = [geo.addPoint(x, low + y, 0) for x, y in places]
+            lines = [geo.addLine(corners[i], corners[(i + 1) % 4]) for i in range(4)]
+            surface = geo.addPlaneSurface([geo.addCurveLoop(lines)])
+            for line, points in zip(lines, (count + 1, 3, count + 1, 3), strict=True):
+                geo.mesh.setTransfiniteCurve(line, points)
+            geo.mesh.setTransfiniteSurface(surface)
+            if not triangles:
+                geo.mesh.setRecombine(2, surface)
+            groups |= {names[0]: [lines[0]], names[1]: [lines[2]]}
+            groups.setdefault("axis", []).append(lines[3])
+            bodies[f"block_{number}"] = [surface]
+
+
+SCENE = """
+mesh = "blocks.msh"
+element = "{element}"
+kinematics = "{kinematics}"
+[material]
+name = "stable_neo_hookean"
+E = 1.0
+nu = {nu}
+density = 1.0
+[[contact]]
+groups = ["under", "over"]
+"""
+PRESS = """method = "{method}"
+[[hold]]
+group = "bottom"
+components = ["y"]
+[[hold]]
+group = "axis"
+components = ["x"]
+[[move]]
+group = "top"
+translate = [0, -0.1, 0]
+components = ["y"]
+"""
+
+
+@pytest.mark.one_debian("serial")
+@pytest.mark.mpi
+@pytest.mark.parametrize("method", ["penalty", "augmented_lagrangian"])
+@pytest.mark.parametrize("element, triangles", [("Q1", False), ("P2", True)])
+@pytest.mark.parametrize("kinematics", FLAT)
+def test_patch(comm, folder, kinematics, element, triangles, method):
+    """Blocks with other cells on both sides have a uniform pressure, in two passes."""
+    if comm.rank == 0:
+        blocks(folder / "blocks.msh", triangles, int(element[1]))
+        text = SCENE.format(element=element, kinematics=kinematics, nu=0.0)
+        (folder / "own.toml").write_text(text + PRESS.format(method=method))
+    comm.barrier()
+    result = solve(folder / "own.toml", comm)
+    row = result.steps[-1]["contacts"]["under/over"]
+    material = fem_snh.material("stable_neo_hookean", E=1.0, nu=0.0)
+    depth = row["penetration"]
+    stretch = 1 - (0.1 - depth)
+    P = material.pk1(np.diag([1.0, stretch, 1.0]))[1, 1]
+    area = 1.0 if kinematics == "plane_strain" else pi
+    assert row["force"][1] == pytest.approx(P * area, rel=0.02)
+    assert row["force"][2] == 0
+    problem = result.problem
+    y, u = problem.coordinates[:, 1], problem.nodal(problem.x)
+    above = y > 0.5 + 1e-9
+    inside = (abs(y - 0.5) > 1e-9) & above
+    exact = -0.1 + (1 - stretch) * (1 - y)
+    assert abs(u[inside, 1] - exact[inside]).max(initial=0) < 2e-3
+    if method == "augmented_lagrangian":
+        assert depth < 1e-3
+
+
+@pytest.mark.one_debian
+@pytest.mark.parametrize("kinematics", FLAT)
+@pytest.mark.parametrize("element, triangles", [("Q1", False), ("P2", True), ("Q2", False)])
+def test_residual_and_hessian_are_derivatives(tmp_path, kinematics, element, triangles):
+    """At a deformed state with curved facets, by central differences."""
+    blocks(tmp_path / "blocks.msh", triangles, int(element[1]))
+    text = SCENE.format(element=element, kinematics=kinematics, nu=0.3)
+    (tmp_path / "own.toml").write_text(text + PRESS.format(method="penalty"))
+    problem = solve(tmp_path / "own.toml").problem
+    term = next(t for t in problem.terms if t.name == "contact")
+    rng = np.random.default_rng(0)
+    problem.x.array[:] += rng.uniform(-5e-3, 5e-3, problem.x.getLocalSize())
+    term.begin_step(problem.split(problem.x)[0])
+    near = abs(problem.coordinates[:, 1] - 0.5) < 1e-9
+    dofs = (2 * np.flatnonzero(near)[:, None] + [0, 1]).ravel()
+    check_derivatives(problem, dofs, 1e-7, 5e-7, 1e-5, constrained=False)
+
+
+def test_momentum_of_a_collision(tmp_path):
+    """A block is pushed, and hits one that is at rest: both keep momentum and angular momentum."""
+    blocks(tmp_path / "blocks.msh", False, 1, gap=0.01)
+    push, end = 0.2, 0.2
+    keys = f"""
+[[traction]]
+group = "top"
+vector = [0, -{push}, 0]
+table = "first"
+[[table]]
+name = "first"
+points = [[0, 1], [{end}, 1], [{end + 0.001}, 0], [1, 0]]
+[time]
+duration = 1.0
+steps = 20
+integrator = "newmark"
+[petsc]
+snes_scaled_tol = 1e-12
+"""
+    text = SCENE.format(element="Q1", kinematics="plane_strain", nu=0.3)
+    (tmp_path / "own.toml").write_text(text.replace("[[contact]]", keys + "[[contact]]"))
+    rows = [row for row in solve(tmp_path / "own.toml").steps if row["time"] > end + 0.05]
+    forces = [row["contacts"]["under/over"]["force"][1] for row in rows]
+    assert min(forces) < 0  # the upper block presses the lower one down
+    assert forces[-1] == 0
+    impulse = -push * (end + 0.05 / 2)  # the trapezoidal rule of steps of 0.05
+    for row in rows:
+        assert row["momentum"] == pytest.approx([0, impulse, 0], abs=1e-12)
+        assert row["angular_momentum"] == pytest.approx([0, 0, impulse / 2], abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("keys", "refused"),
+    [
+        ('[[contact]]\ngroups = ["bottom", "top"]\n', "no contact"),
+        ('[self_contact]\nmethod = "ipc"\n', "no self-contact"),
+    ],
+)
+def test_contact_with_torsion_is_refused(tmp_path, keys, refused):
+    path = own_scene(tmp_path, "Q1", "axisymmetric_torsion", keys)
+    with pytest.raises(BadInput, match=f"{refused}, with kinematics = 'axisymmetric_torsion'"):
+        solve(path)
+
+
+BARRIER = """
+mesh = "blocks.msh"
+element = "{element}"
+kinematics = "{kinematics}"
+steps = 2
+reactions = ["bottom"]
+fields = ["contact_pressure"]
+[material]
+name = "stable_neo_hookean"
+E = 1.0
+nu = {nu}
+[[hold]]
+group = "bottom"
+[[move]]
+group = "top"
+translate = [{slide}, -0.15, 0]
+[self_contact]
+"""
+IPC = 'method = "ipc"'
+REFERENCE = 'method = "reference"'
+
+
+def pressed(
+    folder,
+    element,
+    method=IPC,
+    slide=0.0,
+    comm=None,
+    out=None,
+    kinematics="plane_strain",
+    nu=0.3,
+    **changes,
+):
+    if comm is None or comm.rank == 0:
+        blocks(folder / "blocks.msh", element[0] == "P", int(element[1]), gap=0.05)
+        values = {"kinematics": kinematics, "nu": nu, "slide": slide}
+        text = BARRIER.format(element=element, **values)
+        (folder / "own.toml").write_text(text + method)
+    if comm is not None:
+        comm.barrier()
+    return solve(folder / "own.toml", comm, **({"out": out} if out else {}), **changes)
+
+
+@pytest.mark.one_debian("serial")
+@needs_ipctk
+@pytest.mark.mpi
+@pytest.mark.parametrize("element", ["Q1", "P2"])
+def test_barrier_between_two_blocks(comm, folder, element):
+    """They do not touch; the forces balance, and are the reactions."""
+    row = pressed(folder, element, comm=comm).steps[-1]
+    contact = row["self_contact"]
+    assert 0 < contact["distance"] < contact["activation"]
+    lower, upper = (np.array(force) for force in contact["bodies"])
+    assert lower == pytest.approx(-upper, abs=1e-12) and upper[1] > 0.05
+    assert row["reactions"]["bottom"][1] == pytest.approx(upper[1], rel=1e-4)
+
+
+@needs_ipctk
+@pytest.mark.parametrize("element", ["Q1", "P2"])
+def test_barrier_on_a_body_of_revolution(tmp_path, element):
+    """The pressure of the compressed blocks, whose ends are free to slide, on the whole area."""
+    result = pressed(tmp_path, element, kinematics="axisymmetric", nu=0.0)
+    row = result.steps[-1]
+    contact = row["self_contact"]
+    lower, upper = (np.array(force) for force in contact["bodies"])
+    assert lower[1] == pytest.approx(-upper[1], rel=1e-12)
+    assert row["reactions"]["bottom"][1] == pytest.approx(upper[1], rel=1e-4)
+    stretch = 1 - (0.15 - (0.05 - contact["distance"]))
+    material = fem_snh.material("stable_neo_hookean", E=1.0, nu=0.0)
+    P = material.pk1(np.diag([1.0, stretch, 1.0]))[1, 1]
+    assert upper[1] == pytest.approx(-P * pi, rel=0.02)
+    term = next(t for t in result.problem.terms if t.name == "self_contact")
+    pressure = term.nodal_field("contact_pressure", result.problem.split(result.problem.x)[0])
+    assert np.median(pressure[pressure > 0]) == pytest.approx(-P, rel=0.2)
+
+
+@pytest.mark.one_debian
+@needs_ipctk
+@pytest.mark.parametrize("kinematics", FLAT)
+@pytest.mark.parametrize("element", ["Q1", "Q2"])
+def test_barrier_has_derivatives(tmp_path, element, kinematics):
+    """By central differences, with friction."""
+    method = IPC + "\nfriction = 0.3"
+    problem = pressed(
+        tmp_path, element, method, 0.02, out=tmp_path / "out", kinematics=kinematics
+    ).problem
+    term = next(t for t in problem.terms if t.name == "self_contact")
+    term.begin_step(problem.split(problem.x)[0])
+    term.set_load(1.0)
+    rng = np.random.default_rng(0)
+    problem.x.array[:] += rng.uniform(-1e-4, 1e-4, problem.x.getLocalSize())
+    near = abs(problem.coordinates[:, 1] - 0.525) < 0.03
+    dofs = (2 * np.flatnonzero(near)[:, None] + [0, 1]).ravel()
+    check_derivatives(problem, dofs, 1e-7, 1e-6, 1e-4, constrained=False)
+    assert (tmp_path / "out" / "fields.pvd").is_file()
+
+
+@needs_ipctk
+def test_friction_of_the_barrier(tmp_path):
+    """The upper block slides by far more than it sticks: its friction is mu times the pressure."""
+    row = pressed(tmp_path, "Q1", IPC + "\nfriction = 0.1", 0.3).steps[-1]["self_contact"]
+    upper = np.array(row["bodies"][1])
+    friction = np.array(row["friction"])[1]
+    assert abs(friction[0]) == pytest.approx(0.1 * upper[1], rel=0.05)
+    assert friction[0] < 0
+
+
+@pytest.mark.one_debian
+@pytest.mark.mpi
+@pytest.mark.parametrize("element", ["P1", "Q1P0", "P2", "Q2"])
+@pytest.mark.parametrize("kinematics", FLAT)
+def test_reference_method_between_two_blocks(comm, folder, kinematics, element):
+    """The pressure of the compressed blocks, on the whole area, over the default stiffness."""
+    row = pressed(folder, element, REFERENCE, comm=comm, kinematics=kinematics, nu=0.0).steps[-1]
+    contact = row["self_contact"]
+    depth = contact["penetration"]
+    stretch = 1 - (0.1 - depth)
+    material = fem_snh.material("stable_neo_hookean", E=1.0, nu=0.0)
+    P = -material.pk1(np.diag([1.0, stretch, 1.0]))[1, 1]
+    area = 1.0 if kinematics == "plane_strain" else pi
+    assert 0 < depth < 4 * P / contact["stiffness"]  # the meshes do not match
+    assert row["reactions"]["bottom"][1] == pytest.approx(P * area, rel=0.01)
+    assert contact["force"] == pytest.approx(P * area, rel=0.01)
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize(
+    ("method", "element"), [(REFERENCE, "Q2"), pytest.param(IPC, "P1", marks=needs_ipctk)]
+)
+def test_springs_and_barrier_are_a_part_of_the_error(comm, folder, method, element):
+    """Without them the blocks, which are free to slide, touch at the stretch 0.9 exactly."""
+    found = pressed(folder, element, method, comm=comm, nu=0.0, error=True)
+    material = fem_snh.material("stable_neo_hookean", E=1.0, nu=0.0)
+    exact = -material.pk1(np.diag([1.0, 0.9, 1.0]))[1, 1]
+    goal = found.goals["bottom.force.y"]
+    assert abs(goal["value"] - exact) > 0.01 * exact
+    assert abs(goal["corrected"] - exact) < 0.1 * abs(goal["value"] - exact)
+    assert abs(goal["parts"]["penalty"]) > abs(goal["parts"]["mesh"])
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("touches", [False, True])
+def test_blocks_that_meet_without_common_nodes_have_a_note(comm, folder, touches):
+    """Without contact the upper block does not feel the lower one, whose corners it has."""
+    if comm.rank == 0:
+        blocks(folder / "blocks.msh", False, 1)
+        text = BARRIER.format(element="Q1", kinematics="plane_strain", nu=0.3, slide=0)
+        contact = '[[contact]]\ngroups = ["under", "over"]' if touches else ""
+        text = text.replace("[self_contact]", contact).replace('fields = ["contact_pressure"]', "")
+        (folder / "own.toml").write_text(text)
+    comm.barrier()
+    found = solve(folder / "own.toml", comm)
+    assert (abs(found.steps[-1]["reactions"]["bottom"][1]) > 0.01) == touches
+    notes = [note for note in found.notes if note["kind"] == "mesh"]
+    assert [note["places"] for note in notes] == ([] if touches else [2])
+
+
+@pytest.mark.parametrize("kinematics", FLAT)
+@pytest.mark.parametrize("element", ["P1", "Q2"])
+def test_reference_method_has_derivatives(tmp_path, element, kinematics):
+    """By central differences, and without a net force."""
+    problem = pressed(tmp_path, element, REFERENCE, kinematics=kinematics).problem
+    term = next(t for t in problem.terms if t.name == "self_contact")
+    pressure = term.nodal_field("contact_pressure", problem.split(problem.x)[0])
+    assert np.median(pressure[pressure > 0]) == pytest.approx(0.12, rel=0.2)  # 0.1 E / (1 - nu^2)
+    rng = np.random.default_rng(0)
+    problem.x.array[:] += rng.uniform(-1e-4, 1e-4, problem.x.getLocalSize())
+    near = abs(problem.coordinates[:, 1] - 0.525) < 0.03
+    dofs = (2 * np.flatnonzero(near)[:, None] + [0, 1]).ravel()
+    check_derivatives(problem, dofs, 1e-7, 1e-6, 1e-4, constrained=False)
+    r = problem.x.duplicate()
+    problem.gradient(problem.x, r, [term])
+    forces = problem.nodal(r)
+    assert abs(forces).max() > 0.01
+    assert abs(forces.sum(axis=0)).max() < 1e-12
+
+
+# A ring with a slot in its outer side, and a sector of it that is turned about the axis.
+RING = """
+Point(1) = {1, 0, 0};
+a[] = Extrude {0, 0.45, 0} { Point{1}; Layers{4}; };
+b[] = Extrude {0, 0.1, 0} { Point{a[0]}; Layers{1}; };
+c[] = Extrude {0, 0.45, 0} { Point{b[0]}; Layers{4}; };
+d[] = Extrude {0.3, 0, 0} { Curve{a[1], b[1], c[1]}; Layers{2}; Recombine; };
+e[] = Extrude {0.7, 0, 0} { Curve{d[0], d[8]}; Layers{5}; Recombine; };
+all[] = {d[1], d[5], d[9], e[1], e[5]};
+"""
+SECTION = """
+Physical Surface("ring") = {all[]};
+Physical Curve("bottom") = Curve In BoundingBox {0, -0.01, -1, 3, 0.01, 1};
+Physical Curve("top") = Curve In BoundingBox {0, 0.99, -1, 3, 1.01, 1};
+"""
+SECTOR = """
+v[] = Extrude {{0, 1, 0}, {0, 0, 0}, Pi / 18} { Surface{all[]}; Layers{2}; Recombine; };
+Physical Volume("ring") = {v[1], v[7], v[13], v[19], v[25]};
+Physical Surface("start") = {all[]};
+Physical Surface("end") = {v[0], v[6], v[12], v[18], v[24]};
+Physical Surface("bottom") = Surface In BoundingBox {0, -0.01, -3, 3, 0.01, 3};
+Physical Surface("top") = Surface In BoundingBox {0, 0.99, -3, 3, 1.01, 3};
+"""
+CLOSED = """
+mesh = "mesh.msh"
+element = "Q1"
+steps = 3
+reactions = ["top"]
+{keys}
+[material]
+name = "stable_neo_hookean"
+E = 1.0
+nu = 0.4
+[[hold]]
+group = "bottom"
+[[move]]
+group = "top"
+translate = [0, -0.2, 0]
+[self_contact]
+{method}
+"""
+
+
+@pytest.mark.one_debian
+@pytest.mark.parametrize(
+    "method",
+    [pytest.param(IPC + "\ndistance = 0.004", marks=needs_ipctk), REFERENCE],
+    ids=["ipc", "reference"],
+)
+def test_ring_that_closes_is_the_body(tmp_path, method):
+    """A slot closes: the forces of the whole turn are 36 times those of ten degrees."""
+    runs = []
+    for part, dim, keys in (
+        (SECTION, 2, 'kinematics = "axisymmetric"'),
+        (SECTOR, 3, 'symmetry = [{ group = "start" }, { group = "end" }]'),
+    ):
+        write_msh(MPI.COMM_SELF, tmp_path, RING + part, dim=dim)
+        (tmp_path / "own.toml").write_text(CLOSED.format(method=method, keys=keys))
+        runs.append(solve(tmp_path / "own.toml").steps)
+    section, sector = runs
+    assert section[0]["self_contact"]["force"] == 0
+    section, sector = section[-1], sector[-1]
+    force = 36 * sector["reactions"]["top"][1]
+    assert section["reactions"]["top"][1] == pytest.approx(force, rel=0.01)
+    contact, expected = section["self_contact"], sector["self_contact"]
+    assert contact["force"] > 0.2 * abs(force)
+    assert contact["force"] == pytest.approx(36 * expected["force"], rel=0.05)
+    if method == REFERENCE:
+        assert 0 < contact["penetration"] < 0.01  # a tenth of a cell
+    else:
+        assert 0 < contact["distance"] < 0.004
+
+
+SLIDING = """
+mesh = "block.msh"
+element = "Q1"
+kinematics = "plane_strain"
+steps = 4
+[material]
+name = "stable_neo_hookean"
+E = 1.0
+nu = 0.3
+[[obstacle]]
+name = "floor"
+friction = {friction}
+shape = {{ box = {{ center = [1, -1, 0], size = [9, 2, 9] }} }}
+[[obstacle]]
+name = "press"
+friction = {friction}
+shape = {{ box = {{ center = [1, 1.5, 0], size = [9, 2, 9] }} }}
+translate = [0, -0.05, 0]
+table = "press"
+[[obstacle]]
+name = "wall"
+shape = {{ box = {{ center = [2.4, 0, 0], size = [2, 9, 9] }} }}
+[[traction]]
+group = "left"
+vector = [0.02, 0, 0]
+table = "push"
+[[table]]
+name = "press"
+points = [[0, 0], [0.5, 1]]
+[[table]]
+name = "push"
+points = [[0.5, 0], [1, 1]]
+"""
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("friction", [0.0, 0.02])
+def test_a_block_that_contact_alone_holds_slides_to_the_wall(comm, folder, friction):
+    """Between two plates nothing holds it sideways; the wall bears what friction does not."""
+    if comm.rank == 0:
+        with section(folder / "block.msh") as (geo, groups, bodies):
+            corners = [geo.addPoint(x, y, 0) for x, y in ((0, 0), (1, 0), (1, 0.5), (0, 0.5))]
+            lines = [geo.addLine(corners[i], corners[(i + 1) % 4]) for i in range(4)]
+            surface = geo.addPlaneSurface([geo.addCurveLoop(lines)])
+            for line, points in zip(lines, (5, 3, 5, 3), strict=True):
+                geo.mesh.setTransfiniteCurve(line, points)
+            geo.mesh.setTransfiniteSurface(surface)
+            geo.mesh.setRecombine(2, surface)
+            groups["left"], bodies["block"] = [lines[3]], [surface]
+        (folder / "sliding.toml").write_text(SLIDING.format(friction=friction))
+    comm.barrier()
+    result = solve(folder / "sliding.toml", comm)
+    row = result.steps[-1]
+    across, along = ({n: o["force"][i] for n, o in row["obstacles"].items()} for i in (1, 0))
+    assert sum(along.values()) == pytest.approx(-0.02 * 0.5, rel=1e-4)
+    for plate in ("floor", "press"):
+        assert along[plate] == pytest.approx(-friction * abs(across[plate]), rel=1e-3, abs=1e-8)
+    assert row["load"] == 1 and row["stabilisation"] < 1e-6
+    assert "stabilised" in row["notes"]
+    assert any("by a proximal term" in note["text"] for note in result.record["notes"])

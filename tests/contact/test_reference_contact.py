@@ -1,0 +1,356 @@
+"""Self-contact by the map to the reference configuration: forces, derivatives, ranks, scenes."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+import two_bodies
+from bodies import Condition, Hold, dense
+
+import fem_snh
+from fem_snh import scenes, solver
+from fem_snh.assembly.elements import ELEMENTS
+from fem_snh.contact.reference.reference import ReferenceContact
+from fem_snh.errors import BadInput
+from fem_snh.kernels.material import material
+from fem_snh.mesh import mesh
+from fem_snh.problem.create_problem import create_problem
+from fem_snh.steps.step_solver import StepSolver
+from fem_snh.steps.stepping import Stepper
+
+COMM = MPI.COMM_WORLD
+mpi = pytest.mark.mpi
+#: Two blocks, the upper one smaller, with meshes that do not match.
+BLOCKS = {"cells": 2, "upper_cells": 3, "upper_width": 0.7, "shift": 0.13}
+CLIP: dict[str, Any] = {
+    "name": "clip",
+    "mesh": {"source": "clip", "parameters": {"gap": 0.3}},
+    "cells": 2,
+    "element": "Q1",
+    "steps": 2,
+    "material": {"name": "stable_neo_hookean", "E": 1e4, "nu": 0.45},
+    "move": [
+        {"group": "bottom", "translate": [0, 0, 0.25]},
+        {"group": "top", "translate": [0, 0, -0.25]},
+    ],
+    "self_contact": {"method": "reference"},
+}
+
+
+def blocks(
+    comm: MPI.Comm = COMM, element: str = "Q1", press: float = 0.1, k: Any = None, **of: float
+) -> Any:
+    """Return the problem of two blocks that are pressed together, and its last row."""
+    chosen = ELEMENTS[element]
+    body = mesh.generate(comm, "two_blocks", chosen.cell, **(BLOCKS | of))
+    p = create_problem(
+        body,
+        chosen,
+        material("stable_neo_hookean", two_bodies.E, two_bodies.NU),
+        hold=[Hold("bottom")],
+        move=[Condition("top", lambda X, load: 0 * X - [0, 0, press * load])],
+        loads=lambda body, u, regions, _: [
+            ReferenceContact(u.function_space, body.skin, regions, k)
+        ],
+    )
+    snes = solver.create(p)
+    snes.getPythonContext().options["snes_scaled_tol"] = 1e-8
+    rows = list(Stepper(StepSolver(p, snes, "none"), 1))
+    assert rows[-1]["converged"], rows[-1]["reason"]
+    return p, rows[-1]
+
+
+@pytest.mark.one_debian("ranks")
+@mpi
+@pytest.mark.parametrize("element", ["Q1", "P1", "P2", "Q1P0", "Q2Q1"])
+def test_force_is_that_of_contact_between_surfaces(element: str) -> None:
+    """The oracle is contact between two named surfaces, with its own search and quadrature."""
+    args = {name: value for name, value in BLOCKS.items() if "cells" not in name}
+    two = two_bodies.TwoBlocks(
+        COMM, element, (2, 3), 20.0, press=0.1, hold=[Hold("bottom")], components=("x", "y", "z"),
+        **args,
+    )  # fmt: skip
+    expected = -two.solve()["contacts"]["blocks"]["force"][2]
+    step = blocks(element=element, k=20.0)[1]
+    row = step["self_contact"]
+    assert row["force"] == pytest.approx(expected, rel=0.05)
+    assert row["stiffness"] == pytest.approx(20.0) and step["solves"] <= 5
+    assert 0 < row["penetration"] < 0.05  # a tenth of a cell; the edges press most
+
+
+@pytest.mark.one_debian
+@mpi
+def test_derivatives_and_sums() -> None:
+    """Forces and Hessian against differences of the energy; forces sum to zero, with reactions."""
+    p, row = blocks(press=0.15)
+    term, rng = p.terms[1], np.random.default_rng(COMM.rank)
+    start, d = p.x.copy(), p.x.duplicate()
+    d.array[:] = 1e-3 * rng.standard_normal(len(d.array))
+
+    def at(t: float) -> tuple[float, np.ndarray, Any]:
+        x, r = start.copy(), start.duplicate()
+        x.axpy(t, d)
+        p.gradient(x, r, [term])
+        u = p.split(x)[0]
+        return term.energy(u), r.array.copy(), r
+
+    (_, g0, r0), (e1, g1, _), (e2, g2, _) = at(0.0), at(1e-3), at(-1e-3)
+    slope = r0.dot(d)
+    assert (e1 - e2) / 2e-3 == pytest.approx(slope, rel=1e-5)
+    u = p.split(start)[0]
+    p.matrix.couple([term.couplings(u)])
+    with p.matrix.adding():
+        assert term.add_hessian(u, None, "exact", p.matrix) == 0
+    product = start.duplicate()
+    free = start.duplicate()
+    d.copy(free)
+    free.array[p.constrained_dofs] = 0.0
+    p.matrix.mat.mult(free, product)
+    keep = np.setdiff1d(np.arange(len(g0)), p.constrained_dofs)
+    d.array[p.constrained_dofs] = 0.0
+    (_, g1, _), (_, g2, _) = at(1e-3), at(-1e-3)
+    scale = COMM.allreduce(float(np.abs(product.array).max(initial=0.0)), op=MPI.MAX)
+    np.testing.assert_allclose(((g1 - g2) / 2e-3)[keep], product.array[keep], atol=1e-6 * scale)
+    values = np.linalg.eigvalsh(dense(p.matrix.mat))
+    assert values.min() > -1e-10 * values.max()
+
+    total = COMM.allreduce(g0.reshape(-1, 3).sum(axis=0))
+    largest = COMM.allreduce(float(np.abs(g0).max(initial=0.0)), op=MPI.MAX)
+    assert largest > 0 and np.abs(total).max() < 1e-12 * row["self_contact"]["force"]
+
+
+@pytest.mark.one_debian
+@mpi
+@pytest.mark.parametrize("first", ["energy", "forces", "Hessian", "row", "springs"])
+def test_one_function_of_new_pairs(first: str) -> None:
+    """Whatever is evaluated first has the pairs that it searches, as everything after it has.
+
+    The line goes from the equilibrium to a state with other pairs. Springs with constant normals
+    have forces that are linear in the displacement where none begins to push, so differences are
+    exact to rounding.
+    """
+    p, _ = blocks(press=0.1)
+    term, start, d = p.terms[1], p.x.copy(), p.x.duplicate()
+    X = p.coordinates
+    motion = np.zeros(X.shape)
+    motion[:, 0], motion[X[:, 2] > 1, 2] = 0.3 * X[:, 2], -0.2
+    d.array[:], h, old = motion.ravel(), 1e-7, term.pairs
+
+    def at(t: float) -> Any:
+        x = start.copy()
+        x.axpy(t, d)
+        return x
+
+    def forces(t: float) -> Any:
+        x, r = at(t), start.duplicate()
+        p.gradient(x, r, [term])
+        return r
+
+    def hessian(t: float) -> Any:
+        u = p.split(at(t))[0]
+        p.matrix.couple([term.couplings(u)])
+        with p.matrix.adding():
+            term.add_hessian(u, None, "exact", p.matrix)
+        product = start.duplicate()
+        p.matrix.mat.mult(d, product)
+        product.array[p.constrained_dofs] = 0.0
+        return product
+
+    evaluate = {
+        "energy": lambda t: term.energy(p.split(at(t))[0]),
+        "forces": forces,
+        "Hessian": hessian,
+        "row": lambda t: term.record(p.split(at(t))[0])["self_contact"]["force"],
+        "springs": lambda t: term.spring_forces(p.split(at(t))[0])[2].sum(),
+    }
+    term.begin_step(p.split(start)[0])
+    before = evaluate[first](1.0 - h)
+    assert not np.array_equal(term.pairs.sample, old.sample)
+    again = evaluate[first](1.0 - h)
+    if first in ("forces", "Hessian"):
+        assert (before - again).norm() == 0 < again.norm()
+    else:
+        assert before == again > 0
+    slope = (evaluate["energy"](1.0 + h) - evaluate["energy"](1.0 - h)) / (2 * h)
+    assert slope == pytest.approx(forces(1.0).dot(d), rel=1e-6)
+    curved = forces(1.0 + h) - forces(1.0 - h)
+    curved.array[p.constrained_dofs] = 0.0
+    d.array[p.constrained_dofs] = 0.0
+    expected = hessian(1.0)
+    assert (curved - 2 * h * expected).norm() < 1e-5 * 2 * h * expected.norm()
+
+
+@pytest.mark.one_debian("serial")
+@mpi
+@pytest.mark.parametrize("element", ["Q1", "P2"])
+def test_ranks_agree(element: str) -> None:
+    rows = [blocks(comm, element)[1] for comm in (COMM, MPI.COMM_SELF)]
+    contacts = [row["self_contact"] for row in rows]
+    assert contacts[0]["pairs"] == contacts[1]["pairs"] > 0
+    assert rows[0]["energy"] == pytest.approx(rows[1]["energy"], rel=1e-6)
+    for key in ("force", "penetration"):
+        assert contacts[0][key] == pytest.approx(contacts[1][key], rel=1e-5)
+
+
+@pytest.mark.one_debian
+@mpi
+def test_bodies_that_intersect_in_the_mesh_part() -> None:
+    """The upper block begins 0.08 deep in the lower one; the springs push it out in one step."""
+    _, row = blocks(press=0.0, gap=-0.08)
+    _, pressed = blocks(press=0.08)
+    found, expected = row["self_contact"], pressed["self_contact"]
+    assert found["penetration"] < 0.04
+    # The upper block is that much longer, so the force differs a little.
+    assert found["force"] == pytest.approx(expected["force"], rel=0.1)
+
+
+@pytest.mark.one_debian
+@mpi
+@pytest.mark.parametrize(("element", "gap"), [("Q1", 0.2), ("P2", 0.1)])
+def test_what_approaches_is_stopped_in_the_first_solve(element: str, gap: float) -> None:
+    """A gap that one step closes makes no difference; without pairs, the blocks would cross."""
+    found, expected = (blocks(element=element, gap=g, press=g + 0.1)[1] for g in (gap, 0.05))
+    for key in ("force", "penetration"):
+        other = expected["self_contact"][key]
+        assert found["self_contact"][key] == pytest.approx(other, rel=1e-4)
+    assert found["solves"] == 2
+
+
+@mpi
+def test_pressure_is_the_force_over_the_area() -> None:
+    """Two blocks of the same width, 1, are compressed as one; far from the gap there is none."""
+    p, row = blocks(shift=0.0, upper_cells=2, upper_width=1.0, k=20.0)
+    found = p.terms[1].nodal_field("contact_pressure", p.split(p.x)[0])
+    X = p.V.tabulate_dof_coordinates()
+    middle = np.linalg.norm(X - [0.5, 0.5, 1.0], axis=1) < 1e-9
+    pressure = COMM.allreduce(float(found[middle].max(initial=0.0)), op=MPI.MAX)
+    assert pressure == pytest.approx(row["self_contact"]["force"], rel=0.1)
+    assert not COMM.allreduce(float(found[X[:, 2] < 0.6].max(initial=0.0)), op=MPI.MAX)
+
+
+@mpi
+def test_the_pressure_is_that_of_the_deformed_surface() -> None:
+    """Two blocks become 1.5 times as wide in x; the upper one enters the lower one by 0.05."""
+    p, _ = blocks(gap=0.05, press=0.0, shift=0.0, upper_cells=2, upper_width=1.0, k=20.0)
+    X, term = p.coordinates, p.terms[1]
+    p.x.array[:] = np.column_stack([X[:, 0] / 2, 0 * X[:, 1], -0.1 * (X[:, 2] > 1.02)]).ravel()
+    u = p.split(p.x)[0]
+    term.begin_step(u)  # its search
+    true = term.nodal_field("contact_pressure", u)
+    nominal = term.nodal_field("nominal_contact_pressure", u)
+    x = p.V.tabulate_dof_coordinates()[:, 0]
+    inside = (x > 0.01) & (x < 0.99) & (nominal > 0)  # of no side, which is as wide as before
+    assert COMM.allreduce(int(inside.sum())) >= 6
+    np.testing.assert_allclose(true[inside], nominal[inside] / 1.5, rtol=1e-10)
+
+
+@pytest.mark.one_debian("ranks")
+@mpi
+def test_bodies_apart_have_no_pairs() -> None:
+    p, row = blocks(gap=0.5)
+    assert row["self_contact"] == row["self_contact"] | {"pairs": 0, "penetration": 0, "force": 0}
+    assert not len(p.terms[1].pairs) and not len(p.terms[1].couplings(p.split(p.x)[0]))
+
+
+@pytest.mark.one_debian
+@mpi
+def test_a_clip_whose_arms_are_pressed_together() -> None:
+    """A run of a scene on all ranks and on one: rows, columns, the same numbers."""
+    scene = scenes.validate(CLIP, "clip")
+    runs = [fem_snh.run(scene, progress=False, comm=comm) for comm in (COMM, MPI.COMM_SELF)]
+    last = [run.steps[-1]["self_contact"] for run in runs]
+    assert runs[0].converged and runs[0].record["terms"] == ["elastic", "self_contact"]
+    assert last[0]["pairs"] == last[1]["pairs"] > 100
+    assert last[0]["force"] == pytest.approx(last[1]["force"], rel=1e-3)
+    assert last[0]["penetration"] < 0.05 * 0.5 and runs[0].steps[-1]["solves"] <= 5
+    without = scenes.validate({k: v for k, v in CLIP.items() if k != "self_contact"}, "clip")
+    through = fem_snh.run(without, progress=False)
+    assert through.record["terms"] == ["elastic"]
+    assert through.steps[-1]["energy"] < 0.97 * runs[0].steps[-1]["energy"]
+
+
+@pytest.mark.parametrize("scene", ["clip", "arm"])
+def test_no_line_search_compares_energies_of_different_pairs(scene: str) -> None:
+    """Jaws that shear as they close, and a bar bent by 160 degrees: no step fails.
+
+    While the first energy of a step was that of the pairs of the last step, both failed a line
+    search at a load where pairs change.
+    """
+    tables: dict[str, dict[str, Any]] = {
+        "clip": {
+            "steps": 10,
+            "move": [
+                {"group": "bottom", "translate": [0, 0, 0.35]},
+                {"group": "top", "translate": [0.2, 0, -0.35]},
+            ],
+        },
+        "arm": {
+            "mesh": {"source": "bar", "parameters": {"length": 6, "interface": 3}},
+            "steps": 14,
+            "hold": [{"group": "left"}],
+            "move": [
+                {
+                    "group": "right",
+                    "rotate": {"axis": [0, 1, 0], "through": [3, 0.5, 1], "angle": 2.8},
+                }
+            ],
+        },
+    }
+    result = fem_snh.run(scenes.validate(CLIP | tables[scene], scene), progress=False)
+    assert [row["reason"] for row in result.steps] == ["CONVERGED_FNORM_ABS"] * len(result.steps)
+    assert len(result.steps) == tables[scene]["steps"]
+    assert result.steps[-1]["self_contact"]["pairs"] > 0
+
+
+@pytest.mark.one_debian
+@mpi
+def test_a_block_falls_on_another() -> None:
+    """It falls freely by the gap, and bounces."""
+    scene = scenes.validate(
+        CLIP
+        | {
+            "mesh": {"source": "two_blocks", "parameters": {"gap": 0.05, "upper_width": 0.7}},
+            "cells": 1,
+            "material": CLIP["material"] | {"E": 1e6, "density": 1000},
+            "move": [],
+            "hold": [{"group": "bottom"}],
+            "steps": 1,
+            "time": {"duration": 0.24, "steps": 60, "integrator": "generalized_alpha"},
+            "gravity": {"vector": [0, 0, -9.81]},
+            "probe": [{"name": "top", "point": [0.35, 0.35, 1.7]}],
+        },
+        "fall",
+    )
+    result = fem_snh.run(scene, progress=False)
+    assert result.converged
+    z = np.array([row["probes"]["top"][2] for row in result.steps])
+    t = np.array([row["time"] for row in result.steps])
+    contacts = [row["self_contact"] for row in result.steps]
+    free = t < 0.1  # sqrt(2 gap / g)
+    np.testing.assert_allclose(z[free], -9.81 / 2 * t[free] ** 2, rtol=1e-5)
+    assert not any(row["force"] for row in contacts[: free.sum()])
+    assert z[-1] > z.min() + 0.04 and contacts[-1]["force"] == 0
+    assert 0 < max(row["penetration"] for row in contacts) < 0.02
+
+
+@pytest.mark.parametrize(
+    ("table", "message"),
+    [
+        ({"method": "refrence"}, "self_contact.method = 'refrence': expected one of .*reference"),
+        ({"method": "reference", "stiffness": 0}, "self_contact.stiffness = 0: expected a number"),
+        (
+            {"method": "reference", "friction": 0.1},
+            "contact.friction = 0.1: expected no value",
+        ),
+        ({"method": "reference", "distance": 1}, "self_contact.distance = 1.*: expected no value"),
+    ],
+    ids=str,
+)
+def test_mistake_in_one_line(table: dict[str, Any], message: str) -> None:
+    with pytest.raises(BadInput, match=message) as caught:
+        scenes.validate(CLIP | {"self_contact": table}, "clip")
+    assert "\n" not in str(caught.value)

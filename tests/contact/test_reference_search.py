@@ -1,0 +1,161 @@
+"""The search of self-contact: points in deformed cells, closest points, neighbours, bodies."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from bodies import cube, wave
+from polynomials import ELEMENTS
+from scipy.spatial.transform import Rotation
+
+from fem_snh import _dolfinx
+from fem_snh.contact.embedded_surface import embedded_surface
+from fem_snh.contact.reference.deformed_cells import DeformedCells
+from fem_snh.contact.reference.samples import Neighbourhood, body_numbers
+from fem_snh.contact.reference.targets import CloserTargets, ReferenceSurface, approaching
+from fem_snh.geometry.closest_points import closest_points, triangle_normals
+from fem_snh.mesh import mesh
+
+pytestmark = [pytest.mark.mpi, pytest.mark.one_debian("ranks")]
+each_element = pytest.mark.parametrize("cell, degree", ELEMENTS, ids=["Q1", "P1", "Q2", "P2"])
+#: A rotation by a radian and a translation.
+R, T = Rotation.from_rotvec([0.6, -0.5, 0.6]).as_matrix(), np.array([0.3, -1.0, 2.0])
+
+
+def nothing(point, cell):
+    return np.zeros(len(point), bool)
+
+
+@each_element
+def test_points_are_found_where_they_came_from(comm, cell, degree):
+    """Points of each cell, moved by its shape functions, are in it, and keep their coordinates."""
+    body = cube(comm, cell, 2, bend=0.05)
+    V = _dolfinx.function_space(body.domain, degree, (3,))
+    X, nodes = V.tabulate_dof_coordinates(), _dolfinx.node_dofs(V)
+    u = X @ (R - np.eye(3)).T + T + wave(0.02)(X)
+    inner = 0.8 * _dolfinx.reference_corners(cell) + 0.2 * 0.25
+    basis = _dolfinx.tabulate_values(V, inner)
+    here, there = (np.einsum("pk,cki->cpi", basis, v[nodes]) for v in (X, X + u))
+    hits = DeformedCells(V).find(u, there.reshape(-1, 3), nothing)
+    own = hits.cell == hits.point // len(inner)
+    assert np.array_equal(np.sort(hits.point[own]), np.arange(here.shape[0] * len(inner)))
+    np.testing.assert_allclose(hits.X[own], here.reshape(-1, 3)[hits.point[own]], atol=1e-8)
+    assert hits.outside[own].max() < 1e-6
+    # Neighbours of a cell are found within a margin, the others not.
+    assert hits.outside[~own].min(initial=0.1) >= -1e-6 and hits.outside.max() <= 0.1
+
+
+@each_element
+def test_inverted_and_flat_cells_contain_nothing(comm, cell, degree):
+    body = cube(comm, cell, 2)
+    V = _dolfinx.function_space(body.domain, degree, (3,))
+    X = V.tabulate_dof_coordinates()
+    cells, points = DeformedCells(V), np.random.default_rng(1).random((200, 3))
+    mirrored, flat = (X * (np.array([s, 1.0, 1.0]) - 1.0) for s in (-1.0, 0.0))
+    assert not len(cells.find(mirrored, points * [-1, 1, 1], nothing).point)
+    assert not len(cells.find(flat, points * [0, 1, 1], nothing).point)
+    assert comm.allreduce(len(cells.find(0 * X, points, nothing).point)) >= 200
+
+
+def test_closest_points_are_those_of_all_triangles(comm):
+    """Against a search of all triangles; inside and outside of a bent cube."""
+    body = cube(comm, "tetrahedron", 4, bend=0.1)
+    V = _dolfinx.function_space(body.domain, 1, (3,))
+    surface = embedded_surface(V, body.skin)
+    triangles = surface.triangles
+    search = ReferenceSurface(surface.points, triangles, np.zeros(len(triangles), int))
+    p = np.random.default_rng(2).random((150, 3)) * 1.4 - 0.2
+    none = np.zeros((len(triangles), 3))
+    found = search.closest(p, np.zeros(len(p), int), 0 * p, np.ones(len(p)), none)
+    inside = ((p > 0) & (p < 1)).all(axis=1)  # the bend leaves the boundary where it is
+    expected = np.where(
+        inside,
+        np.minimum(p, 1 - p).min(axis=1),
+        -np.linalg.norm(p - np.clip(p, 0, 1), axis=1),
+    )
+    np.testing.assert_allclose(found.depth, expected, atol=1e-12)
+    x = np.einsum("nk,nki->ni", found.coordinates, surface.points[triangles[found.triangle]])
+    np.testing.assert_allclose(np.linalg.norm(x - p, axis=1), np.abs(expected), atol=1e-12)
+
+
+def test_faces_that_are_opposed_are_preferred(comm):
+    """A point near an edge of a cube has the face that it has passed through as its target."""
+    body = cube(comm, "hexahedron", 2)
+    V = _dolfinx.function_space(body.domain, 1, (3,))
+    surface = embedded_surface(V, body.skin)
+    a, b, c = (surface.points[surface.triangles[:, i]] for i in range(3))
+    outward = np.cross(b - a, c - a)
+    outward /= np.linalg.norm(outward, axis=1, keepdims=True)
+    search = ReferenceSurface(surface.points, surface.triangles, np.zeros(len(a), int))
+    p = np.array([[0.04, 0.4, 0.95]])
+    for normal, face in (([0.0, 0, -1], [0.0, 0, 1]), ([1.0, 0, 0], [-1.0, 0, 0])):
+        found = search.closest(p, np.zeros(1, int), np.array([normal]), np.ones(1), outward)
+        np.testing.assert_allclose(outward[found.triangle[0]], face, atol=1e-12)
+        assert found.depth[0] == pytest.approx(0.04)
+
+
+def surface_of(comm, source, **parameters):
+    """Return the points, triangles and outward normals of a mesh's surface."""
+    body = mesh.generate(comm, source, "hexahedron", **parameters)
+    surface = embedded_surface(_dolfinx.function_space(body.domain, 1, (3,)), body.skin)
+    return surface.points, surface.triangles, triangle_normals(surface.points, surface.triangles)
+
+
+def test_surfaces_that_face_each_other_approach(comm):
+    """Only the faces of two blocks that face each other, up to the distance and no farther."""
+    x, triangles, outward = surface_of(comm, "two_blocks", cells=3, gap=0.3)
+    points = x[triangles].mean(axis=1)
+    found = approaching(points, outward, x[triangles], outward, 0.31)
+    faces = np.isclose(points[:, 2], 1.0) | np.isclose(points[:, 2], 1.3)
+    np.testing.assert_array_equal(np.sort(found.sample), np.flatnonzero(faces))
+    target = np.einsum("nk,nki->ni", found.coordinates, x[triangles[found.triangle]])
+    expected = points[found.sample] + 0.3 * outward[found.sample]
+    np.testing.assert_allclose(target, expected, atol=1e-12)
+    assert not len(approaching(points, outward, x[triangles], outward, 0.29).sample)
+    # A surface is not approached from behind: the blocks overlap.
+    x, triangles, outward = surface_of(comm, "two_blocks", cells=3, gap=-0.1)
+    points = x[triangles].mean(axis=1)
+    assert not len(approaching(points, outward, x[triangles], outward, 0.31).sample)
+
+
+def test_targets_move_to_the_closest_point(comm):
+    """On the upper face of a cube, from a triangle three cells away; against all triangles."""
+    x, triangles, outward = surface_of(comm, "two_blocks", cells=4, gap=0.5)
+    x = x + 0.02 * np.sin(5 * x[:, [1, 2, 0]])
+    outward, up = triangle_normals(x, triangles), np.array([0.0, 0.0, 1.0])
+    middles = x[triangles].mean(axis=1)
+    top = np.flatnonzero((outward @ up > 0.9) & (middles[:, 2] < 1.2))
+    p = np.column_stack([0.1 + 0.8 * np.random.default_rng(3).random((50, 2)), np.full(50, 0.98)])
+    far = top[np.linalg.norm(middles[top] - p[:, None], axis=2).argmax(axis=1)]
+    # Normals of zero: no face is preferred.
+    target, coordinates = CloserTargets(triangles).move(p, 0 * p, np.zeros(50), far, x, outward)
+    found = np.einsum("nk,nki->ni", coordinates, x[triangles[target]])
+    arm = closest_points(p[:, None], x[triangles[top]][None])[1]
+    expected = np.linalg.norm(arm, axis=2).min(axis=1)
+    np.testing.assert_allclose(np.linalg.norm(found - p, axis=1), expected, rtol=1e-9)
+
+
+@each_element
+def test_neighbours_and_bodies(comm, cell, degree):
+    """Cells share a vertex with the triangles of their own facets; two blocks are two bodies."""
+    body = mesh.generate(comm, "two_blocks", cell, cells=3, gap=0.5)
+    V = _dolfinx.function_space(body.domain, degree, (3,))
+    surface = embedded_surface(V, body.skin)
+    near = Neighbourhood(V, surface)
+    assert near.triangles.shape[1] == (3 if cell == "tetrahedron" else 4 if degree == 2 else 3)
+    X, nodes = V.tabulate_dof_coordinates(), _dolfinx.node_dofs(V)
+    middles = surface.points[surface.triangles].mean(axis=1)
+    low, high = X[nodes].min(axis=1), X[nodes].max(axis=1)
+    triangle, local = (i.ravel() for i in np.indices((len(middles), len(nodes))))
+    below = middles[triangle] >= low[local] - 1e-9
+    inside = (below & (middles[triangle] <= high[local] + 1e-9)).all(axis=1)
+    shares = near.share(triangle, local)
+    if cell == "hexahedron":
+        assert shares[inside].all()
+    apart = np.linalg.norm(middles[triangle] - (low + high)[local] / 2, axis=1)
+    assert not shares[apart > 0.8].any()
+
+    numbers = body_numbers(V)
+    upper = X[:, 2] > 1.25
+    both = [set(np.concatenate(comm.allgather(numbers[part]))) for part in (upper, ~upper)]
+    assert len(both[0]) == len(both[1]) == 1 and both[0] != both[1]

@@ -1,0 +1,220 @@
+"""Self-contact of corners and edges: `reference` stops them, and reports how deep they are."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+from bodies import Condition, Hold, cube
+from scipy.spatial.transform import Rotation
+
+from fem_snh import _dolfinx, solver
+from fem_snh.assembly.elements import ELEMENTS
+from fem_snh.assembly.ghosted_vectors import local_values
+from fem_snh.contact.embedded_surface import embedded_surface
+from fem_snh.contact.reference.crossing_edges import SurfaceEdges
+from fem_snh.contact.reference.reference import ReferenceContact
+from fem_snh.contact.reference.samples import SurfaceSamples, cell_sizes, smallest_at_points
+from fem_snh.geometry.closest_points import PseudoNormals, closest_points, triangle_normals
+from fem_snh.kernels.material import material
+from fem_snh.mesh import mesh
+from fem_snh.problem.create_problem import create_problem
+from fem_snh.steps.step_solver import StepSolver
+from fem_snh.steps.stepping import Stepper
+
+COMM = MPI.COMM_WORLD
+mpi = pytest.mark.mpi
+#: Turns of the lower and of the upper block: the space diagonal of the upper one becomes vertical,
+#: or an edge of each is on top and at the bottom, at 90 degrees to each other.
+DIAGONAL = Rotation.from_rotvec(np.arccos(1 / 3**0.5) * np.array([1.0, -1.0, 0.0]) / 2**0.5)
+TURNS = {
+    "corner": (Rotation.identity(), DIAGONAL),
+    "edges": (Rotation.from_rotvec([0, np.pi / 4, 0]), Rotation.from_rotvec([np.pi / 4, 0, 0])),
+}
+
+
+def press(kind: str, comm: MPI.Comm, element: str, steps: int = 3, depth: float = 0.3) -> Any:
+    """Press a turned block of one cell on another one; return the surface and the last row."""
+    chosen = ELEMENTS[element]
+    body = mesh.generate(comm, "two_blocks", chosen.cell, cells=1, gap=1.0)
+    X = _dolfinx.geometry_x(body.domain)
+    upper, ends = X[:, 2] > 1.5, []
+    for part, turn, center in zip((~upper, upper), TURNS[kind], (0.5, 2.5), strict=True):
+        middle = np.array([0.5, 0.5, center])
+        X[part] = turn.apply(X[part] - middle) + middle
+        z = X[part, 2]
+        ends.append(comm.allreduce(z.max(initial=-9), op=MPI.MAX))
+        ends.append(comm.allreduce(z.min(initial=9), op=MPI.MIN))
+    # 0.01 apart; off the middle, where every direction is preferred by rounding errors alone.
+    X[upper] += [0.07, 0.05, ends[0] - ends[3] + 0.01]
+    p = create_problem(
+        body,
+        chosen,
+        material("stable_neo_hookean", 1.0, 0.3),
+        hold=[Hold("bottom")],
+        move=[Condition("top", lambda X, load: 0 * X - [0, 0, depth * load])],
+        loads=lambda body, u, regions, _: [ReferenceContact(u.function_space, body.skin, regions)],
+    )
+    snes = solver.create(p)
+    snes.getPythonContext().options["snes_scaled_tol"] = 1e-9
+    rows = list(Stepper(StepSolver(p, snes, "none"), steps))
+    assert all(row["converged"] for row in rows)
+    surface = p.terms[1].surface
+    x = surface.positions(local_values(p.split(p.x)[0]).reshape(-1, 3))
+    return x, surface.triangles, rows[-1]["self_contact"]
+
+
+def deepest(x: np.ndarray, triangles: np.ndarray) -> float:
+    """Return the depth of the deepest point of either block's surface in the other one.
+
+    Of a fine grid of points on every triangle: whether a point is inside is decided by the solid
+    angle of the other surface, its depth by the distance from all triangles.
+    """
+    of_triangle, found = np.arange(len(triangles)) < len(triangles) // 2, 0.0
+    m = 40
+    grid = np.array([(i, j, m - i - j) for i in range(m + 1) for j in range(m + 1 - i)]) / m
+    for own in (of_triangle, ~of_triangle):
+        assert not np.isin(triangles[own], triangles[~own]).any()  # each half is a block
+        points = np.einsum("qk,tki->tqi", grid, x[triangles[own]]).reshape(-1, 3)
+        other = x[triangles[~own]]
+        arms = other[None] - points[:, None, None]
+        a, b, c = (arms[:, :, k] for k in range(3))
+        la, lb, lc = (np.linalg.norm(v, axis=2) for v in (a, b, c))
+        triple = np.einsum("nti,nti->nt", a, np.cross(b, c))
+        ab, bc, ca = (np.einsum("nti,nti->nt", v, w) for v, w in ((a, b), (b, c), (c, a)))
+        angle = 2 * np.arctan2(triple, la * lb * lc + ab * lc + bc * la + ca * lb).sum(axis=1)
+        inside = np.abs(angle) > 2 * np.pi
+        if inside.any():
+            arm = closest_points(points[inside][:, None], other[None])[1]
+            found = max(found, np.linalg.norm(arm, axis=2).min(axis=1).max())
+    return float(found)
+
+
+@pytest.mark.one_debian
+@mpi
+@pytest.mark.parametrize("element", ["Q1", "P1"])
+def test_a_corner_stops_at_a_face(element: str) -> None:
+    """Samples inside of the facets let it in to 0.10 (Q1), and reported 0.015."""
+    x, triangles, row = press("corner", COMM, element)
+    assert row["penetration"] == pytest.approx(deepest(x, triangles), rel=1e-9)
+    # It would go 0.29 deep; the tetrahedron at the corner has 3 triangles for 3 to 6 of hexahedra.
+    assert 0 < row["penetration"] < (0.03 if element == "Q1" else 0.05)
+    alone = press("corner", MPI.COMM_SELF, element)[2]
+    assert row["pairs"] == alone["pairs"] and row["force"] == pytest.approx(
+        alone["force"], rel=1e-5
+    )
+
+
+@pytest.mark.one_debian
+@mpi
+@pytest.mark.parametrize("element", ["Q1", "P1"])
+def test_an_edge_stops_at_an_edge(element: str) -> None:
+    """At 90 degrees, no sample of either is in the other: they passed by 0.17, and reported 0.004.
+
+    Two edges that have passed each other by d are d / sqrt(2) deep in wedges of 90 degrees.
+    """
+    x, triangles, row = press("edges", COMM, element)
+    depth = deepest(x, triangles)
+    assert depth <= row["penetration"] < 0.02 and row["force"] > 0.04
+    alone = press("edges", MPI.COMM_SELF, element)[2]
+    assert row["pairs"] == alone["pairs"] and row["force"] == pytest.approx(
+        alone["force"], rel=1e-5
+    )
+
+
+def samples_of(source: str, cell: str, degree: int = 1, **parameters: float) -> Any:
+    body = mesh.generate(MPI.COMM_SELF, source, cell, **parameters)
+    V = _dolfinx.function_space(body.domain, degree, (3,))
+    surface = embedded_surface(V, body.skin)
+    sizes = smallest_at_points(V, surface, cell_sizes(V))
+    return surface, SurfaceSamples(surface, sizes)
+
+
+@pytest.mark.parametrize(("cell", "degree"), [("hexahedron", 1), ("tetrahedron", 2)])
+def test_samples_are_at_corners_and_integrate(cell: str, degree: int) -> None:
+    """Every vertex is a sample, once; the unit cube's area is 6, its moments those of its faces."""
+    body = cube(MPI.COMM_SELF, cell, 2)
+    V = _dolfinx.function_space(body.domain, degree, (3,))
+    surface = embedded_surface(V, body.skin)
+    samples = SurfaceSamples(surface, smallest_at_points(V, surface, cell_sizes(V)))
+    points = samples.at(surface.points)
+    assert len(np.unique(np.round(points, 9), axis=0)) == len(points)
+    apart = np.linalg.norm(points[:, None] - surface.points, axis=2)
+    np.testing.assert_array_equal((apart < 1e-12).sum(axis=0), 1)
+    moments = [samples.areas.sum(), *(samples.areas @ points)]
+    np.testing.assert_allclose(moments, [6.0, 3.0, 3.0, 3.0], rtol=1e-12)
+    if degree == 1:  # 4 faces with the integral of x^3 and one with that of 1
+        assert samples.areas @ points[:, 0] ** 3 == pytest.approx(4 / 4 + 1, rel=1e-12)
+
+
+@pytest.mark.parametrize("cells", [1, 3, 8])
+def test_a_face_acts_with_its_area(cells: int) -> None:
+    """Samples at the rim belong to the sides, too, whose area does not press on a floor."""
+    surface, samples = samples_of("two_blocks", "hexahedron", cells=cells, gap=0.5)
+    outward = triangle_normals(surface.points, surface.triangles)
+    bottom = np.flatnonzero(np.abs(samples.at(surface.points)[:, 2] - 1.5) < 1e-12)
+    up = np.tile([0.0, 0.0, 1.0], (len(bottom), 1))
+    assert samples.facing(bottom, up, outward).sum() == pytest.approx(1.0, rel=1e-12)
+    assert samples.areas[bottom].sum() > 1.01
+    assert samples.facing(bottom, -up, outward).max() < 1e-15
+
+
+def crossing_wedges(depth: float, turn: float = np.pi / 4) -> Any:
+    """Return the crossings of two unit cubes with edges across each other, one of them on top."""
+    body = cube(MPI.COMM_SELF, "hexahedron", 1)
+    surface = embedded_surface(_dolfinx.function_space(body.domain, 1, (3,)), body.skin)
+    points, triangles = surface.points - 0.5, surface.triangles
+    lower = Rotation.from_rotvec([0, turn, 0]).apply(points)
+    upper = Rotation.from_rotvec([turn, 0, 0]).apply(points)
+    upper += [0.1, 0.05, lower[:, 2].max() - upper[:, 2].min() - depth]
+    x = np.concatenate([lower, upper])
+    both = np.concatenate([triangles, triangles + len(points)])
+    edges = SurfaceEdges(both)
+    assert len(edges) == 36  # of each cube 12 edges and a diagonal of each face
+    return x, edges, edges.crossings(x, triangle_normals(x, both), 0.2, (0, 1))
+
+
+@pytest.mark.parametrize("depth", [-0.1, 0.1])
+def test_crossing_edges_are_found(depth: float) -> None:
+    """One pair, at the place, with the normal and the gap of the geometry."""
+    x, edges, found = crossing_wedges(depth)
+    assert len(found.first) == 1
+    ends = [x[edges.points[e[0]]] for e in (found.first, found.second)]
+    points = [(1 - s) * a + s * b for s, (a, b) in zip(found.place[0], ends, strict=True)]
+    np.testing.assert_allclose(points[0][:2], [0.0, 0.05], atol=1e-12)
+    np.testing.assert_allclose(points[1][:2], [0.0, 0.05], atol=1e-12)
+    np.testing.assert_allclose(np.abs(found.normal[0]), [0, 0, 1], atol=1e-12)
+    assert found.normal[0] @ (points[0] - points[1]) == pytest.approx(-depth, abs=1e-12)
+    assert found.facing[0] == pytest.approx(np.sin(np.pi / 4))
+
+
+@pytest.mark.parametrize(("depth", "turn"), [(0.6, np.pi / 4), (-0.25, np.pi / 4), (0.05, 0.0)])
+def test_edges_that_do_not_cross_are_not(depth: float, turn: float) -> None:
+    """Too deep, too far, and faces that lie on each other, whose edges cross as well."""
+    found = crossing_wedges(depth, turn)[2]
+    assert not len(found.first) or found.facing.max() < 1e-9
+
+
+def test_averaged_normals_are_continuous_up_to_a_sharp_edge() -> None:
+    """On an edge of a wave both triangles give the same normal; at the rim of a cube, their own."""
+    surface, _ = samples_of("two_blocks", "hexahedron", cells=4, gap=0.5)
+    triangles, x = surface.triangles, surface.points.copy()
+    x[:, 2] += 0.02 * np.sin(7 * x[:, 0] + 4 * x[:, 1])
+    normals, outward = PseudoNormals(triangles), triangle_normals(x, triangles)
+    edges = SurfaceEdges(triangles)
+    cosine = np.einsum("ni,ni->n", *(outward[edges.triangles[:, i]] for i in (0, 1)))
+    found, jumps = [], []
+    for side in (0, 1):
+        chosen = edges.triangles[:, side]
+        on = [(triangles[chosen] == edges.points[:, [i]]) * w for i, w in ((0, 0.3), (1, 0.7))]
+        found.append(normals.averaged(x, chosen, on[0] + on[1], 0.9))
+        jumps.append(np.linalg.norm(found[-1] - outward[chosen], axis=1))
+    np.testing.assert_allclose(np.linalg.norm(found[0], axis=1), 1.0, rtol=1e-12)
+    rim = cosine < 0.5
+    inner = ~rim & (np.abs(x[edges.points].mean(axis=1)[:, :2] - 0.5) < 0.3).all(axis=1)
+    assert rim.sum() > 50 and inner.sum() > 50 and cosine[inner].min() < 0.99
+    np.testing.assert_allclose(found[0][inner], found[1][inner], atol=1e-12)
+    assert max(jump[rim].max() for jump in jumps) < 0.2

@@ -1,0 +1,148 @@
+"""Gaps between surfaces, their derivatives, and the search for the closest facet."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from typing import Any
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+from bodies import dense, wave
+from two_bodies import TwoBlocks
+
+from fem_snh.contact.gaps import ClosestFacets, measure_gaps
+from fem_snh.contact.gathered_surface import FacetShape, Side
+
+#: A displacement that bends the surfaces, in the height of a block.
+BEND = 0.05
+pytestmark = pytest.mark.mpi
+
+
+def pressed(element: str, cells: tuple[int, int] = (1, 2)) -> tuple[TwoBlocks, Any]:
+    """Return blocks with bent surfaces that penetrate each other, and their displacement."""
+    two = TwoBlocks(MPI.COMM_WORLD, element, cells, stiffness=1.0, gap=-0.15, hold=[], shift=0.1)
+    p = two.problem
+    X = p.V.tabulate_dof_coordinates()
+    p.u.x.array[:] = wave(BEND)(X).ravel()
+    return two, p.split(p.x)[0]
+
+
+def contact_hessian(two: TwoBlocks, u: Any, filter: str) -> np.ndarray:
+    """Return the matrix of the contact alone, without its constant diagonal."""
+    matrix = two.problem.matrix
+    matrix.couple([two.contact.couplings(u)])
+    with matrix.adding():
+        two.contact.add_hessian(u, None, filter, matrix)
+    found = dense(matrix.mat)
+    first = matrix.mat.getOwnershipRange()[0]
+    fixed = np.concatenate(matrix.mat.comm.tompi4py().allgather(matrix.constrained_dofs + first))
+    found[fixed, fixed] = 0.0
+    return found
+
+
+@pytest.mark.one_debian
+@pytest.mark.parametrize("element", ["Q1", "P1", "P2"])
+def test_derivatives(element: str) -> None:
+    """Central differences of the energy and of the forces, on surfaces that are not flat."""
+    two, u = pressed(element)
+    p, x = two.problem, two.problem.x
+    fixed = p.constrained_dofs
+    direction, h = x.duplicate(), 1e-5
+    X = p.V.tabulate_dof_coordinates()[: len(direction.array) // 3]
+    direction.array[:] = wave(1.0, 0.7)(X).ravel()
+    direction.array[fixed] = 0.0
+
+    def evaluate(step: float) -> tuple[float, np.ndarray]:
+        moved, r = x.copy(), x.duplicate()
+        moved.axpy(step, direction)
+        v = p.split(moved)[0]
+        r.set(0.0)
+        two.contact.add_residual(v, None, r, None)
+        return two.contact.energy(v), r.array.copy()
+
+    energy, force = evaluate(0.0)
+    matrix = contact_hessian(two, u, "exact")
+    plus, minus = evaluate(h), evaluate(-h)
+    slope = p.comm.allreduce(force @ direction.array_r)
+    assert energy > 0 and slope == pytest.approx((plus[0] - minus[0]) / (2 * h), rel=1e-6)
+    change = (plus[1] - minus[1]) / (2 * h)
+    change[fixed] = 0.0
+    whole = np.concatenate(p.comm.allgather(direction.array_r))
+    first, last = p.A.getOwnershipRange()
+    np.testing.assert_allclose(
+        (matrix @ whole)[first:last], change, atol=2e-6 * np.abs(matrix @ whole).max()
+    )
+
+
+@pytest.mark.one_debian("ranks")
+def test_filtered_hessians_are_semidefinite() -> None:
+    two, u = pressed("Q1")
+    exact, clamp, absolute = (contact_hessian(two, u, f) for f in ("exact", "clamp", "abs"))
+    for matrix in (exact, clamp, absolute):
+        np.testing.assert_allclose(matrix, matrix.T, atol=1e-12 * np.abs(exact).max())
+    scale = np.abs(exact).max()
+    assert np.linalg.eigvalsh(exact)[0] < -1e-4 * scale
+    for matrix in (clamp, absolute, clamp - exact, absolute - clamp):
+        assert np.linalg.eigvalsh(matrix)[0] > -1e-12 * scale
+
+
+@pytest.mark.one_debian("ranks")
+@pytest.mark.parametrize("element", ["Q1", "P2"])
+def test_closest_facet_against_samples(element: str) -> None:
+    """No sample of the other surface is closer, on a mesh of uneven facets."""
+    two, _ = pressed(element, (3, 2))
+    surface = two.contact.surface
+    side, own = surface.sides[0], two.contact.pairs[0].passes[1]
+    x = surface.X * [1.0, 1.7, 1.0] + 0.02 * np.sin(7 * surface.X[:, ::-1])
+    points = own.points(x) + np.array([0.0, 0.0, 0.25])
+    found = ClosestFacets(surface.shape, side).find(x, points, own.normals(x), 0.5)
+    some = np.flatnonzero(found.facet >= 0)
+    assert len(some) > 0.7 * len(points)
+    gaps = measure_gaps(surface.shape, side, x, points[some], found.facet[some], found.start[some])
+    t = np.linspace(0, 1, 25)
+    grid = np.stack(np.meshgrid(t, t), axis=-1).reshape(-1, 2)
+    grid = grid[surface.shape.outside(grid) <= 1e-12]
+    samples = (surface.shape.evaluate(grid, 0)[0] @ x[side.nodes]).reshape(-1, 3)
+    distances = np.linalg.norm(points[some, None] - samples[None], axis=2).min(axis=1)
+    # Within a facet the closest point is between samples, which are 1/24 of its size apart.
+    spacing = own.size / 12
+    assert (np.abs(gaps.gap) < distances + 1e-12).all()
+    np.testing.assert_allclose(np.abs(gaps.gap), distances, atol=spacing)
+    inner = gaps.outside <= 0
+    arm = points[some] - np.einsum("nk,nki->ni", gaps.values, x[side.nodes[found.facet[some]]])
+    slopes = np.einsum("ni,nia->na", arm, gaps.tangents)
+    assert inner.mean() > 0.9 and np.abs(slopes[inner]).max() < 1e-10
+
+
+@pytest.mark.one_debian
+@pytest.mark.parametrize("element", ["Q1", "P2"])
+def test_points_beside_an_open_surface_have_no_facet(element: str) -> None:
+    """Above and below a flat square: the points inside of it have a facet, the others none."""
+    two = TwoBlocks(MPI.COMM_WORLD, element, (2, 1))
+    surface = two.contact.surface
+    t = np.linspace(-0.3, 1.3, 33)
+    x, y, z = (axis.ravel() for axis in np.meshgrid(t, t, [0.96, 1.0, 1.2]))
+    points = np.column_stack([x, y, z])
+    down = np.broadcast_to([0.0, 0.0, -1.0], points.shape)
+    search = ClosestFacets(surface.shape, surface.sides[0])
+    found = search.find(surface.X, points, down, 0.5).facet >= 0
+    inside = (np.abs(points[:, :2] - 0.5) < 0.5 + 1e-9).all(axis=1)
+    np.testing.assert_array_equal(found, inside)
+    assert not (search.find(surface.X, points, -down, 0.5).facet >= 0).any()
+    assert not (search.find(surface.X, points[z > 1.1], down[z > 1.1], 0.1).facet >= 0).any()
+
+
+@pytest.mark.parametrize(("size", "place", "gap"), [(1, -0.1, np.inf), (1, 0.1, 0), (0, 1, np.inf)])
+def test_a_folded_facet_has_no_normal(size, place, gap):
+    """Where the tangent of a curve vanishes there is no contact, and no division by zero."""
+    shape, none = FacetShape("interval", 2), np.empty(0)
+    xi = shape.nodes[:, 0]
+    x = np.zeros((3, 3))
+    x[:, 0] = size * xi * (xi - 1.5)  # it turns back at 0.75, or is a point
+    side = Side(np.arange(3)[None], np.ones(1), *[none] * (len(fields(Side)) - 2))
+    points = np.array([[size * 0.75 * (0.75 - 1.5) + place, 0.0, 0.0]])
+    with np.errstate(all="raise"):
+        gaps = measure_gaps(shape, side, x, points, np.zeros(1, int), np.array([[0.75]]))
+    assert gaps.gap == pytest.approx(gap, abs=1e-14)

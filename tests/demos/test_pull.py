@@ -1,0 +1,210 @@
+"""Forces on groups: an exact solution, balance, tables, ranks; the scene pull."""
+
+from __future__ import annotations
+
+import csv
+import json
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+
+import fem_snh
+from fem_snh.errors import BadInput
+from fem_snh.scenes import Geometry, Hold, MaterialChoice, Move, Scene
+
+mpi = pytest.mark.mpi
+TIGHT = {"snes_scaled_tol": 1e-11, "ksp_rtol": 1e-9, "snes_forcing_max": 0}
+
+
+def solve(scene="pull", comm=MPI.COMM_WORLD, **kwargs):
+    return fem_snh.run(scene, comm=comm, progress=False, **kwargs)
+
+
+def rollers(**kwargs):
+    """A unit cube that may shrink sideways while it is pulled, so that its strain is uniform."""
+    return Scene(
+        **{
+            "name": "rollers",
+            "mesh": Geometry(source="cube"),
+            "cells": 3,
+            "element": "Q1",
+            "steps": 3,
+            "material": MaterialChoice(name="stable_neo_hookean", E=7.0, nu=0.4),
+            "hold": [
+                Hold(group="left", components=("x",)),
+                Hold(group="front", components=("y",)),
+                Hold(group="bottom", components=("z",)),
+            ],
+            "move": [Move(group="right", components=("x",), translate=(1, 0, 0))],
+            "reactions": ["right", "left", "surface:top", "corners"],
+            "petsc": TIGHT,
+        }
+        | kwargs
+    )
+
+
+@pytest.mark.one_debian
+@mpi
+@pytest.mark.parametrize("element", ["Q1", "Q2", "P1", "P2"])
+def test_the_force_of_a_uniaxial_stretch_is_exact(comm, element):
+    """eq. 13: P11 = mu (s - J/s^2), J = 1 + (mu/lambda)(1 - 1/s), on a face of 1 m^2."""
+    result = solve(rollers(element=element))
+    mu, lam = result.problem.regions[0].material.expression.values
+    assert len(result.steps) == 3
+    for step in result.steps:
+        s = 1 + step["load"]
+        J = 1 + mu / lam * (1 - 1 / s)
+        expected = mu * (s - J / s**2)
+        assert expected > 0
+        right, left = (np.array(step["reactions"][name]) for name in ("right", "left"))
+        assert right == pytest.approx([expected, 0, 0], rel=1e-6, abs=1e-6 * expected)
+        assert left == pytest.approx(-right, rel=1e-6, abs=1e-6 * expected)
+        # Nothing holds the top along z.
+        assert abs(step["reactions"]["surface:top"][2]) <= 1e-6 * expected
+
+
+@pytest.mark.one_debian("ranks")
+@mpi
+def test_pull_balances_and_each_node_counts_once(comm):
+    """What pulls on the right holds on the left; the whole surface and the whole body balance."""
+    result = solve(cells=3, steps=2, reactions=["right", "left", "body"], petsc=TIGHT)
+    for step in result.steps:
+        forces = step["reactions"]
+        assert list(forces) == ["right", "left", "body"]
+        assert forces["right"][0] > 0.3 * step["load"]
+        assert forces["right"] == pytest.approx(-np.array(forces["left"]), abs=1e-9)
+        assert forces["body"] == pytest.approx([0, 0, 0], abs=1e-9)
+        assert forces["right"][1:] == pytest.approx([0, 0], abs=1e-9)
+
+
+@pytest.mark.one_debian
+@mpi
+def test_the_force_is_the_derivative_of_the_energy(comm):
+    """dE/d(distance), by central differences of converged energies."""
+    h = 1e-3
+    energies = [
+        solve(cells=3, steps=1, stretch=s, petsc=TIGHT).steps[-1]["energy"]
+        for s in (1.3 - h, 1.3 + h)
+    ]
+    force = solve(cells=3, steps=1, stretch=1.3, petsc=TIGHT).steps[-1]["reactions"]["right"][0]
+    assert force == pytest.approx((energies[1] - energies[0]) / (2 * h), rel=1e-5)
+
+
+@pytest.mark.one_debian("ranks")
+@mpi
+def test_forces_are_in_the_record_and_the_table(comm, folder):
+    result = solve(cells=2, steps=2, stretch=1.2, reactions=["right", 3], out=folder)
+    comm.barrier()
+    steps = json.loads((folder / "run.json").read_text())["steps"]
+    with (folder / "steps.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert (result.record["load_name"], result.record["load_range"]) == ("distance", [1, 1.2])
+    for step, row in zip(steps, rows, strict=True):
+        assert set(step["reactions"]) == {"right", "3"}
+        for group, force in step["reactions"].items():
+            assert [float(row[f"{group}.force.{axis}"]) for axis in "xyz"] == force
+    comm.barrier()
+
+
+@mpi
+@pytest.mark.parametrize("element", ["Q1", "P2P1"])
+def test_the_moment_is_the_derivative_of_the_energy_by_the_angle(comm, folder, element):
+    """The torque of a turned face, its balance, other points, the table and the goals."""
+    about, other = (0.5, 0.5, 0.5), (2.0, -1.0, 0.3)
+
+    def turned(angle, **kwargs):
+        kwargs = {"cells": 2, "steps": 1, "element": element, "petsc": TIGHT} | kwargs
+        return solve("twist", comm=comm, angle=angle, **kwargs)
+
+    reactions = [{"group": "top", "about": about}, {"group": "bottom", "about": about}, "left"]
+    # A single step of no goal is a step of all: the estimate is of the same state.
+    result = turned(0.6, reactions=reactions, out=folder, **{"accuracy.goals": "top.moment.z"})
+    (step,) = result.steps
+    assert set(step["moments"]) == {"top", "bottom"}
+    h = 1e-3
+    energies = [turned(0.6 + s * h).steps[-1]["energy"] for s in (-1, 1)]
+    top, bottom = (np.array(step["moments"][name]) for name in ("top", "bottom"))
+    assert top[2] == pytest.approx((energies[1] - energies[0]) / (2 * h), rel=1e-5)
+    assert bottom == pytest.approx(-top, abs=1e-8 * top[2])
+    moved = turned(0.6, reactions=[{"group": "top", "about": other}]).steps[-1]
+    force = np.array(step["reactions"]["top"])
+    shift = np.cross(np.subtract(about, other), force)
+    assert moved["moments"]["top"] == pytest.approx(top + shift, abs=1e-8 * top[2])
+    goal = result.goals["top.moment.z"]
+    assert goal["value"] == pytest.approx(top[2], rel=1e-12)
+    assert goal["error"] < 0 and 0.01 < goal["relative"] < 0.5  # coarse elements are too stiff
+    comm.barrier()
+    with (folder / "steps.csv").open() as file:
+        (row,) = csv.DictReader(file)
+    assert [float(row[f"top.moment.{axis}"]) for axis in "xyz"] == step["moments"]["top"]
+    assert float(row["top.moment.z.error"]) == goal["error"]
+    comm.barrier()
+
+
+def test_mistakes_in_a_moment():
+    with pytest.raises(BadInput, match=r"reactions\.0: unknown key 'abuot'.*'about'"):
+        solve("twist", cells=1, reactions=[{"group": "top", "abuot": [0, 0, 0]}])
+    with pytest.raises(BadInput, match=r"reactions\.0\.about = \[0, 0\]: expected three finite"):
+        solve("twist", cells=1, reactions=[{"group": "top", "about": [0, 0]}])
+
+
+@pytest.mark.one_debian("ranks")
+@mpi
+def test_a_step_that_failed_has_no_force(comm, folder):
+    result = solve(cells=2, steps=1, stretch=9.0, petsc={"snes_max_it": 1}, out=folder)
+    comm.barrier()
+    assert not result.converged
+    assert not all(step["converged"] for step in result.steps)
+    assert all(("reactions" in step) == step["converged"] for step in result.steps)
+    with (folder / "steps.csv").open() as file:
+        assert len(list(csv.DictReader(file))) == len(result.steps)
+    comm.barrier()
+
+
+@pytest.mark.one_debian("ranks")
+@mpi
+def test_no_reactions_no_cost(comm, monkeypatch):
+    result = solve(cells=2, steps=1, stretch=1.1, reactions=[])
+    assert "reactions" not in result.steps[0]
+
+    def never(*_):
+        raise AssertionError("not asked for")
+
+    monkeypatch.setattr(result.problem, "gradient", never)
+    assert result.problem.reactions(result.problem.x) == {}
+
+
+@pytest.mark.one_debian("ranks")
+@mpi
+def test_unknown_group(comm):
+    with pytest.raises(BadInput, match=r"no physical group 'rihgt'.*did you mean 'right'"):
+        solve(cells=1, reactions=["rihgt"])
+
+
+@pytest.mark.one_debian("serial")
+@mpi
+@pytest.mark.parametrize("element", ["Q1", "P2"])
+def test_any_number_of_ranks_gives_the_same_forces(comm, element):
+    setup = {"cells": 3, "steps": 2, "element": element, "petsc": TIGHT, "reactions": ["right"]}
+    alone, together = solve(comm=MPI.COMM_SELF, **setup), solve(comm=comm, **setup)
+    for one, other in zip(alone.steps, together.steps, strict=True):
+        force = np.array(one["reactions"]["right"])
+        assert other["reactions"]["right"] == pytest.approx(force, abs=1e-9 * force[0])
+
+
+@pytest.mark.one_debian
+@pytest.mark.parametrize("alpha", [0.5, 1.5])
+def test_nonlinearity_shows_in_large_strain_only(alpha):
+    """Chen & Barbič's Figure 3: the curves part company, and agree where they begin."""
+    small = {"cells": 2, "steps": 1, "stretch": 1.001, "petsc": TIGHT}
+    large = {"cells": 2, "steps": 4, "stretch": 1.6}
+
+    def force(setup, **more):
+        return solve(**setup, **more).steps[-1]["reactions"]["right"][0]
+
+    tuned = {"material.alpha": alpha}
+    assert force(small, **tuned) == pytest.approx(force(small), rel=3e-3)
+    ratio = force(large, **tuned) / force(large)
+    assert ratio > 1.1 if alpha > 1 else ratio < 0.9

@@ -1,0 +1,233 @@
+"""Motions of bones: tables of affine maps, skeletons, functions, noise, and their mistakes."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+from bone_scenes import LOWER, UPPER, bar, csv_text, matrix, turn
+from scipy.spatial.transform import Rotation
+
+from fem_snh import scenes
+from fem_snh.errors import BadInput
+from fem_snh.geometry.bones import Noise
+from fem_snh.scenes.bone_files import read_bones
+
+pytestmark = pytest.mark.one_debian
+
+#: Affine and not rigid, as production skinning has it.
+SKEWED = matrix([[1.1, 0.2, 0.0], [-0.1, 0.95, 0.05], [0.0, 0.1, 1.0]], (0.05, -0.02, 0.03))
+REST = matrix(np.eye(3))
+#: A shoulder at (1, 2, 0), an elbow 3 along x, a hand 2 along x: 90 degrees about z at both joints.
+ARM = """HIERARCHY
+ROOT Shoulder
+{
+  OFFSET 1 2 0
+  CHANNELS 6 Xposition Yposition Zposition Zrotation Xrotation Yrotation
+  JOINT Elbow
+  {
+    OFFSET 3 0 0
+    CHANNELS 3 Zrotation Xrotation Yrotation
+    End Site
+    {
+      OFFSET 2 0 0
+    }
+  }
+}
+MOTION
+Frames: 3
+Frame Time: 0.5
+1 2 0 0 0 0 0 0 0
+1 2 0 45 0 0 45 0 0
+1 3 0 90 0 0 90 0 0
+"""
+
+
+@pytest.fixture
+def read(tmp_path):
+    """Return a function that returns the motions of a scene, after writing its file."""
+
+    def motions(text=None, name="arm.csv", file_name=None, **keys):
+        if text is not None:
+            (tmp_path / (file_name or name)).write_text(text)
+        own = {key: keys.pop(key) for key in ("motion", "rigid") if key in keys}
+        motion = own.get("motion", str(tmp_path / name))
+        if isinstance(motion, dict):
+            motion = motion | {"bvh": str(tmp_path / name)}
+        upper = {"name": "upper", "shape": UPPER, **own, "motion": motion}
+        scene = bar(upper, {"name": "lower", "shape": LOWER}, **keys)
+        assert scenes.load(scene) == scene
+        return read_bones(scene)[0]
+
+    return motions
+
+
+def test_a_table_is_linear_in_each_entry(read):
+    rows = (0.0, "upper", REST), (0.5, "upper", SKEWED), (1.0, "upper", turn(1.0))
+    motion = read(csv_text("load", *rows)).motion
+    assert motion.affine(0.25) == pytest.approx((REST + SKEWED) / 2, abs=1e-15)
+    assert motion.affine(0.5) == pytest.approx(SKEWED, abs=0)
+    assert motion.affine(0.75) == pytest.approx((SKEWED + turn(1.0)) / 2, abs=1e-15)
+    assert motion.affine(2.0) == pytest.approx(turn(1.0), abs=0)
+
+
+def test_a_rigid_table_is_slerped_and_the_translation_linear(read):
+    rows = [(4 * load, "upper", turn(2 * load, (1, 1, 0))) for load in (0.0, 0.5, 1.0)]
+    text = csv_text("time", *rows)
+    time = {"duration": 4.0, "steps": 2}
+    dense = {"name": "stable_neo_hookean", "E": 1e4, "nu": 0.45, "density": 1e3}
+    motion = read(text, rigid=True, time=time, material=dense).motion
+    for load in (0.25, 0.75):
+        R = turn(2 * load, (1, 1, 0))[:, :3]
+        assert motion.affine(load)[:, :3] == pytest.approx(R, abs=1e-14)
+    middle = (rows[0][2][:, 3] + rows[1][2][:, 3]) / 2
+    assert motion.affine(0.25)[:, 3] == pytest.approx(middle, abs=1e-15)
+
+
+def test_a_file_of_one_bone_needs_no_names(read):
+    motion = read("load, x, y, z, rx, ry, rz\n0,0,0,0,0,0,0\n1,1,2,3,0,0,0.5\n").motion
+    R = Rotation.from_rotvec([0, 0, 0.25]).as_matrix()
+    assert motion.affine(0.5) == pytest.approx(np.column_stack([R, [0.5, 1, 1.5]]), abs=1e-15)
+
+
+LATE = csv_text("load", (0.0, "upper", REST), (1.0, "upper", REST), (0.0, "humerus", REST))
+
+
+@pytest.mark.parametrize(
+    "text, message",
+    [
+        (LATE, "arm.csv, line 4: unknown bone 'humerus': expected one of upper, lower"),
+        (
+            csv_text("load", (0.0, "lower", REST), (1.0, "lower", REST)),
+            "unknown bone 'upper': expected one of lower",
+        ),
+        (
+            csv_text("load", (0.0, "upper", REST), (0.9, "upper", REST)),
+            "line 3: load = 0.9: expected rows up to the load 1",
+        ),
+        (
+            csv_text("load", (0.0, "upper", REST), (1.0, "lower", REST)),
+            "expected two rows or more of bone 'upper'",
+        ),
+        (
+            csv_text("load", (0.0, "upper", REST), (1.0, "upper", matrix(np.diag([1, 1, -1])))),
+            "line 3: bone 'upper': the determinant of a11 to a33 is -1: expected one > 0",
+        ),
+        (
+            csv_text("load", (0.0, "upper", REST), (1.0, "upper", matrix(np.diag([1, 1, 0])))),
+            "line 3: bone 'upper': the determinant of a11 to a33 is 0: expected one > 0",
+        ),
+        (
+            csv_text("load", (0.0, "upper", REST), (1.0, "upper", turn(np.pi))),
+            "line 3: bone 'upper': .*: expected rows that are closer, or rigid = true",
+        ),
+        ("load, bone, x, y\n0, upper, 0, 0\n1, upper, 0, 0\n", "and 'bone' if the file moves sev"),
+        ("load, bone, x, y, z\n0, upper, 0, 0, 0\n1, upper, 0, 0\n", "expected 5 columns, found 4"),
+    ],
+)
+def test_mistakes_of_a_table(read, text, message):
+    with pytest.raises(BadInput, match=message) as error:
+        read(text)
+    assert "\n" not in str(error.value)
+
+
+def test_a_file_that_is_not_there(read):
+    with pytest.raises(BadInput, match=r"cannot read the motion .*did you mean 'arm2.csv'"):
+        read(LATE, file_name="arm2.csv")
+
+
+def test_joints_of_a_skeleton(read):
+    """The elbow turns with the shoulder: its bone's end is where trigonometry has it."""
+    motion = {"joint": "Elbow", "scale": 0.1, "translation": [0, 0, 5]}
+    bone = read(ARM, "arm.bvh", motion=motion)
+    assert bone.origin == pytest.approx([0.4, 0.2, 5])
+    hand = np.array([0.6, 0.2, 5, 1])
+    assert bone.affine(0.0) @ hand == pytest.approx(hand[:3], abs=1e-15)
+    angle = np.pi / 4
+    elbow = np.array([0.1 + 0.3 * np.cos(angle), 0.2 + 0.3 * np.sin(angle), 5])
+    assert bone.affine(0.5) @ hand == pytest.approx([elbow[0], elbow[1] + 0.2, 5])
+    assert bone.affine(1.0) @ hand == pytest.approx([0.1 - 0.2, 0.3 + 0.3, 5], abs=1e-14)
+
+
+def test_rest_frames_and_rotation_of_a_skeleton(read):
+    """With the offsets as rest, frame 1 is not the reference; y up becomes z up."""
+    up = {"rotation": [np.pi / 2, 0, 0], "rest": "offset", "frames": [1, 2]}
+    bone = read(ARM, "arm.bvh", motion={"joint": "Shoulder", **up})
+    assert bone.origin == pytest.approx([1, 0, 2])
+    elbow = np.array([4, 0, 2, 1])
+    shoulder = np.array([1, 0, 2])
+    angle = np.pi / 4
+    turned = shoulder + 3 * np.array([np.cos(angle), 0, np.sin(angle)])
+    assert bone.affine(0.0) @ elbow == pytest.approx(turned, abs=1e-14)
+    assert bone.affine(1.0) @ elbow == pytest.approx([1, 0, 6], abs=1e-14)
+
+
+def test_a_clip_has_its_own_time(read):
+    dense = {"name": "stable_neo_hookean", "E": 1e4, "nu": 0.45, "density": 1e3}
+    keys = {"motion": {"joint": "Elbow"}, "material": dense}
+    bone = read(ARM, "arm.bvh", time={"duration": 0.5, "steps": 2}, **keys)
+    R = bone.affine(1.0)[:, :3]
+    assert R == pytest.approx(turn(np.pi / 2)[:, :3], abs=1e-14)
+    with pytest.raises(BadInput, match=r"its 3 frames end at 1 s: expected frames .* the run, 2 s"):
+        read(ARM, "arm.bvh", time={"duration": 2.0, "steps": 2}, **keys)
+
+
+@pytest.mark.parametrize(
+    "text, motion, message",
+    [
+        (ARM, {"joint": "Elbo"}, "joint = 'Elbo': expected a joint of .*did you mean 'Elbow'"),
+        (ARM, {"joint": "Elbow", "frames": [1, 3]}, "frames = [1, 3]: expected two ascending"),
+        (ARM[:-20], {"joint": "Elbow"}, "arm.bvh, line 20: the end of the file: expected a finite"),
+        (ARM + "1", {"joint": "Elbow"}, "line 22: '1': expected the end of the file after 3 fra"),
+        ("BODY", {"joint": "Elbow"}, "arm.bvh, line 1: 'BODY': expected 'HIERARCHY'"),
+        (ARM.replace("3 Z", "3 Q"), {"joint": "Elbow"}, "line 9: 'Qrotation': expected 'Xposition"),
+        (ARM.replace("OFFSET 3", "OFFSET x"), {"joint": "Elbow"}, "line 8: 'x': expected a finite"),
+    ],
+)
+def test_mistakes_of_a_skeleton(read, text, motion, message):
+    with pytest.raises(BadInput, match=re.escape(message).replace(r"\.\*", ".*")) as error:
+        read(text, "arm.bvh", motion=motion)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    "function, message",
+    [
+        (lambda load: np.eye(3), "at load 0.5 = array.*: expected a 3x4 matrix"),
+        (lambda load: "up", "expected a 3x4 matrix"),
+        (lambda load: np.full((3, 4), np.nan), "expected a 3x4 matrix [A | c] of finite numbers"),
+        (lambda load: np.eye(3, 4) * -1, "at load 0.5: det A = -1: expected a determinant > 0"),
+        (
+            lambda load: 1.0 / (load - load),
+            "at load 0.5: ZeroDivisionError",
+        ),
+    ],
+)
+def test_functions_that_return_no_affine_map(read, function, message):
+    bone = read(motion=function)
+    with pytest.raises(BadInput, match=re.escape(message).replace(r"\.\*", ".*")):
+        bone.affine(0.5)
+
+
+@pytest.mark.parametrize("smooth", [False, True])
+def test_noise_is_bounded_and_depends_on_seed_and_name(smooth):
+    centre, L, a = np.array([1.0, 2.0, 3.0]), 0.4, 0.05
+    noise = Noise(a, 7, 200, smooth)
+    maps = noise.maps("ulna", centre, L)
+    X = np.random.default_rng(0).normal(size=(300, 3))
+    X = centre + L / 2 * X / np.linalg.norm(X, axis=1)[:, None]
+    moved = np.linalg.norm(
+        np.einsum("fij,nj->fni", maps[:, :, :3], X) + maps[:, None, :, 3], axis=2
+    )
+    assert not maps[0].any() and 0.7 * a * L < moved.max() <= a * L
+    # The mean square of t is 3/5 of 1/4, that of B e is 9/11 of 1/3: exact moments of the balls.
+    expected = (a * L) ** 2 * (3 / 5 / 4 + 9 / 11 / 3 / 4)
+    assert (moved[1:] ** 2).mean() == pytest.approx(expected, rel=0.1)
+    motion = noise.motion("ulna", centre, L)
+    assert motion(0.5) == pytest.approx(maps[100], abs=1e-15)
+    if not smooth:
+        assert motion(0.5025) == pytest.approx((maps[100] + maps[101]) / 2, abs=1e-13)
+    assert np.array_equal(maps, Noise(a, 7, 200).maps("ulna", centre, L))
+    for other in (Noise(a, 8, 200).maps("ulna", centre, L), noise.maps("radius", centre, L)):
+        assert not np.allclose(maps[1:], other[1:])

@@ -1,0 +1,134 @@
+"""The eigenvalue filters, and results outside the domain of an energy."""
+
+from __future__ import annotations
+
+import hypothesis.strategies as st
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis.extra.numpy import arrays
+from points import (
+    KINDS,
+    deformations,
+    every_kind,
+    every_material,
+    filtered,
+    make,
+    spread,
+)
+
+from fem_snh.choices import EIGENSOLVERS, FILTERS
+
+
+@pytest.mark.parametrize("solver", EIGENSOLVERS)
+@pytest.mark.parametrize("filter", ["clamp", "abs"])
+@every_kind
+@every_material
+def test_filters_against_numpy(m, kind, filter, solver):
+    m = make(*m)
+    F = deformations(KINDS[kind], seed=1)
+    H, found = m.hessian(F, "exact", solver), m.hessian(F, filter, solver)
+    assert np.isfinite(H).all()
+    assert np.isfinite(found).all()
+    size = spread(H)[:, None, None]
+    assert np.all(abs(found - filtered(H, filter)) <= 5e-15 * size)
+    assert np.all(found == np.swapaxes(found, 1, 2))
+    assert np.all(np.linalg.eigvalsh(found / size) >= -5e-15)
+
+
+@every_kind
+@every_material
+def test_the_objective_hessian_has_no_stiffness_of_spins(m, kind):
+    """The clamped one, projected by numpy onto what is orthogonal to W F for all skew W."""
+    m = make(*m)
+    F = deformations(KINDS[kind], seed=1)
+    clamped, found = m.hessian(F, "clamp"), m.hessian(F, "objective")
+    skew = np.zeros((3, 3, 3))
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        skew[i, k, j], skew[i, j, k] = 1.0, -1.0
+    spins = np.einsum("wij,njk->nwki", skew, F).reshape(len(F), 3, 9)  # by columns
+    size = spread(clamped)[:, None]
+    moved = abs(np.einsum("nij,nwj->nwi", found, spins)).max(axis=1)
+    assert np.all(moved <= 1e-14 * size * abs(F).max(axis=(1, 2))[:, None])
+    assert np.all(np.linalg.eigvalsh(found / size[..., None]) >= -1e-14)
+    regular = np.linalg.svd(F, compute_uv=False)[:, 1] > 1e-2 * abs(F).max(axis=(1, 2))
+    basis = np.linalg.qr(np.swapaxes(spins[regular], 1, 2))[0]
+    kept = np.eye(9) - basis @ np.swapaxes(basis, 1, 2)
+    expected = kept @ clamped[regular] @ kept
+    assert np.all(abs(found[regular] - expected) <= 1e-13 * size[regular, None])
+
+
+@every_material
+def test_filters_leave_a_positive_definite_hessian_unchanged(m):
+    m = make(*m)
+    rng = np.random.default_rng(3)
+    F = np.eye(3) + 0.02 * rng.standard_normal((500, 3, 3))
+    H = m.hessian(F)
+    positive = np.linalg.eigvalsh(H)[:, 0] > 1e-6 * spread(H)
+    assert positive.any()
+    for filter in ("clamp", "abs"):
+        assert np.array_equal(m.hessian(F, filter)[positive], H[positive])
+
+
+@every_material
+def test_a_point_does_not_depend_on_its_neighbours(m):
+    """Eight points are evaluated at a time; the neighbours depend on the number of ranks."""
+    m = make(*m)
+    F = deformations(np.concatenate([KINDS[k] for k in KINDS])[::7], seed=4)
+    for filter in FILTERS:
+        alone = np.array([m.hessian(f, filter) for f in F])
+        assert np.array_equal(m.hessian(F, filter), alone)
+
+
+# --- outside the domain --------------------------------------------------------------------------
+
+#: Deformation gradients that are not finite: outside the domain of every energy.
+OUT = np.stack([np.eye(3)] * 5)
+OUT[0, 0, 0] = OUT[1, 1, 2] = np.nan
+OUT[2, 2, 2], OUT[3, 0, 1] = np.inf, -np.inf
+OUT[4] = np.nan
+
+
+@every_material
+def test_outside_the_domain_the_energy_is_infinite_and_all_else_zero(m):
+    m = make(*m)
+    F = np.concatenate([OUT, deformations([[2, 1, -1e-3], [1, 1, 0], [3, -1, 2]])])
+    psi = m.energy(F)
+    assert not np.isnan(psi).any()
+    assert np.all(psi[: len(OUT)] == np.inf)
+    outside = np.isinf(psi)
+    parts = [m.pk1(F), *(m.hessian(F, f, s) for f in FILTERS for s in EIGENSOLVERS)]
+    for part in parts:
+        assert np.isfinite(part).all()
+        assert not part[outside].any()
+    values, vectors = m.eigensystem(F)
+    assert not values[outside].any()
+    assert np.isfinite(vectors).all()
+    assert m.energy(1e110 * np.eye(3)) == np.inf  # overflows
+
+
+@pytest.mark.one_debian
+@every_material
+@given(F=arrays(float, (3, 3), elements=st.floats(width=64)))
+def test_no_result_is_nan(m, F):
+    m = make(*m)
+    assert m.energy(F) == m.energy(F)
+    for part in (m.pk1(F), m.hessian(F), m.hessian(F, "clamp"), *m.eigensystem(F)):
+        assert np.isfinite(part).all()
+
+
+def test_shapes_and_choices():
+    m = make("neo_hookean", 0.3)
+    F = np.tile(np.eye(3), (2, 3, 1, 1))
+    assert m.energy(F).shape == (2, 3)
+    assert m.pk1(F).shape == (2, 3, 3, 3)
+    assert m.hessian(F).shape == (2, 3, 9, 9)
+    assert [a.shape for a in m.eigensystem(F)] == [(2, 3, 9), (2, 3, 9, 9)]
+    assert m.energy(np.empty((0, 3, 3))).shape == (0,)
+    assert m.hessian(np.empty((4, 0, 3, 3))).shape == (4, 0, 9, 9)
+    assert m.energy(np.eye(3, dtype=int)) == 0
+    with pytest.raises(ValueError, match=r"\(3, 3\)"):
+        m.energy(np.eye(2))
+    for wrong in ({"filter": "clamps"}, {"eigensolver": "qubic"}):
+        with pytest.raises(ValueError, match="did you mean"):
+            m.hessian(F, **wrong)

@@ -1,0 +1,331 @@
+"""Deflated conjugate gradients: subdomains, linear functions, coarse matrix, convergence."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import numpy as np
+import pytest
+from bodies import dense
+from hypothesis import given
+from hypothesis import strategies as st
+from plane_programs import COMPONENTS, clamped
+from test_eisenstat import Reason, body, right_side, solve
+
+from fem_snh._petsc import default_options
+from fem_snh.linalg.coarse_layout import Distributed
+from fem_snh.linalg.coarse_space import coordinate_bisection, linear_functions
+from fem_snh.linalg.ssor_system import _default_subdomains
+from fem_snh.solver import EisenstatCG
+
+mpi = pytest.mark.mpi
+
+
+@pytest.fixture
+def subdomains(request):
+    """The number of deflation subdomains, set as a PETSc option."""
+    with default_options("", {"ksp_deflation_subdomains": request.param}):
+        yield request.param
+
+
+def with_subdomains(*counts):
+    """Parametrise a test by the number of subdomains."""
+    return pytest.mark.parametrize("subdomains", counts, indirect=True)
+
+
+def each_layout(comm):
+    """Let every rank have all of the coarse matrix and, on several, the rows of its subdomains."""
+    for replicated in (1000, 0)[: comm.size]:
+        with default_options("", {"ksp_deflation_replicated": replicated}):
+            yield replicated
+
+
+# --- subdomains and functions --------------------------------------------------------------------
+
+
+@pytest.mark.one_debian
+@given(st.integers(1, 200), st.integers(1, 40), st.integers(0, 9))
+def test_subdomains_have_equal_numbers_of_nodes(nodes, subdomains, seed):
+    subdomains = min(nodes, subdomains)
+    counts = np.bincount(
+        coordinate_bisection(np.random.default_rng(seed).random((nodes, 3)), subdomains)
+    )
+    assert len(counts) == subdomains and counts.min() >= 1
+    assert np.abs(counts - counts.mean()).max() < 2  # each bisection rounds; the next halves it
+
+
+def test_subdomains_are_boxes():
+    """Cuts are normal to the longest extent: a bar is cut into slices."""
+    x = np.random.default_rng(0).random((400, 3)) * (8, 1, 1)
+    subdomain = coordinate_bisection(x, 4)
+    ends = sorted((x[subdomain == k, 0].min(), x[subdomain == k, 0].max()) for k in range(4))
+    assert all(one[1] < other[0] for one, other in pairwise(ends))
+
+
+@pytest.mark.parametrize(("shape", "functions"), [((1, 1, 1), 4), ((1, 1, 0), 3), ((0, 0, 0), 1)])
+def test_functions_are_orthonormal_and_span_the_linear_ones(shape, functions):
+    x = 5.0 + np.random.default_rng(1).random((60, 3)) * shape
+    free = np.ones((60, 3), bool)
+    free[:7, 1] = False
+    values = linear_functions(x, np.repeat([0, 1], 30), free).astype(float)
+    assert not values[:7, 1].any()
+    for nodes in (slice(0, 30), slice(30, 60)):
+        for k in range(3):
+            G = values[nodes, k]
+            product = G.T @ G
+            assert np.allclose(
+                product, np.diag([1.0] * functions + [0.0] * (4 - functions)), atol=1e-6
+            )
+            wanted = np.where(free[nodes, k], x[nodes] @ (1.0, -2.0, 3.0) + 4.0, 0.0)
+            assert np.allclose(G @ (G.T @ wanted), wanted, atol=1e-5)
+
+
+# --- the coarse matrix ---------------------------------------------------------------------------
+
+
+@with_subdomains(6, 80)
+def test_the_coarse_matrix_is_the_galerkin_product(comm, subdomains):
+    p = body(comm)
+    ours = EisenstatCG(p.coordinates)
+    ksp = PETSc.KSP().create(comm)
+    ksp.setOperators(p.A)
+    ours.create(ksp)
+    ours.setFromOptions(ksp)
+    ours.update_matrix(p.A)
+    deflation = ours._system.deflation
+    coarse, A = deflation.coarse, dense(p.A) * ours._system.scale
+    rows = len(p.coordinates)
+    Z = np.zeros((rows, 3, subdomains, 3, 4))
+    for k in range(3):
+        Z[np.arange(rows), k, coarse.subdomain, k] = coarse.functions[:, k]
+    Z = Z.reshape(3 * rows, 12 * subdomains)
+    AZ = np.zeros((rows, 3, subdomains, 12))
+    start, near, image = (coarse.arrays[k] for k in ("pair_start", "pair_subdomain", "image"))
+    for i in range(rows):
+        AZ[i][:, near[start[i] : start[i + 1]]] = image[start[i] : start[i + 1]].swapaxes(0, 1)
+    assert np.allclose(AZ.reshape(Z.shape), A @ Z, atol=1e-6 * np.abs(A @ Z).max())
+    E = Z.T @ A @ Z
+    # Some functions are zero where a subdomain has few nodes.
+    assert np.allclose(E @ [deflation.E.solve(row) for row in E], E, atol=1e-8)
+
+
+# --- convergence ---------------------------------------------------------------------------------
+
+
+@pytest.mark.one_debian
+@mpi
+@with_subdomains(24)
+def test_iterations_are_halved(comm, subdomains):
+    p = body(comm, cells=12)
+    ksp, x, residual = solve(p, right_side(p), rtol=1e-6)
+    PETSc.Options()["ksp_deflation_subdomains"] = 0
+    plain, y, _ = solve(p, right_side(p), rtol=1e-6)
+    assert ksp.getIterationNumber() < 0.5 * plain.getIterationNumber()
+    assert residual < 1e-5
+    y.axpy(-1.0, x)
+    assert y.norm() < 1e-4 * x.norm()
+
+
+@mpi
+@with_subdomains(24)
+def test_ranks_add_few_iterations(comm, subdomains):
+    """Sweeps are within each rank; the shift of D makes up for most of what they leave out."""
+    alone, together = (body(of, cells=12) for of in (MPI.COMM_SELF, comm))
+    one, several = (solve(p, right_side(p), rtol=1e-6)[0] for p in (alone, together))
+    assert several.getIterationNumber() <= 1.2 * one.getIterationNumber()
+
+
+def test_more_ranks_have_more_subdomains():
+    assert [_default_subdomains(19517, ranks, 3) for ranks in (1, 2, 4, 16)] == [38, 38, 76, 76]
+    assert [_default_subdomains(74925, ranks, 3) for ranks in (1, 2, 4, 16)] == [74, 74, 100, 100]
+    assert [_default_subdomains(327_697, ranks, 3) for ranks in (1, 2, 16)] == [327, 327, 327]
+    assert _default_subdomains(3_000_000, 16, 3) == _default_subdomains(3_000_000, 1, 3) == 3000
+    assert _default_subdomains(2047, 16, 3) == 0
+
+
+def test_sections_have_more_subdomains_than_bodies():
+    """A section of as many nodes has a longer diameter in nodes."""
+    counts = [_default_subdomains(nodes, 1, 2) for nodes in (255, 256, 1089, 4225, 16641, 66049)]
+    assert counts == [0, 4, 16, 16, 64, 66]
+
+
+@pytest.mark.one_debian("ranks")
+@mpi
+@with_subdomains(-1)
+def test_small_bodies_are_not_deflated(comm, subdomains):
+    """The default on a small body is no deflation, the same as 0."""
+    p = body(comm)
+    default = solve(p, right_side(p))[0].getIterationNumber()
+    PETSc.Options()["ksp_deflation_subdomains"] = 0
+    assert solve(p, right_side(p))[0].getIterationNumber() == default
+
+
+@pytest.mark.one_debian("ranks")
+@mpi
+@with_subdomains(0, 1, 5, 60, 80)
+@pytest.mark.parametrize("hold", [(), ("x",), ("x", "z")])
+def test_unconstrained_rigid_motions(comm, subdomains, hold):
+    """Matrix and coarse matrix are singular; a right-hand side in their range is solved for."""
+    p = body(comm, hold=hold, size=0.0)
+    b, x = p.x.duplicate(), p.x.duplicate()
+    x.array[:] = np.sin(7.0 * p.coordinates).ravel()
+    p.prescribe(x)
+    p.A.mult(x, b)
+    for _ in each_layout(comm):
+        ksp, y, residual = solve(p, b, rtol=1e-5)
+        assert ksp.getConvergedReason() > 0 and residual < 3e-5
+        assert y.norm() < 1.5 * x.norm()  # rigid motions are left out
+
+
+@mpi
+@with_subdomains(5, 80)
+def test_negative_curvature_of_the_coarse_matrix_ends_a_solve(comm, subdomains):
+    """Rotations of a compressed subdomain have negative curvature: no iteration is needed."""
+    p = body(comm, size=0.0, hold=())
+    x = p.x.duplicate()
+    x.array[:] = (-0.4 * p.coordinates).ravel()
+    p.jacobian(x, "exact")
+    p.x.set(1.0)
+    for _ in each_layout(comm):
+        ksp, y, _ = solve(p, p.x)
+        assert ksp.getConvergedReason() == Reason.DIVERGED_INDEFINITE_MAT
+        assert ksp.getIterationNumber() == 0 and y.norm() == 0
+
+
+@mpi
+@with_subdomains(5)
+def test_nan_off_the_diagonal_is_reported(comm, subdomains):
+    p = body(comm)
+    b = right_side(p)
+    first, last = p.A.getOwnershipRange()
+    row = first + 30
+    column = next(j for j in p.A.getRow(row)[0] if row // 3 < j // 3 and j < last)
+    p.A.setValue(row, column, np.nan)
+    p.A.assemble()
+    for _ in each_layout(comm):
+        ksp, *_ = solve(p, b)
+        assert ksp.getConvergedReason() == Reason.DIVERGED_NANORINF
+
+
+@pytest.mark.one_debian("ranks")
+@mpi
+@with_subdomains(5)
+def test_the_constrained_unknowns_may_change(comm, subdomains):
+    """Z is zero on unknowns that the matrix couples to no other, and follows their changes."""
+    p = body(comm)
+    b = right_side(p)
+    ksp = solve(p, b)[0]
+    first = p.A.getOwnershipRange()[0]
+    rows = np.arange(first + 30, first + 33, dtype=PETSc.IntType)
+    p.A.zeroRowsColumns(rows, diag=2.0)
+    x, r = b.duplicate(), b.duplicate()
+    ksp.setTolerances(rtol=1e-8)
+    ksp.solve(b, x)
+    p.A.mult(x, r)
+    r.axpy(-1.0, b)
+    assert r.norm() < 1e-6 * b.norm()
+    assert x.array[30:33] == pytest.approx(b.array[30:33] / 2, rel=1e-5)
+
+
+@mpi
+@with_subdomains(1)
+def test_a_solution_in_the_coarse_space_needs_no_iterations(comm, subdomains):
+    """A uniform strain of a free body is in the range of Z, on any number of ranks."""
+    p = body(comm, size=0.0, hold=())
+    x, b = p.x.duplicate(), p.x.duplicate()
+    x.array[:] = (p.coordinates * (0.3, -0.1, 0.0)).ravel()
+    p.A.mult(x, b)
+    ksp, _, residual = solve(p, b)
+    if comm.size == 1:
+        assert ksp.getIterationNumber() <= 1
+    assert ksp.getConvergedReason() > 0 and residual < 1e-3
+
+
+@mpi
+@with_subdomains(4)
+def test_every_rank_has_a_subdomain(comm, subdomains):
+    p = body(comm, cells=2)
+    for _ in each_layout(comm):
+        _, _, residual = solve(p, right_side(p), rtol=1e-6)
+        assert comm.allreduce(residual, op=MPI.MAX) < 1e-5
+
+
+@mpi
+@with_subdomains(80)
+def test_a_distributed_coarse_matrix_is_the_same(comm, subdomains):
+    """Iterations and solutions do not depend on where its rows are."""
+    p = body(comm, cells=8)
+    b, found = right_side(p), []
+    for _ in each_layout(comm):
+        ksp, x, residual = solve(p, b, rtol=1e-6)
+        found.append((ksp.getIterationNumber(), x))
+        assert residual < 1e-5
+    (first, x), (second, y) = found[0], found[-1]
+    assert abs(first - second) <= 1
+    assert np.abs(y.array - x.array).max() <= 1e-5 * x.norm(PETSc.NormType.INFINITY)
+
+
+@mpi
+def test_coarse_vectors_of_a_ring_of_ranks(comm):
+    """Each rank has two subdomains and its ghosts that of the next rank: sums and copies."""
+    ranks, columns = comm.size, 3
+    ghosts = [] if ranks == 1 else [2 * ((comm.rank + 1) % ranks)]
+    layout = Distributed(comm, [2] * ranks, np.array(ghosts, int), columns)
+    assert layout.held.tolist() == [2 * comm.rank, 2 * comm.rank + 1, *ghosts]
+    assert layout.local(layout.held).tolist() == list(range(len(layout.held)))
+    y = np.repeat(10.0 * layout.held + 1, columns)
+    layout.add(y)
+    times = 1 if ranks == 1 else 2  # what the rank before has added to the first
+    first, second = 10.0 * layout.held[:2] + 1
+    assert y[: 2 * columns].tolist() == [times * first] * columns + [second] * columns
+    whole = layout.extend(y[: 2 * columns])
+    assert whole[: 2 * columns].tolist() == y[: 2 * columns].tolist()
+    copied = [2 * (10.0 * g + 1) for g in ghosts for _ in range(columns)]
+    assert whole[2 * columns :].tolist() == copied
+
+
+# --- meshes of two dimensions --------------------------------------------------------------------
+
+
+def test_the_fourth_function_of_two_coordinates_is_their_product():
+    x = 5.0 + np.random.default_rng(1).random((60, 2))
+    values = linear_functions(x, np.zeros(60, int), np.ones((60, 2), bool)).astype(float)
+    assert values.shape == (60, 2, 4)
+    for component in range(2):
+        G = values[:, component]
+        assert np.allclose(G.T @ G, np.eye(4), atol=1e-6)
+        wanted = 4.0 + x @ (1.0, -2.0) + 3.0 * x.prod(axis=1)
+        assert np.allclose(G @ (G.T @ wanted), wanted, atol=1e-5)
+
+
+@pytest.mark.one_debian
+@mpi
+@with_subdomains(0, 16)
+@pytest.mark.parametrize("kinematics", COMPONENTS)
+def test_sections_are_solved_to_any_tolerance(comm, subdomains, kinematics):
+    p = clamped(comm, kinematics, cells=24)
+    ksp, _, residual = solve(p, right_side(p), rtol=1e-9)
+    assert ksp.getConvergedReason() == Reason.CONVERGED_RTOL and residual <= 1e-8
+    assert ksp.getIterationNumber() <= (80 if subdomains else 200)
+
+
+@with_subdomains(1)
+@pytest.mark.parametrize("kinematics", COMPONENTS)
+def test_linear_motions_of_a_section_are_in_the_coarse_space(subdomains, kinematics):
+    """A free section that is strained, moved and turned needs no iteration."""
+    p = clamped(MPI.COMM_SELF, kinematics, cells=8, hold=False)
+    X, components = p.coordinates, COMPONENTS[kinematics]
+    motion = {
+        "plane_strain": np.stack([1 - 0.3 * X[:, 1], 2 + 0.1 * X[:, 0]], axis=1),
+        "axisymmetric": np.stack([0.2 * X[:, 0], 1 - 0.1 * X[:, 1]], axis=1),
+        "axisymmetric_torsion": np.stack([0.2 * X[:, 0], X[:, 1], 0.3 * X[:, 0]], axis=1),
+    }[kinematics]
+    assert motion.shape[1] == components
+    x, b = p.x.duplicate(), p.x.duplicate()
+    x.array[:] = motion.ravel()
+    p.A.mult(x, b)
+    ksp, _, residual = solve(p, b)
+    assert ksp.getIterationNumber() <= 1 and ksp.getConvergedReason() > 0 and residual < 1e-3

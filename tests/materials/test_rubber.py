@@ -1,0 +1,122 @@
+"""Energies of rubber: published constants against Treloar's data, closed forms and derivatives."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import sympy
+
+import fem_snh
+
+pytestmark = pytest.mark.one_debian
+
+#: Treloar 1944, 20 degrees, uniaxial tension: stretch and nominal stress [kg/cm^2], as tabulated
+#: by Steinmann, Hossain & Possart 2012.
+STRETCH = np.array(
+    [1.12, 1.24, 1.39, 1.61, 1.89, 2.17, 2.42, 3.01, 3.58, 4.03, 4.76, 5.36, 5.76, 6.16, 6.40, 6.62,
+     6.87, 7.05, 7.16, 7.27, 7.43, 7.50, 7.61]
+)  # fmt: skip
+NOMINAL = np.array(
+    [1.37, 2.30, 3.23, 4.16, 5.10, 6.00, 6.90, 8.80, 10.7, 12.5, 16.2, 19.9, 23.6, 27.4, 31.0, 34.8,
+     38.5, 42.1, 45.8, 49.6, 53.3, 57.1, 64.4]
+)  # fmt: skip
+#: One kg/cm^2 in MPa.
+KG = 0.0980665
+NU = 0.4999
+
+
+def uniaxial(m: fem_snh.Material, t: np.ndarray) -> np.ndarray:
+    """Return the nominal stress of an incompressible bar: the pressure makes its sides free."""
+    F = np.stack([np.diag([s, s**-0.5, s**-0.5]) for s in t])
+    P = m.pk1(F)
+    return P[:, 0, 0] - P[:, 1, 1] * t**-1.5
+
+
+def modulus(mu: float) -> float:
+    """Return Young's modulus of a shear modulus."""
+    return 2 * mu * (1 + NU)
+
+
+def made(name: str) -> fem_snh.Material:
+    """Return a material with its published constants for Treloar's rubber [MPa]."""
+    if name == "gent":  # Ogden, Saccomandi & Sgura 2004
+        return fem_snh.material("gent", E=modulus(2.4195 * KG), nu=NU, J_m=77.931)
+    if name == "extended_tube":  # Kaliske & Heinrich 1999
+        delta = 0.09693
+        E = modulus((1 - 2 * delta**2) * 0.1867 + 0.2169)
+        return fem_snh.material(name, E=E, nu=NU, Gc=0.1867, delta=delta, beta=0.2)
+    # Marckmann & Verron 2006
+    return fem_snh.material(name, E=modulus(0.434), nu=NU, lambda_m=10.24, a=0.32, beta=0.042)
+
+
+@pytest.mark.parametrize(
+    ("name", "worst"), [("gent", 0.015), ("extended_tube", 0.014), ("van_der_waals", 0.02)]
+)
+def test_published_constants_give_treloar_s_stresses(name, worst):
+    """Root mean square of the error, relative to the largest stress."""
+    error = uniaxial(made(name), STRETCH) - NOMINAL * KG
+    assert np.sqrt(np.mean(error**2)) <= worst * NOMINAL[-1] * KG
+
+
+def test_yeoh_s_constants_from_treloar_s_data():
+    """The stress is linear in C10, C20, C30: numpy fits them, the program agrees."""
+    I1, t = STRETCH**2 + 2 / STRETCH, STRETCH
+    terms = [2 * (t - t**-2) * k * (I1 - 3) ** (k - 1) for k in (1, 2, 3)]
+    C10, C20, C30 = np.linalg.lstsq(np.stack(terms, 1), NOMINAL * KG, rcond=None)[0]
+    m = fem_snh.material("yeoh", E=modulus(2 * C10), nu=NU, C20=C20, C30=C30)
+    assert m.numbers.values[:3] == pytest.approx((C10, C20, C30), rel=1e-12)
+    stress = uniaxial(m, t)
+    assert stress == pytest.approx(C10 * terms[0] + C20 * terms[1] + C30 * terms[2], rel=1e-12)
+    assert np.sqrt(np.mean((stress / KG - NOMINAL) ** 2)) <= 0.02 * NOMINAL[-1]
+    default = fem_snh.material("yeoh", E=modulus(2 * C10), nu=NU).numbers.values
+    assert default[:3] == pytest.approx((C10, C20, C30), rel=0.01)
+
+
+def test_gent_in_closed_form():
+    """P = mu J_m/(J_m - I1 + 3) (s - 1/s^2) (Gent 1996, eq. 2 and 3)."""
+    m, t = fem_snh.material("gent", E=modulus(1.0), nu=NU, J_m=30.0), np.linspace(0.5, 5, 10)
+    limit = 30 / (30 - t**2 - 2 / t + 3)
+    assert uniaxial(m, t) == pytest.approx(limit * (t - t**-2), rel=1e-11)
+
+
+def test_extended_tube_s_moduli_by_differentiation():
+    """The shear modulus is (1 - 2 delta^2) Gc + Ge; the tube model is the limit delta = 0."""
+    t, Gc, Ge, d, b = sympy.symbols("t Gc Ge delta beta", positive=True)
+    x = t**2 + 2 / t - 3
+    links = Gc / 2 * ((1 - d**2) * x / (1 - d**2 * x) + sympy.log(1 - d**2 * x))
+    stretches = (t, t ** sympy.Rational(-1, 2), t ** sympy.Rational(-1, 2))
+    energy = links + 2 * Ge / b**2 * sum(s**-b - 1 for s in stretches)
+    young = sympy.simplify(sympy.diff(energy, t, 2).subs(t, 1))
+    assert sympy.simplify(young - 3 * ((1 - 2 * d**2) * Gc + Ge)) == 0
+    m = fem_snh.material("extended_tube", E=1.7, nu=0.3, delta=0.5, beta=0.7)
+    shear = 0.5 * m.numbers.values[0] + m.numbers.values[1]
+    assert shear == pytest.approx(m.lame[0], rel=1e-12)
+    stress = sympy.lambdify(t, sympy.diff(energy, t).subs(
+        {Gc: m.numbers.values[0], Ge: m.numbers.values[1], d: 0.5, b: 0.7}
+    ))  # fmt: skip
+    s = np.array([0.6, 0.9, 1.2, 1.7])
+    assert uniaxial(m, s) == pytest.approx(stress(s), rel=1e-11)
+
+
+def test_van_der_waals_in_closed_form():
+    """Enderle & Kilian's stress, and the polynomial that replaces it near rest."""
+    m = fem_snh.material("van_der_waals", E=modulus(1.0), nu=NU, lambda_m=5.0, a=0.4, beta=0.3)
+    t = np.array([0.4, 0.8, 1.02, 1.5, 3.0, 4.5])
+    x = 0.7 * (t**2 + 2 / t) + 0.3 * (2 * t + t**-2) - 3
+    slope = 1 / (1 - np.sqrt(x / 22)) / 2 - 0.2 * np.sqrt(x / 2)
+    expected = 2 * (t - t**-2) * (0.7 + 0.3 / t) * slope
+    assert uniaxial(m, t) == pytest.approx(expected, rel=1e-11)
+    # A strain of 1e-3 is in the polynomial: its shear modulus differs by less than 1 %.
+    t = 1 + np.array([1e-3, -1e-3, 1e-6])
+    assert uniaxial(m, t) == pytest.approx(2 * (t - t**-2) * (0.7 + 0.3 / t) / 2, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("name", "key", "value"),
+    [("gent", "J_m", 0.0), ("extended_tube", "delta", 0.7), ("extended_tube", "beta", 0.0),
+     ("van_der_waals", "lambda_m", 1.7), ("van_der_waals", "a", -0.1),
+     ("van_der_waals", "beta", 2.0)],
+)  # fmt: skip
+def test_parameters_out_of_range(name, key, value):
+    with pytest.raises(fem_snh.BadInput, match=f"{key} = .*expected a number"):
+        fem_snh.material(name, **{key: value})

@@ -1,0 +1,148 @@
+"""Thresholds and properties of the energies of Smith et al. 2018."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import sympy
+from points import deformations, make, observed_order, vec
+from smith_formulas import NU
+
+from fem_snh import materials
+from fem_snh.errors import BadInput
+from fem_snh.materials.functions import SIGMA
+
+pytestmark = pytest.mark.one_debian
+
+# --- thresholds ----------------------------------------------------------------------------------
+
+
+def in_numbers(energy):
+    """Principal stresses and their derivatives at three stretches, by numpy."""
+    rows = [[sympy.diff(p, s) for s in SIGMA] for p in energy.slopes]
+    pieces = {"where": lambda x, a, b: a if x > 0 else b}
+    call = sympy.lambdify(
+        (*SIGMA, *energy.constants), (list(energy.slopes), rows), [pieces, "math"]
+    )
+    return lambda s: tuple(np.array(x) for x in call(*s, *energy.values))
+
+
+@pytest.mark.parametrize("nu", [-0.5, -0.24, 0.0, 0.2, 0.3, 0.49, 0.4999])
+def test_how_much_resistance_stvk_needs(nu):
+    """Below the documented bound the state turned inside out is a minimum; at it, no longer."""
+    mu, lam = 1.0, 2 * nu / (1 - 2 * nu)
+    a = np.sqrt((2 * mu + 3 * lam) / (4 * mu + 3 * lam))
+    bound = 864 * (mu + 1.5 * lam) * (1 - a**2) / (a * (1 + a**3) ** 2)
+    assert bound < materials.defaults("stvk_kikuuwe")["kappa"]
+    least = {}
+    for factor in (0.99, 1.0, 1.01):
+        x = a
+        at = in_numbers(materials.make_energy("stvk_kikuuwe", nu=nu, kappa=factor * bound))
+        for _ in range(30):  # Newton for P = 0 among the states (x, x, -x), from the bound's
+            P, H = at((x, x, -x))
+            x -= P[0] / (H[0, 0] + H[0, 1] - H[0, 2])
+        assert at((x, x, -x))[0] == pytest.approx(0, abs=1e-12)
+        least[factor] = np.linalg.eigvalsh(at((x, x, -x))[1])[0]
+    assert least[0.99] > 1e-4
+    assert least[1.0] == pytest.approx(0, abs=1e-9)
+    assert least[1.01] < -1e-4
+
+
+def by_clamping(s, mu, lam, limit=0.25):
+    """The stress of stretches s0 >= s1 >= s2 that are brought to J = limit one after the other."""
+    s = np.array(s)
+    if s.prod() >= limit:
+        return mu * s - (mu - lam * np.log(s.prod())) / s
+    x, y, _ = s
+    if x * y * y > limit:
+        c = np.array([x, y, limit / (x * y)])
+    elif x**3 > limit:
+        c = np.array([x, np.sqrt(limit / x), np.sqrt(limit / x)])
+    else:
+        c = np.full(3, np.cbrt(limit))
+    d, p = s - c, mu - lam * np.log(limit)
+    return mu * s + p * (d / c**2 - 1 / c) + lam * (d / c).sum() / c
+
+
+def test_filter_of_the_volume():
+    """bound="J" is eq. 5 continued linearly from the surface J = sigma_f; continuous there."""
+    m = make("filtered_neo_hookean", NU, bound="J")
+    rng = np.random.default_rng(0)
+    s = -np.sort(-rng.uniform(0, 2, (400, 3)) * rng.choice([0.2, 1], (400, 3)), axis=1)
+    s[::2, 2] *= -1
+    s = np.concatenate([s, [(0, 0, 0), (1, 0, 0), (0.5, 0.5, 0.5), (1, 1, 0.25), (1, 1, -1)]])
+    expected = np.array([by_clamping(x, *m.lame) for x in s])
+    found = np.diagonal(m.pk1(np.array([np.diag(x) for x in s])), axis1=1, axis2=2)
+    assert found == pytest.approx(expected, rel=1e-12, abs=1e-12)
+    above = s.prod(axis=1) >= 0.25
+    assert 20 < above.sum() < len(s) - 20
+    plain = make("neo_hookean", NU).pk1(np.array([np.diag(x) for x in s[above]]))
+    assert np.diagonal(plain, axis1=1, axis2=2) == pytest.approx(expected[above], rel=1e-11)
+    with pytest.raises(BadInput, match="bound"):
+        materials.make_energy("filtered_neo_hookean", bound="area")
+
+
+def test_filter_of_the_volume_has_a_tangent():
+    """Its Hessian is the symmetric part of the derivative of its stress, filtered or not."""
+    m, h = make("filtered_neo_hookean", NU, bound="J"), 1e-6
+    for sigma in [(1.4, 0.9, 0.6), (1.4, 0.9, 0.1), (2.0, 0.3, 0.2), (0.5, 0.4, -0.3)]:
+        F = deformations(sigma, seed=11)
+        columns = [
+            (vec(m.pk1(F + h * D)) - vec(m.pk1(F - h * D))) / (2 * h)
+            for D in np.swapaxes(np.eye(9).reshape(9, 3, 3), 1, 2)
+        ]
+        D = np.array(columns).T
+        assert m.hessian(F) == pytest.approx((D + D.T) / 2, abs=1e-7 * abs(D).max())
+
+
+def test_extrapolated_energies_agree_to_second_order():
+    """Along the ray from the identity, ours (in J) and Stomakhin et al.'s (all of psi, in the
+    stretches) differ by the third power of the distance beyond J = threshold."""
+    m, plain = make("c2_neo_hookean", NU), make("neo_hookean", NU)
+    end, a = np.array([1.2, 0.5, -0.7]), 0.4
+    t = min(x.real for x in np.roots(_along(end, a)) if abs(x.imag) < 1e-12 and 0 < x.real < 1)
+    q, u = 1 + t * (end - 1), (end - 1) / np.linalg.norm(end - 1)
+    assert q.prod() == pytest.approx(a)
+    slope = np.diag(plain.pk1(np.diag(q))) @ u
+    D = vec(np.diag(u))
+    curvature = D @ plain.hessian(np.diag(q)) @ D
+    h = 0.2 * 2.0 ** -np.arange(7)
+    theirs = plain.energy(np.diag(q)) + slope * h + curvature / 2 * h**2
+    ours = m.energy(np.array([np.diag(q + x * u) for x in h]))
+    error = abs(ours - theirs)
+    assert observed_order(h, error, np.full(7, 1e-15)) == pytest.approx(3, abs=0.1)
+
+
+def _along(end, a):
+    """The cubic prod(1 + t (end - 1)) - a in t."""
+    cubic = np.polynomial.Polynomial([1.0])
+    for x in end:
+        cubic *= np.polynomial.Polynomial([1.0, x - 1])
+    return (cubic - a).coef[::-1]
+
+
+# --- what they are said to do --------------------------------------------------------------------
+
+
+def test_wang_has_a_pressure_for_a_volume_term():
+    """Uniform stretch: the energy is linear in J, so it falls all the way to J = 0."""
+    m = make("neo_hookean_wang", NU)
+    J = np.array([0.01, 0.25, 1.0, 4.0, 64.0])
+    F = np.cbrt(J)[:, None, None] * np.eye(3)
+    lam = m.expression.values[1]
+    assert m.energy(F) == pytest.approx(lam / 2 * (J - 1), rel=1e-11, abs=1e-12)
+    assert m.expression.rest_stress == pytest.approx(lam / 2, rel=1e-12)
+
+
+def test_mooney_length_deflates():
+    """P(I) = mu I (eq. 10): the energy falls from rest as the body shrinks; SNH's rises."""
+    m, snh = make("mooney_length", NU), make("stable_neo_hookean", NU)
+    assert m.pk1(np.eye(3)) == pytest.approx(m.expression.values[0] * np.eye(3), rel=1e-12)
+    smaller = 0.99 * np.eye(3)
+    assert m.energy(smaller) < 0 < snh.energy(smaller)
+
+
+def test_neo_hookean_bower_lets_go_under_uniform_compression():
+    m = make("neo_hookean_bower", NU)
+    assert m.energy(1e-3 * np.eye(3)) == pytest.approx(m.expression.values[1] / 2, rel=1e-6)
+    assert m.energy(np.diag([1, 1, 1e-6])) > 1e3 * m.expression.E

@@ -1,0 +1,137 @@
+"""The claims of Smith et al. 2018 about the stability of the stable Neo-Hookean energy."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+import pytest
+import sympy
+
+from fem_snh.kernels.material import Material, material
+from fem_snh.kernels.reports import stability
+from fem_snh.kernels.reports.curves import stress
+from fem_snh.materials.functions import SIGMA
+
+pytestmark = pytest.mark.one_debian
+
+
+@lru_cache
+def made(name: str, nu: float = 0.3, **shape) -> Material:
+    return material(name, E=1.7, nu=nu, **shape)
+
+
+# --- the paper's claims about stable Neo-Hookean -------------------------------------------------
+
+SNH = [(nu, barrier) for nu in (0.0, 0.3, 0.45, 0.49) for barrier in (True, False)]
+snh = pytest.mark.parametrize("m", [made("stable_neo_hookean", nu, barrier=b) for nu, b in SNH],
+                              ids=[f"{nu}-{'eq14' if b else 'eq13'}" for nu, b in SNH])  # fmt: skip
+
+
+@snh
+def test_stable_neo_hookean_is_inversion_rest_and_reflection_stable(m):
+    four = stability.inversion(m), stability.reflection(m), stability.rest(m)
+    assert [s.verdict for s in four] == ["passed"] * 3, four
+    assert four[1].numbers == pytest.approx(dict.fromkeys(four[1].numbers, 0), abs=1e-13)
+    assert four[2].numbers == pytest.approx(dict.fromkeys(four[2].numbers, 0), abs=1e-14)
+
+
+@snh
+def test_crushed_to_a_plane_it_is_pushed_back_along_the_normal(m):
+    mu, lam = m.constants
+    a, b = 1.3, 0.6
+    alpha = 1 + (0.75 if m.expression.shape["barrier"] else 1) * mu / lam
+    P = m.pk1(np.diag([a, b, 0.0]))
+    assert P[2, 2] == pytest.approx(-lam * alpha * a * b)
+    assert stability.degeneracy(m).numbers["plane force"] < 0
+
+
+@snh
+def test_crushed_to_a_line_there_is_no_force_and_a_way_out(m):
+    mu, lam = m.constants
+    found = stability.degeneracy(m).numbers
+    assert found["line force"] == 0
+    # At length 1 the smallest eigenvalue across is mu_T - lambda alpha (eq. 45-48 at J = 0).
+    barrier = m.expression.shape["barrier"]
+    expected = mu / 2 - (lam + 0.75 * mu) if barrier else mu - (lam + mu)
+    assert found["line curvature"] * m.expression.E == pytest.approx(expected)
+    if m.expression.nu > 0 or barrier:
+        assert expected < 0 and "line" not in stability.degeneracy(m).reason
+
+
+@snh
+def test_crushed_to_a_point(m):
+    """Eq. 13 is positive definite there, eq. 14 exactly semidefinite (delta = 1)."""
+    mu, lam = m.constants
+    assert np.all(m.pk1(np.zeros((3, 3))) == 0)
+    values = np.linalg.eigvalsh(m.hessian(np.zeros((3, 3))))
+    found = stability.degeneracy(m)
+    if m.expression.shape["barrier"]:
+        assert np.all(np.abs(values) <= 1e-15 * mu)
+        assert found.verdict == "passed"
+    else:
+        assert values == pytest.approx(mu)
+        assert found.verdict == "failed" and found.reason.endswith("point")
+        # It attracts below the smaller positive root of mu s + lam s^2 (s^3 - 1 - mu/lam).
+        roots = np.roots([lam, 0, 0, -(lam + mu), mu])
+        root = min(r.real for r in roots if abs(r.imag) < 1e-12 and r.real > 0)
+        assert found.numbers["point basin"] == pytest.approx(min(root, 1), rel=0.01)
+
+
+def test_delta_is_one():
+    """Of all origin barriers log(I_C + delta), delta = 1 leaves nothing of the Hessian at F = 0."""
+    F = sympy.Matrix(3, 3, sympy.symbols("f0:9", real=True))
+    mu, lam, alpha, delta = sympy.symbols("mu lam alpha delta", positive=True)
+    I_C, J = (F.T * F).trace(), F.det()
+    psi = mu / 2 * (I_C - 3) + lam / 2 * (J - alpha) ** 2 - mu / 2 * sympy.log(I_C + delta)
+    zero = dict.fromkeys(F, 0)
+    H = sympy.Matrix(9, 9, lambda i, j: sympy.diff(psi, F[i], F[j]).subs(zero))
+    assert sympy.simplify(H - mu * (1 - 1 / delta) * sympy.eye(9)) == sympy.zeros(9)
+    entries = {e for e in H.applyfunc(sympy.simplify) if e != 0}
+    assert [sympy.solve(e, delta) for e in entries] == [[1]]
+
+
+def barrier_with(ratio: float) -> Material:
+    """Eq. 14 with that lambda/mu, its own constants (eq. 16)."""
+    m = made("stable_neo_hookean", (ratio - 5 / 8) / (2 * (ratio + 1 / 8)), barrier=True)
+    assert m.constants[1] / m.constants[0] == pytest.approx(ratio, rel=1e-12)
+    return m
+
+
+@lru_cache
+def threshold() -> float:
+    """lambda/mu of eq. 14 below which a second minimum appears under uniform scaling.
+
+    dpsi/ds over its trivial roots s^2 (s - 1) is a quartic; where its discriminant vanishes two
+    more stationary points are born.
+    """
+    name = made("stable_neo_hookean", -0.8, barrier=True).expression
+    s, r = sympy.symbols("s r", positive=True)
+    mu, lam = name.constants
+    along = name.psi_sigma.subs(dict.fromkeys(SIGMA, s)).subs({mu: 1, lam: r})
+    slope = sympy.numer(sympy.together(sympy.diff(along, s)))
+    quartic, rest = sympy.div(sympy.Poly(slope, s), sympy.Poly(s**2 * (s - 1), s))
+    assert rest == 0 and quartic.degree() == 4
+    born = []
+    for root in sympy.real_roots(sympy.Poly(sympy.discriminant(quartic), r)):
+        double = [
+            x for x in np.roots([float(c.subs(r, root)) for c in quartic.all_coeffs()])
+            if abs(x.imag) < 1e-4 and x.real > 0
+        ]  # fmt: skip
+        if root > 0 and double:
+            born.append(float(root))
+    return max(born)
+
+
+def test_no_spurious_minima_above_0_1525():
+    """0.152568..., of which the paper prints the first four digits."""
+    assert threshold() == pytest.approx(0.15256826, abs=1e-8)
+    assert int(threshold() * 1e4) == 1525
+
+
+@pytest.mark.parametrize(("factor", "minima"), [(0.9998, 2), (1.0002, 1)])
+def test_the_stress_under_uniform_scaling_has_that_threshold(factor, minima):
+    m = barrier_with(threshold() * factor)
+    s = np.linspace(0.02, 1.3, 200001)
+    p = stress(m, np.repeat(s[:, None], 3, axis=1))[:, 0]
+    assert np.count_nonzero((p[:-1] < 0) & (p[1:] >= 0)) == minima

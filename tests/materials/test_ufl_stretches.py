@@ -1,0 +1,125 @@
+"""m.ufl(F) of energies of the principal stretches, differentiated by UFL, against the kernels."""
+
+from __future__ import annotations
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+import ufl
+from points import NO_ENERGY, deformations, make, needs_stretches
+from ufl_values import energy_and_derivatives, value
+
+from fem_snh import _dolfinx, materials
+from fem_snh.errors import BadInput
+from fem_snh.kernels.ufl_forms import PrincipalFrame, freeze
+from fem_snh.mesh import mesh
+
+NU = 0.3
+ENERGIES = [n for n in materials.names() if n not in NO_ENERGY]
+OF_STRETCHES = [n for n in ENERGIES if needs_stretches(n)]
+#: F = I; three equal stretches; two equal ones, the third larger or smaller; flat and stretched.
+UPRIGHT = [(1, 1, 1), (0.8, 0.8, 0.8), (1.3, 1.3, 0.7), (1.3, 0.7, 0.7), (1.4, 0.9, 0.6)]
+UPRIGHT += [(3.4, 0.6, 0.5), (1.5, 1.2, 0.05), (30, 20, 10)]
+for gap in (1e-1, 1e-4, 1e-8, 1e-12):
+    UPRIGHT += [(1 + gap, 1, 1), (1.3 + gap, 1.3, 0.7), (1.3, 0.7 + gap, 0.7)]
+    UPRIGHT += [(1.1 + gap, 1.1, 1.1 - gap)]
+INVERTED = [(2, 1.2, -0.5), (1.1, 1, -0.9), (1.3, 1.3, -0.7), (1.3, 1.3 + 1e-8, -0.7)]
+INVERTED += [(1.2, 0.5, -0.01), (1.1, 0.9, -0.85)]
+#: Relative to the largest entry and E; the condition of the stretches is up to 30.
+BOUND = 1e-12
+
+
+@pytest.fixture(scope="module")
+def constant():
+    """A UFL terminal of shape (3, 3); its values are chosen at evaluation."""
+    domain = mesh.generate(MPI.COMM_SELF, "cube", "tetrahedron", cells=1).domain
+    return _dolfinx.constant(domain, np.eye(3))
+
+
+def points(m, upright=UPRIGHT, inverted=INVERTED):
+    """F (n, 3, 3) in the energy's domain: in the axes, and turned."""
+    s = np.array([*upright, *(inverted if m.expression.inversion_safe else [])], dtype=float)
+    return np.concatenate([s[:, :, None] * np.eye(3), deformations(s, seed=11)])
+
+
+def assert_agrees(m, F, constant):
+    """Energy, PK1 and Hessian of UFL are the kernels', to BOUND; outside the domain NaN."""
+    variable = ufl.variable(constant)
+    outside = [] if m.expression.inversion_safe else deformations(np.array(INVERTED), seed=12)
+    points = np.concatenate([F, outside]) if len(outside) else F
+    found = energy_and_derivatives(m.ufl(variable), variable, {constant: points})
+    assert np.isnan(found[0][len(F) :]).all() and np.isinf(m.energy(points[len(F) :])).all()
+    psi, P, H = (values[: len(F)] for values in found)
+    E = m.expression.E
+    expected, stress, hessian = m.energy(F), m.pk1(F), m.hessian(F)
+    assert np.all(abs(psi - expected) <= BOUND * (E + abs(expected)))
+    size = E + abs(stress).max((1, 2))
+    assert np.all(abs(P - stress).max((1, 2)) <= BOUND * size)
+    by_columns = H.transpose(0, 2, 1, 4, 3).reshape(-1, 9, 9)
+    assert np.all(abs(by_columns - hessian).max((1, 2)) <= BOUND * abs(hessian).max((1, 2)))
+
+
+@pytest.mark.one_debian
+@pytest.mark.parametrize("name", OF_STRETCHES)
+def test_value_and_derivatives(name, constant):
+    m = make(name, NU)
+    assert_agrees(m, points(m), constant)
+
+
+@pytest.mark.parametrize(
+    "name, tuning",
+    [
+        ("corotational", {"alpha": 1.5}),
+        ("hencky", {"lambda_part": "stable_neo_hookean"}),
+        ("seth_hill", {"n": 3}),
+        ("ogden", {"volume": "log"}),
+    ],
+)
+def test_tuned_energies(name, tuning, constant):
+    m = make(name, NU, **tuning)
+    assert m.expression.needs_stretches
+    assert_agrees(m, points(m), constant)
+
+
+@pytest.mark.one_debian
+def test_nan_outside_the_domain(constant):
+    """Energies of invariants, also those that are finite beyond a singularity."""
+    of_invariants = set(ENERGIES) - set(OF_STRETCHES)
+    infinite = [n for n in sorted(of_invariants) if not make(n, NU).expression.inversion_safe]
+    assert infinite
+    F = deformations(np.array(INVERTED), seed=12)
+    for name in infinite:
+        m = make(name, NU)
+        found = value(m.ufl(constant), {constant: F})
+        assert np.isnan(found).all() and np.isinf(m.energy(F)).all(), name
+
+
+@pytest.mark.one_debian
+def test_no_stretch_and_large_numbers(constant):
+    """F = 0 has a frame; the size of F does not matter."""
+    frame = PrincipalFrame(constant)
+    s = [(0, 0, 0), (2, 0, 0), (2e9, 1e9, -1e9), (3e-9, 1e-9, 1e-9)]
+    F = deformations(np.array(s), seed=13)
+    B = value(frame.B, {constant: F})
+    size = np.linalg.norm(F, axis=(1, 2))
+    assert np.linalg.norm(B, axis=(1, 2)) == pytest.approx(size, rel=1e-14)
+    off = B - value(ufl.diag(ufl.as_vector(frame.stretches)), {constant: F})
+    assert np.all(abs(off).max((1, 2)) <= 1e-15 * np.maximum(size, 2.0**-63))
+
+
+def test_a_frozen_number_has_no_derivative(constant):
+    F = np.random.default_rng(14).uniform(-1, 1, (100, 3, 3))
+    variable = ufl.variable(constant)
+    found = energy_and_derivatives(freeze(variable[0, 1]), variable, {constant: F})
+    assert np.all(abs(found[0] - F[:, 0, 1]) <= 2.0**-53)
+    assert not found[1].any() and not found[2].any()
+
+
+def test_it_prints_short(constant):
+    assert len(repr(make("ogden", NU).ufl(constant))) < 10_000
+
+
+def test_a_stress_without_an_energy(constant):
+    with pytest.raises(BadInput, match="'filtered_neo_hookean' has no energy, only a stress"):
+        make("filtered_neo_hookean", NU).ufl(constant)

@@ -1,0 +1,251 @@
+"""Lattices: volumes, energies, parts that do not touch, and mistakes."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+from bodies import set_values
+from running import solve
+
+from fem_snh import scenes
+from fem_snh.assembly.elements import ELEMENTS
+from fem_snh.assembly.regions import Filling
+from fem_snh.errors import BadInput
+from fem_snh.geometry.shapes import Box, Capsule, Plane, Shape, Sphere, from_record
+from fem_snh.kernels.material import material
+from fem_snh.mesh import lattice, mesh
+from fem_snh.problem.create_problem import create_problem
+
+COMM = MPI.COMM_WORLD
+HEXAHEDRA = [name for name, element in ELEMENTS.items() if element.cell == "hexahedron"]
+#: A displacement gradient, and the deformation gradient.
+H = np.array([[0.1, 0.2, 0.0], [0.0, -0.1, 0.1], [0.05, 0.0, 0.2]])
+F = np.eye(3) + H
+
+
+def problem(body: Shape | mesh.Mesh, name: str, cell: float = 0.3, **choices: Any) -> Any:
+    """Return the problem of a body in a lattice, or on a mesh."""
+    if not isinstance(body, mesh.Mesh):
+        body = lattice.create(COMM, lambda shape=body: shape, cell, **choices)
+    filling = Filling(material("stable_neo_hookean", 1.0, 0.3), density=2.0)
+    return create_problem(body, ELEMENTS[name], [filling])
+
+
+@pytest.mark.one_debian
+@pytest.mark.parametrize(
+    "shape, volume",
+    [
+        (Sphere((0.1, 0.2, 0.3), 1.0), 4 * np.pi / 3),
+        (Capsule((0, 0, 0), (0.5, 0.6, 0.7), 0.4), np.pi * 0.16 * (np.sqrt(1.1) + 1.6 / 3)),
+    ],
+)
+def test_the_volume_of_a_smooth_body_converges_with_the_square_of_the_samples(shape, volume):
+    for cell in (0.31, 0.155):
+        for samples in (2, 4, 8):
+            fractions = lattice.lattice(shape, cell, samples=samples).fractions
+            # The distance at a cube's centre is its mean up to a^2/24 times its Laplacian, 2/r:
+            # 1/4 (a/r)^2 of the volume for a sphere, and the error of the sums.
+            error = 0.4 * (cell / samples / shape.radius) ** 2
+            assert fractions.sum() * cell**3 == pytest.approx(volume, rel=error)
+            assert 0 < fractions.min() and fractions.max() <= 1
+
+
+def test_the_volume_of_a_turned_box():
+    data = lattice.lattice(Box((0, 0, 0), (1.0, 0.6, 0.4), (0.3, -0.5, 0.8)), 0.07)
+    assert data.fractions.sum() * 0.07**3 == pytest.approx(0.24, rel=3e-3)
+
+
+@pytest.mark.one_debian
+@pytest.mark.mpi
+@pytest.mark.parametrize("name", [n for n in HEXAHEDRA if ELEMENTS[n].volume != "pressure"])
+def test_the_lattice_of_a_box_is_its_mesh(name):
+    """Fractions of an aligned box are 1: energies, masses and volumes are those of its mesh."""
+    cube = mesh.generate(COMM, "cube", "hexahedron", cells=3)
+    body = lattice.create(COMM, lambda: Box((0.5, 0.5, 0.5), (1, 1, 1)), 1 / 3)
+    assert np.all(body.fractions == 1) and body.num_cells == 27
+    assert [(g.label, g.count) for g in body.groups[:3]] == [
+        ("volume:body", 27), ("surface:boundary", 54), ("surface:xmin", 9)
+    ]  # fmt: skip
+    found, expected = problem(body, name), problem(cube, name)
+
+    def wave(x):
+        return 0.1 * np.sin(x @ np.array([[3.0, 1, 0], [0, 2, 1], [1, 0, 2]]))
+
+    for p in (found, expected):
+        set_values(p, wave)
+    assert found.energy(found.x) == pytest.approx(expected.energy(expected.x), rel=1e-12)
+    assert found.measures(found.x)["volume_ratio"] == pytest.approx(
+        expected.measures(expected.x)["volume_ratio"], rel=1e-12
+    )
+
+
+def test_taylor_hood_in_the_lattice_of_a_box():
+    """The same solution as on the box's mesh."""
+    box = {"box": {"center": [0.5, 0.5, 0.5], "size": [1, 1, 1]}}
+    kinds = {
+        ("left", "right"): {"mesh": scenes.Geometry(source="cube"), "cells": 2},
+        ("xmin", "xmax"): {"mesh": scenes.Lattice(lattice=box, cell=0.5)},
+    }
+    steps = []
+    for (left, right), body in kinds.items():
+        scene = scenes.Scene(
+            name="box",
+            element="Q2Q1",
+            material=scenes.MaterialChoice(name="stable_neo_hookean", E=1.0, nu=0.49),
+            hold=[scenes.Hold(group=left)],
+            move=[scenes.Move(group=right, translate=(0.3, 0.1, 0))],
+            **body,
+        )
+        steps.append(solve(scene, MPI.COMM_SELF).record["steps"][-1])
+    assert steps[1]["energy"] == pytest.approx(steps[0]["energy"], rel=1e-9)
+    assert steps[1]["volume_ratio"] == pytest.approx(steps[0]["volume_ratio"], rel=1e-9)
+
+
+@pytest.mark.one_debian
+@pytest.mark.mpi
+@pytest.mark.parametrize("name", [n for n in HEXAHEDRA if ELEMENTS[n].volume != "pressure"])
+@pytest.mark.parametrize("assembly", ["kernels", "ufl"])
+def test_energy_counts_by_the_fraction(name, assembly):
+    """In a uniform deformation the energy is the density times the body's volume, or the cells'."""
+    m = material("stable_neo_hookean", 1.0, 0.3)
+    density = float(m.energy(F))
+    shape = Sphere((0, 0, 0), 0.5)
+    for weighting in ("fraction", "full"):
+        body = lattice.create(COMM, lambda: shape, 0.24, weighting)
+        p = create_problem(body, ELEMENTS[name], m, assembly=assembly)
+        set_values(p, lambda x: x @ H.T)
+        cells = body.num_cells if body.fractions is None else sum_over_cells(body)
+        volume = cells * 0.24**3
+        assert p.energy(p.x) == pytest.approx(density * volume, rel=1e-11)
+        assert p.measures(p.x)["volume_ratio"] == pytest.approx(np.linalg.det(F), rel=1e-11)
+    assert (
+        cells == body.num_cells
+        and sum_over_cells(lattice.create(COMM, lambda: shape, 0.24)) < cells
+    )
+
+
+def sum_over_cells(body: mesh.Mesh) -> float:
+    """Return the sum of a lattice's fractions over all cells."""
+    owned = body.domain.topology.index_map(3).size_local
+    return float(COMM.allreduce(body.fractions[:owned].sum()))
+
+
+GAP = 0.05
+#: Two rods along x, of thickness 0.1, that a palm joins at x = 0.
+FINGERS = [
+    {"box": {"center": [0.5, side * 0.5 * (0.1 + GAP), 0.0], "size": [1.0, 0.1, 0.1]}}
+    for side in (-1, 1)
+] + [{"box": {"center": [-0.1, 0, 0], "size": [0.2, 0.2 + GAP, 0.1]}}]
+
+
+@pytest.mark.one_debian("ranks")
+@pytest.mark.mpi
+@pytest.mark.parametrize("parts", ["separate", "joined"])
+def test_parts_in_one_cell_move_on_their_own(parts):
+    """Two fingers, half a cell apart, are two beams; in joined cells they are one."""
+    tip = {"center": [1.0, 0.15, 0], "size": [0.02, 0.02, 0.2]}
+    palm = {"center": [-0.1, 0, 0], "size": [0.22, 0.4, 0.4]}
+    record = solve(
+        scenes.Scene(
+            name="fingers",
+            mesh=scenes.Lattice(lattice={"union": FINGERS}, cell=2 * GAP, parts=parts),
+            element="Q1",
+            material=scenes.MaterialChoice(name="stable_neo_hookean", E=1.0, nu=0.3),
+            bone=[
+                {"name": "palm", "shape": {"box": palm}},
+                {"name": "tip", "shape": {"box": tip}, "translate": [0, 0, 0.02]},
+            ],
+            probe=[{"name": "other", "point": [1.0, -0.15, 0]}],
+        )
+    ).record
+    moved = record["steps"][-1]["probes"]["other"][2]
+    assert record["cells"] == {"separate": 46, "joined": 36}[parts]
+    if parts == "separate":
+        assert abs(moved) < 1e-12
+    else:
+        assert moved > 0.3 * 0.02
+
+
+@pytest.mark.mpi
+def test_slits_that_end_at_a_face():
+    """Two slits at different heights: all four parts are connected by the face between them."""
+    heights = [(0, 0, 0.53), (0, 0.75, 1), (1, 0, 0.14), (1, 0.36, 1)]
+    boxes = [
+        {"box": {"center": [x + 0.5, 0.5, (a + b) / 2], "size": [1, 1, b - a]}}
+        for x, a, b in heights
+    ]
+    body = from_record({"union": boxes})
+    assert lattice.create(COMM, lambda: body, 1.0, samples=8, skin=8).num_cells == 2
+
+
+@pytest.mark.mpi
+def test_the_number_of_ranks_does_not_matter():
+    """Cells that meet at one face, three of them, are distributed like others."""
+    body = lattice.create(COMM, lambda: from_record({"union": FINGERS}), 2 * GAP)
+    assert [g.count for g in body.groups[:3]] == [46, 143, 3]
+    assert sum_over_cells(body) * (2 * GAP) ** 3 == pytest.approx(0.025, rel=1e-12)
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize(
+    "shape, cell, message",
+    [
+        (Plane(), 0.1, "mesh.lattice: expected a body of finite size"),
+        (Sphere(), 2.5, "cell = 2.5: expected a number < 2, the largest extent of the body"),
+        (Sphere(), 1e-4, "cell = 0.0001: expected a number > .* cells around the body"),
+        (Capsule((0, 0, 0), (1, 0.9, 0.8), 1e-4), 0.3, "cell = 0.3: expected a smaller number"),
+    ],
+)
+def test_mistakes(shape, cell, message):
+    with pytest.raises(BadInput, match=message):
+        lattice.create(COMM, lambda: shape, cell)
+
+
+@pytest.mark.parametrize(
+    "keys, message",
+    [
+        ({"cell": 0}, "mesh.cell = 0: expected a number > 0"),
+        ({"weighting": "half"}, "mesh.weighting = 'half': expected one of fraction, full"),
+        ({"parts": "one"}, "mesh.parts = 'one': expected one of separate, joined"),
+        ({"samples": 1}, "mesh.samples = 1: expected a whole number from 2 to 16"),
+        ({"lattice": {"spere": {}}}, "mesh.lattice: unknown key 'spere'"),
+        ({"lattice": 3}, "mesh.lattice = 3: expected the path of an STL or OBJ file"),
+    ],
+)
+def test_mistakes_in_a_scene(keys, message):
+    mesh = {"lattice": FINGERS[0], "cell": 0.1} | keys
+    with pytest.raises(BadInput, match=message):
+        scenes.load("twist", mesh=mesh)
+
+
+def deflection(angle: float, cell: float) -> float:
+    """Return the deflection of a beam's tip under its weight, turned in its lattice."""
+    turn = {"rotation": [0, 0, angle]}
+    axis = np.array([np.cos(angle), np.sin(angle), 0])
+    beam = {"box": {"center": (0.5 * axis).tolist(), "size": [1, 0.2, 0.2], **turn}}
+    root = {"box": {"center": (-0.4 * axis).tolist(), "size": [1.0, 1, 1], **turn}}
+    scene = scenes.Scene(
+        name="beam",
+        mesh=scenes.Lattice(lattice=beam, cell=cell, samples=8),
+        element="Q2",
+        material=scenes.MaterialChoice(name="stable_neo_hookean", E=1.0, nu=0.3, density=1.0),
+        gravity=scenes.Gravity(vector=(0, 0, -1e-4)),
+        bone=[{"name": "root", "shape": root}],
+        probe=[{"name": "tip", "point": (0.95 * axis).tolist()}],
+    )
+    return solve(scene, MPI.COMM_SELF).record["steps"][-1]["probes"]["tip"][2]
+
+
+@pytest.mark.one_debian
+def test_a_beam_turned_in_its_lattice_is_as_stiff_as_on_its_own_mesh():
+    conforming = deflection(0.0, 0.1)
+    # Euler and Bernoulli with a span of 0.9, w = rho g A, and the shear of a short beam.
+    assert conforming == pytest.approx(-1e-4 * 0.04 * 0.9**4 / (8 * 0.2**4 / 12), rel=0.1)
+    # The bone's end is between nodes: the span is longer by up to half a cell, which counts
+    # with the fourth power.
+    errors = [deflection(0.4, cell) / conforming - 1 for cell in (0.1, 0.07)]
+    assert abs(errors[1]) < 0.05 < abs(errors[0]) < 0.25

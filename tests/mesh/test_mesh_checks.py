@@ -1,0 +1,264 @@
+"""What a mesh may be: cells of any handedness that do not overlap, of a size that numbers hold."""
+
+from __future__ import annotations
+
+import itertools
+from pathlib import Path
+from typing import Any
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+import ufl
+from dolfinx import fem
+from dolfinx_programs import Press, vector_space
+from running import solve
+
+import fem_snh
+from benchmarks.fuzz.meshes import write_mesh
+from fem_snh import _dolfinx
+from fem_snh.errors import BadInput
+from fem_snh.mesh import mesh
+from fem_snh.mesh.mesh_checks import check_geometry, scaled_jacobian, unconnected_nodes
+from fem_snh.scenes import Scene
+
+pytestmark = pytest.mark.mpi
+CELLS = ["tetrahedron", "hexahedron"]
+#: Six tetrahedra of a cube, and exchanges of vertices that reflect a cell.
+SIX = [(0, 1, 3, 7), (0, 1, 7, 5), (0, 5, 7, 4), (0, 3, 2, 7), (0, 6, 4, 7), (0, 2, 6, 7)]
+REFLECTED = {"tetrahedron": [1, 0, 2, 3], "hexahedron": [1, 0, 3, 2, 5, 4, 7, 6]}
+
+
+def cube(cell: str, n: int = 2) -> tuple[np.ndarray, np.ndarray]:
+    """Cells and points of the unit cube, all cells right-handed."""
+    points = np.array(list(itertools.product(range(n + 1), repeat=3)), dtype=float) / n
+    number = np.arange((n + 1) ** 3).reshape(3 * [n + 1])
+    cells = []
+    for x, y, z in itertools.product(range(n), repeat=3):
+        c = [number[x + i, y + j, z + k] for k in (0, 1) for j in (0, 1) for i in (0, 1)]
+        cells += [[c[i] for i in t] for t in SIX] if cell == "tetrahedron" else [c]
+    return np.array(cells), points
+
+
+def numbered(cell: str, cells: np.ndarray, which: np.ndarray) -> np.ndarray:
+    """The same cells, some of which are numbered left-handed."""
+    return np.where(which[:, None], cells[:, REFLECTED[cell]], cells)
+
+
+def domain(comm: Any, cell: str, cells: np.ndarray, x: np.ndarray, degree: int = 1) -> Any:
+    """The dolfinx mesh that rank 0 provides."""
+    if comm.rank:
+        cells, x = cells[:0], x[:0]
+    return _dolfinx.create_mesh(comm, cells, x, cell, degree)
+
+
+NUMBERINGS = {
+    "left-handed": lambda n: np.ones(n, bool),
+    "both": lambda n: np.arange(n) % 3 == 0,
+}
+
+
+def energy_of(body: Any, degree: int, element: str | None) -> float:
+    """Energy of a body that is pressed, with a pressure on its side, in a dolfinx program."""
+    press = Press(body, degree)
+    normal, u = ufl.FacetNormal(body), press.u
+    m = fem_snh.material("stable_neo_hookean", E=1.0, nu=0.3)
+    terms = [0.01 * ufl.inner(normal, ufl.TestFunction(press.V)) * ufl.ds]
+    problem = fem_snh.NonlinearProblem(
+        u, {m: ufl.dx}, bcs=press.bcs, terms=terms, element=element,
+        petsc_options={"snes_scaled_tol": 1e-11},
+    )  # fmt: skip
+    problem.solve()
+    assert problem.solver.getConvergedReason() > 0
+    F = ufl.Identity(3) + ufl.grad(u)
+    return _dolfinx.assemble_scalar(_dolfinx.form(m.ufl(F) * ufl.dx))
+
+
+@pytest.mark.one_debian
+@pytest.mark.parametrize("numbering", NUMBERINGS)
+@pytest.mark.parametrize(
+    ("cell", "degree", "element"),
+    [
+        ("tetrahedron", 1, None),
+        ("tetrahedron", 2, "P2P0"),
+        ("tetrahedron", 2, "P2P1"),
+        ("hexahedron", 1, "Q1P0"),
+        ("hexahedron", 2, None),
+    ],
+)
+def test_handedness_is_a_matter_of_numbering(
+    comm: Any, cell: str, degree: int, element: str | None, numbering: str
+) -> None:
+    """Cells with other numbers are the same body: the same energy."""
+    cells, x = cube(cell)
+    right = domain(comm, cell, cells, x)
+    other = domain(comm, cell, numbered(cell, cells, NUMBERINGS[numbering](len(cells))), x)
+    check_geometry(other, "mesh")
+    assert mesh.volume(other) == pytest.approx(1, rel=1e-14)
+    expected = energy_of(right, degree, element)
+    assert energy_of(other, degree, element) == pytest.approx(expected, rel=1e-7)
+
+
+@pytest.mark.parametrize("repaired", [False, True])
+def test_a_node_outside_of_its_neighbours(comm: Any, repaired: bool) -> None:
+    """Also if the cells are numbered so that all are right-handed. Oracle: signs of volumes."""
+    cells, x = cube("tetrahedron")
+    x[13] = (1.8, 0.7, 0.6)  # the node in the centre
+    a, b, c, d = (x[cells[:, i]] for i in range(4))
+    volumes = np.linalg.det(np.stack([b - a, c - a, d - a], axis=1)) / 6
+    assert np.abs(volumes).sum() > 1.3 and volumes.sum() == pytest.approx(1)
+    facets = [[frozenset(np.delete(cell, i).tolist()) for i in range(4)] for cell in cells]
+    bad = [
+        any(
+            volumes[i] * volumes[j] < 0 and set(facets[i]) & set(facets[j])
+            for j in range(len(cells))
+        )
+        for i in range(len(cells))
+    ]
+    if repaired:
+        cells = numbered("tetrahedron", cells, volumes < 0)
+    body = domain(comm, "tetrahedron", cells, x)
+    with pytest.raises(BadInput, match=f"^mesh has {sum(bad)} cells that overlap .* of 48, one at"):
+        check_geometry(body, "mesh")
+    u = fem.Function(vector_space(body))
+    m = fem_snh.material("stable_neo_hookean", E=1.0, nu=0.3)
+    with pytest.raises(BadInput, match=r"^u.function_space.mesh has .* cells that overlap"):
+        fem_snh.NonlinearProblem(u, {m: ufl.dx})
+
+
+@pytest.mark.one_debian("ranks")
+def test_a_node_outside_of_hexahedra(comm: Any) -> None:
+    cells, x = cube("hexahedron")
+    x[13] = (1.8, 0.7, 0.6)
+    with pytest.raises(BadInput, match=r"^mesh has . inverted or degenerate cells of 8"):
+        check_geometry(domain(comm, "hexahedron", cells, x), "mesh")
+
+
+@pytest.mark.parametrize("cell", CELLS)
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_nodes_that_are_not_finite(comm: Any, cell: str, value: float) -> None:
+    cells, x = cube(cell)
+    x[5, 1] = value
+    with pytest.raises(BadInput, match=r"^mesh has . nodes without finite coordinates of"):
+        check_geometry(domain(comm, cell, cells, x), "mesh")
+
+
+@pytest.mark.one_debian("ranks")
+@pytest.mark.parametrize("cell", CELLS)
+@pytest.mark.parametrize("height", [0.0, 5e-324])
+@pytest.mark.filterwarnings("error")
+def test_cells_without_a_volume(comm: Any, cell: str, height: float) -> None:
+    cells, x = cube(cell)
+    x[:, 2] *= height
+    with pytest.raises(BadInput, match="inverted or degenerate cells of"):
+        check_geometry(domain(comm, cell, cells, x), "mesh")
+
+
+@pytest.mark.parametrize("size", [1e-100, 1e-60, 1e60, 1e200])
+def test_sizes_whose_squares_no_number_holds(comm: Any, size: float) -> None:
+    """At 1e-100 the residual was 0, and the answer -10 % for -4.66 %."""
+    cells, x = cube("tetrahedron")
+    with pytest.raises(BadInput, match=r"^mesh: its largest coordinate is .*: expected one from"):
+        check_geometry(domain(comm, "tetrahedron", cells, size * x), "mesh")
+
+
+@pytest.mark.parametrize(("size", "E"), [(1e-45, 1e-40), (1e45, 1e30)])
+def test_forces_whose_squares_no_number_holds(comm: Any, size: float, E: float) -> None:
+    cells, x = cube("tetrahedron")
+    u = fem.Function(vector_space(domain(comm, "tetrahedron", cells, size * x)))
+    m = fem_snh.material("stable_neo_hookean", E=E, nu=0.3)
+    with pytest.raises(BadInput, match=r"^E V\^\(2/3\) = .*: expected a force from 1e-100 to"):
+        fem_snh.NonlinearProblem(u, {m: ufl.dx})
+
+
+@pytest.mark.one_debian("ranks")
+@pytest.mark.parametrize("size", [1e-40, 1e-15, 1e15, 1e40])
+def test_a_body_of_any_other_size(comm: Any, size: float) -> None:
+    """Energies scale with the volume."""
+    expected, found = (
+        energy_of_press(domain(comm, "tetrahedron", cells, scale * x), scale)
+        for (cells, x), scale in ((cube("tetrahedron"), 1.0), (cube("tetrahedron"), size))
+    )
+    assert found == pytest.approx(expected, rel=1e-9)
+
+
+def energy_of_press(body: Any, size: float) -> float:
+    """Energy per volume of a cube of some size that is pressed by 30 %."""
+    V = vector_space(body)
+    u, lowered = fem.Function(V), fem.Function(V)
+    x = V.tabulate_dof_coordinates()
+    lowered.x.array[2::3] = -0.3 * x[:, 2]
+    ends = np.flatnonzero((x[:, 2] < 0.01 * size) | (x[:, 2] > 0.99 * size)).astype(np.int32)
+    m = fem_snh.material("stable_neo_hookean", E=1.0, nu=0.3)
+    problem = fem_snh.NonlinearProblem(
+        u,
+        {m: ufl.dx},
+        bcs=[fem.dirichletbc(lowered, ends)],
+        petsc_options={"snes_scaled_tol": 1e-9},
+    )
+    problem.solve()
+    assert problem.solver.getConvergedReason() > 0
+    F = ufl.Identity(3) + ufl.grad(u)
+    return _dolfinx.assemble_scalar(_dolfinx.form(m.ufl(F) * ufl.dx)) / size**3
+
+
+@pytest.mark.one_debian("ranks")
+@pytest.mark.parametrize("cell", CELLS)
+@pytest.mark.parametrize("apart", [0.0, 1e-14, 0.5])
+def test_cubes_that_meet_without_common_nodes(comm: Any, cell: str, apart: float) -> None:
+    """The nine vertices of their faces coincide, to rounding."""
+    cells, x = cube(cell)
+    both = np.vstack([x, x + np.array([1 + apart, 0, 0])]) / 3
+    body = domain(comm, cell, np.vstack([cells, cells + len(x)]), both)
+    count, first = unconnected_nodes(body)
+    assert count == (0 if apart > 0.1 else 9)
+    assert first == pytest.approx([1 / 3, 0, 0] if count else [np.nan] * 3, nan_ok=True)
+
+
+#: Nodes on the edges of a quadratic tetrahedron, in dolfinx's order, whose Jacobian is positive at
+#: the corners and in the middle, and negative elsewhere: found by a search of random nodes.
+BENT = [[0.1, 0.7, 0.3], [0.3, 0.0, 0.5], [0.6, 0.4, -0.2],
+        [-0.1, 0.0, 0.4], [0.2, 0.5, 0.1], [0.6, -0.2, 0.1]]  # fmt: skip
+
+
+@pytest.mark.one_debian("ranks")
+def test_curved_cells_that_are_inverted_inside() -> None:
+    corners = np.vstack([np.zeros(3), np.eye(3)])
+    body = domain(MPI.COMM_SELF, "tetrahedron", np.arange(10)[None], np.vstack([corners, BENT]), 2)
+    points = np.vstack([corners, corners.mean(axis=0)])
+    gradients = _dolfinx.tabulate_geometry(body, points)
+    x = _dolfinx.geometry_x(body)[_dolfinx.geometry_dofs(body)]
+    assert np.linalg.det(np.einsum("cni,pnj->cpij", x, gradients)).min() > 0.3
+    assert scaled_jacobian(body)[0] < -0.01
+    with pytest.raises(BadInput, match="1 inverted or degenerate cells of 1"):
+        check_geometry(body, "mesh")
+
+
+@pytest.mark.one_debian
+def test_a_file_of_left_handed_cells(comm: Any, folder: Path) -> None:
+    """A pressure on a reflected mesh acts inwards, as on the other."""
+
+    results = []
+    for name, swap in (("right", False), ("left", True)):
+        path = folder / f"{name}.msh"
+        if comm.rank == 0:
+            lines = write_mesh("tetrahedra", 2, 2.2, False).decode().splitlines()
+            for i, line in enumerate(lines):
+                words = line.split()
+                if swap and len(words) == 9 and words[1] == "4":
+                    words[5], words[6] = words[6], words[5]
+                    lines[i] = " ".join(words)
+            path.write_text("\n".join([*lines, ""]))
+        comm.barrier()
+        scene = {
+            "name": name, "mesh": path, "element": "P1", "reactions": ["left"],
+            "material": {"name": "stable_neo_hookean", "E": 1.0, "nu": 0.3},
+            "hold": [{"group": "left"}], "pressure": [{"group": "right", "value": 0.05}],
+            "petsc": {"snes_scaled_tol": 1e-11},
+        }  # fmt: skip
+        results.append(solve(Scene.model_validate(scene), comm).record["steps"][-1])
+    right, left = results
+    assert right["reactions"]["left"][0] > 0.03
+    assert left["reactions"]["left"] == pytest.approx(right["reactions"]["left"], abs=1e-9)
+    assert left["volume_ratio"] == pytest.approx(right["volume_ratio"], rel=1e-9)

@@ -1,0 +1,260 @@
+"""Exact shapes of XAO files: meshes, groups, levels, and files that are none.
+
+`data/bush.xao` and `data/plate.xao` were written by gmsh 4.13: a tube of radii 10 and 16 mm, 20 mm
+long, and a square of 20 with a quarter of a hole of radius 1 at its corner.
+"""
+
+from __future__ import annotations
+
+from math import pi
+from xml.etree import ElementTree as ET
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+from gmsh_files import gmsh_model
+from paths import DATA
+from running import solve
+
+import fem_snh
+from fem_snh import scenes
+from fem_snh.errors import BadInput
+from fem_snh.mesh import gmsh_input, mesh, mesh_checks, xao_writer
+from fem_snh.mesh.size_field import simplex_volumes
+from fem_snh.mesh.xao_file import ENTRIES, LISTS
+from fem_snh.runs.scene_options import identity
+
+mpi = pytest.mark.mpi
+BUSH = DATA / "bush.xao"
+
+
+@mpi
+@pytest.mark.parametrize("cells, error", [(4, 1e-4), (10, 1e-5)])
+def test_a_tube_is_round(comm, cells, error):
+    bush = mesh.read(comm, BUSH, cells)
+    assert bush.cell == "tetrahedron" and bush.has_parts is False
+    assert mesh.volume(bush.domain) == pytest.approx(pi * (16**2 - 10**2) * 20, rel=error)
+    assert [group.label for group in bush.groups] == [
+        "surface:outer", "surface:inner", "volume:rubber",
+    ]  # fmt: skip
+    assert comm.allreduce(mesh_checks.scaled_jacobian(bush.domain).min(), op=MPI.MIN) > 0.1
+    data = mesh.gather(bush)
+    if comm.rank == 0:
+        for group, radius in zip(data.groups, (16, 10), strict=False):
+            found = np.hypot(*data.x[np.unique(group.entities), :2].T)
+            assert found == pytest.approx(radius, rel=1e-12)
+            ends = np.sort(data.x[np.unique(group.entities), 2])[[0, -1]]
+            assert ends == pytest.approx([0, 20], abs=1e-9)
+
+
+@pytest.mark.one_debian
+def test_holes_are_round():
+    data = gmsh_input.mesh_shape(str(DATA / "plate.xao"), 4)
+    assert (data.cell, data.degree, data.x.shape[1]) == ("triangle", 2, 2)
+    hole = data.x[np.abs(np.hypot(*data.x.T) - 1) < 1e-6]
+    assert np.hypot(*hole.T) == pytest.approx(1, rel=1e-12)
+    assert len(hole) == 7  # three cells of order 2 on the quarter
+
+
+def write_box(folder, counts=(8, 12, 6, 1), more="", groups=""):
+    """Write a box as a XAO file, with ``more`` shapes beside it; return its path."""
+    with gmsh_model(
+        f'SetFactory("OpenCASCADE"); Box(1) = {{1, 2, 3, 1, 2, 3}};{more}', folder
+    ) as g:
+        g.write(str(folder / "box.brep"))
+    lists = "".join(
+        f"<{entries}>"
+        + "".join(f'<{entry} index="{i}" reference="{i + 9}"/>' for i in range(count))
+        + f"</{entries}>"
+        for entries, entry, count in zip(LISTS, ENTRIES, counts, strict=True)
+    )
+    (folder / "box.xao").write_text(
+        f'<XAO><geometry><shape format="BREP">{(folder / "box.brep").read_text()}</shape>'
+        f"<topology>{lists}</topology></geometry><groups>{groups}</groups></XAO>"
+    )
+    return str(folder / "box.xao")
+
+
+@pytest.mark.one_debian
+def test_plane_faces_have_straight_cells(tmp_path):
+    data = gmsh_input.mesh_shape(write_box(tmp_path), 3)
+    assert (data.cell, data.degree, data.groups) == ("tetrahedron", 1, [])
+    assert simplex_volumes(data.x[data.cells]).sum() == pytest.approx(6, rel=1e-12)
+    assert 50 < len(data.cells) < 200  # 51 regular ones would fill it
+
+
+@pytest.mark.parametrize("kind", ["face", "edge"])
+def test_a_loose_face_is_named_not_a_group(tmp_path, kind):
+    """The group is one of the box; the face is a rectangle inside of the box."""
+    group = f'<group name="side" dimension="{kind}"><element index="0"/></group>'
+    loose = "Rectangle(9) = {1.25, 2.5, 4, 0.5, 1};"
+    path = write_box(tmp_path, (12, 16, 7, 1), loose, group)
+    with pytest.raises(BadInput) as refused:
+        gmsh_input.mesh_shape(path, 3)
+    assert "it has faces that bound no solid, around (1.5, 3, 4)," in str(refused.value)
+    assert f"so that its groups of {kind}s are not known" in str(refused.value)
+    assert "BooleanFragments" in str(refused.value) and "side" not in str(refused.value)
+
+
+def bush(**changes):
+    """A tube whose inner face turns; with free ends the state is a pure shear in circles."""
+    keys = {
+        "name": "bush", "mesh": BUSH, "element": "P2", "cells": 4,
+        "material": {"name": "stable_neo_hookean", "E": 2.6, "nu": 0.3},
+        "hold": [{"group": "outer"}],
+        "move": [{
+            "group": "inner",
+            "rotate": {"axis": (0, 0, 1), "through": (0, 0, 0), "angle": 1e-4},
+        }],
+        "reactions": [{"group": "inner", "about": (0, 0, 0)}],
+    }  # fmt: skip
+    return scenes.Scene(**(keys | changes))
+
+
+@mpi
+def test_the_torque_of_a_bush_is_known(comm):
+    r"""The torque is :math:`4 \pi G l \varphi / (a^{-2} - b^{-2})`, of shear stresses alone."""
+    result = solve(bush(accuracy={"goals": ["inner.moment.z"]}), comm)
+    exact = 4 * pi * 1.0 * 20 * 1e-4 / (10**-2 - 16**-2)
+    goal = result.goals["inner.moment.z"]
+    assert goal["value"] == pytest.approx(exact, rel=5e-3)
+    assert abs(goal["corrected"] - exact) < 0.5 * abs(goal["error"])
+
+
+@mpi
+def test_levels_mesh_the_shape_again(comm):
+    """A hole in a plate in tension: Kirsch's displacement is 3 S a / E, that of this plate known.
+
+    The value is that of 15,000 cells of degree 2, corrected (0.002 %).
+    """
+    scene = scenes.Scene(
+        name="plate", mesh=DATA / "plate.xao", element="P2", kinematics="plane_stress",
+        material={"name": "stable_neo_hookean", "E": 1e4, "nu": 0.3},
+        hold=[
+            {"group": "left", "components": ("x",)}, {"group": "bottom", "components": ("y",)},
+        ],
+        traction=[{"group": "right", "vector": (1, 0, 0)}],
+        probe=[{"name": "side", "point": (1, 0, 0)}, {"name": "top", "point": (0, 1, 0)}],
+        accuracy={"goals": ["side.x", "top.y"], "within": 0.003},
+    )  # fmt: skip
+    result = solve(scene, comm)
+    found = result.record["accuracy"]
+    assert found["reached"] and len(found["levels"]) == 2
+    first, last = (level["cells"] for level in found["levels"])
+    assert last < 4 * first  # as many would be half as large everywhere
+    for name, exact in (("side.x", 3.02137e-4), ("top.y", -1.01658e-4)):
+        assert found["levels"][1]["goals"][name]["best"] == pytest.approx(exact, rel=3e-4)
+    assert exact == pytest.approx(-1e-4, rel=0.02)  # Kirsch's, of an infinite plate
+
+
+def test_a_shape_has_default_cells_and_counts_by_its_content():
+    scene = bush(cells=None)
+    assert scene.cells == 10
+    assert identity(scene)["mesh"].startswith("sha256 ")
+    with pytest.raises(BadInput, match="element = 'Q1': expected one on tetrahedra"):
+        bush(element="Q1")
+
+
+TEXT = BUSH.read_text()
+
+
+@pytest.mark.parametrize("name", ["bush", "plate"])
+def test_numbers_of_sub_shapes_are_those_of_gmsh(name):
+    root = ET.parse(DATA / f"{name}.xao").getroot()
+    found = xao_writer._numbers(root.findtext("geometry/shape"))
+    for entries, numbers in zip(LISTS, found, strict=True):
+        rows = root.findall(f"geometry/topology/{entries}/")
+        assert numbers == [int(row.get("reference")) for row in rows]
+
+
+QUARTER = """
+SetFactory("OpenCASCADE");
+Disk(1) = {0, 0, 0, RADIUS};
+Disk(2) = {0, 0, 0, RADIUS/2};
+BooleanDifference(3) = { Surface{1}; Delete; }{ Surface{2}; Delete; };
+Rectangle(4) = {0, 0, 0, 2*RADIUS, 2*RADIUS};
+BooleanIntersection(5) = { Surface{3}; Delete; }{ Surface{4}; Delete; };
+"""
+
+
+@pytest.mark.parametrize("radius", [1, 2, 4, 8])
+def test_a_model_with_coordinates_on_the_limit_of_rounding_is_written(tmp_path, radius):
+    """Bounding boxes have a margin of 1e-7, which half of a radius of 2 rounds either way."""
+    with gmsh_model(QUARTER.replace("RADIUS", str(radius)), tmp_path) as gmsh:
+        gmsh.model.addPhysicalGroup(2, [tag for _, tag in gmsh.model.getEntities(2)])
+        for _, tag in gmsh.model.getEntities(1):
+            group = gmsh.model.addPhysicalGroup(1, [tag])
+            length = gmsh.model.occ.getMass(1, tag) / radius
+            gmsh.model.setPhysicalName(1, group, f"{tag} {length:.6f}")
+        fem_snh.write_xao(tmp_path / "quarter.xao")
+    data = gmsh_input.mesh_shape(str(tmp_path / "quarter.xao"), 40)
+    lengths = []
+    for group in (group for group in data.groups if group.dim == 1):
+        ends = data.x[group.entities[:, :2]]
+        length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).sum() / radius
+        lengths.append(float(group.name.split()[1]))
+        assert length == pytest.approx(lengths[-1], rel=1e-3)
+    assert sorted(lengths) == pytest.approx([0.5, 0.5, pi / 4, pi / 2], rel=1e-6)
+
+
+TWO = """
+SetFactory("OpenCASCADE");
+Box(1) = {0, 0, 0, 1, 1, 1};
+Cylinder(2) = {1, 0.5, 0.5, 2, 0, 0, 0.3};
+Rotate {{0, 0, 1}, {0, 0, 0}, 0.5} { Volume{1, 2}; }
+"""
+
+
+def test_a_model_is_written_with_its_groups(tmp_path):
+    """Each surface is a group, with its centre as its name; bodies touch without common faces."""
+    with gmsh_model(TWO, tmp_path) as gmsh:
+        for body in (1, 2):
+            for dim, tag in gmsh.model.getBoundary([(3, body)], False, False):
+                group = gmsh.model.addPhysicalGroup(dim, [tag])
+                centre = gmsh.model.occ.getCenterOfMass(dim, tag)
+                name = f"{body}<&" + " ".join(f"{x:.6f}" for x in centre)
+                gmsh.model.setPhysicalName(dim, group, name)
+        current = gmsh.model.getCurrent()
+        fem_snh.write_xao(tmp_path / "two.xao")
+        assert gmsh.model.getCurrent() == current and len(gmsh.model.list()) == 1
+        with pytest.raises(BadInput, match=r"cannot write .*No such file"):
+            fem_snh.write_xao(tmp_path / "none" / "two.xao")
+        gmsh.clear()
+        with pytest.raises(BadInput, match="no geometry of OpenCASCADE"):
+            fem_snh.write_xao(tmp_path / "empty.xao")
+    data = gmsh_input.mesh_shape(str(tmp_path / "two.xao"), 6)
+    assert len(data.groups) == 9
+    for group in data.groups:
+        corners = data.x[group.entities]
+        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        areas = np.linalg.norm(normals, axis=1)
+        centre = areas @ corners.mean(axis=1) / areas.sum()
+        known = [float(x) for x in group.name.partition("<&")[2].split()]
+        assert centre == pytest.approx(known, abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("\x7fELF", "this is not an XAO file: not well-formed"),
+        ("<XAO/>", "expected a shape and its topology"),
+        (TEXT.replace('format="BREP"', 'format="BREP" file="/etc/passwd"'), "BREP in the file"),
+        (TEXT.replace('<face index="2"', '<other index="2"'), "3 faces, .*: its shape has 4, 6, 4"),
+        (TEXT.replace('<element index="1"/>', '<element index="7"/>'), "'inner': it has no face 7"),
+        (TEXT.replace('dimension="face"', 'dimension="shell"'), "expected one of vertex, .*shell"),
+        (TEXT.replace('reference="11"', 'reference="4"'), "its faces: expected different numbers"),
+        (TEXT.replace('tag="1"', 'tag="-1"'), "tag = '-1': expected a whole number"),
+        (TEXT.replace("CASCADE Topology", "Topology"), "its shape has 0, 0, 0, 0"),
+    ],
+)
+def test_files_that_are_none(tmp_path, text, message):
+    (tmp_path / "part.xao").write_text(text)
+    with pytest.raises(BadInput, match=message):
+        gmsh_input.mesh_shape(str(tmp_path / "part.xao"))
+
+
+@mpi
+def test_a_missing_file_is_one_line_on_every_rank(comm, folder):
+    with pytest.raises(BadInput, match=r"part.xao' cannot be read: No such file"):
+        mesh.read(comm, folder / "part.xao")

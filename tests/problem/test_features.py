@@ -1,0 +1,450 @@
+"""Loads as objects of a dolfinx program: the numbers of the scene with the same tables."""
+
+from __future__ import annotations
+
+import json
+import pydoc
+from typing import Any
+
+import numpy as np
+import pytest
+import ufl
+from dolfinx import fem, mesh
+from dolfinx_programs import vector_space
+from scipy.optimize import brentq
+
+import fem_snh
+from fem_snh import cli
+from fem_snh.scenes import Scene
+
+pytestmark = pytest.mark.mpi
+TIGHT = {"snes_scaled_tol": 1e-11, "ksp_rtol": 1e-10}
+CUBE: dict[str, Any] = {
+    "name": "cube",
+    "mesh": {"source": "cube"},
+    "cells": 2,
+    "element": "Q1",
+    "material": {"name": "stable_neo_hookean", "E": 1.0, "nu": 0.4, "density": 2.0},
+    "hold": [{"group": "bottom"}],
+    "petsc": TIGHT,
+}
+SNH = fem_snh.material("stable_neo_hookean", E=1.0, nu=0.4)
+#: Numbers of the faces x = 1 and z = 1.
+RIGHT, TOP = 1, 3
+RISE = {"name": "rise", "points": [[0, 0], [0.5, 0.1], [1, 0.5]]}
+
+
+def rise(x: float) -> float:
+    return float(np.interp(x, [0, 0.5, 1], [0, 0.1, 0.5]))
+
+
+def faces(domain: Any) -> Any:
+    """The measure ds with the numbers RIGHT and TOP."""
+    found = [
+        mesh.locate_entities_boundary(domain, 2, lambda x, axis=axis: np.isclose(x[axis], 1.0))
+        for axis in (0, 2)
+    ]
+    facets = np.concatenate(found).astype(np.int32)
+    values = np.repeat(np.array([RIGHT, TOP], np.int32), [len(part) for part in found])
+    order = np.argsort(facets)
+    tags = mesh.meshtags(domain, 2, facets[order], values[order])
+    return ufl.Measure("ds", domain=domain, subdomain_data=tags)
+
+
+def bottom(V: Any) -> list[Any]:
+    """The condition of the scene's table [[hold]]."""
+    facets = mesh.locate_entities_boundary(V.mesh, 2, lambda x: np.isclose(x[2], 0.0))
+    return [fem.dirichletbc(np.zeros(3), fem.locate_dofs_topological(V, 2, facets), V)]
+
+
+def on_planes(V: Any) -> list[Any]:
+    """Rollers on x = 0, y = 0 and z = 0."""
+    found = []
+    for axis in range(3):
+        W = V.sub(axis)
+        facets = mesh.locate_entities_boundary(V.mesh, 2, lambda x, i=axis: np.isclose(x[i], 0.0))
+        dofs = fem.locate_dofs_topological(W, 2, facets)
+        found.append(fem.dirichletbc(np.float64(0.0), dofs, W))
+    return found
+
+
+def same(comm: Any, a: np.ndarray, b: np.ndarray, tolerance: float = 1e-8) -> bool:
+    largest = comm.allreduce(float(np.abs(b).max()), max)
+    return bool(
+        largest > 1e-3 and comm.allreduce(float(np.abs(a - b).max()), max) < tolerance * largest
+    )
+
+
+UP, ALONG = [0.02, 0, 0.1], [0, 0.1, 0]
+LOADS: dict[str, tuple[dict[str, Any], Any]] = {
+    "traction": (
+        {"traction": [{"group": "top", "vector": UP}, {"group": "right", "vector": ALONG}]},
+        lambda ds: [fem_snh.Traction(ds(TOP), UP), fem_snh.Traction(ds(RIGHT), ALONG)],
+    ),
+    "gravity": (
+        {"gravity": {"vector": [0, 0.02, -0.1]}},
+        lambda ds: [fem_snh.Gravity([0, 0.02, -0.1])],
+    ),
+    "pressure": (
+        {"pressure": [{"group": "top", "value": 0.1}, {"group": "right", "value": -0.05}]},
+        lambda ds: [fem_snh.Pressure(ds(TOP), 0.1), fem_snh.Pressure(ds(RIGHT), -0.05)],
+    ),
+    "spring": (
+        {
+            "spring": [{"group": "right", "stiffness": [0.1, 0, 1]}],
+            "traction": [{"group": "top", "vector": [0.1, 0, 0.1]}],
+        },
+        lambda ds: [
+            fem_snh.Spring(ds(RIGHT), [0.1, 0, 1]),
+            fem_snh.Traction(ds(TOP), [0.1, 0, 0.1]),
+        ],
+    ),
+    "obstacle": (
+        {
+            "obstacle": [
+                {
+                    "shape": {"plane": {"point": [0, 0, 1.05], "normal": [0, 0, -1]}},
+                    "translate": [0, 0, -0.2],
+                    "group": "top",
+                    "friction": 0.2,
+                    "name": "press",
+                }
+            ]
+        },
+        lambda ds: [
+            fem_snh.Obstacle(
+                {"plane": {"point": [0, 0, 1.05], "normal": [0, 0, -1]}},
+                translate=[0, 0, -0.2],
+                group=ds(TOP),
+                friction=0.2,
+                name="press",
+            )
+        ],
+    ),
+    "table": (
+        {"pressure": [{"group": "top", "value": 0.1, "table": "rise"}], "table": [RISE]},
+        lambda ds: [fem_snh.Pressure(ds(TOP), 0.1, rise)],
+    ),
+}
+
+
+@pytest.mark.one_debian
+@pytest.mark.parametrize("kind", LOADS)
+def test_statics(comm: Any, kind: str) -> None:
+    """The same state as the scene's; the names of the terms are those of run.json."""
+    tables, terms = LOADS[kind]
+    result = fem_snh.run(Scene.model_validate(CUBE | tables), progress=False)
+    assert result.converged
+    domain = result.problem.domain
+    u = fem.Function(vector_space(domain))
+    problem = fem_snh.NonlinearProblem(
+        u,
+        {SNH: ufl.dx},
+        bcs=bottom(u.function_space),
+        terms=terms(faces(domain)),
+        densities={SNH: 2.0},
+        petsc_options=TIGHT,
+    )
+    problem.solve()
+    assert problem.solver.getConvergedReason() > 0
+    assert same(comm, u.x.array, result.problem.u.x.array)
+    names = [term.name for term in problem._problem.terms]
+    assert sorted(names) == sorted(result.record["terms"])
+
+
+def given_as_ufl(terms: list[Any], domain: Any) -> tuple[list[Any], list[Any]]:
+    """Return features with Constants for their values, and the Constants with the values."""
+    found, constants = [], []
+    for term in terms:
+        key = next(k for k in ("vector", "value", "stiffness") if hasattr(term, k))
+        value = np.array(getattr(term, key), float)
+        constants.append((fem.Constant(domain, value), value))
+        keys = {k: getattr(term, k) for k in type(term).model_fields}
+        found.append(type(term)(**keys | {key: constants[-1][0]}))
+    return found, constants
+
+
+@pytest.mark.parametrize("kind", ["traction", "gravity", "pressure", "spring"])
+def test_values_of_ufl(comm: Any, kind: str) -> None:
+    """Constants that change between two solves give the state of the numbers."""
+    domain = mesh.create_unit_cube(comm, 2, 2, 2, mesh.CellType.hexahedron)
+    terms, states = LOADS[kind][1](faces(domain)), []
+    given, constants = given_as_ufl(terms, domain)
+    for some in (terms, given):
+        u = fem.Function(vector_space(domain))
+        problem = fem_snh.NonlinearProblem(
+            u, {SNH: ufl.dx}, bcs=bottom(u.function_space), terms=some,
+            densities={SNH: 2.0}, petsc_options=TIGHT,
+        )  # fmt: skip
+        for factor in (0.3, 1.0) if some is given else (1.0,):
+            before = u.x.array.copy()
+            for constant, value in constants:
+                constant.value = factor * value
+            problem.solve()
+        assert problem.reason.startswith("CONVERGED")
+        states.append(u.x.array.copy())
+    assert same(comm, states[1], states[0]) and not same(comm, before, states[0], 1e-2)
+
+
+def test_gravity_of_ufl_in_time(comm: Any) -> None:
+    """A free body falls as a uniform acceleration says, and so in a field that does not vary."""
+    domain = mesh.create_unit_cube(comm, 2, 2, 2, mesh.CellType.hexahedron)
+    V = vector_space(domain)
+    field = fem.Function(V)
+    field.x.array[2::3] = -9.81
+    for g in (fem.Constant(domain, (0.0, 0.0, -9.81)), field):
+        u = fem.Function(V)
+        problem = fem_snh.DynamicProblem(
+            u, {SNH: ufl.dx}, {SNH: 2.0}, duration=0.1, terms=[fem_snh.Gravity(g)],
+            petsc_options=TIGHT,
+        )  # fmt: skip
+        assert problem.step(0.1)
+        owned = V.dofmap.index_map.size_local
+        moved = u.x.array.reshape(-1, 3)[:owned, 2]
+        np.testing.assert_allclose(moved, -9.81 * 0.1**2 / 2, rtol=1e-6)
+
+
+def test_a_pressure_that_varies(comm: Any) -> None:
+    """Its resultant on a block that hardly strains is that of p(x) = 1 + x on the face."""
+    domain = mesh.create_unit_cube(comm, 2, 2, 2, mesh.CellType.hexahedron)
+    u = fem.Function(vector_space(domain))
+    p = 1e-6 * (1 + ufl.SpatialCoordinate(domain)[0])
+    problem = fem_snh.NonlinearProblem(
+        u, {SNH: ufl.dx}, bcs=bottom(u.function_space),
+        terms=[fem_snh.Pressure(faces(domain)(TOP), p)], petsc_options=TIGHT,
+    )  # fmt: skip
+    problem.solve()
+    assert "varies over the surface" in problem.notes[0].text
+    found = problem.reaction_force(problem._problem.dirichlet.bcs[0])
+    np.testing.assert_allclose(found, [0, 0, 1.5e-6], atol=1e-11)
+
+
+@pytest.mark.one_debian("ranks")
+def test_steps_ramp_the_loads(comm: Any) -> None:
+    """Each step has the energy of the step of a scene."""
+    tables, terms = LOADS["table"]
+    result = fem_snh.run(Scene.model_validate(CUBE | tables | {"steps": 3}), progress=False)
+    u = fem.Function(vector_space(result.problem.domain))
+    problem = fem_snh.NonlinearProblem(
+        u,
+        {SNH: ufl.dx},
+        bcs=bottom(u.function_space),
+        terms=terms(faces(u.function_space.mesh)),
+        petsc_options=TIGHT,
+    )
+    rows = list(problem.steps(3))
+    assert [row["load"] for row in rows] == [row["load"] for row in result.steps]
+    for row, of_scene in zip(rows, result.steps, strict=True):
+        assert row["max_u"] == pytest.approx(of_scene["max_u"], rel=1e-7)
+
+
+@pytest.mark.one_debian("ranks")
+@pytest.mark.parametrize("kind", ["gravity", "pressure", "obstacle", "table"])
+def test_time(comm: Any, kind: str) -> None:
+    """Forces without a table are constant; a function is one of the time [s]."""
+    tables, terms = LOADS[kind]
+    time = {"duration": 2.0, "steps": 4, "mass": "lumped"}
+    result = fem_snh.run(Scene.model_validate(CUBE | tables | {"time": time}), progress=False)
+    assert result.converged
+    u = fem.Function(vector_space(result.problem.domain))
+    problem = fem_snh.DynamicProblem(
+        u,
+        {SNH: ufl.dx},
+        {SNH: 2.0},
+        duration=2.0,
+        mass="lumped",
+        bcs=bottom(u.function_space),
+        terms=terms(faces(u.function_space.mesh)),
+        petsc_options=TIGHT,
+    )
+    rows = list(problem.steps(4))
+    assert all(row["converged"] for row in rows)
+    assert same(comm, u.x.array, result.problem.u.x.array, 1e-6)
+    assert rows[-1]["potential"] == pytest.approx(result.steps[-1]["potential"], rel=1e-5)
+
+
+@pytest.mark.one_debian
+@pytest.mark.parametrize("as_constant", [False, True])
+def test_a_program_inflates_a_cavity(comm: Any, as_constant: bool) -> None:
+    """An octant of a shell: pressure and volume are those of the scene."""
+    volume = 0.2
+    scene = CUBE | {
+        "mesh": {"source": "shell", "parameters": {"layers": 1, "outer": 1.5}},
+        "hold": [{"group": f"{c} = 0", "components": [c]} for c in "xyz"],
+        "cavity": [{"group": "inner", "volume": volume}],
+    }
+    result = fem_snh.run(Scene.model_validate(scene), progress=False)
+    state = result.steps[-1]["cavities"]["inner"]
+    domain = result.problem.domain
+    V = vector_space(domain)
+    u, bcs = fem.Function(V), on_planes(V)
+    inner = mesh.locate_entities_boundary(
+        domain, 2, lambda x: np.isclose(np.linalg.norm(x, axis=0), 1.0)
+    )
+    tags = mesh.meshtags(domain, 2, np.sort(inner), np.full(len(inner), 7, np.int32))
+    ds = ufl.Measure("ds", domain=domain, subdomain_data=tags)
+    given = 2 * fem.Constant(domain, volume / 2) if as_constant else volume
+    problem = fem_snh.NonlinearProblem(
+        u, {SNH: ufl.dx}, bcs=bcs, terms=[fem_snh.Cavity(ds(7), given)], petsc_options=TIGHT
+    )
+    problem.solve()
+    row = problem.row
+    assert row["converged"] and same(comm, u.x.array, result.problem.u.x.array)
+    assert row["energy"] == pytest.approx(result.steps[-1]["energy"], rel=1e-8)
+    assert row["cavities"]["ds(7)"]["pressure"] == pytest.approx(state["pressure"], rel=1e-8)
+    assert row["cavities"]["ds(7)"]["volume"] == pytest.approx(volume, rel=0.05)
+
+
+@pytest.mark.one_debian("ranks")
+def test_uniform_compression(comm: Any) -> None:
+    """All faces under pressure: F = s I with P = -p cof F, exactly."""
+    domain = mesh.create_unit_cube(comm, 2, 2, 2, mesh.CellType.hexahedron)
+    V = vector_space(domain)
+    u, bcs = fem.Function(V), on_planes(V)
+    terms = [fem_snh.Pressure(ufl.ds, 0.3)]
+    fem_snh.NonlinearProblem(u, {SNH: ufl.dx}, bcs=bcs, terms=terms, petsc_options=TIGHT).solve()
+    s = brentq(lambda s: SNH.pk1(s * np.eye(3))[0, 0] + 0.3 * s**2, 0.5, 1.0, xtol=1e-15)
+    X = V.tabulate_dof_coordinates()
+    np.testing.assert_allclose(u.x.array.reshape(-1, 3), (s - 1) * X, atol=1e-9)
+
+
+def test_help_says_what_the_fields_are() -> None:
+    """The fields with units and defaults, as the arguments, and nothing of pydantic's."""
+    text = pydoc.render_doc(fem_snh.Cavity, renderer=pydoc.plaintext)
+    assert "stiffness : a number > 0, default None" in text and "[Pa/m^3]" in text
+    assert text.index("group :") < text.index("volume :") < text.index("table :")
+    assert "model_dump" not in text and "__pydantic" not in text
+    text = pydoc.render_doc(fem_snh.Obstacle, renderer=pydoc.plaintext)
+    assert text.index("shape :") < text.index("method :")
+
+
+def test_a_list_that_changes_later(comm: Any) -> None:
+    """A condition that is appended would have no effect."""
+    domain = mesh.create_unit_cube(comm, 1, 1, 1, mesh.CellType.hexahedron)
+    u = fem.Function(vector_space(domain))
+    bcs, terms = bottom(u.function_space), [fem_snh.Traction(faces(domain)(TOP), UP)]
+    problem = fem_snh.NonlinearProblem(u, {SNH: ufl.dx}, bcs=bcs, terms=terms)
+    bcs += bottom(u.function_space)
+    with pytest.raises(fem_snh.BadInput, match="bcs = 'a list of 2 that has changed': expected"):
+        problem.solve()
+    bcs.pop()
+    terms[0] = fem_snh.Traction(faces(domain)(TOP), ALONG)
+    with pytest.raises(fem_snh.BadInput, match="terms = "):
+        next(problem.steps(2))
+
+
+def test_mistakes(comm: Any) -> None:
+    """One line that names key, value and what is accepted, on every rank."""
+    domain = mesh.create_unit_cube(comm, 1, 1, 1, mesh.CellType.hexahedron)
+    u = fem.Function(vector_space(domain))
+    ds, other = faces(domain), mesh.create_unit_cube(comm, 1, 1, 1)
+    two = fem.Constant(domain, (1.0, 2.0))
+    mistakes = {
+        "value = 'x': expected a finite number": lambda: fem_snh.Pressure(ds(TOP), "x"),
+        "a finite number, or a UFL expression, a scalar": lambda: fem_snh.Pressure(ds(TOP), two),
+        "[x, y, z], or a UFL expression, a vector": lambda: fem_snh.Gravity(two[0]),
+        "stiffness = c_": lambda: fem_snh.Cavity(ds(TOP), 0.1, fem.Constant(domain, 1.0)),
+        "E = c_": lambda: fem_snh.material("hencky", E=fem.Constant(domain, 1.0), nu=0.3),
+        "translate = [0, 0, ": lambda: fem_snh.Obstacle(
+            {"plane": {}}, translate=[0, 0, fem.Constant(domain, 1.0)]
+        ),
+        "traction.vector = 'a vector of 2': expected 3": lambda: solve(
+            fem_snh.Traction(ds(TOP), two)
+        ),
+        "traction.vector = f: expected no displacement": lambda: solve(
+            fem_snh.Traction(ds(TOP), u)
+        ),
+        "cavity.volume = x[0]: expected a number, or an expression of Constants": lambda: solve(
+            fem_snh.Cavity(ds(TOP), ufl.SpatialCoordinate(domain)[0])
+        ),
+        "group = Measure": lambda: fem_snh.Pressure(ufl.dx, 1.0),
+        "missing key 'value'": lambda: fem_snh.Pressure(ds(TOP)),
+        "Pressure with 4 values: expected at most 3": lambda: fem_snh.Pressure(ds(TOP), 1, "a", 2),
+        "one value of 'value', not two": lambda: fem_snh.Pressure(ds(TOP), 1.0, value=2.0),
+        "unknown key 'values'": lambda: fem_snh.Pressure(ds(TOP), values=1.0),
+        "vector = [1, 2]: expected three": lambda: fem_snh.Gravity([1, 2]),
+        "stiffness = -1: expected": lambda: fem_snh.Spring(ds(TOP), -1),
+        "traction.group = 'ds(9)'": lambda: solve(fem_snh.Traction(ds(9), [0, 0, 1])),
+        "traction.group = 'top': expected a measure": lambda: solve(
+            fem_snh.Traction("top", [0, 0, 1])
+        ),
+        "group = 'a measure on another mesh'": lambda: solve(
+            fem_snh.Traction(ufl.Measure("ds", domain=other), [0, 0, 1])
+        ),
+        "traction.group = 'ds(3)': expected a measure with subdomain_data": lambda: solve(
+            fem_snh.Traction(ufl.ds(3), [0, 0, 1])
+        ),
+        "expected one of the keys shape, surface, profile; found none": lambda: fem_snh.Obstacle(),
+        "shape: unknown key 'ball'": lambda: fem_snh.Obstacle({"ball": {}}),
+        "obstacle.name = 'a': expected a different name": lambda: solve(
+            fem_snh.Obstacle({"plane": {}}, name="a"), fem_snh.Obstacle({"plane": {}}, name="a")
+        ),
+        "rigid.name = 'a': expected a name that no obstacle has": lambda: solve(
+            fem_snh.Rigid(ds(TOP), name="a"), fem_snh.Obstacle({"plane": {}}, name="a")
+        ),
+        "time.integrator = 'semi_implicit'": lambda: fem_snh.DynamicProblem(
+            u,
+            {SNH: ufl.dx},
+            {SNH: 1.0},
+            "semi_implicit",
+            duration=1.0,
+            terms=[fem_snh.SelfContact("ipc")],
+        ),
+        "surface = 3: expected the path of an STL or OBJ file": lambda: fem_snh.Obstacle(surface=3),
+        "nowhere.stl": lambda: solve(fem_snh.Obstacle(surface="nowhere.stl")),
+        "table = 'ramp': expected a function": lambda: solve(
+            fem_snh.Pressure(ds(TOP), 1.0, "ramp")
+        ),
+        "table(1) = 'a': expected a number": lambda: solve(
+            fem_snh.Pressure(ds(TOP), 1.0, lambda load: "a")
+        ),
+        "'material.density'": lambda: solve(fem_snh.Gravity([0, 0, -1])),
+        "terms[0] = 3: expected a UFL form": lambda: solve(3),
+        "terms[0] = <class": lambda: solve(fem_snh.Pressure),
+        "shares no facet": lambda: solve(fem_snh.Cavity(ufl.ds, 0.1), fem_snh.Cavity(ds(TOP), 0.1)),
+    }
+
+    def solve(*terms: Any) -> None:
+        bcs = bottom(u.function_space)
+        fem_snh.NonlinearProblem(u, {SNH: ufl.dx}, bcs=bcs, terms=terms).solve()
+
+    for expected, make in mistakes.items():
+        with pytest.raises(fem_snh.BadInput) as error:
+            make()
+        assert expected in str(error.value) and "\n" not in str(error.value), str(error.value)
+
+
+PULLED = """
+from fem_snh.scenes import Geometry, Hold, MaterialChoice, Probe, Scene, Traction
+
+
+def pulled():
+    sides = [Hold(side, ("x", "y")) for side in ("left", "right", "front", "back")]
+    return Scene(
+        name="pulled",
+        mesh=Geometry("cube"),
+        cells=1,
+        element="Q1",
+        material=MaterialChoice(name="stable_neo_hookean", E=1.0, nu=0.4),
+        hold=[Hold("bottom"), *sides],
+        traction=[Traction("top", (0, 0, 0.3), lambda load: load**2)],
+        probe=[Probe("top", (0.5, 0.5, 1))],
+        steps=2,
+    )
+"""
+
+
+def test_a_function_in_a_python_scene(comm: Any, folder: Any) -> None:
+    """It is on every rank. The stress is linear in a confined stretch: a quarter at load 1/2."""
+    if comm.rank == 0:
+        (folder / "pull.py").write_text(PULLED)
+    comm.barrier()
+    out = folder / "out"
+    assert cli.main(["run", f"{folder / 'pull.py'}:pulled", "--out", str(out), "--quiet"]) == 0
+    steps = json.loads((out / "run.json").read_text())["steps"]
+    first, last = (step["probes"]["top"][2] for step in steps)
+    lam = 0.4 / (1.4 * 0.2)
+    assert last == pytest.approx(0.3 / (lam + 2 / 2.8), rel=1e-6)
+    assert first == pytest.approx(last / 4, rel=1e-6)
+    resume = ["--out", str(out), "--quiet", "--resume"]
+    assert cli.main(["run", f"{folder / 'pull.py'}:pulled", *resume]) == 0

@@ -1,0 +1,222 @@
+"""Scenes fitted to curves: derivatives by the adjoint, and parameters that are found again."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+
+import fem_snh
+from fem_snh import BadInput, cli, scenes
+from fem_snh.runs.inverse import InverseProblem, MeasuredCurve, fit_scene
+
+GOALS = ["right.force.x", "volume"]
+SMALL: dict[str, Any] = {"cells": 2, "steps": 2}
+
+
+def measure(**overrides: Any) -> MeasuredCurve:
+    """Return force and volume of the pulled cube at half and all of its stretch."""
+    record = fem_snh.run("pull", progress=False, **SMALL, **overrides).record
+    rows = [step for step in record["steps"] if step["converged"] and step["load"] in (0.5, 1)]
+    values = [[row["reactions"]["right"][0], row["volume_ratio"]] for row in rows]
+    loads = np.array([0.5, 1])
+    return MeasuredCurve("load", loads, loads, GOALS, np.array(values))
+
+
+def largest_difference(inverse: InverseProblem, step: float = 1e-3) -> float:
+    """Return the largest difference of the Jacobian from central differences of runs."""
+    z = inverse.start
+    _, jacobian = inverse.evaluate(z)
+    columns = []
+    for direction in np.eye(len(z)):
+        ends = [inverse.evaluate(z + sign * step * direction)[0] for sign in (1, -1, 2, -2)]
+        one, two = ends[0] - ends[1], ends[2] - ends[3]
+        columns.append((8 * one - two) / (12 * step))  # of fourth order
+    exact = np.array(columns).T
+    return float(np.abs(jacobian - exact).max() / np.abs(exact).max())
+
+
+@pytest.mark.one_debian
+@pytest.mark.mpi
+def test_derivatives_are_those_of_differences() -> None:
+    """Force and volume by E and nu of a nonlinear scene; 1e-5 is asked for."""
+    curve = measure(nu=0.4)
+    scene = scenes.load("pull", nu=0.3, **SMALL)
+    inverse = InverseProblem(MPI.COMM_WORLD, scene, curve, ["E", "nu"])
+    assert largest_difference(inverse) < 1e-6
+
+
+@pytest.mark.mpi
+def test_two_parameters_are_found_again() -> None:
+    curve = measure(E=2.0, nu=0.39)
+    found = fit_scene("pull", curve, ["E", "nu"], **SMALL)
+    assert found.converged
+    assert found.solves <= 12
+    assert found.parameters["E"] == pytest.approx(2, rel=1e-5)
+    assert found.parameters["nu"] == pytest.approx(0.39, rel=1e-5)
+    assert found.material["E"] == found.parameters["E"]
+
+
+def test_loads_of_a_file_with_many_steps(tmp_path: Path) -> None:
+    """A load of numpy's, times a PETSc vector, is an array of vectors."""
+    loads = np.array([0.25, 0.5, 0.75, 1.0])
+    rows = fem_snh.run("pull", progress=False, E=2.0, cells=1, steps=4).steps
+    forces = np.array([[row["reactions"]["right"][0]] for row in rows])
+    curve = MeasuredCurve("load", loads, loads, GOALS[:1], forces)
+    assert fit_scene("pull", curve, ["E"], cells=1, steps=4).parameters["E"] == pytest.approx(2)
+
+
+@pytest.mark.mpi
+def test_goals_in_other_units_give_the_same_fit() -> None:
+    """Forces and volume ratios were summed as they are: nu was 0.4004, 0.4040 and 0.4084."""
+    curve = measure(nu=0.4)
+    noise = np.array([[1.03, 1.0], [0.98, 1.0]]), np.array([[0, 1e-3], [0, -2e-3]])
+    found = []
+    for unit in (1e-4, 1.0, 1e4):
+        values = (curve.values * noise[0] + noise[1]) * [unit, 1.0]
+        measured = MeasuredCurve("load", curve.x, curve.loads, GOALS, values)
+        f = fit_scene("pull", measured, ["E", "nu"], E=0.8 * unit, nu=0.45, **SMALL)
+        assert f.converged
+        numbers = [f.parameters["E"] / unit, f.errors["E"] / unit, f.parameters["nu"]]
+        found.append([*numbers, f.errors["nu"], *f.r_squared.values()])
+    assert found[0] == pytest.approx(found[1], rel=1e-6)
+    assert found[2] == pytest.approx(found[1], rel=1e-6)
+
+
+@pytest.mark.one_debian
+def test_derivatives_with_a_pressure_and_an_obstacle() -> None:
+    """Taylor-Hood's unit of pressure and the contact's stiffness depend on E."""
+    scene = scenes.load("press", cells=1, steps=1, to=0.8, element="P2P1")
+    goals = ["bottom.force.z", "plate.force.z"]
+    curve = MeasuredCurve("load", np.ones(1), np.ones(1), goals, np.ones((1, 2)))
+    inverse = InverseProblem(MPI.COMM_WORLD, scene, curve, ["E", "nu"])
+    assert largest_difference(inverse) < 1e-5
+
+
+@pytest.mark.mpi
+def test_derivatives_of_goals_that_depend_on_parameters_themselves() -> None:
+    """At prescribed displacements forces and stresses are proportional to E; those by E were 0."""
+    scene = scenes.load("press", cells=1, steps=1, to=0.8, element="Q1")
+    goals = ["bottom.force.z", "plate.force.z", "stress", "volume"]
+    curve = MeasuredCurve("load", np.ones(1), np.ones(1), goals, np.ones((1, 4)))
+    inverse = InverseProblem(MPI.COMM_WORLD, scene, curve, ["E"])
+    residual, jacobian = inverse.evaluate(inverse.start)
+    exact = (residual + 1) * (1, 1, 1, 0)  # the variable is the logarithm of E
+    assert jacobian[:, 0] == pytest.approx(exact, rel=1e-6, abs=1e-6)
+
+
+def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A distance in the scene's units, and a force that is proportional to E."""
+    curve = measure(E=3.0)
+    lines = [
+        f"{1 + load!r},{force!r}" for load, force in zip((0.5, 1.0), curve.values[:, 0].tolist())
+    ]
+    (tmp_path / "curve.csv").write_text("distance,right.force.x\n" + "\n".join(lines) + "\n")
+    words = ["fit", "pull", "--to", str(tmp_path / "curve.csv"), "--parameters", "E",
+             "--set", "cells=2", "--set", "steps=2", "--out", str(tmp_path / "out")]  # fmt: skip
+    assert cli.main(words) == 0
+    record = json.loads((tmp_path / "out" / "fit.json").read_text())
+    assert record["parameters"]["E"] == pytest.approx(3, rel=1e-5)
+    assert record["loads"] == [0.5, 1]
+    assert 'name = "stable_neo_hookean"' in (tmp_path / "out" / "material.toml").read_text()
+    assert (tmp_path / "out" / "fit.png").exists()
+    printed = capsys.readouterr().out
+    assert "converged" in printed and "right.force.x" in printed
+    assert record["r_squared"] == {"right.force.x": pytest.approx(1)}
+
+
+def test_command_with_parameters_of_a_scene(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The scene has a parameter ``to``, as `fit_scene` has: that ended with a TypeError."""
+    scene = {"cells": 1, "steps": 1, "to": 0.8, "element": "Q1"}
+    record = fem_snh.run("press", E=3e5, progress=False, **scene).record
+    force = record["steps"][-1]["obstacles"]["plate"]["force"][2]
+    (tmp_path / "curve.csv").write_text(f"load,plate.force.z\n1,{force!r}\n")
+    words = ["fit", "press", "--to", str(tmp_path / "curve.csv"), "--parameters", "E"]
+    words += ["--out", str(tmp_path / "out")]
+    assert cli.main([*words, *(w for k, v in scene.items() for w in ("--set", f"{k}={v}"))]) == 0
+    found = json.loads((tmp_path / "out" / "fit.json").read_text())
+    assert found["parameters"]["E"] == pytest.approx(3e5, rel=1e-5)
+    assert cli.main([*words, "--set", "max_solves=3"]) == 2
+    assert "unknown parameter 'max_solves'" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("text", "parameters", "message"),
+    [
+        ("load,right.force.x\n1,2\n", ["F"], "parameters = 'F': expected one of E, nu, alpha"),
+        ("load,right.force.x\n1,2\n", ["E", "E"], "expected different names"),
+        ("load,right.force.x\n1,2\n", ["E", "nu"], "fewer parameters than measured values"),
+        ("load,right.force\n1,2\n", ["E"], "goal = 'right.force': expected a component"),
+        ("load,left.fors.x\n1,2\n", ["E"], "'left.fors.x'"),
+        ("time,right.force.x\n1,2\n", ["E"], "column = 'time': expected 'load' or 'distance'"),
+        ("load,right.force.x\n2,2\n", ["E"], "expected ascending numbers between 0 and 1"),
+        ("load,right.force.x\n1,a\n", ["E"], "line 2: expected 2 numbers"),
+        ("1,2\n", ["E"], "expected a first line with"),
+        ("load,right.force.x\n", ["E"], "no line of numbers"),
+        ("load,right.force.x,volume\n1,0,1\n", ["E"], "goal right.force.x: expected measured"),
+        ("load,right.force.x\n1,1e-300\n", ["E"], "absolute value is from 1e-60 to 1e+60"),
+    ],
+)
+def test_mistakes(tmp_path: Path, text: str, parameters: list[str], message: str) -> None:
+    path = tmp_path / "curve.csv"
+    path.write_text(text)
+    with pytest.raises(BadInput) as error:
+        fit_scene("pull", path, parameters, cells=1, steps=1)
+    assert message in str(error.value)
+
+
+@pytest.mark.parametrize("nu", [0.4999999, -0.95])
+def test_a_start_out_of_bounds_is_refused(nu: float) -> None:
+    curve = MeasuredCurve("load", np.ones(1), np.ones(1), ["volume"], np.ones((1, 1)))
+    with pytest.raises(BadInput, match=rf"^nu = {nu}: expected a number from -0.9 to 0.4999995 to"):
+        fit_scene("pull", curve, ["nu"], nu=nu, cells=1, steps=1)
+
+
+@pytest.mark.parametrize(
+    ("material", "first"),
+    [
+        ("extended_tube", {"delta": 1e-4, "beta": 0.999}),
+        ("stable_neo_hookean", {"E": 1.0, "alpha": 0.02}),
+        ("seth_hill", {"n": 0.001}),
+        ("arap", {"nu": 0.45}),
+    ],
+)
+def test_parameters_stay_within_what_the_material_accepts(
+    material: str, first: dict[str, float]
+) -> None:
+    """A curve that no parameters have drives them to their bounds, beside which they begin."""
+    loads = np.array([0.5, 1.0])
+    curve = MeasuredCurve("load", loads, loads, ["right.force.x"], np.array([[0.5], [0.2]]))
+    keys = {"material.name": material, "material.nu": 0.45} | SMALL
+    keys |= {f"material.{name}": value for name, value in first.items()}
+    found = fit_scene("pull", curve, list(first), max_solves=4, **keys)
+    assert np.isfinite(list(found.parameters.values())).all()
+    assert found.record()["standard_errors"].keys() == first.keys()
+
+
+def test_a_parameter_of_a_scene_is_not_taken_for_its_own() -> None:
+    """It was a TypeError that said nothing of the scene; `to` alone was taken for a path."""
+    curve = MeasuredCurve("load", np.ones(1), np.ones(1), ["volume"], np.ones((1, 1)))
+    given: list[Any] = [(("press", curve, ["E"]), {}), (("press",), {"parameters": ["E"]})]
+    for arguments, keywords in given:
+        with pytest.raises(BadInput, match=r"^to = 0.8: .* fit_scene\(fem_snh.scenes.load\(scen"):
+            fit_scene(*arguments, to=0.8, **keywords)
+    with pytest.raises(BadInput, match="no such file"):
+        fit_scene(scenes.load("press", to=0.8), to="none.csv", parameters=["E"])
+
+
+def test_scenes_that_are_refused() -> None:
+    curve = MeasuredCurve("load", np.ones(1), np.ones(1), ["volume"], np.ones((1, 1)))
+    with pytest.raises(BadInput, match="expected a scene without"):
+        fit_scene("bounce", curve, ["E"])
+    press = scenes.load("press")
+    obstacles = [o.model_copy(update={"method": "augmented_lagrangian"}) for o in press.obstacle]
+    with pytest.raises(BadInput, match="method = 'augmented_lagrangian': expected 'penalty'"):
+        fit_scene(press.model_copy(update={"obstacle": obstacles}), curve, ["E"])

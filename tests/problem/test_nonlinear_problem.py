@@ -1,0 +1,383 @@
+"""`fem_snh.NonlinearProblem`: a solve in a user's dolfinx program."""
+
+from __future__ import annotations
+
+import warnings
+
+from petsc4py import PETSc
+
+import numpy as np
+import pytest
+import ufl
+from bodies import PRESS
+from derivatives import check_derivatives
+from dolfinx import fem, mesh
+from dolfinx_programs import Bar, Press, converged, halves, unit_cube, vector_space
+from plane_programs import prescribe, rectangle
+
+import fem_snh
+from fem_snh import scenes
+from fem_snh.errors import BadInput, ResultNote
+from fem_snh.runs.setup import set_up
+
+pytestmark = pytest.mark.mpi
+
+SNH = fem_snh.material("stable_neo_hookean", E=1.0, nu=0.49)
+SNH_4999 = fem_snh.material("stable_neo_hookean", E=1.0, nu=0.4999)
+TIGHT = {"snes_scaled_tol": 1e-11}
+
+
+def difference(comm, a, b):
+    """The largest difference of two functions, over the largest value. Collective."""
+    largest = max(comm.allgather(abs(b).max(initial=0)))
+    return max(comm.allgather(abs(a - b).max(initial=0))) / largest
+
+
+@pytest.mark.one_debian("ranks")
+def test_agrees_with_a_scene(comm):
+    material = PRESS.material.model_copy(update={"name": "stable_neo_hookean", "nu": 0.49})
+    scene = PRESS.model_copy(update={"material": material, "predictor": "extrapolate"})
+    setup = set_up(comm, scene)
+    row = next(iter(setup.stepper))
+    assert row["converged"]
+    body = Press(setup.problem.domain, height=-0.5)
+    problem = fem_snh.NonlinearProblem(body.u, {SNH: ufl.dx}, bcs=body.bcs)
+    assert problem.solve() is body.u and converged(problem)
+    assert difference(comm, body.u.x.array, setup.problem.u.x.array) < 1e-12
+    assert len(problem.solver.getPythonContext().history) + 1 == row["newton"]
+
+
+@pytest.mark.one_debian
+def test_materials_by_meshtags(comm):
+    domain = unit_cube(comm)
+    dx = ufl.Measure("dx", domain, subdomain_data=halves(domain))
+    stiff = fem_snh.material("stable_neo_hookean", E=10.0, nu=0.49)
+    found = []
+    for materials in (
+        {SNH: dx},
+        {SNH: dx(1), fem_snh.material("stable_neo_hookean", E=1.0, nu=0.49): dx(2)},
+        {SNH: dx((1, 2))},
+        {SNH: dx(1), stiff: dx(2)},
+    ):
+        body = Press(domain)
+        problem = fem_snh.NonlinearProblem(body.u, materials, bcs=body.bcs, petsc_options=TIGHT)
+        problem.solve()
+        assert converged(problem)
+        found.append(body.u.x.array)
+    assert difference(comm, found[1], found[0]) < 1e-11
+    assert difference(comm, found[2], found[0]) < 1e-15
+    assert difference(comm, found[3], found[0]) > 1e-2
+
+
+@pytest.mark.one_debian("ranks")
+@pytest.mark.parametrize("hessian", ["clamp", "abs", None])
+def test_ufl_energy_in_place_of_a_material(comm, hessian):
+    """A problem without materials, whose start is far from its solution."""
+    domain = unit_cube(comm, 2)
+    body, other = Press(domain, height=-0.6), Press(domain, height=-0.6)
+    dx = ufl.dx(metadata={"quadrature_degree": 3})
+    options = {"petsc_options": TIGHT, "hessian": hessian}
+    by_kernels = fem_snh.NonlinearProblem(other.u, {SNH: dx}, bcs=other.bcs, **options)
+    by_kernels.solve()
+    energy = SNH.ufl(body.F) * dx
+    problem = fem_snh.NonlinearProblem(body.u, {}, bcs=body.bcs, terms=[energy], **options)
+    problem.solve()
+    assert converged(problem) and converged(by_kernels)
+    assert difference(comm, body.u.x.array, other.u.x.array) < 1e-9
+    filters = {iteration.filter for iteration in problem.solver.getPythonContext().history}
+    assert filters <= {"exact", "none needed", hessian or "clamp"}
+
+
+def test_measures_without_a_material(comm):
+    """Volumes and J are those of the displacement, whatever has the energy."""
+    domain, dx = unit_cube(comm, 2), ufl.dx(metadata={"quadrature_degree": 3})
+    keys, rows = ("volume_ratio", "min_J", "min_cell_J", "max_u", "energy"), []
+    for has_material in (True, False):
+        body = Press(domain, height=-0.2)
+        materials, terms = ({SNH: dx}, []) if has_material else ({}, [SNH.ufl(body.F) * dx])
+        problem = fem_snh.NonlinearProblem(
+            body.u, materials, bcs=body.bcs, terms=terms, petsc_options=TIGHT
+        )
+        row = list(problem.steps(1))[-1]
+        assert row["converged"]
+        rows.append([row[key] for key in keys])
+    assert rows[0][1] < 1
+    assert rows[1] == pytest.approx(rows[0], rel=1e-8)
+
+
+@pytest.mark.parametrize("kinematics", ["plane_strain", "plane_stress"])
+def test_measures_of_a_plane_without_a_material(comm, kinematics):
+    """The thickness depends on the energy, which is a form: J is that of the plane."""
+    domain = rectangle(comm, "Q1", (0, 0), (1, 1), (2, 2))
+    u = fem.Function(vector_space(domain, 1, 2))
+    bcs = [
+        bc
+        for axis, at in ((0, 0), (0, 1), (1, 0), (1, 1))
+        for bc in prescribe(u.function_space, axis, at, lambda x: [0.2 * x[0], 0.1 * x[1]])
+    ]
+    F = ufl.Identity(2) + ufl.grad(u)
+    energy = ufl.inner(F, F) * ufl.dx(metadata={"quadrature_degree": 2})
+    problem = fem_snh.NonlinearProblem(u, {}, bcs=bcs, terms=[energy], kinematics=kinematics)
+    row = list(problem.steps(1))[-1]
+    assert row["converged"]
+    assert [row["volume_ratio"], row["min_J"]] == pytest.approx([1.32, 1.32], rel=1e-8)
+
+
+@pytest.mark.one_debian
+def test_values_change_between_solves(comm):
+    """A time loop: a component's boundary value and a load change; uniaxial stretch is exact."""
+    bar = Bar(unit_cube(comm, 2))
+    ds = ufl.Measure("ds", bar.domain)
+    pressure = fem.Constant(bar.domain, 0.0)
+    loads = (
+        pressure
+        * bar.u[1]
+        * ufl.conditional(ufl.gt(ufl.SpatialCoordinate(bar.domain)[1], 0.99), 1, 0)
+        * ds
+    )
+    problem = fem_snh.NonlinearProblem(
+        bar.u, {SNH: ufl.dx}, bcs=bar.bcs, terms=[loads], petsc_options=TIGHT
+    )
+    lateral = []
+    for pull, load in ((0.2, 0.0), (0.6, 0.0), (0.6, 0.05), (0.6, 0.0)):
+        bar.pull.value, pressure.value = pull, load
+        problem.solve()
+        assert converged(problem)
+        y = bar.u.x.array[1::3]
+        lateral.append(min(comm.allgather(y.min(initial=0))))
+        if not load:
+            assert stretched_width(1 + pull) - 1 == pytest.approx(lateral[-1], abs=1e-9)
+    assert lateral[2] < lateral[3] - 1e-3
+    history = problem.solver.getPythonContext().history
+    problem.solve()  # nothing has changed
+    assert history and not problem.solver.getPythonContext().history
+
+
+def stretched_width(s):
+    """Width of a bar stretched by s, whose sides are free: the root of the lateral stress."""
+
+    def stress(w):
+        return SNH.pk1(np.diag([s, w, w]))[1, 1]
+
+    from scipy.optimize import brentq
+
+    return brentq(stress, 0.3, 1.5, xtol=1e-13)
+
+
+@pytest.mark.one_debian
+def test_unknown_pressure(comm):
+    """Taylor-Hood elements at nu = 1/2: the bar keeps its volume, and its pressure is uniform."""
+    bar = Bar(unit_cube(comm, 2, "tetrahedron"), degree=2, pull=0.5)
+    rubber = fem_snh.material("neo_hookean", E=3.0, nu=0.5)
+    problem = fem_snh.NonlinearProblem(
+        bar.u,
+        {rubber: ufl.dx},
+        bcs=bar.bcs,
+        element="P2P1",
+        petsc_options={"snes_scaled_tol": 1e-9},
+    )
+    problem.solve()
+    assert converged(problem)
+    y = bar.u.x.array[1::3]
+    assert min(comm.allgather(y.min(initial=0))) == pytest.approx(1.5**-0.5 - 1, abs=1e-7)
+    mean = problem.p.x.array.mean()
+    assert abs(mean) > 0.1 and abs(problem.p.x.array - mean).max() < 1e-6
+
+
+def test_solver_that_diverges(comm):
+    body = Press(unit_cube(comm, 2))
+    options = {"snes_max_it": 1, "snes_hessian": "clamp"}
+    problem = fem_snh.NonlinearProblem(
+        body.u, {SNH: ufl.dx}, bcs=body.bcs, petsc_options=options, predictor="none"
+    )
+    problem.solve()
+    assert problem.solver.getConvergedReason() == PETSc.SNES.ConvergedReason.DIVERGED_MAX_IT
+    assert problem.b.norm() > 0 and problem.A.getSize() == (81, 81) and problem.x.getSize() == 81
+    options["snes_error_if_not_converged"] = None
+    problem = fem_snh.NonlinearProblem(
+        body.u, {SNH: ufl.dx}, bcs=body.bcs, petsc_options=options, petsc_options_prefix="other_"
+    )
+    body.u.x.array[:] = 0
+    with pytest.raises(PETSc.Error):
+        problem.solve()
+    assert not PETSc.Options("other_").hasName("snes_max_it")
+
+
+def test_an_option_that_no_solver_has(comm):
+    """It has a note after each solve; one of what may be asked for later has none."""
+    body = Press(unit_cube(comm, 2))
+    options = {"snes_maxx_it": 5, "snes_max_it": 60, "-ksp_rtol": 1e-3, "modes_eps_tol": 1e-9}
+    problem = fem_snh.NonlinearProblem(body.u, {SNH: ufl.dx}, bcs=body.bcs, petsc_options=options)
+    for _ in range(2):
+        problem.solve()
+        (note,) = (note for note in problem.notes if note.kind == "options")
+        assert note.values["names"] == ["-snh_snes_maxx_it"] and "-snh_snes_maxx_it" in note.text
+
+
+def turned(element: str, cell: str, cells: tuple[int, int, int], comm) -> tuple:
+    """Return the problem of a bar of rubber, nu = 0.4999, and the function that turns its top."""
+    kind = getattr(mesh.CellType, cell)
+    domain = mesh.create_box(comm, [[-0.5, -0.5, 0], [0.5, 0.5, 2]], cells, kind)
+    V = vector_space(domain, int(element[1]))
+    u, top = fem.Function(V), fem.Function(V)
+    ends = [
+        fem.locate_dofs_topological(
+            V, 2, mesh.locate_entities_boundary(domain, 2, lambda x, z=z: np.isclose(x[2], z))
+        )
+        for z in (0.0, 2.0)
+    ]
+
+    def turn(angle: float) -> None:
+        c, s = np.cos(angle) - 1, np.sin(angle)
+        top.interpolate(lambda x: np.stack([c * x[0] - s * x[1], s * x[0] + c * x[1], 0 * x[2]]))
+
+    bcs = [fem.dirichletbc(np.zeros(3), ends[0], V), fem.dirichletbc(top, ends[1])]
+    return fem_snh.NonlinearProblem(u, {SNH_4999: ufl.dx}, bcs=bcs, element=element), turn
+
+
+@pytest.mark.one_debian("serial")
+@pytest.mark.parametrize(
+    ("element", "cell", "cells"),
+    [("Q1P0", "hexahedron", (4, 4, 8)), ("P2P0", "tetrahedron", (3, 3, 6))],
+)
+def test_nearly_incompressible_bar_turned_by_86_degrees(comm, element, cell, cells):
+    """The condensed problem alone takes 137 Newton iterations with Q1P0, 283 with more of P2P0."""
+    problem, turn = turned(element, cell, cells, comm)
+    newton = 0
+    for angle in (0.5, 1.0, 1.5):
+        turn(angle)
+        problem.solve()
+        assert converged(problem)
+        newton += problem.newton
+    assert newton <= 40
+    residual = problem.b.duplicate()
+    problem.solver.computeFunction(problem.x, residual)
+    assert residual.norm() <= problem.solver.getPythonContext().scaled_tolerance
+
+
+@pytest.mark.one_debian("ranks")
+def test_steps_of_a_program_are_those_of_a_scene(comm):
+    """The same mesh, conditions and load path: the same iterations, energies and displacements."""
+    scene = scenes.load(
+        "twist", cells=3, element="Q1P0", nu=0.4999, steps=3, predictor="extrapolate"
+    )
+    setup = set_up(comm, scene)
+    expected, (move,) = list(setup.stepper), scene.motions
+    body = Press(setup.problem.domain)
+    nodes, X = body.dofs(2, 1.0), body.V.tabulate_dof_coordinates()
+    top = body.top.x.array.reshape(-1, 3)
+
+    def set_load(load: float) -> None:
+        top[nodes] = move.displacement(X[nodes], load)
+
+    materials = {SNH_4999: ufl.dx}
+    problem = fem_snh.NonlinearProblem(body.u, materials, bcs=body.bcs, element="Q1P0")
+    rows = list(problem.steps(3, set_load))
+    assert [row["load"] for row in rows] == [1 / 3, 2 / 3, 1]
+    for row, wanted in zip(rows, expected, strict=True):
+        for key in ("load", "converged", "reason", "newton", "mixed_newton"):
+            assert row[key] == wanted[key]
+        assert row["energy"] == pytest.approx(wanted["energy"], rel=1e-9)
+        assert row["volume_ratio"] == pytest.approx(wanted["volume_ratio"], rel=1e-9)
+    assert difference(comm, body.u.x.array, setup.problem.u.x.array) < 1e-8
+
+
+def test_steps_go_to_the_boundary_values_in_proportion(comm):
+    """Heights of a press by 0.3 in three steps, and of one from the pressed state."""
+    body = Press(unit_cube(comm, 2), height=-0.3)
+    problem = fem_snh.NonlinearProblem(body.u, {SNH: ufl.dx}, bcs=body.bcs)
+    nodes, heights = body.dofs(2, 1.0), []
+    for row in problem.steps(3):
+        assert row["converged"]
+        heights.append(body.u.x.array.reshape(-1, 3)[nodes, 2])
+    for load, height in zip((1 / 3, 2 / 3, 1), heights, strict=True):
+        np.testing.assert_allclose(height, -0.3 * load, rtol=1e-14)
+    body.top.x.array[2::3] = 0.1
+    pressed = body.u.x.array.copy()
+    first = next(problem.steps(4))
+    other = Press(unit_cube(comm, 2), height=0.1)
+    other.u.x.array[:] = pressed
+    fresh = fem_snh.NonlinearProblem(other.u, {SNH: ufl.dx}, bcs=other.bcs)
+    expected = next(fresh.steps(4))
+    assert first["load"] == 0.25
+    for key in ("newton", "linear", "residual"):  # nothing of the first path is left
+        assert first[key] == pytest.approx(expected[key], rel=1e-6)
+    np.testing.assert_allclose(body.u.x.array.reshape(-1, 3)[nodes, 2], -0.2, rtol=1e-14)
+
+
+@pytest.mark.parametrize("ramped", [False, True])
+def test_loads_in_ufl_that_are_not_ramped_are_no_jump(comm, ramped):
+    """They act in full in the first step, which had the note of a snap-through."""
+    body = mesh.create_box(
+        comm, [np.zeros(3), np.array([4.0, 1.0, 1.0])], [4, 1, 1], mesh.CellType.hexahedron
+    )
+    V = vector_space(body, 2)
+    dofs = fem.locate_dofs_geometrical(V, lambda x: np.isclose(x[0], 0))
+    u, pull = fem.Function(V), fem.Constant(body, np.array([80.0, 0.0, 0.0]))
+    m = fem_snh.material("stable_neo_hookean", E=100.0, nu=0.49)
+    problem = fem_snh.NonlinearProblem(
+        u, {m: ufl.dx}, bcs=[fem.dirichletbc(np.zeros(3), dofs, V)],
+        terms=[-ufl.inner(pull, u) * ufl.ds],
+    )  # fmt: skip
+
+    def set_load(load):
+        pull.value[0] = 80.0 * load
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ResultNote)
+        row = next(problem.steps(6, set_load if ramped else None))
+    assert row["converged"] and "jump" not in row.get("notes", [])
+    assert ["load" in [note.kind for note in problem.notes]] == [not ramped]
+
+
+def test_steps_that_fail_are_halved_and_restored(comm):
+    """With three Newton iterations a press by 60 % fails; its parts converge."""
+    body = Press(unit_cube(comm, 2), height=-0.6)
+    problem = fem_snh.NonlinearProblem(
+        body.u, {SNH: ufl.dx}, bcs=body.bcs, petsc_options={"snes_max_it": 3}
+    )
+    before, rows = body.u.x.array.copy(), []
+    for row in problem.steps(1):
+        rows.append(row)
+        if not rows[0]["converged"] and len(rows) == 1:
+            np.testing.assert_array_equal(body.u.x.array, before)
+    assert [row["load"] for row in rows][:2] == [1.0, 0.5]
+    assert not rows[0]["converged"] and rows[-1]["converged"] and rows[-1]["load"] == 1
+    with pytest.raises(BadInput, match="number = 0: expected a whole number from 1"):
+        next(problem.steps(0))
+
+
+@pytest.mark.parametrize("element", ["Q1P0", "Q1"])
+def test_a_volume_energy_beside_a_form(comm, element):
+    """The element treats it as the material's: the same state, and derivatives of the energy."""
+    mu, lam = SNH.lame
+    treated = element == "Q1P0"
+    local = 4 * mu * lam / (lam + 4 * mu) if treated else 0.0  # fem_snh.materials.volume_split
+    states = []
+    for own in (False, True):
+        body = Press(unit_cube(comm, 2))
+        J, k = ufl.det(body.F), fem.Constant(body.domain, lam - local)
+        form = mu / 2 * (ufl.inner(body.F, body.F) - 3) - mu * (J - 1)
+        form += (mu + local) / 2 * (J - 1) ** 2
+        terms = [form * ufl.dx(metadata={"quadrature_degree": 2})] if own else []
+        volume = (lambda J, k=k: k / 2 * (J - 1) ** 2) if own else None
+        problem = fem_snh.NonlinearProblem(
+            body.u, {} if own else {SNH: ufl.dx}, bcs=body.bcs, terms=terms, element=element,
+            petsc_options=TIGHT, volume=volume,
+        )  # fmt: skip
+        problem.solve()
+        assert converged(problem)
+        assert not [note for note in problem.notes if "no effect" in note.text]
+        states.append((body.u.x.array.copy(), problem.row["energy"]))
+    assert difference(comm, states[1][0], states[0][0]) < 1e-7
+    assert states[1][1] == pytest.approx(states[0][1], rel=1e-9)
+    if comm.size == 1:
+        problem.x.array[:] *= 1.3
+        check_derivatives(problem._problem, range(81), 1e-5, 1e-7, 1e-6, constrained=False)
+
+
+def test_volume_energies_that_no_element_treats(comm):
+    body = Press(unit_cube(comm, 1, "tetrahedron"), degree=2)
+    for volume, element in ((3.0, "P2P0"), (lambda J: (J - 1) ** 2, "P2P1")):
+        with pytest.raises(BadInput, match=r"volume = .*: expected"):
+            fem_snh.NonlinearProblem(body.u, {SNH: ufl.dx}, element=element, volume=volume)

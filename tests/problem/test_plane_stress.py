@@ -1,0 +1,265 @@
+"""Plane stress: exact states of a sheet, its tangent, its filters, and a thin sheet in 3D."""
+
+from __future__ import annotations
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+import ufl
+from bodies import dense
+from derivatives import check_derivatives
+from dolfinx import fem, mesh
+from dolfinx_programs import vector_space
+from plane_programs import displacement, motion, prescribe, rectangle, sides, solve, zero
+from plane_scenes import own_scene
+from plane_scenes import solve as solve_scene
+from scipy.optimize import brentq, minimize_scalar
+
+import fem_snh
+from fem_snh.errors import BadInput
+
+ELEMENTS = ("P1", "P2", "Q1", "Q2")
+KIND = {"kinematics": "plane_stress"}
+SNH = fem_snh.material("stable_neo_hookean", E=1.0, nu=0.45)
+
+
+def thickness(material, a, b, shear=0.0):
+    """The stretch F33 at which P33 = 0, by brentq."""
+
+    def P33(s):
+        return material.pk1(np.array([[a, shear, 0], [0, b, 0], [0, 0, s]]))[2, 2]
+
+    return brentq(P33, 1e-3, 20, xtol=1e-15, rtol=1e-14)
+
+
+def affine(material, element, F):
+    """The problem of a square with the displacement (F - I) x, not solved."""
+    domain = rectangle(MPI.COMM_SELF, element, (0.0, 0.0), (1.0, 1.0), (2, 2))
+    u = displacement(domain, element, "plane_strain")
+    x = u.function_space.tabulate_dof_coordinates()[:, :2]
+    u.x.array[:] = (x @ (np.array(F) - np.eye(2)).T).ravel()
+    keywords = {"element": element, **KIND}
+    made = fem_snh.NonlinearProblem(u, {material: ufl.dx}, **keywords)._problem
+    made.x.array[:] = u.x.array
+    return made
+
+
+@pytest.mark.one_debian
+@pytest.mark.parametrize("name", ["stable_neo_hookean", "neo_hookean_simo", "corotational"])
+@pytest.mark.parametrize("F", [
+    [[1.3, 0], [0, 1.3]], [[1.5, 0.4], [0.1, 0.7]], [[0.6, 0], [0, 0.9]],
+    [[1 + 1e-7, 3e-8], [0, 1 - 2e-8]], [[1, 0], [0, 1]], [[1, 0.6], [0, 1]],
+])  # fmt: skip
+def test_energy_and_thickness_are_those_of_the_minimum(name, F):
+    """The energy of the sheet is the smallest one over F33, from 1e-7 to large strains."""
+    material = fem_snh.material(name, E=1.0, nu=0.4)
+    made = affine(material, "Q1", F)
+    full = np.eye(3)
+    full[:2, :2] = F
+
+    def P33(s):
+        full[2, 2] = s
+        return material.pk1(full)[2, 2]
+
+    s = brentq(P33, 0.02, 20, xtol=1e-15, rtol=1e-14)
+    full[2, 2] = s
+    assert made.energy(made.x) == pytest.approx(material.energy(full), rel=1e-7, abs=1e-15)
+    J = made.measures(made.x)["volume_ratio"]
+    assert J - 1 == pytest.approx(np.linalg.det(full) - 1, rel=1e-8, abs=1e-14)
+
+
+@pytest.mark.one_debian
+@pytest.mark.mpi
+@pytest.mark.parametrize("element", ELEMENTS)
+def test_uniaxial_stretch_of_a_sheet(comm, element):
+    """The closed form of eq. 13 of Smith et al. 2018: both lateral stretches are sqrt(J/s)."""
+    E, nu, s = 1.0, 0.45, 1.8
+    material = fem_snh.material("stable_neo_hookean", E=E, nu=nu)
+    mu, lam = material.lame[0], sum(material.lame)
+    J = 1 + mu / lam * (1 - 1 / s)
+    domain = rectangle(comm, element, (0.0, 0.0), (1.0, 0.5), (3, 2))
+    u = displacement(domain, element, "plane_strain")
+    V = u.function_space
+    bcs = prescribe(V, 0, 0.0, zero, [0]) + prescribe(V, 1, 0.0, zero, [1])
+    bcs += prescribe(V, 0, 1.0, lambda x: np.array([[s - 1], [0.0]]), [0])
+    made = solve(u, material, bcs, element=element, **KIND)
+    x, values = V.tabulate_dof_coordinates(), u.x.array.reshape(-1, 2)
+    assert abs(values[:, 1] - x[:, 1] * (np.sqrt(J / s) - 1)).max(initial=0) < 1e-9
+    force = made._problem.x.duplicate()
+    made._problem.gradient(made.x, force)
+    nodes = sides(V, 0, 1.0)
+    owned = V.dofmap.index_map.size_local
+    total = comm.allreduce(force.array[2 * nodes[nodes < owned]].sum())
+    assert total == pytest.approx(0.5 * mu * (s - J / s**2), rel=1e-9)
+    assert made._problem.measures(made.x)["volume_ratio"] == pytest.approx(J, rel=1e-10)
+
+
+@pytest.mark.one_debian
+@pytest.mark.parametrize("nu", [0.0, 0.3, 0.4999])
+def test_equibiaxial_and_shear(nu):
+    """Forces on the sides of a square, P of the three-dimensional material at P33 = 0."""
+    material = fem_snh.material("stable_neo_hookean", E=1.0, nu=nu)
+    for F in ([[1.4, 0], [0, 1.4]], [[1.0, 0.6], [0.0, 1.0]]):
+        made = affine(material, "Q2", F)
+        full = np.eye(3)
+        full[:2, :2] = F
+        full[2, 2] = thickness(material, F[0][0], F[1][1], F[0][1])
+        P = material.pk1(full)
+        force = made.x.duplicate()
+        made.gradient(made.x, force)
+        nodes = sides(made.V, 0, 1.0)
+        total = force.array.reshape(-1, 2)[nodes].sum(axis=0)
+        # The corners have half of the neighbouring sides' forces, which cancel but for shear's.
+        corner = made.V.tabulate_dof_coordinates()[nodes]
+        assert len(corner) == 5
+        np.testing.assert_allclose(total, P[:2, 0], rtol=1e-9, atol=1e-9)
+
+
+def scattered(element, material=SNH, size=0.03, seed=0):
+    domain = rectangle(MPI.COMM_SELF, element, (0.0, 0.0), (1.0, 1.0), (2, 2))
+    rng = np.random.default_rng(seed)
+    domain.geometry.x[:, :2] += rng.uniform(-0.05, 0.05, (len(domain.geometry.x), 2))
+    u = displacement(domain, element, "plane_strain")
+    keywords = {"element": element, **KIND}
+    made = fem_snh.NonlinearProblem(u, {material: ufl.dx}, **keywords)._problem
+    made.x.array[:] = rng.uniform(-size, size, made.x.getLocalSize())
+    return made
+
+
+@pytest.mark.one_debian
+@pytest.mark.parametrize(
+    "element, name",
+    [(element, "stable_neo_hookean") for element in ELEMENTS]
+    + [("Q2", name) for name in ("neo_hookean_simo", "stvk", "corotational")],
+)
+def test_residual_and_hessian_are_derivatives(element, name):
+    """Central differences of the energy and of the residual: the condensed tangent is exact."""
+    made = scattered(element, fem_snh.material(name, E=1.0, nu=0.4))
+    check_derivatives(made, range(0, made.x.getLocalSize(), 5), 1e-6, 1e-8, 1e-8)
+
+
+@pytest.mark.parametrize("element", ELEMENTS)
+def test_filtered_hessian_is_positive_semidefinite(element):
+    """The Schur complement of a semidefinite matrix is semidefinite; the exact one is neither."""
+    made, smallest = scattered(element, size=0.6), {}
+    for filter in ("exact", "clamp", "abs"):
+        made.jacobian(made.x, filter)
+        values = np.linalg.eigvalsh(dense(made.A))
+        smallest[filter] = values[0] / values[-1]
+    assert made.measures(made.x)["min_J"] < 0
+    assert smallest["exact"] < -1e-3
+    assert smallest["clamp"] > -1e-13 and smallest["abs"] > -1e-13
+
+
+def test_an_inverted_cell_has_the_energy_of_its_thinnest_state():
+    """Turned over in its plane there is no root in F33 > 0; the energy is the bound's minimum."""
+    F = np.diag([-0.8, 1.1])
+    made = affine(SNH, "Q1", F)
+
+    def energy(s):
+        return float(SNH.energy(np.diag([-0.8, 1.1, s])))
+
+    least = minimize_scalar(energy, bounds=(1e-3, 1e3), method="bounded")
+    assert least.x < 2e-3 and energy(1e-3) <= least.fun
+    assert made.energy(made.x) == pytest.approx(energy(1e-3), rel=1e-12)
+
+
+def test_rest_has_the_rigid_motions():
+    for element in ELEMENTS:
+        domain = rectangle(MPI.COMM_SELF, element, (0.0, 0.0), (1.0, 1.0), (1, 1))
+        u = displacement(domain, element, "plane_strain")
+        made = fem_snh.NonlinearProblem(u, {SNH: ufl.dx}, element=element, **KIND)._problem
+        made.x.set(0.0)
+        made.jacobian(made.x, "exact")
+        values = np.linalg.eigvalsh(dense(made.A))
+        assert (values > 1e-12 * values[-1]).sum() == len(values) - 3
+        vectors = made.A.getNearNullSpace().getVecs()
+        assert len(vectors) == 3
+        for vector in vectors:
+            assert (made.A * vector).norm() < 1e-13 * values[-1]
+
+
+def sheet(thick, element="Q2", n=4):
+    """A sheet that is sheared and stretched at one side: in the plane, or a layer in 3D."""
+    if thick is None:
+        domain = rectangle(MPI.COMM_SELF, element, (0.0, 0.0), (1.0, 1.0), (n, n))
+    else:
+        high = np.array([1.0, 1.0, thick])
+        domain = mesh.create_box(
+            MPI.COMM_SELF, [np.zeros(3), high], [n, n, 1], mesh.CellType.hexahedron
+        )
+    dim = domain.topology.dim
+    V = vector_space(domain, 2, dim)
+    u, right = fem.Function(V), fem.Function(V)
+    right.x.array[0::dim], right.x.array[1::dim] = 0.4, 0.3
+
+    def nodes(space, axis, at):
+        facets = mesh.locate_entities_boundary(domain, dim - 1, lambda x: np.isclose(x[axis], at))
+        return fem.locate_dofs_topological(space, dim - 1, facets)
+
+    # The thickness is free to change everywhere: the sides prescribe the plane's components alone.
+    bcs = []
+    for component, value in ((0, 0.4), (1, 0.3)):
+        bcs.append(fem.dirichletbc(0.0, nodes(V.sub(component), 0, 0.0), V.sub(component)))
+        bcs.append(fem.dirichletbc(value, nodes(V.sub(component), 0, 1.0), V.sub(component)))
+    if dim == 3:
+        bcs.append(fem.dirichletbc(0.0, nodes(V.sub(2), 2, 0.0), V.sub(2)))
+    material = fem_snh.material("stable_neo_hookean", E=1.0, nu=0.4)
+    keywords = KIND if dim == 2 else {}
+    made = solve(u, material, bcs, element="Q2", **keywords)
+    energy = made._problem.energy(made.x) / (thick or 1.0)
+    return V.tabulate_dof_coordinates(), u.x.array.reshape(-1, dim), energy
+
+
+def test_a_thin_sheet_in_three_dimensions_tends_to_it():
+    """The difference of the energies decreases with the thickness, below a part in 1000."""
+    X, u, energy = sheet(None)
+    errors = []
+    for thick in (0.2, 0.05):
+        X3, u3, energy3 = sheet(thick)
+        errors.append(abs(energy3 / energy - 1))
+    assert errors[1] < errors[0] / 2 and errors[1] < 2e-3
+    middle = [abs(x[:, :2] - 0.5).sum(axis=1).argmin() for x in (X, X3)]
+    np.testing.assert_allclose(u3[middle[1], :2], u[middle[0]], atol=2e-3)
+
+
+def test_in_time():
+    """A sheet falls, and its waves have the plane stress speed: a bar's at nu = 0."""
+    domain = rectangle(MPI.COMM_SELF, "Q1", (0.0, 0.0), (1.0, 1.0), (2, 2))
+    u = displacement(domain, "Q1", "plane_strain")
+    gravity = fem_snh.Gravity([0, -1.0, 0], lambda load: 1.0)
+    falling = motion(u, "plane_stress", duration=0.5, terms=[gravity])
+    for row in falling.steps(5):
+        assert row["converged"]
+    assert abs(u.x.array.reshape(-1, 2) - [0, -0.125]).max() < 1e-9
+
+
+@pytest.mark.parametrize(
+    "keys, message",
+    [
+        ('element = "Q1P0"', "element = 'Q1P0': expected one of P1, P2, Q1, Q2, in plane stress"),
+        ('element = "Q1"\nassembly = "ufl"', "assembly = 'ufl': expected 'kernels', in plane str"),
+        ('element = "Q1"\n[[pressure]]\ngroup = "side"\nvalue = 0.1', "no value, in plane stress"),
+    ],
+)
+def test_what_is_refused(tmp_path, keys, message):
+    path = own_scene(tmp_path, "Q1", "plane_stress", "")
+    text = path.read_text().replace('element = "Q1"', keys.split("\n")[0])
+    more = "\n".join(keys.split("\n")[1:])
+    text = text + more if more.startswith("[[") else more + text
+    path.write_text(text)
+    with pytest.raises(BadInput, match=message):
+        solve_scene(path)
+
+
+@pytest.mark.one_debian
+def test_a_scene(tmp_path):
+    """Cook's membrane as a sheet is softer than in plane strain; its files have F33."""
+    tips = []
+    for kinematics in ("plane_strain", "plane_stress"):
+        result = solve_scene(
+            "cook", cells=4, element="Q2", kinematics=kinematics, nu=0.3, out=tmp_path / kinematics
+        )
+        tips.append(result.steps[-1]["probes"]["tip"][1])
+    assert tips[1] > 1.05 * tips[0]

@@ -1,0 +1,247 @@
+"""Rigid motions that nothing constrains: they are named before the first step."""
+
+from __future__ import annotations
+
+from functools import partial
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+import ufl
+from dolfinx import fem, mesh
+from dolfinx_programs import unit_cube, vector_space
+from running import solve
+
+import fem_snh
+from fem_snh.errors import BadInput
+from fem_snh.scenes import Geometry, Hold, MaterialChoice, Obstacle, Rigid, Scene, Spring, Traction
+
+mpi = pytest.mark.mpi
+
+
+def block(mesh=None, **keys):
+    return Scene(
+        name="block",
+        mesh=mesh or Geometry(source="cube"),
+        cells=2,
+        element="Q1",
+        material=MaterialChoice(name="stable_neo_hookean", E=1.0, nu=0.3),
+        **keys,
+    )
+
+
+def supports(comm, scene):
+    """Return the text of the note on supports; empty without one."""
+    notes = solve(scene, comm).record.get("notes", [])
+    return next((note["text"] for note in notes if note["kind"] == "supports"), "")
+
+
+def roller(group, axis):
+    return Hold(group=group, components=(axis,))
+
+
+@pytest.mark.one_debian("ranks")
+@mpi
+@pytest.mark.parametrize(
+    "hold, free",
+    [
+        ([Hold(group="bottom")], ""),
+        ([roller("left", "x"), roller("front", "y"), roller("bottom", "z")], ""),
+        ([roller("left", "x"), roller("front", "y")], "the body: the translation along z;"),
+        (
+            [roller("bottom", "z")],
+            "the body: the translation along y, the translation along x, the rotation about z;",
+        ),
+    ],
+    ids=["clamped", "rollers", "z", "plane"],
+)
+def test_motions_that_are_left_to_rollers(comm, hold, free):
+    text = supports(comm, block(hold=hold))
+    assert text.startswith(f"nothing constrains {free}" if free else "") and bool(text) == bool(
+        free
+    )
+
+
+@pytest.mark.one_debian("ranks")
+@mpi
+def test_a_net_force_along_a_free_motion_is_an_error(comm):
+    hold = [roller("left", "x"), roller("front", "y")]
+    across = Traction(group="right", vector=(0.1, 0, 0))
+    assert "translation along z" in supports(comm, block(hold=hold, traction=[across]))
+    along = Traction(group="top", vector=(0, 0, 0.1))
+    with pytest.raises(BadInput, match="the translation along z, along which loads act"):
+        solve(block(hold=hold, traction=[along]), comm)
+    # Two forces that balance each other are no net force; a spring constrains it.
+    other = Traction(group="bottom", vector=(0, 0, -0.1))
+    assert "along z" in supports(comm, block(hold=hold, traction=[along, other]))
+    bed = Spring(group="bottom", stiffness=(0, 0, 1.0))
+    assert supports(comm, block(hold=hold, traction=[along], spring=[bed])) == ""
+
+
+@pytest.mark.one_debian("ranks")
+@mpi
+def test_the_part_that_is_free_is_named(comm):
+    two = Geometry(source="two_blocks", parameters={"gap": 0.5, "upper_cells": 1})
+    text = supports(comm, block(two, hold=[Hold(group="bottom"), roller("top", "z")]))
+    assert "the rotation about z of part 2, 8 nodes" in text
+    # Contact may hold it.
+    plane = Obstacle(shape={"plane": {"point": (0, 0, 3), "normal": (0, 0, -1)}})
+    held = block(two, hold=[Hold(group="bottom"), roller("top", "z")], obstacle=[plane])
+    assert supports(comm, held).endswith("; contact alone can hold it")
+
+
+@mpi
+def test_rigid_parts_and_joints_constrain(comm):
+    two = Geometry(source="two_blocks", parameters={"gap": 0.5})
+    hinge = {"kind": "hinge", "axis": (0, 1, 0), "through": (0, 0.5, 1.25)}
+    lid = Rigid(group="upper_bottom", joint=hinge)
+    text = supports(comm, block(two, hold=[Hold(group="bottom")], rigid=[lid]))
+    assert text.startswith("nothing constrains the rotation about y of part ")
+    turned = Rigid(group="upper_bottom", joint=hinge, torque=(0, 1, 0))
+    with pytest.raises(BadInput, match=r"rotation about y.*loads act"):
+        solve(block(two, hold=[Hold(group="bottom")], rigid=[turned]), comm)
+    sprung = Rigid(group="upper_bottom", joint=hinge, spring={"rotation": 1.0})
+    assert supports(comm, block(two, hold=[Hold(group="bottom")], rigid=[sprung])) == ""
+    carried = Rigid(
+        group="upper_bottom", joint=hinge | {"kind": "ball", "axis": None, "to": "base"}
+    )
+    base = Rigid(group="lower_top", name="base")
+    text = supports(comm, block(two, hold=[Hold(group="bottom")], rigid=[base, carried]))
+    assert text.count("the rotation about") == 3 and "translation" not in text
+
+
+# --- two dimensions ------------------------------------------------------------------------------
+
+
+def flat(kinematics, **keys):
+    return Scene(
+        name="flat",
+        mesh=Geometry(source="cook"),
+        cells=2,
+        element="Q1",
+        kinematics=kinematics,
+        material=MaterialChoice(name="stable_neo_hookean", E=1.0, nu=0.3),
+        **keys,
+    )
+
+
+@pytest.mark.one_debian
+@mpi
+def test_a_plane_has_three_motions(comm):
+    text = supports(comm, flat("plane_strain"))
+    assert text.startswith("nothing constrains the body: ") and text.count("the translation") == 2
+    assert "the rotation about z" in text
+    held = [roller("left", "x"), Hold(group="left", components=("y",))]
+    assert supports(comm, flat("plane_stress", hold=held)) == ""
+    # The left side slides along y.
+    loaded = {"traction": [Traction(group="right", vector=(0, 1e-3, 0))]}
+    with pytest.raises(BadInput, match="the body: the translation along y, along which loads act"):
+        solve(flat("plane_strain", hold=[roller("left", "x")], **loaded), comm)
+
+
+@mpi
+@pytest.mark.parametrize("torsion", [False, True])
+def test_a_body_of_revolution_moves_along_its_axis(comm, torsion):
+    kinematics = "axisymmetric_torsion" if torsion else "axisymmetric"
+    body = flat(kinematics)
+    found = supports(comm, body)
+    assert "the translation along y" in found
+    assert ("the rotation about y" in found) == torsion and "along x" not in found
+    assert supports(comm, flat(kinematics, hold=[Hold(group="right")])) == ""
+
+
+# --- programs ------------------------------------------------------------------------------------
+
+SNH = fem_snh.material("stable_neo_hookean", E=1.0, nu=0.3)
+
+
+def program(comm, terms=(), components=(0, 1), dim=3, make=fem_snh.NonlinearProblem, **keys):
+    """Return the problem of a cube or a square, with rollers on the sides at 0 of some axes."""
+    if dim == 3:
+        domain = unit_cube(comm, 2)
+    else:
+        domain = mesh.create_unit_square(comm, 2, 2, mesh.CellType.quadrilateral)
+        keys["kinematics"] = "plane_strain"
+    V = vector_space(domain, 1, dim)
+    u = fem.Function(V)
+    bcs = []
+    for axis in components:
+        facets = mesh.locate_entities_boundary(
+            domain, dim - 1, lambda x, axis=axis: np.isclose(x[axis], 0)
+        )
+        dofs = fem.locate_dofs_topological(V.sub(axis), dim - 1, facets)
+        bcs.append(fem.dirichletbc(0.0, dofs, V.sub(axis)))
+    terms = [term(u) for term in terms]
+    return make(u, {SNH: ufl.dx}, bcs=bcs, terms=terms, **keys)
+
+
+def push(u):
+    """A dead load along the last axis."""
+    return -1e-3 * u[len(u) - 1] * ufl.ds
+
+
+@mpi
+@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize("by_steps", [False, True])
+def test_a_program_under_a_net_force(comm, dim, by_steps):
+    problem = program(comm, [push], (0,) if dim == 2 else (0, 1), dim)
+    problem.u.x.array[:] = 0.0
+    with pytest.raises(BadInput, match=f"the translation along {'xyz'[dim - 1]}, along which loa"):
+        list(problem.steps(2)) if by_steps else problem.solve()
+    assert not problem.u.x.array.any()
+
+
+@mpi
+def test_what_holds_a_program(comm):
+    def bed(u):
+        return 0.5 * 1e-3 * u[2] ** 2 * ufl.ds
+
+    def ground(u):
+        """A contact by penalty, which the body reaches when it has fallen by 0.01."""
+        gap = 0.01 + u[2]
+        return ufl.conditional(ufl.lt(gap, 0), 0.5 * gap**2, 0.0) * ufl.ds
+
+    problem = program(comm, [push, bed])
+    problem.solve()
+    assert problem.solver.getConvergedReason() > 0
+    assert "supports" not in {note.kind for note in problem.notes}
+    problem = program(comm, [lambda u: -push(u), ground])
+    problem.solve()
+    assert problem.notes[0].text.endswith(
+        "along z; only forces of terms that act elsewhere can hold it"
+    )
+    # Without a load the solution is one of many, also of a body whose energy is a UFL form.
+    energy = SNH.ufl
+    free = program(comm, [lambda u: energy(ufl.Identity(3) + ufl.grad(u)) * ufl.dx])
+    free.solve()
+    assert "along z; the solution is one of many" in free.notes[0].text
+
+
+@pytest.mark.one_debian("ranks")
+@mpi
+def test_a_spring_that_a_program_switches_on(comm):
+    stiffness = []
+
+    def bed(u):
+        stiffness.append(fem.Constant(u.function_space.mesh, 0.0))
+        return 0.5 * stiffness[0] * u[2] ** 2 * ufl.ds
+
+    problem = program(comm, [push, bed])
+    with pytest.raises(BadInput, match="translation along z"):
+        problem.solve()
+    stiffness[0].value = 1e-3
+    problem.solve()
+    assert problem.solver.getConvergedReason() > 0 and not problem.notes
+
+
+@pytest.mark.one_debian("ranks")
+@mpi
+def test_a_free_motion_in_time_is_no_mistake(comm):
+    problem = program(
+        comm, [push], make=partial(fem_snh.DynamicProblem, densities={SNH: 1.0}, duration=0.1)
+    )
+    assert problem.step(0.1)
+    assert "supports" not in {note.kind for note in problem.notes}
+    z = problem.u.x.array[2::3]
+    assert comm.allreduce(z.max(initial=0), op=MPI.MAX) > 0

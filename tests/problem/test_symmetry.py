@@ -1,0 +1,430 @@
+"""Planes of symmetry: rollers on planes of any inclination, in scenes, programs and in time."""
+
+from __future__ import annotations
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+import ufl
+from bodies import Condition, Hold, cube, dense, norm, problem, set_values, wave
+from dolfinx import fem, mesh
+from dolfinx_programs import unit_cube, vector_space
+from gmsh_files import write_msh
+from interrupted_runs import CutOff, cut
+from plane_programs import displacement, rectangle
+from running import watch_calls
+
+import fem_snh
+from fem_snh import _dolfinx, scenes, solver
+from fem_snh.assembly.elements import ELEMENTS
+from fem_snh.errors import BadInput
+from fem_snh.steps.jump import JumpDetector
+
+mpi = pytest.mark.mpi
+CORNER = ("left", "bottom", "back")
+
+
+def rotation(*vector):
+    """The rotation about a vector by its length (Rodrigues)."""
+    angle = np.linalg.norm(vector)
+    a, b, c = np.array(vector) / angle
+    K = np.array([[0, -c, b], [c, 0, -a], [-b, a, 0]])
+    return np.eye(3) + np.sin(angle) * K + (1 - np.cos(angle)) * K @ K
+
+
+R = rotation(0.4, -0.7, 0.5)
+
+
+def turned_cube(comm, element, turn, cells=2):
+    body = cube(comm, ELEMENTS[element].cell, cells, bend=0.05)
+    x = _dolfinx.geometry_x(body.domain)
+    x[:] = x @ turn.T
+    return body
+
+
+def loaded(comm, element, turn, planes=CORNER, **conditions):
+    """A cube in a corner of rollers, pushed on two faces by dead loads."""
+    loads = [("right", [0.1, 0.15, 0.05]), ("top", [0.1, -0.3, 0.0])]
+    tractions = [fem_snh.Traction(group=g, vector=tuple(turn @ v)) for g, v in loads]
+    symmetry = [fem_snh.Symmetry(group=group) for group in planes]
+    body = turned_cube(comm, element, turn)
+    return problem(body, element, features=tractions, symmetry=symmetry, **conditions)
+
+
+def solved(p, prefix="symmetry_", **options):
+    database = fem_snh._petsc.default_options(prefix, {"snes_scaled_tol": 1e-12} | options)
+    with database:
+        snes = solver.create(p, prefix=prefix)
+        p.set_load(1.0)
+        p.prescribe(p.x)
+        with solver.callback_errors():
+            snes.solve(None, p.x)
+    reason = snes.getConvergedReason()
+    solver.destroy(snes)
+    assert reason > 0, reason
+    return p
+
+
+def assert_turned(first, second, turn, rtol=1e-9):
+    """The displacement of the second problem is that of the first, turned."""
+    expected = first.nodal(first.x) @ turn.T
+    difference = norm(first.comm, second.nodal(second.x) - expected)
+    assert difference < rtol * norm(first.comm, expected)
+    assert norm(first.comm, expected) > 0.1
+    assert second.energy(second.x) == pytest.approx(first.energy(first.x), rel=1e-11, abs=1e-14)
+
+
+# --- an inclined roller is the rotated axis-aligned one --------------------------------------
+
+
+@pytest.mark.one_debian
+@mpi
+@pytest.mark.parametrize("element", ["P1", "Q1", "P2", "Q1P0", "P2P1", "Q2Q1"])
+def test_inclined_rollers_are_turned_ones(comm, element):
+    """Faces, and edges and corners in two and three planes, by the default solver."""
+    axes, turned = (solved(loaded(comm, element, turn)) for turn in (np.eye(3), R))
+    assert axes.dirichlet.planes is None
+    assert_turned(axes, turned, R)
+
+
+@pytest.mark.one_debian("ranks")
+@mpi
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"ksp_type": "cg", "pc_type": "gamg"},
+        {"ksp_type": "preonly", "pc_type": "cholesky", "pc_factor_mat_solver_type": "mumps"},
+        {"ksp_type": "cg", "pc_type": "jacobi"},
+    ],
+    ids=["gamg", "cholesky", "jacobi"],
+)
+def test_every_linear_solver(comm, options):
+    axes, turned = (solved(loaded(comm, "Q1", turn), **options) for turn in (np.eye(3), R))
+    assert_turned(axes, turned, R)
+
+
+def test_iterations_are_those_of_the_rotated_problem():
+    """Default solver, serially: sweeps over blocks of nodes do not see the axes."""
+    found = []
+    for turn in (np.eye(3), R):
+        p = loaded(MPI.COMM_SELF, "Q1", turn)
+        snes = solver.create(p, prefix="count_")
+        p.set_load(1.0)
+        snes.solve(None, p.x)
+        found.append((snes.getIterationNumber(), snes.getLinearSolveIterations()))
+        solver.destroy(snes)
+    assert found[0] == found[1]
+
+
+def test_matrix_is_symmetric_and_keeps_its_spectrum():
+    matrices = []
+    for turn in (np.eye(3), R):
+        p = loaded(MPI.COMM_SELF, "Q1", turn)
+        set_values(p, lambda X, turn=turn: wave(0.05)(X @ turn) @ turn.T)
+        p.dirichlet.project(p.x.array)
+        p.matrix.set_constrained_diagonal(2.0)
+        p.jacobian(p.x, "clamp")
+        matrices.append(dense(p.A))
+    assert abs(matrices[1] - matrices[1].T).max() < 1e-14
+    values = [np.linalg.eigvalsh(A) for A in matrices]
+    assert np.allclose(*values, rtol=1e-10)
+
+
+@mpi
+def test_near_null_space_is_projected(comm):
+    p = loaded(comm, "Q1", R)
+    vectors = p.A.getNearNullSpace().getVecs()
+    assert len(vectors) == 6
+    for vector in vectors:
+        projected = vector.copy()
+        p.project(projected.array)
+        assert (projected - vector).norm() < 1e-12
+
+
+@pytest.mark.one_debian
+@mpi
+def test_reactions_balance_the_loads(comm):
+    """The sum of the planes' forces is that of the loads, each along its plane's normal."""
+    p = solved(loaded(comm, "Q1", R, reactions=CORNER))
+    r = p.x.duplicate()
+    p.gradient(p.x, r)
+    free = r.copy()
+    p.project(free.array)
+    held = (r - free).array_r.reshape(-1, 3)
+    total = comm.allreduce(held.sum(axis=0))
+    assert total == pytest.approx(-(R @ [0.2, -0.15, 0.05]), abs=1e-10)
+    one = solved(loaded(comm, "Q1", R, planes=("left", "bottom", "back"), reactions=["left"]))
+    axes = solved(loaded(comm, "Q1", np.eye(3), reactions=["left"]))
+    assert one.reactions(one.x)["left"] == pytest.approx(
+        R @ axes.reactions(axes.x)["left"], abs=1e-9
+    )
+
+
+# --- with other conditions -------------------------------------------------------------------
+
+
+@pytest.mark.one_debian("ranks")
+@mpi
+def test_a_motion_within_the_planes(comm):
+    """The top moves along the line that two planes have in common, all components prescribed."""
+    problems = []
+    for turn in (np.eye(3), R):
+        move = Condition(
+            "top", lambda X, load, turn=turn: np.tile(load * turn @ [0, 0, 0.3], (len(X), 1))
+        )
+        symmetry = [fem_snh.Symmetry(group=group) for group in CORNER]
+        body = turned_cube(comm, "Q1", turn)
+        problems.append(solved(problem(body, "Q1", move=[move], symmetry=symmetry)))
+    assert_turned(*problems, R)
+
+
+@pytest.mark.one_debian("ranks")
+@mpi
+def test_a_component_and_a_plane_constrain_together(comm):
+    """A plane about the axis z, a motion along x: what the plane leaves of y follows from x."""
+    turn = rotation(0, 0, 0.6)
+    move = Condition("left", lambda X, load: load * np.tile([0.1, 9, 9], (len(X), 1)), ("x",))
+    hold = [Hold("bottom", ("z",))]
+    symmetry = [fem_snh.Symmetry(group="left")]
+    p = problem(turned_cube(comm, "Q1", turn), "Q1", hold=hold, move=[move], symmetry=symmetry)
+    p = solved(p)
+    normal = turn[:, 0]
+    u, X = p.nodal(p.x), p.coordinates
+    on = np.abs(X @ normal) < 1e-12
+    assert np.allclose(u[on] @ normal, 0, atol=1e-15)
+    assert np.allclose(u[on, 0], 0.1)
+    assert np.allclose(u[on, 1], -0.1 * normal[0] / normal[1])
+    assert comm.allreduce(int(on.sum())) == 9
+
+
+@mpi
+def test_motions_out_of_a_plane_are_refused(comm):
+    move = Condition("top", lambda X, load: load * np.tile([0.3, 0, 0], (len(X), 1)))
+    for turn in (np.eye(3), R):
+        with pytest.raises(BadInput, match=r"symmetry.group = 'left': expected a plane that no"):
+            problem(
+                turned_cube(comm, "Q1", turn),
+                "Q1",
+                move=[move],
+                symmetry=[fem_snh.Symmetry(group="left")],
+            )
+
+
+# --- sectors ---------------------------------------------------------------------------------
+
+SECTOR = """
+angle = {angle};
+Point(1) = {{1, 0, 0}};
+line[] = Extrude {{1, 0, 0}} {{ Point{{1}}; Layers{{3}}; }};
+face[] = Extrude {{ {{0, 0, 1}}, {{0, 0, 0}}, angle }} {{
+  Line{{line[1]}}; Layers{{{layers}}}; Recombine;
+}};
+body[] = Extrude {{0, 0, 1}} {{ Surface{{face[1]}}; Layers{{2}}; Recombine; }};
+Physical Surface("start") = {{body[2]}};
+Physical Surface("end") = {{body[4]}};
+Physical Surface("low") = {{face[1]}};
+Physical Surface("high") = {{body[0]}};
+Physical Surface("inner") = {{body[5]}};
+Physical Surface("outer") = {{body[3]}};
+Physical Volume("body") = {{body[1]}};
+"""
+
+
+def run_sector(comm, folder, angle, layers, out=None, resume=False, **tables):
+    path = write_msh(comm, folder, SECTOR.format(angle=angle, layers=layers))
+    scene = {
+        "name": "sector",
+        "mesh": str(path),
+        "element": "Q1",
+        "material": {"name": "stable_neo_hookean", "E": 1.0, "nu": 0.4, "density": 1.0},
+        "hold": [LOW],
+        "pressure": [{"group": "inner", "value": 0.1}],
+        "probe": [{"name": "out", "point": [2, 0, 1]}],
+        "reactions": ["low", "start"],
+        "petsc": {"snes_scaled_tol": 1e-13},
+        **tables,
+    }
+    scene = scenes.validate(scene, "sector")
+    result = fem_snh.run(scene, progress=False, comm=comm, out=out, resume=resume)
+    assert result.converged, result.status
+    return result
+
+
+#: A quarter of a tube, whose cuts are coordinate planes, and a sector of it.
+LOW, HIGH = ({"group": group, "components": ["z"]} for group in ("low", "high"))
+CUTS = [{"group": "start", "components": ["y"]}, {"group": "end", "components": ["x"]}]
+QUARTER = {"hold": [LOW, *CUTS]}
+PLANES = {"symmetry": [{"group": "start"}, {"group": "end"}]}
+
+
+@pytest.mark.one_debian
+@mpi
+@pytest.mark.parametrize("parts", [3, 6])
+def test_a_sector_of_a_tube_is_the_whole(comm, folder, parts):
+    whole = run_sector(comm, folder, np.pi / 2, 6, hold=[LOW, HIGH, *CUTS])
+    sector = run_sector(comm, folder, np.pi / 2 / parts, 6 // parts, hold=[LOW, HIGH], **PLANES)
+    first, second = whole.steps[-1], sector.steps[-1]
+    assert second["probes"]["out"] == pytest.approx(first["probes"]["out"], abs=1e-10)
+    assert second["volume_ratio"] == pytest.approx(first["volume_ratio"], rel=1e-10)
+    assert parts * second["reactions"]["low"][2] == pytest.approx(
+        first["reactions"]["low"][2], abs=1e-9
+    )
+    # The force along the normal of the cut is the hoop tension, the same for every sector.
+    assert second["reactions"]["start"][1] == pytest.approx(
+        first["reactions"]["start"][1], abs=1e-9
+    )
+
+
+@mpi
+def test_steps_of_a_sector_without_a_guess_are_not_examined(comm, folder, monkeypatch):
+    """Inclined planes leave rounding of the guess, by which each step was followed again."""
+    calls = watch_calls(monkeypatch, JumpDetector, "_compare")
+    run_sector(comm, folder, np.pi / 6, 2, hold=[LOW, HIGH], steps=4, predictor="none", **PLANES)
+    assert not calls
+
+
+@pytest.mark.one_debian
+@mpi
+def test_a_plane_sector_has_an_energy(comm, folder):
+    """The pressure on a curve between two inclined lines through the centre is conservative."""
+    plane = (
+        SECTOR[: SECTOR.index("body[]")]
+        + """
+Physical Curve("start") = {{line[1]}};
+Physical Curve("end") = {{face[0]}};
+Physical Curve("inner") = {{face[2]}};
+Physical Surface("body") = {{face[1]}};
+"""
+    )
+    path = write_msh(comm, folder, plane.format(angle=np.pi / 6, layers=2), dim=2)
+    found = []
+    for tables in (PLANES, {"hold": [CUTS[0]], "symmetry": [{"group": "end"}]}):
+        scene = {
+            "name": "sector",
+            "mesh": str(path),
+            "element": "Q2",
+            "kinematics": "plane_strain",
+            "material": {"name": "stable_neo_hookean", "E": 1.0, "nu": 0.4},
+            "pressure": [{"group": "inner", "value": 0.1}],
+        }
+        scene = scenes.validate(scene | tables, "sector")
+        result = fem_snh.run(scene, progress=False, comm=comm)
+        assert result.converged, result.status
+        found.append(result.steps[-1]["energy"])
+    assert found[0] is not None and found[0] == pytest.approx(found[1], rel=1e-12)
+
+
+@mpi
+@pytest.mark.parametrize("integrator", ["backward_euler", "newmark"])
+def test_a_sector_in_time(comm, folder, integrator):
+    """With damping; prescribed motion on the free end gives velocities to constrained nodes."""
+    time = {"duration": 2.0, "steps": 4, "integrator": integrator,
+            "damping": {"mass": 0.1, "stiffness": 0.05}}  # fmt: skip
+    move = [{"group": "high", "translate": [0, 0, 0.2], "components": ["z"]}]
+    tables = {"time": time, "move": move, "fields": ["reaction_force"]}
+    whole = run_sector(comm, folder, np.pi / 2, 6, **QUARTER, **tables)
+    sector = run_sector(comm, folder, np.pi / 6, 2, **PLANES, **tables)
+    for first, second in zip(whole.steps, sector.steps, strict=True):
+        assert second["probes"]["out"] == pytest.approx(first["probes"]["out"], abs=1e-9)
+        for name in ("kinetic_energy", "elastic_energy", "work", "dissipated"):
+            if name in first:
+                assert 3 * second[name] == pytest.approx(first[name], rel=1e-7, abs=1e-12)
+    assert whole.steps[-1]["probes"]["out"][2] == pytest.approx(0.2)
+
+
+def test_modes_of_a_sector_are_symmetric_ones_of_the_whole(folder):
+    modes = {"modes": {"count": 3}, "pressure": []}
+    whole = run_sector(
+        MPI.COMM_SELF, folder, np.pi / 2, 6, **QUARTER, modes={"count": 12}, pressure=[]
+    )
+    sector = run_sector(MPI.COMM_SELF, folder, np.pi / 6, 2, **PLANES, **modes)
+    assert len(sector.record["modes"]["frequencies"]) == 3
+    for frequency in sector.record["modes"]["frequencies"]:
+        assert abs(np.array(whole.record["modes"]["frequencies"]) / frequency - 1).min() < 1e-9
+
+
+@pytest.mark.one_debian
+@mpi
+def test_resumed_run_is_the_same(comm, folder):
+    """The run stops at a state in the planes, and goes on from it to the same end."""
+    tables = PLANES | {"steps": 4}
+    once = run_sector(comm, folder, np.pi / 6, 2, **tables)
+    with cut(2), pytest.raises(CutOff):
+        run_sector(comm, folder, np.pi / 6, 2, out=folder / "cut", **tables)
+    again = run_sector(comm, folder, np.pi / 6, 2, out=folder / "cut", resume=True, **tables)
+    assert again.record["resumed"] == [0.5]
+    assert again.steps[-1]["probes"] == once.steps[-1]["probes"]
+
+
+# --- what is refused --------------------------------------------------------------------------
+
+
+@mpi
+def test_curved_faces_are_refused(comm, folder):
+    with pytest.raises(BadInput, match=r"symmetry.group = 'inner': expected a plane surface;"):
+        run_sector(comm, folder, np.pi / 6, 2, symmetry=[{"group": "inner"}])
+    with pytest.raises(BadInput, match=r"symmetry.group = 'body': expected a surface, not a vol"):
+        run_sector(comm, folder, np.pi / 6, 2, symmetry=[{"group": "body"}])
+    with pytest.raises(BadInput, match=r"symmetry.0.group = 'ends': no physical group"):
+        run_sector(comm, folder, np.pi / 6, 2, symmetry=[{"group": "ends"}])
+
+
+# --- in the plane, and in programs ------------------------------------------------------------
+
+
+@mpi
+@pytest.mark.parametrize("element", ["P2", "Q1P0"])
+def test_program_in_plane_strain(comm, element):
+    """A square between two rollers at a right angle, turned; a traction pulls at a third side."""
+    found = []
+    for angle in (0.0, 0.5):
+        c, s = np.cos(angle), np.sin(angle)
+        turn = np.array([[c, -s], [s, c]])
+        domain = rectangle(comm, element, (0, 0), (1, 1), (3, 3))
+        facets = [
+            mesh.locate_entities_boundary(domain, 1, lambda x, i=i, at=at: np.isclose(x[i], at))
+            for i, at in ((0, 0), (1, 0), (0, 1))
+        ]
+        tags = np.repeat(np.arange(3, dtype=np.int32) + 1, [len(f) for f in facets])
+        numbers = np.concatenate(facets)
+        order = np.argsort(numbers, kind="stable")
+        numbers, first = np.unique(numbers[order], return_index=True)
+        ds = ufl.Measure(
+            "ds", domain, subdomain_data=mesh.meshtags(domain, 1, numbers, tags[order][first])
+        )
+        domain.geometry.x[:, :2] = domain.geometry.x[:, :2] @ turn.T
+        u = displacement(domain, element, "plane_strain")
+        material = fem_snh.material("stable_neo_hookean", E=1.0, nu=0.45)
+        load = turn @ [0.2, 0.1]
+        planes = [fem_snh.Symmetry(group=ds(1)), fem_snh.Symmetry(group=ds(2))]
+        p = fem_snh.NonlinearProblem(
+            u,
+            {material: ufl.dx},
+            bcs=planes,
+            terms=[fem_snh.Traction(group=ds(3), vector=(*load, 0.0))],
+            element=element,
+            kinematics="plane_strain",
+            petsc_options={"snes_scaled_tol": 1e-12},
+        )
+        p.solve()
+        assert p.solver.getConvergedReason() > 0
+        assert p.solve() and p.newton == 0  # the solution is one: its boundary values are unchanged
+        for plane, force in zip(planes, np.diag([-0.2, -0.1]), strict=True):  # along the normals
+            assert p.reaction_force(plane)[:2] == pytest.approx(turn @ force, abs=1e-10)
+        values = u.x.array.reshape(-1, 2)
+        found.append(values @ turn)
+    assert norm(comm, found[0] - found[1]) < 1e-9 * norm(comm, found[0])
+
+
+def test_program_refuses_what_is_no_surface():
+    u = fem.Function(vector_space(unit_cube(MPI.COMM_SELF, 1)))
+    material = fem_snh.material("stable_neo_hookean", E=1.0, nu=0.3)
+    with pytest.raises(BadInput, match=r"bcs\[0\].group = 'ds\(.*expected a plane surface"):
+        fem_snh.NonlinearProblem(u, {material: ufl.dx}, bcs=[fem_snh.Symmetry(group=ufl.ds)])
+    with pytest.raises(BadInput, match=r"bcs\[0\].group = 'left': expected a measure"):
+        fem_snh.NonlinearProblem(u, {material: ufl.dx}, bcs=[fem_snh.Symmetry(group="left")])
+    with pytest.raises(BadInput, match=r"terms\[0\] = Symmetry.*; a Symmetry is one of 'bcs'"):
+        fem_snh.NonlinearProblem(u, {material: ufl.dx}, terms=[fem_snh.Symmetry(group=ufl.ds)])
+    with pytest.raises(BadInput, match=r"bcs\[0\] = 3: expected a condition made by"):
+        fem_snh.NonlinearProblem(u, {material: ufl.dx}, bcs=[3])

@@ -1,0 +1,291 @@
+"""Damaged and edited folders of runs and studies: one line that names the file and the key."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+from interrupted_runs import ALL, ALONE, cut, solve
+from time_scenes import SWING, in_time
+
+from fem_snh.cli import main
+from fem_snh.errors import BadInput
+from fem_snh.records import run_record
+from fem_snh.runs import checkpoint_file
+from fem_snh.studies.batch import Batch
+from fem_snh.studies.sweep import sweep
+
+TWIST: dict[str, Any] = {"cells": 1, "steps": 2, "angle": 0.2}
+BACK: dict[str, Any] = {"duration": 0.3, "steps": 3, "integrator": "bdf2"}
+
+
+@pytest.fixture(scope="module")
+def left(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run that was cut off after its first step."""
+    folder: Path = ALL.bcast(tmp_path_factory.mktemp("left"))
+    with cut(1):
+        solve("twist", ALONE, out=folder / "run", **TWIST)
+    return folder / "run"
+
+
+@pytest.fixture(scope="module")
+def swinging(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run in time that was cut off after two steps."""
+    folder: Path = ALL.bcast(tmp_path_factory.mktemp("swinging"))
+    with cut(2):
+        solve(in_time(BACK, **SWING), ALONE, out=folder / "run")
+    return folder / "run"
+
+
+def edited(run: Path, folder: Path, change: Callable[[dict, dict], object]) -> Path:
+    """Return a copy of a run whose checkpoint has been changed."""
+    out = folder / "out"
+    if ALL.rank == 0:
+        shutil.copytree(run, out)
+        about, arrays = checkpoint_file.load(out)
+        change(about, arrays)
+        text = json.dumps(about).encode()
+        np.savez(out / "checkpoint.npz", about=np.frombuffer(text, np.uint8), **arrays)
+    ALL.barrier()
+    return out
+
+
+def about(**values: Any) -> Callable[[dict, dict], object]:
+    return lambda found, arrays: found.update(values)
+
+
+def array(name: str, change: Callable[[np.ndarray], object]) -> Callable[[dict, dict], object]:
+    return lambda found, arrays: arrays.update({name: change(arrays[name])})
+
+
+CHECKPOINTS = {
+    "load NaN": (about(load=float("nan")), r"load = nan: expected a number from 0 to 1"),
+    "load 5": (about(load=5), r"load = 5: expected a number from 0 to 1"),
+    "load -1": (about(load=-1), r"load = -1"),
+    "load text": (about(load="0.5"), r"load = '0\.5'"),
+    "load before": (about(load_before=[]), r"load_before = \[\]"),
+    "size 0": (about(size=0), r"size = 0: expected a number > 0"),
+    "size": (about(size=float("inf")), r"size = inf"),
+    "diagonal": (about(diagonal=None, size="a"), r"size = 'a'"),
+    "no load": (lambda found, arrays: found.pop("load"), r"load: missing"),
+    "no record": (lambda found, arrays: found.pop("record"), r"record: missing"),
+    "record": (about(record=[]), r"record: content = \[\]: expected a table"),
+    "scene": (about(scene=3), r"scene = 3: expected a table"),
+    "no u": (lambda found, arrays: arrays.pop("u"), r"u: missing"),
+    "no nodes": (lambda found, arrays: arrays.pop("u_nodes"), r"u_nodes: expected|u_nodes: miss"),
+    "no u before": (lambda found, arrays: arrays.pop("u_before"), r"u_before: missing"),
+    "two columns": (array("u", lambda u: u[:, :2]), r"u: expected 8 x 3 numbers, .*\(8, 2\)"),
+    "fewer rows": (array("u", lambda u: u[:-1]), r"u: expected 8 x 3 numbers"),
+    "text": (array("u", lambda u: u.astype(str)), r"u: expected 8 x 3 numbers"),
+    "NaN": (array("u", lambda u: u * np.nan), r"u: expected finite numbers"),
+    "flat": (array("u_before", np.ravel), r"u_before: expected 8 x 3"),
+}
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("case", CHECKPOINTS)
+def test_an_edited_checkpoint(left: Path, folder: Path, case: str) -> None:
+    change, message = CHECKPOINTS[case]
+    out = edited(left, folder, change)
+    with pytest.raises(BadInput, match=rf"checkpoint\.npz cannot be read \(({message}).*\): start"):
+        solve("twist", out=out, resume=True, **TWIST)
+    ALL.barrier()
+
+
+MOTIONS = {
+    "none": (about(motion=None), r"motion: missing|cannot be read"),
+    "fields": (about(motion={"fields": 3}), r"motion = .*: expected a table with fields"),
+    "work": (lambda found, arrays: found["motion"].pop("work"), r"motion\.work = None"),
+    "columns": (array("motion", lambda v: v[:, :-3]), r"motion: expected"),
+    "no values": (lambda found, arrays: arrays.pop("motion"), r"motion: missing"),
+}
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("case", MOTIONS)
+def test_an_edited_checkpoint_of_a_motion(swinging: Path, folder: Path, case: str) -> None:
+    change, message = MOTIONS[case]
+    out = edited(swinging, folder, change)
+    with pytest.raises(BadInput, match=message):
+        solve(in_time(BACK, **SWING), out=out, resume=True)
+    ALL.barrier()
+
+
+@pytest.mark.one_debian("ranks")
+@pytest.mark.mpi
+@pytest.mark.parametrize("kept", [0.0, 0.1, 0.5, 0.9, 0.999])
+def test_a_checkpoint_that_was_cut_off(left: Path, folder: Path, kept: float) -> None:
+    out = folder / "out"
+    if ALL.rank == 0:
+        shutil.copytree(left, out)
+        whole = (out / "checkpoint.npz").read_bytes()
+        (out / "checkpoint.npz").write_bytes(whole[: int(kept * len(whole))])
+    ALL.barrier()
+    with pytest.raises(BadInput, match=r"checkpoint\.npz cannot be read \(.+\): start again"):
+        solve("twist", out=out, resume=True, **TWIST)
+    ALL.barrier()
+
+
+# --- run.json -------------------------------------------------------------------------------------
+
+RECORDS = {
+    "list": ("[]", r"content = \[\]: expected a table"),
+    "number": ("3", r"content = 3: expected a table"),
+    "null": ("null", r"content = None"),
+    "cut off": ('{"scene": "twist", "st', "cannot be read"),
+    "empty": ("", "cannot be read"),
+    "nested": ("[" * 100_000, "cannot be read"),
+    "no steps": ('{"scene": "a", "material": {"name": "a", "nu": 0.3}}', "steps: missing"),
+    "steps": ({"steps": 3}, r"steps = 3: expected a list"),
+    "step": ({"steps": [3]}, r"steps\[0\] = 3: expected a table"),
+    "load": ({"steps": [{"load": "a"}]}, r"steps\[0\]\.load = 'a': expected a number"),
+    "volume": (
+        {"steps": [{"load": 1, "volume_ratio": []}]},
+        r"volume_ratio = \[\]: expected a",
+    ),
+    "converged": ({"steps": [{"load": 1, "converged": 2}]}, r"converged = 2: expected true or"),
+    "material": ({"material": []}, r"material = \[\]: expected a table"),
+    "nu": ({"material": {"name": "a", "nu": "b"}}, r"material\.nu = 'b': expected a number"),
+    "name": ({"material": [{"name": 1, "nu": 0.3}]}, r"material\[0\]\.name = 1: expected a text"),
+    "range": ({"load_range": [0]}, r"load_range = \[0\]: expected a list of 2"),
+    "load name": ({"load_name": {}}, r"load_name = \{\}: expected a text"),
+    "time": ({"time": 1}, r"time = 1: expected a table"),
+    "duration": ({"time": {"duration": 0}}, r"time\.duration = 0: expected a number > 0"),
+    "cells": ({"cells": "many"}, r"cells = 'many': expected a whole number"),
+    "obstacles": ({"obstacles": [1]}, r"obstacles = \[1\]: expected a table"),
+    "pose": ({"obstacles": {"a": {"shape": {}, "pose": [1]}}}, r"obstacles\.a\.pose = .*list of 3"),
+    "versions": ({"versions": 1}, r"versions = 1: expected a table"),
+    "seconds": ({"seconds": {"total": "long"}}, r"seconds\.total = 'long': expected a number"),
+}
+
+
+@pytest.mark.parametrize("case", RECORDS)
+def test_an_edited_record(
+    left: Path, tmp_path: Path, case: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """By every command that reads it; a finished run is not believed by --resume either."""
+    content, message = RECORDS[case]
+    out = tmp_path / "out"
+    shutil.copytree(left, out)
+    if isinstance(content, dict):
+        content = json.dumps(json.loads((out / "run.json").read_text()) | content)
+    (out / "run.json").write_text(str(content))
+    words = ["run twist --cells 1 --steps 2 --set angle=0.2 --resume --out"]
+    for command in ("view", "plot", "render", *words):
+        assert main([*command.split(), str(out)]) == 2
+        line = capsys.readouterr().err
+        assert re.fullmatch(rf"fem-snh: error: [^\n]*run\.json: [^\n]*{message}[^\n]*\n", line)
+    assert main(["export", str(out), str(tmp_path / "a.obj")]) == 2
+    assert re.fullmatch(r"fem-snh: error: [^\n]*run\.json[^\n]*\n", capsys.readouterr().err)
+
+
+def test_records_of_runs_are_accepted(left: Path, swinging: Path) -> None:
+    for folder in (left, swinging):
+        assert run_record.load_record(folder / "run.json")["scene"]
+
+
+# --- studies --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("sweep.json", "[]", "holds sweep.csv of other"),
+        ("sweep.json", "{", "holds sweep.csv of other"),
+        ("sweep.csv", "a,b\n1,2\n", "expected a table with a column 'point'"),
+        ("sweep.csv", "point,nu\n1,2,3\n", "expected a table with a column 'point'"),
+        ("sweep.csv", "\0\xff\n\0\n", "cannot be read|expected a table"),
+    ],
+)
+def test_an_edited_study(
+    tmp_path: Path, name: str, content: str, message: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    values = {"cells": 1, "steps": 1}
+    monkeypatch.setattr(Batch, "draw", lambda self: None)
+    sweep("twist", tmp_path, values, timeout=0.01, report=lambda line: None)
+    (tmp_path / name).write_text(content)
+    with pytest.raises(BadInput, match=message):
+        sweep("twist", tmp_path, values, timeout=0.01, report=lambda line: None)
+
+
+@pytest.mark.mpi
+def test_the_term_history_of_another_term(folder: Path, comm: MPI.Intracomm) -> None:
+    """A checkpoint without what a term keeps is refused on every rank."""
+    from contact_scenes import slide
+
+    scene = slide(method="augmented_lagrangian", stiffness=1e-3)
+    with cut(1):
+        solve(scene, out=folder / "run")
+
+    def remove(found: dict, arrays: dict) -> None:
+        for name in [name for name in arrays if name.endswith("_history")]:
+            del arrays[name]
+
+    out = edited(folder / "run", folder, remove)
+    with pytest.raises(BadInput, match="the checkpoint has no history of"):
+        solve(scene, out=out, resume=True)
+    comm.barrier()
+
+
+# --- names of files, texts of users ---------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["p.txt", "p", "run.json"])
+@pytest.mark.parametrize("command", ["render", "plot", "view"])
+def test_a_picture_of_no_known_type(
+    left: Path, tmp_path: Path, name: str, command: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It says so, and not that there is no display."""
+    out = tmp_path / name
+    out.write_text("mine")
+    assert main([command, str(left), "--out", str(out)]) == 2
+    line = capsys.readouterr().err
+    assert re.fullmatch(r"fem-snh: error: [^\n]*expected a file [^\n]*\n", line)
+    assert out.read_text() == "mine" and len(list(tmp_path.iterdir())) == 1
+
+
+def test_texts_of_users_do_not_end_the_page_or_a_formula(left: Path, tmp_path: Path) -> None:
+    from html.parser import HTMLParser
+
+    from fem_snh.viewing import plots
+    from fem_snh.viewing.render import Panel
+    from fem_snh.viewing.view.page import page
+
+    text = r"<!--<script></script>$\frac$ & $x$"
+    record = json.loads((left / "run.json").read_text()) | {"scene": text, "load_name": text}
+
+    class Scripts(HTMLParser):
+        def __init__(self) -> None:
+            super().__init__()
+            self.inside, self.found = False, [""]
+
+        def handle_starttag(self, tag: str, attrs: Any) -> None:
+            self.inside = tag == "script"
+            if self.inside:
+                self.found.append("")
+
+        def handle_endtag(self, tag: str) -> None:
+            self.inside = self.inside and tag != "script"
+
+        def handle_data(self, data: str) -> None:
+            if self.inside:
+                self.found[-1] += data
+
+    plain, marked = Scripts(), Scripts()
+    panel = Panel([], "c", 1.0)
+    plain.feed(page(record | {"scene": "a", "load_name": "b"}, "J", [panel], [b""]))
+    marked.feed(page(record, text, [replace(panel, label=text)], [b""]))
+    assert len(marked.found) == len(plain.found)
+    for mark in ("<!--", "<script", "</script"):
+        assert "".join(marked.found).count(mark) == "".join(plain.found).count(mark)
+    (tmp_path / "run.json").write_text(json.dumps(record))
+    assert plots.main([tmp_path]).stat().st_size > 1000

@@ -1,0 +1,580 @@
+"""Notes on the terminal, in run.json, in rows and in sweeps; inverted points; jumps."""
+
+from __future__ import annotations
+
+import itertools
+import warnings
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+from contact_scenes import slide
+from gmsh_files import write_msh
+from interrupted_runs import cut
+from note_scenes import arch, bushing, cube
+from running import record, rows, solve, watch_calls
+from scipy.integrate import quad
+from scipy.optimize import minimize_scalar
+from time_scenes import DOWN, in_time
+
+import fem_snh
+from benchmarks import plates
+from fem_snh import scenes
+from fem_snh.accuracy.state_notes import inversion_note, rest_note
+from fem_snh.cli import main
+from fem_snh.contact.obstacle import Obstacle
+from fem_snh.errors import ResultNote
+from fem_snh.scenes import MaterialChoice, Scene, Start
+from fem_snh.steps.jump import JumpDetector
+from fem_snh.steps.stepping import Stepper
+
+mpi = pytest.mark.mpi
+
+# --- inverted points ------------------------------------------------------------------------------
+
+#: Gauss points of the cube, and a corner that is moved beyond the centre.
+GAUSS = np.array(list(itertools.product([0.5 - 0.5 / 3**0.5, 0.5 + 0.5 / 3**0.5], repeat=3)))
+PUSHED = np.array([-0.8, -0.8, -0.8])
+
+
+def trilinear_J():
+    """J at the Gauss points of a unit cube whose corner (1, 1, 1) is displaced, by hand.
+
+    u = d xyz, so F = I + d (yz, xz, xy) and J = 1 + d . (yz, xz, xy).
+    """
+    x, y, z = GAUSS.T
+    return 1 + np.stack([y * z, x * z, x * y], axis=1) @ PUSHED
+
+
+def test_inverted_points_are_counted():
+    J = trilinear_J()
+    assert 0 < (J <= 0).sum() < 8
+
+    def push(X):
+        return X.prod(axis=1)[:, None] * PUSHED
+
+    note = inversion_note(cube(MPI.COMM_SELF, 1, "Q1", 0.4, push), 3)
+    assert note.step == 3 and note.values["points"] == (J <= 0).sum() and note.values["cells"] == 1
+    assert note.values["min_J"] == pytest.approx(J.min(), rel=1e-12)
+    assert note.values["min_cell_J"] == pytest.approx(J.mean(), rel=1e-12)
+    assert note.values["position"] == pytest.approx([0.5] * 3)
+    assert f"{(J <= 0).sum()} of 8 quadrature points are inverted" in note.text
+
+
+@mpi
+def test_the_place_of_the_worst_point_is_that_of_any_number_of_ranks(comm):
+    def fold(X):
+        return np.stack([0 * X[:, 0], 0 * X[:, 0], -1.5 * X[:, 2] ** 8 * X[:, 0]], axis=1)
+
+    here, alone = (inversion_note(cube(c, 4, "Q1", 0.4, fold)) for c in (comm, MPI.COMM_SELF))
+    for key in ("points", "cells"):
+        assert here.values[key] == alone.values[key] > 0
+    assert here.values["min_J"] == pytest.approx(alone.values["min_J"], rel=1e-12)
+    assert here.values["position"][::2] == pytest.approx([0.875, 0.875])
+
+
+def test_no_note_where_nothing_is_inverted():
+    assert inversion_note(cube(MPI.COMM_SELF, 2, "P1", 0.4, lambda X: -0.5 * X)) is None
+
+
+TURNED = "rotate = { axis = [1, 0, 0], through = [0, 0, 0.015], angle = 0.5 }"
+
+
+@pytest.mark.one_debian
+def test_a_bushing_that_is_tilted(tmp_path, capsys):
+    """Means over cells near 1, while points are inverted: the row and the note say both."""
+    path = bushing(MPI.COMM_SELF, tmp_path, "P2P0", 0.499, motion=TURNED)
+    result = fem_snh.run(path, comm=MPI.COMM_SELF, out=tmp_path / "out")
+    last, lines = result.steps[-1], capsys.readouterr().out.splitlines()
+    assert result.converged and last["min_J"] < 0 < 0.9 < last["min_cell_J"]
+    assert last["notes"] == ["inverted"]
+    (note,) = [note for note in result.notes if note["kind"] == "inverted"]
+    assert note["min_J"] == pytest.approx(last["min_J"], rel=1e-9)
+    assert note["min_cell_J"] == pytest.approx(last["min_cell_J"], rel=1e-9)
+    assert record(tmp_path / "out")["notes"] == result.notes
+    assert rows(tmp_path / "out")[-1]["notes"] == "inverted"
+    step = [line for line in lines if "load 1.0000" in line][-1]
+    assert " ok, inverted " in step and f"(cell means {last['min_cell_J']:.3f})" in step
+    count = f"{len(result.notes)} note"
+    assert any(line.startswith(f"  converged, {count}") for line in lines)
+    assert f"  note: {note['text']}" in lines
+
+
+def test_a_step_that_inverts_points_is_followed_in_halves(tmp_path):
+    """A block that is pressed to a fifth of its height: only in one step its points invert."""
+    keys = {"cells": 2, "element": "Q2", "nu": 0.45, "stretch": 0.2, "predictor": "tangent"}
+    keys["petsc"] = {"snes_linear_solver": "direct"}
+    one, two = (
+        solve("pull", MPI.COMM_SELF, steps=n, out=tmp_path / str(n), **keys) for n in (1, 2)
+    )
+    assert [(row["load"], row["converged"]) for row in one.steps] == [
+        (1.0, False), (0.5, True), (1.0, True)
+    ]  # fmt: skip
+    assert one.steps[0]["reason"].startswith("INVERTED_END: min J = -0.")
+    for ours, theirs in zip(one.steps[1:], two.steps, strict=True):
+        assert ours["energy"] == pytest.approx(theirs["energy"], rel=1e-6)
+        assert ours["min_J"] > 0
+    assert rows(tmp_path / "1")[0]["lbfgs"] == str(one.steps[0]["lbfgs"])
+
+
+@mpi
+def test_points_that_invert_in_halves_as_well_are_believed(comm):
+    """Once a step, so that a body that must invert is not pressed in ever smaller steps."""
+    keys = {"cells": 2, "element": "Q2", "nu": 0.3, "stretch": 0.3, "steps": 1}
+    result = solve("pull", comm, **keys)
+    assert [row["converged"] for row in result.steps] == [False, True, True]
+    (note,) = [note for note in result.notes if note["kind"] == "inverted"]
+    assert "; halves of the step end so as well: refine the mesh" in note["text"]
+
+
+def test_iterations_of_every_kind_are_printed_and_in_the_row(capsys):
+    """Two thousand L-BFGS iterations were in no line, those that examine a step in no row."""
+    result = fem_snh.run("scramble", cells=4, comm=MPI.COMM_SELF)
+    (row,), lines = result.steps, capsys.readouterr().out.splitlines()
+    assert row["lbfgs"] > 0 and any(f" {row['lbfgs']} L-BFGS, " in line for line in lines)
+    result = fem_snh.run("twist", cells=3, steps=2, angle=np.pi, comm=MPI.COMM_SELF)
+    row, lines = result.steps[-1], capsys.readouterr().out.splitlines()
+    assert row["examined_newton"] >= 4 and row["examined_linear"] > row["examined_newton"]
+    assert any(f" {row['examined_newton']} Newton to examine it, " in line for line in lines)
+
+
+@mpi
+def test_a_state_without_loads_that_is_not_at_rest_is_noted(comm):
+    """Its energy is that of the material; at rest, and under a load, there is no note."""
+    stretched = cube(comm, 2, "Q1", 0.4, lambda X: 0.1 * X)
+    note = rest_note(stretched, 3)
+    energy = fem_snh.material("stable_neo_hookean", E=1.0, nu=0.4).energy(1.1 * np.eye(3))
+    assert note.kind == "rest" and note.step == 3
+    assert note.values["energy"] == pytest.approx(float(energy), rel=1e-12)
+    assert rest_note(cube(comm, 2, "Q1", 0.4, lambda X: 0 * X)) is None
+    loaded = solve("pull", comm, cells=2, stretch=1.1, steps=1)
+    assert not [note for note in loaded.notes if note["kind"] == "rest"]
+
+
+def test_a_scrambled_cube_is_at_rest_or_says_that_it_is_not():
+    """It ended at .21 J on one rank, at 1e-28 J on three, and said converged alike."""
+    result = solve("scramble", MPI.COMM_SELF, cells=3)
+    (row,), kinds = result.steps, [note["kind"] for note in result.notes]
+    assert ("rest" in kinds) == (row["energy"] > 1e-9)
+
+
+# --- jumps ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.one_debian
+@pytest.mark.parametrize("steps", [2, 5])
+def test_an_arch_snaps_through(tmp_path, steps):
+    """Its limit load is where a fine stepping jumps; before and after, nothing is said."""
+    paths = [tmp_path / str(n) for n in (steps, 40)]
+    found = []
+    for path, n in zip(paths, (steps, 40), strict=True):
+        path.mkdir()
+        result = solve(arch(MPI.COMM_SELF, path, n, -40.0), comm=MPI.COMM_SELF)
+        assert result.converged
+        (note,) = [note for note in result.notes if note["kind"] == "jump"]
+        row = result.steps[note["step"]]
+        assert row["notes"] == ["jump"] and sum("notes" in row for row in result.steps) == 1
+        before, after = (result.steps[note["step"] - i]["probes"]["middle"][2] for i in (1, 0))
+        assert before > -0.02 and after < -0.09  # from above the supports to below them
+        assert note["part"] > 0.8
+        found.append((note["start"], note["end"]))
+    (start, end), (fine_start, fine_end) = found
+    assert start <= fine_start < fine_end <= end
+
+
+@mpi
+def test_a_jump_on_ranks(comm, folder):
+    result = solve(arch(comm, folder, 5, -40.0), comm=comm, out=folder / "out")
+    comm.barrier()
+    assert result.steps[2]["notes"] == ["jump"] and rows(folder / "out")[2]["notes"] == "jump"
+    comm.barrier()
+
+
+SHELL = """
+Point(1) = {0, 0, 0};
+For k In {0:1}
+  Point(10+k) = {10+k, 0, 0}; Point(20+k) = {0, 10+k, 0}; Circle(k+1) = {10+k, 1, 20+k};
+EndFor
+Line(3) = {10, 11}; Line(4) = {20, 21};
+Curve Loop(1) = {1, 4, -2, -3}; Plane Surface(1) = {1};
+Transfinite Curve{1, 2} = 7; Transfinite Curve{3, 4} = 2;
+Transfinite Surface{1} = {10, 20, 21, 11}; Recombine Surface{1};
+Physical Surface("body") = {1}; Physical Curve("inside") = {1}; Physical Curve("equator") = {3};
+"""
+
+
+def limit_pressure(C10, C01, ratio):
+    """Return the largest pressure of an incompressible spherical shell (Green & Zerna, 3.10)."""
+
+    def pressure(a):
+        b = np.cbrt(1 + (a**3 - 1) / ratio**3)
+        return quad(lambda s: slope(s) / (s**3 - 1), b, a)[0]
+
+    def slope(s):
+        return C10 * (4 * s - 4 * s**-5) + C01 * (4 * s**3 - 4 * s**-3)
+
+    return -minimize_scalar(lambda a: -pressure(a), bounds=(1.05, 1.8), method="bounded").fun
+
+
+@mpi
+def test_a_balloon_jumps_at_its_limit_pressure(comm, folder):
+    """It went from a stretch of 1.3 to one of 5.9 in one step, without a word."""
+    limit = limit_pressure(0.4, 0.04, 1.1)
+    scene = {
+        "name": "balloon", "mesh": write_msh(comm, folder, SHELL, dim=2), "element": "Q2Q1",
+        "kinematics": "axisymmetric", "steps": 8,
+        "material": {"name": "mooney_rivlin", "C10": 0.4, "C01": 0.04, "D1": 0.0},
+        "hold": [{"group": "equator", "components": ["y"]}],
+        "pressure": [{"group": "inside", "value": limit / 0.95}],
+    }  # fmt: skip
+    result = solve(Scene.model_validate(scene), comm)
+    (note,) = [note for note in result.notes if note["kind"] == "jump"]
+    assert note["start"] < 0.95 < note["end"] and note["ratio"] > 10
+    assert note["part"] > 0.8 and result.steps[note["step"]]["load"] == 1.0
+    assert "the volume of a [[cavity]] in place of a pressure" in note["text"]
+
+
+LIP = """
+Point(1) = {0.8, 0, 0}; Point(2) = {1.2, 0, 0}; Point(3) = {1.9, 1, 0}; Point(4) = {1.5, 1, 0};
+For k In {1:4}
+  Line(k) = {k, k % 4 + 1};
+EndFor
+Curve Loop(1) = {1:4}; Plane Surface(1) = {1};
+Transfinite Curve{1, 3} = 5; Transfinite Curve{2, 4} = 13; Transfinite Surface{1};
+Physical Surface("body") = {1}; Physical Curve("bottom") = {1}; Physical Curve("top") = {3};
+"""
+
+
+def test_a_lip_that_folds_is_noted(tmp_path):
+    """Its force falls by two thirds in a step that does not move it far: it loses energy."""
+    path, folds = write_msh(MPI.COMM_SELF, tmp_path, LIP, dim=2), 0.394  # where 96 steps jump
+    for steps, press in ((6, 0.8), (3, 0.3)):
+        scene = {
+            "name": "lip", "mesh": path, "element": "P2P1", "kinematics": "plane_strain",
+            "steps": steps, "material": {"name": "stable_neo_hookean", "E": 1.0, "nu": 0.49},
+            "hold": [{"group": "bottom"}],
+            "move": [{"group": "top", "translate": [0, -press, 0]}], "reactions": ["top"],
+        }  # fmt: skip
+        result = solve(Scene.model_validate(scene), MPI.COMM_SELF)
+        assert result.converged
+        jumps = [note for note in result.notes if note["kind"] == "jump"]
+        assert len(jumps) == (press > folds * 0.8)
+        for note in jumps:
+            assert note["start"] < folds < note["end"] and note["lost"] > 0
+            before, after = (result.steps[note["step"] - i]["reactions"]["top"][1] for i in (1, 0))
+            assert abs(after) < 0.4 * abs(before)
+
+
+def test_steps_with_contact_are_noted_if_they_jump(tmp_path):
+    """They are not solved again: an arch snaps through above a floor that is far away."""
+    path = arch(MPI.COMM_SELF, tmp_path, 5, -40.0)
+    floor = '[[obstacle]]\nname = "floor"\nshape = { plane = { point = [0, 0, -9] } }\n'
+    path.write_text(path.read_text() + floor)
+    (note,) = solve(path, MPI.COMM_SELF).notes
+    assert note["kind"] == "jump" and note["step"] == 2 and note["ratio"] > 10
+    assert "times as far as expected in" in note["text"] and "are not examined" in note["text"]
+
+
+def test_steps_that_fail_after_a_jump_name_the_limit_load(tmp_path, monkeypatch):
+    """What stops the run need not be what is wrong with it."""
+
+    def judge(stepper, outcome, start, to):
+        outcome.converged = to <= 0.7
+        return {}
+
+    monkeypatch.setattr(Stepper, "_judge", judge)
+    result = solve(arch(MPI.COMM_SELF, tmp_path, 5, -40.0), comm=MPI.COMM_SELF)
+    status = result.record["status"]
+    assert status.startswith("stopped at load 0.") and "which may be a limit load" in status
+    (note,) = [note for note in result.notes if note["kind"] == "jump"]
+    assert f"between the loads {note['start']:.6g} and {note['end']:.6g}" in status
+
+
+@pytest.mark.one_debian
+@pytest.mark.parametrize(("rise", "hold", "pressure"), [(0.06, "ends", 40.0), (0.0, "left", 4.0)])
+def test_large_motions_along_a_path_are_no_jumps(tmp_path, rise, hold, pressure):
+    """An arch under tension, and a cantilever that bends by a third of its length."""
+    result = solve(arch(MPI.COMM_SELF, tmp_path, 3, pressure, rise, hold), comm=MPI.COMM_SELF)
+    assert result.converged and not result.notes
+    assert abs(result.steps[-1]["probes"]["middle"][2]) > 0.01
+
+
+SQUARE = """
+Point(1) = {0, 0, 0};
+side[] = Extrude {1, 0, 0} { Point{1}; Layers{4}; };
+base[] = Extrude {0, 1, 0} { Line{side[1]}; Layers{4}; Recombine; };
+Physical Surface("body") = {base[1]}; Physical Curve("bottom") = {side[1]};
+Physical Curve("top") = {base[0]}; Physical Curve("left") = {base[3]};
+"""
+
+
+@pytest.mark.one_debian
+@mpi
+def test_one_step_through_a_bifurcation(comm, folder):
+    """A square that is pressed to a tenth of its height: the uniform state is stable as well.
+
+    It is reached in one step only, and has twice the energy of the one that 20 steps reach.
+    """
+    mesh = write_msh(comm, folder, SQUARE, dim=2)
+    scene = {
+        "name": "square", "mesh": mesh, "element": "Q1", "kinematics": "plane_stress",
+        "material": {"name": "mooney_rivlin", "E": 1.0, "nu": 0.3},
+        "hold": [{"group": "bottom", "components": ["y"]}],
+        "move": [{"group": "top", "translate": [0, -0.9, 0], "components": ["y"]}],
+        "symmetry": [{"group": "left"}],
+    }  # fmt: skip
+    one, several = (
+        solve(Scene.model_validate(scene | {"steps": steps}), comm) for steps in (1, 20)
+    )
+    (note,) = one.notes
+    energy = one.steps[-1]["energy"]
+    assert note["kind"] == "jump" and one.steps[-1]["notes"] == ["jump"]
+    assert note["energy"] == pytest.approx(energy, rel=1e-9)
+    assert several.steps[-1]["energy"] < 0.7 * energy
+    assert note["followed"] == pytest.approx(several.steps[-1]["energy"], rel=0.1)
+    assert "than 4 smaller ones" in note["text"] and "take more steps" in note["text"]
+
+
+@pytest.mark.parametrize(("steps", "examined"), [(2, 1), (6, 0)])
+def test_steps_without_a_guess_go_on_as_the_last_one(monkeypatch, steps, examined):
+    """Turns of 90 degrees are far from straight on; those of 30 are not, and are not followed."""
+    calls = watch_calls(monkeypatch, JumpDetector, "_compare")
+    assert solve("twist", cells=3, steps=steps, angle=np.pi).converged
+    assert len(calls) == examined
+
+
+def test_rest_under_load_is_no_jump():
+    """A pressure leaves an incompressible cube at rest, to tolerances."""
+    rollers = [{"group": group} for group in ("left", "front", "bottom")]
+    scene = {
+        "name": "rivlin", "mesh": {"source": "cube"}, "cells": 2, "element": "Q2Q1", "steps": 3,
+        "material": {"name": "neo_hookean", "E": 3.0, "nu": 0.5}, "symmetry": rollers,
+        "traction": [
+            {"group": group, "vector": [0.3 * (i == axis) for i in range(3)]}
+            for axis, group in enumerate(("right", "back", "top"))
+        ],
+    }  # fmt: skip
+    result = solve(Scene.model_validate(scene), MPI.COMM_SELF)
+    assert result.steps[-1]["max_u"] < 1e-6 and not result.notes
+
+
+def test_rivlins_cube_names_a_way_that_its_element_has():
+    """From t = 2 mu on the cube is unstable: no trust region minimises with unknown pressures."""
+    scene = {
+        "name": "rivlin", "mesh": {"source": "cube"}, "cells": 1, "element": "Q2Q1",
+        "material": {"name": "neo_hookean", "E": 3.0, "nu": 0.5}, "stability": True,
+        "symmetry": [{"group": group} for group in ("left", "front", "bottom")],
+        "traction": [
+            {"group": group, "vector": [2.2 * (i == axis) for i in range(3)]}
+            for axis, group in enumerate(("right", "back", "top"))
+        ],
+    }  # fmt: skip
+    (note,) = solve(Scene.model_validate(scene), MPI.COMM_SELF).notes
+    assert note["kind"] == "unstable" and "with nu < 0.5 and Q1P0 or P2P0" in note["text"]
+
+
+def test_a_steep_path_is_no_jump():
+    """A cube that is pressed flat is 1/sqrt(l) as wide at the height l, smoothly."""
+    rollers = [("bottom", "z"), ("left", "x"), ("front", "y")]
+    scene = {
+        "name": "flat", "mesh": {"source": "cube"}, "cells": 1, "element": "Q1", "steps": 1,
+        "material": {"name": "stable_neo_hookean", "E": 1.0, "nu": 0.4999},
+        "hold": [{"group": group, "components": [axis]} for group, axis in rollers],
+        "move": [{"group": "top", "translate": [0, 0, -0.99], "components": ["z"]}],
+        "probe": [{"name": "corner", "point": [1, 1, 1]}],
+    }  # fmt: skip
+    result = solve(Scene.model_validate(scene), MPI.COMM_SELF)
+    assert result.steps[-1]["probes"]["corner"][0] > 4
+    assert not [note for note in result.notes if note["kind"] == "jump"]
+
+
+# --- records --------------------------------------------------------------------------------------
+
+
+@pytest.mark.one_debian
+def test_a_sweep_has_the_kinds_of_notes(tmp_path, capsys):
+    arguments = ["cook", "--element", "Q1,Q1P0", "--cells", "4", "--nu", "0.499"]
+    assert main(["sweep", *arguments, "--out", str(tmp_path / "s")]) == 0
+    import pandas as pd
+
+    table = pd.read_csv(tmp_path / "s" / "sweep.csv").set_index("element")
+    assert table["notes"].to_dict() == {"Q1": "locking", "Q1P0": "none"}
+    assert table["status"].tolist() == ["converged"] * 2
+    lines = capsys.readouterr().out
+    assert "element=Q1: converged, 1 note (locking)" in lines
+    assert "2 of 2 points converged, 1 with notes" in lines
+
+
+def jumping(folder):
+    return {"scene": arch(MPI.COMM_SELF, folder, 4, -40.0)}
+
+
+def locking(folder):
+    return {"scene": "cook", "element": "Q1", "cells": 2, "nu": 0.499}
+
+
+@pytest.mark.parametrize("make", [jumping, locking])
+def test_a_resumed_run_has_the_notes_of_a_whole_one(tmp_path, make):
+    """Of a step before the interruption, and of the last state; also when it has finished."""
+    values = make(tmp_path) | {"comm": MPI.COMM_SELF}
+    whole, out = solve(**values), tmp_path / "out"
+    with cut(3):
+        solve(out=out, **values)
+    resumed, again = (solve(out=out, resume=True, **values) for _ in range(2))
+    assert len(whole.notes) == 1
+    assert [note["text"] for note in resumed.notes] == [note["text"] for note in whole.notes]
+    assert again.notes == resumed.notes
+
+
+# --- programs -------------------------------------------------------------------------------------
+
+
+@mpi
+def test_a_program_has_notes_and_one_warning_of_a_kind(comm):
+    """A cube of few cells that is pressed, at two Poisson's ratios."""
+    import ufl
+    from dolfinx_programs import Press, converged, unit_cube
+
+    for nu, kinds in ((0.3, []), (0.4999, ["locking"])):
+        press = Press(unit_cube(comm), height=-0.1)
+        material = fem_snh.material("stable_neo_hookean", E=1.0, nu=nu)
+        problem = fem_snh.NonlinearProblem(press.u, {material: ufl.dx}, bcs=press.bcs)
+        with warnings.catch_warnings(record=True) as seen:
+            warnings.simplefilter("always")
+            for _ in range(2):
+                problem.solve()
+        assert converged(problem) and [note.kind for note in problem.notes] == kinds
+        warned = [w for w in seen if w.category is ResultNote]
+        assert len(warned) == (len(kinds) if comm.rank == 0 else 0)
+        for note in problem.notes:
+            assert "element = 'Q1' locks" in note.text
+
+
+def test_more_than_half_a_turn_in_a_step_is_said():
+    """A whole turn in one step ends at the body's rest, which is no wound body."""
+    whole = solve("twist", cells=1, steps=1, angle=2 * np.pi)
+    assert whole.converged and whole.steps[-1]["energy"] == pytest.approx(0, abs=1e-9)
+    (note,) = [note for note in whole.notes if "rotate turns by" in note["text"]]
+    assert "turns by 360 degrees in 1 step," in note["text"] and "at least 2 steps" in note["text"]
+    half = solve("twist", cells=1, steps=1, angle=np.pi)
+    assert not [note for note in half.notes if "rotate turns by" in note["text"]]
+
+
+@pytest.mark.parametrize(
+    ("axis", "components", "left"),
+    [
+        ([0, 0, 1], ["x", "y"], ""), ([0, 0, 1], ["y", "z"], "x"), ([0, 2, 0], ["z"], "x"),
+        ([0, 1, 1], ["x"], "y, z"),
+    ],
+)  # fmt: skip
+def test_a_rotation_of_some_components_is_said(axis, components, left):
+    """A component that is free, and in which the rotation moves points, decides their angle."""
+    scene = {
+        "name": "turned", "mesh": {"source": "cube"}, "cells": 1, "element": "Q1",
+        "material": {"name": "stable_neo_hookean", "E": 1.0, "nu": 0.3},
+        "hold": [{"group": "bottom"}],
+        "move": [
+            {"group": "top", "rotate": {"axis": axis, "angle": 0.2}, "components": components}
+        ],
+    }  # fmt: skip
+    result = solve(Scene.model_validate(scene), MPI.COMM_SELF)
+    texts = [note["text"] for note in result.notes if note["kind"] == "load"]
+    assert len(texts) == bool(left)
+    assert all(f"move.0.rotate moves points along {left} too" in text for text in texts)
+
+
+@pytest.mark.one_debian
+@pytest.mark.parametrize(
+    ("integrator", "friction"),
+    [("generalized_alpha", 0), ("newmark", 0.3), ("newmark", 0), ("bdf2", 0)],
+)
+def test_a_motion_that_gains_energy(integrator, friction):
+    """The block rocks: forces of a step's start act in part of it, also where contact ends.
+
+    Its energy is nearly doubled within 12 steps. Newmark's method has the mean force of contact.
+    """
+    floor = {"name": "floor", "shape": {"plane": {}}, "friction": friction}
+    tables = {
+        "cells": 1,
+        "material": MaterialChoice(name="stable_neo_hookean", E=1e6, nu=0.3, density=1000.0),
+        "gravity": DOWN,
+        "start": Start(velocity=(1, 0, 0), angular_velocity=(0, 1, 0)),
+        "obstacle": [Obstacle.model_validate(floor)],
+    }
+    time = {"duration": 1.2, "steps": 12, "integrator": integrator}
+    result = solve(in_time(time, **tables), MPI.COMM_SELF)
+    notes = [note for note in result.notes if note["kind"] == "energy"]
+    assert len(notes) == (integrator == "generalized_alpha")
+    for note in notes:
+        row = result.steps[note["step"]]
+        start = 500 + 500 / 6  # of the translation, and of the rotation about the centre
+        assert note["gained"] == pytest.approx(row["energy"] - start, rel=1e-6)
+        assert f"the energy rises by {note['gained']:.3g} J that no load gives" in note["text"]
+
+
+@pytest.mark.one_debian
+@pytest.mark.parametrize(("steps", "created"), [(12, 0.235), (25, 0.0237), (50, 0.0)])
+def test_contact_of_bodies_that_creates_energy(steps, created):
+    """One step may create what others remove: the end has less energy then."""
+    result = solve(plates.plates("Q1", "generalized_alpha", "penalty", steps=steps), MPI.COMM_SELF)
+    notes = [note for note in result.notes if note["kind"] == "energy"]
+    assert len(notes) == bool(created)
+    rows = [row for row in result.steps if row["converged"]]
+    kept = [row["energy"] - row["work"] + row["dissipated"] for row in rows]
+    kept.insert(0, result.record["time"]["start"]["energy"])
+    largest = max(row["kinetic"] for row in rows)
+    for note in notes:
+        gained = max(kept) - kept[0] if created > 0.05 else np.diff(kept).max()
+        assert note["gained"] == pytest.approx(gained, rel=1e-6)
+        assert gained == pytest.approx(created * largest, rel=0.1)
+        assert ("contact creates energy" in note["text"]) == (created < 0.05)
+    assert created > 0.05 or kept[-1] < kept[0]
+
+
+@pytest.mark.one_debian
+def test_self_contact_that_creates_energy():
+    """A clip whose arm falls on the other one: in 48 steps one step creates 7 %."""
+    clip = {
+        "name": "clip",
+        "mesh": {"source": "clip", "parameters": {"gap": 0.3, "arm": 2}},
+        "cells": 1,
+        "element": "Q1",
+        "material": {"name": "stable_neo_hookean", "E": 100.0, "nu": 0.4, "density": 1.0},
+        "hold": [{"group": "bottom"}],
+        "gravity": {"vector": [0, 0, -6.0]},
+        "self_contact": {},
+    }
+    for steps, created in ((24, 0.384), (48, 0.0742)):
+        time = {"duration": 2.0, "steps": steps}
+        result = solve(scenes.validate(clip | {"time": time}, "clip"), MPI.COMM_SELF)
+        (note,) = [note for note in result.notes if note["kind"] == "energy"]
+        assert note["gained"] / note["exchanged"] == pytest.approx(created, rel=0.05)
+        assert ("contact creates energy" in note["text"]) == (steps == 48)
+
+
+@mpi
+def test_penalties_with_friction_have_the_note_too(comm):
+    """With 100 times the stiffness the force is larger by the part that the note names."""
+    soft, stiff = (solve(slide(**keys), comm) for keys in ({}, {"stiffness": 2e3}))
+    (note,) = [note for note in soft.notes if note["kind"] == "penalty"]
+    assert "penalty" not in {note["kind"] for note in stiff.notes}
+    found, expected = (r.steps[-1]["obstacles"]["plate"]["force"][2] for r in (soft, stiff))
+    assert found / expected < 0.95
+    assert note["share"] == pytest.approx(1 - found / expected, rel=0.1)
+    multipliers = solve(slide(method="augmented_lagrangian"), comm)
+    assert "penalty" not in {note["kind"] for note in multipliers.notes}
+
+
+def test_penalties_that_yield_have_a_note():
+    """A penalty is a spring in series: its part of the energy is that of the force it costs."""
+    keys = {"nu": 0.0, "to": 0.999, "cells": 2, "steps": 1}
+    soft = fem_snh.run("press", **keys, progress=False)
+    (note,) = [note for note in soft.notes if note["kind"] == "penalty"]
+    force = soft.steps[-1]["obstacles"]["plate"]["force"][2]
+    exact = -1e5 * 0.001  # E times the strain: nu is zero
+    assert note["share"] == pytest.approx(1 - force / exact, rel=0.02)
+    assert "4.8 % of the energy" in note["text"]
+    estimated = fem_snh.run("press", **keys, error=True, progress=False)
+    assert "penalty" not in {note["kind"] for note in estimated.notes}
+    assert estimated.goals["plate.force.z"]["corrected"] == pytest.approx(exact, rel=2e-3)

@@ -1,0 +1,236 @@
+"""Runs that are interrupted and resumed: the same result, on any number of ranks."""
+
+from __future__ import annotations
+
+import re
+from time import perf_counter, sleep
+from typing import Any
+
+import numpy as np
+import pytest
+from bodies import PRESS
+from contact_scenes import slide
+from interrupted_runs import ALL, ALONE, STRETCH, CutOff, cut, record, solve
+from shells import SYMMETRIC, shell
+from time_scenes import SWING, TURN, in_time
+
+from fem_snh.runs import checkpoint_file, recorder
+from fem_snh.runs.folder import Folder
+from fem_snh.runs.output import nodal_values
+from fem_snh.runs.output.fields import Fields
+
+mpi = pytest.mark.mpi
+
+
+def difference(one, other):
+    """The largest difference of any unknown between two checkpoints."""
+    (_, a), (_, b) = checkpoint_file.load(one), checkpoint_file.load(other)
+    gaps = []
+    for name in ("u", "p"):
+        if name in a:
+            order = nodal_values.match_nodes(a[f"{name}_nodes"], b[f"{name}_nodes"])
+            gaps.append(abs(a[name] - b[name][order]).max())
+    return max(gaps)
+
+
+def times(folder):
+    return [
+        float(t) for t in re.findall(r'timestep="([^"]+)"', (folder / "fields.pvd").read_text())
+    ]
+
+
+def contents(folder):
+    """The content of all files of the series' states, by name."""
+    return {file.name: file.read_bytes() for file in sorted(folder.glob("*vtu"))}
+
+
+def case_of(name):
+    """Return scene, options, and rows after which it is cut off, with fields of all kinds."""
+    scene, options, steps = CASES[name]
+    fields = ["reaction_force", "cauchy_stress"]
+    if scene == "bounce" or (not isinstance(scene, str) and scene.obstacle):
+        fields += ["contact_pressure", "gap"]
+    if scene == "bounce" or (not isinstance(scene, str) and scene.time):
+        fields += ["velocity", "acceleration"]
+    return scene, options | {"fields": fields}, steps
+
+
+BACK: dict[str, Any] = {"duration": 0.3, "steps": 5, "integrator": "bdf2"}
+DAMPED: dict[str, Any] = {
+    "duration": 0.3,
+    "steps": 4,
+    "integrator": "generalized_alpha",
+    "damping": {"mass": 0.1, "stiffness": 0.01},
+}
+#: On the ground from the fourth step on.
+FALL = {"cells": 3, "friction": 0.3, "height": 0.05, "steps": 12, "time.duration": 0.3}
+#: Scene, options, rows after which it is cut off.
+CASES = {
+    "extrapolate": ("stretch", STRETCH, 3),
+    "tangent": ("stretch", STRETCH | {"predictor": "tangent", "element": "P2"}, 2),
+    "before its first step": ("stretch", STRETCH, 0),
+    "pressure": ("stretch", STRETCH | {"element": "Q2Q1", "nu": 0.5}, 2),
+    "halved": (PRESS, {}, 4),
+    "traction": ("cook", {"cells": 3, "element": "Q1", "steps": 3}, 2),
+    "friction": (slide(method="augmented_lagrangian", stiffness=1e-3), {}, 2),
+    "cavity": (shell(SYMMETRIC), {}, 2),
+    "two steps back": (in_time(BACK, **SWING), {}, 3),
+    "damped, turned": (in_time(DAMPED, **TURN), {}, 2),
+    "adaptive": (in_time({"duration": 0.4, "steps": 4, "tolerance": 1e-3}, **SWING), {}, 4),
+    "bounce": ("bounce", FALL, 8),
+    "linearised": (in_time(BACK | {"integrator": "semi_implicit"}, **TURN), {}, 2),
+}
+
+
+@mpi
+@pytest.mark.parametrize("case", CASES)
+def test_on_the_same_ranks_it_is_the_same_to_the_last_digit(comm, folder, case):
+    """Rows, unknowns, velocity and acceleration, and every byte of the fields' files."""
+    scene, options, steps = case_of(case)
+    whole = solve(scene, out=folder / "whole", **options)
+    with cut(steps):
+        solve(scene, out=folder / "cut", **options)
+    left = record(folder / "cut")
+    assert len(left["steps"]) == steps and not left["converged"]
+    again = solve(scene, out=folder / "cut", resume=True, **options)
+    comm.barrier()
+    found = record(folder / "cut")
+    assert found["converged"] and again.converged
+    accepted = [step["load"] for step in left["steps"] if step["converged"]]
+    assert found["resumed"] == [accepted[-1] if accepted else 0.0]
+    assert len(again.steps) == len(whole.steps)
+    for one, other in zip(whole.steps, again.steps, strict=True):
+        assert one | {"seconds": 0} == other | {"seconds": 0}
+    assert np.array_equal(whole.problem.x.array, again.problem.x.array)
+    if "time" in found:
+        for name in ("v", "a"):
+            one, other = (getattr(run, name).x.array for run in (whole, again))
+            assert np.array_equal(one, other)
+    assert times(folder / "cut") == times(folder / "whole")
+    assert contents(folder / "cut") == contents(folder / "whole")
+    comm.barrier()
+
+
+@mpi
+@pytest.mark.parametrize("case", ["two steps back", "bounce"])
+def test_with_many_steps_the_record_may_wait(comm, folder, case, monkeypatch):
+    """Only the first steps are written at once; the rest is lost with a crash, and nothing else."""
+    scene, options, steps = case_of(case)
+    whole = solve(scene, out=folder / "whole", **options)
+    monkeypatch.setattr(recorder, "_FIRST_STEPS", 1)
+    monkeypatch.setattr(recorder, "_SHARE", 1e-9)
+    with cut(steps):
+        solve(scene, out=folder / "cut", **options)
+    assert len(times(folder / "cut")) == steps + 1
+    (about, _), left = checkpoint_file.load(folder / "cut"), record(folder / "cut")
+    assert len(about["record"]["steps"]) == 1 and len(left["steps"]) == steps
+    again = solve(scene, out=folder / "cut", resume=True, **options)
+    assert record(folder / "cut")["resumed"] == [left["steps"][0]["load"]]
+    assert np.array_equal(whole.problem.x.array, again.problem.x.array)
+    assert len(record(folder / "cut")["steps"]) == len(whole.steps)
+    assert contents(folder / "cut") == contents(folder / "whole")
+    comm.barrier()
+
+
+def test_the_record_takes_a_small_share_of_the_time(tmp_path, monkeypatch):
+    seconds = []
+    write = Folder.write
+
+    def slow(self, record):
+        start = perf_counter()
+        write(self, record)
+        sleep(0.02)
+        seconds.append(perf_counter() - start)
+
+    monkeypatch.setattr(Folder, "write", slow)
+    monkeypatch.setattr(recorder, "_FIRST_STEPS", 0)
+    start = perf_counter()
+    solve("bounce", out=tmp_path, cells=2, steps=40)
+    total = perf_counter() - start
+    assert sum(seconds[:-2]) <= 0.1 * total and len(record(tmp_path)["steps"]) == 40
+
+
+@pytest.mark.one_debian
+@mpi
+@pytest.mark.parametrize("case", ["extrapolate", "two steps back", "damped, turned", "bounce"])
+def test_a_state_written_after_a_kill_is_the_same(comm, folder, case, monkeypatch):
+    """A run that ends between checkpoint and fields: the resumed one writes the state first."""
+    scene, options, steps = case_of(case)
+    solve(scene, out=folder / "whole", **options)
+    write, written = Fields.write, []
+
+    def end_early(self, problem):
+        if len(written) == steps:
+            raise CutOff
+        written.append(problem.load)
+        write(self, problem)
+
+    with cut(steps), monkeypatch.context() as patch:
+        patch.setattr(Fields, "write", end_early)
+        solve(scene, out=folder / "cut", **options)
+    assert len(times(folder / "cut")) == steps
+    solve(scene, out=folder / "cut", resume=True, **options)
+    assert times(folder / "cut") == times(folder / "whole")
+    assert contents(folder / "cut") == contents(folder / "whole")
+    comm.barrier()
+
+
+@pytest.mark.one_debian("serial")
+@mpi
+@pytest.mark.parametrize("case", ["extrapolate", "pressure", "two steps back", "bounce"])
+@pytest.mark.parametrize("before, after", [(ALONE, ALL), (ALL, ALONE)], ids=["1-all", "all-1"])
+def test_on_another_number_of_ranks_it_is_the_same_to_the_solvers_tolerance(
+    comm, folder, case, before, after
+):
+    scene, options, steps = CASES[case]
+    # The kinetic energy is of first order in the solver's error.
+    options = options | {"petsc": {"snes_scaled_tol": 1e-12}}
+    solve(scene, out=folder / "whole", **options)
+    with cut(steps):
+        solve(scene, before, out=folder / "cut", **options)
+    assert len(record(folder / "cut")["steps"]) == steps
+    solve(scene, after, out=folder / "cut", resume=True, **options)
+    found, whole = record(folder / "cut"), record(folder / "whole")
+    assert found["converged"] and found["ranks"] == after.size
+    key = "kinetic" if "time" in whole else "energy"  # in free fall the energy is 0
+    energies = [[step[key] for step in each["steps"]] for each in (found, whole)]
+    assert energies[0] == pytest.approx(energies[1], rel=1e-9)
+    assert difference(folder / "cut", folder / "whole") < 1e-8
+    assert times(folder / "cut") == times(folder / "whole")
+    comm.barrier()
+
+
+@pytest.mark.one_debian
+@mpi
+def test_resumed_twice_its_fields_are_whole(comm, folder):
+    """And its seconds are those of all three."""
+    import pyvista
+
+    for number, comms in enumerate((ALL, ALONE)):
+        with cut(2):
+            solve("stretch", comms, out=folder, resume=number > 0, **STRETCH)
+    earlier = record(folder)["seconds"]["total"]
+    solve("stretch", out=folder, resume=True, **STRETCH)
+    found = record(folder)
+    assert found["resumed"] == [0.4, 0.8] and found["converged"]
+    assert found["seconds"]["total"] > earlier + found["steps"][-1]["seconds"]
+    loads = [step["load"] for step in found["steps"]]
+    assert loads == [0.2, 0.4, 0.6, 0.8, 1.0]
+    reader = pyvista.get_reader(str(folder / "fields.pvd"))
+    assert reader.time_values == pytest.approx([0.0, *loads])
+    for time_value, step in zip(reader.time_values[1:], found["steps"], strict=True):
+        reader.set_active_time_value(time_value)
+        grid = reader.read().combine()
+        assert grid.n_cells == found["cells"]
+        right = grid.points[:, 0] > grid.points[:, 0].max() - 1e-9
+        assert grid.point_data["displacement"][right, 0] == pytest.approx(step["load"], abs=1e-12)
+    assert not [file for file in folder.iterdir() if file.name.startswith(".")]
+    comm.barrier()
+
+
+@pytest.mark.one_debian("ranks")
+@mpi
+def test_a_direct_solver_is_not_left_waiting(comm):
+    """For a monitor, PETSc's preonly computes a norm: so either all ranks have one, or none."""
+    direct = {"ksp_type": "preonly", "pc_type": "cholesky", "pc_factor_mat_solver_type": "mumps"}
+    assert solve("twist", cells=3, petsc=direct).converged

@@ -1,0 +1,372 @@
+"""Output never removes or replaces what is not its own: other files of the folder, and inputs."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+from pathlib import Path
+from typing import Any
+
+from mpi4py import MPI
+
+import pytest
+from command_line import start_program
+from interrupted_runs import solve
+
+import fem_snh
+from fem_snh import scenes
+from fem_snh.cli import main
+from fem_snh.errors import BadInput
+from fem_snh.records import run_files
+from fem_snh.studies.sweep import sweep
+
+mpi = pytest.mark.mpi
+
+#: Names of files that earlier versions removed, and names that a run writes.
+NAMES = (
+    "obstacle_table.stl", "bone_a.stl", "bone_b.obj", "fields_mine.vtu", "fields.old.pvd",
+    "skin_of_hand.vtu", "modes1.vtu", "obstacles_seen.vtu", "steps.csv", "modes.csv",
+    "checkpoint.npz", "fields.pvd", "fields000000.pvtu", "fields_p0_000000.vtu", "skin.pvd",
+    "skin000001.vtu", "obstacles.pvd", "obstacles000000.vtu", "modes.pvd", "obstacle_0.stl",
+    "bone_0.stl", "notes.txt", "mesh.msh",
+)  # fmt: skip
+#: Those that a run of `TWIST` writes.
+WRITTEN = (
+    "run.json", "steps.csv", "checkpoint.npz", "fields.pvd", "fields000000.pvtu",
+    "fields000001.pvtu", "fields_p0_000000.vtu", "fields_p0_000001.vtu",
+)  # fmt: skip
+TWIST: dict[str, Any] = {"cells": 1, "steps": 1, "angle": 0.1}
+MINE = "mine"
+
+
+def fill(folder: Path, names: Any) -> Path:
+    """Write files of somebody else's."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for name in names:
+        (folder / name).write_text(MINE)
+    return folder
+
+
+def unchanged(folder: Path) -> set[str]:
+    """Return the names of the files that are as `fill` has written them."""
+    files = (path for path in folder.iterdir() if path.is_file())
+    return {path.name for path in files if path.read_bytes() == MINE.encode()}
+
+
+def refusal(capsys: pytest.CaptureFixture[str], *words: str) -> str:
+    """Return the message of a command that ends with exit code 2 and one line."""
+    assert main(list(words)) == 2
+    output = capsys.readouterr()
+    assert re.fullmatch(r"fem-snh: error: [^\n]*\n", output.err), output.err
+    return output.err
+
+
+# --- runs -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.one_debian
+@pytest.mark.parametrize("name", NAMES)
+def test_a_folder_with_other_files_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str
+) -> None:
+    fill(tmp_path, [name])
+    message = refusal(capsys, "run", "twist", "--out", str(tmp_path))
+    assert f"({name}): expected an empty folder, or --overwrite" in message
+    assert [path.name for path in tmp_path.iterdir()] == [name]
+    assert unchanged(tmp_path) == {name}
+
+
+def test_the_working_directory_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As --out . beside a scene and its files; --out "" is no folder."""
+    monkeypatch.chdir(fill(tmp_path, ("obstacle_table.stl", "s.toml")))
+    assert "(obstacle_table.stl, s.toml)" in refusal(capsys, "run", "twist", "--out", ".")
+    assert unchanged(tmp_path) == {"obstacle_table.stl", "s.toml"}
+    for command in (
+        "run twist --out", "sweep twist --out",
+        "plot x --out", "render x --out", "render x --movie", "view x --out", "export x",
+        "materials --table --csv",
+    ):  # fmt: skip
+        assert "path = '': expected a path" in refusal(capsys, *command.split(), "")
+    for out in ("", " ", "a\0b"):
+        with pytest.raises(BadInput, match=r"out = .*: expected a path"):
+            fem_snh.run("twist", out=out)
+        with pytest.raises(BadInput, match=r"out = .*: expected a path"):
+            sweep("twist", out, {})
+    assert len(list(tmp_path.iterdir())) == 2
+
+
+@pytest.mark.one_debian("ranks")
+@mpi
+def test_overwrite_replaces_the_files_that_a_run_lists(comm: MPI.Intracomm, folder: Path) -> None:
+    """Those of another number of steps and ranks too, and none of the others."""
+    solve("twist", out=folder, **TWIST | {"steps": 3})
+    if comm.rank == 0:
+        record = json.loads((folder / "run.json").read_text())
+        assert set(record["files"]) == {path.name for path in folder.iterdir()}
+        others = [name for name in NAMES if name not in (*record["files"], "modes.pvd", "skin.pvd")]
+        fill(folder, [*others, "fields000009.pvtu", "obstacle_7.stl"])
+        record["files"] += ["mesh.msh", "../x", "notes.txt", 7]  # a list that was edited
+        (folder / "run.json").write_text(json.dumps(record))
+        (folder / "scene.py").write_text(MINE)
+    comm.barrier()
+    solve("twist", MPI.COMM_SELF, out=folder, overwrite=True, **TWIST)
+    if comm.rank == 0:
+        names = {path.name for path in folder.iterdir()}
+        assert json.loads((folder / "run.json").read_text())["files"] == sorted(
+            WRITTEN, key=json.loads((folder / "run.json").read_text())["files"].index
+        )
+        assert names == {*WRITTEN, *others, "fields000009.pvtu", "obstacle_7.stl", "scene.py"}
+        assert unchanged(folder) == names - set(WRITTEN)
+    comm.barrier()
+
+
+def test_overwrite_in_a_folder_of_no_run(tmp_path: Path) -> None:
+    """Of the files that are there, those of the names that the run writes are replaced."""
+    fill(tmp_path, NAMES)
+    solve("twist", out=tmp_path, overwrite=True, **TWIST)
+    assert unchanged(tmp_path) == {*NAMES} - {*WRITTEN}
+    assert {path.name for path in tmp_path.iterdir()} == {*NAMES, *WRITTEN}
+
+
+def test_the_run_of_an_older_version_is_replaced(tmp_path: Path) -> None:
+    """It has no list: the files of which a run has one each are removed."""
+    fill(tmp_path, ("skin.pvd", "steps.csv", "fields_mine.vtu"))
+    (tmp_path / "run.json").write_text('{"scene": "old", "steps": []}')
+    solve("twist", out=tmp_path, overwrite=True, **TWIST)
+    assert {path.name for path in tmp_path.iterdir()} == {"fields_mine.vtu", *WRITTEN}
+
+
+TETRAHEDRON = """solid t
+facet normal 0 0 0
+outer loop
+vertex 0 0 0
+vertex 0 1 0
+vertex 1 0 0
+endloop
+endfacet
+endsolid t
+"""
+
+
+@mpi
+@pytest.mark.parametrize(
+    "name", ["obstacle_0.stl", "bone_1.stl", "rigid_0.obj", "steps.csv", "checkpoint.npz"]
+)
+@pytest.mark.parametrize("linked", [False, True])
+def test_an_input_is_never_replaced(
+    comm: MPI.Intracomm, folder: Path, name: str, linked: bool
+) -> None:
+    """Not even with overwrite, under a name of a run's files, or by way of a link."""
+    out, file = folder / "out", folder / "out" / name
+    if comm.rank == 0:
+        fill(out, [name])
+        if linked:
+            (folder / "link").symlink_to(file)
+    comm.barrier()
+    material = scenes.MaterialChoice(name="stable_neo_hookean", E=1.0, nu=0.3)
+    mesh = folder / "link" if linked else file
+    scene = scenes.Scene(name="s", mesh=mesh, element="P1", material=material)
+    for overwrite, message in (
+        (False, "holds files of no run"),
+        (True, "of the input .* are writ"),
+    ):
+        with pytest.raises(BadInput, match=f"out = .*: .*{message}"):
+            solve(scene, out=out, overwrite=overwrite)
+    comm.barrier()
+    assert unchanged(out) == {name}
+    comm.barrier()
+
+
+def test_the_names_of_a_runs_files() -> None:
+    """A name that a run may write is recognised, and none that only looks alike."""
+    others = ("s.toml", "fields_mine.vtu", "bone_a.stl", "obstacle_table.stl", "fields.vtu",
+              "fields12.vtu", "a/steps.csv", "fields000001.vtu.bak", "bone_0.py",
+              "rigid_a.stl", "")  # fmt: skip
+    assert not any(map(run_files.is_run_file, others))
+    assert all(map(run_files.is_run_file, [*WRITTEN, "fields1000000.pvtu", "bone_12.obj"]))
+    sources = ("a.stl", "b.OBJ", "c", "d.dat")
+    copies = [run_files.surface_copy(s, 3, Path(p)) for s in run_files.SOLIDS for p in sources]
+    assert all(map(run_files.is_run_file, copies))
+    assert copies[-4:] == ["rigid_3.stl", "rigid_3.obj", "rigid_3.stl", "rigid_3.stl"]
+
+
+# --- studies --------------------------------------------------------------------------------------
+
+
+def test_a_sweep_leaves_folders_of_others(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Whose log.txt makes them no point; in those of its points it leaves other files."""
+    out = tmp_path / "out"
+    values = {"cells": 1, "steps": 1, "angle": [0.1, 0.2]}
+    sweep("twist", out, values, report=lambda line: None)
+    fill(out / "mine", ["log.txt", "run.json", "data.csv"])
+    fill(out / "angle=0.1", ["notes.txt", "fields_mine.vtu"])
+    definition = json.loads((out / "sweep.json").read_text())
+    assert set(definition["points"]) == {"angle=0.1", "angle=0.2"}
+    definition["points"] |= {"../other": {}, "mine/..": {}, ".": {}}
+    fill(tmp_path / "other", ["log.txt"])
+    (out / "sweep.json").write_text(json.dumps(definition))
+    sweep("twist", out, values | {"angle": 0.1}, overwrite=True, timeout=0.01, report=print)
+    assert unchanged(out / "mine") == {"log.txt", "run.json", "data.csv"}
+    assert unchanged(tmp_path / "other") == {"log.txt"}
+    assert unchanged(out / "angle=0.1") == {"notes.txt", "fields_mine.vtu"}
+    assert not (out / "angle=0.1" / "run.json").exists() and not (out / "angle=0.2").exists()
+    assert (out / "point" / "log.txt").exists()
+
+
+def test_a_study_refuses_a_folder_of_others(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    names = [*NAMES, "log.txt", "sweep.csv", "sweep.png"]
+    fill(tmp_path, names)
+    message = refusal(capsys, *"sweep twist --cells 1 --out".split(), str(tmp_path))
+    assert "expected a new or an empty folder, or --overwrite" in message
+    assert unchanged(tmp_path) == set(names) == {path.name for path in tmp_path.iterdir()}
+
+
+def test_a_folder_of_the_name_of_a_point_is_refused(tmp_path: Path) -> None:
+    fill(tmp_path / "point", ["data.csv", "log.txt"])
+    with pytest.raises(BadInput, match="its folder point is not one of this study"):
+        sweep("twist", tmp_path, TWIST, overwrite=True)
+    assert unchanged(tmp_path / "point") == {"data.csv", "log.txt"}
+
+
+def test_a_second_study_of_a_folder_in_use_is_refused(tmp_path: Path) -> None:
+    lock = run_files.FolderLock(tmp_path / ".study")
+    with pytest.raises(BadInput, match="another process writes into this folder"):
+        sweep("twist", tmp_path, TWIST)
+    lock.release()
+    table = sweep("twist", tmp_path, TWIST, report=lambda line: None)
+    assert table["converged"].all() and not (tmp_path / ".study").exists()
+
+
+GENT = """
+from sympy import log
+
+def gent(I_C, J, mu, lam, *, limit=50.0):
+    stretch = -mu * limit / 2 * log(1 - (I_C - 3) / limit)
+    return stretch - mu * (J - 1) + lam / 2 * (J - 1) ** 2
+"""
+
+
+def test_rows_of_another_material_file_are_refused(tmp_path: Path) -> None:
+    file, out = tmp_path / "gent.py", tmp_path / "out"
+    file.write_text(GENT)
+    values = TWIST | {"material": f"{file}:gent"}
+    sweep("twist", out, values, report=lambda line: None, timeout=0.01)
+    before = (out / "sweep.csv").read_bytes()
+    lines: list[str] = []
+    sweep("twist", out, values, report=lines.append)
+    assert re.match(r"(\d+) of \1 points are there already", lines[0])
+    file.write_text(GENT.replace("50.0", "60.0"))
+    with pytest.raises(BadInput, match=r"holds sweep\.csv of other files"):
+        sweep("twist", out, values)
+    assert (out / "sweep.csv").read_bytes() == before
+
+
+def test_a_sweep_identifies_its_rows(tmp_path: Path) -> None:
+    """By what each depends on: a list that was extended by hand, as by a change of a default."""
+    values = TWIST | {"nu": [0.3, 0.4]}
+    sweep("twist", tmp_path, values, timeout=0.01, report=lambda line: None)
+    path = tmp_path / "sweep.json"
+    definition = json.loads(path.read_text())
+    definition["points"]["nu=0.4"]["values"] = "0" * 24
+    path.write_text(json.dumps(definition))
+    with pytest.raises(BadInput, match=r"nu=0\.4 in sweep\.csv was computed with other values"):
+        sweep("twist", tmp_path, values)
+
+
+def test_files_that_are_written_first_follow_no_link(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Links of the names that a writer has, or has had, to a file of the user's."""
+    fill(tmp_path, ["mine"])
+    out = tmp_path / "out"
+    out.mkdir()
+    for name in ("run.json", "steps.csv", "checkpoint.npz", "fields.pvd", "p.png"):
+        (out / f".{name}.new").symlink_to(tmp_path / "mine")
+    (out / ".m.new.gif").symlink_to(tmp_path / "mine")
+    left = out / f".run.json.{'0' * 16}.new"  # by a killed process
+    left.touch()
+    solve("twist", out=out, overwrite=True, **TWIST)
+    assert main(["plot", str(out), "--out", str(out / "p.png")]) == 0
+    assert main(["render", str(out), "--movie", str(out / "m.gif"), "--seconds", "0.1"]) == 0
+    assert unchanged(tmp_path) == {"mine"} and not left.exists()
+    assert len([path for path in out.iterdir() if path.name.startswith(".")]) == 6
+    new = tmp_path / "new"
+    new.mkdir()
+    (new / ".files").symlink_to(tmp_path / "mine")
+    capsys.readouterr()
+    assert "cannot be written" in refusal(capsys, "run", "twist", "--out", str(new))
+    (new / ".files").unlink()
+    os.mkfifo(new / ".files")
+    assert "it is a FIFO" in refusal(capsys, "run", "twist", "--out", str(new))
+    assert unchanged(tmp_path) == {"mine"}
+
+
+def test_a_fifo_in_place_of_a_list_of_states_is_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    solve("twist", out=tmp_path, **TWIST)
+    (tmp_path / "fields.pvd").unlink()
+    os.mkfifo(tmp_path / "fields.pvd")
+    capsys.readouterr()
+    for words in (["render"], ["render", "--field", "J"], ["view"]):
+        assert "it is a FIFO" in refusal(capsys, *words, str(tmp_path))
+    assert "it is a FIFO" in refusal(capsys, "export", str(tmp_path), str(tmp_path / "a.obj"))
+
+
+def test_a_table_of_materials_replaces_no_file(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["materials", "--table", "neo_hookean", "--csv", str(fill(tmp_path, ["a"]) / "a")]
+    assert "exists: expected another file, or --overwrite" in refusal(capsys, *words)
+    assert unchanged(tmp_path) == {"a"}
+    assert main([*words, "--overwrite"]) == 0 and not unchanged(tmp_path)
+
+
+@mpi
+def test_viewers_of_petsc_write_into_the_folder_of_the_run(
+    comm: MPI.Intracomm, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(folder)
+    out, outside = folder / "out", folder / "outside.txt"
+    options = {"snes_view": ":view.txt", "snes_monitor": "ascii:monitor.txt::append"}
+    for _ in range(2):
+        solve("twist", comm=comm, out=out, overwrite=True, petsc=options, **TWIST)
+        comm.barrier()
+        listed = set(json.loads((out / "run.json").read_text())["files"])
+        written = {path.name for path in out.glob("petsc_*")}
+        assert written == {"petsc_view.txt", "petsc_monitor.txt"} <= listed
+        assert len((out / "petsc_view.txt").read_text().split()) > 100
+        comm.barrier()
+        if comm.rank == 0:  # a link that somebody has put there
+            (out / "petsc_view.txt").unlink()
+            (out / "petsc_view.txt").symlink_to(outside)
+        comm.barrier()
+    assert not outside.exists()
+    for viewer in (":/tmp/x", "ascii:../x", "ascii:.x", "socket:host:80", "binary", "vtk:x"):
+        with pytest.raises(BadInput, match=f"petsc.ksp_view = '{viewer}': expected ascii:NAME"):
+            solve("twist", comm=comm, out=folder / "new", petsc={"ksp_view": viewer}, **TWIST)
+    solve("twist", comm=comm, petsc={"snes_converged_reason": "ascii:"}, **TWIST)  # the terminal
+    with pytest.raises(BadInput, match=r"ksp_view = .:x.: expected --out DIR"):
+        solve("twist", comm=comm, petsc={"ksp_view": ":x"}, **TWIST)
+    with pytest.raises(BadInput, match="expected a folder without ':'"):
+        solve("twist", comm=comm, out=folder / "a:b", petsc={"ksp_view": ":x"}, **TWIST)
+
+
+def test_petscrc_of_the_working_directory_is_not_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / ".petscrc").write_text("-snh_snes_view\n-dll_append nowhere.so\n")
+    words = ("run", "twist", "--cells", "1", "--steps", "1", "--set", "angle=0.1")
+    without = start_program(*words)
+    assert without.returncode == 0 and "SNES Object" not in without.stdout
+    (tmp_path / ".petscrc").write_text("-snh_snes_view\n")
+    monkeypatch.setenv("PETSC_OPTIONS", "-options_file .petscrc")
+    assert "SNES Object" in start_program(*words).stdout

@@ -1,0 +1,164 @@
+"""Runs of scenes made in Python and of TOML files; PETSc options of a scene."""
+
+from __future__ import annotations
+
+from petsc4py import PETSc
+
+import pytest
+from running import solve
+
+import fem_snh
+from fem_snh import solver
+from fem_snh.choices import GLOBALIZATIONS
+from fem_snh.errors import on_root
+from fem_snh.mesh import gmsh_input, gmsh_model
+from fem_snh.scenes import Geometry, Hold, MaterialChoice, Move, Rotate, Scene
+
+mpi = pytest.mark.mpi
+
+
+def bar(**kwargs):
+    return {
+        "name": "bar",
+        "element": "Q1",
+        "steps": 2,
+        "material": MaterialChoice(name="neo_hookean", E=10.0, nu=0.3),
+        "hold": [
+            Hold(group="left", components=("x",)),
+            Hold(group="front", components=("y",)),
+            Hold(group="bottom", components=("z",)),
+        ],
+    } | kwargs
+
+
+@pytest.mark.one_debian("ranks")
+@mpi
+def test_a_scene_made_in_python(comm):
+    result = solve(
+        Scene(
+            **bar(
+                mesh=Geometry(source="cube"),
+                cells=2,
+                move=[Move(group="right", components=("x",), translate=(0.4, 0, 0))],
+            )
+        ),
+        nu=0.0,  # overrides count
+    )
+    assert result.converged and result.record["material"]["nu"] == 0
+    assert result.u.name == "displacement" and result.problem.load == 1
+    u = result.u.x.array.reshape(-1, 3)
+    X = result.problem.V.tabulate_dof_coordinates()
+    assert u[:, 0] == pytest.approx(0.4 * X[:, 0], abs=1e-6)
+    # nu = 0: eq. 5 has no volume term, and each stretch is on its own
+    assert abs(u[:, 1:]).max() < 1e-6
+
+
+def own_mesh(path, scale=1.0, cells=2):
+    """The unit cube as a user's .msh, with numbered and named groups."""
+    with gmsh_model.session() as gmsh:
+        gmsh.onelab.setNumber("cells", [float(cells)])
+        gmsh.open(str(gmsh_input.source_path("cube")))
+        gmsh.model.mesh.generate(3)
+        gmsh.option.setNumber("Mesh.ScalingFactor", scale)
+        gmsh.option.setNumber("Mesh.Binary", 1)  # text has 16 digits: one too few for a double
+        gmsh.write(str(path))
+
+
+@pytest.mark.one_debian
+@mpi
+@pytest.mark.parametrize("nu", [0.0, 0.3, 0.49])
+@pytest.mark.parametrize("scale", [1.0, 1e-3])
+def test_a_toml_scene_with_traction_is_linear_elasticity_when_small(comm, folder, nu, scale):
+    """u = t L / E along the bar and -nu t L / E across it, at any scale."""
+    E, t = 1e6, 1e2
+    on_root(comm, own_mesh, folder / "block.msh", scale)
+    if comm.rank == 0:
+        (folder / "own.toml").write_text(f"""
+            mesh = "block.msh"
+            element = "Q1"
+            steps = 2
+            hold = [
+              {{ group = "left", components = ["x"] }},
+              {{ group = "front", components = ["y"] }},
+              {{ group = "bottom", components = ["z"] }},
+            ]
+            [material]
+            name = "stable_neo_hookean"
+            E = {E}
+            nu = {nu}
+            [[traction]]
+            group = "right"
+            vector = [{t}, 0, 0]
+            [petsc]
+            snes_scaled_tol = 1e-10
+            ksp_rtol = 1e-8
+        """)
+    comm.barrier()
+    result = solve(folder / "own.toml")
+    assert result.converged and result.record["terms"] == ["elastic", "traction"]
+    u = result.u.x.array.reshape(-1, 3)
+    expected = t / E * result.problem.V.tabulate_dof_coordinates() * [1, -nu, -nu]
+    assert abs(u - expected).max() <= 1e-3 * t / E * scale
+
+
+@pytest.mark.one_debian
+@mpi
+@pytest.mark.parametrize("globalization", GLOBALIZATIONS)
+def test_size_and_stiffness_are_units_to_a_toml_scene(comm, folder, globalization):
+    """A body of a millimetre and of steel takes the iterations of a metre of jelly.
+
+    On 4 cells in each direction: on 2, conjugate gradients exhaust the Krylov space, and rounding
+    decides when.
+    """
+    found = []
+    # Powers of two scale without rounding.
+    length, modulus = 2.0**-10, 2.0**20
+    for name, scale, E in (("large", 1.0, 1.0), ("small", length, modulus)):
+        on_root(comm, own_mesh, folder / f"{name}.msh", scale, 4)
+        scene = bar(
+            mesh=folder / f"{name}.msh",
+            material=MaterialChoice(name="stable_neo_hookean", E=E, nu=0.49),
+            hold=[Hold(group="bottom")],
+            move=[
+                Move(
+                    group="top",
+                    translate=(0, 0, 0.2 * scale),
+                    rotate=Rotate(axis=(0, 0, 1), through=(0.5 * scale,) * 3, angle=1.0),
+                )
+            ],
+        )
+        found.append(solve(Scene(**scene), globalization=globalization).steps)
+    for one, other in zip(*found, strict=True):
+        assert [one[k] for k in ("newton", "clamped", "reason")] == [
+            other[k] for k in ("newton", "clamped", "reason")
+        ]
+        assert other["linear"] == pytest.approx(one["linear"], abs=2)
+        assert other["energy"] / (modulus * length**3) == pytest.approx(one["energy"], rel=1e-8)
+
+
+@pytest.mark.one_debian("ranks")
+@mpi
+def test_petsc_options_of_a_scene_end_with_it_and_yield_to_the_command_lines(comm):
+    database = PETSc.Options(solver.PREFIX)
+    petsc = {"ksp_type": "minres", "snes_max_it": 150}
+    result = solve("twist", cells=1, angle=0.1, petsc=petsc)
+    assert result.record["linear_solver"] == "minres+jacobi"
+    assert not database.hasName("ksp_type")
+    database["ksp_type"] = "cr"
+    try:
+        result = solve("twist", cells=1, angle=0.1, petsc=petsc)
+        assert result.record["linear_solver"] == "cr+jacobi"
+        assert database.getString("ksp_type") == "cr" and not database.hasName("snes_max_it")
+    finally:
+        database.delValue("ksp_type")
+
+
+@pytest.mark.one_debian
+@pytest.mark.mpi
+def test_multigrids_preconditioner_is_definite_for_filtered_matrices(comm):
+    """Symmetric sweeps are; PETSc's own polynomial need not be, and then every step fails."""
+    settings = {"element": "Q2", "cells": 4, "nu": 0.3, "progress": False}
+    found = fem_snh.run("stretch", **settings, petsc={"pc_type": "gamg"})
+    assert found.converged and len(found.steps) == 12
+    assert max(step["linear"] / step["newton"] for step in found.steps) < 10
+    assert not PETSc.Options(solver.PREFIX).hasName("mg_levels_ksp_type")

@@ -1,0 +1,173 @@
+"""The skin in the output: skin.pvd, pictures and exports."""
+
+from __future__ import annotations
+
+from itertools import product
+from typing import Any
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+import pyvista as pv
+from running import solve
+from usd_files import needs_usd, read_usd
+
+from fem_snh import scenes
+from fem_snh.errors import BadInput, on_root
+from fem_snh.viewing import export, render
+from fem_snh.viewing.render.records import stored_loads
+from fem_snh.viewing.render.surfaces import read_grid
+
+#: A ball that moves as a whole with a bone, while it is stretched along x by 20 %.
+CENTER, RADIUS = np.array([0.1, 0.2, 0.3]), 0.5
+BALL = {"sphere": {"center": CENTER.tolist(), "radius": RADIUS}}
+AFFINE = np.diag([1.2, 1.0, 1.0])
+LOADS = (0.0, 0.5, 1.0)
+#: Cells so small that those around a free node in the middle are full.
+CELL = 0.16
+
+
+def stretched(load: float) -> np.ndarray:
+    """Return the affine of the bone at a load."""
+    return np.column_stack([np.eye(3) + load * (AFFINE - np.eye(3)), [0, 0, 0.3 * load]])
+
+
+def all_but(center: np.ndarray, half: float) -> list[dict[str, Any]]:
+    """Return six bones of one motion around a cube, whose nodes are free and move along."""
+    sides = []
+    for axis, sign in product(range(3), (1, -1)):
+        middle, size = center.copy(), 200 * half
+        middle[axis] += sign * (half + size / 2)
+        box = {"box": {"center": middle.tolist(), "size": [size] * 3}}
+        sides.append({"name": f"{'xyz'[axis]}{sign}", "motion": stretched, "shape": box})
+    return sides
+
+
+@pytest.fixture
+def folder(tmp_path_factory, comm=MPI.COMM_WORLD):
+    """Return the folder of a run on all ranks, the same on each."""
+    path = on_root(comm, lambda: tmp_path_factory.mktemp("skin"))
+    solve(ball(), comm, out=path / "run")
+    return path / "run"
+
+
+def ball() -> scenes.Scene:
+    """Return the scene of the ball."""
+    return scenes.Scene(
+        name="ball",
+        mesh=scenes.Lattice(lattice=BALL, cell=CELL),
+        element="Q1",
+        steps=2,
+        material=scenes.MaterialChoice(name="stable_neo_hookean", E=1.0, nu=0.3),
+        bone=all_but(CENTER, 0.51 * CELL),
+        fields=["von_mises"],
+    )  # fmt: skip
+
+
+def moved(points: np.ndarray, load: float) -> np.ndarray:
+    """Return where the bone takes points."""
+    affine = stretched(load)
+    return points @ affine[:, :3].T + affine[:, 3]
+
+
+@pytest.mark.one_debian
+@pytest.mark.mpi
+def test_the_series_of_the_skin(folder):
+    if MPI.COMM_WORLD.rank:
+        return
+    reader: Any = pv.get_reader(folder / "skin.pvd")
+    assert tuple(reader.time_values) == LOADS
+    for load in LOADS:
+        reader.set_active_time_value(load)
+        grid = reader.read()[0]
+        X, u = np.asarray(grid.points), grid["displacement"]
+        assert np.abs(np.linalg.norm(X - CENTER, axis=1) - RADIUS).max() < 0.01
+        assert np.abs(X + u - moved(X, load)).max() < 1e-12
+        assert np.allclose(grid["J"], 1 + 0.2 * load, rtol=1e-12)
+        assert {"energy_density", "min_eigenvalue", "von_mises"} < set(grid.point_data.keys())
+
+
+@pytest.mark.mpi
+def test_the_skin_has_the_pressure_unknown(comm, tmp_path_factory):
+    """It is that of the lattice's cells at the points that they carry."""
+    path = on_root(comm, lambda: tmp_path_factory.mktemp("pressure"))
+    core = {"sphere": {"center": [0, 0, 0], "radius": 0.3}}
+    bone = [{"name": "core", "motion": stretched, "shape": core}]
+    scene = scenes.load(ball(), element="Q2Q1", steps=1, bone=bone)
+    solve(scene, comm, out=path / "run")
+    if comm.rank == 0:
+        skin = pv.read(path / "run" / "skin000001.vtu")
+        (files,) = (f for t, f in stored_loads(path / "run" / "fields.pvd").items() if t == 1)
+        expected = skin.sample(read_grid([str(file) for file in files], "pressure"))
+        inside = expected["vtkValidPointMask"] == 1
+        assert inside.mean() > 0.9 and np.ptp(skin["pressure"]) > 0.05
+        assert np.abs(skin["pressure"] - expected["pressure"])[inside].max() < 1e-6
+
+
+def test_pictures_and_exports_show_the_skin(folder, tmp_path):
+    skin = pv.read(folder / "skin000002.vtu")
+    assert render.main(folder, tmp_path / "a.png").stat().st_size > 10_000
+    for load, path in zip(LOADS, export.main(folder, tmp_path / "a.obj"), strict=True):
+        obj = pv.read(path)
+        assert obj.n_cells == skin.n_cells and obj.n_points == skin.n_points
+        centre = moved(CENTER[None], load)[0]
+        assert obj.center_of_mass() == pytest.approx(centre, abs=0.03)
+        assert obj.volume == pytest.approx((1 + 0.2 * load) * np.pi / 6, rel=0.05)
+    (hdf,) = export.main(folder, tmp_path / "a.vtkhdf")
+    assert pv.read(hdf).n_cells == skin.n_cells
+
+
+@pytest.mark.parametrize("suffix", [".usda", ".usdc", ".usd"])
+def test_usd(folder, tmp_path, suffix):
+    needs_usd()
+    (path,) = export.main(folder, tmp_path / f"a{suffix}")
+    usd = read_usd(path)
+    skin = pv.read(folder / "skin000002.vtu")
+    assert (usd["start"], usd["end"]) == (0.0, 48.0)
+    assert list(usd["times"]) == [0.0, 24.0, 48.0]
+    assert len(usd["counts"]) == skin.n_cells
+    rest, faces = usd["points"][0], usd["faces"].reshape(-1, 3)
+    a, b, c = (rest[faces[:, i]] for i in range(3))
+    assert np.einsum("ij,ij->", a, np.cross(b, c)) / 6 == pytest.approx(np.pi / 6, rel=0.05)
+    assert np.array_equal(usd["extents"], usd["computed_extents"])
+    for load, x, box, J in zip(LOADS, usd["points"], usd["extents"], usd["J"], strict=True):
+        assert np.abs(x - moved(rest, load)).max() < 1e-6
+        assert np.array_equal(box, [x.min(axis=0), x.max(axis=0)])
+        assert len(J) == len(x) and np.allclose(J, 1 + 0.2 * load)
+
+
+def test_colours_show_a_field_and_cells_give_means(tmp_path):
+    """A block that its bone stretches: J is 1.2 at the end, which the colours show."""
+    needs_usd()
+    scene = scenes.Scene(
+        name="block",
+        mesh=scenes.Geometry(source="block", parameters={}),
+        cells=2,
+        element="Q1",
+        steps=1,
+        material=scenes.MaterialChoice(name="stable_neo_hookean", E=1.0, nu=0.3),
+        bone=all_but(np.full(3, 25.0), 1.0),
+    )
+    solve(scene, MPI.COMM_SELF, out=tmp_path / "run")
+    (usd,) = export.main(tmp_path / "run", tmp_path / "a.usda", field="J")
+    found = read_usd(usd)
+    assert np.allclose(found["J"][-1], 1.2, rtol=1e-6)
+    at_rest, red = found["displayColor"]
+    assert len(red) == len(found["points"][-1])
+    # coolwarm is grey at 1, and red at the end of its range.
+    assert np.ptp(at_rest, axis=1).max() < 0.05 and (red[:, 0] > 4 * red[:, 2]).all()
+    paths = export.main(tmp_path / "run", tmp_path / "a.obj", 3, field="J")
+    rows = [np.loadtxt(path, skiprows=1, usecols=range(1, 7), max_rows=len(red)) for path in paths]
+    assert [row[0, 3] > row[0, 5] + 0.01 for row in rows] == [False, True, True]
+    with pytest.raises(BadInput, match="expected one of J, displacement, energy_density"):
+        export.main(tmp_path / "run", tmp_path / "a.obj", field="stress")
+
+
+def test_usd_without_the_package(folder, tmp_path, monkeypatch):
+    from fem_snh.viewing import worker
+
+    monkeypatch.setattr(worker, "find_spec", lambda name: None if name == "pxr" else object())
+    message = r"a file .usd needs pxr: pip install 'fem_snh\[usd\]'"
+    with pytest.raises(BadInput, match=message):
+        export.main(folder, tmp_path / "a.usd")

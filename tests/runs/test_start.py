@@ -1,0 +1,220 @@
+"""Where a run begins: states, on any number of ranks, and the scenes that begin in one."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+from bodies import Hold, cube, problem
+
+import fem_snh
+from fem_snh import scenes
+from fem_snh.assembly.elements import ELEMENTS
+from fem_snh.errors import BadInput
+from fem_snh.problem.initial_state import set_initial_state
+from fem_snh.scenes import Start
+
+mpi = pytest.mark.mpi
+ELEMENT = pytest.mark.parametrize("element", ["Q1", "P2", "Q2Q1"])
+
+
+def begun(comm: MPI.Comm, element: str, start: Start, **conditions: Any) -> tuple[Any, Any, Any]:
+    """A problem on a cube of 3 cells that has begun, and all its nodes in order: X, x."""
+    p = problem(cube(comm, ELEMENTS[element].cell, 3), element, **conditions)
+    set_initial_state(p, start)
+    owned = p.V.dofmap.index_map.size_local
+    X = p.V.tabulate_dof_coordinates()[:owned]
+    x = X + p.x.array_r[: 3 * owned].reshape(-1, 3)
+    X, x = (np.concatenate(comm.allgather(part)) for part in (X, x))
+    order = np.lexsort(np.round(X, 6).T)
+    return p, X[order], x[order]
+
+
+@pytest.mark.one_debian
+@mpi
+@ELEMENT
+def test_a_map(comm: MPI.Comm, element: str) -> None:
+    matrix = ((1, 0.5, 0), (0, -1, 0), (0, 0, 0.2))
+    _, X, x = begun(comm, element, Start(map=matrix))
+    assert x == pytest.approx((X - 0.5) @ np.array(matrix).T + 0.5, abs=1e-12)
+    _, X, x = begun(comm, element, Start(map=matrix, through=(0, 0, 1)))
+    assert x == pytest.approx((X - [0, 0, 1]) @ np.array(matrix).T + [0, 0, 1], abs=1e-12)
+
+
+@pytest.mark.one_debian("ranks")
+@mpi
+@ELEMENT
+def test_a_scatter_fills_its_volume(comm: MPI.Comm, element: str) -> None:
+    p, _, x = begun(comm, element, Start(scatter=8.0, seed=3))
+    assert x.min() > -0.5 and x.max() < 1.5
+    assert x.min(axis=0) == pytest.approx(-0.5, abs=0.3)  # 64 nodes or more
+    assert x.max(axis=0) == pytest.approx(1.5, abs=0.3)
+    assert x.mean(axis=0) == pytest.approx(0.5, abs=0.25)
+    assert abs(np.corrcoef(x.T) - np.eye(3)).max() < 0.4
+    if p.saddle_point:
+        assert not p.saddle_point.pressure_dofs(p.x).any()
+
+
+@mpi
+@ELEMENT
+@pytest.mark.parametrize("start", [Start(scatter=2.0, seed=1), Start(noise=1e-3, seed=1)])
+def test_any_number_of_ranks_begins_the_same(comm: MPI.Comm, element: str, start: Start) -> None:
+    _, X, x = begun(comm, element, start)
+    _, alone, expected = begun(MPI.COMM_SELF, element, start)
+    assert X == pytest.approx(alone, abs=1e-12)
+    assert x == pytest.approx(expected, abs=1e-12)
+
+
+def test_seeds_and_noise(comm: MPI.Comm) -> None:
+    states = [begun(comm, "Q1", Start(scatter=2.0, seed=seed))[2] for seed in (0, 0, 1)]
+    assert (states[0] == states[1]).all() and abs(states[0] - states[2]).min() > 0
+    _, X, x = begun(comm, "Q1", Start(noise=0.01))
+    assert 0.005 < abs(x - X).max() <= 0.01 and abs((x - X).mean()) < 0.003
+    moved = begun(comm, "Q1", Start(scatter=2.0, noise=0.01))[2]
+    assert abs(moved - states[0] - (x - X)).max() < 1e-12
+
+
+@pytest.mark.one_debian("ranks")
+@mpi
+def test_prescribed_nodes_stay(comm: MPI.Comm) -> None:
+    start = Start(scatter=2.0)
+    _, X, x = begun(comm, "Q1", start, hold=[Hold("left"), Hold("right", ("z",))])
+    left, right = X[:, 0] < 1e-9, X[:, 0] > 1 - 1e-9
+    assert x[left] == pytest.approx(X[left]) and x[right, 2] == pytest.approx(X[right, 2])
+    assert abs(x[right, :2] - X[right, :2]).min() > 0
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "message"),
+    [
+        ("start", {"map": np.eye(3).tolist(), "scatter": 2.0}, "start: 'map' and 'scatter'"),
+        ("start", {"through": [0, 0, 0]}, "missing key 'map' or 'angular_velocity': expected with"),
+        ("start", {"scater": 2.0}, "unknown key 'scater'.*scatter"),
+        ("start.scatter", 0.0, "start.scatter = 0.0: expected a number > 0"),
+        ("start.scatter", "all", "start.scatter = 'all'"),
+        ("start.noise", -1.0, "start.noise = -1.0: expected a number >= 0"),
+        ("start.seed", -1, "start.seed = -1: expected a whole number from 0 to"),
+        ("start.map", [1, 2, 3], "start.map = .*a matrix"),
+        ("predictor", "tangent", "predictor = 'tangent': expected 'none'"),
+        (
+            "nu_continuation",
+            [0.5],
+            r"nu_continuation = \[0.5\]: expected a list of Poisson's ratios in",
+        ),
+        ("nu_continuation", 0.3, "nu_continuation = 0.3"),
+    ],
+)
+def test_mistakes(key: str, value: Any, message: str) -> None:
+    with pytest.raises(BadInput, match=message):
+        scenes.load("scramble", **{key: value})
+
+
+@pytest.mark.parametrize(("key", "value"), [("seed", -1), ("scatter", 0.0), ("scatter", "2")])
+def test_mistakes_of_scramble(key: str, value: Any) -> None:
+    with pytest.raises(BadInput, match=f"scramble: {key} = "):
+        scenes.load("scramble", **{key: value})
+
+
+@pytest.mark.parametrize(("key", "value"), [("to", "plan"), ("noise", -1e-6)])
+def test_mistakes_of_crush(key: str, value: Any) -> None:
+    with pytest.raises(BadInput, match=f"crush: {key} = "):
+        scenes.load("crush", **{key: value})
+
+
+# --- the scenes ----------------------------------------------------------------------------------
+
+
+@mpi
+@pytest.mark.parametrize("element", ["Q1", "P1"])
+def test_a_scrambled_cube_is_back_at_rest(comm: MPI.Comm, element: str) -> None:
+    result = fem_snh.run("scramble", cells=3, element=element, nu=0.3, comm=comm, progress=False)
+    (step,) = result.steps
+    assert result.converged and step["max_u"] < 1e-6 and step["newton"] > 5
+    assert step["min_J"] == pytest.approx(1, abs=1e-5) and step["nonfinite"] == 0
+
+
+def test_nothing_is_halved_where_nothing_is_loaded() -> None:
+    result = fem_snh.run("scramble", cells=2, progress=False, petsc={"snes_max_it": 2})
+    assert not result.converged and len(result.steps) == 1
+    assert result.steps[0]["max_u"] > 0.1  # rolled back to where it began
+
+
+def test_energies_that_are_not_finite_are_counted() -> None:
+    """An inverted body, and an energy with a logarithm."""
+    result = fem_snh.run("crush", to="inverted", material="neo_hookean", nu=0.3, progress=False)
+    assert not result.converged and result.steps[0]["nonfinite"] == 1
+    assert result.steps[0]["reason"] == "DIVERGED_FUNCTION_DOMAIN"
+
+
+STATES = pytest.mark.parametrize("to", ["plane", "line", "point", "inverted"])
+
+
+@STATES
+@pytest.mark.parametrize("nu", [0.3, 0.49])
+def test_what_is_said_of_crushed_states(to: str, nu: float) -> None:
+    """The forces and the curvatures that docs and page of the crushed states tell."""
+    m = fem_snh.material("stable_neo_hookean", E=1.0, nu=nu)
+    mu, lam = m.expression.values
+    alpha = 1 + 3 * mu / (4 * lam)
+    F = np.array(scenes.load("crush", to=to).start.map, dtype=float)
+    P = m.pk1(F)
+    least = np.linalg.eigvalsh(m.hessian(F)).min()
+    barrier = nu < 0.4
+    if to == "plane":
+        assert P[2, 2] == pytest.approx(-lam * alpha if barrier else -(mu + lam))
+    elif to == "line":
+        assert P == pytest.approx(np.diag([mu / 2 if barrier else mu, 0, 0]), abs=1e-14)
+        across = mu * 1 / 2 - lam * alpha if barrier else mu - (mu + lam)
+        assert least == pytest.approx(across) and across < 0
+    elif to == "point":
+        assert not P.any()
+        assert m.hessian(F) == pytest.approx(0 if barrier else mu * np.eye(9), abs=1e-14)
+        above = m.energy(F) - m.energy(np.eye(3))
+        assert barrier or above == pytest.approx((lam - mu) / 2)
+    else:
+        push = mu * 3 / 4 + lam * (1 + alpha) if barrier else 2 * (mu + lam)
+        assert P == pytest.approx(-push * np.eye(3), abs=1e-12)
+
+
+@STATES
+def test_a_crushed_body_has_the_same_deformation_everywhere(to: str) -> None:
+    """And its supports do not pull: the start is what `map` says at every node."""
+    scene = scenes.load("crush", to=to, nu=0.3)
+    p = problem(cube(MPI.COMM_SELF, "hexahedron", 2), "Q1", hold=scene.hold)
+    assert scene.start is not None
+    set_initial_state(p, scene.start)
+    X = p.V.tabulate_dof_coordinates()
+    expected = X @ (np.array(scene.start.map) - np.eye(3)).T
+    assert p.x.array_r.reshape(-1, 3) == pytest.approx(expected, abs=1e-14)
+
+
+# --- by way of a softer material -----------------------------------------------------------------
+
+
+@mpi
+def test_steps_with_nu_continuation_end_in_the_same_state(comm: MPI.Comm) -> None:
+    """Where there is only one; and the iterations of both materials are counted."""
+    given = {"cells": 3, "angle": 0.8, "steps": 2, "comm": comm, "progress": False}
+    plain = fem_snh.run("twist", **given)
+    soft = fem_snh.run("twist", nu_continuation=[0.0, 0.3], **given)
+    assert [step["load"] for step in soft.steps] == [0.5, 1.0]
+    for one, other in zip(plain.steps, soft.steps, strict=True):
+        assert other["energy"] == pytest.approx(one["energy"], rel=1e-6)
+        assert other["newton"] > one["newton"]
+    assert soft.record["material"]["nu"] == 0.49
+
+
+def test_poisson_continuation_unfolds_what_a_plain_descent_does_not() -> None:
+    """Scrambled cubes of tetrahedra at nu = 0.45: other minima, or home."""
+    away = []
+    for seed in range(4):
+        given = {"cells": 4, "element": "P1", "nu": 0.45, "seed": seed, "progress": False}
+        plain = fem_snh.run("scramble", hessian="adaptive", globalization="linesearch", **given)
+        assert plain.converged
+        away.append(plain.steps[-1]["max_u"] > 0.1 and plain.steps[-1]["energy"] > 0.01)
+        soft = fem_snh.run("scramble", nu_continuation=[-0.3], **given)
+        assert soft.converged and soft.steps[-1]["max_u"] < 1e-6
+    assert any(away)

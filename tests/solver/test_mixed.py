@@ -1,0 +1,259 @@
+"""Taylor-Hood elements in runs: solvers, nu = 1/2, pressure, what is refused."""
+
+import json
+from math import pi
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+import pyvista
+from bodies import Hold, cube, dense, problem, wave
+from scipy.linalg import eigh
+
+from fem_snh import solver
+from fem_snh._petsc import default_options
+from fem_snh.assembly.elements import ELEMENTS, with_cell_pressures
+from fem_snh.errors import BadInput
+from fem_snh.kernels.material import material
+from fem_snh.problem import modes
+from fem_snh.problem.create_problem import create_problem
+from fem_snh.runs import run
+from fem_snh.solver import saddle_point
+from fem_snh.solver.globalization import LineSearchNewton
+from fem_snh.solver.line_search import SHORT
+
+mpi = pytest.mark.mpi
+TAYLOR_HOOD = [e.name for e in ELEMENTS.values() if e.volume == "pressure"]
+taylor_hood = pytest.mark.parametrize("element", TAYLOR_HOOD)
+DIRECT = {"ksp_type": "preonly", "pc_type": "cholesky", "pc_factor_mat_solver_type": "mumps"}
+
+
+def turned(**overrides):
+    """Half of the twist's first quarter turn."""
+    settings = {"cells": 3, "angle": pi / 4, "steps": 1, "hessian": "adaptive", "progress": False}
+    return run("twist", **settings | overrides)
+
+
+def linear_per_newton(result):
+    """Return the linear iterations per Newton iteration."""
+    return sum(s["linear"] for s in result.steps) / sum(s["newton"] for s in result.steps)
+
+
+@pytest.mark.one_debian
+@mpi
+@taylor_hood
+@pytest.mark.parametrize("nu", [0.3, 0.4999, 0.5])
+def test_the_default_and_a_direct_solver_reach_the_same_state(element, nu):
+    tight = {"snes_scaled_tol": 1e-10}
+    found = [turned(element=element, nu=nu, petsc=tight | more) for more in ({}, DIRECT)]
+    assert all(result.converged for result in found)
+    energies = [result.steps[-1]["energy"] for result in found]
+    assert energies[0] == pytest.approx(energies[1], rel=1e-9)
+    if nu == 0.5:
+        volumes = [result.steps[-1]["volume_ratio"] for result in found]
+        assert volumes == pytest.approx([1, 1], abs=1e-9)
+
+
+@pytest.mark.one_debian
+@taylor_hood
+@pytest.mark.parametrize("hessian", ["clamp", "abs"])
+def test_every_direction_descends_on_the_merit_function(element, hessian, monkeypatch):
+    """A filtered Hessian's, too: there the penalty has to be raised."""
+    slopes, slope = [], saddle_point.MeritLineSearch.slope
+
+    def recorded(self, *vectors):
+        slopes.append(slope(self, *vectors))
+        return slopes[-1]
+
+    monkeypatch.setattr(saddle_point.MeritLineSearch, "slope", recorded)
+    result = turned(element=element, nu=0.49, hessian=hessian)
+    assert result.converged
+    assert len(slopes) == result.steps[-1]["newton"] and all(s < 0 for s in slopes)
+
+
+@pytest.mark.one_debian
+@taylor_hood
+def test_no_step_along_an_exact_direction_is_short(element, monkeypatch):
+    """It is the sign of an indefinite Hessian: the filtered direction replaces it."""
+    steps, step = [], LineSearchNewton.step
+
+    def recorded(self, *arguments):
+        steps.append(step(self, *arguments))
+        return steps[-1]
+
+    monkeypatch.setattr(LineSearchNewton, "step", recorded)
+    assert turned(element=element, nu=0.499, steps=2, angle=pi).converged
+    exact = [step.length for step in steps if step.filter == "exact"]
+    assert 0 < len(exact) < len(steps) and min(exact) >= SHORT
+
+
+@pytest.mark.one_debian
+@mpi
+@taylor_hood
+def test_linear_iterations_depend_neither_on_nu_nor_on_the_mesh(element):
+    """Stretch in one load step: at most 8 a Newton iteration, at nu = 1/2 at most twice as many."""
+    common = {"element": element, "steps": 1, "stretch": 1.2, "progress": False}
+    nus, meshes = (0.3, 0.4999, 0.5), (4, 8)
+    by_nu = [linear_per_newton(run("stretch", cells=4, nu=nu, **common)) for nu in nus]
+    assert max(by_nu) <= 8 and by_nu[2] <= 2 * by_nu[0]
+    by_mesh = [linear_per_newton(run("stretch", cells=n, nu=0.4999, **common)) for n in meshes]
+    assert by_mesh[1] <= 1.25 * by_mesh[0]
+
+
+def schur_eigenvalues(element, cells, nu):
+    """The eigenvalues of the preconditioned Schur complement of a deformed cube."""
+    body = cube(MPI.COMM_SELF, element.cell, cells, 0.05)
+    made = material("stable_neo_hookean", E=1.0, nu=nu)
+    p = create_problem(body, element, made, hold=[Hold("left")])
+    n = 3 * len(p.coordinates)
+    p.x.array[:n] = wave(0.1)(p.V.tabulate_dof_coordinates()).ravel()
+    p.prescribe(p.x)
+    p.jacobian(p.x, "clamp")
+    p.saddle_point.update_schur_approximation(p.A)
+    A = dense(p.A)
+    H, B, C = A[:n, :n], A[n:, :n], -A[n:, n:]
+    S = B @ np.linalg.solve(H, B.T) + C
+    return eigh(S, -dense(p.saddle_point.schur_approximation), eigvals_only=True)
+
+
+@pytest.mark.one_debian
+@taylor_hood
+@pytest.mark.parametrize("nu", [0.3, 0.5])
+def test_bounds_of_the_schur_complement(element, nu):
+    """On two meshes."""
+    for cells in (2, 3):
+        values = schur_eigenvalues(ELEMENTS[element], cells, nu)
+        assert 0.4 < values[0] and values[-1] < 3.5
+
+
+@pytest.mark.one_debian
+@pytest.mark.parametrize("element, meshes", [("Q1P0", (3, 6)), ("P2P0", (2, 3))])
+@pytest.mark.parametrize("nu", [0.3, 0.4999])
+def test_bounds_of_the_schur_complement_of_cell_pressures(element, meshes, nu):
+    """Also for pressures that alternate from cell to cell, the more cells the less B^T p."""
+    for cells in meshes:
+        values = schur_eigenvalues(with_cell_pressures(ELEMENTS[element]), cells, nu)
+        assert 0.15 < values[0] and values[-1] < 3
+
+
+@pytest.mark.one_debian
+@mpi
+def test_minres_has_a_definite_preconditioner_and_the_same_solution():
+    """Flexible GMRES with its triangular preconditioner needs at most half of the iterations."""
+    tight = {"snes_scaled_tol": 1e-10}
+    found = [
+        turned(element="Q2Q1", nu=0.5, petsc=tight | more)
+        for more in ({}, {"ksp_type": "minres"}, {"fieldsplit_u_pc_type": "hypre"})
+    ]
+    assert all(result.converged for result in found)
+    energies = [result.steps[-1]["energy"] for result in found]
+    assert energies == pytest.approx([energies[0]] * 3, rel=1e-9)
+    assert linear_per_newton(found[0]) <= 0.5 * linear_per_newton(found[1])
+    assert linear_per_newton(found[2]) < linear_per_newton(found[1])
+
+
+@pytest.mark.one_debian
+@taylor_hood
+def test_options_reach_the_blocks(element):
+    petsc = {"fieldsplit_u_pc_type": "cholesky", "fieldsplit_p_pc_type": "cholesky"}
+    tight = {"snes_forcing_max": 0, "ksp_rtol": 1e-6}
+    found = [turned(element=element, nu=0.5, petsc=tight | more) for more in ({}, petsc)]
+    assert linear_per_newton(found[1]) < linear_per_newton(found[0])
+
+
+def test_a_wrong_option_of_a_block_is_named():
+    with pytest.raises(BadInput, match="no_such_pc"):
+        turned(element="Q2Q1", petsc={"fieldsplit_u_pc_type": "no_such_pc"})
+
+
+@mpi
+@taylor_hood
+def test_the_preconditioner_is_definite_where_the_hessian_is_not(comm, element):
+    """d.P^-1 d > 0 for random d, at a state whose exact Hessian is indefinite."""
+    p = problem(cube(comm, ELEMENTS[element].cell, 2, 0.05), element, hold=[Hold("left")])
+    owned = p.x.getLocalSize() - len(p.saddle_point.pressure_dofs(p.x))
+    p.x.array[:owned] = wave(0.4)(p.V.tabulate_dof_coordinates()[: owned // 3]).ravel()
+    p.saddle_point.pressure_dofs(p.x)[:] = 0.2
+    p.prescribe(p.x)
+    with default_options(solver.PREFIX, {"ksp_type": "minres"}):
+        snes = solver.create(p, hessian="exact")
+    ksp, (A, P) = snes.getKSP(), snes.getJacobian()[:2]
+    f, d, before = p.x.duplicate(), p.x.duplicate(), p.x.duplicate()
+    snes.setUp()
+    p.residual(p.x, f)
+    assert p.jacobian(p.x, "clamp") > 0
+
+    def exact():
+        """Assemble as the solver does: SNESComputeJacobian resets the flag of the PC."""
+        ksp.getPC().apply(f, before)
+        snes.computeJacobian(p.x, A, P)
+
+    with saddle_point.frozen_preconditioner(ksp, A, P, exact):
+        ksp.setUp()
+        ksp.getPC().apply(f, d)
+        assert d.equal(before)
+        products = []
+        for seed in range(5):
+            d.array[:] = np.random.default_rng(seed + 10 * comm.rank).normal(size=d.getLocalSize())
+            ksp.getPC().apply(d, f)
+            products.append(d.dot(f))
+    assert min(products) > 0
+
+
+def test_no_modes_with_a_pressure():
+    p = problem(cube(MPI.COMM_SELF, "hexahedron", 1), "Q2Q1")
+    with pytest.raises(BadInput, match="modes: element 'Q2Q1' has a pressure without mass"):
+        modes.check(p, 3)
+
+
+@pytest.mark.parametrize("element", ["P1", "Q2", "P2P0", "Q1P0"])
+def test_incompressible_material_needs_a_pressure(element):
+    with pytest.raises(BadInput, match=r"nu = 0\.5.*P2P1, Q2Q1"):
+        turned(element=element, nu=0.5)
+
+
+def test_a_material_without_a_volume_term_is_refused():
+    with pytest.raises(BadInput, match="material 'corotational' has no volume term"):
+        turned(element="Q1P0", material="corotational")
+
+
+@pytest.mark.one_debian("serial")
+@mpi
+@taylor_hood
+def test_fields_hold_the_pressure(comm, element, tmp_path):
+    """A bar with nu = 1/2 and free sides, stretched by 10 %: the solution is exact."""
+    out = comm.bcast(str(tmp_path / "run"))
+    stretch = 1.1
+    scene = comm.bcast(str(tmp_path / "bar.toml"))
+    if comm.rank == 0:
+        with open(scene, "w", encoding="utf-8") as file:
+            file.write(BAR.format(element=element, move=stretch - 1))
+    comm.barrier()
+    result = run(scene, out=out, progress=False)
+    assert result.converged
+    if comm.rank:
+        return
+    fields = pyvista.get_reader(f"{out}/fields.pvd")
+    fields.set_active_time_value(1.0)
+    mesh = fields.read()[0]
+    # eq. 13 at J = 1: P = mu F + (p - mu) cof F, so p = mu (1 - 1/s) where the sides are free.
+    mu = 1 / 3
+    assert mesh["pressure"] == pytest.approx(mu * (1 - 1 / stretch), abs=2e-7)
+    assert json.loads((tmp_path / "run" / "run.json").read_text())["element"] == element
+
+
+BAR = """
+mesh = {{ source = "cube" }}
+cells = 2
+element = "{element}"
+hessian = "adaptive"
+steps = 1
+material = {{ name = "stable_neo_hookean", E = 1.0, nu = 0.5, barrier = false }}
+hold = [
+  {{ group = "left", components = ["x"] }},
+  {{ group = "front", components = ["y"] }},
+  {{ group = "bottom", components = ["z"] }},
+]
+move = [{{ group = "right", components = ["x"], translate = [{move}, 0, 0] }}]
+"""

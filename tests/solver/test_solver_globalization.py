@@ -1,0 +1,145 @@
+"""The choice of Hessian and globalization: defaults, thresholds."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from bodies import Hold, cube
+from solver_problems import TRUST, half_turn, options, solve, twist
+
+from fem_snh import scenes, solver
+from fem_snh.assembly.elements import ELEMENTS
+from fem_snh.choices import HESSIANS
+from fem_snh.errors import BadInput
+from fem_snh.kernels.material import material
+from fem_snh.problem.create_problem import create_problem
+from fem_snh.solver import trust_region
+from fem_snh.solver.options import OPTIONS
+
+mpi = pytest.mark.mpi
+
+
+def choices(snes):
+    """The Hessian and the globalization of a solver."""
+    used = snes.getPythonContext().options
+    return {key: used[f"snes_{key}"] for key in ("hessian", "globalization")}
+
+
+@pytest.mark.one_debian
+@pytest.mark.parametrize(
+    "element, name, expected",
+    [
+        ("Q1", "stable_neo_hookean", "trust_region"),
+        ("Q2Q1", "stable_neo_hookean", "linesearch"),
+        ("Q1", "filtered_neo_hookean", "linesearch"),
+    ],
+)
+def test_default_globalization_depends_on_the_problem(comm, element, name, expected):
+    chosen = material(name, nu=0.4)
+    p = create_problem(cube(comm, "hexahedron", 2), ELEMENTS[element], chosen, hold=[Hold("left")])
+    assert solver.default_globalization(p) == expected
+    assert choices(solver.create(p)) == {"hessian": "adaptive", "globalization": expected}
+
+
+def test_a_named_hessian_is_used_with_a_line_search(comm):
+    p = twist(comm, cells=1)
+    for hessian in HESSIANS:
+        expected = {"hessian": hessian, "globalization": "linesearch"}
+        assert choices(solver.create(p, hessian)) == expected
+        with options(snes_hessian=hessian):
+            assert choices(solver.create(p)) == expected
+
+
+def test_an_unknown_globalization_in_a_scene():
+    with pytest.raises(BadInput, match=r"globalization = 'trust_regon': .*did you mean 'trust_reg"):
+        scenes.load("twist", globalization="trust_regon")
+
+
+@pytest.mark.one_debian("ranks")
+@mpi
+def test_options_come_before_arguments(comm):
+    p = twist(comm, cells=1)
+    with options(snes_globalization="linesearch"):
+        snes = solver.create(p, "abs", "trust_region")
+    assert choices(snes) == {"hessian": "abs", "globalization": "linesearch"}
+    assert snes.getPythonContext().trust_ksp is None
+    with options(snes_globalization="trust_regon"), pytest.raises(BadInput, match="trust_regon"):
+        solver.create(p)
+
+
+@pytest.mark.one_debian("serial")
+@mpi
+@pytest.mark.parametrize("hessian", HESSIANS)
+def test_trust_region_with_every_hessian(comm, hessian):
+    """The twist by half a turn in one step: all of them enter the region, and converge."""
+    p = half_turn(comm, 6)
+    with options(snes_forcing_max=5e-3, snes_max_it=60):
+        snes, context = solve(p, hessian=hessian, globalization="trust_region")
+    history = context.history
+    assert snes.getConvergedReason() > 0
+    assert any(i.filter == "trust_region" for i in history)
+    energies = [i.energy for i in history] + [p.energy(p.x)]
+    assert (np.diff(energies) <= 1e-12).all()
+    # The exact Hessian is indefinite at the start: adaptive falls back to clamp, and exact enters
+    # the region, whose first step has no radius yet.
+    first = {"exact": "clamp", "clamp": "clamp", "abs": "abs", "adaptive": "clamp"}
+    assert history[0].filter == first[hessian]
+
+
+@pytest.mark.one_debian("ranks")
+@mpi
+def test_trust_region_is_entered_where_exact_gives_no_descent_direction(comm):
+    ends = {}
+    for globalization in ("linesearch", "trust_region"):
+        snes, context = solve(twist(comm, angle=1.2), "none", "exact", globalization)
+        ends[globalization] = solver.converged_reason(snes)
+    assert ends == {"linesearch": "DIVERGED_LINEAR_SOLVE", "trust_region": "CONVERGED_FNORM_ABS"}
+    assert all(i.step > 0 and i.linear > 0 for i in context.history)
+
+
+@pytest.mark.one_debian("ranks")
+@mpi
+def test_thresholds_decide_when_the_region_is_entered(comm):
+    used = {}
+    for decrease in (0.0, 1.0):
+        p = half_turn(comm, 4)
+        with options(
+            snes_tr_enter_decrease=decrease, snes_tr_enter_residual=0.0, snes_forcing_max=5e-3
+        ):
+            _, context = solve(p, **TRUST)
+        used[decrease] = [i.lbfgs > 0 for i in context.history]
+    assert not any(used[0.0])
+    assert any(used[1.0][:5])
+
+
+@pytest.mark.one_debian("ranks")
+@mpi
+@pytest.mark.parametrize("radius", [1e-3, 1e3])
+def test_initial_radius_and_largest_radius(comm, radius, monkeypatch):
+    """Newton's method converges whatever they are; CG is given no larger radius."""
+    given, original = [], trust_region.call
+
+    def call(name, ksp, value, *rest):
+        if name == "KSPCGSetRadius" and value:
+            given.append(value)
+        return original(name, ksp, value, *rest)
+
+    monkeypatch.setattr(trust_region, "call", call)
+    p = half_turn(comm, 4)
+    with options(snes_tr_delta0=radius, snes_tr_deltamax=0.5, snes_forcing_max=5e-3):
+        snes, context = solve(p, **TRUST)
+    assert snes.getConvergedReason() > 0
+    assert given[0] == min(radius, 0.5) and max(given) <= 0.5
+    if radius < 0.5:  # it at most doubles from one step to the next
+        assert all(b <= 2 * a for a, b in pairwise(given))
+        assert given[-1] > radius or comm.size > 1  # two ranks leave the region after one step
+    assert any(i.filter == "trust_region" for i in context.history)
+
+
+def test_every_option_has_a_meaning_and_an_origin():
+    assert all(option.meaning and option.origin for option in OPTIONS.values())
+    assert {"snes_tr_eta1", "snes_tr_eta2", "snes_tr_eta3", "snes_tr_t1", "snes_tr_t2"} < set(
+        OPTIONS
+    )

@@ -1,0 +1,278 @@
+"""Motions and modes of two dimensions: exact recurrences, a layer of hexahedra, momenta, rods."""
+
+from __future__ import annotations
+
+from math import atan, pi, sqrt
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+import ufl
+from bodies import dense
+from dolfinx import fem, mesh
+from dolfinx_programs import vector_space
+from interrupted_runs import cut
+from plane_programs import COMPONENTS, displacement, motion, prescribe, rectangle, zero
+from plane_scenes import SCENE, solve, write_mesh
+from test_motion_exact import STEP, STEPS, G, fallen
+
+import fem_snh
+from fem_snh.choices import INTEGRATORS
+from fem_snh.errors import BadInput
+from fem_snh.problem import modes
+from fem_snh.terms.mass import mass_matrix
+
+mpi = pytest.mark.mpi
+every = pytest.mark.parametrize("kinematics", COMPONENTS)
+TIGHT = {"snes_scaled_tol": 1e-12}
+
+
+def advance(problem, steps):
+    for row in problem.steps(steps):
+        assert row["converged"], row["reason"]
+    return row
+
+
+@pytest.mark.one_debian
+@every
+@pytest.mark.parametrize(
+    "integrator", [pytest.param(i, marks=[mpi] * (i == "bdf2")) for i in INTEGRATORS]
+)
+def test_free_fall(comm, integrator, kinematics):
+    """The integrator's own recurrence, with the mass of the whole turn."""
+    domain = rectangle(comm, "Q2", (0.0, 0.0), (0.5, 1.0), (2, 2))
+    u = displacement(domain, "Q2", kinematics)
+    gravity = fem_snh.Gravity([0, -G, 0], lambda load: 1.0)
+    duration = STEPS * STEP
+    falling = motion(u, kinematics, integrator, duration=duration, terms=[gravity])
+    row = advance(falling, STEPS)
+    values = u.x.array.reshape(-1, COMPONENTS[kinematics])
+    assert abs(values[:, 1] - fallen(integrator)).max() < 1e-8
+    assert abs(np.delete(values, 1, axis=1)).max() < 1e-8
+    volume = 0.5 if kinematics == "plane_strain" else pi / 4
+    assert falling.dynamics.mass.total == pytest.approx(2 * volume, rel=1e-12)
+    speed = row["momentum"][1] / (2 * volume)
+    assert row["kinetic"] == pytest.approx(volume * speed**2, rel=1e-7)
+    assert row["momentum"][::2] == pytest.approx([0, 0], abs=1e-7)
+
+
+@pytest.mark.one_debian
+@every
+@pytest.mark.parametrize("mass", ["consistent", "lumped"])
+@pytest.mark.parametrize("integrator", ["newmark", "backward_euler"])
+def test_one_linear_mode(integrator, mass, kinematics):
+    """One cell confined to move along the axis: phase and amplitude after 40 steps."""
+    E, nu, amplitude, angle, steps = 1.0, 0.45, 0.2, 2 * pi / 40, 40
+    modulus = E * (1 - nu) / ((1 + nu) * (1 - 2 * nu))
+    omega = sqrt(modulus / (2.0 * (1 / 3 if mass == "consistent" else 1 / 2)))
+    domain = rectangle(MPI.COMM_SELF, "Q1", (0.0, 0.0), (1.0, 1.0), (1, 1))
+    u = displacement(domain, "Q1", kinematics)
+    others = [i for i in range(COMPONENTS[kinematics]) if i != 1]
+    bcs = prescribe(u.function_space, 1, 0.0, zero)
+    bcs += prescribe(u.function_space, 1, 1.0, zero, others)
+    top = u.function_space.tabulate_dof_coordinates()[:, 1] > 0.5
+    values = u.x.array.reshape(-1, COMPONENTS[kinematics])
+    values[top, 1] = amplitude
+    duration = steps * angle / omega
+    swinging = motion(u, kinematics, integrator, bcs=bcs, mass=mass, duration=duration)
+    swinging.start()
+    advance(swinging, steps)
+    v = swinging.v.x.array.reshape(values.shape)[top, 1] / omega
+    found = np.unique(np.round((values[top, 1] + 1j * v) / amplitude, 9))
+    assert len(found) == 1
+    if integrator == "newmark":
+        phase = steps * 2 * atan(angle / 2)
+        assert found[0] == pytest.approx(np.exp(-1j * phase), abs=1e-8)
+    else:
+        assert abs(found[0]) == pytest.approx((1 + angle**2) ** (-steps / 2), rel=1e-8)
+
+
+def cantilever(components, integrator, n=3, thickness=0.25):
+    """A beam, or a layer of hexahedra with u_z = 0, that swings under its weight, with damping."""
+    if components == 2:
+        domain = rectangle(MPI.COMM_SELF, "Q1", (0.0, 0.0), (2.0, 0.5), (2 * n, n))
+    else:
+        corners = [np.zeros(3), np.array([2.0, 0.5, thickness])]
+        domain = mesh.create_box(MPI.COMM_SELF, corners, [2 * n, n, 1], mesh.CellType.hexahedron)
+    V = vector_space(domain, 1, components)
+    u, dim = fem.Function(V), domain.topology.dim
+    facets = mesh.locate_entities_boundary(domain, dim - 1, lambda x: np.isclose(x[0], 0))
+    held = fem.locate_dofs_topological(V, dim - 1, facets)
+    bcs = [fem.dirichletbc(np.zeros(components), held, V)]
+    if components == 3:
+        domain.topology.create_connectivity(3, 3)
+        cells = np.arange(2 * n * n, dtype=np.int32)
+        bcs.append(fem.dirichletbc(0.0, fem.locate_dofs_topological(V.sub(2), 3, cells), V.sub(2)))
+    made = motion(
+        u,
+        "plane_strain" if components == 2 else None,
+        integrator,
+        bcs=bcs,
+        terms=[fem_snh.Gravity([0, -0.02, 0], lambda load: 1.0)],
+        damping=(0.05, 0.1),
+        duration=12.0,
+        petsc_options=TIGHT | {"ksp_rtol": 1e-11},
+    )
+    made.start(lambda X: np.array([0.0, 0.1, 0.0])[:components] * X[:, :1])
+    row = advance(made, 6)
+    return V.tabulate_dof_coordinates(), u.x.array.reshape(-1, components), row
+
+
+@pytest.mark.parametrize("integrator", INTEGRATORS)
+def test_swinging_beam_is_the_layer(integrator):
+    """Displacements, energies, dissipation and momenta: damping turns with the cells."""
+    X, u, plane = cantilever(2, integrator)
+    X3, u3, solid = cantilever(3, integrator)
+    assert abs(u).max() > 0.08
+    for x, displaced in zip(X3, u3, strict=True):
+        nearest = abs(X[:, :2] - x[:2]).sum(axis=1).argmin()
+        assert abs(u[nearest] - displaced[:2]).max() < 1e-9
+    for name in ("kinetic", "elastic", "potential", "dissipated"):
+        assert plane[name] * 0.25 == pytest.approx(solid[name], rel=1e-7, abs=1e-12)
+    assert np.array(plane["momentum"]) * 0.25 == pytest.approx(solid["momentum"], abs=1e-9)
+    moments = plane["angular_momentum"][2] * 0.25, solid["angular_momentum"][2]
+    assert moments[0] == pytest.approx(moments[1], abs=1e-9)
+
+
+@mpi
+@pytest.mark.parametrize("mass", ["consistent", "lumped"])
+def test_spinning_ring(comm, mass):
+    """Momentum along the axis, and about it, are kept; so is the energy; nothing is damped."""
+    omega, low, high = 0.3, 1.0, 1.5
+    domain = rectangle(comm, "Q1", (low, 0.0), (high, 0.5), (3, 3))
+    u = displacement(domain, "Q1", "axisymmetric_torsion")
+    spinning = motion(u, "axisymmetric_torsion", mass=mass, damping=(0.0, 0.02), duration=0.4)
+    spinning.start(lambda X: X[:, :1] * [0, 0, -omega] + [0, 0.1, 0])
+    before = spinning.energies()
+    weight = 2.0 * pi * (high**2 - low**2) * 0.5
+    if mass == "consistent":
+        inertia = 2.0 * pi / 2 * (high**4 - low**4) * 0.5
+        assert before["angular_momentum"][1] == pytest.approx(inertia * omega, rel=1e-12)
+        assert before["kinetic"] == pytest.approx(
+            inertia * omega**2 / 2 + weight * 0.1**2 / 2, rel=1e-12
+        )
+    assert before["momentum"] == pytest.approx([0, 0.1 * weight, 0], rel=1e-12)
+    after = advance(spinning, 8)
+    turned = abs(u.x.array.reshape(-1, 3)[:, 2]).max(initial=0)
+    assert comm.allreduce(turned, op=MPI.MAX) > 0.1
+    for name in ("momentum", "angular_momentum"):
+        assert after[name] == pytest.approx(before[name], rel=1e-4, abs=1e-10)
+    assert after["kinetic"] + after["elastic"] == pytest.approx(before["kinetic"], rel=1e-4)
+    # C v of a rigid rotation is zero but for the centrifugal strain.
+    assert 0 <= after["dissipated"] < 1e-4 * before["kinetic"]
+
+
+@pytest.mark.parametrize("element", ["Q1", "P2", "Q2"])
+@every
+def test_mass_matrices_are_those_of_ufl(element, kinematics):
+    """Of inertia and of modes, on distorted cells from the axis outwards."""
+    domain = rectangle(MPI.COMM_SELF, element, (0.0, 0.0), (1.0, 1.0), (2, 2))
+    domain.geometry.x[:, 1] += 0.2 * domain.geometry.x[:, 0] * domain.geometry.x[:, 1]
+    u = displacement(domain, element, kinematics)
+    made = motion(u, kinematics, duration=1.0)
+    V, size = u.function_space, COMPONENTS[kinematics]
+    revolved = kinematics != "plane_strain"
+    expected = dense(mass_matrix(V, 2.0, revolved))
+    found = made.dynamics.mass.matrix.toarray()
+    for i in range(size):
+        assert abs(found - expected[i::size, i::size]).max() < 1e-14 * abs(expected).max() * 10
+    total = pi if revolved else 1.0
+    assert found.sum() == pytest.approx(2 * total * (1 + 0.2 * (2 / 3 if revolved else 1 / 2)))
+
+
+@pytest.mark.one_debian
+@pytest.mark.parametrize("kinematics, kind", [
+    ("plane_strain", "compression"), ("axisymmetric", "rod"), ("axisymmetric_torsion", "torsion"),
+])  # fmt: skip
+def test_lowest_modes_of_a_rod(kinematics, kind):
+    """c / (4 L) (2 k - 1): compression, a rod at nu = 0, and torsion."""
+    length, density, E = 1.0, 2.0, 1.0
+    nu = 0.3 if kind == "compression" else 0.0
+    material = fem_snh.material("stable_neo_hookean", E=E, nu=nu)
+    mu, lam = material.lame
+    domain = rectangle(MPI.COMM_SELF, "Q2", (0.0, 0.0), (0.01, length), (1, 8))
+    u = displacement(domain, "Q2", kinematics)
+    V = u.function_space
+    bcs = prescribe(V, 1, 0.0, zero)
+    kept = {"compression": [1], "rod": [0, 1], "torsion": [2]}[kind]
+    for component in set(range(COMPONENTS[kinematics])) - set(kept):
+        bcs.append(fem.dirichletbc(0.0, every_dof(V.sub(component)), V.sub(component)))
+    made = fem_snh.NonlinearProblem(u, {material: ufl.dx}, bcs=bcs, kinematics=kinematics)
+    speed = sqrt({"compression": 2 * mu + lam, "rod": E, "torsion": mu}[kind] / density)
+    found = modes.lowest(made._problem, density, 3)
+    expected = [speed / (4 * length) * k for k in (1, 3, 5)]
+    assert found.frequencies == pytest.approx(expected, rel=1e-3)
+    volume = 0.01 if kind == "compression" else pi * 0.01**2
+    assert found.mass == pytest.approx(density * volume, rel=1e-12)
+
+
+def every_dof(V):
+    """The dofs of one component."""
+    domain = V.mesh
+    domain.topology.create_connectivity(2, 2)
+    cells = np.arange(domain.topology.index_map(2).size_local, dtype=np.int32)
+    return fem.locate_dofs_topological(V, 2, cells)
+
+
+# --- scenes -----------------------------------------------------------------------------------
+
+
+def own_scene(folder, element, kinematics, more, order=1):
+    write_mesh(folder / "mesh.msh", False, order)
+    path = folder / "own.toml"
+    text = SCENE.format(element=element, kinematics=kinematics) + more
+    path.write_text(text.replace("steps = 2\n", "", 1))
+    return path
+
+
+THROWN = """
+[time]
+duration = 0.4
+steps = 4
+integrator = "{integrator}"
+damping = {{ mass = 0.1, stiffness = 0.01 }}
+[start]
+velocity = [0, 0.3, 0]
+"""
+
+
+def test_a_run_in_time_resumes(tmp_path):
+    """From its second step, with the history of BDF2: the rows are the same."""
+    path = own_scene(tmp_path, "Q1", "axisymmetric", THROWN.format(integrator="bdf2"))
+    text = path.read_text().replace('"reaction_force"', '"reaction_force", "velocity"')
+    path.write_text(text)
+    whole = solve(path, out=tmp_path / "whole").steps
+    assert whole[-1]["dissipated"] > 0 and whole[-1]["kinetic"] > 0
+    assert (tmp_path / "whole" / "fields.pvd").is_file()
+    with cut(2):
+        solve(path, out=tmp_path / "cut")
+    again = solve(path, out=tmp_path / "cut", resume=True).steps
+    assert again[-1]["energy"] == pytest.approx(whole[-1]["energy"], rel=1e-9)
+    assert again[-1]["momentum"] == pytest.approx(whole[-1]["momentum"], rel=1e-9, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    "kinematics, key, value",
+    [
+        ("plane_strain", "velocity", [0, 0, 1]),
+        ("plane_strain", "angular_velocity", [0, 1, 0]),
+        ("axisymmetric", "angular_velocity", [0, 1, 0]),
+        ("axisymmetric_torsion", "angular_velocity", [0, 0, 1]),
+    ],
+)
+def test_velocities_out_of_the_plane_are_refused(tmp_path, kinematics, key, value):
+    keys = THROWN.format(integrator="newmark").replace("velocity = [0, 0.3, 0]", f"{key} = {value}")
+    path = own_scene(tmp_path, "Q1", kinematics, keys)
+    with pytest.raises(BadInput, match=f"start.{key} = .*only these components"):
+        solve(path)
+
+
+@pytest.mark.one_debian
+def test_modes_of_a_scene(tmp_path):
+    """The frequencies, and a file with shapes of two components."""
+    path = own_scene(tmp_path, "Q2", "axisymmetric", "[modes]\ncount = 2\n", order=2)
+    result = solve(path, out=tmp_path / "out")
+    found = result.record["modes"]["frequencies"]
+    assert len(found) == 2 and 0 < found[0] < found[1]
+    assert (tmp_path / "out" / "modes.pvd").is_file()

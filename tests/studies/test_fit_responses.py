@@ -1,0 +1,169 @@
+"""Stresses in homogeneous deformations against exact solutions, derived here."""
+
+from __future__ import annotations
+
+import mpmath
+import numpy as np
+import pytest
+import sympy
+
+import fem_snh
+from fem_snh.materials.functions import positive
+from fem_snh.studies.fit.data import TESTS
+from fem_snh.studies.fit.family import Family
+from fem_snh.studies.fit.responses import FREE, response, stretches
+
+pytestmark = pytest.mark.one_debian
+
+X = np.array([0.4, 0.8, 1.0, 1.5, 3.0])
+NU = 0.3
+MU, LAM = 1 / (2 * (1 + NU)), NU / ((1 + NU) * (1 - 2 * NU))
+K = LAM + 2 / 3 * MU
+
+
+def law(name: str, nu: float | None = None, **held: object):  # type: ignore[no-untyped-def]
+    family = Family(name, nu is None, nu or 0.5, held)
+    return family.at(family.start, nu)
+
+
+@pytest.mark.parametrize("name", ["neo_hookean", "stable_neo_hookean", "neo_hookean_simo"])
+def test_incompressible_neo_hookean(name: str) -> None:
+    """P = mu (x - x^-2), mu (x - x^-5), mu (x - x^-3), mu gamma."""
+    for kind, power in (("uniaxial", -2), ("equibiaxial", -5), ("planar", -3)):
+        assert response(law(name), kind, X) == pytest.approx((X - X**power) / 3, rel=1e-13)
+    gamma = np.array([-1.0, 0.0, 0.5, 4.0])
+    assert response(law(name), "simple_shear", gamma) == pytest.approx(gamma / 3, rel=1e-13)
+
+
+def test_incompressible_mooney_rivlin() -> None:
+    """P = 2 (x - x^-5)(C1 + C2 x^2) equibiaxial; 2 (C1 + C2) gamma in simple shear."""
+    made = fem_snh.materials.make_energy("mooney_rivlin", 1.0, 0.4)
+    C1, C2, _ = made.values
+    C1, C2 = np.array([C1, C2]) / (6 * (C1 + C2))  # E = 1 with J = 1
+    member = law("mooney_rivlin", C1=C1)
+    expected = 2 * (X - X**-5.0) * (C1 + C2 * X**2)
+    assert response(member, "equibiaxial", X) == pytest.approx(expected, rel=1e-12)
+    assert response(member, "simple_shear", X) == pytest.approx(X / 3, rel=1e-12)
+
+
+def test_compressible_hencky() -> None:
+    """The stretches of stress-free sides are powers of x; P = E log(x)/x and more."""
+    m = law("hencky", NU)
+    log = np.log(X) / X
+    expected = {
+        "uniaxial": log,
+        "equibiaxial": log / (1 - NU),
+        "planar": log / (1 - NU**2),
+        "volumetric": 3 * K * log,
+        "confined": (LAM + 2 * MU) * log,
+    }
+    for kind, stress in expected.items():
+        assert response(m, kind, X) == pytest.approx(stress, rel=1e-12, abs=1e-15)
+    t = stretches(m, "uniaxial", X)[:, 1]
+    assert t == pytest.approx(X**-NU, rel=1e-13)
+
+
+@pytest.mark.parametrize("nu", [0.1, 0.45, 0.49999])
+def test_compressible_stable_neo_hookean(nu: float) -> None:
+    """J = 1 + (mu/lam)(1 - 1/x), lateral stretch sqrt(J/x), P = mu (x - J/x^2).
+
+    lam is the constant of eq. 13: lambda_lame + mu.
+    """
+    mu = 1 / (2 * (1 + nu))
+    lam = nu / ((1 + nu) * (1 - 2 * nu)) + mu
+    x = np.array([0.4, 0.8, 1.0, 1.5, 3.0, 8.0])
+    J = 1 + mu / lam * (1 - 1 / x)
+    m = law("stable_neo_hookean", nu, barrier=False)
+    x, J = x[J > 0], J[J > 0]
+    assert stretches(m, "uniaxial", x)[:, 1] == pytest.approx(np.sqrt(J / x), rel=1e-12)
+    assert response(m, "uniaxial", x) == pytest.approx(mu * (x - J / x**2), rel=1e-9, abs=1e-12)
+
+
+@pytest.mark.parametrize("nu", [None, NU])
+@pytest.mark.parametrize("name", ["ogden", "stable_fung", "hencky"])
+def test_planar_and_equibiaxial_tests_are_biaxial(name: str, nu: float | None) -> None:
+    """With y = 1 and y = x; the true stresses are s P/J, and equal in the equibiaxial test."""
+    m = law(name, nu)
+    for kind, y in (("planar", np.ones_like(X)), ("equibiaxial", X)):
+        P = response(m, "biaxial", X, y)
+        assert response(m, kind, X) == pytest.approx(P, rel=1e-15, abs=1e-15, nan_ok=True)
+        s = stretches(m, kind, X)
+        sigma = X * P - y * response(m, "biaxial", X, y, "stress_2")
+        difference = response(m, "biaxial", X, y, "stress_difference")
+        assert difference == pytest.approx(sigma / s.prod(axis=1), abs=1e-13, nan_ok=True)
+    assert np.isfinite(P).sum() >= 3
+    assert difference == pytest.approx(0 * X, abs=1e-14, nan_ok=True)
+
+
+def test_biaxial_hencky() -> None:
+    """P_1 = (log x + nu log y)/(1 - nu^2)/x, and P_2 with x and y exchanged."""
+    m, y = law("hencky", NU), X[::-1]
+    for measure, one, two in (("stress", X, y), ("stress_2", y, X)):
+        expected = (np.log(one) + NU * np.log(two)) / (1 - NU**2) / one
+        assert response(m, "biaxial", X, y, measure) == pytest.approx(expected, rel=1e-12)
+
+
+def test_shear_of_a_compressible_energy() -> None:
+    """psi = mu/2 (I_C - 3) - mu log J + lam/2 (log J)^2 at J = 1: P_01 = mu gamma."""
+    assert response(law("neo_hookean", NU), "simple_shear", X) == pytest.approx(MU * X, rel=1e-13)
+
+
+@pytest.mark.parametrize("name", ["ogden", "stable_fung", "mooney_rivlin", "neo_hookean_simo"])
+def test_free_stretches_by_mpmath(name: str) -> None:
+    """The lateral stretch that makes the stress of the energy vanish, by mpmath's root finder."""
+    made = fem_snh.materials.make_energy(name, 1.0, NU)
+    psi = made.psi_sigma
+    x = 1.7
+    s0, s1, s2 = sympy.symbols("s0 s1 s2", real=True)
+    values = dict(zip(made.constants, made.values, strict=True))
+    stress = [
+        sympy.lambdify(
+            (s0, s1, s2),
+            sympy.diff(psi, s).subs(values).replace(positive, lambda e: e),
+            modules="mpmath",
+        )
+        for s in (s0, s2)
+    ]
+    for kind in FREE:
+
+        def sides(t, kind=kind):  # type: ignore[no-untyped-def]
+            return {"uniaxial": (x, t, t), "equibiaxial": (x, x, t), "planar": (x, 1, t)}[kind]
+
+        t = mpmath.findroot(lambda t, sides=sides: stress[1](*sides(t)), 0.8)
+        held = {"C1": made.values[0]} if name == "mooney_rivlin" else {}
+        m = law(name, NU, **held)
+        found = stretches(m, kind, np.array([x]))[0, 2]
+        assert found == pytest.approx(float(t), rel=1e-11)
+        assert response(m, kind, np.array([x]))[0] == pytest.approx(
+            float(stress[0](*sides(t))), rel=1e-10
+        )
+
+
+def test_response_is_that_of_the_compiled_kernels() -> None:
+    """The report's uniaxial and equibiaxial curves, whose roots are found in another way."""
+    m = fem_snh.material("stable_fung", 1.0, NU)
+    for curve in m.report().curves[:2]:
+        known = np.isfinite(curve.stress) & (curve.x > 0.5)
+        found = response(law("stable_fung", NU), curve.name, curve.x[known])
+        assert found == pytest.approx(curve.stress[known], rel=1e-9, abs=1e-11)
+
+
+def test_every_material_has_a_response() -> None:
+    """Slope E, E/(1 - nu), E/(1 - nu^2), 3 K, lam + 2 mu, mu at rest, or a reason."""
+    slopes = {
+        "uniaxial": 1.0, "equibiaxial": 1 / (1 - NU), "planar": 1 / (1 - NU**2),
+        "simple_shear": MU, "volumetric": 3 * K, "confined": LAM + 2 * MU,
+        "biaxial": 1 / (1 - NU**2),
+    }  # fmt: skip
+    assert set(slopes) == set(TESTS)
+    h = 1e-5
+    for name in fem_snh.materials():
+        try:
+            m = law(name, NU)
+        except fem_snh.BadInput as error:
+            assert name in ("mooney_length", "neo_hookean_wang"), error
+            continue
+        for kind, slope in slopes.items():
+            rest = 0.0 if kind == "simple_shear" else 1.0
+            P = response(m, kind, np.array([rest + h, rest - h]), np.ones(2))
+            assert (P[0] - P[1]) / (2 * h) == pytest.approx(slope, rel=1e-5), (name, kind)

@@ -1,0 +1,308 @@
+"""Pressures that follow the surface: forces, energies where there are some, and exact states."""
+
+from __future__ import annotations
+
+from petsc4py import PETSc
+
+import numpy as np
+import pytest
+import ufl
+from bodies import (
+    FACES,
+    MATERIALS,
+    Condition,
+    Hold,
+    cube,
+    free_components,
+    problem,
+    set_values,
+    wave,
+)
+from dolfinx import fem
+from dolfinx import mesh as dolfinx_mesh
+from dolfinx_programs import vector_space
+from scipy.optimize import brentq
+
+import fem_snh
+from fem_snh import _dolfinx, solver
+from fem_snh.assembly.elements import ELEMENTS
+from fem_snh.errors import BadInput
+from fem_snh.kernels.material import material
+from fem_snh.mesh import mesh
+from fem_snh.terms.pressure import Pressure
+
+mpi = pytest.mark.mpi
+#: Largest displacement of `strip` [m], by dolfinx's forms and Newton's method without a
+#: globalization, in 20 steps.
+TIP = 5.841246192
+
+
+def on(group, value=1.0, table=None):
+    return Pressure(group, value, table)
+
+
+def ramp(load):
+    return 2 * load
+
+
+def pressed(body, loads, element="Q1", name="stable_neo_hookean", **conditions):
+    """A problem with pressures."""
+    return problem(body, element, name, features=loads, **conditions)
+
+
+def roller(group, component):
+    return Hold(group, (component,))
+
+
+#: Three planes of symmetry, and a corner that removes the rigid motions alone.
+SYMMETRIC = [roller("left", "x"), roller("front", "y"), roller("bottom", "z")]
+AT_A_CORNER = [Hold("corner_000"), Hold("corner_100", ("y", "z")), Hold("corner_010", ("z",))]
+CLOSED = [on(face) for face in FACES]
+
+
+@pytest.mark.one_debian
+@pytest.mark.parametrize(
+    ("loads", "hold", "has_energy"),
+    [
+        (CLOSED, [], True),
+        ([on(face, 2.0 + (face == "top")) for face in FACES], [], False),
+        ([on("top")], [Hold("bottom")], False),
+        ([on("top")], [Hold(g) for g in ("left", "right", "front", "back")], True),
+        ([on("top")], [Hold("left"), roller("right", "x"), Hold("front"), Hold("back")], True),
+        ([on("top")], [roller(g, "x") for g in ("left", "right")], False),
+        ([on("top"), on("right"), on("back")], SYMMETRIC, True),
+        ([on("top"), on("right"), on("back", 1.1)], SYMMETRIC, False),
+    ],
+)
+def test_pressures_are_conservative_where_edges_are_closed_or_constrained(
+    comm, loads, hold, has_energy
+):
+    p = pressed(cube(comm, "hexahedron", 2, 0.03), loads, hold=hold)
+    assert p.has_energy == p.terms[1].has_energy == has_energy
+    assert bool(p.terms[1].note) == (not has_energy)
+
+
+@mpi
+@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
+@pytest.mark.parametrize("cells", [1, 2])
+def test_fields_have_enough_equations(comm, cell, cells):
+    """Five pressures on a cell have 55 parameters, and three displacements 36 equations."""
+    faces = ["left", "right", "front", "back", "top"]
+    element, body = {"h": "Q1", "t": "P1"}[cell[0]], cube(comm, cell, cells)
+    for differ in (True, False):  # equal ones are that of a closed surface
+        loads = [on(face, 1.0 + differ * i) for i, face in enumerate(faces)]
+        assert pressed(body, loads, element, hold=[Hold("bottom")]).has_energy != differ
+
+
+@pytest.mark.one_debian
+def test_amplitudes_must_agree_around_a_closed_surface(comm):
+    body = cube(comm, "hexahedron", 1)
+    ramped = [on(face, table=ramp) for face in FACES]
+    assert pressed(body, ramped).has_energy
+    assert not pressed(body, [*ramped[1:], on(FACES[0])]).has_energy
+
+
+@pytest.mark.parametrize(("moving", "has_energy"), [(1, True), (2, True), (3, False)])
+def test_no_field_crosses_moving_planes_of_symmetry(comm, moving, has_energy):
+    """The field has no component normal to them, which leaves none where three move."""
+    faces = {"right": "x", "back": "y", "bottom": "z"}
+    move = [
+        Condition(group, lambda X, load: 0.3 * load + 0 * X, (component,))
+        for group, component in [*faces.items()][:moving]
+    ]
+    hold = [roller(group, component) for group, component in [*faces.items()][moving:]]
+    hold.append(roller("left", "x"))
+    body = cube(comm, "hexahedron", 2, 0.03)
+    p = pressed(body, [on("top"), on("front")], hold=hold, move=move)
+    assert p.has_energy == has_energy
+
+
+def in_a_box(comm, element, at=0.0):
+    """A cube that is pressed from above between four smooth walls, parallel by pairs."""
+    body = cube(comm, ELEMENTS[element].cell, 2, 0.03)
+    _dolfinx.geometry_x(body.domain)[:] += at
+    hold = [roller(g, c) for g, c in zip(("left", "right", "front", "back"), "xxyy", strict=True)]
+    return pressed(body, [on("top", 3.0)], element, hold=hold)
+
+
+@mpi
+@pytest.mark.parametrize("at", [0.0, 1e3])
+def test_energy_between_parallel_walls(comm, at):
+    """It is the pressure times the volume below the top, which becomes an inclined plane."""
+    p = in_a_box(comm, "Q1", at)
+    p.set_load(1.0)
+    set_values(p, lambda X: (X - at) @ np.array([[0, 0, 0.2], [0, 0, 0.3], [0, 0, 0.1]]))
+    assert p.terms[1].energy(p.split(p.x)[0]) == pytest.approx(3 * 0.35, rel=1e-9)
+
+
+def shell(comm, element):
+    return mesh.generate(comm, "shell", ELEMENTS[element].cell, cells=2, layers=1, order=2)
+
+
+def symmetric_shell(comm, element, **options):
+    hold = [roller(f"{component} = 0", component) for component in "xyz"]
+    return pressed(shell(comm, element), [on("inner", 0.2)], element, hold=hold, **options)
+
+
+@pytest.mark.one_debian
+@mpi
+@pytest.mark.parametrize("element", ["Q2", "P2"])
+@pytest.mark.parametrize("body", [symmetric_shell, in_a_box])
+def test_derivatives_of_the_energy(comm, body, element):
+    """On curved cells: the residual is the energy's slope, the Hessian is the residual's."""
+    p = body(comm, element)
+    p.set_load(0.7)
+    free = free_components(p)
+    set_values(p, lambda X: free * wave(0.2)(X))
+    p.x.ghostUpdate(addv=PETSc.InsertMode.INSERT, mode=PETSc.ScatterMode.FORWARD)
+    term, d = p.terms[1], p.x.duplicate()
+    set_values(p, lambda X: free * wave(1.0, 0.7)(X), d)
+
+    def moved(h):
+        x = p.x.copy()
+        x.axpy(h, d)
+        return p.split(x)[0]
+
+    def residual(u):
+        r = _dolfinx.create_vector(p.V)
+        term.add_residual(u, None, r, None)
+        r.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
+        r.array[p.constrained_dofs] = 0.0
+        return r
+
+    h = 1e-4
+    slope = (term.energy(moved(h)) - term.energy(moved(-h))) / (2 * h)
+    assert slope == pytest.approx(residual(moved(0)).dot(d), rel=1e-6)
+    change = residual(moved(h))
+    change.axpy(-1.0, residual(moved(-h)))
+    change.scale(1 / (2 * h))
+    with p.matrix.adding():
+        term.add_hessian(p.split(p.x)[0], None, "exact", p.matrix)
+    Ad = p.A.createVecLeft()
+    p.A.mult(d, Ad)
+    Ad.axpy(-1.0, change)
+    assert Ad.norm() < 1e-6 * change.norm()
+
+
+@pytest.mark.one_debian
+@pytest.mark.parametrize("name", MATERIALS)
+@pytest.mark.parametrize("hold", [SYMMETRIC, AT_A_CORNER], ids=["symmetric", "free"])
+def test_a_cube_under_pressure_is_compressed_uniformly(comm, name, hold):
+    """F = s I with P = -p cof F: the patch test of a follower load, for each material."""
+    value = 0.3
+    loads = CLOSED if hold is AT_A_CORNER else [on("right"), on("back"), on("top")]
+    p = pressed(
+        cube(comm, "hexahedron", 2, 0.05),
+        [on(load.group, value) for load in loads],
+        name=name,
+        hold=hold,
+    )
+    solve(p)
+    m = material(E=1.0, **MATERIALS[name])
+    s = brentq(lambda s: m.pk1(s * np.eye(3))[0, 0] + value * s**2, 0.5, 1.0, xtol=1e-15)
+    X = p.V.tabulate_dof_coordinates()
+    np.testing.assert_allclose(p.x.array.reshape(-1, 3), (s - 1) * X, atol=1e-9)
+
+
+def solve(p, **options):
+    database = PETSc.Options(solver.PREFIX)
+    values = {"snes_scaled_tol": 1e-12, "ksp_rtol": 1e-10, "trust_ksp_rtol": 1e-10, **options}
+    for key, value in values.items():
+        database[key] = value
+    try:
+        snes = solver.create(p)
+        solver.Predictor(p, snes, "tangent").predict(1.0)
+        snes.solve(None, p.x)
+    finally:
+        for key in values:
+            database.delValue(key)
+    assert snes.getConvergedReason() > 0
+    return snes
+
+
+@pytest.mark.one_debian("ranks")
+@mpi
+def test_a_free_edge_is_searched_on_the_residual(comm):
+    """A clamped column pressed on one side; the reaction is the force on the deformed surface."""
+    value = 0.05
+    body = cube(comm, "hexahedron", 3)
+    p = pressed(body, [on("right", value)], hold=[Hold("bottom")], reactions=["bottom"])
+    assert not p.has_energy
+    snes = solve(p)
+    assert snes.getPythonContext().options["snes_globalization"] == "linesearch"
+    # The vector area of a surface is half the integral of x cross dx over its edge.
+    X = p.V.tabulate_dof_coordinates()[: p.x.getLocalSize() // 3]
+    x = X + p.x.array.reshape(-1, 3)
+    every = dict(
+        (tuple(np.round(3 * np.array(a)).astype(int)), b)
+        for rank in comm.allgather(list(zip(X.tolist(), x.tolist(), strict=True)))
+        for a, b in rank
+    )
+    edge = [(0, k) for k in range(3)] + [(k, 3) for k in range(3)]
+    edge += [(3, 3 - k) for k in range(3)] + [(3 - k, 0) for k in range(3)]
+    loop = np.array([every[(3, y, z)] for y, z in edge])
+    area = -np.cross(loop, np.roll(loop, -1, axis=0)).sum(axis=0) / 2
+    assert area[0] == pytest.approx(1.0, abs=0.3) and abs(area[2]) > 1e-3
+    np.testing.assert_allclose(p.reactions(p.x)["bottom"], value * area, rtol=1e-7, atol=1e-10)
+
+
+def strip(comm, form, **arguments):
+    """A strip that is clamped at x = 0 under a pressure on its top, of a feature or of UFL."""
+    domain = dolfinx_mesh.create_box(
+        comm, [np.zeros(3), np.array([4.0, 1.0, 0.5])], [12, 2, 2], dolfinx_mesh.CellType.hexahedron
+    )
+    V = vector_space(domain)
+    u = fem.Function(V)
+    top = dolfinx_mesh.locate_entities_boundary(domain, 2, lambda x: np.isclose(x[2], 0.5))
+    tags = dolfinx_mesh.meshtags(domain, 2, np.sort(top), np.full(len(top), 1, np.int32))
+    ds = ufl.Measure("ds", domain=domain, subdomain_data=tags)(1)
+    clamped = fem.locate_dofs_geometrical(V, lambda x: np.isclose(x[0], 0.0))
+    m, p = fem_snh.material("stable_neo_hookean", E=1000.0, nu=0.3), fem.Constant(domain, 0.0)
+    F, v = ufl.Identity(3) + ufl.grad(u), ufl.TestFunction(V)
+    force = p * ufl.inner(ufl.cofac(F) * ufl.FacetNormal(domain), v) * ds
+    bcs = [fem.dirichletbc(np.zeros(3), clamped, V)]
+    terms = [force if form else fem_snh.Pressure(ds, p)]
+    problem = fem_snh.NonlinearProblem(u, {m: ufl.dx}, bcs=bcs, terms=terms, **arguments)
+
+    def set_load(load):
+        p.value = 6.0 * load if form else 6.0  # the feature's amplitude is the load
+
+    return problem, u, list(problem.steps(10, set_load))
+
+
+@mpi
+@pytest.mark.parametrize("form", [False, True])
+def test_a_free_edge_has_the_whole_derivative(comm, form):
+    """Newton's method is quadratic at a large rotation; with the symmetric part it is linear."""
+    problem, u, found = strip(comm, form)
+    assert all(row["converged"] for row in found)
+    assert sum(row["newton"] for row in found) < 75  # 221 with the symmetric part
+    assert found[-1]["newton"] <= 7 and found[-1]["clamped"] == 0
+    # Near the solution each iteration squares the residual.
+    u.x.array[:] *= 1 + 1e-4
+    problem.solve()
+    assert 1 <= problem.newton <= 4
+    tip = comm.allreduce(float(abs(u.x.array).max()), max)
+    assert tip == pytest.approx(TIP, rel=1e-5)
+
+
+@mpi
+@pytest.mark.parametrize(
+    "options", [{"snes_linear_solver": "iterative"}, {"ksp_type": "gmres", "pc_type": "bjacobi"}]
+)
+def test_iterations_for_a_matrix_that_is_not_symmetric(comm, options):
+    problem, u, rows = strip(comm, False, petsc_options=options)
+    assert all(row["converged"] for row in rows)
+    tip = comm.allreduce(float(abs(u.x.array).max()), max)
+    assert tip == pytest.approx(TIP, rel=1e-5) and problem.linear > problem.newton
+
+
+def test_a_pressure_on_a_line_is_refused(comm):
+    with pytest.raises(BadInput, match=r"pressure.group = 'corner_000': expected a surface"):
+        pressed(cube(comm, "hexahedron", 1), [on("corner_000")])
+
+
+def test_no_energy_is_evaluated_without_one(comm):
+    p = pressed(cube(comm, "hexahedron", 2), [on("top")], hold=[Hold("bottom")])
+    with pytest.raises(BadInput, match="the pressure on 'top' has no energy, as an edge"):
+        p.energy(p.x)

@@ -1,0 +1,190 @@
+"""Cavities of two dimensions: an inflated tube in its cross-section, and a spherical shell."""
+
+from __future__ import annotations
+
+from math import pi
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+from gmsh_files import section
+from plane_scenes import TIGHT, own_scene, solve
+from scipy.integrate import solve_bvp
+
+from fem_snh.errors import BadInput
+
+INNER, OUTER = 1.0, 1.5
+
+
+def ring(path, outer=OUTER, along=7):
+    """A quarter of a ring, with the groups x0, y0 (its cuts), inner and outer."""
+    with section(path, 2) as (geo, curves, surfaces):
+        corners = [(0, 0), (INNER, 0), (outer, 0), (0, outer), (0, INNER)]
+        for number, (x, y) in enumerate(corners, 1):
+            geo.addPoint(x, y, 0, 1.0, number)
+        geo.addLine(2, 3, 1)
+        geo.addCircleArc(3, 1, 4, 2)
+        geo.addLine(4, 5, 3)
+        geo.addCircleArc(5, 1, 2, 4)
+        surface = geo.addPlaneSurface([geo.addCurveLoop([1, 2, 3, 4])])
+        for line, points in ((1, 4), (3, 4), (2, along), (4, along)):
+            geo.mesh.setTransfiniteCurve(line, points)
+        geo.mesh.setTransfiniteSurface(surface)
+        geo.mesh.setRecombine(2, surface)
+        curves |= {"y0": [1], "outer": [2], "x0": [3], "inner": [4]}
+        surfaces["body"] = [surface]
+
+
+SHELL = """
+mesh = "ring.msh"
+element = "Q2"
+kinematics = "{kinematics}"
+steps = 4
+[material]
+name = "stable_neo_hookean"
+E = 3.0
+nu = 0.49
+[[hold]]
+group = "y0"
+components = ["y"]
+[[hold]]
+group = "x0"
+components = ["x"]
+[[cavity]]
+group = "inner"
+volume = {volume!r}
+[[probe]]
+name = "equator"
+point = [1, 0, 0]
+"""
+
+
+def pressure(kinematics, a):
+    """Of an incompressible neo-Hookean wall, mu = 1, whose inside is stretched by a, by quadrature.
+
+    A tube: dp = (l^2 - l^-2) dr/r (Ogden 1997, section 5.3.3). A shell: with the hoop stretch l,
+    the integral of (2 l - 2 l^-5)/(l^3 - 1) from b to a.
+    """
+    if kinematics == "plane_strain":
+        r = np.linspace(a, np.sqrt(OUTER**2 + a**2 - 1), 20001)
+        hoop = r / np.sqrt(r**2 - a**2 + 1)
+        f = (hoop**2 - hoop**-2.0) / r
+    else:
+        b = (1 + (a**3 - 1) / OUTER**3) ** (1 / 3)
+        r = np.linspace(b, a, 20001)
+        f = (2 * r - 2 * r**-5.0) / (r**3 - 1)
+    return float(((f[1:] + f[:-1]) / 2 * np.diff(r)).sum())
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("kinematics", ["plane_strain", "axisymmetric"])
+def test_inflation_by_a_volume(comm, folder, kinematics):
+    """Pressure and radius of the exact solution; the shell is past its limit point."""
+    stretch = 1.6
+    share = pi / 4 * (stretch**2 - 1) if kinematics == "plane_strain" else 0.0
+    share = share or 2 / 3 * pi * (stretch**3 - 1)  # half of the ball
+    if comm.rank == 0:
+        ring(folder / "ring.msh")
+        text = SHELL.format(kinematics=kinematics, volume=share)
+        (folder / "shell.toml").write_text(text)
+    comm.barrier()
+    result = solve(folder / "shell.toml", comm)
+    assert result.record["linear_solver"] == "preonly+cholesky"
+    for row in result.steps:
+        state = row["cavities"]["inner"]
+        a = 1 + row["probes"]["equator"][0]
+        assert state["pressure"] == pytest.approx(pressure(kinematics, a), rel=0.02)
+    assert a == pytest.approx(stretch, rel=5e-3)
+    assert state["volume"] == pytest.approx(share, rel=0.02)
+
+
+def test_a_thin_balloon_of_rubber_takes_few_iterations(folder):
+    """Volume term and fluid are 1e5 times as stiff as the shear, and trial steps overflow."""
+    ring(folder / "ring.msh", outer=1.02, along=41)
+    material = 'name = "mooney_rivlin"\nC10 = 0.4375\nC01 = 0.0625\nD1 = 1e-4'
+    text = SHELL.format(kinematics="axisymmetric", volume=2 / 3 * pi * (1.2**3 - 1))
+    text = text.replace('name = "stable_neo_hookean"\nE = 3.0\nnu = 0.49', material)
+    text = text.replace('"Q2"', '"Q1P0"').replace("[[probe]]", "stiffness = 1e6\n[[probe]]")
+    (folder / "thin.toml").write_text(text)
+    result = solve(folder / "thin.toml", MPI.COMM_SELF)
+    assert result.converged
+    newton = [row["newton"] for row in result.steps if row["converged"]]
+    assert np.median(newton) <= 6 and sum(newton) < 150, newton
+
+
+def test_what_is_refused(tmp_path):
+    """A curve whose ends are free encloses nothing; in plane stress the edge is not known."""
+    cavity = '[[cavity]]\ngroup = "side"\nvolume = 0.1\n'
+    path = own_scene(tmp_path, "Q1", "plane_strain", cavity)
+    with pytest.raises(BadInput, match="expected a surface that encloses a volume"):
+        solve(path)
+    path = own_scene(tmp_path, "Q1", "plane_stress", cavity)
+    with pytest.raises(BadInput, match="cavity = 'given': expected no value, in plane stress"):
+        solve(path)
+
+
+def compressible_pressure(nu, a):
+    """Of a shell with the energy mu/2 (I_C - 3) - mu log J + lambda/2 (log J)^2, E = 3, by its ODE.
+
+    The balance of the radial stress P1, dP1/dR = 2 (P2 - P1)/R, with P1 = 0 outside.
+    """
+    mu, lmbda = 1.5 / (1 + nu), 3 * nu / (1 + nu) / (1 - 2 * nu)
+
+    def stress(along, others):
+        return mu * (along - 1 / along) + lmbda * np.log(others[0] * others[1] ** 2) / along
+
+    def rates(R, y):
+        r, slope = y
+        hoop = r / R
+        P1, P2 = stress(slope, (slope, hoop)), stress(hoop, (slope, hoop))
+        rate = (slope - hoop) / R
+        by_slope = mu * (1 + slope**-2) + lmbda * (1 - np.log(slope * hoop**2)) / slope**2
+        by_hoop = 2 * lmbda / (slope * hoop)
+        return np.array([slope, (2 * (P2 - P1) / R - by_hoop * rate) / by_slope])
+
+    def ends(inside, outside):
+        hoop = outside[0] / OUTER
+        return np.array([inside[0] - a, stress(outside[1], (outside[1], hoop))])
+
+    R = np.linspace(INNER, OUTER, 51)
+    r = (R**3 + a**3 - 1) ** (1 / 3)
+    found = solve_bvp(rates, ends, R, np.array([r, R**2 / r**2]), tol=1e-8)
+    assert found.success
+    slope = found.sol(INNER)[1]
+    return float(-stress(slope, (slope, a)) / a**2)  # the nominal stress over the area
+
+
+@pytest.mark.mpi
+def test_error_past_the_limit_point(comm, folder):
+    """At constant pressure the shell is unstable there; with its volume it is stable."""
+    if comm.rank == 0:
+        ring(folder / "ring.msh")
+        text = SHELL.format(kinematics="axisymmetric", volume=14 / 3 * pi)
+        text = text.replace("stable_neo_hookean", "neo_hookean").replace("0.49", "0.3")
+        (folder / "shell.toml").write_text(text.replace("steps = 4", "steps = 5\nerror = true"))
+    comm.barrier()
+    result = solve(folder / "shell.toml", comm)
+    states = [row["cavities"]["inner"] for row in result.steps if row["converged"]]
+    assert states[-1]["pressure"] < states[-2]["pressure"]
+    goals, exact = result.goals, compressible_pressure(0.3, 2.0)
+    assert goals["equator.x"]["corrected"] == pytest.approx(1.0, abs=2e-4)
+    assert goals["inner.pressure"]["corrected"] == pytest.approx(exact, rel=2e-4)
+
+
+@pytest.mark.mpi
+def test_factors_of_the_sum(comm, folder):
+    """Sparse factors are those of the Hessian with the fluid's part of rank one."""
+    if comm.rank == 0:
+        ring(folder / "ring.msh")
+        text = SHELL.format(kinematics="axisymmetric", volume=14 / 3 * pi)
+        (folder / "shell.toml").write_text(text.replace("0.49", "0.3"))
+    comm.barrier()
+    rows = []
+    for petsc in ({}, {"snes_linear_solver": "direct"}):
+        result = solve(folder / "shell.toml", comm, petsc=petsc | TIGHT)
+        rows.append(result.steps[-1]["cavities"]["inner"]["pressure"])
+    assert result.record["linear_solver"] == "preonly+cholesky"
+    assert rows[1] == pytest.approx(rows[0], rel=1e-9)
+    with pytest.raises(BadInput, match="ksp_type = preonly: expected an iterative solver"):
+        solve(folder / "shell.toml", comm, petsc={"ksp_type": "preonly", "pc_type": "lu"})

@@ -1,0 +1,217 @@
+"""Rigid parts in two dimensions: sleeves that torques turn, joints, a pendulum, refusals."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import ufl
+from dolfinx import fem, mesh
+from dolfinx_programs import converged, vector_space
+from plane_programs import COMPONENTS, rectangle, sides
+from scipy.integrate import solve_ivp
+
+import fem_snh
+from fem_snh.errors import BadInput
+
+mpi = pytest.mark.mpi
+
+TIGHT = {"snes_scaled_tol": 1e-12}
+DENSITY, WIDTH, HEIGHT = 1000.0, 1.0, 0.4
+
+
+def section(comm, kinematics, parts, low=0.5, **keys):
+    """Return a rectangle with a fixed bottom and rigid parts, dx(2) and dx(3), above."""
+    domain = rectangle(comm, "Q1", (low, 0), (low + 1, 1), (4, 4))
+    V = vector_space(domain, 1, COMPONENTS[kinematics])
+    u, index = fem.Function(V), domain.topology.index_map(2)
+    tags = np.ones(index.size_local + index.num_ghosts, np.int32)
+    for tag, first, last in ((2, -0.1, 0.26), (3, 0.74, 1.1)):
+        tags[
+            mesh.locate_entities(
+                domain,
+                2,
+                lambda x, a=low + first, b=low + last: (x[0] > a) & (x[0] < b) & (x[1] > 0.49),
+            )
+        ] = tag
+    tagged = mesh.meshtags(domain, 2, np.arange(len(tags), dtype=np.int32), tags)
+    dx = ufl.Measure("dx", domain=domain, subdomain_data=tagged)
+    fixed = fem.dirichletbc(np.zeros(COMPONENTS[kinematics]), sides(V, 1, 0.0), V)
+    m = fem_snh.material("stable_neo_hookean", E=1e4, nu=0.4)
+    terms = [fem_snh.Rigid(group=dx(tag), **part) for tag, part in parts.items()]
+    keys |= {"kinematics": kinematics, "petsc_options": TIGHT}
+    return fem_snh.NonlinearProblem(u, {m: dx}, bcs=[fixed], terms=terms, **keys)
+
+
+SPRING = {"stiffness": 30.0, "rotation": 3.0}
+PARTS = {
+    "plane_strain": {
+        2: {"spring": SPRING},
+        3: {
+            "joint": {"kind": "hinge", "axis": (0, 0, 1), "through": (1.2, 0.8, 0), "to": "dx(2)"},
+            "spring": {"rotation": 5.0},
+        },
+    },
+    "axisymmetric": {2: {"spring": {"stiffness": 30.0}}, 3: {"force": (0, 20.0, 0)}},
+    "axisymmetric_torsion": {
+        2: {"spring": SPRING},
+        3: {
+            "joint": {"kind": "slider", "axis": (0, 1, 0), "through": (0, 0.8, 0), "to": "dx(2)"},
+            "spring": {"stiffness": 7.0},
+        },
+    },
+}
+
+
+@pytest.mark.one_debian("ranks")
+@mpi
+@pytest.mark.parametrize("kinematics", PARTS)
+def test_residual_and_hessian_are_derivatives_along_the_motion(comm, kinematics):
+    # The axis of revolution is in a part: its conditions are the part's own.
+    low = 0.0 if kinematics == "axisymmetric_torsion" else 0.5
+    problem = section(comm, kinematics, PARTS[kinematics], low)._problem
+    x, end = problem.x, problem.x.duplicate()
+
+    def step(wave, size):
+        d, components = x.duplicate(), COMPONENTS[kinematics]
+        d.array[:] = np.sin(wave * problem.coordinates + wave)[:, :components].ravel()
+        d.array[problem.constrained_dofs] = 0.0
+        d.scale(size)
+        return d
+
+    problem.retraction(x, step(9.0, 0.05), 1.0, end)
+    end.copy(x)
+    d, f, Hd = step(5.0, 0.1), x.duplicate(), x.duplicate()
+
+    def energy(s):
+        problem.retraction(x, d, s, end)
+        return problem.energy(end)
+
+    problem.residual(x, f)
+    h = 1e-3
+    slope = (8 * (energy(h) - energy(-h)) - energy(2 * h) + energy(-2 * h)) / (12 * h)
+    assert f.dot(d) == pytest.approx(slope, rel=1e-7)
+    problem.jacobian(x, "exact")
+    problem.A.mult(d, Hd)
+    h = 1e-2
+    inner, outer = energy(h) + energy(-h), energy(2 * h) + energy(-2 * h)
+    curvature = (16 * inner - 30 * energy(0.0) - outer) / (12 * h**2)
+    assert d.dot(Hd) == pytest.approx(curvature, rel=1e-6)
+
+
+@pytest.mark.one_debian("serial")
+@mpi
+@pytest.mark.parametrize("kinematics", ["plane_strain", "axisymmetric_torsion"])
+def test_torque_on_the_inner_sleeve_of_a_bushing_is_inverse_to_its_rotation(comm, kinematics):
+    flat = kinematics == "plane_strain"
+    keys = {"kinematics": kinematics, "cells": 2, "nu": 0.49, "petsc": TIGHT, "comm": comm}
+    turned = fem_snh.run("bushing", angle=0.5, progress=False, **keys)
+    torque = turned.steps[-1]["moments"]["inner"][2 if flat else 1]
+    loaded = fem_snh.run("bushing", torque=torque, progress=False, **keys)
+    assert turned.converged and loaded.converged
+    state, angle = loaded.steps[-1]["rigid"]["inner"], 0.5 * np.array([0, not flat, flat])
+    assert state["rotation"] == pytest.approx(angle, abs=1e-8)
+    # The radial part of a reaction is no resultant: a rigid part has none.
+    reaction = np.where([flat, True, False], turned.steps[-1]["reactions"]["inner"], 0.0)
+    assert state["force"] == pytest.approx(reaction, abs=1e-4)
+
+
+@mpi
+def test_torque_of_a_thin_walled_section_is_that_of_azimuthal_shear(comm):
+    """T = 4 pi mu phi / (a^-2 - b^-2) per thickness (Ogden 1984, section 5.2.2), nu near 1/2."""
+    nu, angle = 0.49999, 0.5
+    mu = 3.0 / 2 / (1 + nu)
+    torque = 4 * np.pi * mu * angle / (10**-2 - 20**-2)
+    keys = {"kinematics": "plane_strain", "nu": nu, "radial": 0.0, "cells": 4, "comm": comm}
+    result = fem_snh.run("bushing", torque=torque, progress=False, **keys)
+    assert result.steps[-1]["rigid"]["inner"]["rotation"][2] == pytest.approx(angle, rel=1e-3)
+
+
+@pytest.mark.one_debian
+@mpi
+@pytest.mark.parametrize("kinematics", COMPONENTS)
+def test_forces_and_motion_of_a_part_are_inverse_to_each_other(comm, kinematics):
+    turn = {"axis": (0, 0, 1), "angle": 0.3, "through": (0.6, 0.5, 0)}
+    motion = {"translate": (0.05, 0.1, 0), "rotate": turn}
+    if kinematics != "plane_strain":
+        motion = {"translate": (0, 0.1, 0)}
+    if kinematics == "axisymmetric_torsion":
+        motion["rotate"] = {"axis": (0, 1, 0), "angle": 0.3}
+    moved = section(comm, kinematics, {2: motion})
+    moved.solve()
+    state = moved._problem.rigid_states(moved.x)["dx(2)"]
+    loads = {"force": state["force"], "torque": state["moment"]}
+    loaded = section(comm, kinematics, {2: loads})
+    loaded.solve()
+    assert converged(moved) and converged(loaded)
+    assert loaded.u.x.array == pytest.approx(moved.u.x.array, abs=1e-8)
+    # The force is the derivative of the energy by the prescribed translation.
+    energies = []
+    for change in (1e-4, -1e-4):
+        up = motion | {"translate": np.add(motion["translate"], (0, change, 0))}
+        other = section(comm, kinematics, {2: up})
+        other.solve()
+        energies.append(other._problem.energy(other.x))
+    assert state["force"][1] == pytest.approx((energies[0] - energies[1]) / 2e-4, rel=1e-5)
+
+
+@pytest.mark.one_debian
+@mpi
+def test_plane_pendulum_on_a_spring(comm):
+    """A plate on a hinge with a torsion spring, released where the spring is at rest."""
+    domain = rectangle(comm, "Q1", (0, 0), (WIDTH, HEIGHT), (3, 2))
+    u = fem.Function(vector_space(domain, 1, 2))
+    m = fem_snh.material("stable_neo_hookean", E=1e6, nu=0.45)
+    hinge = {"kind": "hinge", "axis": (0, 0, 1), "through": (0.0, HEIGHT / 2, 0)}
+    stiffness, duration, steps = 700.0, 0.6, 30
+    plate = fem_snh.Rigid(ufl.dx, name="plate", joint=hinge, spring={"rotation": stiffness})
+    problem = fem_snh.DynamicProblem(
+        u,
+        {m: ufl.dx},
+        {m: DENSITY},
+        "newmark",
+        duration=duration,
+        terms=[plate, fem_snh.Gravity([0, -9.81, 0])],
+        kinematics="plane_strain",
+    )
+    problem.start()
+    for _ in range(steps):
+        assert problem.step(duration / steps)
+    mass = DENSITY * WIDTH * HEIGHT
+    inertia = mass * (WIDTH**2 + HEIGHT**2) / 12 + mass * (WIDTH / 2) ** 2
+
+    def rates(t, y):
+        moment = -mass * 9.81 * WIDTH / 2 * np.cos(y[0]) - stiffness * y[0]
+        return [y[1], moment / inertia]
+
+    exact = solve_ivp(rates, (0, duration), [0.0, 0.0], rtol=1e-10, atol=1e-12).y[:, -1]
+    state = problem._problem.rigid_states(problem.x)["plate"]
+    assert abs(exact[0]) > 1
+    assert state["rotation"] == pytest.approx([0, 0, exact[0]], abs=8e-3)
+    assert state["position"] == pytest.approx(hinge["through"], abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("kinematics", "part", "message"),
+    [
+        (
+            "plane_strain",
+            {"torque": (1, 0, 0)},
+            r"torque = .*: expected a component about z alone,",
+        ),
+        ("plane_strain", {"free": ("z",)}, r"rigid.free = 'z': expected motions among x, y, rot"),
+        ("axisymmetric", {"torque": (0, 1, 0)}, r"rigid.torque = .*: expected no value, with"),
+        (
+            "axisymmetric_torsion",
+            {"force": (1, 0, 0)},
+            r"rigid.force = .*components along y alone,",
+        ),
+        (
+            "axisymmetric_torsion",
+            {"about": (1, 0, 0)},
+            r"rigid.about = .*a point of the axis, x = z = 0, with",
+        ),
+    ],
+)
+def test_motions_that_a_kinematics_does_not_have_are_refused(comm, kinematics, part, message):
+    with pytest.raises(BadInput, match=message):
+        section(comm, kinematics, {2: part})

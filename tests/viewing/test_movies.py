@@ -1,0 +1,107 @@
+"""Movies: smooth over the load, exact at the stored states; mistakes are one line."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from pathlib import Path
+
+from mpi4py import MPI
+
+import imageio
+import numpy as np
+import pytest
+from picture_runs import bad, write_run
+
+from fem_snh.viewing import render
+from fem_snh.viewing.render import drawing
+from fem_snh.viewing.states import InterpolatedStates
+
+pytestmark = pytest.mark.one_debian
+
+SECONDS = 0.2
+LOADS = (0.0, 0.5, 1.0)
+
+
+def files_of(folder: Path) -> dict[float, list[str]]:
+    stored = render.stored_loads(folder / "fields.pvd")
+    return {load: [str(file) for file in stored[load]] for load in LOADS}
+
+
+@pytest.fixture(scope="module")
+def twisted(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_run(MPI.COMM_SELF, tmp_path_factory.mktemp("twisted"), "Q1")
+
+
+@pytest.mark.parametrize("field", ["J", "displacement"])
+def test_stored_states_are_exact_and_others_lie_between(twisted, field):
+    states = InterpolatedStates(files_of(twisted), field)
+    for load, stored in zip(LOADS, states.displacement, strict=True):
+        assert np.allclose(states.grid(load).point_data["displacement"], stored, atol=1e-12)
+    low, high = states.values.min(axis=0), states.values.max(axis=0)
+    between = np.asarray(states.grid(0.3)[field])
+    assert np.all(between >= low - 1e-12) and np.all(between <= high + 1e-12)
+    assert np.abs(between - states.values[0]).max() > 1e-3
+
+
+def test_states_of_other_ranks_are_reordered(twisted, tmp_path):
+    """Another number of ranks orders points and cells differently: simulated by a reversed file."""
+    import pyvista as pv
+
+    files = files_of(twisted)
+    grid = pv.read(files[0.5][0])
+    shuffled = grid.extract_cells(np.arange(grid.n_cells)).cast_to_unstructured_grid()
+    points = np.random.default_rng(0).permutation(shuffled.n_points)
+    rank = np.empty_like(points)
+    rank[points] = np.arange(len(points))
+    cells = {kind: rank[nodes] for kind, nodes in shuffled.cells_dict.items()}
+    other = pv.UnstructuredGrid(cells, shuffled.points[points])
+    other.point_data["displacement"] = shuffled.point_data["displacement"][points]
+    other.cell_data["J"] = shuffled.cell_data["J"]
+    other.save(tmp_path / "other.vtu")
+    expected = InterpolatedStates(files, "J")
+    found = InterpolatedStates(files | {0.5: [str(tmp_path / "other.vtu")]}, "J")
+    assert np.allclose(found.displacement, expected.displacement, atol=1e-12)
+    assert np.allclose(found.values, expected.values, atol=1e-12)
+
+
+@pytest.mark.parametrize("suffix", [".mp4", ".gif"])
+def test_movie_has_its_frames_and_moves(twisted, tmp_path, suffix):
+    reported: list[tuple[int, int]] = []
+    out = render.movie(
+        twisted, tmp_path / f"a{suffix}", "J", SECONDS, lambda *n: reported.append(n)
+    )
+    count = round(SECONDS * render.FRAMES_PER_SECOND)
+    assert reported == [(k, count) for k in range(1, count + 1)]
+    images = [np.asarray(image) for image in imageio.get_reader(out)]
+    assert len(images) == count
+    # The first frame is the body at rest; colours and shape change from frame to frame.
+    colours = [image[..., :3].astype(int) for image in images]
+    changes = [np.abs(a - b).mean() for a, b in pairwise(colours)]
+    assert min(changes) > 0.1
+    assert [path.name for path in tmp_path.iterdir()] == [out.name]
+
+
+def test_mistakes_are_one_line(twisted, tmp_path):
+    assert ".mp4 or .gif" in bad(render.movie, twisted, tmp_path / "a.avi")
+    assert "--seconds" in bad(render.movie, twisted, tmp_path / "a.gif", "J", 0.0)
+    assert "field = 'mises'" in bad(render.movie, twisted, tmp_path / "a.gif", "mises", SECONDS)
+    blocked = tmp_path / "file"
+    blocked.write_text("")
+    assert "cannot write" in bad(render.movie, twisted, blocked / "a.gif", "J", SECONDS)
+
+
+def test_a_movie_needs_two_states(tmp_path):
+    write_run(MPI.COMM_SELF, tmp_path, "Q1")
+    collection = tmp_path / "fields.pvd"
+    lines = collection.read_text().splitlines()
+    kept = [k for k, line in enumerate(lines) if "DataSet" in line]
+    collection.write_text("\n".join(line for k, line in enumerate(lines) if k not in kept[1:]))
+    assert "two stored loads" in bad(render.movie, tmp_path, tmp_path / "a.gif")
+
+
+def test_frames_have_even_sizes(twisted):
+    panels = [render.Panel(f, "", t) for t, f in files_of(twisted).items()]
+    names = list(LOADS)
+    job = render.MovieJob("J", "t", panels, "", names=names, load_name="load", frames=2)
+    (first, _) = drawing.movie_frames(job)
+    assert first.shape[0] % 2 == first.shape[1] % 2 == 0 and first.shape[2] == 3

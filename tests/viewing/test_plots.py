@@ -1,0 +1,249 @@
+"""Graphs of runs and studies, and one-line messages for wrong input."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from typing import Any
+
+import numpy as np
+import pytest
+from picture_runs import bad, record, write_record
+
+from fem_snh.errors import BadInput
+from fem_snh.viewing import plots
+from fem_snh.viewing.plots.curves import curve_figure, run_table
+from fem_snh.viewing.plots.front import front_figure
+from fem_snh.viewing.plots.runs import run_figure
+from fem_snh.viewing.plots.sweeps import by_material, read_sweep, read_table, sweep_figure
+
+pytestmark = pytest.mark.one_debian
+
+HEAD = "point,scene,material,nu,hessian,cells,converged,newton,linear,volume_ratio,seconds\n"
+ROWS = """\
+a,twist,stable_neo_hookean,0.3,clamp,5,True,10,100,1.02,1
+b,twist,stable_neo_hookean,0.49,clamp,5,True,20,900,1.01,2
+c,twist,neo_hookean,0.3,clamp,5,True,12,120,1.03,1
+d,twist,neo_hookean,0.49,clamp,5,False,0,0,,2
+e,twist,neo_hookean,0.5,clamp,5,False,0,0,,2
+"""
+
+
+def lines(figure: Any, panel: int) -> dict[str, Any]:
+    return {line.get_label(): line for line in figure.axes[panel].lines}
+
+
+def test_run_figure_shows_steps_failures_and_the_paper():
+    one = record((0.5, 1.0), scene="stretch", load_name="stretch", load_range=[1.0, 3.4])
+    two = record((0.5, 1.0), scene="stretch", load_name="stretch", load_range=[1.0, 3.4])
+    two["material"] = {"name": "fixed_corotational", "nu": 0.49}
+    two["steps"][1] |= {"converged": False, "volume_ratio": None}
+    figure = run_figure([one, two], newton=True)
+    assert [ax.get_ylabel().split()[0] for ax in figure.axes] == ["volume", "linear", "Newton"]
+    assert figure.axes[0].get_xlabel() == "stretch"
+    volume = lines(figure, 0)
+    assert np.allclose(volume["stable Neo-Hookean"].get_data(), [[1, 2.2, 3.4], [0, 2, 4]])
+    assert np.allclose(volume["fixed corotational"].get_data(), [[1, 2.2], [0, 2]])
+    assert np.allclose(lines(figure, 1)["stable Neo-Hookean"].get_data(), [[2.2, 3.4], [100, 200]])
+    assert {"Smith et al. 2018", "not converged"} <= volume.keys()
+    marks = [float(line.get_ydata()[0]) for line in figure.axes[0].lines if line.get_marker() == "D"
+             and len(line.get_ydata()) == 1]  # fmt: skip
+    assert marks == [4.3, 4.5]
+
+
+@pytest.mark.parametrize("change", [{"scene": "own"}, {"load_range": [1.0, 2.0]}])
+def test_the_paper_is_shown_beside_its_own_experiment_only(change):
+    run = record(scene="stretch", load_name="stretch", load_range=[1.0, 3.4]) | change
+    assert "Smith et al. 2018" not in lines(run_figure([run]), 0)
+
+
+def test_legend_tells_runs_apart():
+    runs = [record(hessian="clamp"), record(hessian="adaptive")]
+    names = [name for name in lines(run_figure(runs), 0) if not name.startswith("_")]
+    assert names == ["stable Neo-Hookean, clamp Hessian", "stable Neo-Hookean, adaptive Hessian"]
+
+
+def test_plot_runs(tmp_path):
+    a, b = (write_record(tmp_path / name, record()) for name in "ab")
+    assert plots.main([a]) == a / "history.png"
+    assert plots.main([a, b]) == tmp_path / "comparison.png"
+    out = plots.main([a], tmp_path / "new" / "x.pdf")
+    assert out.read_bytes().startswith(b"%PDF")
+
+
+def twisted(moments=(1.0, 3.0)):
+    """A run with a torque, half of it a force, over an angle of 2."""
+    run = record((0.5, 1.0), scene="turn", load_name="angle", load_range=[0.0, 2.0])
+    for step, moment in zip(run["steps"], moments, strict=True):
+        step["moments"] = {"inner": [0.1, 0.0, moment]}
+        step["reactions"] = {"inner": [moment / 2, 0.0, 0.0]}
+    return run
+
+
+def test_the_torque_is_a_panel_of_the_default_picture():
+    figure = run_figure([twisted(), twisted((2.0, 5.0))])
+    assert figure.axes[2].get_ylabel() == "inner.moment.z"
+    found = [list(map(float, line.get_ydata())) for line in figure.axes[2].lines]
+    assert [1.0, 3.0] in found and [2.0, 5.0] in found
+
+
+def test_curves_of_columns(tmp_path):
+    """A column over the load by its name, a quotient, and another column."""
+    table = run_table(twisted())
+    figure = curve_figure({"turn": table}, "angle", ["inner.moment.z", "inner.moment.z/angle"])
+    (line,), (slope,) = (ax.lines for ax in figure.axes)
+    assert line.get_xdata().tolist() == [1.0, 2.0] and line.get_ydata().tolist() == [1.0, 3.0]
+    assert slope.get_ydata().tolist() == [1.0, 1.5]
+    write_record(tmp_path, twisted())
+    assert plots.main([tmp_path], y=["inner.force.x"]) == tmp_path / "curves.png"
+    assert (tmp_path / "curves.png").stat().st_size > 1000
+    with pytest.raises(BadInput, match=r"column = 'iner.moment.z': .*'inner.moment.z'"):
+        plots.main([tmp_path], y=["iner.moment.z"])
+    with pytest.raises(BadInput, match="--x angle: expected with --y"):
+        plots.main([tmp_path], x="angle")
+
+
+def test_stiffness_over_nu_in_a_sweep(tmp_path):
+    """A line for each material, in the order of nu; points that failed are left out."""
+    rows = [("b", 0.49, True, 8.0), ("a", 0.3, True, 6.0), ("c", 0.4999, False, 1.0)]
+    text = "point,material,nu,converged,newton,linear,volume_ratio,seconds,top.force.z,top.z\n"
+    text += "".join(f"{p},snh,{nu},{ok},1,1,1,1,{force},2\n" for p, nu, ok, force in rows)
+    (tmp_path / "sweep.csv").write_text(text)
+    table = read_table(tmp_path / "sweep.csv")
+    figure = curve_figure(by_material(table, "nu"), "nu", ["top.force.z/top.z"])
+    (line,) = figure.axes[0].lines
+    assert line.get_xdata().tolist() == [0.3, 0.49] and line.get_ydata().tolist() == [3.0, 4.0]
+    assert plots.main([tmp_path], x="nu", y=["top.force.z"]) == tmp_path / "curves.png"
+    with pytest.raises(BadInput, match="--y: expected with --x"):
+        plots.main([tmp_path], y=["top.force.z"])
+
+
+ERRORS = """\
+point,material,nu,element,cells,globalization,converged,seconds,error,tip.x,tip.x.error
+a,snh,0.3,Q1,4,trust_region,True,1,0.4,2,-0.8
+b,snh,0.3,Q1,8,trust_region,True,8,0.1,2,-0.2
+c,snh,0.3,Q2Q1,2,linesearch,True,2,0.05,2,0.1
+d,snh,0.3,Q2Q1,4,linesearch,True,9,0.001,2,0.002
+e,snh,0.3,Q2Q1,8,linesearch,False,0.1,,,
+f,snh,0.3,Q2Q1,16,linesearch,True,0.1,,2,
+"""
+
+
+def test_errors_over_cost_mark_the_pareto_front(tmp_path):
+    """Q1 on 8 cells is slower than Q2Q1 on 2 and less accurate; e failed, f has no estimate."""
+    file = tmp_path / "sweep.csv"
+    file.write_text(ERRORS)
+    figure = front_figure(read_table(file), "seconds", "error", file)
+    shown = lines(figure, 0)
+    assert list(shown)[:2] == ["snh, Q1", "snh, Q2Q1"]  # without the default globalization
+    (best,) = [line for label, line in shown.items() if label.startswith("best")]
+    assert best.get_xdata().tolist() == [1, 2, 9]
+    assert best.get_ydata().tolist() == [0.4, 0.05, 0.001]
+    assert [text.get_text() for text in figure.axes[0].texts] == ["Q1, 4", "Q2Q1, 2", "Q2Q1, 4"]
+    of_one = front_figure(read_table(file), "seconds", "tip.x.error/tip.x", file)
+    assert lines(of_one, 0)["snh, Q1"].get_ydata().tolist() == [0.4, 0.1]
+    assert plots.main([tmp_path], x="seconds", y=["error"]) == tmp_path / "curves.png"
+
+
+def test_another_poissons_ratio_has_a_front_of_its_own(tmp_path):
+    """The points are of two problems, of which one is easier."""
+    file = tmp_path / "sweep.csv"
+    head, *rows = ERRORS.splitlines()
+    harder = [row.replace("0.3", "0.49").replace("0.4,2", "0.8,2") for row in rows[:1]]
+    file.write_text("\n".join([head, *rows, *harder]))
+    shown = lines(front_figure(read_table(file), "seconds", "error", file), 0)
+    (best,) = [line for label, line in shown.items() if label.startswith("best")]
+    assert sorted(best.get_ydata()) == [0.001, 0.05, 0.4, 0.8]
+
+
+def test_errors_of_a_sweep_without_any(tmp_path):
+    (tmp_path / "sweep.csv").write_text(HEAD + ROWS)
+    with pytest.raises(BadInput, match="has no column error: expected a sweep with --error"):
+        plots.main([tmp_path], x="seconds", y=["error"])
+
+
+def test_plot_sweep(tmp_path):
+    table = tmp_path / "sweep.csv"
+    table.write_text(HEAD + ROWS)
+    assert plots.main([table]) == plots.main([tmp_path]) == tmp_path / "sweep.png"
+    figure = sweep_figure(read_sweep(table))
+    assert len(figure.axes) == 4
+    shown = lines(figure, 0)
+    assert np.allclose(shown["stable Neo-Hookean"].get_data(), [[0.2, 0.01], [10, 20]])
+    assert "not converged (above: no result)" in shown
+    left, right = figure.axes[0].get_xlim()
+    assert left > right and [t.get_text() for t in figure.axes[0].get_xticklabels()] == [
+        "0.3",
+        "0.49",
+    ]
+
+
+def test_sweep_of_something_else_than_nu(tmp_path):
+    rows = ROWS.replace("0.3,clamp,5", "0.49,clamp,10").replace("neo_hookean,0.5,", "x,0.49,")
+    (tmp_path / "sweep.csv").write_text(HEAD + rows)
+    figure = sweep_figure(read_sweep(tmp_path / "sweep.csv"))
+    assert figure.axes[0].get_xlabel() == "cells"
+
+
+def test_sweep_of_a_body_of_two_materials(tmp_path):
+    """Their Poisson's ratios are one text, "0.5 + 0.3", which is no axis."""
+    rows = ROWS.replace("0.3,clamp,5", "0.49,clamp,10").replace("neo_hookean,0.5,", "x,0.49,")
+    (tmp_path / "sweep.csv").write_text(HEAD + rows.replace("0.49", "0.5 + 0.3"))
+    figure = sweep_figure(read_sweep(tmp_path / "sweep.csv"))
+    assert figure.axes[0].get_xlabel() == "cells"
+    lines_of = rows.splitlines(keepends=True)
+    rows = "".join(line.replace("0.49", f"0.{k} + 0.3") for k, line in enumerate(lines_of, 1))
+    (tmp_path / "sweep.csv").write_text(HEAD + rows.replace(",10,", ",5,"))
+    figure = sweep_figure(read_sweep(tmp_path / "sweep.csv"))
+    assert any("nu 0.1 + 0.3" in name for name in lines(figure, 0))
+
+
+def test_axes_of_a_sweep_have_the_units_of_its_points(tmp_path):
+    (tmp_path / "sweep.csv").write_text(HEAD.replace("cells", "E") + ROWS)
+    assert plots.main([tmp_path], x="E", y=["newton"]).name == "curves.png"
+    write_record(tmp_path / "a", record(units="mm, N, MPa"))
+    (tmp_path / "b").mkdir()
+    (tmp_path / "b" / "run.json").write_text("{")
+    figure = plots._table_figure(tmp_path / "sweep.csv", "E", ["newton"])
+    assert (figure.axes[0].get_xlabel(), figure.axes[0].get_ylabel()) == ("E [MPa]", "newton")
+
+
+@pytest.mark.parametrize("cells, label", [("10", "cells"), ("5", r"Poisson's ratio $\nu$")])
+def test_sweep_of_incompressible_bodies(tmp_path, cells, label):
+    """The axis of nu has no place for 1/2 beside other values."""
+    rows = "a,twist,yeoh,0.5,clamp,5,True,10,100,1,1\nb,twist,gent,0.5,clamp,%s,True,9,90,1,1\n"
+    (tmp_path / "sweep.csv").write_text(HEAD + rows % cells)
+    figure = sweep_figure(read_sweep(tmp_path / "sweep.csv"))
+    assert figure.axes[0].get_xlabel() == label
+    assert lines(figure, 0)["yeoh"].get_ydata().tolist() == [10]
+
+
+@pytest.mark.parametrize(
+    "content", ["", "nu,material\n0.3,x\n", HEAD, HEAD + ROWS.replace("900", "many"), '\0\n"a']
+)
+def test_bad_sweep(tmp_path, content):
+    table = tmp_path / "sweep.csv"
+    table.write_text(content)
+    assert str(table) in bad(plots.main, [table])
+
+
+def test_plot_bad_arguments(tmp_path):
+    run = write_record(tmp_path / "a", record())
+    assert "nothing to plot" in bad(plots.main, [])
+    assert "no such file" in bad(plots.main, [tmp_path / "x.csv"])
+    assert "one table" in bad(plots.main, [run, tmp_path / "x.csv"])
+    assert "cannot be written" in bad(plots.main, [run], run / "a.xyz")
+    assert "cannot write" in bad(plots.main, [run], run / "run.json" / "a.png")
+    assert "no step yet" in bad(plots.main, [write_record(tmp_path / "b", record(()))])
+    broken = record()
+    del broken["steps"][0]["linear"]
+    del broken["steps"][1]["linear"]
+    assert "linear" in bad(plots.main, [write_record(tmp_path / "c", broken)])
+
+
+def test_pictures_do_not_need_the_solver():
+    code = "import fem_snh.viewing.plots, fem_snh.viewing.render, sys; print(*sys.modules)"
+    output = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    )
+    assert not {"dolfinx", "petsc4py", "mpi4py", "gmsh", "pyvista"} & set(output.stdout.split())

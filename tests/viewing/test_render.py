@@ -1,0 +1,311 @@
+"""Pictures of bodies and modes: dolfinx's fields are read and drawn; mistakes are one line."""
+
+from __future__ import annotations
+
+import json
+import math
+from itertools import pairwise
+from pathlib import Path
+
+from mpi4py import MPI
+
+import dolfinx
+import matplotlib.image
+import numpy as np
+import pytest
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+from picture_runs import CELLS, bad, nodal_arrays, record, write_record, write_run
+
+import fem_snh
+from fem_snh import _dolfinx
+from fem_snh.errors import BadInput, on_root
+from fem_snh.runs.output.fields import GridSeries
+from fem_snh.viewing import plots, render, worker
+from fem_snh.viewing.render import drawing, surfaces
+
+
+@pytest.fixture
+def twisted(comm: MPI.Intracomm, folder: Path) -> Path:
+    return write_run(comm, folder, "Q1")
+
+
+@pytest.mark.one_debian
+@pytest.mark.mpi
+@pytest.mark.parametrize("element, cells", [("Q1", 27), ("Q2", 27), ("P1", 162), ("P2", 162)])
+def test_fields_are_read_whole_and_once(comm, folder, element, cells):
+    write_run(comm, folder, element)
+    stored = render.stored_loads(folder / "fields.pvd")
+    assert sorted(stored) == [0.0, 0.5, 1.0]
+    grid = surfaces.read_grid([str(f) for f in stored[1.0]], "J")
+    assert grid.n_cells == cells == len(grid["J"])
+    per_edge = CELLS * int(element[1]) + 1
+    assert grid.n_points == per_edge**3
+    top = np.isclose(grid.points[:, 2], 1)
+    a, b = (grid.points[top, :2] - 0.5).T
+    assert np.allclose(grid["displacement"][top, :2].T, [-2 * a, -2 * b], atol=1e-12)
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("element, faces, edges", [("Q1", 54, 108), ("P2", 108, 162)])
+def test_surface_is_closed_and_follows_the_curved_cells(comm, folder, element, faces, edges):
+    write_run(comm, folder, element)
+    files = [str(f) for f in render.stored_loads(folder / "fields.pvd")[0.5]]
+    item = surfaces.body(files, "J")
+    assert item.surface.n_open_edges == 0
+    assert surfaces.boundary(surfaces.read_grid(files, "J"), 0).n_cells == faces
+    # each element edge is cut in as many pieces as the faces are
+    pieces = item.edges.n_cells / edges
+    assert pieces in (2, 4, 8)
+    assert len(item.values) == item.surface.n_cells
+    # the outline at rest is that of the cube: 12 edges of length 1
+    rest = item.ghost.compute_cell_sizes(length=True, area=False, volume=False)
+    assert sum(rest["Length"]) == pytest.approx(12)
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("element", ["Q1", "P2"])
+def test_render_draws_every_load(comm, folder, element):
+    write_run(comm, folder, element)
+    out = on_root(comm, render.main, folder, None, None)
+    assert out == folder / "J.png"
+    image = matplotlib.image.imread(out)
+    assert image.shape[1] == 1600
+    assert out.stat().st_size < 600_000
+    body = np.ptp(image[..., :3], axis=2) + (image[..., 0] < 0.9) > 0
+    for half in (body[200:-200, :800], body[200:-200, 800:]):  # two panels
+        assert half.mean() > 0.2
+
+
+@pytest.mark.one_debian
+@pytest.mark.parametrize("field", ["displacement", "min_eigenvalue"])
+def test_render_other_fields_and_chosen_loads(twisted, field):
+    out = render.main(twisted, twisted / "pictures" / "a.png", loads=[1.0], field=field)
+    assert matplotlib.image.imread(out).shape[1] == 1600
+
+
+@pytest.fixture(scope="module")
+def section(tmp_path_factory) -> Path:
+    """An axisymmetric run: half of a section of a cylinder of radius 1/2, length 1."""
+    out = tmp_path_factory.mktemp("section")
+    changes = {"stretch": 1.2, "steps": 1, "element": "Q2", "nu": 0.3}
+    fem_snh.run("stretch", kinematics="axisymmetric", cells=4, out=out, progress=False, **changes)
+    return out
+
+
+@pytest.mark.one_debian
+def test_two_dimensions_are_drawn_in_their_plane(section):
+    """The camera looks along z, with y upwards; the section fills the picture."""
+    item = surfaces.body([str(f) for f in render.stored_loads(section / "fields.pvd")[1.0]], "J")
+    where = drawing.view([item])
+    assert where.towards == pytest.approx([0, 0, 1])
+    assert (where.width, where.height) == pytest.approx((1.04 * 0.5, 1.04 * 1.2))
+    assert item.edges is not None
+    assert render.main(section, section / "flat.png").is_file()
+
+
+@pytest.mark.one_debian
+def test_a_section_has_the_colours_of_the_bar(section):
+    """At rest J is 1, in grey: neither light nor the outline at rest changes it."""
+    image = matplotlib.image.imread(render.main(section, section / "rest.png", loads=[0.0]))
+    colours, counts = np.unique(image[..., :3].reshape(-1, 3), axis=0, return_counts=True)
+    grey = matplotlib.colormaps["coolwarm"](0.5)[:3]
+    assert colours[np.argsort(counts)[-2]] == pytest.approx(grey, abs=4 / 255)  # white has most
+
+
+@pytest.mark.one_debian
+def test_a_revolved_section_is_three_quarters_of_the_body(section):
+    """Closed, with the volume of run.json's ratio; the axis is upright."""
+    files = render.stored_loads(section / "fields.pvd")[1.0]
+    item = surfaces.revolve(surfaces.body([str(f) for f in files], "J"), "J")
+    closed = item.surface.extract_surface().triangulate().clean(tolerance=1e-7)
+    assert closed.n_open_edges == 0
+    ratio = json.loads((section / "run.json").read_text())["steps"][-1]["volume_ratio"]
+    assert closed.volume == pytest.approx(0.75 * math.pi / 4 * ratio, rel=5e-3)
+    assert np.ptp(item.surface.points[:, 2]) == pytest.approx(1.2)
+    assert np.isfinite(item.surface["J"]).all()
+    assert render.main(section, section / "turned.png", revolve=True).is_file()
+
+
+@pytest.fixture(scope="module")
+def bushing(tmp_path_factory) -> Path:
+    """The section of a bushing whose inner sleeve, of radius 10, is turned by 0.5 rad."""
+    out = tmp_path_factory.mktemp("bushing")
+    fem_snh.run("bushing", cells=1, steps=2, axial=0.0, error=True, out=out, progress=False)
+    return out
+
+
+def test_torsion_keeps_the_radii_of_a_section_in_its_plane(bushing):
+    files = [str(f) for f in render.stored_loads(bushing / "fields.pvd")[1.0]]
+    flat, turned = surfaces.body(files, "J"), surfaces.body(files, "J", revolved=True)
+    assert not flat.surface.points[:, 2].any()
+    radii = np.hypot(*turned.surface.points[:, :2].T)
+    for found in (flat.surface.points[:, 0], radii):
+        assert (found.min(), found.max()) == pytest.approx((10, 20), rel=1e-6)
+
+
+@pytest.mark.one_debian
+def test_an_error_is_drawn_where_it_is_known(bushing):
+    """At the last load: another has none."""
+    pictures = [
+        render.main(bushing, bushing / f"{loads}.png", loads=loads, field="error_inner_moment_y")
+        for loads in (None, [1.0], [0.5, 1.0])
+    ]
+    default, last, both = (matplotlib.image.imread(picture) for picture in pictures)
+    assert np.array_equal(default, last) and not np.array_equal(default, both)
+
+
+def test_only_axisymmetric_runs_are_revolved(twisted):
+    assert bad(lambda: render.main(twisted, revolve=True)).startswith("--revolve: expected an axi")
+
+
+def write_modes(comm: MPI.Intracomm, folder: Path, frequencies: list[float]) -> Path:
+    """A run folder with modes of a sheared cube: displacements that grow with their number."""
+    cells = [dolfinx.mesh.CellType.hexahedron]
+    domain = dolfinx.mesh.create_unit_cube(comm, CELLS, CELLS, CELLS, *cells)
+    V = _dolfinx.function_space(domain, 1, (3,))
+    u, mode = _dolfinx.function(V, "displacement"), _dolfinx.function(V, "mode")
+    u.interpolate(lambda x: np.array([0.5 * x[2], 0 * x[0], 0 * x[0]]))
+    file = GridSeries(folder / "modes.pvd", V)
+    for number in range(1, len(frequencies) + 1):
+        mode.interpolate(lambda x, n=number: np.array([0 * x[0], n * x[2], 0 * x[0]]))
+        file.write(float(number), nodal_arrays([u, mode]))
+    eigenmodes = {"density": 1.0, "frequencies": frequencies, "residuals": [0.0] * len(frequencies)}
+    on_root(comm, write_record, folder, record(modes=eigenmodes))
+    comm.barrier()
+    return folder
+
+
+@pytest.mark.mpi
+def test_render_modes(comm, folder):
+    write_modes(comm, folder, [0.0, 1e-9, 3.0, 4.0])
+    out = on_root(comm, lambda: render.main(folder, modes=True))
+    assert out == folder / "modes.png"
+    image = matplotlib.image.imread(out)
+    body = np.ptp(image[..., :3], axis=2) > 0.1
+    for half in (body[200:-200, :800], body[200:-200, 800:]):  # those that deform the body
+        assert half.mean() > 0.2
+
+
+def test_modes_are_exaggerated_alike_about_the_state_they_are_of(comm, folder):
+    write_modes(comm, folder, [1.0, 2.0])
+    for files in render.stored_loads(folder / "modes.pvd").values():
+        item = surfaces.body([str(f) for f in files], "mode")
+        rest, moved = item.rest.bounds, item.surface.bounds
+        assert rest[:2] == pytest.approx((0, 1.5)) and rest[2:4] == pytest.approx((0, 1))
+        diagonal = np.sqrt(1.5**2 + 1 + 1)
+        assert moved[3] == pytest.approx(1 + surfaces._EXAGGERATION * diagonal)
+        assert (item.values.min(), item.values.max()) == pytest.approx((0, 1))
+    assert drawing.colours("mode", np.array([0.1, 0.9]))[1].vmax == 1
+
+
+def test_which_modes_are_shown_and_what_they_are_called():
+    zeros = [0.0, -1e-9, 1e-9, 0.0, 0.0, 0.0]
+    assert render.choose_modes([*zeros, 1.0, 2.0], None) == [7, 8]
+    assert render.choose_modes([*map(float, range(1, 11))], None) == [1, 2, 3, 4, 5, 6]
+    assert render.choose_modes(zeros[:1] * 3, None) == [1, 2, 3]
+    assert render.choose_modes([1.0, 2.0, 3.0], [3, 1]) == [3, 1]
+    assert render.mode_label(2, 12.345) == "mode 2  ·  12.35 Hz"
+    assert render.mode_label(1, -0.5) == "mode 1  ·  0.5 i Hz, unstable"
+
+
+def test_render_modes_bad_files(twisted):
+    assert "this run has no modes" in bad(render.main, twisted, None, None, "J", True)
+    write_modes(MPI.COMM_WORLD, twisted, [1.0, 2.0])
+    assert "no mode 3: the run has 1 to 2" in bad(render.main, twisted, None, [3], "J", True)
+    assert "no mode 1.5" in bad(render.main, twisted, None, [1.5], "J", True)
+    assert "--modes and --revolve" in bad(lambda: render.main(twisted, modes=True, revolve=True))
+    (twisted / "modes.pvd").unlink()
+    assert "modes.pvd" in bad(render.main, twisted, None, None, "J", True)
+
+
+def test_render_of_long_bodies_stacks_the_panels(twisted, monkeypatch):
+    grid = surfaces.read_grid(
+        [str(f) for f in render.stored_loads(twisted / "fields.pvd")[0.5]], "J"
+    )
+    for axis, stacked in ((0, True), (1, True), (2, False)):
+        grid.points[:, axis] *= 4
+        surface = surfaces.boundary(grid, 1)
+        item = surfaces.DrawnBody(surface, None, surface, surface, surface["J"])
+        where = drawing.view([item])
+        assert (where.width > 2 * where.height) == stacked
+        grid.points[:, axis] /= 4
+
+
+def test_colours_of_J_are_centred_at_one_and_robust():
+    values = np.concatenate([np.linspace(0.95, 1.02, 1000), [40.0]])
+    cmap, norm, extend = drawing.colours("J", values)
+    assert (cmap, norm.vmin, norm.vmax, extend) == ("coolwarm", 0.95, 1.05, "max")
+    assert drawing.colours("J", np.array([-9.0, 1.0]))[1].vmin == 0
+    assert drawing.colours("energy_density", np.zeros(9))[0] == "viridis"
+    with pytest.raises(BadInput, match="no finite value"):
+        drawing.colours("J", np.array([np.nan]))
+
+
+@pytest.mark.parametrize("change", [0.1, 1e-3, 1e-5])
+def test_numbers_of_a_bar_are_written_in_full(change):
+    """J = 0.9991 was -0.9 with "x 10^-3 + 1" beside it, which hid what the bar shows."""
+    figure = Figure(figsize=(8, 1), dpi=100)
+    bar = figure.add_axes((0.3, 0.7, 0.4, 0.2))
+    ticks, numbers = drawing.ticks_of_bar(1 - change, 1 + change, 7)
+    mappable = ScalarMappable(Normalize(1 - change, 1 + change))
+    figure.colorbar(mappable, bar, orientation="horizontal", ticks=ticks, format=numbers)
+    bar.tick_params(labelsize=8)  # as in pictures, which are 8 inches wide
+    figure.canvas.draw()
+    assert bar.xaxis.get_offset_text().get_text() == ""
+    labels = [label for label in bar.get_xticklabels() if label.get_text()]
+    assert len(labels) >= 2
+    for label in labels:
+        number = float(label.get_text().removeprefix("$\\mathdefault{").removesuffix("}$"))
+        assert number == pytest.approx(label.get_position()[0], abs=1e-3 * change)
+    boxes = [label.get_window_extent() for label in labels]
+    assert all(a.x1 < b.x0 for a, b in pairwise(boxes))
+
+
+def test_labels():
+    assert [render.number(math.pi * x) for x in (1, 0.5, -1.5, 2)] == ["π", "π/2", "-3π/2", "2π"]
+    assert [render.number(x) for x in (0, 3.4, 1.8000000001)] == ["0", "3.4", "1.8"]
+    label = render.panel_label(record(), 0.5)
+    assert label == "angle π/2  ·  volume +2.00 %  ·  min J 0.90"
+    assert render.panel_label(record(), 0.0) == "angle 0"
+    assert "stable Neo-Hookean" in render.title(record())
+
+
+def test_default_loads():
+    assert render.choose_loads([0.0, 0.5, 1.0], None) == [0.5, 1.0]
+    assert render.choose_loads([0.0], None) == [0.0]
+    twelve = [i / 12 for i in range(13)]
+    assert render.choose_loads(twelve, None) == [4 / 12, 8 / 12, 1.0]
+    with pytest.raises(BadInput, match=r"no fields at load 0\.7: stored are 0, 0\.5"):
+        render.choose_loads([0.0, 0.5], [0.7])
+
+
+@pytest.mark.parametrize("content", [None, "", "{", "[]", '{"scene": 1}', '{"steps": 3}'])
+def test_bad_run_json(tmp_path, content):
+    if content is not None:
+        (tmp_path / "run.json").write_text(content)
+    for function in (render.main, lambda folder: plots.main([folder])):
+        assert "run.json" in bad(function, tmp_path)
+
+
+@pytest.mark.one_debian
+def test_render_bad_files(twisted):
+    assert "did you mean 'displacement'" in bad(render.main, twisted, None, None, "displacment")
+    assert "stored are 0, 0.5, 1" in bad(render.main, twisted, None, [0.3])
+    blocked = twisted / "run.json" / "x.png"
+    assert "cannot write" in bad(render.main, twisted, blocked, [1.0])
+    piece = render.stored_loads(twisted / "fields.pvd")[1.0][0]
+    piece.write_bytes(piece.read_bytes()[:300])
+    assert piece.name in bad(render.main, twisted, None, [1.0])
+    piece.unlink()
+    assert f"{piece}: missing" in bad(render.main, twisted, None, [1.0])
+    (twisted / "fields.pvd").write_text("<VTKFile>")
+    assert "fields.pvd" in bad(render.main, twisted)
+    (twisted / "fields.pvd").unlink()
+    assert "fields.pvd" in bad(render.main, twisted)
+
+
+def test_render_without_opengl_says_what_to_install(twisted, monkeypatch):
+    monkeypatch.setattr(worker, "_opengl_backends", lambda: [(["sh", "-c", "kill -ABRT $$"], {})])
+    assert "libegl1" in bad(render.main, twisted)

@@ -1,0 +1,188 @@
+"""Pictures of obstacles: their surfaces, poses and movies."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from mpi4py import MPI
+
+import matplotlib.image
+import numpy as np
+import pytest
+from contact_scenes import slide
+from picture_runs import bad, record, write_record, write_run
+from running import record as read_record
+from running import solve
+from scipy.spatial.transform import Rotation
+
+from fem_snh.geometry.shapes import Box, Capsule, Cylinder, Plane, Polygon, Sphere, from_record
+from fem_snh.viewing import render
+from fem_snh.viewing.render.obstacles import Obstacles, triangles
+from fem_snh.viewing.render.records import obstacle_poses
+
+ENDS: dict[str, Any] = {"from": [0.1, 0.2, 0.3], "to": [0.9, 0.5, 0.6], "radius": 0.4}
+TURN = [0.3, -0.5, 0.8]
+REST = np.eye(3, 4).tolist()
+BALL = {"shape": {"sphere": {"center": [0, 0, 1.5], "radius": 0.5}}, "pose": REST}
+
+
+@pytest.mark.parametrize(
+    "kind, keys, shape",
+    [
+        ("plane", {"point": [0, 0, 1], "normal": [1, 0, 2]}, Plane((0, 0, 1), (1, 0, 2))),
+        ("sphere", {"center": [1, 2, 3], "radius": 0.5}, Sphere((1, 2, 3), 0.5)),
+        ("polygon", {"points": [[0, 0], [1, 0], [0, 1]]}, Polygon(((0, 0), (1, 0), (0, 1)))),
+        ("capsule", ENDS, Capsule((0.1, 0.2, 0.3), (0.9, 0.5, 0.6), 0.4)),
+        ("cylinder", ENDS, Cylinder((0.1, 0.2, 0.3), (0.9, 0.5, 0.6), 0.4)),
+        (
+            "cylinder",
+            {**ENDS, "infinite": True},
+            Cylinder((0.1, 0.2, 0.3), (0.9, 0.5, 0.6), 0.4, infinite=True),
+        ),
+        (
+            "box",
+            {"center": [0, 1, 0], "size": [1, 2, 3], "rotation": TURN},
+            Box((0, 1, 0), (1, 2, 3), tuple(TURN)),
+        ),
+    ],
+)
+def test_triangles_are_on_the_shape(kind, keys, shape):
+    """The corners of the triangles are on the zero level set that the solver uses."""
+    surface = triangles(kind, keys, np.zeros(3), 2.0)
+    assert np.abs(shape.evaluate(np.asarray(surface.points, float)).distance).max() < 2e-6
+    assert np.ptp(surface.points, axis=0).max() > 0.9
+
+
+def test_triangles_of_unions_are_on_their_surface():
+    parts = [{"sphere": {"center": [0, 0, 0], "radius": 0.5}}, {"capsule": ENDS}]
+    union = triangles("union", parts, np.zeros(3), 2.0)
+    shape = from_record({"union": parts})
+    assert shape.distance(np.asarray(union.points, float)).max() < 2e-6
+    keys = {"shapes": parts, "blend": 0.05}
+    surface = triangles("smooth_union", keys, np.zeros(3), 2.0)
+    smooth = from_record({"smooth_union": keys})
+    # Linear interpolation on cells of 0.04: curvature 1/0.4 times 0.04^2/8, twice at the seam.
+    assert np.abs(smooth.distance(np.asarray(surface.points, float))).max() < 1e-3
+    assert surface.n_open_edges == 0
+
+
+def test_poses_are_interpolated_and_distant_parts_cut_off():
+    turned = np.column_stack([Rotation.from_rotvec([0, 0, 1.0]).as_matrix(), [0, 0, -1]])
+    poses = [REST, turned.tolist()]
+    ball = {"shape": {"sphere": {"center": [1, 0, 0], "radius": 0.1}}, "poses": poses}
+    floor = {"shape": {"plane": {"point": [0, 0, 0], "normal": [0, 0, 1]}}, "poses": poses}
+    drawn = Obstacles([{**ball, "loads": [0, 1]}, {**floor, "loads": [0, 1]}])
+    bounds = np.array([[-2.0, -2, -2], [2, 2, 2]])
+    surface, plane = drawn.at(0.5, bounds)
+    assert surface.center == pytest.approx([np.cos(0.5), np.sin(0.5), -0.5], abs=1e-3)
+    assert plane.bounds[4:] == pytest.approx((-0.5, -0.5))
+    assert plane.bounds[1] == pytest.approx(2 + 0.25 * np.linalg.norm(bounds[1] - bounds[0]))
+    assert len(drawn.at(0.5, bounds + 9)) == 0  # all of them are far away
+
+
+@pytest.mark.parametrize(
+    "shape",
+    [
+        {"sphere": {"center": [2, 0.5, 0], "radius": 0.5}},
+        {"box": {"center": [2, 0.5, 0], "size": [0.6, 0.4, 1], "rotation": [0, 0, 0.3]}},
+        {"polygon": {"points": [[1.5, 0], [2.5, 0.2], [2, 0.9]]}},
+        {"plane": {"point": [0, 0.3, 0], "normal": [0, 1, 0]}},
+        {"smooth_union": {"shapes": [{"sphere": {"center": [x, 0.5, 0], "radius": 0.4}}
+                                     for x in (1.6, 2.2)], "blend": 0.05}},
+    ],
+    ids=lambda shape: next(iter(shape)),
+)  # fmt: skip
+def test_obstacles_of_a_section_are_revolved_as_the_body_is(shape):
+    """Every point, turned back into the section, is on the shape; a quarter is left open."""
+    pose = np.eye(3, 4)
+    pose[1, 3] = 0.25
+    made = {"shape": shape, "loads": [0, 1], "poses": [pose.tolist()] * 2}
+    (surface,) = Obstacles([made], revolved=True).at(1.0, np.array([[-3, -3, 0], [3, 3, 1.0]]))
+    x, y, z = np.asarray(surface.points, float).T
+    section = np.column_stack([np.hypot(x, y), z - 0.25, np.zeros_like(x)])
+    # That of a smooth union is interpolated on cells of 0.06, twice, with curvature 1/0.4.
+    assert abs(from_record(shape).distance(section)).max() < 5e-3
+    angles = np.degrees(np.arctan2(y, x))[np.hypot(x, y) > 1e-6]
+    assert not ((angles > -102) & (angles < -14)).any()
+    assert np.unique(angles.round(3)).size >= 73
+
+
+@pytest.mark.parametrize(
+    "shape, area",
+    [
+        ({"polygon": {"points": [[0, 0], [1, 0], [1, 1], [0.5, 0.2], [0, 1]]}}, 0.6),
+        ({"box": {"center": [0, 0, 0], "size": [0.6, 0.4, 9], "rotation": [0, 0, 0.3]}}, 0.24),
+        ({"sphere": {"center": [0, 0, 0], "radius": 0.5}}, np.pi / 4),
+        ({"plane": {"point": [0, 0, 0], "normal": [0, 1, 0]}}, 2.2 * 1.3),
+    ],
+    ids=lambda shape: next(iter(shape)) if isinstance(shape, dict) else "",
+)  # fmt: skip
+def test_obstacles_of_a_flat_picture_are_filled_sections(shape, area):
+    """Their sides are not seen along z; half of the picture is 1.1 wide and 1.3 high."""
+    pose = np.eye(3, 4)
+    pose[:2, 3] = 0.1, 0.25
+    made = {"shape": shape, "loads": [0, 1], "poses": [pose.tolist()] * 2}
+    bounds = np.array([[-0.5, -0.55, 0], [0.7, 1.05, 0]])  # 0.6 and 0.8 on each side of (0.1, 0.25)
+    (section,) = Obstacles([made], flat=True).at(1.0, bounds)
+    assert section.area == pytest.approx(area, rel=0.01)
+    assert not np.asarray(section.points)[:, 2].any()
+
+
+def test_poses_of_a_record(tmp_path):
+    rows = {0.5: np.eye(3, 4, 1).tolist(), 1.0: np.eye(3, 4, 2).tolist()}
+    content = record(
+        obstacles={"ball": BALL, "foot": {"shape": {"surface": "a.stl"}, "pose": REST}}
+    )
+    for step in content["steps"]:
+        step["obstacles"] = {name: {"pose": rows[step["load"]]} for name in ("ball", "foot")}
+    ball, foot = obstacle_poses(content, tmp_path)
+    assert (ball["loads"], ball["poses"]) == ([0.0, 0.5, 1.0], [REST, *rows.values()])
+    assert obstacle_poses(content, tmp_path, 0.9)[0]["loads"] == [0.5, 1.0]
+    assert obstacle_poses(content, tmp_path, 0.1)[0]["loads"] == [0.0, 0.5]
+    assert foot["shape"] == {"surface": str(tmp_path / "a.stl")}
+    in_time = content | {"time": {"duration": 2.0}}
+    in_time["steps"] = [{**step, "time": 2 * step["load"]} for step in content["steps"]]
+    assert obstacle_poses(in_time, tmp_path)[0]["loads"] == [0.0, 1.0, 2.0]
+    content["steps"] = []
+    assert Obstacles(obstacle_poses(content, tmp_path)[:1]).at(
+        0.0, np.array([[-1, -1, 0], [1, 1, 2]])
+    )
+    assert obstacle_poses(record(), tmp_path) == []
+
+
+def test_a_surface_of_an_obj_file_is_drawn(tmp_path):
+    corners = [(x, y, z) for x in (0, 1) for y in (0, 1) for z in (1, 2)]
+    faces = "1 2 4 3", "5 7 8 6", "1 5 6 2", "3 4 8 7", "1 3 7 5", "2 6 8 4"
+    lines = [*("v {} {} {}".format(*corner) for corner in corners), *(f"f {f}" for f in faces)]
+    (tmp_path / "press.obj").write_text("\n".join(lines))
+    scene = slide(shape=None, surface=tmp_path / "press.obj", friction=0.0)
+    solve(scene, out=tmp_path / "out", steps=1)
+    poses = obstacle_poses(read_record(tmp_path / "out"), tmp_path / "out")
+    (drawn,) = Obstacles(poses).at(1.0, np.array([[0, 0, 0], [1, 1, 2]]))
+    moved = np.array([[0.06, 0, 0.9], [1.06, 1, 1.9]])
+    assert np.stack([drawn.points.min(axis=0), drawn.points.max(axis=0)]) == pytest.approx(
+        moved, abs=1e-6
+    )
+
+
+def coloured(path: Path) -> int:
+    """Return the number of pixels that are not grey, which show the body."""
+    picture = matplotlib.image.imread(path)[..., :3]
+    return int((np.ptp(picture, axis=2) > 0.2).sum())
+
+
+@pytest.mark.one_debian
+def test_a_picture_and_a_missing_surface(comm: MPI.Intracomm, folder: Path):
+    write_run(comm, folder, "Q1")
+    plain = render.main(folder, folder / "plain.png", [1.0], "energy_density")
+    content = record(obstacles={"ball": BALL})
+    for step in content["steps"]:
+        step["obstacles"] = {"ball": {"pose": REST}}
+    write_record(folder, content)
+    drawn = render.main(folder, folder / "ball.png", [1.0], "energy_density")
+    # The view is of the lower part of the ball, too, and so the body is smaller.
+    assert 0.3 < coloured(drawn) / coloured(plain) < 0.8
+    content["obstacles"]["ball"]["shape"] = {"surface": "ball.stl"}
+    write_record(folder, content)
+    assert "ball.stl: cannot be read" in bad(render.main, folder, folder / "ball.png", [1.0])
