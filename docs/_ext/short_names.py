@@ -1,6 +1,6 @@
 """Sphinx extension: a short name in a docstring links to the one object that is called so.
 
-`TrustRegion` is found as ``fem_snh.solver.trust_region.TrustRegion`` from every module, as long as
+`TrustRegion` is found as ``fem_snh.solver.globalization.TrustRegion`` from every module, as long as
 one object alone has that name, and `fem_snh.scenes.Scene` where its class is defined. Commands and
 single words in small letters (arguments, keys, materials) stay text where they name no object. In
 nitpicky mode all other names that are not found are warnings.

@@ -15,7 +15,7 @@ from petsc4py import PETSc
 
 from fem_snh._petsc import set_operators
 from fem_snh.problem.problem import Problem
-from fem_snh.solver.block_gmres import solve_columns
+from fem_snh.solver.block_triangular import solve_columns
 from fem_snh.solver.errors import callback_errors
 from fem_snh.solver.saddle_point import outer_operator, preconditioner_of_columns
 from fem_snh.solver.step import relative_tolerance

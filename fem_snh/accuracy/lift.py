@@ -34,7 +34,7 @@ from fem_snh.errors import BadInput
 from fem_snh.linalg.direct_solver import is_direct
 from fem_snh.problem.problem import Problem
 from fem_snh.problem.supports import Supports
-from fem_snh.solver.definiteness import has_negative_curvature, is_definite
+from fem_snh.solver.stability import has_negative_curvature, is_definite
 
 #: Prefix of its solver's options: those of the run are for another problem.
 PREFIX = f"{solver.PREFIX}lifted_"
@@ -240,7 +240,7 @@ class Lift:
 
         A perfect column is straight in both elements, and the better one buckles before the stiffer
         one does. A solver with sparse factors has often counted the eigenvalues. Otherwise
-        iterations tell that there are none (`fem_snh.solver.definiteness`); where they do not, they
+        iterations tell that there are none (`fem_snh.solver.stability`); where they do not, they
         are counted if that is cheap.
 
         Parameters

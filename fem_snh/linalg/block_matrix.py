@@ -1,7 +1,7 @@
 """The C library of the linear solver; a symmetric matrix of blocks, and its SSOR sweeps.
 
 The blocks are 2x2 or 3x3, in single precision. `fem_snh.linalg.ssor_system` sweeps over the matrix;
-`fem_snh.linalg.coarse_space` reads its pattern.
+`fem_snh.linalg.deflation` reads its pattern.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from fem_snh.errors import BadInput
 from fem_snh.kernels import build
-from fem_snh.linalg.displacement_blocks import BlockRows
+from fem_snh.linalg.matrix_parts import BlockRows
 
 Array = npt.NDArray[Any]
 

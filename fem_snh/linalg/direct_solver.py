@@ -1,16 +1,42 @@
-"""Sparse direct solvers: MUMPS, insensitive to nu and to signs; PETSc's for small matrices.
+r"""Sparse direct solvers: MUMPS, insensitive to nu and to signs; PETSc's for small matrices.
 
 Studies and benchmarks use MUMPS for reference solutions. A matrix that is not symmetric has factors
 L U.
+
+The factors of a symmetric matrix are :math:`L D L^T`. By Sylvester's law of inertia :math:`D` has
+as many negative eigenvalues as the matrix (Golub & Van Loan 2013, section 8.1.5). MUMPS counts them
+while it factorises.
+
+With the factors of A the Sherman-Morrison-Woodbury formula
+
+.. math::
+
+    (A + U C U^T)^{-1} = A^{-1} - Z (C^{-1} + U^T Z)^{-1} Z^T, \quad Z = A^{-1} U,
+
+inverts the sum (Golub & Van Loan 2013, section 2.1.4). The inverse of A alone is an indefinite
+preconditioner where only the sum is definite: a body inflated beyond its largest pressure is stable
+by the volume of the fluid, and A is its Hessian at constant pressure. Far from an equilibrium,
+where that pressure is large, the solver needs fewer iterations with that of A: it finds the matrix
+indefinite, and filters it.
 """
 
 from __future__ import annotations
+
+from math import nan
 
 from petsc4py import PETSc
 
 import numpy as np
 
-from fem_snh._petsc import expect_definite_matrix, is_cholesky
+from fem_snh._petsc import (
+    expect_definite_matrix,
+    expect_singular_matrix,
+    factors_out_of_memory,
+    is_cholesky,
+    negative_pivots,
+    set_operators,
+)
+from fem_snh.errors import Failed
 
 #: The PETSc options. MUMPS' "cholesky" is LDL^T, for symmetric indefinite matrices too.
 DIRECT_SOLVER = {
@@ -68,3 +94,191 @@ def set_asymmetric_factors(ksp: PETSc.KSP) -> None:
     ksp.setType(PETSc.KSP.Type.PREONLY)
     ksp.getPC().setType(PETSc.PC.Type.LU)
     ksp.getPC().setFactorSolverType(DIRECT_SOLVER["pc_factor_mat_solver_type"])
+
+
+#: Lanczos iterations: so many, and twice the number of negative eigenvalues up to a limit. Those of
+#: largest magnitude of the inverse converge first (Saad 2011, section 6.6).
+_LANCZOS, _MOST_SOUGHT = 20, 20
+#: Error of a Ritz value, relative to it, below which its vector is used.
+_CONVERGED = 0.1
+
+
+class SymmetricFactors:
+    """The factors of a symmetric matrix. Collective.
+
+    Parameters
+    ----------
+    A : PETSc.Mat
+        An AIJ matrix; its constrained rows have a positive diagonal entry alone.
+    """
+
+    def __init__(self, A: PETSc.Mat) -> None:
+        self._A, self._ksp = A, PETSc.KSP().create(A.comm)
+        set_direct_solver(self._ksp)
+        expect_singular_matrix(self._ksp)
+
+    def factorise(self) -> int:
+        """Factorise the matrix's present values; return its number of negative eigenvalues.
+
+        Raises
+        ------
+        Failed
+            If the factors do not fit into memory.
+        """
+        set_operators(self._ksp, self._A, self._A)
+        pc = self._ksp.getPC()
+        self._ksp.setUp()
+        if factors_out_of_memory(pc):
+            raise Failed("out of memory (the factors of the Hessian)")
+        found = negative_pivots(pc)
+        assert found is not None
+        return found
+
+    @property
+    def null_pivots(self) -> int:
+        """Return how many pivots of the last factors are zero, as those of rows of zeros."""
+        return int(self._ksp.getPC().getFactorMatrix().getMumpsInfog(28))
+
+    def negative_direction(self, negative: int, start: PETSc.Vec) -> PETSc.Vec | None:
+        """Return the eigenvector of the lowest eigenvalue that is found, of norm 1. Collective.
+
+        The Lanczos method on the inverse finds the eigenvalues next to zero on either side.
+
+        Parameters
+        ----------
+        negative : int
+            The result of `factorise`.
+        start : Vec
+            The start vector, which is overwritten; the eigenvector makes an acute angle with it.
+
+        Returns
+        -------
+        Vec or None
+            A direction of negative curvature; None if none is found.
+        """
+        comm, w, v = self._A.comm.tompi4py(), start.duplicate(), start.copy()
+        v.normalize()
+        count = min(_LANCZOS + 2 * min(negative, _MOST_SOUGHT), start.getSize())
+        basis, T = np.zeros((count, len(start.array_r))), np.zeros((count, count))
+        for k in range(count):
+            basis[k] = v.array_r
+            self._ksp.solve(v, w)
+            T[k, k] = w.dot(v)
+            for _ in range(2):  # twice is enough (Parlett 1998, section 6.9)
+                w.array -= comm.allreduce(basis[: k + 1] @ w.array_r) @ basis[: k + 1]
+            remainder = w.norm()
+            if remainder <= abs(T[0, 0]) * np.finfo(float).eps:
+                count = k + 1
+                break
+            if k + 1 < count:
+                T[k, k + 1] = T[k + 1, k] = remainder
+            w.scale(1 / remainder)
+            w, v = v, w
+        ritz, vectors = np.linalg.eigh(T[:count, :count])
+        errors = remainder * np.abs(vectors[-1])
+        best, lowest = None, 0.0
+        for value, error, vector in zip(ritz, errors, vectors.T, strict=True):
+            if value >= 0 or (best is not None and error > _CONVERGED * abs(value)):
+                continue
+            v.array = np.copysign(1.0, vector[0]) * vector @ basis[:count]
+            self._A.mult(v, w)
+            if (curvature := float(w.dot(v))) < lowest:
+                best, lowest = v.copy(), curvature
+        return best
+
+    def removed_by(self, operator: PETSc.Mat) -> int:
+        r"""Return how many negative eigenvalues the operator has less than the matrix. Collective.
+
+        The operator is a MATLRC, :math:`A + U C U^T` with a diagonal :math:`C \ge 0`. As inertia is
+        additive in :math:`[A, U; U^T, -C^{-1}]`, they are as many as the eigenvalues of
+        :math:`C^{-1} + U^T A^{-1} U` that are not positive (Haynsworth 1968).
+        """
+        _, S = solved_columns(self._ksp, operator)
+        return int((np.linalg.eigvalsh(S) <= 0).sum())
+
+    def destroy(self) -> None:
+        """Destroy the factors. Collective."""
+        self._ksp.destroy()
+
+
+class FactorsOfSum:
+    """A PC of type "python": the inverse of an operator :math:`A + U C U^T`, a MATLRC."""
+
+    def __init__(self) -> None:
+        self._ksp: PETSc.KSP | None = None
+
+    def setUp(self, pc: PETSc.PC) -> None:
+        """Factorise the present values of A, the matrix of the PC; PETSc calls this.
+
+        Raises
+        ------
+        Failed
+            If the factors do not fit into memory.
+        """
+        operator, A = pc.getOperators()
+        if self._ksp is None:
+            self._ksp = PETSc.KSP().create(A.comm)
+            set_direct_solver(self._ksp)
+        set_operators(self._ksp, A, A)
+        self._ksp.setUp()
+        if factors_out_of_memory(self._ksp.getPC()):
+            raise Failed("out of memory (the factors of the Hessian)")
+        self._Z, S = solved_columns(self._ksp, operator)
+        try:
+            self._S_inverse = np.linalg.inv(S)
+        except np.linalg.LinAlgError:  # the sum is singular
+            self._S_inverse = np.full_like(S, nan)
+
+    def apply(self, pc: PETSc.PC, x: PETSc.Vec, y: PETSc.Vec) -> None:
+        """Compute y, the product of the inverse and x; PETSc calls this."""
+        assert self._ksp is not None
+        self._ksp.solve(x, y)
+        part = x.comm.tompi4py().allreduce(self._Z.T @ x.array_r)
+        y.array[:] -= self._Z @ (self._S_inverse @ part)
+
+    def destroy(self, pc: PETSc.PC) -> None:
+        """Destroy the factors; PETSc calls this."""
+        if self._ksp is not None:
+            self._ksp.destroy()
+
+
+def set_direct_solver_of_sum(ksp: PETSc.KSP) -> None:
+    """Configure an existing KSP as the inverse of the operator, a MATLRC."""
+    ksp.setType(PETSc.KSP.Type.PREONLY)
+    ksp.getPC().setType(PETSc.PC.Type.PYTHON)
+    ksp.getPC().setPythonContext(FactorsOfSum())
+
+
+def is_factors_of_sum(pc: PETSc.PC) -> bool:
+    """Return whether a PC is `FactorsOfSum`."""
+    is_python = pc.getType() == PETSc.PC.Type.PYTHON
+    return is_python and isinstance(pc.getPythonContext(), FactorsOfSum)
+
+
+def solved_columns(ksp: PETSc.KSP, operator: PETSc.Mat) -> tuple[np.ndarray, np.ndarray]:
+    r"""Return :math:`Z = A^{-1} U` and :math:`S = C^{-1} + U^T Z` of an operator. Collective.
+
+    Parameters
+    ----------
+    ksp : KSP
+        Solves with A.
+    operator : Mat
+        A MATLRC, :math:`A + U C U^T` with a diagonal :math:`C \ge 0`; columns without a part in it
+        are left out.
+
+    Returns
+    -------
+    (rows, columns), (columns, columns)
+        Z has this rank's rows; S is symmetric.
+    """
+    A, U, c, _ = operator.getLRCMats()
+    scales = np.array(c.array_r)
+    columns = np.array(U.getDenseArray())[:, scales > 0]
+    x, y = A.createVecs()
+    Z = np.empty_like(columns)
+    for k, column in enumerate(columns.T):
+        x.array = column
+        ksp.solve(x, y)
+        Z[:, k] = y.array_r
+    S = np.diag(1 / scales[scales > 0]) + A.comm.tompi4py().allreduce(columns.T @ Z)
+    return Z, (S + S.T) / 2

@@ -5,7 +5,7 @@ is memory traffic: single precision halves it. It limits the reduction of the re
 conjugate gradients. For smaller tolerances the residual b - A x is computed in double precision and
 a correction is solved for (iterative refinement, Wilkinson 1963): each run is a refinement cycle.
 `fem_snh.linalg.ssor_system` has the preconditioner and the steps of an iteration;
-`fem_snh.linalg.body_modes` solves for motions that single precision loses.
+`fem_snh.linalg.deflation` solves for motions that single precision loses.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from fem_snh.linalg.ssor_system import (
 )
 
 if TYPE_CHECKING:
-    from fem_snh.linalg.body_modes import BodyModes
+    from fem_snh.linalg.deflation import BodyModes
     from fem_snh.linalg.ssor_columns import SSORColumns
 
 _Reason = PETSc.KSP.ConvergedReason
@@ -54,7 +54,7 @@ def context_of(ksp: PETSc.KSP) -> EisenstatCG | None:
 class EisenstatCG:
     """A KSP of type "python" for a symmetric matrix of 2x2 or 3x3 blocks. Collective.
 
-    The matrix is an AIJ matrix or one of `fem_snh.linalg.displacement_blocks.part_of`.
+    The matrix is an AIJ matrix or one of `fem_snh.linalg.matrix_parts.part_of`.
 
     Tolerances, monitors and converged reasons are those of any KSP; the norm is the natural one,
     sqrt(r.M^-1 r). The KSP's PC is not used. With coordinates the iteration is deflated, see

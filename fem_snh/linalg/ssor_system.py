@@ -46,12 +46,11 @@ from fem_snh.kernels import build
 from fem_snh.linalg import block_matrix
 from fem_snh.linalg.block_matrix import SymmetricBlockMatrix
 from fem_snh.linalg.coarse_matrix import MAX_INVERTED
-from fem_snh.linalg.displacement_blocks import displacement_blocks, stored_in
 from fem_snh.linalg.halo import Halo
+from fem_snh.linalg.matrix_parts import displacement_blocks, stored_in
 
 if TYPE_CHECKING:
-    from fem_snh.linalg.body_modes import BodyModes
-    from fem_snh.linalg.deflation import Deflation
+    from fem_snh.linalg.deflation import BodyModes, Deflation
 
 _Reason = PETSc.KSP.ConvergedReason
 
@@ -130,8 +129,8 @@ class SSORSystem:
     Parameters
     ----------
     A : PETSc.Mat
-        A matrix of 2x2 or 3x3 blocks, or one of `displacement_blocks.part_of`; its pattern is read
-        here, its values by `update`.
+        A matrix of 2x2 or 3x3 blocks, or one of `fem_snh.linalg.matrix_parts.part_of`; its pattern
+        is read here, its values by `update`.
     coordinates : (rows, dim) or None
         Reference coordinates of this rank's nodes; without them there is no deflation.
     subdomains : int
@@ -230,7 +229,7 @@ class SSORSystem:
         X, matrix = self._coordinates, self.matrix
         if X is None or not _is_almost_free(A, matrix.size, self.scale):
             return None
-        from fem_snh.linalg.body_modes import BodyModes
+        from fem_snh.linalg.deflation import BodyModes
 
         with aij_blocks(stored_in(A), read_only=True) as (diagonal, *off_diagonal):
             values = diagonal.values, off_diagonal[0].values if off_diagonal else 0

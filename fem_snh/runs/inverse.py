@@ -39,8 +39,7 @@ from fem_snh.accuracy.duals import HessianSolver, Linearisation
 from fem_snh.accuracy.goals import Goal, bind_all
 from fem_snh.errors import BadInput, Failed, bad_value, on_every
 from fem_snh.files import write_file
-from fem_snh.linalg.direct_solver import set_direct_solver
-from fem_snh.linalg.symmetric_factors import set_direct_solver_of_sum
+from fem_snh.linalg.direct_solver import set_direct_solver, set_direct_solver_of_sum
 from fem_snh.runs.goals import named_goals
 from fem_snh.runs.scene_options import scene_options
 from fem_snh.runs.setup import Setup, make_problem, set_up

@@ -6,7 +6,6 @@ reasons and options work as for PETSc's own types; `options.OPTIONS` lists those
 
 from fem_snh.linalg.ssor_cg import EisenstatCG
 from fem_snh.solver.errors import callback_errors, petsc_failures
-from fem_snh.solver.linearised import SemiImplicit
 from fem_snh.solver.newton import ProjectedNewton
 from fem_snh.solver.outcome import (
     StepOutcome,
@@ -15,7 +14,7 @@ from fem_snh.solver.outcome import (
     out_of_memory,
     solve_until_settled,
 )
-from fem_snh.solver.predictor import Predictor
+from fem_snh.solver.predictor import Predictor, SemiImplicit
 from fem_snh.solver.protocol import SaddlePoint, SolvableProblem
 from fem_snh.solver.search_direction import SearchDirection
 from fem_snh.solver.snes import (

@@ -17,17 +17,14 @@ from fem_snh._petsc import expect_singular_matrix
 from fem_snh.choices import ACTING_FORCES
 from fem_snh.linalg.direct_solver import is_direct, set_asymmetric_factors
 from fem_snh.solver import garbage, options
-from fem_snh.solver.asymmetric import AsymmetricSolver
-from fem_snh.solver.globalization import FullNewton, LineSearchNewton
+from fem_snh.solver.globalization import FullNewton, LineSearchNewton, QuasiNewton, TrustRegion
 from fem_snh.solver.line_search import LargestStep, LineSearch
-from fem_snh.solver.linear_choice import LinearChoice
+from fem_snh.solver.linear_choice import AsymmetricSolver, LinearChoice
 from fem_snh.solver.protocol import CurvedPaths, SaddlePoint
-from fem_snh.solver.quasi_newton import QuasiNewton
 from fem_snh.solver.saddle_point import MeritLineSearch
 from fem_snh.solver.search_direction import SearchDirection
 from fem_snh.solver.stability import EquilibriumStability
 from fem_snh.solver.step import ForcingTerm, Iteration, State, Step
-from fem_snh.solver.trust_region import TrustRegion
 
 #: Rounding error of the residual over the forces that act, above which a state is no solution.
 _MOST_ROUNDING = 1e-2

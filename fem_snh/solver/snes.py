@@ -9,13 +9,22 @@ from petsc4py import PETSc
 from fem_snh._petsc import default_options, expect_singular_matrix
 from fem_snh.choices import DEFAULT_GLOBALIZATIONS, FACTORS_LBFGS_MAX_IT
 from fem_snh.errors import BadInput
-from fem_snh.linalg.direct_solver import MAX_SMALL, set_direct_solver
+from fem_snh.linalg.direct_solver import (
+    MAX_SMALL,
+    is_factors_of_sum,
+    set_direct_solver,
+    set_direct_solver_of_sum,
+)
 from fem_snh.linalg.ssor_cg import EisenstatCG
-from fem_snh.linalg.symmetric_factors import is_factors_of_sum, set_direct_solver_of_sum
-from fem_snh.solver import garbage, options, saddle_point, trust_region
-from fem_snh.solver.asymmetric import AsymmetricSolver
+from fem_snh.solver import garbage, options, saddle_point
 from fem_snh.solver.errors import callback_errors, cause_of
-from fem_snh.solver.linear_choice import CHOICES, LinearChoice, choose_linear_solver
+from fem_snh.solver.globalization import trust_region_solver
+from fem_snh.solver.linear_choice import (
+    CHOICES,
+    AsymmetricSolver,
+    LinearChoice,
+    choose_linear_solver,
+)
 from fem_snh.solver.newton import ProjectedNewton
 from fem_snh.solver.protocol import SolvableProblem
 from fem_snh.solver.stability import EquilibriumStability, is_conservative
@@ -132,7 +141,7 @@ def create(
             if problem.operator != problem.A:
                 _check_inverse_of_sum(ksp)
             if region:
-                context.trust_ksp = trust_region.linear_solver(
+                context.trust_ksp = trust_region_solver(
                     problem.operator, problem.A, prefix, context.linear_choice.direct
                 )
     except (PETSc.Error, ImportError) as error:  # an option may name a class of Python

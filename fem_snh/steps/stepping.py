@@ -12,7 +12,7 @@ from fem_snh.accuracy.state_notes import unseen_penetrations
 from fem_snh.compile_clock import Stopwatch
 from fem_snh.problem.probes import Probes
 from fem_snh.solver import EquilibriumStability, StepOutcome
-from fem_snh.solver.definiteness import negative_eigenvalues
+from fem_snh.solver.stability import negative_eigenvalues
 from fem_snh.steps.jump import BEYOND_LIMIT, Finding, JumpDetector
 from fem_snh.steps.step_solver import StepSolver
 

@@ -19,7 +19,7 @@ from scipy.special import ellipk
 import fem_snh
 from benchmarks.extremes import bodies
 from fem_snh.errors import BadInput, ResultNote
-from fem_snh.linalg.symmetric_factors import SymmetricFactors
+from fem_snh.linalg.direct_solver import SymmetricFactors
 from fem_snh.scenes import Geometry, MaterialChoice, Rigid, Scene
 from fem_snh.scenes import Hold as SceneHold
 
@@ -263,7 +263,7 @@ def clamped_column(comm, approach, across=4, element="Q1"):
 @pytest.mark.parametrize(("part", "unstable"), [(0.8, False), (1.25, True)])
 def test_the_end_of_a_mixed_column_is_examined(comm, part, unstable, factored, monkeypatch):
     """A straight one past buckling was converged without a note: Euler's strain is pi^2/300."""
-    monkeypatch.setattr("fem_snh.solver.definiteness._MAX_FACTORED", factored)
+    monkeypatch.setattr("fem_snh.solver.stability._MAX_FACTORED", factored)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ResultNote)
         column = clamped_column(comm, part * np.pi**2 / 300, across=1, element="Q2Q1")[1]

@@ -9,13 +9,12 @@ import pytest
 from bodies import Hold, cube
 from solver_problems import TRUST, half_turn, options, solve, twist
 
-from fem_snh import scenes, solver
+from fem_snh import _petsc, scenes, solver
 from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.choices import HESSIANS
 from fem_snh.errors import BadInput
 from fem_snh.kernels.material import material
 from fem_snh.problem.create_problem import create_problem
-from fem_snh.solver import trust_region
 from fem_snh.solver.options import OPTIONS
 
 mpi = pytest.mark.mpi
@@ -119,14 +118,14 @@ def test_thresholds_decide_when_the_region_is_entered(comm):
 @pytest.mark.parametrize("radius", [1e-3, 1e3])
 def test_initial_radius_and_largest_radius(comm, radius, monkeypatch):
     """Newton's method converges whatever they are; CG is given no larger radius."""
-    given, original = [], trust_region.call
+    given, original = [], _petsc.call
 
     def call(name, ksp, value, *rest):
         if name == "KSPCGSetRadius" and value:
             given.append(value)
         return original(name, ksp, value, *rest)
 
-    monkeypatch.setattr(trust_region, "call", call)
+    monkeypatch.setattr("fem_snh.solver.globalization.call", call)
     p = half_turn(comm, 4)
     with options(snes_tr_delta0=radius, snes_tr_deltamax=0.5, snes_forcing_max=5e-3):
         snes, context = solve(p, **TRUST)

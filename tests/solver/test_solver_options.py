@@ -24,8 +24,8 @@ from fem_snh._petsc import set_operators
 from fem_snh.accuracy.duals import HessianSolver
 from fem_snh.errors import BadInput
 from fem_snh.mesh import mesh
-from fem_snh.solver.definiteness import is_definite
 from fem_snh.solver.options import OPTIONS
+from fem_snh.solver.stability import is_definite
 
 mpi = pytest.mark.mpi
 

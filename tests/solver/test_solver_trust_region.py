@@ -21,7 +21,7 @@ from fem_snh.kernels.material import material
 from fem_snh.mesh import mesh
 from fem_snh.problem.create_problem import create_problem
 from fem_snh.runs import run
-from fem_snh.solver.trust_region import TrustRegion
+from fem_snh.solver.globalization import TrustRegion
 
 mpi = pytest.mark.mpi
 

@@ -16,7 +16,7 @@ from time_scenes import DOWN, SWING, in_time
 from fem_snh import solver
 from fem_snh.runs.setup import set_up
 from fem_snh.scenes import Hold, MaterialChoice, Scene
-from fem_snh.solver.linearised import linearised_residual
+from fem_snh.solver.predictor import linearised_residual
 from fem_snh.steps.dynamics.dynamics import Dynamics
 
 #: -ksp_rtol of the built-in solvers.
