@@ -40,9 +40,7 @@ def make_table(random: Random, folder: Path) -> list[str]:
 
 def _read_table(arguments: list[str]) -> int:
     """Read a table and evaluate its motions; those of a whole one are known at its rows."""
-    from fem_snh.geometry.bones import bone_motion
-    from fem_snh.geometry.motions import read_motion
-    from fem_snh.geometry.motions.motion_rows import read_rows
+    from fem_snh.geometry.motion_files import bone_motion, read_motion, read_rows
 
     state, kind, duration, rigid, length, vectors = arguments
     end = float(duration) if duration else None
@@ -115,7 +113,7 @@ def make_skeleton(random: Random, folder: Path) -> list[str]:
 
 def _read_skeleton(arguments: list[str]) -> int:
     """Read a skeleton and evaluate a joint; that of a whole one has the angles of its channels."""
-    from fem_snh.geometry.bones import joint_motion, read_bvh
+    from fem_snh.geometry.bvh import joint_motion, read_bvh
 
     state, joint, rest, duration, numbers = arguments
     end = float(duration) if duration else None
@@ -141,8 +139,8 @@ def _read_skeleton(arguments: list[str]) -> int:
 
 
 _PRELOAD = (
-    "fem_snh.geometry.bones",
-    "fem_snh.geometry.motions",
+    "fem_snh.geometry.bvh",
+    "fem_snh.geometry.motion_files",
     "scipy.spatial.transform",
     "scipy.interpolate",
 )

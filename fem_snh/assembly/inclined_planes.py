@@ -151,8 +151,7 @@ class InclinedPlanes:
     def _dofs(self, count: int | None) -> Array:
         """Return the dofs of the first nodes, (count, components)."""
         size = self.projections.shape[-1]
-        dofs: Array = size * self.nodes[:count, None] + np.arange(size)
-        return dofs
+        return size * self.nodes[:count, None] + np.arange(size)
 
     def free_directions(self) -> tuple[Array, Array]:
         """Return orthonormal free directions at this rank's nodes, and their dofs.

@@ -242,8 +242,7 @@ class MatrixLayout:
         rows = self.ghosts[self.sent.block_rows()]
         owner = dof_map.owner_ranks(rows)
         pairs = np.stack([rows, dof_map.local_to_global[self.sent.indices]])
-        received: list[Array] = comm.alltoall([pairs[:, owner == r] for r in range(comm.size)])
-        return received
+        return comm.alltoall([pairs[:, owner == r] for r in range(comm.size)])
 
     def _create(
         self,

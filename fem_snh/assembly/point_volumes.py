@@ -77,5 +77,4 @@ def point_volumes(tables: ElementTables, u: Array) -> PointVolumes:
 
 def cell_centres(tables: ElementTables, cells: Array) -> Array:
     """Return the mean of the geometry nodes [m] of some of the cells, (n, 3)."""
-    centres: Array = tables.x[tables.geometry[cells]].mean(axis=1)
-    return centres
+    return tables.x[tables.geometry[cells]].mean(axis=1)

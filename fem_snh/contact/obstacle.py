@@ -11,8 +11,8 @@ from pydantic import Field, model_validator
 
 from fem_snh.contact.contact import ContactTable
 from fem_snh.errors import bad_value, on_every
-from fem_snh.geometry.motions import MovingShape, RigidMotion, read_motion
-from fem_snh.geometry.motions.moving import DisplacementMotion
+from fem_snh.geometry.motion_files import read_motion
+from fem_snh.geometry.motions import DisplacementMotion, Motion, MovingShape
 from fem_snh.geometry.shapes import Box, ClosedSurface, Revolved, Shape, read_polygon
 from fem_snh.records.output_fields import AT_OBSTACLES, OutputField
 from fem_snh.records.run_files import surface_copy
@@ -99,7 +99,7 @@ class Obstacle(Feature, ContactTable):
             shape = read_polygon(self.profile)
         else:
             shape = ClosedSurface.read(str(self.surface))
-        motion: RigidMotion | None = None
+        motion: Motion | None = None
         if self.motion is not None:
             motion = read_motion(self.motion, amplitudes.duration)
         elif self.translate is not None or self.rotate is not None:

@@ -226,8 +226,7 @@ def volume(domain: Any, revolved: bool = False) -> float:
 
 def cell_volumes(domain: Any, revolved: bool = False) -> np.ndarray:
     """Return the volume of each cell [m^3], (owned cells,); see `volume`."""
-    volumes: np.ndarray = point_volumes(domain, revolved=revolved).sum(axis=1)
-    return volumes
+    return point_volumes(domain, revolved=revolved).sum(axis=1)
 
 
 def point_volumes(domain: Any, degree: int = _VOLUME_DEGREE, revolved: bool = False) -> np.ndarray:

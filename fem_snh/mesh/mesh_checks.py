@@ -196,8 +196,7 @@ def _cells_on_the_wrong_side(domain: Any, corners: Array) -> Array:
         keys = np.sort(vertices[cell[:, None], table[local]], axis=1)
         single = _same_side_on_other_ranks(domain.comm, keys, sides[cell, local])
         bad[facets[cell, local][single]] = True
-    found: Array = bad[facets].any(axis=1)
-    return found
+    return bad[facets].any(axis=1)
 
 
 def _sides(domain: Any, vertices: Array, corners: Array) -> Array:

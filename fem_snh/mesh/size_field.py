@@ -86,5 +86,4 @@ def simplex_edges(corners: int) -> npt.NDArray[np.int64]:
 def simplex_volumes(x: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
     """Return the volumes of simplices from their corners, (cells, dim + 1, dim) [m^dim]."""
     dim = x.shape[2]
-    found: npt.NDArray[np.float64] = np.abs(np.linalg.det(x[:, 1:] - x[:, :1])) / factorial(dim)
-    return found
+    return np.abs(np.linalg.det(x[:, 1:] - x[:, :1])) / factorial(dim)

@@ -20,8 +20,7 @@ from fem_snh.assembly.ghosted_vectors import (
     writable_values,
 )
 from fem_snh.errors import BadInput, bad_value
-from fem_snh.geometry.bones import Bone
-from fem_snh.geometry.bones.motions import check_determinant
+from fem_snh.geometry.motions import Bone, check_determinant
 from fem_snh.geometry.shapes import ClosedSurface, Shape, deepest
 from fem_snh.mesh.mesh import Mesh
 from fem_snh.problem.problem import Problem

@@ -28,7 +28,8 @@ from fem_snh.tables.types import (
 from fem_snh.tables.validation import Expect, OneOf, Table, Whole, given_key
 
 if TYPE_CHECKING:
-    from fem_snh.geometry.bones import Clip, RigidAffine
+    from fem_snh.geometry.bvh import Clip
+    from fem_snh.geometry.motions import PoseTable
 
 
 _MOTION = (
@@ -74,9 +75,9 @@ class SkeletonMotion(Table):
         default=(0.0, 0.0, 0.0), description="Its displacement, after 'rotation' [length]."
     )
 
-    def motion(self, clip: Clip, duration: float | None) -> tuple[RigidAffine, Vector]:
+    def motion(self, clip: Clip, duration: float | None) -> tuple[PoseTable, Vector]:
         """Return the bone's motion and the joint's reference position."""
-        from fem_snh.geometry.bones import Placement, joint_motion
+        from fem_snh.geometry.bvh import Placement, joint_motion
 
         placement = Placement(self.scale, self.rotation, self.translation)
         motion, p = joint_motion(clip, self.joint, self.rest, self.frames, placement, duration)

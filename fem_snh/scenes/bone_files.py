@@ -5,17 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 from fem_snh.errors import BadInput, unknown_name
-from fem_snh.geometry.bones import (
-    AffineMotion,
-    Bone,
-    Clip,
-    Noise,
-    RigidAffine,
-    bone_motion,
-    read_bvh,
-)
-from fem_snh.geometry.motions.motion_rows import MotionRows, read_rows
-from fem_snh.geometry.motions.moving import DisplacementMotion
+from fem_snh.geometry.bvh import Clip, read_bvh
+from fem_snh.geometry.motion_files import MotionRows, bone_motion, read_rows
+from fem_snh.geometry.motions import Bone, DisplacementMotion, Motion, Noise
 from fem_snh.geometry.shapes import ClosedSurface
 from fem_snh.scenes._bones import BoneChoice, Function, SkeletonMotion
 from fem_snh.scenes.schema import Scene
@@ -62,7 +54,7 @@ class _Files:
         self._tables: dict[Path, MotionRows] = {}
         self._clips: dict[Path, Clip] = {}
 
-    def motion(self, choice: BoneChoice) -> tuple[AffineMotion | Function | None, Vector | None]:
+    def motion(self, choice: BoneChoice) -> tuple[Motion | Function | None, Vector | None]:
         """Return a bone's motion, or None if it does not move; of a joint also its position."""
         scene, motion = self._scene, choice.motion
         if isinstance(motion, Path):
@@ -77,7 +69,7 @@ class _Files:
         if choice.translate is None and choice.rotate is None:
             return None, None
         scaled = ScaledMotion.of(choice, scene.amplitudes)
-        return RigidAffine(DisplacementMotion(scaled.displacement)), None
+        return DisplacementMotion(scaled.displacement), None
 
     def _table(self, path: Path) -> MotionRows:
         """Return the rows of a file, all of which must be of bones of the scene."""

@@ -14,7 +14,7 @@ import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
 from fem_snh.errors import bad_value, choose
-from fem_snh.geometry.bones.skeleton import global_pose
+from fem_snh.geometry.bvh import global_pose
 
 Array = npt.NDArray[np.float64]
 Point = tuple[float, float, float]

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from fem_snh.geometry.motions.rates import path_rates
+from fem_snh.geometry.motions import path_rates
 from fem_snh.geometry.rigid_tree import RigidTree
 from fem_snh.tables.amplitudes import Amplitudes
 from fem_snh.tables.motions import rigid_displacement

@@ -11,8 +11,7 @@ from time_scenes import DOWN, in_time
 
 from fem_snh.contact.obstacle import Obstacle
 from fem_snh.contact.obstacle_contact import RigidContact
-from fem_snh.geometry.motions import MovingShape
-from fem_snh.geometry.motions.moving import DisplacementMotion
+from fem_snh.geometry.motions import DisplacementMotion, MovingShape
 from fem_snh.geometry.shapes import Sphere
 from fem_snh.scenes import Hold, MaterialChoice, Start
 from fem_snh.tables.amplitudes import Amplitude

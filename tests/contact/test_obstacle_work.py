@@ -14,8 +14,7 @@ from two_bodies import ROLLERS
 import fem_snh
 from fem_snh.contact.obstacle_contact import RigidContact
 from fem_snh.contact.obstacle_pair import PointForces, obstacle_work
-from fem_snh.geometry.motions import MovingShape
-from fem_snh.geometry.motions.moving import DisplacementMotion
+from fem_snh.geometry.motions import DisplacementMotion, MovingShape
 from fem_snh.geometry.shapes import Cylinder
 
 pytestmark = [pytest.mark.mpi, pytest.mark.one_debian]

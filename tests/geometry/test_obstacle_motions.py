@@ -9,8 +9,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from fem_snh.errors import BadInput
-from fem_snh.geometry.motions import MovingShape, read_motion
-from fem_snh.geometry.motions.moving import DisplacementMotion, Pose
+from fem_snh.geometry.motion_files import read_motion
+from fem_snh.geometry.motions import DisplacementMotion, MovingShape, Pose
 from fem_snh.geometry.shapes import Box
 
 pytestmark = pytest.mark.one_debian

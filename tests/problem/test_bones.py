@@ -14,7 +14,7 @@ from running import solve
 import fem_snh
 from fem_snh import _dolfinx
 from fem_snh.errors import BadInput
-from fem_snh.geometry.bones import Bone
+from fem_snh.geometry.motions import Bone
 from fem_snh.geometry.shapes import Capsule, Sphere, from_record
 from fem_snh.mesh import lattice
 from fem_snh.problem.bones import BoneConditions, place_bones

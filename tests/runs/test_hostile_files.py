@@ -16,8 +16,8 @@ from gmsh_files import BOX, write_msh
 
 from fem_snh import processes
 from fem_snh.errors import BadInput
-from fem_snh.geometry.bones import joint_motion, read_bvh
-from fem_snh.geometry.motions.motion_rows import read_rows
+from fem_snh.geometry.bvh import joint_motion, read_bvh
+from fem_snh.geometry.motion_files import read_rows
 from fem_snh.geometry.shapes import ClosedSurface
 from fem_snh.mesh import mesh
 from fem_snh.references import load_reference

@@ -14,8 +14,7 @@ from fem_snh import solver
 from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.assembly.regions import Filling
 from fem_snh.contact.obstacle_contact import ObstacleContact, RigidContact
-from fem_snh.geometry.motions import MovingShape
-from fem_snh.geometry.motions.moving import DisplacementMotion
+from fem_snh.geometry.motions import DisplacementMotion, MovingShape
 from fem_snh.geometry.shapes import Plane
 from fem_snh.kernels.material import material
 from fem_snh.problem.create_problem import create_problem

@@ -1,12 +1,19 @@
 """Rigid shapes with signed distances: what obstacles and bones are made of."""
 
-from fem_snh.geometry.shapes.box import Box, Plane
 from fem_snh.geometry.shapes.closed_surface import ClosedSurface
 from fem_snh.geometry.shapes.polygon import Polygon, read_polygon
-from fem_snh.geometry.shapes.records import from_record
-from fem_snh.geometry.shapes.round_shapes import Capsule, Cylinder, Revolved, Sphere
-from fem_snh.geometry.shapes.shape import Evaluation, Shape, deepest
-from fem_snh.geometry.shapes.unions import SmoothUnion, Union
+from fem_snh.geometry.shapes.shape import (
+    Box,
+    Capsule,
+    Cylinder,
+    Evaluation,
+    Plane,
+    Revolved,
+    Shape,
+    Sphere,
+    deepest,
+)
+from fem_snh.geometry.shapes.unions import SmoothUnion, Union, from_record
 
 __all__ = [
     "Box", "Capsule", "ClosedSurface", "Cylinder", "Evaluation", "Plane", "Polygon", "Revolved",

@@ -106,8 +106,7 @@ class ClosedSurface:
 
         found = vtkDoubleArray()
         function.FunctionValue(numpy_to_vtk(np.ascontiguousarray(x, dtype=float)), found)
-        distance: Array = vtk_to_numpy(found).copy()
-        return distance
+        return vtk_to_numpy(found).copy()
 
     def evaluate(self, x: Array) -> Evaluation:
         """Return the signed distance at points x (n, 3), with its gradient; the Hessian is zero."""

@@ -1,14 +1,16 @@
-"""The interface of a shape, and what the shapes share."""
+"""The interface of a shape; the simple shapes: box, plane, sphere, capsule, cylinder, revolved."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
-from fem_snh.errors import bad_value
+from fem_snh.errors import BadInput, bad_value, shown
+from fem_snh.geometry.rotations import exponential
 
 Array = npt.NDArray[Any]
 Point = tuple[float, float, float]
@@ -66,8 +68,7 @@ def direction(key: str, vector: Sequence[float]) -> Array:
     length = np.linalg.norm(vector)
     if not 0 < length < np.inf:
         raise bad_value(key, list(vector), "a vector that is not zero, of finite length")
-    unit: Array = np.asarray(vector, dtype=float) / length
-    return unit
+    return np.asarray(vector, dtype=float) / length
 
 
 def check_positive(key: str, value: float) -> None:
@@ -78,8 +79,7 @@ def check_positive(key: str, value: float) -> None:
 
 def around(points: Sequence[Point], margin: float | Array) -> Array:
     """Return lowest and highest coordinates, (2, 3), of points enlarged by a margin."""
-    bounds: Array = np.array([np.min(points, axis=0) - margin, np.max(points, axis=0) + margin])
-    return bounds
+    return np.array([np.min(points, axis=0) - margin, np.max(points, axis=0) + margin])
 
 
 def normalise(v: Array, otherwise: Array) -> tuple[Array, Array]:
@@ -94,8 +94,7 @@ def normalise(v: Array, otherwise: Array) -> tuple[Array, Array]:
 def lengths(v: Array) -> Array:
     """Return the lengths (n,) of vectors (n, 3)."""
     # Twice as fast as numpy.linalg.norm along short rows.
-    found: Array = np.sqrt(np.einsum("ij,ij->i", v, v))
-    return found
+    return np.sqrt(np.einsum("ij,ij->i", v, v))
 
 
 def inverse(length: Array) -> Array:
@@ -105,8 +104,7 @@ def inverse(length: Array) -> Array:
 
 def outer(a: Array, b: Array) -> Array:
     """Return the matrices (n, 3, 3) of the outer products of vectors (n, 3)."""
-    product: Array = a[:, :, None] * b[:, None, :]
-    return product
+    return a[:, :, None] * b[:, None, :]
 
 
 def deepest(depths: Array, tolerance: float) -> Array:
@@ -125,3 +123,319 @@ def deepest(depths: Array, tolerance: float) -> Array:
     # argmax: the first of those that are equally deep.
     first = np.argmax(depths >= np.where(inside, most - tolerance, -np.inf), axis=0)
     return np.asarray(np.where(inside, first, -1))
+
+
+@dataclass(frozen=True)
+class Box:
+    """A rectangular box.
+
+    Inside, the closest face gives the distance; its medial axis is the set where several faces
+    are at the same distance, and the first of them in the order x, y, z counts there.
+
+    Parameters
+    ----------
+    center : (3,) tuple
+        The centre [length].
+    size : (3,) tuple
+        The lengths of its edges [length].
+    rotation : (3,) tuple
+        Rotation vector about the centre: the axis, times the angle [rad].
+
+    Raises
+    ------
+    BadInput
+        For a size that is not positive.
+    """
+
+    center: Point = (0.0, 0.0, 0.0)
+    size: Point = (1.0, 1.0, 1.0)
+    rotation: Point = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        for length in self.size:
+            check_positive("size", length)
+
+    @property
+    def axes(self) -> Array:
+        """The rotation matrix (3, 3); its columns are the directions of the edges."""
+        return exponential(np.asarray(self.rotation))
+
+    @property
+    def bounds(self) -> Array:
+        """Lowest and highest coordinates, (2, 3)."""
+        return around([self.center], 0.5 * np.abs(self.axes) @ np.asarray(self.size))
+
+    def distance(self, x: Array) -> Array:
+        """Return the signed distance at points x (n, 3)."""
+        y = (x - np.asarray(self.center)) @ self.axes
+        q = np.abs(y) - 0.5 * np.asarray(self.size)
+        return lengths(np.maximum(q, 0.0)) + np.minimum(q.max(axis=1), 0.0)
+
+    def evaluate(self, x: Array) -> Evaluation:
+        """Return the signed distance at points x (n, 3), with its gradient and its Hessian."""
+        axes = self.axes
+        y = (x - np.asarray(self.center)) @ axes
+        sign = np.where(y < 0, -1.0, 1.0)
+        q = np.abs(y) - 0.5 * np.asarray(self.size)  # signed distances from the pairs of faces
+        beyond = q > 0
+        outside = beyond.any(axis=1)
+        excess = np.where(beyond, q, 0.0)
+        d = np.linalg.norm(excess, axis=1)
+        face = np.eye(3)[np.argmax(q, axis=1)]
+        gradient = sign * np.where(outside[:, None], excess * inverse(d)[:, None], face)
+        # Beyond k faces the closest point is on a face, an edge or a corner: k - 1 curvatures 1/d.
+        flat = beyond[:, :, None] * np.eye(3) - outer(gradient, gradient)
+        several = (beyond.sum(axis=1) > 1)[:, None, None]
+        hessian = np.where(several, flat * inverse(d)[:, None, None], 0.0)
+        return Evaluation(
+            np.where(outside, d, q.max(axis=1)), gradient @ axes.T, axes @ hessian @ axes.T
+        )
+
+
+@dataclass(frozen=True)
+class Plane:
+    r"""The half-space below a plane, with signed distance :math:`d = (x - p) \cdot n`.
+
+    Parameters
+    ----------
+    point : (3,) tuple
+        A point p of the plane [length].
+    normal : (3,) tuple
+        The direction out of the obstacle; its length does not matter.
+
+    Raises
+    ------
+    BadInput
+        For a normal of length zero.
+    """
+
+    point: Point = (0.0, 0.0, 0.0)
+    normal: Point = (0.0, 0.0, 1.0)
+
+    def __post_init__(self) -> None:
+        direction("normal", self.normal)
+
+    @property
+    def bounds(self) -> Array:
+        """Lowest and highest coordinates, (2, 3)."""
+        return np.array([[-np.inf] * 3, [np.inf] * 3])
+
+    def distance(self, x: Array) -> Array:
+        """Return the signed distance at points x (n, 3)."""
+        return (x - np.asarray(self.point)) @ direction("normal", self.normal)
+
+    def evaluate(self, x: Array) -> Evaluation:
+        """Return the signed distance at points x (n, 3), with its gradient and its Hessian."""
+        n = direction("normal", self.normal)
+        return Evaluation(self.distance(x), np.tile(n, (len(x), 1)), np.zeros((len(x), 3, 3)))
+
+
+_X = np.array([1.0, 0.0, 0.0])
+
+
+@dataclass(frozen=True)
+class Sphere:
+    r"""A ball, with signed distance :math:`d = |x - c| - r`.
+
+    Its medial axis is its centre, where the gradient is the x axis and the Hessian is zero.
+
+    Parameters
+    ----------
+    center : (3,) tuple
+        The centre c [length].
+    radius : float
+        The radius r [length].
+
+    Raises
+    ------
+    BadInput
+        For a radius that is not positive.
+    """
+
+    center: Point = (0.0, 0.0, 0.0)
+    radius: float = 1.0
+
+    def __post_init__(self) -> None:
+        check_positive("radius", self.radius)
+
+    @property
+    def bounds(self) -> Array:
+        """Lowest and highest coordinates, (2, 3)."""
+        return around([self.center], self.radius)
+
+    def distance(self, x: Array) -> Array:
+        """Return the signed distance at points x (n, 3)."""
+        return lengths(x - np.asarray(self.center)) - self.radius
+
+    def evaluate(self, x: Array) -> Evaluation:
+        """Return the signed distance at points x (n, 3), with its gradient and its Hessian."""
+        length, e = normalise(x - np.asarray(self.center), _X)
+        hessian = (np.eye(3) - outer(e, e)) * inverse(length)[:, None, None]
+        return Evaluation(length - self.radius, e, hessian)
+
+
+@dataclass(frozen=True)
+class _Segment:
+    """A segment and a radius.
+
+    Parameters
+    ----------
+    start, end : (3,) tuple
+        The ends of the segment [length].
+    radius : float
+        The radius [length].
+
+    Raises
+    ------
+    BadInput
+        For a radius that is not positive, and ends that coincide.
+    """
+
+    start: Point
+    end: Point
+    radius: float
+
+    def __post_init__(self) -> None:
+        check_positive("radius", self.radius)
+        _axis(self.start, self.end)
+
+
+class Capsule(_Segment):
+    """All points within a radius of a segment.
+
+    Its medial axis is the segment, where the gradient is a fixed normal of the segment.
+    """
+
+    @property
+    def bounds(self) -> Array:
+        """Lowest and highest coordinates, (2, 3)."""
+        return around([self.start, self.end], self.radius)
+
+    def distance(self, x: Array) -> Array:
+        """Return the signed distance at points x (n, 3)."""
+        t, _, length = _axis(self.start, self.end)
+        arm = x - np.asarray(self.start)
+        nearest = np.clip(arm @ t, 0.0, length)
+        return lengths(arm - nearest[:, None] * t) - self.radius
+
+    def evaluate(self, x: Array) -> Evaluation:
+        """Return the signed distance at points x (n, 3), with its gradient and its Hessian."""
+        t, normal, length = _axis(self.start, self.end)
+        arm = x - np.asarray(self.start)
+        along = arm @ t
+        nearest = np.clip(along, 0.0, length)
+        rho, e = normalise(arm - nearest[:, None] * t, normal)
+        on_side = (along == nearest)[:, None, None]
+        # On the side one curvature is 1/rho, that along the segment is zero; the caps have both.
+        flat = outer(e, e) + np.where(on_side, np.outer(t, t), 0.0)
+        return Evaluation(rho - self.radius, e, (np.eye(3) - flat) * inverse(rho)[:, None, None])
+
+
+@dataclass(frozen=True)
+class Cylinder(_Segment):
+    """A circular cylinder around a segment: with flat ends, or infinite.
+
+    Inside, the side or the end that is closer gives the distance. Its medial axis is the set
+    where they are at the same distance (the side counts there), and its axis, where the gradient
+    is a fixed normal of the axis.
+
+    Parameters
+    ----------
+    infinite : bool
+        Whether the cylinder goes on beyond both ends.
+    """
+
+    infinite: bool = False
+
+    @property
+    def bounds(self) -> Array:
+        """Lowest and highest coordinates, (2, 3)."""
+        t, _, _ = _axis(self.start, self.end)
+        margin = np.where(self.infinite, np.inf, self.radius * np.sqrt(1.0 - t**2))
+        return around([self.start, self.end], margin)
+
+    @property
+    def _solid(self) -> tuple[Revolved, Array, Array]:
+        """The cylinder about the axis y; the directions of its axes as columns, and its centre."""
+        t, normal, length = _axis(self.start, self.end)
+        r, depth = self.radius, 2 * max(2 * self.radius, length)  # along z no distance sees it
+        half_plane = Plane((r, 0.0, 0.0), (1.0, 0.0, 0.0))
+        section = half_plane if self.infinite else Box(size=(2 * r, length, depth))
+        frame = np.stack([normal, t, np.cross(normal, t)], axis=1)
+        return Revolved(section), frame, 0.5 * np.add(self.start, self.end)
+
+    def distance(self, x: Array) -> Array:
+        """Return the signed distance at points x (n, 3)."""
+        solid, frame, centre = self._solid
+        return solid.distance((x - centre) @ frame)
+
+    def evaluate(self, x: Array) -> Evaluation:
+        """Return the signed distance at points x (n, 3), with its gradient and its Hessian."""
+        solid, frame, centre = self._solid
+        found = solid.evaluate((x - centre) @ frame)
+        hessian = frame @ found.hessian @ frame.T
+        return Evaluation(found.distance, found.gradient @ frame.T, hessian)
+
+
+def _axis(start: Point, end: Point) -> tuple[Array, Array, float]:
+    """Return the unit vector from start to end, a normal of it, and the length.
+
+    Raises
+    ------
+    BadInput
+        If the ends coincide.
+    """
+    difference = np.subtract(end, start)
+    length = float(np.linalg.norm(difference))
+    if not 0 < length < np.inf:
+        raise BadInput(f"to = {shown(list(end))}: expected a point other than 'from'")
+    t = difference / length
+    normal = np.cross(t, np.eye(3)[np.argmin(np.abs(t))])
+    return t, normal / np.linalg.norm(normal), length
+
+
+@dataclass(frozen=True)
+class Revolved:
+    r"""The solid of revolution about the axis y of a section in the half plane z = 0, x >= 0.
+
+    With :math:`r = \sqrt{x^2 + z^2}` its distance is that of the section at (r, y, 0).
+
+    Parameters
+    ----------
+    section : Shape
+        The section.
+    """
+
+    section: Shape
+
+    @property
+    def bounds(self) -> Array:
+        """Lowest and highest coordinates, (2, 3)."""
+        (_, low, _), (radius, high, _) = self.section.bounds
+        return np.array([[-radius, low, -radius], [radius, high, radius]])
+
+    def distance(self, x: Array) -> Array:
+        """Return the signed distance at points x (n, 3)."""
+        return self.section.distance(_in_half_plane(x))
+
+    def evaluate(self, x: Array) -> Evaluation:
+        """Return the signed distance at points x (n, 3), with its gradient and its Hessian."""
+        at = _in_half_plane(x)
+        found = self.section.evaluate(at)
+        radial = np.where(at[:, [0]] > 0, x * inverse(at[:, 0])[:, None], [1.0, 0.0, 0.0])
+        radial[:, 1] = 0.0
+        turn = np.cross(radial, [0.0, 1.0, 0.0])
+        #: The directions e_r, e_y, e_theta as rows.
+        frame = np.stack([radial, np.broadcast_to([0.0, 1.0, 0.0], x.shape), turn], axis=1)
+        hessian = found.hessian.copy()
+        hessian[:, 2, 2] = found.gradient[:, 0] * inverse(at[:, 0])
+        return Evaluation(
+            found.distance,
+            np.einsum("nai,na->ni", frame, found.gradient),
+            np.einsum("nai,nab,nbj->nij", frame, hessian, frame),
+        )
+
+
+def _in_half_plane(x: Array) -> Array:
+    """Return points x (n, 3) turned about the axis into the half plane z = 0."""
+    return np.column_stack([np.hypot(x[:, 0], x[:, 2]), x[:, 1], 0 * x[:, 2]])

@@ -11,11 +11,18 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from fem_snh.geometry.shapes.box import Box, Plane
 from fem_snh.geometry.shapes.closed_surface import ClosedSurface
 from fem_snh.geometry.shapes.polygon import Polygon
-from fem_snh.geometry.shapes.round_shapes import Capsule, Cylinder, Revolved, Sphere
-from fem_snh.geometry.shapes.shape import Array, Shape
+from fem_snh.geometry.shapes.shape import (
+    Array,
+    Box,
+    Capsule,
+    Cylinder,
+    Plane,
+    Revolved,
+    Shape,
+    Sphere,
+)
 from fem_snh.geometry.shapes.unions import SmoothUnion, Union
 
 Triangles = npt.NDArray[np.int64]

@@ -1,14 +1,27 @@
-"""Unions of shapes: with sharp seams, or with smooth ones."""
+"""Unions of shapes, with sharp seams or with smooth ones; shapes from tables of a scene."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from fem_snh.errors import BadInput
-from fem_snh.geometry.shapes.shape import Array, Evaluation, Shape, check_positive, outer
+from fem_snh.geometry.shapes.polygon import Polygon
+from fem_snh.geometry.shapes.shape import (
+    Array,
+    Box,
+    Capsule,
+    Cylinder,
+    Evaluation,
+    Plane,
+    Shape,
+    Sphere,
+    check_positive,
+    outer,
+)
 
 #: Points whose distances are evaluated together: the arrays of one batch stay in the cache.
 _BATCH = 8192
@@ -155,3 +168,41 @@ def _bounds(shapes: Sequence[Shape]) -> Array:
 
 def _batches(n: int) -> list[slice]:
     return [slice(start, start + _BATCH) for start in range(0, n, _BATCH)]
+
+
+#: The class of each kind of shape.
+_CLASSES: dict[str, Any] = {
+    kind.__name__.lower(): kind for kind in (Plane, Sphere, Cylinder, Capsule, Box, Polygon)
+}
+#: Keys of tables that are words of Python, and their names in the classes.
+_RENAMED = {"from": "start", "to": "end"}
+
+
+def from_record(record: Mapping[str, Any]) -> Shape:
+    """Return the shape of a table of one key, e.g. ``{"sphere": {"center": ..., "radius": ...}}``.
+
+    Parameters
+    ----------
+    record : mapping
+        The key names the kind of the shape. Its value has the keys of the scene's table, or is the
+        list of such tables for ``union``.
+
+    Raises
+    ------
+    BadInput
+        For values that no shape has.
+    KeyError
+        For an unknown kind.
+    """
+    ((kind, keys),) = record.items()
+    if kind == "union":
+        return Union(tuple(map(from_record, keys)))
+    if kind == "smooth_union":
+        return SmoothUnion(tuple(map(from_record, keys["shapes"])), keys["blend"])
+    values = {key: _tuples(v) for key, v in keys.items()}
+    return _CLASSES[kind](**{_RENAMED.get(key, key): v for key, v in values.items()})
+
+
+def _tuples(value: Any) -> Any:
+    """Return lists, and lists in lists, as tuples."""
+    return tuple(map(_tuples, value)) if isinstance(value, list) else value

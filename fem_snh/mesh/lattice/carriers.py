@@ -104,8 +104,7 @@ def carry(grid: Grid, samples: Samples, parts: Parts, points: Array, triangles: 
 
 def _index(grid: Grid, xi: Array) -> Integers:
     """Return the cells (n, 3) of points (n, 3) in units of a cell, those of the grid outside."""
-    index: Integers = np.clip(np.floor(xi).astype(np.int64), 0, grid.shape - 1)
-    return index
+    return np.clip(np.floor(xi).astype(np.int64), 0, grid.shape - 1)
 
 
 def _normals(points: Array, triangles: Triangles) -> Array:
@@ -115,5 +114,4 @@ def _normals(points: Array, triangles: Triangles) -> Array:
     sums = [np.bincount(triangles.ravel(), np.repeat(area[:, i], 3), len(points)) for i in range(3)]
     normals = np.stack(sums, axis=1)
     length = np.linalg.norm(normals, axis=1, keepdims=True)
-    unit: Array = np.divide(normals, length, out=np.zeros_like(normals), where=length > 0)
-    return unit
+    return np.divide(normals, length, out=np.zeros_like(normals), where=length > 0)

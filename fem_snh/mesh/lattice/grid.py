@@ -79,8 +79,7 @@ class Grid:
         """Return one number for each of the cells (..., 3), also those just outside of the grid."""
         _, ny, nz = self.shape + 2
         i, j, k = np.moveaxis(cells + 1, -1, 0)
-        key: Integers = (i * ny + j) * nz + k
-        return key
+        return (i * ny + j) * nz + k
 
     def rows(self, cells: Integers, wanted: Integers) -> tuple[Integers, Integers]:
         """Return which of ``wanted`` (n, 3) are among sorted cells (m, 3), and their rows there."""

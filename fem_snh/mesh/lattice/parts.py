@@ -141,8 +141,7 @@ def _fractions(samples: Samples, labels: Labels, owner: Integers, n: int) -> Arr
     """Return the fractions of parts: those of their cells, shared out by the parts' cubes."""
     cover = np.bincount(labels.ravel(), weights=samples.coverage.ravel(), minlength=n + 1)[1:]
     total = np.bincount(owner, weights=cover, minlength=len(samples.cells))
-    fractions: Array = samples.fractions[owner] * cover / total[owner]
-    return fractions
+    return samples.fractions[owner] * cover / total[owner]
 
 
 def _touching(grid: Grid, samples: Samples, labels: Labels) -> Integers:

@@ -142,5 +142,4 @@ def _triangles(
     short = np.linalg.norm(x[p] - x[r], axis=1) <= np.linalg.norm(x[q] - x[s], axis=1)
     first = np.where(short[:, None], np.stack([p, q, r], 1), np.stack([p, q, s], 1))
     second = np.where(short[:, None], np.stack([p, r, s], 1), np.stack([q, r, s], 1))
-    triangles: Triangles = np.concatenate([first, second]).astype(np.int32)
-    return triangles
+    return np.concatenate([first, second]).astype(np.int32)

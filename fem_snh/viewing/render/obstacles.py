@@ -9,8 +9,7 @@ import numpy as np
 import pyvista as pv
 from vtkmodules.vtkFiltersGeneral import vtkContourTriangulator
 
-from fem_snh.geometry.bones import AffineMotion, AffineTable, RigidAffine
-from fem_snh.geometry.motions import PoseTable
+from fem_snh.geometry.motions import AffineTable, Motion, PoseTable
 from fem_snh.geometry.shapes import ClosedSurface, Shape, from_record
 from fem_snh.geometry.shapes.triangles import surface_triangles
 from fem_snh.viewing.render.surfaces import boundary, read_file, swept
@@ -54,9 +53,9 @@ class Obstacles:
         for record in records:
             poses = np.array(record["poses"], dtype=float)
             loads, drawn_as = np.array(record["loads"]), record.get("kind", "obstacles")
-            motion: AffineMotion = AffineTable(loads, poses)
+            motion: Motion = AffineTable(loads, poses)
             if drawn_as != "bones":
-                motion = RigidAffine(PoseTable(loads, poses[:, :, :3], poses[:, :, 3]))
+                motion = PoseTable(loads, poses[:, :, :3], poses[:, :, 3])
             ((kind, keys),) = record["shape"].items()
             self._items.append((kind, keys, motion, drawn_as))
 

@@ -1,4 +1,4 @@
-"""Rows of a CSV file that describe motions: 3x4 matrices, or rigid poses, at loads or times."""
+"""CSV files of motions: rows of 3x4 matrices, or of rigid poses, at loads or times."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import numpy as np
 from fem_snh.choices import LARGEST_NUMBER
 from fem_snh.errors import BadInput, nearest_file, shown, unknown_name
 from fem_snh.files import read_text
+from fem_snh.geometry.motions import AffineTable, Motion, PoseTable
 from fem_snh.geometry.shapes.shape import Array
 
 TRANSLATION = ("x", "y", "z")
@@ -24,6 +25,10 @@ _COLUMNS = (
 )
 #: How far a table may miss the end of the motion, in parts of its length: rounded decimals.
 _ROUNDED = 1e-9
+#: Largest difference of R^T R from the identity: a table of 6 digits has 1e-6 in each entry.
+_RIGID = 1e-5
+#: Largest rotation between two rows [rad]: the shortest way is not unique at half a turn.
+_HALF_TURN = np.pi * (1 - 1e-6)
 
 
 @dataclass(frozen=True)
@@ -137,7 +142,10 @@ def read_rows(path: str | Path, with_bones: bool = False) -> MotionRows:
             expected = f"{len(names)} {'columns' if BONE in names else 'numbers'}"
             raise BadInput(f"{path}, line {line}: expected {expected}, found {len(row)}")
     columns = [i for i, name in enumerate(names) if name != BONE]
-    numbers = [[_number(path, line, names[i], row[i]) for i in columns] for line, row in found[1:]]
+    numbers = [
+        [finite_number(f"{path}, line {line}: {names[i]} = ", row[i]) for i in columns]
+        for line, row in found[1:]
+    ]
     bones = [row[names.index(BONE)] for _, row in found[1:]] if BONE in names else []
     lines = [line for line, _ in found[1:]]
     return MotionRows(path, [names[i] for i in columns], lines, np.array(numbers), bones)
@@ -145,13 +153,7 @@ def read_rows(path: str | Path, with_bones: bool = False) -> MotionRows:
 
 def _read_cells(path: Path) -> list[tuple[int, list[str]]]:
     """Return the cells of each row with the number of its line."""
-    try:
-        text = read_text(path, encoding="utf-8-sig")
-    except UnicodeDecodeError:
-        raise BadInput(f"motion = '{path}': expected a CSV file of UTF-8 text") from None
-    except OSError as error:
-        near = nearest_file(path)
-        raise BadInput(f"cannot read the motion {path}: {error.strerror}{near}") from None
+    text = read_motion_text(path, "motion", "CSV")
     rows = csv.reader(text.splitlines(), skipinitialspace=True)
     try:
         found = [(rows.line_num, [cell.strip() for cell in row]) for row in rows if any(row)]
@@ -163,17 +165,27 @@ def _read_cells(path: Path) -> list[tuple[int, list[str]]]:
     return found
 
 
-def _number(path: Path, line: int, name: str, cell: str) -> float:
+def read_motion_text(path: Path, key: str, kind: str) -> str:
+    """Return the text of a file of a motion. Raises BadInput."""
     try:
-        value = float(cell)
+        return read_text(path, encoding="utf-8-sig")
+    except UnicodeDecodeError:
+        raise BadInput(f"{key} = '{path}': expected a {kind} file of UTF-8 text") from None
+    except OSError as error:
+        near = nearest_file(path)
+        raise BadInput(f"cannot read the motion {path}: {error.strerror}{near}") from None
+
+
+def finite_number(where: str, text: str) -> float:
+    """Return the number that a text is. Raises BadInput with the place for another text."""
+    try:
+        value = float(text)
     except ValueError:
         value = np.nan
-    if not np.isfinite(value):
-        raise BadInput(f"{path}, line {line}: {name} = {shown(cell)}: expected a finite number")
-    if abs(value) > LARGEST_NUMBER:
-        accepted = f"a number of a size up to {LARGEST_NUMBER:g}"
-        raise BadInput(f"{path}, line {line}: {name} = {shown(cell)}: expected {accepted}")
-    return value
+    if abs(value) <= LARGEST_NUMBER:
+        return value
+    size = f"number of a size up to {LARGEST_NUMBER:g}" if np.isfinite(value) else "finite number"
+    raise BadInput(f"{where}{shown(text)}: expected a {size}")
 
 
 def _check_columns(path: Path, names: list[str], with_bones: bool) -> None:
@@ -190,3 +202,116 @@ def _check_columns(path: Path, names: list[str], with_bones: bool) -> None:
     if names[0] not in ("load", "time") or rest not in [sorted(group) for group in accepted]:
         bone = ", and 'bone' if the file moves several bones" if with_bones else ""
         raise BadInput(f"motion = '{path}': expected the columns: {_COLUMNS}{bone}")
+
+
+def read_motion(path: str | Path, duration: float | None = None) -> PoseTable:
+    """Read a rigid motion from a CSV file with a line of column names.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file. Its first column is ``load`` or ``time``; then a translation ``x, y, z`` and a
+        rotation vector ``rx, ry, rz`` (axis times angle [rad], about the origin, before the
+        translation; may be left out), or the entries ``a11, a12, ..., a34`` of a 3x4 matrix
+        [R | c], row by row. Lines that begin with # are comments.
+    duration : float, optional
+        The length of the run [s], at which the load is 1; without it the table has loads.
+
+    Raises
+    ------
+    BadInput
+        One line, for a file that cannot be read, with other columns, with times or loads that do
+        not ascend or do not reach from the start to the end, with a matrix that is not a rotation
+        and a translation, or with half a turn or more between two rows.
+    """
+    return pose_table(read_rows(path), duration)
+
+
+def pose_table(rows: MotionRows, duration: float | None) -> PoseTable:
+    """Return the rigid motion of the rows of a file. Raises BadInput as `read_motion` does."""
+    path, lines, loads = rows.path, rows.lines, rows.loads(duration)
+    if rows.has_matrices:
+        matrices = rows.matrices()
+        return PoseTable(loads, _rotations(path, lines, matrices[:, :, :3]), matrices[:, :, 3])
+    return PoseTable(loads, _from_vectors(rows), rows.columns(TRANSLATION))
+
+
+def _from_vectors(rows: MotionRows) -> Array:
+    """Return the rotation matrices (m, 3, 3) of the rotation vectors."""
+    from scipy.spatial.transform import Rotation
+
+    if not set(ROTATION) <= set(rows.names):
+        return np.tile(np.eye(3), (len(rows.numbers), 1, 1))
+    vectors = rows.columns(ROTATION)
+    _check_turns(rows.path, rows.lines, np.linalg.norm(np.diff(vectors, axis=0), axis=1))
+    return Rotation.from_rotvec(vectors).as_matrix()
+
+
+def _rotations(path: Path, lines: list[int], matrices: Array) -> Array:
+    """Return rotations (m, 3, 3): the closest ones to matrices that are rigid up to rounding."""
+    from scipy.spatial.transform import Rotation
+
+    errors = np.abs(np.swapaxes(matrices, 1, 2) @ matrices - np.eye(3)).max(axis=(1, 2))
+    rigid = (errors <= _RIGID) & (np.linalg.det(matrices) > 0)
+    for i in np.flatnonzero(~rigid)[:1]:
+        raise BadInput(
+            f"{path}, line {lines[i]}: expected a rotation in the first three columns of the 3x4 "
+            f"matrix; R^T R differs from the identity by {errors[i]:.1e}, "
+            f"det R = {np.linalg.det(matrices[i]):g}"
+        )
+    rotations = Rotation.from_matrix(matrices)
+    _check_turns(path, lines, (rotations[:-1].inv() * rotations[1:]).magnitude())
+    return rotations.as_matrix()
+
+
+def _check_turns(path: Path, lines: list[int], angles: Array) -> None:
+    """Raise BadInput for half a turn or more between two rows."""
+    for i in np.flatnonzero(angles >= _HALF_TURN)[:1]:
+        raise BadInput(
+            f"{path}, line {lines[i + 1]}: a turn of {np.degrees(angles[i]):.0f} degrees from the "
+            "row before: expected less than 180, so that its direction is known"
+        )
+
+
+def bone_motion(rows: MotionRows, name: str, duration: float | None, rigid: bool) -> Motion:
+    """Return the motion of a bone.
+
+    Between two rows, 3x4 matrices are linear in each entry. If they are rigid, and in a file of
+    translations and rotation vectors, rotations are slerped and translations linear.
+
+    Parameters
+    ----------
+    rows : MotionRows
+        The rows of a file, of this bone and of others.
+    name : str
+        The bone.
+    duration : float or None
+        The length of the run [s], for a file with times.
+    rigid : bool
+        Whether the matrices are rotations and translations.
+
+    Raises
+    ------
+    BadInput
+        One line, for a file without rows of the bone, with rows that do not reach from the start to
+        the end, and for a matrix A whose determinant is not positive, at a row or between two; with
+        ``rigid``, for one that is no rotation.
+    """
+    rows = rows.of_bone(name)
+    if rigid or not rows.has_matrices:
+        return pose_table(rows, duration)
+    table = AffineTable(rows.loads(duration), rows.matrices())
+    bad = table.first_singular()
+    if bad is not None:
+        determinant = np.linalg.det(table.matrices[bad, :, :3])
+        where = f"{rows.path}, line {rows.lines[bad]}: bone '{name}'"
+        if determinant > 0:
+            raise BadInput(
+                f"{where}: the entries a11 to a33 are linear from the row before, and their "
+                "determinant is not positive between the two: expected rows that are closer, or "
+                "rigid = true"
+            )
+        raise BadInput(
+            f"{where}: the determinant of a11 to a33 is {determinant:.3g}: expected one > 0"
+        )
+    return table

@@ -1,0 +1,428 @@
+"""Motions by the load, and what follows them: rigid shapes in motion, bones in the flesh."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from fem_snh.errors import BadInput, bad_value
+from fem_snh.geometry.shapes.shape import Array, Evaluation, Shape
+
+#: The matrix of a bone that does not move.
+IDENTITY: Array = np.eye(3, 4)
+#: Determinants that count as zero between two matrices, over the larger of theirs: half a turn
+#: about an axis leaves 1e-32.
+_ROUNDING = 1e-12
+#: Points of the polynomial that a smooth motion follows: exact up to degree 5 in time.
+_POINTS = 6
+#: Largest misfit of that polynomial between its points, relative to the largest change of velocity
+#: in a step times the step. A motion of constant frequency has 1e-4 at 6 steps a period. So has a
+#: table with a point every 0.03 steps, whose kinks then change the acceleration by 0.2 %.
+_SMOOTH = 1e-4
+#: The same, relative to the displacement: rounding.
+_ROUNDING = 1e-14
+#: Rounding of the last load, 1, to which steps add up.
+_LAST = 1 + 1e-9
+
+
+class Pose(NamedTuple):
+    """A map x = R X + c; of a bone R may be any matrix.
+
+    Attributes
+    ----------
+    rotation : (3, 3) array
+        R; of a rigid motion R^T R = I and det R = 1.
+    translation : (3,) array
+        c [length].
+    """
+
+    rotation: Array
+    translation: Array
+
+    def apply(self, X: Array) -> Array:
+        """Return the points R X + c (n, 3)."""
+        return X @ self.rotation.T + self.translation
+
+    def invert(self, x: Array) -> Array:
+        """Return the points R^T (x - c) (n, 3)."""
+        return (x - self.translation) @ self.rotation
+
+
+class Motion:
+    """An affine motion as a function of the load; that of an obstacle is rigid."""
+
+    def pose(self, load: float) -> Pose:
+        """Return the map of reference points at a load from 0 to 1."""
+        raise NotImplementedError(f"{type(self).__name__}.pose")
+
+    def affine(self, load: float) -> Array:
+        """Return the (3, 4) matrix [A | c] of x = A X + c [length] at a load from 0 to 1."""
+        return np.column_stack(self.pose(load))
+
+
+@dataclass(frozen=True)
+class DisplacementMotion(Motion):
+    """A rigid motion that a displacement field defines, as the scene's ``[[move]]`` has it.
+
+    Parameters
+    ----------
+    displacement : callable
+        The displacements (n, 3) of reference points X (n, 3) at a load: ``displacement(X, load)``.
+    """
+
+    displacement: Callable[[Array, float], Array]
+
+    def pose(self, load: float) -> Pose:
+        # The rotation does not depend on the place: the images of the origin and of the axes.
+        X = np.vstack([np.zeros(3), np.eye(3)])
+        x = X + self.displacement(X, load)
+        return Pose((x[1:] - x[0]).T, x[0])
+
+
+@dataclass(frozen=True)
+class PoseTable(Motion):
+    """Poses at some loads; between them, translations are linear and rotations slerped.
+
+    Attributes
+    ----------
+    loads : (m,) array
+        Loads, ascending, from 0 or less to 1 or more.
+    rotations : (m, 3, 3) array
+        Rotation matrices.
+    translations : (m, 3) array
+        Translations c of x = R X + c [length].
+    """
+
+    loads: Array
+    rotations: Array
+    translations: Array
+
+    @cached_property
+    def _slerp(self) -> Any:
+        from scipy.spatial.transform import Rotation, Slerp
+
+        return Slerp(self.loads, Rotation.from_matrix(self.rotations))
+
+    def pose(self, load: float) -> Pose:
+        """Return the pose at a load; beyond the ends of the table, that of its end."""
+        load = float(np.clip(load, self.loads[0], self.loads[-1]))
+        c = np.array([np.interp(load, self.loads, column) for column in self.translations.T])
+        return Pose(self._slerp(load).as_matrix(), c)
+
+
+@dataclass(frozen=True)
+class AffineTable(Motion):
+    """Affine maps at some loads, linear between them and constant beyond the ends.
+
+    Attributes
+    ----------
+    loads : (m,) array
+        Loads, ascending.
+    matrices : (m, 3, 4) array
+        Matrices [A | c].
+    """
+
+    loads: Array
+    matrices: Array
+
+    def pose(self, load: float) -> Pose:
+        """Return the map at a load."""
+        i = int(np.clip(np.searchsorted(self.loads, load), 1, len(self.loads) - 1))
+        start, end = self.loads[i - 1 : i + 1]
+        t = float(np.clip((load - start) / (end - start), 0.0, 1.0))
+        matrix = (1 - t) * self.matrices[i - 1] + t * self.matrices[i]
+        return Pose(matrix[:, :3], matrix[:, 3])
+
+    def first_singular(self) -> int | None:
+        """Return the number of the first row at which, or before which, det A is not positive."""
+        A = self.matrices[:, :, :3]
+        if not np.linalg.det(A[0]) > 0:
+            return 0
+        for i in range(1, len(A)):
+            ends = np.linalg.det(A[i - 1 : i + 1])
+            if not _least_determinant(A[i - 1], A[i]) > _ROUNDING * ends.max():
+                return i
+        return None
+
+
+def _least_determinant(A: Array, B: Array) -> float:
+    """Return the smallest determinant of (1 - t) A + t B for t from 0 to 1: a cubic in t."""
+    t = np.linspace(0.0, 1.0, 4)
+    cubic = np.polyfit(t, [np.linalg.det((1 - s) * A + s * B) for s in t], 3)
+    turning = np.roots(np.polyder(cubic))
+    inside = turning.real[(np.abs(turning.imag) < 1e-12) & (turning.real > 0) & (turning.real < 1)]
+    return min(np.linalg.det((1 - s) * A + s * B) for s in (0.0, 1.0, *inside))
+
+
+def check_determinant(where: str, matrix: Array) -> None:
+    """Raise BadInput unless the determinant of A of a matrix [A | c] is positive."""
+    determinant = np.linalg.det(matrix[:, :3])
+    if not determinant > 0:
+        raise BadInput(f"{where}: det A = {determinant:.3g}: expected a determinant > 0")
+
+
+@dataclass(frozen=True)
+class MovingShape:
+    """A rigid shape in motion.
+
+    Parameters
+    ----------
+    shape : Shape
+        The shape at its reference position.
+    motion : Motion, optional
+        Its motion; without one it does not move.
+
+    Notes
+    -----
+    Its distance moves with it: :math:`d(x, \\lambda) = d(R^T(x - c))`, with gradient
+    :math:`R\\,\\nabla d` and Hessian :math:`R\\,\\nabla^2 d\\,R^T`.
+    """
+
+    shape: Shape
+    motion: Motion | None = None
+
+    def pose(self, load: float) -> Pose:
+        """Return the pose at a load: R (3, 3) and c (3,) [length] of x = R X + c."""
+        if self.motion is None:
+            return Pose(np.eye(3), np.zeros(3))
+        return self.motion.pose(load)
+
+    def affine(self, load: float) -> list[list[float]]:
+        """Return the pose as the three rows [R | c] of a 3x4 matrix, as run.json has it."""
+        return np.column_stack(self.pose(load)).tolist()
+
+    def evaluate(self, x: Array, load: float) -> Evaluation:
+        """Return the signed distance of points at a load, with its derivatives.
+
+        Parameters
+        ----------
+        x : (n, 3) array
+            Points [length].
+        load : float
+            The load, from 0 to 1.
+
+        Returns
+        -------
+        Evaluation
+            distance (n,) [length], positive outside; gradient (n, 3); hessian (n, 3, 3) [1/length].
+        """
+        if self.motion is None:
+            return self.shape.evaluate(x)
+        pose = self.pose(load)
+        R = pose.rotation
+        distance, gradient, hessian = self.shape.evaluate(pose.invert(x))
+        return Evaluation(distance, gradient @ R.T, R @ hessian @ R.T)
+
+    def displacement(self, x: Array, start: float, end: float) -> Array:
+        """Return what points that move with the obstacle are displaced between two loads.
+
+        Parameters
+        ----------
+        x : (n, 3) array
+            Where the points are at the load ``start`` [length].
+        start, end : float
+            The loads; ``end`` may be the lower one.
+
+        Returns
+        -------
+        (n, 3) array
+            Displacements [length], from ``start`` to ``end``.
+        """
+        if self.motion is None or start == end:
+            return np.zeros_like(x, dtype=float)
+        return self.pose(end).apply(self.pose(start).invert(x)) - x
+
+
+@dataclass(frozen=True)
+class Noise:
+    r"""A random affine map at each frame, which is added to a bone's own.
+
+    A point X of a bone with centre :math:`X_c` and length L is displaced by
+
+    .. math:: a [L t + B (X - X_c)], \quad |t| \le 1/2, \quad \|B\|_F \le 1,
+
+    with amplitude a. No point of the bone is displaced by more than a L, as none is farther than
+    L/2 from the centre. The vector t is uniform in its ball, as is B in the ball of matrices.
+
+    Parameters
+    ----------
+    amplitude : float
+        The largest displacement a, in parts of the bone's length.
+    seed : int
+        Seed of the random numbers, together with the bone's name.
+    frames : int
+        Number of frames between load 0, which is not disturbed, and load 1.
+    smooth : bool
+        Whether the disturbance is a cubic spline in the load; otherwise it is linear between two
+        frames.
+    """
+
+    amplitude: float
+    seed: int
+    frames: int
+    smooth: bool = False
+
+    def maps(self, name: str, centre: Array, length: float) -> Array:
+        """Return the matrices [a B | c] of a bone at all frames, (frames + 1, 3, 4)."""
+        random = np.random.default_rng([self.seed, *name.encode()])
+        t = _in_ball(random, self.frames, 3) / 2
+        B = _in_ball(random, self.frames, 9).reshape(-1, 3, 3)
+        found = np.zeros((self.frames + 1, 3, 4))
+        found[1:, :, :3] = self.amplitude * B
+        found[1:, :, 3] = self.amplitude * (length * t - B @ centre)
+        return found
+
+    def motion(self, name: str, centre: Array, length: float) -> Callable[[float], Array]:
+        """Return the matrix (3, 4) that is added to a bone's own, as a function of the load."""
+        loads, maps = np.linspace(0.0, 1.0, self.frames + 1), self.maps(name, centre, length)
+        if not self.smooth:
+            return AffineTable(loads, maps).affine
+        from scipy.interpolate import CubicSpline
+
+        spline: Any = CubicSpline(loads, maps)
+        return lambda load: np.asarray(spline(np.clip(load, 0.0, 1.0)))
+
+
+def _in_ball(random: np.random.Generator, count: int, dimension: int) -> Array:
+    """Return points (count, dimension) that are uniform in the unit ball."""
+    direction = random.normal(size=(count, dimension))
+    direction /= np.linalg.norm(direction, axis=1)[:, None]
+    return direction * random.uniform(size=(count, 1)) ** (1 / dimension)
+
+
+@dataclass(frozen=True)
+class Bone:
+    """A solid in the flesh, whose nodes follow its motion.
+
+    Parameters
+    ----------
+    name : str
+        Its name, by which ties between bones are decided.
+    shape : Shape, optional
+        The solid, at its reference position.
+    group : str or int, optional
+        A physical group of volumes, instead of a shape.
+    motion : Motion or callable, optional
+        Its motion, or a function of the load that returns the (3, 4) matrix [A | c] of its map
+        x = A X + c; without one it does not move.
+    origin : (3,) tuple, optional
+        A reference point [length], about which moments are given; default: the centre of the
+        bounding box of the bone's nodes.
+    noise : Noise, optional
+        Random maps that are added to its motion.
+
+    Raises
+    ------
+    BadInput
+        Unless exactly one of ``shape`` and ``group`` is given.
+    """
+
+    name: str
+    shape: Shape | None = None
+    group: str | int | None = None
+    motion: Motion | Callable[[float], npt.ArrayLike] | None = None
+    origin: tuple[float, float, float] | None = None
+    noise: Noise | None = None
+
+    def __post_init__(self) -> None:
+        if (self.shape is None) == (self.group is None):
+            found = "none" if self.shape is None else "both"
+            raise BadInput(f"bone '{self.name}': expected a shape or a group; found {found}")
+
+    def affine(self, load: float) -> Array:
+        """Return the (3, 4) matrix [A | c] of x = A X + c [length] at a load, without noise.
+
+        Raises
+        ------
+        BadInput
+            If a function returns anything else, or if its det A is not positive.
+        """
+        if self.motion is None:
+            return IDENTITY
+        if isinstance(self.motion, Motion):
+            return self.motion.affine(load)
+        where = f"motion of bone '{self.name}' at load {load:.6g}"
+        try:
+            value = self.motion(load)
+        except Exception as error:  # a user's function may raise anything
+            raise BadInput(f"{where}: {type(error).__name__}: {error}") from error
+        try:
+            matrix = np.array(value, dtype=float)
+        except (TypeError, ValueError):
+            raise bad_value(where, value, "a 3x4 matrix [A | c]") from None
+        if matrix.shape != (3, 4) or not np.isfinite(matrix).all():
+            raise bad_value(where, value, "a 3x4 matrix [A | c] of finite numbers")
+        check_determinant(where, matrix)
+        return matrix
+
+
+def path_rates(
+    path: Callable[[float], Array], load: float, step: float
+) -> tuple[Array, Array, Array]:
+    r"""Return a motion at a load, and its first two derivatives by the load.
+
+    Where the motion is smooth within a step of the load, they are those of a polynomial through
+    points of it. Where it has kinks, as a table between its points, they are the central
+    differences of the step,
+
+    .. math:: v = \frac{u_{n+1} - u_{n-1}}{2 h}, \qquad a = \frac{u_{n+1} - 2 u_n + u_{n-1}}{h^2} .
+
+    The sum of :math:`h a` over steps is then the change of the velocity, and the work of the
+    inertial forces by the trapezoidal rule the change of the kinetic energy, wherever the kinks
+    are. At the last load, beyond which a motion is not known, they are one-sided.
+
+    Parameters
+    ----------
+    path : callable
+        The motion, an array as a function of the load. Collective if it is.
+    load : float
+        The load.
+    step : float
+        The size of the step that ends at the load; negative at the start of the first one, for
+        points at higher loads alone.
+    """
+    u = path(load)
+    if step < 0:
+        window, points = (-1.0, 0.0), np.arange(-1, 1)
+    elif load + step <= _LAST:
+        window, points = (-1.0, 1.0), np.arange(-1, 2)
+    else:
+        behind = load / step
+        window, points = (-min(2.0, behind), 0.0), np.arange(-min(3, round(behind)), 1)
+
+    def changes(offsets: Array) -> Array:
+        """Return the changes of the motion at some steps from the load, (offsets, ...)."""
+        # Differences from the present value: a constant displacement has no rounding error.
+        return np.stack([path(load + k * step) - u if k else np.zeros_like(u) for k in offsets])
+
+    fine = np.linspace(*window, _POINTS)
+    between = (fine[1:] + fine[:-1]) / 2
+    values = changes(fine)
+    v, a = np.tensordot(_derivatives(fine), values, axes=1)
+    expected = np.tensordot(_interpolation(fine, between), values, axes=1)
+    misfit = abs(changes(between) - expected).max(axis=0)
+    bend = abs(np.diff(values, 2, axis=0)).max(axis=0) / (fine[1] - fine[0]) ** 2
+    smooth = misfit <= _SMOOTH * bend + _ROUNDING * abs(u)
+    coarse_v, coarse_a = np.tensordot(_derivatives(points), changes(points), axes=1)
+    v, a = np.where(smooth, v, coarse_v), np.where(smooth, a, coarse_a)
+    return u, v / step, a / step**2
+
+
+def _derivatives(points: Array) -> Array:
+    """Return the weights of values at points in the first two derivatives at 0, (2, points)."""
+    return _weights(points, np.eye(len(points), 3)[:, 1:] * (1, 2))
+
+
+def _interpolation(points: Array, others: Array) -> Array:
+    """Return the weights of values at points in those at other points, (others, points)."""
+    return _weights(points, np.vander(others, len(points), increasing=True).T)
+
+
+def _weights(points: Array, moments: Array) -> Array:
+    """Return the weights with which sums of the powers of points are these moments."""
+    return np.linalg.solve(np.vander(points, increasing=True).T, moments).T
