@@ -5,8 +5,7 @@ Beside sharp edges strains are infinite in the flesh around them.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -24,9 +23,12 @@ from fem_snh.geometry.shapes.shape import (
     Sphere,
 )
 from fem_snh.geometry.shapes.unions import SmoothUnion, Union
+from fem_snh.geometry.surface_nets import CORNERS, Grid, surface_on
 
-Triangles = npt.NDArray[np.int64]
+Triangles = npt.NDArray[np.integer]
 
+#: Cubes along the longest edge of a smooth union's box, on which it is triangulated.
+_CUBES = 40
 #: Divisions of a circle; a polygon of 48 edges is 0.2 % of the radius inside of it.
 _CIRCLE = 48
 
@@ -39,7 +41,6 @@ def surface_triangles(
     shape: Shape,
     centre: Array,
     radius: float,
-    level_set: Callable[[SmoothUnion, Array, float], tuple[Array, Triangles]] | None = None,
 ) -> tuple[Array, Triangles]:
     """Return points (n, 3) [length] and triangles (m, 3) of a shape's surface.
 
@@ -48,19 +49,19 @@ def surface_triangles(
     shape : Shape
         The shape at its reference position.
     centre, radius : (3,) array, float
-        A ball [length]: surfaces without an end are cut off outside of it.
-    level_set : callable, optional
-        Returns the triangles of a smooth union in the ball.
+        A ball [length]: surfaces without an end are cut off outside of it. The seams of a smooth
+        union without an end are left sharp.
 
     Raises
     ------
     TypeError
         For another shape.
     """
-    if isinstance(shape, Union):
-        return join([surface_triangles(s, centre, radius, level_set) for s in shape.shapes])
-    if isinstance(shape, SmoothUnion) and level_set:
-        return level_set(shape, centre, radius)
+    if isinstance(shape, SmoothUnion) and np.isfinite(shape.bounds).all():
+        grid = Grid.around(shape.bounds, float(np.ptp(shape.bounds, axis=0).max()) / _CUBES)
+        return surface_on(shape, Grid(grid.origin - grid.size, grid.size, grid.shape + 2))
+    if isinstance(shape, Union | SmoothUnion):
+        return join([surface_triangles(part, centre, radius) for part in shape.shapes])
     if isinstance(shape, ClosedSurface):
         return shape.points, shape.triangles
     if isinstance(shape, Plane):
@@ -74,19 +75,18 @@ def surface_triangles(
     if isinstance(shape, Polygon):
         return _prism(np.array(shape.points, dtype=float), centre[2], radius)
     if isinstance(shape, Sphere):
-        up = np.array([0.0, 0.0, 1.0])
-        return _revolved(np.asarray(shape.center), up, *_arc(shape.radius, 0.0))
+        return _revolved(np.asarray(shape.center), np.eye(3)[2], *_arc(shape.radius, 0.0))
     if isinstance(shape, Capsule | Cylinder):
         start, end = np.asarray(shape.start, float), np.asarray(shape.end, float)
         length = float(np.linalg.norm(end - start))
         axis = (end - start) / length
         if isinstance(shape, Capsule):
             return _revolved(start, axis, *_arc(shape.radius, length))
-        r, caps = shape.radius, np.array([0.0, 1.0, 1.0, 0.0])
-        if not shape.infinite:
-            return _revolved(start, axis, length * np.array([0.0, 0.0, 1.0, 1.0]), r * caps)
-        start = start + axis * ((centre - start) @ axis - radius)
-        return _revolved(start, axis, np.array([0.0, 2 * radius]), np.array([r, r]))
+        if shape.infinite:
+            start = start + axis * ((centre - start) @ axis - radius)
+            return _revolved(start, axis, np.array([0.0, 2 * radius]), np.full(2, shape.radius))
+        heights, radii = np.array([[0.0, 0.0, length, length], [0.0, *[shape.radius] * 2, 0.0]])
+        return _revolved(start, axis, heights, radii)
     raise TypeError(f"no triangles of a {type(shape).__name__}")
 
 
@@ -132,14 +132,10 @@ def _prism(corners: Array, height: float, radius: float) -> tuple[Array, Triangl
     return np.concatenate(ends), np.concatenate(sides)
 
 
-def _box(box: Any) -> tuple[Array, Triangles]:
+def _box(box: Box) -> tuple[Array, Triangles]:
     """Return corners and triangles of a box."""
-    from scipy.spatial.transform import Rotation
-
-    unit = np.array([[i, j, k] for i in (-0.5, 0.5) for j in (-0.5, 0.5) for k in (-0.5, 0.5)])
-    turn = Rotation.from_rotvec(box.rotation)
-    points = turn.apply(unit * np.asarray(box.size)) + np.asarray(box.center)
-    faces = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
+    points = np.asarray(box.center) + (CORNERS - 0.5) * box.size @ box.axes.T
+    faces = [[0, 4, 6, 2], [1, 3, 7, 5], [0, 1, 5, 4], [2, 6, 7, 3], [0, 2, 3, 1], [4, 5, 7, 6]]
     return points, np.array([[f[0], f[i], f[i + 1]] for f in faces for i in (1, 2)])
 
 

@@ -10,13 +10,13 @@ from scipy import ndimage
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from fem_snh.mesh.lattice.grid import Array, Grid, Integers, Samples
+from fem_snh.geometry.shapes.shape import Array
+from fem_snh.geometry.surface_nets import CORNERS, Grid, Integers
+from fem_snh.mesh.lattice.samples import Samples
 
 Labels = npt.NDArray[np.int32]
 
-#: Corners of a cell in dolfinx's order, (8, 3).
-CORNERS = np.array([[v & 1, v >> 1 & 1, v >> 2] for v in range(8)])
-#: Corners of the faces of a cell, in the same order.
+#: Corners of the faces of a cell, in dolfinx's order.
 FACES = np.array(
     [[0, 2, 4, 6], [1, 3, 5, 7], [0, 1, 4, 5], [2, 3, 6, 7], [0, 1, 2, 3], [4, 5, 6, 7]]
 )

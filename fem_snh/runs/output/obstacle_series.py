@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from fem_snh.errors import on_root
 from fem_snh.geometry.motions import MovingShape, Pose
-from fem_snh.geometry.shapes import Revolved, SmoothUnion, Union
+from fem_snh.geometry.shapes import Revolved
 from fem_snh.geometry.shapes.triangles import join, surface_triangles
 from fem_snh.problem.initial_state import bounding_box
 from fem_snh.problem.problem import Problem
@@ -25,8 +25,6 @@ Array = npt.NDArray[Any]
 
 #: Surfaces without an end are cut off at this many times half of the diagonal of the body's box.
 _REACH = 1.5
-#: Cubes along the longest edge of a smooth union's box, on which it is triangulated.
-_CUBES = 40
 
 
 class ObstacleSeries(Collection):
@@ -96,25 +94,8 @@ class ObstacleSeries(Collection):
             shape, radius = self._obstacles[i].shape, _REACH / 2 * float(np.linalg.norm(size))
             if isinstance(shape, Revolved):
                 shape = shape.section
-            found = surface_triangles(shape, centre, radius, _smooth_triangles)
+            found = surface_triangles(shape, centre, radius)
             if not np.isfinite(shape.bounds).all():
                 return found
             self._made[i] = found
         return self._made[i]
-
-
-def _smooth_triangles(shape: SmoothUnion, centre: Array, radius: float) -> tuple[Array, Array]:
-    """Return the triangles of a smooth union on the cubes of a grid.
-
-    The seams of a smooth union without an end are left sharp.
-    """
-    if not np.isfinite(shape.bounds).all():
-        return surface_triangles(Union(shape.shapes), centre, radius, _smooth_triangles)
-    from fem_snh.mesh.lattice.grid import Grid, cells_of_box
-    from fem_snh.mesh.lattice.surface_nets import triangulate
-
-    grid = Grid.around(shape.bounds, float(np.ptp(shape.bounds, axis=0).max()) / _CUBES)
-    grid = Grid(grid.origin - grid.size, grid.size, grid.shape + 2)  # a layer of cubes outside
-    cells = cells_of_box(np.zeros(3, np.int64), grid.shape)
-    near = np.abs(shape.distance(grid.centres(cells))) < grid.size * np.sqrt(0.75)
-    return triangulate(shape, grid, cells[near], 1)

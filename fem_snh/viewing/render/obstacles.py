@@ -23,10 +23,8 @@ _KIND = "kind"
 _MARGIN = 0.25
 #: Half of the thickness that is kept of obstacles whose section is revolved, over the radius.
 _THIN = 0.01
-#: Points along an edge of the grid on which a smooth union is sampled: 1 % of the picture.
-_GRID = 100
-#: The same of sections by the plane of the body, and the distance of the edge from what is filled,
-#: over the size of the picture.
+#: Points along an edge of the grid of sections by the plane of the body, and the distance of the
+#: edge from what is filled, over the size of the picture.
 _FLAT_GRID, _ROUNDING = 400, 1e-6
 
 
@@ -158,19 +156,5 @@ def triangles(kind: str, keys: Any, centre: np.ndarray, radius: float) -> pv.Pol
     """
     if kind == "surface":
         return read_file(keys)
-    found = surface_triangles(from_record({kind: keys}), centre, radius, _smooth_triangles)
+    found = surface_triangles(from_record({kind: keys}), centre, radius)
     return pv.PolyData.from_regular_faces(*found)
-
-
-def _smooth_triangles(
-    shape: Shape, centre: np.ndarray, radius: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the triangles of a smooth union within a cube around a ball."""
-    grid = pv.ImageData(
-        dimensions=(_GRID,) * 3,
-        spacing=(2 * radius / (_GRID - 1),) * 3,
-        origin=tuple(centre - radius),
-    )
-    grid["distance"] = shape.distance(np.asarray(grid.points, dtype=float))
-    found = grid.contour([0.0], scalars="distance", method="flying_edges")
-    return np.asarray(found.points), found.regular_faces

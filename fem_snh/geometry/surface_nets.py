@@ -1,17 +1,25 @@
-"""The surface of a shape as triangles, from its signed distance on a grid."""
+"""The surface of a shape as triangles, from its signed distance on a regular grid."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
-from fem_snh.errors import bad_value
-from fem_snh.geometry.shapes import Shape
-from fem_snh.mesh.lattice.grid import Array, Grid, Integers, cells_of_box
-from fem_snh.mesh.lattice.parts import CORNERS
+from fem_snh.errors import BadInput, bad_value
+from fem_snh.geometry.shapes.shape import Array, Shape
 
+Integers = npt.NDArray[np.int64]
 Triangles = npt.NDArray[np.int32]
 
+#: Largest number of cells in the box of the body: an array of one double each takes 0.4 GB.
+_MAX_CELLS = 50_000_000
+#: Part of a cell by which a body may be larger than a whole number of cells: rounding error, also
+#: that of single precision in STL files.
+_ROUNDING = 1e-6
+#: Corners of a cell in dolfinx's order, (8, 3).
+CORNERS = np.array([[v & 1, v >> 1 & 1, v >> 2] for v in range(8)])
 #: Distance, in cubes, below which a grid point counts as outside: rounding error, so that a face of
 #: a box on the side of the grid has cubes on both sides of each edge that it cuts.
 _ON_SURFACE = 1e-9
@@ -19,6 +27,79 @@ _ON_SURFACE = 1e-9
 _STEPS = 2
 #: The edges of a cube as pairs of corners: four along x, along y, along z.
 _EDGES = np.array([(v, v | 1 << a) for a in range(3) for v in range(8) if not v >> a & 1])
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Cubes of equal size in the box of a body, numbered by (i, j, k) from its lowest corner.
+
+    Attributes
+    ----------
+    origin : (3,) array
+        The lowest corner [length].
+    size : float
+        The edge of a cube [length].
+    shape : (3,) int array
+        Number of cubes along each axis.
+    """
+
+    origin: Array
+    size: float
+    shape: Integers
+
+    @classmethod
+    def around(cls, bounds: Array, size: float, key: str = "cell") -> Grid:
+        """Return the smallest grid that holds a box and has its centre.
+
+        Parameters
+        ----------
+        bounds : (2, 3) array
+            Lowest and highest coordinates [length].
+        size : float
+            The edge of a cube [length].
+        key : str
+            Its name in messages.
+
+        Raises
+        ------
+        BadInput
+            For an infinite box, cubes that are larger than it, and too many of them.
+        """
+        if not np.isfinite(bounds).all():
+            raise BadInput("expected a body of finite size, no plane and no infinite cylinder")
+        extent = bounds[1] - bounds[0]
+        if not size < extent.max():
+            accepted = f"a number < {extent.max():.4g}, the largest extent of the body"
+            raise bad_value(key, size, accepted)
+        shape = np.maximum(np.ceil(extent / size - _ROUNDING), 1.0)
+        if shape.prod() > _MAX_CELLS:
+            least = (extent.prod() / _MAX_CELLS) ** (1 / 3)
+            accepted = f"a number > {least:.2g}, for at most {_MAX_CELLS:,} cells around the body"
+            raise bad_value(key, size, accepted)
+        return cls(bounds.mean(axis=0) - 0.5 * size * shape, size, shape.astype(np.int64))
+
+    def key(self, cells: Integers) -> Integers:
+        """Return one number for each of the cells (..., 3), also those just outside of the grid."""
+        _, ny, nz = self.shape + 2
+        i, j, k = np.moveaxis(cells + 1, -1, 0)
+        return (i * ny + j) * nz + k
+
+    def rows(self, cells: Integers, wanted: Integers) -> tuple[Integers, Integers]:
+        """Return which of ``wanted`` (n, 3) are among sorted cells (m, 3), and their rows there."""
+        keys, key = self.key(cells), self.key(wanted)
+        at = np.minimum(np.searchsorted(keys, key), len(keys) - 1)
+        found = np.flatnonzero(keys[at] == key)
+        return found, at[found]
+
+    def centres(self, cells: Integers) -> Array:
+        """Return the centres of cells (n, 3)."""
+        return self.origin + self.size * (cells + 0.5)
+
+
+def cells_of_box(low: Integers, high: Integers) -> Integers:
+    """Return (i, j, k) from ``low`` to before ``high``, (n, 3), the last index fastest."""
+    axes = [np.arange(a, b) for a, b in zip(low, high, strict=True)]
+    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
 
 
 def _loops() -> Integers:
@@ -46,6 +127,13 @@ def _loops() -> Integers:
         for number, name in enumerate(dict.fromkeys(loop.values())):
             table[case, [e for e, m in loop.items() if m == name]] = number
     return table
+
+
+def surface_on(shape: Shape, grid: Grid) -> tuple[Array, Triangles]:
+    """Return points (n, 3) and triangles (m, 3) of a shape's surface on the cubes of a grid."""
+    cells = cells_of_box(np.zeros(3, np.int64), grid.shape)
+    near = np.abs(shape.distance(grid.centres(cells))) < grid.size * np.sqrt(0.75)
+    return triangulate(shape, grid, cells[near], 1)
 
 
 def triangulate(
