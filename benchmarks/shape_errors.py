@@ -16,7 +16,7 @@ from benchmarks.accuracy_cases import goals_of
 from benchmarks.error_estimates import compared, summary
 from fem_snh.mesh.gmsh_model import session
 from fem_snh.scenes import BoneChoice, Geometry, Hold, MaterialChoice, Probe, Rigid, Scene
-from fem_snh.tables.motions import Rotate
+from fem_snh.tables.amplitudes import Rotate
 
 #: The middle of the solids in the unit cube, which no mesh knows.
 _CENTRE = (0.47, 0.52, 0.55)

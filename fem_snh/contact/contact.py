@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Annotated, Any, Self
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, field_validator
 
 from fem_snh.choices import CONTACT_METHODS
 from fem_snh.errors import bad_value
@@ -17,12 +17,13 @@ if TYPE_CHECKING:
     from fem_snh.terms.body import Body
     from fem_snh.terms.term import Term
 
-Method = Annotated[str, OneOf("method", CONTACT_METHODS)]
+Method = Annotated[str, OneOf(CONTACT_METHODS)]
 
 
 class ContactTable(Table):
     """A table of contact: a penalty or an augmented Lagrangian."""
 
+    needs_value = {"tolerance": ("method", "augmented_lagrangian")}
     method: Method = Field(
         default=CONTACT_METHODS[0],
         description="A penalty, which leaves a penetration, or an augmented Lagrangian, which "
@@ -38,12 +39,6 @@ class ContactTable(Table):
         description="Largest penetration with the augmented Lagrangian, relative to V^(1/3), V "
         "the reference volume; default: a thousandth of the size of the cells at the surface.",
     )
-
-    @model_validator(mode="after")
-    def _check_tolerance(self) -> Self:
-        if self.tolerance is not None and not self.augmented:
-            raise bad_value("tolerance", self.tolerance, "no value, as the method is penalty")
-        return self
 
     @property
     def augmented(self) -> bool:

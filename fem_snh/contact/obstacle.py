@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from fem_snh.contact.contact import ContactTable
 from fem_snh.errors import bad_value, on_every
@@ -16,11 +16,10 @@ from fem_snh.geometry.motions import DisplacementMotion, Motion, MovingShape
 from fem_snh.geometry.shapes import Box, ClosedSurface, Revolved, Shape, read_polygon
 from fem_snh.records.output_fields import AT_OBSTACLES, OutputField
 from fem_snh.records.run_files import surface_copy
-from fem_snh.tables.amplitudes import MOTION_TABLE, Amplitudes, TableName
-from fem_snh.tables.motions import TRANSLATE, Rotate, ScaledMotion, check_motion
-from fem_snh.tables.shapes import ShapeChoice, SurfaceFile
-from fem_snh.tables.types import FilePath, NonNegative, Surface, Text, Vector
-from fem_snh.tables.validation import Expect, given_key
+from fem_snh.tables.amplitudes import Amplitudes, MotionTable
+from fem_snh.tables.shapes import ShapeChoice
+from fem_snh.tables.types import CsvFile, NonNegative, Surface, SurfaceFile, Text
+from fem_snh.tables.validation import check_distinct
 from fem_snh.terms.feature import Feature
 
 if TYPE_CHECKING:
@@ -28,14 +27,13 @@ if TYPE_CHECKING:
     from fem_snh.terms.body import Body
     from fem_snh.terms.term import Term
 
-CsvFile = Annotated[FilePath, Expect("the path of a CSV file")]
 
-
-class Obstacle(Feature, ContactTable):
+class Obstacle(Feature, ContactTable, MotionTable):
     """A rigid obstacle, which may move: the body's surface does not enter it."""
 
     key, planar = "obstacle", True
-    needs = {"table": ("translate", "rotate")}
+    one_of = ("shape", "surface", "profile")
+    excludes = {"motion": ("translate", "rotate", "table")}
     nodal_fields: ClassVar[Mapping[str, OutputField]] = AT_OBSTACLES
     shape: ShapeChoice | None = Field(
         default=None, description="Its shape; or 'surface', or 'profile'."
@@ -50,9 +48,6 @@ class Obstacle(Feature, ContactTable):
         description="CSV file of the corners of a polygon, x and y in each line, instead of "
         "'shape'; its path is relative to the scene file.",
     )
-    translate: Vector | None = Field(default=None, description=TRANSLATE)
-    rotate: Rotate | None = Field(default=None, description="Rotation, before the translation.")
-    table: TableName | None = Field(default=None, description=MOTION_TABLE)
     motion: CsvFile | None = Field(
         default=None,
         description="CSV file of poses, instead of 'translate' and 'rotate'; "
@@ -67,12 +62,6 @@ class Obstacle(Feature, ContactTable):
     name: Text | None = Field(
         default=None, description="Name in the results; default: obstacle_0, obstacle_1, ..."
     )
-
-    @model_validator(mode="after")
-    def _check_keys_together(self) -> Obstacle:
-        given_key(self, "shape", "surface", "profile")
-        check_motion(self, self.motion)
-        return self
 
     @classmethod
     def check(cls, features: Sequence[Self], scene: Any) -> None:
@@ -102,8 +91,8 @@ class Obstacle(Feature, ContactTable):
         motion: Motion | None = None
         if self.motion is not None:
             motion = read_motion(self.motion, amplitudes.duration)
-        elif self.translate is not None or self.rotate is not None:
-            motion = DisplacementMotion(ScaledMotion.of(self, amplitudes).displacement)
+        elif self.is_moved:
+            motion = DisplacementMotion(self.scaled(amplitudes).displacement)
         return MovingShape(shape, motion)
 
     @classmethod
@@ -211,7 +200,5 @@ def _widened(shape: Any) -> Any:
 def names(obstacles: Sequence[Obstacle]) -> list[str]:
     """Return the obstacles' names. Raises BadInput if two have the same."""
     found = [obstacle.name or f"obstacle_{i}" for i, obstacle in enumerate(obstacles)]
-    for name in found:
-        if found.count(name) > 1:
-            raise bad_value("obstacle.name", name, "a different name for each obstacle")
+    check_distinct("obstacle.name", found, "obstacle")
     return found

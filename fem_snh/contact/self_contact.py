@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from fem_snh.choices import SELF_CONTACT_METHODS
 from fem_snh.errors import bad_value
@@ -18,11 +18,7 @@ if TYPE_CHECKING:
     from fem_snh.terms.body import Body
     from fem_snh.terms.term import Term
 
-Method = Annotated[str, OneOf("method", SELF_CONTACT_METHODS)]
-
-
-#: Keys of the barrier alone, and their defaults.
-_IPC = {"distance": None, "friction": 0.0}
+Method = Annotated[str, OneOf(SELF_CONTACT_METHODS)]
 
 
 class SelfContact(Feature):
@@ -33,6 +29,7 @@ class SelfContact(Feature):
     """
 
     key, planar = "self_contact", True
+    needs_value = {"distance": ("method", "ipc"), "friction": ("method", "ipc")}
     nodal_fields: ClassVar[Mapping[str, OutputField]] = CONTACT_PRESSURES
     method: Method = Field(
         default=SELF_CONTACT_METHODS[0],
@@ -53,14 +50,6 @@ class SelfContact(Feature):
         "of the surface, at most 0.9 of the smallest distance in the mesh.",
     )
     friction: NonNegative = Field(default=0.0, description="ipc: coefficient of friction.")
-
-    @model_validator(mode="after")
-    def _check_method(self) -> Self:
-        if self.method == "reference":
-            for key, default in _IPC.items():
-                if (value := getattr(self, key)) != default:
-                    raise bad_value(key, value, "no value, as the method is reference")
-        return self
 
     @classmethod
     def check(cls, features: Sequence[Self], scene: Any) -> None:

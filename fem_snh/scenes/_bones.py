@@ -11,21 +11,22 @@ from pydantic import Discriminator, Field, Tag, field_serializer, model_validato
 
 from fem_snh.choices import RESTS
 from fem_snh.errors import BadInput, bad_value
-from fem_snh.tables.amplitudes import MOTION_TABLE, TableName
-from fem_snh.tables.motions import TRANSLATE, Rotate, check_motion
-from fem_snh.tables.shapes import ShapeChoice, SurfaceFile
+from fem_snh.tables.amplitudes import MotionTable
+from fem_snh.tables.shapes import ShapeChoice
 from fem_snh.tables.types import (
     INT32_MAX,
     FilePath,
+    Flag,
     GroupKey,
     NonNegative,
     Positive,
     Seed,
     Steps,
+    SurfaceFile,
     Text,
     Vector,
 )
-from fem_snh.tables.validation import Expect, OneOf, Table, Whole, given_key
+from fem_snh.tables.validation import Expect, OneOf, Table, Whole, check_distinct
 
 if TYPE_CHECKING:
     from fem_snh.geometry.bvh import Clip
@@ -55,7 +56,7 @@ class SkeletonMotion(Table):
 
     bvh: BvhFile = Field(description="The file; its path is relative to the scene file.")
     joint: Text = Field(description="The joint that the bone follows.")
-    rest: Annotated[str, OneOf("rest", RESTS)] = Field(
+    rest: Annotated[str, OneOf(RESTS)] = Field(
         default=RESTS[0],
         description="The skeleton's pose in the reference configuration: that of the first frame, "
         "or 'offset', all rotations zero and each joint at its OFFSET.",
@@ -100,7 +101,7 @@ class NoiseChoice(Table):
         description="Number of random maps of each bone, at equal distances from load 0 to 1; "
         "default: one for each of the scene's steps.",
     )
-    smooth: Annotated[bool, Field(strict=True), Expect("true or false")] = Field(
+    smooth: Flag = Field(
         default=False,
         description="Whether the disturbance is smooth (a cubic spline) between them; "
         "default: linear.",
@@ -130,7 +131,7 @@ BoneMotion = Annotated[
 ]
 
 
-class BoneChoice(Table):
+class BoneChoice(MotionTable):
     """A bone in the flesh: all nodes inside follow its motion.
 
     It is a shape, a closed surface or a physical group of volumes. Without a motion it does not
@@ -139,7 +140,8 @@ class BoneChoice(Table):
     all shapes. Bones override ``[[hold]]`` and ``[[move]]``.
     """
 
-    needs = {"table": ("translate", "rotate")}
+    one_of = ("shape", "surface", "group")
+    excludes = {"motion": ("translate", "rotate", "table")}
     name: Text = Field(description="Its name in results and in the files of motions.")
     shape: ShapeChoice | None = Field(
         default=None, description="Its shape; or 'surface' or 'group'."
@@ -153,16 +155,13 @@ class BoneChoice(Table):
         default=None,
         description="Physical group of volumes, by name or number, instead of 'shape'.",
     )
-    translate: Vector | None = Field(default=None, description=TRANSLATE)
-    rotate: Rotate | None = Field(default=None, description="Rotation, before the translation.")
-    table: TableName | None = Field(default=None, description=MOTION_TABLE)
     motion: BoneMotion | None = Field(
         default=None,
         description="Affine maps, instead of 'translate' and 'rotate': a CSV file, relative to the "
         "scene file, with the columns load or time, bone, a11, a12, ..., a34; a joint of a "
         "skeleton; or, in Python, a function of the load that returns a 3x4 matrix.",
     )
-    rigid: Annotated[bool, Field(strict=True), Expect("true or false")] = Field(
+    rigid: Flag = Field(
         default=False,
         description="Whether the maps of 'motion' are rigid: rotations between two rows are then "
         "slerped, otherwise each entry is linear.",
@@ -174,9 +173,7 @@ class BoneChoice(Table):
     )
 
     @model_validator(mode="after")
-    def _check_keys_together(self) -> BoneChoice:
-        given_key(self, "shape", "surface", "group")
-        check_motion(self, self.motion)
+    def _check_rigid(self) -> BoneChoice:
         if self.rigid and not isinstance(self.motion, Path):
             raise bad_value("rigid", True, "no value without the CSV file of a 'motion'")
         return self
@@ -194,8 +191,6 @@ class BoneChoice(Table):
 def check_bones(choices: Sequence[BoneChoice], rig: Rig | None, obstacles: Sequence[str]) -> None:
     """Raise BadInput if two bones or obstacles have the same name, or for a rig without bones."""
     names = [choice.name for choice in choices]
-    for name in names:
-        if names.count(name) + obstacles.count(name) > 1:
-            raise bad_value("bone.name", name, "a different name for each bone and obstacle")
+    check_distinct("bone.name", [*names, *obstacles], "bone and obstacle")
     if rig is not None and not choices:
         raise BadInput("'rig': expected with a table [[bone]], which the scene does not have")

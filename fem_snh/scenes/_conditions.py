@@ -10,8 +10,7 @@ import numpy.typing as npt
 from pydantic import Field, model_validator
 
 from fem_snh.errors import BadInput, bad_value
-from fem_snh.tables.amplitudes import MOTION_TABLE, TableName
-from fem_snh.tables.motions import TRANSLATE, Rotate, rigid_displacement
+from fem_snh.tables.amplitudes import MotionTable
 from fem_snh.tables.types import (
     Components,
     FilePath,
@@ -51,33 +50,22 @@ class Hold(Table):
             raise bad_value("table", data["table"], accepted)
         return data
 
-    def displacement(self, X: Array, load: float) -> Array:
-        """Return zeros of the shape of X (n, 3): see `Move.displacement`."""
-        return np.zeros_like(X, dtype=float)
 
-
-class Move(Table):
+class Move(MotionTable):
     """A Dirichlet condition that moves a physical group rigidly: it is rotated, then translated."""
 
     group: GroupKey = Field(description=_GROUP)
-    translate: Vector | None = Field(default=None, description=TRANSLATE)
-    rotate: Rotate | None = Field(default=None, description="Rotation, before the translation.")
     components: Components = Field(default=("x", "y", "z"), description=_COMPONENTS)
-    table: TableName | None = Field(default=None, description=MOTION_TABLE)
 
     @model_validator(mode="after")
     def _check_motion(self) -> Move:
-        if self.translate is None and self.rotate is None:
+        if not self.is_moved:
             raise BadInput("missing key 'translate' or 'rotate': expected one of them, or both")
         for axis, value in zip("xyz", self.translate or (), strict=False):
             if value and axis not in self.components:
                 accepted = f"zero along {axis}, which 'components' does not name"
                 raise bad_value("translate", list(self.translate or ()), accepted)
         return self
-
-    def displacement(self, X: Array, amplitude: float, turn: float | None = None) -> Array:
-        """Return the prescribed displacements (n, 3) at an amplitude: see `rigid_displacement`."""
-        return rigid_displacement(X, self.translate, self.rotate, amplitude, turn)
 
 
 class Start(Table):
@@ -87,6 +75,7 @@ class Start(Table):
     they go to their prescribed displacement in proportion to the load.
     """
 
+    excludes = {"run": ("map", "scatter", "noise"), "map": ("scatter",)}
     needs = {
         "step": ("run",),
         "through": ("map", "angular_velocity"),
@@ -127,16 +116,6 @@ class Start(Table):
         description="Initial angular velocity [rad/s], of a scene with [time]; "
         "it is added to the velocity.",
     )
-
-    @model_validator(mode="after")
-    def _check_kind(self) -> Start:
-        if self.run is not None and self.displaces:
-            raise BadInput(
-                "'run' excludes 'map', 'scatter' and 'noise': expected one kind of initial state"
-            )
-        if self.map is not None and self.scatter is not None:
-            raise BadInput("'map' and 'scatter' exclude each other: expected one of them")
-        return self
 
     @property
     def files(self) -> dict[str, Path]:

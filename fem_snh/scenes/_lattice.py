@@ -11,8 +11,8 @@ from fem_snh.choices import LATTICE_PARTS, LATTICE_WEIGHTINGS
 from fem_snh.errors import bad_value
 from fem_snh.geometry.shapes import ClosedSurface, Shape
 from fem_snh.tables.shapes import ShapeChoice
-from fem_snh.tables.types import FilePath, Positive
-from fem_snh.tables.validation import Expect, OneOf, Table, Whole
+from fem_snh.tables.types import Positive, SurfaceFile
+from fem_snh.tables.validation import OneOf, Table, Whole
 
 #: Cubes along a cell's edge: fewer tell no parts apart, more need gigabytes for a body's cells.
 _SAMPLES = (2, 16)
@@ -20,18 +20,13 @@ _SAMPLES = (2, 16)
 
 #: A file of a closed surface, or the table of a shape; the tags are removed from messages.
 Body = Annotated[
-    Annotated[ShapeChoice, Tag("a shape")]
-    | Annotated[
-        FilePath,
-        Expect("the path of an STL or OBJ file"),
-        Tag("a surface"),
-    ],
+    Annotated[ShapeChoice, Tag("a shape")] | Annotated[SurfaceFile, Tag("a surface")],
     Discriminator(lambda body: "a shape" if isinstance(body, dict | ShapeChoice) else "a surface"),
 ]
 
 
-Weighting = Annotated[str, OneOf("weighting", LATTICE_WEIGHTINGS)]
-Parts = Annotated[str, OneOf("parts", LATTICE_PARTS)]
+Weighting = Annotated[str, OneOf(LATTICE_WEIGHTINGS)]
+Parts = Annotated[str, OneOf(LATTICE_PARTS)]
 
 
 class Lattice(Table):

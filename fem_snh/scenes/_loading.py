@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
-from typing import Any, get_args, get_origin
+from typing import Any
 
 from pydantic import ValidationError
 
@@ -17,8 +17,7 @@ from fem_snh.references import FileText, is_reference
 from fem_snh.scenes._consistency import check_radii
 from fem_snh.scenes._library import SceneFunction, function, make_scene, parameters
 from fem_snh.scenes.schema import MaterialChoice, Scene
-from fem_snh.tables.synonyms import suggestion
-from fem_snh.tables.validation import Table, one_line
+from fem_snh.tables.validation import one_line, suggestion, tables_in
 
 #: Keys of tables that a message suggests at most: many tables have a key `group`.
 _MOST_SUGGESTED = 4
@@ -126,18 +125,10 @@ def _key_of_a_table(word: str) -> str:
     found = dict.fromkeys(
         f"'{name}.{'0.' if is_list else ''}{word}'"
         for name, field in Scene.model_fields.items()
-        for is_list, table in _tables_in(field.annotation)
+        for is_list, table in tables_in(field.annotation)
         if word in table.model_fields
     )
     return f" (did you mean {' or '.join(found)}?)" if 0 < len(found) <= _MOST_SUGGESTED else ""
-
-
-def _tables_in(annotation: Any, is_list: bool = False) -> Iterator[tuple[bool, type[Table]]]:
-    """Yield the tables in the type of a key, and whether they are those of a list."""
-    if isinstance(annotation, type) and issubclass(annotation, Table):
-        yield is_list, annotation
-    for part in get_args(annotation):
-        yield from _tables_in(part, is_list or get_origin(annotation) is list)
 
 
 def read_toml(path: Path) -> dict[str, Any]:

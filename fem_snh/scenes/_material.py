@@ -20,9 +20,8 @@ from pydantic import (
 
 from fem_snh.errors import BadInput, bad_value, unknown_name
 from fem_snh.materials.parameters import LARGEST_MODULUS
-from fem_snh.tables.synonyms import suggestion
 from fem_snh.tables.types import GroupKey, Positive
-from fem_snh.tables.validation import Expect, Finite, Table
+from fem_snh.tables.validation import Expect, Finite, Table, suggestion
 
 #: Keys that only some materials have.
 _OPTIONAL = ("group", "density")

@@ -21,7 +21,7 @@ from fem_snh.tables.types import (
     Vector,
     split_text,
 )
-from fem_snh.tables.validation import Bounded, Expect, OneOf, Table
+from fem_snh.tables.validation import Bounded, Expect, OneOf, Table, check_distinct
 from fem_snh.terms.feature import Feature, grouped
 from fem_snh.terms.rigid import RESULTS, Rigid
 
@@ -85,10 +85,7 @@ Reactions = Annotated[list[Reaction], BeforeValidator(_as_tables)]
 
 def _check_names(probes: list[Probe]) -> list[Probe]:
     """Raise BadInput if two probes have one name."""
-    names = [probe.name for probe in probes]
-    for name in names:
-        if names.count(name) > 1:
-            raise bad_value("name", name, "a different name for each probe")
+    check_distinct("name", [probe.name for probe in probes], "probe")
     return probes
 
 
@@ -141,7 +138,7 @@ UnitNames = Annotated[
     AfterValidator(_check_units),
 ]
 #: Where output fields are written.
-Location = Annotated[str, OneOf("fields_at", LOCATIONS)]
+Location = Annotated[str, OneOf(LOCATIONS)]
 
 
 def _kind(mesh: Any) -> str:
@@ -267,7 +264,7 @@ class Accuracy(Table):
         "reactions, what is unknown of rigid parts, of a static scene those forces and "
         "pressures, volumes and energy.",
     )
-    estimate: Annotated[str, OneOf("estimate", ESTIMATES)] = Field(
+    estimate: Annotated[str, OneOf(ESTIMATES)] = Field(
         default=LIFTED_ELEMENT,
         description="What the errors are found from: a solution in the element of the next degree, "
         "or those on meshes with half and a quarter of the cells along an edge, which take a "

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from fem_snh.choices import (
     DEFAULT_INTEGRATOR,
@@ -12,13 +12,12 @@ from fem_snh.choices import (
     INTEGRATORS,
     MASSES,
 )
-from fem_snh.errors import bad_value
 from fem_snh.tables.types import Count, NonNegative, Positive, Steps
 from fem_snh.tables.validation import Expect, Finite, OneOf, Table
 
 _Radius = Annotated[Finite, Field(ge=0, le=1), Expect("a number from 0 to 1")]
-Integrator = Annotated[str, OneOf("integrator", INTEGRATORS)]
-Mass = Annotated[str, OneOf("mass", MASSES)]
+Integrator = Annotated[str, OneOf(INTEGRATORS)]
+Mass = Annotated[str, OneOf(MASSES)]
 
 
 class Damping(Table):
@@ -38,6 +37,7 @@ class Time(Table):
     a table is constant, and a motion without one goes from 0 to its value over the duration.
     """
 
+    needs_value = {"rho_infinity": ("integrator", "generalized_alpha")}
     duration: Positive = Field(description="End of the run [s].")
     steps: Steps = Field(
         description="Number of equal time steps; one that fails is halved. "
@@ -66,10 +66,3 @@ class Time(Table):
         description="Time steps of 'steps' from one output to the next: fields.pvd, "
         "checkpoint.npz and run.json.",
     )
-
-    @model_validator(mode="after")
-    def _check_radius(self) -> Time:
-        if self.rho_infinity is not None and self.integrator != "generalized_alpha":
-            accepted = "no value, as the integrator is not generalized_alpha"
-            raise bad_value("rho_infinity", self.rho_infinity, accepted)
-        return self

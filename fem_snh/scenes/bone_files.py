@@ -11,7 +11,6 @@ from fem_snh.geometry.motions import Bone, DisplacementMotion, Motion, Noise
 from fem_snh.geometry.shapes import ClosedSurface
 from fem_snh.scenes._bones import BoneChoice, Function, SkeletonMotion
 from fem_snh.scenes.schema import Scene
-from fem_snh.tables.motions import ScaledMotion
 from fem_snh.tables.types import Vector
 
 
@@ -66,10 +65,9 @@ class _Files:
             return motion.motion(self._clips[motion.bvh], scene.duration)
         if motion is not None:
             return motion, None
-        if choice.translate is None and choice.rotate is None:
+        if not choice.is_moved:
             return None, None
-        scaled = ScaledMotion.of(choice, scene.amplitudes)
-        return DisplacementMotion(scaled.displacement), None
+        return DisplacementMotion(choice.scaled(scene.amplitudes).displacement), None
 
     def _table(self, path: Path) -> MotionRows:
         """Return the rows of a file, all of which must be of bones of the scene."""

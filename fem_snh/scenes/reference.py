@@ -19,9 +19,8 @@ from fem_snh.errors import BadInput, nearest, unknown_name
 from fem_snh.materials import TUNING, defaults, describe, names, names_in_literature, pins
 from fem_snh.materials.parameters import MEANINGS
 from fem_snh.materials.registry import published
-from fem_snh.scenes.schema import WORDS, MaterialChoice, Scene
-from fem_snh.tables.field_texts import accepted, is_list, models
-from fem_snh.tables.synonyms import suggestion
+from fem_snh.scenes.schema import MaterialChoice, Scene
+from fem_snh.tables.validation import Table, accepted, suggestion, tables_in
 
 
 @dataclass(frozen=True)
@@ -44,7 +43,7 @@ class Key:
     accepted: str
     default: str
     meaning: str
-    tables: tuple[type[BaseModel], ...]
+    tables: tuple[type[Table], ...]
     is_list: bool
 
     @property
@@ -53,37 +52,36 @@ class Key:
         return self.path.rpartition(".")[2]
 
 
-def keys_of(model: type[BaseModel], prefix: str = "") -> list[Key]:
+def keys_of(model: type[Table], prefix: str = "") -> list[Key]:
     """Return the keys of a table, in the order of its class; ``prefix`` begins their paths."""
     model.model_rebuild()  # tables name each other before they exist
     found = []
-    for name, field in model.model_fields.items():
+    for name in model.positional_fields():
+        field = model.model_fields[name]
         # The only key that a file gives by its own name.
         default = "the file's name" if model is Scene and name == "name" else _default(field)
-        tables = tuple(dict.fromkeys(models(field.annotation)))
-        words = WORDS.get(name, ()) if model is Scene else ()
-        what = f"one of {', '.join(words)}" if words else accepted(field)
+        tables = tables_in(field.annotation)
         found.append(
             Key(
                 prefix + name,
-                what,
+                accepted(field),
                 default,
                 field.description or "",
-                tables,
-                is_list(field.annotation),
+                tuple(dict.fromkeys(table for _, table in tables)),
+                any(is_list for is_list, _ in tables),
             )
         )
     return found
 
 
-def summary(model: type[BaseModel]) -> str:
+def summary(model: type[Table]) -> str:
     """Return the first paragraph of a table's docstring, in one line."""
     return " ".join((inspect.getdoc(model) or "").partition("\n\n")[0].split())
 
 
 def every_key() -> Iterator[Key]:
     """Yield the keys of all tables by their paths; those of a table in itself only once."""
-    ways: list[tuple[str, type[BaseModel], tuple[type[BaseModel], ...]]] = [("", Scene, ())]
+    ways: list[tuple[str, type[Table], tuple[type[Table], ...]]] = [("", Scene, ())]
     while ways:
         prefix, model, outer = ways.pop(0)
         for key in keys_of(model, prefix):
@@ -150,10 +148,10 @@ def materials_with(parameter: str) -> list[str]:
     ]
 
 
-def sections() -> Iterator[tuple[str, type[BaseModel]]]:
+def sections() -> Iterator[tuple[str, type[Table]]]:
     """Yield the tables of a scene once each, with headings that say where they are."""
-    places: dict[type[BaseModel], list[tuple[type[BaseModel], Key]]] = {Scene: []}
-    ways: list[type[BaseModel]] = [Scene]
+    places: dict[type[Table], list[tuple[type[Table], Key]]] = {Scene: []}
+    ways: list[type[Table]] = [Scene]
     for model in ways:  # it grows
         for key in keys_of(model):
             for table in key.tables:

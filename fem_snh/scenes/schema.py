@@ -22,7 +22,6 @@ from fem_snh.choices import (
 from fem_snh.contact.contact import Contact
 from fem_snh.contact.obstacle import Obstacle
 from fem_snh.contact.self_contact import SelfContact
-from fem_snh.errors import choose
 from fem_snh.files import is_shape, xdmf_data
 from fem_snh.scenes._bones import BoneChoice, Rig
 from fem_snh.scenes._conditions import Hold, Move, Start
@@ -43,8 +42,7 @@ from fem_snh.scenes._outputs import (
     UnitNames,
 )
 from fem_snh.scenes._time import Damping, Time
-from fem_snh.tables.amplitudes import Amplitude, Amplitudes
-from fem_snh.tables.motions import Rotate, ScaledMotion
+from fem_snh.tables.amplitudes import Amplitude, Amplitudes, Rotate, ScaledMotion
 from fem_snh.tables.types import (
     Cells,
     Groups,
@@ -54,7 +52,7 @@ from fem_snh.tables.types import (
     Steps,
     Text,
 )
-from fem_snh.tables.validation import Expect, Table, Whole
+from fem_snh.tables.validation import Expect, OneOf, Table, Whole
 from fem_snh.terms.cavity import Cavity
 from fem_snh.terms.feature import Feature
 from fem_snh.terms.gravity import Gravity
@@ -73,16 +71,6 @@ __all__ = [
 ]  # fmt: skip
 
 Degree = Annotated[int, Whole(1, MAX_QUADRATURE_DEGREE)]
-
-#: The values of keys that accept one of several words.
-WORDS = {
-    "element": tuple(ELEMENTS),
-    "kinematics": tuple(PLANAR),
-    "hessian": HESSIANS,
-    "globalization": GLOBALIZATIONS,
-    "assembly": ASSEMBLIES,
-    "predictor": PREDICTORS,
-}
 
 
 class Scene(Table):
@@ -104,12 +92,12 @@ class Scene(Table):
         description="Resolution of a built-in geometry, in cells along an edge; of an .xao file, "
         f"along its longest extent, by default {DEFAULT_CELLS}; a mesh file has none.",
     )
-    element: Annotated[str, Expect("one of " + ", ".join(ELEMENTS))] = Field(
+    element: Annotated[str, OneOf(ELEMENTS)] = Field(
         description=f"Finite element, one of {', '.join(ELEMENTS)}: P on tetrahedra or triangles, "
         "Q on hexahedra or quadrilaterals; then the degree of the displacement; P0 with mean "
         "dilatation; P1 or Q1 with a continuous pressure (Taylor-Hood)."
     )
-    kinematics: str | None = Field(
+    kinematics: Annotated[str, OneOf(PLANAR)] | None = Field(
         default=None,
         description=f"Of a mesh of two dimensions, one of {', '.join(PLANAR)}; a mesh of three has "
         "none.",
@@ -120,18 +108,18 @@ class Scene(Table):
         "lowest without spurious modes: 1 for P1, 4 for Q2 and Q2Q1, 2 for the others; default: "
         "the element's.",
     )
-    hessian: str | None = Field(
+    hessian: Annotated[str, OneOf(HESSIANS)] | None = Field(
         default=None,
         description=f"Hessian of Newton's method, one of {', '.join(HESSIANS)}; "
         f"default: {DEFAULT_HESSIAN}.",
     )
-    globalization: str | None = Field(
+    globalization: Annotated[str, OneOf(GLOBALIZATIONS)] | None = Field(
         default=None,
         description=f"Globalisation of Newton's method, one of {', '.join(GLOBALIZATIONS)}; "
         "default: linesearch if a Hessian is named, and for any problem but a minimisation "
         "problem; else trust_region.",
     )
-    assembly: str = Field(
+    assembly: Annotated[str, OneOf(ASSEMBLIES)] = Field(
         default=DEFAULT_ASSEMBLY,
         description="What evaluates the elastic energy and its residual: the program's kernels or "
         "UFL forms compiled by FFCx. The Hessian is always the kernels'.",
@@ -214,7 +202,7 @@ class Scene(Table):
     accuracy: Accuracy | None = Field(
         default=None, description="Goals whose errors are estimated, in place of those of `error`."
     )
-    predictor: str = Field(
+    predictor: Annotated[str, OneOf(PREDICTORS)] = Field(
         default=DEFAULT_PREDICTOR,
         description=f"Initial guess of a load step, one of {', '.join(PREDICTORS)}: the last "
         "equilibrium, its linear extrapolation in the load, a linear solve with the tangent, or "
@@ -239,12 +227,6 @@ class Scene(Table):
     @classmethod
     def _default_cells(cls, cells: int | None, info: ValidationInfo) -> int | None:
         return DEFAULT_CELLS if cells is None and is_shape(info.data.get("mesh")) else cells
-
-    @field_validator(*WORDS)
-    @classmethod
-    def _check_word(cls, word: str | None, info: ValidationInfo) -> str | None:
-        key = str(info.field_name)
-        return None if word is None else choose(key, word, WORDS[key])
 
     @property
     def files(self) -> dict[str, Path]:
@@ -291,7 +273,7 @@ class Scene(Table):
     @property
     def motions(self) -> list[ScaledMotion]:
         """The motions of ``move`` with their amplitudes."""
-        return [ScaledMotion.of(move, self.amplitudes) for move in self.move]
+        return [move.scaled(self.amplitudes) for move in self.move]
 
     @model_validator(mode="after")
     def _check_consistency(self) -> Scene:

@@ -1,4 +1,4 @@
-"""Amplitudes of a scene's loads and motions, as functions of the load."""
+"""Amplitudes of loads and motions as functions of the load, and rigid motions that have them."""
 
 from __future__ import annotations
 
@@ -9,12 +9,15 @@ from itertools import pairwise
 from typing import Annotated, Any
 
 import numpy as np
+import numpy.typing as npt
 from pydantic import Field, PlainSerializer, field_validator
 
 from fem_snh.choices import INTERPOLATIONS, LARGEST_NUMBER
 from fem_snh.errors import bad_value, check_number, choose
-from fem_snh.tables.types import Text
-from fem_snh.tables.validation import Bounded, Expect, OneOf, Table
+from fem_snh.tables.types import Axis, Number, Text, Vector
+from fem_snh.tables.validation import Bounded, Expect, OneOf, Table, check_distinct
+
+Array = npt.NDArray[np.float64]
 
 #: Relative difference of numbers in a file that is rounding.
 _ROUNDING = 1e-6
@@ -55,7 +58,7 @@ class Amplitude(Table):
         description="Points [load, value] of the function; in a scene with [time], [time in s, "
         "value]."
     )
-    interpolation: Annotated[str, OneOf("interpolation", INTERPOLATIONS)] = Field(
+    interpolation: Annotated[str, OneOf(INTERPOLATIONS)] = Field(
         default=INTERPOLATIONS[0],
         description="linear between the points, or smooth: a cubic spline through them, whose "
         "velocities and accelerations are continuous, for records that move a body in time by "
@@ -108,9 +111,7 @@ def check_tables(tables: Sequence[Amplitude], scene: Mapping[str, Any]) -> None:
         The scene's keys and their values: loads and motions, or lists of them.
     """
     known = [table.name for table in tables]
-    for name in known:
-        if known.count(name) > 1:
-            raise bad_value("table.name", name, "a different name for each table")
+    check_distinct("table.name", known, "table")
     references = {key: name for key, name in _references(scene) if isinstance(name, str)}
     for key, name in references.items():
         if not known:
@@ -138,15 +139,7 @@ def _references(tables: Mapping[str, Any], path: str = "") -> Iterable[tuple[str
 
 @dataclass(frozen=True)
 class _Factor:
-    """A factor as a function of the load, which calls a function of the load or the time.
-
-    Attributes
-    ----------
-    function : callable
-        The function; its values are numbers.
-    duration : float or None
-        The time of load 1 [s]; None for a function of the load.
-    """
+    """A function of the load that calls one of the time, if there is a duration [s]."""
 
     function: Function
     duration: float | None = None
@@ -224,3 +217,107 @@ def loads_return(scene: Mapping[str, Any], amplitudes: Amplitudes, steps: int) -
         max(abs(function(step / steps)) for step in range(steps + 1)) > abs(function(1.0))
         for function in functions
     )
+
+
+class Rotate(Table):
+    """A rotation about an axis, right-handed, in proportion to the amplitude."""
+
+    axis: Vector = Field(description="Direction of the axis; its length does not matter.")
+    angle: Number = Field(description="Angle at amplitude 1 [rad].")
+    through: Vector = Field(default=(0.0, 0.0, 0.0), description="A point of the axis [length].")
+    table: TableName | None = Field(
+        default=None,
+        description="Name of the [[table]] that is the rotation's amplitude; "
+        "default: the amplitude of the motion.",
+    )
+
+    @field_validator("axis")
+    @classmethod
+    def _check_direction(cls, axis: tuple[float, float, float]) -> tuple[float, float, float]:
+        if not 0 < np.linalg.norm(axis) < np.inf:
+            raise bad_value("axis", list(axis), "a vector that is not zero, of finite length")
+        return axis
+
+
+class MotionTable(Table):
+    """A table with the keys of a rigid motion: a rotation, then a translation."""
+
+    needs = {"table": ("translate", "rotate")}
+    translate: Vector | None = Field(
+        default=None,
+        description="Displacement at amplitude 1 [length]; it is proportional to the amplitude.",
+    )
+    rotate: Rotate | None = Field(default=None, description="Rotation, before the translation.")
+    table: TableName | None = Field(default=None, description=MOTION_TABLE)
+
+    @property
+    def is_moved(self) -> bool:
+        """Whether it has a motion."""
+        return self.translate is not None or self.rotate is not None
+
+    def displacement(self, X: Array, amplitude: float, turn: float | None = None) -> Array:
+        r"""Return the displacements of a rotation, followed by a translation.
+
+        .. math:: u(X) = R(\lambda_r\varphi)(X - c) + c - X + \lambda t
+
+        Parameters
+        ----------
+        X : (n, 3) array
+            Reference coordinates [length].
+        amplitude : float
+            The amplitude :math:`\lambda` of the motion; without tables the load, from 0 to 1.
+        turn : float, optional
+            The amplitude :math:`\lambda_r` of the rotation, if it has one of its own.
+
+        Returns
+        -------
+        (n, 3) array
+            Displacements [length], in all components.
+        """
+        u = np.zeros_like(X, dtype=float)
+        if self.rotate is not None:
+            # Rodrigues' formula: importing scipy.spatial takes longer than a small solve.
+            axis = np.asarray(self.rotate.axis) / np.linalg.norm(self.rotate.axis)
+            angle = (amplitude if turn is None else turn) * self.rotate.angle
+            across = np.cross(axis, X - np.asarray(self.rotate.through))
+            u += np.sin(angle) * across + 2 * np.sin(angle / 2) ** 2 * np.cross(axis, across)
+        if self.translate is not None:
+            u += amplitude * np.asarray(self.translate)
+        return u
+
+    def scaled(self, amplitudes: Amplitudes) -> ScaledMotion:
+        """Return the motion with its amplitudes."""
+        amplitude = amplitudes.motion(self.table)
+        turn = amplitudes.motion(self.rotate.table if self.rotate else None, amplitude)
+        return ScaledMotion(self, amplitude, turn)
+
+
+@dataclass(frozen=True)
+class ScaledMotion:
+    """The motion of a table as a function of the load.
+
+    Attributes
+    ----------
+    table : MotionTable
+        The table.
+    amplitude, turn : callable
+        Amplitudes of the motion and of its rotation, as functions of the load.
+    """
+
+    table: Any
+    amplitude: Function
+    turn: Function
+
+    @property
+    def group(self) -> str | int:
+        """Name or number of the physical group that moves."""
+        return self.table.group
+
+    @property
+    def components(self) -> tuple[Axis, ...]:
+        """The prescribed components."""
+        return self.table.components
+
+    def displacement(self, X: Array, load: float) -> Array:
+        """Return the displacements (n, 3) of points X (n, 3) at a load."""
+        return self.table.displacement(X, self.amplitude(load), self.turn(load))

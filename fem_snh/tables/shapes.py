@@ -4,15 +4,12 @@ from __future__ import annotations
 
 from typing import Annotated, Any, ClassVar
 
-from pydantic import AfterValidator, Field, create_model, model_validator
+from pydantic import Field, create_model, model_validator
 
-from fem_snh.errors import BadInput
 from fem_snh.geometry.shapes import Shape, from_record
-from fem_snh.tables.types import FilePath, Positive, Vector
+from fem_snh.tables.types import Flag, Positive, Vector
 from fem_snh.tables.validation import Bounded, BoundedPositive, Expect, Table
 
-#: The file of a closed surface, in place of a shape.
-SurfaceFile = Annotated[FilePath, Expect("the path of an STL or OBJ file")]
 Size = Annotated[
     tuple[BoundedPositive, ...],
     Field(min_length=3, max_length=3),
@@ -65,9 +62,7 @@ class CylinderShape(_Axis):  # type: ignore[misc]  # made by pydantic at run tim
 
     kind = "cylinder"
     radius: Positive = Field(description="The radius [length].")
-    infinite: Annotated[bool, Field(strict=True), Expect("true or false")] = Field(
-        default=False, description="Whether it goes on beyond both ends."
-    )
+    infinite: Flag = Field(default=False, description="Whether it goes on beyond both ends.")
 
 
 class CapsuleShape(_Axis):  # type: ignore[misc]  # made by pydantic at run time
@@ -103,19 +98,14 @@ class PolygonShape(_ShapeTable):
     )
 
 
-def _check_shapes(shapes: list[Any]) -> list[Any]:
-    """Raise BadInput for an empty list."""
-    if not shapes:
-        raise BadInput("expected at least one shape, [{ sphere = {...} }, ...]")
-    return shapes
+#: Shapes, one at least; named before the table of a shape is.
+_Shapes = Annotated[list["ShapeChoice"], Field(min_length=1)]
 
 
 class SmoothUnionShape(Table):
     """The union of shapes with rounded seams."""
 
-    shapes: Annotated[list[ShapeChoice], AfterValidator(_check_shapes)] = Field(
-        description="The shapes, each a table as `shape` is."
-    )
+    shapes: _Shapes = Field(description="The shapes, each a table as `shape` is.")
     blend: Positive = Field(
         description="How far outside of two surfaces the union's is where they meet [length]."
     )
@@ -124,6 +114,9 @@ class SmoothUnionShape(Table):
 class ShapeChoice(Table):
     """The shape of an obstacle, a bone or a lattice: exactly one of these keys."""
 
+    one_of = (
+        "plane", "sphere", "cylinder", "capsule", "box", "polygon", "union", "smooth_union",
+    )  # fmt: skip
     plane: PlaneShape | None = Field(default=None, description="A half-space: flat ground.")
     sphere: SphereShape | None = Field(default=None, description="A ball.")
     cylinder: CylinderShape | None = Field(default=None, description="A circular cylinder.")
@@ -132,7 +125,7 @@ class ShapeChoice(Table):
     polygon: PolygonShape | None = Field(
         default=None, description="A polygon, for meshes of two dimensions."
     )
-    union: Annotated[list[ShapeChoice], AfterValidator(_check_shapes)] | None = Field(
+    union: _Shapes | None = Field(
         default=None, description="All points of several shapes, a list of tables as `shape` is."
     )
     smooth_union: SmoothUnionShape | None = Field(
@@ -143,14 +136,6 @@ class ShapeChoice(Table):
     def given(self) -> dict[str, Any]:
         """The key that is given, with its table; of `union` the list of tables."""
         return {key: table for key, table in self if table is not None}
-
-    @model_validator(mode="after")
-    def _check_one(self) -> ShapeChoice:
-        if len(self.given) != 1:
-            found = ", ".join(self.given) or "none"
-            known = ", ".join(type(self).model_fields)
-            raise BadInput(f"expected one of the keys {known}, found {found}")
-        return self
 
     def shape(self) -> Shape:
         """Return the shape."""

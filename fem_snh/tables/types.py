@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -63,7 +64,11 @@ def _from_folder(path: object) -> object:
 
 #: The path of a file, relative to the scene file.
 FilePath = Annotated[Path, AfterValidator(_check_path), BeforeValidator(_from_folder)]
+CsvFile = Annotated[FilePath, Expect("the path of a CSV file")]
+#: The file of a closed surface.
+SurfaceFile = Annotated[FilePath, Expect("the path of an STL or OBJ file")]
 Text = Annotated[str, Field(min_length=1), Expect("a name")]
+Flag = Annotated[bool, Field(strict=True), Expect("true or false")]
 Number = Annotated[Bounded, Expect("a finite number")]
 Positive = Annotated[BoundedPositive, Expect("a number > 0")]
 NonNegative = Annotated[Bounded, Field(ge=0), Expect("a number >= 0")]
@@ -84,52 +89,35 @@ VectorValue = Annotated[
 ]
 Matrix = Annotated[tuple[Vector, Vector, Vector], Expect("a matrix, three rows of three numbers")]
 Range = Annotated[tuple[Bounded, Bounded], Expect("two finite numbers")]
-GroupKey = Annotated[
-    Annotated[str, Field(min_length=1)] | Annotated[int, Field(strict=True, ge=1, le=INT32_MAX)],
-    Expect(f"the name of a physical group, or its number from 1 to {INT32_MAX}"),
-]
+_Name = Annotated[str, Field(min_length=1)]
+_Number = Annotated[int, Field(strict=True, ge=1, le=INT32_MAX)]
+_GROUP = f"the name of a physical group, or its number from 1 to {INT32_MAX}"
+GroupKey = Annotated[_Name | _Number, Expect(_GROUP)]
 
 
-def _check_measure(value: object) -> object:
-    """Reject what is no UFL measure of exterior facets; without UFL there is none."""
+def _check_measure(value: object, kinds: tuple[str, ...]) -> object:
+    """Reject what is no UFL measure of these kinds of integrals; without UFL there is none."""
     ufl: Any = sys.modules.get("ufl")
-    if ufl is None or not isinstance(value, ufl.Measure) or value.integral_type() != _FACETS:
+    if ufl is None or not isinstance(value, ufl.Measure) or value.integral_type() not in kinds:
         raise ValueError
     return value
 
 
+_Measure = Annotated[
+    SkipJsonSchema[Any], AfterValidator(partial(_check_measure, kinds=(_CELLS, _FACETS)))
+]
+_FacetMeasure = Annotated[
+    SkipJsonSchema[Any], AfterValidator(partial(_check_measure, kinds=(_FACETS,)))
+]
 #: What a key of this kind means.
 SURFACE = "Physical group of surfaces, by name or number; in a program a measure ds(...)."
 #: A surface: a physical group of a scene, or a measure of a program.
 Surface = Annotated[
-    Annotated[str, Field(min_length=1)]
-    | Annotated[int, Field(strict=True, ge=1, le=INT32_MAX)]
-    | Annotated[SkipJsonSchema[Any], AfterValidator(_check_measure)],
-    Expect(
-        f"the name of a physical group, or its number from 1 to {INT32_MAX}; in a program a "
-        "measure ds(...)"
-    ),
+    _Name | _Number | _FacetMeasure, Expect(f"{_GROUP}; in a program a measure ds(...)")
 ]
-
-
-def _check_part(value: object) -> object:
-    """Reject what is no UFL measure of cells or of exterior facets."""
-    ufl: Any = sys.modules.get("ufl")
-    known = ufl is not None and isinstance(value, ufl.Measure)
-    if not known or getattr(value, "integral_type", str)() not in (_CELLS, _FACETS):
-        raise ValueError
-    return value
-
-
-#: A part of a body: a physical group of a scene, or a measure of a program.
+#: A part of a body: likewise.
 Part = Annotated[
-    Annotated[str, Field(min_length=1)]
-    | Annotated[int, Field(strict=True, ge=1, le=INT32_MAX)]
-    | Annotated[SkipJsonSchema[Any], AfterValidator(_check_part)],
-    Expect(
-        f"the name of a physical group, or its number from 1 to {INT32_MAX}; in a program a "
-        "measure dx(...) or ds(...)"
-    ),
+    _Name | _Number | _Measure, Expect(f"{_GROUP}; in a program a measure dx(...) or ds(...)")
 ]
 
 

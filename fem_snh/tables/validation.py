@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import inspect
 import re
 import sys
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+import tomllib
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self
+from textwrap import fill, indent
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self, get_args, get_origin
 
 from pydantic import (
     AfterValidator,
@@ -18,11 +21,11 @@ from pydantic import (
     ValidationError,
     model_validator,
 )
+from pydantic.fields import FieldInfo
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
 from fem_snh.choices import LARGEST_NUMBER
-from fem_snh.errors import BadInput, choose, shown, unknown_name
-from fem_snh.tables.synonyms import suggestion
+from fem_snh.errors import BadInput, bad_value, nearest, shown, unknown_name
 
 if TYPE_CHECKING:
     from pydantic._internal._model_construction import ModelMetaclass
@@ -70,14 +73,14 @@ def _has_expressions(value: object) -> bool:
     )
 
 
-@dataclass(frozen=True)
 class Expect:
     """An annotation that states what a field accepts; it replaces pydantic's own messages.
 
     Numpy's scalars and arrays are accepted as Python's, and no UFL expressions.
     """
 
-    what: str
+    def __init__(self, what: str) -> None:
+        self.what = what
 
     def __get_pydantic_core_schema__(
         self, source: Any, handler: GetCoreSchemaHandler
@@ -104,67 +107,50 @@ class Expect:
         return PydanticCustomError("expected", "expected {what}", {"what": self.what + bounds})
 
 
-@dataclass(frozen=True)
 class ExpectExpression(Expect):
     """An annotation for numbers that may be a UFL expression in a program.
 
-    A list with UFL expressions becomes a vector of UFL.
-
-    Attributes
-    ----------
-    ranks : tuple of int
-        The ranks of tensors that the expression may have.
+    A list with UFL expressions becomes a vector of UFL. ``ranks`` are the ranks of tensors that the
+    expression may have.
     """
 
-    ranks: tuple[int, ...] = (0,)
+    def __init__(self, what: str, ranks: tuple[int, ...] = (0,)) -> None:
+        super().__init__(what)
+        self._ranks = ranks
 
     def _expression(self, value: Any) -> Any:
         given = value if is_expression(value) else sys.modules["ufl"].as_vector(value)
-        if len(given.ufl_shape) not in self.ranks:
-            kinds = " or ".join(("scalar", "vector")[rank] for rank in self.ranks)
+        if len(given.ufl_shape) not in self._ranks:
+            kinds = " or ".join(("scalar", "vector")[rank] for rank in self._ranks)
             raise self._error(f", or a UFL expression, a {kinds}")
         return given
 
 
-@dataclass(frozen=True, init=False)
 class Whole(Expect):
     """An annotation for whole numbers from ``lowest`` to ``highest``."""
 
-    lowest: int
-    highest: int
-
     def __init__(self, lowest: int, highest: int) -> None:
-        object.__setattr__(self, "lowest", lowest)
-        object.__setattr__(self, "highest", highest)
-        object.__setattr__(self, "what", f"a whole number from {lowest} to {highest}")
+        super().__init__(f"a whole number from {lowest} to {highest}")
+        self._numbers = core_schema.int_schema(strict=True, ge=lowest, le=highest)
 
     def __get_pydantic_core_schema__(
         self, source: Any, handler: GetCoreSchemaHandler
     ) -> CoreSchema:
-        numbers = core_schema.int_schema(strict=True, ge=self.lowest, le=self.highest)
-        return core_schema.no_info_wrap_validator_function(self._check, numbers)
+        return core_schema.no_info_wrap_validator_function(self._check, self._numbers)
 
 
-@dataclass(frozen=True, init=False)
 class OneOf(Expect):
-    """An annotation for one of some words, the value of a key."""
+    """An annotation for one of some words."""
 
-    key: str
-    words: tuple[str, ...]
+    def __init__(self, words: Iterable[str]) -> None:
+        self._words = tuple(words)
+        super().__init__(f"one of {', '.join(self._words)}")
 
-    def __init__(self, key: str, words: Iterable[str]) -> None:
-        object.__setattr__(self, "key", key)
-        object.__setattr__(self, "words", tuple(words))
-        object.__setattr__(self, "what", f"one of {', '.join(self.words)}")
-
-    def __get_pydantic_core_schema__(
-        self, source: Any, handler: GetCoreSchemaHandler
-    ) -> CoreSchema:
-        text = super().__get_pydantic_core_schema__(source, handler)
-        return core_schema.no_info_after_validator_function(self._choose, text)
-
-    def _choose(self, word: str) -> str:
-        return choose(self.key, word, self.words)
+    def _check(self, value: Any, inner: Callable[[Any], Any]) -> Any:
+        word = super()._check(value, inner)
+        if word not in self._words:
+            raise self._error(nearest(word, self._words))
+        return word
 
 
 class _TableClass(ModelMetaclass):
@@ -180,13 +166,22 @@ class Table(BaseModel, metaclass=_TableClass):
 
     Attributes
     ----------
+    one_of : tuple of str
+        Keys of which a table has exactly one.
+    excludes : mapping of str to tuple of str
+        Keys that exclude others.
     needs : mapping of str to tuple of str
         Keys that act on others alone, with these: without one of them they would have no effect,
         and are refused. A dotted one is a key of a table in the table.
+    needs_value : mapping of str to (str, str)
+        Keys that act with one value of another key alone: the other key and that value.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
+    one_of: ClassVar[tuple[str, ...]] = ()
+    excludes: ClassVar[Mapping[str, tuple[str, ...]]] = {}
     needs: ClassVar[Mapping[str, tuple[str, ...]]] = {}
+    needs_value: ClassVar[Mapping[str, tuple[str, str]]] = {}
 
     def __init__(self, *values: Any, **keys: Any) -> None:
         """Set the first keys to ``values``, in their order, and others by name.
@@ -232,7 +227,8 @@ class Table(BaseModel, metaclass=_TableClass):
         fields = cls.model_fields
         for key in data:
             if key not in fields and cls.model_config["extra"] == "forbid":
-                raise unknown_name("key", key, fields, suggestion(key, fields))
+                known = cls.positional_fields()
+                raise unknown_name("key", key, known, suggestion(key, known))
         for key, field in fields.items():
             if field.is_required() and key not in data:
                 what = [m.what for m in field.metadata if isinstance(m, Expect)]
@@ -242,14 +238,32 @@ class Table(BaseModel, metaclass=_TableClass):
         return data
 
     @model_validator(mode="after")
-    def _check_needs(self) -> Self:
-        """Raise BadInput for a key without those that it acts on."""
+    def _check_rules(self) -> Self:
+        """Raise BadInput for keys that contradict each other, or have no effect."""
+        if self.one_of and len(given := [key for key in self.one_of if self._is_set(key)]) != 1:
+            found = ", ".join(given) or "none"
+            raise BadInput(f"expected one of the keys {', '.join(self.one_of)}; found {found}")
+        for key, others in self.excludes.items():
+            for other in filter(self._is_set, others if self._is_set(key) else ()):
+                raise BadInput(f"'{key}' and '{other}' exclude each other: expected one of them")
         for key, others in self.needs.items():
-            default = type(self).model_fields[key].default
-            if getattr(self, key) != default and not any(map(self._is_given, others)):
+            if self._is_set(key) and not any(map(self._is_given, others)):
                 missing = "', '".join(others[:-1]) + "' or '" * (len(others) > 1) + others[-1]
                 raise BadInput(f"missing key '{missing}': expected with '{key}'")
+        for key, (other, wanted) in self.needs_value.items():
+            if self._is_set(key) and (value := getattr(self, other)) != wanted:
+                accepted = f"no value, as the {other} is {value}"
+                raise bad_value(key, getattr(self, key), accepted)
         return self
+
+    @property
+    def given_key(self) -> str:
+        """The key that it has of `one_of`."""
+        return next(filter(self._is_set, self.one_of))
+
+    def _is_set(self, key: str) -> bool:
+        """Return whether a key has another value than its default."""
+        return bool(getattr(self, key) != type(self).model_fields[key].default)
 
     def _is_given(self, key: str) -> bool:
         """Return whether the table has a value for a key, or for one of a table in it, 'a.b'."""
@@ -274,6 +288,7 @@ def _files(values: Iterable[tuple[Any, Any]]) -> dict[str, Path]:
 
 #: Messages for pydantic's error types, where a field has no `Expect`.
 _EXPECTED = {
+    "too_short": "expected at least one table",
     "list_type": "expected a list of tables, [[...]] in TOML",
     "model_type": "expected a table",
     "float_type": "expected a number",
@@ -305,16 +320,95 @@ def one_line(error: ValidationError) -> str:
     return f"{'.'.join(where)} = {shown(first['input'])}: {what}"
 
 
-def given_key(table: Table, *keys: str) -> str:
-    """Return the key that a table has of several that exclude each other.
+def check_distinct(key: str, names: Sequence[str], each: str) -> None:
+    """Raise BadInput for a name that is there twice; ``each`` is what each name is of."""
+    for name in names:
+        if names.count(name) > 1:
+            raise bad_value(key, name, f"a different name for each {each}")
 
-    Raises
-    ------
-    BadInput
-        For none or more than one of them.
+
+# --- the texts of fields -------------------------------------------------------------------------
+
+#: Columns of the text of `with_parameters`: those of the package's docstrings.
+_WIDTH = 96
+#: The words for types of Python.
+_TYPES = {bool: "true or false", int: "a whole number", str: "a text", Path: "a path"}
+
+
+def with_parameters(table: type[Table]) -> str:
+    """Return the docstring of a table with its fields as the section "Parameters"."""
+    lines = [inspect.cleandoc(table.__doc__ or ""), "", "Parameters", "----------"]
+    for name in table.positional_fields():
+        field = table.model_fields[name]
+        default = "" if field.is_required() else f", default {field.get_default()!r}"
+        lines.append(f"{name} : {accepted(field)}{default}")
+        lines.append(indent(fill(field.description or "", _WIDTH), "    "))
+    return "\n".join(lines)
+
+
+def accepted(field: FieldInfo) -> str:
+    """Return what error messages say that a key accepts, else the kind of its values."""
+    parts = [part for given in (*field.metadata, field.annotation) for part in _parts(given)]
+    if expected := [part.what for part in parts if isinstance(part, Expect)]:
+        return expected[0]
+    if tables := {is_list for is_list, _ in tables_in(field.annotation)}:
+        return " or ".join(
+            "a list of tables" if is_list else "a table" for is_list in sorted(tables)
+        )
+    return next((_TYPES[part] for part in parts if part in tuple(_TYPES)), "")
+
+
+def _parts(annotation: Any) -> list[Any]:
+    """Return an annotation with the parts of which it consists, the outer ones first."""
+    inner = [*get_args(annotation), *getattr(annotation, "__metadata__", ())]
+    return [annotation, *(part for each in inner for part in _parts(each))]
+
+
+def tables_in(annotation: Any, is_list: bool = False) -> list[tuple[bool, type[Table]]]:
+    """Return the tables in the type of a key, and whether they are those of a list."""
+    if isinstance(annotation, type) and issubclass(annotation, Table):
+        return [(is_list, annotation)]
+    is_list = is_list or get_origin(annotation) is list
+    return [found for part in get_args(annotation) for found in tables_in(part, is_list)]
+
+
+# --- words of other programs ---------------------------------------------------------------------
+
+
+@cache
+def words_of_others() -> dict[str, Any]:
+    """Return the tables of ``words.toml``: words of other programs, and what stands for them here.
+
+    ``names`` has lists of names of this program with the words that others use. A name in brackets
+    is a table of the scene, one with an equals sign what to write there; any other is a key, of
+    whichever table has it. ``absent`` has what this program does not have, and what comes next.
     """
-    given = [key for key in keys if getattr(table, key) is not None]
-    if len(given) != 1:
-        found = ", ".join(given) or "none"
-        raise BadInput(f"expected one of the keys {', '.join(keys)}; found {found}")
-    return given[0]
+    return tomllib.loads(Path(__file__).with_name("words.toml").read_text(encoding="utf-8"))
+
+
+def suggestion(word: str, known: Iterable[str]) -> str:
+    """Return ``" (did you mean 'x'?)"`` for a word of another program, or ``""``.
+
+    Of what this program does not have it says so, and what it has.
+
+    Parameters
+    ----------
+    word : str
+        An unknown key.
+    known : iterable of str
+        The keys of its table.
+    """
+    plain = word.strip().lower().replace("-", "_").replace(" ", "_")
+    known = set(known)
+    here = [
+        name
+        for entry in words_of_others()["names"]
+        if plain in entry["words"].split()
+        for name in entry["here"]
+    ]
+    found = [f"'{name}'" for name in here if name in known]
+    found = found or [name for name in here if name.startswith("[") or "=" in name]
+    if found:
+        return f" (did you mean {' or '.join(dict.fromkeys(found))}?)"
+    absent = words_of_others()["absent"]
+    return next((f" ({e['instead']})" for e in absent if plain in e["words"].split()), "")

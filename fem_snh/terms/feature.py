@@ -6,8 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar, Self, get_args
 
 from fem_snh.records.output_fields import OutputField
-from fem_snh.tables.field_texts import with_parameters
-from fem_snh.tables.validation import Table
+from fem_snh.tables.validation import Table, with_parameters
 
 if TYPE_CHECKING:
     from fem_snh.terms.body import Body

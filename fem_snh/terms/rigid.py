@@ -11,19 +11,19 @@ from pydantic import BeforeValidator, Field, model_validator
 from fem_snh.errors import BadInput, bad_value, choose
 from fem_snh.geometry.shapes import ClosedSurface, Shape
 from fem_snh.records.run_files import surface_copy
-from fem_snh.tables.amplitudes import MOTION_TABLE, TABLE, TableName
-from fem_snh.tables.motions import TRANSLATE, Rotate
-from fem_snh.tables.shapes import ShapeChoice, SurfaceFile
+from fem_snh.tables.amplitudes import TABLE, MotionTable, TableName
+from fem_snh.tables.shapes import ShapeChoice
 from fem_snh.tables.types import (
     NonNegative,
     Number,
     Part,
+    SurfaceFile,
     Text,
     Vector,
     split_text,
     surface_name,
 )
-from fem_snh.tables.validation import Expect, Table, given_key
+from fem_snh.tables.validation import Expect, OneOf, Table, check_distinct
 from fem_snh.terms.feature import Feature
 
 if TYPE_CHECKING:
@@ -46,7 +46,7 @@ _LOADS = ("force", "torque")
 class RigidJoint(Table):
     """A joint of a rigid part to the world or to another rigid part."""
 
-    kind: Annotated[str, Expect(f"one of {', '.join(KINDS)}")] = Field(
+    kind: Annotated[str, OneOf(KINDS)] = Field(
         description="ball: a rotation about a point is free; hinge: one about an axis; slider: a "
         "translation along an axis, without rotation."
     )
@@ -72,7 +72,6 @@ class RigidJoint(Table):
 
     @model_validator(mode="after")
     def _check_axis(self) -> RigidJoint:
-        choose("kind", self.kind, KINDS)
         if (self.axis is None) == (self.kind in _WITH_AXIS):
             needed = "a direction" if self.axis is None else "no value"
             raise BadInput(f"axis: expected {needed}, of a {self.kind} joint")
@@ -97,7 +96,7 @@ class RigidSpring(Table):
     )
 
 
-class Rigid(Feature):
+class Rigid(Feature, MotionTable):
     r"""A group of cells or facets, or the nodes in a shape, that moves as a rigid body.
 
     It has six unknowns, in a plane three; of a body of revolution the translation along the axis
@@ -110,8 +109,10 @@ class Rigid(Feature):
     """
 
     key, planar, has_mass = "rigid", True, True
+    one_of = ("group", "shape", "surface")
+    excludes = {"joint": ("translate", "rotate", "free", "about")}
     needs = {
-        "table": ("translate", "rotate"),
+        **MotionTable.needs,
         "load_table": ("force", "torque", "joint.torque", "joint.force"),
         "follower": ("force", "torque"),
     }
@@ -136,8 +137,6 @@ class Rigid(Feature):
         "and displacements refer [length]; default: a joint's point, the group's centroid, or the "
         "middle of the shape's bounding box.",
     )
-    translate: Vector | None = Field(default=None, description=TRANSLATE)
-    rotate: Rotate | None = Field(default=None, description="Rotation, before the translation.")
     free: (
         Annotated[
             tuple[Literal["x", "y", "z", "rotation"], ...],
@@ -150,7 +149,6 @@ class Rigid(Feature):
         description="Components of the point's displacement, or the rotation, that are free where "
         "the others are prescribed.",
     )
-    table: TableName | None = Field(default=None, description=MOTION_TABLE)
     joint: RigidJoint | None = Field(default=None, description="What connects the part.")
     force: Vector = Field(
         default=(0.0, 0.0, 0.0), description="Force of constant direction at amplitude 1 [N]."
@@ -172,19 +170,12 @@ class Rigid(Feature):
 
     @model_validator(mode="after")
     def _check_nodes(self) -> Rigid:
-        given = given_key(self, "group", "shape", "surface")
-        if given != "group" and self.name is None:
-            raise BadInput(f"missing key 'name': expected with '{given}'")
+        if self.given_key != "group" and self.name is None:
+            raise BadInput(f"missing key 'name': expected with '{self.given_key}'")
         return self
 
     @model_validator(mode="after")
     def _check_motion(self) -> Rigid:
-        prescribed = self.translate is not None or self.rotate is not None
-        if self.joint and (prescribed or self.free is not None):
-            given = next(k for k in ("translate", "rotate", "free") if getattr(self, k) is not None)
-            raise BadInput(f"'joint' and '{given}' exclude each other: expected one of them")
-        if self.joint and self.about is not None:
-            raise BadInput("'joint' and 'about' exclude each other: the joint's point is the point")
         moved = (*(self.translate or (0, 0, 0)), self.rotate)
         motions = dict(zip(MOTIONS, moved, strict=True))
         for motion in self.free or ():
@@ -256,7 +247,7 @@ class Rigid(Feature):
     @property
     def free_motions(self) -> tuple[bool, bool, bool, bool]:
         """Whether the components of the translation and the rotation are free, without a joint."""
-        if self.translate is None and self.rotate is None and self.free is None:
+        if not self.is_moved and self.free is None:
             return (True,) * 4
         x, y, z, rotation = (motion in (self.free or ()) for motion in MOTIONS)
         return x, y, z, rotation
@@ -286,7 +277,7 @@ class Rigid(Feature):
     @property
     def where(self) -> str:
         """The key that says which nodes it has, for messages."""
-        return f"rigid.{given_key(self, 'group', 'shape', 'surface')}"
+        return f"rigid.{self.given_key}"
 
     def solid(self) -> Shape | None:
         """Return the shape whose nodes the part has, or None; read its file. Raises BadInput."""
@@ -368,9 +359,7 @@ def check_motions(part: Rigid, kinematics: Kinematics) -> None:
 def check_names(parts: Sequence[Rigid]) -> None:
     """Raise BadInput if two parts have one name, or for a joint to no part or to itself."""
     names = [part.label for part in parts]
-    for name in names:
-        if names.count(name) > 1:
-            raise bad_value("rigid.name", name, "a different name for each part")
+    check_distinct("rigid.name", names, "part")
     parents = {part.label: part.joint.to for part in parts if part.joint and part.joint.to}
     for name, parent in parents.items():
         choose("rigid.joint.to", parent, [other for other in names if other != name])

@@ -11,7 +11,6 @@ import numpy.typing as npt
 from fem_snh.geometry.motions import path_rates
 from fem_snh.geometry.rigid_tree import RigidTree
 from fem_snh.tables.amplitudes import Amplitudes
-from fem_snh.tables.motions import rigid_displacement
 from fem_snh.terms.rigid import Rigid
 
 Array = npt.NDArray[Any]
@@ -49,8 +48,7 @@ class PrescribedMotions:
         found = np.zeros((2, len(self._parts), 3))
         for i, part in enumerate(self._parts):
             amplitude, turn = self._motions[i](load), self._turns[i](load)
-            motion = part.translate, part.rotate, amplitude, turn
-            found[0, i] = rigid_displacement(self._tree.points[i : i + 1], *motion)[0]
+            found[0, i] = part.displacement(self._tree.points[i : i + 1], amplitude, turn)[0]
             if part.rotate:
                 axis = np.array(part.rotate.axis) / np.linalg.norm(part.rotate.axis)
                 found[1, i] = turn * part.rotate.angle * axis

@@ -21,7 +21,7 @@ from fem_snh.scenes import (
     Rigid,
     Scene,
 )
-from fem_snh.tables.motions import Rotate
+from fem_snh.tables.amplitudes import Rotate
 
 mpi = pytest.mark.mpi
 

@@ -63,7 +63,7 @@ def test_one_key(words: str, text: str, capsys: pytest.CaptureFixture[str]) -> N
         ("obstcle", "unknown key or material 'obstcle': .*did you mean 'obstacle'"),
         (
             "obstacle.frction",
-            "obstacle: unknown key 'frction': expected one of method, .*'friction'",
+            "obstacle: unknown key 'frction': expected one of shape, .*'friction'",
         ),
         ("material.ogdn", "did you mean 'ogden'"),
         ("encastre", r"did you mean \[\[hold\]\]"),

@@ -11,7 +11,7 @@ import fem_snh
 from fem_snh import cli, materials, scenes
 from fem_snh.errors import BadInput
 from fem_snh.scenes.schema import Scene
-from fem_snh.tables import synonyms
+from fem_snh.tables.validation import words_of_others
 
 WORDS: list[tuple[dict[str, Any], str]] = [
     ({"displacement": 1}, r"unknown parameter 'displacement': .*did you mean \[\[move\]\] or \[\["),
@@ -64,7 +64,7 @@ def test_synonyms_are_of_keys_that_exist() -> None:
     schema = Scene.model_json_schema()
     for table in schema["$defs"].values():
         keys |= set(table.get("properties", {}))
-    named = {name for names in synonyms._WORDS for name in names}
+    named = {name for entry in words_of_others()["names"] for name in entry["here"]}
     assert {name.partition(" = ")[0].strip("[]") for name in named} <= keys
     for name in named:
         if name.startswith("["):

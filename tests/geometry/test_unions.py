@@ -104,7 +104,7 @@ def test_tables_of_unions():
 @pytest.mark.parametrize(
     "shape, message",
     [
-        ({"union": []}, "union: expected at least one shape"),
+        ({"union": []}, r"union = \[\]: expected at least one table"),
         ({"union": [{"spere": {}}]}, "union.0: unknown key 'spere'"),
         ({"union": [{"sphere": {"center": [0, 0, 0], "radius": -1}}]}, "union.0.sphere.radius"),
         ({"smooth_union": {"shapes": [BALL], "blend": 0}}, "smooth_union.blend = 0: expected a nu"),

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.linalg import expm
 
-from fem_snh.scenes import Hold, Move, Rotate
+from fem_snh.scenes import Move, Rotate
 
 pytestmark = pytest.mark.one_debian
 
@@ -48,4 +48,3 @@ def test_nothing_moves_at_load_zero_or_when_held() -> None:
     X = np.random.default_rng(1).standard_normal((4, 3))
     move = Move(group=1, rotate=Rotate(axis=(1, 2, 3), angle=2), translate=(1, 0, 0))
     assert np.abs(move.displacement(X, 0)).max() < 1e-15
-    assert not Hold(group=1).displacement(X, 1).any()

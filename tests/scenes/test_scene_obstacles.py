@@ -80,7 +80,7 @@ def test_names() -> None:
     ("keys", "message"),
     [
         ({}, "obstacle.0: expected one of the keys shape, surface, profile; found none"),
-        ({"shape": {}}, "obstacle.0.shape: expected one of the keys plane, .*box, .*, found none"),
+        ({"shape": {}}, "obstacle.0.shape: expected one of the keys plane, .*box, .*; found none"),
         (
             {"shape": {"spere": {}}},
             "obstacle.0.shape: unknown key 'spere': .*did you mean 'sphere'",

@@ -46,7 +46,7 @@ MISTAKES: list[tuple[dict[str, Any], str]] = [
     ),
     (
         {"time": TIME | {"rho_infinity": 0.5}},
-        "time.rho_infinity = 0.5: expected no value, as the integrator is not generalized_alpha",
+        "time.rho_infinity = 0.5: expected no value, as the integrator is newmark",
     ),
     (
         {"time": TIME | {"integrator": "generalized_alpha", "rho_infinity": 1.5}},
