@@ -50,7 +50,7 @@ def main(file: Path, settings: dict[str, Any]) -> None:
         "cells": _dolfinx.num_owned(setup.problem.domain),
         "upper_blocks": len(arrays["upper_column"]),
         "shared_blocks": len(arrays["off_diagonal"]) // blocks if comm.size > 1 else 0,
-        "coarse_pairs": len(deflation.coarse.arrays["pair_subdomain"]) if deflation else 0,
+        "coarse_pairs": len(deflation.arrays["pair_subdomain"]) if deflation else 0,
         "sent": sent.tolist(),
         "memory_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
         "seconds": seconds,

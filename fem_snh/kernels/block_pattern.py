@@ -13,7 +13,6 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh.kernels import build
-from fem_snh.kernels.build import header
 
 Array = npt.NDArray[Any]
 
@@ -39,13 +38,8 @@ class Pattern:
         """Return the index (n,) int64 of each pair in `indices`; KeyError if one is not there."""
         rows, columns = _int32(rows), _int32(columns)
         found = np.empty(len(rows), np.int64)
-        ffi, lib = _library()
-        missing = lib.block_indices(
-            len(rows),
-            *(ffi.cast("int *", a.ctypes.data) for a in (rows, columns)),
-            ffi.cast("long *", self.indptr.ctypes.data),
-            ffi.cast("int *", self.indices.ctypes.data),
-            ffi.cast("long *", found.ctypes.data),
+        missing = _library()[1].block_indices(
+            len(rows), *_pointers(rows, columns, self.indptr, self.indices, found)
         )
         if missing:
             raise KeyError(f"{missing} blocks are not in the pattern")
@@ -72,15 +66,8 @@ class BlockPattern(Pattern):
         rows, columns = _int32(rows), _int32(columns)
         self.indptr = np.zeros(num_rows + 1, np.int64)
         indices = np.empty(len(rows), np.int32)
-        ffi, lib = _library()
-        if lib.block_pattern(
-            len(rows),
-            *(ffi.cast("int *", a.ctypes.data) for a in (rows, columns)),
-            num_rows,
-            num_columns,
-            ffi.cast("long *", self.indptr.ctypes.data),
-            ffi.cast("int *", indices.ctypes.data),
-        ):
+        pairs, pattern = _pointers(rows, columns), _pointers(self.indptr, indices)
+        if _library()[1].block_pattern(len(rows), *pairs, num_rows, num_columns, *pattern):
             raise MemoryError
         self.indices = indices[: self.indptr[-1]].copy()
 
@@ -105,13 +92,12 @@ class CellPattern(Pattern):
         self._cells, self._num_blocks = _int32(cells), num_blocks
         self.indptr = np.zeros(num_blocks + 1, np.int64)
         ffi, lib = _library()
-        indptr = ffi.cast("long *", self.indptr.ctypes.data)
+        (indptr,) = _pointers(self.indptr)
         size = lib.cell_pattern(*self._of_cells(), indptr, ffi.NULL)
         if size < 0:
             raise MemoryError
         self.indices = np.empty(size, np.int32)
-        indices = ffi.cast("int *", self.indices.ctypes.data)
-        if lib.cell_pattern(*self._of_cells(), indptr, indices) < 0:
+        if lib.cell_pattern(*self._of_cells(), indptr, *_pointers(self.indices)) < 0:
             raise MemoryError
 
     def of_cells(self, values: Array) -> Array:
@@ -123,20 +109,14 @@ class CellPattern(Pattern):
         """
         n = self._cells.shape[1]
         values, found = _int32(values), np.empty((len(self._cells), n, n), np.int32)
-        ffi, lib = _library()
-        arrays = self.indices, values, found
-        if lib.cell_positions(
-            *self._of_cells(),
-            ffi.cast("long *", self.indptr.ctypes.data),
-            *(ffi.cast("int *", array.ctypes.data) for array in arrays),
-        ):
+        arrays = _pointers(self.indptr, self.indices, values, found)
+        if _library()[1].cell_positions(*self._of_cells(), *arrays):
             raise MemoryError
         return found
 
     def _of_cells(self) -> tuple[Any, ...]:
         """Return the first arguments of the compiled functions."""
-        pointer = _library()[0].cast("int *", self._cells.ctypes.data)
-        return (*self._cells.shape, pointer, self._num_blocks)
+        return (*self._cells.shape, *_pointers(self._cells), self._num_blocks)
 
 
 def unknown_columns(
@@ -166,20 +146,13 @@ def unknown_columns(
     """
     ffi, lib = _library()
     columns, sizes = np.empty(count, np.int32), _int32(row_sizes)
-
-    def pointer(kind: str, array: Array) -> Any:
-        return ffi.cast(kind, array.ctypes.data)
-
-    kept, structs = [], []  # the structs hold pointers into the arrays
-    for indptr, *rest in (own, others):
-        arrays = [np.ascontiguousarray(indptr, np.int64), *(_int32(of) for of in rest)]
-        kept += arrays
-        kinds = "long *", "int *", "int *", "int *"
-        pointers = [pointer(kind, of) for kind, of in zip(kinds, arrays, strict=True)]
-        structs.append(ffi.new("BlockColumns *", pointers))
-    lib.unknown_columns(
-        len(sizes), pointer("int *", sizes), *structs, before, pointer("int *", columns)
-    )
+    kept = [  # the structs hold pointers into the arrays
+        [np.ascontiguousarray(indptr, np.int64), *map(_int32, rest)]
+        for indptr, *rest in (own, others)
+    ]
+    structs = [ffi.new("BlockColumns *", _pointers(*arrays)) for arrays in kept]
+    of_sizes, of_columns = _pointers(sizes, columns)
+    lib.unknown_columns(len(sizes), of_sizes, *structs, before, of_columns)
     return columns
 
 
@@ -187,11 +160,13 @@ def _int32(numbers: Array) -> Array:
     return np.ascontiguousarray(numbers, dtype=np.int32)
 
 
+def _pointers(*arrays: Array) -> list[Any]:
+    return [build.pointer(_library()[0], array) for array in arrays]
+
+
 @lru_cache
 def _library() -> tuple[Any, Any]:
-    declarations = header("block_pattern_api.h")
-    source = declarations + header("block_pattern.h")
-    return build.load(build.library(source), declarations)
+    return build.open_library(["block_pattern_api.h"], ["block_pattern.h"])
 
 
 def concatenated_ranges(starts: Array, lengths: Array) -> Array:

@@ -27,7 +27,7 @@ import numpy.typing as npt
 
 from fem_snh import cache
 from fem_snh.choices import EIGENSOLVERS, POINT_FILTERS
-from fem_snh.errors import BadInput
+from fem_snh.errors import BadInput, on_root
 
 #: No -ffast-math: NaN and infinity must keep their IEEE meaning. The code reads neither errno nor
 #: floating-point traps; without them GCC vectorises more. The kernels are vectorised by hand: they
@@ -219,12 +219,42 @@ def load(path: Path, declarations: str) -> tuple[Any, Any]:
         ) from None
 
 
-#: The vector types, and the SVD and eigensolvers of `svd_eigen_source`.
-SVD_AND_EIGENSOLVERS = ("lanes.h", "svd_eigen.h")
 #: The functions of a material at a point, and what their callers and they themselves call.
 MATERIAL_FUNCTIONS = ("small_strain.h", "parameters.h", "material_functions.h")
 #: The loops over points for `fem_snh.kernels.material.Material`.
 POINTWISE = ("pointwise_api.h", "pointwise_kernels.h")
+
+
+def open_library(
+    api: Sequence[str],
+    functions: Sequence[str],
+    definitions: Sequence[str] = (),
+    objects: Sequence[Path] = (),
+    comm: Any = None,
+) -> tuple[Any, Any]:
+    """Compile files of ``include`` unless the cache has their library, and open it.
+
+    Parameters
+    ----------
+    api, functions : sequences of str
+        Names of the files with declarations, and of those with the functions.
+    definitions : sequence of str
+        Source that precedes them, as the ``#define`` of a size.
+    objects : sequence of Path
+        As for `library`.
+    comm : communicator of mpi4py, optional
+        The ranks that open it: one of them compiles. Collective.
+
+    Returns
+    -------
+    (ffi, library)
+        See `load`.
+    """
+    declarations = "\n".join(map(header, api))
+    includes = "#include <math.h>", "#include <string.h>"
+    source = "\n".join([*includes, *definitions, declarations, *map(header, functions)])
+    path = library(source, objects) if comm is None else on_root(comm, library, source, objects)
+    return load(path, declarations)
 
 
 def header(name: str) -> str:
@@ -244,14 +274,15 @@ def options() -> str:
     )
 
 
-def svd_eigen_source() -> str:
-    """Return the C source of the 3x3 SVD and eigensolvers, which every kernel is linked with."""
-    return _source("svd.h", "eigen3.h")
+def svd_eigen_object() -> Path:
+    """Compile the 3x3 SVD and eigensolvers, which every kernel is linked with."""
+    source = ["#include <math.h>", svd_eigen_declarations(), header("svd.h"), header("eigen3.h")]
+    return object_file("\n".join(source))
 
 
-def svd_eigen_points_source() -> str:
-    """Return the C source of their loops over points, which depend on no material."""
-    return _source("svd_eigen_api.h", "svd_eigen_kernels.h")
+def svd_eigen_declarations() -> str:
+    """Return the C source that precedes the callers of the SVD and eigensolvers."""
+    return "\n".join([options(), header("lanes.h"), header("svd_eigen.h")])
 
 
 def loops_source(definitions: Sequence[str], names: Sequence[str]) -> str:
@@ -264,9 +295,5 @@ def loops_source(definitions: Sequence[str], names: Sequence[str]) -> str:
     names : sequence of str
         Names of files of ``include/`` with the loops, in this order.
     """
-    return "\n".join([*definitions, _source(*MATERIAL_FUNCTIONS, *names)])
-
-
-def _source(*names: str) -> str:
-    files = map(header, (*SVD_AND_EIGENSOLVERS, *names))
-    return "\n".join(["#include <math.h>", options(), *files])
+    files = map(header, (*MATERIAL_FUNCTIONS, *names))
+    return "\n".join([*definitions, "#include <math.h>", svd_eigen_declarations(), *files])

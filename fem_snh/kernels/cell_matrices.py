@@ -8,18 +8,15 @@ matrix (`fem_snh.assembly.assembled_matrix`).
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from fem_snh.kernels import build
-from fem_snh.kernels.build import header
 
 Array = npt.NDArray[Any]
 
-_API = "form_cells_api.h"
 #: An eigenvalue above minus this part of the largest entry counts as zero: rounding of the rigid
 #: motions' eigenvalues is about 1e-15, that of the linear solver in single precision 1e-7.
 SHIFT = 1e-10
@@ -27,20 +24,6 @@ SHIFT = 1e-10
 _ROUNDING = 1e-12
 #: Bytes of a batch of element matrices, which then stay in the cache between the steps.
 _BATCH = 2**20
-
-
-def form_cells_source(kernel_arguments: int) -> str:
-    """Return the C source of the loops, for kernels with this number of arguments (6 or 7)."""
-    custom = kernel_arguments == 7  # FFCx's kernels have a pointer to custom data since 0.10
-    return "\n".join(
-        [
-            "#include <math.h>",
-            "#include <string.h>",
-            f"#define CUSTOM_DATA_TYPE {', void *' if custom else ''}",
-            f"#define CUSTOM_DATA {', 0' if custom else ''}",
-            *map(header, (_API, "form_cells.h")),
-        ]
-    )
 
 
 def filter_matrices(K: Array, filter: str) -> tuple[Array, int]:
@@ -90,8 +73,10 @@ class FormCells:
 
     Parameters
     ----------
-    path : Path
-        The library compiled from `form_cells_source`.
+    comm : communicator of mpi4py
+        The ranks.
+    kernel_arguments : int
+        Number of arguments of FFCx's kernels, 6 or 7.
     nodes : int
         Displacement nodes of each cell.
     components : int
@@ -102,8 +87,25 @@ class FormCells:
         Reference coordinates [m].
     """
 
-    def __init__(self, path: Path, nodes: int, components: int, geometry: Array, x: Array) -> None:
-        self._ffi, self._lib = build.load(path, header(_API))
+    def __init__(
+        self,
+        comm: Any,
+        kernel_arguments: int,
+        nodes: int,
+        components: int,
+        geometry: Array,
+        x: Array,
+    ) -> None:
+        custom = kernel_arguments == 7  # FFCx's kernels have a pointer to custom data since 0.10
+        self._ffi, self._lib = build.open_library(
+            ["form_cells_api.h"],
+            ["form_cells.h"],
+            [
+                f"#define CUSTOM_DATA_TYPE {', void *' if custom else ''}",
+                f"#define CUSTOM_DATA {', 0' if custom else ''}",
+            ],
+            comm=comm,
+        )
         # The struct holds pointers: the arrays must live as long.
         self._geometry = np.ascontiguousarray(geometry, np.int32)
         self._x = np.ascontiguousarray(x, np.float64)
@@ -179,9 +181,6 @@ class FormCells:
             yield cells[start : start + count], count, asymmetry
 
 
-_DECLARATIONS = ("cell_api.h", "matrix_addition_api.h")
-
-
 class MatrixAddition:
     """Addition of matrices at the positions that a ``MatrixTarget`` (cell_api.h) holds.
 
@@ -207,9 +206,9 @@ class MatrixAddition:
         strides: Sequence[Array],
         free: Array,
     ) -> None:
-        declarations = "\n".join(map(header, _DECLARATIONS))
-        source = "\n".join([declarations, header("matrix_addition_kernels.h")])
-        self._ffi, self._lib = build.load(build.library(source), declarations)
+        self._ffi, self._lib = build.open_library(
+            ["cell_api.h", "matrix_addition_api.h"], ["matrix_addition_kernels.h"]
+        )
         self._blocks = np.ascontiguousarray(cell_blocks, dtype=np.int32)
         self._sizes = np.ascontiguousarray(sizes, dtype=np.int32)
         self._dofs = np.cumsum(self._sizes)

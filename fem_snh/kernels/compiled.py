@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from fem_snh import cache
 from fem_snh.errors import BadInput
 from fem_snh.kernels import build
-from fem_snh.kernels.build import loops_source, svd_eigen_source
+from fem_snh.kernels.build import loops_source, svd_eigen_object
 from fem_snh.materials.parameters import BOUNDS
 
 if TYPE_CHECKING:
@@ -82,7 +82,7 @@ def compile_kernel(
         return stored
     point = _compile_point(material, volume, entries)
     loops = build.object_file(loops_source(definitions, after))
-    solvers = build.object_file(svd_eigen_source())
+    solvers = svd_eigen_object()
     path = build.linked([loops, point.path, solvers])
     _store(key, Compiled(path, point.constants))
     return Compiled(path, point.constants)

@@ -33,9 +33,12 @@ Array = npt.NDArray[np.float64]
 @lru_cache
 def _svd_eigen_library() -> tuple[Any, Any]:
     """Return the compiled SVD and eigensolvers."""
-    solvers = build.object_file(build.svd_eigen_source())
-    path = build.library(build.svd_eigen_points_source(), [solvers])
-    return build.load(path, build.header("svd_eigen_api.h"))
+    return build.open_library(
+        ["svd_eigen_api.h"],
+        ["svd_eigen_kernels.h"],
+        [build.svd_eigen_declarations()],
+        [build.svd_eigen_object()],
+    )
 
 
 def stored_by_columns(A: Array) -> Array:
@@ -64,7 +67,7 @@ def svd(F: npt.ArrayLike) -> tuple[Array, Array, Array]:
     columns = stored_by_columns(F)
     U, s, V = (np.empty((len(columns), size)) for size in (9, 3, 9))
     ffi, lib = _svd_eigen_library()
-    lib.svd_points(len(columns), *(ffi.cast("double *", a.ctypes.data) for a in (columns, U, s, V)))
+    lib.svd_points(len(columns), *(build.pointer(ffi, a) for a in (columns, U, s, V)))
     rows = [np.swapaxes(a.reshape(F.shape), -1, -2) for a in (U, V)]
     return rows[0], s.reshape(F.shape[:-1]), rows[1]
 
@@ -91,7 +94,7 @@ def eigen3(A: npt.ArrayLike, eigensolver: str = EIGENSOLVERS[0]) -> tuple[Array,
     packed = np.ascontiguousarray(A.reshape(-1, 9)[:, [0, 4, 8, 1, 2, 5]])
     e, Q = (np.empty((len(packed), size)) for size in (3, 9))
     ffi, lib = _svd_eigen_library()
-    a, b, c = (ffi.cast("double *", x.ctypes.data) for x in (packed, e, Q))
+    a, b, c = (build.pointer(ffi, x) for x in (packed, e, Q))
     lib.eigen3_points(len(packed), a, solver, b, c)
     return e.reshape(A.shape[:-1]), np.swapaxes(Q.reshape(A.shape), -1, -2)
 
@@ -167,14 +170,9 @@ class Material:
         out = [np.empty((n, size)) for size in sizes]
         ffi, lib, parameters = self._kernel
         scalars = np.append(self.constants, parameters)
-
-        def pointer(a: Array) -> Any:
-            return ffi.cast("double *", a.ctypes.data)
-
         if n:
-            getattr(lib, name)(
-                pointer(scalars), n, pointer(columns), *arguments, *map(pointer, out)
-            )
+            given, found, *results = (build.pointer(ffi, a) for a in (scalars, columns, *out))
+            getattr(lib, name)(given, n, found, *arguments, *results)
         return [a.reshape(*shape, a.shape[1]) for a in out]
 
     def energy(self, F: npt.ArrayLike) -> Array:

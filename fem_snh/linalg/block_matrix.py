@@ -6,7 +6,7 @@ The blocks are 2x2 or 3x3, in single precision. `fem_snh.linalg.ssor_system` swe
 
 from __future__ import annotations
 
-from pathlib import Path
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -14,13 +14,13 @@ import numpy.typing as npt
 
 from fem_snh.errors import BadInput
 from fem_snh.kernels import build
-from fem_snh.linalg.matrix_parts import BlockRows
+from fem_snh.linalg.matrix_parts import DisplacementBlocks
 
 Array = npt.NDArray[Any]
 
 #: Floats in a vector register of block_matrix_kernels.h.
 _LANES = 4
-_DECLARATIONS = ("block_matrix_api.h", "coarse_space_api.h")
+_API = ("block_matrix_api.h", "coarse_space_api.h")
 _FUNCTIONS = ("block_matrix_kernels.h", "coarse_space_kernels.h")
 
 #: Functions per component and subdomain of Z, one for each lane of a vector register.
@@ -32,24 +32,30 @@ def columns(block: int) -> int:
     return FUNCTIONS * block
 
 
-def declarations() -> str:
-    """Return the C declarations of structs and functions, for cffi."""
-    return "\n".join(Path(__file__).with_name(name).read_text() for name in _DECLARATIONS)
+def open_kernels(
+    comm: Any,
+    block: int,
+    api: Sequence[str] = (),
+    functions: Sequence[str] = (),
+    definitions: Sequence[str] = (),
+) -> tuple[Any, Any]:
+    """Open the library for matrices whose blocks have ``block`` rows, 2 or 3. Collective.
 
-
-def source(block: int) -> str:
-    """Return the C source, the same for every matrix whose blocks have ``block`` rows, 2 or 3."""
-    functions = (Path(__file__).with_name(name).read_text() for name in _FUNCTIONS)
-    return "\n".join(
-        [
-            "#include <math.h>",
-            "#include <string.h>",
-            f"#define BLOCK {block}",
-            f"#define ENTRIES ((long){block**2})",
-            f"#define COLUMNS {columns(block)}",
-            declarations(),
-            *functions,
-        ]
+    Parameters
+    ----------
+    comm : communicator of mpi4py
+        The ranks.
+    block : int
+        Rows of a block.
+    api, functions, definitions : sequences of str
+        What `fem_snh.kernels.build.open_library` adds to it.
+    """
+    sizes = {"BLOCK": block, "ENTRIES": f"((long){block**2})", "COLUMNS": columns(block)}
+    return build.open_library(
+        [*_API, *api],
+        [*_FUNCTIONS, *functions],
+        [*(f"#define {name} {size}" for name, size in sizes.items()), *definitions],
+        comm=comm,
     )
 
 
@@ -60,14 +66,12 @@ class SymmetricBlockMatrix:
 
     Parameters
     ----------
-    path : Path
-        The library compiled from `source` for blocks of this size.
+    library : (ffi, lib)
+        From `open_kernels`, for blocks of this size.
     size : int
         Rows of a block: 2 or 3.
-    diagonal : BlockRows
-        The blocks in this rank's columns: each row sorted, the pattern symmetric.
-    off_diagonal : BlockRows or None
-        The blocks in other ranks' columns; None on one rank.
+    blocks : DisplacementBlocks
+        Where the values are: each row sorted, the pattern symmetric.
 
     Raises
     ------
@@ -76,9 +80,13 @@ class SymmetricBlockMatrix:
     """
 
     def __init__(
-        self, path: Path, size: int, diagonal: BlockRows, off_diagonal: BlockRows | None
+        self,
+        library: tuple[Any, Any],
+        size: int,
+        blocks: DisplacementBlocks,
     ) -> None:
-        self.ffi, self.lib = build.load(path, declarations())
+        self.ffi, self.lib = library
+        diagonal, off_diagonal = blocks.diagonal, blocks.off_diagonal
         indptr, indices = diagonal.indptr, diagonal.indices
         self.rows, self.size, entries = len(indptr) - 1, size, size**2
         row = np.repeat(np.arange(self.rows), np.diff(indptr))
@@ -111,7 +119,6 @@ class SymmetricBlockMatrix:
             arrays["off_diagonal"] = np.zeros(entries * len(off_diagonal.indices), np.float32)
             arrays["shift"] = np.zeros(size * self.rows, np.float32)
         self._arrays = arrays  # the struct holds pointers: the arrays must live as long
-        self.nbytes = sum(array.nbytes for array in arrays.values())
         pointers = {name: self.pointer(array) for name, array in arrays.items()}
         self.struct = self.ffi.new("SymmetricBlockMatrix *", {"rows": self.rows, **pointers})
 

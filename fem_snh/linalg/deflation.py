@@ -51,7 +51,7 @@ from fem_snh.kernels.block_pattern import BlockPattern
 from fem_snh.linalg.block_matrix import FUNCTIONS, SymmetricBlockMatrix, columns
 from fem_snh.linalg.coarse_matrix import CoarseMatrix, Distributed, Replicated
 from fem_snh.linalg.halo import Halo
-from fem_snh.linalg.matrix_parts import BlockRows
+from fem_snh.linalg.matrix_parts import DisplacementBlocks
 from fem_snh.linalg.ssor_system import LEAST_IN_DOUBLE
 
 Array = npt.NDArray[Any]
@@ -134,91 +134,12 @@ def linear_functions(coordinates: Array, subdomain: Array, free: Array) -> Array
     return functions
 
 
-class CoarseSpace:
-    """Z and A Z in single precision (coarse_space_api.h).
-
-    Coarse vectors are (columns subdomains,), nodal vectors (size rows,) float32. Subdomains are
-    numbered as this rank holds them (`fem_snh.linalg.coarse_matrix`).
-
-    Parameters
-    ----------
-    matrix : SymmetricBlockMatrix
-        The matrix A.
-    diagonal, off_diagonal : BlockRows
-        Its blocks, as `SymmetricBlockMatrix` takes them.
-    subdomain : (rows + ghosts,) int32
-        Subdomain of each node, own nodes first.
-    subdomains : int
-        Number of subdomains that this rank holds.
-
-    Attributes
-    ----------
-    functions : (rows + ghosts, size, 4) float32
-        Z by node, component and function; the caller sets it before `assemble`.
-    block_row, block_column : (blocks,)
-        The subdomains of the blocks of E = Z^T A Z to which this rank's rows contribute.
-    """
-
-    def __init__(
-        self,
-        matrix: SymmetricBlockMatrix,
-        diagonal: BlockRows,
-        off_diagonal: BlockRows | None,
-        subdomain: Array,
-        subdomains: int,
-    ) -> None:
-        self._matrix, self.subdomain, self.subdomains = matrix, subdomain, subdomains
-        size, self.columns = matrix.size, columns(matrix.size)
-        self.functions = np.zeros((len(subdomain), size, FUNCTIONS), np.float32)
-        rows = matrix.rows
-        parts = [
-            (np.repeat(np.arange(rows), np.diff(blocks.indptr)), subdomain[blocks.indices + shift])
-            for blocks, shift in ((diagonal, 0), (off_diagonal, rows))
-            if blocks is not None
-        ]
-        row_of_block, of_column = (np.concatenate(part) for part in zip(*parts, strict=True))
-        pairs = BlockPattern(row_of_block, of_column, rows, subdomains)
-        row, pair_subdomain = pairs.rows(), pairs.indices
-        pair = subdomain[row].astype(np.int64) * subdomains + pair_subdomain
-        block, pair_block = np.unique(pair, return_inverse=True)
-        self.block_row, self.block_column = np.divmod(block, subdomains)
-        self.arrays = {
-            "subdomain": np.ascontiguousarray(subdomain, np.int32),
-            "functions": self.functions,
-            "aij_column": np.ascontiguousarray(diagonal.indices, np.int32),
-            "pair_start": pairs.indptr.astype(np.int32),
-            "pair_subdomain": pair_subdomain,
-            "pair_block": pair_block.astype(np.int32),
-            "image": np.zeros((len(pair_subdomain), size, self.columns), np.float32),
-        }
-        read = ("image", "pair_start", "pair_subdomain")
-        self.nbytes = sum(self.arrays[name].nbytes for name in read)
-        pointers = {name: matrix.pointer(array) for name, array in self.arrays.items()}
-        self.struct = matrix.ffi.new("CoarseSpace *", {"rows": rows, **pointers})
-
-    def assemble(self, values: int, off_diagonal: int, scale: float) -> Array:
-        """Compute A Z and return the blocks of E = Z^T A Z, whose rows are of this rank alone.
-
-        Parameters
-        ----------
-        values, off_diagonal : int
-            Addresses of the AIJ matrix's values, which are multiplied by ``scale``.
-
-        Returns
-        -------
-        (blocks, columns, columns)
-        """
-        matrix = self._matrix
-        E = np.zeros((len(self.block_row), self.columns, self.columns))
-        addresses = matrix.addresses(values, off_diagonal)
-        matrix.lib.coarse_assemble(matrix.struct, self.struct, *addresses, scale, matrix.pointer(E))
-        return E
-
-
 class Deflation:
-    """The deflation space of a matrix: the operators P, Q and P^T. Collective.
+    """The deflation space of a matrix, Z and A Z, and the operators P, Q and P^T. Collective.
 
-    Vectors of the methods are (size rows,) float32, passed as C pointers.
+    Coarse vectors are (columns subdomains,), nodal vectors (size rows,) float32, passed as C
+    pointers; coarse_space_api.h has the functions. Subdomains are numbered as this rank holds them
+    (`fem_snh.linalg.coarse_matrix`).
 
     Parameters
     ----------
@@ -226,8 +147,8 @@ class Deflation:
         The ranks.
     matrix : SymmetricBlockMatrix
         The matrix A.
-    diagonal, off_diagonal : BlockRows
-        Its blocks, as `SymmetricBlockMatrix` takes them.
+    blocks : DisplacementBlocks
+        Where its values are.
     halo : Halo or None
         Exchange of the ghost nodes; None on one rank.
     coordinates : (rows, dim)
@@ -239,18 +160,21 @@ class Deflation:
 
     Attributes
     ----------
-    coarse : CoarseSpace
-        Z and A Z.
+    subdomain : (rows + ghosts,) int32
+        Subdomain of each node, own nodes first.
+    functions : (rows + ghosts, size, 4) float32
+        Z by node, component and function.
     E : CoarseMatrix
         The coarse matrix.
+    size : int
+        Number of columns of Z that this rank holds.
     """
 
     def __init__(
         self,
         comm: MPI.Intracomm,
         matrix: SymmetricBlockMatrix,
-        diagonal: BlockRows,
-        off_diagonal: BlockRows | None,
+        blocks: DisplacementBlocks,
         halo: Halo | None,
         coordinates: Array,
         subdomains: int,
@@ -266,29 +190,47 @@ class Deflation:
         if halo:
             halo.exchange(np.repeat(subdomain, matrix.size).astype(np.float32))  # exact up to 2^24
             subdomain = np.concatenate([subdomain, halo.ghosts[:, 0].astype(np.int32)])
+        self._columns = columns(matrix.size)
         layout: Replicated | Distributed = Replicated(comm, sum(counts))
         if halo and sum(counts) > replicated:
-            layout = Distributed(comm, counts, subdomain[rows:], columns(matrix.size))
-        subdomain, held = layout.local(subdomain), len(layout.held)
-        self.coarse = CoarseSpace(matrix, diagonal, off_diagonal, subdomain, held)
-        rows_and_columns = self.coarse.block_row, self.coarse.block_column
-        self.E = CoarseMatrix(layout, *rows_and_columns, self.coarse.columns)
+            layout = Distributed(comm, counts, subdomain[rows:], self._columns)
+        self.subdomain, held = layout.local(subdomain), len(layout.held)
+        self.functions = np.zeros((len(subdomain), matrix.size, FUNCTIONS), np.float32)
+        pairs = self._create_space(blocks, held)
+        self.E = CoarseMatrix(layout, *pairs, self._columns)
         self._free: Array | None = None
-        size = self.coarse.columns * held
+        self.size = size = self._columns * held
         self._rhs, self._single = np.zeros(size), np.zeros(size, np.float32)
         self._Qb = np.zeros(size)  # coefficients of Q b in the columns of Z
         self._rhs_pointer = matrix.pointer(self._rhs)
         self._single_pointer = matrix.pointer(self._single)
 
-    @property
-    def nbytes(self) -> int:
-        """Return the bytes of A Z on this rank, which an iteration reads twice."""
-        return self.coarse.nbytes
-
-    @property
-    def size(self) -> int:
-        """Return the number of columns of Z that this rank holds."""
-        return len(self._rhs)
+    def _create_space(self, blocks: DisplacementBlocks, held: int) -> tuple[Array, Array]:
+        """Create the C struct; return the subdomains of the blocks of E that this rank adds to."""
+        matrix, rows, subdomain = self._matrix, self._matrix.rows, self.subdomain
+        parts = [
+            (np.repeat(np.arange(rows), np.diff(part.indptr)), subdomain[part.indices + shift])
+            for part, shift in ((blocks.diagonal, 0), (blocks.off_diagonal, rows))
+            if part is not None
+        ]
+        row_of_block, of_column = (np.concatenate(part) for part in zip(*parts, strict=True))
+        pairs = BlockPattern(row_of_block, of_column, rows, held)
+        row, pair_subdomain = pairs.rows(), pairs.indices
+        pair = subdomain[row].astype(np.int64) * held + pair_subdomain
+        block, pair_block = np.unique(pair, return_inverse=True)
+        self.arrays = {  # the struct holds pointers: the arrays must live as long
+            "subdomain": np.ascontiguousarray(subdomain, np.int32),
+            "functions": self.functions,
+            "aij_column": np.ascontiguousarray(blocks.diagonal.indices, np.int32),
+            "pair_start": pairs.indptr.astype(np.int32),
+            "pair_subdomain": pair_subdomain,
+            "pair_block": pair_block.astype(np.int32),
+            "image": np.zeros((len(pair_subdomain), matrix.size, self._columns), np.float32),
+        }
+        pointers = {name: matrix.pointer(array) for name, array in self.arrays.items()}
+        self.struct = matrix.ffi.new("CoarseSpace *", {"rows": rows, **pointers})
+        self._num_blocks = len(block)
+        return np.divmod(block, held)
 
     def update(self, values: int, off_diagonal: int, scale: float) -> int:
         """Compute Z, A Z and E^-1 for new values of the matrix.
@@ -303,40 +245,47 @@ class Deflation:
         int
             0, or a negative ``KSP.ConvergedReason`` if E is not finite or indefinite.
         """
-        self._update_functions(self._matrix.coupled_unknowns(values, off_diagonal))
-        return self.E.update(self.coarse.assemble(values, off_diagonal, scale))
+        matrix = self._matrix
+        self._update_functions(matrix.coupled_unknowns(values, off_diagonal))
+        E = np.zeros((self._num_blocks, self._columns, self._columns))
+        addresses = matrix.addresses(values, off_diagonal)
+        matrix.lib.coarse_assemble(matrix.struct, self.struct, *addresses, scale, matrix.pointer(E))
+        return self.E.update(E)
 
     def start(self, r: Any) -> None:
         """Replace r = b by P b and keep Q b for `finish`."""
-        self._Qb[:] = self._solve("coarse_restrict", r)
-        self._matrix.lib.coarse_image_subtract(self.coarse.struct, self._single_pointer, r)
+        lib = self._matrix.lib
+        self._Qb[:] = self._solve(lib.coarse_restrict, r)
+        lib.coarse_image_subtract(self.struct, self._single_pointer, r)
 
     def project(self, t: Any, w: Any) -> None:
         """Compute w -= A Q A t."""
-        self._solve("coarse_image_transposed", t)
-        self._matrix.lib.coarse_image_subtract(self.coarse.struct, self._single_pointer, w)
+        lib = self._matrix.lib
+        self._solve(lib.coarse_image_transposed, t)
+        lib.coarse_image_subtract(self.struct, self._single_pointer, w)
 
     def finish(self, x: Any) -> None:
         """Replace x by Q b + P^T x, without the part in the null space of A.
 
         Where A is singular, rounding errors grow in its null space, which no residual shows.
         """
-        coarse = self._Qb - self._solve("coarse_image_transposed", x)
+        lib = self._matrix.lib
+        coarse = self._Qb - self._solve(lib.coarse_image_transposed, x)
         if self.E.singular:
-            coarse -= self.E.null_part(self._product("coarse_restrict", x), coarse)
+            coarse -= self.E.null_part(self._product(lib.coarse_restrict, x), coarse)
         self._single[:] = coarse
-        self._matrix.lib.coarse_prolong(self.coarse.struct, self._single_pointer, x)
+        lib.coarse_prolong(self.struct, self._single_pointer, x)
 
-    def _solve(self, transposed: str, vector: Any) -> Array:
+    def _solve(self, product: Any, vector: Any) -> Array:
         """Return E^-1 y, and store it in _single, for the y of `_product`."""
-        solution = self.E.solve(self._product(transposed, vector))
+        solution = self.E.solve(self._product(product, vector))
         self._single[:] = solution
         return solution
 
-    def _product(self, transposed: str, vector: Any) -> Array:
+    def _product(self, product: Any, vector: Any) -> Array:
         """Return this rank's part of Z^T v (coarse_restrict) or (A Z)^T v (.._transposed)."""
         self._rhs[:] = 0
-        getattr(self._matrix.lib, transposed)(self.coarse.struct, vector, self._rhs_pointer)
+        product(self.struct, vector, self._rhs_pointer)
         return self._rhs
 
     def _update_functions(self, free: Array) -> None:
@@ -344,9 +293,8 @@ class Deflation:
         same = self._free is not None and np.array_equal(free, self._free)
         if self._comm.allreduce(same, op=MPI.LAND):
             return
-        rows, functions = self._matrix.rows, self.coarse.functions
-        own = self.coarse.subdomain[:rows]
-        functions[:rows] = linear_functions(self._coordinates, own, free)
+        rows, functions = self._matrix.rows, self.functions
+        functions[:rows] = linear_functions(self._coordinates, self.subdomain[:rows], free)
         self._free = free
         if self._halo:
             for k in range(functions.shape[2]):

@@ -27,8 +27,8 @@ from fem_snh.linalg.ssor_system import (
 )
 
 if TYPE_CHECKING:
+    from fem_snh.linalg.columns_cg import SSORColumns
     from fem_snh.linalg.deflation import BodyModes
-    from fem_snh.linalg.ssor_columns import SSORColumns
 
 _Reason = PETSc.KSP.ConvergedReason
 #: Residual reduction per refinement cycle. Single precision rounds to 6e-8; the remaining factor of
@@ -111,22 +111,17 @@ class EisenstatCG:
         assert self._made is not None, "before `update_matrix`"
         return self._made
 
-    @property
-    def nbytes(self) -> int:
-        """Return the bytes on this rank that an iteration reads twice."""
-        return self._system.nbytes
-
-    def update_matrix(self, A: PETSc.Mat, force: bool = False) -> None:
+    def update_matrix(self, A: PETSc.Mat) -> None:
         """Update the single-precision copy of the matrix and its deflation space.
 
-        Nothing is done if neither the matrix object nor its values changed, unless ``force``. The
-        sparsity pattern is read if it or the matrix object changed.
+        Nothing is done if neither the matrix object nor its values changed. The sparsity pattern is
+        read if it or the matrix object changed.
         """
         if self._made is None or not self._made.fits(A):
             limits = self._subdomains, self._replicated
             self._made, self._state = SSORSystem(A, self._coordinates, *limits), -1
             self._columns = None
-        if self._state != A.stateGet() or force:
+        if self._state != A.stateGet():
             self._failure, self._state = self._system.update(A), A.stateGet()
             self._modes = None if self._failure else self._system.body_modes(A)
 
@@ -181,7 +176,7 @@ class EisenstatCG:
         See `SSORColumns.solve`.
         """
         if self._columns is None:
-            from fem_snh.linalg.ssor_columns import SSORColumns
+            from fem_snh.linalg.columns_cg import SSORColumns
 
             self._columns = SSORColumns(self._system)
         if self._failure:

@@ -41,10 +41,8 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh._petsc import aij_blocks, nonzero_state
-from fem_snh.errors import BadInput, on_every, on_root
-from fem_snh.kernels import build
-from fem_snh.linalg import block_matrix
-from fem_snh.linalg.block_matrix import SymmetricBlockMatrix
+from fem_snh.errors import BadInput, on_every
+from fem_snh.linalg.block_matrix import SymmetricBlockMatrix, open_kernels
 from fem_snh.linalg.coarse_matrix import MAX_INVERTED
 from fem_snh.linalg.halo import Halo
 from fem_snh.linalg.matrix_parts import displacement_blocks, stored_in
@@ -171,12 +169,11 @@ class SSORSystem:
             )
         self.comm, self.unknowns = A.comm.tompi4py(), A.getSize()[0]
         self._pattern, self._coordinates = _pattern(A), coordinates
-        path = on_root(self.comm, build.library, block_matrix.source(block))
-        stored = displacement_blocks(A)
-        blocks = stored.diagonal, stored.off_diagonal
-        self.matrix = on_every(self.comm, SymmetricBlockMatrix, path, block, *blocks)
-        shared = stored.off_diagonal is not None
-        self.halo = Halo(self.comm, stored.first, stored.ghosts, block) if shared else None
+        library = open_kernels(self.comm, block)
+        blocks = displacement_blocks(A)
+        self.matrix = on_every(self.comm, SymmetricBlockMatrix, library, block, blocks)
+        shared = blocks.off_diagonal is not None
+        self.halo = Halo(self.comm, blocks.first, blocks.ghosts, block) if shared else None
         self._total = np.zeros(1)
         self.deflation: Deflation | None = None
         if subdomains == AUTOMATIC and coordinates is not None:
@@ -186,7 +183,7 @@ class SSORSystem:
             from fem_snh.linalg.deflation import Deflation
 
             self.deflation = Deflation(
-                self.comm, self.matrix, *blocks, self.halo, coordinates, subdomains, replicated
+                self.comm, self.matrix, blocks, self.halo, coordinates, subdomains, replicated
             )
         size = block * self.matrix.rows
         self._vectors: dict[str, npt.NDArray[np.float32]] = {
@@ -195,11 +192,6 @@ class SSORSystem:
         self._x, self._r, self._t = (self._vectors[key] for key in "xrt")
         self._vectors["ghosts"] = self.halo.ghosts if self.halo else self._x
         self._pointers = {key: self.matrix.pointer(v) for key, v in self._vectors.items()}
-
-    @property
-    def nbytes(self) -> int:
-        """Return the bytes on this rank that an iteration reads twice (the copy of A, and A Z)."""
-        return self.matrix.nbytes + (self.deflation.nbytes if self.deflation else 0)
 
     def fits(self, A: PETSc.Mat) -> bool:
         """Return whether ``A`` is the matrix given at construction, with the same pattern."""

@@ -26,9 +26,8 @@ from fem_snh import _dolfinx
 from fem_snh.assembly.assembled_matrix import BlockMatrix
 from fem_snh.assembly.ghosted_vectors import copy_to_function
 from fem_snh.choices import FILTERS
-from fem_snh.errors import BadInput, bad_value, choose, on_root
-from fem_snh.kernels import build
-from fem_snh.kernels.cell_matrices import FormCells, Integral, form_cells_source
+from fem_snh.errors import BadInput, bad_value, choose
+from fem_snh.kernels.cell_matrices import FormCells, Integral
 from fem_snh.references import describe_error
 from fem_snh.terms.term import Term
 
@@ -192,10 +191,10 @@ class UFLTerm(Term):
         return self._force
 
     def _form_cells(self) -> FormCells:
-        source = form_cells_source(_dolfinx.kernel_arguments(self._hessian))
         V = self._u.function_space
         return FormCells(
-            on_root(self._comm, build.library, source),
+            self._comm,
+            _dolfinx.kernel_arguments(self._hessian),
             _dolfinx.node_dofs(V).shape[1],
             _dolfinx.num_components(V),
             _dolfinx.geometry_dofs(V.mesh),

@@ -96,14 +96,14 @@ def test_the_coarse_matrix_is_the_galerkin_product(comm, subdomains):
     ours.setFromOptions(ksp)
     ours.update_matrix(p.A)
     deflation = ours._system.deflation
-    coarse, A = deflation.coarse, dense(p.A) * ours._system.scale
+    A = dense(p.A) * ours._system.scale
     rows = len(p.coordinates)
     Z = np.zeros((rows, 3, subdomains, 3, 4))
     for k in range(3):
-        Z[np.arange(rows), k, coarse.subdomain, k] = coarse.functions[:, k]
+        Z[np.arange(rows), k, deflation.subdomain, k] = deflation.functions[:, k]
     Z = Z.reshape(3 * rows, 12 * subdomains)
     AZ = np.zeros((rows, 3, subdomains, 12))
-    start, near, image = (coarse.arrays[k] for k in ("pair_start", "pair_subdomain", "image"))
+    start, near, image = (deflation.arrays[k] for k in ("pair_start", "pair_subdomain", "image"))
     for i in range(rows):
         AZ[i][:, near[start[i] : start[i + 1]]] = image[start[i] : start[i + 1]].swapaxes(0, 1)
     assert np.allclose(AZ.reshape(Z.shape), A @ Z, atol=1e-6 * np.abs(A @ Z).max())

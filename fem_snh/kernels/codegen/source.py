@@ -16,11 +16,9 @@ from fem_snh.errors import BadInput
 from fem_snh.kernels.build import (
     MATERIAL_FUNCTIONS,
     POINTWISE,
-    SVD_AND_EIGENSOLVERS,
     header,
-    options,
+    svd_eigen_declarations,
 )
-from fem_snh.kernels.codegen import source
 from fem_snh.kernels.codegen.c_functions import Functions
 from fem_snh.kernels.codegen.small_strain import (
     VOLUME_INCREMENT,
@@ -80,8 +78,8 @@ def point_source(energy: Energy, entries: Sequence[int] = (), functions: Sequenc
             *([f"#define ENTRIES {', '.join(map(str, entries))}"] if entries else []),
             f"#define NEEDS_STRETCHES {int(energy.needs_stretches)}",
             f"#define USES_J {int(J in energy.measures)}",
-            options(),
-            *map(header, (*SVD_AND_EIGENSOLVERS, *_BEFORE)),
+            svd_eigen_declarations(),
+            *map(header, _BEFORE),
             f"/* generated: {energy.name}, psi = {energy.psi} */",
             *generated,
             *functions,
@@ -154,9 +152,7 @@ def element_energy(energy: Energy, volume: str) -> ElementEnergy:
     parts = _split_with_arguments(energy, split(energy, BOUNDS[volume]), BOUNDS[volume])
     if volume == "cell_pressure":  # its condensed problem is the faster one
         parts.check_closed_form()
-    function = (
-        source.volume_energy_function if volume == "mean" else source.volume_conjugate_function
-    )
+    function = volume_energy_function if volume == "mean" else volume_conjugate_function
     constants = ElementConstants(parts.energy.scalar_values, parts.stiffness, parts.local)
     return ElementEnergy(parts.energy, (function(parts),), constants)
 

@@ -19,11 +19,10 @@ import ufl
 from scipy.sparse import csr_matrix
 
 from fem_snh import _dolfinx
-from fem_snh.errors import on_root
 from fem_snh.linalg.columns_cg import LANES, ColumnsCG
 from fem_snh.linalg.halo import Halo
 from fem_snh.problem.problem import Problem
-from fem_snh.runs.output.point_fields import PointFieldLoops, point_fields_library
+from fem_snh.runs.output.point_fields import PointFieldLoops
 
 Array = npt.NDArray[np.float64]
 
@@ -56,7 +55,7 @@ class NodalProjection:
             weights = weights / (2 * np.pi * _radii(problem.domain, points))
         self._weights, self._basis = weights, _dolfinx.tabulate_values(Q, points)
         self._vertices = np.ascontiguousarray(_dolfinx.node_dofs(Q), np.int32)
-        self._loops = PointFieldLoops(on_root(problem.comm, point_fields_library))
+        self._loops = PointFieldLoops(problem.comm)
         nodes = _dolfinx.reference_nodes(element.cell, element.degree)
         self._interpolation = _interpolation(V, Q, _dolfinx.tabulate_values(Q, nodes))
         form = _dolfinx.form(ufl.TrialFunction(Q) * ufl.TestFunction(Q) * ufl.dx)

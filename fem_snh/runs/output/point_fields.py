@@ -8,14 +8,16 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from math import prod
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
 from fem_snh.kernels import build
-from fem_snh.kernels.build import SVD_AND_EIGENSOLVERS, header, options, svd_eigen_source
 from fem_snh.linalg.columns_cg import LANES
+
+if TYPE_CHECKING:
+    from mpi4py import MPI
 
 Array = npt.NDArray[np.float64]
 
@@ -35,25 +37,24 @@ _MAX_NODES = 8
 _CHUNK = 64
 
 
-def point_fields_library() -> Path:
-    """Compile the functions of point_fields_api.h unless the cache has them."""
-    files = (*SVD_AND_EIGENSOLVERS, "point_fields_api.h", "point_fields.h")
-    sizes = f"#define LANES {LANES}\n#define MAX_NODES {_MAX_NODES}\n#define CHUNK {_CHUNK}"
-    source = "\n".join(["#include <math.h>", sizes, options(), *map(header, files)])
-    return build.library(source, [build.object_file(svd_eigen_source())])
-
-
 class PointFieldLoops:
     """The compiled loops over points and cells.
 
     Parameters
     ----------
-    path : Path
-        From `point_fields_library`.
+    comm : communicator of mpi4py
+        The ranks.
     """
 
-    def __init__(self, path: Path) -> None:
-        self._ffi, self._lib = build.load(path, header("point_fields_api.h"))
+    def __init__(self, comm: MPI.Comm) -> None:
+        sizes = f"#define LANES {LANES}\n#define MAX_NODES {_MAX_NODES}\n#define CHUNK {_CHUNK}"
+        self._ffi, self._lib = build.open_library(
+            ["point_fields_api.h"],
+            ["point_fields.h"],
+            [sizes, build.svd_eigen_declarations()],
+            [build.svd_eigen_object()],
+            comm,
+        )
 
     def evaluate(self, H: Array, P: Array, names: Collection[str]) -> dict[str, Array]:
         """Return fields at points, each (cells, points, ...).
@@ -118,12 +119,12 @@ class PointFieldLoops:
             cells,
             points,
             nodes.shape[1],
-            self._ffi.cast("int *", nodes.ctypes.data),
+            build.pointer(self._ffi, nodes),
             self._doubles(weights),
             self._doubles(basis),
             len(columns),
             self._ffi.new("double *[]", [self._doubles(column) for column in columns]),
-            self._ffi.cast("long *", strides.ctypes.data),
+            build.pointer(self._ffi, strides),
             num_nodes,
             self._doubles(out),
         )

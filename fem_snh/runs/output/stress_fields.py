@@ -27,7 +27,7 @@ from fem_snh.kernels.build import header
 from fem_snh.kernels.compiled import Compiled
 from fem_snh.kernels.material import Material
 from fem_snh.problem.problem import Problem
-from fem_snh.runs.output.point_fields import PointFieldLoops, point_fields_library
+from fem_snh.runs.output.point_fields import PointFieldLoops
 
 
 class PointStresses(NamedTuple):
@@ -142,8 +142,7 @@ class StressFields:
     def __init__(self, problem: Problem) -> None:
         self._problem = problem
         self._num_cells = problem.elastic.shape[0]
-        path = on_root(problem.comm, point_fields_library)
-        self.loops = PointFieldLoops(path)
+        self.loops = PointFieldLoops(problem.comm)
         self._parts = []
         for part in problem.elastic.parts:
             arguments = part.region.material, part.loops.tables
