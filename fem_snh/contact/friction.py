@@ -39,6 +39,10 @@ class ContactPoints(NamedTuple):
         `fem_snh.geometry.shapes.SmoothUnion`.
     curvature : (m, points, 3, 3)
         Hessian of the gap [1/m].
+    stiffness : (m, points)
+        Minus the derivative of the pressure by the gap [Pa/m].
+    energy : (m, points)
+        Minus the integral of the pressure over the gap [J/m^2].
     """
 
     which: Array
@@ -46,11 +50,8 @@ class ContactPoints(NamedTuple):
     pressure: Array
     normal: Array
     curvature: Array
-
-    @property
-    def acting(self) -> tuple[Array, Array, Array]:
-        """Facets, pressures and normals."""
-        return self.which, self.pressure, self.normal
+    stiffness: Array
+    energy: Array
 
     @property
     def normal_forces(self) -> tuple[Array, Array]:
@@ -184,15 +185,6 @@ class Friction:
         stress = np.minimum(k * length, self._limit)
         energies = stress * (length - 0.5 * stress / k)
         return float((self._weights * energies).sum())
-
-    def add_gradient(self, u: Array, r: Array, weight: float = 1.0) -> None:
-        """Add the energy's derivative [N], times a weight, to nodal vectors (nodes, 3)."""
-        forces = weight * self._weights[..., None] * self._forces(self._trial(u))
-        self._surface.add_vectors(forces, self._which, r)
-
-    def force(self, u: Array) -> Array:
-        """Return the derivative of the energy by a translation of the body, (3,) [N]."""
-        return np.asarray(-self.weighted_forces(u)[1].sum(axis=(0, 1)))
 
     def weighted_forces(self, u: Array) -> tuple[Array, Array]:
         """Return facets (m,), and the forces on the body at their points (m, points, 3) [N]."""

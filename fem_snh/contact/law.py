@@ -1,10 +1,10 @@
-"""Contact's law: penalty and augmented Lagrangian, their default stiffness and tolerance."""
+"""Contact's law: penalty and augmented Lagrangian, at a state and as the mean over a step."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from mpi4py import MPI
 
@@ -16,6 +16,10 @@ from fem_snh.assembly.regions import Region
 from fem_snh.contact.surface_quadrature import SurfaceQuadrature
 from fem_snh.mesh.mesh import cell_volumes
 from fem_snh.terms.settling import LaggedChange, largest_change, relative
+
+if TYPE_CHECKING:
+    from fem_snh.contact.body_contact import BodyPair
+    from fem_snh.contact.obstacle_contact import RigidContact
 
 Array = npt.NDArray[Any]
 
@@ -37,8 +41,89 @@ _SLOW, _GROWTH, _LARGEST = 0.25, 4.0, 1e4
 #: the penetration is a hundredth of the cell.
 #: ``python -m benchmarks hertz --factors 0.1,1,10,100`` measures what it leaves and what it costs.
 FACTOR = 10.0
+#: Depths in the gap before, at the beginning of contact, below which a series has more digits, and
+#: above which the gap is none.
+_SHALLOW, _DEEP = 1e-2, 1e12
+#: Ways in a step, in sizes of a facet, below which a mean derivative needs no correction: rounding
+#: of the gaps is above it.
+_AT_REST = 1e-8
 #: Height of a cell over a facet, in its volume over the facet's area.
 _HEIGHT = {"tetrahedron": 3.0, "hexahedron": 1.0, "triangle": 2.0, "quadrilateral": 1.0}
+
+
+class Response(NamedTuple):
+    """What a gap causes.
+
+    Attributes
+    ----------
+    energy : array
+        Minus the integral of the pressure over the gap [J/m^2].
+    pressure : array
+        The pressure [Pa].
+    stiffness : array
+        Minus its derivative by the gap [Pa/m].
+    """
+
+    energy: Array
+    pressure: Array
+    stiffness: Array
+
+
+def mean_pressure(k: Array, start: Array, end: Array) -> Response:
+    r"""Return the pressure of a penalty in a step that does the work that its energy loses.
+
+    .. math:: \bar p = \frac{p_1^2 - p_0^2}{2 k (g_0 - g_1)}
+
+    with the pressures p at the start and the end of the step (Hauret & Le Tallec 2006). It is their
+    mean where a point is in contact at both, and less where contact begins or ends.
+
+    Parameters
+    ----------
+    k : array
+        Penalty stiffness [Pa/m].
+    start, end : array
+        Gaps at the start and the end of the step [m].
+    """
+    p0, p1 = (np.maximum(-k * gap, 0.0) for gap in (start, end))
+    both, opens, closes = (p0 > 0) & (p1 > 0), (p0 > 0) & (p1 == 0), (p0 == 0) & (p1 > 0)
+    change = end - start
+    # Where contact ends, the distance in p0 / k; where it begins, the depth in the gap before.
+    ratio = np.where(opens, k * change, 1.0) / np.where(opens, p0, 1.0)
+    depth = np.where(closes, p1 / k, 0.0)
+    r = depth / np.where(closes, np.maximum(start, depth / _DEEP), 1.0)
+    series = r / 3 - r**2 / 4 + r**3 / 5 - r**4 / 6 + r**5 / 7
+    large = np.where(r < _SHALLOW, 1.0, r)
+    begun = np.where(r < _SHALLOW, series, 0.5 - 1 / large + np.log1p(large) / large**2)
+    closing = k / 2 * depth**2 * begun, p1 / 2 * r / (1 + r), k / 2 * r * (r + 2) / (1 + r) ** 2
+    opening = -(p0**2) / (2 * k) * np.log(ratio), p0 / (2 * ratio), k / (2 * ratio**2)
+    staying = p1**2 / (4 * k) + p0 * (p0 / k - change) / 2, (p0 + p1) / 2, k / 2
+    cases = zip(staying, opening, closing, strict=True)
+    return Response(*(np.where(both, a, np.where(opens, b, c)) for a, b, c in cases))
+
+
+def mean_derivative(mean: Array, change: Array, way: Array, size: Array | float) -> Array:
+    r"""Return the derivatives of gaps in a step with which forces do the work of contact's energy.
+
+    With the derivatives :math:`g'_0` and :math:`g'_1` at the step's start and end, and the way y
+    (Gonzalez 1996):
+
+    .. math:: \bar g' = \tfrac12 (g'_0 + g'_1)
+        + \frac{g_1 - g_0 - \frac12 (g'_0 + g'_1) \cdot y}{|y|^2}\, y ,
+        \qquad \bar g' \cdot y = g_1 - g_0
+
+    Parameters
+    ----------
+    mean, way : (..., k)
+        The mean of the derivatives, and the ways y [m].
+    change : (...)
+        The changes of the gaps [m].
+    size : (...)
+        The sizes of the facets [m].
+    """
+    square = (way**2).sum(axis=-1)
+    moves = square > (_AT_REST * size) ** 2
+    lacking = np.where(moves, change - (mean * way).sum(axis=-1), 0.0)
+    return np.asarray(mean + (lacking / np.where(moves, square, 1.0))[..., None] * way)
 
 
 class ContactLaw:
@@ -101,13 +186,50 @@ class ContactLaw:
         comm: MPI.Comm = MPI.COMM_SELF,
     ) -> None:
         self.weights, self.augmented = weights, augmented
-        self._name, self._comm, self._limits_force = name, comm, limits_force
+        self._name, self.comm, self._limits_force = name, comm, limits_force
         self._tolerance = np.broadcast_to(tolerance, weights.shape)
         self._given = np.broadcast_to(stiffness, weights.shape)
         self.multipliers, self.kept = np.zeros_like(weights), np.zeros_like(weights)
         self._default, self._largest = max(ratio, 1.0), max(_LARGEST * ratio, 1.0)
         self.kept_factor, self.version = 1.0, 0
         self.begin_step()
+
+    @classmethod
+    def of(
+        cls,
+        pair: RigidContact | BodyPair,
+        what: str,
+        weights: Array,
+        default: Array,
+        height: Array | float,
+        share: float = 1.0,
+        comm: MPI.Comm = MPI.COMM_SELF,
+    ) -> ContactLaw:
+        """Return the law that is chosen for a pair. Collective.
+
+        Parameters
+        ----------
+        pair : RigidContact or BodyPair
+            The choice.
+        what : str
+            What kind of contact it is, for the reason of a failure.
+        weights : array
+            Quadrature weights [m^2].
+        default : array
+            The default stiffness [Pa/m], of a shape that extends to that of the weights.
+        height : array or float
+            The height of the cells at the points [m].
+        share : float
+            The part of the stiffness that these points have.
+        comm : MPI.Comm
+            The ranks that share the points.
+        """
+        k = default if pair.stiffness is None else np.full_like(default, pair.stiffness)
+        ratio = comm.allreduce((default / k).max(initial=0.0), op=MPI.MAX)
+        tolerance = TOLERANCE * height if pair.tolerance is None else pair.tolerance
+        limited = pair.tolerance is None and pair.limits_force
+        name = f"{what} '{pair.name}'"
+        return cls(name, weights, share * k, ratio, pair.augmented, tolerance, limited, comm)
 
     def begin_step(self) -> None:
         """Reset the multipliers and the stiffness to those of the last accepted step."""
@@ -134,13 +256,24 @@ class ContactLaw:
         """Return l - k g, whose positive part is the pressure."""
         return np.asarray(self.multipliers[rows] - self.stiffness[rows] * gap)
 
-    def energy(self, rows: Array, pressure: Array) -> float:
-        """Return the energy of all points, of which these have a pressure [J]."""
-        acting = (self.weights[rows] * pressure**2 / self.stiffness[rows]).sum()
+    def response(self, rows: Array, gap: Array, start: Array | None = None) -> Response:
+        """Return what gaps cause; as the mean over a step, with the gaps at its start.
+
+        Multipliers are means themselves: they leave no compliance, whose energy would be given back
+        where contact ends.
+        """
+        k = self.stiffness[rows]
+        if start is not None and not self.augmented:
+            return mean_pressure(k, start, gap)
+        pressure = np.maximum(self.trial(rows, gap), 0.0)
+        return Response(pressure**2 / (2 * k), pressure, k)
+
+    def energy(self, rows: Array, energy: Array) -> float:
+        """Return the energy of all points, of which these have an energy per area [J]."""
+        acting = float((self.weights[rows] * energy).sum())
         if not self.augmented:
-            return 0.5 * float(acting)
-        kept = (self.weights * self.multipliers**2 / self.stiffness).sum()
-        return 0.5 * float(acting - kept)
+            return acting
+        return acting - float((self.weights * self.multipliers**2 / (2 * self.stiffness)).sum())
 
     def settle(self, rows: Array, gap: Array, pressure: Array) -> list[LaggedChange]:
         """Return the gap and the change of the force; augment if one is too large. Collective.
@@ -150,13 +283,13 @@ class ContactLaw:
         if not self.augmented:
             return []
         found = (np.abs(gap) / self._tolerance[rows])[pressure > 0]
-        error = self._comm.allreduce(float(found.max(initial=0.0)), op=MPI.MAX)
+        error = self.comm.allreduce(float(found.max(initial=0.0)), op=MPI.MAX)
         changes = [LaggedChange(error, f"{self._name}: the gap")]
         if self._limits_force:
             change = self.multipliers.copy()
             change[rows] -= pressure
             sums = (self.weights * np.abs(change)).sum(), (self.weights[rows] * pressure).sum()
-            lost, force = self._comm.allreduce(np.array(sums)).tolist()
+            lost, force = self.comm.allreduce(np.array(sums)).tolist()
             ratio = relative(lost, force, FORCE_TOLERANCE)
             what = f"{self._name}: the change of multipliers"
             changes.append(LaggedChange(min(ratio, error / _UNSEEN), what))
@@ -170,6 +303,11 @@ class ContactLaw:
         """Return columns (n, 1) of what is kept at the points: multipliers, and the factor."""
         column = self.kept.reshape(-1, 1)
         return column, np.full_like(column, self.kept_factor)
+
+    def set_history(self, kept: Array, factors: Array, comm: MPI.Comm) -> None:
+        """Set what is kept at the points, and the factor from this rank's points. Collective."""
+        self.kept[:] = kept.reshape(self.kept.shape)
+        self.kept_factor = comm.allreduce(float(factors.max(initial=1.0)), op=MPI.MAX)
 
     def _set(self, factor: float, rows: Array | slice, multipliers: Array) -> None:
         """Set the factor of the stiffness, and the multipliers: those of other rows are zero."""

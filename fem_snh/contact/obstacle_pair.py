@@ -1,16 +1,19 @@
-"""Contact of a surface with one rigid obstacle: energy, force, Hessian, and the work it does."""
+"""A surface and a rigid obstacle: energy, forces, Hessian, and the work that the obstacle does."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any, NamedTuple
+from collections.abc import Callable, Iterator
+from typing import Any
+
+from mpi4py import MPI
 
 import numpy as np
 import numpy.typing as npt
 
+from fem_snh import _dolfinx
 from fem_snh.contact.friction import ContactPoints, Friction
-from fem_snh.contact.law import ContactLaw
-from fem_snh.contact.mean_contact import MeanContact, MeanPressure, mean_pressure
+from fem_snh.contact.law import ContactLaw, Response, mean_derivative, surface_mean
+from fem_snh.contact.surface_contact import ContactPair
 from fem_snh.contact.surface_quadrature import (
     FINE_INTERVALS,
     GRID_INTERVALS,
@@ -21,12 +24,17 @@ from fem_snh.contact.surface_quadrature import (
 )
 from fem_snh.geometry.motions import MovingShape
 from fem_snh.kernels.cell_matrices import filter_matrices
+from fem_snh.terms.settling import LaggedChange, relative
 
 Array = npt.NDArray[Any]
 
 #: Distance by which nodes may move before the facets are searched again, in mean radii of facets. A
 #: larger one costs evaluations at more points, a smaller one more searches.
 _MARGIN = 1.0
+#: Friction has settled when its lagged normal forces change by less than this in a solve.
+_SETTLED = 1e-3
+#: Mean normals of a step have settled when they change the force by less than this in a solve.
+_TURNED = 1e-4
 
 
 class NearFacets:
@@ -88,22 +96,11 @@ class NearFacets:
             moved = np.einsum("ni,ni->n", way, way).max(initial=0.0)
             if self._spread**2 * moved <= self._valid**2:
                 return self._found
-        self._searched = relative
-        self._found, self._valid = np.empty(0, int), self._gap_of_all(x)
-        if self._valid <= self._margin:
-            centers, radii = self._balls(x)
-            gaps = self._distance(centers) - radii
-            self._found = self._indices[gaps <= self._margin]
-            self._valid = max(self._margin, gaps.min(initial=np.inf))
+        self._searched, (centers, radii) = relative, self._balls(x)
+        gaps = self._distance(centers) - radii
+        self._found = self._indices[gaps <= self._margin]
+        self._valid = max(self._margin, gaps.min(initial=np.inf))
         return self._found
-
-    def _gap_of_all(self, x: Array) -> float:
-        """Return the distance of a ball that contains all points, a bound of theirs."""
-        if not len(x):
-            return np.inf
-        low, high = x.min(axis=0), x.max(axis=0)
-        radius = self._spread * np.linalg.norm(high - low) / 2
-        return float(self._distance((low + high)[None] / 2)[0] - radius)
 
     def _balls(self, x: Array) -> tuple[Array, Array]:
         """Return centres (facets, 3) and radii (facets,) of balls that contain the points."""
@@ -113,23 +110,91 @@ class NearFacets:
         return centers, self._spread * np.sqrt(np.einsum("fki,fki->fk", ways, ways).max(axis=1))
 
 
-class PointForces(NamedTuple):
-    """Forces of an obstacle on a body.
+class StepStart:
+    r"""The contact of a surface with an obstacle at a step's start, for means over the step.
+
+    The force of a step has the mean pressure of `mean_pressure` and the mean normal of
+    `mean_derivative`, with the displacement of the points relative to the obstacle: it is of second
+    order where the normal turns. It is no gradient. The energy has the force along the normal at
+    the step's end; the rest, ``turn``, is lagged, and zero at a plane that does not turn.
+
+    Parameters
+    ----------
+    surface : SurfaceQuadrature
+        The surface of the body.
+    obstacle : MovingShape
+        The obstacle.
 
     Attributes
     ----------
-    x : (n, 3)
-        Their points of action [m].
-    forces : (n, 3)
-        The forces [N].
+    u : (nodes, 3)
+        Nodal displacements [m].
+    load : float
+        The load.
+    which : (m,) int
+        The facets that touch.
+    turn : (facets, points, 3)
+        The lagged force per reference area [Pa].
     """
 
-    x: Array
-    forces: Array
+    def __init__(self, surface: SurfaceQuadrature, obstacle: MovingShape) -> None:
+        self._surface, self._obstacle = surface, obstacle
+        self.turn: Array = np.zeros(surface.X.shape)
+        self.begin(np.zeros((surface.num_nodes, 3)), 0.0, np.empty(0, int))
+
+    def begin(self, u: Array, load: float, which: Array) -> None:
+        """Begin a step at nodal displacements (nodes, 3) and a load, where facets touch."""
+        self.u, self.load, self.which = u.copy(), load, which
+        self._evaluated: tuple[Array, Array, Array, Array] | None = None
+        self._set_turn(which, 0.0)
+
+    def gaps(self, near: Array) -> Array:
+        """Return the gaps of facets [m], (m, points)."""
+        return self._at_start(near)[2]
+
+    def normals(self, near: Array, x: Array, gap: Array, normal: Array, load: float) -> Array:
+        """Return the mean normals from positions, gaps, normals and load at the step's end."""
+        _, before, old_gap, old_normal = self._at_start(near)
+        way = x - before - obstacle_displacement(self._obstacle, before, x, self.load, load)
+        size = self._surface.sizes[near, None]
+        return mean_derivative((old_normal + normal) / 2, gap - old_gap, way, size)
+
+    def lag(self, near: Array, turn: Array) -> float:
+        """Set ``turn`` (m, points, 3) of facets; return the sum of its change [N]."""
+        before = self.turn.copy()
+        self._set_turn(near, turn)
+        change = np.linalg.norm(self.turn - before, axis=2)
+        return float((self._surface.weights * change).sum())
+
+    def turn_energy(self, u: Array) -> float:
+        """Return the energy of ``turn`` at nodal displacements (nodes, 3) [J]."""
+        moved = self._surface.displacements(u - self.u, self._turned)
+        return -float((self._turn_forces * moved).sum())
+
+    def add_turn(self, r: Array) -> None:
+        """Add its derivative [N] to nodal vectors (nodes, 3)."""
+        if len(self._turned):
+            self._surface.add_vectors(-self._turn_forces, self._turned, r)
+
+    def _set_turn(self, near: Array, turn: Array | float) -> None:
+        """Set ``turn`` of facets; that of others is zero."""
+        self.turn[:] = 0.0
+        self.turn[near] = turn
+        self._turned = np.flatnonzero(self.turn.any(axis=(1, 2)))
+        weights = self._surface.weights[self._turned]
+        self._turn_forces = weights[..., None] * self.turn[self._turned]
+
+    def _at_start(self, near: Array) -> tuple[Array, Array, Array, Array]:
+        """Return facets, and positions, gaps and normals of their points."""
+        if self._evaluated is None or not np.array_equal(self._evaluated[0], near):
+            x = self._surface.positions(self.u, near)
+            gap, normal, _ = self._obstacle.evaluate(x.reshape(-1, 3), self.load)
+            self._evaluated = near, x, gap.reshape(x.shape[:2]), normal.reshape(x.shape)
+        return self._evaluated
 
 
-class ObstaclePair:
-    r"""A surface and an obstacle: the energies of `ContactLaw` and `Friction`. Not collective.
+class ObstaclePair(ContactPair):
+    r"""A surface and an obstacle: the energies of `ContactLaw` and `Friction`.
 
     Of the former the derivatives are
 
@@ -138,10 +203,13 @@ class ObstaclePair:
         \quad (p > 0)
 
     As :math:`|\nabla g| = 1`, the normal is an eigenvector of both parts: filtering the second one
-    filters their sum.
+    filters their sum. Configurations are nodal displacements (local nodes, 3) [m], ghosts included;
+    results are those of this rank's facets.
 
     Parameters
     ----------
+    name : str
+        Name in run.json.
     surface : SurfaceQuadrature
         The surface of the body.
     X : (local nodes, 3)
@@ -157,13 +225,10 @@ class ObstaclePair:
 
     Attributes
     ----------
-    surface, obstacle, law, friction
+    name, surface, obstacle, law, friction
         The parameters.
     load : float
         The load at which the obstacle is.
-    mean_weight : float or None
-        Weight of the energy of a step's mean forces, in place of that of the present ones: see
-        `fem_snh.terms.history.MeanForceTerm`.
     linearised : bool
         Whether steps are linearised at their start. Points in contact there then stay on the linear
         branch :math:`p = \ell - k g` in the linearisation: where an obstacle recedes by more than
@@ -172,6 +237,7 @@ class ObstaclePair:
 
     def __init__(
         self,
+        name: str,
         surface: SurfaceQuadrature,
         X: Array,
         obstacle: MovingShape,
@@ -179,24 +245,20 @@ class ObstaclePair:
         friction: Friction | None = None,
         facets: Array | None = None,
     ) -> None:
-        self.surface, self.obstacle, self.law, self.friction = surface, obstacle, law, friction
+        super().__init__(name, law)
+        self.surface, self.obstacle, self.friction = surface, obstacle, friction
         self.load, self.linearised = 0.0, False
-        self.mean_weight: float | None = None
         self._near = NearFacets(surface, X, self.distance, facets, self._material)
         #: Displacement at the start of a linearised step; its facets and points in contact.
-        self._start: tuple[Array, Array, Array] | None = None
-        #: The load at the start of the step, and the forces of an obstacle that moves.
-        self._before: tuple[float, PointForces | None] = 0.0, None
-        self._mean_contact = MeanContact(surface, obstacle)
-        #: The last displacement, and what `_evaluate` returned for it.
-        self._gaps: tuple[Array, tuple[Array, Array, Array, Array]] | None = None
-        #: The last ``_gaps`` and version of the law, and what `_mean` returned for them.
-        self._means: tuple[Any, int, tuple[ContactPoints, MeanPressure]] | None = None
+        self._linear: tuple[Array, Array, Array] | None = None
+        #: Points and forces at the start of the step, of an obstacle that moves.
+        self._before: list[tuple[Array, Array]] = []
+        self._start = StepStart(surface, obstacle)
+        #: The last displacement and what else `_evaluate` depends on, and what it returned.
+        self._evaluated: tuple[Array, Any, tuple[Array, Array, Array, Array]] | None = None
 
     def set_load(self, load: float) -> None:
         """Move the obstacle to its position at a load."""
-        if load != self.load and self.obstacle.motion is not None:
-            self._gaps = None
         self.load = load
         if self.friction:
             self.friction.set_load(load)
@@ -208,34 +270,45 @@ class ObstaclePair:
         """
         if self.friction:
             self.friction.scale_stiffness(factor)
-        return self.law.scale_penalty(factor) or self.friction is not None
+        return super().scale_penalties(factor) or self.friction is not None
 
     def begin_step(self, u: Array) -> None:
-        """Begin a step at nodal displacements ``u`` (nodes, 3)."""
+        """Begin a step."""
         self.law.begin_step()
-        self._start = None
+        self._linear = None
+        at = self.points(u)
         if self.linearised:
-            at = self.points(u)
-            self._start, self._gaps = (u.copy(), at.which, at.pressure > 0), None
+            self._linear, self._evaluated = (u.copy(), at.which, at.pressure > 0), None
         if self.friction:
-            self.friction.begin_step(u, self.load, self.points(u))
-        self._mean_contact.begin(u, self.load, self.points(u).which)
+            self.friction.begin_step(u, self.load, at)
+        self._start.begin(u, self.load, at.which)
         moves = self.obstacle.motion is not None
-        self._before = self.load, self._forces(u, self.points(u).acting) if moves else None
-
-    def weight_mean_forces(self, weight: float | None) -> None:
-        """Set ``mean_weight``."""
-        if (weight is None) != (self.mean_weight is None):
-            self._gaps = None
-        self.mean_weight = weight
+        self._before = list(self._point_forces(u, at)) if moves else []
 
     def end_step(self, u: Array) -> None:
-        """Accept a step that ends at nodal displacements ``u`` (nodes, 3)."""
-        self._start = None
-        if self.law.augmented:
-            self.law.end_step(*self.points(u)[:3])
+        """Accept the step: keep multipliers, and the elastic part of the slip."""
+        self._linear = None
+        super().end_step(u)
         if self.friction:
             self.friction.keep(u)
+
+    def settle(self, u: Array) -> list[LaggedChange]:
+        """Update multipliers and lagged forces; return their changes. Collective."""
+        at = self.points(u)
+        changes, comm = self.law.settle(*at[:3]), self.law.comm
+        if self.mean_weight is not None:
+            present, at = self.points_of_step(u), self._mean_points(u)
+            turn = present.pressure[..., None] * (at.normal - present.normal)
+            force = float((self.surface.weights[at.which] * at.pressure).sum())
+            sums = comm.allreduce(np.array([self._start.lag(at.which, turn), force]))
+            change, force = sums.tolist()
+            what = f"obstacle '{self.name}': the change of the mean normals"
+            changes.append(LaggedChange(relative(change, force, _TURNED), what))
+        if self.friction:
+            ratio = self.friction.settle(at, comm, _SETTLED)
+            what = f"obstacle '{self.name}': the change of friction's normal forces"
+            changes.append(LaggedChange(ratio, what))
+        return changes
 
     def work(self, u: Array, end_weight: float) -> tuple[float, float]:
         """Return the obstacle's work in a step, and what friction dissipated, on this rank [J].
@@ -243,144 +316,51 @@ class ObstaclePair:
         The arguments are those of `fem_snh.terms.history.WorkingTerm`. The forces of a step that is
         linearised at its start are those of the linearisation; mean forces have no other weight.
         """
-        work, (load, before) = 0.0, self._before
         if self.mean_weight is not None:
-            end_weight, work = 1.0, self._work_of_means(u)
-        elif before is not None:
-            after = self._forces(u, self._end_pressure(u))
-            for weight, at in ((end_weight, after), (1 - end_weight, before)):
-                work += weight * obstacle_work(self.obstacle, at, load, self.load)
-        return work, self.friction.dissipated(u, end_weight) if self.friction else 0.0
-
-    def _work_of_means(self, u: Array) -> float:
-        """Return the obstacle's work in a step with mean forces [J]."""
+            end_weight = 1.0
+        lost = self.friction.dissipated(u, end_weight) if self.friction else 0.0
         if self.obstacle.motion is None:
-            return 0.0
-        work = 0.0
-        for which, forces in self._weighted_forces(u, self.mean_points(u).acting):
-            x = self.surface.positions(u, which)
-            moved = self._mean_contact.displacement(which, x, self.load)
-            work += float((forces * moved).sum())
-        return work
+            return 0.0, lost
+        if self.mean_weight is not None:
+            x = self.surface.positions
+            found = self._weighted_forces(u, self._mean_points(u))
+            parts = [(f, x(self._start.u, which), x(u, which)) for which, f in found]
+        else:
+            parts = [(end_weight * f, x, x) for x, f in self._point_forces(u, self._end_points(u))]
+            parts += [((1 - end_weight) * f, x, x) for x, f in self._before]
+        loads = self._start.load, self.load
+        work = [
+            (forces * obstacle_displacement(self.obstacle, before, after, *loads)).sum()
+            for forces, before, after in parts
+        ]
+        return float(sum(work)), lost
 
-    def _forces(self, u: Array, acting: tuple[Array, Array, Array]) -> PointForces:
-        """Return the forces of contact and friction on this rank's facets."""
-        found = self._weighted_forces(u, acting)
-        x = [self.surface.positions(u, which).reshape(-1, 3) for which, _ in found]
-        forces = [f.reshape(-1, 3) for _, f in found]
-        return PointForces(np.concatenate(x), np.concatenate(forces))
-
-    def _weighted_forces(
-        self, u: Array, acting: tuple[Array, Array, Array]
-    ) -> list[tuple[Array, Array]]:
-        """Return facets, and the forces (m, points, 3) at their points [N]: contact, friction."""
-        which, pressure, normal = acting
-        found = [(which, (self.surface.weights[which] * pressure)[..., None] * normal)]
-        if self.friction:
-            found.append(self.friction.weighted_forces(u))
-        return found
+    def acting(self, u: Array) -> tuple[Array, Array, Array]:
+        """Return facets, gaps [m] and pressures [Pa]."""
+        return self.points(u)[:3]
 
     def distance(self, x: Array) -> Array:
         """Return the signed distance of points (n, 3) from the obstacle [m]."""
         return np.asarray(self.obstacle.evaluate(x, self.load)[0])
 
-    def _material(self, x: Array) -> Array:
-        """Return the obstacle's material points that are at points (n, 3)."""
-        return self.obstacle.pose(self.load).invert(x) if self.obstacle.motion else x
-
     def points(self, u: Array) -> ContactPoints:
-        """Return the points of facets in contact; ``u`` are nodal displacements (nodes, 3)."""
-        near, gap, normal, curvature = self._evaluate(u)
-        trial = self.law.trial(near, gap)
-        pressure = np.maximum(trial, 0.0)
-        if self._start and np.array_equal(self._start[0], u):
-            rows = np.searchsorted(near, self._start[1])
-            pressure[rows] = np.where(self._start[2], trial[rows], pressure[rows])
-        touching = (pressure != 0).any(axis=1)
-        return ContactPoints(
-            near[touching],
-            gap[touching],
-            pressure[touching],
-            normal[touching],
-            curvature[touching],
-        )
+        """Return the points of facets in contact."""
+        at = self._evaluate(u)
+        near, gap = at[:2]
+        _, pressure, k = self.law.response(near, gap)
+        if self._linear and np.array_equal(self._linear[0], u):
+            pressure = np.where(self._on_linear_branch(near), self.law.trial(near, gap), pressure)
+        return _touching(at, Response(pressure**2 / (2 * k), pressure, k))
 
     def points_of_step(self, u: Array) -> ContactPoints:
         """Return the points with the pressures of the step: at its end, or mean ones."""
         if self.mean_weight is None:
             return self.points(u)
-        return self._mean(u)[0]
-
-    def mean_points(self, u: Array) -> ContactPoints:
-        """Return the points with the mean pressures and normals of the step."""
-        at = self.points_of_step(u)
-        x = self.surface.positions(u, at.which)
-        normal = self._mean_contact.normals(at.which, x, at.gap, at.normal, self.load)
-        return at._replace(normal=normal)
-
-    def lag_mean_normals(self, u: Array) -> tuple[float, float]:
-        """Lag what the mean normals add to the forces; return its change, and the force [N]."""
-        at, mean = self.points_of_step(u), self.mean_points(u).normal
-        change = self._mean_contact.lag(at.which, at.pressure[..., None] * (mean - at.normal))
-        return change, float((self.surface.weights[at.which] * at.pressure).sum())
-
-    def _mean(self, u: Array) -> tuple[ContactPoints, MeanPressure]:
-        """Return the points of facets that touch in a step, and their mean pressures.
-
-        Multipliers are means themselves: they leave no compliance, whose energy would be given back
-        where contact ends.
-        """
-        near, gap, normal, curvature = self._evaluate(u)
-        if self._means and self._means[0] is self._gaps and self._means[1] == self.law.version:
-            return self._means[2]
-        k, trial = np.broadcast_to(self.law.stiffness[near], gap.shape), self.law.trial(near, gap)
-        if self.law.augmented:
-            p = np.maximum(trial, 0.0)
-            mean = MeanPressure(p**2 / (2 * k), p, np.where(p > 0, k, 0.0))
-        else:
-            start = self._mean_contact.gaps(near)
-            mean = mean_pressure(k, start, gap)
-        touching = np.flatnonzero(mean.pressure.any(axis=1))
-        found = (near, gap, mean.pressure, normal, curvature)
-        at = ContactPoints(*(values[touching] for values in found))
-        mean = MeanPressure(*(values[touching] for values in mean))
-        self._means = self._gaps, self.law.version, (at, mean)
-        return at, mean
-
-    def _end_pressure(self, u: Array) -> tuple[Array, Array, Array]:
-        """Return facets, pressures and normals at a step's end, as the step's solution has them.
-
-        In a linearised step these are the points in contact at its start, on the linear branch.
-        """
-        if not self._start:
-            return self.points(u).acting
-        near, gap, normal, _ = self._evaluate(u)
-        which = self._start[1]
-        rows = np.searchsorted(near, which)
-        trial = self.law.trial(which, gap[rows])
-        return which, np.where(self._start[2], trial, 0.0), normal[rows]
-
-    def _evaluate(self, u: Array) -> tuple[Array, Array, Array, Array]:
-        """Return near facets, and gap, normal and curvature at their points.
-
-        A step asks for energy, forces, Hessian and output at the same displacement: the last
-        result is kept.
-        """
-        if self._gaps is not None and np.array_equal(self._gaps[0], u):
-            return self._gaps[1]
-        near = self._near.at(u)
-        if self._start:
-            near = np.union1d(near, self._start[1])
-        if self.mean_weight is not None:
-            near = np.union1d(near, self._mean_contact.which)
-        x = self.surface.positions(u, near)
-        gap, normal, curvature = self.obstacle.evaluate(x.reshape(-1, 3), self.load)
-        found = near, gap.reshape(x.shape[:2]), normal.reshape(x.shape)
-        self._gaps = u.copy(), (*found, curvature.reshape(*x.shape, 3))
-        return self._gaps[1]
+        at = self._evaluate(u)
+        return _touching(at, self.law.response(*at[:2], self._start.gaps(at[0])))
 
     def deepest(self, u: Array, search: bool) -> DeepestPoint:
-        """Return the deepest point of this rank's facets, at nodal displacements (nodes, 3).
+        """Return the deepest point of this rank's facets.
 
         With ``search`` facets that may be deep between the grid's points have finer ones.
         """
@@ -399,68 +379,176 @@ class ObstaclePair:
         return DeepestPoint.deepest(found)
 
     def energy(self, u: Array) -> float:
-        """Return the energy of this rank's facets [J]."""
-        friction = self.friction.energy(u) if self.friction else 0.0
+        """Return the energy [J]."""
+        at = self.points_of_step(u)
+        energy = self.law.energy(at.which, at.energy)
         if self.mean_weight is not None:
-            at, pressure = self._mean(u)
-            mean = float((self.surface.weights[at.which] * pressure.energy).sum())
-            return self.mean_weight * (mean + self._mean_contact.turn_energy(u) + friction)
-        at = self.points(u)
-        return self.law.energy(at.which, at.pressure) + friction
-
-    def add_gradient(self, u: Array, r: Array) -> None:
-        """Add the energy's derivative [N] to nodal vectors (nodes, 3)."""
-        at, weight = self.points_of_step(u), self._weight
-        forces = weight * (self.surface.weights[at.which] * at.pressure)[..., None] * at.normal
-        self.surface.add_vectors(-forces, at.which, r)
-        if self.mean_weight is not None:
-            self._mean_contact.add_turn(r, self.mean_weight)
+            energy += self._start.turn_energy(u)
         if self.friction:
-            self.friction.add_gradient(u, r, weight)
+            energy += self.friction.energy(u)
+        return self.weight * energy
 
-    def force(self, u: Array) -> Array:
-        """Return the force on this rank's facets, friction included [N], (3,)."""
-        at = self.points(u)
-        weighted = self.surface.weights[at.which] * at.pressure
-        force = (weighted[..., None] * at.normal).sum(axis=(0, 1))
-        return np.asarray(force - self.friction.force(u) if self.friction else force)
+    def gradient(self, u: Array) -> Array:
+        """Return the energy's derivative by the nodes [N], (nodes, 3)."""
+        r = np.zeros_like(u)
+        for which, forces in self._weighted_forces(u, self.points_of_step(u)):
+            self.surface.add_vectors(-forces, which, r)
+        if self.mean_weight is not None:
+            self._start.add_turn(r)
+        return self.weight * r
+
+    def nodal_forces(self, u: Array) -> Array:
+        """Return the forces of the obstacle on the nodes [N], (nodes, 3)."""
+        return -self.gradient(u)
+
+    def force_derivative(self, component: int, u: Array) -> Array:
+        """Return the derivative of a component of the force without friction [N/m], (nodes, c)."""
+        cells, matrices, _ = self.matrices(u, "exact")
+        nodes = _dolfinx.node_dofs(self.surface.V)[cells]
+        out = np.zeros((len(u), matrices.shape[1] // nodes.shape[1]))
+        # The Hessian times a translation of all nodes is minus the derivative of the force.
+        blocks = matrices.reshape(*nodes.shape, out.shape[1], *nodes.shape[1:], out.shape[1])
+        np.add.at(out, nodes, -blocks[..., component].sum(axis=3))
+        return out
 
     def matrices(self, u: Array, filter: str) -> tuple[Array, Array, int]:
         """Return cells, their filtered matrices [N/m], and the number of filtered points."""
         at = self.points_of_step(u)
-        stiffness = np.where(at.pressure != 0, self.law.stiffness[at.which], 0.0)
-        if self.mean_weight is not None:
-            stiffness = self._mean(u)[1].stiffness
+        stiffness = np.where(at.pressure != 0, at.stiffness, 0.0)
         curved = -at.pressure[..., None, None] * at.curvature
         some = curved.any(axis=(-2, -1))  # most obstacles are flat, most points without contact
         curved[some], count = filter_matrices(curved[some], filter)
-        normal = at.normal
-        products = normal[..., :, None] * normal[..., None, :]
+        products = at.normal[..., :, None] * at.normal[..., None, :]
         hessian = stiffness[..., None, None] * products + curved
-        hessian *= self._weight * self.surface.weights[at.which][..., None, None]
+        hessian *= self.weight * self.surface.weights[at.which][..., None, None]
         return self.surface.cells[at.which], self.surface.cell_matrices(hessian, at.which), count
 
     def friction_matrices(self, u: Array) -> tuple[Array, Array]:
         """Return cells and their matrices of friction [N/m]."""
         assert self.friction
         cells, matrices = self.friction.matrices(u)
-        return cells, self._weight * matrices
+        return cells, self.weight * matrices
 
-    @property
-    def _weight(self) -> float:
-        """The weight of the energy."""
-        return 1.0 if self.mean_weight is None else self.mean_weight
+    def row(self, u: Array) -> dict[str, Any]:
+        """Return the obstacle's row of run.json. Collective.
+
+        ``force`` [N], which the obstacle exerts on the body; ``contacts``, the number of quadrature
+        points in contact; ``penetration`` [m], their largest; ``deepest`` and ``deepest_at`` of
+        `DeepestPoint.row`; ``stiffness`` [Pa/m], the penalty's, as a mean over the surface;
+        ``pose``, the rows [R | c] of the map from the obstacle's reference position to its present
+        one. With friction ``sliding``, how many of the points slide.
+        """
+        at, friction, comm = self.points(u), self.friction, self.law.comm
+        slides = friction.sliding(u) if friction else 0
+        force = self.nodal_forces(u).sum(axis=0)
+        counts = comm.allreduce(np.array([*force, (at.pressure > 0).sum(), slides]))
+        depth = max(0.0, -at.gap.min(initial=0.0))  # max: not -0.0
+        penetration = float(comm.allreduce(depth, op=MPI.MAX))
+        # Without a force the depth must be found wherever it is; with one the grid's points do.
+        deepest = DeepestPoint.deepest(comm.allgather(self.deepest(u, search=counts[3] == 0)))
+        row = {
+            "force": counts[:3].tolist(),
+            "contacts": int(counts[3]),
+            "penetration": penetration,
+            **deepest.row(penetration),
+            "pose": np.column_stack(self.obstacle.pose(self.load)).tolist(),
+            "stiffness": surface_mean(self.surface, self.law.stiffness[:, 0], comm),
+        }
+        return row | ({"sliding": int(counts[4])} if friction else {})
+
+    def _material(self, x: Array) -> Array:
+        """Return the obstacle's material points that are at points (n, 3)."""
+        return self.obstacle.pose(self.load).invert(x) if self.obstacle.motion else x
+
+    def _point_forces(self, u: Array, at: ContactPoints) -> Iterator[tuple[Array, Array]]:
+        """Yield positions [m] and forces [N], (m, points, 3): of contact, of friction."""
+        for which, forces in self._weighted_forces(u, at):
+            yield self.surface.positions(u, which), forces
+
+    def _weighted_forces(self, u: Array, at: ContactPoints) -> list[tuple[Array, Array]]:
+        """Return facets, and the forces (m, points, 3) at their points [N]: contact, friction."""
+        pressures = self.surface.weights[at.which] * at.pressure
+        found = [(at.which, pressures[..., None] * at.normal)]
+        if self.friction:
+            found.append(self.friction.weighted_forces(u))
+        return found
+
+    def _mean_points(self, u: Array) -> ContactPoints:
+        """Return the points with the mean pressures and normals of the step."""
+        at = self.points_of_step(u)
+        x = self.surface.positions(u, at.which)
+        return at._replace(normal=self._start.normals(at.which, x, at.gap, at.normal, self.load))
+
+    def _end_points(self, u: Array) -> ContactPoints:
+        """Return the points with the pressures at a step's end, as the step's solution has them.
+
+        In a linearised step these are the points in contact at its start, on the linear branch.
+        """
+        if not self._linear:
+            return self.points(u)
+        at = self._evaluate(u)
+        pressure = np.where(self._on_linear_branch(at[0]), self.law.trial(*at[:2]), 0.0)
+        return _touching(at, Response(pressure, pressure, pressure))
+
+    def _on_linear_branch(self, near: Array) -> Array:
+        """Return which points of facets are in contact at the start of a linearised step."""
+        found = np.zeros((len(near), len(self.surface.points)), bool)
+        if self._linear:
+            found[np.searchsorted(near, self._linear[1])] = self._linear[2]
+        return found
+
+    def _evaluate(self, u: Array) -> tuple[Array, Array, Array, Array]:
+        """Return near facets, and gap, normal and curvature at their points.
+
+        A step asks for energy, forces, Hessian and output at the same displacement: the last
+        result is kept.
+        """
+        depends = self.load if self.obstacle.motion else 0.0, self.mean_weight is None
+        if self._evaluated is not None and self._evaluated[1] == depends:
+            if np.array_equal(self._evaluated[0], u):
+                return self._evaluated[2]
+        near = self._near.at(u)
+        if self._linear:
+            near = np.union1d(near, self._linear[1])
+        if self.mean_weight is not None:
+            near = np.union1d(near, self._start.which)
+        x = self.surface.positions(u, near)
+        gap, normal, curvature = self.obstacle.evaluate(x.reshape(-1, 3), self.load)
+        found = near, gap.reshape(x.shape[:2]), normal.reshape(x.shape)
+        self._evaluated = u.copy(), depends, (*found, curvature.reshape(*x.shape, 3))
+        return self._evaluated[2]
 
 
-def obstacle_work(obstacle: MovingShape, at: PointForces, start: float, end: float) -> float:
-    r"""Return the work of forces that move with an obstacle from load ``start`` to ``end`` [J].
+def _touching(at: tuple[Array, Array, Array, Array], response: Response) -> ContactPoints:
+    """Return the facets with a pressure, of what `ObstaclePair._evaluate` returns."""
+    near, gap, normal, curvature = at
+    energy, pressure, stiffness = response
+    chosen = (pressure != 0).any(axis=1)
+    columns = near, gap, pressure, normal, curvature, stiffness, energy
+    return ContactPoints(*(column[chosen] for column in columns))
 
-    .. math:: W = \sum_q f_q \cdot \tfrac12 \left[d_{0 \to 1}(x_q) - d_{1 \to 0}(x_q)\right]
 
-    with the displacement d of the obstacle's material point at x_q. The central difference leaves
-    no work to the normal forces on a body of revolution that turns about its axis.
+def obstacle_displacement(
+    obstacle: MovingShape, before: Array, after: Array, start: float, end: float
+) -> Array:
+    r"""Return the displacement of material points from load ``start`` to ``end`` [m], as after.
+
+    .. math:: \tfrac12 \left[d_{0 \to 1}(x_0) - d_{1 \to 0}(x_1)\right]
+
+    with the displacement d of the obstacle's material point at a position x. The central difference
+    leaves no work to the normal forces on a body of revolution that turns about its axis.
+
+    Parameters
+    ----------
+    obstacle : MovingShape
+        The obstacle.
+    before, after : (..., 3)
+        Positions x_0 and x_1 [m].
+    start, end : float
+        The loads.
     """
-    if not len(at.x):
-        return 0.0
-    forth, back = obstacle.displacement(at.x, start, end), obstacle.displacement(at.x, end, start)
-    return float((at.forces * (forth - back)).sum() / 2)
+    if obstacle.motion is None:
+        return np.zeros_like(after)
+    forth = obstacle.displacement(before.reshape(-1, 3), start, end)
+    back = obstacle.displacement(after.reshape(-1, 3), end, start)
+    return np.asarray((forth - back).reshape(after.shape) / 2)

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any, NamedTuple
-
-from mpi4py import MPI
 
 import numpy as np
 import numpy.typing as npt
@@ -17,12 +16,12 @@ from fem_snh.contact.gaps import (
     measure_gaps,
 )
 from fem_snh.contact.gathered_surface import GatheredSurface, Side
-from fem_snh.contact.law import ContactLaw
-from fem_snh.contact.mean_contact import MeanPressure, mean_pressure
+from fem_snh.contact.law import ContactLaw, mean_derivative
+from fem_snh.contact.surface_contact import ContactPair
 from fem_snh.contact.surface_quadrature import DeepestPoint, cross_tangents, facet_grid
 from fem_snh.errors import bad_value
 from fem_snh.kernels.cell_matrices import filter_matrices
-from fem_snh.terms.settling import LaggedChange, largest_change, relative
+from fem_snh.terms.settling import LaggedChange, relative
 
 Array = npt.NDArray[Any]
 
@@ -47,8 +46,6 @@ _MARGIN = 0.5
 _ZERO_GAP = 1e-10
 #: Least gap at a step's start, in sizes of a facet, of a point that has no facet there.
 _OPEN = 1e-6
-#: Motions within a step, in sizes of a facet, below which mean derivatives need no correction.
-_AT_REST = 1e-8
 
 
 class BodyPair(NamedTuple):
@@ -93,21 +90,17 @@ class Touching(NamedTuple):
         The facets of the other surface.
     gaps : Gaps
         Their gaps.
-    pressure : (n,)
-        Contact force per reference area [Pa].
-    stiffness : (n,)
-        Minus its derivative by the gap [Pa/m].
-    energy : (n,)
-        Minus its integral over the gap [J/m^2], of mean pressures; else none is used.
+    energy, pressure, stiffness : (n,)
+        What `ContactLaw.response` returns.
     """
 
     point: Array
     row: Array
     facet: Array
     gaps: Gaps
+    energy: Array
     pressure: Array
     stiffness: Array
-    energy: Array
 
 
 class SurfacePass:
@@ -130,11 +123,11 @@ class SurfacePass:
 
     Attributes
     ----------
-    mean_weight : float or None
-        Weight of a step's mean forces, in place of the present ones: see `SurfacePair`.
+    averages : bool
+        Whether forces are means over a step, in place of the present ones: see `SurfacePair`.
     """
 
-    mean_weight: float | None = None
+    averages = False
 
     def __init__(
         self,
@@ -219,48 +212,36 @@ class SurfacePass:
 
     def touching(self, x: Array) -> Touching:
         """Return the points that touch their facets."""
-        version = self.law.version, self.mean_weight is not None
+        version = self.law.version, self.averages
         if self._evaluated and self._evaluated[1] == version:
             if np.array_equal(x, self._evaluated[0]):
                 return self._evaluated[2]
         zero, reach = _ZERO_GAP * self.size, self._moved(x)
-        if self.mean_weight is not None:
+        if self.averages:
             reach = max(reach, self._moved(self._before[0]))
         close = (self._gap <= reach + zero) | (self.law.multipliers[self._rows] > 0)
         some = np.flatnonzero(close & (self._facet >= 0))
         gaps, rows = self._measure(x, some), self._rows[some]
-        stiffness = np.broadcast_to(self.law.stiffness, self.law.weights.shape)[rows]
-        trial = np.maximum(self.law.trial(rows, gaps.gap), 0.0)
-        law = MeanPressure(trial**2 / (2 * stiffness), trial, stiffness)
-        if self.mean_weight is not None and not self.law.augmented:
+        gap, start = gaps.gap, None
+        if self.averages and not self.law.augmented:
             # Points far outside of their facets have infinite gaps.
-            ends = self._at_start(some)[0].gap, gaps.gap
-            law = mean_pressure(stiffness, *(np.minimum(gap, self._reach) for gap in ends))
-            which = law.pressure > 0
-        else:
-            which = (trial > 0) | (gaps.gap <= zero)
+            ends = self._at_start(some)[0].gap, gap
+            start, gap = (np.minimum(end, self._reach) for end in ends)
+        response = self.law.response(rows, gap, start)
+        which = response.pressure > 0
+        if start is None:
+            which |= gap <= zero
         chosen = Gaps(*(values[which] for values in gaps))
-        some = some[which]
-        found = Touching(
-            some,
-            self._rows[some],
-            self._facet[some],
-            chosen,
-            law.pressure[which],
-            law.stiffness[which],
-            law.energy[which],
-        )
+        columns = (column[which] for column in response)
+        found = Touching(some[which], rows[which], self._facet[some[which]], chosen, *columns)
         self._evaluated = x, version, found
         return found
 
     def turn(self, x: Array) -> Array:
-        r"""Return what the mean derivatives of the gaps add to `gradient` [N], (m, 3).
+        """Return what the mean derivatives of the gaps add to `gradient` [N], (m, 3).
 
-        With a point's derivatives at the step's start and end, and the displacements y of its nodes
-        less their mean (Gonzalez 1996; without the mean the forces had a sum),
-
-        .. math:: \bar g' = \tfrac12 (g'_0 + g'_1)
-            + \frac{g_1 - g_0 - \frac12 (g'_0 + g'_1) \cdot y}{|y|^2}\, y .
+        The ways of `mean_derivative` are those of a point's nodes less their mean: without it the
+        forces had a sum.
         """
         at, found = self.touching(x), np.zeros_like(x)
         before, facet = self._at_start(at.point)
@@ -273,14 +254,12 @@ class SurfacePass:
         none = np.zeros_like(new[:, k:])
         new = np.concatenate([new, none], axis=1)
         mean = (np.concatenate([old[:, :k], none, old[:, k:]], axis=1) + new) / 2
-        moved = (x - self._before[0])[nodes]
+        way = (x - self._before[0])[nodes]
+        way -= way.mean(axis=1, keepdims=True)
         start, end = (np.minimum(gap, self._reach) for gap in (before.gap, at.gaps.gap))
-        lacking = end - start - np.einsum("nki,nki->n", mean, moved)
-        moved -= moved.mean(axis=1, keepdims=True)
-        square = np.einsum("nki,nki->n", moved, moved)
-        moves = square > (_AT_REST * self.size) ** 2
-        factor = np.where(moves, lacking, 0.0) / np.where(moves, square, 1.0)
-        forces = mean + factor[:, None, None] * moved - new
+        flat = (len(nodes), 3 * nodes.shape[1])
+        mean = mean_derivative(mean.reshape(flat), end - start, way.reshape(flat), self.size)
+        forces = mean.reshape(way.shape) - new
         forces *= (-self.law.weights[at.row] * at.pressure)[:, None, None]
         np.add.at(found, nodes, forces)
         return found
@@ -340,7 +319,7 @@ class SurfacePass:
         mine = self.surface.is_own[self._nodes(at)].any(axis=1)
         gaps = Gaps(*(values[mine] for values in at.gaps))
         rows = at.row[mine]
-        parts = at.pressure[mine], at.stiffness[mine], at.energy[mine]
+        parts = (column[mine] for column in (at.energy, at.pressure, at.stiffness))
         at = Touching(at.point[mine], rows, at.facet[mine], gaps, *parts)
         basis, nodes = self._basis(at), self._nodes(at)
         dg = gap_derivative(gaps, basis).reshape(len(rows), 3 * nodes.shape[1])
@@ -351,8 +330,7 @@ class SurfacePass:
         curved, filtered = filter_matrices(curved, filter)
         found = at.stiffness[:, None, None] * dg[:, :, None] * dg[:, None]
         found += Q @ curved @ np.swapaxes(Q, 1, 2)
-        weight = 1.0 if self.mean_weight is None else self.mean_weight
-        found *= weight * self.law.weights[rows, None, None]
+        found *= self.law.weights[rows, None, None]
         _, first, which = np.unique(self._key(at), return_index=True, return_inverse=True)
         order = np.argsort(which.ravel(), kind="stable")
         starts = np.searchsorted(which.ravel()[order], np.arange(len(first)))
@@ -398,7 +376,7 @@ class SurfacePass:
         return np.unique(own * len(self.other) + self._facet[points])
 
 
-class SurfacePair:
+class SurfacePair(ContactPair):
     """Contact of two surfaces in two passes, each with half of the stiffness.
 
     All ranks have the same, and positions of the nodes ``x`` are (m, 3) [m].
@@ -418,15 +396,11 @@ class SurfacePair:
         The surfaces.
     default : float
         The default stiffness [Pa/m].
-    tolerance : float
-        The default tolerance of the gap [m], with the augmented Lagrangian.
+    height : float
+        The height of the cells at the surfaces [m].
 
     Attributes
     ----------
-    name : str
-        Name in run.json.
-    law : ContactLaw
-        The law of all points.
     passes : tuple of two SurfacePass
         The points of the first surface, and those of the second.
 
@@ -442,61 +416,53 @@ class SurfacePair:
         surface: GatheredSurface,
         sides: tuple[Side, Side],
         default: float,
-        tolerance: float,
+        height: float,
     ) -> None:
         first, second = sides
         if len(np.intersect1d(first.nodes, second.nodes)):
             raise bad_value("contact.groups", pair.name, "two surfaces without a common node")
-        self.name, self._surface, self._searches = pair.name, surface, 0
         boxes = (np.ptp(surface.X[side.nodes.ravel()], axis=0) for side in sides)
         reach = _REACH * min(float(np.linalg.norm(box)) for box in boxes)
+        weights = np.concatenate([side.weights.ravel() for side in sides])
+        law = ContactLaw.of(pair, "contact", weights, np.full(1, default), height, share=0.5)
+        super().__init__(pair.name, law)
         self.stiffness = default if pair.stiffness is None else pair.stiffness
-        self.law = ContactLaw(
-            f"contact '{pair.name}'",
-            np.concatenate([side.weights.ravel() for side in sides]),
-            np.full(1, self.stiffness / 2),
-            default / self.stiffness,
-            pair.augmented,
-            tolerance if pair.tolerance is None else pair.tolerance,
-            pair.tolerance is None and pair.limits_force,
-        )
+        self._surface, self._searches = surface, 0
         self.passes = (
-            SurfacePass(surface, first, second, self.law, 0, reach),
-            SurfacePass(surface, second, first, self.law, first.weights.size, reach),
+            SurfacePass(surface, first, second, law, 0, reach),
+            SurfacePass(surface, second, first, law, first.weights.size, reach),
         )
 
     def energy(self, x: Array) -> float:
         """Return the energy [J]."""
-        weight = self.passes[0].mean_weight
-        if weight is None or self.law.augmented:
-            rows, _, pressure = self._touching(x)
-            energy = self.law.energy(rows, pressure)
-        else:
-            found = [one.touching(x) for one in self.passes]
-            energy = float(sum((self.law.weights[at.row] * at.energy).sum() for at in found))
-        if weight is None:
-            return energy
-        return weight * (energy + float((self._turn * (x - self._before)).sum()))
+        rows, _, _, energies = self._touching(x)
+        energy = self.law.energy(rows, energies)
+        if self.mean_weight is not None:
+            energy += float((self._turn * (x - self._before)).sum())
+        return self.weight * energy
 
     def gradient(self, x: Array) -> Array:
         """Return the energy's derivative by the nodes [N], (m, 3)."""
         first, second = self.passes
-        found, weight = first.gradient(x) + second.gradient(x), first.mean_weight
-        return found if weight is None else weight * (found + self._turn)
+        found = first.gradient(x) + second.gradient(x)
+        return found if self.mean_weight is None else self.weight * (found + self._turn)
 
     def weight_mean_forces(self, weight: float | None) -> None:
-        """Set the weight of a step's mean forces: see `MeanForceTerm`."""
+        """Set the weight of a step's mean forces."""
+        super().weight_mean_forces(weight)
         for one in self.passes:
-            one.mean_weight = weight
+            one.averages = weight is not None
+
+    def matrices(self, x: Array, filter: str) -> Iterator[tuple[Array, Array, int]]:
+        """Yield what `SurfacePass.matrices` returns for either pass, weighted."""
+        for one in self.passes:
+            nodes, matrices, filtered = one.matrices(x, filter)
+            yield nodes, self.weight * matrices, filtered
 
     @property
     def first(self) -> Array:
         """The first surface's nodes, as rows of ``GatheredSurface.X``, (n,) int."""
         return np.unique(self.passes[0].own.nodes)
-
-    def force(self, x: Array) -> Array:
-        """Return the force of the second surface on the first [N], (3,)."""
-        return np.asarray(self.nodal_forces(x).sum(axis=0))
 
     def nodal_forces(self, x: Array) -> Array:
         """Return the forces of the second surface on the first one's nodes [N], (m, 3)."""
@@ -509,20 +475,24 @@ class SurfacePair:
         c, translation = self._surface.components, np.zeros((len(x), self._surface.components))
         translation[self.first, component] = 1.0
         found = np.zeros_like(translation)
-        for one in self.passes:
-            nodes, matrices, _ = one.matrices(x, "exact")
+        for nodes, matrices, _ in self.matrices(x, "exact"):
             rows = np.searchsorted(self._surface.nodes, nodes)
             products = matrices @ translation[rows].reshape(len(rows), -1, 1)
             np.add.at(found, rows, -products.reshape(*rows.shape, c))
         return found
 
     def row(self, x: Array) -> dict[str, Any]:
-        """Return the pair's row of run.json: see `BodyContact.record`."""
-        _, gap, pressure = self._touching(x)
+        """Return the pair's row of run.json.
+
+        ``force`` [N], which the second surface exerts on the first; ``contacts``, the number of
+        points that touch; ``penetration`` [m], their largest; ``deepest`` and ``deepest_at`` of
+        `DeepestPoint.row`; ``stiffness`` [Pa/m].
+        """
+        _, gap, pressure = self.acting(x)
         penetration = max(0.0, float(-gap.min(initial=0.0)))  # max: not -0.0
         deepest = DeepestPoint.deepest(one.deepest(x) for one in self.passes)
         return {
-            "force": self.force(x).tolist(),
+            "force": self.nodal_forces(x).sum(axis=0).tolist(),
             "contacts": int((pressure > 0).sum()),
             "penetration": penetration,
             **deepest.row(penetration),
@@ -531,19 +501,20 @@ class SurfacePair:
 
     def begin_step(self, x: Array) -> None:
         """Reset the multipliers to those of the last step, which ends at positions ``x``."""
+        self.law.begin_step()
         self._searches, self._before = 0, x.copy()
         self._turn = np.zeros_like(x)
         for one in self.passes:
             one.begin_step(x)
 
-    def settle(self, x: Array) -> LaggedChange:
-        """Search again and update the multipliers; return the largest change."""
+    def settle(self, x: Array) -> list[LaggedChange]:
+        """Search again and update the multipliers; return the changes."""
         before, keep = self.gradient(x), _KEPT if self._searches >= _FREE_SEARCHES else None
         touched = [one.touching(x) for one in self.passes]
         self._searches += 1
         for one in self.passes:
             one.search(x, keep)
-        if self.passes[0].mean_weight is not None:
+        if self.mean_weight is not None:
             self._turn = self.passes[0].turn(x) + self.passes[1].turn(x)
         after = self.gradient(x)
         largest = max(np.abs(before).max(initial=0.0), np.abs(after).max(initial=0.0))
@@ -551,12 +522,7 @@ class SurfacePair:
         what = f"contact '{self.name}': the change of forces by another search"
         slid_off = any(map(SurfacePass.has_lost, self.passes, touched))
         changed = LaggedChange(relative(change, largest, _SETTLED), what, slid_off)
-        return largest_change([changed, *self.law.settle(*self._touching(x))])
-
-    def end_step(self, x: Array) -> None:
-        """Keep the multipliers: the step is accepted."""
-        if self.law.augmented:
-            self.law.end_step(*self._touching(x))
+        return [changed, *self.law.settle(*self.acting(x))]
 
     def history(self) -> tuple[Array, Array]:
         """Return points of this rank's facets (n, 3), and multipliers and factors there, (n, 2)."""
@@ -567,18 +533,21 @@ class SurfacePair:
         """Set what is kept, (n, 2), in the order of `history`. Collective."""
         kept, comm = np.zeros_like(self.law.kept), self._surface.comm
         kept[self.own_rows] = values[:, 0]
-        self.law.kept[:] = comm.allreduce(kept)  # each point has one owner
-        factor = float(values[:, 1].max(initial=1.0))
-        self.law.kept_factor = comm.allreduce(factor, op=MPI.MAX)
+        # Each point has one owner.
+        self.law.set_history(comm.allreduce(kept), values[:, 1], comm)
 
     @property
     def own_rows(self) -> Array:
         """The rows of the law that this rank keeps in a checkpoint, (n,) int."""
         return np.concatenate([one.own_rows for one in self.passes])
 
-    def _touching(self, x: Array) -> tuple[Array, Array, Array]:
+    def acting(self, x: Array) -> tuple[Array, Array, Array]:
         """Return the rows, gaps and pressures of the points of both passes that touch."""
+        return self._touching(x)[:3]
+
+    def _touching(self, x: Array) -> tuple[Array, Array, Array, Array]:
+        """Return what `acting` does, and the energies."""
         found = [one.touching(x) for one in self.passes]
-        parts = [(at.row, at.gaps.gap, at.pressure) for at in found]
-        rows, gap, pressure = map(np.concatenate, zip(*parts, strict=True))
-        return rows, gap, pressure
+        parts = [(at.row, at.gaps.gap, at.pressure, at.energy) for at in found]
+        rows, gap, pressure, energy = map(np.concatenate, zip(*parts, strict=True))
+        return rows, gap, pressure, energy

@@ -100,7 +100,7 @@ class SurfaceQuadrature:
         self.kind = kind = _dolfinx.FACET_OF[cell]
         self.degree = degree or 2 * order + (kind == "quadrilateral")
         self.points, weights = _dolfinx.quadrature(kind, self.degree)
-        self._V, self._local, self._revolved = V, local, revolved
+        self.V, self._local, self._revolved = V, local, revolved
 
         origins, tangents = _dolfinx.facet_maps(cell)
         numbers = _facet_nodes(_dolfinx.reference_nodes(cell, order), origins, tangents)
@@ -182,14 +182,14 @@ class SurfaceQuadrature:
 
         The other arguments are those of `displacements`; the result is (m, n, 3).
         """
-        origins, tangents = _dolfinx.facet_maps(_dolfinx.cell_name(self._V.mesh))
+        origins, tangents = _dolfinx.facet_maps(_dolfinx.cell_name(self.V.mesh))
         first = origins[0] + points @ tangents[0]
-        basis = _dolfinx.tabulate_values(self._V, first)[:, self._first]
+        basis = _dolfinx.tabulate_values(self.V, first)[:, self._first]
         return np.asarray(self._coordinates(points, which) + basis @ u[self.nodes[which]])
 
     def _coordinates(self, points: Array, which: Which) -> Array:
         """Return the reference coordinates of points of the reference facet [m]."""
-        domain, local = self._V.mesh, self._local[which]
+        domain, local = self.V.mesh, self._local[which]
         rows = _dolfinx.geometry_dofs(domain)[self.cells[which]]
         x = _dolfinx.geometry_x(domain)[rows]
         found = np.empty((len(local), len(points), 3))
@@ -233,7 +233,7 @@ class SurfaceQuadrature:
             Matrices of all displacement dofs of ``cells[which]``, node by node, as
             `fem_snh.assembly.assembled_matrix.BlockMatrix.add_matrices` expects them.
         """
-        m, (points, k), c = len(values), self.basis.shape, _dolfinx.num_components(self._V)
+        m, (points, k), c = len(values), self.basis.shape, _dolfinx.num_components(self.V)
         products = (self.basis[:, :, None] * self.basis[:, None]).reshape(points, k * k)
         entries = values[..., :c, :c].reshape(m, points, c * c)
         blocks = (products.T @ entries).reshape(m, k, k, c, c)

@@ -134,7 +134,7 @@ def test_order_of_the_surfaces_does_not_matter() -> None:
     pair = two.contact.pairs[0]
     there, back = pair.passes
     assert there.own is back.other and np.ptp(pair.law.stiffness) == 0
-    found = [pair.law.energy(at.row, at.pressure) for at in (there.touching(x), back.touching(x))]
+    found = [pair.law.energy(at.row, at.energy) for at in (there.touching(x), back.touching(x))]
     assert found[0] > 0 and found[0] == pytest.approx(found[1], rel=0.05)
     assert pair.energy(x) == pytest.approx(sum(found), rel=1e-12)
 

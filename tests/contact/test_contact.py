@@ -157,9 +157,8 @@ def test_a_cube_pressed_by_a_plane_is_deformed_uniformly(comm, element, augmente
     )
     press(p)
     u = p.split(p.x)[0]
-    X, x = p.V.tabulate_dof_coordinates(), contact.X
     nodes = u.array_r.reshape(-1, 3)
-    X = X[: len(nodes)]
+    X = p.V.tabulate_dof_coordinates()[: len(nodes)]
     slopes = [
         comm.allreduce(float(X[:, i] @ nodes[:, i])) / comm.allreduce(float(X[:, i] @ X[:, i]))
         for i in range(3)
@@ -168,7 +167,6 @@ def test_a_cube_pressed_by_a_plane_is_deformed_uniformly(comm, element, augmente
     assert slopes[0] == pytest.approx(-nu * slopes[2], rel=0.02)
     penetration = contact.record(u)["obstacles"]["press"]["penetration"]
     assert slopes[2] == pytest.approx(penetration - d, rel=1e-3)
-    assert len(x) == sum(_dolfinx.num_nodes(p.V))
 
 
 @pytest.mark.one_debian

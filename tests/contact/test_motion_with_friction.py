@@ -15,7 +15,7 @@ from time_scenes import DOWN, in_time
 
 from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.assembly.regions import Filling
-from fem_snh.contact.mean_contact import mean_pressure
+from fem_snh.contact.law import mean_pressure
 from fem_snh.contact.obstacle import Obstacle
 from fem_snh.contact.obstacle_contact import ObstacleContact, RigidContact
 from fem_snh.kernels.material import material
