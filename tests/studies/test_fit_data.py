@@ -148,22 +148,21 @@ BIAXIAL = "# test = biaxial\nstretch, stretch_2, stress_difference\n"
         (HEAD + "0, 1\n", "line 3: stretch = 0.0: expected a number > 0"),
         (HEAD + "1, 0\n", "expected a deformation and a stress other than 0"),
         (HEAD + "0.5, 1\n0.4, 2\n", "every stress has the wrong sign"),
-        (HEAD.replace("stress", "pressure") + "0.5, 1\n", "expected stress"),
+        (HEAD.replace("stress", "pressure") + "0.5, 1\n", "'uniaxial': expected stretch"),
         ("# test = planar\nshear, stress\n1, 1\n", "expected stretch or strain"),
-        ("# test = simple_shear\nstretch, stress\n1, 1\n", "expected the amount of shear"),
+        ("# test = simple_shear\nstretch, stress\n1, 1\n", "expected shear or strain or stress"),
         ("# test = biaxial\nstretch, stress\n1.5, 1\n", "expected a column stretch_2, or test ="),
         ("# test = biaxial\nstretch, stretch_2, stress\n1.5, -, 1\n", "a value of stretch_2, or"),
         (BIAXIAL + "1.5, 0, 1\n", "line 3: stretch_2 = 0.0: expected a number > 0"),
         (BIAXIAL + "1.5, 1.2, x\n", "line 3: stress_difference = 'x': expected a number"),
         (BIAXIAL + "1.5, 1.2\n", "line 3: no value of stress_difference"),
-        (BIAXIAL + "1.2, 1.2, 0\n1.3, 1.3, 1\n", "where it is 0 for every isotropic material"),
+        (BIAXIAL + "1.2, 1.2, 0\n1.3, 1.3, 1\n", "expected different stretches"),
         (BIAXIAL.replace("stress_difference", "true_stress_2") + "2, 1, 1\n", "the nominal stre"),
         (BIAXIAL.replace("stress_difference", "cauchy stress 11") + "2, 1, 1\n", "the nominal"),
-        (BIAXIAL + "1, 1.2, 1\n1.2, 2, 1\n", "the true stress of direction 1 minus that of direct"),
-        (BIAXIAL.replace("stress_difference", "stress") + "2, 1, -1\n", "stresses above 0, compre"),
-        (BIAXIAL.replace("biaxial", "planar") + "2, 1, 1\n", "in a test 'planar': expected test ="),
-        (HEAD.replace("stress", "stress_2") + "2, 1\n", "'uniaxial': expected test = biaxial, or"),
-        ("# test = ps\nstretch, stress, stress_2\n2, 1, 1\n", "biaxial with stretch_2 = 1, or"),
+        (BIAXIAL + "1, 1.2, 1\n1.2, 2, 1\n", "the true stress of direction 1 minus that of 2"),
+        (BIAXIAL.replace("biaxial", "planar") + "2, 1, 1\n", "in a test 'planar': expected stret"),
+        (HEAD.replace("stress", "stress_2") + "2, 1\n", "'uniaxial': expected stretch or st"),
+        ("# test = ps\nstretch, stress, stress_2\n2, 1, 1\n", "or test = biaxial, or --columns"),
         (BIAXIAL.replace("stretch", "strain_2, stretch", 1) + "2, 1, 0, 1\n", "stretch_2 or str"),
         ("lambda, lambda_2, stress, stress_2 [Pa]\n2, 1, 1, 1\n", "expected units of all, or of"),
         ("# weight = 0\n" + HEAD + "1.5, 1\n", "weight = '0': expected a number > 0"),
@@ -314,7 +313,7 @@ def test_moduli_in_the_unit_of_a_scene(tmp_path):
         read(path, modulus_unit="MPa")
 
 
-STRAINS = np.array([1.0, 2.0, 3.5, 5.0, 10.0])
+STRAINS = np.array([20.0, 40.0, 70.0, 100.0, 200.0])
 #: Nominal stresses of incompressible materials in tension, over the modulus.
 RUBBERS = {
     "Neo-Hookean": lambda x: x - x**-2,
@@ -326,16 +325,15 @@ RUBBERS = {
 
 @pytest.mark.parametrize("rubber", RUBBERS)
 @pytest.mark.parametrize("column", ["stretch", "strain"])
-@pytest.mark.parametrize("scale", [0.95, 1.0, 20.0])
-def test_strains_in_per_cent_are_noticed(tmp_path, rubber, column, scale):
+def test_strains_in_per_cent_are_noticed(tmp_path, rubber, column):
     """In a column of stretches or of strains without a unit; with one they are read as such."""
-    lines = [f"{x:g}, {RUBBERS[rubber](1 + x / 100)}" for x in scale * STRAINS]
+    lines = [f"{x:g}, {RUBBERS[rubber](1 + x / 100)}" for x in STRAINS]
     text = f"# test = uniaxial\n{column}, stress\n" + "\n".join(lines)
     (found,) = read(written(tmp_path, text))
-    largest = 10 * scale + (column == "strain")
+    largest = 200 + (column == "strain")
     assert found.note.startswith(f"{found.name}: stretches up to {largest:g}: if these are strains")
     (found,) = read(written(tmp_path, text.replace(column, "strain [%]", 1)))
-    assert found.note == "" and found.x == pytest.approx(1 + scale * STRAINS / 100)
+    assert found.note == "" and found.x == pytest.approx(1 + STRAINS / 100)
 
 
 @pytest.mark.parametrize("rubber", RUBBERS)
@@ -349,12 +347,6 @@ def test_true_stretches_have_no_note(rubber, largest):
 
 def test_built_in_data_have_no_note():
     assert [t.note for name in DATASETS for t in read(name) if t.note] == []
-
-
-def test_strains_in_a_column_of_stretches_are_refused(tmp_path):
-    text = HEAD + "0.05, 0.06\n0.2, 0.2\n1.5, 0.9\n"
-    with pytest.raises(BadInput, match=r"every stress at a stretch below 0\.9 is above 0"):
-        read(written(tmp_path, text))
 
 
 def test_a_test_that_is_not_described_has_a_note():

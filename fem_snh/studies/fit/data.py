@@ -14,66 +14,67 @@ a value in a column has nothing or a ``-`` there.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
+import pandas as pd
 
 from fem_snh.errors import BadInput, bad_value, choose, nearest, nearest_file, shown
 from fem_snh.files import read_text
 from fem_snh.records.units import stress_unit
-from fem_snh.studies.fit.responses import MEASURES
+from fem_snh.studies.fit.responses import FREE, MEASURES
 
 Array = npt.NDArray[np.float64]
 
 #: Names of the tests, and other names that files may use for them.
 TESTS = {
-    "uniaxial": ("tension", "compression", "ut", "simple_tension"),
-    "equibiaxial": ("et", "eb"),
-    "planar": ("pure_shear", "ps", "planar_tension"),
-    "biaxial": ("general_biaxial", "bt"),
-    "simple_shear": ("shear", "ss"),
-    "volumetric": ("hydrostatic", "bulk"),
-    "confined": ("oedometric", "uniaxial_strain"),
+    "uniaxial": "tension compression ut simple_tension",
+    "equibiaxial": "et eb",
+    "planar": "pure_shear ps planar_tension",
+    "biaxial": "general_biaxial bt",
+    "simple_shear": "shear ss",
+    "volumetric": "hydrostatic bulk",
+    "confined": "oedometric uniaxial_strain",
 }
 #: Names of the columns, and other names that files may use for them; _11 counts as _1, _22 as _2.
 COLUMNS = {
-    "stretch": ("lambda", "λ", "stretch_ratio", "s", "stretch_1", "lambda_1"),
-    "strain": ("engineering_strain", "nominal_strain", "eps", "epsilon", "ε"),
-    "shear": ("gamma", "γ", "amount_of_shear", "shear_strain"),
-    "volume_ratio": ("j", "v/v0"),
-    "stretch_2": ("lambda_2", "stretch_ratio_2"),
-    "strain_2": ("engineering_strain_2", "nominal_strain_2"),
-    "stress": (
-        "nominal_stress",
-        "engineering_stress",
-        "pk1",
-        "p",
-        "shear_stress",
-        "force/area",
-        "stress_1",
-        "p_1",
-        "pk1_1",
-    ),
-    "pressure": ("hydrostatic_pressure",),
-    "stress_2": ("nominal_stress_2", "engineering_stress_2", "p_2", "pk1_2"),
-    "stress_difference": ("true_stress_difference", "cauchy_stress_difference"),
-    "test": ("kind", "mode"),
-    "weight": (),
+    "stretch": "lambda λ stretch_ratio s stretch_1 lambda_1",
+    "strain": "engineering_strain nominal_strain eps epsilon ε",
+    "shear": "gamma γ amount_of_shear shear_strain",
+    "volume_ratio": "j v/v0",
+    "stretch_2": "lambda_2 stretch_ratio_2",
+    "strain_2": "engineering_strain_2 nominal_strain_2",
+    "stress": "nominal_stress engineering_stress pk1 p shear_stress force/area stress_1 p_1 pk1_1",
+    "pressure": "hydrostatic_pressure",
+    "stress_2": "nominal_stress_2 engineering_stress_2 p_2 pk1_2",
+    "stress_difference": "true_stress_difference cauchy_stress_difference",
+    "test": "kind mode",
+    "weight": "",
 }
 #: Built-in data, by name.
 DATASETS = {file.stem: file for file in sorted(Path(__file__).parent.glob("tables/*.csv"))}
 #: Columns that measure the deformation, that of the second direction, and the stress.
 _DEFORMATIONS, _SECOND = ("stretch", "strain", "shear", "volume_ratio"), ("stretch_2", "strain_2")
 _STRESSES = ("stress", "pressure", "stress_2", "stress_difference")
-#: The test of deformations that belong to one.
-_OF_DEFORMATION = {"shear": "simple_shear", "volume_ratio": "volumetric"}
-#: What a column is in the messages of a file without it.
-_DEFORMATION_WORDS = "stretch or strain (shear of simple_shear, volume_ratio of volumetric)"
-_STRESS_WORDS = "stress or pressure (of biaxial also stress_2, stress_difference)"
+#: Deformations and stresses of some tests, and of the others.
+_MEASURED_IN = {
+    "biaxial": "stretch strain stretch_2 strain_2 stress stress_2 stress_difference",
+    "simple_shear": "shear strain stress",
+    "volumetric": "stretch strain volume_ratio stress pressure",
+    "confined": "stretch strain stress pressure",
+}
+_MEASURED = "stretch strain stress"
+#: The test of a file with a column that belongs to one test.
+_TEST_OF = {
+    "shear": "simple_shear",
+    "volume_ratio": "volumetric",
+    "stretch_2": "biaxial",
+    "strain_2": "biaxial",
+}
 _STATED = ("test", "unit", "weight", "columns")
 _COMMENT = re.compile(r"#+\s*(\w+)\s*[=:]\s*(.+?)\s*$")
 #: Similarity (difflib) from which an unknown name is a misspelling: 'units' of 'unit' has 0.89,
@@ -84,14 +85,6 @@ _COLUMN = re.compile(r"^(?P<name>[^\[\(]*?)\s*[\[\(]\s*(?P<unit>[^\]\)]*)[\]\)]\
 _NO_UNIT = ("", "-", "1", "mm/mm", "m/m")
 #: Rubber and gels are stretched to 10 at most, or not much more.
 _LARGEST_STRETCH = 12.0
-#: Stretches are probably strains in per cent if a Neo-Hookean material fitted to them misses
-#: more than this part of the stresses, and more than so many times what it misses of such strains.
-#: Of Treloar's data and of five materials at stretches from 1.2 to 10 it misses less than that.
-_MISFIT, _LESS_OF_STRAINS = 0.05, 5.0
-#: Stretches below this one are clearly compression.
-_COMPRESSED = 0.9
-#: The exponents n of the stress, x - x^-n, of an incompressible Neo-Hookean material.
-_NEO_HOOKEAN = {"uniaxial": 2, "equibiaxial": 5, "planar": 3}
 #: Sums of squares of numbers from this one to its inverse, and of their products, are numbers.
 _LEAST = 1e-60
 WITH_A_SQUARE = f"0, or a number whose absolute value is from {_LEAST:g} to {1 / _LEAST:g}"
@@ -155,19 +148,18 @@ class TestData:
             raise BadInput(
                 f"{self.name}: test '{self.kind}': expected {'' if biaxial else 'no '}stretch_2"
             )
-        shape: tuple[int, ...] | None = None
+        shape = np.shape(self.x) or (1,)
         keys = ("x", "stress", "weight", *(["stretch_2"] if biaxial else []))
         for key in keys:
             value = getattr(self, key)
             try:
-                array = np.asarray(value, dtype=np.float64)
-                shape = shape or array.shape or (1,)
-                object.__setattr__(self, key, np.broadcast_to(array, shape))
+                array = np.broadcast_to(np.asarray(value, dtype=np.float64), shape)
             except (TypeError, ValueError):
                 accepted = "one number, or one for each x"
                 raise bad_value(f"{self.name}: {key}", value, accepted) from None
             if key in ("stress", "weight") and not has_a_square(array).all():
                 raise bad_value(f"{self.name}: {key}", value, WITH_A_SQUARE)
+            object.__setattr__(self, key, array)
         counted = self.weight != 0
         if not counted.any():
             raise bad_value(f"{self.name}: weight", self.weight, "one other than 0")
@@ -182,39 +174,19 @@ class TestData:
     @property
     def note(self) -> str:
         """The line that says that stretches are probably strains in per cent; "" if not."""
-        if self.in_per_cent or self.kind not in (*_NEO_HOOKEAN, "biaxial"):
-            return ""
         largest = float(max(self.x.max(), 1.0 if self.stretch_2 is None else self.stretch_2.max()))
-        if largest <= _LARGEST_STRETCH and not self._fits_strains_in_per_cent():
+        if self.in_per_cent or self.kind not in (*FREE, "biaxial") or largest <= _LARGEST_STRETCH:
             return ""
         return (
             f"{self.name}: stretches up to {largest:.4g}: if these are strains in per cent, name "
             "the column 'strain [%]'"
         )
 
-    def _fits_strains_in_per_cent(self) -> bool:
-        """Return whether stresses belong to strains x or x - 1 in per cent, not to stretches x."""
-        if self.kind not in _NEO_HOOKEAN or (self.x <= 0).any():
-            return False
-        power = -float(_NEO_HOOKEAN[self.kind])
-        as_stretches, *as_strains = (
-            _misfit(x - x**power, self.stress)
-            for x in (self.x, 1 + self.x / 100, 1 + (self.x - 1) / 100)
-        )
-        return as_stretches > max(_MISFIT, _LESS_OF_STRAINS * min(as_strains))
-
 
 def has_a_square(value: npt.ArrayLike) -> npt.NDArray[np.bool_]:
     """Return which numbers are 0 or of a size from `_LEAST` to its inverse."""
     size = np.abs(np.asarray(value, dtype=np.float64))
     return np.asarray((size == 0) | (size >= _LEAST) & (size <= 1 / _LEAST))
-
-
-def _misfit(shape: Array, stress: Array) -> float:
-    """Return the part of a stress that the best multiple of a shape misses."""
-    square = float(shape @ shape)
-    rest = stress - (shape @ stress / square if square else 0.0) * shape
-    return float(np.linalg.norm(rest) / (np.linalg.norm(stress) or 1.0))
 
 
 def read(
@@ -243,32 +215,56 @@ def read(
         For everything that is wrong in the file.
     """
     path = Path(path)
-    stated, rows = read_cells(path)
-    given = {"test": test, "unit": unit, "weight": weight}
-    stated |= {key: str(value) for key, value in given.items() if value is not None}
-    names = columns
-    if names is None and "columns" in stated:
-        names = _cells(stated["columns"])
-    header = [] if any(map(is_number, rows[0][1])) else rows[0][1]
-    names, rows = names or header, rows[bool(header) :]
+    stated, lines = read_cells(path)
+    header = [] if any(map(is_number, lines[0][1])) else lines[0][1]
+    names = columns or (_cells(stated["columns"]) if "columns" in stated else header)
     if not names:
         raise BadInput(
             f"{path}: no line of column names above the numbers: expected one, e.g. "
             "'stretch, stress [MPa]', or --columns stretch,stress"
         )
     found = _columns(path, names)
-    if unit is None and "unit" in stated:
-        _check_units(path, stated["unit"], found)
-    if not rows:
-        raise BadInput(f"{path}: no line of numbers below the column names")
-    count = max(len(names), len(header))
-    for number, cells in rows:
-        if len(cells) > count:
-            raise BadInput(
-                f"{path}: line {number}: {len(cells)} values for {count} columns: expected one for "
-                "each, with decimal points"
-            )
-    return _tests(path, stated, found, rows, modulus_unit)
+    measures = [column for column in _STRESSES if column in found]
+    units = {column: _unit(path, column, found, stated, unit) for column in measures}
+    if len({of_column == "" for of_column in units.values()}) > 1:
+        raise BadInput(f"{path}: columns {', '.join(measures)}: expected units of all, or of none")
+    sizes = {column: _stress_size(path, units[column], modulus_unit) for column in measures}
+    given = {"test": test, "weight": weight}
+    stated |= {key: str(value) for key, value in given.items() if value is not None}
+    table = _table(path, found, lines[bool(header) :], max(len(names), len(header)))
+    overall = _number(f"{path}: weight", stated.get("weight", "1"))
+    if not overall > 0:
+        raise bad_value(f"{path}: weight", stated["weight"], "a number > 0")
+    by_kind = table.groupby(pd.Series(_kinds(path, stated, table), table.index), sort=False)
+    groups = [
+        (str(kind), measure, rows.dropna(subset=measure))
+        for kind, rows in by_kind
+        for measure in measures
+        if rows[measure].notna().any()
+    ]
+    groups.sort(key=lambda group: group[2].index[0])
+    kinds = [kind for kind, _, _ in groups]
+    tests = []
+    for kind, measure, points in groups:
+        words = [kind] * (len(set(kinds)) > 1) + [measure] * (kinds.count(kind) > 1)
+        x, y = _stretches(path, kind, measure, points, found)
+        stress = sizes[measure] * points[measure].to_numpy()
+        if measure == "pressure":  # positive in compression, and per deformed area
+            stress = -stress * (x**2 if kind == "volumetric" else 1.0)
+        test_data = TestData(
+            name=" ".join([path.stem, *words]),
+            kind=kind,
+            x=x,
+            stress=stress,
+            weight=overall * np.asarray(points.get("weight", 1.0)),
+            stretch_2=y,
+            measure=measure if kind == "biaxial" else "stress",
+            in_per_cent=any(found[c][1] == "%" for c in _DEFORMATIONS if c in found),
+            unit=(modulus_unit or "Pa") if units[measure] else "",
+        )
+        _check_signs(path, test_data)
+        tests.append(test_data)
+    return tests
 
 
 def read_cells(path: Path) -> tuple[dict[str, str], list[tuple[int, list[str]]]]:
@@ -330,14 +326,14 @@ def _cells(line: str) -> list[str]:
     return line.split()
 
 
-def _kinds() -> dict[str, str]:
-    """Return the kind of test of each accepted name."""
-    return {name: kind for kind, others in TESTS.items() for name in (kind, *others)}
+def _by_name(names: Mapping[str, str]) -> dict[str, str]:
+    """Return the name here of each accepted name."""
+    return {name: known for known, others in names.items() for name in (known, *others.split())}
 
 
 def _columns(path: Path, cells: Sequence[str]) -> dict[str, tuple[int, str]]:
     """Return the position and the unit of each known column."""
-    known = {name: column for column, others in COLUMNS.items() for name in (column, *others)}
+    known = _by_name(COLUMNS)
     found: dict[str, tuple[int, str]] = {}
     for position, cell in enumerate(cells):
         split = _COLUMN.match(cell.strip().strip('"'))
@@ -354,207 +350,152 @@ def _columns(path: Path, cells: Sequence[str]) -> dict[str, tuple[int, str]]:
             raise BadInput(f"{path}: column '{cell}': expected one column {known[word]}")
         found[known[word]] = (position, unit.strip())
     stresses = 1 if "pressure" in found else len(_STRESSES)  # a pressure is the only one
-    for group, words, least, most in (
-        (_DEFORMATIONS, _DEFORMATION_WORDS, 1, 1),
-        (_SECOND, " or ".join(_SECOND), 0, 1),
-        (_STRESSES, _STRESS_WORDS, 1, stresses),
-    ):
+    for group, least, most in ((_DEFORMATIONS, 1, 1), (_SECOND, 0, 1), (_STRESSES, 1, stresses)):
         if not least <= sum(column in found for column in group) <= most:
             raise BadInput(
-                f"{path}: columns = {shown(', '.join(cells))}: expected one column {words}"
+                f"{path}: columns = {shown(', '.join(cells))}: expected one column "
+                f"{' or '.join(group)}"
             )
     return found
 
 
-def _tests(
+def _table(
     path: Path,
-    stated: dict[str, str],
-    columns: dict[str, tuple[int, str]],
-    rows: list[tuple[int, list[str]]],
-    modulus_unit: str | None,
-) -> list[TestData]:
-    """Return the tests of a file's lines."""
-    deformation = next(c for c in _DEFORMATIONS if c in columns)
-    second = next((c for c in _SECOND if c in columns), "")
+    columns: Mapping[str, tuple[int, str]],
+    lines: Sequence[tuple[int, Sequence[str]]],
+    count: int,
+) -> pd.DataFrame:
+    """Return the numbers in the known columns, by lines; NaN is no value. Tests remain text."""
+    if not lines:
+        raise BadInput(f"{path}: no line of numbers below the column names")
     measures = [c for c in _STRESSES if c in columns]
-    if "unit" not in stated and len({columns[c][1] in _NO_UNIT for c in measures}) > 1:
-        raise BadInput(f"{path}: columns {', '.join(measures)}: expected units of all, or of none")
-    sizes = {
-        c: _stress_size(path, stated.get("unit") or columns[c][1], modulus_unit) for c in measures
-    } | {c: _deformation_size(path, c, columns[c][1]) for c in (deformation, second) if c}
-    default = _kind(path, stated["test"]) if "test" in stated else None
-    if default is None and "test" not in columns:
-        default = "biaxial" if second else _OF_DEFORMATION.get(deformation)
-    if default is None and "test" not in columns:
+    rows = {}
+    for number, cells in lines:
+        where = f"{path}: line {number}"
+        if len(cells) > count:
+            raise BadInput(
+                f"{where}: {len(cells)} values for {count} columns: expected one for each, with "
+                "decimal points"
+            )
+        cells = [*cells, *[""] * count]
+        given = {c: cells[at] for c, (at, _) in columns.items() if cells[at] not in _NO_VALUE}
+        missing = [c for c in columns if c not in (*given, *_SECOND, *measures)]
+        missing += [] if given.keys() & measures else [" or ".join(measures)]
+        if missing:
+            raise BadInput(f"{where}: no value of {', '.join(missing)}")
+        rows[number] = {
+            column: text if column == "test" else _number(f"{where}: {column}", text)
+            for column, text in given.items()
+        }
+        if float(given.get("weight", 0)) < 0:
+            raise bad_value(f"{where}: weight", given["weight"], "a number >= 0")
+    return pd.DataFrame.from_dict(rows, orient="index", columns=list(columns))
+
+
+def _kinds(path: Path, stated: Mapping[str, str], table: pd.DataFrame) -> list[str]:
+    """Return the kind of test of each line."""
+    if "test" in stated:
+        return [_kind(f"{path}: test", stated["test"])] * len(table)
+    if "test" in table:
+        return [_kind(f"{path}: line {line}: test", text) for line, text in table["test"].items()]
+    kinds = {kind for column, kind in _TEST_OF.items() if column in table}
+    if not kinds:
         raise BadInput(
             f"{path}: no test: expected a line '# test = {'|'.join(TESTS)}', a column test, or "
             "--test"
         )
-    overall = _number(path, 0, stated.get("weight", "1"), "weight")
-    if not overall > 0:
-        raise bad_value(f"{path}: weight", stated["weight"], "a number > 0")
-    needed = [c for c in columns if c not in (second, *measures)]
-    points: dict[tuple[str, str], list[tuple[float, float, float, float]]] = {}
-    for number, cells in rows:
-        given = {
-            column: cells[position]
-            for column, (position, _) in columns.items()
-            if position < len(cells) and cells[position] not in _NO_VALUE
-        }
-        measured = [c for c in measures if c in given]
-        missing = [c for c in needed if c not in given]
-        missing += [] if measured else [" or ".join(measures)]
-        if missing:
-            raise BadInput(f"{path}: line {number}: no value of {', '.join(missing)}")
-        kind = default or _kind(path, given["test"], number)
-        if kind == "biaxial" and second not in given:
-            accepted = f"a value of {second}" if second else "a column stretch_2"
-            raise BadInput(
-                f"{path}: line {number}: test 'biaxial': expected {accepted}, or test = equibiaxial"
-            )
-        x, y = (
-            _stretch(path, number, kind, c, _number(path, number, given[c], c), sizes[c])
-            if c in given
-            else 1.0
-            for c in (deformation, second)
-        )
-        weight = overall
-        if "weight" in columns:
-            weight *= _number(path, number, given["weight"], "weight")
-            if not weight >= 0:
-                raise bad_value(f"{path}: line {number}: weight", given["weight"], "a number >= 0")
-        for measure in measured:
-            value = sizes[measure] * _number(path, number, given[measure], measure)
-            if measure == "pressure":
-                value = _nominal_stress(path, number, kind, x, value)
-            elif measure != "stress" and kind != "biaxial":
-                second_stretch = " with stretch_2 = 1" if kind == "planar" else ""
-                raise BadInput(
-                    f"{path}: line {number}: {measure} in a test '{kind}': expected test = biaxial"
-                    f"{second_stretch}, or --columns without it"
-                )
-            points.setdefault((kind, measure), []).append((x, y, value, weight))
-    kinds = [kind for kind, _ in points]
-    found = []
-    for (kind, measure), values in points.items():
-        words = [kind] * (len(set(kinds)) > 1) + [measure] * (kinds.count(kind) > 1)
-        test = _checked(path, " ".join([path.stem, *words]), kind, measure, np.array(values))
-        unit = stated.get("unit") or columns[measure if measure in columns else "pressure"][1]
-        returned = "" if unit in _NO_UNIT else modulus_unit or "Pa"
-        found.append(replace(test, in_per_cent=columns[deformation][1] == "%", unit=returned))
-    return found
+    return [max(kinds)] * len(table)
 
 
-def _check_units(path: Path, unit: str, columns: dict[str, tuple[int, str]]) -> None:
-    """Raise BadInput for a column of stresses with another unit than the file's comment."""
-    for column in _STRESSES:
-        of_column = columns.get(column, (0, ""))[1]
-        if of_column not in _NO_UNIT and _stress_size(path, of_column, None) != _stress_size(
-            path, unit, None
-        ):
-            accepted = f"that of the column {column}, '{of_column}', or --unit"
-            raise bad_value(f"{path}: # unit", unit, accepted)
+def _kind(key: str, text: str) -> str:
+    """Return the kind of test that a file names."""
+    word = re.sub(r"[\s_-]+", "_", text.strip().strip('"').lower())
+    return choose(key, _by_name(TESTS).get(word, word), list(TESTS))
+
+
+def _unit(
+    path: Path,
+    column: str,
+    columns: Mapping[str, tuple[int, str]],
+    stated: Mapping[str, str],
+    option: str | None,
+) -> str:
+    """Return the unit of a column of stresses; "" if it has none."""
+    named, comment = columns[column][1], stated.get("unit", "")
+    named = "" if named in _NO_UNIT else named
+    if option is None and named and comment:
+        if stress_unit(f"{path}: unit", named) != stress_unit(f"{path}: unit", comment):
+            accepted = f"that of the column {column}, '{named}', or --unit"
+            raise bad_value(f"{path}: # unit", comment, accepted)
+    unit = option or comment or named
+    return "" if unit in _NO_UNIT else unit
 
 
 def _stress_size(path: Path, unit: str, modulus_unit: str | None) -> float:
     """Return the size of a unit of stress, in Pa or in ``modulus_unit``."""
-    size = stress_unit(f"{path}: unit", unit) if unit not in _NO_UNIT else 1.0
-    if modulus_unit is not None:
-        size /= stress_unit("modulus_unit", modulus_unit)
-        if unit in _NO_UNIT:
-            accepted = "data whose stresses have a unit: stress [MPa], or --unit"
-            raise bad_value("modulus_unit", modulus_unit, f"{accepted}; {path} states none")
-    return size
+    if modulus_unit is not None and not unit:
+        accepted = "data whose stresses have a unit: stress [MPa], or --unit"
+        raise bad_value("modulus_unit", modulus_unit, f"{accepted}; {path} states none")
+    size = stress_unit(f"{path}: unit", unit) if unit else 1.0
+    return size / (stress_unit("modulus_unit", modulus_unit) if modulus_unit else 1.0)
 
 
-def _deformation_size(path: Path, column: str, unit: str) -> float:
-    """Return the size of a unit of a deformation."""
-    if unit != "%" and unit not in _NO_UNIT:
-        raise bad_value(f"{path}: unit of {column}", unit, "none or %")
-    return 0.01 if unit == "%" else 1.0
-
-
-def _kind(path: Path, text: str, line: int = 0) -> str:
-    """Return the kind of test that a file names."""
-    word = re.sub(r"[\s_-]+", "_", text.strip().strip('"').lower())
-    key = f"{path}: line {line}: test" if line else f"{path}: test"
-    return choose(key, _kinds().get(word, word), list(TESTS))
-
-
-def _stretch(path: Path, line: int, kind: str, column: str, value: float, size: float) -> float:
-    """Return the stretch, or the amount of shear, of a deformation in units of ``size``."""
-    where = f"{path}: line {line}: {column}"
-    if _OF_DEFORMATION.get(column, kind) != kind:
-        raise BadInput(f"{where} in a test '{kind}': expected stretch or strain")
-    if column in _SECOND and kind != "biaxial":
-        raise BadInput(
-            f"{where} in a test '{kind}': expected test = biaxial, or --columns without it"
-        )
-    if kind == "simple_shear":
-        if column == "stretch":
-            raise BadInput(f"{where} in a test '{kind}': expected the amount of shear")
-        return size * value
-    rest = 1.0 if column.startswith("strain") else 0.0
-    stretch = rest + size * value
-    if not stretch > 0:
-        raise bad_value(where, value, f"a number > {0 - rest / size:g}")
-    return float(stretch ** (1 / 3) if column == "volume_ratio" else stretch)
-
-
-def _nominal_stress(path: Path, line: int, kind: str, stretch: float, pressure: float) -> float:
-    """Return the nominal stress of a pressure, which is positive in compression."""
-    if kind not in ("volumetric", "confined"):
-        raise BadInput(f"{path}: line {line}: pressure in a test '{kind}': expected stress")
-    return -pressure * (stretch**2 if kind == "volumetric" else 1.0)  # it is per deformed area
-
-
-def _checked(path: Path, name: str, kind: str, measure: str, points: Array) -> TestData:
-    """Return the test of (n, 4) points; raise BadInput where they cannot be a measurement."""
-    x, y, stress, weight = points.T
-    if kind != "biaxial":
-        found = TestData(name, kind, x, stress, weight)
-        moved, direction = x != found.rest, x - found.rest
-    else:
-        found = TestData(name, kind, x, stress, weight, y, measure)
-        moved, direction = (x != 1) | (y != 1), _sign(x, y, measure)
-        if measure == "stress_difference" and (x == y).all():
+def _stretches(
+    path: Path,
+    kind: str,
+    measure: str,
+    points: pd.DataFrame,
+    columns: Mapping[str, tuple[int, str]],
+) -> tuple[Array, Array | None]:
+    """Return the stretches, or the amounts of shear, and those of the second direction."""
+    accepted = _MEASURED_IN.get(kind, _MEASURED).split()
+    given = [c for c in (*_DEFORMATIONS, *_SECOND) if c in columns and points[c].notna().any()]
+    for column in (*given, measure):
+        if column not in accepted:
+            alternative = ", or test = biaxial" if column in _MEASURED_IN["biaxial"] else ""
             raise BadInput(
-                f"{path}: test 'biaxial': stress_difference at equal stretches alone, where it is "
-                "0 for every isotropic material: expected different stretches"
+                f"{path}: line {points.index[0]}: {column} in a test '{kind}': expected "
+                f"{' or '.join(accepted)}{alternative}, or --columns without it"
             )
+    if kind == "biaxial":
+        second = next((c for c in _SECOND if c in columns), None)
+        for line in points.index if second is None else points.index[points[second].isna()]:
+            where = f"{path}: line {line}: test 'biaxial': expected"
+            missing = f"a value of {second}" if second else "a column stretch_2"
+            raise BadInput(f"{where} {missing}, or test = equibiaxial")
+    found = []
+    for column in given:
+        unit = columns[column][1]
+        if unit != "%" and unit not in _NO_UNIT:
+            raise bad_value(f"{path}: unit of {column}", unit, "none or %")
+        size = 0.01 if unit == "%" else 1.0
+        rest = 1.0 if column.startswith("strain") and kind != "simple_shear" else 0.0
+        stretches = rest + size * points[column].to_numpy()
+        for at in np.flatnonzero(stretches <= 0) if kind != "simple_shear" else ():
+            where = f"{path}: line {points.index[at]}: {column}"
+            raise bad_value(where, points[column].iloc[at], f"a number > {0 - rest / size:g}")
+        found.append(stretches ** (1 / 3) if column == "volume_ratio" else stretches)
+    return found[0], found[1] if len(found) > 1 else None
+
+
+def _check_signs(path: Path, test: TestData) -> None:
+    """Raise BadInput where the points of a test cannot be a measurement."""
+    kind, x, y, stress = test.kind, test.x, test.stretch_2, test.stress
+    moved = x != test.rest if y is None else (x != 1) | (y != 1)
     if not moved.any() or not stress.any():
         raise BadInput(f"{path}: test '{kind}': expected a deformation and a stress other than 0")
-    clear = direction != 0
-    if clear.any() and (stress[clear] * direction[clear] <= 0).all():
+    if y is None:
+        signs, accepted = x - test.rest, "stresses above 0 in tension, below 0 in compression"
+    elif test.measure == "stress_difference":
+        # The larger stretch has the larger true stress (Baker & Ericksen 1954).
+        signs = x - y
+        accepted = "different stretches, and the true stress of direction 1 minus that of 2"
+    else:
+        return
+    if (stress * signs <= 0).all():
         raise BadInput(
-            f"{path}: test '{kind}': every stress has the wrong sign: expected "
-            + (
-                "the true stress of direction 1 minus that of direction 2"
-                if measure == "stress_difference"
-                else "tension and stretches above 1 with stresses above 0, compression with "
-                "stresses below 0"
-            )
+            f"{path}: test '{kind}': every stress has the wrong sign: expected {accepted}"
         )
-    pressed = x < _COMPRESSED
-    if kind in _NEO_HOOKEAN and pressed.any() and (stress[pressed] > 0).all():
-        raise BadInput(
-            f"{path}: test '{kind}': every stress at a stretch below {_COMPRESSED:g} is above 0: "
-            "expected stretches, 1 at rest, or strains in a column strain"
-        )
-    return found
-
-
-def _sign(x: Array, y: Array, measure: str) -> Array:
-    """Return numbers with the sign of the stress of biaxial tests, 0 where both are possible.
-
-    The larger stretch has the larger true stress (Baker & Ericksen 1954). The stress of direction 1
-    has the sign of x - t, and t lies between that of nu = 0, 1, and that of nu = 1/2, 1/(x y).
-    """
-    if measure == "stress_difference":
-        return x - y
-    if measure == "stress_2":
-        x, y = y, x
-    return np.where((x - 1) * (x * x * y - 1) > 0, x - 1, 0.0)
 
 
 def is_number(text: str) -> bool:
@@ -566,9 +507,8 @@ def is_number(text: str) -> bool:
     return True
 
 
-def _number(path: Path, line: int, text: str | float, what: str) -> float:
+def _number(where: str, text: str | float) -> float:
     """Return a finite number of a file."""
-    where = f"{path}: line {line}: {what}" if line else f"{path}: {what}"
     try:
         number = float(text)
     except ValueError:
