@@ -188,7 +188,7 @@ def _rank(args: Namespace, keywords: dict[str, Any]) -> int:
     """Fit all materials and print them from the best to the worst."""
     from rich.console import Console
 
-    from fem_snh.studies.fit import Fit, ordered, rank
+    from fem_snh.studies.fit import Fit, ordered, rank, write_ranking
 
     if args.report:
         raise BadInput("fit --report: expected without --all")
@@ -217,8 +217,6 @@ def _rank(args: Namespace, keywords: dict[str, Any]) -> int:
     _print_notes(best)
     best.write(args.out / "fit.json")
     best.write_table(args.out / "material.toml")
-    from fem_snh.studies.fit.ranking import write_ranking
-
     write_ranking(fits, args.out / "ranking.csv")
     from fem_snh.viewing.plots.fits import main as draw
 

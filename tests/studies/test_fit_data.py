@@ -11,9 +11,8 @@ import pytest
 import fem_snh
 from fem_snh.cli import main
 from fem_snh.errors import BadInput
-from fem_snh.studies.fit import TestData
+from fem_snh.studies.fit import TestData, read_all
 from fem_snh.studies.fit.data import DATASETS, read
-from fem_snh.studies.fit.study import read_all
 
 
 def written(folder: Path, text: str) -> Path:

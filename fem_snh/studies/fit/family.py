@@ -344,7 +344,7 @@ class Family:
 
 
 class Member:
-    """One energy of a `Family`, at E = 1: a `fem_snh.studies.fit.responses.Law`."""
+    """One energy of a `Family`, at E = 1; it is incompressible if its ``nu`` is None."""
 
     def __init__(
         self,

@@ -17,7 +17,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -167,19 +166,28 @@ class _Problem:
             best = (a @ b) / (a @ a) if len(a) else 0.0
         return float(best) if np.isfinite(best) and best > 0 else 0.0
 
-    def parameters(self, z: Array) -> tuple[Array, float | None, float]:
-        """Return the shape parameters and Poisson's ratio of the variables, and the best E."""
-        theta, ratio = self.theta(z), self.ratio(z)
-        return theta, ratio, self.modulus(np.concatenate(self.predict(theta, ratio)))
+    def parameters(self, z: Array) -> Array:
+        """Return E, the shape parameters (constants in the unit of E) and nu, if it is unknown."""
+        theta, nu = self.theta(z), self.ratio(z)
+        E = self.modulus(np.concatenate(self.predict(theta, nu)))
+        return np.array([E, *theta * self.sizes(E), *([nu] if self.fit_nu else [])], dtype=float)
 
-    def distances(self, E: float, theta: Array, nu: float | None) -> tuple[Array, Array]:
-        """Return how far E, the parameters and nu may decrease (as numbers <= 0) and increase."""
+    def sizes(self, E: float) -> Array:
+        """Return the units of the shape parameters: E of constants, else 1."""
+        return np.array([E if u.constant else 1.0 for u in self.unknowns])
+
+    def split(self, p: Array) -> tuple[Array, float | None]:
+        """Return the shape parameters, constants in units of E, and nu."""
+        theta = p[1 : 1 + len(self.unknowns)] / self.sizes(p[0])
+        return theta, float(p[-1]) if self.fit_nu else self.nu
+
+    def limits(self, p: Array) -> tuple[Array, Array]:
+        """Return the bounds of parameters at this E."""
         pairs = [(-np.inf, np.inf)]
-        for value, u in zip(theta, self.unknowns, strict=True):
-            size = E if u.constant else 1.0
-            pairs.append((size * (u.low - value), size * (u.high - value)))
-        if self.fit_nu and nu is not None:
-            pairs.append(tuple((1 - np.exp(z)) / 2 - nu for z in _NU_BOUNDS[::-1]))
+        for u, size in zip(self.unknowns, self.sizes(p[0]), strict=True):
+            pairs.append((size * u.low, size * u.high))
+        if self.fit_nu:
+            pairs.append(tuple((1 - np.exp(z)) / 2 for z in _NU_BOUNDS[::-1]))
         low, high = np.array(pairs).T
         return low, high
 
@@ -190,37 +198,20 @@ class _Problem:
             difference = self.modulus(predicted) * predicted - self.measured
         return self.weight * np.where(np.isfinite(difference), difference, self.penalty)
 
-    def jacobian(self, E: float, theta: Array, nu: float | None) -> Array:
-        """Return the derivatives of the residuals by E, the parameters and nu.
-
-        A constant that is an unknown, theta E, counts itself [units of E] and not as theta.
-        """
-        columns: list[Any] = [np.concatenate(self.predict(theta, nu))]
-        for k, u in enumerate(self.unknowns):
-            step = _STEP * (abs(theta[k]) or abs(self.scale[k]))
-            ends = [min(max(theta[k] + sign * step, u.low), u.high) for sign in (1, -1)]
-            slope = self._difference(E, theta, nu, k, ends)
-            if u.constant:
-                slope = np.asarray(slope / E, dtype=np.float64)
-                columns[0] = columns[0] - theta[k] * slope
-            columns.append(slope)
-        if self.fit_nu and nu is not None:
-            gap = 1 - 2 * nu
-            ends = [0.5 - gap / 2 * np.exp(sign * _STEP) for sign in (1, -1)]
-            sides = [np.concatenate(self.predict(theta, ratio)) for ratio in ends]
-            columns.append(E * (sides[0] - sides[1]) / (ends[0] - ends[1]))
+    def jacobian(self, p: Array) -> Array:
+        """Return the derivatives of the residuals by the parameters: central differences."""
+        theta = np.abs(self.split(p)[0])
+        sizes = np.where(theta > 0, theta, np.abs(self.scale)) * self.sizes(p[0])
+        gap = [0.5 - p[-1]] if self.fit_nu else []
+        low, high = self.limits(p)
+        columns = []
+        for k, size in enumerate([p[0], *sizes, *gap]):
+            above, below = p.copy(), p.copy()
+            above[k] = min(p[k] + _STEP * size, high[k])
+            below[k] = max(p[k] - _STEP * size, low[k])
+            sides = [q[0] * np.concatenate(self.predict(*self.split(q))) for q in (above, below)]
+            columns.append((sides[0] - sides[1]) / (above[k] - below[k]))
         return np.asarray(np.stack(columns, axis=1) * self.weight[:, None])
-
-    def _difference(
-        self, E: float, theta: Array, nu: float | None, k: int, ends: list[float]
-    ) -> Array:
-        sides: list[Any] = []
-        for value in ends:
-            moved = theta.copy()
-            moved[k] = value
-            sides.append(np.concatenate(self.predict(moved, nu)))
-        slope: Array = E * (sides[0] - sides[1]) / (ends[0] - ends[1])
-        return slope
 
 
 def solve(
@@ -259,27 +250,27 @@ def solve(
             "points, or fewer parameters"
         )
     z, used = _search(problem)
-    theta, ratio, E = problem.parameters(z)
-    if not E > 0 or not all(np.isfinite(p).all() for p in problem.predict(theta, ratio)):
+    p = problem.parameters(z)
+    if not p[0] > 0 or not all(np.isfinite(s).all() for s in problem.predict(*problem.split(p))):
         raise BadInput(
             f"material '{family.name}': no fit has a stress at all measured stretches: expected "
             "another material, or other values of its parameters"
         )
-    residual, jacobian = problem.residual(z), problem.jacobian(E, theta, ratio)
-    distances = problem.distances(E, theta, ratio)
-    at_bound = reaches_bound(jacobian, residual, *distances)
+    residual, jacobian = problem.residual(z), problem.jacobian(p)
+    room = [limit - p for limit in problem.limits(p)]
+    at_bound = reaches_bound(jacobian, residual, *room)
     errors = standard_errors(jacobian, residual, problem.group, at_bound)
-    near = at_bound | (errors >= np.abs(distances).min(axis=0))
+    near = at_bound | (errors >= np.abs(room).min(axis=0))
     z, at_bound[1:] = _moved_to_bounds(problem, z, at_bound[1:], near[1:])
     at_bound[0] = False
-    theta, ratio, E = problem.parameters(z)
-    residual, jacobian = problem.residual(z), problem.jacobian(E, theta, ratio)
+    p, residual = problem.parameters(z), problem.residual(z)
+    theta, ratio = problem.split(p)
     return BestFit(
-        E,
+        float(p[0]),
         0.5 if ratio is None else ratio,
         theta,
-        standard_errors(jacobian, residual, problem.group, at_bound),
-        [E * stress for stress in problem.predict(theta, ratio)],
+        standard_errors(problem.jacobian(p), residual, problem.group, at_bound),
+        [p[0] * stress for stress in problem.predict(theta, ratio)],
         float(residual @ residual),
         problem.evaluations,
         used,

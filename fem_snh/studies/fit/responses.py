@@ -18,10 +18,13 @@ and (x, 1, 1).
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
+
+if TYPE_CHECKING:
+    from fem_snh.studies.fit.family import Member
 
 Array = npt.NDArray[np.float64]
 
@@ -33,26 +36,14 @@ MEASURES = ("stress", "stress_2", "stress_difference")
 _ITERATIONS, _LARGEST_STEP, _TOLERANCE = 100, 0.3, 1e-13
 
 
-class Law(Protocol):
-    """Derivatives of an energy by the principal stretches, at some values of its parameters."""
-
-    nu: float | None
-
-    def stress(self, s: Array) -> Array:
-        """Return dpsi/ds_i, (..., 3), of stretches (..., 3); NaN outside the energy's domain."""
-
-    def tangent(self, s: Array) -> Array:
-        """Return d2psi/ds_i ds_j, (..., 3, 3)."""
-
-
 def response(
-    law: Law, kind: str, x: Array, stretch_2: Array | None = None, measure: str = "stress"
+    law: Member, kind: str, x: Array, stretch_2: Array | None = None, measure: str = "stress"
 ) -> Array:
     """Return the stress in a test, shape (n,); NaN where there is no solution.
 
     Parameters
     ----------
-    law : Law
+    law : Member
         The energy; it is incompressible if its ``nu`` is None.
     kind : str
         Key of `fem_snh.studies.fit.data.TESTS`.
@@ -76,7 +67,7 @@ def response(
     return p[..., 1 if measure == "stress_2" else 0]
 
 
-def stretches(law: Law, kind: str, x: Array, stretch_2: Array | None = None) -> Array:
+def stretches(law: Member, kind: str, x: Array, stretch_2: Array | None = None) -> Array:
     """Return the principal stretches (n, 3) in a test."""
     if kind == "simple_shear":
         s = (x + np.sqrt(x**2 + 4)) / 2
@@ -99,7 +90,7 @@ def _principal(x: Array, y: Array | None, t: Array) -> Array:
     return np.stack([x, t if y is None else y, t], axis=-1)
 
 
-def _free_stretch(law: Law, x: Array, y: Array | None) -> Array:
+def _free_stretch(law: Member, x: Array, y: Array | None) -> Array:
     """Return the t without stress, by Newton's method on log t with bisection as safeguard.
 
     The start is the solution for Hencky's energy. NaN where the iteration fails, or

@@ -26,11 +26,15 @@ The latter are the scaling eigenvalues of the material reports (`fem_snh.kernels
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
-from fem_snh.studies.fit.responses import FREE, Law, response, stretches
+from fem_snh.studies.fit.responses import FREE, response, stretches
+
+if TYPE_CHECKING:
+    from fem_snh.studies.fit.family import Member
 
 Array = npt.NDArray[np.float64]
 
@@ -64,13 +68,13 @@ class StableRange:
 
 
 def stable_ranges(
-    law: Law, low: float, high: float, dead_loads: bool = False
+    law: Member, low: float, high: float, dead_loads: bool = False
 ) -> tuple[StableRange, ...]:
     """Return the stable ranges of the uniaxial, the equibiaxial and the planar test.
 
     Parameters
     ----------
-    law : Law
+    law : Member
         The energy.
     low, high : float
         The range of stretches that is searched, around 1.
@@ -85,7 +89,7 @@ def stable_ranges(
     )
 
 
-def stable_at(law: Law, kind: str, x: Array, stretch_2: Array | None = None) -> bool:
+def stable_at(law: Member, kind: str, x: Array, stretch_2: Array | None = None) -> bool:
     """Return whether a material is stable at the data of a test by Drucker's criterion.
 
     Those of a biaxial test are its points (n,), those of the others all from rest to the last one.
@@ -96,7 +100,7 @@ def stable_at(law: Law, kind: str, x: Array, stretch_2: Array | None = None) -> 
 
 
 def smallest_stiffness(
-    law: Law, kind: str, x: Array, stretch_2: Array | None = None, dead_loads: bool = False
+    law: Member, kind: str, x: Array, stretch_2: Array | None = None, dead_loads: bool = False
 ) -> Array:
     """Return the smallest eigenvalue of a stiffness above, (n,); NaN where there is no stress."""
     s = stretches(law, kind, x, stretch_2)
@@ -128,7 +132,7 @@ def _tangential(A: Array, normal: Array) -> Array:
     return np.einsum("nai,nij,nbj->nab", plane, A, plane)
 
 
-def _end(law: Law, kind: str, end: float, dead_loads: bool = False) -> float:
+def _end(law: Member, kind: str, end: float, dead_loads: bool = False) -> float:
     """Return the end of the stable range between 1 and ``end``."""
     if end == 1.0:
         return 1.0
