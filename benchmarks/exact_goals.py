@@ -27,9 +27,8 @@ from fem_snh.contact.obstacle import Obstacle
 from fem_snh.errors import BadInput, choose
 from fem_snh.files import replace_file
 from fem_snh.mesh.gmsh_input import generate, source_path
-from fem_snh.mesh.gmsh_model import session
+from fem_snh.mesh.gmsh_model import SizeField, session
 from fem_snh.mesh.mesh import distribute, write_xdmf
-from fem_snh.mesh.size_field import SizeField
 from fem_snh.scenes import Geometry, Hold, Reaction, Scene, load
 from fem_snh.scenes.builtin.hertz import RADIUS
 

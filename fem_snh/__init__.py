@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from fem_snh.contact.self_contact import SelfContact
     from fem_snh.dynamic_problem import DynamicProblem
     from fem_snh.kernels.material import material
-    from fem_snh.mesh.xao_writer import write_xao
+    from fem_snh.mesh.xao import write_xao
     from fem_snh.nonlinear_problem import NonlinearProblem
     from fem_snh.runs import Result, run
     from fem_snh.runs.inverse import fit_scene
@@ -77,7 +77,7 @@ _MODULES = {
     "Symmetry": "terms.symmetry",
     "Term": "terms.term",
     "Traction": "terms.traction",
-    "write_xao": "mesh.xao_writer",
+    "write_xao": "mesh.xao",
     "error_from_meshes": "accuracy.coarser_meshes",
 }
 

@@ -34,6 +34,7 @@ from fem_snh._dolfinx.meshes import (
     create_mesh,
     exterior_facets,
     facet_maps,
+    facet_reflections,
     geometry_degree,
     geometry_dofs,
     geometry_x,

@@ -235,6 +235,18 @@ def cell_facets(domain: Any) -> Array:
     return facets[: num_owned(domain)]
 
 
+def facet_reflections(domain: Any) -> Array:
+    """Return for each owned cell which facets' vertices are in the opposite order by their global
+    numbers, (cells, facets) bool.
+    """
+    domain.topology.create_entity_permutations()
+    # 0.9 wraps the topology
+    topology = getattr(domain.topology, "_cpp_object", domain.topology)
+    facets = len(reference_facets(cell_name(domain)))
+    reflected = np.asarray(topology.get_facet_permutations()).reshape(-1, facets) & 1 > 0
+    return reflected[: num_owned(domain)]
+
+
 def reference_facets(cell: str) -> Array:
     """Return the vertices of the reference cell's facets, (facets, corners of each)."""
     return np.asarray(basix.topology(getattr(basix.CellType, cell))[-2])

@@ -17,7 +17,7 @@ from fem_snh.geometry.shapes.shape import Array, Evaluation, Shape
 IDENTITY: Array = np.eye(3, 4)
 #: Determinants that count as zero between two matrices, over the larger of theirs: half a turn
 #: about an axis leaves 1e-32.
-_ROUNDING = 1e-12
+_SINGULAR = 1e-12
 #: Points of the polynomial that a smooth motion follows: exact up to degree 5 in time.
 _POINTS = 6
 #: Largest misfit of that polynomial between its points, relative to the largest change of velocity
@@ -145,7 +145,7 @@ class AffineTable(Motion):
             return 0
         for i in range(1, len(A)):
             ends = np.linalg.det(A[i - 1 : i + 1])
-            if not _least_determinant(A[i - 1], A[i]) > _ROUNDING * ends.max():
+            if not _least_determinant(A[i - 1], A[i]) > _SINGULAR * ends.max():
                 return i
         return None
 

@@ -24,7 +24,7 @@ from fem_snh.mesh import gmsh_model
 from fem_snh.mesh.gmsh_model import CELL_KINDS, MeshData, PhysicalGroup
 
 if TYPE_CHECKING:
-    from fem_snh.mesh.size_field import SizeField
+    from fem_snh.mesh.gmsh_model import SizeField
 
 __all__ = [
     "CELL_KINDS", "MeshData", "PhysicalGroup", "SourceParameter", "fill", "generate",

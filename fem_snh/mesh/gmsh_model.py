@@ -10,19 +10,17 @@ import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from math import isfinite
+from functools import cache
+from itertools import product
+from math import factorial, isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from fem_snh import processes
 from fem_snh.errors import BadInput, bad_value, in_words, unknown_name
-
-if TYPE_CHECKING:
-    from fem_snh.mesh.size_field import SizeField
-    from fem_snh.mesh.xao_file import ShapeFile
 
 Array = npt.NDArray[Any]
 
@@ -50,12 +48,18 @@ _ROUND, _AROUND_SHAPE = 8, 12
 _LEAST = 1e-3
 #: gmsh's kind of straight edges and plane faces, by the dimension of what they bound.
 _STRAIGHT = {2: "Line", 3: "Plane"}
+#: The ends of the edges on which nodes 4 to 9 are (gmsh reference manual, node ordering).
+_EDGES = np.array([(0, 1), (1, 2), (0, 2), (0, 3), (2, 3), (1, 3)])
+#: The least Jacobian determinant of a cell over that with straight edges.
+_LEAST_DETERMINANT = 0.1
+#: Edges are straightened by halves, this often, and then wholly.
+_HALVES = 4
 #: The cells of meshes of two dimensions.
 _PLANE_CELLS = ("triangle", "quadrilateral")
 
 
 #: Largest extent along z of a mesh in the plane, relative to its coordinates: rounding.
-_FLAT = 1e-12
+FLAT = 1e-12
 
 
 @dataclass(frozen=True)
@@ -148,6 +152,21 @@ class MeshData(NamedTuple):
     copies: NodeCopies | None = None
 
 
+class SizeField(NamedTuple):
+    """A field of sizes, linear in each cell of a mesh.
+
+    Attributes
+    ----------
+    x : (cells, corners, 3) array
+        The corners of triangles or tetrahedra [m].
+    sizes : (cells, corners) array
+        Lengths of edges at the corners [m].
+    """
+
+    x: Array
+    sizes: Array
+
+
 @contextmanager
 def session() -> Iterator[Any]:
     """Provide the gmsh module, initialised and without output; finalise it in any case."""
@@ -212,11 +231,8 @@ def mesh_shape(path: str, folder: str, cells: int, sizes: SizeField | None = Non
     sizes : SizeField, optional
         A field of sizes in place of the equal ones.
     """
-    from fem_snh.mesh import xao_file
-
-    content = xao_file.read(Path(path))
     with session() as gmsh:
-        _load_shape(gmsh, content, Path(folder))
+        _load_shape(gmsh, Path(path), Path(folder))
         processes.lift_limits()  # they are those of reading
         dim = gmsh.model.getDimension()
         kinds = {gmsh.model.getType(*entity) for entity in gmsh.model.getEntities(dim - 1)}
@@ -233,22 +249,32 @@ def mesh_shape(path: str, folder: str, cells: int, sizes: SizeField | None = Non
     return _straightened(data)
 
 
-def _load_shape(gmsh: Any, content: ShapeFile, folder: Path) -> None:
+def _load_shape(gmsh: Any, path: Path, folder: Path) -> None:
     """Make a shape and its groups gmsh's model."""
+    from fem_snh.mesh import xao
+
+    brep, counts, groups = xao.read(path)
     file = folder / "shape.brep"
-    file.write_text(content.brep, encoding="utf-8")
+    file.write_text(brep, encoding="utf-8")
     gmsh.model.occ.importShapes(str(file), False)
     gmsh.model.occ.synchronize()
     tags = [[tag for _, tag in gmsh.model.getEntities(dim)] for dim in range(4)]
     found = [len(of_dim) for of_dim in tags]
-    if found != list(content.counts.values()) or max(found[2:]) == 0:
-        listed = ", ".join(f"{count} {kind}" for kind, count in content.counts.items())
+    if found != counts or max(found[2:]) == 0:
+        listed = ", ".join(f"{count} {kind}" for count, kind in zip(counts, xao.LISTS, strict=True))
         raise BadInput(f"it lists {listed}: its shape has {', '.join(map(str, found))}")
     loose = _loose(gmsh)
-    for group in content.groups:
+    for group in groups:
         if loose[group.dim]:  # gmsh visits them in another order than the file
-            raise BadInput(_loose_text(gmsh, max(filter(None, loose)), group.dim))
-        chosen = [tags[group.dim][rank] for rank in group.ranks]
+            first, top = max(filter(None, loose))[0], gmsh.model.getDimension()
+            middle = np.reshape(gmsh.model.getBoundingBox(*first), (2, 3)).mean(axis=0)
+            place = ", ".join(f"{x:.4g}" for x in middle)
+            raise BadInput(
+                f"it has {xao.LISTS[first[0]]} that bound no {xao.ENTRIES[top]}, around ({place}), "
+                f"so that its groups of {xao.LISTS[group.dim]} are not known: expected a shape "
+                f"without them, or {xao.LISTS[top]} that they cut (gmsh's BooleanFragments)"
+            )
+        chosen = [tags[group.dim][rank] for rank in group.entities]
         number = gmsh.model.addPhysicalGroup(group.dim, chosen, group.tag)
         if group.name:
             gmsh.model.setPhysicalName(group.dim, number, group.name)
@@ -264,33 +290,71 @@ def _loose(gmsh: Any) -> list[list[tuple[int, int]]]:
     return found
 
 
-def _loose_text(gmsh: Any, loose: list[tuple[int, int]], dim: int) -> str:
-    """Return what is wrong with loose entities, beside which groups of ``dim`` have no numbers."""
-    from fem_snh.mesh.xao_file import ENTRIES, LISTS
-
-    where = [gmsh.model.getBoundingBox(*entity) for entity in loose]
-    shown = in_words(_middle(np.reshape(box, (2, 3))) for box in where[:3])
-    more = f" and {len(loose) - 3} more" if len(loose) > 3 else ""
-    top = gmsh.model.getDimension()
-    return (
-        f"it has {LISTS[loose[0][0]]} that bound no {ENTRIES[top]}, around {shown}{more}, so that "
-        f"its groups of {LISTS[dim]} are not known: expected a shape without them, or "
-        f"{LISTS[top]} that they cut (gmsh's BooleanFragments)"
-    )
-
-
-def _middle(box: np.ndarray) -> str:
-    """Return the middle of a box as text."""
-    return "({})".format(", ".join(f"{x:.4g}" for x in box.mean(axis=0)))
-
-
 def _straightened(data: MeshData) -> MeshData:
     """Return a mesh without inverted cells where its tetrahedra are curved."""
     if data.degree == 1 or data.cell != "tetrahedron":
         return data
-    from fem_snh.mesh.curved_cells import straightened
-
     return data._replace(x=straightened(data.cells, data.x))
+
+
+def straightened(cells: npt.NDArray[np.int64], x: Array) -> Array:
+    """Return coordinates with which no tetrahedron of degree 2 is inverted.
+
+    gmsh curves the edges on a surface of a straight mesh, which must be finer than the surface's
+    radius for cells to stay valid. Where it is not, the edges are moved back towards straight ones:
+    neighbours keep their common nodes, and all other edges stay on the surface.
+
+    Parameters
+    ----------
+    cells : (n, 10) int
+        The nodes of cells, in gmsh's order, whose corners are those of valid straight cells.
+    x : (nodes, 3)
+        Coordinates.
+    """
+    x, ends = x.copy(), cells[:, _EDGES]
+    middle = x.copy()
+    middle[cells[:, 4:]] = (x[ends[..., 0]] + x[ends[..., 1]]) / 2
+    times = np.zeros(len(x), dtype=int)
+    while True:
+        bad = least_determinants(x[cells]) < _LEAST_DETERMINANT
+        nodes = np.unique(cells[bad, 4:])
+        nodes = nodes[times[nodes] <= _HALVES]
+        if not len(nodes):
+            return x
+        part = np.where(times[nodes] < _HALVES, 0.5, 0.0)[:, None]
+        x[nodes] = middle[nodes] + part * (x[nodes] - middle[nodes])
+        times[nodes] += 1
+
+
+def least_determinants(x: Array) -> Array:
+    """Return a lower bound of the determinant of each cell's Jacobian, relative to straight edges.
+
+    The determinant is a polynomial of degree 3: it is nowhere below its least Bernstein coefficient
+    (Johnen, Remacle & Geuzaine 2013).
+
+    Parameters
+    ----------
+    x : (n, 10, 3)
+        The nodes of tetrahedra of degree 2, in gmsh's order.
+    """
+    gradients, coefficients = _tables()
+    jacobian = np.einsum("cni,pnj->cpij", x, gradients, optimize=True)
+    straight = np.linalg.det(x[:, 1:4] - x[:, :1])
+    return (np.linalg.det(jacobian) @ coefficients.T).min(axis=1) / straight
+
+
+@cache
+def _tables() -> tuple[Array, Array]:
+    """Return gradients at the points of a lattice, and Bernstein coefficients from values there."""
+    powers = np.array([p for p in product(range(4), repeat=4) if sum(p) == 3])
+    points = powers / 3  # barycentric
+    slopes = np.vstack([-np.ones(3), np.eye(3)])  # of the barycentric coordinates
+    at_corners = np.einsum("pn,nj->pnj", 4 * points - 1, slopes)
+    i, j = _EDGES.T
+    at_edges = 4 * (points[:, i, None] * slopes[j] + points[:, j, None] * slopes[i])
+    multinomial = [6 / np.prod([factorial(k) for k in power]) for power in powers]
+    bernstein = np.prod(points[:, None] ** powers, axis=2) * multinomial
+    return np.concatenate([at_corners, at_edges], axis=1), np.linalg.inv(bernstein)
 
 
 def _set_sizes(gmsh: Any, field: SizeField, around: int) -> None:
@@ -424,7 +488,7 @@ def _extract(gmsh: Any) -> MeshData:
     order = np.argsort(tags)
     x = x.reshape(-1, 3)[order[np.searchsorted(tags, used, sorter=order)]]
     if dimension == 2:
-        if np.ptp(x[:, 2]) > _FLAT * np.abs(x).max():
+        if np.ptp(x[:, 2]) > FLAT * np.abs(x).max():
             raise BadInput(
                 "it has no volume cells: mesh in 3 dimensions, and save all elements; or in the "
                 "plane z = 0"

@@ -56,25 +56,24 @@ def check_geometry(domain: Any, what: str, may_overlap: bool = False) -> None:
     """
     x = _dolfinx.geometry_x(domain)
     _raise_for(domain, what, ~np.isfinite(x).all(axis=1), x, "nodes without finite coordinates")
-    size = domain.comm.allreduce(float(np.abs(x).max(initial=0.0)), op=MPI.MAX)
+    size = largest(domain.comm, x)
     if not 1 / LARGEST_NUMBER <= size <= LARGEST_NUMBER:
         raise BadInput(
             f"{what}: its largest coordinate is {size:.3g}: expected one from "
             f"{1 / LARGEST_NUMBER:g} to {LARGEST_NUMBER:g}"
         )
-    corners = x[_dolfinx.geometry_dofs(domain)[:, : len(_corners(domain))]]
-    centres = corners.mean(axis=1)
+    centres = x[_dolfinx.geometry_dofs(domain)[:, : len(_corners(domain))]].mean(axis=1)
     bad = scaled_jacobian(domain) < _MIN_SCALED_JACOBIAN
     _raise_for(domain, what, bad, centres, "inverted or degenerate cells")
     if not may_overlap:
-        bad = _cells_on_the_wrong_side(domain, corners)
+        bad = _cells_on_the_wrong_side(domain)
         _raise_for(domain, what, bad, centres, "cells that overlap a neighbour")
 
 
 def check_half_plane(domain: Any, what: str) -> None:
     """Raise BadInput on every rank if a mesh to be revolved has points with x < 0. Collective."""
     x = _dolfinx.geometry_x(domain)
-    size = domain.comm.allreduce(float(np.abs(x).max(initial=0.0)), op=MPI.MAX)
+    size = largest(domain.comm, x)
     bad = x[:, 0] < -ON_AXIS * size
     _raise_for(domain, what, bad, x, "nodes with a negative radius x")
 
@@ -101,23 +100,22 @@ def unconnected_nodes(domain: Any) -> tuple[int, Array]:
     first : (3,) array
         One of them [m]; NaN if there are none.
     """
-    comm, corners = domain.comm, len(_corners(domain))
     _, cells, local = _dolfinx.exterior_facets(domain)
     at = cells[:, None], _dolfinx.reference_facets(_dolfinx.cell_name(domain))[local]
     vertices = _dolfinx.cell_vertices(domain)[at].ravel()
-    x = _dolfinx.geometry_x(domain)
-    size = comm.allreduce(float(np.abs(x).max(initial=0.0)), op=MPI.MAX)
-    nodes = _dolfinx.geometry_dofs(domain)[:, :corners][at].ravel()
-    place = np.rint(x[nodes] / (_SAME_PLACE * size)).astype(np.int64)
-    target = place.sum(axis=1) % comm.size  # the rank that compares the vertices of a place
-    rows = np.unique(np.column_stack([place, vertices]), axis=0, return_index=True)[1]
-    parts = [np.column_stack([place, vertices])[rows[target[rows] == r]] for r in range(comm.size)]
-    own = np.unique(np.concatenate(comm.alltoall(parts)), axis=0)
-    places, counts = np.unique(own[:, :3], axis=0, return_counts=True)
-    several = places[counts > 1].tolist()
-    found = sorted(place for part in comm.allgather(several[:1]) for place in part)
-    first = np.array(found[0]) * _SAME_PLACE * size if found else np.full(3, np.nan)
-    return comm.allreduce(len(several)), first
+    unit = _SAME_PLACE * largest(domain.comm, _dolfinx.geometry_x(domain))
+    nodes = _dolfinx.geometry_dofs(domain)[at].ravel()
+    place = np.rint(_dolfinx.geometry_x(domain)[nodes] / unit).astype(np.int64)
+    own = np.unique(np.column_stack([place, vertices]), axis=0)
+    of_all = np.unique(np.concatenate(domain.comm.allgather(own)), axis=0)
+    places, counts = np.unique(of_all[:, :3], axis=0, return_counts=True)
+    several = places[counts > 1]
+    return len(several), several[0] * unit if len(several) else np.full(3, np.nan)
+
+
+def largest(comm: MPI.Intracomm, values: Array) -> float:
+    """Return the largest size of values on all ranks; 0 without any. Collective."""
+    return float(comm.allreduce(float(np.abs(values).max(initial=0.0)), op=MPI.MAX))
 
 
 def _raise_for(domain: Any, what: str, bad: Array, points: Array, kind: str) -> None:
@@ -182,89 +180,43 @@ def _corners(domain: Any) -> Array:
     return _dolfinx.reference_corners(_dolfinx.cell_name(domain))
 
 
-def _cells_on_the_wrong_side(domain: Any, corners: Array) -> Array:
+def _cells_on_the_wrong_side(domain: Any) -> Array:
     """Return which owned cells lie on the same side of a facet as their neighbour. Collective."""
-    vertices = _dolfinx.cell_vertices(domain)
-    facets, sides = _dolfinx.cell_facets(domain), _sides(domain, vertices, corners)
+    facets, sides = _dolfinx.cell_facets(domain), _sides(domain)
     # An interior facet has two cells, with sides +1 and -1; one at the end of a rank has one here.
     count = np.bincount(facets.ravel())
     total = np.bincount(facets.ravel(), weights=sides.ravel())
     bad = (count > 2) | ((count == 2) & (total != 0))
     if domain.comm.size > 1:
+        count[_dolfinx.exterior_facets(domain)[0]] = 0
         cell, local = np.nonzero(count[facets] == 1)
         table = _dolfinx.reference_facets(_dolfinx.cell_name(domain))
-        keys = np.sort(vertices[cell[:, None], table[local]], axis=1)
-        single = _same_side_on_other_ranks(domain.comm, keys, sides[cell, local])
-        bad[facets[cell, local][single]] = True
-    return bad[facets].any(axis=1)
+        vertices = _dolfinx.cell_vertices(domain)[cell[:, None], table[local]]
+        rows = np.column_stack([np.sort(vertices, axis=1), sides[cell, local].astype(np.int64)])
+        # This rank's facets come first.
+        of_ranks = domain.comm.allgather(rows)
+        all_rows = np.concatenate([of_ranks.pop(domain.comm.rank), *of_ranks])
+        facet = np.unique(all_rows[:, :-1], axis=0, return_inverse=True)[1].ravel()
+        number, total = np.bincount(facet), np.bincount(facet, weights=all_rows[:, -1])
+        overlaps = (number > 2) | ((number == 2) & (total != 0))
+        bad[facets[cell, local]] |= overlaps[facet[: len(rows)]]
+    return np.asarray(bad[facets].any(axis=1))
 
 
-def _sides(domain: Any, vertices: Array, corners: Array) -> Array:
-    r"""Return on which side of each of its facets a cell lies, (cells, facets), +1 or -1.
+def _sides(domain: Any) -> Array:
+    """Return on which side of each of its facets a cell lies, (cells, facets), +1 or -1.
 
-    It is the sign of :math:`(x_1 - x_0) \times (x_2 - x_0) \cdot (x_3 - x_0)`, where 0 is the
-    facet's vertex with the smallest global number, 1 and 2 are its neighbours on the facet in the
-    order of their numbers, and 3 is its neighbour off the facet. Both cells of a facet have the
-    same 0, 1 and 2. In two dimensions there is no 2.
+    It is the side of the reference cell, turned by the sign of the Jacobian and where the facet's
+    vertices have the opposite order by their global numbers, which both of its cells share.
     """
     cell = _dolfinx.cell_name(domain)
-    table, beside, off = facet_neighbours(cell)
-    cells = np.arange(len(vertices))
-    sides = np.empty((len(vertices), len(table)))
-    for facet, local in enumerate(table):
-        position = vertices[:, local].argmin(axis=1)
-        zero, three = local[position], off[facet][position]
-        near = beside[facet][position]  # (cells, dim - 1)
-        order = np.take_along_axis(vertices, near, axis=1).argsort(axis=1)
-        ends = *np.take_along_axis(near, order, axis=1).T, three
-        rows = np.array([corners[cells, k] - corners[cells, zero] for k in ends])
-        sides[:, facet] = np.sign(_determinants(rows[..., : len(ends)]))
-    return sides
-
-
-def facet_neighbours(cell: str) -> tuple[Array, Array, Array]:
-    """Return the vertices of a reference cell's facets, and their neighbours along edges.
-
-    Returns
-    -------
-    facets : (facets, corners) array
-        The vertices of each facet.
-    beside : (facets, corners, dim - 1) array
-        Of each of them, its neighbours on the facet.
-    off : (facets, corners) array
-        Its neighbour off the facet.
-    """
-    facets, edges = _dolfinx.reference_facets(cell), _dolfinx.reference_edges(cell)
-    beside, off = [], []
-    for facet in facets:
-        near = [[int(e.sum() - v) for e in edges if v in e] for v in facet]
-        beside.append([[w for w in ends if w in facet] for ends in near])
-        off.append([next(w for w in ends if w not in facet) for ends in near])
-    return facets, np.array(beside), np.array(off)
-
-
-def _same_side_on_other_ranks(comm: MPI.Intracomm, keys: Array, sides: Array) -> Array:
-    """Return which facets have a cell of another rank on the same side. Collective.
-
-    Parameters
-    ----------
-    comm : MPI.Intracomm
-        The communicator.
-    keys : (n, corners) array
-        The sorted global vertices of facets with one cell on this rank.
-    sides : (n,) array
-        On which side that cell lies.
-    """
-    target = keys.sum(axis=1) % comm.size  # the rank that compares the cells of a facet
-    rows = np.column_stack([keys, sides.astype(np.int64)])
-    received = comm.alltoall([rows[target == rank] for rank in range(comm.size)])
-    all_rows = np.concatenate(received)
-    facet = np.unique(all_rows[:, :-1], axis=0, return_inverse=True)[1].ravel()
-    count = np.bincount(facet)
-    bad = (count > 2) | ((count == 2) & (np.bincount(facet, weights=all_rows[:, -1]) != 0))
-    ends = np.cumsum([len(part) for part in received])[:-1]
-    answers = comm.alltoall(np.split(bad[facet], ends))
-    found = np.empty(len(keys), dtype=bool)
-    for rank, answer in enumerate(answers):
-        found[target == rank] = answer
-    return found
+    middle = _corners(domain).mean(axis=0)
+    origins, tangents = _dolfinx.facet_maps(cell)
+    reference = np.linalg.det(np.concatenate([tangents, (middle - origins)[:, None]], axis=1))
+    gradients = _dolfinx.tabulate_geometry(domain, middle[None])[0]
+    x = _dolfinx.geometry_x(domain)[_dolfinx.geometry_dofs(domain), : len(middle)]
+    jacobians = np.einsum("cni,nj->cij", x, gradients)
+    # Relative to the cell's size: products of three lengths neither overflow nor underflow.
+    jacobians /= np.abs(jacobians).max(axis=(1, 2), keepdims=True, initial=np.finfo(float).tiny)
+    sides = np.sign(np.linalg.det(jacobians))[:, None] * np.sign(reference)
+    return np.asarray(np.where(_dolfinx.facet_reflections(domain), -sides, sides))

@@ -20,6 +20,8 @@ import numpy.typing as npt
 from fem_snh import _dolfinx
 from fem_snh.errors import BadInput, bad_value, on_every, on_root
 from fem_snh.files import check_regular, xdmf_data, xdmf_root
+from fem_snh.mesh.gmsh_model import FLAT, PhysicalGroup
+from fem_snh.mesh.mesh_checks import largest
 
 if TYPE_CHECKING:
     from xml.etree import ElementTree as ET
@@ -32,8 +34,6 @@ _KINDS = {
     "polyvertex": (0, 1), "polyline": (1, 2), "edge": (1, 2), "triangle": (2, 3),
     "quadrilateral": (2, 4), "tetrahedron": (3, 4), "hexahedron": (3, 8),
 }  # fmt: skip
-#: Largest extent along z of a mesh in the plane, relative to its coordinates: rounding.
-_FLAT = 1e-12
 
 
 class Grids(NamedTuple):
@@ -60,16 +60,9 @@ class Grids(NamedTuple):
     names: dict[tuple[int, int], str]
 
 
-class Tagged(NamedTuple):
-    """The entities of a group on one rank: local numbers, sorted, ghosts included."""
-
-    name: str
-    dim: int
-    tag: int
-    entities: Array
-
-
-def read(comm: MPI.Intracomm, path: Path, dimensions: tuple[str, ...]) -> tuple[Any, list[Tagged]]:
+def read(
+    comm: MPI.Intracomm, path: Path, dimensions: tuple[str, ...]
+) -> tuple[Any, list[PhysicalGroup]]:
     """Return the dolfinx mesh of a file and its groups. Collective.
 
     Parameters
@@ -98,13 +91,11 @@ def read(comm: MPI.Intracomm, path: Path, dimensions: tuple[str, ...]) -> tuple[
     cells, x, cell, degree = on_every(comm, read_grid, mesh, _dolfinx.read_xdmf, comm, path, mesh)
     _check_nodes(comm, mesh, cells, grids.num_nodes)
     if x.shape[1] > grids.dim:
-        ends = np.array([np.abs(x[:, 2]).max(initial=0.0), np.abs(x).max(initial=0.0)])
-        height, size = _largest(comm, ends)
-        if height > _FLAT * size:
+        if largest(comm, x[:, 2]) > FLAT * largest(comm, x):
             raise BadInput(f"it has cells {cell}: expected volumes, or nodes in the plane z = 0")
         x = x[:, : grids.dim]
     domain = _dolfinx.create_mesh(comm, cells, x, cell, degree)
-    groups: dict[tuple[int, int], Tagged] = {}
+    groups: dict[tuple[int, int], PhysicalGroup] = {}
     for grid, dim in grids.tags:
         nodes = on_every(comm, read_grid, grid, _dolfinx.read_xdmf_nodes, comm, path, grid)
         _check_nodes(comm, grid, nodes, grids.num_nodes)
@@ -119,7 +110,7 @@ def read(comm: MPI.Intracomm, path: Path, dimensions: tuple[str, ...]) -> tuple[
                 )
             name = grids.names.get((dim, tag), str(tag))
             chosen = np.sort(entities[values == tag]).astype(np.int32)
-            groups[dim, tag] = Tagged(name, dim, tag, chosen)
+            groups[dim, tag] = PhysicalGroup(name, dim, tag, chosen)
     return domain, list(groups.values())
 
 
@@ -134,13 +125,6 @@ def _check_nodes(comm: MPI.Intracomm, grid: str, nodes: Array, count: int) -> No
         raise BadInput(
             f"grid '{grid}': node {found[0]}: expected numbers from 0 to {count - 1} of its nodes"
         )
-
-
-def _largest(comm: MPI.Intracomm, values: Array) -> Array:
-    """Return the largest of each value over the ranks. Collective."""
-    largest = np.empty_like(values)
-    comm.Allreduce(values, largest, op=MPI.MAX)
-    return largest
 
 
 def _read_grids(path: Path, dimensions: tuple[str, ...]) -> Grids:

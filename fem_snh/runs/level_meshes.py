@@ -27,11 +27,10 @@ from fem_snh.errors import BadInput
 from fem_snh.files import is_shape
 from fem_snh.kernels.compiled import supports
 from fem_snh.kernels.material import material
-from fem_snh.mesh.bisection import MOST_CELLS, bisect, bisect_times
+from fem_snh.mesh.bisection import MOST_CELLS, bisect, bisect_times, simplex_volumes, size_field
 from fem_snh.mesh.gmsh_input import MeshData, has_free_sizes, parameter
 from fem_snh.mesh.mesh import Mesh, distribute, gather
 from fem_snh.mesh.round_faces import round_faces
-from fem_snh.mesh.size_field import simplex_volumes, size_field
 from fem_snh.runs.progress import Progress
 from fem_snh.runs.scene_mesh import make_mesh, mesh_again
 from fem_snh.scenes import Geometry, Lattice, Scene

@@ -13,7 +13,7 @@ from fem_snh.mesh import gmsh_input
 from fem_snh.mesh import mesh as meshes
 
 if TYPE_CHECKING:
-    from fem_snh.mesh.size_field import SizeField
+    from fem_snh.mesh.gmsh_model import SizeField
 
 
 def make_mesh(comm: MPI.Comm, scene: scenes.Scene, element: elements.Element) -> meshes.Mesh:

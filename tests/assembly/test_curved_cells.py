@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 import fem_snh
-from fem_snh.mesh import curved_cells, mesh, mesh_checks
+from fem_snh.mesh import gmsh_model, mesh, mesh_checks
 
-EDGES = curved_cells._EDGES
+EDGES = gmsh_model._EDGES
 
 
 def row_of_cells(count, size, seed):
@@ -56,20 +56,20 @@ def test_the_bound_is_below_all_determinants(size):
     straight = np.linalg.det(x[cells[:, 1:4]] - x[cells[:, :1]])
     sampled = determinants(x[cells], points) / straight[:, None]
     least, range_ = sampled.min(axis=1), np.ptp(sampled, axis=1)
-    bound = curved_cells.least_determinants(x[cells])
+    bound = gmsh_model.least_determinants(x[cells])
     assert (bound <= least + 1e-8).all()
     assert (least - bound < range_).all()  # and not far below them
     straight_cells, y = row_of_cells(12, 0.0, 1)
-    np.testing.assert_allclose(curved_cells.least_determinants(y[straight_cells]), 1, rtol=1e-12)
+    np.testing.assert_allclose(gmsh_model.least_determinants(y[straight_cells]), 1, rtol=1e-12)
 
 
 @pytest.mark.parametrize("size", [0.02, 0.3, 3.0])
 def test_edges_are_straightened_where_cells_are_inverted(size):
     cells, x = row_of_cells(12, size, 1)
-    y = curved_cells.straightened(cells, x)
-    assert (curved_cells.least_determinants(y[cells]) >= 0.1).all()
+    y = gmsh_model.straightened(cells, x)
+    assert (gmsh_model.least_determinants(y[cells]) >= 0.1).all()
     np.testing.assert_array_equal(y[:15], x[:15])
-    valid = curved_cells.least_determinants(x[cells]) >= 0.1
+    valid = gmsh_model.least_determinants(x[cells]) >= 0.1
     moved = np.abs(y - x).max(axis=1) > 0
     assert moved.any() == (not valid.all()) == (size > 0.1)
     middle = x.copy()

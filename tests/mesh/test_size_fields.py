@@ -16,8 +16,8 @@ from fem_snh import scenes
 from fem_snh.errors import BadInput
 from fem_snh.mesh import gmsh_input
 from fem_snh.mesh import mesh as meshes
+from fem_snh.mesh.bisection import size_field
 from fem_snh.mesh.gmsh_input import has_free_sizes, parameter
-from fem_snh.mesh.size_field import size_field
 from fem_snh.scenes import Hold
 
 mpi = pytest.mark.mpi

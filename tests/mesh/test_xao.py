@@ -20,9 +20,9 @@ from running import solve
 import fem_snh
 from fem_snh import scenes
 from fem_snh.errors import BadInput
-from fem_snh.mesh import gmsh_input, mesh, mesh_checks, xao_writer
-from fem_snh.mesh.size_field import simplex_volumes
-from fem_snh.mesh.xao_file import ENTRIES, LISTS
+from fem_snh.mesh import gmsh_input, mesh, mesh_checks, xao
+from fem_snh.mesh.bisection import simplex_volumes
+from fem_snh.mesh.xao import ENTRIES, LISTS
 from fem_snh.runs.scene_options import identity
 
 mpi = pytest.mark.mpi
@@ -162,7 +162,7 @@ TEXT = BUSH.read_text()
 @pytest.mark.parametrize("name", ["bush", "plate"])
 def test_numbers_of_sub_shapes_are_those_of_gmsh(name):
     root = ET.parse(DATA / f"{name}.xao").getroot()
-    found = xao_writer._numbers(root.findtext("geometry/shape"))
+    found = xao._numbers(root.findtext("geometry/shape"))
     for entries, numbers in zip(LISTS, found, strict=True):
         rows = root.findall(f"geometry/topology/{entries}/")
         assert numbers == [int(row.get("reference")) for row in rows]

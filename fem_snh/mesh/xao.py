@@ -1,8 +1,14 @@
-"""Write XAO files with a gmsh that cannot: up to 4.12, as of Debian 12.
+"""XAO files: the exact shape of a body, as OpenCASCADE's BREP, and its groups.
 
-gmsh writes the BREP, and reads it again as a copy, whose entities have the order of the file: they
-are those of the model that have the same centre and size, and bound the same volume. The numbers of
-the sub-shapes follow from the BREP's tree.
+gmsh (4.13 and later) and Salome write them. A file lists the vertices, edges, faces and solids of
+its shape, each with its number in the order in which OpenCASCADE visits the shape (``TopExp``);
+the elements of a group are places in these lists. gmsh 4.8 knows the BREP alone, and numbers what
+it reads of each kind in the same order: the ranks of the numbers are what both have in common.
+
+`write_xao` is for a gmsh that cannot: up to 4.12, as of Debian 12. It writes the BREP, and reads it
+again as a copy, whose entities have the order of the file: they are those of the model that have
+the same centre and size, and bound the same volume. The numbers of the sub-shapes follow from the
+BREP's tree.
 """
 
 from __future__ import annotations
@@ -17,11 +23,13 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial import cKDTree
 
 from fem_snh.errors import BadInput
-from fem_snh.mesh.xao_file import ENTRIES, LISTS
+from fem_snh.mesh.gmsh_model import PhysicalGroup
 
+#: What the lists and their entries are called, by dimension.
+LISTS = ("vertices", "edges", "faces", "solids")
+ENTRIES = ("vertex", "edge", "face", "solid")
 #: Largest difference of centres and sizes of the same entity, relative to the largest coordinate.
 _TOLERANCE = 1e-7
 #: What a BREP calls vertices, edges, faces and solids.
@@ -29,6 +37,61 @@ _CODES = ("Ve", "Ed", "Fa", "So")
 
 #: A chain of elementary transformations and their powers.
 Location = tuple[tuple[int, int], ...]
+
+
+def read(path: Path) -> tuple[str, list[int], list[PhysicalGroup]]:
+    """Return the content of a file. Raises BadInput and OSError.
+
+    Returns
+    -------
+    brep : str
+        The shape.
+    counts : list of int
+        The number of vertices, edges, faces and solids.
+    groups : list of PhysicalGroup
+        The groups with elements: their ranks among all entries of the dimension. The name is empty
+        without one, the tag -1.
+    """
+    try:
+        root = ET.fromstring(path.read_bytes())
+    except ET.ParseError as error:
+        raise BadInput(f"this is not an XAO file: {error}") from None
+    shape, topology = root.find("geometry/shape"), root.find("geometry/topology")
+    if root.tag != "XAO" or shape is None or topology is None:
+        raise BadInput("this is not an XAO file: expected a shape and its topology")
+    brep = (shape.text or "").strip()
+    if shape.get("format") != "BREP" or "file" in shape.attrib or not brep:
+        raise BadInput("its shape: expected a BREP in the file")
+    ranks = []
+    for dim, (entries, entry) in enumerate(zip(LISTS, ENTRIES, strict=True)):
+        rows = topology.findall(f"{entries}/{entry}")
+        numbers = {_number(row, "index"): _number(row, "reference") for row in rows}
+        order = {number: rank for rank, number in enumerate(sorted(numbers.values()))}
+        if len(order) != len(rows):
+            raise BadInput(f"its {LISTS[dim]}: expected different numbers")
+        ranks.append({index: order[number] for index, number in numbers.items()})
+    groups = []
+    for group in root.findall("groups/group"):
+        kind, name = group.get("dimension"), group.get("name") or ""
+        if kind not in ENTRIES:
+            raise BadInput(f"its group '{name}': expected one of {', '.join(ENTRIES)}, not {kind}")
+        dim = ENTRIES.index(kind)
+        elements = [_number(element, "index") for element in group.findall("element")]
+        if unknown := [index for index in elements if index not in ranks[dim]]:
+            raise BadInput(f"its group '{name}': it has no {kind} {unknown[0]}")
+        tag = _number(group, "tag") if "tag" in group.attrib else -1
+        if elements:
+            chosen = np.array([ranks[dim][index] for index in elements])
+            groups.append(PhysicalGroup(name, dim, tag, chosen))
+    return brep, [*map(len, ranks)], groups
+
+
+def _number(element: ET.Element, key: str) -> int:
+    """Return a whole number, at least 0, that an element has as an attribute."""
+    text = element.get(key, "")
+    if not (text.isascii() and text.isdecimal() and len(text) < 10):
+        raise BadInput(f"{element.tag}: {key} = '{text}': expected a whole number")
+    return int(text)
 
 
 def write_xao(path: str | Path) -> None:
@@ -139,8 +202,8 @@ def _keys(*models: _Entities) -> list[list[dict[int, Hashable]]]:
         entities = [(model, dim, tag) for model in models for tag in model.shapes[dim]]
         if entities:
             points = np.array([model.shapes[dim][tag] for model, _, tag in entities])
-            close = cKDTree(points).query_ball_point(points, _TOLERANCE, p=np.inf)
-            same.update(zip(entities, map(min, close), strict=True))
+            close = [np.abs(points - point).max(axis=1) <= _TOLERANCE for point in points]
+            same.update(zip(entities, map(int, np.argmax(close, axis=1)), strict=True))
     return [
         [
             {
