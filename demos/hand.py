@@ -63,7 +63,7 @@ contact = [step["self_contact"] for step in steps]
 # closest to it; so we know which part of the hand presses on which.
 
 # %%
-bones = rig()[1]
+bones = rig()
 
 
 def closest_bones(X):

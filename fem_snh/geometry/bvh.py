@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -177,29 +177,6 @@ def _read_joint(words: _Words, joints: list[Joint], parent: int) -> int:
     return len(joints) - 1
 
 
-def global_pose(
-    number: int, parents: Sequence[int], local_pose: Callable[[int], tuple[Array, Array]]
-) -> tuple[Array, Array]:
-    """Return rotations (m, 3, 3) and translations (m, 3) of a joint at m instants.
-
-    The pose x -> R x + d of a joint is its local one, then its parent's, up to the root.
-
-    Parameters
-    ----------
-    number : int
-        The joint's number.
-    parents : sequence of int
-        The number of each joint's parent; -1 of a root.
-    local_pose : callable
-        Rotations (m, 3, 3) and translations (m, 3) of a joint in the frame of its parent.
-    """
-    R, d = local_pose(number)
-    while (number := parents[number]) >= 0:
-        turned, origin = local_pose(number)
-        R, d = turned @ R, np.einsum("mij,mj->mi", turned, d) + origin
-    return R, d
-
-
 @dataclass(frozen=True)
 class Placement:
     """Where a skeleton is in the scene: x = R s x_file + d.
@@ -301,12 +278,15 @@ def _global_pose(
 ) -> tuple[Array, Array]:
     """Return rotations (m, 3, 3) and positions (m, 3) of a joint at the frames (m, channels).
 
-    The local rotation of a joint is the product of its channels' in the file's order,
-    R_1 R_2 R_3. Positions replace the offset, as in Blender's importer, unless all
-    joints are at their offsets.
+    The pose x -> R x + d of a joint is its local one, then its parent's, up to the root. The local
+    rotation of a joint is the product of its channels' in the file's order, R_1 R_2 R_3. Positions
+    replace the offset, as in Blender's importer, unless all joints are at their offsets.
     """
-    parents = [joint.parent for joint in joints]
-    return global_pose(number, parents, lambda n: _local_pose(joints[n], frames, at_offsets))
+    R, d = _local_pose(joints[number], frames, at_offsets)
+    while (number := joints[number].parent) >= 0:
+        turned, origin = _local_pose(joints[number], frames, at_offsets)
+        R, d = turned @ R, np.einsum("mij,mj->mi", turned, d) + origin
+    return R, d
 
 
 def _local_pose(joint: Joint, frames: Array, at_offsets: bool) -> tuple[Array, Array]:

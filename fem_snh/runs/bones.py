@@ -10,7 +10,7 @@ from fem_snh.problem.bones import BoneNodes, place_bones
 from fem_snh.problem.problem import Problem
 from fem_snh.records.run_files import surface_copy
 from fem_snh.scenes import Scene
-from fem_snh.scenes.bone_files import read_bones
+from fem_snh.scenes._bones import read_bones
 
 
 def scene_bones(scene: Scene, V: Any, mesh: Mesh) -> list[BoneNodes]:

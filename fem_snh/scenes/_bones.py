@@ -1,16 +1,27 @@
-"""The table ``[[bone]]`` of a scene: solids in the flesh whose nodes follow a motion."""
+"""The table ``[[bone]]`` of a scene: solids in the flesh whose nodes follow a motion.
+
+The built-in scenes ``hand`` and ``torso`` move their bones by the joints of a limb.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import cache, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
+import numpy as np
 import numpy.typing as npt
 from pydantic import Discriminator, Field, Tag, field_serializer, model_validator
 
 from fem_snh.choices import RESTS
-from fem_snh.errors import BadInput, bad_value
+from fem_snh.errors import BadInput, bad_value, unknown_name
+from fem_snh.geometry.bvh import Clip, Placement, joint_motion, read_bvh
+from fem_snh.geometry.motion_files import MotionRows, bone_motion, read_rows
+from fem_snh.geometry.motions import Bone, DisplacementMotion, Motion, Noise, PoseTable
+from fem_snh.geometry.rotations import exponential
+from fem_snh.geometry.shapes import ClosedSurface
+from fem_snh.geometry.shapes.shape import Array
 from fem_snh.tables.amplitudes import MotionTable
 from fem_snh.tables.shapes import ShapeChoice
 from fem_snh.tables.types import (
@@ -29,9 +40,7 @@ from fem_snh.tables.types import (
 from fem_snh.tables.validation import Expect, OneOf, Table, Whole, check_distinct
 
 if TYPE_CHECKING:
-    from fem_snh.geometry.bvh import Clip
-    from fem_snh.geometry.motions import PoseTable
-
+    from fem_snh.scenes.schema import Scene
 
 _MOTION = (
     "the path of a CSV file, a table { bvh, joint }, or a function of the load that returns a 3x4 "
@@ -78,8 +87,6 @@ class SkeletonMotion(Table):
 
     def motion(self, clip: Clip, duration: float | None) -> tuple[PoseTable, Vector]:
         """Return the bone's motion and the joint's reference position."""
-        from fem_snh.geometry.bvh import Placement, joint_motion
-
         placement = Placement(self.scale, self.rotation, self.translation)
         motion, p = joint_motion(clip, self.joint, self.rest, self.frames, placement, duration)
         return motion, (float(p[0]), float(p[1]), float(p[2]))
@@ -194,3 +201,220 @@ def check_bones(choices: Sequence[BoneChoice], rig: Rig | None, obstacles: Seque
     check_distinct("bone.name", [*names, *obstacles], "bone and obstacle")
     if rig is not None and not choices:
         raise BadInput("'rig': expected with a table [[bone]], which the scene does not have")
+
+
+def read_bones(scene: Scene) -> list[Bone]:
+    """Return the bones of a scene with their motions; read each of the files that they name once.
+
+    Raises
+    ------
+    BadInput
+        One line, for a file that cannot be read or is not valid, a bone that is not in its file,
+        and a name in a file that no bone has.
+    """
+    names = [choice.name for choice in scene.bone]
+    rows, clips = cache(partial(_read_rows, names=names)), cache(read_bvh)
+    noise = None
+    if scene.rig and (chosen := scene.rig.noise):
+        steps = scene.time.steps if scene.time else scene.steps
+        noise = Noise(chosen.amplitude, chosen.seed, chosen.frames or steps, chosen.smooth)
+    bones = []
+    for choice in scene.bone:
+        shape = choice.shape.shape() if choice.shape else None
+        if choice.surface is not None:
+            shape = ClosedSurface.read(choice.surface)
+        motion: Motion | Function | None = None
+        origin = choice.origin
+        if isinstance(choice.motion, Path):
+            motion = bone_motion(rows(choice.motion), choice.name, scene.duration, choice.rigid)
+        elif isinstance(choice.motion, SkeletonMotion):
+            motion, joint = choice.motion.motion(clips(choice.motion.bvh), scene.duration)
+            origin = origin or joint
+        elif choice.is_moved:
+            motion = DisplacementMotion(choice.scaled(scene.amplitudes).displacement)
+        else:
+            motion = choice.motion
+        bones.append(Bone(choice.name, shape, choice.group, motion, origin, noise))
+    return bones
+
+
+def _read_rows(path: Path, names: list[str]) -> MotionRows:
+    """Return the rows of a file, all of which must be of these bones."""
+    rows = read_rows(path, with_bones=True)
+    for line, name in zip(rows.lines, rows.bones, strict=False):
+        if name not in names:
+            raise BadInput(f"{path}, line {line}: {unknown_name('bone', name, names)}")
+    return rows
+
+
+# --- skeletons of built-in scenes ----------------------------------------------------------------
+
+Point = tuple[float, float, float]
+#: No point of a cube of edge 1 is farther from its nearest corner.
+_HALF_DIAGONAL = 3**0.5 / 2
+
+
+class JointMotion:  # no dataclass: pydantic would write it as a table
+    r"""The motion of a ball joint, which turns all bones and joints that hang on it.
+
+    A joint at :math:`p` whose parent moves by the affine map :math:`A_p` moves by
+
+    .. math:: A(x) = A_p(p + R (x - p)),
+
+    where :math:`R` is its own rotation. At load 0 every map is the identity.
+
+    Parameters
+    ----------
+    position : (3,) tuple
+        Its reference position [length].
+    rotation : (3,) tuple
+        Rotation vector at the end, relative to the parent, in the axes of the reference
+        configuration: the axis, times the angle [rad].
+    parent : JointMotion, optional
+        The joint on which it hangs; without one it hangs on nothing that moves.
+    begin, end : float
+        The loads between which it turns; the angle is linear in the load.
+    """
+
+    def __init__(
+        self,
+        position: Point,
+        rotation: Point = (0.0, 0.0, 0.0),
+        parent: JointMotion | None = None,
+        begin: float = 0.0,
+        end: float = 1.0,
+    ) -> None:
+        self.position, self.rotation, self.parent = position, rotation, parent
+        self.begin, self.end = begin, end
+
+    def __call__(self, load: float) -> Array:
+        """Return the affine map (3, 4) at a load: reference to present positions."""
+        part = np.clip((load - self.begin) / (self.end - self.begin), 0.0, 1.0)
+        R = exponential(part * np.asarray(self.rotation))
+        d = self.position - R @ self.position
+        if self.parent is not None:
+            outer = self.parent(load)
+            R, d = outer[:, :3] @ R, outer[:, :3] @ d + outer[:, 3]
+        return np.column_stack([R, d])
+
+
+class BoneSegment(NamedTuple):
+    """A bone: the points within a radius of a segment [length], and the joint that moves it."""
+
+    name: str
+    joint: JointMotion
+    start: Point
+    end: Point
+    radius: float
+
+    def table(self, cell: float) -> dict[str, Any]:
+        """Return the bone as a table of a scene: a capsule with the motion of its joint.
+
+        In a lattice of cells with edges ``cell`` [length], it has a node: one that is too thin gets
+        the radius that makes it sure.
+        """
+        radius = max(self.radius, _HALF_DIAGONAL * cell)
+        shape = capsule(self.start, self.end, radius)
+        return {"name": self.name, "shape": shape, "motion": self.joint}
+
+
+def limb(
+    parent: JointMotion,
+    points: Sequence[Sequence[float]],
+    directions: Sequence[Sequence[float]],
+    begin: float = 0.0,
+    end: float = 1.0,
+) -> list[JointMotion]:
+    """Return joints in a row, each on the one before, that turn straight segments.
+
+    Parameters
+    ----------
+    parent : JointMotion
+        The joint on which the first one hangs; it stands still.
+    points : (n + 1, 3) sequence
+        Reference positions of the joints and of the tip of the last segment [length].
+    directions : (n, 3) sequence
+        The directions of the segments at the end. Each joint turns by the smallest angle that
+        leads there.
+    begin, end : float
+        The loads between which they turn.
+    """
+    joints = [parent]
+    turned = np.eye(3)  # of the segment before
+    for start, tip, direction in zip(points[:-1], points[1:], directions, strict=True):
+        segment, wanted = np.subtract(tip, start), turned.T @ direction
+        axis = np.cross(segment, wanted)
+        sine = float(np.linalg.norm(axis))
+        rotation = axis * (np.arctan2(sine, segment @ wanted) / sine if sine > 0 else 0.0)
+        joints.append(JointMotion(point(start), point(rotation), joints[-1], begin, end))
+        turned = turned @ exponential(rotation)
+    return joints[1:]
+
+
+def bone_between(
+    name: str,
+    joint: JointMotion,
+    start: Sequence[float],
+    end: Sequence[float],
+    radius: float,
+    gap: float,
+) -> BoneSegment:
+    """Return a bone between two joints, whose segment ends ``gap`` before each [length]."""
+    a, b = np.asarray(start, dtype=float), np.asarray(end, dtype=float)
+    inset = gap * (b - a) / np.linalg.norm(b - a)
+    return BoneSegment(name, joint, point(a + inset), point(b - inset), radius)
+
+
+def capsule(start: Sequence[float], end: Sequence[float], radius: float) -> dict[str, Any]:
+    """Return the table of a capsule: the points within a radius of a segment [length]."""
+    return {"capsule": {"from": point(start), "to": point(end), "radius": float(radius)}}
+
+
+def point(x: Any) -> Point:
+    """Return three numbers as a tuple of Python's floats, which a scene's tables accept."""
+    a, b, c = (float(value) for value in x)
+    return a, b, c
+
+
+def lattice_scene(
+    shape: dict[str, Any],
+    cell: float,
+    bones: Sequence[BoneSegment],
+    noise: float,
+    seed: int,
+    contact: bool,
+    **keys: Any,
+) -> dict[str, Any]:
+    """Return the tables of a scene of flesh in a lattice on bones, with further keys.
+
+    The initial guess of a step moves the flesh with its bones (a coarse hand: 9.4 Newton iterations
+    a step instead of 10.6). ``snes_atol`` is the bound of Smith et al. 2018 on the residual's norm
+    (section 6, no units) [N].
+
+    Parameters
+    ----------
+    shape : mapping
+        The table of the body's shape.
+    cell : float
+        Edge of a cell [m].
+    bones : sequence of BoneSegment
+        The bones.
+    noise : float
+        Noise of the bones' affine maps, relative to the length of the bone, as of a rig's skinning.
+    seed : int
+        Seed of the noise.
+    contact : bool
+        Whether parts of the surface that touch push each other apart.
+    """
+    tables: dict[str, Any] = {
+        "mesh": {"lattice": shape, "cell": cell, "weighting": "full"},
+        "material": {"name": "stable_neo_hookean", "E": 5e4, "nu": 0.488},
+        "bone": [bone.table(cell) for bone in bones],
+        "predictor": "bones",
+        "petsc": {"snes_atol": 1e-2} | keys.pop("petsc", {}),
+    }
+    if contact:
+        tables["self_contact"] = {"method": "reference"}
+    if noise:
+        tables["rig"] = {"noise": {"amplitude": noise, "seed": seed}}
+    return tables | keys

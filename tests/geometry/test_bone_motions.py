@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from fem_snh import scenes
 from fem_snh.errors import BadInput
 from fem_snh.geometry.motions import Noise
-from fem_snh.scenes.bone_files import read_bones
+from fem_snh.scenes._bones import read_bones
 
 pytestmark = pytest.mark.one_debian
 

@@ -7,17 +7,16 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fem_snh.scenes.schema import Scene
-from fem_snh.scenes.skeleton import (
-    SOLUTION,
-    BallJoint,
+from fem_snh.scenes._bones import (
     BoneSegment,
-    Skeleton,
+    JointMotion,
     bone_between,
     capsule,
+    lattice_scene,
     limb,
     point,
 )
+from fem_snh.scenes.schema import Scene
 
 #: The unit of the tables below, a millimetre [m]. x points along the fingers, y away from the
 #: thumb, z out of the back of the hand; the origin is the wrist.
@@ -108,47 +107,41 @@ def hand(cells: int = 119, noise: float = 0.05, seed: int = 1, contact: bool = T
     contact : bool
         Whether parts of the surface that touch push each other apart.
     """
-    skeleton, bones = rig()
-    cell = LENGTH * MM / cells
-    tables: dict[str, Any] = {
-        "name": "hand",
-        "mesh": {"lattice": flesh(), "cell": cell, "weighting": "full"},
-        "element": "Q1",
-        "steps": FRAMES,
-        "material": {"name": "stable_neo_hookean", "E": 5e4, "nu": 0.488},
-        "bone": skeleton.tables(bones, cell),
-        **SOLUTION,
-        "petsc": SOLUTION["petsc"] | {"snes_lbfgs_max_it": LBFGS_MAX_IT},
-        "load_name": "fist",
-    }
-    if contact:
-        tables["self_contact"] = {"method": "reference"}
-    if noise:
-        tables["rig"] = {"noise": {"amplitude": noise, "seed": seed}}
+    tables = lattice_scene(
+        flesh(),
+        LENGTH * MM / cells,
+        rig(),
+        noise,
+        seed,
+        contact,
+        name="hand",
+        element="Q1",
+        steps=FRAMES,
+        petsc={"snes_lbfgs_max_it": LBFGS_MAX_IT},
+        load_name="fist",
+    )
     return Scene.model_validate(tables)
 
 
-def rig() -> tuple[Skeleton, list[BoneSegment]]:
-    """Return the joints of the hand, and its bones [m]."""
-    wrist = BallJoint("wrist", None, (0.0, 0.0, 0.0))
-    joints = [wrist]
-    still = [(name, *bone) for name, bone in (FOREARM | CARPALS).items()]
-    bones = [BoneSegment(n, wrist.name, _m(a), _m(b), r * MM) for n, a, b, r in still]
+def rig() -> list[BoneSegment]:
+    """Return the bones of the hand [m]."""
+    wrist = JointMotion((0.0, 0.0, 0.0))
+    still = (FOREARM | CARPALS).items()
+    bones = [BoneSegment(n, wrist, _m(a), _m(b), r * MM) for n, (a, b, r) in still]
     for name, finger in FINGERS.items():
         ends = _m(finger.base), _m(finger.knuckle)
-        bones.append(_bone(f"{name}_metacarpal", wrist.name, *ends, METACARPAL_RADIUS))
-        names = [f"{name}_{phalanx}" for phalanx in PHALANGES]
+        bones.append(_bone(f"{name}_metacarpal", wrist, *ends, METACARPAL_RADIUS))
         points, lean = phalanges(finger), radians(finger.lean)
         directions = [
             (cos(a), sin(a) * sin(lean), -sin(a) * cos(lean)) for a in map(radians, finger.fist)
         ]
-        joints += limb(wrist, names, points, directions, end=FINGERS_END)
-        bones += _row(names, points, PHALANX_RADII)
+        joints = limb(wrist, points, directions, end=FINGERS_END)
+        names = [f"{name}_{phalanx}" for phalanx in PHALANGES]
+        bones += _row(names, joints, points, PHALANX_RADII)
     names = [f"thumb_{bone}" for bone in ("metacarpal", "proximal", "distal")]
     points = [_m(p) for p in THUMB]
-    joints += limb(wrist, names, points, list(np.diff(THUMB_IN_FIST, axis=0)), THUMB_BEGINS)
-    bones += _row(names, points, THUMB_BONE_RADII)
-    return Skeleton(joints), bones
+    joints = limb(wrist, points, list(np.diff(THUMB_IN_FIST, axis=0)), THUMB_BEGINS)
+    return bones + _row(names, joints, points, THUMB_BONE_RADII)
 
 
 def flesh() -> dict[str, Any]:
@@ -175,10 +168,12 @@ def _around(points: list[Any], radii: tuple[float, float, float]) -> list[dict[s
     return [capsule(a, b, r * MM) for a, b, r in zip(points, ends, radii, strict=False)]
 
 
-def _row(names: list[str], points: list[Any], radii: tuple[float, ...]) -> list[BoneSegment]:
-    """Return the bones between the joints of a finger, which have their names."""
-    rows = zip(names, points, points[1:], radii, strict=False)
-    return [_bone(name, name, a, b, radius) for name, a, b, radius in rows]
+def _row(
+    names: list[str], joints: list[JointMotion], points: list[Any], radii: tuple[float, ...]
+) -> list[BoneSegment]:
+    """Return the bones between the joints of a finger."""
+    rows = zip(names, joints, points, points[1:], radii, strict=False)
+    return [_bone(*row) for row in rows]
 
 
 def _ends(points: list[Any], short: float) -> list[Any]:
@@ -187,7 +182,7 @@ def _ends(points: list[Any], short: float) -> list[Any]:
     return [*points[1:-1], points[-1] - short * MM * last / np.linalg.norm(last)]
 
 
-def _bone(name: str, joint: str, start: Any, end: Any, radius: float) -> BoneSegment:
+def _bone(name: str, joint: JointMotion, start: Any, end: Any, radius: float) -> BoneSegment:
     """Return a bone between two joints, with its radius in mm."""
     return bone_between(name, joint, start, end, radius * MM, GAP * MM)
 

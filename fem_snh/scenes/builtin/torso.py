@@ -6,17 +6,16 @@ from typing import Any
 
 import numpy as np
 
-from fem_snh.scenes.schema import Scene
-from fem_snh.scenes.skeleton import (
-    SOLUTION,
-    BallJoint,
+from fem_snh.scenes._bones import (
     BoneSegment,
-    Skeleton,
+    JointMotion,
     bone_between,
     capsule,
+    lattice_scene,
     limb,
     point,
 )
+from fem_snh.scenes.schema import Scene
 
 #: x points to the body's left, y to its back, z up [m]. The tables hold the left side; the right
 #: one is its mirror image, except for the pose.
@@ -83,40 +82,37 @@ def torso(cells: int = 144, noise: float = 0.0, seed: int = 1, contact: bool = T
     contact : bool
         Whether parts of the surface that touch push each other apart.
     """
-    skeleton, bones = rig()
-    cell = SPAN / cells
-    tables: dict[str, Any] = {
-        "name": "torso",
-        "mesh": {"lattice": flesh(), "cell": cell, "weighting": "full"},
-        "element": "Q1P0",
-        "steps": FRAMES,
-        "material": {"name": "stable_neo_hookean", "E": 5e4, "nu": 0.488},
-        "bone": skeleton.tables(bones, cell),
-        **SOLUTION,
-        "load_name": "swing",
-    }
-    if contact:
-        tables["self_contact"] = {"method": "reference"}
-    if noise:
-        tables["rig"] = {"noise": {"amplitude": noise, "seed": seed}}
+    tables = lattice_scene(
+        flesh(),
+        SPAN / cells,
+        rig(),
+        noise,
+        seed,
+        contact,
+        name="torso",
+        element="Q1P0",
+        steps=FRAMES,
+        load_name="swing",
+    )
     return Scene.model_validate(tables)
 
 
-def rig() -> tuple[Skeleton, list[BoneSegment]]:
-    """Return the joints of the torso, and its bones [m]."""
-    trunk = BallJoint("trunk", None, (0.0, 0.0, 0.0))
-    joints = [trunk]
-    bones = [BoneSegment(name, "trunk", point(a), point(b), r) for name, (a, b, r) in TRUNK.items()]
+def rig() -> list[BoneSegment]:
+    """Return the bones of the torso [m]."""
+    trunk = JointMotion((0.0, 0.0, 0.0))
+    bones = [BoneSegment(name, trunk, point(a), point(b), r) for name, (a, b, r) in TRUNK.items()]
     for side, sign in (("left", 1), ("right", -1)):
         points = [_mirrored(p, sign) for p in ARM]
-        names = [f"{side}_{bone}" for bone in ARM_BONES]
-        joints += limb(trunk, names, points, [_mirrored(d, sign) for d in SWUNG[side]])
-        rows = zip(names, points, points[1:], ARM_BONES.values(), strict=False)
-        bones += [bone_between(name, name, a, b, radius, gap) for name, a, b, (radius, gap) in rows]
+        joints = limb(trunk, points, [_mirrored(d, sign) for d in SWUNG[side]])
+        rows = zip(ARM_BONES.items(), joints, points, points[1:], strict=False)
+        bones += [
+            bone_between(f"{side}_{name}", joint, a, b, radius, gap)
+            for (name, (radius, gap)), joint, a, b in rows
+        ]
         start, end, radius = SCAPULA
         ends = _mirrored(start, sign), _mirrored(end, sign)
-        bones.append(BoneSegment(f"{side}_scapula", names[0], *ends, radius))
-    return Skeleton(joints), bones
+        bones.append(BoneSegment(f"{side}_scapula", joints[0], *ends, radius))
+    return bones
 
 
 def flesh() -> dict[str, Any]:
