@@ -17,9 +17,8 @@ from fem_snh.contact.obstacle import Obstacle
 from fem_snh.mesh.gmsh_model import session
 from fem_snh.runs.goals import scene_goals
 from fem_snh.runs.setup import set_up
-from fem_snh.scenes import Geometry, Gravity, Hold, MaterialChoice, Probe, Scene, Time
+from fem_snh.scenes import Accuracy, Geometry, Gravity, Hold, MaterialChoice, Probe, Scene, Time
 from fem_snh.scenes.builtin.bounce import GRAVITY, RADIUS
-from fem_snh.scenes.schema import Accuracy
 
 _GOALS = {"swing": "tip.z", "bounce": "body.mean.z"}
 #: Levels end before one that would take longer [s].

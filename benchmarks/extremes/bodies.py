@@ -11,7 +11,7 @@ from typing import Any
 
 from fem_snh.contact.contact import Contact
 from fem_snh.contact.obstacle import Obstacle
-from fem_snh.scenes.schema import (
+from fem_snh.scenes import (
     Geometry,
     Hold,
     MaterialChoice,

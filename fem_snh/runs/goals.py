@@ -32,7 +32,7 @@ from fem_snh.problem.measures import group_cells
 from fem_snh.problem.problem import Problem
 from fem_snh.problem.reactions import is_free
 from fem_snh.runs.setup import Setup
-from fem_snh.scenes import LARGEST, GoalName, Scene, read_goal, term_goals
+from fem_snh.scenes import LARGEST, GoalName, Scene, frequency_goals, read_goal, term_goals
 from fem_snh.tables.amplitudes import loads_return
 from fem_snh.terms.body import group_facets
 
@@ -145,7 +145,7 @@ def default_goals(scene: Scene, has_energy: bool) -> list[str]:
         *results,
         *(f"{reaction.group}.moment" for reaction in turned if kinematics.moment_axes),
         *(f"{group}.volume" for group in scene.volumes),
-        *(scene.modes.goals if scene.modes else []),
+        *frequency_goals(scene),
         "volume",
         *(["energy"] if has_energy else []),
     ]

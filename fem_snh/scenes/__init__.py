@@ -11,48 +11,56 @@ materials, never the solver.
 
 from __future__ import annotations
 
+from fem_snh.contact.contact import Contact
+from fem_snh.contact.obstacle import Obstacle
+from fem_snh.contact.self_contact import SelfContact
+from fem_snh.scenes._bones import BoneChoice, Rig
 from fem_snh.scenes._consistency import check_consistency, group_references, why_condensed
-from fem_snh.scenes._features import FEATURES, register_feature
-from fem_snh.scenes._library import GROUP, describe, function, names, own_parameters
-from fem_snh.scenes._loading import load, load_to_run, read_toml, validate
-from fem_snh.scenes._outputs import LARGEST, GoalName, read_goal, term_goals
-from fem_snh.scenes.schema import (
+from fem_snh.scenes._loading import (
+    FEATURES,
+    GROUP,
+    describe,
+    function,
+    load,
+    load_to_run,
+    names,
+    own_parameters,
+    read_toml,
+    register_feature,
+    validate,
+)
+from fem_snh.scenes._material import MaterialChoice
+from fem_snh.scenes._outputs import (
+    LARGEST,
     Accuracy,
-    Amplitude,
-    BoneChoice,
-    Cavity,
-    Contact,
-    Damping,
     Geometry,
-    Gravity,
-    Hold,
+    GoalName,
     Lattice,
-    MaterialChoice,
     Modes,
-    Move,
-    Obstacle,
-    Pressure,
     Probe,
     Reaction,
-    Rig,
-    Rigid,
-    Rotate,
-    Scene,
-    SelfContact,
-    Spring,
-    Start,
-    Symmetry,
     Tetrahedra,
-    Time,
-    Traction,
+    frequency_goals,
+    read_goal,
+    term_goals,
 )
+from fem_snh.scenes.schema import Damping, Hold, Move, Scene, Start, Time
+from fem_snh.tables.amplitudes import Amplitude, Rotate
+from fem_snh.terms.cavity import Cavity
+from fem_snh.terms.gravity import Gravity
+from fem_snh.terms.pressure import Pressure
+from fem_snh.terms.rigid import Rigid
+from fem_snh.terms.spring import Spring
+from fem_snh.terms.symmetry import Symmetry
+from fem_snh.terms.traction import Traction
 
 __all__ = [
     "FEATURES", "GROUP", "LARGEST", "Accuracy", "Amplitude", "BoneChoice", "Cavity",
     "Contact", "Damping", "Geometry", "GoalName", "Gravity", "Hold", "Lattice", "MaterialChoice",
     "Modes", "Move", "Obstacle", "Pressure", "Probe", "Reaction", "Rig", "Rigid", "Rotate", "Scene",
     "SelfContact", "Spring", "Start", "Symmetry", "Tetrahedra", "Time", "Traction",
-    "check_consistency", "describe", "function", "group_references", "load", "load_to_run", "names",
+    "check_consistency", "describe", "frequency_goals", "function", "group_references", "load",
+    "load_to_run", "names",
     "own_parameters", "read_goal", "read_toml", "register_feature", "term_goals", "validate",
     "why_condensed",
 ]  # fmt: skip

@@ -125,15 +125,15 @@ class Rig(Table):
 
 def _kind(motion: object) -> str:
     if isinstance(motion, dict | SkeletonMotion):
-        return "skeleton"
-    return "function" if callable(motion) else "file"
+        return "<skeleton>"
+    return "<function>" if callable(motion) else "<file>"
 
 
 #: What a bone follows; the tags are removed from messages.
 BoneMotion = Annotated[
-    Annotated[FilePath, Expect(_MOTION), Tag("file")]
-    | Annotated[SkeletonMotion, Tag("skeleton")]
-    | Annotated[Function, Tag("function")],
+    Annotated[FilePath, Expect(_MOTION), Tag("<file>")]
+    | Annotated[SkeletonMotion, Tag("<skeleton>")]
+    | Annotated[Function, Tag("<function>")],
     Discriminator(_kind),
 ]
 

@@ -16,15 +16,14 @@ from fem_snh.errors import BadInput, bad_value, in_words
 from fem_snh.files import is_shape
 from fem_snh.records.output_fields import IN_TIME, NODAL
 from fem_snh.scenes._bones import check_bones
-from fem_snh.scenes._conditions import Hold, Move
-from fem_snh.scenes._lattice import Lattice, Tetrahedra
-from fem_snh.scenes._outputs import Accuracy, Geometry, read_goal, term_goals
+from fem_snh.scenes._outputs import Accuracy, Geometry, Lattice, Tetrahedra, read_goal, term_goals
 from fem_snh.tables.amplitudes import check_tables
 from fem_snh.tables.types import MAX_CELLS
+from fem_snh.tables.validation import check_distinct
 from fem_snh.terms.feature import feature_classes, grouped
 
 if TYPE_CHECKING:
-    from fem_snh.scenes.schema import Scene
+    from fem_snh.scenes.schema import Hold, Move, Scene
 
 #: Keys that no scene in time has. Modes are those of a state at rest; continuation in Poisson's
 #: ratio solves problems without inertia; stability is that of an equilibrium.
@@ -46,6 +45,7 @@ def check_consistency(scene: Scene) -> None:
     check_tables(scene.table, dict(scene))
     for kind, features in grouped(scene.features):
         kind.check(features, scene)
+    check_distinct("probe.name", [probe.name for probe in scene.probe], "probe")
     check_bones(scene.bone, scene.rig, obstacle_names(scene.obstacle))
     if scene.predictor == "bones" and (scene.time or not scene.bone):
         why = "[time]" if scene.time else "no [[bone]]"

@@ -2,22 +2,29 @@
 
 from __future__ import annotations
 
+import inspect
+import pkgutil
 import tomllib
+import warnings
 from collections.abc import Callable, Mapping
 from functools import partial
+from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
-from pydantic import ValidationError
+from pydantic import BeforeValidator, ValidationError, validate_call
+from pydantic.fields import FieldInfo
 
-from fem_snh.errors import BadInput, nearest_file, unknown_name
+from fem_snh.errors import BadInput, bad_value, nearest_file, unknown_name
 from fem_snh.files import read_text
 from fem_snh.materials.parameters import TUNING
-from fem_snh.references import FileText, is_reference
+from fem_snh.records.output_fields import add_nodal_fields
+from fem_snh.references import FileText, describe_error, entry_points, is_reference, load_reference
+from fem_snh.scenes import builtin
 from fem_snh.scenes._consistency import check_radii
-from fem_snh.scenes._library import SceneFunction, function, make_scene, parameters
 from fem_snh.scenes.schema import MaterialChoice, Scene
 from fem_snh.tables.validation import one_line, suggestion, tables_in
+from fem_snh.terms.feature import Feature
 
 #: Keys of tables that a message suggests at most: many tables have a key `group`.
 _MOST_SUGGESTED = 4
@@ -284,3 +291,155 @@ def _set_dotted(data: Any, key: str, value: Any) -> None:
         data[int(last) if isinstance(data, list) else last] = value
     except (IndexError, ValueError, TypeError, AttributeError):
         raise BadInput(f"unknown key '{key}': expected a key of a table of the scene") from None
+
+
+SceneFunction = Callable[..., Any]
+
+#: Entry point group under which a package declares functions that return a `Scene`.
+GROUP = "fem_snh.scenes"
+
+
+def names() -> list[str]:
+    """Return the sorted names of the scenes: built-in ones and entry points."""
+    return sorted({*_builtin_names(), *entry_points(GROUP)})
+
+
+def function(name: str) -> SceneFunction:
+    """Return the function that makes a scene.
+
+    Parameters
+    ----------
+    name : str
+        One of `names`, or ``FILE.py:NAME``.
+
+    Raises
+    ------
+    BadInput
+        If the name is unknown, or its file or package does not import.
+    """
+    if is_reference(name):
+        return load_reference(name)
+    if name in _builtin_names():  # a package cannot replace them
+        made: SceneFunction = getattr(import_module(f"{builtin.__name__}.{name}"), name)
+        return made
+    if name in (found := entry_points(GROUP)):
+        return found[name]()
+    accepted = f"one of {', '.join(names())}, a .toml file or FILE.py:NAME"
+    if file := nearest_file(Path(f"{name}.toml")):
+        raise bad_value("scene", name, accepted + file)
+    raise bad_value("scene", name, accepted, names())
+
+
+def describe(name: str) -> str:
+    """Return the first line of the docstring of the function that makes a scene."""
+    return (inspect.getdoc(function(name)) or "").partition("\n")[0]
+
+
+def own_parameters(name: str) -> dict[str, Any]:
+    """Return the parameters of the function that makes a scene, with their defaults."""
+    return parameters(function(name))
+
+
+def parameters(function: SceneFunction) -> dict[str, Any]:
+    """Return the named parameters of a scene function with their defaults, or None."""
+    return {
+        key: None if parameter.default is parameter.empty else parameter.default
+        for key, parameter in inspect.signature(function).parameters.items()
+        if parameter.kind in (parameter.POSITIONAL_OR_KEYWORD, parameter.KEYWORD_ONLY)
+    }
+
+
+def make_scene(function: SceneFunction, arguments: dict[str, Any]) -> Scene:
+    """Call a scene function with validated arguments and check its result.
+
+    Raises
+    ------
+    ValidationError
+        For an argument, or a value that the function gives a table, which is not accepted.
+    BadInput
+        If the function fails in another way, or returns no `Scene`.
+    """
+    try:
+        scene = validate_call(config={"strict": True})(function)(**arguments)
+    except (ValidationError, BadInput):
+        raise
+    except Exception as error:
+        raise BadInput(describe_error(error, inspect.getsourcefile(function))) from None
+    if not isinstance(scene, Scene):
+        raise BadInput(f"returned {type(scene).__name__}: expected a fem_snh.scenes.Scene")
+    return scene
+
+
+def _builtin_names() -> set[str]:
+    found = (module.name for module in pkgutil.iter_modules(builtin.__path__))
+    return {name for name in found if name[0] != "_"}
+
+
+#: Entry point group under which a package declares features, each under the key of its table.
+FEATURES = "fem_snh.features"
+#: The program's own keys of a scene, which no package replaces.
+_OWN = frozenset(Scene.model_fields)
+
+
+def register_feature(feature: type[Feature]) -> type[Feature]:
+    """Make a feature a list of tables of scenes, ``[[key]]`` in TOML. It is a decorator, too.
+
+    Packages declare it as an entry point of the group ``fem_snh.features`` instead, under its key.
+
+    Parameters
+    ----------
+    feature : type
+        A subclass of `fem_snh.terms.feature.Feature` with a ``key`` that scenes do not have yet.
+
+    Raises
+    ------
+    BadInput
+        For anything else.
+    """
+    if not (isinstance(feature, type) and issubclass(feature, Feature)):
+        raise bad_value("feature", feature, "a subclass of fem_snh.Feature")
+    key = getattr(feature, "key", None)
+    if not isinstance(key, str) or not key.isidentifier() or key in _OWN:
+        raise bad_value(f"{feature.__name__}.key", key, "the key of a table that no scene has yet")
+    summary = (feature.__doc__ or key).strip().partition("\n")[0]
+    _add(key, list[feature], summary)  # type: ignore[valid-type]  # a type of the run time
+    add_nodal_fields(feature.nodal_fields)
+    return feature
+
+
+def _add(key: str, annotation: Any, description: str | None = None) -> None:
+    """Add a key of an annotated type to scenes, by default an empty list."""
+    Scene.model_fields[key] = FieldInfo(annotation=annotation, default=[], description=description)
+    Scene.model_rebuild(force=True)
+
+
+def _register_entry_points() -> None:
+    """Register the features of other packages; the table of a broken one raises its error."""
+    for key, load in entry_points(FEATURES).items():
+        if key in _OWN:  # scenes must run as without the package
+            warnings.warn(
+                f"the entry point '{key}' of {FEATURES} is no table: that key is the program's own",
+                stacklevel=2,
+            )
+            continue
+        try:
+            found: Any = load()
+            if getattr(found, "key", key) != key:
+                raise bad_value(f"entry point {key}", found, f"a feature with the key '{key}'")
+            register_feature(found)
+        except BadInput as error:
+            _add(key, Annotated[Any, _refuse(error)])
+
+
+def _refuse(error: BadInput) -> BeforeValidator:
+    """Return a validator that raises an error for any table."""
+
+    def check(value: object) -> object:
+        if value != []:
+            raise error
+        return value
+
+    return BeforeValidator(check)
+
+
+_register_entry_points()

@@ -216,13 +216,12 @@ def common_ratio(materials: list[MaterialChoice]) -> float:
 
 
 def _tag(value: Any) -> str:
-    return "several materials" if isinstance(value, list | tuple) else "one material"
+    return "<several>" if isinstance(value, list | tuple) else "<one>"
 
 
 #: One material, or a list of several.
 Materials = Annotated[
-    Annotated[MaterialChoice, Tag("one material")]
-    | Annotated[list[MaterialChoice], Tag("several materials")],
+    Annotated[MaterialChoice, Tag("<one>")] | Annotated[list[MaterialChoice], Tag("<several>")],
     Discriminator(_tag),
     AfterValidator(_check_materials),
 ]

@@ -3,30 +3,38 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
 
-from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag
+from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag, model_validator
 
 from fem_snh.assembly.kinematics import kinematics_of
-from fem_snh.choices import ESTIMATES, LIFTED_ELEMENT
+from fem_snh.choices import ESTIMATES, LATTICE_PARTS, LATTICE_WEIGHTINGS, LIFTED_ELEMENT
 from fem_snh.errors import bad_value, choose, nearest
+from fem_snh.geometry.shapes import ClosedSurface, Shape
 from fem_snh.records.output_fields import LOCATIONS, NAMED
-from fem_snh.scenes._lattice import Lattice, Tetrahedra
+from fem_snh.records.units import Units
+from fem_snh.tables.shapes import ShapeChoice
 from fem_snh.tables.types import (
     Count,
     FilePath,
+    Flag,
     GroupKey,
     Positive,
+    SurfaceFile,
     Text,
     Vector,
     split_text,
 )
-from fem_snh.tables.validation import Bounded, Expect, OneOf, Table, check_distinct
+from fem_snh.tables.validation import Bounded, Expect, OneOf, Table, Whole
 from fem_snh.terms.feature import Feature, grouped
-from fem_snh.terms.rigid import RESULTS, Rigid
+from fem_snh.terms.rigid import RESULTS
 
 if TYPE_CHECKING:
     from fem_snh.scenes.schema import Scene
+
+
+# --- the geometry --------------------------------------------------------------------------------
 
 
 class Geometry(Table):
@@ -37,6 +45,106 @@ class Geometry(Table):
         default={},
         description="Values of its parameters, except for cells, which the scene has [length].",
     )
+
+
+#: Cubes along a cell's edge: fewer tell no parts apart, more need gigabytes for a body's cells.
+_SAMPLES = (2, 16)
+
+
+#: A file of a closed surface, or the table of a shape; the tags are removed from messages.
+Body = Annotated[
+    Annotated[ShapeChoice, Tag("<shape>")] | Annotated[SurfaceFile, Tag("<surface>")],
+    Discriminator(lambda body: "<shape>" if isinstance(body, dict | ShapeChoice) else "<surface>"),
+]
+
+
+Weighting = Annotated[str, OneOf(LATTICE_WEIGHTINGS)]
+Parts = Annotated[str, OneOf(LATTICE_PARTS)]
+
+
+class Lattice(Table):
+    """A body in a lattice of equal cubes, which its surface cuts."""
+
+    lattice: Body = Field(
+        description="The body: an STL or OBJ file of a closed surface, relative to the scene file; "
+        "or a table as `shape` is."
+    )
+    cell: Positive = Field(description="Edge of a cell [length].")
+    weighting: Weighting = Field(
+        default=LATTICE_WEIGHTINGS[0],
+        description="How energy, mass and weight of a cell count: by the fraction of it that the "
+        "body fills, or in full.",
+    )
+    parts: Parts = Field(
+        default=LATTICE_PARTS[0],
+        description="Whether parts of the body that pass through one cell without touching have "
+        "cells of their own there, separate, or share one, joined.",
+    )
+    samples: Annotated[int, Whole(*_SAMPLES)] = Field(
+        default=4,
+        description="Fractions and parts are sampled on this number of cubes along a cell's edge.",
+    )
+    skin: Annotated[int, Whole(1, 8)] = Field(
+        default=2,
+        description="The surface of a shape is triangulated on this number of cubes along a "
+        "cell's edge; that of a file is the file's.",
+    )
+
+    @model_validator(mode="after")
+    def _check_skin(self) -> Lattice:
+        if isinstance(self.lattice, Path) and self.skin != type(self).model_fields["skin"].default:
+            accepted = f"no value, as the surface is that of {self.lattice}"
+            raise bad_value("skin", self.skin, accepted)
+        return self
+
+    def body(self) -> Shape:
+        """Return the body. Reads the file that the table names; raises BadInput if it cannot."""
+        return _shape(self.lattice)
+
+
+class Tetrahedra(Table):
+    """A body that tetrahedra fill."""
+
+    surface: Body = Field(
+        description="The body: an STL or OBJ file of a closed surface, relative to the scene file; "
+        "or a table as `shape` is."
+    )
+    size: Positive = Field(description="Edge of a tetrahedron [length].")
+
+    def body(self) -> Shape:
+        """Return the body. Reads the file that the table names; raises BadInput if it cannot."""
+        return _shape(self.surface)
+
+
+def _shape(body: ShapeChoice | Path) -> Shape:
+    """Return the shape of a table, or the surface of a file."""
+    return body.shape() if isinstance(body, ShapeChoice) else ClosedSurface.read(body)
+
+
+def _kind(mesh: Any) -> str:
+    """Return the tag of a scene's mesh."""
+    if isinstance(mesh, Lattice) or (isinstance(mesh, dict) and "lattice" in mesh):
+        return "<lattice>"
+    if isinstance(mesh, Tetrahedra) or (isinstance(mesh, dict) and "surface" in mesh):
+        return "<tetrahedra>"
+    return "<built-in>" if isinstance(mesh, dict | Geometry) else "<file>"
+
+
+#: A gmsh or XDMF file, a built-in geometry or a lattice; the tags are removed from messages.
+Mesh = Annotated[
+    Annotated[Geometry, Tag("<built-in>")]
+    | Annotated[Lattice, Tag("<lattice>")]
+    | Annotated[Tetrahedra, Tag("<tetrahedra>")]
+    | Annotated[
+        FilePath,
+        Expect("a gmsh file, an XDMF file or an XAO file, or a built-in geometry"),
+        Tag("<file>"),
+    ],
+    Discriminator(_kind),
+]
+
+
+# --- results -------------------------------------------------------------------------------------
 
 
 class Probe(Table):
@@ -66,31 +174,30 @@ class Reaction(Table):
     )
 
 
-def _as_tables(groups: object) -> object:
-    """Return a table for each name or number of a list, or of a comma list."""
-    groups = split_text(groups)
-    if not isinstance(groups, list | tuple) or not all(
-        g and isinstance(g, str | int | dict | Reaction) for g in groups
-    ):
-        raise bad_value("reactions", groups, _REACTIONS)
-    return [{"group": g} if isinstance(g, str | int) else g for g in groups]
+class _Named(BeforeValidator):
+    """An annotation for a list of tables of which some are given by the value of one key alone."""
+
+    def __init__(self, list_key: str, key: str, accepted: str) -> None:
+        def tables(values: object) -> object:
+            values = split_text(values)
+            if not isinstance(values, list | tuple) or not all(
+                value and isinstance(value, str | int | dict | Table) for value in values
+            ):
+                raise bad_value(list_key, values, accepted)
+            return [{key: value} if isinstance(value, str | int) else value for value in values]
+
+        super().__init__(tables)
 
 
-_REACTIONS = (
-    "a list of names or numbers of physical groups, or of { group = ..., about = [x, y, z] }"
-)
 #: Groups by name or number, or with the point of their moment.
-Reactions = Annotated[list[Reaction], BeforeValidator(_as_tables)]
-
-
-def _check_names(probes: list[Probe]) -> list[Probe]:
-    """Raise BadInput if two probes have one name."""
-    check_distinct("name", [probe.name for probe in probes], "probe")
-    return probes
-
-
-#: Probes with different names.
-Probes = Annotated[list[Probe], AfterValidator(_check_names)]
+Reactions = Annotated[
+    list[Reaction],
+    _Named(
+        "reactions",
+        "group",
+        "a list of names or numbers of physical groups, or of { group = ..., about = [x, y, z] }",
+    ),
+]
 
 #: Density of materials in modes [kg/m^3]: that of water.
 DEFAULT_DENSITY = 1000.0
@@ -106,11 +213,6 @@ class Modes(Table):
         f"default: {DEFAULT_DENSITY:g}.",
     )
 
-    @property
-    def goals(self) -> list[str]:
-        """The names of the frequencies as goals."""
-        return [f"frequency.{number}" for number in range(1, self.count + 1)]
-
 
 def _check_fields(names: list[str]) -> list[str]:
     """Return the names without repetition; raise BadInput for an unknown one."""
@@ -118,8 +220,7 @@ def _check_fields(names: list[str]) -> list[str]:
 
 
 def _check_units(text: str) -> str:
-    from fem_snh.records.units import Units
-
+    """Raise BadInput for a text that names no units."""
     Units.read(text)
     return text
 
@@ -141,28 +242,7 @@ UnitNames = Annotated[
 Location = Annotated[str, OneOf(LOCATIONS)]
 
 
-def _kind(mesh: Any) -> str:
-    """Return the tag of a scene's mesh."""
-    if isinstance(mesh, Lattice) or (isinstance(mesh, dict) and "lattice" in mesh):
-        return "in a lattice"
-    if isinstance(mesh, Tetrahedra) or (isinstance(mesh, dict) and "surface" in mesh):
-        return "of tetrahedra"
-    return "built-in" if isinstance(mesh, dict | Geometry) else "file"
-
-
-#: A gmsh or XDMF file, a built-in geometry or a lattice; the tags are removed from messages.
-Mesh = Annotated[
-    Annotated[Geometry, Tag("built-in")]
-    | Annotated[Lattice, Tag("in a lattice")]
-    | Annotated[Tetrahedra, Tag("of tetrahedra")]
-    | Annotated[
-        FilePath,
-        Expect("a gmsh file, an XDMF file or an XAO file, or a built-in geometry"),
-        Tag("file"),
-    ],
-    Discriminator(_kind),
-]
-
+# --- goals of error estimates --------------------------------------------------------------------
 
 _AXES = "xyz"
 #: Quantities of a physical group, with whether they have components.
@@ -195,16 +275,6 @@ class GoalChoice(Table):
         description="The load of a step, or 'largest': that at which it differs most from its "
         "value at the start. Default: the end, and 'largest' where loads or motions return.",
     )
-
-
-def _as_goals(goals: object) -> object:
-    """Return the tables of goals that are given by their names."""
-    goals = split_text(goals)
-    if not isinstance(goals, list | tuple) or not all(
-        g and isinstance(g, str | dict | GoalChoice) for g in goals
-    ):
-        raise bad_value("accuracy.goals", goals, _GOALS)
-    return [{"name": goal} if isinstance(goal, str) else goal for goal in goals]
 
 
 _GOALS = "a list of goals, e.g. 'corner.y', 'top.force.z', 'volume', 'energy'"
@@ -250,10 +320,7 @@ class Accuracy(Table):
     """The goals of the error estimate, which a scene with this table has, and their accuracy."""
 
     needs = dict.fromkeys(("max_time", "max_dofs", "keep_element", "path"), ("within",))
-    goals: Annotated[
-        list[GoalChoice],
-        BeforeValidator(_as_goals),
-    ] = Field(
+    goals: Annotated[list[GoalChoice], _Named("goals", "name", _GOALS)] = Field(
         default=[],
         description="Names, or { name = ..., at = ... }: probes and their components, corner.y; "
         "reaction forces and moments and mean displacements of groups, top.force.z, top.moment.z "
@@ -283,7 +350,7 @@ class Accuracy(Table):
         description="Relative error that every goal may have: the scene is solved on finer and "
         "finer meshes until it has.",
     )
-    path: Annotated[bool, Expect("true or false")] = Field(
+    path: Flag = Field(
         default=False,
         description="Whether the load steps are followed on the last mesh too: steps.csv then has "
         "the whole curve.",
@@ -297,7 +364,7 @@ class Accuracy(Table):
         "is then that of coarser meshes; in time and with friction there is none.",
     )
     max_dofs: Positive | None = Field(default=None, description="Nor one with more unknowns.")
-    keep_element: bool = Field(
+    keep_element: Flag = Field(
         default=False,
         description="Whether every level has the degree and the kind of cell of the scene's "
         "element; otherwise others replace it where they reach the accuracy sooner.",
@@ -314,6 +381,12 @@ def term_goals(features: Sequence[Feature]) -> list[str]:
     return [name for kind, some in grouped(features) for name in kind.goals(some)]
 
 
+def frequency_goals(scene: Scene) -> list[str]:
+    """Return the names of the frequencies as goals."""
+    count = scene.modes.count if scene.modes else 0
+    return [f"frequency.{number}" for number in range(1, count + 1)]
+
+
 def read_goal(text: str, scene: Scene) -> GoalName:
     """Return the goal of this name.
 
@@ -322,41 +395,35 @@ def read_goal(text: str, scene: Scene) -> GoalName:
     BadInput
         For a text that is no goal of the scene.
     """
-    kinematics = kinematics_of(scene.kinematics)
-    if text in _OF_BODY:
-        return GoalName(text)
-    if scene.modes and text in (known := scene.modes.goals):
-        return GoalName("frequency", str(1 + known.index(text)))
-    results = term_goals(scene.features)
-    if text in results and not text.endswith(".force"):
-        return GoalName("term", text)
+    results, parts = term_goals(scene.features), scene.rigid
+    vectors = {probe.name: "point" for probe in scene.probe}
+    vectors |= {name: "term" for name in results if name.endswith(".force")}
+    vectors |= {f"{part.label}.{result}": "rigid" for part in parts for result in RESULTS}
+    scalars = {name: GoalName("term", name) for name in results if name not in vectors}
+    scalars |= {name: GoalName("frequency", name[10:]) for name in frequency_goals(scene)}
+    scalars |= {f"{p.name}.stress": GoalName("stress_at", p.name) for p in scene.probe if p.radius}
+    scalars |= {name: GoalName(name) for name in _OF_BODY}
+    if text in scalars:
+        return scalars[text]
     rest, _, last = text.rpartition(".")
     has_component = bool(rest) and last in tuple(_AXES)
     vector = rest if has_component else text
-    names = [probe.name for probe in scene.probe]
-    group, _, kind = vector.rpartition(".")
-    parts = [part.label for part in scene.features if isinstance(part, Rigid)]
-    rigid = [f"{part}.{result}" for part in parts for result in RESULTS]
-    about_axes = kind in ("moment", "rotation")
-    if vector in rigid:
-        group, kind = vector, "rigid"
-    elif vector in results and vector.endswith(".force"):
-        group, kind = vector, "term"
-    elif vector in names:
-        group, kind = vector, "point"
-    elif not group or kind not in _OF_GROUPS or (has_component and not _OF_GROUPS[kind]):
-        vectors = [*names, *(name for name in results if name.endswith(".force")), *rigid]
-        known = [f"{name}.{last}" for name in vectors] if has_component else [*vectors, *results]
-        known += scene.modes.goals if scene.modes else []
+    group, _, quantity = vector.rpartition(".")
+    if vector in vectors:
+        kind, name = vectors[vector], vector
+    elif group and quantity in _OF_GROUPS and (_OF_GROUPS[quantity] or not has_component):
+        kind, name = quantity, group
+    else:
+        known = [f"{name}.{last}" for name in vectors] if has_component else [*vectors, *scalars]
         raise bad_value("accuracy.goals", text, _ACCEPTED + nearest(text, known))
-    elif not _OF_GROUPS[kind]:
-        probed = [probe.name for probe in scene.probe if probe.radius is not None]
-        return GoalName("stress_at" if kind == "stress" and group in probed else kind, group)
-    axes = kinematics.moment_axes if about_axes else kinematics.axes
+    if not _OF_GROUPS.get(kind, True):
+        return GoalName(kind, name)
+    kinematics = kinematics_of(scene.kinematics)
+    axes = kinematics.moment_axes if quantity in ("moment", "rotation") else kinematics.axes
     if not axes or (has_component and last not in axes):
         accepted = f"a component {' or '.join(axes)}" if axes else "another goal"
         raise bad_value(
             "accuracy.goals", text, f"{accepted}, with kinematics = '{kinematics.name}'"
         )
     components = (last,) if has_component else axes
-    return GoalName(kind, group, tuple(map(_AXES.index, components)))
+    return GoalName(kind, name, tuple(map(_AXES.index, components)))

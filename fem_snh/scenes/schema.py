@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
@@ -14,45 +14,54 @@ from fem_snh.choices import (
     DEFAULT_ASSEMBLY,
     DEFAULT_CELLS,
     DEFAULT_HESSIAN,
+    DEFAULT_INTEGRATOR,
     DEFAULT_PREDICTOR,
+    DEFAULT_RHO_INFINITY,
     GLOBALIZATIONS,
     HESSIANS,
+    INTEGRATORS,
+    MASSES,
     PREDICTORS,
 )
 from fem_snh.contact.contact import Contact
 from fem_snh.contact.obstacle import Obstacle
 from fem_snh.contact.self_contact import SelfContact
+from fem_snh.errors import BadInput, bad_value
 from fem_snh.files import is_shape, xdmf_data
 from fem_snh.scenes._bones import BoneChoice, Rig
-from fem_snh.scenes._conditions import Hold, Move, Start
 from fem_snh.scenes._consistency import check_consistency
-from fem_snh.scenes._lattice import Lattice, Tetrahedra
 from fem_snh.scenes._material import MaterialChoice, Materials, common_ratio
 from fem_snh.scenes._outputs import (
     Accuracy,
-    Geometry,
     Location,
     Mesh,
     Modes,
     OutputFields,
     Probe,
-    Probes,
-    Reaction,
     Reactions,
     UnitNames,
 )
-from fem_snh.scenes._time import Damping, Time
-from fem_snh.tables.amplitudes import Amplitude, Amplitudes, Rotate, ScaledMotion
+from fem_snh.tables.amplitudes import Amplitude, Amplitudes, MotionTable, ScaledMotion
 from fem_snh.tables.types import (
     Cells,
+    Components,
+    Count,
+    FilePath,
+    Flag,
+    GroupKey,
     Groups,
+    Matrix,
+    NonNegative,
     Options,
     PoissonRatios,
+    Positive,
     Range,
+    Seed,
     Steps,
     Text,
+    Vector,
 )
-from fem_snh.tables.validation import Expect, OneOf, Table, Whole
+from fem_snh.tables.validation import Expect, Finite, OneOf, Table, Whole
 from fem_snh.terms.cavity import Cavity
 from fem_snh.terms.feature import Feature
 from fem_snh.terms.gravity import Gravity
@@ -62,15 +71,168 @@ from fem_snh.terms.spring import Spring
 from fem_snh.terms.symmetry import Symmetry
 from fem_snh.terms.traction import Traction
 
-__all__ = [
-    "Accuracy", "Amplitude", "BoneChoice", "Cavity", "Contact", "Damping", "Geometry", "Gravity",
-    "Hold", "Lattice", "MaterialChoice", "Modes", "Move", "Obstacle",
-    "Pressure", "Probe", "Reaction", "Rigid", "Rotate", "Scene", "SelfContact", "Spring", "Start",
-    "Symmetry",
-    "Tetrahedra", "Time", "Traction",
-]  # fmt: skip
-
 Degree = Annotated[int, Whole(1, MAX_QUADRATURE_DEGREE)]
+
+
+_GROUP = "Physical group of the mesh, by name or number: points, curves, surfaces or volumes."
+_COMPONENTS = "Components of the displacement that are prescribed."
+
+
+class Hold(Table):
+    """A homogeneous Dirichlet condition: a physical group that does not move.
+
+    At nodes of several groups, as on the edge of two faces, [[move]] overrides [[hold]], and a
+    later [[move]] an earlier one.
+    """
+
+    group: GroupKey = Field(description=_GROUP)
+    components: Components = Field(default=("x", "y", "z"), description=_COMPONENTS)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _check_table(cls, data: Any) -> Any:
+        if isinstance(data, dict) and "table" in data:
+            accepted = (
+                "no table: a [[hold]] lasts for the whole run; to set a part free, move it by a "
+                "force that a table takes back to zero, of [[rigid]] or [[traction]]"
+            )
+            raise bad_value("table", data["table"], accepted)
+        return data
+
+
+class Move(MotionTable):
+    """A Dirichlet condition that moves a physical group rigidly: it is rotated, then translated."""
+
+    group: GroupKey = Field(description=_GROUP)
+    components: Components = Field(default=("x", "y", "z"), description=_COMPONENTS)
+
+    @model_validator(mode="after")
+    def _check_motion(self) -> Move:
+        if not self.is_moved:
+            raise BadInput("missing key 'translate' or 'rotate': expected one of them, or both")
+        for axis, value in zip("xyz", self.translate or (), strict=False):
+            if value and axis not in self.components:
+                accepted = f"zero along {axis}, which 'components' does not name"
+                raise bad_value("translate", list(self.translate or ()), accepted)
+        return self
+
+
+class Start(Table):
+    """The initial displacement and velocity of a run; without this table they are zero.
+
+    Prescribed nodes take their prescribed displacement and velocity. From the state of another run
+    they go to their prescribed displacement in proportion to the load.
+    """
+
+    excludes = {"run": ("map", "scatter", "noise"), "map": ("scatter",)}
+    needs = {
+        "step": ("run",),
+        "through": ("map", "angular_velocity"),
+        "seed": ("scatter", "noise"),
+    }
+    run: FilePath | None = Field(
+        default=None,
+        description="Folder of another run, relative to this file, whose displacement is the "
+        "start; its mesh may be another one of the same body.",
+    )
+    step: int = Field(
+        default=-1,
+        description="Number of its stored state: 0 is its start, -1 its last.",
+    )
+
+    map: Matrix | None = Field(
+        default=None, description="Matrix A of an affine map: x = A (X - through) + through."
+    )
+    through: Vector | None = Field(
+        default=None,
+        description="Fixed point of the map, and a point of the axis of the angular velocity "
+        "[length]; default: the centre of the body's bounding box.",
+    )
+    scatter: Positive | None = Field(
+        default=None,
+        description="Each node is placed at random in the bounding box, "
+        "enlarged to this many times its volume.",
+    )
+    noise: NonNegative = Field(
+        default=0.0, description="Largest random displacement added to each component [length]."
+    )
+    seed: Seed = Field(default=0, description="Seed of the random numbers.")
+    velocity: Vector | None = Field(
+        default=None, description="Initial velocity [m/s], of a scene with [time]."
+    )
+    angular_velocity: Vector | None = Field(
+        default=None,
+        description="Initial angular velocity [rad/s], of a scene with [time]; "
+        "it is added to the velocity.",
+    )
+
+    @property
+    def files(self) -> dict[str, Path]:
+        """The record of the other run, which is not to be replaced by this one."""
+        return {"run": self.run / "run.json"} if self.run is not None else {}
+
+    @property
+    def displaces(self) -> bool:
+        """Whether the body starts with a displacement that this table itself states."""
+        return self.map is not None or self.scatter is not None or self.noise > 0
+
+    @property
+    def moves(self) -> bool:
+        """Whether the body starts with a velocity."""
+        return self.velocity is not None or self.angular_velocity is not None
+
+
+_Radius = Annotated[Finite, Field(ge=0, le=1), Expect("a number from 0 to 1")]
+Integrator = Annotated[str, OneOf(INTEGRATORS)]
+Mass = Annotated[str, OneOf(MASSES)]
+
+
+class Damping(Table):
+    """Rayleigh damping: forces proportional to the velocity."""
+
+    mass: NonNegative = Field(default=0.0, description="Coefficient of the mass matrix [1/s].")
+    stiffness: NonNegative = Field(
+        default=0.0,
+        description="Coefficient of the clamped stiffness matrix at the step's start [s].",
+    )
+
+
+class Time(Table):
+    """Time integration from 0 to ``duration``; without this table a scene is quasi-static.
+
+    Materials need a density. Points of a ``[[table]]`` are then [time in s, value]; a force without
+    a table is constant, and a motion without one goes from 0 to its value over the duration.
+    """
+
+    needs_value = {"rho_infinity": ("integrator", "generalized_alpha")}
+    duration: Positive = Field(description="End of the run [s].")
+    steps: Steps = Field(
+        description="Number of equal time steps; one that fails is halved. "
+        "The scene's own 'steps' is then not given."
+    )
+    integrator: Integrator = Field(
+        default=DEFAULT_INTEGRATOR,
+        description=f"Time integration, one of {', '.join(INTEGRATORS)}; semi_implicit is "
+        "backward Euler with one linear solve for each step.",
+    )
+    rho_infinity: _Radius | None = Field(
+        default=None,
+        description="Spectral radius of generalized_alpha at large frequencies: 1 keeps them, "
+        f"0 removes them in a step; default: {DEFAULT_RHO_INFINITY}.",
+    )
+    mass: Mass = Field(default=MASSES[0], description=f"Mass matrix, {' or '.join(MASSES)}.")
+    damping: Damping = Field(default=Damping(), description="Rayleigh damping.")
+    tolerance: Positive | None = Field(
+        default=None,
+        description="Adaptive steps, at most as long as those of 'steps': largest estimate of a "
+        "step's error in the displacement, relative to V^(1/3), V the reference volume. "
+        "Default: equal steps.",
+    )
+    output_every: Count = Field(
+        default=1,
+        description="Time steps of 'steps' from one output to the next: fields.pvd, "
+        "checkpoint.npz and run.json.",
+    )
 
 
 class Scene(Table):
@@ -178,7 +340,7 @@ class Scene(Table):
         default=[],
         description="Physical groups of volumes whose volume ratio is reported after each step.",
     )
-    probe: Probes = Field(
+    probe: list[Probe] = Field(
         default=[], description="Points whose displacement is reported after each step."
     )
     fields: OutputFields = Field(
@@ -194,7 +356,7 @@ class Scene(Table):
         "factors of the exact Hessian: one factorisation a step.",
     )
     modes: Modes | None = Field(default=None, description="Eigenfrequencies at the end of the run.")
-    error: Annotated[bool, Expect("true or false")] = Field(
+    error: Flag = Field(
         default=False,
         description="Whether the errors of the probes, reactions, volumes and the energy are "
         "estimated after the last step: by a solution in the element of the next degree.",

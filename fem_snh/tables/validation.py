@@ -295,18 +295,13 @@ _EXPECTED = {
     "int_type": "expected a whole number",
     "string_type": "expected a text",
 }
-#: Tags by which pydantic distinguishes the kinds of ``mesh``, ``material`` and ``motion``; messages
-#: must not show them.
-_TAGS = (
-    "built-in", "file", "in a lattice", "of tetrahedra", "a shape", "a surface", "one material",
-    "several materials", "function", "skeleton",
-)  # fmt: skip
 
 
 def one_line(error: ValidationError) -> str:
     """Return the first mistake as one line: ``material.nu = 0.6: expected ...``."""
     first = error.errors(include_url=False)[0]
-    where = [str(part) for part in first["loc"] if part not in _TAGS]
+    # Tags in brackets distinguish the kinds of mesh, material and motion.
+    where = [str(part) for part in first["loc"] if not str(part).startswith("<")]
     cause = first.get("ctx", {}).get("error")
     if isinstance(cause, BadInput):
         message = str(cause)

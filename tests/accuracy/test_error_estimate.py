@@ -32,7 +32,7 @@ from fem_snh.choices import LIFTED_ELEMENT
 from fem_snh.errors import BadInput
 from fem_snh.mesh.mesh import generate
 from fem_snh.problem.create_problem import create_problem
-from fem_snh.scenes.schema import (
+from fem_snh.scenes import (
     Accuracy,
     Geometry,
     Hold,

@@ -21,6 +21,7 @@ from fem_snh.accuracy.path_errors import (
 from fem_snh.runs.goals import scene_goals
 from fem_snh.runs.setup import set_up
 from fem_snh.scenes import (
+    Accuracy,
     Geometry,
     Hold,
     MaterialChoice,
@@ -31,7 +32,6 @@ from fem_snh.scenes import (
     Time,
     Traction,
 )
-from fem_snh.scenes.schema import Accuracy
 from fem_snh.tables.amplitudes import Amplitude
 
 TIP = [Probe(name="tip", point=(1, 1, 1))]

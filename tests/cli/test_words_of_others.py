@@ -10,7 +10,7 @@ import pytest
 import fem_snh
 from fem_snh import cli, materials, scenes
 from fem_snh.errors import BadInput
-from fem_snh.scenes.schema import Scene
+from fem_snh.scenes import Scene
 from fem_snh.tables.validation import words_of_others
 
 WORDS: list[tuple[dict[str, Any], str]] = [

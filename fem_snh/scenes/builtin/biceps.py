@@ -2,8 +2,8 @@
 
 from pydantic import PositiveFloat
 
+from fem_snh.scenes import Scene
 from fem_snh.scenes.builtin.elbow import elbow
-from fem_snh.scenes.schema import Scene
 
 
 def biceps(cells: int = 30, angle: PositiveFloat = 120.0) -> Scene:

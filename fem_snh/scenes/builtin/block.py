@@ -1,6 +1,6 @@
 """The nearly incompressible block under partial pressure of Reese, Wriggers & Reddy."""
 
-from fem_snh.scenes.schema import Geometry, Hold, MaterialChoice, Probe, Reaction, Scene, Traction
+from fem_snh.scenes import Geometry, Hold, MaterialChoice, Probe, Reaction, Scene, Traction
 
 #: Lame's constants [MPa] of Schröder et al. 2021, Table 3.2.
 MU, LAM = 1.61148, 499.92568

@@ -3,8 +3,7 @@
 from pydantic import NonNegativeFloat, PositiveFloat
 
 from fem_snh.choices import DEFAULT_INTEGRATOR
-from fem_snh.contact.obstacle import Obstacle
-from fem_snh.scenes.schema import Geometry, Gravity, MaterialChoice, Scene, Time
+from fem_snh.scenes import Geometry, Gravity, MaterialChoice, Obstacle, Scene, Time
 
 #: Radius [m], density [kg/m^3] and acceleration of gravity [m/s^2].
 RADIUS, DENSITY, GRAVITY = 0.5, 1000.0, 9.81

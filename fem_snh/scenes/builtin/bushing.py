@@ -3,7 +3,7 @@
 from pydantic import PositiveFloat
 
 from fem_snh.errors import bad_value
-from fem_snh.scenes.schema import (
+from fem_snh.scenes import (
     Geometry,
     Hold,
     MaterialChoice,

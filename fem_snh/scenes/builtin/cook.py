@@ -1,7 +1,7 @@
 """Cook's membrane: a clamped tapered panel sheared at its free end."""
 
 from fem_snh.errors import bad_value
-from fem_snh.scenes.schema import Geometry, Hold, MaterialChoice, Probe, Reaction, Scene, Traction
+from fem_snh.scenes import Geometry, Hold, MaterialChoice, Probe, Reaction, Scene, Traction
 
 
 def cook(cells: int = 16, force: float = 100.0, kinematics: str = "plane_strain") -> Scene:

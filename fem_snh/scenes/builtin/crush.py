@@ -6,7 +6,7 @@ from typing import Literal
 
 from pydantic import NonNegativeFloat, NonNegativeInt
 
-from fem_snh.scenes.schema import Geometry, Hold, MaterialChoice, Scene, Start
+from fem_snh.scenes import Geometry, Hold, MaterialChoice, Scene, Start
 
 #: Stretches in x, y and z of the initial state.
 STRETCHES: dict[str, tuple[float, float, float]] = {

@@ -5,7 +5,7 @@ from typing import Annotated
 
 from pydantic import Field, PositiveFloat
 
-from fem_snh.scenes.schema import BoneChoice, Geometry, MaterialChoice, Rotate, Scene
+from fem_snh.scenes import BoneChoice, Geometry, MaterialChoice, Rotate, Scene
 
 
 def elbow(

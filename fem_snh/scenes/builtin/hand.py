@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from fem_snh.scenes import Scene
 from fem_snh.scenes._bones import (
     BoneSegment,
     JointMotion,
@@ -16,7 +17,6 @@ from fem_snh.scenes._bones import (
     limb,
     point,
 )
-from fem_snh.scenes.schema import Scene
 
 #: The unit of the tables below, a millimetre [m]. x points along the fingers, y away from the
 #: thumb, z out of the back of the hand; the origin is the wrist.

@@ -4,8 +4,7 @@ from math import sqrt
 
 from pydantic import PositiveFloat
 
-from fem_snh.contact.obstacle import Obstacle
-from fem_snh.scenes.schema import Geometry, Hold, MaterialChoice, Scene
+from fem_snh.scenes import Geometry, Hold, MaterialChoice, Obstacle, Scene
 
 #: Radius [mm], Young's modulus [MPa] and Poisson's ratio of SSNV104.
 RADIUS, MODULUS, RATIO = 50.0, 2e4, 0.3

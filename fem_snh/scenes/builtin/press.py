@@ -2,8 +2,7 @@
 
 from pydantic import NonNegativeFloat, PositiveFloat
 
-from fem_snh.contact.obstacle import Obstacle
-from fem_snh.scenes.schema import Geometry, Hold, MaterialChoice, Scene
+from fem_snh.scenes import Geometry, Hold, MaterialChoice, Obstacle, Scene
 
 
 def press(cells: int = 4, to: PositiveFloat = 0.5, friction: NonNegativeFloat = 0.0) -> Scene:

@@ -2,7 +2,7 @@
 
 from pydantic import PositiveFloat
 
-from fem_snh.scenes.schema import Geometry, Hold, MaterialChoice, Move, Reaction, Scene
+from fem_snh.scenes import Geometry, Hold, MaterialChoice, Move, Reaction, Scene
 
 
 def pull(cells: int = 10, stretch: PositiveFloat = 2.0) -> Scene:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pydantic import NonNegativeInt, PositiveFloat
 
-from fem_snh.scenes.schema import Geometry, Hold, MaterialChoice, Scene, Start
+from fem_snh.scenes import Geometry, Hold, MaterialChoice, Scene, Start
 
 #: Four corners that are not in one plane: they exclude a rotated or mirrored cube as a solution.
 CORNERS = ("000", "110", "101", "011")

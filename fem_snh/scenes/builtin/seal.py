@@ -5,10 +5,8 @@ from typing import Any
 
 from pydantic import NonNegativeFloat, PositiveFloat
 
-from fem_snh.contact.obstacle import Obstacle
 from fem_snh.errors import bad_value
-from fem_snh.scenes.schema import Geometry, MaterialChoice, Reaction, Scene
-from fem_snh.terms.symmetry import Symmetry
+from fem_snh.scenes import Geometry, MaterialChoice, Obstacle, Reaction, Scene, Symmetry
 
 #: Of a body in three dimensions: the angle of its sector [degrees].
 SECTOR = 15

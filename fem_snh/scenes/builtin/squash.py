@@ -2,9 +2,16 @@
 
 from pydantic import PositiveFloat
 
-from fem_snh.contact.obstacle import Obstacle
-from fem_snh.scenes._time import Damping
-from fem_snh.scenes.schema import Amplitude, Geometry, Gravity, MaterialChoice, Scene, Time
+from fem_snh.scenes import (
+    Amplitude,
+    Damping,
+    Geometry,
+    Gravity,
+    MaterialChoice,
+    Obstacle,
+    Scene,
+    Time,
+)
 from fem_snh.tables.types import Count
 
 #: Frames a second, and semi-implicit steps a frame as in Smith et al. 2018.

@@ -2,7 +2,7 @@
 
 from pydantic import PositiveFloat
 
-from fem_snh.scenes.schema import Geometry, Hold, MaterialChoice, Move, Probe, Reaction, Scene
+from fem_snh.scenes import Geometry, Hold, MaterialChoice, Move, Probe, Reaction, Scene
 
 
 def stretch(

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from fem_snh.scenes import Scene
 from fem_snh.scenes._bones import (
     BoneSegment,
     JointMotion,
@@ -15,7 +16,6 @@ from fem_snh.scenes._bones import (
     limb,
     point,
 )
-from fem_snh.scenes.schema import Scene
 
 #: x points to the body's left, y to its back, z up [m]. The tables hold the left side; the right
 #: one is its mirror image, except for the pose.

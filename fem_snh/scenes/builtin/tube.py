@@ -5,8 +5,7 @@ from math import log
 from pydantic import PositiveFloat
 
 from fem_snh.errors import bad_value
-from fem_snh.scenes.schema import Geometry, MaterialChoice, Pressure, Probe, Scene
-from fem_snh.terms.symmetry import Symmetry
+from fem_snh.scenes import Geometry, MaterialChoice, Pressure, Probe, Scene, Symmetry
 
 
 def inflation_pressure(stretch: float, inner: float, outer: float) -> float:

@@ -2,7 +2,7 @@
 
 from math import pi
 
-from fem_snh.scenes.schema import (
+from fem_snh.scenes import (
     Geometry,
     Hold,
     MaterialChoice,
