@@ -26,7 +26,7 @@ from mpi4py import MPI
 
 import fem_snh
 from fem_snh.studies.fit import ordered
-from fem_snh.viewing.plots.fits import main as draw
+from fem_snh.viewing.plots.materials import draw_fits
 
 MATERIALS = ["ogden", "gent", "yeoh", "stable_fung", "neo_hookean"]
 
@@ -55,4 +55,4 @@ if __name__ == "__main__":
         assert best.rms < published.rms
         print(best.table())
         best.write(args.out / "fit.json")
-        print(draw(fits, args.out / "treloar.png"))
+        print(draw_fits(fits, args.out / "treloar.png"))

@@ -13,15 +13,22 @@ import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
+from tempfile import TemporaryFile
+from threading import TIMEOUT_MAX
 from typing import Any, TypeVar
 
 from fem_snh.errors import BadInput
 
 T = TypeVar("T")
+
+#: How the message of a process that has crashed ends.
+UNDAMAGED = ": expected undamaged input"
+#: What a message from the process of a `call` holds.
+_PROGRESS, _RESULT, _ERROR = "progress", "result", "error"
 
 #: Limits of memory [B] and of memory per byte of a file that is read: gmsh 4.8 needs 15 to 20 bytes
 #: per byte of a mesh of 384,000 tetrahedra (formats 2.2 and 4.1), VTK less.
@@ -38,7 +45,20 @@ _SIZES = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE")
 RUN_AS_ROOT = ("OMPI_ALLOW_RUN_AS_ROOT", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM")
 
 
-def call(library: str, function: Callable[..., T], *args: Any, size: int | None = None) -> T:
+class Crashed(BadInput):
+    """A process of its own has ended without a result."""
+
+
+def call(
+    library: str,
+    function: Callable[..., T] | str,
+    *args: Any,
+    size: int | None = None,
+    report: Callable[..., None] | None = None,
+    timeout: float = TIMEOUT_MAX,
+    prefix: Sequence[str] = (),
+    variables: Mapping[str, str] | None = None,
+) -> T:
     """Return ``function(*args)``, called in a new process.
 
     The process has no input, no output and no variables of an MPI launcher. The function is
@@ -48,47 +68,62 @@ def call(library: str, function: Callable[..., T], *args: Any, size: int | None 
     ----------
     library : str
         The library that could crash, for the message.
-    function : callable
-        A function of a module of this package.
+    function : callable or str
+        A function of a module of this package, or its name, ``module:function``, if this process is
+        not to import the module.
     *args : Any
         Its arguments; they and its result must be picklable.
     size : int, optional
         Bytes of the file that it reads, from which limits of its memory and its processor time
         follow: a wrong number in a file can make a library allocate or loop without end.
+    report : callable, optional
+        Called with the arguments with which the function calls its keyword argument ``report``.
+    timeout : float
+        Seconds after which the process counts as hung.
+    prefix, variables
+        A command that starts the process, and environment variables that it has beside those of
+        this process.
 
     Raises
     ------
-    BadInput
-        If the process crashes or exceeds a limit.
+    Crashed
+        If the process crashes, hangs or exceeds a limit.
     Exception
         What the function raises.
     """
-    command = python(__name__)
-    pipe = subprocess.PIPE
-    process = subprocess.Popen(
-        command, stdin=pipe, stdout=pipe, stderr=subprocess.DEVNULL, env=_environment()
-    )
-    assert process.stdin and process.stdout
-    outcome: tuple[bool, Any] | None = None
+    if not isinstance(function, str):
+        function = f"{function.__module__}:{function.__qualname__}"
+    limits = None if size is None else _limits(size)
+    environment = _environment() | dict(variables or {})
+    # A pipe to a process that dies early would raise SIGPIPE, which PETSc reports as an error.
+    with TemporaryFile() as request:
+        pickle.dump((limits, function, args, report is not None), request, 5)
+        request.seek(0)
+        process = subprocess.Popen(
+            [*prefix, *python(__name__)], stdin=request, stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL, env=environment,
+        )  # fmt: skip
+    assert process.stdout
+    timer = threading.Timer(timeout, process.kill)
+    timer.daemon = True
+    timer.start()
     try:
-        with process.stdout, process.stdin:
-            limits = None if size is None else _limits(size)
-            pickle.dump(
-                (limits, function.__module__, function.__qualname__, args), process.stdin, 5
-            )
-            process.stdin.close()
-            outcome = pickle.load(process.stdout)
-    except (BrokenPipeError, EOFError, pickle.UnpicklingError):
-        pass  # it ended early; its exit code says how
+        with process.stdout:
+            while (message := pickle.load(process.stdout))[0] == _PROGRESS:
+                if report:
+                    report(*message[1])
+    except (EOFError, pickle.UnpicklingError):  # it ended early; its exit code says how
+        process.wait()
+        ending = _ending(process.returncode) if timer.is_alive() else "hung"
+        raise Crashed(f"{library} {ending}{UNDAMAGED}") from None
     except BaseException:  # a keyboard interrupt
         process.kill()
         raise
     finally:
+        timer.cancel()
         process.wait()
-    if outcome is None:
-        raise BadInput(f"{library} {_ending(process.returncode)}: expected undamaged input")
-    succeeded, value = outcome
-    if not succeeded:
+    kind, value = message
+    if kind == _ERROR:
         raise value
     result: T = value
     return result
@@ -222,7 +257,7 @@ def _serve() -> None:
     import resource
 
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))  # no core file in the user's folder
-    limits, module, name, args = pickle.load(sys.stdin.buffer)
+    limits, function, args, reports = pickle.load(sys.stdin.buffer)
     for number, limit in zip(
         (resource.RLIMIT_DATA, resource.RLIMIT_CPU), limits or (), strict=False
     ):
@@ -233,13 +268,17 @@ def _serve() -> None:
     null = os.open(os.devnull, os.O_RDWR)
     os.dup2(null, 0)
     os.dup2(null, 1)
-    try:
-        outcome = True, getattr(import_module(module), name)(*args)
-    except Exception as error:
-        outcome = False, error
-    with result:
-        pickle.dump(outcome, result, 5)
+
+    def send(kind: str, value: Any) -> None:
+        pickle.dump((kind, value), result, 5)
         result.flush()
+
+    keywords = {"report": lambda *values: send(_PROGRESS, values)} if reports else {}
+    module, _, name = function.partition(":")
+    try:
+        send(_RESULT, getattr(import_module(module), name)(*args, **keywords))
+    except Exception as error:
+        send(_ERROR, error)
     os._exit(0)  # without a library's destructors, which can crash after a damaged file
 
 

@@ -218,9 +218,9 @@ def _rank(args: Namespace, keywords: dict[str, Any]) -> int:
     best.write(args.out / "fit.json")
     best.write_table(args.out / "material.toml")
     write_ranking(fits, args.out / "ranking.csv")
-    from fem_snh.viewing.plots.fits import main as draw
+    from fem_snh.viewing.plots.materials import draw_fits
 
-    draw(fits[:_SHOWN], args.out / "fit.png")
+    draw_fits(fits[:_SHOWN], args.out / "fit.png")
     print(f"{args.out}: ranking.csv, fit.png; of {best.name}: fit.json, material.toml")
     return 0
 

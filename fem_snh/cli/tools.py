@@ -14,7 +14,7 @@ from fem_snh.errors import BadInput
 from fem_snh.files import is_shape
 
 if TYPE_CHECKING:
-    from fem_snh.viewing.render.options import ViewOptions
+    from fem_snh.viewing.stored_run import ViewOptions
 
 
 #: Options of ``render`` and ``view``.
@@ -53,7 +53,7 @@ def plot(argv: list[str]) -> int:
     args = plot_parser().parse(argv)
 
     if args.columns:
-        from fem_snh.viewing.plots.curves import list_columns
+        from fem_snh.viewing.plots.runs import list_columns
 
         print("\n".join(line for path in args.paths for line in list_columns(path)))
         return 0
@@ -117,7 +117,7 @@ def render(argv: list[str]) -> int:
 
 def _view(args: Namespace) -> ViewOptions:
     """Return what the options say of clip plane, camera and hidden parts."""
-    from fem_snh.viewing.render.options import view_options
+    from fem_snh.viewing.stored_run import view_options
 
     hide = [name.strip() for name in (args.hide or "").split(",") if name.strip()]
     return view_options(args.clip, args.camera, args.up, args.zoom, hide, args.range)
@@ -166,9 +166,9 @@ def view(argv: list[str]) -> int:
     """Write the HTML page of a run folder; return 0."""
     args = view_parser().parse(argv)
 
-    from fem_snh.viewing.view import main
+    from fem_snh.viewing.render import page
 
-    print(main(args.folder, args.out, args.field, args.revolve, _view(args)))
+    print(page(args.folder, args.out, args.field, args.revolve, _view(args)))
     return 0
 
 

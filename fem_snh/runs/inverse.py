@@ -192,7 +192,7 @@ class SceneFit:
 
     def plot(self, path: str | Path) -> Path:
         """Draw measurement and fit; raise BadInput if the picture cannot be written."""
-        from fem_snh.viewing.plots.fits import draw_curve
+        from fem_snh.viewing.plots.materials import draw_curve
 
         return draw_curve(self.curve, self.fitted, Path(path))
 

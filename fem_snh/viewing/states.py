@@ -15,8 +15,8 @@ from vtkmodules.vtkCommonCore import mutable
 
 from fem_snh.errors import BadInput, bad_value
 from fem_snh.records.run_record import load_record
-from fem_snh.viewing.render.records import component_index, split_component, stored_loads
 from fem_snh.viewing.render.surfaces import read_grid
+from fem_snh.viewing.stored_run import component_index, split_component, stored_loads
 
 Array = npt.NDArray[Any]
 
@@ -72,13 +72,13 @@ class States:
 
     def __init__(
         self,
-        stored: Path | Mapping[float, Sequence[Any]],
+        stored: Path | Mapping[float, Sequence[Path]],
         field: str | None = None,
         hidden: Collection[int] = (),
     ) -> None:
         stored = stored_loads(stored) if isinstance(stored, Path) else stored
         self.loads, self._field, self._hidden = sorted(stored), field, hidden
-        self._files = [[str(file) for file in stored[load]] for load in self.loads]
+        self._files = [stored[load] for load in self.loads]
         first = read_grid(self._files[0], field, hidden)
         self._names = _names(first)
         self._centres: Array | None = None
@@ -124,7 +124,7 @@ class States:
             raise BadInput(f"{self._files[number][0]}: the displacement is not finite")
         return u
 
-    def _match(self, found: Array, wanted: Array, file: str) -> Array:
+    def _match(self, found: Array, wanted: Array, file: Path) -> Array:
         """Return for each wanted point its index in ``found``: ranks order points differently."""
         if found.shape == wanted.shape:
             if np.array_equal(found, wanted):
@@ -170,7 +170,7 @@ class InterpolatedStates:
 
     def __init__(
         self,
-        stored: Path | Mapping[float, Sequence[Any]],
+        stored: Path | Mapping[float, Sequence[Path]],
         field: str,
         hidden: Collection[int] = (),
     ) -> None:

@@ -44,8 +44,8 @@ from fem_snh.scenes import (
     Scene,
     Traction,
 )
-from fem_snh.viewing.render.records import written_fields
 from fem_snh.viewing.states import States
+from fem_snh.viewing.stored_run import written_fields
 
 mpi = pytest.mark.mpi
 _COOK = ROOT / "docs" / "results" / "tradeoff" / "cook.csv"

@@ -10,7 +10,7 @@ from running import record, solve
 
 from fem_snh import scenes
 from fem_snh.errors import BadInput
-from fem_snh.viewing.render.records import written_fields
+from fem_snh.viewing.stored_run import written_fields
 
 
 @pytest.mark.one_debian

@@ -18,7 +18,7 @@ import fem_snh
 from fem_snh import _dolfinx
 from fem_snh.errors import BadInput
 from fem_snh.geometry.shapes import Polygon, Revolved, Sphere
-from fem_snh.viewing.render.records import obstacle_poses
+from fem_snh.viewing.stored_run import obstacle_poses
 
 mpi = pytest.mark.mpi
 FLAT = ("plane_strain", "axisymmetric")

@@ -13,8 +13,8 @@ from running import solve
 
 from fem_snh.errors import BadInput, on_root
 from fem_snh.geometry.shapes import Box, ClosedSurface
-from fem_snh.viewing.render.obstacles import Obstacles
-from fem_snh.viewing.render.records import obstacle_poses
+from fem_snh.viewing.render.surfaces import Obstacles
+from fem_snh.viewing.stored_run import obstacle_poses
 
 ACCURATE = {"snes_scaled_tol": 1e-11}
 DENSE = {"name": "stable_neo_hookean", "E": 1e4, "nu": 0.45, "density": 1e3}
@@ -203,7 +203,7 @@ def test_a_surface_holds_the_nodes_of_its_shape_and_is_drawn(obj, tmp_path):
     shape = solve(bar({"shape": box, "motion": move}, hold=[{"group": "right"}]))
     assert surface["energy"] == pytest.approx(shape.record["steps"][-1]["energy"], rel=1e-9)
     assert surface["bones"]["cube"]["pose"] == pytest.approx(skew)
-    (drawn,) = obstacle_poses(json.loads((out / "run.json").read_text()), out, 1.0)
-    (picture,) = Obstacles([drawn]).at(1.0, np.array([[0.0, 0, 0], [2, 1, 1]]))
+    (drawn,) = obstacle_poses(json.loads((out / "run.json").read_text()), out)
+    ((_, picture),) = Obstacles([drawn]).at(1.0, np.array([[0.0, 0, 0], [2, 1, 1]]))
     corners = np.array(CUBE) @ skew[:, :3].T + skew[:, 3]
     assert np.ptp(picture.points, axis=0) == pytest.approx(np.ptp(corners, axis=0), abs=1e-6)

@@ -257,8 +257,8 @@ def test_texts_of_users_do_not_end_the_page_or_a_formula(left: Path, tmp_path: P
     from html.parser import HTMLParser
 
     from fem_snh.viewing import plots
-    from fem_snh.viewing.render import Panel
-    from fem_snh.viewing.view.page import page
+    from fem_snh.viewing.page import page
+    from fem_snh.viewing.stored_run import Panel
 
     text = r"<!--<script></script>$\frac$ & $x$"
     record = json.loads((left / "run.json").read_text()) | {"scene": text, "load_name": text}

@@ -25,8 +25,8 @@ from fem_snh.runs import checkpoint_file
 from fem_snh.runs.scene_options import _digest
 from fem_snh.scenes import load
 from fem_snh.studies.processes import environment, program
-from fem_snh.viewing.render import read_record
-from fem_snh.viewing.worker import run_elsewhere
+from fem_snh.viewing import run_elsewhere
+from fem_snh.viewing.stored_run import read_record
 
 # Node -1 does not exist: gmsh 4.8 reads beyond the end of its table of nodes, and crashes.
 INVALID_NODE = """$MeshFormat
@@ -246,5 +246,5 @@ def test_no_process_imports_from_the_working_directory(
     with pytest.raises(
         BadInput, match="AttributeError: 'dict' object"
     ):  # it ran the package's own module
-        run_elsewhere("fem_snh.viewing.render.drawing", "draw", {})
+        run_elsewhere("fem_snh.viewing.render.drawing:draw", {})
     assert not Path("executed").exists()

@@ -13,11 +13,11 @@ import pyvista as pv
 from running import solve
 from usd_files import needs_usd, read_usd
 
-from fem_snh import scenes
+from fem_snh import scenes, viewing
 from fem_snh.errors import BadInput, on_root
 from fem_snh.viewing import export, render
-from fem_snh.viewing.render.records import stored_loads
 from fem_snh.viewing.render.surfaces import read_grid
+from fem_snh.viewing.stored_run import stored_loads
 
 #: A ball that moves as a whole with a bone, while it is stretched along x by 20 %.
 CENTER, RADIUS = np.array([0.1, 0.2, 0.3]), 0.5
@@ -165,9 +165,7 @@ def test_colours_show_a_field_and_cells_give_means(tmp_path):
 
 
 def test_usd_without_the_package(folder, tmp_path, monkeypatch):
-    from fem_snh.viewing import worker
-
-    monkeypatch.setattr(worker, "find_spec", lambda name: None if name == "pxr" else object())
+    monkeypatch.setattr(viewing, "find_spec", lambda name: None if name == "pxr" else object())
     message = r"a file .usd needs pxr: pip install 'fem_snh\[usd\]'"
     with pytest.raises(BadInput, match=message):
         export.main(folder, tmp_path / "a.usd")

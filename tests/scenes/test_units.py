@@ -12,11 +12,9 @@ from fem_snh.cli import main
 from fem_snh.errors import BadInput
 from fem_snh.records.run_tables import column_unit, results
 from fem_snh.records.units import Units, volume_change
-from fem_snh.viewing import plots, render
-from fem_snh.viewing.plots.curves import curve_figure, list_columns, run_table
-from fem_snh.viewing.plots.runs import draw_energies
-from fem_snh.viewing.render.records import axis_label, column_label, label
-from fem_snh.viewing.view import page
+from fem_snh.viewing import page, plots, render
+from fem_snh.viewing.plots.runs import curve_figure, draw_energies, list_columns, run_table
+from fem_snh.viewing.stored_run import axis_label, column_label, label
 
 MM = Units("mm", "N", "MPa")
 

@@ -16,7 +16,7 @@ from fem_snh.studies.fit.data import read
 from fem_snh.studies.fit.family import Family
 from fem_snh.studies.fit.least_squares import solve, standard_errors
 from fem_snh.studies.fit.responses import response
-from fem_snh.viewing.plots.fits import fit_figure
+from fem_snh.viewing.plots.materials import fit_figure
 
 #: Ogden's fit to Treloar's data (Ogden 1972): mu_p [Pa] and alpha_p.
 OGDEN = (np.array([0.63e6, 0.0012e6, -0.01e6]), np.array([1.3, 5.0, -2.0]))

@@ -13,7 +13,7 @@ import fem_snh
 from fem_snh.errors import BadInput
 from fem_snh.geometry.rotations import exponential
 from fem_snh.scenes import BoneChoice, Geometry, Hold, Rigid
-from fem_snh.viewing.render.records import obstacle_poses
+from fem_snh.viewing.stored_run import obstacle_poses
 
 mpi = pytest.mark.mpi
 

@@ -22,8 +22,8 @@ from fem_snh.mesh.mesh import Group
 from fem_snh.runs.output.fields import cell_groups
 from fem_snh.viewing import render
 from fem_snh.viewing.render import drawing, surfaces
-from fem_snh.viewing.render.options import view_options
 from fem_snh.viewing.states import InterpolatedStates
+from fem_snh.viewing.stored_run import view_options
 
 mpi = pytest.mark.mpi
 

@@ -12,10 +12,14 @@ from picture_runs import bad, record, write_record
 
 from fem_snh.errors import BadInput
 from fem_snh.viewing import plots
-from fem_snh.viewing.plots.curves import curve_figure, run_table
-from fem_snh.viewing.plots.front import front_figure
-from fem_snh.viewing.plots.runs import run_figure
-from fem_snh.viewing.plots.sweeps import by_material, read_sweep, read_table, sweep_figure
+from fem_snh.viewing.plots.runs import curve_figure, run_figure, run_table
+from fem_snh.viewing.plots.sweeps import (
+    by_material,
+    front_figure,
+    read_sweep,
+    read_table,
+    sweep_figure,
+)
 
 pytestmark = pytest.mark.one_debian
 

@@ -19,10 +19,10 @@ from matplotlib.figure import Figure
 from picture_runs import CELLS, bad, nodal_arrays, record, write_record, write_run
 
 import fem_snh
-from fem_snh import _dolfinx
+from fem_snh import _dolfinx, viewing
 from fem_snh.errors import BadInput, on_root
 from fem_snh.runs.output.fields import GridSeries
-from fem_snh.viewing import plots, render, worker
+from fem_snh.viewing import plots, render, stored_run
 from fem_snh.viewing.render import drawing, surfaces
 
 
@@ -118,7 +118,7 @@ def test_a_section_has_the_colours_of_the_bar(section):
 def test_a_revolved_section_is_three_quarters_of_the_body(section):
     """Closed, with the volume of run.json's ratio; the axis is upright."""
     files = render.stored_loads(section / "fields.pvd")[1.0]
-    item = surfaces.revolve(surfaces.body([str(f) for f in files], "J"), "J")
+    item = surfaces.revolve(surfaces.body(files, "J"))
     closed = item.surface.extract_surface().triangulate().clean(tolerance=1e-7)
     assert closed.n_open_edges == 0
     ratio = json.loads((section / "run.json").read_text())["steps"][-1]["volume_ratio"]
@@ -264,11 +264,12 @@ def test_numbers_of_a_bar_are_written_in_full(change):
 
 
 def test_labels():
-    assert [render.number(math.pi * x) for x in (1, 0.5, -1.5, 2)] == ["π", "π/2", "-3π/2", "2π"]
-    assert [render.number(x) for x in (0, 3.4, 1.8000000001)] == ["0", "3.4", "1.8"]
-    label = render.panel_label(record(), 0.5)
+    number = stored_run.number_text
+    assert [number(math.pi * x) for x in (1, 0.5, -1.5, 2)] == ["π", "π/2", "-3π/2", "2π"]
+    assert [number(x) for x in (0, 3.4, 1.8000000001)] == ["0", "3.4", "1.8"]
+    label = stored_run.panel_label(record(), 0.5)
     assert label == "angle π/2  ·  volume +2.00 %  ·  min J 0.90"
-    assert render.panel_label(record(), 0.0) == "angle 0"
+    assert stored_run.panel_label(record(), 0.0) == "angle 0"
     assert "stable Neo-Hookean" in render.title(record())
 
 
@@ -307,5 +308,5 @@ def test_render_bad_files(twisted):
 
 
 def test_render_without_opengl_says_what_to_install(twisted, monkeypatch):
-    monkeypatch.setattr(worker, "_opengl_backends", lambda: [(["sh", "-c", "kill -ABRT $$"], {})])
+    monkeypatch.setattr(viewing, "_opengl_backends", lambda: [(["sh", "-c", "kill -ABRT $$"], {})])
     assert "libegl1" in bad(render.main, twisted)

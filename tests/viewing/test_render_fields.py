@@ -9,7 +9,7 @@ from running import solve
 
 from fem_snh.viewing import render
 from fem_snh.viewing.render import drawing, surfaces
-from fem_snh.viewing.render.records import label, written_fields
+from fem_snh.viewing.stored_run import label, written_fields
 
 
 @pytest.fixture(scope="module")

@@ -18,8 +18,8 @@ from scipy.spatial.transform import Rotation
 
 from fem_snh.geometry.shapes import Box, Capsule, Cylinder, Plane, Polygon, Sphere, from_record
 from fem_snh.viewing import render
-from fem_snh.viewing.render.obstacles import Obstacles, triangles
-from fem_snh.viewing.render.records import obstacle_poses
+from fem_snh.viewing.render.surfaces import Obstacles, triangles
+from fem_snh.viewing.stored_run import obstacle_poses
 
 ENDS: dict[str, Any] = {"from": [0.1, 0.2, 0.3], "to": [0.9, 0.5, 0.6], "radius": 0.4}
 TURN = [0.3, -0.5, 0.8]
@@ -74,7 +74,7 @@ def test_poses_are_interpolated_and_distant_parts_cut_off():
     floor = {"shape": {"plane": {"point": [0, 0, 0], "normal": [0, 0, 1]}}, "poses": poses}
     drawn = Obstacles([{**ball, "loads": [0, 1]}, {**floor, "loads": [0, 1]}])
     bounds = np.array([[-2.0, -2, -2], [2, 2, 2]])
-    surface, plane = drawn.at(0.5, bounds)
+    (_, surface), (_, plane) = drawn.at(0.5, bounds)
     assert surface.center == pytest.approx([np.cos(0.5), np.sin(0.5), -0.5], abs=1e-3)
     assert plane.bounds[4:] == pytest.approx((-0.5, -0.5))
     assert plane.bounds[1] == pytest.approx(2 + 0.25 * np.linalg.norm(bounds[1] - bounds[0]))
@@ -98,7 +98,7 @@ def test_obstacles_of_a_section_are_revolved_as_the_body_is(shape):
     pose = np.eye(3, 4)
     pose[1, 3] = 0.25
     made = {"shape": shape, "loads": [0, 1], "poses": [pose.tolist()] * 2}
-    (surface,) = Obstacles([made], revolved=True).at(1.0, np.array([[-3, -3, 0], [3, 3, 1.0]]))
+    ((_, surface),) = Obstacles([made], revolved=True).at(1.0, np.array([[-3, -3, 0], [3, 3, 1.0]]))
     x, y, z = np.asarray(surface.points, float).T
     section = np.column_stack([np.hypot(x, y), z - 0.25, np.zeros_like(x)])
     # That of a smooth union is interpolated on cells of 0.06, twice, with curvature 1/0.4.
@@ -124,7 +124,7 @@ def test_obstacles_of_a_flat_picture_are_filled_sections(shape, area):
     pose[:2, 3] = 0.1, 0.25
     made = {"shape": shape, "loads": [0, 1], "poses": [pose.tolist()] * 2}
     bounds = np.array([[-0.5, -0.55, 0], [0.7, 1.05, 0]])  # 0.6 and 0.8 on each side of (0.1, 0.25)
-    (section,) = Obstacles([made], flat=True).at(1.0, bounds)
+    ((_, section),) = Obstacles([made], flat=True).at(1.0, bounds)
     assert section.area == pytest.approx(area, rel=0.01)
     assert not np.asarray(section.points)[:, 2].any()
 
@@ -138,8 +138,6 @@ def test_poses_of_a_record(tmp_path):
         step["obstacles"] = {name: {"pose": rows[step["load"]]} for name in ("ball", "foot")}
     ball, foot = obstacle_poses(content, tmp_path)
     assert (ball["loads"], ball["poses"]) == ([0.0, 0.5, 1.0], [REST, *rows.values()])
-    assert obstacle_poses(content, tmp_path, 0.9)[0]["loads"] == [0.5, 1.0]
-    assert obstacle_poses(content, tmp_path, 0.1)[0]["loads"] == [0.0, 0.5]
     assert foot["shape"] == {"surface": str(tmp_path / "a.stl")}
     in_time = content | {"time": {"duration": 2.0}}
     in_time["steps"] = [{**step, "time": 2 * step["load"]} for step in content["steps"]]
@@ -159,7 +157,7 @@ def test_a_surface_of_an_obj_file_is_drawn(tmp_path):
     scene = slide(shape=None, surface=tmp_path / "press.obj", friction=0.0)
     solve(scene, out=tmp_path / "out", steps=1)
     poses = obstacle_poses(read_record(tmp_path / "out"), tmp_path / "out")
-    (drawn,) = Obstacles(poses).at(1.0, np.array([[0, 0, 0], [1, 1, 2]]))
+    ((_, drawn),) = Obstacles(poses).at(1.0, np.array([[0, 0, 0], [1, 1, 2]]))
     moved = np.array([[0.06, 0, 0.9], [1.06, 1, 1.9]])
     assert np.stack([drawn.points.min(axis=0), drawn.points.max(axis=0)]) == pytest.approx(
         moved, abs=1e-6

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 from mpi4py import MPI
 
@@ -12,11 +13,10 @@ from picture_runs import bad, record, write_record, write_run
 
 from fem_snh.viewing import render
 from fem_snh.viewing.render import drawing, surfaces
-from fem_snh.viewing.render.options import ViewOptions, view_options
-from fem_snh.viewing.render.records import obstacle_poses
+from fem_snh.viewing.stored_run import WHOLE, ViewOptions, obstacle_poses, view_options
 
 
-def twisted_body(folder, options=None, load=1.0):
+def twisted_body(folder, options=WHOLE, load=1.0):
     files = [str(file) for file in render.stored_loads(folder / "fields.pvd")[load]]
     return surfaces.body(files, "J", options)
 
@@ -67,14 +67,15 @@ def test_values_that_the_colours_leave_out_are_named(folder):
     values[:] = np.linspace(3, 5, len(values))
     values[middle], values[corner] = 40.0, 20.0
     item = surfaces.body_of(grid, "energy_density")
-    drawn = drawing.Drawing("energy_density", [item], [[]], [1.0])
+    panels = [render.Panel([], "load 1  ·  volume 0 %", 1.0)]
+    job = render.Job("energy_density", "", panels, folder)
+    drawn = drawing.Drawing(job, [item])
     assert drawn.norm.vmax < 21
     assert drawn.label.endswith("values from 3.08 to 40, the colours end before")
-    job = render.Job("", "", [render.Panel([], "load 1  ·  volume 0 %")], "")
-    line = drawing.extremes_line(drawn, [item], job)
+    line = drawn.extremes_line
     assert line.startswith("energy density [Pa]: from 3.077 at (")
     assert line.endswith("to 40 at (0.5, 0.5, 0.5), load 1")
-    wide = drawing.Drawing("energy_density", [item], [[]], [1.0], view_options(limits="-1,50"))
+    wide = drawing.Drawing(replace(job, view=view_options(limits="-1,50")), [item])
     assert (wide.norm.vmin, wide.norm.vmax, wide.extend) == (-1, 50, "neither")
     assert wide.label == "energy density [Pa]"
 
@@ -129,11 +130,10 @@ def test_hidden_solids(folder):
             }
         )
     write_record(folder, content)
-    (bone,) = obstacle_poses(content, folder, 1.0, ("ball",))
+    (bone,) = obstacle_poses(content, folder, ("ball",))
     assert bone["kind"] == "bones"
-    assert (
-        render.StoredRun(folder, "J", view_options(hide=["ball", "rod"])).panel(1.0).obstacles == []
-    )
+    run = render.StoredRun(folder, "J", view_options(hide=["ball", "rod"]))
+    assert run.panel(1.0).obstacles == []
     message = bad(lambda: render.main(folder, view=view_options(hide=["bal"])))
     assert message.startswith("--hide = 'bal': expected one of ball, rod")
 

@@ -7,10 +7,16 @@ from typing import Any
 import pytest
 
 from fem_snh.errors import BadInput
+from fem_snh.viewing.page import cell, flatten
 from fem_snh.viewing.plots.runs import run_figure
-from fem_snh.viewing.render import choose_loads, panel_label
-from fem_snh.viewing.render.records import axis_label, load_range, parameter, step_at
-from fem_snh.viewing.view.page import cell, flatten
+from fem_snh.viewing.stored_run import (
+    axis_label,
+    choose_loads,
+    load_range,
+    panel_label,
+    parameter,
+    step_at,
+)
 
 START = {"energy": 0.0, "kinetic": 0.0, "elastic": 0.0, "potential": 0.0, "dissipated": 0.0}
 

@@ -13,9 +13,9 @@ import pytest
 from browser import console_errors, network_requests, open_page, picture, wait_for
 from picture_runs import bad, write_run
 
-from fem_snh.viewing import view
-from fem_snh.viewing.plots.curves import run_table
-from fem_snh.viewing.view.page import first_axes
+from fem_snh.viewing import render
+from fem_snh.viewing.page import first_axes
+from fem_snh.viewing.plots.runs import run_table
 
 pytestmark = pytest.mark.one_debian
 
@@ -27,7 +27,7 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
     record["versions"] = {"dolfinx": "0.5.2"}
     record["steps"][1] |= {"converged": False, "reason": "<DIVERGED>"}
     (folder / "run.json").write_text(json.dumps(record))
-    return view.main(folder)
+    return render.page(folder)
 
 
 def is_drawn(image: np.ndarray) -> bool:
@@ -94,19 +94,19 @@ def test_page_holds_curves_steps_settings_and_versions(page):
 
 def test_states_are_chosen_evenly():
     loads = [k / 100 for k in range(101)]
-    chosen = view.choose_states(loads)
-    assert len(chosen) == view.MAX_STATES and (chosen[0], chosen[-1]) == (0.0, 1.0)
+    chosen = render.choose_states(loads)
+    assert len(chosen) == render.MAX_STATES and (chosen[0], chosen[-1]) == (0.0, 1.0)
     assert np.ptp(np.diff(chosen)) <= 0.011
-    assert view.choose_states(loads[:5]) == loads[:5]
+    assert render.choose_states(loads[:5]) == loads[:5]
 
 
 def test_mistakes_are_one_line(page, tmp_path):
     folder = page.parent
-    assert "expected a file .html" in bad(view.main, folder, tmp_path / "a.png")
-    assert "field = 'mises'" in bad(view.main, folder, None, "mises")
-    assert "run.json" in bad(view.main, tmp_path)
+    assert "expected a file .html" in bad(render.page, folder, tmp_path / "a.png")
+    assert "field = 'mises'" in bad(render.page, folder, None, "mises")
+    assert "run.json" in bad(render.page, tmp_path)
     (tmp_path / "file").write_text("")
-    assert "cannot write" in bad(view.main, folder, tmp_path / "file" / "a.html")
+    assert "cannot write" in bad(render.page, folder, tmp_path / "file" / "a.html")
 
 
 def picked_values(browser: Any) -> dict[str, list[float]]:
@@ -181,7 +181,7 @@ def test_curves_of_the_steps_are_beside_the_body(tmp_path):
     record["steps"].insert(1, {"load": 0.75, "converged": True, "min_J": None} | {"newton": 5})
     record["units"] = "mm, N, MPa"
     (folder / "run.json").write_text(json.dumps(record))
-    with open_page(view.main(folder)) as browser:
+    with open_page(render.page(folder)) as browser:
         from selenium.webdriver.common.by import By
 
         x, y, state = (browser.find_element(By.ID, name) for name in ("x", "y", "state"))

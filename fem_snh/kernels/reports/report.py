@@ -84,9 +84,9 @@ class Report:
 
     def plot(self, path: str | Path) -> Path:
         """Draw the report into the picture ``path``; raise BadInput if it cannot be written."""
-        from fem_snh.viewing.plots.materials import main
+        from fem_snh.viewing.plots.materials import draw_report
 
-        return main(self, Path(path))
+        return draw_report(self, Path(path))
 
     def __str__(self) -> str:
         return "\n".join(_lines(self))

@@ -287,9 +287,9 @@ class Fit:
 
     def plot(self, path: str | Path) -> Path:
         """Draw data, fit and extrapolation; raise BadInput if the picture cannot be written."""
-        from fem_snh.viewing.plots.fits import main  # matplotlib
+        from fem_snh.viewing.plots.materials import draw_fits  # matplotlib
 
-        return main([self], Path(path))
+        return draw_fits([self], Path(path))
 
     def __repr__(self) -> str:
         values = ", ".join(f"{k}={v:.6g}" for k, v in self.parameters.items())

@@ -11,9 +11,8 @@ from typing import Any
 
 from fem_snh.errors import bad_value
 from fem_snh.files import make_folder_of, output_path
-from fem_snh.viewing.render import StoredRun
-from fem_snh.viewing.render.records import duration
-from fem_snh.viewing.worker import require, run_elsewhere
+from fem_snh.viewing import require, run_elsewhere
+from fem_snh.viewing.stored_run import StoredRun, duration
 
 #: File types, the packages that write them beside pyvista, and the function of ``writers``.
 TYPES: dict[str, tuple[tuple[str, ...], str]] = {
@@ -83,13 +82,8 @@ def main(
         arguments = (run.record,)
     count = frames or len(run.states)
 
-    def show(line: str) -> None:
-        numbers = line.split()
-        if report and len(numbers) == 2 and all(number.isdigit() for number in numbers):
-            report(int(numbers[0]), int(numbers[1]))
-
-    module, timeout = f"{__name__}.writers", _STATE_TIMEOUT * (1 + count)
-    run_elsewhere(module, writer, out, run.pvd, *arguments, report=show, timeout=timeout)
+    function, timeout = f"{__name__}.writers:{writer}", _STATE_TIMEOUT * (1 + count)
+    run_elsewhere(function, out, run.pvd, *arguments, report=report, timeout=timeout)
     return [obj_path(out, number) for number in range(count)] if kind == ".obj" else [out]
 
 

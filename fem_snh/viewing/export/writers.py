@@ -2,8 +2,8 @@
 
 `fem_snh.viewing.export.main` calls these functions in a process of its own, as h5py fails to import
 after dolfinx, which loads another HDF5 library, and the libraries of usd-core carry symbols of the
-C++ library that gmsh would then call. They print the number of states written and of all, and raise
-BadInput if a state cannot be read or a file cannot be written.
+C++ library that gmsh would then call. They raise BadInput if a state cannot be read or a file
+cannot be written.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from scipy.interpolate import PchipInterpolator
 
 from fem_snh.errors import BadInput
 from fem_snh.files import replace_file
+from fem_snh.viewing import ignore
 from fem_snh.viewing.export import obj_path
 from fem_snh.viewing.render.surfaces import boundary
 from fem_snh.viewing.states import Array, ExportedState, States, SurfaceFields
@@ -35,8 +36,8 @@ FRAMES_PER_SECOND = 24.0
 VERSION = (2, 2)
 
 
-def _report(written: int, count: int) -> None:
-    print(written, count, flush=True)
+#: Called with the numbers of states written and of all states.
+Report = Callable[[int, int], object]
 
 
 def surface_of(mesh: pv.UnstructuredGrid) -> tuple[Array, Array]:
@@ -69,7 +70,13 @@ def _colours(fields: SurfaceFields, count: int, field: str) -> Callable[[Array],
     return colour_function(field, np.concatenate(values))
 
 
-def write_obj(out: Path, pvd: Path, frames: int | None = None, field: str | None = None) -> None:
+def write_obj(
+    out: Path,
+    pvd: Path,
+    frames: int | None = None,
+    field: str | None = None,
+    report: Report = ignore,
+) -> None:
     """Write the surface at stored loads, or between them, as the files of `obj_path`.
 
     All files have the same triangles of the same vertices, the nodes on the surface, with normals
@@ -127,7 +134,7 @@ def write_obj(out: Path, pvd: Path, frames: int | None = None, field: str | None
         rows = np.column_stack([x, colours(values[:, 3])]) if colours else x
         np.savetxt(text, rows, fmt=form, header=f"load {load:.10g}")
         replace_file(path, (text.getvalue() + faces.getvalue()).decode())
-        _report(number, count)
+        report(number, count)
 
 
 def _is_later(path: Path, out: Path, count: int) -> bool:
@@ -137,7 +144,11 @@ def _is_later(path: Path, out: Path, count: int) -> bool:
 
 
 def write_usd(
-    out: Path, pvd: Path, duration: float | None = None, field: str | None = None
+    out: Path,
+    pvd: Path,
+    duration: float | None = None,
+    field: str | None = None,
+    report: Report = ignore,
 ) -> None:
     """Write the surface at all stored loads: a mesh with points that depend on the time.
 
@@ -210,7 +221,7 @@ def write_usd(
                 rgb = linear_rgb(colours(fields.scalar(number, field))).astype(np.float32)
                 shown = mesh.CreateDisplayColorPrimvar(UsdGeom.Tokens.vertex)
                 shown.Set(Vt.Vec3fArray.FromNumpy(np.ascontiguousarray(rgb)), time)
-            _report(number + 1, len(states))
+            report(number + 1, len(states))
         stage.GetRootLayer().Save()
         del stage
         hidden.replace(out)
@@ -226,7 +237,7 @@ def linear_rgb(srgb: Array) -> Array:
     return np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
 
 
-def write_vtkhdf(out: Path, pvd: Path, record: dict[str, Any]) -> None:
+def write_vtkhdf(out: Path, pvd: Path, record: dict[str, Any], report: Report = ignore) -> None:
     """Write all states into one file: a temporal unstructured grid, with the load as its time.
 
     The mesh is written once, as one part. The fields of the states follow each other in one array
@@ -261,7 +272,7 @@ def write_vtkhdf(out: Path, pvd: Path, record: dict[str, Any]) -> None:
             _write_steps(root, states)
             for number in range(len(states)):
                 _write_state(root, states.read(number), number, len(states))
-                _report(number + 1, len(states))
+                report(number + 1, len(states))
             hdf.create_dataset("fem_snh/run.json", data=json.dumps(record))
 
     replace_file(out, write)

@@ -18,12 +18,16 @@ from matplotlib.figure import Figure
 
 from fem_snh.errors import BadInput
 from fem_snh.files import output_path, write_file
-from fem_snh.viewing.plots.curves import curve_figure, run_table, x_of
-from fem_snh.viewing.plots.front import front_figure, is_error_over_cost
-from fem_snh.viewing.plots.runs import run_figure
-from fem_snh.viewing.plots.sweeps import by_material, read_sweep, read_table, sweep_figure
-from fem_snh.viewing.render import read_record
-from fem_snh.viewing.render.records import column_label
+from fem_snh.viewing.plots.runs import curve_figure, run_figure, run_table, x_of
+from fem_snh.viewing.plots.sweeps import (
+    by_material,
+    front_figure,
+    is_error_over_cost,
+    read_sweep,
+    read_table,
+    sweep_figure,
+)
+from fem_snh.viewing.stored_run import column_label, read_record
 
 
 def main(
@@ -47,7 +51,7 @@ def main(
     x, y : str and sequence of str, optional
         Columns of steps.csv, or of the study's table, or quotients of two: a panel for each of
         ``y`` over ``x``, which is the load parameter of runs by default. An error of a sweep over
-        its cost is drawn with the best points marked: see `fem_snh.viewing.plots.front`.
+        its cost is drawn with the best points marked: see `fem_snh.viewing.plots.sweeps`.
 
     Raises
     ------

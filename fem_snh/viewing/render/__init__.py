@@ -1,44 +1,38 @@
-"""Draw the deformed body from a run folder, coloured by J or another field.
+"""Draw the body of a run's folder, coloured by J or another field: pictures, movies, a page.
 
-`fem_snh.viewing.render.drawing` draws in a process of its own: see `fem_snh.viewing.worker`.
+What draws is called in a process of its own: `fem_snh.viewing.render.drawing` and `page`.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from fractions import Fraction
 from pathlib import Path
-from typing import Any
 
 from fem_snh.errors import BadInput, bad_value
 from fem_snh.files import output_path
 from fem_snh.records.output_fields import ERRORS
-from fem_snh.records.run_record import load_record
-from fem_snh.records.units import Units, volume_change
-from fem_snh.viewing.render.options import WHOLE, ViewOptions
-from fem_snh.viewing.render.records import (
-    check_field,
-    check_hidden,
+from fem_snh.records.units import Units
+from fem_snh.viewing import require, run_elsewhere
+from fem_snh.viewing.stored_run import (
+    DOT,
+    WHOLE,
+    Panel,
+    StoredRun,
+    ViewOptions,
+    choose_loads,
     common_units,
-    hidden_cells,
     load_name,
     load_unit,
     material_name,
-    obstacle_poses,
     parameter,
-    poisson_ratio,
-    step_at,
+    read_record,
     stored_loads,
+    title,
 )
-from fem_snh.viewing.worker import require, run_elsewhere
 
-#: The module that draws.
-_DRAWING = "fem_snh.viewing.render.drawing"
 #: Types of pictures.
 PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".webp")
-
 #: Frequencies below this fraction of the highest are rigid motions, drawn on request only.
 _RIGID = 1e-3
 _SHOWN = 6
@@ -49,18 +43,8 @@ FRAMES_PER_SECOND = 25
 MIN_SECONDS, MAX_SECONDS = 0.1, 600.0
 #: Upper bound of the time that a frame takes to draw [s], after which the process counts as hung.
 _FRAME_TIMEOUT = 60.0
-#: What separates the parts of a label.
-_DOT = "  ·  "
-
-
-@dataclass(frozen=True)
-class Panel:
-    """One panel: the files that hold its fields, its label, its load and the run's obstacles."""
-
-    files: list[str]
-    label: str
-    load: float = 0.0
-    obstacles: list[dict[str, Any]] = field(default_factory=list)
+#: States on a page, at most: each takes about a tenth of a second and 100 kB for 1,000 cells.
+MAX_STATES = 13
 
 
 @dataclass(frozen=True)
@@ -74,7 +58,7 @@ class Job:
     field: str
     title: str
     panels: list[Panel]
-    out: str
+    out: Path
     opacity: float = 1.0
     revolve: bool = False
     view: ViewOptions = WHOLE
@@ -86,14 +70,12 @@ class Job:
 class MovieJob(Job):
     """The input of the process that draws a movie.
 
-    The panels are the stored states; ``names`` are the values of the load parameter there, and
-    ``obstacles`` those of the run at all its loads.
+    The panels are the stored states; ``names`` are the values of the load parameter there.
     """
 
     names: list[float] = field(default_factory=list)
     load_name: str = ""
     load_unit: str = ""
-    obstacles: list[dict[str, Any]] = field(default_factory=list)
     frames: int = 0
 
 
@@ -156,9 +138,10 @@ def main(
         loads = [max(run.states)]
     chosen = choose_loads(list(run.states), loads)
     panels, note = [run.panel(load) for load in chosen], run.note(chosen)
-    opacity = check_opacity(opacity)
-    units = Units.of(run.record)
-    job = Job(field, title(run.record), panels, str(out), opacity, revolve, run.view, note, units)
+    job = Job(
+        field, title(run.record), panels, out, check_opacity(opacity), revolve, run.view, note,
+        Units.of(run.record),
+    )  # fmt: skip
     draw(job, report)
     return out
 
@@ -191,28 +174,22 @@ def draw_modes(
     """
     folder = Path(folder)
     record = read_record(folder)
-    frequencies = read_frequencies(folder, record)
+    try:
+        frequencies = [float(f) for f in record["modes"]["frequencies"]]
+    except KeyError:
+        raise BadInput(
+            f"{folder / 'run.json'}: this run has no modes: its scene needs a table [modes]"
+        ) from None
     stored = stored_loads(folder / "modes.pvd")
     out = picture_path(out) if out is not None else folder / "modes.png"
     panels = []
     for number in choose_modes(frequencies, numbers):
         if number not in stored:
             raise BadInput(f"{folder / 'modes.pvd'}: holds no mode {number}")
-        files = [str(file) for file in stored[number]]
-        panels.append(Panel(files, mode_label(number, frequencies[number - 1])))
-    shown, units = view or WHOLE, Units.of(record)
-    draw(Job("mode", title(record), panels, str(out), view=shown, units=units))
+        panels.append(Panel(stored[number], mode_label(number, frequencies[number - 1])))
+    units = Units.of(record)
+    draw(Job("mode", title(record), panels, out, view=view or WHOLE, units=units))
     return out
-
-
-def read_frequencies(folder: Path, record: dict[str, Any]) -> list[float]:
-    """Return the eigenfrequencies [Hz] of a run's record; raise BadInput if it has none."""
-    try:
-        return [float(f) for f in record["modes"]["frequencies"]]
-    except (KeyError, TypeError, ValueError):
-        raise BadInput(
-            f"{folder / 'run.json'}: this run has no modes: its scene needs a table [modes]"
-        ) from None
 
 
 def choose_modes(frequencies: list[float], wanted: Sequence[float] | None) -> list[int]:
@@ -270,22 +247,22 @@ def compare(
     for run, name, at in zip(runs, names, loads, strict=True):
         stored = list(run.states)
         panel = run.panel(*choose_loads(stored, [stored[-1] if at is None else at]))
-        panels.append(replace(panel, label=f"{name}{_DOT}{panel.label}"))
+        panels.append(replace(panel, label=f"{name}{DOT}{panel.label}"))
     common = _common([title(run.record) for run in runs])
     if len(panels) > 1:
         shared = _common([panel.label for panel in panels])
         for index, panel in enumerate(panels):
-            own = [part for part in panel.label.split(_DOT) if part not in shared]
-            panels[index] = replace(panel, label=_DOT.join(own))
+            own = [part for part in panel.label.split(DOT) if part not in shared]
+            panels[index] = replace(panel, label=DOT.join(own))
         common += [part for part in shared if part not in common]
     units = common_units([run.record for run in runs])
-    draw(Job(field, _DOT.join(common), panels, str(out), units=units))
+    draw(Job(field, DOT.join(common), panels, out, units=units))
     return out
 
 
 def _common(texts: Sequence[str]) -> list[str]:
     """Return the parts that all texts have."""
-    parts = [text.split(_DOT) for text in texts]
+    parts = [text.split(DOT) for text in texts]
     return [part for part in parts[0] if all(part in other for other in parts)]
 
 
@@ -341,25 +318,70 @@ def movie(
     job = MovieJob(
         field,
         title(run.record),
-        [Panel(files, "", load) for load, files in run.states.items()],
-        str(out),
+        [run.panel(load) for load in run.states],
+        out,
         check_opacity(opacity),
         view=run.view,
         units=Units.of(run.record),
         names=[parameter(run.record, load) for load in run.states],
         load_name=load_name(run.record),
         load_unit=load_unit(run.record),
-        obstacles=obstacle_poses(run.record, run.folder, hide=run.view.hide),
         frames=frames,
     )
-
-    def show(line: str) -> None:
-        if report and line.isdigit():
-            report(int(line), frames)
-
-    timeout = frames * _FRAME_TIMEOUT
-    run_elsewhere(_DRAWING, "write_movie", job, report=show, timeout=timeout, opengl=True)
+    timeout, writer = frames * _FRAME_TIMEOUT, f"{__name__}.drawing:write_movie"
+    run_elsewhere(writer, job, report=report, timeout=timeout, opengl=True)
     return out
+
+
+def page(
+    folder: Path,
+    out: Path | None = None,
+    field: str = "J",
+    revolve: bool = False,
+    view: ViewOptions | None = None,
+) -> Path:
+    """Write a run as one HTML page and return its path.
+
+    The page needs no other file and no network: it holds the viewer, which is vtk.js as trame packs
+    it, and a scene for each state.
+
+    Parameters
+    ----------
+    folder : Path
+        Folder of the run.
+    out : Path, optional
+        The page; default: ``folder/view.html``.
+    field : str
+        The field that the colours show, as for `main`.
+    revolve : bool
+        Show an axisymmetric body revolved, in place of its section.
+    view : ViewOptions, optional
+        Clip plane, hidden parts, and the camera of the page's first view.
+
+    Raises
+    ------
+    BadInput
+        If a package or a file is missing, a file cannot be read, or the page cannot be written.
+    """
+    out = output_path("--out", out) if out is not None else Path(folder) / "view.html"
+    if out.suffix not in (".html", ".htm"):
+        raise BadInput(f"--out {out}: expected a file .html")
+    require("view", ("pyvista", "matplotlib"))
+    require("view", ("trame_vtk",), "'fem_snh[view]'")
+    run = StoredRun(folder, field, view)
+    run.check_revolved(revolve)
+    states = [run.panel(load) for load in choose_states(list(run.states))]
+    job = Job(field, "", states, out, revolve=revolve, view=run.view, units=Units.of(run.record))
+    run_elsewhere("fem_snh.viewing.page:write_page", job, run.record, opengl=True)
+    return out
+
+
+def choose_states(loads: list[float]) -> list[float]:
+    """Return at most `MAX_STATES` of the loads, evenly chosen, with the first and the last."""
+    if len(loads) <= MAX_STATES:
+        return loads
+    last, intervals = len(loads) - 1, MAX_STATES - 1
+    return [loads[round(k * last / intervals)] for k in range(MAX_STATES)]
 
 
 def picture_path(out: str | Path) -> Path:
@@ -377,135 +399,7 @@ def check_opacity(opacity: float) -> float:
     return opacity
 
 
-class StoredRun:
-    """The folder of a run.
-
-    Parameters
-    ----------
-    folder : Path
-        The folder.
-    field : str, optional
-        A field, or a component of one, that the run must have written.
-    view : ViewOptions, optional
-        What is shown.
-
-    Attributes
-    ----------
-    record : dict
-        Its run.json.
-    pvd : Path
-        The collection of its states: of the skin if a lattice carries one.
-    states : dict
-        {load or time: .vtu files of a stored state}, ascending.
-
-    Raises
-    ------
-    BadInput
-        If a file is missing or cannot be read, or the run has not written the field or has no
-        part of a name that is to be hidden.
-    """
-
-    def __init__(
-        self, folder: Path, field: str | None = None, view: ViewOptions | None = None
-    ) -> None:
-        self.folder, self._field = Path(folder), field
-        self.record = read_record(self.folder)
-        hide = view.hide if view else ()
-        check_hidden(self.record, hide)
-        self.view = replace(view or WHOLE, hidden_cells=hidden_cells(self.record, hide))
-        skin = self.folder / "skin.pvd"
-        self.pvd = skin if skin.is_file() else self.folder / "fields.pvd"
-        self.states = {
-            load: [str(file) for file in files]
-            for load, files in sorted(stored_loads(self.pvd).items())
-        }
-        if field is not None:
-            check_field(self.pvd, field)
-
-    def check_revolved(self, revolve: bool) -> None:
-        """Raise BadInput for a body that is to be drawn revolved and is no body of revolution."""
-        kinematics = self.record.get("kinematics")
-        if revolve and not str(kinematics).startswith("axisymmetric"):
-            raise BadInput(f"--revolve: expected an axisymmetric run; kinematics = {kinematics!r}")
-        if revolve and self.view.clip:
-            raise BadInput("--clip and --revolve: expected one of the two")
-
-    def panel(self, load: float) -> Panel:
-        """Return the panel of a stored load or time."""
-        obstacles = obstacle_poses(self.record, self.folder, load, self.view.hide)
-        return Panel(self.states[load], panel_label(self.record, load), load, obstacles)
-
-    def note(self, loads: Sequence[float]) -> str:
-        """Return what the colours of some loads hide: the smallest J at a point, as cells
-        have means."""
-        steps = [step_at(self.record, load) for load in loads]
-        smallest = [step["min_J"] for step in steps if step and step.get("min_J") is not None]
-        if self._field != "J" or not smallest:
-            return ""
-        return f"smallest at a quadrature point {min(smallest):.3g}"
-
-
-def read_record(folder: Path) -> dict[str, Any]:
-    """Return ``folder/run.json``; raise BadInput if it is missing or no record of a run."""
-    path = folder / "run.json"
-    if not path.exists():
-        raise BadInput(f"{folder}: no run.json here: give the folder of a run (--out DIR)")
-    return load_record(path)
-
-
-def choose_loads(stored: list[float], wanted: Sequence[float] | None) -> list[float]:
-    """Return the stored loads to draw; raise BadInput if a requested one was not stored."""
-    if wanted:
-        same = 1e-6 * max(map(abs, stored))
-        for load in wanted:
-            if not any(math.isclose(load, s, abs_tol=same) for s in stored):
-                raise BadInput(f"no fields at load {load:g}: stored are {_listed(stored)}")
-        return [min(stored, key=lambda s: abs(s - load)) for load in wanted]
-    steps = [s for s in stored if s > 0] or stored
-    if len(steps) <= 4:
-        return steps
-    return [steps[round(i * len(steps) / 3) - 1] for i in (1, 2, 3)]
-
-
-def _listed(loads: list[float]) -> str:
-    return ", ".join(f"{load:g}" for load in loads)
-
-
-def title(record: dict[str, Any]) -> str:
-    """Return scene, material, nu, element and number of cells in one line."""
-    ratio = f"ν = {poisson_ratio(record)}"
-    parts = [str(record["scene"]), material_name(record), ratio]
-    if "cells" in record and "element" in record:
-        parts.append(f"{record['cells']:,} {record['element']} cells".replace(",", "\u2009"))
-    return "  ·  ".join(parts)
-
-
-def panel_label(record: dict[str, Any], load: float) -> str:
-    """Return name and value of the load or time, and volume change and smallest J of its step."""
-    value = parameter(record, load)
-    label = f"{load_name(record)} {number(value) if not load_unit(record) else f'{value:.3g}'}"
-    label += load_unit(record)
-    step = step_at(record, load)
-    if step is None:
-        return label
-    if step.get("volume_ratio") is not None:
-        change = volume_change(step["volume_ratio"]).replace("-", "\u2212")
-        label += f"  ·  volume {change} %"
-    if step.get("min_J") is not None:
-        label += f"  ·  min J {step['min_J']:.2f}".replace("-", "\u2212")
-    return label if step.get("converged", True) else label + "  ·  not converged"
-
-
-def number(x: float) -> str:
-    """Return ``x`` as text: a simple fraction of pi, or three digits."""
-    turn = Fraction(x / math.pi).limit_denominator(12)
-    if turn == 0 or not math.isclose(x, turn * math.pi, rel_tol=1e-9):
-        return f"{x:.3g}"
-    top = {1: "π", -1: "-π"}.get(turn.numerator, f"{turn.numerator}π")
-    return top if turn.denominator == 1 else f"{top}/{turn.denominator}"
-
-
 def draw(job: Job, report: Callable[[str], None] | None = None) -> None:
     """Draw in a separate process and report what it prints; raise BadInput if it cannot."""
     require("render", ("pyvista", "matplotlib"))
-    run_elsewhere(_DRAWING, "draw", job, report=report, opengl=True)
+    run_elsewhere(f"{__name__}.drawing:draw", job, report=report, opengl=True)

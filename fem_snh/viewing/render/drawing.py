@@ -1,6 +1,6 @@
 """Draw panels with PyVista and arrange them with matplotlib, as a picture or a movie.
 
-`draw` and `write_movie` are called in a process of their own: `fem_snh.viewing.worker`.
+`draw` and `write_movie` are called in a process of their own: `fem_snh.viewing.run_elsewhere`.
 """
 
 from __future__ import annotations
@@ -26,13 +26,11 @@ from PIL import Image
 
 from fem_snh.errors import BadInput
 from fem_snh.files import make_folder_of, replacement, write_file
-from fem_snh.records.units import Units
+from fem_snh.viewing import ignore
 from fem_snh.viewing.render import FRAMES_PER_SECOND, Job, MovieJob
-from fem_snh.viewing.render.obstacles import STYLES, Obstacles, kind_of
-from fem_snh.viewing.render.options import WHOLE, ViewOptions
-from fem_snh.viewing.render.records import is_nonnegative, label
-from fem_snh.viewing.render.surfaces import DrawnBody, body, body_of, is_flat
+from fem_snh.viewing.render.surfaces import DrawnBody, Obstacles, body, body_of, is_flat
 from fem_snh.viewing.states import InterpolatedStates
+from fem_snh.viewing.stored_run import DOT, TOWARDS, WHOLE, ViewOptions, is_nonnegative, label
 
 #: Width of the picture [pixels].
 WIDTH = 1600
@@ -46,8 +44,10 @@ _SCALE_BAR = 0.1
 TALLEST = 1200
 #: Pixels per inch, which relate sizes of fonts to pixels.
 DPI = 200
-#: Directions towards the viewer: of any body, and of one long in x or in y, seen from its side.
-TOWARDS, TOWARDS_LONG = (0.62, -1.0, 0.55), ((0.32, -1.0, 0.15), (1.0, 0.32, 0.15))
+#: Directions towards the viewer of a body that is long in x or in y, seen from its side.
+TOWARDS_LONG = ((0.32, -1.0, 0.15), (1.0, 0.32, 0.15))
+#: Colour and opacity of obstacles, bones and rigid shapes; a translucent body shows its bones.
+_STYLES = {"obstacles": ("#a0a0a0", 0.35), **dict.fromkeys(("bones", "rigid"), ("#e3d9bf", 1.0))}
 #: Position (right, up) and intensity of the key light and the fill light at the camera.
 LIGHTS = ((-0.6, 0.8, 0.4), (0.5, 0.1, 0.3))
 #: A section has the colours of the bar, which no light changes.
@@ -139,19 +139,18 @@ class View:
 
 def view(
     bodies: Sequence[DrawnBody],
-    obstacles: Sequence[Sequence[pv.PolyData]] = (),
-    options: ViewOptions | None = None,
+    solids: Sequence[pv.PolyData] = (),
+    options: ViewOptions = WHOLE,
 ) -> View:
     """Return a view from the front, right and above, or from the side of a long body.
 
     One of two dimensions is drawn in its plane. z is upwards, or y if the camera looks along z.
-    ``obstacles`` are the surfaces of all panels; with some, the view is that of all together. The
+    ``solids`` are the surfaces in all panels; with some, the view is that of all together. The
     ``options`` may choose direction, centre and magnification.
     """
-    options = options or WHOLE
     points = np.concatenate([np.concatenate([b.surface.points, b.ghost.points]) for b in bodies])
     size = np.ptp(points, axis=0)
-    points = np.concatenate([points, *(o.points for panel in obstacles for o in panel)])
+    points = np.concatenate([points, *(solid.points for solid in solids)])
     towards = np.array(TOWARDS)
     if size.max() > 2 * np.median(size) and size.argmax() != 2:
         towards = np.array(TOWARDS_LONG[size.argmax()])
@@ -174,70 +173,34 @@ def view(
 
 
 class Drawing:
-    """What all panels, frames or states of one picture share: colours, view and obstacles.
+    """What all panels, frames or states of one picture share: colours, view and solids.
 
     Parameters
     ----------
-    field : str
-        The field that the colours show.
-    bodies : sequence of DrawnBody
-        The bodies, one for each panel.
-    obstacles : sequence of list of dict
-        Those of each panel, as `fem_snh.viewing.render.records.obstacle_poses` returns them.
-    loads : sequence of float
-        The load or time of each panel.
-    options : ViewOptions, optional
-        Camera and clip plane.
-    note : str
-        What follows the label of the colour bar.
-    units : Units, optional
-        Those of labels; without them there is no scale bar.
-    revolved : bool
-        Whether the bodies are revolved sections, and so their obstacles.
+    job : Job
+        What is drawn.
+    bodies : sequence of DrawnBody, optional
+        The bodies, one for each panel; default: those of the panels' files.
     """
 
-    def __init__(
-        self,
-        field: str,
-        bodies: Sequence[DrawnBody],
-        obstacles: Sequence[list[dict[str, Any]]],
-        loads: Sequence[float],
-        options: ViewOptions | None = None,
-        note: str = "",
-        units: Units | None = None,
-        revolved: bool = False,
-    ) -> None:
-        self.field, self._note, self.units = field, note, units
+    def __init__(self, job: Job, bodies: Sequence[DrawnBody] | None = None) -> None:
+        if bodies is None:
+            bodies = [body(panel.files, job.field, job.view, job.revolve) for panel in job.panels]
+        self.job, self.bodies = job, bodies
         values = np.concatenate([body.values for body in bodies])
-        ends = options.limits if options else None
-        self.cmap, self.norm, self.extend = colours(field, values, ends)
+        self.cmap, self.norm, self.extend = colours(job.field, values, job.view.limits)
         found = [value for body in bodies for value, _ in body.extremes]
         low, high = min(found, default=np.nan), max(found, default=np.nan)
         #: The smallest and the largest value, also inside of the bodies, without rounding.
         self.extremes = (0.0 if abs(low) < _ROUNDING * abs(high) else low), high
         points = np.concatenate([p for b in bodies for p in (b.surface.points, b.ghost.points)])
         limits = np.array([points.min(axis=0), points.max(axis=0)])
-        self._flat = not revolved and all(is_flat(b.rest.points) for b in bodies)
-        solids = [Obstacles(records, revolved, self._flat) for records in obstacles]
+        self._flat = not job.revolve and all(is_flat(b.rest.points) for b in bodies)
+        solids = [Obstacles(panel.obstacles, job.revolve, self._flat) for panel in job.panels]
         self.solids_at = lambda panel, load: solids[panel].at(load, limits)
-        self.solids = [self.solids_at(k, load) for k, load in enumerate(loads)]
-        self.view = view(bodies, self.solids, options)
-
-    @classmethod
-    def of(cls, job: Job) -> tuple[Drawing, list[DrawnBody]]:
-        """Return the drawing and the bodies of the panels of a `render.Job`."""
-        bodies = [body(panel.files, job.field, job.view, job.revolve) for panel in job.panels]
-        drawing = cls(
-            job.field,
-            bodies,
-            [panel.obstacles for panel in job.panels],
-            [panel.load for panel in job.panels],
-            job.view,
-            job.note,
-            job.units,
-            job.revolve,
-        )
-        return drawing, bodies
+        self.solids = [self.solids_at(k, panel.load) for k, panel in enumerate(job.panels)]
+        shown = [solid for panel in self.solids for _, solid in panel]
+        self.view = view(bodies, shown, job.view)
 
     def add(
         self,
@@ -255,18 +218,21 @@ class Drawing:
         limits = (self.norm.vmin, self.norm.vmax)
         if is_flat(item.surface.points):
             options |= _UNLIT
-        plotter.add_mesh(item.surface, scalars=self.field, cmap=self.cmap, clim=limits, **options)
+        plotter.add_mesh(
+            item.surface, scalars=self.job.field, cmap=self.cmap, clim=limits, **options
+        )
         if item.edges is not None:
             moved = item.edges.translate(list(shift))
             plotter.add_mesh(moved, color="black", lighting=False, **edges)
         if item.ghost.n_cells:  # a round body has no sharp edge
             plotter.add_mesh(item.ghost, color="#8c8c8c", line_width=ghost, lighting=False)
 
-    def add_solids(self, plotter: Any, solids: Sequence[pv.PolyData], **options: Any) -> None:
+    def add_solids(
+        self, plotter: Any, solids: Sequence[tuple[str, pv.PolyData]], **options: Any
+    ) -> None:
         """Add the obstacles and the bones: of a body in the plane sections behind and on it."""
-        for solid in solids:
-            kind = kind_of(solid)
-            colour, opacity = STYLES[kind]
+        for kind, solid in solids:
+            colour, opacity = _STYLES[kind]
             if self._flat:
                 way = -self._shift if kind == "obstacles" else self._shift / 2
                 solid, options = solid.translate(list(way)), _UNLIT
@@ -280,15 +246,11 @@ class Drawing:
     def image(
         self,
         item: DrawnBody,
-        solids: Sequence[pv.PolyData],
+        solids: Sequence[tuple[str, pv.PolyData]],
         pixels: int,
-        opacity: float,
         scale: int = 2,
     ) -> np.ndarray:
-        """Return a panel as an RGB array (height, pixels, 3): the mean of one ``scale`` as large.
-
-        ``opacity`` is that of the body, through which its bones are seen.
-        """
+        """Return a panel as an RGB array (height, pixels, 3), averaged from a larger one."""
         where = self.view
         shape = [scale * pixels, scale * round(pixels * where.height / where.width)]
         plotter: Any = pv.Plotter(off_screen=True, window_size=shape, border=False, lighting="none")
@@ -301,7 +263,8 @@ class Drawing:
         shift = self._shift
         self.add(
             plotter, item, {"opacity": 0.3, "line_width": pixels / 350}, pixels / 300, list(shift),
-            opacity=opacity, show_scalar_bar=False, smooth_shading=True, split_sharp_edges=True,
+            opacity=self.job.opacity, show_scalar_bar=False,
+            smooth_shading=True, split_sharp_edges=True,
             feature_angle=35, ambient=0.5, diffuse=0.8, specular=0.08, specular_power=15,
         )  # fmt: skip
         rest = item.rest.translate(list(-shift))  # behind a section in the same plane
@@ -324,13 +287,30 @@ class Drawing:
     @property
     def label(self) -> str:
         """The label of the colour bar, with the range of values that its colours do not reach."""
-        text = label(self.field, self.units) + (f", {self._note}" if self._note else "")
+        text = label(self.job.field, self.job.units) + (
+            f", {self.job.note}" if self.job.note else ""
+        )
         (low, high), ends = self.extremes, (self.norm.vmin, self.norm.vmax)
         rounding = _ROUNDING * (ends[1] - ends[0])
-        if self.field == "mode" or not (low < ends[0] - rounding or high > ends[1] + rounding):
+        if self.job.field == "mode" or not (low < ends[0] - rounding or high > ends[1] + rounding):
             return text
         values = f"values from {low:.3g} to {high:.3g}".replace("-", "\u2212")
         return f"{text}  ·  {values}, the colours end before"
+
+    @property
+    def extremes_line(self) -> str:
+        """The smallest and the largest value of all panels, and where they are at rest."""
+        found = [
+            (*end, panel.label.partition(DOT)[0])
+            for body, panel in zip(self.bodies, self.job.panels, strict=True)
+            for end in body.extremes
+        ]
+        ends = [
+            f"{value:.4g} at ({', '.join(f'{x:.4g}' for x in at)}), {panel}"
+            for value, (_, at, panel) in zip(self.extremes, (min(found), max(found)), strict=True)
+        ]
+        name = label(self.job.field, self.job.units).replace("  ", " ")
+        return f"{name}: from {ends[0]}, to {ends[1]}"
 
     def add_colour_bar(self, figure: Figure, height: int, pixels: int) -> None:
         """Add the colour bar at the bottom of a figure ``height`` pixels high.
@@ -338,7 +318,7 @@ class Drawing:
         With the units of a scene, a scale bar is beside it; panels are ``pixels`` wide.
         """
         bar = figure.add_axes((0.3, 76 / height, 0.4, 20 / height))
-        most = 5 if self.field == "mode" else 7
+        most = 5 if self.job.field == "mode" else 7
         ticks, numbers = ticks_of_bar(self.norm.vmin, self.norm.vmax, most)
         figure.colorbar(
             ScalarMappable(self.norm, self.cmap), bar, orientation="horizontal",
@@ -347,28 +327,14 @@ class Drawing:
         bar.tick_params(labelsize=8)
         bar.xaxis.get_offset_text().set_fontsize(8)
         bar.set_xlabel(self.label, fontsize=8.5, labelpad=2)
-        if self.units is None:
+        if self.job.units is None:
             return
         length = round_up(_SCALE_BAR * self.view.width)
         part = length / self.view.width * pixels / (figure.get_figwidth() * figure.dpi)
         line, at = np.array([0.0, part]) + 0.05, 86 / height
         figure.add_artist(Line2D(line, [at, at], color="black", lw=1.5, marker="|", ms=6))
-        name = f"{length:g} {self.units.length}"
+        name = f"{length:g} {self.job.units.length}"
         figure.text(0.05 + part / 2, 62 / height, name, fontsize=8, ha="center", va="top")
-
-
-def extremes_line(drawing: Drawing, bodies: Sequence[DrawnBody], job: Job) -> str:
-    """Return the smallest and the largest value of all panels, and where they are at rest."""
-    panels = [panel.label.partition("  ·  ")[0] for panel in job.panels]
-    found = [
-        (*end, panel) for body, panel in zip(bodies, panels, strict=True) for end in body.extremes
-    ]
-    ends = [
-        f"{value:.4g} at ({', '.join(f'{x:.4g}' for x in at)}), {panel}"
-        for value, (_, at, panel) in zip(drawing.extremes, (min(found), max(found)), strict=True)
-    ]
-    name = label(drawing.field, drawing.units).replace("  ", " ")
-    return f"{name}: from {ends[0]}, to {ends[1]}"
 
 
 def ticks_of_bar(low: float, high: float, most: int) -> tuple[MaxNLocator, ScalarFormatter]:
@@ -404,9 +370,10 @@ def mark_lowest(figure: Figure, where: tuple[float, float], value: float, flip: 
     )  # fmt: skip
 
 
-def draw(job: Job) -> None:
+def draw(job: Job, report: Callable[[str], object] = ignore) -> None:
     """Draw a `render.Job`: panels in a row, or in a column if the body is wide."""
-    drawing, bodies = Drawing.of(job)
+    drawing = Drawing(job)
+    bodies = drawing.bodies
     where, count = drawing.view, len(bodies)
     columns = count if count <= 3 else (count + 1) // 2
     if where.width > 2 * where.height:
@@ -415,7 +382,7 @@ def draw(job: Job) -> None:
     wide = round(WIDTH / columns * (0.8 if columns == 1 else 1.0))
     wide = min(wide, round(TALLEST * where.width / where.height))
     images = [
-        drawing.image(item, solids, wide, job.opacity)
+        drawing.image(item, solids, wide)
         for item, solids in zip(bodies, drawing.solids, strict=True)
     ]
     tall = images[0].shape[0]
@@ -437,11 +404,10 @@ def draw(job: Job) -> None:
                 at = (left + wide * across) / WIDTH, (low + tall * upwards) / height
                 mark_lowest(figure, at, lowest[1], across > 0.7)
     drawing.add_colour_bar(figure, height, wide)
-    out = Path(job.out)
-    options: dict[str, Any] = {"format": out.suffix[1:], "pil_kwargs": {"optimize": True}}
-    write_file(out, lambda file: figure.savefig(file, dpi=DPI, **options))
-    if drawing.field != "mode":
-        print(extremes_line(drawing, bodies, job), flush=True)
+    options: dict[str, Any] = {"format": job.out.suffix[1:], "pil_kwargs": {"optimize": True}}
+    write_file(job.out, lambda file: figure.savefig(file, dpi=DPI, **options))
+    if job.field != "mode":
+        report(drawing.extremes_line)
 
 
 def movie_frames(job: MovieJob) -> Iterator[np.ndarray]:
@@ -451,16 +417,14 @@ def movie_frames(job: MovieJob) -> Iterator[np.ndarray]:
     states = InterpolatedStates(stored, job.field, job.view.hidden_cells)
     # The view and the range of colours are those of all stored states together.
     bodies = [body_of(states.grid(load), job.field, job.view) for load in loads]
-    obstacles = [job.obstacles] * len(loads)
-    drawing = Drawing(job.field, bodies, obstacles, loads, job.view, units=job.units)
+    drawing = Drawing(job, bodies)
     where = drawing.view
     wide = min(_FRAME_WIDTH, round(_FRAME_TALLEST * where.width / where.height))
-    del bodies
     decimals = max(0, 2 - floor(log10(abs(job.names[-1] - job.names[0]) or 1.0)))
     figure = None
     for load in np.linspace(loads[0], loads[-1], job.frames):
         item = body_of(states.grid(load), job.field, job.view)
-        image = drawing.image(item, drawing.solids_at(0, load), wide, job.opacity, scale=1)
+        image = drawing.image(item, drawing.solids_at(0, load), wide, scale=1)
         if figure is None:
             height = TOP + LABEL + image.shape[0] + FOOT
             height += height % 2
@@ -477,43 +441,41 @@ def movie_frames(job: MovieJob) -> Iterator[np.ndarray]:
         yield np.asarray(canvas.buffer_rgba())[..., :3].copy()
 
 
-def write_movie(job: MovieJob) -> None:
+def write_movie(job: MovieJob, report: Callable[[int, int], object] = ignore) -> None:
     """Draw the frames and write the movie, which replaces an earlier file once it is complete."""
-    out = Path(job.out)
-    make_folder_of(out)
-    with replacement(out) as new:
-        if out.suffix.lower() == ".gif":
-            _write_gif(new, job)
+
+    def frames() -> Iterator[np.ndarray]:
+        for count, frame in enumerate(movie_frames(job), 1):
+            yield frame
+            report(count, job.frames)
+
+    make_folder_of(job.out)
+    with replacement(job.out) as new:
+        if job.out.suffix.lower() == ".gif":
+            _write_gif(new, frames())
         else:
-            _write_mp4(new, job)
+            _write_mp4(new, frames())
 
 
-def _write_mp4(path: Path, job: MovieJob) -> None:
-    import imageio
+def _write_mp4(path: Path, frames: Iterator[np.ndarray]) -> None:
+    import imageio  # a GIF needs none
 
     settings: dict[str, Any] = {"codec": "libx264", "quality": 6, "macro_block_size": 2}
     movie: Any = imageio.get_writer(path, fps=FRAMES_PER_SECOND, **settings)
     with movie:
-        for count, frame in enumerate(movie_frames(job), 1):
+        for frame in frames:
             movie.append_data(frame)
-            print(count, flush=True)
 
 
-def _write_gif(path: Path, job: MovieJob) -> None:
+def _write_gif(path: Path, frames: Iterator[np.ndarray]) -> None:
+    """Write frames with one palette: the colours of the last frame."""
     drawn = []
-    for count, frame in enumerate(movie_frames(job), 1):
-        compressed = io.BytesIO()  # whole frames would need gigabytes
-        Image.fromarray(frame).save(compressed, "PNG", compress_level=1)
-        drawn.append(compressed)
-        print(count, flush=True)
+    for frame in frames:
+        drawn.append(io.BytesIO())  # whole frames would need gigabytes
+        Image.fromarray(frame).save(drawn[-1], "PNG", compress_level=1)
     palette = Image.open(drawn[-1]).quantize(_GIF_COLOURS)
-    images = [
+    first, *others = (
         Image.open(data).quantize(palette=palette, dither=Image.Dither.NONE) for data in drawn
-    ]
-    images[0].save(
-        path,
-        save_all=True,
-        append_images=images[1:],
-        duration=round(1000 / FRAMES_PER_SECOND),
-        loop=0,
     )
+    time = round(1000 / FRAMES_PER_SECOND)
+    first.save(path, save_all=True, append_images=others, duration=time, loop=0)

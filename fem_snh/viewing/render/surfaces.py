@@ -3,27 +3,33 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pyvista as pv
-from vtkmodules.vtkCommonCore import mutable, vtkObject
+from vtkmodules.vtkCommonCore import mutable, vtkIdList, vtkObject, vtkPoints
+from vtkmodules.vtkFiltersGeneral import vtkContourTriangulator
 from vtkmodules.vtkFiltersGeometry import vtkDataSetSurfaceFilter
 
 from fem_snh.errors import BadInput
+from fem_snh.geometry.motions import AffineTable, Motion, PoseTable
+from fem_snh.geometry.shapes import ClosedSurface, from_record
+from fem_snh.geometry.shapes.triangles import surface_triangles
 from fem_snh.records.output_fields import CELL_GROUP, SUMMED
-from fem_snh.viewing.render.options import ViewOptions
-from fem_snh.viewing.render.records import VECTORS, component_index, split_component
+from fem_snh.viewing.stored_run import (
+    VECTORS,
+    WHOLE,
+    ViewOptions,
+    component_index,
+    split_component,
+)
 
 #: Largest number of boundary faces with which element edges are drawn.
 EDGES_UP_TO = 6000
-#: Corners of the reference cells, in the order of VTK.
-_TETRAHEDRON = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], dtype=float)
-_HEXAHEDRON = np.array(
-    [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]],
-    dtype=float,
-)
+#: Corners of a hexahedron, in the order of VTK.
+_CORNERS = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]]
 #: The name of the data that are the numbers of cells.
 _CELL = "fem_snh_cell"
 #: The field with the smallest J of each cell, which pictures of its means mark.
@@ -32,9 +38,17 @@ _LOWEST = "min_J"
 _SAME_J = 1e-6
 #: Largest displacement of a mode, relative to the diagonal of the body.
 _EXAGGERATION = 0.12
+#: Obstacles are cut off at the box of the bodies, enlarged on each side by this part of its
+#: diagonal: a plane has no end, and a distant obstacle would make the body small.
+_MARGIN = 0.25
+#: Half of the thickness that is kept of obstacles whose section is revolved, over the radius.
+_THIN = 0.01
+#: Points along an edge of the grid of sections by the plane of the body, and the distance of the
+#: edge from what is filled, over the size of the picture.
+_FLAT_GRID, _ROUNDING = 400, 1e-6
 
 
-def read_file(file: str) -> Any:
+def read_file(file: str | Path) -> Any:
     """Return what VTK reads from a file; raise BadInput if it cannot, without VTK's own lines."""
     shown = vtkObject.GetGlobalWarningDisplay()
     vtkObject.SetGlobalWarningDisplay(0)
@@ -51,7 +65,7 @@ def read_file(file: str) -> Any:
 
 
 def read_grid(
-    files: list[str],
+    files: Sequence[str | Path],
     field: str | None,
     hidden: Collection[int] = (),
     also: Collection[str] = (),
@@ -63,7 +77,7 @@ def read_grid(
 
     Parameters
     ----------
-    files : list of str
+    files : sequence of path
         The files of all ranks.
     field : str or None
         The field.
@@ -201,62 +215,44 @@ def is_flat(points: np.ndarray) -> bool:
     return not np.any(points[:, 2])
 
 
-#: Angles of a revolved section in a picture [rad]: a quarter is left open, towards the viewer.
-_FIRST, _LAST = np.deg2rad(103), np.deg2rad(373)
+#: Angles of a revolved section in a picture [degrees]: a quarter is left open, to the viewer.
+_FIRST, _LAST = -373.0, -103.0
 #: Steps between them.
 _STEPS = 72
 
 
-def revolve(item: DrawnBody, field: str) -> DrawnBody:
+def revolve(item: DrawnBody) -> DrawnBody:
     """Return three quarters of the body of revolution of which ``item`` is the section.
 
     The axis, y in the section, is upright, along z. Displacements out of the section, by torsion,
     turn with it.
     """
-    surface = item.surface
-    outline = surface.extract_feature_edges(
-        boundary_edges=True, feature_edges=False, manifold_edges=False, non_manifold_edges=False
-    )
-    lines = np.asarray(outline.lines).reshape(-1, 3)[:, 1:]
-    off_axis = np.abs(outline.points[:, [0, 2]]).max(axis=1) > 1e-9 * surface.length
-    kept = off_axis[lines].any(axis=1)
-    side = swept(outline.points, lines[kept])
-    if field in outline.cell_data:
-        side.cell_data[field] = np.tile(outline.cell_data[field][kept], _STEPS)
-    else:
-        side.point_data[field] = np.tile(outline.point_data[field], _STEPS + 1)
-    whole = pv.merge([side, _caps(surface)], merge_points=False)
-    edges = None if item.edges is None else _caps(item.edges)
-    lowest = item.lowest and (_turned(item.lowest[0][None], _FIRST)[0], item.lowest[1])
-    rest, ghost = _caps(item.rest), _caps(item.ghost)
-    return DrawnBody(whole, edges, rest, ghost, item.values, lowest, item.extremes)
+
+    def at_ends(mesh: pv.PolyData) -> pv.PolyData:
+        return pv.merge([_upright(mesh, _FIRST), _upright(mesh, _LAST)], merge_points=False)
+
+    surface = pv.merge([_swept(item.surface), at_ends(item.surface)], merge_points=False)
+    edges = None if item.edges is None else at_ends(item.edges)
+    ends = {"edges": edges, "rest": at_ends(item.rest), "ghost": at_ends(item.ghost)}
+    if item.lowest:
+        point = _upright(pv.PolyData(item.lowest[0]), _LAST).points[0]
+        ends["lowest"] = point, item.lowest[1]
+    return replace(item, surface=surface, **ends)
 
 
-def swept(points: np.ndarray, lines: np.ndarray) -> pv.PolyData:
-    """Return the surface that lines (m, 2) between points (n, 3) of a section sweep, by angles."""
-    angles = np.linspace(_FIRST, _LAST, _STEPS + 1)
-    turned = np.concatenate([_turned(points, angle) for angle in angles])
-    firsts = len(points) * np.arange(_STEPS)[:, None, None]
-    quads = np.concatenate([lines, lines[:, ::-1] + len(points)], axis=1) + firsts
-    quads = quads.reshape(-1, 4)
-    return pv.PolyData(turned, np.column_stack([np.full(len(quads), 4), quads]).ravel())
+def _swept(section: pv.PolyData) -> pv.PolyData:
+    """Return the surface that the lines of a section sweep, or the outline of its faces."""
+    body: Any = _upright(section, _FIRST)
+    body = body.extrude_rotate(resolution=_STEPS, angle=_LAST - _FIRST, capping=False)
+    body = body.triangulate()
+    areas = body.compute_cell_sizes(length=False, volume=False)["Area"]
+    # Edges on the axis sweep nothing.
+    return boundary(body.extract_cells(areas > 1e-9 * areas.max()), 0)
 
 
-def _turned(points: np.ndarray, angle: float) -> np.ndarray:
-    """Return points (n, 3) of a section, (r, z, theta), turned about the axis, which is upright."""
-    c, s = np.cos(angle), np.sin(angle)
-    r, z, t = np.asarray(points).T
-    return np.column_stack([c * r - s * t, -s * r - c * t, z])
-
-
-def _caps(mesh: pv.PolyData) -> pv.PolyData:
-    """Return a section at the first and at the last angle."""
-    ends = []
-    for angle in (_FIRST, _LAST):
-        end = mesh.copy()
-        end.points = _turned(mesh.points, angle)
-        ends.append(end)
-    return pv.merge(ends, merge_points=False)
+def _upright(mesh: pv.PolyData, angle: float) -> pv.PolyData:
+    """Return a section (r, z, theta), with its axis along z, at an angle about it [degrees]."""
+    return mesh.rotate_x(90).rotate_z(angle)
 
 
 def clip(
@@ -300,7 +296,7 @@ def clip(
 
 
 def linear_cells(grid: pv.UnstructuredGrid) -> pv.UnstructuredGrid:
-    """Return the cells of degree 1 between the nodes of tetrahedra or hexahedra of degree 1 or 2.
+    """Return the cells of degree 1 between the nodes of tetrahedra or hexahedra of any degree.
 
     Their data "fem_snh_cell" are the numbers of the cells. VTK loses the data of Lagrange cells
     that it cuts. Cells of two dimensions are returned as they are.
@@ -308,29 +304,27 @@ def linear_cells(grid: pv.UnstructuredGrid) -> pv.UnstructuredGrid:
     cell = grid.GetCell(0)
     if cell.GetCellDimension() < 3:
         return grid
-    nodes = cell.GetNumberOfPoints()
-    is_hexahedron = nodes in (8, 27)
-    degree = 1 if nodes in (4, 8) else 2
-    corners = (_HEXAHEDRON if is_hexahedron else _TETRAHEDRON) / degree
-    if is_hexahedron:
-        starts = np.stack(np.meshgrid(*[np.arange(degree) / degree] * 3), axis=-1).reshape(-1, 1, 3)
-        parts = starts + corners
-    elif degree == 1:
-        parts = corners[None]
-    else:
-        middles = {(i, j): corners[i] + corners[j] for i in range(4) for j in range(i + 1, 4)}
-        ring = [middles[edge] for edge in ((0, 2), (0, 3), (1, 3), (1, 2))]
-        around = [[middles[0, 1], middles[2, 3], ring[k - 1], ring[k]] for k in range(4)]
-        parts = np.array([*(corners + corner for corner in corners), *around])
-    local = np.array([[_node_at(cell, point) for point in part] for part in parts])
-    connectivity = np.asarray(grid.cell_connectivity).reshape(-1, nodes)[:, local]
-    kind = pv.CellType.HEXAHEDRON if is_hexahedron else pv.CellType.TETRA
+    count = cell.GetNumberOfPoints()
+    if cell.GetNumberOfEdges() == 6:
+        nodes = vtkIdList()
+        cell.Triangulate(0, nodes, vtkPoints())
+        number = {cell.GetPointId(i): i for i in range(count)}
+        local = np.array([number[nodes.GetId(i)] for i in range(nodes.GetNumberOfIds())])
+        kind, local = pv.CellType.TETRA, local.reshape(-1, 4)
+    else:  # tetrahedra of two hexahedra would not meet at the face between them
+        degree = round(count ** (1 / 3)) - 1
+        start = np.stack(np.meshgrid(*[np.arange(degree)] * 3), axis=-1).reshape(-1, 1, 3)
+        at = (start + _CORNERS) / degree
+        kind = pv.CellType.HEXAHEDRON
+        local = np.array([[_node_at(cell, point) for point in part] for part in at])
+    connectivity = np.asarray(grid.cell_connectivity).reshape(-1, count)[:, local]
     fine = pv.UnstructuredGrid({kind: connectivity.reshape(-1, local.shape[1])}, grid.points)
     for name, values in grid.point_data.items():
         fine.point_data[name] = values
+    owner = np.repeat(np.arange(grid.n_cells), len(local))
     for name, values in grid.cell_data.items():
-        fine.cell_data[name] = np.repeat(values, len(local), axis=0)
-    fine.cell_data[_CELL] = np.repeat(np.arange(grid.n_cells), len(local))
+        fine.cell_data[name] = np.asarray(values)[owner]
+    fine.cell_data[_CELL] = owner
     return fine
 
 
@@ -342,23 +336,25 @@ def _node_at(cell: Any, point: np.ndarray) -> int:
 
 
 def body(
-    files: list[str], field: str, options: ViewOptions | None = None, revolved: bool = False
+    files: Sequence[str | Path],
+    field: str,
+    options: ViewOptions = WHOLE,
+    revolved: bool = False,
 ) -> DrawnBody:
     """Return the geometry of one load from the files of all ranks, of a section ``revolved``."""
-    hidden = options.hidden_cells if options else ()
-    grid = read_grid(files, field, hidden, (_LOWEST,) if field == "J" else ())
+    grid = read_grid(files, field, options.hidden_cells, (_LOWEST,) if field == "J" else ())
     if field == "mode":
         exaggerate(grid)
     if not np.all(np.isfinite(grid["displacement"])):
         raise BadInput(f"{files[0]}: the displacement is not finite: choose other loads")
     item = body_of(grid, field, options, turned=revolved or field == "mode")
-    return revolve(item, field) if revolved else item
+    return revolve(item) if revolved else item
 
 
 def body_of(
     grid: pv.UnstructuredGrid,
     field: str,
-    options: ViewOptions | None = None,
+    options: ViewOptions = WHOLE,
     turned: bool = False,
 ) -> DrawnBody:
     """Return surface, element edges, outline at rest and values (per cell or point) of a grid.
@@ -382,7 +378,7 @@ def body_of(
         feature_angle=35, manifold_edges=False, non_manifold_edges=False
     )
     lowest = _lowest(deformed)
-    if options and options.clip:
+    if options.clip:
         origin = options.clip_point or tuple(grid.center)
         surface, edges = clip(surface, edges, deformed, options.clip, origin)
         ghost = ghost.clip(normal=options.clip, origin=origin, invert=True)
@@ -431,3 +427,120 @@ def _lowest(
         return None
     number = np.flatnonzero(shown)[values[shown].argmin()]
     return points[number], float(values[number])
+
+
+class Obstacles:
+    """The obstacles, bones and rigid shapes of a run, as `obstacle_poses` returns them.
+
+    Parameters
+    ----------
+    records : sequence of dict
+        ``kind``, "obstacles", "bones" or "rigid"; ``shape``, a table of one key; ``loads``;
+        ``poses``, at each load the rows [R | c], which are slerped, or [A | c] of a bone.
+    revolved : bool
+        Whether the obstacles of a section are drawn as bodies of revolution, as the body is.
+    flat : bool
+        Whether the bodies are in the plane z = 0: of the obstacles it is their section by it, as
+        the sides of a prism are not seen along z.
+    """
+
+    def __init__(
+        self, records: Sequence[dict[str, Any]], revolved: bool = False, flat: bool = False
+    ) -> None:
+        self._items: list[tuple[str, str, Any, Motion]] = []
+        self._revolved, self._flat = revolved, flat and not revolved
+        for record in records:
+            poses, loads = np.array(record["poses"], dtype=float), np.array(record["loads"])
+            motion: Motion = AffineTable(loads, poses)
+            kind = record.get("kind", "obstacles")
+            if kind != "bones":
+                motion = PoseTable(loads, poses[:, :, :3], poses[:, :, 3])
+            self._items.append((kind, *next(iter(record["shape"].items())), motion))
+
+    def at(self, load: float, bounds: np.ndarray) -> list[tuple[str, pv.PolyData]]:
+        """Return kinds and surfaces at a load, as far as they are near the bodies.
+
+        Parameters
+        ----------
+        load : float
+            The load, from 0 to 1.
+        bounds : (2, 3) array
+            Lowest and highest coordinates of the bodies in all panels [length].
+        """
+        margin = _MARGIN * np.linalg.norm(bounds[1] - bounds[0])
+        box = np.array([bounds[0] - margin, bounds[1] + margin])
+        if self._revolved:  # of the section: the radius, and the axis, which is upright
+            outer = np.abs(bounds[:, :2]).max() + margin
+            thin = _THIN * outer
+            box = np.array([[0.0, box[0, 2], -thin], [outer, box[1, 2], thin]])
+        found = []
+        for kind, shape, keys, motion in self._items:
+            matrix = np.eye(4)
+            matrix[:3] = motion.affine(load)
+            draw = _section if self._flat else _surface
+            surface = draw(shape, keys, matrix, box)
+            if surface.n_cells and self._revolved:
+                # Beside the plane z = 0, in which faces and corners may be.
+                section = surface.slice(normal="z", origin=(0, 0, 1e-6 * surface.length))
+                section.points[:, 2] = 0.0
+                surface = _swept(section) if section.n_cells else section
+            if surface.n_cells:
+                found.append((kind, surface))
+        return found
+
+
+def _surface(shape: str, keys: Any, matrix: np.ndarray, box: np.ndarray) -> pv.PolyData:
+    """Return the part of a shape's surface at a pose that is in a box."""
+    # The box in the shape's own coordinates: centre and radius.
+    inverse = np.linalg.inv(matrix[:3, :3])
+    centre = inverse @ (box.mean(axis=0) - matrix[:3, 3])
+    radius = float(np.linalg.norm(box[1] - box[0]) * np.linalg.norm(inverse, 2)) / 2
+    surface: Any = triangles(shape, keys, centre, radius)
+    surface.transform(matrix, inplace=True)
+    return boundary(surface.clip_box(list(box.T.ravel()), invert=False), 0)
+
+
+def _section(shape: str, keys: Any, matrix: np.ndarray, box: np.ndarray) -> pv.PolyData:
+    """Return the part of a shape at a pose that is in the plane z = 0 and in a box."""
+    solid = ClosedSurface.read(keys) if shape == "surface" else from_record({shape: keys})
+    low, high = box[:, :2]
+    grid = pv.ImageData(
+        dimensions=(_FLAT_GRID, _FLAT_GRID, 1),
+        spacing=(*(high - low) / (_FLAT_GRID - 1), 1.0),
+        origin=(*low, 0.0),
+    )
+    x = np.asarray(grid.points, dtype=float) - matrix[:3, 3]
+    distance = solid.distance(x @ np.linalg.inv(matrix[:3, :3]).T).reshape(_FLAT_GRID, -1)
+    # Outside of the shape along the edge of the box, where the outline closes.
+    outside = np.ones_like(distance, dtype=bool)
+    outside[1:-1, 1:-1] = False
+    spacing = _ROUNDING * np.linalg.norm(high - low)
+    distance[outside] = np.maximum(distance[outside], spacing)
+    grid["distance"] = distance.ravel()
+    filled = vtkContourTriangulator()
+    filled.SetInputData(grid.contour([0.0], scalars="distance"))
+    filled.Update()
+    return pv.wrap(filled.GetOutput())
+
+
+def triangles(kind: str, keys: Any, centre: np.ndarray, radius: float) -> pv.PolyData:
+    """Return the surface of a shape at its reference position.
+
+    Parameters
+    ----------
+    kind : str
+        The key of the shape in a scene.
+    keys : dict or str
+        Its values; of ``surface`` the path of an STL file.
+    centre, radius : (3,) array, float
+        A ball that holds all that is shown [length]: surfaces without an end are cut off there.
+
+    Raises
+    ------
+    BadInput
+        For a file that cannot be read.
+    """
+    if kind == "surface":
+        return read_file(keys)
+    found = surface_triangles(from_record({kind: keys}), centre, radius)
+    return pv.PolyData.from_regular_faces(*found)

@@ -1,6 +1,6 @@
 """The HTML page of a run: a viewer with its scenes, curves, step table, settings and versions.
 
-`write_page` is called in a process of its own: `fem_snh.viewing.worker`.
+`write_page` is called in a process of its own: `fem_snh.viewing.run_elsewhere`.
 """
 
 from __future__ import annotations
@@ -14,7 +14,6 @@ from functools import partial
 from html import escape
 from importlib.resources import files
 from math import isfinite
-from pathlib import Path
 from string import Template
 from typing import Any
 
@@ -34,12 +33,12 @@ from trame_vtk.tools.vtksz2html import HTML_VIEWER_PATH
 from fem_snh.errors import BadInput
 from fem_snh.files import write_file
 from fem_snh.records.units import Units
-from fem_snh.viewing.plots.curves import numbers, principal_result, run_table, x_of
-from fem_snh.viewing.plots.runs import run_figure
-from fem_snh.viewing.render import Job, Panel
-from fem_snh.viewing.render.drawing import Drawing, extremes_line
-from fem_snh.viewing.render.records import (
+from fem_snh.viewing.plots.runs import numbers, principal_result, run_figure, run_table, x_of
+from fem_snh.viewing.render import Job
+from fem_snh.viewing.render.drawing import Drawing
+from fem_snh.viewing.stored_run import (
     VECTORS,
+    Panel,
     column_label,
     label,
     material_name,
@@ -62,22 +61,23 @@ _SIZE = (800, 600)
 
 def write_page(job: Job, record: dict[str, Any]) -> None:
     """Write the page of a job's states; ``record`` is the run's run.json."""
-    write_file(Path(job.out), page(record, job.field, job.panels, *export_scenes(job)))
+    drawing = Drawing(job)
+    scenes = export_scenes(drawing)
+    write_file(job.out, page(record, job.field, job.panels, scenes, drawing.extremes_line))
 
 
-def export_scenes(job: Job) -> tuple[list[bytes], str]:
-    """Return the states of a job as scenes of vtk.js, with one view, and the extremes' line."""
-    drawing, bodies = Drawing.of(job)
-    where = drawing.view
+def export_scenes(drawing: Drawing) -> list[bytes]:
+    """Return the states of a drawing as scenes of vtk.js, with one view."""
+    where, job = drawing.view, drawing.job
     initialize_serializers()
     # The displacement, too, which is the surface's vectors.
     fields = ["Normals", "TCoords", "Vectors"]
     register_instance_serializer(
         "vtkPolyData", partial(polydata_serializer, requested_fields=fields)
     )
-    title = label(drawing.field, drawing.units).replace("  ", " ")
+    title = label(job.field, job.units).replace("  ", " ")
     scenes = []
-    for item, solids in zip(bodies, drawing.solids, strict=True):
+    for item, solids in zip(drawing.bodies, drawing.solids, strict=True):
         plotter: Any = pv.Plotter(off_screen=True, window_size=list(_SIZE), border=False)
         plotter.background_color = "white"
         if VECTORS in item.surface.point_data:  # not of a revolved section
@@ -92,7 +92,7 @@ def export_scenes(job: Job) -> tuple[list[bytes], str]:
         plotter.render()
         scenes.append(scene(plotter.render_window))
         plotter.close()
-    return scenes, extremes_line(drawing, bodies, job)
+    return scenes
 
 
 def scene(window: Any) -> bytes:
@@ -140,14 +140,11 @@ def page(
     """
     title = f"{record['scene']}: {material_name(record)}, ν = {poisson_ratio(record)}"
     rows = [step for step in record["steps"] if step.get("converged", True)]
-    shown = [
-        {
-            "label": state.label,
-            "scene": b64encode(scene).decode(),
-            "row": row_of(rows, step_at(record, state.load)),
-        }
-        for state, scene in zip(states, scenes, strict=True)
-    ]
+    shown = []
+    for state, packed in zip(states, scenes, strict=True):
+        step = step_at(record, state.load)
+        row = next((number for number, row in enumerate(rows) if row is step), None)
+        shown.append({"label": state.label, "scene": b64encode(packed).decode(), "row": row})
     units = Units.of(record)
     about = _columns(record) | {
         "states": shown,
@@ -162,7 +159,7 @@ def page(
     elsewhere = ("scene", "status", "steps", "versions")
     settings = {key: value for key, value in record.items() if key not in elsewhere}
     html, script = (
-        (files("fem_snh.viewing.view") / name).read_text(encoding="utf-8")
+        (files("fem_snh.viewing") / name).read_text(encoding="utf-8")
         for name in ("page.html", "page.js")
     )
     template = Template(html)
@@ -189,21 +186,14 @@ def _columns(record: dict[str, Any]) -> dict[str, Any]:
     except BadInput:
         return {"columns": [], "x": 0, "y": 0}
     columns = [
-        {"label": column_label(name, [record]), "values": finite_or_none(table[name])}
+        {
+            "label": column_label(name, [record]),
+            "values": [float(value) if isfinite(value) else None for value in table[name]],
+        }
         for name in table
     ]
     x, y = first_axes(record, table)
     return {"columns": columns, "x": list(table).index(x), "y": list(table).index(y)}
-
-
-def row_of(rows: Sequence[dict[str, Any]], step: dict[str, Any] | None) -> int | None:
-    """Return the number of a step among the rows of a table."""
-    return next((number for number, row in enumerate(rows) if row is step), None)
-
-
-def finite_or_none(values: pd.Series) -> list[float | None]:
-    """Return numbers for JSON."""
-    return [float(value) if isfinite(value) else None for value in values]
 
 
 def first_axes(record: dict[str, Any], table: pd.DataFrame) -> tuple[str, str]:
