@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 #: Each command's module in this package, and its summary.
 COMMANDS = {
     "run": ("run", "solve a scene: a built-in one, a TOML file or a Python function"),
-    "sweep": ("studies", "solve a scene for every combination of lists of values"),
+    "sweep": ("run", "solve a scene for every combination of lists of values"),
     "fit": ("fit", "fit a material to test data, or rank all materials"),
     "materials": ("materials", "list the materials, describe one, or characterise them"),
     "plot": ("tools", "draw curves from run folders or a study's table"),

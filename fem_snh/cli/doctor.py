@@ -62,8 +62,7 @@ def remedy(package: str) -> str:
         extra = _EXTRAS.get(package)
         wanted = f"'fem_snh[{extra}]'" if extra else package
         return f"run `{sys.executable} -m pip install {wanted}`"
-    folders = (Path(folder) for folder in _DEBIAN_PACKAGES)
-    if any((folder / name).exists() for folder in folders for name in (package, f"{package}.py")):
+    if any((Path(folder) / package).exists() for folder in _DEBIAN_PACKAGES):
         return (
             "Debian has installed it, but this environment does not see Debian's packages: make "
             "one with `/usr/bin/python3 -m venv --system-site-packages DIR`"
@@ -95,19 +94,17 @@ def check() -> None:
     It imports only packages that a solve imports anyway, so it costs no time. Each rank has the
     same outcome.
     """
-    for name in NEEDED:
+    for name in (*NEEDED, *FOUND):
+        reason = "no such package"
         try:
-            import_module(name)
+            if name in NEEDED:
+                import_module(name)
+                continue
+            if find_spec(name):
+                continue
         except Exception as error:  # also a library that is missing, or numpy's ABI: ValueError
             reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-            raise BadInput(
-                f"{sys.executable} cannot import {name} ({reason}): {remedy(name)}"
-            ) from None
-    for name in FOUND:
-        if find_spec(name) is None:
-            raise BadInput(
-                f"{sys.executable} cannot import {name} (no such package): {remedy(name)}"
-            )
+        raise BadInput(f"{sys.executable} cannot import {name} ({reason}): {remedy(name)}")
     from petsc4py import PETSc
 
     if PETSc.ScalarType().dtype.kind != "f":
@@ -115,6 +112,10 @@ def check() -> None:
             "this PETSc computes with complex numbers: install python3-dolfinx-real and unset "
             "PETSC_DIR, or set it to a PETSc of real numbers"
         )
+
+
+#: The row of two ranks that start as one job.
+_RANKS = "MPI ranks"
 
 
 class Finding(NamedTuple):
@@ -129,26 +130,29 @@ class Finding(NamedTuple):
     remedy: str = ""
 
 
-#: The rows that a Python program makes, which prints a version: what it imports, or its remedy, and
-#: its code.
+_VERSION = "import {0}; print({0}.__version__)"
+#: The rows that a Python program makes, which prints a version: the package that it imports, or
+#: its remedy, and its code.
 _PROBES = {
-    "dolfinx": ("dolfinx", "import dolfinx; print(dolfinx.__version__)"),
+    "dolfinx": ("dolfinx", _VERSION.format("dolfinx")),
     "PETSc": (
         "real numbers are needed: install python3-dolfinx-real, unset PETSC_DIR",
         "from petsc4py import PETSc; kind = PETSc.ScalarType().dtype; assert kind.kind == 'f', "
         "f'{kind} numbers'; print(*PETSc.Sys.getVersion(), sep='.', end=f', {kind}')",
     ),
-    "petsc4py": ("petsc4py", "import petsc4py as p; print(p.__version__)"),
+    "petsc4py": ("petsc4py", _VERSION.format("petsc4py")),
     "mpi4py": (
         "mpi4py",
         "import mpi4py; v = mpi4py.__version__; from mpi4py import MPI; "
         "m = MPI.Get_library_version().split(',')[0].split(chr(10))[0]; print(v, 'on', m)",
     ),
     # Only rank 0 prints: the lines of two ranks may be interleaved.
-    "MPI ranks": (
-        "see what `mpirun -n 2 hostname` says",
+    _RANKS: (
+        "see what `mpirun -n 2 hostname` says; with too few slots start `mpirun --oversubscribe`; "
+        f"as root set {'=1 and '.join(RUN_AS_ROOT)}=1; mpirun must be that of mpi4py",
         "from mpi4py import MPI; world = MPI.COMM_WORLD\n"
-        "if world.rank == 0: print(f'{world.size} ranks start')",
+        "assert world.size == 2, f'mpirun -n 2: {world.size} ranks start'\n"
+        "if world.rank == 0: print('2 ranks start')",
     ),
     "BLAS": (
         "petsc4py",
@@ -157,16 +161,13 @@ _PROBES = {
         "names = [m for m in sorted(maps) if re.search(r'blas|mkl_rt|blis|flexiblas|atlas', m)]\n"
         "print(next((n for n in names if 'gsl' not in n), 'unknown'))",
     ),
-    "gmsh": ("gmsh", "import gmsh; print(gmsh.__version__)"),
-    "pyvista": (
-        "pyvista",
-        "import matplotlib, pyvista, vtk; print(f'{pyvista.__version__}, VTK {vtk.VTK_VERSION}')",
-    ),
+    "gmsh": ("gmsh", _VERSION.format("gmsh")),
+    "pyvista": ("pyvista", "import matplotlib, vtk; " + _VERSION.format("pyvista")),
     "SLEPc": (
         "slepc4py",
         "from slepc4py import SLEPc; print(*SLEPc.Sys.getVersion(), sep='.')",
     ),
-    "ipctk": ("ipctk", "import ipctk; print(ipctk.__version__)"),
+    "ipctk": ("ipctk", _VERSION.format("ipctk")),
     "packages": (
         "",  # that of the one that is missing
         "from importlib import import_module; from importlib.metadata import version; "
@@ -204,12 +205,11 @@ _TIMEOUT = 300.0
 def find(what: str) -> Finding:
     """Return the row of one of `_PROBES`, from a process of its own."""
     needed, code = _PROBES[what]
-    ranks = ["mpirun", "-n", "2"] if what == "MPI ranks" else []
+    if what in _OF_PETSC:
+        code = f"from fem_snh.cli import start_petsc; start_petsc()\n{code}"
     # -P: Python would import from the working directory first, where there may be any file.
-    code = (
-        f"from fem_snh.cli import start_petsc; start_petsc()\n{code}" if what in _OF_PETSC else code
-    )
-    command = [*ranks, sys.executable, "-P", "-c", code]
+    command = [sys.executable, "-P", "-c", code]
+    command = ["mpirun", "-n", "2", *command] if what == _RANKS else command
     variables = without_launcher(os.environ, RUN_AS_ROOT) if is_rank() else dict(os.environ)
     try:
         finished = subprocess.run(
@@ -219,72 +219,36 @@ def find(what: str) -> Finding:
     except FileNotFoundError:
         return Finding(what, "missing", f"no {command[0]} on the PATH", "install openmpi-bin")
     except subprocess.TimeoutExpired:
-        return Finding(what, "missing", f"no answer in {_TIMEOUT:g} s", _remedy_of(needed, ""))
+        return Finding(what, "missing", f"no answer in {_TIMEOUT:g} s", needed)
     succeeded = finished.returncode == 0
     lines = (finished.stdout if succeeded else finished.stderr or finished.stdout).splitlines()
-    words = [line for line in lines if re.search(r"\w", line)]  # Open MPI ends with a rule
+    words = [line.strip() for line in lines if re.search(r"\w", line)]  # Open MPI ends with a rule
+    errors = [line for line in words if re.match(r"[\w.]*(Error|BadInput): ", line)]
     # Python's last line has the error, mpirun's first one.
-    line = (
-        words[0 if ranks and not succeeded else -1] if words else f"exit code {finished.returncode}"
-    )
-    detail = line.strip() if succeeded else re.sub(r"^[\w.]*(Error|BadInput): ", "", line.strip())
-    action = _remedy_of(needed, detail)
-    if ranks:
-        return _judge_ranks(Finding(what, "ok" if succeeded else "missing", detail, action))
+    line = (errors or words or [f"exit code {finished.returncode}"])[-1 if succeeded else 0]
+    detail = line if succeeded else re.sub(r"^[\w.]*(Error|BadInput): ", "", line)
     if "/blas/libblas" in detail:  # direct solvers are ten times slower on it
         return Finding(what, "slow", f"{detail}, the reference", "install libopenblas0-serial")
     if succeeded:
         return Finding(what, "ok", detail)
-    if what in _OPTIONAL and "No module named" in detail:
+    named = re.match(r"No module named '(\w+)", detail)
+    package = named[1] if named else needed
+    action = remedy(package) if package in (*_SYSTEM, *_EXTRAS, *PACKAGES) else needed
+    if what in _OPTIONAL and named:
         return Finding(what, "absent", f"{detail}; only {_OPTIONAL[what]} need it", action)
     return Finding(what, "missing", detail, action)
 
 
-def _remedy_of(needed: str, error: str) -> str:
-    """Return the remedy of a row: of the package that its error names, or else of ``needed``."""
-    named = re.match(r"No module named '(\w+)", error)
-    package = named[1] if named else needed
-    known = package in (*_SYSTEM, *_EXTRAS, *PACKAGES)
-    return remedy(package) if known else needed
-
-
-def _judge_ranks(row: Finding) -> Finding:
-    """Return the row of two ranks with what to do if they do not start as one job."""
-    if row.state == "ok" and row.found.startswith("2 "):
-        return row._replace(remedy="")
-    if row.state == "ok":
-        detail = f"mpirun -n 2: {row.found}"
-        return Finding(row.what, "missing", detail, "mpirun is another MPI's")
-    if "slots" in row.found:
-        return row._replace(remedy="start it with `mpirun --oversubscribe`")
-    if os.geteuid() == 0 and not all(name in os.environ for name in RUN_AS_ROOT):
-        detail = "Open MPI refuses to run as root"
-        return row._replace(
-            found=detail, remedy=f"set {' and '.join(f'{k}=1' for k in RUN_AS_ROOT)}"
-        )
-    return row
-
-
-def examine() -> list[Finding]:
-    """Return a Finding for each row of the table."""
-    from concurrent.futures import ThreadPoolExecutor
-
-    version, new_enough = sys.version.split()[0], sys.version_info >= (3, 11)
-    python = Finding(
-        "Python",
-        "ok" if new_enough else "missing",
-        f"{version}, {sys.executable}",
-        "" if new_enough else "3.11 or newer is needed",
-    )
-    with ThreadPoolExecutor(max_workers=4) as pool:
-        return [python, *pool.map(find, _PROBES)]
-
-
 def main() -> int:
     """Print the table on rank 0; return 0 if nothing is missing, otherwise 2."""
+    from concurrent.futures import ThreadPoolExecutor
+
     if any(os.environ.get(name, "0") != "0" for name in RANK_VARIABLES):
         return 0
-    findings = examine()
+    python = f"{sys.version.split()[0]}, {sys.executable}"
+    findings = [Finding("Python", "ok", python)]
+    with ThreadPoolExecutor(max_workers=4) as pool:
+        findings += pool.map(find, _PROBES)
     for what, state, found, action in findings:
         print(f"{what:13} {state:8} {found}{f': {action}' if action else ''}")
     return 2 if any(f.state == "missing" for f in findings) else 0

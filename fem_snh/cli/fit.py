@@ -19,8 +19,7 @@ from fem_snh.cli.options import (
     value,
     with_settings,
 )
-from fem_snh.cli.run import load_scene
-from fem_snh.cli.studies import comma_list
+from fem_snh.cli.run import comma_list, load_scene
 from fem_snh.errors import BadInput, check_number
 
 if TYPE_CHECKING:

@@ -1,12 +1,27 @@
-"""The command ``run``: solve one scene, on any number of ranks."""
+"""The commands ``run`` and ``sweep``: solve one scene, or many in processes of their own.
+
+``python -m fem_snh.cli.run`` is such a process, on any number of ranks: it solves points of a sweep
+one after another. `fem_snh.studies.processes` starts it. It reads a line of JSON per point,
+``{"arguments": [...], "log": path}``, solves it as ``fem-snh`` with these arguments would, and
+writes its exit code as a line. It ends after the first point that fails, as that may leave memory
+or MPI in any state, and at the end of its input.
+"""
 
 from __future__ import annotations
 
+import ctypes
+import json
+import os
+import signal
+import sys
 import textwrap
+from argparse import Namespace
+from contextlib import suppress
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from fem_snh.cli import start_petsc
+from fem_snh import cli, references
 from fem_snh.cli.doctor import check
 from fem_snh.cli.options import (
     REPEATED,
@@ -19,7 +34,6 @@ from fem_snh.cli.options import (
     with_settings,
 )
 from fem_snh.errors import BadInput, on_every, on_root
-from fem_snh.references import is_reference
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -88,7 +102,7 @@ def run(argv: list[str]) -> int:
 
     comm = MPI.COMM_WORLD
     scene = load_scene(comm, args.scene, overrides, petsc)
-    start_petsc()
+    cli.start_petsc()
     check()
     from fem_snh.runs import run as solve
 
@@ -113,7 +127,7 @@ def load_scene(
     if petsc:
         overrides = overrides | {"petsc": petsc}
     # Functions in a scene of a Python file cannot be sent to the other ranks.
-    everywhere = on_every if is_reference(name) else on_root
+    everywhere = on_every if references.is_reference(name) else on_root
     scene: Scene = everywhere(comm, partial(scenes.load, name, **overrides))
     return scene
 
@@ -135,3 +149,219 @@ def scene_list() -> str:
 
 def _short(value: object) -> str:
     return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def sweep_parser() -> Parser:
+    """Return the parser of ``fem-snh sweep``."""
+    parser = Parser(
+        "sweep",
+        "Solve a scene for every combination of values, --jobs of them at a time.\n"
+        "Every option of a scene takes a comma list: --nu 0.3,0.45 --material a,b --set angle=1,2",
+        scene_list,
+    )
+    parser.add("scene SCENE  a name, FILE.toml or FILE.py:FUNCTION", scene={"nargs": "?"})
+    for key, placeholder, help in SCENE_OPTIONS:
+        parser.add_argument(f"--{key}", metavar=f"{placeholder},..", help=help)
+    parser.add("--set KEY=VALUE,..  any other key of the scene: angle=1,2", set=REPEATED)
+    _add_limits(parser)
+    parser.add(
+        """
+        --error  estimate the errors of the numbers of every point
+        --out DIR  the sweep's folder
+        --render FIELD  also draw the bodies of all points in one picture, bodies.png, with the
+            colours of a field; default: J
+        """,
+        out={"type": output, "required": True},
+        render={"nargs": "?", "const": "J"},
+    )
+    return parser
+
+
+def sweep(argv: list[str]) -> int:
+    """Solve every point; return 0 if all converged, else 1."""
+    args, petsc = _parse(argv)
+    if args.status:
+        return _print_status(args)
+    axes = _axes(args)
+
+    from fem_snh.studies.points import NO_NOTES
+    from fem_snh.studies.sweep import sweep as study
+
+    # With --collect the folder names a Python file, and the user need not have written the folder.
+    reason = "expected no Python file with --collect: give the command itself again"
+    with references.refused(reason if args.collect else ""):
+        options = {"petsc": petsc, "render": args.render} | _limits(args)
+        table = study(args.scene, args.out, axes, **options)
+    if (code := _incomplete(args)) is not None:
+        return code
+    good = int(table["converged"].sum())
+    noted = int(table["notes"].ne(NO_NOTES).sum())
+    remark = f", {noted} with notes" if noted else ""
+    print(f"{good} of {len(table)} points converged{remark}: {args.out / 'sweep.csv'}")
+    return 0 if good == len(table) else 1
+
+
+def _add_limits(parser: Parser) -> None:
+    """Add the options for processes, limits and schedulers."""
+    parser.add(
+        """
+        --jobs J  number of points that run at a time; default: 1
+        --ranks R  number of MPI ranks of each point; default: 1
+        --timeout S  seconds after which a point is terminated
+        --memory GIB  memory above which a point is terminated
+        --retry  run failed points again
+        --overwrite  discard the points in the folder
+        """,
+        jobs={"type": value, "default": 1},
+        ranks={"type": value, "default": 1},
+        timeout={"type": value},
+        memory={"type": value},
+    )
+    parser.add(
+        """
+        --scheduler NAME  submit the points as arrays of jobs and return: slurm, or FILE.py:CLASS
+        --account NAME  account of the jobs
+        --partition NAME  partition of the jobs
+        --array-limit N  number of elements of an array that run at a time
+        --chunk N  points in an element, one after another; default: 1
+        --scheduler-option OPTION  further option of sbatch, e.g. --qos=long; may be repeated
+        --status  with --out: say how many points are in the table, run or wait
+        --collect  with --out alone: append the rows of submitted points that have ended
+        """,
+        array_limit={"type": value},
+        chunk={"type": value, "default": 1},
+        scheduler_option={"action": "append", "default": []},
+    )
+
+
+def _axes(args: Namespace) -> dict[str, list[Any]]:
+    """Return the list of values of each scene key on the command line."""
+    options = {key: getattr(args, key) for key, _, _ in SCENE_OPTIONS}
+    options["error"] = "true" if args.error else None
+    given = with_settings(options, assignments(args.set))
+    return {key: comma_list(key, text) for key, text in given.items()}
+
+
+def _limits(args: Namespace) -> dict[str, Any]:
+    """Return the options of `_add_limits` as keyword arguments of a study."""
+    names = ("ranks", "timeout", "memory", "retry", "overwrite")
+    limits: dict[str, Any] = {name: getattr(args, name) for name in names}
+    if args.scheduler is None:
+        for name in ("account", "partition", "array_limit"):
+            if getattr(args, name) is not None:
+                raise BadInput(f"--{name.replace('_', '-')}: expected --scheduler as well")
+        return limits | {"jobs": args.jobs}
+    from fem_snh.studies.schedulers import Submission
+
+    submission = Submission(
+        args.scheduler, args.account, args.partition, args.array_limit, args.chunk,
+        args.scheduler_option, submit=not args.collect, command=args.command,
+    )  # fmt: skip
+    if args.collect:
+        limits |= {"retry": False, "overwrite": False}
+    return limits | {"jobs": submission}
+
+
+def _parse(argv: list[str]) -> tuple[Namespace, dict[str, Any]]:
+    """Return the options and those for PETSc; with --collect those of the submitted command.
+
+    It refuses to run under mpirun, and turns SIGTERM, which batch systems send, into an interrupt.
+    """
+    parser = sweep_parser()
+
+    def parsed(argv: list[str]) -> tuple[Namespace, dict[str, Any]]:
+        words, petsc = split_petsc(argv)
+        return parser.parse(words), petsc
+
+    args, petsc = parsed(argv)
+    if args.collect:
+        from fem_snh.studies.jobs import Jobs
+
+        out = args.out.resolve()
+        folder, argv = Jobs(out).command()
+        args, petsc = parsed(argv)
+        os.chdir(folder)
+        if args.scheduler is None:
+            raise BadInput(f"out = {out}: its last command has no --scheduler: expected one")
+        args.out, args.collect, args.status = out, True, False
+    elif not args.status and args.scene is None:
+        parser.error("the following arguments are required: SCENE")
+    args.command = argv
+    if int(os.environ.get("OMPI_COMM_WORLD_SIZE", os.environ.get("PMI_SIZE", 1))) > 1:
+        raise BadInput("sweep under mpirun: it starts the ranks itself; use --ranks R instead")
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    return args, petsc
+
+
+def _print_status(args: Namespace) -> int:
+    """Print where the points of a study are; return 0 if all are in the table, else 1."""
+    from fem_snh.studies.jobs import Jobs
+
+    count = Jobs(args.out).status("sweep", args.scheduler)
+    points = count.pop("points")
+    states = ", ".join(f"{number} {state}" for state, number in count.items() if number)
+    print(f"{points} points: {states or 'none in the table'}")
+    return 0 if count["in the table"] == points else 1
+
+
+def _incomplete(args: Namespace) -> int | None:
+    """Return the exit code of a study some points of which have no row yet, and say what to do."""
+    if args.scheduler is None or _print_status(args) == 0:
+        return None
+    collect = f"fem-snh sweep --collect --out {args.out}, or "
+    if any(map(references.is_reference, args.command)):  # which --collect would not execute
+        collect = ""
+    print(f"later: {collect}the same command again")
+    return 1 if args.collect else 0
+
+
+def comma_list(key: str, text: str) -> list[Any]:
+    """Return the values of a comma list; commas inside brackets and quotes belong to a value."""
+    parts, depth, quoted = [""], 0, ""
+    for letter in text:
+        if quoted:
+            quoted = "" if letter == quoted else quoted
+        elif letter in "\"'":
+            quoted = letter
+        depth += (letter in "[{") - (letter in "]}") if not quoted else 0
+        if letter == "," and not depth and not quoted:
+            parts.append("")
+        else:
+            parts[-1] += letter
+    if not all(part.strip() for part in parts):
+        raise BadInput(f"{key} = '{text}': expected values with commas between, e.g. 0.3,0.45")
+    return [value(part.strip(), key) for part in parts]
+
+
+def main() -> int:
+    """Run points until the input ends or one of them fails; return the last exit code."""
+    from mpi4py import MPI
+
+    from fem_snh.studies.processes import ANSWER
+
+    comm = MPI.COMM_WORLD
+    answers = os.dup(1)
+    with open(os.dup(0)) as points:
+        while True:
+            line = comm.bcast(points.readline() if comm.rank == 0 else None)
+            if not line:
+                return 0
+            point = json.loads(line)
+            log = os.open(point["log"], os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o666)
+            for stream in (1, 2):  # C code of libraries writes there as well
+                os.dup2(log, stream)
+            os.close(log)
+            with suppress(OSError):  # a kernel without it: the peak is that of all points so far
+                # Make the peak of the resident memory that of this point (proc(5), clear_refs).
+                Path("/proc/self/clear_refs").write_text("5")
+            code = comm.allreduce(cli.main(point["arguments"]), MPI.MAX)
+            sys.stdout.flush()
+            ctypes.CDLL(None).fflush(None)
+            if comm.rank == 0:
+                os.write(answers, ANSWER + f"{code}\n".encode())
+            if code:
+                return int(code)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

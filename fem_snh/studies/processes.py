@@ -43,7 +43,7 @@ _PR_SET_PDEATHSIG = 1
 #: Seconds between two measurements of the memory.
 _MEMORY_INTERVAL = 0.25
 #: The module that a worker runs.
-_WORKER = "fem_snh.cli.worker"
+_WORKER = "fem_snh.cli.run"
 #: What precedes the exit code of a point in a worker's answer.
 ANSWER = b"fem-snh: exit code "
 #: Seconds for which a worker without a point may finalise MPI before it is ended.

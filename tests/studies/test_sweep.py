@@ -16,7 +16,7 @@ import pytest
 
 import fem_snh
 from fem_snh.cli import main
-from fem_snh.cli.studies import comma_list
+from fem_snh.cli.run import comma_list
 from fem_snh.errors import BadInput
 from fem_snh.studies.batch import StudyTable
 from fem_snh.studies.points import MEASURED, REQUESTED, largest_error, run_arguments
