@@ -62,7 +62,8 @@ def remedy(package: str) -> str:
         extra = _EXTRAS.get(package)
         wanted = f"'fem_snh[{extra}]'" if extra else package
         return f"run `{sys.executable} -m pip install {wanted}`"
-    if any((Path(folder) / package).exists() for folder in _DEBIAN_PACKAGES):
+    folders = (Path(folder) for folder in _DEBIAN_PACKAGES)
+    if any((folder / name).exists() for folder in folders for name in (package, f"{package}.py")):
         return (
             "Debian has installed it, but this environment does not see Debian's packages: make "
             "one with `/usr/bin/python3 -m venv --system-site-packages DIR`"

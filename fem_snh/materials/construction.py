@@ -76,7 +76,7 @@ def construct(
         If the function does not return an energy, or it cannot be fitted or tuned.
     """
     E, nu = check_constants(E, nu)
-    form = _symbolic(function, name, nu, shape)
+    form = symbolic(function, name, nu, shape)
     known = {str(c): c for c in form.constants}
     fit = normalise.Normalisation(
         name,
@@ -102,7 +102,7 @@ def construct(
 
     def with_symbols(symbols: Mapping[str, Any]) -> Energy:
         own = dict(shape) | {k: v for k, v in symbols.items() if k in shape}
-        form = _symbolic(function, name, nu, own)
+        form = symbolic(function, name, nu, own)
         made = replace(
             energy,
             psi=form.psi,
@@ -149,7 +149,7 @@ def moduli_of(
     function, name, nu, shape
         As for `construct`; ``nu`` only if the function has it as an argument.
     """
-    form = _symbolic(function, name, nu, shape)
+    form = symbolic(function, name, nu, shape)
     return {str(c): c for c in form.constants}, form.moduli
 
 
@@ -163,13 +163,17 @@ class _Form(NamedTuple):
     barriers: frozenset[sympy.Expr]
 
     @property
+    def slopes(self) -> tuple[sympy.Expr, ...]:
+        """Return the principal stresses in the stretches and the constants."""
+        return principal_stresses(self.psi) if self.stress is None else self.stress
+
+    @property
     def moduli(self) -> normalise.Pair:
         """Return (mu_lame, lambda_lame) in the constants."""
-        slopes = principal_stresses(self.psi) if self.stress is None else self.stress
-        return normalise.linearised(slopes)
+        return normalise.linearised(self.slopes)
 
 
-def _symbolic(function: Function, name: str, nu: float | None, shape: Mapping[str, Any]) -> _Form:
+def symbolic(function: Function, name: str, nu: float | None, shape: Mapping[str, Any]) -> _Form:
     """Call a material's function; the energy is 0 at rest."""
     measures = tuple(MEASURES[n] for n in measures_of(function))
     constants = tuple(sympy.Symbol(n, real=True) for n in constants_of(function))

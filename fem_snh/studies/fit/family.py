@@ -10,7 +10,6 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import combinations
 from math import inf
 from typing import Any
 
@@ -21,21 +20,14 @@ import sympy
 from fem_snh import materials
 from fem_snh.errors import BadInput, bad_value, choose
 from fem_snh.materials import normalise, tuning
-from fem_snh.materials.energy import LAME, principal_stresses
-from fem_snh.materials.functions import (
-    INVARIANTS,
-    MEASURES,
-    SIGMA,
-    PrincipalStress,
-    domain,
-    positive,
-)
+from fem_snh.materials.construction import symbolic
+from fem_snh.materials.energy import LAME
+from fem_snh.materials.functions import INVARIANTS, SIGMA, Parameter, domain
 from fem_snh.materials.parameters import (
     ALPHAS,
     MAX_EXPONENT,
     constants_of,
     default_variants,
-    measures_of,
     ranges,
 )
 
@@ -162,34 +154,28 @@ class Family:
     def _pinned(self, held: Mapping[str, Any], moduli: normalise.Pair) -> dict[str, float]:
         """Return the constants [E] beyond two, which are further unknowns, and their defaults."""
         constants = constants_of(self.function)
-        free = [c for c in constants if held.get(c) is None]
-        extra = len(free) - 2
-        if extra <= 0:
-            return {}
-        for chosen in combinations(free, extra):
-            defaults = {c: constants[c] for c in chosen}
-            if None in defaults.values():
-                continue
-            # E and nu have to determine the two others.
-            others = [sympy.Symbol(c, real=True) for c in free if c not in chosen]
-            if sympy.Matrix([[sympy.diff(m, c) for c in others] for m in moduli]).det() != 0:
-                return {c: float(v) for c, v in defaults.items() if v is not None}
-        return {}
+        symbols = {c: sympy.Symbol(c, real=True) for c in constants}
+        known = {symbols[c]: held[c] for c in constants if held.get(c) is not None}
+        defaults = {
+            c: float(v) for c, v in constants.items() if v is not None and symbols[c] not in known
+        }
+        mu, lam = (m.subs(known) for m in moduli)
+        # The last of them are determined by E and nu, where these do not determine others.
+        free = normalise.determined((mu, lam), [symbols[c] for c in reversed(defaults)])
+        return {c: v for c, v in defaults.items() if symbols[c] not in free}
 
     def _build(self, fitted: list[str], nu: float) -> None:
         """Call the material's function with symbols and make numpy functions of the result."""
-        signed = False
-        try:
-            found = self._call(fitted, nu, signed)
-        except TypeError:  # the function compares a parameter: give the symbol the default's sign
-            signed = True
+        of_no_function = [k for k in fitted if k in (*self._pins, "alpha")]
+        # A function that compares a parameter gets a symbol with the sign of the default. One that
+        # checks the size of a parameter accepts no symbol.
+        for signed, names in ((False, fitted), (True, fitted), (True, of_no_function)):
             try:
-                found = self._call(fitted, nu, signed)
-            except TypeError:
-                # It checks the size of a parameter too, which a symbol does not have.
-                fitted = [k for k in fitted if k in (*self._pins, "alpha")]
-                found = self._call(fitted, nu, signed)
-        stress, barriers, constants = found
+                stress, barriers = self._call(names, nu, signed)
+                break
+            except BadInput:
+                if names is of_no_function:
+                    raise
         if self._tuned:
             stress = self._nonlinear(stress, barriers)
         symbols = tuple(self._symbols.values())
@@ -199,7 +185,7 @@ class Family:
             self._unknown(name, symbol, signed, symbol in powers)
             for name, symbol in self._symbols.items()
         )
-        arguments = (*SIGMA, *constants, *symbols)
+        arguments = (*SIGMA, *LAME, *symbols)
         second = [sympy.diff(p, s) for p in stress for s in SIGMA]
         limits = [d.subs(INVARIANTS) for d in domain(stress, SIGMA, barriers)]
         self._stress = sympy.lambdify(arguments, list(stress), modules=_NUMPY, cse=True)
@@ -213,13 +199,10 @@ class Family:
 
     def _call(
         self, fitted: list[str], nu: float, signed: bool
-    ) -> tuple[tuple[sympy.Expr, ...], set[sympy.Expr], tuple[sympy.Symbol, ...]]:
-        """Return the principal stresses, the barriers and the free constants."""
-        function = self.function
-        measures = [MEASURES[n] for n in measures_of(function)]
-        constants = {n: sympy.Symbol(n, real=True) for n in constants_of(function)}
+    ) -> tuple[tuple[sympy.Expr, ...], set[sympy.Expr]]:
+        """Return the principal stresses in the stretches and `LAME`, and the barriers."""
         self._symbols = {}
-        values = {k: v for k, v in self._known.items() if k in materials.defaults(function)}
+        values = dict(self._known)
         for key in fitted:
             default = self._known[key]
             if isinstance(default, tuple):
@@ -229,34 +212,21 @@ class Family:
                 values[key] = made
             else:
                 self._symbols[key] = values[key] = _symbol(key, default, signed)
-        keywords = {k: v for k, v in values.items() if k not in (*constants, "alpha")}
-        if self.depends_on_nu:
-            keywords["nu"] = 0.5 if self.incompressible else nu
-        pinned = {c: values[c] for c in self._pins if c in values} | {
-            c: self._held[c] for c in constants if self._held.get(c) is not None
-        }
-        found = function(*measures, *(pinned.get(n, c) for n, c in constants.items()), **keywords)
-        stresses = list(found) if isinstance(found, PrincipalStress) else None
-        barriers: set[sympy.Expr] = set()
-        if stresses is None:
-            psi = _without_barriers(sympy.sympify(found), barriers)
-            stresses = list(principal_stresses(psi))
-        else:
-            stresses = [_without_barriers(sympy.sympify(p), barriers) for p in stresses]
-        free = tuple(c for n, c in constants.items() if n not in pinned)
+        shape = {k: values[k] for k in materials.defaults(self.function)}
+        form = symbolic(self.function, self.name, 0.5 if self.incompressible else nu, shape)
+        pinned = {c: values.get(str(c)) for c in form.constants if str(c) in self._pins}
+        held = {c: self._held[str(c)] for c in form.constants if self._held.get(str(c)) is not None}
+        stresses = [p.subs(pinned | held) for p in form.slopes]
+        free = [c for c in form.constants if c not in pinned and c not in held]
+        constants = constants_of(self.function)
+        defaults = {c: float(v) for c in free if (v := constants[str(c)]) is not None}
         moduli = normalise.linearised(stresses)
-        defaults = {
-            c: float(v)
-            for n, c in constants.items()
-            if (v := constants_of(function)[n]) is not None
-        }
         fit = normalise.Normalisation(self.name, free, defaults, {}, moduli)
         solved = fit.solve(LAME, 1.0, mixed=self.incompressible or len(free) == 1)
         swap = dict(zip(free, solved, strict=True))
         return (
             tuple(p.subs(swap, simultaneous=True) for p in stresses),
-            {b.subs(INVARIANTS) for b in barriers},
-            LAME,
+            {b.subs(INVARIANTS) for b in form.barriers},
         )
 
     def _nonlinear(
@@ -385,13 +355,5 @@ def _numerical(value: Any) -> bool:
 def _symbol(name: str, value: float, signed: bool) -> sympy.Symbol:
     """Return the symbol of a parameter, with the sign of its value if ``signed``."""
     if signed and value:
-        return sympy.Symbol(name, positive=True) if value > 0 else sympy.Symbol(name, negative=True)
-    return sympy.Symbol(name, real=True)
-
-
-def _without_barriers(expression: sympy.Expr, barriers: set[sympy.Expr]) -> sympy.Expr:
-    while found := expression.atoms(positive):  # one may contain another
-        innermost = [p for p in found if not p.args[0].has(positive)]
-        barriers |= {p.args[0] for p in innermost}
-        expression = expression.xreplace({p: p.args[0] for p in innermost})
-    return expression
+        return Parameter(name, **{"positive" if value > 0 else "negative": True})
+    return Parameter(name, real=True)
