@@ -29,7 +29,7 @@ from fem_snh.accuracy.goal_errors import Estimate, NoEstimate
 from fem_snh.accuracy.goals import Goal, names_of
 from fem_snh.accuracy.lift import Lift
 from fem_snh.accuracy.state_checks import is_at_rest
-from fem_snh.assembly.ghosted_vectors import local_values
+from fem_snh.assembly.unknowns import local_values
 from fem_snh.problem.problem import Problem
 
 Array = npt.NDArray[np.float64]

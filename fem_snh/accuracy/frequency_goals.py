@@ -32,7 +32,8 @@ from fem_snh import _dolfinx
 from fem_snh.accuracy.duals import Dual, Linearisation
 from fem_snh.accuracy.lift import Lift
 from fem_snh.assembly.assembled_matrix import BlockMatrix
-from fem_snh.assembly.ghosted_vectors import (
+from fem_snh.assembly.nodal_mass import NodalMass
+from fem_snh.assembly.unknowns import (
     add_ghosts,
     ghosted,
     local_values,
@@ -40,7 +41,6 @@ from fem_snh.assembly.ghosted_vectors import (
     update_ghosts,
     writable_values,
 )
-from fem_snh.assembly.nodal_mass import NodalMass
 from fem_snh.problem.modes import SHIFT, LowestModes, VibrationModes
 from fem_snh.problem.problem import Problem
 

@@ -14,7 +14,7 @@ import ufl
 from fem_snh import _dolfinx
 from fem_snh.accuracy.duals import Dual, Linearisation, dual_of_reaction
 from fem_snh.accuracy.state_checks import largest_displacement
-from fem_snh.assembly.ghosted_vectors import add_ghosts, set_to_zero, writable_values
+from fem_snh.assembly.unknowns import add_ghosts, set_to_zero, writable_values
 from fem_snh.problem.probes import Probes
 from fem_snh.problem.problem import Problem
 from fem_snh.problem.reactions import reaction, virtual_rotation, weighted

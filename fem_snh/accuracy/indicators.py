@@ -28,7 +28,7 @@ from fem_snh.accuracy.duals import Linearisation
 from fem_snh.accuracy.goal_errors import Place
 from fem_snh.accuracy.goals import Goal, TermGoal
 from fem_snh.accuracy.lift import Lift
-from fem_snh.assembly.ghosted_vectors import summed_over_cells, with_ghosts
+from fem_snh.assembly.unknowns import summed_over_cells, with_ghosts
 from fem_snh.mesh.mesh import Mesh
 from fem_snh.problem.problem import Problem
 

@@ -33,7 +33,7 @@ from fem_snh.accuracy.goals import (
     VolumeGoal,
 )
 from fem_snh.accuracy.lift import nearly_incompressible
-from fem_snh.assembly.ghosted_vectors import nodes_of_other_cells
+from fem_snh.assembly.unknowns import nodes_of_other_cells
 from fem_snh.geometry.shapes.triangles import has_edges
 from fem_snh.problem.problem import Problem
 from fem_snh.problem.solids import Solid, solids_in_shapes

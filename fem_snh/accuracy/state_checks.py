@@ -26,8 +26,8 @@ from mpi4py import MPI
 import numpy as np
 
 from fem_snh import _dolfinx
-from fem_snh.assembly.ghosted_vectors import local_values, summed_over_cells
-from fem_snh.assembly.point_volumes import PointVolumes, cell_centres, point_volumes
+from fem_snh.assembly.cell_loops import PointVolumes, cell_centres, point_volumes
+from fem_snh.assembly.unknowns import local_values, summed_over_cells
 from fem_snh.problem.problem import Problem
 from fem_snh.terms.elastic import Part
 

@@ -27,7 +27,7 @@ import ufl
 from fem_snh import _dolfinx
 from fem_snh.accuracy.duals import Dual, Linearisation
 from fem_snh.accuracy.goals import MOST_RADII, REACH, CellsGoal, derivative_of, sizes_near
-from fem_snh.assembly.ghosted_vectors import copy_to_function
+from fem_snh.assembly.unknowns import copy_to_function
 from fem_snh.errors import BadInput, bad_value
 from fem_snh.kernels.ufl_forms import energy_density
 from fem_snh.materials.energy import Energy

@@ -28,8 +28,7 @@ import numpy.typing as npt
 from fem_snh._petsc import aij_blocks
 from fem_snh.assembly.couplings import Couplings
 from fem_snh.assembly.inclined_planes import InclinedPlanes, MatrixProjection
-from fem_snh.assembly.matrix_layout import MatrixLayout, Received
-from fem_snh.assembly.numbering import MixedDofMap, dof_map
+from fem_snh.assembly.matrix_layout import MatrixLayout, MixedDofMap, Received, dof_map
 from fem_snh.kernels.block_pattern import concatenated_ranges
 from fem_snh.kernels.cell_matrices import MatrixAddition
 

@@ -17,7 +17,7 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 
-from fem_snh.assembly.numbering import MixedDofMap
+from fem_snh.assembly.matrix_layout import MixedDofMap
 
 Array = npt.NDArray[Any]
 

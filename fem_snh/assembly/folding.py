@@ -18,7 +18,7 @@ import numpy.typing as npt
 from scipy.sparse import csr_matrix
 
 from fem_snh._petsc import AIJBlock, aij_blocks, nonzero_state
-from fem_snh.assembly.numbering import MixedDofMap
+from fem_snh.assembly.matrix_layout import MixedDofMap
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]

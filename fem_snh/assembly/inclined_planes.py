@@ -24,7 +24,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh._petsc import aij_blocks
-from fem_snh.assembly.numbering import MixedDofMap
+from fem_snh.assembly.matrix_layout import MixedDofMap
 
 Array = npt.NDArray[Any]
 

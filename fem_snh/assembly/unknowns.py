@@ -1,4 +1,4 @@
-"""The unknowns of a problem: the displacement alone, or displacement and pressure.
+"""The unknowns of a problem: displacement, pressure, their ghosted vectors and rigid motions.
 
 Both classes hold the solver's vector ``x``, whose first owned entries are the displacement's, node
 by node, and convert between vectors of that kind and the ghosted vectors of the separate fields.
@@ -6,17 +6,19 @@ by node, and convert between vectors of that kind and the ghosted vectors of the
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
+from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
+import numpy.typing as npt
 
 from fem_snh import _dolfinx
 from fem_snh.assembly.elements import Element
-from fem_snh.assembly.ghosted_vectors import add_ghosts, set_to_zero, update_ghosts
+from fem_snh.assembly.kinematics import SOLID, Kinematics
 
 #: Weight of the volume errors of cells beside strains. A larger one saves Newton iterations, and
 #: costs linear ones (docs/results/elements_cell_pressures.md).
@@ -161,3 +163,161 @@ def create_unknowns(u: Any, element: Element) -> Displacement:
     if not element.has_pressure:
         return Displacement(u)
     return DisplacementPressure(u, element.pressure_degree)
+
+
+Array = npt.NDArray[Any]
+
+
+def ghosted(V: Any, owned: Array) -> PETSc.Vec:
+    """Return the ghosted vector of a space with the values of owned dofs. Collective."""
+    vector = _dolfinx.create_vector(V)
+    vector.array[:] = owned
+    update_ghosts(vector)
+    return vector
+
+
+def with_ghosts(V: Any, owned: Array) -> Array:
+    """Return the values of owned dofs of a space, and those of its ghosts, a copy. Collective."""
+    vector = ghosted(V, owned)  # the values are its memory
+    return np.array(local_values(vector))
+
+
+def summed_over_ranks(V: Any, values: Array) -> Array:
+    """Return the sums over ranks of values at local nodes, ghosts included. Collective.
+
+    Parameters
+    ----------
+    V : dolfinx function space
+    values : (local nodes, components) array
+        This rank's part of the sums, zero at nodes of other ranks' cells alone.
+
+    Returns
+    -------
+    (local nodes, components) array
+    """
+    vector = _dolfinx.create_vector(V)
+    writable_values(vector)[:] = values.ravel()
+    add_ghosts(vector)
+    update_ghosts(vector)
+    return np.array(local_values(vector)).reshape(values.shape)
+
+
+def summed_over_cells(V: Any, values: Array, nodes: Array | None = None) -> Array:
+    """Return the sums over cells of values at their nodes, ghosts included. Collective.
+
+    Parameters
+    ----------
+    V : dolfinx function space
+    values : (cells, nodes, components) array
+        The values in cells of this rank.
+    nodes : (cells, nodes) int, optional
+        The local nodes of these cells; default: of all own cells.
+
+    Returns
+    -------
+    (local nodes, components) array
+    """
+    sums = np.zeros((sum(_dolfinx.num_nodes(V)), _dolfinx.num_components(V)))
+    np.add.at(sums, _dolfinx.node_dofs(V) if nodes is None else nodes, values)
+    return summed_over_ranks(V, sums)
+
+
+def nodes_of_other_cells(V: Any, cells: Array) -> Array:
+    """Return which of this rank's own nodes belong to a cell beside its own ``cells``. Collective.
+
+    Parameters
+    ----------
+    V : dolfinx function space
+    cells : (n,) int
+        Cells of each rank.
+
+    Returns
+    -------
+    (owned nodes,) bool
+    """
+    nodes = np.delete(_dolfinx.node_dofs(V), cells, axis=0)
+    marks = summed_over_cells(V, np.ones((*nodes.shape, 1)), nodes)
+    return np.asarray(marks[: _dolfinx.num_nodes(V)[0], 0] > 0)
+
+
+def local_values(vector: PETSc.Vec) -> Array:
+    """Return a ghosted vector's local values to read while it exists, ghosts included."""
+    with vector.localForm() as local:
+        return np.asarray(local.array_r)
+
+
+def writable_values(vector: PETSc.Vec) -> Array:
+    """Return a ghosted vector's local values to write while it exists, ghosts included."""
+    with vector.localForm() as local:
+        return np.asarray(local.array)
+
+
+def copy_to_function(vector: PETSc.Vec, function: Any) -> None:
+    """Set a dolfinx function to a ghosted vector of its space, ghosts included."""
+    function.x.array[:] = local_values(vector)
+
+
+def set_to_zero(vector: PETSc.Vec) -> None:
+    """Set a ghosted vector to zero, ghosts included."""
+    with vector.localForm() as local:
+        local.set(0.0)
+
+
+def update_ghosts(vector: PETSc.Vec) -> None:
+    """Copy owned values to the ghosts of other ranks. Collective."""
+    vector.ghostUpdate(addv=PETSc.InsertMode.INSERT, mode=PETSc.ScatterMode.FORWARD)
+
+
+def add_ghosts(vector: PETSc.Vec) -> None:
+    """Add ghost values to those of the ranks that own them. Collective."""
+    vector.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
+
+
+def rigid_motions(
+    comm: MPI.Intracomm,
+    coordinates: np.ndarray,
+    project: Callable[[np.ndarray], None],
+    kinematics: Kinematics = SOLID,
+) -> PETSc.NullSpace:
+    """Return the rigid motions of a displacement, orthonormal. Collective.
+
+    Parameters
+    ----------
+    comm : MPI.Intracomm
+        The communicator of the mesh.
+    coordinates : (n, 3) array
+        Reference coordinates of the nodes that this rank owns.
+    project : callable
+        Sets what is constrained of the nodes' displacements (components * n,) to zero, in place.
+    kinematics : Kinematics, optional
+        Which motions there are: six in a solid, three in a plane, and of a body of revolution the
+        translation along its axis and, with torsion, the rotation about it.
+    """
+    basis = []
+    for motion in _motions(coordinates, kinematics):
+        vector = PETSc.Vec().createMPI((motion.size, None), bsize=motion.shape[1], comm=comm)
+        vector.array[:] = motion.ravel()
+        project(vector.array)
+        basis.append(vector)
+    for i, vector in enumerate(basis):
+        for other in basis[:i]:
+            vector.axpy(-vector.dot(other), other)
+        vector.normalize()
+    return PETSc.NullSpace().create(vectors=basis, comm=comm)
+
+
+def _motions(coordinates: np.ndarray, kinematics: Kinematics) -> list[np.ndarray]:
+    """Return the rigid motions of points (n, 3), (n, components) each."""
+    units = np.eye(3)
+    if kinematics.revolved:
+        along, around = (np.tile(units[i], (len(coordinates), 1)) for i in (1, 2))
+        motions = [along, coordinates[:, :1] * around][: kinematics.components - 1]
+        return [motion[:, : kinematics.components] for motion in motions]
+    if kinematics.dim == 2:
+        translations = [np.tile(axis, (len(coordinates), 1)) for axis in units[:2]]
+        return [motion[:, :2] for motion in (*translations, np.cross(units[2], coordinates))]
+    return [
+        motion
+        for axis in units
+        for motion in (np.tile(axis, (len(coordinates), 1)), np.cross(axis, coordinates))
+    ]

@@ -11,9 +11,9 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh.assembly.assembled_matrix import BlockMatrix
-from fem_snh.assembly.ghosted_vectors import local_values, writable_values
 from fem_snh.assembly.kinematics import SOLID, Kinematics
 from fem_snh.assembly.regions import Region, reference_modulus
+from fem_snh.assembly.unknowns import local_values, writable_values
 from fem_snh.choices import FILTERS
 from fem_snh.contact.collisions import BarrierEnergy, CollisionSurface
 from fem_snh.contact.embedded_surface import Blocks, point_areas

@@ -11,12 +11,12 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh import _dolfinx
-from fem_snh.assembly.ghosted_vectors import (
+from fem_snh.assembly.kinematics import SOLID, Kinematics
+from fem_snh.assembly.unknowns import (
     local_values,
     update_ghosts,
     writable_values,
 )
-from fem_snh.assembly.kinematics import SOLID, Kinematics
 from fem_snh.contact.embedded_surface import (
     EmbeddedSurface,
     SurfaceMatrix,

@@ -12,14 +12,14 @@ import numpy.typing as npt
 
 from fem_snh import _dolfinx
 from fem_snh.assembly.assembled_matrix import BlockMatrix
-from fem_snh.assembly.ghosted_vectors import (
+from fem_snh.assembly.kinematics import SOLID, Kinematics
+from fem_snh.assembly.regions import Region
+from fem_snh.assembly.unknowns import (
     add_ghosts,
     local_values,
     update_ghosts,
     writable_values,
 )
-from fem_snh.assembly.kinematics import SOLID, Kinematics
-from fem_snh.assembly.regions import Region
 from fem_snh.choices import FILTERS
 from fem_snh.contact.friction import Friction
 from fem_snh.contact.law import ContactLaw, cell_heights, default_stiffness

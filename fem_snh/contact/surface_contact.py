@@ -12,8 +12,8 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 
-from fem_snh.assembly.ghosted_vectors import local_values, writable_values
 from fem_snh.assembly.kinematics import Kinematics
+from fem_snh.assembly.unknowns import local_values, writable_values
 from fem_snh.contact.law import ContactLaw
 from fem_snh.terms.history import HistoryTerm
 from fem_snh.terms.settling import LaggedChange, largest_change

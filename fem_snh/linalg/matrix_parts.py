@@ -4,7 +4,7 @@ PETSc searches the diagonal in every row and sorts the columns of a submatrix ea
 positions of the entries are found once, and their values are copied from there.
 
 The matrix may be one of the displacement alone, or of displacement and pressure, of which every
-rank numbers its displacement first (`fem_snh.assembly.numbering`). `part_of` makes the
+rank numbers its displacement first (`fem_snh.assembly.matrix_layout`). `part_of` makes the
 displacement's part of the latter a PETSc matrix that has no values of its own, so that a linear
 solver which copies the values anyway (`fem_snh.linalg.ssor_system`) needs no second copy of them in
 AIJ format.
@@ -50,7 +50,7 @@ class Submatrix:
     ----------
     A : PETSc.Mat
         An AIJ matrix whose rows begin with those of the displacement on every rank
-        (`fem_snh.assembly.numbering`). Its pattern is read here, its values by `update`.
+        (`fem_snh.assembly.matrix_layout`). Its pattern is read here, its values by `update`.
     index_sets : dict of PETSc.IS
         {"u": IS, "p": IS}, the unknowns of each field.
     rows, columns : str

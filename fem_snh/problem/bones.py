@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from fem_snh import _dolfinx
 from fem_snh.assembly.boundary_conditions import group_nodes
-from fem_snh.assembly.ghosted_vectors import (
+from fem_snh.assembly.unknowns import (
     add_ghosts,
     local_values,
     with_ghosts,

@@ -32,11 +32,15 @@ from fem_snh.assembly.elements import (
     element,
     names_for,
 )
-from fem_snh.assembly.ghosted_vectors import local_values, summed_over_ranks, update_ghosts
 from fem_snh.assembly.inclined_planes import InclinedPlanes
 from fem_snh.assembly.kinematics import PLANE_CELLS, SOLID, Kinematics, find_kinematics
 from fem_snh.assembly.regions import Region, check_partition
-from fem_snh.assembly.unknowns import create_unknowns
+from fem_snh.assembly.unknowns import (
+    create_unknowns,
+    local_values,
+    summed_over_ranks,
+    update_ghosts,
+)
 from fem_snh.errors import bad_value, check_whole, in_words, unknown_name
 from fem_snh.kernels.material import Material
 from fem_snh.mesh.mesh_checks import check_geometry, check_half_plane

@@ -18,14 +18,14 @@ import ufl
 from fem_snh import _dolfinx
 from fem_snh.assembly.boundary_conditions import Dirichlet, axis_nodes, facets_plane
 from fem_snh.assembly.elements import Element
-from fem_snh.assembly.ghosted_vectors import (
+from fem_snh.assembly.inclined_planes import InclinedPlanes
+from fem_snh.assembly.kinematics import Kinematics
+from fem_snh.assembly.unknowns import (
     copy_to_function,
+    create_unknowns,
     summed_over_ranks,
     update_ghosts,
 )
-from fem_snh.assembly.inclined_planes import InclinedPlanes
-from fem_snh.assembly.kinematics import Kinematics
-from fem_snh.assembly.unknowns import create_unknowns
 from fem_snh.errors import BadInput
 from fem_snh.problem.dolfinx_problem import (
     DEFAULT_RULES,

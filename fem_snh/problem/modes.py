@@ -31,7 +31,6 @@ import numpy.typing as npt
 from scipy.sparse import csr_matrix
 
 from fem_snh import _dolfinx
-from fem_snh.assembly.ghosted_vectors import copy_to_function, ghosted
 from fem_snh.assembly.regions import (
     Filled,
     cell_constant,
@@ -39,6 +38,7 @@ from fem_snh.assembly.regions import (
     regions_with,
     volume_mean,
 )
+from fem_snh.assembly.unknowns import copy_to_function, ghosted
 from fem_snh.compile_clock import Stopwatch, untimed
 from fem_snh.errors import BadInput, bad_value, check_number, check_whole
 from fem_snh.problem.problem import Problem, check_converged

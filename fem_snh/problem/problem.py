@@ -20,15 +20,17 @@ from fem_snh.assembly.assembled_matrix import create_matrix
 from fem_snh.assembly.boundary_conditions import Dirichlet
 from fem_snh.assembly.cell_loops import CellLoops
 from fem_snh.assembly.elements import Element
-from fem_snh.assembly.ghosted_vectors import (
+from fem_snh.assembly.regions import Region, reference_modulus, without_cells
+from fem_snh.assembly.unknowns import (
+    Displacement,
+    DisplacementPressure,
     local_values,
     nodes_of_other_cells,
+    pressure_unit,
+    rigid_motions,
     summed_over_cells,
     with_ghosts,
 )
-from fem_snh.assembly.near_null_space import rigid_motions
-from fem_snh.assembly.regions import Region, reference_modulus, without_cells
-from fem_snh.assembly.unknowns import Displacement, DisplacementPressure, pressure_unit
 from fem_snh.choices import ASSEMBLIES, DEFAULT_ASSEMBLY
 from fem_snh.compile_clock import timed
 from fem_snh.errors import BadInput, choose

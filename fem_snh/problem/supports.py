@@ -18,8 +18,8 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh import _dolfinx
-from fem_snh.assembly.ghosted_vectors import local_values, update_ghosts
 from fem_snh.assembly.kinematics import Kinematics
+from fem_snh.assembly.unknowns import local_values, update_ghosts
 from fem_snh.errors import BadInput
 from fem_snh.geometry.rotations import rotate
 from fem_snh.problem.problem import Problem

@@ -18,8 +18,8 @@ from __future__ import annotations
 from petsc4py import PETSc
 
 from fem_snh import solver
-from fem_snh.assembly.ghosted_vectors import local_values
 from fem_snh.assembly.nodal_mass import NodalMass
+from fem_snh.assembly.unknowns import local_values
 from fem_snh.errors import NotSettled
 from fem_snh.problem.problem import Problem
 from fem_snh.problem.supports import Supports

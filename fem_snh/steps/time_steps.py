@@ -14,9 +14,9 @@ import numpy.typing as npt
 
 from fem_snh import _dolfinx
 from fem_snh.assembly.boundary_conditions import Dirichlet
-from fem_snh.assembly.ghosted_vectors import add_ghosts, writable_values
 from fem_snh.assembly.kinematics import Kinematics
 from fem_snh.assembly.regions import Region
+from fem_snh.assembly.unknowns import add_ghosts, writable_values
 from fem_snh.choices import MASSES
 from fem_snh.problem.initial_state import initial_velocity
 from fem_snh.problem.problem import Problem

@@ -26,8 +26,8 @@ from fem_snh.assembly.cell_loops import (
     selection,
 )
 from fem_snh.assembly.elements import Element
-from fem_snh.assembly.ghosted_vectors import local_values, writable_values
 from fem_snh.assembly.regions import Region
+from fem_snh.assembly.unknowns import local_values, writable_values
 from fem_snh.choices import POINT_FILTERS
 from fem_snh.compile_clock import compiling
 from fem_snh.errors import BadInput, choose, on_root

@@ -16,8 +16,8 @@ import ufl
 
 from fem_snh import _dolfinx
 from fem_snh.assembly.elements import Element
-from fem_snh.assembly.ghosted_vectors import copy_to_function
 from fem_snh.assembly.regions import Region, cell_constant
+from fem_snh.assembly.unknowns import copy_to_function
 from fem_snh.errors import bad_value
 from fem_snh.kernels.ufl_forms import FUNCTIONS, energy_density
 from fem_snh.materials.functions import MEASURES

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh.assembly.assembled_matrix import BlockMatrix
-from fem_snh.assembly.ghosted_vectors import add_ghosts, set_to_zero
+from fem_snh.assembly.unknowns import add_ghosts, set_to_zero
 from fem_snh.errors import bad_value
 from fem_snh.tables.types import surface_name
 from fem_snh.terms.body import Body

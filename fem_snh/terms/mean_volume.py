@@ -24,7 +24,7 @@ import ufl
 from fem_snh import _dolfinx
 from fem_snh.assembly.assembled_matrix import BlockMatrix
 from fem_snh.assembly.elements import Element
-from fem_snh.assembly.ghosted_vectors import copy_to_function
+from fem_snh.assembly.unknowns import copy_to_function
 from fem_snh.errors import bad_value
 from fem_snh.kernels.cell_matrices import filter_matrices
 from fem_snh.terms.body import displacement_gradient, of_the_body

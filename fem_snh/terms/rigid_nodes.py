@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh import _dolfinx
-from fem_snh.assembly.ghosted_vectors import with_ghosts
+from fem_snh.assembly.unknowns import with_ghosts
 from fem_snh.errors import bad_value, on_every
 from fem_snh.geometry.shapes import Shape, deepest
 from fem_snh.mesh.mesh import centroid

@@ -30,7 +30,9 @@ from fem_snh import _dolfinx
 from fem_snh.assembly.assembled_matrix import BlockMatrix
 from fem_snh.assembly.boundary_conditions import Dirichlet, axis_nodes
 from fem_snh.assembly.folding import Folding
-from fem_snh.assembly.ghosted_vectors import (
+from fem_snh.assembly.nodal_mass import NodalMass
+from fem_snh.assembly.regions import cells_of_one_label
+from fem_snh.assembly.unknowns import (
     add_ghosts,
     local_values,
     nodes_of_other_cells,
@@ -38,8 +40,6 @@ from fem_snh.assembly.ghosted_vectors import (
     update_ghosts,
     writable_values,
 )
-from fem_snh.assembly.nodal_mass import NodalMass
-from fem_snh.assembly.regions import cells_of_one_label
 from fem_snh.errors import bad_value
 from fem_snh.geometry.rigid_tree import UNKNOWNS, Link, Poses, RigidTree, fit_poses
 from fem_snh.geometry.rotations import exponential, inverse_left_jacobian, logarithm, skew

@@ -50,8 +50,8 @@ from ufl.algorithms import estimate_total_polynomial_degree, expand_derivatives
 
 from fem_snh import _dolfinx
 from fem_snh.assembly.boundary_conditions import Dirichlet
-from fem_snh.assembly.ghosted_vectors import copy_to_function, update_ghosts
 from fem_snh.assembly.kinematics import SOLID, Kinematics
+from fem_snh.assembly.unknowns import copy_to_function, update_ghosts
 from fem_snh.mesh.mesh import volume as body_volume
 from fem_snh.terms.body import displacement_gradient
 from fem_snh.terms.closing_surface import ClosingSurface, Fan, NotClosedError

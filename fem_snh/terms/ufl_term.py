@@ -24,7 +24,7 @@ from ufl.algorithms.remove_complex_nodes import remove_complex_nodes
 
 from fem_snh import _dolfinx
 from fem_snh.assembly.assembled_matrix import BlockMatrix
-from fem_snh.assembly.ghosted_vectors import copy_to_function
+from fem_snh.assembly.unknowns import copy_to_function
 from fem_snh.choices import FILTERS
 from fem_snh.errors import BadInput, bad_value, choose
 from fem_snh.kernels.cell_matrices import FormCells, Integral

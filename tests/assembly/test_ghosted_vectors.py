@@ -9,7 +9,7 @@ import pytest
 from bodies import cube, problem
 
 from fem_snh import _dolfinx
-from fem_snh.assembly.ghosted_vectors import ghosted, with_ghosts
+from fem_snh.assembly.unknowns import ghosted, with_ghosts
 
 mpi = pytest.mark.mpi
 

@@ -10,7 +10,7 @@ from polynomials import ELEMENTS, linear, quadratic
 
 from fem_snh import _dolfinx
 from fem_snh.assembly.assembled_matrix import create_matrix
-from fem_snh.assembly.ghosted_vectors import add_ghosts, writable_values
+from fem_snh.assembly.unknowns import add_ghosts, writable_values
 from fem_snh.contact.surface_quadrature import SurfaceQuadrature
 from fem_snh.mesh import mesh
 

@@ -11,7 +11,7 @@ from contact_problems import contact_problem, plane, press, translation
 
 from fem_snh import _dolfinx
 from fem_snh.assembly.elements import ELEMENTS
-from fem_snh.assembly.ghosted_vectors import add_ghosts, update_ghosts
+from fem_snh.assembly.unknowns import add_ghosts, update_ghosts
 from fem_snh.contact.obstacle_contact import RigidContact
 from fem_snh.contact.obstacle_pair import NearFacets
 from fem_snh.contact.surface_quadrature import SurfaceQuadrature

@@ -18,7 +18,7 @@ from test_sharp_contact import DIAGONAL
 from fem_snh import _dolfinx
 from fem_snh.accuracy.state_notes import penetration_note
 from fem_snh.assembly.elements import ELEMENTS
-from fem_snh.assembly.ghosted_vectors import local_values
+from fem_snh.assembly.unknowns import local_values
 from fem_snh.contact.body_contact import BodyContact
 from fem_snh.contact.obstacle_contact import RigidContact
 from fem_snh.contact.surface_pair import BodyPair

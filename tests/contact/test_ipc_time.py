@@ -10,8 +10,8 @@ from barrier_problems import GAP, intersects, needs_ipctk, pressed
 from interrupted_runs import cut, record, solve
 
 from fem_snh import _dolfinx, solver
-from fem_snh.assembly.ghosted_vectors import add_ghosts, writable_values
 from fem_snh.assembly.kinematics import SOLID
+from fem_snh.assembly.unknowns import add_ghosts, writable_values
 from fem_snh.scenes import validate
 from fem_snh.steps.dynamics.dynamics import Dynamics
 

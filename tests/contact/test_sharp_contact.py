@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from fem_snh import _dolfinx, solver
 from fem_snh.assembly.elements import ELEMENTS
-from fem_snh.assembly.ghosted_vectors import local_values
+from fem_snh.assembly.unknowns import local_values
 from fem_snh.contact.embedded_surface import embedded_surface
 from fem_snh.contact.reference.crossing_edges import SurfaceEdges
 from fem_snh.contact.reference.reference import ReferenceContact

@@ -10,7 +10,7 @@ from bodies import set_values
 
 from fem_snh import _dolfinx
 from fem_snh.assembly.elements import ELEMENTS
-from fem_snh.assembly.ghosted_vectors import local_values
+from fem_snh.assembly.unknowns import local_values
 from fem_snh.contact.embedded_surface import embedded_surface
 from fem_snh.geometry.shapes import Box, Capsule, Sphere, Union
 from fem_snh.geometry.shapes.closed_surface import check_closed

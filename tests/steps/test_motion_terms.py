@@ -14,14 +14,14 @@ from scipy.spatial.transform import Rotation
 from fem_snh import _dolfinx
 from fem_snh.assembly import nodal_mass
 from fem_snh.assembly.elements import ELEMENTS
-from fem_snh.assembly.ghosted_vectors import (
+from fem_snh.assembly.nodal_mass import NodalMass
+from fem_snh.assembly.regions import Filling, cell_constant, regions_of_groups
+from fem_snh.assembly.unknowns import (
     add_ghosts,
     local_values,
     update_ghosts,
     writable_values,
 )
-from fem_snh.assembly.nodal_mass import NodalMass
-from fem_snh.assembly.regions import Filling, cell_constant, regions_of_groups
 from fem_snh.choices import INTEGRATORS, MASSES
 from fem_snh.errors import BadInput
 from fem_snh.kernels.material import material

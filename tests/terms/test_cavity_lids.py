@@ -13,7 +13,7 @@ from plane_scenes import solve
 from rigid_bodies import check_derivatives
 
 import fem_snh
-from fem_snh.assembly.ghosted_vectors import update_ghosts
+from fem_snh.assembly.unknowns import update_ghosts
 from fem_snh.errors import BadInput
 
 TIGHT = {"snes_scaled_tol": 1e-12, "ksp_rtol": 1e-10}

@@ -12,9 +12,9 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh.assembly.assembled_matrix import BlockMatrix
-from fem_snh.assembly.ghosted_vectors import local_values, writable_values
 from fem_snh.assembly.kinematics import SOLID, Kinematics
 from fem_snh.assembly.regions import Region
+from fem_snh.assembly.unknowns import local_values, writable_values
 from fem_snh.choices import FILTERS
 from fem_snh.contact.fields import SelfContactTerm
 from fem_snh.contact.reference.pairs import ContactPairs

@@ -22,8 +22,7 @@ from petsc4py import PETSc
 import numpy as np
 
 from fem_snh import _dolfinx
-from fem_snh.assembly.ghosted_vectors import local_values
-from fem_snh.assembly.unknowns import DisplacementPressure
+from fem_snh.assembly.unknowns import DisplacementPressure, local_values
 from fem_snh.problem.mixed.cell_schur import CellSchur
 from fem_snh.problem.mixed.nodal_schur import NodalSchur
 from fem_snh.problem.mixed.pressure_masses import PressureMasses

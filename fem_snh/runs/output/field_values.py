@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh import _dolfinx
-from fem_snh.assembly.ghosted_vectors import local_values, update_ghosts
+from fem_snh.assembly.unknowns import local_values, update_ghosts
 from fem_snh.compile_clock import untimed
 from fem_snh.errors import choose
 from fem_snh.problem.problem import Problem

@@ -20,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh.assembly.cell_loops import CellLoops, ElementTables, compile_cell_loops
-from fem_snh.assembly.ghosted_vectors import local_values
+from fem_snh.assembly.unknowns import local_values
 from fem_snh.errors import on_root
 from fem_snh.kernels import build
 from fem_snh.kernels.build import header

@@ -14,10 +14,10 @@ import numpy.typing as npt
 
 from fem_snh import _dolfinx
 from fem_snh.assembly.boundary_conditions import Dirichlet
-from fem_snh.assembly.ghosted_vectors import local_values, with_ghosts, writable_values
 from fem_snh.assembly.kinematics import Kinematics
 from fem_snh.assembly.nodal_mass import NodalMass
 from fem_snh.assembly.regions import Region
+from fem_snh.assembly.unknowns import local_values, with_ghosts, writable_values
 from fem_snh.choices import MASSES
 from fem_snh.errors import BadInput, bad_value, check_number, on_every
 from fem_snh.problem.problem import Problem

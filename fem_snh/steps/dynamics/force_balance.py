@@ -14,13 +14,13 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh import _dolfinx
-from fem_snh.assembly.ghosted_vectors import (
+from fem_snh.assembly.nodal_mass import NodalMass
+from fem_snh.assembly.unknowns import (
     add_ghosts,
     local_values,
     update_ghosts,
     writable_values,
 )
-from fem_snh.assembly.nodal_mass import NodalMass
 from fem_snh.problem.problem import Problem
 from fem_snh.steps.dynamics.integrators import Affine
 from fem_snh.steps.dynamics.motion_terms import Inertia, RayleighDamping

@@ -11,9 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh.assembly.assembled_matrix import BlockMatrix
-from fem_snh.assembly.ghosted_vectors import local_values, writable_values
-from fem_snh.assembly.nodal_mass import NodalMass
-from fem_snh.assembly.stored_matrix import StoredMatrix
+from fem_snh.assembly.nodal_mass import NodalMass, StoredMatrix
+from fem_snh.assembly.unknowns import local_values, writable_values
 from fem_snh.steps.dynamics.integrators import Affine
 from fem_snh.terms.term import Term
 

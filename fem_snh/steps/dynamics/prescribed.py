@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from fem_snh import _dolfinx
 from fem_snh.assembly.boundary_conditions import Dirichlet
-from fem_snh.assembly.ghosted_vectors import local_values, update_ghosts
+from fem_snh.assembly.unknowns import local_values, update_ghosts
 from fem_snh.geometry.motions import path_rates
 from fem_snh.steps.dynamics.integrators import BDF2, MotionState
 
