@@ -28,7 +28,7 @@ import numpy.typing as npt
 from fem_snh._petsc import aij_blocks
 from fem_snh.assembly.couplings import Couplings
 from fem_snh.assembly.inclined_planes import InclinedPlanes, MatrixProjection
-from fem_snh.assembly.matrix_layout import MatrixLayout, MixedDofMap, Received, dof_map
+from fem_snh.assembly.matrix_layout import MatrixLayout, MixedDofMap, Received
 from fem_snh.kernels.block_pattern import concatenated_ranges
 from fem_snh.kernels.cell_matrices import MatrixAddition
 
@@ -366,5 +366,5 @@ def create_matrix(
     planes : InclinedPlanes, optional
         As for `BlockMatrix`.
     """
-    spaces = [dof_map(space) for space in (V, Q) if space is not None]
-    return BlockMatrix(MixedDofMap(V.mesh.comm, spaces), constrained, planes=planes)
+    dof_map = MixedDofMap([V] if Q is None else [V, Q])
+    return BlockMatrix(dof_map, constrained, planes=planes)

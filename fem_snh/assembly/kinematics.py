@@ -63,9 +63,8 @@ class Kinematics:
     @property
     def moment_axes(self) -> tuple[str, ...]:
         """The components of a moment that forces of the displacement's components can have."""
-        if self.dim == 3:
-            return ("x", "y", "z")
-        return (("y",) if self.components == 3 else ()) if self.revolved else ("z",)
+        rotations = self.rigid_motions[3:]
+        return tuple(axis for axis, is_free in zip("xyz", rotations, strict=True) if is_free)
 
     @property
     def volume_dimension(self) -> int:

@@ -10,7 +10,6 @@ A parallel AIJ matrix stores the columns a rank owns (diagonal block) apart from
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from mpi4py import MPI
@@ -285,46 +284,12 @@ class MatrixLayout:
         )
 
 
-@dataclass(frozen=True)
-class DofMap:
-    """The blocked dof map of one space on this rank.
-
-    Attributes
-    ----------
-    cell_blocks : (cells, n) int32
-        Local block numbers of each cell; the blocks this rank owns come before ghosts.
-    num_owned : int
-        Blocks this rank owns.
-    local_to_global : (owned + ghosts,) int64
-        Global number of each local block, contiguous on each rank.
-    block_size : int
-        Unknowns per block.
-    """
-
-    cell_blocks: Array
-    num_owned: int
-    local_to_global: Array
-    block_size: int
-
-
-def dof_map(V: Any) -> DofMap:
-    """Return the dof map of a dolfinx space."""
-    return DofMap(
-        _dolfinx.node_dofs(V),
-        _dolfinx.num_nodes(V)[0],
-        _dolfinx.local_to_global(V),
-        _dolfinx.num_components(V),
-    )
-
-
 class MixedDofMap:
     """The dof maps of several spaces, numbered together on all ranks. Collective.
 
     Parameters
     ----------
-    comm : mpi4py.MPI.Comm
-        The communicator of the mesh.
-    spaces : sequence of DofMap
+    spaces : sequence of dolfinx function spaces
         The spaces, in the order in which each rank numbers them.
 
     Attributes
@@ -341,13 +306,17 @@ class MixedDofMap:
         For each space, the blocks on this rank with ghosts, those it owns, and those of a cell.
     """
 
-    def __init__(self, comm: Any, spaces: Sequence[DofMap]) -> None:
-        self.comm = comm
-        self.num_blocks = [len(s.local_to_global) for s in spaces]
-        self.num_owned_blocks = [s.num_owned for s in spaces]
-        self.num_cell_blocks = [s.cell_blocks.shape[1] for s in spaces]
-        counts = np.array(comm.allgather([s.num_owned for s in spaces]), dtype=np.int64)
-        self._space_block_size = np.array([s.block_size for s in spaces])
+    def __init__(self, spaces: Sequence[Any]) -> None:
+        self.comm = comm = spaces[0].mesh.comm
+        numbers, cells = (
+            [*map(_dolfinx.local_to_global, spaces)],
+            [*map(_dolfinx.node_dofs, spaces)],
+        )
+        self.num_blocks = [*map(len, numbers)]
+        self.num_owned_blocks = [_dolfinx.num_nodes(V)[0] for V in spaces]
+        self.num_cell_blocks = [blocks.shape[1] for blocks in cells]
+        counts = np.array(comm.allgather(self.num_owned_blocks), dtype=np.int64)
+        self._space_block_size = np.array([_dolfinx.num_components(V) for V in spaces])
         before = np.vstack([0 * counts[:1], np.cumsum(counts, axis=0)])  # (ranks + 1, spaces)
         self._nodes_before = before[:, 0]
         self._first_block = before.sum(axis=1)
@@ -358,15 +327,16 @@ class MixedDofMap:
         self.owned_range = tuple(int(b) for b in self._first_block[comm.rank : comm.rank + 2])
         self.num_owned_dofs = int(np.diff(first_dof)[comm.rank])
 
-        global_blocks, offsets = [], np.cumsum([0, *(len(s.local_to_global) for s in spaces)])
-        for k, space in enumerate(spaces):
-            rank = np.searchsorted(before[:, k], space.local_to_global, side="right") - 1
-            global_blocks.append(self._first[rank, k] + space.local_to_global - before[rank, k])
+        global_blocks = []
+        for k, of_space in enumerate(numbers):
+            rank = np.searchsorted(before[:, k], of_space, side="right") - 1
+            global_blocks.append(self._first[rank, k] + of_space - before[rank, k])
         self.local_to_global = np.concatenate(global_blocks)
-        self.block_sizes = np.repeat(self._space_block_size, np.diff(offsets))
-        owned = [np.arange(len(s.local_to_global)) < s.num_owned for s in spaces]
-        self.is_owned = np.concatenate(owned)
-        cells = [s.cell_blocks + shift for s, shift in zip(spaces, offsets[:-1], strict=True)]
+        self.block_sizes = np.repeat(self._space_block_size, self.num_blocks)
+        owned = zip(self.num_blocks, self.num_owned_blocks, strict=True)
+        self.is_owned = np.concatenate([np.arange(every) < own for every, own in owned])
+        shifts = np.cumsum([0, *self.num_blocks[:-1]])
+        cells = [blocks + shift for blocks, shift in zip(cells, shifts, strict=True)]
         self.cell_blocks = np.concatenate(cells, axis=1)
 
     def displacement_blocks(self, nodes: Array) -> Array:

@@ -31,7 +31,7 @@ from fem_snh._petsc import aij_blocks, values_at
 from fem_snh.assembly.assembled_matrix import BlockMatrix
 from fem_snh.assembly.kinematics import SOLID, Kinematics
 from fem_snh.assembly.matrix_layout import MatrixLayout
-from fem_snh.assembly.regions import Filled, density_of
+from fem_snh.assembly.regions import Region, density_of
 from fem_snh.choices import MASSES
 from fem_snh.errors import BadInput, choose
 from fem_snh.mesh.mesh import point_volumes
@@ -59,7 +59,7 @@ class NodalMass:
     ----------
     V : dolfinx function space
         The displacement's space.
-    regions : sequence of Region or BodyOfForms
+    regions : sequence of Region
         The cells and their densities rho [kg/m^3].
     kind : {"consistent", "lumped"}, optional
         Which mass matrix.
@@ -84,7 +84,7 @@ class NodalMass:
     def __init__(
         self,
         V: Any,
-        regions: Sequence[Filled],
+        regions: Sequence[Region],
         kind: str = MASSES[0],
         kinematics: Kinematics = SOLID,
     ) -> None:
@@ -200,7 +200,7 @@ class NodalMass:
         return np.array(a.array_r[: self.num_owned])
 
 
-def _element_matrices(V: Any, regions: Sequence[Filled], revolved: bool) -> Array:
+def _element_matrices(V: Any, regions: Sequence[Region], revolved: bool) -> Array:
     """Return the consistent mass matrices of this rank's cells, (cells, nodes, nodes)."""
     domain = V.mesh
     rho = np.zeros(len(_dolfinx.node_dofs(V)))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -16,36 +16,13 @@ from fem_snh.mesh.mesh import DIMENSIONS, Mesh, cell_volumes
 Array = npt.NDArray[Any]
 
 
-class Filled(Protocol):
-    """Cells that the body fills with a mass: those of a `Region`, or a `BodyOfForms`."""
-
-    @property
-    def cells(self) -> Array:
-        """See `Region`."""
-
-    @property
-    def density(self) -> float | None:
-        """See `Region`."""
-
-    @property
-    def fractions(self) -> Array | None:
-        """See `Region`."""
-
-    @property
-    def label(self) -> str:
-        """What it is called in messages."""
-
-    def filled(self, value: float) -> float | Array:
-        """See `Region.filled`."""
-
-
 class Region(NamedTuple):
     """A part of the body that one material fills.
 
     Attributes
     ----------
     material : Material
-        The material.
+        The material; None of the body of a program whose energy is in UFL.
     cells : (n,) int32
         The region's cells among those that this rank owns, sorted.
     density : float or None
@@ -61,31 +38,15 @@ class Region(NamedTuple):
 
     @property
     def label(self) -> str:
-        """The material's name."""
-        return self.material.name
+        """What it is called in messages: by its material's name."""
+        return self.material.name if self.material else "the body"
 
     def filled(self, value: float) -> float | Array:
         """Return a quantity per volume of the body as one per volume of the cells, (n,)."""
         return value if self.fractions is None else value * self.fractions
 
 
-class BodyOfForms(NamedTuple):
-    """The body of a program without materials, whose energy is in UFL.
-
-    Attributes are those of `Region`.
-    """
-
-    cells: Array
-    density: float | None
-    fractions: Array | None = None
-    label: str = "the body"
-
-    def filled(self, value: float) -> float:
-        """Return a quantity per volume of the body: it fills its cells."""
-        return value
-
-
-def density_of(region: Filled, purpose: str) -> float:
+def density_of(region: Region, purpose: str) -> float:
     """Return a region's density [kg/m^3].
 
     Raises
@@ -136,19 +97,21 @@ def cells_of_one_label(V: Any, labels: Array) -> Array:
     return np.flatnonzero((cells[:, 0] >= 0) & (cells == cells[:, :1]).all(axis=1))
 
 
-def whole_body(domain: Any, material: Material, density: float | None = None) -> list[Region]:
+def whole_body(
+    domain: Any, material: Material | None, density: float | None = None
+) -> list[Region]:
     """Return the region of a body of one material on a dolfinx mesh."""
     cells = np.arange(_dolfinx.num_owned(domain), dtype=np.int32)
-    return [Region(material, cells, density)]
+    return [Region(cast(Material, material), cells, density)]
 
 
-def regions_with(domain: Any, regions: Sequence[Region], density: float | None) -> Sequence[Filled]:
+def regions_with(domain: Any, regions: Sequence[Region], density: float | None) -> Sequence[Region]:
     """Return a body's regions, with a density [kg/m^3] where they have none.
 
-    Without any it is a `BodyOfForms`.
+    Without any it is the whole body, without a material.
     """
     if not regions:
-        return [BodyOfForms(np.arange(_dolfinx.num_owned(domain), dtype=np.int32), density)]
+        return whole_body(domain, None, density)
     return [r if r.density is not None else r._replace(density=density) for r in regions]
 
 
@@ -267,7 +230,7 @@ def reference_modulus(domain: Any, regions: Sequence[Region], revolved: bool = F
 
 
 def volume_mean(
-    domain: Any, regions: Sequence[Filled], values: Sequence[float], revolved: bool = False
+    domain: Any, regions: Sequence[Region], values: Sequence[float], revolved: bool = False
 ) -> float:
     """Return the mean over the volume of a quantity with one value in each region. Collective."""
     if len(set(values)) == 1:
@@ -278,7 +241,7 @@ def volume_mean(
     return float(volumes @ np.array(values) / volumes.sum())
 
 
-def cell_constant(domain: Any, regions: Sequence[Filled], values: Sequence[float]) -> Any:
+def cell_constant(domain: Any, regions: Sequence[Region], values: Sequence[float]) -> Any:
     """Return the dolfinx Function, constant in each cell, with one value in each region.
 
     In cells that the body fills in part, the value is multiplied by the filled fraction.

@@ -308,16 +308,9 @@ def rigid_motions(
 
 def _motions(coordinates: np.ndarray, kinematics: Kinematics) -> list[np.ndarray]:
     """Return the rigid motions of points (n, 3), (n, components) each."""
-    units = np.eye(3)
-    if kinematics.revolved:
-        along, around = (np.tile(units[i], (len(coordinates), 1)) for i in (1, 2))
-        motions = [along, coordinates[:, :1] * around][: kinematics.components - 1]
-        return [motion[:, : kinematics.components] for motion in motions]
-    if kinematics.dim == 2:
-        translations = [np.tile(axis, (len(coordinates), 1)) for axis in units[:2]]
-        return [motion[:, :2] for motion in (*translations, np.cross(units[2], coordinates))]
-    return [
-        motion
-        for axis in units
-        for motion in (np.tile(axis, (len(coordinates), 1)), np.cross(axis, coordinates))
-    ]
+    found = []
+    for axis, unit in enumerate(np.eye(3)):
+        both = np.tile(unit, (len(coordinates), 1)), np.cross(unit, coordinates)
+        admitted = kinematics.rigid_motions[axis], kinematics.rigid_motions[axis + 3]
+        found += [motion for motion, is_free in zip(both, admitted, strict=True) if is_free]
+    return [motion[:, : kinematics.components] for motion in found]

@@ -32,7 +32,7 @@ from scipy.sparse import csr_matrix
 
 from fem_snh import _dolfinx
 from fem_snh.assembly.regions import (
-    Filled,
+    Region,
     cell_constant,
     density_of,
     regions_with,
@@ -67,7 +67,7 @@ _TOLERANCE = 1e-12
 _MAX_RESTARTS = 1000
 
 
-def mean_density(problem: Problem, regions: Sequence[Filled]) -> float:
+def mean_density(problem: Problem, regions: Sequence[Region]) -> float:
     """Return the mean mass per reference volume [kg/m^3] of a body's regions. Collective."""
     densities = [density_of(region, "modes") for region in regions]
     return volume_mean(problem.domain, regions, densities, problem.kinematics.revolved)
@@ -421,7 +421,7 @@ class LowestModes:
         """Check that the modes can be computed; see `check`. Collective."""
         check(problem, self._count)
 
-    def regions(self, problem: Problem) -> Sequence[Filled]:
+    def regions(self, problem: Problem) -> Sequence[Region]:
         """Return the regions of a problem, all with their densities."""
         return regions_with(problem.domain, problem.regions, self._density)
 
