@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import json
 import re
 import signal
@@ -11,9 +12,10 @@ import time
 from pathlib import Path
 
 import pytest
+from paths import ROOT
 
 import benchmarks
-from benchmarks import assembly, felupe_twist, stretch, stretch_times, twist
+from benchmarks import assembly, felupe_twist, mutations, stretch, stretch_times, twist
 from fem_snh.errors import BadInput
 from fem_snh.studies.processes import environment
 
@@ -107,3 +109,13 @@ def _naming(text: str) -> list[str]:
 def test_felupe_twist_says_what_it_needs() -> None:
     with pytest.raises(BadInput, match="expected a Python with FElupe, pip install felupe"):
         next(felupe_twist.rows(cells="2", python="/bin/false"))
+
+
+def test_mutations_change_one_line_and_can_be_read() -> None:
+    path = ROOT / "fem_snh" / "geometry" / "rotations.py"
+    found = list(mutations.mutations(path))
+    assert {m.kind for m in found} == {"sign", "factor", "index", "comparison"}
+    source = path.read_bytes()
+    for mutation in found:
+        mutated = ast.unparse(ast.parse(mutations.apply(mutation, source)))
+        assert mutated != ast.unparse(ast.parse(source)), mutation

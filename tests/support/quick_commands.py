@@ -87,6 +87,7 @@ ELSEWHERE = {
     f"{BENCH} faults": "tests/benchmarks/test_faults.py",
     f"{BENCH} felupe_sections": "tests/problem/test_plane_problems.py",
     f"{BENCH} felupe_twist": "tests/benchmarks/test_bench.py",
+    f"{BENCH} mutations": "tests/benchmarks/test_bench.py",
     f"{BENCH} ranks": "tests/runs/test_ranks.py",
     "source": "tools/setup",
 }
