@@ -52,24 +52,6 @@ def test_patch_with_multipliers(element: str) -> None:
     assert row["force"][2] == pytest.approx(-E * PRESS / 2, rel=1e-2)
 
 
-@pytest.mark.one_debian("ranks")
-def test_penetration_is_pressure_over_stiffness() -> None:
-    k = 20.0
-    row = TwoBlocks(COMM, stiffness=k).solve(tolerance=1e-10)["contacts"]["blocks"]
-    assert row["stiffness"] == k and row["contacts"] == 2 * 4 * 16
-    assert row["penetration"] == pytest.approx(-row["force"][2] / k, rel=1e-6)
-
-
-@pytest.mark.one_debian
-def test_multipliers_remove_the_penetration() -> None:
-    """With the default stiffness of 10 E/h the augmented Lagrangian has the rigid result."""
-    step = TwoBlocks(COMM, augmented=True, tolerance=1e-6).solve()
-    soft = step["contacts"]["blocks"]
-    assert soft["penetration"] <= 1e-6 and step["solves"] > 1
-    stiff = TwoBlocks(COMM, stiffness=1e4).solve()["contacts"]["blocks"]
-    assert soft["force"][2] == pytest.approx(stiff["force"][2], rel=3e-4)
-
-
 def test_two_cubes_are_one_of_double_height() -> None:
     """Clamped at both ends, the contact is a plane of symmetry, as the middle of one body is."""
     fixed = ("x", "y", "z")
@@ -124,31 +106,6 @@ def test_ranks_agree_and_action_is_reaction(element: str) -> None:
     np.testing.assert_allclose(forces[0], -forces[1], atol=1e-10 * np.linalg.norm(forces[0]))
     arms = np.cross(x, gradient).sum(axis=0)  # moments balance where the gap is closed exactly
     assert np.abs(arms).max() < 1e-10 * np.linalg.norm(forces[0])
-
-
-@pytest.mark.one_debian("ranks")
-def test_order_of_the_surfaces_does_not_matter() -> None:
-    two = TwoBlocks(COMM, cells=(2, 3), press=0.1)
-    two.solve()
-    x = two.contact.surface.positions(two.problem.u.x.array.reshape(-1, 3))
-    pair = two.contact.pairs[0]
-    there, back = pair.passes
-    assert there.own is back.other and np.ptp(pair.law.stiffness) == 0
-    found = [pair.law.energy(at.row, at.energy) for at in (there.touching(x), back.touching(x))]
-    assert found[0] > 0 and found[0] == pytest.approx(found[1], rel=0.05)
-    assert pair.energy(x) == pytest.approx(sum(found), rel=1e-12)
-
-
-@pytest.mark.one_debian("ranks")
-def test_points_beside_a_surface_do_not_touch() -> None:
-    """An upper block that overhangs by half: all points in contact are above the lower one."""
-    two = TwoBlocks(COMM, cells=(2, 2), shift=0.5, press=0.05, components=("x", "y", "z"))
-    two.solve()
-    x = two.contact.surface.positions(two.problem.u.x.array.reshape(-1, 3))
-    for one in two.contact.pairs[0].passes:
-        at = one.touching(x)
-        points = one.points(two.contact.surface.X)[at.point]
-        assert len(points) and points[:, :2].min() > 0.4 and points[:, :2].max() < 1.1
 
 
 def test_multipliers_survive_a_checkpoint() -> None:

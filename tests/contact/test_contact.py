@@ -219,22 +219,6 @@ def test_the_pressure_is_that_of_the_deformed_surface(comm, element):
         np.testing.assert_allclose(found[inside], expected, rtol=1e-10)
 
 
-@pytest.mark.one_debian("ranks")
-@mpi
-def test_a_far_obstacle_adds_nothing(comm):
-    p, contact, _ = contact_problem(
-        cube(comm, "tetrahedron", 2), "P1", [RigidContact("far", plane((0, 0, -9)), 0.5)]
-    )
-    u = p.split(p.x)[0]
-    assert contact.energy(u) == 0 and contact.update_lagged(u).ratio == 0
-    row = contact.record(u)["obstacles"]["far"]
-    del row["pose"]
-    assert row | {"stiffness": 0, "solves": 0} == {
-        "force": [0, 0, 0], "contacts": 0, "penetration": 0, "deepest": 0, "stiffness": 0,
-        "sliding": 0, "solves": 0,
-    }  # fmt: skip
-
-
 @pytest.mark.one_debian("serial")
 @mpi
 @pytest.mark.parametrize("element", ["P1", "P2P0"])

@@ -7,9 +7,8 @@ from mpi4py import MPI
 import numpy as np
 import pytest
 from barrier_problems import GAP, intersects, needs_ipctk, points, pressed, steps
-from bodies import Hold, norm, set_values
+from bodies import Hold
 
-from fem_snh import solver
 from fem_snh.assembly.elements import ELEMENTS
 
 pytestmark = needs_ipctk
@@ -178,51 +177,6 @@ def test_prescribed_motion_through_the_body():
     assert not intersects(problem, term)
 
 
-@pytest.mark.one_debian("ranks")
-@mpi
-@pytest.mark.parametrize("friction", [0.0, 0.3])
-def test_derivatives(friction):
-    """Residual and unprojected Hessian are the differences of energy and residual."""
-    problem, term = pressed(COMM, friction=friction, distance=0.03)
-    rng = np.random.default_rng(4)
-    noise = rng.uniform(-1, 1, (10_000, 3))
-
-    def near(X):
-        """The upper block close to the lower one, both with noise that every rank agrees on."""
-        which = np.round(X @ [1, 17, 311] * 6).astype(int) % len(noise)
-        return 2e-3 * noise[which] - np.outer(X[:, 2] > 1 + GAP / 2, [0.01, 0, 0.035])
-
-    x = set_values(problem, near)
-    assert not intersects(problem, term)
-    problem.history.begin_step(problem.split(x)[0])
-    problem.set_load(0.0)
-    # A slip of about the length below which surfaces stick.
-    set_values(problem, lambda X: near(X) + np.outer(X[:, 2] > 1 + GAP / 2, [2e-3, 1e-3, 0]))
-    d, h = x.duplicate(), 1e-7
-    set_values(problem, lambda X: np.sin(X @ np.array([[3.0, 5, 7], [2, 9, 4], [8, 1, 6]])), d)
-    d.array[problem.constrained_dofs] = 0
-    ends, residuals, energies = [x + h * d, x - h * d], [], []
-    for end in ends:
-        energies.append(problem.energy(end))
-        residuals.append(x.duplicate())
-        problem.residual(end, residuals[-1])
-    r = x.duplicate()
-    problem.residual(x, r)
-    assert (energies[0] - energies[1]) / (2 * h) == pytest.approx(r.dot(d), rel=1e-6)
-    difference = (residuals[0] - residuals[1]).array_r / (2 * h)
-    problem.jacobian(x, "exact")
-    product = x.duplicate()
-    problem.A.mult(d, product)
-    error = norm(COMM, product.array_r - difference)
-    assert error < 1e-5 * norm(COMM, difference)
-    # Contact is most of it.
-    assert len(term.record(problem.split(x)[0])["self_contact"]["bodies"]) == 2
-    for filter in ("clamp", "abs"):
-        assert problem.jacobian(x, filter) > 0
-        problem.A.mult(d, product)
-        assert product.dot(d) > 0
-
-
 @pytest.mark.one_debian("serial")
 @pytest.mark.parametrize(("friction", "slides"), [(0.1, True), (2.0, False)])
 def test_friction(friction, slides):
@@ -271,12 +225,3 @@ def test_default_distance():
     mean = np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1).mean()
     assert term.distance == pytest.approx(0.1 * mean, rel=1e-12)
     assert term.stiffness == 0.1
-
-
-def test_a_problem_without_it_has_no_limit():
-    from bodies import cube
-    from bodies import problem as elastic
-
-    p = elastic(cube(COMM, "hexahedron"), "Q1")
-    assert p.largest_step is None
-    assert solver.create(p).getPythonContext().largest_step is None

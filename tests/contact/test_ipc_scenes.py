@@ -77,15 +77,6 @@ def test_parallel_edges_have_friction():
 
 
 @needs_ipctk
-def test_a_body_touches_itself_in_time(tmp_path):
-    """The potential energy has the barrier's; a scene goes on from its checkpoint."""
-    result = fem_snh.run(scene(IN_TIME), out=tmp_path / "clip")
-    rows = result.record["steps"]
-    assert result.converged and rows[-1]["self_contact"]["pairs"] > 0
-    assert rows[0]["potential"] == 0 and rows[-1]["potential"] > 0
-
-
-@needs_ipctk
 def test_matrix_of_a_skin():
     """Points with weights: the blocks between nodes are those of W^T H W."""
     V = _dolfinx.function_space(cube(MPI.COMM_SELF, "hexahedron", 1).domain, 1, (3,))

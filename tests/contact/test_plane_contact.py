@@ -200,20 +200,6 @@ def pressed(
     return solve(folder / "own.toml", comm, **({"out": out} if out else {}), **changes)
 
 
-@pytest.mark.one_debian("serial")
-@needs_ipctk
-@pytest.mark.mpi
-@pytest.mark.parametrize("element", ["Q1", "P2"])
-def test_barrier_between_two_blocks(comm, folder, element):
-    """They do not touch; the forces balance, and are the reactions."""
-    row = pressed(folder, element, comm=comm).steps[-1]
-    contact = row["self_contact"]
-    assert 0 < contact["distance"] < contact["activation"]
-    lower, upper = (np.array(force) for force in contact["bodies"])
-    assert lower == pytest.approx(-upper, abs=1e-12) and upper[1] > 0.05
-    assert row["reactions"]["bottom"][1] == pytest.approx(upper[1], rel=1e-4)
-
-
 @needs_ipctk
 @pytest.mark.parametrize("element", ["Q1", "P2"])
 def test_barrier_on_a_body_of_revolution(tmp_path, element):
@@ -252,16 +238,6 @@ def test_barrier_has_derivatives(tmp_path, element, kinematics):
     dofs = (2 * np.flatnonzero(near)[:, None] + [0, 1]).ravel()
     check_derivatives(problem, dofs, 1e-7, 1e-6, 1e-4, constrained=False)
     assert (tmp_path / "out" / "fields.pvd").is_file()
-
-
-@needs_ipctk
-def test_friction_of_the_barrier(tmp_path):
-    """The upper block slides by far more than it sticks: its friction is mu times the pressure."""
-    row = pressed(tmp_path, "Q1", IPC + "\nfriction = 0.1", 0.3).steps[-1]["self_contact"]
-    upper = np.array(row["bodies"][1])
-    friction = np.array(row["friction"])[1]
-    assert abs(friction[0]) == pytest.approx(0.1 * upper[1], rel=0.05)
-    assert friction[0] < 0
 
 
 @pytest.mark.one_debian

@@ -206,30 +206,6 @@ def test_residual_and_hessian_are_derivatives(kinematics, shape):
 
 
 @pytest.mark.one_debian
-@pytest.mark.parametrize("angle, moves", [(0.45, True), (0.55, False)])
-def test_a_block_on_an_incline(angle, moves):
-    """It slides with g (sin - mu cos) where mu < tan, and sticks otherwise."""
-    coefficient, slope, g = angle, np.arctan(0.5), 1.0
-    domain = rectangle(MPI.COMM_SELF, "Q1", (0.0, 0.0), (1.0, 0.25), (4, 1))
-    u = displacement(domain, "Q1", "plane_strain")
-    gravity = fem_snh.Gravity([g * np.sin(slope), -g * np.cos(slope), 0], lambda load: 1.0)
-    floor = fem_snh.Obstacle(shape=FLOOR, friction=coefficient, stiffness=1e3)
-    duration, steps = 0.4, 8
-    made = motion(
-        u, "plane_strain", "backward_euler", density=0.01, duration=duration,
-        terms=[gravity, floor], petsc_options={"snes_scaled_tol": 1e-9},
-    )  # fmt: skip
-    made.start()
-    rows = list(made.steps(steps))
-    assert all(row["converged"] for row in rows)
-    acceleration = g * (np.sin(slope) - coefficient * np.cos(slope)) if moves else 0.0
-    # In the first step it falls by its penetration and turns a little.
-    change = rows[-1]["momentum"][0] - rows[3]["momentum"][0]
-    assert change == pytest.approx(0.0025 * acceleration * duration / 2, rel=0.01, abs=1e-6)
-    assert (rows[-1]["obstacles"]["obstacle_0"]["sliding"] > 0) == moves
-
-
-@pytest.mark.one_debian
 @mpi
 @pytest.mark.parametrize("kinematics", FLAT)
 def test_a_body_bounces(comm, kinematics):
@@ -344,14 +320,6 @@ def test_a_plate_turns_a_cylinder_by_friction(tmp_path):
     assert np.allclose(drawn, [[1, 0, 0, 0], [0, 1, 0, -0.1], [0, 0, 1, 0]])
 
 
-def test_profile_under_torsion(tmp_path):
-    """run.json has its corners."""
-    (tmp_path / "ring.csv").write_text("0.6,-1\n1,-1\n1,2\n0.6,2\n0.45,0.5\n")
-    path = own_scene(tmp_path, "Q1", "axisymmetric_torsion", '[[obstacle]]\nprofile = "ring.csv"\n')
-    shape = solve(path).record["obstacles"]["obstacle_0"]["shape"]
-    assert shape["polygon"]["points"][-1] == [0.45, 0.5]
-
-
 @pytest.mark.one_debian
 def test_derivatives_under_torsion(tmp_path):
     """At a twisted state in a ring with friction, by central differences."""
@@ -425,25 +393,6 @@ def test_what_is_refused(tmp_path, kinematics, keys, message):
     path = own_scene(tmp_path, "Q1", kinematics, f"[[obstacle]]\n{keys}\n")
     with pytest.raises(BadInput, match=message):
         solve(path)
-
-
-@pytest.mark.one_debian
-def test_a_scene_with_an_obstacle(tmp_path):
-    """Its files, fields and row; a table moves a groove over the side."""
-    groove = "[[0.6, -1], [1, -1], [1, 2], [0.6, 2], [0.45, 0.5]]"
-    keys = (
-        f"[[obstacle]]\nname = 'groove'\nshape = {{ polygon = {{ points = {groove} }} }}\n"
-        'friction = 0.2\nmethod = "augmented_lagrangian"\n'
-    )
-    path = own_scene(tmp_path, "Q1", "axisymmetric", keys)
-    text = path.read_text().replace('"reaction_force"', '"reaction_force", "contact_pressure"')
-    path.write_text(text)
-    result = solve(path, out=tmp_path / "out")
-    row = result.steps[-1]["obstacles"]["groove"]
-    assert row["force"][0] < 0 and row["penetration"] < 1e-3
-    assert result.record["obstacles"]["groove"]["shape"]["polygon"]["points"][-1] == [0.45, 0.5]
-    for name in ("fields.pvd", "obstacles.pvd"):
-        assert (tmp_path / "out" / name).is_file()
 
 
 assert set(FLAT) < set(COMPONENTS)

@@ -9,7 +9,7 @@ from mpi4py import MPI
 import numpy as np
 import pytest
 import two_bodies
-from bodies import Condition, Hold, dense
+from bodies import Condition, Hold
 
 import fem_snh
 from fem_snh import scenes, solver
@@ -84,47 +84,6 @@ def test_force_is_that_of_contact_between_surfaces(element: str) -> None:
 
 @pytest.mark.one_debian
 @mpi
-def test_derivatives_and_sums() -> None:
-    """Forces and Hessian against differences of the energy; forces sum to zero, with reactions."""
-    p, row = blocks(press=0.15)
-    term, rng = p.terms[1], np.random.default_rng(COMM.rank)
-    start, d = p.x.copy(), p.x.duplicate()
-    d.array[:] = 1e-3 * rng.standard_normal(len(d.array))
-
-    def at(t: float) -> tuple[float, np.ndarray, Any]:
-        x, r = start.copy(), start.duplicate()
-        x.axpy(t, d)
-        p.gradient(x, r, [term])
-        u = p.split(x)[0]
-        return term.energy(u), r.array.copy(), r
-
-    (_, g0, r0), (e1, g1, _), (e2, g2, _) = at(0.0), at(1e-3), at(-1e-3)
-    slope = r0.dot(d)
-    assert (e1 - e2) / 2e-3 == pytest.approx(slope, rel=1e-5)
-    u = p.split(start)[0]
-    p.matrix.couple([term.couplings(u)])
-    with p.matrix.adding():
-        assert term.add_hessian(u, None, "exact", p.matrix) == 0
-    product = start.duplicate()
-    free = start.duplicate()
-    d.copy(free)
-    free.array[p.constrained_dofs] = 0.0
-    p.matrix.mat.mult(free, product)
-    keep = np.setdiff1d(np.arange(len(g0)), p.constrained_dofs)
-    d.array[p.constrained_dofs] = 0.0
-    (_, g1, _), (_, g2, _) = at(1e-3), at(-1e-3)
-    scale = COMM.allreduce(float(np.abs(product.array).max(initial=0.0)), op=MPI.MAX)
-    np.testing.assert_allclose(((g1 - g2) / 2e-3)[keep], product.array[keep], atol=1e-6 * scale)
-    values = np.linalg.eigvalsh(dense(p.matrix.mat))
-    assert values.min() > -1e-10 * values.max()
-
-    total = COMM.allreduce(g0.reshape(-1, 3).sum(axis=0))
-    largest = COMM.allreduce(float(np.abs(g0).max(initial=0.0)), op=MPI.MAX)
-    assert largest > 0 and np.abs(total).max() < 1e-12 * row["self_contact"]["force"]
-
-
-@pytest.mark.one_debian
-@mpi
 @pytest.mark.parametrize("first", ["energy", "forces", "Hessian", "row", "springs"])
 def test_one_function_of_new_pairs(first: str) -> None:
     """Whatever is evaluated first has the pairs that it searches, as everything after it has.
@@ -184,18 +143,6 @@ def test_one_function_of_new_pairs(first: str) -> None:
     assert (curved - 2 * h * expected).norm() < 1e-5 * 2 * h * expected.norm()
 
 
-@pytest.mark.one_debian("serial")
-@mpi
-@pytest.mark.parametrize("element", ["Q1", "P2"])
-def test_ranks_agree(element: str) -> None:
-    rows = [blocks(comm, element)[1] for comm in (COMM, MPI.COMM_SELF)]
-    contacts = [row["self_contact"] for row in rows]
-    assert contacts[0]["pairs"] == contacts[1]["pairs"] > 0
-    assert rows[0]["energy"] == pytest.approx(rows[1]["energy"], rel=1e-6)
-    for key in ("force", "penetration"):
-        assert contacts[0][key] == pytest.approx(contacts[1][key], rel=1e-5)
-
-
 @pytest.mark.one_debian
 @mpi
 def test_bodies_that_intersect_in_the_mesh_part() -> None:
@@ -218,18 +165,6 @@ def test_what_approaches_is_stopped_in_the_first_solve(element: str, gap: float)
         other = expected["self_contact"][key]
         assert found["self_contact"][key] == pytest.approx(other, rel=1e-4)
     assert found["solves"] == 2
-
-
-@mpi
-def test_pressure_is_the_force_over_the_area() -> None:
-    """Two blocks of the same width, 1, are compressed as one; far from the gap there is none."""
-    p, row = blocks(shift=0.0, upper_cells=2, upper_width=1.0, k=20.0)
-    found = p.terms[1].nodal_field("contact_pressure", p.split(p.x)[0])
-    X = p.V.tabulate_dof_coordinates()
-    middle = np.linalg.norm(X - [0.5, 0.5, 1.0], axis=1) < 1e-9
-    pressure = COMM.allreduce(float(found[middle].max(initial=0.0)), op=MPI.MAX)
-    assert pressure == pytest.approx(row["self_contact"]["force"], rel=0.1)
-    assert not COMM.allreduce(float(found[X[:, 2] < 0.6].max(initial=0.0)), op=MPI.MAX)
 
 
 @mpi
