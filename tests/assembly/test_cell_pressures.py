@@ -7,7 +7,6 @@ from petsc4py import PETSc
 import numpy as np
 import pytest
 from bodies import Hold, cube, wave
-from interrupted_runs import ALONE, cut, solve
 from volume_energies import mixed_problem, mpi, set_state
 
 import fem_snh
@@ -132,19 +131,6 @@ def test_rough_starts_converge_and_say_how(element, scene):
         (alone,) = fem_snh.run(scene, static_condensation=True, **given).steps
         assert row["newton"] == row["mixed_newton"] + alone["newton"]
         assert row["energy"] == alone["energy"]
-
-
-@pytest.mark.one_debian
-def test_a_resumed_run_takes_the_same_steps(tmp_path):
-    """The pressures of a step are those of its start: nothing else is kept."""
-    given = {"element": "Q1P0", "cells": 6, "nu": 0.4999, "stretch": 1.4, "steps": 2}
-    given |= {"static_condensation": False, "comm": ALONE}
-    whole = solve("stretch", **given)
-    with cut(1):
-        solve("stretch", out=tmp_path, **given)
-    resumed = solve("stretch", out=tmp_path, resume=True, **given)
-    for key in ("newton", "linear", "energy"):
-        assert [row[key] for row in resumed.steps] == [row[key] for row in whole.steps]
 
 
 def test_what_it_cannot_be_combined_with():

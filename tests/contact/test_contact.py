@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from mpi4py import MPI
-
 import numpy as np
 import pytest
 from bodies import Hold, cube, dense, set_values, wave
@@ -217,23 +215,3 @@ def test_the_pressure_is_that_of_the_deformed_surface(comm, element):
     for name, expected in (("nominal_contact_pressure", 1.0), ("contact_pressure", 1 / 1.17)):
         found = contact.nodal_field(name, u)
         np.testing.assert_allclose(found[inside], expected, rtol=1e-10)
-
-
-@pytest.mark.one_debian("serial")
-@mpi
-@pytest.mark.parametrize("element", ["P1", "P2P0"])
-def test_the_same_on_any_number_of_ranks(comm, element):
-    """Contact at one corner, which one rank has, beside the run of each rank by itself."""
-    ball = MovingShape(Sphere((0.9, 0.9, 1.3), 0.32), translation((0, 0, -0.1)))
-    results, counts = [], []
-    for ranks in (MPI.COMM_SELF, comm):
-        body = cube(ranks, "tetrahedron", 2, 0.05)
-        contacts = [RigidContact("ball", ball, 0.4), RigidContact("far", plane((0, 0, -3)))]
-        p, _, _ = contact_problem(body, element, contacts, hold=[Hold("bottom")])
-        row = press(p, 2)
-        obstacle = row["obstacles"]["ball"]
-        results.append([row["energy"] or 0.0, obstacle["penetration"], *obstacle["force"]])
-        counts.append((obstacle["contacts"], obstacle["sliding"]))
-        assert obstacle["contacts"] > 0 and row["obstacles"]["far"]["contacts"] == 0
-    np.testing.assert_allclose(*results, rtol=1e-8, atol=1e-10)
-    assert counts[0] == counts[1]

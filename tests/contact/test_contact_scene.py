@@ -11,13 +11,12 @@ from petsc4py import PETSc
 
 import numpy as np
 import pytest
-from interrupted_runs import cut, record, solve
+from interrupted_runs import record, solve
 
 from benchmarks import plates
 from fem_snh import scenes
 from fem_snh.assembly import couplings
 from fem_snh.errors import BadInput
-from fem_snh.runs import checkpoint_file
 
 #: Two blocks, the upper one wider: it bulges over the lower one.
 BLOCKS: dict[str, Any] = {
@@ -74,29 +73,21 @@ def test_groups_of_the_mesh(groups: list[str], message: str) -> None:
 
 @pytest.mark.one_debian("ranks")
 @mpi
-def test_rows_and_resume(folder: Path) -> None:
-    """The force is that on the supports; a run that is resumed has the same numbers."""
-    solve(SCENE, out=folder / "whole")
-    with cut(1):
-        solve(SCENE, out=folder / "cut")
-    again = solve(SCENE, out=folder / "cut", resume=True)
+def test_rows(folder: Path) -> None:
+    """The force is that on the supports."""
+    solve(SCENE, out=folder)
     MPI.COMM_WORLD.barrier()
-    whole, found = record(folder / "whole"), record(folder / "cut")
-    assert again.converged and whole["terms"] == ["elastic", "contact"]
-    for row, other in zip(whole["steps"], found["steps"], strict=True):
+    whole = record(folder)
+    assert whole["converged"] and whole["terms"] == ["elastic", "contact"]
+    for row in whole["steps"]:
         contact = row["contacts"]["upper_bottom/lower_top"]
         assert contact["force"][2] == pytest.approx(row["reactions"]["bottom"][2], rel=1e-5)
         assert contact["force"][2] == pytest.approx(-row["reactions"]["top"][2], rel=1e-5)
         assert contact["force"][2] > 0 and contact["contacts"] > 0 and row["solves"] > 1
         # A thousandth of a cell's height.
         assert contact["penetration"] <= 0.5e-3 and contact["stiffness"] == pytest.approx(20.0)
-        assert (row["newton"], row["linear"]) == (other["newton"], other["linear"])
-        np.testing.assert_allclose(other["energy"], row["energy"], rtol=1e-13)
-    header = (folder / "whole/steps.csv").read_text().splitlines()[0].split(",")
+    header = (folder / "steps.csv").read_text().splitlines()[0].split(",")
     assert {"upper_bottom/lower_top.force.z", "solves"} <= {*header}
-    _, a = checkpoint_file.load(folder / "whole")
-    _, b = checkpoint_file.load(folder / "cut")
-    np.testing.assert_array_equal(a["u"], b["u"])
 
 
 @pytest.mark.one_debian

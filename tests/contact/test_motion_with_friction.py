@@ -8,19 +8,14 @@ import numpy as np
 import pytest
 from bodies import cube
 from contact_problems import constant, march, nodes_mean, plane
-from interrupted_runs import cut
-from running import solve
 from scipy.integrate import quad
-from time_scenes import DOWN, in_time
 
 from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.assembly.regions import Filling
-from fem_snh.contact.law import mean_pressure
-from fem_snh.contact.obstacle import Obstacle
+from fem_snh.contact.mean_contact import mean_pressure
 from fem_snh.contact.obstacle_contact import ObstacleContact, RigidContact
 from fem_snh.kernels.material import material
 from fem_snh.problem.create_problem import create_problem
-from fem_snh.scenes import MaterialChoice, Start
 from fem_snh.steps.dynamics.dynamics import Dynamics
 from fem_snh.terms.gravity import Gravity
 from fem_snh.terms.spring import Spring
@@ -118,26 +113,3 @@ def test_mean_pressure():
         h = 1e-6
         slope = (at(end[i] - h)[1] - at(end[i] + h)[1]) / (2 * h)
         assert stiffness[i] == pytest.approx(slope, rel=1e-5, abs=1e-9)
-
-
-@pytest.mark.mpi
-@pytest.mark.parametrize("friction", [0.3, 0.0])
-def test_a_rocking_block_goes_on_as_the_whole_run(comm, folder, friction):
-    """A run that is resumed has the numbers of the whole one."""
-    floor = {"name": "floor", "shape": {"plane": {}}, "friction": friction}
-    scene = in_time(
-        {"duration": 0.6, "steps": 6, "integrator": "newmark"},
-        cells=1,
-        material=MaterialChoice(name="stable_neo_hookean", E=1e6, nu=0.3, density=1000.0),
-        gravity=DOWN,
-        start=Start(velocity=(1, 0, 0)),
-        obstacle=[Obstacle.model_validate(floor)],
-    )
-    whole = solve(scene, out=folder / "whole")
-    with cut(3):
-        solve(scene, out=folder / "cut")
-    again = solve(scene, out=folder / "cut", resume=True)
-    assert len(again.steps) == len(whole.steps) == 6
-    for one, other in zip(whole.steps, again.steps, strict=True):
-        assert one | {"seconds": 0} == other | {"seconds": 0}
-    comm.barrier()

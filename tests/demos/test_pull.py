@@ -183,17 +183,6 @@ def test_unknown_group(comm):
         solve(cells=1, reactions=["rihgt"])
 
 
-@pytest.mark.one_debian("serial")
-@mpi
-@pytest.mark.parametrize("element", ["Q1", "P2"])
-def test_any_number_of_ranks_gives_the_same_forces(comm, element):
-    setup = {"cells": 3, "steps": 2, "element": element, "petsc": TIGHT, "reactions": ["right"]}
-    alone, together = solve(comm=MPI.COMM_SELF, **setup), solve(comm=comm, **setup)
-    for one, other in zip(alone.steps, together.steps, strict=True):
-        force = np.array(one["reactions"]["right"])
-        assert other["reactions"]["right"] == pytest.approx(force, abs=1e-9 * force[0])
-
-
 @pytest.mark.one_debian
 @pytest.mark.parametrize("alpha", [0.5, 1.5])
 def test_nonlinearity_shows_in_large_strain_only(alpha):

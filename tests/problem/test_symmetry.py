@@ -11,7 +11,6 @@ from bodies import Condition, Hold, cube, dense, norm, problem, set_values, wave
 from dolfinx import fem, mesh
 from dolfinx_programs import unit_cube, vector_space
 from gmsh_files import write_msh
-from interrupted_runs import CutOff, cut
 from plane_programs import displacement, rectangle
 from running import watch_calls
 
@@ -342,19 +341,6 @@ def test_modes_of_a_sector_are_symmetric_ones_of_the_whole(folder):
     assert len(sector.record["modes"]["frequencies"]) == 3
     for frequency in sector.record["modes"]["frequencies"]:
         assert abs(np.array(whole.record["modes"]["frequencies"]) / frequency - 1).min() < 1e-9
-
-
-@pytest.mark.one_debian
-@mpi
-def test_resumed_run_is_the_same(comm, folder):
-    """The run stops at a state in the planes, and goes on from it to the same end."""
-    tables = PLANES | {"steps": 4}
-    once = run_sector(comm, folder, np.pi / 6, 2, **tables)
-    with cut(2), pytest.raises(CutOff):
-        run_sector(comm, folder, np.pi / 6, 2, out=folder / "cut", **tables)
-    again = run_sector(comm, folder, np.pi / 6, 2, out=folder / "cut", resume=True, **tables)
-    assert again.record["resumed"] == [0.5]
-    assert again.steps[-1]["probes"] == once.steps[-1]["probes"]
 
 
 # --- what is refused --------------------------------------------------------------------------

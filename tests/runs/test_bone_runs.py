@@ -7,11 +7,10 @@ import json
 
 import numpy as np
 import pytest
-from bone_scenes import LOWER, UPPER, bar, csv_text, matrix, turn
-from interrupted_runs import cut
+from bone_scenes import LOWER, UPPER, bar, matrix
 from running import solve
 
-from fem_snh.errors import BadInput, on_root
+from fem_snh.errors import BadInput
 from fem_snh.geometry.shapes import Box, ClosedSurface
 from fem_snh.viewing.render.surfaces import Obstacles
 from fem_snh.viewing.stored_run import obstacle_poses
@@ -78,27 +77,6 @@ def test_a_bone_that_is_a_group_moves_as_move_does(time):
         for key in ("kinetic", "elastic") if time else ("energy",):
             # In time, velocities are differences of displacements, which differ by rounding.
             assert one[key] == pytest.approx(other[key], rel=1e-7 if time else 1e-9)
-
-
-@pytest.mark.mpi
-def test_a_run_is_resumed(comm, folder):
-    rows = [(load, "lower", turn(0.6 * load)) for load in (0.0, 0.4, 1.0)]
-    path = folder / "arm.csv"
-    on_root(comm, path.write_text, csv_text("load", *rows))
-    noise = {"noise": {"amplitude": 0.03, "seed": 3, "smooth": True}}
-    lower = {"name": "lower", "shape": LOWER, "motion": path}
-    scene = bar({"name": "upper", "shape": UPPER}, lower, rig=noise, steps=3, petsc=ACCURATE)
-    whole = solve(scene, out=folder / "whole")
-    with cut(2):
-        solve(scene, out=folder / "cut")
-    again = solve(scene, out=folder / "cut", resume=True)
-    assert again.converged and len(again.record["steps"]) == 3
-    for one, other in zip(whole.record["steps"], again.record["steps"], strict=True):
-        assert one["bones"] == other["bones"]
-    assert one["bones"]["upper"]["pose"] != matrix(np.eye(3)).tolist()
-    on_root(comm, path.write_text, csv_text("load", *rows[:2], (1.0, "lower", turn(0.7))))
-    with pytest.raises(BadInput, match=r"cannot resume .*: bone.1.motion = .*as before"):
-        solve(scene, out=folder / "cut", resume=True)
 
 
 @pytest.mark.mpi

@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import re
 from time import perf_counter, sleep
-from typing import Any
 
 import numpy as np
 import pytest
-from bodies import PRESS
-from contact_scenes import slide
+from features import CASES, every_feature
 from interrupted_runs import ALL, ALONE, STRETCH, CutOff, cut, record, solve
-from shells import SYMMETRIC, shell
-from time_scenes import SWING, TURN, in_time
 
+from fem_snh import scenes
 from fem_snh.runs import checkpoint_file, recorder
 from fem_snh.runs.folder import Folder
 from fem_snh.runs.output import nodal_values
@@ -48,42 +45,16 @@ def case_of(name):
     """Return scene, options, and rows after which it is cut off, with fields of all kinds."""
     scene, options, steps = CASES[name]
     fields = ["reaction_force", "cauchy_stress"]
-    if scene == "bounce" or (not isinstance(scene, str) and scene.obstacle):
+    scene = scenes.load(scene, **options)
+    if scene.obstacle:
         fields += ["contact_pressure", "gap"]
-    if scene == "bounce" or (not isinstance(scene, str) and scene.time):
+    if scene.time:
         fields += ["velocity", "acceleration"]
-    return scene, options | {"fields": fields}, steps
-
-
-BACK: dict[str, Any] = {"duration": 0.3, "steps": 5, "integrator": "bdf2"}
-DAMPED: dict[str, Any] = {
-    "duration": 0.3,
-    "steps": 4,
-    "integrator": "generalized_alpha",
-    "damping": {"mass": 0.1, "stiffness": 0.01},
-}
-#: On the ground from the fourth step on.
-FALL = {"cells": 3, "friction": 0.3, "height": 0.05, "steps": 12, "time.duration": 0.3}
-#: Scene, options, rows after which it is cut off.
-CASES = {
-    "extrapolate": ("stretch", STRETCH, 3),
-    "tangent": ("stretch", STRETCH | {"predictor": "tangent", "element": "P2"}, 2),
-    "before its first step": ("stretch", STRETCH, 0),
-    "pressure": ("stretch", STRETCH | {"element": "Q2Q1", "nu": 0.5}, 2),
-    "halved": (PRESS, {}, 4),
-    "traction": ("cook", {"cells": 3, "element": "Q1", "steps": 3}, 2),
-    "friction": (slide(method="augmented_lagrangian", stiffness=1e-3), {}, 2),
-    "cavity": (shell(SYMMETRIC), {}, 2),
-    "two steps back": (in_time(BACK, **SWING), {}, 3),
-    "damped, turned": (in_time(DAMPED, **TURN), {}, 2),
-    "adaptive": (in_time({"duration": 0.4, "steps": 4, "tolerance": 1e-3}, **SWING), {}, 4),
-    "bounce": ("bounce", FALL, 8),
-    "linearised": (in_time(BACK | {"integrator": "semi_implicit"}, **TURN), {}, 2),
-}
+    return scene, {"fields": fields}, steps
 
 
 @mpi
-@pytest.mark.parametrize("case", CASES)
+@every_feature
 def test_on_the_same_ranks_it_is_the_same_to_the_last_digit(comm, folder, case):
     """Rows, unknowns, velocity and acceleration, and every byte of the fields' files."""
     scene, options, steps = case_of(case)

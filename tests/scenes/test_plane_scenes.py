@@ -176,18 +176,6 @@ def test_a_linear_field_is_projected_exactly(tmp_path, kinematics, element):
     assert np.allclose(found, problem.coordinates[:, :2] + 1.0, rtol=0, atol=1e-12)
 
 
-@pytest.mark.one_debian
-def test_a_run_resumes(tmp_path):
-    """From the first of its two steps: the second ends in the same state."""
-    traction = TRACTION.format(traction=0.3)
-    path = own_scene(tmp_path, "Q2Q1", "axisymmetric", traction)
-    whole = solve(path, out=tmp_path / "whole").steps
-    first = solve(path, out=tmp_path / "out", steps=1).steps
-    assert first[-1]["energy"] == pytest.approx(whole[-1]["energy"], rel=1e-6)
-    again = solve(path, out=tmp_path / "whole", resume=True)
-    assert again.steps == whole
-
-
 @pytest.mark.parametrize(
     "keys, message",
     [

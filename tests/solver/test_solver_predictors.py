@@ -95,27 +95,6 @@ def test_prediction_after_a_failure_starts_from_the_last_success(comm):
 
 @pytest.mark.one_debian
 @mpi
-@pytest.mark.parametrize("hessian", ["adaptive", "abs"])
-@pytest.mark.parametrize("predictor", ["none", "tangent"])
-@pytest.mark.parametrize("E, size", [(1e6, 1.0), (1.0, 1e-3), (1e-3, 1e3)])
-def test_solve_is_scale_invariant(comm, hessian, predictor, E, size):
-    """Scaling stiffness and size scales the solution, iteration by iteration."""
-    small = twist(comm)
-    other = twist(comm, E=E, size=size)
-    _, context = solve(small, hessian=hessian, predictor=predictor)
-    snes, scaled = solve(other, hessian=hessian, predictor=predictor)
-    assert snes.getConvergedReason() > 0
-    assert [i.filter for i in scaled.history] == [i.filter for i in context.history]
-    steps = [i.step for i in context.history]
-    assert [i.step for i in scaled.history] == pytest.approx(steps, rel=1e-6)
-    energy = small.energy(small.x)
-    assert other.energy(other.x) / (E * size**3) == pytest.approx(energy, rel=1e-9)
-    difference = norm(comm, other.x.array / size - small.x.array)
-    assert difference <= 1e-6 * small.x.norm()
-
-
-@pytest.mark.one_debian
-@mpi
 @pytest.mark.parametrize("element", ["Q1", "P2"])
 def test_frame_indifference_of_the_whole_solve(comm, element):
     """Rotating all boundary values rotates the solution, iteration by iteration."""

@@ -12,7 +12,6 @@ import ufl
 from bodies import dense
 from dolfinx import fem, mesh
 from dolfinx_programs import vector_space
-from interrupted_runs import cut
 from plane_programs import COMPONENTS, displacement, motion, prescribe, rectangle, zero
 from plane_scenes import SCENE, solve, write_mesh
 from test_motion_exact import STEP, STEPS, G, fallen
@@ -235,21 +234,6 @@ damping = {{ mass = 0.1, stiffness = 0.01 }}
 [start]
 velocity = [0, 0.3, 0]
 """
-
-
-def test_a_run_in_time_resumes(tmp_path):
-    """From its second step, with the history of BDF2: the rows are the same."""
-    path = own_scene(tmp_path, "Q1", "axisymmetric", THROWN.format(integrator="bdf2"))
-    text = path.read_text().replace('"reaction_force"', '"reaction_force", "velocity"')
-    path.write_text(text)
-    whole = solve(path, out=tmp_path / "whole").steps
-    assert whole[-1]["dissipated"] > 0 and whole[-1]["kinetic"] > 0
-    assert (tmp_path / "whole" / "fields.pvd").is_file()
-    with cut(2):
-        solve(path, out=tmp_path / "cut")
-    again = solve(path, out=tmp_path / "cut", resume=True).steps
-    assert again[-1]["energy"] == pytest.approx(whole[-1]["energy"], rel=1e-9)
-    assert again[-1]["momentum"] == pytest.approx(whole[-1]["momentum"], rel=1e-9, abs=1e-12)
 
 
 @pytest.mark.parametrize(
