@@ -53,14 +53,6 @@ def test_changes_without_an_order_have_a_bound_or_none():
     assert goal.text("x").startswith("x 5, no estimate: its changes do not decrease")
 
 
-@pytest.mark.parametrize("element, nu", [("Q1P0", 0.3), ("Q1P0", 0.4999), ("P1", 0.3)])
-def test_effectivity_on_cook(element, nu):
-    known = run("cook", element=element, nu=nu, cells=32).estimate.goals["corner.y"]
-    error = exact(f"cook, nu {nu}")[0] - known.value
-    assert 0.7 < known.error / error < 1.4
-    assert abs(error) < known.at_most < 4 * abs(error)
-
-
 def test_an_element_that_locks_has_no_estimate():
     assert "Q1 locks" in run("cook", element="Q1", nu=0.4999, cells=16).estimate.reason
 

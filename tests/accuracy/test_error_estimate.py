@@ -19,7 +19,6 @@ from scipy.optimize import brentq
 from shells import SYMMETRIC, shell
 
 import fem_snh
-from benchmarks import error_estimates
 from benchmarks.accuracy_cases import exact as exact_value
 from fem_snh import scenes
 from fem_snh.accuracy import indicators, lift
@@ -28,7 +27,6 @@ from fem_snh.accuracy.duals import HessianSolver
 from fem_snh.accuracy.goal_bounds import bounded_goals
 from fem_snh.accuracy.goal_errors import GoalError
 from fem_snh.accuracy.lift import lifted_elements
-from fem_snh.choices import LIFTED_ELEMENT
 from fem_snh.errors import BadInput
 from fem_snh.mesh.mesh import generate
 from fem_snh.problem.create_problem import create_problem
@@ -100,15 +98,6 @@ def sheared(element="Q1", force=0.05, E=1.0, cells=2, **keys):
 
 
 @pytest.mark.one_debian
-@pytest.mark.parametrize("element", ["Q1", "P1", "Q1P0", "P2P0"])
-def test_a_state_that_the_element_holds_has_no_error(element):
-    result = solve(stretched(element))
-    assert result.record["estimate"]["reason"] is None
-    for name, goal in result.goals.items():
-        assert abs(goal["error"]) < 2e-6, (name, goal)
-
-
-@pytest.mark.one_debian
 @pytest.mark.parametrize(
     ("element", "nu", "better"),
     [("Q1P0", 1 / 3, "Q2"), ("Q1P0", 0.34, "Q2Q1"), ("Q1", 0.4999, "Q2Q1")],
@@ -132,34 +121,6 @@ def test_the_corrected_value_is_that_of_the_lifted_element(element, nu, better):
 
 
 @pytest.mark.one_debian
-@pytest.mark.parametrize("element", ["Q1", "Q1P0", "P1"])
-@pytest.mark.parametrize("nu", [0.3, 0.4999])
-def test_effectivity_on_cook(element, nu):
-    """Against a solution whose error is at most 0.4 %; those here have 7 to 99 %."""
-    goals = solve("cook", kinematics="layer", element=element, nu=nu, cells=8, error=True).goals
-    for axis, exact in zip("xy", reference(nu), strict=True):
-        goal = goals[f"corner.{axis}"]
-        assert 0.7 < goal["error"] / (exact - goal["value"]) < 1.4
-        # The corrected value is at least twice as good.
-        assert abs(goal["corrected"] - exact) < abs(goal["value"] - exact) / 2
-
-
-@pytest.mark.one_debian
-@pytest.mark.parametrize(
-    ("element", "nu", "cells"), [("P2", 0.3, 4), ("Q2", 0.3, 4), ("Q2Q1", 0.4999, 4)]
-)
-def test_effectivity_of_degree_2_on_cook(element, nu, cells):
-    """Degree 3 leaves a third of the error at Cook's corners; its decay tells how much."""
-    result = solve("cook", kinematics="layer", element=element, nu=nu, cells=cells, error=True)
-    exact = reference(nu)[1]
-    goal = result.goals["corner.y"]
-    factor = result.record["estimate"]["saturation"]
-    effectivity = goal["error"] / (exact - goal["value"])
-    assert 0.7 < effectivity < 1.3
-    assert abs(effectivity - 1) < abs(effectivity / factor - 1)
-
-
-@pytest.mark.one_debian
 def test_a_solution_of_degree_2_leaves_nothing():
     """Of a quadratic displacement, degree 3 is no part; the factor is that of a smooth solution."""
     problem = solve("twist", element="Q2Q1", cells=1, angle=0.0).problem
@@ -174,26 +135,6 @@ def test_a_solution_of_degree_2_leaves_nothing():
     # x^3 has both parts in each cell.
     other.x.array[: values.size] = (X[:, :1] ** 3 * [1.0, 0, 0]).ravel()
     assert 1 < saturation(other, other.split(other.x)[0]) < 1.6
-
-
-@pytest.mark.one_debian
-def test_effectivity_on_a_twisted_bar():
-    """Against Q2Q1 on a mesh twice as fine, whose error is a hundredth of that of Q1P0."""
-    fine = solve("twist", element="Q2Q1", cells=6, angle=1.0, nu=0.49).steps[-1]
-    goals = solve("twist", element="Q1P0", cells=3, angle=1.0, nu=0.49, error=True).goals
-    exact = {"top.force.z": fine["reactions"]["top"][2], "energy": fine["energy"]}
-    exact |= {f"edge.{a}": v for a, v in zip("xy", fine["probes"]["edge"], strict=False)}
-    for name, value in exact.items():
-        goal = goals[name]
-        assert 0.7 < goal["error"] / (value - goal["value"]) < 1.4, name
-
-
-@pytest.mark.one_debian
-def test_the_error_of_a_locked_element_that_has_a_note():
-    result = solve("cook", kinematics="layer", element="Q1", cells=4, error=True)
-    assert [note["kind"] for note in result.notes] == ["locking"]
-    corner = result.goals["corner.y"]
-    assert corner["corrected"] / corner["value"] > 2
 
 
 @pytest.mark.one_debian
@@ -320,24 +261,6 @@ def test_a_motion_has_no_energy_goal():
         solve("squash", **{"accuracy.goals": ["energy"]})
 
 
-@pytest.mark.parametrize(
-    ("material", "element", "cells", "lifted"),
-    [("c2_neo_hookean", "Q1P0", 8, "Q2P0"), ("neo_hookean", "Q2", 4, "Q3Q2")],
-)
-def test_effectivity_with_volume_terms_in_the_logarithm(material, element, cells, lifted):
-    """Where no pressure can be an unknown, the lifted element has the mean of the volume ratio.
-
-    Against P2P0 on 32 cells, whose error is below 0.2 %; those here have 6 to 23 %.
-    """
-    keys = {"material": material, "nu": 0.49}
-    exact = solve("cook", element="P2P0", cells=32, **keys).steps[-1]["probes"]["tip"][1]
-    result = solve("cook", element=element, cells=cells, error=True, **keys)
-    goal = result.goals["tip.y"]
-    assert result.record["estimate"]["element"] == lifted
-    assert 0.7 < goal["error"] / (exact - goal["value"]) < 1.4
-    assert abs(goal["corrected"] - exact) < abs(goal["value"] - exact) / 3
-
-
 def test_effectivity_of_a_strip_with_one_cell_across(comm):
     """One pressure in a cell bends as if nu were zero: by that element 4 times the error."""
 
@@ -362,21 +285,6 @@ def test_effectivity_of_a_strip_with_one_cell_across(comm):
     assert abs(corrected - exact) < 0.2 * abs(value - exact)
 
 
-@pytest.mark.parametrize("element", ["P2", "P2P0", "Q2"])
-def test_several_materials_of_which_none_locks(element):
-    """At nu = 0.4 the factor of the decay was left out, with P2P0 that of another element taken.
-
-    The effectivity was 0.56 to 0.87, on a mesh of one cell across 0.31. The exact values are those
-    of `python -m benchmarks error_estimates --scenes bar --nus 0.4`.
-    """
-    exact = {"end.z": 0.036770, "energy": -8.9788e-5}
-    scene = error_estimates.scene_of("bar", 0.4, element, 2, estimate=LIFTED_ELEMENT)
-    goals = fem_snh.run(scene, progress=False).goals
-    assert goals.keys() == exact.keys()
-    for name, goal in goals.items():
-        assert 0.8 < goal["error"] / (exact[name] - goal["value"]) < 1.1
-
-
 def test_a_material_without_a_lifted_element_has_no_estimate():
     """Near nu = 1/2 a pointwise volume term would lock in the lifted element as well."""
     result = solve("twist", material="stvk", nu=0.45, cells=2, angle=0.1, error=True)
@@ -398,6 +306,8 @@ def test_a_material_without_a_lifted_element_has_no_estimate():
 )
 def test_the_line_of_a_goal(value, error, text):
     assert GoalError(value, error, abs(value)).text("g") == text
+    bound = GoalError(2.0, 1e-4, 2.0, unsettled=1e-4)
+    assert bound.text("g") == "g 2, error below 0.010 %"
 
 
 def estimate(scene, goals, **keys):
@@ -518,11 +428,6 @@ def test_few_newton_iterations_find_the_estimate():
         goal = found.estimate.goals[name]
         left = abs(goal.corrected - value)
         assert left <= max(0.02 * abs(goal.error), 1e-4 * goal.scale), name
-
-
-def test_an_estimate_that_is_mostly_unsettled_is_a_bound():
-    text = GoalError(2.0, 1e-4, 2.0, unsettled=1e-4).text("g")
-    assert text == "g 2, error below 0.010 %"
 
 
 def test_a_bound_is_relative_to_the_value_as_errors_are():

@@ -96,18 +96,6 @@ def test_a_program_in_time_has_the_errors_of_its_scene(comm):
             assert getattr(goal, bound) == pytest.approx(expected_bound, abs=1e-8 * other.scale)
 
 
-@pytest.mark.one_debian
-def test_the_parts_of_the_error(comm):
-    """Against four times the time steps, and against elements of the next degree as well."""
-    goal = Swing(comm).end(16).goals["tip.z"]
-    fine, best = (Swing(comm, degree) for degree in (1, 2))
-    for reference, steps in ((fine, 64), (best, 32)):
-        list(reference.problem.steps(steps))
-    assert 0.7 < goal.parts["time steps"] / (fine.tip - goal.value) < 1.4
-    assert 0.85 < goal.error / (best.tip - goal.value) < 1.15
-    assert abs(goal.error) > 0.1 * abs(goal.value)
-
-
 def pressed(comm):
     """Return a block on which a plate presses and slides in time, and the plate."""
     body = cube(comm)

@@ -53,54 +53,6 @@ def test_quadrilaterals_have_the_errors_of_the_layer_of_hexahedra(element, nu, m
 OUTER = sqrt(2**2 + 1.5**2 - 1) - 2
 
 
-@pytest.mark.one_debian
-@pytest.mark.parametrize(
-    ("element", "kinematics"),
-    [
-        ("P1", "plane_strain"),
-        ("P1", "axisymmetric"),
-        ("Q1P0", "axisymmetric"),
-        ("P2P1", "axisymmetric"),
-        ("Q2Q1", "plane_strain"),
-    ],
-)
-def test_effectivity_on_a_tube(element, kinematics):
-    """Against the exact solution of an incompressible tube."""
-    nu = 0.5 if element in ("P2P1", "Q2Q1") else 0.4999
-    result = solve("tube", element=element, nu=nu, cells=4, kinematics=kinematics, error=True)
-    assert result.record["estimate"]["reason"] is None
-    for name, exact in (("inner.x", 0.5), ("outer.x", OUTER)):
-        goal = result.goals[name]
-        assert 0.7 < goal["error"] / (exact - goal["value"]) < 1.4, name
-        assert abs(goal["corrected"] - exact) < abs(goal["value"] - exact) / 3, name
-
-
-@pytest.mark.one_debian
-@pytest.mark.parametrize("element", ["P2", "P2P0", "Q2"])
-@pytest.mark.parametrize(
-    ("nu", "corner", "energy", "error"),
-    [(0.3, 7.8368, -416.84, 0.008), (0.4, 7.4774, -393.82, 0.015), (0.49, 6.9965, -364.27, 0.03)],
-)
-def test_effectivity_of_degree_2_where_it_locks_or_has_cell_pressures(
-    element, nu, corner, energy, error
-):
-    """Of these elements the lifted one leaves what it leaves of the Taylor-Hood element.
-
-    The exact values are extrapolated from Q2Q1 on 64 cells (docs/results/error.md), the errors
-    above a part of them; 0.4 is the least ratio at which an element locks.
-    """
-    keys = {"kinematics": "plane_strain", "nu": nu, "cells": 4, "element": element}
-    result = solve("cook", **keys, error=True)
-    for name, exact in (("corner.y", corner), ("energy", energy)):
-        goal = result.goals[name]
-        true = exact - goal["value"]
-        assert abs(true) > error * abs(exact)
-        assert goal["error"] == pytest.approx(true, rel=0.2 if nu > 0.4 else 0.3), name
-    # The errors of the cells add up to the estimate.
-    ((located, cells),) = result.estimate.indicators.items()
-    assert cells.sum() == pytest.approx(result.goals[located]["error"], rel=0.1)
-
-
 def turned(comm, element="Q1P0", kinematics="axisymmetric_torsion"):
     """A rubber ring between two sleeves whose inner one is pushed along the axis, and turned."""
     domain = rectangle(comm, element, (1, 0), (2, 1), (4, 3))
@@ -177,20 +129,11 @@ def test_goals_do_not_depend_on_ranks():
 
 
 @pytest.mark.one_debian
-def test_a_sheet_is_lifted_without_a_pressure():
-    """In plane stress: effectivity against a fine mesh, and indicators at Cook's corner."""
-    keys = {"kinematics": "plane_stress", "nu": 0.4999}
-    fine = solve("cook", element="Q2", cells=24, **keys).steps[-1]["probes"]["corner"]
-    result = solve(
-        "cook", element="P1", cells=8, **{"accuracy.goals": ["corner", "energy"]}, **keys
-    )
-    assert result.record["estimate"]["element"] == "P2"
-    for axis, exact in zip("xy", fine, strict=False):
-        goal = result.goals[f"corner.{axis}"]
-        assert 0.7 < goal["error"] / (exact - goal["value"]) < 1.1
-    found = result.estimate
-    for name in ("corner.y", "energy"):
-        assert found.indicators[name].sum() == pytest.approx(found.goals[name].error, rel=0.1)
+def test_the_error_of_a_sheet_is_at_cooks_corner():
+    found = solve(
+        "cook", element="P1", cells=8, kinematics="plane_stress", nu=0.4999,
+        **{"accuracy.goals": ["energy"]},
+    ).estimate  # fmt: skip
     x, y = found.places["energy"].largest
     assert np.hypot(x, y - 44) < 6
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import warnings
-from time import sleep
 
 from mpi4py import MPI
 
@@ -18,9 +17,6 @@ from fem_snh.accuracy.stress_goals import PointStressGoal
 from fem_snh.errors import BadInput
 from fem_snh.mesh.mesh import generate
 from fem_snh.scenes import Accuracy, MaterialChoice, Probe, load
-
-#: Of Cook's membrane in plane strain at nu = 0.4999: 32 and 64 cells of Q2Q1, corrected.
-COOK = 9.7943
 
 
 @pytest.mark.one_debian("ranks")
@@ -50,31 +46,6 @@ def test_a_homogeneous_stress(comm, name, element, nu):
     s = sigma - np.trace(sigma) / 3 * np.eye(3)
     assert goal["value"] == pytest.approx(np.sqrt(1.5 * (s * s).sum()), rel=1e-5)
     assert abs(goal["error"]) < 1e-5 * goal["value"]
-
-
-@pytest.mark.one_debian
-@pytest.mark.parametrize("cells", [4, 8, 16])
-def test_effectivity_on_cook(cells):
-    keys = {"kinematics": "plane_strain", "element": "Q2Q1", "nu": 0.4999, "cells": cells}
-    found = solve("cook", steps=2, **keys, **{"accuracy.goals": "stress"})
-    goal = found.goals["stress"]
-    assert 0.7 < goal["error"] / (COOK - goal["value"]) < 1.4
-    indicators = found.estimate.indicators["stress"]
-    assert indicators.sum() == pytest.approx(goal["error"], rel=0.3)
-
-
-def test_forms_are_compiled_in_the_seconds_of_jit(monkeypatch):
-    """Levels are forecast without them: after 10 s with a new cache the next one was to take 60."""
-    plain = _dolfinx.forms.fem.form
-
-    def slow(*arguments, **keys):
-        sleep(0.2)
-        return plain(*arguments, **keys)
-
-    monkeypatch.setattr(_dolfinx.forms.fem, "form", slow)
-    keys = {"kinematics": "plane_strain", "element": "Q2Q1", "nu": 0.4999, "cells": 2, "steps": 1}
-    estimate = solve("cook", **keys, **{"accuracy.goals": "stress"}).estimate
-    assert 0.8 < estimate.jit < estimate.seconds  # of the run and the better element, two each
 
 
 @pytest.mark.one_debian

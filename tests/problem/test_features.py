@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import pydoc
 from typing import Any
 
 import numpy as np
@@ -11,7 +10,6 @@ import pytest
 import ufl
 from dolfinx import fem, mesh
 from dolfinx_programs import vector_space
-from scipy.optimize import brentq
 
 import fem_snh
 from fem_snh import cli
@@ -293,29 +291,6 @@ def test_a_program_inflates_a_cavity(comm: Any, as_constant: bool) -> None:
     assert row["energy"] == pytest.approx(result.steps[-1]["energy"], rel=1e-8)
     assert row["cavities"]["ds(7)"]["pressure"] == pytest.approx(state["pressure"], rel=1e-8)
     assert row["cavities"]["ds(7)"]["volume"] == pytest.approx(volume, rel=0.05)
-
-
-@pytest.mark.one_debian("ranks")
-def test_uniform_compression(comm: Any) -> None:
-    """All faces under pressure: F = s I with P = -p cof F, exactly."""
-    domain = mesh.create_unit_cube(comm, 2, 2, 2, mesh.CellType.hexahedron)
-    V = vector_space(domain)
-    u, bcs = fem.Function(V), on_planes(V)
-    terms = [fem_snh.Pressure(ufl.ds, 0.3)]
-    fem_snh.NonlinearProblem(u, {SNH: ufl.dx}, bcs=bcs, terms=terms, petsc_options=TIGHT).solve()
-    s = brentq(lambda s: SNH.pk1(s * np.eye(3))[0, 0] + 0.3 * s**2, 0.5, 1.0, xtol=1e-15)
-    X = V.tabulate_dof_coordinates()
-    np.testing.assert_allclose(u.x.array.reshape(-1, 3), (s - 1) * X, atol=1e-9)
-
-
-def test_help_says_what_the_fields_are() -> None:
-    """The fields with units and defaults, as the arguments, and nothing of pydantic's."""
-    text = pydoc.render_doc(fem_snh.Cavity, renderer=pydoc.plaintext)
-    assert "stiffness : a number > 0, default None" in text and "[Pa/m^3]" in text
-    assert text.index("group :") < text.index("volume :") < text.index("table :")
-    assert "model_dump" not in text and "__pydantic" not in text
-    text = pydoc.render_doc(fem_snh.Obstacle, renderer=pydoc.plaintext)
-    assert text.index("shape :") < text.index("method :")
 
 
 def test_a_list_that_changes_later(comm: Any) -> None:

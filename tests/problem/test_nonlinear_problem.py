@@ -9,7 +9,6 @@ from petsc4py import PETSc
 import numpy as np
 import pytest
 import ufl
-from bodies import PRESS
 from derivatives import check_derivatives
 from dolfinx import fem, mesh
 from dolfinx_programs import Bar, Press, converged, halves, unit_cube, vector_space
@@ -31,20 +30,6 @@ def difference(comm, a, b):
     """The largest difference of two functions, over the largest value. Collective."""
     largest = max(comm.allgather(abs(b).max(initial=0)))
     return max(comm.allgather(abs(a - b).max(initial=0))) / largest
-
-
-@pytest.mark.one_debian("ranks")
-def test_agrees_with_a_scene(comm):
-    material = PRESS.material.model_copy(update={"name": "stable_neo_hookean", "nu": 0.49})
-    scene = PRESS.model_copy(update={"material": material, "predictor": "extrapolate"})
-    setup = set_up(comm, scene)
-    row = next(iter(setup.stepper))
-    assert row["converged"]
-    body = Press(setup.problem.domain, height=-0.5)
-    problem = fem_snh.NonlinearProblem(body.u, {SNH: ufl.dx}, bcs=body.bcs)
-    assert problem.solve() is body.u and converged(problem)
-    assert difference(comm, body.u.x.array, setup.problem.u.x.array) < 1e-12
-    assert len(problem.solver.getPythonContext().history) + 1 == row["newton"]
 
 
 @pytest.mark.one_debian
