@@ -488,11 +488,6 @@ def test_bad_input(words, message, capsys):
     assert message in output and output.count("\n") == 1
 
 
-@pytest.mark.parametrize("given", ["1%", "1 %", "0.01", "1e-2", 0.01])
-def test_per_cent_and_fractions(given):
-    assert scenes.load("cook", **{"accuracy.within": given}).within == 0.01
-
-
 @pytest.mark.parametrize(("nu", "asked", "element"), [(0.3, 0.02, "Q2"), (0.49, 1e-4, "Q2Q1")])
 def test_hexahedra_of_a_file_get_a_higher_degree(nu, asked, element, tmp_path):
     """Their second level is the element that the estimate of the first stands for."""

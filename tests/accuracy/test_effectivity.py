@@ -132,10 +132,9 @@ def test_effectivity(case: str) -> None:
         assert abs(true) > error * abs(value), name
         assert least < goal["error"] / true < most, name
         assert abs(goal["corrected"] - value) < left * abs(true), name
-    for name in result.estimate.indicators.keys() & values.keys():  # those of the cells
-        if "parts" not in result.goals[name]:
-            total = result.estimate.indicators[name].sum()
-            assert total == pytest.approx(result.goals[name]["error"], rel=0.3), name
+    if case.startswith(("cook P2", "cook Q2", "stress")):  # errors of cells sum to the estimate
+        for name, cells in result.estimate.indicators.items():
+            assert cells.sum() == pytest.approx(result.goals[name]["error"], rel=0.3), name
 
 
 @pytest.mark.one_debian

@@ -106,10 +106,7 @@ def test_cells_need_one_region() -> None:
     ("overrides", "message"),
     [
         ({"material": []}, "material = []: expected at least one table"),
-        ({"material.0.E": -1.0}, "material.0.E = -1.0: expected a number from 1e-100"),
         ({"material.1.group": "second"}, "material.group = 'second': expected another group"),
-        ({"material.1.barier": True}, "material.1: unknown parameter 'barier': expected one of"),
-        ({"material.density": 0}, "material.0.density = 0: expected a number > 0"),
         ({"material.2.E": 1.0}, "unknown key 'material.2.E': expected a key of a table"),
     ],
 )

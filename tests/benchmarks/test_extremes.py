@@ -31,7 +31,6 @@ from benchmarks.extremes import (
 )
 from benchmarks.extremes.cases import COLUMNS, at_rest, converged, scene_case
 from benchmarks.extremes.tight import agrees, tight_row
-from fem_snh.errors import BadInput
 from fem_snh.studies.points import read_record
 
 pytestmark = pytest.mark.one_debian
@@ -208,19 +207,6 @@ def test_a_failure_is_a_row_that_is_not_ok(tmp_path: Path, monkeypatch: pytest.M
     assert [row["reason"] for row in found] == ["it fails"] * 2
     table = pd.read_csv(tmp_path / "extremes.csv")
     assert list(table.columns) == list(COLUMNS) and list(table["expected"]) == ["pass", "may fail"]
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"only": "scrambel"}, r"family = 'scrambel': .*did you mean 'scramble'\?"),
-        ({"seeds": 0}, "seeds = 0: expected a whole number from 1 to 10000"),
-        ({"seeds": "many"}, "seeds = 'many': expected a whole number from 1 to 10000"),
-    ],
-)
-def test_mistakes(options: dict[str, Any], message: str) -> None:
-    with pytest.raises(BadInput, match=message):
-        next(rows(**options))
 
 
 def test_the_page_has_the_numbers_of_the_table() -> None:

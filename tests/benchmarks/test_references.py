@@ -19,7 +19,6 @@ from benchmarks.references.block import block
 from benchmarks.references.cook import cook, cook_locking, cook_locking_free
 from benchmarks.references.exact import plane_strain, torsion, uniaxial
 from benchmarks.references.paper import paper_twist
-from fem_snh.errors import BadInput
 
 pytestmark = pytest.mark.one_debian
 
@@ -119,12 +118,3 @@ def test_the_stored_rows_have_every_group() -> None:
         stored = {(row["number"], row["source"]) for row in csv.DictReader(file)}
     for row in (*every_uniaxial(), *small_block()):
         assert (row["what"], row["source"]) in stored
-
-
-def test_mistakes(folder: Path) -> None:
-    with pytest.raises(BadInput, match=r"reference = 'blok': expected .*did you mean 'block'"):
-        benchmarks.main("references", {"only": "blok"})
-    page = folder / "page.md"
-    page.write_text("no table")
-    with pytest.raises(BadInput, match="expected a page with the lines <!-- made by"):
-        benchmarks.main("eigensolvers", {"write": str(page)})

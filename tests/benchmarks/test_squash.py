@@ -13,7 +13,6 @@ from fem_snh import _dolfinx
 from fem_snh.contact.law import ContactLaw
 from fem_snh.contact.obstacle_pair import NearFacets, ObstaclePair
 from fem_snh.contact.surface_quadrature import SurfaceQuadrature
-from fem_snh.errors import BadInput
 from fem_snh.mesh import mesh as meshes
 from fem_snh.mesh import mesh_checks
 
@@ -31,14 +30,6 @@ def test_octopus_has_the_cells_that_its_source_promises(comm):
     assert facets[0] == facets[1] + facets[2] and min(facets) > 500
     # A bell 2.1 radii high, eight cones 3 radii long.
     assert 2.9e-3 < meshes.volume(octopus.domain) < 3.5e-3
-
-
-@pytest.mark.parametrize(("cell", "cells", "text"), [
-    ("hexahedron", 54, "expected tetrahedron"), ("tetrahedron", 3, "at least 4"),
-])  # fmt: skip
-def test_octopus_rejects(comm, cell, cells, text):
-    with pytest.raises(BadInput, match=text):
-        meshes.generate(comm, "octopus", cell, cells=cells)
 
 
 def pair_below(comm, motion):

@@ -140,19 +140,6 @@ def test_without_ipctk(monkeypatch):
         fem_snh.run(scene(CLIP))
 
 
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"self_contact": {"method": "ipk"}}, "method = 'ipk': .*did you mean 'ipc'"),
-        ({"self_contact": {"method": "ipc", "distance": 0}}, "distance = 0: .* number > 0"),
-        ({"self_contact": {"method": "ipc", "friction": -1}}, "friction = -1: .* number >= 0"),
-    ],
-)
-def test_mistakes(changes, message):
-    with pytest.raises(BadInput, match=message):
-        scene(CLIP, **changes)
-
-
 def test_not_semi_implicit():
     time = {"duration": 1.0, "steps": 4, "integrator": "semi_implicit"}
     with pytest.raises(BadInput, match=r"time\.integrator = 'semi_implicit': .*line search"):

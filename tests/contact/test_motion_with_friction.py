@@ -12,7 +12,7 @@ from scipy.integrate import quad
 
 from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.assembly.regions import Filling
-from fem_snh.contact.mean_contact import mean_pressure
+from fem_snh.contact.law import mean_pressure
 from fem_snh.contact.obstacle_contact import ObstacleContact, RigidContact
 from fem_snh.kernels.material import material
 from fem_snh.problem.create_problem import create_problem

@@ -275,8 +275,6 @@ def test_a_block_falls_on_another() -> None:
 @pytest.mark.parametrize(
     ("table", "message"),
     [
-        ({"method": "refrence"}, "self_contact.method = 'refrence': expected one of .*reference"),
-        ({"method": "reference", "stiffness": 0}, "self_contact.stiffness = 0: expected a number"),
         (
             {"method": "reference", "friction": 0.1},
             "contact.friction = 0.1: expected no value",

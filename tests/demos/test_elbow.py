@@ -37,17 +37,6 @@ def test_arm_is_flesh_around_two_bones(comm):
 
 
 @pytest.mark.one_debian
-@pytest.mark.parametrize(("key", "value", "text"), [
-    ("cells", 11, "at least 12"), ("biceps", 0.04, "from 0 to 0.03"),
-    ("hollow", 0.02, "from 0 to 0.01"),
-    ("thickness", 2.0, "from 0.9 to 1.5"),
-])  # fmt: skip
-def test_arm_rejects(comm, key, value, text):
-    with pytest.raises(BadInput, match=text):
-        meshes.generate(comm, "arm", "tetrahedron", **({"cells": 20} | {key: value}))
-
-
-@pytest.mark.one_debian
 @mpi
 def test_volume_rises_with_the_ratio_of_poisson(comm):
     """Figure 2, beyond a right angle: at 90 and at 120 degrees."""

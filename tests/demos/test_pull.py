@@ -143,13 +143,6 @@ def test_the_moment_is_the_derivative_of_the_energy_by_the_angle(comm, folder, e
     comm.barrier()
 
 
-def test_mistakes_in_a_moment():
-    with pytest.raises(BadInput, match=r"reactions\.0: unknown key 'abuot'.*'about'"):
-        solve("twist", cells=1, reactions=[{"group": "top", "abuot": [0, 0, 0]}])
-    with pytest.raises(BadInput, match=r"reactions\.0\.about = \[0, 0\]: expected three finite"):
-        solve("twist", cells=1, reactions=[{"group": "top", "about": [0, 0]}])
-
-
 @pytest.mark.one_debian("ranks")
 @mpi
 def test_a_step_that_failed_has_no_force(comm, folder):

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from fem_snh.errors import BadInput
 from fem_snh.geometry.shapes import Box, Capsule, Cylinder, Plane, Sphere
 
 pytestmark = pytest.mark.one_debian
@@ -127,18 +126,3 @@ def test_the_edges_of_a_cylinder_are_rounded_outside():
     assert d[0] == pytest.approx(5.0)
     assert g[0] == pytest.approx([0.6, 0, 0.8])
     assert np.linalg.eigvalsh(H[0]) == pytest.approx([0, 0.6 / 5, 1 / 5], abs=1e-14)
-
-
-@pytest.mark.parametrize(
-    "make, message",
-    [
-        (lambda: Plane(normal=(0.0, 0.0, 0.0)), r"normal = \[0.0, 0.0, 0.0\]: expected a vector"),
-        (lambda: Sphere(radius=0.0), "radius = 0.0: expected a number > 0"),
-        (lambda: Capsule(A, A, 1.0), "to = .*: expected a point other than 'from'"),
-        (lambda: Cylinder(A, A, 1.0), "to = .*: expected a point other than 'from'"),
-        (lambda: Box(size=(1.0, -1.0, 1.0)), r"size = -1.0: expected a number > 0"),
-    ],
-)
-def test_mistakes(make, message):
-    with pytest.raises(BadInput, match=message):
-        make()

@@ -101,21 +101,6 @@ def test_tables_of_unions():
     assert choice.shape() == SmoothUnion((Union((ball, rod)), ball), 0.1)
 
 
-@pytest.mark.parametrize(
-    "shape, message",
-    [
-        ({"union": []}, r"union = \[\]: expected at least one table"),
-        ({"union": [{"spere": {}}]}, "union.0: unknown key 'spere'"),
-        ({"union": [{"sphere": {"center": [0, 0, 0], "radius": -1}}]}, "union.0.sphere.radius"),
-        ({"smooth_union": {"shapes": [BALL], "blend": 0}}, "smooth_union.blend = 0: expected a nu"),
-        ({"smooth_union": {"shapes": [BALL]}}, "smooth_union: missing key 'blend'"),
-    ],
-)
-def test_mistakes_in_tables(shape, message):
-    with pytest.raises(BadInput, match=f"obstacle.0.shape.{message}"):
-        scenes.load("twist", obstacle=[{"shape": shape}])
-
-
 def test_mistakes():
     with pytest.raises(BadInput, match="expected at least one shape"):
         Union(())

@@ -205,23 +205,6 @@ def test_mistakes(shape, cell, message):
         lattice.create(COMM, lambda: shape, cell)
 
 
-@pytest.mark.parametrize(
-    "keys, message",
-    [
-        ({"cell": 0}, "mesh.cell = 0: expected a number > 0"),
-        ({"weighting": "half"}, "mesh.weighting = 'half': expected one of fraction, full"),
-        ({"parts": "one"}, "mesh.parts = 'one': expected one of separate, joined"),
-        ({"samples": 1}, "mesh.samples = 1: expected a whole number from 2 to 16"),
-        ({"lattice": {"spere": {}}}, "mesh.lattice: unknown key 'spere'"),
-        ({"lattice": 3}, "mesh.lattice = 3: expected the path of an STL or OBJ file"),
-    ],
-)
-def test_mistakes_in_a_scene(keys, message):
-    mesh = {"lattice": FINGERS[0], "cell": 0.1} | keys
-    with pytest.raises(BadInput, match=message):
-        scenes.load("twist", mesh=mesh)
-
-
 def deflection(angle: float, cell: float) -> float:
     """Return the deflection of a beam's tip under its weight, turned in its lattice."""
     turn = {"rotation": [0, 0, angle]}

@@ -9,7 +9,6 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
-from contact_scenes import slide
 from gmsh_files import write_msh
 from interrupted_runs import cut
 from note_scenes import arch, bushing, cube
@@ -72,10 +71,6 @@ def test_the_place_of_the_worst_point_is_that_of_any_number_of_ranks(comm):
         assert here.values[key] == alone.values[key] > 0
     assert here.values["min_J"] == pytest.approx(alone.values["min_J"], rel=1e-12)
     assert here.values["position"][::2] == pytest.approx([0.875, 0.875])
-
-
-def test_no_note_where_nothing_is_inverted():
-    assert inversion_note(cube(MPI.COMM_SELF, 2, "P1", 0.4, lambda X: -0.5 * X)) is None
 
 
 TURNED = "rotate = { axis = [1, 0, 0], through = [0, 0, 0.015], angle = 0.5 }"
@@ -551,19 +546,6 @@ def test_self_contact_that_creates_energy():
         (note,) = [note for note in result.notes if note["kind"] == "energy"]
         assert note["gained"] / note["exchanged"] == pytest.approx(created, rel=0.05)
         assert ("contact creates energy" in note["text"]) == (steps == 48)
-
-
-@mpi
-def test_penalties_with_friction_have_the_note_too(comm):
-    """With 100 times the stiffness the force is larger by the part that the note names."""
-    soft, stiff = (solve(slide(**keys), comm) for keys in ({}, {"stiffness": 2e3}))
-    (note,) = [note for note in soft.notes if note["kind"] == "penalty"]
-    assert "penalty" not in {note["kind"] for note in stiff.notes}
-    found, expected = (r.steps[-1]["obstacles"]["plate"]["force"][2] for r in (soft, stiff))
-    assert found / expected < 0.95
-    assert note["share"] == pytest.approx(1 - found / expected, rel=0.1)
-    multipliers = solve(slide(method="augmented_lagrangian"), comm)
-    assert "penalty" not in {note["kind"] for note in multipliers.notes}
 
 
 def test_penalties_that_yield_have_a_note():

@@ -131,26 +131,6 @@ def test_overwrite_in_a_folder_of_no_run(tmp_path: Path) -> None:
     assert {path.name for path in tmp_path.iterdir()} == {*NAMES, *WRITTEN}
 
 
-def test_the_run_of_an_older_version_is_replaced(tmp_path: Path) -> None:
-    """It has no list: the files of which a run has one each are removed."""
-    fill(tmp_path, ("skin.pvd", "steps.csv", "fields_mine.vtu"))
-    (tmp_path / "run.json").write_text('{"scene": "old", "steps": []}')
-    solve("twist", out=tmp_path, overwrite=True, **TWIST)
-    assert {path.name for path in tmp_path.iterdir()} == {"fields_mine.vtu", *WRITTEN}
-
-
-TETRAHEDRON = """solid t
-facet normal 0 0 0
-outer loop
-vertex 0 0 0
-vertex 0 1 0
-vertex 1 0 0
-endloop
-endfacet
-endsolid t
-"""
-
-
 @mpi
 @pytest.mark.parametrize(
     "name", ["obstacle_0.stl", "bone_1.stl", "rigid_0.obj", "steps.csv", "checkpoint.npz"]

@@ -15,7 +15,7 @@ from running import record, rows, solve
 
 import fem_snh
 from fem_snh import _dolfinx
-from fem_snh.errors import BadInput, in_words
+from fem_snh.errors import BadInput
 from fem_snh.runs import estimates
 from fem_snh.runs.folder import COLUMNS, Folder
 
@@ -282,20 +282,6 @@ def test_the_estimate_is_no_time_of_the_solve(monkeypatch):
     assert seconds["assemble"] == before[0] and seconds["estimate"] > 0
 
 
-def test_an_interrupted_estimate_is_no_time_of_the_solve_either(tmp_path, monkeypatch):
-    before = []
-
-    def interrupted(setup, *_):
-        before.append(setup.problem.seconds["assemble"])
-        setup.problem.seconds["assemble"] += 100.0
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(estimates, "estimate_errors", interrupted)
-    with pytest.raises(KeyboardInterrupt):
-        solve("press", out=tmp_path, cells=2, steps=1, error=True)
-    assert record(tmp_path)["seconds"]["assemble"] == before[0]
-
-
 def test_the_seconds_of_jit_are_of_all_that_is_compiled(monkeypatch, tmp_path):
     """Spaces and forms of the setup, of fields, of the estimate and of notes: in no other part."""
     plain, slept = _dolfinx.forms.fem.form, []
@@ -317,10 +303,6 @@ def test_the_seconds_of_jit_are_of_all_that_is_compiled(monkeypatch, tmp_path):
     assert seconds["estimate"] == pytest.approx(
         found["estimate"]["seconds"] - found["estimate"]["jit"]
     )
-
-
-def test_names_in_a_sentence():
-    assert [in_words("abc"[:n]) for n in (1, 2, 3)] == ["a", "a and b", "a, b and c"]
 
 
 def test_a_petsc_option_that_no_solver_has_is_a_note():

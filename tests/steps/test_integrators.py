@@ -8,7 +8,6 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 from fem_snh.choices import INTEGRATORS
-from fem_snh.errors import BadInput
 from fem_snh.steps.dynamics.integrators import Before, MotionState, create
 
 pytestmark = pytest.mark.one_debian
@@ -115,10 +114,3 @@ def test_newmark_is_generalized_alpha_without_averages():
     assert end == pytest.approx(u + h * v + h**2 / 4 * (a + a1), abs=1e-15)
     assert f.velocity(end) == pytest.approx(v + h / 2 * (a + a1), abs=1e-15)
     assert (f.inertia, f.old_forces) == ((1, 0), 0)
-
-
-def test_bad_values():
-    with pytest.raises(BadInput, match=r"time.integrator = 'newmrk'.*newmark"):
-        create("newmrk")
-    with pytest.raises(BadInput, match=r"time.rho_infinity = 1.5: expected a number from 0 to 1"):
-        create("generalized_alpha", 1.5)
