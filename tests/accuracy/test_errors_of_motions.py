@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import ufl
-from contact_scenes import PLATE
 from dolfinx import fem
 from dolfinx_programs import vector_space
 from running import solve
@@ -16,7 +15,7 @@ from fem_snh import _dolfinx
 from fem_snh.assembly.boundary_conditions import group_nodes
 from fem_snh.errors import BadInput
 from fem_snh.mesh import mesh
-from fem_snh.scenes import Accuracy, Hold, Move, Probe, Reaction, Start
+from fem_snh.scenes import Accuracy, Move, Probe, Reaction, Start
 
 mpi = pytest.mark.mpi
 MATERIAL = fem_snh.material("stable_neo_hookean", E=1e4, nu=0.4)
@@ -94,43 +93,6 @@ def test_a_program_in_time_has_the_errors_of_its_scene(comm):
         for bound in ("steps_bound", "mesh_bound", "of_path"):
             expected_bound = getattr(other, bound)
             assert getattr(goal, bound) == pytest.approx(expected_bound, abs=1e-8 * other.scale)
-
-
-def pressed(comm):
-    """Return a block on which a plate presses and slides in time, and the plate."""
-    body = cube(comm)
-    V = vector_space(body.domain)
-    plate = fem_snh.Obstacle(**PLATE)
-    bottom = _dolfinx.prescribed(fem.Function(V), group_nodes(V, body, "bottom"))
-    problem = fem_snh.DynamicProblem(
-        fem.Function(V), {MATERIAL: ufl.dx}, {MATERIAL: SOFT.density}, duration=DURATION,
-        bcs=[bottom], terms=[plate], petsc_options=TIGHT,
-    )  # fmt: skip
-    return problem, plate
-
-
-@pytest.mark.one_debian
-def test_contact_has_the_errors_of_the_scene(comm):
-    """Penalties have a part, friction is followed from its beginning, and only from there."""
-    scene = in_time(
-        {"duration": DURATION, "steps": 4},
-        hold=[Hold(group="bottom")],
-        obstacle=[fem_snh.Obstacle(**PLATE)],
-        accuracy=Accuracy(goals=["plate.force"]),
-    )
-    expected = solve(scene, comm=comm).estimate
-    problem, plate = pressed(comm)
-    list(problem.steps(4))
-    found = problem.estimate_error([plate])
-    assert found.reason == ""
-    for name, goal in found.goals.items():
-        other = expected.goals[name]
-        assert goal.parts.keys() == {"time steps", "mesh", "penalty"}
-        assert goal.parts == pytest.approx(other.parts, abs=1e-6 * other.scale), name
-    problem.u.x.array[:] = 0
-    problem.start()
-    list(problem.steps(4))
-    assert "from its beginning" in problem.estimate_error([plate]).reason
 
 
 def test_motions_without_an_estimate(comm):

@@ -10,7 +10,6 @@ from running import solve
 
 from fem_snh.accuracy.duals import HessianSolver, Linearisation
 from fem_snh.accuracy.goals import ReactionGoal, RigidGoal
-from fem_snh.errors import BadInput
 from fem_snh.mesh.mesh import centroid
 from fem_snh.scenes import Accuracy, Geometry, MaterialChoice, Rigid, Scene
 from fem_snh.scenes import Hold as HoldTable
@@ -139,39 +138,6 @@ def test_default_goals_are_what_is_unknown_of_a_part(comm):
     known = {name.rpartition(".")[0] for name in estimate.goals}
     assert known == {"lid.displacement", "lid.rotation", ""}  # and volume; no energy: a torque
     assert estimate.goals["lid.rotation.z"].relative == pytest.approx(0.07, abs=0.03)
-
-
-@mpi
-def test_program_has_the_estimate_of_the_scene(comm):
-    parts = [{"tag": 2, "force": (0, 0, 300)}, {"tag": 3, "translate": (0, 0, 0.1)}]
-    program = corner_program(comm, parts, petsc_options=TIGHT)
-    program.solve()
-    first, second = program._problem.given_terms
-    goals = {"part": first, "turn": (first, "rotation"), "hold": (second, "force")}
-    estimate = program.estimate_error(goals)
-    assert [*estimate.goals][::3] == ["part.x", "turn.x", "hold.x"]
-    finer = corner_program(comm, parts, cells=8, petsc_options=TIGHT)
-    finer.solve()
-    states = finer._problem.rigid_states(finer.x)
-    points = finer._problem.rigid
-    moved = states["dx(2)"]["position"][2] - points.place("dx(2)")[2]
-    for name, value in (("part.z", moved), ("hold.z", states["dx(3)"]["force"][2])):
-        goal = estimate.goals[name]
-        # Two thirds to all of the error is gone with half the cells.
-        assert 0.5 < (value - goal.value) / goal.error < 1.0, name
-    with pytest.raises(BadInput, match="one of displacement, rotation, force, moment"):
-        program.estimate_error([(first, "pose")])
-
-
-@pytest.mark.parametrize("kinematics", ["plane_strain", "axisymmetric_torsion"])
-def test_sleeve_of_a_section_has_the_error_of_its_rotation(kinematics):
-    torque = 20000.0 if kinematics.endswith("torsion") else 500.0
-    keys = {"kinematics": kinematics, "element": "Q1P0", "torque": torque, "error": True}
-    coarse, fine = (solve("bushing", cells=cells, **keys).estimate for cells in (4, 8))
-    name = f"inner.rotation.{'y' if kinematics.endswith('torsion') else 'z'}"
-    goal, exact = coarse.goals[name], fine.goals[name].corrected
-    assert goal.relative > 0.005
-    assert goal.error / (exact - goal.value) == pytest.approx(1.0, abs=0.35)
 
 
 @pytest.mark.one_debian

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 from mpi4py import MPI
-from petsc4py import PETSc
 
 import numpy as np
 import pytest
@@ -46,38 +45,6 @@ def residual(p: Any) -> np.ndarray:
     r = p.x.duplicate()
     p.gradient(state(p), r)
     return r.array.copy()
-
-
-PARALLEL = [pytest.param(name, marks=pytest.mark.mpi) for name in ("Q1", "Q2Q1")]
-
-
-@pytest.mark.one_debian
-@pytest.mark.parametrize("element", [*PARALLEL, "P2P0"])
-def test_two_equal_materials_are_one(element: str) -> None:
-    m = material("stable_neo_hookean", E=2.0, nu=0.45)
-    one, two = bar(element, [m]), bar(element, [m, m])
-    assert [len(p.elastic.parts) for p in (one, two)] == [1, 2]
-    assert two.force_scale == one.force_scale
-    energy = one.energy(state(one))
-    assert two.energy(state(two)) == pytest.approx(energy, rel=1e-12)
-    difference, size = residual(two) - residual(one), norm(COMM, residual(one))
-    assert norm(COMM, difference) <= 1e-12 * size
-    for p in (one, two):
-        p.jacobian(p.x, "clamp")
-    two.A.axpy(-1.0, one.A, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
-    assert two.A.norm() <= 1e-12 * one.A.norm()
-    fields = [p.cell_fields(p.x) for p in (one, two)]
-    for name, values in fields[0].items():
-        np.testing.assert_allclose(fields[1][name], values, rtol=1e-11, atol=1e-13)
-    if one.saddle_point:
-        found = [p.saddle_point.schur_approximation for p in (one, two)]
-        found[1].axpy(-1.0, found[0])
-        assert found[1].norm() <= 1e-12 * found[0].norm()
-        for p in (one, two):
-            p.jacobian(p.x, "exact")
-            p.saddle_point.update_schur_approximation(p.A)
-        found[1].axpy(-1.0, found[0])
-        assert found[1].norm() <= 1e-11 * found[0].norm()
 
 
 @pytest.mark.one_debian("serial")

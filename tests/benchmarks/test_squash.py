@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from benchmarks.squash import distance
 from fem_snh import _dolfinx
 from fem_snh.contact.law import ContactLaw
-from fem_snh.contact.obstacle_pair import NearFacets, ObstaclePair
+from fem_snh.contact.obstacle_pair import ObstaclePair
 from fem_snh.contact.surface_quadrature import SurfaceQuadrature
 from fem_snh.mesh import mesh as meshes
 from fem_snh.mesh import mesh_checks
@@ -62,31 +62,6 @@ def test_linearised_contact_follows_a_plane_that_recedes(comm):
         assert force(u - (0, 0, 0.06)) == pytest.approx(100 * 0.02)
         pair.end_step(u)
         assert force(u) == 0.0
-
-
-@pytest.mark.one_debian("ranks")
-@mpi
-def test_facets_near_a_moving_obstacle_are_all_that_touch(comm):
-    V = _dolfinx.function_space(cube(comm, "tetrahedron", 6).domain, 1, (3,))
-    surface, X = SurfaceQuadrature(V), V.tabulate_dof_coordinates()
-    obstacle, load, searches = plane((0, 0, -1), motion=translation((0, 0, 1.3))), 0.0, []
-
-    def gaps(x):
-        searches.append(len(x))
-        return obstacle.evaluate(x, load).distance
-
-    near = NearFacets(surface, X, gaps, material=lambda x: obstacle.pose(load).invert(x))
-    found = 0
-    for load in np.linspace(0, 1, 40):
-        u = np.full_like(X, -0.1 * load)
-        x = surface.positions(u)
-        deepest = obstacle.evaluate(x.reshape(-1, 3), load).distance.reshape(x.shape[:2])
-        touching = set(np.flatnonzero(deepest.min(axis=1) <= 0))
-        assert touching <= set(near.at(u))
-        found += len(touching)
-    assert comm.allreduce(found) > 0
-    if len(surface):
-        assert searches.count(1) < len(searches) < 40
 
 
 def test_distance_leaves_out_rigid_motions():

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from math import pi
-
 import pytest
 
 import fem_snh
@@ -39,14 +37,6 @@ def test_friction_is_balanced_by_the_plane_of_symmetry():
         assert row["reactions"]["middle"][0] == pytest.approx(-sum(friction), rel=1e-5)
         for plate in row["obstacles"].values():
             assert abs(plate["force"][0]) < 0.2 * (1 + 1e-9) * abs(plate["force"][1])
-
-
-@pytest.mark.one_debian
-def test_large_ring_is_a_straight_cord():
-    """The force per length: twice that of the half of a straight cord."""
-    straight, ring = (press(k, ring=40.0)[1][-1] for k in ("plane_strain", "axisymmetric"))
-    # 6 cells: the two meshes of one version of gmsh differ by 1.2 %, of another by less than 1.
-    assert ring / (2 * pi * 40) == pytest.approx(2 * straight, rel=0.015)
 
 
 @pytest.mark.one_debian

@@ -11,8 +11,6 @@ import numpy as np
 import pytest
 
 import fem_snh
-from fem_snh.errors import BadInput
-from fem_snh.scenes import Geometry, Hold, MaterialChoice, Move, Scene
 
 mpi = pytest.mark.mpi
 TIGHT = {"snes_scaled_tol": 1e-11, "ksp_rtol": 1e-9, "snes_forcing_max": 0}
@@ -20,49 +18,6 @@ TIGHT = {"snes_scaled_tol": 1e-11, "ksp_rtol": 1e-9, "snes_forcing_max": 0}
 
 def solve(scene="pull", comm=MPI.COMM_WORLD, **kwargs):
     return fem_snh.run(scene, comm=comm, progress=False, **kwargs)
-
-
-def rollers(**kwargs):
-    """A unit cube that may shrink sideways while it is pulled, so that its strain is uniform."""
-    return Scene(
-        **{
-            "name": "rollers",
-            "mesh": Geometry(source="cube"),
-            "cells": 3,
-            "element": "Q1",
-            "steps": 3,
-            "material": MaterialChoice(name="stable_neo_hookean", E=7.0, nu=0.4),
-            "hold": [
-                Hold(group="left", components=("x",)),
-                Hold(group="front", components=("y",)),
-                Hold(group="bottom", components=("z",)),
-            ],
-            "move": [Move(group="right", components=("x",), translate=(1, 0, 0))],
-            "reactions": ["right", "left", "surface:top", "corners"],
-            "petsc": TIGHT,
-        }
-        | kwargs
-    )
-
-
-@pytest.mark.one_debian
-@mpi
-@pytest.mark.parametrize("element", ["Q1", "Q2", "P1", "P2"])
-def test_the_force_of_a_uniaxial_stretch_is_exact(comm, element):
-    """eq. 13: P11 = mu (s - J/s^2), J = 1 + (mu/lambda)(1 - 1/s), on a face of 1 m^2."""
-    result = solve(rollers(element=element))
-    mu, lam = result.problem.regions[0].material.expression.values
-    assert len(result.steps) == 3
-    for step in result.steps:
-        s = 1 + step["load"]
-        J = 1 + mu / lam * (1 - 1 / s)
-        expected = mu * (s - J / s**2)
-        assert expected > 0
-        right, left = (np.array(step["reactions"][name]) for name in ("right", "left"))
-        assert right == pytest.approx([expected, 0, 0], rel=1e-6, abs=1e-6 * expected)
-        assert left == pytest.approx(-right, rel=1e-6, abs=1e-6 * expected)
-        # Nothing holds the top along z.
-        assert abs(step["reactions"]["surface:top"][2]) <= 1e-6 * expected
 
 
 @pytest.mark.one_debian("ranks")
@@ -154,26 +109,6 @@ def test_a_step_that_failed_has_no_force(comm, folder):
     with (folder / "steps.csv").open() as file:
         assert len(list(csv.DictReader(file))) == len(result.steps)
     comm.barrier()
-
-
-@pytest.mark.one_debian("ranks")
-@mpi
-def test_no_reactions_no_cost(comm, monkeypatch):
-    result = solve(cells=2, steps=1, stretch=1.1, reactions=[])
-    assert "reactions" not in result.steps[0]
-
-    def never(*_):
-        raise AssertionError("not asked for")
-
-    monkeypatch.setattr(result.problem, "gradient", never)
-    assert result.problem.reactions(result.problem.x) == {}
-
-
-@pytest.mark.one_debian("ranks")
-@mpi
-def test_unknown_group(comm):
-    with pytest.raises(BadInput, match=r"no physical group 'rihgt'.*did you mean 'right'"):
-        solve(cells=1, reactions=["rihgt"])
 
 
 @pytest.mark.one_debian

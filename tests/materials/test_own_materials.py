@@ -128,15 +128,6 @@ def test_ufl(here: Path):
 
 
 @pytest.mark.mpi
-def test_run_with_a_function(comm):
-    values = {"cells": 2, "nu": 0.4, "steps": 1, "progress": False, "angle": 0.3}
-    result = fem_snh.run("twist", material=gent, **values)
-    assert result.converged
-    assert result.record["material"]["name"] == "gent"
-    assert result.record["material"]["parameters"]["J_m"] == 20.0
-
-
-@pytest.mark.mpi
 def test_run_and_resume_of_a_scene_file(comm, file: Path):
     scene, out = file.parent / "press.toml", file.parent / "out"
     if comm.rank == 0:

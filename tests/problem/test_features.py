@@ -218,25 +218,6 @@ def test_a_pressure_that_varies(comm: Any) -> None:
 
 
 @pytest.mark.one_debian("ranks")
-def test_steps_ramp_the_loads(comm: Any) -> None:
-    """Each step has the energy of the step of a scene."""
-    tables, terms = LOADS["table"]
-    result = fem_snh.run(Scene.model_validate(CUBE | tables | {"steps": 3}), progress=False)
-    u = fem.Function(vector_space(result.problem.domain))
-    problem = fem_snh.NonlinearProblem(
-        u,
-        {SNH: ufl.dx},
-        bcs=bottom(u.function_space),
-        terms=terms(faces(u.function_space.mesh)),
-        petsc_options=TIGHT,
-    )
-    rows = list(problem.steps(3))
-    assert [row["load"] for row in rows] == [row["load"] for row in result.steps]
-    for row, of_scene in zip(rows, result.steps, strict=True):
-        assert row["max_u"] == pytest.approx(of_scene["max_u"], rel=1e-7)
-
-
-@pytest.mark.one_debian("ranks")
 @pytest.mark.parametrize("kind", ["gravity", "pressure", "obstacle", "table"])
 def test_time(comm: Any, kind: str) -> None:
     """Forces without a table are constant; a function is one of the time [s]."""

@@ -64,22 +64,6 @@ def test_against_a_dense_solver(comm, element, strained):
         assert pencil._count_below(bound) == (ordered < bound).sum()
 
 
-@pytest.mark.one_debian
-@pytest.mark.parametrize("element", MINIMISING)
-def test_mass_is_that_of_the_body_and_consistent(element):
-    """Exact for products of the element's functions on a mesh of straight cells."""
-    p = problem(cube(MPI.COMM_SELF, ELEMENTS[element].cell, 2, size=0.5), element)
-    M = mass_matrix(p.V, 8.0)
-    set_values(p, lambda X: np.array([1.0, 0, 0]) + 0 * X)
-    y = p.x.duplicate()
-    M.mult(p.x, y)
-    assert p.x.dot(y) == pytest.approx(8.0 * 0.5**3, rel=1e-12)
-    if element[1] == "2":
-        set_values(p, lambda X: X**2)  # the integral of x^4 + y^4 + z^4
-        M.mult(p.x, y)
-        assert p.x.dot(y) == pytest.approx(8.0 * 3 * 0.5**7 / 5, rel=1e-12)
-
-
 def test_an_eigenpair_with_a_large_residual_is_refused(monkeypatch):
     """SLEPc reports convergence; the values are a hundredth off, as with inaccurate factors."""
     lowest = modes.Eigenproblem.lowest
@@ -145,33 +129,6 @@ def test_a_free_slender_bar(comm, length):
     assert np.sqrt(values[6:]) == pytest.approx(bending, rel=3e-3)
     assert pencil._size_of(10) == pytest.approx(values[9], rel=10)  # not 1e3 to 1e6 times as large
     assert pencil._count_below(values[9] / 2) == 8
-
-
-@pytest.mark.one_debian
-@mpi
-@pytest.mark.parametrize("element", ["Q1", "P2"])
-@pytest.mark.parametrize("count", [3, 6, 14])
-def test_a_free_cube_has_six_zero_modes_and_no_more(comm, element, count):
-    p = problem(cube(comm, ELEMENTS[element].cell, 3), element, E=2.0)
-    found = modes.lowest(p, 5.0, count)
-    first = np.sqrt(2.0 / 5.0) / (2 * np.pi)  # of length 1
-    assert len(found.frequencies) == count
-    assert abs(np.array(found.frequencies[:6])).max() <= 1e-6 * first
-    assert min(found.frequencies[6:], default=first) >= 0.5 * first
-    gram = gram_of(found, 5.0)
-    assert gram == pytest.approx(np.eye(count), abs=1e-9)
-
-
-def gram_of(found, density):
-    """The products of the shapes by mass, in units of mass length^2."""
-    p = found.problem
-    M, y = mass_matrix(p.V, density), p.x.duplicate()
-    rows = []
-    for shape in found.shapes:
-        M.mult(shape, y)
-        rows.append([other.dot(y) for other in found.shapes])
-    assert found.mass == pytest.approx(density * p.length**3)
-    return np.array(rows) / (found.mass * p.length**2)
 
 
 @mpi

@@ -283,22 +283,6 @@ def test_follower_pressure_inflates_a_tube(comm, kinematics):
     assert abs(values - exact).max(initial=0) < 1e-4
 
 
-@pytest.mark.one_debian("ranks")
-@pytest.mark.mpi
-def test_follower_pressure_on_a_plane(comm):
-    """On all sides of a square: a uniform dilation, P = -p cof F, and conservative."""
-    stretch, domain = 0.9, rectangle(comm, "Q1", (0.0, 0.0), (1.0, 1.0), (3, 3))
-    u = displacement(domain, "Q1", "plane_strain")
-    V = u.function_space
-    P = SNH.pk1(np.diag([stretch, stretch, 1.0]))
-    term = fem_snh.Pressure(group=ufl.ds(domain), value=float(-P[0, 0] / stretch))
-    bcs = prescribe(V, 0, 0.0, zero, [0]) + prescribe(V, 1, 0.0, zero, [1])
-    made = solve(u, SNH, bcs, terms=[term], kinematics="plane_strain")
-    assert made._problem.has_energy
-    expected = (stretch - 1) * V.tabulate_dof_coordinates()[:, :2]
-    assert abs(u.x.array.reshape(-1, 2) - expected).max(initial=0) < 1e-9
-
-
 @pytest.mark.one_debian
 @pytest.mark.parametrize("kinematics", COMPONENTS)
 def test_energy_of_a_follower_pressure(kinematics):
@@ -385,75 +369,6 @@ def test_pure_bending_of_a_block(comm, element):
             assert found[2] == pytest.approx(sign * moment, rel=2e-3)
     one, other = (made.reaction_moment(bc, [0.7, -0.3, 0]) for bc in bcs)
     assert one == pytest.approx(-other, rel=1e-6)
-
-
-@pytest.mark.one_debian
-@pytest.mark.mpi
-def test_terms_of_the_whole_turn(comm):
-    """A traction on the end of a cylinder, as a UFL term with the weight 2 pi r."""
-    material = fem_snh.material("stable_neo_hookean", E=1.0, nu=0.45)
-    mu, lam = material.lame[0], sum(material.lame)
-    s = 1.5
-    J = 1 + mu / lam * (1 - 1 / s)
-    domain = rectangle(comm, "Q1", (0.0, 0.0), (0.5, 1.0), (2, 3))
-    u = displacement(domain, "Q1", "axisymmetric")
-    facets = mesh.locate_entities_boundary(domain, 1, lambda x: np.isclose(x[1], 1.0))
-    tags = mesh.meshtags(domain, 1, facets, np.full(len(facets), 1, np.int32))
-    ds = ufl.Measure("ds", domain, subdomain_data=tags)
-    r = ufl.SpatialCoordinate(domain)[0]
-    term = -(mu * (s - J / s**2)) * u[1] * 2 * ufl.pi * r * ds(1)
-    bcs = prescribe(u.function_space, 1, 0.0, zero, [1])
-    solve(u, material, bcs, terms=[term], kinematics="axisymmetric")
-    x = u.function_space.tabulate_dof_coordinates()
-    values = u.x.array.reshape(-1, 2)
-    assert abs(values[:, 1] - x[:, 1] * (s - 1)).max(initial=0) < 1e-9
-
-
-@pytest.mark.one_debian("ranks")
-@pytest.mark.mpi
-def test_ufl_energy_in_place_of_a_material(comm):
-    """Its Hessian is filtered by cells; the solution is that of the kernels."""
-    found = []
-    for kernels in (True, False):
-        domain = rectangle(comm, "Q1", (0.2, 0.0), (1.0, 1.0), (3, 3))
-        u = displacement(domain, "Q1", "axisymmetric_torsion")
-        V = u.function_space
-        bcs = prescribe(V, 1, 0.0, zero)
-        bcs += prescribe(V, 1, 1.0, lambda x: np.array([0 * x[0], -0.4 + 0 * x[0], 0.5 * x[0]]))
-        F, weight = deformation(u, "axisymmetric_torsion")
-        energy = SNH.ufl(F) * weight * ufl.dx(metadata={"quadrature_degree": 3})
-        made = fem_snh.NonlinearProblem(
-            u,
-            {SNH: ufl.dx} if kernels else {},
-            bcs=bcs,
-            terms=[] if kernels else [energy],
-            kinematics="axisymmetric_torsion",
-            petsc_options={"snes_scaled_tol": 1e-11},
-        )
-        made.solve()
-        assert made.solver.getConvergedReason() > 0
-        found.append(u.x.array)
-    assert abs(found[0] - found[1]).max(initial=0) < 1e-9
-
-
-@pytest.mark.one_debian
-@pytest.mark.parametrize("element", ["Q1P0", "P2P0", "Q2Q1", "P2P1"])
-def test_no_locking(element):
-    """A clamped strip under shear: Q1 and P1 are several times too stiff at nu = 0.4999."""
-    energies = {}
-    for name in (element, "Q1"):
-        domain = rectangle(MPI.COMM_SELF, name, (0.0, 0.0), (4.0, 1.0), (16, 4))
-        u = displacement(domain, name, "plane_strain")
-        bcs = prescribe(u.function_space, 0, 0.0, zero)
-        bcs += prescribe(u.function_space, 0, 4.0, lambda x: np.array([[0.0], [0.01]]))
-        material = fem_snh.material("stable_neo_hookean", E=1.0, nu=0.4999)
-        made = solve(u, material, bcs, element=name, kinematics="plane_strain")
-        energies[name] = made._problem.elastic.energy(*made._problem.split(made.x))
-    # Timoshenko's beam, both ends clamped, per thickness: 12 D/L^3 with D = E' h^3/12, and shear
-    plane, shear = 1 / (1 - 0.4999**2), 1 / (2 * 1.4999)
-    stiffness = 1 / (4.0**3 / plane + 4.0 / (shear * 5 / 6))
-    assert energies[element] == pytest.approx(stiffness * 0.01**2 / 2, rel=0.25)
-    assert energies["Q1"] > 2 * energies[element]
 
 
 # --- input ------------------------------------------------------------------------------------

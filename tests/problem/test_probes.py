@@ -165,15 +165,6 @@ def test_probes_of_a_run_are_in_its_record_and_table(comm: MPI.Comm, folder: Pat
 
 
 @mpi
-def test_no_probes_nothing_about_them(comm: MPI.Comm) -> None:
-    result = fem_snh.run("twist", cells=1, angle=0.1, probe=[], comm=comm, progress=False)
-    assert "probes" not in result.steps[0]
-    outside = [{"name": "tip", "point": [0, 0, 2]}]
-    with pytest.raises(BadInput, match=r"probe 'tip': .* is outside the body"):
-        fem_snh.run("twist", cells=1, probe=outside, comm=comm, progress=False)
-
-
-@mpi
 def test_quadrature_of_a_run(comm: MPI.Comm) -> None:
     """It is in the record; a higher degree changes the numbers."""
     setup = {"cells": 2, "angle": 0.5, "comm": comm, "progress": False, "predictor": "none"}

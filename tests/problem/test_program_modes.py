@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import ufl
-from beam_theory import timoshenko
 from bodies import PRESS
-from dolfinx import fem, mesh
+from dolfinx import fem
 from dolfinx_programs import Bar, Press, converged, halves, unit_cube
 from running import solve
 
@@ -62,70 +61,12 @@ def test_a_program_has_the_frequencies_of_its_scene(comm, height):
         assert goal.corrected == goal.value + goal.error
 
 
-@mpi
-def test_a_cantilever(comm):
-    """A bar of 1 x 1 x 20 bends as Timoshenko's beam, to 0.1 %; see test_modes."""
-    length, E, density = 20.0, 5.0, 3.0
-    box = [[0.0, 0.0, 0.0], [length, 1.0, 1.0]]
-    domain = mesh.create_box(comm, box, [20, 2, 2], mesh.CellType.hexahedron)
-    body = Press(domain, degree=2)
-    fixed = fem.dirichletbc(np.zeros(3), body.dofs(0, 0.0), body.V)
-    steel = material("neo_hookean", E=E, nu=0.0)
-    problem = solved(body.u, {steel: ufl.dx}, bcs=[fixed], densities={steel: density})
-    modes = problem.vibration_modes(4)
-    unit = np.sqrt(E / 12 / density) / length**2 / (2 * np.pi)
-    expected = np.repeat(timoshenko(length, 0.0, 2), 2) * unit
-    assert modes.frequencies == pytest.approx(expected, rel=1e-3)
-
-
 def rollers(domain, degree=1):
     """A cube between six rollers."""
     body = Bar(domain, degree, pull=0.0)
     fixed = fem.Constant(domain, 0.0)
     body.bcs += [body.roller(fixed, axis, 1.0) for axis in (1, 2)]
     return body
-
-
-@pytest.mark.one_debian
-@mpi
-@pytest.mark.parametrize(
-    ("degree", "cell"), [(1, "hexahedron"), (1, "tetrahedron"), (2, "hexahedron")]
-)
-def test_errors_of_the_modes_of_a_box(comm, degree, cell):
-    """Shear waves with the wave numbers pi (1, 1, 0) and its permutations, pi (1, 1, 1) twice."""
-    body = rollers(unit_cube(comm, 5 - degree, cell), degree)
-    problem = solved(body.u, {UNIT: ufl.dx}, bcs=body.bcs)
-    modes = problem.vibration_modes(8, density=1.0)
-    found = problem.estimate_error({"f": modes, "lowest": (modes, 1)}).goals
-    assert [*found] == [*(f"f.{i}" for i in range(1, 9)), "lowest"]
-    assert found["lowest"].error == found["f.1"].error
-    for i, exact in enumerate(np.repeat(np.sqrt([2, 3]), [3, 2]) / 2):
-        goal = found[f"f.{i + 1}"]
-        assert goal.value == modes.frequencies[i]
-        error = exact - goal.value
-        assert error < -1e-4 * exact
-        assert abs(exact - goal.corrected) < abs(error) / 3
-
-
-@pytest.mark.one_debian("ranks")
-@mpi
-def test_errors_about_a_loaded_state_against_a_finer_mesh(comm):
-    """A clamped cube that its own weight bends."""
-
-    def modes_of(cells, degree):
-        body = Press(unit_cube(comm, cells), degree)
-        fixed = fem.dirichletbc(np.zeros(3), body.dofs(0, 0.0), body.V)
-        weight = fem_snh.Gravity([0, 0, -0.08])
-        setup = {"bcs": [fixed], "terms": [weight], "densities": {UNIT: 1.0}}
-        problem = solved(body.u, {UNIT: ufl.dx}, **setup)
-        return problem, problem.vibration_modes(3)
-
-    problem, modes = modes_of(3, 1)
-    _, fine = modes_of(5, 2)
-    for i, goal in enumerate(problem.estimate_error([modes]).goals.values()):
-        error = fine.frequencies[i] - goal.value
-        assert abs(error) > 0.01 * goal.value
-        assert abs(fine.frequencies[i] - goal.corrected) < abs(error) / 3
 
 
 @pytest.mark.one_debian

@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 import ufl
 from bodies import Condition, Hold, cube, dense, norm, problem, set_values, wave
-from dolfinx import fem, mesh
+from dolfinx import fem
 from dolfinx_programs import unit_cube, vector_space
 from gmsh_files import write_msh
-from plane_programs import displacement, rectangle
 from running import watch_calls
 
 import fem_snh
@@ -357,50 +356,6 @@ def test_curved_faces_are_refused(comm, folder):
 
 
 # --- in the plane, and in programs ------------------------------------------------------------
-
-
-@mpi
-@pytest.mark.parametrize("element", ["P2", "Q1P0"])
-def test_program_in_plane_strain(comm, element):
-    """A square between two rollers at a right angle, turned; a traction pulls at a third side."""
-    found = []
-    for angle in (0.0, 0.5):
-        c, s = np.cos(angle), np.sin(angle)
-        turn = np.array([[c, -s], [s, c]])
-        domain = rectangle(comm, element, (0, 0), (1, 1), (3, 3))
-        facets = [
-            mesh.locate_entities_boundary(domain, 1, lambda x, i=i, at=at: np.isclose(x[i], at))
-            for i, at in ((0, 0), (1, 0), (0, 1))
-        ]
-        tags = np.repeat(np.arange(3, dtype=np.int32) + 1, [len(f) for f in facets])
-        numbers = np.concatenate(facets)
-        order = np.argsort(numbers, kind="stable")
-        numbers, first = np.unique(numbers[order], return_index=True)
-        ds = ufl.Measure(
-            "ds", domain, subdomain_data=mesh.meshtags(domain, 1, numbers, tags[order][first])
-        )
-        domain.geometry.x[:, :2] = domain.geometry.x[:, :2] @ turn.T
-        u = displacement(domain, element, "plane_strain")
-        material = fem_snh.material("stable_neo_hookean", E=1.0, nu=0.45)
-        load = turn @ [0.2, 0.1]
-        planes = [fem_snh.Symmetry(group=ds(1)), fem_snh.Symmetry(group=ds(2))]
-        p = fem_snh.NonlinearProblem(
-            u,
-            {material: ufl.dx},
-            bcs=planes,
-            terms=[fem_snh.Traction(group=ds(3), vector=(*load, 0.0))],
-            element=element,
-            kinematics="plane_strain",
-            petsc_options={"snes_scaled_tol": 1e-12},
-        )
-        p.solve()
-        assert p.solver.getConvergedReason() > 0
-        assert p.solve() and p.newton == 0  # the solution is one: its boundary values are unchanged
-        for plane, force in zip(planes, np.diag([-0.2, -0.1]), strict=True):  # along the normals
-            assert p.reaction_force(plane)[:2] == pytest.approx(turn @ force, abs=1e-10)
-        values = u.x.array.reshape(-1, 2)
-        found.append(values @ turn)
-    assert norm(comm, found[0] - found[1]) < 1e-9 * norm(comm, found[0])
 
 
 def test_program_refuses_what_is_no_surface():

@@ -66,43 +66,6 @@ def own_mesh(path, scale=1.0, cells=2):
 
 @pytest.mark.one_debian
 @mpi
-@pytest.mark.parametrize("nu", [0.0, 0.3, 0.49])
-@pytest.mark.parametrize("scale", [1.0, 1e-3])
-def test_a_toml_scene_with_traction_is_linear_elasticity_when_small(comm, folder, nu, scale):
-    """u = t L / E along the bar and -nu t L / E across it, at any scale."""
-    E, t = 1e6, 1e2
-    on_root(comm, own_mesh, folder / "block.msh", scale)
-    if comm.rank == 0:
-        (folder / "own.toml").write_text(f"""
-            mesh = "block.msh"
-            element = "Q1"
-            steps = 2
-            hold = [
-              {{ group = "left", components = ["x"] }},
-              {{ group = "front", components = ["y"] }},
-              {{ group = "bottom", components = ["z"] }},
-            ]
-            [material]
-            name = "stable_neo_hookean"
-            E = {E}
-            nu = {nu}
-            [[traction]]
-            group = "right"
-            vector = [{t}, 0, 0]
-            [petsc]
-            snes_scaled_tol = 1e-10
-            ksp_rtol = 1e-8
-        """)
-    comm.barrier()
-    result = solve(folder / "own.toml")
-    assert result.converged and result.record["terms"] == ["elastic", "traction"]
-    u = result.u.x.array.reshape(-1, 3)
-    expected = t / E * result.problem.V.tabulate_dof_coordinates() * [1, -nu, -nu]
-    assert abs(u - expected).max() <= 1e-3 * t / E * scale
-
-
-@pytest.mark.one_debian
-@mpi
 @pytest.mark.parametrize("globalization", GLOBALIZATIONS)
 def test_size_and_stiffness_are_units_to_a_toml_scene(comm, folder, globalization):
     """A body of a millimetre and of steel takes the iterations of a metre of jelly.

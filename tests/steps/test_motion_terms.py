@@ -22,7 +22,7 @@ from fem_snh.assembly.unknowns import (
     update_ghosts,
     writable_values,
 )
-from fem_snh.choices import INTEGRATORS, MASSES
+from fem_snh.choices import MASSES
 from fem_snh.errors import BadInput
 from fem_snh.kernels.material import material
 from fem_snh.mesh import mesh
@@ -186,33 +186,6 @@ def test_the_residual_is_the_derivative_of_the_energy(element):
         x.waxpy(sign * h, direction, p.x)
         energies.append(p.energy(x))
     assert slope == pytest.approx((energies[0] - energies[1]) / (2 * h), rel=1e-7)
-
-
-@pytest.mark.one_debian
-@pytest.mark.parametrize("integrator", INTEGRATORS)
-def test_history_continues_a_motion(integrator):
-    """Another problem that is given state and history at half time ends with the same numbers."""
-    ends = []
-    for interrupted in (False, True):
-        p, d = in_motion("Q1", integrator, started=False)
-        d.start(p, lambda X: 0.1 * X)
-        list(advance(p, d, equal_steps(4)[:2]))
-        if interrupted:
-            x, (values, scalars) = p.x.copy(), d.history()
-            p, d = in_motion("Q1", integrator, started=False)
-            x.copy(p.x)
-            p.set_load(0.5)
-            d.set_history(p, values, scalars)
-        list(advance(p, d, equal_steps(4)[2:]))
-        ends.append((p.x.array.copy(), *(f.x.array.copy() for f in (d.v, d.a)), d.energies(p)))
-    for one, other in zip(*ends, strict=True):
-        if isinstance(one, dict):
-            assert one["work"] == pytest.approx(other["work"], rel=1e-12)
-            assert one["numerical_dissipation"] == pytest.approx(
-                other["numerical_dissipation"], abs=1e-14
-            )
-        else:
-            assert abs(one - other).max(initial=0) <= 1e-13
 
 
 @pytest.mark.one_debian("serial")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import atan, pi, sqrt
+from math import pi, sqrt
 
 from mpi4py import MPI
 
@@ -54,37 +54,6 @@ def test_free_fall(comm, integrator, kinematics):
     speed = row["momentum"][1] / (2 * volume)
     assert row["kinetic"] == pytest.approx(volume * speed**2, rel=1e-7)
     assert row["momentum"][::2] == pytest.approx([0, 0], abs=1e-7)
-
-
-@pytest.mark.one_debian
-@every
-@pytest.mark.parametrize("mass", ["consistent", "lumped"])
-@pytest.mark.parametrize("integrator", ["newmark", "backward_euler"])
-def test_one_linear_mode(integrator, mass, kinematics):
-    """One cell confined to move along the axis: phase and amplitude after 40 steps."""
-    E, nu, amplitude, angle, steps = 1.0, 0.45, 0.2, 2 * pi / 40, 40
-    modulus = E * (1 - nu) / ((1 + nu) * (1 - 2 * nu))
-    omega = sqrt(modulus / (2.0 * (1 / 3 if mass == "consistent" else 1 / 2)))
-    domain = rectangle(MPI.COMM_SELF, "Q1", (0.0, 0.0), (1.0, 1.0), (1, 1))
-    u = displacement(domain, "Q1", kinematics)
-    others = [i for i in range(COMPONENTS[kinematics]) if i != 1]
-    bcs = prescribe(u.function_space, 1, 0.0, zero)
-    bcs += prescribe(u.function_space, 1, 1.0, zero, others)
-    top = u.function_space.tabulate_dof_coordinates()[:, 1] > 0.5
-    values = u.x.array.reshape(-1, COMPONENTS[kinematics])
-    values[top, 1] = amplitude
-    duration = steps * angle / omega
-    swinging = motion(u, kinematics, integrator, bcs=bcs, mass=mass, duration=duration)
-    swinging.start()
-    advance(swinging, steps)
-    v = swinging.v.x.array.reshape(values.shape)[top, 1] / omega
-    found = np.unique(np.round((values[top, 1] + 1j * v) / amplitude, 9))
-    assert len(found) == 1
-    if integrator == "newmark":
-        phase = steps * 2 * atan(angle / 2)
-        assert found[0] == pytest.approx(np.exp(-1j * phase), abs=1e-8)
-    else:
-        assert abs(found[0]) == pytest.approx((1 + angle**2) ** (-steps / 2), rel=1e-8)
 
 
 def cantilever(components, integrator, n=3, thickness=0.25):
@@ -250,13 +219,3 @@ def test_velocities_out_of_the_plane_are_refused(tmp_path, kinematics, key, valu
     path = own_scene(tmp_path, "Q1", kinematics, keys)
     with pytest.raises(BadInput, match=f"start.{key} = .*only these components"):
         solve(path)
-
-
-@pytest.mark.one_debian
-def test_modes_of_a_scene(tmp_path):
-    """The frequencies, and a file with shapes of two components."""
-    path = own_scene(tmp_path, "Q2", "axisymmetric", "[modes]\ncount = 2\n", order=2)
-    result = solve(path, out=tmp_path / "out")
-    found = result.record["modes"]["frequencies"]
-    assert len(found) == 2 and 0 < found[0] < found[1]
-    assert (tmp_path / "out" / "modes.pvd").is_file()

@@ -7,58 +7,15 @@ import re
 import numpy as np
 import pytest
 from running import record, rows, solve
-from time_scenes import DOWN, SOFT, SPIN, SWING, TURN, in_time
+from time_scenes import DOWN, SPIN, SWING, TURN, in_time
 
-from fem_snh.choices import INTEGRATORS
-from fem_snh.scenes import Hold, Move, Start
+from fem_snh.scenes import Hold, Start
 from fem_snh.solver import ProjectedNewton
 from fem_snh.viewing.render.surfaces import read_grid
 
 mpi = pytest.mark.mpi
 G = 9.81
 WEIGHT = np.array([0, 0, -1000 * G])
-
-
-def heights(result):
-    """The displacement in z of this rank's nodes."""
-    return result.problem.x.array_r[2 : len(result.problem.coordinates) * 3 : 3]
-
-
-@pytest.mark.one_debian
-@mpi
-@pytest.mark.parametrize("integrator", INTEGRATORS)
-def test_free_fall(integrator):
-    """n steps of h: g t^2 / 2 by order 2; backward Euler, also as BDF2's first step, is ahead."""
-    n, h = 8, 0.05
-    time = {"duration": n * h, "steps": n, "integrator": integrator}
-    tight = {"snes_scaled_tol": 1e-10, "ksp_rtol": 1e-10}
-    result = solve(in_time(time, gravity=DOWN, petsc=tight))
-    fall, speed = G * (n * h) ** 2 / 2, -G * n * h
-    if integrator in ("backward_euler", "semi_implicit"):
-        fall = G * h**2 * n * (n + 1) / 2
-    elif integrator == "bdf2":
-        fall += G * h**2 * 0.75 * (1 - 3.0**-n)
-    assert -heights(result) == pytest.approx(np.full(len(heights(result)), fall), rel=1e-8)
-    v = result.v.x.array.reshape(-1, 3)
-    assert v[:, 2] == pytest.approx(speed, rel=1e-7) and abs(v[:, :2]).max() < 1e-8
-    row = result.steps[-1]
-    assert row["time"] == n * h and row["time_step"] == pytest.approx(h)
-    assert row["momentum"] == pytest.approx([0, 0, 1000 * speed], abs=1e-4)
-    assert row["kinetic"] == pytest.approx(500 * speed**2, rel=1e-7)
-    assert row["energy"] == pytest.approx(row["kinetic"] + row["elastic"] + row["potential"])
-    if integrator == "semi_implicit":
-        assert {step["newton"] for step in result.steps} == {1}
-
-
-def test_a_stiff_body_falls_too():
-    """Its weight is below the tolerance of a quasi-static step, 1e-7 E V^(2/3)."""
-    steel = SOFT.model_copy(update={"E": 2e11, "density": 8000.0})
-    for integrator, h in (("backward_euler", 0.01), ("newmark", 1e-6)):
-        time = {"duration": 4 * h, "steps": 4, "integrator": integrator}
-        result = solve(in_time(time, gravity=DOWN, material=steel, petsc={}))
-        exact = G * h**2 * (10 if integrator == "backward_euler" else 8)
-        assert -heights(result) == pytest.approx(np.full(len(heights(result)), exact), rel=2e-3)
-        assert result.steps[-1]["tolerance"] < 0.01 * result.record["tolerance"]
 
 
 @pytest.mark.one_debian
@@ -149,19 +106,6 @@ def test_reactions_in_files_and_rows_are_the_force_on_the_body(comm, folder, ele
         assert not merged["reaction_force"][~left].any()
         assert abs(merged["reaction_force"][left]).max(axis=1).min() > 1e-6 * size
     comm.barrier()
-
-
-@pytest.mark.one_debian("ranks")
-@mpi
-def test_prescribed_motion_is_exact_also_when_it_accelerates(comm):
-    """A table of points (t, t^2) prescribes speed and acceleration; the ends move as prescribed."""
-    ramp = [[0.1 * k, (0.1 * k) ** 2] for k in range(6)]
-    tables = [{"name": "ramp", "points": ramp}]
-    time = {"duration": 0.5, "steps": 5}
-    move = [Move(group="left", translate=(0, 0, 2.0), table="ramp")]
-    result = solve(in_time(time, move=move, table=tables))
-    left = result.problem.coordinates[:, 0] < 1e-9
-    assert abs(heights(result)[left] - 2.0 * 0.25).max(initial=0.0) < 1e-14
 
 
 @pytest.mark.one_debian("ranks")

@@ -43,27 +43,6 @@ def test_stored_states_are_exact_and_others_lie_between(twisted, field):
     assert np.abs(between - states.values[0]).max() > 1e-3
 
 
-def test_states_of_other_ranks_are_reordered(twisted, tmp_path):
-    """Another number of ranks orders points and cells differently: simulated by a reversed file."""
-    import pyvista as pv
-
-    files = files_of(twisted)
-    grid = pv.read(files[0.5][0])
-    shuffled = grid.extract_cells(np.arange(grid.n_cells)).cast_to_unstructured_grid()
-    points = np.random.default_rng(0).permutation(shuffled.n_points)
-    rank = np.empty_like(points)
-    rank[points] = np.arange(len(points))
-    cells = {kind: rank[nodes] for kind, nodes in shuffled.cells_dict.items()}
-    other = pv.UnstructuredGrid(cells, shuffled.points[points])
-    other.point_data["displacement"] = shuffled.point_data["displacement"][points]
-    other.cell_data["J"] = shuffled.cell_data["J"]
-    other.save(tmp_path / "other.vtu")
-    expected = InterpolatedStates(files, "J")
-    found = InterpolatedStates(files | {0.5: [str(tmp_path / "other.vtu")]}, "J")
-    assert np.allclose(found.displacement, expected.displacement, atol=1e-12)
-    assert np.allclose(found.values, expected.values, atol=1e-12)
-
-
 @pytest.mark.parametrize("suffix", [".mp4", ".gif"])
 def test_movie_has_its_frames_and_moves(twisted, tmp_path, suffix):
     reported: list[tuple[int, int]] = []
