@@ -41,20 +41,20 @@ class Ratio(solver.SearchDirection):
     _model: tuple[float, float, float] | None = None  # energy, slope and curvature
     _length = 0.0
 
-    def compute(self, start: solver.State, d: PETSc.Vec) -> solver.Direction:
+    def compute(self, start: solver.State, d: PETSc.Vec) -> solver.Step:
         self.hessian = "abs"
         if self._model:
             energy, slope, curvature = self._model
             predicted = -self._length * (slope + self._length / 2 * curvature)
             if abs(energy - start.energy - predicted) <= _RATIO_TOLERANCE * abs(predicted):
                 self.hessian = "clamp"
-        direction = super().compute(start, d)
-        if direction.slope is not None:
+        step = super().compute(start, d)
+        if step.slope is not None:
             self.assemble(start.x, "exact")
             Ad = d.duplicate()
             self.snes.getJacobian()[0].mult(d, Ad)
-            self._model = start.energy, direction.slope, Ad.dot(d)
-        return direction
+            self._model = start.energy, step.slope, Ad.dot(d)
+        return step
 
     def accepts(self, start_norm: float, step: solver.Step) -> bool:
         self._length = step.length

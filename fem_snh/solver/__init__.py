@@ -25,11 +25,10 @@ from fem_snh.solver.snes import (
     linear_solver_name,
 )
 from fem_snh.solver.stability import EquilibriumStability, is_conservative
-from fem_snh.solver.step import Direction, Iteration, State, Step
+from fem_snh.solver.step import Iteration, State, Step
 
 __all__ = [
     "PREFIX",
-    "Direction",
     "EisenstatCG",
     "EquilibriumStability",
     "Iteration",

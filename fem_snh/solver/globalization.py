@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from functools import partial
 from math import inf, isfinite, isnan, sqrt
+from types import SimpleNamespace
 from typing import NamedTuple
 
 from petsc4py import PETSc
@@ -50,17 +51,18 @@ class QuasiNewton:
     ksp : KSP
         The linear solver whose preconditioner is used.
     line_search : LineSearch
-    max_it : int
-        Greatest number of iterations after one Newton step.
-    rtol, atol : float
-        The iterations end once the residual's norm is below ``rtol`` times its value before the
-        Newton step, or below ``atol`` [N].
+    options : dict
+        ``snes_lbfgs_max_it`` is the greatest number of iterations after one Newton step. They end
+        once the residual's norm is below ``snes_lbfgs_rtol`` times its value before the step, ...
+    atol : float
+        ... or below this [N].
     """
 
     def __init__(
-        self, ksp: PETSc.KSP, line_search: LineSearch, max_it: int, rtol: float, atol: float
+        self, ksp: PETSc.KSP, line_search: LineSearch, options: Values, atol: float
     ) -> None:
-        self.max_it, self.rtol, self.atol = max_it, rtol, atol
+        self.max_it, self.rtol = (float(options[f"snes_lbfgs_{key}"]) for key in ("max_it", "rtol"))
+        self.atol = atol
         self._line_search, self._pc = line_search, ksp.getPC()
         self._memory: _Memory | None = None
 
@@ -121,18 +123,11 @@ class LineSearchNewton:
     Parameters
     ----------
     direction : SearchDirection
-    line_search : LineSearch
     quasi_newton : QuasiNewton, optional
     """
 
-    def __init__(
-        self,
-        direction: SearchDirection,
-        line_search: LineSearch,
-        quasi_newton: QuasiNewton | None = None,
-    ) -> None:
-        self.direction, self.line_search = direction, line_search
-        self.quasi_newton = quasi_newton
+    def __init__(self, direction: SearchDirection, quasi_newton: QuasiNewton | None = None) -> None:
+        self.direction, self.quasi_newton = direction, quasi_newton
 
     def step(self, start: State, d: PETSc.Vec, trial: State) -> Step:
         """Take one step from ``start`` to ``trial``; ``d`` becomes the direction. Collective."""
@@ -146,13 +141,12 @@ class LineSearchNewton:
 
     def _search(self, start: State, d: PETSc.Vec, trial: State) -> Step:
         """Return the step of the line search along the direction at ``start``."""
-        direction = self.direction.compute(start, d)
-        step = Step(diverged=_Reason.DIVERGED_LINEAR_SOLVE)
-        if direction.slope is not None:
-            step = self.line_search.search(start, d, direction.slope, trial)
+        step = self.direction.compute(start, d)
+        step.diverged = _Reason.DIVERGED_LINEAR_SOLVE
+        if step.slope is not None:
+            found = self.direction.line_search.search(start, d, step.slope, trial)
+            step.end, step.length, step.limited = found.end, found.length, found.limited
             step.diverged = 0 if step.end else _Reason.DIVERGED_LINE_SEARCH
-        step.filter, step.filtered_points = direction.filter, direction.filtered_points
-        step.linear, step.negative = direction.linear, direction.negative
         return step
 
 
@@ -238,22 +232,6 @@ def trust_region_solver(A: PETSc.Mat, P: PETSc.Mat, prefix: str, direct: bool = 
     return ksp
 
 
-class _Thresholds(NamedTuple):
-    """The options ``-snes_tr_*`` of `fem_snh.solver.options.OPTIONS`."""
-
-    eta1: float
-    eta2: float
-    eta3: float
-    t1: float
-    t2: float
-    delta0: float
-    deltamax: float
-    max_attempts: float
-    enter_decrease: float
-    enter_residual: float
-    exit_residual: float
-
-
 class TrustRegion:
     r"""Newton's method with a trust region where filtered steps make little progress.
 
@@ -281,8 +259,8 @@ class TrustRegion:
 
     Parameters
     ----------
-    ordinary : LineSearchNewton
-        The strategy of steps outside the region.
+    direction : SearchDirection
+        The search directions of steps outside the region.
     ksp : KSP
         See `trust_region_solver`.
     quasi_newton : QuasiNewton
@@ -299,14 +277,16 @@ class TrustRegion:
     """
 
     def __init__(
-        self, ordinary: LineSearchNewton, ksp: PETSc.KSP, quasi_newton: QuasiNewton, options: Values
+        self, direction: SearchDirection, ksp: PETSc.KSP, quasi_newton: QuasiNewton, options: Values
     ) -> None:
-        self.ordinary, self.ksp, self.quasi_newton = ordinary, ksp, quasi_newton
-        self.direction, self.line_search = ordinary.direction, ordinary.line_search
-        self.snes = self.direction.snes
-        given = {name: float(options[f"snes_tr_{name}"]) for name in _Thresholds._fields}
-        self.thresholds = _Thresholds(**given)
-        self.radius: float | None = min(given["delta0"], given["deltamax"]) or None
+        self.ksp, self.quasi_newton = ksp, quasi_newton
+        self.direction, self.line_search = direction, direction.line_search
+        self.ordinary = LineSearchNewton(direction)
+        prefix = "snes_tr_"
+        self.thresholds = limits = SimpleNamespace(
+            **{k.removeprefix(prefix): v for k, v in options.items() if k.startswith(prefix)}
+        )
+        self.radius: float | None = min(limits.delta0, limits.deltamax) or None
         self.entered, self._first_energy, self._residual_ratio = False, float("nan"), 1.0
         self._entered_before = self._unstable = False
         self._Ad: PETSc.Vec | None = None
@@ -357,7 +337,7 @@ class TrustRegion:
 
     def _step_in_region(self, start: State, d: PETSc.Vec, trial: State) -> Step:
         """Return the step of the exact model, or that of the clamped one if it makes none."""
-        A, P = self.snes.getJacobian()[:2]
+        A, P = self.direction.snes.getJacobian()[:2]
         ksp, assemble = self.ksp, self.direction.assemble
         step = Step(filtered_points=assemble(start.x, "clamp"))
         step.filter = "exact" if step.filtered_points else "none needed"

@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from math import inf, isfinite
 
 from petsc4py import PETSc
 
-from fem_snh.solver.protocol import CurvedPaths
+from fem_snh.solver.protocol import SolvableProblem
 from fem_snh.solver.step import State, Step
-
-#: ``largest_step(x, d)`` returns the part of the step d from x that is admissible, in [0, 1].
-LargestStep = Callable[[PETSc.Vec, PETSc.Vec], float]
 
 #: A change of the energy below these fractions of the energy or of E V is a rounding error. The
 #: second is about 20 roundings: an energy density is a difference of numbers of size E.
@@ -53,35 +49,25 @@ class LineSearch:
     ----------
     snes : SNES
         The SNES that evaluates energy and residual.
-    energy_scale : float
-        E V [J]: the rounding error of the energy is proportional to it.
-    has_energy : bool
-        Whether the SNES has an objective.
+    problem : SolvableProblem
+        Which steps it admits, and on which paths. The rounding error of its energy is proportional
+        to E V [J].
     armijo, min_step : float
         The constant c, and the shortest step.
-    largest_step : callable, optional
-        See `LargestStep`. Default: every step is admissible.
-    retraction : CurvedPaths, optional
-        The paths of steps. Default: straight lines.
-    prescribe : callable, optional
-        Sets what is constrained of the end of a step, in place. Default: all steps keep it.
     """
 
     def __init__(
         self,
         snes: PETSc.SNES,
-        energy_scale: float = 0.0,
-        has_energy: bool = True,
+        problem: SolvableProblem,
         armijo: float = 1e-4,
         min_step: float = 1e-10,
-        largest_step: LargestStep | None = None,
-        retraction: CurvedPaths | None = None,
-        prescribe: Callable[[PETSc.Vec], None] | None = None,
     ) -> None:
-        self.snes, self.energy_scale, self.has_energy = snes, energy_scale, has_energy
+        self.snes, self.problem, self.has_energy = snes, problem, problem.has_energy
         self.armijo, self.min_step = armijo, min_step
-        self._largest_step, self._retraction = largest_step, retraction
-        self._prescribe = prescribe
+        self._least_change = _STIFFNESS_ROUNDING * problem.force_scale * problem.length
+        self._largest_step, self._retraction = problem.largest_step, problem.retraction
+        self._prescribe = problem.step_end
         self._stored: State | None = None
 
     def slope(self, f: PETSc.Vec, d: PETSc.Vec, Ad: PETSc.Vec) -> float | None:
@@ -139,8 +125,7 @@ class LineSearch:
     def is_rounding(self, change: float, energy: float) -> bool:
         """Return whether a change of the energy is within its rounding error."""
         size = max(abs(energy), abs(energy + change))
-        rounding = max(_ENERGY_ROUNDING * size, _STIFFNESS_ROUNDING * self.energy_scale)
-        return abs(change) <= rounding
+        return abs(change) <= max(_ENERGY_ROUNDING * size, self._least_change)
 
     def evaluate_energy(self, x: PETSc.Vec, d: PETSc.Vec, step: float, trial: State) -> float:
         """Set ``trial``'s unknowns to the end of a step and its energy; return the energy.

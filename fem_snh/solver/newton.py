@@ -7,7 +7,6 @@ tests and options work as for PETSc's own types.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from math import inf, isfinite
 from typing import NamedTuple
 
@@ -18,9 +17,9 @@ from fem_snh.choices import ACTING_FORCES
 from fem_snh.linalg.direct_solver import is_direct, set_asymmetric_factors
 from fem_snh.solver import garbage, options
 from fem_snh.solver.globalization import FullNewton, LineSearchNewton, QuasiNewton, TrustRegion
-from fem_snh.solver.line_search import LargestStep, LineSearch
+from fem_snh.solver.line_search import LineSearch
 from fem_snh.solver.linear_choice import AsymmetricSolver, LinearChoice
-from fem_snh.solver.protocol import CurvedPaths, SaddlePoint
+from fem_snh.solver.protocol import SolvableProblem
 from fem_snh.solver.saddle_point import MeritLineSearch
 from fem_snh.solver.search_direction import SearchDirection
 from fem_snh.solver.stability import EquilibriumStability
@@ -63,29 +62,7 @@ class ProjectedNewton:
 
     Parameters
     ----------
-    jacobian : callable
-        ``jacobian(x, filter)`` assembles the SNES's matrix; it returns the quadrature points
-        filtered.
-    force_scale : float
-        E V^(2/3) [N].
-    energy_scale : float
-        E V [J].
-    has_energy : bool
-        Whether the SNES has an objective; if not, the line search is on the residual.
-    saddle_point : SaddlePoint, optional
-        The pressure of a saddle-point problem.
-    largest_step : callable, optional
-        The part of a step that is admissible: see `fem_snh.solver.protocol.SolvableProblem`.
-    retraction : CurvedPaths, optional
-        The paths of steps.
-    prescribe : callable, optional
-        See `fem_snh.solver.protocol.SolvableProblem.step_end`.
-    acting_force : callable, optional
-        ``acting_force(x)`` returns the largest norm of a term's forces [N]; without it the
-        tolerance depends on ``force_scale`` alone.
-    rounding_force : callable, optional
-        ``rounding_force(x, least)`` returns a bound of the rounding error [N], with the Hessian
-        assembled last; 0 where it is below ``least``.
+    problem : SolvableProblem
     stability : EquilibriumStability, optional
         Tells whether an equilibrium is stable. It is asked where the linear solver has factors, and
         where parts are stiff.
@@ -125,24 +102,9 @@ class ProjectedNewton:
     search_direction: type[SearchDirection] = SearchDirection
 
     def __init__(
-        self,
-        jacobian: Callable[[PETSc.Vec, str], int],
-        force_scale: float = 1.0,
-        energy_scale: float = 0.0,
-        has_energy: bool = True,
-        saddle_point: SaddlePoint | None = None,
-        largest_step: LargestStep | None = None,
-        retraction: CurvedPaths | None = None,
-        prescribe: Callable[[PETSc.Vec], None] | None = None,
-        acting_force: Callable[[PETSc.Vec], float] | None = None,
-        rounding_force: Callable[[PETSc.Vec, float], float] | None = None,
-        stability: EquilibriumStability | None = None,
+        self, problem: SolvableProblem, stability: EquilibriumStability | None = None
     ) -> None:
-        self.largest_step, self.retraction = largest_step, retraction
-        self._prescribe = prescribe
-        self._acting_force, self._rounding_force = acting_force, rounding_force
-        self._assemble, self.has_energy, self.saddle_point = jacobian, has_energy, saddle_point
-        self.force_scale, self.energy_scale = force_scale, energy_scale
+        self.problem, self.force_scale = problem, problem.force_scale
         self.earlier_force, self.least_load = 0.0, inf
         self.force_iteration, self._first_norm, self.rounding = False, 0.0, 0.0
         self.reduction = 0.0
@@ -167,12 +129,12 @@ class ProjectedNewton:
         prefix = snes.getOptionsPrefix()
         self._dtol_given = PETSc.Options(prefix).hasName("snes_divergence_tolerance")
         self.options = options.read(prefix, self.options)
-        problem = ""
-        if self.saddle_point is not None:
-            problem = "Taylor-Hood elements give a saddle-point problem"
-        elif not self.has_energy:
-            problem = "this one has forces without an energy"
-        options.check(self.options, problem)
+        if self.problem.saddle_point is not None:
+            options.check_minimisation(
+                self.options, "Taylor-Hood elements give a saddle-point problem"
+            )
+        elif not self.problem.has_energy:
+            options.check_minimisation(self.options, "this one has forces without an energy")
 
     def view(self, snes: PETSc.SNES, viewer: PETSc.Viewer) -> None:
         """Print the options, as part of ``-snes_view``."""
@@ -190,7 +152,8 @@ class ProjectedNewton:
 
     def jacobian(self, snes: PETSc.SNES, x: PETSc.Vec, A: PETSc.Mat, P: PETSc.Mat) -> None:
         """Assemble the Jacobian with the present iteration's filter: the SNES's callback."""
-        self._filtered_points = self._assemble(x, self._filter)
+        whole = not self.problem.symmetric
+        self._filtered_points = self.problem.jacobian(x, self._filter, whole)
 
     def solve(self, snes: PETSc.SNES, b: PETSc.Vec | None, x: PETSc.Vec) -> None:
         """Iterate from ``x``, in place. Collective."""
@@ -199,7 +162,7 @@ class ProjectedNewton:
         state = State(x, snes.getFunction()[0])
         trial, d, forcing = State.like(state), x.duplicate(), self._forcing()
         globalization = self._globalization(snes, forcing)
-        state.energy = snes.computeObjective(x) if self.has_energy else 0.0
+        state.energy = snes.computeObjective(x) if self.problem.has_energy else 0.0
         if not isfinite(state.energy):
             snes.setIterationNumber(0)  # not those of an earlier solve
             snes.setFunctionNorm(state.energy)
@@ -261,54 +224,32 @@ class ProjectedNewton:
         self, snes: PETSc.SNES, forcing: ForcingTerm
     ) -> LineSearchNewton | FullNewton | TrustRegion:
         """Return the globalization of one solve, with its parts."""
-        direction = self.direction(snes, forcing)
+        direction = self.search_direction(self, snes, forcing)
         if self.full_steps:
             if self.full_ksp is None:
                 self.full_ksp = PETSc.KSP().create(snes.comm)
                 set_asymmetric_factors(self.full_ksp)
                 expect_singular_matrix(self.full_ksp)
             return FullNewton(direction, self.full_ksp)
-        line_search = direction.line_search
         ksp = self.trust_ksp
         quasi_newton = QuasiNewton(
-            ksp or snes.getKSP(),
-            line_search,
-            int(float(self.options["snes_lbfgs_max_it"])),
-            float(self.options["snes_lbfgs_rtol"]),
-            self.scaled_tolerance,
+            ksp or snes.getKSP(), direction.line_search, self.options, self.scaled_tolerance
         )
         if ksp is None:
-            return LineSearchNewton(direction, line_search, quasi_newton)
-        ordinary = LineSearchNewton(direction, line_search)
-        return TrustRegion(ordinary, ksp, quasi_newton, self.options)
+            return LineSearchNewton(direction, quasi_newton)
+        return TrustRegion(direction, ksp, quasi_newton, self.options)
 
-    def direction(
-        self, snes: PETSc.SNES, forcing: ForcingTerm, accurate: bool = False
-    ) -> SearchDirection:
-        """Return the search directions of one solve; see `SearchDirection` for ``accurate``."""
+    def assemble(self, snes: PETSc.SNES, x: PETSc.Vec, filter: str) -> int:
+        """Assemble the SNES's matrices; return the quadrature points filtered. Collective."""
+        self._filter = filter
+        snes.computeJacobian(x, *snes.getJacobian()[:2])
+        return self._filtered_points
 
-        def assemble(x: PETSc.Vec, filter: str) -> int:
-            self._filter = filter
-            snes.computeJacobian(x, *snes.getJacobian()[:2])
-            return self._filtered_points
-
-        # A linear solver that the user chose is not replaced.
-        return self.search_direction(
-            snes, assemble, self._line_search(snes), forcing, self.options, self.saddle_point,
-            bool(self.linear_choice.reason) and not self.linear_choice.direct, accurate,
-            self.asymmetric,
-        )  # fmt: skip
-
-    def _line_search(self, snes: PETSc.SNES) -> LineSearch:
+    def line_search(self, snes: PETSc.SNES) -> LineSearch:
         """Return the line search of one solve: on the energy, or on a saddle point's merit."""
+        kind = MeritLineSearch if self.problem.saddle_point is not None else LineSearch
         armijo, shortest = (float(self.options[f"snes_{key}"]) for key in ("armijo", "min_step"))
-        common = (
-            snes, self.energy_scale, self.has_energy, armijo, shortest, self.largest_step,
-            self.retraction, self._prescribe,
-        )  # fmt: skip
-        if self.saddle_point is not None:
-            return MeritLineSearch(self.saddle_point, *common)
-        return LineSearch(*common)
+        return kind(snes, self.problem, armijo, shortest)
 
     @property
     def scaled_tolerance(self) -> float:
@@ -327,9 +268,7 @@ class ProjectedNewton:
 
         The forces that act at ``x`` or at the step's start, or a dead load smaller than these.
         """
-        if self._acting_force is None:
-            return inf
-        return min(max(self.earlier_force, self._acting_force(x)), self.least_load)
+        return min(max(self.earlier_force, self.problem.largest_force(x)), self.least_load)
 
     def force_tolerance(self, force: float) -> float:
         """Return the norm of the residual [N] that is small where forces of this norm [N] act."""
@@ -387,11 +326,11 @@ class ProjectedNewton:
         That of a state that is nothing but rounding is not: of a body that has flown off to 1e14
         times its size.
         """
-        bound = self._rounding_force(x, norm) if self._rounding_force else 0.0
+        bound = self.problem.rounding_force(x, norm)
         if not norm <= bound:
             return False
-        if bound > self.scaled_tolerance and self._acting_force:
-            if bound > _MOST_ROUNDING * self._acting_force(x):
+        if bound > self.scaled_tolerance:
+            if bound > _MOST_ROUNDING * self.problem.largest_force(x):
                 return False
         self.tolerance = self.rounding = bound
         return True
@@ -416,7 +355,7 @@ class ProjectedNewton:
             # A valley of equilibria within the tolerance is followed by longer and longer steps.
             left = self.left
             shortest = 2 * left.length if state.energy < left.energy else 0.0
-            search = self._line_search(snes)
+            search = self.line_search(snes)
             self.negative, length = found.leave(state, search, trial, shortest)
             if length > 0:
                 self.left = _Left(state.energy, length, left.first or state.x.copy())

@@ -6,7 +6,7 @@ have its name (PETSc 3.22 and later); their defaults are ours.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from math import inf
 from typing import Any, NamedTuple
@@ -82,14 +82,14 @@ class Option(NamedTuple):
     meaning : str
     origin : str
         The source of name and default.
-    accepted : Range or None
-        Of a number: the accepted values.
+    accepted : Range or sequence of str, optional
+        The accepted values; those of the options of scenes are in `fem_snh.choices`.
     """
 
     default: Value
     meaning: str
     origin: str
-    accepted: Range | None = None
+    accepted: Range | Sequence[str] = ()
 
 
 _NW = "Nocedal & Wright 2006"
@@ -113,7 +113,7 @@ OPTIONS: dict[str, Option] = {
         "measured: python -m benchmarks linear_solvers",
     ),
     "snes_adaptive_filter": Option(
-        "clamp", "filter that adaptive falls back to: clamp or abs", _MEASURED
+        "clamp", "filter that adaptive falls back to: clamp or abs", _MEASURED, FILTERS[1:]
     ),
     "snes_adaptive_retry": Option(
         0.1, "adaptive: exact again once the residual has fallen by this factor", _MEASURED, _PART
@@ -233,7 +233,10 @@ def read(prefix: str, given: Values) -> Values:
             continue
         get = database.getString if isinstance(option.default, str) else database.getReal
         values[name] = get(name, given[name])
-        if option.accepted is not None and not option.accepted.admits(float(values[name])):
+        if not isinstance(option.accepted, Range):
+            if option.accepted:
+                choose(name, str(values[name]), option.accepted)
+        elif not option.accepted.admits(float(values[name])):
             raise bad_value(name, values[name], str(option.accepted))
     return values
 
@@ -294,26 +297,21 @@ def check_petsc(prefix: str, force_scale: float) -> None:
             raise bad_value(name, value, str(accepted_range))
 
 
-def check(options: Values, problem: str) -> None:
-    """Raise BadInput for an unknown value, or one that the problem does not support.
+def check_minimisation(options: Values, problem: str) -> None:
+    """Raise BadInput for a value that requires a minimisation problem.
 
     Parameters
     ----------
     problem : str
-        Why the problem is no minimisation problem; empty if it is one.
+        Why the problem is none.
     """
-    choose("hessian", str(options["snes_hessian"]), HESSIANS)
-    globalization = choose("globalization", str(options["snes_globalization"]), GLOBALIZATIONS)
-    if problem and globalization == "trust_region":
-        raise BadInput(
-            f"globalization = 'trust_region': requires a minimisation problem; {problem}"
-        )
-    if problem and float(options["snes_lbfgs_max_it"]) > 0:
-        raise BadInput(
-            f"snes_lbfgs_max_it = {options['snes_lbfgs_max_it']:g}: "
-            f"requires a minimisation problem; {problem}"
-        )
-    choose("snes_adaptive_filter", str(options["snes_adaptive_filter"]), FILTERS[1:])
+    wanted = ""
+    if options["snes_globalization"] == "trust_region":
+        wanted = "globalization = 'trust_region'"
+    elif float(options["snes_lbfgs_max_it"]) > 0:
+        wanted = f"snes_lbfgs_max_it = {options['snes_lbfgs_max_it']:g}"
+    if wanted:
+        raise BadInput(f"{wanted}: requires a minimisation problem; {problem}")
 
 
 #: Options of what a program may ask for after it has solved: eigenfrequencies, errors.

@@ -18,7 +18,7 @@ from fem_snh._petsc import factors_out_of_memory
 from fem_snh.errors import NotSettled
 from fem_snh.solver.errors import callback_errors
 from fem_snh.solver.protocol import SolvableProblem
-from fem_snh.solver.step import Direction, Iteration
+from fem_snh.solver.step import Iteration, Step
 
 
 def converged_reason(snes: PETSc.SNES) -> str:
@@ -39,14 +39,14 @@ def failure_reason(snes: PETSc.SNES) -> str:
     return linear_failure(snes.getKSP())
 
 
-def linear_failure(ksp: PETSc.KSP, direction: Direction | None = None) -> str:
+def linear_failure(ksp: PETSc.KSP, step: Step | None = None) -> str:
     """Return the reason of a step without a direction: "DIVERGED_LINEAR_SOLVE: " and its cause."""
     reason, linear = "DIVERGED_LINEAR_SOLVE", ksp.getConvergedReason()
     if factors_out_of_memory(ksp.getPC()):
         return f"{reason}: the factors do not fit into memory"
-    if direction and direction.lack:
-        factors = "; sparse factors do not fit into memory" if direction.out_of_memory else ""
-        return f"{reason}: {direction.lack}{factors}"
+    if step and step.lack:
+        factors = "; sparse factors do not fit into memory" if step.out_of_memory else ""
+        return f"{reason}: {step.lack}{factors}"
     if linear >= 0:
         return f"{reason}: no descent direction"
     return f"{reason}: {_name(PETSc.KSP.ConvergedReason, linear)}"

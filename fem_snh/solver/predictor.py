@@ -100,8 +100,7 @@ class SemiImplicit:
         # A new one for each step: a run that is resumed has no memory of the last one's Hessian.
         context = self._snes.getPythonContext()
         forcing = ForcingTerm(0.0, self._snes.getKSP().getTolerances()[0] * context.force_at(x))
-        direction = context.direction(self._snes, forcing, True)
-        found = direction.compute(start, d)
+        found = context.search_direction(context, self._snes, forcing, True).compute(start, d)
         norm = start.residual.norm()
         iteration = Iteration(norm, 0.0, found.filter, found.filtered_points, found.linear, 1.0)
         outcome = StepOutcome(False, "CONVERGED_ITS", norm, [iteration])

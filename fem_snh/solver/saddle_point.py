@@ -192,9 +192,10 @@ class MeritLineSearch(LineSearch):
         The penalty gamma [Pa].
     """
 
-    def __init__(self, saddle_point: SaddlePoint, *arguments: Any, **keywords: Any) -> None:
-        super().__init__(*arguments, **keywords)
-        self.saddle_point, self.penalty = saddle_point, 0.0
+    def __init__(self, *arguments: Any) -> None:
+        super().__init__(*arguments)
+        assert self.problem.saddle_point is not None
+        self.saddle_point, self.penalty = self.problem.saddle_point, 0.0
 
     def slope(self, f: PETSc.Vec, d: PETSc.Vec, Ad: PETSc.Vec) -> float | None:
         """Return the merit function's slope along d, at most -(du.H du + dp.C dp)/2.

@@ -4,9 +4,9 @@ Both globalizations call it once an iteration.
 
 A Krylov solver estimates its residual in a norm of its own and by a recurrence. With rounding in
 single precision, a preconditioner far from the matrix, or a breakdown, the estimate may be small
-while the residual :math:`f + A d` is not. `improve` computes that residual in double precision. It
-first refines the solution with the same solver (iterative refinement, Wilkinson 1963), then solves
-by flexible GMRES with sparse factors as its preconditioner.
+while the residual :math:`f + A d` is not. `Solution` has that residual in double precision. An
+inaccurate solution is first refined with the same solver (iterative refinement, Wilkinson 1963),
+then replaced by that of flexible GMRES with sparse factors as its preconditioner.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from collections.abc import Callable, Iterator
 from contextlib import nullcontext
 from functools import cached_property, partial
 from math import inf, isfinite
+from typing import TYPE_CHECKING
 
 from petsc4py import PETSc
 
@@ -23,17 +24,17 @@ import numpy as np
 from fem_snh._petsc import NEGATIVE_CURVATURE, factors_out_of_memory, negative_pivots, set_operators
 from fem_snh.linalg.direct_solver import set_direct_factors
 from fem_snh.solver.block_triangular import BlockTriangular
-from fem_snh.solver.line_search import SHORT, LineSearch
-from fem_snh.solver.linear_choice import AsymmetricSolver
-from fem_snh.solver.options import Values
-from fem_snh.solver.protocol import SaddlePoint
+from fem_snh.solver.line_search import SHORT
 from fem_snh.solver.saddle_point import (
     Blocks,
     frozen_preconditioner,
     outer_operator,
     preconditioner_by_blocks,
 )
-from fem_snh.solver.step import Direction, ForcingTerm, State, Step, relative_tolerance
+from fem_snh.solver.step import ForcingTerm, State, Step, relative_tolerance
+
+if TYPE_CHECKING:
+    from fem_snh.solver.newton import ProjectedNewton
 
 #: A refinement cycle that leaves more than this part of the residual is the last one.
 _MIN_REDUCTION = 0.5
@@ -48,12 +49,17 @@ _ROUNDING = 8 * float(np.finfo(float).eps)
 #: The relative residual that a large ||A|| ||d|| never excuses.
 _LARGEST_ROUNDING = 1e-3
 
-#: ``solve(r, e, rtol)`` sets e to a solution of A e = -r.
-Solve = Callable[[PETSc.Vec, PETSc.Vec, float], None]
+_Linear = PETSc.KSP.ConvergedReason
+#: How linear solvers report a matrix or a preconditioner that is not positive definite.
+_INDEFINITE = (
+    _Linear.DIVERGED_INDEFINITE_MAT,
+    _Linear.DIVERGED_INDEFINITE_PC,
+    NEGATIVE_CURVATURE,
+)
 
 
 class Solution:
-    """The solution of A d = -f that `improve` makes better.
+    """A solution of A d = -f, with its residual f + A d in double precision.
 
     Parameters
     ----------
@@ -66,18 +72,11 @@ class Solution:
     ----------
     relative : float
         ||f + A d|| / ||f||; infinity if d is not finite.
-    linear : int
-        Iterations with sparse factors.
-    factorised : bool
-        Whether the solution is that of the sparse factors.
-    out_of_memory : bool
-        Whether the factors did not fit into memory.
     """
 
     def __init__(self, A: PETSc.Mat, P: PETSc.Mat, f: PETSc.Vec, d: PETSc.Vec) -> None:
         self.A, self.P, self.f, self.d = A, P, f, d
         self.residual, self._norm = f.duplicate(), f.norm()
-        self.linear, self.factorised, self.out_of_memory = 0, False, False
         self.measure()
 
     def measure(self) -> float:
@@ -88,6 +87,11 @@ class Solution:
         self.relative = norm / self._norm if self._norm > 0 else 0.0
         return self.relative
 
+    def restore(self, previous: PETSc.Vec) -> None:
+        """Take an earlier solution back. Collective."""
+        previous.copy(self.d)
+        self.measure()
+
     def attainable(self, rtol: float) -> float:
         """Return ``rtol``, or the relative residual that rounding permits if it is larger."""
         if not self._norm > 0 or not isfinite(self.relative):
@@ -95,81 +99,28 @@ class Solution:
         size = self.P.norm(PETSc.NormType.INFINITY) * self.d.norm() / self._norm
         return max(rtol, min(_ROUNDING * size, _LARGEST_ROUNDING))
 
+    def factorise(self, step: Step) -> bool:
+        """Replace the solution by one with sparse factors if it is better; return whether it is.
 
-def improve(
-    solution: Solution, solve: Solve, rtol: float, accept: Callable[[], bool], factorise: bool
-) -> bool:
-    """Improve a solution until it is accepted; return whether it is. Collective.
-
-    Parameters
-    ----------
-    solution : Solution
-        The solution, in place.
-    solve : callable
-        The solver that is used for refinement: see `Solve`.
-    rtol : float
-        The relative residual beyond which refinement is not continued.
-    accept : callable
-        Returns whether the present solution is good enough; it is called after each improvement.
-    factorise : bool
-        Whether sparse factors are tried where refinement fails.
-    """
-    if accept():
-        return True
-    step = solution.d.duplicate()
-    while isfinite(solution.relative) and solution.relative > rtol:
-        before, previous = solution.relative, solution.d.copy()
-        goal = min(max(_CYCLE_SHARE * rtol / before, _CYCLE_RTOL[0]), _CYCLE_RTOL[1])
-        solve(solution.residual, step, goal)
-        solution.d.axpy(1.0, step)
-        if not solution.measure() < before:
-            previous.copy(solution.d)
-            solution.measure()
-            break
-        if accept():
+        The iterations, and whether memory sufficed, are added to ``step``. Collective.
+        """
+        ksp, iterated, before = PETSc.KSP().create(self.d.comm), self.d.copy(), self.relative
+        try:
+            ksp.setOperators(self.A, self.P)
+            ksp.setType(PETSc.KSP.Type.FGMRES)
+            ksp.setTolerances(rtol=_ROUNDING, atol=0.0, max_it=_FACTORS_MAX_IT)
+            set_direct_factors(ksp.getPC())
+            self.d.set(0.0)
+            ksp.solve(self.f, self.d)
+            self.d.scale(-1.0)
+            step.linear += ksp.getIterationNumber()
+            step.out_of_memory = factors_out_of_memory(ksp.getPC())
+        finally:
+            ksp.destroy()
+        if self.measure() < before:
             return True
-        if solution.relative > _MIN_REDUCTION * before:
-            break
-    return factorise and _solve_with_factors(solution) and accept()
-
-
-def _solve_with_factors(solution: Solution) -> bool:
-    """Replace a solution by one with sparse factors if it is better; return whether it is."""
-    ksp, iterated, before = (
-        PETSc.KSP().create(solution.d.comm),
-        solution.d.copy(),
-        solution.relative,
-    )
-    try:
-        ksp.setOperators(solution.A, solution.P)
-        ksp.setType(PETSc.KSP.Type.FGMRES)
-        ksp.setTolerances(rtol=_ROUNDING, atol=0.0, max_it=_FACTORS_MAX_IT)
-        set_direct_factors(ksp.getPC())
-        solution.d.set(0.0)
-        ksp.solve(solution.f, solution.d)
-        solution.d.scale(-1.0)
-        solution.linear += ksp.getIterationNumber()
-        solution.out_of_memory = factors_out_of_memory(ksp.getPC())
-    finally:
-        ksp.destroy()
-    if not solution.measure() < before:
-        iterated.copy(solution.d)
-        solution.measure()
+        self.restore(iterated)
         return False
-    solution.factorised = True
-    return True
-
-
-_Linear = PETSc.KSP.ConvergedReason
-#: How linear solvers report a matrix or a preconditioner that is not positive definite.
-_INDEFINITE = (
-    _Linear.DIVERGED_INDEFINITE_MAT,
-    _Linear.DIVERGED_INDEFINITE_PC,
-    NEGATIVE_CURVATURE,
-)
-
-#: ``assemble(x, filter)`` assembles the SNES's matrices and returns the quadrature points filtered.
-Assemble = Callable[[PETSc.Vec, str], int]
 
 
 class SearchDirection:
@@ -187,20 +138,12 @@ class SearchDirection:
 
     Parameters
     ----------
+    newton : ProjectedNewton
+        Assembles the matrices; it has the problem, the options and the linear solvers.
     snes : SNES
-    assemble : callable
-        See `Assemble`.
-    line_search : LineSearch
-        Its ``slope`` rejects a direction of negative curvature.
+        The SNES whose context it is.
     forcing : ForcingTerm
         The relative tolerance of the linear solves.
-    options : dict
-        See `fem_snh.solver.options.OPTIONS`.
-    saddle_point : SaddlePoint, optional
-    factorise : bool
-        Whether sparse factors replace a linear solver that fails.
-    asymmetric : AsymmetricSolver, optional
-        The linear solver of exact Hessians that are not symmetric.
     accurate : bool
         Whether the direction is used as it is: its residual must reach the tolerance of the linear
         solver, and the forcing term's target. Newton's iterations need no accuracy, as the
@@ -209,59 +152,63 @@ class SearchDirection:
     Notes
     -----
     An inexact solution for a semidefinite matrix may be no descent direction (of a saddle-point
-    problem's merit function, or by rounding). It is improved until it is one (`improve`), and the
+    problem's merit function, or by rounding). It is improved until it is one, and the
     linear solves of the further iterations have the smallest relative tolerance, ``-ksp_rtol``.
     """
 
     def __init__(
         self,
+        newton: ProjectedNewton,
         snes: PETSc.SNES,
-        assemble: Assemble,
-        line_search: LineSearch,
         forcing: ForcingTerm,
-        options: Values,
-        saddle_point: SaddlePoint | None = None,
-        factorise: bool = False,
         accurate: bool = False,
-        asymmetric: AsymmetricSolver | None = None,
     ) -> None:
-        self.snes, self.assemble, self.forcing = snes, assemble, forcing
-        self._factorise, self._accurate = factorise, accurate
-        self._asymmetric, self._ksp = asymmetric, snes.getKSP()
+        self.snes, self.assemble = snes, partial(newton.assemble, snes)
+        self.line_search, self.forcing, self._accurate = newton.line_search(snes), forcing, accurate
+        self._saddle_point, self._asymmetric = newton.problem.saddle_point, newton.asymmetric
+        self._ksp = snes.getKSP()
+        # A linear solver that the user chose is not replaced.
+        choice, options = newton.linear_choice, newton.options
+        self._factorise = bool(choice.reason) and not choice.direct
         self.hessian = str(options["snes_hessian"])
-        self.line_search, self._saddle_point = line_search, saddle_point
         self._fallback = str(options["snes_adaptive_filter"])
         self._retry = float(options["snes_adaptive_retry"])
         #: Norm of the residual where the exact Hessian was last found indefinite [N].
         self._indefinite = float("inf")
         #: Whether the exact Hessian has been positive definite as a block of the preconditioner.
-        self._exact_blocks = asymmetric is None
+        self._exact_blocks = self._asymmetric is None
 
-    def compute(self, start: State, d: PETSc.Vec) -> Direction:
-        """Set ``d`` to the search direction at ``start``. Collective."""
-        norm, direction = start.residual.norm(), Direction()
+    def compute(self, start: State, d: PETSc.Vec) -> Step:
+        """Set ``d`` to the search direction at ``start``. Collective.
+
+        Returns
+        -------
+        Step
+            Without an end; its slope is None if there is no descent direction.
+        """
+        norm, step = start.residual.norm(), Step()
         A, P = self.snes.getJacobian()[:2]
         own = self.snes.getKSP()
         blocks = preconditioner_by_blocks(own.getPC()) if self._saddle_point else None
-        for direction.filter, block_filter in self._attempts(norm, blocks):
-            direction.filtered_points = self.assemble(start.x, block_filter)
+        for step.filter, block_filter in self._attempts(norm, blocks):
+            step.filtered_points = self.assemble(start.x, block_filter)
             if blocks is not None and self._saddle_point:
                 self._saddle_point.update_schur_approximation(P)
-            changed = direction.filtered_points > 0 or self._asymmetric is not None
-            unlike = direction.filter != block_filter and changed
-            if direction.filter == "exact" and not direction.filtered_points:
-                direction.filter = "none needed"
+            changed = step.filtered_points > 0 or self._asymmetric is not None
+            unlike = step.filter != block_filter and changed
+            if step.filter == "exact" and not step.filtered_points:
+                step.filter = "none needed"
             exact = partial(self.assemble, start.x, "exact") if unlike else None
             asymmetric = self._asymmetric
             self._ksp = ksp = asymmetric.ksp if asymmetric and asymmetric.needed else own
             with frozen_preconditioner(ksp, A, P, exact) if blocks else nullcontext():
-                direction.slope = self._solve(A, P, start.residual, d, direction)
-            if direction.slope is not None:
-                if direction.filter in ("exact", "none needed"):
-                    direction.negative = negative_pivots(ksp.getPC())
-                return direction
+                step.slope = self._solve(A, P, start.residual, d, step)
+            if step.slope is not None:
+                if step.filter in ("exact", "none needed"):
+                    step.negative = negative_pivots(ksp.getPC())
+                return step
             self._indefinite = norm
-        return direction
+        return step
 
     @property
     def _needs_asymmetric(self) -> bool:
@@ -306,24 +253,24 @@ class SearchDirection:
         return [*exact, self._fallback]
 
     def _solve(
-        self, A: PETSc.Mat, P: PETSc.Mat, f: PETSc.Vec, d: PETSc.Vec, direction: Direction
+        self, A: PETSc.Mat, P: PETSc.Mat, f: PETSc.Vec, d: PETSc.Vec, step: Step
     ) -> float | None:
         """Solve A d = -f; return the slope along d, or None if A showed negative curvature."""
-        ksp, semidefinite = self._ksp, direction.filter in ("clamp", "abs")
+        ksp, semidefinite = self._ksp, step.filter in ("clamp", "abs")
         filtered = semidefinite and self._saddle_point is None
-        reason = self._apply(ksp, A, P, f, d, direction)
+        reason = self._apply(ksp, A, P, f, d, step)
         if reason in _INDEFINITE and filtered and ksp.getType() == PETSc.KSP.Type.PYTHON:
             # A filtered matrix is indefinite only by rounding in single precision, where crushed
             # cells are a million times as stiff as their neighbours.
-            self._apply(self._double_precision, A, P, f, d, direction)
+            self._apply(self._double_precision, A, P, f, d, step)
         elif reason in _INDEFINITE and not semidefinite:
             return None
         elif reason == _Linear.DIVERGED_INDEFINITE_PC and filtered:
             return None  # of a preconditioner that the user chose: no refinement makes it better
         slope = self._slope(A, f, d, filtered)
-        last = semidefinite or (self.hessian == "exact" and direction.filter == "none needed")
+        last = semidefinite or (self.hessian == "exact" and step.filter == "none needed")
         if self._accurate or (slope is None and last):
-            return self._improved(A, P, f, d, direction, filtered)
+            return self._improved(A, P, f, d, step, filtered)
         return slope
 
     def _slope(self, A: PETSc.Mat, f: PETSc.Vec, d: PETSc.Vec, filtered: bool) -> float | None:
@@ -336,47 +283,56 @@ class SearchDirection:
         return self.line_search.slope(f, d, Ad)
 
     def _improved(
-        self,
-        A: PETSc.Mat,
-        P: PETSc.Mat,
-        f: PETSc.Vec,
-        d: PETSc.Vec,
-        direction: Direction,
-        filtered: bool,
+        self, A: PETSc.Mat, P: PETSc.Mat, f: PETSc.Vec, d: PETSc.Vec, step: Step, filtered: bool
     ) -> float | None:
         """Improve the solution ``d`` until it is accurate, or descends; return the slope along it.
 
         Returns None if no solution is good enough.
         """
-        ksp, slope = self._ksp, None
-        rtol = ksp.getTolerances()[0]
+        rtol = given = self._ksp.getTolerances()[0]
         if self._accurate and (norm := f.norm()) > 0:
             rtol = min(rtol, self.forcing.target / norm)
+        solution, slope = Solution(A, P, f, d), None
+        first = solution.relative
 
-        def solve(residual: PETSc.Vec, step: PETSc.Vec, tolerance: float) -> None:
-            self._apply(ksp, A, P, residual, step, direction, tolerance)
-
-        def accept() -> bool:
+        def is_accepted() -> bool:
             nonlocal slope
             slope = self._slope(A, f, d, filtered)
             if self._accurate:
                 return solution.relative <= solution.attainable(rtol)
             return slope is not None
 
-        factorise = self._factorise and not self._needs_asymmetric
-        solution = Solution(A, P, f, d)
-        first = solution.relative
-        accepted = improve(solution, solve, rtol, accept, factorise)
-        direction.linear += solution.linear
-        direction.residual, direction.out_of_memory = solution.relative, solution.out_of_memory
-        if solution.factorised:
-            direction.remedy = f"sparse factors, as iterations left {first:.2g} of the residual"
+        accepted = is_accepted() or self._refine(solution, step, rtol, is_accepted)
+        if not accepted and self._factorise and not self._needs_asymmetric:
+            if solution.factorise(step):
+                accepted = is_accepted()
+                step.remedy = f"sparse factors, as iterations left {first:.2g} of the residual"
+        step.residual = solution.relative
         if self._accurate and not solution.relative <= solution.attainable(rtol):
-            limit = f"{rtol:.2g}" if rtol < ksp.getTolerances()[0] else f"ksp_rtol = {rtol:g}"
-            direction.lack = f"relative residual {solution.relative:.2g} > {limit}"
+            limit = f"{rtol:.2g}" if rtol < given else f"ksp_rtol = {rtol:g}"
+            step.lack = f"relative residual {solution.relative:.2g} > {limit}"
         if not self._accurate:
             self.forcing.maximum = min(self.forcing.maximum, rtol)
         return slope if accepted else None
+
+    def _refine(
+        self, solution: Solution, step: Step, rtol: float, is_accepted: Callable[[], bool]
+    ) -> bool:
+        """Refine a solution by the same solver until it is accepted; return whether it is."""
+        A, P, d, correction = solution.A, solution.P, solution.d, solution.d.duplicate()
+        while isfinite(solution.relative) and solution.relative > rtol:
+            before, previous = solution.relative, d.copy()
+            goal = min(max(_CYCLE_SHARE * rtol / before, _CYCLE_RTOL[0]), _CYCLE_RTOL[1])
+            self._apply(self._ksp, A, P, solution.residual, correction, step, goal)
+            d.axpy(1.0, correction)
+            if not solution.measure() < before:
+                solution.restore(previous)
+                break
+            if is_accepted():
+                return True
+            if solution.relative > _MIN_REDUCTION * before:
+                break
+        return False
 
     def _apply(
         self,
@@ -385,7 +341,7 @@ class SearchDirection:
         P: PETSc.Mat,
         f: PETSc.Vec,
         d: PETSc.Vec,
-        direction: Direction,
+        step: Step,
         rtol: float | None = None,
     ) -> int:
         """Set ``d`` to the solution of A d = -f by ``ksp``; return its converged reason.
@@ -397,7 +353,7 @@ class SearchDirection:
             set_operators(ksp, outer_operator(ksp, A, P), P)
             ksp.solve(f, d)
         d.scale(-1.0)
-        direction.linear += ksp.getIterationNumber()
+        step.linear += ksp.getIterationNumber()
         return int(ksp.getConvergedReason())
 
     @cached_property

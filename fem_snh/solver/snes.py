@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
-
 from petsc4py import PETSc
 
 from fem_snh._petsc import default_options, expect_singular_matrix
@@ -101,19 +99,8 @@ def create(
     saddle = problem.saddle_point
     hessian, chosen = options.read_choices(prefix, hessian, globalization)
     globalization = chosen or default_globalization(problem)
-    context = ProjectedNewton(
-        problem.jacobian if problem.symmetric else partial(problem.jacobian, whole=True),
-        problem.force_scale,
-        problem.force_scale * problem.length,
-        problem.has_energy,
-        saddle,
-        problem.largest_step,
-        problem.retraction,
-        problem.step_end,
-        problem.largest_force,
-        problem.rounding_force,
-        EquilibriumStability(problem) if examine_stability and is_conservative(problem) else None,
-    )
+    stability = examine_stability and is_conservative(problem)
+    context = ProjectedNewton(problem, EquilibriumStability(problem) if stability else None)
     context.options = options.defaults_for(globalization) | {"snes_hessian": hessian}
     snes = NewtonSNES().create(problem.comm)
     snes.setOptionsPrefix(prefix)

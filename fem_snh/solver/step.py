@@ -1,4 +1,4 @@
-"""What the parts of Newton's method exchange: states, directions, steps, forcing terms.
+"""What the parts of Newton's method exchange: states, steps, forcing terms.
 
 A forcing term is the relative tolerance of a linear solve of an inexact Newton method.
 """
@@ -48,45 +48,8 @@ class State:
 
 
 @dataclass
-class Direction:
-    """The properties of a search direction; its vector is the caller's.
-
-    Attributes
-    ----------
-    slope : float or None
-        Derivative of the merit function along it, < 0; None if there is no descent direction.
-    filter : str
-        The filter applied to the Hessian, or "none needed".
-    filtered_points : int
-        Quadrature points with a negative eigenvalue.
-    linear : int
-        Krylov iterations of all attempts.
-    residual : float or None
-        The relative residual of the linear system, if it was measured.
-    remedy : str
-        What replaced a linear solver that failed, and why; empty if nothing did.
-    lack : str
-        Why the solution is not accurate enough; empty if it is or need not be.
-    out_of_memory : bool
-        Whether sparse factors did not fit into memory.
-    negative : int or None
-        Negative eigenvalues of the exact Hessian, if its factors counted them.
-    """
-
-    slope: float | None = None
-    filter: str = ""
-    filtered_points: int = 0
-    linear: int = 0
-    residual: float | None = None
-    remedy: str = ""
-    lack: str = ""
-    out_of_memory: bool = False
-    negative: int | None = None
-
-
-@dataclass
 class Step:
-    """The outcome of one nonlinear iteration, or of a part of it.
+    """One nonlinear iteration, or a part of it; the vector of its search direction is the caller's.
 
     Attributes
     ----------
@@ -96,25 +59,46 @@ class Step:
         Length of the step, in multiples of the search direction.
     limited : bool
         Whether the problem admitted no longer one.
-    filter, filtered_points, linear
-        See `Direction`; ``filter`` is "trust_region" for a step to the region's boundary.
+    slope : float or None
+        Derivative of the merit function along the search direction, < 0; None if there is no
+        descent direction.
+    filter : str
+        The filter applied to the Hessian, or "none needed"; "trust_region" for a step to the
+        region's boundary.
+    filtered_points : int
+        Quadrature points with a negative eigenvalue.
+    linear : int
+        Krylov iterations of all attempts.
     lbfgs : int
         L-BFGS iterations after the step.
     diverged : int
         Without an end, the SNES's converged reason.
     negative : int or None
-        See `Direction`.
+        Negative eigenvalues of the exact Hessian, if its factors counted them.
+    residual : float or None
+        The relative residual of the linear system, if it was measured.
+    remedy : str
+        What replaced a linear solver that failed, and why; empty if nothing did.
+    lack : str
+        Why the solution of the linear system is not accurate enough; empty if it is or need not be.
+    out_of_memory : bool
+        Whether sparse factors did not fit into memory.
     """
 
     end: State | None = None
     length: float = 0.0
     limited: bool = False
+    slope: float | None = None
     filter: str = ""
     filtered_points: int = 0
     linear: int = 0
     lbfgs: int = 0
     diverged: int = 0
     negative: int | None = None
+    residual: float | None = None
+    remedy: str = ""
+    lack: str = ""
+    out_of_memory: bool = False
 
 
 @dataclass

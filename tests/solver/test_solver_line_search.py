@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from types import SimpleNamespace
 
 from petsc4py import PETSc
 
@@ -46,7 +47,9 @@ def search(energy, slope, x, d, scale=0.0, **paths):
     at.set(x)
     along.set(d)
     snes, end = Scalar(energy, slope), State(trial, f_trial)
-    line = LineSearch(snes, energy_scale=scale, **paths)
+    admitted = {"largest_step": None, "retraction": None, "step_end": None} | paths
+    problem = SimpleNamespace(has_energy=True, force_scale=scale, length=1.0, **admitted)
+    line = LineSearch(snes, problem)
     step = line.search(State(at, residual, energy(x)), along, slope(x) * d, end)
     found = step.end and (step.length, step.end.energy)
     return found, trial.array[0], f_trial.array[0], snes.calls
