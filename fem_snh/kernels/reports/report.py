@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 import re
 from collections.abc import Iterator
@@ -18,6 +16,7 @@ from fem_snh.kernels.material import Material, material
 from fem_snh.kernels.reports import curves, stability
 from fem_snh.kernels.reports.curves import Curve, Interval, StableRegion
 from fem_snh.kernels.reports.stability import Stability
+from fem_snh.records.run_tables import table_text
 
 #: The columns in order; the columns ``*_reason`` give the reason of a verdict that is not "passed".
 COLUMNS = (
@@ -109,10 +108,7 @@ def report(m: Material) -> Report:
         has_energy=m.expression.has_energy,
         domain=tuple(map(str, m.expression.domain)),
         needs_stretches=m.expression.needs_stretches,
-        inversion=stability.inversion(m),
-        reflection=stability.reflection(m),
-        rest=stability.rest(m),
-        degeneracy=stability.degeneracy(m),
+        **{s.name: s for s in stability.properties(m)},
         curves=tests,
         drucker=curves.intervals(m, tests),
         regions=curves.regions(m),
@@ -216,12 +212,7 @@ def rows(
 def row(name: str, E: float = 1.0, nu: float = 0.49, **keywords: Any) -> dict[str, Any]:
     """Return the row of one material; raise BadInput if it does not accept the parameters."""
     m = material(name, E, nu, **keywords)
-    four = (
-        stability.inversion(m),
-        stability.reflection(m),
-        stability.rest(m),
-        stability.degeneracy(m),
-    )
+    four = stability.properties(m)
     mu, lam = m.lame
     return (
         {"name": name, "nu": nu, "mu_lame": mu, "lambda_lame": lam}
@@ -237,8 +228,4 @@ def row(name: str, E: float = 1.0, nu: float = 0.49, **keywords: Any) -> dict[st
 
 def write(path: Path, table: list[dict[str, Any]]) -> None:
     """Write the rows as CSV; raise BadInput if ``path`` cannot be written."""
-    text = io.StringIO()
-    writer = csv.DictWriter(text, COLUMNS, lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(table)
-    write_file(path, text.getvalue())
+    write_file(path, table_text(COLUMNS, table))
