@@ -8,6 +8,7 @@ package may raise these exceptions; the command line prints the message and retu
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 from difflib import get_close_matches
 from math import inf, isfinite
 from numbers import Real
@@ -148,6 +149,46 @@ def check_number(
     above = f" > {lowest:g}" if exclusive else f" >= {lowest:g}"
     within = f" from {lowest:g} to {highest:g}" if isfinite(highest) else above
     raise bad_value(key, value, f"a number{within}" if isfinite(lowest) else "a finite number")
+
+
+@dataclass(frozen=True)
+class Range:
+    """The accepted values of a number; its `str` says which.
+
+    Attributes
+    ----------
+    low, high : float
+        The ends.
+    whole : bool
+        Whether the number is a whole one.
+    open_low, open_high : bool
+        Whether an end is excluded.
+    nonzero : bool
+        Whether 0 is excluded.
+    words : str
+        The values in other words.
+    """
+
+    low: float
+    high: float = inf
+    whole: bool = False
+    open_low: bool = False
+    open_high: bool = False
+    nonzero: bool = False
+    words: str = ""
+
+    def __contains__(self, value: float) -> bool:
+        """Return whether a value is accepted; NaN never is."""
+        excluded = (self.open_low and value == self.low) or (self.open_high and value == self.high)
+        whole = not self.whole or value == inf or value == value // 1
+        zero = self.nonzero and value == 0
+        return self.low <= value <= self.high and whole and not (excluded or zero)
+
+    def __str__(self) -> str:
+        kind = "whole number" if self.whole else "number"
+        above = f"{'>' if self.open_low else '>='} {self.low:g}"
+        below = f" and {'<' if self.open_high else '<='} {self.high:g}" if self.high < inf else ""
+        return self.words or f"a {kind} {above}{below}"
 
 
 def choose(key: str, word: str, known: Iterable[str]) -> str:

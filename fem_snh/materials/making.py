@@ -22,7 +22,6 @@ from fem_snh.materials.functions import SIGMA
 from fem_snh.materials.normalise import Pair, determined
 from fem_snh.materials.parameters import (
     LARGEST_MODULUS,
-    LARGEST_PARAMETER,
     TUNING,
     Function,
     check_constants,
@@ -102,9 +101,6 @@ def make_energy(
     tuned = {k: v for k, v in keywords.items() if k in TUNING}
     if other is not None:
         tuned["lambda_part"] = label(other)
-    for key in {**own, **dict.fromkeys(pinned)}:
-        if key in keywords:
-            check_size(key, keywords[key], LARGEST_MODULUS if key in pinned else LARGEST_PARAMETER)
     shape = own | {k: v for k, v in keywords.items() if k in own}
     shape |= default_variants(found, nu, shape)
     energy = construct(
@@ -295,8 +291,6 @@ def _moduli(
     known = {k: v for k, v in keywords.items() if k in shape or k in constants_of(own)}
     finite = {k: v for k, v in known.items() if v != math.inf}
     check_keywords(own, finite)
-    for key, value in finite.items():
-        check_size(key, value, LARGEST_PARAMETER if key in shape else LARGEST_MODULUS)
     shape |= {k: v for k, v in known.items() if k in shape}
     if nu is None and "nu" in signature(own).parameters:
         raise Incomplete(f"material '{name}': its energy depends on nu: expected nu = a number")

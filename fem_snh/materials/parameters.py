@@ -6,7 +6,6 @@ without sympy, which takes longer to import than a small solve.
 
 from __future__ import annotations
 
-import inspect
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -15,7 +14,7 @@ from numbers import Real
 from types import NoneType, UnionType
 from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
-from fem_snh.errors import BadInput, bad_value
+from fem_snh.errors import BadInput, Range, bad_value
 
 #: Largest modulus [Pa], and the inverse of the smallest: the squares in a norm stay finite.
 LARGEST_MODULUS = 1e100
@@ -54,36 +53,6 @@ EPSILONS = (1e-4, 0.99)
 
 
 @dataclass(frozen=True)
-class Accepted:
-    """The accepted values of a shape parameter, as an annotation of it.
-
-    Attributes
-    ----------
-    accepted : str
-        The values in words.
-    low, high : float
-        The ends.
-    above, below : bool
-        Whether a value has to be above the lower and below the upper end.
-    nonzero : bool
-        Whether 0 is not accepted.
-    """
-
-    accepted: str
-    low: float = -LARGEST_PARAMETER
-    high: float = LARGEST_PARAMETER
-    above: bool = False
-    below: bool = False
-    nonzero: bool = False
-
-    def __contains__(self, value: float) -> bool:
-        """Return whether a value is accepted."""
-        low = value > self.low if self.above else value >= self.low
-        high = value < self.high if self.below else value <= self.high
-        return low and high and not (self.nonzero and value == 0)
-
-
-@dataclass(frozen=True)
 class Variant:
     """The equations between which a shape parameter selects, as an annotation of it.
 
@@ -100,11 +69,11 @@ class Variant:
 
 
 #: Accepted exponents of the power strains.
-EXPONENTS = Accepted(
-    f"a number from {-MAX_EXPONENT} to {MAX_EXPONENT}, not 0: that limit is 'hencky'",
+EXPONENTS = Range(
     -MAX_EXPONENT,
     MAX_EXPONENT,
     nonzero=True,
+    words=f"a number from {-MAX_EXPONENT} to {MAX_EXPONENT}, not 0: that limit is 'hencky'",
 )
 
 
@@ -147,7 +116,7 @@ _OTHER_MEASURE = re.compile(
 
 def measures_of(function: Function) -> list[str]:
     """Return the names of the deformation measures among a material function's arguments."""
-    parameters = inspect.signature(function).parameters
+    parameters = signature(function).parameters
     return [n for n, p in parameters.items() if p.kind is p.POSITIONAL_OR_KEYWORD and n in MEASURES]
 
 
@@ -155,7 +124,7 @@ def shape_parameters(function: Function) -> dict[str, Any]:
     """Return the keyword-only arguments of a material function, without ``nu``, and defaults."""
     return {
         name: parameter.default
-        for name, parameter in inspect.signature(function).parameters.items()
+        for name, parameter in signature(function).parameters.items()
         if parameter.kind is parameter.KEYWORD_ONLY and name != "nu"
     }
 
@@ -164,7 +133,7 @@ def constants_of(function: Function) -> dict[str, float | None]:
     """Return the free constants of a material function, with defaults [units of E] or None."""
     return {
         name: None if parameter.default is parameter.empty else parameter.default
-        for name, parameter in inspect.signature(function).parameters.items()
+        for name, parameter in signature(function).parameters.items()
         if parameter.kind is parameter.POSITIONAL_OR_KEYWORD and name not in MEASURES
     }
 
@@ -190,35 +159,28 @@ def check_signature(function: Function, name: str, reserved: set[str]) -> None:
         Keywords of every material.
     """
     try:
-        parameters = inspect.signature(function).parameters
+        parameters = signature(function).parameters
     except (TypeError, ValueError):
         raise BadInput(f"material '{name}': expected a Python function of {ACCEPTED}") from None
-    for key, p in parameters.items():
+
+    def mistake(key: str, expected: str) -> BadInput:
+        return BadInput(f"material '{name}': argument '{key}': expected {expected}")
+
+    keys, measure = list(parameters), f"a measure among {ACCEPTED}"
+    for position, (key, p) in enumerate(parameters.items()):
         if p.kind not in (p.POSITIONAL_OR_KEYWORD, p.KEYWORD_ONLY):
-            raise BadInput(
-                f"material '{name}': argument '{key}': expected measures, constants and, after *, "
-                "shape parameters by name"
-            )
+            raise mistake(key, "measures, constants and, after *, shape parameters by name")
         constant = p.kind is p.POSITIONAL_OR_KEYWORD and key not in MEASURES
         if constant and _OTHER_MEASURE.fullmatch(key):
-            raise BadInput(
-                f"material '{name}': argument '{key}': expected a measure among {ACCEPTED}, or a "
-                "constant with another name"
-            )
-        if constant and set(list(parameters)[list(parameters).index(key) :]) & set(MEASURES):
-            raise BadInput(
-                f"material '{name}': argument '{key}': expected a measure among {ACCEPTED}; the "
-                "constants follow the measures"
-            )
+            raise mistake(key, f"{measure}, or a constant with another name")
+        if constant and set(keys[position:]) & set(MEASURES):
+            raise mistake(key, f"{measure}; the constants follow the measures")
         if key in reserved:
-            raise BadInput(
-                f"material '{name}': argument '{key}': expected another name; every material has "
-                f"the keyword {key}"
-            )
+            raise mistake(key, f"another name; every material has the keyword {key}")
         if p.kind is p.KEYWORD_ONLY and key != "nu" and p.default is p.empty:
             raise BadInput(f"material '{name}': shape parameter '{key}': expected a default value")
         if p.kind is p.POSITIONAL_OR_KEYWORD and key == "nu":
-            raise BadInput(f"material '{name}': argument 'nu': expected after *, as a keyword")
+            raise mistake(key, "after *, as a keyword")
     if not measures_of(function):
         raise BadInput(f"material '{name}': expected an argument that is a measure: {ACCEPTED}")
 
@@ -284,19 +246,22 @@ def check_keywords(function: Callable[..., Any], given: Mapping[str, Any]) -> di
     Raises
     ------
     BadInput
-        For a value of another type, true and false are no numbers, and one outside its `Accepted`.
+        For a value of another type, true and false are no numbers, and one outside its `Range`.
     """
     kinds, limits = _kinds(function), ranges(function)
     found = {key: check_value(key, value, kinds.get(key, Any)) for key, value in given.items()}
+    constants, shape = constants_of(function), shape_parameters(function)
     for key, value in found.items():
+        if key in constants or key in shape:
+            check_size(key, value, LARGEST_MODULUS if key in constants else LARGEST_PARAMETER)
         if key in limits and value not in limits[key]:
-            raise bad_value(key, given[key], limits[key].accepted)
+            raise bad_value(key, given[key], str(limits[key]))
     return found
 
 
-def ranges(function: Callable[..., Any]) -> dict[str, Accepted]:
+def ranges(function: Callable[..., Any]) -> dict[str, Range]:
     """Return the accepted values of the parameters that a material's function annotates."""
-    return _annotations(function, Accepted)
+    return _annotations(function, Range)
 
 
 def variants(function: Callable[..., Any]) -> dict[str, Variant]:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from math import inf
 from typing import Any, NamedTuple
 
 from petsc4py import PETSc
@@ -22,45 +21,12 @@ from fem_snh.choices import (
     GLOBALIZATIONS,
     HESSIANS,
 )
-from fem_snh.errors import BadInput, bad_value, choose, in_words
+from fem_snh.errors import BadInput, Range, bad_value, choose, in_words
 from fem_snh.records.notes import Note
 from fem_snh.solver.linear_choice import CHOICES
 
 Value = str | float
 Values = dict[str, Value]
-
-
-class Range(NamedTuple):
-    """The accepted values of a number.
-
-    Attributes
-    ----------
-    low, high : float
-        The bounds.
-    whole : bool
-        Whether the number is a whole one.
-    open_low, open_high : bool
-        Whether a bound is excluded.
-    """
-
-    low: float
-    high: float = inf
-    whole: bool = False
-    open_low: bool = False
-    open_high: bool = False
-
-    def admits(self, value: float) -> bool:
-        """Return whether a value is accepted; NaN never is."""
-        excluded = (self.open_low and value == self.low) or (self.open_high and value == self.high)
-        whole = not self.whole or value == inf or value == value // 1
-        return self.low <= value <= self.high and not excluded and whole
-
-    def __str__(self) -> str:
-        kind = "whole number" if self.whole else "number"
-        above = f"{'>' if self.open_low else '>='} {self.low:g}"
-        if self.high == inf:
-            return f"a {kind} {above}"
-        return f"a {kind} {above} and {'<' if self.open_high else '<='} {self.high:g}"
 
 
 _PART, _FACTOR, _COUNT = (
@@ -236,7 +202,7 @@ def read(prefix: str, given: Values) -> Values:
         if not isinstance(option.accepted, Range):
             if option.accepted:
                 choose(name, str(values[name]), option.accepted)
-        elif not option.accepted.admits(float(values[name])):
+        elif float(values[name]) not in option.accepted:
             raise bad_value(name, values[name], str(option.accepted))
     return values
 
@@ -293,7 +259,7 @@ def check_petsc(prefix: str, force_scale: float) -> None:
             value = float(database.getString(name, "")) if database.hasName(name) else None
         except ValueError:  # a word of PETSc's, as "unlimited", or a mistake that PETSc reports
             continue
-        if value is not None and not accepted_range.admits(value):
+        if value is not None and value not in accepted_range:
             raise bad_value(name, value, str(accepted_range))
 
 

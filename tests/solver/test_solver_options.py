@@ -22,9 +22,9 @@ from solver_problems import (
 from fem_snh import solver
 from fem_snh._petsc import set_operators
 from fem_snh.accuracy.duals import HessianSolver
-from fem_snh.errors import BadInput
+from fem_snh.errors import BadInput, Range
 from fem_snh.mesh import mesh
-from fem_snh.solver.options import OPTIONS, Range
+from fem_snh.solver.options import OPTIONS
 from fem_snh.solver.stability import is_definite
 
 mpi = pytest.mark.mpi

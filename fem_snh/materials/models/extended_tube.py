@@ -5,9 +5,9 @@ from typing import Annotated, Any
 from sympy import Rational
 from sympy.codegen.cfunctions import log1p
 
+from fem_snh.errors import Range
 from fem_snh.materials.functions import exact, positive
 from fem_snh.materials.models._terms import first_invariant, volume_term
-from fem_snh.materials.parameters import Accepted
 from fem_snh.materials.registry import bulk
 
 PUBLISHED = (bulk("kappa"),)
@@ -22,8 +22,8 @@ def extended_tube(
     kappa: Any = 1.0,
     *,
     # Beyond 1/sqrt 2 the shear modulus of Gc is negative.
-    delta: Annotated[float, Accepted("a number >= 0 and < 0.7", 0, 0.7, below=True)] = 0.09693,
-    beta: Annotated[float, Accepted("a number > 0 and <= 1", 0, 1, above=True)] = 0.2,
+    delta: Annotated[float, Range(0, 0.7, open_high=True)] = 0.09693,
+    beta: Annotated[float, Range(0, 1, open_low=True)] = 0.2,
 ):
     """Extended tube energy of rubber (Kaliske & Heinrich 1999), with a volume term.
 

@@ -4,9 +4,9 @@ from typing import Annotated
 
 from sympy.codegen.cfunctions import log1p
 
+from fem_snh.errors import Range
 from fem_snh.materials.functions import exact
 from fem_snh.materials.models._terms import first_invariant, volume_term
-from fem_snh.materials.parameters import Accepted
 from fem_snh.materials.registry import bulk
 
 PUBLISHED = (bulk("kappa"),)
@@ -18,7 +18,7 @@ def gent(
     mu,
     kappa,
     *,
-    J_m: Annotated[float, Accepted("a number > 0", 0, above=True)] = 77.931,
+    J_m: Annotated[float, Range(0, open_low=True)] = 77.931,
 ):
     """Gent's energy of rubber with a limit of its stretch (Gent 1996, eq. 1), with a volume term.
 

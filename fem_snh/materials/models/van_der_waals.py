@@ -5,9 +5,9 @@ from typing import Annotated
 from sympy import Rational, log, sqrt
 from sympy.codegen.cfunctions import log1p
 
+from fem_snh.errors import Range
 from fem_snh.materials.functions import exact, positive, where
 from fem_snh.materials.models._terms import first_invariant, second_invariant, volume_term
-from fem_snh.materials.parameters import Accepted
 from fem_snh.materials.registry import bulk
 
 PUBLISHED = (bulk("kappa"),)
@@ -23,9 +23,9 @@ def van_der_waals(
     mu,
     kappa,
     *,
-    lambda_m: Annotated[float, Accepted("a number of at least 1.74 (above sqrt 3)", 1.74)] = 10.24,
-    a: Annotated[float, Accepted("a number >= 0", 0)] = 0.32,
-    beta: Annotated[float, Accepted("a number from 0 to 1", 0, 1)] = 0.042,
+    lambda_m: Annotated[float, Range(1.74)] = 10.24,
+    a: Annotated[float, Range(0)] = 0.32,
+    beta: Annotated[float, Range(0, 1)] = 0.042,
 ):
     """Van der Waals energy of rubber (Kilian 1981; Enderle & Kilian 1987), with a volume term.
 

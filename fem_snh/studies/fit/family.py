@@ -25,6 +25,7 @@ from fem_snh.materials.energy import LAME
 from fem_snh.materials.functions import INVARIANTS, SIGMA, Parameter, domain
 from fem_snh.materials.parameters import (
     ALPHAS,
+    LARGEST_PARAMETER,
     MAX_EXPONENT,
     constants_of,
     default_variants,
@@ -79,7 +80,8 @@ def accepted_range(function: Callable[..., Any], parameter: str) -> tuple[float,
         return ALPHAS
     if (accepted := ranges(function).get(parameter)) is None:
         return -inf, inf
-    return accepted.low + _OPEN * accepted.above, accepted.high - _OPEN * accepted.below
+    low, high = accepted.low, min(accepted.high, LARGEST_PARAMETER)
+    return low + _OPEN * accepted.open_low, high - _OPEN * accepted.open_high
 
 
 class Family:
