@@ -15,7 +15,15 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter
 
 from fem_snh.viewing.plots import save
-from fem_snh.viewing.plots.style import COLOURS, MARKERS, colour, legend, plain, subplots, thousands
+from fem_snh.viewing.plots.style import (
+    COLOURS,
+    colour,
+    draw_points,
+    legend,
+    plain,
+    subplots,
+    thousands,
+)
 from fem_snh.viewing.stored_run import pretty
 
 MATERIAL, LINEAR = colour(0), "0.45"
@@ -231,10 +239,7 @@ def _draw_biaxial(ax: Axes, measure: str, fits: Sequence[Any], size: float) -> N
                 last = x.argmax()
                 ax.annotate(f"{y[0]:g}", (x[last], t.stress[curve][last] / size), (4, 3),
                             textcoords="offset points", fontsize=8)  # fmt: skip
-        ax.plot(
-            t.x, t.stress / size, ls="", marker=MARKERS[place % len(MARKERS)], mfc="white",
-            mec="0.2", ms=5, label="data" if len(mine) == 1 else plain(t.name),
-        )  # fmt: skip
+        draw_points(ax, place, t.x, t.stress / size, "data" if len(mine) == 1 else t.name)
     ax.margins(x=0.1)
 
 
@@ -258,10 +263,7 @@ def _draw(ax: Axes, kind: str, fits: Sequence[Any], size: float) -> None:
             if s.kind == kind and len(fits) == 1 and s.high < min(end, s.searched[1]):
                 ax.axvspan(s.high, end, color=_UNSTABLE, label="unstable (Drucker)")
     for number, t in enumerate(mine):
-        ax.plot(
-            t.x, t.stress / size, ls="", marker=MARKERS[number % len(MARKERS)], mfc="white",
-            mec="0.2", ms=5, label="data" if len(mine) == 1 else plain(t.name),
-        )  # fmt: skip
+        draw_points(ax, number, t.x, t.stress / size, "data" if len(mine) == 1 else t.name)
     known = np.concatenate([t.stress for t in mine]) / size
     span = _STRESS_BEYOND * float(np.abs(known).max())
     ax.set_ylim(-span if known.min() < 0 else 0.0, span if known.max() > 0 else 0.0)
@@ -275,10 +277,8 @@ def draw_curve(curve: Any, fitted: Any, out: Path) -> Path:
     for number, name in enumerate(curve.names):
         known = np.isfinite(fitted[:, number])
         x = curve.x[known]
-        ax.plot(
-            x, curve.values[known, number], ls="", marker=MARKERS[number % len(MARKERS)],
-            mfc="white", mec=colour(number), ms=5, label=f"{plain(name)}, measured",
-        )  # fmt: skip
+        measured = curve.values[known, number]
+        draw_points(ax, number, x, measured, f"{name}, measured", colour(number))
         label = f"{plain(name)}, fitted"
         ax.plot(x, fitted[known, number], color=colour(number), lw=1.8, label=label)
     ax.set_xlabel(plain(curve.label))

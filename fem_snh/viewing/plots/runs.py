@@ -15,7 +15,7 @@ from fem_snh.errors import BadInput, choose
 from fem_snh.records.run_tables import flat, results
 from fem_snh.viewing.plots.style import (
     colour,
-    failure,
+    draw_series,
     from_zero,
     legend,
     legend_entry,
@@ -65,25 +65,15 @@ def run_figure(records: Sequence[dict[str, Any]], newton: bool = False) -> Figur
 
     If all runs are in time, a panel shows energies.
     """
-    steps = [steps_of(record) for record in records]
     main = principal_result(records)
+    steps = [steps_of(record, main) for record in records]
     panels = ["volume", "linear", *(["newton"] if newton else []), *([main] if main else [])]
     in_time = all(duration(record) is not None for record in records)
     figure, axes = subplots(len(panels) + in_time)
     if in_time:
         draw_energies(axes.pop(), records, names(records))
-    for index, (record, table, name) in enumerate(zip(records, steps, names(records), strict=True)):
-        good, bad = table[table["converged"]], table[~table["converged"]]
-        for panel, ax in zip(panels, axes, strict=True):
-            if panel == main:
-                ax.plot(good["x"], column(run_table(record), main), **style(index, len(good)))
-                continue
-            start = good.head(0)
-            if panel == "volume":  # the state at rest is the first point
-                start = pd.DataFrame({"x": [load_range(record)[0]], "volume": [0.0]})
-            line = pd.concat([start, good]) if len(start) else good
-            ax.plot(line["x"], line[panel], label=name, **style(index, len(line)))
-            ax.plot(bad["x"], bad[panel], **failure(index))
+    for index, (name, table) in enumerate(zip(names(records), steps, strict=True)):
+        draw_series(axes, panels, index, name, table, "x")
     _paper_marks(axes[0], records)
     load = plain(", ".join(dict.fromkeys(axis_label(record) for record in records)))
     labels = [_LABELS.get(panel) or plain(column_label(panel, records)) for panel in panels]
@@ -108,12 +98,15 @@ def run_figure(records: Sequence[dict[str, Any]], newton: bool = False) -> Figur
     return figure
 
 
-def steps_of(record: dict[str, Any]) -> pd.DataFrame:
-    """Return a row per load step: x (load parameter), volume [%], linear, newton, converged."""
+def steps_of(record: dict[str, Any], main: str = "") -> pd.DataFrame:
+    """Return a row for the state at rest, and one for each step, with the result ``main`` if any.
+
+    They have x (load parameter), volume [%], linear, newton and converged.
+    """
     try:
         table = pd.DataFrame(record["steps"])
         low, high = load_range(record)
-        return pd.DataFrame(
+        steps = pd.DataFrame(
             {
                 "x": low + table["load"].astype(float) * (high - low),
                 "volume": 100 * (table["volume_ratio"].astype(float) - 1),
@@ -125,6 +118,10 @@ def steps_of(record: dict[str, Any]) -> pd.DataFrame:
     except (KeyError, TypeError, ValueError) as error:
         what = "no step yet" if not record["steps"] else f"steps without {one_line(error)}"
         raise BadInput(f"run of '{record['scene']}': nothing to plot: {what}") from None
+    if main:
+        steps.loc[steps["converged"], main] = column(run_table(record), main).to_numpy()
+    rest = pd.DataFrame({"x": [low], "volume": [0.0], "converged": [True]})
+    return pd.concat([rest, steps], ignore_index=True)
 
 
 def names(records: Sequence[dict[str, Any]]) -> list[str]:
@@ -141,7 +138,7 @@ def names(records: Sequence[dict[str, Any]]) -> list[str]:
     ]
     differ = [k for k in traits[0] if len({t[k] for t in traits}) > 1]
     return [
-        plain(", ".join([material_name(r), *(t[k] for k in differ)]))
+        ", ".join([material_name(r), *(t[k] for k in differ)])
         for r, t in zip(records, traits, strict=True)
     ]
 
@@ -187,7 +184,7 @@ def draw_energies(ax: Axes, records: Sequence[dict[str, Any]], names: Sequence[s
     else:
         for number, record in enumerate(records):
             times, values = energies(record, "energy")
-            ax.plot(times, values, label=names[number], **style(number, len(times)))
+            ax.plot(times, values, label=plain(names[number]), **style(number, len(times)))
         ax.set_ylabel(f"kinetic + elastic + potential energy [{joule}]")
     ax.set_xlabel(f"time [{unit_name('s', records)}]")
 
@@ -275,21 +272,17 @@ def curve_figure(
     """
     figure, axes = subplots(len(y))
     for index, (label, table) in enumerate(tables.items()):
-        across = column(table, x)
-        for ax, name in zip(axes, y, strict=True):
-            values = column(table, name)
-            order = across.sort_values(kind="stable").index if _is_study(table) else across.index
-            ax.plot(across[order], values[order], label=plain(label), **style(index, len(table)))
+        curves = pd.DataFrame(
+            {"x": column(table, x), **dict(enumerate(column(table, n) for n in y))}
+        )
+        if "point" in table:  # of a study, whose order says nothing; the steps of a run are a path
+            curves = curves.sort_values("x", kind="stable")
+        draw_series(axes, range(len(y)), index, label, curves, "x")
     for ax, name in zip(axes, y, strict=True):
         ax.set_xlabel(plain(label_of(x)))
         ax.set_ylabel(plain(label_of(name)))
     legend(figure, axes[0])
     return figure
-
-
-def _is_study(table: pd.DataFrame) -> bool:
-    """Return whether rows are points, whose order says nothing; the steps of a run are a path."""
-    return "point" in table
 
 
 def principal_result(records: Sequence[Mapping[str, Any]]) -> str:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from typing import Any
 
+import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -54,6 +56,33 @@ def style(index: int, points: int) -> dict[str, Any]:
 def plain(text: str) -> str:
     """Return a user's text for a graph: matplotlib reads what is between two $ as a formula."""
     return text.replace("$", r"\$")
+
+
+def draw_series(
+    axes: Sequence[Axes],
+    columns: Iterable[Any],
+    index: int,
+    label: str,
+    table: pd.DataFrame,
+    x: str,
+) -> None:
+    """Draw columns of a table over x, one in each panel, where they are known.
+
+    A point that has not converged is a cross.
+    """
+    good = table["converged"] if "converged" in table else table[x].notna()
+    for ax, column in zip(axes, columns, strict=True):
+        known = table[column].notna()
+        line, lost = table[good & known], table[~good & known]
+        ax.plot(line[x], line[column], label=plain(label), **style(index, len(line)))
+        if len(lost):
+            ax.plot(lost[x], lost[column], **failure(index))
+
+
+def draw_points(ax: Axes, index: int, x: Any, y: Any, label: str, edge: str = "0.2") -> None:
+    """Draw measured points as hollow markers."""
+    marker = MARKERS[index % len(MARKERS)]
+    ax.plot(x, y, ls="", marker=marker, mfc="white", mec=edge, ms=5, label=plain(label))
 
 
 def failure(index: int) -> dict[str, Any]:

@@ -17,12 +17,12 @@ from fem_snh.errors import BadInput
 from fem_snh.files import check_regular
 from fem_snh.viewing.plots.runs import column
 from fem_snh.viewing.plots.style import (
+    draw_series,
     failure,
     from_zero,
     legend,
     legend_entry,
     plain,
-    style,
     subplots,
     thousands,
 )
@@ -102,12 +102,10 @@ def sweep_figure(table: pd.DataFrame) -> Figure:
     figure, axes = subplots(len(MEASURES))
     lost = False
     for index, (name, rows) in enumerate(_series(table, [c for c in varied if c != axis])):
+        draw_series(axes, MEASURES, index, name, rows, "position")
         for ax, measure in zip(axes, MEASURES, strict=True):
-            value = rows[measure]
-            line = value.where(rows["converged"])
-            ax.plot(rows["position"], line, label=plain(name), **style(index, len(rows)))
-            ax.plot(rows["position"], value.where(~rows["converged"]), **failure(index))
-            lost |= _cross_above(ax, rows["position"][~rows["converged"] & value.isna()], index)
+            nothing = ~rows["converged"] & rows[measure].isna()
+            lost |= _cross_above(ax, rows["position"][nothing], index)
     ticks = table.drop_duplicates(axis)[[axis, "position"]]
     for ax, (measure, label) in zip(axes, MEASURES.items(), strict=True):
         ax.set_ylabel(label)
@@ -241,8 +239,8 @@ def front_figure(table: pd.DataFrame, x: str, y: str, path: Path) -> Figure:
     figure, (ax,) = subplots(1)
     figure.set_size_inches(6.4, 4.6)
     for index, (label, rows) in enumerate(lines.items()):
-        rows = rows.sort_values("size", ascending=False)
-        ax.plot(rows["cost"], rows["size"], label=plain(label), **style(index, len(rows)))
+        rows = rows[["cost", "size"]].sort_values("size", ascending=False)
+        draw_series([ax], ["size"], index, label, rows, "cost")
     best = pd.concat(best_points(rows, "cost", "size") for rows in _problems(lines))
     ax.plot(
         best["cost"], best["size"], "o", ms=11, mfc="none", mec="0.2", mew=1.2,
