@@ -1,4 +1,6 @@
-"""The user's cache folder, and what is the same in every run: small records, C declarations.
+"""The user's cache folder, what is the same in every run, and the seconds of compilation.
+
+What is the same in every run are small records and C declarations.
 
 A record's key is a hash of all that its content depends on, source files of the package included,
 so that no record is ever out of date. Records may be deleted at any time.
@@ -13,11 +15,12 @@ import os
 import shutil
 import stat
 import tempfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
-from functools import lru_cache
+from functools import lru_cache, wraps
 from pathlib import Path
-from typing import Any
+from time import perf_counter, process_time
+from typing import Any, TypeVar
 
 import platformdirs
 
@@ -227,3 +230,75 @@ def _ffi(source: bytes) -> Any:
     names: dict[str, Any] = {}
     exec(source, names)
     return names["ffi"]
+
+
+T = TypeVar("T")
+
+
+class _Clock:
+    seconds, processor, is_running = 0.0, 0.0, False
+
+
+_CLOCK = _Clock()
+
+
+@contextmanager
+def compiling() -> Iterator[None]:
+    """Count the seconds of the context, once where contexts are nested."""
+    if _CLOCK.is_running:
+        yield
+        return
+    start, working, _CLOCK.is_running = perf_counter(), process_time(), True
+    try:
+        yield
+    finally:
+        _CLOCK.seconds += perf_counter() - start
+        _CLOCK.processor += process_time() - working
+        _CLOCK.is_running = False
+
+
+class Stopwatch:
+    """Seconds since it was made, without those in which this process compiled."""
+
+    def __init__(self) -> None:
+        self._compiled = _CLOCK.seconds, _CLOCK.processor
+        self._start = perf_counter(), process_time()
+
+    @property
+    def seconds(self) -> float:
+        """Return the elapsed seconds, without compilation."""
+        return perf_counter() - self._start[0] - self.jit
+
+    @property
+    def processor(self) -> float:
+        """Return the processor seconds of this process, without compilation."""
+        return process_time() - self._start[1] - (_CLOCK.processor - self._compiled[1])
+
+    @property
+    def jit(self) -> float:
+        """Return the elapsed seconds of compilation."""
+        return _CLOCK.seconds - self._compiled[0]
+
+
+def timed(method: Callable[..., T]) -> Callable[..., T]:
+    """Add a method's run time, without compilation, to ``seconds["assemble"]`` of its object."""
+
+    @wraps(method)
+    def with_time(self: Any, *arguments: Any, **keywords: Any) -> T:
+        watch = Stopwatch()
+        try:
+            return method(self, *arguments, **keywords)
+        finally:
+            self.seconds["assemble"] += watch.seconds
+
+    return with_time
+
+
+@contextmanager
+def untimed(problem: Any) -> Iterator[None]:
+    """Leave evaluations within this block, as of output, out of the problem's time."""
+    seconds = problem.seconds["assemble"]
+    try:
+        yield
+    finally:
+        problem.seconds["assemble"] = seconds

@@ -36,7 +36,7 @@ class BadInput(ValueError):
 
 
 class ResultNote(UserWarning):
-    """A note on a result that has converged: see `fem_snh.records.notes`."""
+    """A note on a result that has converged: see `fem_snh.records.run_record`."""
 
 
 class Failed(RuntimeError):

@@ -21,7 +21,7 @@ from fem_snh.problem.modes import HasModes
 from fem_snh.problem.problem import Problem
 from fem_snh.problem.reactions import HasReactions
 from fem_snh.problem.supports import SupportsCheck
-from fem_snh.records.notes import Note
+from fem_snh.records.run_record import Note
 from fem_snh.solver.options import GivenOptions
 from fem_snh.steps.condensation import program_pressures
 from fem_snh.steps.jump import jump_notes, start_notes
@@ -123,8 +123,8 @@ class NonlinearProblem(EstimatesErrors, HasModes, HasReactions):
         The unknowns. Without a pressure it is the vector of ``u``, and shares its memory.
     notes : list of Note
         What to know beside "converged" of the last state: an element that locks, points that are
-        inverted, a jump within a step (`fem_snh.records.notes`). The first note of each kind is
-        also a warning, `fem_snh.errors.ResultNote`.
+        inverted, a jump within a step (`fem_snh.records.run_record`). The first note of each kind
+        is also a warning, `fem_snh.errors.ResultNote`.
     b : PETSc.Vec
         The residual [N].
     A : PETSc.Mat

@@ -16,7 +16,7 @@ import numpy as np
 from dolfinx import fem
 from dolfinx.fem import petsc as fem_petsc
 
-from fem_snh.compile_clock import compiling
+from fem_snh.cache import compiling
 
 
 @contextmanager

@@ -15,7 +15,7 @@ from dolfinx import fem, plot
 
 from fem_snh._dolfinx.forms import _quiet
 from fem_snh._dolfinx.meshes import _rows, cell_name, geometry_degree, num_owned
-from fem_snh.compile_clock import compiling
+from fem_snh.cache import compiling
 
 Array = np.ndarray
 

@@ -61,7 +61,7 @@ from fem_snh.accuracy.shape_surfaces import (
 )
 from fem_snh.accuracy.state_checks import is_at_rest, may_lock
 from fem_snh.assembly.elements import Element
-from fem_snh.compile_clock import Stopwatch
+from fem_snh.cache import Stopwatch
 from fem_snh.contact.obstacle_contact import ObstacleContact
 from fem_snh.errors import in_words
 from fem_snh.mesh.mesh import Mesh

@@ -18,7 +18,7 @@ from fem_snh.accuracy.state_checks import (
 )
 from fem_snh.errors import in_words
 from fem_snh.problem.problem import Problem
-from fem_snh.records.notes import Note
+from fem_snh.records.run_record import Note
 
 #: The element without locking on the same cells that replaces an element.
 REPLACEMENTS = {"P1": "P2P0", "P2": "P2P0", "Q1": "Q1P0", "Q2": "Q2Q1"}

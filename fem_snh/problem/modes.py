@@ -39,7 +39,7 @@ from fem_snh.assembly.regions import (
     volume_mean,
 )
 from fem_snh.assembly.unknowns import copy_to_function, ghosted
-from fem_snh.compile_clock import Stopwatch, untimed
+from fem_snh.cache import Stopwatch, untimed
 from fem_snh.errors import BadInput, bad_value, check_number, check_whole
 from fem_snh.problem.problem import Problem, check_converged
 from fem_snh.solver import PREFIX as SOLVER_PREFIX

@@ -31,8 +31,8 @@ from fem_snh.assembly.unknowns import (
     summed_over_cells,
     with_ghosts,
 )
+from fem_snh.cache import timed
 from fem_snh.choices import ASSEMBLIES, DEFAULT_ASSEMBLY
-from fem_snh.compile_clock import timed
 from fem_snh.errors import BadInput, choose
 from fem_snh.kernels.material import material
 from fem_snh.linalg.direct_solver import is_symmetric

@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Any
 from mpi4py import MPI
 
 from fem_snh import scenes, solver
-from fem_snh.compile_clock import untimed
+from fem_snh.cache import untimed
 from fem_snh.errors import BadInput, on_every, on_root
 from fem_snh.problem.supports import SupportsCheck
 from fem_snh.processes import Interrupts
-from fem_snh.records.notes import Note
+from fem_snh.records.run_record import Note
 from fem_snh.runs.folder import Folder, describe
 from fem_snh.runs.notes import final_notes
 from fem_snh.runs.progress import Progress

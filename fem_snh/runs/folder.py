@@ -23,9 +23,8 @@ from fem_snh.errors import BadInput, on_root
 from fem_snh.files import output_path, replace_file
 from fem_snh.problem.problem import Problem
 from fem_snh.problem.reactions import is_free
-from fem_snh.records.notes import Note
 from fem_snh.records.run_files import LEVELS, NEXT_LEVEL, RunFiles
-from fem_snh.records.run_tables import flat, table_text
+from fem_snh.records.run_record import Note, flat, table_text
 from fem_snh.runs.defaults import describe_condensation, describe_defaults
 from fem_snh.runs.notes import kinks, mesh_note, partial_rotations, shape_notes, turns
 from fem_snh.scenes import MaterialChoice, Scene

@@ -35,7 +35,7 @@ from fem_snh.errors import on_root
 from fem_snh.mesh.mesh import Mesh, cell_volumes
 from fem_snh.problem.problem import Problem
 from fem_snh.problem.transfer import transfer_state
-from fem_snh.records.notes import NOTES_ON_PATH
+from fem_snh.records.run_record import NOTES_ON_PATH
 from fem_snh.runs.level_meshes import (
     fine_at,
     first_scene,

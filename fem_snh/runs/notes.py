@@ -25,7 +25,7 @@ from fem_snh.accuracy.state_notes import (
 from fem_snh.choices import COARSER_MESHES
 from fem_snh.mesh.mesh_checks import unconnected_nodes
 from fem_snh.problem.problem import Problem
-from fem_snh.records.notes import Note
+from fem_snh.records.run_record import Note
 from fem_snh.scenes import Lattice, Scene
 from fem_snh.steps.stepping import INVERTED_END
 

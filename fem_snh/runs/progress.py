@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fem_snh.errors import in_words
-from fem_snh.records.notes import with_notes
+from fem_snh.records.run_record import with_notes
 from fem_snh.records.units import volume_change
 
 if TYPE_CHECKING:

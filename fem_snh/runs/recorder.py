@@ -8,9 +8,9 @@ from contextlib import suppress
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
-from fem_snh.compile_clock import Stopwatch, untimed
+from fem_snh.cache import Stopwatch, untimed
 from fem_snh.errors import BadInput, on_root
-from fem_snh.records.notes import NOTES_ON_PATH, Note
+from fem_snh.records.run_record import NOTES_ON_PATH, Note
 from fem_snh.runs.checkpoint import CheckpointWriter
 from fem_snh.runs.folder import Folder
 from fem_snh.runs.output.fields import Fields, write_modes

@@ -15,7 +15,7 @@ from fem_snh import scenes, solver
 from fem_snh.assembly import elements
 from fem_snh.assembly.kinematics import find_kinematics, kinematics_of
 from fem_snh.assembly.regions import Filling
-from fem_snh.compile_clock import Stopwatch
+from fem_snh.cache import Stopwatch
 from fem_snh.errors import BadInput
 from fem_snh.kernels.material import material
 from fem_snh.mesh import mesh as meshes
@@ -23,7 +23,7 @@ from fem_snh.problem.create_problem import create_problem
 from fem_snh.problem.initial_state import set_initial_state
 from fem_snh.problem.probes import Probes
 from fem_snh.problem.problem import Problem
-from fem_snh.records.notes import Note
+from fem_snh.records.run_record import Note
 from fem_snh.runs.result import Result
 from fem_snh.runs.scene_mesh import make_mesh
 from fem_snh.steps.condensation import Condensation, choose_condensation, chosen_for_condensed

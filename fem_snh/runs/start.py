@@ -19,8 +19,7 @@ from fem_snh.contact.obstacle import names as obstacle_names
 from fem_snh.errors import ResultNote, in_words, on_root
 from fem_snh.problem.dolfinx_problem import check_displacement
 from fem_snh.problem.problem import Problem
-from fem_snh.records.notes import Note
-from fem_snh.records.run_record import load_record
+from fem_snh.records.run_record import Note, load_record
 from fem_snh.runs.output.nodal_values import gather_rows, scatter_rows
 from fem_snh.scenes import Scene
 

@@ -22,7 +22,7 @@ from fem_snh.choices import (
     HESSIANS,
 )
 from fem_snh.errors import BadInput, Range, bad_value, choose, in_words
-from fem_snh.records.notes import Note
+from fem_snh.records.run_record import Note
 from fem_snh.solver.linear_choice import CHOICES
 
 Value = str | float

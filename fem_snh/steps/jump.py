@@ -31,7 +31,7 @@ import numpy as np
 from fem_snh import solver
 from fem_snh.errors import NotSettled
 from fem_snh.problem.problem import Problem
-from fem_snh.records.notes import Note
+from fem_snh.records.run_record import Note
 
 #: Residual over the largest force up to which a state is an equilibrium: solves leave 1e-4.
 _BALANCED = 1e-2

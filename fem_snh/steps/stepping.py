@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from petsc4py import PETSc
 
 from fem_snh.accuracy.state_notes import unseen_penetrations
-from fem_snh.compile_clock import Stopwatch
+from fem_snh.cache import Stopwatch
 from fem_snh.problem.probes import Probes
 from fem_snh.solver import EquilibriumStability, StepOutcome
 from fem_snh.solver.stability import negative_eigenvalues

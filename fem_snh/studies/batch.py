@@ -21,8 +21,8 @@ from typing import Any, TextIO
 from fem_snh import cache
 from fem_snh.errors import BadInput
 from fem_snh.files import output_path, read_text, remove, remove_leftovers, replace_file
-from fem_snh.records.notes import with_notes
 from fem_snh.records.run_files import FolderLock, check_inputs, list_others
+from fem_snh.records.run_record import with_notes
 from fem_snh.studies.jobs import LOG, End, Jobs, Task, read_end, remove_point, run_tasks
 from fem_snh.studies.points import (
     NO_NOTES,

@@ -13,8 +13,7 @@ from typing import Any
 from fem_snh import scenes
 from fem_snh.errors import BadInput, check_whole
 from fem_snh.files import read_text
-from fem_snh.records.run_record import problem
-from fem_snh.records.run_tables import results
+from fem_snh.records.run_record import problem, results
 from fem_snh.references import file_of
 from fem_snh.studies.schedulers import Submission
 

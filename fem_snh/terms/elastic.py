@@ -28,8 +28,8 @@ from fem_snh.assembly.cell_loops import (
 from fem_snh.assembly.elements import Element
 from fem_snh.assembly.regions import Region
 from fem_snh.assembly.unknowns import local_values, writable_values
+from fem_snh.cache import compiling
 from fem_snh.choices import POINT_FILTERS
-from fem_snh.compile_clock import compiling
 from fem_snh.errors import BadInput, choose, on_root
 from fem_snh.terms.term import Term
 

@@ -17,8 +17,7 @@ from fem_snh.errors import BadInput, bad_value
 from fem_snh.files import open_file
 from fem_snh.geometry.rotations import exponential
 from fem_snh.records.output_fields import NAMED, STANDARD, VECTOR, OutputField
-from fem_snh.records.run_record import load_record
-from fem_snh.records.run_tables import column_unit
+from fem_snh.records.run_record import column_unit, load_record
 from fem_snh.records.units import Units, volume_change
 
 #: Keys of run.json whose solids are drawn.

@@ -19,7 +19,7 @@ from test_goals_on_the_path import UP, loaded
 
 import fem_snh
 from benchmarks.accuracy_cases import exact, stretch
-from fem_snh import _dolfinx, compile_clock, scenes
+from fem_snh import _dolfinx, cache, scenes
 from fem_snh.accuracy.goal_errors import Estimate, GoalError
 from fem_snh.accuracy.indicators import target_volumes
 from fem_snh.accuracy.levels import LevelRow, Levels
@@ -455,7 +455,7 @@ def test_without_an_estimate_the_next_level_costs_all_load_steps(reason, seconds
 def test_ranks_of_unequal_speed_decide_alike(comm, monkeypatch):
     """A rank that measures more seconds than `max_time` leaves no other one waiting."""
     if comm.rank:
-        monkeypatch.setattr(compile_clock, "perf_counter", lambda: 1e6 * perf_counter())
+        monkeypatch.setattr(cache, "perf_counter", lambda: 1e6 * perf_counter())
     asked = {"within": 1e-3, "goals": ["energy"], "max_time": 600, "max_dofs": 1000}
     found = solve("twist", comm, cells=2, nu=0.3, steps=1, element="Q1", angle=0.5, accuracy=asked)
     limits = comm.allgather(found.record["accuracy"]["limit"])

@@ -10,7 +10,7 @@ from running import solve
 from fem_snh import scenes
 from fem_snh.cli import main
 from fem_snh.errors import BadInput
-from fem_snh.records.run_tables import column_unit, results
+from fem_snh.records.run_record import column_unit, results
 from fem_snh.records.units import Units, volume_change
 from fem_snh.viewing import page, plots, render
 from fem_snh.viewing.plots.runs import curve_figure, draw_energies, list_columns, run_table

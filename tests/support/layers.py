@@ -49,7 +49,6 @@ LAZY = {
 COMMON = (
     "errors",
     "cache",
-    "compile_clock",
     "files",
     "processes",
     "choices",

@@ -37,7 +37,7 @@ def lines(figure: Any, panel: int) -> dict[str, Any]:
     return {line.get_label(): line for line in figure.axes[panel].lines}
 
 
-def test_run_figure_shows_steps_failures_and_the_paper():
+def test_run_figure_shows_steps_and_failures():
     one = record((0.5, 1.0), scene="stretch", load_name="stretch", load_range=[1.0, 3.4])
     two = record((0.5, 1.0), scene="stretch", load_name="stretch", load_range=[1.0, 3.4])
     two["material"] = {"name": "fixed_corotational", "nu": 0.49}
@@ -49,16 +49,7 @@ def test_run_figure_shows_steps_failures_and_the_paper():
     assert np.allclose(volume["stable Neo-Hookean"].get_data(), [[1, 2.2, 3.4], [0, 2, 4]])
     assert np.allclose(volume["fixed corotational"].get_data(), [[1, 2.2], [0, 2]])
     assert np.allclose(lines(figure, 1)["stable Neo-Hookean"].get_data(), [[2.2, 3.4], [100, 200]])
-    assert {"Smith et al. 2018", "not converged"} <= volume.keys()
-    marks = [float(line.get_ydata()[0]) for line in figure.axes[0].lines if line.get_marker() == "D"
-             and len(line.get_ydata()) == 1]  # fmt: skip
-    assert marks == [4.3, 4.5]
-
-
-@pytest.mark.parametrize("change", [{"scene": "own"}, {"load_range": [1.0, 2.0]}])
-def test_the_paper_is_shown_beside_its_own_experiment_only(change):
-    run = record(scene="stretch", load_name="stretch", load_range=[1.0, 3.4]) | change
-    assert "Smith et al. 2018" not in lines(run_figure([run]), 0)
+    assert "not converged" in volume
 
 
 def test_legend_tells_runs_apart():
@@ -174,7 +165,7 @@ def test_plot_sweep(tmp_path):
     assert len(figure.axes) == 4
     shown = lines(figure, 0)
     assert np.allclose(shown["stable Neo-Hookean"].get_data(), [[0.2, 0.01], [10, 20]])
-    assert "not converged (above: no result)" in shown
+    assert "not converged" in shown
     left, right = figure.axes[0].get_xlim()
     assert left > right and [t.get_text() for t in figure.axes[0].get_xticklabels()] == [
         "0.3",

@@ -16,7 +16,7 @@ from fem_snh.kernels.material import Material, material
 from fem_snh.kernels.reports import curves, stability
 from fem_snh.kernels.reports.curves import Curve, Interval, StableRegion
 from fem_snh.kernels.reports.stability import Stability
-from fem_snh.records.run_tables import table_text
+from fem_snh.records.run_record import table_text
 
 #: The columns in order; the columns ``*_reason`` give the reason of a verdict that is not "passed".
 COLUMNS = (

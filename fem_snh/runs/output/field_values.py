@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from fem_snh import _dolfinx
 from fem_snh.assembly.unknowns import local_values, update_ghosts
-from fem_snh.compile_clock import untimed
+from fem_snh.cache import untimed
 from fem_snh.errors import choose
 from fem_snh.problem.problem import Problem
 from fem_snh.records.output_fields import LOCATIONS, NAMED, NODAL, ON_REQUEST

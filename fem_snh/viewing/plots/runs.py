@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, MaxNLocator, MultipleLocator
 
 from fem_snh.errors import BadInput, choose
-from fem_snh.records.run_tables import flat, results
+from fem_snh.records.run_record import flat, results
 from fem_snh.viewing.plots.style import (
     colour,
     draw_series,
@@ -30,7 +30,6 @@ from fem_snh.viewing.stored_run import (
     load_name,
     load_range,
     material_name,
-    materials,
     number_text,
     one_line,
     poisson_ratio,
@@ -38,9 +37,6 @@ from fem_snh.viewing.stored_run import (
     unit_name,
 )
 
-# Volume change [%] at stretch 3.4 and nu = 0.49, Smith et al. 2018, Section 6.
-PAPER = {"stable_neo_hookean": 4.3, "fixed_corotational": 4.5, "filtered_neo_hookean": 4.9}
-PAPER_STRETCH = 3.4
 #: Labels of the panels that every run has.
 _LABELS = {
     "volume": "volume change [%]",
@@ -74,7 +70,6 @@ def run_figure(records: Sequence[dict[str, Any]], newton: bool = False) -> Figur
         draw_energies(axes.pop(), records, names(records))
     for index, (name, table) in enumerate(zip(names(records), steps, strict=True)):
         draw_series(axes, panels, index, name, table, "x")
-    _paper_marks(axes[0], records)
     load = plain(", ".join(dict.fromkeys(axis_label(record) for record in records)))
     labels = [_LABELS.get(panel) or plain(column_label(panel, records)) for panel in panels]
     for ax, label in zip(axes, labels, strict=True):
@@ -141,19 +136,6 @@ def names(records: Sequence[dict[str, Any]]) -> list[str]:
         ", ".join([material_name(r), *(t[k] for k in differ)])
         for r, t in zip(records, traits, strict=True)
     ]
-
-
-def _paper_marks(ax: Axes, records: Sequence[dict[str, Any]]) -> None:
-    """Mark the volume changes of Smith et al. 2018 beside runs of their experiment."""
-    drawn = False
-    for index, record in enumerate(records):
-        name, nu = (materials(record)[0][key] for key in ("name", "nu"))
-        same = record["scene"] == "stretch" and nu == 0.49 and name in PAPER
-        if same and max(load_range(record)) > PAPER_STRETCH - 1e-9:
-            ax.plot(PAPER_STRETCH, PAPER[name], "D", ms=8, mfc="none", mec=colour(index), mew=1.5)
-            drawn = True
-    if drawn:
-        legend_entry(ax, "Smith et al. 2018", "D")
 
 
 def _turns(span: tuple[float, float]) -> bool:
@@ -272,9 +254,8 @@ def curve_figure(
     """
     figure, axes = subplots(len(y))
     for index, (label, table) in enumerate(tables.items()):
-        curves = pd.DataFrame(
-            {"x": column(table, x), **dict(enumerate(column(table, n) for n in y))}
-        )
+        values: dict[Any, pd.Series] = {n: column(table, name) for n, name in enumerate(y)}
+        curves = pd.DataFrame(values | {"x": column(table, x)})
         if "point" in table:  # of a study, whose order says nothing; the steps of a run are a path
             curves = curves.sort_values("x", kind="stable")
         draw_series(axes, range(len(y)), index, label, curves, "x")

@@ -18,7 +18,6 @@ from fem_snh.files import check_regular
 from fem_snh.viewing.plots.runs import column
 from fem_snh.viewing.plots.style import (
     draw_series,
-    failure,
     from_zero,
     legend,
     legend_entry,
@@ -83,8 +82,7 @@ def sweep_figure(table: pd.DataFrame) -> Figure:
     """Return panels against nu, with a line per material and combination of other values.
 
     If nu has one value only, the first other number that was varied takes its place, or numbers the
-    points if nu is a text. A failed point is a cross at its value, or above the panel if it has
-    none.
+    points if nu is a text. A failed point is a cross at its value, if it has one.
     """
     varied = varied_columns(table)
     numbers = [c for c in varied if is_numeric_dtype(table[c])]
@@ -100,12 +98,8 @@ def sweep_figure(table: pd.DataFrame) -> Figure:
     position = (0.5 - table["nu"]) if towards_half else table[axis].astype(float)
     table = table.assign(position=position).sort_values(axis)
     figure, axes = subplots(len(MEASURES))
-    lost = False
     for index, (name, rows) in enumerate(_series(table, [c for c in varied if c != axis])):
         draw_series(axes, MEASURES, index, name, rows, "position")
-        for ax, measure in zip(axes, MEASURES, strict=True):
-            nothing = ~rows["converged"] & rows[measure].isna()
-            lost |= _cross_above(ax, rows["position"][nothing], index)
     ticks = table.drop_duplicates(axis)[[axis, "position"]]
     for ax, (measure, label) in zip(axes, MEASURES.items(), strict=True):
         ax.set_ylabel(label)
@@ -115,7 +109,7 @@ def sweep_figure(table: pd.DataFrame) -> Figure:
         )
         _scale(ax, measure, table[measure])
     if not table["converged"].all():
-        legend_entry(axes[0], "not converged" + " (above: no result)" * lost, "x")
+        legend_entry(axes[0], "not converged", "x")
     legend(figure, axes[0])
     if "scene" in table and table["scene"].nunique() == 1:
         same = [rf"$\nu$ = {table['nu'].iloc[0]:g}"] if axis != "nu" and single else []
@@ -164,18 +158,6 @@ def _series(table: pd.DataFrame, varied: list[str]) -> Iterator[tuple[str, pd.Da
 
 def _label(name: str, value: Any) -> str:
     return value if isinstance(value, str) and name != "nu" else f"{name} {value}"
-
-
-def _cross_above(ax: Axes, positions: pd.Series, index: int) -> bool:
-    """Draw crosses above the panel, a line for each series; return whether there are any."""
-    if positions.empty:
-        return False
-    taken = sum(line.get_gid() == "lost" for line in ax.lines)
-    above = {"transform": ax.get_xaxis_transform(), "clip_on": False, "in_layout": False}
-    height = 1.02 + 0.04 * taken
-    ax.plot(positions, [height] * len(positions), gid="lost", **above, **failure(index))
-    ax.set_title(" ", fontsize=8 * (taken + 1.5))  # makes room for the crosses
-    return True
 
 
 def _place_ticks(ax: Axes, positions: list[float], labels: list[str], towards_half: bool) -> None:
