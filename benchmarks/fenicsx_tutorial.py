@@ -91,7 +91,7 @@ def solve(
     """
     comm = MPI.COMM_WORLD
     element = elements.element(scene.element, scene.quadrature)
-    domain = make_mesh(comm, scene, element)
+    domain = make_mesh(comm, scene)
     (chosen,) = scene.materials
     energy = material(chosen.name, chosen.E, chosen.nu).expression
     V = _dolfinx.function_space(domain.domain, element.degree, (3,))

@@ -13,11 +13,12 @@ import numpy as np
 from benchmarks import Row, policy, split_list
 from fem_snh import solver
 from fem_snh.assembly.elements import ELEMENTS, element
+from fem_snh.assembly.regions import Filling
 from fem_snh.errors import choose
 from fem_snh.kernels.material import material
 from fem_snh.linalg.direct_solver import set_direct_solver
 from fem_snh.mesh import mesh
-from fem_snh.problem.create_problem import create_problem
+from fem_snh.problem.definition import Definition
 from fem_snh.scenes import Hold, Move, Rotate
 
 #: Displacement of the right face of the unit cube, in one step: stretch to twice the length,
@@ -96,9 +97,9 @@ def solve(
     kind = ELEMENTS[choose("element", name, ELEMENTS)]
     body = mesh.generate(MPI.COMM_SELF, "cube", kind.cell, cells=cells)
     snh = material("stable_neo_hookean", E=1.0, nu=nu)
-    p = create_problem(
-        body, kind, snh, hold=[Hold(group="left")], move=[CASES[choose("case", case, CASES)]]
-    )
+    p = Definition(
+        body, kind, [Filling(snh)], [Hold(group="left"), CASES[choose("case", case, CASES)]]
+    ).problem()
     n = p.u.x.array.size
     p.x.array[:n] = noise / cells * np.random.default_rng(seed).uniform(-1, 1, n)
     p.set_load(1.0)

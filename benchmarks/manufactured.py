@@ -24,11 +24,12 @@ import ufl
 
 from fem_snh import _dolfinx, solver
 from fem_snh.assembly.elements import Element
+from fem_snh.assembly.regions import Filling
 from fem_snh.errors import BadInput
 from fem_snh.kernels.material import material
 from fem_snh.linalg.direct_solver import set_direct_solver
 from fem_snh.mesh import mesh
-from fem_snh.problem.create_problem import create_problem
+from fem_snh.problem.definition import Definition
 from fem_snh.problem.problem import Problem
 from fem_snh.terms.term import Term
 
@@ -161,7 +162,7 @@ class Manufactured:
         self.shear, self.swell = shear, 0.0 if isinf(lam) else swell * mu / lam
         faces = [_Boundary(face, axes, self._displacement) for face, axes in FACES.items()]
         body = bent_cube(comm, element.cell, cells, bend)
-        self.problem = create_problem(body, element, solid, move=faces)
+        self.problem = Definition(body, element, [Filling(solid)], faces).problem()
         numbers = {"shear": shear, "swell": self.swell, "mu": mu, "lam": 0.0, "volume": 0.0}
         if isinf(lam):
             numbers["push"] = mu / 2

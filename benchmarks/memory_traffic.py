@@ -15,9 +15,10 @@ import numpy as np
 from benchmarks import Row
 from fem_snh import scenes, solver
 from fem_snh.assembly.elements import element as element_of
+from fem_snh.assembly.regions import Filling
 from fem_snh.kernels.material import material
 from fem_snh.linalg.ssor_cg import EisenstatCG
-from fem_snh.problem.create_problem import create_problem
+from fem_snh.problem.definition import Definition
 from fem_snh.problem.problem import Problem
 from fem_snh.runs import make_mesh
 
@@ -80,9 +81,9 @@ def _stretched(comm: MPI.Comm, cells: int, nu: float) -> Problem:
     scene = scenes.load("stretch", cells=cells, nu=nu)
     element = element_of(scene.element)
     snh = material("stable_neo_hookean", E=1.0, nu=nu)
-    p = create_problem(
-        make_mesh(comm, scene, element), element, snh, hold=scene.hold, move=scene.move
-    )
+    p = Definition(
+        make_mesh(comm, scene), element, [Filling(snh)], [*scene.hold, *scene.move]
+    ).problem()
     solver.Predictor(p, solver.create(p, globalization="linesearch"), "tangent").predict(1 / 12)
     return p
 

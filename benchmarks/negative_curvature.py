@@ -18,10 +18,11 @@ from benchmarks.linear_iterations import ICC
 from fem_snh import solver
 from fem_snh._petsc import default_options
 from fem_snh.assembly.elements import ELEMENTS
+from fem_snh.assembly.regions import Filling
 from fem_snh.errors import choose
 from fem_snh.kernels.material import material
 from fem_snh.mesh import mesh
-from fem_snh.problem.create_problem import create_problem
+from fem_snh.problem.definition import Definition
 from fem_snh.problem.problem import Problem
 from fem_snh.scenes import Hold, Move, Rotate, Traction
 
@@ -158,7 +159,8 @@ def create(case: str, nu: float, cells: int) -> Problem:
     source, sizes, conditions, _ = CASES[choose("case", case, CASES)]
     body = mesh.generate(MPI.COMM_WORLD, source, "hexahedron", cells=cells, **sizes)
     snh = material("stable_neo_hookean", E=1.0, nu=nu)
-    return create_problem(body, ELEMENTS["Q1"], snh, **conditions)
+    given = [*conditions.get("hold", ()), *conditions.get("move", ())]
+    return Definition(body, ELEMENTS["Q1"], [Filling(snh)], given).problem()
 
 
 def solve(

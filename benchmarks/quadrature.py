@@ -15,10 +15,11 @@ from benchmarks.assembly import times
 from benchmarks.manufactured import Manufactured, bent_cube
 from fem_snh import _dolfinx
 from fem_snh.assembly.elements import ELEMENTS, Element, element
+from fem_snh.assembly.regions import Filling
 from fem_snh.errors import BadInput
 from fem_snh.kernels.material import material
 from fem_snh.mesh import mesh
-from fem_snh.problem.create_problem import create_problem
+from fem_snh.problem.definition import Definition
 from fem_snh.problem.problem import Problem
 
 #: Cells along the edge of the cube, by the degree of the displacement.
@@ -102,7 +103,7 @@ def one_cell(kind: Element) -> mesh.Mesh:
 
 def spurious_modes(kind: Element, body: mesh.Mesh, nu: float = 0.3) -> int:
     """Count zero eigenvalues beyond rigid motions and negative ones beyond pressures, at rest."""
-    p = create_problem(body, kind, _material(nu))
+    p = Definition(body, kind, [Filling(_material(nu))]).problem()
     p.jacobian(p.x, "exact")
     values = np.linalg.eigvalsh(dense(p.A))
     zero = abs(values) <= 1e-12 * values[-1]
@@ -118,7 +119,8 @@ def dense(A: Any) -> np.ndarray:
 
 def volume_error(kind: Element) -> float:
     """Return the error of the volume when inner nodes move and the boundary does not."""
-    p = create_problem(bent_cube(MPI.COMM_SELF, kind.cell, 3, 0.02), kind, _material(0.3))
+    body = bent_cube(MPI.COMM_SELF, kind.cell, 3, 0.02)
+    p = Definition(body, kind, [Filling(_material(0.3))]).problem()
     X = p.V.tabulate_dof_coordinates()
     inside = 64 * (X * (1 - X)).prod(axis=1, keepdims=True)
     moved = 0.1 * inside * np.sin(X @ np.array([[2.0, 5, 3], [3, 1, 4], [5, 3, 2]]) + 0.3)

@@ -13,10 +13,11 @@ from benchmarks import Row, split_list
 from benchmarks.manufactured import bent_cube
 from benchmarks.quadrature import dense, spurious_modes
 from fem_snh.assembly.elements import ELEMENTS, Element, element
+from fem_snh.assembly.regions import Filling
 from fem_snh.kernels.material import material
 from fem_snh.linalg.direct_solver import DIRECT_SOLVER
 from fem_snh.materials.parameters import BOUNDS
-from fem_snh.problem.create_problem import create_problem
+from fem_snh.problem.definition import Definition
 from fem_snh.runs import run
 from fem_snh.scenes import Hold, Move
 
@@ -67,17 +68,17 @@ def split_at(bound: float | None) -> Iterator[None]:
 def least_eigenvalue(kind: Element, stretch: float, nu: float) -> float:
     """Return the smallest eigenvalue of the stiffness without pressures, in a uniaxial state."""
     chosen = material("stable_neo_hookean", E=1.0, nu=nu, barrier=False)
-    p = create_problem(
+    p = Definition(
         bent_cube(MPI.COMM_SELF, kind.cell, 2, 0.0),
         kind,
-        chosen,
-        hold=[
+        [Filling(chosen)],
+        [
             Hold(group="left", components=("x",)),
             Hold(group="front", components=("y",)),
             Hold(group="bottom", components=("z",)),
+            Move(group="right", translate=(stretch - 1, 0, 0), components=("x",)),
         ],
-        move=[Move(group="right", translate=(stretch - 1, 0, 0), components=("x",))],
-    )
+    ).problem()
     mu, lam = chosen.expression.values
     J = 1 + mu / lam * (1 - 1 / stretch)
     X = p.coordinates

@@ -37,20 +37,20 @@ if TYPE_CHECKING:
     from fem_snh.scenes import register_feature
     from fem_snh.studies.fit import Fit, fit
     from fem_snh.terms.cavity import Cavity
+    from fem_snh.terms.conditions import Hold, Move, Symmetry
     from fem_snh.terms.feature import Feature
     from fem_snh.terms.gravity import Gravity
     from fem_snh.terms.pressure import Pressure
     from fem_snh.terms.rigid import Rigid
     from fem_snh.terms.spring import Spring
-    from fem_snh.terms.symmetry import Symmetry
     from fem_snh.terms.term import Term
     from fem_snh.terms.traction import Traction
 
 __all__ = [
-    "BadInput", "Cavity", "Contact", "DynamicProblem", "Feature", "Fit", "Gravity",
+    "BadInput", "Cavity", "Contact", "DynamicProblem", "Feature", "Fit", "Gravity", "Hold", "Move",
     "NonlinearProblem", "Obstacle", "Pressure", "Result", "Rigid", "SelfContact", "Spring",
-    "Symmetry", "Term", "Traction", "error_from_meshes", "fit", "fit_scene",
-    "interpolate_run", "material", "materials", "register_feature", "run", "write_xao",
+    "Symmetry", "Term", "Traction", "error_from_meshes", "fit", "fit_scene", "interpolate_run",
+    "material", "materials", "register_feature", "run", "write_xao",
 ]  # fmt: skip
 
 #: Modules of the public names. They are imported on first use, as importing dolfinx is slow.
@@ -74,7 +74,9 @@ _MODULES = {
     "Pressure": "terms.pressure",
     "Rigid": "terms.rigid",
     "Spring": "terms.spring",
-    "Symmetry": "terms.symmetry",
+    "Hold": "terms.conditions",
+    "Move": "terms.conditions",
+    "Symmetry": "terms.conditions",
     "Term": "terms.term",
     "Traction": "terms.traction",
     "write_xao": "mesh.xao",

@@ -13,10 +13,9 @@ from fem_snh.choices import DEFAULT_INTEGRATOR, MASSES
 from fem_snh.errors import BadInput, bad_value, check_number, on_every
 from fem_snh.kernels.material import Material
 from fem_snh.nonlinear_problem import PREDICTORS, NonlinearProblem
-from fem_snh.problem.dolfinx_problem import DENSITIES, check_materials, create_dolfinx_problem
-from fem_snh.problem.problem import Problem
+from fem_snh.problem.program import DENSITIES, check_materials
 from fem_snh.steps.stepping import Stepper
-from fem_snh.steps.time_steps import TimeIntegration, TimeSteps
+from fem_snh.steps.time_steps import TimeIntegration
 
 Array = npt.NDArray[np.float64]
 #: Velocities [m/s] (n, components) at reference coordinates [m] (n, 3).
@@ -101,11 +100,15 @@ class DynamicProblem(NonlinearProblem):
             raise bad_value("densities", densities, DENSITIES)
         if set_time is not None and not callable(set_time):
             raise bad_value("set_time", set_time, "a function of the time [s]")
-        self._integration = TimeIntegration(integrator, duration, mass, damping, rho_infinity)
+        self._integration: TimeIntegration = TimeIntegration(
+            integrator, duration, mass, damping, rho_infinity
+        )
         self._duration, self._set_time, self._has_started = duration, set_time, False
         self._velocity: Velocity | None = None
         super().__init__(u, materials, densities=densities, **arguments)
-        self.dynamics = self._time_steps.dynamics
+        motion = self._steps[PREDICTORS[self._predictor]].motion
+        assert motion is not None
+        self._time_steps, self.dynamics = motion, motion.dynamics
         self.v, self.a = self.dynamics.v, self.dynamics.a
 
     @property
@@ -197,7 +200,7 @@ class DynamicProblem(NonlinearProblem):
         to = self._problem.load + size / self._duration
         if not self._problem.load < to:
             raise bad_value("size", size, f"a step that double precision can add to {self.time:g}")
-        with self._petsc_options():
+        with self._given.active():
             stepper = Stepper(self._steps[PREDICTORS[self._predictor]], 1)
             self._end(stepper.attempt(self._problem.load, to))
         if self.row["converged"]:  # else nothing has changed
@@ -240,21 +243,16 @@ class DynamicProblem(NonlinearProblem):
         """Return energies and momenta at the present time: see `Dynamics.energies`. Collective."""
         return self.dynamics.energies(self._problem)
 
-    def _motion(self) -> TimeSteps:
-        self._time_steps = self._integration.time_steps(self._problem)
-        return self._time_steps
-
-    def _create(self, *arguments: Any) -> Problem:
+    def _in_time(self) -> dict[str, Any]:
         set_time, duration = self._set_time, self._duration
         if set_time is not None:
             self._load.function = lambda load: set_time(load * duration)
-        return create_dolfinx_problem(
-            *arguments,
-            on_load=self._load if set_time else None,
-            motion=self._integration.create_dynamics,
-            duration=duration,
-            kinematics=self._kinematics,
-        )
+        return {
+            "on_load": self._load if set_time else None,
+            "motion": self._integration.create_dynamics,
+            "integrator": self._integration.integrator,
+            "duration": duration,
+        }
 
 
 def _check_state(state: Mapping[str, Any], terms: Iterable[str], size: int) -> None:

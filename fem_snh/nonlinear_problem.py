@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager
 from functools import partial
 from itertools import count
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from petsc4py import PETSc
 
@@ -16,9 +15,9 @@ from fem_snh.accuracy.program_goals import EstimatesErrors
 from fem_snh.accuracy.state_notes import state_notes
 from fem_snh.errors import ResultNote, check_whole, choose
 from fem_snh.kernels.material import Material
-from fem_snh.problem.dolfinx_problem import LoadFunction, check_lists, create_dolfinx_problem
+from fem_snh.problem.conditions import LoadFunction
 from fem_snh.problem.modes import HasModes
-from fem_snh.problem.problem import Problem
+from fem_snh.problem.program import check_lists, define
 from fem_snh.problem.reactions import HasReactions
 from fem_snh.problem.supports import SupportsCheck
 from fem_snh.records.run_record import Note
@@ -28,7 +27,12 @@ from fem_snh.steps.jump import jump_notes, start_notes
 from fem_snh.steps.program_path import Loading, ProgramPath, SolverChoice, boundary_values_changed
 from fem_snh.steps.step_solver import StepSolver
 from fem_snh.steps.stepping import Stepper
-from fem_snh.steps.time_steps import TimeSteps
+from fem_snh.steps.time_steps import TimeIntegration
+
+if TYPE_CHECKING:
+    from fem_snh.geometry.motions import Bone
+    from fem_snh.mesh.mesh import Mesh
+    from fem_snh.tables.amplitudes import Amplitudes
 
 #: First guesses when boundary values have changed, and those of the steps of `steps`: see
 #: `fem_snh.solver.Predictor`.
@@ -101,6 +105,15 @@ class NonlinearProblem(EstimatesErrors, HasModes, HasReactions):
         beside energies in ``terms``: "Q1P0" and "P2P0" treat it as the volume terms of materials,
         by the mean J of each cell. Forms in ``terms`` are not treated by any element; leave a few
         times the shear modulus in them, as (J - 1)**2, against a J that varies within a cell.
+    mesh : Mesh, optional
+        The mesh of ``u`` with physical groups, as `fem_snh.scenes.Scene.build` returns it:
+        ``materials``, ``bcs`` and ``terms`` may then name groups in place of measures.
+    bones : sequence of Bone, optional
+        Bones whose nodes follow them (`fem_snh.geometry.motions.Bone`).
+    amplitudes : Amplitudes, optional
+        The tables that ``bcs`` and ``terms`` may name.
+    quadrature : int, optional
+        The quadrature degree, where no measure has one.
 
     Attributes
     ----------
@@ -149,6 +162,8 @@ class NonlinearProblem(EstimatesErrors, HasModes, HasReactions):
     >>> assert problem.solver.getConvergedReason() > 0, problem.reason
     """
 
+    _integration: TimeIntegration | None = None
+
     def __init__(
         self,
         u: Any,
@@ -166,42 +181,43 @@ class NonlinearProblem(EstimatesErrors, HasModes, HasReactions):
         static_condensation: bool | None = None,
         kinematics: str | None = None,
         volume: Callable[[Any], Any] | None = None,
+        mesh: Mesh | None = None,
+        bones: Sequence[Bone] = (),
+        amplitudes: Amplitudes | None = None,
+        quadrature: int | None = None,
     ) -> None:
         choose("predictor", predictor, PREDICTORS)
-        given = GivenOptions(petsc_options_prefix, petsc_options)
-        self._load, self._kinematics = LoadFunction(), kinematics
-        self._problem = self._create(u, materials, bcs, terms, element, densities, volume)
+        options = GivenOptions(petsc_options_prefix, petsc_options)
+        self._load = LoadFunction()
+        given = u, materials, bcs, terms, element, densities, volume, kinematics
+        groups = mesh, bones, amplitudes, quadrature
+        self._problem = define(*given, *groups, **self._in_time()).problem()
         self._check_lists = partial(check_lists, self._problem, bcs, terms)
-        self._prefix, self._given = petsc_options_prefix, given
+        self._prefix, self._given = petsc_options_prefix, options
         self.u, self.x, self.A, self.reason = u, self._problem.x, self._problem.A, ""
         self.newton, self.linear, self.row = 0, 0, dict[str, Any]()
-        with self._petsc_options():
+        with self._given.active():
             self.solver = solver.create(self._problem, hessian, globalization, petsc_options_prefix)
             choices = {"hessian": hessian, "globalization": globalization}
             pressures = program_pressures(static_condensation, self._problem, choices, self._prefix)
-        motion = self._motion()
+        integration = self._integration
+        motion = integration.time_steps(self._problem) if integration else None
         self._steps = {
             name: StepSolver(self._problem, self.solver, name, motion, None, pressures)
             for name in dict.fromkeys((predictor, PREDICTORS[predictor]))
         }
-        chosen = self._prefix, given.values, hessian, globalization, PREDICTORS[predictor]
+        chosen = self._prefix, options.values, hessian, globalization, PREDICTORS[predictor]
         self._path_of = partial(ProgramPath.of, self._problem, self._load, SolverChoice(*chosen))
-        self._path, self._is_new = None, True
+        self._path, self._is_new, self._warned = None, True, set[str]()
         self._predictor, self.b = predictor, self.solver.getFunction()[0]
-        texts = [text for term in self._problem.terms if (text := term.note)]
-        self._load_notes = [Note("load", text) for text in texts]
-        self._supports = SupportsCheck(self._problem)
-        self.notes, self._warned = list[Note](), set[str]()
+        self._load_notes = [Note("load", term.note) for term in self._problem.terms if term.note]
+        self._supports, self.notes = SupportsCheck(self._problem), list[Note]()
         self._pressure = self._problem.saddle_point
         self.p: Any = self._pressure and _dolfinx.function(self._pressure.Q, "pressure")
 
-    def _create(self, *arguments: Any) -> Problem:
-        """Return the problem, from the arguments of `create_dolfinx_problem`."""
-        return create_dolfinx_problem(*arguments, on_load=self._load, kinematics=self._kinematics)
-
-    def _motion(self) -> TimeSteps | None:
-        """Return the steps in time."""
-        return None
+    def _in_time(self) -> dict[str, Any]:
+        """Return what `define` needs of the load or the time."""
+        return {"on_load": self._load}
 
     def solve(self) -> Any:
         """Solve with the present boundary values, constants and functions. Collective.
@@ -222,11 +238,9 @@ class NonlinearProblem(EstimatesErrors, HasModes, HasReactions):
         self._path, self._is_new = None, False
         self._supports.check()
         changed = boundary_values_changed(self._problem)
-        with self._petsc_options():
-            step = self._steps[self._predictor]
-            stepper = Stepper(step, 1, find_jumps=False)
-            row = stepper.attempt(self._problem.load, 1.0, predict=changed, restore=False)
-            self._end(row)
+        with self._given.active():
+            stepper = Stepper(self._steps[self._predictor], 1, find_jumps=False)
+            self._end(stepper.attempt(self._problem.load, 1.0, predict=changed, restore=False))
         self._write_solution()
         return self.u
 
@@ -284,7 +298,7 @@ class NonlinearProblem(EstimatesErrors, HasModes, HasReactions):
         """Yield the rows of the steps from the present load to 1, which all have these notes."""
         rows = iter(stepper)
         for attempted in count():
-            with self._petsc_options():
+            with self._given.active():
                 row = next(rows, None)
             if row is None:
                 return
@@ -306,7 +320,7 @@ class NonlinearProblem(EstimatesErrors, HasModes, HasReactions):
             If the factors do not fit into memory.
         """
         self._read_displacement()
-        with self._petsc_options():
+        with self._given.active():
             return solver.EquilibriumStability(self._problem).negative_eigenvalues(self.x)
 
     def _end(self, row: dict[str, Any], notes: Sequence[Note] = ()) -> None:
@@ -338,7 +352,3 @@ class NonlinearProblem(EstimatesErrors, HasModes, HasReactions):
         self._problem.split(self.x)
         if self._pressure is not None:
             self.p.x.array[:] = self._pressure.pressure()
-
-    def _petsc_options(self) -> AbstractContextManager[None]:
-        """Put the options into PETSc's database: parts of the solver are set up when it solves."""
-        return self._given.active()

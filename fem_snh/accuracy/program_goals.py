@@ -28,19 +28,17 @@ from fem_snh.accuracy.goals import (
     names_of,
 )
 from fem_snh.accuracy.path_errors import Path, estimate_on_path
+from fem_snh.assembly.groups import cells_or_facets
 from fem_snh.errors import BadInput, bad_value, check_number, check_whole, choose
-from fem_snh.problem.dolfinx_problem import DolfinxConditions
-from fem_snh.problem.lifted_problem import lifted_problem
+from fem_snh.problem.conditions import condition_of, is_condition
+from fem_snh.problem.definition import lifted_problem
 from fem_snh.problem.modes import ProgramModes
 from fem_snh.problem.problem import Problem, check_converged
 from fem_snh.problem.reactions import (
-    condition_number,
     counted_weights,
-    is_condition,
     three_numbers,
 )
 from fem_snh.tables.types import surface_name
-from fem_snh.terms.body import measure_parts
 from fem_snh.terms.feature import Feature
 from fem_snh.terms.rigid import RESULTS, Rigid
 
@@ -104,22 +102,19 @@ class EstimatesErrors:
         """
         problem = self._problem
         check_converged(self.reason, "estimate_error")
-        assert isinstance(problem.dirichlet, DolfinxConditions)
-        found = program_goals(problem, problem.dirichlet.given, goals)
+        found = program_goals(problem, goals)
         if self._path:
             return estimate_on_path(problem, self._path, found)
         return estimate_error(problem, partial(lifted_problem, problem), found)
 
 
-def program_goals(problem: Problem, bcs: Sequence[Any], goals: Any) -> list[Goal]:
+def program_goals(problem: Problem, goals: Any) -> list[Goal]:
     """Return the goals of a program.
 
     Parameters
     ----------
     problem : Problem
         Its problem.
-    bcs : sequence of dolfinx DirichletBC or Symmetry
-        Its conditions.
     goals : mapping or sequence
         The goals, by name or in a list.
 
@@ -138,7 +133,7 @@ def program_goals(problem: Problem, bcs: Sequence[Any], goals: Any) -> list[Goal
         raise bad_value("goals", goals, "at least one goal")
     found: list[Goal] = []
     for number, (name, goal) in enumerate(named):
-        found += _goals(_Given(problem, bcs, name, number, goal))
+        found += _goals(_Given(problem, name, number, goal))
     of_modes = {id(goal.modes) for goal in found if isinstance(goal, FrequencyGoal)}
     if len(of_modes) > 1:
         accepted = "frequencies of one call of vibration_modes()"
@@ -157,8 +152,6 @@ class _Given:
     ----------
     problem : Problem
         Its problem.
-    bcs : sequence of dolfinx DirichletBC or Symmetry
-        Its conditions.
     name : str
         The name of the goal; "" for that of its kind.
     number : int
@@ -168,7 +161,6 @@ class _Given:
     """
 
     problem: Problem
-    bcs: Sequence[Any]
     name: str
     number: int
     value: Any
@@ -226,7 +218,7 @@ def _volume_or_stress(given: _Given) -> list[Goal]:
     if measure is not None:
         if not _dolfinx.is_measure(measure, facets=True):
             return []
-        dim, cells = measure_parts(problem.domain, given.key, measure)
+        dim, cells = cells_or_facets(problem.definition.mesh, given.key, measure)
         if dim < problem.domain.topology.dim:
             raise given.refused(surface_name(measure), "a measure of cells, dx(...)")
         cells = cells[cells < _dolfinx.num_owned(problem.domain)]
@@ -271,7 +263,7 @@ def _mean(given: _Given) -> list[Goal]:
 
 def _rigid_part(given: _Given) -> list[Goal]:
     problem, (part, result) = given.problem, given.pair
-    if not (isinstance(part, Rigid) and any(part is term for term in problem.given_terms)):
+    if not (isinstance(part, Rigid) and any(part is term for term in problem.definition.terms)):
         return []
     result, kinematics = RESULTS[0] if result is None else result, problem.kinematics
     choose(given.key, result, RESULTS)
@@ -286,7 +278,7 @@ def _term(given: _Given) -> list[Goal]:
     problem, feature = given.problem, given.value
     if not isinstance(feature, Feature):
         return []
-    alike = [term for term in problem.given_terms if type(term) is type(feature)]
+    alike = [term for term in problem.definition.terms if type(term) is type(feature)]
     named = zip(alike, type(feature).goals(alike), strict=False)
     result = next((name for term, name in named if term is feature), "")
     if not result:
@@ -300,15 +292,15 @@ def _reaction(given: _Given) -> list[Goal]:
     (condition, about), kinematics = given.pair, given.problem.kinematics
     if not is_condition(condition):
         return []
-    i = condition_number(given.bcs, condition, given.key)
-    weights = partial(counted_weights, number=i)
+    label = condition_of(given.problem.dirichlet, condition, given.key).label
+    weights = partial(counted_weights, condition=condition)
     if about is None:
-        name, components = given.name or f"bcs[{i}].force", range(kinematics.components)
+        name, components = given.name or f"{label}.force", range(kinematics.components)
         return [ReactionGoal(name, weights, components)]
     point, axes = three_numbers(given.key, about), kinematics.moment_axes
     if not axes:
         raise given.refused("a moment", f"a force, with kinematics = '{kinematics.name}'")
-    name = given.name or f"bcs[{i}].moment"
+    name = given.name or f"{label}.moment"
     return [ReactionGoal(name, weights, [*map(AXES.index, axes)], point)]
 
 

@@ -65,13 +65,13 @@ def state_notes(problem: Problem, negative: int | None, rounding: float) -> list
     found = [inversion_note(problem), locking_note(problem), unstable, pressure_note(problem)]
     found += [thin_support_note(problem), penalty_note(problem), untreated_volume_note(problem)]
     found += [rounding_note(problem, rounding), rest_note(problem)]
-    contradictions = problem.dirichlet.contradictions_of_values()
+    contradictions = problem.dirichlet.contradictions()
     return [note for note in found if note] + [Note("load", text) for text in contradictions]
 
 
 def untreated_volume_note(problem: Problem) -> Note | None:
     """Return a note if an element treats volume terms, and no material has one."""
-    if problem.regions or problem.given_volume or problem.element.volume == "pointwise":
+    if problem.regions or problem.definition.volume or problem.element.volume == "pointwise":
         return None
     text = (
         f"element = '{problem.element.name}' has no effect without a material: it treats the "

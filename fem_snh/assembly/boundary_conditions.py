@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -15,13 +15,18 @@ import numpy.typing as npt
 from fem_snh import _dolfinx
 from fem_snh.assembly.inclined_planes import InclinedPlanes, NodePlane, plane_through
 from fem_snh.assembly.kinematics import SOLID, Kinematics
-from fem_snh.errors import bad_value
-from fem_snh.mesh.mesh import DIMENSIONS, Mesh
+from fem_snh.assembly.unknowns import summed_over_ranks
+from fem_snh.errors import bad_value, in_words
 from fem_snh.mesh.mesh_checks import ON_AXIS
+
+if TYPE_CHECKING:
+    from fem_snh.mesh.mesh import Mesh
 
 Array = npt.NDArray[Any]
 
 AXES = ("x", "y", "z")
+#: The label of the conditions of bones.
+BONES = "bones"
 #: Loads at which the values of two conditions are compared, and their largest difference, relative
 #: to the values, that is rounding.
 _LOADS, _ROUNDING = (0.25, 0.5, 1.0), 1e-9
@@ -29,155 +34,65 @@ _LOADS, _ROUNDING = (0.25, 0.5, 1.0), 1e-9
 _DEPENDENT = 1e-7
 
 
-class Constraint(Protocol):
-    """Components of the displacement on a physical group that are zero."""
-
-    @property
-    def group(self) -> str | int:
-        """Name or number of the physical group."""
-
-    @property
-    def components(self) -> Sequence[str]:
-        """The constrained components, among "x", "y" and "z"."""
-
-
-class PrescribedDisplacement(Constraint, Protocol):
-    """Components of the displacement on a physical group that follow the load."""
-
-    def displacement(self, X: Array, load: float) -> Array:
-        """Return the (n, 3) displacement [m] of reference points X (n, 3) at a load of 0 to 1."""
-
-
-class SymmetryPlane(Protocol):
-    """A plane physical group whose nodes slide in its plane."""
-
-    @property
-    def group(self) -> Any:
-        """Name or number of the physical group."""
-
-
-class NodalMotion(Protocol):
-    """The displacement of some nodes, in all components, as a function of the load."""
-
-    @property
-    def nodes(self) -> Array:
-        """The local nodes, ghosts included."""
-
-    @property
-    def moves(self) -> bool:
-        """Whether the displacement is not zero."""
-
-    def displacement(self, X: Array, load: float) -> Array:
-        """Return the (n, 3) displacement [m] of reference points X (n, 3) at a load of 0 to 1."""
-
-
-class Condition(NamedTuple):
-    """The directions that one condition constrains.
+@dataclass(eq=False)
+class Condition:
+    """What one condition constrains, and its values.
 
     Attributes
     ----------
+    key, name : str
+        The key of its group and its name in messages: "hold.group" and "[[hold]] of 'left'"; of an
+        object of a program both are "bcs[0]".
     label : str
-        The label of its physical group; "bones" for all bones; of a program ``bcs[number]``.
+        The label of its physical group; "bones" for all bones; otherwise ``bcs[number]``.
+    given : object
+        What was given for it: a table or an object of dolfinx.
     directions : sequence of ((n,) int, (components,) array)
         Local nodes, ghosts included, and the direction that is constrained there.
+    dofs : (n,) int
+        The dofs this rank owns whose values it sets.
+    set_values : callable, optional
+        ``set_values(values, load)`` sets its values in this rank's part of a vector, (n,). None:
+        they are zero.
+    moves : bool
+        Whether its values depend on the load.
+    by_hand : bool
+        Whether a program may change its values from step to step.
+    plane : NodePlane or None
+        The plane in which its nodes slide, of a condition of symmetry.
+    points : (n, 3) array or None
+        The points of a moved body at which the nodes that this rank owns are [length]; at first
+        their reference coordinates. None without a motion.
     """
 
+    key: str
+    name: str
     label: str
+    given: Any
     directions: Sequence[tuple[Array, Array]]
+    dofs: Array = field(default_factory=lambda: np.empty(0, np.int64))
+    set_values: Callable[[Array, float], None] | None = None
+    moves: bool = False
+    by_hand: bool = False
+    plane: NodePlane | None = None
+    points: Array | None = None
 
     @classmethod
-    def of_axes(cls, label: str, nodes: Array, axes: Sequence[int], components: int) -> Condition:
-        """Return the condition on some components of nodes."""
-        return cls(label, [(nodes, np.eye(components)[axis]) for axis in axes])
+    def of_mask(cls, name: str, given: Any, owned: int, mask: Array, **values: Any) -> Condition:
+        """Return the condition on components of nodes, (local nodes, components) bool."""
+        units = np.eye(mask.shape[1])
+        directions = [(np.flatnonzero(m), n) for m, n in zip(mask.T, units, strict=True)]
+        return cls(name, name, name, given, directions, np.flatnonzero(mask[:owned]), **values)
 
-
-class Dirichlet:
-    """The constrained directions of a displacement space and their values.
-
-    Attributes
-    ----------
-    constrained : (local nodes, components) bool
-        Which components of which nodes, ghosts included, are constrained.
-    dofs : (n,) int
-        The constrained dofs this rank owns, as indices into a vector's local array.
-    planes : InclinedPlanes or None
-        The nodes with a constrained direction that is no component.
-    depends_on_load : bool
-        Whether any value depends on the load.
-    by_hand : bool
-        Whether values are a program's own, which it may change from step to step.
-    released : (n,) int
-        Dofs of this rank that other unknowns move: `set_values` may set them, to no effect.
-    rigid_parts : (local nodes,) int or None
-        The rigid part of each node, -1: none. None if the body has no rigid parts.
-    part_motions : sequence of (n, 2, 3)
-        The motions of each part that its conditions admit or prescribe at rest: velocities of a
-        point at the origin, and angular velocities.
-    solid_cells : (n,) int
-        This rank's own cells whose nodes are constrained and that are not assembled.
-    thin : ThinSupports or None
-        What is constrained at points, in three dimensions also at edges, and by no surface.
-    conditions : sequence of Condition
-        What each condition constrains; at common nodes a later one overrides an earlier one.
-    """
-
-    constrained: Array
-    dofs: Array
-    planes: InclinedPlanes | None = None
-    depends_on_load: bool
-    by_hand: bool = False
-    released: Array = np.empty(0, np.int64)
-    rigid_parts: Array | None = None
-    part_motions: Sequence[Array] = ()
-    solid_cells: Array = np.empty(0, np.int64)
-    thin: ThinSupports | None = None
-    conditions: Sequence[Condition] = ()
-
-    def release(self, parts: Array) -> None:
-        """Constrain no component of the nodes of rigid parts, (local nodes,) int >= 0."""
-        before, self.rigid_parts = self.dofs, parts
-        self.constrained[parts >= 0] = False
-        owned = int(before[-1]) // self.constrained.shape[1] + 1 if len(before) else 0
-        self.dofs = np.flatnonzero(self.constrained[:owned])
-        self.released = np.setdiff1d(before, self.dofs)
-
-    def set_load(self, load: float) -> None:
-        """Set constants and functions of a program, which conditions and terms may have."""
-
-    def set_values(self, x: PETSc.Vec, load: float) -> None:
-        """Set what is constrained of ``x`` to its values at this load."""
-        raise NotImplementedError(f"{type(self).__name__}.set_values")
-
-    def project(self, values: Array, ghosts: bool = False) -> None:
-        """Set what is constrained of displacements or forces to zero, in place.
-
-        ``values`` begins with the components of this rank's nodes, with ``ghosts`` of all local
-        nodes.
-        """
-        values[self.constrained.ravel() if ghosts else self.dofs] = 0.0
-        if self.planes:
-            self.planes.project(values, ghosts)
-
-    def thin_supports(self) -> ThinSupports | None:
-        """Return what points and edges alone constrain; None without any. Collective."""
-        return self.thin
-
-    def contradictions_of_values(self) -> list[str]:
-        """Return a line for each pair of conditions that differ at common nodes. Collective."""
-        return []
-
-    def work(self, forces: Array, moved: Array) -> float:
-        """Return the work of forces [N] along constrained displacements of this rank's nodes."""
-        found = float(forces[self.dofs] @ moved[self.dofs])
-        return found + (self.planes.work(forces, moved) if self.planes else 0.0)
+    def mark(self, mask: Array) -> None:
+        """Mark the constrained components of nodes in ``mask``, (local nodes, components) bool."""
+        for nodes, normal in () if self.plane else self.directions:
+            mask[nodes, normal.argmax()] = True
 
     @property
-    def constrained_nodes(self) -> Array:
-        """(local nodes,) bool: which nodes have a constrained direction."""
-        found: Array = np.any(self.constrained, axis=1)
-        if self.planes:
-            found[self.planes.nodes] = True
-        return found
+    def components(self) -> set[int]:
+        """The numbers of the constrained components; empty for a plane."""
+        return set() if self.plane else {int(normal.argmax()) for _, normal in self.directions}
 
 
 class ThinSupports(NamedTuple):
@@ -209,265 +124,270 @@ class StartPath:
     offset: Array | None = None
 
 
-class DirichletConditions(Dirichlet):
-    """Dirichlet conditions on physical groups, with the attributes of `Dirichlet`. Collective.
+class Dirichlet:
+    """The constrained directions of a displacement space and their values. Collective.
 
     Parameters
     ----------
     V : dolfinx function space
         The displacement's space.
-    mesh : Mesh
-        The mesh whose physical groups the conditions name.
-    hold : sequence of Constraint
-        Zero displacement.
-    move : sequence of PrescribedDisplacement
-        Displacement that follows the load. At nodes that groups have in common, as on the edge of
-        two faces, a later condition overrides an earlier one, and any of ``move`` overrides
-        ``hold``.
-    bones : sequence of NodalMotion, optional
-        Displacements of nodes, different ones, which override all others.
-    symmetry : sequence of SymmetryPlane, optional
-        Planes in which nodes slide. Conditions prescribe no displacement out of them.
+    conditions : sequence of Condition
+        The conditions. At common nodes a later one overrides an earlier one, and any overrides
+        planes of symmetry.
     kinematics : Kinematics, optional
-        Conditions have the components that it has. On a body of revolution the radial and
-        rotational displacements are zero on the axis, whatever else is prescribed there.
+        On a body of revolution the radial and rotational displacements are zero on the axis,
+        whatever else is prescribed there.
+    on_load : callable, optional
+        ``on_load(load)`` sets a program's constants, functions and boundary values.
 
     Attributes
     ----------
+    constrained : (local nodes, components) bool
+        Which components of which nodes, ghosts included, are constrained.
+    dofs : (n,) int
+        The constrained dofs this rank owns, as indices into a vector's local array.
+    planes : InclinedPlanes or None
+        The nodes with a constrained direction that is no component.
+    depends_on_load : bool
+        Whether any value depends on the load.
+    by_hand : bool
+        Whether values are a program's own, which it may change from step to step.
+    released : (n,) int
+        Dofs of this rank that other unknowns move: `set_values` may set them, to no effect.
+    rigid_parts : (local nodes,) int or None
+        The rigid part of each node, -1: none. None if the body has no rigid parts.
+    part_motions : sequence of (n, 2, 3)
+        The motions of each part that its conditions admit or prescribe at rest: velocities of a
+        point at the origin, and angular velocities.
+    solid_cells : (n,) int
+        This rank's own cells whose nodes are constrained and that are not assembled.
+    conditions : list of Condition
+        The conditions, planes of symmetry first.
     path : StartPath or None
-        The path from the state of another run; problems of one scene share it.
-    contradictions : list of str
-        A line for each pair of conditions with different values at some common nodes.
+        The path from another state than that of the conditions; problems of one scene share it.
 
     Raises
     ------
     BadInput
-        On every rank, for an unknown physical group, for a condition that a later one with other
-        values overrides at all of its nodes, and for a `symmetry` that is not plane, or that nodes
-        leave.
+        On every rank, for a motion that takes nodes out of a plane of symmetry.
     """
 
     def __init__(
         self,
         V: Any,
-        mesh: Mesh,
-        hold: Sequence[Constraint],
-        move: Sequence[PrescribedDisplacement],
-        bones: Sequence[NodalMotion] = (),
+        conditions: Sequence[Condition] = (),
         kinematics: Kinematics = SOLID,
-        symmetry: Sequence[SymmetryPlane] = (),
+        on_load: Callable[[float], None] | None = None,
     ) -> None:
         owned, ghosts = _dolfinx.num_nodes(V)
-        self._kinematics, components = kinematics, kinematics.components
+        components = kinematics.components
+        self._V, self._owned, self._on_load = V, owned, on_load
         self.constrained: Array = np.zeros((owned + ghosts, components), dtype=bool)
-        self.bones = list(bones)
-        self._moved: list[tuple[Array, list[int], PrescribedDisplacement | NodalMotion, Array]] = []
-        #: Where the nodes of bones are in these, if not at their own reference coordinates.
-        self._in_bones: dict[int, Array] = {}
-        conditions: list[Condition] = []
-        for condition in hold:
-            conditions.append(self._constrain(V, mesh, condition)[0])
-        coordinates = V.tabulate_dof_coordinates()
-        for motion in move:
-            made, nodes, axes = self._constrain(V, mesh, motion)
-            conditions.append(made)
-            nodes = nodes[nodes < owned]
-            self._moved.append((nodes, axes, motion, coordinates[nodes]))
-        self._check_overrides(V, mesh, hold, move)
-        for bone in bones:
-            self.constrained[bone.nodes] = True
-            conditions.append(Condition.of_axes("bones", bone.nodes, range(3), components))
-            nodes = bone.nodes[bone.nodes < owned]
-            self._moved.append((nodes, [0, 1, 2], bone, coordinates[nodes]))
-        self._on_axis: Array = np.empty(0, np.int64)
-        if kinematics.revolved:
-            nodes = axis_nodes(V)
-            self.constrained[nodes[:, None], kinematics.off_axis] = True
-            nodes = nodes[nodes < owned]
-            self._on_axis = (components * nodes[:, None] + kinematics.off_axis).ravel()
-        planes = [_plane_of_group(V, mesh, plane.group) for plane in symmetry]
-        of_planes = [
-            Condition(mesh.group(table.group).label, [(plane.nodes, plane.normal)])
-            for table, plane in zip(symmetry, planes, strict=True)
-        ]
-        self.conditions = [*of_planes, *conditions]
+        for condition in conditions:
+            condition.mark(self.constrained)
+        self._axis = axis_nodes(V) if kinematics.revolved else np.empty(0, np.int64)
+        self.constrained[self._axis[:, None], kinematics.off_axis] = True
+        on_axis = self._axis[self._axis < owned]
+        offsets = np.array(kinematics.off_axis, np.int64)
+        self._on_axis = (components * on_axis[:, None] + offsets).ravel()
+        self.conditions = sorted(conditions, key=lambda condition: condition.plane is None)
+        planes = [condition.plane for condition in self.conditions if condition.plane]
         self.planes = InclinedPlanes.of(planes, self.constrained, owned)
         self.dofs = np.flatnonzero(self.constrained[:owned])
-        self.depends_on_load = bool(move) or any(bone.moves for bone in bones)
+        self._moves = any(condition.moves for condition in conditions)
+        self.by_hand = on_load is None and any(condition.by_hand for condition in conditions)
         self.path: StartPath | None = None
-        if planes:
-            self._check_planes(V, planes, symmetry)
-        self.thin = self._thin_supports(V, mesh, hold, move, planes)
+        self.released: Array = np.empty(0, np.int64)
+        self.rigid_parts: Array | None = None
+        self.part_motions: Sequence[Array] = ()
+        self.solid_cells: Array = np.empty(0, np.int64)
+        self._thin: list[ThinSupports | None] = []
+        if self._moves:
+            self._check_planes()
 
-    def _constrain(
-        self, V: Any, mesh: Mesh, condition: Constraint
-    ) -> tuple[Condition, Array, list[int]]:
-        """Mark what a condition constrains; return it, its local nodes and its components."""
-        nodes, axes = group_nodes(V, mesh, condition.group), self._axes(condition)
-        self.constrained[nodes[:, None], axes] = True
-        label, components = mesh.group(condition.group).label, self._kinematics.components
-        return Condition.of_axes(label, nodes, axes, components), nodes, axes
+    @property
+    def depends_on_load(self) -> bool:
+        """Whether any value depends on the load."""
+        return self._moves or self.path is not None or self._on_load is not None
 
-    def _axes(self, condition: Constraint) -> list[int]:
-        """Return the numbers of a condition's components; those of 3D alone are left out."""
-        known = self._kinematics.axes
-        axes = [known.index(c) for c in condition.components if c in known]
-        if not axes:
-            accepted = f"some of {', '.join(known)}, the components in {self._kinematics.name}"
-            raise bad_value("components", list(condition.components), accepted)
-        return axes
+    @property
+    def bones(self) -> list[Any]:
+        """The bones with their nodes, whose conditions override all others."""
+        return [condition.given for condition in self.conditions if condition.label == BONES]
 
-    def _check_overrides(
-        self, V: Any, mesh: Mesh, hold: Sequence[Constraint], move: Sequence[PrescribedDisplacement]
-    ) -> None:
-        """Raise BadInput if a motion overrides an earlier condition at all nodes. Collective."""
-        coordinates = V.tabulate_dof_coordinates()
-        owned = _dolfinx.num_nodes(V)[0]
-        self.contradictions: list[str] = []
-        earlier: list[tuple[str, Constraint, Array, list[int]]] = []
-        for condition in hold if self._moved else ():
-            nodes = group_nodes(V, mesh, condition.group)
-            axes = self._axes(condition)
-            earlier.append(("hold", condition, nodes[nodes < owned], axes))
-        for (nodes, axes, _, _), motion in zip(self._moved, move, strict=True):
-            for table, other, others, other_axes in earlier:
-                both = [axis for axis in axes if axis in other_axes]
-                shared = np.intersect1d(nodes, others)
-                X = coordinates[shared]
-                different = np.zeros((len(shared), len(both)), dtype=bool)
-                for load in _LOADS if both else ():
-                    u = motion.displacement(X, load)[:, both]
-                    before = _displacement(other, X, load)[:, both]
-                    size = max(abs(u).max(initial=0.0), abs(before).max(initial=0.0))
-                    different |= abs(u - before) > _ROUNDING * size
-                at = different.any(axis=1)
-                found = [len(shared), len(others), int(at.sum())]
-                total, all_of_it, differs = V.mesh.comm.allreduce(np.array(found))
-                if not differs:
-                    continue
-                if total == all_of_it:
-                    listed = ", ".join(AXES[axis] for axis in both)
-                    accepted = f"components other than {listed}, which [[{table}]] constrains at "
-                    accepted += f"the same nodes by the group {other.group!r}"
-                    raise bad_value("move.group", motion.group, accepted)
-                least = _ROUNDING * abs(coordinates).max(initial=0.0)
-                rows = np.where(abs(X[at]) > least, X[at], 0.0)
-                gathered = V.mesh.comm.allgather((rows.tolist(), different.any(axis=0)))
-                place = min(x for rows, _ in gathered for x in rows)
-                differing = np.any([marks for _, marks in gathered], axis=0)
-                pair = f"[[move]] of {motion.group!r} and [[{table}]] of {other.group!r}"
-                listed = np.array(both)[differing].tolist()
-                text = contradiction(pair, listed, differs, place, "that [[move]]")
-                self.contradictions.append(text)
-            earlier.append(("move", motion, nodes, axes))
+    def of_label(self, label: str) -> list[Condition]:
+        """Return the conditions of a physical group, by its label."""
+        return [condition for condition in self.conditions if condition.label == label]
 
-    def contradictions_of_values(self) -> list[str]:
-        """Return `contradictions`."""
-        return self.contradictions
+    def release(self, parts: Array) -> None:
+        """Constrain no component of the nodes of rigid parts, (local nodes,) int >= 0."""
+        before, self.rigid_parts = self.dofs, parts
+        self.constrained[parts >= 0] = False
+        self.dofs = np.flatnonzero(self.constrained[: self._owned])
+        self.released = np.setdiff1d(before, self.dofs)
 
-    def _thin_supports(
-        self,
-        V: Any,
-        mesh: Mesh,
-        hold: Sequence[Constraint],
-        move: Sequence[PrescribedDisplacement],
-        planes: Sequence[NodePlane],
-    ) -> ThinSupports | None:
-        """Return what points and edges alone constrain; None without any condition on them.
-
-        The axis of revolution is an edge.
-        """
-        named = [("hold", condition) for condition in hold] + [("move", motion) for motion in move]
-        axis = axis_nodes(V) if self._kinematics.revolved else np.empty(0, np.int64)
-
-        def has_no_area(condition: Constraint) -> bool:
-            if mesh.group(condition.group).dim < mesh.dim - 1 or not self._kinematics.revolved:
-                return mesh.group(condition.group).dim < mesh.dim - 1
-            off = np.setdiff1d(group_nodes(V, mesh, condition.group), axis)
-            return bool(V.mesh.comm.allreduce(len(off)) == 0)
-
-        thin = [pair for pair in named if has_no_area(pair[1])]
-        if not thin:
-            return None
-        marked = np.zeros_like(self.constrained)
-        for pair in (*thin, *(pair for pair in named if pair not in thin)):
-            nodes = group_nodes(V, mesh, pair[1].group)
-            marked[nodes[:, None], self._axes(pair[1])] = pair in thin
-        for plane in planes:
-            marked[np.ix_(plane.nodes, abs(plane.normal) > _ROUNDING)] = False
-        for bone in self.bones:
-            marked[bone.nodes] = False
-        text = ", ".join(f"[[{table}]] of {condition.group!r}" for table, condition in thin)
-        owned = _dolfinx.num_nodes(V)[0]
-        return ThinSupports(text, np.setdiff1d(np.flatnonzero(marked[:owned]), self._on_axis))
-
-    def _check_planes(
-        self, V: Any, planes: Sequence[NodePlane], symmetry: Sequence[SymmetryPlane]
-    ) -> None:
-        """Raise BadInput if a motion takes nodes out of a plane of symmetry. Collective."""
-        u = _dolfinx.create_vector(V)
-        components, owned = self._kinematics.components, _dolfinx.num_nodes(V)[0]
-        for load in _LOADS if self.depends_on_load else ():
-            self.set_values(u, load)
-            values = u.array_r.reshape(-1, components)
-            for plane, table in zip(planes, symmetry, strict=True):
-                moved = values[plane.nodes[plane.nodes < owned]] @ plane.normal
-                sizes = np.array([abs(moved).max(initial=0.0), abs(values).max(initial=0.0)])
-                V.mesh.comm.Allreduce(MPI.IN_PLACE, sizes, op=MPI.MAX)
-                if sizes[0] > _ROUNDING * sizes[1]:
-                    accepted = "a plane that no [[move]] and no [[bone]] takes nodes out of"
-                    raise bad_value("symmetry.group", table.group, accepted)
-
-    def place_bone(self, number: int, points: Array) -> None:
-        """Let this rank's own nodes of a bone be at other points of it, (n, 3) [length]."""
-        self._in_bones[number] = points
-
-    def share_path(self, path: StartPath) -> None:
-        """Let the values go along a path, which problems of one scene share."""
-        self.path, self.depends_on_load = path, True
-
-    def start_from(self, x: PETSc.Vec) -> None:
-        """Let the `path`, which has no offset yet, begin at the values of ``x``."""
-        assert self.path is not None
-        own = x.copy()
-        self.set_values(own, 0.0)
-        self.path.offset = x.array_r[self.dofs] - own.array_r[self.dofs]
+    def set_load(self, load: float) -> None:
+        """Set constants and functions of a program, which conditions and terms may have."""
+        if self._on_load is not None:
+            self._on_load(load)
 
     def set_values(self, x: PETSc.Vec, load: float) -> None:
         """Set what is constrained of ``x`` to its values at this load."""
-        values, components = x.array, self._kinematics.components
+        self.set_load(load)
+        # Pressures may follow the displacement: ghosts of the conditions must not reach them.
+        values = x.array[: self.constrained.shape[1] * self._owned]
         values[self.dofs] = 0.0
-        first = len(self._moved) - len(self.bones)
-        for number, (nodes, axes, motion, points) in enumerate(self._moved, -first):
-            displacement = motion.displacement(self._in_bones.get(number, points), load)
-            if number in self._in_bones:
-                displacement = displacement + self._in_bones[number] - points
-            values[components * nodes[:, None] + axes] = displacement[:, axes]
+        for condition in self.conditions:
+            _set(condition, values, load)
         values[self._on_axis] = 0.0
         if self.path is not None and self.path.offset is not None:
             values[self.dofs] += (1 - load) * self.path.offset
         if self.planes:
             self.planes.prescribe(values)
 
+    def start_from(self, x: PETSc.Vec, path: StartPath) -> None:
+        """Let the values go along a path, which has no offset yet, from those of ``x``."""
+        own, self.path = x.copy(), path
+        self.set_values(own, 0.0)
+        path.offset = x.array_r[self.dofs] - own.array_r[self.dofs]
 
-def contradiction(
-    pair: str, axes: Sequence[int], count: int, place: Sequence[float], taken: str
-) -> str:
-    """Return the line on two conditions with other values at some nodes, one at a place."""
-    where = ", ".join(f"{x:.4g}" for x in place)
-    return (
-        f"{pair} prescribe other values of {', '.join(AXES[i] for i in axes)} at {count} common "
-        f"nodes, one at ({where}), where {taken} is taken: the displacement jumps within a cell "
-        "beside them, so forces there grow with finer meshes"
-    )
+    def project(self, values: Array, ghosts: bool = False) -> None:
+        """Set what is constrained of displacements or forces to zero, in place.
 
+        ``values`` begins with the components of this rank's nodes, with ``ghosts`` of all local
+        nodes.
+        """
+        values[self.constrained.ravel() if ghosts else self.dofs] = 0.0
+        if self.planes:
+            self.planes.project(values, ghosts)
 
-def _displacement(condition: Any, X: Array, load: float) -> Array:
-    """Return the (n, 3) displacements of a condition at a load; of a `Constraint` they are zero."""
-    if hasattr(condition, "displacement"):
-        found: Array = condition.displacement(X, load)
+    def work(self, forces: Array, moved: Array) -> float:
+        """Return the work of forces [N] along constrained displacements of this rank's nodes."""
+        found = float(forces[self.dofs] @ moved[self.dofs])
+        return found + (self.planes.work(forces, moved) if self.planes else 0.0)
+
+    @property
+    def constrained_nodes(self) -> Array:
+        """(local nodes,) bool: which nodes have a constrained direction."""
+        found: Array = np.any(self.constrained, axis=1)
+        if self.planes:
+            found[self.planes.nodes] = True
         return found
-    return np.zeros_like(X)
+
+    def thin_supports(self) -> ThinSupports | None:
+        """Return what nodes constrain that are on no constrained facet; None without any.
+
+        Nodes in bones are none of them. Collective.
+        """
+        if not self._thin:
+            self._thin.append(self._find_thin_supports())
+        return self._thin[0]
+
+    def _find_thin_supports(self) -> ThinSupports | None:
+        marked = self.constrained & ~covered_nodes(self._V, self.constrained, self._axis)
+        for condition in self.conditions:
+            if condition.plane:
+                nodes, normal = condition.plane
+                marked[np.ix_(nodes, abs(normal) > _ROUNDING)] = False
+            elif condition.label == BONES:
+                marked[condition.given.nodes] = False
+        thin = np.setdiff1d(np.flatnonzero(marked[: self._owned]), self._on_axis)
+        used = np.array([np.isin(thin, condition.dofs).any() for condition in self.conditions])
+        found = self._V.mesh.comm.allreduce(used.astype(np.int32))
+        names = [c.name for c, is_used in zip(self.conditions, found, strict=True) if is_used]
+        return ThinSupports(", ".join(names), thin) if names else None
+
+    def contradictions(self) -> list[str]:
+        """Return a line for each pair of conditions that differ at common nodes. Collective.
+
+        A condition of dolfinx that another one overrides as a whole is replaced by it.
+
+        Raises
+        ------
+        BadInput
+            On every rank, for a motion that overrides components of an earlier table of a scene at
+            all of its nodes.
+        """
+        if not (self._moves or any(condition.by_hand for condition in self.conditions)):
+            return []
+        comm, size = self._V.mesh.comm, self.constrained[: self._owned].size
+        components = self.constrained.shape[1]
+        taken = np.full(size, -1)
+        for number, condition in enumerate(self.conditions):
+            taken[condition.dofs] = number
+        different = np.zeros((len(self.conditions), size), dtype=bool)
+        for load in _LOADS:
+            values, given = np.zeros(size), []
+            for condition in self.conditions:
+                _set(condition, values, load)
+                given.append(values[condition.dofs].copy())
+            largest = comm.allreduce(abs(values).max(initial=0.0), op=MPI.MAX)
+            for row, condition, own in zip(different, self.conditions, given, strict=True):
+                row[condition.dofs] |= abs(own - values[condition.dofs]) > _ROUNDING * largest
+        X = self._V.tabulate_dof_coordinates()
+        least = _ROUNDING * comm.allreduce(abs(X).max(initial=0.0), op=MPI.MAX)
+        X = np.where(abs(X) > least, X, 0.0)
+        lines = []
+        for number, condition in enumerate(self.conditions):
+            takers, dofs = taken[condition.dofs], condition.dofs
+            kept = comm.allreduce(int((takers == number).sum()))
+            others = set[int]().union(*comm.allgather({*takers.tolist()} - {number}))
+            for other in sorted(others):
+                by = self.conditions[other]
+                if by.label == BONES:
+                    continue
+                at = dofs[(takers == other) & different[number, dofs]]
+                places = {tuple(point) for point in X[at // components].tolist()}
+                gathered = comm.allgather((places, {*(at % components).tolist()}))
+                places = set[Any]().union(*(found for found, _ in gathered))
+                if not places:
+                    continue
+                shared = np.isin(dofs % components, list(by.components))
+                counts = np.array([shared.sum(), (takers == other).sum()])
+                of_both, overridden = comm.allreduce(counts)
+                if of_both == overridden and not by.by_hand and not condition.by_hand:
+                    axes = _axes_in_words(by.components & condition.components)
+                    accepted = f"components other than {axes}, which {condition.name} constrains"
+                    raise bad_value(by.key, by.given.group, f"{accepted} at the same nodes")
+                if kept or not condition.by_hand:
+                    axes = _axes_in_words(set[int]().union(*(found for _, found in gathered)))
+                    pair, place = in_words([condition.name, by.name]), min(places)
+                    lines.append(
+                        f"{pair} prescribe other values of {axes} at {len(places)} common nodes, "
+                        f"one at ({', '.join(f'{x:.4g}' for x in place)}), where {by.name} is "
+                        "taken: the displacement jumps within a cell beside them, so forces there "
+                        "grow with finer meshes"
+                    )
+        return lines
+
+    def _check_planes(self) -> None:
+        """Raise BadInput if a motion takes nodes out of a plane of symmetry. Collective."""
+        u, components = _dolfinx.create_vector(self._V), self.constrained.shape[1]
+        planes = [condition for condition in self.conditions if condition.plane]
+        for load in _LOADS if planes else ():
+            self.set_values(u, load)
+            values = u.array_r.reshape(-1, components)
+            for condition in planes:
+                nodes, normal = condition.directions[0]
+                moved = values[nodes[nodes < self._owned]] @ normal
+                sizes = np.array([abs(moved).max(initial=0.0), abs(values).max(initial=0.0)])
+                self._V.mesh.comm.Allreduce(MPI.IN_PLACE, sizes, op=MPI.MAX)
+                if sizes[0] > _ROUNDING * sizes[1]:
+                    accepted = "a plane that no [[move]] and no [[bone]] takes nodes out of"
+                    raise bad_value("symmetry.group", condition.given.group, accepted)
+
+
+def _set(condition: Condition, values: Array, load: float) -> None:
+    """Set the values of a condition in this rank's part of a vector."""
+    if condition.set_values is None:
+        values[condition.dofs] = 0.0
+    else:
+        condition.set_values(values, load)
+
+
+def _axes_in_words(axes: set[int]) -> str:
+    """Return the names of axes as text."""
+    return ", ".join(AXES[axis] for axis in sorted(axes))
 
 
 def axis_nodes(V: Any) -> Array:
@@ -492,13 +412,32 @@ def facets_plane(V: Any, facets: Array, key: str, name: Any) -> NodePlane:
     return NodePlane(nodes, np.pad(normal, (0, _dolfinx.num_components(V) - dim)))
 
 
-def _plane_of_group(V: Any, mesh: Mesh, key: str | int) -> NodePlane:
-    """Return the plane in which a physical group lies. Collective."""
-    group = mesh.group(key)
-    if group.dim != mesh.dim - 1:
-        accepted = f"a {DIMENSIONS[mesh.dim - 1]}, not a {group.label}"
-        raise bad_value("symmetry.group", key, accepted)
-    return facets_plane(V, group.entities, "symmetry.group", key)
+def covered_nodes(V: Any, constrained: Array, axis: Array) -> Array:
+    """Return the nodes of facets whose nodes are all constrained, by component. Collective.
+
+    Parameters
+    ----------
+    V : dolfinx function space
+        The displacement's space.
+    constrained : (local nodes, components) bool
+        What is constrained, ghosts included.
+    axis : (n,) int
+        Local nodes on the axis of revolution, whose facets have no area.
+
+    Returns
+    -------
+    (local nodes, components) bool
+    """
+    cells = _dolfinx.node_dofs(V)
+    off_axis = np.ones(len(constrained), dtype=bool)
+    off_axis[axis] = False
+    marks = np.zeros(constrained.shape)
+    for local in _dolfinx.facet_nodes(V):
+        nodes = cells[:, local]
+        whole = constrained[nodes].all(axis=1) & off_axis[nodes].any(axis=1)[:, None]
+        for component in range(constrained.shape[1]):
+            marks[nodes[whole[:, component]], component] = 1.0
+    return summed_over_ranks(V, marks) > 0
 
 
 def group_nodes(V: Any, mesh: Mesh, key: str | int) -> Array:
@@ -533,15 +472,17 @@ def group_forces(V: Any, mesh: Mesh, key: str | int, dirichlet: Dirichlet) -> Co
     """
     owned, components = _dolfinx.num_nodes(V)[0], _dolfinx.num_components(V)
     label = mesh.group(key).label
-    if label in [condition.label for condition in dirichlet.conditions]:
-        return counted_forces(dirichlet, label, owned, components)
+    if own := dirichlet.of_label(label):
+        return counted_forces(dirichlet, own, owned, components)
     weights, nodes = np.zeros((owned, components, components)), group_nodes(V, mesh, key)
     weights[nodes[nodes < owned]] = np.eye(components)
     return CountedForces(weights)
 
 
-def counted_forces(dirichlet: Dirichlet, label: str, owned: int, components: int) -> CountedForces:
-    """Return the parts of the forces at the owned nodes that count for conditions of one label.
+def counted_forces(
+    dirichlet: Dirichlet, some: Sequence[Condition], owned: int, components: int
+) -> CountedForces:
+    """Return the parts of the forces at the owned nodes that count for some of the conditions.
 
     They are those along what these conditions constrain: on the edge of two surfaces each has the
     force of its own condition. What several conditions constrain counts for the one that sets the
@@ -551,13 +492,13 @@ def counted_forces(dirichlet: Dirichlet, label: str, owned: int, components: int
     weights, taken = np.zeros((2, owned, components, components))
     in_rigid = divmod(dirichlet.released, components)
     taken[in_rigid] = np.eye(components)[in_rigid[1]]
-    own = [n for c in dirichlet.conditions if c.label == label for _, n in c.directions]
+    own = [normal for condition in some for _, normal in condition.directions]
     shared, takers = np.zeros(owned, dtype=bool), list[tuple[str, Array]]()
     for condition in reversed(dirichlet.conditions):
         for nodes, normal in condition.directions:
             nodes = nodes[nodes < owned]
             part, size = take_direction(taken, nodes, normal)
-            if condition.label == label:
+            if condition in some:
                 weights[nodes] += part
                 shared[nodes[size < 1 - _DEPENDENT]] = True
             elif (np.abs(np.array(own) @ normal) > _DEPENDENT).any():

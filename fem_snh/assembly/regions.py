@@ -9,9 +9,11 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh import _dolfinx
+from fem_snh.assembly.groups import owned_cells
 from fem_snh.errors import BadInput, bad_value, check_number
 from fem_snh.kernels.material import Material
-from fem_snh.mesh.mesh import DIMENSIONS, Mesh, cell_volumes
+from fem_snh.mesh.mesh import Mesh, cell_volumes
+from fem_snh.tables.types import surface_name
 
 Array = npt.NDArray[Any]
 
@@ -69,15 +71,21 @@ class Filling(NamedTuple):
     ----------
     material : Material
         The material.
-    group : str, int or None
-        A physical group of cells; None for all cells that no other material fills.
+    group : str, int, ufl.Measure or None
+        A physical group or a measure of cells; None for all cells that no other material fills.
     density : float or None
         Mass per reference volume [kg/m^3].
     """
 
     material: Material
-    group: str | int | None = None
+    group: Any = None
     density: float | None = None
+
+    @property
+    def key(self) -> str:
+        """The key of its group, for messages."""
+        is_name = isinstance(self.group, str | int)
+        return "material.group" if is_name else f"materials[{self.material.name}]"
 
 
 def without_cells(comm: Any, regions: Sequence[Region], cells: Array) -> list[Region]:
@@ -115,8 +123,8 @@ def regions_with(domain: Any, regions: Sequence[Region], density: float | None) 
     return [r if r.density is not None else r._replace(density=density) for r in regions]
 
 
-def regions_of_groups(mesh: Mesh, fillings: Sequence[Filling]) -> list[Region]:
-    """Return the regions of a mesh whose physical groups are filled by materials. Collective.
+def fill_regions(mesh: Mesh, fillings: Sequence[Filling]) -> list[Region]:
+    """Return the regions of a mesh whose groups are filled by materials. Collective.
 
     Parameters
     ----------
@@ -128,27 +136,25 @@ def regions_of_groups(mesh: Mesh, fillings: Sequence[Filling]) -> list[Region]:
     Raises
     ------
     BadInput
-        On every rank: an unknown group, a group that is not one of volumes, groups that overlap,
+        On every rank: an unknown group, a group that is not one of cells, groups that overlap,
         cells without a material, or a material without cells.
     """
-    num_cells = _dolfinx.num_owned(mesh.domain)
-    owner = np.full(num_cells, -1, dtype=np.int32)  # which of `fillings` fills each cell
+    if not fillings:
+        return []
+    owner = np.full(_dolfinx.num_owned(mesh.domain), -1, dtype=np.int32)  # number of the filling
     for number, filling in enumerate(fillings):
-        if filling.group is None:
-            continue
-        group = mesh.group(filling.group)
-        if group.dim != mesh.dim:
-            accepted = f"a group of {DIMENSIONS[mesh.dim]}s, not a {group.label}"
-            raise bad_value("material.group", filling.group, accepted)
-        cells = group.entities[group.entities < num_cells]
-        _check_overlap(mesh, fillings, owner[cells], filling.group)
-        owner[cells] = number
+        if filling.group is not None:
+            cells = owned_cells(mesh, filling.key, filling.group)
+            _check_overlap(mesh, fillings, owner[cells], filling)
+            owner[cells] = number
     rest = [number for number, filling in enumerate(fillings) if filling.group is None]
     missing = mesh.domain.comm.allreduce(int((owner < 0).sum()))
     if missing and not rest:
+        named = fillings[0].key == "material.group"
+        accepted = "a material without a group, which fills the rest"
         raise BadInput(
             f"material: {missing} of {mesh.num_cells} cells are in none of the groups "
-            f"{_listed(fillings)}: expected a material without a group, which fills the rest"
+            f"{_listed(fillings)}: expected {accepted if named else 'one for each cell'}"
         )
     if rest and not missing:
         raise BadInput(
@@ -165,41 +171,20 @@ def regions_of_groups(mesh: Mesh, fillings: Sequence[Filling]) -> list[Region]:
 
 
 def _check_overlap(
-    mesh: Mesh, fillings: Sequence[Filling], owners: Array, group: str | int
+    mesh: Mesh, fillings: Sequence[Filling], owners: Array, filling: Filling
 ) -> None:
     """Raise BadInput on every rank if a group's cells are in an earlier material. Collective."""
     counts = np.bincount(owners[owners >= 0], minlength=len(fillings))
     counts = mesh.domain.comm.allreduce(counts)
     if counts.any():
-        other, shared = fillings[int(counts.argmax())].group, int(counts.max())
+        other, shared = surface_name(fillings[int(counts.argmax())].group), int(counts.max())
         accepted = f"a group that shares no cell with '{other}'; they share {shared}"
-        raise bad_value("material.group", group, accepted)
+        raise bad_value(filling.key, surface_name(filling.group), accepted)
 
 
 def _listed(fillings: Sequence[Filling]) -> str:
     """Return the names of the groups as text."""
-    return ", ".join(f"'{f.group}'" for f in fillings if f.group is not None)
-
-
-def check_partition(domain: Any, regions: Sequence[Region]) -> None:
-    """Check that every cell of a dolfinx mesh is in one region. Collective.
-
-    Raises
-    ------
-    BadInput
-        On every rank: cells in two regions, or in none.
-    """
-    num_cells = _dolfinx.num_owned(domain)
-    times = np.zeros(num_cells, dtype=np.int64)
-    for region in regions:
-        np.add.at(times, region.cells, 1)
-    local = np.array([(times > 1).sum(), (times == 0).sum(), num_cells])
-    twice, never, total = domain.comm.allreduce(local)
-    if twice or never:
-        raise BadInput(
-            f"materials: {twice} of {total} cells are in two regions and {never} in none: "
-            "expected one material for each cell"
-        )
+    return ", ".join(f"'{surface_name(f.group)}'" for f in fillings if f.group is not None)
 
 
 def reference_modulus(domain: Any, regions: Sequence[Region], revolved: bool = False) -> float:

@@ -74,8 +74,8 @@ class SelfContact(Feature):
             from fem_snh.contact.reference.reference import ReferenceContact  # imports PETSc
 
             stiffness = chosen.stiffness
-            return [ReferenceContact(body.V, body.skin, body.regions, stiffness, kinematics)]
+            return [ReferenceContact(body.V, body.mesh.skin, body.regions, stiffness, kinematics)]
         from fem_snh.contact.barrier import IPC  # imports PETSc
 
         values = chosen.stiffness, chosen.distance, chosen.friction
-        return [IPC(body.V, body.skin, body.regions, *values, kinematics)]
+        return [IPC(body.V, body.mesh.skin, body.regions, *values, kinematics)]

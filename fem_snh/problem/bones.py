@@ -275,12 +275,12 @@ class BoneRecords:
     Parameters
     ----------
     problem : Problem
-        A problem whose `DirichletConditions` have bones.
+        A problem whose conditions have bones.
     """
 
     def __init__(self, problem: Problem) -> None:
         self._problem = problem
-        self._bones: list[BoneNodes] = list(getattr(problem.dirichlet, "bones", ()))
+        self._bones: list[BoneNodes] = problem.dirichlet.bones
 
     def blend(self) -> Callable[[PETSc.Vec, float, float], None]:
         """Return the function that moves the flesh with the bones. Collective."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 from mpi4py import MPI
@@ -10,30 +10,7 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 
-from fem_snh import _dolfinx
-from fem_snh.errors import bad_value
-from fem_snh.mesh.mesh import DIMENSIONS, Mesh
-
 Array = npt.NDArray[Any]
-
-
-def group_cells(mesh: Mesh, groups: Sequence[str | int]) -> dict[str, Array]:
-    """Return the cells of physical groups of volumes among those that this rank owns, by key.
-
-    Raises
-    ------
-    BadInput
-        On every rank, for an unknown group and for one that is not of volumes.
-    """
-    found = {}
-    for key in groups:
-        group = mesh.group(key)
-        if group.dim != mesh.dim:
-            accepted = f"a group of {DIMENSIONS[mesh.dim]}s, not a {group.label}"
-            raise bad_value("volumes", key, accepted)
-        owned = _dolfinx.num_owned(mesh.domain)
-        found[str(key)] = group.entities[group.entities < owned]
-    return found
 
 
 def body_measures(
@@ -53,7 +30,7 @@ def body_measures(
     u : (n, components) array
         Displacement [m] of this rank's nodes.
     parts : mapping of arrays, optional
-        Cells of parts of the body, from `group_cells`.
+        Cells of parts of the body, as `Problem` takes them.
 
     Returns
     -------

@@ -53,6 +53,7 @@ from fem_snh.terms.step_limit import StepLimit
 from fem_snh.terms.term import CouplingTerm, Term
 
 if TYPE_CHECKING:
+    from fem_snh.problem.definition import Definition
     from fem_snh.terms.rigid_parts import RigidParts
 
 Array = npt.NDArray[Any]
@@ -66,8 +67,7 @@ _NO_FORCE = 1e-9
 class Problem:
     """Find the displacement that minimises the energy at a given load. Collective.
 
-    With an unknown pressure: find both at a saddle point. `fem_snh.problem.create_problem` builds
-    one.
+    With an unknown pressure: find both at a saddle point.
 
     Parameters
     ----------
@@ -130,8 +130,8 @@ class Problem:
     modulus, force_scale : float
         The scale E of the moduli [Pa] (`fem_snh.assembly.regions.reference_modulus`); E V^(2/3)
         [N], of a plane E times `length` [N/m].
-    given_terms, given_volume : list, callable or None
-        Of a program: the forms, features and terms, and the volume energy of which it was made.
+    definition : Definition
+        What it was made of, if `fem_snh.problem.definition.Definition.problem` made it.
     asymmetric : bool
         Whether the last Hessian is not symmetric.
     nonfinite : int
@@ -144,6 +144,8 @@ class Problem:
     BadInput
         On every rank, if the element does not support a material.
     """
+
+    definition: Definition
 
     def __init__(
         self,
@@ -179,8 +181,6 @@ class Problem:
         check_force_scale(self.force_scale)
         self.load, self.nonfinite = 0.0, 0
         self.motion, self.skin = motion, skin
-        self.given_terms: list[Any] = []
-        self.given_volume: Any = None
         self.constrained_dofs = dirichlet.dofs
         scale = pressure_unit(element, self.num_cells) * self.modulus / self.length
         elastic = elastic_term(choose("assembly", assembly, ASSEMBLIES))

@@ -29,7 +29,7 @@ from fem_snh.assembly.boundary_conditions import (
 from fem_snh.assembly.kinematics import Kinematics
 from fem_snh.errors import bad_value, in_words
 from fem_snh.mesh.mesh import Mesh
-from fem_snh.terms.symmetry import Symmetry
+from fem_snh.problem.conditions import condition_of
 
 if TYPE_CHECKING:
     from fem_snh.problem.problem import Problem
@@ -101,8 +101,7 @@ class Reactions:
         One that they constrain as a whole has the force of them.
         """
         group = mesh.group(key)
-        labels = [condition.label for condition in dirichlet.conditions]
-        if group.dim != mesh.dim - 1 or group.label in labels:
+        if group.dim != mesh.dim - 1 or dirichlet.of_label(group.label):
             return []
         nodes = group_nodes(V, mesh, key)
         nodes = nodes[nodes < len(self._X)]
@@ -162,7 +161,7 @@ class Reactions:
 def is_free(problem: Problem, mesh: Mesh, key: str | int) -> bool:
     """Return whether nothing constrains a group, whose force is the residual. Collective."""
     group = mesh.group(key)
-    if group.label in [condition.label for condition in problem.dirichlet.conditions]:
+    if problem.dirichlet.of_label(group.label):
         return False
     nodes = group_nodes(problem.V, mesh, key)
     constrained = problem.constrained_nodes
@@ -257,7 +256,7 @@ class HasReactions:
             On every rank, for another condition or object.
         """
         self._read_displacement()
-        return np.asarray(reaction(self._problem, condition_weights(self._problem, condition))[0])
+        return np.asarray(reaction(self._problem, counted_weights(self._problem, condition))[0])
 
     def reaction_moment(self, condition: Any, about: Sequence[float] = (0, 0, 0)) -> Array:
         """Return the moment (3,) [N m] that a condition exerts on the body. Collective.
@@ -283,14 +282,14 @@ class HasReactions:
         >>> torque = problem.reaction_moment(bcs[1], about=[0, 0, 0])[2]
         """
         self._read_displacement()
-        weights = condition_weights(self._problem, condition)
+        weights = counted_weights(self._problem, condition)
         return np.asarray(reaction(self._problem, weights, three_numbers("about", about))[1])
 
     def _read_displacement(self) -> None:
         raise NotImplementedError
 
 
-def condition_weights(problem: Problem, condition: Any) -> Array:
+def counted_weights(problem: Problem, condition: Any) -> Array:
     """Return the weights of the owned nodes' forces that a condition exerts. Collective.
 
     Raises
@@ -298,28 +297,9 @@ def condition_weights(problem: Problem, condition: Any) -> Array:
     BadInput
         On every rank, for what is not one of the problem's ``bcs``.
     """
-    conditions: Any = problem.dirichlet
-    return counted_weights(problem, condition_number(conditions.given, condition, "condition"))
-
-
-def counted_weights(problem: Problem, number: int) -> Array:
-    """Return the weights of `counted_forces` of a condition, by its index in ``bcs``."""
     size = len(problem.coordinates), problem.kinematics.components
-    return counted_forces(problem.dirichlet, f"bcs[{number}]", *size).weights
-
-
-def condition_number(bcs: Sequence[Any], condition: Any, key: str) -> int:
-    """Return the index of a condition; raise BadInput for anything but one of ``bcs``."""
-    for number, bc in enumerate(bcs):
-        if bc is condition:
-            return number
-    found = "a condition" if is_condition(condition) else condition
-    raise bad_value(key, found, "one of the problem's bcs")
-
-
-def is_condition(given: Any) -> bool:
-    """Whether an object is a condition of dolfinx or a plane of symmetry."""
-    return hasattr(given, "dof_indices") or isinstance(given, Symmetry)
+    found = condition_of(problem.dirichlet, condition, "condition")
+    return counted_forces(problem.dirichlet, [found], *size).weights
 
 
 def three_numbers(key: str, value: Any) -> list[float]:

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh import _dolfinx
+from fem_snh.assembly.boundary_conditions import BONES
 from fem_snh.assembly.regions import cells_of_one_label
 from fem_snh.geometry.shapes import Shape
 from fem_snh.problem.problem import Problem
@@ -50,7 +51,7 @@ class Solid(NamedTuple):
 def solids_in_shapes(problem: Problem) -> list[Solid]:
     """Return the solids of a problem that are shapes."""
     found, owned = [], len(problem.coordinates)
-    for number, placed in enumerate(getattr(problem.dirichlet, "bones", ())):
+    for number, placed in enumerate(problem.dirichlet.bones):
         if placed.bone.shape is not None:
             name, nodes = placed.bone.name, placed.nodes[placed.nodes < owned]
             pose = partial(_pose_of_bone, problem, placed)
@@ -79,7 +80,7 @@ def _pose_of_bone(problem: Problem, placed: Any) -> Array:
 
 
 def _place_bone(problem: Problem, number: int, points: Array) -> None:
-    problem.dirichlet.place_bone(number, points)  # type: ignore[attr-defined]  # those of a scene
+    problem.dirichlet.of_label(BONES)[number].points = points
     problem.prescribe(problem.x)
 
 

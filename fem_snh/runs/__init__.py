@@ -10,6 +10,6 @@ from __future__ import annotations
 
 from fem_snh.runs.driver import run
 from fem_snh.runs.result import Result
-from fem_snh.runs.scene_mesh import make_mesh
+from fem_snh.scenes.build import make_mesh
 
 __all__ = ["Result", "make_mesh", "run"]

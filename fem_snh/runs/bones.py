@@ -1,30 +1,13 @@
-"""The bones of a scene: the nodes that follow them, and what run.json has of them."""
+"""What run.json has of the bones of a scene."""
 
 from __future__ import annotations
 
 from typing import Any
 
-from fem_snh.errors import on_every
-from fem_snh.mesh.mesh import Mesh
-from fem_snh.problem.bones import BoneNodes, place_bones
+from fem_snh.problem.bones import BoneNodes
 from fem_snh.problem.problem import Problem
 from fem_snh.records.run_files import surface_copy
 from fem_snh.scenes import Scene
-from fem_snh.scenes._bones import read_bones
-
-
-def scene_bones(scene: Scene, V: Any, mesh: Mesh) -> list[BoneNodes]:
-    """Return the bones of a scene with their nodes. Collective.
-
-    Raises
-    ------
-    BadInput
-        On every rank, for a file that cannot be read or is not valid, for a group that is unknown
-        or no volume, and for a bone without a node.
-    """
-    comm = mesh.domain.comm
-    bones = on_every(comm, read_bones, scene)
-    return place_bones(V, mesh, bones)
 
 
 def describe_bones(scene: Scene, problem: Problem) -> dict[str, dict[str, Any]]:
@@ -34,7 +17,7 @@ def describe_bones(scene: Scene, problem: Problem) -> dict[str, dict[str, Any]]:
     ``nodes``; and ``pose``, the three rows [A | c] of its map at load 0.
     """
     found = {}
-    placed: list[BoneNodes] = getattr(problem.dirichlet, "bones", [])
+    placed: list[BoneNodes] = problem.dirichlet.bones
     for i, (choice, bone) in enumerate(zip(scene.bone, placed, strict=True)):
         kind: dict[str, Any] = {"group": choice.group}
         if choice.shape is not None:

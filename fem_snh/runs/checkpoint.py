@@ -74,7 +74,7 @@ class CheckpointWriter:
             if before:
                 arrays[f"{name}_before"] = field.gather(before[1])
         arrays |= gather_terms(problem)
-        path = getattr(problem.dirichlet, "path", None)
+        path = problem.dirichlet.path
         if path is not None:
             offset = problem.x.duplicate()
             offset.array[problem.dirichlet.dofs] = path.offset

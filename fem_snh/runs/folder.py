@@ -58,7 +58,7 @@ def describe(setup: Setup) -> dict[str, Any]:
     ]
     texts = [text for term in problem.terms if (text := term.note)]
     texts += [*turns(scene), *partial_rotations(scene), *kinks(scene)]
-    texts += [*problem.dirichlet.contradictions_of_values(), *problem.reaction_notes]
+    texts += [*problem.dirichlet.contradictions(), *problem.reaction_notes]
     texts += [
         f"reactions of {key!r}: nothing constrains its nodes: the force is zero, up to the residual"
         for key in (reaction.group for reaction in scene.reactions)

@@ -25,16 +25,15 @@ from fem_snh.accuracy.goals import (
     vector_of,
 )
 from fem_snh.assembly.boundary_conditions import group_forces
+from fem_snh.assembly.groups import boundary_facets, owned_cells
 from fem_snh.assembly.kinematics import kinematics_of
 from fem_snh.errors import BadInput, bad_value
 from fem_snh.mesh.mesh import DIMENSIONS, Mesh
-from fem_snh.problem.measures import group_cells
 from fem_snh.problem.problem import Problem
 from fem_snh.problem.reactions import is_free
 from fem_snh.runs.setup import Setup
 from fem_snh.scenes import LARGEST, GoalName, Scene, frequency_goals, read_goal, term_goals
 from fem_snh.tables.amplitudes import loads_return
-from fem_snh.terms.body import group_facets
 
 if TYPE_CHECKING:
     from fem_snh.problem.modes import LowestModes
@@ -208,13 +207,13 @@ def _cells(mesh: Mesh, key: str, text: str) -> Any:
     if group.dim != mesh.dim:
         cells = DIMENSIONS[mesh.dim]
         raise bad_value(_KEY, text, f"a goal of a group of {cells}s, not of a {group.label}")
-    return group_cells(mesh, [key])[key]
+    return owned_cells(mesh, _KEY, key)
 
 
 def _measure(mesh: Mesh, key: str, text: str) -> Any:
     """Return the measure of a group of facets or cells."""
     if mesh.group(key).dim == mesh.dim - 1:
-        return _dolfinx.surface_measure(mesh.domain, group_facets(mesh, _KEY, key))
+        return _dolfinx.surface_measure(mesh.domain, boundary_facets(mesh, _KEY, key))
     cells = _cells(mesh, key, text)
     others = np.setdiff1d(np.arange(_dolfinx.num_owned(mesh.domain), dtype=np.int32), cells)
     measures = _dolfinx.cell_measures(mesh.domain, [cells, others], mesh.cell, _MEAN_DEGREE)

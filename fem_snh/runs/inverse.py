@@ -42,7 +42,7 @@ from fem_snh.files import write_file
 from fem_snh.linalg.direct_solver import set_direct_solver, set_direct_solver_of_sum
 from fem_snh.runs.goals import named_goals
 from fem_snh.runs.scene_options import scene_options
-from fem_snh.runs.setup import Setup, make_problem, set_up
+from fem_snh.runs.setup import Setup, define_scene, set_up
 from fem_snh.studies.fit.data import WITH_A_SQUARE, has_a_square, is_number, read_cells
 from fem_snh.studies.fit.family import accepted_range
 from fem_snh.studies.fit.least_squares import reaches_bound, standard_errors
@@ -574,7 +574,9 @@ class InverseProblem:
         for sign in (1, -1):
             moved = z.copy()
             moved[k] += sign * _STEP
-            problem = make_problem(self.scene_at(moved), setup.mesh, setup.problem.element)
+            moved_scene = self.scene_at(moved)
+            definition, u = define_scene(moved_scene, self.comm, setup.mesh)
+            problem = definition.problem(u=u)
             gradient, evaluate = problem.x.duplicate(), bind_all(goals, problem)
             for total, state in zip(sums, states, strict=True):
                 problem.set_load(state.load)

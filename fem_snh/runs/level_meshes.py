@@ -20,7 +20,7 @@ from fem_snh.accuracy.goals import MOST_RADII, sizes_near
 from fem_snh.accuracy.indicators import target_volumes
 from fem_snh.accuracy.path_errors import HALVES
 from fem_snh.accuracy.state_notes import REPLACEMENTS
-from fem_snh.assembly.elements import ELEMENTS, element
+from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.assembly.kinematics import kinematics_of
 from fem_snh.choices import DEFAULT_CELLS
 from fem_snh.errors import BadInput
@@ -32,8 +32,8 @@ from fem_snh.mesh.gmsh_input import MeshData, has_free_sizes, parameter
 from fem_snh.mesh.mesh import Mesh, distribute, gather
 from fem_snh.mesh.round_faces import round_faces
 from fem_snh.runs.progress import Progress
-from fem_snh.runs.scene_mesh import make_mesh, mesh_again
 from fem_snh.scenes import Geometry, Lattice, Scene
+from fem_snh.scenes.build import make_mesh, mesh_again
 
 if TYPE_CHECKING:
     from fem_snh.runs.levels import Level
@@ -285,7 +285,7 @@ def fine_at(
         cells are bisected.
     """
     kinematics = kinematics_of(scene.kinematics)
-    mesh = make_mesh(comm, scene, element(scene.element, scene.quadrature, kinematics))
+    mesh = make_mesh(comm, scene)
     given = gather(mesh)
 
     def make_on_root() -> MeshData:

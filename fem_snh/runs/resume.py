@@ -116,7 +116,7 @@ class Checkpoint:
         """
         problem, about = stepper.problem, self._about
         fields = nodal_values.fields(problem)
-        path = getattr(problem.dirichlet, "path", None)
+        path = problem.dirichlet.path
         needed = [OFFSET] if path is not None else []
         on_root(
             self.folder.comm, self._check_parts, list(fields), needed, stepper.motion is not None

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from functools import partial
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,19 +12,16 @@ from petsc4py import PETSc
 
 from fem_snh import scenes, solver
 from fem_snh.assembly import elements
-from fem_snh.assembly.kinematics import find_kinematics, kinematics_of
-from fem_snh.assembly.regions import Filling
 from fem_snh.cache import Stopwatch
-from fem_snh.errors import BadInput
-from fem_snh.kernels.material import material
 from fem_snh.mesh import mesh as meshes
-from fem_snh.problem.create_problem import create_problem
+from fem_snh.problem.definition import Definition
 from fem_snh.problem.initial_state import set_initial_state
 from fem_snh.problem.probes import Probes
 from fem_snh.problem.problem import Problem
+from fem_snh.problem.program import define
 from fem_snh.records.run_record import Note
 from fem_snh.runs.result import Result
-from fem_snh.runs.scene_mesh import make_mesh
+from fem_snh.scenes.build import build, make_material, make_mesh
 from fem_snh.steps.condensation import Condensation, choose_condensation, chosen_for_condensed
 from fem_snh.steps.poisson_continuation import PoissonContinuation
 from fem_snh.steps.step_solver import StepSolver
@@ -109,33 +105,36 @@ def set_up(
         On every rank, for a scene that does not fit its mesh, its material or its element.
     """
     watch = Stopwatch()
-    kinematics = kinematics_of(scene.kinematics)
-    element = element or elements.element(scene.element, scene.quadrature, kinematics)
-    mesh = mesh or make_mesh(comm, scene, element)
-    find_kinematics(scene.kinematics, mesh.dim)
-    _check_groups(scene, mesh)
+    mesh = mesh or make_mesh(comm, scene)
     meshed = watch.seconds
+    definition, u = define_scene(scene, comm, mesh)
 
-    def make(nu: float | None = None, element: elements.Element = element) -> Problem:
-        made = make_problem(scene, mesh, element, nu)
-        made.scale_penalties(stiffer)
-        if path is not None and made.element.degree == problem.element.degree:
-            made.dirichlet.share_path(path)  # type: ignore[attr-defined]  # those of a scene
-        return made
+    def made(problem: Problem) -> Problem:
+        problem.scale_penalties(stiffer)
+        if problem is not first and problem.element.degree == first.element.degree:
+            problem.dirichlet.path = first.dirichlet.path
+        return problem
 
-    path, note = None, None
-    problem = make()
+    def make(other: elements.Element) -> Problem:
+        return made(definition.problem(other))
+
+    def at_ratio(nu: float) -> Problem:
+        return made(_at_ratio(definition, scene, nu).problem(element))
+
+    first = definition.problem(element, None if element else u)
+    problem, note = made(first), None
+    element = problem.element
     if scene.start and scene.start.run is not None:
         from fem_snh.runs.start import start_from_run
 
-        path, note = start_from_run(problem, scene, read=not resumed)
+        note = start_from_run(problem, scene, read=not resumed)
     elif scene.start and (scene.start.displaces or not scene.time):
         set_initial_state(problem, scene.start)
     probes = Probes(problem.u, scene.probe) if scene.probe else None
     choices = scene.hessian, scene.globalization
     snes = solver.create(problem, *choices)
     ratios = scene.nu_continuation
-    continuation = PoissonContinuation(ratios, make, *choices) if ratios else None
+    continuation = PoissonContinuation(ratios, at_ratio, *choices) if ratios else None
     steps, every, motion, bones = scene.steps, 1, None, None
     if scene.time:
         from fem_snh.steps.time_steps import start_motion
@@ -148,7 +147,7 @@ def set_up(
         bones = BoneRecords(problem)
     mixed = elements.with_cell_pressures(element)
     wanted, why = scene.static_condensation, _why_condensed(scene)
-    condensation = choose_condensation(wanted, problem, lambda: make(element=mixed), why)
+    condensation = choose_condensation(wanted, problem, lambda: make(mixed), why)
     pressures = condensation.pressures
     blend = bones.blend() if bones and scene.predictor == "bones" else None
     step = StepSolver(problem, snes, scene.predictor, motion, continuation, pressures, blend)
@@ -156,7 +155,7 @@ def set_up(
     stability = solver.EquilibriumStability(problem, asked) if scene.stability else None
     stepper = Stepper(step, steps, probes, bones, every, stability)
     seconds = {"mesh": meshed, "setup": watch.seconds - meshed}
-    other = None if scene.time else lambda element: make(element=element)
+    other = None if scene.time else make
     return Setup(
         scene, problem, snes, stepper, watch, seconds, watch.processor, condensation, mesh, other,
         note, stiffer,
@@ -173,51 +172,36 @@ def _why_condensed(scene: scenes.Scene) -> str:
     return chosen_for_condensed(solver.PREFIX, choices)
 
 
-def _check_groups(scene: scenes.Scene, mesh: meshes.Mesh) -> None:
-    """Raise BadInput, with the scene's key, for a physical group that the mesh does not have."""
-    for where, key in scenes.group_references(scene):
-        try:
-            mesh.group(key)
-        except BadInput as error:
-            raise BadInput(f"{where} = {key!r}: {error}") from None
-
-
-def make_problem(
-    scene: scenes.Scene, mesh: meshes.Mesh, element: elements.Element, nu: float | None = None
-) -> Problem:
-    """Return the scene's problem, with another Poisson's ratio if one is given. Collective.
-
-    Of several materials, those with a smaller ratio keep their own. In an element of a higher
-    degree than the scene's, cells inside of bones that are shapes are not assembled.
-    """
-
-    bones = motion = None
-    if scene.bone:
-        from fem_snh.runs.bones import scene_bones
-
-        bones = partial(scene_bones, scene)
+def define_scene(
+    scene: scenes.Scene, comm: MPI.Comm, mesh: meshes.Mesh | None = None
+) -> tuple[Definition, Any]:
+    """Return the definition of a scene's problem, and a displacement for it. Collective."""
+    arguments = build(scene, comm, mesh).arguments
+    motion: dict[str, Any] = {}
     if scene.time:
         from fem_snh.steps.time_steps import time_integration
 
-        motion = time_integration(scene.time).create_dynamics
-    fillings = []
-    for chosen in scene.materials:
-        ratio = chosen.nu if nu is None or (len(scene.materials) > 1 and chosen.nu < nu) else nu
-        made = material(chosen.name, chosen.E, ratio, **chosen.parameters)
-        fillings.append(Filling(made, chosen.group, chosen.density))
-    return create_problem(
-        mesh,
-        element,
-        fillings,
-        hold=scene.hold,
-        move=scene.motions,
-        symmetry=scene.symmetry,
-        bones=bones,
-        features=scene.features,
-        amplitudes=scene.amplitudes,
-        motion=motion,
+        for name in ("integrator", "duration", "mass", "rho_infinity", "damping"):
+            motion[name] = arguments.pop(name)
+        integration = time_integration(scene.time)
+        motion = {"motion": integration.create_dynamics, "integrator": integration.integrator}
+    defined = define(**arguments, **motion)
+    return replace(
+        defined,
+        u=None,
         reactions=scene.reactions,
         volumes=scene.volumes,
         assembly=scene.assembly,
-        hollow=element.degree > elements.ELEMENTS[scene.element].degree,
-    )
+    ), arguments["u"]
+
+
+def _at_ratio(definition: Definition, scene: scenes.Scene, nu: float) -> Definition:
+    """Return a definition at another Poisson's ratio.
+
+    Of several materials, those with a smaller ratio keep their own.
+    """
+    several, fillings = len(scene.materials) > 1, []
+    for choice, filling in zip(scene.materials, definition.fillings, strict=True):
+        ratio = choice.nu if several and choice.nu < nu else nu
+        fillings.append(filling._replace(material=make_material(choice, ratio)))
+    return replace(definition, fillings=fillings)

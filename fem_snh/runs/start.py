@@ -14,11 +14,11 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh import _dolfinx
-from fem_snh.assembly.boundary_conditions import DirichletConditions, StartPath
+from fem_snh.assembly.boundary_conditions import StartPath
 from fem_snh.contact.obstacle import names as obstacle_names
 from fem_snh.errors import ResultNote, in_words, on_root
-from fem_snh.problem.dolfinx_problem import check_displacement
 from fem_snh.problem.problem import Problem
+from fem_snh.problem.program import check_displacement
 from fem_snh.records.run_record import Note, load_record
 from fem_snh.runs.output.nodal_values import gather_rows, scatter_rows
 from fem_snh.scenes import Scene
@@ -68,9 +68,7 @@ def interpolate_run(
         warnings.warn(note.text, ResultNote, stacklevel=2)
 
 
-def start_from_run(
-    problem: Problem, scene: Scene, read: bool = True
-) -> tuple[StartPath, Note | None]:
+def start_from_run(problem: Problem, scene: Scene, read: bool = True) -> Note | None:
     """Set ``problem.x`` to the state of ``start.run``, from which its conditions go. Collective.
 
     A pressure is zero. Unless the run is ``read``, the state is that of a checkpoint, which is
@@ -78,9 +76,7 @@ def start_from_run(
 
     Returns
     -------
-    path : StartPath
-        The path of the problem's conditions.
-    note : Note or None
+    Note or None
         Which nodes are outside of the run's mesh, and what friction begins without its state.
 
     Raises
@@ -90,21 +86,19 @@ def start_from_run(
     """
     start = scene.start
     assert start is not None and start.run is not None
-    conditions = problem.dirichlet
-    assert isinstance(conditions, DirichletConditions)
-    conditions.share_path(path := StartPath())
+    problem.dirichlet.path = StartPath()
     if not read:
-        return path, None
+        return None
     name = None if problem.kinematics.dim == 3 else problem.kinematics.name
     values, note = _displacement(problem.V, start.run, start.step, name)
     problem.x.array[: values.size] = values.ravel()
-    conditions.start_from(problem.x)
+    problem.dirichlet.start_from(problem.x, StartPath())
     problem.set_load(0.0)
     problem.prescribe(problem.x)
     problem.split(problem.x)
     lost = on_root(problem.comm, _friction_text, scene, start.run)
     texts = ([note.text] if note else []) + ([lost] if lost else [])
-    return path, Note("start", "; ".join(texts)) if texts else None
+    return Note("start", "; ".join(texts)) if texts else None
 
 
 def _friction_text(scene: Scene, run: Path) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
@@ -26,7 +26,6 @@ from fem_snh.choices import (
 from fem_snh.contact.contact import Contact
 from fem_snh.contact.obstacle import Obstacle
 from fem_snh.contact.self_contact import SelfContact
-from fem_snh.errors import BadInput, bad_value
 from fem_snh.files import is_shape, xdmf_data
 from fem_snh.scenes._bones import BoneChoice, Rig
 from fem_snh.scenes._consistency import check_consistency
@@ -41,14 +40,12 @@ from fem_snh.scenes._outputs import (
     Reactions,
     UnitNames,
 )
-from fem_snh.tables.amplitudes import Amplitude, Amplitudes, MotionTable, ScaledMotion
+from fem_snh.tables.amplitudes import Amplitude, Amplitudes
 from fem_snh.tables.types import (
     Cells,
-    Components,
     Count,
     FilePath,
     Flag,
-    GroupKey,
     Groups,
     Matrix,
     NonNegative,
@@ -63,58 +60,18 @@ from fem_snh.tables.types import (
 )
 from fem_snh.tables.validation import Expect, Finite, OneOf, Table, Whole
 from fem_snh.terms.cavity import Cavity
+from fem_snh.terms.conditions import Hold, Move, Symmetry
 from fem_snh.terms.feature import Feature
 from fem_snh.terms.gravity import Gravity
 from fem_snh.terms.pressure import Pressure
 from fem_snh.terms.rigid import Rigid
 from fem_snh.terms.spring import Spring
-from fem_snh.terms.symmetry import Symmetry
 from fem_snh.terms.traction import Traction
 
+if TYPE_CHECKING:
+    from fem_snh.scenes.build import Built
+
 Degree = Annotated[int, Whole(1, MAX_QUADRATURE_DEGREE)]
-
-
-_GROUP = "Physical group of the mesh, by name or number: points, curves, surfaces or volumes."
-_COMPONENTS = "Components of the displacement that are prescribed."
-
-
-class Hold(Table):
-    """A homogeneous Dirichlet condition: a physical group that does not move.
-
-    At nodes of several groups, as on the edge of two faces, [[move]] overrides [[hold]], and a
-    later [[move]] an earlier one.
-    """
-
-    group: GroupKey = Field(description=_GROUP)
-    components: Components = Field(default=("x", "y", "z"), description=_COMPONENTS)
-
-    @model_validator(mode="before")
-    @classmethod
-    def _check_table(cls, data: Any) -> Any:
-        if isinstance(data, dict) and "table" in data:
-            accepted = (
-                "no table: a [[hold]] lasts for the whole run; to set a part free, move it by a "
-                "force that a table takes back to zero, of [[rigid]] or [[traction]]"
-            )
-            raise bad_value("table", data["table"], accepted)
-        return data
-
-
-class Move(MotionTable):
-    """A Dirichlet condition that moves a physical group rigidly: it is rotated, then translated."""
-
-    group: GroupKey = Field(description=_GROUP)
-    components: Components = Field(default=("x", "y", "z"), description=_COMPONENTS)
-
-    @model_validator(mode="after")
-    def _check_motion(self) -> Move:
-        if not self.is_moved:
-            raise BadInput("missing key 'translate' or 'rotate': expected one of them, or both")
-        for axis, value in zip("xyz", self.translate or (), strict=False):
-            if value and axis not in self.components:
-                accepted = f"zero along {axis}, which 'components' does not name"
-                raise bad_value("translate", list(self.translate or ()), accepted)
-        return self
 
 
 class Start(Table):
@@ -396,6 +353,30 @@ class Scene(Table):
         data = xdmf_data(self.mesh) if isinstance(self.mesh, Path) else []
         return super().files | {f"mesh.{file.name}": file for file in data}
 
+    def build(self, comm: Any) -> Built:
+        """Return mesh and arguments of the program that this scene is. Collective.
+
+        Parameters
+        ----------
+        comm : MPI.Intracomm
+            The communicator.
+
+        Raises
+        ------
+        BadInput
+            On every rank, for a scene that does not fit its mesh.
+
+        Examples
+        --------
+        >>> scene = fem_snh.scenes.load("twist", cells=4)
+        >>> problem = fem_snh.NonlinearProblem(**scene.build(MPI.COMM_WORLD).arguments)
+        >>> for step in problem.steps(scene.steps):
+        ...     print(step["load"], step["newton"])
+        """
+        from fem_snh.scenes.build import build  # imports PETSc
+
+        return build(self, comm)
+
     @property
     def features(self) -> list[Feature]:
         """The tables that add terms to the problem, in the order of their keys."""
@@ -431,11 +412,6 @@ class Scene(Table):
     def nu(self) -> float:
         """Poisson's ratio. Raises BadInput unless all materials have the same."""
         return common_ratio(self.materials)
-
-    @property
-    def motions(self) -> list[ScaledMotion]:
-        """The motions of ``move`` with their amplitudes."""
-        return [move.scaled(self.amplitudes) for move in self.move]
 
     @model_validator(mode="after")
     def _check_consistency(self) -> Scene:

@@ -7,10 +7,10 @@ from typing import NamedTuple
 
 from petsc4py import PETSc
 
-from fem_snh import solver
+from fem_snh import _dolfinx, solver
 from fem_snh.assembly.elements import with_cell_pressures
+from fem_snh.assembly.unknowns import create_unknowns
 from fem_snh.errors import BadInput, bad_value
-from fem_snh.problem.create_problem import with_element
 from fem_snh.problem.problem import Problem
 from fem_snh.steps.cell_pressures import CellPressures
 
@@ -108,7 +108,10 @@ def program_pressures(
             raise bad_value("static_condensation", wanted, f"None, as {why_condensed}")
 
     def make_mixed() -> Problem:
-        return with_element(problem, with_cell_pressures(problem.element))
+        """Return a problem with a displacement of its own, and the same conditions and terms."""
+        element, u = with_cell_pressures(problem.element), _dolfinx.function(problem.V, "mixed")
+        given = element, problem.regions, problem.dirichlet, problem.terms[1:]
+        return Problem(create_unknowns(u, element), *given)
 
     return choose_condensation(wanted, problem, make_mixed, why_condensed, prefix).pressures
 

@@ -16,10 +16,11 @@ from fem_snh._petsc import default_options
 from fem_snh.accuracy.goal_errors import ElementDoesNotFit, NoEstimate, depends_on_path
 from fem_snh.accuracy.goals import Goal
 from fem_snh.accuracy.path_errors import Followed, end_of
+from fem_snh.assembly.boundary_conditions import StartPath
 from fem_snh.assembly.elements import Element
 from fem_snh.errors import BadInput
-from fem_snh.problem.dolfinx_problem import DolfinxConditions, LoadFunction
-from fem_snh.problem.lifted_problem import lifted_problem
+from fem_snh.problem.conditions import LoadFunction
+from fem_snh.problem.definition import lifted_problem
 from fem_snh.problem.problem import Problem
 from fem_snh.steps.step_solver import StepSolver
 from fem_snh.steps.stepping import Stepper
@@ -67,18 +68,19 @@ class Loading:
     def __init__(
         self, problem: Problem, load: LoadFunction, set_load: Callable[[float], None] | None
     ) -> None:
-        assert isinstance(problem.dirichlet, DolfinxConditions)
         self._conditions, self._load, self._set_load = problem.dirichlet, load, set_load
-        self._from = problem.x.array_r[self._conditions.dofs] if set_load is None else None
+        self._from = problem.x.copy() if set_load is None else None
 
     @contextmanager
     def applied(self) -> Iterator[None]:
         """Let conditions and terms follow the load for the duration of a ``with`` block."""
-        self._load.function, self._conditions.start = self._set_load, self._from
+        self._load.function = self._set_load
+        if self._from:
+            self._conditions.start_from(self._from, StartPath())
         try:
             yield
         finally:
-            self._load.function = self._conditions.start = None
+            self._load.function = self._conditions.path = None
 
 
 class ProgramPath:
@@ -161,8 +163,7 @@ class ProgramPath:
         stiffer: float,
     ) -> Followed:
         integration = self._integration
-        given = (integration.create_dynamics, integration.duration) if integration else ()
-        again = lifted_problem(self._problem, element, self._start, *given)
+        again = lifted_problem(self._problem, element, self._start)
         again.scale_penalties(stiffer)
         motion = integration.time_steps(again) if integration else None
         with default_options(choice.prefix, choice.options):

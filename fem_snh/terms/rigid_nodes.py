@@ -75,7 +75,7 @@ def locate_parts(parts: Sequence[Rigid], body: Body) -> tuple[Array, Array, dict
 
 def _solid(part: Rigid, body: Body) -> Shape:
     """Return the shape of a part. Raises BadInput on every rank. Collective."""
-    if body.skin is not None:
+    if body.mesh.skin is not None:
         raise bad_value(part.where, part.label, "a 'group': a lattice has no nodes in shapes")
     solid = on_every(body.domain.comm, part.solid)
     assert solid is not None

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import ufl
 from barrier_problems import needs_ipctk
+from bodies import create_problem
 from paths import ROOT
 from plane_programs import displacement, prescribe, rectangle, zero
 from running import rows, solve, watch_calls
@@ -29,7 +30,6 @@ from fem_snh.accuracy.goal_errors import GoalError
 from fem_snh.accuracy.lift import lifted_elements
 from fem_snh.errors import BadInput
 from fem_snh.mesh.mesh import generate
-from fem_snh.problem.create_problem import create_problem
 from fem_snh.scenes import (
     Accuracy,
     Geometry,

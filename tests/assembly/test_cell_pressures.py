@@ -6,7 +6,7 @@ from petsc4py import PETSc
 
 import numpy as np
 import pytest
-from bodies import Hold, cube, wave
+from bodies import Hold, create_problem, cube, wave
 from volume_energies import mixed_problem, mpi, set_state
 
 import fem_snh
@@ -14,7 +14,6 @@ from fem_snh.assembly.elements import ELEMENTS, with_cell_pressures
 from fem_snh.errors import BadInput
 from fem_snh.kernels.material import material
 from fem_snh.linalg.direct_solver import set_direct_solver
-from fem_snh.problem.create_problem import create_problem
 from fem_snh.steps.cell_pressures import CellPressures
 
 STRETCH = {"steps": 1, "stretch": 1.2, "nu": 0.4999, "progress": False}

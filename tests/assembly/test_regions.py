@@ -8,13 +8,12 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
-from bodies import dense, norm, set_values, wave
+from bodies import create_problem, dense, norm, set_values, wave
 
 from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.assembly.regions import Filling
 from fem_snh.kernels.material import material
 from fem_snh.mesh import mesh
-from fem_snh.problem.create_problem import create_problem
 from fem_snh.runs import run
 from fem_snh.scenes import Geometry, Hold, MaterialChoice, Move, Scene
 

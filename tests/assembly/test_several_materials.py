@@ -11,16 +11,16 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
+from bodies import create_problem
 from running import solve
 from scene_file import TWO_MATERIALS
 
 from fem_snh import scenes
 from fem_snh.assembly.elements import ELEMENTS
-from fem_snh.assembly.regions import Filling, Region, check_partition
+from fem_snh.assembly.regions import Filling
 from fem_snh.errors import BadInput
 from fem_snh.kernels.material import material
 from fem_snh.mesh import mesh
-from fem_snh.problem.create_problem import create_problem
 
 COMM = MPI.COMM_WORLD
 
@@ -85,21 +85,6 @@ def test_mistakes_are_reported_on_every_rank(groups: tuple[Any, ...], message: s
     m = material("stable_neo_hookean", E=1.0, nu=0.45)
     with pytest.raises(BadInput, match=message):
         create_problem(body, ELEMENTS["Q1"], [Filling(m, group) for group in groups])
-
-
-@pytest.mark.one_debian("ranks")
-@pytest.mark.mpi
-def test_cells_need_one_region() -> None:
-    body = mesh.generate(COMM, "bar", "hexahedron", cells=2)
-    m = material("stable_neo_hookean", E=1.0, nu=0.45)
-    groups = [g for g in body.groups if g.dim == 3]
-    owned = len(create_problem(body, ELEMENTS["Q1"], m).regions[0].cells)
-    first, second = (Region(m, g.entities[g.entities < owned]) for g in groups)
-    check_partition(body.domain, [first, second])
-    with pytest.raises(BadInput, match="0 of 16 cells are in two regions and 8 in none"):
-        check_partition(body.domain, [first])
-    with pytest.raises(BadInput, match="8 of 16 cells are in two regions and 0 in none"):
-        check_partition(body.domain, [first, second, second])
 
 
 @pytest.mark.parametrize(

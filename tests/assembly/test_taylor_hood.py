@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import ufl
-from bodies import Hold, cube, dense, norm, wave
+from bodies import Hold, create_problem, cube, dense, norm, wave
 from volume_energies import (
     ENERGIES,
     TAYLOR_HOOD,
@@ -19,7 +19,6 @@ from volume_energies import (
 from fem_snh import _dolfinx
 from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.kernels.material import material
-from fem_snh.problem.create_problem import create_problem
 
 # --- Taylor-Hood, derived by UFL -----------------------------------------------------------------
 

@@ -6,7 +6,7 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
-from bodies import Condition, Hold, cube, problem
+from bodies import Condition, Hold, create_problem, cube, problem
 from contact_problems import contact_problem, plane, press, translation
 from scipy.optimize import brentq
 from two_bodies import NU, PRESS, E, TwoBlocks, distance_from_affine
@@ -15,7 +15,6 @@ import fem_snh
 from fem_snh import solver
 from fem_snh.contact.obstacle_contact import RigidContact
 from fem_snh.kernels.material import material
-from fem_snh.problem.create_problem import create_problem
 
 pytestmark = pytest.mark.mpi
 COMM = MPI.COMM_WORLD

@@ -8,7 +8,7 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
-from bodies import Condition, Hold, cube
+from bodies import Condition, Hold, create_problem, cube
 from contact_problems import contact_problem, plane, press, translation
 from contact_scenes import slide
 from interrupted_runs import cut
@@ -27,7 +27,6 @@ from fem_snh.geometry.motions import MovingShape
 from fem_snh.geometry.shapes import Sphere
 from fem_snh.kernels.material import material
 from fem_snh.mesh import mesh
-from fem_snh.problem.create_problem import create_problem
 
 mpi = pytest.mark.mpi
 

@@ -6,7 +6,7 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
-from bodies import cube
+from bodies import create_problem, cube
 from contact_problems import constant, march, nodes_mean, plane
 from scipy.integrate import quad
 
@@ -15,7 +15,6 @@ from fem_snh.assembly.regions import Filling
 from fem_snh.contact.law import mean_pressure
 from fem_snh.contact.obstacle_contact import ObstacleContact, RigidContact
 from fem_snh.kernels.material import material
-from fem_snh.problem.create_problem import create_problem
 from fem_snh.steps.dynamics.dynamics import Dynamics
 from fem_snh.terms.gravity import Gravity
 from fem_snh.terms.spring import Spring

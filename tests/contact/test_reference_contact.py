@@ -9,7 +9,7 @@ from mpi4py import MPI
 import numpy as np
 import pytest
 import two_bodies
-from bodies import Condition, Hold
+from bodies import Condition, Hold, create_problem
 
 import fem_snh
 from fem_snh import scenes, solver
@@ -18,7 +18,6 @@ from fem_snh.contact.reference.reference import ReferenceContact
 from fem_snh.errors import BadInput
 from fem_snh.kernels.material import material
 from fem_snh.mesh import mesh
-from fem_snh.problem.create_problem import create_problem
 from fem_snh.steps.step_solver import StepSolver
 from fem_snh.steps.stepping import Stepper
 

@@ -8,7 +8,7 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
-from bodies import Condition, Hold, cube
+from bodies import Condition, Hold, create_problem, cube
 from scipy.spatial.transform import Rotation
 
 from fem_snh import _dolfinx, solver
@@ -21,7 +21,6 @@ from fem_snh.contact.reference.samples import SurfaceSamples, cell_sizes, smalle
 from fem_snh.geometry.closest_points import PseudoNormals, closest_points, triangle_normals
 from fem_snh.kernels.material import material
 from fem_snh.mesh import mesh
-from fem_snh.problem.create_problem import create_problem
 from fem_snh.steps.step_solver import StepSolver
 from fem_snh.steps.stepping import Stepper
 

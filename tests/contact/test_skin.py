@@ -6,7 +6,7 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
-from bodies import set_values
+from bodies import create_problem, set_values
 
 from fem_snh import _dolfinx
 from fem_snh.assembly.elements import ELEMENTS
@@ -16,7 +16,6 @@ from fem_snh.geometry.shapes import Box, Capsule, Sphere, Union
 from fem_snh.geometry.shapes.closed_surface import check_closed
 from fem_snh.kernels.material import material
 from fem_snh.mesh import lattice
-from fem_snh.problem.create_problem import create_problem
 
 COMM = MPI.COMM_WORLD
 BALL = Sphere((0.1, 0.2, 0.3), 0.5)

@@ -8,7 +8,7 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
-from bodies import set_values
+from bodies import create_problem, set_values
 from running import solve
 
 from fem_snh import scenes
@@ -18,7 +18,6 @@ from fem_snh.errors import BadInput
 from fem_snh.geometry.shapes import Box, Capsule, Plane, Shape, Sphere, from_record
 from fem_snh.kernels.material import material
 from fem_snh.mesh import lattice, mesh
-from fem_snh.problem.create_problem import create_problem
 
 COMM = MPI.COMM_WORLD
 HEXAHEDRA = [name for name, element in ELEMENTS.items() if element.cell == "hexahedron"]

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import pytest
+from bodies import create_problem
 from gmsh_files import BOX, write_msh
 
 from fem_snh.assembly.elements import element
 from fem_snh.errors import BadInput
 from fem_snh.kernels.material import material
 from fem_snh.mesh import mesh
-from fem_snh.problem.create_problem import create_problem
 
 pytestmark = pytest.mark.mpi
 CELLS = ["hexahedron", "tetrahedron"]

@@ -45,13 +45,11 @@ def message(made: Scene) -> str:
 def test_one_group_by_name_and_by_number(box: Any) -> None:
     """The nodes decide, not the words; different components, and equal values, are fine."""
     moved = Move(group="surface:start", translate=(0.1, 0, 0))
-    expected = "components other than x, y, z, which [[hold]] constrains at the same nodes"
+    expected = "components other than x, y, z, which [[hold]] of 'start' constrains at the same"
     found = message(scene(box, hold=[Hold(group="start")], move=[moved]))
-    assert f"move.group = 'surface:start': expected {expected} by the group 'start'" in found
+    assert f"move.group = 'surface:start': expected {expected}" in found
     twice = [Move(group="start", translate=(0.1, 0, 0)), Move(group=20, translate=(0.2, 0, 0))]
-    assert "[[move]] constrains at the same nodes by the group 'start'" in message(
-        scene(box, move=twice)
-    )
+    assert "[[move]] of 'start' constrains at the same nodes" in message(scene(box, move=twice))
     held = Hold(group="start", components=("y", "z"))
     pulled = Move(group="surface:start", translate=(0.1, 0, 0), components=("x",))
     assert fem_snh.run(scene(box, hold=[held], move=[pulled]), progress=False).converged
@@ -73,9 +71,9 @@ def test_a_common_edge_belongs_to_the_later_condition(box: Any) -> None:
     assert found["off"] == pytest.approx([0, 0, 0], abs=1e-12)
     (note,) = [note for note in result.notes if note["kind"] == "load"]
     assert note["text"].startswith(
-        "[[move]] of 'edge' and [[hold]] of 'start' prescribe other values of x at "
+        "[[hold]] of 'start' and [[move]] of 'edge' prescribe other values of x at "
     )
-    assert "common nodes, one at (0, 0, 0), where that [[move]] is taken" in note["text"]
+    assert "common nodes, one at (0, 0, 0), where [[move]] of 'edge' is taken" in note["text"]
     roller = Hold(group="start", components=("y", "z"))
     result = fem_snh.run(scene(box, hold=[roller], move=[moved]), progress=False)
     assert result.converged and not [note for note in result.notes if note["kind"] == "load"]

@@ -213,7 +213,7 @@ def test_a_pressure_that_varies(comm: Any) -> None:
     )  # fmt: skip
     problem.solve()
     assert "varies over the surface" in problem.notes[0].text
-    found = problem.reaction_force(problem._problem.dirichlet.bcs[0])
+    found = problem.reaction_force(problem._problem.definition.conditions[0])
     np.testing.assert_allclose(found, [0, 0, 1.5e-6], atol=1e-11)
 
 

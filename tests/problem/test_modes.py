@@ -8,7 +8,18 @@ import numpy as np
 import pytest
 import ufl
 from beam_theory import timoshenko
-from bodies import MINIMISING, Condition, Hold, constrained, cube, dense, problem, set_values, wave
+from bodies import (
+    MINIMISING,
+    Condition,
+    Hold,
+    constrained,
+    create_problem,
+    cube,
+    dense,
+    problem,
+    set_values,
+    wave,
+)
 from dolfinx import fem
 from dolfinx.mesh import CellType, create_box
 from dolfinx_programs import vector_space
@@ -20,7 +31,6 @@ from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.errors import BadInput
 from fem_snh.mesh.mesh import generate
 from fem_snh.problem import modes
-from fem_snh.problem.create_problem import create_problem
 from fem_snh.terms.mass import mass_matrix
 
 mpi = pytest.mark.mpi

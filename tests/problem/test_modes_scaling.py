@@ -6,12 +6,11 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
-from bodies import Hold, cube, dense, problem
+from bodies import Hold, create_problem, cube, dense, problem
 
 import fem_snh
 from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.problem import modes
-from fem_snh.problem.create_problem import create_problem
 from fem_snh.scenes import Geometry
 
 mpi = pytest.mark.mpi

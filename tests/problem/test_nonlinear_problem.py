@@ -13,6 +13,7 @@ from derivatives import check_derivatives
 from dolfinx import fem, mesh
 from dolfinx_programs import Bar, Press, converged, halves, unit_cube, vector_space
 from plane_programs import prescribe, rectangle
+from scene_file import motions_of
 
 import fem_snh
 from fem_snh import scenes
@@ -227,7 +228,7 @@ def test_steps_of_a_program_are_those_of_a_scene(comm):
         "twist", cells=3, element="Q1P0", nu=0.4999, steps=3, predictor="extrapolate"
     )
     setup = set_up(comm, scene)
-    expected, (move,) = list(setup.stepper), scene.motions
+    expected, (move,) = list(setup.stepper), motions_of(scene)
     body = Press(setup.problem.domain)
     nodes, X = body.dofs(2, 1.0), body.V.tabulate_dof_coordinates()
     top = body.top.x.array.reshape(-1, 3)

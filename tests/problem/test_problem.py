@@ -10,6 +10,7 @@ from bodies import (
     MINIMISING,
     Condition,
     Hold,
+    create_problem,
     cube,
     every_energy,
     norm,
@@ -22,7 +23,6 @@ from fem_snh import Traction, _dolfinx, solver
 from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.errors import BadInput
 from fem_snh.kernels.material import material
-from fem_snh.problem.create_problem import create_problem
 
 mpi = pytest.mark.mpi
 elements = pytest.mark.parametrize("element", MINIMISING)

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scene_file import TOML
+from scene_file import TOML, motions_of
 
 from fem_snh import scenes
 from fem_snh.contact.obstacle import names
@@ -56,7 +56,7 @@ def test_a_motion_is_that_of_move() -> None:
     (obstacle,) = obstacles({**ON_BALL, **keys}, table=tables)
     X = np.random.default_rng(0).normal(size=(6, 3))
     for load in (0.0, 0.25, 0.7, 1.0):
-        expected = X + scene.motions[0].displacement(X, load)
+        expected = X + motions_of(scene)[0].displacement(X, load)
         assert np.allclose(obstacle.pose(load).apply(X), expected, atol=1e-14)
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scene_file import TOML
+from scene_file import TOML, motions_of
 
 from fem_snh import scenes
 from fem_snh.errors import BadInput
@@ -30,14 +30,16 @@ def test_a_motion_and_its_rotation_have_amplitudes_of_their_own() -> None:
     X = np.random.default_rng(0).standard_normal((4, 3))
     tables = [RAMP, {"name": "late", "points": [[0.5, 0], [1, 1]]}]
     move = {"move.0.translate": [1, 0, 0], "move.0.table": "ramp"}
-    plain = scenes.load("twist", **{"move.0.translate": [1, 0, 0]}).motions[0]
-    both = scenes.load("twist", table=[RAMP], **move).motions[0]
+    plain = motions_of(scenes.load("twist", **{"move.0.translate": [1, 0, 0]}))[0]
+    both = motions_of(scenes.load("twist", table=[RAMP], **move))[0]
     for load in (0.0, 0.3, 0.8):
         expected = plain.displacement(X, Amplitude.model_validate(RAMP).value(load))
         assert np.array_equal(both.displacement(X, load), expected)
-    apart = scenes.load("twist", table=tables, **move, **{"move.0.rotate.table": "late"}).motions[0]
+    apart = motions_of(
+        scenes.load("twist", table=tables, **move, **{"move.0.rotate.table": "late"})
+    )[0]
     np.testing.assert_allclose(apart.displacement(X, 0.25), [[1.0, 0, 0]] * 4, atol=1e-15)
-    angle = scenes.load("twist", **{"move.0.rotate.angle": np.pi / 2}).motions[0]
+    angle = motions_of(scenes.load("twist", **{"move.0.rotate.angle": np.pi / 2}))[0]
     turned = np.array([0.5, 0, 0]) + angle.displacement(X, 1.0)
     np.testing.assert_allclose(apart.displacement(X, 0.75), turned, atol=1e-15)
 

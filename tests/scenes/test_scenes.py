@@ -37,13 +37,10 @@ COARSE = {"elbow": 12, "biceps": 12}
 @pytest.mark.one_debian
 @pytest.mark.parametrize("name, element", MESHES)
 def test_groups_of_a_scene_are_in_its_mesh(name: str, element: str, comm: Any) -> None:
-    from fem_snh.assembly import elements
-    from fem_snh.assembly.kinematics import kinematics_of
-    from fem_snh.runs.scene_mesh import make_mesh
+    from fem_snh.scenes.build import make_mesh
 
     scene = scenes.load(name, cells=COARSE.get(name, 4), element=element)
-    kinematics = kinematics_of(scene.kinematics)
-    mesh = make_mesh(comm, scene, elements.element(scene.element, None, kinematics))
+    mesh = make_mesh(comm, scene)
     groups = [c.group for c in (*scene.hold, *scene.move, *scene.traction)]
     for group in (*groups, *(reaction.group for reaction in scene.reactions)):
         assert mesh.group(group).count > 0

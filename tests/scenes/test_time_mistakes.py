@@ -6,6 +6,7 @@ from copy import deepcopy
 from typing import Any
 
 import pytest
+from scene_file import motions_of
 from time_scenes import DOWN, SOFT
 
 from fem_snh import scenes
@@ -119,5 +120,5 @@ def test_amplitudes_are_in_time() -> None:
     assert [gravity(load) for load in (0.0, 0.5)] == [1.0, 1.0]
     assert [pressure(load) for load in (0.0, 0.5, 1.0)] == [0.0, 2.0, 4.0]
     assert fluid(0.25) == 0.25
-    assert [m.amplitude(0.25) for m in scene.motions] == [0.25, 1.0]
+    assert [m.amplitude(0.25) for m in motions_of(scene)] == [0.25, 1.0]
     assert scene.amplitudes.force("t") == pressure

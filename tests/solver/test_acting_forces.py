@@ -16,7 +16,7 @@ from running import solve
 
 import fem_snh
 from fem_snh.accuracy.state_checks import is_at_rest
-from fem_snh.problem.dolfinx_problem import create_dolfinx_problem
+from fem_snh.problem.program import define
 from fem_snh.scenes import Scene
 
 pytestmark = pytest.mark.mpi
@@ -185,7 +185,7 @@ def test_rounding_is_bounded(comm: Any, nu: float, strain: float) -> None:
     """The bound is above what one rounding of each unknown changes, and not far above."""
     body = Press(unit_cube(comm, 3))
     material = fem_snh.material("stable_neo_hookean", E=1.0, nu=nu)
-    p = create_dolfinx_problem(body.u, {material: ufl.dx})
+    p = define(body.u, {material: ufl.dx}).problem()
     random = np.random.default_rng(0)
     p.x.array[:] = random.normal(size=p.x.getLocalSize()) * strain / 3
     p.jacobian(p.x, "exact")
@@ -360,7 +360,7 @@ def test_the_largest_force_is_that_of_a_term(comm: Any) -> None:
     body = Bar(unit_cube(comm, 2), pull=0.1)
     material = fem_snh.material("stable_neo_hookean", E=1.0, nu=0.3)
     terms = [-3.0 * body.u[0] * ufl.dx, 0.5 * ufl.inner(body.u, body.u) * ufl.dx]
-    p = create_dolfinx_problem(body.u, {material: ufl.dx}, body.bcs, terms)
+    p = define(body.u, {material: ufl.dx}, body.bcs, terms).problem()
     p.prescribe(p.x)
     norms = []
     for term in p.terms:

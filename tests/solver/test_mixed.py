@@ -8,7 +8,7 @@ from mpi4py import MPI
 import numpy as np
 import pytest
 import pyvista
-from bodies import Hold, cube, dense, problem, wave
+from bodies import Hold, create_problem, cube, dense, problem, wave
 from scipy.linalg import eigh
 
 from fem_snh import solver
@@ -17,7 +17,6 @@ from fem_snh.assembly.elements import ELEMENTS, with_cell_pressures
 from fem_snh.errors import BadInput
 from fem_snh.kernels.material import material
 from fem_snh.problem import modes
-from fem_snh.problem.create_problem import create_problem
 from fem_snh.runs import run
 from fem_snh.solver import saddle_point
 from fem_snh.solver.globalization import LineSearchNewton

@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from bodies import Hold, cube
+from bodies import Hold, create_problem, cube
 from solver_problems import TRUST, half_turn, options, solve, twist
 
 from fem_snh import _petsc, scenes, solver
@@ -14,7 +14,6 @@ from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.choices import HESSIANS
 from fem_snh.errors import BadInput
 from fem_snh.kernels.material import material
-from fem_snh.problem.create_problem import create_problem
 from fem_snh.solver.options import OPTIONS
 
 mpi = pytest.mark.mpi

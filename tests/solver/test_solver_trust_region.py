@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from bodies import Condition, Hold, cube, dense, problem, set_values
+from bodies import Condition, Hold, create_problem, cube, dense, problem, set_values
 from solver_problems import (
     SYMMETRIC,
     TRUST,
@@ -19,7 +19,6 @@ from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.errors import BadInput
 from fem_snh.kernels.material import material
 from fem_snh.mesh import mesh
-from fem_snh.problem.create_problem import create_problem
 from fem_snh.runs import run
 from fem_snh.solver.globalization import TrustRegion
 

@@ -15,7 +15,7 @@ from fem_snh import _dolfinx
 from fem_snh.assembly import nodal_mass
 from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.assembly.nodal_mass import NodalMass
-from fem_snh.assembly.regions import Filling, cell_constant, regions_of_groups
+from fem_snh.assembly.regions import Filling, cell_constant, fill_regions
 from fem_snh.assembly.unknowns import (
     add_ghosts,
     local_values,
@@ -44,7 +44,7 @@ def two_densities(element):
     x += 0.03 * np.sin(x @ np.array([[1.0, 5, 2], [4, 2, 3], [3, 1, 7]]))
     V = _dolfinx.function_space(bar.domain, ELEMENTS[element].degree, (3,))
     fillings = [Filling(MATERIAL, g, rho) for g, rho in zip(("first", "second"), DENSITIES)]
-    return V, regions_of_groups(bar, fillings)
+    return V, fill_regions(bar, fillings)
 
 
 def applied(V, mass, values):

@@ -11,7 +11,7 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
-from bodies import Condition, Hold
+from bodies import Condition, Hold, create_problem
 
 from fem_snh import solver
 from fem_snh.assembly.elements import ELEMENTS
@@ -21,7 +21,6 @@ from fem_snh.contact.collisions import import_ipctk
 from fem_snh.errors import BadInput
 from fem_snh.kernels.material import material
 from fem_snh.mesh import mesh
-from fem_snh.problem.create_problem import create_problem
 from fem_snh.problem.problem import Problem
 from fem_snh.steps.step_solver import StepSolver
 from fem_snh.steps.stepping import Stepper

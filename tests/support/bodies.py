@@ -14,12 +14,14 @@ import pytest
 from scipy.sparse import csr_matrix, vstack
 
 from fem_snh import _dolfinx
-from fem_snh.assembly.elements import ELEMENTS
-from fem_snh.kernels.material import material
+from fem_snh.assembly.elements import ELEMENTS, Element
+from fem_snh.assembly.regions import Filling
+from fem_snh.kernels.material import Material, material
 from fem_snh.mesh import mesh
-from fem_snh.problem.create_problem import create_problem
+from fem_snh.problem.definition import Definition
 from fem_snh.problem.problem import Problem
 from fem_snh.scenes import Geometry, Hold, MaterialChoice, Move, Scene
+from fem_snh.terms.feature import Feature
 
 #: Elements whose problems UFL can express, and those whose displacement minimises an energy.
 POINTWISE = [e.name for e in ELEMENTS.values() if e.volume == "pointwise"]
@@ -104,6 +106,38 @@ def one_cell(comm: MPI.Comm, cell: str) -> mesh.Mesh:
     cells = np.arange(len(x))[None]
     domain = _dolfinx.create_mesh(comm, cells[mine], x[mine], cell, 1)
     return mesh.Mesh(domain, cell, (), 1)
+
+
+def create_problem(
+    body: mesh.Mesh,
+    element: Element,
+    filled: Material | Sequence[Filling],
+    *,
+    hold: Sequence[Any] = (),
+    move: Sequence[Any] = (),
+    symmetry: Sequence[Any] = (),
+    features: Sequence[Any] = (),
+    loads: Callable[..., Sequence[Any]] | None = None,
+    **others: Any,
+) -> Problem:
+    """Return a problem whose conditions name groups; ``loads`` returns terms of its body."""
+    fillings = [Filling(filled)] if isinstance(filled, Material) else filled
+    terms = [*features, *([MadeTerms(make=loads)] if loads else [])]
+    return Definition(body, element, fillings, [*symmetry, *hold, *move], terms, **others).problem()
+
+
+class MadeTerms(Feature):
+    """Terms that a test makes."""
+
+    key, stateless, planar = "made", True, True
+    make: Any
+
+    def create_term(self, body: Any) -> Any:
+        raise NotImplementedError
+
+    @classmethod
+    def create_terms(cls, features: Any, body: Any) -> Any:
+        return features[0].make(body.mesh, body.u, body.regions, body.dirichlet)
 
 
 def problem(

@@ -9,6 +9,7 @@ from typing import Any
 from petsc4py import PETSc
 
 import numpy as np
+from bodies import create_problem
 
 from fem_snh import solver
 from fem_snh.assembly.elements import ELEMENTS
@@ -17,7 +18,6 @@ from fem_snh.contact.obstacle_contact import ObstacleContact, RigidContact
 from fem_snh.geometry.motions import DisplacementMotion, MovingShape
 from fem_snh.geometry.shapes import Plane
 from fem_snh.kernels.material import material
-from fem_snh.problem.create_problem import create_problem
 from fem_snh.steps.dynamics.dynamics import Dynamics
 from fem_snh.steps.step_solver import StepSolver
 from fem_snh.steps.stepping import Stepper

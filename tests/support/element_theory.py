@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import pytest
+from bodies import create_problem
 
 from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.kernels.material import material
-from fem_snh.problem.create_problem import create_problem
 
 
 @dataclass(frozen=True)

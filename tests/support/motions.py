@@ -8,7 +8,7 @@ from typing import Any
 from mpi4py import MPI
 
 import numpy as np
-from bodies import cube
+from bodies import create_problem, cube
 from solver_problems import options
 
 from fem_snh import solver
@@ -16,7 +16,6 @@ from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.assembly.regions import Filling
 from fem_snh.choices import INTEGRATORS
 from fem_snh.kernels.material import material
-from fem_snh.problem.create_problem import create_problem
 from fem_snh.problem.problem import Problem
 from fem_snh.steps.dynamics.dynamics import Dynamics
 from fem_snh.terms.gravity import Gravity

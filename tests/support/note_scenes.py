@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
+from bodies import create_problem
 from gmsh_files import write_msh
 
 import fem_snh
-from fem_snh import _dolfinx
-from fem_snh.assembly.boundary_conditions import DirichletConditions
 from fem_snh.assembly.elements import element
-from fem_snh.assembly.regions import whole_body
-from fem_snh.assembly.unknowns import create_unknowns
 from fem_snh.mesh.mesh import generate
-from fem_snh.problem.problem import Problem
 
 #: Rubber between two steel sleeves: a hollow cylinder of radii 10 and 20 mm and 30 mm length.
 BUSHING = """
@@ -114,10 +110,7 @@ def scene(comm, folder, text):
 def cube(comm, cells, name, nu, displacement):
     """A unit cube with a given displacement."""
     mesh = generate(comm, "cube", element(name).cell, cells=cells)
-    V = _dolfinx.function_space(mesh.domain, element(name).degree, (3,))
-    unknowns = create_unknowns(_dolfinx.function(V, "u"), element(name))
     material = fem_snh.material("stable_neo_hookean", E=1.0, nu=nu)
-    conditions = DirichletConditions(V, mesh, (), ())
-    problem = Problem(unknowns, element(name), whole_body(mesh.domain, material), conditions)
+    problem = create_problem(mesh, element(name), material)
     problem.x.array[:] = displacement(problem.coordinates).ravel()
     return problem

@@ -1,5 +1,8 @@
 """A scene file for the tests of scenes; its mesh does not exist."""
 
+from fem_snh.scenes import Scene
+from fem_snh.tables.amplitudes import ScaledMotion
+
 TOML = """
 mesh = "block.msh"
 element = "P2"
@@ -48,3 +51,8 @@ group = "left"
 group = "right"
 translate = [0.2, 0, 0]
 """
+
+
+def motions_of(scene: Scene) -> list[ScaledMotion]:
+    """Return the motions of a scene's [[move]] with their amplitudes."""
+    return [move.scaled(scene.amplitudes) for move in scene.move]

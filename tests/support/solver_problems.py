@@ -7,12 +7,11 @@ from contextlib import contextmanager
 from petsc4py import PETSc
 
 import numpy as np
-from bodies import Condition, Hold, cube, problem, set_values, wave
+from bodies import Condition, Hold, create_problem, cube, problem, set_values, wave
 
 from fem_snh import solver
 from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.kernels.material import material
-from fem_snh.problem.create_problem import create_problem
 
 #: The trust region, entered where the filtered steps make little progress.
 TRUST = {"hessian": "adaptive", "globalization": "trust_region"}

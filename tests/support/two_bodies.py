@@ -7,7 +7,7 @@ from typing import Any
 from mpi4py import MPI
 
 import numpy as np
-from bodies import Condition, Hold
+from bodies import Condition, Hold, create_problem
 
 from fem_snh import _dolfinx, solver
 from fem_snh.assembly.elements import ELEMENTS
@@ -15,7 +15,6 @@ from fem_snh.contact.body_contact import BodyContact
 from fem_snh.contact.surface_pair import BodyPair
 from fem_snh.kernels.material import material
 from fem_snh.mesh import mesh
-from fem_snh.problem.create_problem import create_problem
 from fem_snh.problem.problem import Problem
 from fem_snh.steps.step_solver import StepSolver
 from fem_snh.steps.stepping import Stepper

@@ -8,12 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 import ufl
-from bodies import Hold, cube, wave
+from bodies import Hold, create_problem, cube, wave
 
 from fem_snh import _dolfinx
 from fem_snh.assembly.elements import ELEMENTS, with_cell_pressures
 from fem_snh.kernels.material import material
-from fem_snh.problem.create_problem import create_problem
 
 mpi = pytest.mark.mpi
 MIXED = [name for name, e in ELEMENTS.items() if e.volume != "pointwise"]

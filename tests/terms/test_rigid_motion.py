@@ -44,7 +44,9 @@ def test_the_error_of_a_free_top():
     problem = box(MPI.COMM_SELF, "newmark", 0.5)
     problem.start(lambda X: np.cross(SPIN, X - SIDES / 2) + DRIFT)
     list(problem.steps(20))
-    (part,) = (term for term in problem._problem.given_terms if isinstance(term, fem_snh.Rigid))
+    (part,) = (
+        term for term in problem._problem.definition.terms if isinstance(term, fem_snh.Rigid)
+    )
     goal = problem.estimate_error([(part, "rotation")]).goals["box.rotation.y"]
     true = logarithm(euler_top(0.5))[1] - goal.value
     assert abs(true) > 5e-4 * abs(goal.value)

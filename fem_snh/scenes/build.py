@@ -1,0 +1,130 @@
+"""A scene builds a program: mesh, displacement, materials, conditions and terms."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from fem_snh import _dolfinx
+from fem_snh.assembly import elements
+from fem_snh.assembly.kinematics import find_kinematics, kinematics_of
+from fem_snh.errors import BadInput, on_every
+from fem_snh.kernels.material import Material, material
+from fem_snh.mesh import gmsh_input
+from fem_snh.mesh.mesh import Mesh, generate, read
+from fem_snh.scenes._consistency import group_references
+from fem_snh.scenes._outputs import Geometry, Lattice, Tetrahedra
+from fem_snh.scenes.schema import Scene
+
+if TYPE_CHECKING:
+    from fem_snh.mesh.gmsh_model import SizeField
+
+
+@dataclass(frozen=True)
+class Built:
+    """What a scene builds.
+
+    Attributes
+    ----------
+    mesh : Mesh
+        The mesh with its physical groups.
+    arguments : dict
+        The arguments of `fem_snh.NonlinearProblem` that state the problem: ``u``, ``materials``,
+        ``bcs``, ``terms``, ``element``, ...; in time those of `fem_snh.DynamicProblem`.
+    """
+
+    mesh: Mesh
+    arguments: dict[str, Any]
+
+
+def build(scene: Scene, comm: Any, mesh: Mesh | None = None) -> Built:
+    """Return what a program needs to solve a scene's problem. Collective.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+    comm : MPI.Intracomm
+        The communicator.
+    mesh : Mesh, optional
+        The mesh. Default: that of the scene, generated or read.
+
+    Raises
+    ------
+    BadInput
+        On every rank, for a scene that does not fit its mesh.
+    """
+    kinematics = kinematics_of(scene.kinematics)
+    mesh = mesh or make_mesh(comm, scene)
+    find_kinematics(scene.kinematics, mesh.dim)
+    for where, key in group_references(scene):
+        try:
+            mesh.group(key)
+        except BadInput as error:
+            raise BadInput(f"{where} = {key!r}: {error}") from None
+    degree = elements.ELEMENTS[scene.element].degree
+    V = _dolfinx.function_space(mesh.domain, degree, (kinematics.components,))
+    bones: list[Any] = []
+    if scene.bone:
+        from fem_snh.scenes._bones import read_bones
+
+        bones = on_every(comm, read_bones, scene)
+    made = [(choice, make_material(choice)) for choice in scene.materials]
+    arguments: dict[str, Any] = {
+        "u": _dolfinx.function(V, "displacement"),
+        "materials": {material: choice.group for choice, material in made},
+        "bcs": [*scene.symmetry, *scene.hold, *scene.move],
+        "terms": scene.features,
+        "element": scene.element,
+        "densities": {m: choice.density for choice, m in made if choice.density is not None},
+        "kinematics": scene.kinematics,
+        "mesh": mesh,
+        "bones": bones,
+        "amplitudes": scene.amplitudes,
+        "quadrature": scene.quadrature,
+    }
+    if scene.time:
+        names = ("integrator", "duration", "mass", "rho_infinity")
+        arguments |= {name: getattr(scene.time, name) for name in names}
+        arguments["damping"] = scene.time.damping.mass, scene.time.damping.stiffness
+    return Built(mesh, arguments)
+
+
+def make_material(choice: Any, nu: float | None = None) -> Material:
+    """Return the material of a table, at another Poisson's ratio if one is given."""
+    ratio = choice.nu if nu is None else nu
+    return material(choice.name, choice.E, ratio, **choice.parameters)
+
+
+def make_mesh(comm: Any, scene: Scene) -> Mesh:
+    """Return the scene's mesh, generated or read. Collective."""
+    if isinstance(scene.mesh, Path):
+        return read(comm, scene.mesh, **_cells(scene))
+    if isinstance(scene.mesh, Tetrahedra):
+        from fem_snh.mesh import lattice
+
+        return lattice.create_tetrahedra(comm, scene.mesh.body, scene.mesh.size)
+    if isinstance(scene.mesh, Lattice):
+        from fem_snh.mesh import lattice
+
+        chosen = scene.mesh
+        choices = chosen.cell, chosen.weighting, chosen.parts, chosen.samples, chosen.skin
+        return lattice.create(comm, chosen.body, *choices)
+    parameters = _cells(scene) | scene.mesh.parameters
+    element = elements.element(scene.element, None, kinematics_of(scene.kinematics))
+    return generate(comm, scene.mesh.source, element.cell, **parameters)
+
+
+def mesh_again(scene: Scene, cell: str, sizes: SizeField) -> gmsh_input.MeshData:
+    """Mesh the exact geometry of a scene with a field of sizes. On rank 0."""
+    if isinstance(scene.mesh, Path):
+        return gmsh_input.mesh_shape(str(scene.mesh), sizes=sizes, **_cells(scene))
+    assert isinstance(scene.mesh, Geometry)
+    parameters = {**_cells(scene), **scene.mesh.parameters}
+    source = gmsh_input.source_path(scene.mesh.source)
+    return gmsh_input.generate(source, cell, parameters, sizes)
+
+
+def _cells(scene: Scene) -> dict[str, int]:
+    return {} if scene.cells is None else {"cells": scene.cells}
