@@ -29,7 +29,6 @@ from fem_snh.mesh import mesh as meshes
 from fem_snh.mesh.bisection import bisect
 from fem_snh.problem.transfer import LocatedPoints, evaluate
 from fem_snh.runs.level_meshes import cells_of, first_scene
-from fem_snh.runs.levels import Level
 from fem_snh.runs.progress import Progress
 from fem_snh.scenes import Accuracy, Scene
 
@@ -440,15 +439,6 @@ def test_limits_end_the_levels(capsys):
     assert "max_dofs = 1,300: the next level has about" in output[-1]
     assert any(line.startswith("level 1: 16 Q1P0 cells, 150 dofs, ") for line in output)
     assert any(line.startswith("level 2: about ") for line in output)
-
-
-@pytest.mark.parametrize(("reason", "seconds"), [("none", 6.5), ("", 3.5)])
-def test_without_an_estimate_the_next_level_costs_all_load_steps(reason, seconds):
-    """It follows them again: its forecast was the time of the last step alone."""
-    level = Level(Levels(0.1), perf_counter(), row=LevelRow("P2", 2, 8, 81))
-    record = {"steps": [{"seconds": 1.0}, {"seconds": 2.0}, {"seconds": 3.0}]}
-    level.end(record, Estimate({"a": GoalError(1.0, 0.5, 1.0)}, reason=reason, seconds=0.5))
-    assert level.levels.rows[0].seconds == seconds
 
 
 @mpi

@@ -5,16 +5,13 @@ from __future__ import annotations
 from mpi4py import MPI
 
 import pytest
-from running import solve
 
-from benchmarks.accuracy_cases import CASES, bracket, exact, goals_of
+from benchmarks.accuracy_cases import CASES, exact
 from benchmarks.exact_goals import MESHES, limit, stretch
-from benchmarks.fenicsx_tutorial import solve as solve_as_the_tutorial
 from benchmarks.graded_meshes import at, graded, write
 from benchmarks.pressed_ball import force_ratio
 from fem_snh.errors import BadInput
 from fem_snh.mesh import mesh as meshes
-from fem_snh.scenes import Reaction
 from fem_snh.scenes.builtin.hertz import MODULUS, RADIUS, RATIO
 
 
@@ -68,13 +65,3 @@ def test_the_force_of_the_ball():
     ratio = force_ratio(0.2 / RADIUS, RATIO)
     hertz = 4 / 3 * MODULUS / (1 - RATIO**2) * RADIUS**0.5 * 0.2**1.5
     assert 4 * abs(exact("hertz")[0]) == pytest.approx(ratio * hertz, rel=0.005)
-
-
-def test_the_tutorials_program_has_the_same_goal():
-    """Dead loads and the moment of the foot, as by the scene on that mesh."""
-    foot = [Reaction(group="bottom", about=(0, 0, 0))]
-    scene = bracket(element="P2", cells=1).model_copy(update={"reactions": foot})
-    result = solve(scene, petsc={"snes_scaled_tol": 1e-10})
-    found = solve_as_the_tutorial(scene, tolerance=1e-10, goal="bottom.moment.z")
-    expected = goals_of(result.steps[-1])["bottom.moment.z"]
-    assert found["goal"] == pytest.approx(expected, rel=1e-6)

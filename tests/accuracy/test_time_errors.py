@@ -77,15 +77,6 @@ def test_the_error_of_the_mesh_is_the_difference_to_the_lifted_element(estimated
     assert known.of_path >= abs(goal["parts"]["mesh"])
 
 
-def test_the_memory_of_the_lifted_element_is_limited():
-    """The limit had no effect on a path, whose errors coarser meshes do not show."""
-    found = solve(swing(12, element="Q1", accuracy=Accuracy(max_memory=0.01)))
-    assert found.converged and found.goals["tip.z"]["error"] is None
-    assert found.estimate.reason.startswith("Q2Q1 needs about ")
-    assert found.estimate.reason.endswith(", of which 0.01 MB are allowed")
-    assert found.estimate.newton == 0
-
-
 PULSE = Amplitude(name="pulse", points=[(0, 0), (1.812, 1), (3.352, 0)])
 
 
@@ -277,12 +268,6 @@ def test_bounds_of_small_changes():
     )
 
 
-def test_bounds_of_small_changes_of_order_1():
-    """A cantilever by backward Euler (2 cells, nu = 0.45): 40, 20, 10, 5 steps, and 320."""
-    (bound,) = bounds_of_small_changes(np.array([[1.19], [0.01], [0.04]]), np.array([5.0]), 1)
-    assert 2.63 < bound < 5
-
-
 def test_steps_that_fail_are_followed_by_shorter_ones_on_the_same_mesh():
     """Finer cells followed, on which more steps fail: no level had an estimate."""
     estimate = Estimate(reason="with half the steps some failed", steps_too_long=True)
@@ -411,15 +396,6 @@ def test_errors_of_steps_that_converge(order):
     (error,), (bound,) = steps_errors(change, before, 2.0, (1, 2))
     assert error == pytest.approx(3 - values[0])
     assert abs(error) <= bound * (1 + 1e-9)
-
-
-def test_a_bound_of_steps_that_do_not_resolve_an_impact():
-    """The bounce with stiff penalties: 100, 200, 400 steps, and 800 as the reference."""
-    values = [-0.27401762, -0.27017586, -0.26207212]
-    change, before = np.array([values[2] - values[1]]), np.array([values[1] - values[0]])
-    (error,), (bound,) = steps_errors(change, before, 2.0, (1, 2))
-    assert error == 0
-    assert abs(-0.26760975 - values[2]) < bound == np.inf
 
 
 def test_changes_that_are_rounding_need_not_decrease():

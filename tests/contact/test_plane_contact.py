@@ -113,37 +113,6 @@ def test_residual_and_hessian_are_derivatives(tmp_path, kinematics, element, tri
     check_derivatives(problem, dofs, 1e-7, 5e-7, 1e-5, constrained=False)
 
 
-def test_momentum_of_a_collision(tmp_path):
-    """A block is pushed, and hits one that is at rest: both keep momentum and angular momentum."""
-    blocks(tmp_path / "blocks.msh", False, 1, gap=0.01)
-    push, end = 0.2, 0.2
-    keys = f"""
-[[traction]]
-group = "top"
-vector = [0, -{push}, 0]
-table = "first"
-[[table]]
-name = "first"
-points = [[0, 1], [{end}, 1], [{end + 0.001}, 0], [1, 0]]
-[time]
-duration = 1.0
-steps = 20
-integrator = "newmark"
-[petsc]
-snes_scaled_tol = 1e-12
-"""
-    text = SCENE.format(element="Q1", kinematics="plane_strain", nu=0.3)
-    (tmp_path / "own.toml").write_text(text.replace("[[contact]]", keys + "[[contact]]"))
-    rows = [row for row in solve(tmp_path / "own.toml").steps if row["time"] > end + 0.05]
-    forces = [row["contacts"]["under/over"]["force"][1] for row in rows]
-    assert min(forces) < 0  # the upper block presses the lower one down
-    assert forces[-1] == 0
-    impulse = -push * (end + 0.05 / 2)  # the trapezoidal rule of steps of 0.05
-    for row in rows:
-        assert row["momentum"] == pytest.approx([0, impulse, 0], abs=1e-12)
-        assert row["angular_momentum"] == pytest.approx([0, 0, impulse / 2], abs=1e-12)
-
-
 @pytest.mark.parametrize(
     ("keys", "refused"),
     [

@@ -42,15 +42,6 @@ def test_azimuthal_shear_of_a_section_is_exact_at_finite_angles():
 
 
 @pytest.mark.one_debian
-def test_torque_at_small_angles():
-    found = [
-        load(cells=n, nu=NU, axial=0.0, angle=1e-3)[1][1] / exact(30, 1e-3) - 1 for n in (2, 4)
-    ]
-    assert found[-1] < 5e-5
-    assert min(orders(found)) > 3
-
-
-@pytest.mark.one_debian
 def test_combined_section_is_the_body_within_its_error():
     """Torsion and tension; the difference is a hundredth of the body's error."""
     (_, fine, _), (_, fine_moment, _) = load(cells=8)

@@ -99,17 +99,3 @@ def test_stvk_needs_more_iterations_and_loses_volume():
     volume = [result.steps[-1]["volumes"]["flesh"] for result in runs.values()]
     assert newton[1] > 1.8 * newton[0]
     assert volume[0] - volume[1] > 0.02 and volume[0] > 0.997
-
-
-@pytest.mark.one_debian
-def test_accuracy_begins_with_cells_that_the_arm_accepts():
-    """And with curved ones: the estimate of straight ones is of a polyhedron, as a note says."""
-    asked = {"goals": ["energy"], "within": 0.2}
-    result = flexed(cells=12, steps=1, angle=20.0, accuracy=asked)
-    (level,) = result.record["accuracy"]["levels"]
-    assert result.record["accuracy"]["reached"] and level["cells"] > 1000
-    flat = flexed(cells=12, steps=1, angle=20.0, error=True)
-    assert any("polyhedron" in note["text"] for note in flat.record["notes"])
-    assert not any("polyhedron" in note["text"] for note in result.record.get("notes", []))
-    best = level["goals"]["energy"]["best"]
-    assert flat.goals["energy"]["corrected"] < 0.9 * best

@@ -82,28 +82,6 @@ def test_the_lattice_of_a_box_is_its_mesh(name):
     )
 
 
-def test_taylor_hood_in_the_lattice_of_a_box():
-    """The same solution as on the box's mesh."""
-    box = {"box": {"center": [0.5, 0.5, 0.5], "size": [1, 1, 1]}}
-    kinds = {
-        ("left", "right"): {"mesh": scenes.Geometry(source="cube"), "cells": 2},
-        ("xmin", "xmax"): {"mesh": scenes.Lattice(lattice=box, cell=0.5)},
-    }
-    steps = []
-    for (left, right), body in kinds.items():
-        scene = scenes.Scene(
-            name="box",
-            element="Q2Q1",
-            material=scenes.MaterialChoice(name="stable_neo_hookean", E=1.0, nu=0.49),
-            hold=[scenes.Hold(group=left)],
-            move=[scenes.Move(group=right, translate=(0.3, 0.1, 0))],
-            **body,
-        )
-        steps.append(solve(scene, MPI.COMM_SELF).record["steps"][-1])
-    assert steps[1]["energy"] == pytest.approx(steps[0]["energy"], rel=1e-9)
-    assert steps[1]["volume_ratio"] == pytest.approx(steps[0]["volume_ratio"], rel=1e-9)
-
-
 @pytest.mark.one_debian
 @pytest.mark.mpi
 @pytest.mark.parametrize("name", [n for n in HEXAHEDRA if ELEMENTS[n].volume != "pressure"])

@@ -48,15 +48,6 @@ def test_a_tube_is_round(comm, cells, error):
             assert ends == pytest.approx([0, 20], abs=1e-9)
 
 
-@pytest.mark.one_debian
-def test_holes_are_round():
-    data = gmsh_input.mesh_shape(str(DATA / "plate.xao"), 4)
-    assert (data.cell, data.degree, data.x.shape[1]) == ("triangle", 2, 2)
-    hole = data.x[np.abs(np.hypot(*data.x.T) - 1) < 1e-6]
-    assert np.hypot(*hole.T) == pytest.approx(1, rel=1e-12)
-    assert len(hole) == 7  # three cells of order 2 on the quarter
-
-
 def write_box(folder, counts=(8, 12, 6, 1), more="", groups=""):
     """Write a box as a XAO file, with ``more`` shapes beside it; return its path."""
     with gmsh_model(

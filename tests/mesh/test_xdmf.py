@@ -8,7 +8,6 @@ import shutil
 import numpy as np
 import pytest
 from gmsh_files import BOX, section, write_msh
-from running import solve
 from test_mesh import area, held_points, volume
 
 from fem_snh import _dolfinx
@@ -16,8 +15,6 @@ from fem_snh.cli import main
 from fem_snh.errors import BadInput
 from fem_snh.files import xdmf_data
 from fem_snh.mesh import mesh
-from fem_snh.runs.scene_options import identity
-from fem_snh.scenes import Hold, MaterialChoice, Move, Scene
 
 pytestmark = pytest.mark.mpi
 HEXAHEDRA = BOX.replace("RECOMBINE", "Recombine;")
@@ -89,27 +86,6 @@ def test_tags_of_a_dolfinx_program(comm, folder):
         ("curve:moved", 9, 2),
     ]
     assert (held_points(m, "moved", 1)[:, 0] == 1).all()
-
-
-def test_a_scene_gives_the_same_run(comm, folder):
-    path = write_msh(comm, folder, HEXAHEDRA)
-    converted(comm, path)
-
-    def scene(file):
-        return Scene(
-            name="box", mesh=file, element="Q1", steps=2,
-            material=MaterialChoice(name="stable_neo_hookean", E=1.0, nu=0.45),
-            hold=[Hold(group="start")], move=[Move(group="second", translate=(0.1, 0.05, 0))],
-            petsc={"ksp_rtol": 1e-8, "snes_forcing_max": 0.0},
-        )  # fmt: skip
-
-    one, other = (solve(scene(path.with_suffix(suffix)), comm=comm) for suffix in (".msh", ".xdmf"))
-    for a, b in zip(one.steps, other.steps, strict=True):
-        assert a["newton"] == b["newton"]
-        assert b["energy"] == pytest.approx(a["energy"], rel=1e-10) and a["energy"] != 0
-    # Numbers that change in the HDF5 file are another mesh for --resume and sweeps.
-    before = identity(scene(path.with_suffix(".xdmf")))
-    assert f"mesh.{path.stem}.h5" in before
 
 
 def damaged(folder, path, kind):

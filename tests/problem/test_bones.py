@@ -20,8 +20,6 @@ from fem_snh.mesh import lattice
 from fem_snh.problem.bones import BoneConditions, place_bones
 
 E = 1e4  # of the bar, whose volume is 2
-#: Affine and not rigid: a bone of a skinned character.
-SKEWED = matrix([[1.1, 0.2, 0.0], [-0.1, 0.95, 0.05], [0.0, 0.1, 1.0]], (0.05, -0.02, 0.03))
 
 
 def bone_nodes(result):
@@ -194,15 +192,3 @@ def test_the_flesh_is_predicted_to_move_with_its_bones(comm):
         scene = bar(*bones, mesh=mesh, cells=4, steps=4, predictor=predictor)
         found[predictor] = sum(step["newton"] for step in solve(scene, comm, nu=0.488).steps)
     assert found["bones"] < 0.8 * found["extrapolate"], found
-
-
-@pytest.mark.parametrize(
-    "bones, keys, message",
-    [
-        ([], {}, "predictor = 'bones': expected another one, as the scene has no"),
-        ([{"shape": UPPER}], {"time": {"duration": 1.0, "steps": 2}}, "as the scene has .time."),
-    ],
-)
-def test_scenes_without_that_predictor(bones, keys, message):
-    with pytest.raises(ValueError, match=message):
-        bar(*bones, predictor="bones", **keys)

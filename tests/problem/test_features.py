@@ -184,24 +184,6 @@ def test_values_of_ufl(comm: Any, kind: str) -> None:
     assert same(comm, states[1], states[0]) and not same(comm, before, states[0], 1e-2)
 
 
-def test_gravity_of_ufl_in_time(comm: Any) -> None:
-    """A free body falls as a uniform acceleration says, and so in a field that does not vary."""
-    domain = mesh.create_unit_cube(comm, 2, 2, 2, mesh.CellType.hexahedron)
-    V = vector_space(domain)
-    field = fem.Function(V)
-    field.x.array[2::3] = -9.81
-    for g in (fem.Constant(domain, (0.0, 0.0, -9.81)), field):
-        u = fem.Function(V)
-        problem = fem_snh.DynamicProblem(
-            u, {SNH: ufl.dx}, {SNH: 2.0}, duration=0.1, terms=[fem_snh.Gravity(g)],
-            petsc_options=TIGHT,
-        )  # fmt: skip
-        assert problem.step(0.1)
-        owned = V.dofmap.index_map.size_local
-        moved = u.x.array.reshape(-1, 3)[:owned, 2]
-        np.testing.assert_allclose(moved, -9.81 * 0.1**2 / 2, rtol=1e-6)
-
-
 def test_a_pressure_that_varies(comm: Any) -> None:
     """Its resultant on a block that hardly strains is that of p(x) = 1 + x on the face."""
     domain = mesh.create_unit_cube(comm, 2, 2, 2, mesh.CellType.hexahedron)

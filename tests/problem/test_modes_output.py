@@ -24,11 +24,6 @@ def solve(scene="modes", comm=MPI.COMM_WORLD, **kwargs):
     return fem_snh.run(scene, comm=comm, progress=False, **kwargs)
 
 
-def hertz(values):
-    """Frequencies of eigenvalues omega^2, negative where these are."""
-    return np.sign(values) * np.sqrt(abs(values)) / (2 * np.pi)
-
-
 # --- files ---------------------------------------------------------------------------------------
 
 
@@ -125,13 +120,6 @@ def test_a_scene_without_modes_does_not_load_slepc():
 def test_mistakes_in_the_table(overrides, message):
     with pytest.raises(BadInput, match=message):
         scenes.load("twist", **overrides)
-
-
-def test_a_table_of_modes_in_a_scene_file(tmp_path):
-    text = 'mesh = "x.msh"\nelement = "Q1"\n[material]\nname = "stvk"\nE = 1\nnu = 0.3\n[modes]\n'
-    (tmp_path / "x.toml").write_text(text.replace("stvk", "neo_hookean"))
-    found = scenes.load(tmp_path / "x.toml").modes
-    assert found is not None and (found.count, found.density) == (10, None)
 
 
 def test_materials_without_a_density_have_that_of_water_for_modes():

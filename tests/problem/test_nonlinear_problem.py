@@ -180,47 +180,6 @@ def test_an_option_that_no_solver_has(comm):
         assert note.values["names"] == ["-snh_snes_maxx_it"] and "-snh_snes_maxx_it" in note.text
 
 
-def turned(element: str, cell: str, cells: tuple[int, int, int], comm) -> tuple:
-    """Return the problem of a bar of rubber, nu = 0.4999, and the function that turns its top."""
-    kind = getattr(mesh.CellType, cell)
-    domain = mesh.create_box(comm, [[-0.5, -0.5, 0], [0.5, 0.5, 2]], cells, kind)
-    V = vector_space(domain, int(element[1]))
-    u, top = fem.Function(V), fem.Function(V)
-    ends = [
-        fem.locate_dofs_topological(
-            V, 2, mesh.locate_entities_boundary(domain, 2, lambda x, z=z: np.isclose(x[2], z))
-        )
-        for z in (0.0, 2.0)
-    ]
-
-    def turn(angle: float) -> None:
-        c, s = np.cos(angle) - 1, np.sin(angle)
-        top.interpolate(lambda x: np.stack([c * x[0] - s * x[1], s * x[0] + c * x[1], 0 * x[2]]))
-
-    bcs = [fem.dirichletbc(np.zeros(3), ends[0], V), fem.dirichletbc(top, ends[1])]
-    return fem_snh.NonlinearProblem(u, {SNH_4999: ufl.dx}, bcs=bcs, element=element), turn
-
-
-@pytest.mark.one_debian("serial")
-@pytest.mark.parametrize(
-    ("element", "cell", "cells"),
-    [("Q1P0", "hexahedron", (4, 4, 8)), ("P2P0", "tetrahedron", (3, 3, 6))],
-)
-def test_nearly_incompressible_bar_turned_by_86_degrees(comm, element, cell, cells):
-    """The condensed problem alone takes 137 Newton iterations with Q1P0, 283 with more of P2P0."""
-    problem, turn = turned(element, cell, cells, comm)
-    newton = 0
-    for angle in (0.5, 1.0, 1.5):
-        turn(angle)
-        problem.solve()
-        assert converged(problem)
-        newton += problem.newton
-    assert newton <= 40
-    residual = problem.b.duplicate()
-    problem.solver.computeFunction(problem.x, residual)
-    assert residual.norm() <= problem.solver.getPythonContext().scaled_tolerance
-
-
 @pytest.mark.one_debian("ranks")
 def test_steps_of_a_program_are_those_of_a_scene(comm):
     """The same mesh, conditions and load path: the same iterations, energies and displacements."""

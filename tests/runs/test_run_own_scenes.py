@@ -7,7 +7,6 @@ from petsc4py import PETSc
 import pytest
 from running import solve
 
-import fem_snh
 from fem_snh import solver
 from fem_snh.choices import GLOBALIZATIONS
 from fem_snh.errors import on_root
@@ -114,14 +113,3 @@ def test_petsc_options_of_a_scene_end_with_it_and_yield_to_the_command_lines(com
         assert database.getString("ksp_type") == "cr" and not database.hasName("snes_max_it")
     finally:
         database.delValue("ksp_type")
-
-
-@pytest.mark.one_debian
-@pytest.mark.mpi
-def test_multigrids_preconditioner_is_definite_for_filtered_matrices(comm):
-    """Symmetric sweeps are; PETSc's own polynomial need not be, and then every step fails."""
-    settings = {"element": "Q2", "cells": 4, "nu": 0.3, "progress": False}
-    found = fem_snh.run("stretch", **settings, petsc={"pc_type": "gamg"})
-    assert found.converged and len(found.steps) == 12
-    assert max(step["linear"] / step["newton"] for step in found.steps) < 10
-    assert not PETSc.Options(solver.PREFIX).hasName("mg_levels_ksp_type")

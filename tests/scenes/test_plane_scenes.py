@@ -60,19 +60,6 @@ def test_stretch_is_that_of_the_cylinder():
     assert turned["probes"]["inside"][0] == pytest.approx(radial, rel=2e-2)
 
 
-def test_body_of_curved_cells_is_the_section():
-    """On four cells along the diameter; one of straight cells has 10 % less area, and force."""
-    common = {"cells": 4, "stretch": 1.5, "steps": 1, "element": "Q2", "nu": 0.3}
-    section = solve("stretch", kinematics="axisymmetric", **common)
-    expected = section.steps[-1]["reactions"]["right"][1]
-    curved, straight = (
-        solve("stretch", order=order, **common).steps[-1]["reactions"]["right"][0]
-        for order in (2, 1)
-    )
-    assert curved == pytest.approx(expected, rel=2e-3)
-    assert straight < 0.92 * expected
-
-
 TRACTION = """
 [[traction]]
 group = "top"

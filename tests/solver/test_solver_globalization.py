@@ -9,7 +9,7 @@ import pytest
 from bodies import Hold, create_problem, cube
 from solver_problems import TRUST, half_turn, options, solve, twist
 
-from fem_snh import _petsc, scenes, solver
+from fem_snh import _petsc, solver
 from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.choices import HESSIANS
 from fem_snh.errors import BadInput
@@ -48,11 +48,6 @@ def test_a_named_hessian_is_used_with_a_line_search(comm):
         assert choices(solver.create(p, hessian)) == expected
         with options(snes_hessian=hessian):
             assert choices(solver.create(p)) == expected
-
-
-def test_an_unknown_globalization_in_a_scene():
-    with pytest.raises(BadInput, match=r"globalization = 'trust_regon': .*did you mean 'trust_reg"):
-        scenes.load("twist", globalization="trust_regon")
 
 
 @pytest.mark.one_debian("ranks")

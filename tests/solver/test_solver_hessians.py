@@ -2,19 +2,12 @@
 
 from __future__ import annotations
 
-import os
 from itertools import pairwise
-from pathlib import Path
-
-from mpi4py import MPI
-from petsc4py import PETSc
 
 import numpy as np
 import pytest
-from bodies import MINIMISING, norm, set_values, wave
+from bodies import MINIMISING, norm
 from solver_problems import (
-    TRUST,
-    half_turn,
     options,
     solve,
     twist,
@@ -96,17 +89,6 @@ def test_adaptive_filters_only_where_the_solver_meets_negative_curvature(comm):
     assert start.norm() > 0
 
 
-@pytest.mark.one_debian("ranks")
-@mpi
-def test_filter_of_adaptive_is_an_option(comm):
-    p = twist(comm, angle=1.2)
-    with options(snes_adaptive_filter="abs"):
-        snes, context = solve(p)
-    assert snes.getConvergedReason() > 0
-    assert "abs" in {i.filter for i in context.history}
-    assert "clamp" not in {i.filter for i in context.history}
-
-
 @pytest.mark.one_debian
 @mpi
 @elements
@@ -120,41 +102,6 @@ def test_exact_newton_converges_quadratically(comm, element):
     assert rates and max(rates) <= 100
 
 
-@pytest.mark.one_debian("ranks")
-@mpi
-@pytest.mark.parametrize("hessian", HESSIANS)
-def test_direct_solver(comm, hessian):
-    p, reference = twist(comm), twist(comm)
-    package = factorisation(comm)
-    with options(ksp_type="preonly", pc_type="lu", pc_factor_mat_solver_type=package):
-        snes, context = solve(p, hessian=hessian, predictor="tangent")
-    assert snes.getConvergedReason() > 0
-    assert snes.getKSP().getPC().getFactorSolverType() == package
-    assert all(i.linear in (1, 2) for i in context.history)
-    solve(reference)
-    assert p.energy(p.x) == pytest.approx(reference.energy(reference.x), rel=1e-9)
-
-
-def factorisation(comm):
-    """Return a direct solver that this PETSc has on this number of ranks."""
-    for package in ("mumps", "superlu_dist", *(["petsc"] if comm.size == 1 else [])):
-        pc = PETSc.PC().create(comm)
-        A = PETSc.Mat().createAIJ(comm.size, nnz=1, comm=comm)
-        first, last = A.getOwnershipRange()
-        for i in range(first, last):
-            A[i, i] = 1.0
-        A.assemble()
-        pc.setOperators(A)
-        pc.setType("lu")
-        pc.setFactorSolverType(package)
-        try:
-            pc.setUp()
-        except PETSc.Error:
-            continue
-        return package
-    pytest.fail("PETSc has no parallel direct solver")
-
-
 @pytest.mark.one_debian
 @pytest.mark.parametrize("seed", [43, 98])
 def test_double_precision_replaces_failing_single_precision(seed):
@@ -162,23 +109,3 @@ def test_double_precision_replaces_failing_single_precision(seed):
     case = {"cells": 10, "element": "P1", "nu": 0.45, "seed": seed, "nu_continuation": [-0.3]}
     result = run("scramble", **case, progress=False)
     assert result.converged and result.steps[-1]["max_u"] < 1e-6
-
-
-@pytest.mark.one_debian
-@mpi
-def test_iterations_free_their_memory(comm):
-    """petsc4py 3.18 keeps dropped vectors and matrices until it is told to free them."""
-    p, grown = half_turn(comm, 10), []
-    with options(snes_forcing_max=5e-3):
-        for _ in range(3):
-            before = resident()
-            set_values(p, wave(0.0))
-            solve(p, **TRUST)
-            grown.append(resident() - before)
-    assert comm.allreduce(max(grown[1:]), op=MPI.MAX) < 4.0
-
-
-def resident() -> float:
-    """Return the resident memory of this process [MiB]."""
-    pages = int(Path("/proc/self/statm").read_text().split()[1])
-    return pages * os.sysconf("SC_PAGE_SIZE") / 2**20

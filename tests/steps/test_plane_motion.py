@@ -14,7 +14,6 @@ from dolfinx import fem, mesh
 from dolfinx_programs import vector_space
 from plane_programs import COMPONENTS, displacement, motion, prescribe, rectangle, zero
 from plane_scenes import SCENE, solve, write_mesh
-from test_motion_exact import STEP, STEPS, G, fallen
 
 import fem_snh
 from fem_snh.choices import INTEGRATORS
@@ -31,29 +30,6 @@ def advance(problem, steps):
     for row in problem.steps(steps):
         assert row["converged"], row["reason"]
     return row
-
-
-@pytest.mark.one_debian
-@every
-@pytest.mark.parametrize(
-    "integrator", [pytest.param(i, marks=[mpi] * (i == "bdf2")) for i in INTEGRATORS]
-)
-def test_free_fall(comm, integrator, kinematics):
-    """The integrator's own recurrence, with the mass of the whole turn."""
-    domain = rectangle(comm, "Q2", (0.0, 0.0), (0.5, 1.0), (2, 2))
-    u = displacement(domain, "Q2", kinematics)
-    gravity = fem_snh.Gravity([0, -G, 0], lambda load: 1.0)
-    duration = STEPS * STEP
-    falling = motion(u, kinematics, integrator, duration=duration, terms=[gravity])
-    row = advance(falling, STEPS)
-    values = u.x.array.reshape(-1, COMPONENTS[kinematics])
-    assert abs(values[:, 1] - fallen(integrator)).max() < 1e-8
-    assert abs(np.delete(values, 1, axis=1)).max() < 1e-8
-    volume = 0.5 if kinematics == "plane_strain" else pi / 4
-    assert falling.dynamics.mass.total == pytest.approx(2 * volume, rel=1e-12)
-    speed = row["momentum"][1] / (2 * volume)
-    assert row["kinetic"] == pytest.approx(volume * speed**2, rel=1e-7)
-    assert row["momentum"][::2] == pytest.approx([0, 0], abs=1e-7)
 
 
 def cantilever(components, integrator, n=3, thickness=0.25):

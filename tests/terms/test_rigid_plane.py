@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 import ufl
 from dolfinx import fem, mesh
-from dolfinx_programs import converged, vector_space
+from dolfinx_programs import vector_space
 from plane_programs import COMPONENTS, rectangle, sides
-from scipy.integrate import solve_ivp
 
 import fem_snh
 from fem_snh.errors import BadInput
@@ -113,70 +112,6 @@ def test_torque_on_the_inner_sleeve_of_a_bushing_is_inverse_to_its_rotation(comm
     # The radial part of a reaction is no resultant: a rigid part has none.
     reaction = np.where([flat, True, False], turned.steps[-1]["reactions"]["inner"], 0.0)
     assert state["force"] == pytest.approx(reaction, abs=1e-4)
-
-
-@pytest.mark.one_debian
-@mpi
-@pytest.mark.parametrize("kinematics", COMPONENTS)
-def test_forces_and_motion_of_a_part_are_inverse_to_each_other(comm, kinematics):
-    turn = {"axis": (0, 0, 1), "angle": 0.3, "through": (0.6, 0.5, 0)}
-    motion = {"translate": (0.05, 0.1, 0), "rotate": turn}
-    if kinematics != "plane_strain":
-        motion = {"translate": (0, 0.1, 0)}
-    if kinematics == "axisymmetric_torsion":
-        motion["rotate"] = {"axis": (0, 1, 0), "angle": 0.3}
-    moved = section(comm, kinematics, {2: motion})
-    moved.solve()
-    state = moved._problem.rigid_states(moved.x)["dx(2)"]
-    loads = {"force": state["force"], "torque": state["moment"]}
-    loaded = section(comm, kinematics, {2: loads})
-    loaded.solve()
-    assert converged(moved) and converged(loaded)
-    assert loaded.u.x.array == pytest.approx(moved.u.x.array, abs=1e-8)
-    # The force is the derivative of the energy by the prescribed translation.
-    energies = []
-    for change in (1e-4, -1e-4):
-        up = motion | {"translate": np.add(motion["translate"], (0, change, 0))}
-        other = section(comm, kinematics, {2: up})
-        other.solve()
-        energies.append(other._problem.energy(other.x))
-    assert state["force"][1] == pytest.approx((energies[0] - energies[1]) / 2e-4, rel=1e-5)
-
-
-@pytest.mark.one_debian
-@mpi
-def test_plane_pendulum_on_a_spring(comm):
-    """A plate on a hinge with a torsion spring, released where the spring is at rest."""
-    domain = rectangle(comm, "Q1", (0, 0), (WIDTH, HEIGHT), (3, 2))
-    u = fem.Function(vector_space(domain, 1, 2))
-    m = fem_snh.material("stable_neo_hookean", E=1e6, nu=0.45)
-    hinge = {"kind": "hinge", "axis": (0, 0, 1), "through": (0.0, HEIGHT / 2, 0)}
-    stiffness, duration, steps = 700.0, 0.6, 30
-    plate = fem_snh.Rigid(ufl.dx, name="plate", joint=hinge, spring={"rotation": stiffness})
-    problem = fem_snh.DynamicProblem(
-        u,
-        {m: ufl.dx},
-        {m: DENSITY},
-        "newmark",
-        duration=duration,
-        terms=[plate, fem_snh.Gravity([0, -9.81, 0])],
-        kinematics="plane_strain",
-    )
-    problem.start()
-    for _ in range(steps):
-        assert problem.step(duration / steps)
-    mass = DENSITY * WIDTH * HEIGHT
-    inertia = mass * (WIDTH**2 + HEIGHT**2) / 12 + mass * (WIDTH / 2) ** 2
-
-    def rates(t, y):
-        moment = -mass * 9.81 * WIDTH / 2 * np.cos(y[0]) - stiffness * y[0]
-        return [y[1], moment / inertia]
-
-    exact = solve_ivp(rates, (0, duration), [0.0, 0.0], rtol=1e-10, atol=1e-12).y[:, -1]
-    state = problem._problem.rigid_states(problem.x)["plate"]
-    assert abs(exact[0]) > 1
-    assert state["rotation"] == pytest.approx([0, 0, exact[0]], abs=8e-3)
-    assert state["position"] == pytest.approx(hinge["through"], abs=1e-12)
 
 
 @pytest.mark.parametrize(
