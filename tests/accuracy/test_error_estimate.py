@@ -15,16 +15,15 @@ from barrier_problems import needs_ipctk
 from bodies import create_problem
 from paths import ROOT
 from plane_programs import displacement, prescribe, rectangle, zero
-from running import rows, solve, watch_calls
+from running import rows, solve
 from scipy.optimize import brentq
 from shells import SYMMETRIC, shell
 
 import fem_snh
 from benchmarks.accuracy_cases import exact as exact_value
 from fem_snh import scenes
-from fem_snh.accuracy import indicators, lift
+from fem_snh.accuracy import lift
 from fem_snh.accuracy.differences import saturation
-from fem_snh.accuracy.duals import HessianSolver
 from fem_snh.accuracy.goal_errors import GoalError
 from fem_snh.accuracy.lift import lifted_elements
 from fem_snh.errors import BadInput
@@ -373,20 +372,6 @@ def test_indicators_of_a_mean_are_those_with_a_direct_solver(cells):
     for name in ("right.mean.x", "right.mean.y"):
         change = np.abs(found[name] - exact[name]).sum()
         assert change <= 0.01 * np.abs(exact[name]).sum(), name
-
-
-def test_dual_problems_are_solved_in_batches(monkeypatch):
-    """Of many goals a few at a time, with the same result."""
-    calls = watch_calls(monkeypatch, HessianSolver, "__call__")
-    goals, keys = ["energy", "right.mean", "corner"], {"element": "Q1P0", "cells": 4, "steps": 1}
-    together = estimate("cook", goals, **keys).indicators
-    monkeypatch.setattr(indicators, "_TOGETHER", 2)
-    apart = estimate("cook", goals, **keys).indicators
-    # The energy, the first of five goals, has no dual problem.
-    assert [len(rhs) for (rhs,) in calls] == [4, 1, 2, 1]
-    assert together.keys() == apart.keys() and len(apart) == 5
-    for name, values in together.items():
-        assert np.abs(values - apart[name]).sum() <= 0.01 * np.abs(values).sum(), name
 
 
 @pytest.mark.one_debian

@@ -9,13 +9,12 @@ from mpi4py import MPI
 import numpy as np
 import pytest
 from paths import DATA
-from running import solve
 
 from fem_snh import _dolfinx
 from fem_snh.accuracy.goals import MOST_RADII, sizes_near
 from fem_snh.mesh.mesh import cell_volumes
 from fem_snh.runs.level_meshes import fine_at, mesh_like, stress_probes
-from fem_snh.scenes import Accuracy, Probe, Scene, load
+from fem_snh.scenes import Accuracy, Probe, Scene
 
 _BUSH = DATA / "bush.xao"
 _SOFT = {"name": "stable_neo_hookean", "E": 1.0, "nu": 0.3}
@@ -52,22 +51,3 @@ def test_cells_are_small_at_the_point_alone(comm, mesh, point, radius, keys, vol
     assert near > 8 and cells < cubes  # of cells of this size everywhere at least 5 a cube
     total = comm.allreduce(float(cell_volumes(domain)[:owned].sum()))
     assert total == pytest.approx(volume, rel=1e-12 if isinstance(mesh, dict) else 2e-3)
-
-
-@pytest.mark.parametrize(("element", "cells"), [("P2P1", 2), ("Q2Q1", 16)])
-def test_an_accuracy_is_reached_at_a_small_radius(element, cells):
-    """It was refused, as cells of the first level are larger; those of 48 cells fit the radius.
-
-    Hexahedra are not refined at the point: the first level has all cells of the scene.
-    """
-    probes = [Probe(name="inside", point=(24, 35, 0), radius=1.0)]
-    keys = {"kinematics": "plane_strain", "nu": 0.49, "steps": 2, "probe": probes}
-    scene = load("cook", element=element, cells=cells, **keys)
-    goals = {"goals": ["inside.stress"], "keep_element": True}
-    found = solve(scene.model_copy(update={"accuracy": Accuracy(within=0.01, **goals)}))
-    fine = load("cook", element="Q2Q1", cells=32, error=True, **keys)
-    exact = solve(fine.model_copy(update={"accuracy": Accuracy(goals=["inside.stress"])}))
-    value = exact.goals["inside.stress"]["corrected"]
-    accuracy = found.record["accuracy"]
-    best = accuracy["levels"][-1]["goals"]["inside.stress"]["best"]
-    assert accuracy["reached"] and best == pytest.approx(value, rel=0.01)

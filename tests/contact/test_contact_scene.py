@@ -7,15 +7,12 @@ from pathlib import Path
 from typing import Any
 
 from mpi4py import MPI
-from petsc4py import PETSc
 
-import numpy as np
 import pytest
 from interrupted_runs import record, solve
 
 from benchmarks import plates
 from fem_snh import scenes
-from fem_snh.assembly import couplings
 from fem_snh.errors import BadInput
 
 #: Two blocks, the upper one wider: it bulges over the lower one.
@@ -93,55 +90,3 @@ def test_thin_plates_collide() -> None:
     scene = plates.plates("Q1", "bdf2", "penalty", cells=3, steps=16)
     row = plates.measure(scene)
     assert row["ok"] and row["steps_in_contact"] >= 8
-
-
-@mpi
-def test_damping_while_other_surfaces_touch(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Pressed, lifted, shifted and pressed elsewhere: as with a pattern that keeps all pairs.
-
-    The smaller block then touches other facets, so that the matrix drops the former pairs, which
-    the stiffness of damping still has.
-    """
-    table = [
-        {"name": "press", "points": [[0, 0], [0.25, 1], [0.5, -1], [0.75, -1], [1, 1]]},
-        {"name": "shift", "points": [[0, 0], [0.5, 0], [0.75, 1], [1, 1]]},
-    ]
-    size = {"upper_width": 0.4, "upper_height": 0.4, "upper_cells": 1}
-    scene = scenes.validate(
-        {
-            "name": "lift",
-            "mesh": {"source": "two_blocks", "parameters": size},
-            "cells": 4,
-            "element": "P1",
-            "material": {"name": "stable_neo_hookean", "E": 1e4, "nu": 0.3, "density": 1000},
-            "hold": [{"group": "bottom"}],
-            "move": [
-                {"group": "top", "translate": [0, 0, -0.1], "table": "press", "components": ["z"]},
-                {
-                    "group": "top",
-                    "translate": [0.6, 0.6, 0],
-                    "table": "shift",
-                    "components": ["x", "y"],
-                },
-            ],
-            "contact": [{"groups": ["lower_top", "upper_bottom"]}],
-            "table": table,
-            "time": {
-                "duration": 1.0,
-                "steps": 8,
-                "integrator": "backward_euler",
-                "damping": {"stiffness": 1e-3},
-            },
-            "petsc": {"snes_scaled_tol": 1e-10},
-        },
-        "lift",
-    )
-    found = []
-    for kept in (couplings._KEPT_PAIRS, 10**9):
-        monkeypatch.setattr(couplings, "_KEPT_PAIRS", kept)
-        result = solve(scene)
-        assert result.converged
-        energies = [[step["energy"], step["dissipated"]] for step in result.steps]
-        found.append((energies, result.problem.A.getInfo(PETSc.Mat.InfoType.GLOBAL_SUM)["nz_used"]))
-    np.testing.assert_allclose(found[0][0], found[1][0], rtol=1e-7)
-    assert found[0][1] < found[1][1]

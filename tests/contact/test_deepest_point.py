@@ -75,23 +75,6 @@ def test_a_corner_is_deeper_than_its_points(comm: MPI.Comm, element: str) -> Non
 
 @pytest.mark.one_debian("ranks")
 @mpi
-@pytest.mark.parametrize(("depth", "noted"), [(0.01, False), (0.045, True)])
-def test_a_small_ball_between_the_points(comm: MPI.Comm, depth: float, noted: bool) -> None:
-    """A ball of a tenth of the facet in its middle: no force, and a note from 5 % of the facet."""
-    ball = MovingShape(Sphere((0.25, 0.25, 1.1), 0.05), translation((0, 0, -0.05 - depth)))
-    contacts = [RigidContact("ball", ball)]
-    p, _, _ = contact_problem(cube(comm, "hexahedron", 2), "Q1", contacts, hold=[Hold("bottom")])
-    row = press(p)
-    found = row["obstacles"]["ball"]
-    assert found["force"] == [0, 0, 0] and found["contacts"] == 0
-    assert found["deepest"] == pytest.approx(depth, abs=1e-9)
-    assert ("deepest_at" in found) == ("notes" in row) == noted
-    if noted:
-        np.testing.assert_allclose(found["deepest_at"], [0.25, 0.25, 1], atol=1e-9)
-
-
-@pytest.mark.one_debian("ranks")
-@mpi
 @pytest.mark.parametrize("at", [(0.19, 0.31), (0.06, 0.44), (0.313, 0.187)])
 def test_a_ball_between_the_points_of_the_grid(comm: MPI.Comm, at: tuple[float, float]) -> None:
     """A ball of an eighth of the facet, half way through, between all points of the first grid."""

@@ -88,17 +88,6 @@ def test_walk_through_matrix() -> None:
     assert np.allclose(np.linalg.eigvalsh(clamped), expected, atol=5e-5)
 
 
-@pytest.mark.parametrize("nu", [0.0, 0.2, 0.45])
-@pytest.mark.parametrize("barrier", [False, True])
-def test_constants_of_the_stable_neo_hookean_energy(nu: float, barrier: bool) -> None:
-    m = fem_snh.material("stable_neo_hookean", E=2.0, nu=nu, barrier=barrier)
-    mu_lame, lambda_lame = 2.0 / (2 * (1 + nu)), 2.0 * nu / ((1 + nu) * (1 - 2 * nu))
-    assert m.lame == pytest.approx((mu_lame, lambda_lame))
-    factors = (4 / 3, 5 / 6) if barrier else (1, 1)
-    constants = (factors[0] * mu_lame, lambda_lame + factors[1] * mu_lame)
-    assert m.expression.values == pytest.approx(constants)
-
-
 def test_alpha_of_eq_14_is_stress_free_and_the_printed_one_is_not() -> None:
     mu, lam = fem_snh.material("stable_neo_hookean", E=2.0, nu=0.3).expression.values
     for alpha, free in (

@@ -78,19 +78,6 @@ def test_crushed_to_a_point(m):
         assert found.numbers["point basin"] == pytest.approx(min(root, 1), rel=0.01)
 
 
-def test_delta_is_one():
-    """Of all origin barriers log(I_C + delta), delta = 1 leaves nothing of the Hessian at F = 0."""
-    F = sympy.Matrix(3, 3, sympy.symbols("f0:9", real=True))
-    mu, lam, alpha, delta = sympy.symbols("mu lam alpha delta", positive=True)
-    I_C, J = (F.T * F).trace(), F.det()
-    psi = mu / 2 * (I_C - 3) + lam / 2 * (J - alpha) ** 2 - mu / 2 * sympy.log(I_C + delta)
-    zero = dict.fromkeys(F, 0)
-    H = sympy.Matrix(9, 9, lambda i, j: sympy.diff(psi, F[i], F[j]).subs(zero))
-    assert sympy.simplify(H - mu * (1 - 1 / delta) * sympy.eye(9)) == sympy.zeros(9)
-    entries = {e for e in H.applyfunc(sympy.simplify) if e != 0}
-    assert [sympy.solve(e, delta) for e in entries] == [[1]]
-
-
 def barrier_with(ratio: float) -> Material:
     """Eq. 14 with that lambda/mu, its own constants (eq. 16)."""
     m = made("stable_neo_hookean", (ratio - 5 / 8) / (2 * (ratio + 1 / 8)), barrier=True)

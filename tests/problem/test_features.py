@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from typing import Any
 
 import numpy as np
@@ -12,7 +11,6 @@ from dolfinx import fem, mesh
 from dolfinx_programs import vector_space
 
 import fem_snh
-from fem_snh import cli
 from fem_snh.scenes import Scene
 
 pytestmark = pytest.mark.mpi
@@ -350,39 +348,3 @@ def test_mistakes(comm: Any) -> None:
         with pytest.raises(fem_snh.BadInput) as error:
             make()
         assert expected in str(error.value) and "\n" not in str(error.value), str(error.value)
-
-
-PULLED = """
-from fem_snh.scenes import Geometry, Hold, MaterialChoice, Probe, Scene, Traction
-
-
-def pulled():
-    sides = [Hold(side, ("x", "y")) for side in ("left", "right", "front", "back")]
-    return Scene(
-        name="pulled",
-        mesh=Geometry("cube"),
-        cells=1,
-        element="Q1",
-        material=MaterialChoice(name="stable_neo_hookean", E=1.0, nu=0.4),
-        hold=[Hold("bottom"), *sides],
-        traction=[Traction("top", (0, 0, 0.3), lambda load: load**2)],
-        probe=[Probe("top", (0.5, 0.5, 1))],
-        steps=2,
-    )
-"""
-
-
-def test_a_function_in_a_python_scene(comm: Any, folder: Any) -> None:
-    """It is on every rank. The stress is linear in a confined stretch: a quarter at load 1/2."""
-    if comm.rank == 0:
-        (folder / "pull.py").write_text(PULLED)
-    comm.barrier()
-    out = folder / "out"
-    assert cli.main(["run", f"{folder / 'pull.py'}:pulled", "--out", str(out), "--quiet"]) == 0
-    steps = json.loads((out / "run.json").read_text())["steps"]
-    first, last = (step["probes"]["top"][2] for step in steps)
-    lam = 0.4 / (1.4 * 0.2)
-    assert last == pytest.approx(0.3 / (lam + 2 / 2.8), rel=1e-6)
-    assert first == pytest.approx(last / 4, rel=1e-6)
-    resume = ["--out", str(out), "--quiet", "--resume"]
-    assert cli.main(["run", f"{folder / 'pull.py'}:pulled", *resume]) == 0

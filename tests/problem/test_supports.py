@@ -182,17 +182,6 @@ def push(u):
 
 
 @mpi
-@pytest.mark.parametrize("dim", [2, 3])
-@pytest.mark.parametrize("by_steps", [False, True])
-def test_a_program_under_a_net_force(comm, dim, by_steps):
-    problem = program(comm, [push], (0,) if dim == 2 else (0, 1), dim)
-    problem.u.x.array[:] = 0.0
-    with pytest.raises(BadInput, match=f"the translation along {'xyz'[dim - 1]}, along which loa"):
-        list(problem.steps(2)) if by_steps else problem.solve()
-    assert not problem.u.x.array.any()
-
-
-@mpi
 def test_what_holds_a_program(comm):
     def bed(u):
         return 0.5 * 1e-3 * u[2] ** 2 * ufl.ds

@@ -152,21 +152,6 @@ def at(**coordinates: float) -> Any:
     return lambda x: np.all([np.isclose(x[i], value) for i, value in axes.items()], axis=0)
 
 
-@pytest.mark.parametrize(
-    ("element", "thin", "area"),
-    [("P2", {"x": 0.0, "y": 0.0}, {"y": 0.0}), ("Q1", {"y": 0.0, "z": 0.0}, {"z": 0.0})],
-)
-def test_a_program_has_the_same_notes(comm: Any, element: str, thin: Any, area: Any) -> None:
-    """A point of a plane and an edge of a body; with the side around them, no force is theirs."""
-    other = thin | ({"x": 1.0} if element == "P2" else {"y": 1.0})
-    found = program(comm, element, lambda V: [fixed(V, at(**thin)), fixed(V, at(**other))])
-    (note,) = [note for note in found.notes if note.kind != "inverted"]
-    assert note.kind == "supports" and note.text.startswith("bcs[0], bcs[1]: points and edges")
-    assert note.values["force"] > 0.1 / 2**0.5
-    found = program(comm, element, lambda V: [fixed(V, at(**thin)), fixed(V, at(**area))])
-    assert found.notes == []
-
-
 def test_conditions_of_a_program_that_contradict(comm: Any) -> None:
     """At the corner; a condition that replaces another one everywhere is none."""
     bottom, side = at(y=0.0), at(x=0.0)

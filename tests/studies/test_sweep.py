@@ -19,7 +19,7 @@ from fem_snh.cli import main
 from fem_snh.cli.run import comma_list
 from fem_snh.errors import BadInput
 from fem_snh.studies.batch import StudyTable
-from fem_snh.studies.points import MEASURED, REQUESTED, largest_error, run_arguments
+from fem_snh.studies.points import MEASURED, REQUESTED, largest_error
 from fem_snh.studies.processes import environment, program
 from fem_snh.studies.sweep import combinations, sweep
 
@@ -52,14 +52,6 @@ def test_no_two_points_share_a_folder() -> None:
         points = combinations({"key": values})
         assert [point["key"] for point in points.values()] == list(dict.fromkeys(values))
     assert list(combinations({"key": ["a b", "a_b"]})) == ["key=a_b", "key=a_b-2"]
-
-
-def test_a_point_is_a_command_line() -> None:
-    words = run_arguments(
-        "twist", Path("d"), {"nu": -0.1, "material": "a"}, {"ksp_rtol": 1, "v": None}
-    )
-    assert words[:2] == ["run", "twist"] and "--set=nu=-0.1" in words
-    assert words[words.index("--") :] == ["--", "-ksp_rtol", "1", "-v"]
 
 
 def test_a_row_cut_off_is_forgotten(tmp_path: Path) -> None:
@@ -179,13 +171,6 @@ def test_failed_points_are_rows_and_can_be_retried(tmp_path: Path) -> None:
     assert not passed_over["converged"].any()
     again = sweep("twist", tmp_path, TINY, retry=True)
     assert again["converged"].all() and len(again) == 1
-
-
-def test_overwrite_begins_anew(tmp_path: Path) -> None:
-    sweep("twist", tmp_path, TINY | {"nu": [0.3, 0.4]}, timeout=0.05)
-    table = sweep("twist", tmp_path, TINY | {"nu": 0.3}, overwrite=True)
-    assert list(table["point"]) == ["point"] and table["converged"].all()
-    assert not (tmp_path / "nu=0.3").exists()
 
 
 def test_a_point_that_does_not_converge_says_so(tmp_path: Path) -> None:

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import ufl
-from dolfinx import fem
-from dolfinx_programs import converged, unit_cube, vector_space
+from dolfinx_programs import converged
 from rigid_bodies import corner_program
 
 import fem_snh
@@ -59,33 +58,6 @@ def test_a_driven_joint_between_parts_acts_on_both(comm):
 def test_other_joints_have_no_torque():
     with pytest.raises(BadInput, match=r"torque = 1.0: expected no value, but for a hinge"):
         fem_snh.Rigid(ufl.dx, joint={"kind": "ball", "through": (0, 0, 0), "torque": 1.0})
-
-
-@mpi
-def test_surface_with_a_mass_falls_onto_a_spring(comm):
-    """z = -(m g / k) (1 - cos(sqrt(k / m) t)), Newmark's error of second order."""
-    domain = unit_cube(comm, 2)
-    u = fem.Function(vector_space(domain))
-    m = fem_snh.material("stable_neo_hookean", E=1e9, nu=0.3)
-    mass, stiffness, duration, steps = 50.0, 2e3, 0.5, 20
-    shell = fem_snh.Rigid(ufl.ds, name="shell", mass=mass, spring={"stiffness": stiffness})
-    terms = [fem_snh.Gravity([0, 0, -9.81]), shell]  # the weight is of both all the same
-    problem = fem_snh.DynamicProblem(
-        u,
-        {m: ufl.dx},
-        {m: 1e-4},
-        "newmark",
-        duration=duration,
-        terms=terms,
-    )
-    problem.start()
-    for _ in range(steps):
-        assert problem.step(duration / steps)
-    rate = np.sqrt(stiffness / mass)
-    exact = -mass * 9.81 / stiffness * (1 - np.cos(rate * duration))
-    state = problem._problem.rigid_states(problem.x)["shell"]
-    assert state["position"][2] - 0.5 == pytest.approx(exact, rel=2e-3)
-    assert problem.dynamics.mass.total == pytest.approx(mass, rel=1e-4)
 
 
 def test_a_mass_needs_time(comm):

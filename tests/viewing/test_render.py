@@ -200,16 +200,6 @@ def test_modes_are_exaggerated_alike_about_the_state_they_are_of(comm, folder):
     assert drawing.colours("mode", np.array([0.1, 0.9]))[1].vmax == 1
 
 
-def test_which_modes_are_shown_and_what_they_are_called():
-    zeros = [0.0, -1e-9, 1e-9, 0.0, 0.0, 0.0]
-    assert render.choose_modes([*zeros, 1.0, 2.0], None) == [7, 8]
-    assert render.choose_modes([*map(float, range(1, 11))], None) == [1, 2, 3, 4, 5, 6]
-    assert render.choose_modes(zeros[:1] * 3, None) == [1, 2, 3]
-    assert render.choose_modes([1.0, 2.0, 3.0], [3, 1]) == [3, 1]
-    assert render.mode_label(2, 12.345) == "mode 2  ·  12.35 Hz"
-    assert render.mode_label(1, -0.5) == "mode 1  ·  0.5 i Hz, unstable"
-
-
 def test_render_modes_bad_files(twisted):
     assert "this run has no modes" in bad(render.main, twisted, None, None, "J", True)
     write_modes(MPI.COMM_WORLD, twisted, [1.0, 2.0])
@@ -218,19 +208,6 @@ def test_render_modes_bad_files(twisted):
     assert "--modes and --revolve" in bad(lambda: render.main(twisted, modes=True, revolve=True))
     (twisted / "modes.pvd").unlink()
     assert "modes.pvd" in bad(render.main, twisted, None, None, "J", True)
-
-
-def test_render_of_long_bodies_stacks_the_panels(twisted, monkeypatch):
-    grid = surfaces.read_grid(
-        [str(f) for f in render.stored_loads(twisted / "fields.pvd")[0.5]], "J"
-    )
-    for axis, stacked in ((0, True), (1, True), (2, False)):
-        grid.points[:, axis] *= 4
-        surface = surfaces.boundary(grid, 1)
-        item = surfaces.DrawnBody(surface, None, surface, surface, surface["J"])
-        where = drawing.view([item])
-        assert (where.width > 2 * where.height) == stacked
-        grid.points[:, axis] /= 4
 
 
 def test_colours_of_J_are_centred_at_one_and_robust():
