@@ -37,7 +37,7 @@ from fem_snh.tables.types import (
     Text,
     Vector,
 )
-from fem_snh.tables.validation import Expect, OneOf, Table, Whole, check_distinct
+from fem_snh.tables.validation import Expect, OneOf, Table, Whole
 
 if TYPE_CHECKING:
     from fem_snh.scenes.schema import Scene
@@ -193,14 +193,6 @@ class BoneChoice(MotionTable):
         if callable(motion):
             return f"function {getattr(motion, '__qualname__', type(motion).__name__)}"
         return str(motion)
-
-
-def check_bones(choices: Sequence[BoneChoice], rig: Rig | None, obstacles: Sequence[str]) -> None:
-    """Raise BadInput if two bones or obstacles have the same name, or for a rig without bones."""
-    names = [choice.name for choice in choices]
-    check_distinct("bone.name", [*names, *obstacles], "bone and obstacle")
-    if rig is not None and not choices:
-        raise BadInput("'rig': expected with a table [[bone]], which the scene does not have")
 
 
 def read_bones(scene: Scene) -> list[Bone]:

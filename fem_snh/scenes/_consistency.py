@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from fem_snh.assembly.elements import ELEMENTS, element
-from fem_snh.assembly.kinematics import PLANAR, kinematics_of
+from fem_snh.assembly.kinematics import kinematics_of
 from fem_snh.choices import COARSER_MESHES, LIFTED_ELEMENT
 from fem_snh.contact.obstacle import names as obstacle_names
 from fem_snh.errors import BadInput, bad_value, in_words
 from fem_snh.files import is_shape
 from fem_snh.records.output_fields import IN_TIME, NODAL
-from fem_snh.scenes._bones import check_bones
-from fem_snh.scenes._outputs import Accuracy, Geometry, Lattice, Tetrahedra, read_goal, term_goals
+from fem_snh.scenes._outputs import Geometry, Lattice, Tetrahedra, read_goal, term_goals
 from fem_snh.tables.amplitudes import check_tables
 from fem_snh.tables.types import MAX_CELLS
 from fem_snh.tables.validation import check_distinct
@@ -25,118 +22,186 @@ from fem_snh.terms.feature import feature_classes, grouped
 if TYPE_CHECKING:
     from fem_snh.scenes.schema import Hold, Move, Scene
 
-#: Keys that no scene in time has. Modes are those of a state at rest; continuation in Poisson's
-#: ratio solves problems without inertia; stability is that of an equilibrium.
-_QUASI_STATIC = ("modes", "nu_continuation", "stability")
-
-#: Keys that scenes of two dimensions do not have.
-_SOLID = ("bone", "rig")
-
 #: Tables with a key ``group``.
 _GROUP_TABLES = ("hold", "move", "symmetry", "bone")
+
+#: A contradiction, if its first entry is true: the key, its value, and what is accepted.
+Rule = tuple[object, str, object, str]
 
 
 def check_consistency(scene: Scene) -> None:
     """Raise BadInput for the first contradiction between keys of a scene."""
-    kinematics = kinematics_of(scene.kinematics)
-    element(scene.element, scene.quadrature, kinematics)
-    if scene.kinematics:
-        _check_plane(scene)
+    element(scene.element, scene.quadrature, kinematics_of(scene.kinematics))
+    if isinstance(scene.mesh, Geometry) and scene.cells is None:
+        raise BadInput(f"missing key 'cells': expected a whole number from 1 to {MAX_CELLS}")
+    _check_rules(_plane_rules(scene) if scene.kinematics else ())
     check_tables(scene.table, dict(scene))
     for kind, features in grouped(scene.features):
         kind.check(features, scene)
     check_distinct("probe.name", [probe.name for probe in scene.probe], "probe")
-    check_bones(scene.bone, scene.rig, obstacle_names(scene.obstacle))
-    if scene.predictor == "bones" and (scene.time or not scene.bone):
-        why = "[time]" if scene.time else "no [[bone]]"
-        raise bad_value("predictor", "bones", f"another one, as the scene has {why}")
-    if scene.static_condensation and ELEMENTS[scene.element].volume != "mean":
-        raise bad_value("static_condensation", "true", f"no value, as {why_condensed(scene)}")
-    if scene.static_condensation is False and (why := why_condensed(scene)):
-        raise bad_value("static_condensation", "false", f"true, as {why}")
-    _check_continuation(scene)
-    _check_fields(scene)
-    _check_mesh(scene)
-    if scene.modes and scene.modes.density and all(m.density for m in scene.materials):
-        accepted = "no value, as each material has its density"
-        raise bad_value("modes.density", scene.modes.density, accepted)
-    _check_loads(scene)
-    results = term_goals(scene.features)
-    for reaction in scene.reactions:
-        if f"{reaction.group}.force" in results:  # two columns of one name in steps.csv
-            accepted = "a group of another name than that of an obstacle or contact"
-            raise bad_value("reactions", reaction.group, accepted)
-    if scene.accuracy:
-        _check_accuracy(scene.accuracy, scene)
-    if scene.time:
-        _check_time(scene)
-    else:
-        _check_quasi_static(scene)
+    names = [*(bone.name for bone in scene.bone), *obstacle_names(scene.obstacle)]
+    check_distinct("bone.name", names, "bone and obstacle")
+    for rules in (_solver_rules, _field_rules, _mesh_rules, _load_rules, _goal_rules):
+        _check_rules(rules(scene))
+    _check_rules(_time_rules(scene) if scene.time else _static_rules(scene))
+    for material in scene.materials if scene.time else ():
+        if material.density is None:
+            raise BadInput(
+                f"missing key 'material.density' of {material.label}: expected a number > 0, "
+                "for [time]"
+            )
     _check_constraints(scene.hold, scene.move)
 
 
-def _check_accuracy(accuracy: Accuracy, scene: Scene) -> None:
-    """Raise BadInput for a goal that the scene does not have.
+def _check_rules(rules: Iterable[Rule]) -> None:
+    """Raise BadInput for the first rule that is a contradiction."""
+    for contradicts, key, value, accepted in rules:
+        if contradicts:
+            raise bad_value(key, value, accepted)
+
+
+def _plane_rules(scene: Scene) -> Iterator[Rule]:
+    """Yield the rules of scenes of two dimensions."""
+    kinematics = kinematics_of(scene.kinematics)
+    without = f"no value, with kinematics = '{kinematics.name}'"
+    for key in ("bone", "rig"):
+        yield getattr(scene, key), key, "given", without
+    for feature in scene.features:
+        yield not feature.planar, feature.key, "given", without
+    is_solid = isinstance(scene.mesh, Lattice | Tetrahedra)
+    yield is_solid, "mesh", type(scene.mesh).__name__.lower(), "a file or a geometry of gmsh"
+    if kinematics.components == 3:
+        return
+    if scene.start and scene.start.map:
+        x, y, z = scene.start.map
+        rows = [list(row) for row in scene.start.map]
+        rule = "a map that leaves z, [[a, b, 0], [c, d, 0], [0, 0, 1]]"
+        yield x[2] or y[2] or z != (0, 0, 1), "start.map", rows, rule
+    for i, move in enumerate(scene.move):
+        in_plane = f"a motion without z, with kinematics = '{kinematics.name}'"
+        if move.translate:
+            yield move.translate[2], f"move.{i}.translate", list(move.translate), in_plane
+        if move.rotate and move.rotate.angle:
+            axis = move.rotate.axis
+            yield any(axis[:2]), f"move.{i}.rotate", f"about {list(axis)}", in_plane
+
+
+def _solver_rules(scene: Scene) -> Iterator[Rule]:
+    """Yield the rules of how a scene is solved."""
+    if scene.predictor == "bones":
+        without = "[time]" if scene.time else "no [[bone]]"
+        accepted = f"another one, as the scene has {without}"
+        yield scene.time or not scene.bone, "predictor", "bones", accepted
+    key, why = "static_condensation", why_condensed(scene)
+    if scene.static_condensation:
+        has_pressures = ELEMENTS[scene.element].volume == "mean"
+        yield not has_pressures, key, "true", f"no value, as {why}"
+    yield scene.static_condensation is False and why, key, "false", f"true, as {why}"
+    largest, ratios = max(material.nu for material in scene.materials), scene.nu_continuation
+    below = f"ratios below {largest:g}, that of the material"
+    yield any(nu >= largest for nu in ratios), "nu_continuation", list(ratios), below
+
+
+def _field_rules(scene: Scene) -> Iterator[Rule]:
+    """Yield the rules of output fields and reactions."""
+    homes: dict[str, list[str]] = {}
+    for kind in feature_classes(type(scene)):
+        for name in kind.nodal_fields:
+            homes.setdefault(name, []).append(kind.key)
+    for name in scene.fields:
+        keys = homes.get(name, [])
+        tables = " and no ".join(f"[[{key}]]" for key in keys)
+        is_absent = keys and not any(getattr(scene, key) for key in keys)
+        yield is_absent, "fields", name, f"another field, as the scene has no {tables}"
+    accepted = "no value, as 'fields' names none that may be in cells"
+    only_nodal = scene.fields_at == "nodes" and set(scene.fields) <= set(NODAL)
+    yield only_nodal, "fields_at", scene.fields_at, accepted
+    results = term_goals(scene.features)
+    accepted = "a group of another name than that of an obstacle or contact"
+    for reaction in scene.reactions:  # two columns of one name in steps.csv
+        yield f"{reaction.group}.force" in results, "reactions", reaction.group, accepted
+    if scene.modes and scene.modes.density:
+        is_idle = all(material.density for material in scene.materials)
+        accepted = "no value, as each material has its density"
+        yield is_idle, "modes.density", scene.modes.density, accepted
+
+
+def _mesh_rules(scene: Scene) -> Iterator[Rule]:
+    """Yield the rules of the mesh, the number of its cells and the element."""
+    mesh, cells = scene.mesh, scene.cells
+    if isinstance(mesh, Lattice | Tetrahedra):
+        key = "cell" if isinstance(mesh, Lattice) else "size"
+        yield cells is not None, "cells", cells, f"no value, as the mesh has its '{key}'"
+    elif is_shape(mesh):
+        accepted = f"one on tetrahedra or triangles, P1, P2, ..., as {mesh.name} has"
+        yield ELEMENTS[scene.element].cell != "tetrahedron", "element", scene.element, accepted
+    elif isinstance(mesh, Path):
+        yield cells is not None, "cells", cells, f"no value, as {mesh.name} has its own cells"
+
+
+def _load_rules(scene: Scene) -> Iterator[Rule]:
+    """Yield the rules of values of tables that a scene without time does not reach."""
+    accepted = "loads from 0 to 1, as the scene has no table [time]"
+    for number, table in enumerate(() if scene.time else scene.table):
+        ends = [table.points[0][1], table.points[-1][1]]
+        points = [list(point) for point in table.points]
+        is_cut = [table.value(0.0), table.value(1.0)] != ends
+        yield is_cut, f"table.{number}.points", points, accepted
+
+
+def _goal_rules(scene: Scene) -> Iterator[Rule]:
+    """Yield the rules of goals and of the loads at which they count.
 
     In plane stress the thickness, and on a lattice the fraction of a cell that the body fills, are
     no functions of the displacement that UFL derives.
     """
-    if accuracy.estimate == COARSER_MESHES:
-        reasons = {
-            "as accuracy.within is given": accuracy.within is not None,
-            "in time": scene.time is not None,
-            "as the mesh of a file has no coarser one": isinstance(scene.mesh, Path)
-            and scene.cells is None,
-        }
-        if reason := next((text for text, applies in reasons.items() if applies), ""):
-            accepted = f"{LIFTED_ELEMENT}, {reason}"
-            raise bad_value("accuracy.estimate", COARSER_MESHES, accepted)
-    sheet = kinematics_of(scene.kinematics).plane_stress
-    for goal in accuracy.names:
-        kind = read_goal(goal, scene).kind
-        if kind in ("stress", "stress_at") and (sheet or isinstance(scene.mesh, Lattice)):
-            accepted = "another goal than a stress, on a lattice and in plane stress"
-            raise bad_value("accuracy.goals", goal, accepted)
-    _check_loads_of_goals(accuracy, scene)
-
-
-def _check_loads_of_goals(accuracy: Accuracy, scene: Scene) -> None:
-    """Raise BadInput for the load of a goal that has none, or at which no step ends."""
+    if not (accuracy := scene.accuracy):
+        return
+    coarser = accuracy.estimate == COARSER_MESHES
+    if coarser:
+        key, in_a_file = "accuracy.estimate", isinstance(scene.mesh, Path) and scene.cells is None
+        lifted = f"{LIFTED_ELEMENT}, "
+        yield accuracy.within, key, COARSER_MESHES, lifted + "as accuracy.within is given"
+        yield scene.time, key, COARSER_MESHES, lifted + "in time"
+        no_coarser = lifted + "as the mesh of a file has no coarser one"
+        yield in_a_file, key, COARSER_MESHES, no_coarser
+    unstressed = kinematics_of(scene.kinematics).plane_stress or isinstance(scene.mesh, Lattice)
+    accepted = "another goal than a stress, on a lattice and in plane stress"
     loads: dict[tuple[str, str], object] = {}
     for number, goal in enumerate(accuracy.goals):
-        at, key = goal.at, f"accuracy.goals.{number}.at"
         kind, name, _ = read_goal(goal.name, scene)
-        if (other := loads.setdefault((kind, name), at)) != at:
-            raise bad_value(key, at, f"{other}, as for another component")
+        is_stress = kind in ("stress", "stress_at")
+        yield is_stress and unstressed, "accuracy.goals", goal.name, accepted
+        at, key = goal.at, f"accuracy.goals.{number}.at"
+        other = loads.setdefault((kind, name), at)
+        yield other != at, key, at, f"{other}, as for another component"
         if at is None:
             continue
-        reasons = {
-            "in time": scene.time is not None,
-            "as frequencies are computed at the end": kind == "frequency",
-            f"with accuracy.estimate = '{COARSER_MESHES}'": accuracy.estimate == COARSER_MESHES,
-        }
-        if reason := next((text for text, applies in reasons.items() if applies), ""):
-            raise bad_value(key, at, f"no value, {reason}")
-        if isinstance(at, float) and (at == 0 or round(at * scene.steps) / scene.steps != at):
-            raise bad_value(key, at, f"the load of one of the {scene.steps} steps")
+        yield scene.time, key, at, "no value, in time"
+        at_end = "no value, as frequencies are computed at the end"
+        yield kind == "frequency", key, at, at_end
+        yield coarser, key, at, f"no value, with accuracy.estimate = '{COARSER_MESHES}'"
+        if isinstance(at, float):
+            ends_a_step = at > 0 and round(at * scene.steps) / scene.steps == at
+            yield not ends_a_step, key, at, f"the load of one of the {scene.steps} steps"
 
 
-def _check_loads(scene: Scene) -> None:
-    """Raise BadInput for values of tables that a scene without time does not reach."""
-    for number, table in enumerate(() if scene.time else scene.table):
-        ends = [table.points[0][1], table.points[-1][1]]
-        if [table.value(0.0), table.value(1.0)] != ends:
-            points = [list(point) for point in table.points]
-            accepted = "loads from 0 to 1, as the scene has no table [time]"
-            raise bad_value(f"table.{number}.points", points, accepted)
+def _time_rules(scene: Scene) -> Iterator[Rule]:
+    """Yield the rules of scenes in time."""
+    yield scene.steps != 1, "steps", scene.steps, "no value, as [time] has its own 'steps'"
 
 
-def _check_continuation(scene: Scene) -> None:
-    """Raise BadInput for a Poisson's ratio with which no material would be more compressible."""
-    largest = max(material.nu for material in scene.materials)
-    if any(nu >= largest for nu in scene.nu_continuation):
-        accepted = f"ratios below {largest:g}, that of the material"
-        raise bad_value("nu_continuation", list(scene.nu_continuation), accepted)
+def _static_rules(scene: Scene) -> Iterator[Rule]:
+    """Yield the rules of scenes without ``[time]``."""
+    if scene.start:
+        for key in ("velocity", "angular_velocity"):
+            given = list(getattr(scene.start, key) or ())
+            yield given, f"start.{key}", given, "no value, as the scene has no table [time]"
+        begins = scene.start.run is None and scene.predictor != "none"
+        yield begins, "predictor", scene.predictor, "'none', as the scene has a 'start'"
+    for name in scene.fields:
+        in_time = "another field, as the scene has no table [time]"
+        yield name in IN_TIME, "fields", name, in_time
 
 
 def check_radii(scene: Scene) -> None:
@@ -188,94 +253,6 @@ def why_condensed(scene: Scene) -> str:
         if not feature.stateless:
             return f"the scene has '{feature.key}'"
     return ""
-
-
-def _check_fields(scene: Scene) -> None:
-    """Raise BadInput for a field of a feature that the scene does not have."""
-    homes: dict[str, list[str]] = {}
-    for kind in feature_classes(type(scene)):
-        for name in kind.nodal_fields:
-            homes.setdefault(name, []).append(kind.key)
-    for name in scene.fields:
-        if name in homes and not any(getattr(scene, key) for key in homes[name]):
-            tables = " and no ".join(f"[[{key}]]" for key in homes[name])
-            raise bad_value("fields", name, f"another field, as the scene has no {tables}")
-    if scene.fields_at == "nodes" and set(scene.fields) <= set(NODAL):
-        accepted = "no value, as 'fields' names none that may be in cells"
-        raise bad_value("fields_at", scene.fields_at, accepted)
-
-
-def _check_plane(scene: Scene) -> None:
-    """Raise BadInput for a key of three dimensions in a scene of two."""
-    accepted = f"no value, with kinematics = '{scene.kinematics}'"
-    for key in _SOLID:
-        given = getattr(scene, key)
-        if given and not (key == "start" and given.run is not None):
-            raise bad_value(key, given if isinstance(given, bool) else "given", accepted)
-    for feature in scene.features:
-        if not feature.planar:
-            raise bad_value(feature.key, "given", accepted)
-    if isinstance(scene.mesh, Lattice | Tetrahedra):
-        raise bad_value("mesh", type(scene.mesh).__name__.lower(), "a file or a geometry of gmsh")
-    components = PLANAR[str(scene.kinematics)].components
-    if scene.start and scene.start.map and components == 2:
-        x, y, z = scene.start.map
-        if x[2] or y[2] or list(z) != [0, 0, 1]:
-            rows = [list(row) for row in scene.start.map]
-            rule = "a map that leaves z, [[a, b, 0], [c, d, 0], [0, 0, 1]]"
-            raise bad_value("start.map", rows, rule)
-    for i, move in enumerate(scene.move):
-        accepted = f"a motion without z, with kinematics = '{scene.kinematics}'"
-        for key, other in (("translate", "rotate"), ("rotate", "translate")):
-            alone = move.model_copy(update={other: None})
-            # At three points: a rigid displacement is affine.
-            u = alone.displacement(np.eye(3) * (1.0, 1.0, 0.0), 0.37)
-            if np.abs(u[:, components:]).max(initial=0.0) > 1e-9 * np.abs(u).max():
-                axis = f"about {list(move.rotate.axis)}" if move.rotate else ""
-                value = axis if key == "rotate" else list(move.translate or ())
-                raise bad_value(f"move.{i}.{key}", value, accepted)
-
-
-def _check_mesh(scene: Scene) -> None:
-    if isinstance(scene.mesh, Geometry) and scene.cells is None:
-        raise BadInput(f"missing key 'cells': expected a whole number from 1 to {MAX_CELLS}")
-    if isinstance(scene.mesh, Lattice | Tetrahedra) and scene.cells is not None:
-        key = "cell" if isinstance(scene.mesh, Lattice) else "size"
-        raise bad_value("cells", scene.cells, f"no value, as the mesh has its '{key}'")
-    if is_shape(scene.mesh):
-        if ELEMENTS[scene.element].cell != "tetrahedron":
-            accepted = f"one on tetrahedra or triangles, P1, P2, ..., as {scene.mesh.name} has"
-            raise bad_value("element", scene.element, accepted)
-    elif isinstance(scene.mesh, Path) and scene.cells is not None:
-        raise bad_value("cells", scene.cells, f"no value, as {scene.mesh.name} has its own cells")
-
-
-def _check_time(scene: Scene) -> None:
-    """Check the keys of a scene in time, whose materials have a density."""
-    if scene.steps != 1:
-        raise bad_value("steps", scene.steps, "no value, as [time] has its own 'steps'")
-    for key in _QUASI_STATIC:
-        if getattr(scene, key):
-            raise BadInput(f"'time' and '{key}' exclude each other: expected one of them")
-    for material in scene.materials:
-        if material.density is None:
-            raise BadInput(
-                f"missing key 'material.density' of {material.label}: expected a number > 0, "
-                "for [time]"
-            )
-
-
-def _check_quasi_static(scene: Scene) -> None:
-    """Check that a scene without ``[time]`` has no keys that need it."""
-    without = "no value, as the scene has no table [time]"
-    for key in ("velocity", "angular_velocity"):
-        if (given := getattr(scene.start, key, None)) is not None:
-            raise bad_value(f"start.{key}", list(given), without)
-    for name in scene.fields:
-        if name in IN_TIME:
-            raise bad_value("fields", name, "another field, as the scene has no table [time]")
-    if scene.start is not None and scene.start.run is None and scene.predictor != "none":
-        raise bad_value("predictor", scene.predictor, "'none', as the scene has a 'start'")
 
 
 def _check_constraints(holds: list[Hold], moves: list[Move]) -> None:

@@ -6,8 +6,8 @@ import inspect
 import pkgutil
 import tomllib
 import warnings
-from collections.abc import Callable, Mapping
-from functools import partial
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
 from typing import Annotated, Any
@@ -30,8 +30,6 @@ from fem_snh.terms.feature import Feature
 _MOST_SUGGESTED = 4
 #: Keys that stand for a key of the material's table.
 _SHORT = {"material": "material.name", "E": "material.E", "nu": "material.nu"}
-#: Keys that have another name, and that name.
-_SYNONYMS = _SHORT | {"steps": "time.steps"}
 
 
 def load(scene: str | Path | Scene | Callable[..., Scene], /, **overrides: Any) -> Scene:
@@ -56,7 +54,6 @@ def load(scene: str | Path | Scene | Callable[..., Scene], /, **overrides: Any) 
     """
     given = {key: value for key, value in overrides.items() if value is not None or "." in key}
     given = {key: v.tolist() if hasattr(v, "tolist") else v for key, v in given.items()}
-    _check_given_once(given)
     if isinstance(scene, Scene):
         return validate(_tables(scene), scene.name, given) if given else scene
     if callable(scene):
@@ -65,21 +62,6 @@ def load(scene: str | Path | Scene | Callable[..., Scene], /, **overrides: Any) 
     if label.endswith(".toml"):
         return validate(read_toml(Path(scene)), label, given)
     return _call(function(label), label, given)
-
-
-def _check_given_once(given: Mapping[str, Any]) -> None:
-    """Raise BadInput for a key that is given under two names."""
-    choice = given.get("material")
-    table = choice if isinstance(choice, Mapping) else {}
-    for short, long in _SYNONYMS.items():
-        # A static scene that is given a [time] is given its one step, too.
-        own = table if short == "material" else given.get(short) == 1 and short == "steps"
-        if short in given and long in given and not own:
-            raise BadInput(f"{short} and {long}: expected one of them")
-    for key in table:
-        for other in (key, f"material.{key}"):
-            if other in given and _SYNONYMS.get(other, other) == f"material.{key}":
-                raise BadInput(f"material and {other}: expected {key} in one of them")
 
 
 def load_to_run(scene: str | Path | Scene | Callable[..., Scene], /, **overrides: Any) -> Scene:
@@ -114,13 +96,20 @@ def validate(
         One line, which starts with ``label``.
     """
     overrides = overrides or {}
-    try:
+    with _named(label):
         keys = dict.fromkeys([*(known or {}), *_SHORT, *Scene.model_fields])
         for key in overrides:
             if (first := key.partition(".")[0]) not in keys:
                 near = _key_of_a_table(first) or suggestion(first, keys)
                 raise unknown_name("parameter", first, keys, near)
-        return Scene.model_validate(_replace(_copied(dict(data)), overrides))
+        return Scene.model_validate(_replaced(dict(data), overrides))
+
+
+@contextmanager
+def _named(label: str) -> Iterator[None]:
+    """Raise errors as BadInput of one line, which starts with the name of the scene."""
+    try:
+        yield
     except ValidationError as error:
         raise BadInput(f"{label}: {one_line(error)}") from None
     except BadInput as error:
@@ -159,12 +148,8 @@ def _call(make: SceneFunction, label: str, given: dict[str, Any]) -> Scene:
     """Return the Scene that a function makes, with some of its values replaced."""
     own = parameters(make)
     arguments = {key: given.pop(key) for key in own if key in given}
-    try:
+    with _named(label):
         made = make_scene(make, arguments)
-    except ValidationError as error:
-        raise BadInput(f"{label}: {one_line(error)}") from None
-    except BadInput as error:
-        raise BadInput(f"{label}: {error}") from None
     if not given and not is_reference(label):
         return made
     data = _tables(made)
@@ -189,56 +174,91 @@ def _starting_from(folder: Path, value: Any) -> Any:
     return folder / value if isinstance(value, Path) else value
 
 
-def _change_each(materials: Any, change: Callable[[dict[str, Any]], dict[str, Any]]) -> Any:
-    """Return the material, or the list of materials, with ``change`` applied to each table."""
-    if isinstance(materials, list):
-        return [_change_each(material, change) for material in materials]
-    return change(materials) if isinstance(materials, dict) else materials
-
-
-def _updated(material: dict[str, Any], value: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a material's table with other values."""
-    return material | dict(value)
-
-
-def _copied(value: Any) -> Any:
-    """Return tables and lists of which none is the caller's."""
-    if isinstance(value, dict):
-        return {key: _copied(entry) for key, entry in value.items()}
-    return [_copied(entry) for entry in value] if isinstance(value, list) else value
-
-
-def _replace(data: dict[str, Any], overrides: Mapping[str, Any]) -> dict[str, Any]:
-    """Put the overrides into the tables ``data`` in place."""
-    choice = overrides.get("material", {})
-    name = choice.get("name") if isinstance(choice, Mapping) else choice
-    if name is not None and not isinstance(name, list):
-        data["material"] = _change_each(data.get("material"), lambda m: _renamed(m, name))
-    for key, value in overrides.items():
-        if isinstance(value, Mapping) and key == "material":
-            several = isinstance(data.get(key), list)
-            table = data[key] if several else data.get(key) or {}
-            data[key] = _change_each(table, partial(_updated, value=value))
-        elif isinstance(value, Mapping) and key == "petsc":
-            table = data.get(key)
-            data[key] = (table if isinstance(table, dict) else {}) | dict(value)
-        elif isinstance(value, list) and key == "material":
-            data[key] = value
+def _replaced(data: dict[str, Any], overrides: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the tables of a scene with other values; tables and lists that change are copied."""
+    of_materials: list[tuple[list[str], Any]] = []
+    for key, value in _dotted(data, overrides):
+        first, *way = key.split(".", 1) if key.startswith("petsc.") else key.split(".")
+        if first == "material" and way:
+            of_materials.append((way, value))
         else:
-            # In a scene in time, --steps means its time steps.
-            in_time = key == "steps" and (data.get("time") or "time" in overrides)
-            for long in _keys(data, "time.steps" if in_time else _SHORT.get(key, key)):
-                _set_dotted(data, long, value)
-    given = {key for key, value in overrides.items() if value is not None}
-    given = {_SHORT.get(key, key).rpartition(".")[2] for key in given if _of_material(key)}
-    given |= set(choice) if isinstance(choice, Mapping) else set()
-    if given - {*MaterialChoice.model_fields, *TUNING}:
-        data["material"] = _change_each(data["material"], partial(_without_replaced, given=given))
+            data = _with(data, [first, *way], value, key)
+    if of_materials:
+        materials = data.get("material")
+        several = isinstance(materials, list)
+        listed = materials if isinstance(materials, list) else [materials or {}]
+        for way, _ in of_materials:
+            if way[0].isdigit() and int(way[0]) >= len(listed):
+                raise _unknown_key(".".join(["material", *way]))
+        made = [_changed(m, number, of_materials) for number, m in enumerate(listed)]
+        data = data | {"material": made if several else made[0]}
     return data
 
 
-def _of_material(key: str) -> bool:
-    return key in _SHORT or key.startswith("material.")
+def _dotted(data: Mapping[str, Any], overrides: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
+    """Yield the dotted keys that overrides set, and the values.
+
+    Raises
+    ------
+    BadInput
+        For a key that is given under two names.
+    """
+    given: dict[str, str] = {}
+    for key, value in overrides.items():
+        pairs = {_SHORT.get(key, key): value}
+        if key in ("material", "petsc") and isinstance(value, Mapping):
+            pairs = {f"{key}.{inner}": entry for inner, entry in value.items()}
+        elif key == "material" and isinstance(value, list):
+            pairs = {key: value}
+        elif key == "steps" and (data.get("time") or "time" in overrides):
+            pairs = {"time.steps": value}  # in a scene in time, --steps means its time steps
+        for dotted, entry in pairs.items():
+            # A static scene that is given a [time] is given its one step, too.
+            same = "time.steps" if dotted == "steps" and entry != 1 else dotted
+            if (other := given.setdefault(same, key)) != key:
+                raise BadInput(f"{other} and {key}: expected one of them")
+            yield dotted, entry
+
+
+def _with(data: Any, way: Sequence[str], value: Any, key: str) -> Any:
+    """Return tables with a value where a way of keys leads; missing tables are created."""
+    if not way:
+        return value
+    first, *rest = way
+    try:
+        if isinstance(data, list):
+            copied = list(data)
+            copied[int(first)] = _with(copied[int(first)], rest, value, key)
+            return copied
+        table = {} if data is None else data
+        return table | {first: _with(table.get(first), rest, value, key)}
+    except (IndexError, ValueError, TypeError, AttributeError) as error:
+        if isinstance(error, BadInput):
+            raise
+        raise _unknown_key(key) from None
+
+
+def _unknown_key(key: str) -> BadInput:
+    return BadInput(f"unknown key '{key}': expected a key of a table of the scene")
+
+
+def _changed(material: Any, number: int, changes: Sequence[tuple[list[str], Any]]) -> Any:
+    """Return the table of a material with the changes of all materials, and of this one.
+
+    Another material drops the parameters of the one that it replaces, and new constants its E and
+    nu.
+    """
+    own = [(way, value) for way, value in changes if not way[0].isdigit()]
+    own += [(way[1:], value) for way, value in changes if way[0] == str(number)]
+    for way, value in own:
+        if way == ["name"] and isinstance(material, dict) and material.get("name") != value:
+            material = {k: material[k] for k in MaterialChoice.model_fields if k in material}
+    for way, value in own:
+        material = _with(material, way, value, ".".join(["material", *way]))
+    given = {way[0] for way, value in own if way and value is not None}
+    if given - {*MaterialChoice.model_fields, *TUNING}:
+        return _without_replaced(material, given)
+    return material
 
 
 def _without_replaced(material: dict[str, Any], given: set[str]) -> dict[str, Any]:
@@ -262,36 +282,7 @@ def _without_replaced(material: dict[str, Any], given: set[str]) -> dict[str, An
         return material
 
 
-def _renamed(material: dict[str, Any], name: Any) -> dict[str, Any]:
-    """Return the table without the parameters of a material that another one replaces."""
-    kept = {key: material[key] for key in MaterialChoice.model_fields if key in material}
-    return material if material.get("name") == name else kept
-
-
-def _keys(data: dict[str, Any], key: str) -> list[str]:
-    """Return the dotted keys that ``key`` means: ``material.E`` is E of every material."""
-    table, _, rest = key.partition(".")
-    materials = data.get("material")
-    if table != "material" or not isinstance(materials, list) or rest[:1].isdigit():
-        return [key]
-    return [f"material.{number}.{rest}" for number in range(len(materials))]
-
-
-def _set_dotted(data: Any, key: str, value: Any) -> None:
-    """Set data[a][b][c] for the dotted key a.b.c; create missing tables on the way."""
-    *way, last = key.split(".", 1) if key.startswith("petsc.") else key.split(".")
-    try:
-        for part in way:
-            if isinstance(data, list):
-                data = data[int(part)]
-            else:
-                if data.get(part) is None:
-                    data[part] = {}
-                data = data[part]
-        data[int(last) if isinstance(data, list) else last] = value
-    except (IndexError, ValueError, TypeError, AttributeError):
-        raise BadInput(f"unknown key '{key}': expected a key of a table of the scene") from None
-
+# --- functions that make scenes ------------------------------------------------------------------
 
 SceneFunction = Callable[..., Any]
 
@@ -374,6 +365,8 @@ def _builtin_names() -> set[str]:
     found = (module.name for module in pkgutil.iter_modules(builtin.__path__))
     return {name for name in found if name[0] != "_"}
 
+
+# --- features of other packages ------------------------------------------------------------------
 
 #: Entry point group under which a package declares features, each under the key of its table.
 FEATURES = "fem_snh.features"

@@ -207,14 +207,6 @@ def _check_materials(
     return materials[0] if len(materials) == 1 else materials
 
 
-def common_ratio(materials: list[MaterialChoice]) -> float:
-    """Return the Poisson's ratio of all materials. Raises BadInput if they differ."""
-    found = sorted({material.nu for material in materials})
-    if len(found) > 1:
-        raise bad_value("material.nu", found, "the same in all materials, as --nu makes it")
-    return found[0]
-
-
 def _tag(value: Any) -> str:
     return "<several>" if isinstance(value, list | tuple) else "<one>"
 

@@ -400,7 +400,10 @@ def read_goal(text: str, scene: Scene) -> GoalName:
     vectors |= {name: "term" for name in results if name.endswith(".force")}
     vectors |= {f"{part.label}.{result}": "rigid" for part in parts for result in RESULTS}
     scalars = {name: GoalName("term", name) for name in results if name not in vectors}
-    scalars |= {name: GoalName("frequency", name[10:]) for name in frequency_goals(scene)}
+    scalars |= {
+        name: GoalName("frequency", name.removeprefix("frequency."))
+        for name in frequency_goals(scene)
+    }
     scalars |= {f"{p.name}.stress": GoalName("stress_at", p.name) for p in scene.probe if p.radius}
     scalars |= {name: GoalName(name) for name in _OF_BODY}
     if text in scalars:

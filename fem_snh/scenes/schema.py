@@ -29,7 +29,7 @@ from fem_snh.contact.self_contact import SelfContact
 from fem_snh.files import is_shape, xdmf_data
 from fem_snh.scenes._bones import BoneChoice, Rig
 from fem_snh.scenes._consistency import check_consistency
-from fem_snh.scenes._material import MaterialChoice, Materials, common_ratio
+from fem_snh.scenes._material import MaterialChoice, Materials
 from fem_snh.scenes._outputs import (
     Accuracy,
     Location,
@@ -199,6 +199,13 @@ class Scene(Table):
     the duration.
     """
 
+    # Modes are those of a state at rest; continuation in Poisson's ratio solves problems without
+    # inertia; stability is that of an equilibrium.
+    excludes = {
+        "time": ("modes", "nu_continuation", "stability"),
+        "rigid": ("bone", "nu_continuation"),
+    }
+    needs = {"rig": ("bone",)}
     name: Text = Field(description="Name of the scene; default: the file's name.")
     mesh: Mesh = Field(
         description="Path of a gmsh file, of an .xdmf file, of which every rank reads its part, or "
@@ -407,11 +414,6 @@ class Scene(Table):
     def materials(self) -> list[MaterialChoice]:
         """The materials: one, or several with their groups."""
         return self.material if isinstance(self.material, list) else [self.material]
-
-    @property
-    def nu(self) -> float:
-        """Poisson's ratio. Raises BadInput unless all materials have the same."""
-        return common_ratio(self.materials)
 
     @model_validator(mode="after")
     def _check_consistency(self) -> Scene:

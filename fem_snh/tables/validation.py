@@ -271,7 +271,7 @@ class Table(BaseModel, metaclass=_TableClass):
         value = getattr(self, first)
         if rest:
             return isinstance(value, Table) and value._is_given(rest)
-        return first in self.model_fields_set and value is not None
+        return first in self.model_fields_set and value is not None and value != []
 
 
 def _files(values: Iterable[tuple[Any, Any]]) -> dict[str, Path]:

@@ -264,10 +264,6 @@ class Rigid(Feature, MotionTable):
     @classmethod
     def check(cls, features: Sequence[Self], scene: Any) -> None:
         """Raise BadInput for keys of a scene that rigid parts do not support."""
-        if features and scene.bone:
-            raise BadInput("'rigid' and 'bone' exclude each other: expected one of them")
-        if features and scene.nu_continuation:
-            raise BadInput("'rigid' and 'nu_continuation' exclude each other: expected one of them")
         obstacles = [obstacle.name for obstacle in scene.obstacle]
         for part in features:
             if part.label in obstacles:

@@ -44,7 +44,7 @@ MISTAKES = [
     ("run twist -- 1e-6", "'1e-6' after --: expected PETSc options"),
     ("run nothing.toml", "cannot read the scene nothing.toml"),
     ("run twist --nu 0.3 --set material.nu=0.4", "nu and material.nu: expected one of them"),
-    ("run twist --set material={nu=0.3} --nu 0.4", "material and nu: expected nu in one of"),
+    ("run twist --set material={nu=0.3} --nu 0.4", "nu and material: expected one of them"),
     ("run twist --steps 2 --set time.steps=3", "steps and time.steps: expected one of them"),
     ("sweep twist", "required: --out"),
     ("sweep twist --out x --nu 0.3 --set material.nu=0.4", "nu and material.nu: expected one"),

@@ -75,8 +75,8 @@ def test_section_is_the_sector_of_the_ring():
         ({"groove": 2.6, "squeeze": 0.5}, "squeeze = 0.5: expected below 0.396"),
         ({"groove": 3.0, "kinematics": "3D"}, "groove = 3.0: expected no value"),
         ({"kinematics": "plane_stress"}, "kinematics = 'plane_stress': expected one of"),
-        ({"squeeze": 1.0}, "squeeze = 1.0: expected a number below 1"),
-        ({"ring": 1.0}, "ring = 1.0: expected a number above 1"),
+        ({"squeeze": 1.0}, "squeeze = 1.0: expected less than 1"),
+        ({"ring": 1.0}, "ring = 1.0: expected greater than 1"),
     ],
 )
 def test_mistakes_are_one_line(given, message):

@@ -139,7 +139,7 @@ def test_names_and_rigs():
         BadInput, match=r"bone.name = 'a': expected a different name for each bone and"
     ):
         scenes.load(bar(), bone=twice)
-    with pytest.raises(BadInput, match=r"'rig': expected with a table \[\[bone\]\]"):
+    with pytest.raises(BadInput, match="missing key 'bone': expected with 'rig'"):
         scenes.load(bar(), rig={})
 
 

@@ -28,7 +28,7 @@ def bounce(
     friction : float
         Coulomb's coefficient of the ground.
     """
-    ground = {"plane": {"point": [0, 0, -RADIUS - height]}}
+    ground = {"plane": {"point": (0, 0, -RADIUS - height)}}
     return Scene(
         name="bounce",
         mesh=Geometry(source="ball", parameters={"radius": RADIUS}),
@@ -37,7 +37,5 @@ def bounce(
         material=MaterialChoice(name="stable_neo_hookean", E=1e5, nu=0.4, density=DENSITY),
         time=Time(duration=1.0, steps=200, integrator=integrator),
         gravity=Gravity(vector=(0, 0, -GRAVITY)),
-        obstacle=[
-            Obstacle.model_validate({"name": "ground", "shape": ground, "friction": friction})
-        ],
+        obstacle=[Obstacle(name="ground", shape=ground, friction=friction)],
     )

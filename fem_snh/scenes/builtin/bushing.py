@@ -1,5 +1,7 @@
 """A bushing: rubber bonded between two rigid cylindrical sleeves."""
 
+from typing import Annotated
+
 from pydantic import PositiveFloat
 
 from fem_snh.errors import bad_value
@@ -13,6 +15,9 @@ from fem_snh.scenes import (
     Rotate,
     Scene,
 )
+from fem_snh.tables.validation import OneOf
+
+Kinematics = Annotated[str, OneOf(("axisymmetric_torsion", "plane_strain", "3D"))]
 
 
 def bushing(
@@ -24,7 +29,7 @@ def bushing(
     torque: float | None = None,
     axial: float | None = None,
     radial: float | None = None,
-    kinematics: str = "axisymmetric_torsion",
+    kinematics: Kinematics = "axisymmetric_torsion",
 ) -> Scene:
     """A rubber bushing whose outer sleeve is held and whose inner one is turned and pushed.
 
@@ -52,9 +57,6 @@ def bushing(
     kinematics : str
         "axisymmetric_torsion", "plane_strain", a cross-section, or "3D".
     """
-    accepted = ("axisymmetric_torsion", "plane_strain", "3D")
-    if kinematics not in accepted:
-        raise bad_value("kinematics", kinematics, f"one of {', '.join(accepted)}")
     flat, solid = kinematics == "plane_strain", kinematics == "3D"
     if flat and axial:
         raise bad_value("axial", axial, "0 with kinematics = 'plane_strain'")

@@ -1,10 +1,14 @@
 """Cook's membrane: a clamped tapered panel sheared at its free end."""
 
-from fem_snh.errors import bad_value
+from typing import Annotated
+
 from fem_snh.scenes import Geometry, Hold, MaterialChoice, Probe, Reaction, Scene, Traction
+from fem_snh.tables.validation import OneOf
+
+Kinematics = Annotated[str, OneOf(("plane_strain", "plane_stress", "layer"))]
 
 
-def cook(cells: int = 16, force: float = 100.0, kinematics: str = "plane_strain") -> Scene:
+def cook(cells: int = 16, force: float = 100.0, kinematics: Kinematics = "plane_strain") -> Scene:
     """Cook's membrane in plane strain, nearly incompressible: a clamped panel sheared at its end.
 
     Units are N and mm, so E is in MPa. The panel is 1 mm thick. The defaults are those of Elguedj
@@ -21,9 +25,6 @@ def cook(cells: int = 16, force: float = 100.0, kinematics: str = "plane_strain"
         "plane_strain", "plane_stress", or "layer": plane strain as one layer of cells in three
         dimensions, whose faces are constrained in z.
     """
-    accepted = ("plane_strain", "plane_stress", "layer")
-    if kinematics not in accepted:
-        raise bad_value("kinematics", kinematics, f"one of {', '.join(accepted)}")
     layer = kinematics == "layer"
     faces = [Hold(group="faces", components=("z",))] if layer else []
     z = 0.5 if layer else 0.0

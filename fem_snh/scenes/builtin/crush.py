@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Annotated
 
 from pydantic import NonNegativeFloat, NonNegativeInt
 
 from fem_snh.scenes import Geometry, Hold, MaterialChoice, Scene, Start
+from fem_snh.tables.validation import OneOf
 
 #: Stretches in x, y and z of the initial state.
 STRETCHES: dict[str, tuple[float, float, float]] = {
@@ -19,7 +20,7 @@ STRETCHES: dict[str, tuple[float, float, float]] = {
 
 def crush(
     cells: int = 2,
-    to: Literal["plane", "line", "point", "inverted"] = "plane",
+    to: Annotated[str, OneOf(STRETCHES)] = "plane",
     noise: NonNegativeFloat = 0.0,
     seed: NonNegativeInt = 0,
 ) -> Scene:

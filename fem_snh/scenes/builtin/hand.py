@@ -120,7 +120,7 @@ def hand(cells: int = 119, noise: float = 0.05, seed: int = 1, contact: bool = T
         petsc={"snes_lbfgs_max_it": LBFGS_MAX_IT},
         load_name="fist",
     )
-    return Scene.model_validate(tables)
+    return Scene(**tables)
 
 
 def rig() -> list[BoneSegment]:

@@ -42,12 +42,12 @@ def hertz(cells: int = 6, depth: PositiveFloat = 0.2, half_space: bool = False) 
         parameters |= {"flat": 1, "radius": FAR * RADIUS}
         hold, touched = Hold(group="surface"), "z = 0"
         ball = {"sphere": {"center": [0, 0, RADIUS], "radius": RADIUS}}
-        obstacle = {"name": "ball", "shape": ball, "translate": [0, 0, -depth]}
+        obstacle = Obstacle(name="ball", shape=ball, translate=(0, 0, -depth), group=touched)
         petsc = {"snes_scaled_tol": TOLERANCE / FAR**2}
     else:
         hold, touched = Hold(group="z = 0", components=("z",)), "surface"
         plane = {"plane": {"point": [0, 0, -RADIUS], "normal": [0, 0, 1]}}
-        obstacle = {"name": "plane", "shape": plane, "translate": [0, 0, depth]}
+        obstacle = Obstacle(name="plane", shape=plane, translate=(0, 0, depth), group=touched)
     return Scene(
         name="hertz",
         mesh=Geometry(source="indenter", parameters=parameters),
@@ -55,7 +55,7 @@ def hertz(cells: int = 6, depth: PositiveFloat = 0.2, half_space: bool = False) 
         element="P2",
         material=MaterialChoice(name="stable_neo_hookean", E=MODULUS, nu=RATIO),
         hold=[*symmetric, hold],
-        obstacle=[Obstacle.model_validate({**obstacle, "group": touched})],
+        obstacle=[obstacle],
         fields=["contact_pressure"],
         predictor="none",
         petsc=petsc,

@@ -19,11 +19,7 @@ def press(cells: int = 4, to: PositiveFloat = 0.5, friction: NonNegativeFloat = 
     friction : float
         Coulomb's coefficient.
     """
-    plate = {"plane": {"point": [0, 0, 1], "normal": [0, 0, -1]}}
-    obstacles = [
-        {"name": "plate", "shape": plate, "translate": [0, 0, to - 1], "friction": friction},
-        {"name": "ground", "shape": {"plane": {}}, "friction": friction},
-    ]
+    plate = {"plane": {"point": (0, 0, 1), "normal": (0, 0, -1)}}
     return Scene(
         name="press",
         mesh=Geometry(source="cube"),
@@ -32,7 +28,10 @@ def press(cells: int = 4, to: PositiveFloat = 0.5, friction: NonNegativeFloat = 
         steps=4,
         material=MaterialChoice(name="stable_neo_hookean", E=1e5, nu=0.45, density=1000),
         hold=[Hold(group="bottom")],
-        obstacle=[Obstacle.model_validate(obstacle) for obstacle in obstacles],
+        obstacle=[
+            Obstacle(name="plate", shape=plate, translate=(0, 0, to - 1), friction=friction),
+            Obstacle(name="ground", shape={"plane": {}}, friction=friction),
+        ],
         load_name="height",
         load_range=(1.0, to),
     )

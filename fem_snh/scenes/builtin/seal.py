@@ -1,26 +1,29 @@
 """An O-ring pressed between two rigid plates, or in a groove."""
 
 from math import pi
-from typing import Any
+from typing import Annotated, Any
 
-from pydantic import NonNegativeFloat, PositiveFloat
+from pydantic import Field, NonNegativeFloat, PositiveFloat
 
 from fem_snh.errors import bad_value
 from fem_snh.scenes import Geometry, MaterialChoice, Obstacle, Reaction, Scene, Symmetry
+from fem_snh.tables.validation import OneOf
 
 #: Of a body in three dimensions: the angle of its sector [degrees].
 SECTOR = 15
 #: The width of the land on both sides of a groove [mm].
 _LAND = 2.0
 
+Kinematics = Annotated[str, OneOf(("axisymmetric", "plane_strain", "3D"))]
+
 
 def seal(
     cells: int = 12,
-    squeeze: PositiveFloat = 0.3,
+    squeeze: Annotated[float, Field(gt=0, lt=1)] = 0.3,
     friction: NonNegativeFloat = 0.2,
-    ring: PositiveFloat = 5.0,
+    ring: Annotated[float, Field(gt=1)] = 5.0,
     groove: PositiveFloat | None = None,
-    kinematics: str = "axisymmetric",
+    kinematics: Kinematics = "axisymmetric",
 ) -> Scene:
     """A rubber O-ring whose cord two frictional plates press by 30 % of its height.
 
@@ -36,20 +39,13 @@ def seal(
     friction : float
         Coulomb's coefficient.
     ring : float
-        Radius of the circle of the cord's centres [mm].
+        Radius of the circle of the cord's centres, more than the cord's [mm].
     groove : float, optional
         Width of a rectangular groove in the lower plate, whose floor the cord is on [mm].
     kinematics : str
         "axisymmetric", "plane_strain" for half of a straight cord, or "3D" for a sector of 15
         degrees of the ring.
     """
-    accepted = ("axisymmetric", "plane_strain", "3D")
-    if kinematics not in accepted:
-        raise bad_value("kinematics", kinematics, f"one of {', '.join(accepted)}")
-    if not squeeze < 1:
-        raise bad_value("squeeze", squeeze, "a number below 1")
-    if not ring > 1:
-        raise bad_value("ring", ring, "a number above 1, the radius of the cord")
     straight, solid = kinematics == "plane_strain", kinematics == "3D"
     center = 0.0 if straight else ring
     lower: dict[str, Any] = _plate(-1, squeeze)
@@ -73,9 +69,7 @@ def seal(
         symmetry=[Symmetry(group=group) for group in cut],
         reactions=[Reaction(group="middle")] if straight else [],
         obstacle=[
-            Obstacle.model_validate(
-                {"name": name, "group": "surface", "friction": friction, **plate}
-            )
+            Obstacle(name=name, group="surface", friction=friction, **plate)
             for name, plate in plates.items()
         ],
         fields=["contact_pressure"],

@@ -53,19 +53,17 @@ def squash(
     """
     axes = [(x, HEIGHT) for x in (-DISTANCE, 0.0, DISTANCE)]
     cylinders = [
-        Obstacle.model_validate(
-            {"name": name, "shape": _cylinder(x, z, RADIUS), "friction": friction}
-        )
+        Obstacle(name=name, shape=_cylinder(x, z, RADIUS), friction=friction)
         for name, (x, z) in zip(("left", "middle", "right"), axes, strict=True)
     ]
     down = HEIGHT + RADIUS + gap + PRESS_RADIUS
-    press = {
-        "name": "press",
-        "shape": _cylinder(0.0, down + STROKE, PRESS_RADIUS),
-        "translate": (0, 0, -STROKE),
-        "table": "press",
-        "friction": friction,
-    }
+    press = Obstacle(
+        name="press",
+        shape=_cylinder(0.0, down + STROKE, PRESS_RADIUS),
+        translate=(0, 0, -STROKE),
+        table="press",
+        friction=friction,
+    )
     heights = zip(TIMES, (0, 1, 1, 0, 0), strict=True)
     return Scene(
         name="squash",
@@ -77,7 +75,7 @@ def squash(
         hessian="abs",
         material=MaterialChoice(name="stable_neo_hookean", E=3e5, nu=0.46, density=1000),
         gravity=Gravity(vector=(0, 0, -9.81)),
-        obstacle=[*cylinders, Obstacle.model_validate(press)],
+        obstacle=[*cylinders, press],
         table=[Amplitude(name="press", points=tuple(heights))],
         time=Time(
             duration=TIMES[-1],

@@ -94,7 +94,7 @@ def torso(cells: int = 144, noise: float = 0.0, seed: int = 1, contact: bool = T
         steps=FRAMES,
         load_name="swing",
     )
-    return Scene.model_validate(tables)
+    return Scene(**tables)
 
 
 def rig() -> list[BoneSegment]:

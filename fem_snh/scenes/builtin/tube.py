@@ -1,11 +1,14 @@
 """A thick-walled tube under pressure, with the exact solution of an incompressible one."""
 
 from math import log
+from typing import Annotated
 
 from pydantic import PositiveFloat
 
-from fem_snh.errors import bad_value
 from fem_snh.scenes import Geometry, MaterialChoice, Pressure, Probe, Scene, Symmetry
+from fem_snh.tables.validation import OneOf
+
+Kinematics = Annotated[str, OneOf(("plane_strain", "axisymmetric"))]
 
 
 def inflation_pressure(stretch: float, inner: float, outer: float) -> float:
@@ -27,7 +30,7 @@ def tube(
     inner: PositiveFloat = 1.0,
     outer: PositiveFloat = 2.0,
     inflation: PositiveFloat = 1.5,
-    kinematics: str = "plane_strain",
+    kinematics: Kinematics = "plane_strain",
     order: int = 2,
 ) -> Scene:
     """A thick-walled rubber tube, inflated to 1.5 times its inner radius at constant length.
@@ -48,9 +51,6 @@ def tube(
     order : int
         2 for cells with curved sides, 1 for straight ones.
     """
-    accepted = ("plane_strain", "axisymmetric")
-    if kinematics not in accepted:
-        raise bad_value("kinematics", kinematics, f"one of {', '.join(accepted)}")
     section = kinematics == "axisymmetric"
     radii = {"inner": inner, "outer": outer}
     pressure = inflation_pressure(inflation, inner, outer)
