@@ -11,6 +11,8 @@ Meshes made by `create_mesh` have no ghost cells, so each rank's cells are the o
 from __future__ import annotations
 
 import dolfinx
+from dolfinx.fem import Function, FunctionSpace
+from dolfinx.mesh import Mesh
 
 from fem_snh._dolfinx.element_kernels import integrals, kernel_arguments, pack
 from fem_snh._dolfinx.forms import (

@@ -14,6 +14,7 @@ from petsc4py import PETSc
 
 import numpy as np
 from dolfinx import fem
+from dolfinx.fem import FunctionSpace
 from dolfinx.fem import petsc as fem_petsc
 
 from fem_snh.cache import compiling
@@ -36,13 +37,13 @@ def _quiet() -> Iterator[None]:
         logging.disable(before)
 
 
-def petsc_vec(u: Any) -> PETSc.Vec:
+def petsc_vec(u: fem.Function) -> PETSc.Vec:
     """Return the ghosted PETSc vector that shares the memory of the function ``u``."""
     # 0.5 has u.vector, 0.9 and 0.11 have u.x.petsc_vec
     return u.x.petsc_vec if hasattr(u.x, "petsc_vec") else u.vector
 
 
-def create_vector(V: Any) -> PETSc.Vec:
+def create_vector(V: FunctionSpace) -> PETSc.Vec:
     """Return a zero ghosted vector on V, with V's block size."""
     index_map, bs = V.dofmap.index_map, V.dofmap.index_map_bs
     size = (index_map.size_local * bs, index_map.size_global * bs)
@@ -75,7 +76,7 @@ def form(ufl_form: Any, jit_options: dict | None = None) -> Any:
         return fem.form(ufl_form, **_jit(fem.form, jit_options))
 
 
-def interpolate(u: Any, expression: Any, jit_options: dict | None = None) -> None:
+def interpolate(u: fem.Function, expression: Any, jit_options: dict | None = None) -> None:
     """Interpolate a UFL expression into the function ``u``. Collective."""
     points = u.function_space.element.interpolation_points
     points = points() if callable(points) else points  # a method up to 0.9, a property since 0.10

@@ -18,6 +18,7 @@ import dolfinx
 import dolfinx.io
 import numpy as np
 import ufl
+from dolfinx.mesh import Mesh
 
 Array = np.ndarray
 
@@ -33,7 +34,7 @@ FACET_OF = {
 _MARGIN = 0.1
 
 
-def create_mesh(comm: MPI.Comm, cells: Array, x: Array, cell: str, degree: int) -> Any:
+def create_mesh(comm: MPI.Comm, cells: Array, x: Array, cell: str, degree: int) -> Mesh:
     """Distribute a mesh that some ranks provide; the others pass arrays without rows. Collective.
 
     Parameters
@@ -110,7 +111,7 @@ def _quiet_hdf5() -> Iterator[None]:
         hdf5.H5Eset_auto2(ctypes.c_int64(0), function, data)
 
 
-def read_xdmf_tags(domain: Any, path: Path, grid: str, dim: int) -> tuple[Array, Array]:
+def read_xdmf_tags(domain: Mesh, path: Path, grid: str, dim: int) -> tuple[Array, Array]:
     """Return local entities, ghosts included, and their tags of a grid of the file. Collective."""
     domain.topology.create_entities(dim)
     for end in (0, domain.topology.dim):
@@ -121,7 +122,7 @@ def read_xdmf_tags(domain: Any, path: Path, grid: str, dim: int) -> tuple[Array,
 
 
 def write_xdmf(
-    domain: Any, path: Path, tags: Iterable[tuple[str, int, Array, int]], notes: dict[str, str]
+    domain: Mesh, path: Path, tags: Iterable[tuple[str, int, Array, int]], notes: dict[str, str]
 ) -> None:
     """Write a mesh, tags of its entities and notes to an XDMF file. Collective.
 
@@ -163,19 +164,19 @@ def gmsh_permutation(cell: str, nodes: int) -> Array:
     return np.asarray(dolfinx.cpp.io.perm_gmsh(getattr(dolfinx.mesh.CellType, cell), nodes))
 
 
-def num_owned(domain: Any, dim: int | None = None) -> int:
+def num_owned(domain: Mesh, dim: int | None = None) -> int:
     """Return how many entities of this dimension, by default cells, this rank owns."""
     dim = domain.topology.dim if dim is None else dim
     domain.topology.create_entities(dim)
     return int(domain.topology.index_map(dim).size_local)
 
 
-def num_cells(domain: Any) -> int:
+def num_cells(domain: Mesh) -> int:
     """Return the number of cells on all ranks."""
     return int(domain.topology.index_map(domain.topology.dim).size_global)
 
 
-def num_nodes_of_degree(domain: Any, degree: int) -> int:
+def num_nodes_of_degree(domain: Mesh, degree: int) -> int:
     """Return the number of nodes on all ranks of Lagrange elements; degree 0: cells. Collective."""
     topology, total = domain.topology, 0
     if degree == 0:
@@ -188,12 +189,12 @@ def num_nodes_of_degree(domain: Any, degree: int) -> int:
     return int(total)
 
 
-def input_cells(domain: Any) -> Array:
+def input_cells(domain: Mesh) -> Array:
     """Return the row of each local cell in the input of `create_mesh`, (local cells,)."""
     return np.asarray(domain.topology.original_cell_index)
 
 
-def input_vertices(domain: Any, dim: int) -> Array:
+def input_vertices(domain: Mesh, dim: int) -> Array:
     """Return input node numbers of each local entity's vertices, (entities, vertices)."""
     topology, cell_dim = domain.topology, domain.topology.dim
     for d in (dim, cell_dim):
@@ -209,12 +210,12 @@ def input_vertices(domain: Any, dim: int) -> Array:
     return number[_rows(topology.connectivity(dim, 0), corners[dim])]
 
 
-def input_nodes(domain: Any) -> Array:
+def input_nodes(domain: Mesh) -> Array:
     """Return the row of each of this rank's geometry nodes in the input of `create_mesh`."""
     return np.asarray(domain.geometry.input_global_indices, dtype=np.int64)
 
 
-def cell_vertices(domain: Any) -> Array:
+def cell_vertices(domain: Mesh) -> Array:
     """Return the vertices of each owned cell by global numbers, (cells, corners) int64."""
     topology = domain.topology
     topology.create_connectivity(topology.dim, 0)
@@ -226,7 +227,7 @@ def cell_vertices(domain: Any) -> Array:
     return np.asarray(numbers, dtype=np.int64).reshape(vertices.shape)
 
 
-def cell_facets(domain: Any) -> Array:
+def cell_facets(domain: Mesh) -> Array:
     """Return the facets of each owned cell by local numbers, (cells, facets) int32."""
     topology, dim = domain.topology, domain.topology.dim
     topology.create_entities(dim - 1)
@@ -235,7 +236,7 @@ def cell_facets(domain: Any) -> Array:
     return facets[: num_owned(domain)]
 
 
-def facet_reflections(domain: Any) -> Array:
+def facet_reflections(domain: Mesh) -> Array:
     """Return for each owned cell which facets' vertices are in the opposite order by their global
     numbers, (cells, facets) bool.
     """
@@ -257,7 +258,7 @@ def reference_edges(cell: str) -> Array:
     return np.asarray(basix.topology(getattr(basix.CellType, cell))[1])
 
 
-def cell_name(domain: Any) -> str:
+def cell_name(domain: Mesh) -> str:
     """Return "tetrahedron", "hexahedron", "triangle" or "quadrilateral"."""
     return str(domain.topology.cell_name())
 
@@ -267,22 +268,22 @@ def reference_corners(cell: str) -> Array:
     return np.asarray(basix.geometry(getattr(basix.CellType, cell)))
 
 
-def geometry_dofs(domain: Any) -> Array:
+def geometry_dofs(domain: Mesh) -> Array:
     """Return each owned cell's rows of `geometry_x`, (cells, nodes per cell) int32."""
     return _geometry_rows(domain)[: num_owned(domain)]
 
 
-def geometry_x(domain: Any) -> Array:
+def geometry_x(domain: Mesh) -> Array:
     """Return the reference coordinates [m] of the geometry's nodes, (local nodes, 3)."""
     return np.asarray(domain.geometry.x)
 
 
-def geometry_degree(domain: Any) -> int:
+def geometry_degree(domain: Mesh) -> int:
     """Return the degree of the geometry, 1 or 2."""
     return int(_only(domain.geometry, "cmap").degree)
 
 
-def _geometry_rows(domain: Any) -> Array:
+def _geometry_rows(domain: Mesh) -> Array:
     nodes = _only(domain.geometry, "cmap").create_dof_layout().num_dofs
     return _rows(_only(domain.geometry, "dofmap"), nodes)
 
@@ -294,12 +295,12 @@ def _only(geometry: Any, name: str) -> Any:
     return several[0] if isinstance(several, list) else getattr(geometry, name)
 
 
-def coordinates(domain: Any) -> Any:
+def coordinates(domain: Mesh) -> Any:
     """Return the reference coordinates as a UFL vector."""
     return ufl.SpatialCoordinate(domain)
 
 
-def exterior_facets(domain: Any) -> tuple[Array, Array, Array]:
+def exterior_facets(domain: Mesh) -> tuple[Array, Array, Array]:
     """Return the facets on the boundary of the body whose cells this rank owns.
 
     Returns
@@ -343,7 +344,7 @@ def facet_maps(cell: str) -> tuple[Array, Array]:
     return origins, np.array(tangents)
 
 
-def bounding_box(domain: Any) -> Array:
+def bounding_box(domain: Mesh) -> Array:
     """Return the smallest and largest coordinates of this rank's nodes, (2, 3).
 
     Without nodes they are inf and -inf.
@@ -352,7 +353,7 @@ def bounding_box(domain: Any) -> Array:
     return np.stack([x.min(axis=0, initial=np.inf), x.max(axis=0, initial=-np.inf)])
 
 
-def locate(domain: Any, point: Array) -> tuple[int, Array, float]:
+def locate(domain: Mesh, point: Array) -> tuple[int, Array, float]:
     """Return this rank's cell that contains ``point`` (3,), or comes closest to it. Not collective.
 
     Returns

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import ufl
 from dolfinx import fem
+from dolfinx.fem import FunctionSpace
 
 from fem_snh._dolfinx.meshes import cell_facets, exterior_facets, num_owned
 
@@ -22,7 +23,7 @@ def is_function(u: Any) -> bool:
     return isinstance(u, fem.Function)
 
 
-def is_lagrange(V: Any) -> bool:
+def is_lagrange(V: FunctionSpace) -> bool:
     """Return whether V's element is a continuous Lagrange element, or a vector of one."""
     element = V.ufl_element()
     # a method in 0.5, a property under another name since 0.7
@@ -30,7 +31,7 @@ def is_lagrange(V: Any) -> bool:
     return family in ("P", "Q", "Lagrange") and not getattr(element, "discontinuous", False)
 
 
-def bc_space_is_within(bc: Any, V: Any) -> bool:
+def bc_space_is_within(bc: Any, V: FunctionSpace) -> bool:
     """Return whether a Dirichlet condition is one on V or on a component of it."""
     space, parent = (getattr(s, "_cpp_object", s) for s in (bc.function_space, V))
     return bool(space == parent or parent.contains(space))
@@ -131,6 +132,6 @@ def mesh_dimension(domain: Any) -> tuple[int, int]:
     return int(domain.topology.dim), int(domain.geometry.dim)
 
 
-def has_real_values(u: Any) -> bool:
+def has_real_values(u: fem.Function) -> bool:
     """Return whether a function has real values in double precision."""
     return bool(u.x.array.dtype == np.float64)

@@ -12,6 +12,8 @@ import numpy as np
 import numpy.typing as npt
 import ufl
 from dolfinx import fem, plot
+from dolfinx.fem import FunctionSpace
+from dolfinx.mesh import Mesh
 
 from fem_snh._dolfinx.forms import _quiet
 from fem_snh._dolfinx.meshes import _rows, cell_name, geometry_degree, num_owned
@@ -24,8 +26,8 @@ _VTK_LAGRANGE = {"triangle": 69, "quadrilateral": 70, "tetrahedron": 71, "hexahe
 
 
 def function_space(
-    domain: Any, degree: int, shape: tuple[int, ...] = (), family: str = "Lagrange"
-) -> Any:
+    domain: Mesh, degree: int, shape: tuple[int, ...] = (), family: str = "Lagrange"
+) -> FunctionSpace:
     """Return a scalar (shape ()) or vector (shape (n,)) space; family "Lagrange" or "DG"."""
     with _quiet(), compiling():
         if hasattr(fem, "functionspace"):  # since 0.7
@@ -35,19 +37,19 @@ def function_space(
         return fem.FunctionSpace(domain, (family, degree))
 
 
-def function(V: Any, name: str) -> Any:
+def function(V: FunctionSpace, name: str) -> fem.Function:
     """Return a zero function on V; ``name`` is its name in output files."""
     u = fem.Function(V)
     u.name = name
     return u
 
 
-def surface_measure(domain: Any, facets: Array) -> Any:
+def surface_measure(domain: Mesh, facets: Array) -> ufl.Measure:
     """Return the UFL measure of the exterior facets among these local facets."""
     return surface_measures(domain, [np.unique(facets)])[0]
 
 
-def surface_measures(domain: Any, groups: Sequence[Array]) -> list[Any]:
+def surface_measures(domain: Mesh, groups: Sequence[Array]) -> list[ufl.Measure]:
     """Return measures, of which one form may have several, of disjoint exterior local facets."""
     facets = np.concatenate(groups).astype(np.int32)
     numbers = np.repeat(np.arange(len(groups), dtype=np.int32), [len(g) for g in groups])
@@ -58,7 +60,7 @@ def surface_measures(domain: Any, groups: Sequence[Array]) -> list[Any]:
 
 
 def cell_measures(
-    domain: Any, regions: Sequence[Array], cell: str, degree: int
+    domain: Mesh, regions: Sequence[Array], cell: str, degree: int
 ) -> list[ufl.Measure]:
     """Return the UFL measure of each region, with the quadrature rule of `quadrature`.
 
@@ -83,31 +85,31 @@ def cell_measures(
     return [dx(i) for i in range(len(regions))]
 
 
-def constant(domain: Any, value: npt.ArrayLike) -> Any:
+def constant(domain: Mesh, value: npt.ArrayLike) -> fem.Constant:
     """Return a UFL constant, whose value can change without compiling a form again."""
     return fem.Constant(domain, np.asarray(value, dtype=np.float64))
 
 
-def degree(V: Any) -> int:
+def degree(V: FunctionSpace) -> int:
     """Return the polynomial degree of V's element."""
     element = V.ufl_element()
     # a method in 0.5, an attribute in 0.9 and 0.11
     return int(element.degree if isinstance(element.degree, int) else element.degree())
 
 
-def node_dofs(V: Any) -> Array:
+def node_dofs(V: FunctionSpace) -> Array:
     """Return the local nodes (dof blocks of V) of each owned cell, (cells, nodes) int32."""
     return _rows(V.dofmap.list, V.dofmap.dof_layout.num_dofs)[: num_owned(V.mesh)]
 
 
-def facet_nodes(V: Any) -> Array:
+def facet_nodes(V: FunctionSpace) -> Array:
     """Return the numbers in a cell of the nodes on each of its facets, (facets, nodes)."""
     dim, layout = V.mesh.topology.dim, V.dofmap.dof_layout
     count = len(basix.topology(getattr(basix.CellType, str(V.mesh.topology.cell_name())))[-2])
     return np.array([layout.entity_closure_dofs(dim - 1, facet) for facet in range(count)])
 
 
-def vtk_mesh(V: Any) -> tuple[Array, Array, int]:
+def vtk_mesh(V: FunctionSpace) -> tuple[Array, Array, int]:
     """Return the nodes of a Lagrange space as a mesh of VTK's.
 
     Returns
@@ -126,18 +128,18 @@ def vtk_mesh(V: Any) -> tuple[Array, Array, int]:
     return points, np.ascontiguousarray(cells), _VTK_LAGRANGE[cell_name(V.mesh)]
 
 
-def num_components(V: Any) -> int:
+def num_components(V: FunctionSpace) -> int:
     """Return the number of components of V: the size of its dof blocks."""
     return int(V.dofmap.index_map_bs)
 
 
-def num_nodes(V: Any) -> tuple[int, int]:
+def num_nodes(V: FunctionSpace) -> tuple[int, int]:
     """Return the numbers of (owned, ghost) nodes of V on this rank."""
     index_map = V.dofmap.index_map
     return int(index_map.size_local), int(index_map.num_ghosts)
 
 
-def local_to_global(V: Any) -> Array:
+def local_to_global(V: FunctionSpace) -> Array:
     """Return the global number of each local node, (owned + ghost nodes,) int64."""
     index_map = V.dofmap.index_map
     first = index_map.local_range[0]
@@ -187,14 +189,14 @@ def _gradients(cell: str, degree: int, points: Array) -> Array:
     return np.ascontiguousarray(np.moveaxis(tabulate_element(cell, degree, points, 1)[1:], 0, -1))
 
 
-def tabulate_values(V: Any, points: Array) -> Array:
+def tabulate_values(V: FunctionSpace, points: Array) -> Array:
     """Return V's scalar basis functions at reference points, (points, nodes)."""
     if degree(V) == 0:
         return np.ones((len(points), 1))
     return tabulate_element(cell_name(V.mesh), degree(V), points, 1)[0]
 
 
-def tabulate(V: Any, points: Array) -> Array:
+def tabulate(V: FunctionSpace, points: Array) -> Array:
     """Return reference gradients of V's scalar basis functions, (points, nodes, dim).
 
     Nodes are in the order of `node_dofs` (for degree 1 and 2 no cell permutes them).
@@ -202,12 +204,12 @@ def tabulate(V: Any, points: Array) -> Array:
     return _gradients(cell_name(V.mesh), degree(V), points)
 
 
-def tabulate_geometry_values(domain: Any, points: Array) -> Array:
+def tabulate_geometry_values(domain: Mesh, points: Array) -> Array:
     """Return the geometry's basis functions at reference points, (points, nodes)."""
     return tabulate_element(cell_name(domain), geometry_degree(domain), points, 1)[0]
 
 
-def tabulate_geometry(domain: Any, points: Array) -> Array:
+def tabulate_geometry(domain: Mesh, points: Array) -> Array:
     """Return reference gradients of the geometry's basis, (points, nodes, dim)."""
     return _gradients(cell_name(domain), geometry_degree(domain), points)
 
@@ -236,7 +238,7 @@ def _has_positive_weights(cell: str, degree: int) -> bool:
     return bool(weights.min() >= 0)
 
 
-def locate_dofs(V: Any, dim: int, entities: Array) -> Array:
+def locate_dofs(V: FunctionSpace, dim: int, entities: Array) -> Array:
     """Return local nodes of V (int32, ghosts included) on mesh entities. Collective."""
     V.mesh.topology.create_connectivity(dim, V.mesh.topology.dim)
     return np.asarray(fem.locate_dofs_topological(V, dim, np.asarray(entities, np.int32)))

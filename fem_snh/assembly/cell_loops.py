@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh import _dolfinx
+from fem_snh._dolfinx import FunctionSpace
 from fem_snh.assembly.elements import Element
 from fem_snh.assembly.kinematics import SOLID, Kinematics
 from fem_snh.choices import EIGENSOLVERS
@@ -216,7 +217,10 @@ class CellLoops:
 
 
 def element_tables(
-    V: Any, element: Element, Q: Any = None, pressure_scale: float = 1.0
+    V: FunctionSpace,
+    element: Element,
+    Q: FunctionSpace | None = None,
+    pressure_scale: float = 1.0,
 ) -> ElementTables:
     """Return basis, geometry and quadrature of ``element`` on this rank's cells of V.
 

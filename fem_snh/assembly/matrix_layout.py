@@ -19,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh import _dolfinx
+from fem_snh._dolfinx import FunctionSpace
 from fem_snh._petsc import set_pattern
 from fem_snh.errors import BadInput
 from fem_snh.kernels.block_pattern import BlockPattern, CellPattern, Pattern, unknown_columns
@@ -306,7 +307,7 @@ class MixedDofMap:
         For each space, the blocks on this rank with ghosts, those it owns, and those of a cell.
     """
 
-    def __init__(self, spaces: Sequence[Any]) -> None:
+    def __init__(self, spaces: Sequence[FunctionSpace]) -> None:
         self.comm = comm = spaces[0].mesh.comm
         numbers, cells = (
             [*map(_dolfinx.local_to_global, spaces)],

@@ -27,6 +27,7 @@ from scipy.linalg.blas import daxpy
 from scipy.sparse import csr_matrix
 
 from fem_snh import _dolfinx
+from fem_snh._dolfinx import FunctionSpace
 from fem_snh._petsc import aij_blocks, values_at
 from fem_snh.assembly.assembled_matrix import BlockMatrix
 from fem_snh.assembly.kinematics import SOLID, Kinematics
@@ -83,7 +84,7 @@ class NodalMass:
 
     def __init__(
         self,
-        V: Any,
+        V: FunctionSpace,
         regions: Sequence[Region],
         kind: str = MASSES[0],
         kinematics: Kinematics = SOLID,
@@ -200,7 +201,7 @@ class NodalMass:
         return np.array(a.array_r[: self.num_owned])
 
 
-def _element_matrices(V: Any, regions: Sequence[Region], revolved: bool) -> Array:
+def _element_matrices(V: FunctionSpace, regions: Sequence[Region], revolved: bool) -> Array:
     """Return the consistent mass matrices of this rank's cells, (cells, nodes, nodes)."""
     domain = V.mesh
     rho = np.zeros(len(_dolfinx.node_dofs(V)))

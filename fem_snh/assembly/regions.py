@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh import _dolfinx
+from fem_snh._dolfinx import FunctionSpace
 from fem_snh.assembly.groups import owned_cells
 from fem_snh.errors import BadInput, bad_value, check_number
 from fem_snh.kernels.material import Material
@@ -99,21 +100,23 @@ def without_cells(comm: Any, regions: Sequence[Region], cells: Array) -> list[Re
     return found
 
 
-def cells_of_one_label(V: Any, labels: Array) -> Array:
+def cells_of_one_label(V: FunctionSpace, labels: Array) -> Array:
     """Return this rank's own cells whose nodes all have one label >= 0, from (local nodes,) int."""
     cells = labels[_dolfinx.node_dofs(V)[: _dolfinx.num_owned(V.mesh)]]
     return np.flatnonzero((cells[:, 0] >= 0) & (cells == cells[:, :1]).all(axis=1))
 
 
 def whole_body(
-    domain: Any, material: Material | None, density: float | None = None
+    domain: _dolfinx.Mesh, material: Material | None, density: float | None = None
 ) -> list[Region]:
     """Return the region of a body of one material on a dolfinx mesh."""
     cells = np.arange(_dolfinx.num_owned(domain), dtype=np.int32)
     return [Region(cast(Material, material), cells, density)]
 
 
-def regions_with(domain: Any, regions: Sequence[Region], density: float | None) -> Sequence[Region]:
+def regions_with(
+    domain: _dolfinx.Mesh, regions: Sequence[Region], density: float | None
+) -> Sequence[Region]:
     """Return a body's regions, with a density [kg/m^3] where they have none.
 
     Without any it is the whole body, without a material.
@@ -187,7 +190,9 @@ def _listed(fillings: Sequence[Filling]) -> str:
     return ", ".join(f"'{surface_name(f.group)}'" for f in fillings if f.group is not None)
 
 
-def reference_modulus(domain: Any, regions: Sequence[Region], revolved: bool = False) -> float:
+def reference_modulus(
+    domain: _dolfinx.Mesh, regions: Sequence[Region], revolved: bool = False
+) -> float:
     """Return the Young's modulus by which forces and pressures of a body are scaled. Collective.
 
     With several materials it is the harmonic mean over the volume, the modulus of a stack of
@@ -215,7 +220,10 @@ def reference_modulus(domain: Any, regions: Sequence[Region], revolved: bool = F
 
 
 def volume_mean(
-    domain: Any, regions: Sequence[Region], values: Sequence[float], revolved: bool = False
+    domain: _dolfinx.Mesh,
+    regions: Sequence[Region],
+    values: Sequence[float],
+    revolved: bool = False,
 ) -> float:
     """Return the mean over the volume of a quantity with one value in each region. Collective."""
     if len(set(values)) == 1:
@@ -226,7 +234,7 @@ def volume_mean(
     return float(volumes @ np.array(values) / volumes.sum())
 
 
-def cell_constant(domain: Any, regions: Sequence[Region], values: Sequence[float]) -> Any:
+def cell_constant(domain: _dolfinx.Mesh, regions: Sequence[Region], values: Sequence[float]) -> Any:
     """Return the dolfinx Function, constant in each cell, with one value in each region.
 
     In cells that the body fills in part, the value is multiplied by the filled fraction.

@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh import _dolfinx
+from fem_snh._dolfinx import FunctionSpace
 from fem_snh.assembly.elements import Element
 from fem_snh.assembly.kinematics import SOLID, Kinematics
 
@@ -49,7 +50,7 @@ class Displacement:
 
     Q: Any = None
 
-    def __init__(self, u: Any) -> None:
+    def __init__(self, u: _dolfinx.Function) -> None:
         self.u, self.V = u, u.function_space
         self.x = _dolfinx.petsc_vec(u)
         self.num_owned_nodes = _dolfinx.num_nodes(self.V)[0]
@@ -97,7 +98,7 @@ class DisplacementPressure(Displacement):
         {"u": IS, "p": IS}, the global dofs of each field on this rank.
     """
 
-    def __init__(self, u: Any, pressure_degree: int) -> None:
+    def __init__(self, u: _dolfinx.Function, pressure_degree: int) -> None:
         super().__init__(u)
         domain = self.V.mesh
         family = "Lagrange" if pressure_degree else "DG"
@@ -158,7 +159,7 @@ def pressure_unit(element: Element, num_cells: int) -> float:
     return float(_VOLUME_WEIGHT * num_cells ** (1 / element.kinematics.dim))
 
 
-def create_unknowns(u: Any, element: Element) -> Displacement:
+def create_unknowns(u: _dolfinx.Function, element: Element) -> Displacement:
     """Return the unknowns of an element: the displacement ``u``, and a pressure if it has one."""
     if not element.has_pressure:
         return Displacement(u)
@@ -168,7 +169,7 @@ def create_unknowns(u: Any, element: Element) -> Displacement:
 Array = npt.NDArray[Any]
 
 
-def ghosted(V: Any, owned: Array) -> PETSc.Vec:
+def ghosted(V: FunctionSpace, owned: Array) -> PETSc.Vec:
     """Return the ghosted vector of a space with the values of owned dofs. Collective."""
     vector = _dolfinx.create_vector(V)
     vector.array[:] = owned
@@ -176,13 +177,13 @@ def ghosted(V: Any, owned: Array) -> PETSc.Vec:
     return vector
 
 
-def with_ghosts(V: Any, owned: Array) -> Array:
+def with_ghosts(V: FunctionSpace, owned: Array) -> Array:
     """Return the values of owned dofs of a space, and those of its ghosts, a copy. Collective."""
     vector = ghosted(V, owned)  # the values are its memory
     return np.array(local_values(vector))
 
 
-def summed_over_ranks(V: Any, values: Array) -> Array:
+def summed_over_ranks(V: FunctionSpace, values: Array) -> Array:
     """Return the sums over ranks of values at local nodes, ghosts included. Collective.
 
     Parameters
@@ -202,7 +203,7 @@ def summed_over_ranks(V: Any, values: Array) -> Array:
     return np.array(local_values(vector)).reshape(values.shape)
 
 
-def summed_over_cells(V: Any, values: Array, nodes: Array | None = None) -> Array:
+def summed_over_cells(V: FunctionSpace, values: Array, nodes: Array | None = None) -> Array:
     """Return the sums over cells of values at their nodes, ghosts included. Collective.
 
     Parameters
@@ -222,7 +223,7 @@ def summed_over_cells(V: Any, values: Array, nodes: Array | None = None) -> Arra
     return summed_over_ranks(V, sums)
 
 
-def nodes_of_other_cells(V: Any, cells: Array) -> Array:
+def nodes_of_other_cells(V: FunctionSpace, cells: Array) -> Array:
     """Return which of this rank's own nodes belong to a cell beside its own ``cells``. Collective.
 
     Parameters
@@ -252,7 +253,7 @@ def writable_values(vector: PETSc.Vec) -> Array:
         return np.asarray(local.array)
 
 
-def copy_to_function(vector: PETSc.Vec, function: Any) -> None:
+def copy_to_function(vector: PETSc.Vec, function: _dolfinx.Function) -> None:
     """Set a dolfinx function to a ghosted vector of its space, ghosts included."""
     function.x.array[:] = local_values(vector)
 

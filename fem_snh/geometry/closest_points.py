@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -30,19 +31,21 @@ def closest_points(p: Array, T: Array) -> tuple[Array, Array]:
     arm : (n, k, 3)
         The points minus the closest points.
     """
-    if T.shape[-2] == 2:
-        return _closest_of_segments(p, T)
-    a, ab, ac = T[..., 0, :], T[..., 1, :] - T[..., 0, :], T[..., 2, :] - T[..., 0, :]
-    ap = p - a
-    d11, d12, d22 = (np.einsum("nki,nki->nk", s, t) for s, t in ((ab, ab), (ab, ac), (ac, ac)))
-    e1, e2 = (np.einsum("nki,nki->nk", s, ap) for s in (ab, ac))
-    tiny = np.finfo(float).tiny
-    det = np.maximum(d11 * d22 - d12**2, tiny)
-    v, w = (d22 * e1 - d12 * e2) / det, (d11 * e2 - d12 * e1) / det
-    best = np.stack([1 - v - w, v, w], axis=2)
-    arm = ap - v[..., None] * ab - w[..., None] * ac
-    distance = np.where((best >= 0).all(axis=2), np.einsum("nki,nki->nk", arm, arm), np.inf)
-    for i, j in ((0, 1), (0, 2), (1, 2)):
+    tiny, corners = np.finfo(float).tiny, T.shape[-2]
+    best, arm = np.zeros(T.shape[:-1]), np.zeros(np.broadcast_shapes(p.shape, T[..., 0, :].shape))
+    distance = np.full(arm.shape[:-1], np.inf)
+    if corners == 3:
+        a, ab, ac = T[..., 0, :], T[..., 1, :] - T[..., 0, :], T[..., 2, :] - T[..., 0, :]
+        ap = p - a
+        d11, d12, d22 = (np.einsum("nki,nki->nk", s, t) for s, t in ((ab, ab), (ab, ac), (ac, ac)))
+        e1, e2 = (np.einsum("nki,nki->nk", s, ap) for s in (ab, ac))
+        det = np.maximum(d11 * d22 - d12**2, tiny)
+        v, w = (d22 * e1 - d12 * e2) / det, (d11 * e2 - d12 * e1) / det
+        best = np.stack([1 - v - w, v, w], axis=2)
+        arm = ap - v[..., None] * ab - w[..., None] * ac
+        inside = (best >= 0).all(axis=2)
+        distance = np.where(inside, np.einsum("nki,nki->nk", arm, arm), np.inf)
+    for i, j in combinations(range(corners), 2):
         edge = T[..., j, :] - T[..., i, :]
         along = np.einsum("nki,nki->nk", p - T[..., i, :], edge)
         t = np.clip(along / np.maximum(np.einsum("nki,nki->nk", edge, edge), tiny), 0.0, 1.0)
@@ -55,14 +58,6 @@ def closest_points(p: Array, T: Array) -> tuple[Array, Array]:
         coordinates[..., i], coordinates[..., j] = 1 - t, t
         best = np.where(closer[..., None], coordinates, best)
     return best, arm
-
-
-def _closest_of_segments(p: Array, T: Array) -> tuple[Array, Array]:
-    """Return what `closest_points` does, of segments."""
-    way, arm = T[..., 1, :] - T[..., 0, :], p - T[..., 0, :]
-    squares = np.maximum(np.einsum("nki,nki->nk", way, way), np.finfo(float).tiny)
-    t = np.clip(np.einsum("nki,nki->nk", arm, way) / squares, 0.0, 1.0)
-    return np.stack([1 - t, t], axis=2), arm - t[..., None] * way
 
 
 def triangle_normals(x: Array, triangles: Array) -> Array:

@@ -91,7 +91,7 @@ class Mesh:
         (`fem_snh.mesh.round_faces`); the smaller facets no longer show it.
     """
 
-    domain: Any
+    domain: _dolfinx.Mesh
     cell: str
     groups: tuple[Group, ...]
     num_cells: int
@@ -216,7 +216,7 @@ def write_xdmf(mesh: Mesh, path: str | Path) -> None:
     on_every(mesh.domain.comm, write)
 
 
-def volume(domain: Any, revolved: bool = False) -> float:
+def volume(domain: _dolfinx.Mesh, revolved: bool = False) -> float:
     """Return the volume of a dolfinx mesh [m^3], in two dimensions its area. Collective.
 
     With ``revolved`` it is the volume of the mesh revolved about the axis x = 0.
@@ -224,12 +224,14 @@ def volume(domain: Any, revolved: bool = False) -> float:
     return float(domain.comm.allreduce(point_volumes(domain, revolved=revolved).sum()))
 
 
-def cell_volumes(domain: Any, revolved: bool = False) -> np.ndarray:
+def cell_volumes(domain: _dolfinx.Mesh, revolved: bool = False) -> np.ndarray:
     """Return the volume of each cell [m^3], (owned cells,); see `volume`."""
     return point_volumes(domain, revolved=revolved).sum(axis=1)
 
 
-def point_volumes(domain: Any, degree: int = _VOLUME_DEGREE, revolved: bool = False) -> np.ndarray:
+def point_volumes(
+    domain: _dolfinx.Mesh, degree: int = _VOLUME_DEGREE, revolved: bool = False
+) -> np.ndarray:
     """Return the weights of the quadrature points of each cell [m^3], (owned cells, points)."""
     points, weights = _dolfinx.quadrature(_dolfinx.cell_name(domain), degree)
     x = _dolfinx.geometry_x(domain)[_dolfinx.geometry_dofs(domain)]
@@ -282,7 +284,7 @@ def distribute(
     return Mesh(domain, common.cell, groups, num_cells, fractions, common.skin, common.copies)
 
 
-def _locate(domain: Any, group: gmsh_input.PhysicalGroup) -> Group:
+def _locate(domain: _dolfinx.Mesh, group: gmsh_input.PhysicalGroup) -> Group:
     """Find the group's entities on this rank. Collective."""
     if group.dim == _dolfinx.mesh_dimension(domain)[0]:
         local = np.isin(_dolfinx.input_cells(domain), group.entities)
@@ -292,7 +294,7 @@ def _locate(domain: Any, group: gmsh_input.PhysicalGroup) -> Group:
     return _group(domain, group.name, group.dim, group.tag, entities)
 
 
-def _group(domain: Any, name: str, dim: int, tag: int, entities: np.ndarray) -> Group:
+def _group(domain: _dolfinx.Mesh, name: str, dim: int, tag: int, entities: np.ndarray) -> Group:
     """Return the group with these local entities. Collective."""
     owned = _dolfinx.num_owned(domain, dim)
     count = domain.comm.allreduce(int((entities < owned).sum()))
@@ -338,7 +340,7 @@ def gather(mesh: Mesh) -> gmsh_input.MeshData:
     return gmsh_input.MeshData(cells, x, mesh.cell, degree, groups)
 
 
-def centroid(domain: Any, dim: int, entities: Array) -> Array:
+def centroid(domain: _dolfinx.Mesh, dim: int, entities: Array) -> Array:
     """Return the centroid (3,) of cells or facets, in the reference configuration. Collective.
 
     Parameters

@@ -32,7 +32,7 @@ _LATTICE = 5
 _BATCH = 10_000
 
 
-def check_geometry(domain: Any, what: str, may_overlap: bool = False) -> None:
+def check_geometry(domain: _dolfinx.Mesh, what: str, may_overlap: bool = False) -> None:
     """Check the coordinates, the cells and the neighbours of a dolfinx mesh. Collective.
 
     The numbering of a cell's vertices may be left-handed. Neighbours, however, must lie on opposite
@@ -70,7 +70,7 @@ def check_geometry(domain: Any, what: str, may_overlap: bool = False) -> None:
         _raise_for(domain, what, bad, centres, "cells that overlap a neighbour")
 
 
-def check_half_plane(domain: Any, what: str) -> None:
+def check_half_plane(domain: _dolfinx.Mesh, what: str) -> None:
     """Raise BadInput on every rank if a mesh to be revolved has points with x < 0. Collective."""
     x = _dolfinx.geometry_x(domain)
     size = largest(domain.comm, x)
@@ -87,7 +87,7 @@ def check_force_scale(force: float) -> None:
         )
 
 
-def unconnected_nodes(domain: Any) -> tuple[int, Array]:
+def unconnected_nodes(domain: _dolfinx.Mesh) -> tuple[int, Array]:
     """Return how many places of a mesh have several vertices on the boundary. Collective.
 
     Cells on both sides of such places are not connected there: two volumes were meshed without a
@@ -118,7 +118,7 @@ def largest(comm: MPI.Intracomm, values: Array) -> float:
     return float(comm.allreduce(float(np.abs(values).max(initial=0.0)), op=MPI.MAX))
 
 
-def _raise_for(domain: Any, what: str, bad: Array, points: Array, kind: str) -> None:
+def _raise_for(domain: _dolfinx.Mesh, what: str, bad: Array, points: Array, kind: str) -> None:
     """Raise BadInput on every rank if any entry of ``bad`` is true on any. Collective."""
     counts = domain.comm.allreduce(np.array([bad.sum(), len(bad)]))
     if not counts[0]:
@@ -129,7 +129,7 @@ def _raise_for(domain: Any, what: str, bad: Array, points: Array, kind: str) -> 
     raise BadInput(f"{what} has {counts[0]} {kind} of {counts[1]}, one at ({where})")
 
 
-def scaled_jacobian(domain: Any) -> np.ndarray:
+def scaled_jacobian(domain: _dolfinx.Mesh) -> np.ndarray:
     """Return the scaled Jacobian of each cell, (owned cells,); <= 0 where a cell is inverted.
 
     It is the smallest value over a cell's corners and its midpoint, and of a curved cell over a
@@ -175,12 +175,12 @@ def _determinants(rows: Array) -> Array:
     return np.asarray(np.einsum("...i,...i->...", a, np.cross(b, c)))
 
 
-def _corners(domain: Any) -> Array:
+def _corners(domain: _dolfinx.Mesh) -> Array:
     """Return the corners of the reference cell, (corners, dim)."""
     return _dolfinx.reference_corners(_dolfinx.cell_name(domain))
 
 
-def _cells_on_the_wrong_side(domain: Any) -> Array:
+def _cells_on_the_wrong_side(domain: _dolfinx.Mesh) -> Array:
     """Return which owned cells lie on the same side of a facet as their neighbour. Collective."""
     facets, sides = _dolfinx.cell_facets(domain), _sides(domain)
     # An interior facet has two cells, with sides +1 and -1; one at the end of a rank has one here.
@@ -203,7 +203,7 @@ def _cells_on_the_wrong_side(domain: Any) -> Array:
     return np.asarray(bad[facets].any(axis=1))
 
 
-def _sides(domain: Any) -> Array:
+def _sides(domain: _dolfinx.Mesh) -> Array:
     """Return on which side of each of its facets a cell lies, (cells, facets), +1 or -1.
 
     It is the side of the reference cell, turned by the sign of the Jacobian and where the facet's

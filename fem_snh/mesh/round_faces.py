@@ -78,7 +78,7 @@ class RoundFaces(NamedTuple):
         )
 
 
-def round_faces(domain: Any, revolved: bool = False) -> RoundFaces:
+def round_faces(domain: _dolfinx.Mesh, revolved: bool = False) -> RoundFaces:
     """Return what round faces would change of the volume of a mesh. Collective.
 
     Parameters
@@ -129,7 +129,7 @@ def _slope(normals: Array, own: Array, edge: Array) -> Array:
     return np.asarray(size * np.einsum("ij,ij->i", normals, along))
 
 
-def _gathered_facets(domain: Any) -> tuple[Array, Array, Array, Array]:
+def _gathered_facets(domain: _dolfinx.Mesh) -> tuple[Array, Array, Array, Array]:
     """Return the facets of the body's surface on all ranks.
 
     Vertices, their places, a point inside and the normals at the corners: (n, corners), (n,
@@ -146,7 +146,7 @@ def _gathered_facets(domain: Any) -> tuple[Array, Array, Array, Array]:
     return vertices, x, inside, normals
 
 
-def _normals_at_corners(domain: Any, nodes: Array, local: Array) -> Array:
+def _normals_at_corners(domain: _dolfinx.Mesh, nodes: Array, local: Array) -> Array:
     """Return the outward unit normals of facets at their corners, (n, corners, dim).
 
     ``nodes`` (n, nodes, dim) are those of the facets' cells, ``local`` the facets' numbers in them.

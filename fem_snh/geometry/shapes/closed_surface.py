@@ -15,7 +15,7 @@ from fem_snh import processes
 from fem_snh.choices import LARGEST_NUMBER
 from fem_snh.errors import BadInput, nearest_file
 from fem_snh.files import open_file
-from fem_snh.geometry.shapes.shape import Array, Evaluation
+from fem_snh.geometry.shapes.shape import Array, Evaluation, Shape
 
 Triangles = npt.NDArray[np.int64]
 
@@ -25,7 +25,7 @@ _ON_SURFACE = 1e-10
 
 
 @dataclass(frozen=True, eq=False)
-class ClosedSurface:
+class ClosedSurface(Shape):
     """A solid whose surface is a closed set of triangles.
 
     The distance to the closest triangle is VTK's ``vtkImplicitPolyDataDistance``: its sign is that

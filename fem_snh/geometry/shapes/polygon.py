@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from fem_snh.errors import BadInput, bad_value
-from fem_snh.geometry.shapes.shape import Array, Evaluation, inverse, lengths
+from fem_snh.geometry.shapes.shape import Array, Evaluation, Shape, inverse, lengths
 
 #: Distance, in parts of the polygon's diagonal, below which the direction to the closest point is
 #: rounding error: the normal of the edge then replaces it.
@@ -20,7 +20,7 @@ _AT_END = 1e-12
 
 
 @dataclass(frozen=True)
-class Polygon:
+class Polygon(Shape):
     r"""All points (x, y, z) whose (x, y) is inside of a polygon.
 
     Outside of a corner the level sets are rounded, with curvature 1/d. On the medial axis the first
@@ -62,10 +62,6 @@ class Polygon:
         """Lowest and highest coordinates, (2, 3)."""
         x = np.array(self.points, dtype=float)
         return np.array([[*x.min(axis=0), -np.inf], [*x.max(axis=0), np.inf]])
-
-    def distance(self, x: Array) -> Array:
-        """Return the signed distance at points x (n, 3)."""
-        return self.evaluate(x).distance
 
     def evaluate(self, x: Array) -> Evaluation:
         """Return the signed distance at points x (n, 3), with its gradient and its Hessian."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -35,7 +35,7 @@ class Evaluation(NamedTuple):
     hessian: Array
 
 
-class Shape(Protocol):
+class Shape:
     """A solid at its reference position, given by its signed distance.
 
     Notes
@@ -49,12 +49,15 @@ class Shape(Protocol):
     @property
     def bounds(self) -> Array:
         """Lowest and highest coordinates, (2, 3), of a box that holds the shape; maybe infinite."""
-
-    def distance(self, x: Array) -> Array:
-        """Return the signed distance at points x (n, 3)."""
+        raise NotImplementedError(f"{type(self).__name__}.bounds")
 
     def evaluate(self, x: Array) -> Evaluation:
         """Return the signed distance at points x (n, 3), with its gradient and its Hessian."""
+        raise NotImplementedError(f"{type(self).__name__}.evaluate")
+
+    def distance(self, x: Array) -> Array:
+        """Return the signed distance at points x (n, 3)."""
+        return self.evaluate(x).distance
 
 
 def direction(key: str, vector: Sequence[float]) -> Array:
@@ -126,7 +129,7 @@ def deepest(depths: Array, tolerance: float) -> Array:
 
 
 @dataclass(frozen=True)
-class Box:
+class Box(Shape):
     """A rectangular box.
 
     Inside, the closest face gives the distance; its medial axis is the set where several faces
@@ -193,7 +196,7 @@ class Box:
 
 
 @dataclass(frozen=True)
-class Plane:
+class Plane(Shape):
     r"""The half-space below a plane, with signed distance :math:`d = (x - p) \cdot n`.
 
     Parameters
@@ -220,21 +223,19 @@ class Plane:
         """Lowest and highest coordinates, (2, 3)."""
         return np.array([[-np.inf] * 3, [np.inf] * 3])
 
-    def distance(self, x: Array) -> Array:
-        """Return the signed distance at points x (n, 3)."""
-        return (x - np.asarray(self.point)) @ direction("normal", self.normal)
-
     def evaluate(self, x: Array) -> Evaluation:
         """Return the signed distance at points x (n, 3), with its gradient and its Hessian."""
         n = direction("normal", self.normal)
-        return Evaluation(self.distance(x), np.tile(n, (len(x), 1)), np.zeros((len(x), 3, 3)))
+        return Evaluation(
+            (x - np.asarray(self.point)) @ n, np.tile(n, (len(x), 1)), np.zeros((len(x), 3, 3))
+        )
 
 
 _X = np.array([1.0, 0.0, 0.0])
 
 
 @dataclass(frozen=True)
-class Sphere:
+class Sphere(Shape):
     r"""A ball, with signed distance :math:`d = |x - c| - r`.
 
     Its medial axis is its centre, where the gradient is the x axis and the Hessian is zero.
@@ -275,7 +276,7 @@ class Sphere:
 
 
 @dataclass(frozen=True)
-class _Segment:
+class _Segment(Shape):
     """A segment and a radius.
 
     Parameters
@@ -395,7 +396,7 @@ def _axis(start: Point, end: Point) -> tuple[Array, Array, float]:
 
 
 @dataclass(frozen=True)
-class Revolved:
+class Revolved(Shape):
     r"""The solid of revolution about the axis y of a section in the half plane z = 0, x >= 0.
 
     With :math:`r = \sqrt{x^2 + z^2}` its distance is that of the section at (r, y, 0).

@@ -60,7 +60,7 @@ def surface_triangles(
     if isinstance(shape, SmoothUnion) and np.isfinite(shape.bounds).all():
         grid = Grid.around(shape.bounds, float(np.ptp(shape.bounds, axis=0).max()) / _CUBES)
         return surface_on(shape, Grid(grid.origin - grid.size, grid.size, grid.shape + 2))
-    if isinstance(shape, Union | SmoothUnion):
+    if isinstance(shape, Union):
         return join([surface_triangles(part, centre, radius) for part in shape.shapes])
     if isinstance(shape, ClosedSurface):
         return shape.points, shape.triangles
@@ -148,7 +148,7 @@ def _across(axis: Array) -> tuple[Array, Array]:
 
 def has_edges(shape: Shape) -> bool:
     """Return whether a shape has convex edges. Seams of a union are concave."""
-    if isinstance(shape, Union | SmoothUnion):
+    if isinstance(shape, Union):
         return any(has_edges(part) for part in shape.shapes)
     if isinstance(shape, Revolved):
         return has_edges(shape.section)

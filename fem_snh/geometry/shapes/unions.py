@@ -30,7 +30,7 @@ _NO_WEIGHT = 1e-17
 
 
 @dataclass(frozen=True)
-class Union:
+class Union(Shape):
     r"""The union of shapes, with signed distance :math:`d = \min_i d_i`.
 
     Outside it is the distance from the union. Inside it has the right sign, and is at most as large
@@ -51,12 +51,14 @@ class Union:
     shapes: tuple[Shape, ...]
 
     def __post_init__(self) -> None:
-        _check_shapes(self.shapes)
+        if not len(self.shapes):
+            raise BadInput("shapes = []: expected at least one shape")
 
     @property
     def bounds(self) -> Array:
         """Lowest and highest coordinates, (2, 3)."""
-        return _bounds(self.shapes)
+        bounds = np.array([shape.bounds for shape in self.shapes])
+        return np.array([bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0)])
 
     def distance(self, x: Array) -> Array:
         """Return the signed distance at points x (n, 3)."""
@@ -81,7 +83,7 @@ class Union:
 
 
 @dataclass(frozen=True)
-class SmoothUnion:
+class SmoothUnion(Union):
     r"""The union of shapes with rounded seams, by the exponential smooth minimum.
 
     .. math:: d = -\frac{b}{\ln 2} \ln \sum_i e^{-\ln 2 \, d_i / b}
@@ -110,11 +112,10 @@ class SmoothUnion:
     index.
     """
 
-    shapes: tuple[Shape, ...]
     blend: float
 
     def __post_init__(self) -> None:
-        _check_shapes(self.shapes)
+        super().__post_init__()
         check_positive("blend", self.blend)
 
     @property
@@ -126,7 +127,7 @@ class SmoothUnion:
     def bounds(self) -> Array:
         """Lowest and highest coordinates, (2, 3)."""
         margin = self.blend * np.log2(len(self.shapes))
-        return _bounds(self.shapes) + np.array([[-margin], [margin]])
+        return super().bounds + np.array([[-margin], [margin]])
 
     def distance(self, x: Array) -> Array:
         """Return the smooth minimum of the signed distances at points x (n, 3)."""
@@ -154,16 +155,6 @@ class SmoothUnion:
         total = weights.sum(axis=0)
         smooth: Array = least - self._scale * np.log(total)
         return smooth, weights / total
-
-
-def _check_shapes(shapes: Sequence[Shape]) -> None:
-    if not len(shapes):
-        raise BadInput("shapes = []: expected at least one shape")
-
-
-def _bounds(shapes: Sequence[Shape]) -> Array:
-    bounds = np.array([shape.bounds for shape in shapes])
-    return np.array([bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0)])
 
 
 def _batches(n: int) -> list[slice]:
