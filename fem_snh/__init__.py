@@ -24,9 +24,8 @@ from fem_snh.errors import BadInput
 
 if TYPE_CHECKING:
     from fem_snh.accuracy.coarser_meshes import error_from_meshes
-    from fem_snh.contact.contact import Contact
+    from fem_snh.contact.contact import Contact, SelfContact
     from fem_snh.contact.obstacle import Obstacle
-    from fem_snh.contact.self_contact import SelfContact
     from fem_snh.dynamic_problem import DynamicProblem
     from fem_snh.kernels.material import material
     from fem_snh.mesh.xao import write_xao
@@ -66,7 +65,7 @@ _MODULES = {
     "Obstacle": "contact.obstacle",
     "DynamicProblem": "dynamic_problem",
     "Contact": "contact.contact",
-    "SelfContact": "contact.self_contact",
+    "SelfContact": "contact.contact",
     "Cavity": "terms.cavity",
     "Feature": "terms.feature",
     "register_feature": "scenes",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 from petsc4py import PETSc
 
@@ -15,13 +15,32 @@ from fem_snh.assembly.assembled_matrix import BlockMatrix
 from fem_snh.assembly.kinematics import SOLID, Kinematics
 from fem_snh.assembly.regions import Region
 from fem_snh.choices import FILTERS
-from fem_snh.contact.gathered_surface import GatheredSurface
-from fem_snh.contact.law import cell_heights, default_stiffness, surface_mean
-from fem_snh.contact.surface_contact import SurfaceContact
-from fem_snh.contact.surface_pair import BodyPair, SurfacePair
-from fem_snh.contact.surface_quadrature import SurfaceQuadrature
+from fem_snh.contact.gaps import (
+    ClosestFacets,
+    Gaps,
+    gap_derivative,
+    gap_second_derivative,
+    measure_gaps,
+)
+from fem_snh.contact.gathered_surface import GatheredSurface, Side
+from fem_snh.contact.law import (
+    ContactLaw,
+    cell_heights,
+    default_stiffness,
+    mean_derivative,
+    surface_mean,
+)
+from fem_snh.contact.surface_contact import ContactPair, SurfaceContact
+from fem_snh.contact.surface_quadrature import (
+    DeepestPoint,
+    SurfaceQuadrature,
+    cross_tangents,
+    facet_grid,
+)
 from fem_snh.errors import bad_value, choose
+from fem_snh.kernels.cell_matrices import filter_matrices
 from fem_snh.terms.history import MeanForceTerm
+from fem_snh.terms.settling import LaggedChange, relative
 from fem_snh.terms.term import CouplingTerm
 
 Array = npt.NDArray[Any]
@@ -32,6 +51,454 @@ _QUADRATURE = 4
 #: Of `CouplingTerm`. With 100 times the stiffness the largest component of a force is within 3.2 %
 #: of what the estimate finds of the penalty, an energy within 6.3 %: blocks and a ball on a block.
 _UNSETTLED_PENALTY = 0.1
+
+
+#: Each point has settled on a facet when a new search changes no nodal force by more than this
+#: fraction of the largest.
+_SETTLED = 1e-4
+#: After this many searches of a step a point keeps a facet whose closest point is outside of it by
+#: less than _KEPT, in reference coordinates: a point at an edge between two facets of different
+#: normals would change from one to the other and back for ever.
+_FREE_SEARCHES, _KEPT = 3, 0.1
+#: Reach of the search in the diagonal of the smaller surface: bodies may move by this in a step.
+_REACH = 0.5
+#: Points by which a checkpoint finds multipliers are inside of their body by this many facets, as
+#: surfaces that touch have points at the same place.
+_INSIDE = 1e-3
+#: A point of a facet moves by at most this times the largest motion of the facet's nodes: the sum
+#: of the absolute values of the shape functions, largest on triangles of degree 2.
+_SPREAD = 5 / 3
+#: Gap in sizes of a facet below which a point's facet is in the sparsity pattern before they touch.
+_MARGIN = 0.5
+#: Gap in sizes of a facet below which surfaces touch without a force: rounding.
+_ZERO_GAP = 1e-10
+#: Least gap at a step's start, in sizes of a facet, of a point that has no facet there.
+_OPEN = 1e-6
+
+
+class BodyPair(NamedTuple):
+    """Two surfaces of the mesh that may touch.
+
+    Attributes
+    ----------
+    name : str
+        Name in run.json.
+    first, second : (n,) int
+        This rank's facets of each surface.
+    stiffness : float or None
+        Penalty stiffness [Pa/m]; None for the smaller one of the surfaces' mean defaults.
+    augmented : bool
+        Whether multipliers reduce the penetration below the tolerance.
+    tolerance : float or None
+        Largest penetration [m] with the augmented Lagrangian; None for the default.
+    limits_force : bool
+        With the default tolerance, whether the change of the force is limited, too. In time it need
+        not be: what a step's force lacks, the next one has.
+    """
+
+    name: str
+    first: Array
+    second: Array
+    stiffness: float | None = None
+    augmented: bool = False
+    tolerance: float | None = None
+    limits_force: bool = True
+
+
+class Touching(NamedTuple):
+    """The n points that touch a facet.
+
+    Attributes
+    ----------
+    point : (n,) int
+        The points, numbered facet by facet: rows of the law.
+    facet : (n,) int
+        The facets of the other surface.
+    gaps : Gaps
+        Their gaps.
+    energy, pressure, stiffness : (n,)
+        What `ContactLaw.response` returns.
+    """
+
+    point: Array
+    facet: Array
+    gaps: Gaps
+    energy: Array
+    pressure: Array
+    stiffness: Array
+
+
+class SurfacePair(ContactPair):
+    """Contact of two surfaces: the points of either one touch facets of the other.
+
+    All ranks have the same, and configurations are positions of the nodes, (m, 3) [m]. The facets
+    of both surfaces are numbered together, the first surface's before the second's. Each surface
+    has half of the stiffness.
+
+    In time, Newmark's method has contact as the mean over a step: with the mean response at the
+    gaps of the step's start and end, each to the facet that is the closest one then, and with their
+    mean derivatives (`_mean_turn`) the forces do the work that the energy of contact loses. The
+    part of the derivatives that is not that of the end is lagged.
+
+    Parameters
+    ----------
+    pair : BodyPair
+        Name and method.
+    surface : GatheredSurface
+        The nodes.
+    sides : tuple of two Side
+        The surfaces.
+    default : float
+        The default stiffness [Pa/m].
+    height : float
+        The height of the cells at the surfaces [m].
+
+    Attributes
+    ----------
+    side : Side
+        The facets of both surfaces.
+    size : (points,)
+        The mean size of the facets of each point's own surface [m].
+
+    Raises
+    ------
+    BadInput
+        If the two surfaces have a common node.
+    """
+
+    def __init__(
+        self,
+        pair: BodyPair,
+        surface: GatheredSurface,
+        sides: tuple[Side, Side],
+        default: float,
+        height: float,
+    ) -> None:
+        first, second = sides
+        if len(np.intersect1d(first.nodes, second.nodes)):
+            raise bad_value("contact.groups", pair.name, "two surfaces without a common node")
+        self.side = side = Side.joined(first, second)
+        law = ContactLaw.of(
+            pair, "contact", side.weights.ravel(), np.full(1, default), height, share=0.5
+        )
+        super().__init__(pair.name, law)
+        self.stiffness = default if pair.stiffness is None else pair.stiffness
+        boxes = (np.ptp(surface.X[one.nodes.ravel()], axis=0) for one in sides)
+        self._reach = _REACH * min(float(np.linalg.norm(box)) for box in boxes)
+        self._surface, self._searches, self._num_first = surface, 0, len(first)
+        self._first_nodes = np.unique(first.nodes)
+        self.size = np.repeat([one.mean_size for one in sides], [one.weights.size for one in sides])
+        self._closest = [ClosestFacets(surface.shape, other) for other in (second, first)]
+        self._facet: Array = np.full(len(self.size), -1)
+        self._start: Array = np.zeros((0, 2))
+        self._evaluated: tuple[Array, tuple[Any, ...], Touching] | None = None
+
+    def begin_step(self, x: Array) -> None:
+        """Begin a step at positions of the nodes, whose facets were searched there."""
+        self.law.begin_step()
+        self._searches, self._turn = 0, np.zeros_like(x)
+        self._before = x.copy(), self._facet.copy(), self._start.copy()
+        self._evaluated = None
+
+    def settle(self, x: Array) -> list[LaggedChange]:
+        """Search again and update the multipliers; return the changes."""
+        before, touched = self.gradient(x), self.touching(x)
+        keep = _KEPT if self._searches >= _FREE_SEARCHES else None
+        self._searches += 1
+        self.search(x, keep)
+        if self.mean_weight is not None:
+            self._turn = self._mean_turn(x)
+        after = self.gradient(x)
+        largest = max(np.abs(before).max(initial=0.0), np.abs(after).max(initial=0.0))
+        change = float(np.abs(after - before).max(initial=0.0))
+        what = f"contact '{self.name}': the change of forces by another search"
+        slid_off = bool((self._facet[touched.point[touched.pressure > 0]] < 0).any())
+        changed = LaggedChange(relative(change, largest, _SETTLED), what, slid_off)
+        return [changed, *self.law.settle(*self.acting(x))]
+
+    def search(self, x: Array, keep: float | None = None) -> None:
+        """Choose the facet of each point.
+
+        Parameters
+        ----------
+        x : (m, 3)
+            Positions of the nodes [m].
+        keep : float, optional
+            A point keeps the facet that it has while its closest point is outside of it by less
+            than this, in reference coordinates. Default: all points get the closest facet.
+        """
+        facet, start = self._find(x, self.points(x), self.normals(x))
+        if keep is not None:
+            other = np.flatnonzero((self._facet >= 0) & (facet != self._facet))
+            near = other[self._measure(x, other).outside < keep]
+            facet[near], start[near] = self._facet[near], self._start[near]
+        self._facet, self._start = facet, start
+        self._searched, self._evaluated = x, None
+        self._gap = np.full(len(facet), np.inf)
+        some = np.flatnonzero(facet >= 0)
+        self._gap[some] = self._measure(x, some).gap
+        near = some[self._gap[some] < _MARGIN * self.size[some]]
+        self._known = np.unique(self._keys(near))
+        self._pairs: Array | None = None
+
+    def points(self, x: Array) -> Array:
+        """Return the positions of the quadrature points [m], (points, 3)."""
+        return np.asarray((self.side.basis @ x[self.side.nodes]).reshape(-1, 3))
+
+    def normals(self, x: Array, derivatives: Array | None = None) -> Array:
+        """Return the outward unit normals of the surfaces at the points, (points, 3).
+
+        ``derivatives`` (n, k, d) are those of the shape functions at other points of a facet.
+        """
+        table = self.side.derivatives if derivatives is None else derivatives
+        tangents = np.einsum("fki,pka->fpia", x[self.side.nodes], table, optimize=True)
+        normals = cross_tangents(tangents) * self.side.outward[:, None, None]
+        normals /= np.linalg.norm(normals, axis=2, keepdims=True)
+        return np.asarray(normals.reshape(-1, 3))
+
+    def touching(self, x: Array) -> Touching:
+        """Return the points that touch their facets."""
+        averages = self.mean_weight is not None
+        version = self.law.version, averages
+        if self._evaluated and self._evaluated[1] == version:
+            if np.array_equal(x, self._evaluated[0]):
+                return self._evaluated[2]
+        zero, reach = _ZERO_GAP * self.size, self._moved(x)
+        if averages:
+            reach = max(reach, self._moved(self._before[0]))
+        close = (self._gap <= reach + zero) | (self.law.multipliers > 0)
+        some = np.flatnonzero(close & (self._facet >= 0))
+        gaps = self._measure(x, some)
+        gap, start = gaps.gap, None
+        if averages and not self.law.augmented:
+            # Points far outside of their facets have infinite gaps.
+            ends = self._at_start(some)[0].gap, gap
+            start, gap = (np.minimum(end, self._reach) for end in ends)
+        response = self.law.response(some, gap, start)
+        which = response.pressure > 0
+        if start is None:
+            which |= gap <= zero[some]
+        chosen, some = Gaps(*(values[which] for values in gaps)), some[which]
+        found = Touching(some, self._facet[some], chosen, *(v[which] for v in response))
+        self._evaluated = x, version, found
+        return found
+
+    def acting(self, x: Array) -> tuple[Array, Array, Array]:
+        """Return the points that touch, their gaps and pressures."""
+        at = self.touching(x)
+        return at.point, at.gaps.gap, at.pressure
+
+    def energy(self, x: Array) -> float:
+        """Return the energy [J]."""
+        at = self.touching(x)
+        energy = self.law.energy(at.point, at.energy)
+        if self.mean_weight is not None:
+            energy += float((self._turn * (x - self._before[0])).sum())
+        return self.weight * energy
+
+    def gradient(self, x: Array) -> Array:
+        """Return the energy's derivative by the nodes [N], (m, 3)."""
+        at = self.touching(x)
+        forces = gap_derivative(at.gaps, self._basis(at))
+        forces *= (-self.law.weights[at.point] * at.pressure)[:, None, None]
+        nodes = self._nodes(at).ravel()
+        columns = [np.bincount(nodes, forces[..., i].ravel(), len(x)) for i in range(3)]
+        found = np.stack(columns, axis=1)
+        return found if self.mean_weight is None else self.weight * (found + self._turn)
+
+    def nodal_forces(self, x: Array) -> Array:
+        """Return the forces of the second surface on the first one's nodes [N], (m, 3)."""
+        forces = np.zeros_like(x)
+        forces[self._first_nodes] = -self.gradient(x)[self._first_nodes]
+        return forces
+
+    def force_derivative(self, component: int, x: Array) -> Array:
+        """Return the derivative of a component of their sum by own nodes [N/m], (m, c)."""
+        c, translation = self._surface.components, np.zeros((len(x), self._surface.components))
+        translation[self._first_nodes, component] = 1.0
+        found = np.zeros_like(translation)
+        nodes, matrices, _ = self.matrices(x, "exact")
+        rows = np.searchsorted(self._surface.nodes, nodes)
+        products = matrices @ translation[rows].reshape(len(rows), -1, 1)
+        np.add.at(found, rows, -products.reshape(*rows.shape, c))
+        return found
+
+    def matrices(self, x: Array, filter: str) -> tuple[Array, Array, int]:
+        """Return global nodes (n, k), filtered matrices (n, c k, c k), and how many were filtered.
+
+        c is the number of the displacement's components.
+
+        Only those of which this rank owns a row are returned, summed over the points of a facet
+        that touch the same facet.
+        """
+        at = self.touching(x)
+        mine = self._surface.is_own[self._nodes(at)].any(axis=1)
+        gaps = Gaps(*(values[mine] for values in at.gaps))
+        point, facet, _, *response = at
+        at = Touching(point[mine], facet[mine], gaps, *(values[mine] for values in response))
+        basis, nodes = self._basis(at), self._nodes(at)
+        dg = gap_derivative(gaps, basis).reshape(len(nodes), 3 * nodes.shape[1])
+        Q, C = gap_second_derivative(gaps, basis)
+        # The eigenvalues of Q C Q^T are those of R C R^T, and zeros.
+        Q, R = np.linalg.qr(Q)
+        curved = R @ (-at.pressure[:, None, None] * C) @ np.swapaxes(R, 1, 2)
+        curved, filtered = filter_matrices(curved, filter)
+        found = at.stiffness[:, None, None] * dg[:, :, None] * dg[:, None]
+        found += Q @ curved @ np.swapaxes(Q, 1, 2)
+        found *= self.weight * self.law.weights[at.point, None, None]
+        keys = self._keys(at.point)
+        _, first, which = np.unique(keys, return_index=True, return_inverse=True)
+        order = np.argsort(which.ravel(), kind="stable")
+        starts = np.searchsorted(which.ravel()[order], np.arange(len(first)))
+        found = np.add.reduceat(found[order], starts) if len(first) else found
+        k, c = nodes.shape[1], self._surface.components
+        found = found.reshape(-1, k, 3, k, 3)[:, :, :c, :, :c].reshape(-1, c * k, c * k)
+        return self._surface.nodes[nodes[first]], found, filtered
+
+    def node_pairs(self, x: Array) -> Array:
+        """Return the pairs of global nodes of facets that may touch, (n, 2).
+
+        The same array until a facet outside of it is touched.
+        """
+        keys = self._keys(self.touching(x).point)
+        if self._pairs is None or not np.isin(keys, self._known).all():
+            self._known = np.union1d(self._known, keys)
+            facets = np.divmod(self._known, len(self.side))
+            a, b = (self._surface.nodes[self.side.nodes[facet]] for facet in facets)
+            both = np.stack(np.broadcast_arrays(a[:, :, None], b[:, None]), axis=-1).reshape(-1, 2)
+            self._pairs = np.unique(np.concatenate([both, both[:, ::-1]]), axis=0)
+        return self._pairs
+
+    def row(self, x: Array) -> dict[str, Any]:
+        """Return the pair's row of run.json.
+
+        ``force`` [N], which the second surface exerts on the first; ``contacts``, the number of
+        points that touch; ``penetration`` [m], their largest; ``deepest`` and ``deepest_at`` of
+        `DeepestPoint.row`; ``stiffness`` [Pa/m].
+        """
+        at = self.touching(x)
+        penetration = max(0.0, float(-at.gaps.gap.min(initial=0.0)))  # max: not -0.0
+        return {
+            "force": self.nodal_forces(x).sum(axis=0).tolist(),
+            "contacts": int((at.pressure > 0).sum()),
+            "penetration": penetration,
+            **self._deepest(x, at).row(penetration),
+            "stiffness": self.stiffness,
+        }
+
+    @property
+    def own_points(self) -> Array:
+        """The points of facets whose cells this rank owns, (n,) int."""
+        numbers = np.arange(len(self.size)).reshape(self.side.weights.shape)
+        return numbers[self.side.own].ravel()
+
+    def history(self) -> tuple[Array, Array]:
+        """Return points of this rank's facets (n, 3), and multipliers and factors there, (n, 2).
+
+        The points are moved a little into their body.
+        """
+        X, own = self._surface.X, self.own_points
+        points = self.points(X) - _INSIDE * self.size[:, None] * self.normals(X)
+        return points[own], np.hstack(self.law.history())[own]
+
+    def set_history(self, values: Array) -> None:
+        """Set what is kept, (n, 2), in the order of `history`. Collective."""
+        kept, comm = np.zeros_like(self.law.kept), self._surface.comm
+        kept[self.own_points] = values[:, 0]
+        # Each point has one owner.
+        self.law.set_history(comm.allreduce(kept), values[:, 1], comm)
+
+    def _find(self, x: Array, points: Array, normals: Array) -> tuple[Array, Array]:
+        """Return the facets that points may touch, and where: see `ClosestFacets.find`.
+
+        The points are those of all facets, so many of each.
+        """
+        split = len(points) // len(self.side) * self._num_first
+        parts = zip(self._closest, (slice(split), slice(split, None)), strict=True)
+        first, second = (one.find(x, points[i], normals[i], self._reach) for one, i in parts)
+        facet = np.where(first.facet >= 0, first.facet + self._num_first, -1)
+        both = np.concatenate([facet, second.facet]), np.concatenate([first.start, second.start])
+        return both
+
+    def _measure(self, x: Array, which: Array) -> Gaps:
+        facets, starts = self._facet[which], self._start[which]
+        return measure_gaps(
+            self._surface.shape, self.side, x, self.points(x)[which], facets, starts
+        )
+
+    def _moved(self, x: Array) -> float:
+        """Return by how much gaps may have changed since the search, as both surfaces move [m]."""
+        moved = np.linalg.norm(x - self._searched, axis=1).max(initial=0.0)
+        return 2 * _SPREAD * float(moved)
+
+    def _at_start(self, which: Array) -> tuple[Gaps, Array]:
+        """Return the gaps of points at the step's start, and their facets there.
+
+        A point without a facet has the present one, and is open.
+        """
+        x, facets, starts = self._before
+        has = facets[which] >= 0
+        facet = np.where(has, facets[which], self._facet[which])
+        start = np.where(has[:, None], starts[which], self._start[which])
+        points = self.points(x)[which]
+        gaps = measure_gaps(self._surface.shape, self.side, x, points, facet, start)
+        gap = np.where(has, gaps.gap, np.maximum(gaps.gap, _OPEN * self.size[which]))
+        return gaps._replace(gap=gap), facet
+
+    def _mean_turn(self, x: Array) -> Array:
+        """Return what the mean derivatives of the gaps add to `gradient` [N], (m, 3).
+
+        The ways of `mean_derivative` are those of a point's nodes less their mean: without it the
+        forces had a sum.
+        """
+        at, found = self.touching(x), np.zeros_like(x)
+        before, facet = self._at_start(at.point)
+        basis, nodes = self._basis(at), self._nodes(at)
+        nodes = np.concatenate([nodes, self.side.nodes[facet]], axis=1)
+        k = basis.shape[1]
+        old, new = gap_derivative(before, basis), gap_derivative(at.gaps, basis)
+        has = self._before[1][at.point] >= 0
+        old = np.where(has[:, None, None], old, new)
+        none = np.zeros_like(new[:, k:])
+        new = np.concatenate([new, none], axis=1)
+        mean = (np.concatenate([old[:, :k], none, old[:, k:]], axis=1) + new) / 2
+        way = (x - self._before[0])[nodes]
+        way -= way.mean(axis=1, keepdims=True)
+        start, end = (np.minimum(gap, self._reach) for gap in (before.gap, at.gaps.gap))
+        flat, size = (len(nodes), 3 * nodes.shape[1]), self.size[at.point]
+        mean = mean_derivative(mean.reshape(flat), end - start, way.reshape(flat), size)
+        forces = mean.reshape(way.shape) - new
+        forces *= (-self.law.weights[at.point] * at.pressure)[:, None, None]
+        np.add.at(found, nodes, forces)
+        return found
+
+    def _deepest(self, x: Array, at: Touching) -> DeepestPoint:
+        """Return the deepest point of either surface in the other one."""
+        shape, side = self._surface.shape, self.side
+        basis, derivatives = shape.evaluate(facet_grid(shape.kind))
+        grid = basis @ x[side.nodes]
+        points = grid.reshape(-1, 3)
+        facet, start = self._find(x, points, self.normals(x, derivatives))
+        gaps, some = np.full(len(points), np.inf), np.flatnonzero(facet >= 0)
+        gaps[some] = measure_gaps(shape, side, x, points[some], facet[some], start[some]).gap
+        known = np.full(len(self.size), np.inf)
+        known[at.point] = at.gaps.gap
+        both = np.hstack([known.reshape(side.weights.shape), gaps.reshape(grid.shape[:2])])
+        positions = np.concatenate([side.basis @ x[side.nodes], grid], axis=1)
+        return DeepestPoint.among(both, side.sizes, positions)
+
+    def _basis(self, at: Touching) -> Array:
+        return np.asarray(self.side.basis[at.point % len(self.side.basis)])
+
+    def _nodes(self, at: Touching) -> Array:
+        """Return the nodes of both facets of each point, as rows of the surface's nodes."""
+        own = self.side.nodes[at.point // len(self.side.basis)]
+        return np.concatenate([own, self.side.nodes[at.facet]], axis=1)
+
+    def _keys(self, points: Array) -> Array:
+        """Return numbers of the pairs of facets of some points."""
+        own = points // len(self.side.basis)
+        return np.asarray(own * len(self.side) + self._facet[points])
 
 
 class BodyContact(SurfaceContact, MeanForceTerm, CouplingTerm):
@@ -71,7 +538,7 @@ class BodyContact(SurfaceContact, MeanForceTerm, CouplingTerm):
         On every rank, if a surface has no facet on the boundary, or the two have a common node.
     """
 
-    name = "contact"
+    name, gathered = "contact", True
     pairs: list[SurfacePair]
     unsettled_penalty = _UNSETTLED_PENALTY
 
@@ -98,7 +565,6 @@ class BodyContact(SurfaceContact, MeanForceTerm, CouplingTerm):
             height = max(surface_mean(s, cell_heights(s, V), comm) for s in both)
             first, second = sides
             self.pairs.append(SurfacePair(pair, self.surface, (first, second), default, height))
-        self._passes = [one for pair in self.pairs for one in pair.passes]
         self._stale, self._stepped = True, False
         self._coupled: tuple[list[Array], Array] | None = None
 
@@ -109,7 +575,7 @@ class BodyContact(SurfaceContact, MeanForceTerm, CouplingTerm):
     def couplings(self, u: PETSc.Vec) -> Array:
         """Return the pairs of nodes that the Hessian couples: see `CouplingTerm`. Collective."""
         x = self.configuration(u)
-        parts = [one.pairs(x) for one in self._passes]
+        parts = [pair.node_pairs(x) for pair in self.pairs]
         if self._coupled is None or any(map(lambda a, b: a is not b, parts, self._coupled[0])):
             self._coupled = parts, np.concatenate(parts)
         return self._coupled[1]
@@ -121,9 +587,9 @@ class BodyContact(SurfaceContact, MeanForceTerm, CouplingTerm):
         choose("filter", filter, FILTERS)
         x, count = self.configuration(u), 0
         for pair in self.pairs:
-            for nodes, matrices, filtered in pair.matrices(x, filter):
-                target.add_couplings(nodes, matrices)
-                count += filtered
+            nodes, matrices, filtered = pair.matrices(x, filter)
+            target.add_couplings(nodes, matrices)
+            count += filtered
         return count
 
     def begin_step(self, u: PETSc.Vec) -> None:
@@ -143,7 +609,7 @@ class BodyContact(SurfaceContact, MeanForceTerm, CouplingTerm):
         first = 0
         for pair in self.pairs:
             if pair.law.augmented:
-                last = first + len(pair.own_rows)
+                last = first + len(pair.own_points)
                 pair.set_history(values[first:last])
                 first = last
 
@@ -152,14 +618,6 @@ class BodyContact(SurfaceContact, MeanForceTerm, CouplingTerm):
         x = self.surface.positions(super().configuration(u))
         if self._stale:
             self._stale = False
-            for one in self._passes:
-                one.search(x)
+            for pair in self.pairs:
+                pair.search(x)
         return x
-
-    def add_nodal(self, values: Array, vector: PETSc.Vec) -> None:
-        """Add vectors at the nodes (m, c) to this rank's own entries of a vector."""
-        self.surface.add_own(values, self._rows(vector))
-
-    def _sum(self, values: Any) -> Any:
-        """Return the values, as every rank has all points."""
-        return values

@@ -8,13 +8,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from scipy.sparse import csr_matrix, identity, kron
 
 from fem_snh import _dolfinx
+from fem_snh.assembly.assembled_matrix import BlockMatrix
 from fem_snh.contact.surface_quadrature import SurfaceQuadrature, cross_tangents
+from fem_snh.mesh.gmsh_model import Skin
+from fem_snh.mesh.mesh_checks import ON_AXIS
 
 Array = npt.NDArray[Any]
 
@@ -163,6 +167,14 @@ class Side:
     def __len__(self) -> int:
         return len(self.nodes)
 
+    @classmethod
+    def joined(cls, first: Side, second: Side) -> Side:
+        """Return the facets of one surface, then the facets of another one."""
+        columns = [(side.nodes, side.outward, side.weights, side.areas) for side in (first, second)]
+        nodes, outward, weights, areas = map(np.concatenate, zip(*columns, strict=True))
+        own = np.concatenate([first.own, len(first) + second.own])
+        return cls(nodes, outward, weights, first.basis, first.derivatives, areas, own)
+
     @property
     def mean_size(self) -> float:
         """The size of facets: the root of their mean area, of curves the mean length [m]."""
@@ -174,7 +186,7 @@ class Side:
         return np.asarray(self.areas ** (1 / self.derivatives.shape[2]))
 
 
-class GatheredSurface:
+class GatheredSurface(GatheredNodes):
     """The nodes of some surfaces, on every rank. Collective.
 
     Parameters
@@ -188,12 +200,6 @@ class GatheredSurface:
     ----------
     shape : FacetShape
         The shape functions of a facet.
-    nodes : (m,) int64
-        Global nodes of V, sorted.
-    X : (m, 3)
-        Their reference coordinates [m].
-    is_own : (m,) bool
-        Whether this rank owns the node.
     sides : list of Side
         The facets of each surface.
     components : int
@@ -201,14 +207,12 @@ class GatheredSurface:
     """
 
     def __init__(self, V: Any, surfaces: Sequence[SurfaceQuadrature]) -> None:
-        domain, self.comm, self.components = V.mesh, V.mesh.comm, _dolfinx.num_components(V)
-        kind = _dolfinx.FACET_OF[_dolfinx.cell_name(domain)]
+        self.components = _dolfinx.num_components(V)
+        kind = _dolfinx.FACET_OF[_dolfinx.cell_name(V.mesh)]
         self.shape = FacetShape(kind, _dolfinx.degree(V))
         numbers = _dolfinx.local_to_global(V)
         wanted = [numbers[surface.nodes.ravel()] for surface in surfaces]
-        self._gathered = GatheredNodes(V, np.concatenate(wanted))
-        self.nodes, self.is_own = self._gathered.nodes, self._gathered.is_own
-        self.X = self._gathered.X
+        super().__init__(V, np.concatenate(wanted))
         X = V.tabulate_dof_coordinates()[: len(numbers)]
         self.sides = [self._side(X, numbers, surface) for surface in surfaces]
 
@@ -217,11 +221,7 @@ class GatheredSurface:
 
         ``u`` are this rank's nodal displacements (local nodes, 3).
         """
-        return self.X + self._gathered.gather(u)
-
-    def add_own(self, values: Array, out: Array) -> None:
-        """Add those of the nodes' values (m, 3) that this rank owns to ``out`` (local nodes, 3)."""
-        self._gathered.add_own(values, out)
+        return self.X + self.gather(u)
 
     def _side(self, X: Array, numbers: Array, surface: SurfaceQuadrature) -> Side:
         local = X[surface.nodes]
@@ -244,3 +244,284 @@ class GatheredSurface:
             areas[order],
             own,
         )
+
+
+class EmbeddedSurface:
+    r"""Triangles whose points follow the displacement linearly. Collective.
+
+    .. math:: x_i(u) = X_i + \sum_a W_{ia} u_a
+
+    All arrays are the same on all ranks.
+
+    Parameters
+    ----------
+    V : dolfinx function space
+        The displacement's space.
+    points : (n, 3)
+        Reference positions X [m].
+    triangles : (m, 3) int
+        Points of each triangle, counter-clockwise seen from outside of the body; in two dimensions
+        (m, 2), the points of segments.
+    nodes : (n, k) int64
+        Global nodes of V that each point depends on.
+    weights : (n, k)
+        Their weights W.
+
+    Attributes
+    ----------
+    points, triangles, nodes, weights
+        The parameters; ``triangles`` are int32.
+    support : GatheredNodes
+        The nodes that the points depend on.
+    columns : (n, k) int
+        Rows of ``support.nodes`` that hold ``nodes``.
+    matrix : (n, m) scipy CSR matrix
+        W, from values at the nodes of ``support`` to values at the points.
+    components : int
+        Components of the displacement.
+    """
+
+    def __init__(
+        self, V: Any, points: Array, triangles: Array, nodes: Array, weights: Array
+    ) -> None:
+        self.points, self.triangles = points, np.asarray(triangles, np.int32)
+        self.nodes, self.weights, self.components = nodes, weights, _dolfinx.num_components(V)
+        self.support = GatheredNodes(V, nodes.ravel())
+        self.columns = np.searchsorted(self.support.nodes, nodes)
+        starts = np.arange(len(nodes) + 1) * nodes.shape[1]
+        self.matrix = csr_matrix(
+            (weights.ravel(), self.columns.ravel(), starts),
+            shape=(len(points), len(self.support.nodes)),
+        )
+        self._nodal_map = csr_matrix(self.matrix.T)
+
+    @classmethod
+    def boundary(cls, V: Any, revolved: bool = False) -> EmbeddedSurface:
+        """Return the triangles of the facets on the boundary of V's mesh. Collective.
+
+        The points are the nodes on the boundary: a facet of degree 2 gives four times as many
+        triangles as one of degree 1, a quadrilateral twice as many as a triangle. The order of
+        points and triangles does not depend on the number of ranks. The axis of a body of
+        revolution is no surface.
+        """
+        kind = _dolfinx.FACET_OF[_dolfinx.cell_name(V.mesh)]
+        surface = GatheredSurface(V, [SurfaceQuadrature(V, degree=1)])
+        side = surface.sides[0]
+        corners = _subdivision(surface.shape.nodes, kind, _dolfinx.degree(V))
+        triangles = side.nodes[:, corners]  # (facets, triangles, 3)
+        flipped = side.outward < 0
+        triangles[flipped] = triangles[flipped][..., ::-1]
+        if revolved:
+            size = np.abs(surface.X).max(initial=0.0)
+            off_axis = surface.X[side.nodes, 0].max(axis=1) > ON_AXIS * size
+            triangles = triangles[off_axis]
+        # Points in the order in which the facets name them.
+        used, first, index = np.unique(triangles, return_index=True, return_inverse=True)
+        order = np.argsort(first)
+        rank = np.empty(len(order), np.int32)
+        rank[order] = np.arange(len(order))
+        nodes = surface.nodes[used[order]]
+        return cls(
+            V,
+            surface.X[used[order]],
+            rank[index].reshape(-1, corners.shape[1]),
+            nodes[:, None],
+            np.ones((len(nodes), 1)),
+        )
+
+    @classmethod
+    def of_skin(cls, V: Any, skin: Skin) -> EmbeddedSurface:
+        """Return the skin that the cells of a lattice carry. Collective.
+
+        Parameters
+        ----------
+        V : dolfinx function space
+            The displacement's space, on cells that are parallelepipeds.
+        skin : Skin
+            The skin.
+        """
+        domain = V.mesh
+        points, rows = carried_points(domain, skin)
+        corners = _dolfinx.geometry_x(domain)[_dolfinx.geometry_dofs(domain)[rows]]
+        # Corner 2^k of a hexahedron is the end of its k-th edge.
+        edges = np.stack([corners[:, 1 << k] - corners[:, 0] for k in range(3)], axis=2)
+        local = np.linalg.solve(edges, (skin.points[points] - corners[:, 0])[..., None])[..., 0]
+        nodes = _dolfinx.local_to_global(V)[_dolfinx.node_dofs(V)[rows]]
+        weights = _dolfinx.tabulate_values(V, local)
+        parts = domain.comm.allgather((points, nodes, weights))
+        order = np.argsort(np.concatenate([part[0] for part in parts]))
+        nodes, weights = (np.concatenate([part[i] for part in parts])[order] for i in (1, 2))
+        return cls(V, skin.points, skin.triangles, nodes, weights)
+
+    def positions(self, u: Array) -> Array:
+        """Return the positions of the points [m], (n, 3). Collective.
+
+        ``u`` are this rank's nodal displacements (local nodes, 3). In two dimensions both have two
+        components. All ranks get the same bits.
+        """
+        moved = self.interpolate(self.support.gather(u))
+        return np.asarray(self.points[:, : moved.shape[1]] + moved)
+
+    def nodal(self, values: Array) -> Array:
+        """Return forces at the nodes of ``support`` (m, c) from forces at the points, (n, c)."""
+        return np.asarray(self._nodal_map @ values)
+
+    def add_own(self, values: Array, out: Array) -> None:
+        """Add this rank's rows of `nodal` to ``out`` (local nodes, c)."""
+        self.support.add_own(self.nodal(values), out)
+
+    def interpolate(self, values: Array) -> Array:
+        """Return vectors at the points (n, 3) from those at the nodes of ``support``, (m, 3)."""
+        return np.asarray(self.matrix @ values)
+
+
+def embedded_surface(V: Any, skin: Skin | None = None, revolved: bool = False) -> EmbeddedSurface:
+    """Return the surface on which a body touches itself. Collective.
+
+    It is the skin that a lattice carries, or the boundary of the mesh.
+
+    Parameters
+    ----------
+    V : dolfinx function space
+        The displacement's space.
+    skin : Skin, optional
+        The skin. Default: the boundary.
+    revolved : bool
+        Whether the mesh is a section that revolves about the axis x = 0.
+    """
+    if skin is None:
+        return EmbeddedSurface.boundary(V, revolved)
+    return EmbeddedSurface.of_skin(V, skin)
+
+
+def point_areas(points: Array, triangles: Array, revolved: bool = False) -> Array:
+    r"""Return the areas of a surface's points (n,) [m^2]: a third of their triangles.
+
+    In two dimensions they are half of the segments per thickness, and on a body of revolution
+    :math:`\int N_i\, 2 \pi r\, ds`, with linear :math:`N_i`.
+
+    Parameters
+    ----------
+    points : (n, 3)
+        Positions [m].
+    triangles : (m, 3) or (m, 2) int
+        The triangles, or the segments, by their points.
+    revolved : bool
+        Whether the segments revolve about the axis x = 0.
+    """
+    corners, count = points[triangles], triangles.shape[1]
+    ways = corners[:, 1:] - corners[:, :1]
+    if count == 2:
+        parts = np.linalg.norm(ways[:, 0], axis=1) / 2
+    else:
+        parts = np.linalg.norm(np.cross(ways[:, 0], ways[:, 1]), axis=1) / 6
+    each = np.repeat(parts, count)
+    if revolved:
+        r = np.maximum(corners[:, :, 0], 0.0)  # rounding errors on the axis
+        each *= (2 * np.pi * (r + r.sum(axis=1, keepdims=True)) / 3).ravel()
+    return np.bincount(triangles.ravel(), each, len(points))
+
+
+def carried_points(domain: Any, skin: Skin) -> tuple[Array, Array]:
+    """Return the points of a skin that this rank's own cells carry, (n,), and the cells, (n,)."""
+    owned = _dolfinx.num_owned(domain)
+    row_of = np.full(_dolfinx.num_cells(domain), -1)
+    row_of[_dolfinx.input_cells(domain)[:owned]] = np.arange(owned)
+    points = np.flatnonzero(row_of[skin.cells] >= 0)
+    return points, row_of[skin.cells[points]]
+
+
+def _subdivision(nodes: Array, kind: str, degree: int) -> Array:
+    """Return the triangles (m, 3) between nodes of a facet with reference coordinates (k, d).
+
+    Of a curve they are segments, (m, 2).
+    """
+    # Those of degree 3 are at 0.28 and 0.72 along edges, and at 1/3: nearest to the lattice's.
+    order = np.lexsort(np.rint(degree * nodes).T)
+    return np.asarray(order[_lattice_triangles(kind, degree)])
+
+
+def _lattice_triangles(kind: str, degree: int) -> Array:
+    """Return the triangles between points sorted by their rows, or segments."""
+    if kind == "interval":
+        return np.stack([np.arange(degree), np.arange(1, degree + 1)], axis=1)
+    is_triangle = kind == "triangle"
+    starts, count = list[int](), 0
+    for row in range(degree + 1):
+        starts.append(count)
+        count += degree + 1 - (row if is_triangle else 0)
+    found = list[tuple[int, int, int]]()
+    for row in range(degree):
+        for i in range(degree - row if is_triangle else degree):
+            below, above = starts[row] + i, starts[row + 1] + i
+            found.append((below, below + 1, above))
+            if not is_triangle or i < degree - row - 1:
+                found.append((below + 1, above + 1, above))
+    return np.array(found)
+
+
+class Blocks(NamedTuple):
+    """Blocks in the rows that this rank owns; nodes are rows of ``surface.support.nodes``.
+
+    Attributes
+    ----------
+    rows, columns : (n,) int
+        The nodes of each block.
+    values : (n, 3, 3)
+        The blocks [N/m].
+    """
+
+    rows: Array
+    columns: Array
+    values: Array
+
+
+class SurfaceMatrix:
+    """The rows of this rank of a surface's matrix, and a pattern that contains them.
+
+    Parameters
+    ----------
+    surface : EmbeddedSurface
+        The surface.
+
+    Attributes
+    ----------
+    pairs : (n, 2) int64
+        Global nodes of the pattern's blocks: see `BlockMatrix.couple`. It is the same array until
+        `replace` is called.
+    """
+
+    def __init__(self, surface: EmbeddedSurface) -> None:
+        self._nodes, own = surface.support.nodes, surface.support.is_own
+        self._own = np.flatnonzero(own)
+        self._components = surface.components
+        one = identity(self._components)
+        weights = surface.matrix
+        self._map = kron(weights, one, format="csr")
+        self._own_map = kron(weights[:, self._own].T, one, format="csr")
+        self._keys: Array = np.empty(0, np.int64)
+        self.pairs: Array = np.empty((0, 2), np.int64)
+
+    def blocks(self, matrix: Any) -> Blocks:
+        """Return the blocks of a sparse matrix of the points, (3 n, 3 n)."""
+        found = csr_matrix(self._own_map @ (matrix @ self._map)).tobsr((self._components,) * 2)
+        rows = self._own[np.repeat(np.arange(len(self._own)), np.diff(found.indptr))]
+        return Blocks(rows, found.indices, found.data)
+
+    def contains(self, blocks: Blocks) -> bool:
+        """Return whether the pattern has these blocks."""
+        return bool(np.isin(self._key(blocks), self._keys, assume_unique=True).all())
+
+    def replace(self, *patterns: Blocks) -> None:
+        """Replace the pattern by the union of several."""
+        self._keys = np.unique(np.concatenate([self._key(blocks) for blocks in patterns]))
+        rows, columns = np.divmod(self._keys, len(self._nodes))
+        self.pairs = np.stack([self._nodes[rows], self._nodes[columns]], axis=1)
+
+    def add(self, blocks: Blocks, target: BlockMatrix) -> None:
+        """Add blocks to a matrix, inside of `BlockMatrix.adding`."""
+        rows, columns = self._nodes[blocks.rows], self._nodes[blocks.columns]
+        target.add_couplings(rows[:, None], blocks.values, columns[:, None])
+
+    def _key(self, blocks: Blocks) -> Array:
+        return blocks.rows.astype(np.int64) * len(self._nodes) + blocks.columns

@@ -12,16 +12,26 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 
-from fem_snh.assembly.kinematics import Kinematics
-from fem_snh.assembly.unknowns import local_values, writable_values
+from fem_snh import _dolfinx
+from fem_snh.assembly.kinematics import SOLID, Kinematics
+from fem_snh.assembly.unknowns import local_values, update_ghosts, writable_values
+from fem_snh.contact.gathered_surface import (
+    EmbeddedSurface,
+    SurfaceMatrix,
+    embedded_surface,
+    point_areas,
+)
 from fem_snh.contact.law import ContactLaw
+from fem_snh.mesh.gmsh_model import Skin
+from fem_snh.records.output_fields import CONTACT_PRESSURES
 from fem_snh.terms.history import HistoryTerm
 from fem_snh.terms.settling import LaggedChange, largest_change
-from fem_snh.terms.term import ForceTerm
+from fem_snh.terms.term import CouplingTerm, ForceTerm
 
 if TYPE_CHECKING:
+    from fem_snh.contact.body_contact import SurfacePair
     from fem_snh.contact.obstacle_pair import ObstaclePair
-    from fem_snh.contact.surface_pair import SurfacePair
+
 
 Array = npt.NDArray[Any]
 
@@ -98,6 +108,9 @@ class SurfaceContact(HistoryTerm, ForceTerm):
     has_penalties = is_contact = True
     #: The key of the pairs' rows in run.json.
     key = "contacts"
+    #: Whether every rank has all points of ``surface``, and adds its own rows.
+    gathered = False
+    surface: Any
 
     def __init__(self, V: Any, kinematics: Kinematics) -> None:
         self.comm, self._V, self._kinematics = V.mesh.comm, V, kinematics
@@ -107,13 +120,19 @@ class SurfaceContact(HistoryTerm, ForceTerm):
         return self._kinematics.padded(local_values(u))
 
     def add_nodal(self, values: Array, vector: PETSc.Vec) -> None:
-        """Add vectors at the nodes of the configuration (nodes, c) to a vector. Collective."""
+        """Add vectors at the rows of the configuration (n, c) to a vector: its own entries or all.
+
+        Collective.
+        """
         out = self._rows(vector)
-        out += values[:, : out.shape[1]]
+        if self.gathered:
+            self.surface.add_own(values, out)
+        else:
+            out += values[:, : out.shape[1]]
 
     def _sum(self, values: Any) -> Any:
         """Return the sum of what the ranks have of the pairs."""
-        return self.comm.allreduce(values, op=MPI.SUM)
+        return values if self.gathered else self.comm.allreduce(values, op=MPI.SUM)
 
     def _rows(self, vector: PETSc.Vec) -> Array:
         """Return a vector's values at this rank's nodes, ghosts included, (nodes, components)."""
@@ -147,7 +166,7 @@ class SurfaceContact(HistoryTerm, ForceTerm):
         return {self.key: {pair.name: pair.row(x) for pair in self.pairs}}
 
     @property
-    def goals(self) -> list[str]:
+    def goals(self) -> Sequence[str]:
         """The names of the forces on first surfaces, or on the body: see `Term.goals`."""
         return [f"{pair.name}.force" for pair in self.pairs]
 
@@ -182,3 +201,72 @@ class SurfaceContact(HistoryTerm, ForceTerm):
         x = self.configuration(u)
         for pair in self.pairs:
             pair.end_step(x)
+
+
+class SelfContactTerm(SurfaceContact, CouplingTerm):
+    r"""What both methods of self-contact share: the surface, its matrix, the contact pressure.
+
+    The pressure is the force per area at the nodes. With the weights :math:`W` of the surface's
+    points :math:`i` (`EmbeddedSurface`) and their areas :math:`A_i` (`point_areas`),
+
+    .. math:: p_a = \frac{|f_a|}{\sum_i W_{ia} A_i},
+
+    where :math:`f_a` is the nodal force of contact. The areas are those of the deformed surface,
+    of the nominal pressure those at rest. At other nodes it is zero.
+
+    Parameters
+    ----------
+    V : dolfinx function space
+        The displacement's space.
+    skin : Skin or None
+        The surface, if a lattice carries it; None for the boundary of the mesh.
+    kinematics : Kinematics, optional
+        That of the displacement.
+
+    Attributes
+    ----------
+    surface : EmbeddedSurface
+        The surface, on every rank.
+    """
+
+    name, gathered, goals = "self_contact", True, ()
+    pairs: list[Any]
+    surface: EmbeddedSurface
+
+    def __init__(self, V: Any, skin: Skin | None, kinematics: Kinematics = SOLID) -> None:
+        super().__init__(V, kinematics)
+        self.surface = embedded_surface(V, skin, kinematics.revolved)
+        self._matrix = SurfaceMatrix(self.surface)
+
+    def configuration(self, u: PETSc.Vec) -> Array:
+        """Return the positions of the surface's points (n, dim) [m]. Collective."""
+        return self.surface.positions(self._nodal(u))
+
+    def _nodal(self, u: PETSc.Vec) -> Array:
+        """Return the displacement of this rank's nodes, ghosts included, (nodes, dim)."""
+        return local_values(u).reshape(-1, self._kinematics.components)
+
+    def nodal_field(self, name: str, u: PETSc.Vec) -> Array:
+        """Return a contact pressure, 0 of another field: see `Term.nodal_field`. Collective."""
+        if name not in CONTACT_PRESSURES:
+            return np.zeros(1)
+        forces = _dolfinx.create_vector(self._V)
+        nodal = self._rows(forces)
+        nodal[:] = 0
+        self.add_residual(u, None, forces, None)
+        x = self.surface.points
+        if name == "contact_pressure":
+            x = x.copy()
+            x[:, : nodal.shape[1]] = self.surface.positions(self._nodal(u))
+        areas, size = self._areas(x), np.linalg.norm(nodal, axis=1)
+        found = np.divide(size, areas, out=np.zeros_like(size), where=areas > 0)
+        nodal[:] = found[:, None]
+        update_ghosts(forces)
+        return np.array(self._nodal(forces)[:, 0])
+
+    def _areas(self, x: Array) -> Array:
+        """Return the areas of this rank's nodes, with the surface's points at x [m^2]."""
+        points = point_areas(x, self.surface.triangles, self._kinematics.revolved)
+        areas = np.zeros((sum(_dolfinx.num_nodes(self._V)), 1))
+        self.surface.add_own(points[:, None], areas)
+        return areas[:, 0]

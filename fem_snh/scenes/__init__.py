@@ -11,9 +11,8 @@ materials, never the solver.
 
 from __future__ import annotations
 
-from fem_snh.contact.contact import Contact
+from fem_snh.contact.contact import Contact, SelfContact
 from fem_snh.contact.obstacle import Obstacle
-from fem_snh.contact.self_contact import SelfContact
 from fem_snh.scenes._bones import BoneChoice, Rig
 from fem_snh.scenes._consistency import check_consistency, group_references, why_condensed
 from fem_snh.scenes._loading import (

@@ -23,9 +23,8 @@ from fem_snh.choices import (
     MASSES,
     PREDICTORS,
 )
-from fem_snh.contact.contact import Contact
+from fem_snh.contact.contact import Contact, SelfContact
 from fem_snh.contact.obstacle import Obstacle
-from fem_snh.contact.self_contact import SelfContact
 from fem_snh.files import is_shape, xdmf_data
 from fem_snh.scenes._bones import BoneChoice, Rig
 from fem_snh.scenes._consistency import check_consistency

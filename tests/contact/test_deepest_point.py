@@ -19,9 +19,8 @@ from fem_snh import _dolfinx
 from fem_snh.accuracy.state_notes import penetration_note
 from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.assembly.unknowns import local_values
-from fem_snh.contact.body_contact import BodyContact
+from fem_snh.contact.body_contact import BodyContact, BodyPair
 from fem_snh.contact.obstacle_contact import RigidContact
-from fem_snh.contact.surface_pair import BodyPair
 from fem_snh.contact.surface_quadrature import DeepestPoint
 from fem_snh.geometry.motions import MovingShape
 from fem_snh.geometry.shapes import Sphere

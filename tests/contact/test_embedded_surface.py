@@ -10,7 +10,7 @@ from bodies import cube
 from polynomials import ELEMENTS
 
 from fem_snh import _dolfinx
-from fem_snh.contact.embedded_surface import EmbeddedSurface, embedded_surface
+from fem_snh.contact.gathered_surface import EmbeddedSurface, embedded_surface
 from fem_snh.mesh import mesh
 
 pytestmark = pytest.mark.mpi

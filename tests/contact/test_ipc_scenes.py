@@ -14,8 +14,8 @@ from scipy.sparse import random as random_matrix
 
 import fem_snh
 from fem_snh import _dolfinx
-from fem_snh.contact.collisions import CollisionSurface
-from fem_snh.contact.embedded_surface import EmbeddedSurface, SurfaceMatrix
+from fem_snh.contact.barrier import CollisionSurface
+from fem_snh.contact.gathered_surface import EmbeddedSurface, SurfaceMatrix
 from fem_snh.errors import BadInput
 from fem_snh.scenes import Scene, validate
 from fem_snh.viewing.states import States
@@ -97,7 +97,7 @@ def test_matrix_of_a_skin():
     found[blocks.rows, :, blocks.columns] = blocks.values
     np.testing.assert_allclose(found.reshape(W.shape[1], -1), W.T @ H @ W, atol=1e-14)
     forces = rng.random((n, 3))
-    np.testing.assert_allclose(matrix.nodal(forces).ravel(), W.T @ forces.ravel(), atol=1e-14)
+    np.testing.assert_allclose(surface.nodal(forces).ravel(), W.T @ forces.ravel(), atol=1e-14)
     assert not matrix.contains(blocks)
     matrix.replace(blocks)
     assert matrix.contains(blocks) and len(matrix.pairs) == len(blocks.rows)

@@ -9,10 +9,9 @@ from polynomials import ELEMENTS
 from scipy.spatial.transform import Rotation
 
 from fem_snh import _dolfinx
-from fem_snh.contact.embedded_surface import embedded_surface
-from fem_snh.contact.reference.deformed_cells import DeformedCells
-from fem_snh.contact.reference.samples import Neighbourhood, body_numbers
-from fem_snh.contact.reference.targets import CloserTargets, ReferenceSurface, approaching
+from fem_snh.contact.gathered_surface import embedded_surface
+from fem_snh.contact.samples import DeformedCells, Neighbourhood, body_numbers
+from fem_snh.contact.triangle_search import CloserTargets, ReferenceSurface, approaching
 from fem_snh.geometry.closest_points import closest_points, triangle_normals
 from fem_snh.mesh import mesh
 

@@ -11,7 +11,7 @@ from bodies import create_problem, set_values
 from fem_snh import _dolfinx
 from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.assembly.unknowns import local_values
-from fem_snh.contact.embedded_surface import embedded_surface
+from fem_snh.contact.gathered_surface import embedded_surface
 from fem_snh.geometry.shapes import Box, Capsule, Sphere, Union
 from fem_snh.geometry.shapes.closed_surface import check_closed
 from fem_snh.kernels.material import material

@@ -87,12 +87,11 @@ THIRD_PARTY = {
         "terms",
         "contact.contact",
         "contact.obstacle",
-        "contact.self_contact",
         "scenes",
         "studies.jobs",
     },
     "slepc4py": {"problem.modes"},
-    "ipctk": {"contact.collisions"},
+    "ipctk": {"contact.barrier"},
 }
 #: Third-party packages that these parts may not import: they work without MPI and PETSc.
 _PARALLEL = {"mpi4py", "petsc4py"}
@@ -103,7 +102,6 @@ FORBIDDEN = {
     "terms.feature": _PARALLEL,
     "contact.contact": _PARALLEL,
     "contact.obstacle": _PARALLEL,
-    "contact.self_contact": _PARALLEL,
     "scenes": _PARALLEL,
     "assembly.elements": _PARALLEL,
     "geometry": _PARALLEL,

@@ -11,8 +11,7 @@ from bodies import Condition, Hold, create_problem
 
 from fem_snh import _dolfinx, solver
 from fem_snh.assembly.elements import ELEMENTS
-from fem_snh.contact.body_contact import BodyContact
-from fem_snh.contact.surface_pair import BodyPair
+from fem_snh.contact.body_contact import BodyContact, BodyPair
 from fem_snh.kernels.material import material
 from fem_snh.mesh import mesh
 from fem_snh.problem.problem import Problem

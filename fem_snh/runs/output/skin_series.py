@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from fem_snh.contact.embedded_surface import EmbeddedSurface, carried_points
+from fem_snh.contact.gathered_surface import EmbeddedSurface, carried_points
 from fem_snh.errors import on_root
 from fem_snh.mesh.gmsh_model import Skin
 from fem_snh.records.run_files import RunFiles

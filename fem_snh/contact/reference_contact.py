@@ -14,11 +14,9 @@ import numpy.typing as npt
 from fem_snh.assembly.assembled_matrix import BlockMatrix
 from fem_snh.assembly.kinematics import SOLID, Kinematics
 from fem_snh.assembly.regions import Region
-from fem_snh.assembly.unknowns import local_values, writable_values
 from fem_snh.choices import FILTERS
-from fem_snh.contact.fields import SelfContactTerm
-from fem_snh.contact.reference.pairs import ContactPairs
-from fem_snh.contact.reference.target_search import TargetSearch
+from fem_snh.contact.reference_search import ContactPairs, TargetSearch
+from fem_snh.contact.surface_contact import SelfContactTerm
 from fem_snh.errors import choose
 from fem_snh.mesh.gmsh_model import Skin
 from fem_snh.terms.settling import LaggedChange, relative
@@ -59,9 +57,12 @@ class ReferenceContact(SelfContactTerm):
 
     Attributes
     ----------
-    pairs : ContactPairs
+    springs : ContactPairs
         The present pairs of samples and targets, the same on all ranks.
     """
+
+    springs: ContactPairs
+    _coupled: bool
 
     def __init__(
         self,
@@ -74,8 +75,8 @@ class ReferenceContact(SelfContactTerm):
         super().__init__(V, skin, kinematics)
         revolved, overlap = kinematics.revolved, skin is not None
         self._search = TargetSearch(V, self.surface, regions, stiffness, overlap, revolved)
-        self.pairs, self._searches = ContactPairs.none(kinematics.components), 0
-        self._penetration, self._coupled, self._stale = 0.0, False, True
+        self._set_springs(ContactPairs.none(len(self.surface.points), kinematics.components))
+        self._searches, self._penetration, self._stale = 0, 0.0, True
 
     def set_load(self, load: float) -> None:
         """Search again at the next evaluation, that of the predicted displacement of a step."""
@@ -87,29 +88,16 @@ class ReferenceContact(SelfContactTerm):
         Back from stiffer springs the state is another one: its pairs are searched for again.
         """
         self._search.scale_stiffness(factor)
-        self._set_pairs(replace(self.pairs, stiffness=factor * self.pairs.stiffness))
+        self._set_springs(replace(self.springs, stiffness=factor * self.springs.stiffness))
         self._stale |= factor < 1
         return True
 
-    def energy(self, u: PETSc.Vec, p: PETSc.Vec | None = None) -> float:
-        """Return the energy of the springs [J]. Collective."""
-        pairs, x = self._present(u)
-        return pairs.energy(x)
-
-    def add_residual(
-        self, u: PETSc.Vec, p: PETSc.Vec | None, r_u: PETSc.Vec, r_p: PETSc.Vec | None
-    ) -> None:
-        """Add the forces [N] to this rank's own entries of ``r_u``. Collective."""
-        pairs, x = self._present(u)
-        forces = self._matrix.nodal(pairs.gradient(x))
-        self.surface.support.add_own(forces, writable_values(r_u).reshape(-1, forces.shape[1]))
-
     def couplings(self, u: PETSc.Vec) -> Array:
         """Return the pairs of nodes that the Hessian couples: see `CouplingTerm`. Collective."""
-        pairs, x = self._present(u)
+        self.configuration(u)
         if not self._coupled:
             self._coupled = True
-            pattern = self._matrix.blocks(pairs.pattern(len(x)))
+            pattern = self._matrix.blocks(self.springs.pattern())
             if not self._matrix.contains(pattern):
                 self._matrix.replace(pattern)
         return self._matrix.pairs
@@ -119,8 +107,8 @@ class ReferenceContact(SelfContactTerm):
     ) -> int:
         """Add the Hessian, which is positive semidefinite: nothing is filtered. Collective."""
         choose("filter", filter, FILTERS)
-        pairs, x = self._present(u)
-        self._matrix.add(self._matrix.blocks(pairs.hessian(x)), target)
+        x = self.configuration(u)
+        self._matrix.add(self._matrix.blocks(self.springs.hessian(x)), target)
         return 0
 
     def record(self, u: PETSc.Vec) -> dict[str, dict[str, Any]]:
@@ -130,34 +118,14 @@ class ReferenceContact(SelfContactTerm):
         surface; ``force`` [N], the sum of the springs' forces, as lengths; ``stiffness`` [Pa/m],
         their mean.
         """
-        pairs, x = self._present(u)
+        x = self.configuration(u)
         row = {
-            "pairs": int((pairs.gaps(x) < 0).sum()),
+            "pairs": int((self.springs.gaps(x) < 0).sum()),
             "penetration": self._penetration,
-            "force": float(pairs.forces(x).sum()),
+            "force": float(self.springs.forces(x).sum()),
             "stiffness": self._search.stiffness,
         }
         return {"self_contact": row}
-
-    def spring_forces(self, u: PETSc.Vec) -> tuple[Array, Array, Array]:
-        """Return what touches what, and how strongly; the same on all ranks. Collective.
-
-        Parameters
-        ----------
-        u : PETSc.Vec
-            The displacement.
-
-        Returns
-        -------
-        samples, targets : (n, dim)
-            Reference positions of the ends of the springs that push [m].
-        forces : (n,)
-            Their forces [N].
-        """
-        pairs, x = self._present(u)
-        forces = pairs.forces(x)
-        samples, targets = pairs.ends(self.surface.points[:, : x.shape[1]])
-        return samples[forces > 0], targets[forces > 0], forces[forces > 0]
 
     def begin_step(self, u: PETSc.Vec) -> None:
         """Search again at the next evaluation, that of the forces at the start of a time step.
@@ -168,18 +136,18 @@ class ReferenceContact(SelfContactTerm):
 
     def update_lagged(self, u: PETSc.Vec) -> LaggedChange:
         """Search again; return the change of the forces. Collective."""
-        pairs, x = self._present(u)
-        before = self._matrix.nodal(pairs.gradient(x))
+        x = self.configuration(u)
+        before = self.surface.nodal(self.springs.gradient(x))
         self._searches += 1
         new = self._search.find(self._nodal(u), x)
         self._penetration = self._search.penetration(new, x)
         updated = self._updated(new, x)
-        after = self._matrix.nodal(updated.gradient(x))
+        after = self.surface.nodal(updated.gradient(x))
         largest = max(np.abs(before).max(initial=0.0), np.abs(after).max(initial=0.0))
         ratio = relative(np.abs(after - before).max(initial=0.0), largest, _SETTLED)
         change = LaggedChange(ratio, "self_contact: the change of forces by another search")
         if not change.settled:  # else the pairs stay, with which the forces are in equilibrium
-            self._set_pairs(updated)
+            self._set_springs(updated)
         return change
 
     def end_step(self, u: PETSc.Vec) -> None:
@@ -194,7 +162,7 @@ class ReferenceContact(SelfContactTerm):
 
     def _updated(self, new: ContactPairs, x: Array) -> ContactPairs:
         """Return the pairs of a new search, with former ones."""
-        old = self.pairs
+        old = self.springs
         if self._searches > _SEARCHES_TO_MOVE:
             return old.joined(new[~np.isin(new.sample, old.sample)])
         # A sample that its target has pushed out may come back in the next solve.
@@ -205,22 +173,14 @@ class ReferenceContact(SelfContactTerm):
             new = new[same < 0]
         return new.joined(old[kept])
 
-    def _nodal(self, u: PETSc.Vec) -> Array:
-        """Return the displacement of this rank's nodes, ghosts included, (nodes, dim)."""
-        return local_values(u).reshape(-1, self._kinematics.components)
+    def _set_springs(self, springs: ContactPairs) -> None:
+        self.springs, self.pairs = springs, [springs]
+        self._coupled = False
 
-    def _set_pairs(self, pairs: ContactPairs) -> None:
-        self.pairs, self._coupled = pairs, False
-
-    def _present(self, u: PETSc.Vec) -> tuple[ContactPairs, Array]:
-        """Return pairs and positions of the surface's points; search if due. Collective.
-
-        Whoever takes the pairs from here has those of the same function as everybody else in the
-        solve, also where this call is the one that searches.
-        """
-        values = self._nodal(u)
-        x = self.surface.positions(values)
+    def configuration(self, u: PETSc.Vec) -> Array:
+        """Return the positions of the surface's points (n, dim) [m]; search if due. Collective."""
+        x = super().configuration(u)
         if self._stale:
             self._stale = False
-            self._set_pairs(self._search.find(values, x))
-        return self.pairs, x
+            self._set_springs(self._search.find(self._nodal(u), x))
+        return x

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from scipy.sparse import csr_matrix, diags
+from scipy.spatial import cKDTree
 
 from fem_snh.assembly.regions import Region
-from fem_snh.contact.embedded_surface import EmbeddedSurface
-from fem_snh.contact.reference.crossing_edges import SurfaceEdges
-from fem_snh.contact.reference.deformed_cells import OUTSIDE, DeformedCells
-from fem_snh.contact.reference.pairs import ContactPairs
-from fem_snh.contact.reference.samples import (
+from fem_snh.contact.gathered_surface import EmbeddedSurface
+from fem_snh.contact.samples import (
+    OUTSIDE,
     SHARP,
+    DeformedCells,
     Neighbourhood,
     SurfaceSamples,
     body_numbers,
@@ -25,7 +28,7 @@ from fem_snh.contact.reference.samples import (
     surface_values,
     triangle_areas,
 )
-from fem_snh.contact.reference.targets import CloserTargets, ReferenceSurface, approaching
+from fem_snh.contact.triangle_search import CloserTargets, ReferenceSurface, approaching
 from fem_snh.geometry.closest_points import PseudoNormals, triangle_normals
 
 Array = npt.NDArray[Any]
@@ -46,6 +49,142 @@ _BESIDE = 1e-6
 _ACTS = 1e-9
 #: Area with which an edge acts where it crosses another one, in the areas of its two triangles.
 _EDGE_AREA = 1 / 3
+
+
+@dataclass(frozen=True, eq=False)
+class ContactPairs:
+    r"""Springs between samples and targets, constant during a solve; the same on all ranks.
+
+    With the gap :math:`g = n \cdot (x_s - x_t)`, the sample's position minus the target's along the
+    target's outward normal, lagged, the energy is
+
+    .. math:: E = \sum \tfrac{c}{2} \langle -g \rangle^2 .
+
+    It is convex in the displacement, and its forces sum to zero, as the weights of a sample and of
+    a target have the same sum. In two dimensions the surface has segments in place of triangles,
+    and vectors have two components; the shapes below are those of three.
+
+    Attributes
+    ----------
+    num_points : int
+        The number of the surface's points.
+    sample : (n,) int
+        The sample of each pair, sorted; the samples are followed by the edges that cross others.
+    target : (n,) int
+        The triangle in which the target is.
+    corners : (n, 6) int
+        Points of the surface: of the sample's triangle, then of the target's.
+    factors : (n, 6)
+        Their weights in the sample's position minus the target's.
+    normal : (n, 3)
+        Outward unit normal of the surface at the target.
+    stiffness : (n,)
+        The springs' c [N/m].
+    """
+
+    num_points: int
+    sample: Array
+    target: Array
+    corners: Array
+    factors: Array
+    normal: Array
+    stiffness: Array
+
+    @classmethod
+    def none(cls, num_points: int, dim: int) -> ContactPairs:
+        """Return no pairs on so many points, in so many dimensions."""
+        integers = np.empty(0, int)
+        corners = np.empty((0, 2 * dim), int)
+        factors, normal = np.empty((0, 2 * dim)), np.empty((0, dim))
+        return cls(num_points, integers, integers, corners, factors, normal, np.empty(0))
+
+    def __len__(self) -> int:
+        return len(self.sample)
+
+    def __getitem__(self, chosen: Array) -> ContactPairs:
+        """Return some of the pairs."""
+        return ContactPairs(self.num_points, *(column[chosen] for column in self._columns))
+
+    def joined(self, other: ContactPairs) -> ContactPairs:
+        """Return these pairs and others."""
+        both = [np.concatenate(pair) for pair in zip(self._columns, other._columns, strict=True)]
+        return ContactPairs(self.num_points, *both)[np.argsort(both[0], kind="stable")]
+
+    def find(self, other: ContactPairs, x: Array, distance: float) -> Array:
+        """Return for each pair the one of others with its sample and a target close to its own.
+
+        Parameters
+        ----------
+        other : ContactPairs
+            Other pairs.
+        x : (points, 3)
+            The positions of the surface's points [m].
+        distance : float
+            Largest distance of the targets [m].
+
+        Returns
+        -------
+        (n,) int
+            Indices of ``other``; -1 for none.
+        """
+        found, mine, others = np.full(len(self), -1), self.ends(x)[1], other.ends(x)[1]
+        first = np.searchsorted(other.sample, self.sample)
+        counts = np.searchsorted(other.sample, self.sample, side="right") - first
+        for number in range(counts.max(initial=0)):
+            some = np.flatnonzero(counts > number)
+            candidate = first[some] + number
+            near = np.linalg.norm(mine[some] - others[candidate], axis=1) <= distance
+            found[some[near]] = candidate[near]
+        return found
+
+    def ends(self, x: Array) -> tuple[Array, Array]:
+        """Return the positions (n, 3) of the samples and of their targets [m].
+
+        ``x`` (points, 3) are those of the surface's points, deformed or in the reference
+        configuration.
+        """
+        weighted, dim = self.factors[..., None] * x[self.corners], self.normal.shape[1]
+        return weighted[:, :dim].sum(axis=1), -weighted[:, dim:].sum(axis=1)
+
+    @property
+    def _columns(self) -> tuple[Array, ...]:
+        return self.sample, self.target, self.corners, self.factors, self.normal, self.stiffness
+
+    def gaps(self, x: Array) -> Array:
+        """Return the gaps [m] at the positions of the surface's points x (points, 3), (n,)."""
+        return np.asarray(self._derivatives @ x.ravel())
+
+    def energy(self, x: Array) -> float:
+        """Return the energy [J]."""
+        return float(self.stiffness @ np.minimum(self.gaps(x), 0.0) ** 2) / 2
+
+    def forces(self, x: Array) -> Array:
+        """Return the forces of the springs [N], positive in contact, (n,)."""
+        return np.asarray(-self.stiffness * np.minimum(self.gaps(x), 0.0))
+
+    def gradient(self, x: Array) -> Array:
+        """Return the energy's derivative by the surface's points [N], (points, 3)."""
+        return np.asarray(-(self._derivatives.T @ self.forces(x)).reshape(x.shape))
+
+    def hessian(self, x: Array) -> csr_matrix:
+        """Return the energy's Hessian by the surface's points [N/m], (3 points, 3 points)."""
+        acting = np.flatnonzero(self.gaps(x) < 0)
+        gaps = self._derivatives[acting]
+        return csr_matrix(gaps.T @ (diags(self.stiffness[acting]) @ gaps))
+
+    def pattern(self) -> csr_matrix:
+        """Return a matrix without zeros at the blocks of all pairs, (3 points, 3 points)."""
+        gaps = abs(self._derivatives)
+        return csr_matrix(gaps.T @ gaps)
+
+    @cached_property
+    def _derivatives(self) -> csr_matrix:
+        """Return the derivatives of the gaps by the surface's points, (n, 3 points)."""
+        values, dim = self.factors[..., None] * self.normal[:, None], self.normal.shape[1]
+        columns = dim * self.corners[..., None] + np.arange(dim)
+        indptr = np.arange(len(self) + 1) * 2 * dim**2
+        shape = (len(self), dim * self.num_points)
+        return csr_matrix((values.ravel(), columns.ravel(), indptr), shape=shape)
 
 
 class TargetSearch:
@@ -136,7 +275,7 @@ class TargetSearch:
         normal = self._target_normals(x, sample, points[sample], target, coordinates, outward)
         areas = samples.facing(sample, normal, outward)
         springs = self._springs(corners, factors, areas)
-        pairs = ContactPairs(sample, target, corners, factors, normal, springs)
+        pairs = ContactPairs(len(x), sample, target, corners, factors, normal, springs)
         pairs = pairs[areas > _ACTS * samples.areas[sample]]
         return pairs.joined(self._crossing_edges(x, outward)) if self._dim == 3 else pairs
 
@@ -270,7 +409,7 @@ class TargetSearch:
         # Edges are numbered after the samples.
         sample, order = len(self.samples) + first, np.argsort(first, kind="stable")
         target, springs = edges.triangles[second, 0], self._springs(*both, areas)
-        return ContactPairs(sample, target, *both, columns[:, 4:7], springs)[order]
+        return ContactPairs(len(x), sample, target, *both, columns[:, 4:7], springs)[order]
 
 
 def _without_repeated(hits: Array) -> Array:
@@ -287,3 +426,158 @@ def _without_repeated(hits: Array) -> Array:
         apart = np.linalg.norm(hits[shift:, first:] - hits[:-shift, first:], axis=1)
         repeated[shift:] |= same & (apart < _SAME * hits[shift:, 2]) & ~repeated[:-shift]
     return np.asarray(hits[~repeated])
+
+
+#: Edges whose two triangles have normals with a larger cosine are not sharp: where they cross, a
+#: point is deeper by at most tan(10 degrees) times half an edge than the samples on the edges.
+_SHARP = np.cos(np.radians(20.0))
+#: Edges that meet at a smaller angle are parallel, and touch along their length.
+_PARALLEL = np.sin(np.radians(1.0))
+#: Greatest depth of a crossing in the smallest height of the edges' triangles. A wedge is solid
+#: behind its edge as far as its faces extend, and the opposite edge of a body of one cell is there.
+_DEPTH = 0.5
+
+
+class Crossings(NamedTuple):
+    """Pairs of edges that cross, or may in the next solve.
+
+    Attributes
+    ----------
+    first, second : (n,) int
+        The edges.
+    place : (n, 2)
+        Where they are closest: the position along each, from 0 to 1.
+    normal : (n, 3)
+        Outward unit normal of the second edge's body at the contact.
+    facing : (n,)
+        The smallest cosine of the normal, or its opposite, with the conormals of the edges' faces:
+        0 where the normal is that of a face, as between two blocks whose faces lie on each other.
+    """
+
+    first: Array
+    second: Array
+    place: Array
+    normal: Array
+    facing: Array
+
+
+class SurfaceEdges:
+    """The edges of a closed surface.
+
+    Parameters
+    ----------
+    triangles : (m, 3) int
+        The points of its triangles.
+
+    Attributes
+    ----------
+    points : (n, 2) int
+        The ends of each edge.
+    triangles, opposite : (n, 2) int
+        Its two triangles, and the corner of each that is not on the edge.
+    """
+
+    def __init__(self, triangles: Array) -> None:
+        ends = np.sort(triangles[:, [[1, 2], [2, 0], [0, 1]]].reshape(-1, 2), axis=1)
+        order = np.lexsort((ends[:, 1], ends[:, 0]))
+        ends = ends[order]
+        begins = np.ones(len(ends) + 1, bool)
+        begins[1:-1] = (ends[1:] != ends[:-1]).any(axis=1)
+        first = np.flatnonzero(begins)
+        # Two bodies may touch along an edge in the mesh: four triangles, which no normal orders.
+        first = first[:-1][np.diff(first) == 2]
+        both = order[first[:, None] + [0, 1]]
+        self.points, self.triangles = ends[first], both // 3
+        self.opposite = triangles.reshape(-1)[both]
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    def crossings(
+        self, x: Array, outward: Array, distance: float, share: tuple[int, int]
+    ) -> Crossings:
+        """Return the pairs of sharp convex edges that touch, or are closer than a distance.
+
+        The direction from one body to the other is normal to both edges. It must be between the
+        normals of the faces at one edge, and its opposite between those at the other one: two
+        wedges touch at their edges then, and at their faces otherwise.
+
+        Parameters
+        ----------
+        x : (points, 3)
+            Positions of the surface's points.
+        outward : (triangles, 3)
+            Unit normals of the triangles.
+        distance : float
+            Largest distance of edges [m].
+        share : (int, int)
+            Which part of the edges is searched, of how many.
+        """
+        a, b = x[self.points[:, 0]], x[self.points[:, 1]]
+        normals = outward[self.triangles]
+        behind = np.einsum("ni,ni->n", normals[:, 0], x[self.opposite[:, 1]] - a)
+        cosine = np.einsum("ni,ni->n", normals[:, 0], normals[:, 1])
+        sharp = np.flatnonzero((cosine < _SHARP) & (behind < 0))
+        middle, along = (a + b)[sharp] / 2, (b - a)[sharp]
+        length = np.linalg.norm(along, axis=1)
+        i, j = _close(middle, length, distance, share)
+        point, slope, sine = _closest(a[sharp], along, i, j)
+        inside = ((point >= 0) & (point <= 1)).all(axis=1) & (sine > _PARALLEL)
+        i, j, point, slope = i[inside], j[inside], point[inside], slope[inside]
+        conormals, heights = self._conormals(x, sharp, along, normals[sharp])
+        cosines = [np.einsum("nki,ni->nk", conormals[e], slope) for e in (i, j)]
+        ways = np.stack([np.minimum(-s * cosines[0], s * cosines[1]).min(axis=1) for s in (1, -1)])
+        normal = slope * np.where(ways[0] >= ways[1], 1.0, -1.0)[:, None]
+        facing = ways.max(axis=0)
+        apart = a[sharp][i] - a[sharp][j]
+        apart += point[:, :1] * along[i] - point[:, 1:] * along[j]
+        gap = np.einsum("ni,ni->n", normal, apart)
+        depth = _DEPTH * np.minimum(heights[i], heights[j])
+        kept = (facing > 0) & (gap <= distance) & (gap >= -depth)
+        return Crossings(sharp[i[kept]], sharp[j[kept]], point[kept], normal[kept], facing[kept])
+
+    def _conormals(
+        self, x: Array, chosen: Array, along: Array, normals: Array
+    ) -> tuple[Array, Array]:
+        """Return the conormals of edges in both triangles (n, 2, 3), and the smaller height (n,).
+
+        A conormal is a unit vector in a triangle, normal to its edge and outward; the height [m] is
+        that of the triangle over the edge.
+        """
+        across = np.cross(along[:, None], normals)
+        across /= np.maximum(np.linalg.norm(across, axis=2, keepdims=True), np.finfo(float).tiny)
+        inward = x[self.opposite[chosen]] - x[self.points[chosen, 0]][:, None]
+        height = np.einsum("nki,nki->nk", across, inward)
+        return -np.sign(height)[..., None] * across, np.abs(height).min(axis=1)
+
+
+def _close(
+    middle: Array, length: Array, distance: float, share: tuple[int, int]
+) -> tuple[Array, Array]:
+    """Return edges i < j (n,) whose closest points may be within a distance."""
+    count, (rank, ranks) = len(middle), share
+    own = np.arange(count * rank // ranks, count * (rank + 1) // ranks)
+    none = np.empty(0, int)
+    if not len(own):
+        return none, none
+    reach = length[own] / 2 + length.max() / 2 + distance
+    found = cKDTree(middle).query_ball_point(middle[own], reach, return_sorted=True)
+    i = np.repeat(own, [len(js) for js in found])
+    j = np.concatenate([none, *(js for js in found if js)]).astype(int)
+    near = np.linalg.norm(middle[i] - middle[j], axis=1) <= (length[i] + length[j]) / 2 + distance
+    kept = near & (i < j)
+    return i[kept], j[kept]
+
+
+def _closest(start: Array, along: Array, i: Array, j: Array) -> tuple[Array, Array, Array]:
+    """Return where the lines of edges are closest, (n, 2), their normal, and their angle's sine."""
+    d, e, apart = along[i], along[j], start[i] - start[j]
+    dd, ee, de = (np.einsum("ni,ni->n", p, q) for p, q in ((d, d), (e, e), (d, e)))
+    d_apart, e_apart = (np.einsum("ni,ni->n", p, apart) for p in (d, e))
+    tiny = np.finfo(float).tiny
+    determinant = np.maximum(dd * ee - de**2, tiny)
+    point = np.stack([de * e_apart - ee * d_apart, dd * e_apart - de * d_apart], axis=1)
+    normal = np.cross(d, e)
+    size = np.linalg.norm(normal, axis=1)
+    normal /= np.maximum(size, tiny)[:, None]
+    return point / determinant[:, None], normal, size / np.maximum(np.sqrt(dd * ee), tiny)
