@@ -226,7 +226,7 @@ def _add_limits(parser: Parser) -> None:
         --chunk N  points in an element, one after another; default: 1
         --scheduler-option OPTION  further option of sbatch, e.g. --qos=long; may be repeated
         --status  with --out: say how many points are in the table, run or wait
-        --collect  with --out alone: append the rows of submitted points that have ended
+        --collect  with --out alone: add the rows of submitted points that have ended
         """,
         array_limit={"type": value},
         chunk={"type": value, "default": 1},

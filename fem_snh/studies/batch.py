@@ -1,22 +1,22 @@
 """The folder of a study: its definition, its table, and the loop that runs its points.
 
 The folder holds NAME.json (the definition of the study), NAME.csv (the rows) and one folder per
-point with its log and its record. A point that has a row is not run again, so an interrupted study
-continues when it is started again. A point is run in a child process of this one, or of an element
-of an array of jobs (`fem_snh.studies.jobs`); its row is made here in both cases.
+point with its log, its record and its end. A point that has ended is not run again, so an
+interrupted study continues when it is started again. The rows follow from the folders of the
+points; the table is written again when a point ends.
 """
 
 from __future__ import annotations
 
-import csv
-import io
 import json
-import os
 import subprocess
+import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any
+
+import pandas as pd
 
 from fem_snh import cache
 from fem_snh.errors import BadInput
@@ -35,76 +35,12 @@ from fem_snh.studies.points import (
 from fem_snh.studies.processes import environment, program
 from fem_snh.studies.schedulers import Submission
 
+#: Seconds between two versions of the table while points end.
+_WRITE_INTERVAL = 1.0
 #: Hidden file that is the lock of the folder.
 _LOCK = ".study"
 #: Key of the definition that has the points: a digest of the command of each.
 _POINTS = "points"
-
-
-class StudyTable:
-    """The rows of a study in a CSV file, one row per point. Only one process may write it.
-
-    Parameters
-    ----------
-    path : Path
-        The file; rows that it holds already are kept.
-    columns : sequence of str
-        Names of the columns; ``point`` is the key. Those of results, whose names contain a dot
-        (``corner.y``, ``top.force.z``), are added when a row has them.
-    """
-
-    def __init__(self, path: Path, columns: Sequence[str]) -> None:
-        self.path, self.columns = path, list(columns)
-        rows = self.rows() if path.exists() else []
-        self._add_results(rows[0] if rows else ())
-        self.replace(rows)
-
-    def rows(self) -> list[dict[str, str]]:
-        """Return the rows as text, without a last line that was cut off.
-
-        Raises BadInput for a file that is no such table.
-        """
-        try:
-            text = read_text(self.path)
-            rows = list(csv.DictReader(io.StringIO(text[: text.rfind("\n") + 1])))
-        except (OSError, ValueError, csv.Error) as error:
-            raise BadInput(f"{self.path}: cannot be read ({error}): remove it") from None
-        if any(None in row.values() or None in row or "point" not in row for row in rows):
-            raise BadInput(f"{self.path}: expected a table with a column 'point': remove it")
-        return rows
-
-    def append(self, row: Mapping[str, Any]) -> None:
-        """Append one row and flush it to the disk; keys that are no columns are left out."""
-        if self._add_results(row):
-            self.replace(self.rows())
-        with self.path.open("a", encoding="utf-8", newline="") as file:
-            self._writer(file).writerow(row)
-            file.flush()
-            os.fsync(file.fileno())
-
-    def _add_results(self, keys: Iterable[str]) -> bool:
-        """Add the columns of results; return whether there are new ones."""
-        new = [key for key in keys if "." in key and key not in self.columns]
-        self.columns += new
-        return bool(new)
-
-    def replace(self, rows: Iterable[Mapping[str, Any]]) -> None:
-        """Replace all rows."""
-        text = io.StringIO()
-        writer = self._writer(text)
-        writer.writeheader()
-        writer.writerows(rows)
-        replace_file(self.path, text.getvalue())
-
-    def drop(self, points: Iterable[str]) -> None:
-        """Remove the rows of these points."""
-        removed = set(points)
-        self.replace(row for row in self.rows() if row["point"] not in removed)
-
-    def _writer(self, file: TextIO) -> csv.DictWriter[str]:
-        return csv.DictWriter(
-            file, self.columns, restval="", extrasaction="ignore", lineterminator="\n"
-        )
 
 
 class Batch:
@@ -179,10 +115,10 @@ class Batch:
             remove_leftovers(self.out, is_own)
             self._points = self._open(overwrite)
             self._write()
-            self.table = StudyTable(self.out / f"{name}.csv", columns)
         except BaseException:
             self._lock.release()
             raise
+        self.table, self._columns = self.out / f"{name}.csv", list(columns)
 
     def __enter__(self) -> Batch:
         return self
@@ -192,15 +128,12 @@ class Batch:
 
     def _open(self, overwrite: bool) -> dict[str, Any]:
         """Return the points of an earlier study in the folder; refuse or remove one."""
-        earlier = self._earlier()
-        if earlier is None:
-            others = list_others(self.out)
-            if others and not overwrite:
-                raise BadInput(
-                    f"out = {self.out}: holds what is not of a {self.name} study ({others}): "
-                    "expected a new or an empty folder, or --overwrite"
-                )
-            earlier = {}
+        file = self.out / f"{self.name}.json"
+        try:
+            earlier = json.loads(read_text(file))
+        except (OSError, ValueError, RecursionError):
+            earlier = None
+        earlier = earlier if isinstance(earlier, dict) else {}
         points = earlier.pop(_POINTS, {})
         points = points if isinstance(points, dict) else {}
         if overwrite:
@@ -209,8 +142,13 @@ class Batch:
             remove(self.out / f"{self.name}.csv")
             self._jobs.clear()
             return {}
-        if earlier and earlier != self._definition:
-            keys = dict.fromkeys([*self._definition, *filter(None, earlier)])
+        if not file.exists() and (others := list_others(self.out)):
+            raise BadInput(
+                f"out = {self.out}: holds what is not of a {self.name} study ({others}): expected "
+                "a new or an empty folder, or --overwrite"
+            )
+        if file.exists() and earlier != self._definition:
+            keys = dict.fromkeys([*self._definition, *earlier])
             other = [k for k in keys if earlier.get(k) != self._definition.get(k)]
             raise BadInput(
                 f"out = {self.out}: holds {self.name}.csv of other {', '.join(other)}: "
@@ -218,39 +156,27 @@ class Batch:
             )
         return points
 
-    def _earlier(self) -> dict[str, Any] | None:
-        """Return the content of NAME.json; None without one, {"": text} if it cannot be read."""
-        unreadable = {"": "text that is no definition"}
-        try:
-            found = json.loads(read_text(self.out / f"{self.name}.json"))
-        except FileNotFoundError:
-            return None
-        except (OSError, ValueError, RecursionError):
-            return unreadable
-        return found if isinstance(found, dict) and found else unreadable
-
     def _write(self) -> None:
         text = json.dumps(self._definition | {_POINTS: self._points}, indent=1)
         replace_file(self.out / f"{self.name}.json", text)
 
-    def _register(self, points: Mapping[str, Point], rows: Iterable[str]) -> None:
+    def _register(self, points: Mapping[str, Point]) -> None:
         """Note the points before any of them writes.
 
-        Raises BadInput if the row of a point was made by another command, as by that of another
+        Raises BadInput if a point that has ended was run by another command, as by that of another
         version, or the folder of a point is not that of a point of this study.
         """
         commands = {
             name: {"values": cache.key("fem_snh", point.arguments(Path()))}
             for name, point in points.items()
         }
-        known = set(rows)
         for name, command in commands.items():
             if name not in self._points and list_others(self.out / name):
                 raise BadInput(
                     f"out = {self.out}: its folder {name} is not one of this study: expected "
                     "another folder"
                 )
-            if name in known and self._points.get(name, command) != command:
+            if read_end(self.out / name) and self._points.get(name, command) != command:
                 raise BadInput(
                     f"out = {self.out}: {name} in {self.name}.csv was computed with other "
                     "values: expected another folder, or --overwrite"
@@ -277,38 +203,38 @@ class Batch:
             points are in the queue of a scheduler, and other points are to run here; if the
             scheduler does not answer.
         """
-        rows = self.table.rows()
-        failed = {row["point"] for row in rows if self._retry and row["converged"] != "True"}
-        self._register(points, (row["point"] for row in rows if row["point"] not in failed))
+        self._register(points)
         queued = self._queued()
-        if failed := failed & points.keys():  # rows of points that are not asked for stay
-            self.table.drop(failed)
-            for name in failed:
-                remove_point(self.out, name)
-        done = {row["point"] for row in self.table.rows()} & points.keys()
-        if done:
-            self.report(f"{len(done)} of {len(points)} points are there already")
+        rows: dict[str, dict[str, Any]] = {}
+        for name, point in points.items():
+            if end := read_end(self.out / name):
+                row = self._row(name, point, end)
+                if self._retry and not row["converged"]:
+                    remove_point(self.out, name)
+                else:
+                    rows[name] = row
+        if rows:
+            self.report(f"{len(rows)} of {len(points)} points are there already")
 
-        def append(name: str, end: End) -> None:
-            row = self._row(name, points[name], end)
-            self.table.append(row)
-            done.add(name)
-            seconds = f", {row['seconds']:.1f} s" if row["seconds"] else ""
+        def add(task: Task, end: End) -> None:
+            row = rows[task.name] = self._row(task.name, points[task.name], end)
+            if time.monotonic() > self._written + _WRITE_INTERVAL:
+                self._write_table(rows, points)
             status = row["status"]
             if (notes := row["notes"]) != NO_NOTES:
                 status = f"{with_notes(status, len(notes.split()))} ({notes})"
-            self.report(f"[{len(done)}/{len(points)}] {name}: {status}{seconds}")
+            self.report(
+                f"[{len(rows)}/{len(points)}] {task.name}: {status}, {row['seconds']:.1f} s"
+            )
 
-        for name in points:
-            if name not in done and (end := read_end(self.out / name)):
-                append(name, end)
         limits = self.limits
         tasks = [
             Task(name, tuple(point.arguments(self.out / name)), limits.ranks, limits.timeout,
                  limits.memory)
             for name, point in points.items()
-            if name not in done and name not in queued
+            if name not in rows and name not in queued
         ]  # fmt: skip
+        self._write_table(rows, points)
         if isinstance(limits.jobs, Submission):
             if limits.jobs.submit and tasks:
                 for task in tasks:
@@ -319,12 +245,24 @@ class Batch:
                 states = Counter(queued[name] for name in points if name in queued)
                 states["not in the queue"] = len(tasks)
                 parts = [f"{number} {state}" for state, number in states.items() if number]
-                self.report(f"{len(points)} points: {len(done)} in the table, {', '.join(parts)}")
+                self.report(f"{len(points)} points: {len(rows)} in the table, {', '.join(parts)}")
         else:
             if tasks or queued.keys() & points:
                 self._check_queue(queued)
-            run_tasks(self.out, tasks, limits.jobs, lambda task, end: append(task.name, end))
-        return len(done) == len(points)
+            try:
+                run_tasks(self.out, tasks, limits.jobs, add)
+            finally:
+                self._write_table(rows, points)
+        return len(rows) == len(points)
+
+    def _write_table(self, rows: Mapping[str, Mapping[str, Any]], points: Iterable[str]) -> None:
+        """Write NAME.csv; the results, whose names contain a dot, are its last columns."""
+        results = (key for row in rows.values() for key in row if "." in key)
+        columns = list(dict.fromkeys([*self._columns, *results]))
+        ordered = [rows[name] for name in points if name in rows]
+        table = pd.DataFrame(ordered, columns=columns, dtype=object)
+        replace_file(self.table, table.to_csv(index=False))
+        self._written = time.monotonic()
 
     def _queued(self) -> dict[str, str]:
         """Return the points of this study that a scheduler has, and their states."""
@@ -343,7 +281,7 @@ class Batch:
         """Draw NAME.png in a process of its own; report a failure without an exception."""
         picture = self.out / f"{self.name}.png"
         drawing = subprocess.run(
-            [*program(1), "plot", str(self.table.path), "--out", str(picture)],
+            [*program(1), "plot", str(self.table), "--out", str(picture)],
             env=environment(), stdin=subprocess.DEVNULL, capture_output=True, text=True,
         )  # fmt: skip
         succeeded = drawing.returncode == 0
@@ -357,7 +295,7 @@ class Batch:
         """Return the row of a point that has ended."""
         columns = {**point.values, **requested_columns(point.scene)}
         # Dotted keys of a scene are columns only where the study varies them.
-        row = {k: v for k, v in columns.items() if "." not in k or k in self.table.columns}
+        row = {k: v for k, v in columns.items() if "." not in k or k in self._columns}
         row |= {"point": name, "ranks": self.limits.ranks}
         row |= measured_columns(read_record(self.out / name), self.out / name / LOG, end.code)
         row["seconds"] = row["seconds"] or end.seconds

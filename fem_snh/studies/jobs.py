@@ -33,7 +33,7 @@ from fem_snh.references import is_reference
 from fem_snh.studies.processes import Worker
 from fem_snh.studies.schedulers import Array, Submission, make_scheduler
 
-#: The log of a point, and how a point ended that a job of a scheduler ran (`End`).
+#: The log of a point, and how it ended (`End`).
 LOG, END = "log.txt", "end.json"
 #: Seconds between two polls of the running points.
 _POLL_INTERVAL = 0.005
@@ -132,7 +132,9 @@ def run_tasks(
                                 idle.append(worker)
                             else:
                                 worker.close()
-                            report(task, End(code, worker.seconds, worker.limit_reached))
+                            end = End(code, worker.seconds, worker.limit_reached)
+                            replace_file(out / task.name / END, json.dumps(asdict(end)))
+                            report(task, end)
                 time.sleep(_POLL_INTERVAL)
         finally:
             for worker in (*running.values(), *idle):
@@ -304,11 +306,10 @@ def main(file: str, index: str) -> int:
     out = Path(file).parents[1]
     tasks = _read(Path(file)).elements[int(index)]
 
-    def write(task: Task, end: End) -> None:
-        replace_file(out / task.name / END, json.dumps(asdict(end)))
+    def report(task: Task, end: End) -> None:
         print(f"{task.name}: exit code {end.code}, {end.seconds:.1f} s {end.limit}", flush=True)
 
-    run_tasks(out, [task for task in tasks if read_end(out / task.name) is None], 1, write)
+    run_tasks(out, [task for task in tasks if read_end(out / task.name) is None], 1, report)
     return 0
 
 

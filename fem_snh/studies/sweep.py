@@ -2,7 +2,7 @@
 
     >>> table = sweep("twist", "out/nu", {"nu": [0.3, 0.45, 0.49], "cells": 6}, jobs=2)
 
-The folder holds sweep.json (the definition), sweep.csv (a row is appended when a point ends),
+The folder holds sweep.json (the definition), sweep.csv (with the points that have ended),
 sweep.png, on request bodies.png, and one folder per point with its run and its log. An interrupted
 sweep continues when it is called again. Points run one after another in the same ``jobs``
 processes, which spares each the imports and the start of MPI; a point that fails ends its process.
@@ -15,7 +15,9 @@ import re
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import pandas as pd
 
 from fem_snh import scenes
 from fem_snh.errors import BadInput
@@ -26,9 +28,6 @@ from fem_snh.scenes import MaterialChoice
 from fem_snh.studies.batch import Batch
 from fem_snh.studies.points import ERROR, MEASURED, REQUESTED, Limits, Point, value_text
 from fem_snh.studies.schedulers import Submission
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 
 def sweep(
@@ -124,9 +123,7 @@ def sweep(
             batch.draw()
         if complete and render is not None:
             report(_draw_bodies(batch.out, list(points), render))
-    import pandas as pd  # not for --help
-
-    return pd.read_csv(batch.table.path)
+    return pd.read_csv(batch.table)
 
 
 def _keep_equations(points: Mapping[str, Point], report: Callable[[str], None]) -> dict[str, Point]:

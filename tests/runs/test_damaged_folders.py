@@ -201,9 +201,6 @@ def test_records_of_runs_are_accepted(left: Path, swinging: Path) -> None:
     [
         ("sweep.json", "[]", "holds sweep.csv of other"),
         ("sweep.json", "{", "holds sweep.csv of other"),
-        ("sweep.csv", "a,b\n1,2\n", "expected a table with a column 'point'"),
-        ("sweep.csv", "point,nu\n1,2,3\n", "expected a table with a column 'point'"),
-        ("sweep.csv", "\0\xff\n\0\n", "cannot be read|expected a table"),
     ],
 )
 def test_an_edited_study(

@@ -18,7 +18,6 @@ import fem_snh
 from fem_snh.cli import main
 from fem_snh.cli.run import comma_list
 from fem_snh.errors import BadInput
-from fem_snh.studies.batch import StudyTable
 from fem_snh.studies.points import MEASURED, REQUESTED, largest_error
 from fem_snh.studies.processes import environment, program
 from fem_snh.studies.sweep import combinations, sweep
@@ -54,22 +53,20 @@ def test_no_two_points_share_a_folder() -> None:
     assert list(combinations({"key": ["a b", "a_b"]})) == ["key=a_b", "key=a_b-2"]
 
 
-def test_a_row_cut_off_is_forgotten(tmp_path: Path) -> None:
-    table = StudyTable(tmp_path / "t.csv", ["point", "status"])
-    table.append({"point": "a", "status": 'with, "comma"', "other": 1})
-    table.append({"point": "b"})
-    whole = table.path.read_text()
-    table.path.write_text(whole + "c,half of a li")
-    assert [row["point"] for row in table.rows()] == ["a", "b"]
-    assert StudyTable(table.path, table.columns).path.read_text() == whole
-    assert table.rows()[0]["status"] == 'with, "comma"'
-    table.append({"point": "d", "top.force.z": 2.5})  # the column of a result
-    assert table.rows()[0]["top.force.z"] == ""
-    again = StudyTable(table.path, ["point", "status"])
-    assert again.columns == ["point", "status", "top.force.z"]
-    assert again.rows()[-1] == {"point": "d", "status": "", "top.force.z": "2.5"}
-    table.drop(["a", "d"])
-    assert [row["point"] for row in table.rows()] == ["b"]
+def test_a_table_is_made_of_the_points_that_have_ended(tmp_path: Path) -> None:
+    """Whatever has become of the file."""
+    values = TINY | {"nu": [0.3, 0.4]}
+    table = sweep("twist", tmp_path, values)
+    whole = (tmp_path / "sweep.csv").read_text()
+    for text in (whole[:-20], "a,b\n1,2\n", "point,nu\n1,2,3\n", "\0\xff\n\0\n", None):
+        (tmp_path / "sweep.csv").unlink() if text is None else (
+            (tmp_path / "sweep.csv").write_text(text)
+        )
+        pd.testing.assert_frame_equal(sweep("twist", tmp_path, values), table)
+        assert (tmp_path / "sweep.csv").read_text() == whole
+    (tmp_path / "nu=0.4" / "end.json").write_text("{")  # as if it were killed
+    again = sweep("twist", tmp_path, values)
+    assert again["converged"].all() and again["point"].tolist() == table["point"].tolist()
 
 
 @pytest.fixture(scope="module")

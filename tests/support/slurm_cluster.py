@@ -173,7 +173,7 @@ import time
 def counted(number: int = 0):
     with open({runs!r}, "a") as file:
         file.write(f"p{{number}}\\n")
-    time.sleep(0.2)
+    time.sleep(0.5)
     raise ValueError(f"its square is {{number**2}}")
 """
 
