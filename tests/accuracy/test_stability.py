@@ -17,11 +17,8 @@ from scipy.optimize import brentq
 from scipy.special import ellipk
 
 import fem_snh
-from benchmarks.extremes import bodies
 from fem_snh.errors import BadInput, ResultNote
 from fem_snh.linalg.direct_solver import SymmetricFactors
-from fem_snh.scenes import Geometry, MaterialChoice, Rigid, Scene
-from fem_snh.scenes import Hold as SceneHold
 
 mpi = pytest.mark.mpi
 
@@ -183,17 +180,6 @@ def test_stability_is_that_of_equilibria(comm):
     assert fem_snh.solver.EquilibriumStability(p).negative_eigenvalues(p.x) == 0
 
 
-def test_an_unstable_equilibrium_beside_a_stiff_inclusion_is_left_or_noted():
-    """Iterations ended at one with two negative eigenvalues, and said nothing unless asked."""
-    keys = {"shape": "sphere", "contrast": 1e2, "element": "P2P0", "nu": 0.499, "cells": 4}
-    result = solve(bodies.reference(bodies.inclusion), **keys)
-    assert result.record["linear_solver"] == "fgmres+block_triangular"
-    asked = solve(bodies.reference(bodies.inclusion), stability=True, **keys)
-    noted = "unstable" in [note["kind"] for note in result.notes]
-    assert noted == (asked.steps[-1]["stability"] == "unstable equilibrium")
-    assert result.steps[-1]["energy"] == pytest.approx(asked.steps[-1]["energy"], rel=1e-8)
-
-
 def compressed(comm, cells, element):
     """Return a clamped column in plane strain, solved, whose ends approach by 4.5 %."""
     counts = [10 * cells, cells]
@@ -321,25 +307,6 @@ def test_a_rigid_motion_that_nothing_constrains_is_no_instability(comm):
     estimate = p.estimate_error(["volume"])
     assert not estimate.reason
     assert abs(estimate.goals["volume"].error) < 1e-6
-
-
-@mpi
-@pytest.mark.parametrize(("push", "negative"), [(40.0, 0), (150.0, 2)])
-def test_a_column_with_a_rigid_head_and_pressures_as_unknowns(comm, push, negative):
-    """A slender one buckles at 57.5 N. Factors keep it straight, where iterations may not."""
-    column = Scene(
-        name="column",
-        mesh=Geometry(source="bar", parameters={"length": 7.0, "interface": 5.0}),
-        cells=1,
-        element="Q2Q1",
-        steps=1,
-        material=MaterialChoice(name="stable_neo_hookean", E=1e4, nu=0.49),
-        hold=[SceneHold(group="left")],
-        rigid=[Rigid(group="second", force=(-push, 0, 0))],
-        stability=True,
-        petsc={"ksp_type": "preonly", "pc_type": "lu", "pc_factor_mat_solver_type": "mumps"},
-    )
-    assert solve(column, comm).steps[-1]["negative_eigenvalues"] == negative
 
 
 @mpi

@@ -6,7 +6,6 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
-from gmsh_files import section
 from running import solve
 from time_scenes import DOWN, SWING, in_time
 
@@ -115,39 +114,6 @@ def test_steps_that_hardly_change_a_goal_at_one_instant():
     assert f"left.moment.z {goal.value:.6g}, error below" in goal.text("left.moment.z")
 
 
-PULLED_STRIP = """
-mesh = "strip.msh"
-kinematics = "plane_strain"
-material = { name = "stable_neo_hookean", E = 2e5, nu = 0.3, density = 1000.0 }
-gravity = { vector = [9.81, 0, 0] }
-hold = [{ group = "left" }]
-probe = [{ name = "edge", point = [0.5, 0.2, 0] }]
-time = { duration = 0.47, steps = 48, integrator = "newmark" }
-"""
-
-
-def test_changes_by_steps_that_have_different_signs_are_no_estimate(tmp_path):
-    """The lateral motion of a pulled strip was corrected by 11 % in the wrong direction."""
-    with section(tmp_path / "strip.msh") as (geo, curves, surfaces):
-        for number, (x, y) in enumerate([(0, 0), (1, 0), (1, 0.2), (0, 0.2)], 1):
-            geo.addPoint(x, y, 0, 1.0, number)
-        for number in range(1, 5):
-            geo.addLine(number, number % 4 + 1, number)
-            geo.mesh.setTransfiniteCurve(number, 9 if number % 2 else 3)
-        surface = geo.addPlaneSurface([geo.addCurveLoop([1, 2, 3, 4])])
-        geo.mesh.setTransfiniteSurface(surface)
-        geo.mesh.setRecombine(2, surface)
-        curves["left"], surfaces["body"] = [4], [surface]
-    path = tmp_path / "strip.toml"
-    path.write_text(f'element = "Q1"\nerror = true\n{PULLED_STRIP}')
-    goal = solve(str(path)).estimate.goals["edge.y"]
-    path.write_text('element = "Q2"\n' + PULLED_STRIP.replace("steps = 48", "steps = 384"))
-    error = solve(str(path)).steps[-1]["probes"]["edge"][1] - goal.value
-    assert goal.error * error < 0 and abs(goal.error) > 0.1 * abs(goal.value)
-    assert abs(error) < goal.bound
-    assert "edge.y -0.00130798, error below" in goal.text("edge.y")
-
-
 @pytest.mark.one_debian
 def test_the_lifted_element_is_the_first_that_fits():
     """A mass on a spring: nu = 0 and the energy of stretches have no unknown pressure."""
@@ -194,25 +160,6 @@ def test_steps_without_an_order_have_a_bound_and_no_error_of_zero(duration, step
     assert found.record["goals"]["tip.z"]["bound"] >= abs(goal.error) + goal.steps_bound
     exact = tip(solve(in_time({"duration": duration, "steps": 4 * steps}, probe=TIP, **keys)))
     assert 0.005 < abs(exact - goal.value) < goal.steps_bound
-
-
-def test_steps_whose_changes_do_not_decrease_have_no_estimate():
-    """It said "time steps below 0.017": the last changes are 0.008, and the next 0.034 and 0.029 m.
-
-    A finer level has shorter time steps, and the same mesh.
-    """
-    found = solve(in_time({"duration": 2.0, "steps": 32}, probe=TIP, accuracy=GOALS, **SWING))
-    goal, row = found.estimate.goals["tip.z"], LevelRow("Q1", 1, 8, 81, 1.0, steps=32)
-    shown = "tip.z -0.797726, no estimate: its changes do not decrease: twice as many time steps"
-    assert goal.text("tip.z").startswith(shown)
-    assert goal.reason.endswith("changed it by -0.0076, and twice as many again by +0.0083")
-    assert found.record["goals"]["tip.z"]["reason"] == goal.reason
-    assert found.record["goals"]["tip.z"]["error"] is None
-    levels = Levels(0.01)
-    levels.add(row, found.estimate)
-    assert levels.lines()[0].endswith(f"no estimate: tip.z: {goal.reason}")
-    assert levels.shorter_steps() == 4
-    assert levels.mesh_suffices
 
 
 def bounce(integrator, friction, nu, steps=100, **keys):

@@ -18,7 +18,6 @@ import fem_snh
 from fem_snh import solver
 from fem_snh.contact.body_contact import BodyContact
 from fem_snh.kernels.material import material
-from fem_snh.scenes import Scene
 
 mpi = pytest.mark.mpi
 
@@ -144,38 +143,6 @@ def test_blocks_that_may_slide_off_stay_on_their_path_and_are_called_unstable(co
     _, stretch = fsolve(lack, (1.0, 0.7), xtol=1e-12)
     down = comm.allreduce(result.problem.nodal(result.problem.x)[:, 1].min(), op=MPI.MIN)
     assert -down == pytest.approx(2 * (1 - stretch) + 0.4 / pair["stiffness"], rel=1e-6)
-
-
-@mpi
-def test_blocks_that_lock_stay_on_their_path_and_every_unstable_step_says_so(comm):
-    """Q1 locks, so that the pressure is many times as large, and they slide off at 20 %.
-
-    On the path they are mirror images, whose faces are plane and do not slide: those of blocks
-    without contact, whose faces are moved to the plane between them.
-    """
-    faces = ["lower_top", "upper_bottom"]
-    scene = {
-        "mesh": {"source": "two_blocks", "parameters": {"layers": 2, "width": 5, "upper_width": 5}},
-        "cells": 3, "element": "Q1", "steps": 5, "predictor": "none", "stability": True,
-        "material": {"name": "neo_hookean", "E": 1.0, "nu": 0.499}, "hold": [{"group": "bottom"}],
-        "reactions": ["top"],
-    }  # fmt: skip
-    top = {"group": "top", "translate": [0, 0, -0.5]}
-    plane = [{"group": g, "components": ["z"], "translate": [0, 0, -0.25]} for g in faces]
-    contact = [{"groups": faces, "method": "augmented_lagrangian"}]
-
-    def run(**parts):
-        return solve(Scene.model_validate(scene | {"name": "blocks"} | parts), comm)
-
-    touching, apart = run(move=[top], contact=contact), run(move=[top, *plane])
-    assert [row["negative_eigenvalues"] for row in touching.steps] == [0, 0, 0, 1, 3]
-    assert [row.get("notes") for row in touching.steps] == 3 * [None] + 2 * [["unstable"]]
-    assert max(row["newton"] for row in touching.steps) < 50  # 94, to another state, if they slide
-    for one, other in zip(touching.steps, apart.steps, strict=True):
-        assert one["reactions"]["top"] == pytest.approx(
-            other["reactions"]["top"], rel=2e-3, abs=1e-6
-        )
-        assert one["max_u"] == pytest.approx(other["max_u"], rel=1e-3)
 
 
 def test_the_problem_names_its_terms_of_contact(tmp_path):

@@ -14,7 +14,6 @@ from fem_snh.contact.obstacle_contact import RigidContact
 from fem_snh.geometry.motions import DisplacementMotion, MovingShape
 from fem_snh.geometry.shapes import Sphere
 from fem_snh.scenes import Hold, MaterialChoice, Start
-from fem_snh.tables.amplitudes import Amplitude
 
 G, SIZE, DENSITY = 9.81, 0.1, 1000.0
 #: Sides that move up and down: a cube that bounces does not begin to turn.
@@ -115,22 +114,6 @@ def test_a_paddle(comm):
         found = dynamics.energies(p)
         assert found["work"] == pytest.approx(24, rel=0.02) and found["momentum"][2] > 4
         assert abs(found["numerical_dissipation"]) < tolerance * found["work"]
-
-
-@pytest.mark.one_debian
-@pytest.mark.parametrize("method", ["penalty", "augmented_lagrangian"])
-def test_a_press_that_lets_go(comm, method):
-    """The step in which a plate leaves a block gave it 6 kJ by the force of the step's start."""
-    keys = {"shape": {"plane": {"point": [0, 0, 1], "normal": [0, 0, -1]}}, "translate": [0, 0, 1]}
-    press = Obstacle.model_validate({"name": "press", "table": "way", "method": method, **keys})
-    way = Amplitude(name="way", points=[(0, 0), (0.5, -0.2), (0.505, 0.5), (1, 0.5)])
-    time = {"duration": 1.0, "steps": 80, "integrator": "newmark"}
-    soft = MaterialChoice(name="stable_neo_hookean", E=1e5, nu=0.3, density=DENSITY)
-    hold = [Hold(group="bottom")]
-    result = solve(in_time(time, material=soft, hold=hold, obstacle=[press], table=[way]), comm)
-    kinetic = max(row["kinetic"] for row in result.steps)
-    assert result.converged and 2000 < kinetic < 2300
-    assert min(row["numerical_dissipation"] for row in result.steps) > -0.005 * kinetic
 
 
 @pytest.mark.one_debian("serial")

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from math import pi
 
-from mpi4py import MPI
-
 import numpy as np
 import pytest
 from barrier_problems import needs_ipctk
 from derivatives import check_derivatives
-from gmsh_files import section, write_msh
+from gmsh_files import section
 from plane_scenes import own_scene, solve
 
 import fem_snh
@@ -280,78 +278,6 @@ def test_reference_method_has_derivatives(tmp_path, element, kinematics):
 
 
 # A ring with a slot in its outer side, and a sector of it that is turned about the axis.
-RING = """
-Point(1) = {1, 0, 0};
-a[] = Extrude {0, 0.45, 0} { Point{1}; Layers{4}; };
-b[] = Extrude {0, 0.1, 0} { Point{a[0]}; Layers{1}; };
-c[] = Extrude {0, 0.45, 0} { Point{b[0]}; Layers{4}; };
-d[] = Extrude {0.3, 0, 0} { Curve{a[1], b[1], c[1]}; Layers{2}; Recombine; };
-e[] = Extrude {0.7, 0, 0} { Curve{d[0], d[8]}; Layers{5}; Recombine; };
-all[] = {d[1], d[5], d[9], e[1], e[5]};
-"""
-SECTION = """
-Physical Surface("ring") = {all[]};
-Physical Curve("bottom") = Curve In BoundingBox {0, -0.01, -1, 3, 0.01, 1};
-Physical Curve("top") = Curve In BoundingBox {0, 0.99, -1, 3, 1.01, 1};
-"""
-SECTOR = """
-v[] = Extrude {{0, 1, 0}, {0, 0, 0}, Pi / 18} { Surface{all[]}; Layers{2}; Recombine; };
-Physical Volume("ring") = {v[1], v[7], v[13], v[19], v[25]};
-Physical Surface("start") = {all[]};
-Physical Surface("end") = {v[0], v[6], v[12], v[18], v[24]};
-Physical Surface("bottom") = Surface In BoundingBox {0, -0.01, -3, 3, 0.01, 3};
-Physical Surface("top") = Surface In BoundingBox {0, 0.99, -3, 3, 1.01, 3};
-"""
-CLOSED = """
-mesh = "mesh.msh"
-element = "Q1"
-steps = 3
-reactions = ["top"]
-{keys}
-[material]
-name = "stable_neo_hookean"
-E = 1.0
-nu = 0.4
-[[hold]]
-group = "bottom"
-[[move]]
-group = "top"
-translate = [0, -0.2, 0]
-[self_contact]
-{method}
-"""
-
-
-@pytest.mark.one_debian
-@pytest.mark.parametrize(
-    "method",
-    [pytest.param(IPC + "\ndistance = 0.004", marks=needs_ipctk), REFERENCE],
-    ids=["ipc", "reference"],
-)
-def test_ring_that_closes_is_the_body(tmp_path, method):
-    """A slot closes: the forces of the whole turn are 36 times those of ten degrees."""
-    runs = []
-    for part, dim, keys in (
-        (SECTION, 2, 'kinematics = "axisymmetric"'),
-        (SECTOR, 3, 'symmetry = [{ group = "start" }, { group = "end" }]'),
-    ):
-        write_msh(MPI.COMM_SELF, tmp_path, RING + part, dim=dim)
-        (tmp_path / "own.toml").write_text(CLOSED.format(method=method, keys=keys))
-        runs.append(solve(tmp_path / "own.toml").steps)
-    section, sector = runs
-    assert section[0]["self_contact"]["force"] == 0
-    section, sector = section[-1], sector[-1]
-    force = 36 * sector["reactions"]["top"][1]
-    assert section["reactions"]["top"][1] == pytest.approx(force, rel=0.01)
-    contact, expected = section["self_contact"], sector["self_contact"]
-    assert contact["force"] > 0.2 * abs(force)
-    assert contact["force"] == pytest.approx(36 * expected["force"], rel=0.05)
-    if method == REFERENCE:
-        assert 0 < contact["penetration"] < 0.01  # a tenth of a cell
-    else:
-        assert 0 < contact["distance"] < 0.004
-
-
 SLIDING = """
 mesh = "block.msh"
 element = "Q1"

@@ -239,37 +239,6 @@ def test_no_line_search_compares_energies_of_different_pairs(scene: str) -> None
     assert result.steps[-1]["self_contact"]["pairs"] > 0
 
 
-@pytest.mark.one_debian
-@mpi
-def test_a_block_falls_on_another() -> None:
-    """It falls freely by the gap, and bounces."""
-    scene = scenes.validate(
-        CLIP
-        | {
-            "mesh": {"source": "two_blocks", "parameters": {"gap": 0.05, "upper_width": 0.7}},
-            "cells": 1,
-            "material": CLIP["material"] | {"E": 1e6, "density": 1000},
-            "move": [],
-            "hold": [{"group": "bottom"}],
-            "steps": 1,
-            "time": {"duration": 0.24, "steps": 60, "integrator": "generalized_alpha"},
-            "gravity": {"vector": [0, 0, -9.81]},
-            "probe": [{"name": "top", "point": [0.35, 0.35, 1.7]}],
-        },
-        "fall",
-    )
-    result = fem_snh.run(scene, progress=False)
-    assert result.converged
-    z = np.array([row["probes"]["top"][2] for row in result.steps])
-    t = np.array([row["time"] for row in result.steps])
-    contacts = [row["self_contact"] for row in result.steps]
-    free = t < 0.1  # sqrt(2 gap / g)
-    np.testing.assert_allclose(z[free], -9.81 / 2 * t[free] ** 2, rtol=1e-5)
-    assert not any(row["force"] for row in contacts[: free.sum()])
-    assert z[-1] > z.min() + 0.04 and contacts[-1]["force"] == 0
-    assert 0 < max(row["penetration"] for row in contacts) < 0.02
-
-
 @pytest.mark.parametrize(
     ("table", "message"),
     [

@@ -105,17 +105,6 @@ def test_tuning_and_mixing(here: Path):
     assert back.lame == pytest.approx(same.lame, rel=1e-12)
 
 
-@pytest.mark.one_debian
-def test_report_and_table(here: Path):
-    report = fem_snh.material(gent, nu=0.3).report()
-    assert report.name == "gent" and report.rest.verdict == "passed"
-    from fem_snh.kernels.reports.report import rows
-
-    row, other = rows("gent.py:gent", "neo_hookean", nu=0.3)
-    assert (row["name"], row["rest"]) == ("gent.py:gent", "passed")
-    assert other["name"] == "neo_hookean"
-
-
 def test_ufl(here: Path):
     import ufl
 

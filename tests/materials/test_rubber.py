@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-import sympy
 
 import fem_snh
 
@@ -70,32 +69,6 @@ def test_yeoh_s_constants_from_treloar_s_data():
     assert np.sqrt(np.mean((stress / KG - NOMINAL) ** 2)) <= 0.02 * NOMINAL[-1]
     default = fem_snh.material("yeoh", E=modulus(2 * C10), nu=NU).numbers.values
     assert default[:3] == pytest.approx((C10, C20, C30), rel=0.01)
-
-
-def test_gent_in_closed_form():
-    """P = mu J_m/(J_m - I1 + 3) (s - 1/s^2) (Gent 1996, eq. 2 and 3)."""
-    m, t = fem_snh.material("gent", E=modulus(1.0), nu=NU, J_m=30.0), np.linspace(0.5, 5, 10)
-    limit = 30 / (30 - t**2 - 2 / t + 3)
-    assert uniaxial(m, t) == pytest.approx(limit * (t - t**-2), rel=1e-11)
-
-
-def test_extended_tube_s_moduli_by_differentiation():
-    """The shear modulus is (1 - 2 delta^2) Gc + Ge; the tube model is the limit delta = 0."""
-    t, Gc, Ge, d, b = sympy.symbols("t Gc Ge delta beta", positive=True)
-    x = t**2 + 2 / t - 3
-    links = Gc / 2 * ((1 - d**2) * x / (1 - d**2 * x) + sympy.log(1 - d**2 * x))
-    stretches = (t, t ** sympy.Rational(-1, 2), t ** sympy.Rational(-1, 2))
-    energy = links + 2 * Ge / b**2 * sum(s**-b - 1 for s in stretches)
-    young = sympy.simplify(sympy.diff(energy, t, 2).subs(t, 1))
-    assert sympy.simplify(young - 3 * ((1 - 2 * d**2) * Gc + Ge)) == 0
-    m = fem_snh.material("extended_tube", E=1.7, nu=0.3, delta=0.5, beta=0.7)
-    shear = 0.5 * m.numbers.values[0] + m.numbers.values[1]
-    assert shear == pytest.approx(m.lame[0], rel=1e-12)
-    stress = sympy.lambdify(t, sympy.diff(energy, t).subs(
-        {Gc: m.numbers.values[0], Ge: m.numbers.values[1], d: 0.5, b: 0.7}
-    ))  # fmt: skip
-    s = np.array([0.6, 0.9, 1.2, 1.7])
-    assert uniaxial(m, s) == pytest.approx(stress(s), rel=1e-11)
 
 
 def test_van_der_waals_in_closed_form():

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-from pathlib import Path
 from typing import Any
 
 from mpi4py import MPI
@@ -13,15 +12,12 @@ import pytest
 import ufl
 from dolfinx import fem
 from dolfinx_programs import Press, vector_space
-from running import solve
 
 import fem_snh
-from benchmarks.fuzz.meshes import write_mesh
 from fem_snh import _dolfinx
 from fem_snh.errors import BadInput
 from fem_snh.mesh import mesh
 from fem_snh.mesh.mesh_checks import check_geometry, scaled_jacobian, unconnected_nodes
-from fem_snh.scenes import Scene
 
 pytestmark = pytest.mark.mpi
 CELLS = ["tetrahedron", "hexahedron"]
@@ -233,32 +229,3 @@ def test_curved_cells_that_are_inverted_inside() -> None:
     assert scaled_jacobian(body)[0] < -0.01
     with pytest.raises(BadInput, match="1 inverted or degenerate cells of 1"):
         check_geometry(body, "mesh")
-
-
-@pytest.mark.one_debian
-def test_a_file_of_left_handed_cells(comm: Any, folder: Path) -> None:
-    """A pressure on a reflected mesh acts inwards, as on the other."""
-
-    results = []
-    for name, swap in (("right", False), ("left", True)):
-        path = folder / f"{name}.msh"
-        if comm.rank == 0:
-            lines = write_mesh("tetrahedra", 2, 2.2, False).decode().splitlines()
-            for i, line in enumerate(lines):
-                words = line.split()
-                if swap and len(words) == 9 and words[1] == "4":
-                    words[5], words[6] = words[6], words[5]
-                    lines[i] = " ".join(words)
-            path.write_text("\n".join([*lines, ""]))
-        comm.barrier()
-        scene = {
-            "name": name, "mesh": path, "element": "P1", "reactions": ["left"],
-            "material": {"name": "stable_neo_hookean", "E": 1.0, "nu": 0.3},
-            "hold": [{"group": "left"}], "pressure": [{"group": "right", "value": 0.05}],
-            "petsc": {"snes_scaled_tol": 1e-11},
-        }  # fmt: skip
-        results.append(solve(Scene.model_validate(scene), comm).record["steps"][-1])
-    right, left = results
-    assert right["reactions"]["left"][0] > 0.03
-    assert left["reactions"]["left"] == pytest.approx(right["reactions"]["left"], abs=1e-9)
-    assert left["volume_ratio"] == pytest.approx(right["volume_ratio"], rel=1e-9)

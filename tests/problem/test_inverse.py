@@ -130,23 +130,6 @@ def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert record["r_squared"] == {"right.force.x": pytest.approx(1)}
 
 
-def test_command_with_parameters_of_a_scene(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """The scene has a parameter ``to``, as `fit_scene` has: that ended with a TypeError."""
-    scene = {"cells": 1, "steps": 1, "to": 0.8, "element": "Q1"}
-    record = fem_snh.run("press", E=3e5, progress=False, **scene).record
-    force = record["steps"][-1]["obstacles"]["plate"]["force"][2]
-    (tmp_path / "curve.csv").write_text(f"load,plate.force.z\n1,{force!r}\n")
-    words = ["fit", "press", "--to", str(tmp_path / "curve.csv"), "--parameters", "E"]
-    words += ["--out", str(tmp_path / "out")]
-    assert cli.main([*words, *(w for k, v in scene.items() for w in ("--set", f"{k}={v}"))]) == 0
-    found = json.loads((tmp_path / "out" / "fit.json").read_text())
-    assert found["parameters"]["E"] == pytest.approx(3e5, rel=1e-5)
-    assert cli.main([*words, "--set", "max_solves=3"]) == 2
-    assert "unknown parameter 'max_solves'" in capsys.readouterr().err
-
-
 @pytest.mark.parametrize(
     ("text", "parameters", "message"),
     [

@@ -151,53 +151,6 @@ def test_modes_that_are_refused(comm, count, density, message):
     assert message in str(refused.value) and "\n" not in str(refused.value)
 
 
-def without_energy(body):
-    filtered = material("filtered_neo_hookean", E=1.0, nu=0.3)
-    return fem_snh.NonlinearProblem(body.u, {filtered: ufl.dx}, bcs=body.bcs)
-
-
-def rotating(body):
-    force = ufl.inner(ufl.cross(body.u, ufl.as_vector((0, 0, 1))), ufl.TestFunction(body.V))
-    return fem_snh.NonlinearProblem(body.u, {SNH: ufl.dx}, bcs=body.bcs, terms=[force * ufl.dx])
-
-
-def moving(body):
-    return fem_snh.DynamicProblem(body.u, {SNH: ufl.dx}, {SNH: 1.0}, duration=1.0, bcs=body.bcs)
-
-
-def mixed(body):
-    return fem_snh.NonlinearProblem(body.u, {SNH: ufl.dx}, bcs=body.bcs, element="Q2Q1")
-
-
-def closed(body):
-    surface = ufl.Measure("ds", body.domain)
-    air = fem_snh.Cavity(surface, 1.0, stiffness=1.0)
-    return fem_snh.NonlinearProblem(body.u, {SNH: ufl.dx}, bcs=body.bcs, terms=[air])
-
-
-def unsolved(body):
-    return fem_snh.NonlinearProblem(body.u, {SNH: ufl.dx}, bcs=body.bcs)
-
-
-@mpi
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (without_energy, "modes: expected equilibria of an energy, not a load or a material"),
-        (rotating, "modes: expected equilibria of an energy, not a load or a material"),
-        (moving, "modes: expected equilibria of an energy, not in time"),
-        (closed, "modes: the Hessian has a matrix of rank one: expected no cavity"),
-        (mixed, "modes: element 'Q2Q1' has a pressure without mass"),
-        (unsolved, "vibration_modes: expected a solution that has converged: call solve()"),
-    ],
-)
-def test_problems_without_modes(comm, make, message):
-    problem = make(Bar(unit_cube(comm, 1), 2))
-    with pytest.raises(BadInput) as refused:
-        problem.vibration_modes(2, density=1.0)
-    assert message in str(refused.value)
-
-
 @mpi
 def test_frequencies_that_are_no_goals(comm):
     body = Bar(unit_cube(comm, 2))

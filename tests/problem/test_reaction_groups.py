@@ -129,42 +129,6 @@ def test_a_condition_of_a_program_has_what_no_later_one_sets(comm: Any) -> None:
     assert total == pytest.approx([-0.05, -0.02, -0.01], abs=1e-5)
 
 
-def test_planes_of_symmetry_of_a_program_have_reactions(comm: Any) -> None:
-    """They act along their normals, beside a clamped side that overrides them at common edges."""
-    domain = mesh.create_unit_cube(comm, 3, 3, 3, mesh.CellType.hexahedron)
-    V, faces = vector_space(domain), []
-    for axis in (0, 1, 2):
-        on = mesh.locate_entities_boundary(domain, 2, lambda x, i=axis: np.isclose(x[i], 0))
-        faces.append(np.sort(on))
-    dofs = fem.locate_dofs_topological(V, 2, faces[0])
-    floors = []
-    for facets in faces[1:]:
-        tags = mesh.meshtags(domain, 2, facets, np.full(len(facets), 1, np.int32))
-        ds = ufl.Measure("ds", domain=domain, subdomain_data=tags)
-        floors.append(fem_snh.Symmetry(group=ds(1)))
-    bcs = [floors[0], fem.dirichletbc(np.zeros(3), dofs, V), floors[1]]
-    material, u = fem_snh.material("stable_neo_hookean", E=1.0, nu=0.3), fem.Function(V)
-    load = np.array([0.05, 0.02, 0.01])
-    work = ufl.dot(fem.Constant(domain, load), u) * ufl.dx
-    problem = fem_snh.NonlinearProblem(u, {material: ufl.dx}, bcs=bcs, terms=[-work])
-    problem.solve()
-    front, left, bottom = (problem.reaction_force(bc) for bc in bcs)
-    assert [*front[[0, 2]], *bottom[:2]] == pytest.approx([0] * 4, abs=1e-15)
-    assert front[1] < -1e-3 and abs(bottom[2]) > 1e-3
-    assert front + left + bottom == pytest.approx(-load, abs=1e-6)
-    moment = sum(problem.reaction_moment(bc) for bc in bcs)
-    place = np.array([0.5, 0.5, 0.5]) + [
-        comm.allreduce(fem.assemble_scalar(fem.form(u[i] * ufl.dx))) for i in range(3)
-    ]
-    assert moment == pytest.approx(np.cross(-place, load), abs=1e-6)
-    goals = problem.estimate_error(bcs).goals
-    total = sum(np.array([goals[f"bcs[{i}].force.{c}"].corrected for c in "xyz"]) for i in range(3))
-    assert total == pytest.approx(-load, abs=1e-5)
-    assert [goals[f"bcs[2].force.{c}"].value for c in "xyz"] == pytest.approx(bottom, abs=1e-12)
-    with pytest.raises(fem_snh.errors.BadInput, match=r"condition = 'a condition': expected"):
-        problem.reaction_force(fem_snh.Symmetry(group=ds(1)))
-
-
 @pytest.mark.parametrize("case", SHARED)
 def test_the_reactions_of_all_groups_balance_the_loads(comm: Any, case: str) -> None:
     """What two groups constrain at common nodes counted for both: the sum missed the load by it."""

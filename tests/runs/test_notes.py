@@ -222,37 +222,6 @@ def test_a_balloon_jumps_at_its_limit_pressure(comm, folder):
     assert "the volume of a [[cavity]] in place of a pressure" in note["text"]
 
 
-LIP = """
-Point(1) = {0.8, 0, 0}; Point(2) = {1.2, 0, 0}; Point(3) = {1.9, 1, 0}; Point(4) = {1.5, 1, 0};
-For k In {1:4}
-  Line(k) = {k, k % 4 + 1};
-EndFor
-Curve Loop(1) = {1:4}; Plane Surface(1) = {1};
-Transfinite Curve{1, 3} = 5; Transfinite Curve{2, 4} = 13; Transfinite Surface{1};
-Physical Surface("body") = {1}; Physical Curve("bottom") = {1}; Physical Curve("top") = {3};
-"""
-
-
-def test_a_lip_that_folds_is_noted(tmp_path):
-    """Its force falls by two thirds in a step that does not move it far: it loses energy."""
-    path, folds = write_msh(MPI.COMM_SELF, tmp_path, LIP, dim=2), 0.394  # where 96 steps jump
-    for steps, press in ((6, 0.8), (3, 0.3)):
-        scene = {
-            "name": "lip", "mesh": path, "element": "P2P1", "kinematics": "plane_strain",
-            "steps": steps, "material": {"name": "stable_neo_hookean", "E": 1.0, "nu": 0.49},
-            "hold": [{"group": "bottom"}],
-            "move": [{"group": "top", "translate": [0, -press, 0]}], "reactions": ["top"],
-        }  # fmt: skip
-        result = solve(Scene.model_validate(scene), MPI.COMM_SELF)
-        assert result.converged
-        jumps = [note for note in result.notes if note["kind"] == "jump"]
-        assert len(jumps) == (press > folds * 0.8)
-        for note in jumps:
-            assert note["start"] < folds < note["end"] and note["lost"] > 0
-            before, after = (result.steps[note["step"] - i]["reactions"]["top"][1] for i in (1, 0))
-            assert abs(after) < 0.4 * abs(before)
-
-
 def test_steps_with_contact_are_noted_if_they_jump(tmp_path):
     """They are not solved again: an arch snaps through above a floor that is far away."""
     path = arch(MPI.COMM_SELF, tmp_path, 5, -40.0)

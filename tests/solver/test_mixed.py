@@ -1,13 +1,11 @@
 """Taylor-Hood elements in runs: solvers, nu = 1/2, pressure, what is refused."""
 
-import json
 from math import pi
 
 from mpi4py import MPI
 
 import numpy as np
 import pytest
-import pyvista
 from bodies import Hold, create_problem, cube, dense, problem, wave
 from scipy.linalg import eigh
 
@@ -215,44 +213,3 @@ def test_incompressible_material_needs_a_pressure(element):
 def test_a_material_without_a_volume_term_is_refused():
     with pytest.raises(BadInput, match="material 'corotational' has no volume term"):
         turned(element="Q1P0", material="corotational")
-
-
-@pytest.mark.one_debian("serial")
-@mpi
-@taylor_hood
-def test_fields_hold_the_pressure(comm, element, tmp_path):
-    """A bar with nu = 1/2 and free sides, stretched by 10 %: the solution is exact."""
-    out = comm.bcast(str(tmp_path / "run"))
-    stretch = 1.1
-    scene = comm.bcast(str(tmp_path / "bar.toml"))
-    if comm.rank == 0:
-        with open(scene, "w", encoding="utf-8") as file:
-            file.write(BAR.format(element=element, move=stretch - 1))
-    comm.barrier()
-    result = run(scene, out=out, progress=False)
-    assert result.converged
-    if comm.rank:
-        return
-    fields = pyvista.get_reader(f"{out}/fields.pvd")
-    fields.set_active_time_value(1.0)
-    mesh = fields.read()[0]
-    # eq. 13 at J = 1: P = mu F + (p - mu) cof F, so p = mu (1 - 1/s) where the sides are free.
-    mu = 1 / 3
-    assert mesh["pressure"] == pytest.approx(mu * (1 - 1 / stretch), abs=2e-7)
-    assert json.loads((tmp_path / "run" / "run.json").read_text())["element"] == element
-
-
-BAR = """
-mesh = {{ source = "cube" }}
-cells = 2
-element = "{element}"
-hessian = "adaptive"
-steps = 1
-material = {{ name = "stable_neo_hookean", E = 1.0, nu = 0.5, barrier = false }}
-hold = [
-  {{ group = "left", components = ["x"] }},
-  {{ group = "front", components = ["y"] }},
-  {{ group = "bottom", components = ["z"] }},
-]
-move = [{{ group = "right", components = ["x"], translate = [{move}, 0, 0] }}]
-"""

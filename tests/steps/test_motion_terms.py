@@ -254,39 +254,6 @@ def test_damping_forces_of_a_turning_body(element, name):
     assert p.comm.allreduce(float(force.ravel() @ other.ravel()[:owned])) > 0.1 * size
 
 
-def confined_column(integrator, element, nu, zeta):
-    """Return the energy that one period of a column's mode leaves, and that dampers took, of 1.
-
-    Its length alone changes.
-    """
-    E, density = 1.0, 2.0
-    mu, lam = E / 2 / (1 + nu), E * nu / (1 + nu) / (1 - 2 * nu)
-    omega = np.pi / 2 * np.sqrt((lam + 2 * mu) / density)
-    sides = [Hold(g, (a,)) for g, a in zip(("left", "right", "front", "back"), "xxyy", strict=True)]
-    fillings = [Filling(material("stable_neo_hookean", E=E, nu=nu), None, density)]
-    p, d = moving(
-        integrator, element, fillings=fillings, hold=[Hold("bottom"), *sides],
-        duration=2 * np.pi / omega, damping=(0.0, 2 * zeta / omega),
-    )  # fmt: skip
-    d.start(p, lambda X: np.outer(1e-3 * omega * np.sin(np.pi / 2 * X[:, 2]), [0, 0, 1]))
-    first = d.energies(p)["kinetic"]
-    run(p, d, 40)
-    end = d.energies(p)
-    return np.array([end["kinetic"] + end["elastic"], end["dissipated"]]) / first
-
-
-@pytest.mark.parametrize("element, nu", [("Q2Q1", 0.45), ("P2P1", 0.45), ("Q2Q1", 0.3)])
-def test_damping_ratio_of_a_mode_of_the_volume(element, nu):
-    """It is beta omega / 2, as by an element without an unknown pressure, for each integrator."""
-    zeta = 0.05
-    for integrator in ("newmark", "bdf2", "generalized_alpha"):
-        found = confined_column(integrator, element, nu, zeta)
-        assert found == pytest.approx(confined_column(integrator, "Q2", nu, zeta), rel=0.01)
-        if integrator == "newmark":
-            expected = np.exp(-4 * np.pi * zeta / np.sqrt(1 - zeta**2))
-            assert found == pytest.approx([expected, 1 - expected], rel=0.05)
-
-
 def test_damping_of_an_incompressible_body_does_not_act_on_its_pressure():
     fillings = [Filling(material("stable_neo_hookean", E=1.0, nu=0.5), None, 2.0)]
     p, d = moving("newmark", "P2P1", fillings=fillings, hold=[Hold("bottom")],

@@ -162,35 +162,6 @@ def test_energy_of_a_bar_with_a_rigid_weight(comm, integrator):
 
 
 @mpi
-@pytest.mark.parametrize("spacing", [2e-4, 2.5e-4, 1e-3])
-@pytest.mark.parametrize("integrator", ["backward_euler", "newmark", "bdf2", "generalized_alpha"])
-def test_force_on_a_part_that_a_record_moves(comm, integrator, spacing):
-    """It is m a, with points of the table closer than steps; so is the moment that turns it."""
-    w, steps, angle = 4 * np.pi, 40, 0.2
-    times = np.arange(0, 1 + spacing, spacing)
-    record = np.sin(w * times)
-    problem = box(
-        comm, integrator, 1.0, translate=(0.1, 0, 0), about=tuple(SIDES / 2),
-        table=lambda t: float(np.interp(t, times, record)),
-        rotate={"axis": (0, 0, 1), "angle": angle, "through": tuple(SIDES / 2)},
-    )  # fmt: skip
-    problem.start()
-    found = []
-    for _ in range(steps):
-        assert problem.step(1.0 / steps)
-        forces = problem._problem.x.duplicate()
-        problem._problem.gradient(problem._problem.x, forces)
-        state = problem._problem.rigid.states(problem._problem.x, forces)["box"]
-        moved = [0.1 * float(np.interp(problem.time, times, record)), 0.0, 0.0]
-        assert state["displacement"] == pytest.approx(moved, abs=1e-12)
-        found.append([state["force"][0], state["moment"][2]])
-    size = -(w**2) * np.array([0.1 * DENSITY * SIDES.prod(), angle * moments_of_inertia()[2]])
-    exact = np.sin(w * np.arange(1, steps + 1) / steps)[:, None] * size
-    weight = np.array(found) - exact
-    assert abs(weight / size).max() < (w / steps) ** 2 / 3
-
-
-@mpi
 @pytest.mark.parametrize("integrator", ["bdf2", "newmark", "generalized_alpha"])
 def test_force_on_a_part_that_a_coarse_record_moves(comm, integrator):
     """It is m a, with steps a quarter of the distance of the points, if these are interpolated."""
