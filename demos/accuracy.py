@@ -2,7 +2,7 @@
 # # Cook's membrane at 0.1 %: the mesh that an accuracy requires
 #
 # How many cells does an answer need, and where? State the accuracy
-# ([guide](../howto/accuracy.md)): the run estimates its error, bisects the
+# ([guide](../howto/error.md#state-the-accuracy)): the run estimates its error, bisects the
 # triangles that hold it, and ends when the value is known. At ν = 0.4999 most of the error is at
 # two corners, where the stress has no limit.
 #
