@@ -248,14 +248,19 @@ def facet_reflections(domain: Mesh) -> Array:
     return reflected[: num_owned(domain)]
 
 
+def _cell_type(cell: str) -> basix.CellType:
+    """Return basix's kind of cell of this name."""
+    return getattr(basix.CellType, cell)
+
+
 def reference_facets(cell: str) -> Array:
     """Return the vertices of the reference cell's facets, (facets, corners of each)."""
-    return np.asarray(basix.topology(getattr(basix.CellType, cell))[-2])
+    return np.asarray(basix.topology(_cell_type(cell))[-2])
 
 
 def reference_edges(cell: str) -> Array:
     """Return the vertices of the reference cell's edges, (edges, 2)."""
-    return np.asarray(basix.topology(getattr(basix.CellType, cell))[1])
+    return np.asarray(basix.topology(_cell_type(cell))[1])
 
 
 def cell_name(domain: Mesh) -> str:
@@ -265,7 +270,7 @@ def cell_name(domain: Mesh) -> str:
 
 def reference_corners(cell: str) -> Array:
     """Return the vertices of the reference cell, (corners, dim)."""
-    return np.asarray(basix.geometry(getattr(basix.CellType, cell)))
+    return np.asarray(basix.geometry(_cell_type(cell)))
 
 
 def geometry_dofs(domain: Mesh) -> Array:
@@ -335,13 +340,8 @@ def facet_maps(cell: str) -> tuple[Array, Array]:
     tangents : (facets, dim - 1, dim)
         The derivatives by its coordinates.
     """
-    kind = getattr(basix.CellType, cell)
-    corners = np.asarray(basix.geometry(kind))
-    dim = corners.shape[1]
-    facets = basix.topology(kind)[dim - 1]
-    origins = np.array([corners[facet[0]] for facet in facets])
-    tangents = [[corners[facet[i]] - corners[facet[0]] for i in range(1, dim)] for facet in facets]
-    return origins, np.array(tangents)
+    corners = reference_corners(cell)[reference_facets(cell)]  # (facets, corners of each, dim)
+    return corners[:, 0], corners[:, 1 : corners.shape[2]] - corners[:, :1]
 
 
 def bounding_box(domain: Mesh) -> Array:

@@ -16,7 +16,14 @@ from dolfinx.fem import FunctionSpace
 from dolfinx.mesh import Mesh
 
 from fem_snh._dolfinx.forms import _quiet
-from fem_snh._dolfinx.meshes import _rows, cell_name, geometry_degree, num_owned
+from fem_snh._dolfinx.meshes import (
+    _cell_type,
+    _rows,
+    cell_name,
+    geometry_degree,
+    num_owned,
+    reference_facets,
+)
 from fem_snh.cache import compiling
 
 Array = np.ndarray
@@ -105,7 +112,7 @@ def node_dofs(V: FunctionSpace) -> Array:
 def facet_nodes(V: FunctionSpace) -> Array:
     """Return the numbers in a cell of the nodes on each of its facets, (facets, nodes)."""
     dim, layout = V.mesh.topology.dim, V.dofmap.dof_layout
-    count = len(basix.topology(getattr(basix.CellType, str(V.mesh.topology.cell_name())))[-2])
+    count = len(reference_facets(cell_name(V.mesh)))
     return np.array([layout.entity_closure_dofs(dim - 1, facet) for facet in range(count)])
 
 
@@ -150,7 +157,7 @@ def local_to_global(V: FunctionSpace) -> Array:
 @cache
 def _lagrange(cell: str, degree: int) -> Any:
     """Return basix's Lagrange element, whose variant is that of the function spaces."""
-    kind, variant = getattr(basix.CellType, cell), basix.LagrangeVariant.gll_warped
+    kind, variant = _cell_type(cell), basix.LagrangeVariant.gll_warped
     return basix.create_element(basix.ElementFamily.P, kind, degree, variant)
 
 
@@ -221,7 +228,7 @@ def quadrature(cell: str, degree: int) -> tuple[Array, Array]:
     sum of semidefinite matrices is semidefinite: where basix's default rule has a negative weight
     (degree 3 on tetrahedra), the Xiao-Gimbutas rule replaces it.
     """
-    kind = getattr(basix.CellType, cell)
+    kind = _cell_type(cell)
     points, weights = basix.make_quadrature(kind, degree)
     if not _has_positive_weights(cell, degree):
         rule = basix.QuadratureType.xiao_gimbutas
@@ -234,7 +241,7 @@ def quadrature(cell: str, degree: int) -> tuple[Array, Array]:
 
 def _has_positive_weights(cell: str, degree: int) -> bool:
     """Return whether basix's default rule has no negative weight."""
-    weights = basix.make_quadrature(getattr(basix.CellType, cell), degree)[1]
+    weights = basix.make_quadrature(_cell_type(cell), degree)[1]
     return bool(weights.min() >= 0)
 
 
