@@ -5,7 +5,7 @@ The built-in scenes ``hand`` and ``torso`` move their bones by the joints of a l
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
@@ -241,7 +241,6 @@ def _read_rows(path: Path, names: list[str]) -> MotionRows:
 
 # --- skeletons of built-in scenes ----------------------------------------------------------------
 
-Point = tuple[float, float, float]
 #: No point of a cube of edge 1 is farther from its nearest corner.
 _HALF_DIAGONAL = 3**0.5 / 2
 
@@ -257,9 +256,9 @@ class JointMotion:  # no dataclass: pydantic would write it as a table
 
     Parameters
     ----------
-    position : (3,) tuple
+    position : (3,) sequence
         Its reference position [length].
-    rotation : (3,) tuple
+    rotation : (3,) sequence
         Rotation vector at the end, relative to the parent, in the axes of the reference
         configuration: the axis, times the angle [rad].
     parent : JointMotion, optional
@@ -270,19 +269,20 @@ class JointMotion:  # no dataclass: pydantic would write it as a table
 
     def __init__(
         self,
-        position: Point,
-        rotation: Point = (0.0, 0.0, 0.0),
+        position: npt.ArrayLike,
+        rotation: npt.ArrayLike = (0.0, 0.0, 0.0),
         parent: JointMotion | None = None,
         begin: float = 0.0,
         end: float = 1.0,
     ) -> None:
-        self.position, self.rotation, self.parent = position, rotation, parent
+        self.position, self.rotation = np.asarray(position), np.asarray(rotation)
+        self.parent = parent
         self.begin, self.end = begin, end
 
     def __call__(self, load: float) -> Array:
         """Return the affine map (3, 4) at a load: reference to present positions."""
         part = np.clip((load - self.begin) / (self.end - self.begin), 0.0, 1.0)
-        R = exponential(part * np.asarray(self.rotation))
+        R = exponential(part * self.rotation)
         d = self.position - R @ self.position
         if self.parent is not None:
             outer = self.parent(load)
@@ -295,8 +295,8 @@ class BoneSegment(NamedTuple):
 
     name: str
     joint: JointMotion
-    start: Point
-    end: Point
+    start: npt.ArrayLike
+    end: npt.ArrayLike
     radius: float
 
     def table(self, cell: float) -> dict[str, Any]:
@@ -312,60 +312,56 @@ class BoneSegment(NamedTuple):
 
 def limb(
     parent: JointMotion,
-    points: Sequence[Sequence[float]],
-    directions: Sequence[Sequence[float]],
+    names: Sequence[str],
+    points: Array,
+    directions: npt.ArrayLike,
+    sections: Iterable[tuple[float, float]],
     begin: float = 0.0,
     end: float = 1.0,
-) -> list[JointMotion]:
-    """Return joints in a row, each on the one before, that turn straight segments.
+) -> list[BoneSegment]:
+    """Return bones in a row, each of which hangs with its joint on the one before.
 
     Parameters
     ----------
     parent : JointMotion
         The joint on which the first one hangs; it stands still.
-    points : (n + 1, 3) sequence
-        Reference positions of the joints and of the tip of the last segment [length].
-    directions : (n, 3) sequence
-        The directions of the segments at the end. Each joint turns by the smallest angle that
-        leads there.
+    names : sequence of str
+        The names of the n bones.
+    points : (n + 1, 3) array
+        Reference positions of the joints and of the tip of the last bone [length].
+    directions : (n, 3) array
+        The directions of the bones at the end. Each joint turns by the smallest angle that leads
+        there.
+    sections : iterable of (float, float)
+        The radius of each bone, and how far before the joints its axis ends [length].
     begin, end : float
-        The loads between which they turn.
+        The loads between which the joints turn.
     """
-    joints = [parent]
-    turned = np.eye(3)  # of the segment before
-    for start, tip, direction in zip(points[:-1], points[1:], directions, strict=True):
+    bones: list[BoneSegment] = []
+    joint, turned = parent, np.eye(3)  # of the bone before
+    rows = zip(names, points[:-1], points[1:], np.asarray(directions), sections, strict=True)
+    for name, start, tip, direction, (radius, gap) in rows:
         segment, wanted = np.subtract(tip, start), turned.T @ direction
         axis = np.cross(segment, wanted)
         sine = float(np.linalg.norm(axis))
         rotation = axis * (np.arctan2(sine, segment @ wanted) / sine if sine > 0 else 0.0)
-        joints.append(JointMotion(point(start), point(rotation), joints[-1], begin, end))
+        joint = JointMotion(start, rotation, joint, begin, end)
+        bones.append(bone_between(name, joint, start, tip, radius, gap))
         turned = turned @ exponential(rotation)
-    return joints[1:]
+    return bones
 
 
 def bone_between(
-    name: str,
-    joint: JointMotion,
-    start: Sequence[float],
-    end: Sequence[float],
-    radius: float,
-    gap: float,
+    name: str, joint: JointMotion, start: Array, end: Array, radius: float, gap: float
 ) -> BoneSegment:
     """Return a bone between two joints, whose segment ends ``gap`` before each [length]."""
-    a, b = np.asarray(start, dtype=float), np.asarray(end, dtype=float)
-    inset = gap * (b - a) / np.linalg.norm(b - a)
-    return BoneSegment(name, joint, point(a + inset), point(b - inset), radius)
+    inset = gap * (end - start) / np.linalg.norm(end - start)
+    return BoneSegment(name, joint, start + inset, end - inset, radius)
 
 
-def capsule(start: Sequence[float], end: Sequence[float], radius: float) -> dict[str, Any]:
+def capsule(start: npt.ArrayLike, end: npt.ArrayLike, radius: float) -> dict[str, Any]:
     """Return the table of a capsule: the points within a radius of a segment [length]."""
-    return {"capsule": {"from": point(start), "to": point(end), "radius": float(radius)}}
-
-
-def point(x: Any) -> Point:
-    """Return three numbers as a tuple of Python's floats, which a scene's tables accept."""
-    a, b, c = (float(value) for value in x)
-    return a, b, c
+    return {"capsule": {"from": start, "to": end, "radius": radius}}
 
 
 def lattice_scene(

@@ -103,17 +103,7 @@ class MaterialChoice(Table):
     @field_validator("name")
     @classmethod
     def _check_name(cls, name: Any) -> Any:
-        from fem_snh.materials import function
-        from fem_snh.materials.registry import built_in
-
-        if not (callable(name) or isinstance(name, str)):
-            raise bad_value("name", name, "the name of a material, see `fem-snh materials`")
-        if isinstance(name, str) and name in built_in():
-            return name  # the function would import sympy
-        try:
-            function(name)
-        except BadInput as error:
-            raise BadInput(str(error).replace("material =", "name =", 1)) from None
+        _check_material("name", name)
         return name
 
     @model_validator(mode="before")
@@ -141,14 +131,8 @@ class MaterialChoice(Table):
             if key not in known:
                 raise unknown_name("parameter", key, known, suggestion(key, known))
         given |= check_keywords(function(self.name), given)
-        other = given.get("lambda_part")
-        if other is not None:
-            if not (callable(other) or isinstance(other, str)):
-                raise bad_value("lambda_part", other, "the name of a material")
-            try:
-                function(other)
-            except BadInput as error:
-                raise BadInput(str(error).replace("material =", "lambda_part =", 1)) from None
+        if given.get("lambda_part") is not None:
+            _check_material("lambda_part", given["lambda_part"])
         check({key: given[key] for key in TUNING if key in given})
         return self
 
@@ -162,6 +146,21 @@ class MaterialChoice(Table):
         if info.mode == "json":
             return {key: label(v) if callable(v) else v for key, v in table.items()}
         return table
+
+
+def _check_material(key: str, name: Any) -> None:
+    """Raise BadInput for a value of a key that is no material."""
+    from fem_snh.materials import function
+    from fem_snh.materials.registry import built_in
+
+    if not (callable(name) or isinstance(name, str)):
+        raise bad_value(key, name, "the name of a material, see `fem-snh materials`")
+    if isinstance(name, str) and name in built_in():
+        return  # the function would import sympy
+    try:
+        function(name)
+    except BadInput as error:
+        raise BadInput(str(error).replace("material =", f"{key} =", 1)) from None
 
 
 def _moduli_of(name: Any, E: Any, nu: Any, given: Mapping[str, Any]) -> dict[str, float]:

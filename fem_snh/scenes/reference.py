@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import inspect
 import re
-from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -19,7 +18,7 @@ from fem_snh.errors import BadInput, nearest, unknown_name
 from fem_snh.materials import TUNING, defaults, describe, names, names_in_literature, pins
 from fem_snh.materials.parameters import MEANINGS
 from fem_snh.materials.registry import published
-from fem_snh.scenes.schema import MaterialChoice, Scene
+from fem_snh.scenes.schema import Scene
 from fem_snh.tables.validation import Table, accepted, suggestion, tables_in
 
 
@@ -146,38 +145,6 @@ def materials_with(parameter: str) -> list[str]:
         for name in names()
         if parameter in (*defaults(name), *pins(name), *names_in_literature(name))
     ]
-
-
-def sections() -> Iterator[tuple[str, type[Table]]]:
-    """Yield the tables of a scene once each, with headings that say where they are."""
-    places: dict[type[Table], list[tuple[type[Table], Key]]] = {Scene: []}
-    ways: list[type[Table]] = [Scene]
-    for model in ways:  # it grows
-        for key in keys_of(model):
-            for table in key.tables:
-                ways += [] if table in places else [table]
-                places.setdefault(table, []).append((model, key))
-    usual = {
-        model: Counter(key.name for _, key in found).most_common(1)[0][0]
-        for model, found in places.items()
-        if found
-    }
-    for model, found in places.items():
-        if model is Scene:
-            yield "Top-level keys", model
-            continue
-        outer, key = found[0]
-        required = next((k.name for k in keys_of(model) if k.default == "required"), "")
-        beside = f" with {required}" if len(key.tables) > 1 else ""
-        if outer is Scene:
-            single, many = f"[{key.name}]", f"[[{key.name}]]"
-            kinds = (
-                (single, many) if model is MaterialChoice else (many if key.is_list else single,)
-            )
-            yield ", ".join(kinds) + beside, model
-        else:
-            parents = dict.fromkeys(usual[parent] for parent, _ in found if parent is not model)
-            yield f"{usual[model]}, of {', '.join(parents)}{beside}", model
 
 
 def _documented(material: str, parameter: str) -> str:

@@ -37,7 +37,7 @@ def test_joints_turn_what_hangs_on_them(load):
 def test_limb_points_where_it_is_told():
     points = np.array([(0, 0, 0), (1, 0, 0.2), (1.5, 0.3, 0.1), (1.9, 0.2, 0.0)])
     wanted = np.array([(0.2, 1, 0.3), (-1, 0.1, 0), (-1, 0.1, 0)])
-    maps = [joint(1.0) for joint in limb(BODY, points, wanted)]
+    maps = [bone.joint(1.0) for bone in limb(BODY, "abc", points, wanted, [(0.1, 0.0)] * 3)]
     for affine, a, b, direction in zip(maps, points, points[1:], wanted, strict=False):
         found = apply(affine, b) - apply(affine, a)
         length = np.linalg.norm(b - a)
@@ -47,8 +47,8 @@ def test_limb_points_where_it_is_told():
 
 
 def test_bones_end_before_the_joints():
-    bone = bone_between("ulna", ELBOW, (0, 0, 0), (0, 0, 2), 0.1, gap=0.25)
-    assert (bone.start, bone.end) == ((0, 0, 0.25), (0, 0, 1.75))
+    bone = bone_between("ulna", ELBOW, np.zeros(3), np.array([0, 0, 2.0]), 0.1, gap=0.25)
+    assert np.array_equal([bone.start, bone.end], [(0, 0, 0.25), (0, 0, 1.75)])
 
 
 @RIGS

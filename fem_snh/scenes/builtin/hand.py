@@ -6,7 +6,9 @@ from math import cos, radians, sin
 from typing import Any, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
+from fem_snh.geometry.shapes.shape import Array
 from fem_snh.scenes import Scene
 from fem_snh.scenes._bones import (
     BoneSegment,
@@ -15,7 +17,6 @@ from fem_snh.scenes._bones import (
     capsule,
     lattice_scene,
     limb,
-    point,
 )
 
 #: The unit of the tables below, a millimetre [m]. x points along the fingers, y away from the
@@ -107,20 +108,10 @@ def hand(cells: int = 119, noise: float = 0.05, seed: int = 1, contact: bool = T
     contact : bool
         Whether parts of the surface that touch push each other apart.
     """
-    tables = lattice_scene(
-        flesh(),
-        LENGTH * MM / cells,
-        rig(),
-        noise,
-        seed,
-        contact,
-        name="hand",
-        element="Q1",
-        steps=FRAMES,
-        petsc={"snes_lbfgs_max_it": LBFGS_MAX_IT},
-        load_name="fist",
-    )
-    return Scene(**tables)
+    keys = {"name": "hand", "element": "Q1", "steps": FRAMES, "load_name": "fist"}
+    petsc = {"snes_lbfgs_max_it": LBFGS_MAX_IT}
+    cell = LENGTH * MM / cells
+    return Scene(**lattice_scene(flesh(), cell, rig(), noise, seed, contact, petsc=petsc, **keys))
 
 
 def rig() -> list[BoneSegment]:
@@ -130,18 +121,19 @@ def rig() -> list[BoneSegment]:
     bones = [BoneSegment(n, wrist, _m(a), _m(b), r * MM) for n, (a, b, r) in still]
     for name, finger in FINGERS.items():
         ends = _m(finger.base), _m(finger.knuckle)
-        bones.append(_bone(f"{name}_metacarpal", wrist, *ends, METACARPAL_RADIUS))
-        points, lean = phalanges(finger), radians(finger.lean)
+        metacarpal = f"{name}_metacarpal"
+        bones.append(bone_between(metacarpal, wrist, *ends, METACARPAL_RADIUS * MM, GAP * MM))
+        lean = radians(finger.lean)
         directions = [
             (cos(a), sin(a) * sin(lean), -sin(a) * cos(lean)) for a in map(radians, finger.fist)
         ]
-        joints = limb(wrist, points, directions, end=FINGERS_END)
         names = [f"{name}_{phalanx}" for phalanx in PHALANGES]
-        bones += _row(names, joints, points, PHALANX_RADII)
+        sections = [(radius * MM, GAP * MM) for radius in PHALANX_RADII]
+        bones += limb(wrist, names, phalanges(finger), directions, sections, end=FINGERS_END)
     names = [f"thumb_{bone}" for bone in ("metacarpal", "proximal", "distal")]
-    points = [_m(p) for p in THUMB]
-    joints = limb(wrist, points, list(np.diff(THUMB_IN_FIST, axis=0)), THUMB_BEGINS)
-    return bones + _row(names, joints, points, THUMB_BONE_RADII)
+    sections = [(radius * MM, GAP * MM) for radius in THUMB_BONE_RADII]
+    fist = np.diff(THUMB_IN_FIST, axis=0)
+    return bones + limb(wrist, names, _m(THUMB), fist, sections, THUMB_BEGINS)
 
 
 def flesh() -> dict[str, Any]:
@@ -151,42 +143,24 @@ def flesh() -> dict[str, Any]:
         ends = zip((finger.base, finger.knuckle), PALM_HEIGHTS, strict=True)
         a, b = (_m((x, y, z + height)) for (x, y, z), height in ends)
         shapes += [capsule(a, b, PALM * MM), *_around(phalanges(finger), finger.radii)]
-    shapes += _around([_m(p) for p in THUMB], THUMB_RADII)
+    shapes += _around(_m(THUMB), THUMB_RADII)
     return {"smooth_union": {"shapes": shapes, "blend": BLEND * MM}}
 
 
-def phalanges(finger: Finger) -> list[tuple[float, float, float]]:
+def phalanges(finger: Finger) -> Array:
     """Return the joints of a finger and its tip [m]."""
     angle = radians(finger.splay)
     along = np.cumsum([0, *finger.lengths])[:, None] * (cos(angle), sin(angle), 0.0)
-    return [_m(x) for x in np.asarray(finger.knuckle) + along]
+    return _m(finger.knuckle + along)
 
 
-def _around(points: list[Any], radii: tuple[float, float, float]) -> list[dict[str, Any]]:
+def _around(points: Array, radii: tuple[float, float, float]) -> list[dict[str, Any]]:
     """Return capsules around the segments of a finger, the last of which ends at the tip."""
-    ends = _ends(points, radii[-1])
+    last = points[-1] - points[-2]
+    ends = [*points[1:-1], points[-1] - radii[-1] * MM * last / np.linalg.norm(last)]
     return [capsule(a, b, r * MM) for a, b, r in zip(points, ends, radii, strict=False)]
 
 
-def _row(
-    names: list[str], joints: list[JointMotion], points: list[Any], radii: tuple[float, ...]
-) -> list[BoneSegment]:
-    """Return the bones between the joints of a finger."""
-    rows = zip(names, joints, points, points[1:], radii, strict=False)
-    return [_bone(*row) for row in rows]
-
-
-def _ends(points: list[Any], short: float) -> list[Any]:
-    """Return the ends of a finger's segments, the last of which is ``short`` of the tip [mm]."""
-    last = np.subtract(points[-1], points[-2])
-    return [*points[1:-1], points[-1] - short * MM * last / np.linalg.norm(last)]
-
-
-def _bone(name: str, joint: JointMotion, start: Any, end: Any, radius: float) -> BoneSegment:
-    """Return a bone between two joints, with its radius in mm."""
-    return bone_between(name, joint, start, end, radius * MM, GAP * MM)
-
-
-def _m(x: Any) -> tuple[float, float, float]:
-    """Return a point in mm in metres."""
-    return point(MM * np.asarray(x, dtype=float))
+def _m(x: npt.ArrayLike) -> Array:
+    """Return points in mm in metres."""
+    return MM * np.asarray(x, dtype=float)

@@ -10,15 +10,14 @@ from fem_snh.scenes import Scene
 from fem_snh.scenes._bones import (
     BoneSegment,
     JointMotion,
-    bone_between,
     capsule,
     lattice_scene,
     limb,
-    point,
 )
 
 #: x points to the body's left, y to its back, z up [m]. The tables hold the left side; the right
 #: one is its mirror image, except for the pose.
+SIDES = {"left": (1, 1, 1), "right": (-1, 1, 1)}
 #: Bones of the trunk, which stands still: ends and radius.
 TRUNK = {
     "lumbar_spine": ((0, 0.03, -0.02), (0, 0.04, 0.18), 0.028),
@@ -27,8 +26,10 @@ TRUNK = {
 }
 #: Joints of an arm from the sternum to the fingertips; its bones: radius, distance of their ends
 #: from the joints.
-ARM = ((0.02, -0.04, 0.475), (0.18, 0.01, 0.49), (0.42, 0.015, 0.38), (0.635, 0, 0.285),
-       (0.76, -0.005, 0.23))  # fmt: skip
+ARM = np.array([
+    (0.02, -0.04, 0.475), (0.18, 0.01, 0.49), (0.42, 0.015, 0.38), (0.635, 0, 0.285),
+    (0.76, -0.005, 0.23),
+])  # fmt: skip
 ARM_BONES = {
     "clavicle": (0.011, 0.02),
     "humerus": (0.018, 0.03),
@@ -82,45 +83,29 @@ def torso(cells: int = 144, noise: float = 0.0, seed: int = 1, contact: bool = T
     contact : bool
         Whether parts of the surface that touch push each other apart.
     """
-    tables = lattice_scene(
-        flesh(),
-        SPAN / cells,
-        rig(),
-        noise,
-        seed,
-        contact,
-        name="torso",
-        element="Q1P0",
-        steps=FRAMES,
-        load_name="swing",
-    )
-    return Scene(**tables)
+    keys = {"name": "torso", "element": "Q1P0", "steps": FRAMES, "load_name": "swing"}
+    return Scene(**lattice_scene(flesh(), SPAN / cells, rig(), noise, seed, contact, **keys))
 
 
 def rig() -> list[BoneSegment]:
     """Return the bones of the torso [m]."""
     trunk = JointMotion((0.0, 0.0, 0.0))
-    bones = [BoneSegment(name, trunk, point(a), point(b), r) for name, (a, b, r) in TRUNK.items()]
-    for side, sign in (("left", 1), ("right", -1)):
-        points = [_mirrored(p, sign) for p in ARM]
-        joints = limb(trunk, points, [_mirrored(d, sign) for d in SWUNG[side]])
-        rows = zip(ARM_BONES.items(), joints, points, points[1:], strict=False)
-        bones += [
-            bone_between(f"{side}_{name}", joint, a, b, radius, gap)
-            for (name, (radius, gap)), joint, a, b in rows
-        ]
+    bones = [BoneSegment(name, trunk, *ends_and_radius) for name, ends_and_radius in TRUNK.items()]
+    for side, mirror in SIDES.items():
+        names = [f"{side}_{name}" for name in ARM_BONES]
+        arm = limb(trunk, names, ARM * mirror, np.multiply(SWUNG[side], mirror), ARM_BONES.values())
         start, end, radius = SCAPULA
-        ends = _mirrored(start, sign), _mirrored(end, sign)
-        bones.append(BoneSegment(f"{side}_scapula", joints[0], *ends, radius))
+        ends = np.multiply(start, mirror), np.multiply(end, mirror)
+        bones += [*arm, BoneSegment(f"{side}_scapula", arm[0].joint, *ends, radius)]
     return bones
 
 
 def flesh() -> dict[str, Any]:
     """Return the table of the body's shape: a smooth union of capsules [m]."""
     shapes = [capsule(a, b, r) for a, b, r in MIDDLE]
-    for sign in (1, -1):
-        shapes += [capsule(_mirrored(a, sign), _mirrored(b, sign), r) for a, b, r in FLESH]
-        joints = np.array([_mirrored(p, sign) for p in ARM])
+    for mirror in SIDES.values():
+        shapes += [capsule(np.multiply(a, mirror), np.multiply(b, mirror), r) for a, b, r in FLESH]
+        joints = ARM * mirror
         for k, begin, end, radius in ARM_FLESH:
             a, b = (joints[k] + part * (joints[k + 1] - joints[k]) for part in (begin, end))
             shapes.append(capsule(a, b, radius))
@@ -130,8 +115,3 @@ def flesh() -> dict[str, Any]:
         for aside in (np.array([0, edge, 0]), np.array([0, -edge, 0])):
             shapes.append(capsule(wrist + aside, tip + aside, radius))
     return {"smooth_union": {"shapes": shapes, "blend": BLEND}}
-
-
-def _mirrored(x: Any, sign: int) -> tuple[float, float, float]:
-    """Return a point or a direction of the left side, or with sign -1 its mirror image."""
-    return point((sign * x[0], x[1], x[2]))
