@@ -3,7 +3,8 @@
     python docs/reference/make.py
 
 A part stands between two comments, ``<!-- generated NAME -->`` and ``<!-- end of NAME -->``, with a
-NAME of `WRITERS`. With ``--check`` nothing is written: the exit code is 1 if a page is out of date.
+NAME of `WRITERS`; `FILES` are tables beside the pages. With ``--check`` nothing is written: the
+exit code is 1 if a page is out of date.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ WRITERS: dict[str, Callable[[], str]] = {
     "scene": scene.markdown,
     "scenes": builtin.scenes,
 }
+FILES = {"materials/keys.csv": builtin.material_keys}
 _PART = re.compile(r"(<!-- generated ([\w-]+) -->\n)(.*?)(<!-- end of \2 -->\n)", re.DOTALL)
 
 
@@ -37,9 +39,14 @@ def main() -> int:
     """Write the pages, or check them; return the exit code."""
     pages = {path: path.read_text(encoding="utf-8") for path in sorted(HERE.glob("*.md"))}
     old = {path: new for path, text in pages.items() if (new := filled(text)) != text}
+    for name, write in FILES.items():
+        path, text = HERE / name, write()
+        if not path.exists() or path.read_text(encoding="utf-8") != text:
+            old[path] = text
     for path, text in old.items():
         print(path.name)
         if "--check" not in sys.argv:
+            path.parent.mkdir(exist_ok=True)
             path.write_text(text, encoding="utf-8")
     return int("--check" in sys.argv and bool(old))
 

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import csv
+import io
+
 import fem_snh
 from fem_snh import scenes as built_in
 from fem_snh.materials import describe
@@ -19,19 +22,21 @@ def scenes() -> str:
 
 
 def materials() -> str:
-    """Return a table of the built-in materials, and one of the keys of each and of all."""
+    """Return a table of the built-in materials, and one of the keys of all."""
     rows = [(f"`{name}`", describe(name).partition("\n\n")[0]) for name in fem_snh.materials()]
-    common = reference.tuning()
-    parts = [table(("material", "what it is"), rows), "## Keys of every material", _keys(common)]
+    common = [(f"`{key}`", f"`{value}`", what) for key, value, what in reference.tuning()]
+    tables = table(("material", "what it is"), rows), table(("key", "default", "meaning"), common)
+    return "\n## Keys of every material\n\n".join(tables)
+
+
+def material_keys() -> str:
+    """Return the keys of each built-in material but the keys of all, as CSV."""
+    common, text = reference.tuning(), io.StringIO()
+    rows = csv.writer(text, lineterminator="\n")
+    rows.writerow(("material", "key", "default", "meaning"))
     for name in fem_snh.materials():
-        if own := [row for row in reference.parameters(name) if row not in common]:
-            parts += [f"## Keys of {name}", _keys(own)]
-    return "\n\n".join(parts)
-
-
-def _keys(rows: list[tuple[str, str, str]]) -> str:
-    head = ("key", "default", "meaning")
-    return table(head, [(f"`{key}`", f"`{default}`", what) for key, default, what in rows])
+        rows.writerows((name, *row) for row in reference.parameters(name) if row not in common)
+    return text.getvalue()
 
 
 def _short(value: object) -> str:
