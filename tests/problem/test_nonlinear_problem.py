@@ -13,17 +13,13 @@ from derivatives import check_derivatives
 from dolfinx import fem, mesh
 from dolfinx_programs import Bar, Press, converged, halves, unit_cube, vector_space
 from plane_programs import prescribe, rectangle
-from scene_file import motions_of
 
 import fem_snh
-from fem_snh import scenes
 from fem_snh.errors import BadInput, ResultNote
-from fem_snh.runs.setup import set_up
 
 pytestmark = pytest.mark.mpi
 
 SNH = fem_snh.material("stable_neo_hookean", E=1.0, nu=0.49)
-SNH_4999 = fem_snh.material("stable_neo_hookean", E=1.0, nu=0.4999)
 TIGHT = {"snes_scaled_tol": 1e-11}
 
 
@@ -178,33 +174,6 @@ def test_an_option_that_no_solver_has(comm):
         problem.solve()
         (note,) = (note for note in problem.notes if note.kind == "options")
         assert note.values["names"] == ["-snh_snes_maxx_it"] and "-snh_snes_maxx_it" in note.text
-
-
-@pytest.mark.one_debian("ranks")
-def test_steps_of_a_program_are_those_of_a_scene(comm):
-    """The same mesh, conditions and load path: the same iterations, energies and displacements."""
-    scene = scenes.load(
-        "twist", cells=3, element="Q1P0", nu=0.4999, steps=3, predictor="extrapolate"
-    )
-    setup = set_up(comm, scene)
-    expected, (move,) = list(setup.stepper), motions_of(scene)
-    body = Press(setup.problem.domain)
-    nodes, X = body.dofs(2, 1.0), body.V.tabulate_dof_coordinates()
-    top = body.top.x.array.reshape(-1, 3)
-
-    def set_load(load: float) -> None:
-        top[nodes] = move.displacement(X[nodes], load)
-
-    materials = {SNH_4999: ufl.dx}
-    problem = fem_snh.NonlinearProblem(body.u, materials, bcs=body.bcs, element="Q1P0")
-    rows = list(problem.steps(3, set_load))
-    assert [row["load"] for row in rows] == [1 / 3, 2 / 3, 1]
-    for row, wanted in zip(rows, expected, strict=True):
-        for key in ("load", "converged", "reason", "newton", "mixed_newton"):
-            assert row[key] == wanted[key]
-        assert row["energy"] == pytest.approx(wanted["energy"], rel=1e-9)
-        assert row["volume_ratio"] == pytest.approx(wanted["volume_ratio"], rel=1e-9)
-    assert difference(comm, body.u.x.array, setup.problem.u.x.array) < 1e-8
 
 
 def test_steps_go_to_the_boundary_values_in_proportion(comm):

@@ -14,6 +14,7 @@ from features import every_feature, scene_of
 from pydantic import BaseModel
 from running import solve
 
+import fem_snh
 from fem_snh import _dolfinx
 from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.mesh import mesh as meshes
@@ -144,3 +145,25 @@ def test_any_number_of_ranks_gives_the_same_state(case):
             ]
             largest = abs(forces[0]).max(initial=0.0)
             np.testing.assert_allclose(*forces, atol=1e-5 * largest)
+
+
+@pytest.mark.one_debian
+@every_feature
+def test_a_scene_is_a_program(case):
+    """The program that a static scene builds takes the same steps."""
+    scene = scene_of(case)
+    if scene.time or scene.nu_continuation or scene.predictor == "tangent":
+        pytest.skip("its steps are not those of a static program")
+    given = {"petsc_options": scene.petsc}
+    if scene.predictor == "none":
+        given["predictor"] = "none"
+    if scene.static_condensation is not None:
+        given["static_condensation"] = scene.static_condensation
+    program = fem_snh.NonlinearProblem(**scene.build(MPI.COMM_SELF).arguments, **given)
+    rows = list(program.steps(scene.steps))
+    for row, step in zip(rows, solve(scene, comm=MPI.COMM_SELF).steps, strict=True):
+        assert row["reason"] == step["reason"]
+        known = {key: step[key] for key in row}  # a run has reactions, probes and bones as well
+        for (key, a), (_, b) in zip(numbers(row), numbers(known), strict=True):
+            if not key.endswith("residual"):
+                assert a == pytest.approx(b, rel=1e-9, abs=1e-12), key
