@@ -9,9 +9,7 @@ points; the table is written again when a point ends.
 from __future__ import annotations
 
 import json
-import subprocess
 import time
-from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -32,7 +30,7 @@ from fem_snh.studies.points import (
     read_record,
     requested_columns,
 )
-from fem_snh.studies.processes import environment, program
+from fem_snh.studies.processes import program
 from fem_snh.studies.schedulers import Submission
 
 #: Seconds between two versions of the table while points end.
@@ -241,11 +239,6 @@ class Batch:
                     remove_point(self.out, task.name)
                 for line in self._jobs.submit(tasks, limits.jobs):
                     self.report(line)
-            elif tasks or queued.keys() & points:
-                states = Counter(queued[name] for name in points if name in queued)
-                states["not in the queue"] = len(tasks)
-                parts = [f"{number} {state}" for state, number in states.items() if number]
-                self.report(f"{len(points)} points: {len(rows)} in the table, {', '.join(parts)}")
         else:
             if tasks or queued.keys() & points:
                 self._check_queue(queued)
@@ -278,18 +271,13 @@ class Batch:
             )
 
     def draw(self) -> None:
-        """Draw NAME.png in a process of its own; report a failure without an exception."""
-        picture = self.out / f"{self.name}.png"
-        drawing = subprocess.run(
-            [*program(1), "plot", str(self.table), "--out", str(picture)],
-            env=environment(), stdin=subprocess.DEVNULL, capture_output=True, text=True,
-        )  # fmt: skip
-        succeeded = drawing.returncode == 0
-        lines = (drawing.stdout if succeeded else drawing.stderr).strip().splitlines()
-        said = lines[-1] if lines else f"exit code {drawing.returncode}"
-        if not (succeeded and lines):
-            said = f"no picture: {said.removeprefix('fem-snh: error: ')}"
-        self.report(said)
+        """Draw NAME.png; report a failure without an exception."""
+        try:
+            from fem_snh.viewing.plots import main  # matplotlib
+
+            self.report(str(main([self.table], self.out / f"{self.name}.png")))
+        except (BadInput, ImportError) as error:
+            self.report(f"no picture: {error}")
 
     def _row(self, name: str, point: Point, end: End) -> dict[str, Any]:
         """Return the row of a point that has ended."""

@@ -1,7 +1,7 @@
 """Fit a material to test data, or rank materials: `fem_snh.fit` and the command ``fit``.
 
-`data` reads files, `family` is the energy with unknown parameters, `responses` its stress in the
-tests, `least_squares` the search, `stability` the stable range, `result` what is returned.
+`data` reads files, `family` is the energy with unknown parameters, `responses` its stress and
+its stability in the tests, `least_squares` the search, `result` what is returned.
 """
 
 from __future__ import annotations
