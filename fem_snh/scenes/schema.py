@@ -86,7 +86,7 @@ class Start(Table):
         "through": ("map", "angular_velocity"),
         "seed": ("scatter", "noise"),
     }
-    run: FilePath | None = Field(
+    run: Annotated[FilePath, Expect("the path of a folder")] | None = Field(
         default=None,
         description="Folder of another run, relative to this file, whose displacement is the "
         "start; its mesh may be another one of the same body.",

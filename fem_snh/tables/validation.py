@@ -131,25 +131,26 @@ class Whole(Expect):
 
     def __init__(self, lowest: int, highest: int) -> None:
         super().__init__(f"a whole number from {lowest} to {highest}")
-        self._numbers = core_schema.int_schema(strict=True, ge=lowest, le=highest)
+        self.lowest, self.highest = lowest, highest
 
     def __get_pydantic_core_schema__(
         self, source: Any, handler: GetCoreSchemaHandler
     ) -> CoreSchema:
-        return core_schema.no_info_wrap_validator_function(self._check, self._numbers)
+        numbers = core_schema.int_schema(strict=True, ge=self.lowest, le=self.highest)
+        return core_schema.no_info_wrap_validator_function(self._check, numbers)
 
 
 class OneOf(Expect):
     """An annotation for one of some words."""
 
     def __init__(self, words: Iterable[str]) -> None:
-        self._words = tuple(words)
-        super().__init__(f"one of {', '.join(self._words)}")
+        self.words = tuple(words)
+        super().__init__(f"one of {', '.join(self.words)}")
 
     def _check(self, value: Any, inner: Callable[[Any], Any]) -> Any:
         word = super()._check(value, inner)
-        if word not in self._words:
-            raise self._error(nearest(word, self._words))
+        if word not in self.words:
+            raise self._error(nearest(word, self.words))
         return word
 
 
@@ -355,7 +356,7 @@ def accepted(field: FieldInfo) -> str:
 
 def _parts(annotation: Any) -> list[Any]:
     """Return an annotation with the parts of which it consists, the outer ones first."""
-    inner = [*get_args(annotation), *getattr(annotation, "__metadata__", ())]
+    inner = [*getattr(annotation, "__metadata__", ()), *get_args(annotation)]
     return [annotation, *(part for each in inner for part in _parts(each))]
 
 

@@ -27,23 +27,10 @@ MISTAKES: list[tuple[dict[str, Any], str]] = [
     ({"time": 2.0}, "time = 2.0: expected .*table"),
     ({"time": TIME | {"duration": 0.0}}, "time.duration = 0.0: expected a number > 0"),
     ({"time": TIME | {"duration": -1}}, "time.duration = -1: expected a number > 0"),
-    ({"time": TIME | {"duration": "2 s"}}, "time.duration = '2 s': expected a number > 0"),
-    ({"time": TIME | {"steps": 0}}, "time.steps = 0: expected a whole number from 1"),
-    ({"time": TIME | {"steps": 2.5}}, "time.steps = 2.5: expected a whole number"),
-    (
-        {"time": TIME | {"integrator": "newmrk"}},
-        "time.integrator = 'newmrk': expected one of .* .did you mean 'newmark'",
-    ),
     ({"time": TIME | {"integrater": "bdf2"}}, "unknown key 'integrater': .*mean 'integrator'"),
-    ({"time": TIME | {"mass": "lump"}}, "time.mass = 'lump': expected one of consistent, lumped"),
-    ({"time": TIME | {"damping": 0.1}}, "time.damping = 0.1: expected .*table"),
     (
         {"time": TIME | {"damping": {"stiffness": -1}}},
         "time.damping.stiffness = -1: expected a number >= 0",
-    ),
-    (
-        {"time": TIME | {"damping": {"stifness": 1}}},
-        "time.damping: unknown key 'stifness': .*mean 'stiffness'",
     ),
     (
         {"time": TIME | {"rho_infinity": 0.5}},
@@ -54,7 +41,6 @@ MISTAKES: list[tuple[dict[str, Any], str]] = [
         "time.rho_infinity = 1.5: expected a number from 0 to 1",
     ),
     ({"time": TIME | {"tolerance": 0}}, "time.tolerance = 0: expected a number > 0"),
-    ({"time": TIME | {"output_every": 0}}, "time.output_every = 0: expected a whole number from 1"),
     ({"time": TIME, "steps_": 1}, "unknown parameter 'steps_'"),
     ({"time": TIME, "modes": {"count": 2}}, "'time' and 'modes' exclude each other"),
     (
@@ -70,7 +56,6 @@ MISTAKES: list[tuple[dict[str, Any], str]] = [
         r"start.velocity = \[1.0, 0.0, 0.0\]: expected no value, as the scene has no table .time.",
     ),
     ({"start": {"angular_velocity": [1, 0, 0]}}, "start.angular_velocity = .*: expected no value"),
-    ({"time": TIME, "start": {"velocity": 1.0}}, "start.velocity = 1.0: expected three finite"),
     ({"time": TIME, "start": {"through": [0, 0, 0]}}, "start: missing key 'map' or 'angular_vel"),
     (
         {"fields": ["velocity"]},
