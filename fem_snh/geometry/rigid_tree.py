@@ -124,10 +124,24 @@ class RigidTree:
         return found
 
     def _parent(self, poses: Poses, link: Link) -> tuple[Array, Array, Array]:
-        """Return point p, position and rotation of a link's parent; of the world those of p."""
+        """Return point p, position and rotation of a link's parent; zero and I of the world."""
         if link.parent < 0:
-            return link.point, link.point, np.eye(3)
+            return np.zeros(3), np.zeros(3), np.eye(3)
         return self.points[link.parent], poses.c[link.parent], poses.R[link.parent]
+
+    @staticmethod
+    def _own_twist(link: Link, turned: Array) -> Array:
+        """Return the derivative of a part's own twist (v, omega) by its unknowns, (6, 6).
+
+        ``turned`` is the rotation of its parent, with which the axis turns.
+        """
+        twist = np.diag([1.0] * 3 + [1 / link.length] * 3)
+        twist[:, ~np.isin(np.arange(UNKNOWNS), JOINTS[link.joint])] = 0.0
+        if link.joint == "hinge":
+            twist[3:, 3] = turned @ link.axis / link.length
+        elif link.joint == "slider":
+            twist[:3, 0] = turned @ link.axis
+        return twist
 
     def project(self, poses: Poses, translations: Array, rotations: Array) -> Poses:
         """Return the poses that joints and prescribed motions admit, near given ones.
@@ -165,22 +179,14 @@ class RigidTree:
         """Return the poses at the end of the path along unknowns q, (6 parts,)."""
         c, R, q = poses.c.copy(), poses.R.copy(), q.reshape(-1, UNKNOWNS)
         for i in self.order:
-            link, v = self.links[i], q[i, :3]
-            omega = q[i, 3:] / link.length
-            if not link.joint:
-                c[i], R[i] = c[i] + v, exponential(omega) @ R[i]
-                continue
+            link = self.links[i]
             _, before, turned = self._parent(poses, link)
             _, after, turned_after = self._parent(Poses(c, R), link)
-            turn, axis = turned_after @ turned.T, turned @ link.axis
-            slide = v[0] * axis if link.joint == "slider" else 0.0
-            c[i] = after + turn @ (poses.c[i] - before + slide)
-            if link.joint == "ball":
-                R[i] = exponential(omega) @ poses.R[i]
-            elif link.joint == "hinge":
-                R[i] = turn @ exponential(omega[0] * axis) @ poses.R[i]
-            else:
-                R[i] = turn @ poses.R[i]
+            turn = turned_after @ turned.T
+            own = self._own_twist(link, turned) @ q[i]
+            c[i] = after + turn @ (poses.c[i] - before + own[:3])
+            carried = turn if link.joint in ("hinge", "slider") else np.eye(3)
+            R[i] = carried @ exponential(own[3:]) @ poses.R[i]
         return Poses(c, R)
 
     def jacobian(self, poses: Poses) -> Array:
@@ -188,23 +194,13 @@ class RigidTree:
         G = np.zeros((UNKNOWNS * len(self.links),) * 2)
         for i in self.order:
             link, k = self.links[i], UNKNOWNS * i
-            v, w = slice(k, k + 3), slice(k + 3, k + 6)
-            if not link.joint:
-                G[v, v] = np.eye(3)
-                G[w, w] = np.eye(3) / link.length
-                continue
             _, carrier, turned = self._parent(poses, link)
-            if link.parent >= 0:
+            G[k : k + 6, k : k + 6] = self._own_twist(link, turned)
+            if link.joint and link.parent >= 0:
                 p = UNKNOWNS * link.parent
-                G[v] = G[p : p + 3] - skew(poses.c[i] - carrier) @ G[p + 3 : p + 6]
+                G[k : k + 3] += G[p : p + 3] - skew(poses.c[i] - carrier) @ G[p + 3 : p + 6]
                 if link.joint != "ball":
-                    G[w] = G[p + 3 : p + 6]
-            if link.joint == "ball":
-                G[w, w] = np.eye(3) / link.length
-            elif link.joint == "hinge":
-                G[w, k + 3] += turned @ link.axis / link.length
-            else:
-                G[v, k] += turned @ link.axis
+                    G[k + 3 : k + 6] += G[p + 3 : p + 6]
         return G
 
     def curvature(self, poses: Poses, G: Array, wrenches: Array, moments: Array) -> Array:

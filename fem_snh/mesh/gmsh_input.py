@@ -12,7 +12,7 @@ import threading
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,15 +21,7 @@ from fem_snh.choices import DEFAULT_CELLS
 from fem_snh.errors import BadInput, choose
 from fem_snh.files import open_file
 from fem_snh.mesh import gmsh_model
-from fem_snh.mesh.gmsh_model import CELL_KINDS, MeshData, PhysicalGroup
-
-if TYPE_CHECKING:
-    from fem_snh.mesh.gmsh_model import SizeField
-
-__all__ = [
-    "CELL_KINDS", "MeshData", "PhysicalGroup", "SourceParameter", "fill", "generate",
-    "has_free_sizes", "mesh_shape", "parameter", "read", "source_path",
-]  # fmt: skip
+from fem_snh.mesh.gmsh_model import MeshData, SizeField
 
 #: The first bytes of a mesh; gmsh executes any other text as a script.
 _HEADERS = (b"$MeshFormat", b"$Comments")

@@ -21,7 +21,7 @@ from fem_snh.choices import DEFAULT_CELLS
 from fem_snh.errors import BadInput, choose, nearest, on_every, on_root
 from fem_snh.files import is_shape
 from fem_snh.mesh import gmsh_input, xdmf_input
-from fem_snh.mesh.gmsh_model import NodeCopies, Skin
+from fem_snh.mesh.gmsh_model import CELL_KINDS, MeshData, NodeCopies, PhysicalGroup, Skin
 from fem_snh.mesh.mesh_checks import check_geometry
 
 if TYPE_CHECKING:
@@ -157,7 +157,7 @@ def generate(comm: MPI.Comm, source: str, cell: str, **parameters: float) -> Mes
     BadInput
         On every rank, for an unknown source or parameter, or if gmsh fails.
     """
-    choose("cell", cell, gmsh_input.CELL_KINDS)
+    choose("cell", cell, CELL_KINDS)
     path = on_root(comm, gmsh_input.source_path, source)
     return distribute(comm, f"geometry '{source}'", gmsh_input.generate, path, cell, parameters)
 
@@ -244,13 +244,11 @@ def point_volumes(
     return products
 
 
-def distribute(
-    comm: MPI.Comm, what: str, make: Callable[..., gmsh_input.MeshData], *args: Any
-) -> Mesh:
+def distribute(comm: MPI.Comm, what: str, make: Callable[..., MeshData], *args: Any) -> Mesh:
     """Call ``make(*args)`` on rank 0, distribute its cells, and locate its groups on every rank."""
-    kept: list[gmsh_input.MeshData] = []
+    kept: list[MeshData] = []
 
-    def make_on_root() -> tuple[gmsh_input.MeshData, int]:
+    def make_on_root() -> tuple[MeshData, int]:
         try:
             data = make(*args)
         except OSError as error:
@@ -284,7 +282,7 @@ def distribute(
     return Mesh(domain, common.cell, groups, num_cells, fractions, common.skin, common.copies)
 
 
-def _locate(domain: _dolfinx.Mesh, group: gmsh_input.PhysicalGroup) -> Group:
+def _locate(domain: _dolfinx.Mesh, group: PhysicalGroup) -> Group:
     """Find the group's entities on this rank. Collective."""
     if group.dim == _dolfinx.mesh_dimension(domain)[0]:
         local = np.isin(_dolfinx.input_cells(domain), group.entities)
@@ -310,7 +308,7 @@ def _rows_in(rows: np.ndarray, wanted: np.ndarray) -> np.ndarray:
     return found
 
 
-def gather(mesh: Mesh) -> gmsh_input.MeshData:
+def gather(mesh: Mesh) -> MeshData:
     """Return the mesh that was distributed; on other ranks than 0 without its cells. Collective.
 
     Nodes and cells have the numbers that they had before.
@@ -329,7 +327,7 @@ def gather(mesh: Mesh) -> gmsh_input.MeshData:
             entities = _dolfinx.input_vertices(domain, group.dim)[local]
         pieces = comm.gather(entities)
         found = np.unique(np.concatenate(pieces), axis=0) if pieces else entities[:0]
-        groups.append(gmsh_input.PhysicalGroup(group.name, group.dim, group.tag, found))
+        groups.append(PhysicalGroup(group.name, group.dim, group.tag, found))
     degree = _dolfinx.geometry_degree(domain)
     x = np.empty((0, mesh.dim))
     if parts:
@@ -337,7 +335,7 @@ def gather(mesh: Mesh) -> gmsh_input.MeshData:
         x = np.zeros((max(int(part[2].max(initial=-1)) for part in parts) + 1, mesh.dim))
         for cell_rows, cell_nodes, node_rows, coordinates in parts:
             cells[cell_rows], x[node_rows] = cell_nodes, coordinates[:, : mesh.dim]
-    return gmsh_input.MeshData(cells, x, mesh.cell, degree, groups)
+    return MeshData(cells, x, mesh.cell, degree, groups)
 
 
 def centroid(domain: _dolfinx.Mesh, dim: int, entities: Array) -> Array:

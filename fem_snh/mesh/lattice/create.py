@@ -22,8 +22,8 @@ from fem_snh.geometry.surface_nets import (
     surface_on,
     triangulate,
 )
-from fem_snh.mesh.gmsh_input import MeshData, PhysicalGroup, fill
-from fem_snh.mesh.gmsh_model import NodeCopies, Skin
+from fem_snh.mesh.gmsh_input import fill
+from fem_snh.mesh.gmsh_model import MeshData, NodeCopies, PhysicalGroup, Skin
 from fem_snh.mesh.lattice.parts import FACES, Parts, joined, separate, without_fragments
 from fem_snh.mesh.lattice.samples import (
     Samples,
