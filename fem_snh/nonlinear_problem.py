@@ -12,7 +12,7 @@ from petsc4py import PETSc
 
 from fem_snh import _dolfinx, solver
 from fem_snh.accuracy.program_goals import EstimatesErrors
-from fem_snh.accuracy.state_notes import state_notes
+from fem_snh.accuracy.state_notes import program_notes
 from fem_snh.errors import ResultNote, check_whole, choose
 from fem_snh.kernels.material import Material
 from fem_snh.problem.conditions import LoadFunction
@@ -334,7 +334,7 @@ class NonlinearProblem(EstimatesErrors, HasModes, HasReactions):
             self.solver.setConvergedReason(PETSc.SNES.ConvergedReason.DIVERGED_INNER)
         negative = row.get("negative_eigenvalues")
         rounding = self.solver.getPythonContext().rounding
-        found = state_notes(self._problem, negative, rounding) if row["converged"] else []
+        found = program_notes(self._problem, negative, rounding) if row["converged"] else []
         own = [*self._load_notes, *self._supports.notes, *self._given.notes()]
         self.notes = [*own, *notes, *found]
         for note in self.notes:

@@ -10,15 +10,15 @@ the order p is that of :math:`d_2/d_1 = 2^p`, and :math:`d_1/(2^p - 1)` the erro
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from math import inf
 
 import numpy as np
 import numpy.typing as npt
 
+from fem_snh.accuracy.cross_points import check_cross_points
 from fem_snh.accuracy.differences import scales_of, values_of
-from fem_snh.accuracy.estimate import estimate_with, mark_small_forces
 from fem_snh.accuracy.goal_errors import (
     Estimate,
     GoalError,
@@ -55,83 +55,53 @@ _OF_PENALTIES = (
 )
 
 
-@dataclass(frozen=True)
-class CoarserMeshes:
-    """The same scene on two coarser meshes.
-
-    Attributes
-    ----------
-    fineness : triple of float
-        Numbers to which the sizes of the cells are inverse: of the run's mesh and of the others,
-        the finer one first.
-    label : str
-        What they are, "12 and 6 cells along an edge".
-    runs : pair of callable
-        Each solves the scene on one of the others and returns its goals, or raises NoEstimate.
-        Collective.
-    """
-
-    fineness: tuple[float, float, float]
-    label: str
-    runs: Sequence[Callable[[], Followed]]
+def check_coarsening(problem: Problem) -> None:
+    """Raise NoEstimate for a problem whose errors coarser meshes do not show. Collective."""
+    check_cross_points(problem)
+    if depends_on_path(problem):
+        raise NoEstimateOnAnyMesh(
+            "the state depends on its path, whose steps coarser meshes do not judge: expected "
+            f"accuracy.estimate = '{LIFTED_ELEMENT}'"
+        )
+    if problem.element.degree == 1 and may_lock(problem):
+        raise NoEstimate(
+            f"{problem.element.name} locks, on coarser meshes more so: expected another "
+            f"element, or accuracy.estimate = '{LIFTED_ELEMENT}'"
+        )
 
 
-def estimate_by_coarser_meshes(
+def add_extrapolated(
+    estimate: Estimate,
     problem: Problem,
-    coarsen: Callable[[], CoarserMeshes],
     goals: Sequence[Goal],
-    announce: Callable[[Estimate], None],
-    because: str,
-) -> Estimate:
-    """Return the errors of goals of a problem at its solution. Collective.
+    runs: Sequence[Followed],
+    fineness: tuple[float, float, float],
+) -> None:
+    """Add the errors of goals, from their values on two coarser meshes, to an estimate. Collective.
 
     Parameters
     ----------
+    estimate : Estimate
+        The goals on the run's mesh.
     problem : Problem
-        The problem at its solution; its state is unchanged.
-    coarsen : callable
-        Returns the coarser meshes; it raises NoEstimate if there are none.
+        The problem at its solution.
     goals : sequence of Goal
         The goals.
-    announce : callable
-        Called before the coarser meshes are solved.
-    because : str
-        Why there is no lifted problem; "" if none was wanted.
+    runs : pair of Followed
+        The goals of the same scene on the coarser meshes, the finer one first.
+    fineness : triple of float
+        Numbers to which the sizes of the cells are inverse: of the run's mesh and of the others.
     """
-
-    def add_errors(estimate: Estimate) -> None:
-        if depends_on_path(problem):
-            raise NoEstimateOnAnyMesh(
-                "the state depends on its path, whose steps coarser meshes do not judge: expected "
-                f"accuracy.estimate = '{LIFTED_ELEMENT}'"
-            )
-        if problem.element.degree == 1 and may_lock(problem):
-            raise NoEstimate(
-                f"{problem.element.name} locks, on coarser meshes more so: expected another "
-                f"element, or accuracy.estimate = '{LIFTED_ELEMENT}'"
-            )
-        meshes = coarsen()
-        estimate.element, estimate.coarser = problem.element.name, meshes.label
-        announce(estimate)
-        runs = [run() for run in meshes.runs]
-        estimate.newton = sum(run.newton for run in runs)
-        estimate.linear = sum(run.linear for run in runs)
-        change = values_of(estimate, goals) - runs[0].values
-        before = runs[0].values - runs[1].values
-        rounding = _ROUNDING * scales_of(estimate, goals)
-        errors, bounds = extrapolated(
-            change, before, meshes.fineness, problem.element.degree, rounding
-        )
-        for i, name in enumerate(names_of(goals)):
-            estimate.goals[name] = with_error(estimate.goals[name], errors[i], bounds[i], change[i])
-        mark_small_forces(goals, estimate)
-        if problem.scale_penalties(1.0):
-            estimate.left_out.append(_OF_PENALTIES)
-        estimate.left_out.append(
-            f"the errors are those of {meshes.label}" + (f", as {because}" if because else "")
-        )
-
-    return estimate_with(add_errors, problem, goals)
+    estimate.newton = sum(run.newton for run in runs)
+    estimate.linear = sum(run.linear for run in runs)
+    change = values_of(estimate, goals) - runs[0].values
+    before = runs[0].values - runs[1].values
+    rounding = _ROUNDING * scales_of(estimate, goals)
+    errors, bounds = extrapolated(change, before, fineness, problem.element.degree, rounding)
+    for i, name in enumerate(names_of(goals)):
+        estimate.goals[name] = with_error(estimate.goals[name], errors[i], bounds[i], change[i])
+    if problem.scale_penalties(1.0):
+        estimate.left_out.append(_OF_PENALTIES)
 
 
 def error_from_meshes(values: Sequence[float], cells: Sequence[float], degree: int) -> GoalError:
@@ -202,7 +172,7 @@ def extrapolated(
     change, before : (goals,) array
         What the last and the first refinement change.
     fineness : triple of float
-        Of the meshes, the finest first: see `CoarserMeshes`.
+        Of the meshes, the finest first: see `add_extrapolated`.
     degree : int
         That of the displacement.
     rounding : (goals,) array, optional

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from math import hypot, inf
 
@@ -11,21 +12,19 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 
-from fem_snh.accuracy.budget import (
-    algebra_errors,
-    penalty_errors,
-    unsettled_penalties,
-    yield_much,
-)
 from fem_snh.accuracy.cross_points import check_cross_points
 from fem_snh.accuracy.differences import (
     ROUNDING,
     Differences,
     LiftedGoals,
+    algebra_errors,
     cell_squares,
+    penalty_errors,
     saturation,
     scales_of,
+    unsettled_penalties,
     values_of,
+    yield_much,
 )
 from fem_snh.accuracy.frequency_goals import FrequencyGoal, LiftedModes, lifted_modes
 from fem_snh.accuracy.goal_bounds import add_what_is_missed
@@ -41,7 +40,7 @@ from fem_snh.accuracy.goal_errors import (
     TooLittleMemory,
     check_problem,
 )
-from fem_snh.accuracy.goals import EnergyGoal, Goal, PointGoal, TermGoal, VectorGoal, names_of
+from fem_snh.accuracy.goals import Goal, PointGoal, TermGoal, names_of
 from fem_snh.accuracy.indicators import cell_indicators, place
 from fem_snh.accuracy.lift import (
     Lift,
@@ -82,6 +81,8 @@ _LEAST_PART = 0.01
 #: those below this part of what is asked for.
 _LOCATED, _LOCATED_OF_ASKED = 1e-4, 0.25
 
+#: Called with the cost, before the errors are estimated.
+Announce = Callable[[Estimate], None]
 #: Chooses, of the goals whose errors can be distributed to the cells, those whose are: each costs a
 #: linear solve. Collective.
 Choose = Callable[[Estimate, Sequence[str]], Collection[str]]
@@ -124,7 +125,7 @@ def estimate_error(
     problem: Problem,
     make: Callable[[Element], Problem],
     goals: Sequence[Goal],
-    announce: Callable[[Estimate], None] = lambda estimate: None,
+    announce: Announce = lambda estimate: None,
     mesh: Mesh | None = None,
     options: EstimateOptions = EstimateOptions(),
 ) -> Estimate:
@@ -145,31 +146,34 @@ def estimate_error(
     options : EstimateOptions, optional
         What the estimate is for.
     """
-
-    def add_errors(estimate: Estimate) -> None:
+    with estimating(problem, goals, mesh) as estimate:
+        check_cross_points(problem)
         check_problem(problem)
         check_shapes(problem)
-        _announce(problem, estimate, announce, options.max_memory)
-        _add_errors(problem, make, goals, estimate, options)
+        element = next(lifted_elements(problem))
+        elements = [element, element_of_factor(problem, element)]
+        announce_cost(problem, elements, estimate, announce, options.max_memory)
+        lifted = _LiftedErrors(problem, make, goals, estimate, options)
+        try:
+            lifted.add()
+        finally:
+            lifted.lift.destroy()
         for name, indicators in estimate.indicators.items():
             if where := place(problem, indicators, mesh):
                 estimate.places[name] = where
+    return estimate
 
-    return estimate_with(add_errors, problem, goals, mesh)
 
+@contextmanager
+def estimating(
+    problem: Problem, goals: Sequence[Goal], mesh: Mesh | None = None
+) -> Iterator[Estimate]:
+    """Yield the goals of a problem, to which errors are added in the ``with`` block. Collective.
 
-def estimate_with(
-    add_errors: Callable[[Estimate], None],
-    problem: Problem,
-    goals: Sequence[Goal],
-    mesh: Mesh | None = None,
-) -> Estimate:
-    """Return the goals of a problem with their errors, or why there are none. Collective.
+    NoEstimate that is raised in it is the reason why there are none.
 
     Parameters
     ----------
-    add_errors : callable
-        Adds the errors to the goals of an estimate, or raises NoEstimate.
     problem : Problem
         The problem at its solution; its state is unchanged.
     goals : sequence of Goal
@@ -180,13 +184,13 @@ def estimate_with(
     watch = Stopwatch()
     estimate = Estimate(_without_errors(problem, goals))
     try:
-        check_cross_points(problem)
-        add_errors(estimate)
+        yield estimate
         if not estimate.coarser:  # which have other faces
             faces = mesh.round_faces if mesh else None
             faces = faces or round_faces(problem.domain, problem.kinematics.revolved)
             estimate.left_out += filter(None, [faces.text])
             estimate.of_curved = faces.added + faces.removed if faces.degree == 2 else 0.0
+        _mark_small_forces(goals, estimate)
         _add_narrow_contacts(problem, estimate)
         add_what_is_missed(estimate, problem.element.degree, problem.kinematics.dim)
     except NoEstimate as reason:
@@ -195,11 +199,30 @@ def estimate_with(
         estimate.steps_too_long = isinstance(reason, StepsTooLong)
         estimate.lacks_memory = isinstance(reason, TooLittleMemory)
     problem.split(problem.x)
-    terms = [goal for goal in goals if isinstance(goal, TermGoal)]
-    _mark_forces_without_contact(problem, terms, estimate)
+    _mark_forces_without_contact(problem, goals, estimate)
     estimate.jit = watch.jit
     estimate.seconds = watch.seconds + estimate.jit
-    return estimate
+
+
+def announce_cost(
+    problem: Problem,
+    elements: Sequence[Element | None],
+    estimate: Estimate,
+    announce: Announce,
+    max_memory: float,
+) -> None:
+    """Announce what the first of some elements costs, with the memory of all of them.
+
+    Raises
+    ------
+    TooLittleMemory
+        If they need more than is allowed or available.
+    """
+    used = [element for element in elements if element]
+    estimate.element, estimate.dofs = used[0].name, lifted_dofs(problem, used[0])
+    estimate.memory = sum(memory(problem, element) for element in used)
+    announce(estimate)
+    check_memory(problem, estimate.element, estimate.memory, max_memory)
 
 
 def _add_narrow_contacts(problem: Problem, estimate: Estimate) -> None:
@@ -222,7 +245,7 @@ def _without_errors(problem: Problem, goals: Sequence[Goal]) -> dict[str, GoalEr
         unit = goal.unit(problem)
         scale = max(*map(abs, vector), _LEAST_SCALE * unit)
         vanishes = unit > 0 and not isinstance(goal, FrequencyGoal)
-        if at_rest and (vanishes or isinstance(goal, EnergyGoal)):
+        if at_rest and (vanishes or goal.kind == "energy"):
             scale = inf  # a multiple of rounding has no relative error
         pairs = zip(goal.names, vector, strict=True)
         errors |= {name: GoalError(value, None, scale) for name, value in pairs}
@@ -230,19 +253,21 @@ def _without_errors(problem: Problem, goals: Sequence[Goal]) -> dict[str, GoalEr
 
 
 def _mark_forces_without_contact(
-    problem: Problem, goals: Sequence[TermGoal], estimate: Estimate
+    problem: Problem, goals: Sequence[Goal], estimate: Estimate
 ) -> None:
     """Remove the errors of forces of contact where neither solution touches. Collective."""
     for goal in goals:
+        if not isinstance(goal, TermGoal):
+            continue
         errors = {name: estimate.goals[name] for name in goal.names}
         if all(error.is_zero for error in errors.values()) and goal.is_without_contact(problem):
             for name, known in errors.items():
                 estimate.goals[name] = GoalError(known.value, None, known.scale, reason=NO_CONTACT)
 
 
-def mark_small_forces(goals: Sequence[Goal], estimate: Estimate) -> None:
+def _mark_small_forces(goals: Sequence[Goal], estimate: Estimate) -> None:
     """Give a reason to forces of contact that are small beside others, and beside their errors."""
-    forces = [goal for goal in goals if isinstance(goal, VectorGoal | TermGoal) and goal.is_force]
+    forces = [goal for goal in goals if goal.is_force]
     sizes = [abs(estimate.goals[name].value) for name in names_of(forces)]
     for goal in forces:
         errors = [estimate.goals[name] for name in goal.names]
@@ -255,161 +280,241 @@ def mark_small_forces(goals: Sequence[Goal], estimate: Estimate) -> None:
                 estimate.goals[name] = replace(error, reason=BEGINS)
 
 
-def _announce(
-    problem: Problem, estimate: Estimate, announce: Callable[[Estimate], None], max_memory: float
-) -> None:
-    """Announce what the best lifted element costs; raise TooLittleMemory if it is too much."""
-    element = next(lifted_elements(problem))
-    estimate.element, estimate.dofs = element.name, lifted_dofs(problem, element)
-    middle = element_of_factor(problem, element)
-    estimate.memory = memory(problem, element) + (memory(problem, middle) if middle else 0.0)
-    announce(estimate)
-    check_memory(problem, element.name, estimate.memory, max_memory)
+class _LiftedErrors:
+    """The errors of goals: their values in the lifted problem less those of the run. Collective.
 
+    Parameters are those of `estimate_error`, and the estimate to which they are added.
 
-def _add_errors(
-    problem: Problem,
-    make: Callable[[Element], Problem],
-    goals: Sequence[Goal],
-    estimate: Estimate,
-    options: EstimateOptions,
-) -> None:
-    """Add the errors to an estimate; raise NoEstimate if there are none."""
-    lifted = create_lifted(problem, make)
-    estimate.element = lifted.element.name
-    surfaces = ShapeSurfaces(lifted)
-    if surfaces:
-        goals = [goal for goal in goals if is_on_flesh(goal)]
-    static = [goal for goal in goals if not isinstance(goal, FrequencyGoal)]
-    frequencies = [goal for goal in goals if isinstance(goal, FrequencyGoal)]
-    parts, parts_of_frequencies = _other_parts(problem, static, frequencies, estimate)
-    lift = Lift(problem, lifted)
-    try:
-        lifted_goals = LiftedGoals(lift, static, estimate, surfaces.bind)
-        differences = lifted_goals.differences(options.asked)
-        estimate.may_be_unstable = lift.check_stability(options.stability)
-        errors = mesh = _without_algebra(differences, parts)
-        if surfaces:  # they have none of the corners of cells, where the lifted solution has errors
-            moved = changes_by_surfaces(surfaces, lifted_goals, errors)
-            parts["shape"], mesh = moved.values, replace(errors, unsettled=moved.unsettled)
-        else:
-            mesh += _missed_by_lifted(lifted_goals, make, differences, errors, options.asked)
-        changes: Array | None = None
-        if (penalties := parts.get("penalty")) is not None:
-            further = unsettled_penalties(problem, static, lifted_goals.values, penalties)
-            scales = _with_least_of_forces(static, lifted_goals.scales)
-            if not surfaces and yield_much(penalties, scales, options.asked):
-                parts["penalty"] = _lifted_penalties(lift, lifted_goals, scales)
-                changes = np.abs(parts["penalty"] - penalties)
-            mesh = replace(mesh, unsettled=mesh.unsettled + further)
-        _set_errors(estimate, static, mesh, parts, changes)
-        _add_largest(lift, static, estimate, options.asked)
-        mark_small_forces(static, estimate)  # those that do not count are not located
-        modes = None
-        if frequencies:
-            modes = _add_frequencies(lift, frequencies, estimate, parts_of_frequencies)
-        if chosen := _located(estimate, options):
-            estimate.indicators = _mesh_indicators(lifted_goals, errors, mesh, chosen)
-            if modes:
-                estimate.indicators |= _frequency_indicators(
-                    lifted, modes, frequencies, estimate, chosen
-                )
-        estimate.linear = lift.linear
-    finally:
-        lift.destroy()
-
-
-def _other_parts(
-    problem: Problem,
-    static: Sequence[Goal],
-    frequencies: Sequence[FrequencyGoal],
-    estimate: Estimate,
-) -> tuple[Parts, Parts]:
-    """Return the parts of the errors that are not of the mesh, of static goals and frequencies.
-
-    Frequencies have no part of what Newton's method left: it would cost the modes of its state.
-    """
-    outcome, parts = StepOutcome(), Parts()
-    values, scales = values_of(estimate, static), scales_of(estimate, static)
-    if (algebra := algebra_errors(problem, static, values)) is not None:
-        relative = np.abs(algebra[scales > 0]) / scales[scales > 0]
-        estimate.algebra = float(relative.max(initial=0.0))
-        values = values + algebra
-        parts["algebra"] = np.where(np.abs(algebra) <= ROUNDING * scales, 0.0, algebra)
-    goals = [*static, *frequencies]
-    values = np.append(values, values_of(estimate, frequencies))
-    penalties = penalty_errors(problem, goals, values, scales_of(estimate, goals), outcome)
-    estimate.penalty_newton = outcome.newton
-    if penalties is None:
-        return parts, {}
-    of_static, of_frequencies = np.split(penalties, [len(scales)])
-    return parts | {"penalty": of_static}, {"penalty": of_frequencies}
-
-
-def _with_least_of_forces(goals: Sequence[Goal], scales: Array) -> Array:
-    """Return what errors are relative to, of forces at least a part of the largest one."""
-    of_forces = [getattr(goal, "is_force", False) for goal in goals for _ in goal.names]
-    forces = scales[of_forces]
-    return np.where(of_forces, np.maximum(scales, SMALL_FORCE * forces.max(initial=0.0)), scales)
-
-
-def _lifted_penalties(lift: Lift, goals: LiftedGoals, scales: Array) -> Array:
-    """Return what goals would change by without penalties, in the lifted problem. Collective.
-
-    Contact that yields much, on few facets, has another part without a penalty there.
-    """
-    outcome = StepOutcome()
-    found = penalty_errors(lift.lifted, goals.goals, goals.evaluate(), scales, outcome)
-    lift.forget_hessian()
-    goals.estimate.penalty_newton += outcome.newton
-    assert found is not None  # the run's problem has penalties
-    return found
-
-
-def _without_algebra(differences: Differences, parts: Parts) -> Differences:
-    """Return the differences to the run less what Newton's method left, which they contain.
-
-    Where that is negligible beside them, the part ``algebra`` becomes zero.
-    """
-    if "algebra" not in parts:
-        return differences
-    values, algebra = differences.values, parts["algebra"]
-    parts["algebra"] = np.where(np.abs(algebra) <= _LEAST_PART * np.abs(values), 0.0, algebra)
-    return Differences(values - parts["algebra"], differences.unsettled)
-
-
-def _missed_by_lifted(
-    goals: LiftedGoals,
-    make: Callable[[Element], Problem],
-    differences: Differences,
-    errors: Differences,
-    asked: float,
-) -> Differences:
-    """Return what the lifted solution misses of the errors, from the decay of its own degrees.
-
-    Parameters
+    Attributes
     ----------
-    goals : LiftedGoals
-        The goals at the lifted solution.
-    make : callable
-        Returns the same problem on the same mesh with another element.
-    differences, errors : Differences
-        The goals in the lifted problem less those of the run, with and without what Newton's
-        method left.
-    asked : float
-        The relative error that is asked for.
+    lift : Lift
+        The lifted problem.
     """
-    problem, lifted = goals.lift.problem, goals.lift.lifted
-    middle = element_of_factor(problem, lifted.element)
-    if middle is None and locks(problem, lifted.element):
-        return Differences(*np.zeros((2, len(goals.values))))
-    goals.estimate.saturation = saturation(lifted, lifted.split(lifted.x)[0])
-    factor = goals.estimate.saturation - 1
-    if middle is None:
-        return errors.scaled(factor)
-    in_middle = _differences_of(create_in(middle, problem, make), goals, asked)
-    between = differences.values - in_middle.values
-    return Differences(between, errors.unsettled + in_middle.unsettled).scaled(factor)
+
+    def __init__(
+        self,
+        problem: Problem,
+        make: Callable[[Element], Problem],
+        goals: Sequence[Goal],
+        estimate: Estimate,
+        options: EstimateOptions,
+    ) -> None:
+        self._problem, self._make = problem, make
+        self._estimate, self._options = estimate, options
+        lifted = create_lifted(problem, make)
+        estimate.element = lifted.element.name
+        self._surfaces = ShapeSurfaces(lifted)
+        if self._surfaces:
+            goals = [goal for goal in goals if is_on_flesh(goal)]
+        self._static = [goal for goal in goals if not isinstance(goal, FrequencyGoal)]
+        self._frequencies = [goal for goal in goals if isinstance(goal, FrequencyGoal)]
+        #: The parts of the errors that are not of the mesh, and those of frequencies.
+        self._parts, self._parts_of_frequencies = Parts(), Parts()
+        self._add_other_parts()
+        self.lift = Lift(problem, lifted)
+        self._goals = LiftedGoals(self.lift, self._static, estimate, self._surfaces.bind)
+
+    def add(self) -> None:
+        """Add the errors to the estimate; raise NoEstimate if there are none."""
+        estimate, options, goals = self._estimate, self._options, self._goals
+        differences = goals.differences(options.asked)
+        estimate.may_be_unstable = self.lift.check_stability(options.stability)
+        errors = mesh = self._without_algebra(differences)
+        if self._surfaces:  # with no errors of the corners of cells, where the lifted ones are
+            moved = changes_by_surfaces(self._surfaces, goals, errors)
+            self._parts["shape"], mesh = moved.values, replace(errors, unsettled=moved.unsettled)
+        else:
+            mesh += self._missed(differences, errors)
+        changes = np.zeros(len(goals.values))
+        if (penalties := self._parts.get("penalty")) is not None:
+            further = unsettled_penalties(self._problem, self._static, goals.values, penalties)
+            scales = self._scales_of_penalties()
+            if not self._surfaces and yield_much(penalties, scales, options.asked):
+                self._parts["penalty"] = self._lifted_penalties(scales)
+                changes = np.abs(self._parts["penalty"] - penalties)
+            mesh = replace(mesh, unsettled=mesh.unsettled + further)
+        self._set_errors(self._static, mesh, self._parts)
+        for name, change in zip(names_of(self._static), changes, strict=True):
+            estimate.goals[name] = replace(estimate.goals[name], penalty_change=float(change))
+        self._add_largest()
+        _mark_small_forces(self._static, estimate)  # those that do not count are not located
+        modes = self._add_frequencies() if self._frequencies else None
+        if chosen := self._located():
+            estimate.indicators = self._mesh_indicators(errors, mesh, chosen)
+            if modes:
+                estimate.indicators |= self._frequency_indicators(modes, chosen)
+        estimate.linear = self.lift.linear
+
+    def _add_other_parts(self) -> None:
+        """Find the parts of the errors that are not of the mesh.
+
+        Frequencies have no part of what Newton's method left: it would cost the modes of its state.
+        """
+        problem, estimate, static = self._problem, self._estimate, self._static
+        outcome = StepOutcome()
+        values, scales = values_of(estimate, static), scales_of(estimate, static)
+        if (algebra := algebra_errors(problem, static, values)) is not None:
+            relative = np.abs(algebra[scales > 0]) / scales[scales > 0]
+            estimate.algebra = float(relative.max(initial=0.0))
+            values = values + algebra
+            self._parts["algebra"] = np.where(np.abs(algebra) <= ROUNDING * scales, 0.0, algebra)
+        goals = [*static, *self._frequencies]
+        values = np.append(values, values_of(estimate, self._frequencies))
+        penalties = penalty_errors(problem, goals, values, scales_of(estimate, goals), outcome)
+        estimate.penalty_newton = outcome.newton
+        if penalties is not None:
+            of_static, of_frequencies = np.split(penalties, [len(scales)])
+            self._parts["penalty"], self._parts_of_frequencies["penalty"] = (
+                of_static,
+                of_frequencies,
+            )
+
+    def _scales_of_penalties(self) -> Array:
+        """Return what errors are relative to, of forces at least a part of the largest one."""
+        scales = self._goals.scales
+        forces = np.array([goal.is_force for goal in self._static for _ in goal.names], bool)
+        least = SMALL_FORCE * scales[forces].max(initial=0.0)
+        return np.where(forces, np.maximum(scales, least), scales)
+
+    def _lifted_penalties(self, scales: Array) -> Array:
+        """Return what goals would change by without penalties, in the lifted problem.
+
+        Contact that yields much, on few facets, has another part without a penalty there.
+        """
+        outcome, goals = StepOutcome(), self._goals
+        found = penalty_errors(self.lift.lifted, goals.goals, goals.evaluate(), scales, outcome)
+        self.lift.forget_hessian()
+        self._estimate.penalty_newton += outcome.newton
+        assert found is not None  # the run's problem has penalties
+        return found
+
+    def _without_algebra(self, differences: Differences) -> Differences:
+        """Return the differences to the run less what Newton's method left, which they contain.
+
+        Where that is negligible beside them, the part ``algebra`` becomes zero.
+        """
+        if "algebra" not in self._parts:
+            return differences
+        values, algebra = differences.values, self._parts["algebra"]
+        algebra = np.where(np.abs(algebra) <= _LEAST_PART * np.abs(values), 0.0, algebra)
+        self._parts["algebra"] = algebra
+        return Differences(values - algebra, differences.unsettled)
+
+    def _missed(self, differences: Differences, errors: Differences) -> Differences:
+        """Return what the lifted solution misses of the errors, from the decay of its own degrees.
+
+        Parameters
+        ----------
+        differences, errors : Differences
+            The goals in the lifted problem less those of the run, with and without what Newton's
+            method left.
+        """
+        problem, lifted, estimate = self._problem, self.lift.lifted, self._estimate
+        middle = element_of_factor(problem, lifted.element)
+        if middle is None and locks(problem, lifted.element):
+            return errors.scaled(0.0)
+        estimate.saturation = saturation(lifted, lifted.split(lifted.x)[0])
+        factor = estimate.saturation - 1
+        if middle is None:
+            return errors.scaled(factor)
+        lift = Lift(problem, create_in(middle, problem, self._make))
+        try:
+            # A copy of the estimate: the iterations that it counts are those of the lifted problem.
+            goals = LiftedGoals(lift, self._static, replace(estimate))
+            in_middle = goals.differences(self._options.asked)
+        finally:
+            lift.destroy()
+        between = differences.values - in_middle.values
+        return Differences(between, errors.unsettled + in_middle.unsettled).scaled(factor)
+
+    def _set_errors(self, goals: Sequence[Goal], mesh: Differences, others: Parts) -> None:
+        """Set the errors of some goals: the sums of their parts."""
+        for i, name in enumerate(names_of(goals)):
+            parts = {"mesh": float(mesh.values[i])}
+            parts |= {source: float(part[i]) for source, part in others.items() if part[i]}
+            self._estimate.goals[name] = replace(
+                self._estimate.goals[name],
+                error=sum(parts.values()),
+                unsettled=float(mesh.unsettled[i]),
+                parts=parts if len(parts) > 1 else {},
+            )
+
+    def _add_largest(self) -> None:
+        """Add the largest error of a displacement in the body to those of points.
+
+        With a request for an accuracy also the mean of the size of the error to the stress around a
+        point. With one pressure per cell the lifted displacement varies inside of cells, on any
+        mesh: then it is no measure of those of points.
+        """
+        lift, goals, factor = self.lift, self._estimate.goals, self._estimate.saturation
+        unknowns = lift.lifted.owned_displacements
+        changes = lift.lifted.x.array_r[:unknowns] - lift.start.array_r[:unknowns]
+        on_rank = float(np.abs(changes).max(initial=0.0))
+        largest = factor * lift.lifted.comm.allreduce(on_rank, op=MPI.MAX)
+        for goal in self._static:
+            if isinstance(goal, PointGoal) and lift.lifted.element.volume != "mean":
+                goals |= {name: replace(goals[name], of_body=largest) for name in goal.names}
+            elif self._options.asked and (size_of_change := getattr(goal, "size_of_change", None)):
+                size = factor * size_of_change(lift.lifted, lift.start)
+                goals |= {name: replace(goals[name], of_size=size) for name in goal.names}
+
+    def _add_frequencies(self) -> LiftedModes | None:
+        """Add the errors of frequencies; return the lifted modes, or None without any."""
+        goals, lifted = self._frequencies, self.lift.lifted
+        modes = lifted_modes(self.lift, goals[0].modes)
+        if modes is None:
+            return None
+        numbers = [goal.number - 1 for goal in goals]
+        factors: Array | float = 1.0
+        if not locks(self._problem, lifted.element):
+            # The root: smooth modes leave nothing, those of clamped bodies the factor.
+            factors = np.sqrt([saturation(lifted, modes.shapes[i]) for i in numbers])
+        changes = modes.frequencies[numbers] - values_of(self._estimate, goals)
+        errors = Differences(changes, modes.unsettled[numbers]).scaled(factors)
+        self._set_errors(goals, errors, self._parts_of_frequencies)
+        return modes
+
+    def _located(self) -> Collection[str]:
+        """Return the goals whose errors are distributed to the cells."""
+        least, asked = _LOCATED, self._options.asked
+        if asked:
+            least = min(least, _LOCATED_OF_ASKED * asked)
+        names = [
+            name
+            for name, goal in self._estimate.goals.items()
+            if goal.is_found and abs(goal.error or 0.0) > least * goal.scale
+        ]
+        return self._options.choose(self._estimate, names) if names else ()
+
+    def _mesh_indicators(
+        self, errors: Differences, mesh: Differences, chosen: Collection[str]
+    ) -> dict[str, Array]:
+        """Return the errors of chosen goals in cells, with what the lifted solution misses.
+
+        Parameters
+        ----------
+        errors, mesh : Differences
+            The errors without and with that part.
+        chosen : collection of str
+            The names of the goals.
+        """
+        ratios = np.full(len(errors.values), self._estimate.saturation)
+        np.divide(mesh.values, errors.values, out=ratios, where=mesh.values * errors.values > 0)
+        factors = dict(zip(names_of(self._static), ratios, strict=True))
+        cells = cell_indicators(self.lift, self._static, chosen.__contains__)
+        return {name: factors[name] * values for name, values in cells.items()}
+
+    def _frequency_indicators(
+        self, modes: LiftedModes, chosen: Collection[str]
+    ) -> dict[str, Array]:
+        """Return the errors of chosen frequencies in cells: squares of the modes' changes."""
+        indicators, lifted = {}, self.lift.lifted
+        for name, goal in zip(names_of(self._frequencies), self._frequencies, strict=True):
+            if name in chosen:
+                squares = cell_squares(lifted, modes.changes[goal.number - 1])
+                total = lifted.comm.allreduce(squares.sum())
+                indicators[name] = squares * ((self._estimate.goals[name].error or 0.0) / total)
+        return indicators
 
 
 def locks(problem: Problem, lifted: Element) -> bool:
@@ -420,128 +525,3 @@ def locks(problem: Problem, lifted: Element) -> bool:
     triangles = problem.element.name == "P2" and problem.kinematics.dim == 2
     same = lifted.volume == problem.element.volume
     return bool(may_lock(problem)) and not triangles and not same
-
-
-def _differences_of(other: Problem, goals: LiftedGoals, asked: float) -> Differences:
-    """Return the goals in another element less those of the run."""
-    lift = Lift(goals.lift.problem, other)
-    try:
-        # A copy of the estimate: the iterations that it counts are those of the lifted problem.
-        return LiftedGoals(lift, goals.goals, replace(goals.estimate)).differences(asked)
-    finally:
-        lift.destroy()
-
-
-def _set_errors(
-    estimate: Estimate,
-    goals: Sequence[Goal],
-    mesh: Differences,
-    others: Parts,
-    penalty_changes: Array | None = None,
-) -> None:
-    """Set the errors of some goals: the sums of their parts."""
-    for i, name in enumerate(names_of(goals)):
-        parts = {"mesh": float(mesh.values[i])}
-        parts |= {source: float(part[i]) for source, part in others.items() if part[i]}
-        estimate.goals[name] = replace(
-            estimate.goals[name],
-            error=sum(parts.values()),
-            unsettled=float(mesh.unsettled[i]),
-            parts=parts if len(parts) > 1 else {},
-            penalty_change=0.0 if penalty_changes is None else float(penalty_changes[i]),
-        )
-
-
-def _add_largest(lift: Lift, goals: Sequence[Goal], estimate: Estimate, asked: float) -> None:
-    """Add the largest error of a displacement in the body to those of points. Collective.
-
-    With a request for an accuracy ``asked`` also the mean of the size of the error to the stress
-    around a point. With one pressure per cell the lifted displacement varies inside of cells, on
-    any mesh: then it is no measure of those of points.
-    """
-    unknowns = lift.lifted.owned_displacements
-    changes = lift.lifted.x.array_r[:unknowns] - lift.start.array_r[:unknowns]
-    on_rank = float(np.abs(changes).max(initial=0.0))
-    largest = estimate.saturation * lift.lifted.comm.allreduce(on_rank, op=MPI.MAX)
-    for goal in goals:
-        for name in goal.names:
-            known = estimate.goals[name]
-            if isinstance(goal, PointGoal) and lift.lifted.element.volume != "mean":
-                estimate.goals[name] = replace(known, of_body=largest)
-            elif asked and (size_of_change := getattr(goal, "size_of_change", None)):
-                size = estimate.saturation * size_of_change(lift.lifted, lift.start)
-                estimate.goals[name] = replace(known, of_size=size)
-
-
-def _add_frequencies(
-    lift: Lift, goals: Sequence[FrequencyGoal], estimate: Estimate, others: Parts
-) -> LiftedModes | None:
-    """Add the errors of frequencies. Collective.
-
-    Returns
-    -------
-    LiftedModes or None
-        The lifted modes; None if they were not found, and no errors were added.
-    """
-    modes = lifted_modes(lift, goals[0].modes)
-    if modes is None:
-        return None
-    numbers = [goal.number - 1 for goal in goals]
-    shapes = [] if locks(lift.problem, lift.lifted.element) else [modes.shapes[i] for i in numbers]
-    # The root: smooth modes leave nothing, those of clamped bodies the factor.
-    factors = np.sqrt([saturation(lift.lifted, shape) for shape in shapes]) if shapes else 1.0
-    changes = modes.frequencies[numbers] - values_of(estimate, goals)
-    errors = Differences(changes, modes.unsettled[numbers]).scaled(factors)
-    _set_errors(estimate, goals, errors, others)
-    return modes
-
-
-def _located(estimate: Estimate, options: EstimateOptions) -> Collection[str]:
-    """Return the goals whose errors are distributed to the cells. Collective."""
-    least = _LOCATED
-    if options.asked:
-        least = min(least, _LOCATED_OF_ASKED * options.asked)
-    names = [
-        name
-        for name, goal in estimate.goals.items()
-        if goal.is_found and abs(goal.error or 0.0) > least * goal.scale
-    ]
-    return options.choose(estimate, names) if names else ()
-
-
-def _mesh_indicators(
-    goals: LiftedGoals, errors: Differences, mesh: Differences, chosen: Collection[str]
-) -> dict[str, Array]:
-    """Return the errors of chosen goals in cells, with the part that the lifted solution misses.
-
-    Parameters
-    ----------
-    goals : LiftedGoals
-        The goals at the lifted solution.
-    errors, mesh : Differences
-        The errors without and with that part.
-    chosen : collection of str
-        The names of the goals.
-    """
-    ratios = np.full(len(errors.values), goals.estimate.saturation)
-    np.divide(mesh.values, errors.values, out=ratios, where=mesh.values * errors.values > 0)
-    factors = dict(zip(names_of(goals.goals), ratios, strict=True))
-    cells = cell_indicators(goals.lift, goals.goals, chosen.__contains__)
-    return {name: factors[name] * values for name, values in cells.items()}
-
-
-def _frequency_indicators(
-    lifted: Problem,
-    modes: LiftedModes,
-    goals: Sequence[FrequencyGoal],
-    estimate: Estimate,
-    chosen: Collection[str],
-) -> dict[str, Array]:
-    """Return the errors of chosen frequencies in cells, as the squares of the modes' changes."""
-    indicators = {}
-    for name, goal in zip(names_of(goals), goals, strict=True):
-        if name in chosen:
-            squares = cell_squares(lifted, modes.changes[goal.number - 1])
-            total = lifted.comm.allreduce(squares.sum())
-            indicators[name] = squares * ((estimate.goals[name].error or 0.0) / total)
-    return indicators

@@ -30,6 +30,7 @@ from scipy.linalg import eigh
 
 from fem_snh import _dolfinx
 from fem_snh.accuracy.duals import Dual, Linearisation
+from fem_snh.accuracy.goals import Goal
 from fem_snh.accuracy.lift import Lift
 from fem_snh.assembly.assembled_matrix import BlockMatrix
 from fem_snh.assembly.nodal_mass import NodalMass
@@ -55,7 +56,7 @@ _SETTLED, _NEGLIGIBLE, _MOST_ITERATIONS = 0.02, 1e-7, 10
 _RIGID = 1e-8
 
 
-class FrequencyGoal:
+class FrequencyGoal(Goal):
     """One of the lowest frequencies of vibration [Hz] about the state.
 
     Parameters
@@ -69,8 +70,8 @@ class FrequencyGoal:
     """
 
     def __init__(self, number: int, modes: LowestModes, label: str = "") -> None:
+        super().__init__([label or f"frequency.{number}"], "frequency")
         self.number, self.modes = number, modes
-        self.names = [label or f"frequency.{number}"]
 
     def bind(self, problem: Problem) -> Callable[[], Sequence[float]]:
         """See `Goal.bind`. The problem has no unknown pressure."""

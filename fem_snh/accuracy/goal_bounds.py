@@ -82,13 +82,8 @@ class GoalLevel:
 
     @property
     def error(self) -> float:
-        """The estimate of what is to be added to it."""
+        """The estimate of what is to be added to the value."""
         return self.known.error or 0.0
-
-    @property
-    def parts(self) -> dict[str, float]:
-        """The parts of the error by their source; empty if there is one source."""
-        return self.known.parts
 
     @property
     def corrected(self) -> float:
@@ -108,19 +103,20 @@ class GoalLevel:
 
     def contribution(self, source: str, asked: float) -> float:
         """Return what a part adds to the relative bound of the value that is known better."""
-        part = abs(self.parts.get(source, 0.0))
+        known, parts = self.known, self.known.parts
+        part = largest = abs(parts.get(source, 0.0))
         if source == "mesh":
-            part += abs(self.parts.get("shape", 0.0))
-        safety = _safety_of(source, self.parts, self.safety)
-        known = self.best(asked)[0] != self.value
-        largest = max(part, self.known.of_path) if source == "mesh" else part
-        part = (0.0 if known else part) + (safety - 1) * largest
+            part += abs(parts.get("shape", 0.0))
+            largest = max(part, known.of_path)
+        safety = _safety_of(source, parts, self.safety)
+        is_corrected = self.best(asked)[0] != self.value
+        part = (0.0 if is_corrected else part) + (safety - 1) * largest
         if source == "penalty":
-            part += self.known.penalty_bound
+            part += known.penalty_bound
         if source == "mesh":
-            part += _MISSED_OF_CHANGE * self.known.penalty_change
-        if source in STEPS and source in self.parts:
-            part = max(part, self.known.steps_bound) + self.known.mesh_bound
+            part += _MISSED_OF_CHANGE * known.penalty_change
+        if source in STEPS and source in parts:
+            part = max(part, known.steps_bound) + known.mesh_bound
         return part / self.scale if self.scale > 0 else 0.0
 
     @property
@@ -137,7 +133,7 @@ class GoalLevel:
             "corrected": self.corrected,
             "uncertainty": self.uncertainty,
             "relative": self.relative(asked),
-            **({"parts": self.parts} if self.parts else {}),
+            **({"parts": self.known.parts} if self.known.parts else {}),
         }
 
 

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field, fields
+from functools import reduce
+from itertools import chain
 from math import floor, hypot, log10
+from operator import or_
 from typing import Any
 
 import numpy as np
@@ -237,10 +240,7 @@ def _share(part: float) -> str:
     return f"{100 * part:#.2g}".rstrip(".") + " %" if part < 1 else f"{part:.3g} times"
 
 
-#: Attributes of an `Estimate` at several loads: those that hold if they hold at one of them, and
-#: those of which the largest or the sum counts.
-_FLAGS = "on_no_mesh", "steps_too_long", "lacks_memory", "may_be_unstable"
-_LARGEST = "dofs", "memory", "saturation", "of_curved"
+#: Numbers of an `Estimate` of which the sum counts at several loads; of others the largest does.
 _SUMS = "newton", "linear", "penalty_newton", "seconds", "jit"
 
 
@@ -325,29 +325,21 @@ class Estimate:
     @classmethod
     def merged(cls, estimates: Mapping[float, Estimate], names: Sequence[str]) -> Estimate:
         """Return one estimate of those at several loads, with the goals in the order of names."""
-        first, *_ = found = list(estimates.values())
-        goals, indicators, places = (
-            {name: values[name] for name in names for values in tables if name in values}
-            for tables in zip(*((e.goals, e.indicators, e.places) for e in found), strict=True)
-        )
-        combined: dict[str, Any] = {
-            **{key: any(getattr(e, key) for e in found) for key in _FLAGS},
-            **{key: max(getattr(e, key) for e in found) for key in _LARGEST},
-            **{key: sum(getattr(e, key) for e in found) for key in _SUMS},
-        }
-        algebra = [e.algebra for e in found if e.algebra is not None]
-        return replace(
-            first,
-            goals=goals,
-            indicators=indicators,
-            places=places,
-            reason=next((e.reason for e in found if e.reason), ""),
-            algebra=max(algebra, default=None),
-            left_out=list(dict.fromkeys(text for e in found for text in e.left_out)),
-            narrow=list(dict.fromkeys(name for e in found for name in e.narrow)),
-            loads={n: load for load, e in estimates.items() if load < 1 for n in e.goals},
-            **combined,
-        )
+        combined: dict[str, Any] = {}
+        for key in (entry.name for entry in fields(cls)):
+            values = [getattr(estimate, key) for estimate in estimates.values()]
+            if isinstance(values[0], dict):
+                tables = reduce(or_, values)
+                combined[key] = {name: tables[name] for name in names if name in tables}
+            elif isinstance(values[0], list):
+                combined[key] = list(dict.fromkeys(chain(*values)))
+            elif isinstance(values[0], str):
+                combined[key] = next(filter(None, values), "")
+            else:
+                known = [value for value in values if value is not None]
+                combined[key] = sum(known) if key in _SUMS else max(known, default=None)
+        combined["loads"] = {n: load for load, e in estimates.items() if load < 1 for n in e.goals}
+        return cls(**combined)
 
     def label(self, name: str) -> str:
         """Return what the line of a goal begins with: its name, and its load if not the end."""
@@ -370,18 +362,17 @@ class Estimate:
             return [f"no estimate of the error: {self.reason}"]
         shown = {name: goal for name, goal in self.goals.items() if not goal.is_zero}
         lines = [goal.text(self.label(name)) for name, goal in shown.items()]
-        lines += map(no_contact_text, self._open)
-        return [*lines, *filter(None, (self.where, self.doubt, *self.left_out))]
+        return [*lines, *map(no_contact_text, self._open), *self.remarks]
 
     @property
-    def doubt(self) -> str:
-        """The line that says that an instability may not have been found; empty without one."""
-        if not self.may_be_unstable:
-            return ""
-        return (
+    def remarks(self) -> list[str]:
+        """The lines that follow the goals: where the largest error is, and what is left out."""
+        doubt = (
             f"the state of {self.element} may be unstable, as iterations leave that open: a "
             "scene's stability = true tells"
         )
+        doubts = [doubt] if self.may_be_unstable else []
+        return [*filter(None, [self._where]), *doubts, *self.left_out]
 
     @property
     def _open(self) -> list[str]:
@@ -404,7 +395,7 @@ class Estimate:
         return found
 
     @property
-    def where(self) -> str:
+    def _where(self) -> str:
         """Return the line that says where most of the largest error is; empty without one."""
         sizes = {
             name: abs(goal.error or 0.0) / goal.scale
@@ -421,21 +412,14 @@ class Estimate:
 
     def record(self) -> dict[str, Any]:
         """Return the entry ``estimate`` of run.json."""
+        keys = ("saturation", "algebra", "may_be_unstable", "left_out", *_SUMS)
         return {
             "reason": self.reason or None,
             "element": self.element,
             **({"coarser": self.coarser} if self.coarser else {}),
             "dofs": self.dofs,
             "memory_mb": self.memory / 1e6,
-            "saturation": self.saturation,
-            "algebra": self.algebra,
-            "may_be_unstable": self.may_be_unstable,
-            "left_out": self.left_out,
-            "newton": self.newton,
-            "linear": self.linear,
-            "penalty_newton": self.penalty_newton,
-            "seconds": self.seconds,
-            "jit": self.jit,
+            **{key: getattr(self, key) for key in keys},
             "places": {name: asdict(place) for name, place in self.places.items()},
         }
 

@@ -1,10 +1,24 @@
-"""Goals: the scalars of a solution whose error is estimated."""
+r"""Goals: the scalars of a solution whose error is estimated.
+
+Of stress they are means of von Mises' stress over cells, or around a point: with the deviator s of
+the Cauchy stress
+
+.. math:: Q = \int w \sqrt{3/2\, s : s} \,\mathrm{d}V \Big/ \int w \,\mathrm{d}V
+
+over cells of the body at rest, with w = 1 or, around a point, :math:`w = \exp(-2 d^2/r^2)` at the
+distance d (Becker & Rannacher 2001, sec. 3, on such regularised functionals). The pressure has no
+part in s, so no volume term is needed, nor a pressure that is an unknown. The largest stress is no
+goal: at a corner where it is singular each finer mesh has a larger one; nor is that at a point
+alone, which no coarse mesh knows.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple, Protocol
+from math import ceil
+from typing import Any
 
+from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
@@ -14,7 +28,14 @@ import ufl
 from fem_snh import _dolfinx
 from fem_snh.accuracy.duals import Dual, Linearisation, dual_of_reaction
 from fem_snh.accuracy.state_checks import largest_displacement
-from fem_snh.assembly.unknowns import add_ghosts, set_to_zero, writable_values
+from fem_snh.assembly.unknowns import (
+    add_ghosts,
+    copy_to_function,
+    set_to_zero,
+    writable_values,
+)
+from fem_snh.errors import BadInput, bad_value
+from fem_snh.kernels.material import Material
 from fem_snh.problem.probes import Probes
 from fem_snh.problem.problem import Problem
 from fem_snh.problem.reactions import reaction, virtual_rotation, weighted
@@ -24,22 +45,58 @@ from fem_snh.terms.term import ForceTerm, Term
 
 Array = npt.NDArray[Any]
 AXES = ("x", "y", "z")
+#: The weight around a point ends at so many radii, where it is 1e-8. Cells there have at most so
+#: many radii, for which the largest quadrature degree integrates the weight to 1e-3.
+REACH, MOST_RADII = 3.0, 6.0
+#: Quadrature degree of stresses, the same in both elements: a state has one stress.
+_DEGREE = 6
+#: Stress below which its root is smooth, in E: at zero it has no derivative.
+_ZERO = 1e-12
 #: A force of contact is rounding below this part of the largest force on a node.
 _NO_FORCE = 1e-8
 
 
-class Goal(Protocol):
-    """One or several scalars of a state, such as the components of a displacement."""
+class Goal:
+    """One or several scalars of a state, such as the components of a displacement.
+
+    Parameters
+    ----------
+    names : sequence of str
+        The name of each scalar.
+    kind : str
+        What it is: "displacement", "rotation", "force", "moment", "energy", "frequency" or another
+        functional.
+
+    Attributes
+    ----------
+    names, kind
+        The parameters.
+    """
+
+    def __init__(self, names: Sequence[str], kind: str = "functional") -> None:
+        self.names, self.kind = list(names), kind
 
     @property
-    def names(self) -> Sequence[str]:
-        """The name of each scalar."""
+    def is_force(self) -> bool:
+        """Whether it is a force [N]."""
+        return self.kind == "force"
 
     def bind(self, problem: Problem) -> Callable[[], Sequence[float]]:
         """Return a function that evaluates the scalars of the problem's state. Collective."""
+        raise NotImplementedError
 
     def unit(self, problem: Problem) -> float:
-        """Return the size of the largest displacement or force; 0 for other goals. Collective."""
+        """Return the size of the largest displacement or force; 0 for other goals. Collective.
+
+        It is multiplied by the body's size for moments, and divided by it for rotations.
+        """
+        if self.kind in ("displacement", "rotation"):
+            size = largest_displacement(problem)
+            return size / problem.length if self.kind == "rotation" else size
+        if self.kind in ("force", "moment"):
+            size = problem.largest_force(problem.x)
+            return size * problem.length if self.kind == "moment" else size
+        return 0.0
 
     def dual(self, at: Linearisation, number: int) -> Dual:
         """Return the dual of a scalar, whose error is -z . r to first order.
@@ -47,6 +104,7 @@ class Goal(Protocol):
         r is the gradient of the lifted problem's energy at the run's solution, less that of the
         run's energy; both with the reactions. Collective.
         """
+        raise NotImplementedError
 
 
 def names_of(goals: Sequence[Goal]) -> list[str]:
@@ -66,12 +124,14 @@ def vector_of(name: str) -> str:
     return rest if last in AXES else name
 
 
-class _Point(NamedTuple):
-    name: str
-    point: Sequence[float]
+def _zero_vector(problem: Problem) -> PETSc.Vec:
+    """Return a ghosted vector of the displacement's space."""
+    vector = _dolfinx.create_vector(problem.V)
+    set_to_zero(vector)
+    return vector
 
 
-class VectorGoal:
+class VectorGoal(Goal):
     """Components of a vector.
 
     Parameters
@@ -80,25 +140,42 @@ class VectorGoal:
         The vector's name.
     components : sequence of int
         The components.
-
-    Attributes
-    ----------
-    is_force : bool
-        Whether it is a force [N].
+    kind : str, optional
+        See `Goal`.
     """
 
-    is_force = False
-
-    def __init__(self, name: str, components: Sequence[int]) -> None:
+    def __init__(self, name: str, components: Sequence[int], kind: str = "displacement") -> None:
+        super().__init__([f"{name}.{AXES[i]}" for i in components], kind)
         self._components = list(components)
-        self.names = [f"{name}.{AXES[i]}" for i in components]
 
     def components_of(self, vector: Sequence[float] | Array) -> list[float]:
         """Return the goal's components of a vector (3,)."""
         return [float(vector[i]) for i in self._components]
 
 
-class PointGoal(VectorGoal):
+class WeightedGoal(VectorGoal):
+    """Components of a weighted sum of nodal displacements [m]."""
+
+    def bind(self, problem: Problem) -> Callable[[], Sequence[float]]:
+        """See `Goal.bind`. Raises BadInput on every rank for a point outside the body."""
+        weights = self._weights(problem)
+
+        def values() -> list[float]:
+            u = problem.split(problem.x)[0]
+            return [float(weight.dot(u)) for weight in weights]
+
+        return values
+
+    def dual(self, at: Linearisation, number: int) -> Dual:
+        """See `Goal.dual`."""
+        return at.dual_of(self._weights(at.problem)[number])
+
+    def _weights(self, problem: Problem) -> list[PETSc.Vec]:
+        """Return the derivatives of the components by the displacement. Collective."""
+        raise NotImplementedError
+
+
+class PointGoal(WeightedGoal):
     """Components of the displacement [m] of a point of the reference body.
 
     Parameters
@@ -115,38 +192,57 @@ class PointGoal(VectorGoal):
         self, name: str, point: Sequence[float], components: Sequence[int] = (0, 1, 2)
     ) -> None:
         super().__init__(name, components)
-        self._point = _Point(name, point)
+        self.name, self.point = name, point
 
-    def bind(self, problem: Problem) -> Callable[[], Sequence[float]]:
-        """See `Goal.bind`. Raises BadInput on every rank for a point outside the body."""
-        probes = Probes(problem.u, [self._point])
+    def _weights(self, problem: Problem) -> list[PETSc.Vec]:
+        probes, weights = Probes(problem.u, [self]), []
+        for i in self._components:
+            vector = _zero_vector(problem)
+            nodal = writable_values(vector).reshape(-1, problem.kinematics.components)
+            for nodes, basis in probes.weights():
+                nodal[nodes, i] += basis
+            add_ghosts(vector)
+            weights.append(vector)
+        return weights
 
-        def values() -> list[float]:
-            problem.split(problem.x)
-            (u,) = probes.values().values()
-            return self.components_of(u)
 
-        return values
+class MeanGoal(WeightedGoal):
+    """Components of the mean displacement [m] over cells or facets of the reference body.
+
+    Parameters
+    ----------
+    name : str
+        Name of the mean.
+    measure : ufl.Measure
+        The cells or facets.
+    components : sequence of int, optional
+        The components; default: all.
+    """
+
+    def __init__(
+        self, name: str, measure: ufl.Measure, components: Sequence[int] = (0, 1, 2)
+    ) -> None:
+        super().__init__(name, components)
+        self._measure = measure
 
     @property
-    def point(self) -> Sequence[float]:
-        """The reference coordinates [m]."""
-        return self._point.point
+    def on_surface(self) -> bool:
+        """Whether it is the mean over facets."""
+        return str(self._measure.integral_type()) != "cell"
 
-    def unit(self, problem: Problem) -> float:
-        """See `Goal.unit`."""
-        return largest_displacement(problem)
-
-    def dual(self, at: Linearisation, number: int) -> Dual:
-        """See `Goal.dual`."""
-        probes, i = Probes(at.problem.u, [self._point]), self._components[number]
-        weights = _dolfinx.create_vector(at.problem.V)
-        set_to_zero(weights)
-        for nodes, basis in probes.weights():
-            nodal = writable_values(weights).reshape(-1, at.problem.kinematics.components)
-            nodal[nodes, i] += basis
-        add_ghosts(weights)
-        return at.dual_of(weights)
+    def _weights(self, problem: Problem) -> list[PETSc.Vec]:
+        V, components = problem.V, problem.kinematics.components
+        dx = of_the_body(problem.kinematics, problem.domain, self._measure)
+        size = _dolfinx.assemble_scalar(_dolfinx.form(_dolfinx.constant(V.mesh, 1.0) * dx))
+        direction = _dolfinx.constant(V.mesh, np.zeros(components))
+        form = _dolfinx.form(ufl.inner(direction, ufl.TestFunction(V)) * dx)
+        weights = []
+        for i in self._components:
+            direction.value[:] = np.eye(components)[i] / size
+            vector = _dolfinx.create_vector(V)
+            _dolfinx.assemble_vector(vector, form)
+            weights.append(vector)
+        return weights
 
 
 class ReactionGoal(VectorGoal):
@@ -172,10 +268,9 @@ class ReactionGoal(VectorGoal):
         components: Sequence[int] = (0, 1, 2),
         about: Sequence[float] | None = None,
     ) -> None:
-        super().__init__(name, components)
+        super().__init__(name, components, "force" if about is None else "moment")
         self._entries = entries
         self._about = None if about is None else np.array(about, dtype=float)
-        self.is_force = about is None
 
     def bind(self, problem: Problem) -> Callable[[], Sequence[float]]:
         """See `Goal.bind`."""
@@ -186,11 +281,6 @@ class ReactionGoal(VectorGoal):
             return self.components_of(force if about is None else moment)
 
         return values
-
-    def unit(self, problem: Problem) -> float:
-        """See `Goal.unit`."""
-        arm = 1.0 if self._about is None else problem.length
-        return arm * problem.largest_force(problem.x)
 
     def dual(self, at: Linearisation, number: int) -> Dual:
         """See `Goal.dual`."""
@@ -222,65 +312,44 @@ def _turning(problem: Problem, weights: Array, axis: Array) -> PETSc.Vec:
     return found
 
 
-class MeanGoal(VectorGoal):
-    """Components of the mean displacement [m] over cells or facets of the reference body.
+class FormGoal(Goal):
+    """An integral over the body, which UFL differentiates.
 
-    Parameters
+    Attributes
     ----------
-    name : str
-        Name of the mean.
-    measure : ufl.Measure
-        The cells or facets.
-    components : sequence of int, optional
-        The components; default: all.
+    halfway : bool
+        Whether the derivative is that halfway between the two solutions.
     """
 
-    def __init__(self, name: str, measure: Any, components: Sequence[int] = (0, 1, 2)) -> None:
-        super().__init__(name, components)
-        self._measure = measure
-
-    @property
-    def on_surface(self) -> bool:
-        """Whether it is the mean over facets."""
-        return str(self._measure.integral_type()) != "cell"
+    halfway = False
 
     def bind(self, problem: Problem) -> Callable[[], Sequence[float]]:
         """See `Goal.bind`."""
-        weights = self._weights(problem)
+        form, factor = self._form(problem)
+        compiled = _dolfinx.form(form)
 
         def values() -> list[float]:
-            u = problem.split(problem.x)[0]
-            return [float(weight.dot(u)) for weight in weights]
+            problem.split(problem.x)
+            return [factor * _dolfinx.assemble_scalar(compiled)]
 
         return values
 
-    def unit(self, problem: Problem) -> float:
-        """See `Goal.unit`."""
-        return largest_displacement(problem)
-
     def dual(self, at: Linearisation, number: int) -> Dual:
         """See `Goal.dual`."""
-        return at.dual_of(self._weights(at.problem)[number])
+        problem = at.problem
+        form, factor = self._form(problem)
+        problem.split(problem.x - 0.5 * at.step if self.halfway else problem.x)
+        vector = _dolfinx.create_vector(problem.V)
+        _dolfinx.assemble_vector(vector, _dolfinx.form(ufl.derivative(form, problem.u)))
+        vector.scale(factor)
+        return at.dual_of(vector)
 
-    def _weights(self, problem: Problem) -> list[PETSc.Vec]:
-        """Return the derivatives of the means by the displacement."""
-        V = problem.V
-        dx = of_the_body(problem.kinematics, problem.domain, self._measure)
-        components = problem.kinematics.components
-        one = _dolfinx.constant(V.mesh, 1.0)
-        size = _dolfinx.assemble_scalar(_dolfinx.form(one * dx))
-        direction = _dolfinx.constant(V.mesh, np.zeros(components))
-        form = _dolfinx.form(ufl.inner(direction, ufl.TestFunction(V)) * dx)
-        weights = []
-        for i in self._components:
-            direction.value[:] = np.eye(components)[i] / size
-            vector = _dolfinx.create_vector(V)
-            _dolfinx.assemble_vector(vector, form)
-            weights.append(vector)
-        return weights
+    def _form(self, problem: Problem) -> tuple[ufl.Form, float]:
+        """Return a form of rank 0 in the displacement, and the factor of its value. Collective."""
+        raise NotImplementedError
 
 
-class FunctionalGoal:
+class FunctionalGoal(FormGoal):
     """A UFL functional of the displacement.
 
     Parameters
@@ -293,38 +362,15 @@ class FunctionalGoal:
         The displacement in the form.
     """
 
-    def __init__(self, name: str, form: Any, u: Any) -> None:
-        self._form, self._u, self.names = form, u, [name]
+    def __init__(self, name: str, form: ufl.Form, u: Any) -> None:
+        super().__init__([name])
+        self._given, self._u = form, u
 
-    def bind(self, problem: Problem) -> Callable[[], Sequence[float]]:
-        """See `Goal.bind`."""
-        compiled = _dolfinx.form(ufl.replace(self._form, {self._u: problem.u}))
-
-        def values() -> list[float]:
-            problem.split(problem.x)
-            return [_dolfinx.assemble_scalar(compiled)]
-
-        return values
-
-    def unit(self, problem: Problem) -> float:
-        """See `Goal.unit`."""
-        return 0.0
-
-    def dual(self, at: Linearisation, number: int) -> Dual:
-        """See `Goal.dual`."""
-        form = ufl.replace(self._form, {self._u: at.problem.u})
-        return at.dual_of(derivative_of(at.problem, form))
+    def _form(self, problem: Problem) -> tuple[ufl.Form, float]:
+        return ufl.replace(self._given, {self._u: problem.u}), 1.0
 
 
-def derivative_of(problem: Problem, form: Any, x: PETSc.Vec | None = None) -> PETSc.Vec:
-    """Return the derivative of a form of rank 0 by the displacement, by default at the solution."""
-    problem.split(problem.x if x is None else x)
-    vector = _dolfinx.create_vector(problem.V)
-    _dolfinx.assemble_vector(vector, _dolfinx.form(ufl.derivative(form, problem.u)))
-    return vector
-
-
-class CellsGoal:
+class CellsGoal(FormGoal):
     """A scalar of the body, or of cells of it.
 
     Parameters
@@ -336,11 +382,8 @@ class CellsGoal:
     """
 
     def __init__(self, name: str, cells: Array | None = None) -> None:
-        self.names, self._cells = [name], slice(None) if cells is None else cells
-
-    def unit(self, problem: Problem) -> float:
-        """See `Goal.unit`."""
-        return 0.0
+        super().__init__([name])
+        self._cells = slice(None) if cells is None else cells
 
 
 class VolumeGoal(CellsGoal):
@@ -349,7 +392,7 @@ class VolumeGoal(CellsGoal):
     def bind(self, problem: Problem) -> Callable[[], Sequence[float]]:
         """See `Goal.bind`."""
         if not problem.kinematics.plane_stress and solids_in_shapes(problem):
-            return self._by_displacement(problem)
+            return super().bind(problem)  # also in cells that are not assembled
 
         def values() -> list[float]:
             fields = problem.cell_fields(problem.x)
@@ -359,29 +402,11 @@ class VolumeGoal(CellsGoal):
 
         return values
 
-    def _by_displacement(self, problem: Problem) -> Callable[[], Sequence[float]]:
-        """Return the function that evaluates it also in cells that are not assembled."""
-        form, size = self._deformed(problem)
-        compiled = _dolfinx.form(form)
-
-        def values() -> list[float]:
-            problem.split(problem.x)
-            return [_dolfinx.assemble_scalar(compiled) / size]
-
-        return values
-
     def dual(self, at: Linearisation, number: int) -> Dual:
         """See `Goal.dual`. In plane stress, where J is no function of grad u alone: NaN."""
-        problem = at.problem
-        if problem.kinematics.plane_stress:
-            return at.unknown()
-        form, size = self._deformed(problem)
-        derivative = derivative_of(problem, form)
-        derivative.scale(1 / size)
-        return at.dual_of(derivative)
+        return at.unknown() if at.problem.kinematics.plane_stress else super().dual(at, number)
 
-    def _deformed(self, problem: Problem) -> tuple[Any, float]:
-        """Return the form of the deformed volume, and the reference volume. Collective."""
+    def _form(self, problem: Problem) -> tuple[ufl.Form, float]:
         domain, element, kinematics = problem.domain, problem.element, problem.kinematics
         cells = np.arange(_dolfinx.num_owned(domain), dtype=np.int32)
         parts = [cells[self._cells], np.setdiff1d(cells, cells[self._cells])]
@@ -389,10 +414,157 @@ class VolumeGoal(CellsGoal):
         dx = of_the_body(kinematics, domain, measure)
         size = _dolfinx.assemble_scalar(_dolfinx.form(_dolfinx.constant(domain, 1.0) * dx))
         H = displacement_gradient(problem.u, kinematics)
-        return ufl.det(ufl.Identity(3) + H) * dx, size
+        return ufl.det(ufl.Identity(3) + H) * dx, 1 / size
 
 
-class TermGoal:
+class StressGoal(CellsGoal):
+    """The mean of von Mises' stress [Pa]. Parameters are those of `CellsGoal`."""
+
+    halfway = True  # a root is far from linear
+
+    def bind(self, problem: Problem) -> Callable[[], Sequence[float]]:
+        """See `Goal.bind`. Raises BadInput in plane stress, and for a material without energy."""
+        self._check(problem)
+        return super().bind(problem)
+
+    def _form(self, problem: Problem) -> tuple[ufl.Form, float]:
+        whole, size = self._integrals(problem)
+        return whole, problem.modulus / _dolfinx.assemble_scalar(_dolfinx.form(size))
+
+    def _check(self, problem: Problem) -> None:
+        """Raise BadInput where the stress is no function of the displacement that UFL derives."""
+        key, name = "accuracy.goals", self.names[0]
+        lattice = any(region.fractions is not None for region in problem.regions)
+        if problem.kinematics.plane_stress or lattice or not problem.regions:
+            accepted = "a body with a material, neither a lattice nor in plane stress"
+            raise bad_value(key, name, accepted)
+        for material in (region.material for region in problem.regions):
+            if not material.has_energy:
+                accepted = f"a material with an energy, not '{material.name}'"
+                raise bad_value(key, name, accepted)
+
+    def _weight(self, domain: Any) -> tuple[Any, int]:
+        """Return the weight of the mean in UFL, and the degree of its quadrature."""
+        return _dolfinx.constant(domain, 1.0), _DEGREE
+
+    def _integrals(self, problem: Problem, other: Any = None) -> tuple[Any, Any]:
+        """Return the forms of the integral of the stress over E, and of the weight.
+
+        With another displacement ``other``, that of the size of their difference.
+        """
+        domain, kinematics = problem.domain, problem.kinematics
+        weight, degree = self._weight(domain)
+        every = np.arange(_dolfinx.num_owned(domain), dtype=np.int32)
+        parts = [np.intersect1d(region.cells, every[self._cells]) for region in problem.regions]
+        parts.append(np.setdiff1d(every, np.concatenate(parts)))
+        measures = _dolfinx.cell_measures(domain, parts, problem.element.cell, degree)
+        measures = [of_the_body(kinematics, domain, dx) for dx in measures[:-1]]
+        materials = [region.material for region in problem.regions]
+
+        def stresses_of(u: Any) -> list[Any]:
+            F = ufl.variable(ufl.Identity(3) + displacement_gradient(u, kinematics))
+            return [_von_mises(material, F, problem.modulus) for material in materials]
+
+        stresses = stresses_of(problem.u)
+        if other is not None:
+            pairs = zip(stresses, stresses_of(other), strict=True)
+            stresses = [abs(stress - before) for stress, before in pairs]
+        whole = sum(weight * sigma * dx for sigma, dx in zip(stresses, measures, strict=True))
+        return whole, sum(weight * dx for dx in measures)
+
+
+class PointStressGoal(StressGoal):
+    """The mean of von Mises' stress [Pa] around a point of the body at rest.
+
+    Parameters
+    ----------
+    name : str
+        Its name.
+    point : (3,) sequence of float
+        Reference coordinates [m].
+    radius : float
+        The distance r [m] at which the weight is 0.14 of that at the point.
+    domain : dolfinx Mesh
+        The mesh of the body.
+
+    Raises
+    ------
+    BadInput
+        On every rank, for cells that are much larger than the radius, or far away. Collective.
+    """
+
+    def __init__(self, name: str, point: Sequence[float], radius: float, domain: Any) -> None:
+        dim = domain.topology.dim
+        place = np.asarray(point, dtype=float)[:dim]
+        X = _dolfinx.geometry_x(domain)[_dolfinx.geometry_dofs(domain)][..., :dim]
+        sizes = sizes_near(X, place, radius)
+        super().__init__(name, np.flatnonzero(sizes[: _dolfinx.num_owned(domain)]))
+        size = domain.comm.allreduce(float(sizes.max(initial=0.0)), op=MPI.MAX)
+        if size == 0:
+            shown = ", ".join(f"{x:g}" for x in place)
+            raise bad_value("point", f"({shown})", f"a point within {REACH:g} radii of the body")
+        if size > MOST_RADII * radius:
+            accepted = (
+                f"at least {size / MOST_RADII:.3g}, as cells have a size of {size:.3g} there, "
+                "or a mesh with smaller ones there"
+            )
+            raise bad_value("radius", f"{radius:g}", accepted)
+        self._place, self._radius = place, radius
+        self._degree = _DEGREE + 4 * ceil(size / radius)
+
+    def size_of_change(self, problem: Problem, start: PETSc.Vec) -> float:
+        """Return the mean of the size of what the stress changed by from a state [Pa]. Collective.
+
+        It has no sign: the change of the mean may be small by chance.
+        """
+        before = _dolfinx.function(problem.V, "before")
+        copy_to_function(problem.split(start)[0], before)
+        whole, size = map(_dolfinx.form, self._integrals(problem, before))
+        problem.split(problem.x)
+        change, volume = map(_dolfinx.assemble_scalar, (whole, size))
+        return float(problem.modulus * change / volume)
+
+    def _weight(self, domain: Any) -> tuple[Any, int]:
+        """See `StressGoal`."""
+        x = _dolfinx.coordinates(domain)
+        squared = sum((x[i] - float(c)) ** 2 for i, c in enumerate(self._place))
+        return ufl.exp(-2 * squared / self._radius**2), self._degree
+
+
+def _von_mises(material: Material, F: Any, modulus: float) -> Any:
+    """Return von Mises' stress over a modulus."""
+    from fem_snh.kernels.ufl_forms import energy_density  # these import sympy
+    from fem_snh.materials.parameters import BOUNDS
+    from fem_snh.materials.volume_split import split
+
+    energy = material.expression
+    try:
+        energy = split(energy, BOUNDS["mean"]).deviatoric
+    except BadInput:  # no volume term of its own: all of the energy
+        pass
+    s = ufl.dev(ufl.diff(energy_density(energy, F), F) * F.T / (modulus * ufl.det(F)))
+    return ufl.sqrt(1.5 * ufl.inner(s, s) + _ZERO**2)
+
+
+def sizes_near(x: Array, point: Array, radius: float) -> Array:
+    """Return the sizes of the cells that the weight around a point reaches; 0 for all others.
+
+    Parameters
+    ----------
+    x : (cells, nodes, dim) array
+        The nodes of the cells [m].
+    point : (dim,) array
+        The point [m].
+    radius : float
+        Its radius [m].
+    """
+    low, high = x.min(axis=1), x.max(axis=1)
+    outside = np.linalg.norm(np.maximum(np.maximum(low - point, point - high), 0.0), axis=1)
+    near = outside <= REACH * radius
+    return np.where(near, (high - low).max(axis=1), 0.0)
+
+
+class TermGoal(Goal):
     """A result of a term: components of a force of contact [N], or a fluid's pressure [Pa].
 
     Parameters
@@ -406,9 +578,10 @@ class TermGoal:
     """
 
     def __init__(self, name: str, components: Sequence[int] = (), label: str = "") -> None:
-        self._name, self._components, shown = name, list(components) or [0], label or name
-        self.names = [f"{shown}.{AXES[i]}" for i in components] or [shown]
-        self.is_force = len(components) > 0
+        shown = label or name
+        names = [f"{shown}.{AXES[i]}" for i in components] or [shown]
+        super().__init__(names, "force" if components else "functional")
+        self._name, self._components = name, list(components) or [0]
 
     def bind(self, problem: Problem) -> Callable[[], Sequence[float]]:
         """See `Goal.bind`."""
@@ -425,14 +598,9 @@ class TermGoal:
         force = self._term(problem).goal(self._name, problem.split(problem.x)[0])
         return self.is_force and bool(np.abs(force).max() <= _NO_FORCE * self.unit(problem))
 
-    def unit(self, problem: Problem) -> float:
-        """See `Goal.unit`."""
-        return problem.largest_force(problem.x) if self.is_force else 0.0
-
     def dual(self, at: Linearisation, number: int) -> Dual:
         """See `Goal.dual`."""
-        problem, derivative = at.problem, _dolfinx.create_vector(at.problem.V)
-        set_to_zero(derivative)
+        problem, derivative = at.problem, _zero_vector(at.problem)
         u = problem.split(problem.x)[0]
         component = self._components[number]
         self._term(problem).add_goal_derivative(self._name, component, u, derivative)
@@ -447,8 +615,7 @@ class TermGoal:
         term = self._term(problem)
         if not isinstance(term, ForceTerm):
             return None
-        forces = _dolfinx.create_vector(problem.V)
-        set_to_zero(forces)
+        forces = _zero_vector(problem)
         term.add_nodal_forces(self._name, problem.split(x)[0], forces)
         add_ghosts(forces)
         parts = forces.array.reshape(-1, problem.kinematics.components)
@@ -460,19 +627,15 @@ class TermGoal:
         return next(term for term in problem.terms if self._name in term.goals)
 
 
-class EnergyGoal:
+class EnergyGoal(Goal):
     """The energy of all terms [J]."""
 
     def __init__(self, name: str = "energy") -> None:
-        self.names = [name]
+        super().__init__([name], "energy")
 
     def bind(self, problem: Problem) -> Callable[[], Sequence[float]]:
         """See `Goal.bind`."""
         return lambda: [problem.energy(problem.x)]
-
-    def unit(self, problem: Problem) -> float:
-        """See `Goal.unit`."""
-        return 0.0
 
     def dual(self, at: Linearisation, number: int) -> Dual:
         """See `Goal.dual`: the energy's error is r . step / 2, of second order."""
@@ -496,60 +659,28 @@ class RigidGoal(VectorGoal):
     def __init__(
         self, part: str, kind: str, components: Sequence[int] = (0, 1, 2), label: str = ""
     ) -> None:
-        super().__init__(label or f"{part}.{kind}", components)
-        self._part, self._kind, self.is_force = part, kind, kind == "force"
+        super().__init__(label or f"{part}.{kind}", components, kind)
+        self._part = part
 
     def bind(self, problem: Problem) -> Callable[[], Sequence[float]]:
         """See `Goal.bind`."""
 
         def values() -> list[float]:
-            return self.components_of(problem.rigid_states(problem.x)[self._part][self._kind])
+            return self.components_of(problem.rigid_states(problem.x)[self._part][self.kind])
 
         return values
-
-    def unit(self, problem: Problem) -> float:
-        """See `Goal.unit`. That of a rotation is the displacement over the body's size."""
-        if self._kind == "displacement":
-            return largest_displacement(problem)
-        if self._kind == "rotation":
-            return largest_displacement(problem) / problem.length
-        arm = problem.length if self._kind == "moment" else 1.0
-        return arm * problem.largest_force(problem.x)
 
     def dual(self, at: Linearisation, number: int) -> Dual:
         """See `Goal.dual`."""
         problem, rigid, x = at.problem, at.problem.rigid, at.problem.x
         assert rigid is not None
         number = self._components[number]
-        if self._kind in ("displacement", "rotation"):
-            return at.dual_of_all(rigid.derivative_of_pose(x, self._part, self._kind, number))
-        turned = self._kind == "moment"
+        if self.kind in ("displacement", "rotation"):
+            return at.dual_of_all(rigid.derivative_of_pose(x, self._part, self.kind, number))
+        turned = self.kind == "moment"
         e, turning = rigid.velocity(x, self._part, np.eye(6)[number + 3 * turned]), None
         if turned:  # the arms turn with the part
             forces = x.duplicate()
             problem.gradient(x, forces)
             turning = rigid.derivative_of_arms(x, self._part, forces, number)
         return dual_of_reaction(at, e, turning)
-
-
-#: The weight around a point ends at so many radii, where it is 1e-8. Cells there have at most so
-#: many radii, for which the largest quadrature degree integrates the weight to 1e-3.
-REACH, MOST_RADII = 3.0, 6.0
-
-
-def sizes_near(x: Array, point: Array, radius: float) -> Array:
-    """Return the sizes of the cells that the weight around a point reaches; 0 for all others.
-
-    Parameters
-    ----------
-    x : (cells, nodes, dim) array
-        The nodes of the cells [m].
-    point : (dim,) array
-        The point [m].
-    radius : float
-        Its radius [m].
-    """
-    low, high = x.min(axis=1), x.max(axis=1)
-    outside = np.linalg.norm(np.maximum(np.maximum(low - point, point - high), 0.0), axis=1)
-    near = outside <= REACH * radius
-    return np.where(near, (high - low).max(axis=1), 0.0)

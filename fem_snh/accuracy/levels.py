@@ -366,7 +366,7 @@ class Levels:
     def _is_shared(self) -> bool:
         """Whether the bound of the last level, on a path, is shared out between its parts."""
         row = self.rows[-1]
-        return row.steps > 0 and any(goal.parts for goal in row.goals.values())
+        return row.steps > 0 and any(goal.known.parts for goal in row.goals.values())
 
     def _contribution(self, source: str) -> float:
         """Return the largest contribution of a part to the bounds of the last level's goals."""
@@ -383,17 +383,23 @@ class Levels:
     def _largest_part(self, source: str) -> float:
         """Return the bound of the largest relative part of an error on the last level."""
         goals = [goal for goal in self.rows[-1].goals.values() if goal.scale]
-        parts = (goal.safety * abs(goal.parts.get(source, 0.0)) / goal.scale for goal in goals)
+        parts = (
+            goal.safety * abs(goal.known.parts.get(source, 0.0)) / goal.scale for goal in goals
+        )
         return max(parts, default=0.0)
 
-    def forecast(self, refinement: float, shorter: float = 1.0) -> Forecast:
-        """Return what a level with cells and steps so many times smaller will cost."""
+    def forecast(self, refinement: float, shorter: float = 1.0, dofs: int = 0) -> Forecast:
+        """Return what a level with cells and steps so many times smaller will cost.
+
+        With ``dofs`` it has the same cells, and an element of a higher degree.
+        """
         last, power = self.rows[-1], float(self.dim)
         if len(self.rows) > 1 and (before := self.rows[-2]).fineness < last.fineness:
             power = log(last.cells / before.cells) / log(last.fineness / before.fineness)
-        growth = refinement**power
+        growth = max(1.0, dofs / last.dofs) if dofs else refinement**power
         seconds = last.seconds * growth ** self._time_power() * shorter
-        cells, dofs = (round(count * growth) for count in (last.cells, last.dofs))
+        cells = last.cells if dofs else round(last.cells * growth)
+        dofs = dofs or round(last.dofs * growth)
         steps = f"{ceil(last.steps * shorter):,} {last.kind} steps" if last.steps else ""
         return Forecast(cells, dofs, seconds, last.estimate.memory * growth, steps)
 
@@ -412,13 +418,6 @@ class Levels:
         of_step = last.seconds / last.steps / (before.seconds / before.steps)
         power = log(of_step) / log(last.dofs / before.dofs)
         return float(min(max(power, _LEAST_TIME_POWER), _TIME_POWER))
-
-    def forecast_of_degree(self, dofs: int) -> Forecast:
-        """Return what the same cells with an element of a higher degree will cost."""
-        last = self.rows[-1]
-        growth = max(1.0, dofs / last.dofs)
-        seconds = last.seconds * growth**_TIME_POWER
-        return Forecast(last.cells, dofs, seconds, last.estimate.memory * growth)
 
     def exceeds(self, forecast: Forecast, elapsed: float, available: float) -> str:
         """Return why the next level is not solved; empty if it is.
@@ -467,10 +466,9 @@ class Levels:
         unsure = row.gives_way or len(self.rows) < self.least
         head += f"{'estimates' if unsure else 'goals'} within {100 * asked:g} %"
         shown = {name: goal for name, goal in row.goals.items() if not goal.is_zero}
-        found = row.estimate
-        lines = [head, *(self._line(found.label(name), goal) for name, goal in shown.items())]
-        further = (*self._untouched(row).values(), found.where, found.doubt, *found.left_out)
-        return [*lines, *(f"  {text}" for text in further if text)]
+        lines = [head, *(self._line(row.estimate.label(n), goal) for n, goal in shown.items())]
+        further = (*self._untouched(row).values(), *row.estimate.remarks)
+        return [*lines, *(f"  {text}" for text in further)]
 
     def _line(self, name: str, goal: GoalLevel) -> str:
         relative = goal.relative(self.asked)
@@ -480,7 +478,7 @@ class Levels:
         share = f"{100 * relative:.2g} %"
         if goal.small:
             share += f" of {SMALL_FORCE:g} of the largest force"
-        parts = parts_text(goal.parts, goal.known.steps_bound)
+        parts = parts_text(goal.known.parts, goal.known.steps_bound)
         of = f"  ({parts})" if parts else ""
         return f"  {name} {value:.6g} +- {error:.2g} ({share}){which}{mark}{of}"
 

@@ -19,7 +19,6 @@ from functools import partial
 from typing import Any
 
 from mpi4py import MPI
-from petsc4py import PETSc
 
 import numpy as np
 
@@ -114,8 +113,8 @@ class Lift:
 
     Attributes
     ----------
-    newton, linear : int
-        Newton and linear iterations so far.
+    newton : int
+        Newton iterations so far.
     reduction, last_reduction : float
         What is left of the first residual, and what the last solve left of its own.
     start, start_gradient : PETSc.Vec
@@ -129,7 +128,8 @@ class Lift:
 
     def __init__(self, problem: Problem, lifted: Problem) -> None:
         self.problem, self.lifted = problem, lifted
-        self.newton = self.linear = 0
+        self.newton = self._linear = 0
+        self._solvers: list[HessianSolver] = []
         if lifted.saddle_point is not None:
             self._guess_pressure()
         self.start, self.start_gradient = lifted.x.copy(), lifted.x.duplicate()
@@ -169,7 +169,7 @@ class Lift:
         solver.solve_until_settled(self.lifted, self._snes, outcome)
         self._last_change = (self.lifted.x - before).norm()
         self.newton += outcome.newton
-        self.linear += outcome.linear
+        self._linear += outcome.linear
         if outcome.history:
             self._last_filter = outcome.history[-1].filter
             self.last_reduction = outcome.residual / outcome.history[0].residual
@@ -186,7 +186,7 @@ class Lift:
         assemble: bool = False,
         tolerance: float | None = None,
         filters: Sequence[str] = ("exact", "clamp"),
-    ) -> Callable[[Sequence[PETSc.Vec]], list[PETSc.Vec]]:
+    ) -> HessianSolver:
         """Return the solver with the Hessian at the present state. Collective.
 
         That of the last Newton iteration serves if its step was short or the mesh is fine, unless
@@ -196,24 +196,19 @@ class Lift:
         is_close = self._last_change <= _CLOSE * (self.lifted.x - self.start).norm()
         serves = is_close or self.lifted.regime.nodes > _MAX_FACTORED
         assembled = not assemble and self._is_exact and serves
-        ksp, tolerance = self._snes.getKSP(), tolerance or self._dual
-        solver_of_duals = HessianSolver(self.lifted, ksp, tolerance, filters, assembled)
+        tolerance = tolerance or (_DUAL if self.lifted.saddle_point else _DUAL_OF_DISPLACEMENT)
+        duals = HessianSolver(self.lifted, self._snes.getKSP(), tolerance, filters, assembled)
+        self._solvers.append(duals)
+        return duals
 
-        def solve(rhs: Sequence[PETSc.Vec]) -> list[PETSc.Vec]:
-            before = solver_of_duals.iterations
-            solutions = solver_of_duals(rhs)
-            self.linear += solver_of_duals.iterations - before
-            return solutions
-
-        return solve
+    @property
+    def linear(self) -> int:
+        """The linear iterations so far, those of dual solutions among them."""
+        return self._linear + sum(duals.iterations for duals in self._solvers)
 
     def forget_hessian(self) -> None:
         """Let `linear_solves` assemble the Hessian, as another solver has changed the matrix."""
         self._last_filter = ""
-
-    @property
-    def _dual(self) -> float:
-        return _DUAL if self.lifted.saddle_point else _DUAL_OF_DISPLACEMENT
 
     @property
     def _is_exact(self) -> bool:

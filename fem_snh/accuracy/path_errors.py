@@ -11,20 +11,27 @@ penalties, once more with stiffer ones: their error is inverse to the stiffness.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cache
 from math import ceil, inf
 from time import perf_counter
 from types import MappingProxyType
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from fem_snh.accuracy.budget import STIFFER, penalty_part, without_penalties
-from fem_snh.accuracy.differences import saturation, scales_of, values_of
-from fem_snh.accuracy.estimate import estimate_with, locks, mark_small_forces
+from fem_snh.accuracy.cross_points import check_cross_points
+from fem_snh.accuracy.differences import (
+    STIFFER,
+    penalty_part,
+    saturation,
+    scales_of,
+    values_of,
+    without_penalties,
+)
+from fem_snh.accuracy.estimate import Announce, announce_cost, estimating, locks
 from fem_snh.accuracy.frequency_goals import FrequencyGoal
 from fem_snh.accuracy.goal_errors import (
     LOAD_STEPS,
@@ -37,11 +44,8 @@ from fem_snh.accuracy.goal_errors import (
 )
 from fem_snh.accuracy.goals import Goal, bind_all, names_of
 from fem_snh.accuracy.lift import (
-    check_memory,
     element_of_factor,
-    lifted_dofs,
     lifted_elements,
-    memory,
 )
 from fem_snh.assembly.elements import Element
 from fem_snh.mesh.mesh import Mesh
@@ -85,20 +89,18 @@ _DISAGREEMENT = 2.0
 _LEAST_RATIO = 1.5
 
 
-class Path(Protocol):
-    """The path to the state of a problem, which can be followed again from its beginning.
-
-    Attributes
-    ----------
-    steps, taken : int
-        The given number of equal steps, and that of the steps taken, which is larger where some
-        failed and were halved.
-    """
+class Path:
+    """The path to the state of a problem, which can be followed again from its beginning."""
 
     @property
-    def steps(self) -> int: ...
+    def steps(self) -> int:
+        """The given number of equal steps; it raises NoEstimate if they are not equal."""
+        raise NotImplementedError
+
     @property
-    def taken(self) -> int: ...
+    def taken(self) -> int:
+        """The number of steps taken, which is larger where some failed and were halved."""
+        raise NotImplementedError
 
     def follow(
         self, steps: int, goals: Sequence[Goal], element: Element | None, stiffer: float
@@ -112,6 +114,7 @@ class Path(Protocol):
         NoEstimate
             If the element does not fit, or the path does not reach its end.
         """
+        raise NotImplementedError
 
 
 class Followed(NamedTuple):
@@ -143,9 +146,7 @@ class Followed(NamedTuple):
         return np.max([abs(self.values - other.values), *late], axis=0)
 
 
-def end_of(
-    stepper: Iterable[dict[str, Any]], problem: Problem, goals: Sequence[Goal], what: str
-) -> Followed:
+def end_of(stepper: Any, problem: Problem, goals: Sequence[Goal], what: str) -> Followed:
     """Return the goals at the end of the steps of a `fem_snh.steps.stepping.Stepper`. Collective.
 
     Raises
@@ -160,21 +161,20 @@ def end_of(
         linear += row["linear"]
         if problem.motion and row["converged"] and problem.load >= 1 - _LATE:
             late[round(problem.load, _DIGITS)] = evaluate()
-    steps: Any = stepper
-    if not steps.done:
-        raise StepsTooLong(f"{what}: {steps.failure_message()}")
+    if not stepper.done:
+        raise StepsTooLong(f"{what}: {stepper.failure_message()}")
     values = evaluate()
     if not np.isfinite(values).all():
         raise NoEstimate(f"a goal is not finite {what}")
     factor = saturation(problem, problem.split(problem.x)[0]) if problem.motion else 1.0
-    return Followed(values, steps.taken, newton, linear, late, factor)
+    return Followed(values, stepper.taken, newton, linear, late, factor)
 
 
 def estimate_on_path(
     problem: Problem,
     path: Path,
     goals: Sequence[Goal],
-    announce: Callable[[Estimate], None] = lambda estimate: None,
+    announce: Announce = lambda estimate: None,
     mesh: Mesh | None = None,
     max_memory: float = inf,
 ) -> Estimate:
@@ -196,74 +196,18 @@ def estimate_on_path(
         The memory that the lifted problem may have [bytes].
     """
 
-    def add_errors(estimate: Estimate) -> None:
+    with estimating(problem, goals, mesh) as estimate:
+        check_cross_points(problem)
+        check_body(problem)
         known = [goal for goal in goals if not isinstance(goal, FrequencyGoal)]
         estimate.on_no_mesh = len(known) < len(goals)
-        _announce(problem, path, estimate, announce, max_memory)
-        repetitions = _Repetitions(problem, path, known, estimate)
-        parts, missed = repetitions.parts(), repetitions.missed
-        for i, name in enumerate(names_of(known)):
-            of_goal = {source: float(errors[i]) for source, errors in parts.items()}
-            goal = estimate.goals[name]
-            if goal.reason:
-                of_goal.pop(_source(problem))
-                estimate.goals[name] = replace(goal, parts=of_goal)
-                continue
-            of_mesh, penalty = float(missed.of_mesh[i]), float(missed.of_penalty[i])
-            estimate.goals[name] = replace(
-                goal,
-                error=sum(of_goal.values()),
-                parts=of_goal,
-                unsettled=float(missed.of_steps[i]) + of_mesh + penalty,
-                mesh_bound=of_mesh,
-                penalty_bound=penalty,
-                of_path=float(missed.largest[i]),
-            )
-        mark_small_forces(known, estimate)
-
-    return estimate_with(add_errors, problem, goals, mesh)
-
-
-def _announce(
-    problem: Problem,
-    path: Path,
-    estimate: Estimate,
-    announce: Callable[[Estimate], None],
-    max_memory: float,
-) -> None:
-    """Announce what it costs to follow the path again; raise NoEstimate if that is impossible."""
-    steps = path.steps
-    check_body(problem)
-    if problem.motion and steps < _FEWEST_STEPS:
-        raise NoEstimate(f"{steps} time steps: expected at least {_FEWEST_STEPS}")
-    element = _lifted_elements(problem)[0]
-    estimate.element, estimate.dofs = element.name, lifted_dofs(problem, element)
-    estimate.memory = memory(problem, element)
-    estimate.again = ceil(steps / 2) if steps > 1 else 2
-    announce(estimate)
-    check_memory(problem, element.name, estimate.memory, max_memory)
-
-
-class _Missed(NamedTuple):
-    """What the parts of the errors miss, (goals,) arrays.
-
-    Attributes
-    ----------
-    of_mesh : array
-        A bound of what shorter steps change of the part of the mesh.
-    of_penalty : array
-        A bound of what the part of penalties misses, as time steps do not resolve them.
-    largest : array
-        The largest part of the mesh in the last half of a motion.
-    of_steps : array
-        The bound of the part of the steps where it is more than they leave with order 1: changes
-        that do not decrease, of different signs, or small at the end by chance. Else 0.
-    """
-
-    of_mesh: Array
-    of_penalty: Array
-    largest: Array
-    of_steps: Array
+        steps = path.steps
+        if problem.motion and steps < _FEWEST_STEPS:
+            raise NoEstimate(f"{steps} time steps: expected at least {_FEWEST_STEPS}")
+        estimate.again = ceil(steps / 2) if steps > 1 else 2
+        announce_cost(problem, _lifted_elements(problem)[:1], estimate, announce, max_memory)
+        _Repetitions(problem, path, known, estimate).add()
+    return estimate
 
 
 class _Repetitions:
@@ -282,8 +226,15 @@ class _Repetitions:
 
     Attributes
     ----------
-    missed : _Missed
-        What the parts miss, after `parts`.
+    of_mesh : (goals,) array
+        A bound of what shorter steps change of the part of the mesh.
+    of_penalty : (goals,) array
+        A bound of what the part of penalties misses, as time steps do not resolve them.
+    largest : (goals,) array
+        The largest part of the mesh in the last half of a motion.
+    of_steps : (goals,) array
+        The bound of the part of the steps where it is more than they leave with order 1: changes
+        that do not decrease, of different signs, or small at the end by chance. Else 0.
     """
 
     def __init__(
@@ -292,7 +243,28 @@ class _Repetitions:
         self._problem, self._path, self._goals, self._estimate = problem, path, goals, estimate
         self._values, self._scales = values_of(estimate, goals), scales_of(estimate, goals)
         self._known: dict[tuple[int, str, float], Followed] = {}
-        self.missed = _Missed(*np.zeros((4, len(self._values))))
+        zeros = np.zeros((4, len(self._values)))
+        self.of_mesh, self.of_penalty, self.largest, self.of_steps = zeros
+
+    def add(self) -> None:
+        """Add the errors to the estimate; raise NoEstimate if there are none."""
+        parts, goals = self.parts(), self._estimate.goals
+        for i, name in enumerate(names_of(self._goals)):
+            of_goal = {source: float(errors[i]) for source, errors in parts.items()}
+            if goals[name].reason:
+                of_goal.pop(_source(self._problem))
+                goals[name] = replace(goals[name], parts=of_goal)
+                continue
+            of_mesh, penalty = float(self.of_mesh[i]), float(self.of_penalty[i])
+            goals[name] = replace(
+                goals[name],
+                error=sum(of_goal.values()),
+                parts=of_goal,
+                unsettled=float(self.of_steps[i]) + of_mesh + penalty,
+                mesh_bound=of_mesh,
+                penalty_bound=penalty,
+                of_path=float(self.largest[i]),
+            )
 
     def parts(self) -> dict[str, Array]:
         """Return the parts of the errors by their source; of the steps alone if no goal has more.
@@ -394,7 +366,7 @@ class _Repetitions:
                 small = bounds_of_small_changes(changes, limits, most)
                 bounds = np.where(unordered, small, bounds)
         more = bounds > (1 + _DIGIT) * np.abs(change) / abs(finer - 1)
-        self.missed = self.missed._replace(of_steps=np.where(more, bounds, 0.0))
+        self.of_steps = np.where(more, bounds, 0.0)
         goals = self._estimate.goals
         for i, (name, bound) in enumerate(zip(names_of(self._goals), bounds, strict=True)):
             reason = _no_order(before[i], change[i]) if bound == inf else ""
@@ -435,21 +407,20 @@ class _Repetitions:
         if motion:
             mesh = difference + self._missed_by_lifted(steps, lifted, element, difference)
             factor = self._estimate.saturation
-            largest = np.maximum(np.abs(mesh), factor * lifted.largest_difference(followed))
-            of_mesh = factor * self._change_by_steps(difference, element, fewer)
-            self.missed = self.missed._replace(of_mesh=of_mesh, largest=largest)
+            late = lifted.largest_difference(followed)
+            self.largest = np.maximum(np.abs(mesh), factor * late)
+            self.of_mesh = factor * self._change_by_steps(difference, element, fewer)
         if has_penalties and motion:
             by_stiffer = penalty_part(values, stiffened(STIFFER))
             by_softer = penalty_part(stiffened(1 / STIFFER), values) / STIFFER
-            penalty, unresolved = resolved_penalty(by_stiffer, by_softer)
-            self.missed = self.missed._replace(of_penalty=unresolved)
+            penalty, self.of_penalty = resolved_penalty(by_stiffer, by_softer)
         parts = {"mesh": mesh}
         return parts if penalty is None else parts | {"penalty": penalty}
 
     def _miss_more_than_they_find(self, parts: dict[str, Array]) -> bool:
         """Return whether the steps are too long for the errors of the mesh and of penalties."""
         found = np.sum([np.abs(part) for part in parts.values()], axis=0)
-        missed = self.missed.of_mesh + self.missed.of_penalty
+        missed = self.of_mesh + self.of_penalty
         return bool((missed > np.maximum(found, _NEGLIGIBLE * self._scales)).any())
 
     def _missed_by_lifted(

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -16,13 +15,16 @@ from fem_snh.accuracy.frequency_goals import FrequencyGoal
 from fem_snh.accuracy.goal_errors import Estimate
 from fem_snh.accuracy.goals import (
     AXES,
+    CellsGoal,
     EnergyGoal,
     FunctionalGoal,
     Goal,
     MeanGoal,
     PointGoal,
+    PointStressGoal,
     ReactionGoal,
     RigidGoal,
+    StressGoal,
     TermGoal,
     VolumeGoal,
     names_of,
@@ -42,6 +44,8 @@ from fem_snh.tables.types import surface_name
 from fem_snh.terms.feature import Feature
 from fem_snh.terms.rigid import RESULTS, Rigid
 
+#: The goals of the body, or of cells of it.
+_OF_CELLS: dict[str, type[CellsGoal]] = {"volume": VolumeGoal, "stress": StressGoal}
 _ACCEPTED = (
     "a point [x, y, z], a measure (mean displacement), a condition of the problem (its force), "
     "a pair of a condition and a point (the moment of its force about it), "
@@ -133,7 +137,7 @@ def program_goals(problem: Problem, goals: Any) -> list[Goal]:
         raise bad_value("goals", goals, "at least one goal")
     found: list[Goal] = []
     for number, (name, goal) in enumerate(named):
-        found += _goals(_Given(problem, name, number, goal))
+        found += _goals(problem, number, name, goal)
     of_modes = {id(goal.modes) for goal in found if isinstance(goal, FrequencyGoal)}
     if len(of_modes) > 1:
         accepted = "frequencies of one call of vibration_modes()"
@@ -144,195 +148,80 @@ def program_goals(problem: Problem, goals: Any) -> list[Goal]:
     return found
 
 
-@dataclass(frozen=True)
-class _Given:
-    """What a program gives for a goal.
+def _goals(problem: Problem, number: int, name: str, value: Any) -> list[Goal]:
+    """Return the goals of what a program gives, in the place ``number`` or by a ``name``."""
+    kinematics, key = problem.kinematics, f"goals[{name or number}]"
+    every = range(kinematics.components)
+    turned = [AXES.index(axis) for axis in kinematics.moment_axes]
 
-    Attributes
-    ----------
-    problem : Problem
-        Its problem.
-    name : str
-        The name of the goal; "" for that of its kind.
-    number : int
-        Its place among the goals.
-    value : object
-        What is given.
-    """
+    def refused(what: object, accepted: str) -> BadInput:
+        return bad_value(key, what, accepted)
 
-    problem: Problem
-    name: str
-    number: int
-    value: Any
-
-    @property
-    def key(self) -> str:
-        """The goal's name in messages."""
-        return f"goals[{self.name or self.number}]"
-
-    @property
-    def pair(self) -> tuple[Any, Any]:
-        """The value and what is given with it; None for nothing."""
-        is_pair = isinstance(self.value, tuple) and len(self.value) == 2
-        return self.value if is_pair else (self.value, None)
-
-    def refused(self, value: object, accepted: str) -> BadInput:
-        """Return the error for a value of this goal."""
-        return bad_value(self.key, value, accepted)
-
-
-def _frequencies(given: _Given) -> list[Goal]:
-    """Frequencies of modes, or of a pair of them and a number."""
-    (modes, number), name = given.pair, given.name
-    if not isinstance(modes, ProgramModes):
-        return []
-    lowest = modes.of_state(given.problem)
-    if lowest is None:
-        accepted = "those about the last solution: call vibration_modes()"
-        raise given.refused("modes of another state", accepted)
-    if number is not None:
-        check_whole(f"{given.key} number", number, 1, len(modes.frequencies))
-        return [FrequencyGoal(number, lowest, name)]
-    numbers = range(1, len(modes.frequencies) + 1)
-    return [FrequencyGoal(i, lowest, name and f"{name}.{i}") for i in numbers]
-
-
-def _energy(given: _Given) -> list[Goal]:
-    if not (isinstance(given.value, str) and given.value == "energy"):
-        return []
-    if given.problem.motion:  # of which another sum is the energy
-        raise given.refused(given.value, "another goal, in time")
-    if not given.problem.has_energy:
-        raise given.refused(given.value, "another goal, as a load or a material has no energy")
-    return [EnergyGoal(given.name or given.value)]
-
-
-def _volume_or_stress(given: _Given) -> list[Goal]:
-    """The volume or the stress of the body, or of a pair's measure of cells."""
-    problem, (measure, kind) = given.problem, given.pair
-    if kind is None:
-        measure, kind = None, given.value
-    if not isinstance(kind, str) or kind not in ("volume", "stress") or not problem.regions:
-        return []
-    cells, label = None, given.name or kind
-    if measure is not None:
-        if not _dolfinx.is_measure(measure, facets=True):
-            return []
-        dim, cells = cells_or_facets(problem.definition.mesh, given.key, measure)
-        if dim < problem.domain.topology.dim:
-            raise given.refused(surface_name(measure), "a measure of cells, dx(...)")
-        cells = cells[cells < _dolfinx.num_owned(problem.domain)]
-        label = given.name or f"{given.key}.{kind}"
-    if kind == "volume":
-        return [VolumeGoal(label, cells)]
-    from fem_snh.accuracy.stress_goals import StressGoal  # imports sympy
-
-    return [StressGoal(label, cells)]
-
-
-def _stress_at_point(given: _Given) -> list[Goal]:
-    value, problem = given.value, given.problem
-    is_kind = isinstance(value, tuple) and len(value) == 3 and value[1] == "stress"
-    if not (is_kind and problem.regions):
-        return []
-    from fem_snh.accuracy.stress_goals import PointStressGoal  # imports sympy
-
-    place, _, radius = value
-    check_number(f"{given.key} radius", radius, 0.0, exclusive=True)
-    centre = _point(place, problem.kinematics.dim)
-    if centre is None:
-        raise given.refused(value, _ACCEPTED)
-    return [PointStressGoal(given.name or f"{given.key}.stress", centre, radius, problem.domain)]
-
-
-def _functional(given: _Given) -> list[Goal]:
-    form, u = given.value, given.problem.u
-    if not isinstance(form, ufl.Form):
-        return []
-    if form.arguments() or u not in form.coefficients():
-        raise given.refused("a form", "a form of rank 0 that contains u")
-    return [FunctionalGoal(given.name or given.key, form, u)]
-
-
-def _mean(given: _Given) -> list[Goal]:
-    if not _dolfinx.is_measure(given.value, facets=True):
-        return []
-    components = range(given.problem.kinematics.components)
-    return [MeanGoal(given.name or f"mean {given.number}", given.value, components)]
-
-
-def _rigid_part(given: _Given) -> list[Goal]:
-    problem, (part, result) = given.problem, given.pair
-    if not (isinstance(part, Rigid) and any(part is term for term in problem.definition.terms)):
-        return []
-    result, kinematics = RESULTS[0] if result is None else result, problem.kinematics
-    choose(given.key, result, RESULTS)
-    axes = kinematics.moment_axes if result in ("rotation", "moment") else kinematics.axes
-    if not axes:
-        raise given.refused(result, f"a motion of kinematics = '{kinematics.name}'")
-    return [RigidGoal(part.label, result, [*map(AXES.index, axes)], given.name)]
-
-
-def _term(given: _Given) -> list[Goal]:
-    """The force of contact, or the pressure of a cavity."""
-    problem, feature = given.problem, given.value
-    if not isinstance(feature, Feature):
-        return []
-    alike = [term for term in problem.definition.terms if type(term) is type(feature)]
-    named = zip(alike, type(feature).goals(alike), strict=False)
-    result = next((name for term, name in named if term is feature), "")
-    if not result:
-        return []
-    components = range(problem.kinematics.components) if result.endswith(".force") else ()
-    return [TermGoal(result, components, given.name)]
-
-
-def _reaction(given: _Given) -> list[Goal]:
-    """The force of a condition, or its moment about the point of a pair."""
-    (condition, about), kinematics = given.pair, given.problem.kinematics
-    if not is_condition(condition):
-        return []
-    label = condition_of(given.problem.dirichlet, condition, given.key).label
-    weights = partial(counted_weights, condition=condition)
-    if about is None:
-        name, components = given.name or f"{label}.force", range(kinematics.components)
-        return [ReactionGoal(name, weights, components)]
-    point, axes = three_numbers(given.key, about), kinematics.moment_axes
-    if not axes:
-        raise given.refused("a moment", f"a force, with kinematics = '{kinematics.name}'")
-    name = given.name or f"{label}.moment"
-    return [ReactionGoal(name, weights, [*map(AXES.index, axes)], point)]
-
-
-def _displacement(given: _Given) -> list[Goal]:
-    """The displacement of a point."""
-    kinematics = given.problem.kinematics
-    if (place := _point(given.value, kinematics.dim)) is None:
-        return []
-    shown = f"({', '.join(f'{x:g}' for x in np.ravel(given.value))})"
-    return [PointGoal(given.name or shown, place, range(kinematics.components))]
-
-
-#: The kinds of goals. Each function returns the goals of what it accepts, and none of others.
-_KINDS: Sequence[Callable[[_Given], list[Goal]]] = (
-    _frequencies,
-    _energy,
-    _volume_or_stress,
-    _stress_at_point,
-    _functional,
-    _mean,
-    _rigid_part,
-    _term,
-    _reaction,
-    _displacement,
-)
-
-
-def _goals(given: _Given) -> list[Goal]:
-    for kind in _KINDS:
-        if goals := kind(given):
-            return goals
-    raise given.refused(given.value, _ACCEPTED)
+    match value:
+        case str("energy"):
+            if problem.motion:  # of which another sum is the energy
+                raise refused(value, "another goal, in time")
+            if not problem.has_energy:
+                raise refused(value, "another goal, as a load or a material has no energy")
+            return [EnergyGoal(name or value)]
+        case str("volume" | "stress") if problem.regions:
+            return [_OF_CELLS[value](name or value)]
+        case (measure, str("volume" | "stress") as kind) if problem.regions:
+            if _dolfinx.is_measure(measure, facets=True):
+                dim, cells = cells_or_facets(problem.definition.mesh, key, measure)
+                if dim < problem.domain.topology.dim:
+                    raise refused(surface_name(measure), "a measure of cells, dx(...)")
+                cells = cells[cells < _dolfinx.num_owned(problem.domain)]
+                return [_OF_CELLS[kind](name or f"{key}.{kind}", cells)]
+        case (place, str("stress"), radius) if problem.regions:
+            check_number(f"{key} radius", radius, 0.0, exclusive=True)
+            if (centre := _point(place, kinematics.dim)) is not None:
+                return [PointStressGoal(name or f"{key}.stress", centre, radius, problem.domain)]
+        case ufl.Form():
+            if value.arguments() or problem.u not in value.coefficients():
+                raise refused("a form", "a form of rank 0 that contains u")
+            return [FunctionalGoal(name or key, value, problem.u)]
+        case ProgramModes() | (ProgramModes(), _):
+            modes, mode = (value, None) if isinstance(value, ProgramModes) else value
+            lowest, count = modes.of_state(problem), len(modes.frequencies)
+            if lowest is None:
+                accepted = "those about the last solution: call vibration_modes()"
+                raise refused("modes of another state", accepted)
+            if mode is not None:
+                check_whole(f"{key} number", mode, 1, count)
+                return [FrequencyGoal(mode, lowest, name)]
+            return [FrequencyGoal(i + 1, lowest, name and f"{name}.{i + 1}") for i in range(count)]
+        case Rigid() | (Rigid(), _):
+            part, result = (value, RESULTS[0]) if isinstance(value, Rigid) else value
+            if any(part is term for term in problem.definition.terms):
+                choose(key, result, RESULTS)
+                turns = result in ("rotation", "moment")
+                components = turned if turns else [AXES.index(axis) for axis in kinematics.axes]
+                if not components:
+                    raise refused(result, f"a motion of kinematics = '{kinematics.name}'")
+                return [RigidGoal(part.label, result, components, name)]
+        case Feature():  # the force of contact, or the pressure of a cavity
+            alike = [term for term in problem.definition.terms if type(term) is type(value)]
+            for term, result in zip(alike, type(value).goals(alike), strict=False):
+                if term is value and result:
+                    return [TermGoal(result, every if result.endswith(".force") else (), name)]
+        case (condition, about) if is_condition(condition):
+            label = condition_of(problem.dirichlet, condition, key).label
+            centre = three_numbers(key, about)
+            if not turned:
+                raise refused("a moment", f"a force, with kinematics = '{kinematics.name}'")
+            weights = partial(counted_weights, condition=condition)
+            return [ReactionGoal(name or f"{label}.moment", weights, turned, centre)]
+    if is_condition(value):
+        label = condition_of(problem.dirichlet, value, key).label
+        weights = partial(counted_weights, condition=value)
+        return [ReactionGoal(name or f"{label}.force", weights, every)]
+    if _dolfinx.is_measure(value, facets=True):
+        return [MeanGoal(name or f"mean {number}", value, every)]
+    if (point := _point(value, kinematics.dim)) is not None:
+        shown = ", ".join(f"{x:g}" for x in np.ravel(value))
+        return [PointGoal(name or f"({shown})", point, every)]
+    raise refused(value, _ACCEPTED)
 
 
 def _point(given: Any, dim: int) -> list[float] | None:

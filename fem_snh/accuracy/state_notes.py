@@ -45,28 +45,35 @@ _OBSTACLES, _BODIES = "obstacles", ("contacts", "self_contact")
 _TOUCHING = ("contacts", "pairs")
 
 
-def state_notes(problem: Problem, negative: int | None, rounding: float) -> list[Note]:
-    """Return the notes on a program's state. Collective.
+def state_notes(
+    problem: Problem, rounding: float, step: int | None = None, halved: bool = False
+) -> list[Note]:
+    """Return the notes on a state. Collective.
 
     Parameters
     ----------
     problem : Problem
         The problem at its solution.
-    negative : int or None
-        The number of negative eigenvalues of its Hessian, if it is known.
     rounding : float
         See `rounding_note`.
+    step : int, optional
+        Number of the step of a run.
+    halved : bool, optional
+        See `inversion_note`.
     """
-    unstable = instability_note(
-        {0: negative or 0},
-        saddle_point=bool(problem.saddle_point),
-        touches=bool(problem.coupling_terms),
-    )
-    found = [inversion_note(problem), locking_note(problem), unstable, pressure_note(problem)]
-    found += [thin_support_note(problem), penalty_note(problem), untreated_volume_note(problem)]
-    found += [rounding_note(problem, rounding), rest_note(problem)]
+    found = [locking_note(problem, step), inversion_note(problem, step, halved)]
+    found += [pressure_note(problem), thin_support_note(problem, step)]
+    found += [rounding_note(problem, rounding, step), rest_note(problem, step)]
+    found += [penalty_note(problem, step), untreated_volume_note(problem)]
+    return [note for note in found if note]
+
+
+def program_notes(problem: Problem, negative: int | None, rounding: float) -> list[Note]:
+    """Return the notes on a program's state, of whose Hessian eigenvalues may be ``negative``."""
+    unstable = instability_note({0: negative or 0}, problem)
     contradictions = problem.dirichlet.contradictions()
-    return [note for note in found if note] + [Note("load", text) for text in contradictions]
+    found = [*state_notes(problem, rounding), *([unstable] if unstable else [])]
+    return [*found, *(Note("load", text) for text in contradictions)]
 
 
 def untreated_volume_note(problem: Problem) -> Note | None:
@@ -271,10 +278,9 @@ def unseen_penetrations(row: Mapping[str, Any]) -> list[tuple[str, Mapping[str, 
 
 def instability_note(
     negative: Mapping[int, int],
+    problem: Problem,
     of: int | None = None,
     step: int | None = None,
-    saddle_point: bool = False,
-    touches: bool = False,
 ) -> Note | None:
     """Return a note if an equilibrium is unstable.
 
@@ -282,14 +288,12 @@ def instability_note(
     ----------
     negative : mapping
         Numbers of negative eigenvalues of the Hessian, by the number of the step.
+    problem : Problem
+        The problem.
     of : int, optional
         Number of steps; None of a program's last solve, whose step is number 0.
     step : int, optional
         Number of the last step.
-    saddle_point : bool, optional
-        Whether the problem has unknown pressures, which no trust region minimises.
-    touches : bool, optional
-        Whether surfaces of bodies touch: see `fem_snh.steps.step_solver.StepSolver`.
     """
     unstable = {number: count for number, count in negative.items() if count > 0}
     if not unstable:
@@ -302,9 +306,10 @@ def instability_note(
         where += ", not in the last"
     elif list(unstable) == [step]:  # others may not have been examined
         where = " in the last step"
-    element = " with nu < 0.5 and Q1P0 or P2P0" if saddle_point else ""
+    # No trust region minimises unknown pressures.
+    element = " with nu < 0.5 and Q1P0 or P2P0" if problem.saddle_point else ""
     cure = f"take globalization = 'trust_region'{element}, which leaves it, or give the body the "
-    if touches:  # their trust region had found no stable state
+    if problem.coupling_terms:  # their trust region had found no stable state
         cure = "where surfaces that touch end at the same edge, let one reach beyond the other, or "
         cure += "hold the bodies sideways; or give them the "
     text = (

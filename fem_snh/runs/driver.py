@@ -133,7 +133,9 @@ def _run(
 ) -> Result:
     """Solve a scene, from the checkpoint or the level before if there is one. Collective."""
     with solver.petsc_failures(), scene_options(scene, folder) as given:
-        setup = set_up(comm, scene, stored is not None, *(level.given if level else ()))
+        setup = set_up(
+            comm, scene, stored is not None, *((level.mesh, level.stiffer) if level else ())
+        )
         if level:
             level.begin(setup)
         about = describe(setup)

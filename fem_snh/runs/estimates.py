@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
-from functools import partial
 from math import inf
 from typing import TYPE_CHECKING
 
 from fem_snh import scenes
-from fem_snh.accuracy.coarser_meshes import CoarserMeshes, estimate_by_coarser_meshes
+from fem_snh.accuracy.coarser_meshes import add_extrapolated, check_coarsening
 from fem_snh.accuracy.estimate import (
+    Announce,
     EstimateOptions,
     estimate_error,
-    estimate_with,
+    estimating,
     largest_error,
 )
 from fem_snh.accuracy.goal_errors import Estimate, NoEstimate, NoEstimateOnAnyMesh, depends_on_path
@@ -38,7 +38,7 @@ _PARTS, _FEWEST = (0.5, 0.25), {1: 4, 2: 2}
 def estimate_errors(
     setup: Setup,
     goals: Sequence[Goal],
-    announce: Callable[[Estimate], None],
+    announce: Announce,
     fields: bool,
     level: Level | None = None,
     states: GoalStates | None = None,
@@ -75,17 +75,15 @@ def estimate_errors(
 
 def _without(setup: Setup, goals: Sequence[Goal], reason: str) -> Estimate:
     """Return goals without errors, for a reason that holds on any mesh. Collective."""
-
-    def refuse(estimate: Estimate) -> None:
+    with estimating(setup.problem, goals) as estimate:
         raise NoEstimateOnAnyMesh(reason)
-
-    return estimate_with(refuse, setup.problem, goals)
+    return estimate
 
 
 def _errors_at(
     setup: Setup,
     goals: Sequence[Goal],
-    announce: Callable[[Estimate], None],
+    announce: Announce,
     fields: bool,
     level: Level | None,
 ) -> Estimate:
@@ -119,7 +117,7 @@ def _errors_at(
 def _by_coarser_meshes(
     setup: Setup,
     goals: Sequence[Goal],
-    announce: Callable[[Estimate], None],
+    announce: Announce,
     because: str = "",
 ) -> Estimate:
     """Return the errors of goals by the scene on coarser meshes. Collective."""
@@ -129,48 +127,51 @@ def _by_coarser_meshes(
             f"expected accuracy.estimate = '{LIFTED_ELEMENT}'"
         )
         return _without(setup, goals, reason)
-    coarsen = partial(coarser_meshes, setup)
-    return estimate_by_coarser_meshes(setup.problem, coarsen, goals, announce, because)
+    with estimating(setup.problem, goals) as estimate:
+        check_coarsening(setup.problem)
+        others, fineness, label = _coarser_scenes(setup)
+        estimate.element, estimate.coarser = setup.problem.element.name, label
+        announce(estimate)
+        runs = [_follow(setup, other) for other in others]
+        add_extrapolated(estimate, setup.problem, goals, runs, fineness)
+        left_out = f"the errors are those of {label}" + (f", as {because}" if because else "")
+        estimate.left_out.append(left_out)
+    return estimate
 
 
-def coarser_meshes(setup: Setup) -> CoarserMeshes:
-    """Return coarser meshes of a scene's body.
+def _coarser_scenes(setup: Setup) -> tuple[list[scenes.Scene], tuple[float, float, float], str]:
+    """Return a scene on two coarser meshes, see `add_extrapolated`, and what they are.
 
     Raises
     ------
     NoEstimate
         For a mesh of a file, and with too few cells.
     """
-    scene, own = setup.scene, 1.0
+    scene = setup.scene
     if isinstance(scene.mesh, scenes.Lattice):
         edges = [scene.mesh.cell / part for part in _PARTS]
+        meshes = [scene.mesh.model_copy(update={"cell": edge}) for edge in edges]
+        others = [scene.model_copy(update={"mesh": mesh}) for mesh in meshes]
         label = f"lattices with cells of {edges[0]:g} and {edges[1]:g}"
-        others = [
-            scene.model_copy(update={"mesh": scene.mesh.model_copy(update={"cell": edge})})
-            for edge in edges
-        ]
-        fineness = list(_PARTS)
-    elif is_exact(scene):
-        assert scene.cells is not None
-        own, cells = float(scene.cells), [cells_of(scene, part * scene.cells) for part in _PARTS]
-        fewest = _FEWEST[setup.problem.element.degree]
-        if cells[1] < fewest or not cells[1] < cells[0] < own:
-            raise NoEstimate(
-                f"in place of {scene.cells} cells along an edge coarser meshes would have "
-                f"{cells[0]} and {cells[1]}, as the geometry admits: expected two meshes, and "
-                f"{fewest} or more"
-            )
-        label = f"meshes with {cells[0]} and {cells[1]} cells along an edge"
-        others = [scene.model_copy(update={"cells": count}) for count in cells]
-        fineness = [float(count) for count in cells]
-    else:
+        return others, (1.0, *_PARTS), label
+    if not is_exact(scene):
         raise NoEstimate("the mesh of a file has no coarser one")
-    runs = [partial(_follow, setup, other) for other in others]
-    return CoarserMeshes((own, fineness[0], fineness[1]), label, runs)
+    assert scene.cells is not None
+    first, second = (cells_of(scene, part * scene.cells) for part in _PARTS)
+    fewest = _FEWEST[setup.problem.element.degree]
+    if second < fewest or not second < first < scene.cells:
+        raise NoEstimate(
+            f"in place of {scene.cells} cells along an edge coarser meshes would have "
+            f"{first} and {second}, as the geometry admits: expected two meshes, and "
+            f"{fewest} or more"
+        )
+    others = [scene.model_copy(update={"cells": count}) for count in (first, second)]
+    label = f"meshes with {first} and {second} cells along an edge"
+    return others, (float(scene.cells), float(first), float(second)), label
 
 
 def _follow(setup: Setup, scene: scenes.Scene) -> Followed:
-    """Solve a scene and return its goals; see `CoarserMeshes`. Collective."""
+    """Solve a scene on a coarser mesh and return its goals. Collective."""
     try:
         again = set_up(setup.problem.comm, scene, stiffer=setup.stiffer)
     except BadInput as error:

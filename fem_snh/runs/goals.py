@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from petsc4py import PETSc
 
 import numpy as np
+import numpy.typing as npt
 
 from fem_snh import _dolfinx
 from fem_snh.accuracy.frequency_goals import FrequencyGoal
@@ -18,8 +19,10 @@ from fem_snh.accuracy.goals import (
     Goal,
     MeanGoal,
     PointGoal,
+    PointStressGoal,
     ReactionGoal,
     RigidGoal,
+    StressGoal,
     TermGoal,
     VolumeGoal,
     vector_of,
@@ -38,6 +41,8 @@ from fem_snh.tables.amplitudes import loads_return
 if TYPE_CHECKING:
     from fem_snh.problem.modes import LowestModes
 
+
+Array = npt.NDArray[Any]
 
 #: Key of the goals' names.
 _KEY = "accuracy.goals"
@@ -168,37 +173,24 @@ def _goal(
         if result not in ("force", "moment") or part not in [str(r.group) for r in scene.reactions]:
             return RigidGoal(part, result, components)
         kind, name = result, part  # about the point that ``reactions`` names
-    if kind == "stress_at":
-        from fem_snh.accuracy.stress_goals import PointStressGoal  # imports sympy
-
+    if kind in ("point", "stress_at"):
         probe = next(probe for probe in scene.probe if probe.name == name)
+        if kind == "point":
+            return PointGoal(name, probe.point, components)
         assert probe.radius is not None
         return PointStressGoal(text, probe.point, probe.radius, mesh.domain)
-    if kind == "stress":
-        from fem_snh.accuracy.stress_goals import StressGoal  # imports sympy
+    if kind in ("volume", "stress"):
+        of_cells = VolumeGoal if kind == "volume" else StressGoal
+        return of_cells(text, _cells(mesh, name, text) if name else None)
+    if kind == "mean":
+        return MeanGoal(f"{name}.mean", _measure(mesh, name, text), components)
 
-        return StressGoal(text, _cells(mesh, name, text) if name else None)
-    if kind == "point":
-        point = next(probe.point for probe in scene.probe if probe.name == name)
-        return PointGoal(name, point, components)
-    if kind == "volume":
-        return VolumeGoal(text, _cells(mesh, name, text) if name else None)
-    if kind == "force":
-        return ReactionGoal(f"{name}.force", _weights_of_group(mesh, name), components)
-    if kind == "moment":
-        named = [r.about for r in scene.reactions if str(r.group) == name and r.about]
-        about = named[0] if named else _ORIGIN
-        return ReactionGoal(f"{name}.moment", _weights_of_group(mesh, name), components, about)
-    return MeanGoal(f"{name}.mean", _measure(mesh, name, text), components)
+    def weigh(problem: Problem) -> Array:
+        return np.asarray(group_forces(problem.V, mesh, name, problem.dirichlet).weights)
 
-
-def _weights_of_group(mesh: Mesh, key: str) -> Callable[[Problem], Any]:
-    """Return the function that returns the weights of a group's reaction in a problem."""
-
-    def weigh(problem: Problem) -> Any:
-        return group_forces(problem.V, mesh, key, problem.dirichlet).weights
-
-    return weigh
+    named = [r.about for r in scene.reactions if str(r.group) == name and r.about]
+    about = [*named, _ORIGIN][0] if kind == "moment" else None
+    return ReactionGoal(f"{name}.{kind}", weigh, components, about)
 
 
 def _cells(mesh: Mesh, key: str, text: str) -> Any:
@@ -256,48 +248,45 @@ class GoalStates:
     def __init__(self, setup: Setup, goals: Sequence[Goal], resumed: bool) -> None:
         scene, self._problem, self._goals = setup.scene, setup.problem, list(goals)
         named = scene.accuracy.goals if scene.accuracy else []
-        default = LARGEST if _returns(scene) else None
         given = {vector_of(goal.name): goal.at for goal in named}
-        at = [given.get(vector_of(goal.names[0])) or default for goal in goals]
-        #: None: the end, of which no state is kept.
-        self._at = [
-            None if isinstance(goal, FrequencyGoal) else load
-            for goal, load in zip(goals, at, strict=True)
-        ]
+        default = LARGEST if _returns(scene) else None
+        #: Where goals are asked for that are not of the end, of which no state is kept.
+        self._at: dict[Goal, float | str] = {}
+        for goal in goals:
+            at = given.get(vector_of(goal.names[0])) or default
+            if at and goal.kind != "frequency":
+                self._at[goal] = at
         self.reason = ""
-        if any(self._at) and depends_on_path(self._problem):
+        if self._at and depends_on_path(self._problem):
             self.reason = "loads return, or goals are at loads before the end, and the state "
             self.reason += f"depends on its path: {_INSTEAD}"
-        elif any(self._at) and resumed:
+        elif self._at and resumed:
             self.reason = "goals are at loads before the end, whose states a resumed run lacks: "
             self.reason += "expected a run from its start"
-        self._functions = [goal.bind(self._problem) for goal in goals] if any(self._at) else []
-        self._start = [np.array(function()) for function in self._functions]
-        self._sizes = np.zeros(len(goals))
-        self._states: list[_State | None] = [None] * len(goals)
+        self._functions = {goal: goal.bind(self._problem) for goal in self._at}
+        self._start = {goal: np.array(values()) for goal, values in self._functions.items()}
+        self._sizes = dict.fromkeys(self._at, 0.0)
+        self._states: dict[Goal, _State] = {}
 
     def add_state(self) -> None:
         """Keep the present state for the goals that are of it."""
         problem, state = self._problem, None
-        if not any(self._at) or self.reason:
+        if self.reason:
             return
-        sizes = [
-            float(np.linalg.norm(np.array(function()) - start))
-            for function, start in zip(self._functions, self._start, strict=True)
-        ]
-        sizes = problem.comm.bcast(sizes)  # all ranks keep the same states
-        for i, (at, size) in enumerate(zip(self._at, sizes, strict=True)):
-            same = _SAME * (self._sizes[i] + float(np.linalg.norm(self._start[i])))
-            is_larger = at == LARGEST and size >= self._sizes[i] - same
-            if is_larger or at == problem.load:
-                self._sizes[i] = max(size, self._sizes[i])
+        for goal, at in self._at.items():
+            start, largest = self._start[goal], self._sizes[goal]
+            size = float(np.linalg.norm(np.array(self._functions[goal]()) - start))
+            size = problem.comm.bcast(size)  # all ranks keep the same states
+            same = _SAME * (largest + float(np.linalg.norm(start)))
+            if (at == LARGEST and size >= largest - same) or at == problem.load:
                 state = state or _State(problem.load, problem.x.copy())
-                self._states[i] = state
+                self._sizes[goal], self._states[goal] = max(size, largest), state
 
     def by_load(self) -> dict[float, list[Goal]]:
         """Return the goals by the load that they are of."""
         found: dict[float, list[Goal]] = {}
-        for goal, state in zip(self._goals, self._states, strict=True):
+        for goal in self._goals:
+            state = self._states.get(goal)
             found.setdefault(state.load if state else self._problem.load, []).append(goal)
         return found
 
@@ -306,7 +295,7 @@ class GoalStates:
         """Give the problem the state at a load, and then that of the end again."""
         problem = self._problem
         end = _State(problem.load, problem.x.copy())
-        kept = [state for state in self._states if state and state.load == load]
+        kept = [state for state in self._states.values() if state.load == load]
         try:
             _restore(problem, kept[0] if kept else end)
             yield

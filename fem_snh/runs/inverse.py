@@ -22,10 +22,9 @@ import json
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
-from functools import partial, wraps
-from inspect import signature
+from functools import partial
 from pathlib import Path
-from typing import Any, ParamSpec
+from typing import Any
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -50,7 +49,6 @@ from fem_snh.studies.fit.result import r_squared, toml_table
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
-_P = ParamSpec("_P")
 
 #: Step of the central difference of residuals in a variable of size one: the cube root of the
 #: rounding error.
@@ -111,6 +109,11 @@ class MeasuredCurve:
                 )
 
     @property
+    def known(self) -> Mask:
+        """Return which values were measured, (n, goals)."""
+        return np.isfinite(self.values)
+
+    @property
     def scales(self) -> Array:
         """Return the largest absolute value of each goal, (goals,)."""
         return np.asarray(np.nanmax(np.abs(self.values), axis=0))
@@ -154,13 +157,9 @@ class SceneFit:
     @property
     def r_squared(self) -> dict[str, float]:
         """Return the coefficient of determination R^2 of each goal; NaN of one that is constant."""
-        return {
-            name: r_squared(measured[known], (fitted - measured)[known])
-            for name, measured, fitted in zip(
-                self.curve.names, self.curve.values.T, self.fitted.T, strict=True
-            )
-            for known in [np.isfinite(measured)]
-        }
+        columns = zip(self.curve.values.T, self.fitted.T, self.curve.known.T, strict=True)
+        found = [r_squared(v[known], (fitted - v)[known]) for v, fitted, known in columns]
+        return dict(zip(self.curve.names, found, strict=True))
 
     def record(self) -> dict[str, Any]:
         """Return the content of fit.json."""
@@ -207,28 +206,6 @@ def _by_name(names: Sequence[str], values: Array) -> dict[str, list[float | None
     return dict(zip(names, rows, strict=True))
 
 
-def _refuse_two_values(function: Callable[_P, SceneFit]) -> Callable[_P, SceneFit]:
-    """Refuse a parameter that is given by its place and its name: that of a scene has its name."""
-    names = list(signature(function).parameters)
-
-    @wraps(function)
-    def checked(*arguments: _P.args, **keywords: _P.kwargs) -> SceneFit:
-        for name in names[: len(arguments)]:
-            if name in keywords:
-                accepted = f"one value; {_of_scene(name, keywords[name])}"
-                raise bad_value(name, keywords[name], accepted)
-        return function(*arguments, **keywords)
-
-    return checked
-
-
-def _of_scene(name: str, value: Any) -> str:
-    """Return how a value is given that belongs to a scene, not to `fit_scene`."""
-    call = f"fem_snh.scenes.load(scene, {name}={value!r})"
-    return f"a scene's own '{name}' is given by fit_scene({call}, ...)"
-
-
-@_refuse_two_values
 def fit_scene(
     scene: str | Path | scenes.Scene | Callable[..., scenes.Scene],
     to: str | Path | MeasuredCurve,
@@ -269,7 +246,7 @@ def fit_scene(
     curve = on_every(comm, partial(_read_curve, to, first))
     inverse = InverseProblem(comm, first, curve, parameters)
     start = inverse.start
-    if np.count_nonzero(np.isfinite(curve.values)) < len(start):
+    if np.count_nonzero(curve.known) < len(start):
         raise bad_value("parameters", list(parameters), "fewer parameters than measured values")
     if inverse.evaluate(start) is None:
         raise Failed(f"the scene did not converge at its own values: {inverse.failure}")
@@ -282,7 +259,7 @@ def fit_scene(
     residual, jacobian = last[0], last[1] / inverse.rates(found.x)
     at_bound = reaches_bound(jacobian, residual, *inverse.distances(found.x))
     at_bound |= np.asarray(found.active_mask) != 0
-    known = np.isfinite(curve.values)
+    known = curve.known
     goals = np.broadcast_to(np.arange(len(curve.names)), known.shape)[known]
     errors = standard_errors(jacobian, residual, goals, at_bound)
     fitted = np.full_like(curve.values, np.nan)
@@ -422,8 +399,7 @@ class InverseProblem:
             _Parameter(name, value, known.get(name) or accepted_range(function, name))
             for name, value in first.items()
         ]
-        measured = np.isfinite(curve.values)
-        self.scale = np.broadcast_to(curve.scales, measured.shape)[measured]
+        self.scale = np.broadcast_to(curve.scales, curve.values.shape)[curve.known]
         self.solves = self.linear = 0
         self.failure = ""
         self._known: dict[bytes, tuple[Array, Array] | None] = {}
@@ -470,8 +446,7 @@ class InverseProblem:
     def residual(self, z: Array) -> Array:
         """Return the residuals, (m,); large ones if the run fails."""
         found = self.evaluate(z)
-        known = self.curve.values[np.isfinite(self.curve.values)]
-        return np.full(known.shape, _FAILED) if found is None else found[0]
+        return np.full(self.scale.shape, _FAILED) if found is None else found[0]
 
     def jacobian(self, z: Array) -> Array:
         """Return the derivatives of the residuals by the variables, (m, k)."""
@@ -511,12 +486,11 @@ class InverseProblem:
                 if not setup.stepper.done:
                     self.failure = setup.stepper.failure_message()
                     return None
-                measured = self.curve.values[np.isfinite(self.curve.values)]
                 values = np.concatenate([state.values for state in states])
                 columns = [self._derivative(z, k, setup, states) for k in range(len(z))]
             finally:
                 setup.destroy()
-        residual = (values - measured) / self.scale
+        residual = (values - self.curve.values[self.curve.known]) / self.scale
         jacobian = np.stack(columns, axis=1) / self.scale[:, None]
         found: tuple[Array, Array] = self.comm.bcast((residual, jacobian))
         return found
@@ -525,7 +499,11 @@ class InverseProblem:
         """Return the states at the measured loads, with their goals and dual solutions."""
         problem, stepper = setup.problem, setup.stepper
         loads = self.curve.loads.tolist()  # numpy.float64 times a PETSc.Vec is an array
-        between = [t for t in stepper.targets if t < loads[-1] and not _is_in(t, loads)]
+        between = [
+            t
+            for t in stepper.targets
+            if t < loads[-1] and min(abs(t - load) for load in loads) >= _SAME_LOAD
+        ]
         stepper.targets = sorted([*loads, *between])
         goals = named_goals(setup, self.curve.names)
         evaluate = bind_all(goals, problem)
@@ -533,7 +511,7 @@ class InverseProblem:
         for row in stepper:
             if not row["converged"] or row["load"] not in loads:
                 continue
-            measured = np.isfinite(self.curve.values[loads.index(row["load"])])
+            measured = self.curve.known[loads.index(row["load"])]
             x, values = problem.x.copy(), evaluate()[measured]
             duals, are_reactions = self._duals(setup, goals, measured)
             states.append(_State(row["load"], x, measured, values, duals, are_reactions))
@@ -589,10 +567,6 @@ class InverseProblem:
         return np.concatenate(sums)
 
 
-def _is_in(load: float, loads: Sequence[float]) -> bool:
-    return any(abs(load - other) < _SAME_LOAD for other in loads)
-
-
 def _value(scene: scenes.Scene, name: str) -> float:
     """Return the value of a parameter of the scene's material."""
     if len(scene.materials) > 1:
@@ -601,13 +575,10 @@ def _value(scene: scenes.Scene, name: str) -> float:
     known = {"E": material.E, "nu": material.nu} | materials.defaults(material.name)
     known |= {k: v for k, v in materials.TUNING.items() if isinstance(v, float)}
     known |= material.parameters
-    value = known.get(name)
-    if not isinstance(value, int | float) or isinstance(value, bool):
-        numbers = [
-            k for k, v in known.items() if isinstance(v, int | float) and not isinstance(v, bool)
-        ]
+    numbers = {k: v for k, v in known.items() if type(v) in (int, float)}
+    if name not in numbers:
         raise bad_value("parameters", name, f"one of {', '.join(numbers)}", numbers)
-    low, high = _NU_RANGE
+    value, (low, high) = numbers[name], _NU_RANGE
     if name == "nu" and not low <= value <= high:
         raise bad_value("nu", value, f"a number from {low:g} to {high:.7g} to start from")
     return float(value)
@@ -618,7 +589,7 @@ def _read_curve(to: str | Path | MeasuredCurve, scene: scenes.Scene) -> Measured
     if isinstance(to, MeasuredCurve):
         return to
     if not isinstance(to, str | Path):
-        raise bad_value("to", to, f"a file or a MeasuredCurve; {_of_scene('to', to)}")
+        raise bad_value("to", to, "a file or a MeasuredCurve")
     path = Path(to)
     _, ((_, names), *rows) = read_cells(path)
     if len(names) < 2 or any(map(is_number, names)):

@@ -39,12 +39,42 @@ if TYPE_CHECKING:
     from fem_snh.runs.levels import Level
 
 
+Array = npt.NDArray[Any]
+
+#: What the next level changes of its scene, and its mesh if that is not the scene's own.
+Refined = tuple[dict[str, Any], Mesh | None]
+#: Returns these for cells that are smaller than those of the last level by a factor. Collective.
+Refine = Callable[[MPI.Comm, Scene, "Level", float], Refined]
+#: The volumes of cells that a level wants, by the factor of the number of cells.
+Target = Callable[[float], Array]
 #: Bodies with plane faces: tetrahedra that are refined in place fill them exactly. So do triangles
 #: those whose half plane is a rectangle.
 _PLANE_FACES = ("bar", "block", "bracket", "clip", "cook", "cube", "two_blocks")
 _RECTANGLES = ("bushing", "cylinder", "tube")
 #: Bodies with re-entrant edges.
 _REENTRANT = ("bracket", "clip")
+#: Poisson's ratio above which elements with a pointwise volume term are replaced: they lock
+#: (docs/results/locking.md).
+_LOCKING = 0.4
+#: Elements of degree 2 on the cells of those of degree 1: at 5 % and less they reach an accuracy in
+#: less time (docs/results/time_to_accuracy.md).
+_DEGREE_2 = {"P1": "P2", "Q1": "Q2", "Q1P0": "Q2"}
+#: Simplices of degree 2, which are refined where the error is, in place of other cells: in two
+#: dimensions, and at re-entrant edges, they reach an accuracy in less time
+#: (docs/results/time_to_accuracy.md).
+_SIMPLICES = dict.fromkeys(("P1", "Q1", "Q1P0", "Q2", "Q2Q1"), "P2")
+#: In place of P2P0 on triangles, which takes up to five times as long to 0.1 % at a corner.
+_PLANE = {"P2P0": "P2P1"}
+#: Cells of the first level over those of the scene, along an edge, by the degree by which the
+#: element is raised; likewise time steps.
+_FIRST = (0.5, 0.25)
+#: The same for accuracies of this and more, for which a coarser mesh is likely to do.
+_COARSE, _FIRST_OF_COARSE = 0.005, (1 / 3, 1 / 6)
+#: Fewest cells along an edge of a first level, and fewest time steps.
+_FEWEST, _FEWEST_STEPS = 3, 16
+#: Rounds of bisection at most, and meshes of a shape, each with cells at the probes that are to be
+#: smaller by this factor: the goal then tells which radius they fit.
+_MOST_ROUNDS, _MOST_MESHES, _SMALLER = 20, 4, 0.8
 
 
 def is_exact(scene: Scene) -> bool:
@@ -98,27 +128,6 @@ def _order(scene: Scene) -> float:
         return 0.0
     order = parameter(scene.mesh.source, "order")
     return float(scene.mesh.parameters.get("order", order.default)) if order else 0.0
-
-
-#: Poisson's ratio above which elements with a pointwise volume term are replaced: they lock
-#: (docs/results/locking.md).
-_LOCKING = 0.4
-#: Elements of degree 2 on the cells of those of degree 1: at 5 % and less they reach an accuracy in
-#: less time (docs/results/time_to_accuracy.md).
-_DEGREE_2 = {"P1": "P2", "Q1": "Q2", "Q1P0": "Q2"}
-#: Simplices of degree 2, which are refined where the error is, in place of other cells: in two
-#: dimensions, and at re-entrant edges, they reach an accuracy in less time
-#: (docs/results/time_to_accuracy.md).
-_SIMPLICES = dict.fromkeys(("P1", "Q1", "Q1P0", "Q2", "Q2Q1"), "P2")
-#: In place of P2P0 on triangles, which takes up to five times as long to 0.1 % at a corner.
-_PLANE = {"P2P0": "P2P1"}
-#: Cells of the first level over those of the scene, along an edge, by the degree by which the
-#: element is raised; likewise time steps.
-_FIRST = (0.5, 0.25)
-#: The same for accuracies of this and more, for which a coarser mesh is likely to do.
-_COARSE, _FIRST_OF_COARSE = 0.005, (1 / 3, 1 / 6)
-#: Fewest cells along an edge of a first level, and fewest time steps.
-_FEWEST, _FEWEST_STEPS = 3, 16
 
 
 def first_scene(scene: scenes.Scene, printed: Progress) -> scenes.Scene:
@@ -249,13 +258,6 @@ def _fits(scene: scenes.Scene, element: str) -> bool:
     )
 
 
-Array = npt.NDArray[Any]
-
-#: Rounds of bisection at most, and meshes of a shape, each with cells at the probes that are to be
-#: smaller by this factor: the goal then tells which radius they fit.
-_MOST_ROUNDS, _MOST_MESHES, _SMALLER = 20, 4, 0.8
-
-
 def stress_probes(scene: scenes.Scene) -> list[scenes.Probe]:
     """Return the probes around which stresses are goals."""
     named = scene.accuracy.names if scene.accuracy else []
@@ -326,13 +328,6 @@ def _sizes(data: MeshData, probes: Sequence[scenes.Probe]) -> Array:
     return sizes
 
 
-#: Returns the scene of the next level, and its mesh if that is not the scene's own, for cells that
-#: are smaller than those of the last level by a factor. Collective.
-Refine = Callable[[MPI.Comm, Scene, "Level", float], tuple[Scene, Mesh | None]]
-#: The volumes of cells that a level wants, by the factor of the number of cells.
-Target = Callable[[float], Array]
-
-
 def refinement_of(scene: Scene) -> Refine:
     """Return how the mesh of a scene is refined; hexahedra of a file get a higher degree."""
     has_simplices = ELEMENTS[scene.element].cell == "tetrahedron"
@@ -350,33 +345,25 @@ def is_refined_locally(scene: Scene) -> bool:
     return refinement_of(scene) in (bisected, meshed_again)
 
 
-def more_cells(
-    comm: MPI.Comm, scene: Scene, last: Level, finer: float
-) -> tuple[Scene, Mesh | None]:
-    """Return the scene with more cells along an edge."""
+def more_cells(comm: MPI.Comm, scene: Scene, last: Level, finer: float) -> Refined:
+    """Take more cells along an edge."""
     assert scene.cells is not None
-    cells = cells_of(scene, max(scene.cells + 1, scene.cells * finer))
-    return scene.model_copy(update={"cells": cells}), None
+    return {"cells": cells_of(scene, max(scene.cells + 1, scene.cells * finer))}, None
 
 
-def smaller_lattice(
-    comm: MPI.Comm, scene: Scene, last: Level, finer: float
-) -> tuple[Scene, Mesh | None]:
-    """Return the scene with a smaller cell of its lattice."""
+def smaller_lattice(comm: MPI.Comm, scene: Scene, last: Level, finer: float) -> Refined:
+    """Take a smaller cell of the lattice."""
     assert isinstance(scene.mesh, Lattice)
-    cell = scene.mesh.cell / finer
-    return scene.model_copy(update={"mesh": scene.mesh.model_copy(update={"cell": cell})}), None
+    return {"cell": scene.mesh.cell / finer}, None
 
 
-def higher_degree(
-    comm: MPI.Comm, scene: Scene, last: Level, finer: float
-) -> tuple[Scene, Mesh | None]:
-    """Return the scene with an element of degree 2, on the same mesh."""
-    return scene.model_copy(update={"element": raised_element(scene)}), last.mesh
+def higher_degree(comm: MPI.Comm, scene: Scene, last: Level, finer: float) -> Refined:
+    """Take an element of degree 2, on the same mesh."""
+    return {"element": raised_element(scene)}, last.mesh
 
 
-def bisected(comm: MPI.Comm, scene: Scene, last: Level, finer: float) -> tuple[Scene, Mesh | None]:
-    """Return the mesh whose cells are bisected where the errors are."""
+def bisected(comm: MPI.Comm, scene: Scene, last: Level, finer: float) -> Refined:
+    """Bisect cells where the errors are."""
 
     def bisect(data: MeshData, target: Target, wanted: float) -> MeshData:
         return bisect_times(data, target, wanted, MOST_CELLS)
@@ -385,18 +372,16 @@ def bisected(comm: MPI.Comm, scene: Scene, last: Level, finer: float) -> tuple[S
     assert last.mesh is not None
     revolved = kinematics_of(scene.kinematics).revolved
     faces = last.mesh.round_faces or round_faces(last.mesh.domain, revolved)
-    return scene, replace(mesh, round_faces=faces)
+    return {}, replace(mesh, round_faces=faces)
 
 
-def meshed_again(
-    comm: MPI.Comm, scene: Scene, last: Level, finer: float
-) -> tuple[Scene, Mesh | None]:
-    """Return a mesh of the exact body, with cells of the sizes that the errors ask for."""
+def meshed_again(comm: MPI.Comm, scene: Scene, last: Level, finer: float) -> Refined:
+    """Mesh the exact body with cells of the sizes that the errors ask for."""
 
     def mesh(data: MeshData, target: Target, wanted: float) -> MeshData:
         return mesh_like(scene, data, target(wanted))
 
-    return scene, _with_target(comm, scene, last, finer, mesh)
+    return {}, _with_target(comm, scene, last, finer, mesh)
 
 
 def mesh_like(scene: Scene, data: MeshData, volumes: Array | None = None) -> MeshData:

@@ -103,11 +103,6 @@ class Level:
     volumes: Array = field(default_factory=lambda: np.empty(0))
     row: LevelRow | None = None
 
-    @property
-    def given(self) -> tuple[Mesh | None, float]:
-        """The mesh, and the factor of the penalties' stiffness."""
-        return self.mesh, self.stiffer
-
     def begin(self, setup: Setup) -> None:
         """Take the end state of the level before. Collective."""
         problem = setup.problem
@@ -201,7 +196,11 @@ def run_levels(
     stored = read_levels(folder, scene) if resume and folder else None
     if resume and stored is None:
         printed.line("no level was finished: the first one starts again")
-    return _LevelRuns(comm, solve, printed, scene, folder, stored).run()
+    runs = _LevelRuns(comm, solve, printed, scene, folder, stored)
+    try:
+        return runs.run()
+    finally:
+        runs.close()
 
 
 class _LevelRuns:
@@ -236,11 +235,10 @@ class _LevelRuns:
         least = 2 if isinstance(first.mesh, scenes.Lattice) else 1
         rounder = self._refine in (more_cells, meshed_again) and has_curved_cells(first)
         self._levels = Levels(wanted.within, limits, dim, bool(wanted.goals), least, rounder)
-        #: The scene of the first level, and that of the present one.
-        self._first, self._scene = first, first
-        self._start, self._stiffer = perf_counter(), 1.0
+        #: The scene of the first level, what the present one changes of it, and its scene.
+        self._first, self._changes, self._scene = first, dict[str, Any](), first
+        self._start, self._stored = perf_counter(), stored
         self._level = self._create_level(mesh)
-        self._stored = stored
         #: The record of the last level that was finished.
         self._finished: dict[str, Any] = {}
         #: The folder of the next one, until that replaces it.
@@ -248,13 +246,6 @@ class _LevelRuns:
 
     def run(self) -> Result:
         """Solve levels until the goals are within the request, or a limit is reached."""
-        try:
-            return self._run()
-        finally:
-            if self._next and self._next.files:
-                self._next.files.close()
-
-    def _run(self) -> Result:
         levels, printed = self._levels, self._printed
         result = self._restore(self._stored) if self._stored else self._solve_level()
         while result.converged and not levels.reached:
@@ -262,7 +253,7 @@ class _LevelRuns:
             if levels.limit:
                 break
             changes = levels.changes()
-            levels.limit = self._announce(changes, result)
+            levels.limit = self._announce(changes)
             if levels.limit:
                 break
             self._prepare_next(changes, result)
@@ -279,9 +270,14 @@ class _LevelRuns:
         printed.reached(result.record["accuracy"], self._asked.duration)
         return result
 
+    def close(self) -> None:
+        """Close the files of the next level."""
+        if self._next and self._next.files:
+            self._next.files.close()
+
     def _create_level(self, mesh: Mesh | None, before: Result | None = None) -> Level:
         """Return a level of the present scene, from the state of the level before if given."""
-        level = Level(self._levels, self._start, mesh, stiffer=self._stiffer)
+        level = Level(self._levels, self._start, mesh, stiffer=self._changes.get("stiffer", 1.0))
         if self._refine is more_cells:
             level.fineness = float(self._scene.cells or 0)
         if before is not None:
@@ -322,9 +318,8 @@ class _LevelRuns:
         """Write what the next level follows from, and replace the last finished level."""
         aside = self._next or folder
         mesh = None if self._refine in (more_cells, smaller_lattice) else self._level.mesh
-        changes = {"stiffer": self._stiffer, "scene": _changes_of(self._scene)}
         on_root(self._comm, aside.write, self._finished)
-        write_levels(aside, self._asked, self._levels, changes, domain, mesh)
+        write_levels(aside, self._asked, self._levels, self._changes, domain, mesh)
         if self._next:
             folder.take(self._next)
             self._next = None
@@ -336,11 +331,10 @@ class _LevelRuns:
         stored.restore(levels)
         last = levels.rows[-1]
         self._start -= last.elapsed
-        self._stiffer = stored.changes["stiffer"]
-        self._scene = _with_changes(self._first, stored.changes["scene"])
+        self._change(stored.changes)
         self._level = self._create_level(stored.mesh)
         with petsc_failures():
-            setup = set_up(self._comm, self._scene, True, *self._level.given)
+            setup = set_up(self._comm, self._scene, True, self._level.mesh, self._level.stiffer)
             self._level.begin(setup)
             stored.restore_errors(last, setup.mesh.domain)
             checkpoint = Checkpoint.read(self._folder, self._scene)
@@ -355,18 +349,22 @@ class _LevelRuns:
         """Solve the present level again, by the scene's own load steps."""
         self._levels.rows.pop()
         self._level = self._create_level(self._level.mesh)
-        self._scene = self._scene.model_copy(update=_path(self._first))
+        self._change({"steps": self._first.steps, "starts_there": False})
         return self._solve_aside()
 
-    def _announce(self, changes: LevelChanges, result: Result) -> str:
+    def _change(self, changes: Mapping[str, Any]) -> None:
+        """Change what differs from the scene of the first level."""
+        self._changes = {**self._changes, **changes}
+        self._scene = _with_changes(self._first, self._changes)
+
+    def _announce(self, changes: LevelChanges) -> str:
         """Print what the next level will cost; return why it is not solved, "" if it is."""
-        levels, scene = self._levels, self._scene
+        levels, scene, dofs = self._levels, self._scene, 0
         if self._refine is higher_degree and changes.refinement > 1:
             if raised_element(scene) == scene.element:
                 return f"cells of a file have element = '{scene.element}' at most"
-            forecast = levels.forecast_of_degree(result.estimate.dofs if result.estimate else 0)
-        else:
-            forecast = levels.forecast(changes.refinement, changes.shorter)
+            dofs = levels.rows[-1].estimate.dofs or levels.rows[-1].dofs
+        forecast = levels.forecast(changes.refinement, changes.shorter, dofs)
         # Each rank has measured seconds of its own: all decide by those of rank 0.
         elapsed, forecast = self._comm.bcast((perf_counter() - self._start, forecast))
         limit = levels.exceeds(forecast, elapsed, available_memory(self._comm))
@@ -377,28 +375,26 @@ class _LevelRuns:
     def _prepare_next(self, changes: LevelChanges, result: Result) -> None:
         """Create the next level and its scene."""
         scene, level, printed = self._scene, self._level, self._printed
-        mesh, last = level.mesh, self._levels.rows[-1]
+        mesh, last, new = level.mesh, self._levels.rows[-1], dict[str, Any]()
         if changes.refinement > 1:
-            scene, mesh = self._refine(self._comm, scene, level, changes.refinement)
+            new, mesh = self._refine(self._comm, scene, level, changes.refinement)
         if changes.stiffer > 1:
             printed.line(f"penalties are {changes.stiffer:.2g} times stiffer")
-            self._stiffer *= changes.stiffer
+            new["stiffer"] = level.stiffer * changes.stiffer
         if changes.tighter > 1:
             given = scene.petsc.get(_TOLERANCE)
             tolerance = float(OPTIONS[_TOLERANCE].default if given is None else given)
-            tolerance /= changes.tighter
-            printed.line(f"Newton's tolerance is {tolerance:.2g}")
-            scene = scene.model_copy(update={"petsc": scene.petsc | {_TOLERANCE: tolerance}})
+            new["tolerance"] = tolerance / changes.tighter
+            printed.line(f"Newton's tolerance is {new['tolerance']:.2g}")
         starts_there = False
         if scene.time:
-            steps = HALVES * ceil(scene.time.steps * changes.shorter / HALVES)
-            update: dict[str, Any] = {"time": scene.time.model_copy(update={"steps": steps})}
+            new["time_steps"] = HALVES * ceil(scene.time.steps * changes.shorter / HALVES)
         elif last.steps:
-            update = {"steps": ceil(scene.steps * changes.shorter)}
+            new["steps"] = ceil(scene.steps * changes.shorter)
         else:  # without goals the state may be none to start from; with loads they need the path
             starts_there = bool(last.goals) and not last.estimate.loads
-            update = _ONE_STEP if starts_there else _path(self._first)
-        self._scene = scene.model_copy(update=update)
+            new |= {"steps": self._first.steps, "starts_there": starts_there}
+        self._change(new)
         self._level = self._create_level(mesh, result if starts_there else None)
 
 
@@ -417,34 +413,15 @@ def _notes_on_path(before: Result, number: int) -> list[dict[str, Any]]:
 _ONE_STEP = {"steps": 1, "predictor": "none", "nu_continuation": [], "start": None}
 
 
-def _path(scene: scenes.Scene) -> dict[str, Any]:
-    """Return the scene's own load steps, and how they begin."""
-    return {key: getattr(scene, key) for key in _ONE_STEP}
-
-
-def _changes_of(scene: scenes.Scene) -> dict[str, Any]:
-    """Return what levels change of a scene, as JSON has it."""
-    mesh, time = scene.mesh, scene.time
-    return {
-        "cells": scene.cells,
-        "element": scene.element,
-        "steps": scene.steps,
-        "time_steps": time.steps if time else None,
-        "cell": mesh.cell if isinstance(mesh, scenes.Lattice) else None,
-        "tolerance": scene.petsc.get(_TOLERANCE),
-        "starts_there": _ONE_STEP == _path(scene),
-    }
-
-
 def _with_changes(first: scenes.Scene, changes: Mapping[str, Any]) -> scenes.Scene:
-    """Return the scene of a level from that of the first one, and what `_changes_of` returned."""
-    update = {key: changes[key] for key in ("cells", "element", "steps")}
-    if first.time:
+    """Return the scene of a level from that of the first one, and what differs from it."""
+    update = {key: changes[key] for key in ("cells", "element", "steps") if key in changes}
+    if first.time and "time_steps" in changes:
         update["time"] = first.time.model_copy(update={"steps": changes["time_steps"]})
-    if isinstance(first.mesh, scenes.Lattice):
+    if isinstance(first.mesh, scenes.Lattice) and "cell" in changes:
         update["mesh"] = first.mesh.model_copy(update={"cell": changes["cell"]})
-    if changes["tolerance"] is not None:
+    if "tolerance" in changes:
         update["petsc"] = first.petsc | {_TOLERANCE: changes["tolerance"]}
-    if changes["starts_there"]:
+    if changes.get("starts_there"):
         update |= _ONE_STEP
     return first.model_copy(update=update)

@@ -12,15 +12,9 @@ import numpy as np
 from fem_snh.accuracy.state_notes import (
     energy_note,
     instability_note,
-    inversion_note,
-    locking_note,
-    penalty_note,
     penetration_note,
-    pressure_note,
-    rest_note,
-    rounding_note,
     stabilisation_note,
-    thin_support_note,
+    state_notes,
 )
 from fem_snh.choices import COARSER_MESHES
 from fem_snh.mesh.mesh_checks import unconnected_nodes
@@ -144,7 +138,7 @@ def final_notes(
     steps : sequence of mapping
         The rows of run.json.
     estimate : Estimate or None
-        The errors, which have a part for penalties.
+        The errors.
     """
     good = [number for number, row in enumerate(steps) if row["converged"]]
     if not good:
@@ -155,28 +149,21 @@ def final_notes(
         for number in good
         if "stabilisation" in steps[number]
     }
-    has_errors = estimate is not None and not estimate.reason
     means = problem.motion is not None and problem.motion.integrator.has_mean_forces
-    found = [
-        locking_note(problem, good[-1]),
-        inversion_note(problem, good[-1], _was_halved(steps)) or _earlier_inversion(steps, good),
-        pressure_note(problem),
-        thin_support_note(problem, good[-1]),
-        rounding_note(problem, setup.snes.getPythonContext().rounding, good[-1]),
-        rest_note(problem, good[-1]),
-        None if has_errors else penalty_note(problem, good[-1]),
-        energy_note({number: steps[number] for number in good}, means),
-        penetration_note({number: steps[number] for number in good}),
-        instability_note(
-            {number: steps[number].get("negative_eigenvalues", 0) for number in good},
-            len(good),
-            good[-1],
-            saddle_point=bool(problem.saddle_point),
-            touches=bool(problem.coupling_terms),
-        ),
+    rounding = setup.snes.getPythonContext().rounding
+    found = state_notes(problem, rounding, good[-1], _was_halved(steps))
+    if estimate is not None and not estimate.reason:  # which has a part for penalties
+        found = [note for note in found if note.kind != "penalty"]
+    rows = {number: steps[number] for number in good}
+    negative = {number: row.get("negative_eigenvalues", 0) for number, row in rows.items()}
+    further = [
+        None if any(n.kind == "inverted" for n in found) else _earlier_inversion(steps, good),
+        energy_note(rows, means),
+        penetration_note(rows),
+        instability_note(negative, problem, len(good), good[-1]),
         stabilisation_note(stabilised, len(good)),
     ]
-    return [note for note in found if note]
+    return [*found, *filter(None, further)]
 
 
 def _was_halved(steps: Sequence[Mapping[str, Any]]) -> bool:

@@ -7,13 +7,13 @@ from collections.abc import Sequence
 from fem_snh import scenes
 from fem_snh.accuracy.goal_errors import ElementDoesNotFit, NoEstimate
 from fem_snh.accuracy.goals import Goal
-from fem_snh.accuracy.path_errors import Followed, end_of
+from fem_snh.accuracy.path_errors import Followed, Path, end_of
 from fem_snh.assembly.elements import Element
 from fem_snh.errors import BadInput
 from fem_snh.runs.setup import Setup, set_up
 
 
-class ScenePath:
+class ScenePath(Path):
     """The path of a scene's run: see `fem_snh.accuracy.path_errors.Path`.
 
     Parameters
@@ -23,7 +23,12 @@ class ScenePath:
     """
 
     def __init__(self, setup: Setup) -> None:
-        self._setup, self._scene, self.taken = setup, setup.scene, setup.stepper.taken
+        self._setup, self._scene, self._taken = setup, setup.scene, setup.stepper.taken
+
+    @property
+    def taken(self) -> int:
+        """The number of steps taken."""
+        return self._taken
 
     @property
     def steps(self) -> int:

@@ -128,50 +128,37 @@ def read_levels(folder: Folder, scene: scenes.Scene) -> StoredLevels | None:
     BadInput
         On every rank, for a folder with another run, or a file that cannot be read.
     """
-    path = folder.path / LEVELS
+    path, arrays = folder.path / LEVELS, dict[str, Array]()
 
-    def read() -> tuple[dict[str, Any] | None, dict[str, Array]]:
+    def read() -> dict[str, Any] | None:
         if not path.exists():
-            if (record := folder.path / "run.json").exists() and "accuracy" not in load_record(
-                record
-            ):
+            record = folder.path / "run.json"
+            if record.exists() and "accuracy" not in load_record(record):
                 raise BadInput(
                     f"cannot resume {folder.path}: accuracy.within = {scene.within}: expected no "
                     "value, as before, or another folder"
                 )
-            return None, {}
+            return None
         try:
             with open_file(path) as file, np.load(file, allow_pickle=False) as stored:
-                arrays = {key: stored[key] for key in stored.files}
-            about = json.loads(arrays.pop("about").tobytes())
+                arrays.update({key: stored[key] for key in stored.files})
+            about: dict[str, Any] = json.loads(arrays.pop("about").tobytes())
             before = about["scene"]
-            rows = [_row(row) for row in about["rows"]]
-            errors = {n: arrays.pop(f"{_ERROR}{i}") for i, n in enumerate(about["errors"])}
+            about["rows"] = [_row(row) for row in about["rows"]]
+            about["errors"] = {n: arrays.pop(f"{_ERROR}{i}") for i, n in enumerate(about["errors"])}
         except Exception as error:  # zipfile, zlib, numpy and json raise different ones
-            raise _unusable(folder, error) from None
+            reason = str(error) or type(error).__name__
+            raise BadInput(
+                f"{path} cannot be read ({reason}): start again with --overwrite"
+            ) from None
         check_same(folder.path, before, _identity(scene))
-        return about | {"rows": rows, "errors": errors}, arrays
-
-    kept: list[dict[str, Array]] = []
-
-    def read_on_root() -> dict[str, Any] | None:
-        about, arrays = read()
-        kept.append(arrays)
         return about
 
-    about = on_root(folder.comm, read_on_root)
+    about = on_root(folder.comm, read)
     if about is None:
         return None
-    mesh = _mesh(folder, about["mesh"], kept[0] if kept else {}) if about["mesh"] else None
+    mesh = _mesh(folder, about["mesh"], arrays) if about["mesh"] else None
     return StoredLevels(about["changes"], mesh, about["rows"], about["least"], about["errors"])
-
-
-def _unusable(folder: Folder, error: Exception) -> BadInput:
-    """Return the exception for a file that cannot be used."""
-    reason = str(error) or type(error).__name__
-    return BadInput(
-        f"{folder.path / LEVELS} cannot be read ({reason}): start again with --overwrite"
-    )
 
 
 def _mesh(folder: Folder, about: Mapping[str, Any], arrays: Mapping[str, Array]) -> Mesh:

@@ -15,7 +15,7 @@ from fem_snh import _dolfinx, solver
 from fem_snh._petsc import default_options
 from fem_snh.accuracy.goal_errors import ElementDoesNotFit, NoEstimate, depends_on_path
 from fem_snh.accuracy.goals import Goal
-from fem_snh.accuracy.path_errors import Followed, end_of
+from fem_snh.accuracy.path_errors import Followed, Path, end_of
 from fem_snh.assembly.boundary_conditions import StartPath
 from fem_snh.assembly.elements import Element
 from fem_snh.errors import BadInput
@@ -83,7 +83,7 @@ class Loading:
             self._load.function = self._conditions.path = None
 
 
-class ProgramPath:
+class ProgramPath(Path):
     """Load or time steps of a program: see `fem_snh.accuracy.path_errors.Path`. Collective.
 
     Parameters

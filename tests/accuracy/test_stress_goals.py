@@ -13,7 +13,7 @@ from test_error_estimate import stretched
 
 import fem_snh
 from fem_snh import _dolfinx, scenes
-from fem_snh.accuracy.stress_goals import PointStressGoal
+from fem_snh.accuracy.goals import PointStressGoal
 from fem_snh.errors import BadInput
 from fem_snh.mesh.mesh import generate
 from fem_snh.scenes import Accuracy, MaterialChoice, Probe, load
