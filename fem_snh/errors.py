@@ -118,6 +118,15 @@ def unknown_name(kind: str, name: str, known: Iterable[str], suggestion: str = "
     return BadInput(f"unknown {kind} {shown(name)}: expected {listed}{suggestion}")
 
 
+def is_number(text: str) -> bool:
+    """Return whether a text is a number."""
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
 def check_whole(key: str, value: object, lowest: int, highest: int) -> None:
     """Raise `bad_value`'s BadInput unless ``value`` is a whole number in [lowest, highest]."""
     if not isinstance(value, int) or isinstance(value, bool) or not lowest <= value <= highest:

@@ -99,8 +99,8 @@ def fit(argv: list[str]) -> int:
         "nu": args.nu,
         "incompressible": args.incompressible or None,
         "relative": args.relative,
-        "stable_range": _pair("range", args.range),
-        "bounds": {k: _bounds(k, v) for k, v in assignments(args.bounds).items()},
+        "stable_range": None if args.range is None else _pair("range", args.range),
+        "bounds": {k: _pair(f"bounds {k}", v) for k, v in assignments(args.bounds).items()},
         "parameters": _words("parameters", args.parameters),
         "test": _words("test", args.test),
         "columns": _words("columns", args.columns),
@@ -139,9 +139,9 @@ def _fit_scene(args: Namespace, petsc: dict[str, str | None]) -> int:
     from fem_snh.records.units import Units
     from fem_snh.runs.inverse import fit_scene
 
-    given = (args.all, args.incompressible, args.bounds, args.relative, args.weights, args.test,
-             args.columns, args.unit, args.modulus_unit, args.range, args.report)  # fmt: skip
-    if any(given):
+    accepted = ("names", "to", "parameters", "solves", "nu", "set", "out")
+    unused = vars(fit_parser().parse([]))
+    if any(given != unused[key] for key, given in vars(args).items() if key not in accepted):
         raise BadInput(
             "fit --to: expected with --parameters, --solves, --nu, --set and --out alone"
         )
@@ -277,16 +277,8 @@ def _words(key: str, text: str | None) -> list[Any] | None:
     return None if text is None else comma_list(key, text)
 
 
-def _bounds(key: str, text: str) -> tuple[float, float]:
-    pair = _pair(f"bounds {key}", text)
-    assert pair is not None
-    return pair
-
-
-def _pair(key: str, text: str | None) -> tuple[float, float] | None:
+def _pair(key: str, text: str) -> tuple[float, float]:
     """Return two numbers with a comma between."""
-    if text is None:
-        return None
     found = comma_list(key, text)
     if len(found) != 2 or not all(type(x) in (int, float) for x in found):
         raise BadInput(f"--{key} {text}: expected two numbers with a comma between, e.g. 0.5,2")

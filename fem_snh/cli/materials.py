@@ -48,6 +48,8 @@ def materials_parser() -> Parser:
         --overwrite  replace FILE
         """,
         names={"nargs": "*"},
+        E=value,
+        nu=value,
         set=REPEATED,
         plot={"nargs": "?", "const": ""},
         csv=output,
@@ -88,26 +90,31 @@ def materials(argv: list[str]) -> int:
         print(describe(name))
         return 0
     if args.source:
-        _print_source(name, numbers)
-    if args.report or args.plot is not None:
-        _report(name, args, numbers)
+        from fem_snh.kernels.codegen.source import material_source
+        from fem_snh.materials import make_energy
+        from fem_snh.materials.runtime import with_arguments
+
+        print(material_source(with_arguments(make_energy(name, **numbers))))
+    if not (args.report or args.plot is not None):
+        return 0
+    from fem_snh.kernels.material import material
+
+    report = material(name, **numbers).report()
+    if args.report:
+        print(report)
+    if args.plot is not None:
+        stem = name.rpartition(":")[2]  # of FILE.py:FUNCTION, the function
+        print(report.plot(Path(args.plot or f"{stem}.png")))
     return 0
 
 
 def _numbers(args: Namespace) -> dict[str, Any]:
     """Return the keywords of `fem_snh.material` that were given: E, nu, and those of --set."""
-    keywords: dict[str, Any] = {}
-    for key in ("E", "nu"):
-        text = getattr(args, key)
-        if text is not None:
-            keywords[key] = value(text, key)
-            if isinstance(keywords[key], bool) or not isinstance(keywords[key], int | float):
-                raise BadInput(f"{key} = {text!r}: expected a number")
     settings = {  # material.alpha=2, as for run
         key.removeprefix("material."): value(text, key)
         for key, text in assignments(args.set).items()
     }
-    return with_settings(keywords, settings)
+    return with_settings({"E": args.E, "nu": args.nu}, settings)
 
 
 def _list() -> int:
@@ -132,27 +139,6 @@ def _list() -> int:
         "compares them."
     )
     return 0
-
-
-def _print_source(name: str, numbers: dict[str, Any]) -> None:
-    """Print the generated C of a material's kernels."""
-    from fem_snh.kernels.codegen.source import material_source
-    from fem_snh.materials import make_energy
-    from fem_snh.materials.runtime import with_arguments
-
-    print(material_source(with_arguments(make_energy(name, **numbers))))
-
-
-def _report(name: str, args: Namespace, numbers: dict[str, Any]) -> None:
-    """Print the report of a material, draw it, or both."""
-    from fem_snh.kernels.material import material
-
-    report = material(name, **numbers).report()
-    if args.report:
-        print(report)
-    if args.plot is not None:
-        stem = name.rpartition(":")[2]  # of FILE.py:FUNCTION, the function
-        print(report.plot(Path(args.plot or f"{stem}.png")))
 
 
 def _table(names: Sequence[str], path: Path | None, numbers: dict[str, Any]) -> int:

@@ -22,7 +22,7 @@ from fem_snh.choices import (
     HESSIANS,
     PREDICTORS,
 )
-from fem_snh.errors import BadInput, bad_value, unknown_name
+from fem_snh.errors import BadInput, bad_value, is_number, unknown_name
 from fem_snh.files import output_path
 
 #: Scene keys with an option of their own: key, placeholder, help.
@@ -57,13 +57,6 @@ REPEATED: dict[str, Any] = {"action": "append", "default": []}
 
 #: Commands whose --set reaches every key of a scene.
 _OF_SCENES = ("run", "sweep")
-
-
-def _scene_keys() -> set[str]:
-    """Return the top-level keys of a scene."""
-    from fem_snh.scenes import Scene
-
-    return set(Scene.model_fields)
 
 
 class Parser(argparse.ArgumentParser):
@@ -121,7 +114,7 @@ class Parser(argparse.ArgumentParser):
         options = [name for name in self._option_string_actions if name.startswith("--")]
         joined: list[str] = []
         for word in argv:  # argparse reads -1e-3 and -inf as options
-            if joined and joined[-1] in options and word.startswith("-") and _is_number(word):
+            if joined and joined[-1] in options and word.startswith("-") and is_number(word):
                 joined[-1] += f"={word}"
             else:
                 joined.append(word)
@@ -129,8 +122,10 @@ class Parser(argparse.ArgumentParser):
         for word in [w for w in rest if w.startswith("-")] or rest:
             name = word.partition("=")[0]
             if word.startswith("-"):
+                from fem_snh import scenes  # only for a mistake
+
                 key = name.lstrip("-").replace("-", "_")
-                if self.prog.split()[-1] in _OF_SCENES and key in _scene_keys():
+                if self.prog.split()[-1] in _OF_SCENES and key in scenes.Scene.model_fields:
                     self.error(f"unknown option '{name}': expected --set {key}=..., a scene's key")
                 self.error(
                     f"{unknown_name('option', name, sorted(options))}; PETSc options go after --"
@@ -165,14 +160,6 @@ def print_table(
     Console(width=None if sys.stdout.isatty() else width).print(table)
 
 
-def _is_number(word: str) -> bool:
-    try:
-        float(word)
-    except ValueError:
-        return False
-    return True
-
-
 def value(text: str, key: str = "value") -> Any:
     """Return the value that ``text`` has in a TOML file or in JSON; a bare word is a string.
 
@@ -200,7 +187,7 @@ def value(text: str, key: str = "value") -> Any:
             raise bad_value(key, text, accepted) from None
     if text.lower() in ("true", "false"):
         return text.lower() == "true"
-    return float(text) if _is_number(text) else text
+    return float(text) if is_number(text) else text
 
 
 def assignments(pairs: list[str]) -> dict[str, str]:
@@ -247,7 +234,7 @@ def split_petsc(argv: list[str]) -> tuple[list[str], dict[str, str | None]]:
     options: dict[str, str | None] = {}
     key = ""
     for word in argv[at + 1 :]:
-        if word.startswith("-") and not _is_number(word):
+        if word.startswith("-") and not is_number(word):
             key = word.lstrip("-")
             options[key] = None
         elif key and options[key] is None:

@@ -181,8 +181,11 @@ def sweep(argv: list[str]) -> int:
     """Solve every point; return 0 if all converged, else 1."""
     args, petsc = _parse(argv)
     if args.status:
-        return _print_status(args)
-    axes = _axes(args)
+        return 0 if _print_status(args) else 1
+    options = {key: getattr(args, key) for key, _, _ in SCENE_OPTIONS}
+    options["error"] = "true" if args.error else None
+    given = with_settings(options, assignments(args.set))
+    axes = {key: comma_list(key, text) for key, text in given.items()}
 
     from fem_snh.studies.points import NO_NOTES
     from fem_snh.studies.sweep import sweep as study
@@ -190,10 +193,25 @@ def sweep(argv: list[str]) -> int:
     # With --collect the folder names a Python file, and the user need not have written the folder.
     reason = "expected no Python file with --collect: give the command itself again"
     with references.refused(reason if args.collect else ""):
-        options = {"petsc": petsc, "render": args.render} | _limits(args)
-        table = study(args.scene, args.out, axes, **options)
-    if (code := _incomplete(args)) is not None:
-        return code
+        table = study(
+            args.scene,
+            args.out,
+            axes,
+            jobs=_jobs(args),
+            ranks=args.ranks,
+            timeout=args.timeout,
+            memory=args.memory,
+            retry=args.retry and not args.collect,
+            overwrite=args.overwrite and not args.collect,
+            petsc=petsc,
+            render=args.render,
+        )
+    if args.scheduler is not None and not _print_status(args):
+        collect = f"fem-snh sweep --collect --out {args.out}, or "
+        if any(map(references.is_reference, args.command)):  # which --collect would not execute
+            collect = ""
+        print(f"later: {collect}the same command again")
+        return 1 if args.collect else 0
     good = int(table["converged"].sum())
     noted = int(table["notes"].ne(NO_NOTES).sum())
     remark = f", {noted} with notes" if noted else ""
@@ -234,32 +252,19 @@ def _add_limits(parser: Parser) -> None:
     )
 
 
-def _axes(args: Namespace) -> dict[str, list[Any]]:
-    """Return the list of values of each scene key on the command line."""
-    options = {key: getattr(args, key) for key, _, _ in SCENE_OPTIONS}
-    options["error"] = "true" if args.error else None
-    given = with_settings(options, assignments(args.set))
-    return {key: comma_list(key, text) for key, text in given.items()}
-
-
-def _limits(args: Namespace) -> dict[str, Any]:
-    """Return the options of `_add_limits` as keyword arguments of a study."""
-    names = ("ranks", "timeout", "memory", "retry", "overwrite")
-    limits: dict[str, Any] = {name: getattr(args, name) for name in names}
+def _jobs(args: Namespace) -> Any:
+    """Return the number of points at a time, or how they are submitted to a scheduler."""
     if args.scheduler is None:
         for name in ("account", "partition", "array_limit"):
             if getattr(args, name) is not None:
                 raise BadInput(f"--{name.replace('_', '-')}: expected --scheduler as well")
-        return limits | {"jobs": args.jobs}
+        return args.jobs
     from fem_snh.studies.schedulers import Submission
 
-    submission = Submission(
+    return Submission(
         args.scheduler, args.account, args.partition, args.array_limit, args.chunk,
         args.scheduler_option, submit=not args.collect, command=args.command,
     )  # fmt: skip
-    if args.collect:
-        limits |= {"retry": False, "overwrite": False}
-    return limits | {"jobs": submission}
 
 
 def _parse(argv: list[str]) -> tuple[Namespace, dict[str, Any]]:
@@ -293,26 +298,15 @@ def _parse(argv: list[str]) -> tuple[Namespace, dict[str, Any]]:
     return args, petsc
 
 
-def _print_status(args: Namespace) -> int:
-    """Print where the points of a study are; return 0 if all are in the table, else 1."""
+def _print_status(args: Namespace) -> bool:
+    """Print where the points of a study are; return whether all are in the table."""
     from fem_snh.studies.jobs import Jobs
 
     count = Jobs(args.out).status("sweep", args.scheduler)
     points = count.pop("points")
     states = ", ".join(f"{number} {state}" for state, number in count.items() if number)
     print(f"{points} points: {states or 'none in the table'}")
-    return 0 if count["in the table"] == points else 1
-
-
-def _incomplete(args: Namespace) -> int | None:
-    """Return the exit code of a study some points of which have no row yet, and say what to do."""
-    if args.scheduler is None or _print_status(args) == 0:
-        return None
-    collect = f"fem-snh sweep --collect --out {args.out}, or "
-    if any(map(references.is_reference, args.command)):  # which --collect would not execute
-        collect = ""
-    print(f"later: {collect}the same command again")
-    return 1 if args.collect else 0
+    return count["in the table"] == points
 
 
 def comma_list(key: str, text: str) -> list[Any]:

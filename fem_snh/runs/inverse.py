@@ -36,13 +36,13 @@ from scipy.optimize import least_squares
 from fem_snh import materials, scenes, solver
 from fem_snh.accuracy.duals import HessianSolver, Linearisation
 from fem_snh.accuracy.goals import Goal, bind_all
-from fem_snh.errors import BadInput, Failed, bad_value, on_every
+from fem_snh.errors import BadInput, Failed, bad_value, is_number, on_every
 from fem_snh.files import write_file
 from fem_snh.linalg.direct_solver import set_direct_solver, set_direct_solver_of_sum
 from fem_snh.runs.goals import named_goals
 from fem_snh.runs.scene_options import scene_options
 from fem_snh.runs.setup import Setup, define_scene, set_up
-from fem_snh.studies.fit.data import WITH_A_SQUARE, has_a_square, is_number, read_cells
+from fem_snh.studies.fit.data import WITH_A_SQUARE, has_a_square, read_cells
 from fem_snh.studies.fit.family import accepted_range
 from fem_snh.studies.fit.least_squares import reaches_bound, standard_errors
 from fem_snh.studies.fit.result import r_squared, toml_table

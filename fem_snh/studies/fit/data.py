@@ -23,7 +23,7 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from fem_snh.errors import BadInput, bad_value, choose, nearest, nearest_file, shown
+from fem_snh.errors import BadInput, bad_value, choose, is_number, nearest, nearest_file, shown
 from fem_snh.files import read_text
 from fem_snh.records.units import stress_unit
 from fem_snh.studies.fit.responses import FREE, MEASURES
@@ -496,15 +496,6 @@ def _check_signs(path: Path, test: TestData) -> None:
         raise BadInput(
             f"{path}: test '{kind}': every stress has the wrong sign: expected {accepted}"
         )
-
-
-def is_number(text: str) -> bool:
-    """Return whether a cell is a number."""
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
 
 
 def _number(where: str, text: str | float) -> float:
