@@ -18,6 +18,7 @@ material at a point), `mesh`, `linalg` (linear solvers), `solver` (projected New
 
 from __future__ import annotations
 
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from fem_snh.errors import BadInput
@@ -84,8 +85,6 @@ _MODULES = {
 
 
 def __getattr__(name: str) -> Any:
-    from importlib import import_module
-
     if name == "materials":
         return import_module(f"{__name__}.materials")
     if name in _MODULES:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import os
 import pickle
+import resource
 import signal
 import subprocess
 import sys
@@ -131,8 +132,6 @@ def call(
 
 def lift_limits() -> None:
     """In the process of a `call`: end the limits, when the file is read, and work on it begins."""
-    import resource
-
     for number in (resource.RLIMIT_DATA, resource.RLIMIT_CPU):
         hard = resource.getrlimit(number)[1]
         resource.setrlimit(number, (hard, hard))
@@ -254,8 +253,6 @@ class Interrupts:
 
 def _serve() -> None:
     """Call the function that standard input names, and write its outcome to standard output."""
-    import resource
-
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))  # no core file in the user's folder
     limits, function, args, reports = pickle.load(sys.stdin.buffer)
     for number, limit in zip(

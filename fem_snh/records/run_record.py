@@ -18,11 +18,13 @@ from typing import Any, NamedTuple
 from fem_snh.errors import BadInput, shown
 from fem_snh.files import read_text
 
+#: The content of a run.json.
+Record = dict[str, Any]
 #: Returns what is wrong with the value of a key, as text, or "".
 Check = Callable[[str, object], str]
 
 
-def load_record(path: Path) -> dict[str, Any]:
+def load_record(path: Path) -> Record:
     """Return the content of a run.json.
 
     Raises
@@ -33,7 +35,8 @@ def load_record(path: Path) -> dict[str, Any]:
     try:
         record = json.loads(read_text(path))
     except (OSError, ValueError, RecursionError) as error:
-        reason = getattr(error, "strerror", None) or str(error) or type(error).__name__
+        reason = error.strerror if isinstance(error, OSError) else ""
+        reason = reason or str(error) or type(error).__name__
         raise BadInput(f"{path}: cannot be read: {reason.splitlines()[0]}") from None
     if reason := problem(record):
         raise BadInput(f"{path}: not the record of a run: {reason}")

@@ -32,6 +32,7 @@ from trame_vtk.tools.vtksz2html import HTML_VIEWER_PATH
 
 from fem_snh.errors import BadInput
 from fem_snh.files import write_file
+from fem_snh.records.run_record import Record
 from fem_snh.records.units import Units
 from fem_snh.viewing.plots.runs import numbers, principal_result, run_figure, run_table, x_of
 from fem_snh.viewing.render import Job
@@ -59,7 +60,7 @@ _ICON = "https://kitware.github.io/vtk-js/icon/favicon-${t}x${t}.png"
 _SIZE = (800, 600)
 
 
-def write_page(job: Job, record: dict[str, Any]) -> None:
+def write_page(job: Job, record: Record) -> None:
     """Write the page of a job's states; ``record`` is the run's run.json."""
     drawing = Drawing(job)
     scenes = export_scenes(drawing)
@@ -117,7 +118,7 @@ def scene(window: Any) -> bytes:
 
 
 def page(
-    record: dict[str, Any],
+    record: Record,
     field: str,
     states: Sequence[Panel],
     scenes: Sequence[bytes],
@@ -179,7 +180,7 @@ def page(
     )
 
 
-def _columns(record: dict[str, Any]) -> dict[str, Any]:
+def _columns(record: Record) -> dict[str, Any]:
     """Return the columns of the steps that converged, and the numbers of those drawn first."""
     try:
         table = numbers(run_table(record))
@@ -196,7 +197,7 @@ def _columns(record: dict[str, Any]) -> dict[str, Any]:
     return {"columns": columns, "x": list(table).index(x), "y": list(table).index(y)}
 
 
-def first_axes(record: dict[str, Any], table: pd.DataFrame) -> tuple[str, str]:
+def first_axes(record: Record, table: pd.DataFrame) -> tuple[str, str]:
     """Return the columns of the first curve: the principal reaction, or else the volume.
 
     It is over the load parameter; if that has no name of its own, a force is over the largest
@@ -212,7 +213,7 @@ def first_axes(record: dict[str, Any], table: pd.DataFrame) -> tuple[str, str]:
     return x, y
 
 
-def _curves(record: dict[str, Any]) -> str:
+def _curves(record: Record) -> str:
     """Return the run's graphs as SVG, or why there are none."""
     try:
         figure = run_figure([record], newton=True)
@@ -223,7 +224,7 @@ def _curves(record: dict[str, Any]) -> str:
     return text.getvalue()[text.getvalue().index("<svg") :]
 
 
-def _step_table(record: dict[str, Any]) -> str:
+def _step_table(record: Record) -> str:
     steps = record["steps"]
     columns = [name for name in COLUMNS if any(name in step for step in steps)]
     head = "".join(f"<th>{escape(column_label(name, [record]))}</th>" for name in columns)

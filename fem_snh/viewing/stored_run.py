@@ -17,7 +17,7 @@ from fem_snh.errors import BadInput, bad_value
 from fem_snh.files import open_file
 from fem_snh.geometry.rotations import exponential
 from fem_snh.records.output_fields import NAMED, STANDARD, VECTOR, OutputField
-from fem_snh.records.run_record import column_unit, load_record
+from fem_snh.records.run_record import Record, column_unit, load_record
 from fem_snh.records.units import Units, volume_change
 
 #: Keys of run.json whose solids are drawn.
@@ -37,18 +37,18 @@ _LABELS = {
 }
 
 
-def materials(record: dict[str, Any]) -> list[dict[str, Any]]:
+def materials(record: Record) -> list[dict[str, Any]]:
     """Return the entries of a run's materials in run.json: one, or several with their groups."""
     found = record["material"]
     return found if isinstance(found, list) else [found]
 
 
-def material_name(record: dict[str, Any]) -> str:
+def material_name(record: Record) -> str:
     """Return the names of the materials, each once."""
     return " + ".join(dict.fromkeys(pretty(str(m["name"])) for m in materials(record)))
 
 
-def poisson_ratio(record: dict[str, Any]) -> str:
+def poisson_ratio(record: Record) -> str:
     """Return Poisson's ratio as text; several materials have each value once, in their order."""
     return ", ".join(dict.fromkeys(f"{m['nu']:g}" for m in materials(record)))
 
@@ -58,65 +58,65 @@ def pretty(name: str) -> str:
     return name.replace("neo_hookean", "Neo-Hookean").replace("_", " ")
 
 
-def duration(record: dict[str, Any]) -> float | None:
+def duration(record: Record) -> float | None:
     """Return the end of a run in time [s]; None for a quasi-static run."""
     return float(record["time"]["duration"]) if "time" in record else None
 
 
-def load_range(record: dict[str, Any]) -> tuple[float, float]:
+def load_range(record: Record) -> tuple[float, float]:
     """Return the values of the load parameter at load 0 and load 1; of a run in time, times [s]."""
     end = duration(record)
     low, high = record.get("load_range", (0.0, 1.0)) if end is None else (0.0, end)
     return float(low), float(high)
 
 
-def load_name(record: dict[str, Any]) -> str:
+def load_name(record: Record) -> str:
     """Return what graphs call the load parameter."""
     return str(record.get("load_name", "load")) if duration(record) is None else "time"
 
 
-def load_unit(record: dict[str, Any]) -> str:
+def load_unit(record: Record) -> str:
     """Return the unit of the load parameter, after a space; none for a quasi-static run."""
     return "" if duration(record) is None else f" {unit_name('s', [record])}"
 
 
-def common_units(records: Sequence[dict[str, Any]]) -> Units | None:
+def common_units(records: Sequence[Record]) -> Units | None:
     """Return the units that the scenes of all runs state; None if one states none or others."""
     found = {Units.of(record) for record in records} or {None}
     return found.pop() if len(found) == 1 else None
 
 
-def unit_name(unit: str, records: Sequence[dict[str, Any]]) -> str:
+def unit_name(unit: str, records: Sequence[Record]) -> str:
     """Return the name of an SI unit in the units of runs, which are SI units if none are stated."""
     return (common_units(records) or Units()).name(unit)
 
 
-def column_label(name: str, records: Sequence[dict[str, Any]]) -> str:
+def column_label(name: str, records: Sequence[Record]) -> str:
     """Return a column's name, with its unit if the scenes state their units."""
     steps, units = [step for r in records for step in r["steps"]], common_units(records)
     unit = next(filter(None, (column_unit(name, step) for step in steps)), "") if units else ""
     return f"{name} [{units.name(unit)}]" if units and unit else name
 
 
-def axis_label(record: dict[str, Any]) -> str:
+def axis_label(record: Record) -> str:
     """Return the label of an axis of the load parameter."""
     return load_name(record) + (f" [{load_unit(record).strip()}]" if load_unit(record) else "")
 
 
-def parameter(record: dict[str, Any], stored: float) -> float:
+def parameter(record: Record, stored: float) -> float:
     """Return the load parameter of a stored state, whose .pvd file has the load, or the time."""
     low, high = load_range(record)
     return low + stored * (high - low) if duration(record) is None else stored
 
 
-def step_at(record: dict[str, Any], stored: float) -> dict[str, Any] | None:
+def step_at(record: Record, stored: float) -> dict[str, Any] | None:
     """Return the last step that ends at a stored state."""
     key, scale = ("load", 1.0) if duration(record) is None else ("time", duration(record) or 1.0)
     found = [s for s in record["steps"] if math.isclose(s[key], stored, abs_tol=_SAME * scale)]
     return found[-1] if found else None
 
 
-def hidden_cells(record: dict[str, Any], names: Collection[str]) -> tuple[int, ...]:
+def hidden_cells(record: Record, names: Collection[str]) -> tuple[int, ...]:
     """Return the values of the field ``cell_group`` in groups or materials of some names.
 
     Raises
@@ -136,7 +136,7 @@ def hidden_cells(record: dict[str, Any], names: Collection[str]) -> tuple[int, .
 
 
 def obstacle_poses(
-    record: dict[str, Any], folder: Path, hide: Collection[str] = ()
+    record: Record, folder: Path, hide: Collection[str] = ()
 ) -> list[dict[str, Any]]:
     """Return the solids of a run: kind, shape, and the pose at each load or time.
 
@@ -482,7 +482,7 @@ class StoredRun:
         return f"smallest at a quadrature point {min(smallest):.3g}"
 
 
-def read_record(folder: Path) -> dict[str, Any]:
+def read_record(folder: Path) -> Record:
     """Return ``folder/run.json``; raise BadInput if it is missing or no record of a run."""
     path = folder / "run.json"
     if not path.exists():
@@ -506,7 +506,7 @@ def choose_loads(stored: list[float], wanted: Sequence[float] | None) -> list[fl
     return [steps[round(i * len(steps) / 3) - 1] for i in (1, 2, 3)]
 
 
-def title(record: dict[str, Any]) -> str:
+def title(record: Record) -> str:
     """Return scene, material, nu, element and number of cells in one line."""
     ratio = f"ν = {poisson_ratio(record)}"
     parts = [str(record["scene"]), material_name(record), ratio]
@@ -515,7 +515,7 @@ def title(record: dict[str, Any]) -> str:
     return DOT.join(parts)
 
 
-def panel_label(record: dict[str, Any], load: float) -> str:
+def panel_label(record: Record, load: float) -> str:
     """Return name and value of the load or time, and volume change and smallest J of its step."""
     value, unit = parameter(record, load), load_unit(record)
     label = f"{load_name(record)} {f'{value:.3g}' if unit else number_text(value)}{unit}"

@@ -21,6 +21,7 @@ from scipy.interpolate import PchipInterpolator
 
 from fem_snh.errors import BadInput
 from fem_snh.files import replace_file
+from fem_snh.records.run_record import Record
 from fem_snh.viewing import ignore
 from fem_snh.viewing.export import obj_path
 from fem_snh.viewing.render.surfaces import boundary
@@ -237,7 +238,7 @@ def linear_rgb(srgb: Array) -> Array:
     return np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
 
 
-def write_vtkhdf(out: Path, pvd: Path, record: dict[str, Any], report: Report = ignore) -> None:
+def write_vtkhdf(out: Path, pvd: Path, record: Record, report: Report = ignore) -> None:
     """Write all states into one file: a temporal unstructured grid, with the load as its time.
 
     The mesh is written once, as one part. The fields of the states follow each other in one array

@@ -11,13 +11,13 @@ from collections.abc import Sequence
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from matplotlib.backend_bases import FigureCanvasBase
 from matplotlib.figure import Figure
 
 from fem_snh.errors import BadInput
 from fem_snh.files import output_path, write_file
+from fem_snh.records.run_record import Record
 from fem_snh.viewing.plots.runs import curve_figure, run_figure, run_table, x_of
 from fem_snh.viewing.plots.sweeps import (
     by_material,
@@ -101,7 +101,7 @@ def _table_figure(path: Path, x: str | None, y: Sequence[str]) -> Figure:
     return sweep_figure(read_sweep(path))
 
 
-def _first_record(folder: Path) -> list[dict[str, Any]]:
+def _first_record(folder: Path) -> list[Record]:
     """Return the run.json of one point of a study, whose points have the same units."""
     for path in sorted(folder.glob("*/run.json")):
         with suppress(BadInput):  # of a point that was killed

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, MaxNLocator, MultipleLocator
 
 from fem_snh.errors import BadInput, choose
-from fem_snh.records.run_record import flat, results
+from fem_snh.records.run_record import Record, flat, results
 from fem_snh.viewing.plots.style import (
     colour,
     draw_series,
@@ -54,7 +54,7 @@ ENERGIES = {
 }
 
 
-def run_figure(records: Sequence[dict[str, Any]], newton: bool = False) -> Figure:
+def run_figure(records: Sequence[Record], newton: bool = False) -> Figure:
     """Return a graph of volume change and iterations per step, a line per record (run.json).
 
     Where all runs have a reaction, its largest component has a panel.
@@ -93,7 +93,7 @@ def run_figure(records: Sequence[dict[str, Any]], newton: bool = False) -> Figur
     return figure
 
 
-def steps_of(record: dict[str, Any], main: str = "") -> pd.DataFrame:
+def steps_of(record: Record, main: str = "") -> pd.DataFrame:
     """Return a row for the state at rest, and one for each step, with the result ``main`` if any.
 
     They have x (load parameter), volume [%], linear, newton and converged.
@@ -119,7 +119,7 @@ def steps_of(record: dict[str, Any], main: str = "") -> pd.DataFrame:
     return pd.concat([rest, steps], ignore_index=True)
 
 
-def names(records: Sequence[dict[str, Any]]) -> list[str]:
+def names(records: Sequence[Record]) -> list[str]:
     """Return a legend entry per record: the material and the values that differ between them."""
     traits = [
         {
@@ -142,7 +142,7 @@ def _turns(span: tuple[float, float]) -> bool:
     return "π" in number_text(span[1]) and span[0] == 0
 
 
-def draw_energies(ax: Axes, records: Sequence[dict[str, Any]], names: Sequence[str]) -> None:
+def draw_energies(ax: Axes, records: Sequence[Record], names: Sequence[str]) -> None:
     """Draw the energies of one run, or the sums of several, against time.
 
     Parameters
@@ -171,7 +171,7 @@ def draw_energies(ax: Axes, records: Sequence[dict[str, Any]], names: Sequence[s
     ax.set_xlabel(f"time [{unit_name('s', records)}]")
 
 
-def energies(record: dict[str, Any], key: str) -> tuple[list[float], list[float]]:
+def energies(record: Record, key: str) -> tuple[list[float], list[float]]:
     """Return times and values of an energy: at the start and after each step that converged."""
     rows = [{"time": 0.0, **record["time"]["start"]}]
     rows += [step for step in record["steps"] if step["converged"]]
@@ -179,7 +179,7 @@ def energies(record: dict[str, Any], key: str) -> tuple[list[float], list[float]
     return [row["time"] for row in rows], [row[key] for row in rows]
 
 
-def run_table(record: Mapping[str, Any]) -> pd.DataFrame:
+def run_table(record: Record) -> pd.DataFrame:
     """Return the steps of a run that converged as a table, with its load parameter by name.
 
     Raises
@@ -191,8 +191,8 @@ def run_table(record: Mapping[str, Any]) -> pd.DataFrame:
     if not rows:
         raise BadInput(f"run of '{record['scene']}': nothing to plot: no step has converged")
     table = pd.DataFrame(rows)
-    low, high = load_range(dict(record))
-    table[load_name(dict(record))] = low + table["load"].astype(float) * (high - low)
+    low, high = load_range(record)
+    table[load_name(record)] = low + table["load"].astype(float) * (high - low)
     return table
 
 
@@ -266,7 +266,7 @@ def curve_figure(
     return figure
 
 
-def principal_result(records: Sequence[Mapping[str, Any]]) -> str:
+def principal_result(records: Sequence[Record]) -> str:
     """Return the column of the largest component of a reaction that all runs have, or "".
 
     A moment, which the scene asks for by its point, comes before a force.
@@ -283,7 +283,7 @@ def principal_result(records: Sequence[Mapping[str, Any]]) -> str:
     return ""
 
 
-def x_of(records: Sequence[Mapping[str, Any]]) -> str:
+def x_of(records: Sequence[Record]) -> str:
     """Return the default of ``x`` for runs: their load parameter.
 
     Raises
@@ -291,7 +291,7 @@ def x_of(records: Sequence[Mapping[str, Any]]) -> str:
     BadInput
         If they differ in it.
     """
-    names = {load_name(dict(record)) for record in records}
+    names = {load_name(record) for record in records}
     if len(names) > 1:
         raise BadInput(f"--x: expected a column, as the runs have {', '.join(sorted(names))}")
     return names.pop()
