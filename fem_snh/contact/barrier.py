@@ -1,4 +1,8 @@
-"""Self-contact by a barrier: surfaces that never intersect (incremental potential contact)."""
+"""Self-contact by a barrier: surfaces that never intersect (incremental potential contact).
+
+Only this module imports ipctk, whose API changes between minor versions. Its vertices are rows of
+arrays in Fortran order, its distances are squared.
+"""
 
 from __future__ import annotations
 

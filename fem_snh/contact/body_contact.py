@@ -15,13 +15,6 @@ from fem_snh.assembly.assembled_matrix import BlockMatrix
 from fem_snh.assembly.kinematics import SOLID, Kinematics
 from fem_snh.assembly.regions import Region
 from fem_snh.choices import FILTERS
-from fem_snh.contact.gaps import (
-    ClosestFacets,
-    Gaps,
-    gap_derivative,
-    gap_second_derivative,
-    measure_gaps,
-)
 from fem_snh.contact.gathered_surface import GatheredSurface, Side
 from fem_snh.contact.law import (
     ContactLaw,
@@ -36,6 +29,13 @@ from fem_snh.contact.surface_quadrature import (
     SurfaceQuadrature,
     cross_tangents,
     facet_grid,
+)
+from fem_snh.contact.triangle_search import (
+    ClosestFacets,
+    Gaps,
+    gap_derivative,
+    gap_second_derivative,
+    measure_gaps,
 )
 from fem_snh.errors import bad_value, choose
 from fem_snh.kernels.cell_matrices import filter_matrices
@@ -512,7 +512,7 @@ class BodyContact(SurfaceContact, MeanForceTerm, CouplingTerm):
 
     During a solve each point has one facet of the other surface, the closest one at the start of
     the step. After a solve the search is repeated, and the step is solved again until the forces
-    have settled. `fem_snh.contact.gaps` has the derivatives of the gap.
+    have settled. `fem_snh.contact.triangle_search` has the derivatives of the gap.
 
     Parameters
     ----------

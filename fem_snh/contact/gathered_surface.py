@@ -445,19 +445,13 @@ def _lattice_triangles(kind: str, degree: int) -> Array:
     """Return the triangles between points sorted by their rows, or segments."""
     if kind == "interval":
         return np.stack([np.arange(degree), np.arange(1, degree + 1)], axis=1)
-    is_triangle = kind == "triangle"
-    starts, count = list[int](), 0
-    for row in range(degree + 1):
-        starts.append(count)
-        count += degree + 1 - (row if is_triangle else 0)
-    found = list[tuple[int, int, int]]()
-    for row in range(degree):
-        for i in range(degree - row if is_triangle else degree):
-            below, above = starts[row] + i, starts[row + 1] + i
-            found.append((below, below + 1, above))
-            if not is_triangle or i < degree - row - 1:
-                found.append((below + 1, above + 1, above))
-    return np.array(found)
+    rows, columns = np.divmod(np.arange((degree + 1) ** 2), degree + 1)
+    has = rows + columns <= degree if kind == "triangle" else np.ones(len(rows), bool)
+    number = np.where(has, np.cumsum(has) - 1, -1).reshape(degree + 1, degree + 1)
+    corner, right, above = number[:-1, :-1], number[:-1, 1:], number[1:, :-1]
+    lower, upper = (corner, right, above), (right, number[1:, 1:], above)
+    found = np.stack([np.stack(lower, axis=-1), np.stack(upper, axis=-1)], axis=2).reshape(-1, 3)
+    return found[(found >= 0).all(axis=1)]
 
 
 class Blocks(NamedTuple):

@@ -21,8 +21,7 @@ from fem_snh.assembly.unknowns import (
     writable_values,
 )
 from fem_snh.choices import FILTERS
-from fem_snh.contact.friction import Friction
-from fem_snh.contact.law import ContactLaw, cell_heights, default_stiffness
+from fem_snh.contact.law import ContactLaw, Friction, cell_heights, default_stiffness
 from fem_snh.contact.obstacle_pair import ObstaclePair
 from fem_snh.contact.surface_contact import SurfaceContact
 from fem_snh.contact.surface_quadrature import SurfaceQuadrature

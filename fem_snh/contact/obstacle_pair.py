@@ -11,8 +11,14 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh import _dolfinx
-from fem_snh.contact.friction import ContactPoints, Friction
-from fem_snh.contact.law import ContactLaw, Response, mean_derivative, surface_mean
+from fem_snh.contact.law import (
+    ContactLaw,
+    ContactPoints,
+    Friction,
+    Response,
+    mean_derivative,
+    surface_mean,
+)
 from fem_snh.contact.surface_contact import ContactPair
 from fem_snh.contact.surface_quadrature import (
     FINE_INTERVALS,

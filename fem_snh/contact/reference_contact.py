@@ -1,27 +1,600 @@
-"""Self-contact by the map to the reference configuration (Smith et al. 2018, section 6)."""
+"""Self-contact by the map to the reference configuration (Smith et al. 2018, section 6).
+
+Samples inside of deformed cells have targets on the surface. Where sharp edges cross each other no
+sample of either is in the other body: they have springs of their own.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
-from typing import Any
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, NamedTuple
 
 from petsc4py import PETSc
 
 import numpy as np
 import numpy.typing as npt
+from scipy.sparse import csr_matrix, diags
+from scipy.spatial import cKDTree
 
 from fem_snh.assembly.assembled_matrix import BlockMatrix
 from fem_snh.assembly.kinematics import SOLID, Kinematics
 from fem_snh.assembly.regions import Region
 from fem_snh.choices import FILTERS
-from fem_snh.contact.reference_search import ContactPairs, TargetSearch
+from fem_snh.contact.gathered_surface import EmbeddedSurface
+from fem_snh.contact.samples import (
+    OUTSIDE,
+    SHARP,
+    DeformedCells,
+    Neighbourhood,
+    SurfaceSamples,
+    body_numbers,
+    cell_sizes,
+    cell_stiffness,
+    intersect,
+    smallest_at_points,
+    surface_values,
+    triangle_areas,
+)
 from fem_snh.contact.surface_contact import SelfContactTerm
+from fem_snh.contact.triangle_search import CloserTargets, ReferenceSurface, approaching
 from fem_snh.errors import choose
+from fem_snh.geometry.closest_points import PseudoNormals, triangle_normals
 from fem_snh.mesh.gmsh_model import Skin
 from fem_snh.terms.settling import LaggedChange, relative
 
 Array = npt.NDArray[Any]
+
+#: Reference positions of a sample in two cells that are closer than this part of a cell count as
+#: one: the cells are neighbours.
+_SAME = 0.5
+#: Samples in front of another part of the surface, closer to it than this part of a cell, may touch
+#: in the next solve. Without them, the flesh of a finger that bends passes through itself by 2.7
+#: cells in a solve: the scene hand, step 35, takes 47 Newton iterations instead of 22. With an
+#: entire cell, blocks of two cells (tests/contact/test_reference_contact.py) tilt.
+_APPROACH = 0.5
+#: A target whose sample is beside the normal of its triangle by less than this part of a cell is
+#: not on a sharp edge, though it may be by rounding errors: two blocks of the same width.
+_BESIDE = 1e-6
+#: Least area with which a sample acts, in its own: a face that is not turned to it by less is
+#: parallel to it.
+_ACTS = 1e-9
+#: Area with which an edge acts where it crosses another one, in the areas of its two triangles.
+_EDGE_AREA = 1 / 3
+
+
+@dataclass(frozen=True, eq=False)
+class ContactPairs:
+    r"""Springs between samples and targets, constant during a solve; the same on all ranks.
+
+    With the gap :math:`g = n \cdot (x_s - x_t)`, the sample's position minus the target's along the
+    target's outward normal, lagged, the energy is
+
+    .. math:: E = \sum \tfrac{c}{2} \langle -g \rangle^2 .
+
+    It is convex in the displacement, and its forces sum to zero, as the weights of a sample and of
+    a target have the same sum. In two dimensions the surface has segments in place of triangles,
+    and vectors have two components; the shapes below are those of three.
+
+    Attributes
+    ----------
+    num_points : int
+        The number of the surface's points.
+    sample : (n,) int
+        The sample of each pair, sorted; the samples are followed by the edges that cross others.
+    target : (n,) int
+        The triangle in which the target is.
+    corners : (n, 6) int
+        Points of the surface: of the sample's triangle, then of the target's.
+    factors : (n, 6)
+        Their weights in the sample's position minus the target's.
+    normal : (n, 3)
+        Outward unit normal of the surface at the target.
+    stiffness : (n,)
+        The springs' c [N/m].
+    """
+
+    num_points: int
+    sample: Array
+    target: Array
+    corners: Array
+    factors: Array
+    normal: Array
+    stiffness: Array
+
+    @classmethod
+    def none(cls, num_points: int, dim: int) -> ContactPairs:
+        """Return no pairs on so many points, in so many dimensions."""
+        integers = np.empty(0, int)
+        corners = np.empty((0, 2 * dim), int)
+        factors, normal = np.empty((0, 2 * dim)), np.empty((0, dim))
+        return cls(num_points, integers, integers, corners, factors, normal, np.empty(0))
+
+    def __len__(self) -> int:
+        return len(self.sample)
+
+    def __getitem__(self, chosen: Array) -> ContactPairs:
+        """Return some of the pairs."""
+        return ContactPairs(self.num_points, *(column[chosen] for column in self._columns))
+
+    def joined(self, other: ContactPairs) -> ContactPairs:
+        """Return these pairs and others."""
+        both = [np.concatenate(pair) for pair in zip(self._columns, other._columns, strict=True)]
+        return ContactPairs(self.num_points, *both)[np.argsort(both[0], kind="stable")]
+
+    def find(self, other: ContactPairs, x: Array, distance: float) -> Array:
+        """Return for each pair the one of others with its sample and a target close to its own.
+
+        Parameters
+        ----------
+        other : ContactPairs
+            Other pairs.
+        x : (points, 3)
+            The positions of the surface's points [m].
+        distance : float
+            Largest distance of the targets [m].
+
+        Returns
+        -------
+        (n,) int
+            Indices of ``other``; -1 for none.
+        """
+        found, mine, others = np.full(len(self), -1), self.ends(x)[1], other.ends(x)[1]
+        first = np.searchsorted(other.sample, self.sample)
+        counts = np.searchsorted(other.sample, self.sample, side="right") - first
+        for number in range(counts.max(initial=0)):
+            some = np.flatnonzero(counts > number)
+            candidate = first[some] + number
+            near = np.linalg.norm(mine[some] - others[candidate], axis=1) <= distance
+            found[some[near]] = candidate[near]
+        return found
+
+    def ends(self, x: Array) -> tuple[Array, Array]:
+        """Return the positions (n, 3) of the samples and of their targets [m].
+
+        ``x`` (points, 3) are those of the surface's points, deformed or in the reference
+        configuration.
+        """
+        weighted, dim = self.factors[..., None] * x[self.corners], self.normal.shape[1]
+        return weighted[:, :dim].sum(axis=1), -weighted[:, dim:].sum(axis=1)
+
+    @property
+    def _columns(self) -> tuple[Array, ...]:
+        return self.sample, self.target, self.corners, self.factors, self.normal, self.stiffness
+
+    def gaps(self, x: Array) -> Array:
+        """Return the gaps [m] at the positions of the surface's points x (points, 3), (n,)."""
+        return np.asarray(self._derivatives @ x.ravel())
+
+    def energy(self, x: Array) -> float:
+        """Return the energy [J]."""
+        return float(self.stiffness @ np.minimum(self.gaps(x), 0.0) ** 2) / 2
+
+    def forces(self, x: Array) -> Array:
+        """Return the forces of the springs [N], positive in contact, (n,)."""
+        return np.asarray(-self.stiffness * np.minimum(self.gaps(x), 0.0))
+
+    def gradient(self, x: Array) -> Array:
+        """Return the energy's derivative by the surface's points [N], (points, 3)."""
+        return np.asarray(-(self._derivatives.T @ self.forces(x)).reshape(x.shape))
+
+    def hessian(self, x: Array) -> csr_matrix:
+        """Return the energy's Hessian by the surface's points [N/m], (3 points, 3 points)."""
+        acting = np.flatnonzero(self.gaps(x) < 0)
+        gaps = self._derivatives[acting]
+        return csr_matrix(gaps.T @ (diags(self.stiffness[acting]) @ gaps))
+
+    def pattern(self) -> csr_matrix:
+        """Return a matrix without zeros at the blocks of all pairs, (3 points, 3 points)."""
+        gaps = abs(self._derivatives)
+        return csr_matrix(gaps.T @ gaps)
+
+    @cached_property
+    def _derivatives(self) -> csr_matrix:
+        """Return the derivatives of the gaps by the surface's points, (n, 3 points)."""
+        values, dim = self.factors[..., None] * self.normal[:, None], self.normal.shape[1]
+        columns = dim * self.corners[..., None] + np.arange(dim)
+        indptr = np.arange(len(self) + 1) * 2 * dim**2
+        shape = (len(self), dim * self.num_points)
+        return csr_matrix((values.ravel(), columns.ravel(), indptr), shape=shape)
+
+
+class TargetSearch:
+    """Samples of a surface and their targets. Collective.
+
+    Parameters
+    ----------
+    V : dolfinx function space
+        The displacement's space.
+    surface : EmbeddedSurface
+        The surface.
+    regions : sequence of Region
+        The materials.
+    stiffness : float, optional
+        Contact pressure over penetration [Pa/m]; default: of the softer one of sample and target.
+    overlap : bool
+        Whether cells of one body overlap in the reference configuration, as a lattice's do where
+        parts of its surface pass through one cube.
+    revolved : bool
+        Whether the body is a section that revolves about the axis x = 0.
+
+    Attributes
+    ----------
+    samples : SurfaceSamples
+        The samples.
+    stiffness, size : float
+        The mean stiffness over the surface [Pa/m], the mean size of the cells [m].
+    """
+
+    def __init__(
+        self,
+        V: Any,
+        surface: EmbeddedSurface,
+        regions: Sequence[Region],
+        stiffness: float | None = None,
+        overlap: bool = False,
+        revolved: bool = False,
+    ) -> None:
+        self._comm, self._surface, self._overlap = V.mesh.comm, surface, overlap
+        self._sizes = cell_sizes(V)
+        sizes = smallest_at_points(V, surface, self._sizes)
+        self.samples = SurfaceSamples(surface, sizes, revolved)
+        if stiffness is None:
+            values = smallest_at_points(V, surface, cell_stiffness(V, regions))
+        else:
+            values = np.full(len(surface.points), stiffness)
+        self._stiffness = values
+        areas = self.samples.areas / self.samples.areas.sum()
+        self.stiffness, self.size = (float(areas @ self.samples.at(v)) for v in (values, sizes))
+        self._cells, self._dim = DeformedCells(V), surface.triangles.shape[1]
+        self._near, corners = Neighbourhood(V, surface), surface.triangles[self.samples.triangle]
+        #: Vertices around each sample and each edge, which touch nothing that shares one of them.
+        self._around = self._near.around(corners, self.samples.coordinates > 0)
+        if self._dim == 3:  # the parts of a curve cross at their points alone
+            self._edges, areas = SurfaceEdges(surface.triangles), triangle_areas(surface)
+            self._edge_areas = _EDGE_AREA * areas[self._edges.triangles].sum(axis=1)
+            self._around_edges = self._near.around(self._edges.points)
+        self._sample_sizes = self.samples.at(sizes)
+        bodies = body_numbers(V)
+        self._cell_bodies = bodies[self._cells.nodes[:, 0]]
+        of_points = surface.support.gather(bodies[:, None])[surface.columns[:, 0], 0]
+        points, triangles = surface.points[:, : self._dim], surface.triangles
+        self._reference = ReferenceSurface(points, triangles, of_points[triangles[:, 0]])
+        self._normals, self._closer = PseudoNormals(triangles), CloserTargets(triangles)
+
+    def find(self, u: Array, x: Array) -> ContactPairs:
+        """Return the pairs of the samples inside of the body or close to its surface. Collective.
+
+        Parameters
+        ----------
+        u : (local nodes, dim)
+            Nodal displacements [m].
+        x : (points, dim)
+            The positions of the surface's points [m].
+        """
+        samples, triangles = self.samples, self._surface.triangles
+        points, outward = samples.at(x), triangle_normals(x, triangles)
+        normals = self._normals.at(x, samples.triangle, samples.coordinates)
+        hits = np.concatenate(self._comm.allgather(self._own_hits(u, x, points, normals, outward)))
+        hits = _without_repeated(hits)
+        others = self._approaching(x, points, normals, outward, hits[:, 0])
+        others = np.concatenate(self._comm.allgather(others))
+        hits = np.concatenate([hits[:, np.r_[0, 3 : 4 + self._dim]], others])
+        hits = hits[np.argsort(hits[:, 0], kind="stable")]
+        sample, target, coordinates = hits[:, 0].astype(int), hits[:, 1].astype(int), hits[:, 2:]
+        corners = np.concatenate([triangles[samples.triangle[sample]], triangles[target]], axis=1)
+        factors = np.concatenate([samples.coordinates[sample], -coordinates], axis=1)
+        normal = self._target_normals(x, sample, points[sample], target, coordinates, outward)
+        areas = samples.facing(sample, normal, outward)
+        springs = self._springs(corners, factors, areas)
+        pairs = ContactPairs(len(x), sample, target, corners, factors, normal, springs)
+        pairs = pairs[areas > _ACTS * samples.areas[sample]]
+        return pairs.joined(self._crossing_edges(x, outward)) if self._dim == 3 else pairs
+
+    def penetration(self, pairs: ContactPairs, x: Array) -> float:
+        """Return the largest penetration at positions x of the surface's points [m].
+
+        That of a sample in the body is its distance from the surface around its target, in whatever
+        direction; that of two edges is how far they have passed each other. No point of a surface
+        of flat triangles is deeper than its corners and its edges that cross others.
+        """
+        gaps = pairs.gaps(x)
+        crossing = pairs.sample >= len(self.samples)
+        inside = pairs[np.flatnonzero((gaps < 0) & ~crossing)]
+        points, none = inside.ends(x)[0], np.zeros(len(inside))
+        outward = triangle_normals(x, self._surface.triangles)
+        target, place = self._closer.move(points, 0 * points, none, inside.target, x, outward)
+        closest = surface_values(x, self._surface.triangles[target], place)
+        depths = np.linalg.norm(points - closest, axis=1)
+        return float(max(depths.max(initial=0.0), -gaps[crossing].min(initial=0.0)))
+
+    def scale_stiffness(self, factor: float) -> None:
+        """Multiply the stiffness of the springs of further pairs."""
+        self._stiffness, self.stiffness = factor * self._stiffness, factor * self.stiffness
+
+    def _springs(self, corners: Array, factors: Array, areas: Array) -> Array:
+        """Return the stiffness [N/m] of springs that act with areas (n,) [m^2].
+
+        ``corners`` and ``factors`` (n, 2 dim) are those of `ContactPairs`.
+        """
+        values, dim = np.abs(factors) * self._stiffness[corners], self._dim
+        # Where two surfaces touch, the samples of both have half of the stiffness each.
+        return np.asarray(
+            areas * np.minimum(values[:, :dim].sum(axis=1), values[:, dim:].sum(axis=1)) / 2
+        )
+
+    def _target_normals(
+        self,
+        x: Array,
+        sample: Array,
+        points: Array,
+        target: Array,
+        coordinates: Array,
+        outward: Array,
+    ) -> Array:
+        """Return the unit normals (n, dim) of the surface at targets.
+
+        Beyond a sharp edge, as seen from the edge's faces, it is that of the edge, otherwise that
+        of a smooth surface: it does not jump where a sample slides from triangle to triangle.
+        """
+        smooth = self._normals.averaged(x, target, coordinates, SHARP)
+        edges = self._normals.at(x, target, coordinates)
+        arm = points - surface_values(x, self._surface.triangles[target], coordinates)
+        across = arm - np.einsum("ni,ni->n", arm, outward[target])[:, None] * outward[target]
+        beyond = np.linalg.norm(across, axis=1) > _BESIDE * self._sample_sizes[sample]
+        beyond &= np.einsum("ni,ni->n", edges, outward[target]) < SHARP
+        return np.where(beyond[:, None], edges, smooth)
+
+    def _own_hits(self, u: Array, x: Array, points: Array, normals: Array, outward: Array) -> Array:
+        """Return the samples in this rank's cells and their targets, (n, 4 + 2 dim).
+
+        Columns: sample, distance outside, cell size, triangle, barycentric coordinates (dim),
+        reference position (dim). ``points`` and ``normals`` are those of the samples, ``outward``
+        the triangles' normals.
+        """
+
+        def excluded(sample: Array, cell: Array) -> Array:
+            return intersect(self._around[sample], self._near.cells[cell])
+
+        hits, X = self._cells.find(u, points, excluded)
+        sample, size, bodies = hits.point, self._sizes[hits.cell], self._cell_bodies[hits.cell]
+        own, normals, around = points[sample], normals[sample], self._around[sample]
+        sizes = self._sample_sizes[sample]
+        found = self._reference.closest(X, bodies, normals, sizes, outward)
+        target, depth = found.triangle, found.depth
+        kept = depth >= -OUTSIDE * size
+        # Below its own part of the surface a sample is in a compressed cell, not in contact.
+        for triangle in (found.nearest, target):
+            kept &= ~intersect(around, self._near.triangles[triangle])
+        if self._overlap:
+            # A target in the sample's own part of the body, if it is closer than the edge of a
+            # cube, is on a cube that touches the sample's one.
+            kept &= (depth > size) | self._near.share(target, hits.cell)
+        target, coordinates = self._closer.move(own, normals, sizes, target, x, outward)
+        kept &= ~intersect(around, self._near.triangles[target])
+        columns = (sample, np.maximum(hits.outside, 0.0), size, target)
+        rows = np.column_stack([*columns, coordinates, X])
+        return np.asarray(rows[kept].reshape(-1, 4 + 2 * self._dim))
+
+    def _approaching(
+        self, x: Array, points: Array, normals: Array, outward: Array, inside: Array
+    ) -> Array:
+        """Return this rank's share of samples that may touch in the next solve, (n, 2 + dim).
+
+        Columns: sample, triangle, barycentric coordinates (dim). The arguments are those of
+        `_own_hits`, and the samples ``inside`` of the body.
+        """
+        samples, (rank, ranks) = self.samples, (self._comm.rank, self._comm.size)
+        first, last = (len(samples) * (rank + i) // ranks for i in (0, 1))
+        chosen = np.setdiff1d(np.arange(first, last), inside.astype(int))
+        rows, directions = samples.directions(chosen, normals[chosen], outward)
+        owner, corners = chosen[rows], x[self._surface.triangles]
+        found = approaching(points[owner], directions, corners, outward, _APPROACH * self.size)
+        sample = owner[found.sample]
+        apart = ~intersect(self._around[sample], self._near.triangles[found.triangle])
+        order = np.lexsort((found.distance, sample))
+        order = order[apart[order]]
+        _, closest = np.unique(sample[order], return_index=True)
+        order = order[closest]
+        columns = sample[order], found.triangle[order], found.coordinates[order]
+        return np.asarray(np.column_stack(columns).reshape(-1, 2 + self._dim))
+
+    def _crossing_edges(self, x: Array, outward: Array) -> ContactPairs:
+        """Return the springs between edges that cross, or may in the next solve. Collective."""
+        edges, triangles = self._edges, self._surface.triangles
+        share = self._comm.rank, self._comm.size
+        found = edges.crossings(x, outward, _APPROACH * self.size, share)
+        columns = np.concatenate(self._comm.allgather(np.column_stack(found)))
+        first, second = columns[:, :2].astype(int).T
+        apart = ~intersect(self._around_edges[first], self._around_edges[second])
+        columns, first, second = columns[apart], first[apart], second[apart]
+        corners, factors = [], []
+        for edge, place, sign in ((first, columns[:, 2], 1), (second, columns[:, 3], -1)):
+            corners.append(triangles[edges.triangles[edge, 0]])
+            ends = edges.points[edge]
+            parts = [
+                (corners[-1] == ends[:, [i]]) * w[:, None] for i, w in ((0, 1 - place), (1, place))
+            ]
+            factors.append(sign * sum(parts))
+        both = np.concatenate(corners, axis=1), np.concatenate(factors, axis=1)
+        areas = columns[:, 7] * (self._edge_areas[first] + self._edge_areas[second])
+        # Edges are numbered after the samples.
+        sample, order = len(self.samples) + first, np.argsort(first, kind="stable")
+        target, springs = edges.triangles[second, 0], self._springs(*both, areas)
+        return ContactPairs(len(x), sample, target, *both, columns[:, 4:7], springs)[order]
+
+
+def _without_repeated(hits: Array) -> Array:
+    """Return the hits of `TargetSearch` sorted by sample, one for each place of a sample."""
+    # Rounded, as ranks may differ by rounding errors.
+    first = hits.shape[1] // 2 + 2  # the first column of the reference position
+    order = np.lexsort((*np.round(hits[:, first:] / hits[:, 2:3], 6).T, hits[:, 1], hits[:, 0]))
+    hits = hits[order]
+    repeated = np.zeros(len(hits), bool)
+    for shift in range(1, len(hits)):
+        same = hits[shift:, 0] == hits[:-shift, 0]
+        if not same.any():
+            break
+        apart = np.linalg.norm(hits[shift:, first:] - hits[:-shift, first:], axis=1)
+        repeated[shift:] |= same & (apart < _SAME * hits[shift:, 2]) & ~repeated[:-shift]
+    return np.asarray(hits[~repeated])
+
+
+#: Edges whose two triangles have normals with a larger cosine are not sharp: where they cross, a
+#: point is deeper by at most tan(10 degrees) times half an edge than the samples on the edges.
+_SHARP = np.cos(np.radians(20.0))
+#: Edges that meet at a smaller angle are parallel, and touch along their length.
+_PARALLEL = np.sin(np.radians(1.0))
+#: Greatest depth of a crossing in the smallest height of the edges' triangles. A wedge is solid
+#: behind its edge as far as its faces extend, and the opposite edge of a body of one cell is there.
+_DEPTH = 0.5
+
+
+class Crossings(NamedTuple):
+    """Pairs of edges that cross, or may in the next solve.
+
+    Attributes
+    ----------
+    first, second : (n,) int
+        The edges.
+    place : (n, 2)
+        Where they are closest: the position along each, from 0 to 1.
+    normal : (n, 3)
+        Outward unit normal of the second edge's body at the contact.
+    facing : (n,)
+        The smallest cosine of the normal, or its opposite, with the conormals of the edges' faces:
+        0 where the normal is that of a face, as between two blocks whose faces lie on each other.
+    """
+
+    first: Array
+    second: Array
+    place: Array
+    normal: Array
+    facing: Array
+
+
+class SurfaceEdges:
+    """The edges of a closed surface.
+
+    Parameters
+    ----------
+    triangles : (m, 3) int
+        The points of its triangles.
+
+    Attributes
+    ----------
+    points : (n, 2) int
+        The ends of each edge.
+    triangles, opposite : (n, 2) int
+        Its two triangles, and the corner of each that is not on the edge.
+    """
+
+    def __init__(self, triangles: Array) -> None:
+        ends = np.sort(triangles[:, [[1, 2], [2, 0], [0, 1]]].reshape(-1, 2), axis=1)
+        order = np.lexsort((ends[:, 1], ends[:, 0]))
+        ends = ends[order]
+        begins = np.ones(len(ends) + 1, bool)
+        begins[1:-1] = (ends[1:] != ends[:-1]).any(axis=1)
+        first = np.flatnonzero(begins)
+        # Two bodies may touch along an edge in the mesh: four triangles, which no normal orders.
+        first = first[:-1][np.diff(first) == 2]
+        both = order[first[:, None] + [0, 1]]
+        self.points, self.triangles = ends[first], both // 3
+        self.opposite = triangles.reshape(-1)[both]
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    def crossings(
+        self, x: Array, outward: Array, distance: float, share: tuple[int, int]
+    ) -> Crossings:
+        """Return the pairs of sharp convex edges that touch, or are closer than a distance.
+
+        The direction from one body to the other is normal to both edges. It must be between the
+        normals of the faces at one edge, and its opposite between those at the other one: two
+        wedges touch at their edges then, and at their faces otherwise.
+
+        Parameters
+        ----------
+        x : (points, 3)
+            Positions of the surface's points.
+        outward : (triangles, 3)
+            Unit normals of the triangles.
+        distance : float
+            Largest distance of edges [m].
+        share : (int, int)
+            Which part of the edges is searched, of how many.
+        """
+        a, b = x[self.points[:, 0]], x[self.points[:, 1]]
+        normals = outward[self.triangles]
+        behind = np.einsum("ni,ni->n", normals[:, 0], x[self.opposite[:, 1]] - a)
+        cosine = np.einsum("ni,ni->n", normals[:, 0], normals[:, 1])
+        sharp = np.flatnonzero((cosine < _SHARP) & (behind < 0))
+        middle, along = (a + b)[sharp] / 2, (b - a)[sharp]
+        length = np.linalg.norm(along, axis=1)
+        i, j = _close(middle, length, distance, share)
+        point, slope, sine = _closest(a[sharp], along, i, j)
+        inside = ((point >= 0) & (point <= 1)).all(axis=1) & (sine > _PARALLEL)
+        i, j, point, slope = i[inside], j[inside], point[inside], slope[inside]
+        conormals, heights = self._conormals(x, sharp, along, normals[sharp])
+        cosines = [np.einsum("nki,ni->nk", conormals[e], slope) for e in (i, j)]
+        ways = np.stack([np.minimum(-s * cosines[0], s * cosines[1]).min(axis=1) for s in (1, -1)])
+        normal = slope * np.where(ways[0] >= ways[1], 1.0, -1.0)[:, None]
+        facing = ways.max(axis=0)
+        apart = a[sharp][i] - a[sharp][j]
+        apart += point[:, :1] * along[i] - point[:, 1:] * along[j]
+        gap = np.einsum("ni,ni->n", normal, apart)
+        depth = _DEPTH * np.minimum(heights[i], heights[j])
+        kept = (facing > 0) & (gap <= distance) & (gap >= -depth)
+        return Crossings(sharp[i[kept]], sharp[j[kept]], point[kept], normal[kept], facing[kept])
+
+    def _conormals(
+        self, x: Array, chosen: Array, along: Array, normals: Array
+    ) -> tuple[Array, Array]:
+        """Return the conormals of edges in both triangles (n, 2, 3), and the smaller height (n,).
+
+        A conormal is a unit vector in a triangle, normal to its edge and outward; the height [m] is
+        that of the triangle over the edge.
+        """
+        across = np.cross(along[:, None], normals)
+        across /= np.maximum(np.linalg.norm(across, axis=2, keepdims=True), np.finfo(float).tiny)
+        inward = x[self.opposite[chosen]] - x[self.points[chosen, 0]][:, None]
+        height = np.einsum("nki,nki->nk", across, inward)
+        return -np.sign(height)[..., None] * across, np.abs(height).min(axis=1)
+
+
+def _close(
+    middle: Array, length: Array, distance: float, share: tuple[int, int]
+) -> tuple[Array, Array]:
+    """Return edges i < j (n,) whose closest points may be within a distance."""
+    count, (rank, ranks) = len(middle), share
+    own = np.arange(count * rank // ranks, count * (rank + 1) // ranks)
+    none = np.empty(0, int)
+    if not len(own):
+        return none, none
+    reach = length[own] / 2 + length.max() / 2 + distance
+    found = cKDTree(middle).query_ball_point(middle[own], reach, return_sorted=True)
+    i = np.repeat(own, [len(js) for js in found])
+    j = np.concatenate([none, *(js for js in found if js)]).astype(int)
+    near = np.linalg.norm(middle[i] - middle[j], axis=1) <= (length[i] + length[j]) / 2 + distance
+    kept = near & (i < j)
+    return i[kept], j[kept]
+
+
+def _closest(start: Array, along: Array, i: Array, j: Array) -> tuple[Array, Array, Array]:
+    """Return where the lines of edges are closest, (n, 2), their normal, and their angle's sine."""
+    d, e, apart = along[i], along[j], start[i] - start[j]
+    dd, ee, de = (np.einsum("ni,ni->n", p, q) for p, q in ((d, d), (e, e), (d, e)))
+    d_apart, e_apart = (np.einsum("ni,ni->n", p, apart) for p in (d, e))
+    tiny = np.finfo(float).tiny
+    determinant = np.maximum(dd * ee - de**2, tiny)
+    point = np.stack([de * e_apart - ee * d_apart, dd * e_apart - de * d_apart], axis=1)
+    normal = np.cross(d, e)
+    size = np.linalg.norm(normal, axis=1)
+    normal /= np.maximum(size, tiny)[:, None]
+    return point / determinant[:, None], normal, size / np.maximum(np.sqrt(dd * ee), tiny)
+
 
 #: The pairs have settled when a new search changes no nodal force by more than this fraction of the
 #: largest one.

@@ -35,10 +35,10 @@ def test_points_are_found_where_they_came_from(comm, cell, degree):
     inner = 0.8 * _dolfinx.reference_corners(cell) + 0.2 * 0.25
     basis = _dolfinx.tabulate_values(V, inner)
     here, there = (np.einsum("pk,cki->cpi", basis, v[nodes]) for v in (X, X + u))
-    hits = DeformedCells(V).find(u, there.reshape(-1, 3), nothing)
+    hits, found = DeformedCells(V).find(u, there.reshape(-1, 3), nothing)
     own = hits.cell == hits.point // len(inner)
     assert np.array_equal(np.sort(hits.point[own]), np.arange(here.shape[0] * len(inner)))
-    np.testing.assert_allclose(hits.X[own], here.reshape(-1, 3)[hits.point[own]], atol=1e-8)
+    np.testing.assert_allclose(found[own], here.reshape(-1, 3)[hits.point[own]], atol=1e-8)
     assert hits.outside[own].max() < 1e-6
     # Neighbours of a cell are found within a margin, the others not.
     assert hits.outside[~own].min(initial=0.1) >= -1e-6 and hits.outside.max() <= 0.1
@@ -51,9 +51,9 @@ def test_inverted_and_flat_cells_contain_nothing(comm, cell, degree):
     X = V.tabulate_dof_coordinates()
     cells, points = DeformedCells(V), np.random.default_rng(1).random((200, 3))
     mirrored, flat = (X * (np.array([s, 1.0, 1.0]) - 1.0) for s in (-1.0, 0.0))
-    assert not len(cells.find(mirrored, points * [-1, 1, 1], nothing).point)
-    assert not len(cells.find(flat, points * [0, 1, 1], nothing).point)
-    assert comm.allreduce(len(cells.find(0 * X, points, nothing).point)) >= 200
+    assert not len(cells.find(mirrored, points * [-1, 1, 1], nothing)[1])
+    assert not len(cells.find(flat, points * [0, 1, 1], nothing)[1])
+    assert comm.allreduce(len(cells.find(0 * X, points, nothing)[1])) >= 200
 
 
 def test_closest_points_are_those_of_all_triangles(comm):

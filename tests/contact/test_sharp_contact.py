@@ -15,8 +15,7 @@ from fem_snh import _dolfinx, solver
 from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.assembly.unknowns import local_values
 from fem_snh.contact.gathered_surface import embedded_surface
-from fem_snh.contact.reference_contact import ReferenceContact
-from fem_snh.contact.reference_search import SurfaceEdges
+from fem_snh.contact.reference_contact import ReferenceContact, SurfaceEdges
 from fem_snh.contact.samples import SurfaceSamples, cell_sizes, smallest_at_points
 from fem_snh.geometry.closest_points import PseudoNormals, closest_points, triangle_normals
 from fem_snh.kernels.material import material

@@ -12,8 +12,8 @@ import pytest
 from bodies import dense, wave
 from two_bodies import TwoBlocks
 
-from fem_snh.contact.gaps import ClosestFacets, measure_gaps
 from fem_snh.contact.gathered_surface import FacetShape, Side
+from fem_snh.contact.triangle_search import ClosestFacets, measure_gaps
 
 #: A displacement that bends the surfaces, in the height of a block.
 BEND = 0.05
