@@ -53,7 +53,7 @@ def make_surface(random: Random, folder: Path) -> list[str]:
 
 def _read(arguments: list[str]) -> int:
     """Read a surface, evaluate it and put it into a lattice."""
-    from fem_snh.mesh.lattice.create import lattice
+    from fem_snh.mesh.lattice import lattice
 
     name, state, *numbers = arguments
     surface = ClosedSurface.read(name)
@@ -73,4 +73,4 @@ def _read(arguments: list[str]) -> int:
     return 0
 
 
-FAMILIES = {"surface": Family(make_surface, _read, ("fem_snh.mesh.lattice.create",))}
+FAMILIES = {"surface": Family(make_surface, _read, ("fem_snh.mesh.lattice",))}

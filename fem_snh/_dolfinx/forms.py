@@ -76,14 +76,13 @@ def form(ufl_form: Any, jit_options: dict | None = None) -> Any:
         return fem.form(ufl_form, **_jit(fem.form, jit_options))
 
 
-def interpolate(u: fem.Function, expression: Any, jit_options: dict | None = None) -> None:
+def interpolate(u: fem.Function, expression: Any) -> None:
     """Interpolate a UFL expression into the function ``u``. Collective."""
     points = u.function_space.element.interpolation_points
     points = points() if callable(points) else points  # a method up to 0.9, a property since 0.10
     with _quiet():
-        options = _jit(fem.Expression.__init__, jit_options)
         with compiling():
-            compiled = fem.Expression(expression, points, **options)
+            compiled = fem.Expression(expression, points)
         u.interpolate(compiled)
     u.x.scatter_forward()
 

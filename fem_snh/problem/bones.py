@@ -23,6 +23,7 @@ from fem_snh.errors import BadInput, bad_value
 from fem_snh.geometry.motions import Bone, check_determinant
 from fem_snh.geometry.shapes import ClosedSurface, Shape, deepest
 from fem_snh.mesh.mesh import Mesh
+from fem_snh.problem.initial_state import bounding_box
 from fem_snh.problem.problem import Problem
 
 Array = npt.NDArray[Any]
@@ -65,7 +66,7 @@ class BoneNodes:
     def __init__(self, bone: Bone, comm: MPI.Intracomm, nodes: Array, X: Array) -> None:
         self.bone, self.nodes = bone, nodes
         self.count = int(comm.allreduce(len(X)))
-        low, high = _bounding_box(comm, X)
+        low, high = bounding_box(comm, X)
         self.centre: Array = (low + high) / 2
         reach = float(np.linalg.norm(X - self.centre, axis=1).max(initial=0.0))
         self.length = 2 * float(comm.allreduce(reach, op=MPI.MAX))
@@ -123,7 +124,7 @@ def place_bones(V: Any, mesh: Mesh | None, bones: Sequence[Bone]) -> list[BoneNo
     """
     comm, owned = V.mesh.comm, _dolfinx.num_nodes(V)[0]
     X = V.tabulate_dof_coordinates()
-    low, high = _bounding_box(comm, X)
+    low, high = bounding_box(comm, X)
     tolerance = _ROUNDING * float(np.linalg.norm(high - low))
     order = sorted(bones, key=lambda bone: bone.name)
     copies = _copies(V, mesh)
@@ -144,14 +145,6 @@ def place_bones(V: Any, mesh: Mesh | None, bones: Sequence[Bone]) -> list[BoneNo
 def _listed(bones: Sequence[Bone]) -> str:
     """Return the names of bones as text."""
     return ", ".join(f"'{bone.name}'" for bone in bones)
-
-
-def _bounding_box(comm: MPI.Intracomm, X: Array) -> tuple[Array, Array]:
-    """Return the lowest and the highest coordinates of the points (n, 3) of all ranks."""
-    low, high = np.empty(3), np.empty(3)
-    comm.Allreduce(X.min(axis=0, initial=np.inf), low, op=MPI.MIN)
-    comm.Allreduce(X.max(axis=0, initial=-np.inf), high, op=MPI.MAX)
-    return low, high
 
 
 def _copies(V: Any, mesh: Mesh | None) -> Array:

@@ -10,7 +10,7 @@ from fem_snh.errors import BadInput
 from fem_snh.geometry.shapes import ClosedSurface
 from fem_snh.geometry.shapes.closed_surface import check_closed
 from fem_snh.mesh import lattice
-from fem_snh.mesh.lattice.samples import refine
+from fem_snh.mesh.lattice_samples import refine
 
 
 def surface(mesh: pv.PolyData) -> ClosedSurface:

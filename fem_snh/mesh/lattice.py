@@ -24,8 +24,8 @@ from fem_snh.geometry.surface_nets import (
 )
 from fem_snh.mesh.gmsh_input import fill
 from fem_snh.mesh.gmsh_model import MeshData, NodeCopies, PhysicalGroup, Skin
-from fem_snh.mesh.lattice.parts import FACES, Parts, joined, separate, without_fragments
-from fem_snh.mesh.lattice.samples import (
+from fem_snh.mesh.lattice_parts import FACES, Parts, joined, separate, without_fragments
+from fem_snh.mesh.lattice_samples import (
     Samples,
     refine,
     sample_shape,

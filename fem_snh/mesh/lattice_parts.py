@@ -12,7 +12,7 @@ from scipy.sparse.csgraph import connected_components
 
 from fem_snh.geometry.shapes.shape import Array
 from fem_snh.geometry.surface_nets import CORNERS, Grid, Integers
-from fem_snh.mesh.lattice.samples import Samples
+from fem_snh.mesh.lattice_samples import Samples
 
 Labels = npt.NDArray[np.int32]
 
