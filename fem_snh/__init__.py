@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from fem_snh.kernels.material import material
     from fem_snh.mesh.xao import write_xao
     from fem_snh.nonlinear_problem import NonlinearProblem
+    from fem_snh.program_results import estimate_error, modes, reaction
     from fem_snh.runs import Result, run
     from fem_snh.runs.inverse import fit_scene
     from fem_snh.runs.start import interpolate_run
@@ -49,8 +50,9 @@ if TYPE_CHECKING:
 __all__ = [
     "BadInput", "Cavity", "Contact", "DynamicProblem", "Feature", "Fit", "Gravity", "Hold", "Move",
     "NonlinearProblem", "Obstacle", "Pressure", "Result", "Rigid", "SelfContact", "Spring",
-    "Symmetry", "Term", "Traction", "error_from_meshes", "fit", "fit_scene", "interpolate_run",
-    "material", "materials", "register_feature", "run", "write_xao",
+    "Symmetry", "Term", "Traction", "error_from_meshes", "estimate_error", "fit", "fit_scene",
+    "interpolate_run", "material", "materials", "modes", "reaction", "register_feature", "run",
+    "write_xao",
 ]  # fmt: skip
 
 #: Modules of the public names. They are imported on first use, as importing dolfinx is slow.
@@ -63,6 +65,9 @@ _MODULES = {
     "interpolate_run": "runs.start",
     "Result": "runs",
     "NonlinearProblem": "nonlinear_problem",
+    "estimate_error": "program_results",
+    "modes": "program_results",
+    "reaction": "program_results",
     "Obstacle": "contact.obstacle",
     "DynamicProblem": "dynamic_problem",
     "Contact": "contact.contact",

@@ -93,7 +93,7 @@ class DynamicProblem(NonlinearProblem):
         rho_infinity: float | None = None,
         **arguments: Any,
     ) -> None:
-        check_materials(materials)
+        check_materials(materials, arguments.get("mesh"))
         if not materials:
             raise bad_value("materials", {}, "a material: inertia needs its density")
         if densities is None:

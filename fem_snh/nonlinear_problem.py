@@ -11,15 +11,13 @@ from typing import TYPE_CHECKING, Any
 from petsc4py import PETSc
 
 from fem_snh import _dolfinx, solver
-from fem_snh.accuracy.program_goals import EstimatesErrors
 from fem_snh.accuracy.state_notes import program_notes
 from fem_snh.errors import ResultNote, check_whole, choose
 from fem_snh.kernels.material import Material
 from fem_snh.problem.conditions import LoadFunction
-from fem_snh.problem.modes import HasModes
 from fem_snh.problem.program import check_lists, define
-from fem_snh.problem.reactions import HasReactions
 from fem_snh.problem.supports import SupportsCheck
+from fem_snh.program_results import estimate_error, modes, reaction, reaction_moment
 from fem_snh.records.run_record import Note
 from fem_snh.solver.options import GivenOptions
 from fem_snh.steps.condensation import program_pressures
@@ -41,7 +39,7 @@ PREDICTORS = {"tangent": "extrapolate", "none": "none"}
 _MAX_STEPS = 1_000_000
 
 
-class NonlinearProblem(EstimatesErrors, HasModes, HasReactions):
+class NonlinearProblem:
     """Find the displacement that minimises the energy of materials and UFL terms. Collective.
 
     Names and arguments are those of :class:`dolfinx.fem.petsc.NonlinearProblem` (0.10 and later),
@@ -162,7 +160,10 @@ class NonlinearProblem(EstimatesErrors, HasModes, HasReactions):
     >>> assert problem.solver.getConvergedReason() > 0, problem.reason
     """
 
+    estimate_error, vibration_modes = estimate_error, modes
+    reaction_force, reaction_moment = reaction, reaction_moment
     _integration: TimeIntegration | None = None
+    _path: ProgramPath | None = None
 
     def __init__(
         self,
@@ -208,11 +209,10 @@ class NonlinearProblem(EstimatesErrors, HasModes, HasReactions):
         }
         chosen = self._prefix, options.values, hessian, globalization, PREDICTORS[predictor]
         self._path_of = partial(ProgramPath.of, self._problem, self._load, SolverChoice(*chosen))
-        self._path, self._is_new, self._warned = None, True, set[str]()
         self._predictor, self.b = predictor, self.solver.getFunction()[0]
+        self._is_new, self._warned, self.notes = True, set[str](), list[Note]()
         self._load_notes = [Note("load", term.note) for term in self._problem.terms if term.note]
-        self._supports, self.notes = SupportsCheck(self._problem), list[Note]()
-        self._pressure = self._problem.saddle_point
+        self._supports, self._pressure = SupportsCheck(self._problem), self._problem.saddle_point
         self.p: Any = self._pressure and _dolfinx.function(self._pressure.Q, "pressure")
 
     def _in_time(self) -> dict[str, Any]:

@@ -10,9 +10,7 @@ import numpy as np
 import ufl
 
 from fem_snh import _dolfinx
-from fem_snh.accuracy.estimate import estimate_error
 from fem_snh.accuracy.frequency_goals import FrequencyGoal
-from fem_snh.accuracy.goal_errors import Estimate
 from fem_snh.accuracy.goals import (
     AXES,
     CellsGoal,
@@ -29,13 +27,11 @@ from fem_snh.accuracy.goals import (
     VolumeGoal,
     names_of,
 )
-from fem_snh.accuracy.path_errors import Path, estimate_on_path
 from fem_snh.assembly.groups import cells_or_facets
 from fem_snh.errors import BadInput, bad_value, check_number, check_whole, choose
 from fem_snh.problem.conditions import condition_of, is_condition
-from fem_snh.problem.definition import lifted_problem
 from fem_snh.problem.modes import ProgramModes
-from fem_snh.problem.problem import Problem, check_converged
+from fem_snh.problem.problem import Problem
 from fem_snh.problem.reactions import (
     counted_weights,
     three_numbers,
@@ -55,61 +51,6 @@ _ACCEPTED = (
     "a UFL form of rank 0 in u, 'energy', 'volume', 'stress', a pair of a measure of cells and "
     "one of the last two, or ([x, y, z], 'stress', radius)"
 )
-
-
-class EstimatesErrors:
-    """The estimate of errors, a method of `fem_snh.NonlinearProblem`."""
-
-    _problem: Problem
-    _path: Path | None
-    reason: str
-
-    def estimate_error(self, goals: Mapping[str, Any] | Sequence[Any]) -> Estimate:
-        """Estimate the errors of goals of the last solution, which does not change. Collective.
-
-        The problem is solved once more, from its solution, in the element of the next degree on
-        the same cells (docs/theory/error.md). Boundary values are interpolated from ``u``. In time,
-        and with friction or multipliers, the path of `NonlinearProblem.steps` is followed again,
-        from its first step. There is no estimate then after `NonlinearProblem.solve`, nor after
-        `fem_snh.dynamic_problem.DynamicProblem.step`.
-
-        Parameters
-        ----------
-        goals : sequence or mapping
-            Each a point [x, y, z], or [x, y] (its displacement), a ``ufl.Measure`` (the mean
-            displacement over its cells or facets, on a body of revolution of the whole turn), one
-            of ``bcs`` (its reaction force), a pair of one and a point [x, y, z] (the moment of this
-            force about it), an obstacle or a contact of ``terms`` (the force on the body or on the
-            first surface), a cavity (its pressure), a rigid part (the displacement of its point),
-            a pair of one and "displacement", "rotation", "force" or "moment", the modes about this
-            solution that `vibration_modes` returns (all their frequencies), a pair of them and a
-            number from 1 (one frequency), a UFL form of rank 0 in ``u``, "energy", "volume"
-            (deformed over reference volume), "stress" (mean of von Mises'), a pair of a measure of
-            cells and one of these two, or a triple of a point, "stress" and a radius [m] (its mean
-            around the point). A mapping names them.
-
-        Returns
-        -------
-        Estimate
-            ``goals`` has the value, error and corrected value of each; ``reason`` says why there
-            is no estimate, if there is none. It prints as a line for each goal.
-
-        Raises
-        ------
-        BadInput
-            On every rank, for what is no goal, and before a solution.
-
-        Examples
-        --------
-        >>> print(problem.estimate_error({"corner": [48, 60, 0.5], "pull": bcs[1]}))
-        corner.y 6.631, error +0.266 (4.0 %), corrected 6.897
-        """
-        problem = self._problem
-        check_converged(self.reason, "estimate_error")
-        found = program_goals(problem, goals)
-        if self._path:
-            return estimate_on_path(problem, self._path, found)
-        return estimate_error(problem, partial(lifted_problem, problem), found)
 
 
 def program_goals(problem: Problem, goals: Any) -> list[Goal]:

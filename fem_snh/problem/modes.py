@@ -19,7 +19,7 @@ and the bound of the count by more than the eigenvalues: the shift decreases wit
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib import import_module
 from typing import Any
@@ -510,59 +510,16 @@ class ProgramModes:
         return self._lowest
 
 
-class HasModes:
-    """Frequencies and mode shapes, a method of `fem_snh.NonlinearProblem`."""
-
-    _problem: Problem
-    _prefix: str
-    reason: str
-
-    def vibration_modes(self, count: int, density: float | None = None) -> ProgramModes:
-        """Return the lowest modes of vibration about the last solution. Collective.
-
-        They are those of small vibrations of the loaded body, with the exact Hessian and the
-        consistent mass matrix, computed by SLEPc (python3-slepc4py-real). Its options have the
-        solver's prefix, followed by ``modes_``: ``-snh_modes_eps_monitor``.
-
-        Parameters
-        ----------
-        count : int
-            Number of modes, from the lowest.
-        density : float, optional
-            Mass per reference volume [kg/m^3] of the materials that ``densities`` does not have,
-            and of a body without materials, whose energy is in UFL.
-
-        Returns
-        -------
-        ProgramModes
-            ``frequencies`` [Hz] and ``shapes``, dolfinx Functions.
-
-        Raises
-        ------
-        BadInput
-            On every rank: before a solution, for a missing density, more modes than free dofs, an
-            element with an unknown pressure, a force or a material without an energy, a cavity, a
-            motion in time; or if the eigenvalue solver fails.
-
-        Examples
-        --------
-        >>> modes = problem.vibration_modes(3, density=1000.0)
-        >>> print(modes.frequencies[0], modes.shapes[0].x.array.max())
-        >>> print(problem.estimate_error([(modes, 1)]))
-        frequency.1 0.1647, error -0.0025 (1.5 %), corrected 0.1622
-        """
-        check_whole("count", count, 1, INT32_MAX)
-        regions = self._problem.regions
-        if density is not None:
-            check_number("density", density, 0.0, exclusive=True)
-        elif not regions or any(region.density is None for region in regions):
-            accepted = "a number > 0 [kg/m^3], or 'densities' of all materials of the problem"
-            raise bad_value("density", None, accepted)
-        check(self._problem, count)
-        check_converged(self.reason, "vibration_modes")
-        lowest = LowestModes(density, count, self._prefix + PREFIX)
-        with self._petsc_options():
-            return ProgramModes(self._problem, lowest)
-
-    def _petsc_options(self) -> AbstractContextManager[Any]:
-        raise NotImplementedError
+def program_modes(
+    problem: Problem, count: int, density: float | None, prefix: str, reason: str
+) -> ProgramModes:
+    """Return the lowest modes of vibration of a program: see `fem_snh.NonlinearProblem`."""
+    check_whole("count", count, 1, INT32_MAX)
+    if density is not None:
+        check_number("density", density, 0.0, exclusive=True)
+    elif not problem.regions or any(region.density is None for region in problem.regions):
+        accepted = "a number > 0 [kg/m^3], or 'densities' of all materials of the problem"
+        raise bad_value("density", None, accepted)
+    check(problem, count)
+    check_converged(reason, "vibration_modes")
+    return ProgramModes(problem, LowestModes(density, count, prefix + PREFIX))

@@ -236,59 +236,6 @@ def reaction(problem: Problem, weights: Array, about: Sequence[float] | Array = 
     return np.asarray(problem.comm.allreduce(np.array(local)))
 
 
-class HasReactions:
-    """Forces and moments of conditions, methods of `fem_snh.NonlinearProblem`."""
-
-    _problem: Problem
-
-    def reaction_force(self, condition: Any) -> Array:
-        """Return the force (3,) [N] that a condition exerts on the body. Collective.
-
-        Parameters
-        ----------
-        condition : dolfinx DirichletBC or Symmetry
-            One of the problem's ``bcs``. What several constrain counts for the last, which sets
-            the value; a plane of symmetry has what no condition of dolfinx sets.
-
-        Raises
-        ------
-        BadInput
-            On every rank, for another condition or object.
-        """
-        self._read_displacement()
-        return np.asarray(reaction(self._problem, counted_weights(self._problem, condition))[0])
-
-    def reaction_moment(self, condition: Any, about: Sequence[float] = (0, 0, 0)) -> Array:
-        """Return the moment (3,) [N m] that a condition exerts on the body. Collective.
-
-        The moment is that of the forces at the deformed positions; a body of revolution has that of
-        the whole turn.
-
-        Parameters
-        ----------
-        condition : dolfinx DirichletBC or Symmetry
-            One of the problem's ``bcs``. What several constrain counts for the last, which sets
-            the value; a plane of symmetry has what no condition of dolfinx sets.
-        about : (3,) sequence of float, optional
-            The point [m].
-
-        Raises
-        ------
-        BadInput
-            On every rank, for another condition or object, and for anything but a point.
-
-        Examples
-        --------
-        >>> torque = problem.reaction_moment(bcs[1], about=[0, 0, 0])[2]
-        """
-        self._read_displacement()
-        weights = counted_weights(self._problem, condition)
-        return np.asarray(reaction(self._problem, weights, three_numbers("about", about))[1])
-
-    def _read_displacement(self) -> None:
-        raise NotImplementedError
-
-
 def counted_weights(problem: Problem, condition: Any) -> Array:
     """Return the weights of the owned nodes' forces that a condition exerts. Collective.
 

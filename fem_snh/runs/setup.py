@@ -176,23 +176,20 @@ def define_scene(
     scene: scenes.Scene, comm: MPI.Comm, mesh: meshes.Mesh | None = None
 ) -> tuple[Definition, Any]:
     """Return the definition of a scene's problem, and a displacement for it. Collective."""
-    arguments = build(scene, comm, mesh).arguments
-    motion: dict[str, Any] = {}
+    statement, motion = build(scene, comm, mesh).statement, dict[str, Any]()
     if scene.time:
         from fem_snh.steps.time_steps import time_integration
 
-        for name in ("integrator", "duration", "mass", "rho_infinity", "damping"):
-            motion[name] = arguments.pop(name)
         integration = time_integration(scene.time)
         motion = {"motion": integration.create_dynamics, "integrator": integration.integrator}
-    defined = define(**arguments, **motion)
+    defined = define(**statement, **motion)
     return replace(
         defined,
         u=None,
         reactions=scene.reactions,
         volumes=scene.volumes,
         assembly=scene.assembly,
-    ), arguments["u"]
+    ), statement["u"]
 
 
 def _at_ratio(definition: Definition, scene: scenes.Scene, nu: float) -> Definition:

@@ -29,13 +29,24 @@ class Built:
     ----------
     mesh : Mesh
         The mesh with its physical groups.
-    arguments : dict
+    statement : dict
         The arguments of `fem_snh.NonlinearProblem` that state the problem: ``u``, ``materials``,
-        ``bcs``, ``terms``, ``element``, ...; in time those of `fem_snh.DynamicProblem`.
+        ``bcs``, ``terms``, ``element``, ...
+    solver : dict
+        Those that choose the solver: ``hessian``, ``globalization``, ...
+    time : dict
+        In time, those that `fem_snh.DynamicProblem` has beside.
     """
 
     mesh: Mesh
-    arguments: dict[str, Any]
+    statement: dict[str, Any]
+    solver: dict[str, Any]
+    time: dict[str, Any]
+
+    @property
+    def arguments(self) -> dict[str, Any]:
+        """All arguments of the program."""
+        return self.statement | self.solver | self.time
 
 
 def build(scene: Scene, comm: Any, mesh: Mesh | None = None) -> Built:
@@ -71,7 +82,7 @@ def build(scene: Scene, comm: Any, mesh: Mesh | None = None) -> Built:
 
         bones = on_every(comm, read_bones, scene)
     made = [(choice, make_material(choice)) for choice in scene.materials]
-    arguments: dict[str, Any] = {
+    statement: dict[str, Any] = {
         "u": _dolfinx.function(V, "displacement"),
         "materials": {material: choice.group for choice, material in made},
         "bcs": [*scene.symmetry, *scene.hold, *scene.move],
@@ -84,11 +95,18 @@ def build(scene: Scene, comm: Any, mesh: Mesh | None = None) -> Built:
         "amplitudes": scene.amplitudes,
         "quadrature": scene.quadrature,
     }
+    chosen = {
+        "petsc_options": scene.petsc,
+        "hessian": scene.hessian,
+        "globalization": scene.globalization,
+        "static_condensation": scene.static_condensation,
+        "predictor": "none" if scene.predictor == "none" else "tangent",
+    }
+    time: dict[str, Any] = {}
     if scene.time:
-        names = ("integrator", "duration", "mass", "rho_infinity")
-        arguments |= {name: getattr(scene.time, name) for name in names}
-        arguments["damping"] = scene.time.damping.mass, scene.time.damping.stiffness
-    return Built(mesh, arguments)
+        time = scene.time.model_dump(include={"integrator", "duration", "mass", "rho_infinity"})
+        time["damping"] = scene.time.damping.mass, scene.time.damping.stiffness
+    return Built(mesh, statement, chosen, time)
 
 
 def make_material(choice: Any, nu: float | None = None) -> Material:

@@ -374,7 +374,7 @@ class Scene(Table):
 
         Examples
         --------
-        >>> scene = fem_snh.scenes.load("twist", cells=4)
+        >>> scene = scenes.load("twist", cells=4)
         >>> problem = fem_snh.NonlinearProblem(**scene.build(MPI.COMM_WORLD).arguments)
         >>> for step in problem.steps(scene.steps):
         ...     print(step["load"], step["newton"])

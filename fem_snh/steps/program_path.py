@@ -34,9 +34,11 @@ _ROUNDING = 1e-14
 
 
 def boundary_values_changed(problem: Problem) -> bool:
-    """Return whether the boundary values differ from those of the unknowns. Collective."""
-    prescribed, norm = problem.x.copy(), PETSc.NormType.INFINITY
+    """Return whether the boundary values at load 1 are others than the unknowns'. Collective."""
+    prescribed, norm, load = problem.x.copy(), PETSc.NormType.INFINITY, problem.load
+    problem.set_load(1.0)
     problem.prescribe(prescribed)
+    problem.set_load(load)
     prescribed.axpy(-1.0, problem.x)
     return bool(prescribed.norm(norm) > _ROUNDING * problem.x.norm(norm))
 

@@ -17,7 +17,7 @@ from fem_snh.errors import BadInput
 from fem_snh.geometry.motions import Bone
 from fem_snh.geometry.shapes import Capsule, Sphere, from_record
 from fem_snh.mesh import lattice
-from fem_snh.problem.bones import BoneConditions, place_bones
+from fem_snh.problem.bones import place_bones
 
 E = 1e4  # of the bar, whose volume is 2
 
@@ -141,12 +141,10 @@ def test_bones_in_a_dolfinx_program_are_those_of_a_scene(comm, degree):
         Bone("fixed", Capsule((0.2, 0.5, 0.1), (0.8, 0.5, 0.1), 0.2)),
         Bone("moved", Sphere((0.5, 0.5, 0.8), 0.3), motion=lambda load: turn(0.5 * load)),
     ]
-    conditions = BoneConditions(program.V, bones)
     m = fem_snh.material("stable_neo_hookean", E=E, nu=0.45)
     problem = fem_snh.NonlinearProblem(
-        program.u, {m: ufl.dx}, bcs=conditions.bcs, petsc_options={"snes_scaled_tol": 1e-10}
+        program.u, {m: ufl.dx}, bones=bones, petsc_options={"snes_scaled_tol": 1e-10}
     )
-    conditions.set_load(1.0)
     problem.solve()
     assert problem.solver.getConvergedReason() > 0
     scene = bar(
@@ -161,7 +159,9 @@ def test_bones_in_a_dolfinx_program_are_those_of_a_scene(comm, degree):
         petsc={"snes_scaled_tol": 1e-10},
     )
     step = solve(scene, comm).record["steps"][-1]
-    assert [b["nodes"] for b in step["bones"].values()] == [b.count for b in conditions.bones]
+    assert [b["nodes"] for b in step["bones"].values()] == [
+        b.count for b in problem._problem.dirichlet.bones
+    ]
     largest = np.linalg.norm(program.u.x.array.reshape(-1, 3), axis=1).max()
     assert comm.allreduce(largest, op=MPI.MAX) == pytest.approx(step["max_u"], rel=1e-8)
 

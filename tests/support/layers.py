@@ -58,7 +58,12 @@ COMMON = (
     "_petsc",
 )
 #: Modules beside the folders that call the parts: module -> the highest part that it may import.
-CALLERS = {"nonlinear_problem": "steps", "dynamic_problem": "steps", "__main__": "cli"}
+CALLERS = {
+    "program_results": "accuracy",
+    "nonlinear_problem": "steps",
+    "dynamic_problem": "steps",
+    "__main__": "cli",
+}
 
 #: Third-party packages that only these modules or parts may import.
 THIRD_PARTY = {
