@@ -216,26 +216,43 @@ def read(
     """
     path = Path(path)
     stated, lines = read_cells(path)
+    given = {"test": test, "weight": weight}
+    stated |= {key: str(value) for key, value in given.items() if value is not None}
+    try:
+        return _tests(path.stem, stated, lines, columns, unit, modulus_unit)
+    except BadInput as error:
+        raise BadInput(f"{path}: {error}") from None
+
+
+def _tests(
+    name: str,
+    stated: dict[str, str],
+    lines: list[tuple[int, list[str]]],
+    columns: Sequence[str] | None,
+    unit: str | None,
+    modulus_unit: str | None,
+) -> list[TestData]:
+    """Return the tests in the lines of a file."""
     header = [] if any(map(is_number, lines[0][1])) else lines[0][1]
     names = columns or (_cells(stated["columns"]) if "columns" in stated else header)
     if not names:
         raise BadInput(
-            f"{path}: no line of column names above the numbers: expected one, e.g. "
-            "'stretch, stress [MPa]', or --columns stretch,stress"
+            "no line of column names above the numbers: expected one, e.g. 'stretch, stress "
+            "[MPa]', or --columns stretch,stress"
         )
-    found = _columns(path, names)
+    found = _columns(names)
     measures = [column for column in _STRESSES if column in found]
-    units = {column: _unit(path, column, found, stated, unit) for column in measures}
-    if len({of_column == "" for of_column in units.values()}) > 1:
-        raise BadInput(f"{path}: columns {', '.join(measures)}: expected units of all, or of none")
-    sizes = {column: _stress_size(path, units[column], modulus_unit) for column in measures}
-    given = {"test": test, "weight": weight}
-    stated |= {key: str(value) for key, value in given.items() if value is not None}
-    table = _table(path, found, lines[bool(header) :], max(len(names), len(header)))
-    overall = _number(f"{path}: weight", stated.get("weight", "1"))
-    if not overall > 0:
-        raise bad_value(f"{path}: weight", stated["weight"], "a number > 0")
-    by_kind = table.groupby(pd.Series(_kinds(path, stated, table), table.index), sort=False)
+    units = {c: _unit(c, found[c][1], stated.get("unit", ""), unit) for c in measures}
+    if "" in units.values() and any(units.values()):
+        raise BadInput(f"columns {', '.join(measures)}: expected units of all, or of none")
+    if modulus_unit is not None and "" in units.values():
+        accepted = "data whose stresses have a unit: stress [MPa], or --unit"
+        raise bad_value("modulus_unit", modulus_unit, accepted)
+    table = _table(found, lines[bool(header) :], max(len(names), len(header)))
+    weight = _number("weight", stated.get("weight", "1"))
+    if not weight > 0:
+        raise bad_value("weight", stated["weight"], "a number > 0")
+    by_kind = table.groupby(pd.Series(_kinds(stated, table), table.index), sort=False)
     groups = [
         (str(kind), measure, rows.dropna(subset=measure))
         for kind, rows in by_kind
@@ -247,23 +264,21 @@ def read(
     tests = []
     for kind, measure, points in groups:
         words = [kind] * (len(set(kinds)) > 1) + [measure] * (kinds.count(kind) > 1)
-        x, y = _stretches(path, kind, measure, points, found)
-        stress = sizes[measure] * points[measure].to_numpy()
+        x, y = _stretches(kind, measure, points, found)
+        size = stress_unit("unit", units[measure]) if units[measure] else 1.0
+        size /= stress_unit("modulus_unit", modulus_unit) if modulus_unit else 1.0
+        stress = size * points[measure].to_numpy()
         if measure == "pressure":  # positive in compression, and per deformed area
             stress = -stress * (x**2 if kind == "volumetric" else 1.0)
-        test_data = TestData(
-            name=" ".join([path.stem, *words]),
-            kind=kind,
-            x=x,
-            stress=stress,
-            weight=overall * np.asarray(points.get("weight", 1.0)),
-            stretch_2=y,
-            measure=measure if kind == "biaxial" else "stress",
-            in_per_cent=any(found[c][1] == "%" for c in _DEFORMATIONS if c in found),
-            unit=(modulus_unit or "Pa") if units[measure] else "",
-        )
-        _check_signs(path, test_data)
-        tests.append(test_data)
+        test = TestData(
+            " ".join([name, *words]), kind, x, stress,
+            weight * np.asarray(points.get("weight", 1.0)), y,
+            measure if kind == "biaxial" else "stress",
+            any(found[c][1] == "%" for c in _DEFORMATIONS if c in found),
+            (modulus_unit or "Pa") if units[measure] else "",
+        )  # fmt: skip
+        _check_signs(test)
+        tests.append(test)
     return tests
 
 
@@ -331,7 +346,7 @@ def _by_name(names: Mapping[str, str]) -> dict[str, str]:
     return {name: known for known, others in names.items() for name in (known, *others.split())}
 
 
-def _columns(path: Path, cells: Sequence[str]) -> dict[str, tuple[int, str]]:
+def _columns(cells: Sequence[str]) -> dict[str, tuple[int, str]]:
     """Return the position and the unit of each known column."""
     known = _by_name(COLUMNS)
     found: dict[str, tuple[int, str]] = {}
@@ -340,38 +355,31 @@ def _columns(path: Path, cells: Sequence[str]) -> dict[str, tuple[int, str]]:
         name, unit = (split["name"], split["unit"]) if split else (cell.strip().strip('"'), "")
         word = re.sub(r"_([12])\1$", r"_\1", re.sub(r"[\s_]+", "_", name.strip().lower()))
         if re.fullmatch("(true_stress|cauchy_stress|cauchy)(_[12])?", word):
-            raise BadInput(
-                f"{path}: column '{cell}': expected the nominal stress, force per area at rest"
-            )
+            raise BadInput(f"column '{cell}': expected the nominal stress, force per area at rest")
         if word not in known:
-            _check_spelling(f"{path}: column '{cell}'", word, COLUMNS)
+            _check_spelling(f"column '{cell}'", word, COLUMNS)
             continue
         if known[word] in found:
-            raise BadInput(f"{path}: column '{cell}': expected one column {known[word]}")
-        found[known[word]] = (position, unit.strip())
+            raise BadInput(f"column '{cell}': expected one column {known[word]}")
+        found[known[word]] = (position, "" if unit.strip() in _NO_UNIT else unit.strip())
     stresses = 1 if "pressure" in found else len(_STRESSES)  # a pressure is the only one
     for group, least, most in ((_DEFORMATIONS, 1, 1), (_SECOND, 0, 1), (_STRESSES, 1, stresses)):
         if not least <= sum(column in found for column in group) <= most:
-            raise BadInput(
-                f"{path}: columns = {shown(', '.join(cells))}: expected one column "
-                f"{' or '.join(group)}"
-            )
+            given = shown(", ".join(cells))
+            raise BadInput(f"columns = {given}: expected one column {' or '.join(group)}")
     return found
 
 
 def _table(
-    path: Path,
-    columns: Mapping[str, tuple[int, str]],
-    lines: Sequence[tuple[int, Sequence[str]]],
-    count: int,
+    columns: Mapping[str, tuple[int, str]], lines: list[tuple[int, list[str]]], count: int
 ) -> pd.DataFrame:
     """Return the numbers in the known columns, by lines; NaN is no value. Tests remain text."""
     if not lines:
-        raise BadInput(f"{path}: no line of numbers below the column names")
+        raise BadInput("no line of numbers below the column names")
     measures = [c for c in _STRESSES if c in columns]
     rows = {}
     for number, cells in lines:
-        where = f"{path}: line {number}"
+        where = f"line {number}"
         if len(cells) > count:
             raise BadInput(
                 f"{where}: {len(cells)} values for {count} columns: expected one for each, with "
@@ -392,19 +400,15 @@ def _table(
     return pd.DataFrame.from_dict(rows, orient="index", columns=list(columns))
 
 
-def _kinds(path: Path, stated: Mapping[str, str], table: pd.DataFrame) -> list[str]:
+def _kinds(stated: Mapping[str, str], table: pd.DataFrame) -> list[str]:
     """Return the kind of test of each line."""
-    if "test" in stated:
-        return [_kind(f"{path}: test", stated["test"])] * len(table)
-    if "test" in table:
-        return [_kind(f"{path}: line {line}: test", text) for line, text in table["test"].items()]
-    kinds = {kind for column, kind in _TEST_OF.items() if column in table}
-    if not kinds:
-        raise BadInput(
-            f"{path}: no test: expected a line '# test = {'|'.join(TESTS)}', a column test, or "
-            "--test"
-        )
-    return [max(kinds)] * len(table)
+    if "test" not in stated and "test" in table:
+        return [_kind(f"line {line}: test", text) for line, text in table["test"].items()]
+    kinds = [kind for column, kind in _TEST_OF.items() if column in table]
+    if "test" not in stated and not kinds:
+        names = "|".join(TESTS)
+        raise BadInput(f"no test: expected a line '# test = {names}', a column test, or --test")
+    return [_kind("test", stated.get("test") or kinds[-1])] * len(table)
 
 
 def _kind(key: str, text: str) -> str:
@@ -413,39 +417,18 @@ def _kind(key: str, text: str) -> str:
     return choose(key, _by_name(TESTS).get(word, word), list(TESTS))
 
 
-def _unit(
-    path: Path,
-    column: str,
-    columns: Mapping[str, tuple[int, str]],
-    stated: Mapping[str, str],
-    option: str | None,
-) -> str:
-    """Return the unit of a column of stresses; "" if it has none."""
-    named, comment = columns[column][1], stated.get("unit", "")
-    named = "" if named in _NO_UNIT else named
+def _unit(column: str, named: str, comment: str, option: str | None) -> str:
+    """Return the unit of a column of stresses, "" if it has none, from its name or a comment."""
     if option is None and named and comment:
-        if stress_unit(f"{path}: unit", named) != stress_unit(f"{path}: unit", comment):
+        if stress_unit("unit", named) != stress_unit("unit", comment):
             accepted = f"that of the column {column}, '{named}', or --unit"
-            raise bad_value(f"{path}: # unit", comment, accepted)
+            raise bad_value("# unit", comment, accepted)
     unit = option or comment or named
     return "" if unit in _NO_UNIT else unit
 
 
-def _stress_size(path: Path, unit: str, modulus_unit: str | None) -> float:
-    """Return the size of a unit of stress, in Pa or in ``modulus_unit``."""
-    if modulus_unit is not None and not unit:
-        accepted = "data whose stresses have a unit: stress [MPa], or --unit"
-        raise bad_value("modulus_unit", modulus_unit, f"{accepted}; {path} states none")
-    size = stress_unit(f"{path}: unit", unit) if unit else 1.0
-    return size / (stress_unit("modulus_unit", modulus_unit) if modulus_unit else 1.0)
-
-
 def _stretches(
-    path: Path,
-    kind: str,
-    measure: str,
-    points: pd.DataFrame,
-    columns: Mapping[str, tuple[int, str]],
+    kind: str, measure: str, points: pd.DataFrame, columns: Mapping[str, tuple[int, str]]
 ) -> tuple[Array, Array | None]:
     """Return the stretches, or the amounts of shear, and those of the second direction."""
     accepted = _MEASURED_IN.get(kind, _MEASURED).split()
@@ -454,36 +437,36 @@ def _stretches(
         if column not in accepted:
             alternative = ", or test = biaxial" if column in _MEASURED_IN["biaxial"] else ""
             raise BadInput(
-                f"{path}: line {points.index[0]}: {column} in a test '{kind}': expected "
+                f"line {points.index[0]}: {column} in a test '{kind}': expected "
                 f"{' or '.join(accepted)}{alternative}, or --columns without it"
             )
     if kind == "biaxial":
         second = next((c for c in _SECOND if c in columns), None)
         for line in points.index if second is None else points.index[points[second].isna()]:
-            where = f"{path}: line {line}: test 'biaxial': expected"
+            where = f"line {line}: test 'biaxial': expected"
             missing = f"a value of {second}" if second else "a column stretch_2"
             raise BadInput(f"{where} {missing}, or test = equibiaxial")
     found = []
     for column in given:
         unit = columns[column][1]
-        if unit != "%" and unit not in _NO_UNIT:
-            raise bad_value(f"{path}: unit of {column}", unit, "none or %")
+        if unit not in ("", "%"):
+            raise bad_value(f"unit of {column}", unit, "none or %")
         size = 0.01 if unit == "%" else 1.0
         rest = 1.0 if column.startswith("strain") and kind != "simple_shear" else 0.0
         stretches = rest + size * points[column].to_numpy()
         for at in np.flatnonzero(stretches <= 0) if kind != "simple_shear" else ():
-            where = f"{path}: line {points.index[at]}: {column}"
+            where = f"line {points.index[at]}: {column}"
             raise bad_value(where, points[column].iloc[at], f"a number > {0 - rest / size:g}")
         found.append(stretches ** (1 / 3) if column == "volume_ratio" else stretches)
     return found[0], found[1] if len(found) > 1 else None
 
 
-def _check_signs(path: Path, test: TestData) -> None:
+def _check_signs(test: TestData) -> None:
     """Raise BadInput where the points of a test cannot be a measurement."""
     kind, x, y, stress = test.kind, test.x, test.stretch_2, test.stress
     moved = x != test.rest if y is None else (x != 1) | (y != 1)
     if not moved.any() or not stress.any():
-        raise BadInput(f"{path}: test '{kind}': expected a deformation and a stress other than 0")
+        raise BadInput(f"test '{kind}': expected a deformation and a stress other than 0")
     if y is None:
         signs, accepted = x - test.rest, "stresses above 0 in tension, below 0 in compression"
     elif test.measure == "stress_difference":
@@ -493,9 +476,7 @@ def _check_signs(path: Path, test: TestData) -> None:
     else:
         return
     if (stress * signs <= 0).all():
-        raise BadInput(
-            f"{path}: test '{kind}': every stress has the wrong sign: expected {accepted}"
-        )
+        raise BadInput(f"test '{kind}': every stress has the wrong sign: expected {accepted}")
 
 
 def _number(where: str, text: str | float) -> float:
