@@ -218,8 +218,8 @@ def with_settings(
     given = {key: value for key, value in options.items() if value is not None}
     for key in given:
         if key in settings:
-            option = (names or {}).get(key, f"--{key}")
-            raise BadInput(f"{option} and --set {key}: expected one of them")
+            option = (names or {}).get(key, key).replace("_", "-")
+            raise BadInput(f"--{option} and --set {key}: expected one of them")
     return given | dict(settings)
 
 

@@ -89,12 +89,12 @@ def run(argv: list[str]) -> int:
             f"missing SCENE: expected one of {', '.join(scenes.names())}, a .toml file or "
             "FILE.py:NAME"
         )
-    options = {key: getattr(args, key) for key, _, _ in SCENE_OPTIONS}
+    options = {key: vars(args)[key] for key, _, _ in SCENE_OPTIONS}
     options |= {"error": args.error or None, "accuracy.within": args.accuracy}
-    names = {"accuracy.within": "--accuracy"}
-    for key in ("max_time", "max_memory", "max_dofs"):
-        options[f"accuracy.{key}"] = getattr(args, key)
-        names[f"accuracy.{key}"] = f"--{key.replace('_', '-')}"
+    names = {"accuracy.within": "accuracy"}
+    for name in ("max_time", "max_memory", "max_dofs"):
+        options[f"accuracy.{name}"] = vars(args)[name]
+        names[f"accuracy.{name}"] = name
     settings = {key: value(word, key) for key, word in assignments(args.set).items()}
     overrides = with_settings(options, settings, names)
 
@@ -107,13 +107,9 @@ def run(argv: list[str]) -> int:
     from fem_snh.runs import run as solve
 
     result = solve(
-        scene,
-        out=args.out,
-        overwrite=args.overwrite,
-        resume=args.resume,
-        comm=comm,
+        scene, out=args.out, overwrite=args.overwrite, resume=args.resume, comm=comm,
         progress=not args.quiet,
-    )
+    )  # fmt: skip
     reached = result.record.get("accuracy", {}).get("reached", True)
     return 0 if result.converged and reached else 1
 
@@ -182,7 +178,7 @@ def sweep(argv: list[str]) -> int:
     args, petsc = _parse(argv)
     if args.status:
         return 0 if _print_status(args) else 1
-    options = {key: getattr(args, key) for key, _, _ in SCENE_OPTIONS}
+    options = {key: vars(args)[key] for key, _, _ in SCENE_OPTIONS}
     options["error"] = "true" if args.error else None
     given = with_settings(options, assignments(args.set))
     axes = {key: comma_list(key, text) for key, text in given.items()}
@@ -256,7 +252,7 @@ def _jobs(args: Namespace) -> Any:
     """Return the number of points at a time, or how they are submitted to a scheduler."""
     if args.scheduler is None:
         for name in ("account", "partition", "array_limit"):
-            if getattr(args, name) is not None:
+            if vars(args)[name] is not None:
                 raise BadInput(f"--{name.replace('_', '-')}: expected --scheduler as well")
         return args.jobs
     from fem_snh.studies.schedulers import Submission

@@ -126,7 +126,7 @@ def _view(args: Namespace) -> ViewOptions:
 def _movie(args: Namespace) -> int:
     """Draw the movie that the options request, with a progress bar; return 0."""
     for name in ("out", "loads", "modes", "revolve"):
-        if getattr(args, name) not in (None, False):
+        if vars(args)[name] not in (None, False):
             raise BadInput(f"--{name} and --movie: expected one of the two")
 
     from fem_snh.viewing.render import movie

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -121,14 +121,18 @@ def value_text(value: Any) -> str:
 
 def requested_columns(scene: scenes.Scene) -> dict[str, Any]:
     """Return the settings of a scene as the columns REQUESTED."""
-    values = {key: getattr(scene, key) for key in REQUESTED if key not in ("scene", "E", "nu")}
-    materials = {key: [getattr(m, key) for m in scene.materials] for key in ("name", "E", "nu")}
-    name, E, nu = (v[0] if len(v) == 1 else _joined(v) for v in materials.values())
+    values = {key: value for key, value in scene if key in REQUESTED}
+    materials = scene.materials
+    name, E, nu = (
+        _joined(each) for each in zip(*((m.name, m.E, m.nu) for m in materials), strict=True)
+    )
     return values | {"scene": scene.name, "material": name, "E": E, "nu": nu}
 
 
-def _joined(values: Iterable[Any]) -> str:
-    """Return the values of several materials as text."""
+def _joined(values: Sequence[Any]) -> Any:
+    """Return the value of a material, or those of several as text."""
+    if len(values) == 1:
+        return values[0]
     return " + ".join(f"{value:g}" if isinstance(value, float) else str(value) for value in values)
 
 

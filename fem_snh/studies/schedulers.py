@@ -191,14 +191,11 @@ def _quote(value: object) -> str:
     return '"' + re.sub(r'(["\\#])', r"\\\1", text) + '"'
 
 
-#: The schedulers that have a name.
-SCHEDULERS = {"slurm": Slurm}
-
-
 def make_scheduler(name: str) -> Scheduler:
     """Return a scheduler by its name or by a reference ``FILE.py:CLASS``."""
     if not is_reference(name):
-        return SCHEDULERS[choose("scheduler", name, SCHEDULERS)]()
+        choose("scheduler", name, ["slurm"])
+        return Slurm()
     made = load_reference(name)()
     if not isinstance(made, Scheduler):
         raise BadInput(f"scheduler = {name}: expected a subclass of {__name__}.Scheduler")
@@ -208,19 +205,19 @@ def make_scheduler(name: str) -> Scheduler:
 def _output(*command: str) -> str:
     """Return what a command of the scheduler prints; raise BadInput if it fails."""
     try:
-        done = subprocess.run(
-            command, capture_output=True, text=True, timeout=_TIMEOUT, stdin=subprocess.DEVNULL,
+        return subprocess.run(
+            command, check=True, capture_output=True, text=True, timeout=_TIMEOUT,
+            stdin=subprocess.DEVNULL,
             env=dict(os.environ) | import_path(),  # which an element inherits
-        )  # fmt: skip
+        ).stdout  # fmt: skip
     except FileNotFoundError:
         raise BadInput(f"scheduler: expected its command {command[0]} on the PATH") from None
     except subprocess.TimeoutExpired:
         raise BadInput(f"scheduler: {command[0]} does not answer in {_TIMEOUT} s") from None
-    if done.returncode:
-        lines = (done.stderr or done.stdout).strip().splitlines()
-        reason = lines[-1] if lines else f"exit code {done.returncode}"
+    except subprocess.CalledProcessError as error:
+        lines = (error.stderr or error.stdout).strip().splitlines()
+        reason = lines[-1] if lines else f"exit code {error.returncode}"
         raise BadInput(
             f"scheduler: {command[0]}: {reason.removeprefix(command[0] + ': ')} (nothing is lost: "
             "call again later)"
-        )
-    return done.stdout
+        ) from None

@@ -199,13 +199,10 @@ def read_all(
 
 def _each(key: str, values: Sequence[Any] | None, count: int) -> list[Any]:
     """Return one value for each file."""
-    if values is None:
-        return [None] * count
-    if len(values) == 1:
-        return list(values) * count
-    if len(values) != count:
-        raise bad_value(key, list(values), f"one value, or one for each of {count} files")
-    return list(values)
+    given = [None] if values is None else list(values)
+    if len(given) not in (1, count):
+        raise bad_value(key, given, f"one value, or one for each of {count} files")
+    return given * count if len(given) == 1 else given
 
 
 def _compressibility(

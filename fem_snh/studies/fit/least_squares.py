@@ -126,19 +126,15 @@ class _Problem:
         """Return the starts, the defaults first."""
         low, high = self.bounds()
         count = len(self.unknowns)
-        first = np.array(
-            [0.0 if log else (1.0 if u.start else 0.0)
-             for u, log in zip(self.unknowns, self.one_sign, strict=True)]
-        )  # fmt: skip
+        first = np.where(self.one_sign, 0.0, [1.0 if u.start else 0.0 for u in self.unknowns])
         last = [np.log(1 - 2 * _NU_START)] if self.fit_nu else []
         rng = np.random.default_rng(0)
         points = [first]
         for _ in range(min(_STARTS * count, _MOST_STARTS)):
             draw = rng.normal(0.0, _SPREAD, count)
             points.append(np.where(self.one_sign | (first == 0), draw, np.exp(draw)))
-        margin = 1e-6 * (
-            1 + np.abs(np.concatenate([first, last]))
-        )  # scipy starts inside the bounds
+        # scipy starts inside the bounds.
+        margin = 1e-6 * (1 + np.abs(np.concatenate([first, last])))
         return [np.clip(np.concatenate([p, last]), low + margin, high - margin) for p in points]
 
     def theta(self, z: Array) -> Array:
