@@ -228,12 +228,10 @@ def _step_table(record: Record) -> str:
     steps = record["steps"]
     columns = [name for name in COLUMNS if any(name in step for step in steps)]
     head = "".join(f"<th>{escape(column_label(name, [record]))}</th>" for name in columns)
-    rows = "".join(
-        ("<tr>" if step.get("converged", True) else '<tr class="failed">')
-        + "".join(f"<td>{escape(cell(step.get(name)))}</td>" for name in columns)
-        + "</tr>\n"
-        for step in steps
-    )
+    rows = ""
+    for step in steps:
+        rows += "<tr>" if step.get("converged", True) else '<tr class="failed">'
+        rows += "".join(f"<td>{escape(cell(step.get(name)))}</td>" for name in columns) + "</tr>\n"
     return f"<table><thead><tr>{head}</tr></thead>\n<tbody>{rows}</tbody></table>"
 
 
