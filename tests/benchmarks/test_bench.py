@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ast
 import json
-import re
 import signal
 import subprocess
 import sys
@@ -15,7 +14,7 @@ import pytest
 from paths import ROOT
 
 import benchmarks
-from benchmarks import assembly, felupe_twist, mutations, stretch, stretch_times, twist
+from benchmarks import assembly, felupe_twist, mutations, stretch, twist
 from fem_snh.errors import BadInput
 from fem_snh.studies.processes import environment
 
@@ -57,16 +56,6 @@ def test_every_material_against_the_stable_one() -> None:
     assert [row["material"] for row in rows] == ["ogden", "valanis_landel_xu"]
     assert all(row["filtered"] > 0.4 for row in rows)
     assert all(row["to_stable_neo_hookean"] <= 3 * row["limit"] for row in rows)
-
-
-def test_the_tutorial_ends_where_no_step_is_small_enough(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A factorisation that is given a MB: its code, instead of Newton's method on no numbers."""
-    (row,) = stretch_times.rows(cells="3", ways="tutorial", nu=0.3, ranks=1)
-    assert row["converged"] and row["load"] == 1 and row["newton"] == row["linear"] > row["steps"]
-    monkeypatch.setenv("PETSC_OPTIONS", "-nls_solve_mat_mumps_icntl_23 1")
-    (row,) = stretch_times.rows(cells="5", ways="tutorial")
-    assert re.fullmatch(r"MUMPS cannot factorise the matrix: INFOG = -\d+, -?\d+", row["status"])
-    assert not row["converged"] and (row["steps"], row["failed_steps"]) == (0, 1)
 
 
 def test_mistakes() -> None:

@@ -8,30 +8,22 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pandas as pd
 import pytest
 from paths import ROOT
 
 from benchmarks.extremes import (
     FAMILIES,
-    aspect,
-    bodies,
-    contrast,
     crush,
-    drop,
     loads,
-    press,
     results,
-    rigid,
     rows,
     scramble,
     small_force,
     supports,
 )
 from benchmarks.extremes.cases import COLUMNS, at_rest, converged, scene_case
-from benchmarks.extremes.tight import agrees, tight_row
-from fem_snh.studies.points import read_record
+from benchmarks.extremes.tight import agrees
 
 pytestmark = pytest.mark.one_debian
 
@@ -107,39 +99,6 @@ def test_a_case_without_a_record_fails(tmp_path: Path) -> None:
     assert case.verdict(record, row) == {"passed": False, "reason": row["status"]}
 
 
-def test_what_several_must_fulfil() -> None:
-    rows = pd.DataFrame({"element": ["Q1", "Q1", "Q1", "P1"], "newton": [100, 160, 170, 30]})
-    rows = rows.assign(expected="pass", cells=15, nu=0.49, family="scramble")
-    found = scramble.median_criteria(rows)
-    assert list(found.values()) == ["", "it is 160"] and all("15^3" in asked for asked in found)
-
-
-#: The families that solve each case tightly, too.
-TIGHT = [contrast, aspect, rigid, small_force]
-RUNS = [scramble, crush, loads, drop, press, supports, *TIGHT]
-
-
-@pytest.mark.parametrize("family", RUNS)
-@pytest.mark.parametrize("quick", [True, False])
-def test_every_case_has_a_name_of_its_own(family: Any, quick: bool) -> None:
-    made = family.cases(quick, 2)
-    names = [case.name for case in made]
-    assert len(set(names)) == len(names) and {case.family for case in made} == {
-        family.__name__.rpartition(".")[2]
-    }
-    assert any(case.required for case in made)
-    assert family.__name__.rpartition(".")[2] in FAMILIES and len(FAMILIES) == len(RUNS)
-    assert all(case.tight for case in made) == (family in TIGHT)
-
-
-def test_the_issues_cases_are_there() -> None:
-    must = [case for case in scramble.cases(False, 100) if case.required]
-    assert sum("-10-" in case.name for case in must) == 2 * 5 * 100
-    assert sum("-15-" in case.name for case in must) == 2 * 5 * 10
-    made = {case.name for case in loads.cases(False, 1) if case.required}
-    assert len(made) == 7 * 3 + 2 * 4 and "loads-twist-pi-nu0.3-Q1-15-trust" in made
-
-
 # --- runs ----------------------------------------------------------------------------------------
 
 
@@ -152,41 +111,6 @@ def test_loads_in_one_step() -> None:
     turned = [row for row in found if "2pi" in row["case"]]
     # one iteration: the rounding error is not known before a Hessian is assembled
     assert all(row["newton"] <= 1 and row["max_u"] < 1e-12 for row in turned)
-
-
-def test_a_locking_element_has_a_note(tmp_path: Path) -> None:
-    """Q1 locks at nu = 0.4999, at 0.3 it does not."""
-    notes = []
-    for nu in (0.3, 0.4999):
-        case = scene_case(
-            "twist", f"loads-{nu}", "reaches its load", converged,
-            nu=nu, cells=2, element="Q1", steps=1, angle=0.3,
-        )  # fmt: skip
-        record, row = case.run(tmp_path)
-        kinds = [note["kind"] for note in record.get("notes", ())]
-        assert row["notes"] == (" ".join(kinds) or "none")
-        notes.append(kinds)
-    assert not notes[0] and notes[1]
-
-
-def test_a_stiff_inclusion_is_that_of_a_tight_solve(tmp_path: Path) -> None:
-    """The difference is that of the runs; a coarse tolerance is caught."""
-    keys = {"contrast": 1e4, "cells": 3, "shape": "bar", "nu": 0.3, "tight": True}
-    make = partial(
-        scene_case, bodies.reference(bodies.inclusion), criterion="reaches its load",
-        check=converged, **keys,
-    )  # fmt: skip
-    row, tight = results(make(name="contrast-a-Q1"))
-    assert row["passed"] and tight["passed"] and tight["difference"] < 1e-4
-    loose = make(name="contrast-loose-Q1", **{"petsc.snes_scaled_tol": 1e-2})
-    record, row = loose.run(tmp_path)
-    assert loose.verdict(record, row)["passed"]
-    found = tight_row(loose, tmp_path)
-    assert not found["passed"] and found["reason"].startswith("the tight solve differs by")
-    other = read_record(tmp_path / "contrast-loose-tight-Q1")
-    force = [np.array(run["steps"][-1]["reactions"]["right"]) for run in (record, other)]
-    least = np.abs(force[0] - force[1]).max() / np.abs(force[1]).max()
-    assert found["difference"] >= least > 0.01
 
 
 @pytest.mark.parametrize("family", [supports, small_force])

@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from functools import cache
-from pathlib import Path
 
 from mpi4py import MPI
 
 import pytest
 from paths import ROOT
 
-import benchmarks
 from benchmarks import Row
-from benchmarks.references import GROUPS, compare
 from benchmarks.references.block import block
 from benchmarks.references.cook import cook, cook_locking, cook_locking_free
 from benchmarks.references.exact import plane_strain, torsion, uniaxial
@@ -84,31 +81,6 @@ def test_the_papers_iterations_on_a_small_cube() -> None:
     rows = list(paper_twist(cells=4))
     assert [row["published"] for row in rows] == [28, 8234, 28, 8234]
     assert all(row["ours"] > 0 for row in rows) and rows[0]["ours"] < rows[2]["ours"]
-
-
-def test_a_row_says_how_far_off_ours_is() -> None:
-    row = compare.compare("length [m]", "a book", 2.0, 2.01, 0.4)
-    assert row["difference"] == pytest.approx(0.5) and row["ok"] is False
-    assert compare.compare("length [m]", "a book", 2.0, 2.01, 0.6)["ok"]
-    assert not compare.compare("length [m]", "a book", 2.0, None)["ok"]
-
-
-def test_a_file_gets_the_rows(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def two() -> Iterator[Row]:
-        yield compare.compare("length [m]", "a book", 2.0, 2.01, 0.6)
-        yield compare.compare("width [m]", "a book", 1.0, None, 0.6)
-
-    monkeypatch.setitem(GROUPS, "two", two)
-    file = folder / "rows.csv"
-    file.write_text("old")
-    for _ in range(2):  # the second file equals the first
-        assert benchmarks.main("references", {"only": "two", "write": str(file)}) == 1
-        head, *rows = file.read_text().splitlines()
-        assert head.split(",")[-1] == "met"
-        assert rows == [
-            "two,length [m],a book,2,2.01,+0.5 %,0.6 %,ok",
-            "two,width [m],a book,1,did not converge,,0.6 %,not met",
-        ]
 
 
 def test_the_stored_rows_have_every_group() -> None:

@@ -112,17 +112,6 @@ def test_an_energy_in_ufl_has_the_frequencies_of_its_material(comm):
         assert abs(exact - goal.corrected) < abs(exact - goal.value) / 3
 
 
-@mpi
-def test_options_of_slepc(comm):
-    body = rollers(unit_cube(comm, 2))
-    few = {"modes_eps_max_it": 1, "modes_eps_ncv": 7, "modes_eps_tol": 1e-15}
-    problem = solved(
-        body.u, {UNIT: ufl.dx}, bcs=body.bcs, petsc_options_prefix="box_", petsc_options=few
-    )
-    with pytest.raises(BadInput, match=r"SLEPc found \d+ of 6 .*-box_modes_eps_max_it"):
-        problem.vibration_modes(6, density=1.0)
-
-
 # --- mistakes ------------------------------------------------------------------------------------
 
 
