@@ -56,6 +56,7 @@ def numbers(row: Any, name: str = "") -> Iterator[tuple[str, float]]:
         yield name, float(row)
 
 
+@pytest.mark.one_debian
 @every_feature
 def test_in_other_units_every_number_is_the_same_or_a_multiple(case):
     """Whatever iterates takes the same iterations: nothing is compared with a force of its own."""
@@ -92,6 +93,7 @@ def vectors(row: Any, name: str = "") -> Iterator[tuple[str, np.ndarray]]:
         yield name, np.array(row, float)
 
 
+@pytest.mark.one_debian
 @every_feature
 def test_with_other_names_of_the_axes_every_vector_is_turned(case, tmp_path):
     """Of a body that is turned by 120 degrees about (1, 1, 1), with all that acts on it."""
