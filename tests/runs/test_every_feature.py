@@ -125,8 +125,8 @@ def test_with_other_names_of_the_axes_every_vector_is_turned(case, tmp_path):
             np.testing.assert_allclose(found[key], expected, rtol=0, atol=atol)
 
 
-@pytest.mark.one_debian("serial")
-@pytest.mark.mpi
+@pytest.mark.one_debian
+@pytest.mark.mpi(serially=False)
 @every_feature
 def test_any_number_of_ranks_gives_the_same_state(case):
     """Each rank by itself, and all together: energies, volumes and forces of every step."""
