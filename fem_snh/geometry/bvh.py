@@ -13,6 +13,7 @@ from fem_snh.choices import RESTS
 from fem_snh.errors import BadInput, bad_value, shown
 from fem_snh.geometry.motion_files import finite_number, read_motion_text
 from fem_snh.geometry.motions import PoseTable
+from fem_snh.geometry.rotations import exponential
 from fem_snh.geometry.shapes.shape import Array
 
 #: The first letters of channels.
@@ -266,10 +267,8 @@ def joint_motion(
 
 def _placed(R: Array, p: Array, placement: Placement | None) -> tuple[Array, Array]:
     """Return rotations (m, 3, 3) and positions (m, 3) in the scene."""
-    from scipy.spatial.transform import Rotation
-
     where = placement or Placement()
-    Q = Rotation.from_rotvec(where.rotation).as_matrix()
+    Q = exponential(np.asarray(where.rotation))
     return Q @ R, where.scale * p @ Q.T + np.asarray(where.translation)
 
 

@@ -229,48 +229,32 @@ def read_motion(path: str | Path, duration: float | None = None) -> PoseTable:
 
 def pose_table(rows: MotionRows, duration: float | None) -> PoseTable:
     """Return the rigid motion of the rows of a file. Raises BadInput as `read_motion` does."""
+    from scipy.spatial.transform import Rotation
+
     path, lines, loads = rows.path, rows.lines, rows.loads(duration)
     if rows.has_matrices:
-        matrices = rows.matrices()
-        return PoseTable(loads, _rotations(path, lines, matrices[:, :, :3]), matrices[:, :, 3])
-    return PoseTable(loads, _from_vectors(rows), rows.columns(TRANSLATION))
-
-
-def _from_vectors(rows: MotionRows) -> Array:
-    """Return the rotation matrices (m, 3, 3) of the rotation vectors."""
-    from scipy.spatial.transform import Rotation
-
-    if not set(ROTATION) <= set(rows.names):
-        return np.tile(np.eye(3), (len(rows.numbers), 1, 1))
-    vectors = rows.columns(ROTATION)
-    _check_turns(rows.path, rows.lines, np.linalg.norm(np.diff(vectors, axis=0), axis=1))
-    return Rotation.from_rotvec(vectors).as_matrix()
-
-
-def _rotations(path: Path, lines: list[int], matrices: Array) -> Array:
-    """Return rotations (m, 3, 3): the closest ones to matrices that are rigid up to rounding."""
-    from scipy.spatial.transform import Rotation
-
-    errors = np.abs(np.swapaxes(matrices, 1, 2) @ matrices - np.eye(3)).max(axis=(1, 2))
-    rigid = (errors <= _RIGID) & (np.linalg.det(matrices) > 0)
-    for i in np.flatnonzero(~rigid)[:1]:
-        raise BadInput(
-            f"{path}, line {lines[i]}: expected a rotation in the first three columns of the 3x4 "
-            f"matrix; R^T R differs from the identity by {errors[i]:.1e}, "
-            f"det R = {np.linalg.det(matrices[i]):g}"
-        )
-    rotations = Rotation.from_matrix(matrices)
-    _check_turns(path, lines, (rotations[:-1].inv() * rotations[1:]).magnitude())
-    return rotations.as_matrix()
-
-
-def _check_turns(path: Path, lines: list[int], angles: Array) -> None:
-    """Raise BadInput for half a turn or more between two rows."""
+        R, translations = np.split(rows.matrices(), [3], axis=2)
+        errors = np.abs(np.swapaxes(R, 1, 2) @ R - np.eye(3)).max(axis=(1, 2))
+        rigid = (errors <= _RIGID) & (np.linalg.det(R) > 0)
+        for i in np.flatnonzero(~rigid)[:1]:
+            raise BadInput(
+                f"{path}, line {lines[i]}: expected a rotation in the first three columns of the "
+                f"3x4 matrix; R^T R differs from the identity by {errors[i]:.1e}, "
+                f"det R = {np.linalg.det(R[i]):g}"
+            )
+        rotations, translations = Rotation.from_matrix(R), translations[:, :, 0]
+        angles = (rotations[:-1].inv() * rotations[1:]).magnitude()
+    else:
+        turns = set(ROTATION) <= set(rows.names)
+        vectors = rows.columns(ROTATION) if turns else np.zeros((len(loads), 3))
+        rotations, translations = Rotation.from_rotvec(vectors), rows.columns(TRANSLATION)
+        angles = np.linalg.norm(np.diff(vectors, axis=0), axis=1)
     for i in np.flatnonzero(angles >= _HALF_TURN)[:1]:
         raise BadInput(
             f"{path}, line {lines[i + 1]}: a turn of {np.degrees(angles[i]):.0f} degrees from the "
             "row before: expected less than 180, so that its direction is known"
         )
+    return PoseTable(loads, rotations.as_matrix(), translations)
 
 
 def bone_motion(rows: MotionRows, name: str, duration: float | None, rigid: bool) -> Motion:

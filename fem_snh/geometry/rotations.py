@@ -16,10 +16,7 @@ _SMALL = 1e-3
 
 def skew(v: Array) -> Array:
     """Return the matrices of the cross products v x, (..., 3, 3)."""
-    x, y, z = np.moveaxis(np.asarray(v, dtype=float), -1, 0)
-    zero = np.zeros_like(x)
-    rows = [[zero, -z, y], [z, zero, -x], [-y, x, zero]]
-    return np.moveaxis(np.array(rows), (0, 1), (-2, -1))
+    return np.cross(np.eye(3), np.asarray(v, dtype=float)[..., None, :])
 
 
 def rotate(omega: Array, r: Array) -> Array:
