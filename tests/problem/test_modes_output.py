@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 
 import fem_snh
-from fem_snh import scenes
 from fem_snh.errors import BadInput
 from fem_snh.scenes import Geometry
 
@@ -106,20 +105,6 @@ def test_a_scene_without_modes_does_not_load_slepc():
         "assert not [m for m in sys.modules if m.startswith('slepc4py')]"
     )
     subprocess.run([sys.executable, "-c", code], check=True)
-
-
-@pytest.mark.parametrize(
-    "overrides, message",
-    [
-        ({"modes.count": 0}, "modes.count = 0: expected a whole number from 1 to 2147483647"),
-        ({"modes.density": 0}, r"modes.density = 0: expected a number > 0"),
-        ({"modes.cuont": 3}, "modes: unknown key 'cuont': expected .*did you mean 'count'"),
-        ({"modes": 3}, "modes = 3: expected a table"),
-    ],
-)
-def test_mistakes_in_the_table(overrides, message):
-    with pytest.raises(BadInput, match=message):
-        scenes.load("twist", **overrides)
 
 
 def test_materials_without_a_density_have_that_of_water_for_modes():

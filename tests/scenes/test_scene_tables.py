@@ -58,7 +58,6 @@ def test_one_table_is_one_amplitude() -> None:
 
 MISTAKES: list[tuple[dict[str, Any], str]] = [
     ({"table": [RAMP, RAMP]}, "table.name = 'ramp': expected a different name for each table"),
-    ({"table": [{"name": "a"}]}, "table.0: missing key 'points': expected a list of .load, value"),
     ({"table": [{"name": "a", "points": [[0, 0]]}]}, r"points = \[\[0, 0\]\]: expected .* two or"),
     ({"table": [{"name": "a", "points": [[0, 0], [0, 1]]}]}, "points = .*: expected .* ascending"),
     (
@@ -71,9 +70,7 @@ MISTAKES: list[tuple[dict[str, Any], str]] = [
         "move.0.rotate.table = 'rmp': expected one of ramp .did you mean 'ramp'",
     ),
     ({"gravity": {"vector": [0, 0, 1], "table": "g"}}, "gravity.table = 'g': expected the name"),
-    ({"gravity": {"vector": [0, 1]}}, r"gravity.vector = \[0, 1\]: expected three finite numbers"),
     ({"gravity": [1]}, "gravity = .*: expected a table"),
-    ({"pressure": [{"group": "top"}]}, "pressure.0: missing key 'value': expected a finite number"),
     ({"pressure": [{"group": "top", "value": "1"}]}, "pressure.0.value = '1': expected a finite"),
     (
         {"cavity": [{"group": "top", "volume": 1e300}]},
@@ -107,7 +104,6 @@ MISTAKES: list[tuple[dict[str, Any], str]] = [
     ({"spring": [{"group": "top", "stiffness": [1, 2]}]}, "spring.0.stiffness = .*: .*or three"),
     ({"cavity": [{"group": "top", "volume": 1, "stiffness": 0}]}, "stiffness = 0: .* number > 0"),
     ({"cavity": [{"group": "top", "volume": 1}], "modes": {}}, "'cavity' and 'modes' exclude each"),
-    ({"traction": [{"group": "top", "vector": [0, 0, 1], "tabel": "a"}]}, "did you mean 'table'"),
 ]
 
 

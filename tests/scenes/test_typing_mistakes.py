@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import datetime as dt
 import re
+from math import inf, nan
 from typing import Any
 
 import pytest
@@ -21,6 +22,16 @@ FIELDS = [(table, name) for table in TABLES for name in table.model_fields]
 FIELDS.remove((MaterialChoice, "name"))  # a function, too: its table validates it
 #: What TOML may have, but no key of a scene accepts.
 WRONG = dt.date(2024, 2, 29)
+#: Values that are refused, by what a key expects.
+OUTSIDE: dict[str, tuple[Any, ...]] = {
+    "a finite number": (inf, nan, True, "1"),
+    "a number > 0": (0, -1.0, inf, nan, "1 m"),
+    "a number >= 0": (-1e-9, inf, nan),
+    "three finite numbers, [x, y, z]": ([0, 1], [0, 1, inf], [0, 1, 2, 3], 1.0),
+    "two finite numbers": ([0], [0, nan], 1.0),
+    "true or false": (0, 1, "true"),
+    "a list of 'x', 'y', 'z'": (["u"], [], ["x"] * 4),
+}
 KEYS = pytest.mark.parametrize(
     ("table", "name"), FIELDS, ids=lambda part: getattr(part, "__name__", part)
 )
@@ -73,6 +84,9 @@ def test_bounds_and_words(table: type[Table], name: str) -> None:
             assert mistake(table, name, value) == f"{name} = {value!r}: expected {whole.what}"
         assert mistake(table, name, whole.lowest) is None
         assert mistake(table, name, whole.highest) is None
+    for expected in annotations(field, Expect):
+        for value in OUTSIDE.get(expected.what, ()):
+            assert mistake(table, name, value) == f"{name} = {value!r}: expected {expected.what}"
     for words in annotations(field, OneOf):
         for word in words.words:
             assert mistake(table, name, word) is None
