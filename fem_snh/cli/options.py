@@ -12,45 +12,14 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any, NoReturn
 
-from fem_snh.assembly.elements import ELEMENTS
-from fem_snh.choices import (
-    ASSEMBLIES,
-    DEFAULT_ASSEMBLY,
-    DEFAULT_HESSIAN,
-    DEFAULT_PREDICTOR,
-    GLOBALIZATIONS,
-    HESSIANS,
-    PREDICTORS,
-)
 from fem_snh.errors import BadInput, bad_value, is_number, unknown_name
 from fem_snh.files import output_path
 
-#: Scene keys with an option of their own: key, placeholder, help.
-SCENE_OPTIONS = (
-    ("material", "NAME", "energy density; `fem-snh materials` lists them"),
-    ("E", "X", "Young's modulus [Pa]"),
-    ("nu", "X", "Poisson's ratio, in (-1, 0.5]"),
-    ("cells", "N", "resolution of a built-in geometry or an .xao file"),
-    ("element", "E", f"{', '.join(ELEMENTS)}; P tetrahedra, Q hexahedra"),
-    ("quadrature", "N", "polynomial degree that is integrated exactly; default: the element's"),
-    ("hessian", "H", f"{', '.join(HESSIANS)}; default: {DEFAULT_HESSIAN}"),
-    (
-        "globalization",
-        "G",
-        f"{' or '.join(GLOBALIZATIONS)}; default: linesearch with --hessian, for Taylor-Hood "
-        "elements and for forces without an energy; else trust_region",
-    ),
-    (
-        "assembly",
-        "A",
-        f"energy and residual by {' or '.join(ASSEMBLIES)} (forms that FFCx compiles); "
-        f"default: {DEFAULT_ASSEMBLY}",
-    ),
-    ("steps", "N", "load steps; time steps of a scene with [time]"),
-    ("predictor", "P", f"start of a step: {', '.join(PREDICTORS)}; default: {DEFAULT_PREDICTOR}"),
-)
-
-
+#: Scene keys with an option of their own, and their placeholders.
+SCENE_OPTIONS = {
+    "material": "NAME", "E": "X", "nu": "X", "cells": "N", "element": "E", "quadrature": "N",
+    "hessian": "H", "globalization": "G", "assembly": "A", "steps": "N", "predictor": "P",
+}  # fmt: skip
 #: Settings of an option that may be repeated.
 REPEATED: dict[str, Any] = {"action": "append", "default": []}
 
@@ -101,6 +70,24 @@ class Parser(argparse.ArgumentParser):
             keywords |= {"metavar": placeholder} if placeholder else {"action": "store_true"}
             self.add_argument(flag, help=help.strip(), **keywords)
         assert not settings, settings
+
+    def add_scene_options(self, more: str = "", **settings: Any) -> None:
+        """Add `SCENE_OPTIONS`, whose helps are the scene's descriptions of its keys.
+
+        Parameters
+        ----------
+        more : str
+            What ends the placeholders.
+        **settings
+            Further keywords of `argparse.ArgumentParser.add_argument`.
+        """
+        from fem_snh.scenes import MaterialChoice, Scene
+
+        of_material = MaterialChoice.model_fields
+        fields = of_material | Scene.model_fields | {"material": of_material["name"]}
+        for key, placeholder in SCENE_OPTIONS.items():
+            help = (fields[key].description or "").rstrip(".").replace("%", "%%")
+            self.add_argument(f"--{key}", metavar=placeholder + more, help=help, **settings)
 
     def format_help(self) -> str:
         self.epilog = self._make_epilog()

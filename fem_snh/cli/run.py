@@ -48,8 +48,7 @@ def run_parser() -> Parser:
     """Return the parser of ``fem-snh run``."""
     parser = Parser("run", "Solve a scene by load steps.", scene_list)
     parser.add("scene SCENE  a name, FILE.toml or FILE.py:FUNCTION", scene={"nargs": "?"})
-    for key, placeholder, help in SCENE_OPTIONS:
-        parser.add_argument(f"--{key}", metavar=placeholder, type=value, help=help)
+    parser.add_scene_options(type=value)
     parser.add(
         """
         --set KEY=VALUE  any other key of the scene: angle=1.57, material.barrier=true
@@ -89,7 +88,7 @@ def run(argv: list[str]) -> int:
             f"missing SCENE: expected one of {', '.join(scenes.names())}, a .toml file or "
             "FILE.py:NAME"
         )
-    options = {key: vars(args)[key] for key, _, _ in SCENE_OPTIONS}
+    options = {key: vars(args)[key] for key in SCENE_OPTIONS}
     options |= {"error": args.error or None, "accuracy.within": args.accuracy}
     names = {"accuracy.within": "accuracy"}
     for name in ("max_time", "max_memory", "max_dofs"):
@@ -156,8 +155,7 @@ def sweep_parser() -> Parser:
         scene_list,
     )
     parser.add("scene SCENE  a name, FILE.toml or FILE.py:FUNCTION", scene={"nargs": "?"})
-    for key, placeholder, help in SCENE_OPTIONS:
-        parser.add_argument(f"--{key}", metavar=f"{placeholder},..", help=help)
+    parser.add_scene_options(",..")
     parser.add("--set KEY=VALUE,..  any other key of the scene: angle=1,2", set=REPEATED)
     _add_limits(parser)
     parser.add(
@@ -178,7 +176,7 @@ def sweep(argv: list[str]) -> int:
     args, petsc = _parse(argv)
     if args.status:
         return 0 if _print_status(args) else 1
-    options = {key: vars(args)[key] for key, _, _ in SCENE_OPTIONS}
+    options = {key: vars(args)[key] for key in SCENE_OPTIONS}
     options["error"] = "true" if args.error else None
     given = with_settings(options, assignments(args.set))
     axes = {key: comma_list(key, text) for key, text in given.items()}

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from pydantic import Discriminator, Field, Tag, field_serializer, model_validator
+from pydantic import Discriminator, Field, PlainSerializer, Tag, model_validator
 
 from fem_snh.choices import RESTS
 from fem_snh.errors import BadInput, bad_value, unknown_name
@@ -22,7 +22,7 @@ from fem_snh.geometry.motions import Bone, DisplacementMotion, Motion, Noise, Po
 from fem_snh.geometry.rotations import exponential
 from fem_snh.geometry.shapes import ClosedSurface
 from fem_snh.geometry.shapes.shape import Array
-from fem_snh.tables.amplitudes import MotionTable
+from fem_snh.tables.amplitudes import MotionTable, function_name
 from fem_snh.tables.shapes import ShapeChoice
 from fem_snh.tables.types import (
     INT32_MAX,
@@ -133,7 +133,7 @@ def _kind(motion: object) -> str:
 BoneMotion = Annotated[
     Annotated[FilePath, Expect(_MOTION), Tag("<file>")]
     | Annotated[SkeletonMotion, Tag("<skeleton>")]
-    | Annotated[Function, Tag("<function>")],
+    | Annotated[Function, Tag("<function>"), PlainSerializer(function_name, when_used="json")],
     Discriminator(_kind),
 ]
 
@@ -184,15 +184,6 @@ class BoneChoice(MotionTable):
         if self.rigid and not isinstance(self.motion, Path):
             raise bad_value("rigid", True, "no value without the CSV file of a 'motion'")
         return self
-
-    @field_serializer("motion", when_used="json-unless-none")
-    def _motion_record(self, motion: Any) -> Any:
-        """Return a function by its name: its code cannot be compared."""
-        if isinstance(motion, SkeletonMotion):
-            return motion.model_dump(mode="json")
-        if callable(motion):
-            return f"function {getattr(motion, '__qualname__', type(motion).__name__)}"
-        return str(motion)
 
 
 def read_bones(scene: Scene) -> list[Bone]:

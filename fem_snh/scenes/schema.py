@@ -255,7 +255,9 @@ class Scene(Table):
         "solve each step with the pressures as unknowns first; default: by nu.",
     )
     steps: Steps = Field(
-        default=1, description="Number of load steps; a step that fails is halved."
+        default=1,
+        description="Number of load steps; a step that fails is halved. The option --steps means "
+        "the time steps of a scene with [time].",
     )
     time: Time | None = Field(default=None, description="Time integration; default: quasi-static.")
     material: Materials = Field(

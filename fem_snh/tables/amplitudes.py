@@ -28,7 +28,7 @@ Points = Annotated[tuple[tuple[Bounded, Bounded], ...], Field(min_length=2), Exp
 Function = Callable[[float], float]
 
 
-def _function_name(table: Any) -> str:
+def function_name(table: Any) -> str:
     """Return a function by its name, for JSON: its code cannot be compared."""
     name = getattr(table, "__qualname__", type(table).__name__)
     return f"function {name}" if callable(table) else str(table)
@@ -39,7 +39,7 @@ def _function_name(table: Any) -> str:
 TableName = Annotated[
     Annotated[str, Field(min_length=1)] | Function,
     Expect("the name of a [[table]]"),
-    PlainSerializer(_function_name, when_used="json-unless-none"),
+    PlainSerializer(function_name, when_used="json-unless-none"),
 ]
 #: Keys of that type.
 _KEYS = ("table", "load_table")

@@ -85,7 +85,7 @@ def accept(name: str, words: list[str], parser: Any) -> None:
     args = parser.parse(words)
     files = [word for word in words if re.search(r"\.(py|toml|csv)\b", word)]  # of the page
     if name == "run" and args.scene in scenes.names() and not files:
-        values = {key: getattr(args, key) for key, _, _ in SCENE_OPTIONS}
+        values = {key: getattr(args, key) for key in SCENE_OPTIONS}
         values |= {key: value(word) for key, word in assignments(args.set).items()}
         scenes.load(args.scene, **values | ({"petsc": petsc} if petsc else {}))
 
