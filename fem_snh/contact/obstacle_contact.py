@@ -90,7 +90,7 @@ class ObstacleContact(SurfaceContact, WorkingTerm, MeanForceTerm):
     of friction are constant in a solve and updated after it: with an augmented Lagrangian
     until no point in contact is farther from the obstacle than the tolerance, with friction until
     the normal forces have settled. In time, Newmark's method has contact as the mean over a step:
-    `fem_snh.contact.mean_contact.MeanContact`.
+    `fem_snh.contact.law.mean_pressure`.
 
     Parameters
     ----------

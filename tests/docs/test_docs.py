@@ -197,12 +197,10 @@ EXAMPLES: dict[str, dict[str, Any]] = {
 STUDIES = {"sweep"}
 #: Examples that need a mesh, and the test that runs the same lines.
 EXAMPLES_ELSEWHERE = {
-    "fem_snh/accuracy/program_goals.py": "tests/accuracy/test_error_of_programs.py",
-    "fem_snh/problem/bones.py": "tests/problem/test_bones.py",
+    "fem_snh/program_results.py": "tests/accuracy/test_error_of_programs.py",
     "fem_snh/dynamic_problem.py": "tests/problem/test_dynamic_problem.py",
     "fem_snh/nonlinear_problem.py": "tests/problem/test_nonlinear_problem.py",
-    "fem_snh/problem/modes.py": "tests/problem/test_program_modes.py",
-    "fem_snh/problem/reactions.py": "tests/problem/test_plane_problems.py",
+    "fem_snh/scenes/schema.py": "tests/scenes/test_build.py",
     "fem_snh/runs/start.py": "tests/runs/test_start_from_run.py",
 }
 
