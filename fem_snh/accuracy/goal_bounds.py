@@ -1,10 +1,10 @@
 """Bounds of the errors of goals on a level of a run to a required accuracy.
 
-The error of a value is bounded by its estimate times a factor, for what the estimate misses at a
-corner; that of the corrected value by what the estimate misses. From the second level on the change
-of the corrected value counts as well. If the estimates of all levels miss the same part, corrected
-values change from level to level by the same factor as the estimates do: their further changes are
-a geometric series. Where corrected values differ by more than their bounds, the difference counts.
+The error of the corrected value, to which the estimate is added, is bounded by what the estimate
+misses at a corner. From the second level on the change of the corrected value counts as well. If
+the estimates of all levels miss the same part, corrected values change from level to level by the
+same factor as the estimates do: their further changes are a geometric series. Where corrected
+values differ by more than their bounds, the difference counts.
 """
 
 from __future__ import annotations
@@ -38,8 +38,6 @@ _MISSED_OF_CHANGE = 0.5
 #: Largest ratio of the estimates of two levels with which the change of the corrected value is
 #: extrapolated.
 _SLOWEST = 0.8
-#: A corrected value is taken if the correction is at most so many times the request.
-_LARGEST_CORRECTION = 20.0
 #: Least bound of a component, over the largest one of the same vector; in time and with friction.
 _LEAST_OF_VECTOR, _LEAST_ON_PATH = 0.1, 0.2
 #: Least bound of a displacement on the first level, over that of the largest error of one in the
@@ -60,8 +58,8 @@ class GoalLevel:
         The value and the estimate of its error.
     scale : float
         What the errors are relative to.
-    bound, uncertainty : float
-        Bounds of the errors of the value and of the corrected value.
+    uncertainty : float
+        A bound of the error of the corrected value.
     safety : float
         The bound of the error over its estimate.
     small : bool
@@ -70,7 +68,6 @@ class GoalLevel:
 
     known: GoalError
     scale: float
-    bound: float
     uncertainty: float
     safety: float
     small: bool = False
@@ -90,27 +87,18 @@ class GoalLevel:
         """The value with the estimate added."""
         return self.value + self.error
 
-    def relative(self, asked: float) -> float:
-        """Return the relative bound of the value that is known better."""
-        return self.best(asked)[1] / self.scale if self.scale > 0 else 0.0
+    @property
+    def relative(self) -> float:
+        """The bound of the corrected value's error over the scale."""
+        return self.uncertainty / self.scale if self.scale > 0 else 0.0
 
-    def best(self, asked: float) -> tuple[float, float]:
-        """Return the value or the corrected one, whichever is known better, and its bound."""
-        known = [(self.value, self.bound)]
-        if abs(self.error) <= _LARGEST_CORRECTION * asked * self.scale:
-            known.append((self.corrected, self.uncertainty))
-        return min(known, key=lambda pair: pair[1])
-
-    def contribution(self, source: str, asked: float) -> float:
-        """Return what a part adds to the relative bound of the value that is known better."""
+    def contribution(self, source: str) -> float:
+        """Return what a part of the error adds to the relative bound."""
         known, parts = self.known, self.known.parts
-        part = largest = abs(parts.get(source, 0.0))
+        part = abs(parts.get(source, 0.0))
         if source == "mesh":
-            part += abs(parts.get("shape", 0.0))
-            largest = max(part, known.of_path)
-        safety = _safety_of(source, parts, self.safety)
-        is_corrected = self.best(asked)[0] != self.value
-        part = (0.0 if is_corrected else part) + (safety - 1) * largest
+            part = max(part + abs(parts.get("shape", 0.0)), known.of_path)
+        part *= _safety_of(source, parts, self.safety) - 1
         if source == "penalty":
             part += known.penalty_bound
         if source == "mesh":
@@ -124,15 +112,15 @@ class GoalLevel:
         """Whether value and correction are rounding beside the other components."""
         return max(abs(self.value), abs(self.error)) <= _SHOWN * self.scale
 
-    def record(self, asked: float) -> dict[str, Any]:
+    def record(self) -> dict[str, Any]:
         """Return the entry of a goal in run.json."""
         return {
             "value": self.value,
-            "best": self.best(asked)[0],
+            "best": self.corrected,
             "error": self.error,
             "corrected": self.corrected,
             "uncertainty": self.uncertainty,
-            "relative": self.relative(asked),
+            "relative": self.relative,
             **({"parts": self.known.parts} if self.known.parts else {}),
         }
 
@@ -227,18 +215,15 @@ def _bounded(goal: GoalError, safety: float, coarser: GoalLevel | None) -> GoalL
     scale = max(goal.scale, abs(corrected))
     safety = _safety_of_shapes(goal, safety)
     steps = _of_steps(goal)
-    size = sum(map(abs, goal.parts.values())) - steps if goal.parts else abs(error)  # may cancel
     missed = _missed(goal, safety) + goal.mesh_bound + goal.penalty_bound
     unsettled = 0.0 if _on_path(goal.parts) else goal.unsettled  # its bounds are counted above
-    bound = size + missed + max(safety * steps, goal.steps_bound) + unsettled
     uncertainty = missed + max((safety - 1) * steps, goal.steps_bound) + unsettled
     if coarser is None:
         # Errors of the stress on two sides of a point cancel in the estimate alone.
         least = (safety - 1) * max(_LEAST_OF_BODY * goal.of_body, goal.of_size)
     else:
         least = _change_left(corrected, error, uncertainty, coarser)
-    bound, uncertainty = max(bound, size + steps + least), max(uncertainty, least)
-    return GoalLevel(goal, scale, bound, uncertainty, safety)
+    return GoalLevel(goal, scale, max(uncertainty, least), safety)
 
 
 def _change_left(corrected: float, error: float, uncertainty: float, coarser: GoalLevel) -> float:
@@ -264,8 +249,7 @@ def _with_least_bounds(goals: Mapping[str, GoalLevel]) -> dict[str, GoalLevel]:
     found = {}
     for name, goal in goals.items():
         least = _least_part(goal.known) * largest[vector_of(name)]
-        bounds = max(goal.bound, least), max(goal.uncertainty, least)
-        found[name] = replace(goal, bound=bounds[0], uncertainty=bounds[1])
+        found[name] = replace(goal, uncertainty=max(goal.uncertainty, least))
     return found
 
 

@@ -1,7 +1,7 @@
 """Decide on the levels of a run to a required accuracy: when it ends, and how fine the next is.
 
-The value of a goal is within the request if a bound of its error is; the corrected value serves
-instead if what the estimate may miss is (`fem_snh.accuracy.goal_bounds`).
+A goal is within the request if a bound of the error of its corrected value is, which is what the
+estimate may miss (`fem_snh.accuracy.goal_bounds`).
 """
 
 from __future__ import annotations
@@ -238,7 +238,7 @@ class Levels:
         """Return the goals that are not within the request on a level that is not yet added."""
         self.add(replace(row), estimate)
         goals = self.rows.pop().goals
-        return [name for name, goal in goals.items() if goal.relative(self.asked) > self.asked]
+        return [name for name, goal in goals.items() if goal.relative > self.asked]
 
     @property
     def worst(self) -> tuple[str, float] | None:
@@ -246,8 +246,8 @@ class Levels:
         goals = self.rows[-1].goals if self.rows else {}
         if not goals:
             return None
-        name = max(goals, key=lambda name: goals[name].relative(self.asked))
-        return name, goals[name].relative(self.asked)
+        name = max(goals, key=lambda name: goals[name].relative)
+        return name, goals[name].relative
 
     @property
     def reached(self) -> bool:
@@ -269,7 +269,7 @@ class Levels:
         if len(self.rows) < 2:
             return True
         before, now = (
-            max((goal.relative(self.asked) for goal in row.goals.values()), default=inf)
+            max((goal.relative for goal in row.goals.values()), default=inf)
             for row in self.rows[-2:]
         )
         return now < inf and now <= _DECREASES * before
@@ -371,7 +371,7 @@ class Levels:
     def _contribution(self, source: str) -> float:
         """Return the largest contribution of a part to the bounds of the last level's goals."""
         goals = self.rows[-1].goals.values()
-        return max(goal.contribution(source, self.asked) for goal in goals)
+        return max(goal.contribution(source) for goal in goals)
 
     def _suffices(self, source: str) -> bool:
         """Return whether a part is within its share, or small beside the largest over its share."""
@@ -450,7 +450,7 @@ class Levels:
         """Return the errors of cells over the request, of the goals that are not within it."""
         row, weights = self.rows[-1], np.zeros(cells)
         for name, goal in row.goals.items():
-            if name in row.estimate.indicators and goal.relative(self.asked) > self.asked:
+            if name in row.estimate.indicators and goal.relative > self.asked:
                 weights += np.abs(row.estimate.indicators[name]) / (self.asked * goal.scale)
         return weights
 
@@ -461,7 +461,7 @@ class Levels:
         head += f", {row.steps:,} {row.kind} steps" if row.steps else ""
         if not row.goals:
             return [f"{head}: no estimate: {row.reason}"]
-        counts = sum(goal.relative(asked) <= asked for goal in row.goals.values())
+        counts = sum(goal.relative <= asked for goal in row.goals.values())
         head += f", {row.elapsed:.2g} s: {counts} of {len(row.goals)} "
         unsure = row.gives_way or len(self.rows) < self.least
         head += f"{'estimates' if unsure else 'goals'} within {100 * asked:g} %"
@@ -471,16 +471,15 @@ class Levels:
         return [*lines, *(f"  {text}" for text in further)]
 
     def _line(self, name: str, goal: GoalLevel) -> str:
-        relative = goal.relative(self.asked)
-        value, error = goal.best(self.asked)
-        which = "" if value == goal.value else " (corrected)"
+        relative = goal.relative
+        which = "" if goal.corrected == goal.value else " (corrected)"
         mark = "" if relative <= self.asked else "  not yet"
         share = f"{100 * relative:.2g} %"
         if goal.small:
             share += f" of {SMALL_FORCE:g} of the largest force"
         parts = parts_text(goal.known.parts, goal.known.steps_bound)
         of = f"  ({parts})" if parts else ""
-        return f"  {name} {value:.6g} +- {error:.2g} ({share}){which}{mark}{of}"
+        return f"  {name} {goal.corrected:.6g} +- {goal.uncertainty:.2g} ({share}){which}{mark}{of}"
 
     def record(self) -> dict[str, Any]:
         """Return the entry ``accuracy`` of run.json."""
@@ -503,7 +502,7 @@ class Levels:
                     **({f"{row.kind}_steps": row.steps} if row.steps else {}),
                     "seconds": row.elapsed,
                     "reason": row.reason or None,
-                    "goals": {n: g.record(self.asked) for n, g in row.goals.items()},
+                    "goals": {n: g.record() for n, g in row.goals.items()},
                 }
                 for row in self.rows
             ],

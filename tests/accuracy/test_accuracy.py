@@ -150,7 +150,7 @@ def test_cells_get_smaller_where_the_error_is():
 
 
 def test_decisions():
-    """A value serves if its error is within the request, a corrected one if its own error is."""
+    """A corrected value serves if what the estimate may miss is within the request."""
 
     def estimate(value, error, scale=1.0):
         return Estimate(goals={"a": GoalError(value, error, scale)}, memory=1e6)
@@ -159,7 +159,6 @@ def test_decisions():
     levels.add(LevelRow("Q1P0", 1, 64, 500, 1.0, fineness=4), estimate(0.9, 0.1))
     # The estimate of degree 1 may miss 40 % of what it finds: so much the corrected value is off.
     assert not levels.reached and levels.worst == ("a", pytest.approx(0.04))
-    assert levels.rows[0].goals["a"].bound == pytest.approx(0.14)
     assert levels.refinement() == 2.0
     forecast = levels.forecast(2.0)
     assert (forecast.cells, forecast.dofs, forecast.memory) == (512, 4000, 8e6)
@@ -229,7 +228,6 @@ def test_bounds_hold_where_estimates_find_a_part_of_the_error(found, ratio):
         goal = levels.rows[-1].goals["a"]
         if k or 1 / 1.5 <= found <= 1.5:
             assert abs(goal.corrected - 1) <= goal.uncertainty * (1 + 1e-9)
-            assert abs(goal.value - 1) <= goal.bound * (1 + 1e-9)
         # What an estimate may miss anyway is all that is added where it finds two thirds or more.
         least = 0.5 * found * true
         if 1 / 1.5 <= found <= 1.5:

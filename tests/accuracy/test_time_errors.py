@@ -198,7 +198,7 @@ def test_small_changes_that_do_not_decrease_have_a_bound(integrator, friction, n
     levels.add(LevelRow("P1", 1, 8, 81, 1.0, steps=100), found)
     level = levels.rows[0].goals["body.mean.z"]
     assert not levels.rows[0].steps_have_no_order
-    assert level.bound > goal.steps_bound + abs(goal.error)
+    assert level.uncertainty > goal.steps_bound
 
 
 def test_bounds_of_small_changes():
