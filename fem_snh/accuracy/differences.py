@@ -139,12 +139,13 @@ class LiftedGoals:
         NoEstimate
             If no stable equilibrium is found, or the differences do not settle.
         """
-        lift, name = self.lift, self.lift.lifted.element.name
+        lift = self.lift
         values: Array = np.zeros(len(self.values))
         while True:
             before = values
             values = self.iterate() - self.values
             if not np.isfinite(values).all():
+                name = lift.lifted.element.name
                 raise NoEstimate(f"a goal is not finite in the state of {name}")
             if lift.at_end:
                 found = Differences(values, self._unsettled_at_end(values))
@@ -156,10 +157,7 @@ class LiftedGoals:
             if lift.at_end or (self._settled(found, asked) and enough and lift.stable):
                 break
         if not lift.stable:
-            raise NoEstimate(
-                f"the equilibrium of {name} near the run's is unstable: its Hessian has negative "
-                "curvature"
-            )
+            raise lift.unstable("negative curvature")
         return found
 
     def _settled(self, found: Differences, asked: float) -> bool:

@@ -271,12 +271,15 @@ class Lift:
         # the residual, which a few Newton iterations leave.
         rigid = len(Supports(self.lifted).free_motions()) if count > 0 and self.lifted.rigid else 0
         if count > rigid:
-            values = "eigenvalue" if count == 1 else "eigenvalues"
-            raise NoEstimate(
-                f"the equilibrium of {self.lifted.element.name} near the run's is unstable: its "
-                f"Hessian has {count} negative {values}, and on finer cells the body may leave it"
-            )
+            raise self.unstable(f"{count} negative eigenvalue{'s' if count > 1 else ''}")
         return False
+
+    def unstable(self, what: str) -> NoEstimate:
+        """Return that there is no estimate, as what the Hessian has shows an instability."""
+        return NoEstimate(
+            f"the equilibrium of {self.lifted.element.name} near the run's is unstable: its "
+            f"Hessian has {what}, and on finer cells the body may leave it"
+        )
 
     def _is_definite(self) -> bool | None:
         """Return whether the exact Hessian is definite; None if iterations do not tell."""
@@ -299,10 +302,7 @@ class Lift:
         # An unknown pressure makes up for negative eigenvalues of the displacement's part.
         sure = lifted.saddle_point is None and definite is False
         if sure or (lifted.saddle_point and has_negative_curvature(lifted, ksp)):
-            raise NoEstimate(
-                f"the equilibrium of {lifted.element.name} near the run's is unstable: its "
-                "Hessian has negative eigenvalues, and on finer cells the body may leave it"
-            )
+            raise self.unstable("negative eigenvalues")
         return True
 
     def destroy(self) -> None:

@@ -19,7 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from math import sqrt
-from typing import Any, NamedTuple
+from typing import Any
 
 from mpi4py import MPI
 
@@ -69,33 +69,17 @@ def is_at_rest(problem: Problem) -> bool:
     return bool(problem.comm.allreduce(moved, op=MPI.MAX) <= _EPS * problem.length)
 
 
-class InvertedPoints(NamedTuple):
-    """The inverted points of a state, on all ranks.
+def inverted_points(problem: Problem) -> tuple[dict[str, Any], int, int]:
+    """Return the inverted points of the problem's state, on all ranks. Collective.
 
-    Attributes
-    ----------
-    points, cells : int
-        Number of points with J <= 0, and of cells that have one.
-    of : int
-        Number of points.
-    min_J : float
-        The smallest J.
-    position : list of float
-        Centre of the cell that has it, in the reference configuration [m].
-    material : int
-        Number of the material that fills the cell.
+    Returns
+    -------
+    dict
+        ``points`` with J <= 0, and ``cells`` that have one; ``min_J``, the smallest J, and the
+        ``position`` of the centre of its cell in the reference configuration [m].
+    int, int
+        The number of all points, and of the material that fills the cell.
     """
-
-    points: int
-    cells: int
-    of: int
-    min_J: float
-    position: list[float]
-    material: int
-
-
-def inverted_points(problem: Problem) -> InvertedPoints:
-    """Return the inverted points of the problem's state. Collective."""
     u = local_values(problem.split(problem.x)[0])
     counts, worst = np.zeros(3, dtype=np.int64), (np.inf, [0.0] * 3, 0)
     for number, part in enumerate(problem.elastic.parts):
@@ -106,10 +90,10 @@ def inverted_points(problem: Problem) -> InvertedPoints:
             cell = np.unravel_index(J.argmin(), J.shape)[0]
             centre = cell_centres(part.loops.tables, np.array([cell]))[0].tolist()
             worst = (float(J.min()), centre, number)
-    counts = problem.comm.allreduce(counts)
-    everywhere: list[Any] = problem.comm.allgather(worst)
-    points, cells, of = (int(n) for n in counts)
-    return InvertedPoints(points, cells, of, *min(everywhere))
+    points, cells, of = (int(n) for n in problem.comm.allreduce(counts))
+    min_J, position, material = min(problem.comm.allgather(worst))
+    found = {"points": points, "cells": cells, "min_J": min_J, "position": position}
+    return found, of, material
 
 
 #: Ratio lambda/mu from which an element can lock: nu = 0.4. For what is below, elements of mean

@@ -230,27 +230,19 @@ def inversion_note(problem: Problem, step: int | None = None, halved: bool = Fal
     means = fields["deformed_volume"] / fields["volume"]
     lowest = comm.allreduce(float(means.min(initial=np.inf)), op=MPI.MIN)
     highest = comm.allreduce(float(means.max(initial=-np.inf)), op=MPI.MAX)
-    found = inverted_points(problem)
-    where = ", ".join(f"{x:.4g}" for x in found.position)
-    inside = ""
+    found, of, material = inverted_points(problem)
+    where, inside = ", ".join(f"{x:.4g}" for x in found["position"]), ""
     if len(problem.regions) > 1:
-        material = problem.elastic.parts[found.material].region.material
-        inside = f" in material {found.material} ({material.name})"
+        name = problem.elastic.parts[material].region.material.name
+        inside = f" in material {material} ({name})"
     text = (
-        f"{found.points:,} of {found.of:,} quadrature points are inverted, in {found.cells:,} "
-        f"cells: smallest J = {found.min_J:.3g} at ({where}){inside}; the means over cells, which "
-        f"fields and pictures show as J, are {lowest:.3g} to {highest:.3g}"
+        f"{found['points']:,} of {of:,} quadrature points are inverted, in {found['cells']:,} "
+        f"cells: smallest J = {found['min_J']:.3g} at ({where}){inside}; the means over cells, "
+        f"which fields and pictures show as J, are {lowest:.3g} to {highest:.3g}"
         f"{'; halves of the step end so as well' if halved else ''}: refine the mesh there, or "
         "load less"
     )
-    values = {
-        "points": found.points,
-        "cells": found.cells,
-        "min_J": found.min_J,
-        "min_cell_J": lowest,
-        "position": found.position,
-    }
-    return Note("inverted", text, step, values)
+    return Note("inverted", text, step, found | {"min_cell_J": lowest})
 
 
 def unseen_penetrations(row: Mapping[str, Any]) -> list[tuple[str, Mapping[str, Any]]]:
@@ -360,26 +352,20 @@ def energy_note(steps: Mapping[int, Mapping[str, Any]], mean_forces: bool = Fals
     worst = min(rows, key=lambda number: float(rows[number]["numerical_dissipation"]))
     gained = -float(rows[worst]["numerical_dissipation"])
     exchanged = max(abs(row[k]) for row in rows.values() for k in ("kinetic", "work", "dissipated"))
-    remedy = "take shorter ones, or integrator = 'bdf2'"
-    if gained > _RISE * exchanged:
-        text = (
-            f"the energy rises by {gained:.3g} J that no load gives, up to time "
-            f"{rows[worst]['time']:.4g} s, {100 * gained / exchanged:.2g} % of the largest kinetic "
-            "energy, work or dissipation: the time steps do not resolve the motion or its "
-            f"contacts; {remedy}"
-        )
-        return Note("energy", text, worst, {"gained": gained, "exchanged": exchanged})
-    made = _made_by_contact(rows, _BODIES if mean_forces else (_OBSTACLES, *_BODIES))
-    worst = max(made, key=made.__getitem__, default=worst)
-    if not made.get(worst, 0.0) > _RISE_OF_CONTACT * exchanged:
-        return None
+    what = f"the energy rises by {gained:.3g} J that no load gives, up to"
+    if not gained > _RISE * exchanged:
+        made = _made_by_contact(rows, _BODIES if mean_forces else (_OBSTACLES, *_BODIES))
+        worst = max(made, key=made.__getitem__, default=worst)
+        gained = made.get(worst, 0.0)
+        if not gained > _RISE_OF_CONTACT * exchanged:
+            return None
+        what = f"contact creates energy: {gained:.3g} J in the step to"
     text = (
-        f"contact creates energy: {made[worst]:.3g} J in the step to time "
-        f"{rows[worst]['time']:.4g} s, {100 * made[worst] / exchanged:.2g} % of the largest "
-        "kinetic energy, work or dissipation: the time steps do not resolve where it begins and "
-        f"ends; {remedy}"
+        f"{what} time {rows[worst]['time']:.4g} s, {100 * gained / exchanged:.2g} % of the largest "
+        "kinetic energy, work or dissipation: the time steps do not resolve the motion or its "
+        "contacts; take shorter ones, or integrator = 'bdf2'"
     )
-    return Note("energy", text, worst, {"gained": made[worst], "exchanged": exchanged})
+    return Note("energy", text, worst, {"gained": gained, "exchanged": exchanged})
 
 
 def _made_by_contact(
