@@ -391,8 +391,7 @@ def penalty_errors(
             )
         return found
 
-    snes = solver.create(problem, prefix=PREFIX)
-    with _restored(problem, snes):
+    with _solver(problem, PREFIX) as snes:
         try:
             return without_penalties(values, scales, stiffened)
         finally:
@@ -486,12 +485,11 @@ def algebra_errors(problem: Problem, goals: Sequence[Goal], values: Array) -> Ar
     It is None where no iteration reduces the residual. The problem and its state are unchanged.
     Parameters are those of `penalty_errors`.
     """
-    snes = solver.create(problem, prefix=_ALGEBRA_PREFIX, examine_stability=False)
-    snes.setTolerances(max_it=_MOST_NEWTON)
-    context = snes.getPythonContext()
-    context.reduction, context.force_iteration = _PROGRESS, True
-    context.options |= {"snes_forcing_max": _LINEAR, "snes_forcing_safeguard": 0.0}
-    with _restored(problem, snes):
+    with _solver(problem, _ALGEBRA_PREFIX, examine_stability=False) as snes:
+        snes.setTolerances(max_it=_MOST_NEWTON)
+        context = snes.getPythonContext()
+        context.reduction, context.force_iteration = _PROGRESS, True
+        context.options |= {"snes_forcing_max": _LINEAR, "snes_forcing_safeguard": 0.0}
         further = _goals_after(problem, snes, goals, solver.StepOutcome())
     return None if further is None else further - values
 
@@ -508,11 +506,12 @@ def _goals_after(
 
 
 @contextmanager
-def _restored(problem: Problem, snes: PETSc.SNES) -> Iterator[None]:
-    """Restore the state of a problem at the end of the context, and destroy a solver."""
+def _solver(problem: Problem, prefix: str, examine_stability: bool = True) -> Iterator[PETSc.SNES]:
+    """Yield another solver of a problem, whose state is restored at the end. Collective."""
+    snes = solver.create(problem, prefix=prefix, examine_stability=examine_stability)
     start = problem.x.copy()
     try:
-        yield
+        yield snes
     finally:
         solver.destroy(snes)
         start.copy(problem.x)

@@ -431,20 +431,16 @@ class Levels:
         available : float
             Memory that is available [bytes].
         """
-        limits = self._limits
+        limits, memory, reason = self._limits, forecast.memory / 1e6, ""
         if forecast.dofs > limits.get("max_dofs", inf):
-            return f"max_dofs = {limits['max_dofs']:,.0f}: the next level has {forecast}"
-        if elapsed + forecast.seconds > limits.get("max_time", inf):
-            return (
-                f"max_time = {limits['max_time']:g} s, of which {elapsed:.2g} s have passed: the "
-                f"next level has {forecast}"
-            )
-        memory = forecast.memory / 1e6
-        if memory > limits.get("max_memory", inf):
-            return f"max_memory = {limits['max_memory']:g} MB: the next level has {forecast}"
-        if forecast.memory > available:
-            return f"{available / 1e6:.2g} MB are available: the next level has {forecast}"
-        return ""
+            reason = f"max_dofs = {limits['max_dofs']:,.0f}"
+        elif elapsed + forecast.seconds > limits.get("max_time", inf):
+            reason = f"max_time = {limits['max_time']:g} s, of which {elapsed:.2g} s have passed"
+        elif memory > limits.get("max_memory", inf):
+            reason = f"max_memory = {limits['max_memory']:g} MB"
+        elif forecast.memory > available:
+            reason = f"{available / 1e6:.2g} MB are available"
+        return reason and f"{reason}: the next level has {forecast}"
 
     def cell_weights(self, cells: int) -> Array:
         """Return the errors of cells over the request, of the goals that are not within it."""

@@ -43,13 +43,9 @@ from fem_snh.terms.rigid import RESULTS, Rigid
 #: The goals of the body, or of cells of it.
 _OF_CELLS: dict[str, type[CellsGoal]] = {"volume": VolumeGoal, "stress": StressGoal}
 _ACCEPTED = (
-    "a point [x, y, z], a measure (mean displacement), a condition of the problem (its force), "
-    "a pair of a condition and a point (the moment of its force about it), "
-    "an obstacle, a contact (its force) or a cavity (its pressure) of its terms, a rigid part (its "
-    "displacement) or a pair of one and 'displacement', 'rotation', 'force' or 'moment', "
-    "vibration modes (their frequencies) or a pair of them and a number, "
-    "a UFL form of rank 0 in u, 'energy', 'volume', 'stress', a pair of a measure of cells and "
-    "one of the last two, or ([x, y, z], 'stress', radius)"
+    "a point [x, y, z], a measure, a condition, a contact or a cavity, a rigid part, vibration "
+    "modes, a UFL form of rank 0 in u, 'energy', 'volume', 'stress', or a pair or triple that "
+    "estimate_error describes"
 )
 
 
