@@ -33,14 +33,15 @@ _SMALL_PART, _PART_AIM = 0.25, 0.15
 #: more, it finds no equilibrium from the state of the last) and its tolerance is smaller.
 _MOST_SHORTER, _MOST_STIFFER, _MOST_TIGHTER = 4.0, 10.0, 1e4
 #: While other parts are reduced, the mesh stays if it adds no more than this part of the request to
-#: the bounds.
+#: the bounds: Hertz's force at 1 % takes a tenth of the time.
 _MESH_STAYS = 0.5
 #: Order in h of the errors of singular solutions, by the degree of the displacement: the error of
 #: degree 1 decreases as h to h^2.
 _ORDER = {1: 1.2, 2: 1.5}
 #: Levels without an estimate after which the run ends: the first meshes may be too coarse.
 _MOST_WITHOUT = 3
-#: What edges of degree 2 may leave out of the body, over the accuracy.
+#: What edges of degree 2 may leave out of the body, over the accuracy: the force of a cylinder of 3
+#: cells across, of which they leave out 1.2 %, was 1 % off, and known to 0.085 % without this.
 _OF_CURVED = 0.25
 #: Factors between the sizes of cells of two levels, least and most.
 _LEAST_REFINEMENT, _MOST_REFINEMENT = 1.3, 2.0
@@ -48,12 +49,14 @@ _LEAST_REFINEMENT, _MOST_REFINEMENT = 1.3, 2.0
 #: the cells the error at a crack is a half.
 _DECREASES = 0.8
 #: The error that the next level aims at, over the request: of errors up to so many times the
-#: request it may be larger, as even the order of a crack, 1, reduces them to the request.
+#: request it may be larger, as even the order of a crack, 1, reduces them to the request. With 0.7
+#: the forecast of the bracket's fourth level at 0.1 % was twice what it needs, 565,686 unknowns.
 _AIM, _NEAR, _AIM_OF_NEAR = 0.7, 1.5, 0.85
 #: The parts of an error that are those of steps, and the power of the number of steps with which
 #: they decrease: within a load step friction acts along a chord.
 _STEPS = {TIME_STEPS: 2.0, LOAD_STEPS: 1.0}
 #: On a path, where every level costs a whole run, each part of an error has a share of the request.
+#: They are chosen: the mesh, whose part costs most to reduce, has most.
 _SHARES = {"mesh": 0.45, "time steps": 0.2, "load steps": 0.2, "penalty": 0.15, "algebra": 0.05}
 #: Parts below so many times their share are left as they are.
 _ENOUGH = 1.2
