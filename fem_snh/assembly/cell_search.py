@@ -11,6 +11,7 @@ from scipy.spatial import cKDTree
 from scipy.special import comb, factorial
 
 from fem_snh import _dolfinx
+from fem_snh._dolfinx import Mesh
 
 Array = npt.NDArray[Any]
 
@@ -182,7 +183,7 @@ class CellSearch:
         return point[inside], cell[inside]
 
 
-def locate(domain: Any, points: Array) -> tuple[Array, Array, Array]:
+def locate(domain: Mesh, points: Array) -> tuple[Array, Array, Array]:
     """Return this rank's cell of each point (n, 3) or the nearest one: `CellSearch.closest`."""
     dim = _dolfinx.mesh_dimension(domain)[0]
     kind, degree = _dolfinx.cell_name(domain), _dolfinx.geometry_degree(domain)

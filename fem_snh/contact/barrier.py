@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.sparse import bsr_matrix, csgraph, csr_matrix
 
+from fem_snh._dolfinx import FunctionSpace
 from fem_snh.assembly.assembled_matrix import BlockMatrix
 from fem_snh.assembly.kinematics import SOLID, Kinematics
 from fem_snh.assembly.regions import Region, reference_modulus
@@ -76,7 +77,7 @@ class IPC(SelfContactTerm, WorkingTerm, StepLimitingTerm):
 
     def __init__(
         self,
-        V: Any,
+        V: FunctionSpace,
         skin: Skin | None,
         regions: Sequence[Region],
         stiffness: float | None = None,

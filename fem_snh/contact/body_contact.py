@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh import _dolfinx
+from fem_snh._dolfinx import FunctionSpace
 from fem_snh.assembly.assembled_matrix import BlockMatrix
 from fem_snh.assembly.kinematics import SOLID, Kinematics
 from fem_snh.assembly.regions import Region
@@ -544,7 +545,7 @@ class BodyContact(SurfaceContact, MeanForceTerm, CouplingTerm):
 
     def __init__(
         self,
-        V: Any,
+        V: FunctionSpace,
         regions: Sequence[Region],
         pairs: Sequence[BodyPair],
         kinematics: Kinematics = SOLID,
@@ -561,8 +562,8 @@ class BodyContact(SurfaceContact, MeanForceTerm, CouplingTerm):
         self.pairs = []
         for i, pair in enumerate(pairs):
             both, sides = surfaces[2 * i : 2 * i + 2], self.surface.sides[2 * i : 2 * i + 2]
-            default = min(surface_mean(s, default_stiffness(s, V, regions), comm) for s in both)
-            height = max(surface_mean(s, cell_heights(s, V), comm) for s in both)
+            default = min(surface_mean(s, default_stiffness(s, regions)) for s in both)
+            height = max(surface_mean(s, cell_heights(s)) for s in both)
             first, second = sides
             self.pairs.append(SurfacePair(pair, self.surface, (first, second), default, height))
         self._stale, self._stepped = True, False

@@ -15,6 +15,7 @@ import numpy.typing as npt
 from scipy.sparse import csr_matrix, identity, kron
 
 from fem_snh import _dolfinx
+from fem_snh._dolfinx import FunctionSpace, Mesh
 from fem_snh.assembly.assembled_matrix import BlockMatrix
 from fem_snh.contact.surface_quadrature import SurfaceQuadrature, cross_tangents
 from fem_snh.mesh.gmsh_model import Skin
@@ -43,7 +44,7 @@ class GatheredNodes:
         Their reference coordinates [m].
     """
 
-    def __init__(self, V: Any, nodes: Array) -> None:
+    def __init__(self, V: FunctionSpace, nodes: Array) -> None:
         self._V, self.comm = V, V.mesh.comm  # the mesh frees its communicator
         numbers, owned = _dolfinx.local_to_global(V), _dolfinx.num_nodes(V)[0]
         self.nodes = np.unique(np.concatenate(self.comm.allgather(np.unique(nodes))))
@@ -206,7 +207,7 @@ class GatheredSurface(GatheredNodes):
         Components of the displacement.
     """
 
-    def __init__(self, V: Any, surfaces: Sequence[SurfaceQuadrature]) -> None:
+    def __init__(self, V: FunctionSpace, surfaces: Sequence[SurfaceQuadrature]) -> None:
         self.components = _dolfinx.num_components(V)
         kind = _dolfinx.FACET_OF[_dolfinx.cell_name(V.mesh)]
         self.shape = FacetShape(kind, _dolfinx.degree(V))
@@ -282,7 +283,7 @@ class EmbeddedSurface:
     """
 
     def __init__(
-        self, V: Any, points: Array, triangles: Array, nodes: Array, weights: Array
+        self, V: FunctionSpace, points: Array, triangles: Array, nodes: Array, weights: Array
     ) -> None:
         self.points, self.triangles = points, np.asarray(triangles, np.int32)
         self.nodes, self.weights, self.components = nodes, weights, _dolfinx.num_components(V)
@@ -296,7 +297,7 @@ class EmbeddedSurface:
         self._nodal_map = csr_matrix(self.matrix.T)
 
     @classmethod
-    def boundary(cls, V: Any, revolved: bool = False) -> EmbeddedSurface:
+    def boundary(cls, V: FunctionSpace, revolved: bool = False) -> EmbeddedSurface:
         """Return the triangles of the facets on the boundary of V's mesh. Collective.
 
         The points are the nodes on the boundary: a facet of degree 2 gives four times as many
@@ -330,7 +331,7 @@ class EmbeddedSurface:
         )
 
     @classmethod
-    def of_skin(cls, V: Any, skin: Skin) -> EmbeddedSurface:
+    def of_skin(cls, V: FunctionSpace, skin: Skin) -> EmbeddedSurface:
         """Return the skin that the cells of a lattice carry. Collective.
 
         Parameters
@@ -375,7 +376,9 @@ class EmbeddedSurface:
         return np.asarray(self.matrix @ values)
 
 
-def embedded_surface(V: Any, skin: Skin | None = None, revolved: bool = False) -> EmbeddedSurface:
+def embedded_surface(
+    V: FunctionSpace, skin: Skin | None = None, revolved: bool = False
+) -> EmbeddedSurface:
     """Return the surface on which a body touches itself. Collective.
 
     It is the skin that a lattice carries, or the boundary of the mesh.
@@ -422,7 +425,7 @@ def point_areas(points: Array, triangles: Array, revolved: bool = False) -> Arra
     return np.bincount(triangles.ravel(), each, len(points))
 
 
-def carried_points(domain: Any, skin: Skin) -> tuple[Array, Array]:
+def carried_points(domain: Mesh, skin: Skin) -> tuple[Array, Array]:
     """Return the points of a skin that this rank's own cells carry, (n,), and the cells, (n,)."""
     owned = _dolfinx.num_owned(domain)
     row_of = np.full(_dolfinx.num_cells(domain), -1)

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh import _dolfinx
+from fem_snh._dolfinx import FunctionSpace
 from fem_snh.assembly.regions import Region
 from fem_snh.contact.surface_quadrature import SurfaceQuadrature
 from fem_snh.geometry.motions import MovingShape
@@ -320,20 +321,21 @@ class ContactLaw:
         self.version += 1
 
 
-def cell_heights(surface: SurfaceQuadrature, V: Any) -> Array:
+def cell_heights(surface: SurfaceQuadrature) -> Array:
     """Return the height of the cell over each facet [m], (facets,)."""
-    factor = _HEIGHT[_dolfinx.cell_name(V.mesh)]
-    return np.asarray(factor * cell_volumes(V.mesh)[surface.cells] / surface.areas)
+    domain = surface.V.mesh
+    factor = _HEIGHT[_dolfinx.cell_name(domain)]
+    return np.asarray(factor * cell_volumes(domain)[surface.cells] / surface.areas)
 
 
-def surface_mean(surface: SurfaceQuadrature, values: Array, comm: MPI.Comm) -> float:
+def surface_mean(surface: SurfaceQuadrature, values: Array) -> float:
     """Return the mean over the area of values of the facets. Collective."""
     areas = surface.weights.sum(axis=1)
-    total = comm.allreduce(np.array([areas @ values, areas.sum()]))
+    total = surface.V.mesh.comm.allreduce(np.array([areas @ values, areas.sum()]))
     return float(total[0] / total[1])
 
 
-def cell_moduli(V: Any, regions: Sequence[Region]) -> Array:
+def cell_moduli(V: FunctionSpace, regions: Sequence[Region]) -> Array:
     """Return Young's modulus in each owned cell [Pa]."""
     moduli = np.empty(_dolfinx.num_owned(V.mesh))
     for region in regions:
@@ -341,9 +343,10 @@ def cell_moduli(V: Any, regions: Sequence[Region]) -> Array:
     return moduli
 
 
-def default_stiffness(surface: SurfaceQuadrature, V: Any, regions: Sequence[Region]) -> Array:
+def default_stiffness(surface: SurfaceQuadrature, regions: Sequence[Region]) -> Array:
     """Return the default penalty stiffness of each facet [Pa/m], (facets,)."""
-    return np.asarray(FACTOR * cell_moduli(V, regions)[surface.cells] / cell_heights(surface, V))
+    moduli = cell_moduli(surface.V, regions)[surface.cells]
+    return np.asarray(FACTOR * moduli / cell_heights(surface))
 
 
 #: Rounding of the yield limit: a point that slid is at the limit when its slip is kept.

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh import _dolfinx
+from fem_snh._dolfinx import FunctionSpace
 from fem_snh.assembly.assembled_matrix import BlockMatrix
 from fem_snh.assembly.kinematics import SOLID, Kinematics
 from fem_snh.assembly.regions import Region
@@ -116,7 +117,7 @@ class ObstacleContact(SurfaceContact, WorkingTerm, MeanForceTerm):
 
     def __init__(
         self,
-        V: Any,
+        V: FunctionSpace,
         regions: Sequence[Region],
         contacts: Sequence[RigidContact],
         kinematics: Kinematics = SOLID,
@@ -128,8 +129,8 @@ class ObstacleContact(SurfaceContact, WorkingTerm, MeanForceTerm):
         degree = degrees[_dolfinx.FACET_OF[_dolfinx.cell_name(V.mesh)]]
         self.surface = surface = SurfaceQuadrature(V, None, degree, kinematics.revolved)
         X = V.tabulate_dof_coordinates()
-        heights = cell_heights(surface, V)[:, None]
-        default = default_stiffness(surface, V, regions)[:, None]
+        heights = cell_heights(surface)[:, None]
+        default = default_stiffness(surface, regions)[:, None]
         self.pairs = []
         for c in contacts:
             law = ContactLaw.of(c, "obstacle", surface.weights, default, heights, comm=self.comm)
@@ -243,7 +244,7 @@ class ObstacleFields:
     """
 
     def __init__(
-        self, V: Any, pairs: Sequence[ObstaclePair], kinematics: Kinematics = SOLID
+        self, V: FunctionSpace, pairs: Sequence[ObstaclePair], kinematics: Kinematics = SOLID
     ) -> None:
         self._pairs, self._X = pairs, V.tabulate_dof_coordinates()
         self._space = Q = _dolfinx.function_space(V.mesh, 1)

@@ -458,7 +458,7 @@ class ObstaclePair(ContactPair):
             "penetration": penetration,
             **deepest.row(penetration),
             "pose": np.column_stack(self.obstacle.pose(self.load)).tolist(),
-            "stiffness": surface_mean(self.surface, self.law.stiffness[:, 0], comm),
+            "stiffness": surface_mean(self.surface, self.law.stiffness[:, 0]),
         }
         return row | ({"sliding": int(counts[4])} if friction else {})
 

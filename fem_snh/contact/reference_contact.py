@@ -18,6 +18,7 @@ import numpy.typing as npt
 from scipy.sparse import csr_matrix, diags
 from scipy.spatial import cKDTree
 
+from fem_snh._dolfinx import FunctionSpace
 from fem_snh.assembly.assembled_matrix import BlockMatrix
 from fem_snh.assembly.kinematics import SOLID, Kinematics
 from fem_snh.assembly.regions import Region
@@ -229,7 +230,7 @@ class TargetSearch:
 
     def __init__(
         self,
-        V: Any,
+        V: FunctionSpace,
         surface: EmbeddedSurface,
         regions: Sequence[Region],
         stiffness: float | None = None,
@@ -639,7 +640,7 @@ class ReferenceContact(SelfContactTerm):
 
     def __init__(
         self,
-        V: Any,
+        V: FunctionSpace,
         skin: Skin | None,
         regions: Sequence[Region],
         stiffness: float | None = None,

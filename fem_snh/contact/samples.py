@@ -11,6 +11,7 @@ from scipy.sparse import coo_matrix, csr_matrix
 from scipy.sparse.csgraph import connected_components
 
 from fem_snh import _dolfinx
+from fem_snh._dolfinx import FunctionSpace
 from fem_snh.assembly.cell_search import CellSearch, Hits, jacobian
 from fem_snh.assembly.regions import Region
 from fem_snh.contact.gathered_surface import EmbeddedSurface
@@ -164,7 +165,7 @@ def surface_values(x: Array, corners: Array, coordinates: Array) -> Array:
     return np.asarray(np.einsum("nk,nk...->n...", coordinates, x[corners]))
 
 
-def cell_sizes(V: Any) -> Array:
+def cell_sizes(V: FunctionSpace) -> Array:
     """Return the edge of a cube of each owned cell's volume [m]; six tetrahedra fill a cube.
 
     In two dimensions it is that of a square of the cell's area, which two triangles fill.
@@ -173,12 +174,12 @@ def cell_sizes(V: Any) -> Array:
     return np.asarray((factor * cell_volumes(V.mesh)) ** (1 / _dolfinx.mesh_dimension(V.mesh)[0]))
 
 
-def cell_stiffness(V: Any, regions: Sequence[Region]) -> Array:
+def cell_stiffness(V: FunctionSpace, regions: Sequence[Region]) -> Array:
     """Return the default penalty stiffness of each owned cell [Pa/m]: `FACTOR` E over its size."""
     return np.asarray(FACTOR * cell_moduli(V, regions) / cell_sizes(V))
 
 
-def smallest_at_points(V: Any, surface: EmbeddedSurface, values: Array) -> Array:
+def smallest_at_points(V: FunctionSpace, surface: EmbeddedSurface, values: Array) -> Array:
     """Return the smallest value (points,) of the cells (owned cells,) at each point. Collective."""
     nodes, smallest = _dolfinx.node_dofs(V), np.full(sum(_dolfinx.num_nodes(V)), np.inf)
     np.minimum.at(smallest, nodes.ravel(), np.repeat(values, nodes.shape[1]))
@@ -217,7 +218,7 @@ class Neighbourhood:
         The vertices that carry each triangle, padded with -1; the same on all ranks.
     """
 
-    def __init__(self, V: Any, surface: EmbeddedSurface) -> None:
+    def __init__(self, V: FunctionSpace, surface: EmbeddedSurface) -> None:
         kind, degree = _dolfinx.cell_name(V.mesh), _dolfinx.degree(V)
         nodes = _dolfinx.local_to_global(V)[_dolfinx.node_dofs(V)]
         self.cells = nodes[:, : len(_dolfinx.reference_corners(kind))]
@@ -249,7 +250,7 @@ class Neighbourhood:
         return intersect(self.triangles[triangle], self.cells[cell])
 
 
-def body_numbers(V: Any) -> Array:
+def body_numbers(V: FunctionSpace) -> Array:
     """Return a number for each local node that is the same for all of a body. Collective.
 
     Two bodies of a mesh have no common node.
@@ -315,7 +316,7 @@ class DeformedCells:
         Local nodes of each cell.
     """
 
-    def __init__(self, V: Any) -> None:
+    def __init__(self, V: FunctionSpace) -> None:
         self.nodes = _dolfinx.node_dofs(V)
         self._search = CellSearch(_dolfinx.cell_name(V.mesh), _dolfinx.degree(V), self.nodes)
         self._X = V.tabulate_dof_coordinates()[:, : _dolfinx.mesh_dimension(V.mesh)[0]]

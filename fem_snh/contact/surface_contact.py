@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh import _dolfinx
+from fem_snh._dolfinx import FunctionSpace
 from fem_snh.assembly.kinematics import SOLID, Kinematics
 from fem_snh.assembly.unknowns import local_values, update_ghosts, writable_values
 from fem_snh.contact.gathered_surface import (
@@ -112,7 +113,7 @@ class SurfaceContact(HistoryTerm, ForceTerm):
     gathered = False
     surface: Any
 
-    def __init__(self, V: Any, kinematics: Kinematics) -> None:
+    def __init__(self, V: FunctionSpace, kinematics: Kinematics) -> None:
         self.comm, self._V, self._kinematics = V.mesh.comm, V, kinematics
 
     def configuration(self, u: PETSc.Vec) -> Array:
@@ -233,7 +234,7 @@ class SelfContactTerm(SurfaceContact, CouplingTerm):
     pairs: list[Any]
     surface: EmbeddedSurface
 
-    def __init__(self, V: Any, skin: Skin | None, kinematics: Kinematics = SOLID) -> None:
+    def __init__(self, V: FunctionSpace, skin: Skin | None, kinematics: Kinematics = SOLID) -> None:
         super().__init__(V, kinematics)
         self.surface = embedded_surface(V, skin, kinematics.revolved)
         self._matrix = SurfaceMatrix(self.surface)

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh import _dolfinx
+from fem_snh._dolfinx import FunctionSpace, Mesh
 
 Array = npt.NDArray[Any]
 #: Facets of a `SurfaceQuadrature`: their indices, or a slice of all.
@@ -85,7 +86,7 @@ class SurfaceQuadrature:
 
     def __init__(
         self,
-        V: Any,
+        V: FunctionSpace,
         facets: Array | None = None,
         degree: int | None = None,
         revolved: bool = False,
@@ -116,7 +117,7 @@ class SurfaceQuadrature:
         if revolved:
             self.weights *= 2 * np.pi * self.X[..., 0]
 
-    def _set_geometry(self, domain: Any, origins: Array, tangents: Array) -> None:
+    def _set_geometry(self, domain: Mesh, origins: Array, tangents: Array) -> None:
         """Set weights, coordinates, tangents and normals."""
         self.X = self._coordinates(self.points, ALL)
         x = _dolfinx.geometry_x(domain)[_dolfinx.geometry_dofs(domain)[self.cells]]
