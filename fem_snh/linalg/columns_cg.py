@@ -22,6 +22,7 @@ import numpy.typing as npt
 from fem_snh._petsc import AIJBlock, aij_blocks
 from fem_snh.kernels import build
 from fem_snh.linalg.block_matrix import open_kernels
+from fem_snh.linalg.deflation import Projection
 from fem_snh.linalg.halo import Halo
 from fem_snh.linalg.ssor_system import ZERO_CURVATURE, Solutions, SSORSystem
 
@@ -175,9 +176,11 @@ class SSORColumns:
             [f"#define LANES {LANES}"],
         )
         self._matrix = self._struct("SymmetricBlockMatrix *", matrix.struct)
-        self._coarse: Any = None
+        self._projection: Projection | None = None
         if deflation := system.deflation:
-            self._coarse = self._struct("CoarseSpace *", deflation.struct)
+            struct = self._struct("CoarseSpace *", deflation.struct)
+            libraries = self._ffi, self._lib
+            self._projection = Projection(deflation.E, deflation.size, *libraries, struct, LANES)
         names = "xrzptwq"
         self._vectors: dict[str, npt.NDArray[np.float32]] = {
             key: np.zeros((self._size, LANES), np.float32) for key in names
@@ -220,7 +223,8 @@ class SSORColumns:
             vectors[vector][:] = 0
         vectors["r"][:, :count] = (b / size[:, None]).T
         vectors["z"][:] = vectors["r"]
-        Qb = self._start(count)
+        if self._projection:
+            self._projection.start(at["r"], count)
         lib.columns_solve_lower(matrix, at["z"])
         lib.columns_solve_lower(matrix, at["r"])
         sums: Array = np.zeros(LANES)
@@ -244,7 +248,8 @@ class SSORColumns:
             lib.columns_backward_sweep(matrix, at_beta, *(at[key] for key in "zptw"))
             if self._halo:
                 self._halo.exchange(vectors["t"])
-            self._project(count)
+            if self._projection:
+                self._projection.project(at["t"], at["w"], count)
             names = (at[key] for key in ("p", "t", "ghosts", "w", "q"))
             lib.columns_forward_sweep(matrix, *names, at_sums)
             curvature = self._sum(sums)
@@ -260,7 +265,8 @@ class SSORColumns:
             active &= rho > limit
         residual = np.zeros_like(vectors["r"])
         lib.columns_multiply_lower(matrix, at["r"], build.pointer(self._ffi, residual))
-        self._finish(Qb, count)
+        if self._projection:
+            self._projection.finish(at["x"], count)
         scales = size * self._system.scale
         x = np.multiply(vectors["x"][:, :count].T, scales[:, None], dtype=float)
         r = np.multiply(residual[:, :count].T, size[:, None], dtype=float)
@@ -270,53 +276,6 @@ class SSORColumns:
         """Return whether each column's direction has a curvature of zero, to rounding."""
         norms = [self._system.matrix.weighted_norm_squared(p) for p in self._vectors["p"].T]
         return (curvature <= 0) & (curvature >= -ZERO_CURVATURE * self._sum(np.array(norms)))
-
-    def _start(self, count: int) -> Array | None:
-        """Replace r = b by P b; return the coefficients of Q b."""
-        if self._coarse is None:
-            return None
-        solution = self._coarse_solution(self._lib.columns_restrict, "r", count)
-        single = solution.astype(np.float32)
-        pointer = build.pointer(self._ffi, single)
-        self._lib.columns_image_subtract(self._coarse, pointer, self._at["r"])
-        return solution
-
-    def _project(self, count: int) -> None:
-        """Compute w -= A Q A t."""
-        if self._coarse is not None:
-            solution = self._coarse_solution(self._lib.columns_image_transposed, "t", count)
-            single = solution.astype(np.float32)
-            pointer = build.pointer(self._ffi, single)
-            self._lib.columns_image_subtract(self._coarse, pointer, self._at["w"])
-
-    def _finish(self, Qb: Array | None, count: int) -> None:
-        """Replace x by Q b + P^T x, without the part in the null space of A."""
-        if Qb is None:
-            return
-        assert self._system.deflation
-        coarse = Qb - self._coarse_solution(self._lib.columns_image_transposed, "x", count)
-        E = self._system.deflation.E
-        if E.singular:
-            of_x = self._coarse_product(self._lib.columns_restrict, "x")
-            for k in range(count):
-                null = E.null_part(np.ascontiguousarray(of_x[:, k]), coarse[:, k])
-                coarse[:, k] -= null
-        single = coarse.astype(np.float32)
-        self._lib.columns_prolong(self._coarse, build.pointer(self._ffi, single), self._at["x"])
-
-    def _coarse_solution(self, product: Any, vector: str, count: int) -> Array:
-        """Return E^-1 times a product, (coarse rows, `LANES`)."""
-        assert self._system.deflation
-        y, E = self._coarse_product(product, vector), self._system.deflation.E
-        for k in range(count):
-            y[:, k] = E.solve(np.ascontiguousarray(y[:, k]))
-        return y
-
-    def _coarse_product(self, product: Any, vector: str) -> Array:
-        assert self._system.deflation
-        y: Array = np.zeros((self._system.deflation.size, LANES))
-        product(self._coarse, self._at[vector], build.pointer(self._ffi, y))
-        return y
 
     def _struct(self, kind: str, struct: Any) -> Any:
         """Return another library's struct for this one's functions."""

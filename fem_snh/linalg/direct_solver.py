@@ -125,12 +125,8 @@ class SymmetricFactors:
         Failed
             If the factors do not fit into memory.
         """
-        set_operators(self._ksp, self._A, self._A)
-        pc = self._ksp.getPC()
-        self._ksp.setUp()
-        if factors_out_of_memory(pc):
-            raise Failed("out of memory (the factors of the Hessian)")
-        found = negative_pivots(pc)
+        _factorise(self._ksp, self._A)
+        found = negative_pivots(self._ksp.getPC())
         assert found is not None
         return found
 
@@ -201,6 +197,14 @@ class SymmetricFactors:
         self._ksp.destroy()
 
 
+def _factorise(ksp: PETSc.KSP, A: PETSc.Mat) -> None:
+    """Compute the factors of A; raise Failed if they do not fit into memory."""
+    set_operators(ksp, A, A)
+    ksp.setUp()
+    if factors_out_of_memory(ksp.getPC()):
+        raise Failed("out of memory (the factors of the Hessian)")
+
+
 class FactorsOfSum:
     """A PC of type "python": the inverse of an operator :math:`A + U C U^T`, a MATLRC."""
 
@@ -219,10 +223,7 @@ class FactorsOfSum:
         if self._ksp is None:
             self._ksp = PETSc.KSP().create(A.comm)
             set_direct_solver(self._ksp)
-        set_operators(self._ksp, A, A)
-        self._ksp.setUp()
-        if factors_out_of_memory(self._ksp.getPC()):
-            raise Failed("out of memory (the factors of the Hessian)")
+        _factorise(self._ksp, A)
         self._Z, S = solved_columns(self._ksp, operator)
         try:
             self._S_inverse = np.linalg.inv(S)

@@ -1,7 +1,7 @@
-"""Parts of an assembled AIJ matrix: its diagonal, and the blocks of displacement and pressure.
+"""Parts of an assembled AIJ matrix: the blocks of displacement and pressure.
 
-PETSc searches the diagonal in every row and sorts the columns of a submatrix each time. Here the
-positions of the entries are found once, and their values are copied from there.
+PETSc sorts the columns of a submatrix each time. Here the positions of the entries are found once,
+and their values are copied from there.
 
 The matrix may be one of the displacement alone, or of displacement and pressure, of which every
 rank numbers its displacement first (`fem_snh.assembly.matrix_layout`). `part_of` makes the
@@ -24,23 +24,6 @@ from fem_snh._petsc import AIJBlock, aij_blocks, nonzero_state
 from fem_snh.kernels.block_pattern import concatenated_ranges
 
 Array = npt.NDArray[Any]
-
-
-class Diagonal:
-    """The diagonal of a square AIJ matrix, all of whose diagonal entries are in the pattern."""
-
-    def __init__(self) -> None:
-        self._pattern = (-1, -1)
-
-    def values(self, A: PETSc.Mat) -> Array:
-        """Return a copy of the diagonal, (owned rows,)."""
-        with aij_blocks(A, read_only=True) as (block, *_):
-            if self._pattern != (pattern := nonzero_state(A)):
-                (start, column), self._pattern = block.csr(), pattern
-                rows = np.arange(len(start) - 1)
-                self._offsets = first_offsets(column, start[:-1], start[1:], rows)
-            values: Array = block.array()[self._offsets]
-            return values
 
 
 class Submatrix:

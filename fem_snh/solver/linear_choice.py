@@ -156,18 +156,7 @@ def _choose_for_section(regime: Regime, saddle_point: bool) -> LinearChoice:
 
 
 #: Linear solvers that need a symmetric matrix, and preconditioners that do.
-_SYMMETRIC = {
-    "cg",
-    "pipecg",
-    "groppcg",
-    "fcg",
-    "minres",
-    "symmlq",
-    "nash",
-    "stcg",
-    "gltr",
-    "python",
-}
+_SYMMETRIC = frozenset("cg pipecg groppcg fcg minres symmlq nash stcg gltr python".split())
 #: Iterations of GMRES, which keeps all of its vectors; then the solution is used as it is. A strip
 #: of 3,157 nodes takes 60 to 90 of them for a residual of 1e-3.
 _MAX_IT = 200

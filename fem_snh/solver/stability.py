@@ -21,7 +21,7 @@ finds the eigenvalues of S next to zero on either side.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import combinations
 from math import isfinite, sqrt
 
@@ -53,6 +53,8 @@ _CONTRAST = 50.0
 #: Nodes up to which factors of one Hessian cost less than a load step (twist of Q2Q1 with 8 cells
 #: across, 4,913 nodes: 1.7 of 11 s).
 _MAX_FACTORED = 5_000
+#: The squares of wave numbers and phases of a vector without symmetry.
+_PRIMES = (2.0, 3.0, 5.0, 7.0, 11.0, 13.0, 17.0, 19.0, 23.0, 29.0, 31.0, 37.0)
 #: Eigenvalues above minus this, relative to the diagonal, are zero: rounding leaves 1e-14.
 _ZERO = 1e-10
 #: What is added to the diagonal over the bound of what the residual leaves of free rotations.
@@ -141,7 +143,7 @@ class EquilibriumStability:
         try:
             negative, d = self._count(factors), None
             if negative > 0 and self._problem.operator == self._problem.A:
-                d = factors.negative_direction(negative, self._wave())
+                d = factors.negative_direction(negative, _wave(self._problem))
         finally:
             factors.destroy()
         return negative, 0.0 if d is None else self._descend(start, d, search, trial, shortest)
@@ -243,18 +245,6 @@ class EquilibriumStability:
         of_held, of_all = self._problem.comm.allreduce(np.array(rows))
         *sums, count = of_held if of_held[-1] else of_all
         return np.array(sums) / count
-
-    def _wave(self) -> PETSc.Vec:
-        """Return a vector without symmetry that does not depend on the number of ranks."""
-        problem, wave = self._problem, self._problem.x.duplicate()
-        points = problem.coordinates / problem.length
-        # Irrational wave numbers and phases: no plane of symmetry of a body maps it to itself.
-        phases = points @ np.sqrt([[2.0, 3.0, 5.0], [7.0, 11.0, 13.0], [17.0, 19.0, 23.0]])
-        wave.set(0.0)
-        waves = np.sin(phases + np.sqrt([29.0, 31.0, 37.0]))[:, : problem.regime.dimension]
-        wave.array[: waves.size] = waves.ravel()
-        problem.project(wave.array)
-        return wave
 
 
 _Reason = PETSc.KSP.ConvergedReason
@@ -380,12 +370,24 @@ def noise(problem: SolvableProblem) -> PETSc.Vec:
 
     They are functions of the coordinates, the same on any number of ranks.
     """
+    return _function_of_coordinates(problem, 1e4, lambda phases: np.sin(1e3 * np.sin(phases)))
+
+
+def _wave(problem: SolvableProblem) -> PETSc.Vec:
+    """Return a vector without symmetry that does not depend on the number of ranks."""
+    return _function_of_coordinates(problem, 1.0, np.sin)
+
+
+def _function_of_coordinates(
+    problem: SolvableProblem, frequency: float, function: Callable[[Array], Array]
+) -> PETSc.Vec:
+    """Return a displacement, a function of the phases of three waves, zero where constrained."""
     vector = problem.x.duplicate()
     vector.set(0.0)
-    points = problem.coordinates / problem.length
-    phases = points @ np.sqrt([[2e4, 3e4, 5e4], [7e4, 11e4, 13e4], [17e4, 19e4, 23e4]])
-    values = np.sin(1e3 * np.sin(phases + np.sqrt([29.0, 31.0, 37.0])))
-    values = values[:, : problem.regime.dimension]
+    points, primes = problem.coordinates / problem.length, np.array(_PRIMES)
+    # Irrational wave numbers and phases: no plane of symmetry of a body maps it to itself.
+    phases = points @ np.sqrt(frequency * primes[:9].reshape(3, 3)) + np.sqrt(primes[9:])
+    values = function(phases)[:, : problem.regime.dimension]
     vector.array[: values.size] = values.ravel()
     problem.project(vector.array)
     return vector

@@ -23,7 +23,7 @@ from petsc4py import PETSc
 import numpy as np
 
 from fem_snh._petsc import aij_blocks, nonzero_state
-from fem_snh.linalg.matrix_parts import Diagonal, Submatrix
+from fem_snh.linalg.matrix_parts import Submatrix
 from fem_snh.problem.mixed.pressure_masses import PressureMasses
 
 #: The sums of N's rows, as a multiple of those of :math:`B H^{-1} B^T` for plane waves
@@ -54,7 +54,7 @@ class CellSchur:
     def __init__(
         self, A: PETSc.Mat, index_sets: Mapping[str, PETSc.IS], masses: PressureMasses
     ) -> None:
-        self._sets, self._diagonal = index_sets, Diagonal()
+        self._sets = index_sets
         self._D: np.ndarray | None = None  # that of the present approximation
         self._sums = _SCALE * masses.shear_compliance.diagonal / (2 + masses.lambda_over_mu)
         self._set_pattern(A)
@@ -71,7 +71,7 @@ class CellSchur:
         if self._B.pattern != nonzero_state(A):
             self._set_pattern(A)  # the pressures' part is the same
             self._D = None
-        diagonal = self._diagonal.values(A)
+        diagonal = A.getDiagonal().array
         num_u = self._B_transposed.matrix.getLocalSize()[0]
         D = np.abs(diagonal[:num_u])
         if self._D is not None and _change(A.comm.tompi4py(), self._D, D) < _CHANGE:

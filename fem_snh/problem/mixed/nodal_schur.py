@@ -12,7 +12,6 @@ import numpy as np
 
 from fem_snh._petsc import aij_blocks, nonzero_state
 from fem_snh.linalg.halo import Halo
-from fem_snh.linalg.matrix_parts import Diagonal
 from fem_snh.problem.mixed.pressure_masses import PressureMasses
 
 #: Factor of the shear part of the Schur complement's approximation. In the interior 1 would be
@@ -41,7 +40,6 @@ class NodalSchur:
 
     def __init__(self, masses: PressureMasses, num_u: int, idle: np.ndarray) -> None:
         self._masses, self._num_u, self._idle = masses, num_u, idle
-        self._diagonal = Diagonal()
         self._halo: tuple[tuple[int, int], Halo] | None = None
         self.matrix = masses.shear_compliance.matrix.copy()
         self.matrix.scale(-masses.shear_compliance.scale)
@@ -82,7 +80,7 @@ class NodalSchur:
         self.matrix.scale(-shear.scale)
         self._subtract_volume_compliance()
         own = self.matrix.getDiagonal()
-        own.array[self._idle] = self._diagonal.values(A)[self._num_u + self._idle]
+        own.array[self._idle] = A.getDiagonal().array[self._num_u + self._idle]
         self.matrix.setDiagonal(own)
 
     def _subtract_volume_compliance(self) -> None:
@@ -92,7 +90,7 @@ class NodalSchur:
 
     def _diagonal_of_schur_complement(self, A: PETSc.Mat) -> np.ndarray:
         """(owned pressures,) diag(B D^-1 B^T)."""
-        num_u, local = self._num_u, self._diagonal.values(A)
+        num_u, local = self._num_u, A.getDiagonal().array
         local[:num_u] = 1 / np.abs(local[:num_u])
         local[num_u:] = 0.0  # of C
         d = np.zeros(len(local) - num_u)
