@@ -10,7 +10,7 @@ nu and shape parameters share it (`fem_snh.materials.runtime`).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import lru_cache
 from importlib.metadata import version
 from pathlib import Path
@@ -77,42 +77,36 @@ def compile_kernel(
     BadInput
         If the volume treatment does not support the material, or the compiler fails.
     """
-    key = _key(material, volume, "library", [*definitions], [*after], [*entries])
-    if stored := _stored(key):
-        return stored
-    point = _compile_point(material, volume, entries)
-    loops = build.object_file(loops_source(definitions, after))
-    solvers = svd_eigen_object()
-    path = build.linked([loops, point.path, solvers])
-    _store(key, Compiled(path, point.constants))
-    return Compiled(path, point.constants)
+
+    def link() -> Compiled:
+        point = _compile_point(material, volume, entries)
+        loops = build.object_file(loops_source(definitions, after))
+        return Compiled(build.linked([loops, point.path, svd_eigen_object()]), point.constants)
+
+    what = "library", [*definitions], [*after], [*entries]
+    return _recorded(_key(material, volume, *what), link)
 
 
 def _compile_point(material: Material, volume: str, entries: Sequence[int]) -> Compiled:
     """Compile a material's functions at a point unless the cache has their object file."""
-    key = _key(material, volume, "point", [*entries])
-    if stored := _stored(key):
-        return stored
-    from fem_snh.kernels.codegen.source import element_energy
 
-    chosen = element_energy(material.expression, volume)
-    compiled = Compiled(_object_file(chosen, entries), chosen.constants)
-    _store(key, compiled)
-    return compiled
+    def generate() -> Compiled:
+        from fem_snh.kernels.codegen.source import element_energy
 
+        chosen = element_energy(material.expression, volume)
+        return Compiled(_object_file(chosen, entries), chosen.constants)
 
-def _stored(key: str | None) -> Compiled | None:
-    """Return what a record in the cache names, if it is there."""
-    if key and (record := cache.read(key)):
-        if path := build.stored(record.pop("file")):
-            return Compiled(path, ElementConstants(tuple(record.pop("values")), **record))
-    return None
+    return _recorded(_key(material, volume, "point", [*entries]), generate)
 
 
-def _store(key: str | None, compiled: Compiled) -> None:
-    """Write the record of a compiled file into the cache, if it has a key."""
+def _recorded(key: str | None, make: Callable[[], Compiled]) -> Compiled:
+    """Return what a record in the cache names, if it is there; otherwise make and record it."""
+    if key and (record := cache.read(key)) and (path := build.stored(record.pop("file"))):
+        return Compiled(path, ElementConstants(tuple(record.pop("values")), **record))
+    made = make()
     if key:
-        cache.write(key, {"file": compiled.path.name, **compiled.constants._asdict()})
+        cache.write(key, {"file": made.path.name, **made.constants._asdict()})
+    return made
 
 
 def supports(material: Material, volume: str) -> bool:

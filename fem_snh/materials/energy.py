@@ -156,11 +156,6 @@ class Energy:
         return float(stress.subs(self._numbers))
 
     @property
-    def lambda_symbol(self) -> sympy.Symbol:
-        """Return the symbol of lambda_lame in `by_lame`."""
-        return LAME[1]
-
-    @property
     def _numbers(self) -> dict[sympy.Symbol, float]:
         return dict(zip(self.scalars, map(sympy.Float, self.scalar_values), strict=True))
 

@@ -30,7 +30,7 @@ from functools import lru_cache
 import sympy
 
 from fem_snh.errors import BadInput
-from fem_snh.materials.energy import Energy
+from fem_snh.materials.energy import LAME, Energy
 from fem_snh.materials.functions import MEASURES, SIGMA
 
 PRESSURE, LOCAL = sympy.symbols("pressure lambda_local", real=True)
@@ -182,7 +182,7 @@ def split(energy: Energy, bound: float) -> Split:
     psi = energy.by_lame()
     mu, lam = energy.lame
     local = bound * mu if math.isinf(lam) else lam * bound * mu / (lam + bound * mu)
-    rest = psi.subs(energy.lambda_symbol, LOCAL)
+    rest = psi.subs(LAME[1], LOCAL)
     volume = _volume_term(psi - rest, energy.measures, energy.of_stretches)
     if volume is None:
         raise BadInput(

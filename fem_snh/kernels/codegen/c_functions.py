@@ -12,6 +12,7 @@ import sympy
 from sympy.printing.c import C99CodePrinter
 
 from fem_snh.kernels.codegen.derivatives import I_C, II_C, Derivatives, J
+from fem_snh.materials.energy import Energy
 from fem_snh.materials.functions import INVARIANTS, SIGMA, domain
 
 #: Largest int of C.
@@ -138,8 +139,17 @@ _BLOCK = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 _PAIRS = ((1, 2), (0, 2), (0, 1))
 
 
-class Functions(Derivatives):
-    """Generator of the C functions of one energy. Every method returns C source."""
+class Writer:
+    """Writer of C functions of the constants of one energy. Its methods return C source.
+
+    Parameters
+    ----------
+    energy : Energy
+        A normalised energy.
+    """
+
+    def __init__(self, energy: Energy) -> None:
+        self.energy = energy
 
     def constants(self) -> str:
         """Return the declarations of the scalars and of the pressure."""
@@ -149,22 +159,6 @@ class Functions(Derivatives):
         if self.energy.pressure is not None:
             lines.append(f"  const real {self.energy.pressure} = p.pressure;")
         return "\n".join(lines)
-
-    def measures(self, argument: str) -> str:
-        """Return the computation of the measures from ``F`` or from the stretches ``s``."""
-        if argument == "s":
-            stretches = "\n".join(f"  const real s{i} = s[{i}];" for i in range(3))
-            return f"{stretches}\n{self.invariants()}"
-        lines = {
-            I_C: "  const real I_C = dot(F, F) + dot(F + 3, F + 3) + dot(F + 6, F + 6);",
-            II_C: "  const real II_C = dot(G, G) + dot(G + 3, G + 3) + dot(G + 6, G + 6);",
-            J: "  const real J = dot(F, G);",
-        }
-        cofactor = (
-            "  real G[9]; /* cof F = dJ/dF (Smith et al. 2018, eq. 19) */\n"
-            "  cross(F + 3, F + 6, G);\n  cross(F + 6, F, G + 3);\n  cross(F, F + 3, G + 6);"
-        )
-        return "\n".join([cofactor, *(lines[m] for m in self.energy.measures)])
 
     def invariants(self) -> str:
         """Return the computation of the invariants among the measures from s0, s1, s2."""
@@ -185,6 +179,93 @@ class Functions(Derivatives):
         tests = [f"({printer.doprint(x)} > 0)" for x in domain]
         size = " + ".join(f"absolute({r})" for r in results)
         return f"const mask inside = {' & '.join([*tests, f'({size} < INFINITY)'])};"
+
+    def write(
+        self,
+        head: str,
+        lines: Iterable[str],
+        results: Mapping[str, sympy.Expr],
+        temporary: str,
+        outside: str = "0",
+        limits: Iterable[sympy.Expr] | None = None,
+    ) -> str:
+        """Return a C function of the constants: ``lines``, the results, and the domain's mask.
+
+        Parameters
+        ----------
+        head : str
+            Type, name and arguments.
+        lines : iterable of str
+            What precedes the results.
+        results : mapping
+            C variables and the expressions assigned to them.
+        temporary : str
+            Prefix of the names of subexpressions.
+        outside : str
+            Value of the first result outside the domain or where a result overflows; the others
+            are 0 there.
+        limits : iterable of sympy.Expr, optional
+            Expressions that are positive inside the domain; those of the energy by default.
+        """
+        limits = self.energy.domain if limits is None else limits
+        values = dict.fromkeys(results, "0") | {next(iter(results)): outside}
+        body = [
+            self.constants(),
+            *lines,
+            statements(results, self.energy.scalars, temporary),
+            f"  {self.inside(results, limits)}",
+            *(f"  {r} = select(inside, {r}, splat({value}));" for r, value in values.items()),
+        ]
+        return f"{head} {{\n" + "\n".join(body) + "\n}\n"
+
+    def curve_function(
+        self,
+        signature: str,
+        variable: sympy.Symbol,
+        curve: Sequence[sympy.Expr],
+        out: str,
+        forms: Sequence[sympy.Expr] = (),
+    ) -> str:
+        """Return a C function of material_functions.h: a function of one variable, two derivatives.
+
+        Outside its domain the function is infinite and its derivatives are 0.
+
+        Parameters
+        ----------
+        signature : str
+            Name and arguments.
+        variable : sympy.Symbol
+            The variable.
+        curve : sequence of three sympy.Expr
+            The function and its derivatives.
+        out : str
+            C array for the three values.
+        forms : sequence of three sympy.Expr, optional
+            The same expressions in a form with smaller rounding errors; written instead.
+        """
+        results = {f"{out}[{i}]": expression for i, expression in enumerate(forms or curve)}
+        limits = domain(curve, [variable])
+        return self.write(f"void {signature}", [], results, "c_", "INFINITY", limits)
+
+
+class Functions(Derivatives, Writer):
+    """Generator of the C functions of one energy. Every method returns C source."""
+
+    def measures(self, argument: str) -> str:
+        """Return the computation of the measures from ``F`` or from the stretches ``s``."""
+        if argument == "s":
+            stretches = "\n".join(f"  const real s{i} = s[{i}];" for i in range(3))
+            return f"{stretches}\n{self.invariants()}"
+        lines = {
+            I_C: "  const real I_C = dot(F, F) + dot(F + 3, F + 3) + dot(F + 6, F + 6);",
+            II_C: "  const real II_C = dot(G, G) + dot(G + 3, G + 3) + dot(G + 6, G + 6);",
+            J: "  const real J = dot(F, G);",
+        }
+        cofactor = (
+            "  real G[9]; /* cof F = dJ/dF (Smith et al. 2018, eq. 19) */\n"
+            "  cross(F + 3, F + 6, G);\n  cross(F + 6, F, G + 3);\n  cross(F, F + 3, G + 6);"
+        )
+        return "\n".join([cofactor, *(lines[m] for m in self.energy.measures)])
 
     def function(
         self,
@@ -210,13 +291,10 @@ class Functions(Derivatives):
             Value of the results where psi is infinite or a result overflows; never NaN.
         """
         needed = {f"const real {s}": self.derivatives[s] for s in derivatives}
-        body = [self.constants(), self.measures(argument)]
+        lines = [self.measures(argument)]
         if needed:
-            body.append(statements(needed, self.energy.scalars, "d_"))
-        body.append(statements(results, self.energy.scalars, "r_"))
-        body.append(f"  {self.inside(results, self.energy.domain)}")
-        body += [f"  {r} = select(inside, {r}, splat({outside}));" for r in results]
-        return f"INLINE void {signature} {{\n" + "\n".join(body) + "\n}\n"
+            lines.append(statements(needed, self.energy.scalars, "d_"))
+        return self.write(f"INLINE void {signature}", lines, results, "r_", outside)
 
     def energy_function(self, argument: str) -> str:
         """Return the function of psi from ``F`` or from the stretches ``s``."""
@@ -254,38 +332,3 @@ class Functions(Derivatives):
             results |= {f"twist[{i}]": twist, f"flip[{i}]": flip}
         arguments = "Parameters p, const real *s, real *A, real *twist, real *flip"
         return self.function(f"hessian_stretches({arguments})", "s", self.derivatives, results)
-
-    def curve_function(
-        self,
-        signature: str,
-        variable: sympy.Symbol,
-        curve: Sequence[sympy.Expr],
-        out: str,
-        forms: Sequence[sympy.Expr] = (),
-    ) -> str:
-        """Return a C function of material_functions.h: a function of one variable, two derivatives.
-
-        Outside its domain the function is infinite and its derivatives are 0.
-
-        Parameters
-        ----------
-        signature : str
-            Name and arguments.
-        variable : sympy.Symbol
-            The variable.
-        curve : sequence of three sympy.Expr
-            The function and its derivatives.
-        out : str
-            C array for the three values.
-        forms : sequence of three sympy.Expr, optional
-            The same expressions in a form with smaller rounding errors; written instead.
-        """
-        results = {f"{out}[{i}]": expression for i, expression in enumerate(forms or curve)}
-        lines = [self.constants(), statements(results, self.energy.scalars, "c_")]
-        lines.append("  " + self.inside(results, domain(curve, [variable])))
-        outside = ("INFINITY", "0", "0")
-        lines += [
-            f"  {r} = select(inside, {r}, splat({o}));"
-            for r, o in zip(results, outside, strict=True)
-        ]
-        return f"void {signature} {{\n" + "\n".join(lines) + "\n}\n"

@@ -49,7 +49,6 @@ smooth there keeps its value.
 
 from __future__ import annotations
 
-from functools import cached_property
 from itertools import combinations_with_replacement
 from random import Random
 
@@ -137,10 +136,21 @@ _POINTS, _DIGITS, _ZERO = 16, 50, 1e-30
 _LARGEST_POWER = 8
 
 
-class _Symbols:
-    """Symbols of the first and second derivatives of an energy, and what they stand for."""
+class Derivatives:
+    """First and second derivatives of psi in its measures (invariants or stretches), as symbols.
+
+    Attributes
+    ----------
+    first : dict
+        Symbol of dpsi/dm by measure m, where the derivative does not vanish identically.
+    second : dict
+        Symbol of d2psi/dm dn by measures (m, n), likewise.
+    derivatives : dict
+        Expression of each symbol.
+    """
 
     def __init__(self, energy: Energy) -> None:
+        self.energy = energy
         self.first: dict[sympy.Symbol, sympy.Symbol] = {}
         self.second: dict[tuple[sympy.Symbol, sympy.Symbol], sympy.Symbol] = {}
         self.derivatives: dict[sympy.Symbol, sympy.Expr] = {}
@@ -165,35 +175,6 @@ class _Symbols:
         if expression != 0:
             table[key] = sympy.Symbol(name)
             self.derivatives[table[key]] = expression
-
-
-class Derivatives:
-    """First and second derivatives of psi in its measures (invariants or stretches), as symbols.
-
-    They are computed when they are needed.
-    """
-
-    def __init__(self, energy: Energy) -> None:
-        self.energy = energy
-
-    @cached_property
-    def _symbols(self) -> _Symbols:
-        return _Symbols(self.energy)
-
-    @property
-    def first(self) -> dict[sympy.Symbol, sympy.Symbol]:
-        """Symbol of dpsi/dm by measure m, where the derivative does not vanish identically."""
-        return self._symbols.first
-
-    @property
-    def second(self) -> dict[tuple[sympy.Symbol, sympy.Symbol], sympy.Symbol]:
-        """Symbol of d2psi/dm dn by measures (m, n), where it does not vanish identically."""
-        return self._symbols.second
-
-    @property
-    def derivatives(self) -> dict[sympy.Symbol, sympy.Expr]:
-        """Expression of each symbol."""
-        return self._symbols.derivatives
 
     def derivative(self, *measures: sympy.Symbol) -> sympy.Expr:
         """Return the symbol of a first or second derivative of psi, or 0 if it vanishes."""

@@ -26,7 +26,7 @@ from typing import Any
 import sympy
 from sympy.codegen.cfunctions import expm1, log1p
 
-from fem_snh.kernels.codegen.c_functions import Functions, statements
+from fem_snh.kernels.codegen.c_functions import Writer
 from fem_snh.kernels.codegen.derivatives import I_C, II_C, J
 from fem_snh.materials.energy import Energy
 from fem_snh.materials.functions import SIGMA, fractions, where
@@ -136,7 +136,7 @@ def small_strain_forms(curve: Sequence[sympy.Expr]) -> list[sympy.Expr]:
     return [where(small, sympy.Add(*increments(f)), f) for f in curve]
 
 
-class SmallStrainFunctions:
+class SmallStrainFunctions(Writer):
     """Generator of the C functions of energy and stress at small strains.
 
     The arguments of the C functions are increments from rest: of the stretches for an energy that
@@ -149,8 +149,7 @@ class SmallStrainFunctions:
     """
 
     def __init__(self, energy: Energy) -> None:
-        self.energy = energy
-        self._c = Functions(energy)
+        super().__init__(energy)
         rest = _STRETCHES_AT_REST if energy.needs_stretches else _INVARIANTS_AT_REST
         self._change = {m: sympy.Symbol(f"change_{m}", real=True) for m in rest}
         self._split = Increments({m: (sympy.Integer(v), self._change[m]) for m, v in rest.items()})
@@ -187,15 +186,12 @@ class SmallStrainFunctions:
         self, name: str, results: Mapping[str, sympy.Expr], out: str, outside: str
     ) -> str:
         """Return a C function from increments to ``results``: ``outside`` outside the domain."""
-        lines = [self._c.constants()]
+        lines = []
         for number, (m, change) in enumerate(self._change.items()):
             lines.append(f"  const real {change} = change[{number}];")
             rest = self._split(m)[0]
             lines.append(f"  const real {m} = {rest} + {change};")
         if self.energy.needs_stretches:
-            lines.append(self._c.invariants())
-        lines.append(statements(results, self.energy.scalars, "n_"))
-        lines.append("  " + self._c.inside(results, self.energy.domain))
-        lines += [f"  {r} = select(inside, {r}, splat({outside}));" for r in results]
-        signature = f"INLINE void {name}(Parameters p, const real *change, real *{out})"
-        return signature + " {\n" + "\n".join(lines) + "\n}\n"
+            lines.append(self.invariants())
+        head = f"INLINE void {name}(Parameters p, const real *change, real *{out})"
+        return self.write(head, lines, results, "n_", outside)

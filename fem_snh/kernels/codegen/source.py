@@ -19,7 +19,7 @@ from fem_snh.kernels.build import (
     header,
     svd_eigen_declarations,
 )
-from fem_snh.kernels.codegen.c_functions import Functions
+from fem_snh.kernels.codegen.c_functions import Functions, Writer
 from fem_snh.kernels.codegen.small_strain import (
     VOLUME_INCREMENT,
     Increments,
@@ -92,7 +92,7 @@ def volume_energy_function(split: Split) -> str:
     """Return the C function of U(J), U', U'' [Pa] that volume_mean.h calls."""
     head = f"volume_energy(Parameters p, real J, real {VOLUME_INCREMENT}, real *U)"
     curve = split.volume_curve
-    return Functions(split.energy).curve_function(head, J, curve, "U", small_strain_forms(curve))
+    return Writer(split.energy).curve_function(head, J, curve, "U", small_strain_forms(curve))
 
 
 def volume_conjugate_function(split: Split) -> str:
@@ -104,7 +104,7 @@ def volume_conjugate_function(split: Split) -> str:
     else:
         increment = Increments({PRESSURE: (sympy.Integer(0), PRESSURE)})(ratio)[1]
     forms = [curve[0], increment, curve[2]]
-    return Functions(split.energy).curve_function(head, PRESSURE, curve, "conjugate", forms)
+    return Writer(split.energy).curve_function(head, PRESSURE, curve, "conjugate", forms)
 
 
 class ElementEnergy(NamedTuple):

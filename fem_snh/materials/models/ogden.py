@@ -8,16 +8,22 @@ from fem_snh.materials.models._terms import volume_term
 from fem_snh.materials.registry import LIST, Published
 
 
+def _modulus(exponents, weights, names):
+    """Return the shear modulus, sum w_p a_p / 2; the names are those of the two in messages."""
+    if len(exponents) != len(weights) or not exponents:
+        raise BadInput(f"{names[0]} = {exponents}: expected as many as {names[1]}, {len(weights)}")
+    modulus = sum(w * a for w, a in zip(weights, exponents, strict=True)) / 2
+    if 0 in exponents or not modulus > 0:
+        raise BadInput(
+            f"{names[0]} = {exponents}, {names[1]} = {weights}: expected exponents other than 0 "
+            "and a positive sum of the products"
+        )
+    return modulus
+
+
 def _from_terms(mu_p, alpha_p):
     """Return the exponents, the weights and the shear modulus of Ogden's constants."""
-    if len(mu_p) != len(alpha_p) or not mu_p:
-        raise BadInput(f"alpha_p = {list(alpha_p)}: expected as many as mu_p, {len(mu_p)}")
-    modulus = sum(m * a for m, a in zip(mu_p, alpha_p, strict=True)) / 2
-    if not modulus > 0:
-        raise BadInput(
-            f"mu_p = {list(mu_p)}, alpha_p = {list(alpha_p)}: expected a positive sum of the "
-            "products, twice the shear modulus"
-        )
+    modulus = _modulus(alpha_p, mu_p, ("alpha_p", "mu_p"))
     return {"exponents": alpha_p, "weights": tuple(m / modulus for m in mu_p), "mu": modulus}
 
 
@@ -72,17 +78,9 @@ def ogden(
     ----------
     Ogden 1972.
     """
-    if len(exponents) != len(weights) or not exponents:
-        raise BadInput(
-            f"exponents = {tuple(exponents)}: expected as many as weights, {len(weights)}"
-        )
+    _modulus(exponents, weights, ("exponents", "weights"))
     powers, shares = ([exact(x) for x in xs] for xs in (exponents, weights))
     modulus = sum(w * a for w, a in zip(shares, powers, strict=True)) / 2
-    if 0 in powers or modulus <= 0:
-        raise BadInput(
-            f"exponents = {tuple(exponents)}, weights = {tuple(weights)}: expected exponents other "
-            "than 0 and a positive sum of the products"
-        )
     J = positive(s0 * s1 * s2)
     terms = [
         w / a * (positive(s0) ** a + positive(s1) ** a + positive(s2) ** a - 3)
