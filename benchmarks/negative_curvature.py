@@ -25,6 +25,8 @@ from fem_snh.mesh import mesh
 from fem_snh.problem.definition import Definition
 from fem_snh.problem.problem import Problem
 from fem_snh.scenes import Hold, Move, Rotate, Traction
+from fem_snh.solver.search_direction import SearchDirection
+from fem_snh.solver.step import State, Step
 
 #: A small linear tolerance, as in the scene twist, so that rounding has less influence.
 TIGHT = {"snes_forcing_max": 5e-3}
@@ -32,7 +34,7 @@ TIGHT = {"snes_forcing_max": 5e-3}
 _RATIO_TOLERANCE = 0.01
 
 
-class Ratio(solver.SearchDirection):
+class Ratio(SearchDirection):
     """The choice of Chen, Liu, Jacobson, Levin & Zheng 2024 between abs and clamp.
 
     clamp after a step whose decrease was within 1 % of that of the exact quadratic model; abs
@@ -42,7 +44,7 @@ class Ratio(solver.SearchDirection):
     _model: tuple[float, float, float] | None = None  # energy, slope and curvature
     _length = 0.0
 
-    def compute(self, start: solver.State, d: PETSc.Vec) -> solver.Step:
+    def compute(self, start: State, d: PETSc.Vec) -> Step:
         self.hessian = "abs"
         if self._model:
             energy, slope, curvature = self._model
@@ -57,7 +59,7 @@ class Ratio(solver.SearchDirection):
             self._model = start.energy, step.slope, Ad.dot(d)
         return step
 
-    def accepts(self, start_norm: float, step: solver.Step) -> bool:
+    def accepts(self, start_norm: float, step: Step) -> bool:
         self._length = step.length
         return True
 

@@ -74,7 +74,7 @@ class NonlinearProblem:
         Options without the prefix, such as ``{"snes_monitor": None}``; those that the database has
         already, as from the command line, come first.
     hessian : {"adaptive", "exact", "clamp", "abs"}, optional
-        See `fem_snh.solver.SearchDirection`.
+        See `fem_snh.solver.search_direction.SearchDirection`.
     globalization : {"trust_region", "linesearch"}, optional
         See `fem_snh.solver.create`.
     element : str, optional

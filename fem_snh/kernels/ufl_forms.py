@@ -36,12 +36,12 @@ digits, each of which is such a conditional.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Callable, Sequence
 
 import sympy
 import ufl
 from ufl.classes import Variable
+from ufl.core.expr import Expr
 
 from fem_snh.errors import BadInput
 from fem_snh.kernels.codegen.derivatives import Derivatives
@@ -69,7 +69,7 @@ class Named(Variable):
 
     __slots__ = ("_name",)
 
-    def __init__(self, expression: Any, name: str) -> None:
+    def __init__(self, expression: Expr, name: str) -> None:
         super().__init__(expression)
         self._name = name
 
@@ -102,7 +102,7 @@ class PrincipalFrame:
         decomposition, Smith et al. 2018, section 2).
     """
 
-    def __init__(self, F: Any) -> None:
+    def __init__(self, F: Expr) -> None:
         X, scale = freeze_tensor(F)
         U, V = (Named(R, name) for R, name in zip(rotations(X), ("U(F)", "V(F)"), strict=True))
         self.B = Named(U.T * F * V, "B")
@@ -110,7 +110,7 @@ class PrincipalFrame:
         self.stretches = tuple(Named(scale * D[i, i], f"s{i}") for i in range(3))
 
 
-def freeze(x: Any) -> Any:
+def freeze(x: Expr) -> Expr:
     r"""Return a scalar between -1 and 1 as an expression whose derivative in UFL is 0.
 
     Notes
@@ -132,10 +132,10 @@ def freeze(x: Any) -> Any:
     return value
 
 
-def freeze_tensor(F: Any) -> tuple[Any, Any]:
+def freeze_tensor(F: Expr) -> tuple[Expr, Expr]:
     """Return (X, a) with a X = F and derivatives 0, where a is a power of 2 and ``|X_ij| < 1``."""
     norm = _store(ufl.sqrt(ufl.inner(F, F)))
-    a: Any = ufl.as_ufl(2.0 ** -_EXPONENTS[0])
+    a: Expr = ufl.as_ufl(2.0 ** -_EXPONENTS[0])
     for e in _EXPONENTS:
         larger = a * 2.0**e
         a = _store(ufl.conditional(ufl.ge(norm, larger), larger, a))
@@ -144,7 +144,7 @@ def freeze_tensor(F: Any) -> tuple[Any, Any]:
     return _store(ufl.as_matrix(X)), a
 
 
-def rotations(X: Any) -> tuple[Any, Any]:
+def rotations(X: Expr) -> tuple[Expr, Expr]:
     r"""Return rotations (U, V), (3, 3) each, with :math:`U^T X V` diagonal to rounding.
 
     Parameters
@@ -181,15 +181,15 @@ def rotations(X: Any) -> tuple[Any, Any]:
     return _columns(*U, u), _columns(*V, v)
 
 
-def _row(A: Any, i: int) -> Any:
+def _row(A: Expr, i: int) -> Expr:
     return ufl.as_vector([A[i, j] for j in range(3)])
 
 
-def _columns(*vectors: Any) -> Any:
+def _columns(*vectors: Expr) -> Expr:
     return ufl.as_matrix([[x[i] for x in vectors] for i in range(3)])
 
 
-def _null_vector(A: Any) -> Any:
+def _null_vector(A: Expr) -> Expr:
     """Return the unit vector that a symmetric (3, 3) matrix of rank 2 maps to 0."""
     rows = [_row(A, i) for i in range(3)]
     best, *others = (_store(ufl.cross(rows[i], rows[i - 1])) for i in range(3))
@@ -199,7 +199,7 @@ def _null_vector(A: Any) -> Any:
     return best / ufl.sqrt(ufl.dot(best, best))
 
 
-def _unit_vector(x: Any, other: Any) -> Any:
+def _unit_vector(x: Expr, other: Expr) -> Expr:
     """Return x/|x|, or the unit vector ``other`` where x is 0."""
     x = _store(x)
     length = _store(ufl.sqrt(ufl.dot(x, x)))
@@ -209,7 +209,7 @@ def _unit_vector(x: Any, other: Any) -> Any:
     )
 
 
-def _complement(n: Any) -> tuple[Any, Any]:
+def _complement(n: Expr) -> tuple[Expr, Expr]:
     """Return unit vectors that form a right-handed orthonormal frame with the unit vector n.
 
     References
@@ -224,7 +224,7 @@ def _complement(n: Any) -> tuple[Any, Any]:
     return _store(first), _store(second)
 
 
-def _half_angle(x: Any, y: Any) -> tuple[Any, Any]:
+def _half_angle(x: Expr, y: Expr) -> tuple[Expr, Expr]:
     """Return cosine and sine of half the angle of the vector (x, y); of 0 for the vector 0."""
     length = _store(ufl.sqrt(x**2 + y**2) + _TINY)
     x, y = _store(x / length), _store(y / length)
@@ -234,7 +234,7 @@ def _half_angle(x: Any, y: Any) -> tuple[Any, Any]:
     return _store(c / length), _store(s / length)
 
 
-def _turn(x: Any, y: Any, c: Any, s: Any) -> tuple[Any, Any]:
+def _turn(x: Expr, y: Expr, c: Expr, s: Expr) -> tuple[Expr, Expr]:
     """Return the vectors x and y turned in their plane by the angle of cosine c and sine s."""
     c, s = _store(c), _store(s)
     return _store(c * x + s * y), _store(c * y - s * x)
@@ -253,7 +253,7 @@ FUNCTIONS = {
 }
 
 
-def off_diagonal_terms(energy: Energy, frame: PrincipalFrame) -> Any:
+def off_diagonal_terms(energy: Energy, frame: PrincipalFrame) -> Expr:
     """Return the sum over the pairs j < k: 0 in value and first derivative.
 
     Parameters
@@ -265,7 +265,7 @@ def off_diagonal_terms(energy: Energy, frame: PrincipalFrame) -> Any:
     """
     B, s = frame.B, frame.stretches
     eigenvalues = _twist_and_flip(energy)
-    total: Any = 0
+    total: Expr = 0
     for i, j, k in _PAIRS:
         twist, flip = eigenvalues(s[i], s[j], s[k], *energy.values)
         total += Named(twist, f"twist{i}(s)") * (B[j, k] - B[k, j]) ** 2 / 4
@@ -273,7 +273,7 @@ def off_diagonal_terms(energy: Energy, frame: PrincipalFrame) -> Any:
     return total
 
 
-def trace_of_stretch(F: Any) -> Any:
+def trace_of_stretch(F: Expr) -> Expr:
     """Return I1 = tr S, the sum of the signed stretches, as a UFL expression.
 
     Its twist eigenvalues are 2/(s_j + s_k), its flip eigenvalues 0.
@@ -284,7 +284,7 @@ def trace_of_stretch(F: Any) -> Any:
     return ufl.tr(B) + sum(twists)
 
 
-def _twist_and_flip(energy: Energy) -> Any:
+def _twist_and_flip(energy: Energy) -> Callable[..., tuple[Expr, Expr]]:
     """Return a function of the stretches (s_i, s_j, s_k) and the constants: (twist_i, flip_i)."""
     derivatives = Derivatives(energy)
     pair: Sequence[sympy.Expr] = derivatives.twist_and_flip(*SIGMA)
@@ -296,20 +296,20 @@ def _twist_and_flip(energy: Energy) -> Any:
 # --- functions of kernels/include/divided_differences.h and log_exp_series.h, in UFL ------------
 
 
-def _quotient(numerator: Any, denominator: Any, partner: Any, divided: Any) -> Any:
+def _quotient(numerator: Expr, denominator: Expr, partner: Expr, divided: Expr) -> Expr:
     close = ufl.le(abs(denominator), 0.1 * abs(partner))
     return ufl.conditional(close, divided, numerator / ufl.conditional(close, 1.0, denominator))
 
 
-def _inverse_sum(a: Any, b: Any) -> Any:
+def _inverse_sum(a: Expr, b: Expr) -> Expr:
     return 1 / ufl.max_value(a + b, 1e-15 * (abs(a) + abs(b)) + 1e-30)
 
 
-def _log1p_over_x(x: Any) -> Any:
+def _log1p_over_x(x: Expr) -> Expr:
     x = ufl.variable(x)
     z = ufl.variable(x / (2 + x))
     w = ufl.variable(z * z)
-    total: Any = 1.0 / 19
+    total: Expr = 1.0 / 19
     for n in range(17, 0, -2):
         total = total * w + 1.0 / n
     small = ufl.le(abs(x), 0.25)
@@ -317,9 +317,9 @@ def _log1p_over_x(x: Any) -> Any:
     return ufl.conditional(small, 2 * total / (2 + x), ufl.ln(1 + y) / y)
 
 
-def _expm1_over_x(x: Any) -> Any:
+def _expm1_over_x(x: Expr) -> Expr:
     x = ufl.variable(x)
-    total: Any = 1.0
+    total: Expr = 1.0
     for n in range(14, 1, -1):
         total = 1 + total * x / n
     small = ufl.le(abs(x), 0.5)
@@ -327,7 +327,7 @@ def _expm1_over_x(x: Any) -> Any:
     return ufl.conditional(small, total, (ufl.exp(y) - 1) / y)
 
 
-def _powm1_over_x(x: Any, a: Any) -> Any:
+def _powm1_over_x(x: Expr, a: Expr) -> Expr:
     quotient = ufl.variable(a * _log1p_over_x(x))
     return quotient * _expm1_over_x(quotient * x)
 
@@ -341,12 +341,12 @@ _FROZEN_FUNCTIONS = FUNCTIONS | {
 }
 
 
-def deformation_gradient(u: Any) -> Any:
+def deformation_gradient(u: Expr) -> Expr:
     """Return F = I + grad u as a UFL variable, with respect to which energies can be derived."""
     return ufl.variable(ufl.Identity(3) + ufl.grad(u))
 
 
-def energy_density(energy: Energy, F: Any) -> Any:
+def energy_density(energy: Energy, F: Expr) -> Expr:
     """Return the energy density psi(F) [Pa] as a UFL expression.
 
     It is NaN where the kernels return +inf.
@@ -370,7 +370,7 @@ def energy_density(energy: Energy, F: Any) -> Any:
     """
     if not energy.has_energy:
         raise BadInput(f"material '{energy.name}' has no energy, only a stress")
-    rest: Any = 0
+    rest: Expr = 0
     if energy.of_stretches:
         frame = PrincipalFrame(F)
         measures = [frame.B[i, i] for i in range(3)]
@@ -383,7 +383,7 @@ def energy_density(energy: Energy, F: Any) -> Any:
     return energy.evaluate(FUNCTIONS, *measures) + rest
 
 
-def _area(F: Any) -> Any:
+def _area(F: Expr) -> Expr:
     C = F.T * F
     return (ufl.tr(C) ** 2 - ufl.tr(C * C)) / 2
 
@@ -396,16 +396,16 @@ _INVARIANTS = {
 }
 
 
-def elastic_energy(energy: Energy, u: Any, dx: Any = ufl.dx) -> Any:
+def elastic_energy(energy: Energy, u: Expr, dx: ufl.Measure = ufl.dx) -> ufl.Form:
     """Return the form of the elastic energy [J] of the displacement u."""
     return energy_density(energy, deformation_gradient(u)) * dx
 
 
-def residual(energy: Energy, u: Any, v: Any, dx: Any = ufl.dx) -> Any:
+def residual(energy: Energy, u: Expr, v: Expr, dx: ufl.Measure = ufl.dx) -> ufl.Form:
     """Return the derivative of the elastic energy in the direction of the test function v."""
     return ufl.derivative(elastic_energy(energy, u, dx), u, v)
 
 
-def jacobian(energy: Energy, u: Any, v: Any, w: Any, dx: Any = ufl.dx) -> Any:
+def jacobian(energy: Energy, u: Expr, v: Expr, w: Expr, dx: ufl.Measure = ufl.dx) -> ufl.Form:
     """Return the second derivative in the directions of v and of the trial function w."""
     return ufl.derivative(residual(energy, u, v, dx), u, w)

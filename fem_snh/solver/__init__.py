@@ -4,19 +4,15 @@
 reasons and options work as for PETSc's own types; `options.OPTIONS` lists those it adds.
 """
 
-from fem_snh.linalg.ssor_cg import EisenstatCG
 from fem_snh.solver.errors import callback_errors, petsc_failures
 from fem_snh.solver.newton import ProjectedNewton
 from fem_snh.solver.outcome import (
     StepOutcome,
     converged_reason,
     failure_reason,
-    out_of_memory,
     solve_until_settled,
 )
 from fem_snh.solver.predictor import Predictor, SemiImplicit
-from fem_snh.solver.protocol import SaddlePoint, SolvableProblem
-from fem_snh.solver.search_direction import SearchDirection
 from fem_snh.solver.snes import (
     PREFIX,
     create,
@@ -25,31 +21,11 @@ from fem_snh.solver.snes import (
     linear_solver_name,
 )
 from fem_snh.solver.stability import EquilibriumStability, is_conservative
-from fem_snh.solver.step import Iteration, State, Step
+from fem_snh.solver.step import Iteration
 
 __all__ = [
-    "PREFIX",
-    "EisenstatCG",
-    "EquilibriumStability",
-    "Iteration",
-    "Predictor",
-    "ProjectedNewton",
-    "SaddlePoint",
-    "SearchDirection",
-    "SemiImplicit",
-    "SolvableProblem",
-    "State",
-    "Step",
-    "StepOutcome",
-    "callback_errors",
-    "converged_reason",
-    "create",
-    "default_globalization",
-    "destroy",
-    "failure_reason",
-    "is_conservative",
-    "linear_solver_name",
-    "out_of_memory",
-    "petsc_failures",
+    "PREFIX", "EquilibriumStability", "Iteration", "Predictor", "ProjectedNewton", "SemiImplicit",
+    "StepOutcome", "callback_errors", "converged_reason", "create", "default_globalization",
+    "destroy", "failure_reason", "is_conservative", "linear_solver_name", "petsc_failures",
     "solve_until_settled",
 ]  # fmt: skip

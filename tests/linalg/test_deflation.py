@@ -18,8 +18,8 @@ from test_eisenstat import Reason, body, right_side, solve
 from fem_snh._petsc import default_options
 from fem_snh.linalg.coarse_matrix import Distributed
 from fem_snh.linalg.deflation import coordinate_bisection, linear_functions
+from fem_snh.linalg.ssor_cg import EisenstatCG
 from fem_snh.linalg.ssor_system import _default_subdomains
-from fem_snh.solver import EisenstatCG
 
 mpi = pytest.mark.mpi
 

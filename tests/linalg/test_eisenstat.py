@@ -13,7 +13,8 @@ from bodies import MINIMISING, Hold, cube, problem, set_values, wave
 from fem_snh._petsc import default_options
 from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.errors import BadInput
-from fem_snh.solver import EisenstatCG, callback_errors
+from fem_snh.linalg.ssor_cg import EisenstatCG
+from fem_snh.solver import callback_errors
 
 mpi = pytest.mark.mpi
 Reason = PETSc.KSP.ConvergedReason

@@ -13,7 +13,7 @@ from volume_energies import mixed_problem, set_state
 
 from fem_snh import solver
 from fem_snh._petsc import default_options
-from fem_snh.solver import EisenstatCG
+from fem_snh.linalg.ssor_cg import EisenstatCG
 from fem_snh.solver.block_triangular import solve_columns
 
 mpi = pytest.mark.mpi

@@ -13,7 +13,7 @@ from bodies import constrained, dense
 from running import solve
 from time_scenes import DOWN, SWING, in_time
 
-from fem_snh import solver
+from fem_snh.linalg.ssor_cg import EisenstatCG
 from fem_snh.runs.setup import set_up
 from fem_snh.scenes import Hold, MaterialChoice, Scene
 from fem_snh.solver.predictor import linearised_residual
@@ -111,7 +111,7 @@ def test_a_tolerance_below_rounding() -> None:
 def test_what_the_linear_solver_reports(reason: str) -> None:
     """A solver that returns a tenth of the solution, whatever it reports, is refined."""
 
-    class Tenth(solver.EisenstatCG):
+    class Tenth(EisenstatCG):
         def solve(self, ksp: PETSc.KSP, b: PETSc.Vec, x: PETSc.Vec) -> None:
             super().solve(ksp, b, x)
             x.scale(0.1)
