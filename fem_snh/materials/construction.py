@@ -27,6 +27,7 @@ from fem_snh.materials.parameters import (
     MAX_EXPONENT,
     TUNING,
     Function,
+    Keywords,
     check,
     check_constants,
     constants_of,
@@ -46,9 +47,9 @@ def construct(
     name: str,
     E: float,
     nu: float,
-    shape: Mapping[str, Any],
+    shape: Keywords,
     pins: Mapping[str, float],
-    tuned: Mapping[str, Any],
+    tuned: Keywords,
     lambda_part: Energy | None = None,
 ) -> Energy:
     """Return the energy that ``function`` defines, normalised to (E, nu).
@@ -100,7 +101,7 @@ def construct(
         fit=fit,
     )
 
-    def with_symbols(symbols: Mapping[str, Any]) -> Energy:
+    def with_symbols(symbols: Keywords) -> Energy:
         own = dict(shape) | {k: v for k, v in symbols.items() if k in shape}
         form = symbolic(function, name, nu, own)
         made = replace(
@@ -122,8 +123,8 @@ def construct(
 
 def _tuned(
     energy: Energy,
-    given: Mapping[str, Any],
-    symbols: Mapping[str, Any],
+    given: Keywords,
+    symbols: Keywords,
     lambda_part: Energy | None,
 ) -> Energy:
     """Return a tuned energy, with symbols for some numbers of the tuning."""
@@ -140,7 +141,7 @@ def _tuned(
 
 
 def moduli_of(
-    function: Function, name: str, nu: float | None, shape: Mapping[str, Any]
+    function: Function, name: str, nu: float | None, shape: Keywords
 ) -> tuple[dict[str, sympy.Symbol], normalise.Pair]:
     """Return the symbols of a material's constants, and (mu_lame, lambda_lame) in them.
 
@@ -173,7 +174,7 @@ class _Form(NamedTuple):
         return normalise.linearised(self.slopes)
 
 
-def symbolic(function: Function, name: str, nu: float | None, shape: Mapping[str, Any]) -> _Form:
+def symbolic(function: Function, name: str, nu: float | None, shape: Keywords) -> _Form:
     """Call a material's function; the energy is 0 at rest."""
     measures = tuple(MEASURES[n] for n in measures_of(function))
     constants = tuple(sympy.Symbol(n, real=True) for n in constants_of(function))

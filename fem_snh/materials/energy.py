@@ -11,6 +11,7 @@ import sympy
 
 from fem_snh.materials import normalise
 from fem_snh.materials.functions import INVARIANTS, MEASURES, SIGMA, domain
+from fem_snh.materials.parameters import Keywords
 
 #: The symbols of the small-strain constants in `Energy.by_lame`.
 LAME = sympy.symbols("mu_lame lambda_lame", real=True)
@@ -72,8 +73,8 @@ class Energy:
     pressure: sympy.Symbol | None = None
     parameters: tuple[sympy.Symbol, ...] = ()
     parameter_values: tuple[float, ...] = ()
-    adjusted: Mapping[str, Any] = field(default_factory=dict)
-    with_symbols: Callable[[Mapping[str, Any]], Energy] | None = None
+    adjusted: Keywords = field(default_factory=dict)
+    with_symbols: Callable[[Keywords], Energy] | None = None
     equation: str = ""
 
     @property

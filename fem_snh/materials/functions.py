@@ -10,7 +10,7 @@ Measures are functions of the principal stretches:
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -65,14 +65,14 @@ class where(sympy.Function):
     nargs = (3,)
 
     @classmethod
-    def eval(cls, x: Any, a: Any, b: Any) -> Any:
+    def eval(cls, x: sympy.Expr, a: sympy.Expr, b: sympy.Expr) -> sympy.Expr | None:
         if a == b:
             return a
         if x.is_number and x.is_comparable:
             return a if x > 0 else b
         return None
 
-    def _eval_derivative(self, s: Any) -> Any:
+    def _eval_derivative(self, s: sympy.Symbol) -> sympy.Expr:
         x, a, b = self.args
         return where(x, sympy.diff(a, s), sympy.diff(b, s))
 
@@ -97,11 +97,11 @@ class positive(sympy.Function):
 class PrincipalStress:
     """Principal PK1 stresses [Pa] in s0, s1, s2 of a material without an energy."""
 
-    p0: Any
-    p1: Any
-    p2: Any
+    p0: sympy.Expr
+    p1: sympy.Expr
+    p2: sympy.Expr
 
-    def __iter__(self) -> Any:
+    def __iter__(self) -> Iterator[sympy.Expr]:
         return iter((self.p0, self.p1, self.p2))
 
 

@@ -8,7 +8,7 @@ give :math:`\mu` and K by PK1-linearisation (`fem_snh.materials.normalise`).
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable
 from dataclasses import replace
 from inspect import signature
 from typing import Any
@@ -24,6 +24,7 @@ from fem_snh.materials.parameters import (
     LARGEST_MODULUS,
     TUNING,
     Function,
+    Keywords,
     check_constants,
     check_keywords,
     check_size,
@@ -160,7 +161,7 @@ class Incomplete(BadInput):
 
 
 def with_moduli(
-    material: str | Function, E: float | None, nu: float | None, given: Mapping[str, Any]
+    material: str | Function, E: float | None, nu: float | None, given: Keywords
 ) -> tuple[float, float, dict[str, Any]]:
     """Return E [Pa], nu and the other keywords of a material, published constants replaced.
 
@@ -210,7 +211,7 @@ def with_moduli(
 
 
 def replace_weak(
-    table: dict[str, Any], given: Collection[str], keywords: Mapping[str, Any]
+    table: dict[str, Any], given: Collection[str], keywords: Keywords
 ) -> dict[str, Any]:
     """Return a material's table without an E and a nu that its new constants replace.
 
@@ -256,7 +257,7 @@ def replace_weak(
     raise error
 
 
-def _translated(material: str | Function, given: Mapping[str, Any]) -> dict[str, Any]:
+def _translated(material: str | Function, given: Keywords) -> dict[str, Any]:
     """Return keywords with published constants replaced by the material's own keywords."""
     keywords = dict(given)
     for constants in published(material):
@@ -284,7 +285,7 @@ def _translated(material: str | Function, given: Mapping[str, Any]) -> dict[str,
 
 
 def _moduli(
-    own: Function, name: str, nu: float | None, keywords: Mapping[str, Any]
+    own: Function, name: str, nu: float | None, keywords: Keywords
 ) -> tuple[dict[str, sympy.Symbol], Pair]:
     """Return the symbols of the constants, and (mu_lame, lambda_lame) in them."""
     shape = shape_parameters(own)

@@ -19,7 +19,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from itertools import combinations
-from typing import Any
 
 import sympy
 
@@ -30,6 +29,8 @@ from fem_snh.materials.parameters import check_constants
 _REST = dict.fromkeys(SIGMA, sympy.Integer(1))
 
 Pair = tuple[sympy.Expr, sympy.Expr]
+Moduli = list[sympy.Expr]
+Values = dict[sympy.Symbol, sympy.Expr]
 
 #: Accepted difference, relative to mu_lame, between the requested lambda_lame and that of an energy
 #: with one constant: the rounding error of nu.
@@ -109,7 +110,7 @@ class Normalisation:
         self.moduli = moduli
 
     def solve(
-        self, target: tuple[Any, Any], E: float, mixed: bool = False
+        self, target: tuple[float | sympy.Expr, float | sympy.Expr], E: float, mixed: bool = False
     ) -> tuple[sympy.Expr, ...]:
         """Return the values of all constants that make the moduli equal to ``target``.
 
@@ -150,9 +151,7 @@ class Normalisation:
         found = pinned | found
         return tuple(found[c] for c in self.symbols)
 
-    def _solve_two(
-        self, moduli: list[Any], target: list[Any], free: tuple[sympy.Symbol, ...]
-    ) -> dict[Any, Any]:
+    def _solve_two(self, moduli: Moduli, target: Moduli, free: tuple[sympy.Symbol, ...]) -> Values:
         """Return the two constants that solve both equations."""
         equations = [m - t for m, t in zip(moduli, target, strict=True)]
         try:
@@ -166,7 +165,7 @@ class Normalisation:
             )
         return dict(solutions[0])
 
-    def _solve_without_shear(self, moduli: list[Any], target: list[Any]) -> dict[Any, Any]:
+    def _solve_without_shear(self, moduli: Moduli, target: Moduli) -> Values:
         """Return the other constants if those that are prescribed give the shear modulus.
 
         Raises
@@ -193,7 +192,7 @@ class Normalisation:
         (value,) = sympy.solve(moduli[1] - target[1], c)
         return {c: value}
 
-    def _solve_one(self, moduli: list[Any], target: list[Any], mixed: bool) -> dict[Any, Any]:
+    def _solve_one(self, moduli: Moduli, target: Moduli, mixed: bool) -> Values:
         """Return the constant that gives mu_lame; check that it gives lambda_lame too."""
         (c,) = self.free
         mu, lam = moduli
@@ -213,9 +212,7 @@ class Normalisation:
             raise BadInput(f"material '{self.name}' {what}: give that nu, or a lambda_part")
         return {c: solutions[0]}
 
-    def _nearest_to_defaults(
-        self, moduli: list[Any], target: list[Any], E: float
-    ) -> dict[Any, Any]:
+    def _nearest_to_defaults(self, moduli: Moduli, target: Moduli, E: float) -> Values:
         """Return the constants that solve both equations and are nearest to their defaults."""
         lost = [str(c) for c in self.free if c not in self.defaults]
         if not self.free or lost:

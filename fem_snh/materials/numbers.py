@@ -6,7 +6,6 @@ and the fit of the constants take longer than a small solve.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,7 +13,8 @@ from typing import TYPE_CHECKING, Any
 from fem_snh import cache
 
 if TYPE_CHECKING:
-    from fem_snh.materials.energy import Energy
+    from fem_snh.materials.parameters import Keywords
+from fem_snh.materials.energy import Energy
 
 _MODELS = Path(__file__).with_name("models")
 
@@ -76,9 +76,7 @@ def numbers_of(energy: Energy, key: str | None = None) -> Numbers:
     )
 
 
-def stored_key(
-    material: Any, E: float | None, nu: float | None, keywords: Mapping[str, Any]
-) -> str | None:
+def stored_key(material: Any, E: float | None, nu: float | None, keywords: Keywords) -> str | None:
     """Return the key of a built-in material's numbers; None if they cannot be stored."""
     names = [material, *filter(None, [keywords.get("lambda_part")])]
     if not all(type(name) is str and _is_own(name) for name in names):

@@ -16,6 +16,10 @@ from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_
 
 from fem_snh.errors import BadInput, Range, bad_value
 
+#: A material's function.
+Function = Callable[..., Any]
+#: Values of keywords, of the types that a material's function states.
+Keywords = Mapping[str, Any]
 #: Largest modulus [Pa], and the inverse of the smallest: the squares in a norm stay finite.
 LARGEST_MODULUS = 1e100
 #: Largest shape parameter: its products with stretches and moduli stay finite.
@@ -99,8 +103,6 @@ def check(tuning: dict[str, Any]) -> dict[str, Any]:
             raise bad_value(key, value, f"{zero}a number from {low:g} to {high:g}")
     return given
 
-
-Function = Callable[..., Any]
 
 #: Names of the deformation measures that may be arguments (`fem_snh.materials.functions`).
 MEASURES = ("I1", "I_C", "II_C", "J", "s0", "s1", "s2")
@@ -232,7 +234,7 @@ def moduli_or_defaults(E: Any, nu: Any) -> tuple[Any, Any]:
     return 1.0 if E is None else E, 0.49 if nu is None else nu
 
 
-def check_keywords(function: Callable[..., Any], given: Mapping[str, Any]) -> dict[str, Any]:
+def check_keywords(function: Function, given: Keywords) -> dict[str, Any]:
     """Return the values of keywords of a material's function, which have the types it states.
 
     Parameters
@@ -259,25 +261,23 @@ def check_keywords(function: Callable[..., Any], given: Mapping[str, Any]) -> di
     return found
 
 
-def ranges(function: Callable[..., Any]) -> dict[str, Range]:
+def ranges(function: Function) -> dict[str, Range]:
     """Return the accepted values of the parameters that a material's function annotates."""
     return _annotations(function, Range)
 
 
-def variants(function: Callable[..., Any]) -> dict[str, Variant]:
+def variants(function: Function) -> dict[str, Variant]:
     """Return the variants of the parameters that a material's function annotates."""
     return _annotations(function, Variant)
 
 
-def default_variants(
-    function: Callable[..., Any], nu: float, given: Mapping[str, Any]
-) -> dict[str, Any]:
+def default_variants(function: Function, nu: float, given: Keywords) -> dict[str, Any]:
     """Return the parameters that select a variant and are not among the given, at a ratio nu."""
     found = variants(function)
     return {key: v.default(nu) for key, v in found.items() if given.get(key) is None}
 
 
-def _annotations(function: Callable[..., Any], kind: type[T]) -> dict[str, T]:
+def _annotations(function: Function, kind: type[T]) -> dict[str, T]:
     """Return the annotations of one kind, by parameter."""
     try:
         hints = get_type_hints(function, include_extras=True)
@@ -293,7 +293,7 @@ def plain(value: Any) -> Any:
     return tuple(plain(v) for v in value) if isinstance(value, list | tuple) else value
 
 
-def _kinds(function: Callable[..., Any]) -> dict[str, Any]:
+def _kinds(function: Function) -> dict[str, Any]:
     """Return the types of the keywords of a material's function."""
     found: dict[str, Any] = {key: float | None for key in TUNING if key != "lambda_part"}
     found["lambda_part"] = Any  # a name or a function
