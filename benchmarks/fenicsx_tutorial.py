@@ -32,8 +32,8 @@ from fem_snh._dolfinx.forms import _jit, _quiet
 from fem_snh._petsc import default_options, mumps_out_of_memory
 from fem_snh.assembly import elements
 from fem_snh.files import replace_file
-from fem_snh.kernels import ufl_forms
 from fem_snh.kernels.material import material
+from fem_snh.kernels.ufl_forms import energy_density
 from fem_snh.mesh import mesh as meshes
 from fem_snh.runs import make_mesh
 
@@ -111,7 +111,8 @@ def solve(
         for axis in map("xyz".index, condition.components):
             dofs_of_axis = fem.locate_dofs_topological(V.sub(axis), group.dim, group.entities)
             conditions_of_u.append(fem.dirichletbc(PETSc.ScalarType(0), dofs_of_axis, V.sub(axis)))
-    F = ufl_forms.residual(energy, u, v, dx)
+    gradient = ufl.variable(ufl.Identity(3) + ufl.grad(u))
+    F = ufl.derivative(energy_density(energy, gradient) * dx, u, v)
     load_factor = fem.Constant(domain.domain, PETSc.ScalarType(0))
     for traction in scene.traction:
         facets = domain.group(traction.group).entities

@@ -341,11 +341,6 @@ _FROZEN_FUNCTIONS = FUNCTIONS | {
 }
 
 
-def deformation_gradient(u: Expr) -> Expr:
-    """Return F = I + grad u as a UFL variable, with respect to which energies can be derived."""
-    return ufl.variable(ufl.Identity(3) + ufl.grad(u))
-
-
 def energy_density(energy: Energy, F: Expr) -> Expr:
     """Return the energy density psi(F) [Pa] as a UFL expression.
 
@@ -394,18 +389,3 @@ _INVARIANTS = {
     "II_C": _area,
     "J": ufl.det,
 }
-
-
-def elastic_energy(energy: Energy, u: Expr, dx: ufl.Measure = ufl.dx) -> ufl.Form:
-    """Return the form of the elastic energy [J] of the displacement u."""
-    return energy_density(energy, deformation_gradient(u)) * dx
-
-
-def residual(energy: Energy, u: Expr, v: Expr, dx: ufl.Measure = ufl.dx) -> ufl.Form:
-    """Return the derivative of the elastic energy in the direction of the test function v."""
-    return ufl.derivative(elastic_energy(energy, u, dx), u, v)
-
-
-def jacobian(energy: Energy, u: Expr, v: Expr, w: Expr, dx: ufl.Measure = ufl.dx) -> ufl.Form:
-    """Return the second derivative in the directions of v and of the trial function w."""
-    return ufl.derivative(residual(energy, u, v, dx), u, w)

@@ -256,13 +256,6 @@ class ProjectedNewton:
         """Return the largest norm of the residual [N] at which a solve may converge."""
         return float(self.options["snes_scaled_tol"]) * self.force_scale
 
-    def tolerance_at(self, x: PETSc.Vec) -> float:
-        """Return the norm of the residual [N] at which the state ``x`` is a solution. Collective.
-
-        The forces are evaluated, at the cost of a residual.
-        """
-        return min(self.scaled_tolerance, self.force_tolerance(self.force_at(x)))
-
     def force_at(self, x: PETSc.Vec) -> float:
         """Return the norm of the forces [N] beside which a residual is small. Collective.
 
@@ -311,14 +304,15 @@ class ProjectedNewton:
     def _tolerance(self, snes: PETSc.SNES, x: PETSc.Vec, norm: float) -> float:
         """Return the norm [N] at which a state with this residual would be a solution. Collective.
 
-        The forces that act are evaluated only where it depends on them.
+        The forces that act are evaluated only where it depends on them, at the cost of a residual.
         """
         rtol, atol = snes.getTolerances()[:2]
         if rtol or atol:
             return max(atol, rtol * self._first_norm)
         earlier = min(self.scaled_tolerance, self.force_tolerance(self.earlier_force))
-        within = earlier < norm <= self.scaled_tolerance
-        return self.tolerance_at(x) if within else earlier if earlier else self.scaled_tolerance
+        if earlier < norm <= self.scaled_tolerance:
+            return min(self.scaled_tolerance, self.force_tolerance(self.force_at(x)))
+        return earlier or self.scaled_tolerance
 
     def _is_rounding(self, x: PETSc.Vec, norm: float) -> bool:
         """Return whether a residual is a rounding error, whose bound is then the tolerance.
