@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import sympy
 from sympy.codegen.cfunctions import log1p
 
-from fem_snh.errors import BadInput
+from fem_snh.errors import BadInput, shown
 from fem_snh.materials import normalise, tuning
 from fem_snh.materials.energy import LAME, Energy, principal_stresses
 from fem_snh.materials.functions import (
@@ -77,40 +77,24 @@ def construct(
         If the function does not return an energy, or it cannot be fitted or tuned.
     """
     E, nu = check_constants(E, nu)
-    form = symbolic(function, name, nu, shape)
-    known = {str(c): c for c in form.constants}
-    fit = normalise.Normalisation(
-        name,
-        form.constants,
-        {known[k]: v for k, v in constants_of(function).items() if v is not None},
-        {known[k]: v for k, v in pins.items()},
-        form.moduli,
-    )
+    preferred = {c: v for c, v in constants_of(function).items() if v is not None}
     given = {k: v for k, v in tuned.items() if v is not None}
-    energy = Energy(
-        name=name,
-        E=E,
-        nu=nu,
-        shape=dict(shape) | given,
-        measures=form.measures,
-        constants=form.constants,
-        values=_fitted(fit, E, nu, mixed=lambda_part is not None),
-        psi=form.psi,
-        stress=form.stress,
-        barriers=form.barriers,
-        fit=fit,
-    )
+
+    def untuned(shape: Keywords, values: tuple[float, ...] | None = None) -> Energy:
+        form = symbolic(function, name, nu, shape)
+        known = {str(c): c for c in form.constants}
+        defaults, fixed = ({known[k]: v for k, v in of.items()} for of in (preferred, pins))
+        fit = normalise.Normalisation(name, form.constants, defaults, fixed, form.moduli)
+        if values is None:
+            values = _fitted(fit, E, nu, mixed=lambda_part is not None)
+        whole = dict(shape) | given
+        return Energy(name=name, E=E, nu=nu, shape=whole, values=values, fit=fit, **form._asdict())
+
+    energy = untuned(shape)
 
     def with_symbols(symbols: Keywords) -> Energy:
         own = dict(shape) | {k: v for k, v in symbols.items() if k in shape}
-        form = symbolic(function, name, nu, own)
-        made = replace(
-            energy,
-            psi=form.psi,
-            stress=form.stress,
-            barriers=form.barriers,
-            fit=normalise.Normalisation(name, fit.symbols, fit.defaults, fit.pins, form.moduli),
-        )
+        made = replace(untuned(own, energy.values), shape=energy.shape)
         return _tuned(made, given, symbols, lambda_part)
 
     defaults = shape_parameters(function) | TUNING
@@ -138,20 +122,6 @@ def _tuned(
     for term in energy.slopes if energy.psi is None else [energy.psi]:
         _check_exponents(term, energy.name)
     return energy
-
-
-def moduli_of(
-    function: Function, name: str, nu: float | None, shape: Keywords
-) -> tuple[dict[str, sympy.Symbol], normalise.Pair]:
-    """Return the symbols of a material's constants, and (mu_lame, lambda_lame) in them.
-
-    Parameters
-    ----------
-    function, name, nu, shape
-        As for `construct`; ``nu`` only if the function has it as an argument.
-    """
-    form = symbolic(function, name, nu, shape)
-    return {str(c): c for c in form.constants}, form.moduli
 
 
 class _Form(NamedTuple):
@@ -221,17 +191,13 @@ def _evaluate(
     terms = list(found) if isinstance(found, PrincipalStress) else [found]
     measures = set(arguments) & set(MEASURES.values())
     for term in terms:
+        returns = f"material '{name}': its function returns {shown(term)}: "
         if isinstance(term, sympy.Expr) and term.has(*_NOT_REAL):
-            raise BadInput(
-                f"material '{name}': its function returns {_short(term)}: expected an expression "
-                "that is real and finite for its shape parameters"
-            )
+            what = "an expression that is real and finite for its shape parameters"
+            raise BadInput(f"{returns}expected {what}")
         if not isinstance(term, sympy.Expr) or not term.free_symbols & measures:
             wanted = ", ".join(str(a) for a in arguments if a in measures)
-            raise BadInput(
-                f"material '{name}': its function returns {_short(term)}: expected a sympy "
-                f"expression in {wanted}"
-            )
+            raise BadInput(f"{returns}expected a sympy expression in {wanted}")
         if unknown := term.free_symbols - set(arguments) - parameters_in(keywords.values()):
             raise BadInput(
                 f"material '{name}': unknown symbol {min(map(str, unknown))}: expected an "
@@ -239,10 +205,8 @@ def _evaluate(
             )
         _check_functions(term, name)
         if reason := why_unbounded(term, {m: REST[m] for m in measures}):
-            raise BadInput(
-                f"material '{name}': its function returns {_short(term)}: {reason}: "
-                "expected an expression that can be evaluated in double precision"
-            )
+            what = "an expression that can be evaluated in double precision"
+            raise BadInput(f"{returns}{reason}: expected {what}")
     return found
 
 
@@ -280,11 +244,6 @@ def _check_exponents(term: sympy.Expr, name: str) -> None:
                 f"material '{name}': exponent {float(power.exp):g}: expected a number from "
                 f"{-MAX_EXPONENT} to {MAX_EXPONENT}"
             )
-
-
-def _short(value: Any) -> str:
-    text = " ".join(repr(value).split())
-    return text if len(text) <= 60 else text[:57] + "..."
 
 
 def _without_barriers(expression: Any, barriers: set[sympy.Expr]) -> sympy.Expr:

@@ -16,7 +16,7 @@ from typing import Any
 import sympy
 
 from fem_snh.errors import BadInput, bad_value, nearest, shown
-from fem_snh.materials.construction import construct, moduli_of
+from fem_snh.materials.construction import construct, symbolic
 from fem_snh.materials.energy import Energy
 from fem_snh.materials.functions import SIGMA
 from fem_snh.materials.normalise import Pair, determined
@@ -295,7 +295,8 @@ def _moduli(
     shape |= {k: v for k, v in known.items() if k in shape}
     if nu is None and "nu" in signature(own).parameters:
         raise Incomplete(f"material '{name}': its energy depends on nu: expected nu = a number")
-    return moduli_of(own, name, nu, shape)
+    form = symbolic(own, name, nu, shape)
+    return {str(c): c for c in form.constants}, form.moduli
 
 
 def _solve(
