@@ -119,7 +119,7 @@ def _tuned(
         part = key in ("alpha_mu", "alpha_lambda") and key not in given
         values[key] = symbols.get("alpha" if part else key, values[key])
     energy = tuning.tune(energy, values, lambda_part)
-    for term in energy.slopes if energy.psi is None else [energy.psi]:
+    for term in energy.expressions:
         _check_exponents(term, energy.name)
     return energy
 

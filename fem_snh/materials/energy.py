@@ -119,8 +119,16 @@ class Energy:
         They are the arguments of log, the bases of real powers and the arguments of `positive`.
         Expressions that are positive for every F and the pieces of a `where` are left out.
         """
-        expressions = self.slopes if self.psi is None else [self.psi]
-        return domain(expressions, self.measures, self.barriers)
+        return domain(self.expressions, self.measures, self.barriers)
+
+    @property
+    def expressions(self) -> tuple[sympy.Expr, ...]:
+        """Return psi alone, or the stresses of a material without an energy."""
+        return self.slopes if self.psi is None else (self.psi,)
+
+    def atoms(self, kind: type[sympy.Basic]) -> set[sympy.Basic]:
+        """Return the sub-expressions of one kind, as sympy's ``atoms``."""
+        return set().union(*(e.atoms(kind) for e in self.expressions))
 
     @cached_property
     def psi_sigma(self) -> sympy.Expr:

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 from fem_snh import cache
 
 if TYPE_CHECKING:
+    from fem_snh.materials.energy import Energy
     from fem_snh.materials.parameters import Keywords
-from fem_snh.materials.energy import Energy
 
 _MODELS = Path(__file__).with_name("models")
 

@@ -190,13 +190,12 @@ def check_signature(function: Function, name: str, reserved: set[str]) -> None:
 T = TypeVar("T")
 
 #: What Young's modulus and Poisson's ratio are, and the numbers that are accepted.
+_MODULI = 1 / LARGEST_MODULUS, LARGEST_MODULUS
 _CONSTANTS = {
-    "E": (
-        1 / LARGEST_MODULUS,
-        LARGEST_MODULUS,
-        f"a number from {1 / LARGEST_MODULUS:g} to {LARGEST_MODULUS:g} (Young's modulus [Pa])",
+    "E": Range(
+        *_MODULI, words="a number from {:g} to {:g} (Young's modulus [Pa])".format(*_MODULI)
     ),
-    "nu": (-1.0, 0.5, "a number in (-1, 0.5] (Poisson's ratio)"),
+    "nu": Range(-1.0, 0.5, open_low=True, words="a number in (-1, 0.5] (Poisson's ratio)"),
 }
 #: The types of keywords in words: of one value, and of those of a list.
 _WORDS = {
@@ -217,14 +216,12 @@ def check_constants(E: Any, nu: Any) -> tuple[float, float]:
     """
     found = []
     for key, value in (("E", E), ("nu", nu)):
-        low, high, accepted = _CONSTANTS[key]
-        number = plain(value)
+        accepted, number = _CONSTANTS[key], plain(value)
         if not isinstance(number, int | float) or isinstance(number, bool):
-            raise bad_value(key, value, accepted)
-        if not low <= number <= high or (key == "nu" and number == low):
-            raise bad_value(
-                key, number if abs(number) > LARGEST_MODULUS else float(number), accepted
-            )
+            raise bad_value(key, value, str(accepted))
+        if number not in accepted:
+            given = number if abs(number) > LARGEST_MODULUS else float(number)
+            raise bad_value(key, given, str(accepted))
         found.append(float(number))
     return found[0], found[1]
 

@@ -15,7 +15,6 @@ parameter is an argument, too, unless its value selects another function. Compil
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import replace
 from functools import lru_cache
 from typing import Any, NamedTuple
@@ -58,7 +57,7 @@ def with_arguments(energy: Energy) -> Energy:
         made = _with_symbols(energy, chosen)
     if made is None:
         return energy
-    exponents = [p.exp for p in _atoms(made, sympy.Pow) if parameters_in([p.exp])]
+    exponents = [p.exp for p in made.atoms(sympy.Pow) if parameters_in([p.exp])]
     special = [n for n in chosen if any(_is_special(n, e) for e in exponents)]
     if special:
         made = _with_symbols(energy, [n for n in chosen if n not in special])
@@ -120,7 +119,7 @@ def _is_same(made: Energy, energy: Energy) -> bool:
     if len(made.domain) != len(energy.domain):
         return False
     rest = dict.fromkeys(SIGMA, sympy.Integer(1))
-    for piecewise in _atoms(made, where):
+    for piecewise in made.atoms(where):
         if not sympy.simplify(piecewise.args[0].subs(INVARIANTS).subs(rest)).is_number:
             return False
     for one, other in zip(_expressions(made), _expressions(energy), strict=True):
@@ -151,8 +150,3 @@ def _expressions(energy: Energy) -> list[sympy.Expr]:
     """Return what defines an energy, in the stretches."""
     psi = [] if energy.psi_sigma is None else [energy.psi_sigma]
     return [*psi, energy.slopes[0]]
-
-
-def _atoms(energy: Energy, kind: Any) -> Iterable[Any]:
-    expressions = energy.slopes if energy.psi is None else [energy.psi]
-    return [a for e in expressions for a in e.atoms(kind)]
