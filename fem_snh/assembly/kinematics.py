@@ -123,12 +123,8 @@ class Kinematics:
 
     def padded(self, u: Array) -> Array:
         """Return displacements (components * nodes,) with 3 components, (nodes, 3)."""
-        nodal = u.reshape(-1, self.components)
-        if self.components == 3:
-            return nodal
-        solid = np.zeros((len(nodal), 3))
-        solid[:, : self.components] = nodal
-        return solid
+        nodal, missing = u.reshape(-1, self.components), 3 - self.components
+        return np.pad(nodal, ((0, 0), (0, missing))) if missing else nodal
 
     def total(self, vectors: Array) -> Array:
         """Return the sum (3,) of vectors (n, 3), of a whole turn: only the axial part remains."""
