@@ -49,6 +49,8 @@ class Parser(argparse.ArgumentParser):
             formatter_class=argparse.RawDescriptionHelpFormatter,
         )
         self._make_epilog = epilog
+        # argparse's own expression knows neither -1e-3 nor -inf.
+        self._negative_number_matcher = re.compile(r"-(\d|\.\d|inf$|nan$)", re.IGNORECASE)
 
     def add(self, text: str, **settings: Any) -> None:
         """Add the options of a text that lists them as the help does.
@@ -99,13 +101,7 @@ class Parser(argparse.ArgumentParser):
     def parse(self, argv: list[str]) -> argparse.Namespace:
         """Parse ``argv``; the message for an unknown option names the nearest known one."""
         options = [name for name in self._option_string_actions if name.startswith("--")]
-        joined: list[str] = []
-        for word in argv:  # argparse reads -1e-3 and -inf as options
-            if joined and joined[-1] in options and word.startswith("-") and is_number(word):
-                joined[-1] += f"={word}"
-            else:
-                joined.append(word)
-        args, rest = self.parse_known_args(joined)
+        args, rest = self.parse_known_args(argv)
         for word in [w for w in rest if w.startswith("-")] or rest:
             name = word.partition("=")[0]
             if word.startswith("-"):
