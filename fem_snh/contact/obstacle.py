@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
@@ -13,11 +14,11 @@ from fem_snh.contact.contact import ContactTable
 from fem_snh.errors import bad_value, on_every
 from fem_snh.geometry.motion_files import read_motion
 from fem_snh.geometry.motions import DisplacementMotion, Motion, MovingShape
-from fem_snh.geometry.shapes import Box, ClosedSurface, Revolved, Shape, read_polygon
+from fem_snh.geometry.shapes import Box, Revolved, read_polygon
 from fem_snh.records.output_fields import AT_OBSTACLES, OutputField
 from fem_snh.records.run_files import surface_copy
 from fem_snh.tables.amplitudes import Amplitudes, MotionTable
-from fem_snh.tables.shapes import ShapeChoice
+from fem_snh.tables.shapes import ShapeChoice, shape_of
 from fem_snh.tables.types import CsvFile, NonNegative, Surface, SurfaceFile, Text
 from fem_snh.tables.validation import check_distinct
 from fem_snh.terms.feature import Feature
@@ -81,13 +82,8 @@ class Obstacle(Feature, ContactTable, MotionTable):
         BadInput
             One line, for a file that cannot be read or is not valid.
         """
-        shape: Shape
-        if self.shape:
-            shape = self.shape.shape()
-        elif self.profile:
-            shape = read_polygon(self.profile)
-        else:
-            shape = ClosedSurface.read(str(self.surface))
+        solid = self.shape or self.surface
+        shape = shape_of(solid) if solid else read_polygon(Path(str(self.profile)))
         motion: Motion | None = None
         if self.motion is not None:
             motion = read_motion(self.motion, amplitudes.duration)

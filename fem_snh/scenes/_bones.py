@@ -20,10 +20,9 @@ from fem_snh.geometry.bvh import Clip, Placement, joint_motion, read_bvh
 from fem_snh.geometry.motion_files import MotionRows, bone_motion, read_rows
 from fem_snh.geometry.motions import Bone, DisplacementMotion, Motion, Noise, PoseTable
 from fem_snh.geometry.rotations import exponential
-from fem_snh.geometry.shapes import ClosedSurface
 from fem_snh.geometry.shapes.shape import Array
 from fem_snh.tables.amplitudes import MotionTable, function_name
-from fem_snh.tables.shapes import ShapeChoice
+from fem_snh.tables.shapes import ShapeChoice, shape_of
 from fem_snh.tables.types import (
     INT32_MAX,
     FilePath,
@@ -203,9 +202,8 @@ def read_bones(scene: Scene) -> list[Bone]:
         noise = Noise(chosen.amplitude, chosen.seed, chosen.frames or steps, chosen.smooth)
     bones = []
     for choice in scene.bone:
-        shape = choice.shape.shape() if choice.shape else None
-        if choice.surface is not None:
-            shape = ClosedSurface.read(choice.surface)
+        solid = choice.shape or choice.surface
+        shape = shape_of(solid) if solid else None
         motion: Motion | Function | None = None
         origin = choice.origin
         if isinstance(choice.motion, Path):

@@ -11,7 +11,6 @@ from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag,
 from fem_snh.assembly.kinematics import kinematics_of
 from fem_snh.choices import ESTIMATES, LATTICE_PARTS, LATTICE_WEIGHTINGS, LIFTED_ELEMENT
 from fem_snh.errors import bad_value, choose, nearest
-from fem_snh.geometry.shapes import ClosedSurface, Shape
 from fem_snh.records.output_fields import LOCATIONS, NAMED
 from fem_snh.records.units import Units
 from fem_snh.tables.shapes import ShapeChoice
@@ -97,10 +96,6 @@ class Lattice(Table):
             raise bad_value("skin", self.skin, accepted)
         return self
 
-    def body(self) -> Shape:
-        """Return the body. Reads the file that the table names; raises BadInput if it cannot."""
-        return _shape(self.lattice)
-
 
 class Tetrahedra(Table):
     """A body that tetrahedra fill."""
@@ -110,15 +105,6 @@ class Tetrahedra(Table):
         "or a table as `shape` is."
     )
     size: Positive = Field(description="Edge of a tetrahedron [length].")
-
-    def body(self) -> Shape:
-        """Return the body. Reads the file that the table names; raises BadInput if it cannot."""
-        return _shape(self.surface)
-
-
-def _shape(body: ShapeChoice | Path) -> Shape:
-    """Return the shape of a table, or the surface of a file."""
-    return body.shape() if isinstance(body, ShapeChoice) else ClosedSurface.read(body)
 
 
 def _kind(mesh: Any) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +17,7 @@ from fem_snh.mesh.mesh import Mesh, generate, read
 from fem_snh.scenes._consistency import group_references
 from fem_snh.scenes._outputs import Geometry, Lattice, Tetrahedra
 from fem_snh.scenes.schema import Scene
+from fem_snh.tables.shapes import shape_of
 
 if TYPE_CHECKING:
     from fem_snh.mesh.gmsh_model import SizeField
@@ -122,13 +124,15 @@ def make_mesh(comm: Any, scene: Scene) -> Mesh:
     if isinstance(scene.mesh, Tetrahedra):
         from fem_snh.mesh import lattice
 
-        return lattice.create_tetrahedra(comm, scene.mesh.body, scene.mesh.size)
+        return lattice.create_tetrahedra(
+            comm, partial(shape_of, scene.mesh.surface), scene.mesh.size
+        )
     if isinstance(scene.mesh, Lattice):
         from fem_snh.mesh import lattice
 
         chosen = scene.mesh
         choices = chosen.cell, chosen.weighting, chosen.parts, chosen.samples, chosen.skin
-        return lattice.create(comm, chosen.body, *choices)
+        return lattice.create(comm, partial(shape_of, chosen.lattice), *choices)
     parameters = _cells(scene) | scene.mesh.parameters
     element = elements.element(scene.element, None, kinematics_of(scene.kinematics))
     return generate(comm, scene.mesh.source, element.cell, **parameters)

@@ -14,7 +14,7 @@ from pydantic import Field, PlainSerializer, field_validator
 
 from fem_snh.choices import INTERPOLATIONS, LARGEST_NUMBER
 from fem_snh.errors import bad_value, check_number, choose
-from fem_snh.tables.types import Axis, Number, Text, Vector
+from fem_snh.tables.types import Number, Text, Vector
 from fem_snh.tables.validation import Bounded, Expect, OneOf, Table, check_distinct
 
 Array = npt.NDArray[np.float64]
@@ -304,19 +304,9 @@ class ScaledMotion:
         Amplitudes of the motion and of its rotation, as functions of the load.
     """
 
-    table: Any
+    table: MotionTable
     amplitude: Function
     turn: Function
-
-    @property
-    def group(self) -> str | int:
-        """Name or number of the physical group that moves."""
-        return self.table.group
-
-    @property
-    def components(self) -> tuple[Axis, ...]:
-        """The prescribed components."""
-        return self.table.components
 
     def displacement(self, X: Array, load: float) -> Array:
         """Return the displacements (n, 3) of points X (n, 3) at a load."""

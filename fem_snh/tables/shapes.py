@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
 from pydantic import Field, create_model, model_validator
 
-from fem_snh.geometry.shapes import Shape, from_record
+from fem_snh.geometry.shapes import ClosedSurface, Shape, from_record
 from fem_snh.tables.types import Flag, Positive, Vector
 from fem_snh.tables.validation import Bounded, BoundedPositive, Expect, Table
 
@@ -144,3 +145,14 @@ class ShapeChoice(Table):
     def record(self) -> dict[str, Any]:
         """Return the shape as run.json has it: a table of one key, as in the scene."""
         return self.model_dump(mode="json", exclude_none=True)
+
+
+def shape_of(choice: ShapeChoice | Path) -> Shape:
+    """Return the shape of a table, or the closed surface of a file.
+
+    Raises
+    ------
+    BadInput
+        One line, for a file that cannot be read or is not valid.
+    """
+    return choice.shape() if isinstance(choice, ShapeChoice) else ClosedSurface.read(choice)

@@ -9,10 +9,10 @@ import numpy as np
 from pydantic import BeforeValidator, Field, model_validator
 
 from fem_snh.errors import BadInput, bad_value, choose
-from fem_snh.geometry.shapes import ClosedSurface, Shape
+from fem_snh.geometry.shapes import Shape
 from fem_snh.records.run_files import surface_copy
 from fem_snh.tables.amplitudes import TABLE, MotionTable, TableName
-from fem_snh.tables.shapes import ShapeChoice
+from fem_snh.tables.shapes import ShapeChoice, shape_of
 from fem_snh.tables.types import (
     NonNegative,
     Number,
@@ -277,9 +277,8 @@ class Rigid(Feature, MotionTable):
 
     def solid(self) -> Shape | None:
         """Return the shape whose nodes the part has, or None; read its file. Raises BadInput."""
-        if self.surface is not None:
-            return ClosedSurface.read(self.surface)
-        return self.shape.shape() if self.shape else None
+        choice = self.shape or self.surface
+        return shape_of(choice) if choice else None
 
     @classmethod
     def describe(cls, features: Sequence[Self], terms: Sequence[Any]) -> Mapping[str, Any]:
