@@ -198,19 +198,9 @@ def _columns(record: Record) -> dict[str, Any]:
 
 
 def first_axes(record: Record, table: pd.DataFrame) -> tuple[str, str]:
-    """Return the columns of the first curve: the principal reaction, or else the volume.
-
-    It is over the load parameter; if that has no name of its own, a force is over the largest
-    displacement of a probe in its direction.
-    """
-    y, x = principal_result([record]) or "volume_ratio", x_of([record])
-    if y not in table:
-        y = x
-    along = [f"{name}{y[-2:]}" for name in record["steps"][-1].get("probes", {})]
-    along = [name for name in along if name in table and table[name].abs().max() > 0]
-    if ".force." in y and x == "load" and along:
-        x = max(along, key=lambda name: float(table[name].abs().max()))
-    return x, y
+    """Return the columns of the first curve: a reaction or the volume over the load parameter."""
+    x, y = x_of([record]), principal_result([record]) or "volume_ratio"
+    return x, y if y in table else x
 
 
 def _curves(record: Record) -> str:
