@@ -140,8 +140,9 @@ def solve(
     while load < 1 and "status" not in record and size > 2.0**-HALVINGS / scene.steps * 0.75:
         to = min(load + size, 1.0) if load + size < 1 - 1e-12 else 1.0
         for condition, nodes, values in parts:
-            array = values.x.array.reshape(-1, 3)
-            array[nodes] = condition.displacement(points[nodes], to)
+            if isinstance(condition, scenes.Move):  # held nodes stay at zero
+                array = values.x.array.reshape(-1, 3)
+                array[nodes] = condition.displacement(points[nodes], to)
         load_factor.value = to
         kept, start, working = u.x.array.copy(), perf_counter(), process_time()
         try:
