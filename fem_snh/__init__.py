@@ -40,12 +40,9 @@ if TYPE_CHECKING:
     from fem_snh.terms.cavity import Cavity
     from fem_snh.terms.conditions import Hold, Move, Symmetry
     from fem_snh.terms.feature import Feature
-    from fem_snh.terms.gravity import Gravity
-    from fem_snh.terms.pressure import Pressure
+    from fem_snh.terms.loads import Gravity, Pressure, Spring, Traction
     from fem_snh.terms.rigid import Rigid
-    from fem_snh.terms.spring import Spring
     from fem_snh.terms.term import Term
-    from fem_snh.terms.traction import Traction
 
 __all__ = [
     "BadInput", "Cavity", "Contact", "DynamicProblem", "Feature", "Fit", "Gravity", "Hold", "Move",
@@ -75,15 +72,15 @@ _MODULES = {
     "Cavity": "terms.cavity",
     "Feature": "terms.feature",
     "register_feature": "scenes",
-    "Gravity": "terms.gravity",
-    "Pressure": "terms.pressure",
+    "Gravity": "terms.loads",
+    "Pressure": "terms.loads",
     "Rigid": "terms.rigid",
-    "Spring": "terms.spring",
+    "Spring": "terms.loads",
     "Hold": "terms.conditions",
     "Move": "terms.conditions",
     "Symmetry": "terms.conditions",
     "Term": "terms.term",
-    "Traction": "terms.traction",
+    "Traction": "terms.loads",
     "write_xao": "mesh.xao",
     "error_from_meshes": "accuracy.coarser_meshes",
 }

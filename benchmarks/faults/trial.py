@@ -13,7 +13,7 @@ import numpy as np
 
 from benchmarks import Row, search_path
 from benchmarks.faults.intervention import CONVERGED_STEPS
-from fem_snh.runs import checkpoint_file
+from fem_snh.runs import checkpoint as checkpoint_file
 from fem_snh.runs.output import nodal_values
 from fem_snh.studies.points import measured_columns, read_record
 from fem_snh.studies.processes import Child, program

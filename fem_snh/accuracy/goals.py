@@ -36,7 +36,7 @@ from fem_snh.assembly.unknowns import (
 )
 from fem_snh.errors import BadInput, bad_value
 from fem_snh.kernels.material import Material
-from fem_snh.problem.probes import Probes
+from fem_snh.problem.measures import Probes
 from fem_snh.problem.problem import Problem
 from fem_snh.problem.reactions import reaction, virtual_rotation, weighted
 from fem_snh.problem.solids import solids_in_shapes

@@ -19,9 +19,9 @@ from fem_snh.errors import BadInput, bad_value
 from fem_snh.mesh.mesh import Mesh
 from fem_snh.mesh.mesh_checks import check_half_plane
 from fem_snh.problem.conditions import LiftedValues, place_conditions
-from fem_snh.problem.modulus import set_modulus
 from fem_snh.problem.problem import Problem
 from fem_snh.problem.reactions import ReactionGroup, Reactions
+from fem_snh.problem.regime import set_modulus
 from fem_snh.tables.amplitudes import LOAD_ITSELF, Amplitudes
 from fem_snh.terms.body import Body, CreateMotion
 from fem_snh.terms.feature import Feature, create_terms

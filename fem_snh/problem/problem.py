@@ -41,9 +41,9 @@ from fem_snh.mesh.mesh import cell_volumes, volume
 from fem_snh.mesh.mesh_checks import check_force_scale
 from fem_snh.problem.measures import body_measures
 from fem_snh.problem.mixed.taylor_hood import PressureBlock
-from fem_snh.problem.paths import Paths
 from fem_snh.problem.reactions import Reactions
 from fem_snh.problem.regime import regime_of
+from fem_snh.problem.stiff_parts import Paths
 from fem_snh.solver.protocol import Regime
 from fem_snh.terms.body import MotionInTime
 from fem_snh.terms.elastic import elastic_term, loops_over

@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+import shutil
+from functools import partial
+from pathlib import Path
 from typing import Any
 
+from fem_snh.errors import BadInput
+from fem_snh.files import replace_file
 from fem_snh.problem.bones import BoneNodes
 from fem_snh.problem.problem import Problem
-from fem_snh.records.run_files import surface_copy
+from fem_snh.records.run_files import SOLIDS, surface_copy
+from fem_snh.runs.folder import Folder
 from fem_snh.scenes import Scene
 
 
@@ -27,3 +33,26 @@ def describe_bones(scene: Scene, problem: Problem) -> dict[str, dict[str, Any]]:
         pose = bone.affine(0.0).tolist()
         found[choice.name] = {**kind, "nodes": bone.count, "length": bone.length, "pose": pose}
     return found
+
+
+def copy_surfaces(scene: Scene, folder: Folder) -> None:
+    """Copy the surfaces of obstacles, bones and rigid parts that are files. On rank 0.
+
+    Raises
+    ------
+    BadInput
+        If a file cannot be read or written.
+    """
+    for solid in SOLIDS:
+        for number, table in enumerate(getattr(scene, solid)):
+            if table.surface is not None:
+                _copy(table.surface, folder, surface_copy(solid, number, table.surface))
+
+
+def _copy(source: Path, folder: Folder, name: str) -> None:
+    folder.announce(name)
+    try:
+        with source.open("rb") as file:
+            replace_file(folder.path / name, partial(shutil.copyfileobj, file))
+    except OSError as error:
+        raise BadInput(f"cannot read {source}: {error.strerror}") from None

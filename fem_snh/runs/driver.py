@@ -163,7 +163,7 @@ def _run(
                 return setup.result(stored.record, folder.path)
         recorder = Recorder(about, setup, folder, start, stored and stored.record, goals)
         if folder and (scene.obstacle or scene.bone or scene.rigid):
-            from fem_snh.runs.surface_copies import copy_surfaces
+            from fem_snh.runs.bones import copy_surfaces
 
             on_root(comm, copy_surfaces, scene, folder)
         estimate = _solve(setup, recorder, printed, goals, modes, level)

@@ -25,8 +25,8 @@ from fem_snh.problem.problem import Problem
 from fem_snh.problem.reactions import is_free
 from fem_snh.records.run_files import LEVELS, NEXT_LEVEL, RunFiles
 from fem_snh.records.run_record import Note, flat, table_text
-from fem_snh.runs.defaults import describe_condensation, describe_defaults
 from fem_snh.runs.notes import kinks, mesh_note, partial_rotations, shape_notes, turns
+from fem_snh.runs.scene_options import describe_condensation, describe_defaults
 from fem_snh.scenes import MaterialChoice, Scene
 from fem_snh.terms.feature import grouped
 

@@ -17,8 +17,7 @@ from fem_snh.errors import BadInput, on_root
 from fem_snh.problem.problem import Problem
 from fem_snh.records.run_files import LEVELS
 from fem_snh.records.run_record import load_record
-from fem_snh.runs.checkpoint import OFFSET, history_names
-from fem_snh.runs.checkpoint_file import load, unusable
+from fem_snh.runs.checkpoint import OFFSET, history_names, load, unusable
 from fem_snh.runs.folder import Folder
 from fem_snh.runs.output import nodal_values
 from fem_snh.runs.output.nodal_values import gather_rows, match_nodes, scatter_rows

@@ -16,7 +16,7 @@ from fem_snh.cache import Stopwatch
 from fem_snh.mesh import mesh as meshes
 from fem_snh.problem.definition import Definition
 from fem_snh.problem.initial_state import set_initial_state
-from fem_snh.problem.probes import Probes
+from fem_snh.problem.measures import Probes
 from fem_snh.problem.problem import Problem
 from fem_snh.problem.program import define
 from fem_snh.records.run_record import Note

@@ -47,11 +47,8 @@ from fem_snh.scenes.schema import Damping, Scene, Start, Time
 from fem_snh.tables.amplitudes import Amplitude, Rotate
 from fem_snh.terms.cavity import Cavity
 from fem_snh.terms.conditions import Hold, Move, Symmetry
-from fem_snh.terms.gravity import Gravity
-from fem_snh.terms.pressure import Pressure
+from fem_snh.terms.loads import Gravity, Pressure, Spring, Traction
 from fem_snh.terms.rigid import Rigid
-from fem_snh.terms.spring import Spring
-from fem_snh.terms.traction import Traction
 
 __all__ = [
     "FEATURES", "GROUP", "LARGEST", "Accuracy", "Amplitude", "BoneChoice", "Cavity",

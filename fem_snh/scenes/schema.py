@@ -61,11 +61,8 @@ from fem_snh.tables.validation import Expect, Finite, OneOf, Table, Whole
 from fem_snh.terms.cavity import Cavity
 from fem_snh.terms.conditions import Hold, Move, Symmetry
 from fem_snh.terms.feature import Feature
-from fem_snh.terms.gravity import Gravity
-from fem_snh.terms.pressure import Pressure
+from fem_snh.terms.loads import Gravity, Pressure, Spring, Traction
 from fem_snh.terms.rigid import Rigid
-from fem_snh.terms.spring import Spring
-from fem_snh.terms.traction import Traction
 
 if TYPE_CHECKING:
     from fem_snh.scenes.build import Built

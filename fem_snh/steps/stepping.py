@@ -10,7 +10,7 @@ from petsc4py import PETSc
 
 from fem_snh.accuracy.state_notes import unseen_penetrations
 from fem_snh.cache import Stopwatch
-from fem_snh.problem.probes import Probes
+from fem_snh.problem.measures import Probes
 from fem_snh.solver import EquilibriumStability, StepOutcome
 from fem_snh.solver.stability import negative_eigenvalues
 from fem_snh.steps.jump import BEYOND_LIMIT, Finding, JumpDetector

@@ -15,9 +15,9 @@ from fem_snh import _dolfinx
 from fem_snh.assembly.assembled_matrix import BlockMatrix
 from fem_snh.assembly.unknowns import add_ghosts, update_ghosts, writable_values
 from fem_snh.tables.validation import is_expression
+from fem_snh.terms.body import present
 from fem_snh.terms.term import Term
 from fem_snh.terms.ufl_term import compile_form
-from fem_snh.terms.values import present
 
 if TYPE_CHECKING:
     from fem_snh.assembly.nodal_mass import NodalMass

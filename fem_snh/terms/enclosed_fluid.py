@@ -13,12 +13,11 @@ from fem_snh.assembly.assembled_matrix import BlockMatrix
 from fem_snh.assembly.unknowns import add_ghosts, set_to_zero
 from fem_snh.errors import bad_value
 from fem_snh.tables.types import surface_name
-from fem_snh.terms.body import Body
+from fem_snh.terms.body import Body, is_uniform, present
 from fem_snh.terms.closing_surface import ClosingSurface, NotClosedError
 from fem_snh.terms.rank_one import RankOneTerm
 from fem_snh.terms.swept_volume import SweptVolume
 from fem_snh.terms.ufl_term import UFLTerm
-from fem_snh.terms.values import is_uniform, present
 
 if TYPE_CHECKING:
     from fem_snh.terms.cavity import Cavity

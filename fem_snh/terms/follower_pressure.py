@@ -13,15 +13,13 @@ from fem_snh.assembly.boundary_conditions import Dirichlet
 from fem_snh.errors import BadInput
 from fem_snh.tables.types import surface_name
 from fem_snh.tables.validation import is_expression
-from fem_snh.terms.body import Body
+from fem_snh.terms.body import Body, check_expression, is_uniform, present
 from fem_snh.terms.closing_surface import edge_of
 from fem_snh.terms.swept_volume import SweptVolume, fit_fields
-from fem_snh.terms.ufl_term import UFLTerm
-from fem_snh.terms.ufl_terms import UFLTerms
-from fem_snh.terms.values import check_expression, is_uniform, present
+from fem_snh.terms.ufl_term import UFLTerm, UFLTerms
 
 if TYPE_CHECKING:
-    from fem_snh.terms.pressure import Pressure
+    from fem_snh.terms.loads import Pressure
 
 
 class FollowerPressure(UFLTerms):

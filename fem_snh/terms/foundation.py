@@ -11,12 +11,11 @@ import numpy as np
 import ufl
 
 from fem_snh.tables.validation import is_expression
-from fem_snh.terms.ufl_term import UFLTerm
-from fem_snh.terms.ufl_terms import UFLTerms
+from fem_snh.terms.ufl_term import UFLTerm, UFLTerms
 
 if TYPE_CHECKING:
     from fem_snh.terms.body import Body
-    from fem_snh.terms.spring import Spring
+    from fem_snh.terms.loads import Spring
 
 
 class Foundation(UFLTerms):

@@ -45,8 +45,7 @@ from fem_snh.geometry.rigid_tree import UNKNOWNS, Link, Poses, RigidTree, fit_po
 from fem_snh.geometry.rotations import exponential, inverse_left_jacobian, logarithm, skew
 from fem_snh.terms.body import Body
 from fem_snh.terms.rigid import Rigid, check_motions
-from fem_snh.terms.rigid_loads import RigidLoads
-from fem_snh.terms.rigid_motions import PrescribedMotions
+from fem_snh.terms.rigid_loads import PrescribedMotions, RigidLoads
 from fem_snh.terms.rigid_nodes import locate_parts
 from fem_snh.terms.term import Term
 

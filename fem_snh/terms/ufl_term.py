@@ -266,3 +266,36 @@ def _derivative(form: Any, u: Any, direction: Any) -> Any:
 def _at_u(form: Any, u: Any) -> Any:
     """Return the form with its arguments replaced by ``u``."""
     return ufl.replace(form, dict.fromkeys(form.arguments(), u))
+
+
+class UFLTerms(Term):
+    """Forces and Hessian of several `UFLTerm`: UFL accepts one set of marked facets per form.
+
+    Subclasses set the list ``_terms``.
+    """
+
+    stateless = True
+    _terms: list[UFLTerm]
+
+    @property
+    def symmetric(self) -> bool:
+        """Whether the exact Hessian has the symmetric parts of the terms' derivatives alone."""
+        return all(term.symmetric for term in self._terms)
+
+    @symmetric.setter
+    def symmetric(self, value: bool) -> None:
+        for term in self._terms:
+            term.symmetric = value
+
+    def add_residual(
+        self, u: PETSc.Vec, p: PETSc.Vec | None, r_u: PETSc.Vec, r_p: PETSc.Vec | None
+    ) -> None:
+        """Add the forces [N] to all entries of ``r_u``, ghosts included. Collective."""
+        for term in self._terms:
+            term.add_residual(u, p, r_u, r_p)
+
+    def add_hessian(
+        self, u: PETSc.Vec, p: PETSc.Vec | None, filter: str, target: BlockMatrix
+    ) -> int:
+        """Add the filtered Hessian; return how many facets of this rank were filtered."""
+        return sum(term.add_hessian(u, p, filter, target) for term in self._terms)

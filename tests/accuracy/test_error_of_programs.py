@@ -13,7 +13,7 @@ from running import solve
 import fem_snh
 from fem_snh.errors import BadInput
 from fem_snh.scenes import Accuracy, Probe, Reaction
-from fem_snh.terms.traction import Traction
+from fem_snh.terms.loads import Traction
 
 SNH = fem_snh.material("stable_neo_hookean", E=1.0, nu=0.49)
 POINT = (1.0, 0.25, 0.5)

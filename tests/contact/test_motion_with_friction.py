@@ -16,8 +16,7 @@ from fem_snh.contact.law import mean_pressure
 from fem_snh.contact.obstacle_contact import ObstacleContact, RigidContact
 from fem_snh.kernels.material import material
 from fem_snh.steps.dynamics.dynamics import Dynamics
-from fem_snh.terms.gravity import Gravity
-from fem_snh.terms.spring import Spring
+from fem_snh.terms.loads import Gravity, Spring
 
 pytestmark = pytest.mark.one_debian
 

@@ -20,7 +20,7 @@ from time_scenes import SWING, in_time
 from fem_snh.cli import main
 from fem_snh.errors import BadInput
 from fem_snh.records import run_record
-from fem_snh.runs import checkpoint_file
+from fem_snh.runs import checkpoint as checkpoint_file
 from fem_snh.studies.batch import Batch
 from fem_snh.studies.sweep import sweep
 

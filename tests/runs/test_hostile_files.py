@@ -21,7 +21,7 @@ from fem_snh.geometry.motion_files import read_rows
 from fem_snh.geometry.shapes import ClosedSurface
 from fem_snh.mesh import mesh
 from fem_snh.references import load_reference
-from fem_snh.runs import checkpoint_file
+from fem_snh.runs import checkpoint as checkpoint_file
 from fem_snh.runs.scene_options import _digest
 from fem_snh.scenes import load
 from fem_snh.studies.processes import environment, program

@@ -11,7 +11,8 @@ from features import CASES, every_feature
 from interrupted_runs import ALL, ALONE, STRETCH, CutOff, cut, record, solve
 
 from fem_snh import scenes
-from fem_snh.runs import checkpoint_file, recorder
+from fem_snh.runs import checkpoint as checkpoint_file
+from fem_snh.runs import recorder
 from fem_snh.runs.folder import Folder
 from fem_snh.runs.output import nodal_values
 from fem_snh.runs.output.fields import Fields

@@ -21,7 +21,7 @@ from fem_snh.kernels.material import material
 from fem_snh.steps.dynamics.dynamics import Dynamics
 from fem_snh.steps.step_solver import StepSolver
 from fem_snh.steps.stepping import Stepper
-from fem_snh.terms.gravity import Gravity
+from fem_snh.terms.loads import Gravity
 
 
 def translation(vector):

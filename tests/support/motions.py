@@ -18,7 +18,7 @@ from fem_snh.choices import INTEGRATORS
 from fem_snh.kernels.material import material
 from fem_snh.problem.problem import Problem
 from fem_snh.steps.dynamics.dynamics import Dynamics
-from fem_snh.terms.gravity import Gravity
+from fem_snh.terms.loads import Gravity
 
 #: Integrators of second order.
 SECOND_ORDER = ("newmark", "bdf2", "generalized_alpha")

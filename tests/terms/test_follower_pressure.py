@@ -29,7 +29,7 @@ from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.errors import BadInput
 from fem_snh.kernels.material import material
 from fem_snh.mesh import mesh
-from fem_snh.terms.pressure import Pressure
+from fem_snh.terms.loads import Pressure
 
 mpi = pytest.mark.mpi
 #: Largest displacement of `strip` [m], by dolfinx's forms and Newton's method without a

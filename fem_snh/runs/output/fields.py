@@ -17,14 +17,12 @@ from fem_snh.mesh.mesh import Mesh
 from fem_snh.problem.problem import Problem
 from fem_snh.records.output_fields import CELL_GROUP, ERRORS, SUMMED
 from fem_snh.records.run_files import RunFiles
-from fem_snh.runs.output.pvd import Collection
-from fem_snh.runs.output.vtu import DataArray, VtkGrid, pvtu_file, vtu_file
+from fem_snh.runs.output.vtu import Collection, DataArray, VtkGrid, pvtu_file, vtu_file
 
 if TYPE_CHECKING:
     from fem_snh.problem.modes import VibrationModes
     from fem_snh.runs.output.field_values import RequestedFields
-    from fem_snh.runs.output.obstacle_series import ObstacleSeries
-    from fem_snh.runs.output.skin_series import SkinSeries
+    from fem_snh.runs.output.skin_series import ObstacleSeries, SkinSeries
     from fem_snh.runs.setup import Setup
 
 
@@ -101,7 +99,7 @@ class Fields:
         self._obstacles: ObstacleSeries | None = None
         shapes = [shape for term in problem.terms for shape in term.surfaces]
         if shapes:
-            from fem_snh.runs.output.obstacle_series import ObstacleSeries
+            from fem_snh.runs.output.skin_series import ObstacleSeries
 
             self._obstacles = ObstacleSeries(
                 path.with_name(OBSTACLES), problem.comm, shapes, until, files

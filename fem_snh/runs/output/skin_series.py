@@ -6,15 +6,21 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from mpi4py import MPI
+
 import numpy as np
 import numpy.typing as npt
 
 from fem_snh.contact.gathered_surface import EmbeddedSurface, carried_points
 from fem_snh.errors import on_root
+from fem_snh.geometry.motions import MovingShape, Pose
+from fem_snh.geometry.shapes import Revolved
+from fem_snh.geometry.shapes.triangles import join, surface_triangles
 from fem_snh.mesh.gmsh_model import Skin
+from fem_snh.problem.initial_state import bounding_box
+from fem_snh.problem.problem import Problem
 from fem_snh.records.run_files import RunFiles
-from fem_snh.runs.output.pvd import Collection
-from fem_snh.runs.output.vtu import TRIANGLE, DataArray, VtkGrid, vtu_file
+from fem_snh.runs.output.vtu import TRIANGLE, Collection, DataArray, VtkGrid, vtu_file
 
 Array = npt.NDArray[Any]
 
@@ -104,3 +110,81 @@ class SkinSeries(Collection):
         """Write the state's file, then the collection."""
         grid = VtkGrid(self._skin.points, self._skin.triangles, TRIANGLE)
         self.write_next(t, vtu_file(grid, fields))
+
+
+#: Surfaces without an end are cut off at this many times half of the diagonal of the body's box.
+_REACH = 1.5
+
+
+class ObstacleSeries(Collection):
+    """The surfaces of the obstacles where they are at increasing times. Collective.
+
+    Rank 0 writes triangles with the number of their obstacle, as run.json orders them.
+
+    Parameters
+    ----------
+    path : Path
+        The .pvd file.
+    comm : MPI communicator
+        The problem's.
+    obstacles : sequence of MovingShape
+        The obstacles.
+    until : float, optional
+        Keep the states of an existing file up to this time.
+    files : RunFiles, optional
+        The run's files.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        comm: MPI.Comm,
+        obstacles: Sequence[MovingShape],
+        until: float | None = None,
+        files: RunFiles | None = None,
+    ) -> None:
+        super().__init__(comm, path, until, files)
+        self._obstacles = obstacles
+        #: The triangles of surfaces with an end, at their reference position.
+        self._made: dict[int, tuple[Array, Array]] = {}
+
+    def write(self, problem: Problem, t: float) -> None:
+        """Append the obstacles at the problem's load. Collective.
+
+        Raises
+        ------
+        BadInput
+            On every rank, if a file cannot be written.
+        """
+        u = problem.x.array_r[: problem.owned_displacements]
+        x = problem.coordinates + problem.kinematics.padded(u)
+        box = np.array(bounding_box(self.comm, x))
+        on_root(self.comm, self._write, problem.load, t, box)
+        self.times.append(t)
+
+    def _write(self, load: float, t: float, box: Array) -> None:
+        """Write the state's file, then the collection. On rank 0."""
+        parts = []
+        for i, obstacle in enumerate(self._obstacles):
+            pose = obstacle.pose(load)
+            if isinstance(obstacle.shape, Revolved):  # it turns about its own axis
+                pose = Pose(np.eye(3), pose.translation)
+            X, triangles = self._triangles(
+                i, pose.invert(box.mean(axis=0)[None])[0], np.ptp(box, 0)
+            )
+            parts.append((pose.apply(X), triangles))
+        numbers = np.repeat(np.arange(len(parts)), [len(triangles) for _, triangles in parts])
+        grid = VtkGrid(*join(parts), TRIANGLE)
+        self.write_next(t, vtu_file(grid, cells=[DataArray("obstacle", numbers)]))
+
+    def _triangles(self, i: int, centre: Array, size: Array) -> tuple[Array, Array]:
+        """Return the triangles of an obstacle at its reference position, near the body."""
+        if i not in self._made:
+            shape, radius = self._obstacles[i].shape, _REACH / 2 * float(np.linalg.norm(size))
+            if isinstance(shape, Revolved):
+                shape = shape.section
+            found = surface_triangles(shape, centre, radius)
+            if not np.isfinite(shape.bounds).all():
+                return found
+            self._made[i] = found
+        return self._made[i]
