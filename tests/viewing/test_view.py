@@ -217,7 +217,7 @@ def test_curves_of_the_steps_are_beside_the_body(tmp_path):
         assert not console_errors(browser) and not network_requests(browser)
 
 
-def test_a_force_is_over_the_displacement_in_its_direction():
+def test_the_first_curve_is_over_the_load_parameter():
     table = run_table(RECORD)
     assert first_axes(RECORD, table) == ("load", "top.force.z")
     named = RECORD | {"load_name": "stretch"}
