@@ -12,7 +12,7 @@ from fem_snh.solver.outcome import (
     failure_reason,
     solve_until_settled,
 )
-from fem_snh.solver.predictor import Predictor, SemiImplicit
+from fem_snh.solver.predictor import Predictor, solve_linearised
 from fem_snh.solver.snes import (
     PREFIX,
     create,
@@ -24,8 +24,8 @@ from fem_snh.solver.stability import EquilibriumStability, is_conservative
 from fem_snh.solver.step import Iteration
 
 __all__ = [
-    "PREFIX", "EquilibriumStability", "Iteration", "Predictor", "ProjectedNewton", "SemiImplicit",
+    "PREFIX", "EquilibriumStability", "Iteration", "Predictor", "ProjectedNewton",
     "StepOutcome", "callback_errors", "converged_reason", "create", "default_globalization",
     "destroy", "failure_reason", "is_conservative", "linear_solver_name", "petsc_failures",
-    "solve_until_settled",
+    "solve_linearised", "solve_until_settled",
 ]  # fmt: skip

@@ -145,7 +145,8 @@ class ProjectedNewton:
             for name, value in self.options.items():
                 if name.startswith("snes_tr_") and self.trust_ksp is None:
                     continue
-                viewer.printfASCII(f"  {name} = {_format_value(value)}\n")
+                text = f"{value:g}" if isinstance(value, float) else value
+                viewer.printfASCII(f"  {name} = {text}\n")
             # PETSc's own count below stays 0: only its built-in types can add to it.
             linear = sum(iteration.linear for iteration in self.history)
             viewer.printfASCII(f"  linear iterations of the last solve = {linear}\n")
@@ -355,8 +356,3 @@ class ProjectedNewton:
                 self.left = _Left(state.energy, length, left.first or state.x.copy())
                 return Step(trial, length, filter="negative curvature")
         return Step()
-
-
-def _format_value(value: options.Value) -> str:
-    """Return a value as a user would write it: whole numbers without a decimal point."""
-    return f"{value:g}" if isinstance(value, float) else value

@@ -29,12 +29,8 @@ Value = str | float
 Values = dict[str, Value]
 
 
-_PART, _FACTOR, _COUNT = (
-    Range(0, 1),
-    Range(0, 1, open_low=True, open_high=True),
-    Range(0, 1e9, True),
-)
-_RELATIVE = Range(0, 1, open_high=True)
+_PART, _RELATIVE = Range(0, 1), Range(0, 1, open_high=True)
+_FACTOR, _COUNT = Range(0, 1, open_low=True, open_high=True), Range(0, 1e9, whole=True)
 #: The largest ||residual|| / (E V^(2/3)) that may pass for a solution: strains of a hundredth.
 _LARGEST_RESIDUAL = 1e-2
 

@@ -58,72 +58,65 @@ def take_step(problem: SolvableProblem, factor: float, step: PETSc.Vec) -> None:
         x.axpy(factor, step)
 
 
-class SemiImplicit:
-    """Semi-implicit Euler: one linearised step of backward Euler (Baraff & Witkin 1998).
+def solve_linearised(problem: SolvableProblem, snes: PETSc.SNES) -> StepOutcome:
+    """Make one linearised step of backward Euler from ``problem.x``, in place. Collective.
 
-    Hessian and linear solver are those of the SNES, without forcing terms. The residual of the
-    linear system, computed in double precision, must not exceed ``-ksp_rtol`` times its right-hand
-    side, nor times the forces that act: a stiff body may begin with elastic forces far above its
-    loads. What rounding permits is enough. A solution that misses it is refined; then sparse
-    factors replace the linear solver, unless the user chose it; otherwise the step fails. There is
-    no line search.
+    It is the step of semi-implicit Euler (Baraff & Witkin 1998). Hessian and linear solver are
+    those of the SNES, without forcing terms. The residual of the linear system, computed in double
+    precision, must not exceed ``-ksp_rtol`` times its right-hand side, nor times the forces that
+    act: a stiff body may begin with elastic forces far above its loads. What rounding permits is
+    enough. A solution that misses it is refined; then sparse factors replace the linear solver,
+    unless the user chose it; otherwise the step fails. There is no line search.
 
     Parameters
     ----------
     problem : SolvableProblem
     snes : SNES
-        The SNES of the problem, whose context is `ProjectedNewton`.
+        Its solver, of `create`. It has the outcome's converged reason and iteration, as after a
+        solve of its own.
     """
+    outcome = _linearised_step(problem, snes)
+    if outcome.converged:  # lagged quantities follow once a step
+        update_lagged(problem, outcome)
+    snes.getPythonContext().history = outcome.history
+    name = outcome.reason.partition(":")[0]
+    snes.setConvergedReason(getattr(PETSc.SNES.ConvergedReason, name))
+    # petsc4py frees dropped objects only when told to, for each communicator.
+    clean([problem.x.comm])
+    return outcome
 
-    def __init__(self, problem: SolvableProblem, snes: PETSc.SNES) -> None:
-        self._problem, self._snes = problem, snes
 
-    def solve(self) -> StepOutcome:
-        """Make the step from ``problem.x``, in place. Collective.
-
-        The SNES has the outcome's converged reason and iteration, as after a solve of its own.
-        """
-        outcome = self._step()
-        if outcome.converged:  # lagged quantities follow once a step
-            update_lagged(self._problem, outcome)
-        self._snes.getPythonContext().history = outcome.history
-        name = outcome.reason.partition(":")[0]
-        self._snes.setConvergedReason(getattr(PETSc.SNES.ConvergedReason, name))
-        # petsc4py frees dropped objects only when told to, for each communicator.
-        clean([self._problem.x.comm])
+def _linearised_step(problem: SolvableProblem, snes: PETSc.SNES) -> StepOutcome:
+    """Solve the linear system and move ``problem.x`` by its solution."""
+    x = problem.x
+    start, d = State(x, linearised_residual(problem)), x.duplicate()
+    # A new one for each step: a run that is resumed has no memory of the last one's Hessian.
+    context = snes.getPythonContext()
+    forcing = ForcingTerm(0.0, snes.getKSP().getTolerances()[0] * context.force_at(x))
+    found = context.search_direction(context, snes, forcing, True).compute(start, d)
+    norm = start.residual.norm()
+    iteration = Iteration(norm, 0.0, found.filter, found.filtered_points, found.linear, 1.0)
+    outcome = StepOutcome(False, "CONVERGED_ITS", norm, [iteration])
+    outcome.linear_residual = found.residual
+    if norm > 0 and (found.slope is None or found.lack):
+        linear = snes.getKSP()
+        outcome.reason = linear_failure(linear, found)
+        outcome.out_of_memory = found.out_of_memory or factors_out_of_memory(linear.getPC())
         return outcome
-
-    def _step(self) -> StepOutcome:
-        """Make the step."""
-        problem, x = self._problem, self._problem.x
-        start, d = State(x, linearised_residual(problem)), x.duplicate()
-        # A new one for each step: a run that is resumed has no memory of the last one's Hessian.
-        context = self._snes.getPythonContext()
-        forcing = ForcingTerm(0.0, self._snes.getKSP().getTolerances()[0] * context.force_at(x))
-        found = context.search_direction(context, self._snes, forcing, True).compute(start, d)
-        norm = start.residual.norm()
-        iteration = Iteration(norm, 0.0, found.filter, found.filtered_points, found.linear, 1.0)
-        outcome = StepOutcome(False, "CONVERGED_ITS", norm, [iteration])
-        outcome.linear_residual = found.residual
-        if norm > 0 and (found.slope is None or found.lack):
-            linear = self._snes.getKSP()
-            outcome.reason = linear_failure(linear, found)
-            outcome.out_of_memory = found.out_of_memory or factors_out_of_memory(linear.getPC())
-            return outcome
-        if norm > 0:
-            take_step(problem, 1.0, d)
-        problem.prescribe(x)
-        if problem.has_energy and not isfinite(problem.energy(x)):
-            outcome.reason = "DIVERGED_FUNCTION_DOMAIN"
-            return outcome
-        problem.residual(x, start.residual)
-        outcome.residual = start.residual.norm()
-        outcome.converged = isfinite(outcome.residual)
-        if not outcome.converged:
-            outcome.reason = "DIVERGED_FNORM_NAN"
-        elif found.remedy:
-            outcome.reason += f": {found.remedy}"
+    if norm > 0:
+        take_step(problem, 1.0, d)
+    problem.prescribe(x)
+    if problem.has_energy and not isfinite(problem.energy(x)):
+        outcome.reason = "DIVERGED_FUNCTION_DOMAIN"
         return outcome
+    problem.residual(x, start.residual)
+    outcome.residual = start.residual.norm()
+    outcome.converged = isfinite(outcome.residual)
+    if not outcome.converged:
+        outcome.reason = "DIVERGED_FNORM_NAN"
+    elif found.remedy:
+        outcome.reason += f": {found.remedy}"
+    return outcome
 
 
 _MAX_IT = PETSc.KSP.ConvergedReason.DIVERGED_MAX_IT

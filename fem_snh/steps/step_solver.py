@@ -67,10 +67,9 @@ class StepSolver:
         extrapolate = motion.extrapolate if motion else None
         response = pressures.tangent if pressures else None
         self.predictor = solver.Predictor(problem, snes, predictor, extrapolate, blend, response)
-        linearised = motion is not None and motion.semi_implicit
         self._rescue: Rescue | None = None
         self._rescued = False  # whether the last step was
-        self._semi_implicit = solver.SemiImplicit(problem, snes) if linearised else None
+        self._linearised = motion is not None and motion.semi_implicit
 
     def solve(
         self,
@@ -151,9 +150,9 @@ class StepSolver:
     def _solve(self, load: float, predict: bool, rescues: bool) -> solver.StepOutcome:
         """Solve at a load from a first guess; return the outcome of all solves."""
         problem, outcome = self.problem, solver.StepOutcome()
-        if self._semi_implicit:
+        if self._linearised:
             problem.set_load(load)
-            return self._semi_implicit.solve()
+            return solver.solve_linearised(self.problem, self.snes)
         try:
             if predict:
                 outcome.predicted = self.predictor.predict(load, stay=rescues)

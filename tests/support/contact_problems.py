@@ -96,7 +96,6 @@ def march(p, dynamics, steps, velocity=None, tolerance=1e-11) -> Iterator[dict[s
     """Solve time steps, or make linearised ones; yield the obstacles' rows, with ``solves``."""
     snes = accurate_snes(p, tolerance)
     linearised = dynamics.integrator.name == "semi_implicit"
-    one_step = solver.SemiImplicit(p, snes)
     p.set_load(0.0)
     dynamics.start(p, velocity)
     for step in range(1, steps + 1):
@@ -105,7 +104,7 @@ def march(p, dynamics, steps, velocity=None, tolerance=1e-11) -> Iterator[dict[s
         dynamics.begin_step(p, step / steps)
         p.set_load(step / steps)
         if linearised:
-            assert one_step.solve().converged
+            assert solver.solve_linearised(p, snes).converged
         else:
             p.prescribe(p.x)
             again = True
