@@ -278,6 +278,8 @@ def test_too_few_points_and_too_far() -> None:
     far = TestData("far", "uniaxial", X + 1, X, np.ones(3))
     with pytest.raises(BadInput, match="no fit has a stress at all measured stretches"):
         fem_snh.fit("stvk", far, nu=0.45)  # t^2 = 1 - nu (x^2 - 1) < 0
+    with pytest.raises(BadInput, match="no fit has a stress at all measured stretches"):
+        fem_snh.fit("gent", "treloar", nu=0.45)  # the best limit is that of the last point
 
 
 def test_weights_of_files(tmp_path: Path) -> None:

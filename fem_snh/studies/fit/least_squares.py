@@ -247,12 +247,15 @@ def solve(
         )
     z, used = _search(problem)
     p = problem.parameters(z)
+    refused = BadInput(
+        f"material '{family.name}': no fit has a stress at all measured stretches: expected "
+        "another material, or other values of its parameters"
+    )
     if not p[0] > 0 or not all(np.isfinite(s).all() for s in problem.predict(*problem.split(p))):
-        raise BadInput(
-            f"material '{family.name}': no fit has a stress at all measured stretches: expected "
-            "another material, or other values of its parameters"
-        )
+        raise refused
     residual, jacobian = problem.residual(z), problem.jacobian(p)
+    if not np.isfinite(jacobian).all():  # the fit is at the end of the energy's domain
+        raise refused
     room = [limit - p for limit in problem.limits(p)]
     at_bound = reaches_bound(jacobian, residual, *room)
     errors = standard_errors(jacobian, residual, problem.group, at_bound)
