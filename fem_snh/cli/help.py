@@ -1,17 +1,26 @@
-"""The command ``help``: what the keys of a scene and the materials are."""
+"""The command ``help``: what the keys of a scene and the materials are.
+
+The texts are those of the schema that validates scenes; the reference pages are made from it, too.
+"""
 
 from __future__ import annotations
 
+import inspect
+import re
 import shutil
 import textwrap
-from collections.abc import Iterable
-from typing import TYPE_CHECKING
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from typing import Any
 
 from fem_snh.cli.options import Parser
-from fem_snh.errors import BadInput
-
-if TYPE_CHECKING:
-    from fem_snh.scenes.reference import Key
+from fem_snh.errors import BadInput, nearest, unknown_name
+from fem_snh.materials import TUNING, defaults, describe, names, names_in_literature, pins
+from fem_snh.materials.parameters import MEANINGS
+from fem_snh.materials.registry import published
+from fem_snh.records.output_fields import NAMED
+from fem_snh.scenes import MaterialChoice, Scene
+from fem_snh.tables.validation import Table, accepted, suggestion, tables_in
 
 EPILOG = """\
 fem-snh help                      all keys of a scene and all materials
@@ -45,7 +54,6 @@ def help(argv: list[str]) -> int:
     name = help_parser().parse(argv).name
 
     from fem_snh import cli
-    from fem_snh.materials import names
 
     if name is None:
         _list()
@@ -64,31 +72,22 @@ def help(argv: list[str]) -> int:
 
 def _list() -> None:
     """Print the top-level keys of a scene and the names of the materials."""
-    from fem_snh.materials import names
-    from fem_snh.scenes import reference
-    from fem_snh.scenes.schema import Scene
-
     print("Keys of a scene, of which `fem-snh help KEY` says more:\n")
-    _columns((key.path, key.meaning) for key in reference.keys_of(Scene))
+    _columns((key.path, key.meaning) for key in keys_of(Scene))
     print("\nMaterials, of which `fem-snh help NAME` says more:\n")
     print(_filled(", ".join(names()), "  "))
 
 
 def _material(name: str) -> None:
     """Print what a material is, and its keys beside E and nu."""
-    from fem_snh.materials import describe
-    from fem_snh.scenes import reference
-
     print(f'[material]  name = "{name}"\n\n{describe(name)}\n\nKeys beside E and nu:\n')
-    _columns(_parameters(reference.parameters(name)))
+    _columns(_parameters(parameters(name)))
 
 
 def _parameter(name: str) -> bool:
     """Print what a parameter of materials is; return whether there is one of this name."""
-    from fem_snh.scenes import reference
-
-    found = [("every material", reference.tuning())] if name in reference.TUNING else []
-    found += [(m, reference.parameters(m)) for m in reference.materials_with(name)]
+    found = [("every material", tuning())] if name in TUNING else []
+    found += [(m, parameters(m)) for m in materials_with(name)]
     for material, rows in found:
         print(_filled(f"material.{name}, of {material}: {dict(_parameters(rows))[name]}"))
     return bool(found)
@@ -101,13 +100,8 @@ def _parameters(rows: Iterable[tuple[str, str, str]]) -> list[tuple[str, str]]:
 
 def _keys(words: str) -> None:
     """Print the keys that a dotted path means, and the keys of their tables."""
-    from fem_snh.materials import names
-    from fem_snh.records.output_fields import NAMED
-    from fem_snh.scenes import reference
-    from fem_snh.scenes.schema import MaterialChoice
-
     alike: dict[tuple[object, ...], list[Key]] = {}
-    for key in reference.find(words):
+    for key in find(words):
         same = (key.accepted, key.default, key.meaning, key.tables)
         alike.setdefault(same, []).append(key)
     for number, found in enumerate(alike.values()):
@@ -115,11 +109,11 @@ def _keys(words: str) -> None:
         print("\n" * bool(number) + _filled(", ".join(each.path for each in found)))
         print(_filled(_said(key), "  "))
         for table in key.tables:
-            what = reference.summary(table)
+            what = summary(table)
             print("" if what == key.meaning else "\n" + _filled(what) + "\n")
-            _columns((inner.name, _said(inner)) for inner in reference.keys_of(table))
+            _columns((inner.name, _said(inner)) for inner in keys_of(table))
             if table is MaterialChoice:
-                _columns(_parameters(reference.tuning()))
+                _columns(_parameters(tuning()))
                 print("\nMaterials, each with parameters of its own (`fem-snh help NAME`):\n")
                 print(_filled(", ".join(names()), "  "))
         if key.path == "fields":
@@ -153,3 +147,155 @@ def _filled(text: str, first: str = "", further: str | None = None) -> str:
         break_long_words=False,
         break_on_hyphens=False,
     )
+
+
+# --- what the schema says ------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Key:
+    """A key of a scene's table.
+
+    Attributes
+    ----------
+    path : str
+        The keys from the scene to it, with dots: ``obstacle.shape.sphere``.
+    accepted, default, meaning : str
+        What it accepts, its default as in TOML ("required" without one), and what it is.
+    tables : tuple of type
+        The models of the tables that it accepts.
+    is_list : bool
+        Whether it accepts a list of them.
+    """
+
+    path: str
+    accepted: str
+    default: str
+    meaning: str
+    tables: tuple[type[Table], ...]
+    is_list: bool
+
+    @property
+    def name(self) -> str:
+        """The last key of the path."""
+        return self.path.rpartition(".")[2]
+
+
+def keys_of(model: type[Table], prefix: str = "") -> list[Key]:
+    """Return the keys of a table, in the order of its class; ``prefix`` begins their paths."""
+    model.model_rebuild()  # tables name each other before they exist
+    found = []
+    for name in model.positional_fields():
+        field = model.model_fields[name]
+        default = "required"
+        if model is Scene and name == "name":
+            default = "the file's name"  # the only key that a file gives by its own name
+        elif not field.is_required():
+            default = _toml(field.get_default(call_default_factory=True))
+        tables = tables_in(field.annotation)
+        found.append(
+            Key(
+                prefix + name,
+                accepted(field),
+                default,
+                field.description or "",
+                tuple(dict.fromkeys(table for _, table in tables)),
+                any(is_list for is_list, _ in tables),
+            )
+        )
+    return found
+
+
+def summary(model: type[Table]) -> str:
+    """Return the first paragraph of a table's docstring, in one line."""
+    return " ".join((inspect.getdoc(model) or "").partition("\n\n")[0].split())
+
+
+def every_key() -> Iterator[Key]:
+    """Yield the keys of all tables by their paths; those of a table in itself only once."""
+    ways: list[tuple[str, type[Table], tuple[type[Table], ...]]] = [("", Scene, ())]
+    while ways:
+        prefix, model, outer = ways.pop(0)
+        for key in keys_of(model, prefix):
+            yield key
+            ways += [
+                (f"{key.path}.", table, (*outer, model))
+                for table in key.tables
+                if table not in (*outer, model)
+            ]
+
+
+def find(words: str) -> list[Key]:
+    """Return the keys that a dotted path means, from the scene on or from any of its tables.
+
+    Numbers in the path, as ``move.0.translate`` has, and brackets are left out.
+
+    Raises
+    ------
+    BadInput
+        For a path that no table has; the nearest is suggested.
+    """
+    parts = [p for p in re.split(r"[.\[\]\s]+", words.removeprefix("scene.")) if p]
+    path = ".".join(part for part in parts if not part.isdigit())
+    known = list(every_key())
+    for found in (
+        [key for key in known if key.path == path],
+        [key for key in known if path and key.path.endswith(f".{path}")],
+    ):
+        if found:
+            return found
+    table, _, name = path.rpartition(".")
+    inner = dict.fromkeys(k.name for k in known if table and k.path.rpartition(".")[0] == table)
+    if inner:
+        inner |= dict.fromkeys([*names(), *TUNING] if table == "material" else [])
+        raise BadInput(f"{table}: {unknown_name('key', name, inner, suggestion(name, inner))}")
+    listed = [*Scene.model_fields, *names(), *TUNING]
+    near = suggestion(path, listed) or nearest(path, listed)
+    raise BadInput(f"unknown key or material '{words}': expected what `fem-snh help` lists{near}")
+
+
+def parameters(material: str) -> list[tuple[str, str, str]]:
+    """Return a material's keys beside E and nu: name, default and meaning."""
+    constants = [(key, "from E and nu", _documented(material, key)) for key in pins(material)]
+    constants += [
+        (key, "from E and nu", meaning)
+        for each in published(material)
+        for key, meaning in each.meanings.items()
+    ]
+    own = defaults(material).items()
+    return [*constants, *((k, _toml(v), _documented(material, k)) for k, v in own), *tuning()]
+
+
+def tuning() -> list[tuple[str, str, str]]:
+    """Return the keys that every material has: name, default and meaning."""
+    return [(key, _toml(default), MEANINGS[key]) for key, default in TUNING.items()]
+
+
+def materials_with(parameter: str) -> list[str]:
+    """Return the materials that have a shape parameter or a constant of this name."""
+    return [
+        name
+        for name in names()
+        if parameter in (*defaults(name), *pins(name), *names_in_literature(name))
+    ]
+
+
+def _documented(material: str, parameter: str) -> str:
+    """Return what the docstring of a material says of a parameter."""
+    for names_, text in re.findall(r"^(\w[\w, ]*) : .*\n((?: +.*\n?)+)", describe(material), re.M):
+        if parameter in names_.split(", "):
+            return " ".join(text.split())
+    return "a parameter of its function"
+
+
+def _toml(value: Any) -> str:
+    """Return a value as a scene file has it; "none" for one that it leaves out."""
+    if value is None or value in ([], {}, ()):
+        return "none"
+    if isinstance(value, Table):
+        return "{ " + ", ".join(f"{key} = {_toml(v)}" for key, v in value) + " }"
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, tuple | list):
+        return "[" + ", ".join(map(_toml, value)) + "]"
+    return f'"{value}"' if isinstance(value, str) else str(value)

@@ -9,8 +9,9 @@ import sys
 import pytest
 
 from fem_snh import cli, materials
+from fem_snh.cli import help as reference
 from fem_snh.materials.parameters import MEANINGS, TUNING
-from fem_snh.scenes import Obstacle, Scene, reference
+from fem_snh.scenes import Obstacle, Scene
 
 
 def printed(capsys: pytest.CaptureFixture[str], *words: str) -> str:

@@ -11,8 +11,9 @@ import pytest
 from pydantic import create_model
 from pydantic.fields import FieldInfo
 
+from fem_snh.cli import help as reference
 from fem_snh.errors import BadInput
-from fem_snh.scenes import MaterialChoice, Scene, reference
+from fem_snh.scenes import MaterialChoice, Scene
 from fem_snh.tables.validation import Expect, OneOf, Table, Whole, accepted
 
 pytestmark = pytest.mark.one_debian

@@ -7,8 +7,8 @@ import io
 
 import fem_snh
 from fem_snh import scenes as built_in
+from fem_snh.cli import help as reference
 from fem_snh.materials import describe
-from fem_snh.scenes import reference
 from generated.table import table
 
 

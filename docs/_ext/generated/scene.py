@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator
 
-from fem_snh.scenes import MaterialChoice, Scene, reference
+from fem_snh.cli import help as reference
+from fem_snh.scenes import MaterialChoice, Scene
 from fem_snh.tables.validation import Table
 from generated.table import table
 
