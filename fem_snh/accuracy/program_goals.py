@@ -43,9 +43,9 @@ from fem_snh.terms.rigid import RESULTS, Rigid
 #: The goals of the body, or of cells of it.
 _OF_CELLS: dict[str, type[CellsGoal]] = {"volume": VolumeGoal, "stress": StressGoal}
 _ACCEPTED = (
-    "a point [x, y, z], a measure, a condition, a contact or a cavity, a rigid part, vibration "
-    "modes, a UFL form of rank 0 in u, 'energy', 'volume', 'stress', or a pair or triple that "
-    "estimate_error describes"
+    "a point [x, y, z], a measure, a condition, an obstacle, a contact or a cavity of its terms, a "
+    "rigid part, vibration modes, a UFL form of rank 0 in u, 'energy', 'volume', 'stress', or a "
+    "pair or triple that estimate_error describes"
 )
 
 
