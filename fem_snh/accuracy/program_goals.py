@@ -27,7 +27,7 @@ from fem_snh.accuracy.goals import (
     VolumeGoal,
     names_of,
 )
-from fem_snh.assembly.groups import cells_or_facets
+from fem_snh.assembly.regions import cells_or_facets
 from fem_snh.errors import BadInput, bad_value, check_number, check_whole, choose
 from fem_snh.problem.conditions import condition_of, is_condition
 from fem_snh.problem.modes import ProgramModes

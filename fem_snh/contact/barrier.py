@@ -26,9 +26,7 @@ from fem_snh.contact.surface_contact import SelfContactTerm
 from fem_snh.errors import BadInput, NotSettled, choose
 from fem_snh.mesh.gmsh_model import Skin
 from fem_snh.processes import call
-from fem_snh.terms.history import WorkingTerm
-from fem_snh.terms.settling import LaggedChange, relative
-from fem_snh.terms.step_limit import StepLimitingTerm
+from fem_snh.terms.history import LaggedChange, StepLimitingTerm, WorkingTerm, relative
 
 Array = npt.NDArray[Any]
 

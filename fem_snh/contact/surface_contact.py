@@ -25,8 +25,7 @@ from fem_snh.contact.gathered_surface import (
 from fem_snh.contact.law import ContactLaw
 from fem_snh.mesh.gmsh_model import Skin
 from fem_snh.records.output_fields import CONTACT_PRESSURES
-from fem_snh.terms.history import HistoryTerm
-from fem_snh.terms.settling import LaggedChange, largest_change
+from fem_snh.terms.history import HistoryTerm, LaggedChange, largest_change
 from fem_snh.terms.term import CouplingTerm, ForceTerm
 
 if TYPE_CHECKING:

@@ -15,8 +15,8 @@ from fem_snh.assembly.boundary_conditions import (
     Dirichlet,
     facets_plane,
 )
-from fem_snh.assembly.groups import boundary_facets, find_group
 from fem_snh.assembly.kinematics import Kinematics
+from fem_snh.assembly.regions import boundary_facets, find_group
 from fem_snh.assembly.unknowns import (
     copy_to_function,
     local_values,

@@ -11,8 +11,7 @@ import ufl
 
 from fem_snh import _dolfinx
 from fem_snh.assembly.elements import CELLS, Element, names_for
-from fem_snh.assembly.groups import owned_cells
-from fem_snh.assembly.regions import Filling, fill_regions
+from fem_snh.assembly.regions import Filling, fill_regions, owned_cells
 from fem_snh.assembly.unknowns import create_unknowns
 from fem_snh.choices import DEFAULT_ASSEMBLY
 from fem_snh.errors import BadInput, bad_value

@@ -42,14 +42,12 @@ from fem_snh.mesh.mesh_checks import check_force_scale
 from fem_snh.problem.measures import body_measures
 from fem_snh.problem.mixed.taylor_hood import PressureBlock
 from fem_snh.problem.reactions import Reactions
-from fem_snh.problem.regime import regime_of
-from fem_snh.problem.stiff_parts import Paths
+from fem_snh.problem.regime import Paths, regime_of
 from fem_snh.solver.protocol import Regime
 from fem_snh.terms.body import MotionInTime
 from fem_snh.terms.elastic import elastic_term, loops_over
-from fem_snh.terms.history import TermHistory
+from fem_snh.terms.history import StepLimit, TermHistory
 from fem_snh.terms.rank_one import RankOneUpdate
-from fem_snh.terms.step_limit import StepLimit
 from fem_snh.terms.term import CouplingTerm, Term
 
 if TYPE_CHECKING:

@@ -23,7 +23,7 @@ from fem_snh.assembly.unknowns import local_values, update_ghosts
 from fem_snh.errors import BadInput
 from fem_snh.geometry.rotations import rotate
 from fem_snh.problem.problem import Problem
-from fem_snh.problem.stiff_parts import components
+from fem_snh.problem.regime import components
 from fem_snh.records.run_record import Note
 from fem_snh.terms.term import Term
 

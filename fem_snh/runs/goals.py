@@ -28,8 +28,8 @@ from fem_snh.accuracy.goals import (
     vector_of,
 )
 from fem_snh.assembly.boundary_conditions import group_forces
-from fem_snh.assembly.groups import boundary_facets, owned_cells
 from fem_snh.assembly.kinematics import kinematics_of
+from fem_snh.assembly.regions import boundary_facets, owned_cells
 from fem_snh.errors import BadInput, bad_value
 from fem_snh.mesh.mesh import DIMENSIONS, Mesh
 from fem_snh.problem.problem import Problem

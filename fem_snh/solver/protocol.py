@@ -88,7 +88,7 @@ class SaddlePoint(Protocol):
 
 
 class CurvedPaths(Protocol):
-    """Paths of steps: see `fem_snh.problem.stiff_parts.Paths`. Collective.
+    """Paths of steps: see `fem_snh.problem.regime.Paths`. Collective.
 
     Attributes
     ----------

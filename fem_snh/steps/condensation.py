@@ -1,4 +1,11 @@
-"""Choose whether the cell pressures of Q1P0 and P2P0 are eliminated or unknown."""
+"""Solve a load step with the cell pressures of Q1P0 and P2P0 as unknowns before it is condensed.
+
+The condensed energy V U(J_e) of a nearly incompressible cell is a stiff penalty: its minimiser is
+reached by many short steps, each with an ill-conditioned matrix. With the pressure of each cell as
+an unknown (Simo, Taylor & Pister 1985) the equilibria are the same, Newton's method meets the
+volume constraint linearly, and the linear systems are those of Taylor-Hood elements
+(`fem_snh.solver.saddle_point`).
+"""
 
 from __future__ import annotations
 
@@ -7,12 +14,141 @@ from typing import NamedTuple
 
 from petsc4py import PETSc
 
+import numpy as np
+
 from fem_snh import _dolfinx, solver
 from fem_snh.assembly.elements import with_cell_pressures
 from fem_snh.assembly.unknowns import create_unknowns
 from fem_snh.errors import BadInput, bad_value
 from fem_snh.problem.problem import Problem
-from fem_snh.steps.cell_pressures import CellPressures
+
+#: Newton iterations after which the condensed problem takes over. A step takes 3 to 12.
+_MAX_IT = 20
+#: Solves with smaller and smaller tolerances until the condensed residual is below its own.
+_MAX_SOLVES = 6
+#: Least factor between the tolerances of two solves.
+_LEAST_CUT = 1e-3
+#: Part of its tolerance at which the condensed residual is aimed. With a half it is often missed,
+#: and a third solve starts without the Krylov space of the second one.
+_TARGET = 0.25
+#: Part of the tolerance to which the linear solves after the first solve reduce the residual.
+_LAST_SHARE = 0.5
+#: Iterations for the pressures of a given displacement; one is exact where U is quadratic.
+_PRESSURE_IT = 4
+
+
+class CellPressures:
+    """The problem of a mixed element with the cell pressures as unknowns, and its solver.
+
+    It starts each step with the pressures U'(J_e) of the last equilibrium and ends where the
+    residual of the condensed problem has converged. Where it fails, the condensed problem starts
+    from the first guess.
+
+    Parameters
+    ----------
+    problem : Problem
+        The condensed problem.
+    mixed : Problem
+        The same with unknown pressures (`fem_snh.assembly.elements.with_cell_pressures`).
+    prefix : str, optional
+        Prefix of its solver's options in PETSc's database.
+
+    Attributes
+    ----------
+    reason : str
+        The end of the last solve: PETSc's name, with the cause of a failure.
+    history : list of Iteration
+        The iterations of the last solve.
+    """
+
+    def __init__(self, problem: Problem, mixed: Problem, prefix: str = solver.PREFIX) -> None:
+        self._problem, self._mixed = problem, mixed
+        # The condensed problem's solver examines the equilibrium.
+        self.snes = solver.create(mixed, prefix=prefix, examine_stability=False)
+        self.snes.setTolerances(max_it=_MAX_IT)
+        self._predictor = solver.Predictor(mixed, self.snes, "tangent")
+        self._residual = problem.x.duplicate()
+        self._size = problem.owned_displacements
+        self.reason = ""
+        self.history: list[solver.Iteration] = []
+
+    def begin_step(self) -> None:
+        """Take displacement and pressures from the equilibrium ``problem.x``. Collective."""
+        mixed = self._mixed
+        mixed.set_load(self._problem.load)
+        self._read_displacement()
+        saddle_point, residual = mixed.saddle_point, mixed.x.duplicate()
+        assert saddle_point is not None
+        saddle_point.begin_step()
+        pressures = saddle_point.pressure_dofs(mixed.x)
+        pressures[:] = 0.0
+        # At the start of a scene the displacement need not be an equilibrium: |p| <= E.
+        limit = mixed.modulus / saddle_point.unit
+        for _ in range(_PRESSURE_IT):
+            mixed.gradient(mixed.x, residual)
+            pressures += saddle_point.pressure_correction(residual)
+            pressures[:] = np.clip(np.nan_to_num(pressures), -limit, limit)
+
+    def tangent(self) -> int:
+        """Move ``problem.x`` by the linearised response to its load; return linear iterations."""
+        self._mixed.set_load(self._problem.load)
+        self._read_displacement()
+        linear = self._predictor.tangent()
+        self._write_displacement()
+        return linear
+
+    def solve(self) -> bool:
+        """Replace ``problem.x`` by the equilibrium; return whether it was found. Collective."""
+        problem, mixed, context = self._problem, self._mixed, self.snes.getPythonContext()
+        assembling, nonfinite = mixed.seconds["assemble"], mixed.nonfinite
+        mixed.set_load(problem.load)
+        self._read_displacement()
+        guess, self.history, solved = problem.x.copy(), [], False
+        largest, unit = context.scaled_tolerance, context.force_scale
+        options = dict(context.options)
+        for _ in range(_MAX_SOLVES):
+            with solver.callback_errors():
+                self.snes.solve(None, mixed.x)
+            self.history += context.history
+            if self.snes.getConvergedReason() <= 0:
+                break
+            solved = True
+            self._write_displacement()
+            problem.residual(problem.x, self._residual)
+            force = problem.largest_force(problem.x)
+            tolerance = min(largest, context.force_tolerance(force))
+            tolerance = max(tolerance, mixed.rounding_force(mixed.x))
+            if (norm := self._residual.norm()) <= tolerance:
+                break
+            cut = max(_LEAST_CUT, _TARGET * tolerance / norm)
+            context.force_scale *= cut * context.tolerance / context.scaled_tolerance
+            # Near the solution one linear solve reaches the next tolerance.
+            if (mixed_norm := self.snes.getFunctionNorm()) > 0:
+                reduction = _LAST_SHARE * context.scaled_tolerance / mixed_norm
+                context.options["snes_forcing_max"] = min(options["snes_forcing_max"], reduction)
+        self.reason = solver.failure_reason(self.snes)
+        context.force_scale, context.options = unit, options
+        if not solved:
+            guess.copy(problem.x)
+        problem.seconds["assemble"] += mixed.seconds["assemble"] - assembling
+        problem.nonfinite += mixed.nonfinite - nonfinite
+        return solved
+
+    def row(self) -> dict[str, object]:
+        """Return what the row of a step says of the last solve."""
+        return {"mixed_newton": len(self.history), "mixed_reason": self.reason}
+
+    def _read_displacement(self) -> None:
+        self._mixed.x.array[: self._size] = self._problem.x.array_r
+
+    def _write_displacement(self) -> None:
+        x: PETSc.Vec = self._problem.x
+        x.array[:] = self._mixed.x.array_r[: self._size]
+
+    def destroy(self) -> None:
+        """Destroy the solver. Collective."""
+        solver.destroy(self.snes)
+
 
 #: Poisson's ratio from which the mixed problem is the faster one
 #: (docs/results/elements_cell_pressures.md).

@@ -12,7 +12,7 @@ from fem_snh.choices import DEFAULT_PREDICTOR
 from fem_snh.errors import NotSettled
 from fem_snh.problem.problem import Problem
 from fem_snh.solver.linear_choice import MAX_NODES
-from fem_snh.steps.cell_pressures import CellPressures
+from fem_snh.steps.condensation import CellPressures
 from fem_snh.steps.poisson_continuation import PoissonContinuation
 
 if TYPE_CHECKING:

@@ -17,9 +17,15 @@ from ufl.corealg.traversal import traverse_unique_terminals
 
 from fem_snh import _dolfinx
 from fem_snh.assembly.boundary_conditions import Dirichlet
-from fem_snh.assembly.groups import boundary_facets, cells_or_facets
 from fem_snh.assembly.kinematics import SOLID, Kinematics
-from fem_snh.assembly.regions import Region, cell_constant, density_of, reference_modulus
+from fem_snh.assembly.regions import (
+    Region,
+    boundary_facets,
+    cell_constant,
+    cells_or_facets,
+    density_of,
+    reference_modulus,
+)
 from fem_snh.errors import bad_value
 from fem_snh.mesh.mesh import Mesh, volume
 from fem_snh.tables.amplitudes import LOAD_ITSELF, Amplitudes

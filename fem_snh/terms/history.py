@@ -6,22 +6,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Sequence
+from collections.abc import Container, Iterable, Sequence
 from itertools import count
-from math import inf
-from typing import Any
+from math import inf, isnan
+from typing import Any, NamedTuple
 
 from mpi4py import MPI
 from petsc4py import PETSc
 
-import numpy as np
 import numpy.typing as npt
 
 from fem_snh.errors import NotSettled
-from fem_snh.terms.settling import MAX_SOLVES, MAX_STALLED, LaggedChange, largest_change
 from fem_snh.terms.term import Term
 
-Array = npt.NDArray[np.float64]
+Array = npt.NDArray[Any]
 
 
 class HistoryTerm(Term):
@@ -187,3 +185,97 @@ class TermHistory:
 def _unused(name: str, taken: Container[str]) -> str:
     """Return the name, or the first of name_2, name_3, ... that is not taken."""
     return next(n for k in count(1) if (n := name if k == 1 else f"{name}_{k}") not in taken)
+
+
+#: Solves of a step after which lagged quantities that still change make it fail. Lagged friction
+#: converges linearly, by factors of 2 to 10 a solve, and augmentations leave E/(k h) of the gap;
+#: what has not settled then alternates, or cannot: nodes that are constrained cannot follow.
+MAX_SOLVES = 51
+
+#: Solves of a step after which it fails, if none of them has reduced the largest change below what
+#: it had been before: pairs of an unstable state alternate. In the tests of contact and friction
+#: quantities that settle have at most two such solves in turn.
+MAX_STALLED = 10
+
+
+def relative(change: float, size: float, tolerance: float) -> float:
+    """Return ``change / (tolerance size)``: 0 without a change, infinity without a size."""
+    if change == 0:
+        return 0.0
+    return float(change / (tolerance * size)) if size > 0 else inf
+
+
+class LaggedChange(NamedTuple):
+    """The change of a term's lagged quantities after a solve.
+
+    Attributes
+    ----------
+    ratio : float
+        The change over its tolerance: above 1 the step is solved again.
+    what : str
+        What changes, for the reason of a failure.
+    slid_off : bool
+        Whether points that touched are beside the edge of the other surface now.
+    """
+
+    ratio: float = 0.0
+    what: str = ""
+    slid_off: bool = False
+
+    @property
+    def settled(self) -> bool:
+        """Whether the change is below its tolerance; NaN is not."""
+        return self.ratio <= 1
+
+
+def largest_change(changes: Iterable[LaggedChange]) -> LaggedChange:
+    """Return the largest of some changes, or NaN if one is; without any, no change."""
+    return max(changes, key=lambda change: (isnan(change.ratio), change), default=LaggedChange())
+
+
+class StepLimitingTerm(Term):
+    """A term that admits only a part of some steps."""
+
+    def largest_step(self, u: Array, d: Array) -> float:
+        """Return a length in [0, 1] up to which all of the step u + s d is admissible. Collective.
+
+        Parameters
+        ----------
+        u, d : (owned nodes, components)
+            Displacement and step [m].
+        """
+        raise NotImplementedError(f"{type(self).__name__}.largest_step")
+
+
+class StepLimit:
+    """The largest admissible step of several terms.
+
+    Parameters
+    ----------
+    terms : sequence of StepLimitingTerm
+        The terms.
+    num_nodes : int
+        Number of displacement nodes that this rank owns.
+    components : int, optional
+        Components of the displacement.
+    """
+
+    def __init__(
+        self, terms: Sequence[StepLimitingTerm], num_nodes: int, components: int = 3
+    ) -> None:
+        self._terms, self._num_nodes, self._components = list(terms), num_nodes, components
+
+    @classmethod
+    def of(cls, terms: Sequence[Term], num_nodes: int, components: int = 3) -> StepLimit | None:
+        """Return the limit of those terms that have one; None if no term does."""
+        limiting = [term for term in terms if isinstance(term, StepLimitingTerm)]
+        return cls(limiting, num_nodes, components) if limiting else None
+
+    def __call__(self, x: PETSc.Vec, d: PETSc.Vec) -> float:
+        """Return a length in [0, 1] up to which all of the step x + s d is admissible. Collective.
+
+        ``x`` and ``d`` hold unknowns, the displacement's first.
+        """
+        size = self._components * self._num_nodes
+        u, step = (v.array_r[:size].reshape(-1, self._components) for v in (x, d))
+        return min(term.largest_step(u, step) for term in self._terms)

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks import stiff_parts
 from benchmarks.contrast import SHAPES, inclusion
-from fem_snh.problem.stiff_parts import StiffParts
+from fem_snh.problem.regime import StiffParts
 
 mpi = pytest.mark.mpi
 pytestmark = pytest.mark.filterwarnings("ignore::fem_snh.errors.ResultNote")

@@ -8,8 +8,7 @@ from types import SimpleNamespace
 import pytest
 
 from fem_snh.errors import NotSettled
-from fem_snh.terms.history import TermHistory
-from fem_snh.terms.settling import MAX_SOLVES, MAX_STALLED, LaggedChange
+from fem_snh.terms.history import MAX_SOLVES, MAX_STALLED, LaggedChange, TermHistory
 
 
 def changing(ratios):
