@@ -3,23 +3,25 @@
 from __future__ import annotations
 
 from itertools import cycle
-from types import SimpleNamespace
 
 import pytest
 
 from fem_snh.errors import NotSettled
-from fem_snh.terms.history import MAX_SOLVES, MAX_STALLED, LaggedChange, TermHistory
+from fem_snh.terms.history import MAX_SOLVES, MAX_STALLED, HistoryTerm, LaggedChange, TermHistory
 
 
 def changing(ratios):
     """Return the history of a term whose changes are these ratios, in a step that has begun."""
     left = iter(ratios)
-    names = "begin_step", "end_step", "history", "set_history"
-    term = SimpleNamespace(
-        name="pairs", **{name: lambda *_: None for name in names},
-        update_lagged=lambda u: LaggedChange(next(left), "pairs"),
-    )  # fmt: skip
-    history = TermHistory([term])
+
+    class Pairs(HistoryTerm):
+        name = "pairs"
+        begin_step = end_step = history = set_history = lambda *_: None
+
+        def update_lagged(self, u):
+            return LaggedChange(next(left), "pairs")
+
+    history = TermHistory([Pairs()])
     history.begin_step(None)
     return history
 
