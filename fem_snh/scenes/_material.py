@@ -19,7 +19,24 @@ from pydantic import (
 )
 
 from fem_snh.errors import BadInput, bad_value, unknown_name
-from fem_snh.materials.parameters import LARGEST_MODULUS
+from fem_snh.materials import (
+    TUNING,
+    defaults,
+    files,
+    function,
+    label,
+    names_in_literature,
+    pins,
+)
+from fem_snh.materials.numbers import numbers_of, store, stored, stored_key
+from fem_snh.materials.parameters import (
+    LARGEST_MODULUS,
+    check,
+    check_keywords,
+    default_variants,
+    plain,
+)
+from fem_snh.materials.registry import built_in
 from fem_snh.tables.types import GroupKey, Positive
 from fem_snh.tables.validation import Expect, Finite, Table, suggestion
 
@@ -80,23 +97,16 @@ class MaterialChoice(Table):
 
     def default_variants(self) -> dict[str, Any]:
         """Return the parameters that select an equation by nu, where none is given."""
-        from fem_snh.materials import function
-        from fem_snh.materials.parameters import default_variants
-
         return default_variants(function(self.name), self.nu, self.parameters)
 
     @property
     def label(self) -> str:
         """The name of the material as text."""
-        from fem_snh.materials import label
-
         return label(self.name)
 
     @property
     def files(self) -> dict[str, Path]:
         """The Python files that define the material, by key."""
-        from fem_snh.materials import files
-
         keys = {"name": self.name, "lambda_part": self.parameters.get("lambda_part")}
         return {key: path for key, value in keys.items() for path in files(value)}
 
@@ -117,10 +127,6 @@ class MaterialChoice(Table):
 
     @model_validator(mode="after")
     def _check_parameters(self) -> MaterialChoice:
-        from fem_snh.materials import TUNING, defaults, function, names_in_literature, pins
-        from fem_snh.materials.numbers import stored
-        from fem_snh.materials.parameters import check, check_keywords, plain
-
         given = {key: plain(value) for key, value in (self.model_extra or {}).items()}
         if stored(self.name, self.E, self.nu, **given):
             return self  # only valid parameters are stored
@@ -139,8 +145,6 @@ class MaterialChoice(Table):
     @model_serializer(mode="plain")
     def _serialized(self, info: SerializationInfo) -> dict[str, Any]:
         """Return the table; a function of the user's own is in JSON its name."""
-        from fem_snh.materials import label
-
         table = {"name": self.name, "E": self.E, "nu": self.nu} | self.parameters
         table |= {key: v for key in _OPTIONAL if (v := getattr(self, key)) is not None}
         if info.mode == "json":
@@ -150,9 +154,6 @@ class MaterialChoice(Table):
 
 def _check_material(key: str, name: Any) -> None:
     """Raise BadInput for a value of a key that is no material."""
-    from fem_snh.materials import function
-    from fem_snh.materials.registry import built_in
-
     if not (callable(name) or isinstance(name, str)):
         raise bad_value(key, name, "the name of a material, see `fem-snh materials`")
     if isinstance(name, str) and name in built_in():
@@ -165,10 +166,7 @@ def _check_material(key: str, name: Any) -> None:
 
 def _moduli_of(name: Any, E: Any, nu: Any, given: Mapping[str, Any]) -> dict[str, float]:
     """Return the E and nu that a material's constants determine; nothing without constants."""
-    from fem_snh.materials import make_energy, names_in_literature, pins
-    from fem_snh.materials.making import with_moduli
-    from fem_snh.materials.numbers import numbers_of, store, stored, stored_key
-    from fem_snh.materials.parameters import plain
+    from fem_snh.materials.making import make_energy, with_moduli  # imports sympy
 
     keywords = {key: plain(value) for key, value in given.items()}
     numbers = stored(name, E, nu, **keywords)
