@@ -104,7 +104,7 @@ class NonlinearProblem:
         by the mean J of each cell. Forms in ``terms`` are not treated by any element; leave a few
         times the shear modulus in them, as (J - 1)**2, against a J that varies within a cell.
     mesh : Mesh, optional
-        The mesh of ``u`` with physical groups, as `fem_snh.scenes.Scene.build` returns it:
+        The mesh of ``u`` with physical groups, as `Scene.build` returns it:
         ``materials``, ``bcs`` and ``terms`` may then name groups in place of measures.
     bones : sequence of Bone, optional
         Bones whose nodes follow them (`fem_snh.geometry.motions.Bone`).

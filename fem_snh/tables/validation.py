@@ -264,7 +264,9 @@ class Table(BaseModel, metaclass=_TableClass):
 
     def _is_set(self, key: str) -> bool:
         """Return whether a key has another value than its default."""
-        return bool(getattr(self, key) != type(self).model_fields[key].default)
+        value, default = getattr(self, key), type(self).model_fields[key].default
+        # A measure of UFL cannot be compared with None.
+        return value is not default if default is None else bool(value != default)
 
     def _is_given(self, key: str) -> bool:
         """Return whether the table has a value for a key, or for one of a table in it, 'a.b'."""
