@@ -362,7 +362,7 @@ class FunctionalGoal(FormGoal):
         The displacement in the form.
     """
 
-    def __init__(self, name: str, form: ufl.Form, u: Any) -> None:
+    def __init__(self, name: str, form: ufl.Form, u: _dolfinx.Function) -> None:
         super().__init__([name])
         self._given, self._u = form, u
 
@@ -443,7 +443,7 @@ class StressGoal(CellsGoal):
                 accepted = f"a material with an energy, not '{material.name}'"
                 raise bad_value(key, name, accepted)
 
-    def _weight(self, domain: Any) -> tuple[Any, int]:
+    def _weight(self, domain: _dolfinx.Mesh) -> tuple[Any, int]:
         """Return the weight of the mean in UFL, and the degree of its quadrature."""
         return _dolfinx.constant(domain, 1.0), _DEGREE
 
@@ -461,7 +461,7 @@ class StressGoal(CellsGoal):
         measures = [of_the_body(kinematics, domain, dx) for dx in measures[:-1]]
         materials = [region.material for region in problem.regions]
 
-        def stresses_of(u: Any) -> list[Any]:
+        def stresses_of(u: _dolfinx.Function) -> list[Any]:
             F = ufl.variable(ufl.Identity(3) + displacement_gradient(u, kinematics))
             return [_von_mises(material, F, problem.modulus) for material in materials]
 
@@ -493,7 +493,9 @@ class PointStressGoal(StressGoal):
         On every rank, for cells that are much larger than the radius, or far away. Collective.
     """
 
-    def __init__(self, name: str, point: Sequence[float], radius: float, domain: Any) -> None:
+    def __init__(
+        self, name: str, point: Sequence[float], radius: float, domain: _dolfinx.Mesh
+    ) -> None:
         dim = domain.topology.dim
         place = np.asarray(point, dtype=float)[:dim]
         X = _dolfinx.geometry_x(domain)[_dolfinx.geometry_dofs(domain)][..., :dim]
@@ -524,7 +526,7 @@ class PointStressGoal(StressGoal):
         change, volume = map(_dolfinx.assemble_scalar, (whole, size))
         return float(problem.modulus * change / volume)
 
-    def _weight(self, domain: Any) -> tuple[Any, int]:
+    def _weight(self, domain: _dolfinx.Mesh) -> tuple[Any, int]:
         """See `StressGoal`."""
         x = _dolfinx.coordinates(domain)
         squared = sum((x[i] - float(c)) ** 2 for i, c in enumerate(self._place))

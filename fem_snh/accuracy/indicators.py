@@ -149,18 +149,18 @@ class Shares:
         return parts
 
 
-def _at_nodes(V: Any, owned: Array) -> Array:
+def _at_nodes(V: _dolfinx.FunctionSpace, owned: Array) -> Array:
     """Return owned dofs at the nodes of each cell, (cells, nodes, components). Collective."""
     values = with_ghosts(V, owned).reshape(-1, _dolfinx.num_components(V))
     return np.array(values[_dolfinx.node_dofs(V)])
 
 
-def _summed(V: Any, values: Array) -> Array:
+def _summed(V: _dolfinx.FunctionSpace, values: Array) -> Array:
     """Return the sums over cells of values at their nodes, at the nodes of each cell."""
     return np.asarray(summed_over_cells(V, values)[_dolfinx.node_dofs(V)])
 
 
-def _multiplicity(V: Any) -> Array:
+def _multiplicity(V: _dolfinx.FunctionSpace) -> Array:
     """Return the number of cells around each node of each cell, (cells, nodes). Collective."""
     shape = _dolfinx.node_dofs(V).shape
     return np.asarray(_summed(V, np.ones((*shape, 1)))[..., 0])

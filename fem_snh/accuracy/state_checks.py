@@ -144,7 +144,9 @@ def pressure_oscillation(problem: Problem, parts: Sequence[Part]) -> float:
     return max(found)
 
 
-def _distance_to_nodal_means(Q: Any, nodes: Any, basis: Any, state: PointVolumes) -> float:
+def _distance_to_nodal_means(
+    Q: _dolfinx.FunctionSpace, nodes: Any, basis: Any, state: PointVolumes
+) -> float:
     """Return this rank's part of the squared norm of J - Pi J [m^3]. Collective."""
     sums, masses = (
         summed_over_cells(Q, (values @ basis)[..., None], nodes).ravel()

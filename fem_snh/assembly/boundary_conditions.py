@@ -174,7 +174,7 @@ class Dirichlet:
 
     def __init__(
         self,
-        V: Any,
+        V: _dolfinx.FunctionSpace,
         conditions: Sequence[Condition] = (),
         kinematics: Kinematics = SOLID,
         on_load: Callable[[float], None] | None = None,
@@ -390,14 +390,14 @@ def _axes_in_words(axes: set[int]) -> str:
     return ", ".join(AXES[axis] for axis in sorted(axes))
 
 
-def axis_nodes(V: Any) -> Array:
+def axis_nodes(V: _dolfinx.FunctionSpace) -> Array:
     """Return the local nodes of V, ghosts included, on the axis of revolution x = 0. Collective."""
     x = V.tabulate_dof_coordinates()
     size = V.mesh.comm.allreduce(float(np.abs(x).max(initial=0.0)), op=MPI.MAX)
     return np.flatnonzero(x[:, 0] <= ON_AXIS * size)
 
 
-def facets_plane(V: Any, facets: Array, key: str, name: Any) -> NodePlane:
+def facets_plane(V: _dolfinx.FunctionSpace, facets: Array, key: str, name: Any) -> NodePlane:
     """Return the plane in which this rank's facets (n,), with those of other ranks, lie.
 
     Collective. It raises BadInput on every rank, with the key and the name, if they lie in none.
@@ -412,7 +412,7 @@ def facets_plane(V: Any, facets: Array, key: str, name: Any) -> NodePlane:
     return NodePlane(nodes, np.pad(normal, (0, _dolfinx.num_components(V) - dim)))
 
 
-def covered_nodes(V: Any, constrained: Array, axis: Array) -> Array:
+def covered_nodes(V: _dolfinx.FunctionSpace, constrained: Array, axis: Array) -> Array:
     """Return the nodes of facets whose nodes are all constrained, by component. Collective.
 
     Parameters
@@ -440,7 +440,7 @@ def covered_nodes(V: Any, constrained: Array, axis: Array) -> Array:
     return summed_over_ranks(V, marks) > 0
 
 
-def group_nodes(V: Any, mesh: Mesh, key: str | int) -> Array:
+def group_nodes(V: _dolfinx.FunctionSpace, mesh: Mesh, key: str | int) -> Array:
     """Return the local nodes of V, ghosts included, on a physical group. Collective."""
     group = mesh.group(key)
     return _dolfinx.locate_dofs(V, group.dim, group.entities)
@@ -464,7 +464,9 @@ class CountedForces(NamedTuple):
     others: frozenset[str] = frozenset()
 
 
-def group_forces(V: Any, mesh: Mesh, key: str | int, dirichlet: Dirichlet) -> CountedForces:
+def group_forces(
+    V: _dolfinx.FunctionSpace, mesh: Mesh, key: str | int, dirichlet: Dirichlet
+) -> CountedForces:
     """Return the parts of nodal forces that count for the reaction of a group. Collective.
 
     They are those of its conditions: see `counted_forces`. Of a group without conditions, as one

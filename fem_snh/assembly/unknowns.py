@@ -48,7 +48,7 @@ class Displacement:
         The pressure's space.
     """
 
-    Q: Any = None
+    Q: _dolfinx.FunctionSpace = None
 
     def __init__(self, u: _dolfinx.Function) -> None:
         self.u, self.V = u, u.function_space

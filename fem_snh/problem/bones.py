@@ -100,7 +100,9 @@ class BoneNodes:
         return u
 
 
-def place_bones(V: Any, mesh: Mesh | None, bones: Sequence[Bone]) -> list[BoneNodes]:
+def place_bones(
+    V: _dolfinx.FunctionSpace, mesh: Mesh | None, bones: Sequence[Bone]
+) -> list[BoneNodes]:
     """Return each bone with its nodes: those on or below its surface. Collective.
 
     A node that is in several bones follows the bone in which it is deepest, with the smallest
@@ -147,7 +149,7 @@ def _listed(bones: Sequence[Bone]) -> str:
     return ", ".join(f"'{bone.name}'" for bone in bones)
 
 
-def _copies(V: Any, mesh: Mesh | None) -> Array:
+def _copies(V: _dolfinx.FunctionSpace, mesh: Mesh | None) -> Array:
     """Return which of this rank's own nodes are `NodeCopies` of the mesh, (n,). Collective."""
     owned = _dolfinx.num_nodes(V)[0]
     if mesh is None or mesh.copies is None or not len(mesh.copies.cells):
@@ -168,7 +170,9 @@ def _copies(V: Any, mesh: Mesh | None) -> Array:
     return np.asarray(local_values(vector).reshape(-1, 3)[:owned, 0] > 0)
 
 
-def _depths(V: Any, mesh: Mesh | None, bone: Bone, X: Array, copies: Array) -> Array:
+def _depths(
+    V: _dolfinx.FunctionSpace, mesh: Mesh | None, bone: Bone, X: Array, copies: Array
+) -> Array:
     """Return the depth of points X (n, 3) [length]: infinite in a group, negative outside."""
     if bone.shape is not None:
         return np.asarray(np.where(copies, -np.inf, _depths_in(bone.shape, X)))
@@ -234,7 +238,7 @@ class BoneBlend:
         The bones.
     """
 
-    def __init__(self, V: Any, bones: Sequence[BoneNodes]) -> None:
+    def __init__(self, V: _dolfinx.FunctionSpace, bones: Sequence[BoneNodes]) -> None:
         from scipy.spatial import cKDTree  # slow to import
 
         self._bones, comm = list(bones), V.mesh.comm

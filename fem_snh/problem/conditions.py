@@ -56,7 +56,7 @@ class LoadFunction:
 
 
 def place_conditions(
-    V: Any,
+    V: _dolfinx.FunctionSpace,
     mesh: Mesh,
     given: Sequence[Any],
     kinematics: Kinematics,
@@ -109,7 +109,7 @@ class _Place:
 
     def __init__(
         self,
-        V: Any,
+        V: _dolfinx.FunctionSpace,
         mesh: Mesh,
         kinematics: Kinematics,
         lifted: LiftedValues | None,
@@ -220,7 +220,13 @@ class LiftedValues:
         conditions at each load.
     """
 
-    def __init__(self, dirichlet: Dirichlet, V: Any, W: Any, state: Any = None) -> None:
+    def __init__(
+        self,
+        dirichlet: Dirichlet,
+        V: _dolfinx.FunctionSpace,
+        W: _dolfinx.FunctionSpace,
+        state: Any = None,
+    ) -> None:
         self._dirichlet, self._V, self._W = dirichlet, V, W
         self._vector, self._given = _dolfinx.create_vector(V), _dolfinx.function(V, "given")
         self._lifted = _dolfinx.function(W, "lifted")
@@ -255,7 +261,7 @@ class LiftedValues:
         return values
 
 
-def _lifted_mask(V: Any, W: Any, mask: Array) -> Array:
+def _lifted_mask(V: _dolfinx.FunctionSpace, W: _dolfinx.FunctionSpace, mask: Array) -> Array:
     """Return the components of W's nodes that are constrained if V's are. Collective."""
     cell = _dolfinx.cell_name(V.mesh)
     points = [_dolfinx.reference_nodes(cell, _dolfinx.degree(space)) for space in (V, W)]

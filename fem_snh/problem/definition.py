@@ -157,7 +157,7 @@ class Definition:
             set_modulus(problem)
         return problem
 
-    def _term(self, term: Any, name: str, u: Any, depends_on_load: bool) -> Any:
+    def _term(self, term: Any, name: str, u: _dolfinx.Function, depends_on_load: bool) -> Any:
         """Return a feature or a term as it is, and the term of a form. Collective."""
         if isinstance(term, ufl.Form):
             form = term if u is self.u else _form_of(term, self.u, u)
@@ -202,7 +202,7 @@ def lifted_problem(problem: Problem, element: Element, start: Any = None) -> Pro
     return lifted
 
 
-def _form_of(form: Any, u: Any, other: Any) -> Any:
+def _form_of(form: Any, u: _dolfinx.Function, other: Any) -> Any:
     """Return a form of another displacement, of a higher degree.
 
     Given quadrature degrees grow with it: those of the program's element would leave the lifted one

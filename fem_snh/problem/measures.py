@@ -92,7 +92,7 @@ class Probes:
         On every rank, for a point outside the body.
     """
 
-    def __init__(self, u: Any, probes: Sequence[ProbePoint]) -> None:
+    def __init__(self, u: _dolfinx.Function, probes: Sequence[ProbePoint]) -> None:
         self._u, self._comm = u, u.function_space.mesh.comm
         self._names = [probe.name for probe in probes]
         self._local = []
@@ -137,7 +137,7 @@ class Probes:
         return dict(zip(self._names, total.tolist(), strict=True))
 
 
-def _extent(domain: Any) -> str:
+def _extent(domain: _dolfinx.Mesh) -> str:
     """Return "extends over x = a..b, ...": the mesh's bounding box. Collective."""
     boxes = np.array(domain.comm.allgather(_dolfinx.bounding_box(domain)))
     low, high = boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)

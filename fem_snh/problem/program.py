@@ -38,7 +38,7 @@ DENSITIES = "{material: density > 0}"
 
 
 def define(
-    u: Any,
+    u: _dolfinx.Function,
     materials: Mapping[Material, Any],
     bcs: Sequence[Any] | None = None,
     terms: Sequence[Any] | None = (),
@@ -131,7 +131,7 @@ def check_lists(problem: Problem, bcs: Sequence[Any] | None, terms: Sequence[Any
             raise bad_value(key, f"a list of {len(present or ())} that has changed", accepted)
 
 
-def _check_term(term: Any, name: str, u: Any) -> None:
+def _check_term(term: Any, name: str, u: _dolfinx.Function) -> None:
     """Raise BadInput for what is no feature, no term and no form of ``u``. Collective."""
     if isinstance(term, Feature | Term):
         return
@@ -153,7 +153,7 @@ def _checked(
     return densities
 
 
-def check_displacement(u: Any, name: str | None = None) -> Kinematics:
+def check_displacement(u: _dolfinx.Function, name: str | None = None) -> Kinematics:
     """Return the kinematics of a displacement; ``name`` is that of one in two dimensions.
 
     Raises
@@ -210,7 +210,7 @@ def _listed(key: str, values: Any, accepted: str) -> Sequence[Any]:
     return values
 
 
-def _check_integrals(form: Any, name: str, domain: Any) -> None:
+def _check_integrals(form: Any, name: str, domain: _dolfinx.Mesh) -> None:
     """Raise BadInput if an integral of a form is over no cell or facet of any rank. Collective."""
     for integral in form.integrals():
         symbol = _SYMBOLS[integral.integral_type()]
@@ -226,7 +226,7 @@ def _check_integrals(form: Any, name: str, domain: Any) -> None:
 
 
 def _element(
-    u: Any,
+    u: _dolfinx.Function,
     name: str | None,
     materials: Mapping[Material, Any],
     quadrature: int | None,

@@ -68,7 +68,7 @@ class Reactions:
 
     def __init__(
         self,
-        V: Any,
+        V: _dolfinx.FunctionSpace,
         mesh: Mesh,
         kinematics: Kinematics,
         dirichlet: Dirichlet,
@@ -95,7 +95,9 @@ class Reactions:
             if about is not None:
                 self._about[str(key)] = np.array(about)
 
-    def _shared(self, V: Any, mesh: Mesh, key: str | int, dirichlet: Dirichlet) -> list[str]:
+    def _shared(
+        self, V: _dolfinx.FunctionSpace, mesh: Mesh, key: str | int, dirichlet: Dirichlet
+    ) -> list[str]:
         """Return a line if other conditions constrain a part of a surface without any. Collective.
 
         One that they constrain as a whole has the force of them.

@@ -234,7 +234,7 @@ class StiffParts:
 
     @classmethod
     def of(
-        cls, V: Any, regions: Sequence[Region], fixed: Array, excluded: Array
+        cls, V: _dolfinx.FunctionSpace, regions: Sequence[Region], fixed: Array, excluded: Array
     ) -> StiffParts | None:
         """Return the stiff parts of a body of three dimensions; None if there is none. Collective.
 
@@ -350,7 +350,7 @@ class Paths:
     @classmethod
     def of(
         cls,
-        V: Any,
+        V: _dolfinx.FunctionSpace,
         regions: Sequence[Region],
         fixed: npt.NDArray[np.bool_],
         excluded: npt.NDArray[np.bool_],

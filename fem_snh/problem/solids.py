@@ -66,7 +66,7 @@ def solids_in_shapes(problem: Problem) -> list[Solid]:
     return found
 
 
-def cells_in_shapes(V: Any, bones: Sequence[BoneNodes]) -> Array:
+def cells_in_shapes(V: _dolfinx.FunctionSpace, bones: Sequence[BoneNodes]) -> Array:
     """Return this rank's own cells whose nodes all are in one bone that is a shape, (n,) int."""
     labels = np.full(sum(_dolfinx.num_nodes(V)), -1)
     for number, bone in enumerate(bones):

@@ -66,7 +66,7 @@ class LocatedPoints:
         Which of this rank's points are in a cell.
     """
 
-    def __init__(self, domain: Any, points: Array) -> None:
+    def __init__(self, domain: _dolfinx.Mesh, points: Array) -> None:
         self._comm = comm = domain.comm
         counts = comm.allgather(len(points))
         first = sum(counts[: comm.rank])

@@ -27,7 +27,7 @@ Array = npt.NDArray[np.float64]
 
 
 def interpolate_run(
-    u: Any, run: str | Path, step: int = -1, *, kinematics: str | None = None
+    u: _dolfinx.Function, run: str | Path, step: int = -1, *, kinematics: str | None = None
 ) -> None:
     """Set the displacement of a program to that of a run. Collective.
 
@@ -120,7 +120,7 @@ def _friction_text(scene: Scene, run: Path) -> str:
 
 
 def _displacement(
-    V: Any, run: Path, step: int, kinematics: str | None
+    V: _dolfinx.FunctionSpace, run: Path, step: int, kinematics: str | None
 ) -> tuple[Array, Note | None]:
     """Return a run's displacement at the owned nodes (n, components), and a note. Collective."""
     comm, owned = V.mesh.comm, _dolfinx.num_nodes(V)[0]

@@ -58,7 +58,7 @@ class StoredLevels:
         """Set the rows of levels, whose last one still lacks the errors of the cells."""
         levels.rows, levels.least = self._rows, self._least
 
-    def restore_errors(self, row: LevelRow, domain: Any) -> None:
+    def restore_errors(self, row: LevelRow, domain: _dolfinx.Mesh) -> None:
         """Set the errors of this rank's cells."""
         rows = _dolfinx.input_cells(domain)[: _dolfinx.num_owned(domain)]
         row.estimate.indicators = {name: values[rows] for name, values in self._errors.items()}
@@ -69,7 +69,7 @@ def write_levels(
     scene: scenes.Scene,
     levels: Levels,
     changes: Mapping[str, Any],
-    domain: Any,
+    domain: _dolfinx.Mesh,
     mesh: Mesh | None,
 ) -> None:
     """Write levels, whose last one is complete, into its folder. Collective.
@@ -185,7 +185,7 @@ def _identity(scene: scenes.Scene) -> dict[str, Any]:
     return identity(scene) | {f"accuracy.{key}": value for key, value in keys.items()}
 
 
-def _of_cells(domain: Any, values: Array) -> Array:
+def _of_cells(domain: _dolfinx.Mesh, values: Array) -> Array:
     """Return values of owned cells on rank 0, by the number of the cell. Collective."""
     comm: MPI.Comm = domain.comm
     rows = _dolfinx.input_cells(domain)[: len(values)]

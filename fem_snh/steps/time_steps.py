@@ -173,7 +173,11 @@ class TimeIntegration:
     tolerance: float | None = None
 
     def create_dynamics(
-        self, u: Any, regions: Sequence[Region], dirichlet: Dirichlet, kinematics: Kinematics
+        self,
+        u: _dolfinx.Function,
+        regions: Sequence[Region],
+        dirichlet: Dirichlet,
+        kinematics: Kinematics,
     ) -> Dynamics:
         """Return the motion of a body, whose terms its problem needs. Collective."""
         from fem_snh.steps.dynamics.dynamics import Dynamics

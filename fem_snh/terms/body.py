@@ -190,7 +190,7 @@ class Body:
         return _dolfinx.constant(self.domain, value)
 
 
-def of_the_body(kinematics: Kinematics, domain: Any, measure: Any) -> Any:
+def of_the_body(kinematics: Kinematics, domain: _dolfinx.Mesh, measure: Any) -> Any:
     """Return a measure of the mesh as that of the body: of a half plane with the factor 2 pi r."""
     if not kinematics.revolved:
         return measure

@@ -141,7 +141,11 @@ class ClosingSurface:
     """
 
     def __init__(
-        self, V: Any, facets: Array, dirichlet: Dirichlet, kinematics: Kinematics = SOLID
+        self,
+        V: _dolfinx.FunctionSpace,
+        facets: Array,
+        dirichlet: Dirichlet,
+        kinematics: Kinematics = SOLID,
     ) -> None:
         self._V, self._dim = V, kinematics.dim
         self._length = body_volume(V.mesh) ** (1 / kinematics.dim)
@@ -434,7 +438,7 @@ def _sweep(pieces: Array, weights: Array, apex: Array) -> tuple[Array, Array]:
     return normals.sum(axis=(0, 1)) / 2, np.einsum("nqi,nqj->ij", normals, at) / 3
 
 
-def edge_of(V: Any, facets: Array, dirichlet: Dirichlet, dim: int) -> Edge:
+def edge_of(V: _dolfinx.FunctionSpace, facets: Array, dirichlet: Dirichlet, dim: int) -> Edge:
     """Return the edge of a surface, of which ``facets`` are this rank's. Collective."""
     pieces, weights = _pieces_of_facets(V, facets)
     to_global, components = _dolfinx.local_to_global(V), _dolfinx.num_components(V)
@@ -471,7 +475,7 @@ def edge_of(V: Any, facets: Array, dirichlet: Dirichlet, dim: int) -> Edge:
     )
 
 
-def _gather(V: Any, values: Array, numbers: Array) -> Array:
+def _gather(V: _dolfinx.FunctionSpace, values: Array, numbers: Array) -> Array:
     """Return rows of values of the owned nodes, or of their dofs, by global numbers. Collective."""
     if values.ndim == 1:
         values = values.reshape(-1, _dolfinx.num_components(V))
@@ -482,7 +486,7 @@ def _gather(V: Any, values: Array, numbers: Array) -> Array:
     return np.asarray(V.mesh.comm.allreduce(found))
 
 
-def _pieces_of_facets(V: Any, facets: Array) -> tuple[Array, Array]:
+def _pieces_of_facets(V: _dolfinx.FunctionSpace, facets: Array) -> tuple[Array, Array]:
     """Return the edges, or ends, of this rank's facets: local nodes and weights, as in `Edge`."""
     domain = V.mesh
     cell, dim, degree = _dolfinx.cell_name(domain), domain.topology.dim, _dolfinx.degree(V)

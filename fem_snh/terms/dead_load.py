@@ -42,7 +42,7 @@ class DeadLoad(Term):
     has_energy = depends_on_load = stateless = True
     has_hessian = False
 
-    def __init__(self, name: str, V: Any) -> None:
+    def __init__(self, name: str, V: _dolfinx.FunctionSpace) -> None:
         self.name, self._V = name, V
         self._forces: list[tuple[Amplitude, PETSc.Vec, Callable[[], None] | None]] = []
         self._scaled: list[tuple[float, PETSc.Vec]] = []

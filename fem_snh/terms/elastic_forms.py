@@ -56,10 +56,10 @@ class ElasticForms(Elastic):
 
     def __init__(
         self,
-        V: Any,
+        V: _dolfinx.FunctionSpace,
         element: Element,
         regions: Sequence[Region],
-        Q: Any = None,
+        Q: _dolfinx.FunctionSpace = None,
         pressure_scale: float = 1.0,
     ) -> None:
         if element.kinematics.plane_stress:
@@ -156,7 +156,7 @@ class _MeanVolume:
 
     def __init__(
         self,
-        domain: Any,
+        domain: _dolfinx.Mesh,
         F: Any,
         measures: Sequence[Any],
         parts: Sequence[Split],

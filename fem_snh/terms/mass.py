@@ -12,7 +12,7 @@ import ufl
 from fem_snh import _dolfinx
 
 
-def mass_matrix(V: Any, density: Any, revolved: bool = False) -> PETSc.Mat:
+def mass_matrix(V: _dolfinx.FunctionSpace, density: Any, revolved: bool = False) -> PETSc.Mat:
     """Return the consistent mass matrix [kg] of the space V. Collective.
 
     Parameters

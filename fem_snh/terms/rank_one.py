@@ -56,7 +56,7 @@ class RankOneUpdate:
     def __init__(
         self,
         A: PETSc.Mat,
-        V: Any,
+        V: _dolfinx.FunctionSpace,
         terms: Sequence[RankOneTerm],
         project: Callable[[npt.NDArray[Any]], None],
     ) -> None:
@@ -72,7 +72,11 @@ class RankOneUpdate:
 
     @classmethod
     def of(
-        cls, terms: Sequence[Any], A: PETSc.Mat, V: Any, project: Callable[[npt.NDArray[Any]], None]
+        cls,
+        terms: Sequence[Any],
+        A: PETSc.Mat,
+        V: _dolfinx.FunctionSpace,
+        project: Callable[[npt.NDArray[Any]], None],
     ) -> RankOneUpdate | None:
         """Return the update of those terms that have such a matrix; None if none has one."""
         found = [term for term in terms if isinstance(term, RankOneTerm)]

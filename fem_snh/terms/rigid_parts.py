@@ -153,7 +153,7 @@ class RigidParts(Term):
         nodal = weights.array_r.reshape(-1, self._kinematics.components)[:, 0]
         body.motion.mass.add_points(nodal * (part.mass / self._comm.allreduce(nodal.sum())))
 
-    def _release(self, V: Any, local: Array, dirichlet: Dirichlet) -> None:
+    def _release(self, V: _dolfinx.FunctionSpace, local: Array, dirichlet: Dirichlet) -> None:
         """Release nodes of Dirichlet conditions that are on the parts' surfaces: parts override.
 
         Raises

@@ -97,7 +97,7 @@ class SweptVolume:
 
     def __init__(
         self,
-        V: Any,
+        V: _dolfinx.FunctionSpace,
         ds: Any,
         kinematics: Kinematics = SOLID,
         closing: ClosingSurface | None = None,
@@ -361,13 +361,15 @@ def _compare_all(
     return np.concatenate([*columns, missing[:, None], sizes], axis=1)
 
 
-def _centre(domain: Any) -> Array:
+def _centre(domain: _dolfinx.Mesh) -> Array:
     """Return the centre of the bounding box of the nodes (3,) [m]. Collective."""
     boxes = domain.comm.allgather(_dolfinx.bounding_box(domain))
     return (np.min(boxes, axis=0)[0] + np.max(boxes, axis=0)[1]) / 2
 
 
-def _states(V: Any, dirichlet: Dirichlet, count: int = len(_LOADS)) -> list[PETSc.Vec]:
+def _states(
+    V: _dolfinx.FunctionSpace, dirichlet: Dirichlet, count: int = len(_LOADS)
+) -> list[PETSc.Vec]:
     """Return smooth displacements without a symmetry, with the boundary values of some loads."""
     length = body_volume(V.mesh) ** (1 / _dolfinx.mesh_dimension(V.mesh)[0])
     X = V.tabulate_dof_coordinates() / length

@@ -41,7 +41,7 @@ class PressureMasses:
         Unit of the pressure unknown [Pa/m].
     """
 
-    def __init__(self, Q: Any, parts: Sequence[Part], unit: float) -> None:
+    def __init__(self, Q: _dolfinx.FunctionSpace, parts: Sequence[Part], unit: float) -> None:
         self._Q, self._parts, self._unit = Q, parts, unit
 
     @cached_property

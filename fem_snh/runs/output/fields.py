@@ -222,7 +222,11 @@ class GridSeries(Collection):
     """
 
     def __init__(
-        self, path: Path, V: Any, until: float | None = None, files: RunFiles | None = None
+        self,
+        path: Path,
+        V: _dolfinx.FunctionSpace,
+        until: float | None = None,
+        files: RunFiles | None = None,
     ) -> None:
         super().__init__(V.mesh.comm, path, until, files)
         self._grid = VtkGrid(*_dolfinx.vtk_mesh(V))

@@ -44,7 +44,7 @@ class NodalField:
         Reference coordinates [length] of all nodes on rank 0; (0, 3) on the other ranks.
     """
 
-    def __init__(self, comm: MPI.Comm, V: Any, first: int, size: int) -> None:
+    def __init__(self, comm: MPI.Comm, V: _dolfinx.FunctionSpace, first: int, size: int) -> None:
         owned = _dolfinx.num_nodes(V)[0]
         self._comm, self._size = comm, size
         self._owned = slice(first, first + size * owned)

@@ -91,7 +91,7 @@ class Dynamics:
 
     def __init__(
         self,
-        u: Any,
+        u: _dolfinx.Function,
         regions: Sequence[Region],
         dirichlet: Dirichlet,
         kinematics: Kinematics,

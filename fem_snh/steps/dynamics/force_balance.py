@@ -67,7 +67,9 @@ class ForceBalance:
         The terms; damping only if a factor is not zero.
     """
 
-    def __init__(self, V: Any, mass: NodalMass, damping: tuple[float, float]) -> None:
+    def __init__(
+        self, V: _dolfinx.FunctionSpace, mass: NodalMass, damping: tuple[float, float]
+    ) -> None:
         self._V, self._mass, self.inertia = V, mass, Inertia(mass)
         self.damping = RayleighDamping(mass, damping) if any(damping) else None
         self._viscosity: tuple[float, Any]  # ratio and origin of the pressure's viscous part

@@ -57,7 +57,7 @@ class PrescribedMotion:
         Whether a program changes values from step to step.
     """
 
-    def __init__(self, V: Any, dirichlet: Dirichlet, duration: float) -> None:
+    def __init__(self, V: _dolfinx.FunctionSpace, dirichlet: Dirichlet, duration: float) -> None:
         self._V, self._dirichlet, self._duration = V, dirichlet, duration
         self._depends_on_load, self.by_hand = dirichlet.depends_on_load, dirichlet.by_hand
         self.moves = dirichlet.depends_on_load or dirichlet.by_hand
