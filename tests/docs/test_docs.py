@@ -200,7 +200,7 @@ EXAMPLES_ELSEWHERE = {
     "fem_snh/program_results.py": "tests/accuracy/test_error_of_programs.py",
     "fem_snh/dynamic_problem.py": "tests/problem/test_dynamic_problem.py",
     "fem_snh/nonlinear_problem.py": "tests/problem/test_nonlinear_problem.py",
-    "fem_snh/scenes/schema.py": "tests/scenes/test_build.py",
+    "fem_snh/scenes/schema.py": "tests/scenes/test_scene_build.py",
     "fem_snh/runs/start.py": "tests/runs/test_start_from_run.py",
 }
 

@@ -175,7 +175,7 @@ def test_mistakes(pulled: Path, folder: Path) -> None:
         solve(bar(1.5, start=Start(run=pulled), mesh=far, cells=3, hold=[Hold(group="left")],
                   probe=[],
                   move=[], reactions=[]))  # fmt: skip
-    with pytest.raises(BadInput, match="'run' excludes 'map', 'scatter' and 'noise'"):
+    with pytest.raises(BadInput, match="'run' and 'noise' exclude each other"):
         Start(run=pulled, noise=0.1)
     with pytest.raises(BadInput, match="missing key 'run'"):
         Start(step=2)
