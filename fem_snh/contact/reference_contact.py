@@ -701,6 +701,21 @@ class ReferenceContact(SelfContactTerm):
         }
         return {"self_contact": row}
 
+    def spring_forces(self, u: PETSc.Vec) -> tuple[Array, Array, Array]:
+        """Return what touches what, and how strongly; the same on all ranks. Collective.
+
+        Returns
+        -------
+        samples, targets : (n, dim)
+            Reference positions of the ends of the springs that push [m].
+        forces : (n,)
+            Their forces [N].
+        """
+        x = self.configuration(u)
+        forces = self.springs.forces(x)
+        samples, targets = self.springs.ends(self.surface.points[:, : x.shape[1]])
+        return samples[forces > 0], targets[forces > 0], forces[forces > 0]
+
     def begin_step(self, u: PETSc.Vec) -> None:
         """Search again at the next evaluation, that of the forces at the start of a time step.
 
