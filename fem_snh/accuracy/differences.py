@@ -207,7 +207,7 @@ def scales_of(estimate: Estimate, goals: Sequence[Goal]) -> Array:
 
 
 def largest_components(goals: Sequence[Goal], values: Array) -> Array:
-    """Return for each scalar the size of the largest one of the same goal, (scalars,)."""
+    """Return for each scalar the largest size of a component of its goal, (scalars,)."""
     largest, first = np.zeros(len(values)), 0
     for goal in goals:
         components = slice(first, first + len(goal.names))

@@ -318,7 +318,7 @@ class FormGoal(Goal):
     Attributes
     ----------
     halfway : bool
-        Whether the derivative is that halfway between the two solutions.
+        Whether it is differentiated at the mean of the run's and the lifted solution.
     """
 
     halfway = False
@@ -371,7 +371,7 @@ class FunctionalGoal(FormGoal):
 
 
 class CellsGoal(FormGoal):
-    """A scalar of the body, or of cells of it.
+    """A scalar of all cells or of some: a volume ratio, a mean of von Mises' stress.
 
     Parameters
     ----------

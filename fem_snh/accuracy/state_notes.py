@@ -126,10 +126,10 @@ def rest_note(problem: Problem, step: int | None = None) -> Note | None:
 
 
 def thin_support_note(problem: Problem, step: int | None = None) -> Note | None:
-    """Return a note if points or edges carry a force. Collective.
+    """Return a note if constrained points or edges carry a force. Collective.
 
-    They have no capacity: functions that are one there and zero elsewhere have an energy as small
-    as one likes, so that a prescribed displacement needs no force in the limit of fine meshes.
+    They have no area: the finer the mesh, the smaller the force that a prescribed displacement
+    needs there, down to zero.
     """
     if (thin := problem.dirichlet.thin_supports()) is None:
         return None

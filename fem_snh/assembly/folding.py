@@ -87,7 +87,7 @@ class Folding:
     def set_state(
         self, basis: Array, jacobian: Array, stiffness: Array, symmetric: bool = True
     ) -> None:
-        """Set what `apply` folds by.
+        """Set the derivatives and the stiffness by which `apply` eliminates the nodes of parts.
 
         Parameters
         ----------

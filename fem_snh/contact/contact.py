@@ -48,7 +48,7 @@ class ContactTable(Table):
         return self.method == "augmented_lagrangian"
 
     def absolute_tolerance(self, length: float) -> float | None:
-        """Return the tolerance [m] of a body of this size [m]; None for the default."""
+        """Return the largest penetration [m] on a body of this size [m]; None: the default."""
         return None if self.tolerance is None else self.tolerance * length
 
 

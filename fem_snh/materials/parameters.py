@@ -82,7 +82,7 @@ EXPONENTS = Range(
 
 
 def check(tuning: dict[str, Any]) -> dict[str, Any]:
-    """Return the values of all `TUNING` keywords; the alphas of the parts default to ``alpha``.
+    """Return all `TUNING` keywords; ``alpha_mu`` and ``alpha_lambda`` default to ``alpha``.
 
     Raises
     ------

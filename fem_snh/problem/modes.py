@@ -217,8 +217,7 @@ class Eigenproblem:
         return float(v.dot(w)), v
 
     def residual(self, value: float, v: PETSc.Vec) -> float:
-        """Return the relative residual of an eigenpair that ``VibrationModes.residuals``
-        defines."""
+        """Return the relative residual of an eigenpair: see `ProgramModes.residuals`."""
         r, w = self.K.createVecs()
         self.K.mult(v, r)
         self.M.mult(v, w)

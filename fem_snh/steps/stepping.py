@@ -330,7 +330,7 @@ class StepSize:
         return target if size >= rest * (1 - _ROUNDING) else load + size
 
     def accept(self, to: float, target: float) -> None:
-        """Set the size after a step to ``to`` that converged."""
+        """Set the size of the next step, after one that converged and ended at ``to``."""
         self.next = None if to == target else 2 * self._size
 
     @property

@@ -191,7 +191,7 @@ class Body:
 
 
 def of_the_body(kinematics: Kinematics, domain: _dolfinx.Mesh, measure: Any) -> Any:
-    """Return a measure of the mesh as that of the body: of a half plane with the factor 2 pi r."""
+    """Return a measure of the mesh, of a body of revolution times 2 pi r."""
     if not kinematics.revolved:
         return measure
     return WeightedMeasure(2 * ufl.pi * _dolfinx.coordinates(domain)[0], measure)

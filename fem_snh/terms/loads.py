@@ -1,4 +1,4 @@
-"""Dead loads on surfaces."""
+"""Tables of loads: `Traction`, `Pressure`, `Gravity` and `Spring`."""
 
 from __future__ import annotations
 

@@ -119,7 +119,7 @@ def main(
     Raises
     ------
     BadInput
-        If files are missing or cannot be read, a load was not stored, or nothing can draw here.
+        If files are missing or cannot be read, a load was not stored, or OpenGL is missing.
     """
     folder = Path(folder)
     if modes:
@@ -170,7 +170,7 @@ def draw_modes(
     Raises
     ------
     BadInput
-        If the run has no modes or no such number, or nothing can draw here.
+        If the run has no modes or no such number, or OpenGL or a package is missing.
     """
     folder = Path(folder)
     record = read_record(folder)
