@@ -217,7 +217,7 @@ class Eigenproblem:
         return float(v.dot(w)), v
 
     def residual(self, value: float, v: PETSc.Vec) -> float:
-        """Return the relative residual of an eigenpair: see `ProgramModes.residuals`."""
+        """Return the relative residual of an eigenpair: see ``residuals`` of `ProgramModes`."""
         r, w = self.K.createVecs()
         self.K.mult(v, r)
         self.M.mult(v, w)
