@@ -145,7 +145,7 @@ def test_without_fields_nothing_of_them_is_imported_or_compiled(tmp_path):
         "r = fem_snh.run('twist', cells=1, steps=1, angle=0.1, out='run', progress=False); "
         "print(sorted(m for m in sys.modules if m.startswith('fem_snh.') and "
         "m.rpartition('.')[2] in ('stress_fields', 'stress_loops', 'field_values', "
-        "'nodal_projection', 'requested_fields', 'point_fields', 'columns_cg', "
+        "'nodal_projection', 'requested_fields', 'point_fields', "
         "'obstacle_contact', 'friction', 'surface_quadrature', 'dynamics'))); "
         "print('fields' in r.record)"
     )

@@ -1,5 +1,4 @@
-/* The functions of point_fields_api.h, W points or LANES columns at a time. LANES, MAX_NODES and CHUNK are defined by
- * point_fields.py. */
+/* The function of point_fields_api.h, W points at a time. */
 
 /* Load component i of W of n points; lanes past the last one repeat it. */
 INLINE real load_component(const double *values, long n, long start, int i) {
@@ -66,46 +65,4 @@ void point_fields(long n, const double *H, const double *P, const PointFields *o
       STORE(out->principal_stretches, 3, stretches)
     }
   }
-}
-
-static const double zero = 0; /* a column of zeros, of stride 0 */
-
-/* The body of integrate_columns; where `nodes` is a constant the sums are in registers. */
-INLINE void integrate_cells(long cells, int points, int nodes, const int *node, const double *weights, const double *basis,
-                            int columns, const double *const *column, const long *stride, long num_nodes, double *out) {
-  typedef double row __attribute__((vector_size(8 * LANES), aligned(8)));
-  const int batch = points < CHUNK ? CHUNK / points : 1; /* cells whose values are gathered together */
-  for (long start = 0; start < cells; start += batch)
-    for (int piece = 0; piece < points; piece += CHUNK)
-      for (int first = 0; first < columns; first += LANES) {
-        const long end = start + batch < cells ? start + batch : cells, origin = points * start + piece;
-        const int last = piece + CHUNK < points ? piece + CHUNK : points;
-        row values[CHUNK];
-        for (int l = 0; l < LANES; ++l) {
-          const long step = first + l < columns ? stride[first + l] : 0;
-          const double *from = step ? column[first + l] + step * origin : &zero;
-          const long count = batch == 1 ? last - piece : points * (end - start);
-          for (long k = 0; k < count; ++k) ((double *)values)[LANES * k + l] = from[step * k];
-        }
-        for (long cell = start; cell < end; ++cell) {
-          row sums[MAX_NODES];
-          for (int a = 0; a < nodes; ++a) sums[a] = (row){0};
-          for (int q = piece; q < last; ++q) {
-            const row value = weights[points * cell + q] * values[points * cell + q - origin];
-            for (int a = 0; a < nodes; ++a) sums[a] += basis[nodes * q + a] * value;
-          }
-          double *block = out + first * num_nodes;
-          for (int a = 0; a < nodes; ++a) *(row *)(block + LANES * (long)node[nodes * cell + a]) += sums[a];
-        }
-      }
-}
-
-void integrate_columns(long cells, int points, int nodes, const int *node, const double *weights, const double *basis,
-                       int columns, const double *const *column, const long *stride, long num_nodes, double *out) {
-  if (nodes == 3)
-    integrate_cells(cells, points, 3, node, weights, basis, columns, column, stride, num_nodes, out);
-  else if (nodes == 4)
-    integrate_cells(cells, points, 4, node, weights, basis, columns, column, stride, num_nodes, out);
-  else
-    integrate_cells(cells, points, 8, node, weights, basis, columns, column, stride, num_nodes, out);
 }

@@ -1,4 +1,4 @@
-/* Output fields at points, and integrals of columns against a basis. The C compiler and cffi read this one file. */
+/* Output fields at points. The C compiler and cffi read this one file. */
 
 /* Where fields are stored, by points; NULL for a field that is not wanted. Tensors are [9] by rows. */
 typedef struct {
@@ -13,9 +13,3 @@ typedef struct {
 
 /* The fields at n points of H = F - I [9][n] and P [9][n], whose components are by columns. */
 void point_fields(long n, const double *H, const double *P, const PointFields *out);
-
-/* out[k / LANES][node][k % LANES] += sum_q weights[q] basis[q][a] column[k][q stride[k]] for the nodes a of each cell; q runs
- * over the cell's points. weights is [cells][points], basis [points][nodes], node [cells][nodes] with at most
- * MAX_NODES nodes, out [blocks][num_nodes][LANES]. */
-void integrate_columns(long cells, int points, int nodes, const int *node, const double *weights, const double *basis,
-                       int columns, const double *const *column, const long *stride, long num_nodes, double *out);

@@ -13,16 +13,14 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 
+from petsc4py import PETSc
+
 import numpy as np
 import numpy.typing as npt
 import ufl
-from scipy.sparse import csr_matrix
 
 from fem_snh import _dolfinx
-from fem_snh.linalg.columns_cg import LANES, ColumnsCG
-from fem_snh.linalg.halo import Halo
 from fem_snh.problem.problem import Problem
-from fem_snh.runs.output.point_fields import PointFieldLoops
 
 Array = npt.NDArray[np.float64]
 
@@ -32,8 +30,6 @@ _TOLERANCE = 1e-13
 #: Components of a symmetric tensor that are projected, and where they are in its rows.
 _UPPER = np.array([0, 1, 2, 4, 5, 8])
 _SYMMETRIC = np.array([0, 1, 2, 1, 3, 4, 2, 4, 5])
-#: Values of a basis function below this are zero: they are rounding errors of its tabulation.
-_ROUNDING = 1e-12
 
 
 class NodalProjection:
@@ -54,23 +50,24 @@ class NodalProjection:
         if problem.kinematics.revolved:
             weights = weights / (2 * np.pi * _radii(problem.domain, points))
         self._weights, self._basis = weights, _dolfinx.tabulate_values(Q, points)
-        self._vertices = np.ascontiguousarray(_dolfinx.node_dofs(Q), np.int32)
-        self._loops = PointFieldLoops(problem.comm)
-        nodes = _dolfinx.reference_nodes(element.cell, element.degree)
-        self._interpolation = _interpolation(V, Q, _dolfinx.tabulate_values(Q, nodes))
+        self._vertices = _dolfinx.node_dofs(Q).ravel()
+        self._f, self._at_nodes = _dolfinx.function(Q, "f"), _dolfinx.function(V, "f")
+        self._load = _dolfinx.create_vector(Q)
         form = _dolfinx.form(ufl.TrialFunction(Q) * ufl.TestFunction(Q) * ufl.dx)
         mass = _dolfinx.create_matrix(form)
         _dolfinx.assemble_matrix(mass, form)
-        self._owned = _dolfinx.num_nodes(Q)[0]
-        ghosts = _dolfinx.local_to_global(Q)[self._owned :]
-        first = mass.getOwnershipRanges()
-        self._halo = Halo(problem.comm, first, ghosts, LANES, np.float64)
-        self._solver = ColumnsCG(mass, _TOLERANCE)
+        self._ksp = PETSc.KSP().create(problem.comm)
+        self._ksp.setOperators(mass)
+        self._ksp.setType(PETSc.KSP.Type.CG)
+        self._ksp.pc.setType(PETSc.PC.Type.JACOBI)
+        self._ksp.setTolerances(rtol=_TOLERANCE)
 
     def project(
         self, fields: Mapping[str, Array], symmetric: Collection[str] = ()
     ) -> dict[str, Array]:
         """Return fields at this rank's displacement nodes, ghosts included. Collective.
+
+        Values that do not converge, as those of a field that is not finite, are NaN.
 
         Parameters
         ----------
@@ -83,53 +80,34 @@ class NodalProjection:
         -------
         dict of (nodes, ...)
         """
-        columns: list[Array] = []
-        parts = {}
+        found = {}
         for name, values in fields.items():
             flat = values.reshape(*values.shape[:2], -1)
-            chosen = _UPPER if name in symmetric else range(flat.shape[2])
-            parts[name] = slice(len(columns), len(columns) + len(chosen))
-            columns += [flat[..., k] for k in chosen]
-        at_vertices = self._solve(columns)
-        at_nodes = self._interpolation @ at_vertices
-        found = {}
-        for name, part in parts.items():
-            values = at_nodes[:, part]
+            chosen = _UPPER if name in symmetric else np.arange(flat.shape[2])
+            columns = np.stack([self._project(flat[..., k]) for k in chosen], axis=1)
             if name in symmetric:
-                values = values[:, _SYMMETRIC]
-            found[name] = values.reshape(len(values), *fields[name].shape[2:])
+                columns = columns[:, _SYMMETRIC]
+            found[name] = columns.reshape(len(columns), *values.shape[2:])
         return found
 
-    def _solve(self, columns: list[Array]) -> Array:
-        """Return the projections at the vertices, ghosts included, (vertices, columns)."""
-        size = self._interpolation.shape[1]
-        blocks = self._loops.integrate(columns, self._vertices, self._weights, self._basis, size)
-        owned, ghosts = blocks[:, : self._owned], blocks[:, self._owned :]
-        for mine, others in zip(owned, ghosts, strict=True):
-            self._halo.add(others, mine)
-        self._solver.solve(owned)
-        for mine, others in zip(owned, ghosts, strict=True):
-            self._halo.exchange(mine)
-            others[:] = self._halo.ghosts
-        return blocks.transpose(1, 0, 2).reshape(size, -1)
+    def _project(self, values: Array) -> Array:
+        """Return the projection of a scalar, (cells, points), at the nodes."""
+        integrals = (self._weights * values) @ self._basis
+        sums = np.bincount(self._vertices, integrals.ravel(), len(self._f.x.array))
+        with self._load.localForm() as local:
+            local.array[:] = sums
+        self._load.ghostUpdate(PETSc.InsertMode.ADD, PETSc.ScatterMode.REVERSE)
+        solution = _dolfinx.petsc_vec(self._f)
+        self._ksp.solve(self._load, solution)
+        if self._ksp.reason <= 0:
+            solution.set(np.nan)
+        self._f.x.scatter_forward()
+        self._at_nodes.sub(0).interpolate(self._f)
+        nodes = sum(_dolfinx.num_nodes(self._at_nodes.function_space))
+        return np.array(self._at_nodes.x.array.reshape(nodes, -1)[:, 0])
 
 
 def _radii(domain: object, points: Array) -> Array:
     """Return the radius x at each cell's points of the reference cell, (cells, points)."""
     radii = _dolfinx.geometry_x(domain)[_dolfinx.geometry_dofs(domain), 0]
     return np.asarray(radii @ _dolfinx.tabulate_geometry_values(domain, points).T)
-
-
-def _interpolation(V: object, Q: object, table: Array) -> csr_matrix:
-    """Return the matrix (nodes of V, vertices) of a function of degree 1 at the nodes of V.
-
-    ``table`` has the values of its basis at the nodes of the reference cell.
-    """
-    nodes, first = np.unique(_dolfinx.node_dofs(V), return_index=True)
-    cells, local = np.divmod(first, len(table))
-    values = table[local]
-    columns = _dolfinx.node_dofs(Q)[cells]
-    used = abs(values) > _ROUNDING
-    rows = np.broadcast_to(nodes[:, None], values.shape)
-    shape = sum(_dolfinx.num_nodes(V)), sum(_dolfinx.num_nodes(Q))
-    return csr_matrix((values[used], (rows[used], columns[used])), shape=shape)

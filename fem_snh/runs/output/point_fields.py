@@ -1,12 +1,11 @@
-"""Stresses and strains at points from F and P, and integrals of such fields against a basis.
+"""Stresses and strains at points from F and P.
 
-The library depends on no material and no element. `fem_snh.runs.output.stress_fields` and
-`fem_snh.runs.output.nodal_projection` call it; a run without stress fields does not compile it.
+The library depends on no material and no element. A run without stress fields does not compile it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection
 from math import prod
 from typing import TYPE_CHECKING
 
@@ -14,7 +13,6 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh.kernels import build
-from fem_snh.linalg.columns_cg import LANES
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -31,14 +29,10 @@ POINT_FIELDS: dict[str, tuple[int, ...]] = {
     "green_lagrange_strain": (3, 3),
     "principal_stretches": (3,),
 }
-#: Most nodes of a cell in `PointFieldLoops.integrate`: those of a trilinear hexahedron.
-_MAX_NODES = 8
-#: Points whose values it gathers at a time: eight columns of them are 4 KB, in the first cache.
-_CHUNK = 64
 
 
 class PointFieldLoops:
-    """The compiled loops over points and cells.
+    """The compiled loop over points.
 
     Parameters
     ----------
@@ -47,11 +41,10 @@ class PointFieldLoops:
     """
 
     def __init__(self, comm: MPI.Comm) -> None:
-        sizes = f"#define LANES {LANES}\n#define MAX_NODES {_MAX_NODES}\n#define CHUNK {_CHUNK}"
         self._ffi, self._lib = build.open_library(
             ["point_fields_api.h"],
             ["point_fields.h"],
-            [sizes, build.svd_eigen_declarations()],
+            [build.svd_eigen_declarations()],
             [build.svd_eigen_object()],
             comm,
         )
@@ -83,52 +76,6 @@ class PointFieldLoops:
         )
         self._lib.point_fields(points, *map(self._doubles, by_component), out)
         return found
-
-    def integrate(
-        self,
-        columns: Sequence[Array],
-        nodes: npt.NDArray[np.int32],
-        weights: Array,
-        basis: Array,
-        num_nodes: int,
-    ) -> Array:
-        """Return the integrals of scalar fields against each node's basis function.
-
-        Parameters
-        ----------
-        columns : sequence of (cells, points) arrays
-            The fields at the quadrature points; views of arrays of tensors are not copied.
-        nodes : (cells, nodes per cell)
-            Node numbers; at most 8 nodes per cell.
-        weights : (cells, points)
-            Quadrature weights [m^3].
-        basis : (points, nodes per cell)
-            Values of the basis functions.
-        num_nodes : int
-            Number of nodes.
-
-        Returns
-        -------
-        (blocks, num_nodes, 8)
-            Field k is ``[k // 8, :, k % 8]``; the last block is padded with zeros.
-        """
-        cells, points = weights.shape
-        out = np.zeros((-(-len(columns) // LANES), num_nodes, LANES))
-        strides = np.array([column.strides[1] // column.itemsize for column in columns])
-        self._lib.integrate_columns(
-            cells,
-            points,
-            nodes.shape[1],
-            build.pointer(self._ffi, nodes),
-            self._doubles(weights),
-            self._doubles(basis),
-            len(columns),
-            self._ffi.new("double *[]", [self._doubles(column) for column in columns]),
-            build.pointer(self._ffi, strides),
-            num_nodes,
-            self._doubles(out),
-        )
-        return out
 
     def _doubles(self, array: Array) -> object:
         """Return a C pointer to the first element of ``array``, which the caller keeps alive."""
