@@ -50,7 +50,6 @@ def copy_surfaces(scene: Scene, folder: Folder) -> None:
 
 
 def _copy(source: Path, folder: Folder, name: str) -> None:
-    folder.announce(name)
     try:
         with source.open("rb") as file:
             replace_file(folder.path / name, partial(shutil.copyfileobj, file))

@@ -104,7 +104,6 @@ class CheckpointWriter:
         content: dict[str, Any] = {"about": np.frombuffer(text, np.uint8), **arrays}
         flush = monotonic() > self._flushed + _FLUSH_INTERVAL
         path = self._folder.path / CHECKPOINT
-        self._folder.announce(CHECKPOINT)
         # Where the disk is full, zipfile would report it a second time when Python deletes it.
         archive = BytesIO()
         np.savez(archive, **content)

@@ -65,8 +65,7 @@ def run(
         modes.csv and modes.pvd if the scene requests modes. A folder that holds a run is an error
         without ``overwrite`` or ``resume``, one that holds other files without ``overwrite``.
     overwrite : bool
-        Replace the run in ``out``: the files that its run.json lists. Other files stay, except
-        those whose names a run writes.
+        Replace the run in ``out``: the files of the names that a run writes. Other files stay.
     resume : bool
         Continue the run in ``out`` from its last step, on any number of ranks; with
         ``accuracy.within`` from the level after the last that was finished. It must be a run of
@@ -132,7 +131,7 @@ def _run(
     level: Level | None = None,
 ) -> Result:
     """Solve a scene, from the checkpoint or the level before if there is one. Collective."""
-    with solver.petsc_failures(), scene_options(scene, folder) as given:
+    with solver.petsc_failures(), scene_options(scene) as given:
         setup = set_up(
             comm, scene, stored is not None, *((level.mesh, level.stiffer) if level else ())
         )

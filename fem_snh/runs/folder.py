@@ -20,10 +20,18 @@ import numpy as np
 from fem_snh import _dolfinx, solver
 from fem_snh.assembly.regions import Region
 from fem_snh.errors import BadInput, on_root
-from fem_snh.files import output_path, replace_file
+from fem_snh.files import output_path, remove, replace_file
 from fem_snh.problem.problem import Problem
 from fem_snh.problem.reactions import is_free
-from fem_snh.records.run_files import LEVELS, NEXT_LEVEL, RunFiles
+from fem_snh.records.run_files import (
+    LEVELS,
+    NEXT_LEVEL,
+    FolderLock,
+    lock_run,
+    remove_run,
+    run_files,
+    take_run,
+)
 from fem_snh.records.run_record import Note, flat, table_text
 from fem_snh.runs.notes import kinks, mesh_note, partial_rotations, shape_notes, turns
 from fem_snh.runs.scene_options import describe_condensation, describe_defaults
@@ -169,8 +177,6 @@ class Folder:
 
     Attributes
     ----------
-    files : RunFiles or None
-        The files of the run, on rank 0.
     note : str
         Why the folder is not locked, or "".
 
@@ -193,9 +199,7 @@ class Folder:
         self.comm, self.path = comm, output_path("out", path)
         #: Where its files are in the end.
         self.final = self.path
-        self.files: RunFiles | None = None
-        #: The files that viewers of PETSc write.
-        self.viewed: list[str] = []
+        self._lock: FolderLock | None = None
         self.note = on_root(comm, self._open, inputs, overwrite, resume)
         if resume and on_root(comm, (self.path / NEXT_LEVEL / LEVELS).exists):
             self.take(self._next_level(resume=True))  # a process was killed as it did
@@ -210,23 +214,30 @@ class Folder:
             raise BadInput(
                 f"output folder {self.path} cannot be written ({error.strerror}): choose another"
             ) from None
-        self.files = RunFiles(self.path, inputs, overwrite, resume)
-        return self.files.note
+        self._lock = lock_run(self.path, inputs, overwrite, resume)
+        return self._lock.note
 
     def __enter__(self) -> Folder:
         return self
 
     def __exit__(self, *_: object) -> None:
-        if self.files:
-            self.files.close()
+        self.close()
+
+    def close(self) -> None:
+        """Release the folder. Not collective."""
+        if self._lock:
+            self._lock.release()
 
     def clear(self) -> None:
         """Remove the files of an earlier run. Collective."""
-        if self.files:
-            self.files.discard(list(self.files.names))
+
+        def clear() -> None:
+            for name in run_files(self.path):
+                remove(self.path / name)
             if (level := self.path / NEXT_LEVEL).is_dir():
-                RunFiles(level, overwrite=True).remove()
-        self.comm.barrier()
+                remove_run(level)
+
+        on_root(self.comm, clear)
 
     def next_level(self) -> Folder:
         """Return the folder of the next level of a run to an accuracy, until it is complete.
@@ -242,17 +253,8 @@ class Folder:
 
     def take(self, level: Folder) -> None:
         """Replace the run by a complete one in the folder of `next_level`. Collective."""
-
-        def take() -> None:
-            assert self.files and level.files
-            self.files.take(level.files)
-
-        on_root(self.comm, take)
-
-    def announce(self, *names: str) -> None:
-        """List files of the run before they are written. On rank 0."""
-        if self.files:
-            self.files.add(names)
+        level.close()
+        on_root(self.comm, take_run, self.path, level.path)
 
     def write(self, record: dict[str, Any]) -> None:
         """Write run.json and the tables on rank 0. Not collective.
@@ -262,10 +264,8 @@ class Folder:
         BadInput
             If a file cannot be written.
         """
-        if self.files is None:
+        if self._lock is None:
             return
-        tables = ["run.json", "steps.csv", *(["modes.csv"] if "modes" in record else [])]
-        self.announce(*tables, *self.viewed)
         steps = [flat(step) for step in record["steps"]]
         columns = dict.fromkeys([*COLUMNS, *(key for step in steps for key in step)])
         replace_file(self.path / "steps.csv", table_text(list(columns), steps))
@@ -274,9 +274,8 @@ class Folder:
             numbered = enumerate(zip(modes["frequencies"], modes["residuals"], strict=True), 1)
             rows = [dict(zip(MODE_COLUMNS, (i, *values), strict=True)) for i, values in numbered]
             replace_file(self.path / "modes.csv", table_text(MODE_COLUMNS, rows))
-        whole = record | {"files": list(self.files.names)}
+        whole = record | {"files": sorted({*run_files(self.path), "run.json"})}
         replace_file(self.path / "run.json", _json_text(whole) + "\n")
-        self.files.note_recorded()
 
 
 def _json_text(record: dict[str, Any]) -> str:

@@ -479,7 +479,7 @@ class InverseProblem:
             return None
         with ExitStack() as stack:
             stack.enter_context(solver.petsc_failures())
-            stack.enter_context(scene_options(scene, None))
+            stack.enter_context(scene_options(scene))
             setup = set_up(self.comm, scene)
             try:
                 states = self._states(setup)

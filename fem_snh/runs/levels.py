@@ -272,8 +272,8 @@ class _LevelRuns:
 
     def close(self) -> None:
         """Close the files of the next level."""
-        if self._next and self._next.files:
-            self._next.files.close()
+        if self._next:
+            self._next.close()
 
     def _create_level(self, mesh: Mesh | None, before: Result | None = None) -> Level:
         """Return a level of the present scene, from the state of the level before if given."""

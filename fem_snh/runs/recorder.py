@@ -89,7 +89,7 @@ class Recorder:
         if folder:
             names = [name for goal in goals for name in goal.names]
             path, resumed = folder.path / "fields.pvd", earlier is not None
-            self._fields = Fields(path, setup, resumed, folder.files, names)
+            self._fields = Fields(path, setup, resumed, names)
             if self._fields.group_names:
                 record["cell_groups"] = self._fields.group_names
         self._output = 0.0
@@ -134,7 +134,7 @@ class Recorder:
         self.record["modes"] = modes.record
         self._seconds = self._seconds | {"modes": modes.seconds}
         if self._folder:
-            write_modes(self._folder.path / "modes.pvd", modes, self._folder.files)
+            write_modes(self._folder.path / "modes.pvd", modes)
         self._output += watch.seconds
 
     def add_estimate(self, estimate: Estimate) -> None:

@@ -1,10 +1,9 @@
-"""The PETSc options of a scene, whose viewers write files of the run's folder."""
+"""The PETSc options of a scene, and what neither the scene nor they have chosen."""
 
 from __future__ import annotations
 
 import json
-import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,35 +13,23 @@ from petsc4py import PETSc
 from fem_snh import solver
 from fem_snh._petsc import default_options
 from fem_snh.assembly.elements import Element
-from fem_snh.errors import BadInput, bad_value, on_root
-from fem_snh.files import file_digest, remove
+from fem_snh.errors import BadInput
+from fem_snh.files import file_digest
 from fem_snh.problem.problem import Problem
-from fem_snh.records.run_files import viewer_file
 from fem_snh.scenes import Scene
 from fem_snh.solver import PREFIX
 from fem_snh.steps.condensation import Condensation
 
 if TYPE_CHECKING:
-    from fem_snh.runs.folder import Folder
+    pass
 
-#: Types of viewers that write a file, and those that do so where no file is named, or connect to
-#: another process (PETSc's manual, PetscOptionsCreateViewer).
-_WRITING = ("", "ascii", "binary", "hdf5")
-_ALWAYS = ("binary", "hdf5", "vtk", "matlab", "mathematica", "socket", "saws", "exodusii", "cgns")
 #: Shift of a zero diagonal, relative to Young's modulus: negligible beside a stiffness.
 _SHIFT = 1e-10
 
 
 @contextmanager
-def scene_options(scene: Scene, folder: Folder | None) -> Iterator[list[str]]:
+def scene_options(scene: Scene) -> Iterator[list[str]]:
     """Set the options of a scene, and default ones, that the user has not set. Collective.
-
-    Parameters
-    ----------
-    scene : Scene
-        The scene.
-    folder : Folder or None
-        As for `_place_viewers`.
 
     Yields
     ------
@@ -50,58 +37,8 @@ def scene_options(scene: Scene, folder: Folder | None) -> Iterator[list[str]]:
         The names of those of the scene that were set.
     """
     defaults = _smoothers(min(material.E for material in scene.materials))
-    options = _place_viewers(scene.petsc, folder)
-    with default_options(PREFIX, options) as given, default_options(PREFIX, defaults):
+    with default_options(PREFIX, scene.petsc) as given, default_options(PREFIX, defaults):
         yield given
-
-
-def _place_viewers(options: Mapping[str, Any], folder: Folder | None) -> dict[str, Any]:
-    """Return options whose viewers write into the run's folder. Collective.
-
-    Parameters
-    ----------
-    options : mapping
-        PETSc options by name. A viewer is the text ``TYPE:FILE``, to which ``:FORMAT`` and
-        ``:MODE`` may be added.
-    folder : Folder or None
-        The folder, whose ``viewed`` becomes the names of the files. A file that is there is
-        removed: it could be a link to another one.
-
-    Raises
-    ------
-    BadInput
-        On every rank, for a file elsewhere, a viewer of another type, or no folder.
-    """
-    placed, files = dict(options), []
-    for name, value in options.items():
-        if not isinstance(value, str) or (":" not in value and value not in _ALWAYS):
-            continue
-        kind, _, rest = value.partition(":")
-        file, colon, form = rest.partition(":")
-        if not file and kind in ("", "ascii"):
-            continue  # the terminal
-        if kind not in _WRITING or not re.fullmatch(r"\w[\w.+-]*", file):
-            accepted = "ascii:NAME or binary:NAME, a file of the run's folder, or ascii"
-            raise bad_value(f"petsc.{name}", value, accepted)
-        if folder is None:
-            raise BadInput(f"petsc.{name} = '{value}': expected --out DIR, for the file")
-        path = folder.path / viewer_file(file)
-        if re.search("[:,]", str(path)):
-            raise bad_value(f"petsc.{name}", value, f"a folder without ':' and ',', not {path}")
-        placed[name] = f"{kind}:{path}{colon}{form}"
-        files += [path.name] if kind != "binary" else [path.name, f"{path.name}.info"]
-    if folder and files:
-        folder.viewed = files
-        on_root(folder.comm, _discard, folder, files)
-    return placed
-
-
-def _discard(folder: Folder, names: list[str]) -> None:
-    """Remove files of the folder, listed by an earlier run or not."""
-    if folder.files:
-        folder.files.discard(names)
-    for name in names:
-        remove(folder.path / name)
 
 
 #: Keys of a scene that concern the solver: a resumed run may have other values.

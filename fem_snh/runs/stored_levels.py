@@ -114,7 +114,6 @@ def write_levels(
         text = json.dumps(about, default=lambda number: number.item()).encode()
         archive = BytesIO()
         np.savez(archive, about=np.frombuffer(text, np.uint8), **arrays)
-        folder.announce(LEVELS)
         replace_file(folder.path / LEVELS, lambda file: file.write(archive.getbuffer()), sync=True)
 
     on_root(folder.comm, write)

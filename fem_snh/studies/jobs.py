@@ -18,7 +18,6 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import asdict, dataclass
 from itertools import chain
 from pathlib import Path
@@ -28,7 +27,7 @@ from pydantic import TypeAdapter
 from fem_snh.errors import BadInput
 from fem_snh.files import read_text, remove, replace_file
 from fem_snh.processes import Interrupts, python
-from fem_snh.records.run_files import RunFiles
+from fem_snh.records.run_files import remove_run
 from fem_snh.references import is_reference
 from fem_snh.studies.processes import Worker
 from fem_snh.studies.schedulers import Array, Submission, make_scheduler
@@ -97,13 +96,9 @@ def remove_point(out: Path, name: str) -> None:
     folder = out / name
     if Path(name).name != name or not folder.is_dir() or folder.is_symlink():
         return  # a name that was edited, or a point that has not run
-    run = RunFiles(folder, overwrite=True)
-    run.discard(list(run.names))
-    run.close()
     for file in (LOG, END):
         remove(folder / file)
-    with suppress(OSError):
-        folder.rmdir()
+    remove_run(folder)
 
 
 def run_tasks(

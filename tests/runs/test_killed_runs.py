@@ -63,7 +63,7 @@ def killed_after(replacements: int, monkeypatch: pytest.MonkeyPatch) -> Iterator
         def counted(source: Any, target: Any) -> None:
             if next(count) >= replacements:
                 patch.setattr(files, "remove", lambda path: None)
-                patch.setattr(run_files.FolderLock, "release", lambda self, keep: self.file.close())
+                patch.setattr(run_files.FolderLock, "release", lambda self: self.file.close())
                 raise Killed
             replace(source, target)
 
@@ -121,7 +121,7 @@ def test_killed_between_any_two_writes(
         with killed_after(count, monkeypatch):
             solve(SCENE, out=folder)
         left = {name for name in visible(folder) if not name.startswith(".")}
-        assert ".files" in visible(folder) and left <= set(run_files.listed_files(folder) or ())
+        assert ".lock" in visible(folder) and left == set(run_files.run_files(folder))
         solve(SCENE, out=folder, resume=True)
         found = contents(folder)
         assert found.keys() == expected.keys(), count
@@ -170,16 +170,16 @@ def test_the_system_releases_the_folder_of_a_killed_run(
     finally:
         first.kill()
         first.wait()
-    assert first.returncode == -signal.SIGKILL and (out / ".files").exists()
+    assert first.returncode == -signal.SIGKILL and (out / ".lock").exists()
     left = {name for name in visible(out) if not name.startswith(".")}
-    assert left <= set(run_files.listed_files(out) or ())
+    assert left == set(run_files.run_files(out))
     fem_snh.run("stretch", cells=3, out=out, overwrite=True, comm=ALONE, progress=False)
     assert visible(out) == sorted(json.loads((out / "run.json").read_text())["files"])
 
 
 @pytest.mark.mpi
 def test_a_folder_in_use_is_refused_on_every_rank(comm: MPI.Intracomm, folder: Path) -> None:
-    lock = run_files.FolderLock(folder / run_files.LIST) if comm.rank == 0 else None
+    lock = run_files.FolderLock(folder / run_files.LOCK) if comm.rank == 0 else None
     comm.barrier()
     with pytest.raises(BadInput, match="another process writes into this folder"):
         solve("twist", cells=1, steps=1, out=folder)

@@ -36,6 +36,8 @@ WRITTEN = (
     "run.json", "steps.csv", "checkpoint.npz", "fields.pvd", "fields000000.pvtu",
     "fields000001.pvtu", "fields_p0_000000.vtu", "fields_p0_000001.vtu",
 )  # fmt: skip
+#: Those that no run writes.
+OTHERS = ("notes.txt", "mesh.msh", "scene.py", "fields_mine.vtu", "obstacle_table.stl")
 TWIST: dict[str, Any] = {"cells": 1, "steps": 1, "angle": 0.1}
 MINE = "mine"
 
@@ -100,35 +102,32 @@ def test_the_working_directory_is_refused(
 
 @pytest.mark.one_debian("ranks")
 @mpi
-def test_overwrite_replaces_the_files_that_a_run_lists(comm: MPI.Intracomm, folder: Path) -> None:
-    """Those of another number of steps and ranks too, and none of the others."""
+def test_overwrite_removes_the_names_of_runs_and_no_others(
+    comm: MPI.Intracomm, folder: Path
+) -> None:
+    """Those of another number of steps and ranks too; and whatever run.json says."""
     solve("twist", out=folder, **TWIST | {"steps": 3})
     if comm.rank == 0:
         record = json.loads((folder / "run.json").read_text())
-        assert set(record["files"]) == {path.name for path in folder.iterdir()}
-        others = [name for name in NAMES if name not in (*record["files"], "modes.pvd", "skin.pvd")]
-        fill(folder, [*others, "fields000009.pvtu", "obstacle_7.stl"])
+        assert record["files"] == sorted(path.name for path in folder.iterdir())
+        fill(folder, [*OTHERS, "fields000009.pvtu", "obstacle_7.stl"])
         record["files"] += ["mesh.msh", "../x", "notes.txt", 7]  # a list that was edited
         (folder / "run.json").write_text(json.dumps(record))
-        (folder / "scene.py").write_text(MINE)
     comm.barrier()
     solve("twist", MPI.COMM_SELF, out=folder, overwrite=True, **TWIST)
     if comm.rank == 0:
-        names = {path.name for path in folder.iterdir()}
-        assert json.loads((folder / "run.json").read_text())["files"] == sorted(
-            WRITTEN, key=json.loads((folder / "run.json").read_text())["files"].index
-        )
-        assert names == {*WRITTEN, *others, "fields000009.pvtu", "obstacle_7.stl", "scene.py"}
-        assert unchanged(folder) == names - set(WRITTEN)
+        assert {path.name for path in folder.iterdir()} == {*WRITTEN, *OTHERS}
+        assert unchanged(folder) == {*OTHERS}
+        assert json.loads((folder / "run.json").read_text())["files"] == sorted(WRITTEN)
     comm.barrier()
 
 
 def test_overwrite_in_a_folder_of_no_run(tmp_path: Path) -> None:
-    """Of the files that are there, those of the names that the run writes are replaced."""
-    fill(tmp_path, NAMES)
+    kept = {name for name in NAMES if not run_files.is_run_file(name)} | {*OTHERS}
+    fill(tmp_path, {*NAMES, *OTHERS})
     solve("twist", out=tmp_path, overwrite=True, **TWIST)
-    assert unchanged(tmp_path) == {*NAMES} - {*WRITTEN}
-    assert {path.name for path in tmp_path.iterdir()} == {*NAMES, *WRITTEN}
+    assert unchanged(tmp_path) == kept
+    assert {path.name for path in tmp_path.iterdir()} == {*kept, *WRITTEN}
 
 
 @mpi
@@ -279,11 +278,11 @@ def test_files_that_are_written_first_follow_no_link(
     assert len([path for path in out.iterdir() if path.name.startswith(".")]) == 6
     new = tmp_path / "new"
     new.mkdir()
-    (new / ".files").symlink_to(tmp_path / "mine")
+    (new / ".lock").symlink_to(tmp_path / "mine")
     capsys.readouterr()
     assert "cannot be written" in refusal(capsys, "run", "twist", "--out", str(new))
-    (new / ".files").unlink()
-    os.mkfifo(new / ".files")
+    (new / ".lock").unlink()
+    os.mkfifo(new / ".lock")
     assert "it is a FIFO" in refusal(capsys, "run", "twist", "--out", str(new))
     assert unchanged(tmp_path) == {"mine"}
 
@@ -307,36 +306,6 @@ def test_a_table_of_materials_replaces_no_file(
     assert "exists: expected another file, or --overwrite" in refusal(capsys, *words)
     assert unchanged(tmp_path) == {"a"}
     assert main([*words, "--overwrite"]) == 0 and not unchanged(tmp_path)
-
-
-@mpi
-def test_viewers_of_petsc_write_into_the_folder_of_the_run(
-    comm: MPI.Intracomm, folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(folder)
-    out, outside = folder / "out", folder / "outside.txt"
-    options = {"snes_view": ":view.txt", "snes_monitor": "ascii:monitor.txt::append"}
-    for _ in range(2):
-        solve("twist", comm=comm, out=out, overwrite=True, petsc=options, **TWIST)
-        comm.barrier()
-        listed = set(json.loads((out / "run.json").read_text())["files"])
-        written = {path.name for path in out.glob("petsc_*")}
-        assert written == {"petsc_view.txt", "petsc_monitor.txt"} <= listed
-        assert len((out / "petsc_view.txt").read_text().split()) > 100
-        comm.barrier()
-        if comm.rank == 0:  # a link that somebody has put there
-            (out / "petsc_view.txt").unlink()
-            (out / "petsc_view.txt").symlink_to(outside)
-        comm.barrier()
-    assert not outside.exists()
-    for viewer in (":/tmp/x", "ascii:../x", "ascii:.x", "socket:host:80", "binary", "vtk:x"):
-        with pytest.raises(BadInput, match=f"petsc.ksp_view = '{viewer}': expected ascii:NAME"):
-            solve("twist", comm=comm, out=folder / "new", petsc={"ksp_view": viewer}, **TWIST)
-    solve("twist", comm=comm, petsc={"snes_converged_reason": "ascii:"}, **TWIST)  # the terminal
-    with pytest.raises(BadInput, match=r"ksp_view = .:x.: expected --out DIR"):
-        solve("twist", comm=comm, petsc={"ksp_view": ":x"}, **TWIST)
-    with pytest.raises(BadInput, match="expected a folder without ':'"):
-        solve("twist", comm=comm, out=folder / "a:b", petsc={"ksp_view": ":x"}, **TWIST)
 
 
 def test_petscrc_of_the_working_directory_is_not_read(

@@ -28,7 +28,7 @@ def both_ways(name: str, comm: Any) -> tuple[list[dict[str, Any]], list[dict[str
         update["cells"] = CELLS.get(name, 2)
     scene = scene.model_copy(update=update)
     mesh = make_mesh(comm, scene)  # gmsh does not make the same one of an octopus each time
-    with scene_options(scene, None):
+    with scene_options(scene):
         setup = set_up(comm, scene, mesh=mesh)
         expected = list(setup.stepper)
         setup.destroy()

@@ -16,7 +16,6 @@ from fem_snh.files import replace_file
 from fem_snh.mesh.mesh import Mesh
 from fem_snh.problem.problem import Problem
 from fem_snh.records.output_fields import CELL_GROUP, ERRORS, SUMMED
-from fem_snh.records.run_files import RunFiles
 from fem_snh.runs.output.vtu import Collection, DataArray, VtkGrid, pvtu_file, vtu_file
 
 if TYPE_CHECKING:
@@ -55,8 +54,6 @@ class Fields:
         The scene, which names further fields, and its problem.
     resumed : bool, optional
         Keep the states of an existing file up to the problem's load.
-    files : RunFiles, optional
-        The run's files.
     goals : sequence of str, optional
         Goals whose errors are written for each cell, as ``error_<goal>``. The state at load 1 is
         then written by `write_errors`; before it they are zero.
@@ -72,7 +69,6 @@ class Fields:
         path: Path,
         setup: Setup,
         resumed: bool = False,
-        files: RunFiles | None = None,
         goals: Sequence[str] = (),
     ) -> None:
         problem, motion = setup.problem, setup.stepper.motion
@@ -95,20 +91,18 @@ class Fields:
             self._pressure = _dolfinx.function(problem.saddle_point.Q, "pressure")
             self._at_nodes = _dolfinx.function(problem.V, "pressure")
         until = problem.load * self._duration if resumed else None
-        self._series = GridSeries(path, problem.V, until, files)
+        self._series = GridSeries(path, problem.V, until)
         self._obstacles: ObstacleSeries | None = None
         shapes = [shape for term in problem.terms for shape in term.surfaces]
         if shapes:
             from fem_snh.runs.output.skin_series import ObstacleSeries
 
-            self._obstacles = ObstacleSeries(
-                path.with_name(OBSTACLES), problem.comm, shapes, until, files
-            )
+            self._obstacles = ObstacleSeries(path.with_name(OBSTACLES), problem.comm, shapes, until)
         self._skin: SkinSeries | None = None
         if problem.skin is not None:
             from fem_snh.runs.output.skin_series import SkinSeries
 
-            self._skin = SkinSeries(path.with_name(SKIN), problem.V, problem.skin, until, files)
+            self._skin = SkinSeries(path.with_name(SKIN), problem.V, problem.skin, until)
         self._requested: RequestedFields | None = None
         if setup.scene.fields:
             from fem_snh.runs.output.field_values import RequestedFields
@@ -177,7 +171,7 @@ class Fields:
         return found
 
 
-def write_modes(path: Path, modes: VibrationModes, files: RunFiles | None = None) -> None:
+def write_modes(path: Path, modes: VibrationModes) -> None:
     """Write the mode shapes to a .pvd file, at the times 1, 2, ... Collective.
 
     Each time has the mode shape ``mode`` [length] and the displacement about which the body
@@ -189,11 +183,9 @@ def write_modes(path: Path, modes: VibrationModes, files: RunFiles | None = None
         The .pvd file.
     modes : VibrationModes
         The eigenfrequencies and mode shapes.
-    files : RunFiles, optional
-        The run's files.
     """
     problem = modes.problem
-    series = GridSeries(path, problem.V, files=files)
+    series = GridSeries(path, problem.V)
     for number in range(1, len(modes.shapes) + 1):
         shapes = {"displacement": problem.u, "mode": modes.function(number)}
         points = [
@@ -217,8 +209,6 @@ class GridSeries(Collection):
         A Lagrange space, whose nodes are the points.
     until : float, optional
         Keep the states of an existing file up to this time.
-    files : RunFiles, optional
-        The run's files.
     """
 
     def __init__(
@@ -226,9 +216,8 @@ class GridSeries(Collection):
         path: Path,
         V: _dolfinx.FunctionSpace,
         until: float | None = None,
-        files: RunFiles | None = None,
     ) -> None:
-        super().__init__(V.mesh.comm, path, until, files)
+        super().__init__(V.mesh.comm, path, until)
         self._grid = VtkGrid(*_dolfinx.vtk_mesh(V))
         self._marks: list[DataArray] = []
         if self.comm.size > 1:
@@ -254,7 +243,6 @@ class GridSeries(Collection):
         points = [*points, *self._marks]
         names = [self.name(".vtu", f"_p{rank}_") for rank in range(self.comm.size)]
         state = self.name(".pvtu")
-        on_root(self.comm, self.announce, state, *names)
         content = vtu_file(self._grid, points, cells)
         piece = self.path.with_name(names[self.comm.rank])
         on_every(self.comm, replace_file, piece, lambda file: file.writelines(content))

@@ -19,7 +19,6 @@ from fem_snh.geometry.shapes.triangles import join, surface_triangles
 from fem_snh.mesh.gmsh_model import Skin
 from fem_snh.problem.initial_state import bounding_box
 from fem_snh.problem.problem import Problem
-from fem_snh.records.run_files import RunFiles
 from fem_snh.runs.output.vtu import TRIANGLE, Collection, DataArray, VtkGrid, vtu_file
 
 Array = npt.NDArray[Any]
@@ -40,8 +39,6 @@ class SkinSeries(Collection):
         The skin.
     until : float, optional
         Keep the states of an existing file up to this time.
-    files : RunFiles, optional
-        The run's files.
     """
 
     def __init__(
@@ -50,9 +47,8 @@ class SkinSeries(Collection):
         V: Any,
         skin: Skin,
         until: float | None = None,
-        files: RunFiles | None = None,
     ) -> None:
-        super().__init__(V.mesh.comm, path, until, files)
+        super().__init__(V.mesh.comm, path, until)
         self._skin = skin
         self._surface = EmbeddedSurface.of_skin(V, skin)
         self._points, self._cells = carried_points(V.mesh, skin)
@@ -131,8 +127,6 @@ class ObstacleSeries(Collection):
         The obstacles.
     until : float, optional
         Keep the states of an existing file up to this time.
-    files : RunFiles, optional
-        The run's files.
     """
 
     def __init__(
@@ -141,9 +135,8 @@ class ObstacleSeries(Collection):
         comm: MPI.Comm,
         obstacles: Sequence[MovingShape],
         until: float | None = None,
-        files: RunFiles | None = None,
     ) -> None:
-        super().__init__(comm, path, until, files)
+        super().__init__(comm, path, until)
         self._obstacles = obstacles
         #: The triangles of surfaces with an end, at their reference position.
         self._made: dict[int, tuple[Array, Array]] = {}

@@ -6,6 +6,7 @@ times as long and as much room, and has no tensors per cell (0.5) and no names o
 
 from __future__ import annotations
 
+import re
 import sys
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -16,8 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh.errors import BadInput, on_root
-from fem_snh.files import open_file, replace_file
-from fem_snh.records.run_files import RunFiles
+from fem_snh.files import open_file, remove, replace_file
 
 Array = npt.NDArray[Any]
 Buffer = bytes | memoryview
@@ -155,10 +155,8 @@ class Collection:
     path : Path
         The .pvd file.
     until : float, optional
-        Keep the states of an existing file up to this time; None keeps none.
-    files : RunFiles, optional
-        The run's files on rank 0. They list each file before it is written; files of states that
-        are not kept are removed if they are listed.
+        Keep the states of an existing file up to this time; None keeps none. The files of the
+        others are removed.
 
     Attributes
     ----------
@@ -171,10 +169,8 @@ class Collection:
         On every rank, if an existing file cannot be read.
     """
 
-    def __init__(
-        self, comm: Any, path: Path, until: float | None = None, files: RunFiles | None = None
-    ) -> None:
-        self.comm, self.path, self._files = comm, path, files
+    def __init__(self, comm: Any, path: Path, until: float | None = None) -> None:
+        self.comm, self.path = comm, path
         self.times: list[float] = on_root(comm, self._keep, until)
         #: The lines of the states that are listed.
         self._rows: list[str] = []
@@ -189,9 +185,10 @@ class Collection:
                 kept = [t for s in states if (t := float(s.attrib["timestep"])) <= until]
             except (OSError, ET.ParseError, KeyError, ValueError) as error:
                 raise BadInput(f"{self.path} cannot be read ({error}): remove it") from None
-        if self._files:
-            numbers = ((name, _state_number(name, self.path.stem)) for name in self._files.names)
-            self._files.discard([n for n, k in numbers if k is not None and k >= len(kept)])
+        state = re.compile(re.escape(self.path.stem) + r"(?:_p\d+_)?(\d{6,})\.p?vtu")
+        for path in list(self.path.parent.iterdir()):
+            if (match := state.fullmatch(path.name)) and int(match[1]) >= len(kept):
+                remove(path)
         return kept
 
     def name(self, suffix: str, part: str = "", number: int | None = None) -> str:
@@ -199,16 +196,10 @@ class Collection:
         number = len(self.times) if number is None else number
         return f"{self.path.stem}{part}{number:06}{suffix}"
 
-    def announce(self, *names: str) -> None:
-        """List the next state's files as files of the run before they are written. On rank 0."""
-        if self._files:
-            self._files.add((*names, self.path.name))
-
     def write_next(self, t: float, content: Iterable[bytes | memoryview]) -> None:
         """Write the next state's .vtu file and list it. On rank 0."""
-        name = self.name(".vtu")
-        self.announce(name)
-        replace_file(self.path.with_name(name), lambda file: file.writelines(content))
+        path = self.path.with_name(self.name(".vtu"))
+        replace_file(path, lambda file: file.writelines(content))
         self.list_next(t, ".vtu")
 
     def list_next(self, t: float, suffix: str) -> None:
@@ -225,10 +216,3 @@ class Collection:
             + "".join(self._rows)
             + "  </Collection>\n</VTKFile>\n",
         )
-
-
-def _state_number(name: str, stem: str) -> int | None:
-    """Return the number of the state that a file belongs to; None for another file."""
-    rest = name.removeprefix(stem)
-    digits = rest.rpartition("_")[2].partition(".")[0]
-    return int(digits) if rest != name and digits.isdigit() else None
