@@ -1,4 +1,4 @@
-"""Write checkpoint.npz: the state from which a run is resumed on any number of ranks.
+"""checkpoint.npz: the state from which a run is resumed on any number of ranks.
 
 It holds displacement and pressure with the reference coordinates of their nodes, by which another
 partition of the mesh finds them; the size of the next step; the previous equilibrium, from which
@@ -13,34 +13,37 @@ Its size is 72 bytes per node, 24 MB for a million unknowns, which rank 0 writes
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
+from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
 from time import monotonic
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 import numpy.typing as npt
 
-from fem_snh.assembly.kinematics import PLANAR, kinematics_of
-from fem_snh.errors import BadInput, on_root, shown
+from fem_snh.choices import COARSER_MESHES
+from fem_snh.errors import BadInput, on_root
 from fem_snh.files import open_file, replace_file
-from fem_snh.problem.problem import Problem
-from fem_snh.records.run_files import CHECKPOINT
-from fem_snh.records.run_record import is_number, problem
+from fem_snh.records.run_files import CHECKPOINT, LEVELS
+from fem_snh.records.run_record import load_record
 from fem_snh.runs.folder import Folder
 from fem_snh.runs.output import nodal_values
-from fem_snh.runs.output.nodal_values import gather_rows
-from fem_snh.runs.scene_options import identity
+from fem_snh.runs.output.nodal_values import gather_rows, match_nodes, scatter_rows
+from fem_snh.runs.scene_options import check_same, identity
+from fem_snh.scenes import Scene
+from fem_snh.steps.stepping import Stepper
 
 if TYPE_CHECKING:
+    from fem_snh.accuracy.goals import Goal
     from fem_snh.runs.setup import Setup
-    from fem_snh.steps.dynamics.dynamics import Dynamics
 
 
 Array = npt.NDArray[Any]
 
 #: The array of `StartPath.offset` at the nodes of the displacement.
-OFFSET = "start_offset"
+_OFFSET = "start_offset"
 #: Seconds between two checkpoints that are flushed to the disk. A flush takes longer than many
 #: steps; a loss of power costs at most this time.
 _FLUSH_INTERVAL = 1.0
@@ -77,15 +80,18 @@ class CheckpointWriter:
             arrays[f"{name}_nodes"], arrays[name] = field.nodes, field.gather(problem.x)
             if before:
                 arrays[f"{name}_before"] = field.gather(before[1])
-        arrays |= gather_terms(problem)
+        for name, term in problem.history.by_name.items():
+            for key, rows in zip(_history_names(name), term.history(), strict=True):
+                arrays[key] = gather_rows(problem.comm, rows)
         path = problem.dirichlet.path
         if path is not None:
             offset = problem.x.duplicate()
             offset.array[problem.dirichlet.dofs] = path.offset
-            arrays[OFFSET] = self._fields["u"].gather(offset)
+            arrays[_OFFSET] = self._fields["u"].gather(offset)
         motion: dict[str, Any] | None = None
         if steps := self._stepper.motion:
-            arrays["motion"], motion = gather_motion(problem, steps.dynamics)
+            rows, motion = steps.dynamics.history()
+            arrays["motion"] = gather_rows(problem.comm, rows)
         about = {
             "scene": self._scene,
             "record": record,
@@ -112,25 +118,9 @@ class CheckpointWriter:
             self._flushed = monotonic()
 
 
-def history_names(term: str) -> tuple[str, str]:
+def _history_names(term: str) -> tuple[str, str]:
     """Return the names of the arrays with a term's points and with what it keeps there."""
     return f"{term}_points", f"{term}_history"
-
-
-def gather_motion(problem: Problem, dynamics: Dynamics) -> tuple[Array, dict[str, Any]]:
-    """Return `Dynamics.history` with the rows of all ranks on rank 0. Collective."""
-    values, about = dynamics.history()
-    return gather_rows(problem.comm, values), about
-
-
-def gather_terms(problem: Problem) -> dict[str, Array]:
-    """Return what the terms keep at their points, on rank 0. Collective."""
-    arrays = {}
-    for name, term in problem.history.by_name.items():
-        points, values = term.history()
-        for key, rows in zip(history_names(name), (points, values), strict=True):
-            arrays[key] = gather_rows(problem.comm, rows)
-    return arrays
 
 
 def load(folder: Path) -> tuple[dict[str, Any], dict[str, Array]]:
@@ -166,76 +156,138 @@ def load(folder: Path) -> tuple[dict[str, Any], dict[str, Array]]:
             + (", with --overwrite" if (folder / "run.json").exists() else "")
         ) from None
     except Exception as error:  # zipfile, zlib, numpy and json raise different ones
-        raise unusable(folder, str(error) or type(error).__name__) from None
-    if reason := _mistake(about, arrays):
-        raise unusable(folder, reason)
+        reason = str(error) or type(error).__name__
+        raise BadInput(f"{path} cannot be read ({reason}): start again with --overwrite") from None
     return about, arrays
 
 
-def unusable(folder: Path, reason: str) -> BadInput:
-    """Return the exception for a checkpoint that cannot be used."""
-    return BadInput(
-        f"{folder / CHECKPOINT} cannot be read ({reason}): start again with --overwrite"
-    )
+@final
+@dataclass
+class Checkpoint:
+    """The content of a folder's checkpoint.npz; only rank 0 has the arrays.
+
+    Attributes
+    ----------
+    folder : Folder
+        The folder of the output.
+    record : dict
+        The content of run.json after the last step.
+    load : float
+        The load of that step.
+    finished : bool
+        Whether the run reached load 1.
+    """
+
+    folder: Folder
+    record: dict[str, Any]
+    load: float
+    finished: bool
+    _about: dict[str, Any]
+    _arrays: dict[str, Array]
+
+    @classmethod
+    def read(cls, folder: Folder, scene: Scene) -> Checkpoint:
+        """Return the checkpoint of a run of this scene. Collective.
+
+        Raises
+        ------
+        BadInput
+            On every rank, if there is no checkpoint or it is that of another scene.
+        """
+        arrays: dict[str, Array] = {}
+
+        def read() -> tuple[dict[str, Any], dict[str, Any] | None]:
+            about, found = load(folder.path)
+            now = identity(scene)
+            if now != about["scene"] and not scene.accuracy and (folder.path / LEVELS).exists():
+                raise BadInput(
+                    f"cannot resume {folder.path}: it holds levels of a run to an accuracy: "
+                    "expected --accuracy (or [accuracy]) as before, with --resume"
+                )
+            check_same(folder.path, about["scene"], now)
+            arrays.update(found)
+            return about, _finished(folder.path, about["load"])
+
+        about, completed = on_root(folder.comm, read)
+        record = completed or about["record"]
+        return cls(folder, record, about["load"], completed is not None, about, arrays)
+
+    def missing(self, scene: Scene, goals: Sequence[Goal]) -> list[str]:
+        """Return what the scene asks for of its last state, and the run does not have."""
+        names = {name for goal in goals for name in goal.names}
+        known = set(self.record.get("fields", ()))
+        fields = [field for field in scene.fields if field not in known]
+        if scene.fields and scene.fields_at != self.record.get("fields_at"):
+            fields = list(scene.fields)
+        by_meshes = bool(scene.accuracy and scene.accuracy.estimate == COARSER_MESHES)
+        is_other = by_meshes != ("coarser" in self.record.get("estimate", ()))
+        missing = {
+            "errors of goals": names and (is_other or names != set(self.record.get("goals", ()))),
+            "stability": scene.stability and "stability" not in self._last_row,
+            f"fields {', '.join(fields)}": fields,
+        }
+        return [text for text, is_missing in missing.items() if is_missing]
+
+    @property
+    def _last_row(self) -> dict[str, Any]:
+        """The row of the last step that converged; empty without any."""
+        rows = [row for row in self.record["steps"] if row["converged"]]
+        return rows[-1] if rows else {}
+
+    def restore(self, stepper: Stepper) -> None:
+        """Set the state of the problem and of its load steps. Collective.
+
+        Raises
+        ------
+        BadInput
+            On every rank, if the mesh is not that of the checkpoint.
+        """
+        problem, about = stepper.problem, self._about
+        fields = nodal_values.fields(problem)
+        path = problem.dirichlet.path
+        before = problem.x.duplicate() if about["load_before"] is not None else None
+        for name, field in fields.items():
+            order = self._order(field.nodes, f"{name}_nodes")
+            field.scatter(self._rows(name, order), problem.x)
+            if before is not None:
+                field.scatter(self._rows(f"{name}_before", order), before)
+            if name == "u" and path is not None:
+                offset = problem.x.duplicate()
+                field.scatter(self._rows(_OFFSET, order), offset)
+                path.offset = offset.array_r[problem.dirichlet.dofs]
+            if name == "u" and (steps := stepper.motion):
+                columns = len(about["motion"]["fields"]) * problem.kinematics.components
+                shape = len(problem.coordinates), columns
+                rows = scatter_rows(problem.comm, self._rows("motion", order), shape)
+                steps.dynamics.set_history(problem, rows, about["motion"])
+        problem.set_load(self.load)
+        problem.split(problem.x)
+        problem.matrix.set_constrained_diagonal(about["diagonal"])
+        stepper.size.next = about["size"]
+        stepper.taken = sum(row["converged"] for row in self.record["steps"])
+        for name, term in problem.history.by_name.items():
+            points, values = term.history()
+            at, kept = _history_names(name)
+            order = self._order(gather_rows(problem.comm, points), at)
+            term.set_history(scatter_rows(problem.comm, self._rows(kept, order), values.shape))
+        if before is not None:
+            stepper.solver.predictor.before = (about["load_before"], before)
+        if self.finished and "stability" not in self._last_row:
+            self._last_row.update(stepper.examine_stability())
+
+    def _order(self, nodes: Array, stored: str) -> Array:
+        """Return the indices of nodes among the stored ones. Collective."""
+        return on_root(self.folder.comm, lambda: match_nodes(nodes, self._arrays[stored]))
+
+    def _rows(self, name: str, order: Array) -> Array | None:
+        """Return, on rank 0, an array in this order."""
+        return self._arrays[name][order] if self._arrays else None
 
 
-def _mistake(about: Any, arrays: dict[str, Array]) -> str:
-    """Return why the content of a checkpoint cannot be that of a run, or ""."""
-    if not isinstance(about, dict):
-        return f"about = {shown(about)}: expected a table"
-    names = ("scene", "record", "load", "load_before", "size", "motion", "diagonal")
-    if missing := [name for name in names if name not in about]:
-        return f"{missing[0]}: missing"
-    if not isinstance(about["scene"], dict):
-        return f"scene = {shown(about['scene'])}: expected a table"
-    if reason := problem(about["record"]):
-        return f"record: {reason}"
-    for key in ("load", "load_before"):
-        load = about[key]
-        if not (load is None and key == "load_before") and not (is_number(load) and 0 <= load <= 1):
-            return f"{key} = {shown(load)}: expected a number from 0 to 1"
-    for key in ("size", "diagonal"):
-        if about[key] is not None and not (is_number(about[key]) and about[key] > 0):
-            return f"{key} = {shown(about[key])}: expected a number > 0"
-    kinematics = about["scene"].get("kinematics")
-    if kinematics is not None and kinematics not in list(PLANAR):
-        return f"kinematics = {shown(kinematics)}: expected one of {', '.join(PLANAR)}"
-    components = kinematics_of(kinematics).components
-    if reason := _motion_mistake(about["motion"], arrays, components):
-        return reason
-    for name, columns in (("u", components), ("p", 1)):
-        if name == "p" and not {"p", "p_nodes", "p_before"} & arrays.keys():
-            continue
-        nodes = len(arrays.get(f"{name}_nodes", ()))
-        shapes = {f"{name}_nodes": (nodes, 3), name: (nodes, columns)}
-        if about["load_before"] is not None:
-            shapes[f"{name}_before"] = (nodes, columns)
-        for key, shape in shapes.items():
-            if reason := _array_mistake(arrays, key, shape):
-                return reason
-    return ""
-
-
-def _motion_mistake(motion: Any, arrays: dict[str, Array], components: int) -> str:
-    """Return what is wrong with the history of a motion in time, or ""."""
-    if motion is None:
-        return ""
-    fields = motion.get("fields") if isinstance(motion, dict) else None
-    if not isinstance(fields, list) or not all(isinstance(name, str) for name in fields):
-        return f"motion = {shown(motion)}: expected a table with fields"
-    numbers = ["dissipated", "work", *(["step_before"] if "u_before" in fields else [])]
-    for key in (*numbers, *(["first_energy"] if "first_energy" in motion else [])):
-        if not is_number(motion.get(key)):
-            return f"motion.{key} = {shown(motion.get(key))}: expected a number"
-    shape = len(arrays.get("u_nodes", ())), components * len(fields)
-    return _array_mistake(arrays, "motion", shape)
-
-
-def _array_mistake(arrays: dict[str, Array], name: str, shape: tuple[int, int]) -> str:
-    """Return what is wrong with an array of numbers, or ""."""
-    if name not in arrays:
-        return f"{name}: missing"
-    values = arrays[name]
-    if values.shape != shape or values.dtype != np.float64:
-        return f"{name}: expected {shape[0]} x {shape[1]} numbers, found shape {values.shape}"
-    return "" if np.isfinite(values).all() else f"{name}: expected finite numbers"
+def _finished(folder: Path, load: float) -> dict[str, Any] | None:
+    """Return the content of run.json if the run reached load 1, else None."""
+    path = folder / "run.json"
+    if not path.exists():  # the run was killed before it wrote the first one
+        return None
+    record = load_record(path)
+    return record if record.get("converged") and load == 1.0 else None

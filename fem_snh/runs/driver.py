@@ -30,8 +30,8 @@ if TYPE_CHECKING:
     from fem_snh.accuracy.goal_errors import Estimate
     from fem_snh.accuracy.goals import Goal
     from fem_snh.problem.modes import LowestModes
+    from fem_snh.runs.checkpoint import Checkpoint
     from fem_snh.runs.levels import Level
-    from fem_snh.runs.resume import Checkpoint
 
 #: Seconds for which the other ranks continue after an interruption, so that rank 0 can write
 #: run.json. It is longer than the second after which mpirun kills all ranks.
@@ -111,7 +111,7 @@ def run(
         return solve(scene)
     with Folder(comm, out, scene.files.values(), overwrite, resume) as folder:
         if resume and not scene.within:
-            from fem_snh.runs.resume import Checkpoint
+            from fem_snh.runs.checkpoint import Checkpoint
 
             solve = partial(solve, stored=Checkpoint.read(folder, scene))
         result = solve(scene, folder=folder)

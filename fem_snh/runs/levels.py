@@ -36,6 +36,7 @@ from fem_snh.mesh.mesh import Mesh, cell_volumes
 from fem_snh.problem.problem import Problem
 from fem_snh.problem.transfer import transfer_state
 from fem_snh.records.run_record import NOTES_ON_PATH
+from fem_snh.runs.checkpoint import Checkpoint
 from fem_snh.runs.level_meshes import (
     fine_at,
     first_scene,
@@ -51,7 +52,6 @@ from fem_snh.runs.level_meshes import (
     stress_probes,
 )
 from fem_snh.runs.result import Result
-from fem_snh.runs.resume import Checkpoint
 from fem_snh.runs.setup import Setup, set_up
 from fem_snh.runs.stored_levels import StoredLevels, read_levels, write_levels
 from fem_snh.solver import petsc_failures

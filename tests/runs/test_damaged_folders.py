@@ -5,14 +5,10 @@ from __future__ import annotations
 import json
 import re
 import shutil
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from mpi4py import MPI
-
-import numpy as np
 import pytest
 from interrupted_runs import ALL, ALONE, cut, solve
 from time_scenes import SWING, in_time
@@ -20,7 +16,6 @@ from time_scenes import SWING, in_time
 from fem_snh.cli import main
 from fem_snh.errors import BadInput
 from fem_snh.records import run_record
-from fem_snh.runs import checkpoint as checkpoint_file
 from fem_snh.studies.batch import Batch
 from fem_snh.studies.sweep import sweep
 
@@ -44,80 +39,6 @@ def swinging(tmp_path_factory: pytest.TempPathFactory) -> Path:
     with cut(2):
         solve(in_time(BACK, **SWING), ALONE, out=folder / "run")
     return folder / "run"
-
-
-def edited(run: Path, folder: Path, change: Callable[[dict, dict], object]) -> Path:
-    """Return a copy of a run whose checkpoint has been changed."""
-    out = folder / "out"
-    if ALL.rank == 0:
-        shutil.copytree(run, out)
-        about, arrays = checkpoint_file.load(out)
-        change(about, arrays)
-        text = json.dumps(about).encode()
-        np.savez(out / "checkpoint.npz", about=np.frombuffer(text, np.uint8), **arrays)
-    ALL.barrier()
-    return out
-
-
-def about(**values: Any) -> Callable[[dict, dict], object]:
-    return lambda found, arrays: found.update(values)
-
-
-def array(name: str, change: Callable[[np.ndarray], object]) -> Callable[[dict, dict], object]:
-    return lambda found, arrays: arrays.update({name: change(arrays[name])})
-
-
-CHECKPOINTS = {
-    "load NaN": (about(load=float("nan")), r"load = nan: expected a number from 0 to 1"),
-    "load 5": (about(load=5), r"load = 5: expected a number from 0 to 1"),
-    "load -1": (about(load=-1), r"load = -1"),
-    "load text": (about(load="0.5"), r"load = '0\.5'"),
-    "load before": (about(load_before=[]), r"load_before = \[\]"),
-    "size 0": (about(size=0), r"size = 0: expected a number > 0"),
-    "size": (about(size=float("inf")), r"size = inf"),
-    "diagonal": (about(diagonal=None, size="a"), r"size = 'a'"),
-    "no load": (lambda found, arrays: found.pop("load"), r"load: missing"),
-    "no record": (lambda found, arrays: found.pop("record"), r"record: missing"),
-    "record": (about(record=[]), r"record: content = \[\]: expected a table"),
-    "scene": (about(scene=3), r"scene = 3: expected a table"),
-    "no u": (lambda found, arrays: arrays.pop("u"), r"u: missing"),
-    "no nodes": (lambda found, arrays: arrays.pop("u_nodes"), r"u_nodes: expected|u_nodes: miss"),
-    "no u before": (lambda found, arrays: arrays.pop("u_before"), r"u_before: missing"),
-    "two columns": (array("u", lambda u: u[:, :2]), r"u: expected 8 x 3 numbers, .*\(8, 2\)"),
-    "fewer rows": (array("u", lambda u: u[:-1]), r"u: expected 8 x 3 numbers"),
-    "text": (array("u", lambda u: u.astype(str)), r"u: expected 8 x 3 numbers"),
-    "NaN": (array("u", lambda u: u * np.nan), r"u: expected finite numbers"),
-    "flat": (array("u_before", np.ravel), r"u_before: expected 8 x 3"),
-}
-
-
-@pytest.mark.mpi
-@pytest.mark.parametrize("case", CHECKPOINTS)
-def test_an_edited_checkpoint(left: Path, folder: Path, case: str) -> None:
-    change, message = CHECKPOINTS[case]
-    out = edited(left, folder, change)
-    with pytest.raises(BadInput, match=rf"checkpoint\.npz cannot be read \(({message}).*\): start"):
-        solve("twist", out=out, resume=True, **TWIST)
-    ALL.barrier()
-
-
-MOTIONS = {
-    "none": (about(motion=None), r"motion: missing|cannot be read"),
-    "fields": (about(motion={"fields": 3}), r"motion = .*: expected a table with fields"),
-    "work": (lambda found, arrays: found["motion"].pop("work"), r"motion\.work = None"),
-    "columns": (array("motion", lambda v: v[:, :-3]), r"motion: expected"),
-    "no values": (lambda found, arrays: arrays.pop("motion"), r"motion: missing"),
-}
-
-
-@pytest.mark.mpi
-@pytest.mark.parametrize("case", MOTIONS)
-def test_an_edited_checkpoint_of_a_motion(swinging: Path, folder: Path, case: str) -> None:
-    change, message = MOTIONS[case]
-    out = edited(swinging, folder, change)
-    with pytest.raises(BadInput, match=message):
-        solve(in_time(BACK, **SWING), out=out, resume=True)
-    ALL.barrier()
 
 
 @pytest.mark.one_debian("ranks")
@@ -212,25 +133,6 @@ def test_an_edited_study(
     (tmp_path / name).write_text(content)
     with pytest.raises(BadInput, match=message):
         sweep("twist", tmp_path, values, timeout=0.01, report=lambda line: None)
-
-
-@pytest.mark.mpi
-def test_the_term_history_of_another_term(folder: Path, comm: MPI.Intracomm) -> None:
-    """A checkpoint without what a term keeps is refused on every rank."""
-    from contact_scenes import slide
-
-    scene = slide(method="augmented_lagrangian", stiffness=1e-3)
-    with cut(1):
-        solve(scene, out=folder / "run")
-
-    def remove(found: dict, arrays: dict) -> None:
-        for name in [name for name in arrays if name.endswith("_history")]:
-            del arrays[name]
-
-    out = edited(folder / "run", folder, remove)
-    with pytest.raises(BadInput, match="the checkpoint has no history of"):
-        solve(scene, out=out, resume=True)
-    comm.barrier()
 
 
 # --- names of files, texts of users ---------------------------------------------------------------
