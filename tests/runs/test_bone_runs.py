@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import json
 
 import numpy as np
@@ -18,7 +17,6 @@ from fem_snh.viewing.stored_run import obstacle_poses
 ACCURATE = {"snes_scaled_tol": 1e-11}
 DENSE = {"name": "stable_neo_hookean", "E": 1e4, "nu": 0.45, "density": 1e3}
 BEND = {"axis": [0, 0, 1], "through": [1, 0.5, 0.5], "angle": 0.6}
-BODY = {"bones": [{"name": "upper", "shape": UPPER}, {"name": "lower", "shape": LOWER}]}
 
 
 def total(bones, origin=(0.0, 0.0, 0.0)):
@@ -44,22 +42,6 @@ def test_forces_and_moments_of_bones_balance(element):
     assert bones["upper"]["origin"] == [0, 0, 0]
     pose = np.array(bones["lower"]["pose"])
     assert bones["lower"]["origin"] == pytest.approx(pose @ [1.5, 0.5, 0.5, 1], abs=1e-12)
-
-
-def test_forces_of_bones_balance_the_loads(tmp_path):
-    """A dead load t on the top, of area A, is carried by the bones: sum f = -t A."""
-    traction = [{"group": "top", "vector": [0, 30.0, -50.0]}]
-    scene = bar(*BODY["bones"], cells=4, traction=traction, petsc=ACCURATE, steps=2)
-    result = solve(scene, out=tmp_path)
-    area = 2.0
-    for step in result.record["steps"]:
-        expected = [0, -30.0 * area * step["load"], 50.0 * area * step["load"]]
-        assert total(step["bones"])[0] == pytest.approx(expected, abs=1e-5)
-    with (tmp_path / "steps.csv").open() as file:
-        row = list(csv.DictReader(file))[-1]
-    found = step["bones"]["lower"]
-    assert float(row["lower.force.z"]) == found["force"][2]
-    assert float(row["lower.moment.x"]) == found["moment"][0]
 
 
 @pytest.mark.parametrize("time", [None, {"duration": 0.2, "steps": 4}])
@@ -105,11 +87,6 @@ def test_mistakes_are_one_line_on_every_rank(bone, message):
     assert "\n" not in str(error.value)
 
 
-def test_noise_that_inverts_a_bone():
-    with pytest.raises(BadInput, match=r"bone 'bone_0' with noise at load .*: det A = -"):
-        solve(bar({"shape": UPPER}, rig={"noise": {"amplitude": 9.0}}, steps=9))
-
-
 @pytest.mark.parametrize(
     "keys, message",
     [
@@ -127,18 +104,6 @@ def test_mistakes_of_the_table(keys, message):
 
     with pytest.raises(BadInput, match=message):
         scenes.load(bar(), bone=[{"name": "a", **keys}])
-
-
-def test_names_and_rigs():
-    from fem_snh import scenes
-
-    twice = [{"name": "a", "shape": UPPER}] * 2
-    with pytest.raises(
-        BadInput, match=r"bone.name = 'a': expected a different name for each bone and"
-    ):
-        scenes.load(bar(), bone=twice)
-    with pytest.raises(BadInput, match="missing key 'bone': expected with 'rig'"):
-        scenes.load(bar(), rig={})
 
 
 CUBE = [[x, y, z] for z in (0.2, 0.8) for y in (0.2, 0.8) for x in (0.2, 0.8)]

@@ -11,16 +11,11 @@ from typing import Any
 
 import pytest
 from interrupted_runs import ALL, ALONE, cut, solve
-from time_scenes import SWING, in_time
 
 from fem_snh.cli import main
 from fem_snh.errors import BadInput
-from fem_snh.records import run_record
-from fem_snh.studies.batch import Batch
-from fem_snh.studies.sweep import sweep
 
 TWIST: dict[str, Any] = {"cells": 1, "steps": 2, "angle": 0.2}
-BACK: dict[str, Any] = {"duration": 0.3, "steps": 3, "integrator": "bdf2"}
 
 
 @pytest.fixture(scope="module")
@@ -29,15 +24,6 @@ def left(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder: Path = ALL.bcast(tmp_path_factory.mktemp("left"))
     with cut(1):
         solve("twist", ALONE, out=folder / "run", **TWIST)
-    return folder / "run"
-
-
-@pytest.fixture(scope="module")
-def swinging(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A run in time that was cut off after two steps."""
-    folder: Path = ALL.bcast(tmp_path_factory.mktemp("swinging"))
-    with cut(2):
-        solve(in_time(BACK, **SWING), ALONE, out=folder / "run")
     return folder / "run"
 
 
@@ -109,47 +95,7 @@ def test_an_edited_record(
     assert re.fullmatch(r"fem-snh: error: [^\n]*run\.json[^\n]*\n", capsys.readouterr().err)
 
 
-def test_records_of_runs_are_accepted(left: Path, swinging: Path) -> None:
-    for folder in (left, swinging):
-        assert run_record.load_record(folder / "run.json")["scene"]
-
-
-# --- studies --------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("name", "content", "message"),
-    [
-        ("sweep.json", "[]", "holds sweep.csv of other"),
-        ("sweep.json", "{", "holds sweep.csv of other"),
-    ],
-)
-def test_an_edited_study(
-    tmp_path: Path, name: str, content: str, message: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    values = {"cells": 1, "steps": 1}
-    monkeypatch.setattr(Batch, "draw", lambda self: None)
-    sweep("twist", tmp_path, values, timeout=0.01, report=lambda line: None)
-    (tmp_path / name).write_text(content)
-    with pytest.raises(BadInput, match=message):
-        sweep("twist", tmp_path, values, timeout=0.01, report=lambda line: None)
-
-
 # --- names of files, texts of users ---------------------------------------------------------------
-
-
-@pytest.mark.parametrize("name", ["p.txt", "p", "run.json"])
-@pytest.mark.parametrize("command", ["render", "plot", "view"])
-def test_a_picture_of_no_known_type(
-    left: Path, tmp_path: Path, name: str, command: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """It says so, and not that there is no display."""
-    out = tmp_path / name
-    out.write_text("mine")
-    assert main([command, str(left), "--out", str(out)]) == 2
-    line = capsys.readouterr().err
-    assert re.fullmatch(r"fem-snh: error: [^\n]*expected a file [^\n]*\n", line)
-    assert out.read_text() == "mine" and len(list(tmp_path.iterdir())) == 1
 
 
 def test_texts_of_users_do_not_end_the_page_or_a_formula(left: Path, tmp_path: Path) -> None:

@@ -13,7 +13,6 @@ from running import record, solve
 from time_scenes import TURN, in_time
 
 from fem_snh import _dolfinx, scenes
-from fem_snh.cli import main
 from fem_snh.errors import BadInput
 from fem_snh.records.output_fields import ON_REQUEST, SUMMED, TENSOR
 
@@ -157,14 +156,6 @@ def test_without_fields_nothing_of_them_is_imported_or_compiled(tmp_path):
     assert not set(last(tmp_path / "run").array_names) & set(ALL)
 
 
-def test_fields_of_the_command_line_are_a_comma_list(tmp_path):
-    words = f"run twist --cells 1 --steps 1 --set angle=0.1 --quiet --out {tmp_path / 'run'}"
-    assert main([*words.split(), "--set", "fields=von_mises, pk1_stress"]) == 0
-    assert {"von_mises", "pk1_stress"} <= set(last(tmp_path / "run").array_names)
-    scene = scenes.load("twist", fields=["von_mises", "von_mises"])
-    assert scene.fields == ["von_mises"] and scene.fields_at == "cells"
-
-
 @pytest.mark.parametrize(
     "keys, message",
     [
@@ -179,11 +170,3 @@ def test_fields_of_the_command_line_are_a_comma_list(tmp_path):
 def test_mistakes(keys, message):
     with pytest.raises(BadInput, match=message):
         scenes.load("twist", **keys)
-
-
-def test_mistakes_of_the_result():
-    result = solve("twist", cells=1, steps=1, angle=0.1)
-    with pytest.raises(BadInput, match=r"field = 'stress': expected one of cauchy_stress, "):
-        result.field("stress")
-    with pytest.raises(BadInput, match=r"at = 'cell': expected one of cells, nodes, points"):
-        result.field("von_mises", at="cell")

@@ -10,23 +10,20 @@ from typing import Any
 
 from mpi4py import MPI
 
-import numpy as np
 import pytest
 from gmsh_files import BOX, write_msh
 
 from fem_snh import processes
 from fem_snh.errors import BadInput
-from fem_snh.geometry.bvh import joint_motion, read_bvh
+from fem_snh.geometry.bvh import read_bvh
 from fem_snh.geometry.motion_files import read_rows
 from fem_snh.geometry.shapes import ClosedSurface
 from fem_snh.mesh import mesh
 from fem_snh.references import load_reference
-from fem_snh.runs import checkpoint as checkpoint_file
 from fem_snh.runs.scene_options import _digest
 from fem_snh.scenes import load
 from fem_snh.studies.processes import environment, program
 from fem_snh.viewing import run_elsewhere
-from fem_snh.viewing.stored_run import read_record
 
 # Node -1 does not exist: gmsh 4.8 reads beyond the end of its table of nodes, and crashes.
 INVALID_NODE = """$MeshFormat
@@ -83,17 +80,6 @@ def test_a_mesh_that_crashes_gmsh_is_one_line_on_every_rank(
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.one_debian
-@pytest.mark.parametrize("face", ["1/9999 2/1 3/1", "1 2 9999", "1//9 2 3", "-9 1 2"])
-def test_faces_without_their_points(tmp_path: Path, face: str) -> None:
-    """VTK ends the process for the first one."""
-    path = tmp_path / "a.obj"
-    path.write_text(f"v 0 0 0\nv 1 0 0\nv 0 1 0\nf {face}\n")
-    with pytest.raises(BadInput) as caught:
-        ClosedSurface.read(path)
-    assert "\n" not in str(caught.value)
-
-
 def read_mesh(path: Path) -> Any:
     return mesh.read(MPI.COMM_SELF, path)
 
@@ -124,14 +110,6 @@ def test_what_is_no_regular_file(tmp_path: Path, read: Any, suffix: str) -> None
         read(tmp_path / f"folder{suffix}")
 
 
-@pytest.mark.one_debian
-def test_a_size_that_no_memory_holds(tmp_path: Path) -> None:
-    """gmsh allocates what the file announces, and fills it."""
-    (tmp_path / "bad.msh").write_text(INVALID_NODE.replace("1 3 1 3\n3", "1 3 1 3\n99999999999"))
-    with pytest.raises(BadInput, match=r"^mesh '.*bad.msh': gmsh"):
-        read_mesh(tmp_path / "bad.msh")
-
-
 def skeleton(joints: int, name: str = "j{}", value: str = "0") -> str:
     """A chain of joints, and two frames."""
     body = "".join(
@@ -140,18 +118,6 @@ def skeleton(joints: int, name: str = "j{}", value: str = "0") -> str:
     )
     frame = " ".join([value] * joints)
     return f"HIERARCHY {body}{'} ' * joints}\nMOTION\nFrames: 2\nFrame Time: 1\n{frame}\n{frame}\n"
-
-
-def test_a_skeleton_of_5000_joints_in_a_row(tmp_path: Path) -> None:
-    """No recursion. Each turns by 360/5000 degrees, so that the last one comes to the first."""
-    path = tmp_path / "deep.bvh"
-    path.write_text(skeleton(5001, value=str(360 / 5000)))
-    clip = read_bvh(path)
-    assert len(clip.joints) == 5001 and clip.joints[-1].parent == 4999
-    motion, origin = joint_motion(clip, "j5000", rest="offset")
-    assert origin == pytest.approx([0, 5001, 0])
-    moved = motion.affine(1.0) @ [*origin, 1.0]
-    assert moved == pytest.approx([0, 1, 0], abs=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -167,48 +133,7 @@ def test_skeletons_that_mean_nothing(tmp_path: Path, text: str, message: str) ->
         read_bvh(tmp_path / "a.bvh")
 
 
-@pytest.mark.parametrize(
-    ("cell", "message"),
-    [
-        ("1" * 200_000, r"line 3: field larger than field limit \(131072\): expected a number"),
-        ("1e200", r"line 3: y = '1e200': expected a number of a size up to 1e\+50"),
-    ],
-)
-def test_cells_of_a_table(tmp_path: Path, cell: str, message: str) -> None:
-    (tmp_path / "a.csv").write_text(f"load,x,y,z\n0,0,0,0\n1,0,{cell},0\n")
-    with pytest.raises(BadInput, match=message) as caught:
-        read_rows(tmp_path / "a.csv")
-    assert len(str(caught.value)) < 300
-
-
-def test_surfaces_whose_squares_no_number_holds(tmp_path: Path) -> None:
-    corners = [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)]
-    for size, message in ((1e30, None), (1e37, None), (1e60, "coordinates of a size up to 1e")):
-        points = np.array(corners) * size
-        triangles = np.array([(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)])
-        if message is None:
-            assert ClosedSurface(points, triangles).distance(points.mean(axis=0)[None]) < 0
-        else:
-            with pytest.raises(BadInput, match=message):
-                ClosedSurface(points, triangles)
-
-
 # --- functions in a process of their own --------------------------------------------------------
-
-
-@pytest.mark.one_debian
-def test_a_call_returns_what_the_function_does(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert processes.call("Python", divmod, 17, 5) == (3, 2)
-    big = bytes(10**7)  # more than a pipe holds, both ways
-    assert processes.call("Python", bytes, big) == big
-    with pytest.raises(ZeroDivisionError, match="by zero"):
-        processes.call("Python", divmod, 1, 0)
-    with pytest.raises(EOFError):  # no prompt waits for an answer
-        processes.call("Python", input, "?")
-    monkeypatch.setenv("OMPI_COMM_WORLD_RANK", "1")
-    monkeypatch.setenv("PMIX_RANK", "1")
-    for name in ("OMPI_COMM_WORLD_RANK", "PMIX_RANK", "OMPI_MCA_ess"):
-        assert processes.call("Python", os.getenv, name) is None
 
 
 @pytest.mark.parametrize(
@@ -222,15 +147,6 @@ def test_a_call_returns_what_the_function_does(monkeypatch: pytest.MonkeyPatch) 
 def test_a_crash_is_one_line(function: Any, args: Any, message: str) -> None:
     with pytest.raises(BadInput, match=message):
         processes.call("libc", function, *args)
-
-
-def test_records_of_a_run_that_are_no_files(tmp_path: Path) -> None:
-    os.mkfifo(tmp_path / "run.json")
-    os.mkfifo(tmp_path / "checkpoint.npz")
-    with pytest.raises(BadInput, match="it is a FIFO, expected a regular file"):
-        read_record(tmp_path)
-    with pytest.raises(BadInput, match="it is a FIFO, expected a regular file"):
-        checkpoint_file.load(tmp_path)
 
 
 @pytest.mark.parametrize("module", ["numpy", "json", "fem_snh"])

@@ -12,20 +12,16 @@ import pytest
 from gmsh_files import write_msh
 from interrupted_runs import cut
 from note_scenes import arch, bushing, cube
-from running import record, rows, solve, watch_calls
+from running import record, rows, solve
 from scipy.integrate import quad
 from scipy.optimize import minimize_scalar
 from time_scenes import DOWN, in_time
 
 import fem_snh
-from benchmarks import plates
 from fem_snh.accuracy.state_notes import inversion_note, rest_note
-from fem_snh.cli import main
 from fem_snh.contact.obstacle import Obstacle
 from fem_snh.errors import ResultNote
 from fem_snh.scenes import MaterialChoice, Scene, Start
-from fem_snh.steps.jump import JumpDetector
-from fem_snh.steps.stepping import Stepper
 
 mpi = pytest.mark.mpi
 
@@ -112,16 +108,6 @@ def test_a_step_that_inverts_points_is_followed_in_halves(tmp_path):
     assert rows(tmp_path / "1")[0]["lbfgs"] == str(one.steps[0]["lbfgs"])
 
 
-@mpi
-def test_points_that_invert_in_halves_as_well_are_believed(comm):
-    """Once a step, so that a body that must invert is not pressed in ever smaller steps."""
-    keys = {"cells": 2, "element": "Q2", "nu": 0.3, "stretch": 0.3, "steps": 1}
-    result = solve("pull", comm, **keys)
-    assert [row["converged"] for row in result.steps] == [False, True, True]
-    (note,) = [note for note in result.notes if note["kind"] == "inverted"]
-    assert "; halves of the step end so as well: refine the mesh" in note["text"]
-
-
 def test_iterations_of_every_kind_are_printed_and_in_the_row(capsys):
     """Two thousand L-BFGS iterations were in no line, those that examine a step in no row."""
     result = fem_snh.run("scramble", cells=4, comm=MPI.COMM_SELF)
@@ -168,14 +154,6 @@ def test_an_arch_snaps_through(tmp_path, steps):
         found.append((note["start"], note["end"]))
     (start, end), (fine_start, fine_end) = found
     assert start <= fine_start < fine_end <= end
-
-
-@mpi
-def test_a_jump_on_ranks(comm, folder):
-    result = solve(arch(comm, folder, 5, -40.0), comm=comm, out=folder / "out")
-    comm.barrier()
-    assert result.steps[2]["notes"] == ["jump"] and rows(folder / "out")[2]["notes"] == "jump"
-    comm.barrier()
 
 
 SHELL = """
@@ -232,21 +210,6 @@ def test_steps_with_contact_are_noted_if_they_jump(tmp_path):
     assert "times as far as expected in" in note["text"] and "are not examined" in note["text"]
 
 
-def test_steps_that_fail_after_a_jump_name_the_limit_load(tmp_path, monkeypatch):
-    """What stops the run need not be what is wrong with it."""
-
-    def judge(stepper, outcome, start, to):
-        outcome.converged = to <= 0.7
-        return {}
-
-    monkeypatch.setattr(Stepper, "_judge", judge)
-    result = solve(arch(MPI.COMM_SELF, tmp_path, 5, -40.0), comm=MPI.COMM_SELF)
-    status = result.record["status"]
-    assert status.startswith("stopped at load 0.") and "which may be a limit load" in status
-    (note,) = [note for note in result.notes if note["kind"] == "jump"]
-    assert f"between the loads {note['start']:.6g} and {note['end']:.6g}" in status
-
-
 @pytest.mark.one_debian
 @pytest.mark.parametrize(("rise", "hold", "pressure"), [(0.06, "ends", 40.0), (0.0, "left", 4.0)])
 def test_large_motions_along_a_path_are_no_jumps(tmp_path, rise, hold, pressure):
@@ -292,14 +255,6 @@ def test_one_step_through_a_bifurcation(comm, folder):
     assert "than 4 smaller ones" in note["text"] and "take more steps" in note["text"]
 
 
-@pytest.mark.parametrize(("steps", "examined"), [(2, 1), (6, 0)])
-def test_steps_without_a_guess_go_on_as_the_last_one(monkeypatch, steps, examined):
-    """Turns of 90 degrees are far from straight on; those of 30 are not, and are not followed."""
-    calls = watch_calls(monkeypatch, JumpDetector, "_compare")
-    assert solve("twist", cells=3, steps=steps, angle=np.pi).converged
-    assert len(calls) == examined
-
-
 def test_rest_under_load_is_no_jump():
     """A pressure leaves an incompressible cube at rest, to tolerances."""
     rollers = [{"group": group} for group in ("left", "front", "bottom")]
@@ -315,51 +270,7 @@ def test_rest_under_load_is_no_jump():
     assert result.steps[-1]["max_u"] < 1e-6 and not result.notes
 
 
-def test_rivlins_cube_names_a_way_that_its_element_has():
-    """From t = 2 mu on the cube is unstable: no trust region minimises with unknown pressures."""
-    scene = {
-        "name": "rivlin", "mesh": {"source": "cube"}, "cells": 1, "element": "Q2Q1",
-        "material": {"name": "neo_hookean", "E": 3.0, "nu": 0.5}, "stability": True,
-        "symmetry": [{"group": group} for group in ("left", "front", "bottom")],
-        "traction": [
-            {"group": group, "vector": [2.2 * (i == axis) for i in range(3)]}
-            for axis, group in enumerate(("right", "back", "top"))
-        ],
-    }  # fmt: skip
-    (note,) = solve(Scene.model_validate(scene), MPI.COMM_SELF).notes
-    assert note["kind"] == "unstable" and "with nu < 0.5 and Q1P0 or P2P0" in note["text"]
-
-
-def test_a_steep_path_is_no_jump():
-    """A cube that is pressed flat is 1/sqrt(l) as wide at the height l, smoothly."""
-    rollers = [("bottom", "z"), ("left", "x"), ("front", "y")]
-    scene = {
-        "name": "flat", "mesh": {"source": "cube"}, "cells": 1, "element": "Q1", "steps": 1,
-        "material": {"name": "stable_neo_hookean", "E": 1.0, "nu": 0.4999},
-        "hold": [{"group": group, "components": [axis]} for group, axis in rollers],
-        "move": [{"group": "top", "translate": [0, 0, -0.99], "components": ["z"]}],
-        "probe": [{"name": "corner", "point": [1, 1, 1]}],
-    }  # fmt: skip
-    result = solve(Scene.model_validate(scene), MPI.COMM_SELF)
-    assert result.steps[-1]["probes"]["corner"][0] > 4
-    assert not [note for note in result.notes if note["kind"] == "jump"]
-
-
 # --- records --------------------------------------------------------------------------------------
-
-
-@pytest.mark.one_debian
-def test_a_sweep_has_the_kinds_of_notes(tmp_path, capsys):
-    arguments = ["cook", "--element", "Q1,Q1P0", "--cells", "4", "--nu", "0.499"]
-    assert main(["sweep", *arguments, "--out", str(tmp_path / "s")]) == 0
-    import pandas as pd
-
-    table = pd.read_csv(tmp_path / "s" / "sweep.csv").set_index("element")
-    assert table["notes"].to_dict() == {"Q1": "locking", "Q1P0": "none"}
-    assert table["status"].tolist() == ["converged"] * 2
-    lines = capsys.readouterr().out
-    assert "element=Q1: converged, 1 note (locking)" in lines
-    assert "2 of 2 points converged, 1 with notes" in lines
 
 
 def jumping(folder):
@@ -467,25 +378,6 @@ def test_a_motion_that_gains_energy(integrator, friction):
         start = 500 + 500 / 6  # of the translation, and of the rotation about the centre
         assert note["gained"] == pytest.approx(row["energy"] - start, rel=1e-6)
         assert f"the energy rises by {note['gained']:.3g} J that no load gives" in note["text"]
-
-
-@pytest.mark.one_debian
-@pytest.mark.parametrize(("steps", "created"), [(12, 0.235), (25, 0.0237), (50, 0.0)])
-def test_contact_of_bodies_that_creates_energy(steps, created):
-    """One step may create what others remove: the end has less energy then."""
-    result = solve(plates.plates("Q1", "generalized_alpha", "penalty", steps=steps), MPI.COMM_SELF)
-    notes = [note for note in result.notes if note["kind"] == "energy"]
-    assert len(notes) == bool(created)
-    rows = [row for row in result.steps if row["converged"]]
-    kept = [row["energy"] - row["work"] + row["dissipated"] for row in rows]
-    kept.insert(0, result.record["time"]["start"]["energy"])
-    largest = max(row["kinetic"] for row in rows)
-    for note in notes:
-        gained = max(kept) - kept[0] if created > 0.05 else np.diff(kept).max()
-        assert note["gained"] == pytest.approx(gained, rel=1e-6)
-        assert gained == pytest.approx(created * largest, rel=0.1)
-        assert ("contact creates energy" in note["text"]) == (created < 0.05)
-    assert created > 0.05 or kept[-1] < kept[0]
 
 
 def test_penalties_that_yield_have_a_note():

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import re
-from time import perf_counter, sleep
 
 import numpy as np
 import pytest
 from features import CASES, every_feature
-from interrupted_runs import ALL, ALONE, STRETCH, CutOff, cut, record, solve
+from interrupted_runs import ALL, ALONE, CutOff, cut, record, solve
 
 from fem_snh import scenes
 from fem_snh.runs import checkpoint as checkpoint_file
 from fem_snh.runs import recorder
-from fem_snh.runs.folder import Folder
 from fem_snh.runs.output import nodal_values
 from fem_snh.runs.output.fields import Fields
 
@@ -104,24 +102,6 @@ def test_with_many_steps_the_record_may_wait(comm, folder, case, monkeypatch):
     comm.barrier()
 
 
-def test_the_record_takes_a_small_share_of_the_time(tmp_path, monkeypatch):
-    seconds = []
-    write = Folder.write
-
-    def slow(self, record):
-        start = perf_counter()
-        write(self, record)
-        sleep(0.02)
-        seconds.append(perf_counter() - start)
-
-    monkeypatch.setattr(Folder, "write", slow)
-    monkeypatch.setattr(recorder, "_FIRST_STEPS", 0)
-    start = perf_counter()
-    solve("bounce", out=tmp_path, cells=2, steps=40)
-    total = perf_counter() - start
-    assert sum(seconds[:-2]) <= 0.1 * total and len(record(tmp_path)["steps"]) == 40
-
-
 @pytest.mark.one_debian
 @mpi
 @pytest.mark.parametrize("case", ["extrapolate", "two steps back", "damped, turned", "bounce"])
@@ -170,39 +150,3 @@ def test_on_another_number_of_ranks_it_is_the_same_to_the_solvers_tolerance(
     assert difference(folder / "cut", folder / "whole") < 1e-8
     assert times(folder / "cut") == times(folder / "whole")
     comm.barrier()
-
-
-@pytest.mark.one_debian
-@mpi
-def test_resumed_twice_its_fields_are_whole(comm, folder):
-    """And its seconds are those of all three."""
-    import pyvista
-
-    for number, comms in enumerate((ALL, ALONE)):
-        with cut(2):
-            solve("stretch", comms, out=folder, resume=number > 0, **STRETCH)
-    earlier = record(folder)["seconds"]["total"]
-    solve("stretch", out=folder, resume=True, **STRETCH)
-    found = record(folder)
-    assert found["resumed"] == [0.4, 0.8] and found["converged"]
-    assert found["seconds"]["total"] > earlier + found["steps"][-1]["seconds"]
-    loads = [step["load"] for step in found["steps"]]
-    assert loads == [0.2, 0.4, 0.6, 0.8, 1.0]
-    reader = pyvista.get_reader(str(folder / "fields.pvd"))
-    assert reader.time_values == pytest.approx([0.0, *loads])
-    for time_value, step in zip(reader.time_values[1:], found["steps"], strict=True):
-        reader.set_active_time_value(time_value)
-        grid = reader.read().combine()
-        assert grid.n_cells == found["cells"]
-        right = grid.points[:, 0] > grid.points[:, 0].max() - 1e-9
-        assert grid.point_data["displacement"][right, 0] == pytest.approx(step["load"], abs=1e-12)
-    assert not [file for file in folder.iterdir() if file.name.startswith(".")]
-    comm.barrier()
-
-
-@pytest.mark.one_debian("ranks")
-@mpi
-def test_a_direct_solver_is_not_left_waiting(comm):
-    """For a monitor, PETSc's preonly computes a norm: so either all ranks have one, or none."""
-    direct = {"ksp_type": "preonly", "pc_type": "cholesky", "pc_factor_mat_solver_type": "mumps"}
-    assert solve("twist", cells=3, petsc=direct).converged

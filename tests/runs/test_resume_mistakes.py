@@ -69,17 +69,6 @@ def test_another_scene_is_refused_by_its_key(comm, folder, other, key):
     comm.barrier()
 
 
-@pytest.mark.one_debian
-@mpi
-def test_another_way_to_solve_it_is_accepted(comm, folder):
-    with cut(2):
-        solve("stretch", out=folder, **STRETCH)
-    other = {"hessian": "clamp", "predictor": "tangent", "petsc": {"ksp_type": "minres"}}
-    again = solve("stretch", out=folder, resume=True, **STRETCH | other)
-    assert again.converged and again.record["linear_solver"] == "minres+jacobi"
-    comm.barrier()
-
-
 @mpi
 def test_without_a_checkpoint_it_says_what_to_do(comm, folder):
     with pytest.raises(BadInput, match=r"there is no folder .* start without --resume"):

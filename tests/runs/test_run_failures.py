@@ -68,16 +68,6 @@ def test_a_run_that_cannot_go_on_keeps_what_it_has(comm, folder):
     comm.barrier()
 
 
-@pytest.mark.one_debian
-def test_the_program_says_so_by_its_exit_code(tmp_path):
-    words = ["run", "twist", "--cells", "2", "--out", str(tmp_path), "--", "-snes_max_it", "1"]
-    done = subprocess.run(
-        [*program(1), *words], env=environment(), capture_output=True, text=True, timeout=120
-    )
-    assert done.returncode == 1 and "stopped at load 0" in done.stdout and not done.stderr
-    assert record(tmp_path)["converged"] is False
-
-
 #: Whether mpirun sends SIGKILL only (Open MPI 6: `surekill` of PRRTE 5), not SIGTERM first.
 KILLS = int((re.search(r"Open MPI v(\d+)", MPI.Get_library_version()) or "00")[1]) >= 6
 

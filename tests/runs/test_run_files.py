@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import re
 from pathlib import Path
 from typing import Any
@@ -11,7 +10,6 @@ from typing import Any
 from mpi4py import MPI
 
 import pytest
-from command_line import start_program
 from interrupted_runs import solve
 
 import fem_snh
@@ -122,14 +120,6 @@ def test_overwrite_removes_the_names_of_runs_and_no_others(
     comm.barrier()
 
 
-def test_overwrite_in_a_folder_of_no_run(tmp_path: Path) -> None:
-    kept = {name for name in NAMES if not run_files.is_run_file(name)} | {*OTHERS}
-    fill(tmp_path, {*NAMES, *OTHERS})
-    solve("twist", out=tmp_path, overwrite=True, **TWIST)
-    assert unchanged(tmp_path) == kept
-    assert {path.name for path in tmp_path.iterdir()} == {*kept, *WRITTEN}
-
-
 @mpi
 @pytest.mark.parametrize(
     "name", ["obstacle_0.stl", "bone_1.stl", "rigid_0.obj", "steps.csv", "checkpoint.npz"]
@@ -197,23 +187,6 @@ def test_a_sweep_leaves_folders_of_others(
     assert (out / "point" / "log.txt").exists()
 
 
-def test_a_study_refuses_a_folder_of_others(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    names = [*NAMES, "log.txt", "sweep.csv", "sweep.png"]
-    fill(tmp_path, names)
-    message = refusal(capsys, *"sweep twist --cells 1 --out".split(), str(tmp_path))
-    assert "expected a new or an empty folder, or --overwrite" in message
-    assert unchanged(tmp_path) == set(names) == {path.name for path in tmp_path.iterdir()}
-
-
-def test_a_folder_of_the_name_of_a_point_is_refused(tmp_path: Path) -> None:
-    fill(tmp_path / "point", ["data.csv", "log.txt"])
-    with pytest.raises(BadInput, match="its folder point is not one of this study"):
-        sweep("twist", tmp_path, TWIST, overwrite=True)
-    assert unchanged(tmp_path / "point") == {"data.csv", "log.txt"}
-
-
 def test_a_second_study_of_a_folder_in_use_is_refused(tmp_path: Path) -> None:
     lock = run_files.FolderLock(tmp_path / ".study")
     with pytest.raises(BadInput, match="another process writes into this folder"):
@@ -221,101 +194,3 @@ def test_a_second_study_of_a_folder_in_use_is_refused(tmp_path: Path) -> None:
     lock.release()
     table = sweep("twist", tmp_path, TWIST, report=lambda line: None)
     assert table["converged"].all() and not (tmp_path / ".study").exists()
-
-
-GENT = """
-from sympy import log
-
-def gent(I_C, J, mu, lam, *, limit=50.0):
-    stretch = -mu * limit / 2 * log(1 - (I_C - 3) / limit)
-    return stretch - mu * (J - 1) + lam / 2 * (J - 1) ** 2
-"""
-
-
-def test_rows_of_another_material_file_are_refused(tmp_path: Path) -> None:
-    file, out = tmp_path / "gent.py", tmp_path / "out"
-    file.write_text(GENT)
-    values = TWIST | {"material": f"{file}:gent"}
-    sweep("twist", out, values, report=lambda line: None, timeout=0.01)
-    before = (out / "sweep.csv").read_bytes()
-    lines: list[str] = []
-    sweep("twist", out, values, report=lines.append)
-    assert re.match(r"(\d+) of \1 points are there already", lines[0])
-    file.write_text(GENT.replace("50.0", "60.0"))
-    with pytest.raises(BadInput, match=r"holds sweep\.csv of other files"):
-        sweep("twist", out, values)
-    assert (out / "sweep.csv").read_bytes() == before
-
-
-def test_a_sweep_identifies_its_rows(tmp_path: Path) -> None:
-    """By what each depends on: a list that was extended by hand, as by a change of a default."""
-    values = TWIST | {"nu": [0.3, 0.4]}
-    sweep("twist", tmp_path, values, timeout=0.01, report=lambda line: None)
-    path = tmp_path / "sweep.json"
-    definition = json.loads(path.read_text())
-    definition["points"]["nu=0.4"]["values"] = "0" * 24
-    path.write_text(json.dumps(definition))
-    with pytest.raises(BadInput, match=r"nu=0\.4 in sweep\.csv was computed with other values"):
-        sweep("twist", tmp_path, values)
-
-
-def test_files_that_are_written_first_follow_no_link(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """Links of the names that a writer has, or has had, to a file of the user's."""
-    fill(tmp_path, ["mine"])
-    out = tmp_path / "out"
-    out.mkdir()
-    for name in ("run.json", "steps.csv", "checkpoint.npz", "fields.pvd", "p.png"):
-        (out / f".{name}.new").symlink_to(tmp_path / "mine")
-    (out / ".m.new.gif").symlink_to(tmp_path / "mine")
-    left = out / f".run.json.{'0' * 16}.new"  # by a killed process
-    left.touch()
-    solve("twist", out=out, overwrite=True, **TWIST)
-    assert main(["plot", str(out), "--out", str(out / "p.png")]) == 0
-    assert main(["render", str(out), "--movie", str(out / "m.gif"), "--seconds", "0.1"]) == 0
-    assert unchanged(tmp_path) == {"mine"} and not left.exists()
-    assert len([path for path in out.iterdir() if path.name.startswith(".")]) == 6
-    new = tmp_path / "new"
-    new.mkdir()
-    (new / ".lock").symlink_to(tmp_path / "mine")
-    capsys.readouterr()
-    assert "cannot be written" in refusal(capsys, "run", "twist", "--out", str(new))
-    (new / ".lock").unlink()
-    os.mkfifo(new / ".lock")
-    assert "it is a FIFO" in refusal(capsys, "run", "twist", "--out", str(new))
-    assert unchanged(tmp_path) == {"mine"}
-
-
-def test_a_fifo_in_place_of_a_list_of_states_is_one_line(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    solve("twist", out=tmp_path, **TWIST)
-    (tmp_path / "fields.pvd").unlink()
-    os.mkfifo(tmp_path / "fields.pvd")
-    capsys.readouterr()
-    for words in (["render"], ["render", "--field", "J"], ["view"]):
-        assert "it is a FIFO" in refusal(capsys, *words, str(tmp_path))
-    assert "it is a FIFO" in refusal(capsys, "export", str(tmp_path), str(tmp_path / "a.obj"))
-
-
-def test_a_table_of_materials_replaces_no_file(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    words = ["materials", "--table", "neo_hookean", "--csv", str(fill(tmp_path, ["a"]) / "a")]
-    assert "exists: expected another file, or --overwrite" in refusal(capsys, *words)
-    assert unchanged(tmp_path) == {"a"}
-    assert main([*words, "--overwrite"]) == 0 and not unchanged(tmp_path)
-
-
-def test_petscrc_of_the_working_directory_is_not_read(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / ".petscrc").write_text("-snh_snes_view\n-dll_append nowhere.so\n")
-    words = ("run", "twist", "--cells", "1", "--steps", "1", "--set", "angle=0.1")
-    without = start_program(*words)
-    assert without.returncode == 0 and "SNES Object" not in without.stdout
-    (tmp_path / ".petscrc").write_text("-snh_snes_view\n")
-    monkeypatch.setenv("PETSC_OPTIONS", "-options_file .petscrc")
-    assert "SNES Object" in start_program(*words).stdout

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-from pathlib import Path
 from time import sleep
 
 from mpi4py import MPI
@@ -16,7 +15,6 @@ from running import record, rows, solve
 import fem_snh
 from fem_snh import _dolfinx
 from fem_snh.errors import BadInput
-from fem_snh.runs import estimates
 from fem_snh.runs.folder import COLUMNS, Folder
 
 mpi = pytest.mark.mpi
@@ -163,26 +161,6 @@ def test_a_material_without_energy_has_none_in_its_record(comm, folder):
     comm.barrier()
 
 
-@pytest.mark.one_debian
-@mpi
-def test_what_was_done_to_a_material_is_in_the_record(comm):
-    tuning = {"material.alpha_mu": 1.5, "material.lambda_part": "neo_hookean"}
-    found = solve("pull", cells=1, steps=1, stretch=1.1, **tuning).record["material"]
-    assert found["parameters"]["alpha_mu"] == 1.5
-    assert found["parameters"]["lambda_part"] == "neo_hookean"
-    assert found["mu_lame"] == pytest.approx(1 / 2.6) and found["nu"] == 0.3
-
-
-@pytest.mark.one_debian("ranks")
-@mpi
-def test_without_a_folder_nothing_is_written(comm, folder, monkeypatch):
-    monkeypatch.chdir(folder)
-    result = solve("twist", cells=1, angle=0.3)
-    comm.barrier()
-    assert result.out is None and not list(folder.iterdir())
-    comm.barrier()
-
-
 @mpi
 def test_a_folder_with_a_run_is_refused_unless_told(comm, folder):
     tiny = {"cells": 1, "angle": 0.1, "out": folder}
@@ -202,15 +180,6 @@ def test_a_folder_with_a_run_is_refused_unless_told(comm, folder):
     assert "mine0.txt" in names and not [n for n in names if n.startswith(".")]
     assert not [n for n in names if re.search(r"fields.*0*3\.p?vtu$", n)]  # of the longer run
     comm.barrier()
-
-
-@mpi
-def test_a_folder_that_cannot_be_written_is_bad_input_on_every_rank(comm, folder):
-    (folder / "file").write_text("a file")
-    comm.barrier()
-    for place in (folder / "file", folder / "file" / "run", Path("/proc/nowhere/run")):
-        with pytest.raises(BadInput, match=r"output folder .* cannot be written \(.+\): choose"):
-            solve("twist", cells=1, out=place)
 
 
 @pytest.mark.parametrize(
@@ -266,20 +235,6 @@ def test_numbers_of_steps_are_those_of_json(tmp_path):
     assert first == {"load": 0.1, "newton": 3, "of": [0.5, True]}
     assert last == {"load": 1.0, "residual": None, "of": {"energy": None}}
     assert f"\n  {json.dumps(first)}," in (tmp_path / "run" / "run.json").read_text()
-
-
-def test_the_estimate_is_no_time_of_the_solve(monkeypatch):
-    """With contact it assembles the run's own problem again."""
-    before = []
-    estimate = estimates.estimate_errors
-
-    def noting(setup, *args):
-        before.append(setup.problem.seconds["assemble"])
-        return estimate(setup, *args)
-
-    monkeypatch.setattr(estimates, "estimate_errors", noting)
-    seconds = solve("press", cells=4, steps=2, error=True).record["seconds"]
-    assert seconds["assemble"] == before[0] and seconds["estimate"] > 0
 
 
 def test_the_seconds_of_jit_are_of_all_that_is_compiled(monkeypatch, tmp_path):

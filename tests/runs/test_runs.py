@@ -9,8 +9,6 @@ from __future__ import annotations
 
 import json
 
-from mpi4py import MPI
-
 import numpy as np
 import pytest
 from paths import DATA
@@ -18,30 +16,6 @@ from running import solve
 
 mpi = pytest.mark.mpi
 STORED = DATA / "runs.json"
-
-
-@pytest.mark.one_debian("serial")
-@mpi
-@pytest.mark.parametrize("scene", ["twist", "stretch", "pull"])
-@pytest.mark.parametrize(
-    "hessian, petsc",
-    [
-        # Jacobi knows nothing of ranks; sweeps are within each, so that loose solves are others.
-        ("adaptive", {"pc_type": "jacobi"}),
-        ("adaptive", {"ksp_rtol": 1e-8, "snes_forcing_max": 0}),
-        # Its many linearly convergent steps feel the rounding of loose linear solves.
-        ("clamp", {"pc_type": "jacobi", "ksp_rtol": 1e-8, "snes_forcing_max": 0}),
-    ],
-)
-def test_any_number_of_ranks_gives_the_same_run(comm, scene, hessian, petsc):
-    setup = {"cells": 6, "hessian": hessian, "globalization": "linesearch", "petsc": petsc}
-    alone = solve(scene, comm=MPI.COMM_SELF, **setup).steps
-    together = solve(scene, comm=comm, **setup).steps
-    assert [s["newton"] for s in together] == [s["newton"] for s in alone]
-    assert [s["clamped"] for s in together] == [s["clamped"] for s in alone]
-    for key, bound in (("energy", 1e-9), ("volume_ratio", 1e-6), ("min_J", 1e-4)):
-        values = [s[key] for s in alone]
-        assert [s[key] for s in together] == pytest.approx(values, rel=bound)
 
 
 RUNS = {

@@ -13,11 +13,9 @@ import pyvista as pv
 from running import solve
 from usd_files import needs_usd, read_usd
 
-from fem_snh import scenes, viewing
+from fem_snh import scenes
 from fem_snh.errors import BadInput, on_root
 from fem_snh.viewing import export, render
-from fem_snh.viewing.render.surfaces import read_grid
-from fem_snh.viewing.stored_run import stored_loads
 
 #: A ball that moves as a whole with a bone, while it is stretched along x by 20 %.
 CENTER, RADIUS = np.array([0.1, 0.2, 0.3]), 0.5
@@ -88,23 +86,6 @@ def test_the_series_of_the_skin(folder):
         assert {"energy_density", "min_eigenvalue", "von_mises"} < set(grid.point_data.keys())
 
 
-@pytest.mark.mpi
-def test_the_skin_has_the_pressure_unknown(comm, tmp_path_factory):
-    """It is that of the lattice's cells at the points that they carry."""
-    path = on_root(comm, lambda: tmp_path_factory.mktemp("pressure"))
-    core = {"sphere": {"center": [0, 0, 0], "radius": 0.3}}
-    bone = [{"name": "core", "motion": stretched, "shape": core}]
-    scene = scenes.load(ball(), element="Q2Q1", steps=1, bone=bone)
-    solve(scene, comm, out=path / "run")
-    if comm.rank == 0:
-        skin = pv.read(path / "run" / "skin000001.vtu")
-        (files,) = (f for t, f in stored_loads(path / "run" / "fields.pvd").items() if t == 1)
-        expected = skin.sample(read_grid([str(file) for file in files], "pressure"))
-        inside = expected["vtkValidPointMask"] == 1
-        assert inside.mean() > 0.9 and np.ptp(skin["pressure"]) > 0.05
-        assert np.abs(skin["pressure"] - expected["pressure"])[inside].max() < 1e-6
-
-
 def test_pictures_and_exports_show_the_skin(folder, tmp_path):
     skin = pv.read(folder / "skin000002.vtu")
     assert render.main(folder, tmp_path / "a.png").stat().st_size > 10_000
@@ -162,10 +143,3 @@ def test_colours_show_a_field_and_cells_give_means(tmp_path):
     assert [row[0, 3] > row[0, 5] + 0.01 for row in rows] == [False, True, True]
     with pytest.raises(BadInput, match="expected one of J, displacement, energy_density"):
         export.main(tmp_path / "run", tmp_path / "a.obj", field="stress")
-
-
-def test_usd_without_the_package(folder, tmp_path, monkeypatch):
-    monkeypatch.setattr(viewing, "find_spec", lambda name: None if name == "pxr" else object())
-    message = r"a file .usd needs pxr: pip install 'fem_snh\[usd\]'"
-    with pytest.raises(BadInput, match=message):
-        export.main(folder, tmp_path / "a.usd")

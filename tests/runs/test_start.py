@@ -112,18 +112,6 @@ def test_mistakes(key: str, value: Any, message: str) -> None:
         scenes.load("scramble", **{key: value})
 
 
-@pytest.mark.parametrize(("key", "value"), [("seed", -1), ("scatter", 0.0), ("scatter", "2")])
-def test_mistakes_of_scramble(key: str, value: Any) -> None:
-    with pytest.raises(BadInput, match=f"scramble: {key} = "):
-        scenes.load("scramble", **{key: value})
-
-
-@pytest.mark.parametrize(("key", "value"), [("to", "plan"), ("noise", -1e-6)])
-def test_mistakes_of_crush(key: str, value: Any) -> None:
-    with pytest.raises(BadInput, match=f"crush: {key} = "):
-        scenes.load("crush", **{key: value})
-
-
 # --- the scenes ----------------------------------------------------------------------------------
 
 
@@ -136,12 +124,6 @@ def test_a_scrambled_cube_is_back_at_rest(comm: MPI.Comm, element: str) -> None:
     assert step["min_J"] == pytest.approx(1, abs=1e-5) and step["nonfinite"] == 0
 
 
-def test_nothing_is_halved_where_nothing_is_loaded() -> None:
-    result = fem_snh.run("scramble", cells=2, progress=False, petsc={"snes_max_it": 2})
-    assert not result.converged and len(result.steps) == 1
-    assert result.steps[0]["max_u"] > 0.1  # rolled back to where it began
-
-
 def test_energies_that_are_not_finite_are_counted() -> None:
     """An inverted body, and an energy with a logarithm."""
     result = fem_snh.run("crush", to="inverted", material="neo_hookean", nu=0.3, progress=False)
@@ -149,35 +131,7 @@ def test_energies_that_are_not_finite_are_counted() -> None:
     assert result.steps[0]["reason"] == "DIVERGED_FUNCTION_DOMAIN"
 
 
-STATES = pytest.mark.parametrize("to", ["plane", "line", "point", "inverted"])
-
-
-@STATES
-def test_a_crushed_body_has_the_same_deformation_everywhere(to: str) -> None:
-    """And its supports do not pull: the start is what `map` says at every node."""
-    scene = scenes.load("crush", to=to, nu=0.3)
-    p = problem(cube(MPI.COMM_SELF, "hexahedron", 2), "Q1", hold=scene.hold)
-    assert scene.start is not None
-    set_initial_state(p, scene.start)
-    X = p.V.tabulate_dof_coordinates()
-    expected = X @ (np.array(scene.start.map) - np.eye(3)).T
-    assert p.x.array_r.reshape(-1, 3) == pytest.approx(expected, abs=1e-14)
-
-
 # --- by way of a softer material -----------------------------------------------------------------
-
-
-@mpi
-def test_steps_with_nu_continuation_end_in_the_same_state(comm: MPI.Comm) -> None:
-    """Where there is only one; and the iterations of both materials are counted."""
-    given = {"cells": 3, "angle": 0.8, "steps": 2, "comm": comm, "progress": False}
-    plain = fem_snh.run("twist", **given)
-    soft = fem_snh.run("twist", nu_continuation=[0.0, 0.3], **given)
-    assert [step["load"] for step in soft.steps] == [0.5, 1.0]
-    for one, other in zip(plain.steps, soft.steps, strict=True):
-        assert other["energy"] == pytest.approx(one["energy"], rel=1e-6)
-        assert other["newton"] > one["newton"]
-    assert soft.record["material"]["nu"] == 0.49
 
 
 def test_poisson_continuation_unfolds_what_a_plain_descent_does_not() -> None:

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import pytest
 import ufl
-from contact_scenes import slide
 from dolfinx import fem
 from dolfinx_programs import unit_cube, vector_space
 from interrupted_runs import ALL, ALONE, cut, record, solve
@@ -179,17 +178,3 @@ def test_mistakes(pulled: Path, folder: Path) -> None:
         Start(run=pulled, noise=0.1)
     with pytest.raises(BadInput, match="missing key 'run'"):
         Start(step=2)
-
-
-@mpi
-def test_friction_that_a_start_does_not_have_is_named(comm, folder):
-    """A block with a plate on it, whose second run begins to stick anew; without friction none."""
-    for friction in (0.3, 0.0):
-        plate = slide(friction=friction)
-        first = folder / f"first{friction}"
-        solve(plate, out=first, steps=1)
-        comm.barrier()
-        found = solve(plate.model_copy(update={"start": Start(run=first)}), steps=1)
-        notes = [note["text"] for note in found.notes if note["kind"] == "start"]
-        assert len(notes) == (friction > 0)
-        assert all("friction with 'plate' begins without the shear stress" in n for n in notes)

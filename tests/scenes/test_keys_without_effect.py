@@ -137,43 +137,6 @@ def test_in_a_plane(overrides: dict[str, Any], message: str) -> None:
         scenes.load("cook", **overrides)
 
 
-def test_stiffness_out_of_the_plane() -> None:
-    import fem_snh
-
-    bed = [{"group": "right", "stiffness": [0, 1, 5]}]
-    message = r"spring.stiffness = \[0.0, 1.0, 5.0\]: expected 2 components and zero"
-    with pytest.raises(BadInput, match=message):
-        fem_snh.run("cook", cells=1, spring=bed, progress=False)
-
-
-def test_probe_out_of_the_plane() -> None:
-    import fem_snh
-
-    probe = [{"name": "a", "point": [48, 60, 0.5]}]
-    message = r"probe 'a': \[48.0, 60.0, 0.5\] is outside the body"
-    with pytest.raises(BadInput, match=message):
-        fem_snh.run("cook", cells=1, probe=probe, progress=False)
-
-
-def test_a_force_of_zero_may_have_a_table() -> None:
-    """A sweep over a force begins with zero."""
-    loaded = rigid(load_table="ramp", force=[0, 0, 0])
-    assert scenes.load("twist", table=[RAMP], **loaded).rigid[0].load_table == "ramp"
-
-
-def bar_of_a_part(angle: float = 1.0) -> scenes.Scene:
-    """Return a scene with a rigid part without a load."""
-    return scenes.load("twist", **rigid(rotate={"axis": [0, 0, 1], "angle": angle}))
-
-
-def test_the_defaults_of_a_function_are_no_loads() -> None:
-    """An amplitude of a part without a force was accepted where a function made the scene."""
-    message = "rigid.0: missing key 'force', 'torque', 'joint.torque' or 'joint.force': expected"
-    for scene in (bar_of_a_part, bar_of_a_part()):
-        with pytest.raises(BadInput, match=message):
-            scenes.load(scene, table=[RAMP], **{"rigid.0.load_table": "ramp"})
-
-
 def test_loads_that_a_part_can_follow() -> None:
     """A follower turns to a free direction, and another part takes what a joint carries."""
     turned = {"rotate": {"axis": [0, 0, 1], "angle": 1}, "free": ["x"]}
@@ -183,16 +146,6 @@ def test_loads_that_a_part_can_follow() -> None:
         {"group": "bottom"},
     ]
     assert len(scenes.load("twist", hold=[], move=[], rigid=parts).rigid) == 2
-
-
-def test_ratios_below_the_largest_of_several_materials() -> None:
-    """A material that is more compressible keeps its own."""
-    soft = {"name": "neo_hookean", "E": 1.0, "nu": 0.2, "group": 1}
-    stiff = {**soft, "nu": 0.45, "group": 2}
-    given = {"material": [soft, stiff]}
-    assert scenes.load("twist", nu_continuation=[0.4], **given).nu_continuation == [0.4]
-    with pytest.raises(BadInput, match=r"expected ratios below 0\.45"):
-        scenes.load("twist", nu_continuation=[0.47], **given)
 
 
 @pytest.mark.mpi

@@ -73,13 +73,6 @@ def test_a_function_of_a_file_is_a_scene(folder: Path) -> None:
     assert scenes.load(references.load_reference("press.py:press"), cells=3).cells == 3
 
 
-def test_its_mesh_is_relative_to_the_file(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (folder / "elsewhere").mkdir()
-    monkeypatch.chdir(folder / "elsewhere")
-    scene = scenes.load(f"{folder}/press.py:own_mesh")
-    assert scene.mesh == folder / "meshes" / "body.msh"
-
-
 @pytest.mark.parametrize(
     ("name", "overrides", "message"),
     [
@@ -106,13 +99,6 @@ def test_it_runs(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["run", "press.py:press", "--set", "depth=0.2", "--quiet"]) == 0
     assert cli.main(["run", "press.py:plain"]) == 2
     assert capsys.readouterr().err.startswith("fem-snh: error: press.py:plain: returned dict")
-
-
-@pytest.mark.one_debian
-def test_it_is_swept(folder: Path) -> None:
-    assert cli.main(["sweep", "press.py:press", "--set", "depth=0.1,0.2", "--out", "out"]) == 0
-    rows = (folder / "out" / "sweep.csv").read_text().splitlines()
-    assert len(rows) == 3
 
 
 def test_a_package_declares_scenes(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:

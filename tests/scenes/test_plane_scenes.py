@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from math import pi, sqrt
 
 import numpy as np
@@ -10,7 +9,6 @@ import pytest
 from plane_scenes import TIGHT, own_scene, solve, write_mesh
 
 import fem_snh
-from fem_snh.assembly.kinematics import PLANAR
 from fem_snh.errors import BadInput
 
 mpi = pytest.mark.mpi
@@ -30,16 +28,6 @@ def test_cook_is_the_layer(element):
         assert np.allclose(rows[1]["probes"][name], value, rtol=0, atol=1e-9)
     assert rows[1]["reactions"]["left"][1] == pytest.approx(-100, rel=1e-6)
     assert rows[1]["energy"] == pytest.approx(rows[0]["energy"], rel=1e-10)
-
-
-@pytest.mark.one_debian("ranks")
-@mpi
-def test_record_names_kinematics_and_solver(comm):
-    record = solve("cook", comm, cells=4, kinematics="plane_strain", element="Q1").record
-    assert record["kinematics"] == "plane_strain"
-    assert record["linear_solver"] == "preonly+cholesky"
-    assert record["dofs"] == 2 * 25
-    assert "2 dimensions, 25 nodes < 1000" in json.dumps(record["defaults"])
 
 
 @pytest.mark.one_debian
@@ -100,49 +88,6 @@ def test_weight_and_spring_of_the_whole_turn(tmp_path):
     assert 0.2 < row["reactions"]["bottom"][1] / (0.02 * pi / 4) < 0.8
 
 
-@pytest.mark.one_debian
-def test_twist_in_a_scene(tmp_path):
-    """A rotation about the axis: the energy is even in the angle, and the axis stays."""
-    energies = []
-    for angle in (0.7, -0.7):
-        move = (
-            '[[move]]\ngroup = "top"\n'
-            f"rotate = {{ axis = [0, 1, 0], angle = {angle} }}\n"
-            '[[probe]]\nname = "edge"\npoint = [0.5, 1, 0]\n'
-            '[[probe]]\nname = "axis"\npoint = [0, 0.5, 0]\n'
-        )
-        path = own_scene(tmp_path, "Q2", "axisymmetric_torsion", move)
-        row = solve(path).steps[-1]
-        edge = [0.5 * (np.cos(angle) - 1), 0, -0.5 * np.sin(angle)]
-        assert np.allclose(row["probes"]["edge"], edge, atol=1e-14)
-        assert np.allclose(row["probes"]["axis"][::2], 0, atol=1e-15)
-        energies.append(row["energy"])
-    assert energies[0] == pytest.approx(energies[1], rel=1e-9)
-    assert energies[0] > 1e-3
-
-
-@mpi
-@pytest.mark.parametrize("kinematics", PLANAR)
-def test_fields_at_the_nodes(comm, folder, kinematics):
-    """The stress of a uniform state is exact at every node, on the axis too."""
-    if comm.rank == 0:
-        traction = TRACTION.format(traction=0.3)
-        traction += "[petsc]\nsnes_scaled_tol = 1e-12\n"
-        if not PLANAR[kinematics].revolved:
-            traction += '[[symmetry]]\ngroup = "side"\n'
-        own_scene(folder, "P1", kinematics, traction, triangles=True)
-    comm.barrier()
-    fields = ["von_mises", "pk1_stress"]
-    result = solve(folder / "own.toml", comm, fields=fields, fields_at="nodes", out=folder / "out")
-    inside = result.field("pk1_stress", "points")
-    stress = result.field("pk1_stress", "nodes")
-    assert abs(inside[..., 1, 1] - 0.3).max() < 1e-10
-    assert abs(stress[..., 1, 1] - 0.3).max() < 1e-10
-    expected = result.field("von_mises").max() if inside.size else 0.0
-    assert abs(result.field("von_mises", "nodes") - expected).max() < 1e-9
-    comm.barrier()
-
-
 @pytest.mark.parametrize(
     "keys, message",
     [
@@ -193,8 +138,3 @@ def test_what_scenes_refuse(tmp_path, keys, message):
     (tmp_path / "own.toml").write_text(text)
     with pytest.raises(BadInput, match=message):
         solve(tmp_path / "own.toml")
-
-
-def test_solid_geometries_have_no_kinematics():
-    with pytest.raises(BadInput, match="it has 3 dimensions: expected no 'kinematics'"):
-        solve("twist", cells=2, kinematics="plane_strain")

@@ -91,11 +91,6 @@ def test_mistake_in_one_line(overrides: dict[str, Any], message: str) -> None:
     assert "\n" not in str(caught.value)
 
 
-def test_held_and_moved_in_different_components_is_fine() -> None:
-    overrides = {"hold.0.group": "top", "hold.0.components": ["z"], "move.0.components": ["x", "y"]}
-    scenes.load("twist", **overrides)
-
-
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [

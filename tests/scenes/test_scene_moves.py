@@ -28,12 +28,6 @@ def test_rotation_is_the_exponential(axis: Any, angle: float, through: Any, load
     )
 
 
-def test_a_quarter_turn_is_right_handed() -> None:
-    turn = Move(group=1, rotate=Rotate(axis=(0, 0, 2), angle=np.pi / 2, through=(1, 0, 0)))
-    X = np.array([[2.0, 0.0, 5.0], [1.0, 0.0, 0.0]])
-    np.testing.assert_allclose(X + turn.displacement(X, 1), [[1, 1, 5], [1, 0, 0]], atol=1e-15)
-
-
 def test_a_move_turns_first_and_shifts_then() -> None:
     rotate = Rotate(axis=(0, 0, 1), angle=np.pi / 2)
     both = Move(group=1, rotate=rotate, translate=(1, 0, 0))
@@ -42,9 +36,3 @@ def test_a_move_turns_first_and_shifts_then() -> None:
     apart = Move(group=1, rotate=rotate), Move(group=1, translate=(1, 0, 0))
     total = sum(move.displacement(X, 0.3) for move in apart)
     np.testing.assert_allclose(both.displacement(X, 0.3), total, atol=1e-15)
-
-
-def test_nothing_moves_at_load_zero_or_when_held() -> None:
-    X = np.random.default_rng(1).standard_normal((4, 3))
-    move = Move(group=1, rotate=Rotate(axis=(1, 2, 3), angle=2), translate=(1, 0, 0))
-    assert np.abs(move.displacement(X, 0)).max() < 1e-15

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from scene_file import TOML, motions_of
+from scene_file import motions_of
 
 from fem_snh import scenes
-from fem_snh.contact.obstacle import names
 from fem_snh.errors import BadInput
 from fem_snh.geometry.shapes import Box, Capsule, Cylinder, Plane, Sphere
 
@@ -60,22 +58,6 @@ def test_a_motion_is_that_of_move() -> None:
         assert np.allclose(obstacle.pose(load).apply(X), expected, atol=1e-14)
 
 
-def test_files_are_relative_to_the_scene(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    motion = "load, x, y, z\n0, 0, 0, 0\n1, 0, 0, -2\n"
-    (tmp_path / "press.csv").write_text(motion)
-    path = tmp_path / "press.toml"
-    path.write_text(TOML + '[[obstacle]]\nshape = { plane = {} }\nmotion = "press.csv"\n')
-    monkeypatch.chdir("/")
-    scene = scenes.load(path)
-    obstacle = scene.obstacle[0].moving(scene.amplitudes)
-    assert obstacle.pose(0.25).translation == pytest.approx([0, 0, -0.5])
-
-
-def test_names() -> None:
-    scene = scenes.load("twist", obstacle=[ON_BALL, {**ON_BALL, "name": "floor"}])
-    assert names(scene.obstacle) == ["obstacle_0", "floor"]
-
-
 @pytest.mark.parametrize(
     ("keys", "message"),
     [
@@ -106,8 +88,3 @@ def test_mistakes(keys: dict[str, Any], message: str) -> None:
     with pytest.raises(BadInput, match=f"^twist: .*{message}") as error:
         scenes.load("twist", obstacle=[keys])
     assert "\n" not in str(error.value)
-
-
-def test_two_obstacles_of_one_name() -> None:
-    with pytest.raises(BadInput, match=r"obstacle.name = 'a': expected a different name for each"):
-        scenes.load("twist", obstacle=[{**ON_BALL, "name": "a"}] * 2)

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import pytest
 
 from fem_snh import scenes
 from fem_snh.errors import BadInput
-from fem_snh.materials.parameters import check_keywords
 from fem_snh.scenes import Scene
 
 pytestmark = pytest.mark.one_debian
@@ -75,22 +74,3 @@ def test_parameters_of_every_kind(parametrised: Any) -> None:
 def test_mistakes_in_parameters(parametrised: Any, key: str, value: Any, message: str) -> None:
     with pytest.raises(BadInput, match=f"^twist: material[.:].*{message}"):
         scenes.load("twist", material={"name": parametrised, key: value})
-
-
-def test_types_in_messages_are_in_words() -> None:
-    def own(
-        J: Any,
-        *,
-        kind: Literal["a", "b"] = "a",
-        some: float | str | None = None,
-        is_on: bool = True,
-    ) -> Any:
-        """Of types that the built-in materials do not have."""
-
-    for key, accepted in (
-        ("kind", "one of a, b"),
-        ("some", "a finite number or a text"),
-        ("is_on", "true or false"),
-    ):
-        with pytest.raises(BadInput, match=rf"{key} = \[3\]: expected {accepted}$"):
-            check_keywords(own, {key: [3]})

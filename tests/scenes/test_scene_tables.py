@@ -16,7 +16,6 @@ from fem_snh.scenes import Amplitude
 pytestmark = pytest.mark.one_debian
 
 RAMP: dict[str, Any] = {"name": "ramp", "points": [[0, 0], [0.5, 2], [1, -1]]}
-ON_TOP = {"group": "top", "table": "ramp"}
 
 
 @pytest.mark.parametrize(
@@ -47,13 +46,6 @@ def test_a_motion_and_its_rotation_have_amplitudes_of_their_own() -> None:
 def test_without_a_table_the_amplitude_is_the_load() -> None:
     scene = scenes.load("cook")
     assert scene.amplitudes.force(scene.traction[0].table)(0.3) == 0.3
-
-
-def test_one_table_is_one_amplitude() -> None:
-    loads = [{**ON_TOP, "value": 1.0}, {**ON_TOP, "value": 2.0}, {"group": "left", "value": 1.0}]
-    scene = scenes.load("twist", table=[RAMP], pressure=loads)
-    first, second, third = (scene.amplitudes.force(load.table) for load in scene.pressure)
-    assert first == second != third
 
 
 MISTAKES: list[tuple[dict[str, Any], str]] = [

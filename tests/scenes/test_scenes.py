@@ -7,17 +7,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scene_file import TOML
 
 from fem_snh import materials, scenes
 from fem_snh.scenes import Scene
-
-
-@pytest.mark.parametrize("name", scenes.names())
-def test_scene_is_named_after_its_file_and_described(name: str) -> None:
-    assert scenes.load(name).name == name
-    assert scenes.describe(name).endswith(".")
-
 
 #: Scenes on a built-in geometry: the others are lattices.
 ON_GEOMETRY = [n for n in scenes.names() if isinstance(scenes.load(n).mesh, scenes.Geometry)]
@@ -86,11 +78,6 @@ def test_overrides_reach_every_level() -> None:
     assert scene.petsc == scenes.load("twist").petsc | added
 
 
-def test_a_scene_can_be_overridden_again() -> None:
-    scene = scenes.load(scenes.load("twist", **{"material.barrier": True}), cells=4)
-    assert scene.cells == 4 and scene.material.parameters == {"barrier": True}
-
-
 def test_another_material_drops_the_shape_parameters_of_the_first(toml: Path) -> None:
     assert scenes.load(toml).material.parameters == {"barrier": True}
     other = scenes.load(toml, material="neo_hookean").material
@@ -117,12 +104,6 @@ def test_what_any_material_takes_beside_its_own() -> None:
         "epsilon": 0.0,
     }
     assert isinstance(given["alpha_mu"], float)
-
-
-def test_tuning_of_a_scene_file(toml: Path) -> None:
-    toml.write_text(TOML.replace("barrier = true", 'alpha = 2\nlambda_part = "neo_hookean"'))
-    assert scenes.load(toml).material.parameters == {"alpha": 2.0, "lambda_part": "neo_hookean"}
-    assert scenes.load(toml, material="neo_hookean").material.parameters == {}
 
 
 def test_scene_file(toml: Path) -> None:

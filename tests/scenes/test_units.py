@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import pytest
-from picture_runs import bad, record, write_record
+from picture_runs import bad, record
 from running import record as recorded
 from running import solve
 
-from fem_snh import scenes
 from fem_snh.cli import main
-from fem_snh.errors import BadInput
-from fem_snh.records.run_record import column_unit, results
-from fem_snh.records.units import Units, volume_change
+from fem_snh.records.units import Units
 from fem_snh.viewing import page, plots, render
 from fem_snh.viewing.plots.runs import curve_figure, draw_energies, list_columns, run_table
 from fem_snh.viewing.stored_run import axis_label, column_label, label
@@ -25,26 +22,6 @@ def test_units_are_read_in_any_order():
     assert Units.read("in, lbf, psi") == Units("in", "lbf", "psi")
     assert Units.read("mm, kN, GPa, ms") == Units("mm", "kN", "GPa", "ms")
     assert Units.read("m,N,Pa") == Units()
-
-
-@pytest.mark.parametrize(
-    "text, message",
-    [
-        ("mm, N, Pa", "expected N over mm squared as the unit of stress: MPa or N/mm^2"),
-        ("mm, kgf, MPa", "expected kgf over mm squared as the unit of stress: 9.80665e+06 Pa, "),
-        ("mm, N", 'expected a unit of stress too, as "mm, N, MPa"'),
-        ("mm", 'expected a unit of force and of stress too, as "mm, N, MPa"'),
-        ("mm, cm, N, MPa", "expected one unit of length, not mm and cm"),
-        ("mm, N, Mpa", "expected units, not 'Mpa': of length m, dm, "),
-        ("", "expected units, not '': of length m, "),
-        (3, 'expected units of length, force and stress, "mm, N, MPa"'),
-    ],
-)
-def test_wrong_units_are_one_line(text, message):
-    with pytest.raises(BadInput) as caught:
-        scenes.load("twist", units=text)
-    assert str(caught.value).startswith(f"twist: units = {text!r}: {message}")
-    assert "\n" not in str(caught.value)
 
 
 def test_names_of_derived_units():
@@ -61,32 +38,6 @@ def test_names_of_derived_units():
     assert Units.of(record(units="mm, N, MPa", kinematics="axisymmetric")) == MM
     assert Units.of(record()) is None
     assert bad(Units.of, record(units="mm")).startswith("run.json: units = 'mm': expected ")
-
-
-#: A step with every kind of column.
-STEP = {
-    "load": 1.0, "energy": 2.0, "max_u": 0.1, "volume_ratio": 1.0, "newton": 3, "seconds": 1.0,
-    "reactions": {"top": [0, 0, 1]}, "moments": {"top": [0, 0, 2]}, "probes": {"edge": [1, 2, 3]},
-    "volumes": {"body": 1.0}, "cavities": {"inner": {"volume": 1.0, "pressure": 2.0}},
-    "obstacles": {"ball": {"force": [1, 2, 3], "penetration": 0.1, "stiffness": 3.0}},
-    "rigid": {"bar": {"displacement": [1, 2, 3], "rotation": [0, 0, 1]}}, "momentum": [1, 2, 3],
-    "goals": {"top.mean.z": 1.0}, "errors": {"edge.y": 0.1, "top.moment.z": 0.2},
-}  # fmt: skip
-UNITS = {
-    "energy": "J", "max_u": "m", "volume_ratio": "", "newton": "", "seconds": "", "load": "",
-    "top.force.z": "N", "top.moment.z": "N m", "edge.x": "m", "body.volume": "",
-    "inner.volume": "m^3", "inner.pressure": "Pa", "ball.force.y": "N", "ball.penetration": "m",
-    "ball.stiffness": "Pa/m", "bar.displacement.x": "m", "bar.rotation.z": "rad",
-    "momentum.x": "kg m/s", "top.mean.z": "m", "edge.y.error": "m", "top.moment.z.error": "N m",
-    "top.force.z/edge.x": "N/m", "edge.x/edge.y": "", "body.volume/edge.x": "1/m",
-    "top.force.z/top.moment.z": "N/(N m)", "edge.x/body.volume": "m",
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("name", UNITS)
-def test_units_of_columns(name):
-    assert column_unit(name, STEP) == UNITS[name]
-    assert set(UNITS) > set(results({"probes": STEP["probes"]})) - {"edge.y", "edge.z"}
 
 
 def test_labels():
@@ -137,15 +88,3 @@ def render_foot() -> int:
     from fem_snh.viewing.render.drawing import FOOT
 
     return FOOT
-
-
-def test_a_damaged_record_is_one_line(folder):
-    write_record(folder, record(units="ells"))
-    assert bad(plots.main, [folder], None, False, None, ["min_J"]).startswith("run.json: units = ")
-    write_record(folder, record(units=3))
-    assert "units = 3: expected a text" in bad(plots.main, [folder])
-
-
-def test_a_volume_that_hardly_changes_has_no_sign():
-    changes = [volume_change(1 + part) for part in (-4e-5, 0.0, 4e-5, -6e-5, 0.0051)]
-    assert changes == ["0.00", "0.00", "0.00", "-0.01", "+0.51"]
