@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 from time import perf_counter
 
 from mpi4py import MPI
@@ -18,17 +17,16 @@ from test_error_estimate import sheared
 from test_goals_on_the_path import UP, loaded
 
 import fem_snh
-from benchmarks.accuracy_cases import exact, stretch
+from benchmarks.accuracy_cases import exact
 from fem_snh import _dolfinx, cache, scenes
 from fem_snh.accuracy.goal_errors import Estimate, GoalError
-from fem_snh.accuracy.indicators import target_volumes
 from fem_snh.accuracy.levels import LevelRow, Levels
 from fem_snh.accuracy.state_checks import is_at_rest
 from fem_snh.cli import main
 from fem_snh.mesh import mesh as meshes
 from fem_snh.mesh.bisection import bisect
 from fem_snh.problem.transfer import LocatedPoints, evaluate
-from fem_snh.runs.level_meshes import cells_of, first_scene
+from fem_snh.runs.level_meshes import first_scene
 from fem_snh.runs.progress import Progress
 from fem_snh.scenes import Accuracy, Scene
 
@@ -88,19 +86,6 @@ def test_cells_of_degree_2_stay_on_their_curved_faces():
 
 @pytest.mark.one_debian("ranks")
 @mpi
-@pytest.mark.parametrize("cell", ["tetrahedron", "hexahedron"])
-def test_a_distributed_mesh_is_gathered_as_it_was(cell):
-    comm = MPI.COMM_WORLD
-    mesh = meshes.generate(comm, "cube", cell, cells=3)
-    data = meshes.gather(mesh)
-    again = meshes.distribute(comm, "again", lambda: data)
-    assert again.num_cells == mesh.num_cells
-    assert [(g.label, g.count) for g in again.groups] == [(g.label, g.count) for g in mesh.groups]
-    assert meshes.volume(again.domain) == pytest.approx(1.0, rel=1e-12)
-
-
-@pytest.mark.one_debian("ranks")
-@mpi
 @pytest.mark.parametrize(("cell", "degree"), [("tetrahedron", 2), ("hexahedron", 1)])
 def test_a_field_is_interpolated_on_another_mesh(cell, degree):
     """Exactly, if it is a polynomial of the element; also at points of other ranks."""
@@ -139,80 +124,6 @@ def test_a_point_beside_much_smaller_cells_is_in_its_own():
     assert np.abs(located.values(u) - points).max() < 1e-12
 
 
-def test_cells_get_smaller_where_the_error_is():
-    """The number in the place of each cell is proportional to a power of its weight."""
-    weights = np.array([0.0, 1.0, 32.0])
-    found = np.ones(3) / target_volumes(np.ones(3), weights, 1, 4.0)
-    assert found[0] == 1
-    assert found[2] / found[1] == pytest.approx(32 ** (3 / 5), rel=1e-6)
-    assert found.sum() == pytest.approx(12.0, rel=1e-6)
-    assert target_volumes(np.ones(3), np.zeros(3), 1, 4.0) == pytest.approx(0.25)
-
-
-def test_decisions():
-    """A corrected value serves if what the estimate may miss is within the request."""
-
-    def estimate(value, error, scale=1.0):
-        return Estimate(goals={"a": GoalError(value, error, scale)}, memory=1e6)
-
-    levels = Levels(0.01, {"max_dofs": 5000})
-    levels.add(LevelRow("Q1P0", 1, 64, 500, 1.0, fineness=4), estimate(0.9, 0.1))
-    # The estimate of degree 1 may miss 40 % of what it finds: so much the corrected value is off.
-    assert not levels.reached and levels.worst == ("a", pytest.approx(0.04))
-    assert levels.refinement() == 2.0
-    forecast = levels.forecast(2.0)
-    assert (forecast.cells, forecast.dofs, forecast.memory) == (512, 4000, 8e6)
-    assert not levels.exceeds(forecast, 0.0, 1e9)
-    assert levels.exceeds(levels.forecast(2.5), 0.0, 1e9).startswith("max_dofs = 5,000: ")
-    assert levels.exceeds(forecast, 0.0, 1e6).startswith("1 MB are available")
-    levels.add(LevelRow("Q1P0", 1, 512, 4000, 8.0, fineness=8), estimate(0.968, 0.02))
-    assert levels.reached and levels.worst == ("a", pytest.approx(0.008))
-    assert levels.lines()[1] == "  a 0.988 +- 0.008 (0.8 %) (corrected)"
-    # The next corrected value is further from that than both may be off: their difference counts.
-    levels.add(LevelRow("Q1P0", 1, 4096, 32000, 64.0, fineness=16), estimate(0.97, 0.006))
-    assert levels.worst == ("a", pytest.approx(0.012)) and not levels.reached
-    # Parts that cancel are no small error.
-    levels = Levels(0.01)
-    parts = {"mesh": 0.02, "time steps": -0.019}
-    goal = GoalError(1.0, 0.001, 1.0, parts=parts)
-    levels.add(LevelRow("Q1P0", 1, 64, 500, 1.0, steps=8), Estimate(goals={"a": goal}))
-    assert not levels.reached
-    # What further Newton iterations may change is a part of the bound.
-    goal = GoalError(1.0, 0.008, 1.0, unsettled=0.001)
-    levels = Levels(0.004)
-    levels.add(LevelRow("Q1P0", 1, 64, 500), Estimate(goals={"a": goal}))
-    assert levels.rows[0].goals["a"].uncertainty == pytest.approx(0.4 * 0.008 + 0.001)
-    assert not levels.reached
-    # The mesh stays if stiffer penalties alone will do.
-    for mesh, stays in ((0.008, True), (0.014, False)):
-        levels = Levels(0.01)
-        goal = GoalError(1.0, mesh + 0.02, 1.0, parts={"mesh": mesh, "penalty": 0.02})
-        levels.add(LevelRow("P2", 2, 64, 500), Estimate(goals={"a": goal}))
-        assert levels.mesh_suffices == stays and levels.stiffer_penalties() > 1
-    # A component that is small beside the largest displacement is judged by that.
-    levels = Levels(0.01)
-    row = LevelRow("Q1P0", 1, 64, 500, 1.0)
-    levels.add(row, estimate(1e-9, 1e-9, scale=1e-3))
-    assert levels.reached
-    # A force that was not asked for is judged by the largest one, and the line says so.
-    forces = {
-        "plate.force.z": GoalError(50.0, 0.0, 50.0),
-        "ground.force.z": GoalError(1.0, 0.03, 1.0),
-    }
-    for named in (False, True):
-        of_forces = Levels(0.01, named=named)
-        of_forces.add(row, Estimate(goals=forces))
-        assert of_forces.reached != named
-        assert of_forces.record()["small"] == ([] if named else ["ground.force.z"])
-        share = "1.2 %)" if named else "0.24 % of 0.1 of the largest force)"
-        line = f"  ground.force.z 1.03 +- 0.012 ({share} (corrected)"
-        assert of_forces.lines()[2].startswith(line)
-    levels.add(LevelRow("Q1P0", 1, 512, 4000, 1.0), Estimate(reason="far away"))
-    assert not levels.reached and levels.lines() == [
-        "level 2: 512 Q1P0 cells, 4,000 dofs: no estimate: far away"
-    ]
-
-
 @pytest.mark.parametrize("found", [0.3, 0.5, 0.8, 1.0, 1.5, 2.5])
 @pytest.mark.parametrize("ratio", [0.15, 0.35, 0.7])
 def test_bounds_hold_where_estimates_find_a_part_of_the_error(found, ratio):
@@ -232,19 +143,6 @@ def test_bounds_hold_where_estimates_find_a_part_of_the_error(found, ratio):
         least = 0.5 * found * true
         if 1 / 1.5 <= found <= 1.5:
             assert goal.uncertainty == pytest.approx(least, rel=1e-9)
-
-
-def test_errors_are_located_where_the_next_level_needs_them(tmp_path, capsys):
-    """Each costs a linear solve: none on the last level, unless the folder has their fields."""
-    keys = {"element": "P2P1", "kinematics": "plane_strain", "nu": 0.4999, "cells": 8}
-    keys |= {"accuracy.within": 0.005, "accuracy.goals": "corner.y,right.mean.y"}
-    found = fem_snh.run("cook", **keys)
-    assert len(found.record["accuracy"]["levels"]) > 1 and found.record["accuracy"]["reached"]
-    assert not found.estimate.indicators and not found.estimate.places
-    first, *_, last = re.split(r"level \d: about", capsys.readouterr().out)
-    assert "where the error of corner.y is" in first and "where the error" not in last
-    found = solve("cook", out=tmp_path / "run", **keys)
-    assert set(found.estimate.indicators) == {"corner.y", "right.mean.y"}
 
 
 @pytest.mark.one_debian
@@ -269,46 +167,6 @@ def test_a_force_without_contact_is_not_within_the_request(capsys):
     levels.add(LevelRow("Q1P0", 1, 8, 81, 1.0), result.estimate)
     assert not levels.reached and levels.refinement() == 2
     assert levels.rows[0].reason.startswith("ground.force.x: nothing touches on these cells")
-
-
-def between_plate_and_wall(x, update, **keys):
-    """The cube under a plate, which bulges towards a wall."""
-    scene = scenes.load("press", to=0.8, steps=1, **keys)
-    plane = {"plane": {"point": [x, 0, 0], "normal": [-1, 0, 0]}}
-    wall = scenes.Obstacle.model_validate({"name": "wall", "shape": plane})
-    return scene.model_copy(update={"obstacle": [scene.obstacle[0], wall], **update})
-
-
-def test_a_small_force_that_begins_is_no_reason_for_finer_cells():
-    """Beside that of the plate: each finer mesh may have several times it, so no bound holds."""
-    scene = between_plate_and_wall(1.05, {"error": True}, cells=2, element="P2P0")
-    estimate = fem_snh.run(scene).estimate
-    goals, begins = estimate.goals, "it only begins to touch, and on finer cells may touch more"
-    assert abs(goals["wall.force.x"].error) > 100 > abs(goals["wall.force.x"].value)
-    assert {name for name, goal in goals.items() if goal.reason == begins} == {
-        f"wall.force.{axis}" for axis in "xyz"
-    }
-    known = Levels(0.2)
-    known.add(LevelRow("P2P0", 2, 48, 375, 1.0), estimate)
-    (line,) = estimate.untouched.values()
-    assert line.startswith("wall.force 76.4, of the better element 1") and line.endswith(begins)
-    assert known.reached and any(line in shown for shown in known.lines())
-    named = Levels(0.2, named=True)
-    named.add(LevelRow("P2P0", 2, 48, 375, 1.0), estimate)
-    assert not named.reached and named.worst[0].startswith("wall.force")
-
-
-@pytest.mark.parametrize("written", [False, True])
-def test_cells_are_not_refined_for_a_small_force_that_begins(tmp_path, capsys, written):
-    """Its error was located before it was known not to count: a KeyError ended the run."""
-    asked = Accuracy(within=0.02, keep_element=True)
-    scene = between_plate_and_wall(1.054, {"accuracy": asked}, cells=3, element="P2P0")
-    found = fem_snh.run(scene, out=tmp_path / "run" if written else None).record["accuracy"]
-    assert found["reached"] and len(found["levels"]) == 2
-    assert "wall.force.x" not in found["levels"][0]["goals"]
-    shown = capsys.readouterr().out
-    assert "wall.force 12.3, of the better element 91.3: it only begins" in shown
-    assert written or "where the error of plate.force.z is" in shown
 
 
 def pressed(shape):
@@ -336,13 +194,6 @@ def test_a_contact_that_is_narrower_than_a_cell_takes_two_levels(comm):
     result = fem_snh.run(pressed(flat), comm=comm, accuracy=accuracy, progress=False)
     assert len(result.record["accuracy"]["levels"]) == 1
     assert result.estimate.narrow == [] and result.record["accuracy"]["reached"]
-
-
-def test_an_element_that_no_material_has_is_refused():
-    """As without an accuracy: the element of the first level was sought in vain."""
-    scene = scenes.load("twist", nu=0.0, element="Q2Q1", cells=2)
-    with pytest.raises(fem_snh.BadInput, match="nu = 0: Taylor-Hood elements need a volume"):
-        fem_snh.run(scene, accuracy={"within": 0.1}, progress=False)
 
 
 def test_each_level_in_time_differs_from_the_last():
@@ -510,20 +361,6 @@ def test_the_load_steps_are_followed_on_the_last_mesh(capsys):
     assert values[1] == pytest.approx(values[0], rel=1e-4)
 
 
-@pytest.mark.one_debian
-def test_a_jump_on_the_path_of_a_level_is_noted_on_the_last(capsys):
-    """The last level starts behind the fold, in one step, and had no note."""
-    keys = {"stretch": 0.4, "cells": 6, "element": "Q2", "steps": 4}
-    accuracy = {"within": 0.03, "keep_element": True, "goals": ["right.force.x"]}
-    result = fem_snh.run("pull", **keys, accuracy=accuracy)
-    levels = result.record["accuracy"]["levels"]
-    assert len(levels) > 1 and not levels[0]["reason"] and len(result.steps) == 1
-    (note,) = [note for note in result.notes if note["kind"] == "jump"]
-    assert note["step"] is None and note["text"].startswith("level 1: ")
-    assert 0.5 < note["start"] < note["end"] <= 1
-    assert note["text"] in capsys.readouterr().out.split("level 2: about")[-1]
-
-
 def test_a_level_that_finds_no_equilibrium_starts_at_rest(monkeypatch, capsys):
     """Also in a scene of one step; the end state before it is replaced by a torn one."""
 
@@ -571,25 +408,6 @@ def test_the_element_of_the_levels(name, keys, element):
     assert first_scene(scene, Progress(MPI.COMM_SELF, False)).element == element
 
 
-@pytest.mark.parametrize(("element", "used"), [("Q1", "Q1P0"), ("P1", "P2P0"), ("Q1P0", "Q1P0")])
-def test_the_element_of_the_levels_of_several_materials(element, used):
-    """No continuous pressure, which is wrong at their interface."""
-    scene = scenes.load("twist", nu=0.49, element=element, **{"accuracy.within": 0.01})
-    one = scene.materials[0]
-    both = [one.model_copy(update={"group": group}) for group in ("left", "right")]
-    scene = scene.model_copy(update={"material": both})
-    assert first_scene(scene, Progress(MPI.COMM_SELF, False)).element == used
-
-
-@pytest.mark.one_debian
-@pytest.mark.parametrize(("name", "wanted", "cells"), [("block", 3, 4), ("twist", 3, 3)])
-def test_cells_are_even_where_a_geometry_needs_it(name, wanted, cells):
-    scene = scenes.load(name, cells=4, **{"accuracy.within": 0.01})
-    assert cells_of(scene, wanted) == cells
-    first = first_scene(scene, Progress(MPI.COMM_SELF, False))
-    assert meshes.generate(MPI.COMM_SELF, scene.mesh.source, "hexahedron", cells=first.cells)
-
-
 @pytest.mark.one_debian
 def test_the_penalty_of_a_fluid_is_raised():
     """The mesh suffices: a second level of the same cells differs by the stiffness alone."""
@@ -608,20 +426,6 @@ def test_the_penalty_of_a_fluid_is_raised():
     assert last["parts"]["penalty"] == pytest.approx(first["parts"]["penalty"] / 10, rel=0.02)
     assert abs(last["parts"]["mesh"] - first["parts"]["mesh"]) < 0.1 * first["uncertainty"]
     assert last["corrected"] == pytest.approx(first["corrected"], abs=first["uncertainty"])
-
-
-@pytest.mark.one_debian
-def test_levels_follow_the_multipliers_of_contact_again():
-    """An augmented Lagrangian has no penalty left; the force of Hertz's contact is known."""
-    scene = scenes.load("hertz", cells=2, **{"accuracy.within": 0.01})
-    (plane,) = scene.obstacle
-    plane = plane.model_copy(update={"method": "augmented_lagrangian"})
-    result = solve(scene.model_copy(update={"obstacle": [plane]}))
-    found = result.record["accuracy"]
-    assert found["reached"] and found["levels"][-1]["load_steps"] == scene.steps
-    force = found["levels"][-1]["goals"]["plane.force.z"]
-    assert force["parts"].keys() == {"load steps", "mesh"}
-    assert force["best"] == pytest.approx(-exact("hertz")[0], rel=0.01)
 
 
 def test_a_crushed_body_that_is_back_at_rest_has_no_relative_errors():
@@ -645,17 +449,3 @@ def test_a_body_on_which_a_force_acts_is_not_at_rest():
     moved = loaded(UP).model_copy(update={"traction": [], "table": []})
     move = scenes.Move(group="top", translate=(1e-12, 0, 0))
     assert not is_at_rest(solve(moved.model_copy(update={"move": [move]})).problem)
-
-
-def test_a_goal_need_not_have_the_factor_of_the_decay():
-    """The clamped ends give a factor of 2.2, and the estimate of the force is 2.4 times its error.
-
-    The bound was half of the estimate.
-    """
-    accuracy = {"goals": ["right.force.x"], "within": 0.05}
-    result = fem_snh.run(stretch(), accuracy=accuracy, progress=False)
-    (level,) = result.record["accuracy"]["levels"]
-    goal = level["goals"]["right.force.x"]
-    assert result.record["estimate"]["saturation"] > 2
-    error = abs(exact("stretch")[0] - goal["best"])
-    assert 0.5 * abs(goal["error"]) < error < goal["uncertainty"] < 0.6 * abs(goal["error"])

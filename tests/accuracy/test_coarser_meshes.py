@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import fem_snh
-from benchmarks.accuracy_cases import exact, stretch
+from benchmarks.accuracy_cases import stretch
 from fem_snh.accuracy.coarser_meshes import extrapolated, with_error
 from fem_snh.accuracy.goal_errors import GoalError
 from fem_snh.errors import BadInput
@@ -53,10 +53,6 @@ def test_changes_without_an_order_have_a_bound_or_none():
     assert goal.text("x").startswith("x 5, no estimate: its changes do not decrease")
 
 
-def test_an_element_that_locks_has_no_estimate():
-    assert "Q1 locks" in run("cook", element="Q1", nu=0.4999, cells=16).estimate.reason
-
-
 def test_the_error_of_a_polyhedron_is_included():
     """A lifted element has the same straight edges, and a line says so."""
     exact_force = 1.2895  # P2 with curved faces, 6, 8 and 12 cells: 1.2982, 1.2939, 1.2911
@@ -68,31 +64,6 @@ def test_the_error_of_a_polyhedron_is_included():
     lines = "\n".join([*found.estimate.lines(), *(note["text"] for note in found.notes)])
     assert "meshes with 8 and 4 cells" in lines
     assert "straight edges" not in lines
-
-
-def test_an_order_that_is_high_by_chance_gives_a_bound_alone():
-    """As of a polyhedron, whose errors of shape and element cancel in the last change.
-
-    The changes are those of `right.force.x` of `stretch`, 12 cells of P2 with straight edges.
-    """
-    change, before = np.array([0.00029]), np.array([0.276])
-    errors, bounds = extrapolated(change, before, (12.0, 6.0, 3.0), 2)
-    goal = with_error(GoalError(0.9514, scale=0.95), errors[0], bounds[0], change[0])
-    true = exact("stretch")[0] - goal.value
-    assert 0.01 * abs(true) > abs(goal.error)
-    assert abs(true) < goal.bound < 5 * abs(true)
-    assert goal.text("force") == "force 0.9514, error below 2.4 %"
-
-
-def test_penalties_by_default_are_stiffer_on_finer_cells():
-    """With the default the estimate has the error of the penalty, 1 % of the force."""
-    found = run("press", element="P2", cells=8, nu=0.3, to=0.8, steps=2)
-    assert any("not that of a given stiffness" in line for line in found.estimate.lines())
-    lifted = run("press", element="P2", cells=8, nu=0.3, to=0.8, steps=2, accuracy={})
-    known, other = (r.estimate.goals["plate.force.z"] for r in (found, lifted))
-    assert abs(other.parts["penalty"]) > 0.7 * abs(other.error)
-    assert known.error / other.error == pytest.approx(1.0, abs=0.2)
-    assert abs(other.error) < known.at_most
 
 
 def test_lattices_are_coarser_as_well():
@@ -116,42 +87,3 @@ def test_goals_do_not_depend_on_ranks(comm):
     other = alone.estimate.goals["corner.y"]
     assert known.error == pytest.approx(other.error, rel=1e-6)
     assert known.at_most == pytest.approx(other.at_most, rel=1e-6)
-
-
-def test_too_little_memory_for_the_lifted_element():
-    found = run("cook", element="Q2", cells=8, nu=0.3, accuracy={"max_memory": 0.5})
-    assert found.estimate.coarser and not found.estimate.reason
-    (line,) = found.estimate.left_out
-    assert "4 and 2 cells along an edge, as Q3 needs about" in line
-    assert "0.5 MB are allowed" in line
-    record = found.record["goals"]["corner.y"]
-    assert record["bound"] == found.estimate.goals["corner.y"].at_most
-    plenty = run("cook", element="Q2", cells=8, nu=0.3, accuracy={"max_memory": 500})
-    assert not plenty.estimate.coarser
-
-
-def test_too_few_cells():
-    text = "in place of {} cells along an edge coarser meshes would have {} and {}, as the geometry"
-    reason = run("cook", element="Q1", cells=8, nu=0.3).estimate.reason
-    assert reason.startswith(text.format(8, 4, 2)) and reason.endswith("two meshes, and 4 or more")
-    reason = run("elbow", cells=16, steps=1, angle=5).estimate.reason
-    assert reason.startswith(text.format(16, 12, 12))
-
-
-def test_a_resumed_run_gets_the_other_estimate(tmp_path):
-    keys = {"element": "Q2", "cells": 8, "nu": 0.3, "out": tmp_path / "out"}
-    run("cook", **keys)
-    again = run("cook", **keys, resume=True, accuracy={})
-    assert "coarser" not in again.record["estimate"] and again.record["goals"]["corner.y"]["error"]
-    once_more = run("cook", **keys, resume=True)
-    assert "4 and 2 cells" in once_more.record["estimate"]["coarser"]
-
-
-def test_where_meshes_are_not_coarsened(toml):
-    accepted = "expected lifted_element, "
-    with pytest.raises(BadInput, match=f"{accepted}as the mesh of a file"):
-        run(toml)
-    with pytest.raises(BadInput, match=f"{accepted}as accuracy.within"):
-        run("cook", accuracy=_BY_MESHES | {"within": 0.01})
-    with pytest.raises(BadInput, match="coarser_meshes"):
-        run("cook", accuracy={"estimate": "coarser_mesh"})

@@ -138,18 +138,6 @@ def test_effectivity(case: str) -> None:
 
 
 @pytest.mark.one_debian
-@pytest.mark.parametrize("element", ["P2", "Q2"])
-def test_the_decay_tells_what_degree_3_leaves(element: str) -> None:
-    """A third of the error at Cook's corners; the factor brings the estimate closer to it."""
-    result = solve("cook", **cook(element, 0.3, cells=4))
-    goal, value = result.goals["corner.y"], CORNER[0.3]["corner.y"]
-    effectivity = goal["error"] / (value - goal["value"])
-    assert 0.7 < effectivity < 1.3
-    factor = result.record["estimate"]["saturation"]
-    assert abs(effectivity - 1) < abs(effectivity / factor - 1)
-
-
-@pytest.mark.one_debian
 def test_the_pressure_of_a_fluid() -> None:
     """Against the exact solution, to which nu = 0.4999 adds less than a hundredth of the error."""
     material = MaterialChoice(name="stable_neo_hookean", E=3.0, nu=0.4999)

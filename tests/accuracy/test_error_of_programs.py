@@ -11,7 +11,6 @@ from dolfinx_programs import Bar, Press, converged, unit_cube
 from running import solve
 
 import fem_snh
-from fem_snh.errors import BadInput
 from fem_snh.scenes import Accuracy, Probe, Reaction
 from fem_snh.terms.loads import Traction
 
@@ -95,57 +94,3 @@ def test_terms_are_carried_over(comm):
         errors.append(found.goals["corner.x"].error)
         assert found.goals["corner.x"].relative > 0.01
     assert errors[0] == pytest.approx(errors[1], rel=1e-3)
-
-
-@pytest.mark.parametrize(("degree", "quadrature"), [(1, 3), (2, 4)])
-def test_an_energy_with_its_own_quadrature_has_the_error_of_its_material(comm, degree, quadrature):
-    """That quadrature, as the tutorial's of degree 4, is too little for the element of the error.
-
-    One that leaves the lifted element modes without energy gives six times the error.
-    """
-    soft, found = fem_snh.material("neo_hookean", E=1.0, nu=0.3), []
-    for in_ufl in (False, True):
-        body = Press(unit_cube(comm, 3 - degree), degree, height=-0.2)
-        dx = ufl.dx(domain=body.domain, degree=quadrature)
-        terms = [soft.ufl(body.F) * dx] if in_ufl else []
-        materials = {} if in_ufl else {soft: ufl.dx}
-        problem = fem_snh.NonlinearProblem(body.u, materials, bcs=body.bcs, terms=terms)
-        problem.solve()
-        found.append(problem.estimate_error({"pull": body.bcs[1]}).goals["pull.z"])
-    assert found[1].value == pytest.approx(found[0].value, rel=1e-3)
-    assert found[1].error == pytest.approx(found[0].error, rel=0.1)
-
-
-@pytest.mark.parametrize(
-    ("goals", "message"),
-    [
-        ([(1, 2)], "goals[0] = (1, 2): expected a point [x, y, z]"),
-        (["strain"], "goals[0] = 'strain': expected a point"),
-        ([(ufl.ds, "stress")], "goals[0] = 'ds(everywhere)': expected a measure of cells, dx(...)"),
-        ({"far": (3, 0, 0)}, "outside the body"),
-        ([], "expected at least one goal"),
-        ("energy", "expected a list of goals"),
-    ],
-)
-def test_goals_that_are_none(comm, goals, message):
-    body = Press(unit_cube(comm, 1))
-    problem = fem_snh.NonlinearProblem(body.u, {SNH: ufl.dx}, bcs=body.bcs)
-    with pytest.raises(BadInput, match="expected a solution that has converged"):
-        problem.estimate_error(["energy"])
-    problem.solve()
-    with pytest.raises(BadInput) as refused:
-        problem.estimate_error(goals)
-    assert message in str(refused.value)
-
-
-def test_a_force_without_an_energy_has_none_as_a_goal(comm):
-    """The message named 'energy' as one of those that are accepted."""
-    domain = unit_cube(comm, 2)
-    body = Press(domain, height=-0.1)
-    face = mesh.locate_entities_boundary(domain, 2, lambda x: np.isclose(x[0], 1))
-    tags = mesh.meshtags(domain, 2, np.sort(face), np.full(len(face), 1, np.int32))
-    push = fem_snh.Pressure(ufl.Measure("ds", domain=domain, subdomain_data=tags)(1), 1e-3)
-    problem = fem_snh.NonlinearProblem(body.u, {SNH: ufl.dx}, bcs=body.bcs, terms=[push])
-    problem.solve()
-    with pytest.raises(BadInput, match=r"= 'energy': expected another goal, as a load or a mater"):
-        problem.estimate_error({"all": "energy"})

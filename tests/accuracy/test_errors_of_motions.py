@@ -13,7 +13,6 @@ from time_scenes import DOWN, SOFT, in_time
 import fem_snh
 from fem_snh import _dolfinx
 from fem_snh.assembly.boundary_conditions import group_nodes
-from fem_snh.errors import BadInput
 from fem_snh.mesh import mesh
 from fem_snh.scenes import Accuracy, Move, Probe, Reaction, Start
 
@@ -93,31 +92,3 @@ def test_a_program_in_time_has_the_errors_of_its_scene(comm):
         for bound in ("steps_bound", "mesh_bound", "of_path"):
             expected_bound = getattr(other, bound)
             assert getattr(goal, bound) == pytest.approx(expected_bound, abs=1e-8 * other.scale)
-
-
-def test_motions_without_an_estimate(comm):
-    swing = Swing(comm)
-    problem = swing.problem
-    assert problem.step(DURATION / 8)
-    assert "from its beginning" in problem.estimate_error({"tip": TIP}).reason
-    assert "from its beginning" in swing.end(8).reason
-    problem.u.x.array[:] = 0
-    problem.start()
-    assert swing.end(3).reason == "3 time steps: expected at least 4"
-    problem.u.x.array[:] = 0
-    problem.start()
-    next(problem.steps(8))
-    half = problem.estimate_error({"tip": TIP})
-    assert half.reason == "the steps have not reached their end"
-    assert half.goals["tip.z"].error is None
-    with pytest.raises(BadInput, match=r"= 'energy': expected another goal, in time$"):
-        problem.estimate_error(["energy"])
-
-
-def test_a_motion_that_starts_again_has_the_same_estimate(comm):
-    swing = Swing(comm)
-    first = swing.end(4)
-    swing.problem.u.x.array[:] = 0
-    swing.problem.start()
-    assert str(swing.end(4)) == str(first)
-    assert not first.reason

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from running import solve
 
-from fem_snh.errors import BadInput
-from fem_snh.scenes import Accuracy, Geometry, Hold, MaterialChoice, Modes, Rigid, Scene, load
+from fem_snh.scenes import Accuracy, Geometry, Hold, MaterialChoice, Modes, Scene, load
 
 mpi = pytest.mark.mpi
 
@@ -74,33 +73,6 @@ def test_a_free_body_has_six_frequencies_of_zero(comm):
     assert ((ratio > 0.7) & (ratio < 1.4)).all(), ratio
 
 
-@mpi
-def test_a_free_body_of_small_cells(comm):
-    """The shift is small beside the stiffness of a cell: a solve loses the rigid motions."""
-    modes = Modes(count=12)
-    free, fine = (box("Q2", n, hold=[], modes=modes) for n in (5, 8))
-    ratio = errors(comm, free, fine, range(7, 13))
-    assert ((ratio > 0.7) & (ratio < 1.4)).all(), ratio
-
-
-@mpi
-def test_errors_with_a_rigid_part(comm):
-    def bar(element, cells):
-        return Scene(
-            name="bar",
-            mesh=Geometry(source="bar", parameters={"length": 2.0, "interface": 1.0}),
-            material=MATERIAL,
-            cells=cells,
-            element=element,
-            hold=[Hold(group="left")],
-            rigid=[Rigid(group="second")],
-            modes=Modes(count=3),
-        )
-
-    ratio = errors(comm, bar("Q1", 4), bar("Q2", 6), [1, 2, 3])
-    assert ((ratio > 0.7) & (ratio < 1.4)).all(), ratio
-
-
 @pytest.mark.one_debian
 def test_levels_reach_an_accuracy_of_frequencies(comm):
     goals = [f"frequency.{i}" for i in (1, 4, 6)]
@@ -110,22 +82,3 @@ def test_levels_reach_an_accuracy_of_frequencies(comm):
     last = result.record["accuracy"]["levels"][-1]["goals"]
     for name, exact in zip(goals, EXACT[[0, 3, 5]], strict=True):
         assert last[name]["best"] == pytest.approx(exact, rel=0.01)
-
-
-def test_cells_have_the_errors(comm):
-    result = solve(box("Q1", 3, accuracy=Accuracy(goals=["frequency.1"])), comm)
-    indicators = result.estimate.indicators["frequency.1"]
-    assert indicators.sum() == pytest.approx(result.goals["frequency.1"]["error"])
-    assert (indicators < 0).all()
-
-
-@pytest.mark.parametrize(
-    "keys, message",
-    [
-        ({"modes": None}, "accuracy.goals = 'frequency.1': expected"),
-        ({"accuracy": Accuracy(goals=["frequency.9"])}, "accuracy.goals = 'frequency.9': expected"),
-    ],
-)
-def test_frequencies_that_no_run_has(keys, message):
-    with pytest.raises(BadInput, match=message):
-        box("Q1", 2, **{"accuracy": Accuracy(goals=["frequency.1"])} | keys)

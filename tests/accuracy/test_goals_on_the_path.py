@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-import re
-
 import pytest
 from contact_scenes import slide
 from running import record, solve
 from test_error_estimate import sheared
 
-import fem_snh
-from fem_snh import scenes
-from fem_snh.errors import BadInput
-from fem_snh.scenes import Accuracy, Amplitude, Time, Traction
+from fem_snh.scenes import Accuracy, Amplitude, Traction
 
 mpi = pytest.mark.mpi
 
@@ -62,27 +57,6 @@ def test_an_accuracy_is_that_of_the_largest_value(comm, capsys):
         assert other["goals"]["corner.x"]["value"] == expected
 
 
-def test_the_claim_says_at_which_load(capsys):
-    asked = Accuracy(within=0.3, goals=["corner.x", "volume"])
-    fem_snh.run(loaded(BACK, accuracy=asked))
-    shown = capsys.readouterr().out
-    assert re.search(r"^  corner.x at load 0.5 0\.\d+ \+- ", shown, re.MULTILINE)
-    assert "\nevery goal is within 30 %, corner.x and volume at load 0.5" in shown
-
-
-@pytest.mark.parametrize("at", [0.25, 0.5, 1.0, "largest"])
-def test_a_goal_at_a_load(at):
-    goals = [{"name": "corner.x", "at": at}, "volume"]
-    found = solve(loaded(UP, accuracy=Accuracy.model_validate({"goals": goals}))).goals
-    load = 1.0 if at == "largest" else at
-    steps = round(4 * load)
-    shorter = loaded([(0, 0), (1, load)], steps=steps, accuracy=Accuracy(goals=["corner.x"]))
-    expected = solve(shorter).goals["corner.x"]
-    assert found["corner.x"].get("at", 1.0) == load and "at" not in found["volume"]
-    for key in ("value", "error"):
-        assert found["corner.x"][key] == pytest.approx(expected[key], rel=1e-4)
-
-
 def test_a_path_with_friction_is_not_judged_by_its_end():
     """Its earlier states are those of another history in a better element."""
     back = {"table": [Amplitude(name="ramp", points=BACK)]}
@@ -92,36 +66,3 @@ def test_a_path_with_friction_is_not_judged_by_its_end():
     accuracy = solve(scene).record["accuracy"]
     assert not accuracy["reached"]
     assert "the state depends on its path: expected a scene whose tables end" in accuracy["limit"]
-
-
-def test_a_resumed_run_lacks_the_states_before_it(tmp_path):
-    scene = loaded(BACK, error=False)
-    solve(scene, out=tmp_path / "run")
-    found = solve(scene.model_copy(update={"error": True}), out=tmp_path / "run", resume=True)
-    assert "whose states a resumed run lacks" in found.record["estimate"]["reason"]
-
-
-@pytest.mark.parametrize(
-    ("keys", "message"),
-    [
-        ({"at": 0.3}, "accuracy.goals.0.at = 0.3: expected the load of one of the 4 steps"),
-        ({"at": "most"}, "accuracy.goals.0.at = 'most': expected 'largest', or the load of a"),
-        ({"at": 2}, "accuracy.goals.0.at = 2: expected 'largest', or the load of a step, from"),
-        ({"name": "corner.w"}, "accuracy.goals = 'corner.w': expected"),
-    ],
-)
-def test_loads_that_are_none(keys, message):
-    asked = {"goals": [{"name": "corner.x", **keys}]}
-    with pytest.raises(BadInput) as refused:
-        scenes.load(loaded(UP), accuracy=asked)
-    assert str(refused.value).removeprefix("sheared: ").startswith(message)
-
-
-def test_components_have_one_load_and_motions_none():
-    both = {"goals": [{"name": "corner.x", "at": 0.5}, "corner.y"]}
-    with pytest.raises(BadInput, match=r"goals.1.at = None: expected 0.5, as for another compon"):
-        scenes.load(loaded(UP), accuracy=both)
-    times = Time(duration=1.0, steps=4)
-    scene = loaded(UP, time=times, accuracy=None, error=False)
-    with pytest.raises(BadInput, match=r"goals.0.at = 0.5: expected no value, in time"):
-        scenes.load(scene, accuracy={"goals": [{"name": "volume", "at": 0.5}]})

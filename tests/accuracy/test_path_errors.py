@@ -124,23 +124,6 @@ def test_the_error_of_the_load_steps(petsc, monkeypatch):
     assert len(lines) == bool(petsc)
 
 
-def test_numbers_of_steps_that_are_too_similar(monkeypatch):
-    """With few Newton iterations 6 steps are 7, and 3 are 5."""
-    halve_failed_steps(monkeypatch)
-    estimate = solve(turned_foot(6, error=True, petsc=FEW)).estimate
-    assert "5 steps beside the run's 7" in estimate.reason
-    assert estimate.goals["foot.force.x"].error is None
-
-
-@pytest.mark.one_debian
-def test_one_step_is_compared_with_two():
-    one, two = (solve(turned_foot(steps, error=steps == 1)) for steps in (1, 2))
-    part = one.estimate.goals["foot.force.x"].parts["load steps"]
-    change = two.steps[-1]["obstacles"]["foot"]["force"][0]
-    change -= one.steps[-1]["obstacles"]["foot"]["force"][0]
-    assert part == pytest.approx(2 * change, rel=1e-4)
-
-
 @mpi
 def test_ranks_have_the_same_estimate(comm):
     scene = scenes.load("seal", cells=4, steps=2, squeeze=0.1, error=True)
@@ -148,19 +131,6 @@ def test_ranks_have_the_same_estimate(comm):
     assert alone.parts.keys() == shared.parts.keys() and alone.parts
     for name, part in alone.parts.items():
         assert shared.parts[name] == pytest.approx(part, rel=1e-4, abs=1e-4), name
-
-
-@pytest.mark.one_debian
-def test_levels_follow_the_path_again_with_stiffer_penalties():
-    wanted = Accuracy(goals=[FORCE], within=0.02)
-    result = solve(scenes.load("seal", cells=4, steps=3, squeeze=0.15, accuracy=wanted))
-    found = result.record["accuracy"]
-    assert found["reached"]
-    assert [level["load_steps"] for level in found["levels"]] == [3] * len(found["levels"])
-    first, last = (level["goals"][FORCE] for level in (found["levels"][0], found["levels"][-1]))
-    assert abs(last["parts"]["penalty"]) < 0.3 * abs(first["parts"]["penalty"])
-    known = seal(8).estimate.goals[FORCE].corrected
-    assert last["best"] == pytest.approx(known, rel=0.02)
 
 
 @pytest.mark.parametrize(

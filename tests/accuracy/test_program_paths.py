@@ -103,12 +103,3 @@ def test_paths_that_cannot_be_followed(comm, end):
     wanted = "have not reached their end" if end == "half of a path" else "from its beginning"
     assert wanted in estimate.reason
     assert estimate.goals["plate.force.z"].error is None
-
-
-@pytest.mark.parametrize("friction", [0.0, 0.3])
-def test_a_path_is_kept_where_the_end_depends_on_it(comm, friction):
-    """Of a body without friction nothing is: its displacement was copied by every call."""
-    obstacle = fem_snh.Obstacle(**PLATE | {"friction": friction})
-    problem = program(cube(comm), {"bottom": 0.0}, obstacle)
-    next(problem.steps(4))
-    assert (problem._path is not None) == (friction > 0)

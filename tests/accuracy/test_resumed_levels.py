@@ -2,21 +2,16 @@
 
 from __future__ import annotations
 
-import signal
-import subprocess
 from contextlib import contextmanager
 
 import pytest
 from interrupted_runs import CutOff
 from running import record, solve
-from time_scenes import SWING, in_time
 
 from fem_snh.cli import main
 from fem_snh.records.run_files import LEVELS, NEXT_LEVEL
 from fem_snh.runs.levels import _LevelRuns
 from fem_snh.runs.recorder import Recorder
-from fem_snh.scenes import Accuracy
-from fem_snh.studies.processes import environment, program
 
 mpi = pytest.mark.mpi
 
@@ -121,45 +116,6 @@ def test_a_level_that_was_being_taken_is_taken_at_the_next_start(tmp_path, monke
     assert (out / NEXT_LEVEL / LEVELS).exists()
     resumed = solve("cook", out=out, resume=True, **KEYS)
     assert levels_of(resumed.record) == levels_of(whole.record)
-
-
-@pytest.mark.parametrize("name", ["SIGKILL", "SIGTERM"])
-def test_a_signal_during_a_level_keeps_the_one_before(tmp_path, whole, name):
-    out = tmp_path / "run"
-    settings = [word for key, value in KEYS.items() for word in ("--set", f"{key}={value}")]
-    words = [*program(1), "run", "cook", *settings, "--out", str(out)]
-    process = subprocess.Popen(words, env=environment(), stdout=subprocess.PIPE, text=True)
-    try:
-        assert process.stdout
-        seen = 0
-        for line in process.stdout:
-            seen += "error estimate:" in line
-            if seen == 2:
-                process.send_signal(getattr(signal, name))
-                break
-        process.stdout.read()
-        assert process.wait(60) != 0
-    finally:
-        process.kill()
-    found = record(out)
-    assert found["converged"] and levels_of(found) == levels_of(whole.record)[:1]
-    assert main([*words[len(program(1)) :], "--resume"]) == 0
-    assert levels_of(record(out)) == levels_of(whole.record)
-
-
-@mpi
-def test_levels_in_time_go_on(folder, comm):
-    """The cells and the number of time steps of the next level follow from the last one."""
-    times = {"duration": 0.1, "steps": 16, "integrator": "newmark"}
-    asked = Accuracy(within=0.1, goals=["left.force.z"], keep_element=True)
-    scene = in_time(times, **SWING, accuracy=asked)
-    expected = levels_of(solve(scene).record)
-    assert len(expected) > 1
-    first = asked.model_copy(update={"max_dofs": expected[0]["dofs"]})
-    solve(scene.model_copy(update={"accuracy": first}), out=folder)
-    comm.barrier()
-    resumed = solve(scene, out=folder, resume=True)
-    assert same(levels_of(resumed.record), expected, comm)
 
 
 def test_other_runs_are_not_continued(tmp_path, capsys):

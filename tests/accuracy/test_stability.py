@@ -9,7 +9,6 @@ from petsc4py import PETSc
 import numpy as np
 import pytest
 import ufl
-from bodies import Hold, cube, problem
 from dolfinx import fem, mesh
 from dolfinx_programs import vector_space
 from running import solve
@@ -17,7 +16,7 @@ from scipy.optimize import brentq
 from scipy.special import ellipk
 
 import fem_snh
-from fem_snh.errors import BadInput, ResultNote
+from fem_snh.errors import ResultNote
 from fem_snh.linalg.direct_solver import SymmetricFactors
 
 mpi = pytest.mark.mpi
@@ -141,13 +140,6 @@ def test_a_column_buckles_at_default_settings(comm, side):
     assert p.negative_eigenvalues() == 0 and not p.notes
 
 
-@pytest.mark.one_debian("ranks")
-@mpi
-def test_below_the_load_of_euler_the_column_stays_straight(comm):
-    p = solved(column(comm, 0.97))
-    assert side_of(p) < 1e-3 and p.newton <= 4
-
-
 @pytest.mark.one_debian
 @mpi
 @pytest.mark.parametrize("element", ["Q1", "Q2Q1", "Q1P0"])
@@ -159,25 +151,6 @@ def test_a_scene_tells_stable_from_unstable(comm, element):
     assert [row["negative_eigenvalues"] for row in result.steps] == [0, 0]
     result = fem_snh.run("stretch", comm=comm, progress=False, **given)
     assert "stability" not in result.steps[0]
-
-
-def test_an_unstable_equilibrium_of_a_scene_is_noted(comm, tmp_path):
-    """Newton's method with a line search and factors keeps the compressed bar straight."""
-    given = {"cells": 3, "aspect": 20.0, "stretch": 0.9, "steps": 1, "hessian": "exact"}
-    result = fem_snh.run("stretch", comm=comm, progress=False, out=tmp_path / "out", **given)
-    (row,) = result.steps
-    assert row["stability"] == "unstable equilibrium" and row["notes"] == ["unstable"]
-    (note,) = [note for note in result.notes if note["kind"] == "unstable"]
-    assert note["negative_eigenvalues"] == row["negative_eigenvalues"] > 0
-    table = (tmp_path / "out" / "steps.csv").read_text().splitlines()
-    assert "stability" in table[0] and "unstable equilibrium" in table[1]
-
-
-def test_stability_is_that_of_equilibria(comm):
-    with pytest.raises(BadInput, match="stability"):
-        fem_snh.run("bounce", comm=comm, progress=False, stability=True)
-    p = problem(cube(comm, "hexahedron", 2), "Q1", hold=[Hold("bottom")])
-    assert fem_snh.solver.EquilibriumStability(p).negative_eigenvalues(p.x) == 0
 
 
 def compressed(comm, cells, element):
@@ -218,18 +191,6 @@ def test_the_lifted_state_is_examined_by_factors_or_iterations(asked, found, mon
     assert f"unstable: its Hessian has {found} eigenvalues" in result.estimate.reason
 
 
-@pytest.mark.one_debian
-@mpi
-@pytest.mark.parametrize(("scene", "keys"), [("pull", {"stretch": 0.7}), ("twist", {"angle": 1.5})])
-def test_iterations_show_that_a_state_is_stable(comm, scene, keys, monkeypatch):
-    """Every estimate of more than 5,000 nodes said that it was not examined."""
-    monkeypatch.setattr("fem_snh.accuracy.lift._MAX_FACTORED", 10)
-    keys |= {"element": "Q1P0", "cells": 4, "error": True, "steps": 2}
-    estimate = solve(scene, comm, **keys).estimate
-    assert not estimate.reason and not estimate.may_be_unstable
-    assert "may be unstable" not in str(estimate)
-
-
 def clamped_column(comm, approach, across=4, element="Q1"):
     """Return a straight column of length 10 whose clamped ends approached, and a condition."""
     counts = [10 * across, across, across]
@@ -267,21 +228,6 @@ def test_a_column_of_many_nodes_that_would_buckle_has_no_estimate(comm):
     assert "unstable: its Hessian has negative eigenvalues" in (
         column.estimate_error({"push": push}).reason
     )
-
-
-@pytest.mark.one_debian
-@mpi
-@pytest.mark.parametrize(
-    ("approach", "state"), [(0.028, "stable"), (0.032, "doubtful"), (0.035, "unstable")]
-)
-def test_a_doubt_is_left_next_to_buckling_alone(comm, approach, state, monkeypatch):
-    monkeypatch.setattr("fem_snh.accuracy.lift._MAX_FACTORED", 10)
-    push, column = clamped_column(comm, approach, across=2)
-    estimate = column.estimate_error({"push": push})
-    assert ("unstable" in estimate.reason) == (state == "unstable")
-    line = "the state of Q2Q1 may be unstable, as iterations leave that open"
-    assert any(text.startswith(line) for text in estimate.lines()) == (state == "doubtful")
-    assert estimate.record()["may_be_unstable"] == (state == "doubtful")
 
 
 @pytest.mark.one_debian("ranks")

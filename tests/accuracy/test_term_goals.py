@@ -125,25 +125,6 @@ def test_a_program_has_the_goals_of_its_terms(comm):
         problem.estimate_error([stranger])
 
 
-@pytest.mark.parametrize(
-    ("goal", "message"),
-    [
-        ("bal.force.z", "did you mean|no physical group"),
-        ("ball.force.w", "accuracy.goals = 'ball.force.w': expected .*plate.force.z"),
-        ("ball.pressure", "accuracy.goals = 'ball.pressure': expected .*did you mean 'ball.force'"),
-        ("inner.pressure.x", "accuracy.goals = 'inner.pressure.x': expected"),
-    ],
-)
-def test_goals_that_are_none(goal, message):
-    with pytest.raises(BadInput, match=message):
-        solve(indented(accuracy={"goals": [goal]}, cells=1))
-
-
-def test_an_obstacle_has_another_name_than_a_reaction():
-    with pytest.raises(BadInput, match="reactions = 'ball': expected a group of another name"):
-        indented(reactions=["ball"])
-
-
 def test_defaults_are_static():
     """A contact that opens and closes has any force at the end of a motion."""
     assert "ball.force" in default_goals(indented(), True)

@@ -10,7 +10,6 @@ from running import solve
 from time_scenes import DOWN, SWING, in_time
 
 from fem_snh import scenes
-from fem_snh.accuracy.goal_errors import Estimate
 from fem_snh.accuracy.levels import LevelRow, Levels
 from fem_snh.accuracy.path_errors import (
     bounds_of_small_changes,
@@ -115,35 +114,6 @@ def test_steps_that_hardly_change_a_goal_at_one_instant():
 
 
 @pytest.mark.one_debian
-def test_the_lifted_element_is_the_first_that_fits():
-    """A mass on a spring: nu = 0 and the energy of stretches have no unknown pressure."""
-    material = scenes.MaterialChoice(name="hencky", E=1e6, nu=0.0, density=1.0)
-    spring = scenes.Spring(group="bottom", stiffness=(0.0, 0.0, 100.0))
-    sides = [Hold(group=group, components=("x", "y")) for group in ("top", "bottom")]
-    keys = {"material": material, "spring": [spring], "hold": sides, "probe": TIP}
-    start = scenes.Start(velocity=(0, 0, 0.1))
-    time = {"duration": 0.1, "steps": 16}
-    found = solve(in_time(time, start=start, accuracy=GOALS, **keys))
-    assert found.record["estimate"]["element"] == "Q2"
-    goal = found.goals["tip.z"]
-    exact = 0.01 * np.sin(1.0)
-    assert abs(goal["corrected"] - exact) < 1e-5 < abs(exact)
-
-
-def test_steps_whose_order_is_not_measured_say_so(estimated):
-    """Half of 14 steps, or of 5, has no half, or too few steps."""
-    assert estimated.record["estimate"]["left_out"] == []
-    estimate = solve(swing(5, accuracy=GOALS)).estimate
-    (line,) = estimate.left_out
-    assert line.startswith("the order of 5 time steps was not measured: their error may be larger")
-    assert line.endswith("a multiple of 4 steps, 16 or more, shows it")
-    assert line in estimate.lines()
-    levels = Levels(0.5)
-    levels.add(LevelRow("Q1", 1, 8, 81, 1.0, steps=5), estimate)
-    assert levels.lines()[-1] == f"  {line}" and levels.record()["left_out"] == [line]
-
-
-@pytest.mark.one_debian
 @pytest.mark.parametrize(
     ("duration", "steps", "element", "shown"),
     [(1.0, 16, "Q2", "tip.z -3.66931, error below"), (2.0, 128, "Q1", "time steps below 0.069, ")],
@@ -213,21 +183,6 @@ def test_bounds_of_small_changes():
     assert bounds_of_small_changes(changes, np.array([0.09, 0.3]), 2) == pytest.approx(
         [np.inf, (1.5465 - 0.7984) / 2]
     )
-
-
-def test_steps_that_fail_are_followed_by_shorter_ones_on_the_same_mesh():
-    """Finer cells followed, on which more steps fail: no level had an estimate."""
-    estimate = Estimate(reason="with half the steps some failed", steps_too_long=True)
-    levels = Levels(0.05, dim=2)
-    levels.add(LevelRow("P2", 2, 12, 70, 1.0, steps=17), estimate)
-    changes = levels.changes()
-    assert (changes.refinement, changes.shorter) == (1.0, 4.0)
-
-
-def test_equal_steps_alone_have_an_estimate():
-    time = {"duration": 0.01, "steps": 4, "tolerance": 1e-2}
-    found = solve(in_time(time, probe=TIP, accuracy=GOALS, **SWING))
-    assert "expected equal time steps" in found.record["estimate"]["reason"]
 
 
 @pytest.mark.one_debian
@@ -343,12 +298,6 @@ def test_errors_of_steps_that_converge(order):
     (error,), (bound,) = steps_errors(change, before, 2.0, (1, 2))
     assert error == pytest.approx(3 - values[0])
     assert abs(error) <= bound * (1 + 1e-9)
-
-
-def test_changes_that_are_rounding_need_not_decrease():
-    """A component that is zero by symmetry has a bound, and the others keep their estimates."""
-    _, (bound,) = steps_errors(np.array([2e-15]), np.array([1e-15]), 2.0, (2, 2), 1e-5)
-    assert bound == 4e-15
 
 
 def test_a_bound_of_steps_whose_last_change_is_small_by_chance():

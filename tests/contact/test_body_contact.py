@@ -6,12 +6,11 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
-from bodies import Condition, Hold, create_problem, cube, problem
+from bodies import Condition, Hold, create_problem, cube
 from contact_problems import contact_problem, plane, press, translation
 from scipy.optimize import brentq
 from two_bodies import NU, PRESS, E, TwoBlocks, distance_from_affine
 
-import fem_snh
 from fem_snh import solver
 from fem_snh.contact.obstacle_contact import RigidContact
 from fem_snh.kernels.material import material
@@ -37,18 +36,6 @@ def test_patch(element: str, cells: tuple[int, int], tolerance: float) -> None:
     assert row["force"][2] == pytest.approx(-force, rel=1e-2)
     assert np.abs(row["force"][:2]).max() < 1e-4 * force
     assert 1 <= row["penetration"] * 1000 * E / force < 2  # uneven where the meshes differ
-
-
-@pytest.mark.one_debian("ranks")
-@pytest.mark.parametrize("element", ["Q1", "P1", "Q2", "P2"])
-def test_patch_with_multipliers(element: str) -> None:
-    """With the default stiffness the augmented Lagrangian removes the quadrature's error, too."""
-    two = TwoBlocks(COMM, element, (2, 3), augmented=True, tolerance=1e-6)
-    row = two.solve(tolerance=1e-9)["contacts"]["blocks"]
-    for body in ("lower", "upper"):
-        assert distance_from_affine(*two.values(body)) < 1e-3 * PRESS
-    assert row["penetration"] <= 1e-6
-    assert row["force"][2] == pytest.approx(-E * PRESS / 2, rel=1e-2)
 
 
 def test_two_cubes_are_one_of_double_height() -> None:
@@ -107,34 +94,6 @@ def test_ranks_agree_and_action_is_reaction(element: str) -> None:
     assert np.abs(arms).max() < 1e-10 * np.linalg.norm(forces[0])
 
 
-def test_multipliers_survive_a_checkpoint() -> None:
-    """History to another problem: the same forces without a solve."""
-    args = {"augmented": True, "tolerance": 1e-5}
-    two, other = TwoBlocks(COMM, **args), TwoBlocks(COMM, **args)
-    two.solve()
-    points, values = two.contact.history()
-    assert len(np.unique(np.round(points, 9), axis=0)) == len(points)
-    assert COMM.allreduce(values.max(initial=0.0), op=MPI.MAX) > 0
-    other.contact.set_history(values)
-    other.problem.x.array[:] = two.problem.x.array_r
-    u = other.problem.split(other.problem.x)[0]
-    other.contact.begin_step(u)
-    first, second = (t.contact.energy(t.problem.split(t.problem.x)[0]) for t in (two, other))
-    assert first == pytest.approx(second, rel=1e-12)
-
-
-@pytest.mark.one_debian("ranks")
-def test_bodies_without_contact_are_independent() -> None:
-    """A gap that stays open: no force, and no coupling in the matrix."""
-    two = TwoBlocks(COMM, gap=0.5)
-    row = two.solve()["contacts"]["blocks"]
-    assert row["contacts"] == 0 and row["penetration"] == 0 and row["force"] == [0, 0, 0]
-    free = problem(two.mesh, "Q1")
-    u = two.problem.split(two.problem.x)[0]
-    assert len(two.contact.couplings(u)) == 0
-    assert two.problem.A.getInfo()["nz_used"] == free.A.getInfo()["nz_used"]
-
-
 @pytest.mark.one_debian
 @pytest.mark.parametrize("other", ["body", "obstacle"])
 def test_a_small_load_is_augmented_too(other: str) -> None:
@@ -164,46 +123,3 @@ def test_a_small_load_is_augmented_too(other: str) -> None:
     lateral = brentq(lateral_stress, 1.0, 1.02, xtol=1e-14)
     exact = -made.pk1(np.diag([lateral, lateral, stretch]))[2, 2]
     assert force == pytest.approx(exact, rel=1e-3)
-
-
-SLIDE = """
-mesh = {{ source = "two_blocks", parameters = {{ upper_width = 0.6, shift = 0.2 }} }}
-cells = 4
-element = "P1"
-steps = 2
-[material]
-name = "stable_neo_hookean"
-E = 1e4
-nu = 0.3
-[[hold]]
-group = "bottom"
-[[move]]
-group = "top"
-translate = [0.05, 0, -0.12]
-[[contact]]
-groups = ["lower_top", "upper_bottom"]
-{more}
-"""
-
-
-def test_what_penalties_leave_unsettled_covers_a_hundred_times_the_stiffness(comm, tmp_path):
-    """The force's smaller components change otherwise than is found, the largest one does not."""
-    path = comm.bcast(tmp_path) / "slide.toml"
-
-    def solved(more="", **keys):
-        if comm.rank == 0:
-            path.write_text(SLIDE.format(more=more))
-        comm.barrier()
-        return fem_snh.run(path, comm=comm, progress=False, **keys)
-
-    run = solved(error=True)
-    (row,) = run.steps[-1]["contacts"].values()
-    stiff = solved(f"stiffness = {100 * row['stiffness']}")
-    (stiff_row,) = stiff.steps[-1]["contacts"].values()
-    goals = [run.estimate.goals[f"lower_top/upper_bottom.force.{axis}"] for axis in "xyz"]
-    found = np.array([goal.parts["penalty"] for goal in goals])
-    unsettled = np.array([goal.unsettled for goal in goals])
-    changes = (np.array(stiff_row["force"]) - row["force"]) / 0.99
-    assert (np.abs(changes - found) < unsettled).all()
-    assert abs(changes - found)[1] > 0.35 * abs(found[1])
-    assert unsettled[2] < 0.25 * abs(found[2]) < 0.01 * abs(row["force"][2])

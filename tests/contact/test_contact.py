@@ -187,22 +187,6 @@ def test_multipliers_that_do_not_settle_fail_the_step(comm):
         press(p)
 
 
-@pytest.mark.one_debian("ranks")
-@mpi
-def test_fields_at_the_nodes(comm):
-    """A uniform pressure on a face is that of the nodes inside of it; gaps are distances."""
-    p, contact, _ = contact_problem(
-        cube(comm, "tetrahedron", 4), "P2", [RigidContact("floor", plane((0, 0, 0.01)), 0, 100.0)]
-    )
-    u = p.split(p.x)[0]
-    pressure = contact.nodal_field("contact_pressure", u)
-    X = p.V.tabulate_dof_coordinates()
-    inside = ((X[:, :2] > 0.3) & (X[:, :2] < 0.7)).all(axis=1) & (X[:, 2] == 0)
-    np.testing.assert_allclose(pressure[inside], 1.0, rtol=1e-10)
-    np.testing.assert_allclose(pressure[X[:, 2] > 0.3], 0.0, atol=1e-14)
-    np.testing.assert_allclose(contact.nodal_field("gap", u), X[:, 2] - 0.01, atol=1e-15)
-
-
 @mpi
 @pytest.mark.parametrize("element", ["P2", "Q1"])
 def test_the_pressure_is_that_of_the_deformed_surface(comm, element):

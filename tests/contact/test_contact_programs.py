@@ -10,7 +10,6 @@ from running import solve
 
 import fem_snh
 from fem_snh import scenes
-from fem_snh.errors import BadInput
 from fem_snh.mesh import mesh
 
 pytestmark = pytest.mark.mpi
@@ -64,35 +63,3 @@ def test_two_blocks(comm, method):
     assert ("load steps" in parts) == (method == "augmented_lagrangian")
     if method == "penalty":
         assert 0.002 < parts["penalty"] / row["energy"] < 0.2
-
-
-def test_a_force_that_begins_may_have_a_name(comm):
-    """It ended in a ValueError; alone it is small beside none."""
-    body = mesh.generate(comm, "cube", "hexahedron", cells=2)
-    walls = [
-        fem_snh.Obstacle(name=name, shape={"plane": {"point": point, "normal": normal}})
-        for name, point, normal in (
-            ("east", [1.032, 0, 0], [-1, 0, 0]),
-            ("north", [0, 1, 0], [0, -1, 0]),
-        )
-    ]
-    problem = program(body, {"bottom": 0.0, "top": -0.2}, *walls)
-    problem.solve()
-    begins = "it only begins to touch, and on finer cells may touch more"
-    given = {"push": walls[0], "side": walls[1]}
-    goals = problem.estimate_error(given).goals
-    push, side = goals["push.x"], goals["side.y"]
-    assert 0.1 * side.value < push.corrected <= push.error < push.value <= 0
-    assert {name for name, goal in goals.items() if goal.reason == begins} == {
-        "push.x", "push.y", "push.z"
-    }  # fmt: skip
-    assert not problem.estimate_error({"push": walls[0]}).goals["push.x"].reason
-
-
-def test_mistakes(comm):
-    body = mesh.generate(comm, "two_blocks", "hexahedron", cells=1)
-    (ds,) = surface(body, "lower_top")
-    with pytest.raises(BadInput, match=r"groups = .*: expected two different groups"):
-        fem_snh.Contact(groups=(ds, ds))
-    with pytest.raises(BadInput, match=r"obstacle\.group = 'lower_top': expected a measure ds"):
-        program(body, {"bottom": 0.0}, fem_snh.Obstacle(**PLATE, group="lower_top"))

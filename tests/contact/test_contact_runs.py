@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from bodies import PRESS
 from contact_scenes import slide
 from running import record, solve
 
 from fem_snh import scenes
-from fem_snh.errors import BadInput
 from fem_snh.viewing.stored_run import written_fields
 
 
@@ -36,22 +34,6 @@ def test_a_plate_presses_and_rubs(comm, tmp_path):
     assert {"contact_pressure", "gap"} <= set(written_fields(folder / "fields.pvd"))
 
 
-@pytest.mark.one_debian
-@pytest.mark.parametrize("group, contacts", [("top", 16), ("left", 0)])
-def test_a_group_of_the_surface(comm, group, contacts):
-    result = solve(slide(group=group), comm=comm)
-    assert result.record["steps"][-1]["obstacles"]["plate"]["contacts"] == contacts
-
-
-def test_mistakes(comm):
-    with pytest.raises(BadInput, match=r"obstacle.group = 'corner_000': expected a surface, not a"):
-        solve(slide(group="corner_000"), comm=comm)
-    with pytest.raises(BadInput, match="no physical group 'lid' in the mesh"):
-        solve(slide(group="lid"), comm=comm)
-    with pytest.raises(BadInput, match=r"fields = 'gap': expected another field, as the scene has"):
-        scenes.load(PRESS, fields=["gap"])
-
-
 @pytest.mark.mpi
 def test_a_ball_bounces(comm):
     """Newton's second law: the momentum changes by gravity and the force of the ground.
@@ -72,16 +54,3 @@ def test_a_ball_bounces(comm):
     np.testing.assert_allclose(rate, force[2:] - mass * 9.81, atol=1e-3 * force.max())
     # The mass is that of the mesh of the ball, inscribed in it: 90 % with 2 cells.
     assert 0.7 < mass / (1000 * 4 / 3 * np.pi * 0.5**3) < 1
-
-
-def test_multipliers_settle_in_an_impact():
-    """Three multipliers on each facet of P1 are more than it can follow: the stiffness grows."""
-    multipliers = {"obstacle.0.method": "augmented_lagrangian", "obstacle.0.tolerance": 1e-4}
-    result = solve("bounce", cells=3, **{"time.steps": 24, "time.duration": 0.5} | multipliers)
-    assert result.converged and len(result.steps) == 24  # no step is halved
-    touching = [step for step in result.steps if step["obstacles"]["ground"]["contacts"]]
-    assert len(touching) >= 8
-    size = result.problem.length
-    for step in touching:
-        assert step["obstacles"]["ground"]["penetration"] <= 1e-4 * size
-        assert step["newton"] <= 40

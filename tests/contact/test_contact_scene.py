@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +12,6 @@ from interrupted_runs import record, solve
 
 from benchmarks import plates
 from fem_snh import scenes
-from fem_snh.errors import BadInput
 
 #: Two blocks, the upper one wider: it bulges over the lower one.
 BLOCKS: dict[str, Any] = {
@@ -30,39 +28,6 @@ BLOCKS: dict[str, Any] = {
 }
 SCENE = scenes.validate(BLOCKS, "blocks")
 mpi = pytest.mark.mpi
-
-MISTAKES: list[tuple[dict[str, Any], str]] = [
-    ({"groups": ["top"]}, r"contact.0.groups = .*: expected two physical groups of surfaces"),
-    ({"groups": ["top", "top"]}, r"contact.0.groups = .*: expected two different groups"),
-    ({"groups": ["a", "b"], "tolerance": 1}, "tolerance = 1.*: expected no value, as the method"),
-]
-#: Groups that the mesh has, but that cannot touch.
-GROUPS: list[tuple[list[str], str]] = [
-    (["lower_top", "upper"], "contact.groups = 'upper': expected a surface, not a volume:upper"),
-    (["lower_top", "uper_bottom"], "no physical group 'uper_bottom' in the mesh .did you mean"),
-    (["top", "right"], "contact.groups = 'top/right': expected two surfaces without a common node"),
-]
-
-
-@pytest.mark.parametrize(("table", "message"), MISTAKES, ids=[str(m[0]) for m in MISTAKES])
-def test_mistake_in_one_line(table: dict[str, Any], message: str) -> None:
-    with pytest.raises(BadInput, match=message) as caught:
-        scenes.validate(BLOCKS | {"contact": [table]}, "blocks")
-    assert "\n" not in str(caught.value)
-
-
-def test_a_pair_has_one_table() -> None:
-    tables = [{"groups": ["a", "b"]}, {"groups": ["b", "a"]}]
-    with pytest.raises(BadInput, match=re.escape("contact.groups = ['b', 'a']: expected one")):
-        scenes.validate(BLOCKS | {"contact": tables}, "blocks")
-
-
-@mpi
-@pytest.mark.parametrize(("groups", "message"), GROUPS, ids=[str(g[0]) for g in GROUPS])
-def test_groups_of_the_mesh(groups: list[str], message: str) -> None:
-    scene = scenes.validate(BLOCKS | {"contact": [{"groups": groups}]}, "blocks")
-    with pytest.raises(BadInput, match=message):
-        solve(scene)
 
 
 @pytest.mark.one_debian("ranks")

@@ -10,9 +10,6 @@ import numpy as np
 import pytest
 from bodies import Condition, Hold, create_problem, cube
 from contact_problems import contact_problem, plane, press, translation
-from contact_scenes import slide
-from interrupted_runs import cut
-from running import record, rows, solve
 from test_sharp_contact import DIAGONAL
 
 from fem_snh import _dolfinx
@@ -21,7 +18,6 @@ from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.assembly.unknowns import local_values
 from fem_snh.contact.body_contact import BodyContact, BodyPair
 from fem_snh.contact.obstacle_contact import RigidContact
-from fem_snh.contact.surface_quadrature import DeepestPoint
 from fem_snh.geometry.motions import MovingShape
 from fem_snh.geometry.shapes import Sphere
 from fem_snh.kernels.material import material
@@ -43,20 +39,6 @@ def pressed_corner(comm: MPI.Comm, element: str, cells: int) -> tuple[dict[str, 
     x = local_values(p.split(p.x)[0]).reshape(-1, 3) + p.V.tabulate_dof_coordinates()
     lowest = min(comm.allgather(x[x[:, 2].argmin()].tolist()), key=lambda x: x[2])
     return row, np.array([*lowest[:2], floor - lowest[2]])
-
-
-@pytest.mark.parametrize("element", ["Q1", "P2"])
-def test_a_corner_that_no_point_sees(element: str) -> None:
-    """The points are farther from the corner than it is deep: nothing resists, 0.2 - 0.01 deep."""
-    row, (x, y, depth) = pressed_corner(MPI.COMM_SELF, element, 1)
-    floor = row["obstacles"]["floor"]
-    assert floor["force"] == [0, 0, 0] and floor["contacts"] == floor["penetration"] == 0
-    assert depth == pytest.approx(0.19, abs=1e-9)
-    assert floor["deepest"] == pytest.approx(0.19, abs=1e-9)
-    np.testing.assert_allclose(floor["deepest_at"], [x, y, -(0.75**0.5) - 0.2], atol=1e-9)
-    note = penetration_note({4: row})
-    assert note.kind == "penetration" and note.step == 4 and note.values["steps"] == [4]
-    assert "obstacle 'floor': in 1 of 1 steps" in note.text and "0.19 m at (" in note.text
 
 
 @pytest.mark.one_debian
@@ -86,15 +68,6 @@ def test_a_ball_between_the_points_of_the_grid(comm: MPI.Comm, at: tuple[float, 
     x, y, z = found["deepest_at"]
     assert np.hypot(x - at[0], y - at[1]) <= 0.5 / 128 * 2**0.5 + 1e-9
     assert z == pytest.approx(1) and 0.031 - 0.0056 < found["deepest"] <= 0.031
-
-
-@mpi
-def test_a_smooth_contact_has_no_note(comm: MPI.Comm) -> None:
-    """Hertz's ball on 6 cells along the contact: its nodes are no deeper than the mesh's error."""
-    result = solve("hertz", comm=comm)
-    plane = result.steps[-1]["obstacles"]["plane"]
-    assert result.notes == [] and "notes" not in result.steps[-1]
-    assert plane["penetration"] <= plane["deepest"] < 2 * plane["penetration"]
 
 
 @pytest.mark.one_debian("ranks")
@@ -128,34 +101,3 @@ def test_a_corner_in_another_body(comm: MPI.Comm) -> None:
         assert pair["penetration"] == pytest.approx(overlap - 2 * first / 3**0.5, rel=1e-9)
         note = penetration_note({0: row | {"load": 1.0}})
         assert note.text.startswith("contact 'blocks': in 1 of 1 steps")
-
-
-@mpi
-def test_a_run_has_the_note(comm: MPI.Comm, folder: Any) -> None:
-    """Only the left side may touch the plate, which is 0.08 below its upper edge at the end."""
-    scene = slide(group="left", translate=[0.06, 0, -0.08])
-    result = solve(scene, comm=comm, out=folder / "whole")
-    assert result.converged and [note["kind"] for note in result.notes] == ["penetration"]
-    (note,) = result.notes
-    assert note["step"] == 3 and note["steps"] == [1, 2, 3] and note["name"] == "obstacle 'plate'"
-    assert note["deepest"] == pytest.approx(0.08, abs=1e-9) and note["penetration"] == 0
-    table = rows(folder / "whole")
-    depths = [float(row["plate.deepest"]) for row in table]
-    np.testing.assert_allclose(depths, [0.02, 0.04, 0.06, 0.08], atol=1e-9)
-    assert [row["notes"] for row in table] == ["", *["penetration"] * 3]
-    assert record(folder / "whole")["notes"] == result.notes
-    with cut(3):
-        solve(scene, comm=comm, out=folder / "cut")
-    for _ in range(2):  # the second one has finished
-        again = solve(scene, comm=comm, out=folder / "cut", resume=True)
-        assert [other["text"] for other in again.notes] == [note["text"]]
-
-
-def test_of_a_common_node_the_smallest_facet_counts() -> None:
-    gaps, x = np.array([[-0.1, 0.2], [-0.1, 0.0]]), np.ones((2, 2, 3))
-    point = DeepestPoint.among(gaps, np.array([2.0, 1.0]), x)
-    assert point == (0.1, 1.0, [1, 1, 1])
-    assert point.row(0.06) == {"deepest": 0.1}  # 1.7 times as deep
-    assert point.row(0.04) == {"deepest": 0.1, "deepest_at": [1, 1, 1]}
-    assert DeepestPoint.deepest([DeepestPoint(), point]) == point
-    assert DeepestPoint.among(-gaps.clip(max=0), np.ones(2), x) == DeepestPoint()

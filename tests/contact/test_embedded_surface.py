@@ -10,7 +10,7 @@ from bodies import cube
 from polynomials import ELEMENTS
 
 from fem_snh import _dolfinx
-from fem_snh.contact.gathered_surface import EmbeddedSurface, embedded_surface
+from fem_snh.contact.gathered_surface import embedded_surface
 from fem_snh.mesh import mesh
 
 pytestmark = pytest.mark.mpi
@@ -56,18 +56,6 @@ def test_no_triangle_is_flipped(comm, cell, degree):
     assert np.linalg.norm(normals, axis=1).sum() == pytest.approx(6, rel=1e-12)
 
 
-@pytest.mark.one_debian("ranks")
-@each_element
-def test_closed(comm, cell, degree):
-    """Every edge belongs to two triangles, which pass it in opposite directions."""
-    surface, _, _ = on(comm, cell, degree)
-    edges = np.concatenate([surface.triangles[:, [i, (i + 1) % 3]] for i in range(3)])
-    forth = np.unique(edges, axis=0)
-    assert len(forth) == len(edges)
-    np.testing.assert_array_equal(forth, np.unique(edges[:, ::-1], axis=0))
-    assert np.array_equal(np.unique(surface.triangles), np.arange(len(surface.points)))
-
-
 @each_element
 def test_equal_on_all_ranks(comm, cell, degree):
     """The same bits on all ranks, and the same surface as on one rank alone."""
@@ -81,16 +69,3 @@ def test_equal_on_all_ranks(comm, cell, degree):
     alone, u, _ = on(MPI.COMM_SELF, cell, degree)
     np.testing.assert_array_equal(surface.triangles, alone.triangles)
     np.testing.assert_allclose(x, alone.positions(u), atol=1e-14)
-
-
-@pytest.mark.one_debian("ranks")
-def test_weights(comm):
-    """A point with weights moves by the weighted mean of the displacements of its nodes."""
-    surface, u, _ = on(comm, "tetrahedron", 1)
-    V = _dolfinx.function_space(cube(comm, "tetrahedron", 3).domain, 1, (3,))
-    first = surface.triangles[:, :1]
-    centers = surface.points[surface.triangles].mean(axis=1)
-    weights = np.full((len(centers), 3), 1 / 3)
-    other = EmbeddedSurface(V, centers, first, surface.nodes[surface.triangles][..., 0], weights)
-    expected = surface.positions(u)[surface.triangles].mean(axis=1)
-    np.testing.assert_allclose(other.positions(u), expected, atol=1e-14)

@@ -15,8 +15,6 @@ from scipy.sparse import csr_matrix
 from scipy.sparse.linalg import eigsh
 
 import fem_snh
-from fem_snh import solver
-from fem_snh.contact.body_contact import BodyContact
 from fem_snh.kernels.material import material
 
 mpi = pytest.mark.mpi
@@ -96,35 +94,6 @@ def test_every_halving_of_cells_takes_the_same_from_the_stiffness_of_flush_block
 
 
 @mpi
-def test_a_better_element_that_finds_flush_blocks_unstable_says_so(comm, tmp_path):
-    """The run's own state is stable: P2 sees less of the corner than P3."""
-    folder = comm.bcast(tmp_path)
-    result = solve(blocks(folder, 8, 0.25), comm, error=True)
-    assert result.converged
-    assert solver.EquilibriumStability(result.problem).negative_eigenvalues(result.problem.x) == 0
-    assert "of P3 near the run's is unstable: its Hessian has 1 negative" in result.estimate.reason
-
-
-@mpi
-def test_iterations_that_find_no_better_state_say_that_the_hessian_is_indefinite(
-    comm, tmp_path, monkeypatch
-):
-    """Conjugate gradients filter it, and so does the built-in solver of larger bodies.
-
-    The run's state is one whose surfaces have slid: there is none of P3 near.
-    """
-    monkeypatch.setattr("fem_snh.steps.step_solver.StepSolver.can_rescue", False)
-    monkeypatch.setattr("fem_snh.accuracy.lift._MAX_IT", 3)
-    petsc = {"lifted_ksp_type": "cg", "lifted_pc_type": "jacobi"}
-    result = solve(blocks(comm.bcast(tmp_path), 8, 0.26), comm, error=True, petsc=petsc)
-    assert "no equilibrium of P3 was found near" in result.estimate.reason
-    assert result.estimate.reason.endswith(
-        "Newton iterations): the Hessian has negative curvature there, and on finer cells the "
-        "body may leave it"
-    )
-
-
-@mpi
 def test_blocks_that_may_slide_off_stay_on_their_path_and_are_called_unstable(comm, tmp_path):
     """Beyond a load P2 has no stable state; the uniform one is that of the stress alone."""
     result = fem_snh.run(blocks(comm.bcast(tmp_path), 4, 0.4), comm=comm, progress=False)
@@ -144,9 +113,3 @@ def test_blocks_that_may_slide_off_stay_on_their_path_and_are_called_unstable(co
     _, stretch = fsolve(lack, (1.0, 0.7), xtol=1e-12)
     down = comm.allreduce(result.problem.nodal(result.problem.x)[:, 1].min(), op=MPI.MIN)
     assert -down == pytest.approx(2 * (1 - stretch) + 0.4 / pair["stiffness"], rel=1e-6)
-
-
-def test_the_problem_names_its_terms_of_contact(tmp_path):
-    touching, column = (solve(blocks(tmp_path, 4, 0.01, touch)).problem for touch in (True, False))
-    (term,) = touching.coupling_terms
-    assert isinstance(term, BodyContact) and not column.coupling_terms

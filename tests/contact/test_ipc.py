@@ -9,8 +9,6 @@ import pytest
 from barrier_problems import GAP, intersects, needs_ipctk, points, pressed, steps
 from bodies import Hold
 
-from fem_snh.assembly.elements import ELEMENTS
-
 pytestmark = needs_ipctk
 mpi = pytest.mark.mpi
 COMM = MPI.COMM_WORLD
@@ -89,35 +87,6 @@ def test_one_function_along_a_line(friction):
         difference, expected = forces(t + h) - forces(t - h), product(t)
         difference.array[:] *= free / (2 * h)
         assert (difference - expected).norm() < 1e-6 * product(-0.002).norm()
-
-
-@pytest.mark.parametrize("length", [1e100, 1e160, 1e300])
-@pytest.mark.parametrize("direction", ["together", "along"])
-def test_a_step_of_any_length_ends(direction, length):
-    """The part up to the collision, or a part of it; ipctk's squares of 1e160 m overflow.
-
-    Along each other, 0.05 apart, parts take as many iterations as their way is longer than that.
-    """
-    _, term = pressed(COMM)
-    X = term.surface.support.X
-    d = np.zeros(X.shape)
-    d[X[:, 2] > 1 + GAP / 2, {"together": 2, "along": 0}[direction]] = -length
-    x, moved = term.surface.points, term.surface.interpolate(d)
-    part = term.collision_surface.largest_step(x, moved)
-    if direction == "together":
-        assert part * length == pytest.approx(0.9 * GAP, rel=1e-6)
-    else:
-        assert part > 0
-    assert isinstance(part, float)
-
-
-@pytest.mark.parametrize("value", [np.nan, np.inf])
-def test_no_part_of_a_step_that_is_not_finite(value):
-    _, term = pressed(COMM)
-    x = term.surface.points
-    d = np.zeros(x.shape)
-    d[0, 2] = value
-    assert term.collision_surface.largest_step(x, d) == 0.0
 
 
 @pytest.mark.one_debian("serial")
@@ -202,26 +171,3 @@ def test_friction(friction, slides):
     else:
         assert 0 < tangential < 0.6 * friction * normal
         assert 0 <= slip < sticking
-
-
-@pytest.mark.one_debian("serial")
-@pytest.mark.parametrize("element", ELEMENTS)
-def test_every_element(element):
-    cells = (1, 2) if ELEMENTS[element].degree == 2 else (2, 2)
-    problem, term = pressed(COMM, element, cells, 0.1)
-    rows = list(steps(problem, 2, tolerance=1e-6))
-    assert rows[-1]["converged"], rows[-1]["reason"]
-    assert rows[-1]["self_contact"]["pairs"] > 0 and not intersects(problem, term)
-
-
-def test_default_distance():
-    """A tenth of the mean edge, but less than the gap of the mesh."""
-    _, term = pressed(COMM, cells=(1, 1))
-    assert term.distance == pytest.approx(0.9 * GAP, rel=1e-9)
-    _, term = pressed(COMM, cells=(4, 4))
-    surface = term.surface
-    edges = np.concatenate([surface.triangles[:, [i, (i + 1) % 3]] for i in range(3)])
-    ends = surface.points[np.unique(np.sort(edges), axis=0)]
-    mean = np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1).mean()
-    assert term.distance == pytest.approx(0.1 * mean, rel=1e-12)
-    assert term.stiffness == 0.1

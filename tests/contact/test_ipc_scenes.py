@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import sys
-
 from mpi4py import MPI
 
 import numpy as np
@@ -14,7 +12,6 @@ from scipy.sparse import random as random_matrix
 
 import fem_snh
 from fem_snh import _dolfinx
-from fem_snh.contact.barrier import CollisionSurface
 from fem_snh.contact.gathered_surface import EmbeddedSurface, SurfaceMatrix
 from fem_snh.errors import BadInput
 from fem_snh.scenes import Scene, validate
@@ -31,12 +28,6 @@ CLIP = {
     "hold": [{"group": "bottom"}],
     "move": [{"group": "upper_tip", "translate": [0, 0, -0.6]}],
     "self_contact": {"method": "ipc"},
-}
-#: The same in time.
-IN_TIME = CLIP | {
-    "steps": 1,
-    "material": CLIP["material"] | {"density": 1.0},
-    "time": {"duration": 2.0, "steps": 10, "integrator": "newmark"},
 }
 
 
@@ -61,19 +52,6 @@ def test_a_body_touches_itself(tmp_path):
     assert "self_contact" in result.record["terms"]
     header = (tmp_path / "clip" / "steps.csv").read_text().splitlines()[0]
     assert "self_contact.pairs" in header and "self_contact.bodies" not in header
-
-
-@needs_ipctk
-def test_parallel_edges_have_friction():
-    """Their friction is continuous: where it jumps, lagged forces alternate and steps fail."""
-    move = [{"group": "upper_tip", "translate": [0.1, 0, -0.5]}]
-    material = CLIP["material"] | {"nu": 0.45}
-    changes = {"cells": 2, "element": "Q1", "steps": 3, "move": move, "material": material}
-    contact = {"method": "ipc", "friction": 0.3}
-    result = fem_snh.run(scene(CLIP, **changes, self_contact=contact))
-    assert result.converged
-    assert not [row["reason"] for row in result.steps if "friction" in row["reason"]]
-    assert sum(row["newton"] for row in result.steps) < 150
 
 
 @needs_ipctk
@@ -113,37 +91,6 @@ def test_mesh_that_intersects_itself(gap, message):
     table = CLIP | {"mesh": mesh, "move": [], "element": "Q1"}
     with pytest.raises(BadInput, match=message):
         fem_snh.run(validate(table, "scene"))
-
-
-@needs_ipctk
-def test_start_that_intersects_itself():
-    """The displacement of a start, not the mesh, carries one block into the other."""
-    triangles = np.array([[0, 1, 2], [3, 4, 5]], np.int32)
-    points = np.array(
-        [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0.2, 0.2, 1], [0.3, 0.2, 2], [0.2, 0.3, 2]]
-    )
-    surface = CollisionSurface(points, triangles)
-    surface.check(points, "in the mesh")
-    moved = points - np.outer(np.arange(6) > 2, [0, 0, 1.5])
-    with pytest.raises(BadInput, match=r"at the start; it does near \(0\.\d+, 0\.\d+, "):
-        surface.check(moved, "at the start")
-    close = points - np.outer(np.arange(6) > 2, [0, 0, 1 - 1e-6])
-    with pytest.raises(BadInput, match="smallest distance of parts without a common node is 1e-06"):
-        surface.check(close, "at the start")
-
-
-def test_without_ipctk(monkeypatch):
-    monkeypatch.setitem(sys.modules, "ipctk", None)
-    with pytest.raises(
-        BadInput, match=r"needs the package ipctk: pip install 'fem_snh\[contact\]'"
-    ):
-        fem_snh.run(scene(CLIP))
-
-
-def test_not_semi_implicit():
-    time = {"duration": 1.0, "steps": 4, "integrator": "semi_implicit"}
-    with pytest.raises(BadInput, match=r"time\.integrator = 'semi_implicit': .*line search"):
-        scene(IN_TIME, time=time)
 
 
 @needs_ipctk

@@ -7,43 +7,14 @@ from mpi4py import MPI
 import numpy as np
 import pytest
 from barrier_problems import GAP, intersects, needs_ipctk, pressed
-from interrupted_runs import solve
 
 from fem_snh import _dolfinx, solver
 from fem_snh.assembly.kinematics import SOLID
 from fem_snh.assembly.unknowns import add_ghosts, writable_values
-from fem_snh.scenes import validate
 from fem_snh.steps.dynamics.dynamics import Dynamics
 
 pytestmark = needs_ipctk
 COMM = MPI.COMM_WORLD
-
-#: A clip whose arms touch from the fifth step on and slide on each other.
-CLIP = {
-    "name": "clip",
-    "mesh": {"source": "clip", "parameters": {"gap": 0.3, "arm": 2}},
-    "cells": 1,
-    "element": "Q1",
-    "material": {"name": "stable_neo_hookean", "E": 1.0, "nu": 0.4, "density": 1.0},
-    "hold": [{"group": "bottom"}],
-    "move": [{"group": "upper_tip", "translate": [0.2, 0, -0.6]}],
-    "self_contact": {"method": "ipc", "friction": 0.3},
-    "time": {"duration": 2.0, "steps": 12, "integrator": "newmark"},
-}
-
-
-@pytest.mark.one_debian
-def test_errors_on_a_path_do_not_include_the_gap():
-    tables = {
-        "move": [{"group": "upper_tip", "translate": [0, 0, -0.1]}],
-        "time": {"duration": 2.0, "steps": 4},
-        "accuracy": {"goals": ["volume"]},
-    }
-    result = solve(validate(CLIP | tables, "scene"))
-    *_, line = result.estimate.lines()
-    assert line.startswith("the errors do not include that of the gap: the barrier of self-contact")
-    assert result.record["estimate"]["left_out"][-1] == line
-    assert result.estimate.goals["volume"].error is not None
 
 
 @pytest.mark.one_debian

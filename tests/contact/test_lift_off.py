@@ -11,8 +11,7 @@ from time_scenes import DOWN, in_time
 
 from fem_snh.contact.obstacle import Obstacle
 from fem_snh.contact.obstacle_contact import RigidContact
-from fem_snh.geometry.motions import DisplacementMotion, MovingShape
-from fem_snh.geometry.shapes import Sphere
+from fem_snh.geometry.motions import DisplacementMotion
 from fem_snh.scenes import Hold, MaterialChoice, Start
 
 G, SIZE, DENSITY = 9.81, 0.1, 1000.0
@@ -60,38 +59,6 @@ def test_a_mass_on_springs(comm):
         peak = DENSITY * G * SIZE**3 + 10 * np.hypot(9.81e-2, np.sqrt(2 * G * 0.02) * 10)
         assert force.max() == pytest.approx(peak, rel=0.02)
     assert errors[1] < 4e-4 and errors[0] / errors[1] > 8
-
-
-@pytest.mark.one_debian
-def test_many_bounces_on_long_steps(comm):
-    """Bounces of 33 ms keep the energy in steps of 50 ms; they gave the cube 50 J, of its 0.2 J."""
-    z, force, _, lost = bounce(comm, 80, 4.0)
-    assert np.abs(lost).max() < 2e-5
-    assert z.max() < 0 and (force > 0).sum() > 20
-
-
-def on_a_ball(comm, steps):
-    """Let a soft cube slide down a ball; return its place, and the largest change of energy [J]."""
-    ball = MovingShape(Sphere((SIZE / 2, SIZE / 2, -1.0), 1.0))
-    p, _, dynamics = contact_problem(
-        cube(comm, "hexahedron", 1, size=SIZE), "Q1", [RigidContact("ball", ball, stiffness=3e5)],
-        E=3e4, density=DENSITY, gravity=(0, 0, -G), amplitude=constant,
-        time={"integrator": "newmark", "duration": 0.3},
-    )  # fmt: skip
-    changes = []
-    for row in march(p, dynamics, steps, lambda X: np.tile([0.8, 0.2, 0], (len(X), 1)), 1e-10):
-        changes.append(abs(dynamics.energies(p)["numerical_dissipation"]))
-    assert row["ball"]["contacts"] > 0
-    return nodes_mean(p), max(changes)
-
-
-@pytest.mark.one_debian
-def test_a_cube_slides_down_a_ball(comm):
-    """Second order where the normal turns: with that of the step's end alone it is the first."""
-    (coarse, _), (fine, change), (exact, _) = (on_a_ball(comm, steps) for steps in (48, 96, 288))
-    errors = [np.linalg.norm(place - exact) for place in (coarse, fine)]
-    assert errors[1] < 3e-4 and errors[0] / errors[1] > 3
-    assert change < 2e-5  # of 0.3 J and more
 
 
 @pytest.mark.mpi

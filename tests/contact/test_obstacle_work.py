@@ -13,9 +13,7 @@ from two_bodies import ROLLERS
 
 import fem_snh
 from fem_snh.contact.obstacle_contact import RigidContact
-from fem_snh.contact.obstacle_pair import obstacle_displacement
-from fem_snh.geometry.motions import DisplacementMotion, MovingShape
-from fem_snh.geometry.shapes import Cylinder
+from fem_snh.geometry.motions import DisplacementMotion
 
 pytestmark = [pytest.mark.mpi, pytest.mark.one_debian]
 G = 9.81
@@ -26,24 +24,6 @@ def accelerated(vector):
     return DisplacementMotion(
         lambda X, load: np.tile(load**2 * np.asarray(vector, float), (len(X), 1))
     )
-
-
-def test_forces_on_a_cylinder_that_turns_and_moves():
-    def motion(X, load):
-        angle = 0.3 * load
-        c, s = np.cos(angle), np.sin(angle)
-        return X @ (np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]) - np.eye(3)).T
-
-    cylinder = Cylinder((0.0, 0.0, -1.0), (0.0, 0.0, 1.0), 0.5, infinite=True)
-    x = 0.5 * np.array([[1.0, 0, 0], [0, 1.0, 0], [0.6, 0.8, 0]])
-    turning = MovingShape(cylinder, DisplacementMotion(motion))
-    turned = obstacle_displacement(turning, x, x, 0, 1)
-    assert (1e3 * x * turned).sum() == pytest.approx(0, abs=1e-10)
-    along = np.cross([0, 0, 1], x)
-    assert (along * turned).sum() == pytest.approx(3 * 0.25 * 0.3, rel=0.02)  # moment times angle
-    moving = MovingShape(cylinder, translation((0.1, 0, 0)))
-    moved = obstacle_displacement(moving, x, x, 0, 1)
-    assert (x * moved).sum() == pytest.approx(0.1 * x[:, 0].sum())
 
 
 @pytest.mark.parametrize("integrator, lost", [

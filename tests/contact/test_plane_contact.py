@@ -9,10 +9,9 @@ import pytest
 from barrier_problems import needs_ipctk
 from derivatives import check_derivatives
 from gmsh_files import section
-from plane_scenes import own_scene, solve
+from plane_scenes import solve
 
 import fem_snh
-from fem_snh.errors import BadInput
 
 FLAT = ("plane_strain", "axisymmetric")
 
@@ -109,19 +108,6 @@ def test_residual_and_hessian_are_derivatives(tmp_path, kinematics, element, tri
     near = abs(problem.coordinates[:, 1] - 0.5) < 1e-9
     dofs = (2 * np.flatnonzero(near)[:, None] + [0, 1]).ravel()
     check_derivatives(problem, dofs, 1e-7, 5e-7, 1e-5, constrained=False)
-
-
-@pytest.mark.parametrize(
-    ("keys", "refused"),
-    [
-        ('[[contact]]\ngroups = ["bottom", "top"]\n', "no contact"),
-        ('[self_contact]\nmethod = "ipc"\n', "no self-contact"),
-    ],
-)
-def test_contact_with_torsion_is_refused(tmp_path, keys, refused):
-    path = own_scene(tmp_path, "Q1", "axisymmetric_torsion", keys)
-    with pytest.raises(BadInput, match=f"{refused}, with kinematics = 'axisymmetric_torsion'"):
-        solve(path)
 
 
 BARRIER = """
@@ -225,38 +211,6 @@ def test_reference_method_between_two_blocks(comm, folder, kinematics, element):
     assert contact["force"] == pytest.approx(P * area, rel=0.01)
 
 
-@pytest.mark.mpi
-@pytest.mark.parametrize(
-    ("method", "element"), [(REFERENCE, "Q2"), pytest.param(IPC, "P1", marks=needs_ipctk)]
-)
-def test_springs_and_barrier_are_a_part_of_the_error(comm, folder, method, element):
-    """Without them the blocks, which are free to slide, touch at the stretch 0.9 exactly."""
-    found = pressed(folder, element, method, comm=comm, nu=0.0, error=True)
-    material = fem_snh.material("stable_neo_hookean", E=1.0, nu=0.0)
-    exact = -material.pk1(np.diag([1.0, 0.9, 1.0]))[1, 1]
-    goal = found.goals["bottom.force.y"]
-    assert abs(goal["value"] - exact) > 0.01 * exact
-    assert abs(goal["corrected"] - exact) < 0.1 * abs(goal["value"] - exact)
-    assert abs(goal["parts"]["penalty"]) > abs(goal["parts"]["mesh"])
-
-
-@pytest.mark.mpi
-@pytest.mark.parametrize("touches", [False, True])
-def test_blocks_that_meet_without_common_nodes_have_a_note(comm, folder, touches):
-    """Without contact the upper block does not feel the lower one, whose corners it has."""
-    if comm.rank == 0:
-        blocks(folder / "blocks.msh", False, 1)
-        text = BARRIER.format(element="Q1", kinematics="plane_strain", nu=0.3, slide=0)
-        contact = '[[contact]]\ngroups = ["under", "over"]' if touches else ""
-        text = text.replace("[self_contact]", contact).replace('fields = ["contact_pressure"]', "")
-        (folder / "own.toml").write_text(text)
-    comm.barrier()
-    found = solve(folder / "own.toml", comm)
-    assert (abs(found.steps[-1]["reactions"]["bottom"][1]) > 0.01) == touches
-    notes = [note for note in found.notes if note["kind"] == "mesh"]
-    assert [note["places"] for note in notes] == ([] if touches else [2])
-
-
 @pytest.mark.parametrize("kinematics", FLAT)
 @pytest.mark.parametrize("element", ["P1", "Q2"])
 def test_reference_method_has_derivatives(tmp_path, element, kinematics):
@@ -278,63 +232,3 @@ def test_reference_method_has_derivatives(tmp_path, element, kinematics):
 
 
 # A ring with a slot in its outer side, and a sector of it that is turned about the axis.
-SLIDING = """
-mesh = "block.msh"
-element = "Q1"
-kinematics = "plane_strain"
-steps = 4
-[material]
-name = "stable_neo_hookean"
-E = 1.0
-nu = 0.3
-[[obstacle]]
-name = "floor"
-friction = {friction}
-shape = {{ box = {{ center = [1, -1, 0], size = [9, 2, 9] }} }}
-[[obstacle]]
-name = "press"
-friction = {friction}
-shape = {{ box = {{ center = [1, 1.5, 0], size = [9, 2, 9] }} }}
-translate = [0, -0.05, 0]
-table = "press"
-[[obstacle]]
-name = "wall"
-shape = {{ box = {{ center = [2.4, 0, 0], size = [2, 9, 9] }} }}
-[[traction]]
-group = "left"
-vector = [0.02, 0, 0]
-table = "push"
-[[table]]
-name = "press"
-points = [[0, 0], [0.5, 1]]
-[[table]]
-name = "push"
-points = [[0.5, 0], [1, 1]]
-"""
-
-
-@pytest.mark.mpi
-@pytest.mark.parametrize("friction", [0.0, 0.02])
-def test_a_block_that_contact_alone_holds_slides_to_the_wall(comm, folder, friction):
-    """Between two plates nothing holds it sideways; the wall bears what friction does not."""
-    if comm.rank == 0:
-        with section(folder / "block.msh") as (geo, groups, bodies):
-            corners = [geo.addPoint(x, y, 0) for x, y in ((0, 0), (1, 0), (1, 0.5), (0, 0.5))]
-            lines = [geo.addLine(corners[i], corners[(i + 1) % 4]) for i in range(4)]
-            surface = geo.addPlaneSurface([geo.addCurveLoop(lines)])
-            for line, points in zip(lines, (5, 3, 5, 3), strict=True):
-                geo.mesh.setTransfiniteCurve(line, points)
-            geo.mesh.setTransfiniteSurface(surface)
-            geo.mesh.setRecombine(2, surface)
-            groups["left"], bodies["block"] = [lines[3]], [surface]
-        (folder / "sliding.toml").write_text(SLIDING.format(friction=friction))
-    comm.barrier()
-    result = solve(folder / "sliding.toml", comm)
-    row = result.steps[-1]
-    across, along = ({n: o["force"][i] for n, o in row["obstacles"].items()} for i in (1, 0))
-    assert sum(along.values()) == pytest.approx(-0.02 * 0.5, rel=1e-4)
-    for plate in ("floor", "press"):
-        assert along[plate] == pytest.approx(-friction * abs(across[plate]), rel=1e-3, abs=1e-8)
-    assert row["load"] == 1 and row["stabilisation"] < 1e-6
-    assert "stabilised" in row["notes"]
-    assert any("by a proximal term" in note["text"] for note in result.record["notes"])

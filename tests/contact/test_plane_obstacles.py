@@ -16,8 +16,7 @@ from plane_scenes import own_scene, solve, write_mesh
 
 import fem_snh
 from fem_snh import _dolfinx
-from fem_snh.errors import BadInput
-from fem_snh.geometry.shapes import Polygon, Revolved, Sphere
+from fem_snh.geometry.shapes import Polygon
 from fem_snh.viewing.stored_run import obstacle_poses
 
 mpi = pytest.mark.mpi
@@ -202,9 +201,6 @@ def test_residual_and_hessian_are_derivatives(kinematics, shape):
     check_derivatives(made, dofs, 1e-7, 2e-7, 1e-4)
 
 
-# --- friction and time ------------------------------------------------------------------------
-
-
 # --- shapes -----------------------------------------------------------------------------------
 
 
@@ -234,21 +230,6 @@ def test_polygon_is_its_distance():
             change = (high.gradient - low.gradient) / (2 * h)
             assert abs(change - found.hessian[:, i])[smooth].max() < 1e-4
     assert np.allclose(np.linalg.norm(found.gradient, axis=1), 1)
-
-
-def test_revolved_shape_is_its_distance():
-    """Of a circle beside the axis, a torus, by differences."""
-    torus = Revolved(Sphere((2.0, 0.5, 0.0), 0.7))
-    x, h = np.random.default_rng(0).uniform(-3, 3, (50, 3)), 1e-6
-    found = torus.evaluate(x)
-    ring = np.hypot(np.hypot(x[:, 0], x[:, 2]) - 2, x[:, 1] - 0.5) - 0.7
-    assert found.distance == pytest.approx(ring) and torus.distance(x) == pytest.approx(ring)
-    for i, step in enumerate(h * np.eye(3)):
-        high, low = (torus.evaluate(x + sign * step) for sign in (1, -1))
-        slope, change = (high.distance - low.distance), (high.gradient - low.gradient)
-        assert found.gradient[:, i] == pytest.approx(slope / (2 * h), abs=1e-8)
-        assert found.hessian[:, i] == pytest.approx(change / (2 * h), abs=1e-7)
-    assert torus.bounds == pytest.approx(np.array([[-2.7, -0.2, -2.7], [2.7, 1.2, 2.7]]))
 
 
 TWISTED = """
@@ -311,61 +292,6 @@ friction = 0.3
     near = (problem.coordinates[:, 0] > 0.49) & (abs(problem.coordinates[:, 1] - 0.5) < 0.3)
     dofs = (3 * np.flatnonzero(near)[:, None] + [0, 1, 2]).ravel()
     check_derivatives(problem, dofs, 1e-7, 5e-6, 1e-4, constrained=False)
-
-
-@pytest.mark.parametrize(
-    "points", [[[0, 0], [1, 0]], [[0, 0], [1, 1], [1, 0], [0, 1]], [[0, 0], [1, 0], [2, 0]]]
-)
-def test_polygons_that_are_none(points):
-    with pytest.raises(BadInput, match=r"points = .*three or more corners"):
-        fem_snh.Obstacle(shape={"polygon": {"points": points}})
-
-
-def test_polygon_of_a_file(tmp_path):
-    """It is the same polygon, and run.json has its corners."""
-    corners = [[0.6, -1], [1, -1], [1, 2], [0.6, 2], [0.45, 0.5]]
-    lines = "\n".join(f"{x},{y}" for x, y in corners)
-    (tmp_path / "groove.csv").write_text(f"# x, y\n{lines}\n")
-    found = []
-    for shape in (f"shape = {{ polygon = {{ points = {corners} }} }}", 'profile = "groove.csv"'):
-        path = own_scene(
-            tmp_path, "Q1", "axisymmetric", f"[[obstacle]]\nname = 'groove'\n{shape}\n"
-        )
-        result = solve(path)
-        found.append((result.steps[-1]["obstacles"], result.record["obstacles"]["groove"]["shape"]))
-    assert found[0] == found[1]
-    for text in ("1,2,3\n4,5,6\n7,8,9\n", "x,y\n0,0\n", "0,0\n1,1\n1,0\n0,1\n", ""):
-        (tmp_path / "groove.csv").write_text(text)
-        with pytest.raises(BadInput, match=r"groove\.csv: .*expected"):
-            solve(path)
-
-
-@pytest.mark.parametrize(
-    "kinematics, keys, message",
-    [
-        ("plane_strain", "shape = { plane = {} }", "in the plane z = 0"),
-        ("plane_strain", "shape = { sphere = { center = [0, -1, 1], radius = 0.5 } }", "plane z"),
-        (
-            "plane_strain",
-            "shape = { plane = { normal = [0, 1, 0] } }\ntranslate = [0, 0, 1]",
-            "in the plane z = 0",
-        ),
-        (
-            "axisymmetric",
-            "shape = { plane = { normal = [0, 1, 0] } }\nrotate = { axis = [0, 0, 1], angle = 1 }",
-            "expected a translation, on a body of revolution",
-        ),
-        (
-            "axisymmetric_torsion",
-            "shape = { sphere = { center = [2, 0, 0], radius = 0.5 } }\ntranslate = [-1, 0, 0]",
-            "expected a motion along the axis or about it, with kinematics = 'axisymmetric_to",
-        ),
-    ],
-)
-def test_what_is_refused(tmp_path, kinematics, keys, message):
-    path = own_scene(tmp_path, "Q1", kinematics, f"[[obstacle]]\n{keys}\n")
-    with pytest.raises(BadInput, match=message):
-        solve(path)
 
 
 assert set(FLAT) < set(COMPONENTS)

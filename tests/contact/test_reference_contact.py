@@ -15,7 +15,6 @@ import fem_snh
 from fem_snh import scenes, solver
 from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.contact.reference_contact import ReferenceContact
-from fem_snh.errors import BadInput
 from fem_snh.kernels.material import material
 from fem_snh.mesh import mesh
 from fem_snh.steps.step_solver import StepSolver
@@ -141,30 +140,6 @@ def test_one_function_of_new_pairs(first: str) -> None:
     assert (curved - 2 * h * expected).norm() < 1e-5 * 2 * h * expected.norm()
 
 
-@pytest.mark.one_debian
-@mpi
-def test_bodies_that_intersect_in_the_mesh_part() -> None:
-    """The upper block begins 0.08 deep in the lower one; the springs push it out in one step."""
-    _, row = blocks(press=0.0, gap=-0.08)
-    _, pressed = blocks(press=0.08)
-    found, expected = row["self_contact"], pressed["self_contact"]
-    assert found["penetration"] < 0.04
-    # The upper block is that much longer, so the force differs a little.
-    assert found["force"] == pytest.approx(expected["force"], rel=0.1)
-
-
-@pytest.mark.one_debian
-@mpi
-@pytest.mark.parametrize(("element", "gap"), [("Q1", 0.2), ("P2", 0.1)])
-def test_what_approaches_is_stopped_in_the_first_solve(element: str, gap: float) -> None:
-    """A gap that one step closes makes no difference; without pairs, the blocks would cross."""
-    found, expected = (blocks(element=element, gap=g, press=g + 0.1)[1] for g in (gap, 0.05))
-    for key in ("force", "penetration"):
-        other = expected["self_contact"][key]
-        assert found["self_contact"][key] == pytest.approx(other, rel=1e-4)
-    assert found["solves"] == 2
-
-
 @mpi
 def test_the_pressure_is_that_of_the_deformed_surface() -> None:
     """Two blocks become 1.5 times as wide in x; the upper one enters the lower one by 0.05."""
@@ -179,14 +154,6 @@ def test_the_pressure_is_that_of_the_deformed_surface() -> None:
     inside = (x > 0.01) & (x < 0.99) & (nominal > 0)  # of no side, which is as wide as before
     assert COMM.allreduce(int(inside.sum())) >= 6
     np.testing.assert_allclose(true[inside], nominal[inside] / 1.5, rtol=1e-10)
-
-
-@pytest.mark.one_debian("ranks")
-@mpi
-def test_bodies_apart_have_no_pairs() -> None:
-    p, row = blocks(gap=0.5)
-    assert row["self_contact"] == row["self_contact"] | {"pairs": 0, "penetration": 0, "force": 0}
-    assert not len(p.terms[1].springs) and not len(p.terms[1].couplings(p.split(p.x)[0]))
 
 
 @pytest.mark.one_debian
@@ -237,20 +204,3 @@ def test_no_line_search_compares_energies_of_different_pairs(scene: str) -> None
     assert [row["reason"] for row in result.steps] == ["CONVERGED_FNORM_ABS"] * len(result.steps)
     assert len(result.steps) == tables[scene]["steps"]
     assert result.steps[-1]["self_contact"]["pairs"] > 0
-
-
-@pytest.mark.parametrize(
-    ("table", "message"),
-    [
-        (
-            {"method": "reference", "friction": 0.1},
-            "contact.friction = 0.1: expected no value",
-        ),
-        ({"method": "reference", "distance": 1}, "self_contact.distance = 1.*: expected no value"),
-    ],
-    ids=str,
-)
-def test_mistake_in_one_line(table: dict[str, Any], message: str) -> None:
-    with pytest.raises(BadInput, match=message) as caught:
-        scenes.validate(CLIP | {"self_contact": table}, "clip")
-    assert "\n" not in str(caught.value)

@@ -11,8 +11,8 @@ from scipy.spatial.transform import Rotation
 from fem_snh import _dolfinx
 from fem_snh.contact.gathered_surface import embedded_surface
 from fem_snh.contact.samples import DeformedCells, Neighbourhood, body_numbers
-from fem_snh.contact.triangle_search import CloserTargets, ReferenceSurface, approaching
-from fem_snh.geometry.closest_points import closest_points, triangle_normals
+from fem_snh.contact.triangle_search import ReferenceSurface, approaching
+from fem_snh.geometry.closest_points import triangle_normals
 from fem_snh.mesh import mesh
 
 pytestmark = [pytest.mark.mpi, pytest.mark.one_debian("ranks")]
@@ -44,18 +44,6 @@ def test_points_are_found_where_they_came_from(comm, cell, degree):
     assert hits.outside[~own].min(initial=0.1) >= -1e-6 and hits.outside.max() <= 0.1
 
 
-@each_element
-def test_inverted_and_flat_cells_contain_nothing(comm, cell, degree):
-    body = cube(comm, cell, 2)
-    V = _dolfinx.function_space(body.domain, degree, (3,))
-    X = V.tabulate_dof_coordinates()
-    cells, points = DeformedCells(V), np.random.default_rng(1).random((200, 3))
-    mirrored, flat = (X * (np.array([s, 1.0, 1.0]) - 1.0) for s in (-1.0, 0.0))
-    assert not len(cells.find(mirrored, points * [-1, 1, 1], nothing)[1])
-    assert not len(cells.find(flat, points * [0, 1, 1], nothing)[1])
-    assert comm.allreduce(len(cells.find(0 * X, points, nothing)[1])) >= 200
-
-
 def test_closest_points_are_those_of_all_triangles(comm):
     """Against a search of all triangles; inside and outside of a bent cube."""
     body = cube(comm, "tetrahedron", 4, bend=0.1)
@@ -75,22 +63,6 @@ def test_closest_points_are_those_of_all_triangles(comm):
     np.testing.assert_allclose(found.depth, expected, atol=1e-12)
     x = np.einsum("nk,nki->ni", found.coordinates, surface.points[triangles[found.triangle]])
     np.testing.assert_allclose(np.linalg.norm(x - p, axis=1), np.abs(expected), atol=1e-12)
-
-
-def test_faces_that_are_opposed_are_preferred(comm):
-    """A point near an edge of a cube has the face that it has passed through as its target."""
-    body = cube(comm, "hexahedron", 2)
-    V = _dolfinx.function_space(body.domain, 1, (3,))
-    surface = embedded_surface(V, body.skin)
-    a, b, c = (surface.points[surface.triangles[:, i]] for i in range(3))
-    outward = np.cross(b - a, c - a)
-    outward /= np.linalg.norm(outward, axis=1, keepdims=True)
-    search = ReferenceSurface(surface.points, surface.triangles, np.zeros(len(a), int))
-    p = np.array([[0.04, 0.4, 0.95]])
-    for normal, face in (([0.0, 0, -1], [0.0, 0, 1]), ([1.0, 0, 0], [-1.0, 0, 0])):
-        found = search.closest(p, np.zeros(1, int), np.array([normal]), np.ones(1), outward)
-        np.testing.assert_allclose(outward[found.triangle[0]], face, atol=1e-12)
-        assert found.depth[0] == pytest.approx(0.04)
 
 
 def surface_of(comm, source, **parameters):
@@ -115,23 +87,6 @@ def test_surfaces_that_face_each_other_approach(comm):
     x, triangles, outward = surface_of(comm, "two_blocks", cells=3, gap=-0.1)
     points = x[triangles].mean(axis=1)
     assert not len(approaching(points, outward, x[triangles], outward, 0.31).sample)
-
-
-def test_targets_move_to_the_closest_point(comm):
-    """On the upper face of a cube, from a triangle three cells away; against all triangles."""
-    x, triangles, outward = surface_of(comm, "two_blocks", cells=4, gap=0.5)
-    x = x + 0.02 * np.sin(5 * x[:, [1, 2, 0]])
-    outward, up = triangle_normals(x, triangles), np.array([0.0, 0.0, 1.0])
-    middles = x[triangles].mean(axis=1)
-    top = np.flatnonzero((outward @ up > 0.9) & (middles[:, 2] < 1.2))
-    p = np.column_stack([0.1 + 0.8 * np.random.default_rng(3).random((50, 2)), np.full(50, 0.98)])
-    far = top[np.linalg.norm(middles[top] - p[:, None], axis=2).argmax(axis=1)]
-    # Normals of zero: no face is preferred.
-    target, coordinates = CloserTargets(triangles).move(p, 0 * p, np.zeros(50), far, x, outward)
-    found = np.einsum("nk,nki->ni", coordinates, x[triangles[target]])
-    arm = closest_points(p[:, None], x[triangles[top]][None])[1]
-    expected = np.linalg.norm(arm, axis=2).min(axis=1)
-    np.testing.assert_allclose(np.linalg.norm(found - p, axis=1), expected, rtol=1e-9)
 
 
 @each_element

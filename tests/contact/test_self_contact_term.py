@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
-from petsc4py import PETSc
-
 import numpy as np
 import pytest
 import ufl
 from barrier_problems import needs_ipctk
 from dolfinx import fem
-from dolfinx_programs import Press, unit_cube, vector_space
+from dolfinx_programs import vector_space
 from running import solve
 from scipy.spatial import cKDTree
 from test_reference_contact import CLIP
@@ -19,7 +17,6 @@ from test_reference_contact import CLIP
 import fem_snh
 from fem_snh import _dolfinx, scenes
 from fem_snh.assembly.boundary_conditions import group_nodes
-from fem_snh.errors import BadInput
 from fem_snh.mesh import mesh
 
 mpi = pytest.mark.mpi
@@ -82,16 +79,6 @@ def test_an_approach_is_no_slip(comm):
     assert np.abs(u[images] * mirror - u).max() < 2e-4
 
 
-def test_pairs_that_do_not_settle_are_a_divergence(comm, monkeypatch):
-    monkeypatch.setattr("fem_snh.terms.history.MAX_SOLVES", 1)
-    problem, close = clip(comm, fem_snh.NonlinearProblem, terms=[fem_snh.SelfContact()])
-    close(1.0)
-    problem.solve()
-    assert problem.solver.getConvergedReason() == PETSc.SNES.ConvergedReason.DIVERGED_INNER
-    words = "DIVERGED_INNER: self_contact: the change of forces by another search is 100 times"
-    assert problem.reason == f"{words} the tolerance after 1 solves"
-
-
 @pytest.mark.one_debian
 @mpi
 def test_a_body_in_motion_touches_itself(comm):
@@ -121,28 +108,6 @@ def jaws_overlap(u: Any) -> float:
     low, high = z[near & (X[:, 2] < middle)], z[near & (X[:, 2] > middle)]
     top = comm.allreduce(low.max(initial=-np.inf), op=max)
     return float(top - comm.allreduce(high.min(initial=np.inf), op=min))
-
-
-@pytest.mark.parametrize(("options", "message"), [
-    ({"method": "penalty"}, "expected one of reference, ipc"),
-
-    ({"friction": 0.3}, "^friction = 0.3: expected no value, as the method is ref"),
-
-])  # fmt: skip
-def test_mistakes(options, message):
-    with pytest.raises(BadInput, match=message):
-        fem_snh.SelfContact(**options)
-
-
-@mpi
-def test_problems_that_cannot_have_it(comm):
-    press = Press(unit_cube(comm, 2))
-    contact = fem_snh.SelfContact()
-    with pytest.raises(BadInput, match="expected a material"):
-        psi = ufl.inner(press.F, press.F) * ufl.dx
-        fem_snh.NonlinearProblem(press.u, {}, bcs=press.bcs, terms=[psi, contact])
-    with pytest.raises(BadInput, match="expected at most one"):
-        fem_snh.NonlinearProblem(press.u, {MATERIAL: ufl.dx}, terms=[contact, contact])
 
 
 @mpi

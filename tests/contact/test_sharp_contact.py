@@ -148,18 +148,6 @@ def test_samples_are_at_corners_and_integrate(cell: str, degree: int) -> None:
         assert samples.areas @ points[:, 0] ** 3 == pytest.approx(4 / 4 + 1, rel=1e-12)
 
 
-@pytest.mark.parametrize("cells", [1, 3, 8])
-def test_a_face_acts_with_its_area(cells: int) -> None:
-    """Samples at the rim belong to the sides, too, whose area does not press on a floor."""
-    surface, samples = samples_of("two_blocks", "hexahedron", cells=cells, gap=0.5)
-    outward = triangle_normals(surface.points, surface.triangles)
-    bottom = np.flatnonzero(np.abs(samples.at(surface.points)[:, 2] - 1.5) < 1e-12)
-    up = np.tile([0.0, 0.0, 1.0], (len(bottom), 1))
-    assert samples.facing(bottom, up, outward).sum() == pytest.approx(1.0, rel=1e-12)
-    assert samples.areas[bottom].sum() > 1.01
-    assert samples.facing(bottom, -up, outward).max() < 1e-15
-
-
 def crossing_wedges(depth: float, turn: float = np.pi / 4) -> Any:
     """Return the crossings of two unit cubes with edges across each other, one of them on top."""
     body = cube(MPI.COMM_SELF, "hexahedron", 1)
@@ -187,13 +175,6 @@ def test_crossing_edges_are_found(depth: float) -> None:
     np.testing.assert_allclose(np.abs(found.normal[0]), [0, 0, 1], atol=1e-12)
     assert found.normal[0] @ (points[0] - points[1]) == pytest.approx(-depth, abs=1e-12)
     assert found.facing[0] == pytest.approx(np.sin(np.pi / 4))
-
-
-@pytest.mark.parametrize(("depth", "turn"), [(0.6, np.pi / 4), (-0.25, np.pi / 4), (0.05, 0.0)])
-def test_edges_that_do_not_cross_are_not(depth: float, turn: float) -> None:
-    """Too deep, too far, and faces that lie on each other, whose edges cross as well."""
-    found = crossing_wedges(depth, turn)[2]
-    assert not len(found.first) or found.facing.max() < 1e-9
 
 
 def test_averaged_normals_are_continuous_up_to_a_sharp_edge() -> None:

@@ -57,27 +57,6 @@ def test_the_skin_is_closed_on_the_shape_and_in_its_cells(shape, cell, divisions
 
 
 @pytest.mark.one_debian
-def test_the_skins_volume_converges():
-    for divisions in (1, 2, 4):
-        data = lattice.lattice(BALL, 0.13, divisions=divisions)
-        a, b, c = (data.skin.points[data.skin.triangles[:, i]] for i in range(3))
-        volume = np.einsum("ij,ij->", a, np.cross(b, c)) / 6
-        # Triangles of edge 0.13/divisions in a sphere: each sagitta is at most edge^2/(6 r).
-        assert volume == pytest.approx(np.pi / 6, rel=(0.13 / divisions / 0.5) ** 2)
-
-
-@pytest.mark.parametrize("parts", [True, False])
-def test_points_of_two_fingers_are_in_their_own_cells(parts):
-    data = lattice.lattice(FINGERS, CELL, divided=parts)
-    points, cells = data.skin.points, data.skin.cells
-    at_tip = points[:, 0] > 0.2
-    upper = at_tip & (points[:, 1] > 0)
-    lower = at_tip & (points[:, 1] < 0)
-    shared = np.intersect1d(cells[upper], cells[lower])
-    assert (len(shared) == 0) == parts
-
-
-@pytest.mark.one_debian
 @pytest.mark.mpi
 @pytest.mark.parametrize("name", [e.name for e in ELEMENTS.values() if e.cell == "hexahedron"])
 @pytest.mark.parametrize("shape", [BALL, FINGERS], ids=["ball", "fingers"])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
 from typing import Any
 
 from mpi4py import MPI
@@ -12,7 +11,6 @@ import pytest
 from bodies import dense, wave
 from two_bodies import TwoBlocks
 
-from fem_snh.contact.gathered_surface import FacetShape, Side
 from fem_snh.contact.triangle_search import ClosestFacets, measure_gaps
 
 #: A displacement that bends the surfaces, in the height of a block.
@@ -115,35 +113,3 @@ def test_closest_facet_against_samples(element: str) -> None:
     arm = points[some] - np.einsum("nk,nki->ni", gaps.values, x[side.nodes[found.facet[some]]])
     slopes = np.einsum("ni,nia->na", arm, gaps.tangents)
     assert inner.mean() > 0.9 and np.abs(slopes[inner]).max() < 1e-10
-
-
-@pytest.mark.one_debian
-@pytest.mark.parametrize("element", ["Q1", "P2"])
-def test_points_beside_an_open_surface_have_no_facet(element: str) -> None:
-    """Above and below a flat square: the points inside of it have a facet, the others none."""
-    two = TwoBlocks(MPI.COMM_WORLD, element, (2, 1))
-    surface = two.contact.surface
-    t = np.linspace(-0.3, 1.3, 33)
-    x, y, z = (axis.ravel() for axis in np.meshgrid(t, t, [0.96, 1.0, 1.2]))
-    points = np.column_stack([x, y, z])
-    down = np.broadcast_to([0.0, 0.0, -1.0], points.shape)
-    search = ClosestFacets(surface.shape, surface.sides[0])
-    found = search.find(surface.X, points, down, 0.5).facet >= 0
-    inside = (np.abs(points[:, :2] - 0.5) < 0.5 + 1e-9).all(axis=1)
-    np.testing.assert_array_equal(found, inside)
-    assert not (search.find(surface.X, points, -down, 0.5).facet >= 0).any()
-    assert not (search.find(surface.X, points[z > 1.1], down[z > 1.1], 0.1).facet >= 0).any()
-
-
-@pytest.mark.parametrize(("size", "place", "gap"), [(1, -0.1, np.inf), (1, 0.1, 0), (0, 1, np.inf)])
-def test_a_folded_facet_has_no_normal(size, place, gap):
-    """Where the tangent of a curve vanishes there is no contact, and no division by zero."""
-    shape, none = FacetShape("interval", 2), np.empty(0)
-    xi = shape.nodes[:, 0]
-    x = np.zeros((3, 3))
-    x[:, 0] = size * xi * (xi - 1.5)  # it turns back at 0.75, or is a point
-    side = Side(np.arange(3)[None], np.ones(1), *[none] * (len(fields(Side)) - 2))
-    points = np.array([[size * 0.75 * (0.75 - 1.5) + place, 0.0, 0.0]])
-    with np.errstate(all="raise"):
-        gaps = measure_gaps(shape, side, x, points, np.zeros(1, int), np.array([[0.75]]))
-    assert gaps.gap == pytest.approx(gap, abs=1e-14)

@@ -12,12 +12,8 @@ from dolfinx_programs import Press, unit_cube
 from running import solve
 
 import fem_snh
-from fem_snh import _dolfinx
-from fem_snh.errors import BadInput
 from fem_snh.geometry.motions import Bone
-from fem_snh.geometry.shapes import Capsule, Sphere, from_record
-from fem_snh.mesh import lattice
-from fem_snh.problem.bones import place_bones
+from fem_snh.geometry.shapes import Capsule, Sphere
 
 E = 1e4  # of the bar, whose volume is 2
 
@@ -93,43 +89,6 @@ def test_a_node_follows_the_bone_in_which_it_is_deepest(element):
             assert step["bones"][name]["nodes"] == bone["nodes"]
             for key in ("force", "moment", "origin"):
                 assert step["bones"][name][key] == pytest.approx(bone[key], abs=1e-9 * E)
-
-
-@pytest.mark.one_debian
-@pytest.mark.mpi
-@pytest.mark.parametrize("degree", [1, 2])
-def test_a_bone_holds_the_nodes_of_its_own_part(degree):
-    """Of two plates in one layer of cells, each has the nodes on its own side of the gap."""
-    plates = [{"box": {"center": [0, 0, z], "size": [3, 2, 0.33]}} for z in (-0.315, 0.315)]
-    body = lattice.create(MPI.COMM_WORLD, lambda: from_record({"union": plates}), 1.0, skin=4)
-    V = _dolfinx.function_space(body.domain, degree, (3,))
-    within = {"box": {"center": [0, 0, -0.315], "size": [3, 2, 0.4]}}
-    bones = [Bone("lower", from_record(within)), Bone("all", Sphere((0, 0, 0), 3.0))]
-    lower, every = (place_bones(V, body, [bone])[0] for bone in bones)
-    nodes = (3 * degree + 1) * (2 * degree + 1)  # of a layer
-    assert body.num_cells == 12 and lower.count == nodes
-    assert every.count == 2 * degree * nodes  # those in the middle are as close to both plates
-    found = V.tabulate_dof_coordinates()[lower.nodes]
-    assert found[:, 2] == pytest.approx(np.full(len(found), -0.5))
-
-
-def test_ties_are_decided_by_name():
-    twins = [{"name": name, "shape": UPPER} for name in ("b", "c", "a")]
-    with pytest.raises(BadInput, match=r"bone '[bc]': all of its nodes are deeper in other bones"):
-        solve(bar(*twins, {"shape": LOWER}))
-
-
-def test_groups_precede_shapes_and_bones_precede_move():
-    ball = {"sphere": {"center": [1.0, 0.5, 0.5], "radius": 0.5}}
-    scene = bar(
-        {"name": "ball", "shape": ball, "translate": [0, 0.1, 0]},
-        {"name": "block", "group": "second", "translate": [0, 0, 0.1]},
-        hold=[{"group": "right"}],
-        cells=4,
-    )
-    (X, u), (Y, v) = bone_nodes(solve(scene))
-    assert X[:, 0].max() < 1 - 1e-9 and u == pytest.approx(np.tile([0, 0.1, 0], (len(X), 1)))
-    assert len(Y) == 5**3 and v == pytest.approx(np.tile([0, 0, 0.1], (len(Y), 1)))
 
 
 @pytest.mark.mpi

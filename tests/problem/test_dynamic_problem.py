@@ -113,42 +113,6 @@ def test_bad_arguments(comm, arguments, message):
     assert ": expected " in str(error.value) and "\n" not in str(error.value)
 
 
-def test_bad_steps_and_velocities(comm):
-    """They are refused, and the motion goes on as without them."""
-    u, m = fem.Function(vector_space(unit_cube(comm, 1))), snh()
-    problem = fem_snh.DynamicProblem(u, {m: ufl.dx}, {m: 1.0}, duration=1.0, petsc_options=TIGHT)
-    velocities = {
-        "an array": lambda X: X[:, :2],
-        "velocity = array": lambda X: np.nan * X,
-        "velocity = (0": (0, 0, 1.0),
-    }
-    for message, velocity in velocities.items():
-        with pytest.raises(BadInput, match=re.escape(message) + ".*: expected"):
-            problem.start(velocity)
-    problem.start(lambda X: np.full(X.shape, [0.0, 0.0, 2.0]))
-    for size in (-0.01, 0.0, np.nan, np.inf, True, "0.1", 1e-320, 1e300):
-        with pytest.raises(BadInput, match=r"^size = .*: expected a number from 1e-12 to 1e\+12$"):
-            problem.step(size)
-    assert problem.step(0.5)
-    assert problem.step(0.25)
-    assert abs(u.x.array.reshape(-1, 3) - [0, 0, 1.5]).max(initial=0) <= 1e-9
-    problem.start()  # again, at rest where it is
-    assert problem.time == 0 and problem.energies()["kinetic"] == 0
-    assert problem.step(0.25)
-    assert abs(u.x.array.reshape(-1, 3) - [0, 0, 1.5]).max(initial=0) <= 1e-9
-
-
-def test_bad_input(comm):
-    domain = unit_cube(comm, 1)
-    u, m = fem.Function(vector_space(domain)), snh()
-    with pytest.raises(BadInput, match=r"missing key 'material.density' of stable_neo_hookean"):
-        fem_snh.DynamicProblem(u, {m: ufl.dx}, {}, duration=1.0)
-    with pytest.raises(BadInput, match=r"materials = {}: expected a material"):
-        fem_snh.DynamicProblem(u, {}, {}, duration=1.0)
-    with pytest.raises(BadInput, match=r"time.integrator = 'euler'.*" + INTEGRATORS[0]):
-        fem_snh.DynamicProblem(u, {m: ufl.dx}, {m: 1.0}, "euler", duration=1.0)
-
-
 @pytest.mark.parametrize("by_hand", [False, True])
 def test_a_base_that_a_program_moves(comm, by_hand):
     """Its reaction contains the inertia of its nodes, also if the program sets their values."""

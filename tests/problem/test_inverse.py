@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import fem_snh
-from fem_snh import BadInput, cli, scenes
+from fem_snh import cli, scenes
 from fem_snh.runs.inverse import InverseProblem, MeasuredCurve, fit_scene
 
 GOALS = ["right.force.x", "volume"]
@@ -62,15 +62,6 @@ def test_two_parameters_are_found_again() -> None:
     assert found.material["E"] == found.parameters["E"]
 
 
-def test_loads_of_a_file_with_many_steps(tmp_path: Path) -> None:
-    """A load of numpy's, times a PETSc vector, is an array of vectors."""
-    loads = np.array([0.25, 0.5, 0.75, 1.0])
-    rows = fem_snh.run("pull", progress=False, E=2.0, cells=1, steps=4).steps
-    forces = np.array([[row["reactions"]["right"][0]] for row in rows])
-    curve = MeasuredCurve("load", loads, loads, GOALS[:1], forces)
-    assert fit_scene("pull", curve, ["E"], cells=1, steps=4).parameters["E"] == pytest.approx(2)
-
-
 @pytest.mark.mpi
 def test_goals_in_other_units_give_the_same_fit() -> None:
     """Forces and volume ratios were summed as they are: nu was 0.4004, 0.4040 and 0.4084."""
@@ -98,18 +89,6 @@ def test_derivatives_with_a_pressure_and_an_obstacle() -> None:
     assert largest_difference(inverse) < 1e-5
 
 
-@pytest.mark.mpi
-def test_derivatives_of_goals_that_depend_on_parameters_themselves() -> None:
-    """At prescribed displacements forces and stresses are proportional to E; those by E were 0."""
-    scene = scenes.load("press", cells=1, steps=1, to=0.8, element="Q1")
-    goals = ["bottom.force.z", "plate.force.z", "stress", "volume"]
-    curve = MeasuredCurve("load", np.ones(1), np.ones(1), goals, np.ones((1, 4)))
-    inverse = InverseProblem(MPI.COMM_WORLD, scene, curve, ["E"])
-    residual, jacobian = inverse.evaluate(inverse.start)
-    exact = (residual + 1) * (1, 1, 1, 0)  # the variable is the logarithm of E
-    assert jacobian[:, 0] == pytest.approx(exact, rel=1e-6, abs=1e-6)
-
-
 def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A distance in the scene's units, and a force that is proportional to E."""
     curve = measure(E=3.0)
@@ -128,76 +107,3 @@ def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     printed = capsys.readouterr().out
     assert "converged" in printed and "right.force.x" in printed
     assert record["r_squared"] == {"right.force.x": pytest.approx(1)}
-
-
-@pytest.mark.parametrize(
-    ("text", "parameters", "message"),
-    [
-        ("load,right.force.x\n1,2\n", ["F"], "parameters = 'F': expected one of E, nu, alpha"),
-        ("load,right.force.x\n1,2\n", ["E", "E"], "expected different names"),
-        ("load,right.force.x\n1,2\n", ["E", "nu"], "fewer parameters than measured values"),
-        ("load,right.force\n1,2\n", ["E"], "goal = 'right.force': expected a component"),
-        ("load,left.fors.x\n1,2\n", ["E"], "'left.fors.x'"),
-        ("time,right.force.x\n1,2\n", ["E"], "column = 'time': expected 'load' or 'distance'"),
-        ("load,right.force.x\n2,2\n", ["E"], "expected ascending numbers between 0 and 1"),
-        ("load,right.force.x\n1,a\n", ["E"], "line 2: expected 2 numbers"),
-        ("1,2\n", ["E"], "expected a first line with"),
-        ("load,right.force.x\n", ["E"], "no line of numbers"),
-        ("load,right.force.x,volume\n1,0,1\n", ["E"], "goal right.force.x: expected measured"),
-        ("load,right.force.x\n1,1e-300\n", ["E"], "absolute value is from 1e-60 to 1e+60"),
-    ],
-)
-def test_mistakes(tmp_path: Path, text: str, parameters: list[str], message: str) -> None:
-    path = tmp_path / "curve.csv"
-    path.write_text(text)
-    with pytest.raises(BadInput) as error:
-        fit_scene("pull", path, parameters, cells=1, steps=1)
-    assert message in str(error.value)
-
-
-@pytest.mark.parametrize("nu", [0.4999999, -0.95])
-def test_a_start_out_of_bounds_is_refused(nu: float) -> None:
-    curve = MeasuredCurve("load", np.ones(1), np.ones(1), ["volume"], np.ones((1, 1)))
-    with pytest.raises(BadInput, match=rf"^nu = {nu}: expected a number from -0.9 to 0.4999995 to"):
-        fit_scene("pull", curve, ["nu"], nu=nu, cells=1, steps=1)
-
-
-@pytest.mark.parametrize(
-    ("material", "first"),
-    [
-        ("extended_tube", {"delta": 1e-4, "beta": 0.999}),
-        ("stable_neo_hookean", {"E": 1.0, "alpha": 0.02}),
-        ("seth_hill", {"n": 0.001}),
-        ("arap", {"nu": 0.45}),
-    ],
-)
-def test_parameters_stay_within_what_the_material_accepts(
-    material: str, first: dict[str, float]
-) -> None:
-    """A curve that no parameters have drives them to their bounds, beside which they begin."""
-    loads = np.array([0.5, 1.0])
-    curve = MeasuredCurve("load", loads, loads, ["right.force.x"], np.array([[0.5], [0.2]]))
-    keys = {"material.name": material, "material.nu": 0.45} | SMALL
-    keys |= {f"material.{name}": value for name, value in first.items()}
-    found = fit_scene("pull", curve, list(first), max_solves=4, **keys)
-    assert np.isfinite(list(found.parameters.values())).all()
-    assert found.record()["standard_errors"].keys() == first.keys()
-
-
-def test_a_parameter_of_a_scene_is_not_taken_for_its_own() -> None:
-    """`to` alone was taken for a path."""
-    alone: Any = {"to": 0.8, "parameters": ["E"]}
-    with pytest.raises(BadInput, match=r"^to = 0.8: expected a file or a MeasuredCurve"):
-        fit_scene("press", **alone)
-    with pytest.raises(BadInput, match="no such file"):
-        fit_scene(scenes.load("press", to=0.8), to="none.csv", parameters=["E"])
-
-
-def test_scenes_that_are_refused() -> None:
-    curve = MeasuredCurve("load", np.ones(1), np.ones(1), ["volume"], np.ones((1, 1)))
-    with pytest.raises(BadInput, match="expected a scene without"):
-        fit_scene("bounce", curve, ["E"])
-    press = scenes.load("press")
-    obstacles = [o.model_copy(update={"method": "augmented_lagrangian"}) for o in press.obstacle]
-    with pytest.raises(BadInput, match="method = 'augmented_lagrangian': expected 'penalty'"):
-        fit_scene(press.model_copy(update={"obstacle": obstacles}), curve, ["E"])

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from mpi4py import MPI
-
 import numpy as np
 import pytest
 import ufl
@@ -28,16 +26,11 @@ from scipy.linalg import eigh
 import fem_snh
 from fem_snh import _dolfinx
 from fem_snh.assembly.elements import ELEMENTS
-from fem_snh.errors import BadInput
 from fem_snh.mesh.mesh import generate
 from fem_snh.problem import modes
 from fem_snh.terms.mass import mass_matrix
 
 mpi = pytest.mark.mpi
-
-
-def solve(scene="modes", comm=MPI.COMM_WORLD, **kwargs):
-    return fem_snh.run(scene, comm=comm, progress=False, **kwargs)
 
 
 def hertz(values):
@@ -72,24 +65,6 @@ def test_against_a_dense_solver(comm, element, strained):
     for k in (0, 3, len(ordered) - 1):
         bound = ordered[k] - 1e-3 * abs(ordered[k])
         assert pencil._count_below(bound) == (ordered < bound).sum()
-
-
-def test_an_eigenpair_with_a_large_residual_is_refused(monkeypatch):
-    """SLEPc reports convergence; the values are a hundredth off, as with inaccurate factors."""
-    lowest = modes.Eigenproblem.lowest
-
-    def inaccurate(self, count):
-        values, vectors = lowest(self, count)
-        return 1.01 * values, vectors
-
-    monkeypatch.setattr(modes.Eigenproblem, "lowest", inaccurate)
-    p = problem(cube(MPI.COMM_SELF, "hexahedron", 3), "Q1", hold=[Hold("left")])
-    with pytest.raises(BadInput, match=r"modes: an eigenpair has the relative residual \S+, more"):
-        modes.lowest(p, 2.0, 3)
-
-
-def test_the_oracle_is_euler_and_bernoullis_in_the_limit():
-    assert timoshenko(1e4, 0.3, 2) == pytest.approx([1.8751040687**2, 4.6940911330**2], rel=1e-6)
 
 
 @pytest.mark.one_debian
@@ -139,22 +114,6 @@ def test_a_free_slender_bar(comm, length):
     assert np.sqrt(values[6:]) == pytest.approx(bending, rel=3e-3)
     assert pencil._size_of(10) == pytest.approx(values[9], rel=10)  # not 1e3 to 1e6 times as large
     assert pencil._count_below(values[9] / 2) == 8
-
-
-@mpi
-def test_a_copy_of_a_multiple_eigenvalue_that_is_missed_is_searched_for(comm, monkeypatch):
-    p = problem(cube(comm, "hexahedron", 3), "Q1")
-    expected = modes.lowest(p, 1.0, 9).frequencies
-    honest, calls = modes.Eigenproblem._solve, []
-
-    def forgetful(self, shift, count, known):
-        pairs = honest(self, shift, count, known)
-        calls.append(len(known))
-        return pairs[1:] if not known else pairs  # one of the six zeros, or whichever came first
-
-    monkeypatch.setattr(modes.Eigenproblem, "_solve", forgetful)
-    assert modes.lowest(p, 1.0, 9).frequencies == pytest.approx(expected, rel=1e-9, abs=1e-7)
-    assert len(calls) > 1 and calls[0] == 0
 
 
 @mpi

@@ -12,7 +12,6 @@ import ufl
 from derivatives import check_derivatives
 from dolfinx import fem, mesh
 from dolfinx_programs import Bar, Press, converged, halves, unit_cube, vector_space
-from plane_programs import prescribe, rectangle
 
 import fem_snh
 from fem_snh.errors import BadInput, ResultNote
@@ -68,41 +67,6 @@ def test_ufl_energy_in_place_of_a_material(comm, hessian):
     assert difference(comm, body.u.x.array, other.u.x.array) < 1e-9
     filters = {iteration.filter for iteration in problem.solver.getPythonContext().history}
     assert filters <= {"exact", "none needed", hessian or "clamp"}
-
-
-def test_measures_without_a_material(comm):
-    """Volumes and J are those of the displacement, whatever has the energy."""
-    domain, dx = unit_cube(comm, 2), ufl.dx(metadata={"quadrature_degree": 3})
-    keys, rows = ("volume_ratio", "min_J", "min_cell_J", "max_u", "energy"), []
-    for has_material in (True, False):
-        body = Press(domain, height=-0.2)
-        materials, terms = ({SNH: dx}, []) if has_material else ({}, [SNH.ufl(body.F) * dx])
-        problem = fem_snh.NonlinearProblem(
-            body.u, materials, bcs=body.bcs, terms=terms, petsc_options=TIGHT
-        )
-        row = list(problem.steps(1))[-1]
-        assert row["converged"]
-        rows.append([row[key] for key in keys])
-    assert rows[0][1] < 1
-    assert rows[1] == pytest.approx(rows[0], rel=1e-8)
-
-
-@pytest.mark.parametrize("kinematics", ["plane_strain", "plane_stress"])
-def test_measures_of_a_plane_without_a_material(comm, kinematics):
-    """The thickness depends on the energy, which is a form: J is that of the plane."""
-    domain = rectangle(comm, "Q1", (0, 0), (1, 1), (2, 2))
-    u = fem.Function(vector_space(domain, 1, 2))
-    bcs = [
-        bc
-        for axis, at in ((0, 0), (0, 1), (1, 0), (1, 1))
-        for bc in prescribe(u.function_space, axis, at, lambda x: [0.2 * x[0], 0.1 * x[1]])
-    ]
-    F = ufl.Identity(2) + ufl.grad(u)
-    energy = ufl.inner(F, F) * ufl.dx(metadata={"quadrature_degree": 2})
-    problem = fem_snh.NonlinearProblem(u, {}, bcs=bcs, terms=[energy], kinematics=kinematics)
-    row = list(problem.steps(1))[-1]
-    assert row["converged"]
-    assert [row["volume_ratio"], row["min_J"]] == pytest.approx([1.32, 1.32], rel=1e-8)
 
 
 @pytest.mark.one_debian
@@ -163,17 +127,6 @@ def test_solver_that_diverges(comm):
     with pytest.raises(PETSc.Error):
         problem.solve()
     assert not PETSc.Options("other_").hasName("snes_max_it")
-
-
-def test_an_option_that_no_solver_has(comm):
-    """It has a note after each solve; one of what may be asked for later has none."""
-    body = Press(unit_cube(comm, 2))
-    options = {"snes_maxx_it": 5, "snes_max_it": 60, "-ksp_rtol": 1e-3, "modes_eps_tol": 1e-9}
-    problem = fem_snh.NonlinearProblem(body.u, {SNH: ufl.dx}, bcs=body.bcs, petsc_options=options)
-    for _ in range(2):
-        problem.solve()
-        (note,) = (note for note in problem.notes if note.kind == "options")
-        assert note.values["names"] == ["-snh_snes_maxx_it"] and "-snh_snes_maxx_it" in note.text
 
 
 def test_steps_go_to_the_boundary_values_in_proportion(comm):
@@ -268,10 +221,3 @@ def test_a_volume_energy_beside_a_form(comm, element):
     if comm.size == 1:
         problem.x.array[:] *= 1.3
         check_derivatives(problem._problem, range(81), 1e-5, 1e-7, 1e-6, constrained=False)
-
-
-def test_volume_energies_that_no_element_treats(comm):
-    body = Press(unit_cube(comm, 1, "tetrahedron"), degree=2)
-    for volume, element in ((3.0, "P2P0"), (lambda J: (J - 1) ** 2, "P2P1")):
-        with pytest.raises(BadInput, match=r"volume = .*: expected"):
-            fem_snh.NonlinearProblem(body.u, {SNH: ufl.dx}, element=element, volume=volume)

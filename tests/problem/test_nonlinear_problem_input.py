@@ -44,12 +44,6 @@ def test_displacements(comm, body):
         assert expected in message(u, {SNH: ufl.dx})
 
 
-def test_complex_numbers(body):
-    """As all functions are if PETSc is configured with complex numbers."""
-    expected = "u.x.array.dtype = 'complex128': expected float64 (a PETSc configured with real"
-    assert expected in message(fem.Function(body.V, dtype=np.complex128), {SNH: ufl.dx})
-
-
 def test_materials(body):
     dx = ufl.Measure("dx", body.domain, subdomain_data=halves(body.domain))
     other = ufl.Measure("dx", unit_cube(body.domain.comm, 1))
@@ -81,20 +75,6 @@ def test_materials(body):
     facets = mesh.meshtags(body.domain, 2, np.array([0], np.int32), np.array([1], np.int32))
     wrong = ufl.Measure("dx", body.domain, subdomain_data=facets)(1)
     assert "expected meshtags of cells" in message(body.u, {SNH: wrong})
-
-
-def test_conditions(body):
-    other = Press(unit_cube(body.domain.comm, 1))
-    assert "bcs[1] = 'a condition on another space'" in message(
-        body.u, {SNH: ufl.dx}, bcs=[body.bcs[0], other.bcs[0]]
-    )
-    assert "bcs[0] = 3: expected a condition made by dolfinx.fem.dirichletbc" in message(
-        body.u, {SNH: ufl.dx}, bcs=[3]
-    )
-
-    for bcs in (body.bcs[0], 3, "x", {}):
-        assert "bcs = " in (found := message(body.u, {SNH: ufl.dx}, bcs=bcs))
-        assert "expected a list of conditions, [dolfinx.fem.dirichletbc(...), ...]" in found
 
 
 def tagged_top(body):
@@ -186,20 +166,6 @@ def test_quadrature(body):
     assert fem_snh.NonlinearProblem(body.u, {SNH: default}, bcs=body.bcs)
 
 
-@pytest.mark.one_debian("ranks")
-def test_terms(body):
-    other = Press(unit_cube(body.domain.comm, 1))
-    u, v, w = body.u, ufl.TestFunction(body.V), ufl.TrialFunction(body.V)
-    for term, expected in (
-        (ufl.inner(v, w) * ufl.dx, "terms[0] = 'a form of rank 2': expected an energy (rank 0)"),
-        (other.u[0] * ufl.dx, "terms[0] = 'a form on another mesh'"),
-        (u[0] ** 2, "terms[0] = "),
-    ):
-        assert expected in message(u, {SNH: ufl.dx}, terms=[term])
-    for terms in (u[0] * ufl.dx, 3, {}, "x"):
-        assert "expected a list of terms, each a UFL form" in message(u, {SNH: ufl.dx}, terms=terms)
-
-
 def test_forms_that_do_not_compile(body):
     """Mistakes that UFL finds, FFCx when it generates code, and its C compiler."""
     u, v = body.u, ufl.TestFunction(body.V)
@@ -214,32 +180,3 @@ def test_forms_that_do_not_compile(body):
         found = message(u, {SNH: ufl.dx}, terms=[good, form])
         assert found.startswith("terms[1] = a form: expected one that UFL and FFCx compile: ")
         assert len(found) < 250
-
-
-def test_choices(body):
-    arguments = body.u, {SNH: ufl.dx}
-    expected = (
-        "element = 'P2': expected one of Q1, Q1P0, for a displacement of degree 1 on hexahedra"
-    )
-    assert message(*arguments, element="P2") == expected
-    assert "did you mean 'clamp'" in message(*arguments, hessian="clmp")
-    assert "predictor = 'extrapolate': expected" in message(*arguments, predictor="extrapolate")
-    options = {"snes_hessian": "positive"}
-    assert "hessian = 'positive': expected" in message(*arguments, petsc_options=options)
-    assert "petsc_options = 3: expected a mapping" in message(*arguments, petsc_options=3)
-    assert "petsc_options_prefix = 3: expected a text" in message(
-        *arguments, petsc_options_prefix=3
-    )
-
-
-def test_motion(body):
-    def motion(*arguments, **keywords):
-        with pytest.raises(fem_snh.BadInput) as error:
-            fem_snh.DynamicProblem(*arguments, duration=1.0, **keywords)
-        return str(error.value)
-
-    dx = {SNH: ufl.dx}
-    assert "materials = None: expected {fem_snh" in motion(body.u, None, {SNH: 1.0})
-    assert "densities = None: expected {material: density > 0}" in motion(body.u, dx, None)
-    assert "densities = <stable_neo" in motion(body.u, dx, {SNH: 1.0, SOFT: 1.0})
-    assert "terms = 3: expected a list" in motion(body.u, dx, {SNH: 1.0}, terms=3)

@@ -12,7 +12,7 @@ import ufl
 from bodies import dense
 from derivatives import check_derivatives
 from dolfinx import fem, mesh
-from dolfinx_programs import unit_cube, vector_space
+from dolfinx_programs import vector_space
 from paths import DATA
 from plane_programs import (
     COMPONENTS,
@@ -31,7 +31,6 @@ from benchmarks import felupe_sections
 from fem_snh import _dolfinx
 from fem_snh.assembly.elements import element as element_of
 from fem_snh.assembly.kinematics import PLANAR
-from fem_snh.errors import BadInput
 
 #: Nodes and displacements that FElupe computed.
 FELUPE = DATA / "felupe_sections.json"
@@ -336,49 +335,6 @@ def test_pure_bending_of_a_block(comm, element):
             assert found[2] == pytest.approx(sign * moment, rel=2e-3)
     one, other = (made.reaction_moment(bc, [0.7, -0.3, 0]) for bc in bcs)
     assert one == pytest.approx(-other, rel=1e-6)
-
-
-# --- input ------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    "kinematics, components, low, message",
-    [
-        (
-            None,
-            2,
-            0.0,
-            "missing key 'kinematics': expected one of plane_strain, plane_stress",
-        ),
-        ("plane", 2, 0.0, "kinematics = 'plane': expected one of plane_strain"),
-        ("plane_strain", 3, 0.0, "degree 1 or 2 with 2 components"),
-        ("axisymmetric_torsion", 2, 0.0, "degree 1 or 2 with 3 components"),
-        ("axisymmetric", 2, -1.0, "nodes with a negative radius x"),
-    ],
-)
-def test_what_does_not_fit_is_refused(kinematics, components, low, message):
-    domain = rectangle(MPI.COMM_SELF, "Q1", (low, 0.0), (1.0, 1.0), (2, 2))
-    u = fem.Function(vector_space(domain, 1, components))
-    with pytest.raises(BadInput, match=message):
-        fem_snh.NonlinearProblem(u, {SNH: ufl.dx}, kinematics=kinematics)
-
-
-def test_what_three_dimensions_or_two_refuse():
-    u = fem.Function(vector_space(unit_cube(MPI.COMM_SELF, 1)))
-    with pytest.raises(BadInput, match="kinematics = 'plane_strain': expected no value"):
-        fem_snh.NonlinearProblem(u, {SNH: ufl.dx}, kinematics="plane_strain")
-    flat = displacement(
-        rectangle(MPI.COMM_SELF, "Q1", (0.0, 0.0), (1.0, 1.0), (2, 2)), "Q1", "plane_strain"
-    )
-    both = {"kinematics": "plane_strain"}
-    turning = displacement(
-        rectangle(MPI.COMM_SELF, "Q1", (0.0, 0.0), (1.0, 1.0), (2, 2)), "Q1", "axisymmetric_torsion"
-    )
-    torsion = {"kinematics": "axisymmetric_torsion", "terms": [fem_snh.SelfContact()]}
-    with pytest.raises(BadInput, match="self_contact = 'reference': expected no self-contact"):
-        fem_snh.NonlinearProblem(turning, {SNH: ufl.dx}, **torsion)
-    with pytest.raises(BadInput, match="element = 'P1': expected one of Q1, Q1P0"):
-        fem_snh.NonlinearProblem(flat, {SNH: ufl.dx}, element="P1", **both)
 
 
 # --- another program --------------------------------------------------------------------------

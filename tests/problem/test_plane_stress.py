@@ -11,13 +11,10 @@ from bodies import dense
 from derivatives import check_derivatives
 from dolfinx import fem, mesh
 from dolfinx_programs import vector_space
-from plane_programs import displacement, motion, prescribe, rectangle, sides, solve, zero
-from plane_scenes import own_scene
-from plane_scenes import solve as solve_scene
+from plane_programs import displacement, prescribe, rectangle, sides, solve, zero
 from scipy.optimize import brentq, minimize_scalar
 
 import fem_snh
-from fem_snh.errors import BadInput
 
 ELEMENTS = ("P1", "P2", "Q1", "Q2")
 KIND = {"kinematics": "plane_stress"}
@@ -186,44 +183,3 @@ def test_a_thin_sheet_in_three_dimensions_tends_to_it():
     assert errors[1] < errors[0] / 2 and errors[1] < 2e-3
     middle = [abs(x[:, :2] - 0.5).sum(axis=1).argmin() for x in (X, X3)]
     np.testing.assert_allclose(u3[middle[1], :2], u[middle[0]], atol=2e-3)
-
-
-def test_in_time():
-    """A sheet falls, and its waves have the plane stress speed: a bar's at nu = 0."""
-    domain = rectangle(MPI.COMM_SELF, "Q1", (0.0, 0.0), (1.0, 1.0), (2, 2))
-    u = displacement(domain, "Q1", "plane_strain")
-    gravity = fem_snh.Gravity([0, -1.0, 0], lambda load: 1.0)
-    falling = motion(u, "plane_stress", duration=0.5, terms=[gravity])
-    for row in falling.steps(5):
-        assert row["converged"]
-    assert abs(u.x.array.reshape(-1, 2) - [0, -0.125]).max() < 1e-9
-
-
-@pytest.mark.parametrize(
-    "keys, message",
-    [
-        ('element = "Q1P0"', "element = 'Q1P0': expected one of P1, P2, Q1, Q2, in plane stress"),
-        ('element = "Q1"\nassembly = "ufl"', "assembly = 'ufl': expected 'kernels', in plane str"),
-        ('element = "Q1"\n[[pressure]]\ngroup = "side"\nvalue = 0.1', "no value, in plane stress"),
-    ],
-)
-def test_what_is_refused(tmp_path, keys, message):
-    path = own_scene(tmp_path, "Q1", "plane_stress", "")
-    text = path.read_text().replace('element = "Q1"', keys.split("\n")[0])
-    more = "\n".join(keys.split("\n")[1:])
-    text = text + more if more.startswith("[[") else more + text
-    path.write_text(text)
-    with pytest.raises(BadInput, match=message):
-        solve_scene(path)
-
-
-@pytest.mark.one_debian
-def test_a_scene(tmp_path):
-    """Cook's membrane as a sheet is softer than in plane strain; its files have F33."""
-    tips = []
-    for kinematics in ("plane_strain", "plane_stress"):
-        result = solve_scene(
-            "cook", cells=4, element="Q2", kinematics=kinematics, nu=0.3, out=tmp_path / kinematics
-        )
-        tips.append(result.steps[-1]["probes"]["tip"][1])
-    assert tips[1] > 1.05 * tips[0]

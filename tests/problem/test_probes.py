@@ -12,7 +12,7 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
-from bodies import cube, set_values, wave
+from bodies import cube, set_values
 
 import fem_snh
 from fem_snh import _dolfinx
@@ -83,28 +83,6 @@ def test_a_field_that_the_element_holds_is_exact(comm: MPI.Comm, element: str) -
 
 
 @mpi
-def test_ranks_agree_with_one(comm: MPI.Comm) -> None:
-    """Of a field that no element holds, at points on faces between cells and ranks."""
-    probes = [Point(f"p{i}", point) for i, point in enumerate(POINTS)]
-    found = []
-    for ranks in (MPI.COMM_SELF, comm):
-        p = body(cube(ranks, "tetrahedron", cells=4), 2)
-        set_values(p, wave(1.0))
-        found.append(np.array(list(Probes(p.u, probes).values().values())))
-    assert found[1] == pytest.approx(found[0], abs=1e-12)
-
-
-@pytest.mark.one_debian("ranks")
-@mpi
-def test_rounding_does_not_put_a_point_outside(comm: MPI.Comm) -> None:
-    p = body(cube(comm, "hexahedron", cells=3, size=0.1), 1)
-    set_values(p, affine)
-    point = np.array([0.1 + 1e-9, 0.05, -1e-9])
-    (value,) = Probes(p.u, [Point("a", point)]).values().values()
-    assert value == pytest.approx(affine(point[None])[0], abs=1e-12)
-
-
-@mpi
 @pytest.mark.parametrize("point", [(1.001, 0.5, 0.5), (9, 9, 9), (0.5, -0.01, 0.5)])
 @pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
 def test_a_point_outside_is_bad_input_on_every_rank(comm: MPI.Comm, cell: str, point: Any) -> None:
@@ -140,14 +118,3 @@ def test_probes_of_a_run_are_in_its_record_and_table(comm: MPI.Comm, folder: Pat
         for name, values in step["probes"].items():
             assert [float(row[f"{name}.{axis}"]) for axis in "xyz"] == values
     comm.barrier()
-
-
-@mpi
-def test_quadrature_of_a_run(comm: MPI.Comm) -> None:
-    """It is in the record; a higher degree changes the numbers."""
-    setup = {"cells": 2, "angle": 0.5, "comm": comm, "progress": False, "predictor": "none"}
-    plain = fem_snh.run("twist", **setup)
-    finer = fem_snh.run("twist", **setup, quadrature=7)
-    assert [result.record["quadrature"] for result in (plain, finer)] == [3, 7]
-    energies = [result.steps[-1]["energy"] for result in (plain, finer)]
-    assert 1e-6 < abs(energies[1] / energies[0] - 1) < 0.1

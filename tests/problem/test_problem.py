@@ -19,7 +19,7 @@ from bodies import (
     wave,
 )
 
-from fem_snh import Traction, _dolfinx, solver
+from fem_snh import Traction, solver
 from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.errors import BadInput
 from fem_snh.kernels.material import material
@@ -196,29 +196,3 @@ def test_prescribed_values_are_exact_and_follow_the_load(comm, element):
         mine = local.array.copy()
         p.x.ghostUpdate()
         assert local.array[p.constrained_dofs] == pytest.approx(mine[p.constrained_dofs], abs=1e-14)
-
-
-@mpi
-def test_what_does_not_fit_is_bad_input_on_every_rank(comm):
-    body = cube(comm, "hexahedron", 1)
-    with pytest.raises(BadInput, match=r"element = 'P1': expected one of Q1, .*has hexahedra"):
-        create_problem(body, ELEMENTS["P1"], material("neo_hookean"))
-    with pytest.raises(BadInput, match=r"no physical group 'topp'.*did you mean 'top'"):
-        problem(body, "Q1", hold=[Hold("topp")])
-    with pytest.raises(
-        BadInput, match=r"traction\.group = 'body': expected a surface, not a volume:body"
-    ):
-        problem(body, "Q1", features=[Traction("body", (1, 0, 0))])
-    with pytest.raises(BadInput, match="no physical group 'nowhere'"):
-        problem(body, "Q1", features=[Traction("nowhere", (1, 0, 0))])
-
-
-@pytest.mark.one_debian("ranks")
-@mpi
-def test_sizes(comm):
-    p = problem(cube(comm, "hexahedron", 3, size=2.0), "Q2", E=5.0)
-    assert p.dofs == 3 * 7**3
-    assert p.length == pytest.approx(2, rel=1e-12)
-    assert p.force_scale == pytest.approx(5 * 4, rel=1e-12)
-    assert [term.name for term in p.terms] == ["elastic"]
-    assert _dolfinx.num_nodes(p.V)[0] * 3 == p.x.getLocalSize()

@@ -7,12 +7,11 @@ import pytest
 import ufl
 from bodies import PRESS
 from dolfinx import fem
-from dolfinx_programs import Bar, Press, converged, halves, unit_cube
+from dolfinx_programs import Press, converged, halves, unit_cube
 from running import solve
 
 import fem_snh
 from fem_snh import material
-from fem_snh.errors import BadInput
 from fem_snh.scenes import Accuracy, Modes
 
 mpi = pytest.mark.mpi
@@ -61,14 +60,6 @@ def test_a_program_has_the_frequencies_of_its_scene(comm, height):
         assert goal.corrected == goal.value + goal.error
 
 
-def rollers(domain, degree=1):
-    """A cube between six rollers."""
-    body = Bar(domain, degree, pull=0.0)
-    fixed = fem.Constant(domain, 0.0)
-    body.bcs += [body.roller(fixed, axis, 1.0) for axis in (1, 2)]
-    return body
-
-
 @pytest.mark.one_debian
 @mpi
 def test_shapes_are_functions_whose_quotients_are_the_frequencies(comm):
@@ -90,75 +81,3 @@ def test_shapes_are_functions_whose_quotients_are_the_frequencies(comm):
         assert inertia == pytest.approx(modes.mass, rel=1e-9)
         assert frequency == pytest.approx(np.sqrt(stiffness / inertia) / (2 * np.pi), rel=1e-6)
         assert not shape.x.array[bottom].any()
-
-
-@mpi
-def test_an_energy_in_ufl_has_the_frequencies_of_its_material(comm):
-    """Of the same body at rest, and their errors."""
-    found = []
-    for in_ufl in (False, True):
-        body = rollers(unit_cube(comm, 3))
-        dx = ufl.dx(domain=body.domain, degree=5)
-        materials, terms = {UNIT: dx}, []
-        if in_ufl:
-            materials, terms = {}, [UNIT.ufl(body.F) * dx]
-        problem = solved(body.u, materials, bcs=body.bcs, terms=terms)
-        modes = problem.vibration_modes(8, density=1.0)
-        found.append((modes.frequencies, problem.estimate_error([(modes, 4)])))
-    assert found[1][0] == pytest.approx(found[0][0], rel=1e-9)
-    exact = 3**0.5 / 2
-    for _, estimate in found:
-        goal = estimate.goals["frequency.4"]
-        assert abs(exact - goal.corrected) < abs(exact - goal.value) / 3
-
-
-# --- mistakes ------------------------------------------------------------------------------------
-
-
-@mpi
-@pytest.mark.parametrize(
-    ("count", "density", "message"),
-    [
-        (0, 1.0, "count = 0: expected a whole number from 1 to"),
-        (2.0, 1.0, "count = 2.0: expected a whole number from 1 to"),
-        (
-            3,
-            None,
-            "density = None: expected a number > 0 [kg/m^3], or 'densities' of all",
-        ),
-        (3, 0.0, "density = 0.0: expected a number > 0"),
-        (3, "water", "density = 'water': expected a number > 0"),
-        (99, 1.0, "modes: count = 99: there are only 8 free degrees of freedom"),
-    ],
-)
-def test_modes_that_are_refused(comm, count, density, message):
-    body = Bar(unit_cube(comm, 1))
-    problem = fem_snh.NonlinearProblem(body.u, {SNH: ufl.dx}, bcs=body.bcs)
-    problem.solve()
-    with pytest.raises(BadInput) as refused:
-        problem.vibration_modes(count, density)
-    assert message in str(refused.value) and "\n" not in str(refused.value)
-
-
-@mpi
-def test_frequencies_that_are_no_goals(comm):
-    body = Bar(unit_cube(comm, 2))
-    problem = solved(body.u, {SNH: ufl.dx}, bcs=body.bcs)
-    modes = problem.vibration_modes(2, density=1.0)
-    for goals, message in (
-        ([(modes, 3)], "goals[0] number = 3: expected a whole number from 1 to 2"),
-        ({"a": (modes, 0)}, "goals[a] number = 0: expected a whole number from 1 to 2"),
-        ([modes, (modes, 1)], "goals = 'frequency.1': expected a different name for each goal"),
-        (["frequency.1"], "goals[0] = 'frequency.1': expected a point"),
-        (
-            [(modes, 1), (problem.vibration_modes(2, density=1.0), 2)],
-            "goals = 'frequencies of 2 calls': expected frequencies of one call of",
-        ),
-    ):
-        with pytest.raises(BadInput) as refused:
-            problem.estimate_error(goals)
-        assert message in str(refused.value)
-    body.pull.value = 0.6
-    problem.solve()
-    with pytest.raises(BadInput, match=r"goals\[0\] = 'modes of another state': expected those"):
-        problem.estimate_error([modes])

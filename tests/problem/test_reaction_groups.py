@@ -50,42 +50,6 @@ def test_a_smooth_floor_has_no_friction(comm: Any, floor: dict[str, Any]) -> Non
     assert "constrain 4 of its 16 nodes" in note and np.linalg.norm(reactions["top"]) > 1e-3
 
 
-def test_a_group_that_others_cover_has_their_forces(comm: Any) -> None:
-    """That of all cells has the sum of all, which balances the load."""
-    keys = CLAMPED | FLOORS[0] | {"reactions": ["body"]}
-    result = solve(keys.pop("scene"), comm=comm, **keys)
-    assert result.steps[-1]["reactions"]["body"] == pytest.approx([-0.05, -0.02, 0], abs=1e-7)
-    assert not [note for note in result.notes if "reactions" in note["text"]]
-
-
-def test_a_force_on_free_nodes_is_no_goal(comm: Any) -> None:
-    """It was the residual, with an error and a bound of its own."""
-    keys = CLAMPED | {"hold": [{"group": "left"}], "reactions": ["left", "right"]}
-    keys |= {"error": True, "petsc": {"snes_scaled_tol": 1e-3}}
-    scene = keys.pop("scene")
-    result = solve(scene, comm=comm, **keys)
-    assert {name for name in result.goals if ".force." in name} == {
-        f"left.force.{i}" for i in "xyz"
-    }
-    (note,) = [note["text"] for note in result.notes if "reactions" in note["text"]]
-    assert note.startswith("reactions of 'right': nothing constrains its nodes: the force is zero")
-    row = result.steps[-1]
-    assert 0 < np.linalg.norm(row["reactions"]["right"]) < row["tolerance"] * 4
-    for goal in ("right.force.x", "right.moment"):
-        with pytest.raises(
-            fem_snh.BadInput, match=f"goal = '{goal}': expected a group with constr"
-        ):
-            solve(scene, comm=comm, **keys | {"accuracy": {"goals": [goal]}})
-
-
-def test_a_rigid_part_has_forces_without_a_condition(comm: Any) -> None:
-    """They are those between it and the body, which carry the load."""
-    keys = CLAMPED | {"hold": [{"group": "left"}], "reactions": ["right"], "error": True}
-    result = solve(keys.pop("scene"), comm=comm, **keys, rigid=[{"name": "end", "group": "right"}])
-    assert not [note for note in result.notes if "nothing constrains" in note["text"]]
-    assert {f"right.force.{i}" for i in "xyz"} < result.goals.keys()
-
-
 #: Of a cube: clamped at two faces with a common edge, with a corner of a roller, moved at a third.
 CORNER: dict[str, Any] = {
     "cells": 3,

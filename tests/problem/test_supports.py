@@ -15,7 +15,7 @@ from running import solve
 
 import fem_snh
 from fem_snh.errors import BadInput
-from fem_snh.scenes import Geometry, Hold, MaterialChoice, Obstacle, Rigid, Scene, Spring, Traction
+from fem_snh.scenes import Geometry, Hold, MaterialChoice, Rigid, Scene, Spring, Traction
 
 mpi = pytest.mark.mpi
 
@@ -79,18 +79,6 @@ def test_a_net_force_along_a_free_motion_is_an_error(comm):
     assert supports(comm, block(hold=hold, traction=[along], spring=[bed])) == ""
 
 
-@pytest.mark.one_debian("ranks")
-@mpi
-def test_the_part_that_is_free_is_named(comm):
-    two = Geometry(source="two_blocks", parameters={"gap": 0.5, "upper_cells": 1})
-    text = supports(comm, block(two, hold=[Hold(group="bottom"), roller("top", "z")]))
-    assert "the rotation about z of part 2, 8 nodes" in text
-    # Contact may hold it.
-    plane = Obstacle(shape={"plane": {"point": (0, 0, 3), "normal": (0, 0, -1)}})
-    held = block(two, hold=[Hold(group="bottom"), roller("top", "z")], obstacle=[plane])
-    assert supports(comm, held).endswith("; contact alone can hold it")
-
-
 @mpi
 def test_rigid_parts_and_joints_constrain(comm):
     two = Geometry(source="two_blocks", parameters={"gap": 0.5})
@@ -138,17 +126,6 @@ def test_a_plane_has_three_motions(comm):
     loaded = {"traction": [Traction(group="right", vector=(0, 1e-3, 0))]}
     with pytest.raises(BadInput, match="the body: the translation along y, along which loads act"):
         solve(flat("plane_strain", hold=[roller("left", "x")], **loaded), comm)
-
-
-@mpi
-@pytest.mark.parametrize("torsion", [False, True])
-def test_a_body_of_revolution_moves_along_its_axis(comm, torsion):
-    kinematics = "axisymmetric_torsion" if torsion else "axisymmetric"
-    body = flat(kinematics)
-    found = supports(comm, body)
-    assert "the translation along y" in found
-    assert ("the rotation about y" in found) == torsion and "along x" not in found
-    assert supports(comm, flat(kinematics, hold=[Hold(group="right")])) == ""
 
 
 # --- programs ------------------------------------------------------------------------------------
@@ -205,23 +182,6 @@ def test_what_holds_a_program(comm):
     free = program(comm, [lambda u: energy(ufl.Identity(3) + ufl.grad(u)) * ufl.dx])
     free.solve()
     assert "along z; the solution is one of many" in free.notes[0].text
-
-
-@pytest.mark.one_debian("ranks")
-@mpi
-def test_a_spring_that_a_program_switches_on(comm):
-    stiffness = []
-
-    def bed(u):
-        stiffness.append(fem.Constant(u.function_space.mesh, 0.0))
-        return 0.5 * stiffness[0] * u[2] ** 2 * ufl.ds
-
-    problem = program(comm, [push, bed])
-    with pytest.raises(BadInput, match="translation along z"):
-        problem.solve()
-    stiffness[0].value = 1e-3
-    problem.solve()
-    assert problem.solver.getConvergedReason() > 0 and not problem.notes
 
 
 @pytest.mark.one_debian("ranks")

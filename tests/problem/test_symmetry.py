@@ -6,18 +6,13 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
-import ufl
 from bodies import Condition, Hold, cube, dense, norm, problem, set_values, wave
-from dolfinx import fem
-from dolfinx_programs import unit_cube, vector_space
 from gmsh_files import write_msh
-from running import watch_calls
 
 import fem_snh
 from fem_snh import _dolfinx, scenes, solver
 from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.errors import BadInput
-from fem_snh.steps.jump import JumpDetector
 
 mpi = pytest.mark.mpi
 CORNER = ("left", "bottom", "back")
@@ -86,35 +81,6 @@ def test_inclined_rollers_are_turned_ones(comm, element):
     assert_turned(axes, turned, R)
 
 
-@pytest.mark.one_debian("ranks")
-@mpi
-@pytest.mark.parametrize(
-    "options",
-    [
-        {"ksp_type": "cg", "pc_type": "gamg"},
-        {"ksp_type": "preonly", "pc_type": "cholesky", "pc_factor_mat_solver_type": "mumps"},
-        {"ksp_type": "cg", "pc_type": "jacobi"},
-    ],
-    ids=["gamg", "cholesky", "jacobi"],
-)
-def test_every_linear_solver(comm, options):
-    axes, turned = (solved(loaded(comm, "Q1", turn), **options) for turn in (np.eye(3), R))
-    assert_turned(axes, turned, R)
-
-
-def test_iterations_are_those_of_the_rotated_problem():
-    """Default solver, serially: sweeps over blocks of nodes do not see the axes."""
-    found = []
-    for turn in (np.eye(3), R):
-        p = loaded(MPI.COMM_SELF, "Q1", turn)
-        snes = solver.create(p, prefix="count_")
-        p.set_load(1.0)
-        snes.solve(None, p.x)
-        found.append((snes.getIterationNumber(), snes.getLinearSolveIterations()))
-        solver.destroy(snes)
-    assert found[0] == found[1]
-
-
 def test_matrix_is_symmetric_and_keeps_its_spectrum():
     matrices = []
     for turn in (np.eye(3), R):
@@ -127,17 +93,6 @@ def test_matrix_is_symmetric_and_keeps_its_spectrum():
     assert abs(matrices[1] - matrices[1].T).max() < 1e-14
     values = [np.linalg.eigvalsh(A) for A in matrices]
     assert np.allclose(*values, rtol=1e-10)
-
-
-@mpi
-def test_near_null_space_is_projected(comm):
-    p = loaded(comm, "Q1", R)
-    vectors = p.A.getNearNullSpace().getVecs()
-    assert len(vectors) == 6
-    for vector in vectors:
-        projected = vector.copy()
-        p.project(projected.array)
-        assert (projected - vector).norm() < 1e-12
 
 
 @pytest.mark.one_debian
@@ -160,21 +115,6 @@ def test_reactions_balance_the_loads(comm):
 
 
 # --- with other conditions -------------------------------------------------------------------
-
-
-@pytest.mark.one_debian("ranks")
-@mpi
-def test_a_motion_within_the_planes(comm):
-    """The top moves along the line that two planes have in common, all components prescribed."""
-    problems = []
-    for turn in (np.eye(3), R):
-        move = Condition(
-            "top", lambda X, load, turn=turn: np.tile(load * turn @ [0, 0, 0.3], (len(X), 1))
-        )
-        symmetry = [fem_snh.Symmetry(group=group) for group in CORNER]
-        body = turned_cube(comm, "Q1", turn)
-        problems.append(solved(problem(body, "Q1", move=[move], symmetry=symmetry)))
-    assert_turned(*problems, R)
 
 
 @pytest.mark.one_debian("ranks")
@@ -274,14 +214,6 @@ def test_a_sector_of_a_tube_is_the_whole(comm, folder, parts):
     )
 
 
-@mpi
-def test_steps_of_a_sector_without_a_guess_are_not_examined(comm, folder, monkeypatch):
-    """Inclined planes leave rounding of the guess, by which each step was followed again."""
-    calls = watch_calls(monkeypatch, JumpDetector, "_compare")
-    run_sector(comm, folder, np.pi / 6, 2, hold=[LOW, HIGH], steps=4, predictor="none", **PLANES)
-    assert not calls
-
-
 @pytest.mark.one_debian
 @mpi
 def test_a_plane_sector_has_an_energy(comm, folder):
@@ -340,32 +272,3 @@ def test_modes_of_a_sector_are_symmetric_ones_of_the_whole(folder):
     assert len(sector.record["modes"]["frequencies"]) == 3
     for frequency in sector.record["modes"]["frequencies"]:
         assert abs(np.array(whole.record["modes"]["frequencies"]) / frequency - 1).min() < 1e-9
-
-
-# --- what is refused --------------------------------------------------------------------------
-
-
-@mpi
-def test_curved_faces_are_refused(comm, folder):
-    with pytest.raises(BadInput, match=r"symmetry.group = 'inner': expected a plane surface;"):
-        run_sector(comm, folder, np.pi / 6, 2, symmetry=[{"group": "inner"}])
-    with pytest.raises(BadInput, match=r"symmetry.group = 'body': expected a surface, not a vol"):
-        run_sector(comm, folder, np.pi / 6, 2, symmetry=[{"group": "body"}])
-    with pytest.raises(BadInput, match=r"symmetry.0.group = 'ends': no physical group"):
-        run_sector(comm, folder, np.pi / 6, 2, symmetry=[{"group": "ends"}])
-
-
-# --- in the plane, and in programs ------------------------------------------------------------
-
-
-def test_program_refuses_what_is_no_surface():
-    u = fem.Function(vector_space(unit_cube(MPI.COMM_SELF, 1)))
-    material = fem_snh.material("stable_neo_hookean", E=1.0, nu=0.3)
-    with pytest.raises(BadInput, match=r"bcs\[0\].group = 'ds\(.*expected a plane surface"):
-        fem_snh.NonlinearProblem(u, {material: ufl.dx}, bcs=[fem_snh.Symmetry(group=ufl.ds)])
-    with pytest.raises(BadInput, match=r"bcs\[0\].group = 'left': expected a measure"):
-        fem_snh.NonlinearProblem(u, {material: ufl.dx}, bcs=[fem_snh.Symmetry(group="left")])
-    with pytest.raises(BadInput, match=r"terms\[0\] = Symmetry.*; a Symmetry is one of 'bcs'"):
-        fem_snh.NonlinearProblem(u, {material: ufl.dx}, terms=[fem_snh.Symmetry(group=ufl.ds)])
-    with pytest.raises(BadInput, match=r"bcs\[0\] = 3: expected a condition made by"):
-        fem_snh.NonlinearProblem(u, {material: ufl.dx}, bcs=[3])

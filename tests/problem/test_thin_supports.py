@@ -68,17 +68,6 @@ def test_corners_that_carry_a_load(comm: Any, square: Any) -> None:
     assert record["limit"] == f"the errors do not decrease: {note['text']}"
 
 
-def test_estimates_at_corners_are_no_accuracy(comm: Any, square: Any) -> None:
-    """The estimate is for these cells: whatever was asked for, finer ones have another answer."""
-    accuracy = {"within": 0.9, "goals": ["energy"]}
-    carried = scene(square, {"corners": "xy"}, {"top": -0.1}, accuracy=accuracy)
-    result = solve(carried, comm)
-    (note,) = supports(result)
-    record = result.record["accuracy"]
-    assert record["relative"] < 0.9 and len(record["levels"]) == 1
-    assert not record["reached"] and record["limit"] == note["text"]
-
-
 @pytest.mark.one_debian
 @pytest.mark.parametrize(
     ("hold", "loads"),
@@ -92,14 +81,6 @@ def test_corners_that_prevent_rigid_motions(
     comm: Any, square: Any, hold: dict[str, str], loads: dict[str, float]
 ) -> None:
     assert not supports(solve(scene(square, hold, loads), comm))
-
-
-@pytest.mark.parametrize("scene", ["crush", "scramble"])
-def test_what_rounding_leaves_of_a_body_at_rest_is_no_force(scene: str) -> None:
-    """Its largest force is rounding, too: corners were said to carry 1e-13 N."""
-    found = solve(scene, cells=2)
-    assert found.converged and not found.notes
-    assert found.problem.largest_force(found.problem.x) < 1e-10
 
 
 @pytest.mark.one_debian

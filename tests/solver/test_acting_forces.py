@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import warnings
 from typing import Any
-
-from mpi4py import MPI
 
 import numpy as np
 import pytest
@@ -15,7 +12,6 @@ from dolfinx_programs import Bar, Press, unit_cube
 from running import solve
 
 import fem_snh
-from fem_snh.accuracy.state_checks import is_at_rest
 from fem_snh.problem.program import define
 from fem_snh.scenes import Scene
 
@@ -115,12 +111,6 @@ def test_an_unknown_pressure_has_one_tolerance_for_every_nu(nu: float) -> None:
     )
 
 
-@pytest.mark.one_debian("ranks")
-def test_large_forces_keep_the_tolerance_of_the_body() -> None:
-    row = loaded(2.0, 0.1).steps[0]
-    assert row["tolerance"] == pytest.approx(SCALED * 2.0, rel=1e-12)
-
-
 def test_no_load_at_all() -> None:
     """At rest no iteration is made; from a disturbed start the residual falls to rounding."""
     row = loaded(1.0, 0.0).steps[0]
@@ -179,27 +169,6 @@ def test_rounding_is_bounded(comm: Any, nu: float, strain: float) -> None:
     p.residual(p.x, s)
     s.axpy(-1.0, r)
     assert s.norm() < bound < 300 * s.norm()
-
-
-@pytest.mark.parametrize(("load", "noted"), [(1e-9, False), (1e-13, True)])
-def test_rounding_is_said(comm: Any, load: float, noted: bool) -> None:
-    """An energy in UFL rounds I + grad u, so that strains of 1e-13 are known to some per cent."""
-    body = Bar(unit_cube(comm, 2), pull=0.0)
-    F = ufl.Identity(3) + ufl.grad(body.u)
-    energy = fem_snh.material("stable_neo_hookean", E=1.0, nu=1e-3).ufl(F)
-    problem = fem_snh.NonlinearProblem(
-        body.u, {}, bcs=body.bcs[:3], terms=[energy * ufl.dx, -load * body.u[0] * ufl.dx]
-    )
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        problem.solve()
-    assert problem.reason == "CONVERGED_FNORM_ABS"
-    notes = [note for note in problem.notes if note.kind == "rounding"]
-    assert bool(notes) is noted
-    x = body.V.tabulate_dof_coordinates()[: len(body.u.x.array) // 3, 0]
-    part = notes[0].values["part"] if notes else 2e-3
-    assert 1e-4 < part < 0.1
-    assert body.u.x.array[::3] == pytest.approx(load * (x - x**2 / 2), abs=part * load)
 
 
 def fall(E: float, integrator: str, cells: int = 3, **keys: Any) -> list[dict[str, Any]]:
@@ -295,42 +264,3 @@ def test_a_given_tolerance_is_met(option: str) -> None:
     assert tight["residual"] <= tight["tolerance"] <= 1e-12 < default["residual"]
     least = loaded(1.0, 0.1, petsc={option: 1e-30}).steps[0]
     assert least["converged"] and least["residual"] <= least["tolerance"] < 1e-14
-
-
-@pytest.mark.mpi
-@pytest.mark.parametrize("force", [0.0, 1e-9])
-def test_springs_at_rest_are_no_forces_that_act(force: float) -> None:
-    """A rigid part on springs: its positions are rounded, which matters beside a force only."""
-    scene = {
-        "name": "springs",
-        "mesh": {"source": "cube"},
-        "cells": 3,
-        "element": "Q1",
-        "material": {"name": "stable_neo_hookean", "E": 1e6, "nu": 0.3},
-        "hold": [{"group": "bottom"}],
-        "rigid": [
-            {"group": "top", "force": [0, 0, force], "spring": {"stiffness": 1e3, "rotation": 10.0}}
-        ],
-    }
-    found = solve(Scene.model_validate(scene))
-    noted = [note["kind"] for note in found.notes]
-    assert noted == (["rounding"] if force else [])
-    assert is_at_rest(found.problem) == (not force)
-
-
-def test_the_largest_force_is_that_of_a_term(comm: Any) -> None:
-    """On any number of ranks: against sums by numpy of each term's nodal forces."""
-    body = Bar(unit_cube(comm, 2), pull=0.1)
-    material = fem_snh.material("stable_neo_hookean", E=1.0, nu=0.3)
-    terms = [-3.0 * body.u[0] * ufl.dx, 0.5 * ufl.inner(body.u, body.u) * ufl.dx]
-    p = define(body.u, {material: ufl.dx}, body.bcs, terms).problem()
-    p.prescribe(p.x)
-    norms = []
-    for term in p.terms:
-        force = p.x.duplicate()
-        p.gradient(p.x, force, [term])
-        norms.append(np.sqrt(comm.allreduce(float(force.array_r @ force.array_r), op=MPI.SUM)))
-    assert p.largest_force(p.x) == pytest.approx(max(norms), rel=1e-12)
-    # the dead load 3 per volume of 27 nodes: 3 (1/8)^2 ... of shares 1/64, 1/32, 1/16, 1/8
-    shares = [1 / 64] * 8 + [1 / 32] * 12 + [1 / 16] * 6 + [1 / 8]
-    assert norms[1] == pytest.approx(3 * np.linalg.norm(shares), rel=1e-12)

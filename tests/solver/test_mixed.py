@@ -14,11 +14,8 @@ from fem_snh._petsc import default_options
 from fem_snh.assembly.elements import ELEMENTS, with_cell_pressures
 from fem_snh.errors import BadInput
 from fem_snh.kernels.material import material
-from fem_snh.problem import modes
 from fem_snh.runs import run
 from fem_snh.solver import saddle_point
-from fem_snh.solver.globalization import LineSearchNewton
-from fem_snh.solver.line_search import SHORT
 
 mpi = pytest.mark.mpi
 TAYLOR_HOOD = [e.name for e in ELEMENTS.values() if e.volume == "pressure"]
@@ -67,22 +64,6 @@ def test_every_direction_descends_on_the_merit_function(element, hessian, monkey
     result = turned(element=element, nu=0.49, hessian=hessian)
     assert result.converged
     assert len(slopes) == result.steps[-1]["newton"] and all(s < 0 for s in slopes)
-
-
-@pytest.mark.one_debian
-@taylor_hood
-def test_no_step_along_an_exact_direction_is_short(element, monkeypatch):
-    """It is the sign of an indefinite Hessian: the filtered direction replaces it."""
-    steps, step = [], LineSearchNewton.step
-
-    def recorded(self, *arguments):
-        steps.append(step(self, *arguments))
-        return steps[-1]
-
-    monkeypatch.setattr(LineSearchNewton, "step", recorded)
-    assert turned(element=element, nu=0.499, steps=2, angle=pi).converged
-    exact = [step.length for step in steps if step.filter == "exact"]
-    assert 0 < len(exact) < len(steps) and min(exact) >= SHORT
 
 
 @pytest.mark.one_debian
@@ -150,20 +131,6 @@ def test_minres_has_a_definite_preconditioner_and_the_same_solution():
     assert linear_per_newton(found[2]) < linear_per_newton(found[1])
 
 
-@pytest.mark.one_debian
-@taylor_hood
-def test_options_reach_the_blocks(element):
-    petsc = {"fieldsplit_u_pc_type": "cholesky", "fieldsplit_p_pc_type": "cholesky"}
-    tight = {"snes_forcing_max": 0, "ksp_rtol": 1e-6}
-    found = [turned(element=element, nu=0.5, petsc=tight | more) for more in ({}, petsc)]
-    assert linear_per_newton(found[1]) < linear_per_newton(found[0])
-
-
-def test_a_wrong_option_of_a_block_is_named():
-    with pytest.raises(BadInput, match="no_such_pc"):
-        turned(element="Q2Q1", petsc={"fieldsplit_u_pc_type": "no_such_pc"})
-
-
 @mpi
 @taylor_hood
 def test_the_preconditioner_is_definite_where_the_hessian_is_not(comm, element):
@@ -198,18 +165,7 @@ def test_the_preconditioner_is_definite_where_the_hessian_is_not(comm, element):
     assert min(products) > 0
 
 
-def test_no_modes_with_a_pressure():
-    p = problem(cube(MPI.COMM_SELF, "hexahedron", 1), "Q2Q1")
-    with pytest.raises(BadInput, match="modes: element 'Q2Q1' has a pressure without mass"):
-        modes.check(p, 3)
-
-
 @pytest.mark.parametrize("element", ["P1", "Q2", "P2P0", "Q1P0"])
 def test_incompressible_material_needs_a_pressure(element):
     with pytest.raises(BadInput, match=r"nu = 0\.5.*P2P1, Q2Q1"):
         turned(element=element, nu=0.5)
-
-
-def test_a_material_without_a_volume_term_is_refused():
-    with pytest.raises(BadInput, match="material 'corotational' has no volume term"):
-        turned(element="Q1P0", material="corotational")

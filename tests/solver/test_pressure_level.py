@@ -40,16 +40,6 @@ def test_the_level_is_free_where_all_is_prescribed(comm, nu, sides, noted):
     assert kinds(solve(cube(nu, sides, move=slide), comm)).count("pressure") == noted
 
 
-@pytest.mark.one_debian("ranks")
-@mpi
-def test_a_rigid_part_that_is_free_determines_it(comm):
-    """It could rise, against the pressure; one whose motion is given could not."""
-    free = Rigid(group="top", force=(0.01, 0, 0))
-    given = Rigid(group="top", translate=(0.05, 0, 0))
-    assert "pressure" not in kinds(solve(cube(0.5, ("left",), rigid=[free]), comm))
-    assert "pressure" in kinds(solve(cube(0.5, rigid=[given]), comm))
-
-
 @pytest.mark.parametrize("element", ["Q2Q1", "P2P1"])
 def test_sparse_factors_of_the_singular_matrix(element):
     """A bushing between two sleeves: its torque has no part of the pressure, and is as exact."""
@@ -60,17 +50,6 @@ def test_sparse_factors_of_the_singular_matrix(element):
         assert ("pressure" in kinds(result)) == (nu == 0.5)
         torque[nu] = result.steps[-1]["moments"]["inner"][2]
     assert torque[0.5] == pytest.approx(torque[0.49999], rel=1e-4)
-
-
-@mpi
-def test_asking_leaves_the_state_as_it_is(comm):
-    """The displacement of a program, and the pressure that was evaluated last."""
-    problem = solve(cube(0.5, move=[Move(group="top", translate=(0.05, 0, 0))]), comm).problem
-    problem.split(problem.x)
-    u, p = problem.u.x.array.copy(), problem.saddle_point.pressure().copy()
-    del problem.pressure_level_is_free  # it is kept
-    assert problem.pressure_level_is_free
-    assert (problem.u.x.array == u).all() and (problem.saddle_point.pressure() == p).all()
 
 
 #: A bar whose second half has whole cells that nothing deforms; what moves its first half.

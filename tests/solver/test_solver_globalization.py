@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
-
 import numpy as np
 import pytest
 from bodies import Hold, create_problem, cube
-from solver_problems import TRUST, half_turn, options, solve, twist
+from solver_problems import half_turn, options, solve, twist
 
-from fem_snh import _petsc, solver
+from fem_snh import solver
 from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.choices import HESSIANS
-from fem_snh.errors import BadInput
 from fem_snh.kernels.material import material
 from fem_snh.solver.options import OPTIONS
 
@@ -50,18 +47,6 @@ def test_a_named_hessian_is_used_with_a_line_search(comm):
             assert choices(solver.create(p)) == expected
 
 
-@pytest.mark.one_debian("ranks")
-@mpi
-def test_options_come_before_arguments(comm):
-    p = twist(comm, cells=1)
-    with options(snes_globalization="linesearch"):
-        snes = solver.create(p, "abs", "trust_region")
-    assert choices(snes) == {"hessian": "abs", "globalization": "linesearch"}
-    assert snes.getPythonContext().trust_ksp is None
-    with options(snes_globalization="trust_regon"), pytest.raises(BadInput, match="trust_regon"):
-        solver.create(p)
-
-
 @pytest.mark.one_debian("serial")
 @mpi
 @pytest.mark.parametrize("hessian", HESSIANS)
@@ -90,45 +75,6 @@ def test_trust_region_is_entered_where_exact_gives_no_descent_direction(comm):
         ends[globalization] = solver.converged_reason(snes)
     assert ends == {"linesearch": "DIVERGED_LINEAR_SOLVE", "trust_region": "CONVERGED_FNORM_ABS"}
     assert all(i.step > 0 and i.linear > 0 for i in context.history)
-
-
-@pytest.mark.one_debian("ranks")
-@mpi
-def test_thresholds_decide_when_the_region_is_entered(comm):
-    used = {}
-    for decrease in (0.0, 1.0):
-        p = half_turn(comm, 4)
-        with options(
-            snes_tr_enter_decrease=decrease, snes_tr_enter_residual=0.0, snes_forcing_max=5e-3
-        ):
-            _, context = solve(p, **TRUST)
-        used[decrease] = [i.lbfgs > 0 for i in context.history]
-    assert not any(used[0.0])
-    assert any(used[1.0][:5])
-
-
-@pytest.mark.one_debian("ranks")
-@mpi
-@pytest.mark.parametrize("radius", [1e-3, 1e3])
-def test_initial_radius_and_largest_radius(comm, radius, monkeypatch):
-    """Newton's method converges whatever they are; CG is given no larger radius."""
-    given, original = [], _petsc.call
-
-    def call(name, ksp, value, *rest):
-        if name == "KSPCGSetRadius" and value:
-            given.append(value)
-        return original(name, ksp, value, *rest)
-
-    monkeypatch.setattr("fem_snh.solver.globalization.call", call)
-    p = half_turn(comm, 4)
-    with options(snes_tr_delta0=radius, snes_tr_deltamax=0.5, snes_forcing_max=5e-3):
-        snes, context = solve(p, **TRUST)
-    assert snes.getConvergedReason() > 0
-    assert given[0] == min(radius, 0.5) and max(given) <= 0.5
-    if radius < 0.5:  # it at most doubles from one step to the next
-        assert all(b <= 2 * a for a, b in pairwise(given))
-        assert given[-1] > radius or comm.size > 1  # two ranks leave the region after one step
-    assert any(i.filter == "trust_region" for i in context.history)
 
 
 def test_every_option_has_a_meaning_and_an_origin():

@@ -2,16 +2,11 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
-from contextlib import nullcontext
-
 from petsc4py import PETSc
 
 import numpy as np
 import pytest
 from bodies import Condition, Hold, problem, set_values
-from paths import SUPPORT
 from solver_problems import (
     SYMMETRIC,
     options,
@@ -20,45 +15,11 @@ from solver_problems import (
 )
 
 from fem_snh import solver
-from fem_snh._petsc import set_operators
-from fem_snh.accuracy.duals import HessianSolver
 from fem_snh.errors import BadInput, Range
 from fem_snh.mesh import mesh
 from fem_snh.solver.options import OPTIONS
-from fem_snh.solver.stability import is_definite
 
 mpi = pytest.mark.mpi
-
-
-def printed(capfd, comm):
-    """Return what PETSc has printed on rank 0."""
-    PETSc.Sys.syncFlush(comm=comm)
-    comm.barrier()
-    return capfd.readouterr().out
-
-
-@pytest.mark.one_debian("ranks")
-@mpi
-def test_monitor_and_converged_reason_print_as_petsc_does(comm, capfd):
-    with options(snes_monitor=None, snes_converged_reason=None, ksp_converged_reason=None):
-        snes, _ = solve(twist(comm))
-    text = printed(capfd, comm)
-    if comm.rank == 0:
-        assert text.count("SNES Function norm") == snes.getIterationNumber() + 1
-        assert "solve converged due to CONVERGED_FNORM_ABS iterations" in text
-        assert text.count("Linear snh_ solve converged due to CONVERGED_RTOL") >= 2
-
-
-@mpi
-def test_view_shows_the_solver_and_its_options(comm, capfd):
-    with options(snes_view=None, snes_armijo=0.01):
-        solve(twist(comm))
-    text = printed(capfd, comm)
-    if comm.rank == 0:
-        assert "projected Newton with a line search" in text
-        for name in ("snes_hessian = adaptive", "snes_scaled_tol = 1e-07", "snes_armijo = 0.01"):
-            assert f"  {name}\n" in text
-        assert "fem_snh.linalg.ssor_cg.EisenstatCG" in text and "(snh_)" in text
 
 
 @pytest.mark.one_debian("ranks")
@@ -97,40 +58,6 @@ def test_multigrid_with_the_near_null_space(comm):
     assert linear[0] < 0.8 * linear[1]
 
 
-@pytest.mark.one_debian("ranks")
-@mpi
-@pytest.mark.parametrize("its", [0, 1, 3])
-def test_max_it(comm, its):
-    p = twist(comm)
-    with options(snes_max_it=its):
-        snes, context = solve(p)
-    assert solver.converged_reason(snes) == "DIVERGED_MAX_IT"
-    assert snes.getIterationNumber() == len(context.history) == its
-    r = p.x.duplicate()
-    p.residual(p.x, r)
-    assert r.norm() == pytest.approx(snes.getFunctionNorm(), rel=1e-9)
-
-
-@pytest.mark.one_debian("ranks")
-@mpi
-@pytest.mark.parametrize("E", [1.0, 1e6])
-def test_absolute_tolerance_is_in_newtons(comm, E):
-    with options(snes_atol=1e-3 * E, snes_scaled_tol=0):
-        snes, context = solve(twist(comm, E=E))
-    assert solver.converged_reason(snes) == "CONVERGED_FNORM_ABS"
-    assert snes.getFunctionNorm() <= 1e-3 * E < context.history[-1].residual
-
-
-@pytest.mark.one_debian("ranks")
-@mpi
-def test_relative_tolerance(comm):
-    with options(snes_rtol=1e-2, snes_scaled_tol=0):
-        snes, context = solve(twist(comm))
-    first = context.history[0].residual
-    assert solver.converged_reason(snes) == "CONVERGED_FNORM_RELATIVE"
-    assert snes.getFunctionNorm() <= 1e-2 * first < context.history[-1].residual
-
-
 @mpi
 def test_growing_residual_is_no_divergence(comm):
     """A column leaves its unstable straight state: the residual grows by a factor of 1e4."""
@@ -164,14 +91,6 @@ def test_growing_residual_is_no_divergence(comm):
     assert solver.converged_reason(snes) == "DIVERGED_DTOL"
 
 
-@pytest.mark.one_debian("ranks")
-@mpi
-def test_step_tolerance(comm):
-    with options(snes_stol=1e-2, snes_scaled_tol=0):
-        snes, _ = solve(twist(comm))
-    assert solver.converged_reason(snes) == "CONVERGED_SNORM_RELATIVE"
-
-
 @mpi
 @pytest.mark.parametrize("key", ["snes_hessian", "snes_adaptive_filter"])
 def test_unknown_values_are_bad_input_on_every_rank(comm, key):
@@ -187,18 +106,6 @@ def test_unknown_values_are_bad_input_on_every_rank(comm, key):
         BadInput, match=r"predictor = 'tangnt': expected one of .*did you mean 'tangent'"
     ):
         solver.Predictor(p, solver.create(p), "tangnt")
-
-
-@mpi
-@pytest.mark.parametrize(
-    "key, value",
-    [("snes_scaled_tol", "abc"), ("pc_type", "jacoby"), ("ksp_python_type", "no_module.Class")],
-)
-def test_values_that_petsc_rejects_are_bad_input_on_every_rank(comm, key, value):
-    p = twist(comm, cells=1)
-    with options(**{key: value}):
-        with pytest.raises(BadInput, match="PETSc rejects an option under -snh_"):
-            solver.create(p)
 
 
 #: Below and above what each number accepts; None where there is no bound.
@@ -292,70 +199,5 @@ def test_exceptions_of_callbacks_pass_unchanged(comm, kind):
             snes.solve(None, p.x)
 
 
-#: Linear solves from outside the SNES.
-SOLVES = {
-    "predictor": lambda p, snes: solver.Predictor(p, snes, "tangent").tangent(),
-    "estimate": lambda p, snes: HessianSolver(p, snes.getKSP(), 1e-6)([p.x]),
-    "definiteness": lambda p, snes: is_definite(p, snes.getKSP()),
-    "any": lambda p, snes: snes.getKSP().solve(p.x, p.x.duplicate()),
-}
-
-
-@mpi
-@pytest.mark.parametrize("name", SOLVES)
-def test_exceptions_of_callbacks_pass_linear_solves_unchanged(comm, name):
-    """Ctrl-C in a predictor or in an estimate is no error of PETSc."""
-    p = twist(comm, cells=2)
-    p.x.set(1.0)
-    snes = solver.create(p)
-    set_operators(snes.getKSP(), p.A, p.A)
-    p.jacobian(p.x, "exact" if name == "definiteness" else "clamp")
-
-    def monitor(ksp, its, norm):
-        raise KeyboardInterrupt("enough")
-
-    snes.getKSP().setMonitor(monitor)
-    outer = solver.petsc_failures() if name == "any" else nullcontext()
-    with pytest.raises(KeyboardInterrupt, match="enough"), outer:
-        SOLVES[name](p, snes)
-
-
 def test_petsc_options_are_restored():
     assert not [k for k in PETSc.Options().getAll() if k.startswith(solver.PREFIX)]
-
-
-def test_an_unknown_solver_of_petsc_is_refused_in_one_line(comm):
-    p = twist(comm)
-    with options(ksp_type="foo"), pytest.raises(BadInput) as error:
-        solver.create(p)
-    message = str(error.value)
-    assert "foo" in message and "\n" not in message and "SNESSetFromOptions" not in message
-
-
-MISTAKES = """
-import gc, sys
-from mpi4py import MPI
-from petsc4py import PETSc
-from solver_problems import twist
-from fem_snh import solver
-from fem_snh.accuracy.duals import HessianSolver
-from fem_snh.errors import BadInput
-gc.set_threshold(20)
-p = twist(MPI.COMM_SELF, cells=1)
-PETSc.Options(solver.PREFIX)["snes_tr_eta3"] = "-0.1"
-refused = 0
-for _ in range(500):
-    try:
-        solver.create(p)
-    except BadInput:
-        refused += 1
-print(refused, gc.isenabled())
-"""
-
-
-def test_collections_of_garbage_lose_no_error():
-    """On its way through PETSc an error is lost by Python 3.13's collector: the program crashed."""
-    done = subprocess.run(
-        [sys.executable, "-c", MISTAKES], cwd=SUPPORT, capture_output=True, text=True
-    )
-    assert done.stdout.split() == ["500", "True"], done.stderr

@@ -51,17 +51,6 @@ def test_an_inexact_direction_that_does_not_descend_is_improved(
     assert states[0].norm() < 1e-6 * states[1].norm()
 
 
-def test_a_program_learns_in_words_why_a_solve_failed(comm: Any) -> None:
-    body = Press(unit_cube(comm), height=-0.5)
-    problem = fem_snh.NonlinearProblem(
-        body.u, {SNH: ufl.dx}, bcs=body.bcs, hessian="exact", predictor="none"
-    )
-    assert problem.reason == ""
-    problem.solve()
-    assert problem.solver.getConvergedReason() == _Reason.DIVERGED_LINEAR_SOLVE
-    assert problem.reason == "DIVERGED_LINEAR_SOLVE: DIVERGED_INDEFINITE_MAT"
-
-
 @pytest.mark.one_debian("serial")
 @pytest.mark.parametrize("element", ["Q1", "P2P1"])
 def test_the_solver_counts_linear_iterations(comm: Any, element: str) -> None:

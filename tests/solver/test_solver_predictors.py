@@ -72,27 +72,6 @@ def test_tangent_prediction_is_of_second_order(comm, element):
     assert np.polyfit(np.log(sizes), np.log(errors), 1)[0] == pytest.approx(2, abs=0.3)
 
 
-@pytest.mark.one_debian("ranks")
-@mpi
-def test_prediction_after_a_failure_starts_from_the_last_success(comm):
-    """Extrapolation ignores a prediction that was not accepted."""
-    p = twist(comm, cells=2)
-    snes = solver.create(p)
-    predictor = solver.Predictor(p, snes, "extrapolate")
-    predictor.predict(0.2)
-    snes.solve(None, p.x)
-    predictor.accept()
-    state = p.x.copy()
-    predictor.predict(1.0)  # and suppose that it fails
-    state.copy(p.x)
-    p.set_load(0.2)
-    predictor.predict(0.4)
-    expected = state.copy()
-    expected.scale(2.0)  # the first state was u = 0
-    p.prescribe(expected)
-    assert norm(comm, p.x.array - expected.array) <= 1e-12 * expected.norm()
-
-
 @pytest.mark.one_debian
 @mpi
 @pytest.mark.parametrize("element", ["Q1", "P2"])

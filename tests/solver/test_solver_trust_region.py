@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from bodies import Condition, Hold, create_problem, cube, dense, problem, set_values
+from bodies import Condition, Hold, dense, problem, set_values
 from solver_problems import (
     SYMMETRIC,
     TRUST,
@@ -15,12 +15,7 @@ from solver_problems import (
 )
 
 from fem_snh import solver
-from fem_snh.assembly.elements import ELEMENTS
-from fem_snh.errors import BadInput
-from fem_snh.kernels.material import material
 from fem_snh.mesh import mesh
-from fem_snh.runs import run
-from fem_snh.solver.globalization import TrustRegion
 
 mpi = pytest.mark.mpi
 
@@ -59,25 +54,6 @@ def test_lbfgs_iterations_save_newton_iterations(comm):
             p.jacobian(p.x, "exact")
             assert np.linalg.eigvalsh(dense(p.A))[0] > 0  # a minimum, not a saddle point
     assert max(counts[:2]) > counts[2] and counts[0] > counts[2]
-
-
-@mpi
-def test_steps_that_are_rounding_are_not_repeated(comm):
-    """With a radius of 1e-20 they change nothing: the clamped step takes their place."""
-    p = half_turn(comm, 4, 1e-4)
-    with options(snes_tr_deltamax=1e-20, snes_lbfgs_max_it=0, snes_max_it=12):
-        context = solve(p, **TRUST)[1]
-    assert (np.diff([i.energy for i in context.history] + [p.energy(p.x)]) < 0).all()
-    assert len(context.history) == 12
-
-
-@pytest.mark.one_debian
-def test_trust_region_is_not_entered_while_filtered_steps_converge(monkeypatch):
-    """The third decreases the energy by 0.4 % of the whole, but leaves 1/40 of the residual."""
-    monkeypatch.setattr(TrustRegion, "_step_in_region", None)
-    case = {"cells": 25, "steps": 1, "stretch": 1.2, "petsc": {"ksp_deflation_subdomains": 0}}
-    result = run("stretch", **case, **TRUST, progress=False)
-    assert result.converged and result.steps[0]["clamped"] >= 3
 
 
 @pytest.mark.one_debian
@@ -125,30 +101,3 @@ def test_trust_region_leaves_an_unstable_state_that_clamp_does_not(comm):
     if comm.size == 1:
         p.jacobian(p.x, "exact")
         assert np.linalg.eigvalsh(dense(p.A))[0] > 0
-
-
-def test_trust_region_needs_a_linear_solver_with_a_radius(comm):
-    p = problem(cube(comm, "hexahedron", 2), "Q1", hold=[Hold("left")])
-    with options(trust_ksp_type="nash", trust_pc_type="jacobi"):
-        region = solver.create(p, **TRUST).getPythonContext().trust_ksp
-        assert region.getType() == "nash"
-    with (
-        options(trust_ksp_type="gmres"),
-        pytest.raises(BadInput, match=r"'gmres'.*expected one of stcg, nash"),
-    ):
-        solver.create(p, **TRUST)
-
-
-@pytest.mark.parametrize("reason", ["Taylor-Hood", "without an energy"])
-def test_trust_region_needs_a_minimisation_problem(comm, reason):
-    name, element = "stable_neo_hookean", "Q2Q1"
-    if reason == "without an energy":
-        name, element = "filtered_neo_hookean", "Q1"
-    p = create_problem(cube(comm, "hexahedron", 2), ELEMENTS[element], material(name, nu=0.4))
-    with pytest.raises(BadInput, match=f"globalization = 'trust_region'.*{reason}"):
-        solver.create(p, **TRUST)
-    with (
-        options(snes_lbfgs_max_it=5),
-        pytest.raises(BadInput, match=f"snes_lbfgs_max_it.*{reason}"),
-    ):
-        solver.create(p)

@@ -59,11 +59,6 @@ def test_a_stiff_inclusion_takes_no_more_iterations_than_none(comm, shape, contr
     assert energies[0] == pytest.approx(energies[1], rel=1e-6)
 
 
-def test_a_body_of_one_material_has_no_stiff_parts(comm):
-    assert inclusion(comm, SHAPES["bar"], 1.0, 6, {})._problem.retraction is None
-    assert inclusion(comm, SHAPES["bar"], 100.0, 6, {})._problem.retraction is None
-
-
 @pytest.mark.one_debian
 @mpi
 @pytest.mark.parametrize(("body", "contrast"), [("bushing", 2e5), ("elbow", 1e5)])
