@@ -46,12 +46,6 @@ def test_element_matrices_are_summed(element: str, leading: bool) -> None:
     np.testing.assert_allclose(found, expected, atol=1e-12 * np.abs(expected).max())
 
 
-def test_wrong_shapes_are_refused() -> None:
-    p = problem(cube(MPI.COMM_WORLD, "hexahedron"), "Q1")
-    with p.matrix.adding(), pytest.raises(ValueError, match="matrices of shape"):
-        p.matrix.add_matrices(np.zeros(1, np.int32), np.zeros((1, 23, 23)))
-
-
 @pytest.mark.one_debian("ranks")
 @pytest.mark.parametrize("element", ["Q1", "P2P1"])
 def test_layout_with_no_further_pairs(element: str) -> None:

@@ -17,7 +17,6 @@ from bodies import (
     cube,
     free_components,
     norm,
-    one_cell,
     pairs,
     problem,
     rows,
@@ -81,19 +80,6 @@ def test_what_ufl_derives_is_what_the_kernels_assemble(comm, element, name):
     outside = got[constrained(p)]
     assert not got[mine][:, ~free].data.any() and not outside[:, free].data.any()
     assert np.count_nonzero(outside.data) == constrained(p).sum()
-
-
-@pytest.mark.one_debian("ranks")
-@mpi
-def test_the_matrix_after_other_states_is_the_same_as_at_first(comm):
-    """Nothing of an earlier assembly stays, whatever filter it had."""
-    p = problem(cube(comm, "hexahedron", 3), "Q1", hold=HOLD)
-    set_values(p, wave(0.02))
-    p.jacobian(p.x, "exact")
-    first = rows(p.A)
-    p.jacobian(set_values(p, wave(0.5), p.x.duplicate()), "clamp")
-    p.jacobian(p.x, "exact")
-    assert norm(comm, (rows(p.A) - first).data) <= 1e-15 * norm(comm, first.data)
 
 
 # --- derivatives, by order of convergence --------------------------------------------------------
@@ -165,22 +151,6 @@ def test_any_number_of_ranks_gives_the_same_numbers(comm, element, name, cells):
     """With one cell, all ranks but one have none."""
     alone = numbers(MPI.COMM_SELF, element, name, cells)
     assert numbers(comm, element, name, cells) == pytest.approx(alone, rel=1e-12)
-
-
-@mpi
-@pytest.mark.parametrize("element", MINIMISING)
-def test_a_rank_without_cells(comm, element):
-    p = problem(one_cell(comm, ELEMENTS[element].cell), element)
-    set_values(p, wave(0.05))
-    alone = problem(one_cell(MPI.COMM_SELF, ELEMENTS[element].cell), element)
-    set_values(alone, wave(0.05))
-    assert p.energy(p.x) == pytest.approx(alone.energy(alone.x), rel=1e-12)
-    p.jacobian(p.x, "clamp")
-    alone.jacobian(alone.x, "clamp")
-    assert p.A.norm() == pytest.approx(alone.A.norm(), rel=1e-12)
-    assert p.cell_fields(p.x)["volume"].shape == (
-        (1,) if len(p.cell_fields(p.x)["min_J"]) else (0,)
-    )
 
 
 # --- what PETSc sees -----------------------------------------------------------------------------

@@ -21,12 +21,6 @@ def test_pattern_of_repeated_pairs(n):
     assert np.array_equal(pattern.indices[pattern.find(rows, columns)], columns)
 
 
-def test_a_pair_that_is_not_there():
-    pattern = BlockPattern(np.array([0, 1]), np.array([1, 0]), 2, 2)
-    with pytest.raises(KeyError, match="1 blocks"):
-        pattern.find(np.array([0, 0]), np.array([1, 0]))
-
-
 def test_offsets_of_blocks_of_several_sizes():
     """Rows of 3 and 1 unknowns, the values of each row of unknowns contiguous, as in AIJ."""
     sizes = np.array([3, 3, 1])

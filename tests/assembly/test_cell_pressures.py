@@ -11,7 +11,6 @@ from volume_energies import mixed_problem, mpi, set_state
 
 import fem_snh
 from fem_snh.assembly.elements import ELEMENTS, with_cell_pressures
-from fem_snh.errors import BadInput
 from fem_snh.kernels.material import material
 from fem_snh.linalg.direct_solver import set_direct_solver
 from fem_snh.steps.condensation import CellPressures
@@ -130,34 +129,3 @@ def test_rough_starts_converge_and_say_how(element, scene):
         (alone,) = fem_snh.run(scene, static_condensation=True, **given).steps
         assert row["newton"] == row["mixed_newton"] + alone["newton"]
         assert row["energy"] == alone["energy"]
-
-
-def test_what_it_cannot_be_combined_with():
-    """An element without cell pressures; a term with a state of its own."""
-    with pytest.raises(BadInput, match="only P2P0 and Q1P0 have cell pressures, not Q1"):
-        fem_snh.run("stretch", element="Q1", static_condensation=False)
-    with pytest.raises(BadInput, match="true, as the scene has 'time'"):
-        fem_snh.run("bounce", element="P2P0", static_condensation=False)
-
-
-@pytest.mark.one_debian
-@pytest.mark.parametrize(
-    ("values", "condensed", "reason"),
-    [
-        ({"nu": 0.499}, False, "nu = 0.499"),
-        ({"nu": 0.49}, True, "nu = 0.49 < 0.499"),
-        ({"nu": 0.499, "hessian": "clamp"}, True, "hessian was chosen"),
-        ({"nu": 0.499, "petsc": {"pc_type": "jacobi"}}, True, "pc_type was chosen"),
-        ({"nu": 0.499, "material": "neo_hookean"}, True, "cannot be inverted"),
-        ({"nu": 0.499, "static_condensation": True}, True, ""),
-    ],
-)
-def test_the_default_has_a_reason(values, condensed, reason):
-    given = {"element": "Q1P0", "cells": 2, "steps": 1, "angle": 0.2, "progress": False}
-    record = fem_snh.run("twist", **given, **values).record
-    assert record["static_condensation"] is condensed
-    if reason:
-        found = record["defaults"]["static_condensation"]
-        assert found["value"] is condensed and reason in found["reason"]
-    else:
-        assert "static_condensation" not in record["defaults"]

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from math import hypot, pi
-
 from mpi4py import MPI
 
 import numpy as np
 import pytest
 
 import fem_snh
-from fem_snh.mesh import gmsh_model, mesh, mesh_checks
+from fem_snh.mesh import gmsh_model
 
 EDGES = gmsh_model._EDGES
 
@@ -85,19 +83,6 @@ def elbows():
     given = {"cells": 12, "angle": 10.0, "steps": 1, "volumes": ["flesh", "humerus"]}
     given |= {"progress": False, "comm": MPI.COMM_SELF}
     return {order: fem_snh.run("elbow", order=order, **given) for order in (1, 2)}
-
-
-@pytest.mark.one_debian
-def test_the_bones_of_a_curved_arm_are_round(elbows):
-    """A capsule of radius 11 mm between points in the file: its volume is known."""
-    exact = pi * 0.011**2 * hypot(0.211, 0.012) + 4 / 3 * pi * 0.011**3
-    errors = []
-    for order in (1, 2):
-        problem = elbows[order].problem
-        assert mesh_checks.scaled_jacobian(problem.V.mesh).min() > 0.005
-        volumes = mesh.cell_volumes(problem.V.mesh)
-        errors.append(1 - volumes[problem._parts["humerus"]].sum() / exact)
-    assert errors[0] > 0.3 and 0 < errors[1] < 0.01
 
 
 @pytest.mark.one_debian

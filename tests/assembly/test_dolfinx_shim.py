@@ -29,21 +29,6 @@ def gathered(comm, array):
 
 @pytest.mark.one_debian("ranks")
 @mpi
-@pytest.mark.parametrize("cell", ["triangle", "quadrilateral", "tetrahedron", "hexahedron"])
-def test_nodes_are_counted_as_spaces_have_them(comm, cell):
-    """Without the space, on cells with straight and with curved faces."""
-    planar = cell in ("triangle", "quadrilateral")
-    geometry, order = ("bushing", 2) if planar else ("cylinder", 1)
-    domain = mesh.generate(comm, geometry, cell, cells=3, order=order).domain
-    for degree in range(4):
-        family = "Lagrange" if degree else "DG"
-        space = _dolfinx.function_space(domain, degree, family=family)
-        nodes = comm.allreduce(_dolfinx.num_nodes(space)[0])
-        assert _dolfinx.num_nodes_of_degree(domain, degree) == nodes
-
-
-@pytest.mark.one_debian("ranks")
-@mpi
 def test_own_loop_over_cells_gives_dolfinx_integrals(comm, space):
     """A field's gradient by node_dofs, tabulate and the geometry's twins, against a form."""
     field = quadratic if _dolfinx.degree(space) == 2 else linear
@@ -79,40 +64,6 @@ def test_nodes_are_numbered_once_over_the_ranks(comm, space):
     assert dofs.dtype == np.int32 and len(dofs) == len(_dolfinx.geometry_dofs(space.mesh))
     assert comm.allreduce(len(dofs)) == comm.allreduce(_dolfinx.num_owned(space.mesh))
     assert np.array_equal(np.unique(dofs), np.arange(owned + ghosts))
-
-
-@pytest.mark.one_debian("ranks")
-@mpi
-def test_vectors_and_matrices(comm, space):
-    u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
-    options = {"cffi_extra_compile_args": ["-O2"]}
-    mass = _dolfinx.form(ufl.inner(u, v) * ufl.dx, options)
-    load = _dolfinx.form(v[0] * ufl.dx, options)
-    matrix, vector = _dolfinx.create_matrix(mass), _dolfinx.create_vector(space)
-    assert matrix.getBlockSize() == vector.getBlockSize() == 3
-    for _ in range(2):  # the second time overwrites
-        _dolfinx.assemble_matrix(matrix, mass)
-        _dolfinx.assemble_vector(vector, load)
-    one = _dolfinx.create_vector(space)
-    one.setArray(np.tile([1.0, 0, 0], one.getLocalSize() // 3))
-    product = matrix.createVecLeft()
-    matrix.mult(one, product)
-    product.axpy(-1, vector)
-    assert product.norm() < 1e-14
-    assert vector.sum() == pytest.approx(one.dot(vector), rel=1e-12)
-    with vector.localForm() as local:
-        assert local.getSize() == 3 * sum(_dolfinx.num_nodes(space))
-
-
-@pytest.mark.one_debian("ranks")
-@mpi
-def test_interpolating_an_expression(comm, space):
-    u = _dolfinx.function(space, "u")
-    x = _dolfinx.coordinates(space.mesh)
-    _dolfinx.interpolate(u, 2 * x)
-    expected = _dolfinx.function(space, "u")
-    expected.interpolate(lambda x: 2 * x)
-    assert np.allclose(u.x.array, expected.x.array, atol=1e-14)
 
 
 @pytest.mark.one_debian("ranks")

@@ -9,10 +9,7 @@ import pytest
 from bodies import cube, dense, one_cell
 from element_theory import THEORY, poissons, problem
 
-from fem_snh import scenes
-from fem_snh.assembly import elements
 from fem_snh.assembly.elements import ELEMENTS
-from fem_snh.errors import BadInput
 
 mpi = pytest.mark.mpi
 every = pytest.mark.parametrize("element", ELEMENTS)
@@ -56,27 +53,3 @@ def test_rest_has_the_rigid_motions_and_no_spurious_modes(element, nu, body):
 def test_one_degree_less_has_spurious_modes(element):
     """So that ``least`` is the least; no rule has degree 0."""
     assert modes(element, 0.3, "cell", THEORY[element].least - 1) != (0, 6)
-
-
-@every
-def test_a_degree_below_the_least_is_refused(element):
-    least = ELEMENTS[element].least
-    assert least == THEORY[element].least
-    for degree in range(least, 31):
-        assert elements.element(element, degree).quadrature == degree
-    for degree in range(1, least):
-        message = (
-            f"quadrature = {degree}: expected a whole number from {least} to 30 with {element}"
-        )
-        with pytest.raises(BadInput, match=message):
-            elements.element(element, degree)
-        with pytest.raises(BadInput, match=f"twist: {message}"):
-            scenes.load("twist", element=element, quadrature=degree)
-    for degree in (True, 2.0, "3", 0, 31):
-        with pytest.raises(BadInput, match=f"quadrature = {degree!r}: expected a whole number"):
-            elements.element(element, degree)
-
-
-def test_every_element_has_a_theory():
-    assert set(THEORY) == set(ELEMENTS)
-    assert all(ELEMENTS[name].quadrature >= theory.least for name, theory in THEORY.items())

@@ -83,9 +83,3 @@ def test_the_element_at_small_strain():
     probes = result.steps[-1]["probes"]
     found = [-probes[name][2] for name in ("middle", "rim")]
     assert found == pytest.approx(own(4), rel=1e-4)  # strains are 4e-5
-
-
-@pytest.mark.parametrize(("cells", "percent"), [(4, (1.95, 2.99)), (8, (0.60, 0.75))])
-def test_the_textbook_element_is_softer(cells, percent):
-    """By the numbers of docs/results/references.md."""
-    assert 100 * (1 - own(cells) / textbook(cells)) == pytest.approx(percent, abs=0.01)

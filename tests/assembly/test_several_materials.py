@@ -3,26 +3,17 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from mpi4py import MPI
 
-import numpy as np
 import pytest
-from bodies import create_problem
 from running import solve
 from scene_file import TWO_MATERIALS
 
 from fem_snh import scenes
-from fem_snh.assembly.elements import ELEMENTS
-from fem_snh.assembly.regions import Filling
 from fem_snh.errors import BadInput
-from fem_snh.kernels.material import material
-from fem_snh.mesh import mesh
-
-COMM = MPI.COMM_WORLD
 
 
 @pytest.fixture
@@ -64,38 +55,3 @@ def test_run_and_resume(file: Path, tmp_path: Path) -> None:
     assert problem.modulus == pytest.approx(2 / (1 / 4 + 1 / 1), rel=1e-12)
     with pytest.raises(BadInput, match=r"material\.1\.E = 2\.0: expected 1\.0 as before"):
         solve(file, out=out, modes=modes, resume=True, **given, **{"material.1.E": 2.0})
-
-
-@pytest.mark.mpi
-@pytest.mark.parametrize(
-    ("groups", "message"),
-    [
-        (("first", "secnd"), r"no physical group 'secnd' in the mesh \(did you mean 'second'"),
-        (("first", "left"), r"material.group = 'left': expected a group of volumes, not a surf"),
-        (("first", "body"), r"material.group = 'body': .* shares no cell with 'first'; .* share 1"),
-        (("first",), r"material: 1 of 2 cells are in none of the groups 'first': expected a mater"),
-        (("first", "second", None), r"the groups 'first', 'second' fill the whole body: expected"),
-    ],
-)
-def test_mistakes_are_reported_on_every_rank(groups: tuple[Any, ...], message: str) -> None:
-    body = mesh.generate(COMM, "bar", "hexahedron", cells=1)
-    count = sum(len(g.entities) for g in body.groups if g.dim == 3)
-    every = mesh.Group("body", 3, 99, np.arange(count, dtype=np.int32), 2)
-    body = replace(body, groups=(*body.groups, every))
-    m = material("stable_neo_hookean", E=1.0, nu=0.45)
-    with pytest.raises(BadInput, match=message):
-        create_problem(body, ELEMENTS["Q1"], [Filling(m, group) for group in groups])
-
-
-@pytest.mark.parametrize(
-    ("overrides", "message"),
-    [
-        ({"material": []}, "material = []: expected at least one table"),
-        ({"material.1.group": "second"}, "material.group = 'second': expected another group"),
-        ({"material.2.E": 1.0}, "unknown key 'material.2.E': expected a key of a table"),
-    ],
-)
-def test_mistakes_in_the_tables(file: Path, overrides: dict[str, Any], message: str) -> None:
-    with pytest.raises(BadInput) as error:
-        scenes.load(file, **overrides)
-    assert message in str(error.value)

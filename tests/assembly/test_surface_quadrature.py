@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import ufl
-from bodies import cube, dense, wave
+from bodies import cube, dense
 from polynomials import ELEMENTS, linear, quadratic
 
 from fem_snh import _dolfinx
@@ -41,19 +41,6 @@ def test_the_divergence_theorem(comm, cell, degree):
     np.testing.assert_allclose(comm.allreduce(area_vector), 0, atol=1e-14)
     assert comm.allreduce(float(flux)) == pytest.approx(3 * mesh.volume(body.domain), rel=1e-14)
     assert comm.allreduce(len(q)) == 6 * 9 * (1 if cell == "hexahedron" else 2)
-
-
-@pytest.mark.one_debian
-@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
-def test_curved_facets(comm, cell):
-    body, _, q = surface(comm, cell, 2, "cylinder", cells=6, order=2)
-    side = np.isin(q.facets, body.group("side").entities)
-    normal = q.X[side] * [0, 2, 2]
-    np.testing.assert_allclose(q.normals[side], normal, atol=0.03)
-    area = comm.allreduce(float(q.weights[side].sum()))
-    assert area == pytest.approx(np.pi, rel=1e-4)
-    flux = np.einsum("fq,fqi,fqi->", q.weights, q.normals, q.X)
-    assert comm.allreduce(float(flux)) == pytest.approx(3 * mesh.volume(body.domain), rel=1e-6)
 
 
 @pytest.mark.one_debian("ranks")
@@ -103,12 +90,3 @@ def test_vectors_and_matrices_are_those_of_ufl(comm, cell, degree):
     A = _dolfinx.create_matrix(form)
     _dolfinx.assemble_matrix(A, form)
     np.testing.assert_allclose(dense(made.mat), dense(A), atol=1e-14)
-
-
-def test_a_rank_without_facets(comm):
-    _, V, _ = surface(comm, "tetrahedron", 2)
-    q = SurfaceQuadrature(V, np.empty(0, np.int32))
-    u, none = wave(0.1)(V.tabulate_dof_coordinates()), np.empty(0, int)
-    assert len(q) == 0 and q.positions(u).shape == (0, 6, 3)
-    q.add_vectors(np.empty((0, 6, 3)), none, u)
-    assert q.cell_matrices(np.empty((0, 6, 3, 3)), none).shape == (0, 30, 30)

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import json
-
 import pytest
 
-import benchmarks
 from benchmarks import (
     two_dimensions,
     volume_split,
@@ -20,14 +17,6 @@ def test_bound_keeps_taylor_hood_cells_from_collapsing() -> None:
     assert none["least"]["0.5"] < 0 < some["least"]["0.5"]
     assert none["spurious"] == some["spurious"] == 0
     assert some["converged"] and len(some["newton"]) == 2 and some["min_J"][1] > 0.7
-
-
-def test_bound_is_put_back(capsys: pytest.CaptureFixture[str]) -> None:
-    with volume_split.split_at(0.0), volume_split.split_at(1.0):
-        pass
-    assert benchmarks.main("volume_split", {"elements": "Q1", "stretches": "1", "cells": 2}) == 0
-    row = json.loads(capsys.readouterr().out)
-    assert row["bound"] is None and row["least"]["1"] > 0
 
 
 def test_sections_of_the_bushing_and_the_tube(monkeypatch):

@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Callable, Iterable
 from functools import cache
 
 from mpi4py import MPI
 
 import pytest
-from paths import ROOT
 
 from benchmarks import Row
 from benchmarks.references.block import block
 from benchmarks.references.cook import cook, cook_locking, cook_locking_free
 from benchmarks.references.exact import plane_strain, torsion, uniaxial
-from benchmarks.references.paper import paper_twist
 
 pytestmark = pytest.mark.one_debian
 
@@ -75,18 +72,3 @@ def test_rivlins_cylinder_on_any_number_of_ranks(comm: MPI.Comm, element: str) -
     torque, force, other_torque, other_force = small_torsion(element)
     assert abs(torque["difference"]) < 3 and abs(other_torque["difference"]) < 3
     assert other_force["ours"] < force["ours"] < 0
-
-
-def test_the_papers_iterations_on_a_small_cube() -> None:
-    rows = list(paper_twist(cells=4))
-    assert [row["published"] for row in rows] == [28, 8234, 28, 8234]
-    assert all(row["ours"] > 0 for row in rows) and rows[0]["ours"] < rows[2]["ours"]
-
-
-def test_the_stored_rows_have_every_group() -> None:
-    """The file of docs/results is of this program: its rows name every group's sources."""
-    path = ROOT / "docs" / "results" / "references" / "references.csv"
-    with path.open(encoding="utf-8", newline="") as file:
-        stored = {(row["number"], row["source"]) for row in csv.DictReader(file)}
-    for row in (*every_uniaxial(), *small_block()):
-        assert (row["what"], row["source"]) in stored

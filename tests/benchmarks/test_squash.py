@@ -6,30 +6,13 @@ import numpy as np
 import pytest
 from bodies import cube
 from contact_problems import plane, translation
-from scipy.spatial.transform import Rotation
 
-from benchmarks.squash import distance
 from fem_snh import _dolfinx
 from fem_snh.contact.law import ContactLaw
 from fem_snh.contact.obstacle_pair import ObstaclePair
 from fem_snh.contact.surface_quadrature import SurfaceQuadrature
-from fem_snh.mesh import mesh as meshes
-from fem_snh.mesh import mesh_checks
 
 mpi = pytest.mark.mpi
-
-
-@pytest.mark.one_debian
-@mpi
-def test_octopus_has_the_cells_that_its_source_promises(comm):
-    octopus = meshes.generate(comm, "octopus", "tetrahedron", cells=54)
-    assert octopus.num_cells == pytest.approx(20_000, rel=0.05)
-    quality = mesh_checks.scaled_jacobian(octopus.domain)  # 0.707 is a regular tetrahedron
-    assert comm.allreduce(quality.min(), op=min) > 0.05
-    facets = [octopus.group(name).count for name in ("surface", "bell", "arms")]
-    assert facets[0] == facets[1] + facets[2] and min(facets) > 500
-    # A bell 2.1 radii high, eight cones 3 radii long.
-    assert 2.9e-3 < meshes.volume(octopus.domain) < 3.5e-3
 
 
 def pair_below(comm, motion):
@@ -62,11 +45,3 @@ def test_linearised_contact_follows_a_plane_that_recedes(comm):
         assert force(u - (0, 0, 0.06)) == pytest.approx(100 * 0.02)
         pair.end_step(u)
         assert force(u) == 0.0
-
-
-def test_distance_leaves_out_rigid_motions():
-    x = np.random.default_rng(1).normal(size=(50, 3))
-    turned = Rotation.from_rotvec((0.4, -1.0, 0.3)).apply(x) + np.array([1, 2, 3])
-    assert distance(turned, x).max() < 1e-14
-    turned[0] += 0.1
-    assert 0.1 < distance(turned, x).max() < 0.2

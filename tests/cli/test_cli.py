@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import signal
 import subprocess
 import sys
@@ -27,25 +26,6 @@ def test_help(capsys: pytest.CaptureFixture[str]) -> None:
     listed = capsys.readouterr().out
     assert all(scenes.describe(name) in listed for name in scenes.names())
     assert cli.main(["--version"]) == 0
-
-
-@pytest.mark.parametrize("command", ["run", "sweep", "materials", "plot", "render", "doctor"])
-def test_help_page(command: str, capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit) as ended:
-        cli.main([command, "--help"])
-    assert ended.value.code == 0 and f"usage: fem-snh {command}" in capsys.readouterr().out
-
-
-def test_materials_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
-    assert cli.main(["materials"]) == 0
-    listed = capsys.readouterr().out
-    assert all(name in listed for name in materials.names()) and "barrier" in listed
-
-
-@pytest.mark.parametrize("name", materials.names())
-def test_a_material_is_described(name: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert cli.main(["materials", name]) == 0
-    assert "psi" in capsys.readouterr().out
 
 
 def test_a_material_is_measured(
@@ -110,12 +90,3 @@ def test_a_closed_pipe_is_no_error() -> None:
     command = f"{sys.executable} -m fem_snh materials | head -1"
     done = subprocess.run(["bash", "-o", "pipefail", "-c", command], capture_output=True, text=True)
     assert done.returncode in (0, 128 + signal.SIGPIPE) and "Traceback" not in done.stderr
-
-
-@pytest.mark.one_debian
-def test_a_light_command_does_not_start_mpi() -> None:
-    code = "import sys; from fem_snh import cli; cli.main(['run']); print('mpi4py' in sys.modules)"
-    done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, env=os.environ
-    )
-    assert done.stdout.strip().endswith("False")

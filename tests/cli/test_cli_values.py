@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from fem_snh import cli
-from fem_snh.cli import main, options
+from fem_snh.cli import options
 from fem_snh.errors import BadInput
 
 pytestmark = pytest.mark.one_debian
@@ -32,20 +31,6 @@ def test_a_list_or_table_is_toml_or_json(text: str) -> None:
         options.value(text, "fields")
 
 
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        ("run twist --set fields=[J]", "fields = '[J]': expected a list or a table in TOML"),
-        ("run twist press", "run: unexpected 'press': one scene at most"),
-        ("view a b", "view: unexpected 'b': one name at most"),
-        ("doctor own.toml", "doctor: unexpected 'own.toml': doctor takes options alone"),
-    ],
-)
-def test_messages_name_what_is_wrong(words, message, capsys) -> None:
-    assert main(words.split()) == 2
-    assert message in capsys.readouterr().err
-
-
 def test_petsc_words() -> None:
     words = "run twist -- -snes_view -ksp_rtol 1e-6 --mg_levels_pc_type jacobi -a -1".split()
     rest, petsc = options.split_petsc(words)
@@ -58,8 +43,3 @@ def test_petsc_words() -> None:
     }
     with pytest.raises(BadInput, match=r"'2' after --: expected PETSc options"):
         options.split_petsc(["--", "-a", "1", "2"])
-
-
-def test_options_are_not_abbreviated(capsys: pytest.CaptureFixture[str]) -> None:
-    assert cli.main(["run", "twist", "--mat", "x"]) == 2
-    assert "did you mean '--material'" in capsys.readouterr().err

@@ -8,7 +8,6 @@ from math import log2, pi
 import pytest
 
 import fem_snh
-from fem_snh.errors import BadInput
 
 NU = 0.49999
 
@@ -49,25 +48,3 @@ def test_combined_section_is_the_body_within_its_error():
     (_, solid, _), (_, solid_moment, _) = load(cells=2, kinematics="3D")
     assert abs(solid - flat) < 0.01 * abs(solid - fine)
     assert abs(solid_moment - flat_moment) < 0.03 * abs(solid_moment - fine_moment)
-
-
-@pytest.mark.one_debian
-def test_radial_section_is_pushed_back():
-    """Along its path, and equally for every direction of it; it stiffens."""
-    forces = [load(kinematics="plane_strain", angle=0.0, radial=r)[0] for r in (-2.0, 1.0, 2.0)]
-    assert forces[0][0] == pytest.approx(-forces[2][0], rel=1e-6)
-    assert max(abs(force[1]) for force in forces) < 1e-5
-    assert forces[2][0] > 2 * forces[1][0] > 0
-
-
-@pytest.mark.parametrize(
-    ("given", "message"),
-    [
-        ({"kinematics": "axisymmetric"}, "kinematics = 'axisymmetric': expected one of"),
-        ({"kinematics": "plane_strain", "axial": 1.0}, "axial = 1.0: expected 0 with"),
-        ({"radial": 1.0}, "radial = 1.0: expected 0 with"),
-    ],
-)
-def test_mistakes_are_one_line(given, message):
-    with pytest.raises(BadInput, match=message):
-        fem_snh.run("bushing", progress=False, **given)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import json
 
 from mpi4py import MPI
 
@@ -47,22 +46,6 @@ def test_the_force_is_the_derivative_of_the_energy(comm):
     assert force == pytest.approx((energies[1] - energies[0]) / (2 * h), rel=1e-5)
 
 
-@pytest.mark.one_debian("ranks")
-@mpi
-def test_forces_are_in_the_record_and_the_table(comm, folder):
-    result = solve(cells=2, steps=2, stretch=1.2, reactions=["right", 3], out=folder)
-    comm.barrier()
-    steps = json.loads((folder / "run.json").read_text())["steps"]
-    with (folder / "steps.csv").open() as file:
-        rows = list(csv.DictReader(file))
-    assert (result.record["load_name"], result.record["load_range"]) == ("distance", [1, 1.2])
-    for step, row in zip(steps, rows, strict=True):
-        assert set(step["reactions"]) == {"right", "3"}
-        for group, force in step["reactions"].items():
-            assert [float(row[f"{group}.force.{axis}"]) for axis in "xyz"] == force
-    comm.barrier()
-
-
 @mpi
 @pytest.mark.parametrize("element", ["Q1", "P2P1"])
 def test_the_moment_is_the_derivative_of_the_energy_by_the_angle(comm, folder, element):
@@ -95,19 +78,6 @@ def test_the_moment_is_the_derivative_of_the_energy_by_the_angle(comm, folder, e
         (row,) = csv.DictReader(file)
     assert [float(row[f"top.moment.{axis}"]) for axis in "xyz"] == step["moments"]["top"]
     assert float(row["top.moment.z.error"]) == goal["error"]
-    comm.barrier()
-
-
-@pytest.mark.one_debian("ranks")
-@mpi
-def test_a_step_that_failed_has_no_force(comm, folder):
-    result = solve(cells=2, steps=1, stretch=9.0, petsc={"snes_max_it": 1}, out=folder)
-    comm.barrier()
-    assert not result.converged
-    assert not all(step["converged"] for step in result.steps)
-    assert all(("reactions" in step) == step["converged"] for step in result.steps)
-    with (folder / "steps.csv").open() as file:
-        assert len(list(csv.DictReader(file))) == len(result.steps)
     comm.barrier()
 
 

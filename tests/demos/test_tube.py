@@ -8,7 +8,6 @@ import pytest
 from scipy.integrate import quad
 
 import fem_snh
-from fem_snh.errors import BadInput
 from fem_snh.scenes.builtin.tube import inflation_pressure
 
 
@@ -46,8 +45,3 @@ def test_plane_strain_tube_converges_with_curved_cells():
     assert fine < 1e-5
     assert log2(coarse / fine) > 2.7
     assert max(errors(8, "plane_strain", order=1)) > 20 * fine
-
-
-def test_other_kinematics_are_refused():
-    with pytest.raises(BadInput, match="kinematics = 'axisymmetric_torsion': expected one of"):
-        fem_snh.run("tube", kinematics="axisymmetric_torsion", progress=False)

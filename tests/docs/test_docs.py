@@ -25,7 +25,6 @@ from pages import (
     PAGES,
     ROOT,
     SHELL,
-    Block,
     blocks,
     blocks_of,
     commands,
@@ -34,7 +33,6 @@ from pages import (
     name_of,
     run_in,
     runner,
-    words_of,
 )
 from time_scenes import in_time
 
@@ -111,15 +109,6 @@ def test_page_runs(page: Path, tmp_path: Path, processes: ForkServerContext) -> 
     assert process.exitcode == 0, log.read_text()
 
 
-def test_pages_cite_what_exists() -> None:
-    """Files of the repository that pages name in backticks."""
-    pattern = re.compile(r"`((?:fem_snh|benchmarks|demos|docs|meshes|tests|tools)/[\w./]+)`")
-    for page in PAGES:
-        for path in pattern.findall(page.read_text(encoding="utf-8")):
-            exists = "NAME" in path or (ROOT / path).exists()
-            assert exists, f"{name_of(page)}: {path}"
-
-
 def test_pages_name_what_exists() -> None:
     """Modules, functions and classes by their dotted names, and options of `fem-snh`, in texts."""
     dotted = re.compile(r"(?<![\w./-])((?:fem_snh|benchmarks)(?:\.[A-Za-z]\w*)+)(?!\w*[/-])")
@@ -171,19 +160,6 @@ def test_reference_pages_are_those_of_the_program() -> None:
     ):
         text = (ROOT / f"docs/reference/{page}.md").read_text(encoding="utf-8")
         assert all(word in text for word in words), page
-
-
-def test_blocks_of_a_page(tmp_path: Path) -> None:
-    page = tmp_path / "page.md"
-    page.write_text(
-        "a\n\n<!-- not run -->\n```console\n$ fem-snh run twist \\\n  --quiet\nx\n```\n"
-    )
-    (block,) = blocks(page)
-    assert block == Block(4, "console", "$ fem-snh run twist \\\n  --quiet\nx\n", "not run")
-    assert list(commands(block)) == [("fem-snh run twist    --quiet", "x\n")]
-    assert words_of("mpirun -n 2 .venv/bin/fem-snh run twist  # on two") == [
-        "fem-snh", "run", "twist",
-    ]  # fmt: skip
 
 
 #: The modules whose docstrings have an example, and the names that it uses without an import.

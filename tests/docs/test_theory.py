@@ -98,20 +98,6 @@ def test_alpha_of_eq_14_is_stress_free_and_the_printed_one_is_not() -> None:
         assert (abs(stress) < 1e-12) == free
 
 
-def test_misread_constants_of_the_normalisation_page() -> None:
-    mu, lam = 1 / 2.4, 0.2 / (1.2 * 0.6)  # E = 1, nu = 0.2
-    nu = (lam - mu) / (2 * lam)
-    assert nu == pytest.approx(-0.25)
-    assert 2 * mu * (1 + nu) == pytest.approx(0.625)
-
-
-def test_complementary_energy_of_the_mixed_forms_page() -> None:
-    kappa, p = 7.0, 0.3
-    J = np.linspace(0.5, 1.5, 100001)
-    largest = (p * J - kappa / 2 * (J - 1) ** 2).max()
-    assert largest == pytest.approx(p + p**2 / (2 * kappa), abs=1e-8)
-
-
 def test_eisenstat_identity_of_the_linear_solver_page() -> None:
     random = np.random.default_rng(0)
     A = random.normal(size=(9, 9))

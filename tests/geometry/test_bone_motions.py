@@ -7,7 +7,6 @@ import re
 import numpy as np
 import pytest
 from bone_scenes import LOWER, UPPER, bar, csv_text, matrix, turn
-from scipy.spatial.transform import Rotation
 
 from fem_snh import scenes
 from fem_snh.errors import BadInput
@@ -85,58 +84,6 @@ def test_a_rigid_table_is_slerped_and_the_translation_linear(read):
     assert motion.affine(0.25)[:, 3] == pytest.approx(middle, abs=1e-15)
 
 
-def test_a_file_of_one_bone_needs_no_names(read):
-    motion = read("load, x, y, z, rx, ry, rz\n0,0,0,0,0,0,0\n1,1,2,3,0,0,0.5\n").motion
-    R = Rotation.from_rotvec([0, 0, 0.25]).as_matrix()
-    assert motion.affine(0.5) == pytest.approx(np.column_stack([R, [0.5, 1, 1.5]]), abs=1e-15)
-
-
-LATE = csv_text("load", (0.0, "upper", REST), (1.0, "upper", REST), (0.0, "humerus", REST))
-
-
-@pytest.mark.parametrize(
-    "text, message",
-    [
-        (LATE, "arm.csv, line 4: unknown bone 'humerus': expected one of upper, lower"),
-        (
-            csv_text("load", (0.0, "lower", REST), (1.0, "lower", REST)),
-            "unknown bone 'upper': expected one of lower",
-        ),
-        (
-            csv_text("load", (0.0, "upper", REST), (0.9, "upper", REST)),
-            "line 3: load = 0.9: expected rows up to the load 1",
-        ),
-        (
-            csv_text("load", (0.0, "upper", REST), (1.0, "lower", REST)),
-            "expected two rows or more of bone 'upper'",
-        ),
-        (
-            csv_text("load", (0.0, "upper", REST), (1.0, "upper", matrix(np.diag([1, 1, -1])))),
-            "line 3: bone 'upper': the determinant of a11 to a33 is -1: expected one > 0",
-        ),
-        (
-            csv_text("load", (0.0, "upper", REST), (1.0, "upper", matrix(np.diag([1, 1, 0])))),
-            "line 3: bone 'upper': the determinant of a11 to a33 is 0: expected one > 0",
-        ),
-        (
-            csv_text("load", (0.0, "upper", REST), (1.0, "upper", turn(np.pi))),
-            "line 3: bone 'upper': .*: expected rows that are closer, or rigid = true",
-        ),
-        ("load, bone, x, y\n0, upper, 0, 0\n1, upper, 0, 0\n", "and 'bone' if the file moves sev"),
-        ("load, bone, x, y, z\n0, upper, 0, 0, 0\n1, upper, 0, 0\n", "expected 5 columns, found 4"),
-    ],
-)
-def test_mistakes_of_a_table(read, text, message):
-    with pytest.raises(BadInput, match=message) as error:
-        read(text)
-    assert "\n" not in str(error.value)
-
-
-def test_a_file_that_is_not_there(read):
-    with pytest.raises(BadInput, match=r"cannot read the motion .*did you mean 'arm2.csv'"):
-        read(LATE, file_name="arm2.csv")
-
-
 def test_joints_of_a_skeleton(read):
     """The elbow turns with the shoulder: its bone's end is where trigonometry has it."""
     motion = {"joint": "Elbow", "scale": 0.1, "translation": [0, 0, 5]}
@@ -171,24 +118,6 @@ def test_a_clip_has_its_own_time(read):
     assert R == pytest.approx(turn(np.pi / 2)[:, :3], abs=1e-14)
     with pytest.raises(BadInput, match=r"its 3 frames end at 1 s: expected frames .* the run, 2 s"):
         read(ARM, "arm.bvh", time={"duration": 2.0, "steps": 2}, **keys)
-
-
-@pytest.mark.parametrize(
-    "text, motion, message",
-    [
-        (ARM, {"joint": "Elbo"}, "joint = 'Elbo': expected a joint of .*did you mean 'Elbow'"),
-        (ARM, {"joint": "Elbow", "frames": [1, 3]}, "frames = [1, 3]: expected two ascending"),
-        (ARM[:-20], {"joint": "Elbow"}, "arm.bvh, line 20: the end of the file: expected a finite"),
-        (ARM + "1", {"joint": "Elbow"}, "line 22: '1': expected the end of the file after 3 fra"),
-        ("BODY", {"joint": "Elbow"}, "arm.bvh, line 1: 'BODY': expected 'HIERARCHY'"),
-        (ARM.replace("3 Z", "3 Q"), {"joint": "Elbow"}, "line 9: 'Qrotation': expected 'Xposition"),
-        (ARM.replace("OFFSET 3", "OFFSET x"), {"joint": "Elbow"}, "line 8: 'x': expected a finite"),
-    ],
-)
-def test_mistakes_of_a_skeleton(read, text, motion, message):
-    with pytest.raises(BadInput, match=re.escape(message).replace(r"\.\*", ".*")) as error:
-        read(text, "arm.bvh", motion=motion)
-    assert "\n" not in str(error.value)
 
 
 @pytest.mark.parametrize(

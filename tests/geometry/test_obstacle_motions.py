@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import re
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from fem_snh.errors import BadInput
 from fem_snh.geometry.motion_files import read_motion
-from fem_snh.geometry.motions import DisplacementMotion, MovingShape, Pose
+from fem_snh.geometry.motions import DisplacementMotion, MovingShape
 from fem_snh.geometry.shapes import Box
 
 pytestmark = pytest.mark.one_debian
@@ -73,52 +70,3 @@ def test_a_table_of_matrices(written):
     assert np.allclose(motion.pose(0.75).rotation, R, atol=1e-8)
     assert np.allclose(motion.pose(0.75).rotation.T @ motion.pose(0.75).rotation, np.eye(3))
     assert np.allclose(MovingShape(BOX, motion).affine(1.0), np.c_[motion.pose(1.0)], atol=1e-15)
-
-
-def test_a_pose_and_its_inverse():
-    pose = Pose(Rotation.from_rotvec(TURN).as_matrix(), SHIFT)
-    X = np.random.default_rng(3).normal(0, 1, (5, 3))
-    assert np.allclose(pose.invert(pose.apply(X)), X, atol=1e-14)
-
-
-AFFINE = "load,a11,a12,a13,a14,a21,a22,a23,a24,a31,a32,a33,a34\n0,1,0,0,0,0,1,0,0,0,0,1,0\n"
-
-
-@pytest.mark.parametrize(
-    "text, message",
-    [
-        ("", "expected a line of column names and two rows or more"),
-        ("load,x,y,z\n0,0,0,0\n", "expected a line of column names and two rows or more"),
-        ("0,0,0,0\n0.5,0,0,0\n1,0,0,0\n", "press.csv': unknown column '0': expected one of load"),
-        ("load,x,y,zz\n0,0,0,0\n1,0,0,0", "unknown column 'zz': .* (did you mean 'z'?)"),
-        ("load,x,y\n0,0,0\n1,0,0", "expected the columns: a first column 'load' or 'time'"),
-        ("x,y,z,load\n0,0,0,0\n0,0,0,1", "expected the columns: a first column 'load' or 'time'"),
-        ("load,x,y,z\n0,0,0,0\n1,0,0", "press.csv, line 3: expected 4 numbers, found 3"),
-        ("load,x,y,z\n0,0,0,0\n1,0,a,0", "press.csv, line 3: y = 'a': expected a finite number"),
-        ("load,x,y,z\n0,0,0,0\n1,0,nan,0", "line 3: y = 'nan': expected a finite number"),
-        ("time,x,y,z\n0,0,0,0\n1,0,0,0", "a column 'load' instead of 'time', as the scene has no"),
-        ("load,x,y,z\n0,0,0,0\n0.7,0,0,0\n0.7,0,0,0", "line 4: load = 0.7: expected more than 0.7"),
-        ("load,x,y,z\n0.1,0,0,0\n1,0,0,0", "line 2: load = 0.1: expected 0"),
-        ("load,x,y,z\n0,0,0,0\n\n0.9,0,0,0", "line 4: load = 0.9: expected rows up to the load 1"),
-        ("load,x,y,z,rx,ry,rz\n0,0,0,0,0,0,0\n1,0,0,0,0,0,6.28", "line 3: a turn of 360 degrees"),
-        (AFFINE + "1,2,0,0,0,0,1,0,0,0,0,1,0", "line 3: expected a rotation in the first three"),
-        (AFFINE + "1,1,0,0,0,0,0,0,0,0,0,1,0", "line 3: expected a rotation .*det R = 0"),
-        (AFFINE + "1,-1,0,0,0,0,1,0,0,0,0,1,0", "line 3: expected a rotation .*det R = -1"),
-        (AFFINE + "1,-1,0,0,0,0,-1,0,0,0,0,1,0", "line 3: a turn of 180 degrees"),
-    ],
-)
-def test_mistakes_of_a_table(written, text, message):
-    with pytest.raises(BadInput, match=re.sub(r"([(?)])", r"\\\1", message)) as error:
-        written(text)
-    assert "\n" not in str(error.value)
-
-
-def test_a_table_in_time_that_ends_early(written):
-    with pytest.raises(BadInput, match="time = 1: expected rows up to the end of the run, 2 s"):
-        written("time,x,y,z\n0,0,0,0\n1,0,0,0", duration=2.0)
-
-
-def test_a_file_that_is_not_there(tmp_path):
-    (tmp_path / "press.csv").write_text(PRESS)
-    with pytest.raises(BadInput, match=r"cannot read the motion .*did you mean 'press.csv'"):
-        read_motion(tmp_path / "pres.csv")

@@ -92,13 +92,6 @@ def test_the_gradient_has_length_one_and_no_curvature_along_it(shape):
     assert np.allclose(H, np.swapaxes(H, 1, 2), atol=1e-12)
 
 
-@every_shape
-def test_the_closest_point_is_on_the_surface(shape):
-    x = points(2000)
-    d, g, _ = shape.evaluate(x)
-    assert np.abs(shape.evaluate(x - d[:, None] * g).distance).max() < 1e-13
-
-
 @pytest.mark.parametrize(
     "shape, centre, normal",
     [

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import pickle
-
 import numpy as np
 import pytest
 
-from fem_snh.errors import BadInput
 from fem_snh.geometry.shapes import Box, ClosedSurface, Sphere
 
 pyvista = pytest.importorskip("pyvista")
@@ -73,51 +70,3 @@ def test_on_the_surface_the_gradient_is_the_normal(tmp_path):
     d, g, _ = surface.evaluate(np.array([[0.5, 0.1, 0.2], [0.1, -0.5, 0.2]]))
     assert np.abs(d).max() < 1e-15
     assert np.allclose(g, [[1, 0, 0], [0, -1, 0]])
-
-
-def test_another_rank_gets_the_same_surface(tmp_path):
-    sphere(4).save(tmp_path / "ball.stl")
-    surface = ClosedSurface.read(tmp_path / "ball.stl")
-    here = surface.evaluate(points(10)).distance
-    assert (pickle.loads(pickle.dumps(surface)).evaluate(points(10)).distance == here).all()
-
-
-def inverted(mesh):
-    return mesh.flip_faces()
-
-
-def opened(mesh):
-    return pyvista.PolyData(mesh.points, mesh.faces[4:])
-
-
-def mixed(mesh):
-    faces = mesh.faces.reshape(-1, 4).copy()
-    faces[0, 1:] = faces[0, [1, 3, 2]]
-    return pyvista.PolyData(mesh.points, faces.ravel())
-
-
-@pytest.mark.parametrize(
-    "change, message",
-    [
-        (inverted, "expected a closed surface with outward normals: it is inverted"),
-        (opened, "3 edges are in one, 0 in more than two"),
-        (mixed, "outward normals: neighbours have opposite ones"),
-    ],
-)
-def test_surfaces_that_bound_nothing(tmp_path, change, message):
-    change(sphere(4)).save(tmp_path / "ball.stl", recompute_normals=False)
-    with pytest.raises(BadInput, match=message):
-        ClosedSurface.read(tmp_path / "ball.stl")
-
-
-@pytest.mark.parametrize("content", [b"", b"no triangles", b"solid a\nendsolid a\n"])
-def test_files_without_triangles(tmp_path, content, capfd):
-    (tmp_path / "ball.stl").write_bytes(content)
-    with pytest.raises(BadInput, match="expected an STL file with triangles, found none"):
-        ClosedSurface.read(tmp_path / "ball.stl")
-    assert not capfd.readouterr().err
-
-
-def test_a_file_that_is_not_there(tmp_path):
-    with pytest.raises(BadInput, match=r"cannot read the surface .*: No such file"):
-        ClosedSurface.read(tmp_path / "ball.stl")

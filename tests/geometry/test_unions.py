@@ -5,10 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fem_snh import scenes
-from fem_snh.errors import BadInput
 from fem_snh.geometry.shapes import Box, Capsule, Cylinder, Plane, SmoothUnion, Sphere, Union
-from fem_snh.tables.shapes import ShapeChoice
 
 pytestmark = pytest.mark.one_debian
 
@@ -83,26 +80,3 @@ def test_where_two_surfaces_meet_the_smooth_one_is_outside_by_the_blend():
     balls = Sphere((-1.0, 0, 0), 1.25), Sphere((1.0, 0, 0), 1.25)
     x = np.array([[0.0, 0.75, 0.0]])
     assert SmoothUnion(balls, 0.05).distance(x) == pytest.approx([-0.05], abs=1e-15)
-
-
-BALL = {"sphere": {"center": [0.0, 0.0, 1.0], "radius": 0.5}}
-ROD = {"capsule": {"from": [0.0, 0.0, 0.0], "to": [1.0, 1.0, 1.0], "radius": 0.3}}
-
-
-def test_tables_of_unions():
-    inner = {"union": [BALL, ROD]}
-    table = {"smooth_union": {"shapes": [inner, BALL], "blend": 0.1}}
-    choice = ShapeChoice.model_validate(table)
-    scene = scenes.load("twist", obstacle=[{"shape": table}])
-    assert scenes.load(scene) == scene
-    assert choice.record() == table
-    ball = Sphere((0.0, 0.0, 1.0), 0.5)
-    rod = Capsule((0.0, 0.0, 0.0), (1.0, 1.0, 1.0), 0.3)
-    assert choice.shape() == SmoothUnion((Union((ball, rod)), ball), 0.1)
-
-
-def test_mistakes():
-    with pytest.raises(BadInput, match="expected at least one shape"):
-        Union(())
-    with pytest.raises(BadInput, match=r"blend = -1\.0: expected a number > 0"):
-        SmoothUnion(PARTS, -1.0)

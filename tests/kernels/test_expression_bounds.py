@@ -34,33 +34,6 @@ def test_expressions_too_large_to_evaluate(text: str, words: str) -> None:
         fem_snh.material("gamma_model", nu=NU, length=text)
 
 
-def test_the_key_is_named() -> None:
-    with pytest.raises(BadInput, match=r"^volume = 'I_C': 'I_C' is not known: expected an expre"):
-        fem_snh.material("gamma_model", nu=NU, volume="I_C")
-    with pytest.raises(BadInput, match=r"^strain = 's\*\*99': an exponent is beyond 64"):
-        fem_snh.material("hill", nu=NU, strain="s**99")
-
-
-def huge(I_C, J, mu, lam):
-    return mu * (I_C - 3) * 10**200 + lam * (J - 1) ** 2
-
-
-def deep(I_C, J, mu, lam):
-    return mu * ((I_C - 2) ** 30 + 1) ** 30 + lam * (J - 1) ** 2
-
-
-@pytest.mark.parametrize(
-    ("function", "words"),
-    [(huge, "a value is beyond 1e.100"), (deep, "its degree is beyond 64")],
-)
-def test_functions_too_large_to_evaluate(function, words) -> None:
-    expected = (
-        rf"^material '{function.__name__}': its function returns .*{words}.*: expected an exp"
-    )
-    with pytest.raises(BadInput, match=expected):
-        fem_snh.material(function, nu=NU)
-
-
 @pytest.mark.one_debian
 @pytest.mark.parametrize("power", ["1.37", "1.5", "(1/3)", "2.7182818284"])
 def test_powers_of_the_invariant(power: str) -> None:
@@ -120,24 +93,3 @@ def test_values_of_the_wrong_type(name, keywords, message) -> None:
     """True is no number, neither in a program nor in a scene."""
     with pytest.raises(BadInput, match=f"^{message}"):
         fem_snh.material(name, **keywords)
-
-
-def test_numbers_of_numpy() -> None:
-    m = fem_snh.material("stable_neo_hookean", E=np.float32(2.0), nu=np.array(0.25))
-    assert (m.numbers.E, m.numbers.nu) == (2.0, 0.25)
-
-
-def test_shape_parameters_without_a_type() -> None:
-    """A default value says of which type a parameter of a function of the user's own is."""
-
-    def own(I_C, J, mu, lam, *, n=2.0, word="a", flag=False):
-        return mu / 2 * (I_C - 3) - mu * (J - 1) + lam / 2 * (J - 1) ** 2
-
-    fem_snh.material(own, nu=NU, n=3, word="b", flag=True)
-    for key, value, kind in (
-        ("n", True, "a finite number"),
-        ("word", 1, "a text"),
-        ("flag", 1, "true or false"),
-    ):
-        with pytest.raises(BadInput, match=f"^{key} = {value}: expected {kind}"):
-            fem_snh.material(own, nu=NU, **{key: value})

@@ -102,33 +102,6 @@ def test_kernels_take_any_order_and_pair_of_signs(name):
 # --- the whole -----------------------------------------------------------------------------------
 
 
-@every_name
-def test_report(name, tmp_path):
-    r = reported(name)
-    text = str(r)
-    assert name in text.splitlines()[0]
-    assert all(s.name in text and str(s) in text for s in r.stabilities)
-    assert "nan" not in text and max(map(len, text.splitlines())) < 200
-    assert (r.mu_lame, r.lambda_lame) == pytest.approx((1.7 / 2.6, 1.7 * 0.3 / (1.3 * 0.4)))
-
-
-@pytest.mark.parametrize(
-    "name", ["stable_neo_hookean", "hencky", "filtered_neo_hookean", "neo_hookean_wang"]
-)
-def test_plot(name, tmp_path):
-    out = reported(name).plot(tmp_path / "new" / "a.png")
-    assert out.read_bytes().startswith(b"\x89PNG")
-    with pytest.raises(BadInput, match="cannot be written"):
-        reported(name).plot(tmp_path / "a.xyz")
-
-
-def test_a_tuned_material_keeps_its_stabilities():
-    m = material("stable_neo_hookean", nu=0.3, alpha=2)
-    r = m.report()
-    assert [s.verdict for s in r.stabilities[:3]] == ["passed"] * 3
-    assert "alpha = 2" in str(r)
-
-
 def test_table(tmp_path, monkeypatch):
     some = ["neo_hookean", "stable_neo_hookean", "fixed_corotational"]
     monkeypatch.setattr(materials, "names", lambda: sorted(some))

@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-import sympy
-from points import STATES, compare, deformations, every_name
+from points import STATES, compare, deformations
 
 import fem_snh
 from fem_snh import cli, materials
@@ -23,28 +22,6 @@ NU = 0.3
 STRETCHES = np.array(
     [STATES["random"], (1.3, 1.3, 0.7), (1.1 + 1e-6, 1.1, 1.1 - 1e-6), (1 + 1e-7, 1 - 2e-7, 1.0)]
 )
-#: Materials with values that are arguments, and the arguments.
-ARGUMENTS: list[tuple[str, dict[str, Any], list[str]]] = [
-    ("stable_neo_hookean", {"alpha": 1.37}, ["alpha"]),
-    ("stable_neo_hookean", {"alpha": 3.0}, ["alpha"]),
-    ("neo_hookean", {"alpha_mu": 1.3, "alpha_lambda": 0.7}, ["alpha_mu", "alpha_lambda"]),
-    ("corotational", {"lambda_part": "neo_hookean", "alpha": 1.2}, ["alpha"]),
-    ("seth_hill", {"n": 0.73}, ["n"]),
-    ("symmetric_seth_hill", {"n": -1.3}, ["n"]),
-    ("ogden", {"exponents": (1.2, 5.0, -1.8)}, ["exponents_0", "exponents_2"]),
-    ("ogden", {"exponents": (1.7,), "weights": (2.0,)}, ["exponents_0", "weights_0"]),
-    ("ogden", {"mu_p": (0.63, 0.0012, -0.01), "alpha_p": (1.31, 5.1, -2.2), "nu": 0.4},
-     [*(f"exponents_{i}" for i in range(3)), *(f"weights_{i}" for i in range(3))]),
-    ("gent", {"J_m": 50.0}, ["J_m"]),
-    ("gent", {"J_m": 50.0, "alpha": 1.2}, ["J_m", "alpha"]),
-    ("stable_fung", {"gamma": 0.2, "mu_1": 2.0}, ["gamma", "mu_1"]),
-    ("stable_arruda_boyce", {"betas": (0.02, 0.002, 0.001)}, ["betas_0", "betas_1", "betas_2"]),
-    ("stvk_kikuuwe", {"kappa": 450.0}, ["kappa"]),
-    ("sts", {"mu_4": 0.5}, ["mu_4"]),
-    ("van_der_waals", {"lambda_m": 9.0, "a": 0.2, "beta": 0.1}, ["lambda_m", "a", "beta"]),
-    ("extended_tube", {"delta": 0.1, "beta": 0.3}, ["delta", "beta"]),
-    ("c2_neo_hookean", {"threshold": 0.3, "alpha": 1.2}, ["alpha"]),
-]  # fmt: skip
 #: Those whose kernels the tests compile.
 EVALUATED: list[tuple[str, dict[str, Any]]] = [
     ("symmetric_seth_hill", {"n": -1.3}),
@@ -52,20 +29,6 @@ EVALUATED: list[tuple[str, dict[str, Any]]] = [
     ("ogden", {"exponents": (1.2, 5.0, -1.8), "weights": (6.0, 0.01, -0.2)}),
     ("gent", {"J_m": 50.0, "alpha": 1.2}),
     ("extended_tube", {"delta": 0.1, "beta": 0.3}),
-]
-#: Values that select another function than their neighbours.
-COMPILED_IN: list[tuple[str, dict[str, Any]]] = [
-    ("seth_hill", {"n": 2.0}),
-    ("symmetric_seth_hill", {"n": 1.5}),
-    ("ogden", {"exponents": (2.0, 4.0, -2.0)}),
-    ("neo_hookean", {"alpha": 2.0}),
-    ("stvk", {"alpha": 0.5, "epsilon": 0}),
-    ("extended_tube", {"beta": 1.0}),
-    ("stable_fung", {"gamma": 0.0}),
-    ("c2_neo_hookean", {"threshold": 0.3}),
-    ("filtered_neo_hookean", {"sigma_f": 0.3}),
-    ("gamma_model", {"length": "I_C"}),
-    ("gent", {"mu": 1.0, "J_m": 50.0}),
 ]
 
 
@@ -95,28 +58,6 @@ def with_literals(m: Material, monkeypatch: pytest.MonkeyPatch) -> Material:
         patch.setattr(source, "with_arguments", lambda energy: energy)
         literal.energy(np.eye(3))
     return literal
-
-
-@pytest.mark.one_debian
-@every_name
-def test_a_material_with_its_defaults_has_no_arguments(name: str) -> None:
-    energy = materials.make_energy(name, 1.7, NU)
-    assert with_arguments(energy) is energy
-
-
-@pytest.mark.parametrize(("name", "shape"), COMPILED_IN, ids=str)
-def test_what_is_compiled_in(name: str, shape: dict[str, Any]) -> None:
-    moduli = (None, NU) if name == "gent" else (1.7, NU)
-    energy = materials.make_energy(name, *moduli, **shape)
-    expected = ("shape_J_m",) if name == "gent" else ()
-    assert tuple(map(str, with_arguments(energy).parameters)) == expected
-
-
-@pytest.mark.parametrize(("name", "shape", "arguments"), ARGUMENTS, ids=str)
-def test_what_is_an_argument(name: str, shape: dict[str, Any], arguments: list[str]) -> None:
-    m = made(name, shape)
-    parameters = with_arguments(m.expression).parameters
-    assert [str(p) for p in parameters] == [f"shape_{a}" for a in arguments]
 
 
 @pytest.mark.parametrize(("name", "shape"), EVALUATED, ids=str)
@@ -153,15 +94,6 @@ def test_one_library_serves_all_values(folder: Path) -> None:
     assert compiled(folder) == 4
 
 
-@pytest.mark.one_debian
-def test_the_source_is_generated_once(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    first = compile_kernel(fem_snh.material("gent", J_m=30.0))
-    monkeypatch.setattr("fem_snh.kernels.codegen.source.point_source", None)
-    second = compile_kernel(fem_snh.material("gent", J_m=40.0))
-    assert second.path == first.path
-    assert second.constants.values[-1] == 40 != first.constants.values[-1]
-
-
 @pytest.mark.parametrize("volume", ["mean", "pressure"])
 def test_elements_with_pressures(folder: Path, volume: str) -> None:
     found = [
@@ -189,15 +121,6 @@ def test_a_function_that_treats_a_value_differently() -> None:
     energies = [fem_snh.material(special_at_two, k=k).energy(F) for k in (1.0, 2.0, 3.0)]
     assert energies[1] == pytest.approx(energies[2], rel=1e-14)
     assert energies[0] < energies[1]
-
-
-def test_an_exponent_that_is_no_scalar_of_the_code() -> None:
-    def own(s0: Any, s1: Any, s2: Any, mu: Any, lam: Any, *, k: float = 3.0) -> Any:
-        a, J = sympy.exp(k), s0 * s1 * s2
-        powers = sum((s**a - 1) / a for s in (s0, s1, s2)) - sympy.log(J)
-        return mu * powers + lam * (J - 1) ** 2
-
-    assert not with_arguments(materials.make_energy(own, k=0.7)).parameters
 
 
 @pytest.mark.one_debian

@@ -52,11 +52,6 @@ def test_reconstruction_order_and_signs(kind):
     check(KINDS[kind][:, :, None] * np.eye(3))
 
 
-@pytest.mark.parametrize("size", [1e-308, 1e-150, 1e-8, 1e8, 1e150, 1e306])
-def test_any_size(size):
-    check(size * deformations(KINDS["random in -2..2"]))
-
-
 @given(arrays(float, (3, 3), elements=st.floats(-1e300, 1e300)))
 def test_any_matrix(F):
     check(F)
@@ -89,12 +84,6 @@ def test_small_stretches_keep_their_digits(side):
     assert worst <= 1e-13
 
 
-def test_stretches_over_75_orders_of_magnitude():
-    D = np.array([[1.0, 1e-30, 1e-70], [1e20, 1.0, -1e-50]])
-    _, s, _ = svd(rotations(2, 7) * D[:, None, :])
-    assert s == pytest.approx(D, rel=1e-14)
-
-
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
 def test_not_finite(bad):
     F = np.tile(np.eye(3), (9, 1, 1))
@@ -105,14 +94,6 @@ def test_not_finite(bad):
     assert np.array_equal(V[4], np.eye(3))
     check(np.delete(F, 4, axis=0))  # its neighbours do not notice
     assert np.isfinite(np.delete(s, 4, axis=0)).all()
-
-
-def test_leading_axes():
-    F = deformations(np.ones((2, 3, 3)))
-    U, s, V = svd(F)
-    assert (U.shape, s.shape, V.shape) == ((2, 3, 3, 3), (2, 3, 3), (2, 3, 3, 3))
-    assert svd(np.empty((0, 3, 3)))[1].shape == (0, 3)
-    assert svd(np.eye(3))[1].shape == (3,)
 
 
 def test_a_determinant_that_elimination_does_not_find():

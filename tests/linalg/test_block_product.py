@@ -68,25 +68,6 @@ def test_a_changed_matrix_makes_the_product_unknown(comm, applied):
     assert np.array_equal(*_products(problem, ksp.getPC().getPythonContext(), z))
 
 
-@mpi
-@pytest.mark.parametrize("tolerances", [{"max_it": 0}, {"max_it": 1}, {"rtol": 1e-9}])
-def test_the_product_does_not_depend_on_how_the_inner_solve_ended(comm, tolerances):
-    """Without an iteration, at the limit, and after refinement cycles."""
-    problem, ksp, _, z = _preconditioned(comm, "P2P0", tolerances)
-    found, expected = _products(problem, ksp.getPC().getPythonContext(), z)
-    assert found == pytest.approx(expected, abs=1e-5 * np.abs(expected).max())
-
-
-@pytest.mark.one_debian("ranks")
-@mpi
-def test_small_tolerances_have_the_matrix_itself(comm):
-    problem, ksp, *_ = _preconditioned(comm, "P2P0")
-    for rtol, known in ((1e-1, True), (1e-3, True), (1e-4, False)):
-        ksp.setTolerances(rtol=rtol)
-        operator = saddle_point.outer_operator(ksp, problem.A, problem.A)
-        assert (operator != problem.A) == known
-
-
 @pytest.mark.one_debian
 @mpi
 def test_a_load_step_takes_the_same_path(monkeypatch):
@@ -108,15 +89,3 @@ def test_a_load_step_takes_the_same_path(monkeypatch):
         steps[1][key] for key in ("newton", "linear")
     ]
     assert steps[0]["energy"] == pytest.approx(steps[1]["energy"], rel=1e-9)
-
-
-@pytest.mark.one_debian
-@mpi
-def test_an_indefinite_hessian_takes_the_same_path(monkeypatch):
-    """Where the preconditioner's Hessian is the clamped one: hardly more Newton iterations."""
-    newton = []
-    for least in (saddle_point._KNOWN_PRODUCT_RTOL, 1.0):
-        monkeypatch.setattr(saddle_point, "_KNOWN_PRODUCT_RTOL", least)
-        result = run("twist", element="Q2Q1", cells=4, nu=0.4999, steps=4, progress=False)
-        newton.append(sum(step["newton"] for step in result.steps))
-    assert newton[0] <= 1.2 * newton[1]

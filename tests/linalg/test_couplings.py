@@ -83,17 +83,6 @@ def test_matrices_of_distant_nodes_are_summed(element: str) -> None:
 
 
 @pytest.mark.one_debian("ranks")
-def test_known_pairs_do_not_change_the_pattern() -> None:
-    p = make("Q1")
-    nodes, _ = random_springs(p, 4)
-    p.matrix.couple([pairs(nodes)])
-    state, positions = nonzero_state(p.A), p.matrix.block_positions
-    p.matrix.couple([pairs(nodes[1:]), pairs(nodes[:2])])
-    p.matrix.couple([np.empty((0, 2), np.int64)])
-    assert nonzero_state(p.A) == state and p.matrix.block_positions is positions
-
-
-@pytest.mark.one_debian("ranks")
 @pytest.mark.parametrize("preconditioner", ["own", "bjacobi"])
 def test_linear_solvers_follow_the_pattern(preconditioner: str) -> None:
     """Conjugate gradients with SSOR, and GMRES with incomplete factors.
@@ -128,9 +117,3 @@ def test_linear_solvers_follow_the_pattern(preconditioner: str) -> None:
         p.A.mult(x, Ax)
         assert (Ax - b).norm() < 1e-6 * b.norm()
     assert entries[0] < entries[3] < entries[1] < entries[2]
-
-
-def test_blocks_need_a_pattern() -> None:
-    p = make("Q1")
-    with pytest.raises(ValueError, match="after couple"):
-        p.matrix.add_couplings(np.zeros((1, 2), np.int64), np.zeros((1, 6, 6)))

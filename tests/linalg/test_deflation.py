@@ -2,24 +2,18 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
-
 from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
 import pytest
 from bodies import dense
-from hypothesis import given
-from hypothesis import strategies as st
 from plane_programs import COMPONENTS, clamped
 from test_eisenstat import Reason, body, right_side, solve
 
 from fem_snh._petsc import default_options
-from fem_snh.linalg.coarse_matrix import Distributed
-from fem_snh.linalg.deflation import coordinate_bisection, linear_functions
+from fem_snh.linalg.deflation import linear_functions
 from fem_snh.linalg.ssor_cg import EisenstatCG
-from fem_snh.linalg.ssor_system import _default_subdomains
 
 mpi = pytest.mark.mpi
 
@@ -44,25 +38,6 @@ def each_layout(comm):
 
 
 # --- subdomains and functions --------------------------------------------------------------------
-
-
-@pytest.mark.one_debian
-@given(st.integers(1, 200), st.integers(1, 40), st.integers(0, 9))
-def test_subdomains_have_equal_numbers_of_nodes(nodes, subdomains, seed):
-    subdomains = min(nodes, subdomains)
-    counts = np.bincount(
-        coordinate_bisection(np.random.default_rng(seed).random((nodes, 3)), subdomains)
-    )
-    assert len(counts) == subdomains and counts.min() >= 1
-    assert np.abs(counts - counts.mean()).max() < 2  # each bisection rounds; the next halves it
-
-
-def test_subdomains_are_boxes():
-    """Cuts are normal to the longest extent: a bar is cut into slices."""
-    x = np.random.default_rng(0).random((400, 3)) * (8, 1, 1)
-    subdomain = coordinate_bisection(x, 4)
-    ends = sorted((x[subdomain == k, 0].min(), x[subdomain == k, 0].max()) for k in range(4))
-    assert all(one[1] < other[0] for one, other in pairwise(ends))
 
 
 @pytest.mark.parametrize(("shape", "functions"), [((1, 1, 1), 4), ((1, 1, 0), 3), ((0, 0, 0), 1)])
@@ -138,31 +113,6 @@ def test_ranks_add_few_iterations(comm, subdomains):
     assert several.getIterationNumber() <= 1.2 * one.getIterationNumber()
 
 
-def test_more_ranks_have_more_subdomains():
-    assert [_default_subdomains(19517, ranks, 3) for ranks in (1, 2, 4, 16)] == [38, 38, 76, 76]
-    assert [_default_subdomains(74925, ranks, 3) for ranks in (1, 2, 4, 16)] == [74, 74, 100, 100]
-    assert [_default_subdomains(327_697, ranks, 3) for ranks in (1, 2, 16)] == [327, 327, 327]
-    assert _default_subdomains(3_000_000, 16, 3) == _default_subdomains(3_000_000, 1, 3) == 3000
-    assert _default_subdomains(2047, 16, 3) == 0
-
-
-def test_sections_have_more_subdomains_than_bodies():
-    """A section of as many nodes has a longer diameter in nodes."""
-    counts = [_default_subdomains(nodes, 1, 2) for nodes in (255, 256, 1089, 4225, 16641, 66049)]
-    assert counts == [0, 4, 16, 16, 64, 66]
-
-
-@pytest.mark.one_debian("ranks")
-@mpi
-@with_subdomains(-1)
-def test_small_bodies_are_not_deflated(comm, subdomains):
-    """The default on a small body is no deflation, the same as 0."""
-    p = body(comm)
-    default = solve(p, right_side(p))[0].getIterationNumber()
-    PETSc.Options()["ksp_deflation_subdomains"] = 0
-    assert solve(p, right_side(p))[0].getIterationNumber() == default
-
-
 @pytest.mark.one_debian("ranks")
 @mpi
 @with_subdomains(0, 1, 5, 60, 80)
@@ -193,21 +143,6 @@ def test_negative_curvature_of_the_coarse_matrix_ends_a_solve(comm, subdomains):
         ksp, y, _ = solve(p, p.x)
         assert ksp.getConvergedReason() == Reason.DIVERGED_INDEFINITE_MAT
         assert ksp.getIterationNumber() == 0 and y.norm() == 0
-
-
-@mpi
-@with_subdomains(5)
-def test_nan_off_the_diagonal_is_reported(comm, subdomains):
-    p = body(comm)
-    b = right_side(p)
-    first, last = p.A.getOwnershipRange()
-    row = first + 30
-    column = next(j for j in p.A.getRow(row)[0] if row // 3 < j // 3 and j < last)
-    p.A.setValue(row, column, np.nan)
-    p.A.assemble()
-    for _ in each_layout(comm):
-        ksp, *_ = solve(p, b)
-        assert ksp.getConvergedReason() == Reason.DIVERGED_NANORINF
 
 
 @pytest.mark.one_debian("ranks")
@@ -245,15 +180,6 @@ def test_a_solution_in_the_coarse_space_needs_no_iterations(comm, subdomains):
 
 
 @mpi
-@with_subdomains(4)
-def test_every_rank_has_a_subdomain(comm, subdomains):
-    p = body(comm, cells=2)
-    for _ in each_layout(comm):
-        _, _, residual = solve(p, right_side(p), rtol=1e-6)
-        assert comm.allreduce(residual, op=MPI.MAX) < 1e-5
-
-
-@mpi
 @with_subdomains(80)
 def test_a_distributed_coarse_matrix_is_the_same(comm, subdomains):
     """Iterations and solutions do not depend on where its rows are."""
@@ -268,48 +194,7 @@ def test_a_distributed_coarse_matrix_is_the_same(comm, subdomains):
     assert np.abs(y.array - x.array).max() <= 1e-5 * x.norm(PETSc.NormType.INFINITY)
 
 
-@mpi
-def test_coarse_vectors_of_a_ring_of_ranks(comm):
-    """Each rank has two subdomains and its ghosts that of the next rank: sums and copies."""
-    ranks, columns = comm.size, 3
-    ghosts = [] if ranks == 1 else [2 * ((comm.rank + 1) % ranks)]
-    layout = Distributed(comm, [2] * ranks, np.array(ghosts, int), columns)
-    assert layout.held.tolist() == [2 * comm.rank, 2 * comm.rank + 1, *ghosts]
-    assert layout.local(layout.held).tolist() == list(range(len(layout.held)))
-    y = np.repeat(10.0 * layout.held + 1, columns)
-    layout.add(y)
-    times = 1 if ranks == 1 else 2  # what the rank before has added to the first
-    first, second = 10.0 * layout.held[:2] + 1
-    assert y[: 2 * columns].tolist() == [times * first] * columns + [second] * columns
-    whole = layout.extend(y[: 2 * columns])
-    assert whole[: 2 * columns].tolist() == y[: 2 * columns].tolist()
-    copied = [2 * (10.0 * g + 1) for g in ghosts for _ in range(columns)]
-    assert whole[2 * columns :].tolist() == copied
-
-
 # --- meshes of two dimensions --------------------------------------------------------------------
-
-
-def test_the_fourth_function_of_two_coordinates_is_their_product():
-    x = 5.0 + np.random.default_rng(1).random((60, 2))
-    values = linear_functions(x, np.zeros(60, int), np.ones((60, 2), bool)).astype(float)
-    assert values.shape == (60, 2, 4)
-    for component in range(2):
-        G = values[:, component]
-        assert np.allclose(G.T @ G, np.eye(4), atol=1e-6)
-        wanted = 4.0 + x @ (1.0, -2.0) + 3.0 * x.prod(axis=1)
-        assert np.allclose(G @ (G.T @ wanted), wanted, atol=1e-5)
-
-
-@pytest.mark.one_debian
-@mpi
-@with_subdomains(0, 16)
-@pytest.mark.parametrize("kinematics", COMPONENTS)
-def test_sections_are_solved_to_any_tolerance(comm, subdomains, kinematics):
-    p = clamped(comm, kinematics, cells=24)
-    ksp, _, residual = solve(p, right_side(p), rtol=1e-9)
-    assert ksp.getConvergedReason() == Reason.CONVERGED_RTOL and residual <= 1e-8
-    assert ksp.getIterationNumber() <= (80 if subdomains else 200)
 
 
 @with_subdomains(1)

@@ -7,12 +7,11 @@ from itertools import product
 from mpi4py import MPI
 from petsc4py import PETSc
 
-import numpy as np
 import pytest
 from bodies import wave
 from volume_energies import mixed_problem, mpi, set_state
 
-from fem_snh.linalg.matrix_parts import Submatrix, first_offsets
+from fem_snh.linalg.matrix_parts import Submatrix
 
 
 @pytest.mark.one_debian("ranks")
@@ -51,14 +50,3 @@ def test_any_number_of_ranks_assembles_the_same_matrix(comm, element):
         return [problem.A.norm(), *(part.norm() for part in parts), y.norm(), y.dot(x)]
 
     assert norms(comm) == pytest.approx(norms(MPI.COMM_SELF), rel=1e-12)
-
-
-def test_first_offsets_of_rows() -> None:
-    """Against searchsorted in each row; rows may be empty, and bounds outside of them."""
-    random = np.random.default_rng(0)
-    lengths = random.integers(0, 6, 50)
-    rows = [np.sort(random.choice(20, n, replace=False)) for n in lengths]
-    end = np.cumsum(lengths)
-    start, column, bound = end - lengths, np.concatenate(rows), random.integers(-1, 22, 50)
-    expected = [at + np.searchsorted(row, b) for at, row, b in zip(start, rows, bound, strict=True)]
-    assert np.array_equal(first_offsets(column, start, end, bound), expected)

@@ -10,7 +10,6 @@ from plane_programs import COMPONENTS, clamped
 from test_eisenstat import body, right_side
 
 from fem_snh.linalg.ssor_system import SSOR
-from fem_snh.solver import callback_errors
 
 mpi = pytest.mark.mpi
 Reason = PETSc.KSP.ConvergedReason
@@ -69,28 +68,3 @@ def test_conjugate_gradients_converge_in_any_unit(comm, E):
     r.axpy(-1.0, b)
     assert ksp.getConvergedReason() == Reason.CONVERGED_RTOL
     assert r.norm() <= 1e-6 * b.norm()
-
-
-@pytest.mark.one_debian("ranks")
-@mpi
-def test_it_follows_the_values_of_its_matrix(comm):
-    p = body(comm)
-    ksp, b = solver(p.A), right_side(p)
-    x, y = b.duplicate(), b.duplicate()
-    ksp.solve(b, x)
-    p.A.scale(2.0)
-    ksp.solve(b, y)
-    y.scale(2.0)
-    y.axpy(-1.0, x)
-    assert y.norm() <= 1e-6 * x.norm()
-
-
-@mpi
-def test_a_matrix_that_is_not_finite_ends_the_solve(comm):
-    p = body(comm)
-    b, x = right_side(p), p.x.duplicate()
-    p.A.scale(float("nan"))
-    ksp = solver(p.A)
-    with callback_errors():
-        ksp.solve(b, x)
-    assert ksp.getConvergedReason() == Reason.DIVERGED_NANORINF

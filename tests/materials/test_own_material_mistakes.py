@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import math
-import re
-from pathlib import Path
 
 import pytest
 import sympy
 from sympy import Symbol, log
 
 import fem_snh
-from fem_snh import BadInput, cli, materials
+from fem_snh import BadInput
 
 pytestmark = pytest.mark.one_debian
 
@@ -125,38 +123,3 @@ def test_mistakes_in_functions(function, message):
     with pytest.raises(BadInput, match=f"^material '{function.__name__}'.*{message}") as caught:
         fem_snh.material(function, nu=0.3)
     assert "\n" not in str(caught.value)
-
-
-def test_what_is_no_name_and_no_function():
-    with pytest.raises(BadInput, match="material = 3: expected a name or a function"):
-        fem_snh.material(3)
-
-
-FILES = {
-    "missing.py:gent": r"material(.name)? = 'missing.py:gent': cannot read missing.py: [^(]*$",
-    "gell.py:gel": r"cannot read gell.py: .*did you mean 'gel.py'",
-    "gel.py:gle": r"material(.name)? = 'gel.py:gle': gel.py has no function 'gle' .did you mean",
-    "gel.py": r"material(.name)? = 'gel.py': expected FILE.py:NAME",
-    "gel.py:SIZE": "gel.py:SIZE.*int.*expected a function",
-    "broken.py:gel": r"material(.name)? = 'broken.py:gel': .*NameError.*wrong",
-    "syntax.py:gel": r"material(.name)? = 'syntax.py:gel': .*SyntaxError",
-    "gel.py:gel": "material 'gel.py:gel': its function returns 2: expected a sympy expression",
-}
-
-
-@pytest.mark.parametrize(("reference", "message"), FILES.items(), ids=list(FILES))
-@pytest.mark.parametrize("command", ["materials {} --report", "run twist --material {} --cells 2"])
-def test_mistakes_in_files(reference, message, command, tmp_path: Path, monkeypatch, capsys):
-    (tmp_path / "gel.py").write_text("SIZE = 1\ndef gel(I_C, J, mu, lam):\n    return 2\n")
-    (tmp_path / "broken.py").write_text("wrong + 1\n")
-    (tmp_path / "syntax.py").write_text("def gel(:\n")
-    monkeypatch.chdir(tmp_path)
-    assert cli.main(command.format(reference).split()) == 2
-    error = capsys.readouterr().err
-    assert error.count("\n") == 1
-    assert re.search(message, error), error
-
-
-def test_materials_of_the_package_are_not_held_to_the_check_of_the_rest_stress():
-    """mooney_length is stressed at rest, as published (Smith et al. 2018, eq. 8)."""
-    assert materials.make_energy("mooney_length", nu=0.3).rest_stress > 0.1

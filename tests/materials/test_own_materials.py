@@ -93,26 +93,6 @@ def test_a_reference_is_the_same_material(here: Path):
     assert materials.defaults("gent.py:gent") == {"J_m": 20.0}
 
 
-@pytest.mark.one_debian
-def test_tuning_and_mixing(here: Path):
-    tuned = fem_snh.material(gent, nu=0.3, alpha=1.5)
-    assert tuned.lame == pytest.approx(fem_snh.material(gent, nu=0.3).lame, rel=1e-12)
-    mixed = fem_snh.material("stable_neo_hookean", nu=0.3, lambda_part="gent.py:gent")
-    same = fem_snh.material("stable_neo_hookean", nu=0.3, lambda_part=gent)
-    assert (mixed.energy(F) == same.energy(F)).all()
-    assert same.expression.shape["lambda_part"] == "gent"
-    back = fem_snh.material(gent, nu=0.3, lambda_part="stable_neo_hookean")
-    assert back.lame == pytest.approx(same.lame, rel=1e-12)
-
-
-def test_ufl(here: Path):
-    import ufl
-
-    m = fem_snh.material(gent, nu=0.3)
-    found = m.ufl(ufl.as_matrix(F[0].tolist()))
-    assert float(found(())) == pytest.approx(m.energy(F[0]), rel=1e-12)
-
-
 # --- runs ----------------------------------------------------------------------------------------
 
 
@@ -137,14 +117,6 @@ def test_run_and_resume_of_a_scene_file(comm, file: Path):
         fem_snh.run(scene, out=out, resume=True, progress=False)
 
 
-@pytest.mark.mpi
-def test_a_mistake_is_the_same_on_every_rank(comm, file: Path):
-    for reference, message in (("no.py:gent", "cannot read"), ("gent.py:gnt", "has no function")):
-        with pytest.raises(BadInput, match=message) as caught:
-            fem_snh.run("twist", material=str(file.parent / reference), progress=False)
-        assert "\n" not in str(caught.value)
-
-
 def test_a_scene_keeps_what_was_given(file: Path):
     path = file.parent / "press.toml"
     path.write_text(SCENE)
@@ -158,22 +130,6 @@ def test_a_scene_keeps_what_was_given(file: Path):
 
 
 # --- the command line ----------------------------------------------------------------------------
-
-
-def test_describe_report_plot_and_source(here: Path, capsys: pytest.CaptureFixture[str]):
-    assert cli.main(["materials", "gent.py:gent"]) == 0
-    assert "psi = -mu J_m/2" in capsys.readouterr().out
-    assert cli.main("materials gent.py:gent --report --plot --nu 0.3 --set J_m=9".split()) == 0
-    assert "J_m = 9" in capsys.readouterr().out and Path("gent.png").stat().st_size > 10_000
-    assert cli.main("materials gent.py:gent --source".split()) == 0
-    assert "energy_points" in capsys.readouterr().out
-
-
-@pytest.mark.one_debian
-def test_table_of_named_materials(here: Path, capsys: pytest.CaptureFixture[str]):
-    assert cli.main("materials gent.py:gent neo_hookean --table --csv a.csv".split()) == 0
-    with open("a.csv") as table:
-        assert [row["name"] for row in csv.DictReader(table)] == ["gent.py:gent", "neo_hookean"]
 
 
 def test_run_and_sweep(here: Path, capsys: pytest.CaptureFixture[str]):

@@ -69,27 +69,3 @@ def test_yeoh_s_constants_from_treloar_s_data():
     assert np.sqrt(np.mean((stress / KG - NOMINAL) ** 2)) <= 0.02 * NOMINAL[-1]
     default = fem_snh.material("yeoh", E=modulus(2 * C10), nu=NU).numbers.values
     assert default[:3] == pytest.approx((C10, C20, C30), rel=0.01)
-
-
-def test_van_der_waals_in_closed_form():
-    """Enderle & Kilian's stress, and the polynomial that replaces it near rest."""
-    m = fem_snh.material("van_der_waals", E=modulus(1.0), nu=NU, lambda_m=5.0, a=0.4, beta=0.3)
-    t = np.array([0.4, 0.8, 1.02, 1.5, 3.0, 4.5])
-    x = 0.7 * (t**2 + 2 / t) + 0.3 * (2 * t + t**-2) - 3
-    slope = 1 / (1 - np.sqrt(x / 22)) / 2 - 0.2 * np.sqrt(x / 2)
-    expected = 2 * (t - t**-2) * (0.7 + 0.3 / t) * slope
-    assert uniaxial(m, t) == pytest.approx(expected, rel=1e-11)
-    # A strain of 1e-3 is in the polynomial: its shear modulus differs by less than 1 %.
-    t = 1 + np.array([1e-3, -1e-3, 1e-6])
-    assert uniaxial(m, t) == pytest.approx(2 * (t - t**-2) * (0.7 + 0.3 / t) / 2, rel=1e-3)
-
-
-@pytest.mark.parametrize(
-    ("name", "key", "value"),
-    [("gent", "J_m", 0.0), ("extended_tube", "delta", 0.7), ("extended_tube", "beta", 0.0),
-     ("van_der_waals", "lambda_m", 1.7), ("van_der_waals", "a", -0.1),
-     ("van_der_waals", "beta", 2.0)],
-)  # fmt: skip
-def test_parameters_out_of_range(name, key, value):
-    with pytest.raises(fem_snh.BadInput, match=f"{key} = .*expected a number"):
-        fem_snh.material(name, **{key: value})

@@ -11,8 +11,7 @@ from points import NO_ENERGY, deformations, make, needs_stretches
 from ufl_values import energy_and_derivatives, value
 
 from fem_snh import _dolfinx, materials
-from fem_snh.errors import BadInput
-from fem_snh.kernels.ufl_forms import PrincipalFrame, freeze
+from fem_snh.kernels.ufl_forms import PrincipalFrame
 from fem_snh.mesh import mesh
 
 NU = 0.3
@@ -106,20 +105,3 @@ def test_no_stretch_and_large_numbers(constant):
     assert np.linalg.norm(B, axis=(1, 2)) == pytest.approx(size, rel=1e-14)
     off = B - value(ufl.diag(ufl.as_vector(frame.stretches)), {constant: F})
     assert np.all(abs(off).max((1, 2)) <= 1e-15 * np.maximum(size, 2.0**-63))
-
-
-def test_a_frozen_number_has_no_derivative(constant):
-    F = np.random.default_rng(14).uniform(-1, 1, (100, 3, 3))
-    variable = ufl.variable(constant)
-    found = energy_and_derivatives(freeze(variable[0, 1]), variable, {constant: F})
-    assert np.all(abs(found[0] - F[:, 0, 1]) <= 2.0**-53)
-    assert not found[1].any() and not found[2].any()
-
-
-def test_it_prints_short(constant):
-    assert len(repr(make("ogden", NU).ufl(constant))) < 10_000
-
-
-def test_a_stress_without_an_energy(constant):
-    with pytest.raises(BadInput, match="'filtered_neo_hookean' has no energy, only a stress"):
-        make("filtered_neo_hookean", NU).ufl(constant)

@@ -14,8 +14,7 @@ from running import solve
 from fem_snh import scenes
 from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.assembly.regions import Filling
-from fem_snh.errors import BadInput
-from fem_snh.geometry.shapes import Box, Capsule, Plane, Shape, Sphere, from_record
+from fem_snh.geometry.shapes import Box, Capsule, Shape, Sphere, from_record
 from fem_snh.kernels.material import material
 from fem_snh.mesh import lattice, mesh
 
@@ -51,11 +50,6 @@ def test_the_volume_of_a_smooth_body_converges_with_the_square_of_the_samples(sh
             error = 0.4 * (cell / samples / shape.radius) ** 2
             assert fractions.sum() * cell**3 == pytest.approx(volume, rel=error)
             assert 0 < fractions.min() and fractions.max() <= 1
-
-
-def test_the_volume_of_a_turned_box():
-    data = lattice.lattice(Box((0, 0, 0), (1.0, 0.6, 0.4), (0.3, -0.5, 0.8)), 0.07)
-    assert data.fractions.sum() * 0.07**3 == pytest.approx(0.24, rel=3e-3)
 
 
 @pytest.mark.one_debian
@@ -157,29 +151,6 @@ def test_slits_that_end_at_a_face():
     ]
     body = from_record({"union": boxes})
     assert lattice.create(COMM, lambda: body, 1.0, samples=8, skin=8).num_cells == 2
-
-
-@pytest.mark.mpi
-def test_the_number_of_ranks_does_not_matter():
-    """Cells that meet at one face, three of them, are distributed like others."""
-    body = lattice.create(COMM, lambda: from_record({"union": FINGERS}), 2 * GAP)
-    assert [g.count for g in body.groups[:3]] == [46, 143, 3]
-    assert sum_over_cells(body) * (2 * GAP) ** 3 == pytest.approx(0.025, rel=1e-12)
-
-
-@pytest.mark.mpi
-@pytest.mark.parametrize(
-    "shape, cell, message",
-    [
-        (Plane(), 0.1, "mesh.lattice: expected a body of finite size"),
-        (Sphere(), 2.5, "cell = 2.5: expected a number < 2, the largest extent of the body"),
-        (Sphere(), 1e-4, "cell = 0.0001: expected a number > .* cells around the body"),
-        (Capsule((0, 0, 0), (1, 0.9, 0.8), 1e-4), 0.3, "cell = 0.3: expected a smaller number"),
-    ],
-)
-def test_mistakes(shape, cell, message):
-    with pytest.raises(BadInput, match=message):
-        lattice.create(COMM, lambda: shape, cell)
 
 
 def deflection(angle: float, cell: float) -> float:

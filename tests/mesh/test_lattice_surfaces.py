@@ -6,11 +6,9 @@ import numpy as np
 import pytest
 import pyvista as pv
 
-from fem_snh.errors import BadInput
 from fem_snh.geometry.shapes import ClosedSurface
 from fem_snh.geometry.shapes.closed_surface import check_closed
 from fem_snh.mesh import lattice
-from fem_snh.mesh.lattice_samples import refine
 
 
 def surface(mesh: pv.PolyData) -> ClosedSurface:
@@ -46,11 +44,6 @@ def test_volume_and_skin(body, cell):
     assert np.linalg.norm(skin.points[edges[:, 0]] - skin.points[edges[:, 1]], axis=1).max() <= cell
 
 
-def test_an_aligned_box_fills_its_cells():
-    data = lattice.lattice(BOX, 0.1)
-    assert len(data.cells) == 240 and np.all(data.fractions == 1)
-
-
 def test_lines_through_corners_and_edges_count_once():
     """All corners and edges are on lines of samples: the fractions are those of the box."""
     for samples in (2, 4):
@@ -65,34 +58,3 @@ def test_lines_through_corners_and_edges_count_once():
         found = lattice.lattice(both, 1.0, samples=samples)
         cavity = (y + 1 - x) * (y - x) * 2.0
         assert found.fractions.sum() == pytest.approx(27 - cavity, abs=2e-3)
-
-
-def test_refinement_keeps_the_surface():
-    points, triangles = refine(BOX.points, BOX.triangles, 0.15)
-    check_closed(points, triangles.astype(np.int64), "box")
-    assert volume(points, triangles) == pytest.approx(volume(BOX.points, BOX.triangles), rel=1e-12)
-
-
-@pytest.mark.one_debian
-@pytest.mark.parametrize("suffix", ["stl", "obj"])
-def test_files(tmp_path, suffix):
-    path = tmp_path / f"ball.{suffix}"
-    mesh = pv.Icosphere(radius=0.5, nsub=2)
-    mesh.save(path) if suffix == "stl" else _save_obj(path, mesh)
-    data = lattice.lattice(ClosedSurface.read(path), 0.2)
-    assert data.fractions.sum() * 0.2**3 == pytest.approx(mesh.volume, rel=0.01)
-
-
-def _save_obj(path, mesh):
-    lines = [f"v {x} {y} {z}" for x, y, z in mesh.points.tolist()]
-    lines += [f"f {a + 1} {b + 1} {c + 1}" for a, b, c in mesh.regular_faces.tolist()]
-    path.write_text("\n".join(lines) + "\n")
-
-
-def test_mistakes(tmp_path):
-    half = pv.Icosphere(radius=0.5, nsub=2).clip("z")
-    half.extract_surface().save(tmp_path / "open.stl")
-    with pytest.raises(BadInput, match=r"open.stl.*expected a closed surface"):
-        lattice.lattice(ClosedSurface.read(tmp_path / "open.stl"), 0.2)
-    with pytest.raises(BadInput, match=r"cell = 1.5: expected a number < 1,"):
-        lattice.lattice(BALL, 1.5)

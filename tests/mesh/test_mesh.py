@@ -74,14 +74,6 @@ def test_cube_is_the_unit_cube_with_its_six_faces(comm, cell):
     assert len(held_points(m, "body", 2)) == (2 * n + 1) ** 3
 
 
-@pytest.mark.parametrize("cell", CELLS)
-def test_faces_of_neighbouring_cells_conform(comm, cell):
-    m = mesh.generate(comm, "cylinder", cell, cells=5)
-    m.domain.topology.create_connectivity(2, 3)
-    boundary = sum(g.count for g in m.groups if g.dim == 2)
-    assert comm.allreduce(len(_dolfinx.exterior_facets(m.domain)[0])) == boundary
-
-
 @pytest.mark.one_debian
 @pytest.mark.parametrize("cell", CELLS)
 def test_cylinder_converges_in_second_order_and_its_cells_keep_their_shape(comm, cell):
@@ -99,13 +91,6 @@ def test_cylinder_converges_in_second_order_and_its_cells_keep_their_shape(comm,
     assert area(m, "right") == pytest.approx(area(m, "left"), rel=1e-12)
     assert area(m, "side") == pytest.approx(2 * np.pi * radius * length, rel=0.01)
     assert np.allclose(held_points(m, "right", 1)[:, 0], length)
-
-
-@pytest.mark.one_debian("ranks")
-def test_a_parameter_does_not_outlive_its_call(comm):
-    mesh.generate(comm, "cylinder", "hexahedron", cells=4, length=3)
-    m = mesh.generate(comm, "cylinder", "hexahedron", cells=4)
-    assert held_points(m, "right", 1)[:, 0].max() == 1
 
 
 # --- files -------------------------------------------------------------------------------------

@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 import pytest
-from bodies import create_problem
 from gmsh_files import BOX, write_msh
 
-from fem_snh.assembly.elements import element
 from fem_snh.errors import BadInput
-from fem_snh.kernels.material import material
 from fem_snh.mesh import mesh
 
 pytestmark = pytest.mark.mpi
-CELLS = ["hexahedron", "tetrahedron"]
 
 
 # --- what users get wrong ----------------------------------------------------------------------
@@ -81,39 +77,6 @@ def test_bad_files_are_one_line_on_every_rank(comm, folder, capfd, monkeypatch, 
     assert capfd.readouterr() == ("", "")
 
 
-def test_meshes_of_surfaces_are_refused(comm, folder):
-    with pytest.raises(BadInput, match="no volume cells: mesh in 3 dimensions"):
-        mesh.read(comm, write_msh(comm, folder, BOX.replace("RECOMBINE", ""), dim=2))
-
-
-def test_cells_without_nodes_inside_are_refused_with_the_option_for_whole_ones(comm, folder):
-    whole = BOX.replace("RECOMBINE", "Recombine;")
-    lacking = whole + "Mesh.SecondOrderIncomplete = 1;"
-    with pytest.raises(BadInput, match=r"cells Hexahedron 20:.*SecondOrderIncomplete = 0 .* 27 no"):
-        mesh.read(comm, write_msh(comm, folder, lacking, order=2))
-    assert mesh.read(comm, write_msh(comm, folder, whole, order=2)).cell == "hexahedron"
-    with pytest.raises(BadInput, match=r"cells Tetrahedron 20:.*\(Mesh.ElementOrder = 2\)"):
-        mesh.read(comm, write_msh(comm, folder, BOX.replace("RECOMBINE", ""), order=3))
-
-
-@pytest.mark.one_debian
-def test_prisms_and_mixed_cells_are_refused(comm, folder):
-    prisms = """Point(1) = {0, 0, 0}; line[] = Extrude {1, 0, 0} { Point{1}; Layers{1}; };
-        base[] = Extrude {0, 1, 0} { Line{line[1]}; Layers{1}; };
-        Extrude {0, 0, 1} { Surface{base[1]}; Layers{1}; Recombine; }"""
-    with pytest.raises(BadInput, match=r"has cells Prism 6: all must be tetra.*Recombine Surface"):
-        mesh.read(comm, write_msh(comm, folder, prisms))
-    whole = prisms.replace("{1}; };\n        Extrude", "{1}; Recombine; };\n        Extrude")
-    assert mesh.read(comm, write_msh(comm, folder, whole)).cell == "hexahedron"
-    mixed = BOX.replace("RECOMBINE", "Recombine;") + (
-        "Point(200) = {0, 0, 3}; l[] = Extrude {1, 0, 0} { Point{200}; Layers{1}; };"
-        "s[] = Extrude {0, 1, 0} { Line{l[1]}; Layers{1}; };"
-        "v[] = Extrude {0, 0, 1} { Surface{s[1]}; Layers{1}; }; Physical Volume(9) = {v[1]};"
-    )
-    with pytest.raises(BadInput, match="has cells Tetrahedron 4 and Hexahedron 8"):
-        mesh.read(comm, write_msh(comm, folder, mixed))
-
-
 def test_inverted_cells_are_refused(comm, folder):
     path = folder / "inverted.msh"
     if comm.rank == 0:
@@ -137,19 +100,3 @@ def test_gmsh_is_silent_and_leaves_control_c_alone(comm, capfd):
     mesh.generate(comm, "cube", "tetrahedron", cells=2)
     assert signal.getsignal(signal.SIGINT) is before
     assert capfd.readouterr() == ("", "")
-
-
-@pytest.mark.one_debian("ranks")
-@pytest.mark.parametrize(
-    ("cell", "name", "message"),
-    [
-        ("hexahedron", "P2", "one of Q1, Q1P0, Q2, Q2Q1: the mesh has hexahedra"),
-        ("tetrahedron", "Q2", "one of P1, P2, P2P0, P2P1: the mesh has tetrahedra"),
-    ],
-)
-def test_an_element_of_another_cell(comm, cell, name, message):
-    """It said "it has tetrahedrons" of the element, in a sentence on the mesh."""
-    cube = mesh.generate(comm, "cube", cell, cells=1)
-    with pytest.raises(BadInput) as error:
-        create_problem(cube, element(name), material("stable_neo_hookean", E=1.0, nu=0.3))
-    assert str(error.value) == f"element = '{name}': expected {message}"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import pi, sin
+from math import pi
 
 from mpi4py import MPI
 
@@ -76,19 +76,6 @@ def test_plane_faces_are_complete(source, cell):
     assert not round_faces(body.domain).text
 
 
-@mpi
-@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
-@pytest.mark.parametrize(("cells", "bend", "least"), [(3, 10.7, 0.6), (4, 1.6, 0.85)])
-def test_edges_of_degree_2_are_not_round(cell, cells, bend, least):
-    """With four of them a circle lacks 1.2 %, and nothing said so; with eight 0.08 %."""
-    body = mesh.generate(MPI.COMM_WORLD, "cylinder", cell, cells=cells, order=2)
-    whole, faces = mesh.volume(body.domain), round_faces(body.domain)
-    assert least < whole * faces.added / (pi / 4 - whole) < 1
-    assert faces.removed == 0 and faces.bend == pytest.approx(bend, rel=0.01)
-    line = "the errors do not include that of edges of degree 2" if cells == 3 else ""
-    assert faces.text[: len(line)] == line and bool(faces.text) == bool(line)
-
-
 @pytest.mark.parametrize(("within", "levels"), [(0.05, 1), (0.01, 2)])
 def test_levels_are_round_enough(within, levels):
     """A force per area on a bar of 3 cells was known to 0.001 %: its four edges leave out 1.2 %."""
@@ -112,19 +99,6 @@ def ring(tmp_path):
     return tmp_path / "ring.toml"
 
 
-def test_hollow_faces_have_too_much(ring):
-    """Both circles are regular polygons, the outer of which is inside of its circle."""
-    body = mesh.read(MPI.COMM_SELF, ring.parent / "ring.msh")
-    area, faces = mesh.volume(body.domain), round_faces(body.domain)
-    segments = []
-    for name, radius in (("outer", 2), ("inner", 1)):
-        angle = 2 * pi / body.group(name).count
-        segments.append(pi * radius**2 * (1 - sin(angle) / angle))
-    assert area == pytest.approx(3 * pi - segments[0] + segments[1], rel=1e-6)
-    assert faces.added * area == pytest.approx(segments[0], rel=0.03)
-    assert faces.removed * area == pytest.approx(segments[1], rel=0.03)
-
-
 def test_errors_say_what_straight_edges_leave_out(ring, capsys):
     """On the cells of the file, and after their facets were divided."""
     result = solve(str(ring), error=True)
@@ -135,27 +109,3 @@ def test_errors_say_what_straight_edges_leave_out(ring, capsys):
     assert levels.record["accuracy"]["left_out"] == [line]
     *_, ending = capsys.readouterr().out.splitlines()
     assert ending == "every goal is within 0.02 %, beside what the errors do not include"
-
-
-PLATE = """
-SetFactory("OpenCASCADE");
-Rectangle(1) = {0, 0, 0, 60, 60};
-Disk(2) = {30, 30, 0, 1};
-BooleanDifference(3) = { Surface{1}; Delete; }{ Surface{2}; Delete; };
-Physical Surface("body") = {3};
-MeshSize{ PointsOf{ Surface{3}; } } = 10;
-"""
-
-
-@pytest.mark.parametrize(("edges", "says"), [(24, True), (80, False)])
-def test_a_small_hole_is_a_small_part_of_a_plate(edges, says, tmp_path):
-    """With 24 edges the stress at its side is 3.5 % too large, and nothing was said of them."""
-    with gmsh_model(PLATE, tmp_path) as gmsh:
-        (hole,) = [tag for _, tag in gmsh.model.getEntitiesInBoundingBox(28, 28, -1, 32, 32, 1, 1)]
-        gmsh.model.mesh.setTransfiniteCurve(hole, edges + 1)
-        gmsh.model.mesh.generate(2)
-        gmsh.write(str(tmp_path / "plate.msh"))
-    faces = round_faces(mesh.read(MPI.COMM_SELF, tmp_path / "plate.msh").domain)
-    assert faces.added == 0 and 0 < faces.removed < 1e-4
-    assert faces.bend == pytest.approx(360 / edges, rel=1e-3)
-    assert bool(faces.text) == says

@@ -13,11 +13,9 @@ from bodies import volumes
 
 import fem_snh
 from fem_snh import scenes
-from fem_snh.errors import BadInput
 from fem_snh.mesh import gmsh_input
 from fem_snh.mesh import mesh as meshes
 from fem_snh.mesh.bisection import size_field
-from fem_snh.mesh.gmsh_input import has_free_sizes, parameter
 from fem_snh.scenes import Hold
 
 mpi = pytest.mark.mpi
@@ -34,21 +32,6 @@ def field_of(data, factor):
 def ball(cells=3):
     mesh = meshes.generate(COMM, "ball", "tetrahedron", cells=cells, order=2)
     return meshes.gather(mesh)
-
-
-def test_sizes_of_a_regular_simplex_are_its_edges():
-    """A uniform field of as many cells as there are: edges of 1 over the calibration."""
-    for x in (
-        np.array([(0, 0), (1, 0), (0.5, 3**0.5 / 2)]),
-        np.array([(1, 1, 1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1)]) / 8**0.5,
-    ):
-        dim = x.shape[1]
-        volume = abs(np.linalg.det(x[1:] - x[0])) / (2 if dim == 2 else 6)
-        found = size_field(np.arange(dim + 1)[None], x, np.array([volume]))
-        assert found.sizes == pytest.approx(found.sizes[0, 0], rel=1e-12)
-        halves = size_field(np.arange(dim + 1)[None], x, np.array([volume / 2**dim]))
-        assert halves.sizes == pytest.approx(found.sizes[0, 0] / 2, rel=1e-12)
-        assert found.x[0, :, :dim] == pytest.approx(x)
 
 
 def test_sizes_are_graded():
@@ -85,45 +68,6 @@ def test_a_body_is_meshed_again_with_as_many_cells_as_wanted(growth):
     assert radii == pytest.approx(0.5, abs=1e-12)
     mesh = meshes.distribute(COMM, "finer", lambda: finer)
     assert meshes.volume(mesh.domain) == pytest.approx(pi / 6, rel=2e-3)
-
-
-def test_triangles_are_meshed_again():
-    data = meshes.gather(meshes.generate(COMM, "cord", "triangle", cells=4))
-    field = field_of(data, 1 / 4)
-    finer = gmsh_input.generate(gmsh_input.source_path("cord"), "triangle", {"cells": 4.0}, field)
-    assert 3 < len(finer.cells) / len(data.cells) < 5.5
-    assert finer.degree == 2
-
-
-SOURCES = sorted(path.stem for path in gmsh_input.source_path("cube").parent.glob("*.geo"))
-
-
-@pytest.mark.one_debian
-@pytest.mark.parametrize("source", SOURCES)
-def test_sources_say_what_they_accept(source):
-    """gmsh meshes the least cells and no fewer, in the default order, and obeys a field."""
-    path, cells = gmsh_input.source_path(source), parameter(source, "cells")
-
-    def made(sizes=None, **parameters):
-        return gmsh_input.generate(path, "tetrahedron", parameters, sizes)
-
-    data = made(cells=cells.least)
-    order = parameter(source, "order")
-    assert data.degree == (order.default if order else 1)
-    with pytest.raises(Exception, match="cells = "):
-        made(cells=cells.least - cells.step)
-    if cells.step == 2:
-        with pytest.raises(Exception, match="cells = "):
-            made(cells=cells.least + 1)
-    if has_free_sizes(source, 3) and source != "octopus":  # unites solids for seconds
-        finer = made(field_of(data, 1 / 4), cells=cells.least)
-        assert len(finer.cells) > 2 * len(data.cells)
-    assert parameter(source, "colour") is None
-
-
-def test_an_unknown_source_has_no_parameters():
-    with pytest.raises(BadInput, match=r"mesh.source = 'cubes'"):
-        parameter("cubes", "cells")
 
 
 @mpi

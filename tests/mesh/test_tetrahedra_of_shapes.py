@@ -10,8 +10,7 @@ import pyvista as pv
 from running import solve
 
 from fem_snh import scenes
-from fem_snh.errors import BadInput
-from fem_snh.geometry.shapes import Capsule, Plane, SmoothUnion, Sphere
+from fem_snh.geometry.shapes import Capsule, SmoothUnion, Sphere
 from fem_snh.mesh import lattice, mesh, mesh_checks
 
 COMM = MPI.COMM_WORLD
@@ -43,10 +42,3 @@ def test_a_file_in_a_scene(tmp_path):
     result = solve(scene, MPI.COMM_SELF)
     assert result.converged
     assert result.record["steps"][-1]["volume_ratio"] == pytest.approx(1, abs=1e-9)
-
-
-def test_mistakes():
-    with pytest.raises(BadInput, match="expected a body of finite size"):
-        lattice.tetrahedra(Plane(), 0.1)
-    with pytest.raises(BadInput, match="size = 2: expected a number < 1,"):
-        lattice.tetrahedra(BALL, 2)

@@ -7,7 +7,6 @@ long, and a square of 20 with a quarter of a hole of radius 1 at its corner.
 from __future__ import annotations
 
 from math import pi
-from xml.etree import ElementTree as ET
 
 from mpi4py import MPI
 
@@ -20,9 +19,7 @@ from running import solve
 import fem_snh
 from fem_snh import scenes
 from fem_snh.errors import BadInput
-from fem_snh.mesh import gmsh_input, mesh, mesh_checks, xao
-from fem_snh.mesh.bisection import simplex_volumes
-from fem_snh.mesh.xao import ENTRIES, LISTS
+from fem_snh.mesh import gmsh_input, mesh, mesh_checks
 from fem_snh.runs.scene_options import identity
 
 mpi = pytest.mark.mpi
@@ -46,46 +43,6 @@ def test_a_tube_is_round(comm, cells, error):
             assert found == pytest.approx(radius, rel=1e-12)
             ends = np.sort(data.x[np.unique(group.entities), 2])[[0, -1]]
             assert ends == pytest.approx([0, 20], abs=1e-9)
-
-
-def write_box(folder, counts=(8, 12, 6, 1), more="", groups=""):
-    """Write a box as a XAO file, with ``more`` shapes beside it; return its path."""
-    with gmsh_model(
-        f'SetFactory("OpenCASCADE"); Box(1) = {{1, 2, 3, 1, 2, 3}};{more}', folder
-    ) as g:
-        g.write(str(folder / "box.brep"))
-    lists = "".join(
-        f"<{entries}>"
-        + "".join(f'<{entry} index="{i}" reference="{i + 9}"/>' for i in range(count))
-        + f"</{entries}>"
-        for entries, entry, count in zip(LISTS, ENTRIES, counts, strict=True)
-    )
-    (folder / "box.xao").write_text(
-        f'<XAO><geometry><shape format="BREP">{(folder / "box.brep").read_text()}</shape>'
-        f"<topology>{lists}</topology></geometry><groups>{groups}</groups></XAO>"
-    )
-    return str(folder / "box.xao")
-
-
-@pytest.mark.one_debian
-def test_plane_faces_have_straight_cells(tmp_path):
-    data = gmsh_input.mesh_shape(write_box(tmp_path), 3)
-    assert (data.cell, data.degree, data.groups) == ("tetrahedron", 1, [])
-    assert simplex_volumes(data.x[data.cells]).sum() == pytest.approx(6, rel=1e-12)
-    assert 50 < len(data.cells) < 200  # 51 regular ones would fill it
-
-
-@pytest.mark.parametrize("kind", ["face", "edge"])
-def test_a_loose_face_is_named_not_a_group(tmp_path, kind):
-    """The group is one of the box; the face is a rectangle inside of the box."""
-    group = f'<group name="side" dimension="{kind}"><element index="0"/></group>'
-    loose = "Rectangle(9) = {1.25, 2.5, 4, 0.5, 1};"
-    path = write_box(tmp_path, (12, 16, 7, 1), loose, group)
-    with pytest.raises(BadInput) as refused:
-        gmsh_input.mesh_shape(path, 3)
-    assert "it has faces that bound no solid, around (1.5, 3, 4)," in str(refused.value)
-    assert f"so that its groups of {kind}s are not known" in str(refused.value)
-    assert "BooleanFragments" in str(refused.value) and "side" not in str(refused.value)
 
 
 def bush(**changes):
@@ -150,45 +107,6 @@ def test_a_shape_has_default_cells_and_counts_by_its_content():
 TEXT = BUSH.read_text()
 
 
-@pytest.mark.parametrize("name", ["bush", "plate"])
-def test_numbers_of_sub_shapes_are_those_of_gmsh(name):
-    root = ET.parse(DATA / f"{name}.xao").getroot()
-    found = xao._numbers(root.findtext("geometry/shape"))
-    for entries, numbers in zip(LISTS, found, strict=True):
-        rows = root.findall(f"geometry/topology/{entries}/")
-        assert numbers == [int(row.get("reference")) for row in rows]
-
-
-QUARTER = """
-SetFactory("OpenCASCADE");
-Disk(1) = {0, 0, 0, RADIUS};
-Disk(2) = {0, 0, 0, RADIUS/2};
-BooleanDifference(3) = { Surface{1}; Delete; }{ Surface{2}; Delete; };
-Rectangle(4) = {0, 0, 0, 2*RADIUS, 2*RADIUS};
-BooleanIntersection(5) = { Surface{3}; Delete; }{ Surface{4}; Delete; };
-"""
-
-
-@pytest.mark.parametrize("radius", [1, 2, 4, 8])
-def test_a_model_with_coordinates_on_the_limit_of_rounding_is_written(tmp_path, radius):
-    """Bounding boxes have a margin of 1e-7, which half of a radius of 2 rounds either way."""
-    with gmsh_model(QUARTER.replace("RADIUS", str(radius)), tmp_path) as gmsh:
-        gmsh.model.addPhysicalGroup(2, [tag for _, tag in gmsh.model.getEntities(2)])
-        for _, tag in gmsh.model.getEntities(1):
-            group = gmsh.model.addPhysicalGroup(1, [tag])
-            length = gmsh.model.occ.getMass(1, tag) / radius
-            gmsh.model.setPhysicalName(1, group, f"{tag} {length:.6f}")
-        fem_snh.write_xao(tmp_path / "quarter.xao")
-    data = gmsh_input.mesh_shape(str(tmp_path / "quarter.xao"), 40)
-    lengths = []
-    for group in (group for group in data.groups if group.dim == 1):
-        ends = data.x[group.entities[:, :2]]
-        length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).sum() / radius
-        lengths.append(float(group.name.split()[1]))
-        assert length == pytest.approx(lengths[-1], rel=1e-3)
-    assert sorted(lengths) == pytest.approx([0.5, 0.5, pi / 4, pi / 2], rel=1e-6)
-
-
 TWO = """
 SetFactory("OpenCASCADE");
 Box(1) = {0, 0, 0, 1, 1, 1};
@@ -243,9 +161,3 @@ def test_files_that_are_none(tmp_path, text, message):
     (tmp_path / "part.xao").write_text(text)
     with pytest.raises(BadInput, match=message):
         gmsh_input.mesh_shape(str(tmp_path / "part.xao"))
-
-
-@mpi
-def test_a_missing_file_is_one_line_on_every_rank(comm, folder):
-    with pytest.raises(BadInput, match=r"part.xao' cannot be read: No such file"):
-        mesh.read(comm, folder / "part.xao")

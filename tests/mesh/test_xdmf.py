@@ -117,52 +117,6 @@ def test_damaged_files_are_one_message_on_every_rank(comm, folder, kind):
         mesh.read(comm, bad[0])
 
 
-@pytest.mark.parametrize("grid", ["mesh", "surface_2"])
-@pytest.mark.parametrize("number", [27, -1, 1 << 40])
-def test_a_node_out_of_range_is_one_message_on_every_rank(comm, folder, capfd, grid, number):
-    path = folder / "cube.xdmf"
-    mesh.write_xdmf(mesh.generate(comm, "cube", "tetrahedron", cells=2), path)
-    parts = comm.gather(_dolfinx.read_xdmf_nodes(comm, path, grid))
-    if comm.rank == 0:
-        nodes, data = np.concatenate(parts), path.with_suffix(".h5")
-        content = data.read_bytes()
-        assert nodes.tobytes() in content
-        bad = nodes.copy()
-        bad[-1, 1] = number
-        data.write_bytes(content.replace(nodes.tobytes(), bad.tobytes(), 1))  # of several, the mesh
-    comm.barrier()
-    with pytest.raises(BadInput, match=f"grid '{grid}': node {number}: expected numbers from 0 to"):
-        mesh.read(comm, path)
-    assert not capfd.readouterr().err
-
-
-#: What a file of 48 tetrahedra has, what it has after the damage, and what the message says.
-DAMAGE = [
-    ('Dimensions="48 4"', "", "Topology Dimensions = '': expected rows of 4"),
-    ('Dimensions="48 4"', 'Dimensions="48 3"', "Topology Dimensions = '48 3'"),
-    ('"Tetrahedron"', '"Tetrahedron_10"', "expected rows of 10"),
-    (":/Mesh/mesh/topology", "", "expected FILE.h5:/PATH"),
-    (":/Mesh/mesh/topology", ":/none", "Failed to open HDF5"),
-    ('"XYZ"', '"XY"', "GeometryType = 'XY': expected 'XYZ'"),
-    ('Dimensions="27 3"', 'Dimensions="20 3"', "array shapes"),
-    ('Dimensions="8 1" Format', 'Dimensions="7 1" Format', "one value for each of 8 rows"),
-]
-
-
-@pytest.mark.parametrize(("before", "after", "message"), DAMAGE)
-def test_wrong_shapes_are_one_message_on_every_rank(comm, folder, capfd, before, after, message):
-    path = folder / "cube.xdmf"
-    mesh.write_xdmf(mesh.generate(comm, "cube", "tetrahedron", cells=2), path)
-    if comm.rank == 0:
-        text = path.read_text()
-        assert before in text
-        path.write_text(text.replace(before, after, 1))
-    comm.barrier()
-    with pytest.raises(BadInput, match=message):
-        mesh.read(comm, path)
-    assert not capfd.readouterr().err
-
-
 def test_export_converts_a_gmsh_file(comm, folder, capfd):
     path = write_msh(comm, folder, HEXAHEDRA)
     assert main(["export", str(path), str(folder / "box.xdmf")]) == 0

@@ -5,10 +5,8 @@ from __future__ import annotations
 import ctypes
 import gc
 import re
-import resource
 import subprocess
 import sys
-from pathlib import Path
 from weakref import ref
 
 from petsc4py import PETSc
@@ -21,17 +19,10 @@ from paths import SUPPORT
 import fem_snh
 from fem_snh import _dolfinx
 from fem_snh.assembly.elements import ELEMENTS
-from fem_snh.runs import run
 from fem_snh.solver import garbage
 from fem_snh.studies.processes import environment
 
 mpi = pytest.mark.mpi
-
-
-def resident(comm):
-    """Return the resident memory of all ranks [MB]."""
-    pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
-    return comm.allreduce(pages * resource.getpagesize() / 2**20)
 
 
 def allocated(comm):
@@ -50,20 +41,6 @@ def allocated(comm):
 def linked(problems):
     """Return which of the problems are still in memory."""
     return [problem() is not None for problem in problems]
-
-
-@pytest.mark.one_debian("ranks")
-@mpi
-def test_repeated_runs_take_no_more_memory(comm):
-    """The objects of such a run take 30 MB."""
-    problems, memory = [], []
-    for _ in range(5):
-        result = run("stretch", element="Q2Q1", cells=6, steps=1, stretch=1.1, progress=False)
-        problems.append(ref(result.problem))
-        del result
-        memory.append(resident(comm))
-    assert not any(linked(problems))
-    assert memory[-1] - memory[1] < 30
 
 
 @pytest.mark.one_debian("ranks")

@@ -18,8 +18,6 @@ from pathlib import Path
 import pytest
 from pages import PAGES, ROOT, blocks
 
-from fem_snh.cli import doctor
-
 #: The Python of the page's environment, and Debian's.
 ENV, SYSTEM = "env/bin/python", "/usr/bin/python3"
 
@@ -100,53 +98,6 @@ def test_the_lines_of_the_install_page_work_outside_the_repository(wheel: Path) 
         subprocess.check_output([python, *show]) for python in (wheel.parent / ENV, SYSTEM)
     )
     assert record["converged"] and installed == debian
-
-
-def test_doctor_says_what_to_install(wheel: Path, tmp_path: Path) -> None:
-    """In an environment that has nothing but the wheel; Debian's packages are out of its sight."""
-    subprocess.run([SYSTEM, "-m", "venv", "--without-pip", tmp_path / "bare"], check=True)
-    (packages,) = (tmp_path / "bare" / "lib").glob("python*/site-packages")
-    zipfile.ZipFile(wheel).extractall(packages)
-    python = tmp_path / "bare" / "bin" / "python"
-    outside = {k: v for k, v in os.environ.items() if k not in ("PYTHONPATH", "VIRTUAL_ENV", "CC")}
-    empty = outside | {"PATH": str(tmp_path)}  # no compiler and no mpirun
-
-    def run(*words: str) -> subprocess.CompletedProcess[str]:
-        command = [python, "-m", "fem_snh", *words]
-        return subprocess.run(command, cwd=tmp_path, env=empty, capture_output=True, text=True)
-
-    table = run("doctor")
-    rows = {line.split()[0]: line for line in table.stdout.splitlines() if line.strip()}
-    assert table.returncode == 2 and not table.stderr
-    for name, state, action in (
-        ("dolfinx", "missing", "--system-site-packages"),
-        ("gmsh", "missing", "--system-site-packages"),
-        ("SLEPc", "absent", "--system-site-packages"),
-        ("packages", "missing", f"{python} -m pip install"),
-        ("pyvista", "absent", "pip install 'fem_snh[pictures]'"),
-        ("ipctk", "absent", "pip install 'fem_snh[contact]'"),
-        ("MPI", "missing", "install openmpi-bin"),
-        ("Python", "ok", str(python)),
-    ):
-        assert state in rows[name].split() and action in rows[name], table.stdout
-    solve = run("run", "stretch")
-    assert solve.returncode == 2 and solve.stderr.count("\n") == 1, solve.stderr
-
-
-@pytest.mark.parametrize(
-    ("package", "words"),
-    [
-        ("dolfinx", "apt-get install python3-dolfinx-real` on Debian 12 or newer, or `conda"),
-        ("gmsh", "apt-get install python3-gmsh"),
-        ("sympy", "-m pip install sympy`"),
-    ],
-)
-def test_remedy_where_debian_has_not_installed_it(
-    package: str, words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(doctor, "_REPOSITORY", tmp_path)
-    monkeypatch.setattr(doctor, "_DEBIAN_PACKAGES", (str(tmp_path),))
-    assert words in doctor.remedy(package)
 
 
 def test_the_dockerfile_installs_what_setup_installs() -> None:

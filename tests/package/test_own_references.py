@@ -10,7 +10,7 @@ import pytest
 
 from fem_snh import references
 from fem_snh.errors import BadInput
-from fem_snh.references import FileText, entry_points, file_of, is_reference, load_reference
+from fem_snh.references import FileText, entry_points, load_reference
 
 pytestmark = pytest.mark.one_debian
 
@@ -47,31 +47,6 @@ def test_a_file_is_executed_again_when_it_has_changed(folder: Path) -> None:
     assert (before(4), after(4)) == (40, 4)
 
 
-def test_two_files_of_one_name_are_two_modules(folder: Path) -> None:
-    (folder / "b").mkdir()
-    (folder / "b" / "press.py").write_text("def press(cells=2):\n    return cells\n")
-    assert load_reference(FileText("press.py:press", folder))(4) == 40
-    assert load_reference(FileText("b/press.py:press", folder))(4) == 4
-
-
-@pytest.mark.parametrize(
-    ("reference", "message"),
-    [
-        ("press.py", "'press.py': expected FILE.py:NAME"),
-        ("press.py:", "expected FILE.py:NAME"),
-        ("press.py:2", "expected FILE.py:NAME"),
-        ("press:press", "expected FILE.py:NAME"),
-        ("pres.py:press", r"cannot read .*pres.py: No such file.* \(did you mean 'press.py'\?\)"),
-        ("press.py:pres", r"press.py has no function 'pres' \(did you mean 'press'\?\)"),
-        ("press.py:SIZE", "SIZE is of type int: expected a function"),
-    ],
-)
-def test_mistakes_in_a_reference(folder: Path, reference: str, message: str) -> None:
-    with pytest.raises(BadInput, match=message) as caught:
-        load_reference(FileText(reference, folder))
-    assert "\n" not in str(caught.value)
-
-
 @pytest.mark.parametrize(
     ("text", "message"),
     [
@@ -90,12 +65,6 @@ def test_a_file_that_does_not_import(tmp_path: Path, text: str, message: str) ->
     with pytest.raises(BadInput, match=message) as caught:
         load_reference(FileText("bad.py:press", tmp_path))
     assert "\n" not in str(caught.value)
-
-
-def test_what_a_reference_is() -> None:
-    assert is_reference("press.py:press") and is_reference("a/b.py")
-    assert not any(map(is_reference, ("twist", "block.toml", "a.pyc", "happy:press")))
-    assert file_of("a/press.py:press") == Path("a/press.py") and file_of("a.toml") == Path("a.toml")
 
 
 def test_entry_points(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -52,12 +52,6 @@ def exact(time, u=START[0], v=START[1]):
     return found.y[:, -1]
 
 
-def test_every_integrator_is_named():
-    assert set(ORDERS) == set(INTEGRATORS)
-    for name, order in ORDERS.items():
-        assert (create(name).name, create(name).order) == (name, order)
-
-
 @pytest.mark.parametrize("pattern", [(1.0,), (1.0, 1.8, 0.5)], ids=["equal", "unequal"])
 @pytest.mark.parametrize("name", INTEGRATORS)
 def test_orders(name, pattern):
@@ -104,13 +98,3 @@ def test_spectral_radius_at_infinite_frequency(rho):
         columns.append([x, f.velocity(x) / omega, f.acceleration(x) / omega**2])
     amplification = np.array(columns)[:, :, 0].T
     assert abs(np.linalg.eigvals(amplification)).max() == pytest.approx(rho, abs=2e-3)
-
-
-def test_newmark_is_generalized_alpha_without_averages():
-    """Average acceleration: beta = 1/4, gamma = 1/2."""
-    u, v, a, h = np.array([0.1]), np.array([0.2]), np.array([-0.4]), 0.3
-    f, end = create("newmark").formulas(h, MotionState(u, v, a)), np.array([0.25])
-    a1 = f.acceleration(end)
-    assert end == pytest.approx(u + h * v + h**2 / 4 * (a + a1), abs=1e-15)
-    assert f.velocity(end) == pytest.approx(v + h / 2 * (a + a1), abs=1e-15)
-    assert (f.inertia, f.old_forces) == ((1, 0), 0)

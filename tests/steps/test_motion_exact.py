@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from math import atan, pi
 
-from mpi4py import MPI
-
 import numpy as np
 import pytest
 from bodies import Condition, Hold
@@ -15,7 +13,6 @@ from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.assembly.regions import Filling
 from fem_snh.choices import INTEGRATORS, MASSES
 from fem_snh.kernels.material import material
-from fem_snh.mesh import mesh
 
 mpi = pytest.mark.mpi
 G, STEP, STEPS = 9.81, 0.01, 20
@@ -56,28 +53,6 @@ def test_free_fall(integrator, element):
     assert abs(d.a.x.array.reshape(-1, 3) - [0, 0, -G]).max(initial=0) <= 1e-6
     if integrator == "newmark":
         assert abs(d.v.x.array.reshape(-1, 3)[:, 2] + G * STEPS * STEP).max(initial=0) <= 1e-8
-
-
-@pytest.mark.one_debian
-@mpi
-@pytest.mark.parametrize("damping", [(0, 0), (0, 0.01)], ids=["undamped", "stiffness"])
-@pytest.mark.parametrize("mass", MASSES)
-@pytest.mark.parametrize("element", ["Q1P0", "P2"])
-def test_bodies_of_two_densities_fall_without_deformation(element, mass, damping):
-    """The two fall alike; weight and mass matrix fit together, and rigid motion has no damping."""
-    body = mesh.generate(MPI.COMM_WORLD, "bar", ELEMENTS[element].cell, cells=2)
-    m = material("stable_neo_hookean", E=1.0, nu=0.45)
-    fillings = [Filling(m, "first", 5.0), Filling(m, "second", 0.5)]
-    p, d = moving("newmark", element, body=body, fillings=fillings, mass=mass, damping=damping,
-                  **FALL)  # fmt: skip
-    d.start(p)
-    run(p, d, 3)
-    z = displacement(p) - [0, 0, fallen("newmark")]
-    assert abs(z).max(initial=0) <= 1e-8
-    volume = p.length**3
-    assert d.mass.total == pytest.approx(2.75 * volume, rel=1e-12)
-    assert d.energies(p)["momentum"][2] == pytest.approx(-d.mass.total * G * d._duration, rel=1e-9)
-    assert d.dissipated == pytest.approx(0, abs=1e-12)
 
 
 #: Of an amplitude of 1: those of `advance`'s solvers.

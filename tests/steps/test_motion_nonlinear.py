@@ -41,14 +41,6 @@ def test_observed_orders(integrator):
         assert np.log2(ratio) == pytest.approx(order, abs=0.1)
 
 
-@pytest.mark.parametrize("damping", [(0.3, 0.0), (0.0, 0.2)], ids=["mass", "stiffness"])
-def test_damping_converges_with_the_step(damping):
-    """Mass damping keeps order 2; the stiffness of the step's start makes it order 1."""
-    ends = [swing("newmark", steps, damping=damping)[0] for steps in (80, 160, 320)]
-    ratio = abs(ends[0] - ends[1]).max() / abs(ends[1] - ends[2]).max()
-    assert np.log2(ratio) == pytest.approx(2 if damping[0] else 1, abs=0.1)
-
-
 def test_energy_of_a_swinging_beam():
     """Newmark, 1,000 steps, three periods, deflections of half the length: drift below 0.5 %."""
     body = cube(MPI.COMM_WORLD, "hexahedron", 2)

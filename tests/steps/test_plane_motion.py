@@ -13,11 +13,9 @@ from bodies import dense
 from dolfinx import fem, mesh
 from dolfinx_programs import vector_space
 from plane_programs import COMPONENTS, displacement, motion, prescribe, rectangle, zero
-from plane_scenes import SCENE, solve, write_mesh
 
 import fem_snh
 from fem_snh.choices import INTEGRATORS
-from fem_snh.errors import BadInput
 from fem_snh.problem import modes
 from fem_snh.terms.mass import mass_matrix
 
@@ -157,41 +155,3 @@ def every_dof(V):
     domain.topology.create_connectivity(2, 2)
     cells = np.arange(domain.topology.index_map(2).size_local, dtype=np.int32)
     return fem.locate_dofs_topological(V, 2, cells)
-
-
-# --- scenes -----------------------------------------------------------------------------------
-
-
-def own_scene(folder, element, kinematics, more, order=1):
-    write_mesh(folder / "mesh.msh", False, order)
-    path = folder / "own.toml"
-    text = SCENE.format(element=element, kinematics=kinematics) + more
-    path.write_text(text.replace("steps = 2\n", "", 1))
-    return path
-
-
-THROWN = """
-[time]
-duration = 0.4
-steps = 4
-integrator = "{integrator}"
-damping = {{ mass = 0.1, stiffness = 0.01 }}
-[start]
-velocity = [0, 0.3, 0]
-"""
-
-
-@pytest.mark.parametrize(
-    "kinematics, key, value",
-    [
-        ("plane_strain", "velocity", [0, 0, 1]),
-        ("plane_strain", "angular_velocity", [0, 1, 0]),
-        ("axisymmetric", "angular_velocity", [0, 1, 0]),
-        ("axisymmetric_torsion", "angular_velocity", [0, 0, 1]),
-    ],
-)
-def test_velocities_out_of_the_plane_are_refused(tmp_path, kinematics, key, value):
-    keys = THROWN.format(integrator="newmark").replace("velocity = [0, 0.3, 0]", f"{key} = {value}")
-    path = own_scene(tmp_path, "Q1", kinematics, keys)
-    with pytest.raises(BadInput, match=f"start.{key} = .*only these components"):
-        solve(path)

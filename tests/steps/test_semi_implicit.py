@@ -77,34 +77,6 @@ def test_a_bar_of_two_materials() -> None:
     assert all(text.startswith(start) and text.endswith(end) for text in replaced)
 
 
-@pytest.mark.mpi
-def test_a_solver_that_the_user_chose_is_not_replaced() -> None:
-    few = {"ksp_type": "cg", "pc_type": "jacobi", "ksp_max_it": 3}
-    row = solve(bar(petsc=few)).record["steps"][0]
-    assert not row["converged"]
-    residual = row["linear_residual"]
-    assert residual > RTOL
-    assert row["reason"] == (
-        f"DIVERGED_LINEAR_SOLVE: relative residual {residual:.2g} > ksp_rtol = 0.001"
-    )
-
-
-@pytest.mark.one_debian("ranks")
-@pytest.mark.mpi
-@pytest.mark.parametrize(("rtol", "most"), [(1e-3, 1e-3), (1e-9, 1e-9)])
-def test_one_material(rtol: float, most: float) -> None:
-    """Iterations alone reach the tolerance, with refinement where it is below single precision."""
-    steps = solve(in_time(FALL, **SWING, petsc={"ksp_rtol": rtol})).record["steps"]
-    assert [row["reason"] for row in steps] == ["CONVERGED_ITS"] * 4
-    assert all(0 < row["linear_residual"] <= most for row in steps)
-
-
-def test_a_tolerance_below_rounding() -> None:
-    """||A|| ||d|| eps limits the residual: a smaller tolerance is met where rounding permits."""
-    steps = solve(in_time(FALL, **SWING, petsc={"ksp_rtol": 1e-20})).record["steps"]
-    assert len(steps) == 4 and all(row["linear_residual"] < 1e-12 for row in steps)
-
-
 @pytest.mark.parametrize(
     "reason", ["CONVERGED_HAPPY_BREAKDOWN", "CONVERGED_ITS", "CONVERGED_RTOL", "DIVERGED_BREAKDOWN"]
 )

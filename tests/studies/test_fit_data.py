@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import fem_snh
-from fem_snh.cli import main
 from fem_snh.errors import BadInput
-from fem_snh.studies.fit import TestData, read_all
-from fem_snh.studies.fit.data import DATASETS, read
+from fem_snh.studies.fit import TestData
+from fem_snh.studies.fit.data import read
 
 
 def written(folder: Path, text: str) -> Path:
@@ -68,48 +66,10 @@ def test_biaxial_tests(tmp_path: Path) -> None:
     assert second.stress == pytest.approx([2e4, 1e4])
 
 
-@pytest.mark.parametrize(
-    "names", ["lambda_1, lambda_2, P_1, P_2", "stretch_1, stretch_22, stress_11, stress_22"]
-)
-def test_names_of_directions(tmp_path: Path, names: str) -> None:
-    first, second = read(written(tmp_path, f"{names}\n1.5, 1.2, 3, 2\n"))
-    assert (first.kind, first.measure, first.stress[0]) == ("biaxial", "stress", 3)
-    assert (second.kind, second.measure, second.stress[0]) == ("biaxial", "stress_2", 2)
-
-
-def test_a_uniaxial_and_a_biaxial_test_in_a_file(tmp_path: Path) -> None:
-    text = "test, stretch, strain_2, stress_difference, stress\nut, 2, , , 3\nbt, 1, 1, -4\n"
-    uniaxial, biaxial = read(written(tmp_path, text))
-    assert (uniaxial.kind, uniaxial.stress[0], uniaxial.stretch_2) == ("uniaxial", 3, None)
-    assert biaxial.measure == "stress_difference"
-    assert (biaxial.stress[0], biaxial.stretch_2[0]) == (-4, 2)
-
-
-@pytest.mark.parametrize(
-    "lines",
-    [
-        "stress\n1, 1.5, 0.3\n",  # stretched in direction 2 alone
-        "stress\n0.9, 1.5, -0.1\n",  # a small nu
-        "stress\n0.9, 1.5, 0.1\n",  # a large one
-        "stress_2\n1.5, 1, 0.3\n",
-        "stress_difference\n1, 1.5, -0.3\n",
-    ],
-)
-def test_stresses_of_both_signs_are_possible(tmp_path: Path, lines: str) -> None:
-    (found,) = read(written(tmp_path, f"stretch, stretch_2, {lines}"))
-    assert found.kind == "biaxial"
-
-
 def test_options_replace_what_a_file_states(tmp_path: Path) -> None:
     path = written(tmp_path, "# test = uniaxial\nstretch, stress [MPa]\n1.5, 0.2\n")
     (found,) = read(path, test="planar", columns=["stress", "strain"], unit="Pa", weight=3)
     assert (found.kind, found.x[0], found.stress[0], found.weight[0]) == ("planar", 1.2, 1.5, 3)
-
-
-def test_columns_without_the_last_of_a_file(tmp_path: Path) -> None:
-    path = written(tmp_path, "# test = planar\nstretch, stress, stress_2\n1.5, 2, 1\n")
-    (found,) = read(path, columns=["stretch", "stress"])
-    assert (found.kind, found.x[0], found.stress[0]) == ("planar", 1.5, 2)
 
 
 def test_a_column_of_tests_and_of_weights(tmp_path: Path) -> None:
@@ -183,70 +143,7 @@ def test_mistakes(tmp_path: Path, text: str, message: str) -> None:
     assert "\n" not in str(error.value)
 
 
-def test_columns_that_are_no_data(tmp_path: Path) -> None:
-    """Neither other columns nor comments are misspelt names."""
-    text = "# rate: 1\n" + HEAD.replace("stress", "stress, stress_std, stress_3, strain_rate")
-    (test,) = read(written(tmp_path, text + "1.5, 2, 3, 4, 5\n"))
-    assert (test.x, test.stress) == (1.5, 2.0)
-
-
-def test_files_that_cannot_be_read(tmp_path: Path) -> None:
-    written(tmp_path, HEAD)
-    with pytest.raises(BadInput, match=r"no such file \(did you mean 'data.csv'\?\)"):
-        read(tmp_path / "datas.csv")
-    with pytest.raises(BadInput, match=r"no such file \(did you mean 'jones_treloar'\?\)"):
-        read("jones-treloar")
-    with pytest.raises(BadInput, match="Is a directory"):
-        read(tmp_path)
-    (tmp_path / "picture.png").write_bytes(b"\x89PNG\xff\xfe")
-    with pytest.raises(BadInput, match="expected a text file"):
-        read(tmp_path / "picture.png")
-
-
 X = np.array([1.1, 1.2, 1.3])
-PULL = TestData("pull", "uniaxial", X, X - 1, np.ones(3))
-SQUEEZE = TestData("squeeze", "volumetric", 2 - X, 1 - X, np.ones(3))
-
-
-@pytest.mark.parametrize(
-    ("tests", "keywords", "message"),
-    [
-        ((), {}, "no test data"),
-        ((PULL, SQUEEZE), {"incompressible": True}, "squeeze: a test 'volumetric' of an incompre"),
-        ((PULL,), {"incompressible": True, "nu": 0.3}, "expected one of the two"),
-        ((PULL,), {"incompressible": False}, "expected nu = a number below 0.5"),
-        ((PULL,), {"nu": 0.6}, "nu = 0.6: expected a number from -1 to 0.5"),
-        ((PULL,), {"parameters": ["gama"]}, "parameters = 'gama'"),
-        ((PULL,), {"held": {"gama": 1}}, "has no parameter 'gama' (did you mean 'gamma'?)"),
-        ((PULL,), {"bounds": {"gamma": (1, 0)}}, "the lowest value first"),
-        ((PULL,), {"stable_range": (1.5, 2)}, "range = 1.5"),
-        ((PULL,), {"weights": [1, 2]}, "expected one value, or one for each of 1 files"),
-        ((PULL,), {"weights": [10**400]}, "weights = 1000000000"),
-    ],
-)  # fmt: skip
-def test_mistakes_in_arguments(tests: tuple, keywords: dict, message: str) -> None:
-    with pytest.raises(BadInput) as error:
-        fem_snh.fit("stable_fung", *tests, **keywords)
-    assert message in str(error.value)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (("uniaxal", X, X), "t: kind = 'uniaxal': expected one of uniaxial"),
-        (("biaxial", X, X, 1.0, X, "stres"), "(did you mean 'stress'?)"),
-        (("uniaxial", X, X, 1.0, None, "stress_2"), "measure = 'stress_2': expected one of stress"),
-        (("biaxial", X, X), "t: test 'biaxial': expected stretch_2"),
-        (("planar", X, X, 1.0, 1.0), "t: test 'planar': expected no stretch_2"),
-        (("uniaxial", X, X[:2]), "t: stress = array([1.1, 1.2]): expected one number, or one for"),
-        (("uniaxial", ["a"], X), "t: x = ['a']: expected one number"),
-    ],
-)
-def test_mistakes_in_test_data(arguments: tuple, message: str) -> None:
-    kind, x, stress, *others = arguments
-    with pytest.raises(BadInput) as error:
-        TestData("t", kind, x, stress, *(others or [1.0]))
-    assert message in str(error.value)
 
 
 def test_one_number_for_all_points() -> None:
@@ -256,48 +153,6 @@ def test_one_number_for_all_points() -> None:
     f = fem_snh.fit("neo_hookean", test)
     assert f.stress("biaxial", X, 1.2) == pytest.approx(f.tests[0].stress)
     assert f.stress("biaxial", X[0], 1.2) == pytest.approx(f.tests[0].stress[0])
-
-
-def test_mistakes_in_stresses_of_a_fit() -> None:
-    f = fem_snh.fit("neo_hookean", PULL)
-    with pytest.raises(BadInput, match="did you mean 'uniaxial'"):
-        f.stress("uniaxal", X)
-    with pytest.raises(BadInput, match="measure = 'stress_2': expected one of stress"):
-        f.stress("uniaxial", X, measure="stress_2")
-    with pytest.raises(BadInput, match="expected stretch_2"):
-        f.stress("biaxial", X)
-    with pytest.raises(BadInput, match="test 'uniaxial': expected no stretch_2"):
-        f.stress("uniaxial", X, X)
-    with pytest.raises(BadInput, match=r"stretch_2 = .*: expected one number, or one for each x"):
-        f.stress("biaxial", X, X[:2])
-
-
-def test_too_few_points_and_too_far() -> None:
-    with pytest.raises(BadInput, match="3 points for 6 unknowns"):
-        fem_snh.fit("ogden", PULL)
-    far = TestData("far", "uniaxial", X + 1, X, np.ones(3))
-    with pytest.raises(BadInput, match="no fit has a stress at all measured stretches"):
-        fem_snh.fit("stvk", far, nu=0.45)  # t^2 = 1 - nu (x^2 - 1) < 0
-    with pytest.raises(BadInput, match="no fit has a stress at all measured stretches"):
-        fem_snh.fit("gent", "treloar", nu=0.45)  # the best limit is that of the last point
-
-
-def test_weights_of_files(tmp_path: Path) -> None:
-    path = written(tmp_path, HEAD + "1.5, 1\n")
-    assert [t.weight[0] for t in read_all([path, path], weights=[1, 5])] == [1, 5]
-
-
-def test_units_that_a_file_states_twice(tmp_path):
-    text = "# test = uniaxial\n# unit = N/mm²\nstretch, stress [MPa]\n1.5, 2\n"
-    path = written(tmp_path, text)
-    assert read(path)[0].stress == 2e6
-    assert read(path, unit="psi")[0].stress == pytest.approx(2 * 6894.757, rel=1e-6)
-
-
-def test_stresses_with_and_without_units_are_refused(tmp_path):
-    path = written(tmp_path, HEAD + "1.5, 2\n")
-    with pytest.raises(BadInput, match=r"^data: stresses without a unit beside those of treloar"):
-        read_all([path, "treloar"])
 
 
 def test_moduli_in_the_unit_of_a_scene(tmp_path):
@@ -337,19 +192,6 @@ def test_strains_in_per_cent_are_noticed(tmp_path, rubber, column):
     assert found.note == "" and found.x == pytest.approx(1 + STRAINS / 100)
 
 
-@pytest.mark.parametrize("rubber", RUBBERS)
-@pytest.mark.parametrize("largest", [1.2, 2.0, 3.0, 5.0, 7.5, 10.0])
-def test_true_stretches_have_no_note(rubber, largest):
-    x = np.linspace(1, largest, 12)[1:]
-    for noise in (0.0, 0.03):
-        stress = RUBBERS[rubber](x) * (1 + noise * np.cos(7 * np.arange(11)))
-        assert TestData("t", "uniaxial", x, stress, np.ones(11)).note == ""
-
-
-def test_built_in_data_have_no_note():
-    assert [t.note for name in DATASETS for t in read(name) if t.note] == []
-
-
 def test_a_test_that_is_not_described_has_a_note():
     """Treloar's rubber stiffens, and the planar test is a small part of the sum of squares."""
     poor = fem_snh.fit("neo_hookean", "treloar", incompressible=True)
@@ -358,12 +200,3 @@ def test_a_test_that_is_not_described_has_a_note():
     (note,) = poor.notes
     assert note.startswith("treloar planar: R² = 0.0") and "neo_hookean does not describe" in note
     assert fem_snh.fit("ogden", "treloar", incompressible=True).notes == []
-
-
-def test_a_fit_has_the_notes_of_its_data(tmp_path, capsys):
-    path = written(tmp_path, HEAD + "5, 0.05\n10, 0.1\n20, 0.19\n")
-    note = "stretches up to 20: if these are strains in per cent, name the column 'strain [%]'"
-    assert main(["fit", "neo_hookean", str(path), "--out", str(tmp_path / "fit")]) == 0
-    assert f"note: {path.stem}: {note}" in capsys.readouterr().out.splitlines()
-    record = json.loads((tmp_path / "fit" / "fit.json").read_text())
-    assert record["notes"] == [f"{path.stem}: {note}"]

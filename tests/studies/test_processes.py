@@ -63,19 +63,6 @@ time.sleep(300)
     study.stdout.close()
 
 
-@pytest.mark.one_debian
-def test_children_have_a_folder_for_files_each(tmp_path: Path) -> None:
-    """Two of Open MPI's jobs in one: that which ends removes what that which begins is to use."""
-    tell = "import tempfile; print(tempfile.gettempdir())"
-    logs = [tmp_path / "one.txt", tmp_path / "two.txt"]
-    for child in [Child([sys.executable, "-c", tell], log) for log in logs]:
-        while (code := child.poll()) is None:
-            time.sleep(0.01)
-        assert code == 0
-    folders = {log.read_text().strip() for log in logs}
-    assert len(folders) == 2 and not any(Path(folder).exists() for folder in folders)
-
-
 def test_memory_is_counted_over_all_ranks(tmp_path: Path) -> None:
     """Neither rank alone is above the limit."""
     hungry = "import time; kept = b'x' * (300 << 20); time.sleep(300)"
@@ -88,13 +75,3 @@ def test_memory_is_counted_over_all_ranks(tmp_path: Path) -> None:
     while alone.poll() is None:
         time.sleep(0.05)
     assert alone.limit_reached == "given up after 1.5 s"
-
-
-def test_a_rank_may_start_a_sweep(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("OMPI_COMM_WORLD_SIZE", "2")
-    monkeypatch.setenv("PMIX_RANK", "1")
-    monkeypatch.setenv("OMPI_MCA_rmaps_base_oversubscribe", "1")
-    monkeypatch.setenv("OMP_NUM_THREADS", "3")
-    env = environment()
-    assert "PMIX_RANK" not in env and "OMPI_COMM_WORLD_SIZE" not in env
-    assert env["OMPI_MCA_rmaps_base_oversubscribe"] == "1" and env["OMP_NUM_THREADS"] == "3"

@@ -8,7 +8,6 @@ import subprocess
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import pandas as pd
 import pytest
@@ -19,7 +18,7 @@ from fem_snh.errors import BadInput
 from fem_snh.studies.batch import Batch
 from fem_snh.studies.jobs import Jobs, Task
 from fem_snh.studies.points import Limits
-from fem_snh.studies.schedulers import Array, Slurm, Submission
+from fem_snh.studies.schedulers import Submission
 
 pytestmark = pytest.mark.one_debian
 
@@ -116,18 +115,6 @@ def test_commands(cluster: Cluster, tmp_path: Path, capsys: pytest.CaptureFixtur
         assert record["ranks"] == 2 and record["converged"]
 
 
-def test_script_of_an_array(tmp_path: Path) -> None:
-    submission = Submission(account="a", partition="p", array_limit=3, options=["--qos=long"])
-    array = Array("fem-snh-0", 7, 2, tmp_path, "python {index}", seconds=3600.0, memory=1.5)
-    lines = Slurm().script(array, submission).splitlines()
-    for option in (
-        "--array=0-6%3", "--account=a", "--partition=p", "--qos=long", "--ntasks=2", "--requeue",
-        "--time=62", "--mem=1792M",
-    ):  # fmt: skip
-        assert f"#SBATCH {option}" in lines
-    assert lines[0] == "#!/bin/bash" and lines[-1] == 'exec python "$SLURM_ARRAY_TASK_ID"'
-
-
 def slurm_words(line: str) -> list[str]:
     """Read the options of an #SBATCH line as Slurm 22.05 does (``get_argument`` of its sbatch)."""
     words, word, quote, escaped = [], "", "", False
@@ -168,16 +155,6 @@ def test_paths_are_quoted_for_slurm_and_for_the_shell(tmp_path: Path, name: str)
     said = subprocess.run(["bash", "-c", echo], capture_output=True, text=True, check=True,
                           env={"SLURM_ARRAY_TASK_ID": "7"}).stdout  # fmt: skip
     assert said.endswith(f"\n{script.with_suffix('.json')}\n7\n")
-
-
-@pytest.mark.parametrize("given", [{"account": "a\ntouch x"}, {"options": ["--qos=a\rb"]}])
-def test_no_option_adds_a_line_to_the_script(tmp_path: Path, given: dict[str, Any]) -> None:
-    array = Array("fem-snh-0", 1, 1, tmp_path, "python {index}")
-    with pytest.raises(BadInput, match="expected one line"):
-        Slurm().script(array, Submission(**given))
-    array = Array("fem-snh-0", 1, 1, tmp_path / "a\nb", "python {index}")
-    with pytest.raises(BadInput, match="expected one line"):
-        Slurm().script(array, Submission())
 
 
 #: A scheduler that records when its file is executed, and has every element in its queue.
@@ -251,20 +228,3 @@ def test_damaged_jobs_are_one_line(
         assert cli.main(["sweep", command, "--out", "out"]) in (1, 2), text
         printed = capsys.readouterr()
         assert len((printed.out + printed.err).splitlines()) == 1, (text, printed)
-
-
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (["--scheduler", "lsf"], "scheduler = 'lsf': expected"),
-        (["--account", "a"], "--account: expected --scheduler"),
-        (["--scheduler", "slurm", "--chunk", "0"], "chunk = 0: expected"),
-        (["--collect"], "expected a study that a command with --scheduler has submitted"),
-    ],
-)
-def test_mistakes(
-    words: list[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    scene = [] if "--collect" in words else ["twist"]
-    assert cli.main(["sweep", *scene, *words, "--out", str(tmp_path / "out")]) == 2
-    assert message in capsys.readouterr().err

@@ -17,10 +17,9 @@ import pytest
 import fem_snh
 from fem_snh.cli import main
 from fem_snh.cli.run import comma_list
-from fem_snh.errors import BadInput
 from fem_snh.studies.points import MEASURED, REQUESTED, largest_error
 from fem_snh.studies.processes import environment, program
-from fem_snh.studies.sweep import combinations, sweep
+from fem_snh.studies.sweep import sweep
 
 pytestmark = pytest.mark.one_debian
 
@@ -36,21 +35,6 @@ TINY: dict[str, Any] = {"cells": 2, "steps": 1, "angle": 0.2}
 )  # fmt: skip
 def test_comma_list(text: str, values: list[Any]) -> None:
     assert comma_list("key", text) == values
-
-
-def test_points_are_named_by_what_differs() -> None:
-    points = combinations({"nu": [0.3, 0.49], "material": ["a", "b"], "cells": [2]})
-    assert len(points) == 4
-    assert points["nu=0.3__material=b"] == {"nu": 0.3, "material": "b", "cells": 2}
-    assert list(combinations({"cells": [2]})) == ["point"]
-
-
-def test_no_two_points_share_a_folder() -> None:
-    """Characters that a folder cannot have are replaced, and may have been the only difference."""
-    for values in (["a b", "a_b", "a/b", "a b"], [True, "true"], ["", "_"]):
-        points = combinations({"key": values})
-        assert [point["key"] for point in points.values()] == list(dict.fromkeys(values))
-    assert list(combinations({"key": ["a b", "a_b"]})) == ["key=a_b", "key=a_b-2"]
 
 
 def test_a_table_is_made_of_the_points_that_have_ended(tmp_path: Path) -> None:
@@ -155,11 +139,6 @@ def test_a_finished_sweep_runs_nothing(done: tuple[Path, pd.DataFrame]) -> None:
     assert lines[1] == "4 of 4 points are there already"
 
 
-def test_another_sweep_needs_another_folder(done: tuple[Path, pd.DataFrame]) -> None:
-    with pytest.raises(BadInput, match=r"holds sweep.csv of other axes.*--overwrite"):
-        sweep("twist", done[0], TINY)
-
-
 def test_failed_points_are_rows_and_can_be_retried(tmp_path: Path) -> None:
     first = sweep("twist", tmp_path, TINY, timeout=0.05)
     assert list(first["status"]) == ["given up after 0.05 s"]
@@ -168,11 +147,6 @@ def test_failed_points_are_rows_and_can_be_retried(tmp_path: Path) -> None:
     assert not passed_over["converged"].any()
     again = sweep("twist", tmp_path, TINY, retry=True)
     assert again["converged"].all() and len(again) == 1
-
-
-def test_a_point_that_does_not_converge_says_so(tmp_path: Path) -> None:
-    table = sweep("twist", tmp_path, TINY, petsc={"snes_max_it": 0}, ranks=2)
-    assert not table["converged"][0] and table["status"][0] and table["ranks"][0] == 2
 
 
 def test_interrupt_leaves_a_readable_table_and_no_process(tmp_path: Path) -> None:
@@ -228,17 +202,3 @@ def test_points_share_a_process_until_one_of_them_crashes(tmp_path: Path) -> Non
         for name in table["point"][table["converged"]]
     ]
     assert max(peaks) < 1.2 * min(peaks)
-
-
-def test_a_point_that_is_refused_on_two_ranks_leaves_its_message(tmp_path: Path) -> None:
-    (tmp_path / "scene.py").write_text(
-        "import os\nfrom fem_snh import scenes\n"
-        "def refused(number: float = 0.0) -> scenes.Scene:\n"
-        f"    if number == 1.0 and os.getpid() != {os.getpid()}:\n"
-        "        raise ValueError('not this one')\n"
-        "    return scenes.load('twist', cells=2, steps=1, angle=0.2)\n"
-    )
-    axes = {"number": [1.0, 2.0]}
-    table = sweep(f"{tmp_path / 'scene.py'}:refused", tmp_path / "out", axes, ranks=2)
-    assert table["converged"].tolist() == [False, True]
-    assert "not this one" in table["status"][0]

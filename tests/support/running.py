@@ -21,15 +21,3 @@ def record(folder):
 def rows(folder):
     with (folder / "steps.csv").open() as file:
         return list(csv.DictReader(file))
-
-
-def watch_calls(monkeypatch, owner, name):
-    """Return a list to which each call of a method adds its arguments."""
-    calls, method = [], getattr(owner, name)
-
-    def watched(self, *args):
-        calls.append(args)
-        return method(self, *args)
-
-    monkeypatch.setattr(owner, name, watched)
-    return calls

@@ -13,7 +13,6 @@ from plane_scenes import solve
 from rigid_bodies import check_derivatives
 
 import fem_snh
-from fem_snh.errors import BadInput
 
 TIGHT = {"snes_scaled_tol": 1e-12, "ksp_rtol": 1e-10}
 E, CELLS = 1.0, 4
@@ -142,59 +141,9 @@ def test_a_lid_counts_as_its_facets(comm, name):
 
 
 @pytest.mark.mpi
-def test_the_volume_is_area_times_motion(comm):
-    """A d, of a piston between smooth walls."""
-    _, fluid, _ = box(comm, "solid", 1, WALLS, sides=(0, 1), translate=(0, 0, -0.1))
-    assert fluid["volume"] == pytest.approx(0.1, rel=1e-12)
-
-
-@pytest.mark.mpi
 def test_derivatives_along_the_motion_of_the_lid(comm):
     """The forces and the Hessian, with its matrix of rank one, where the lid is turned."""
     check_derivatives(box(comm, "solid", 1, WALLS, force=(0.02, 0.0, 0.01))[0]._problem)
-
-
-@pytest.mark.mpi
-def test_a_lid_that_nothing_closes_is_refused(comm):
-    """In half a plane the wall, from the fixed bottom to the lid, does not touch the symmetry."""
-    with pytest.raises(BadInput, match="on rigid parts or in planes of symmetry"):
-        box(comm, "plane_strain", 1, WALLS, planes=(0,), free=("y",))
-
-
-@pytest.mark.mpi
-def test_a_pressure_acts_on_its_facets_alone(comm):
-    """Not on a lid, as a fluid does; its note says so."""
-
-    def parts(dx):
-        return [fem_snh.Rigid(group=dx(2), name="lid", translate=(0, 0, 0))]
-
-    problem = unsolved_box(
-        comm, "solid", 1, WALLS, parts=parts, fluid=lambda ds: fem_snh.Pressure(ds, value=0.01)
-    )._problem
-    (pressure,) = (term for term in problem.terms if term.name == "pressure")
-    assert "as it ends on a rigid part, on which it does not act" in pressure.note
-    x, r = problem.x.duplicate(), problem.x.duplicate()
-    pressure.set_load(1.0)
-    problem.gradient(x, r, [pressure])
-    assert r.sum() == pytest.approx(0.0, abs=1e-15)
-
-
-@pytest.mark.mpi
-@pytest.mark.parametrize("planes", [(), (0,), (0, 1)])
-def test_a_rim_that_two_parts_share_is_refused(comm, planes):
-    """The lid between them is not known."""
-
-    def parts(dx):
-        return [fem_snh.Rigid(group=dx(i), name=f"lid{i}", free=("z",)) for i in (2, 3)]
-
-    with pytest.raises(BadInput, match="its edge is between two parts or supports at"):
-        unsolved_box(comm, "solid", 1, WALLS, planes, parts=parts, gap=True)
-
-
-@pytest.mark.mpi
-def test_a_lid_that_leaves_the_plane_of_symmetry_is_refused(comm):
-    with pytest.raises(BadInput, match="a rigid part leaves the plane of symmetry at"):
-        box(comm, "solid", 1, WALLS, planes=(0,), free=("x", "z"))
 
 
 BELLOWS = """

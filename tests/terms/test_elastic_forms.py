@@ -14,7 +14,6 @@ import fem_snh
 from fem_snh import _dolfinx
 from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.assembly.regions import Region
-from fem_snh.errors import BadInput
 from fem_snh.kernels.material import material
 from fem_snh.terms.elastic import Elastic
 from fem_snh.terms.elastic_forms import ElasticForms
@@ -97,27 +96,6 @@ def test_energy_and_residual(comm, case):
             *(residual(term, u, p, V, Q) for term in (forms, kernels)), strict=True
         ):
             assert norm(comm, r - r_kernels) <= BOUND * norm(comm, r_kernels)
-
-
-def test_stress_without_an_energy(comm):
-    """One line names the key, before anything is compiled."""
-    V, Q = spaces(comm, "P1")
-    region = halves(V, [material("filtered_neo_hookean", nu=0.3)])
-    with pytest.raises(BadInput, match=r"assembly = 'ufl': expected 'kernels' for .* no energy"):
-        ElasticForms(V, ELEMENTS["P1"], region, Q)
-
-
-@pytest.mark.one_debian
-def test_infinite_outside_the_domain(comm):
-    """log J of the cells' mean volume ratio, which is negative in a body turned inside out."""
-    element, chosen, _ = CASES["P2P0 in regions"]
-    V, Q = spaces(comm, element)
-    regions = halves(V, [material(name, E=1.7, nu=nu) for name, nu in chosen])
-    forms = ElasticForms(V, ELEMENTS[element], regions, Q, SCALE)
-    u = _dolfinx.create_vector(V)
-    with u.localForm() as local:
-        local.array[:] = -1.5 * V.tabulate_dof_coordinates().ravel()
-    assert forms.energy(u) == np.inf
 
 
 @pytest.mark.mpi

@@ -10,7 +10,6 @@ import ufl
 from bodies import (
     FACES,
     MATERIALS,
-    Condition,
     Hold,
     cube,
     free_components,
@@ -26,7 +25,6 @@ from scipy.optimize import brentq
 import fem_snh
 from fem_snh import _dolfinx, solver
 from fem_snh.assembly.elements import ELEMENTS
-from fem_snh.errors import BadInput
 from fem_snh.kernels.material import material
 from fem_snh.mesh import mesh
 from fem_snh.terms.loads import Pressure
@@ -39,10 +37,6 @@ TIP = 5.841246192
 
 def on(group, value=1.0, table=None):
     return Pressure(group, value, table)
-
-
-def ramp(load):
-    return 2 * load
 
 
 def pressed(body, loads, element="Q1", name="stable_neo_hookean", **conditions):
@@ -80,41 +74,6 @@ def test_pressures_are_conservative_where_edges_are_closed_or_constrained(
     p = pressed(cube(comm, "hexahedron", 2, 0.03), loads, hold=hold)
     assert p.has_energy == p.terms[1].has_energy == has_energy
     assert bool(p.terms[1].note) == (not has_energy)
-
-
-@mpi
-@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
-@pytest.mark.parametrize("cells", [1, 2])
-def test_fields_have_enough_equations(comm, cell, cells):
-    """Five pressures on a cell have 55 parameters, and three displacements 36 equations."""
-    faces = ["left", "right", "front", "back", "top"]
-    element, body = {"h": "Q1", "t": "P1"}[cell[0]], cube(comm, cell, cells)
-    for differ in (True, False):  # equal ones are that of a closed surface
-        loads = [on(face, 1.0 + differ * i) for i, face in enumerate(faces)]
-        assert pressed(body, loads, element, hold=[Hold("bottom")]).has_energy != differ
-
-
-@pytest.mark.one_debian
-def test_amplitudes_must_agree_around_a_closed_surface(comm):
-    body = cube(comm, "hexahedron", 1)
-    ramped = [on(face, table=ramp) for face in FACES]
-    assert pressed(body, ramped).has_energy
-    assert not pressed(body, [*ramped[1:], on(FACES[0])]).has_energy
-
-
-@pytest.mark.parametrize(("moving", "has_energy"), [(1, True), (2, True), (3, False)])
-def test_no_field_crosses_moving_planes_of_symmetry(comm, moving, has_energy):
-    """The field has no component normal to them, which leaves none where three move."""
-    faces = {"right": "x", "back": "y", "bottom": "z"}
-    move = [
-        Condition(group, lambda X, load: 0.3 * load + 0 * X, (component,))
-        for group, component in [*faces.items()][:moving]
-    ]
-    hold = [roller(group, component) for group, component in [*faces.items()][moving:]]
-    hold.append(roller("left", "x"))
-    body = cube(comm, "hexahedron", 2, 0.03)
-    p = pressed(body, [on("top"), on("front")], hold=hold, move=move)
-    assert p.has_energy == has_energy
 
 
 def in_a_box(comm, element, at=0.0):
@@ -284,25 +243,3 @@ def test_a_free_edge_has_the_whole_derivative(comm, form):
     assert 1 <= problem.newton <= 4
     tip = comm.allreduce(float(abs(u.x.array).max()), max)
     assert tip == pytest.approx(TIP, rel=1e-5)
-
-
-@mpi
-@pytest.mark.parametrize(
-    "options", [{"snes_linear_solver": "iterative"}, {"ksp_type": "gmres", "pc_type": "bjacobi"}]
-)
-def test_iterations_for_a_matrix_that_is_not_symmetric(comm, options):
-    problem, u, rows = strip(comm, False, petsc_options=options)
-    assert all(row["converged"] for row in rows)
-    tip = comm.allreduce(float(abs(u.x.array).max()), max)
-    assert tip == pytest.approx(TIP, rel=1e-5) and problem.linear > problem.newton
-
-
-def test_a_pressure_on_a_line_is_refused(comm):
-    with pytest.raises(BadInput, match=r"pressure.group = 'corner_000': expected a surface"):
-        pressed(cube(comm, "hexahedron", 1), [on("corner_000")])
-
-
-def test_no_energy_is_evaluated_without_one(comm):
-    p = pressed(cube(comm, "hexahedron", 2), [on("top")], hold=[Hold("bottom")])
-    with pytest.raises(BadInput, match="the pressure on 'top' has no energy, as an edge"):
-        p.energy(p.x)

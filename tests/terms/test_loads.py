@@ -93,11 +93,6 @@ def test_bar_under_its_own_weight(g: float, tolerance: float) -> None:
     assert result.record["terms"] == ["elastic", "gravity"]
 
 
-def test_gravity_needs_a_density() -> None:
-    with pytest.raises(fem_snh.errors.BadInput, match=r"'material.density' .*: expected a number"):
-        run(block(gravity=Gravity(vector=(0, 0, -1)), hold=[Hold(group="bottom")]))
-
-
 @pytest.mark.one_debian("serial")
 @mpi
 @pytest.mark.parametrize("element", ["Q1", "P2P1"])
@@ -116,16 +111,6 @@ def test_block_on_a_foundation_sinks_and_is_compressed_uniformly(element: str) -
     assert top[2] == pytest.approx(-force / k + axial - 1, rel=1e-7)
     assert top[0] == pytest.approx((lateral - 1) / 2, rel=1e-6)
     assert result.record["terms"] == ["elastic", "traction", "spring"]
-
-
-@pytest.mark.one_debian
-def test_a_foundation_has_one_stiffness_or_one_of_each_component() -> None:
-    load = [Traction(group="top", vector=(0.02, 0, -0.05))]
-    one, three = (
-        run(block(spring=[Spring(group="bottom", stiffness=k)], traction=load))
-        for k in (0.5, (0.5, 0.5, 0.5))
-    )
-    assert one.steps[-1]["probes"] == three.steps[-1]["probes"]
 
 
 def uniaxial(stress: float) -> tuple[float, float]:

@@ -9,7 +9,7 @@ from mpi4py import MPI
 import numpy as np
 import pytest
 from gmsh_files import section
-from plane_scenes import TIGHT, own_scene, solve
+from plane_scenes import TIGHT, solve
 
 from fem_snh.errors import BadInput
 
@@ -110,17 +110,6 @@ def test_a_thin_balloon_of_rubber_takes_few_iterations(folder):
     assert result.converged
     newton = [row["newton"] for row in result.steps if row["converged"]]
     assert np.median(newton) <= 6 and sum(newton) < 150, newton
-
-
-def test_what_is_refused(tmp_path):
-    """A curve whose ends are free encloses nothing; in plane stress the edge is not known."""
-    cavity = '[[cavity]]\ngroup = "side"\nvolume = 0.1\n'
-    path = own_scene(tmp_path, "Q1", "plane_strain", cavity)
-    with pytest.raises(BadInput, match="expected a surface that encloses a volume"):
-        solve(path)
-    path = own_scene(tmp_path, "Q1", "plane_stress", cavity)
-    with pytest.raises(BadInput, match="cavity = 'given': expected no value, in plane stress"):
-        solve(path)
 
 
 @pytest.mark.mpi

@@ -7,13 +7,11 @@ import pytest
 from dolfinx_programs import converged
 from rigid_bodies import (
     HEIGHT,
-    HINGE_BETWEEN,
     INNER,
     MU,
     OUTER,
     bushing,
     bushing_mesh,
-    check_derivatives,
     corner_program,
     first_derivative,
     move_away,
@@ -21,46 +19,16 @@ from rigid_bodies import (
 )
 from running import solve
 
-from fem_snh.geometry.rotations import exponential, logarithm
 from fem_snh.scenes import Contact, Geometry, MaterialChoice, Move, Rigid, Scene
 from fem_snh.scenes import Hold as HoldTable
 
 mpi = pytest.mark.mpi
 
 TIGHT = {"snes_scaled_tol": 1e-12, "ksp_rtol": 1e-8}
-JOINTED = [
-    {"tag": 2, "spring": {"stiffness": 30.0, "rotation": 3.0}},
-    {
-        "tag": 3,
-        "joint": HINGE_BETWEEN,
-        "spring": {"rotation": 5.0},
-    },
-]
-SLIDING = [
-    {"tag": 2, "joint": {"kind": "ball", "through": (0.6, 0.5, 0.8)}, "spring": {"rotation": 2.0}},
-    {
-        "tag": 3,
-        "joint": {"kind": "slider", "axis": (1, 0, 0.2), "through": (0.4, 0.5, 0.8), "to": "dx(2)"},
-        "spring": {"stiffness": 7.0},
-    },
-]
 
 
 def copy(parts):
     return [dict(part) for part in parts]
-
-
-@pytest.mark.parametrize("angle", [0.0, 1e-9, 1e-4, 1.0, 3.0, np.pi - 1e-9])
-def test_logarithm_is_the_inverse_of_the_exponential(angle):
-    axis = np.array([2.0, -3.0, 6.0]) / 7
-    assert logarithm(exponential(angle * axis)) == pytest.approx(angle * axis, abs=2e-15)
-
-
-@pytest.mark.one_debian("ranks")
-@mpi
-@pytest.mark.parametrize("parts", [JOINTED, SLIDING], ids=["hinge", "slider"])
-def test_residual_and_hessian_are_derivatives_along_the_rigid_motion(comm, parts):
-    check_derivatives(corner_program(comm, copy(parts))._problem)
 
 
 @mpi

@@ -4,12 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-import ufl
 from dolfinx_programs import converged
 from rigid_bodies import corner_program
-
-import fem_snh
-from fem_snh.errors import BadInput
 
 mpi = pytest.mark.mpi
 
@@ -53,13 +49,3 @@ def test_a_driven_joint_between_parts_acts_on_both(comm):
     pair = solved(comm, loads)
     assert np.abs(driven.u.x.array).max() > 1e-3
     assert driven.u.x.array == pytest.approx(pair.u.x.array, abs=1e-8)
-
-
-def test_other_joints_have_no_torque():
-    with pytest.raises(BadInput, match=r"torque = 1.0: expected no value, but for a hinge"):
-        fem_snh.Rigid(ufl.dx, joint={"kind": "ball", "through": (0, 0, 0), "torque": 1.0})
-
-
-def test_a_mass_needs_time(comm):
-    with pytest.raises(BadInput, match=r"rigid.mass = 1.0: expected no value, without \[time\]"):
-        corner_program(comm, [{"tag": 2, "mass": 1.0}])

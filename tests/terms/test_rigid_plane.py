@@ -10,7 +10,6 @@ from dolfinx_programs import vector_space
 from plane_programs import COMPONENTS, rectangle, sides
 
 import fem_snh
-from fem_snh.errors import BadInput
 
 mpi = pytest.mark.mpi
 
@@ -112,30 +111,3 @@ def test_torque_on_the_inner_sleeve_of_a_bushing_is_inverse_to_its_rotation(comm
     # The radial part of a reaction is no resultant: a rigid part has none.
     reaction = np.where([flat, True, False], turned.steps[-1]["reactions"]["inner"], 0.0)
     assert state["force"] == pytest.approx(reaction, abs=1e-4)
-
-
-@pytest.mark.parametrize(
-    ("kinematics", "part", "message"),
-    [
-        (
-            "plane_strain",
-            {"torque": (1, 0, 0)},
-            r"torque = .*: expected a component about z alone,",
-        ),
-        ("plane_strain", {"free": ("z",)}, r"rigid.free = 'z': expected motions among x, y, rot"),
-        ("axisymmetric", {"torque": (0, 1, 0)}, r"rigid.torque = .*: expected no value, with"),
-        (
-            "axisymmetric_torsion",
-            {"force": (1, 0, 0)},
-            r"rigid.force = .*components along y alone,",
-        ),
-        (
-            "axisymmetric_torsion",
-            {"about": (1, 0, 0)},
-            r"rigid.about = .*a point of the axis, x = z = 0, with",
-        ),
-    ],
-)
-def test_motions_that_a_kinematics_does_not_have_are_refused(comm, kinematics, part, message):
-    with pytest.raises(BadInput, match=message):
-        section(comm, kinematics, {2: part})

@@ -10,9 +10,7 @@ from running import record, solve
 from shape_scenes import ELBOW, HINGE, LOWER, TIGHT, UPPER, arm, parts
 
 import fem_snh
-from fem_snh.errors import BadInput
-from fem_snh.geometry.rotations import exponential
-from fem_snh.scenes import BoneChoice, Geometry, Hold, Rigid
+from fem_snh.scenes import BoneChoice, Rigid
 from fem_snh.viewing.stored_run import obstacle_poses
 
 mpi = pytest.mark.mpi
@@ -58,23 +56,6 @@ def test_shape_is_the_group_of_its_cells(comm):
         assert states[1][key] == pytest.approx(values, abs=1e-7), key
 
 
-@pytest.mark.one_debian
-def test_pictures_have_the_pose_of_a_shape(tmp_path):
-    scene = arm(rigid=parts(joint=HINGE | {"torque": 500.0}), steps=2)
-    solve(scene, out=tmp_path / "out")
-    found = record(tmp_path / "out")
-    upper, lower = obstacle_poses(found, tmp_path / "out")
-    assert upper["poses"][-1] == pytest.approx(np.eye(3, 4), abs=1e-12)
-    assert lower["kind"] == "rigid" and lower["loads"] == [0.0, 0.5, 1.0]
-    R = exponential(np.array(found["steps"][-1]["rigid"]["lower"]["rotation"]))
-    pose = np.array(lower["poses"][-1])
-    assert pose[:, :3] == pytest.approx(R, abs=1e-12)
-    assert pose @ [*ELBOW, 1.0] == pytest.approx(ELBOW, abs=1e-9)
-    assert [one["kind"] for one in obstacle_poses(found, tmp_path / "out", hide=["upper"])] == [
-        "rigid"
-    ]
-
-
 def test_surface_of_a_file_is_copied_to_the_folder(tmp_path):
     import pyvista
 
@@ -89,44 +70,3 @@ def test_surface_of_a_file_is_copied_to_the_folder(tmp_path):
     assert first["poses"][-1] == pytest.approx(np.column_stack([np.eye(3), [0, 0.1, 0]]), abs=1e-9)
     fem_snh.run("twist", cells=1, steps=1, out=tmp_path / "out", overwrite=True, progress=False)
     assert not (tmp_path / "out/rigid_0.stl").exists()
-
-
-@mpi
-@pytest.mark.parametrize(
-    ("keys", "message"),
-    [
-        ({"shape": {"sphere": {"center": (9, 0, 0), "radius": 1}}}, "part with nodes of the body"),
-        (
-            {"shape": {"plane": {"point": (0, 0, 0.3)}}},
-            "'about', a point, with a shape that has no",
-        ),
-    ],
-)
-def test_shapes_that_do_not_fit_are_refused_on_every_rank(comm, keys, message):
-    with pytest.raises(BadInput, match=message):
-        solve(arm(rigid=[Rigid(name="part", **keys)]), comm)
-
-
-@pytest.mark.parametrize(
-    ("keys", "message"),
-    [
-        ({}, "expected one of the keys group, shape, surface; found none"),
-        ({"group": "top", "shape": LOWER}, "found group, shape"),
-        ({"shape": LOWER}, "missing key 'name': expected with 'shape'"),
-    ],
-)
-def test_a_part_is_one_thing_and_a_shape_has_a_name(keys, message):
-    with pytest.raises(BadInput, match=message):
-        fem_snh.Rigid(**keys)
-
-
-@pytest.mark.one_debian
-def test_polygon_has_a_middle_in_the_plane():
-    corners = [(10, 10), (25, 12), (20, 30)]
-    part = Rigid(name="part", shape={"polygon": {"points": corners}}, translate=(0, 1, 0))
-    scene = arm(
-        cells=12, mesh=Geometry(source="cook"), kinematics="plane_strain", hold=[Hold(group="left")]
-    )
-    scene = scene.model_copy(update={"rigid": [part]})
-    state = solve(scene).steps[-1]["rigid"]["part"]
-    assert state["position"] == pytest.approx((17.5, 21, 0), abs=1e-9)

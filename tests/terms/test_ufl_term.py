@@ -182,30 +182,3 @@ def test_dead_load_follows_the_load(comm):
         term.set_load(load)
         assert body.residual(term).sum() == pytest.approx(2 * load, rel=1e-12)
         assert term.energy(body.x, None) == pytest.approx(body.slope(term), rel=1e-8)
-
-
-@pytest.mark.one_debian("ranks")
-@mpi
-def test_energy_outside_its_domain_is_infinite(comm):
-    body = Body(comm, size=3.0)
-    term = UFLTerm(ufl.ln(ufl.det(body.F)) * body.dx, body.u)
-    assert term.energy(body.x, None) == float("inf")
-
-
-@mpi
-def test_bad_forms(comm):
-    body, other = Body(comm), Body(comm)
-    u, v = body.u, body.v
-    w = ufl.TestFunction(_dolfinx.function_space(body.domain, 1))
-    trial = ufl.TrialFunction(body.V)
-    bad = {
-        "of rank 2": ufl.inner(trial, v) * body.dx,
-        "another mesh": ufl.inner(other.u, other.u) * other.dx,
-        "own space": u[0] * w * body.dx,
-        "without the displacement": body.k * body.dx,
-        "'interior_facet': expected integrals over cells": u("+")[0] * u("-")[0] * ufl.dS,
-        "1.0: expected a UFL form": 1.0,
-    }
-    for message, form in bad.items():
-        with pytest.raises(BadInput, match=message):
-            UFLTerm(form, u, "foundation")

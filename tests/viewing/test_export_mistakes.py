@@ -9,7 +9,6 @@ from typing import Any
 
 from mpi4py import MPI
 
-import numpy as np
 import pytest
 import pyvista as pv
 from picture_runs import bad, write_run
@@ -29,17 +28,6 @@ def rewrite(folder: Path, state: int, change: Any) -> None:
     grid: Any = pv.read(path)
     change(grid)
     grid.save(path)
-
-
-def test_options(twisted, tmp_path):
-    assert "expected a file .vtkhdf or .obj" in bad(export.main, twisted, tmp_path / "a.vtu")
-    assert "--frames = 1: expected a number" in bad(export.main, twisted, tmp_path / "a.obj", 1)
-    assert "--frames = 5: expected" in bad(export.main, twisted, tmp_path / "a.vtkhdf", 5)
-    assert "no run.json" in bad(export.main, tmp_path, tmp_path / "a.obj")
-    (tmp_path / "file").write_text("")
-    assert "cannot write" in bad(export.main, twisted, tmp_path / "file" / "a.obj")
-    assert "cannot write" in bad(export.main, twisted, tmp_path / "file" / "a.vtkhdf")
-    assert not list(tmp_path.glob("a*"))
 
 
 def test_a_bad_state_leaves_the_earlier_file(twisted, tmp_path):
@@ -78,21 +66,3 @@ def test_a_full_disk(twisted, tmp_path, limit):
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
     assert message.endswith("a.vtkhdf: File too large")
     assert [p.name for p in tmp_path.iterdir()] == ["run"]
-
-
-def test_sequences(twisted, tmp_path):
-    out = tmp_path / "a.obj"
-    export.main(twisted, out, 5)
-    assert "a_0003.obj: of an earlier, longer sequence" in bad(export.main, twisted, out)
-
-    def spoil(grid: Any) -> None:
-        grid.point_data["displacement"][0] = np.nan
-
-    rewrite(twisted, 1, spoil)
-    assert "the displacement is not finite" in bad(export.main, twisted, tmp_path / "b.obj")
-    pvd = twisted / "fields.pvd"
-    lines = pvd.read_text().splitlines()
-    kept = [k for k, line in enumerate(lines) if "DataSet" in line]
-    pvd.write_text("\n".join(line for k, line in enumerate(lines) if k not in kept[1:]))
-    assert "--frames 5: needs two stored loads" in bad(export.main, twisted, out, 5)
-    assert [path.name for path in export.main(twisted, tmp_path / "c.obj")] == ["c_0000.obj"]

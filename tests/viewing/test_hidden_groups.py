@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from typing import Any
 
@@ -85,16 +84,6 @@ def test_parts_of_overlapping_groups(comm):
     assert comm.allreduce(np.bincount(found.numbers, minlength=3), op=MPI.SUM).tolist() == [2, 4, 2]
 
 
-def test_a_mesh_of_one_part_has_no_groups_to_hide(tmp_path):
-    solve("twist", cells=1, steps=1, angle=0.1, out=tmp_path / "run")
-    assert "cell_groups" not in record(tmp_path / "run")
-    message = bad(render.StoredRun, tmp_path / "run", "J", view_options(hide=["body"]))
-    accepted = "a run with obstacles, bones, rigid shapes or several groups of cells"
-    assert message == f"--hide = 'body': expected {accepted}"
-    message = bad(lambda: render.main(tmp_path, modes=True, view=view_options(hide=["body"])))
-    assert message == "--modes and --hide: expected one of the two"
-
-
 def test_the_smallest_J_is_marked_where_it_is(folder):
     write_run(MPI.COMM_SELF, folder, "Q1")
     files = [str(file) for file in render.stored_loads(folder / "fields.pvd")[1.0]]
@@ -114,21 +103,3 @@ def test_the_smallest_J_is_marked_where_it_is(folder):
     assert view.project(view.centre) == pytest.approx((0.5, 0.5))
     right = view.centre + np.array([0.25 * view.width, 0, 0.1 * view.height])
     assert view.project(right) == pytest.approx((0.75, 0.6))
-
-
-@pytest.mark.one_debian
-def test_the_mark_is_in_the_picture(folder):
-    """A ring and its label: dark pixels where the picture without the field has none."""
-    matplotlib_image = pytest.importorskip("matplotlib.image")
-    solve("twist", cells=3, angle=0.8, out=folder)
-    options = view_options(camera="z")
-    marked = matplotlib_image.imread(render.main(folder, folder / "a.png", [1.0], view=options))
-    content = json.loads((folder / "run.json").read_text())
-    assert content["steps"][-1]["min_J"] < 1
-    for file in folder.glob("*.vtu"):
-        file.write_bytes(file.read_bytes().replace(b'Name="min_J"', b'Name="other"'))
-    plain = matplotlib_image.imread(render.main(folder, folder / "b.png", [1.0], view=options))
-    changed = np.argwhere(np.abs(marked - plain).max(axis=2) > 0.3)
-    assert marked.shape == plain.shape and 100 < len(changed) < 20_000
-    rows, columns = np.ptp(changed, axis=0)
-    assert rows < 60 and columns < 260

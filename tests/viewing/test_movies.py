@@ -10,10 +10,9 @@ from mpi4py import MPI
 import imageio
 import numpy as np
 import pytest
-from picture_runs import bad, write_run
+from picture_runs import write_run
 
 from fem_snh.viewing import render
-from fem_snh.viewing.render import drawing
 from fem_snh.viewing.states import InterpolatedStates
 
 pytestmark = pytest.mark.one_debian
@@ -58,29 +57,3 @@ def test_movie_has_its_frames_and_moves(twisted, tmp_path, suffix):
     changes = [np.abs(a - b).mean() for a, b in pairwise(colours)]
     assert min(changes) > 0.1
     assert [path.name for path in tmp_path.iterdir()] == [out.name]
-
-
-def test_mistakes_are_one_line(twisted, tmp_path):
-    assert ".mp4 or .gif" in bad(render.movie, twisted, tmp_path / "a.avi")
-    assert "--seconds" in bad(render.movie, twisted, tmp_path / "a.gif", "J", 0.0)
-    assert "field = 'mises'" in bad(render.movie, twisted, tmp_path / "a.gif", "mises", SECONDS)
-    blocked = tmp_path / "file"
-    blocked.write_text("")
-    assert "cannot write" in bad(render.movie, twisted, blocked / "a.gif", "J", SECONDS)
-
-
-def test_a_movie_needs_two_states(tmp_path):
-    write_run(MPI.COMM_SELF, tmp_path, "Q1")
-    collection = tmp_path / "fields.pvd"
-    lines = collection.read_text().splitlines()
-    kept = [k for k, line in enumerate(lines) if "DataSet" in line]
-    collection.write_text("\n".join(line for k, line in enumerate(lines) if k not in kept[1:]))
-    assert "two stored loads" in bad(render.movie, tmp_path, tmp_path / "a.gif")
-
-
-def test_frames_have_even_sizes(twisted):
-    panels = [render.Panel(f, "", t) for t, f in files_of(twisted).items()]
-    names = list(LOADS)
-    job = render.MovieJob("J", "t", panels, "", names=names, load_name="load", frames=2)
-    (first, _) = drawing.movie_frames(job)
-    assert first.shape[0] % 2 == first.shape[1] % 2 == 0 and first.shape[2] == 3

@@ -13,7 +13,7 @@ from contact_scenes import slide
 from interrupted_runs import cut
 from running import solve
 
-from fem_snh.geometry.shapes import Box, Capsule, Cylinder, Plane, Sphere, from_record
+from fem_snh.geometry.shapes import Box, Capsule, Cylinder, Sphere, from_record
 from fem_snh.geometry.shapes.triangles import surface_triangles
 
 ENDS: Any = ((0.1, 0.2, 0.3), (0.9, 0.5, 0.6))
@@ -50,14 +50,6 @@ def test_triangles_are_closed_and_on_the_shape(shape: Any, volume: float) -> Non
     assert np.einsum("ni,ni->", a, np.cross(b, c)) / 6 == pytest.approx(volume, rel=0.01)
 
 
-def test_surfaces_without_an_end_are_cut_off_around_a_point() -> None:
-    centre = np.array([3.0, 1.0, 0.5])
-    for shape in (Plane((0, 0, 1), (1, 0, 2)), Cylinder(*ENDS, R, infinite=True)):
-        points, triangles = surface_triangles(shape, centre, 2.0)
-        assert len(triangles) and np.linalg.norm(points - centre, axis=1).max() < 2.0 * 3
-        assert np.abs(shape.distance(points)).max() < 1e-12
-
-
 @pytest.mark.mpi
 def test_the_series_of_a_run(comm: MPI.Intracomm, folder: Any) -> None:
     """At each time the points are on the obstacles where run.json has them; a resumed run adds."""
@@ -81,10 +73,3 @@ def test_the_series_of_a_run(comm: MPI.Intracomm, folder: Any) -> None:
             X = (np.asarray(part.points) - pose[:, 3]) @ pose[:, :3]
             tolerance = 2e-3 if name == "balls" else 1e-12
             assert np.abs(from_record(obstacle["shape"]).distance(X)).max() < tolerance
-
-
-@pytest.mark.one_debian("ranks")
-@pytest.mark.mpi
-def test_a_run_without_obstacles_has_no_such_file(comm: MPI.Intracomm, folder: Any) -> None:
-    solve("twist", comm, cells=2, steps=1, out=folder)
-    assert (folder / "fields.pvd").exists() and not (folder / "obstacles.pvd").exists()

@@ -52,12 +52,6 @@ def test_run_figure_shows_steps_and_failures():
     assert "not converged" in volume
 
 
-def test_legend_tells_runs_apart():
-    runs = [record(hessian="clamp"), record(hessian="adaptive")]
-    names = [name for name in lines(run_figure(runs), 0) if not name.startswith("_")]
-    assert names == ["stable Neo-Hookean, clamp Hessian", "stable Neo-Hookean, adaptive Hessian"]
-
-
 def test_plot_runs(tmp_path):
     a, b = (write_record(tmp_path / name, record()) for name in "ab")
     assert plots.main([a]) == a / "history.png"
@@ -140,23 +134,6 @@ def test_errors_over_cost_mark_the_pareto_front(tmp_path):
     assert plots.main([tmp_path], x="seconds", y=["error"]) == tmp_path / "curves.png"
 
 
-def test_another_poissons_ratio_has_a_front_of_its_own(tmp_path):
-    """The points are of two problems, of which one is easier."""
-    file = tmp_path / "sweep.csv"
-    head, *rows = ERRORS.splitlines()
-    harder = [row.replace("0.3", "0.49").replace("0.4,2", "0.8,2") for row in rows[:1]]
-    file.write_text("\n".join([head, *rows, *harder]))
-    shown = lines(front_figure(read_table(file), "seconds", "error", file), 0)
-    (best,) = [line for label, line in shown.items() if label.startswith("best")]
-    assert sorted(best.get_ydata()) == [0.001, 0.05, 0.4, 0.8]
-
-
-def test_errors_of_a_sweep_without_any(tmp_path):
-    (tmp_path / "sweep.csv").write_text(HEAD + ROWS)
-    with pytest.raises(BadInput, match="has no column error: expected a sweep with --error"):
-        plots.main([tmp_path], x="seconds", y=["error"])
-
-
 def test_plot_sweep(tmp_path):
     table = tmp_path / "sweep.csv"
     table.write_text(HEAD + ROWS)
@@ -171,55 +148,6 @@ def test_plot_sweep(tmp_path):
         "0.3",
         "0.49",
     ]
-
-
-def test_sweep_of_something_else_than_nu(tmp_path):
-    rows = ROWS.replace("0.3,clamp,5", "0.49,clamp,10").replace("neo_hookean,0.5,", "x,0.49,")
-    (tmp_path / "sweep.csv").write_text(HEAD + rows)
-    figure = sweep_figure(read_sweep(tmp_path / "sweep.csv"))
-    assert figure.axes[0].get_xlabel() == "cells"
-
-
-def test_sweep_of_a_body_of_two_materials(tmp_path):
-    """Their Poisson's ratios are one text, "0.5 + 0.3", which is no axis."""
-    rows = ROWS.replace("0.3,clamp,5", "0.49,clamp,10").replace("neo_hookean,0.5,", "x,0.49,")
-    (tmp_path / "sweep.csv").write_text(HEAD + rows.replace("0.49", "0.5 + 0.3"))
-    figure = sweep_figure(read_sweep(tmp_path / "sweep.csv"))
-    assert figure.axes[0].get_xlabel() == "cells"
-    lines_of = rows.splitlines(keepends=True)
-    rows = "".join(line.replace("0.49", f"0.{k} + 0.3") for k, line in enumerate(lines_of, 1))
-    (tmp_path / "sweep.csv").write_text(HEAD + rows.replace(",10,", ",5,"))
-    figure = sweep_figure(read_sweep(tmp_path / "sweep.csv"))
-    assert any("nu 0.1 + 0.3" in name for name in lines(figure, 0))
-
-
-def test_axes_of_a_sweep_have_the_units_of_its_points(tmp_path):
-    (tmp_path / "sweep.csv").write_text(HEAD.replace("cells", "E") + ROWS)
-    assert plots.main([tmp_path], x="E", y=["newton"]).name == "curves.png"
-    write_record(tmp_path / "a", record(units="mm, N, MPa"))
-    (tmp_path / "b").mkdir()
-    (tmp_path / "b" / "run.json").write_text("{")
-    figure = plots._table_figure(tmp_path / "sweep.csv", "E", ["newton"])
-    assert (figure.axes[0].get_xlabel(), figure.axes[0].get_ylabel()) == ("E [MPa]", "newton")
-
-
-@pytest.mark.parametrize("cells, label", [("10", "cells"), ("5", r"Poisson's ratio $\nu$")])
-def test_sweep_of_incompressible_bodies(tmp_path, cells, label):
-    """The axis of nu has no place for 1/2 beside other values."""
-    rows = "a,twist,yeoh,0.5,clamp,5,True,10,100,1,1\nb,twist,gent,0.5,clamp,%s,True,9,90,1,1\n"
-    (tmp_path / "sweep.csv").write_text(HEAD + rows % cells)
-    figure = sweep_figure(read_sweep(tmp_path / "sweep.csv"))
-    assert figure.axes[0].get_xlabel() == label
-    assert lines(figure, 0)["yeoh"].get_ydata().tolist() == [10]
-
-
-@pytest.mark.parametrize(
-    "content", ["", "nu,material\n0.3,x\n", HEAD, HEAD + ROWS.replace("900", "many"), '\0\n"a']
-)
-def test_bad_sweep(tmp_path, content):
-    table = tmp_path / "sweep.csv"
-    table.write_text(content)
-    assert str(table) in bad(plots.main, [table])
 
 
 def test_plot_bad_arguments(tmp_path):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-from itertools import pairwise
 from pathlib import Path
 
 from mpi4py import MPI
@@ -13,16 +12,13 @@ import dolfinx
 import matplotlib.image
 import numpy as np
 import pytest
-from matplotlib.cm import ScalarMappable
-from matplotlib.colors import Normalize
-from matplotlib.figure import Figure
 from picture_runs import CELLS, bad, nodal_arrays, record, write_record, write_run
 
 import fem_snh
-from fem_snh import _dolfinx, viewing
+from fem_snh import _dolfinx
 from fem_snh.errors import BadInput, on_root
 from fem_snh.runs.output.fields import GridSeries
-from fem_snh.viewing import plots, render, stored_run
+from fem_snh.viewing import render
 from fem_snh.viewing.render import drawing, surfaces
 
 
@@ -78,13 +74,6 @@ def test_render_draws_every_load(comm, folder, element):
         assert half.mean() > 0.2
 
 
-@pytest.mark.one_debian
-@pytest.mark.parametrize("field", ["displacement", "min_eigenvalue"])
-def test_render_other_fields_and_chosen_loads(twisted, field):
-    out = render.main(twisted, twisted / "pictures" / "a.png", loads=[1.0], field=field)
-    assert matplotlib.image.imread(out).shape[1] == 1600
-
-
 @pytest.fixture(scope="module")
 def section(tmp_path_factory) -> Path:
     """An axisymmetric run: half of a section of a cylinder of radius 1/2, length 1."""
@@ -103,15 +92,6 @@ def test_two_dimensions_are_drawn_in_their_plane(section):
     assert (where.width, where.height) == pytest.approx((1.04 * 0.5, 1.04 * 1.2))
     assert item.edges is not None
     assert render.main(section, section / "flat.png").is_file()
-
-
-@pytest.mark.one_debian
-def test_a_section_has_the_colours_of_the_bar(section):
-    """At rest J is 1, in grey: neither light nor the outline at rest changes it."""
-    image = matplotlib.image.imread(render.main(section, section / "rest.png", loads=[0.0]))
-    colours, counts = np.unique(image[..., :3].reshape(-1, 3), axis=0, return_counts=True)
-    grey = matplotlib.colormaps["coolwarm"](0.5)[:3]
-    assert colours[np.argsort(counts)[-2]] == pytest.approx(grey, abs=4 / 255)  # white has most
 
 
 @pytest.mark.one_debian
@@ -156,10 +136,6 @@ def test_an_error_is_drawn_where_it_is_known(bushing):
     assert np.array_equal(default, last) and not np.array_equal(default, both)
 
 
-def test_only_axisymmetric_runs_are_revolved(twisted):
-    assert bad(lambda: render.main(twisted, revolve=True)).startswith("--revolve: expected an axi")
-
-
 def write_modes(comm: MPI.Intracomm, folder: Path, frequencies: list[float]) -> Path:
     """A run folder with modes of a sheared cube: displacements that grow with their number."""
     cells = [dolfinx.mesh.CellType.hexahedron]
@@ -200,16 +176,6 @@ def test_modes_are_exaggerated_alike_about_the_state_they_are_of(comm, folder):
     assert drawing.colours("mode", np.array([0.1, 0.9]))[1].vmax == 1
 
 
-def test_render_modes_bad_files(twisted):
-    assert "this run has no modes" in bad(render.main, twisted, None, None, "J", True)
-    write_modes(MPI.COMM_WORLD, twisted, [1.0, 2.0])
-    assert "no mode 3: the run has 1 to 2" in bad(render.main, twisted, None, [3], "J", True)
-    assert "no mode 1.5" in bad(render.main, twisted, None, [1.5], "J", True)
-    assert "--modes and --revolve" in bad(lambda: render.main(twisted, modes=True, revolve=True))
-    (twisted / "modes.pvd").unlink()
-    assert "modes.pvd" in bad(render.main, twisted, None, None, "J", True)
-
-
 def test_colours_of_J_are_centred_at_one_and_robust():
     values = np.concatenate([np.linspace(0.95, 1.02, 1000), [40.0]])
     cmap, norm, extend = drawing.colours("J", values)
@@ -218,53 +184,6 @@ def test_colours_of_J_are_centred_at_one_and_robust():
     assert drawing.colours("energy_density", np.zeros(9))[0] == "viridis"
     with pytest.raises(BadInput, match="no finite value"):
         drawing.colours("J", np.array([np.nan]))
-
-
-@pytest.mark.parametrize("change", [0.1, 1e-3, 1e-5])
-def test_numbers_of_a_bar_are_written_in_full(change):
-    """J = 0.9991 was -0.9 with "x 10^-3 + 1" beside it, which hid what the bar shows."""
-    figure = Figure(figsize=(8, 1), dpi=100)
-    bar = figure.add_axes((0.3, 0.7, 0.4, 0.2))
-    ticks, numbers = drawing.ticks_of_bar(1 - change, 1 + change, 7)
-    mappable = ScalarMappable(Normalize(1 - change, 1 + change))
-    figure.colorbar(mappable, bar, orientation="horizontal", ticks=ticks, format=numbers)
-    bar.tick_params(labelsize=8)  # as in pictures, which are 8 inches wide
-    figure.canvas.draw()
-    assert bar.xaxis.get_offset_text().get_text() == ""
-    labels = [label for label in bar.get_xticklabels() if label.get_text()]
-    assert len(labels) >= 2
-    for label in labels:
-        number = float(label.get_text().removeprefix("$\\mathdefault{").removesuffix("}$"))
-        assert number == pytest.approx(label.get_position()[0], abs=1e-3 * change)
-    boxes = [label.get_window_extent() for label in labels]
-    assert all(a.x1 < b.x0 for a, b in pairwise(boxes))
-
-
-def test_labels():
-    number = stored_run.number_text
-    assert [number(math.pi * x) for x in (1, 0.5, -1.5, 2)] == ["π", "π/2", "-3π/2", "2π"]
-    assert [number(x) for x in (0, 3.4, 1.8000000001)] == ["0", "3.4", "1.8"]
-    label = stored_run.panel_label(record(), 0.5)
-    assert label == "angle π/2  ·  volume +2.00 %  ·  min J 0.90"
-    assert stored_run.panel_label(record(), 0.0) == "angle 0"
-    assert "stable Neo-Hookean" in render.title(record())
-
-
-def test_default_loads():
-    assert render.choose_loads([0.0, 0.5, 1.0], None) == [0.5, 1.0]
-    assert render.choose_loads([0.0], None) == [0.0]
-    twelve = [i / 12 for i in range(13)]
-    assert render.choose_loads(twelve, None) == [4 / 12, 8 / 12, 1.0]
-    with pytest.raises(BadInput, match=r"no fields at load 0\.7: stored are 0, 0\.5"):
-        render.choose_loads([0.0, 0.5], [0.7])
-
-
-@pytest.mark.parametrize("content", [None, "", "{", "[]", '{"scene": 1}', '{"steps": 3}'])
-def test_bad_run_json(tmp_path, content):
-    if content is not None:
-        (tmp_path / "run.json").write_text(content)
-    for function in (render.main, lambda folder: plots.main([folder])):
-        assert "run.json" in bad(function, tmp_path)
 
 
 @pytest.mark.one_debian
@@ -282,8 +201,3 @@ def test_render_bad_files(twisted):
     assert "fields.pvd" in bad(render.main, twisted)
     (twisted / "fields.pvd").unlink()
     assert "fields.pvd" in bad(render.main, twisted)
-
-
-def test_render_without_opengl_says_what_to_install(twisted, monkeypatch):
-    monkeypatch.setattr(viewing, "_opengl_backends", lambda: [(["sh", "-c", "kill -ABRT $$"], {})])
-    assert "libegl1" in bad(render.main, twisted)

@@ -8,8 +8,8 @@ from picture_runs import bad
 from running import solve
 
 from fem_snh.viewing import render
-from fem_snh.viewing.render import drawing, surfaces
-from fem_snh.viewing.stored_run import label, written_fields
+from fem_snh.viewing.render import surfaces
+from fem_snh.viewing.stored_run import written_fields
 
 
 @pytest.fixture(scope="module")
@@ -46,31 +46,6 @@ def test_components_and_magnitudes_are_drawn(stressed):
     assert len(up) == 27 and drawn.min() >= up.min() - 1e-12
     force, _ = values(stressed, "reaction_force.x")
     assert abs(force).max() > 0.01
-
-
-@pytest.mark.one_debian
-def test_a_picture_of_a_component(stressed):
-    lines = []
-    out = render.main(stressed, field="cauchy_stress.xz", report=lines.append)
-    (line,) = lines
-    assert line.startswith("Cauchy stress, xz [Pa]: from -")
-    assert out == stressed / "cauchy_stress.xz.png" and out.stat().st_size > 10_000
-
-
-def test_labels_have_units():
-    assert label("von_mises") == "von Mises stress [Pa]"
-    assert label("cauchy_stress.xy") == "Cauchy stress, xy [Pa]"
-    assert label("reaction_force") == "magnitude of the reaction force [N]"
-    assert label("principal_stretches.1") == "principal stretch, 1"
-    assert label("J") == "J  (volume ratio)"
-    assert label("own") == "own"
-
-
-def test_colours_of_a_field_that_changes_sign_are_centred_at_zero():
-    changing, positive = np.linspace(-1, 2, 200), np.linspace(1, 2, 200)
-    cmap, norm, _ = drawing.colours("cauchy_stress.xy", changing)
-    assert (cmap, norm.vmin, norm.vmax) == ("coolwarm", -2, 2)
-    assert drawing.colours("von_mises", positive)[0] == "viridis"
 
 
 def test_mistakes(stressed):

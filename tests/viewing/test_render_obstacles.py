@@ -14,7 +14,6 @@ from contact_scenes import slide
 from picture_runs import bad, record, write_record, write_run
 from running import record as read_record
 from running import solve
-from scipy.spatial.transform import Rotation
 
 from fem_snh.geometry.shapes import Box, Capsule, Cylinder, Plane, Polygon, Sphere, from_record
 from fem_snh.viewing import render
@@ -52,33 +51,6 @@ def test_triangles_are_on_the_shape(kind, keys, shape):
     surface = triangles(kind, keys, np.zeros(3), 2.0)
     assert np.abs(shape.evaluate(np.asarray(surface.points, float)).distance).max() < 2e-6
     assert np.ptp(surface.points, axis=0).max() > 0.9
-
-
-def test_triangles_of_unions_are_on_their_surface():
-    parts = [{"sphere": {"center": [0, 0, 0], "radius": 0.5}}, {"capsule": ENDS}]
-    union = triangles("union", parts, np.zeros(3), 2.0)
-    shape = from_record({"union": parts})
-    assert shape.distance(np.asarray(union.points, float)).max() < 2e-6
-    keys = {"shapes": parts, "blend": 0.05}
-    surface = triangles("smooth_union", keys, np.zeros(3), 2.0)
-    smooth = from_record({"smooth_union": keys})
-    # Linear interpolation on cells of 0.04: curvature 1/0.4 times 0.04^2/8, twice at the seam.
-    assert np.abs(smooth.distance(np.asarray(surface.points, float))).max() < 1e-3
-    assert surface.n_open_edges == 0
-
-
-def test_poses_are_interpolated_and_distant_parts_cut_off():
-    turned = np.column_stack([Rotation.from_rotvec([0, 0, 1.0]).as_matrix(), [0, 0, -1]])
-    poses = [REST, turned.tolist()]
-    ball = {"shape": {"sphere": {"center": [1, 0, 0], "radius": 0.1}}, "poses": poses}
-    floor = {"shape": {"plane": {"point": [0, 0, 0], "normal": [0, 0, 1]}}, "poses": poses}
-    drawn = Obstacles([{**ball, "loads": [0, 1]}, {**floor, "loads": [0, 1]}])
-    bounds = np.array([[-2.0, -2, -2], [2, 2, 2]])
-    (_, surface), (_, plane) = drawn.at(0.5, bounds)
-    assert surface.center == pytest.approx([np.cos(0.5), np.sin(0.5), -0.5], abs=1e-3)
-    assert plane.bounds[4:] == pytest.approx((-0.5, -0.5))
-    assert plane.bounds[1] == pytest.approx(2 + 0.25 * np.linalg.norm(bounds[1] - bounds[0]))
-    assert len(drawn.at(0.5, bounds + 9)) == 0  # all of them are far away
 
 
 @pytest.mark.parametrize(

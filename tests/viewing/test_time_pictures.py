@@ -6,12 +6,9 @@ from typing import Any
 
 import pytest
 
-from fem_snh.errors import BadInput
-from fem_snh.viewing.page import cell, flatten
 from fem_snh.viewing.plots.runs import run_figure
 from fem_snh.viewing.stored_run import (
     axis_label,
-    choose_loads,
     load_range,
     panel_label,
     parameter,
@@ -46,13 +43,6 @@ def test_states_are_named_by_their_time() -> None:
     assert panel_label(quasi_static, 0.5).startswith("load 0.5  ·")
 
 
-def test_states_are_chosen_by_their_time() -> None:
-    stored = [0.0, 1e-6, 2e-6]
-    assert choose_loads(stored, [1e-6]) == [1e-6]
-    with pytest.raises(BadInput, match=r"no fields at load 1\.5e-06: stored are 0, 1e-06, 2e-06"):
-        choose_loads(stored, [1.5e-6])
-
-
 def test_a_graph_of_one_run_has_its_energies() -> None:
     figure = run_figure([record()])
     *_, energies = figure.axes
@@ -69,8 +59,3 @@ def test_a_graph_of_several_runs_has_their_sums() -> None:
     assert [len(line.get_xdata()) for line in figure.axes[-1].get_lines()] == [5, 5]
     mixed = run_figure([record(), {k: v for k, v in record().items() if k != "time"}])
     assert len(mixed.axes) == 2 and mixed.axes[0].get_xlabel() == "time [s], load"
-
-
-def test_the_settings_of_a_page_list_the_table() -> None:
-    settings = dict(flatten(record()))
-    assert settings["time.duration"] == 1e-3 and cell(settings["time.start.kinetic"]) == "0"

@@ -11,11 +11,9 @@ from mpi4py import MPI
 import numpy as np
 import pytest
 from browser import console_errors, network_requests, open_page, picture, wait_for
-from picture_runs import bad, write_run
+from picture_runs import write_run
 
 from fem_snh.viewing import render
-from fem_snh.viewing.page import first_axes
-from fem_snh.viewing.plots.runs import run_table
 
 pytestmark = pytest.mark.one_debian
 
@@ -90,23 +88,6 @@ def test_page_holds_curves_steps_settings_and_versions(page):
     for expected in ("<td>linear</td>", "material.nu", "<td>0.49</td>", "<td>0.5.2</td>"):
         assert expected.replace("<td>linear</td>", "<th>linear</th>") in text
     assert "<DIVERGED>" not in text and "&lt;DIVERGED&gt;" in text
-
-
-def test_states_are_chosen_evenly():
-    loads = [k / 100 for k in range(101)]
-    chosen = render.choose_states(loads)
-    assert len(chosen) == render.MAX_STATES and (chosen[0], chosen[-1]) == (0.0, 1.0)
-    assert np.ptp(np.diff(chosen)) <= 0.011
-    assert render.choose_states(loads[:5]) == loads[:5]
-
-
-def test_mistakes_are_one_line(page, tmp_path):
-    folder = page.parent
-    assert "expected a file .html" in bad(render.page, folder, tmp_path / "a.png")
-    assert "field = 'mises'" in bad(render.page, folder, None, "mises")
-    assert "run.json" in bad(render.page, tmp_path)
-    (tmp_path / "file").write_text("")
-    assert "cannot write" in bad(render.page, folder, tmp_path / "file" / "a.html")
 
 
 def picked_values(browser: Any) -> dict[str, list[float]]:
@@ -215,23 +196,3 @@ def test_curves_of_the_steps_are_beside_the_body(tmp_path):
         assert [c.get_attribute("class") for c in circles] == ["now", "step", "step stored"]
         assert browser.find_element(By.ID, "label").text.startswith("angle π/2")
         assert not console_errors(browser) and not network_requests(browser)
-
-
-def test_the_first_curve_is_over_the_load_parameter():
-    table = run_table(RECORD)
-    assert first_axes(RECORD, table) == ("load", "top.force.z")
-    named = RECORD | {"load_name": "stretch"}
-    assert first_axes(named, run_table(named)) == ("stretch", "top.force.z")
-    turned = json.loads(json.dumps(RECORD))
-    turned["steps"][0]["moments"] = {"top": [0, 0, 1.0]}
-    assert first_axes(turned, run_table(turned)) == ("load", "top.moment.z")
-    plain = RECORD | {"steps": [{"load": 1.0, "volume_ratio": 1.1}]}
-    assert first_axes(plain, run_table(plain)) == ("load", "volume_ratio")
-
-
-#: A run with a force.
-RECORD: dict[str, Any] = {
-    "scene": "block", "load_name": "load", "steps": [{
-        "load": 1.0, "reactions": {"top": [0, 0, 2.0]},
-    }],
-}  # fmt: skip
