@@ -12,7 +12,7 @@ from benchmarks.accuracy_cases import goals_of
 from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.choices import ESTIMATES, LIFTED_ELEMENT
 from fem_snh.errors import choose
-from fem_snh.scenes import Geometry, Hold, MaterialChoice, Modes, Probe, Scene, Traction, load
+from fem_snh.scenes import Geometry, Hold, MaterialChoice, Probe, Scene, Traction, load
 
 #: Elements, those of degree 2 on half the cells along an edge.
 _ELEMENTS = "P1,Q1,Q1P0,P2,P2P0,P2P1,Q2,Q2Q1"
@@ -24,7 +24,6 @@ _REFERENCES = {
     "block": ((2, 4, 8), "Q2Q1"),
     "shear": ((3, 6, 12), "Q2Q1"),
     "bar": ((2, 4, 8), "P2P0"),
-    "vibrations": ((3, 6, 12), "Q2"),
     "plane": ((16, 32, 64), "Q2Q1"),
     "sheet": ((16, 32, 64), "Q2"),
     "tube": ((8, 16, 32), "Q2Q1"),
@@ -37,7 +36,6 @@ _GOALS = {
     "block": ("middle.z", "energy"),
     "shear": ("corner.x", "corner.z", "energy"),
     "bar": ("end.z", "energy"),
-    "vibrations": ("frequency.1", "frequency.3", "frequency.4", "frequency.5"),
     "plane": ("corner.y", "tip.x", "energy"),
     "sheet": ("corner.y", "tip.x", "energy"),
     "tube": ("inner.x", "outer.x", "energy"),
@@ -53,7 +51,7 @@ _SECTIONS: dict[str, tuple[str, Row]] = {
     "bushing": ("bushing", {}),
 }
 #: Treatments of the volume term that a scene does not have.
-_WITHOUT = {"sheet": ("mean", "pressure"), "vibrations": ("pressure",)}
+_WITHOUT = {"sheet": ("mean", "pressure")}
 #: Goals are estimated well in this range of the effectivity, and acceptably in that.
 _WELL, _ACCEPTABLE = (0.7, 1.4), (0.5, 2.0)
 #: An error below this part of the value is not compared: the extrapolation has one of its own.
@@ -74,9 +72,8 @@ def rows(
     scenes : str
         cook; twist: a cube turned by 1 radian; block: pressed on a quarter of its top; shear: a
         cube on a clamped bottom, sheared by a dead load; bar: two materials, of which one is a
-        hundred times as stiff, bent by a dead load; vibrations: frequencies of a cube that is
-        clamped at a face, elements without an unknown pressure. Of two dimensions: plane and
-        sheet, Cook's membrane in plane strain and plane stress; tube, inflated; rod, stretched
+        hundred times as stiff, bent by a dead load. Of two dimensions: plane and sheet,
+        Cook's membrane in plane strain and plane stress; tube, inflated; rod, stretched
         to twice its length; bushing, turned and pushed.
     elements, nus, cells : str
         Elements, Poisson's ratios, cells along an edge (degree 2: half).
@@ -175,9 +172,7 @@ def exact(scene: str, nu: float) -> Mapping[str, float]:
     found = []
     for cells in meshes:
         result = fem_snh.run(scene_of(scene, nu, element, cells), progress=False)
-        values = goals_of(result.steps[-1]) if result.converged else {}
-        frequencies = enumerate(result.frequencies, 1)
-        found.append(values | {f"frequency.{i}": value for i, value in frequencies})
+        found.append(goals_of(result.steps[-1]) if result.converged else {})
     return {name: _extrapolated([goals.get(name, nan) for goals in found]) for name in found[0]}
 
 
@@ -202,15 +197,6 @@ def scene_of(name: str, nu: float, element: str, cells: int, estimate: str = "")
     if name == "block":
         return load(name, nu=nu, **common)
     one = MaterialChoice(name="stable_neo_hookean", E=1.0, nu=nu)
-    if name == "vibrations":
-        return Scene(
-            name="vibrations",
-            mesh=Geometry(source="cube"),
-            material=one,
-            hold=[Hold(group="left")],
-            modes=Modes(count=6, density=1.0),
-            **common,
-        )
     if name == "shear":
         return Scene(
             name="shear",

@@ -1,12 +1,11 @@
 """What a result is worth: estimated errors of goals; locking, inversion, and notes.
 
-Goals are scalars of a state (`goals`, `frequency_goals`). Their
-errors are estimated by a second solution in a better element on the same cells:
+Goals are scalars of a state (`goals`). Their errors are estimated by a second solution in a better
+element on the same cells:
 
 - `estimate` adds up the parts of the errors. `lift` chooses the element and solves the problem in
   it, `differences` iterates until the goals are settled, finds what the better element misses, and
-  what penalties and Newton's tolerance change; `shape_surfaces` what bones and rigid parts that are
-  shapes do.
+  what penalties and Newton's tolerance change.
 - `path_errors` does the same where the end depends on the path: in time, and with friction.
 - `coarser_meshes` extrapolates them from the same scene on coarser meshes instead.
 - `indicators` distributes an error to the cells, by the dual solutions of `duals`.

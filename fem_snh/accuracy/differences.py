@@ -92,8 +92,6 @@ class LiftedGoals:
         The goals.
     estimate : Estimate
         Has their values in the run, and counts the iterations.
-    bind : callable, optional
-        Returns the function that evaluates a goal in the lifted problem; default: `Goal.bind`.
 
     Attributes
     ----------
@@ -106,12 +104,10 @@ class LiftedGoals:
         lift: Lift,
         goals: Sequence[Goal],
         estimate: Estimate,
-        bind: Callable[[Goal], Callable[[], Sequence[float]]] | None = None,
     ) -> None:
         self.lift, self.goals, self.estimate = lift, goals, estimate
         self.values, self.scales = values_of(estimate, goals), scales_of(estimate, goals)
-        bind = bind or (lambda goal: goal.bind(lift.lifted))
-        self._functions = [bind(goal) for goal in goals]
+        self._functions = [goal.bind(lift.lifted) for goal in goals]
 
     def evaluate(self) -> Array:
         """Return the goals in the present state of the lifted problem."""
@@ -247,19 +243,6 @@ def _table() -> tuple[Array, Array]:
     ratio = (powers[2] - powers[3]) / (1 - powers[2])
     further = powers[3] / (powers[2] - powers[3])
     return ratio[::-1], further[::-1]
-
-
-def cell_squares(problem: Problem, vector: PETSc.Vec) -> Array:
-    """Return the integral of the squared gradient of a displacement over each owned cell.
-
-    ``vector`` is ghosted.
-    """
-
-    def squares(u: Array, X: Array) -> Array:
-        volumes, (gradient,) = _gradients(problem, u, X, [problem.element.degree])
-        return np.asarray((volumes * (gradient**2).sum(axis=(2, 3))).sum(axis=1))
-
-    return _in_batches(problem, vector, squares)
 
 
 def _parts(lifted: Problem, vector: PETSc.Vec) -> tuple[Array, Array]:

@@ -18,7 +18,6 @@ from fem_snh.accuracy.differences import (
     Differences,
     LiftedGoals,
     algebra_errors,
-    cell_squares,
     penalty_errors,
     saturation,
     scales_of,
@@ -26,7 +25,6 @@ from fem_snh.accuracy.differences import (
     values_of,
     yield_much,
 )
-from fem_snh.accuracy.frequency_goals import FrequencyGoal, LiftedModes, lifted_modes
 from fem_snh.accuracy.goal_bounds import add_what_is_missed
 from fem_snh.accuracy.goal_errors import (
     BEGINS,
@@ -39,6 +37,7 @@ from fem_snh.accuracy.goal_errors import (
     StepsTooLong,
     TooLittleMemory,
     check_problem,
+    check_shapes,
 )
 from fem_snh.accuracy.goals import Goal, PointGoal, TermGoal, names_of
 from fem_snh.accuracy.indicators import cell_indicators, place
@@ -51,12 +50,6 @@ from fem_snh.accuracy.lift import (
     lifted_dofs,
     lifted_elements,
     memory,
-)
-from fem_snh.accuracy.shape_surfaces import (
-    ShapeSurfaces,
-    changes_by_surfaces,
-    check_shapes,
-    is_on_flesh,
 )
 from fem_snh.accuracy.state_checks import is_at_rest, may_lock
 from fem_snh.assembly.elements import Element
@@ -244,8 +237,7 @@ def _without_errors(problem: Problem, goals: Sequence[Goal]) -> dict[str, GoalEr
     for goal, vector in zip(goals, vectors, strict=True):
         unit = goal.unit(problem)
         scale = max(*map(abs, vector), _LEAST_SCALE * unit)
-        vanishes = unit > 0 and not isinstance(goal, FrequencyGoal)
-        if at_rest and (vanishes or goal.kind == "energy"):
+        if at_rest and (unit > 0 or goal.kind == "energy"):
             scale = inf  # a multiple of rounding has no relative error
         pairs = zip(goal.names, vector, strict=True)
         errors |= {name: GoalError(value, None, scale) for name, value in pairs}
@@ -303,76 +295,56 @@ class _LiftedErrors:
         self._estimate, self._options = estimate, options
         lifted = create_lifted(problem, make)
         estimate.element = lifted.element.name
-        self._surfaces = ShapeSurfaces(lifted)
-        if self._surfaces:
-            goals = [goal for goal in goals if is_on_flesh(goal)]
-        self._static = [goal for goal in goals if not isinstance(goal, FrequencyGoal)]
-        self._frequencies = [goal for goal in goals if isinstance(goal, FrequencyGoal)]
-        #: The parts of the errors that are not of the mesh, and those of frequencies.
-        self._parts, self._parts_of_frequencies = Parts(), Parts()
+        self._given = goals
+        #: The parts of the errors that are not of the mesh.
+        self._parts = Parts()
         self._add_other_parts()
         self.lift = Lift(problem, lifted)
-        self._goals = LiftedGoals(self.lift, self._static, estimate, self._surfaces.bind)
+        self._goals = LiftedGoals(self.lift, goals, estimate)
 
     def add(self) -> None:
         """Add the errors to the estimate; raise NoEstimate if there are none."""
         estimate, options, goals = self._estimate, self._options, self._goals
         differences = goals.differences(options.asked)
         estimate.may_be_unstable = self.lift.check_stability(options.stability)
-        errors = mesh = self._without_algebra(differences)
-        if self._surfaces:  # with no errors of the corners of cells, where the lifted ones are
-            moved = changes_by_surfaces(self._surfaces, goals, errors)
-            self._parts["shape"], mesh = moved.values, replace(errors, unsettled=moved.unsettled)
-        else:
-            mesh += self._missed(differences, errors)
+        errors = self._without_algebra(differences)
+        mesh = errors + self._missed(differences, errors)
         changes = np.zeros(len(goals.values))
         if (penalties := self._parts.get("penalty")) is not None:
-            further = unsettled_penalties(self._problem, self._static, goals.values, penalties)
+            further = unsettled_penalties(self._problem, self._given, goals.values, penalties)
             scales = self._scales_of_penalties()
-            if not self._surfaces and yield_much(penalties, scales, options.asked):
+            if yield_much(penalties, scales, options.asked):
                 self._parts["penalty"] = self._lifted_penalties(scales)
                 changes = np.abs(self._parts["penalty"] - penalties)
             mesh = replace(mesh, unsettled=mesh.unsettled + further)
-        self._set_errors(self._static, mesh, self._parts)
-        for name, change in zip(names_of(self._static), changes, strict=True):
+        self._set_errors(self._given, mesh, self._parts)
+        for name, change in zip(names_of(self._given), changes, strict=True):
             estimate.goals[name] = replace(estimate.goals[name], penalty_change=float(change))
         self._add_largest()
-        _mark_small_forces(self._static, estimate)  # those that do not count are not located
-        modes = self._add_frequencies() if self._frequencies else None
+        _mark_small_forces(self._given, estimate)  # those that do not count are not located
         if chosen := self._located():
             estimate.indicators = self._mesh_indicators(errors, mesh, chosen)
-            if modes:
-                estimate.indicators |= self._frequency_indicators(modes, chosen)
         estimate.linear = self.lift.linear
 
     def _add_other_parts(self) -> None:
-        """Find the parts of the errors that are not of the mesh.
-
-        Frequencies have no part of what Newton's method left: it would cost the modes of its state.
-        """
-        problem, estimate, static = self._problem, self._estimate, self._static
+        """Find the parts of the errors that are not of the mesh."""
+        problem, estimate, goals = self._problem, self._estimate, self._given
         outcome = StepOutcome()
-        values, scales = values_of(estimate, static), scales_of(estimate, static)
-        if (algebra := algebra_errors(problem, static, values)) is not None:
+        values, scales = values_of(estimate, goals), scales_of(estimate, goals)
+        if (algebra := algebra_errors(problem, goals, values)) is not None:
             relative = np.abs(algebra[scales > 0]) / scales[scales > 0]
             estimate.algebra = float(relative.max(initial=0.0))
             values = values + algebra
             self._parts["algebra"] = np.where(np.abs(algebra) <= ROUNDING * scales, 0.0, algebra)
-        goals = [*static, *self._frequencies]
-        values = np.append(values, values_of(estimate, self._frequencies))
-        penalties = penalty_errors(problem, goals, values, scales_of(estimate, goals), outcome)
+        penalties = penalty_errors(problem, goals, values, scales, outcome)
         estimate.penalty_newton = outcome.newton
         if penalties is not None:
-            of_static, of_frequencies = np.split(penalties, [len(scales)])
-            self._parts["penalty"], self._parts_of_frequencies["penalty"] = (
-                of_static,
-                of_frequencies,
-            )
+            self._parts["penalty"] = penalties
 
     def _scales_of_penalties(self) -> Array:
         """Return what errors are relative to, of forces at least a part of the largest one."""
         scales = self._goals.scales
-        forces = np.array([goal.is_force for goal in self._static for _ in goal.names], bool)
+        forces = np.array([goal.is_force for goal in self._given for _ in goal.names], bool)
         least = SMALL_FORCE * scales[forces].max(initial=0.0)
         return np.where(forces, np.maximum(scales, least), scales)
 
@@ -420,7 +392,7 @@ class _LiftedErrors:
         lift = Lift(problem, create_in(middle, problem, self._make))
         try:
             # A copy of the estimate: the iterations that it counts are those of the lifted problem.
-            goals = LiftedGoals(lift, self._static, replace(estimate))
+            goals = LiftedGoals(lift, self._given, replace(estimate))
             in_middle = goals.differences(self._options.asked)
         finally:
             lift.destroy()
@@ -451,28 +423,12 @@ class _LiftedErrors:
         changes = lift.lifted.x.array_r[:unknowns] - lift.start.array_r[:unknowns]
         on_rank = float(np.abs(changes).max(initial=0.0))
         largest = factor * lift.lifted.comm.allreduce(on_rank, op=MPI.MAX)
-        for goal in self._static:
+        for goal in self._given:
             if isinstance(goal, PointGoal) and lift.lifted.element.volume != "mean":
                 goals |= {name: replace(goals[name], of_body=largest) for name in goal.names}
             elif self._options.asked and (size_of_change := getattr(goal, "size_of_change", None)):
                 size = factor * size_of_change(lift.lifted, lift.start)
                 goals |= {name: replace(goals[name], of_size=size) for name in goal.names}
-
-    def _add_frequencies(self) -> LiftedModes | None:
-        """Add the errors of frequencies; return the lifted modes, or None without any."""
-        goals, lifted = self._frequencies, self.lift.lifted
-        modes = lifted_modes(self.lift, goals[0].modes)
-        if modes is None:
-            return None
-        numbers = [goal.number - 1 for goal in goals]
-        factors: Array | float = 1.0
-        if not locks(self._problem, lifted.element):
-            # The root: smooth modes leave nothing, those of clamped bodies the factor.
-            factors = np.sqrt([saturation(lifted, modes.shapes[i]) for i in numbers])
-        changes = modes.frequencies[numbers] - values_of(self._estimate, goals)
-        errors = Differences(changes, modes.unsettled[numbers]).scaled(factors)
-        self._set_errors(goals, errors, self._parts_of_frequencies)
-        return modes
 
     def _located(self) -> Collection[str]:
         """Return the goals whose errors are distributed to the cells."""
@@ -500,21 +456,9 @@ class _LiftedErrors:
         """
         ratios = np.full(len(errors.values), self._estimate.saturation)
         np.divide(mesh.values, errors.values, out=ratios, where=mesh.values * errors.values > 0)
-        factors = dict(zip(names_of(self._static), ratios, strict=True))
-        cells = cell_indicators(self.lift, self._static, chosen.__contains__)
+        factors = dict(zip(names_of(self._given), ratios, strict=True))
+        cells = cell_indicators(self.lift, self._given, chosen.__contains__)
         return {name: factors[name] * values for name, values in cells.items()}
-
-    def _frequency_indicators(
-        self, modes: LiftedModes, chosen: Collection[str]
-    ) -> dict[str, Array]:
-        """Return the errors of chosen frequencies in cells: squares of the modes' changes."""
-        indicators, lifted = {}, self.lift.lifted
-        for name, goal in zip(names_of(self._frequencies), self._frequencies, strict=True):
-            if name in chosen:
-                squares = cell_squares(lifted, modes.changes[goal.number - 1])
-                total = lifted.comm.allreduce(squares.sum())
-                indicators[name] = squares * ((self._estimate.goals[name].error or 0.0) / total)
-        return indicators
 
 
 def locks(problem: Problem, lifted: Element) -> bool:

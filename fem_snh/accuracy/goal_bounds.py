@@ -27,8 +27,6 @@ _SAFETY_OF_P3P0 = 4.0
 #: cylinder of 15 cells of Q2Q1, whose factor is 2.2, the estimate is 2.4 times the error of the
 #: force on a clamped end, without the factor 1.1 times.
 _LEAST_WITHOUT_FACTOR = 0.9
-#: The same with bones and rigid parts that are shapes (docs/results/error.md).
-_SAFETY_OF_SHAPES = 1.8
 #: The same of the part of penalties where the end does not depend on the path: the estimates are
 #: 0.98 to 1.03 of the parts (docs/results/error.md).
 _SAFETY_OF_PENALTIES = 1.15
@@ -101,7 +99,7 @@ class GoalLevel:
         known, parts = self.known, self.known.parts
         part = abs(parts.get(source, 0.0))
         if source == "mesh":
-            part = max(part + abs(parts.get("shape", 0.0)), known.of_path)
+            part = max(part, known.of_path)
         part *= _safety_of(source, parts, self.safety) - 1
         if source == "penalty":
             part += known.penalty_bound
@@ -169,8 +167,7 @@ def add_what_is_missed(estimate: Estimate, degree: int, dim: int) -> None:
     largest = _largest_of_vectors({n: abs(g.error or 0.0) for n, g in estimate.goals.items()})
     for name, goal in estimate.goals.items():
         if goal.error is not None and goal.parts:
-            safety = _safety_of_shapes(goal, common)
-            missed = _missed(goal, safety) + (safety - 1) * _of_steps(goal)
+            missed = _missed(goal, common) + (common - 1) * _of_steps(goal)
             missed = max(missed, _least_part(goal) * largest[vector_of(name)])
             estimate.goals[name] = replace(goal, missed=missed)
 
@@ -180,11 +177,6 @@ def _safety(estimate: Estimate, degree: int, dim: int) -> float:
     weak = dim == 2 and estimate.element == "P3P0"
     safety = _SAFETY_OF_P3P0 if weak else _SAFETY[degree]
     return max(safety, 2 - _LEAST_WITHOUT_FACTOR / estimate.saturation)
-
-
-def _safety_of_shapes(goal: GoalError, safety: float) -> float:
-    """Return the bound of an error over its estimate, with that of bones that are shapes."""
-    return max(safety, _SAFETY_OF_SHAPES) if "shape" in goal.parts else safety
 
 
 def _on_path(parts: Mapping[str, float]) -> bool:
@@ -217,7 +209,6 @@ def _bounded(goal: GoalError, safety: float, coarser: GoalLevel | None) -> GoalL
     error = goal.error or 0.0
     corrected = goal.value + error
     scale = max(goal.scale, abs(corrected))
-    safety = _safety_of_shapes(goal, safety)
     steps = _of_steps(goal)
     missed = _missed(goal, safety) + goal.mesh_bound + goal.penalty_bound
     unsettled = 0.0 if _on_path(goal.parts) else goal.unsettled  # its bounds are counted above

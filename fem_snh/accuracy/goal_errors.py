@@ -16,7 +16,6 @@ import numpy.typing as npt
 from fem_snh.accuracy.goals import vector_of
 from fem_snh.errors import in_words
 from fem_snh.problem.problem import Problem
-from fem_snh.problem.solids import solids_in_shapes
 
 #: An estimate is printed as a bound if more than this part of it is unsettled.
 UNSETTLED = 0.2
@@ -81,7 +80,7 @@ class GoalError:
     unsettled : float
         By how much further Newton iterations would change the estimate, about.
     parts : dict of float
-        The parts of the estimate by their source: mesh, shape, algebra, penalty, time or load
+        The parts of the estimate by their source: mesh, algebra, penalty, time or load
         steps; empty if there is one source, the mesh.
     steps_bound : float
         A bound of the error of time or load steps; infinite where none is known.
@@ -449,12 +448,22 @@ def depends_on_path(problem: Problem) -> bool:
     return problem.motion is not None or problem.history.is_kept(problem.comm)
 
 
-def check_body(problem: Problem) -> None:
-    """Raise NoEstimate for a solid that is a shape, whose surface cells follow step by step."""
-    if solids := solids_in_shapes(problem):
+def check_shapes(problem: Problem) -> None:
+    """Raise NoEstimate for a bone or rigid part that is a shape, whose surface no cell follows.
+
+    Its solid ends at the last of the nodes in it: an error that another element on the same cells
+    does not measure.
+    """
+    bones = [f"bone '{b.bone.name}'" for b in problem.dirichlet.bones if b.bone.shape is not None]
+    parts = (
+        [f"rigid part '{problem.rigid.names[i]}'" for i in problem.rigid.shapes]
+        if problem.rigid
+        else []
+    )
+    for solid in (*bones, *parts):
         raise NoEstimateOnAnyMesh(
-            f"the {solids[0].kind} '{solids[0].name}' is a shape: in time, and with friction or "
-            "multipliers, it needs a 'group' of the mesh"
+            f"the {solid} is a shape, which ends at the last of its nodes: it needs a 'group' of "
+            "the mesh"
         )
 
 

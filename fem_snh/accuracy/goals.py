@@ -39,7 +39,6 @@ from fem_snh.kernels.material import Material
 from fem_snh.problem.measures import Probes
 from fem_snh.problem.problem import Problem
 from fem_snh.problem.reactions import reaction, virtual_rotation, weighted
-from fem_snh.problem.solids import solids_in_shapes
 from fem_snh.terms.body import displacement_gradient, of_the_body
 from fem_snh.terms.term import ForceTerm, Term
 
@@ -391,7 +390,7 @@ class VolumeGoal(CellsGoal):
 
     def bind(self, problem: Problem) -> Callable[[], Sequence[float]]:
         """See `Goal.bind`."""
-        if not problem.kinematics.plane_stress and solids_in_shapes(problem):
+        if not problem.kinematics.plane_stress and len(problem.solid_cells):
             return super().bind(problem)  # also in cells that are not assembled
 
         def values() -> list[float]:

@@ -358,7 +358,7 @@ class Levels:
             return False
         if self._is_shared:
             return self._suffices("mesh")
-        of_mesh = max(map(self._largest_part, ("mesh", "shape")))
+        of_mesh = self._largest_part("mesh")
         other = max(self._largest_part(source) for source in (*_STEPS, *_OTHERS))
         if other > _SMALL_PART * self.asked:  # it is reduced
             if self._contribution("mesh") <= _MESH_STAYS * self.asked:

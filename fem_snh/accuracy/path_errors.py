@@ -32,7 +32,6 @@ from fem_snh.accuracy.differences import (
     without_penalties,
 )
 from fem_snh.accuracy.estimate import Announce, announce_cost, estimating, locks
-from fem_snh.accuracy.frequency_goals import FrequencyGoal
 from fem_snh.accuracy.goal_errors import (
     LOAD_STEPS,
     TIME_STEPS,
@@ -40,7 +39,7 @@ from fem_snh.accuracy.goal_errors import (
     Estimate,
     NoEstimate,
     StepsTooLong,
-    check_body,
+    check_shapes,
 )
 from fem_snh.accuracy.goals import Goal, bind_all, names_of
 from fem_snh.accuracy.lift import (
@@ -198,15 +197,13 @@ def estimate_on_path(
 
     with estimating(problem, goals, mesh) as estimate:
         check_cross_points(problem)
-        check_body(problem)
-        known = [goal for goal in goals if not isinstance(goal, FrequencyGoal)]
-        estimate.on_no_mesh = len(known) < len(goals)
+        check_shapes(problem)
         steps = path.steps
         if problem.motion and steps < _FEWEST_STEPS:
             raise NoEstimate(f"{steps} time steps: expected at least {_FEWEST_STEPS}")
         estimate.again = ceil(steps / 2) if steps > 1 else 2
         announce_cost(problem, _lifted_elements(problem)[:1], estimate, announce, max_memory)
-        _Repetitions(problem, path, known, estimate).add()
+        _Repetitions(problem, path, goals, estimate).add()
     return estimate
 
 

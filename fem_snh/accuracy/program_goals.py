@@ -10,7 +10,6 @@ import numpy as np
 import ufl
 
 from fem_snh import _dolfinx
-from fem_snh.accuracy.frequency_goals import FrequencyGoal
 from fem_snh.accuracy.goals import (
     AXES,
     CellsGoal,
@@ -28,9 +27,8 @@ from fem_snh.accuracy.goals import (
     names_of,
 )
 from fem_snh.assembly.regions import cells_or_facets
-from fem_snh.errors import BadInput, bad_value, check_number, check_whole, choose
+from fem_snh.errors import BadInput, bad_value, check_number, choose
 from fem_snh.problem.conditions import condition_of, is_condition
-from fem_snh.problem.modes import ProgramModes
 from fem_snh.problem.problem import Problem
 from fem_snh.problem.reactions import (
     counted_weights,
@@ -75,10 +73,6 @@ def program_goals(problem: Problem, goals: Any) -> list[Goal]:
     found: list[Goal] = []
     for number, (name, goal) in enumerate(named):
         found += _goals(problem, number, name, goal)
-    of_modes = {id(goal.modes) for goal in found if isinstance(goal, FrequencyGoal)}
-    if len(of_modes) > 1:
-        accepted = "frequencies of one call of vibration_modes()"
-        raise bad_value("goals", f"frequencies of {len(of_modes)} calls", accepted)
     names = names_of(found)
     if doubled := {name for name in names if names.count(name) > 1}:
         raise bad_value("goals", sorted(doubled)[0], "a different name for each goal")
@@ -118,16 +112,6 @@ def _goals(problem: Problem, number: int, name: str, value: Any) -> list[Goal]:
             if value.arguments() or problem.u not in value.coefficients():
                 raise refused("a form", "a form of rank 0 that contains u")
             return [FunctionalGoal(name or key, value, problem.u)]
-        case ProgramModes() | (ProgramModes(), _):
-            modes, mode = (value, None) if isinstance(value, ProgramModes) else value
-            lowest, count = modes.of_state(problem), len(modes.frequencies)
-            if lowest is None:
-                accepted = "those about the last solution: call vibration_modes()"
-                raise refused("modes of another state", accepted)
-            if mode is not None:
-                check_whole(f"{key} number", mode, 1, count)
-                return [FrequencyGoal(mode, lowest, name)]
-            return [FrequencyGoal(i + 1, lowest, name and f"{name}.{i + 1}") for i in range(count)]
         case Rigid() | (Rigid(), _):
             part, result = (value, RESULTS[0]) if isinstance(value, Rigid) else value
             if any(part is term for term in problem.definition.terms):

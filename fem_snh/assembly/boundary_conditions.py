@@ -60,9 +60,6 @@ class Condition:
         Whether a program may change its values from step to step.
     plane : NodePlane or None
         The plane in which its nodes slide, of a condition of symmetry.
-    points : (n, 3) array or None
-        The points of a moved body at which the nodes that this rank owns are [length]; at first
-        their reference coordinates. None without a motion.
     """
 
     key: str
@@ -75,7 +72,6 @@ class Condition:
     moves: bool = False
     by_hand: bool = False
     plane: NodePlane | None = None
-    points: Array | None = None
 
     @classmethod
     def of_mask(cls, name: str, given: Any, owned: int, mask: Array, **values: Any) -> Condition:
@@ -159,8 +155,6 @@ class Dirichlet:
     part_motions : sequence of (n, 2, 3)
         The motions of each part that its conditions admit or prescribe at rest: velocities of a
         point at the origin, and angular velocities.
-    solid_cells : (n,) int
-        This rank's own cells whose nodes are constrained and that are not assembled.
     conditions : list of Condition
         The conditions, planes of symmetry first.
     path : StartPath or None
@@ -200,7 +194,6 @@ class Dirichlet:
         self.released: Array = np.empty(0, np.int64)
         self.rigid_parts: Array | None = None
         self.part_motions: Sequence[Array] = ()
-        self.solid_cells: Array = np.empty(0, np.int64)
         self._thin: list[ThinSupports | None] = []
         if self._moves:
             self._check_planes()

@@ -161,11 +161,10 @@ class _Place:
         dofs = components * own[:, None] + list(axes)
         found = Condition(label, label, label, given, directions, dofs.ravel(), moves=moves)
         if hasattr(motion, "displacement"):
-            X = found.points = self._X[own]
+            X = self._X[own]
 
             def set_values(values: Array, load: float) -> None:
-                u = motion.displacement(found.points, load) + (found.points - X)
-                values[dofs] = u[:, list(axes)]
+                values[dofs] = motion.displacement(X, load)[:, list(axes)]
 
             found.set_values = set_values
         return found

@@ -127,10 +127,6 @@ class Definition:
         regions = fill_regions(mesh, self.fillings)
         placed = self.conditions, kinematics, bones, self.on_load, lifted, self.amplitudes
         dirichlet = place_conditions(V, mesh, *placed)
-        if bones and element.degree > self.element.degree:
-            from fem_snh.problem.solids import cells_in_shapes
-
-            dirichlet.solid_cells = cells_in_shapes(V, bones)
         motion = self.motion(u, regions, dirichlet, kinematics) if self.motion else None
         body = Body(u, mesh, regions, dirichlet, self.amplitudes, motion, kinematics)
         follows = dirichlet.depends_on_load

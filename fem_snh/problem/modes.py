@@ -387,49 +387,6 @@ def lowest(
     )
 
 
-class LowestModes:
-    """The modes that a scene or a program asks for, computed once for each state of a problem.
-
-    Parameters
-    ----------
-    density : float or None
-        Mass per reference volume [kg/m^3] of the regions that have none of their own.
-    count : int
-        Number of modes.
-    prefix : str, optional
-        Prefix of SLEPc's options.
-    """
-
-    def __init__(
-        self, density: float | None, count: int, prefix: str = SOLVER_PREFIX + PREFIX
-    ) -> None:
-        self._density, self._count, self._prefix = density, count, prefix
-        self._last: tuple[PETSc.Vec, VibrationModes] | None = None
-
-    def __call__(self, problem: Problem) -> VibrationModes:
-        """Return the modes about the state of a problem; see `lowest`. Collective."""
-        if self._last is not None:
-            state, found = self._last
-            if found.problem is problem and state.equal(problem.x):
-                return found
-        found = lowest(problem, self._density, self._count, self._prefix)
-        self._last = problem.x.copy(), found
-        return found
-
-    def check(self, problem: Problem) -> None:
-        """Check that the modes can be computed; see `check`. Collective."""
-        check(problem, self._count)
-
-    def regions(self, problem: Problem) -> Sequence[Region]:
-        """Return the regions of a problem, all with their densities."""
-        return regions_with(problem.domain, problem.regions, self._density)
-
-    def scale(self, problem: Problem) -> float:
-        """Return the scale of eigenvalues, E / (density length^2) [1/s^2]. Collective."""
-        density = mean_density(problem, self.regions(problem))
-        return float(problem.modulus / (density * problem.length**2))
-
-
 def check(problem: Problem, count: int) -> None:
     """Check before the load steps that the modes can be computed. Collective.
 
@@ -472,9 +429,6 @@ def _library_errors() -> Iterator[None]:
 class ProgramModes:
     """The lowest modes of vibration about a solution of a program.
 
-    A pair of them and a number from 1, ``(modes, 1)``, is a goal of
-    ``NonlinearProblem.estimate_error``: one frequency. The modes alone are all of them.
-
     Attributes
     ----------
     frequencies : list of float
@@ -492,21 +446,13 @@ class ProgramModes:
         The body's mass [kg]; of a plane, per thickness [kg/m].
     """
 
-    def __init__(self, problem: Problem, lowest: LowestModes) -> None:
-        found = lowest(problem)
-        self._problem, self._state, self._lowest = problem, problem.x.copy(), lowest
+    def __init__(self, found: VibrationModes) -> None:
         self.frequencies, self.residuals = found.frequencies, found.residuals
         self.density, self.mass = found.density, found.mass
         self.shapes = [found.function(i) for i in range(1, len(found.shapes) + 1)]
 
     def __str__(self) -> str:
         return ", ".join(f"{frequency:.6g}" for frequency in self.frequencies) + " Hz"
-
-    def of_state(self, problem: Problem) -> LowestModes | None:
-        """Return what computes the modes; None if they are not those of its state. Collective."""
-        if problem is not self._problem or not self._state.equal(problem.x):
-            return None
-        return self._lowest
 
 
 def program_modes(
@@ -521,4 +467,4 @@ def program_modes(
         raise bad_value("density", None, accepted)
     check(problem, count)
     check_converged(reason, "vibration_modes")
-    return ProgramModes(problem, LowestModes(density, count, prefix + PREFIX))
+    return ProgramModes(lowest(problem, density, count, prefix + PREFIX))

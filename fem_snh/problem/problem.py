@@ -112,7 +112,7 @@ class Problem:
     dirichlet : Dirichlet
         The constrained dofs and their values.
     solid_cells : (n,) int
-        This rank's own cells that are not assembled: in bones, of a lifted problem, or rigid parts.
+        This rank's own cells that are not assembled: those in rigid parts.
     rigid : RigidParts or None
         The rigid parts, whose nodes follow six unknowns each.
     largest_step : StepLimit or None
@@ -162,9 +162,7 @@ class Problem:
         eliminating: list[Any] = [term for term in terms if term.eliminates]
         self.rigid: RigidParts | None = eliminating[0] if eliminating else None
         self.regions = given = list(regions)
-        self.solid_cells = dirichlet.solid_cells
-        if self.rigid:
-            self.solid_cells = np.union1d(self.solid_cells, self.rigid.cells)
+        self.solid_cells = self.rigid.cells if self.rigid else np.empty(0, np.int64)
         if unknowns.V.mesh.comm.allreduce(len(self.solid_cells)):
             regions = without_cells(unknowns.V.mesh.comm, regions, self.solid_cells)
         self.dirichlet, self._reactions, self._parts = dirichlet, reactions, parts

@@ -23,13 +23,12 @@ from fem_snh.runs.recorder import Recorder
 from fem_snh.runs.result import Result
 from fem_snh.runs.scene_options import scene_options
 from fem_snh.runs.setup import Setup, set_up
-from fem_snh.runs.vibrations import vibrations
+from fem_snh.scenes._outputs import DEFAULT_DENSITY
 from fem_snh.solver.options import unused_options
 
 if TYPE_CHECKING:
     from fem_snh.accuracy.goal_errors import Estimate
     from fem_snh.accuracy.goals import Goal
-    from fem_snh.problem.modes import LowestModes
     from fem_snh.runs.checkpoint import Checkpoint
     from fem_snh.runs.levels import Level
 
@@ -148,11 +147,14 @@ def _run(
             about["accuracy"] = level.levels.record()
         printed.start(about)
         goals: list[Goal] = []
-        modes = vibrations(setup)
+        if wanted := scene.modes:
+            from fem_snh.problem import modes
+
+            modes.check(setup.problem, wanted.count)
         if scene.estimates_error:
             from fem_snh.runs.goals import scene_goals
 
-            goals = scene_goals(setup, modes)
+            goals = scene_goals(setup)
         if stored and folder:
             missing = stored.missing(scene, goals)
             stored.restore(setup.stepper)
@@ -165,7 +167,7 @@ def _run(
             from fem_snh.runs.bones import copy_surfaces
 
             on_root(comm, copy_surfaces, scene, folder)
-        estimate = _solve(setup, recorder, printed, goals, modes, level)
+        estimate = _solve(setup, recorder, printed, goals, level)
         if level:
             level.end(recorder.record, estimate)
         status = "converged" if setup.stepper.done else setup.stepper.failure_message()
@@ -184,7 +186,6 @@ def _solve(
     recorder: Recorder,
     printed: Progress,
     goals: Sequence[Goal],
-    modes: LowestModes | None,
     level: Level | None,
 ) -> Estimate | None:
     """Solve all load steps, then compute modes and errors; record each result. Collective."""
@@ -195,8 +196,11 @@ def _solve(
             printed.step(step)
             with interrupts.postponed():
                 recorder.add_step(step)
-        if modes and setup.stepper.done:
-            found = modes(setup.problem)
+        if (wanted := setup.scene.modes) and setup.stepper.done:
+            from fem_snh.problem.modes import lowest
+
+            density = wanted.density or DEFAULT_DENSITY
+            found = lowest(setup.problem, density, wanted.count)
             with interrupts.postponed():
                 recorder.add_modes(found)
         if goals and setup.stepper.done:

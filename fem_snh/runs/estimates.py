@@ -25,7 +25,6 @@ from fem_snh.runs.goals import GoalStates, scene_goals
 from fem_snh.runs.level_meshes import cells_of, is_exact, is_refined_locally
 from fem_snh.runs.scene_path import ScenePath
 from fem_snh.runs.setup import Setup, set_up
-from fem_snh.runs.vibrations import vibrations
 
 if TYPE_CHECKING:
     from fem_snh.runs.levels import Level
@@ -177,7 +176,7 @@ def _follow(setup: Setup, scene: scenes.Scene) -> Followed:
     except BadInput as error:
         raise NoEstimate(f"on a coarser mesh: {error}") from None
     try:
-        goals = scene_goals(again, vibrations(again))
+        goals = scene_goals(again)
         return end_of(again.stepper, again.problem, goals, "on a coarser mesh")
     except BadInput as error:  # cells that are too large for the radius of a probe
         raise NoEstimate(f"on a coarser mesh: {error}") from None

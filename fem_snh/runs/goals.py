@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 from petsc4py import PETSc
 
@@ -12,7 +12,6 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh import _dolfinx
-from fem_snh.accuracy.frequency_goals import FrequencyGoal
 from fem_snh.accuracy.goal_errors import depends_on_path
 from fem_snh.accuracy.goals import (
     EnergyGoal,
@@ -35,12 +34,8 @@ from fem_snh.mesh.mesh import DIMENSIONS, Mesh
 from fem_snh.problem.problem import Problem
 from fem_snh.problem.reactions import is_free
 from fem_snh.runs.setup import Setup
-from fem_snh.scenes import LARGEST, GoalName, Scene, frequency_goals, read_goal, term_goals
+from fem_snh.scenes import LARGEST, GoalName, Scene, read_goal, term_goals
 from fem_snh.tables.amplitudes import loads_return
-
-if TYPE_CHECKING:
-    from fem_snh.problem.modes import LowestModes
-
 
 Array = npt.NDArray[Any]
 
@@ -58,15 +53,13 @@ _SAME = 1e-6
 _INSTEAD = "expected a scene whose tables end at the load that counts"
 
 
-def scene_goals(setup: Setup, modes: LowestModes | None = None) -> list[Goal]:
+def scene_goals(setup: Setup) -> list[Goal]:
     """Return the goals of a scene, by default those of `default_goals`, without zero forces.
 
     Parameters
     ----------
     setup : Setup
         The scene with its problem.
-    modes : LowestModes, optional
-        What computes its modes.
 
     Raises
     ------
@@ -93,7 +86,7 @@ def scene_goals(setup: Setup, modes: LowestModes | None = None) -> list[Goal]:
         first, before = vectors.get((read.kind, read.name), (name, read))
         components = sorted({*before.components, *read.components})
         vectors[read.kind, read.name] = first, read._replace(components=tuple(components))
-    return [_goal(scene, setup.mesh, name, read, modes) for name, read in vectors.values()]
+    return [_goal(scene, setup.mesh, name, read) for name, read in vectors.values()]
 
 
 def named_goals(setup: Setup, names: Sequence[str]) -> list[Goal]:
@@ -149,21 +142,14 @@ def default_goals(scene: Scene, has_energy: bool) -> list[str]:
         *results,
         *(f"{reaction.group}.moment" for reaction in turned if kinematics.moment_axes),
         *(f"{group}.volume" for group in scene.volumes),
-        *frequency_goals(scene),
         "volume",
         *(["energy"] if has_energy else []),
     ]
 
 
-def _goal(
-    scene: Scene, mesh: Mesh, text: str, read: GoalName, modes: LowestModes | None = None
-) -> Goal:
+def _goal(scene: Scene, mesh: Mesh, text: str, read: GoalName) -> Goal:
     """Return the goal of a name, and of what was read from it and other components' names."""
     kind, name, components = read
-    if kind == "frequency":
-        if modes is None:
-            raise bad_value("goal", text, "a displacement, a force, a moment or a volume")
-        return FrequencyGoal(int(name), modes)
     if kind == "energy":
         return EnergyGoal()
     if kind == "term":
@@ -254,7 +240,7 @@ class GoalStates:
         self._at: dict[Goal, float | str] = {}
         for goal in goals:
             at = given.get(vector_of(goal.names[0])) or default
-            if at and goal.kind != "frequency":
+            if at:
                 self._at[goal] = at
         self.reason = ""
         if self._at and depends_on_path(self._problem):

@@ -39,7 +39,6 @@ from fem_snh.scenes._outputs import (
     Probe,
     Reaction,
     Tetrahedra,
-    frequency_goals,
     read_goal,
     term_goals,
 )
@@ -55,7 +54,7 @@ __all__ = [
     "Contact", "Damping", "Geometry", "GoalName", "Gravity", "Hold", "Lattice", "MaterialChoice",
     "Modes", "Move", "Obstacle", "Pressure", "Probe", "Reaction", "Rig", "Rigid", "Rotate", "Scene",
     "SelfContact", "Spring", "Start", "Symmetry", "Tetrahedra", "Time", "Traction",
-    "check_consistency", "describe", "frequency_goals", "function", "group_references", "load",
+    "check_consistency", "describe", "function", "group_references", "load",
     "load_to_run", "names",
     "own_parameters", "read_goal", "read_toml", "register_feature", "term_goals", "validate",
     "why_condensed",

@@ -178,8 +178,6 @@ def _goal_rules(scene: Scene) -> Iterator[Rule]:
         if at is None:
             continue
         yield scene.time, key, at, "no value, in time"
-        at_end = "no value, as frequencies are computed at the end"
-        yield kind == "frequency", key, at, at_end
         yield coarser, key, at, f"no value, with accuracy.estimate = '{COARSER_MESHES}'"
         if isinstance(at, float):
             ends_a_step = at > 0 and round(at * scene.steps) / scene.steps == at

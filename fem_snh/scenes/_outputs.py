@@ -241,7 +241,7 @@ _ACCEPTED = (
     "'core.stress' (mean of von Mises' stress), of a probe with a radius 'corner.stress', "
     "of an obstacle or a contact 'plate.force.z', of a cavity 'inner.pressure', of a rigid part "
     "'lid.displacement.z', 'lid.rotation.z', 'lid.force.z', 'lid.moment.z'; without the component: "
-    "all of them; with [modes] 'frequency.1'"
+    "all of them"
 )
 
 
@@ -273,10 +273,9 @@ class GoalName(NamedTuple):
     ----------
     kind : str
         What it is: "energy", "volume", "stress", "force", "moment", "mean", "point", "stress_at" a
-        probe, "term", the result of a feature, "rigid", that of a rigid part, "frequency".
+        probe, "term", the result of a feature, "rigid", that of a rigid part.
     name : str
-        The probe, the physical group, the result or the number of the frequency; empty for the
-        whole body.
+        The probe, the physical group or the result; empty for the whole body.
     components : tuple of int
         The components of a vector.
     """
@@ -367,12 +366,6 @@ def term_goals(features: Sequence[Feature]) -> list[str]:
     return [name for kind, some in grouped(features) for name in kind.goals(some)]
 
 
-def frequency_goals(scene: Scene) -> list[str]:
-    """Return the names of the frequencies as goals."""
-    count = scene.modes.count if scene.modes else 0
-    return [f"frequency.{number}" for number in range(1, count + 1)]
-
-
 def read_goal(text: str, scene: Scene) -> GoalName:
     """Return the goal of this name.
 
@@ -386,10 +379,6 @@ def read_goal(text: str, scene: Scene) -> GoalName:
     vectors |= {name: "term" for name in results if name.endswith(".force")}
     vectors |= {f"{part.label}.{result}": "rigid" for part in parts for result in RESULTS}
     scalars = {name: GoalName("term", name) for name in results if name not in vectors}
-    scalars |= {
-        name: GoalName("frequency", name.removeprefix("frequency."))
-        for name in frequency_goals(scene)
-    }
     scalars |= {f"{p.name}.stress": GoalName("stress_at", p.name) for p in scene.probe if p.radius}
     scalars |= {name: GoalName(name) for name in _OF_BODY}
     if text in scalars:

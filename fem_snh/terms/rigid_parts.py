@@ -113,13 +113,15 @@ class RigidParts(Term):
         self._release(V, local, body.dirichlet)
         self._X = V.tabulate_dof_coordinates()[self.nodes]
         self._counts = self._sum(np.ones((len(self.nodes), 1)))
-        self._set_points(self._X)
+        self._means = self._sum(self._X) / self._counts * self._translations
+        self._centred = self._X - self._means[self.labels]
+        self._squares = self._sum(_products(self._centred, self._centred))
         radii = self._radii(self._squares.reshape(-1, 3, 3))
         points = points * self._translations
         links = [self._link(i, radii[i], points[i]) for i in range(len(parts))]
         self.tree = RigidTree(links)
         self._jointed = np.repeat([bool(link.joint) for link in self.tree.links], UNKNOWNS)
-        self._offsets = self._points - self.tree.points[self.labels]
+        self._offsets = self._X - self.tree.points[self.labels]
         self._slots = self._choose_slots(_dolfinx.local_to_global(V))
         self._folding: Folding | None = None
         self._motions = PrescribedMotions(parts, self.tree, body.amplitudes)
@@ -180,13 +182,6 @@ class RigidParts(Term):
                 accepted += "'translate', 'rotate' and 'free' constrain it)"
                 raise bad_value(part.where, part.label, accepted)
         dirichlet.release(local)
-
-    def _set_points(self, points: Array) -> None:
-        """Set the points of their parts at which the nodes are, (nodes, 3). Collective."""
-        self._points = points
-        self._means = self._sum(points) / self._counts * self._translations
-        self._centred = points - self._means[self.labels]
-        self._squares = self._sum(_products(self._centred, self._centred))
 
     def _radii(self, squares: Array) -> Array:
         """Return the root mean square distance of the nodes from their mean, (parts,)."""
@@ -251,17 +246,6 @@ class RigidParts(Term):
         np.add.at(sums, self.labels, values)
         return np.asarray(self._comm.allreduce(sums))
 
-    def place_nodes(self, x: PETSc.Vec, number: int, points: Array) -> None:
-        """Let a part's nodes be at other points of it, and move them there in ``x``. Collective.
-
-        ``points`` (n, 3) are those of this rank's own nodes [length].
-        """
-        poses, every = self.poses(x), self._points.copy()
-        every[self.labels == number] = points
-        self._set_points(every)
-        self._offsets = every - self.tree.points[self.labels]
-        self._set_poses(x, poses)
-
     def pose(self, x: PETSc.Vec, number: int) -> Array:
         """Return the matrix [A | c], (3, 4), of a part's motion x = A X + c. Collective."""
         poses = self.poses(x)
@@ -270,7 +254,7 @@ class RigidParts(Term):
 
     def poses(self, x: PETSc.Vec) -> Poses:
         """Return the poses that are nearest to the displacements in ``x``. Collective."""
-        u = self._nodal(x) + (self._X - self._points)
+        u = self._nodal(x)
         sums = self._sum(np.hstack([u, _products(u, self._centred)]))
         products = (sums[:, 3:] + self._squares).reshape(-1, 3, 3)
         places = self._means + sums[:, :3] / self._counts * self._translations

@@ -47,7 +47,6 @@ QUICK = {
     f"{BENCH} quadrature": "--elements Q1 --nus 0.3 --cells 1 --repeat 1",
     f"{BENCH} references": "--only uniaxial",
     f"{BENCH} regions": "--elements Q1 --counts 2 --cells 2 --repeat 1",
-    f"{BENCH} shape_errors": "--shapes sphere --nus 0.3 --elements Q1P0 --cells 5 --reference 0.2",
     f"{BENCH} stiff_parts": "--bodies elbow --contrasts 1e5 --cells 12",
     f"{BENCH} scaling": "--cells 6 --ranks 1",
     f"{BENCH} slender": "--bodies sheet --solvers default",

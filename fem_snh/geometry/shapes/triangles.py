@@ -18,7 +18,6 @@ from fem_snh.geometry.shapes.shape import (
     Capsule,
     Cylinder,
     Plane,
-    Revolved,
     Shape,
     Sphere,
 )
@@ -33,8 +32,6 @@ _CUBES = 40
 _CIRCLE = 48
 
 #: Triangles of a surface whose outward normals differ by a larger angle meet in an edge [degrees]:
-#: a sphere of 8 triangles around its equator has none, a cube and an octagonal prism have some.
-_EDGE = 45.5
 
 
 def surface_triangles(
@@ -144,28 +141,3 @@ def _across(axis: Array) -> tuple[Array, Array]:
     a = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
     a /= np.linalg.norm(a)
     return a, np.cross(axis, a)
-
-
-def has_edges(shape: Shape) -> bool:
-    """Return whether a shape has convex edges. Seams of a union are concave."""
-    if isinstance(shape, Union):
-        return any(has_edges(part) for part in shape.shapes)
-    if isinstance(shape, Revolved):
-        return has_edges(shape.section)
-    if isinstance(shape, ClosedSurface):
-        return _largest_fold(shape) > _EDGE
-    return not isinstance(shape, Capsule | Plane | Sphere)
-
-
-def _largest_fold(surface: ClosedSurface) -> float:
-    """Return the largest angle at a convex edge of two triangles [degrees]; 0 without one."""
-    corners = surface.points[surface.triangles]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    edges = np.sort(surface.triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
-    owners = np.repeat(np.arange(len(corners)), 3)[np.lexsort(edges.T)].reshape(-1, 2)
-    first, second = owners.T
-    outwards = corners.mean(axis=1)[second] - corners.mean(axis=1)[first]
-    convex = np.einsum("ij,ij->i", outwards, normals[first]) < 0
-    cosines = np.einsum("ij,ij->i", normals[first], normals[second])[convex]
-    return float(np.degrees(np.arccos(np.clip(cosines.min(initial=1.0), -1.0, 1.0))))
