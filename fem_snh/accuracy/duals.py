@@ -15,9 +15,8 @@ from petsc4py import PETSc
 
 from fem_snh._petsc import set_operators
 from fem_snh.problem.problem import Problem
-from fem_snh.solver.block_triangular import solve_columns
 from fem_snh.solver.errors import callback_errors
-from fem_snh.solver.saddle_point import outer_operator, preconditioner_of_columns
+from fem_snh.solver.saddle_point import outer_operator
 from fem_snh.solver.step import relative_tolerance
 
 #: Length of the central difference of residuals relative to the body: about the cube root of the
@@ -134,8 +133,6 @@ def _hessian_product(problem: Problem, e: PETSc.Vec) -> PETSc.Vec:
 class HessianSolver:
     """Solves H z = g with the Hessian of a problem, by default at its present state. Collective.
 
-    Several right-hand sides are solved for together where the linear solver can.
-
     Parameters
     ----------
     problem : Problem
@@ -186,10 +183,6 @@ class HessianSolver:
 
     def _solutions(self, rhs: Sequence[PETSc.Vec]) -> list[PETSc.Vec] | None:
         """Return z for each right-hand side, or None if a solve does not converge."""
-        if len(rhs) > 1 and (blocks := preconditioner_of_columns(self._ksp)):
-            found, iterations = solve_columns(blocks, rhs, self._ksp)
-            self.iterations += iterations
-            return found
         solutions = []
         for vector in rhs:
             z = vector.duplicate()

@@ -6,7 +6,6 @@ The blocks are 2x2 or 3x3, in single precision. `fem_snh.linalg.ssor_system` swe
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -32,13 +31,7 @@ def columns(block: int) -> int:
     return FUNCTIONS * block
 
 
-def open_kernels(
-    comm: Any,
-    block: int,
-    api: Sequence[str] = (),
-    functions: Sequence[str] = (),
-    definitions: Sequence[str] = (),
-) -> tuple[Any, Any]:
+def open_kernels(comm: Any, block: int) -> tuple[Any, Any]:
     """Open the library for matrices whose blocks have ``block`` rows, 2 or 3. Collective.
 
     Parameters
@@ -47,16 +40,10 @@ def open_kernels(
         The ranks.
     block : int
         Rows of a block.
-    api, functions, definitions : sequences of str
-        What `fem_snh.kernels.build.open_library` adds to it.
     """
     sizes = {"BLOCK": block, "ENTRIES": f"((long){block**2})", "COLUMNS": columns(block)}
-    return build.open_library(
-        [*_API, *api],
-        [*_FUNCTIONS, *functions],
-        [*(f"#define {name} {size}" for name, size in sizes.items()), *definitions],
-        comm=comm,
-    )
+    definitions = [f"#define {name} {size}" for name, size in sizes.items()]
+    return build.open_library(_API, _FUNCTIONS, definitions, comm=comm)
 
 
 class SymmetricBlockMatrix:

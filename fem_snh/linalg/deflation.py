@@ -135,74 +135,7 @@ def linear_functions(coordinates: Array, subdomain: Array, free: Array) -> Array
     return functions
 
 
-class Projection:
-    """The operators P, Q and P^T for several nodal vectors side by side. Collective.
-
-    Parameters
-    ----------
-    E : CoarseMatrix
-        The coarse matrix.
-    size : int
-        Number of columns of Z that this rank holds.
-    ffi, lib, struct
-        The library, and its CoarseSpace: coarse_space_api.h.
-    lanes : int
-        Number of vectors side by side; of several, ssor_columns_api.h has the functions.
-    """
-
-    def __init__(
-        self, E: CoarseMatrix, size: int, ffi: Any, lib: Any, struct: Any, lanes: int = 1
-    ) -> None:
-        self.E, self.size, self._coarse = E, size, struct
-        several = lanes > 1
-        self._restrict = lib.columns_restrict if several else lib.coarse_restrict
-        self._prolong = lib.columns_prolong if several else lib.coarse_prolong
-        self._subtract = lib.columns_image_subtract if several else lib.coarse_image_subtract
-        self._transposed = lib.columns_image_transposed if several else lib.coarse_image_transposed
-        self._y, self._single = np.zeros((size, lanes)), np.zeros((size, lanes), np.float32)
-        self._Qb = np.zeros((size, lanes))  # coefficients of Q b in the columns of Z
-        self._at_y, self._at_single = (build.pointer(ffi, a) for a in (self._y, self._single))
-
-    def start(self, r: Any, count: int = 1) -> None:
-        """Replace r = b by P b and keep Q b for `finish`; ``count`` vectors are not zero."""
-        self._Qb[:] = self._solve(self._restrict, r, count)
-        self._subtract(self._coarse, self._at_single, r)
-
-    def project(self, t: Any, w: Any, count: int = 1) -> None:
-        """Compute w -= A Q A t."""
-        self._solve(self._transposed, t, count)
-        self._subtract(self._coarse, self._at_single, w)
-
-    def finish(self, x: Any, count: int = 1) -> None:
-        """Replace x by Q b + P^T x, without the part in the null space of A.
-
-        Where A is singular, rounding errors grow in its null space, which no residual shows.
-        """
-        coarse = self._Qb - self._solve(self._transposed, x, count)
-        if self.E.singular:
-            of_x = self._product(self._restrict, x)
-            for k in range(count):
-                null = self.E.null_part(np.ascontiguousarray(of_x[:, k]), coarse[:, k])
-                coarse[:, k] -= null
-        self._single[:] = coarse
-        self._prolong(self._coarse, self._at_single, x)
-
-    def _solve(self, product: Any, vector: Any, count: int) -> Array:
-        """Return E^-1 y, and store it in _single, for the y of `_product`."""
-        y = self._product(product, vector)
-        for k in range(count):
-            y[:, k] = self.E.solve(np.ascontiguousarray(y[:, k]))
-        self._single[:] = y
-        return y
-
-    def _product(self, product: Any, vector: Any) -> Array:
-        """Return this rank's part of Z^T v (_restrict) or (A Z)^T v (_transposed)."""
-        self._y[:] = 0
-        product(self._coarse, vector, self._at_y)
-        return self._y
-
-
-class Deflation(Projection):
+class Deflation:
     """The deflation space of a matrix, Z and A Z, and the operators of one vector. Collective.
 
     Coarse vectors are (columns subdomains,), nodal vectors (size rows,) float32, passed as C
@@ -264,7 +197,12 @@ class Deflation(Projection):
         pairs = self._create_space(blocks, held)
         self.E = CoarseMatrix(layout, *pairs, self._columns)
         self._free: Array | None = None
-        super().__init__(self.E, self._columns * held, matrix.ffi, matrix.lib, self.struct)
+        size = self._columns * held
+        self._lib, self._y, self._single = matrix.lib, np.zeros(size), np.zeros(size, np.float32)
+        self._Qb = np.zeros(size)  # coefficients of Q b in the columns of Z
+        self._at_y, self._at_single = (
+            build.pointer(matrix.ffi, a) for a in (self._y, self._single)
+        )
 
     def _create_space(self, blocks: DisplacementBlocks, held: int) -> tuple[Array, Array]:
         """Create the C struct; return the subdomains of the blocks of E that this rank adds to."""
@@ -325,6 +263,39 @@ class Deflation(Projection):
             for k in range(functions.shape[2]):
                 self._halo.exchange(np.ascontiguousarray(functions[:rows, :, k]).ravel())
                 functions[rows:, :, k] = self._halo.ghosts
+
+    def start(self, r: Any) -> None:
+        """Replace r = b by P b and keep Q b for `finish`."""
+        self._Qb[:] = self._solve(self._lib.coarse_restrict, r)
+        self._lib.coarse_image_subtract(self.struct, self._at_single, r)
+
+    def project(self, t: Any, w: Any) -> None:
+        """Compute w -= A Q A t."""
+        self._solve(self._lib.coarse_image_transposed, t)
+        self._lib.coarse_image_subtract(self.struct, self._at_single, w)
+
+    def finish(self, x: Any) -> None:
+        """Replace x by Q b + P^T x, without the part in the null space of A.
+
+        Where A is singular, rounding errors grow in its null space, which no residual shows.
+        """
+        coarse = self._Qb - self._solve(self._lib.coarse_image_transposed, x)
+        if self.E.singular:
+            coarse -= self.E.null_part(self._product(self._lib.coarse_restrict, x), coarse)
+        self._single[:] = coarse
+        self._lib.coarse_prolong(self.struct, self._at_single, x)
+
+    def _solve(self, product: Any, vector: Any) -> Array:
+        """Return E^-1 y, and store it in _single, for the y of `_product`."""
+        y = self.E.solve(self._product(product, vector))
+        self._single[:] = y
+        return y
+
+    def _product(self, product: Any, vector: Any) -> Array:
+        """Return this rank's part of Z^T v (restrict) or (A Z)^T v (transposed)."""
+        self._y[:] = 0
+        product(self.struct, vector, self._at_y)
+        return self._y
 
 
 class BodyModes:

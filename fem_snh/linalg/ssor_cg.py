@@ -22,12 +22,10 @@ from fem_snh.linalg.ssor_system import (
     MAX_REPLICATED,
     ZERO_CURVATURE,
     CycleStart,
-    Solutions,
     SSORSystem,
 )
 
 if TYPE_CHECKING:
-    from fem_snh.linalg.columns_cg import SSORColumns
     from fem_snh.linalg.deflation import BodyModes
 
 _Reason = PETSc.KSP.ConvergedReason
@@ -96,7 +94,6 @@ class EisenstatCG:
     def create(self, ksp: PETSc.KSP) -> None:
         """Set an empty state; PETSc calls this."""
         self._made: SSORSystem | None = None
-        self._columns: SSORColumns | None = None
         self._modes: BodyModes | None = None
         self._state = -1  # of the matrix last used
 
@@ -120,7 +117,6 @@ class EisenstatCG:
         if self._made is None or not self._made.fits(A):
             limits = self._subdomains, self._replicated
             self._made, self._state = SSORSystem(A, self._coordinates, *limits), -1
-            self._columns = None
         if self._state != A.stateGet():
             self._failure, self._state = self._system.update(A), A.stateGet()
             self._modes = None if self._failure else self._system.body_modes(A)
@@ -169,19 +165,6 @@ class EisenstatCG:
         It is known if `has_residual`.
         """
         return self._system.residual()
-
-    def solve_columns(self, b: np.ndarray, rtol: float, max_it: int) -> Solutions:
-        """Return the solutions for several right-hand sides, with the matrix of `update_matrix`.
-
-        See `SSORColumns.solve`.
-        """
-        if self._columns is None:
-            from fem_snh.linalg.columns_cg import SSORColumns
-
-            self._columns = SSORColumns(self._system)
-        if self._failure:
-            return Solutions(np.zeros_like(b), b, indefinite=True)
-        return self._columns.solve(b, rtol, max_it)
 
     def _test_convergence(self, ksp: PETSc.KSP, its: int, norm: float) -> bool:
         """Report iteration and norm to the KSP; return whether to stop."""

@@ -102,22 +102,6 @@ class CycleStart(NamedTuple):
     rho: float
 
 
-class Solutions(NamedTuple):
-    """Solutions of A x = b for several b, a row each.
-
-    Attributes
-    ----------
-    x, residual : (columns, size rows)
-        This rank's solutions and residuals b - A x, exact to single precision.
-    indefinite : bool
-        Whether the matrix was found indefinite: the solutions are useless.
-    """
-
-    x: npt.NDArray[np.float64]
-    residual: npt.NDArray[np.float64]
-    indefinite: bool
-
-
 class SSORSystem:
     r"""A symmetric AIJ matrix, its preconditioner and the vectors of CG. Collective.
 

@@ -20,7 +20,7 @@ needs no product with H, by far the largest block.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from math import nan
 
 from petsc4py import PETSc
@@ -90,11 +90,6 @@ class BlockProduct:
         """Return the block B^T."""
         return self._parts[0].matrix
 
-    @property
-    def is_current(self) -> bool:
-        """Whether A has the values that were read."""
-        return bool(self._A.stateGet() == self._state)
-
     def set_known(self, f: PETSc.Vec, z: PETSc.Vec) -> None:
         """Keep what the product with z is made of: z is the preconditioned vector f."""
         self._f = f.array_r[: self._unknowns].copy()
@@ -103,20 +98,16 @@ class BlockProduct:
     def mult(self, mat: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
         """Compute y = A x; PETSc calls this."""
         # The preconditioner may be that of a filtered Hessian, while A is the exact one.
-        if (x.handle, x.stateGet()) != self._known or not self.is_current:
+        if (x.handle, x.stateGet()) != self._known or self._A.stateGet() != self._state:
             self._A.mult(x, y)
             return
         n, (u, p, _) = self._unknowns, self._vectors
         u.array[:], p.array[:] = x.array_r[:n], x.array_r[n:]
-        y.array[n:] = self.product_of_pressures(u, p)
-        y.array[:n] = self._f - self._residual()
-
-    def product_of_pressures(self, u: PETSc.Vec, p: PETSc.Vec) -> Array:
-        """Return the pressures' rows of the product with (u, p), B u - C p. Collective."""
         q, (B_transposed, C) = self._vectors[2], self._parts
         C.matrix.mult(p, q)  # as A has it: with a minus
         B_transposed.matrix.multTransposeAdd(u, q, q)
-        return q.array_r
+        y.array[n:] = q.array_r
+        y.array[:n] = self._f - self._residual()
 
     def destroy(self, mat: PETSc.Mat) -> None:
         """Destroy the copies of the blocks; PETSc calls this."""
@@ -185,11 +176,6 @@ class BlockTriangular:
         for solver in (u, p):
             solver.setFromOptions()
 
-    @property
-    def is_current(self) -> bool:
-        """Whether the preconditioner is that of the matrix's present values."""
-        return self._blocks.is_current
-
     def setUp(self, pc: PETSc.PC) -> None:
         """Read the matrix's values; PETSc calls this."""
         self._blocks.update()
@@ -213,35 +199,6 @@ class BlockTriangular:
         elif self._cg.has_residual:
             self._blocks.set_known(x, y)
 
-    def apply_to_columns(self, x: Array) -> tuple[Array, Array]:
-        """Return y = P^-1 x of several vectors, and the products A y. Collective.
-
-        The products are exact to single precision; all are NaN if H is indefinite.
-
-        Parameters
-        ----------
-        x : (columns, rows)
-            This rank's rows of the vectors.
-        """
-        n, (f, u, g, p) = self._unknowns, self._vectors
-        y, product, rhs = np.empty_like(x), np.empty_like(x), x[:, :n].copy()
-        for k, column in enumerate(x):
-            g.array[:] = column[n:]
-            self.p.solve(g, p)
-            y[k, n:] = p.array_r
-            self._blocks.B_transposed.mult(p, f)
-            rhs[k] -= f.array_r
-        rtol, _, _, max_it = self.u.getTolerances()
-        y[:, :n], residual, indefinite = self._cg.solve_columns(rhs, rtol, max_it)
-        self.indefinite |= indefinite
-        product[:, :n] = x[:, :n] - residual
-        for k, column in enumerate(y):
-            u.array[:], p.array[:] = column[:n], column[n:]
-            product[k, n:] = self._blocks.product_of_pressures(u, p)
-        if self.indefinite:
-            y[:] = nan
-        return y, product
-
     def destroy(self, pc: PETSc.PC) -> None:
         """Destroy what the preconditioner created; PETSc calls this."""
         for created in (self.u, self.p, self._H, self.operator, *self._vectors):
@@ -252,85 +209,3 @@ class BlockTriangular:
         viewer.printfASCII("  block-triangular, with the solvers of the blocks\n")
         for solver in (self.u, self.p):
             solver.view(viewer)
-
-
-#: Vectors of a block whose part outside of the space so far has less than this square, relative to
-#: the largest, are left out: products are exact to single precision.
-_DEPENDENT = 1e-9
-
-
-def solve_columns(
-    blocks: BlockTriangular, b: Sequence[PETSc.Vec], ksp: PETSc.KSP
-) -> tuple[list[PETSc.Vec] | None, int]:
-    """Return the solutions of A x = b for several b, and the number of iterations. Collective.
-
-    Flexible GMRES in one Krylov space (Saad 2003, alg. 9.6, sec. 6.12). All vectors of a block are
-    preconditioned together, and each solution is the one of least residual in the span of all
-    preconditioned vectors. None, if they do not converge: H may be indefinite.
-
-    Parameters
-    ----------
-    blocks : BlockTriangular
-        The preconditioner, set up.
-    b : sequence of PETSc.Vec
-        The right-hand sides.
-    ksp : PETSc.KSP
-        Its matrices, and its tolerances of the residual's norm: relative, and of iterations.
-    """
-    rtol, _, _, max_it = ksp.getTolerances()
-    comm = b[0].comm.tompi4py()
-
-    def products(left: Array, right: Array) -> Array:
-        return np.asarray(comm.allreduce(left @ right.T))
-
-    def extend(w: Array) -> None:
-        """Add to the basis what rows are outside of it; append their coefficients to H."""
-        coefficients = np.zeros((len(w), size))
-        for _ in range(2):  # twice is enough (Parlett 1998, section 6.9)
-            for start, v in basis:
-                part = products(w, v)
-                coefficients[:, start : start + len(v)] += part
-                w = w - part @ v
-        values, vectors = np.linalg.eigh(products(w, w))
-        kept = values > _DEPENDENT * max(values[-1], 1e-300)
-        new = (vectors[:, kept] / np.sqrt(values[kept])).T.astype(np.float32) @ w
-        rows.append(np.hstack([coefficients, products(w, new)]))
-        basis.append((size, new))
-
-    norms = np.array([vector.norm() for vector in b])
-    norms[norms == 0] = 1.0
-    basis: list[tuple[int, Array]] = []  # orthonormal, with the number of vectors before them
-    rows: list[Array] = []  # coefficients in them of b, then of the products with `preconditioned`
-    preconditioned: list[Array] = []
-    size = 0
-    scaled = [vector.array_r / norm for vector, norm in zip(b, norms, strict=True)]
-    extend(np.array(scaled, np.float32))
-    for iterations in range(1, max_it + 1):
-        size += len(basis[-1][1])
-        z, w = blocks.apply_to_columns(basis[-1][1].astype(float))
-        if blocks.indefinite:
-            return None, iterations
-        preconditioned.append(z.astype(np.float32))
-        extend(w.astype(np.float32))
-        H = _filled(rows)
-        of_b, of_products = H[: len(b)], H[len(b) :]
-        y = np.linalg.lstsq(of_products.T, of_b.T, rcond=None)[0].T
-        if (np.linalg.norm(of_b - y @ of_products, axis=1) <= rtol).all():
-            x = y.astype(np.float32) @ np.concatenate(preconditioned)
-            solutions = zip(b, norms, x, strict=True)
-            return [_vector(like, norm * own) for like, norm, own in solutions], iterations
-        if not len(basis[-1][1]):
-            break
-    return None, iterations
-
-
-def _filled(rows: list[Array]) -> Array:
-    """Return rows of different lengths as a matrix."""
-    width = rows[-1].shape[1]
-    return np.concatenate([np.pad(row, ((0, 0), (0, width - row.shape[1]))) for row in rows])
-
-
-def _vector(like: PETSc.Vec, values: Array) -> PETSc.Vec:
-    vector = like.duplicate()
-    vector.array[:] = values
-    return vector

@@ -108,20 +108,6 @@ def outer_operator(ksp: PETSc.KSP, A: PETSc.Mat, P: PETSc.Mat) -> PETSc.Mat:
     return blocks.operator if isinstance(blocks, BlockTriangular) and A == P and loose else A
 
 
-def preconditioner_of_columns(ksp: PETSc.KSP) -> BlockTriangular | None:
-    """Return the preconditioner of several right-hand sides, where matrix and tolerance admit it.
-
-    Its products are those of its own matrix, which may be the filtered one of an exact operator.
-    """
-    blocks = preconditioner_by_blocks(ksp.getPC())
-    A, P = ksp.getOperators()
-    if not isinstance(blocks, BlockTriangular) or A not in (P, blocks.operator):
-        return None
-    ksp.setUp()
-    loose = ksp.getTolerances()[0] >= _KNOWN_PRODUCT_RTOL
-    return blocks if loose and blocks.is_current and ksp.getType() in _FLEXIBLE else None
-
-
 def block_options(prefix: str) -> dict[str, str]:
     """Return the defaults of a fieldsplit's PETSc options, given the user's under ``prefix``."""
     return {} if _has_inner_iteration(prefix) else _BLOCK_OPTIONS
