@@ -60,7 +60,7 @@ def main(file: Path, settings: dict[str, Any]) -> None:
     }
     subdomains = 0
     if deflation:
-        y, layout = np.ones(deflation.size), deflation.E._layout
+        y, layout = np.ones(len(deflation._y)), deflation.E._layout
         own["coarse_solve"] = _best(comm, lambda: deflation.E.solve(y.copy()))
         subdomains = layout.own if layout.comm.size == 1 else comm.allreduce(layout.own)
     ranks = comm.gather(own)

@@ -11,9 +11,7 @@ import hashlib
 import re
 import sys
 import traceback
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from contextvars import ContextVar
+from collections.abc import Callable
 from functools import cache, partial
 from importlib import metadata
 from importlib.util import module_from_spec, spec_from_file_location
@@ -25,9 +23,6 @@ from fem_snh.errors import BadInput, nearest, nearest_file
 from fem_snh.files import check_regular
 
 Function = Callable[..., Any]
-
-#: Why no file is executed, or "".
-_REFUSAL: ContextVar[str] = ContextVar("_REFUSAL", default="")
 
 
 class FileText(str):
@@ -63,16 +58,6 @@ def file_of(text: str) -> Path:
     return Path(text.rpartition(":")[0] if is_reference(text) and ":" in text else text)
 
 
-@contextmanager
-def refused(reason: str) -> Iterator[None]:
-    """Let `load_reference` raise BadInput with a reason, and execute nothing; none if it is ""."""
-    token = _REFUSAL.set(reason)
-    try:
-        yield
-    finally:
-        _REFUSAL.reset(token)
-
-
 def load_reference(reference: str) -> Function:
     """Return the function that ``FILE.py:NAME`` refers to.
 
@@ -96,8 +81,6 @@ def load_reference(reference: str) -> Function:
         If the reference has no name, the file does not exist or does not import, or it holds no
         function of that name.
     """
-    if reason := _REFUSAL.get():
-        raise BadInput(f"'{reference}': {reason}")
     file, _, name = reference.rpartition(":")
     if not file.endswith(".py") or not name.isidentifier():
         raise BadInput(f"'{reference}': expected FILE.py:NAME, a function in a Python file")

@@ -33,7 +33,7 @@ from fem_snh.cli.options import (
     value,
     with_settings,
 )
-from fem_snh.errors import BadInput, on_every, on_root
+from fem_snh.errors import BadInput, choose, on_every, on_root
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -184,28 +184,22 @@ def sweep(argv: list[str]) -> int:
     from fem_snh.studies.points import NO_NOTES
     from fem_snh.studies.sweep import sweep as study
 
-    # With --collect the folder names a Python file, and the user need not have written the folder.
-    reason = "expected no Python file with --collect: give the command itself again"
-    with references.refused(reason if args.collect else ""):
-        table = study(
-            args.scene,
-            args.out,
-            axes,
-            jobs=_jobs(args),
-            ranks=args.ranks,
-            timeout=args.timeout,
-            memory=args.memory,
-            retry=args.retry and not args.collect,
-            overwrite=args.overwrite and not args.collect,
-            petsc=petsc,
-            render=args.render,
-        )
+    table = study(
+        args.scene,
+        args.out,
+        axes,
+        jobs=_jobs(args),
+        ranks=args.ranks,
+        timeout=args.timeout,
+        memory=args.memory,
+        retry=args.retry,
+        overwrite=args.overwrite,
+        petsc=petsc,
+        render=args.render,
+    )
     if args.scheduler is not None and not _print_status(args):
-        collect = f"fem-snh sweep --collect --out {args.out}, or "
-        if any(map(references.is_reference, args.command)):  # which --collect would not execute
-            collect = ""
-        print(f"later: {collect}the same command again")
-        return 1 if args.collect else 0
+        print("later: the same command again")
+        return 0
     good = int(table["converged"].sum())
     noted = int(table["notes"].ne(NO_NOTES).sum())
     remark = f", {noted} with notes" if noted else ""
@@ -231,17 +225,14 @@ def _add_limits(parser: Parser) -> None:
     )
     parser.add(
         """
-        --scheduler NAME  submit the points as arrays of jobs and return: slurm, or FILE.py:CLASS
+        --scheduler NAME  submit the points as arrays of jobs and return: slurm
         --account NAME  account of the jobs
         --partition NAME  partition of the jobs
         --array-limit N  number of elements of an array that run at a time
-        --chunk N  points in an element, one after another; default: 1
         --scheduler-option OPTION  further option of sbatch, e.g. --qos=long; may be repeated
         --status  with --out: say how many points are in the table, run or wait
-        --collect  with --out alone: add the rows of submitted points that have ended
         """,
         array_limit={"type": value},
-        chunk={"type": value, "default": 1},
         scheduler_option={"action": "append", "default": []},
     )
 
@@ -253,39 +244,22 @@ def _jobs(args: Namespace) -> Any:
             if vars(args)[name] is not None:
                 raise BadInput(f"--{name.replace('_', '-')}: expected --scheduler as well")
         return args.jobs
-    from fem_snh.studies.schedulers import Submission
+    from fem_snh.studies.slurm import Slurm
 
-    return Submission(
-        args.scheduler, args.account, args.partition, args.array_limit, args.chunk,
-        args.scheduler_option, submit=not args.collect, command=args.command,
-    )  # fmt: skip
+    choose("scheduler", args.scheduler, ["slurm"])
+    return Slurm(args.account, args.partition, args.array_limit, args.scheduler_option)
 
 
 def _parse(argv: list[str]) -> tuple[Namespace, dict[str, Any]]:
-    """Return the options and those for PETSc; with --collect those of the submitted command.
+    """Return the options and those for PETSc.
 
     It refuses to run under mpirun, and turns SIGTERM, which batch systems send, into an interrupt.
     """
+    words, petsc = split_petsc(argv)
     parser = sweep_parser()
-
-    def parsed(argv: list[str]) -> tuple[Namespace, dict[str, Any]]:
-        words, petsc = split_petsc(argv)
-        return parser.parse(words), petsc
-
-    args, petsc = parsed(argv)
-    if args.collect:
-        from fem_snh.studies.jobs import Jobs
-
-        out = args.out.resolve()
-        folder, argv = Jobs(out).command()
-        args, petsc = parsed(argv)
-        os.chdir(folder)
-        if args.scheduler is None:
-            raise BadInput(f"out = {out}: its last command has no --scheduler: expected one")
-        args.out, args.collect, args.status = out, True, False
-    elif not args.status and args.scene is None:
+    args = parser.parse(words)
+    if not args.status and args.scene is None:
         parser.error("the following arguments are required: SCENE")
-    args.command = argv
     if int(os.environ.get("OMPI_COMM_WORLD_SIZE", os.environ.get("PMI_SIZE", 1))) > 1:
         raise BadInput("sweep under mpirun: it starts the ranks itself; use --ranks R instead")
     signal.signal(signal.SIGTERM, signal.default_int_handler)
@@ -294,9 +268,9 @@ def _parse(argv: list[str]) -> tuple[Namespace, dict[str, Any]]:
 
 def _print_status(args: Namespace) -> bool:
     """Print where the points of a study are; return whether all are in the table."""
-    from fem_snh.studies.jobs import Jobs
+    from fem_snh.studies.slurm import status
 
-    count = Jobs(args.out).status("sweep", args.scheduler)
+    count = status(args.out, "sweep")
     points = count.pop("points")
     states = ", ".join(f"{number} {state}" for state, number in count.items() if number)
     print(f"{points} points: {states or 'none in the table'}")

@@ -21,7 +21,6 @@ from fem_snh.errors import BadInput
 from fem_snh.files import output_path, read_text, remove, remove_leftovers, replace_file
 from fem_snh.records.run_files import FolderLock, check_inputs, list_others
 from fem_snh.records.run_record import with_notes
-from fem_snh.studies.jobs import LOG, End, Jobs, Task, read_end, remove_point, run_tasks
 from fem_snh.studies.points import (
     NO_NOTES,
     Limits,
@@ -30,8 +29,16 @@ from fem_snh.studies.points import (
     read_record,
     requested_columns,
 )
-from fem_snh.studies.processes import program
-from fem_snh.studies.schedulers import Submission
+from fem_snh.studies.processes import (
+    LOG,
+    End,
+    Task,
+    program,
+    read_end,
+    remove_point,
+    run_tasks,
+)
+from fem_snh.studies.slurm import Slurm, clear, queued
 
 #: Seconds between two versions of the table while points end.
 _WRITE_INTERVAL = 1.0
@@ -94,9 +101,8 @@ class Batch:
         program(limits.ranks)  # fails here, before anything runs, if there is no mpirun
         self._definition = json.loads(json.dumps({**definition, "ranks": limits.ranks}))
         self.out = output_path("out", out)
-        self._jobs = Jobs(self.out)
         if overwrite:
-            self._check_queue(self._queued())
+            self._check_queue(queued(self.out))
         try:
             self.out.mkdir(parents=True, exist_ok=True)
         except OSError as error:
@@ -138,7 +144,7 @@ class Batch:
             for point in points:
                 remove_point(self.out, point)
             remove(self.out / f"{self.name}.csv")
-            self._jobs.clear()
+            clear(self.out)
             return {}
         if not file.exists() and (others := list_others(self.out)):
             raise BadInput(
@@ -186,8 +192,8 @@ class Batch:
     def run(self, points: Mapping[str, Point]) -> bool:
         """Run the points that have no row; a failed point has a row with the reason.
 
-        With a `Submission` in the limits it appends the rows of the points that have ended, submits
-        those that have neither ended nor are in the queue, and returns.
+        With `Slurm` in the limits it appends the rows of the points that have ended, submits those
+        that have neither ended nor are in the queue, and returns.
 
         Returns
         -------
@@ -198,11 +204,11 @@ class Batch:
         ------
         BadInput
             Before anything runs if a row is not that of its point, or a folder of another. If
-            points are in the queue of a scheduler, and other points are to run here; if the
-            scheduler does not answer.
+            points are in the queue of Slurm, and other points are to run here; if Slurm does not
+            answer.
         """
         self._register(points)
-        queued = self._queued()
+        waiting = queued(self.out)
         rows: dict[str, dict[str, Any]] = {}
         for name, point in points.items():
             if end := read_end(self.out / name):
@@ -230,18 +236,17 @@ class Batch:
             Task(name, tuple(point.arguments(self.out / name)), limits.ranks, limits.timeout,
                  limits.memory)
             for name, point in points.items()
-            if name not in rows and name not in queued
+            if name not in rows and name not in waiting
         ]  # fmt: skip
         self._write_table(rows, points)
-        if isinstance(limits.jobs, Submission):
-            if limits.jobs.submit and tasks:
-                for task in tasks:
-                    remove_point(self.out, task.name)
-                for line in self._jobs.submit(tasks, limits.jobs):
-                    self.report(line)
+        if isinstance(limits.jobs, Slurm):
+            for task in tasks:
+                remove_point(self.out, task.name)
+            for line in limits.jobs.submit(self.out, tasks) if tasks else ():
+                self.report(line)
         else:
-            if tasks or queued.keys() & points:
-                self._check_queue(queued)
+            if tasks or waiting.keys() & points:
+                self._check_queue(waiting)
             try:
                 run_tasks(self.out, tasks, limits.jobs, add)
             finally:
@@ -257,17 +262,12 @@ class Batch:
         replace_file(self.table, table.to_csv(index=False))
         self._written = time.monotonic()
 
-    def _queued(self) -> dict[str, str]:
-        """Return the points of this study that a scheduler has, and their states."""
-        jobs = self.limits.jobs
-        return self._jobs.queued(jobs.scheduler if isinstance(jobs, Submission) else None)
-
-    def _check_queue(self, queued: Mapping[str, str]) -> None:
-        """Raise BadInput if a scheduler has points of this study."""
-        if queued:
+    def _check_queue(self, waiting: Mapping[str, str]) -> None:
+        """Raise BadInput if Slurm has points of this study."""
+        if waiting:
             raise BadInput(
-                f"out = {self.out}: {len(queued)} points are in the queue of a scheduler: expected "
-                "--scheduler, --collect, or that they are cancelled"
+                f"out = {self.out}: {len(waiting)} points are in the queue of Slurm: expected "
+                "--scheduler slurm, or that they are cancelled"
             )
 
     def draw(self) -> None:

@@ -15,7 +15,7 @@ from fem_snh.errors import BadInput, check_whole
 from fem_snh.files import read_text
 from fem_snh.records.run_record import problem, results
 from fem_snh.references import file_of
-from fem_snh.studies.schedulers import Submission
+from fem_snh.studies.slurm import Slurm
 
 #: Columns of the settings of a run.
 REQUESTED = "scene material E nu element cells hessian globalization predictor steps".split()
@@ -38,8 +38,8 @@ class Limits:
 
     Parameters
     ----------
-    jobs : int or Submission
-        Points at a time on this machine, or how they are submitted to a scheduler.
+    jobs : int or Slurm
+        Points at a time on this machine, or how they are submitted to Slurm.
     ranks : int
         MPI ranks of each point.
     timeout : float, optional
@@ -53,13 +53,13 @@ class Limits:
         For a value outside its range.
     """
 
-    jobs: int | Submission = 1
+    jobs: int | Slurm = 1
     ranks: int = 1
     timeout: float | None = None
     memory: float | None = None
 
     def __post_init__(self) -> None:
-        if not isinstance(self.jobs, Submission):
+        if not isinstance(self.jobs, Slurm):
             check_whole("jobs", self.jobs, 1, MAX_PROCESSES)
         check_whole("ranks", self.ranks, 1, MAX_PROCESSES)
         limits = (("timeout", self.timeout, "seconds"), ("memory", self.memory, "GiB"))

@@ -1,6 +1,7 @@
 """Child processes of studies: their environment, their limits, and their end with all MPI ranks.
 
-A `Worker` runs one point after another, which spares each its imports and the start of MPI.
+`run_tasks` runs the points of a study. A `Worker` runs one point after another, which spares each
+its imports and the start of MPI.
 """
 
 from __future__ import annotations
@@ -14,8 +15,9 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -23,7 +25,16 @@ from typing import Any
 import psutil
 
 from fem_snh.errors import BadInput
-from fem_snh.processes import RUN_AS_ROOT, import_path, is_rank, python, without_launcher
+from fem_snh.files import read_text, remove, replace_file
+from fem_snh.processes import (
+    RUN_AS_ROOT,
+    Interrupts,
+    import_path,
+    is_rank,
+    python,
+    without_launcher,
+)
+from fem_snh.records.run_files import remove_run
 
 # Open MPI: jobs side by side must not be bound to the same cores, and a laptop may oversubscribe.
 # Version 4 reads the variables of OMPI, 5 those of PRTE, 6 the last two, which it would ask for.
@@ -50,6 +61,10 @@ ANSWER = b"fem-snh: exit code "
 _TIME_TO_END = 5.0
 #: Bytes of messages that are kept.
 _MAX_MESSAGES = 100_000
+#: The log of a point, and how it ended (`End`).
+LOG, END = "log.txt", "end.json"
+#: Seconds between two polls of the running points.
+_POLL_INTERVAL = 0.005
 
 
 def environment() -> dict[str, str]:
@@ -268,3 +283,101 @@ class Worker(Child):
             self.process.wait(_TIME_TO_END)
         self.end()
         self._files.cleanup()
+
+
+@dataclass(frozen=True)
+class Task:
+    """The arguments of ``fem-snh`` for a point, and its limits.
+
+    Parameters
+    ----------
+    name : str
+        Name of the point, and of its folder.
+    arguments : tuple of str
+        The arguments.
+    ranks : int
+        MPI ranks.
+    timeout, memory : float, optional
+        Limits [s, GiB].
+    """
+
+    name: str
+    arguments: tuple[str, ...]
+    ranks: int
+    timeout: float | None = None
+    memory: float | None = None
+
+
+@dataclass(frozen=True)
+class End:
+    """How a task ended.
+
+    Parameters
+    ----------
+    code : int
+        Exit code; negative: a signal.
+    seconds : float
+        Running time.
+    limit : str
+        The limit that ended it; "" otherwise.
+    """
+
+    code: int = 0
+    seconds: float = 0.0
+    limit: str = ""
+
+
+def read_end(folder: Path) -> End | None:
+    """Return the end of the point in a folder; None if it has not ended."""
+    try:
+        return End(**json.loads(read_text(folder / END)))
+    except (OSError, ValueError, TypeError):
+        return None
+
+
+def remove_point(out: Path, name: str) -> None:
+    """Remove the files of a point, and its folder unless it holds others.
+
+    Raises BadInput if a process still writes into it.
+    """
+    folder = out / name
+    if Path(name).name != name or not folder.is_dir() or folder.is_symlink():
+        return  # a name that was edited, or a point that has not run
+    for file in (LOG, END):
+        remove(folder / file)
+    remove_run(folder)
+
+
+def run_tasks(
+    out: Path, tasks: Iterable[Task], number: int, report: Callable[[Task, End], None]
+) -> None:
+    """Run tasks in processes of this machine, ``number`` at a time, and report each that ends.
+
+    A task has the folder of its name in ``out``, from which an earlier attempt is removed.
+    """
+    waiting, idle = list(tasks), list[Worker]()
+    running: dict[Task, Worker] = {}
+    with Interrupts() as interrupts:
+        try:
+            while waiting or running:
+                with interrupts.postponed():  # an interrupt here would lose a new process
+                    while waiting and len(running) < number:
+                        task = waiting.pop(0)
+                        remove_point(out, task.name)
+                        (log := out / task.name / LOG).parent.mkdir(exist_ok=True)
+                        worker = running[task] = idle.pop() if idle else Worker(task.ranks)
+                        worker.start(task.arguments, log, task.timeout, task.memory)
+                    for task, worker in list(running.items()):
+                        if (code := worker.poll()) is not None:
+                            del running[task]
+                            if waiting and worker.idle:
+                                idle.append(worker)
+                            else:
+                                worker.close()
+                            end = End(code, worker.seconds, worker.limit_reached)
+                            replace_file(out / task.name / END, json.dumps(asdict(end)))
+                            report(task, end)
+                time.sleep(_POLL_INTERVAL)
+        finally:
+            for worker in (*running.values(), *idle):
+                worker.end()

@@ -27,7 +27,7 @@ from fem_snh.materials.parameters import variants
 from fem_snh.scenes import MaterialChoice
 from fem_snh.studies.batch import Batch
 from fem_snh.studies.points import ERROR, MEASURED, REQUESTED, Limits, Point, value_text
-from fem_snh.studies.schedulers import Submission
+from fem_snh.studies.slurm import Slurm
 
 
 def sweep(
@@ -35,7 +35,7 @@ def sweep(
     out: str | Path,
     axes: Mapping[str, Any],
     *,
-    jobs: int | Submission = 1,
+    jobs: int | Slurm = 1,
     ranks: int = 1,
     timeout: float | None = None,
     memory: float | None = None,
@@ -58,8 +58,8 @@ def sweep(
         The folder; a sweep that it holds is continued.
     axes : mapping
         A list of values (or one value) for each key of `fem_snh.scenes.load`.
-    jobs : int or Submission
-        Points at a time on this machine; or how they are submitted to a scheduler. Then the call
+    jobs : int or Slurm
+        Points at a time on this machine; or how they are submitted to Slurm. Then the call
         returns at once, and the same call again adds the rows of those that have ended.
     ranks : int
         MPI ranks of each point.

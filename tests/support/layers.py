@@ -92,7 +92,7 @@ THIRD_PARTY = {
         "contact.contact",
         "contact.obstacle",
         "scenes",
-        "studies.jobs",
+        "studies.slurm",
     },
     "slepc4py": {"problem.modes"},
     "ipctk": {"contact.barrier"},
