@@ -1,4 +1,4 @@
-"""Files: only regular ones are opened, and a file is replaced as a whole.
+"""Files: a file is replaced as a whole.
 
 A reader finds the old content or the new one. All output of runs and studies is written here. What
 is written first has a random hidden name and is created exclusively: it neither follows a link nor
@@ -7,16 +7,13 @@ replaces a file that somebody has put there.
 
 from __future__ import annotations
 
-import errno
 import hashlib
 import os
 import re
 import secrets
-import stat
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import lru_cache
-from io import BufferedReader
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, BinaryIO, TypeGuard
@@ -26,36 +23,9 @@ from fem_snh.errors import BadInput, bad_value
 if TYPE_CHECKING:
     from xml.etree import ElementTree as ET
 
-_KINDS = {
-    stat.S_IFIFO: "a FIFO",
-    stat.S_IFCHR: "a character device",
-    stat.S_IFBLK: "a block device",
-    stat.S_IFSOCK: "a socket",
-}
-
-
-def check_regular(path: str | Path) -> None:
-    """Raise OSError unless a path leads to a regular file, whose text is its ``strerror``.
-
-    Opening a FIFO waits for a writer, and reading a device need not end.
-    """
-    mode = os.stat(path).st_mode
-    if stat.S_ISDIR(mode):
-        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
-    if not stat.S_ISREG(mode):
-        kind = _KINDS.get(stat.S_IFMT(mode), "no file")
-        raise OSError(errno.EINVAL, f"it is {kind}, expected a regular file", str(path))
-
-
-def open_file(path: str | Path) -> BufferedReader:
-    """Open a regular file to read bytes. Raises OSError, as `check_regular` and ``open`` do."""
-    check_regular(path)
-    return open(path, "rb")
-
 
 def read_text(path: str | Path, encoding: str = "utf-8", errors: str = "strict") -> str:
-    """Return the text of a regular file. Raises OSError and UnicodeDecodeError."""
-    check_regular(path)
+    """Return the text of a file. Raises OSError and UnicodeDecodeError."""
     return Path(path).read_text(encoding=encoding, errors=errors)
 
 
@@ -90,7 +60,7 @@ def xdmf_data(path: str | Path) -> list[Path]:
 
 
 def file_digest(path: str | Path) -> str:
-    """Return a short hash of a regular file's content, 16 digits of its SHA-256. Raises OSError."""
+    """Return a short hash of a file's content, 16 digits of its SHA-256. Raises OSError."""
     state = os.stat(path)
     return _digest(os.path.abspath(path), state.st_mtime_ns, state.st_size)
 
@@ -98,7 +68,7 @@ def file_digest(path: str | Path) -> str:
 @lru_cache
 def _digest(path: str, _modified: int, _size: int) -> str:
     """Hash a file; time and size are part of the key, so that a changed file is hashed again."""
-    with open_file(path) as file:
+    with open(path, "rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()[:16]
 
 

@@ -31,11 +31,6 @@ UNDAMAGED = ": expected undamaged input"
 #: What a message from the process of a `call` holds.
 _PROGRESS, _RESULT, _ERROR = "progress", "result", "error"
 
-#: Limits of memory [B] and of memory per byte of a file that is read: gmsh 4.8 needs 15 to 20 bytes
-#: per byte of a mesh of 384,000 tetrahedra (formats 2.2 and 4.1), VTK less.
-_MEMORY = 2 << 30, 100
-#: Limits of processor time [s] and of bytes read per second: gmsh 4.8 reads 17 to 59 MB/s.
-_SECONDS = 60, 100_000
 #: Prefixes of the variables by which an MPI launcher tells a process that it is a rank: those of
 #: Open MPI, PMIx, PRRTE, and of MPICH's Hydra.
 _LAUNCHER = ("OMPI_", "PMIX_", "PMI_", "PRTE_", "HYDI_", "HYDRA_")
@@ -54,7 +49,6 @@ def call(
     library: str,
     function: Callable[..., T] | str,
     *args: Any,
-    size: int | None = None,
     report: Callable[..., None] | None = None,
     timeout: float = TIMEOUT_MAX,
     prefix: Sequence[str] = (),
@@ -74,9 +68,6 @@ def call(
         not to import the module.
     *args : Any
         Its arguments; they and its result must be picklable.
-    size : int, optional
-        Bytes of the file that it reads, from which limits of its memory and its processor time
-        follow: a wrong number in a file can make a library allocate or loop without end.
     report : callable, optional
         Called with the arguments with which the function calls its keyword argument ``report``.
     timeout : float
@@ -88,17 +79,16 @@ def call(
     Raises
     ------
     Crashed
-        If the process crashes, hangs or exceeds a limit.
+        If the process crashes or hangs.
     Exception
         What the function raises.
     """
     if not isinstance(function, str):
         function = f"{function.__module__}:{function.__qualname__}"
-    limits = None if size is None else _limits(size)
     environment = _environment() | dict(variables or {})
     # A pipe to a process that dies early would raise SIGPIPE, which PETSc reports as an error.
     with TemporaryFile() as request:
-        pickle.dump((limits, function, args, report is not None), request, 5)
+        pickle.dump((function, args, report is not None), request, 5)
         request.seek(0)
         process = subprocess.Popen(
             [*prefix, *python(__name__)], stdin=request, stdout=subprocess.PIPE,
@@ -128,13 +118,6 @@ def call(
         raise value
     result: T = value
     return result
-
-
-def lift_limits() -> None:
-    """In the process of a `call`: end the limits, when the file is read, and work on it begins."""
-    for number in (resource.RLIMIT_DATA, resource.RLIMIT_CPU):
-        hard = resource.getrlimit(number)[1]
-        resource.setrlimit(number, (hard, hard))
 
 
 def python(module: str) -> list[str]:
@@ -170,17 +153,10 @@ def _environment() -> dict[str, str]:
     return without_launcher(os.environ) | import_path() | {"OPENBLAS_NUM_THREADS": "1"}
 
 
-def _limits(size: int) -> tuple[int, int]:
-    """Return the limits of memory [B] and processor time [s] to read a file of ``size`` bytes."""
-    return _MEMORY[0] + _MEMORY[1] * size, _SECONDS[0] + size // _SECONDS[1]
-
-
 def _ending(code: int) -> str:
     """Return how a process ended, in words."""
     if code >= 0:
         return f"ended with exit code {code}"
-    if -code == signal.SIGXCPU:
-        return "found no end of it"
     try:
         return f"crashed ({signal.Signals(-code).name})"
     except ValueError:  # a real-time signal
@@ -254,12 +230,7 @@ class Interrupts:
 def _serve() -> None:
     """Call the function that standard input names, and write its outcome to standard output."""
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))  # no core file in the user's folder
-    limits, function, args, reports = pickle.load(sys.stdin.buffer)
-    for number, limit in zip(
-        (resource.RLIMIT_DATA, resource.RLIMIT_CPU), limits or (), strict=False
-    ):
-        hard = resource.getrlimit(number)[1]
-        resource.setrlimit(number, (limit if hard < 0 else min(limit, hard), hard))
+    function, args, reports = pickle.load(sys.stdin.buffer)
     # Libraries read standard input for prompts and print to standard output.
     result = os.fdopen(os.dup(1), "wb")
     null = os.open(os.devnull, os.O_RDWR)

@@ -19,7 +19,6 @@ import numpy as np
 from fem_snh import _dolfinx, processes
 from fem_snh.choices import DEFAULT_CELLS
 from fem_snh.errors import BadInput, choose
-from fem_snh.files import open_file
 from fem_snh.mesh import gmsh_model
 from fem_snh.mesh.gmsh_model import MeshData, SizeField
 
@@ -58,26 +57,22 @@ def generate(
 
 def read(path: str) -> MeshData:
     """Read a .msh file. Raises BadInput and OSError."""
-    with open_file(path) as file:
+    with open(path, "rb") as file:
         if not file.read(max(map(len, _HEADERS))).startswith(_HEADERS):
             raise BadInput("this is not a gmsh .msh file; an exact geometry is an .xao file")
-        size = os.fstat(file.fileno()).st_size
     # gmsh executes the file of options m.msh.opt beside m.msh: there is none in a folder of its own
     with TemporaryDirectory(prefix="fem_snh-") as folder:
         link = Path(folder) / "mesh.msh"
         link.symlink_to(Path(path).resolve())
-        return _in_dolfinx_order(processes.call("gmsh", gmsh_model.read, str(link), size=size))
+        return _in_dolfinx_order(processes.call("gmsh", gmsh_model.read, str(link)))
 
 
 def mesh_shape(path: str, cells: int = DEFAULT_CELLS, sizes: SizeField | None = None) -> MeshData:
     """Mesh the shape of an .xao file; see `gmsh_model.mesh_shape`. Raises BadInput and OSError."""
-    with open_file(path) as file:
-        size = os.fstat(file.fileno()).st_size
+    open(path, "rb").close()
     with TemporaryDirectory(prefix="fem_snh-") as folder:
         arguments = os.path.abspath(path), folder, cells, sizes
-        return _in_dolfinx_order(
-            processes.call("gmsh", gmsh_model.mesh_shape, *arguments, size=size)
-        )
+        return _in_dolfinx_order(processes.call("gmsh", gmsh_model.mesh_shape, *arguments))
 
 
 def fill(points: np.ndarray, triangles: np.ndarray, size: float) -> MeshData:

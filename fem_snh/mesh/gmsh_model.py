@@ -19,7 +19,6 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from fem_snh import processes
 from fem_snh.errors import BadInput, bad_value, in_words, unknown_name
 
 Array = npt.NDArray[Any]
@@ -233,7 +232,6 @@ def mesh_shape(path: str, folder: str, cells: int, sizes: SizeField | None = Non
     """
     with session() as gmsh:
         _load_shape(gmsh, Path(path), Path(folder))
-        processes.lift_limits()  # they are those of reading
         dim = gmsh.model.getDimension()
         kinds = {gmsh.model.getType(*entity) for entity in gmsh.model.getEntities(dim - 1)}
         gmsh.option.setNumber("Mesh.ElementOrder", 1 if kinds <= {_STRAIGHT[dim]} else 2)

@@ -15,7 +15,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from fem_snh.errors import BadInput
-from fem_snh.files import check_regular, read_text, remove, remove_leftovers
+from fem_snh.files import read_text, remove, remove_leftovers
 
 #: File name of the checkpoint.
 CHECKPOINT = "checkpoint.npz"
@@ -117,10 +117,7 @@ class FolderLock:
         self.path, self.note = path, ""
         while True:
             try:
-                # No link is followed to another file, and no FIFO waited for.
-                flags = os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK
-                self.file = open(os.open(path, flags, 0o666), "r+b", buffering=0)
-                check_regular(path)
+                self.file = path.open("ab")
             except OSError as error:
                 raise BadInput(
                     f"output folder {path.parent} cannot be written ({error.strerror}): "

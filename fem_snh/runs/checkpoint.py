@@ -25,7 +25,7 @@ import numpy.typing as npt
 
 from fem_snh.choices import COARSER_MESHES
 from fem_snh.errors import BadInput, on_root
-from fem_snh.files import open_file, replace_file
+from fem_snh.files import replace_file
 from fem_snh.records.run_files import CHECKPOINT, LEVELS
 from fem_snh.records.run_record import load_record
 from fem_snh.runs.folder import Folder
@@ -147,7 +147,7 @@ def load(folder: Path) -> tuple[dict[str, Any], dict[str, Array]]:
     """
     path = folder / CHECKPOINT
     try:
-        with open_file(path) as file, np.load(file, allow_pickle=False) as stored:
+        with np.load(path, allow_pickle=False) as stored:
             arrays = {key: stored[key] for key in stored.files}
         about = json.loads(arrays.pop("about").tobytes())
     except FileNotFoundError:

@@ -22,7 +22,7 @@ from fem_snh.accuracy.goal_bounds import GoalLevel
 from fem_snh.accuracy.goal_errors import Estimate, GoalError, Place
 from fem_snh.accuracy.levels import LevelRow, Levels
 from fem_snh.errors import BadInput, on_root
-from fem_snh.files import open_file, replace_file
+from fem_snh.files import replace_file
 from fem_snh.mesh.gmsh_model import MeshData, PhysicalGroup
 from fem_snh.mesh.mesh import Mesh, distribute, gather
 from fem_snh.mesh.round_faces import RoundFaces
@@ -139,7 +139,7 @@ def read_levels(folder: Folder, scene: scenes.Scene) -> StoredLevels | None:
                 )
             return None
         try:
-            with open_file(path) as file, np.load(file, allow_pickle=False) as stored:
+            with np.load(path, allow_pickle=False) as stored:
                 arrays.update({key: stored[key] for key in stored.files})
             about: dict[str, Any] = json.loads(arrays.pop("about").tobytes())
             before = about["scene"]

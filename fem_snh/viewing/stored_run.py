@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 
 from fem_snh.errors import BadInput, bad_value
-from fem_snh.files import open_file
 from fem_snh.geometry.rotations import exponential
 from fem_snh.records.output_fields import NAMED, STANDARD, VECTOR, OutputField
 from fem_snh.records.run_record import Record, column_unit, load_record
@@ -197,8 +196,7 @@ def stored_loads(pvd: Path) -> dict[float, list[Path]]:
 
 def _elements(path: Path, tag: str) -> list[ET.Element]:
     try:
-        with open_file(path) as file:
-            return list(ET.parse(file).iter(tag))
+        return list(ET.parse(path).iter(tag))
     except FileNotFoundError:
         raise BadInput(f"{path}: missing: the run has stored no fields") from None
     except (OSError, ET.ParseError) as error:
@@ -272,8 +270,7 @@ def check_field(pvd: Path, field: str) -> None:
 def written_fields(pvd: Path) -> list[str]:
     """Return the names of the fields of a run's last state, sorted."""
     last = _elements(pvd, "DataSet")[-1].get("file", "")
-    with open_file(pvd.parent / last) as opened:
-        text = opened.read().partition(b"<AppendedData")[0].decode()
+    text = (pvd.parent / last).read_bytes().partition(b"<AppendedData")[0].decode()
     names = set(re.findall(r'<P?DataArray [^>]*?Name="([^"]+)"', text))
     return sorted(name for name in names if name not in _MESH and not name.startswith("vtk"))
 

@@ -15,13 +15,7 @@ from gmsh_files import BOX, write_msh
 
 from fem_snh import processes
 from fem_snh.errors import BadInput
-from fem_snh.geometry.bvh import read_bvh
-from fem_snh.geometry.motion_files import read_rows
-from fem_snh.geometry.shapes import ClosedSurface
 from fem_snh.mesh import mesh
-from fem_snh.references import load_reference
-from fem_snh.runs.scene_options import _digest
-from fem_snh.scenes import load
 from fem_snh.studies.processes import environment, program
 from fem_snh.viewing import run_elsewhere
 
@@ -78,59 +72,6 @@ def test_a_mesh_that_crashes_gmsh_is_one_line_on_every_rank(
     with pytest.raises(BadInput, match=r"^mesh '.*bad.msh': gmsh") as caught:
         mesh.read(comm, folder / "bad.msh")
     assert "\n" not in str(caught.value)
-
-
-def read_mesh(path: Path) -> Any:
-    return mesh.read(MPI.COMM_SELF, path)
-
-
-@pytest.mark.parametrize(
-    ("read", "suffix"),
-    [
-        (read_mesh, ".msh"),
-        (ClosedSurface.read, ".stl"),
-        (read_rows, ".csv"),
-        (read_bvh, ".bvh"),
-        (load, ".toml"),
-        (lambda path: load_reference(f"{path}:energy"), ".py"),
-        (lambda path: _digest("mesh", path), ".msh"),
-    ],
-)
-def test_what_is_no_regular_file(tmp_path: Path, read: Any, suffix: str) -> None:
-    """Opening a FIFO would wait for its writer, and /dev/zero never ends."""
-    fifo, device = tmp_path / f"fifo{suffix}", tmp_path / f"device{suffix}"
-    os.mkfifo(fifo)
-    device.symlink_to("/dev/zero")
-    with pytest.raises(BadInput, match="it is a FIFO, expected a regular file"):
-        read(fifo)
-    with pytest.raises(BadInput, match="it is a character device, expected a regular file"):
-        read(device)
-    with pytest.raises(BadInput, match="Is a directory"):
-        (tmp_path / f"folder{suffix}").mkdir()
-        read(tmp_path / f"folder{suffix}")
-
-
-def skeleton(joints: int, name: str = "j{}", value: str = "0") -> str:
-    """A chain of joints, and two frames."""
-    body = "".join(
-        f"{'JOINT' if i else 'ROOT'} {name.format(i)} {{ OFFSET 0 1 0 CHANNELS 1 Zrotation "
-        for i in range(joints)
-    )
-    frame = " ".join([value] * joints)
-    return f"HIERARCHY {body}{'} ' * joints}\nMOTION\nFrames: 2\nFrame Time: 1\n{frame}\n{frame}\n"
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        (skeleton(3, name="knee"), "line 1: 'knee': expected a name that no other joint has"),
-        (skeleton(3, value="1e308"), r"line 5: '1e308': expected a number of a size up to 1e\+50"),
-    ],
-)
-def test_skeletons_that_mean_nothing(tmp_path: Path, text: str, message: str) -> None:
-    (tmp_path / "a.bvh").write_text(text)
-    with pytest.raises(BadInput, match=message):
-        read_bvh(tmp_path / "a.bvh")
 
 
 # --- functions in a process of their own --------------------------------------------------------

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -14,7 +13,6 @@ import numpy.typing as npt
 from fem_snh import processes
 from fem_snh.choices import LARGEST_NUMBER
 from fem_snh.errors import BadInput, nearest_file
-from fem_snh.files import open_file
 from fem_snh.geometry.shapes.shape import Array, Evaluation, Shape
 
 Triangles = npt.NDArray[np.int64]
@@ -67,12 +65,11 @@ class ClosedSurface(Shape):
         """
         path = Path(path)
         try:
-            with open_file(path) as file:
-                size = os.fstat(file.fileno()).st_size
+            path.open("rb").close()
         except OSError as error:
             near = nearest_file(path)
             raise BadInput(f"cannot read the surface {path}: {error.strerror}{near}") from None
-        corners = processes.call("VTK", read_corners, path, size=size)
+        corners = processes.call("VTK", read_corners, path)
         points, numbers = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
         triangles = numbers.reshape(-1, 3)
         a, b, c = triangles.T

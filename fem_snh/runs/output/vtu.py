@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh.errors import BadInput, on_root
-from fem_snh.files import open_file, remove, replace_file
+from fem_snh.files import remove, replace_file
 
 Array = npt.NDArray[Any]
 Buffer = bytes | memoryview
@@ -180,8 +180,7 @@ class Collection:
         kept = []
         if until is not None and self.path.exists():
             try:
-                with open_file(self.path) as file:
-                    states = list(ET.parse(file).iter("DataSet"))
+                states = list(ET.parse(self.path).iter("DataSet"))
                 kept = [t for s in states if (t := float(s.attrib["timestep"])) <= until]
             except (OSError, ET.ParseError, KeyError, ValueError) as error:
                 raise BadInput(f"{self.path} cannot be read ({error}): remove it") from None

@@ -14,7 +14,6 @@ from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 from pandas.api.types import is_numeric_dtype
 
 from fem_snh.errors import BadInput
-from fem_snh.files import check_regular
 from fem_snh.viewing.plots.runs import column
 from fem_snh.viewing.plots.style import (
     draw_series,
@@ -39,7 +38,6 @@ MEASURES = {
 def read_table(path: Path) -> pd.DataFrame:
     """Return a CSV file as a table; raise BadInput if it cannot be read."""
     try:
-        check_regular(path)
         return pd.read_csv(path)
     except FileNotFoundError:
         raise BadInput(f"{path}: no such file") from None
