@@ -177,21 +177,17 @@ def export_parser() -> Parser:
     parser = Parser(
         "export",
         "Write all stored loads of a run into one VTKHDF file for ParaView, with the load as time, "
-        "or the deformed surface as a sequence of OBJ files or as one USD file; or a gmsh file, "
+        "or the deformed surface as a sequence of OBJ files; or a gmsh file, "
         "or the mesh of an .xao file, as an XDMF file, of which every rank reads its part.",
     )
     parser.add(
         """
         folder DIR|MSH  folder of a run; or a gmsh or .xao file, for NAME.xdmf
-        out OUT  NAME.vtkhdf: one file; NAME.obj: files NAME_0000.obj, NAME_0001.obj, ...;
-            NAME.usd: one file (needs fem_snh[usd])
-        --frames N  number of OBJ files, interpolated evenly over the load; default: the stored
-            loads
-        --field NAME  field that colours the vertices of OBJ and USD files
+        out OUT  NAME.vtkhdf: one file; NAME.obj: files NAME_0000.obj, NAME_0001.obj, ...
+        --field NAME  field that colours the vertices of OBJ files
         """,
         folder=Path,
         out=output,
-        frames=int,
     )
     return parser
 
@@ -205,16 +201,15 @@ def export(argv: list[str]) -> int:
     from fem_snh.viewing.export import main
 
     with _progress_bar("writing") as report:
-        paths = main(args.folder, args.out, args.frames, report, args.field)
+        paths = main(args.folder, args.out, report, args.field)
     print(paths[0] if len(paths) == 1 else f"{paths[0]} ... {paths[-1].name}")
     return 0
 
 
 def _convert_mesh(args: Namespace) -> int:
     """Write a gmsh file as an XDMF file; return 0. Collective."""
-    for option, given in (("--frames", args.frames), ("--field", args.field)):
-        if given is not None:
-            raise BadInput(f"{option} = {given}: expected no such option with a mesh")
+    if args.field is not None:
+        raise BadInput(f"--field = {args.field}: expected no such option with a mesh")
     from mpi4py import MPI
 
     start_petsc()

@@ -122,7 +122,7 @@ def test_export_converts_a_gmsh_file(comm, folder, capfd):
     assert main(["export", str(path), str(folder / "box.xdmf")]) == 0
     assert {g.name for g in mesh.read(comm, folder / "box.xdmf").groups} >= {"second", "edge"}
     assert xdmf_data(folder / "box.xdmf") == [folder / "box.h5"]
-    assert main(["export", str(path), str(folder / "box.usd")]) == 2
+    assert main(["export", str(path), str(folder / "box.obj")]) == 2
 
 
 @pytest.mark.one_debian("ranks")

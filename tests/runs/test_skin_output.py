@@ -11,10 +11,9 @@ import numpy as np
 import pytest
 import pyvista as pv
 from running import solve
-from usd_files import needs_usd, read_usd
 
 from fem_snh import scenes
-from fem_snh.errors import BadInput, on_root
+from fem_snh.errors import on_root
 from fem_snh.viewing import export, render
 
 #: A ball that moves as a whole with a bone, while it is stretched along x by 20 %.
@@ -97,49 +96,3 @@ def test_pictures_and_exports_show_the_skin(folder, tmp_path):
         assert obj.volume == pytest.approx((1 + 0.2 * load) * np.pi / 6, rel=0.05)
     (hdf,) = export.main(folder, tmp_path / "a.vtkhdf")
     assert pv.read(hdf).n_cells == skin.n_cells
-
-
-@pytest.mark.parametrize("suffix", [".usda", ".usdc", ".usd"])
-def test_usd(folder, tmp_path, suffix):
-    needs_usd()
-    (path,) = export.main(folder, tmp_path / f"a{suffix}")
-    usd = read_usd(path)
-    skin = pv.read(folder / "skin000002.vtu")
-    assert (usd["start"], usd["end"]) == (0.0, 48.0)
-    assert list(usd["times"]) == [0.0, 24.0, 48.0]
-    assert len(usd["counts"]) == skin.n_cells
-    rest, faces = usd["points"][0], usd["faces"].reshape(-1, 3)
-    a, b, c = (rest[faces[:, i]] for i in range(3))
-    assert np.einsum("ij,ij->", a, np.cross(b, c)) / 6 == pytest.approx(np.pi / 6, rel=0.05)
-    assert np.array_equal(usd["extents"], usd["computed_extents"])
-    for load, x, box, J in zip(LOADS, usd["points"], usd["extents"], usd["J"], strict=True):
-        assert np.abs(x - moved(rest, load)).max() < 1e-6
-        assert np.array_equal(box, [x.min(axis=0), x.max(axis=0)])
-        assert len(J) == len(x) and np.allclose(J, 1 + 0.2 * load)
-
-
-def test_colours_show_a_field_and_cells_give_means(tmp_path):
-    """A block that its bone stretches: J is 1.2 at the end, which the colours show."""
-    needs_usd()
-    scene = scenes.Scene(
-        name="block",
-        mesh=scenes.Geometry(source="block", parameters={}),
-        cells=2,
-        element="Q1",
-        steps=1,
-        material=scenes.MaterialChoice(name="stable_neo_hookean", E=1.0, nu=0.3),
-        bone=all_but(np.full(3, 25.0), 1.0),
-    )
-    solve(scene, MPI.COMM_SELF, out=tmp_path / "run")
-    (usd,) = export.main(tmp_path / "run", tmp_path / "a.usda", field="J")
-    found = read_usd(usd)
-    assert np.allclose(found["J"][-1], 1.2, rtol=1e-6)
-    at_rest, red = found["displayColor"]
-    assert len(red) == len(found["points"][-1])
-    # coolwarm is grey at 1, and red at the end of its range.
-    assert np.ptp(at_rest, axis=1).max() < 0.05 and (red[:, 0] > 4 * red[:, 2]).all()
-    paths = export.main(tmp_path / "run", tmp_path / "a.obj", 3, field="J")
-    rows = [np.loadtxt(path, skiprows=1, usecols=range(1, 7), max_rows=len(red)) for path in paths]
-    assert [row[0, 3] > row[0, 5] + 0.01 for row in rows] == [False, True, True]
-    with pytest.raises(BadInput, match="expected one of J, displacement, energy_density"):
-        export.main(tmp_path / "run", tmp_path / "a.obj", field="stress")

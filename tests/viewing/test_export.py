@@ -19,10 +19,9 @@ from scipy.spatial import cKDTree
 from vtkmodules.vtkCommonExecutionModel import vtkStreamingDemandDrivenPipeline
 from vtkmodules.vtkIOHDF import vtkHDFReader
 
-from fem_snh.cli import main as fem_snh
 from fem_snh.errors import on_root
-from fem_snh.viewing import export, render
-from fem_snh.viewing.states import InterpolatedStates, States
+from fem_snh.viewing import export
+from fem_snh.viewing.states import States
 
 LOADS = (0.0, 0.5, 1.0)
 #: Cells of the cube, and triangles of its surface at the first degree.
@@ -203,21 +202,3 @@ def test_obj_surfaces_are_closed_and_twisted(comm, folder, element):
                 assert volume(points, triangles) == pytest.approx(abs(volumes).sum(), abs=1e-9)
 
     on_root(comm, check)
-
-
-def test_frames_are_interpolated_between_the_stored_loads(twisted, tmp_path, capsys):
-    assert fem_snh(["export", str(twisted), str(tmp_path / "a.obj"), "--frames", "5"]) == 0
-    assert capsys.readouterr().out == f"{tmp_path / 'a_0000.obj'} ... a_0004.obj\n"
-    reported: list[tuple[int, int]] = []
-    stored = export.main(twisted, tmp_path / "b.obj", None, lambda *n: reported.append(n))
-    assert reported == [(1, 3), (2, 3), (3, 3)]
-    frames = [tmp_path / f"a_{k:04}.obj" for k in range(5)]
-    for frame, path in zip(frames[::2], stored, strict=True):
-        (points, triangles), (wanted, faces) = read_obj(frame), read_obj(path)
-        assert np.abs(points - wanted).max() < 1e-9 and np.array_equal(triangles, faces)
-    assert frames[1].read_text().startswith("# load 0.25\n")
-    files = render.stored_loads(twisted / "fields.pvd")
-    states = InterpolatedStates(files, "J")
-    grid = states.grid(0.25)
-    distance, _ = cKDTree(grid.points + grid["displacement"]).query(read_obj(frames[1])[0])
-    assert distance.max() < 1e-9

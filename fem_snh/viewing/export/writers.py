@@ -1,9 +1,8 @@
-"""Write the states of a run: OBJ files and USD files of the surface, a VTKHDF file of all.
+"""Write the states of a run: OBJ files of the surface, a VTKHDF file of all.
 
 `fem_snh.viewing.export.main` calls these functions in a process of its own, as h5py fails to import
-after dolfinx, which loads another HDF5 library, and the libraries of usd-core carry symbols of the
-C++ library that gmsh would then call. They raise BadInput if a state cannot be read or a file
-cannot be written.
+after dolfinx, which loads another HDF5 library. They raise BadInput if a state cannot be read or a
+file cannot be written.
 """
 
 from __future__ import annotations
@@ -11,13 +10,12 @@ from __future__ import annotations
 import io
 import json
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
 import pyvista as pv
-from scipy.interpolate import PchipInterpolator
 
 from fem_snh.errors import BadInput
 from fem_snh.files import replace_file
@@ -29,10 +27,6 @@ from fem_snh.viewing.states import Array, ExportedState, States, SurfaceFields
 
 #: Divides each face of a quadratic cell into the triangles between its nodes.
 _LEVEL = 1
-#: Frames of USD from load 0 to load 1 if the run is quasi-static: two seconds of a film.
-_FRAMES = 48.0
-#: Frames per second, of viewers of USD and of runs in time.
-FRAMES_PER_SECOND = 24.0
 #: Version of the VTKHDF specification; 2.2 is the first that allows groups beside VTKHDF.
 VERSION = (2, 2)
 
@@ -71,17 +65,11 @@ def _colours(fields: SurfaceFields, count: int, field: str) -> Callable[[Array],
     return colour_function(field, np.concatenate(values))
 
 
-def write_obj(
-    out: Path,
-    pvd: Path,
-    frames: int | None = None,
-    field: str | None = None,
-    report: Report = ignore,
-) -> None:
-    """Write the surface at stored loads, or between them, as the files of `obj_path`.
+def write_obj(out: Path, pvd: Path, field: str | None = None, report: Report = ignore) -> None:
+    """Write the surface at the stored loads as the files of `obj_path`.
 
     All files have the same triangles of the same vertices, the nodes on the surface, with normals
-    outwards. One state at a time is in memory, and of interpolated ones the surface.
+    outwards. One state at a time is in memory.
 
     Parameters
     ----------
@@ -89,21 +77,16 @@ def write_obj(
         ``NAME.obj``.
     pvd : Path
         The collection of the states.
-    frames : int, optional
-        Number of files, evenly spaced over the load; default: one for each stored load.
     field : str, optional
         A field that colours the vertices: red, green and blue (sRGB, 0 to 1) after the coordinates.
 
     Raises
     ------
     BadInput
-        Also if frames are to be interpolated from one state, or there are files of an earlier,
-        longer sequence.
+        Also if there are files of an earlier, longer sequence.
     """
     states = States(pvd)
-    count = frames or len(states)
-    if frames and len(states) < 2:
-        raise BadInput(f"--frames {frames}: needs two stored loads or more: found {len(states)}")
+    count = len(states)
     paths = [obj_path(out, number) for number in range(count)]
     later = [path for path in out.parent.glob(f"{out.stem}_*.obj") if _is_later(path, out, count)]
     if later:
@@ -117,125 +100,20 @@ def write_obj(
     fields = SurfaceFields(states, nodes) if field else None
     colours = _colours(fields, len(states), str(field)) if fields else None
     form = " ".join(["v", *["%.10g"] * 3, *["%.4f"] * (3 if colours else 0)])
-
-    def stored() -> Iterator[tuple[float, np.ndarray]]:
-        """Yield load and displacement at the nodes, and the field if any, for each state."""
-        for number, load in enumerate(states.loads):
-            u = states.displacement(number)[nodes]
-            yield load, np.column_stack([u, fields.scalar(number, str(field))]) if fields else u
-
-    frame = stored()
-    if frames:
-        values_at = PchipInterpolator(states.loads, np.array([values for _, values in frame]))
-        loads = np.linspace(states.loads[0], states.loads[-1], frames).tolist()
-        frame = ((load, values_at(load)) for load in loads)
-    for number, (path, (load, values)) in enumerate(zip(paths, frame, strict=True), 1):
+    for number, (path, load) in enumerate(zip(paths, states.loads, strict=True)):
         text = io.BytesIO()
-        x = rest + values[:, :3]
-        rows = np.column_stack([x, colours(values[:, 3])]) if colours else x
+        rows = rest + states.displacement(number)[nodes]
+        if fields and colours:
+            rows = np.column_stack([rows, colours(fields.scalar(number, str(field)))])
         np.savetxt(text, rows, fmt=form, header=f"load {load:.10g}")
         replace_file(path, (text.getvalue() + faces.getvalue()).decode())
-        report(number, count)
+        report(number + 1, count)
 
 
 def _is_later(path: Path, out: Path, count: int) -> bool:
     """Whether a file has the name of a file of the sequence beyond the last one."""
     number = re.fullmatch(rf"{re.escape(out.stem)}_(\d{{4,}})", path.stem)
     return number is not None and int(number[1]) >= count
-
-
-def write_usd(
-    out: Path,
-    pvd: Path,
-    duration: float | None = None,
-    field: str | None = None,
-    report: Report = ignore,
-) -> None:
-    """Write the surface at all stored loads: a mesh with points that depend on the time.
-
-    The mesh ``/body`` has the same triangles at all times, with normals outwards; its points
-    [length] are sampled at the stored loads, between which viewers interpolate linearly. The fields
-    are primvars of the same name at the points: numbers, and vectors of three numbers; those of the
-    cells are means over the cells around a point. Of a scene in time, 24 frames are a second;
-    otherwise 48 frames lead from load 0 to load 1.
-
-    Parameters
-    ----------
-    out : Path
-        A file .usd or .usdc (binary), or .usda (text).
-    pvd : Path
-        The collection of the states.
-    duration : float, optional
-        The end of a run in time [s].
-    field : str, optional
-        A field that colours the surface (``displayColor``), as in pictures.
-
-    References
-    ----------
-    OpenUSD, *UsdGeomMesh* and *UsdGeomPrimvar*, https://openusd.org/release/api.
-    """
-    from pxr import Sdf, Tf, Usd, UsdGeom, Vt
-
-    states = States(pvd)
-    nodes, triangles = surface_of(states.mesh)
-    fields = SurfaceFields(states, nodes)
-    colours = _colours(fields, len(states), field) if field else None
-    per_time = FRAMES_PER_SECOND if duration else _FRAMES
-    hidden = out.with_name(f".{out.name}{out.suffix}")
-    try:
-        stage = Usd.Stage.CreateNew(str(hidden))
-        UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z)
-        UsdGeom.SetStageMetersPerUnit(stage, 1.0)
-        stage.SetTimeCodesPerSecond(FRAMES_PER_SECOND)
-        stage.SetFramesPerSecond(FRAMES_PER_SECOND)
-        stage.SetStartTimeCode(per_time * states.loads[0])
-        stage.SetEndTimeCode(per_time * states.loads[-1])
-        mesh = UsdGeom.Mesh.Define(stage, "/body")
-        stage.SetDefaultPrim(mesh.GetPrim())
-        mesh.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
-        mesh.CreateFaceVertexCountsAttr(Vt.IntArray.FromNumpy(np.full(len(triangles), 3, "i4")))
-        mesh.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(triangles.ravel().astype("i4")))
-        points, extent = mesh.CreatePointsAttr(), mesh.CreateExtentAttr()
-        primvars: dict[str, Any] = {}
-        kinds = {1: (Sdf.ValueTypeNames.FloatArray, Vt.FloatArray)}
-        kinds[3] = (Sdf.ValueTypeNames.Vector3fArray, Vt.Vec3fArray)
-        for number, load in enumerate(states.loads):
-            data = fields.read(number)
-            x = np.asarray(states.mesh.points[nodes] + data["displacement"], np.float32)
-            if not np.isfinite(x).all():
-                raise BadInput(f"the displacement at load {load:g} is not finite")
-            time = Usd.TimeCode(per_time * load)
-            points.Set(Vt.Vec3fArray.FromNumpy(np.ascontiguousarray(x)), time)
-            box = np.ascontiguousarray([x.min(axis=0), x.max(axis=0)])
-            extent.Set(Vt.Vec3fArray.FromNumpy(box), time)
-            for name, values in data.items():
-                rows = np.asarray(values, np.float32).reshape(len(nodes), -1)
-                if rows.shape[1] not in kinds:
-                    continue
-                kind, array = kinds[rows.shape[1]]
-                if name not in primvars:
-                    api = UsdGeom.PrimvarsAPI(mesh)
-                    primvars[name] = api.CreatePrimvar(name, kind, UsdGeom.Tokens.vertex)
-                found = rows[:, 0] if rows.shape[1] == 1 else rows
-                primvars[name].Set(array.FromNumpy(np.ascontiguousarray(found)), time)
-            if colours and field:
-                rgb = linear_rgb(colours(fields.scalar(number, field))).astype(np.float32)
-                shown = mesh.CreateDisplayColorPrimvar(UsdGeom.Tokens.vertex)
-                shown.Set(Vt.Vec3fArray.FromNumpy(np.ascontiguousarray(rgb)), time)
-            report(number + 1, len(states))
-        stage.GetRootLayer().Save()
-        del stage
-        hidden.replace(out)
-    except (Tf.ErrorException, OSError) as error:
-        reason = " ".join(str(error).split())
-        raise BadInput(f"cannot write {out}: {reason}") from None
-    finally:
-        hidden.unlink(missing_ok=True)
-
-
-def linear_rgb(srgb: Array) -> Array:
-    """Return linear colours of sRGB colours (IEC 61966-2-1), both from 0 to 1."""
-    return np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
 
 
 def write_vtkhdf(out: Path, pvd: Path, record: Record, report: Report = ignore) -> None:
