@@ -29,8 +29,6 @@ ASSEMBLIES = ("kernels", "ufl")
 #: First guesses of a load step (`fem_snh.solver.predictor`).
 PREDICTORS = ("none", "extrapolate", "tangent", "bones")
 
-#: Poses of a skeleton that a bone's reference position may be that of.
-RESTS = ("first", "offset")
 
 #: Time integrators (`fem_snh.steps.dynamics.integrators`); without damping of their own: newmark.
 INTEGRATORS = ("backward_euler", "newmark", "bdf2", "generalized_alpha", "semi_implicit")

@@ -1,8 +1,7 @@
-"""Files of motions: tables of poses and of affine maps (CSV), and skeletons (BVH)."""
+"""Files of motions: tables of poses and of affine maps (CSV)."""
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from random import Random
 
@@ -73,78 +72,11 @@ def _check_rigid(matrices: list[np.ndarray]) -> None:
         assert np.abs(R.T @ R - np.eye(3)).max() < 1e-9 and np.linalg.det(R) > 0
 
 
-_SKELETON = """\
-HIERARCHY
-ROOT hips
-{
-  OFFSET 0.0 0.0 0.0
-  CHANNELS 6 Xposition Yposition Zposition Zrotation Xrotation Yrotation
-  JOINT knee
-  {
-    OFFSET 0.0 -4.0 0.0
-    CHANNELS 3 Zrotation Xrotation Yrotation
-    JOINT ankle
-    {
-      OFFSET 0.0 -4.0 0.0
-      CHANNELS 3 Zrotation Xrotation Yrotation
-      End Site
-      {
-        OFFSET 0.0 0.0 1.0
-      }
-    }
-  }
-}
-MOTION
-Frames: 4
-Frame Time: 0.25
-"""
-
-
-def make_skeleton(random: Random, folder: Path) -> list[str]:
-    """BVH files of a leg"""
-    frames = [[random.uniform(-90, 90) for _ in range(12)] for _ in range(4)]
-    lines = [" ".join(map(repr, frame)) for frame in frames]
-    data = (_SKELETON + "\n".join([*lines, ""])).encode()
-    state = write(random, folder / "motion.bvh", data)
-    joint = random.choice(("hips", "knee", "ankle"))
-    rest, duration = random.choice(("first", "offset")), random.choice(("0.75", ""))
-    return [state, joint, rest, duration, json.dumps(frames)]
-
-
-def _read_skeleton(arguments: list[str]) -> int:
-    """Read a skeleton and evaluate a joint; that of a whole one has the angles of its channels."""
-    from fem_snh.geometry.bvh import joint_motion, read_bvh
-
-    state, joint, rest, duration, numbers = arguments
-    end = float(duration) if duration else None
-    motion, origin = joint_motion(read_bvh("motion.bvh"), joint, rest, duration=end)
-    assert np.isfinite(origin).all()
-    _check_rigid([motion.affine(load) for load in _LOADS])
-    if state == "whole":
-        turns = []
-        for frame in json.loads(numbers):
-            position, turn = np.array(frame[:3]), Rotation.identity()
-            for k in range(1 + ("hips", "knee", "ankle").index(joint)):
-                position = position + turn.apply([0, -4.0 if k else 0, 0])
-                turn = turn * Rotation.from_euler("ZXY", frame[3 * k + 3 : 3 * k + 6], degrees=True)
-            turns.append((turn, position))
-        if rest == "first":
-            assert np.abs(origin - turns[0][1]).max() < 1e-9
-        before = turns[0][0] if rest == "first" else Rotation.identity()
-        for load, (turn, position) in zip((0, 1 / 3, 2 / 3, 1), turns, strict=True):
-            matrix = motion.affine(load)
-            assert np.abs(matrix[:, :3] - (turn * before.inv()).as_matrix()).max() < 1e-9
-            assert np.abs(matrix[:, :3] @ origin + matrix[:, 3] - position).max() < 1e-9
-    return 0
-
-
 _PRELOAD = (
-    "fem_snh.geometry.bvh",
     "fem_snh.geometry.motion_files",
     "scipy.spatial.transform",
     "scipy.interpolate",
 )
 FAMILIES = {
     "motion": Family(make_table, _read_table, _PRELOAD),
-    "skeleton": Family(make_skeleton, _read_skeleton, _PRELOAD),
 }

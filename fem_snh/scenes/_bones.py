@@ -14,81 +14,31 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import Discriminator, Field, PlainSerializer, Tag, model_validator
 
-from fem_snh.choices import RESTS
 from fem_snh.errors import BadInput, bad_value, unknown_name
-from fem_snh.geometry.bvh import Clip, Placement, joint_motion, read_bvh
 from fem_snh.geometry.motion_files import MotionRows, bone_motion, read_rows
-from fem_snh.geometry.motions import Bone, DisplacementMotion, Motion, Noise, PoseTable
+from fem_snh.geometry.motions import Bone, DisplacementMotion, Motion, Noise
 from fem_snh.geometry.rotations import exponential
 from fem_snh.geometry.shapes.shape import Array
 from fem_snh.tables.amplitudes import MotionTable, function_name
 from fem_snh.tables.shapes import ShapeChoice, shape_of
 from fem_snh.tables.types import (
-    INT32_MAX,
     FilePath,
     Flag,
     GroupKey,
     NonNegative,
-    Positive,
     Seed,
     Steps,
     SurfaceFile,
     Text,
     Vector,
 )
-from fem_snh.tables.validation import Expect, OneOf, Table, Whole
+from fem_snh.tables.validation import Expect, Table
 
 if TYPE_CHECKING:
     from fem_snh.scenes.schema import Scene
 
-_MOTION = (
-    "the path of a CSV file, a table { bvh, joint }, or a function of the load that returns a 3x4 "
-    "matrix"
-)
+_MOTION = "the path of a CSV file, or a function of the load that returns a 3x4 matrix"
 Function = Callable[[float], npt.ArrayLike]
-
-
-BvhFile = Annotated[FilePath, Expect("the path of a BVH file")]
-Frames = Annotated[
-    tuple[Annotated[int, Whole(0, INT32_MAX)], Annotated[int, Whole(0, INT32_MAX)]],
-    Expect("two whole numbers, the first frame and the last"),
-]
-
-
-class SkeletonMotion(Table):
-    """The motion of a joint of a skeleton, from a BVH file.
-
-    Between frames, rotations are slerped. In a scene with ``[time]`` the clip has its own time;
-    otherwise its last frame is at load 1.
-    """
-
-    bvh: BvhFile = Field(description="The file; its path is relative to the scene file.")
-    joint: Text = Field(description="The joint that the bone follows.")
-    rest: Annotated[str, OneOf(RESTS)] = Field(
-        default=RESTS[0],
-        description="The skeleton's pose in the reference configuration: that of the first frame, "
-        "or 'offset', all rotations zero and each joint at its OFFSET.",
-    )
-    frames: Frames | None = Field(
-        default=None, description="First and last frame, counted from 0; default: all."
-    )
-    scale: Positive = Field(
-        default=1.0, description="The scene's length of one unit of the file, e.g. 0.01."
-    )
-    rotation: Vector = Field(
-        default=(0.0, 0.0, 0.0),
-        description="Rotation of the skeleton, after 'scale': rotation vector about the origin, "
-        "axis times angle [rad].",
-    )
-    translation: Vector = Field(
-        default=(0.0, 0.0, 0.0), description="Its displacement, after 'rotation' [length]."
-    )
-
-    def motion(self, clip: Clip, duration: float | None) -> tuple[PoseTable, Vector]:
-        """Return the bone's motion and the joint's reference position."""
-        placement = Placement(self.scale, self.rotation, self.translation)
-        motion, p = joint_motion(clip, self.joint, self.rest, self.frames, placement, duration)
-        return motion, (float(p[0]), float(p[1]), float(p[2]))
 
 
 class NoiseChoice(Table):
@@ -123,15 +73,12 @@ class Rig(Table):
 
 
 def _kind(motion: object) -> str:
-    if isinstance(motion, dict | SkeletonMotion):
-        return "<skeleton>"
     return "<function>" if callable(motion) else "<file>"
 
 
 #: What a bone follows; the tags are removed from messages.
 BoneMotion = Annotated[
     Annotated[FilePath, Expect(_MOTION), Tag("<file>")]
-    | Annotated[SkeletonMotion, Tag("<skeleton>")]
     | Annotated[Function, Tag("<function>"), PlainSerializer(function_name, when_used="json")],
     Discriminator(_kind),
 ]
@@ -164,8 +111,8 @@ class BoneChoice(MotionTable):
     motion: BoneMotion | None = Field(
         default=None,
         description="Affine maps, instead of 'translate' and 'rotate': a CSV file, relative to the "
-        "scene file, with the columns load or time, bone, a11, a12, ..., a34; a joint of a "
-        "skeleton; or, in Python, a function of the load that returns a 3x4 matrix.",
+        "scene file, with the columns load or time, bone, a11, a12, ..., a34; "
+        "or, in Python, a function of the load that returns a 3x4 matrix.",
     )
     rigid: Flag = Field(
         default=False,
@@ -175,7 +122,7 @@ class BoneChoice(MotionTable):
     origin: Vector | None = Field(
         default=None,
         description="Reference point about which its moment is given [length]; "
-        "default: its joint, or the centre of the bounding box of its nodes.",
+        "default: the centre of the bounding box of its nodes.",
     )
 
     @model_validator(mode="after")
@@ -195,7 +142,7 @@ def read_bones(scene: Scene) -> list[Bone]:
         and a name in a file that no bone has.
     """
     names = [choice.name for choice in scene.bone]
-    rows, clips = cache(partial(_read_rows, names=names)), cache(read_bvh)
+    rows = cache(partial(_read_rows, names=names))
     noise = None
     if scene.rig and (chosen := scene.rig.noise):
         steps = scene.time.steps if scene.time else scene.steps
@@ -205,17 +152,13 @@ def read_bones(scene: Scene) -> list[Bone]:
         solid = choice.shape or choice.surface
         shape = shape_of(solid) if solid else None
         motion: Motion | Function | None = None
-        origin = choice.origin
         if isinstance(choice.motion, Path):
             motion = bone_motion(rows(choice.motion), choice.name, scene.duration, choice.rigid)
-        elif isinstance(choice.motion, SkeletonMotion):
-            motion, joint = choice.motion.motion(clips(choice.motion.bvh), scene.duration)
-            origin = origin or joint
         elif choice.is_moved:
             motion = DisplacementMotion(choice.scaled(scene.amplitudes).displacement)
         else:
             motion = choice.motion
-        bones.append(Bone(choice.name, shape, choice.group, motion, origin, noise))
+        bones.append(Bone(choice.name, shape, choice.group, motion, choice.origin, noise))
     return bones
 
 

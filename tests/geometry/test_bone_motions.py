@@ -18,29 +18,6 @@ pytestmark = pytest.mark.one_debian
 #: Affine and not rigid, as production skinning has it.
 SKEWED = matrix([[1.1, 0.2, 0.0], [-0.1, 0.95, 0.05], [0.0, 0.1, 1.0]], (0.05, -0.02, 0.03))
 REST = matrix(np.eye(3))
-#: A shoulder at (1, 2, 0), an elbow 3 along x, a hand 2 along x: 90 degrees about z at both joints.
-ARM = """HIERARCHY
-ROOT Shoulder
-{
-  OFFSET 1 2 0
-  CHANNELS 6 Xposition Yposition Zposition Zrotation Xrotation Yrotation
-  JOINT Elbow
-  {
-    OFFSET 3 0 0
-    CHANNELS 3 Zrotation Xrotation Yrotation
-    End Site
-    {
-      OFFSET 2 0 0
-    }
-  }
-}
-MOTION
-Frames: 3
-Frame Time: 0.5
-1 2 0 0 0 0 0 0 0
-1 2 0 45 0 0 45 0 0
-1 3 0 90 0 0 90 0 0
-"""
 
 
 @pytest.fixture
@@ -52,8 +29,6 @@ def read(tmp_path):
             (tmp_path / (file_name or name)).write_text(text)
         own = {key: keys.pop(key) for key in ("motion", "rigid") if key in keys}
         motion = own.get("motion", str(tmp_path / name))
-        if isinstance(motion, dict):
-            motion = motion | {"bvh": str(tmp_path / name)}
         upper = {"name": "upper", "shape": UPPER, **own, "motion": motion}
         scene = bar(upper, {"name": "lower", "shape": LOWER}, **keys)
         assert scenes.load(scene) == scene
@@ -82,42 +57,6 @@ def test_a_rigid_table_is_slerped_and_the_translation_linear(read):
         assert motion.affine(load)[:, :3] == pytest.approx(R, abs=1e-14)
     middle = (rows[0][2][:, 3] + rows[1][2][:, 3]) / 2
     assert motion.affine(0.25)[:, 3] == pytest.approx(middle, abs=1e-15)
-
-
-def test_joints_of_a_skeleton(read):
-    """The elbow turns with the shoulder: its bone's end is where trigonometry has it."""
-    motion = {"joint": "Elbow", "scale": 0.1, "translation": [0, 0, 5]}
-    bone = read(ARM, "arm.bvh", motion=motion)
-    assert bone.origin == pytest.approx([0.4, 0.2, 5])
-    hand = np.array([0.6, 0.2, 5, 1])
-    assert bone.affine(0.0) @ hand == pytest.approx(hand[:3], abs=1e-15)
-    angle = np.pi / 4
-    elbow = np.array([0.1 + 0.3 * np.cos(angle), 0.2 + 0.3 * np.sin(angle), 5])
-    assert bone.affine(0.5) @ hand == pytest.approx([elbow[0], elbow[1] + 0.2, 5])
-    assert bone.affine(1.0) @ hand == pytest.approx([0.1 - 0.2, 0.3 + 0.3, 5], abs=1e-14)
-
-
-def test_rest_frames_and_rotation_of_a_skeleton(read):
-    """With the offsets as rest, frame 1 is not the reference; y up becomes z up."""
-    up = {"rotation": [np.pi / 2, 0, 0], "rest": "offset", "frames": [1, 2]}
-    bone = read(ARM, "arm.bvh", motion={"joint": "Shoulder", **up})
-    assert bone.origin == pytest.approx([1, 0, 2])
-    elbow = np.array([4, 0, 2, 1])
-    shoulder = np.array([1, 0, 2])
-    angle = np.pi / 4
-    turned = shoulder + 3 * np.array([np.cos(angle), 0, np.sin(angle)])
-    assert bone.affine(0.0) @ elbow == pytest.approx(turned, abs=1e-14)
-    assert bone.affine(1.0) @ elbow == pytest.approx([1, 0, 6], abs=1e-14)
-
-
-def test_a_clip_has_its_own_time(read):
-    dense = {"name": "stable_neo_hookean", "E": 1e4, "nu": 0.45, "density": 1e3}
-    keys = {"motion": {"joint": "Elbow"}, "material": dense}
-    bone = read(ARM, "arm.bvh", time={"duration": 0.5, "steps": 2}, **keys)
-    R = bone.affine(1.0)[:, :3]
-    assert R == pytest.approx(turn(np.pi / 2)[:, :3], abs=1e-14)
-    with pytest.raises(BadInput, match=r"its 3 frames end at 1 s: expected frames .* the run, 2 s"):
-        read(ARM, "arm.bvh", time={"duration": 2.0, "steps": 2}, **keys)
 
 
 @pytest.mark.parametrize(

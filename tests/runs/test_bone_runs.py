@@ -77,7 +77,6 @@ def test_a_bone_that_is_a_group_moves_as_move_does(time):
         ),
         ({"surface": "none.stl"}, "cannot read the surface none.stl"),
         ({"shape": UPPER, "motion": "none.csv"}, "cannot read the motion none.csv"),
-        ({"shape": UPPER, "motion": {"bvh": "n.bvh", "joint": "a"}}, "cannot read the motion n."),
         ({"shape": UPPER, "motion": lambda load: np.eye(3)}, "at load .*: expected a 3x4 matrix"),
     ],
 )
@@ -92,8 +91,7 @@ def test_mistakes_are_one_line_on_every_rank(bone, message):
     [
         ({}, "bone.0: expected one of the keys shape, surface, group; found none"),
         ({"shape": UPPER, "group": 1}, "bone.0: expected one of .*; found shape, group"),
-        ({"shape": UPPER, "motion": 3}, "bone.0.motion = 3: expected the path of a CSV file, a ta"),
-        ({"shape": UPPER, "motion": {"bvh": "a", "joint": "b", "rest": "last"}}, "one of first, o"),
+        ({"shape": UPPER, "motion": 3}, "bone.0.motion = 3: expected the path of a CSV file"),
         ({"shape": UPPER, "motion": "a.csv", "translate": [0, 0, 1]}, "exclude each other"),
         ({"shape": UPPER, "rigid": True}, "rigid = True: expected no value without the CSV file"),
         ({"shape": UPPER, "table": "ramp"}, "missing key 'translate' or 'rotate'"),
