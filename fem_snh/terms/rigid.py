@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 import numpy as np
+import numpy.typing as npt
 from pydantic import BeforeValidator, Field, model_validator
 
 from fem_snh.errors import BadInput, bad_value, choose
@@ -31,6 +32,8 @@ if TYPE_CHECKING:
     from fem_snh.terms.body import Body
     from fem_snh.terms.term import Term
 
+Array = npt.NDArray[np.float64]
+
 #: The motions of a part that may be free where others are prescribed.
 MOTIONS = ("x", "y", "z", "rotation")
 #: What each kind of joint leaves.
@@ -39,8 +42,6 @@ KINDS = ("ball", "hinge", "slider")
 RESULTS = ("displacement", "rotation", "force", "moment")
 #: Kinds with an axis.
 _WITH_AXIS = KINDS[1:]
-#: Loads of a part.
-_LOADS = ("force", "torque")
 
 
 class RigidJoint(Table):
@@ -185,59 +186,36 @@ class Rigid(Feature, MotionTable):
         return self
 
     @model_validator(mode="after")
-    def _check_spring(self) -> Rigid:
-        """Raise BadInput for a spring along motions that the joint excludes."""
-        if self.joint and self.spring:
-            slides, to_world = self.joint.kind == "slider", self.joint.to is None
-            without = f"no value, as a {self.joint.kind} joint"
-            if slides and self.spring.rotation:
-                accepted = f"{without} leaves no rotation"
-                raise bad_value("spring.rotation", self.spring.rotation, accepted)
-            if not slides and to_world and self.spring.stiffness:
-                accepted = f"{without} leaves the point no displacement"
-                raise bad_value("spring.stiffness", self.spring.stiffness, accepted)
-        turns = self.joint or self.rotate is not None or self.free_motions[3]
-        if self.spring and self.spring.rotation and not turns:
-            accepted = "no value, as the part does not turn"
-            raise bad_value("spring.rotation", self.spring.rotation, accepted)
+    def _check_effects(self) -> Rigid:
+        """Raise BadInput for a load or a spring along motions that the part does not have."""
+        translations, rotations = self._directions()
+        spring = self.spring or RigidSpring()
+        moves, turns = len(translations) or self.translate, len(rotations) or self.rotate
+        for key, value, acts, motion in (
+            ("force", self.force, np.any(translations @ self.force), "move"),
+            ("torque", self.torque, np.any(rotations @ self.torque), "turn"),
+            ("spring.stiffness", spring.stiffness, moves, "move"),
+            ("spring.rotation", spring.rotation, turns, "turn"),
+        ):
+            if np.any(value) and not acts:
+                given = list(value) if isinstance(value, tuple) else value
+                accepted = f"no value, as nothing lets the part {motion} so"
+                raise bad_value(key, given, accepted)
         return self
 
-    @model_validator(mode="after")
-    def _check_loads(self) -> Rigid:
-        """Raise BadInput for a load along motions that are prescribed, or that a joint excludes."""
-        force, torque = self.force, self.torque
-        if self.joint:
-            self._check_loads_of_joint(self.joint)
-            return self
+    def _directions(self) -> tuple[Array, Array]:
+        """Return the directions in which the part is free to move, and to turn about.
+
+        A part that hangs on another one passes to it what its joint carries.
+        """
+        every, none = np.eye(3), np.zeros((0, 3))
+        if joint := self.joint:
+            axis = np.reshape(joint.axis or (), (-1, 3))
+            free = {"ball": (none, every), "hinge": (none, axis), "slider": (axis, none)}
+            return free[joint.kind] if joint.to is None else (every, every)
         *translations, rotation = self.free_motions
-        if any(force) and not any(translations):
-            raise bad_value("force", list(force), "no value, as the translation is prescribed")
-        for axis, value, free in zip(MOTIONS, force, translations, strict=False):
-            if value and not free and not self.follower:
-                accepted = f"zero along {axis}, along which the translation is prescribed"
-                raise bad_value("force", list(force), accepted)
-        if any(torque) and not rotation:
-            raise bad_value("torque", list(torque), "no value, as the rotation is prescribed")
-        return self
-
-    def _check_loads_of_joint(self, joint: RigidJoint) -> None:
-        """Raise BadInput for a load that a joint to the world carries alone."""
-        if joint.to is not None:
-            return
-        work = {key: np.dot(joint.axis or (0, 0, 0), getattr(self, key)) for key in _LOADS}
-        idle = {
-            "ball": {"force": "leaves the point no displacement"},
-            "hinge": {"force": "leaves the point no displacement"},
-            "slider": {"torque": "leaves no rotation"},
-        }[joint.kind]
-        if joint.kind == "hinge" and not work["torque"]:
-            idle["torque"] = "turns about its axis alone"
-        if joint.kind == "slider" and not work["force"]:
-            idle["force"] = "slides along its axis alone"
-        for key, why in idle.items():
-            if any(load := getattr(self, key)):
-                accepted = f"no value, as a {joint.kind} joint {why}"
-                raise bad_value(key, list(load), accepted)
+        moves = every if self.follower and any(translations) else every[translations]
+        return moves, every if rotation else none
 
     @property
     def label(self) -> str:

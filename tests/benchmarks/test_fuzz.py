@@ -17,7 +17,6 @@ QUICK = {
     "mesh": 8,
     "surface": 10,
     "motion": 40,
-    "skeleton": 40,
     "fit": 15,
     "scene": 80,
     "scene_run": 6,
@@ -36,7 +35,7 @@ def test_input_has_the_known_answer_or_ends_well(family: str) -> None:
 
 def test_a_wrong_number_is_a_failure(tmp_path: Path) -> None:
     """Of the first whole file of each family that knows its answer, which is then changed."""
-    changed = {"mesh": 1, "surface": 2, "motion": 4, "skeleton": 4, "fit": 2}
+    changed = {"mesh": 1, "surface": 2, "motion": 4, "fit": 2}
     for name, place in changed.items():
         family = load_families()[name]
 
