@@ -184,7 +184,7 @@ def lock_run(
 
 def _check_empty(folder: Path) -> None:
     """Raise BadInput if a folder holds a run, or anything else that is not hidden."""
-    if _holds_record(folder):
+    if (folder / "run.json").exists():
         raise BadInput(
             f"{folder} already holds a run: give --overwrite or another --out, "
             "or continue it with --resume"
@@ -194,15 +194,6 @@ def _check_empty(folder: Path) -> None:
             f"out = {folder}: holds files of no run ({others}): expected an empty folder, or "
             "--overwrite, which removes only files of names that a run writes"
         )
-
-
-def _holds_record(folder: Path) -> bool:
-    """Return whether a folder has a run.json that is the record of a run."""
-    try:
-        record = json.loads(read_text(folder / "run.json"))
-    except (OSError, ValueError, RecursionError):
-        return False
-    return isinstance(record, dict) and {"scene", "steps"} <= record.keys()
 
 
 def list_others(folder: Path) -> str:
