@@ -13,15 +13,13 @@ import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from math import isfinite
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeGuard
 
 from fem_snh.errors import BadInput, shown
 from fem_snh.files import read_text
 
 #: The content of a run.json.
 Record = dict[str, Any]
-#: Returns what is wrong with the value of a key, as text, or "".
-Check = Callable[[str, object], str]
 
 
 def load_record(path: Path) -> Record:
@@ -43,138 +41,102 @@ def load_record(path: Path) -> Record:
     return dict(record)
 
 
-def problem(record: object) -> str:
-    """Return what is wrong with a record as ``key = value: expected ...``, or ""."""
-    return _RECORD("", record)
-
-
-def _expected(key: str, value: object, accepted: str) -> str:
-    return f"{key.removeprefix('.') or 'content'} = {shown(value)}: expected {accepted}"
-
-
 def is_number(value: object) -> bool:
     """Return whether a value is a finite number."""
-    return isinstance(value, int | float) and not isinstance(value, bool) and isfinite(value)
+    return _is_number(value) and isfinite(value)
 
 
-def _check(test: Callable[[Any], bool], accepted: str) -> Check:
-    return lambda key, value: "" if test(value) else _expected(key, value, accepted)
+def _is_number(value: object) -> TypeGuard[float]:
+    return isinstance(value, int | float) and not isinstance(value, bool)
 
 
-_number = _check(is_number, "a number")
-# A step that failed may have an infinite residual or energy, which only run.json has as null.
-_number_or_null = _check(
-    lambda v: v is None or (isinstance(v, int | float) and not isinstance(v, bool)),
-    "a number or null",
-)
-_positive = _check(lambda v: is_number(v) and v > 0, "a number > 0")
-_whole = _check(lambda v: isinstance(v, int) and not isinstance(v, bool), "a whole number")
-_flag = _check(lambda v: isinstance(v, bool), "true or false")
-_text = _check(lambda v: isinstance(v, str), "a text")
+_NUMBER, _NUMBER_OR_NULL, _TEXT, _FLAG = "a number", "a number or null", "a text", "true or false"
+_POSITIVE, _WHOLE = "a number > 0", "a whole number"
+#: Tests of values. A step that failed may have an infinite residual or energy, which is null.
+_TESTS: dict[str, Callable[[Any], bool]] = {
+    _NUMBER: is_number,
+    _NUMBER_OR_NULL: lambda value: value is None or _is_number(value),
+    _TEXT: lambda value: isinstance(value, str),
+    _FLAG: lambda value: isinstance(value, bool),
+    _POSITIVE: lambda value: is_number(value) and value > 0,
+    _WHOLE: lambda value: isinstance(value, int) and not isinstance(value, bool),
+}
+#: What is expected: a key of `_TESTS`; a list (item,) of any length, or (item, length); a table,
+#: which may have other keys, with "?" after an optional key, and "*" for any.
+_Form = str | tuple[Any, ...] | Mapping[str, Any]
 
-
-def _list(item: Check, length: int | None = None) -> Check:
-    """Return the check of a list, of this length if it is given."""
-
-    def check(key: str, value: object) -> str:
-        if not isinstance(value, list) or (length is not None and len(value) != length):
-            return _expected(key, value, "a list" if length is None else f"a list of {length}")
-        return next((found for i, v in enumerate(value) if (found := item(f"{key}[{i}]", v))), "")
-
-    return check
-
-
-def _named(item: Check) -> Check:
-    """Return the check of a table with any keys."""
-
-    def check(key: str, value: object) -> str:
-        if not isinstance(value, dict):
-            return _expected(key, value, "a table")
-        return next((found for k, v in value.items() if (found := item(f"{key}.{k}", v))), "")
-
-    return check
-
-
-def _table(required: Mapping[str, Check], optional: Mapping[str, Check]) -> Check:
-    """Return the check of a table with these keys, and any others."""
-
-    def check(key: str, value: object) -> str:
-        if not isinstance(value, dict):
-            return _expected(key, value, "a table")
-        if missing := [name for name in required if name not in value]:
-            return f"{key}.{missing[0]}: missing".removeprefix(".")
-        checks = {**required, **optional}
-        return next(
-            (
-                found
-                for k, v in value.items()
-                if k in checks and (found := checks[k](f"{key}.{k}", v))
-            ),
-            "",
-        )
-
-    return check
-
-
-def _any(key: str, value: object) -> str:
-    return ""
-
-
-def _material(key: str, value: object) -> str:
-    """Check one material, or a list of several."""
-    one = _table({"name": _text, "nu": _number}, {"E": _number, "parameters": _named(_any)})
-    return _list(one)(key, value) if isinstance(value, list) and value else one(key, value)
-
-
-_POSE = _list(_list(_number, 4), 3)
-_MOVED = _named(_table({}, {"pose": _POSE}))
+_MATERIAL = {"name": _TEXT, "nu": _NUMBER, "E?": _NUMBER, "parameters?": {}}
+_POSE = ((_NUMBER, 4), 3)
 _VALUES = (
     "time", "newton", "clamped", "linear", "lbfgs", "residual", "energy", "kinetic", "elastic",
     "potential", "dissipated", "volume_ratio", "min_J", "min_cell_J", "max_u", "nonfinite",
     "seconds", "negative_eigenvalues",
 )  # fmt: skip
-_STEP = _table(
-    {"load": _number},
-    {
-        **dict.fromkeys(_VALUES, _number_or_null),
-        "converged": _flag,
-        "reason": _text,
-        "stability": _text,
-        "notes": _list(_text),
-        "obstacles": _MOVED,
-        "bones": _MOVED,
-        "rigid": _named(_named(_list(_number, 3))),
-        "reactions": _named(_list(_number_or_null)),
-        "moments": _named(_list(_number_or_null)),
-        "probes": _named(_list(_number_or_null)),
-    },
-)
-_SOLID = _named(_table({}, {"pose": _POSE, "shape": _named(_any)}))
-_RECORD = _table(
-    {"scene": _text, "material": _material, "steps": _list(_STEP)},
-    {
-        "element": _text,
-        "kinematics": _text,
-        "cells": _whole,
-        "converged": _flag,
-        "status": _text,
-        "load_name": _text,
-        "load_range": _list(_number, 2),
-        "time": _table({"duration": _positive}, {"start": _named(_any)}),
-        "obstacles": _SOLID,
-        "bones": _SOLID,
-        "rigid": _named(_table({"shape": _named(_any), "point": _list(_number, 3)}, {})),
-        "cell_groups": _list(_list(_text)),
-        "units": _text,
-        "modes": _table({"frequencies": _list(_number)}, {}),
-        "seconds": _named(_number),
-        "peak_memory_mb": _number,
-        "processor_seconds": _number,
-        "versions": _named(_any),
-        "resumed": _list(_number),
-        "notes": _list(_table({"kind": _text, "text": _text}, {})),
-    },
-)
+_STEP = {
+    "load": _NUMBER,
+    **{f"{name}?": _NUMBER_OR_NULL for name in _VALUES},
+    "converged?": _FLAG,
+    "reason?": _TEXT,
+    "stability?": _TEXT,
+    "notes?": (_TEXT,),
+    **{key: {"*": {"pose?": _POSE}} for key in ("obstacles?", "bones?")},
+    "rigid?": {"*": {"*": (_NUMBER, 3)}},
+    **{key: {"*": (_NUMBER_OR_NULL,)} for key in ("reactions?", "moments?", "probes?")},
+}
+_RECORD = {
+    "scene": _TEXT,
+    "material": _MATERIAL,
+    "steps": (_STEP,),
+    **dict.fromkeys(("element?", "kinematics?", "status?", "load_name?", "units?"), _TEXT),
+    **dict.fromkeys(("peak_memory_mb?", "processor_seconds?"), _NUMBER),
+    "cells?": _WHOLE,
+    "converged?": _FLAG,
+    "load_range?": (_NUMBER, 2),
+    "time?": {"duration": _POSITIVE, "start?": {}},
+    **{key: {"*": {"pose?": _POSE, "shape?": {}}} for key in ("obstacles?", "bones?")},
+    "rigid?": {"*": {"shape": {}, "point": (_NUMBER, 3)}},
+    "cell_groups?": ((_TEXT,),),
+    "modes?": {"frequencies": (_NUMBER,)},
+    "seconds?": {"*": _NUMBER},
+    "versions?": {},
+    "resumed?": (_NUMBER,),
+    "notes?": ({"kind": _TEXT, "text": _TEXT},),
+}
+
+
+def problem(record: object) -> str:
+    """Return what is wrong with a record as ``key = value: expected ...``, or ""."""
+    several = isinstance(record, dict) and record.get("material")
+    materials = (_MATERIAL,) if several and isinstance(several, list) else _MATERIAL
+    return _mistake("", record, _RECORD | {"material": materials})
+
+
+def _mistake(key: str, value: Any, form: _Form) -> str:
+    """Return the first mistake in a value, or ""."""
+    accepted = ""
+    items: list[tuple[str, Any, _Form]] = []
+    if isinstance(form, str):
+        accepted = "" if _TESTS[form](value) else form
+    elif isinstance(form, tuple):
+        item, *length = form
+        if not isinstance(value, list) or (length and len(value) != length[0]):
+            accepted = " of ".join(["a list", *map(str, length)])
+        else:
+            items = [(f"{key}[{i}]", entry, item) for i, entry in enumerate(value)]
+    elif not isinstance(value, dict):
+        accepted = "a table"
+    else:
+        required = (name for name in form if name != "*" and not name.endswith("?"))
+        if missing := next((name for name in required if name not in value), ""):
+            return f"{key}.{missing}: missing".removeprefix(".")
+        for name, entry in value.items():
+            known = next((n for n in (name, f"{name}?", "*") if n in form), None)
+            if known:
+                items.append((f"{key}.{name}", entry, form[known]))
+    if accepted:
+        return f"{key.removeprefix('.') or 'content'} = {shown(value)}: expected {accepted}"
+    return next(filter(None, (_mistake(*item) for item in items)), "")
+
 
 _AXES = "xyz"
 #: Tables of a row by the name of what they describe, and what their vectors are called.
@@ -284,34 +246,7 @@ def table_text(columns: Sequence[str], rows: list[dict[str, Any]]) -> str:
     return text.getvalue()
 
 
-#: The kinds of notes: of the loads; of the output folder; an element that locks; points that are
-#: inverted; a jump to a state far away within one step; a surface that is deep in an obstacle or
-#: another surface, between the points at which contact acts; penalties that yield; forces that are
-#: known to their rounding error; an unstable equilibrium; one other than rest though no load acts;
-#: nodes outside of the mesh of the run from which this one starts; rigid motions that nothing
-#: constrains, or supports without an area; a pressure that is known up to a constant; cells of the
-#: mesh that meet without being connected; a motion that gains energy; PETSc options that no solver
-#: has; steps that needed a proximal term.
-KINDS = (
-    "supports",
-    "load",
-    "folder",
-    "locking",
-    "inverted",
-    "jump",
-    "penetration",
-    "penalty",
-    "rounding",
-    "unstable",
-    "rest",
-    "start",
-    "pressure",
-    "mesh",
-    "energy",
-    "options",
-    "stabilised",
-)
-#: Those on how a state was reached, which hold for what starts from it.
+#: Kinds of notes on how a state was reached, which hold for what starts from it.
 NOTES_ON_PATH = ("jump", "start")
 
 
@@ -321,7 +256,14 @@ class Note(NamedTuple):
     Attributes
     ----------
     kind : str
-        One of `KINDS`.
+        ``supports`` (rigid motions that nothing constrains, or supports without an area),
+        ``load``, ``folder``, ``locking``, ``inverted``, ``jump`` (a state far away within one
+        step), ``penetration`` (between the points at which contact acts), ``penalty`` (one that
+        yields), ``rounding`` (forces known to their rounding error), ``unstable``, ``rest`` (an
+        equilibrium other than rest without a load), ``start`` (nodes outside of the mesh of the run
+        from which this one starts), ``pressure`` (known up to a constant), ``mesh`` (cells that
+        meet without being connected), ``energy`` (a motion that gains it), ``options`` (of PETSc
+        that no solver has) or ``stabilised`` (steps that needed a proximal term).
     text : str
         One line: what is the matter, and what to do.
     step : int or None
