@@ -34,7 +34,7 @@ from fem_snh.errors import BadInput
 from fem_snh.files import write_file
 from fem_snh.records.run_record import Record
 from fem_snh.records.units import Units
-from fem_snh.viewing.plots.runs import numbers, principal_result, run_figure, run_table, x_of
+from fem_snh.viewing.plots.runs import numbers, principal_result, run_table, x_of
 from fem_snh.viewing.render import Job
 from fem_snh.viewing.render.drawing import Drawing
 from fem_snh.viewing.stored_run import (
@@ -169,7 +169,6 @@ def page(
         status=escape(str(record.get("status", ""))),
         extremes=escape(extremes),
         last=len(shown) - 1,
-        curves=_curves(record),
         steps=_step_table(record),
         settings=_pairs(flatten(settings)),
         versions=_pairs(flatten(record.get("versions", {}))),
@@ -201,17 +200,6 @@ def first_axes(record: Record, table: pd.DataFrame) -> tuple[str, str]:
     """Return the columns of the first curve: a reaction or the volume over the load parameter."""
     x, y = x_of([record]), principal_result([record]) or "volume_ratio"
     return x, y if y in table else x
-
-
-def _curves(record: Record) -> str:
-    """Return the run's graphs as SVG, or why there are none."""
-    try:
-        figure = run_figure([record], newton=True)
-    except BadInput as error:
-        return f"<p>{escape(str(error))}</p>"
-    text = io.StringIO()
-    figure.savefig(text, format="svg", metadata={"Date": None})
-    return text.getvalue()[text.getvalue().index("<svg") :]
 
 
 def _step_table(record: Record) -> str:

@@ -9,7 +9,7 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
-from picture_runs import bad, write_run
+from picture_runs import bad
 from running import record, solve
 from scene_file import TWO_MATERIALS
 
@@ -20,7 +20,7 @@ from fem_snh.mesh import mesh
 from fem_snh.mesh.mesh import Group
 from fem_snh.runs.output.fields import cell_groups
 from fem_snh.viewing import render
-from fem_snh.viewing.render import drawing, surfaces
+from fem_snh.viewing.render import surfaces
 from fem_snh.viewing.states import InterpolatedStates
 from fem_snh.viewing.stored_run import view_options
 
@@ -82,24 +82,3 @@ def test_parts_of_overlapping_groups(comm):
     assert found is not None
     assert found.names == [[], ["stable_neo_hookean"], ["neo_hookean"]]
     assert comm.allreduce(np.bincount(found.numbers, minlength=3), op=MPI.SUM).tolist() == [2, 4, 2]
-
-
-def test_the_smallest_J_is_marked_where_it_is(folder):
-    write_run(MPI.COMM_SELF, folder, "Q1")
-    files = [str(file) for file in render.stored_loads(folder / "fields.pvd")[1.0]]
-    grid = surfaces.read_grid(files, "J", also=("min_J",))
-    assert surfaces.body_of(grid, "J").lowest is None  # all cells have the same
-    deformed = grid.warp_by_vector("displacement").cell_centers().points
-    at = {value: grid.find_containing_cell([x, x, x]) for value, x in ((0.2, 0.5), (0.5, 0.1))}
-    for value, cell in at.items():
-        grid.cell_data["min_J"][cell] = value
-    item = surfaces.body_of(grid, "J")
-    assert item.lowest is not None and item.lowest[1] == pytest.approx(0.2)
-    assert item.lowest[0] == pytest.approx(deformed[at[0.2]])  # inside of the body
-    half = surfaces.body_of(grid, "J", view_options(clip="z@0.3"))
-    assert half.lowest is not None and half.lowest[1] == pytest.approx(0.5)
-    assert half.lowest[0] == pytest.approx(deformed[at[0.5]])
-    view = drawing.view([item], options=view_options(camera="-y"))
-    assert view.project(view.centre) == pytest.approx((0.5, 0.5))
-    right = view.centre + np.array([0.25 * view.width, 0, 0.1 * view.height])
-    assert view.project(right) == pytest.approx((0.75, 0.6))

@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from math import floor, log10
@@ -20,7 +19,6 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.patheffects import withStroke
 from matplotlib.ticker import MaxNLocator, ScalarFormatter
 from PIL import Image
 
@@ -59,7 +57,7 @@ _ROUNDING = 1e-9
 _LONG_NUMBERS = 1e-3
 #: Pixels: the width of a frame, and the largest height of the body in it.
 _FRAME_WIDTH, _FRAME_TALLEST = 1280, 720
-#: Colours of a GIF's palette, which is chosen once, from the last frame.
+#: Colours of the palette of a frame of a GIF.
 _GIF_COLOURS = 256
 
 
@@ -123,12 +121,6 @@ class View:
     up: np.ndarray
     width: float
     height: float
-
-    def project(self, point: np.ndarray) -> tuple[float, float]:
-        """Return where a point is in the picture: 0 to 1 from left to right and from below."""
-        right, up = np.cross(self.up, self.towards), self.up
-        arm = point - self.centre
-        return 0.5 + float(arm @ right) / self.width, 0.5 + float(arm @ up) / self.height
 
     def place(self, camera: Any, distance: float) -> None:
         """Place a camera at a distance."""
@@ -353,23 +345,6 @@ def write_text(figure: Figure, x: float, y: float, text: str, size: float) -> An
     return figure.text(x, y, text, ha="center", va="center", fontsize=size, parse_math=False)
 
 
-def mark_lowest(figure: Figure, where: tuple[float, float], value: float, flip: bool) -> None:
-    """Draw a ring around a point of a figure, and the smallest J beside it.
-
-    The value is to the right of the ring, or to its left with ``flip``.
-    """
-    for width, shade in ((3.5, "white"), (1.5, "black")):
-        figure.add_artist(
-            Line2D(*[[x] for x in where], marker="o", ms=9, mfc="none", mec=shade, mew=width)
-        )
-    text = f"min J {value:.2f}".replace("-", "\u2212")
-    figure.text(
-        where[0] + (-0.011 if flip else 0.011), where[1], text, fontsize=8, va="center",
-        ha="right" if flip else "left",
-        path_effects=[withStroke(linewidth=2.5, foreground="white")],
-    )  # fmt: skip
-
-
 def draw(job: Job, report: Callable[[str], object] = ignore) -> None:
     """Draw a `render.Job`: panels in a row, or in a column if the body is wide."""
     drawing = Drawing(job)
@@ -398,11 +373,6 @@ def draw(job: Job, report: Callable[[str], object] = ignore) -> None:
         figure.figimage(image, left, low)
         x, y = (left + wide / 2) / WIDTH, (low + tall + LABEL / 3) / height
         write_text(figure, x, y, panel.label, size)
-        if lowest := bodies[i].lowest:
-            across, upwards = where.project(lowest[0])
-            if 0 < across < 1 and 0 < upwards < 1:  # not outside of a magnified view
-                at = (left + wide * across) / WIDTH, (low + tall * upwards) / height
-                mark_lowest(figure, at, lowest[1], across > 0.7)
     drawing.add_colour_bar(figure, height, wide)
     options: dict[str, Any] = {"format": job.out.suffix[1:], "pil_kwargs": {"optimize": True}}
     write_file(job.out, lambda file: figure.savefig(file, dpi=DPI, **options))
@@ -468,14 +438,6 @@ def _write_mp4(path: Path, frames: Iterator[np.ndarray]) -> None:
 
 
 def _write_gif(path: Path, frames: Iterator[np.ndarray]) -> None:
-    """Write frames with one palette: the colours of the last frame."""
-    drawn = []
-    for frame in frames:
-        drawn.append(io.BytesIO())  # whole frames would need gigabytes
-        Image.fromarray(frame).save(drawn[-1], "PNG", compress_level=1)
-    palette = Image.open(drawn[-1]).quantize(_GIF_COLOURS)
-    first, *others = (
-        Image.open(data).quantize(palette=palette, dither=Image.Dither.NONE) for data in drawn
-    )
+    images = (Image.fromarray(frame).quantize(_GIF_COLOURS) for frame in frames)
     time = round(1000 / FRAMES_PER_SECOND)
-    first.save(path, save_all=True, append_images=others, duration=time, loop=0)
+    next(images).save(path, save_all=True, append_images=images, duration=time, loop=0)

@@ -32,10 +32,6 @@ EDGES_UP_TO = 6000
 _CORNERS = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]]
 #: The name of the data that are the numbers of cells.
 _CELL = "fem_snh_cell"
-#: The field with the smallest J of each cell, which pictures of its means mark.
-_LOWEST = "min_J"
-#: Range of the smallest J of cells in which a body has no smallest.
-_SAME_J = 1e-6
 #: Largest displacement of a mode, relative to the diagonal of the body.
 _EXAGGERATION = 0.12
 #: Obstacles are cut off at the box of the bodies, enlarged on each side by this part of its
@@ -68,7 +64,6 @@ def read_grid(
     files: Sequence[str | Path],
     field: str | None,
     hidden: Collection[int] = (),
-    also: Collection[str] = (),
 ) -> pv.UnstructuredGrid:
     """Return one grid from the files of all ranks, without ghost cells and duplicate points.
 
@@ -83,8 +78,6 @@ def read_grid(
         The field.
     hidden : collection of int
         Values of ``cell_group`` of the cells that are left out.
-    also : collection of str
-        Further fields, of those that the files have.
 
     Raises
     ------
@@ -94,7 +87,7 @@ def read_grid(
     pieces = []
     needed = {"displacement"} | ({split_component(field)[0]} if field else set())
     needed |= {CELL_GROUP} if hidden else set()
-    kept = {"displacement", field, *also}
+    kept = {"displacement", field}
     for file in files:
         piece = read_file(file)
         if not piece.array_names:
@@ -195,10 +188,8 @@ def exaggerate(grid: pv.UnstructuredGrid) -> None:
 class DrawnBody:
     """The geometry of one panel and the values of its field.
 
-    ``lowest`` is where the smallest J at a quadrature point is, and its value: the centre of a
-    deformed cell, or a point of a skin. It may lie inside of the body. ``extremes`` are the
-    smallest and the largest value of the field in the whole body, each with the cell's centre or
-    the node at rest.
+    ``extremes`` are the smallest and the largest value of the field in the whole body, each with
+    the cell's centre or the node at rest.
     """
 
     surface: pv.PolyData
@@ -206,7 +197,6 @@ class DrawnBody:
     rest: pv.PolyData
     ghost: pv.PolyData
     values: np.ndarray
-    lowest: tuple[np.ndarray, float] | None = None
     extremes: Sequence[tuple[float, list[float]]] = ()
 
 
@@ -234,9 +224,6 @@ def revolve(item: DrawnBody) -> DrawnBody:
     surface = pv.merge([_swept(item.surface), at_ends(item.surface)], merge_points=False)
     edges = None if item.edges is None else at_ends(item.edges)
     ends = {"edges": edges, "rest": at_ends(item.rest), "ghost": at_ends(item.ghost)}
-    if item.lowest:
-        point = _upright(pv.PolyData(item.lowest[0]), _LAST).points[0]
-        ends["lowest"] = point, item.lowest[1]
     return replace(item, surface=surface, **ends)
 
 
@@ -342,7 +329,7 @@ def body(
     revolved: bool = False,
 ) -> DrawnBody:
     """Return the geometry of one load from the files of all ranks, of a section ``revolved``."""
-    grid = read_grid(files, field, options.hidden_cells, (_LOWEST,) if field == "J" else ())
+    grid = read_grid(files, field, options.hidden_cells)
     if field == "mode":
         exaggerate(grid)
     if not np.all(np.isfinite(grid["displacement"])):
@@ -377,18 +364,16 @@ def body_of(
     ghost = rest.extract_feature_edges(
         feature_angle=35, manifold_edges=False, non_manifold_edges=False
     )
-    lowest = _lowest(deformed)
     if options.clip:
         origin = options.clip_point or tuple(grid.center)
         surface, edges = clip(surface, edges, deformed, options.clip, origin)
         ghost = ghost.clip(normal=options.clip, origin=origin, invert=True)
         behind = rest.clip(normal=options.clip, origin=origin, invert=True)
         rest = behind if behind.n_cells else rest
-        lowest = _lowest(deformed, np.array(options.clip), np.array(origin))
     if not (is_flat(grid.points) and np.any(grid["displacement"][:, 2])):  # no torsion
         surface.point_data[VECTORS] = surface.point_data["displacement"]
     surface[field] = values = _scalars(surface, field)
-    return DrawnBody(surface, edges, rest, ghost, values, lowest, _extremes(grid, field))
+    return DrawnBody(surface, edges, rest, ghost, values, _extremes(grid, field))
 
 
 def _scalars(mesh: Any, field: str) -> np.ndarray:
@@ -406,27 +391,6 @@ def _extremes(grid: pv.UnstructuredGrid, field: str) -> list[tuple[float, list[f
     points = grid.points if field in grid.point_data else grid.cell_centers().points
     chosen = finite[values[finite].argmin()], finite[values[finite].argmax()]
     return [(float(values[i]), np.asarray(points[i], dtype=float).tolist()) for i in chosen]
-
-
-def _lowest(
-    grid: pv.UnstructuredGrid, normal: np.ndarray | None = None, origin: np.ndarray | None = None
-) -> tuple[np.ndarray, float] | None:
-    """Return where the smallest J of a deformed grid is, and its value; None where J is uniform.
-
-    With a plane, only what is behind it counts.
-    """
-    if _LOWEST not in grid.array_names:
-        return None
-    per_cell = _LOWEST in grid.cell_data
-    points = np.asarray(grid.cell_centers().points if per_cell else grid.points, dtype=float)
-    values = np.asarray(grid[_LOWEST], dtype=float)
-    shown = np.isfinite(values)
-    if normal is not None:
-        shown &= (points - origin) @ normal <= 0
-    if not shown.any() or np.ptp(values[shown]) < _SAME_J:
-        return None
-    number = np.flatnonzero(shown)[values[shown].argmin()]
-    return points[number], float(values[number])
 
 
 class Obstacles:
