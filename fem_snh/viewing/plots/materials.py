@@ -4,19 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from textwrap import fill, shorten
+from textwrap import fill
 from typing import Any
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter
 
 from fem_snh.viewing.plots import save
 from fem_snh.viewing.plots.style import (
-    COLOURS,
     colour,
     draw_points,
     legend,
@@ -37,7 +38,7 @@ MEANINGS = (
 )
 #: Size of the picture [inches], and the strip at its bottom that the legend of the tangents takes,
 #: as a fraction of the height.
-_SIZE, _LEGEND = (15, 7.6), 0.06
+_SIZE, _LEGEND = (12, 7.6), 0.06
 #: Greatest stress that is drawn, in multiples of that of linear elasticity.
 _MOST_STRESS = 2.5
 #: Margin below and above a curve, as a fraction of its height.
@@ -46,12 +47,6 @@ _MARGIN = 0.05
 _LEAST_HEIGHT = 1e-12
 #: Eigenvalues above -_ROUNDING [E] are drawn as non-negative.
 _ROUNDING = 1e-8
-#: Heights in the panel of verdicts: the top, a reason below its verdict, and the next verdict.
-_TOP, _REASON, _ROW = 0.97, 0.065, 0.145
-#: Characters of a reason that fit into its panel.
-_LONGEST_REASON = 62
-#: Colour of each verdict of `fem_snh.kernels.reports.stability`.
-_VERDICTS = {"passed": COLOURS[2], "failed": COLOURS[1], "not applicable": "0.45"}
 _LABELS = {
     "uniaxial": ("stretch", r"$P_{00}/E$"),
     "equibiaxial": ("stretch", r"$P_{00}/E$"),
@@ -66,31 +61,30 @@ def draw_report(report: Any, out: Path) -> Path:
 
 
 def material_figure(report: Any) -> Figure:
-    """Return a figure of stress curves, regions of a positive tangent and stability."""
+    """Return a figure of stress curves and of regions of a positive tangent."""
     figure = Figure(figsize=_SIZE, layout="constrained")
-    grid = figure.add_gridspec(2, 4)
-    axes = [figure.add_subplot(grid[divmod(n, 4)]) for n in range(6)]
+    axes = figure.subplots(2, 3).flat
     for ax, curve in zip(axes, report.curves, strict=False):
         _test(ax, curve, report.E)
     axes[0].legend(frameon=False, fontsize=9)
-    for ax, region in zip(axes[4:6], report.regions, strict=True):
+    for ax, region in zip(axes[4:], report.regions, strict=True):
         _tangent(ax, region, report)
-    _verdicts(figure.add_subplot(grid[1, 2:]), report)
     for ax in axes:
         ax.spines[["top", "right"]].set_visible(False)
-    handles = [
+    handles: list[Artist] = [
         Patch(facecolor=shade, edgecolor="0.6", label=text)
         for shade, text in zip(SHADES[::-1], MEANINGS[::-1], strict=True)
     ]
+    handles.append(Line2D([], [], color="black", lw=1.2, label="uniaxial test"))
     area = (0, _LEGEND, 1, 1 - _LEGEND)
     figure.set_layout_engine("constrained", w_pad=0.08, h_pad=0.08, rect=area)
     figure.legend(
-        handles=handles, loc="lower left", ncols=4, frameon=False, fontsize=9, title_fontsize=9,
+        handles=handles, loc="lower left", ncols=5, frameon=False, fontsize=9, title_fontsize=9,
         title="exact tangent", alignment="left",
     )  # fmt: skip
     own = [f"{k} = {v}" for k, v in report.shape.items() if v is not None]
     title = "  ·  ".join([plain(pretty(report.name)), rf"$\nu$ = {report.nu:g}", *map(plain, own)])
-    figure.suptitle(fill(title, 140), fontsize=13)
+    figure.suptitle(fill(title, 110), fontsize=13)
     return figure
 
 
@@ -135,39 +129,12 @@ def _tangent(ax: Axes, region: Any, report: Any) -> None:
     if region.plane == "s2 = s1":
         s = report.curves[0].stretches
         ax.plot(s[:, 0], s[:, 1], color="black", lw=1.2)
-        last = np.flatnonzero((s[:, 0] < 2.9) & np.isfinite(s[:, 1]))[-1:]
-        for k in last:
-            ax.annotate(
-                "uniaxial", s[k, :2], (-2, 6), textcoords="offset points", ha="right", fontsize=9
-            )
     ax.plot(1, 1, "o", ms=6, mfc="white", mec="black")
     ax.set(xlim=(0, region.s0[-1]), ylim=(0, region.s1[-1]), aspect="equal")
     sign = region.plane.replace("s2", r"\sigma_2").replace("s1", r"\sigma_1")
     ax.set_title(f"exact tangent, ${sign}$", fontsize=11)
     ax.set_xlabel(r"$\sigma_0$")
     ax.set_ylabel(r"$\sigma_1$")
-
-
-def _verdicts(ax: Axes, report: Any) -> None:
-    """Write the verdicts on stability and the constants."""
-    ax.set_axis_off()
-    ax.set_title("stability", fontsize=11)
-    y = _TOP
-    for s in report.stabilities:
-        ax.text(0.0, y, s.name, fontsize=10, va="top", transform=ax.transAxes)
-        ax.text(
-            0.36, y, s.verdict, fontsize=10, va="top", weight="bold", transform=ax.transAxes,
-            color=_VERDICTS[s.verdict],
-        )  # fmt: skip
-        reason = shorten(s.reason, _LONGEST_REASON, placeholder="...")
-        ax.text(
-            0.0, y - _REASON, reason, fontsize=8.5, va="top", color="0.35", transform=ax.transAxes
-        )
-        y -= _ROW
-    mu, lam = report.mu_lame / report.E, report.lambda_lame / report.E
-    stress = report.rest_stress / report.E if report.rest.verdict == "failed" else 0.0
-    numbers = rf"$\mu$ = {mu:.4g} E,  $\lambda$ = {lam:.4g} E,  stress at rest {stress:.3g} E"
-    ax.text(0.0, y - 0.02, numbers, fontsize=9, va="top", transform=ax.transAxes)
 
 
 #: Points of a curve.
