@@ -1,8 +1,7 @@
-"""Every command of the pages is accepted by its program, and run: as it is, quick, or elsewhere.
+"""Every command of the pages is accepted by its program, and run as it is or quick.
 
 Commands of blocks are run as they are (test_docs.py). What is long or in a text is run with
-the options of `QUICK` after its own, the last of which count, or by the file of `ELSEWHERE`
-(quick_commands.py).
+the options of `QUICK` after its own, the last of which count (quick_commands.py).
 """
 
 from __future__ import annotations
@@ -29,7 +28,7 @@ from pages import (
     page_commands,
     words_of,
 )
-from quick_commands import BENCH, ELSEWHERE, QUICK
+from quick_commands import BENCH, NOT_QUICK, QUICK
 
 import benchmarks
 from fem_snh import cli, scenes
@@ -40,11 +39,6 @@ pytestmark = pytest.mark.one_debian
 _TARGETS = set(re.findall(r"^([a-z-]+):", (ROOT / "Makefile").read_text(), re.M))
 _OPTION = re.compile(r'add_argument\(\s*"(--[\w-]+)"')
 _PYTEST = re.compile(r'addoption\(\s*"(--[\w-]+)"')
-
-
-def longest(table: dict[str, str], command: str) -> str | None:
-    """Return the longest key of a table with which a command begins."""
-    return max((key for key in table if command.startswith(key)), key=len, default=None)
 
 
 def placeholder(words: list[str]) -> bool:
@@ -75,8 +69,6 @@ def test_commands_are_accepted(page: Path) -> None:
         elif words[0] == "python" and words[1].endswith(".py"):
             known = set(_OPTION.findall((ROOT / words[1]).read_text()))
             assert {word for word in words[2:] if word.startswith("--")} <= known, command
-        else:
-            assert longest(ELSEWHERE, " ".join(words)), command
 
 
 def accept(name: str, words: list[str], parser: Any) -> None:
@@ -120,8 +112,8 @@ def quick_commands() -> list[str]:
         if command in here or not words or (placeholder(words) and words[0] == "fem-snh"):
             continue
         text = shlex.join(words)
-        key, other = longest(QUICK, text), longest(ELSEWHERE, text)
-        if key is None or len(other or "") > len(key):
+        key = max((key for key in QUICK if text.startswith(key)), key=len, default=None)
+        if key is None or text.startswith(NOT_QUICK):
             continue
         if words[0] == "python":
             options = benchmark_options(words[3:]) | benchmark_options(["", *QUICK[key].split()])
@@ -135,20 +127,6 @@ def quick_commands() -> list[str]:
             words[at:at] = quick
         found[shlex.join(words)] = None
     return list(found)
-
-
-def test_every_command_is_run_somewhere() -> None:
-    """As it is on a page that is run, quick, or by a test that exists."""
-    for page in [*PAGES, *DEMOS]:
-        for command in page_commands(page):
-            text = " ".join(words := words_of(command))
-            if words and not (words[0] == "fem-snh" and placeholder(words)) and "NAME" not in words:
-                on_page = words[0] == "fem-snh" and "results" not in page.parts
-                assert on_page or longest(QUICK | ELSEWHERE, text), f"{name_of(page)}: {command}"
-    assert all((ROOT / path).exists() for path in ELSEWHERE.values())
-    texts = [" ".join(words_of(c)) for page in [*PAGES, *DEMOS] for c in page_commands(page)]
-    unused = [k for k in [*QUICK, *ELSEWHERE] if not any(text.startswith(k) for text in texts)]
-    assert not unused
 
 
 @pytest.fixture(scope="module")

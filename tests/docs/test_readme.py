@@ -63,17 +63,3 @@ def test_new_scene(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert "squeeze" in scenes.names()
     result = fem_snh.run("squeeze", cells=2, depth=0.2, progress=False)
     assert result.converged and result.steps[-1]["volume_ratio"] < 1
-
-
-def test_scene_file(tmp_path: Path) -> None:
-    (tmp_path / "scene.toml").write_text(block("toml", "squeeze.toml", "docs/howto/own_scene.md"))
-    scene = scenes.load(tmp_path / "scene.toml")
-    assert scene.petsc == {"ksp_rtol": 1e-6} and scene.move[0].translate == (0, 0, -0.4)
-
-
-def test_figures_name_commands_that_exist() -> None:
-    from benchmarks import NAMES
-    from fem_snh.cli import COMMANDS
-
-    assert set(re.findall(r"fem-snh (\w+)", README)) <= set(COMMANDS)
-    assert set(re.findall(r"python -m benchmarks (\w+)", README)) <= set(NAMES)

@@ -88,27 +88,6 @@ def test_walk_through_matrix() -> None:
     assert np.allclose(np.linalg.eigvalsh(clamped), expected, atol=5e-5)
 
 
-def test_alpha_of_eq_14_is_stress_free_and_the_printed_one_is_not() -> None:
-    mu, lam = fem_snh.material("stable_neo_hookean", E=2.0, nu=0.3).expression.values
-    for alpha, free in (
-        (1 + mu / lam - mu / (4 * lam), True),
-        (1 + mu / lam - mu / 4 * lam, False),
-    ):
-        stress = mu * (1 - 1 / 4) + lam * (1 - alpha)  # P(I) = stress I
-        assert (abs(stress) < 1e-12) == free
-
-
-def test_eisenstat_identity_of_the_linear_solver_page() -> None:
-    random = np.random.default_rng(0)
-    A = random.normal(size=(9, 9))
-    A = A @ A.T + 9 * np.eye(9)
-    D, L = np.diag(A.diagonal()), np.tril(A, -1)
-    p = random.normal(size=9)
-    t = np.linalg.solve((D + L).T, p)
-    direct = np.linalg.solve(D + L, A @ t)
-    assert np.allclose(t + np.linalg.solve(D + L, p - D @ t), direct)
-
-
 def test_twist_and_flip_of_an_energy_of_the_invariants() -> None:
     m = fem_snh.material("stvk", E=2.0, nu=0.3)
     mu, lam = m.expression.values
@@ -121,22 +100,6 @@ def test_twist_and_flip_of_an_energy_of_the_invariants() -> None:
         for sign, found in ((1, values[3 + i]), (-1, values[6 + i])):
             common = 2 * psi_C + 2 * psi_II * (I_C - a**2 + sign * a * b - b**2)
             assert found == pytest.approx(common)  # psi_J = 0
-
-
-def test_increments_of_the_small_strain_branch() -> None:
-    H = np.random.default_rng(1).normal(size=(3, 3)) * 0.05
-    G = np.eye(3) + H
-    E = H + H.T + H.T @ H
-
-    def minors(A: np.ndarray) -> float:
-        return float((np.trace(A) ** 2 - np.trace(A @ A)) / 2)
-
-    assert np.trace(G.T @ G) - 3 == pytest.approx(np.trace(E))
-    assert minors(G.T @ G) - 3 == pytest.approx(2 * np.trace(E) + minors(E))
-    assert np.linalg.det(G) - 1 == pytest.approx(np.trace(H) + minors(H) + np.linalg.det(H))
-    e = np.linalg.eigvalsh(E)
-    stretches = np.sqrt(np.linalg.eigvalsh(G.T @ G))
-    assert np.allclose(stretches - 1, e / (1 + np.sqrt(1 + e)))
 
 
 if __name__ == "__main__":

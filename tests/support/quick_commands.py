@@ -61,32 +61,12 @@ QUICK = {
     f"{BENCH} locking": "--scenes cook --elements Q1 --nus 0.499 --cells 2",
     f"{BENCH} volume_split": "--elements Q1 --bounds 1 --stretches 1 --cells 1",
 }
-#: Beginning of a command -> the test that runs it, or for a script the file that does.
-ELSEWHERE = {
-    ".ci/in-root": ".ci/run",
-    ".ci/run": ".ci/run",
-    "export": "Makefile",
-    "fem-snh doctor": "tests/cli/test_doctor.py",
-    "fem-snh plot": "tests/viewing/test_plots.py",
-    "fem-snh render": "tests/viewing/test_render.py",
-    "fem-snh run SCENE --accuracy": "tests/accuracy/test_accuracy.py",
-    "fem-snh run out/own_mesh/bracket.toml": "tests/demos/test_demos.py",
-    "python -m benchmarks two_dimensions": "tests/benchmarks/test_bench_elements.py",
-    "fem-snh run stretch --cells 128": "tests/runs/test_resume.py",
-    "fem-snh run pull --material demos/gent.py:gent": "docs/howto/own_material.md",
-    "fem-snh materials demos/gent.py:gent": "docs/howto/own_material.md",
-    "fem-snh run squeeze.toml": "docs/howto/own_scene.md",
-    "fem-snh run stretch --out out/stretch --resume": "tests/runs/test_resume.py",
-    "fem-snh sweep": "tests/studies/test_sweep.py",
-    "make": "Makefile",
-    "python -c": "tests/assembly/test_volume_terms.py",
-    "python demos/": "tests/demos/test_demos.py",
-    f"{BENCH} exact_goals": "tests/accuracy/test_exact_goals.py",
-    f"{BENCH} extremes": "tests/benchmarks/test_extremes.py",
-    f"{BENCH} faults": "tests/benchmarks/test_faults.py",
-    f"{BENCH} felupe_sections": "tests/problem/test_plane_problems.py",
-    f"{BENCH} felupe_twist": "tests/benchmarks/test_bench.py",
-    f"{BENCH} mutations": "tests/benchmarks/test_bench.py",
-    f"{BENCH} ranks": "tests/runs/test_ranks.py",
-    "source": "tools/setup",
-}
+#: Beginnings of commands of a scene or a material that read what a page or a demo has written.
+NOT_QUICK = (
+    "fem-snh run out/own_mesh/bracket.toml",
+    "fem-snh run pull --material demos/gent.py:gent",
+    "fem-snh run squeeze.toml",
+    "fem-snh run stretch --cells 128",
+    "fem-snh run stretch --out out/stretch --resume",
+    "fem-snh materials demos/gent.py:gent",
+)

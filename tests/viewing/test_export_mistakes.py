@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import resource
 from pathlib import Path
 from typing import Any
 
@@ -52,17 +51,3 @@ def test_a_truncated_file_is_one_line(twisted, tmp_path, capfd, part, why):
     message = bad(export.main, twisted, tmp_path / "a.vtkhdf")
     assert message.startswith(f"{file}: cannot be read: it is ") and why in message
     assert capfd.readouterr() == ("", "")
-
-
-@pytest.mark.one_debian
-@pytest.mark.parametrize("limit", [2_000, 25_000])
-def test_a_full_disk(twisted, tmp_path, limit):
-    """Simulated by a limit on the size of files, at several positions of the file."""
-    before = resource.getrlimit(resource.RLIMIT_FSIZE)
-    try:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (limit, before[1]))
-        message = bad(export.main, twisted, tmp_path / "a.vtkhdf")
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, before)
-    assert message.endswith("a.vtkhdf: File too large")
-    assert [p.name for p in tmp_path.iterdir()] == ["run"]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 from mpi4py import MPI
 
@@ -15,42 +14,13 @@ from picture_runs import bad, record, write_record, write_run
 from running import record as read_record
 from running import solve
 
-from fem_snh.geometry.shapes import Box, Capsule, Cylinder, Plane, Polygon, Sphere, from_record
+from fem_snh.geometry.shapes import from_record
 from fem_snh.viewing import render
-from fem_snh.viewing.render.surfaces import Obstacles, triangles
+from fem_snh.viewing.render.surfaces import Obstacles
 from fem_snh.viewing.stored_run import obstacle_poses
 
-ENDS: dict[str, Any] = {"from": [0.1, 0.2, 0.3], "to": [0.9, 0.5, 0.6], "radius": 0.4}
-TURN = [0.3, -0.5, 0.8]
 REST = np.eye(3, 4).tolist()
 BALL = {"shape": {"sphere": {"center": [0, 0, 1.5], "radius": 0.5}}, "pose": REST}
-
-
-@pytest.mark.parametrize(
-    "kind, keys, shape",
-    [
-        ("plane", {"point": [0, 0, 1], "normal": [1, 0, 2]}, Plane((0, 0, 1), (1, 0, 2))),
-        ("sphere", {"center": [1, 2, 3], "radius": 0.5}, Sphere((1, 2, 3), 0.5)),
-        ("polygon", {"points": [[0, 0], [1, 0], [0, 1]]}, Polygon(((0, 0), (1, 0), (0, 1)))),
-        ("capsule", ENDS, Capsule((0.1, 0.2, 0.3), (0.9, 0.5, 0.6), 0.4)),
-        ("cylinder", ENDS, Cylinder((0.1, 0.2, 0.3), (0.9, 0.5, 0.6), 0.4)),
-        (
-            "cylinder",
-            {**ENDS, "infinite": True},
-            Cylinder((0.1, 0.2, 0.3), (0.9, 0.5, 0.6), 0.4, infinite=True),
-        ),
-        (
-            "box",
-            {"center": [0, 1, 0], "size": [1, 2, 3], "rotation": TURN},
-            Box((0, 1, 0), (1, 2, 3), tuple(TURN)),
-        ),
-    ],
-)
-def test_triangles_are_on_the_shape(kind, keys, shape):
-    """The corners of the triangles are on the zero level set that the solver uses."""
-    surface = triangles(kind, keys, np.zeros(3), 2.0)
-    assert np.abs(shape.evaluate(np.asarray(surface.points, float)).distance).max() < 2e-6
-    assert np.ptp(surface.points, axis=0).max() > 0.9
 
 
 @pytest.mark.parametrize(
