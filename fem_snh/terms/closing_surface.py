@@ -418,7 +418,7 @@ class ClosingSurface:
             ends = [moved[self._edge.pieces[which, 0]] for which in self._fixed]
             sizes += [np.ptp(displacements, axis=0).max() for displacements in ends]
         if max(sizes) > least:
-            raise BadInput("the constrained edge of a cavity's surface moves and leaves it open")
+            raise BadInput("the constrained edge of a surface moves and leaves it open")
 
 
 def _sweep(pieces: Array, weights: Array, apex: Array) -> tuple[Array, Array]:

@@ -72,17 +72,15 @@ class EnclosedFluid(RankOneTerm):
         if not is_uniform(fluid.volume):
             accepted = "a number, or an expression of Constants: one volume"
             raise bad_value("cavity.volume", fluid.volume, accepted)
-        ds = body.surface("cavity.group", fluid.group)
+        facets = body.facets("cavity.group", fluid.group)
         self.group, self._added, self._target = surface_name(fluid.group), fluid.volume, 0.0
         self._amplitude = body.amplitudes.motion(fluid.table)
         self._is_default = fluid.stiffness is None
         self._stiffness = fluid.stiffness or _STIFFNESS * body.modulus / body.volume
         self._pressure = body.constant(0.0)
         try:
-            closing = ClosingSurface(
-                body.V, body.facets("cavity.group", fluid.group), dirichlet, body.kinematics
-            )
-            self._volume = SweptVolume(body.V, ds, body.kinematics, closing)
+            closing = ClosingSurface(body.V, facets, dirichlet, body.kinematics)
+            self._volume = SweptVolume(body.V, facets, body.kinematics, closing)
         except NotClosedError as error:
             accepted = "a surface that encloses a volume: closed, or with an edge that is "
             accepted += f"constrained, on rigid parts or in planes of symmetry; {error}"

@@ -9,13 +9,12 @@ from petsc4py import PETSc
 
 import numpy as np
 
-from fem_snh.assembly.boundary_conditions import Dirichlet
 from fem_snh.errors import BadInput
 from fem_snh.tables.types import surface_name
 from fem_snh.tables.validation import is_expression
 from fem_snh.terms.body import Body, check_expression, is_uniform, present
-from fem_snh.terms.closing_surface import edge_of
-from fem_snh.terms.swept_volume import SweptVolume, fit_fields
+from fem_snh.terms.closing_surface import ClosingSurface, NotClosedError
+from fem_snh.terms.swept_volume import SweptVolume
 from fem_snh.terms.ufl_term import UFLTerm, UFLTerms
 
 if TYPE_CHECKING:
@@ -28,7 +27,7 @@ class FollowerPressure(UFLTerms):
     .. math:: R(u; v) = \sum_i a_i(\lambda)\, p_i \int_{\Gamma_i} \mathrm{cof}(F) N \cdot v
         \, \mathrm{d}A
 
-    Surfaces with the same amplitude are examined together: a closed surface may be of several
+    Surfaces with the same pressure are examined together: a closed surface may be of several
     groups. If they are not conservative, the exact Hessian is not symmetric.
 
     Parameters
@@ -63,26 +62,31 @@ class FollowerPressure(UFLTerms):
         self._numbers = [1.0 if is_expression(load.value) else load.value for load in pressures]
         self._expressions = given
         self._present = [body.constant(0.0) for _ in pressures]
-        self._volumes = [
-            SweptVolume(body.V, body.surface("pressure.group", load.group), body.kinematics)
-            for load in pressures
+        V, kinematics = body.V, body.kinematics
+        facets = [body.facets("pressure.group", load.group) for load in pressures]
+        parts = zip(self._present, given, facets, strict=True)
+        self._terms = [
+            UFLTerm(p * SweptVolume(V, on, kinematics).residual(u, q), u, self.name)
+            for p, q, on in parts
         ]
-        parts = zip(self._present, given, self._volumes, strict=True)
-        self._terms = [UFLTerm(p * v.residual(u, q), u, self.name) for p, q, v in parts]
-        # Pressures vary in proportion that have one amplitude and one expression.
-        factors = list(zip(self._amplitudes, given, strict=True))
+        #: Numbers of pressures that are equal at all loads, and the volumes that they act on.
+        self._enclosed: list[tuple[int, SweptVolume]] = []
+        equal = list(zip(self._amplitudes, given, self._numbers, strict=True))
         causes: dict[str, list[str]] = {}
-        for factor in dict.fromkeys(factors):
-            which = [i for i, other in enumerate(factors) if other == factor]
-            cause = ""
-            if not is_uniform(factor[1]):
+        for pressure in dict.fromkeys(equal):
+            which = [i for i, other in enumerate(equal) if other == pressure]
+            on, cause = np.unique(np.concatenate([facets[i] for i in which])), ""
+            if not is_uniform(pressure[1]):
                 cause = "as it varies over the surface"
-            elif not self._fit(which, dirichlet):
-                facets = [body.facets("pressure.group", pressures[i].group) for i in which]
-                edge = edge_of(body.V, np.concatenate(facets), dirichlet, body.kinematics.dim)
-                cause = "as an edge of the surface is free"
-                if edge.on_parts.any():
-                    cause = "as it ends on a rigid part, on which it does not act"
+            else:
+                try:
+                    closing = ClosingSurface(V, on, dirichlet, kinematics)
+                    volume = SweptVolume(V, on, kinematics, closing)
+                    self._enclosed.append((which[0], volume))
+                    if closing.lids:
+                        cause = "as it ends on a rigid part, on which it does not act"
+                except NotClosedError:
+                    cause = "as an edge of the surface is free"
             names = [f"'{surface_name(pressures[i].group)}'" for i in which]
             causes.setdefault(cause, []).extend(names)
         causes.pop("", None)
@@ -91,14 +95,6 @@ class FollowerPressure(UFLTerms):
             f"the pressure on {', '.join(on)} has no energy, {why}" for why, on in causes.items()
         ]
         self.note = f"{'; '.join(texts)}: the line search is on the residual" if texts else ""
-
-    def _fit(self, which: Sequence[int], dirichlet: Dirichlet) -> bool:
-        """Set the fields of some surfaces; whether the pressures on them are conservative."""
-        volumes, values = [self._volumes[i] for i in which], [self._numbers[i] for i in which]
-        fields = fit_fields(volumes, values, dirichlet)
-        for volume, field in zip(volumes, [] if fields is None else fields, strict=False):
-            volume.set_field(field)
-        return fields is not None
 
     def set_load(self, load: float) -> None:
         """Set the pressures of a load."""
@@ -118,5 +114,7 @@ class FollowerPressure(UFLTerms):
         """
         if not self.has_energy:
             raise BadInput(self.note)
-        parts = zip(self._present, self._expressions, self._volumes, strict=True)
-        return sum(float(p.value * present(q)) * v.change(u) for p, q, v in parts)
+        return sum(
+            float(self._present[i].value * present(self._expressions[i])) * volume.change(u)
+            for i, volume in self._enclosed
+        )

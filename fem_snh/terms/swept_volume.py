@@ -9,17 +9,14 @@ A pressure p on a surface has the virtual work
 .. math:: S(u) = \int_\Gamma f(x) \cdot \mathrm{cof}(F) N \, \mathrm{d}A, \quad
     f(x) = A (x - o) + b, \quad \mathrm{tr} A = 1,
 
-is the enclosed volume by the divergence theorem. It has the derivative R/p but for an integral over
-the surface's edge, which is linear in f. The integral vanishes where the surface is closed, where
-its edge is constrained, and where each part of the edge stays in a plane of symmetry that f does
-not cross. Only then is the pressure conservative, with the energy p S. `fit_fields` finds out. Of
-one plane, or of three that meet in a point c, the field is (x - c)/3, and S the volume of the cone
-between the surface and c; of a tube between two parallel planes the field has no component along
-the axis.
+is the enclosed volume by the divergence theorem, if f crosses nothing of what closes the surface
+(`fem_snh.terms.closing_surface`). Then the pressure is conservative, with the energy p S. Of one
+plane of symmetry, or of three that meet in a point c, the field is (x - c)/3, and S the volume of
+the cone between the surface and c; of a tube between two parallel planes the field has no component
+along the axis.
 
 In the plane S is an area. On a body of revolution it is the volume between the surface and the
-axis, :math:`\int \pi r^2 \, \mathrm{d}z` along the deformed curve, and needs no field; the pressure
-is conservative where the curve's ends are on the axis or do not move along it.
+axis, :math:`\int \pi r^2 \, \mathrm{d}z` along the deformed curve, and needs no field.
 
 A rigid part that has an edge of the surface closes it by a lid (`fem_snh.terms.closing_surface`),
 whose work R lacks. With its vector area a and its moment M at rest about a point X of the part,
@@ -36,11 +33,8 @@ revolution :math:`\pi r^2 \, \mathrm{d}z` is zero along a lid, and the work is t
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from itertools import cycle
-from math import ceil
 from typing import Any
 
-from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
@@ -49,65 +43,52 @@ import ufl
 from ufl.algorithms import estimate_total_polynomial_degree, expand_derivatives
 
 from fem_snh import _dolfinx
-from fem_snh.assembly.boundary_conditions import Dirichlet
 from fem_snh.assembly.kinematics import SOLID, Kinematics
-from fem_snh.assembly.unknowns import copy_to_function, update_ghosts
-from fem_snh.mesh.mesh import volume as body_volume
+from fem_snh.assembly.unknowns import copy_to_function
 from fem_snh.terms.body import displacement_gradient
 from fem_snh.terms.closing_surface import ClosingSurface, Fan, NotClosedError
 
 Array = npt.NDArray[Any]
 
-#: Loads at which the derivatives are compared, each with another displacement: the field must be
-#: the same for all, so that a moving plane is a reason for an energy only if no field crosses it.
-_LOADS = (0.0, 0.5, 1.0)
-#: Least number of equations over that of parameters: few nodes have further displacements.
-_OVERDETERMINED = 2
-#: Amplitude and wave vectors of these displacements, in lengths of the body: large enough for
-#: cof(F) to be nonlinear, without a symmetry.
-_AMPLITUDE, _WAVES = 0.1, np.array([[2.0, 5, 3], [3, 1, 4], [5, 3, 2]])
-#: Phases of the waves, and their change from load to load.
-_PHASES, _SHIFT = np.array([0.3, 1.1, 2.5]), 1.0
-#: Largest difference of the derivatives, relative to them, that counts as rounding, of 1e-14. An
-#: edge that contributes makes a difference of about one cell's part.
-_ROUNDING = 1e-9
-
 
 class SweptVolume:
-    """The volume S that a deformed surface encloses, and its derivative. Collective.
+    """The volume S that a deformed surface encloses, and the work of a pressure. Collective.
 
     Parameters
     ----------
     V : dolfinx function space
         The displacement's space.
-    ds : UFL measure
-        The surface.
+    facets : (n,) int
+        This rank's facets of the surface.
     kinematics : Kinematics, optional
         How the displacement becomes a deformation gradient.
     closing : ClosingSurface, optional
-        What closes the surface: then the field is its field, and S the enclosed volume.
+        What closes the surface; without it S is unknown.
 
     Attributes
     ----------
     at_rest : float
-        S(0) [m^3] with the field that was set last.
-    length : float
-        A length of the body [m].
+        S(0) [m^3].
+
+    Raises
+    ------
+    NotClosedError
+        On every rank, if no field crosses none of the planes that close the surface.
     """
 
     def __init__(
         self,
         V: _dolfinx.FunctionSpace,
-        ds: Any,
+        facets: Array,
         kinematics: Kinematics = SOLID,
         closing: ClosingSurface | None = None,
     ) -> None:
         # The integrands are polynomials of this degree in each direction of a facet.
         self._degree = 3 * max(_dolfinx.degree(V), _dolfinx.geometry_degree(V.mesh)) - 1
         rule = {"metadata": {"quadrature_degree": self._degree}}
-        groups = [_dolfinx.measure_entities(ds, V.mesh)]
-        self._closing, lids = closing, closing.lids if closing else {}
-        groups += [closing.facets_of_part(part, groups[0]) for part in lids] if closing else []
+        groups, lids = [facets], closing.lids if closing else {}
+        groups += [closing.facets_of_part(part, facets) for part in lids] if closing else []
+        self._closing = closing
         self._lids: list[tuple[Fan, float, Any]] = []
         self._ds, *on_parts = (m(**rule) for m in _dolfinx.surface_measures(V.mesh, groups))
         self.V = V
@@ -116,7 +97,6 @@ class SweptVolume:
         dim = kinematics.dim
         self._A = _dolfinx.constant(V.mesh, np.eye(dim) / dim)
         self._b = _dolfinx.constant(V.mesh, np.zeros(dim))
-        self.length = body_volume(V.mesh) ** (1 / dim)
         if kinematics.revolved:
             self._form = self._around_axis(self._u) * self._ds
         else:
@@ -127,10 +107,10 @@ class SweptVolume:
             self._form = ufl.inner(self._field, self._normal(self._u)) * self._ds
         self._add_lids(lids, on_parts)
         self.at_rest = 0.0
-        self._compiled = _dolfinx.form(self._form)
-        if closing and not kinematics.revolved:
-            self._A.value[:], self._b.value[:] = closing.field(self._centre)
         if closing:
+            if not kinematics.revolved:
+                self._A.value[:], self._b.value[:] = closing.field(self._centre)
+            self._compiled = _dolfinx.form(self._form)
             self.at_rest = self._flux()
 
     @property
@@ -197,34 +177,6 @@ class SweptVolume:
 
         return self._on_lids(u, work)
 
-    def derivative(self, u: Any) -> Any:
-        """Return the UFL form of the derivative of S."""
-        form = ufl.derivative(self._form, self._u, ufl.TestFunction(self.V))
-        return ufl.replace(expand_derivatives(form), {self._u: u})
-
-    @property
-    def num_parameters(self) -> int:
-        """The number of parameters of the field; 0 on a body of revolution."""
-        return (
-            0 if self._kinematics.revolved else self._kinematics.dim**2 - 1 + self._kinematics.dim
-        )
-
-    def _choose_field(self, parameters: Array) -> None:
-        """Set A, by its part of trace 0, and b, in lengths of the body."""
-        if not self.num_parameters:
-            return
-        dim = self._kinematics.dim
-        # The last entry of the diagonal follows from the trace.
-        entries = np.append(parameters[: dim**2 - 1], 0.0).reshape(dim, dim)
-        entries[-1, -1] = -np.trace(entries)
-        self._A.value[:] = np.eye(dim) / dim + entries
-        self._b.value[:] = self.length * parameters[dim**2 - 1 :]
-
-    def set_field(self, parameters: Array) -> None:
-        """Set the field f by its parameters, (num_parameters,). Collective."""
-        self._choose_field(parameters)
-        self.at_rest = self._flux()
-
     def _flux(self, u: PETSc.Vec | None = None) -> float:
         """Return S at a displacement or, by default, at rest."""
         if u is None:
@@ -239,47 +191,6 @@ class SweptVolume:
     def change(self, u: PETSc.Vec) -> float:
         """Return S(u) - S(0) [m^3]. Collective."""
         return self._flux(u) - self.at_rest
-
-    def compare(
-        self, states: Sequence[PETSc.Vec], dirichlet: Dirichlet
-    ) -> tuple[Array, Array, Array]:
-        """Compare the derivative of S with the residual, at this rank's dofs. Collective.
-
-        Parameters
-        ----------
-        states : sequence of PETSc.Vec
-            Ghosted displacements; the results are those of one state after the other.
-        dirichlet : Dirichlet
-            What is constrained: there the results are zero.
-
-        Returns
-        -------
-        residual : (n,)
-            The residual.
-        missing : (n,)
-            The residual minus the derivative for parameters 0, of f = (x - o)/dim.
-        change : (n, num_parameters)
-            Change of the derivative with each parameter of f.
-        """
-        derivative = _dolfinx.form(self.derivative(self._u))
-        residual, vector = _dolfinx.form(self.residual(self._u)), _dolfinx.create_vector(self.V)
-
-        def assemble(form: Any, parameters: Array) -> Array:
-            self._choose_field(parameters)
-            _dolfinx.assemble_vector(vector, form)
-            values = np.array(vector.array_r)
-            dirichlet.project(values)
-            return values
-
-        rows = []
-        for u in states:
-            copy_to_function(u, self._u)
-            zero = np.zeros(self.num_parameters)
-            wanted, origin = assemble(residual, zero), assemble(derivative, zero)
-            change = [assemble(derivative, unit) - origin for unit in np.eye(len(zero))]
-            rows.append(np.stack([wanted, wanted - origin, *change], axis=1))
-        table = np.concatenate(rows)
-        return table[:, 0], table[:, 1], table[:, 2:]
 
     def _normal(self, u: Any) -> Any:
         """cof(F) N, without a division by det F."""
@@ -301,85 +212,7 @@ class SweptVolume:
         return ufl.pi * squares * ((1 + H[1, 1]) * N[0] - H[1, 0] * N[1])
 
 
-def fit_fields(
-    volumes: Sequence[SweptVolume], pressures: Sequence[float], dirichlet: Dirichlet
-) -> Array | None:
-    """Return parameters of fields with which pressures are conservative. Collective.
-
-    The least-squares fit of the derivatives to the residuals at several displacements.
-
-    Parameters
-    ----------
-    volumes : sequence of n SweptVolume
-        The surfaces, on one space.
-    pressures : sequence of n floats
-        The pressures on them [Pa], which vary in proportion.
-    dirichlet : Dirichlet
-        The constrained dofs, at which forces do no work.
-
-    Returns
-    -------
-    (n, num_parameters) array or None
-        None if no fields make the pressures conservative.
-    """
-    comm, size = volumes[0].V.mesh.comm, volumes[0].num_parameters
-    unknowns = size * len(volumes)
-    table = _compare_all(volumes, pressures, dirichlet, len(_LOADS))
-    # On few free nodes there are fewer equations than parameters, which fulfil any of them.
-    largest = comm.allreduce(float(np.abs(table).max(initial=0.0)), op=MPI.MAX)
-    is_equation = (np.abs(table[:, : unknowns + 1]) > _ROUNDING * largest).any(axis=1)
-    equations = comm.allreduce(int(is_equation.sum()))
-    if 0 < equations < _OVERDETERMINED * unknowns:
-        more = ceil(_OVERDETERMINED * unknowns / equations)
-        table = _compare_all(volumes, pressures, dirichlet, more * len(_LOADS))
-    # The triangular factor has the norms and the products of all columns, on all ranks together.
-    R = np.concatenate(comm.allgather(np.linalg.qr(table, mode="r")))
-    A, b = R[:, :unknowns], R[:, unknowns]
-    scale = np.linalg.norm(R[:, unknowns + 1 :])
-    if scale == 0.0:
-        return np.zeros((len(volumes), size))
-    U, values, W = np.linalg.svd(A, full_matrices=False)
-    kept = values > _ROUNDING * scale
-    parameters = (W[kept].T / values[kept]) @ (U[:, kept].T @ b)
-    fits = np.linalg.norm(A @ parameters - b) <= _ROUNDING * scale
-    return parameters.reshape(len(volumes), size) if fits else None
-
-
-def _compare_all(
-    volumes: Sequence[SweptVolume], pressures: Sequence[float], dirichlet: Dirichlet, count: int
-) -> Array:
-    """Return the equations of `fit_fields` at some displacements: a row for each owned dof.
-
-    Collective. The columns are the changes with the parameters of each surface, what is missing,
-    and the residual of each surface.
-    """
-    states = _states(volumes[0].V, dirichlet, count)
-    found = [(p, *v.compare(states, dirichlet)) for p, v in zip(pressures, volumes, strict=True)]
-    columns = [p * change for p, _, _, change in found]
-    missing = np.sum([p * column for p, _, column, _ in found], axis=0)
-    sizes = np.stack([p * residual for p, residual, _, _ in found], axis=1)
-    return np.concatenate([*columns, missing[:, None], sizes], axis=1)
-
-
 def _centre(domain: _dolfinx.Mesh) -> Array:
     """Return the centre of the bounding box of the nodes (3,) [m]. Collective."""
     boxes = domain.comm.allgather(_dolfinx.bounding_box(domain))
     return (np.min(boxes, axis=0)[0] + np.max(boxes, axis=0)[1]) / 2
-
-
-def _states(
-    V: _dolfinx.FunctionSpace, dirichlet: Dirichlet, count: int = len(_LOADS)
-) -> list[PETSc.Vec]:
-    """Return smooth displacements without a symmetry, with the boundary values of some loads."""
-    length = body_volume(V.mesh) ** (1 / _dolfinx.mesh_dimension(V.mesh)[0])
-    X = V.tabulate_dof_coordinates() / length
-    states = []
-    for number, load in zip(range(count), cycle(_LOADS), strict=False):
-        u = _dolfinx.create_vector(V)
-        waves = _AMPLITUDE * length * np.sin(X @ _WAVES + _PHASES + _SHIFT * number)
-        waves = waves[:, : _dolfinx.num_components(V)]
-        u.array[:] = waves.ravel()[: u.getLocalSize()]
-        dirichlet.set_values(u, load)
-        update_ghosts(u)
-        states.append(u)
-    return states
