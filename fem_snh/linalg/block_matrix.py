@@ -1,6 +1,6 @@
 """The C library of the linear solver; a symmetric matrix of blocks, and its SSOR sweeps.
 
-The blocks are 2x2 or 3x3, in single precision. `fem_snh.linalg.ssor_system` sweeps over the matrix;
+The blocks are 2x2 or 3x3, in single precision. `fem_snh.linalg.ssor_cg` sweeps over the matrix;
 `fem_snh.linalg.deflation` reads its pattern.
 """
 

@@ -53,7 +53,7 @@ from fem_snh.linalg.block_matrix import FUNCTIONS, SymmetricBlockMatrix, columns
 from fem_snh.linalg.coarse_matrix import CoarseMatrix, Distributed, Replicated
 from fem_snh.linalg.halo import Halo
 from fem_snh.linalg.matrix_parts import DisplacementBlocks
-from fem_snh.linalg.ssor_system import LEAST_IN_DOUBLE
+from fem_snh.linalg.ssor_cg import LEAST_IN_DOUBLE
 
 Array = npt.NDArray[Any]
 

@@ -6,7 +6,7 @@ and their values are copied from there.
 The matrix may be one of the displacement alone, or of displacement and pressure, of which every
 rank numbers its displacement first (`fem_snh.assembly.matrix_layout`). `part_of` makes the
 displacement's part of the latter a PETSc matrix that has no values of its own, so that a linear
-solver which copies the values anyway (`fem_snh.linalg.ssor_system`) needs no second copy of them in
+solver which copies the values anyway (`fem_snh.linalg.ssor_cg`) needs no second copy of them in
 AIJ format.
 """
 

@@ -6,12 +6,6 @@ reasons and options work as for PETSc's own types; `options.OPTIONS` lists those
 
 from fem_snh.solver.errors import callback_errors, petsc_failures
 from fem_snh.solver.newton import ProjectedNewton
-from fem_snh.solver.outcome import (
-    StepOutcome,
-    converged_reason,
-    failure_reason,
-    solve_until_settled,
-)
 from fem_snh.solver.predictor import Predictor, solve_linearised
 from fem_snh.solver.snes import (
     PREFIX,
@@ -21,7 +15,13 @@ from fem_snh.solver.snes import (
     linear_solver_name,
 )
 from fem_snh.solver.stability import EquilibriumStability, is_conservative
-from fem_snh.solver.step import Iteration
+from fem_snh.solver.step import (
+    Iteration,
+    StepOutcome,
+    converged_reason,
+    failure_reason,
+    solve_until_settled,
+)
 
 __all__ = [
     "PREFIX", "EquilibriumStability", "Iteration", "Predictor", "ProjectedNewton",

@@ -1,11 +1,26 @@
-"""Exceptions that pass through PETSc, and PETSc's own."""
+"""Exceptions that pass through PETSc and PETSc's own; PETSc objects of problems no longer used.
+
+petsc4py does not destroy an object when Python drops it, as ranks may drop objects in different
+orders: it is kept until ``PETSc.garbage_cleanup`` is called for its communicator. Every mesh and
+matrix of dolfinx has a communicator of its own, which a program cannot ask for once the problem is
+dropped. So communicators are recorded when a solver is created.
+
+``PetscGarbageCleanup`` takes the list of dropped objects from the communicator, and puts the list
+back when it has destroyed them. What Python drops in between, as it is destroyed with a SNES that
+refers to it, is in another list, which is overwritten: such an object is never destroyed. So what
+a SNES refers to is kept in Python until the SNES is destroyed, and its linear solvers' contexts
+until these are.
+"""
 
 from __future__ import annotations
 
 import gc
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from typing import Any, NamedTuple
+from weakref import ref
 
+from mpi4py import MPI
 from petsc4py import PETSc
 
 from fem_snh._petsc import OUT_OF_MEMORY
@@ -70,3 +85,60 @@ def petsc_failures() -> Iterator[None]:
         if error.ierr == OUT_OF_MEMORY:
             raise Failed("out of memory (PETSc)") from error
         raise Failed(f"PETSc error {error.ierr}: {cause_of(error)}") from error
+
+
+class _Record(NamedTuple):
+    """A problem, the Python contexts of its solvers, the communicators of its PETSc objects."""
+
+    problem: ref[Any]
+    newton: ref[Any]
+    linear: list[ref[Any]]
+    comms: list[PETSc.Comm]
+
+
+_records: list[_Record] = []
+
+
+def record_solver(problem: Any, snes: PETSc.SNES, *objects: PETSc.Object) -> None:
+    """Record the communicators of a problem's PETSc objects, for `free_unused`. Collective."""
+    newton = snes.getPythonContext()
+    solvers = [snes.getKSP(), *([newton.trust_ksp] if newton.trust_ksp is not None else [])]
+    parts = [part for ksp in solvers for part in (ksp, ksp.getPC())]
+    python = [part for part in parts if part.getType() == "python"]
+    # A duplicate is PETSc's own communicator with one more reference: it outlives the problem.
+    comms = [item.comm.duplicate() for item in (*objects, snes)]
+    linear = [ref(part.getPythonContext()) for part in python]
+    _records.append(_Record(ref(problem), ref(newton), linear, comms))
+
+
+def free_unused(comm: MPI.Comm) -> None:
+    """Destroy the PETSc objects to which no rank of ``comm`` refers any longer. Collective.
+
+    Objects of other groups of ranks are left to the calls with their communicators.
+    """
+    clean([PETSc.COMM_SELF])  # each rank's own, as the factors of a coarse matrix
+    for entry in [r for r in _records if _same_ranks(r.comms[0].tompi4py(), comm)]:
+        users: list[Any] = [entry.problem(), entry.newton()]
+        contexts = [reference() for reference in entry.linear]
+        clean(entry.comms)  # a SNES, which refers to its problem
+        users.clear()
+        unused = comm.allreduce(entry.problem() is None, op=MPI.LAND)
+        clean(entry.comms)  # the objects of the problem, and linear solvers
+        contexts.clear()
+        clean(entry.comms)  # the objects of linear solvers' contexts
+        if unused:
+            for each in entry.comms:
+                each.destroy()
+            _records.remove(entry)
+
+
+def clean(comms: Iterable[PETSc.Comm]) -> None:
+    """Destroy the objects of these communicators that all ranks have dropped. Collective."""
+    with without_collection():  # Python must drop nothing meanwhile
+        for comm in comms:
+            PETSc.garbage_cleanup(comm)
+
+
+def _same_ranks(first: MPI.Comm, second: MPI.Comm) -> bool:
+    """Return whether two communicators have the same ranks, in the same order."""
+    return MPI.Comm.Compare(first, second) in (MPI.IDENT, MPI.CONGRUENT)

@@ -15,7 +15,8 @@ from petsc4py import PETSc
 from fem_snh._petsc import expect_singular_matrix
 from fem_snh.choices import ACTING_FORCES
 from fem_snh.linalg.direct_solver import is_direct, set_asymmetric_factors
-from fem_snh.solver import garbage, options
+from fem_snh.solver import options
+from fem_snh.solver.errors import clean
 from fem_snh.solver.globalization import FullNewton, LineSearchNewton, QuasiNewton, TrustRegion
 from fem_snh.solver.line_search import LineSearch
 from fem_snh.solver.linear_choice import AsymmetricSolver, LinearChoice
@@ -209,7 +210,7 @@ class ProjectedNewton:
             step_norm = d.norm() * (1.0 if step.lbfgs else step.length)
             norm = state.residual.norm()
             # petsc4py frees dropped objects only when told to, for each communicator.
-            garbage.clean([x.comm, snes.getJacobian()[1].comm])
+            clean([x.comm, snes.getJacobian()[1].comm])
         snes.setConvergedReason(Reason.DIVERGED_MAX_IT)
 
     # --- the parts of an iteration ---------------------------------------------------------------

@@ -14,12 +14,18 @@ from petsc4py import PETSc
 from fem_snh._petsc import factors_out_of_memory, set_operators
 from fem_snh.choices import DEFAULT_PREDICTOR, PREDICTORS
 from fem_snh.errors import NotSettled, bad_value, choose
-from fem_snh.solver.errors import callback_errors
-from fem_snh.solver.garbage import clean
-from fem_snh.solver.outcome import StepOutcome, linear_failure, update_lagged
+from fem_snh.solver.errors import callback_errors, clean
 from fem_snh.solver.protocol import SolvableProblem
 from fem_snh.solver.saddle_point import outer_operator
-from fem_snh.solver.step import ForcingTerm, Iteration, State, relative_tolerance
+from fem_snh.solver.step import (
+    ForcingTerm,
+    Iteration,
+    State,
+    StepOutcome,
+    linear_failure,
+    relative_tolerance,
+    update_lagged,
+)
 
 #: Length of the central difference along the boundary's motion, relative to the body: about the
 #: cube root of the rounding error, where truncation and rounding are balanced.

@@ -14,8 +14,8 @@ from fem_snh.linalg.direct_solver import (
     set_direct_solver_of_sum,
 )
 from fem_snh.linalg.ssor_cg import EisenstatCG
-from fem_snh.solver import garbage, options, saddle_point
-from fem_snh.solver.errors import callback_errors, cause_of
+from fem_snh.solver import options, saddle_point
+from fem_snh.solver.errors import callback_errors, cause_of, free_unused, record_solver
 from fem_snh.solver.globalization import trust_region_solver
 from fem_snh.solver.linear_choice import (
     CHOICES,
@@ -95,7 +95,7 @@ def create(
     far from the solution (the twist), the path of inexact solves depends on rounding, and so on the
     number of ranks; ``-snes_forcing_max 5e-3`` makes it repeatable.
     """
-    garbage.free_unused(problem.comm)
+    free_unused(problem.comm)
     saddle = problem.saddle_point
     hessian, chosen = options.read_choices(prefix, hessian, globalization)
     globalization = chosen or default_globalization(problem)
@@ -135,7 +135,7 @@ def create(
         raise BadInput(f"PETSc rejects an option under -{prefix}: {cause_of(error)}") from None
     parts = (saddle.schur_approximation, *saddle.fields) if saddle else ()
     objects = [problem.x, problem.A, *parts]
-    garbage.record(problem, snes, *objects)
+    record_solver(problem, snes, *objects)
     return snes
 
 

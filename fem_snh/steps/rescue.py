@@ -23,7 +23,7 @@ from fem_snh.assembly.unknowns import local_values
 from fem_snh.errors import NotSettled
 from fem_snh.problem.problem import Problem
 from fem_snh.problem.supports import Supports
-from fem_snh.solver.outcome import update_lagged
+from fem_snh.solver.step import update_lagged
 from fem_snh.steps.dynamics.integrators import Affine
 from fem_snh.steps.dynamics.motion_terms import Inertia
 from fem_snh.terms.history import MAX_SOLVES

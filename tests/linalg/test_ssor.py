@@ -9,7 +9,7 @@ import pytest
 from plane_programs import COMPONENTS, clamped
 from test_eisenstat import body, right_side
 
-from fem_snh.linalg.ssor_system import SSOR
+from fem_snh.linalg.ssor_cg import SSOR
 
 mpi = pytest.mark.mpi
 Reason = PETSc.KSP.ConvergedReason

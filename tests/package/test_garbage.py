@@ -19,7 +19,7 @@ from paths import SUPPORT
 import fem_snh
 from fem_snh import _dolfinx
 from fem_snh.assembly.elements import ELEMENTS
-from fem_snh.solver import garbage
+from fem_snh.solver.errors import free_unused
 from fem_snh.studies.processes import environment
 
 mpi = pytest.mark.mpi
@@ -54,7 +54,7 @@ def test_the_solver_of_a_problem_in_a_program_is_freed(comm):
         problem = fem_snh.NonlinearProblem(_dolfinx.function(V, "u"), {material: ufl.dx})
         problems.append(ref(problem._problem))
         del problem
-    garbage.free_unused(comm)
+    free_unused(comm)
     assert not any(linked(problems))
 
 
@@ -94,7 +94,7 @@ def solved(comm, kind, element, cells):
 def test_repeated_programs_take_no_more_memory(comm, kind, element, cells):
     """What six more instances leave is less than a tenth of one matrix for each.
 
-    PETSc loses objects that are dropped while it frees others: see `fem_snh.solver.garbage`.
+    PETSc loses objects that are dropped while it frees others: see `fem_snh.solver.errors`.
     """
     memory = []
     for _ in range(9):

@@ -12,7 +12,7 @@ from bodies import cube, problem
 from fem_snh.assembly import matrix_layout
 from fem_snh.errors import BadInput
 from fem_snh.linalg import halo
-from fem_snh.linalg.ssor_system import SSORSystem
+from fem_snh.linalg.ssor_cg import SSORSystem
 from fem_snh.problem.mixed import nodal_schur
 
 pytestmark = pytest.mark.mpi
