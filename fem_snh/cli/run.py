@@ -1,24 +1,12 @@
-"""The commands ``run`` and ``sweep``: solve one scene, or many in processes of their own.
-
-``python -m fem_snh.cli.run`` is such a process, on any number of ranks: it solves points of a sweep
-one after another. `fem_snh.studies.processes` starts it. It reads a line of JSON per point,
-``{"arguments": [...], "log": path}``, solves it as ``fem-snh`` with these arguments would, and
-writes its exit code as a line. It ends after the first point that fails, as that may leave memory
-or MPI in any state, and at the end of its input.
-"""
+"""The commands ``run`` and ``sweep``: solve one scene, or many in processes of their own."""
 
 from __future__ import annotations
 
-import ctypes
-import json
 import os
 import signal
-import sys
 import textwrap
 from argparse import Namespace
-from contextlib import suppress
 from functools import partial
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fem_snh import cli, references
@@ -293,37 +281,3 @@ def comma_list(key: str, text: str) -> list[Any]:
     if not all(part.strip() for part in parts):
         raise BadInput(f"{key} = '{text}': expected values with commas between, e.g. 0.3,0.45")
     return [value(part.strip(), key) for part in parts]
-
-
-def main() -> int:
-    """Run points until the input ends or one of them fails; return the last exit code."""
-    from mpi4py import MPI
-
-    from fem_snh.studies.processes import ANSWER
-
-    comm = MPI.COMM_WORLD
-    answers = os.dup(1)
-    with open(os.dup(0)) as points:
-        while True:
-            line = comm.bcast(points.readline() if comm.rank == 0 else None)
-            if not line:
-                return 0
-            point = json.loads(line)
-            log = os.open(point["log"], os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o666)
-            for stream in (1, 2):  # C code of libraries writes there as well
-                os.dup2(log, stream)
-            os.close(log)
-            with suppress(OSError):  # a kernel without it: the peak is that of all points so far
-                # Make the peak of the resident memory that of this point (proc(5), clear_refs).
-                Path("/proc/self/clear_refs").write_text("5")
-            code = comm.allreduce(cli.main(point["arguments"]), MPI.MAX)
-            sys.stdout.flush()
-            ctypes.CDLL(None).fflush(None)
-            if comm.rank == 0:
-                os.write(answers, ANSWER + f"{code}\n".encode())
-            if code:
-                return int(code)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

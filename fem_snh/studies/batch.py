@@ -142,7 +142,7 @@ class Batch:
         points = points if isinstance(points, dict) else {}
         if overwrite:
             for point in points:
-                remove_point(self.out, point)
+                remove_point(self.out / point)
             remove(self.out / f"{self.name}.csv")
             clear(self.out)
             return {}
@@ -214,7 +214,7 @@ class Batch:
             if end := read_end(self.out / name):
                 row = self._row(name, point, end)
                 if self._retry and not row["converged"]:
-                    remove_point(self.out, name)
+                    remove_point(self.out / name)
                 else:
                     rows[name] = row
         if rows:
@@ -241,7 +241,7 @@ class Batch:
         self._write_table(rows, points)
         if isinstance(limits.jobs, Slurm):
             for task in tasks:
-                remove_point(self.out, task.name)
+                remove_point(self.out / task.name)
             for line in limits.jobs.submit(self.out, tasks) if tasks else ():
                 self.report(line)
         else:

@@ -1,7 +1,6 @@
 """Child processes of studies: their environment, their limits, and their end with all MPI ranks.
 
-`run_tasks` runs the points of a study. A `Worker` runs one point after another, which spares each
-its imports and the start of MPI.
+`run_tasks` runs the points of a study.
 """
 
 from __future__ import annotations
@@ -15,12 +14,11 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import psutil
 
@@ -53,14 +51,6 @@ _GRACE = 5.0
 _PR_SET_PDEATHSIG = 1
 #: Seconds between two measurements of the memory.
 _MEMORY_INTERVAL = 0.25
-#: The module that a worker runs.
-_WORKER = "fem_snh.cli.run"
-#: What precedes the exit code of a point in a worker's answer.
-ANSWER = b"fem-snh: exit code "
-#: Seconds for which a worker without a point may finalise MPI before it is ended.
-_TIME_TO_END = 5.0
-#: Bytes of messages that are kept.
-_MAX_MESSAGES = 100_000
 #: The log of a point, and how it ended (`End`).
 LOG, END = "log.txt", "end.json"
 #: Seconds between two polls of the running points.
@@ -133,36 +123,26 @@ class Child:
         memory: float | None = None,
         variables: Mapping[str, str] | None = None,
     ) -> None:
-        with log.open("w") as file:
-            self._launch(command, variables or {}, subprocess.DEVNULL, file, subprocess.STDOUT)
-        self._set_limits(timeout, memory)
-
-    def _set_limits(self, timeout: float | None, memory: float | None) -> None:
-        """Set the limits, and count the seconds from now."""
         self.timeout, self.memory = timeout, memory
         self.limit_reached = ""
         self.seconds = self._memory_measured = 0.0
         self._start = time.monotonic()
-
-    def _launch(
-        self, command: list[str], variables: Mapping[str, str], stdin: int, stdout: Any, stderr: Any
-    ) -> None:
-        """Start the command with these streams, as `subprocess.Popen` takes them."""
         # Open MPI keeps its session files in TMPDIR and removes that folder when the last job ends:
         # each child has its own, so that no job removes it while another one starts.
         self._files = tempfile.TemporaryDirectory(prefix="fem-snh-", ignore_cleanup_errors=True)
         # A study that is killed leaves no point behind, which would write into its folder.
         # mpirun has to end its ranks.
         number = signal.SIGKILL if command[0] == sys.executable else signal.SIGTERM
-        self.process = subprocess.Popen(
-            command,
-            env=environment() | {"TMPDIR": self._files.name} | dict(variables),
-            start_new_session=True,
-            preexec_fn=partial(ctypes.CDLL(None).prctl, _PR_SET_PDEATHSIG, number),
-            stdin=stdin,
-            stdout=stdout,
-            stderr=stderr,
-        )
+        with log.open("w") as file:
+            self.process = subprocess.Popen(
+                command,
+                env=environment() | {"TMPDIR": self._files.name} | dict(variables or {}),
+                start_new_session=True,
+                preexec_fn=partial(ctypes.CDLL(None).prctl, _PR_SET_PDEATHSIG, number),
+                stdin=subprocess.DEVNULL,
+                stdout=file,
+                stderr=subprocess.STDOUT,
+            )
         if is_rank():  # mpirun may have bound this rank to one core; the child may use them all
             os.sched_setaffinity(self.process.pid, range(os.cpu_count() or 1))
 
@@ -223,68 +203,6 @@ class Child:
         return living
 
 
-class Worker(Child):
-    """A process, or the ranks of one MPI job, for one point after another.
-
-    To its caller it is the `Child` of its present point: `poll` returns the exit code of that
-    point, and the limits hold for that point. A point that crashes or reaches a limit ends the
-    worker; the next point needs another one.
-
-    Parameters
-    ----------
-    ranks : int
-        MPI ranks of each point.
-    """
-
-    def __init__(self, ranks: int) -> None:
-        self._messages = tempfile.TemporaryFile()  # of mpirun, and of a start that fails
-        pipe = subprocess.PIPE
-        self._launch(program(ranks, _WORKER), {}, pipe, pipe, self._messages)
-        assert self.process.stdin is not None and self.process.stdout is not None
-        self._points, self._answers = self.process.stdin, self.process.stdout
-        os.set_blocking(self._answers.fileno(), False)
-
-    def start(
-        self, arguments: Sequence[str], log: Path, timeout: float | None, memory: float | None
-    ) -> None:
-        """Start a point: see `Child`. The worker must be `idle`, or new."""
-        self._log = log
-        self._code: int | None = None
-        log.touch()
-        self._set_limits(timeout, memory)
-        point = {"arguments": list(arguments), "log": str(log.resolve())}
-        with suppress(BrokenPipeError):  # it has ended: `poll` returns its exit code
-            self._points.write(json.dumps(point).encode() + b"\n")
-            self._points.flush()
-
-    @property
-    def idle(self) -> bool:
-        """Whether its point has converged and the process waits for the next one."""
-        return self._code == 0 and self.process.poll() is None
-
-    def poll(self) -> int | None:
-        """Return the exit code of the present point, or None while it runs; enforce the limits."""
-        if self._code is None:
-            ended = super().poll()  # before reading: a process that has ended writes no more
-            while line := self._answers.readline():
-                if line.startswith(ANSWER):
-                    self._code = int(line.removeprefix(ANSWER))
-            if self._code is None and ended is not None:
-                self._code = ended
-                with self._log.open("ab") as file:
-                    file.write(os.pread(self._messages.fileno(), _MAX_MESSAGES, 0))
-        return self._code
-
-    def close(self) -> None:
-        """Let a worker without a point end, and wait for that."""
-        with suppress(BrokenPipeError):
-            self._points.close()
-        with suppress(subprocess.TimeoutExpired):
-            self.process.wait(_TIME_TO_END)
-        self.end()
-        self._files.cleanup()
-
-
 @dataclass(frozen=True)
 class Task:
     """The arguments of ``fem-snh`` for a point, and its limits.
@@ -335,17 +253,15 @@ def read_end(folder: Path) -> End | None:
         return None
 
 
-def remove_point(out: Path, name: str) -> None:
+def remove_point(folder: Path) -> None:
     """Remove the files of a point, and its folder unless it holds others.
 
     Raises BadInput if a process still writes into it.
     """
-    folder = out / name
-    if Path(name).name != name or not folder.is_dir() or folder.is_symlink():
-        return  # a name that was edited, or a point that has not run
-    for file in (LOG, END):
-        remove(folder / file)
-    remove_run(folder)
+    if folder.is_dir():
+        for file in (LOG, END):
+            remove(folder / file)
+        remove_run(folder)
 
 
 def run_tasks(
@@ -355,29 +271,25 @@ def run_tasks(
 
     A task has the folder of its name in ``out``, from which an earlier attempt is removed.
     """
-    waiting, idle = list(tasks), list[Worker]()
-    running: dict[Task, Worker] = {}
+    waiting = list(tasks)
+    running: dict[Task, Child] = {}
     with Interrupts() as interrupts:
         try:
             while waiting or running:
                 with interrupts.postponed():  # an interrupt here would lose a new process
                     while waiting and len(running) < number:
                         task = waiting.pop(0)
-                        remove_point(out, task.name)
-                        (log := out / task.name / LOG).parent.mkdir(exist_ok=True)
-                        worker = running[task] = idle.pop() if idle else Worker(task.ranks)
-                        worker.start(task.arguments, log, task.timeout, task.memory)
-                    for task, worker in list(running.items()):
-                        if (code := worker.poll()) is not None:
+                        remove_point(folder := out / task.name)
+                        folder.mkdir(exist_ok=True)
+                        command = [*program(task.ranks), *task.arguments]
+                        running[task] = Child(command, folder / LOG, task.timeout, task.memory)
+                    for task, child in list(running.items()):
+                        if (code := child.poll()) is not None:
                             del running[task]
-                            if waiting and worker.idle:
-                                idle.append(worker)
-                            else:
-                                worker.close()
-                            end = End(code, worker.seconds, worker.limit_reached)
+                            end = End(code, child.seconds, child.limit_reached)
                             replace_file(out / task.name / END, json.dumps(asdict(end)))
                             report(task, end)
                 time.sleep(_POLL_INTERVAL)
         finally:
-            for worker in (*running.values(), *idle):
-                worker.end()
+            for child in running.values():
+                child.end()

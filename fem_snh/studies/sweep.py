@@ -4,8 +4,7 @@
 
 The folder holds sweep.json (the definition), sweep.csv (with the points that have ended),
 sweep.png, on request bodies.png, and one folder per point with its run and its log. An interrupted
-sweep continues when it is called again. Points run one after another in the same ``jobs``
-processes, which spares each the imports and the start of MPI; a point that fails ends its process.
+sweep continues when it is called again. Each point is a process of its own.
 """
 
 from __future__ import annotations
