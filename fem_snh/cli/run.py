@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import signal
 import textwrap
 from argparse import Namespace
 from functools import partial
@@ -142,28 +141,45 @@ def sweep_parser() -> Parser:
         "Every option of a scene takes a comma list: --nu 0.3,0.45 --material a,b --set angle=1,2",
         scene_list,
     )
-    parser.add("scene SCENE  a name, FILE.toml or FILE.py:FUNCTION", scene={"nargs": "?"})
+    parser.add("scene SCENE  a name, FILE.toml or FILE.py:FUNCTION", scene={})
     parser.add_scene_options(",..")
     parser.add("--set KEY=VALUE,..  any other key of the scene: angle=1,2", set=REPEATED)
-    _add_limits(parser)
     parser.add(
         """
         --error  estimate the errors of the numbers of every point
         --out DIR  the sweep's folder
         --render FIELD  also draw the bodies of all points in one picture, bodies.png, with the
             colours of a field; default: J
+        --jobs J  number of points that run at a time; default: 1
+        --ranks R  number of MPI ranks of each point; default: 1
+        --timeout S  seconds after which a point is terminated
+        --memory GIB  memory above which a point is terminated
+        --retry  run failed points again
+        --overwrite  discard the points in the folder
+        --scheduler NAME  submit the points as arrays of jobs and return: slurm
+        --account NAME  account of the jobs
+        --partition NAME  partition of the jobs
+        --array-limit N  number of elements of an array that run at a time
+        --scheduler-option OPTION  further option of sbatch, e.g. --qos=long; may be repeated
         """,
         out={"type": output, "required": True},
         render={"nargs": "?", "const": "J"},
+        jobs={"type": value, "default": 1},
+        ranks={"type": value, "default": 1},
+        timeout=value,
+        memory=value,
+        array_limit=value,
+        scheduler_option=REPEATED,
     )
     return parser
 
 
 def sweep(argv: list[str]) -> int:
     """Solve every point; return 0 if all converged, else 1."""
-    args, petsc = _parse(argv)
-    if args.status:
-        return 0 if _print_status(args) else 1
+    words, petsc = split_petsc(argv)
+    args = sweep_parser().parse(words)
+    if int(os.environ.get("OMPI_COMM_WORLD_SIZE", os.environ.get("PMI_SIZE", 1))) > 1:
+        raise BadInput("sweep under mpirun: it starts the ranks itself; use --ranks R instead")
     options = {key: vars(args)[key] for key in SCENE_OPTIONS}
     options["error"] = "true" if args.error else None
     given = with_settings(options, assignments(args.set))
@@ -185,44 +201,11 @@ def sweep(argv: list[str]) -> int:
         petsc=petsc,
         render=args.render,
     )
-    if args.scheduler is not None and not _print_status(args):
-        print("later: the same command again")
-        return 0
     good = int(table["converged"].sum())
     noted = int(table["notes"].ne(NO_NOTES).sum())
     remark = f", {noted} with notes" if noted else ""
     print(f"{good} of {len(table)} points converged{remark}: {args.out / 'sweep.csv'}")
     return 0 if good == len(table) else 1
-
-
-def _add_limits(parser: Parser) -> None:
-    """Add the options for processes, limits and schedulers."""
-    parser.add(
-        """
-        --jobs J  number of points that run at a time; default: 1
-        --ranks R  number of MPI ranks of each point; default: 1
-        --timeout S  seconds after which a point is terminated
-        --memory GIB  memory above which a point is terminated
-        --retry  run failed points again
-        --overwrite  discard the points in the folder
-        """,
-        jobs={"type": value, "default": 1},
-        ranks={"type": value, "default": 1},
-        timeout={"type": value},
-        memory={"type": value},
-    )
-    parser.add(
-        """
-        --scheduler NAME  submit the points as arrays of jobs and return: slurm
-        --account NAME  account of the jobs
-        --partition NAME  partition of the jobs
-        --array-limit N  number of elements of an array that run at a time
-        --scheduler-option OPTION  further option of sbatch, e.g. --qos=long; may be repeated
-        --status  with --out: say how many points are in the table, run or wait
-        """,
-        array_limit={"type": value},
-        scheduler_option={"action": "append", "default": []},
-    )
 
 
 def _jobs(args: Namespace) -> Any:
@@ -236,33 +219,6 @@ def _jobs(args: Namespace) -> Any:
 
     choose("scheduler", args.scheduler, ["slurm"])
     return Slurm(args.account, args.partition, args.array_limit, args.scheduler_option)
-
-
-def _parse(argv: list[str]) -> tuple[Namespace, dict[str, Any]]:
-    """Return the options and those for PETSc.
-
-    It refuses to run under mpirun, and turns SIGTERM, which batch systems send, into an interrupt.
-    """
-    words, petsc = split_petsc(argv)
-    parser = sweep_parser()
-    args = parser.parse(words)
-    if not args.status and args.scene is None:
-        parser.error("the following arguments are required: SCENE")
-    if int(os.environ.get("OMPI_COMM_WORLD_SIZE", os.environ.get("PMI_SIZE", 1))) > 1:
-        raise BadInput("sweep under mpirun: it starts the ranks itself; use --ranks R instead")
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
-    return args, petsc
-
-
-def _print_status(args: Namespace) -> bool:
-    """Print where the points of a study are; return whether all are in the table."""
-    from fem_snh.studies.slurm import status
-
-    count = status(args.out, "sweep")
-    points = count.pop("points")
-    states = ", ".join(f"{number} {state}" for state, number in count.items() if number)
-    print(f"{points} points: {states or 'none in the table'}")
-    return count["in the table"] == points
 
 
 def comma_list(key: str, text: str) -> list[Any]:

@@ -1,4 +1,4 @@
-"""A point of a study: a run of a scene by ``fem-snh run``, its limits and its row of the table."""
+"""A point of a study: a run of a scene by ``fem-snh run``, and its row of the table."""
 
 from __future__ import annotations
 
@@ -6,16 +6,12 @@ import itertools
 import json
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from fem_snh import scenes
-from fem_snh.errors import BadInput, check_whole
 from fem_snh.files import read_text
 from fem_snh.records.run_record import problem, results
-from fem_snh.references import file_of
-from fem_snh.studies.slurm import Slurm
 
 #: Columns of the settings of a run.
 REQUESTED = "scene material E nu element cells hessian globalization predictor steps".split()
@@ -28,76 +24,6 @@ MEASURED = (
 ERROR = "error"
 #: The column ``notes`` of a run without notes.
 NO_NOTES = "none"
-#: Largest number of points at a time, and of ranks: more than the cores of any single machine.
-MAX_PROCESSES = 4096
-
-
-@dataclass(frozen=True)
-class Limits:
-    """The number of points that run at a time, and the limits of each.
-
-    Parameters
-    ----------
-    jobs : int or Slurm
-        Points at a time on this machine, or how they are submitted to Slurm.
-    ranks : int
-        MPI ranks of each point.
-    timeout : float, optional
-        Seconds after which a point is given up; None: never.
-    memory : float, optional
-        Resident memory above which a point is given up [GiB]; None: no limit.
-
-    Raises
-    ------
-    BadInput
-        For a value outside its range.
-    """
-
-    jobs: int | Slurm = 1
-    ranks: int = 1
-    timeout: float | None = None
-    memory: float | None = None
-
-    def __post_init__(self) -> None:
-        if not isinstance(self.jobs, Slurm):
-            check_whole("jobs", self.jobs, 1, MAX_PROCESSES)
-        check_whole("ranks", self.ranks, 1, MAX_PROCESSES)
-        limits = (("timeout", self.timeout, "seconds"), ("memory", self.memory, "GiB"))
-        for key, limit, unit in limits:
-            number = isinstance(limit, int | float) and not isinstance(limit, bool)
-            if limit is not None and not (number and limit > 0):
-                raise BadInput(f"{key} = {limit}: expected {unit}, a number > 0")
-
-
-@dataclass(frozen=True)
-class Point:
-    """A run of a scene.
-
-    Parameters
-    ----------
-    name : str | Path
-        Name of the scene, or its .toml file.
-    values : mapping
-        Keyword arguments of `fem_snh.scenes.load`.
-    scene : scenes.Scene
-        The scene loaded with these values.
-    petsc : mapping
-        PETSc options, without the dash.
-    """
-
-    name: str | Path
-    values: Mapping[str, Any]
-    scene: scenes.Scene
-    petsc: Mapping[str, Any] = field(default_factory=dict)
-
-    def arguments(self, folder: Path) -> list[str]:
-        """Return the arguments of ``fem-snh`` for a run that writes into ``folder``."""
-        return run_arguments(self.name, folder, self.values, self.petsc)
-
-    def files(self) -> list[Path]:
-        """Return the files of the scene: its own, and those that it reads."""
-        paths = {file_of(str(self.name)), *self.scene.files.values()}
-        return [path for path in sorted(paths) if path.suffix]
 
 
 def run_arguments(

@@ -18,7 +18,6 @@ import secrets
 import shlex
 import subprocess
 import sys
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -91,7 +90,7 @@ class Slurm:
             try:
                 number = _output("sbatch", "--parsable", str(script)).strip().partition(";")[0]
             except BadInput:
-                if name not in _states([name]):  # raises if it does not answer: kept
+                if name not in _elements([name]):  # raises if it does not answer: kept
                     remove(data)
                     remove(script)
                 raise
@@ -125,8 +124,8 @@ class Slurm:
         return f'#!/bin/bash\n{directives}exec {command} "$SLURM_ARRAY_TASK_ID"\n'
 
 
-def queued(out: Path) -> dict[str, str]:
-    """Return the points of the study in ``out`` that wait or run, and their states.
+def queued(out: Path) -> set[str]:
+    """Return the points of the study in ``out`` that wait or run.
 
     Raises
     ------
@@ -136,28 +135,13 @@ def queued(out: Path) -> dict[str, str]:
     jobs = {file.stem: _read(file) for file in _files(out)}
     jobs = {n: tasks for n, tasks in jobs.items() if not all(read_end(out / t.name) for t in tasks)}
     found = {
-        task.name: state
-        for name, states in _states(list(jobs)).items()
-        for index, state in states.items()
+        task.name
+        for name, indices in _elements(list(jobs)).items()
+        for index in indices
         for task in jobs[name][index : index + 1]
     }
-    # Ends are read after the states: an element that has left the queue has written its own.
-    return {name: state for name, state in found.items() if not read_end(out / name)}
-
-
-def status(out: Path, name: str) -> Counter[str]:
-    """Return the number of points of a study by state, with those that have a row or have ended."""
-    try:
-        points = list(json.loads(read_text(out / f"{name}.json"))["points"])
-        table = read_text(out / f"{name}.csv").splitlines()[1:]
-    except (OSError, ValueError, KeyError, TypeError, RecursionError):
-        raise BadInput(f"out = {out}: expected the folder of a {name} study") from None
-    states = queued(out)
-    states |= {point: "ended" for point in points if read_end(out / point)}
-    states |= {line.partition(",")[0].strip('"'): "in the table" for line in table}
-    count: Counter[str] = Counter({"points": len(points), "in the table": 0})
-    count.update(states.get(point, "not in the queue") for point in points)
-    return count
+    # Ends are read after the queue: an element that has left the queue has written its own.
+    return {name for name in found if not read_end(out / name)}
 
 
 def clear(out: Path) -> None:
@@ -172,21 +156,20 @@ def _files(out: Path) -> list[Path]:
     return sorted((out / "jobs").glob("fem-snh-*.json"))
 
 
-def _states(names: Sequence[str]) -> Mapping[str, Mapping[int, str]]:
-    """Return ``{name: {index: state}}`` of elements that wait or run.
+def _elements(names: Sequence[str]) -> Mapping[str, list[int]]:
+    """Return the indices of the elements that wait or run, by the name of the array.
 
     Raises BadInput if Slurm does not answer: then nothing is known.
     """
-    found: dict[str, dict[int, str]] = {}
+    found: dict[str, list[int]] = {}
     if names:
         words = "--noheader", "--array", "--states=all", "--format=%j|%K|%T|%r"
         for line in _output("squeue", *words, f"--name={','.join(names)}").splitlines():
             name, index, state, reason = line.strip().split("|", 3)
-            # An element that is held waits for its user, or after a failed launch for nothing:
-            # it is lost. Should it be released, it does not run a point that has ended.
+            # An element that is held after a failed launch waits for nothing: it is lost. Should it
+            # be released, it does not run a point that has ended.
             if state not in _ENDED and reason != "launch failed requeued held":
-                held = "held" in reason.lower()
-                found.setdefault(name, {})[int(index)] = "held" if held else state.lower()
+                found.setdefault(name, []).append(int(index))
     return found
 
 

@@ -175,8 +175,8 @@ def test_a_sweep_leaves_folders_of_others(
     fill(out / "mine", ["log.txt", "run.json", "data.csv"])
     fill(out / "angle=0.1", ["notes.txt", "fields_mine.vtu"])
     definition = json.loads((out / "sweep.json").read_text())
-    assert set(definition["points"]) == {"angle=0.1", "angle=0.2"}
-    definition["points"] |= {"../other": {}, "mine/..": {}, ".": {}}
+    assert definition["axes"]["angle"] == [0.1, 0.2]
+    definition["axes"]["angle"] += ["../other", "mine/..", "."]
     fill(tmp_path / "other", ["log.txt"])
     (out / "sweep.json").write_text(json.dumps(definition))
     sweep("twist", out, values | {"angle": 0.1}, overwrite=True, timeout=0.01, report=print)

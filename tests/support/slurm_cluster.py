@@ -12,9 +12,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from fem_snh import scenes
-from fem_snh.studies.points import Point
-
 #: The programs that the tests start; Debian's packages are slurmctld, slurmd, slurm-client, munge.
 PROGRAMS = ("slurmctld", "slurmd", "sbatch", "squeue", "scontrol", "scancel", "munged")
 #: Processors that the node claims to have.
@@ -166,11 +163,16 @@ def wait_for(condition: Callable[[], Any], interval: float = 0.05) -> None:
         time.sleep(interval)
 
 
-#: A scene that appends its number to a file, waits and ends with the square of the number.
+#: A scene that in a job appends its number to a file, waits and ends with the square of the number.
 COUNTED = """
+import os
 import time
 
+from fem_snh import scenes
+
 def counted(number: int = 0):
+    if "SLURM_JOB_ID" not in os.environ:
+        return scenes.load("twist")
     with open({runs!r}, "a") as file:
         file.write(f"p{{number}}\\n")
     time.sleep(0.5)
@@ -178,9 +180,8 @@ def counted(number: int = 0):
 """
 
 
-def counted_points(folder: Path, number: int, runs: Path) -> dict[str, Point]:
-    """Return points whose runs are counted in a file; they fail, without a solve."""
+def counted_scene(folder: Path, runs: Path) -> str:
+    """Return a scene whose runs are counted in a file; they fail, without a solve."""
     file = folder / "counted.py"
     file.write_text(COUNTED.format(runs=str(runs)))
-    scene = scenes.load("twist")
-    return {f"p{n}": Point(f"{file}:counted", {"number": n}, scene) for n in range(number)}
+    return f"{file}:counted"
