@@ -348,7 +348,8 @@ class _Repetitions:
         """
         motion, change = self._problem.motion, self._values - half.values
         most = motion.integrator.order if motion else _CONTACT_ORDER
-        least = _CONTACT_ORDER if self._problem.history.by_name else most  # some have contact
+        touches = any(term.is_contact for term in self._problem.terms)
+        least = _CONTACT_ORDER if touches else most
         rounding, limits = _ROUNDING * self._scales, _SMALL_CHANGES * self._scales
         errors, bounds = steps_errors(change, before, finer, (least, most), rounding)
         if quarter:

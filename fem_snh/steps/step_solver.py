@@ -137,7 +137,7 @@ class StepSolver:
     def can_rescue(self) -> bool:
         """Whether steps that fail are solved again: static ones with contact."""
         problem = self.problem
-        touches = bool(problem.history.by_name) and problem.motion is None
+        touches = any(term.is_contact for term in problem.terms) and problem.motion is None
         assembled = problem.operator == problem.A and bool(problem.regions)
         return touches and assembled and problem.regime.nodes <= MAX_NODES
 
