@@ -13,7 +13,7 @@ from fem_snh.choices import DEFAULT_INTEGRATOR, MASSES
 from fem_snh.errors import BadInput, bad_value, check_number, on_every
 from fem_snh.kernels.material import Material
 from fem_snh.nonlinear_problem import PREDICTORS, NonlinearProblem
-from fem_snh.problem.program import DENSITIES, check_materials
+from fem_snh.problem.definition import DENSITIES, check_materials
 from fem_snh.steps.stepping import Stepper
 from fem_snh.steps.time_steps import TimeIntegration
 

@@ -15,16 +15,15 @@ from fem_snh.accuracy.state_notes import program_notes
 from fem_snh.errors import ResultNote, check_whole, choose
 from fem_snh.kernels.material import Material
 from fem_snh.problem.conditions import LoadFunction
-from fem_snh.problem.program import check_lists, define
+from fem_snh.problem.definition import check_lists, define
 from fem_snh.problem.supports import SupportsCheck
 from fem_snh.program_results import estimate_error, modes, reaction, reaction_moment
 from fem_snh.records.run_record import Note
 from fem_snh.solver.options import GivenOptions
 from fem_snh.steps.condensation import program_pressures
 from fem_snh.steps.jump import jump_notes, start_notes
-from fem_snh.steps.program_path import Loading, ProgramPath, SolverChoice, boundary_values_changed
-from fem_snh.steps.step_solver import StepSolver
-from fem_snh.steps.stepping import Stepper
+from fem_snh.steps.program_path import Loading, ProgramPath, SolverChoice
+from fem_snh.steps.stepping import Stepper, StepSolver, boundary_values_changed
 from fem_snh.steps.time_steps import TimeIntegration
 
 if TYPE_CHECKING:

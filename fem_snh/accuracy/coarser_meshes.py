@@ -28,7 +28,7 @@ from fem_snh.accuracy.goal_errors import (
 )
 from fem_snh.accuracy.goals import Goal, names_of
 from fem_snh.accuracy.path_errors import Followed
-from fem_snh.accuracy.state_checks import may_lock
+from fem_snh.accuracy.state_notes import may_lock
 from fem_snh.choices import LIFTED_ELEMENT
 from fem_snh.errors import bad_value
 from fem_snh.problem.problem import Problem

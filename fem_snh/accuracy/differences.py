@@ -32,7 +32,7 @@ from fem_snh import _dolfinx, solver
 from fem_snh.accuracy.goal_errors import Estimate, NoEstimate
 from fem_snh.accuracy.goals import Goal, bind_all, names_of
 from fem_snh.accuracy.lift import Lift
-from fem_snh.accuracy.state_checks import is_at_rest
+from fem_snh.accuracy.state_notes import is_at_rest
 from fem_snh.assembly.unknowns import local_values
 from fem_snh.problem.problem import Problem
 

@@ -51,7 +51,7 @@ from fem_snh.accuracy.lift import (
     lifted_elements,
     memory,
 )
-from fem_snh.accuracy.state_checks import is_at_rest, may_lock
+from fem_snh.accuracy.state_notes import is_at_rest, may_lock
 from fem_snh.assembly.elements import Element
 from fem_snh.cache import Stopwatch
 from fem_snh.contact.obstacle_contact import ObstacleContact

@@ -27,7 +27,7 @@ import ufl
 
 from fem_snh import _dolfinx
 from fem_snh.accuracy.duals import Dual, Linearisation, dual_of_reaction
-from fem_snh.accuracy.state_checks import largest_displacement
+from fem_snh.accuracy.state_notes import largest_displacement
 from fem_snh.assembly.unknowns import (
     add_ghosts,
     copy_to_function,
@@ -36,7 +36,7 @@ from fem_snh.assembly.unknowns import (
 )
 from fem_snh.errors import BadInput, bad_value
 from fem_snh.kernels.material import Material
-from fem_snh.problem.measures import Probes
+from fem_snh.problem.probes import Probes
 from fem_snh.problem.problem import Problem
 from fem_snh.problem.reactions import reaction, virtual_rotation, weighted
 from fem_snh.terms.body import displacement_gradient, of_the_body

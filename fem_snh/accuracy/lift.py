@@ -26,7 +26,7 @@ from fem_snh import _dolfinx, solver
 from fem_snh._petsc import negative_pivots
 from fem_snh.accuracy.duals import HessianSolver, assemble_hessian
 from fem_snh.accuracy.goal_errors import NoEstimate, NoEstimateOnAnyMesh, TooLittleMemory
-from fem_snh.accuracy.state_checks import may_lock
+from fem_snh.accuracy.state_notes import may_lock
 from fem_snh.assembly.elements import ELEMENTS, Element, in_kinematics
 from fem_snh.assembly.unknowns import summed_over_cells
 from fem_snh.errors import BadInput

@@ -29,7 +29,7 @@ from fem_snh.contact.surface_quadrature import SurfaceQuadrature
 from fem_snh.errors import choose
 from fem_snh.geometry.motions import MovingShape
 from fem_snh.records.output_fields import CONTACT_PRESSURES
-from fem_snh.terms.history import MeanForceTerm, WorkingTerm
+from fem_snh.terms.term import MeanForceTerm, WorkingTerm
 
 Array = npt.NDArray[Any]
 

@@ -30,7 +30,7 @@ from fem_snh.contact.surface_quadrature import (
 )
 from fem_snh.geometry.motions import MovingShape
 from fem_snh.kernels.cell_matrices import filter_matrices
-from fem_snh.terms.history import LaggedChange, relative
+from fem_snh.terms.term import LaggedChange, relative
 
 Array = npt.NDArray[Any]
 
@@ -319,7 +319,7 @@ class ObstaclePair(ContactPair):
     def work(self, u: Array, end_weight: float) -> tuple[float, float]:
         """Return the obstacle's work in a step, and what friction dissipated, on this rank [J].
 
-        The arguments are those of `fem_snh.terms.history.WorkingTerm`. The forces of a step that is
+        The arguments are those of `fem_snh.terms.term.WorkingTerm`. The forces of a step that is
         linearised at its start are those of the linearisation; mean forces have no other weight.
         """
         if self.mean_weight is not None:

@@ -25,8 +25,7 @@ from fem_snh.contact.gathered_surface import (
 from fem_snh.contact.law import ContactLaw
 from fem_snh.mesh.gmsh_model import Skin
 from fem_snh.records.output_fields import CONTACT_PRESSURES
-from fem_snh.terms.history import HistoryTerm, LaggedChange, largest_change
-from fem_snh.terms.term import CouplingTerm, ForceTerm
+from fem_snh.terms.term import CouplingTerm, ForceTerm, HistoryTerm, LaggedChange, largest_change
 
 if TYPE_CHECKING:
     from fem_snh.contact.body_contact import SurfacePair
@@ -54,7 +53,7 @@ class ContactPair(ABC):
     ----------
     mean_weight : float or None
         Weight of the energy of a step's mean forces, in place of the energy of the present ones:
-        see `fem_snh.terms.history.MeanForceTerm`.
+        see `fem_snh.terms.term.MeanForceTerm`.
     """
 
     def __init__(self, name: str, law: ContactLaw) -> None:

@@ -1,34 +1,41 @@
-"""What a problem is made of: a mesh, materials, conditions and terms, of a scene or a program."""
+"""What a problem is made of, of a scene or a program, and the checks of a program's arguments."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import ufl
 
 from fem_snh import _dolfinx
-from fem_snh.assembly.elements import CELLS, Element, names_for
+from fem_snh.assembly import elements
+from fem_snh.assembly.elements import CELLS, ELEMENTS, MAX_QUADRATURE_DEGREE, Element, names_for
+from fem_snh.assembly.kinematics import PLANE_CELLS, Kinematics, find_kinematics
 from fem_snh.assembly.regions import Filling, fill_regions, owned_cells
 from fem_snh.assembly.unknowns import create_unknowns
 from fem_snh.choices import DEFAULT_ASSEMBLY
-from fem_snh.errors import BadInput, bad_value
+from fem_snh.errors import BadInput, bad_value, check_whole, unknown_name
+from fem_snh.kernels.material import Material
 from fem_snh.mesh.mesh import Mesh
-from fem_snh.mesh.mesh_checks import check_half_plane
+from fem_snh.mesh.mesh_checks import check_geometry, check_half_plane
 from fem_snh.problem.conditions import LiftedValues, place_conditions
 from fem_snh.problem.problem import Problem
 from fem_snh.problem.reactions import ReactionGroup, Reactions
 from fem_snh.problem.regime import set_modulus
 from fem_snh.tables.amplitudes import LOAD_ITSELF, Amplitudes
 from fem_snh.terms.body import Body, CreateMotion
-from fem_snh.terms.feature import Feature, create_terms
+from fem_snh.terms.conditions import Symmetry
+from fem_snh.terms.feature import Feature, create_terms, grouped
 from fem_snh.terms.mean_volume import VolumeEnergy, volume_term
-from fem_snh.terms.ufl_term import UFLTerm
+from fem_snh.terms.term import Term
+from fem_snh.terms.ufl_term import TERM, UFLTerm, check_form
 
 if TYPE_CHECKING:
     from fem_snh.geometry.motions import Bone
+
 
 #: Keys of a measure's metadata that name a quadrature rule, and the values of the default one.
 RULE_KEYS = ("quadrature_rule", "quadrature_scheme")
@@ -215,3 +222,238 @@ def _form_of(form: Any, u: _dolfinx.Function, other: Any) -> Any:
             metadata["quadrature_degree"] = int(degree) + more
         integrals.append(integral.reconstruct(metadata=metadata))
     return ufl.Form(integrals)
+
+
+#: UFL's symbols of the integrals that a term may have, and what they integrate over.
+_SYMBOLS = {"cell": "dx", "exterior_facet": "ds"}
+_ENTITIES = {"dx": "cells", "ds": "facets of the boundary"}
+#: What a mapping of densities has.
+DENSITIES = "{material: density > 0}"
+
+
+def define(
+    u: _dolfinx.Function,
+    materials: Mapping[Material, Any],
+    bcs: Sequence[Any] | None = None,
+    terms: Sequence[Any] | None = (),
+    element: str | None = None,
+    densities: Mapping[Material, float] | None = None,
+    volume: VolumeEnergy | None = None,
+    kinematics: str | None = None,
+    mesh: Mesh | None = None,
+    bones: Sequence[Bone] = (),
+    amplitudes: Amplitudes | None = None,
+    quadrature: int | None = None,
+    *,
+    on_load: Callable[[float], None] | None = None,
+    motion: CreateMotion | None = None,
+    integrator: str = "",
+    duration: float | None = None,
+) -> Definition:
+    """Return the definition of the problem of a displacement in a dolfinx program. Collective.
+
+    Parameters
+    ----------
+    u, materials, bcs, terms, element, densities, volume, kinematics, mesh, bones, \
+    amplitudes, quadrature
+        The arguments of `fem_snh.NonlinearProblem`.
+    on_load, motion : callable, optional
+        As for `Definition`.
+    integrator : str, optional
+        The integrator of the motion in time; none without a motion.
+    duration : float, optional
+        The time of load 1 [s], of a motion in time.
+
+    Raises
+    ------
+    BadInput
+        On every rank, for input that does not fit together.
+    """
+    chosen = check_displacement(u, kinematics)
+    check_materials(materials, mesh)
+    bcs = _listed("bcs", bcs, "a list of conditions, [dolfinx.fem.dirichletbc(...), ...]")
+    terms = _listed("terms", terms, f"a list of terms, each {TERM}")
+    domain = u.function_space.mesh
+    kind = _element(u, element, materials, quadrature, chosen)
+    if mesh is None:
+        check_geometry(domain, "u.function_space.mesh")
+        mesh = Mesh(domain, kind.cell, (), _dolfinx.num_cells(domain))
+    elif mesh.domain is not domain:
+        raise bad_value("mesh", "another mesh", "the mesh of the displacement, with its groups")
+    densities = _checked(densities, materials)
+    fillings = [Filling(m, measure, densities.get(m)) for m, measure in materials.items()]
+    for number, term in enumerate(terms):
+        _check_term(term, f"terms[{number}]", u)
+    _check_features(terms, kind, integrator)
+    if not fillings and kind.pressure_degree:
+        raise bad_value("element", kind.name, "an element without a pressure, without materials")
+    if volume is None and not (fillings or terms):
+        raise bad_value("materials", materials, "a material, or a term that is not linear in u")
+    given: dict[str, Any] = {"on_load": on_load, "motion": motion, "volume": volume, "u": u}
+    given |= {"bones": bones, "amplitudes": amplitudes or Amplitudes((), duration)}
+    return Definition(mesh, kind, fillings, list(bcs), list(terms), **given)
+
+
+class _ProgramKeys(SimpleNamespace):
+    """The keys of a scene that a program has, for `Feature.check`; all others are None."""
+
+    def __getattr__(self, key: str) -> None:
+        return None
+
+
+def _check_features(terms: Sequence[Any], element: Element, integrator: str) -> None:
+    """Raise BadInput if features contradict each other, the element or the motion in time."""
+    features = [term for term in terms if isinstance(term, Feature)]
+    obstacles = [feature for feature in features if feature.key == "obstacle"]
+    time = SimpleNamespace(integrator=integrator) if integrator else None
+    keys = _ProgramKeys(element=element.name, time=time, obstacle=obstacles)
+    for number, term in enumerate(terms):
+        if element.kinematics.dim == 2 and isinstance(term, Feature | Term) and not term.planar:
+            accepted = "no such term, on a mesh of 2 dimensions"
+            raise bad_value(f"terms[{number}]", type(term).__name__, accepted)
+    for kind, alike in grouped(features):
+        kind.check(alike, keys)
+
+
+def check_lists(problem: Problem, bcs: Sequence[Any] | None, terms: Sequence[Any] | None) -> None:
+    """Raise BadInput if a list that a problem was made of has changed since then."""
+    definition = problem.definition
+    made_of = {"bcs": (bcs, definition.conditions), "terms": (terms, definition.terms)}
+    for key, (present, given) in made_of.items():
+        if [*map(id, present or ())] != [*map(id, given)]:
+            accepted = "the list that the problem was made of: make a new one for another"
+            raise bad_value(key, f"a list of {len(present or ())} that has changed", accepted)
+
+
+def _check_term(term: Any, name: str, u: _dolfinx.Function) -> None:
+    """Raise BadInput for what is no feature, no term and no form of ``u``. Collective."""
+    if isinstance(term, Feature | Term):
+        return
+    if isinstance(term, Symmetry):
+        raise bad_value(name, term, f"{TERM}; a Symmetry is one of 'bcs'")
+    check_form(term, u, name)
+    _check_integrals(term, name, u.function_space.mesh)
+
+
+def _checked(
+    densities: Mapping[Material, float] | None, materials: Mapping[Material, Any]
+) -> Mapping[Material, float]:
+    """Return the densities, of None none; raise BadInput unless their keys are materials."""
+    densities = {} if densities is None else densities
+    if not isinstance(densities, Mapping):
+        raise bad_value("densities", densities, DENSITIES)
+    if unknown := [key for key in densities if key not in materials]:
+        raise bad_value("densities", unknown[0], "only keys of 'materials'")
+    return densities
+
+
+def check_displacement(u: _dolfinx.Function, name: str | None = None) -> Kinematics:
+    """Return the kinematics of a displacement; ``name`` is that of one in two dimensions.
+
+    Raises
+    ------
+    BadInput
+        Unless ``u`` is a real displacement of degree 1 or 2 with the kinematics' components.
+    """
+    if not _dolfinx.is_function(u):
+        raise bad_value("u", u, "a dolfinx Function, the displacement")
+    if not _dolfinx.has_real_values(u):
+        accepted = "float64 (a PETSc configured with real numbers in double precision)"
+        raise bad_value("u.x.array.dtype", str(u.x.array.dtype), accepted)
+    V, domain = u.function_space, u.function_space.mesh
+    dimension, cell = _dolfinx.mesh_dimension(domain), _dolfinx.cell_name(domain)
+    kinds = sorted(PLANE_CELLS)
+    if not (dimension == (3, 3) and cell in kinds) and not (
+        dimension == (2, 2) and cell in PLANE_CELLS.values()
+    ):
+        found = f"{cell} cells in {dimension[1]} dimensions"
+        accepted = f"{' or '.join(kinds)} cells in 3, or "
+        accepted += f"{' or '.join(PLANE_CELLS.values())} cells in 2"
+        raise bad_value("u.function_space.mesh", found, accepted)
+    kinematics = find_kinematics(name, dimension[0])
+    if (
+        tuple(u.ufl_shape) != (kinematics.components,)
+        or not _dolfinx.is_lagrange(V)
+        or _dolfinx.degree(V) not in (1, 2)
+    ):
+        accepted = "a continuous Lagrange space of degree 1 or 2 with "
+        accepted += f"{kinematics.components} components"
+        raise bad_value("u.function_space", str(V.ufl_element()), accepted)
+    if kinematics.revolved:
+        check_half_plane(domain, "u.function_space.mesh")
+    return kinematics
+
+
+def check_materials(materials: Any, mesh: Mesh | None = None) -> None:
+    """Raise BadInput unless ``materials`` maps materials to measures of cells, or groups."""
+    accepted = "{fem_snh.material(...): a measure dx of cells}"
+    if not isinstance(materials, Mapping):
+        raise bad_value("materials", materials, accepted)
+    for material, measure in materials.items():
+        is_group = mesh is not None and isinstance(measure, str | int | None)
+        if not isinstance(material, Material) or not (_dolfinx.is_measure(measure) or is_group):
+            raise bad_value("materials", {material: measure}, accepted)
+
+
+def _listed(key: str, values: Any, accepted: str) -> Sequence[Any]:
+    """Return a list or a tuple, of None an empty one; raise BadInput for anything else."""
+    if values is None:
+        return ()
+    if not isinstance(values, Sequence) or isinstance(values, str):
+        raise bad_value(key, values, accepted)
+    return values
+
+
+def _check_integrals(form: Any, name: str, domain: _dolfinx.Mesh) -> None:
+    """Raise BadInput if an integral of a form is over no cell or facet of any rank. Collective."""
+    for integral in form.integrals():
+        symbol = _SYMBOLS[integral.integral_type()]
+        try:
+            counts = _dolfinx.count_entities(integral, domain)
+        except ValueError as error:
+            raise bad_value(name, f"{symbol}({integral.subdomain_id()})", str(error)) from None
+        totals = domain.comm.allreduce(np.array([*counts.values()], dtype=np.int64))
+        for number, total in zip(counts, totals, strict=True):
+            if total == 0:
+                accepted = f"an integral over {_ENTITIES[symbol]}; none has the tag {number}"
+                raise bad_value(name, f"{symbol}({number})", accepted)
+
+
+def _element(
+    u: _dolfinx.Function,
+    name: str | None,
+    materials: Mapping[Material, Any],
+    quadrature: int | None,
+    kinematics: Kinematics,
+) -> Element:
+    """The element by name or by the displacement's space, with the measures' quadrature degree."""
+    V = u.function_space
+    cell, degree = _dolfinx.cell_name(V.mesh), _dolfinx.degree(V)
+    fitting = [other for other in names_for(cell) if ELEMENTS[other].degree == degree]
+    if name is not None and name not in fitting:
+        accepted = f"one of {', '.join(fitting)}, for a displacement of degree {degree} on "
+        accepted += CELLS[cell]
+        raise bad_value("element", name, accepted)
+    measures = {m: measure for m, measure in materials.items() if _dolfinx.is_measure(measure)}
+    degrees = {_quadrature_degree(m, measure) for m, measure in measures.items()} or {quadrature}
+    if len(degrees) > 1:
+        found = ", ".join(sorted(str(d) for d in degrees))
+        raise bad_value("materials", f"quadrature degrees {found}", "the same for all measures")
+    return elements.element(name or fitting[0], degrees.pop(), kinematics)
+
+
+def _quadrature_degree(material: Material, measure: Any) -> Any:
+    """Return the degree in a measure's metadata; raise BadInput for what would be ignored."""
+    known = {"quadrature_degree", *RULE_KEYS}
+    key = f"materials[{material.name}].metadata"
+    for name, value in measure.metadata().items():
+        if name not in known:
+            raise unknown_name(f"{key} key", name, ("quadrature_degree",))
+        if name in RULE_KEYS and value not in DEFAULT_RULES:
+            accepted = "'default': materials have the quadrature rule of their element"
+            raise bad_value(f"{key}['{name}']", value, accepted)
+    degree = measure.metadata().get("quadrature_degree")
+    degree = degree.item() if isinstance(degree, np.integer) else degree
+    if degree is not None:
+        check_whole("quadrature_degree", degree, 1, MAX_QUADRATURE_DEGREE)
+    return degree

@@ -9,6 +9,7 @@ from functools import cached_property, partial
 from math import isfinite
 from typing import TYPE_CHECKING, Any
 
+from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
@@ -39,16 +40,14 @@ from fem_snh.linalg.direct_solver import is_symmetric
 from fem_snh.mesh.gmsh_model import Skin
 from fem_snh.mesh.mesh import cell_volumes, volume
 from fem_snh.mesh.mesh_checks import check_force_scale
-from fem_snh.problem.measures import body_measures
 from fem_snh.problem.mixed.taylor_hood import PressureBlock
 from fem_snh.problem.reactions import Reactions
 from fem_snh.problem.regime import Paths, regime_of
 from fem_snh.solver.protocol import Regime
 from fem_snh.terms.body import MotionInTime
 from fem_snh.terms.elastic import elastic_term, loops_over
-from fem_snh.terms.history import StepLimit, TermHistory
 from fem_snh.terms.rank_one import RankOneUpdate
-from fem_snh.terms.term import CouplingTerm, Term
+from fem_snh.terms.term import CouplingTerm, StepLimit, Term, TermHistory
 
 if TYPE_CHECKING:
     from fem_snh.problem.definition import Definition
@@ -571,3 +570,46 @@ def check_converged(reason: str, asked: str) -> None:
     """Raise BadInput, with what asks for a solution, unless the last solve found one."""
     if not reason.startswith("CONVERGED"):
         raise BadInput(f"{asked}: expected a solution that has converged: call solve()")
+
+
+def body_measures(
+    comm: MPI.Intracomm,
+    cell_fields: dict[str, Array],
+    u: Array,
+    parts: Mapping[str, Array] | None = None,
+) -> dict[str, Any]:
+    """Return measures of the whole body. Collective.
+
+    Parameters
+    ----------
+    comm : MPI.Intracomm
+        The communicator of the mesh.
+    cell_fields : dict of arrays
+        Volumes [m^3] and smallest J of this rank's cells.
+    u : (n, components) array
+        Displacement [m] of this rank's nodes.
+    parts : mapping of arrays, optional
+        Cells of parts of the body, as `Problem` takes them.
+
+    Returns
+    -------
+    dict
+        ``volume_ratio``, deformed over reference volume; ``min_J``, the smallest J at a quadrature
+        point; ``min_cell_J``, the smallest mean of J over a cell; ``max_u``, the largest nodal
+        displacement [m]; ``volumes``, the volume ratio of each part, if there are parts.
+    """
+    max_u = float(np.sqrt((u**2).sum(axis=1).max(initial=0.0)))
+    cells: list[Any] = [slice(None), *(parts or {}).values()]
+    volumes = [cell_fields[key] for key in ("deformed_volume", "volume")]
+    deformed, rest = comm.allreduce(np.array([[v[c].sum() for c in cells] for v in volumes]))
+    ratios = (deformed / rest).tolist()
+    min_J = float(cell_fields["min_J"].min(initial=np.inf))
+    mean_J = cell_fields["deformed_volume"] / cell_fields["volume"]
+    min_cell_J = float(mean_J.min(initial=np.inf))
+    found = {
+        "volume_ratio": ratios[0],
+        "min_J": float(comm.allreduce(min_J, op=MPI.MIN)),
+        "min_cell_J": float(comm.allreduce(min_cell_J, op=MPI.MIN)),
+        "max_u": float(comm.allreduce(max_u, op=MPI.MAX)),
+    }
+    return found | ({"volumes": dict(zip(parts, ratios[1:], strict=True))} if parts else {})

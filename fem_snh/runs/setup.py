@@ -14,18 +14,16 @@ from fem_snh import scenes, solver
 from fem_snh.assembly import elements
 from fem_snh.cache import Stopwatch
 from fem_snh.mesh import mesh as meshes
-from fem_snh.problem.definition import Definition
+from fem_snh.problem.definition import Definition, define
 from fem_snh.problem.initial_state import set_initial_state
-from fem_snh.problem.measures import Probes
+from fem_snh.problem.probes import Probes
 from fem_snh.problem.problem import Problem
-from fem_snh.problem.program import define
 from fem_snh.records.run_record import Note
 from fem_snh.runs.result import Result
 from fem_snh.scenes.build import build, make_material, make_mesh
 from fem_snh.steps.condensation import Condensation, choose_condensation, chosen_for_condensed
 from fem_snh.steps.poisson_continuation import PoissonContinuation
-from fem_snh.steps.step_solver import StepSolver
-from fem_snh.steps.stepping import Stepper
+from fem_snh.steps.stepping import Stepper, StepSolver
 
 if TYPE_CHECKING:
     from fem_snh.accuracy.goal_errors import Estimate

@@ -17,8 +17,8 @@ from fem_snh import _dolfinx
 from fem_snh.assembly.boundary_conditions import StartPath
 from fem_snh.contact.obstacle import names as obstacle_names
 from fem_snh.errors import ResultNote, in_words, on_root
+from fem_snh.problem.definition import check_displacement
 from fem_snh.problem.problem import Problem
-from fem_snh.problem.program import check_displacement
 from fem_snh.records.run_record import Note, load_record
 from fem_snh.runs.output.nodal_values import gather_rows, scatter_rows
 from fem_snh.scenes import Scene

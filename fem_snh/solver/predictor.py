@@ -1,6 +1,6 @@
 """Steps of the linearised problem: first guesses of Newton's method, and semi-implicit Euler.
 
-`fem_snh.steps.step_solver` calls ``predict`` before each solve, or makes the step of semi-implicit
+`fem_snh.steps.stepping` calls ``predict`` before each solve, or makes the step of semi-implicit
 Euler in its place.
 """
 

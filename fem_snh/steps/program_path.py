@@ -6,8 +6,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from typing import Any, NamedTuple
 
-from petsc4py import PETSc
-
 import numpy as np
 import numpy.typing as npt
 
@@ -22,25 +20,10 @@ from fem_snh.errors import BadInput
 from fem_snh.problem.conditions import LoadFunction
 from fem_snh.problem.definition import lifted_problem
 from fem_snh.problem.problem import Problem
-from fem_snh.steps.step_solver import StepSolver
-from fem_snh.steps.stepping import Stepper
+from fem_snh.steps.stepping import Stepper, StepSolver
 from fem_snh.steps.time_steps import TimeIntegration
 
 Array = npt.NDArray[np.float64]
-
-
-#: Relative change of boundary values that is rounding: of nodes in inclined planes, of one step.
-_ROUNDING = 1e-14
-
-
-def boundary_values_changed(problem: Problem) -> bool:
-    """Return whether the boundary values at load 1 are others than the unknowns'. Collective."""
-    prescribed, norm, load = problem.x.copy(), PETSc.NormType.INFINITY, problem.load
-    problem.set_load(1.0)
-    problem.prescribe(prescribed)
-    problem.set_load(load)
-    prescribed.axpy(-1.0, problem.x)
-    return bool(prescribed.norm(norm) > _ROUNDING * problem.x.norm(norm))
 
 
 class SolverChoice(NamedTuple):

@@ -26,7 +26,7 @@ from fem_snh.problem.supports import Supports
 from fem_snh.solver.step import update_lagged
 from fem_snh.steps.dynamics.integrators import Affine
 from fem_snh.steps.dynamics.motion_terms import Inertia
-from fem_snh.terms.history import MAX_SOLVES
+from fem_snh.terms.term import MAX_SOLVES
 
 #: The first rate r of a body that is free to move: the term is about as stiff as the body.
 _FIRST = 1.0

@@ -21,7 +21,7 @@ from benchmarks.accuracy_cases import exact
 from fem_snh import _dolfinx, cache, scenes
 from fem_snh.accuracy.goal_errors import Estimate, GoalError
 from fem_snh.accuracy.levels import LevelRow, Levels
-from fem_snh.accuracy.state_checks import is_at_rest
+from fem_snh.accuracy.state_notes import is_at_rest
 from fem_snh.cli import main
 from fem_snh.mesh import mesh as meshes
 from fem_snh.mesh.bisection import bisect

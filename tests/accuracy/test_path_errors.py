@@ -92,7 +92,7 @@ FEW = {"snes_max_it": 4}
 
 def halve_failed_steps(monkeypatch):
     """Let steps that fail be halved, in place of being solved again in another way."""
-    monkeypatch.setattr("fem_snh.steps.step_solver.StepSolver.can_rescue", False)
+    monkeypatch.setattr("fem_snh.steps.stepping.StepSolver.can_rescue", False)
 
 
 @lru_cache

@@ -10,8 +10,7 @@ from contact_problems import accurate_snes, constant, contact_problem, march, no
 from fem_snh.contact.obstacle_contact import RigidContact
 from fem_snh.runs import run
 from fem_snh.scenes import Scene
-from fem_snh.steps.step_solver import StepSolver
-from fem_snh.steps.stepping import Stepper
+from fem_snh.steps.stepping import Stepper, StepSolver
 from fem_snh.terms import history as term_history
 
 pytestmark = pytest.mark.one_debian

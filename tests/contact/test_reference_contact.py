@@ -17,8 +17,7 @@ from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.contact.reference_contact import ReferenceContact
 from fem_snh.kernels.material import material
 from fem_snh.mesh import mesh
-from fem_snh.steps.step_solver import StepSolver
-from fem_snh.steps.stepping import Stepper
+from fem_snh.steps.stepping import Stepper, StepSolver
 
 COMM = MPI.COMM_WORLD
 mpi = pytest.mark.mpi

@@ -20,8 +20,7 @@ from fem_snh.contact.samples import SurfaceSamples, cell_sizes, smallest_at_poin
 from fem_snh.geometry.closest_points import PseudoNormals, closest_points, triangle_normals
 from fem_snh.kernels.material import material
 from fem_snh.mesh import mesh
-from fem_snh.steps.step_solver import StepSolver
-from fem_snh.steps.stepping import Stepper
+from fem_snh.steps.stepping import Stepper, StepSolver
 
 COMM = MPI.COMM_WORLD
 mpi = pytest.mark.mpi

@@ -18,7 +18,7 @@ import fem_snh
 from fem_snh import _dolfinx
 from fem_snh.errors import BadInput
 from fem_snh.mesh import mesh
-from fem_snh.problem.measures import Probes
+from fem_snh.problem.probes import Probes
 
 mpi = pytest.mark.mpi
 CELLS = {"Q1": ("hexahedron", 1), "P1": ("tetrahedron", 1)} | {

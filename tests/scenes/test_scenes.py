@@ -43,7 +43,7 @@ def test_probes_of_a_scene_are_in_its_mesh(name: str, comm: Any) -> None:
     from fem_snh import _dolfinx
     from fem_snh.assembly.elements import ELEMENTS
     from fem_snh.mesh.mesh import generate
-    from fem_snh.problem.measures import Probes
+    from fem_snh.problem.probes import Probes
 
     scene = scenes.load(name, cells=COARSE.get(name, 4))
     assert isinstance(scene.mesh, scenes.Geometry)

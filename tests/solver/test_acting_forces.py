@@ -12,7 +12,7 @@ from dolfinx_programs import Bar, Press, unit_cube
 from running import solve
 
 import fem_snh
-from fem_snh.problem.program import define
+from fem_snh.problem.definition import define
 from fem_snh.scenes import Scene
 
 pytestmark = pytest.mark.mpi

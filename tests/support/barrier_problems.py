@@ -21,8 +21,7 @@ from fem_snh.errors import BadInput
 from fem_snh.kernels.material import material
 from fem_snh.mesh import mesh
 from fem_snh.problem.problem import Problem
-from fem_snh.steps.step_solver import StepSolver
-from fem_snh.steps.stepping import Stepper
+from fem_snh.steps.stepping import Stepper, StepSolver
 
 
 def _reason() -> str:

@@ -19,8 +19,7 @@ from fem_snh.geometry.motions import DisplacementMotion, MovingShape
 from fem_snh.geometry.shapes import Plane
 from fem_snh.kernels.material import material
 from fem_snh.steps.dynamics.dynamics import Dynamics
-from fem_snh.steps.step_solver import StepSolver
-from fem_snh.steps.stepping import Stepper
+from fem_snh.steps.stepping import Stepper, StepSolver
 from fem_snh.terms.loads import Gravity
 
 

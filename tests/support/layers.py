@@ -36,7 +36,7 @@ LAZY = {
     "linalg.ssor_cg": "small bodies are not deflated",
     "runs": "a scene imports only what its tables name: contact, bones, lattices, fields",
     "contact": "a scene imports only the method of contact that it names",
-    "steps.step_solver": "few steps need a second solver",
+    "steps.stepping": "few steps need a second solver",
     "terms": "tables are read and validated without PETSc; their terms need it",
     "scenes": "scenes are listed without sympy, which checks materials; without numpy's bones",
     "problem.definition": "bones are placed where there are some",

@@ -15,8 +15,7 @@ from fem_snh.contact.body_contact import BodyContact, BodyPair
 from fem_snh.kernels.material import material
 from fem_snh.mesh import mesh
 from fem_snh.problem.problem import Problem
-from fem_snh.steps.step_solver import StepSolver
-from fem_snh.steps.stepping import Stepper
+from fem_snh.steps.stepping import Stepper, StepSolver
 
 #: The constants of LLNL's contact patch test, and its displacement.
 K, G, PRESS = 10.0, 0.25, 0.01

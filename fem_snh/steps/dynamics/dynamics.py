@@ -24,8 +24,7 @@ from fem_snh.problem.problem import Problem
 from fem_snh.steps.dynamics.force_balance import ForceBalance, MeanForces, mean_force_terms
 from fem_snh.steps.dynamics.integrators import Affine, Before, MotionState, StepFormulas, create
 from fem_snh.steps.dynamics.prescribed import PrescribedMotion
-from fem_snh.terms.history import WorkingTerm
-from fem_snh.terms.term import Term
+from fem_snh.terms.term import Term, WorkingTerm
 
 if TYPE_CHECKING:
     from fem_snh.terms.rigid_parts import RigidParts

@@ -24,14 +24,13 @@ from fem_snh.assembly.unknowns import (
 from fem_snh.problem.problem import Problem
 from fem_snh.steps.dynamics.integrators import Affine
 from fem_snh.steps.dynamics.motion_terms import Inertia, RayleighDamping
-from fem_snh.terms.history import MeanForceTerm
-from fem_snh.terms.term import Term
+from fem_snh.terms.term import MeanForceTerm, Term
 
 Array = npt.NDArray[Any]
 
 
 class MeanForces(NamedTuple):
-    """Forces that a step has as their mean: see `fem_snh.terms.history.MeanForceTerm`.
+    """Forces that a step has as their mean: see `fem_snh.terms.term.MeanForceTerm`.
 
     Attributes
     ----------
