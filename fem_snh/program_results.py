@@ -76,7 +76,7 @@ def estimate_error(problem: NonlinearProblem, goals: Mapping[str, Any] | Sequenc
 
 def modes(
     problem: NonlinearProblem, count: int, density: float | None = None
-) -> vibrations.ProgramModes:
+) -> vibrations.VibrationModes:
     """Return the lowest modes of vibration about the last solution. Collective.
 
     They are those of small vibrations of the loaded body, with the exact Hessian and the
@@ -95,7 +95,7 @@ def modes(
 
     Returns
     -------
-    ProgramModes
+    VibrationModes
         ``frequencies`` [Hz] and ``shapes``, dolfinx Functions.
 
     Raises

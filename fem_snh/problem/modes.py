@@ -92,7 +92,7 @@ class Eigenproblem:
     """
 
     def __init__(self, problem: Problem, density: float | None, prefix: str) -> None:
-        self._x, self._comm, self._prefix = problem.x, problem.comm, prefix
+        self._x, self._V, self._comm, self._prefix = problem.x, problem.V, problem.comm, prefix
         domain, revolved = problem.domain, problem.kinematics.revolved
         regions = regions_with(domain, problem.regions, density)
         self.density = mean_density(problem, regions)
@@ -217,7 +217,7 @@ class Eigenproblem:
         return float(v.dot(w)), v
 
     def residual(self, value: float, v: PETSc.Vec) -> float:
-        """Return the relative residual of an eigenpair: see ``residuals`` of `ProgramModes`."""
+        """Return the relative residual of an eigenpair: see ``residuals`` of `VibrationModes`."""
         r, w = self.K.createVecs()
         self.K.mult(v, r)
         self.M.mult(v, w)
@@ -225,14 +225,15 @@ class Eigenproblem:
         r.axpy(-value, w)
         return float(r.norm() / size)
 
-    def shape(self, v: PETSc.Vec, factor: float) -> PETSc.Vec:
+    def shape(self, v: PETSc.Vec, factor: float) -> _dolfinx.Function:
         """Return ``factor`` times ``v`` on all dofs, zero at constrained ones, largest one > 0."""
-        x = self._x.duplicate()
+        x, shape = self._x.duplicate(), _dolfinx.function(self._V, "mode")
         self._displacements.mult(v, x)
         high, low = x.max()[1], x.min()[1]
         sign = -1.0 if -low > high * (1 + 1e-6) else 1.0
         x.scale(sign * factor)
-        return x
+        copy_to_function(ghosted(self._V, x.array_r), shape)
+        return shape
 
 
 def _free_basis(problem: Problem) -> PETSc.Mat:
@@ -292,52 +293,44 @@ _LARGEST_RESIDUAL = 1e-4
 
 @dataclass
 class VibrationModes:
-    """The lowest modes of a problem, in ascending order.
+    """The lowest modes of vibration about a solution.
 
     Attributes
     ----------
-    problem : Problem
-        The problem, in the state the modes are about.
     density : float
         Mean mass per reference volume [kg/m^3].
     mass : float
-        The body's mass [kg]; of a plane, per thickness.
+        The body's mass [kg]; of a plane, per thickness [kg/m].
+    length : float
+        V^(1/3) [m], in two dimensions the root of the area.
     frequencies : list of float
-        omega / (2 pi) [Hz]; -abs(omega) / (2 pi) where omega^2 < 0, in an unstable state.
+        omega / (2 pi) [Hz] in ascending order; -abs(omega) / (2 pi) where omega^2 < 0, in an
+        unstable state.
     residuals : list of float
         ||K phi - omega^2 M phi|| / ((abs(omega^2) + E / (density length^2)) ||M phi||).
-    shapes : list of PETSc.Vec
-        Mode shapes [m], vectors like the problem's ``x`` with phi . M phi = mass length^2. The
-        component with the largest absolute value is positive.
+    shapes : list of dolfinx Function
+        Mode shapes [m] in the displacement's space. Their mean square over the mass is the square
+        of ``length``; the component with the largest absolute value is positive.
     seconds : float
         Time of the computation.
     """
 
-    problem: Problem
     density: float
     mass: float
+    length: float
     frequencies: list[float]
     residuals: list[float]
-    shapes: list[PETSc.Vec]
+    shapes: list[_dolfinx.Function]
     seconds: float
 
-    def function(self, number: int) -> Any:
-        """Return the mode shape of a number, from 1, as a dolfinx Function. Collective."""
-        V = self.problem.V
-        shape = _dolfinx.function(V, "mode")
-        copy_to_function(ghosted(V, self.shapes[number - 1].array_r), shape)
-        return shape
+    def __str__(self) -> str:
+        return ", ".join(f"{frequency:.6g}" for frequency in self.frequencies) + " Hz"
 
     @property
     def record(self) -> dict[str, Any]:
         """The modes' entry in run.json."""
-        return {
-            "density": self.density,
-            "mass": self.mass,
-            "length": self.problem.length,
-            "frequencies": self.frequencies,
-            "residuals": self.residuals,
-        }
+        sizes = {"density": self.density, "mass": self.mass, "length": self.length}
+        return {**sizes, "frequencies": self.frequencies, "residuals": self.residuals}
 
 
 def lowest(
@@ -376,15 +369,9 @@ def lowest(
         )
     frequencies = np.sign(values) * np.sqrt(np.abs(values)) / (2 * np.pi)
     mass = eigenproblem.density * problem.length**problem.kinematics.volume_dimension
-    return VibrationModes(
-        problem,
-        eigenproblem.density,
-        mass,
-        frequencies.tolist(),
-        residuals,
-        [eigenproblem.shape(v, np.sqrt(mass) * problem.length) for v in vectors],
-        watch.seconds,
-    )
+    shapes = [eigenproblem.shape(v, np.sqrt(mass) * problem.length) for v in vectors]
+    given = eigenproblem.density, mass, problem.length, frequencies.tolist(), residuals
+    return VibrationModes(*given, shapes, watch.seconds)
 
 
 def check(problem: Problem, count: int) -> None:
@@ -426,38 +413,9 @@ def _library_errors() -> Iterator[None]:
         raise BadInput(f"modes: PETSc with MUMPS failed: {message}") from None
 
 
-class ProgramModes:
-    """The lowest modes of vibration about a solution of a program.
-
-    Attributes
-    ----------
-    frequencies : list of float
-        omega / (2 pi) [Hz] in ascending order; -abs(omega) / (2 pi) where omega^2 < 0, in an
-        unstable state.
-    shapes : list of dolfinx Function
-        Mode shapes [m] in the displacement's space. Their mean square over the mass is the square
-        of V^(1/3), in two dimensions of the root of the area; the component with the largest
-        absolute value is positive.
-    residuals : list of float
-        ||K phi - omega^2 M phi|| / ((abs(omega^2) + E / (density V^(2/3))) ||M phi||).
-    density : float
-        Mean mass per reference volume [kg/m^3].
-    mass : float
-        The body's mass [kg]; of a plane, per thickness [kg/m].
-    """
-
-    def __init__(self, found: VibrationModes) -> None:
-        self.frequencies, self.residuals = found.frequencies, found.residuals
-        self.density, self.mass = found.density, found.mass
-        self.shapes = [found.function(i) for i in range(1, len(found.shapes) + 1)]
-
-    def __str__(self) -> str:
-        return ", ".join(f"{frequency:.6g}" for frequency in self.frequencies) + " Hz"
-
-
 def program_modes(
     problem: Problem, count: int, density: float | None, prefix: str, reason: str
-) -> ProgramModes:
+) -> VibrationModes:
     """Return the lowest modes of vibration of a program: see `fem_snh.NonlinearProblem`."""
     check_whole("count", count, 1, INT32_MAX)
     if density is not None:
@@ -467,4 +425,4 @@ def program_modes(
         raise bad_value("density", None, accepted)
     check(problem, count)
     check_converged(reason, "vibration_modes")
-    return ProgramModes(lowest(problem, density, count, prefix + PREFIX))
+    return lowest(problem, density, count, prefix + PREFIX)

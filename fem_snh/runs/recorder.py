@@ -134,7 +134,7 @@ class Recorder:
         self.record["modes"] = modes.record
         self._seconds = self._seconds | {"modes": modes.seconds}
         if self._folder:
-            write_modes(self._folder.path / "modes.pvd", modes)
+            write_modes(self._folder.path / "modes.pvd", self._problem, modes)
         self._output += watch.seconds
 
     def add_estimate(self, estimate: Estimate) -> None:

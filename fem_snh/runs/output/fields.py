@@ -171,7 +171,7 @@ class Fields:
         return found
 
 
-def write_modes(path: Path, modes: VibrationModes) -> None:
+def write_modes(path: Path, problem: Problem, modes: VibrationModes) -> None:
     """Write the mode shapes to a .pvd file, at the times 1, 2, ... Collective.
 
     Each time has the mode shape ``mode`` [length] and the displacement about which the body
@@ -181,16 +181,17 @@ def write_modes(path: Path, modes: VibrationModes) -> None:
     ----------
     path : Path
         The .pvd file.
+    problem : Problem
+        The problem, in the state about which the body vibrates.
     modes : VibrationModes
         The eigenfrequencies and mode shapes.
     """
-    problem = modes.problem
     series = GridSeries(path, problem.V)
-    for number in range(1, len(modes.shapes) + 1):
-        shapes = {"displacement": problem.u, "mode": modes.function(number)}
+    for number, shape in enumerate(modes.shapes, 1):
+        shapes = {"displacement": problem.u, "mode": shape}
         points = [
-            DataArray(name, problem.kinematics.padded(shape.x.array))
-            for name, shape in shapes.items()
+            DataArray(name, problem.kinematics.padded(function.x.array))
+            for name, function in shapes.items()
         ]
         series.write(float(number), points)
 
