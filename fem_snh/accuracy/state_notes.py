@@ -129,7 +129,7 @@ def thin_support_note(problem: Problem, step: int | None = None) -> Note | None:
     They have no area: the finer the mesh, the smaller the force that a prescribed displacement
     needs there, down to zero.
     """
-    if (thin := problem.dirichlet.thin_supports()) is None:
+    if (thin := problem.dirichlet.thin_supports) is None:
         return None
     forces = problem.x.duplicate()
     problem.gradient(problem.x, forces)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from mpi4py import MPI
@@ -194,7 +195,6 @@ class Dirichlet:
         self.released: Array = np.empty(0, np.int64)
         self.rigid_parts: Array | None = None
         self.part_motions: Sequence[Array] = ()
-        self._thin: list[ThinSupports | None] = []
         if self._moves:
             self._check_planes()
 
@@ -267,16 +267,12 @@ class Dirichlet:
             found[self.planes.nodes] = True
         return found
 
+    @cached_property
     def thin_supports(self) -> ThinSupports | None:
-        """Return what nodes constrain that are on no constrained facet; None without any.
+        """What nodes constrain that are on no constrained facet; None without any. Collective.
 
-        Nodes in bones are none of them. Collective.
+        Nodes in bones are none of them.
         """
-        if not self._thin:
-            self._thin.append(self._find_thin_supports())
-        return self._thin[0]
-
-    def _find_thin_supports(self) -> ThinSupports | None:
         marked = self.constrained & ~covered_nodes(self._V, self.constrained, self._axis)
         for condition in self.conditions:
             if condition.plane:

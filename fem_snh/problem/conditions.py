@@ -99,7 +99,7 @@ def place_conditions(
         place.moving(bone, BONES, bone.nodes, range(3), bone, bone.moves) for bone in bones
     ]
     dirichlet = Dirichlet(V, conditions, kinematics, on_load)
-    if any(condition.moves for condition in conditions):
+    if lifted is None and any(condition.moves for condition in conditions):
         dirichlet.contradictions()  # raises BadInput for what a motion overrides as a whole
     return dirichlet
 
@@ -122,10 +122,10 @@ class _Place:
     def condition(self, given: Any, number: int) -> Condition:
         """Return a condition of the list, at its place in it. Collective."""
         label = f"bcs[{number}]"
+        if not is_condition(given):
+            raise bad_value(label, given, ACCEPTED)
         if hasattr(given, "dof_indices"):
             return self._of_dolfinx(given, label)
-        if not hasattr(given, "group"):
-            raise bad_value(label, given, ACCEPTED)
         motion = given.scaled(self._amplitudes) if isinstance(given, Move) else given
         moves = hasattr(motion, "displacement")
         table = "symmetry" if isinstance(given, Symmetry) else "move" if moves else "hold"

@@ -7,7 +7,7 @@ import pytest
 import ufl
 from bodies import PRESS
 from dolfinx import fem, mesh
-from dolfinx_programs import Bar, Press, converged, unit_cube
+from dolfinx_programs import Bar, Press, converged, tagged_measure, unit_cube
 from running import solve
 
 import fem_snh
@@ -74,6 +74,26 @@ def test_a_stretched_bar_has_no_error(comm, cell):
     assert found.goals["mean 3.x"].value == pytest.approx(0.25)
     for name, goal in found.goals.items():
         assert abs(goal.error) < 1e-5, name
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("last", ["move", "dolfinx"])
+def test_a_condition_that_another_one_overrides(comm, last):
+    """A table and a condition of dolfinx on one face: the estimate is that of the last alone."""
+    body = Press(unit_cube(comm, 2), height=-0.1)
+    ds = tagged_measure("ds", body.domain, [lambda x: np.isclose(x[2], 1.0)])
+    bottom, top = body.bcs
+    moved = fem_snh.Move(group=ds(1), translate=[0, 0, 0.2])
+    pair = [moved, top] if last == "dolfinx" else [top, moved]
+    found = []
+    for bcs in ([bottom, *pair], [bottom, pair[1]]):
+        body.u.x.array[:] = 0.0
+        problem = fem_snh.NonlinearProblem(body.u, {SNH: ufl.dx}, bcs=bcs)
+        problem.solve()
+        estimate = problem.estimate_error(["energy"])
+        assert estimate.reason == ""
+        found.append((estimate.goals["energy"].value, estimate.goals["energy"].error))
+    assert found[0] == pytest.approx(found[1], rel=1e-6)
 
 
 def test_terms_are_carried_over(comm):

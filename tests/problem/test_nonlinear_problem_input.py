@@ -109,6 +109,8 @@ def test_measures_of_nothing(body):
     empty = fem.dirichletbc(np.zeros(3), nodes, body.V)
     expected = "bcs[1] = 'a condition on no dof': expected a condition on at least one node"
     assert expected in message(body.u, {SNH: ufl.dx}, bcs=[body.bcs[0], empty])
+    pull = fem_snh.Traction(group=ds(1), vector=[0, 0, 1])
+    assert "expected a condition made by" in message(body.u, {SNH: ufl.dx}, bcs=[pull])
 
 
 def test_residuals_of_the_other_sign(body):
