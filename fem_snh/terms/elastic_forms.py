@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from math import isnan
 from typing import Any
 
-from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
@@ -25,6 +24,7 @@ from fem_snh.materials.parameters import BOUNDS
 from fem_snh.materials.volume_split import PRESSURE, Split, split
 from fem_snh.terms.body import WeightedMeasure, displacement_gradient, of_the_body
 from fem_snh.terms.elastic import Elastic
+from fem_snh.terms.mean_volume import MeanJ
 
 Array = npt.NDArray[Any]
 
@@ -42,7 +42,7 @@ class ElasticForms(Elastic):
             J_e = \frac{1}{V_e} \int_e J \, \mathrm{d}V \\
         \text{pressure} \quad & \int \psi'(F) + p J - U^*(p) \, \mathrm{d}V
 
-    The residual of the second has the pressure U'(J_e) of each cell as a coefficient.
+    The residual of the second has U'(J_e) as a coefficient, with the mean ratio J_e of each cell.
 
     Parameters are those of `Elastic`; every material must have an energy.
 
@@ -71,7 +71,7 @@ class ElasticForms(Elastic):
         super().__init__(V, element, regions, Q, pressure_scale)
         self._u = _dolfinx.function(V, "u")
         self._p = None if Q is None else _dolfinx.function(Q, "p")
-        self._mean: _MeanVolume | None = None
+        self._mean: MeanJ | None = None
         kinematics = element.kinematics
         F = ufl.variable(ufl.Identity(3) + displacement_gradient(self._u, kinematics))
         cells = [region.cells for region in regions]
@@ -85,22 +85,26 @@ class ElasticForms(Elastic):
             densities = [energy_density(m, F) for m in materials]
         else:
             parts = [split(m, BOUNDS[element.volume]) for m in materials]
-            if element.volume == "mean":
-                self._mean = _MeanVolume(V.mesh, F, measures, parts, cells)
             densities = [energy_density(part.deviatoric, F) for part in parts]
             if self._p is not None:
                 self._origin = _dolfinx.function(Q, "origin")
                 self._ratio = _dolfinx.constant(V.mesh, np.array(0.0))
                 p, w, s = pressure_scale * self._p, pressure_scale * self._origin, self._ratio
                 elastic = (p + s * w) / (1 + s)
+                duals = [_in_ufl(part, PRESSURE, part.dual_curve[0], elastic) for part in parts]
                 densities = [
-                    psi + p * ufl.det(F) - (1 + s) * _dual(part, elastic)
-                    for psi, part in zip(densities, parts, strict=True)
+                    psi + p * ufl.det(F) - (1 + s) * dual
+                    for psi, dual in zip(densities, duals, strict=True)
                 ]
-        form = sum(psi * dx for psi, dx in zip(densities, measures, strict=True))
-        self._energy = _dolfinx.form(form)
-        if self._mean:
-            form += sum(self._mean.pressure * ufl.det(F) * dx for dx in measures)
+        energy = form = sum(psi * dx for psi, dx in zip(densities, measures, strict=True))
+        if element.volume == "mean":
+            self._mean = MeanJ(self._u, kinematics, measures)
+            J = ufl.variable(self._mean.J)
+            for part, dx in zip(parts, measures, strict=True):
+                U = _in_ufl(part, MEASURES["J"], part.volume_curve[0], J)
+                energy += U * dx
+                form += ufl.diff(U, J) * ufl.det(F) * dx
+        self._energy = _dolfinx.form(energy)
         self._residuals = [
             _dolfinx.form(ufl.derivative(form, f, ufl.TestFunction(f.function_space)))
             for f in (self._u, self._p)
@@ -111,8 +115,6 @@ class ElasticForms(Elastic):
         """Return the energy [J]; +inf where u is outside the energy's domain. Collective."""
         self._set_state(u, p)
         energy = _dolfinx.assemble_scalar(self._energy)
-        if self._mean:
-            energy += self._mean.energy()
         return float("inf") if isnan(energy) else energy
 
     def add_residual(
@@ -138,62 +140,7 @@ class ElasticForms(Elastic):
             self._mean.update()
 
 
-def _dual(part: Split, p: Any) -> Any:
-    """Return U*(p), the conjugate of the volume term, as a UFL expression."""
-    arguments = (PRESSURE, *part.energy.constants)
-    call = sympy.lambdify(arguments, part.dual_curve[0], modules=FUNCTIONS)
-    return call(p, *part.energy.values)
-
-
-class _MeanVolume:
-    """The mean volume ratio of each cell, its energy and its pressure.
-
-    Attributes
-    ----------
-    pressure : dolfinx Function
-        U'(J_e) [Pa], constant on each cell.
-    """
-
-    def __init__(
-        self,
-        domain: _dolfinx.Mesh,
-        F: Any,
-        measures: Sequence[Any],
-        parts: Sequence[Split],
-        cells: Sequence[Array],
-    ) -> None:
-        space = _dolfinx.function_space(domain, 0, family="DG")
-        self.pressure = _dolfinx.function(space, "pressure")
-        test = ufl.TestFunction(space)
-        self._comm = domain.comm
-        self._form = _dolfinx.form(sum(ufl.det(F) * test * dx for dx in measures))
-        self._integrals = _dolfinx.create_vector(space)
-        dofs = _dolfinx.node_dofs(space)[:, 0]
-        self._dofs = [dofs[own] for own in cells]
-        volumes = self._integrals.duplicate()
-        _dolfinx.assemble_vector(volumes, _dolfinx.form(sum(test * dx for dx in measures)))
-        self._volumes = [volumes.array_r[own] for own in self._dofs]
-        self._curves = [
-            sympy.lambdify((MEASURES["J"], *part.energy.constants), part.volume_curve[:2], "numpy")
-            for part in parts
-        ]
-        self._constants = [part.energy.values for part in parts]
-        self._energies: list[Array] = []
-
-    def update(self) -> None:
-        """Compute the energies U(J_e) [Pa] and the pressures of the present state. Collective."""
-        _dolfinx.assemble_vector(self._integrals, self._form)
-        self._energies = []
-        integrals = self._integrals.array_r
-        for dofs, volumes, curve, constants in zip(
-            self._dofs, self._volumes, self._curves, self._constants, strict=True
-        ):
-            with np.errstate(invalid="ignore", divide="ignore"):  # outside the domain: NaN
-                U, pressure = curve(integrals[dofs] / volumes, *constants)
-            self._energies.append(U)
-            self.pressure.x.array[dofs] = pressure
-
-    def energy(self) -> float:
-        """Return the sum of V_e U(J_e) [J] of the state that `update` has seen. Collective."""
-        local = sum(float(v @ U) for v, U in zip(self._volumes, self._energies, strict=True))
-        return float(self._comm.allreduce(local, op=MPI.SUM))
+def _in_ufl(part: Split, symbol: sympy.Symbol, expression: sympy.Expr, value: Any) -> Any:
+    """Return an expression of a symbol and a part's constants in UFL."""
+    call = sympy.lambdify((symbol, *part.energy.constants), expression, modules=FUNCTIONS)
+    return call(value, *part.energy.values)
