@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from math import comb, factorial
 from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial import cKDTree
-from scipy.special import comb, factorial
 
 from fem_snh import _dolfinx
 from fem_snh._dolfinx import Mesh
@@ -23,6 +22,8 @@ _INSIDE = 1e-8
 #: Points up to so far outside of a reference cell are compared with all cells around, not only with
 #: the one of the nearest centre: a curved surface has such points.
 _MARGIN = 0.25
+#: So few points, such as probes, are compared with the boxes of all cells.
+_FEW = 16
 _SIMPLICES = "triangle", "tetrahedron"
 
 
@@ -119,7 +120,8 @@ class CellSearch:
             """Search a candidate for each point of ``rows`` that is in no cell so far."""
             some = outside[rows] > _INSIDE
             rows, candidates = rows[some], candidates[some]
-            at, distance, _ = self.invert(x, points[rows], candidates)
+            at, distance, found = self.invert(x, points[rows], candidates)
+            distance[~found] = np.maximum(distance[~found], _MARGIN)
             better = distance < outside[rows]
             chosen = rows[better]
             cells[chosen], xi[chosen] = candidates[better], at[better]
@@ -131,8 +133,8 @@ class CellSearch:
         turn = np.arange(len(point)) - np.searchsorted(point, point)
         for number in range(turn.max(initial=-1) + 1):
             search(point[turn == number], cell[turn == number])
-        lost = np.flatnonzero(np.isinf(outside))
-        search(lost, cKDTree(centers).query(points[lost])[1])
+        if len(lost := np.flatnonzero(np.isinf(outside))):
+            search(lost, _tree(centers).query(points[lost])[1])
         return cells, xi, outside
 
     def tabulate(self, xi: Array) -> Array:
@@ -173,7 +175,11 @@ class CellSearch:
         # Most cells of a large body are far from its surface's points, and most pairs far apart.
         first, last = points.min(axis=0), points.max(axis=0)
         close = np.flatnonzero(((middle + half >= first) & (middle - half <= last)).all(axis=1))
-        near = cKDTree(points).query_ball_point(
+        if len(points) <= _FEW:
+            apart = np.abs(points[:, None] - middle[close])
+            point, number = np.nonzero((apart <= half[close]).all(axis=2))
+            return point, close[number]
+        near = _tree(points).query_ball_point(
             middle[close], half[close].max(axis=1), p=np.inf, return_sorted=False
         )
         counts = np.fromiter(map(len, near), int, len(near))
@@ -189,6 +195,12 @@ def locate(domain: Mesh, points: Array) -> tuple[Array, Array, Array]:
     kind, degree = _dolfinx.cell_name(domain), _dolfinx.geometry_degree(domain)
     search = CellSearch(kind, degree, _dolfinx.geometry_dofs(domain))
     return search.closest(_dolfinx.geometry_x(domain)[:, :dim], points[:, :dim], _MARGIN)
+
+
+def _tree(points: Array) -> Any:
+    from scipy.spatial import cKDTree  # takes longer to import than a small solve
+
+    return cKDTree(points)
 
 
 def jacobian(table: Array, x: Array) -> Array:
@@ -209,9 +221,9 @@ def _control_points(kind: str, degree: int) -> Array:
         powers = np.column_stack([degree - powers.sum(axis=1), powers])
         coordinates = np.column_stack([1 - nodes.sum(axis=1), nodes])
         factors = coordinates[:, None] ** powers
-        count = factorial(degree) / factorial(powers).prod(axis=1)
+        count = factorial(degree) / np.vectorize(factorial)(powers).prod(axis=1)
         bernstein = count * factors.prod(axis=2)
     else:
         factors = nodes[:, None] ** powers * (1 - nodes[:, None]) ** (degree - powers)
-        bernstein = (comb(degree, powers) * factors).prod(axis=2)
+        bernstein = (np.vectorize(comb)(degree, powers) * factors).prod(axis=2)
     return np.asarray(np.linalg.inv(bernstein))

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh import _dolfinx
+from fem_snh.assembly.cell_search import locate
 from fem_snh.errors import BadInput
 
 Array = npt.NDArray[Any]
@@ -50,28 +51,26 @@ class Probes:
     """
 
     def __init__(self, u: _dolfinx.Function, probes: Sequence[ProbePoint]) -> None:
-        self._u, self._comm = u, u.function_space.mesh.comm
+        V = u.function_space
+        self._u, self._comm = u, V.mesh.comm
         self._names = [probe.name for probe in probes]
-        self._local = []
+        self._local: list[tuple[int, Array, Array]] = []
+        if not probes:
+            return
+        cells, xi, outside = locate(V.mesh, np.array([probe.point for probe in probes], float))
+        weights = _dolfinx.tabulate_values(V, xi)
         for number, probe in enumerate(probes):
-            found = self._nodes_and_weights(probe)
-            if found is not None:
-                self._local.append((number, *found))
-
-    def _nodes_and_weights(self, probe: ProbePoint) -> tuple[Any, Any] | None:
-        """Return the nodes of the probe's cell and their basis values; None on other ranks."""
-        V = self._u.function_space
-        cell, xi, outside = _dolfinx.locate(V.mesh, np.array(probe.point, dtype=float))
-        smallest, rank = self._comm.allreduce((outside, self._comm.rank), op=MPI.MINLOC)
-        in_plane = V.mesh.geometry.dim == 3 or not any(probe.point[2:])
-        if not smallest <= _TOLERANCE or not in_plane:
-            raise BadInput(
-                f"probe '{probe.name}': {list(probe.point)} is outside the body, which "
-                f"{_extent(V.mesh)}"
-            )
-        if rank != self._comm.rank:
-            return None
-        return _dolfinx.node_dofs(V)[cell], _dolfinx.tabulate_values(V, xi[None])[0]
+            own = float(outside[number]), self._comm.rank
+            smallest, rank = self._comm.allreduce(own, op=MPI.MINLOC)
+            in_plane = V.mesh.geometry.dim == 3 or not any(probe.point[2:])
+            if not smallest <= _TOLERANCE or not in_plane:
+                raise BadInput(
+                    f"probe '{probe.name}': {list(probe.point)} is outside the body, which "
+                    f"{_extent(V.mesh)}"
+                )
+            if rank == self._comm.rank:
+                nodes = _dolfinx.node_dofs(V)[cells[number]]
+                self._local.append((number, nodes, weights[number]))
 
     def weights(self) -> list[tuple[Any, Any]]:
         """Return local nodes and their basis values, for each point in a cell of this rank."""
