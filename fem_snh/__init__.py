@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     from fem_snh.contact.obstacle import Obstacle
     from fem_snh.dynamic_problem import DynamicProblem
     from fem_snh.kernels.material import material
-    from fem_snh.mesh.xao import write_xao
     from fem_snh.nonlinear_problem import NonlinearProblem
     from fem_snh.program_results import estimate_error, modes, reaction
     from fem_snh.runs import Result, run
@@ -49,7 +48,6 @@ __all__ = [
     "NonlinearProblem", "Obstacle", "Pressure", "Result", "Rigid", "SelfContact", "Spring",
     "Symmetry", "Term", "Traction", "error_from_meshes", "estimate_error", "fit", "fit_scene",
     "interpolate_run", "material", "materials", "modes", "reaction", "register_feature", "run",
-    "write_xao",
 ]  # fmt: skip
 
 #: Modules of the public names. They are imported on first use, as importing dolfinx is slow.
@@ -81,7 +79,6 @@ _MODULES = {
     "Symmetry": "terms.conditions",
     "Term": "terms.term",
     "Traction": "terms.loads",
-    "write_xao": "mesh.xao",
     "error_from_meshes": "accuracy.coarser_meshes",
 }
 

@@ -12,11 +12,9 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
-from gmsh_files import gmsh_model
 from paths import DATA
 from running import solve
 
-import fem_snh
 from fem_snh import scenes
 from fem_snh.errors import BadInput
 from fem_snh.mesh import gmsh_input, mesh, mesh_checks
@@ -105,42 +103,6 @@ def test_a_shape_has_default_cells_and_counts_by_its_content():
 
 
 TEXT = BUSH.read_text()
-
-
-TWO = """
-SetFactory("OpenCASCADE");
-Box(1) = {0, 0, 0, 1, 1, 1};
-Cylinder(2) = {1, 0.5, 0.5, 2, 0, 0, 0.3};
-Rotate {{0, 0, 1}, {0, 0, 0}, 0.5} { Volume{1, 2}; }
-"""
-
-
-def test_a_model_is_written_with_its_groups(tmp_path):
-    """Each surface is a group, with its centre as its name; bodies touch without common faces."""
-    with gmsh_model(TWO, tmp_path) as gmsh:
-        for body in (1, 2):
-            for dim, tag in gmsh.model.getBoundary([(3, body)], False, False):
-                group = gmsh.model.addPhysicalGroup(dim, [tag])
-                centre = gmsh.model.occ.getCenterOfMass(dim, tag)
-                name = f"{body}<&" + " ".join(f"{x:.6f}" for x in centre)
-                gmsh.model.setPhysicalName(dim, group, name)
-        current = gmsh.model.getCurrent()
-        fem_snh.write_xao(tmp_path / "two.xao")
-        assert gmsh.model.getCurrent() == current and len(gmsh.model.list()) == 1
-        with pytest.raises(BadInput, match=r"cannot write .*No such file"):
-            fem_snh.write_xao(tmp_path / "none" / "two.xao")
-        gmsh.clear()
-        with pytest.raises(BadInput, match="no geometry of OpenCASCADE"):
-            fem_snh.write_xao(tmp_path / "empty.xao")
-    data = gmsh_input.mesh_shape(str(tmp_path / "two.xao"), 6)
-    assert len(data.groups) == 9
-    for group in data.groups:
-        corners = data.x[group.entities]
-        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        areas = np.linalg.norm(normals, axis=1)
-        centre = areas @ corners.mean(axis=1) / areas.sum()
-        known = [float(x) for x in group.name.partition("<&")[2].split()]
-        assert centre == pytest.approx(known, abs=0.01)
 
 
 @pytest.mark.parametrize(

@@ -18,6 +18,7 @@ import io
 import os
 import re
 import shlex
+import shutil
 import sys
 import tomllib
 from collections.abc import Iterator
@@ -174,6 +175,8 @@ def run(page: Path) -> None:
     for block in blocks(page):
         if block.kind in SHELL and measured(page, block):
             continue
+        if block.note.startswith("file: "):
+            shutil.copy(ROOT / block.note.removeprefix("file: "), ".")
         if block.file_name:
             Path(block.file_name).write_text(block.text, encoding="utf-8")
         if block.kind == "toml":
