@@ -72,10 +72,9 @@ ESTIMATES = LIFTED_ELEMENT, COARSER_MESHES = "lifted_element", "coarser_meshes"
 #: Cells along the longest extent of the shape of a file, as gmsh chooses them by itself.
 DEFAULT_CELLS = 10
 
-#: How the cells of a lattice count that the body fills in part: by the filled fraction, or whole;
-#: whether parts of the body in one cell that do not touch have cells of their own; defaults first.
+#: How the cells of a lattice count that the body fills in part: by the filled fraction, or
+#: whole; the default first.
 LATTICE_WEIGHTINGS = ("fraction", "full")
-LATTICE_PARTS = ("separate", "joined")
 
 #: The default globalization if the user names a Hessian: the textbook's method with that Hessian,
 #: which with ``clamp`` is the method of Smith et al. 2018.

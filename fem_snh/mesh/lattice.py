@@ -10,7 +10,7 @@ import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.spatial import cKDTree
 
-from fem_snh.choices import LATTICE_PARTS, LATTICE_WEIGHTINGS
+from fem_snh.choices import LATTICE_WEIGHTINGS
 from fem_snh.errors import bad_value, choose
 from fem_snh.geometry.shapes import ClosedSurface, Shape
 from fem_snh.geometry.shapes.shape import Array
@@ -24,7 +24,7 @@ from fem_snh.geometry.surface_nets import (
 )
 from fem_snh.mesh.gmsh_input import fill
 from fem_snh.mesh.gmsh_model import MeshData, NodeCopies, PhysicalGroup, Skin
-from fem_snh.mesh.lattice_parts import FACES, Parts, joined, separate, without_fragments
+from fem_snh.mesh.lattice_parts import FACES, Parts, separate, without_fragments
 from fem_snh.mesh.lattice_samples import (
     Samples,
     refine,
@@ -55,7 +55,6 @@ def create(
     body: Callable[[], Shape],
     cell: float,
     weighting: str = LATTICE_WEIGHTINGS[0],
-    parts: str = LATTICE_PARTS[0],
     samples: int = 4,
     skin: int = 2,
 ) -> Mesh:
@@ -74,9 +73,6 @@ def create(
         Edge of a cell [length].
     weighting : {"fraction", "full"}
         Whether energy, mass and weight of a cell count by the part of it that the body fills.
-    parts : {"separate", "joined"}
-        Whether parts of the body that pass through one cell without touching have cells of their
-        own there.
     samples : int
         A cell is sampled on this many cubes along each edge.
     skin : int
@@ -88,10 +84,9 @@ def create(
         On every rank, for an unknown word, a body without bounds, and cells that do not fit it.
     """
     choose("weighting", weighting, LATTICE_WEIGHTINGS)
-    choose("parts", parts, LATTICE_PARTS)
 
     def make() -> MeshData:
-        return lattice(body(), cell, weighting == "fraction", parts == "separate", samples, skin)
+        return lattice(body(), cell, weighting == "fraction", samples, skin)
 
     return distribute(comm, "mesh.lattice", make)
 
@@ -100,7 +95,6 @@ def lattice(
     shape: Shape,
     cell: float,
     weighted: bool = True,
-    divided: bool = True,
     samples: int = 4,
     divisions: int = 2,
 ) -> MeshData:
@@ -115,7 +109,7 @@ def lattice(
     if not (found.coverage > 0.5).any():
         raise bad_value("cell", cell, "a smaller number: the body is thinner than the samples")
     found = cover(grid, found, points)
-    parts = without_fragments((separate if divided else joined)(grid, found))
+    parts = without_fragments(separate(grid, found))
     skin = carry(grid, found, parts, points, triangles)
     fractions = parts.fractions if weighted else None
     x = grid.origin + grid.size * parts.corners

@@ -1,4 +1,4 @@
-"""The nodes of a lattice: shared by its cells, or only by cells that the solid connects."""
+"""The nodes of a lattice: shared by cells that the solid connects."""
 
 from __future__ import annotations
 
@@ -50,18 +50,6 @@ class Parts(NamedTuple):
     fractions: Array
     nodes: Integers
     corners: Integers
-
-
-def joined(grid: Grid, samples: Samples) -> Parts:
-    """Return one cell for each of the samples; cells that touch share their nodes."""
-    n = len(samples.cells)
-    labels = np.where(_inside(samples), np.arange(1, n + 1, dtype=np.int32)[:, None, None, None], 0)
-    corner = samples.cells[:, None] + CORNERS
-    _, first, nodes = np.unique(grid.key(corner), return_index=True, return_inverse=True)
-    corners = corner.reshape(-1, 3)[first]
-    return Parts(
-        labels.astype(np.int32), np.arange(n), samples.fractions, nodes.reshape(n, 8), corners
-    )
 
 
 def separate(grid: Grid, samples: Samples) -> Parts:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
 from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag, model_validator
 
 from fem_snh.assembly.kinematics import kinematics_of
-from fem_snh.choices import ESTIMATES, LATTICE_PARTS, LATTICE_WEIGHTINGS, LIFTED_ELEMENT
+from fem_snh.choices import ESTIMATES, LATTICE_WEIGHTINGS, LIFTED_ELEMENT
 from fem_snh.errors import bad_value, choose, nearest
 from fem_snh.records.output_fields import LOCATIONS, NAMED
 from fem_snh.records.units import Units
@@ -58,7 +58,6 @@ Body = Annotated[
 
 
 Weighting = Annotated[str, OneOf(LATTICE_WEIGHTINGS)]
-Parts = Annotated[str, OneOf(LATTICE_PARTS)]
 
 
 class Lattice(Table):
@@ -73,11 +72,6 @@ class Lattice(Table):
         default=LATTICE_WEIGHTINGS[0],
         description="How energy, mass and weight of a cell count: by the fraction of it that the "
         "body fills, or in full.",
-    )
-    parts: Parts = Field(
-        default=LATTICE_PARTS[0],
-        description="Whether parts of the body that pass through one cell without touching have "
-        "cells of their own there, separate, or share one, joined.",
     )
     samples: Annotated[int, Whole(*_SAMPLES)] = Field(
         default=4,

@@ -131,7 +131,7 @@ def make_mesh(comm: Any, scene: Scene) -> Mesh:
         from fem_snh.mesh import lattice
 
         chosen = scene.mesh
-        choices = chosen.cell, chosen.weighting, chosen.parts, chosen.samples, chosen.skin
+        choices = chosen.cell, chosen.weighting, chosen.samples, chosen.skin
         return lattice.create(comm, partial(shape_of, chosen.lattice), *choices)
     parameters = _cells(scene) | scene.mesh.parameters
     element = elements.element(scene.element, None, kinematics_of(scene.kinematics))
