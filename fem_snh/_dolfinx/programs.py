@@ -13,7 +13,7 @@ import ufl
 from dolfinx import fem
 from dolfinx.fem import FunctionSpace
 
-from fem_snh._dolfinx.meshes import cell_facets, exterior_facets, num_owned
+from fem_snh._dolfinx.meshes import exterior_facets, num_owned
 
 Array = np.ndarray
 
@@ -105,17 +105,6 @@ def _tagged(measure: Any, domain: Any) -> dict[int, Array]:
             raise ValueError(f"meshtags of {kind}")
         indices, values = np.asarray(data.indices), np.asarray(data.values)
         found = {i: indices[values == i] for i in ids}
-    elif isinstance(data, Sequence):  # (id, entities) pairs, since 0.8
-        empty = np.empty(0, np.int32)
-        found = {
-            i: np.concatenate([empty, *(np.asarray(e) for j, e in data if i == j)]) for i in ids
-        }
-        if not of_cells:  # each facet by its cell and its number in that cell
-            facets = cell_facets(domain)
-            for i, entities in found.items():
-                cells, numbers = entities.reshape(-1, 2).astype(np.int32).T
-                owned = cells < len(facets)
-                found[i] = facets[cells[owned], numbers[owned]]
     else:
         raise ValueError(f"a measure with subdomain_data (meshtags of the {kind})")
     return {i: entities[np.isin(entities, known)].astype(np.int32) for i, entities in found.items()}

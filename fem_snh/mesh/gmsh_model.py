@@ -264,13 +264,9 @@ def _load_shape(gmsh: Any, path: Path, folder: Path) -> None:
     loose = _loose(gmsh)
     for group in groups:
         if loose[group.dim]:  # gmsh visits them in another order than the file
-            first, top = max(filter(None, loose))[0], gmsh.model.getDimension()
-            middle = np.reshape(gmsh.model.getBoundingBox(*first), (2, 3)).mean(axis=0)
-            place = ", ".join(f"{x:.4g}" for x in middle)
             raise BadInput(
-                f"it has {xao.LISTS[first[0]]} that bound no {xao.ENTRIES[top]}, around ({place}), "
-                f"so that its groups of {xao.LISTS[group.dim]} are not known: expected a shape "
-                f"without them, or {xao.LISTS[top]} that they cut (gmsh's BooleanFragments)"
+                f"it has {xao.LISTS[group.dim]} that bound no part of the body, so that its groups "
+                "of them are not known: expected a shape without (gmsh's BooleanFragments)"
             )
         chosen = [tags[group.dim][rank] for rank in group.entities]
         number = gmsh.model.addPhysicalGroup(group.dim, chosen, group.tag)
@@ -413,30 +409,6 @@ def fill(points: np.ndarray, triangles: np.ndarray, size: float) -> MeshData:
         return _extract(gmsh)
 
 
-def _other_cells(kinds: list[tuple[str, int, int, int]]) -> str:
-    """Return what is wrong with cells, and which of gmsh's options makes other ones.
-
-    ``kinds`` are their names, dimension, order and number of nodes.
-    """
-    names, dim = in_words(name for name, *_ in kinds), kinds[0][1]
-    wanted = "tetrahedra, or all hexahedra" if dim == 3 else "triangles, or all quadrilaterals"
-    whole = {8: 9, 20: 27}
-    cures = []
-    if any(order > 2 for _, _, order, _ in kinds):
-        cures.append("Mesh.ElementOrder = 2")
-    if lacking := [whole[count] for _, _, order, count in kinds if order == 2 and count in whole]:
-        cures.append(f"Mesh.SecondOrderIncomplete = 0 makes cells of {lacking[0]} nodes")
-    if dim == 3 and any(name.startswith(("Prism", "Pyramid")) for name, *_ in kinds):
-        cures.append(
-            "Recombine Surface, of those that are extruded, makes hexahedra, an Extrude without "
-            "Recombine tetrahedra"
-        )
-    elif len(kinds) > 1:
-        cures.append("recombine all surfaces, or none")
-    cure = f" ({'; '.join(cures)})" if cures else ""
-    return f"it has cells {names}: all must be {wanted}, order 1-2{cure}"
-
-
 def _extract(gmsh: Any) -> MeshData:
     """Return the cells and the physical groups of gmsh's current model.
 
@@ -450,7 +422,12 @@ def _extract(gmsh: Any) -> MeshData:
     if not len(types):
         raise BadInput("it has no volume cells: mesh in 3 dimensions, and save all elements")
     if len(types) > 1 or types[0] not in _CELLS:
-        raise BadInput(_other_cells([mesh.getElementProperties(t)[:4] for t in types]))
+        names = in_words(mesh.getElementProperties(kind)[0] for kind in types)
+        wanted = "tetrahedra or hexahedra" if dimension == 3 else "triangles or quadrilaterals"
+        raise BadInput(
+            f"it has cells {names}: expected only {wanted}, of order 1 or 2 "
+            "(Mesh.SecondOrderIncomplete = 0 gives hexahedra 27 nodes, quadrilaterals 9)"
+        )
     kind, degree, size = _CELLS[types[0]]
     # Drop nodes without a cell (centres of arcs); gmsh's node numbers may have gaps.
     used, cells = np.unique(np.asarray(cell_nodes[0], dtype=np.int64), return_inverse=True)
