@@ -1,35 +1,11 @@
-"""The pattern of a matrix of blocks, against scipy's."""
+"""The columns of unknowns of a pattern of blocks, against a dense one."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.sparse import coo_matrix
 
-from fem_snh.assembly.matrix_layout import BlockSparsity
 from fem_snh.kernels.block_pattern import BlockPattern, unknown_columns
-
-
-@pytest.mark.parametrize("n", [0, 1, 3000])
-def test_pattern_of_repeated_pairs(n):
-    random = np.random.default_rng(n)
-    rows, columns = random.integers(0, 60, n), random.integers(0, 40, n)
-    pattern = BlockPattern(rows, columns, 70, 50)
-    expected = coo_matrix((np.ones(n), (rows, columns)), shape=(70, 50)).tocsr()
-    assert np.array_equal(pattern.indptr, expected.indptr)
-    assert np.array_equal(pattern.indices, expected.indices)
-    assert np.array_equal(pattern.indices[pattern.find(rows, columns)], columns)
-
-
-def test_offsets_of_blocks_of_several_sizes():
-    """Rows of 3 and 1 unknowns, the values of each row of unknowns contiguous, as in AIJ."""
-    sizes = np.array([3, 3, 1])
-    pattern = BlockPattern(np.array([0, 0, 2, 1]), np.array([2, 0, 2, 1]), 3, 3)
-    sparsity = BlockSparsity(pattern, sizes, sizes)
-    assert sparsity.block_offsets.tolist() == [0, 3, 12, 21]
-    assert sparsity.row_lengths.tolist() == [4, 3, 1]
-    offsets = sparsity.offsets(np.array([0, 0, 1, 2]), np.array([0, 2, 1, 2]))
-    assert offsets.tolist() == [0, 3, 12, 21]
 
 
 @pytest.mark.parametrize("seed", range(4))

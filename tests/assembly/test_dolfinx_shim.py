@@ -1,10 +1,9 @@
-"""The shim gives the same on every dolfinx: layouts, assembly, output that readers agree with."""
+"""Output through the shim: series that readers agree with."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
-import ufl
 from polynomials import ELEMENTS, linear, quadratic
 
 from fem_snh import _dolfinx
@@ -21,49 +20,6 @@ def space(request, comm):
     cell, degree = request.param
     m = mesh.generate(comm, "cylinder", cell, cells=4)
     return _dolfinx.function_space(m.domain, degree, (3,))
-
-
-def gathered(comm, array):
-    return np.concatenate(comm.allgather(array))
-
-
-@pytest.mark.one_debian("ranks")
-@mpi
-def test_own_loop_over_cells_gives_dolfinx_integrals(comm, space):
-    """A field's gradient by node_dofs, tabulate and the geometry's twins, against a form."""
-    field = quadratic if _dolfinx.degree(space) == 2 else linear
-    u = _dolfinx.function(space, "u")
-    u.interpolate(field)
-    domain = space.mesh
-    points, weights = _dolfinx.quadrature(_dolfinx.cell_name(domain), 6)
-    x = _dolfinx.geometry_x(domain)[_dolfinx.geometry_dofs(domain)]
-    jacobian = np.einsum("cni,pnj->cpij", x, _dolfinx.tabulate_geometry(domain, points))
-    gradient = np.einsum(
-        "pnj,cpji->cpni", _dolfinx.tabulate(space, points), np.linalg.inv(jacobian)
-    )
-    with _dolfinx.petsc_vec(u).localForm() as local:
-        values = local.array_r.reshape(-1, 3)[_dolfinx.node_dofs(space)]
-    assert sum(_dolfinx.num_nodes(space)) * 3 == u.x.array.size
-    grad = np.einsum("cni,cpnj->cpij", values, gradient)
-    volumes = abs(np.linalg.det(jacobian)) * weights
-    weight = np.random.default_rng(1).normal(size=(3, 3))
-    own = comm.allreduce(float(np.einsum("cpij,ij,cp->", grad, weight, volumes)))
-    integrand = ufl.inner(ufl.grad(u), ufl.as_matrix(weight.tolist()))
-    form = _dolfinx.form(integrand * ufl.dx(metadata={"quadrature_degree": 6}))
-    assert own == pytest.approx(_dolfinx.assemble_scalar(form), rel=1e-12)
-
-
-@mpi
-def test_nodes_are_numbered_once_over_the_ranks(comm, space):
-    owned, ghosts = _dolfinx.num_nodes(space)
-    numbers = _dolfinx.local_to_global(space)
-    assert (numbers.dtype, len(numbers)) == (np.int64, owned + ghosts)
-    total = space.dofmap.index_map.size_global
-    assert np.array_equal(np.sort(gathered(comm, numbers[:owned])), np.arange(total))
-    dofs = _dolfinx.node_dofs(space)
-    assert dofs.dtype == np.int32 and len(dofs) == len(_dolfinx.geometry_dofs(space.mesh))
-    assert comm.allreduce(len(dofs)) == comm.allreduce(_dolfinx.num_owned(space.mesh))
-    assert np.array_equal(np.unique(dofs), np.arange(owned + ghosts))
 
 
 @pytest.mark.one_debian("ranks")
