@@ -8,13 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cache
-from typing import Any, NamedTuple, Self
+from typing import Any, Self
 
 from petsc4py import PETSc
 
 import numpy as np
 import numpy.typing as npt
-from scipy.sparse import bsr_matrix, csgraph, csr_matrix
+from scipy.sparse import csgraph, csr_matrix
 
 from fem_snh._dolfinx import FunctionSpace
 from fem_snh.assembly.assembled_matrix import BlockMatrix
@@ -26,7 +26,7 @@ from fem_snh.contact.surface_contact import SelfContactTerm
 from fem_snh.errors import BadInput, NotSettled, choose
 from fem_snh.mesh.gmsh_model import Skin
 from fem_snh.processes import call
-from fem_snh.terms.term import LaggedChange, StepLimitingTerm, WorkingTerm, relative
+from fem_snh.terms.term import LaggedChange, StepLimitingTerm
 
 Array = npt.NDArray[Any]
 
@@ -35,8 +35,8 @@ Array = npt.NDArray[Any]
 _STIFFNESS = 0.1
 
 
-class IPC(SelfContactTerm, WorkingTerm, StepLimitingTerm):
-    """Self-contact by a barrier, with friction: the term of `BarrierEnergy`. Collective.
+class IPC(SelfContactTerm, StepLimitingTerm):
+    """Self-contact by a barrier: the term of `BarrierEnergy`. Collective.
 
     The energy is infinite where surfaces touch. `largest_step` keeps every step shorter than its
     first collision, so that the surface never intersects itself. Every rank evaluates the whole
@@ -55,8 +55,6 @@ class IPC(SelfContactTerm, WorkingTerm, StepLimitingTerm):
     distance : float, optional
         The distance d at which contact begins [m]. Default: a tenth of the mean edge, at most 0.9
         of the smallest distance in the mesh.
-    friction : float, optional
-        Coulomb's coefficient mu.
     kinematics : Kinematics, optional
         That of the displacement: of a solid, of a plane, or axisymmetric.
 
@@ -80,7 +78,6 @@ class IPC(SelfContactTerm, WorkingTerm, StepLimitingTerm):
         regions: Sequence[Region],
         stiffness: float | None = None,
         distance: float | None = None,
-        friction: float = 0.0,
         kinematics: Kinematics = SOLID,
     ) -> None:
         super().__init__(V, skin, kinematics)
@@ -93,20 +90,10 @@ class IPC(SelfContactTerm, WorkingTerm, StepLimitingTerm):
         surface.check(points, "in the mesh")
         modulus = reference_modulus(V.mesh, regions)
         self.stiffness = _STIFFNESS * modulus if stiffness is None else stiffness
-        self._checked, self._coefficient, self.distance = False, friction, 0.0
+        self._checked, self.distance = False, 0.0
         self._blocks: tuple[Array, str, Blocks] | None = None
         self._set_distance(surface.default_distance(points) if distance is None else distance)
         self._narrower = 1.0  # its own distance over the present one
-        # Forces of friction at the end of the last step, and where the next one starts.
-        self._old: Array = np.zeros((len(self.surface.support.X), kinematics.components))
-        self._origin = np.zeros_like(self._old)
-        self._next: Array | None = None
-
-    def set_load(self, load: float) -> None:
-        """Start friction in the step to this load, of which `begin_step` gave the start."""
-        if self._next is not None:
-            self._energy.lag(self._next)
-            self._next = self._blocks = None
 
     def scale_penalties(self, factor: float) -> bool:
         """Divide the distance, to which the gap at a given pressure is in proportion.
@@ -128,20 +115,11 @@ class IPC(SelfContactTerm, WorkingTerm, StepLimitingTerm):
         self._set_distance(other.distance)
 
     def _set_distance(self, distance: float) -> None:
-        """Set the distance at which contact begins [m], in a state without friction."""
+        """Set the distance at which contact begins [m]."""
         if distance != self.distance:
-            self.distance = distance
-            values = self.stiffness, distance, self._coefficient
-            self._energy, self._blocks = BarrierEnergy(self.collision_surface, *values), None
+            self.distance, self._blocks = distance, None
+            self._energy = BarrierEnergy(self.collision_surface, self.stiffness, distance)
             self.pairs = [self._energy]
-
-    def add_residual(
-        self, u: PETSc.Vec, p: PETSc.Vec | None, r_u: PETSc.Vec, r_p: PETSc.Vec | None
-    ) -> None:
-        """Add the forces [N] to this rank's own entries of ``r_u``. Collective."""
-        super().add_residual(u, p, r_u, r_p)
-        if self._next is not None:
-            self.surface.support.add_own(self._old, self._rows(r_u))
 
     def couplings(self, u: PETSc.Vec) -> Array:
         """Return the pairs of nodes that the Hessian couples: see `CouplingTerm`. Collective."""
@@ -174,8 +152,8 @@ class IPC(SelfContactTerm, WorkingTerm, StepLimitingTerm):
 
         ``pairs`` in contact; ``distance`` [m], the smallest, or None without a pair; ``force`` [N],
         half of the sum of the magnitudes of the points' forces; ``bodies``, the force [N] of
-        contact on each connected part of the surface, and ``friction``, its part of it;
-        ``stiffness`` [Pa]; ``activation`` [m], the distance at which contact begins.
+        contact on each connected part of the surface; ``stiffness`` [Pa]; ``activation`` [m], the
+        distance at which contact begins.
         """
         x = self.configuration(u)
         collisions, forces = self._energy.collisions(x), -self._energy.gradient(x)
@@ -188,15 +166,10 @@ class IPC(SelfContactTerm, WorkingTerm, StepLimitingTerm):
             "stiffness": self.stiffness,
             "activation": self.distance,
         }
-        if self._energy.friction:
-            row["friction"] = self.collision_surface.sums(-self._energy.friction_gradient(x))
         return {"self_contact": row}
 
     def begin_step(self, u: PETSc.Vec) -> None:
         """Start a step from a state; the first one must not intersect itself. Collective.
-
-        Until `set_load` the forces of friction are those at the end of the last step: an integrator
-        that weights the forces of both ends of a step evaluates them here.
 
         Raises
         ------
@@ -206,58 +179,20 @@ class IPC(SelfContactTerm, WorkingTerm, StepLimitingTerm):
         x = self.configuration(u)
         if not self._checked:
             self.collision_surface.check(x, "at the start")
-        self._checked = True
-        self._energy.begin_step(x)
-        self._origin = self.surface.support.gather(self._nodal(u))
-        self._next, self._blocks = x, None
+        self._checked, self._blocks = True, None
+        self._energy.begin_step()
 
     def update_lagged(self, u: PETSc.Vec) -> LaggedChange:
-        """Update the normal forces of friction; return the change of its forces. Collective.
+        """Return no change: nothing is lagged. Collective.
 
         Raises
         ------
         NotSettled
             On every rank, if the surface intersects itself after all.
         """
-        x = self.configuration(u)
-        if self.collision_surface.intersects(x):
+        if self.collision_surface.intersects(self.configuration(u)):
             raise NotSettled("the surface intersects itself")
-        ratio = self._energy.settle(x)
-        if not ratio <= 1:
-            self._blocks = None
-        return LaggedChange(ratio, "self_contact: the change of friction's forces")
-
-    def end_step(self, u: PETSc.Vec) -> None:
-        """Keep the forces of friction, and leave its energy out: it is dissipated. Collective."""
-        self._energy.ended = True
-        if self._coefficient:
-            self._old = self._friction_forces(u)
-
-    def step_work(self, u: PETSc.Vec, end_weight: float) -> tuple[float, float]:
-        """Return 0 and what friction dissipated in the step [J]: see `WorkingTerm`. Collective."""
-        if not self._coefficient:
-            return 0.0, 0.0
-        forces = end_weight * self._friction_forces(u) + (1 - end_weight) * self._old
-        return 0.0, float(
-            (forces * (self.surface.support.gather(self._nodal(u)) - self._origin)).sum()
-        )
-
-    def history(self) -> tuple[Array, Array]:
-        """Return this rank's nodes (n, 3) and the forces of friction there (n, 3)."""
-        own = self.surface.support.is_own if self._coefficient else slice(0)
-        return self.surface.support.X[own], self._old[own]
-
-    def set_history(self, values: Array) -> None:
-        """Set the forces of friction, in the order of `history`. Collective."""
-        if self._coefficient:
-            parts = self.surface.support.comm.allgather(
-                np.asarray(values).reshape(-1, self._old.shape[1])
-            )
-            self._old = np.concatenate(parts)
-
-    def _friction_forces(self, u: PETSc.Vec) -> Array:
-        """Return the derivative of friction's energy by the nodes, (m, 3). Collective."""
-        return self.surface.nodal(self._energy.friction_gradient(self.configuration(u)))
+        return LaggedChange()
 
     def configuration(self, u: PETSc.Vec) -> Array:
         """Return the positions of the surface's points (n, dim), in Fortran order. Collective."""
@@ -493,89 +428,12 @@ def _rows(x: Array) -> Array:
     return np.asfortranarray(x, dtype=float)
 
 
-#: Slip of a step below which surfaces stick, in activation distances: far below what is seen, and
-#: large enough that Newton's method meets no kink.
-_STICKING = 0.05
-
-
-class LaggedFriction(NamedTuple):
-    r"""The energy of friction of k collisions in a step, of the slip since its start.
-
-    With the lagged normal force :math:`\ell_k` and tangent plane of a collision, on which
-    :math:`T_k` projects,
-
-    .. math:: E = \sum_k \mu \ell_k f_0(|s_k|), \qquad
-        f_0'(y) = \begin{cases} 2 y/\epsilon - y^2/\epsilon^2 & y < \epsilon \\ 1 \end{cases}
-
-    (Li et al. 2020, eq. 13 to 16). The slip is :math:`s_k = T_k (r_k - c_k r_k^0)`, with the
-    vector r between the closest points of both parts and the same vector at the start of the step,
-    which :math:`c_k \le 1` shortens to the lagged distance along the lagged normal: an approach is
-    no slip. With :math:`c_k = 1` it is one as soon as the normal tilts; where the parts stick, the
-    next solve tilts the normal back by the ratio of both distances, and the step does not settle.
-
-    Attributes
-    ----------
-    matrix : (k d, n d) sparse
-        From the coordinates of points to relative positions in the tangent planes.
-    offset : (k, d)
-        Relative positions from which the slip counts [m].
-    limit : (k,)
-        Coulomb's limit of the force, mu times the lagged normal force [N].
-    width : float
-        The slip epsilon below which the parts stick [m].
-    """
-
-    matrix: Any
-    offset: Array
-    limit: Array
-    width: float
-
-    def energy(self, x: Array) -> float:
-        """Return the energy [J] at points x (n, d)."""
-        (_, y), width = self._slip(x), self.width
-        sticking = y**2 / width - y**3 / (3 * width**2) + width / 3
-        return float(self.limit @ np.where(y < width, sticking, y))
-
-    def gradient(self, x: Array) -> Array:
-        """Return the energy's derivative [N] by the points, (n, d)."""
-        slip, y = self._slip(x)
-        forces = (self.limit * self._factor(y))[:, None] * slip
-        return np.asarray(self.matrix.T @ forces.ravel()).reshape(x.shape)
-
-    def hessian(self, x: Array) -> Any:
-        """Return the second derivative [N/m], a sparse (d n, d n) matrix without negative values.
-
-        The energy is convex.
-        """
-        slip, y = self._slip(x)
-        unit = slip / np.where(y > 0, y, 1.0)[:, None]
-        # f_0'' - f_0'/y
-        along = np.where(y < self.width, -y / self.width**2, -1 / np.maximum(y, self.width))
-        blocks = self._factor(y)[:, None, None] * np.eye(slip.shape[1])
-        blocks += along[:, None, None] * unit[:, :, None] * unit[:, None, :]
-        blocks *= self.limit[:, None, None]
-        middle = bsr_matrix((blocks, np.arange(len(y)), np.arange(len(y) + 1)))
-        return (self.matrix.T @ middle @ self.matrix).tocsc()
-
-    def _slip(self, x: Array) -> tuple[Array, Array]:
-        """Return the slip at points x (n, d), (k, d) [m], and its length, (k,)."""
-        slip = np.asarray((self.matrix @ x.ravel()).reshape(self.offset.shape) - self.offset)
-        return slip, np.linalg.norm(slip, axis=1)
-
-    def _factor(self, y: Array) -> Array:
-        """Return f_0'(y) / y."""
-        width = self.width
-        return np.where(y < width, 2 / width - y / width**2, 1 / np.maximum(y, width))
-
-
 #: The sparsity pattern has all pairs within this many activation distances.
 _PATTERN = 2.0
-#: Friction has settled when new normal forces change its forces by less than this fraction of them.
-_SETTLED = 1e-3
 
 
 class BarrierEnergy:
-    r"""The energy of a barrier between all parts of a surface, and of friction. Not collective.
+    r"""The energy of a barrier between all parts of a surface. Not collective.
 
     .. math:: E = \kappa \hat d \sum_k w_k\, b(d_k/\hat d), \qquad
         b(s) = -(s^2 - 1)^2 \ln s^2 \quad \text{for}\ s < 1
@@ -591,26 +449,12 @@ class BarrierEnergy:
         The stiffness kappa [Pa].
     distance : float
         The activation distance [m].
-    friction : float
-        Coulomb's coefficient.
-
-    Attributes
-    ----------
-    friction : LaggedFriction or None
-        The friction of a step; None without any.
-    ended : bool
-        Whether no step has begun since the last one: friction has dissipated its energy then.
     """
 
-    def __init__(
-        self, surface: CollisionSurface, stiffness: float, distance: float, friction: float
-    ) -> None:
-        self._surface, self._distance, self._coefficient = surface, distance, friction
+    def __init__(self, surface: CollisionSurface, stiffness: float, distance: float) -> None:
+        self._surface, self._distance = surface, distance
         self._barrier = surface.ipctk.BarrierPotential(distance, stiffness, True)
-        self.friction: LaggedFriction | None = None
-        self._start: Array = np.zeros(0)
         self._last: tuple[Array, Any] | None = None
-        self.ended = False
 
     def collisions(self, x: Array) -> Any:
         """Return the ipctk.NormalCollisions at points x, of the last call if x is the same."""
@@ -619,24 +463,19 @@ class BarrierEnergy:
         return self._last[1]
 
     def energy(self, x: Array) -> float:
-        """Return the energy of the barrier and, within a step, of friction [J]."""
-        energy = float(self._barrier(self.collisions(x), self._surface.mesh, x))
-        return energy + self.friction.energy(x) if self.friction and not self.ended else energy
+        """Return the energy [J]."""
+        return float(self._barrier(self.collisions(x), self._surface.mesh, x))
 
     def gradient(self, x: Array) -> Array:
-        """Return the derivative of the energy and of that of friction, (n, 3) [N]."""
-        return self._normal_gradient(x) + self.friction_gradient(x)
-
-    def friction_gradient(self, x: Array) -> Array:
-        """Return the derivative of the energy of friction, (n, 3) [N]."""
-        return self.friction.gradient(x) if self.friction else np.zeros(x.shape)
+        """Return the energy's derivative by the points, (n, 3) [N]."""
+        found = self._barrier.gradient(self.collisions(x), self._surface.mesh, x)
+        return np.asarray(found).reshape(x.shape)
 
     def hessian(self, x: Array, filter: str) -> Any:
         """Return the filtered second derivative [N/m], a sparse (3 n, 3 n) matrix."""
         methods = self._surface.ipctk.PSDProjectionMethod
         method = {"exact": methods.NONE, "clamp": methods.CLAMP, "abs": methods.ABS}[filter]
-        found = self._barrier.hessian(self.collisions(x), self._surface.mesh, x, method)
-        return found + self.friction.hessian(x) if self.friction else found
+        return self._barrier.hessian(self.collisions(x), self._surface.mesh, x, method)
 
     def pattern(self, x: Array) -> Any:
         """Return a sparse matrix of ones, where the Hessian of a wider barrier has entries."""
@@ -646,66 +485,7 @@ class BarrierEnergy:
         found.data[:] = 1.0
         return found
 
-    def begin_step(self, x: Array) -> None:
-        """Start the slip of a step at points x; `lag` gives it forces."""
+    def begin_step(self) -> None:
+        """Search candidates again, so that a resumed run adds in the order of the whole one."""
         self._surface.forget()
-        self._last, self.ended = None, False
-        self._start, self.friction = np.array(x), None
-
-    def lag(self, x: Array) -> None:
-        """Set normal forces, tangents and the origin of slip to those of collisions at x."""
-        self.friction = self._lagged(x)
-
-    def settle(self, x: Array) -> float:
-        """Update the normal forces of friction; return the change of its forces, in its tolerance.
-
-        They are kept where the change is below the tolerance.
-        """
-        before, lagged = self.friction_gradient(x), self._lagged(x)
-        after = lagged.gradient(x) if lagged else np.zeros(x.shape)
-        change = float(np.linalg.norm(after - before))
-        normal = self._coefficient * float(np.linalg.norm(self._normal_gradient(x)))
-        ratio = relative(change, normal, _SETTLED)
-        if not ratio <= 1:
-            self.friction = lagged
-        return ratio
-
-    def _normal_gradient(self, x: Array) -> Array:
-        found = self._barrier.gradient(self.collisions(x), self._surface.mesh, x)
-        return np.asarray(found).reshape(x.shape)
-
-    def _lagged(self, x: Array) -> LaggedFriction | None:
-        """Return the friction of collisions at points x; None without any.
-
-        ipctk's own tangential collisions leave out edges that are nearly parallel, whose forces
-        then jump where the closest parts change.
-        """
-        collisions = self.collisions(x)
-        count, dim = len(collisions), x.shape[1]
-        if not self._coefficient > 0 or not count:
-            return None
-        edges, faces = self._surface.mesh.edges, self._surface.mesh.faces
-        points, weights = np.zeros((count, 4), dtype=int), np.zeros((count, 4))
-        limit = np.empty(count)
-        for k in range(count):
-            one = collisions[k]
-            vertices = one.dof(x, edges, faces)
-            size = len(vertices) // dim
-            points[k, :size] = one.vertex_ids(edges, faces)[:size]
-            weights[k, :size] = one.compute_coefficients(vertices)
-            force = self._barrier.force_magnitude(one.compute_distance(vertices), one.dmin)
-            smooth = one.mollifier(vertices) if one.is_mollified() else 1.0
-            limit[k] = self._coefficient * one.weight * smooth * force
-        start, end = (np.einsum("ki,kid->kd", weights, at[points]) for at in (self._start, x))
-        distance = np.linalg.norm(end, axis=1)
-        normal = end / distance[:, None]
-        shorter = distance / np.maximum((start * normal).sum(axis=1), distance)
-        tangential = np.eye(dim) - normal[:, :, None] * normal[:, None, :]
-        offset = shorter[:, None] * np.einsum("kde,ke->kd", tangential, start)
-        values = np.einsum("kde,ki->kdie", tangential, weights)
-        columns = np.broadcast_to(
-            dim * points[:, None, :, None] + np.arange(dim), values.shape
-        ).ravel()
-        indptr = np.arange(count * dim + 1) * 4 * dim
-        matrix = csr_matrix((values.ravel(), columns, indptr), shape=(count * dim, x.size))
-        return LaggedFriction(matrix, offset, limit, _STICKING * self._distance)
+        self._last = None

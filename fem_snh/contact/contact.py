@@ -10,7 +10,7 @@ from pydantic import Field, field_validator
 from fem_snh.choices import CONTACT_METHODS, SELF_CONTACT_METHODS
 from fem_snh.errors import bad_value
 from fem_snh.records.output_fields import CONTACT_PRESSURES, OutputField
-from fem_snh.tables.types import NonNegative, Positive, Surface, surface_name
+from fem_snh.tables.types import Positive, Surface, surface_name
 from fem_snh.tables.validation import Expect, OneOf, Table
 from fem_snh.terms.feature import Feature
 
@@ -131,7 +131,7 @@ class SelfContact(Feature):
     """
 
     key, planar = "self_contact", True
-    needs_value = {"distance": ("method", "ipc"), "friction": ("method", "ipc")}
+    needs_value = {"distance": ("method", "ipc")}
     nodal_fields: ClassVar[Mapping[str, OutputField]] = CONTACT_PRESSURES
     method: SelfContactMethod = Field(
         default=SELF_CONTACT_METHODS[0],
@@ -151,7 +151,6 @@ class SelfContact(Feature):
         description="ipc: distance at which contact begins [m]; default: a tenth of the mean edge "
         "of the surface, at most 0.9 of the smallest distance in the mesh.",
     )
-    friction: NonNegative = Field(default=0.0, description="ipc: coefficient of friction.")
 
     @classmethod
     def check(cls, features: Sequence[Self], scene: Any) -> None:
@@ -179,5 +178,5 @@ class SelfContact(Feature):
             return [ReferenceContact(body.V, body.mesh.skin, body.regions, stiffness, kinematics)]
         from fem_snh.contact.barrier import IPC  # imports PETSc
 
-        values = chosen.stiffness, chosen.distance, chosen.friction
-        return [IPC(body.V, body.mesh.skin, body.regions, *values, kinematics)]
+        values = chosen.stiffness, chosen.distance, kinematics
+        return [IPC(body.V, body.mesh.skin, body.regions, *values)]

@@ -739,16 +739,6 @@ class ReferenceContact(SelfContactTerm):
             self._set_springs(updated)
         return change
 
-    def end_step(self, u: PETSc.Vec) -> None:
-        """Do nothing: the next step searches again."""
-
-    def history(self) -> tuple[Array, Array]:
-        """Return no points and no values: the next step depends on the displacement alone."""
-        return np.empty((0, 3)), np.empty((0, 1))
-
-    def set_history(self, values: Array) -> None:
-        """Do nothing, as there is no history."""
-
     def _updated(self, new: ContactPairs, x: Array) -> ContactPairs:
         """Return the pairs of a new search, with former ones."""
         old = self.springs

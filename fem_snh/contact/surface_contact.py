@@ -245,6 +245,16 @@ class SelfContactTerm(SurfaceContact, CouplingTerm):
         """Return the displacement of this rank's nodes, ghosts included, (nodes, dim)."""
         return local_values(u).reshape(-1, self._kinematics.components)
 
+    def end_step(self, u: PETSc.Vec) -> None:
+        """Do nothing: the next step searches again."""
+
+    def history(self) -> tuple[Array, Array]:
+        """Return no points and no values: the next step depends on the displacement alone."""
+        return np.empty((0, 3)), np.empty((0, 1))
+
+    def set_history(self, values: Array) -> None:
+        """Do nothing, as there is no history."""
+
     def nodal_field(self, name: str, u: PETSc.Vec) -> Array:
         """Return a contact pressure, 0 of another field: see `Term.nodal_field`. Collective."""
         if name not in CONTACT_PRESSURES:

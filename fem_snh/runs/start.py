@@ -107,8 +107,6 @@ def _friction_text(scene: Scene, run: Path) -> str:
     row: dict[str, Any] = next((row for row in reversed(steps) if row["converged"]), {})
     names = [name for name, o in zip(obstacle_names(scene.obstacle), scene.obstacle) if o.friction]
     touched = [f"'{n}'" for n in names if row.get("obstacles", {}).get(n, {}).get("contacts")]
-    if scene.self_contact and scene.self_contact.friction and row.get("self_contact"):
-        touched.append("itself")
     if not touched:
         return ""
     return (

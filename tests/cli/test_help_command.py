@@ -30,7 +30,7 @@ def test_a_table_has_all_its_keys(capsys: pytest.CaptureFixture[str]) -> None:
     [
         ("obstacle.friction", "obstacle.friction Coulomb's coefficient of friction. "
          "Expected: a number >= 0; default: 0.0."),
-        ("friction", "self_contact.friction ipc: coefficient"),
+        ("friction", "obstacle.friction Coulomb"),
         ("move.0.translate", "Expected: three finite numbers, [x, y, z]."),
         ("shape.sphere", "radius The radius [length]. Expected: a number > 0; required."),
         ("hessian", "Expected: one of exact, clamp, abs, adaptive."),

@@ -1,4 +1,4 @@
-"""Self-contact by a barrier: two blocks pressed together, friction, never an intersection."""
+"""Self-contact by a barrier: two blocks pressed together, never an intersection."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
-from barrier_problems import GAP, intersects, needs_ipctk, points, pressed, steps
+from barrier_problems import GAP, intersects, needs_ipctk, pressed, steps
 from bodies import Hold
 
 pytestmark = needs_ipctk
@@ -36,13 +36,12 @@ def test_two_blocks_pressed_together():
 
 
 @pytest.mark.one_debian("serial")
-@pytest.mark.parametrize("friction", [0.0, 0.3])
-def test_one_function_along_a_line(friction):
+def test_one_function_along_a_line():
     """Energy, forces and Hessian of a step, where pairs end and begin, against differences.
 
     The upper block lifts off and slides: all pairs end on the way.
     """
-    problem, term = pressed(MPI.COMM_SELF, shear=0.1, friction=friction)
+    problem, term = pressed(MPI.COMM_SELF, shear=0.1)
     *_, last = steps(problem, 4)
     assert last["converged"]
     start, d, X, h = problem.x.copy(), problem.x.duplicate(), problem.coordinates, 1e-6
@@ -144,30 +143,3 @@ def test_prescribed_motion_through_the_body():
     assert "the prescribed motion of the step is too large: it takes a surface" in rows[0]["reason"]
     assert rows[-1]["converged"] and 0 < problem.load < 1
     assert not intersects(problem, term)
-
-
-@pytest.mark.one_debian("serial")
-@pytest.mark.parametrize(("friction", "slides"), [(0.1, True), (2.0, False)])
-def test_friction(friction, slides):
-    """The upper block is pressed down and sideways: it slides at mu times the force, or sticks."""
-    problem, term = pressed(COMM, "Q1", (2, 3), press=0.15, shear=0.1, friction=friction)
-    before = None
-    for row in steps(problem, 8, tolerance=1e-8):
-        assert row["converged"], row["reason"]
-        assert not intersects(problem, term)
-        if row["load"] == 0.5:
-            before = points(problem, term)
-    lower, upper = np.array(row["self_contact"]["bodies"])
-    np.testing.assert_allclose(lower + upper, 0, atol=1e-6 * np.linalg.norm(lower))
-    tangential, normal = -row["self_contact"]["friction"][1][0], upper[2]
-    X = term.surface.points
-    moved = (points(problem, term) - before)[:, 0]
-    slip = moved[np.isclose(X[:, 2], 1 + GAP)].mean() - moved[np.isclose(X[:, 2], 1)].mean()
-    sticking = 4 * 0.05 * term.distance  # the largest of four steps
-    if slides:
-        # Not all points slide in the direction of x: the blocks bulge.
-        assert 0.95 * friction * normal < tangential < 1.01 * friction * normal
-        assert slip > 2 * sticking
-    else:
-        assert 0 < tangential < 0.6 * friction * normal
-        assert 0 <= slip < sticking

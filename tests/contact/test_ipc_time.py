@@ -1,4 +1,4 @@
-"""Self-contact by a barrier in time: momentum, friction, checkpoints."""
+"""Self-contact by a barrier in time: momentum."""
 
 from __future__ import annotations
 
@@ -38,32 +38,6 @@ def test_collision_in_time(integrator):
         np.testing.assert_allclose(momentum, [0, 0, -1], atol=1e-5)
     assert touched and row["pairs"] == 0
     assert momentum_above(problem, dynamics)[2] > -0.2  # exactly 0 for thin bars
-
-
-@pytest.mark.one_debian
-@pytest.mark.parametrize("integrator", ["newmark", "backward_euler"])
-def test_friction_in_time(integrator):
-    """A block that is pressed on another one slides: the reported forces take its momentum."""
-    made, friction, duration = [], 0.5, 0.4
-
-    def inertia(u, regions, dirichlet):
-        made.append(Dynamics(u, regions, dirichlet, SOLID, integrator, duration=duration))
-        return made[0].terms
-
-    options = {"terms": inertia, "E": 100.0, "nu": 0.0, "friction": friction}
-    problem, _ = pressed(COMM, "Q1", (2, 1), 0.1, components=("y", "z"), **options)
-    (dynamics,), number = made, 20
-    dynamics.start(problem, lambda X: np.outer(X[:, 2] > 1 + GAP / 2, [0.7, 0, 0]))
-    weight, impulse, force = dynamics.integrator.end_weight, np.zeros(3), np.zeros(3)
-    for row in move_in_time(problem, dynamics, number):
-        before, force = force, np.array(row["bodies"][1])
-        impulse += duration / number * (weight * force + (1 - weight) * before)
-        tangential = np.linalg.norm(row.get("friction", np.zeros((2, 3)))[1])
-        assert tangential < 1.02 * friction * force[2] + 1e-12
-    assert impulse[2] > 0.2 and impulse[0] < -0.2 * impulse[2]
-    lost = 0.7 - momentum_above(problem, dynamics)[0]
-    assert lost == pytest.approx(-impulse[0], rel=1e-4)
-    assert 0 < dynamics.dissipated < 0.7**2 / 2
 
 
 def move_in_time(problem, dynamics, number):

@@ -31,7 +31,7 @@ MISTAKES: list[tuple[dict[str, Any], str]] = [
         "unknown parameter 'nam': expected .*did you mean 'name'",
     ),
     ({"integrator": "newmark"}, r"unknown .*\(did you mean 'time\.integrator'\?\)"),
-    ({"friction": 0.3}, r"did you mean 'self_contact\.friction' or 'obstacle\.0\.friction'\?"),
+    ({"friction": 0.3}, r"did you mean 'obstacle\.0\.friction'\?"),
     ({"angel": 1.0}, "unknown parameter 'angel': expected .*steps.*did you mean 'angle'"),
     ({"scene": "x"}, "unknown parameter 'scene'"),
     ({"angle": "x"}, "angle = 'x': expected a number"),
