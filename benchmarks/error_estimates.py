@@ -10,8 +10,6 @@ import fem_snh
 from benchmarks import Row, split_list
 from benchmarks.accuracy_cases import goals_of
 from fem_snh.assembly.elements import ELEMENTS
-from fem_snh.choices import ESTIMATES, LIFTED_ELEMENT
-from fem_snh.errors import choose
 from fem_snh.scenes import Geometry, Hold, MaterialChoice, Probe, Scene, Traction, load
 
 #: Elements, those of degree 2 on half the cells along an edge.
@@ -63,7 +61,6 @@ def rows(
     elements: str = _ELEMENTS,
     nus: str = "0.3,0.45,0.49,0.4999",
     cells: str = "4,8",
-    estimate: str = LIFTED_ELEMENT,
 ) -> Iterator[Row]:
     """Yield one row per goal of a scene, an element, a ratio and a mesh; then a summary.
 
@@ -77,8 +74,6 @@ def rows(
         to twice its length; bushing, turned and pushed.
     elements, nus, cells : str
         Elements, Poisson's ratios, cells along an edge (degree 2: half).
-    estimate : str
-        As ``accuracy.estimate``.
 
     Yields
     ------
@@ -89,7 +84,6 @@ def rows(
         compilation.
     """
     found: list[Row] = []
-    choose("estimate", estimate, ESTIMATES)
     for scene in split_list(scenes):
         for nu in map(float, split_list(nus)):
             for element in split_list(elements):
@@ -98,9 +92,7 @@ def rows(
                 for number in map(int, split_list(cells)):
                     count = number // ELEMENTS[element].degree
                     about = {"scene": scene, "nu": nu, "element": element, "cells": count}
-                    case = scene_of(
-                        scene, nu, element, count, choose("estimate", estimate, ESTIMATES)
-                    )
+                    case = scene_of(scene, nu, element, count, estimate=True)
                     for row in compared(case, about, exact(scene, nu), _LEAST):
                         found.append(row)
                         yield row
@@ -183,9 +175,9 @@ def _extrapolated(values: list[float]) -> float:
     return fine + (fine - middle) * ratio / (1 - ratio) if 0 < ratio < 0.7 else nan
 
 
-def scene_of(name: str, nu: float, element: str, cells: int, estimate: str = "") -> Scene:
+def scene_of(name: str, nu: float, element: str, cells: int, estimate: bool = False) -> Scene:
     """Return a scene, with goals whose errors are estimated if asked for."""
-    goals = {"goals": list(_GOALS[name]), "estimate": estimate} if estimate else None
+    goals = {"goals": list(_GOALS[name])} if estimate else None
     common: Row = {"element": element, "cells": cells, "accuracy": goals}
     if name in _SECTIONS:
         scene, parameters = _SECTIONS[name]

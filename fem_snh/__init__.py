@@ -24,7 +24,6 @@ from typing import TYPE_CHECKING, Any
 from fem_snh.errors import BadInput
 
 if TYPE_CHECKING:
-    from fem_snh.accuracy.coarser_meshes import error_from_meshes
     from fem_snh.contact.contact import Contact, SelfContact
     from fem_snh.contact.obstacle import Obstacle
     from fem_snh.dynamic_problem import DynamicProblem
@@ -46,7 +45,7 @@ if TYPE_CHECKING:
 __all__ = [
     "BadInput", "Cavity", "Contact", "DynamicProblem", "Feature", "Fit", "Gravity", "Hold", "Move",
     "NonlinearProblem", "Obstacle", "Pressure", "Result", "Rigid", "SelfContact", "Spring",
-    "Symmetry", "Term", "Traction", "error_from_meshes", "estimate_error", "fit", "fit_scene",
+    "Symmetry", "Term", "Traction", "estimate_error", "fit", "fit_scene",
     "interpolate_run", "material", "materials", "modes", "reaction", "register_feature", "run",
 ]  # fmt: skip
 
@@ -79,7 +78,6 @@ _MODULES = {
     "Symmetry": "terms.conditions",
     "Term": "terms.term",
     "Traction": "terms.loads",
-    "error_from_meshes": "accuracy.coarser_meshes",
 }
 
 

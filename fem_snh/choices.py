@@ -66,9 +66,6 @@ CONTACT_METHODS = ("penalty", "augmented_lagrangian")
 #: How contact of a body with itself is enforced.
 SELF_CONTACT_METHODS = ("reference", "ipc")
 
-#: What the errors of goals are found from; the first is the default.
-ESTIMATES = LIFTED_ELEMENT, COARSER_MESHES = "lifted_element", "coarser_meshes"
-
 #: Cells along the longest extent of the shape of a file, as gmsh chooses them by itself.
 DEFAULT_CELLS = 10
 

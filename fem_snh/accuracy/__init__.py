@@ -7,7 +7,6 @@ element on the same cells:
   it, `differences` iterates until the goals are settled, finds what the better element misses, and
   what penalties and Newton's tolerance change.
 - `path_errors` does the same where the end depends on the path: in time, and with friction.
-- `coarser_meshes` extrapolates them from the same scene on coarser meshes instead.
 - `indicators` distributes an error to the cells, by the dual solutions of `duals`.
 - `goal_errors` has the result, as it is printed and recorded.
 

@@ -35,7 +35,6 @@ from fem_snh.accuracy.goal_errors import (
     NoEstimate,
     NoEstimateOnAnyMesh,
     StepsTooLong,
-    TooLittleMemory,
     check_problem,
     check_shapes,
 )
@@ -178,11 +177,10 @@ def estimating(
     estimate = Estimate(_without_errors(problem, goals))
     try:
         yield estimate
-        if not estimate.coarser:  # which have other faces
-            faces = mesh.round_faces if mesh else None
-            faces = faces or round_faces(problem.domain, problem.kinematics.revolved)
-            estimate.left_out += filter(None, [faces.text])
-            estimate.of_curved = faces.added + faces.removed if faces.degree == 2 else 0.0
+        faces = mesh.round_faces if mesh else None
+        faces = faces or round_faces(problem.domain, problem.kinematics.revolved)
+        estimate.left_out += filter(None, [faces.text])
+        estimate.of_curved = faces.added + faces.removed if faces.degree == 2 else 0.0
         _mark_small_forces(goals, estimate)
         _add_narrow_contacts(problem, estimate)
         add_what_is_missed(estimate, problem.element.degree, problem.kinematics.dim)
@@ -190,7 +188,6 @@ def estimating(
         estimate.reason = str(reason)
         estimate.on_no_mesh = isinstance(reason, NoEstimateOnAnyMesh)
         estimate.steps_too_long = isinstance(reason, StepsTooLong)
-        estimate.lacks_memory = isinstance(reason, TooLittleMemory)
     problem.split(problem.x)
     _mark_forces_without_contact(problem, goals, estimate)
     estimate.jit = watch.jit
@@ -208,7 +205,7 @@ def announce_cost(
 
     Raises
     ------
-    TooLittleMemory
+    NoEstimate
         If they need more than is allowed or available.
     """
     used = [element for element in elements if element]

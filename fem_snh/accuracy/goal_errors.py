@@ -91,8 +91,6 @@ class GoalError:
         both are known.
     missed : float
         Of an error of several parts, what they may miss in all.
-    at_most : float
-        A bound of the error where it is an extrapolation from coarser meshes; 0 elsewhere.
     of_body : float
         Of a displacement of a point, the estimate of the largest error of one in the body.
     of_size : float
@@ -113,7 +111,6 @@ class GoalError:
     penalty_bound: float = 0.0
     penalty_change: float = 0.0
     missed: float = 0.0
-    at_most: float = 0.0
     of_body: float = 0.0
     of_size: float = 0.0
     of_path: float = 0.0
@@ -149,11 +146,9 @@ class GoalError:
 
     @property
     def bound(self) -> float | None:
-        """The bound of the error where there is no more than one, or of coarser meshes; or None."""
+        """The bound of the error where there is no more than one; else None."""
         if self.error is None:
             return None
-        if self.at_most:
-            return self.at_most
         if self.is_found and not bounded_steps(self.parts, self.steps_bound):
             return None
         if not self.parts:
@@ -193,7 +188,6 @@ class GoalError:
             return f"{name} {self.value:.6g}, error below {bound}{of}"
         value, corrected = (_shown(x, self.error) for x in (self.value, self.value + self.error))
         share = "" if self.relative is None else f" ({_share(self.relative)})"
-        of += f", at most {self._bound_text(self.at_most)}" if self.at_most else ""
         but = f"; {self.reason}" if self.reason else ""
         return f"{name} {value}, error {self.error:+.3g}{share}{of}, corrected {corrected}{but}"
 
@@ -257,10 +251,6 @@ class Estimate:
         Whether a finer mesh would not have one either.
     steps_too_long : bool
         Whether there is none because steps fail, and shorter ones may not.
-    lacks_memory : bool
-        Whether there is none because the lifted problem needs more memory than is available.
-    coarser : str
-        The coarser meshes from which the errors are extrapolated, in place of a lifted problem.
     element : str
         The lifted element.
     dofs, memory : int, float
@@ -299,8 +289,6 @@ class Estimate:
     reason: str = ""
     on_no_mesh: bool = False
     steps_too_long: bool = False
-    lacks_memory: bool = False
-    coarser: str = ""
     element: str = ""
     dofs: int = 0
     memory: float = 0.0
@@ -346,8 +334,6 @@ class Estimate:
 
     def announcement(self) -> str:
         """Return the line to print before the lifted problem is created."""
-        if self.coarser:
-            return f"error estimate: the scene again, on {self.coarser}"
         count = f"{self.again:,} step{'s' if self.again > 1 else ''}"
         steps = f"the path again in {count}, and with " if self.again else ""
         return (
@@ -415,7 +401,6 @@ class Estimate:
         return {
             "reason": self.reason or None,
             "element": self.element,
-            **({"coarser": self.coarser} if self.coarser else {}),
             "dofs": self.dofs,
             "memory_mb": self.memory / 1e6,
             **{key: getattr(self, key) for key in keys},
@@ -433,10 +418,6 @@ class ElementDoesNotFit(NoEstimate):
 
 class StepsTooLong(NoEstimate):
     """Steps fail on a path that is followed again with fewer of them; shorter ones may not."""
-
-
-class TooLittleMemory(NoEstimate):
-    """The lifted problem needs more memory than it may have."""
 
 
 class NoEstimateOnAnyMesh(NoEstimate):

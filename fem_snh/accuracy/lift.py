@@ -25,7 +25,7 @@ import numpy as np
 from fem_snh import _dolfinx, solver
 from fem_snh._petsc import negative_pivots
 from fem_snh.accuracy.duals import HessianSolver, assemble_hessian
-from fem_snh.accuracy.goal_errors import NoEstimate, NoEstimateOnAnyMesh, TooLittleMemory
+from fem_snh.accuracy.goal_errors import NoEstimate, NoEstimateOnAnyMesh
 from fem_snh.accuracy.state_notes import may_lock
 from fem_snh.assembly.elements import ELEMENTS, Element, in_kinematics
 from fem_snh.assembly.unknowns import summed_over_cells
@@ -474,7 +474,7 @@ def memory(problem: Problem, element: Element) -> float:
 
 
 def check_memory(problem: Problem, element: str, needed: float, most: float) -> None:
-    """Raise TooLittleMemory if an element needs more than ``most`` or is available [bytes].
+    """Raise NoEstimate if an element needs more than ``most`` or is available [bytes].
 
     Collective.
     """
@@ -483,9 +483,7 @@ def check_memory(problem: Problem, element: str, needed: float, most: float) -> 
         limit = f"{most / 1e6:.3g} MB are allowed"
         if available < most:
             limit = f"{available / 1e6:.2g} MB are available"
-        raise TooLittleMemory(
-            f"{element} needs about {needed / 1e6:.2g} MB of memory, of which {limit}"
-        )
+        raise NoEstimate(f"{element} needs about {needed / 1e6:.2g} MB of memory, of which {limit}")
 
 
 def available_memory(comm: Any) -> float:

@@ -44,8 +44,7 @@ def run_parser() -> Parser:
         --accuracy A  relative error of every goal, 1%% or 0.01: solve on finer and finer meshes
             until the estimated errors are within it; the exit code is 1 if they are not
         --max-time S  begin no level of --accuracy that ends later [s]
-        --max-memory MB  nor one whose estimate needs more memory; the estimate of --error is then
-            that of coarser meshes
+        --max-memory MB  nor one whose estimate needs more memory; nor an estimate of --error
         --max-dofs N  nor one with more unknowns
         --out DIR  folder for run.json, tables and fields
         --overwrite  replace the run in DIR

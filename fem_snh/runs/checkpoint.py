@@ -23,7 +23,6 @@ from typing import TYPE_CHECKING, Any, final
 import numpy as np
 import numpy.typing as npt
 
-from fem_snh.choices import COARSER_MESHES
 from fem_snh.errors import BadInput, on_root
 from fem_snh.files import replace_file
 from fem_snh.records.run_files import CHECKPOINT, LEVELS
@@ -219,10 +218,8 @@ class Checkpoint:
         fields = [field for field in scene.fields if field not in known]
         if scene.fields and scene.fields_at != self.record.get("fields_at"):
             fields = list(scene.fields)
-        by_meshes = bool(scene.accuracy and scene.accuracy.estimate == COARSER_MESHES)
-        is_other = by_meshes != ("coarser" in self.record.get("estimate", ()))
         missing = {
-            "errors of goals": names and (is_other or names != set(self.record.get("goals", ()))),
+            "errors of goals": names and names != set(self.record.get("goals", ())),
             "stability": scene.stability and "stability" not in self._last_row,
             f"fields {', '.join(fields)}": fields,
         }

@@ -16,7 +16,6 @@ from fem_snh.accuracy.state_notes import (
     stabilisation_note,
     state_notes,
 )
-from fem_snh.choices import COARSER_MESHES
 from fem_snh.mesh.mesh_checks import unconnected_nodes
 from fem_snh.problem.problem import Problem
 from fem_snh.records.run_record import Note
@@ -87,8 +86,7 @@ def partial_rotations(scene: Scene) -> list[str]:
 
 def shape_notes(scene: Scene) -> list[str]:
     """Return a line if estimates, which see one mesh, are those of another body."""
-    by_meshes = scene.accuracy and scene.accuracy.estimate == COARSER_MESHES
-    if by_meshes or not scene.estimates_error:
+    if not scene.estimates_error:
         return []
     if isinstance(scene.mesh, Lattice):
         part = "by the part" if scene.mesh.weighting == "fraction" else "in full, not by the part"

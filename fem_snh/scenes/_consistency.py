@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 from fem_snh.assembly.elements import ELEMENTS, element
 from fem_snh.assembly.kinematics import kinematics_of
-from fem_snh.choices import COARSER_MESHES, LIFTED_ELEMENT
 from fem_snh.contact.obstacle import names as obstacle_names
 from fem_snh.errors import BadInput, bad_value, in_words
 from fem_snh.files import is_shape
@@ -157,14 +156,6 @@ def _goal_rules(scene: Scene) -> Iterator[Rule]:
     """
     if not (accuracy := scene.accuracy):
         return
-    coarser = accuracy.estimate == COARSER_MESHES
-    if coarser:
-        key, in_a_file = "accuracy.estimate", isinstance(scene.mesh, Path) and scene.cells is None
-        lifted = f"{LIFTED_ELEMENT}, "
-        yield accuracy.within, key, COARSER_MESHES, lifted + "as accuracy.within is given"
-        yield scene.time, key, COARSER_MESHES, lifted + "in time"
-        no_coarser = lifted + "as the mesh of a file has no coarser one"
-        yield in_a_file, key, COARSER_MESHES, no_coarser
     unstressed = kinematics_of(scene.kinematics).plane_stress or isinstance(scene.mesh, Lattice)
     accepted = "another goal than a stress, on a lattice and in plane stress"
     loads: dict[tuple[str, str], object] = {}
@@ -178,7 +169,6 @@ def _goal_rules(scene: Scene) -> Iterator[Rule]:
         if at is None:
             continue
         yield scene.time, key, at, "no value, in time"
-        yield coarser, key, at, f"no value, with accuracy.estimate = '{COARSER_MESHES}'"
         if isinstance(at, float):
             ends_a_step = at > 0 and round(at * scene.steps) / scene.steps == at
             yield not ends_a_step, key, at, f"the load of one of the {scene.steps} steps"

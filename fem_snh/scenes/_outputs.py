@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
 from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag, model_validator
 
 from fem_snh.assembly.kinematics import kinematics_of
-from fem_snh.choices import ESTIMATES, LATTICE_WEIGHTINGS, LIFTED_ELEMENT
+from fem_snh.choices import LATTICE_WEIGHTINGS
 from fem_snh.errors import bad_value, choose, nearest
 from fem_snh.records.output_fields import LOCATIONS, NAMED
 from fem_snh.records.units import Units
@@ -310,12 +310,6 @@ class Accuracy(Table):
         "reactions, what is unknown of rigid parts, of a static scene those forces and "
         "pressures, volumes and energy.",
     )
-    estimate: Annotated[str, OneOf(ESTIMATES)] = Field(
-        default=LIFTED_ELEMENT,
-        description="What the errors are found from: a solution in the element of the next degree, "
-        "or those on meshes with half and a quarter of the cells along an edge, which take a "
-        "third of the time and no more memory than the run, but show the errors less well.",
-    )
     within: (
         Annotated[
             Bounded,
@@ -339,8 +333,8 @@ class Accuracy(Table):
     )
     max_memory: Positive | None = Field(
         default=None,
-        description="Nor one whose estimate needs more memory [MB]; without `within` the estimate "
-        "is then that of coarser meshes; in time and with friction there is none.",
+        description="Nor one whose estimate needs more memory [MB]; without `within` there is then "
+        "no estimate.",
     )
     max_dofs: Positive | None = Field(default=None, description="Nor one with more unknowns.")
     keep_element: Flag = Field(
