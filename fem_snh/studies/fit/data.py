@@ -14,9 +14,8 @@ a value in a column has nothing or a ``-`` there.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from difflib import get_close_matches
 from pathlib import Path
 
 import numpy as np
@@ -30,60 +29,23 @@ from fem_snh.studies.fit.responses import FREE, MEASURES
 
 Array = npt.NDArray[np.float64]
 
-#: Names of the tests, and other names that files may use for them.
-TESTS = {
-    "uniaxial": "tension compression ut simple_tension",
-    "equibiaxial": "et eb",
-    "planar": "pure_shear ps planar_tension",
-    "biaxial": "general_biaxial bt",
-    "simple_shear": "shear ss",
-    "volumetric": "hydrostatic bulk",
-    "confined": "oedometric uniaxial_strain",
-}
-#: Names of the columns, and other names that files may use for them; _11 counts as _1, _22 as _2.
-COLUMNS = {
-    "stretch": "lambda λ stretch_ratio s stretch_1 lambda_1",
-    "strain": "engineering_strain nominal_strain eps epsilon ε",
-    "shear": "gamma γ amount_of_shear shear_strain",
-    "volume_ratio": "j v/v0",
-    "stretch_2": "lambda_2 stretch_ratio_2",
-    "strain_2": "engineering_strain_2 nominal_strain_2",
-    "stress": "nominal_stress engineering_stress pk1 p shear_stress force/area stress_1 p_1 pk1_1",
-    "pressure": "hydrostatic_pressure",
-    "stress_2": "nominal_stress_2 engineering_stress_2 p_2 pk1_2",
-    "stress_difference": "true_stress_difference cauchy_stress_difference",
-    "test": "kind mode",
-    "weight": "",
-}
 #: Built-in data, by name.
 DATASETS = {file.stem: file for file in sorted(Path(__file__).parent.glob("tables/*.csv"))}
 #: Columns that measure the deformation, that of the second direction, and the stress.
 _DEFORMATIONS, _SECOND = ("stretch", "strain", "shear", "volume_ratio"), ("stretch_2", "strain_2")
 _STRESSES = ("stress", "pressure", "stress_2", "stress_difference")
-#: Deformations and stresses of some tests, and of the others.
-_MEASURED_IN = {
+_COLUMNS = (*_DEFORMATIONS, *_SECOND, *_STRESSES, "test", "weight")
+#: The tests, and their columns of deformations and stresses.
+TESTS = dict.fromkeys((*FREE, "biaxial"), "stretch strain stress") | {
     "biaxial": "stretch strain stretch_2 strain_2 stress stress_2 stress_difference",
     "simple_shear": "shear strain stress",
     "volumetric": "stretch strain volume_ratio stress pressure",
     "confined": "stretch strain stress pressure",
 }
-_MEASURED = "stretch strain stress"
-#: The test of a file with a column that belongs to one test.
-_TEST_OF = {
-    "shear": "simple_shear",
-    "volume_ratio": "volumetric",
-    "stretch_2": "biaxial",
-    "strain_2": "biaxial",
-}
-_STATED = ("test", "unit", "weight", "columns")
-_COMMENT = re.compile(r"#+\s*(\w+)\s*[=:]\s*(.+?)\s*$")
-#: Similarity (difflib) from which an unknown name is a misspelling: 'units' of 'unit' has 0.89,
-#: 'wieght' of 'weight' 0.83, but 'stress_sd' of 'stress' 0.8.
-_MISSPELT = 0.82
-_COLUMN = re.compile(r"^(?P<name>[^\[\(]*?)\s*[\[\(]\s*(?P<unit>[^\]\)]*)[\]\)]\s*$")
-#: Units of a column that has none.
-_NO_UNIT = ("", "-", "1", "mm/mm", "m/m")
-#: Rubber and gels are stretched to 10 at most, or not much more.
+_STATED = ("test", "unit", "weight")
+_COMMENT = re.compile(r"#+\s*(\w+)\s*=\s*(.+)")
+_COLUMN = re.compile(r"(?P<name>[^\[(]*)([\[(](?P<unit>[^\])]*)[\])])?")
+#: Rubber and gels are stretched to 10, or not much more: larger stretches are strains in per cent.
 _LARGEST_STRETCH = 12.0
 #: Sums of squares of numbers from this one to its inverse, and of their products, are numbers.
 _LEAST = 1e-60
@@ -116,8 +78,6 @@ class TestData:
     measure : str
         What is measured in ``biaxial``: "stress" or "stress_2", the nominal stress of direction 1
         or 2, or "stress_difference", the true stress of direction 1 minus that of direction 2.
-    in_per_cent : bool
-        Whether the deformation is stated in per cent.
     unit : str
         Unit of the stresses, "" if it is not known.
 
@@ -137,7 +97,6 @@ class TestData:
     weight: Array
     stretch_2: Array | None = None
     measure: str = "stress"
-    in_per_cent: bool = False
     unit: str = ""
 
     def __post_init__(self) -> None:
@@ -170,17 +129,6 @@ class TestData:
     def rest(self) -> float:
         """Return the x of the state at rest."""
         return 0.0 if self.kind == "simple_shear" else 1.0
-
-    @property
-    def note(self) -> str:
-        """The line that says that stretches are probably strains in per cent; "" if not."""
-        largest = float(max(self.x.max(), 1.0 if self.stretch_2 is None else self.stretch_2.max()))
-        if self.in_per_cent or self.kind not in (*FREE, "biaxial") or largest <= _LARGEST_STRETCH:
-            return ""
-        return (
-            f"{self.name}: stretches up to {largest:.4g}: if these are strains in per cent, name "
-            "the column 'strain [%]'"
-        )
 
 
 def has_a_square(value: npt.ArrayLike) -> npt.NDArray[np.bool_]:
@@ -234,28 +182,30 @@ def _tests(
 ) -> list[TestData]:
     """Return the tests in the lines of a file."""
     header = [] if any(map(is_number, lines[0][1])) else lines[0][1]
-    names = columns or (_cells(stated["columns"]) if "columns" in stated else header)
-    if not names:
+    if not (names := columns or header):
         raise BadInput(
             "no line of column names above the numbers: expected one, e.g. 'stretch, stress "
             "[MPa]', or --columns stretch,stress"
         )
     found = _columns(names)
     measures = [column for column in _STRESSES if column in found]
-    units = {c: _unit(c, found[c][1], stated.get("unit", ""), unit) for c in measures}
-    if "" in units.values() and any(units.values()):
-        raise BadInput(f"columns {', '.join(measures)}: expected units of all, or of none")
-    if modulus_unit is not None and "" in units.values():
-        accepted = "data whose stresses have a unit: stress [MPa], or --unit"
-        raise bad_value("modulus_unit", modulus_unit, accepted)
+    units = {c: unit or found[c][1] or stated.get("unit", "") for c in measures}
+    if "" in units.values() and (any(units.values()) or modulus_unit is not None):
+        raise BadInput(
+            f"columns {', '.join(measures)}: expected units of all, or of none and no modulus_unit"
+        )
+    text = stated.get("weight", "1")
+    weight = float(text) if is_number(text) else np.nan
+    if not (weight > 0 and has_a_square(weight)):
+        raise bad_value("weight", text, "a number > 0")
     table = _table(found, lines[bool(header) :], max(len(names), len(header)))
-    weight = _number("weight", stated.get("weight", "1"))
-    if not weight > 0:
-        raise bad_value("weight", stated["weight"], "a number > 0")
-    by_kind = table.groupby(pd.Series(_kinds(stated, table), table.index), sort=False)
+    if "test" in stated:
+        table["test"] = stated["test"]
+    if "test" not in table:
+        raise BadInput(f"no test: expected a line '# test = {'|'.join(TESTS)}', or --test")
     groups = [
-        (str(kind), measure, rows.dropna(subset=measure))
-        for kind, rows in by_kind
+        (choose("test", kind, TESTS), measure, rows.dropna(subset=measure))
+        for kind, rows in table.groupby("test", sort=False)
         for measure in measures
         if rows[measure].notna().any()
     ]
@@ -274,7 +224,6 @@ def _tests(
             " ".join([name, *words]), kind, x, stress,
             weight * np.asarray(points.get("weight", 1.0)), y,
             measure if kind == "biaxial" else "stress",
-            any(found[c][1] == "%" for c in _DEFORMATIONS if c in found),
             (modulus_unit or "Pa") if units[measure] else "",
         )  # fmt: skip
         _check_signs(test)
@@ -298,70 +247,41 @@ def read_cells(path: Path) -> tuple[dict[str, str], list[tuple[int, list[str]]]]
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error
         raise BadInput(f"data = '{path}': {reason}") from None
-    stated, rows = _lines(path, text)
-    if not rows:
-        raise BadInput(f"{path}: no line of numbers: expected columns of numbers")
-    return stated, rows
-
-
-def _lines(path: Path, text: str) -> tuple[dict[str, str], list[tuple[int, list[str]]]]:
-    """Return what the comments state, and the number and the cells of the other lines."""
     stated: dict[str, str] = {}
     rows = []
     for number, line in enumerate(text.splitlines(), start=1):
-        if line.strip().startswith("#"):
-            if found := _COMMENT.match(line.strip()):
-                key = found[1].lower()
-                if key in _STATED:
-                    stated[key] = found[2]
-                else:
-                    _check_spelling(f"{path}: line {number}: '{line.strip()}'", key, _STATED)
-        elif line.strip():
-            rows.append((number, _cells(line)))
+        if not line.lstrip().startswith("#"):
+            rows += [(number, _cells(line))] if line.strip() else []
+        elif found := _COMMENT.fullmatch(line.strip()):
+            key = found[1].lower()
+            if key in _STATED:
+                stated[key] = found[2]
+            elif suggestion := nearest(key, _STATED):
+                raise BadInput(f"{path}: line {number}: unknown name '{key}'{suggestion}")
+    if not rows:
+        raise BadInput(f"{path}: no line of numbers: expected columns of numbers")
     return stated, rows
-
-
-def _check_spelling(what: str, word: str, known: Iterable[str]) -> None:
-    """Raise BadInput if an unknown word is nearly a known one.
-
-    A name that differs in its number alone is another one: stress_3 is no misspelt stress_2.
-    """
-    close = get_close_matches(word, known, 1, _MISSPELT)
-    if close and re.sub(r"_?\d+$", "", word) != re.sub(r"_?\d+$", "", close[0]):
-        raise BadInput(
-            f"{what}: unknown name (did you mean '{close[0]}'?): expected another if it is no data"
-        )
 
 
 def _cells(line: str) -> list[str]:
     """Return the cells of a line; blanks separate them if no comma, semicolon or tab does."""
     for separator in (";", "\t", ","):
         if separator in line:
-            return [cell.strip() for cell in line.rstrip(f" {separator}").split(separator)]
+            return [cell.strip(' "') for cell in line.split(separator)]
     return line.split()
-
-
-def _by_name(names: Mapping[str, str]) -> dict[str, str]:
-    """Return the name here of each accepted name."""
-    return {name: known for known, others in names.items() for name in (known, *others.split())}
 
 
 def _columns(cells: Sequence[str]) -> dict[str, tuple[int, str]]:
     """Return the position and the unit of each known column."""
-    known = _by_name(COLUMNS)
     found: dict[str, tuple[int, str]] = {}
     for position, cell in enumerate(cells):
-        split = _COLUMN.match(cell.strip().strip('"'))
-        name, unit = (split["name"], split["unit"]) if split else (cell.strip().strip('"'), "")
-        word = re.sub(r"_([12])\1$", r"_\1", re.sub(r"[\s_]+", "_", name.strip().lower()))
-        if re.fullmatch("(true_stress|cauchy_stress|cauchy)(_[12])?", word):
-            raise BadInput(f"column '{cell}': expected the nominal stress, force per area at rest")
-        if word not in known:
-            _check_spelling(f"column '{cell}'", word, COLUMNS)
-            continue
-        if known[word] in found:
-            raise BadInput(f"column '{cell}': expected one column {known[word]}")
-        found[known[word]] = (position, "" if unit.strip() in _NO_UNIT else unit.strip())
+        split = _COLUMN.match(cell)
+        assert split is not None
+        name, unit = split["name"].strip().lower(), (split["unit"] or "").strip()
+        if name in found:
+            raise BadInput(f"column '{cell}': expected one column {name}")
+        if name in _COLUMNS:
+            found[name] = (position, "" if unit == "-" else unit)
     stresses = 1 if "pressure" in found else len(_STRESSES)  # a pressure is the only one
     for group, least, most in ((_DEFORMATIONS, 1, 1), (_SECOND, 0, 1), (_STRESSES, 1, stresses)):
         if not least <= sum(column in found for column in group) <= most:
@@ -376,76 +296,44 @@ def _table(
     """Return the numbers in the known columns, by lines; NaN is no value. Tests remain text."""
     if not lines:
         raise BadInput("no line of numbers below the column names")
-    measures = [c for c in _STRESSES if c in columns]
-    rows = {}
-    for number, cells in lines:
-        where = f"line {number}"
+    for line, cells in lines:
         if len(cells) > count:
             raise BadInput(
-                f"{where}: {len(cells)} values for {count} columns: expected one for each, with "
-                "decimal points"
+                f"line {line}: {len(cells)} values for {count} columns: expected one for each, "
+                "with decimal points"
             )
-        cells = [*cells, *[""] * count]
-        given = {c: cells[at] for c, (at, _) in columns.items() if cells[at] not in _NO_VALUE}
-        missing = [c for c in columns if c not in (*given, *_SECOND, *measures)]
-        missing += [] if given.keys() & measures else [" or ".join(measures)]
-        if missing:
-            raise BadInput(f"{where}: no value of {', '.join(missing)}")
-        rows[number] = {
-            column: text if column == "test" else _number(f"{where}: {column}", text)
-            for column, text in given.items()
-        }
-        if float(given.get("weight", 0)) < 0:
-            raise bad_value(f"{where}: weight", given["weight"], "a number >= 0")
-    return pd.DataFrame.from_dict(rows, orient="index", columns=list(columns))
-
-
-def _kinds(stated: Mapping[str, str], table: pd.DataFrame) -> list[str]:
-    """Return the kind of test of each line."""
-    if "test" not in stated and "test" in table:
-        return [_kind(f"line {line}: test", text) for line, text in table["test"].items()]
-    kinds = [kind for column, kind in _TEST_OF.items() if column in table]
-    if "test" not in stated and not kinds:
-        names = "|".join(TESTS)
-        raise BadInput(f"no test: expected a line '# test = {names}', a column test, or --test")
-    return [_kind("test", stated.get("test") or kinds[-1])] * len(table)
-
-
-def _kind(key: str, text: str) -> str:
-    """Return the kind of test that a file names."""
-    word = re.sub(r"[\s_-]+", "_", text.strip().strip('"').lower())
-    return choose(key, _by_name(TESTS).get(word, word), list(TESTS))
-
-
-def _unit(column: str, named: str, comment: str, option: str | None) -> str:
-    """Return the unit of a column of stresses, "" if it has none, from its name or a comment."""
-    if option is None and named and comment:
-        if stress_unit("unit", named) != stress_unit("unit", comment):
-            accepted = f"that of the column {column}, '{named}', or --unit"
-            raise bad_value("# unit", comment, accepted)
-    unit = option or comment or named
-    return "" if unit in _NO_UNIT else unit
+    positions = [position for position, _ in columns.values()]
+    text = pd.DataFrame([cells for _, cells in lines], [line for line, _ in lines])
+    text = text.reindex(columns=positions).set_axis(list(columns), axis=1)
+    text = text.where(~text.isin(["", "-"]))
+    table = text.copy()
+    for column in text.columns.drop("test", errors="ignore"):
+        table[column] = pd.to_numeric(text[column], errors="coerce").astype(float)
+        bad = text[column].notna() & ~(table[column].notna() & has_a_square(table[column]))
+        for line in text.index[bad]:
+            raise bad_value(f"line {line}: {column}", text[column][line], WITH_A_SQUARE)
+    measures = [column for column in _STRESSES if column in columns]
+    needed = table.drop(columns=[*measures, *_SECOND], errors="ignore")
+    for line in table.index[needed.isna().any(axis=1) | table[measures].isna().all(axis=1)]:
+        missing = needed.columns[needed.loc[line].isna()]
+        raise BadInput(f"line {line}: no value of {', '.join(missing) or ' or '.join(measures)}")
+    for line in table.index[table["weight"] < 0] if "weight" in table else ():
+        raise bad_value(f"line {line}: weight", text["weight"][line], "a number >= 0")
+    return table
 
 
 def _stretches(
     kind: str, measure: str, points: pd.DataFrame, columns: Mapping[str, tuple[int, str]]
 ) -> tuple[Array, Array | None]:
     """Return the stretches, or the amounts of shear, and those of the second direction."""
-    accepted = _MEASURED_IN.get(kind, _MEASURED).split()
+    accepted = TESTS[kind].split()
     given = [c for c in (*_DEFORMATIONS, *_SECOND) if c in columns and points[c].notna().any()]
     for column in (*given, measure):
         if column not in accepted:
-            alternative = ", or test = biaxial" if column in _MEASURED_IN["biaxial"] else ""
             raise BadInput(
                 f"line {points.index[0]}: {column} in a test '{kind}': expected "
-                f"{' or '.join(accepted)}{alternative}, or --columns without it"
+                f"{' or '.join(accepted)}, or --columns without it"
             )
-    if kind == "biaxial":
-        second = next((c for c in _SECOND if c in columns), None)
-        for line in points.index if second is None else points.index[points[second].isna()]:
-            where = f"line {line}: test 'biaxial': expected"
-            missing = f"a value of {second}" if second else "a column stretch_2"
-            raise BadInput(f"{where} {missing}, or test = equibiaxial")
     found = []
     for column in given:
         unit = columns[column][1]
@@ -454,9 +342,12 @@ def _stretches(
         size = 0.01 if unit == "%" else 1.0
         rest = 1.0 if column.startswith("strain") and kind != "simple_shear" else 0.0
         stretches = rest + size * points[column].to_numpy()
-        for at in np.flatnonzero(stretches <= 0) if kind != "simple_shear" else ():
-            where = f"line {points.index[at]}: {column}"
-            raise bad_value(where, points[column].iloc[at], f"a number > {0 - rest / size:g}")
+        if kind != "simple_shear":
+            most = np.inf if unit == "%" else _LARGEST_STRETCH
+            for at in np.flatnonzero(~((stretches > 0) & (stretches <= most))):
+                where = f"line {points.index[at]}: {column}"
+                limits = f"a number > {0 - rest / size:g}, or a column 'strain [%]'"
+                raise bad_value(where, points[column].iloc[at], limits)
         found.append(stretches ** (1 / 3) if column == "volume_ratio" else stretches)
     return found[0], found[1] if len(found) > 1 else None
 
@@ -477,16 +368,3 @@ def _check_signs(test: TestData) -> None:
         return
     if (stress * signs <= 0).all():
         raise BadInput(f"test '{kind}': every stress has the wrong sign: expected {accepted}")
-
-
-def _number(where: str, text: str | float) -> float:
-    """Return a finite number of a file."""
-    try:
-        number = float(text)
-    except ValueError:
-        raise bad_value(where, text, "a number, with a decimal point") from None
-    if not np.isfinite(number):
-        raise bad_value(where, number, "a finite number")
-    if not has_a_square(number):
-        raise bad_value(where, number, WITH_A_SQUARE)
-    return number

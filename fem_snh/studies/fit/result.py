@@ -137,14 +137,13 @@ class Fit:
 
     @property
     def notes(self) -> list[str]:
-        """Return what is doubtful in the data and in the fit of a test, a line each."""
-        poor = [
+        """Return what is doubtful in the fit of a test, a line each."""
+        return [
             f"{t.data.name}: R² = {t.r_squared:.2f}: {self.name} does not describe this test; are "
             "its kind and its columns those of the test?"
             for t in self.tests
             if t.r_squared < _POOR
         ]
-        return [*(t.data.note for t in self.tests if t.data.note), *poor]
 
     @property
     def r_squared(self) -> float:
