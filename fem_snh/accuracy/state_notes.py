@@ -13,7 +13,6 @@ import numpy as np
 from fem_snh import _dolfinx
 from fem_snh.assembly.cell_loops import PointVolumes, cell_centres, point_volumes
 from fem_snh.assembly.unknowns import local_values, summed_over_cells
-from fem_snh.errors import in_words
 from fem_snh.problem.problem import Problem
 from fem_snh.records.run_record import Note
 from fem_snh.terms.elastic import Part
@@ -27,25 +26,11 @@ _ROUGH = 1.0
 #: only prevent rigid motions it is what the solvers leave.
 _CARRIES = 1e-3
 
-#: Norm of the residual at rest, over E V^(2/3), that rounding leaves of no load; difference of
-#: energies, over E V, that the tolerance leaves: strains of 3e-5, where it is 1e-7 E V^(2/3).
-_NO_LOAD, _UNKNOWN_ENERGY = 1e-12, 1e-9
-
-#: Part of the elastic energy from which that of penalties is reported.
-_YIELDS = 0.02
-
 #: Part of the largest kinetic energy, work or dissipation by which an energy may rise by itself.
 _RISE = 0.05
-#: The same in one step in which something touches: plates in 25 steps have 2.6 %, in 50 0.2 %.
-_RISE_OF_CONTACT = 0.01
-#: Where rows of run.json have contact, and their entries that count what touches.
-_OBSTACLES, _BODIES = "obstacles", ("contacts", "self_contact")
-_TOUCHING = ("contacts", "pairs")
 
 
-def state_notes(
-    problem: Problem, rounding: float, step: int | None = None, halved: bool = False
-) -> list[Note]:
+def state_notes(problem: Problem, rounding: float, step: int | None = None) -> list[Note]:
     """Return the notes on a state. Collective.
 
     Parameters
@@ -56,13 +41,10 @@ def state_notes(
         See `rounding_note`.
     step : int, optional
         Number of the step of a run.
-    halved : bool, optional
-        See `inversion_note`.
     """
-    found = [locking_note(problem, step), inversion_note(problem, step, halved)]
+    found = [locking_note(problem, step), inversion_note(problem, step)]
     found += [pressure_note(problem), thin_support_note(problem, step)]
-    found += [rounding_note(problem, rounding, step), rest_note(problem, step)]
-    found += [penalty_note(problem, step), untreated_volume_note(problem)]
+    found += [rounding_note(problem, rounding, step), untreated_volume_note(problem)]
     return [note for note in found if note]
 
 
@@ -96,31 +78,6 @@ def pressure_note(problem: Problem) -> Note | None:
         "nu < 0.5"
     )
     return Note("pressure", text)
-
-
-def rest_note(problem: Problem, step: int | None = None) -> Note | None:
-    """Return a note if no load acts, and the body is not at rest. Collective.
-
-    There is none in time, nor where terms remember what has happened.
-    """
-    static = problem.motion is None and not problem.history.is_kept(problem.comm)
-    if not (static and problem.has_energy):
-        return None
-    rest, residual = problem.x.duplicate(), problem.x.duplicate()
-    rest.set(0.0)
-    problem.prescribe(rest)
-    problem.residual(rest, residual)
-    if rest.norm() > 0 or not residual.norm() <= _NO_LOAD * problem.force_scale:
-        return None
-    energy = problem.energy(problem.x) - problem.energy(rest)
-    if not abs(energy) > _UNKNOWN_ENERGY * problem.force_scale * problem.length:
-        return None
-    text = (
-        f"no load acts, and the energy is {energy:.4g} J above that at rest: the body has come to "
-        "another equilibrium, which the path selects, or rounding; take another globalization or "
-        "more cells"
-    )
-    return Note("rest", text, step, {"energy": energy})
 
 
 def thin_support_note(problem: Problem, step: int | None = None) -> Note | None:
@@ -170,34 +127,6 @@ def rounding_note(problem: Problem, rounding: float, step: int | None = None) ->
     return Note("rounding", text, step, {"part": rounding / force})
 
 
-def penalty_note(problem: Problem, step: int | None = None) -> Note | None:
-    """Return a note if penalties have much of the energy. Collective.
-
-    A penalty is a spring in series with the body. Where both are linear, its part of the energy is
-    what it changes of the force at a prescribed displacement, or of the displacement under a given
-    load, relative to them. At the end of a step the energy of friction is that of its sticking
-    springs; what sliding has dissipated is not in the sum, so that the part is too large rather
-    than too small. In time the energy does not tell, and there is no note; nor where energies in
-    UFL alone have those of loads in them.
-    """
-    penalties = [term for term in problem.terms if term.scale_penalties(1.0)]
-    if not penalties or problem.motion is not None or not problem.elastic.parts:
-        return None
-    u, p = problem.split(problem.x)
-    energy = sum(term.energy(u, p) for term in penalties)
-    elastic = problem.elastic.energy(u, p)
-    if not energy > _YIELDS * elastic:
-        return None
-    share = energy / (energy + elastic)
-    names = in_words(f"'{term.name}'" for term in penalties)
-    text = (
-        f"penalties of {names} have {100 * share:.2g} % of the energy: forces at prescribed "
-        "displacements are about as much too small, displacements under given loads as much too "
-        "large; ask for the error (error = true), or take a larger stiffness"
-    )
-    return Note("penalty", text, step, {"share": share})
-
-
 def locking_note(problem: Problem, step: int | None = None) -> Note | None:
     """Return a note if the element locks in the problem's state. Collective."""
     parts = may_lock(problem)
@@ -215,11 +144,8 @@ def locking_note(problem: Problem, step: int | None = None) -> Note | None:
     return Note("locking", text, step, {"oscillation": roughness, "replacement": other})
 
 
-def inversion_note(problem: Problem, step: int | None = None, halved: bool = False) -> Note | None:
-    """Return a note if quadrature points are inverted in the problem's state. Collective.
-
-    ``halved`` says that the step was also followed in halves.
-    """
+def inversion_note(problem: Problem, step: int | None = None) -> Note | None:
+    """Return a note if quadrature points are inverted in the problem's state. Collective."""
     if not problem.elastic.parts:
         return None
     fields, comm = problem.cell_fields(problem.x), problem.comm
@@ -236,9 +162,8 @@ def inversion_note(problem: Problem, step: int | None = None, halved: bool = Fal
     text = (
         f"{found['points']:,} of {of:,} quadrature points are inverted, in {found['cells']:,} "
         f"cells: smallest J = {found['min_J']:.3g} at ({where}){inside}; the means over cells, "
-        f"which fields and pictures show as J, are {lowest:.3g} to {highest:.3g}"
-        f"{'; halves of the step end so as well' if halved else ''}: refine the mesh there, or "
-        "load less"
+        f"which fields and pictures show as J, are {lowest:.3g} to {highest:.3g}: refine the mesh "
+        "there, or load less"
     )
     return Note("inverted", text, step, found | {"min_cell_J": lowest})
 
@@ -330,19 +255,16 @@ def stabilisation_note(parts: Mapping[int, float], of: int) -> Note | None:
     return Note("stabilised", text, max(parts), {"largest": largest, "steps": list(parts)})
 
 
-def energy_note(steps: Mapping[int, Mapping[str, Any]], mean_forces: bool = False) -> Note | None:
+def energy_note(steps: Mapping[int, Mapping[str, Any]]) -> Note | None:
     """Return a note if a motion gains energy that no load gave it.
 
     Second-order methods have the contact forces of a step's start in half of it, also where contact
-    ends within it: time steps that do not resolve that give the body any velocity. Newmark's method
-    has contact with obstacles and bodies by its mean over the step, which does not.
+    ends within it: time steps that do not resolve that give the body any velocity.
 
     Parameters
     ----------
     steps : mapping
         The rows of run.json of steps that converged, by number.
-    mean_forces : bool, optional
-        Whether contact with obstacles has its mean force over the step, which creates nothing.
     """
     rows = {n: row for n, row in steps.items() if "numerical_dissipation" in row}
     if not rows:
@@ -350,41 +272,15 @@ def energy_note(steps: Mapping[int, Mapping[str, Any]], mean_forces: bool = Fals
     worst = min(rows, key=lambda number: float(rows[number]["numerical_dissipation"]))
     gained = -float(rows[worst]["numerical_dissipation"])
     exchanged = max(abs(row[k]) for row in rows.values() for k in ("kinetic", "work", "dissipated"))
-    what = f"the energy rises by {gained:.3g} J that no load gives, up to"
     if not gained > _RISE * exchanged:
-        made = _made_by_contact(rows, _BODIES if mean_forces else (_OBSTACLES, *_BODIES))
-        worst = max(made, key=made.__getitem__, default=worst)
-        gained = made.get(worst, 0.0)
-        if not gained > _RISE_OF_CONTACT * exchanged:
-            return None
-        what = f"contact creates energy: {gained:.3g} J in the step to"
+        return None
     text = (
-        f"{what} time {rows[worst]['time']:.4g} s, {100 * gained / exchanged:.2g} % of the largest "
-        "kinetic energy, work or dissipation: the time steps do not resolve the motion or its "
-        "contacts; take shorter ones, or integrator = 'bdf2'"
+        f"the energy rises by {gained:.3g} J that no load gives, up to time "
+        f"{rows[worst]['time']:.4g} s, {100 * gained / exchanged:.2g} % of the largest kinetic "
+        "energy, work or dissipation: the time steps do not resolve the motion or its contacts; "
+        "take shorter ones, or integrator = 'bdf2'"
     )
     return Note("energy", text, worst, {"gained": gained, "exchanged": exchanged})
-
-
-def _made_by_contact(
-    rows: Mapping[int, Mapping[str, Any]], kinds: Sequence[str]
-) -> dict[int, float]:
-    """Return the energy [J] that steps create at whose start or end surfaces of a kind touch."""
-    made, before, touched = dict[int, float](), 0.0, False
-    for number, row in sorted(rows.items()):
-        tables = [table for kind in kinds for table in _tables(row.get(kind, {}))]
-        touches = any(table.get(key, 0) > 0 for table in tables for key in _TOUCHING)
-        dissipated = float(row["numerical_dissipation"])
-        if touches or touched:
-            made[number] = before - dissipated
-        before, touched = dissipated, touches
-    return made
-
-
-def _tables(rows: Mapping[str, Any]) -> list[Mapping[str, Any]]:
-    """Return the rows of contacts by name, or the one of self-contact, which has no name."""
-    named = [row for row in rows.values() if isinstance(row, Mapping)]
-    return named or [rows]
 
 
 def penetration_note(steps: Mapping[int, Mapping[str, Any]]) -> Note | None:

@@ -172,7 +172,7 @@ def _run(
             level.end(recorder.record, estimate)
         status = "converged" if setup.stepper.done else setup.stepper.failure_message()
         with untimed(setup.problem):
-            recorder.add_notes(final_notes(setup, recorder.record["steps"], estimate))
+            recorder.add_notes(final_notes(setup, recorder.record["steps"]))
         recorder.add_notes(unused_options(solver.PREFIX + name for name in given))
         recorder.save(status)
         path = folder.final if folder else None

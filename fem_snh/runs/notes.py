@@ -20,10 +20,8 @@ from fem_snh.mesh.mesh_checks import unconnected_nodes
 from fem_snh.problem.problem import Problem
 from fem_snh.records.run_record import Note
 from fem_snh.scenes import Lattice, Scene
-from fem_snh.steps.stepping import INVERTED_END
 
 if TYPE_CHECKING:
-    from fem_snh.accuracy.goal_errors import Estimate
     from fem_snh.runs.setup import Setup
 
 
@@ -124,9 +122,7 @@ def mesh_note(scene: Scene, problem: Problem) -> Note | None:
     return Note("mesh", text, None, {"places": count, "position": first.tolist()})
 
 
-def final_notes(
-    setup: Setup, steps: Sequence[Mapping[str, Any]], estimate: Estimate | None
-) -> list[Note]:
+def final_notes(setup: Setup, steps: Sequence[Mapping[str, Any]]) -> list[Note]:
     """Return the notes on the last state of a run, and on states before it. Collective.
 
     Parameters
@@ -135,8 +131,6 @@ def final_notes(
         The problem in the state of the last step that converged.
     steps : sequence of mapping
         The rows of run.json.
-    estimate : Estimate or None
-        The errors.
     """
     good = [number for number, row in enumerate(steps) if row["converged"]]
     if not good:
@@ -147,29 +141,18 @@ def final_notes(
         for number in good
         if "stabilisation" in steps[number]
     }
-    means = problem.motion is not None and problem.motion.integrator.has_mean_forces
     rounding = setup.snes.getPythonContext().rounding
-    found = state_notes(problem, rounding, good[-1], _was_halved(steps))
-    if estimate is not None and not estimate.reason:  # which has a part for penalties
-        found = [note for note in found if note.kind != "penalty"]
+    found = state_notes(problem, rounding, good[-1])
     rows = {number: steps[number] for number in good}
     negative = {number: row.get("negative_eigenvalues", 0) for number, row in rows.items()}
     further = [
         None if any(n.kind == "inverted" for n in found) else _earlier_inversion(steps, good),
-        energy_note(rows, means),
+        energy_note(rows),
         penetration_note(rows),
         instability_note(negative, problem, len(good), good[-1]),
         stabilisation_note(stabilised, len(good)),
     ]
     return [*found, *filter(None, further)]
-
-
-def _was_halved(steps: Sequence[Mapping[str, Any]]) -> bool:
-    """Return whether the step by which points of the last state inverted was followed in halves."""
-    clean = max((row["load"] for row in steps if row["converged"] and row["min_J"] > 0), default=0)
-    inverted = [row["load"] for row in steps if row["converged"] and row["load"] > clean]
-    doubted = [row["load"] for row in steps if row["reason"].startswith(INVERTED_END)]
-    return bool(inverted and doubted) and doubted[-1] >= inverted[0]
 
 
 def _earlier_inversion(steps: Sequence[Mapping[str, Any]], good: Sequence[int]) -> Note | None:

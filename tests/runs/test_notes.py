@@ -18,7 +18,7 @@ from scipy.optimize import minimize_scalar
 from time_scenes import DOWN, in_time
 
 import fem_snh
-from fem_snh.accuracy.state_notes import inversion_note, rest_note
+from fem_snh.accuracy.state_notes import inversion_note
 from fem_snh.contact.obstacle import Obstacle
 from fem_snh.errors import ResultNote
 from fem_snh.scenes import MaterialChoice, Scene, Start
@@ -117,19 +117,6 @@ def test_iterations_of_every_kind_are_printed_and_in_the_row(capsys):
     row, lines = result.steps[-1], capsys.readouterr().out.splitlines()
     assert row["examined_newton"] >= 4 and row["examined_linear"] > row["examined_newton"]
     assert any(f" {row['examined_newton']} Newton to examine it, " in line for line in lines)
-
-
-@mpi
-def test_a_state_without_loads_that_is_not_at_rest_is_noted(comm):
-    """Its energy is that of the material; at rest, and under a load, there is no note."""
-    stretched = cube(comm, 2, "Q1", 0.4, lambda X: 0.1 * X)
-    note = rest_note(stretched, 3)
-    energy = fem_snh.material("stable_neo_hookean", E=1.0, nu=0.4).energy(1.1 * np.eye(3))
-    assert note.kind == "rest" and note.step == 3
-    assert note.values["energy"] == pytest.approx(float(energy), rel=1e-12)
-    assert rest_note(cube(comm, 2, "Q1", 0.4, lambda X: 0 * X)) is None
-    loaded = solve("pull", comm, cells=2, stretch=1.1, steps=1)
-    assert not [note for note in loaded.notes if note["kind"] == "rest"]
 
 
 # --- jumps ----------------------------------------------------------------------------------------
@@ -378,17 +365,3 @@ def test_a_motion_that_gains_energy(integrator, friction):
         start = 500 + 500 / 6  # of the translation, and of the rotation about the centre
         assert note["gained"] == pytest.approx(row["energy"] - start, rel=1e-6)
         assert f"the energy rises by {note['gained']:.3g} J that no load gives" in note["text"]
-
-
-def test_penalties_that_yield_have_a_note():
-    """A penalty is a spring in series: its part of the energy is that of the force it costs."""
-    keys = {"nu": 0.0, "to": 0.999, "cells": 2, "steps": 1}
-    soft = fem_snh.run("press", **keys, progress=False)
-    (note,) = [note for note in soft.notes if note["kind"] == "penalty"]
-    force = soft.steps[-1]["obstacles"]["plate"]["force"][2]
-    exact = -1e5 * 0.001  # E times the strain: nu is zero
-    assert note["share"] == pytest.approx(1 - force / exact, rel=0.02)
-    assert "4.8 % of the energy" in note["text"]
-    estimated = fem_snh.run("press", **keys, error=True, progress=False)
-    assert "penalty" not in {note["kind"] for note in estimated.notes}
-    assert estimated.goals["plate.force.z"]["corrected"] == pytest.approx(exact, rel=2e-3)
