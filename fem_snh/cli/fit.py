@@ -60,9 +60,8 @@ def fit_parser() -> Parser:
         --all  fit all materials and rank them
         --to FILE  measured curve to which parameters of the scene are fitted
         --solves N  largest number of solves of the scene; default: 12
-        --nu X  Poisson's ratio; by default J = 1, and with volumetric or confined tests nu is
-            fitted
-        --incompressible  the volume is constant, J = 1
+        --nu X  Poisson's ratio; 0.5 is J = 1, the default; with volumetric or confined tests nu
+            is fitted by default
         --parameters NAME,..  shape parameters to fit; default: all that are numbers
         --set KEY=VALUE  hold a shape parameter at a value
         --bounds KEY=LOW,HIGH  bounds of a parameter
@@ -74,7 +73,6 @@ def fit_parser() -> Parser:
         --modulus-unit UNIT  unit of E and of the constants, e.g. MPa for a scene in mm; default:
             Pa, or that of the stresses if none is stated
         --range LOW,HIGH  stretches between which stability is evaluated
-        --report  also print stability at inverted and collapsed states: it compiles a kernel
         --out DIR  folder of fit.json, fit.png and material.toml; default: out/fit
         """,
         names={"nargs": "*"},
@@ -97,7 +95,6 @@ def fit(argv: list[str]) -> int:
         raise BadInput("fit: PETSc options: expected with a scene and --to")
     keywords: dict[str, Any] = {
         "nu": args.nu,
-        "incompressible": args.incompressible or None,
         "relative": args.relative,
         "stable_range": None if args.range is None else _pair("range", args.range),
         "bounds": {k: _pair(f"bounds {k}", v) for k, v in assignments(args.bounds).items()},
@@ -120,8 +117,6 @@ def fit(argv: list[str]) -> int:
 
     found = study(*args.names, **keywords)
     _print(found)
-    if args.report:
-        print(found.report())
     _write(found, args.out)
     return 0
 
@@ -189,8 +184,6 @@ def _rank(args: Namespace, keywords: dict[str, Any]) -> int:
 
     from fem_snh.studies.fit import Fit, ordered, rank, write_ranking
 
-    if args.report:
-        raise BadInput("fit --report: expected without --all")
     fits: list[Fit] = []
     refused: list[tuple[str, str]] = []
     with Console(stderr=True).status("fitting") as status:
@@ -235,10 +228,8 @@ def _print(found: Fit) -> None:
     ]  # fmt: skip
     print_table(("test", "kind", "points", "rms", "largest", "R²"), rows)
     low, high = found.searched
-    for s, loaded in zip(found.stable, found.stable_under_dead_loads, strict=True):
+    for s in found.stable:
         words = "all of it" if s.whole else f"{s.low:.4g} to {s.high:.4g}"
-        if (loaded.low, loaded.high) != (s.low, s.high):
-            words += f"; under dead loads {loaded.low:.4g} to {loaded.high:.4g}"
         print(f"stable (Drucker) between stretches {low:.3g} and {high:.3g}, {s.kind}: {words}")
     if any(t.data.kind == "biaxial" for t in found.tests):
         print(f"stable (Drucker) at all data: {'yes' if found.stable_at_data else 'no'}")

@@ -6,6 +6,7 @@ The texts are those of the schema that validates scenes; the reference pages are
 from __future__ import annotations
 
 import inspect
+import json
 import re
 import shutil
 import textwrap
@@ -13,9 +14,10 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
+from fem_snh import cli
 from fem_snh.cli.options import Parser
 from fem_snh.errors import BadInput, nearest, unknown_name
-from fem_snh.materials import TUNING, defaults, describe, names, names_in_literature, pins
+from fem_snh.materials import TUNING, defaults, describe, names, pins
 from fem_snh.materials.parameters import MEANINGS
 from fem_snh.materials.registry import published
 from fem_snh.records.output_fields import NAMED
@@ -52,9 +54,6 @@ def help_parser() -> Parser:
 def help(argv: list[str]) -> int:
     """Print what a key or a material is, or list all; return 0."""
     name = help_parser().parse(argv).name
-
-    from fem_snh import cli
-
     if name is None:
         _list()
     elif name in cli.COMMANDS:
@@ -62,11 +61,8 @@ def help(argv: list[str]) -> int:
     elif (material := name.removeprefix("scene.").removeprefix("material.")) in names():
         _material(material)
     else:
-        try:
-            _keys(name)
-        except BadInput:
-            if not _parameter(material):  # asked last: it imports all materials
-                raise
+        for key in find(name):
+            _key(key)
     return 0
 
 
@@ -84,41 +80,27 @@ def _material(name: str) -> None:
     _columns(_parameters(parameters(name)))
 
 
-def _parameter(name: str) -> bool:
-    """Print what a parameter of materials is; return whether there is one of this name."""
-    found = [("every material", tuning())] if name in TUNING else []
-    found += [(m, parameters(m)) for m in materials_with(name)]
-    for material, rows in found:
-        print(_filled(f"material.{name}, of {material}: {dict(_parameters(rows))[name]}"))
-    return bool(found)
-
-
 def _parameters(rows: Iterable[tuple[str, str, str]]) -> list[tuple[str, str]]:
     """Return names and texts of names, defaults and meanings."""
     return [(name, f"{what.rstrip('.')}. Default: {default}.") for name, default, what in rows]
 
 
-def _keys(words: str) -> None:
-    """Print the keys that a dotted path means, and the keys of their tables."""
-    alike: dict[tuple[object, ...], list[Key]] = {}
-    for key in find(words):
-        same = (key.accepted, key.default, key.meaning, key.tables)
-        alike.setdefault(same, []).append(key)
-    for number, found in enumerate(alike.values()):
-        key = found[0]
-        print("\n" * bool(number) + _filled(", ".join(each.path for each in found)))
-        print(_filled(_said(key), "  "))
-        for table in key.tables:
-            what = summary(table)
-            print("" if what == key.meaning else "\n" + _filled(what) + "\n")
-            _columns((inner.name, _said(inner)) for inner in keys_of(table))
-            if table is MaterialChoice:
-                _columns(_parameters(tuning()))
-                print("\nMaterials, each with parameters of its own (`fem-snh help NAME`):\n")
-                print(_filled(", ".join(names()), "  "))
-        if key.path == "fields":
-            print()
-            _columns((name, field.meaning) for name, field in NAMED.items())
+def _key(key: Key) -> None:
+    """Print a key, and the keys of its tables."""
+    print(_filled(key.path))
+    print(_filled(_said(key), "  "))
+    for table in key.tables:
+        what = summary(table)
+        print("" if what == key.meaning else "\n" + _filled(what) + "\n")
+        _columns((inner.name, _said(inner)) for inner in keys_of(table))
+        if table is MaterialChoice:
+            _columns(_parameters(tuning()))
+            print("\nMaterials, each with parameters of its own (`fem-snh help NAME`):\n")
+            print(_filled(", ".join(names()), "  "))
+    if key.path == "fields":
+        print()
+        _columns((name, field.meaning) for name, field in NAMED.items())
+    print()
 
 
 def _said(key: Key) -> str:
@@ -249,7 +231,7 @@ def find(words: str) -> list[Key]:
     if inner:
         inner |= dict.fromkeys([*names(), *TUNING] if table == "material" else [])
         raise BadInput(f"{table}: {unknown_name('key', name, inner, suggestion(name, inner))}")
-    listed = [*Scene.model_fields, *names(), *TUNING]
+    listed = [*Scene.model_fields, *names()]
     near = suggestion(path, listed) or nearest(path, listed)
     raise BadInput(f"unknown key or material '{words}': expected what `fem-snh help` lists{near}")
 
@@ -271,15 +253,6 @@ def tuning() -> list[tuple[str, str, str]]:
     return [(key, _toml(default), MEANINGS[key]) for key, default in TUNING.items()]
 
 
-def materials_with(parameter: str) -> list[str]:
-    """Return the materials that have a shape parameter or a constant of this name."""
-    return [
-        name
-        for name in names()
-        if parameter in (*defaults(name), *pins(name), *names_in_literature(name))
-    ]
-
-
 def _documented(material: str, parameter: str) -> str:
     """Return what the docstring of a material says of a parameter."""
     for names_, text in re.findall(r"^(\w[\w, ]*) : .*\n((?: +.*\n?)+)", describe(material), re.M):
@@ -294,8 +267,4 @@ def _toml(value: Any) -> str:
         return "none"
     if isinstance(value, Table):
         return "{ " + ", ".join(f"{key} = {_toml(v)}" for key, v in value) + " }"
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, tuple | list):
-        return "[" + ", ".join(map(_toml, value)) + "]"
-    return f'"{value}"' if isinstance(value, str) else str(value)
+    return json.dumps(value, default=str)

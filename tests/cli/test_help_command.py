@@ -41,9 +41,6 @@ def test_a_table_has_all_its_keys(capsys: pytest.CaptureFixture[str]) -> None:
         ("material", "nu Poisson's ratio at small strain"),
         ("material.ogden", "exponents The exponents a_p."),
         ("yeoh", "psi = C10 (I1 - 3)"),
-        ("alpha", "material.alpha, of every material: nonlinearity"),
-        ("material.barrier", "of stable_neo_hookean: True for eq. 14"),
-        ("C30", "material.C30, of yeoh:"),
         ("plot", "usage: fem-snh plot"),
     ],
 )  # fmt: skip

@@ -69,7 +69,6 @@ def test_options(tmp_path: Path) -> None:
         (["ogden", "treloar", "--weights", "1" + 400 * "0"], "expected a number > 0"),
         (["ogden", "treloar", "--weights", "1" + 5000 * "0"], "expected a number > 0"),
         (["ogden", "treloar", "--range", "0.5,1" + 400 * "0"], "expected a finite number"),
-        (["--all", "treloar", "--report"], "expected without --all"),
         (["stvk", "treloar"], "has no volume term"),
     ],
 )

@@ -19,7 +19,7 @@ from fem_snh.files import write_file
 from fem_snh.materials.parameters import default_variants
 from fem_snh.studies.fit.data import TestData, read
 from fem_snh.studies.fit.family import Family
-from fem_snh.studies.fit.least_squares import solve
+from fem_snh.studies.fit.least_squares import NU_START, solve
 from fem_snh.studies.fit.responses import FREE
 from fem_snh.studies.fit.result import Fit
 
@@ -36,7 +36,6 @@ def fit(
     material: Any,
     *data: str | Path | TestData,
     nu: float | None = None,
-    incompressible: bool | None = None,
     parameters: Sequence[str] | None = None,
     held: Mapping[str, Any] | None = None,
     bounds: Mapping[str, tuple[float, float]] | None = None,
@@ -57,10 +56,8 @@ def fit(
     *data : str, Path or TestData
         Files of test data; several are fitted at once.
     nu : float, optional
-        Poisson's ratio.
-    incompressible : bool, optional
-        Whether the volume is constant. By default it is, without ``nu`` and without volumetric and
-        confined tests; with these nu is fitted.
+        Poisson's ratio; 0.5 keeps the volume constant. By default it is 0.5 without volumetric and
+        confined tests, and fitted with these.
     parameters : sequence of str, optional
         The shape parameters that are fitted, besides E; all that are numbers by default. "alpha" is
         the nonlinearity of any material.
@@ -94,7 +91,7 @@ def fit(
     shape parameters determine the constants in the literature: mu_lame = E/3 there.
     """
     tests = read_all(data, test, columns, unit, modulus_unit, weights)
-    incompressible, fit_nu, nu = _compressibility(tests, nu, incompressible)
+    incompressible, fit_nu, nu = _compressibility(tests, nu)
     searched = _searched(tests, stable_range)
     held = dict(held or {})
     if fit_nu:  # the variant of the first ratio
@@ -205,32 +202,18 @@ def _each(key: str, values: Sequence[Any] | None, count: int) -> list[Any]:
     return given * count if len(given) == 1 else given
 
 
-def _compressibility(
-    tests: Sequence[TestData], nu: float | None, incompressible: bool | None
-) -> tuple[bool, bool, float]:
+def _compressibility(tests: Sequence[TestData], nu: float | None) -> tuple[bool, bool, float]:
     """Return whether the material is incompressible, whether nu is an unknown, and its value."""
     volume = [t for t in tests if t.kind in _OF_VOLUME]
-    if nu is not None and incompressible:
-        raise BadInput("fit: nu and incompressible: expected one of the two")
     if nu is not None:
         check_number("nu", nu, -1, highest=0.5, exclusive=True)
-    if nu == 0.5:
-        nu, incompressible = None, True
-    if incompressible is None:
-        incompressible = nu is None and not volume
-    if incompressible and volume:
-        raise BadInput(
-            f"{volume[0].name}: a test '{volume[0].kind}' of an incompressible material: expected "
-            "nu = a number below 0.5, or none to fit it"
-        )
-    if incompressible:
-        return True, False, 0.5
-    if nu is None and not volume:
-        raise BadInput(
-            "fit: nu = none of a compressible material without a volumetric or confined test: "
-            "expected nu = a number below 0.5"
-        )
-    return False, nu is None, 0.45 if nu is None else float(nu)
+        if nu == 0.5 and volume:
+            raise BadInput(
+                f"{volume[0].name}: a test '{volume[0].kind}' of an incompressible material: "
+                "expected nu = a number below 0.5, or none to fit it"
+            )
+        return nu == 0.5, False, float(nu)
+    return (False, True, NU_START) if volume else (True, False, 0.5)
 
 
 def _searched(tests: Sequence[TestData], given: tuple[float, float] | None) -> tuple[float, float]:

@@ -41,7 +41,7 @@ _SPREAD = 0.7
 #: difference.
 _AGREEING, _SAME = 2, 1e-4
 #: First Poisson's ratio where it is an unknown; it remains above -1 and below 0.5.
-_NU_START = 0.45
+NU_START = 0.45
 #: Bounds of log(1 - 2 nu): nu from -0.9 to 0.5 - 1e-9.
 _NU_BOUNDS = (np.log(2e-9), np.log(2.8))
 #: A stress that has no value counts as this many times the largest measured one.
@@ -127,7 +127,7 @@ class _Problem:
         low, high = self.bounds()
         count = len(self.unknowns)
         first = np.where(self.one_sign, 0.0, [1.0 if u.start else 0.0 for u in self.unknowns])
-        last = [np.log(1 - 2 * _NU_START)] if self.fit_nu else []
+        last = [np.log(1 - 2 * NU_START)] if self.fit_nu else []
         rng = np.random.default_rng(0)
         points = [first]
         for _ in range(min(_STARTS * count, _MOST_STARTS)):

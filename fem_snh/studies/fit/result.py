@@ -27,14 +27,11 @@ from fem_snh.studies.fit.responses import (
 
 if TYPE_CHECKING:
     from fem_snh.kernels.material import Material
-    from fem_snh.kernels.reports.report import Report
 
 Array = npt.NDArray[np.float64]
 
 #: Significant digits of the numbers in the table, more than data have.
 _DIGITS = 10
-#: Poisson's ratio at which an incompressible fit is reported: kernels need nu < 0.5.
-REPORT_NU = 0.49
 #: R² of a test below which a fit has a note: two biaxial stresses that are exchanged have 0.46.
 _POOR = 0.8
 #: Smallest mean square of AICc, relative to that of the data: double precision shows no less.
@@ -100,8 +97,6 @@ class Fit:
         Data, stresses and residuals.
     stable : tuple of StableRange
         Stretches around rest that are stable by Drucker's criterion.
-    stable_under_dead_loads : tuple of StableRange
-        Those that are also stable under prescribed forces.
     evaluations, starts : int
         Evaluations of all stresses, and starts of the search.
     """
@@ -133,7 +128,6 @@ class Fit:
         self.searched = searched
         self._law = family.at(solution.theta, self.nu)
         self.stable: tuple[StableRange, ...] = stable_ranges(self._law, *searched)
-        self.stable_under_dead_loads = stable_ranges(self._law, *searched, dead_loads=True)
 
     @property
     def notes(self) -> list[str]:
@@ -233,13 +227,6 @@ class Fit:
         """Return Young's modulus for another nu with the same shear modulus."""
         return self.E * (1 + nu) / (1 + self.nu)
 
-    def report(self) -> Report:
-        """Return the report of the material, with its other stabilities: it compiles a kernel.
-
-        An incompressible fit is reported at nu = 0.49.
-        """
-        return self.material(REPORT_NU if self.incompressible else None).report()
-
     def table(self) -> str:
         """Return the table ``[material]`` of a scene."""
         text = toml_table("material", {"name": self.name, "E": self.E, "nu": self.nu, **self.shape})
@@ -271,9 +258,6 @@ class Fit:
                 for t in self.tests
             ],
             "stable": {s.kind: [s.low, s.high] for s in self.stable},
-            "stable_under_dead_loads": {
-                s.kind: [s.low, s.high] for s in self.stable_under_dead_loads
-            },
             "stable_at_data": self.stable_at_data,
             "searched": list(self.searched),
             "evaluations": self.evaluations,
@@ -308,16 +292,14 @@ def r_squared(stress: Array, residual: Array) -> float:
 
 def toml_table(name: str, values: Mapping[str, Any]) -> str:
     """Return a table of TOML, without the values that are None."""
-    lines = [f"{key} = {_toml(value)}" for key, value in values.items() if value is not None]
+    lines = [f"{key} = {json.dumps(_rounded(v))}" for key, v in values.items() if v is not None]
     return "\n".join([f"[{name}]", *lines]) + "\n"
 
 
-def _toml(value: Any) -> str:
-    """Return a value as TOML."""
-    if isinstance(value, bool):
-        return str(value).lower()
+def _rounded(value: Any) -> Any:
+    """Return a value with the numbers in it rounded to `_DIGITS`."""
     if isinstance(value, tuple | list):
-        return "[" + ", ".join(map(_toml, value)) + "]"
-    if isinstance(value, int | float):
-        return repr(float(f"{value:.{_DIGITS}g}"))
-    return json.dumps(str(value))
+        return [_rounded(entry) for entry in value]
+    if isinstance(value, bool | str):
+        return value
+    return float(f"{value:.{_DIGITS}g}")
