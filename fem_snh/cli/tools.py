@@ -184,7 +184,6 @@ def export_parser() -> Parser:
         """
         folder DIR|MSH  folder of a run; or a gmsh or .xao file, for NAME.xdmf
         out OUT  NAME.vtkhdf: one file; NAME.obj: files NAME_0000.obj, NAME_0001.obj, ...
-        --field NAME  field that colours the vertices of OBJ files
         """,
         folder=Path,
         out=output,
@@ -201,15 +200,13 @@ def export(argv: list[str]) -> int:
     from fem_snh.viewing.export import main
 
     with _progress_bar("writing") as report:
-        paths = main(args.folder, args.out, report, args.field)
+        paths = main(args.folder, args.out, report)
     print(paths[0] if len(paths) == 1 else f"{paths[0]} ... {paths[-1].name}")
     return 0
 
 
 def _convert_mesh(args: Namespace) -> int:
     """Write a gmsh file as an XDMF file; return 0. Collective."""
-    if args.field is not None:
-        raise BadInput(f"--field = {args.field}: expected no such option with a mesh")
     from mpi4py import MPI
 
     start_petsc()

@@ -226,4 +226,5 @@ for (const [axis, select] of Object.entries(axes)) {
   data.columns.forEach((column, i) => select.add(new Option(column.label, i, false, i === data[axis])));
   select.addEventListener("change", drawCurve);
 }
+byId("steps").querySelectorAll("tbody tr").forEach((row, i) => row.classList.toggle("failed", data.failed[i]));
 show();

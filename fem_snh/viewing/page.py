@@ -9,7 +9,7 @@ import io
 import json
 import zipfile
 from base64 import b64encode
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from functools import partial
 from html import escape
 from importlib.resources import files
@@ -47,12 +47,6 @@ from fem_snh.viewing.stored_run import (
     step_at,
 )
 
-#: Columns of the step table, in this order, as far as the steps have them.
-COLUMNS = (
-    "load", "time", "converged", "reason", "newton", "clamped", "linear", "lbfgs", "residual",
-    "energy", "kinetic", "elastic", "potential", "dissipated",
-    "volume_ratio", "min_J", "max_u", "nonfinite", "seconds",
-)  # fmt: skip
 #: Where vtk.js's viewer would load its icon from; the page loads nothing.
 _ICON = "https://kitware.github.io/vtk-js/icon/favicon-${t}x${t}.png"
 
@@ -149,6 +143,7 @@ def page(
     units = Units.of(record)
     about = _columns(record) | {
         "states": shown,
+        "failed": [not step.get("converged", True) for step in record["steps"]],
         "field": field,
         "vectors": VECTORS,
         "label": label(field, units),
@@ -159,6 +154,8 @@ def page(
         raise BadInput(f"{HTML_VIEWER_PATH}: its icon has another address: install trame-vtk 2")
     elsewhere = ("scene", "status", "steps", "versions")
     settings = {key: value for key, value in record.items() if key not in elsewhere}
+    if isinstance(settings["material"], list):
+        settings["material"] = dict(enumerate(settings["material"]))
     html, script = (
         (files("fem_snh.viewing") / name).read_text(encoding="utf-8")
         for name in ("page.html", "page.js")
@@ -170,8 +167,8 @@ def page(
         extremes=escape(extremes),
         last=len(shown) - 1,
         steps=_step_table(record),
-        settings=_pairs(flatten(settings)),
-        versions=_pairs(flatten(record.get("versions", {}))),
+        settings=_values(settings),
+        versions=_values(record.get("versions", {})),
         # "</script" would end the script element, "<!--<script" the document.
         states=json.dumps(about, allow_nan=False).replace("<", "\\u003c"),
         script=script,
@@ -192,52 +189,28 @@ def _columns(record: Record) -> dict[str, Any]:
         }
         for name in table
     ]
-    x, y = first_axes(record, table)
+    # First a reaction or the volume over the load parameter.
+    x, y = x_of([record]), principal_result([record]) or "volume_ratio"
+    y = y if y in table else x
     return {"columns": columns, "x": list(table).index(x), "y": list(table).index(y)}
 
 
-def first_axes(record: Record, table: pd.DataFrame) -> tuple[str, str]:
-    """Return the columns of the first curve: a reaction or the volume over the load parameter."""
-    x, y = x_of([record]), principal_result([record]) or "volume_ratio"
-    return x, y if y in table else x
-
-
 def _step_table(record: Record) -> str:
-    steps = record["steps"]
-    columns = [name for name in COLUMNS if any(name in step for step in steps)]
-    head = "".join(f"<th>{escape(column_label(name, [record]))}</th>" for name in columns)
-    rows = ""
-    for step in steps:
-        rows += "<tr>" if step.get("converged", True) else '<tr class="failed">'
-        rows += "".join(f"<td>{escape(cell(step.get(name)))}</td>" for name in columns) + "</tr>\n"
-    return f"<table><thead><tr>{head}</tr></thead>\n<tbody>{rows}</tbody></table>"
+    """Return the numbers and texts of the steps as a table."""
+    steps = [
+        {name: value for name, value in step.items() if not isinstance(value, dict | list)}
+        for step in record["steps"]
+    ]
+    labels = {name: column_label(name, [record]) for step in steps for name in step}
+    return _html(pd.DataFrame(steps).rename(columns=labels), index=False)
 
 
-def _pairs(pairs: Iterable[tuple[str, Any]]) -> str:
-    rows = "".join(
-        f'<tr><th scope="row">{escape(name)}</th><td>{escape(cell(value))}</td></tr>\n'
-        for name, value in pairs
-    )
-    return f"<table><tbody>{rows}</tbody></table>"
+def _values(data: dict[str, Any]) -> str:
+    """Return the values of nested tables with their keys, as ``material.nu``."""
+    return _html(pd.json_normalize(data).T, header=False)
 
 
-def flatten(data: dict[Any, Any], prefix: str = "") -> Iterable[tuple[str, Any]]:
-    """Yield the values of nested tables with their keys, as ``material.nu``."""
-    for key, value in data.items():
-        if isinstance(value, dict):
-            yield from flatten(value, f"{prefix}{key}.")
-        elif key == "material":  # several
-            yield from flatten(dict(enumerate(value)), f"{prefix}{key}.")
-        else:
-            yield f"{prefix}{key}", value
-
-
-def cell(value: Any) -> str:
-    """Return a value as text: numbers with six digits, lists with commas."""
-    if value is None:
-        return ""
-    if isinstance(value, float):
-        return f"{value:.6g}"
-    if isinstance(value, list):
-        return ", ".join(cell(entry) for entry in value)
-    return {True: "yes", False: "no"}[value] if isinstance(value, bool) else str(value)
+def _html(table: pd.DataFrame, **options: Any) -> str:
+    """Return a table as HTML, numbers with six digits."""
+    with pd.option_context("display.max_colwidth", None):
+        return str(table.to_html(border=0, na_rep="", float_format="{:.6g}".format, **options))

@@ -16,7 +16,7 @@ from vtkmodules.vtkCommonCore import mutable
 from fem_snh.errors import BadInput, bad_value
 from fem_snh.records.run_record import load_record
 from fem_snh.viewing.render.surfaces import read_grid
-from fem_snh.viewing.stored_run import component_index, split_component, stored_loads
+from fem_snh.viewing.stored_run import stored_loads
 
 Array = npt.NDArray[Any]
 
@@ -190,50 +190,6 @@ class InterpolatedStates:
         data = grid.cell_data if self._per_cell else grid.point_data
         data[self._field] = self._value_at(load)
         return grid
-
-
-class SurfaceFields:
-    """The fields at the points of a surface, at each stored load.
-
-    A field of the cells has at a point the mean over the cells around the point.
-
-    Parameters
-    ----------
-    states : States
-        The states.
-    nodes : (n,) int array
-        The points of the surface, as rows of the mesh's points.
-    """
-
-    def __init__(self, states: States, nodes: Array) -> None:
-        self._states, self._nodes = states, nodes
-
-    def read(self, number: int) -> dict[str, Array]:
-        """Return all fields of a state by name, (n,) or (n, components)."""
-        state, grid = self._states.read(number), self._states.mesh.copy(deep=False)
-        for name, values in state.cell_data.items():
-            grid.cell_data[name] = values
-        means = grid.cell_data_to_point_data().point_data
-        found = state.point_data | {name: np.asarray(means[name]) for name in state.cell_data}
-        return {name: values[self._nodes] for name, values in found.items()}
-
-    def scalar(self, number: int, field: str) -> Array:
-        """Return a scalar field, a component or the magnitude of a field, (n,).
-
-        Raises
-        ------
-        BadInput
-            If a value is not finite.
-        """
-        values: Array = self.read(number)[split_component(field)[0]]
-        values = values.reshape(len(self._nodes), -1)
-        component = component_index(field)
-        if component is not None:
-            values = values[:, [component]]
-        found = values[:, 0] if values.shape[1] == 1 else np.linalg.norm(values, axis=1)
-        if not np.all(np.isfinite(found)):
-            raise BadInput(f"'{field}' at load {self._states.loads[number]:g} is not finite")
-        return np.asarray(found, dtype=float)
 
 
 def displacement_at(

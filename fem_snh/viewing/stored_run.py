@@ -448,7 +448,7 @@ class StoredRun:
     def __init__(
         self, folder: Path, field: str | None = None, view: ViewOptions | None = None
     ) -> None:
-        folder, view, self._field = Path(folder), view or WHOLE, field
+        folder, view = Path(folder), view or WHOLE
         self.record = read_record(folder)
         self.view = replace(view, hidden_cells=hidden_cells(self.record, view.hide))
         self._solids = obstacle_poses(self.record, folder, view.hide)
@@ -469,14 +469,6 @@ class StoredRun:
     def panel(self, load: float) -> Panel:
         """Return the panel of a stored load or time."""
         return Panel(self.states[load], panel_label(self.record, load), load, self._solids)
-
-    def note(self, loads: Sequence[float]) -> str:
-        """Return what colours of cells hide at some loads: the smallest J at a point."""
-        steps = [step_at(self.record, load) for load in loads]
-        smallest = [step["min_J"] for step in steps if step and step.get("min_J") is not None]
-        if self._field != "J" or not smallest:
-            return ""
-        return f"smallest at a quadrature point {min(smallest):.3g}"
 
 
 def read_record(folder: Path) -> Record:

@@ -148,14 +148,3 @@ def test_scales_of_what_cannot_be_negative_start_at_zero(field):
     assert drawing.colours("cauchy_stress.xy", np.linspace(3, 5, 500))[1].vmin > 3
     contact = np.append(np.full(499, 2.0), -1e-16)  # by a projection
     assert drawing.colours("contact_pressure", contact)[2] == "neither"
-
-
-def test_the_smallest_J_at_a_point_is_beside_the_colour_bar(folder):
-    write_run(MPI.COMM_SELF, folder, "Q1")
-    content = record()
-    content["steps"][0]["min_J"] = 0.123
-    write_record(folder, content)
-    run = render.StoredRun(folder, "J")
-    assert run.note([0.5, 1.0]) == "smallest at a quadrature point 0.123"
-    assert run.note([1.0]) == "smallest at a quadrature point 0.9"
-    assert render.StoredRun(folder, "energy_density").note([0.5]) == ""

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 from fem_snh.errors import bad_value
 from fem_snh.files import make_folder_of, output_path
@@ -24,7 +23,6 @@ def main(
     folder: Path,
     out: Path,
     report: Callable[[int, int], None] | None = None,
-    field: str | None = None,
 ) -> list[Path]:
     """Export the states of a run and return the paths of the files.
 
@@ -38,8 +36,6 @@ def main(
         stored load. Of a body in a lattice, all of them have its skin.
     report : callable, optional
         Called with the numbers of states written and of all states.
-    field : str, optional
-        A field or component that colours the vertices of OBJ files, as in pictures.
 
     Raises
     ------
@@ -51,16 +47,13 @@ def main(
     if kind not in TYPES:
         raise bad_value("OUT", str(out), f"a file {' or '.join(TYPES)}")
     is_obj = kind == ".obj"
-    if field is not None and not is_obj:
-        raise bad_value("--field", field, "a file .obj beside it")
-    require("export", ("pyvista",) if field is None else ("pyvista", "matplotlib"))
+    require("export", ("pyvista",))
     if not is_obj:
         require(f"a file {kind}", ("h5py",), "'fem_snh[export]'")
-    run = StoredRun(folder, field)
+    run = StoredRun(folder)
     make_folder_of(out)
     function, timeout = f"{__name__}.writers:{TYPES[kind]}", _STATE_TIMEOUT * (1 + len(run.states))
-    argument: Any = field if is_obj else run.record
-    run_elsewhere(function, out, run.pvd, argument, report=report, timeout=timeout)
+    run_elsewhere(function, out, run.pvd, report=report, timeout=timeout)
     return [obj_path(out, number) for number in range(len(run.states))] if is_obj else [out]
 
 

@@ -8,7 +8,6 @@ file cannot be written.
 from __future__ import annotations
 
 import io
-import json
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -18,12 +17,11 @@ import numpy as np
 import pyvista as pv
 
 from fem_snh.errors import BadInput
-from fem_snh.files import replace_file
-from fem_snh.records.run_record import Record
+from fem_snh.files import read_text, replace_file
 from fem_snh.viewing import ignore
 from fem_snh.viewing.export import obj_path
 from fem_snh.viewing.render.surfaces import boundary
-from fem_snh.viewing.states import Array, ExportedState, States, SurfaceFields
+from fem_snh.viewing.states import Array, ExportedState, States
 
 #: Divides each face of a quadratic cell into the triangles between its nodes.
 _LEVEL = 1
@@ -54,18 +52,7 @@ def surface_of(mesh: pv.UnstructuredGrid) -> tuple[Array, Array]:
     return np.asarray(oriented["node"]), np.asarray(oriented.regular_faces)
 
 
-def _colours(fields: SurfaceFields, count: int, field: str) -> Callable[[Array], Array]:
-    """Return the function from values (n,) of a field to sRGB (n, 3), 0 to 1, as in pictures.
-
-    The range of colours is that of all stored loads.
-    """
-    from fem_snh.viewing.render.drawing import colour_function  # imports matplotlib
-
-    values = [fields.scalar(number, field) for number in range(count)]
-    return colour_function(field, np.concatenate(values))
-
-
-def write_obj(out: Path, pvd: Path, field: str | None = None, report: Report = ignore) -> None:
+def write_obj(out: Path, pvd: Path, report: Report = ignore) -> None:
     """Write the surface at the stored loads as the files of `obj_path`.
 
     All files have the same triangles of the same vertices, the nodes on the surface, with normals
@@ -77,8 +64,6 @@ def write_obj(out: Path, pvd: Path, field: str | None = None, report: Report = i
         ``NAME.obj``.
     pvd : Path
         The collection of the states.
-    field : str, optional
-        A field that colours the vertices: red, green and blue (sRGB, 0 to 1) after the coordinates.
 
     Raises
     ------
@@ -97,15 +82,10 @@ def write_obj(out: Path, pvd: Path, field: str | None = None, report: Report = i
     faces = io.BytesIO()
     np.savetxt(faces, triangles + 1, fmt="f %d %d %d")  # OBJ counts from 1
     rest = states.mesh.points[nodes]
-    fields = SurfaceFields(states, nodes) if field else None
-    colours = _colours(fields, len(states), str(field)) if fields else None
-    form = " ".join(["v", *["%.10g"] * 3, *["%.4f"] * (3 if colours else 0)])
     for number, (path, load) in enumerate(zip(paths, states.loads, strict=True)):
         text = io.BytesIO()
-        rows = rest + states.displacement(number)[nodes]
-        if fields and colours:
-            rows = np.column_stack([rows, colours(fields.scalar(number, str(field)))])
-        np.savetxt(text, rows, fmt=form, header=f"load {load:.10g}")
+        deformed = rest + states.displacement(number)[nodes]
+        np.savetxt(text, deformed, fmt="v %.10g %.10g %.10g", header=f"load {load:.10g}")
         replace_file(path, (text.getvalue() + faces.getvalue()).decode())
         report(number + 1, count)
 
@@ -116,7 +96,7 @@ def _is_later(path: Path, out: Path, count: int) -> bool:
     return number is not None and int(number[1]) >= count
 
 
-def write_vtkhdf(out: Path, pvd: Path, record: Record, report: Report = ignore) -> None:
+def write_vtkhdf(out: Path, pvd: Path, report: Report = ignore) -> None:
     """Write all states into one file: a temporal unstructured grid, with the load as its time.
 
     The mesh is written once, as one part. The fields of the states follow each other in one array
@@ -129,8 +109,10 @@ def write_vtkhdf(out: Path, pvd: Path, record: Record, report: Report = ignore) 
         The file.
     pvd : Path
         The collection of the states.
-    record : dict
-        The run's run.json; the file holds it as the text ``/fem_snh/run.json``, which VTK ignores.
+
+    Notes
+    -----
+    The file also holds the run's run.json, as the text ``/fem_snh/run.json``, which VTK ignores.
 
     References
     ----------
@@ -152,7 +134,7 @@ def write_vtkhdf(out: Path, pvd: Path, record: Record, report: Report = ignore) 
             for number in range(len(states)):
                 _write_state(root, states.read(number), number, len(states))
                 report(number + 1, len(states))
-            hdf.create_dataset("fem_snh/run.json", data=json.dumps(record))
+            hdf.create_dataset("fem_snh/run.json", data=read_text(pvd.with_name("run.json")))
 
     replace_file(out, write)
 

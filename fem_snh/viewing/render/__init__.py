@@ -51,8 +51,8 @@ MAX_STATES = 13
 class Job:
     """The input of a drawing process; ``out`` is the file.
 
-    With ``revolve`` sections are drawn as bodies of revolution. ``note`` follows the label of the
-    colour bar. ``units`` are those of labels; None: SI, and no scale bar.
+    With ``revolve`` sections are drawn as bodies of revolution. ``units`` are those of labels;
+    None: SI, and no scale bar.
     """
 
     field: str
@@ -62,7 +62,6 @@ class Job:
     opacity: float = 1.0
     revolve: bool = False
     view: ViewOptions = WHOLE
-    note: str = ""
     units: Units | None = None
 
 
@@ -136,10 +135,9 @@ def main(
     run.check_revolved(revolve)
     if not loads and field.startswith(ERRORS):
         loads = [max(run.states)]
-    chosen = choose_loads(list(run.states), loads)
-    panels, note = [run.panel(load) for load in chosen], run.note(chosen)
+    panels = [run.panel(load) for load in choose_loads(list(run.states), loads)]
     job = Job(
-        field, title(run.record), panels, out, check_opacity(opacity), revolve, run.view, note,
+        field, title(run.record), panels, out, check_opacity(opacity), revolve, run.view,
         Units.of(run.record),
     )  # fmt: skip
     draw(job, report)

@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 import pyvista as pv
-from matplotlib import colormaps
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
@@ -95,15 +94,6 @@ def colours(
     under, over = values.min() < low - rounding, values.max() > high + rounding
     extend = {(0, 0): "neither", (1, 0): "min", (0, 1): "max", (1, 1): "both"}[under, over]
     return ("coolwarm" if centre is not None else "viridis"), Normalize(low, high), extend
-
-
-def colour_function(field: str, values: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
-    """Return the function from values (n,) to the sRGB colours (n, 3), from 0 to 1, of a field.
-
-    ``values`` are all that share the range.
-    """
-    name, norm, _ = colours(field, values)
-    return lambda some: np.asarray(colormaps[name](norm(some)))[:, :3]
 
 
 def round_up(x: float) -> float:
@@ -279,9 +269,7 @@ class Drawing:
     @property
     def label(self) -> str:
         """The label of the colour bar, with the range of values that its colours do not reach."""
-        text = label(self.job.field, self.job.units) + (
-            f", {self.job.note}" if self.job.note else ""
-        )
+        text = label(self.job.field, self.job.units)
         (low, high), ends = self.extremes, (self.norm.vmin, self.norm.vmax)
         rounding = _ROUNDING * (ends[1] - ends[0])
         if self.job.field == "mode" or not (low < ends[0] - rounding or high > ends[1] + rounding):

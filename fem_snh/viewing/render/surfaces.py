@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 import pyvista as pv
-from vtkmodules.vtkCommonCore import mutable, vtkIdList, vtkObject, vtkPoints
-from vtkmodules.vtkFiltersGeneral import vtkContourTriangulator
+from vtkmodules.vtkCommonCore import vtkIdList, vtkObject, vtkPoints
 from vtkmodules.vtkFiltersGeometry import vtkDataSetSurfaceFilter
 
 from fem_snh.errors import BadInput
@@ -28,8 +27,7 @@ from fem_snh.viewing.stored_run import (
 
 #: Largest number of boundary faces with which element edges are drawn.
 EDGES_UP_TO = 6000
-#: Corners of a hexahedron, in the order of VTK.
-_CORNERS = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]]
+_EDGES_OF_A_TETRAHEDRON = 6
 #: The name of the data that are the numbers of cells.
 _CELL = "fem_snh_cell"
 #: Largest displacement of a mode, relative to the diagonal of the body.
@@ -39,9 +37,8 @@ _EXAGGERATION = 0.12
 _MARGIN = 0.25
 #: Half of the thickness that is kept of obstacles whose section is revolved, over the radius.
 _THIN = 0.01
-#: Points along an edge of the grid of sections by the plane of the body, and the distance of the
-#: edge from what is filled, over the size of the picture.
-_FLAT_GRID, _ROUNDING = 400, 1e-6
+#: Points along an edge of the grid of sections by the plane of the body.
+_FLAT_GRID = 400
 
 
 def read_file(file: str | Path) -> Any:
@@ -251,7 +248,7 @@ def clip(
 ) -> tuple[pv.PolyData, pv.PolyData | None]:
     """Return surface and element edges of the part of a body behind a plane, with its section.
 
-    The section is that of the cells of degree 1 between the nodes.
+    The section is that of tetrahedra between the nodes.
 
     Parameters
     ----------
@@ -283,43 +280,26 @@ def clip(
 
 
 def linear_cells(grid: pv.UnstructuredGrid) -> pv.UnstructuredGrid:
-    """Return the cells of degree 1 between the nodes of tetrahedra or hexahedra of any degree.
+    """Return the simplices between the nodes of a grid.
 
     Their data "fem_snh_cell" are the numbers of the cells. VTK loses the data of Lagrange cells
-    that it cuts. Cells of two dimensions are returned as they are.
+    that it cuts.
     """
+    grid = grid.copy(deep=False)
+    grid.cell_data[_CELL] = np.arange(grid.n_cells)
     cell = grid.GetCell(0)
-    if cell.GetCellDimension() < 3:
-        return grid
-    count = cell.GetNumberOfPoints()
-    if cell.GetNumberOfEdges() == 6:
-        nodes = vtkIdList()
-        cell.Triangulate(0, nodes, vtkPoints())
-        number = {cell.GetPointId(i): i for i in range(count)}
-        local = np.array([number[nodes.GetId(i)] for i in range(nodes.GetNumberOfIds())])
-        kind, local = pv.CellType.TETRA, local.reshape(-1, 4)
-    else:  # tetrahedra of two hexahedra would not meet at the face between them
-        degree = round(count ** (1 / 3)) - 1
-        start = np.stack(np.meshgrid(*[np.arange(degree)] * 3), axis=-1).reshape(-1, 1, 3)
-        at = (start + _CORNERS) / degree
-        kind = pv.CellType.HEXAHEDRON
-        local = np.array([[_node_at(cell, point) for point in part] for part in at])
-    connectivity = np.asarray(grid.cell_connectivity).reshape(-1, count)[:, local]
-    fine = pv.UnstructuredGrid({kind: connectivity.reshape(-1, local.shape[1])}, grid.points)
-    for name, values in grid.point_data.items():
-        fine.point_data[name] = values
+    if cell.GetNumberOfEdges() != _EDGES_OF_A_TETRAHEDRON:
+        return grid.triangulate()
+    nodes = vtkIdList()  # VTK's filter leaves gaps between tetrahedra of degree 2
+    cell.Triangulate(0, nodes, vtkPoints())
+    number = {cell.GetPointId(i): i for i in range(cell.GetNumberOfPoints())}
+    local = np.array([number[nodes.GetId(i)] for i in range(nodes.GetNumberOfIds())]).reshape(-1, 4)
+    connectivity = np.asarray(grid.cell_connectivity).reshape(grid.n_cells, -1)[:, local]
+    fine = pv.UnstructuredGrid({pv.CellType.TETRA: connectivity.reshape(-1, 4)}, grid.points)
+    fine.point_data.update(grid.point_data)
     owner = np.repeat(np.arange(grid.n_cells), len(local))
-    for name, values in grid.cell_data.items():
-        fine.cell_data[name] = np.asarray(values)[owner]
-    fine.cell_data[_CELL] = owner
+    fine.cell_data.update({name: values[owner] for name, values in grid.cell_data.items()})
     return fine
-
-
-def _node_at(cell: Any, point: np.ndarray) -> int:
-    """Return the node of a cell at a point of the reference cell: versions of VTK order them."""
-    weights = [0.0] * cell.GetNumberOfPoints()
-    cell.EvaluateLocation(mutable(0), point, [0.0] * 3, weights)
-    return int(np.argmax(weights))
 
 
 def body(
@@ -474,17 +454,9 @@ def _section(shape: str, keys: Any, matrix: np.ndarray, box: np.ndarray) -> pv.P
         origin=(*low, 0.0),
     )
     x = np.asarray(grid.points, dtype=float) - matrix[:3, 3]
-    distance = solid.distance(x @ np.linalg.inv(matrix[:3, :3]).T).reshape(_FLAT_GRID, -1)
-    # Outside of the shape along the edge of the box, where the outline closes.
-    outside = np.ones_like(distance, dtype=bool)
-    outside[1:-1, 1:-1] = False
-    spacing = _ROUNDING * np.linalg.norm(high - low)
-    distance[outside] = np.maximum(distance[outside], spacing)
-    grid["distance"] = distance.ravel()
-    filled = vtkContourTriangulator()
-    filled.SetInputData(grid.contour([0.0], scalars="distance"))
-    filled.Update()
-    return pv.wrap(filled.GetOutput())
+    grid["distance"] = solid.distance(x @ np.linalg.inv(matrix[:3, :3]).T)
+    inside: Any = grid.clip_scalar(scalars="distance", value=0.0)
+    return boundary(inside, 0)
 
 
 def triangles(kind: str, keys: Any, centre: np.ndarray, radius: float) -> pv.PolyData:
