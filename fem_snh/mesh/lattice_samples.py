@@ -1,4 +1,4 @@
-"""How much of each cell of a grid a solid fills: a shape, by samples; a closed surface, exactly."""
+"""How much of each cell of a grid a solid fills, by samples of its distance."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from fem_snh.geometry.shapes import ClosedSurface, Shape
+from fem_snh.geometry.shapes import Shape
 from fem_snh.geometry.shapes.shape import Array
 from fem_snh.geometry.surface_nets import Grid, Integers, Triangles, cells_of_box
 
@@ -17,11 +17,6 @@ Coverage = npt.NDArray[np.float32]
 _BLOCK = 4
 #: Cells whose samples are evaluated together, which bounds the memory.
 _CELLS = 20_000
-#: Pairs of a triangle and a line that are tested together, which bounds the memory.
-_PAIRS = 2_000_000
-#: Part of a cube by which a length inside may differ from all of it: the digits of single
-#: precision in STL files, relative to a cube.
-_ROUNDING = 1e-4
 
 
 class Samples(NamedTuple):
@@ -87,120 +82,6 @@ def sorted_samples(grid: Grid, cells: Integers, coverage: Coverage) -> Samples:
     filled = np.flatnonzero(coverage.any(axis=(1, 2, 3)))
     order = filled[np.argsort(grid.key(cells[filled]))]
     return Samples(cells[order], coverage[order])
-
-
-def sample_surface(surface: ClosedSurface, grid: Grid, samples: int) -> Samples:
-    """Return how much of each cell a closed surface encloses.
-
-    Lines along z pass through the centres of the cubes. Between its crossings with the surface a
-    line is inside where the triangles it has passed, counted by the sign of their normals, do not
-    cancel (the winding number). A cube counts by the part of its line that is inside: lengths
-    along z are exact, and x and y are sampled by the midpoint rule.
-
-    Parameters
-    ----------
-    surface : ClosedSurface
-        The surface.
-    grid : Grid
-        The cells.
-    samples : int
-        Cubes along an edge of a cell.
-    """
-    line, z, sign = _crossings(surface, grid, samples)
-    order = np.lexsort((z, line))
-    line, z, sign = line[order], z[order], sign[order]
-    ny, nz = (int(n) * samples for n in grid.shape[1:])
-    found_cells, found = [], []
-    for i in range(int(grid.shape[0])):  # one layer of cells at a time
-        own = slice(*np.searchsorted(line, [i * samples * ny, (i + 1) * samples * ny]))
-        if own.start == own.stop:
-            continue
-        length = _inside(line[own] - i * samples * ny, z[own], sign[own], samples * ny, nz)
-        blocks = length.reshape(samples, ny // samples, samples, nz // samples, samples)
-        blocks = blocks.transpose(1, 3, 0, 2, 4)
-        j, k = np.nonzero(blocks.any(axis=(2, 3, 4)))
-        found_cells.append(np.stack([np.full(len(j), i), j, k], axis=1))
-        found.append(blocks[j, k].astype(np.float32))
-    return sorted_samples(grid, np.concatenate(found_cells), np.concatenate(found))
-
-
-def _inside(line: Integers, z: Array, sign: Integers, lines: int, cubes: int) -> Array:
-    """Return the part inside of each cube of each line, (lines, cubes).
-
-    ``z`` are the crossings in cubes, sorted along each line.
-    """
-    depth = np.cumsum(sign)  # it is zero at the end of each line: the surface is closed
-    inside = depth != 0
-    start, end = z[:-1][inside[:-1]], z[1:][inside[:-1]]
-    row = line[:-1][inside[:-1]]
-    # The length inside below z = k is the sum of max(k - start, 0) - max(k - end, 0), which is
-    # linear between cubes: differences of second order at the cubes of the ends.
-    slope = np.zeros((lines, cubes + 2))
-    for at, weight in ((start, 1.0), (end, -1.0)):
-        k = np.clip(at.astype(np.int64), 0, cubes)
-        rest = np.clip(k + 1 - at, 0.0, 1.0)  # of the cube beyond the end
-        np.add.at(slope, (row, k), weight * rest)
-        np.add.at(slope, (row, k + 1), weight * (1 - rest))
-    length = np.clip(np.cumsum(slope, axis=1)[:, :cubes], 0.0, 1.0)
-    length[length < _ROUNDING] = 0.0
-    length[length > 1 - _ROUNDING] = 1.0
-    return length
-
-
-def _crossings(
-    surface: ClosedSurface, grid: Grid, samples: int
-) -> tuple[Integers, Array, Integers]:
-    """Return the crossings of lines and triangles: line, height in cubes, and 1 where it enters.
-
-    A line that passes through an edge meets exactly one of the two triangles on both sides of its
-    projection: the side of the edge is decided by the same arithmetic for both.
-    """
-    edge = grid.size / samples
-    x = (surface.points - grid.origin) / edge
-    lines = grid.shape[:2] * samples
-    corners = x[surface.triangles]
-    low = np.clip(np.ceil(corners[:, :, :2].min(axis=1) - 0.5).astype(np.int64), 0, lines)
-    high = np.clip(np.floor(corners[:, :, :2].max(axis=1) - 0.5).astype(np.int64) + 1, 0, lines)
-    size = np.maximum(high - low, 0)
-    count = size.prod(axis=1)
-    ends = np.cumsum(count)
-    found: list[tuple[Integers, Array, Integers]] = []
-    first = 0
-    while first < len(count):
-        before = ends[first - 1] if first else 0
-        last = max(int(np.searchsorted(ends, before + _PAIRS, side="right")), first + 1)
-        t = np.repeat(np.arange(first, last), count[first:last])
-        number = np.arange(len(t)) - (ends[t] - count[t] - before)
-        i = low[t, 0] + number // np.maximum(size[t, 1], 1)
-        j = low[t, 1] + number % np.maximum(size[t, 1], 1)
-        found.append(_cross(x, surface.triangles[t], i, j, int(lines[1])))
-        first = last
-    line, z, sign = (np.concatenate([part[k] for part in found]) for k in range(3))
-    return line, z, sign
-
-
-def _cross(
-    x: Array, triangles: Integers, i: Integers, j: Integers, lines: int
-) -> tuple[Integers, Array, Integers]:
-    """Return which pairs of a triangle and the line (i, j) cross, where, and in which sense."""
-    px, py = i + 0.5, j + 0.5
-    areas, sides = [], []
-    for k in range(3):
-        a, b = triangles[:, k], triangles[:, (k + 1) % 3]
-        first, second = np.minimum(a, b), np.maximum(a, b)
-        dx, dy = (x[second] - x[first])[:, :2].T
-        area = dx * (py - x[first, 1]) - dy * (px - x[first, 0])
-        sides.append((area >= 0) == (a < b))
-        areas.append(np.where(a < b, area, -area))
-    left = sides[0] & sides[1] & sides[2]
-    right = ~(sides[0] | sides[1] | sides[2])
-    hit = np.flatnonzero(left | right)
-    weights = np.stack([areas[1][hit], areas[2][hit], areas[0][hit]], axis=1)
-    total = weights.sum(axis=1)
-    z = np.einsum("nk,nk->n", weights, x[triangles[hit], 2])
-    height = np.divide(z, total, out=x[triangles[hit], 2].mean(axis=1), where=total != 0)
-    # Seen from above, a triangle whose normal points up turns left: there the line leaves.
-    return i[hit] * lines + j[hit], height, np.where(left[hit], -1, 1)
 
 
 def refine(points: Array, triangles: Integers, longest: float) -> tuple[Array, Triangles]:

@@ -151,13 +151,17 @@ def check_closed(points: Array, triangles: Triangles, name: str) -> None:
         )
     if len(np.unique(directed, axis=0)) < len(directed):
         raise BadInput(f"{label} with outward normals: neighbours have opposite ones")
-    origin = points.mean(axis=0)
-    a, b, c = ((points - origin)[triangles[:, i]] for i in range(3))
-    volume = np.einsum("ij,ij->", a, np.cross(b, c)) / 6
+    volume = enclosed_volume(points, triangles)
     if not volume > 0:
         raise BadInput(
             f"{label} with outward normals: it is inverted, with a volume of {volume:.3g}"
         )
+
+
+def enclosed_volume(points: Array, triangles: Triangles) -> float:
+    """Return the volume that triangles enclose; parts that overlap count several times."""
+    a, b, c = ((points - points.mean(axis=0))[triangles[:, i]] for i in range(3))
+    return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
 
 
 #: The message without VTK.
