@@ -14,8 +14,6 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
 from fem_snh import _dolfinx
 from fem_snh.accuracy.goal_errors import NoEstimateOnAnyMesh
@@ -84,38 +82,36 @@ def cross_points(cells: Array, stiffness: Array, kind: str) -> Array:
     np.maximum.at(most, cells, stiffness[:, None])
     near = (most > MOST * least)[cells].any(axis=1)
     cells, stiffness = cells[near], stiffness[near]
-    facets = _dolfinx.reference_facets(kind)
-    is_plane = len(facets[0]) == 2
+    facets = np.array(_dolfinx.reference_facets(kind))
+    is_plane = facets.shape[1] == 2
     ridges = np.arange(cells.shape[1])[:, None] if is_plane else _dolfinx.reference_edges(kind)
-    # The parts of cells at a ridge are nodes of a graph, and joined by facets with that ridge.
-    nodes = np.arange(cells.size // cells.shape[1] * len(ridges)).reshape(-1, len(ridges))
-    rows = []
-    for facet in facets:
-        for number, ridge in enumerate(ridges):
-            if np.isin(ridge, facet).all():
-                corners = np.sort(cells[:, facet], axis=1), np.sort(cells[:, ridge], axis=1)
-                rows.append(np.hstack([*corners, nodes[:, [number]]]))
-    joined = np.concatenate(rows)
-    joined = joined[np.lexsort(joined[:, :-1].T)]
-    same = (joined[1:, :-1] == joined[:-1, :-1]).all(axis=1)
-    pairs = np.column_stack([joined[:-1, -1][same], joined[1:, -1][same]])
-    values = np.repeat(stiffness, len(ridges))
-    star = _components(pairs, len(values))
-    several: list[Array] = []
+    of_facet = np.array(
+        [[i for i, ridge in enumerate(ridges) if np.isin(ridge, facet).all()] for facet in facets]
+    )
+    vertices, numbers = _numbers(cells[:, ridges])
+    count = len(vertices)
+    # Cells that share a facet are joined at its ridges.
+    shared = _numbers(cells[:, facets])[1].ravel()
+    order = np.argsort(shared, kind="stable")
+    same = shared[order[1:]] == shared[order[:-1]]
+    (one, facet), (other, _) = (divmod(side[same], len(facets)) for side in (order[:-1], order[1:]))
+    joined = numbers[one[:, None], of_facet[facet]]
+
+    def parts(kept: Array) -> Array:
+        """Return into how many parts some cells fall at each ridge; 0 if they are all around."""
+        both = kept[one] & kept[other]
+        at, links = numbers[kept].ravel(), joined[both].ravel()
+        return np.bincount(at, minlength=count) - np.bincount(links, minlength=count)
+
+    most_parts = np.maximum(parts(np.ones(len(cells), bool)), 1)
+    several = np.zeros(count, bool)
     for maximum in np.unique(stiffness):
-        stiff = MOST * values >= maximum
-        parts = _components(pairs[stiff[pairs].all(axis=1)], len(values))
-        tops = np.flatnonzero(values >= maximum)
-        unique = np.unique(np.column_stack([star[tops], parts[tops]]), axis=0)
-        stars, counts = np.unique(unique[:, 0], return_counts=True)
-        several.append(tops[np.isin(star[tops], stars[counts > 1])])
-    found = np.unique(np.concatenate(several)) if several else np.empty(0, int)
-    at = cells[:, ridges[:, 0]].ravel()[found]
-    return np.unique(at)
+        several |= parts(MOST * stiffness >= maximum) > most_parts
+    return np.unique(vertices[several])
 
 
-def _components(pairs: Array, size: int) -> Array:
-    """Return the number of the connected component of each node of a graph."""
-    graph = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), (size, size))
-    numbers: Array = connected_components(graph, directed=False)[1]
-    return numbers
+def _numbers(entities: Array) -> tuple[Array, Array]:
+    """Return a vertex of each entity (cells, entities, vertices), and numbers of equal ones."""
+    rows = np.sort(entities, axis=2).reshape(-1, entities.shape[2])
+    unique, numbers = np.unique(rows, axis=0, return_inverse=True)
+    return unique[:, 0], numbers.reshape(entities.shape[:2])

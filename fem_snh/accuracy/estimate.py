@@ -75,20 +75,6 @@ _LOCATED, _LOCATED_OF_ASKED = 1e-4, 0.25
 
 #: Called with the cost, before the errors are estimated.
 Announce = Callable[[Estimate], None]
-#: Chooses, of the goals whose errors can be distributed to the cells, those whose are: each costs a
-#: linear solve. Collective.
-Choose = Callable[[Estimate, Sequence[str]], Collection[str]]
-
-
-def every_goal(estimate: Estimate, names: Sequence[str]) -> Collection[str]:
-    """Choose all goals."""
-    return names
-
-
-def largest_error(estimate: Estimate, names: Sequence[str]) -> Collection[str]:
-    """Choose the goal with the largest relative error."""
-    goals = estimate.goals
-    return [max(names, key=lambda name: abs(goals[name].error or 0.0) / goals[name].scale)]
 
 
 @dataclass(frozen=True)
@@ -101,15 +87,16 @@ class EstimateOptions:
         The relative error that is asked for: a small part of it may remain unsettled; 0: none is.
     stability : bool
         Whether the stability of the lifted equilibrium is examined whatever it costs.
-    choose : Choose
-        The goals whose errors are distributed to the cells.
+    locate_all : bool
+        Whether the errors of all goals are distributed to the cells, each with a linear solve; else
+        the largest relative error is.
     max_memory : float
         The memory that the lifted problem may have [bytes].
     """
 
     asked: float = 0.0
     stability: bool = False
-    choose: Choose = every_goal
+    locate_all: bool = True
     max_memory: float = inf
 
 
@@ -427,17 +414,19 @@ class _LiftedErrors:
                 size = factor * size_of_change(lift.lifted, lift.start)
                 goals |= {name: replace(goals[name], of_size=size) for name in goal.names}
 
-    def _located(self) -> Collection[str]:
+    def _located(self) -> list[str]:
         """Return the goals whose errors are distributed to the cells."""
-        least, asked = _LOCATED, self._options.asked
+        least, asked, goals = _LOCATED, self._options.asked, self._estimate.goals
         if asked:
             least = min(least, _LOCATED_OF_ASKED * asked)
         names = [
             name
-            for name, goal in self._estimate.goals.items()
+            for name, goal in goals.items()
             if goal.is_found and abs(goal.error or 0.0) > least * goal.scale
         ]
-        return self._options.choose(self._estimate, names) if names else ()
+        if self._options.locate_all or not names:
+            return names
+        return [max(names, key=lambda name: abs(goals[name].error or 0.0) / goals[name].scale)]
 
     def _mesh_indicators(
         self, errors: Differences, mesh: Differences, chosen: Collection[str]

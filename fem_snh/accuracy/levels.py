@@ -7,7 +7,7 @@ estimate may miss (`fem_snh.accuracy.goal_bounds`).
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from math import ceil, inf, log
 from typing import Any
 
@@ -236,12 +236,6 @@ class Levels:
     def _untouched(self, row: LevelRow) -> dict[str, str]:
         """Return the lines of forces of contact that do not count: see `Estimate.untouched`."""
         return {} if self.named else row.estimate.untouched
-
-    def beyond(self, row: LevelRow, estimate: Estimate) -> list[str]:
-        """Return the goals that are not within the request on a level that is not yet added."""
-        self.add(replace(row), estimate)
-        goals = self.rows.pop().goals
-        return [name for name, goal in goals.items() if goal.relative > self.asked]
 
     @property
     def worst(self) -> tuple[str, float] | None:

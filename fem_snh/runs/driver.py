@@ -167,7 +167,7 @@ def _run(
             from fem_snh.runs.bones import copy_surfaces
 
             on_root(comm, copy_surfaces, scene, folder)
-        estimate = _solve(setup, recorder, printed, goals, level)
+        estimate = _solve(setup, recorder, printed, goals)
         if level:
             level.end(recorder.record, estimate)
         status = "converged" if setup.stepper.done else setup.stepper.failure_message()
@@ -182,11 +182,7 @@ def _run(
 
 
 def _solve(
-    setup: Setup,
-    recorder: Recorder,
-    printed: Progress,
-    goals: Sequence[Goal],
-    level: Level | None,
+    setup: Setup, recorder: Recorder, printed: Progress, goals: Sequence[Goal]
 ) -> Estimate | None:
     """Solve all load steps, then compute modes and errors; record each result. Collective."""
     estimate = None
@@ -208,7 +204,7 @@ def _solve(
 
             fields, states = recorder.writes_fields, recorder.states
             with untimed(setup.problem):
-                estimate = estimate_errors(setup, goals, printed.estimating, fields, level, states)
+                estimate = estimate_errors(setup, goals, printed.estimating, fields, states)
             recorder.add_estimate(estimate)
             if setup.scene.within is None:  # the levels have rows of their own
                 printed.estimated(estimate)

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from math import inf
-from typing import TYPE_CHECKING
 
 from fem_snh.accuracy.estimate import (
     Announce,
     EstimateOptions,
     estimate_error,
     estimating,
-    largest_error,
 )
 from fem_snh.accuracy.goal_errors import Estimate, NoEstimateOnAnyMesh, depends_on_path
 from fem_snh.accuracy.goals import Goal, names_of
@@ -21,16 +19,12 @@ from fem_snh.runs.level_meshes import is_refined_locally
 from fem_snh.runs.scene_path import ScenePath
 from fem_snh.runs.setup import Setup
 
-if TYPE_CHECKING:
-    from fem_snh.runs.levels import Level
-
 
 def estimate_errors(
     setup: Setup,
     goals: Sequence[Goal],
     announce: Announce,
     fields: bool,
-    level: Level | None = None,
     states: GoalStates | None = None,
 ) -> Estimate:
     """Return the errors of goals of a run, at its end. Collective.
@@ -45,15 +39,13 @@ def estimate_errors(
         Called with the cost, before the errors are estimated.
     fields : bool
         Whether the errors of all goals in cells are written; otherwise they are distributed to
-        cells if the scene names goals, and that of the largest error alone if it names none.
-    level : Level, optional
-        The level of a run to an accuracy: without fields the errors of those goals are distributed
-        that are not within it.
+        cells if the scene names goals, or a mesh is refined where they are, and else that of the
+        largest error alone.
     states : GoalStates, optional
         The states that goals are of; default: the end.
     """
     if states is None:
-        return _errors_at(setup, goals, announce, fields, level)
+        return _errors_at(setup, goals, announce, fields)
     if states.reason:
         with estimating(setup.problem, goals) as estimate:
             raise NoEstimateOnAnyMesh(states.reason)
@@ -61,17 +53,11 @@ def estimate_errors(
     found = {}
     for load, goals_there in states.by_load().items():
         with states.at(load):
-            found[load] = _errors_at(setup, goals_there, announce, fields, level)
+            found[load] = _errors_at(setup, goals_there, announce, fields)
     return Estimate.merged(found, names_of(goals))
 
 
-def _errors_at(
-    setup: Setup,
-    goals: Sequence[Goal],
-    announce: Announce,
-    fields: bool,
-    level: Level | None,
-) -> Estimate:
+def _errors_at(setup: Setup, goals: Sequence[Goal], announce: Announce, fields: bool) -> Estimate:
     """Return the errors of goals in the present state; see `estimate_errors`. Collective."""
     scene, problem = setup.scene, setup.problem
     wanted = scene.accuracy
@@ -80,13 +66,7 @@ def _errors_at(
     if setup.make is None or depends_on_path(problem):
         path = ScenePath(setup)
         return estimate_on_path(problem, path, goals, announce, setup.mesh, max_memory)
-
-    def choose(estimate: Estimate, names: Sequence[str]) -> Collection[str]:
-        if fields:
-            return names
-        if level:
-            return level.located(estimate, names, is_refined_locally(scene))
-        return names if wanted and wanted.goals else largest_error(estimate, names)
-
-    options = EstimateOptions(scene.within or 0.0, scene.stability, choose, max_memory)
+    named = bool(wanted and wanted.goals)
+    locate_all = fields or (is_refined_locally(scene) if scene.within else named)
+    options = EstimateOptions(scene.within or 0.0, scene.stability, locate_all, max_memory)
     return estimate_error(problem, setup.make, goals, announce, setup.mesh, options)

@@ -5,7 +5,7 @@ The mesh of the next one has smaller cells everywhere, or where the errors are.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from math import ceil
 from typing import TYPE_CHECKING, Any
@@ -16,7 +16,6 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh import _dolfinx, scenes
-from fem_snh.accuracy.goals import MOST_RADII, sizes_near
 from fem_snh.accuracy.indicators import target_volumes
 from fem_snh.accuracy.path_errors import HALVES
 from fem_snh.accuracy.state_notes import REPLACEMENTS
@@ -27,13 +26,13 @@ from fem_snh.errors import BadInput
 from fem_snh.files import is_shape
 from fem_snh.kernels.compiled import supports
 from fem_snh.kernels.material import material
-from fem_snh.mesh.bisection import MOST_CELLS, bisect, bisect_times, simplex_volumes, size_field
+from fem_snh.mesh.bisection import MOST_CELLS, bisect_times, size_field
 from fem_snh.mesh.gmsh_input import MeshData, has_free_sizes, parameter
 from fem_snh.mesh.mesh import Mesh, distribute, gather
 from fem_snh.mesh.round_faces import round_faces
 from fem_snh.runs.progress import Progress
 from fem_snh.scenes import Geometry, Lattice, Scene
-from fem_snh.scenes.build import make_mesh, mesh_again
+from fem_snh.scenes.build import mesh_again
 
 if TYPE_CHECKING:
     from fem_snh.runs.levels import Level
@@ -72,9 +71,6 @@ _FIRST = (0.5, 0.25)
 _COARSE, _FIRST_OF_COARSE = 0.005, (1 / 3, 1 / 6)
 #: Fewest cells along an edge of a first level, and fewest time steps.
 _FEWEST, _FEWEST_STEPS = 3, 16
-#: Rounds of bisection at most, and meshes of a shape, each with cells at the probes that are to be
-#: smaller by this factor: the goal then tells which radius they fit.
-_MOST_ROUNDS, _MOST_MESHES, _SMALLER = 20, 4, 0.8
 
 
 def is_exact(scene: Scene) -> bool:
@@ -140,6 +136,8 @@ def first_scene(scene: scenes.Scene, printed: Progress) -> scenes.Scene:
     printed : Progress
         Prints a line for each choice that is not the scene's.
     """
+    wanted = scene.accuracy
+    assert wanted
     update: dict[str, Any] = {}
     mesh = scene.mesh
     if isinstance(mesh, scenes.Geometry) and has_polyhedral_cells(scene):
@@ -152,11 +150,14 @@ def first_scene(scene: scenes.Scene, printed: Progress) -> scenes.Scene:
         printed.line(f"element = '{element}' in place of '{scene.element}', {reason}")
     raised = ELEMENTS[element].degree - ELEMENTS[scene.element].degree
     update = {"element": element}
-    if is_shape(mesh):
+    goals = [scenes.read_goal(name, scene) for name in wanted.names]
+    if any(goal.kind == "stress_at" for goal in goals):
+        pass  # cells that fit the radius around the point
+    elif is_shape(mesh):
         update["cells"] = min(scene.cells or DEFAULT_CELLS, DEFAULT_CELLS)
     elif is_exact(scene):
-        assert scene.accuracy and scene.accuracy.within and scene.cells
-        coarse = scene.accuracy.within >= _COARSE and _may_raise(scene)
+        assert wanted.within and scene.cells
+        coarse = wanted.within >= _COARSE and _may_raise(scene)
         parts = _FIRST_OF_COARSE if coarse else _FIRST
         fewest = max(min(scene.cells, _FEWEST), parts[raised] * scene.cells)
         update["cells"] = cells_of(scene, fewest)
@@ -258,76 +259,6 @@ def _fits(scene: scenes.Scene, element: str) -> bool:
     )
 
 
-def stress_probes(scene: scenes.Scene) -> list[scenes.Probe]:
-    """Return the probes around which stresses are goals."""
-    named = scene.accuracy.names if scene.accuracy else []
-    goals = [scenes.read_goal(name, scene) for name in named]
-    names = [goal.name for goal in goals if goal.kind == "stress_at"]
-    return [probe for probe in scene.probe if probe.name in names]
-
-
-def fine_at(
-    comm: MPI.Comm,
-    scene: scenes.Scene,
-    probes: Sequence[scenes.Probe],
-    mesh_like: Callable[[MeshData], MeshData] | None = None,
-) -> Mesh:
-    """Return the mesh of a scene with cells that are small at probes. Collective.
-
-    Parameters
-    ----------
-    comm : MPI.Comm
-        The communicator.
-    scene : Scene
-        The scene of the first level, of triangles or tetrahedra.
-    probes : sequence of Probe
-        The probes.
-    mesh_like : callable, optional
-        Meshes the body again, on rank 0, with cells as large as those of another mesh. Default: the
-        cells are bisected.
-    """
-    kinematics = kinematics_of(scene.kinematics)
-    mesh = make_mesh(comm, scene)
-    given = gather(mesh)
-
-    def make_on_root() -> MeshData:
-        data, most = given, 1.0
-        for _ in range(_MOST_MESHES):
-            if (_sizes(data, probes) <= 1).all():
-                break
-            data = _bisected(given, probes, most)
-            if mesh_like:
-                data, most = mesh_like(data), _SMALLER * most
-        return data
-
-    made = distribute(comm, "the mesh with small cells at probes", make_on_root)
-    if mesh_like:
-        return made
-    # Bisected cells have the faces of the first ones.
-    return replace(made, round_faces=round_faces(mesh.domain, kinematics.revolved))
-
-
-def _bisected(data: MeshData, probes: Sequence[scenes.Probe], most: float) -> MeshData:
-    """Return the mesh with cells that are at most so large, over the largest that fits a radius."""
-    for _ in range(_MOST_ROUNDS):
-        large = _sizes(data, probes) > most
-        if not large.any():
-            break
-        volumes = simplex_volumes(data.x[data.cells[:, : data.x.shape[1] + 1]])
-        data = bisect(data, np.where(large, volumes / 2, volumes), MOST_CELLS)
-    return data
-
-
-def _sizes(data: MeshData, probes: Sequence[scenes.Probe]) -> Array:
-    """Return the sizes of cells over the largest that fits the radius of a probe near them."""
-    dim, sizes = data.x.shape[1], np.zeros(len(data.cells))
-    for probe in probes:
-        assert probe.radius is not None
-        near = sizes_near(data.x[data.cells], np.array(probe.point[:dim]), probe.radius)
-        sizes = np.maximum(sizes, near / (MOST_RADII * probe.radius))
-    return sizes
-
-
 def refinement_of(scene: Scene) -> Refine:
     """Return how the mesh of a scene is refined; hexahedra of a file get a higher degree."""
     has_simplices = ELEMENTS[scene.element].cell == "tetrahedron"
@@ -379,16 +310,10 @@ def meshed_again(comm: MPI.Comm, scene: Scene, last: Level, finer: float) -> Ref
     """Mesh the exact body with cells of the sizes that the errors ask for."""
 
     def mesh(data: MeshData, target: Target, wanted: float) -> MeshData:
-        return mesh_like(scene, data, target(wanted))
+        cells = data.cells[:, : data.x.shape[1] + 1]
+        return mesh_again(scene, data.cell, size_field(cells, data.x, target(wanted)))
 
     return {}, _with_target(comm, scene, last, finer, mesh)
-
-
-def mesh_like(scene: Scene, data: MeshData, volumes: Array | None = None) -> MeshData:
-    """Mesh an exact body again, with cells of other volumes or of those of a mesh. On rank 0."""
-    cells = data.cells[:, : data.x.shape[1] + 1]
-    volumes = simplex_volumes(data.x[cells]) if volumes is None else volumes
-    return mesh_again(scene, data.cell, size_field(cells, data.x, volumes))
 
 
 def _with_target(

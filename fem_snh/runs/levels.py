@@ -12,9 +12,8 @@ own, is complete: then it replaces that run. A killed run goes on after the last
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from functools import partial
 from math import ceil
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
@@ -25,7 +24,6 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh import scenes
-from fem_snh.accuracy.estimate import largest_error
 from fem_snh.accuracy.goal_errors import Estimate
 from fem_snh.accuracy.levels import LevelChanges, LevelRow, Levels
 from fem_snh.accuracy.lift import available_memory
@@ -38,18 +36,14 @@ from fem_snh.problem.transfer import transfer_state
 from fem_snh.records.run_record import NOTES_ON_PATH
 from fem_snh.runs.checkpoint import Checkpoint
 from fem_snh.runs.level_meshes import (
-    fine_at,
     first_scene,
     has_curved_cells,
     higher_degree,
-    is_refined_locally,
-    mesh_like,
     meshed_again,
     more_cells,
     raised_element,
     refinement_of,
     smaller_lattice,
-    stress_probes,
 )
 from fem_snh.runs.result import Result
 from fem_snh.runs.setup import Setup, set_up
@@ -116,22 +110,6 @@ class Level:
             problem.prescribe(problem.x)
             problem.set_load(0.0)
             self.before = None
-
-    def located(self, found: Estimate, names: Sequence[str], locally: bool) -> Collection[str]:
-        """Return the goals of which the next level, or a line, needs the errors in the cells.
-
-        Parameters
-        ----------
-        found : Estimate
-            The errors.
-        names : sequence of str
-            The goals whose errors can be distributed to the cells.
-        locally : bool
-            Whether the mesh is refined where they are.
-        """
-        assert self.row is not None
-        beyond = [name for name in self.levels.beyond(self.row, found) if name in names]
-        return beyond if locally or not beyond else largest_error(found, beyond)
 
     def end(self, record: dict[str, Any], estimate: Estimate | None) -> None:
         """Add the level to the levels, and them to the record of the run."""
@@ -223,13 +201,7 @@ class _LevelRuns:
         self._comm, self._solve, self._printed, self._wanted = comm, solve, printed, wanted
         self._asked, self._folder = scene, folder
         first = first_scene(scene, printed)
-        self._refine, mesh = refinement_of(first), None
-        if probes := stress_probes(first):
-            if is_refined_locally(first):
-                again = partial(mesh_like, first) if self._refine is meshed_again else None
-                mesh = None if stored else fine_at(comm, first, probes, again)
-            elif self._refine is more_cells:
-                first = first.model_copy(update={"cells": scene.cells})
+        self._refine = refinement_of(first)
         limits = {key: getattr(wanted, key) for key in ("max_time", "max_memory", "max_dofs")}
         dim = kinematics_of(first.kinematics).dim
         least = 2 if isinstance(first.mesh, scenes.Lattice) else 1
@@ -238,7 +210,7 @@ class _LevelRuns:
         #: The scene of the first level, what the present one changes of it, and its scene.
         self._first, self._changes, self._scene = first, dict[str, Any](), first
         self._start, self._stored = perf_counter(), stored
-        self._level = self._create_level(mesh)
+        self._level = self._create_level(None)
         #: The record of the last level that was finished.
         self._finished: dict[str, Any] = {}
         #: The folder of the next one, until that replaces it.
