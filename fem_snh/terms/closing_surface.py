@@ -3,20 +3,17 @@ r"""What closes a surface with an edge: constrained nodes, rigid parts, planes o
 The edge of a surface is what belongs to one of its facets only. Each piece of it, in three
 dimensions the edge of a facet and in two its end, is in one class:
 
+- in a plane of symmetry at rest, which is part of the closing surface and sweeps no volume;
 - on a rigid part, which carries a lid: a fan of triangles between the edge and a point of the part;
-- constrained: the closing surface is such a fan of the prescribed nodes;
-- in a plane of symmetry, which is part of the closing surface.
+- constrained: the closing surface is a fan, too.
 
-The enclosed volume is the flux of an affine field f of divergence 1 through the surface, the lids
-and the fans, where :math:`f \cdot n = 0` in each plane (`fem_snh.terms.swept_volume`). Where a lid
-meets a plane, its fan's point is in that plane; the fluxes of two such fans differ by a constant.
-On a body of revolution lids and planes are discs without a flux.
+The enclosed volume changes by what the surface and the fans sweep. The point of a fan is in all
+planes of symmetry in which the fan ends. On a body of revolution lids are discs about the axis.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from petsc4py import PETSc
@@ -30,16 +27,19 @@ from fem_snh import _dolfinx
 from fem_snh.assembly.boundary_conditions import Dirichlet
 from fem_snh.assembly.kinematics import SOLID, Kinematics
 from fem_snh.errors import BadInput
+from fem_snh.mesh.mesh import centroid
 from fem_snh.mesh.mesh import volume as body_volume
 
 Array = npt.NDArray[Any]
 
 #: Largest distance of a plane's nodes from it over the body's length: a mesh file has 8 digits.
 _FLAT = 1e-6
-#: Largest residual of the equations of a field that is rounding: its parameters are of order 1.
+#: Largest part of a projection that is rounding.
 _ROUNDING = 1e-9
 #: Loads at which prescribed values are examined.
 _LOADS = (0.25, 0.5, 1.0)
+#: Gauss points in [0, 1] and weights that integrate the volume swept on a straight path: a cubic.
+PATH = ((0.5 - 12**-0.5, 0.5), (0.5 + 12**-0.5, 0.5))
 
 
 class NotClosedError(Exception):
@@ -64,7 +64,7 @@ class Edge(NamedTuple):
     parts : (nodes,) int
         The rigid part of each; -1: none.
     moved : (loads, nodes, dim)
-        Prescribed displacements [m] at some loads.
+        Prescribed displacements [m] at some loads; 0 on parts.
     """
 
     pieces: Array
@@ -75,29 +75,14 @@ class Edge(NamedTuple):
     parts: Array
     moved: Array
 
-    @property
-    def on_parts(self) -> Array:
-        """(n,) bool: which pieces are on one rigid part."""
-        parts = self.parts[self.pieces]
-        return np.asarray((parts == parts[:, :1]).all(axis=1) & (parts[:, 0] >= 0))
 
-
-@dataclass(frozen=True, eq=False)
-class EdgePlane:
-    """A plane of symmetry, normal . X = offset, and whether it moves along its normal."""
-
-    normal: Array
-    offset: float
-    moves: bool
-
-
-class Fan(NamedTuple):
-    """A fan between a part of an edge and a point, by the sums of its normals and moments.
+class Lid(NamedTuple):
+    """A fan at rest by the sums of its normals and moments.
 
     Attributes
     ----------
     apex : (dim,)
-        The point.
+        Its point.
     area : (dim,)
         The vector area a [m^2].
     moment : (dim, dim)
@@ -107,6 +92,57 @@ class Fan(NamedTuple):
     apex: Array
     area: Array
     moment: Array
+
+
+class Fan(NamedTuple):
+    """A fan between pieces of an edge and a point.
+
+    Attributes
+    ----------
+    pieces, weights : arrays
+        The pieces: see `Edge`.
+    planes : (n, dim + 1)
+        The planes that contain the point, as normals and offsets.
+    """
+
+    pieces: Array
+    weights: Array
+    planes: Array
+
+    def arms(self, x: Array) -> tuple[Array, Array]:
+        """Return the point, and the pieces' nodes from it, where the edge is at x."""
+        apex = _project(x[np.unique(self.pieces)].mean(axis=0), self.planes)
+        return apex, x[self.pieces] - apex
+
+    def normals(self, arms: Array) -> tuple[Array, Array]:
+        """Return points on the edge and weighted normals of their triangles, (n, points, dim)."""
+        weights = self.weights[:, None]
+        if arms.shape[2] == 2:
+            return arms, -weights[:, :, None] * np.stack([arms[..., 1], -arms[..., 0]], axis=-1)
+        degree = arms.shape[1] - 1
+        points, factors = np.polynomial.legendre.leggauss((3 * degree + 1) // 2)
+        table = _dolfinx.tabulate_element("interval", degree, (points[:, None] + 1) / 2, 1)
+        # Ends come first in the element's order, last in that of pieces.
+        order = [0, degree, *range(1, degree)]
+        at, along = np.einsum("dqk,nkc->dnqc", table, arms[:, order])
+        return at, -np.cross(at, along) * (weights * factors / 2)[:, :, None]
+
+    def lid(self, x: Array) -> Lid:
+        """Return the sums of the fan where the edge is at x."""
+        apex, arms = self.arms(x)
+        (at, normals), dim = self.normals(arms), len(apex)
+        moment = np.einsum("nqi,nqj->ij", normals, at) / dim
+        return Lid(apex, normals.sum(axis=(0, 1)) / (dim - 1), moment)
+
+    def swept(self, start: Array, end: Array) -> float:
+        """Return the volume that the fan sweeps on straight paths of the edge's nodes [m^3]."""
+        (a, first), (b, last) = self.arms(start), self.arms(end)
+        velocity, total, dim = self.normals(last - first)[0], 0.0, len(a)
+        for t, weight in PATH:
+            normals = self.normals(first + t * (last - first))[1]
+            of_apex = float(normals.sum(axis=(0, 1)) @ (b - a)) / (dim - 1)
+            total += weight * (of_apex + float((normals * velocity).sum()) / dim)
+        return total
 
 
 class ClosingSurface:
@@ -125,19 +161,15 @@ class ClosingSurface:
 
     Attributes
     ----------
-    planes : list of EdgePlane
-        The planes of symmetry.
     parts : (local nodes,) int
         Which rigid part has each node, -1: none.
-    lids : dict of int to Fan
-        The fans of rigid parts, by the part's number.
-    volume_is_known : bool
-        Whether the flux through all fans is known. Those of nodes at rest do not change it.
+    lids : dict of int to Lid
+        The fans of rigid parts at rest, by the part's number.
 
     Raises
     ------
     NotClosedError
-        On every rank, if a piece of the edge is in no class, or in more than one.
+        On every rank, if a piece of the edge is in no class, or its fan in no plane.
     """
 
     def __init__(
@@ -147,47 +179,49 @@ class ClosingSurface:
         dirichlet: Dirichlet,
         kinematics: Kinematics = SOLID,
     ) -> None:
-        self._V, self._dim = V, kinematics.dim
+        self._V, self._dim, self._revolved = V, kinematics.dim, kinematics.revolved
         self._length = body_volume(V.mesh) ** (1 / kinematics.dim)
         self._edge = edge = edge_of(V, facets, dirichlet, kinematics.dim)
-        self._dirichlet = dirichlet
+        self._centre = centroid(V.mesh, self._dim - 1, facets)[: self._dim]
+        self._motions = dirichlet.part_motions
         none = np.full(len(dirichlet.constrained), -1)
         self.parts = none if dirichlet.rigid_parts is None else dirichlet.rigid_parts
-        self.planes: list[EdgePlane] = []
-        self.lids: dict[int, Fan] = {}
-        self.volume_is_known = True
-        #: Pieces between nodes with prescribed displacements, of each connected part.
-        self._fixed: list[Array] = []
-        #: Nodes that no such part closes, which must stay at rest.
+        self._planes, self._inside = np.empty((0, self._dim + 1)), np.empty((0, len(edge.X)), bool)
+        self.lids: dict[int, Lid] = {}
+        self._fans: list[Fan] = []
+        #: Nodes that no fan closes, which must stay at rest.
         self._at_rest: Array = np.empty(0, np.int64)
-        parts, on_part = edge.parts[edge.pieces], edge.on_parts
-        numbers = np.unique(parts[on_part, 0]).tolist()
-        if kinematics.revolved:
-            self._check_ends(np.flatnonzero(~on_part))
-            for number in numbers:  # horizontal discs
-                which = np.flatnonzero(on_part & (parts[:, 0] == number))
+        parts = edge.parts[edge.pieces]
+        on_part = (parts == parts[:, :1]).all(axis=1) & (parts[:, 0] >= 0)
+        of_parts = [
+            np.flatnonzero(on_part & (parts[:, 0] == i)) for i in range(parts.max(initial=-1) + 1)
+        ]
+        if self._revolved:
+            self._check_ends(~on_part)
+            for part, which in enumerate(of_parts):
                 squares = edge.X[edge.pieces[which, 0], 0] ** 2
                 area = np.array([0.0, np.pi * (edge.weights[which] * squares).sum()])
-                self.lids[number] = Fan(np.zeros(2), area, np.zeros((2, 2)))
+                if len(which):
+                    self.lids[part] = Lid(np.zeros(2), area, np.zeros((2, 2)))
             return
-        is_free = (abs(edge.free).max(axis=(1, 2), initial=0.0) > _ROUNDING) | (edge.parts >= 0)
-        fixed = ~is_free[edge.pieces].any(axis=1)
-        self._find_planes(np.flatnonzero(~on_part & ~fixed), is_free)
-        # No lid is needed in a plane of symmetry.
-        inside = np.array([len(self._planes_of(edge.X[p])) > 0 for p in edge.pieces], dtype=bool)
-        self._check_planes(np.flatnonzero(inside))
-        for number in numbers:
-            which = np.flatnonzero(on_part & ~inside & (parts[:, 0] == number))
-            if len(which):
-                self.lids[number] = self._fan(which, edge.X)
+        slides = (abs(edge.free).max(axis=(1, 2), initial=0.0) > _ROUNDING) & (edge.parts < 0)
+        fixed = (parts < 0).all(axis=1) & ~slides[edge.pieces].any(axis=1)
+        self._find_planes(slides)
+        inside = self._inside[:, edge.pieces].all(axis=2).any(axis=0)
+        for piece in np.flatnonzero(~(inside | on_part | fixed)):
+            raise self._error(
+                piece, "its edge is free, between parts or supports, or leaves its plane"
+            )
+        for part, which in enumerate(of_parts):
+            if len(which := which[~inside[which]]):
+                self._fans.append(fan := self._fan(which, part))
+                self.lids[part] = fan.lid(edge.X)
         for which in self._connected(np.flatnonzero(fixed & ~inside)):
             try:
-                self._fan(which, edge.X)
-                self._fixed.append(which)
+                self._fans.append(self._fan(which))
             except NotClosedError:
                 if edge.moved[:, edge.pieces[which]].any():
                     raise
-                self.volume_is_known = False
                 self._at_rest = np.union1d(self._at_rest, edge.pieces[which])
 
     def _error(self, piece: int, why: str) -> NotClosedError:
@@ -197,171 +231,96 @@ class ClosingSurface:
     def _check_ends(self, others: Array) -> None:
         """Raise NotClosedError if the end of a curve is not on the axis and moves along it."""
         edge = self._edge
-        for piece in others:
-            (node,) = edge.pieces[piece]
-            on_axis = abs(edge.X[node, 0]) <= _FLAT * self._length
-            if not on_axis and abs(edge.free[node, 1]).max() > _ROUNDING:
-                raise self._error(piece, "its edge is free")
+        nodes = edge.pieces[:, 0]
+        along = abs(edge.free[nodes, 1]).max(axis=1, initial=0.0) > _ROUNDING
+        off_axis = abs(edge.X[nodes, 0]) > _FLAT * self._length
+        for piece in np.flatnonzero(others & off_axis & along):
+            raise self._error(piece, "its edge is free")
 
-    def _find_planes(self, pieces: Array, is_free: Array) -> None:
-        """Find the planes of symmetry of some pieces; raise NotClosedError if one has none."""
-        edge, several = self._edge, []
-        for piece in pieces:
-            nodes = edge.pieces[piece]
-            own = nodes[is_free[nodes] & (edge.parts[nodes] < 0)]
-            tangents = (edge.X[nodes[1:]] - edge.X[nodes[0]]) / self._length
-            sizes = np.linalg.norm(tangents, axis=1).max(initial=0.0) or 1.0
-            values, vectors = np.linalg.eigh(
-                edge.free[own].sum(axis=0) + tangents.T @ tangents / sizes**2
-            )
-            normals = vectors[:, values <= _FLAT**2].T
-            if not len(normals):
-                raise self._error(piece, "its edge is free")
-            if len(own) and len(normals) == 1:
-                self._add_plane(piece, normals[0])
-            else:  # along the line of two planes, or between a part and others
-                several.append((piece, normals))
-        for piece, normals in several:
-            planes = self._planes_of(edge.X[edge.pieces[piece]])
-            if not any(np.linalg.norm(normals @ plane.normal) > 1 - _FLAT for plane in planes):
-                raise self._error(piece, "its edge is between two parts or supports")
-
-    def _check_planes(self, pieces: Array) -> None:
-        """Raise NotClosedError if a rigid part leaves the plane in which pieces are."""
+    def _find_planes(self, slides: Array) -> None:
+        """Find the planes at rest in which nodes slide, and which nodes stay in each of them."""
         edge = self._edge
-        for piece in pieces:
-            nodes = edge.pieces[piece]
-            for plane in self._planes_of(edge.X[nodes]):
-                for part in np.unique(edge.parts[nodes]):
-                    if part >= 0 and not self._keeps(part, plane):
-                        raise self._error(piece, "a rigid part leaves the plane of symmetry")
+        points, length = edge.X[edge.pieces], self._length
+        t = (points[:, 1:] - points[:, :1]) / length
+        t /= np.linalg.norm(t, axis=2).max(axis=1, initial=_ROUNDING)[:, None, None]
+        free = (edge.free * slides[:, None, None])[edge.pieces].sum(axis=1)
+        values, vectors = np.linalg.eigh(free + t.swapaxes(1, 2) @ t)
+        # Of pieces along the line of two planes, or of constrained nodes, it is not determined.
+        known = slides[edge.pieces].any(axis=1) & (values[:, 0] <= _FLAT**2)
+        known &= values[:, 1] > _FLAT**2
+        normals = vectors[known, :, 0]
+        largest = np.take_along_axis(normals, abs(normals).argmax(axis=1)[:, None], axis=1)
+        normals *= np.sign(largest)
+        offsets = (points[known].mean(axis=1) * normals).sum(axis=1)
+        planes = np.column_stack([normals, offsets])
+        digits = np.round(planes / _FLAT / np.append(np.ones(self._dim), length))
+        self._planes = planes[np.unique(digits, axis=0, return_index=True)[1]]
+        at_loads = np.concatenate([edge.X[None], edge.X + edge.moved])
+        normal, offset = self._planes[:, :-1], self._planes[:, -1]
+        away = abs(at_loads @ normal.T - offset).max(axis=0).T > _FLAT * length
+        leaves = abs(edge.free @ normal.T).max(axis=1, initial=0.0).T > _FLAT
+        kept = np.array([self._keeps(part) for part in range(edge.parts.max(initial=-1) + 1)])
+        on_part = np.flatnonzero(edge.parts >= 0)
+        leaves[:, on_part] = ~kept[edge.parts[on_part]].T if len(on_part) else True
+        self._inside = ~(away | leaves)
 
-    def _add_plane(self, piece: int, normal: Array) -> None:
-        """Add the plane of a piece, if it is new."""
-        edge, nodes = self._edge, self._edge.pieces[piece]
-        normal = normal * np.sign(normal[abs(normal).argmax()])
-        moved = edge.moved[:, nodes[edge.parts[nodes] < 0]] @ normal
-        least = _ROUNDING * self._length
-        if np.ptp(moved, axis=1).max(initial=0.0) > least:
-            raise self._error(piece, "the plane of its edge is bent")
-        offset = float((edge.X[nodes] @ normal).mean())
-        plane = EdgePlane(normal, offset, bool(abs(moved).max(initial=0.0) > least))
-        for other in self.planes:
-            near = abs(other.offset - plane.offset) <= _FLAT * self._length
-            if near and np.linalg.norm(other.normal - normal) <= _FLAT:
-                if plane.moves != other.moves:
-                    raise self._error(piece, "the plane of its edge is bent")
-                return
-        self.planes.append(plane)
-
-    def _planes_of(
-        self,
-        X: Array,
-        among: Sequence[EdgePlane] | None = None,
-        count: Callable[[Array], bool] = all,
-    ) -> list[EdgePlane]:
-        """Return the planes, of all or some, that contain all, or any, of some points."""
-        return [
-            plane
-            for plane in (self.planes if among is None else among)
-            if count(abs(X @ plane.normal - plane.offset) <= _FLAT * self._length)
-        ]
-
-    def _keeps(self, part: int, plane: EdgePlane) -> bool:
-        """Whether a part's motions keep its points of a plane in it."""
-        normal, through = np.zeros(3), np.zeros(3)
-        normal[: self._dim], through[: self._dim] = plane.normal, plane.offset * plane.normal
-        if plane.moves:
-            return False
-        for velocity, omega in self._dirichlet.part_motions[part]:
-            along = normal @ (velocity + np.cross(omega, through))
-            turns = np.linalg.norm(np.cross(normal, omega)) * self._length
+    def _keeps(self, part: int) -> Array:
+        """Return whether a part's motions keep its points of each plane in it, (planes,) bool."""
+        kept = np.ones(len(self._planes), dtype=bool)
+        normals = np.zeros((len(kept), 3))
+        normals[:, : self._dim] = self._planes[:, :-1]
+        through = normals * self._planes[:, -1:]
+        for velocity, omega in self._motions[part]:
+            along = (normals * (velocity + np.cross(omega, through))).sum(axis=1)
+            turns = np.linalg.norm(np.cross(normals, omega), axis=1) * self._length
             size = np.linalg.norm(velocity) + np.linalg.norm(omega) * self._length
-            if max(abs(along), turns) > _FLAT * size:
-                return False
-        return True
+            kept &= np.maximum(abs(along), turns) <= _FLAT * size
+        return kept
 
     def _connected(self, pieces: Array) -> list[Array]:
         """Return connected parts of some pieces; in two dimensions ends that move alike."""
-        if not len(pieces):
-            return []
         nodes = self._edge.pieces[pieces]
         if self._dim == 2:
-            moved = self._edge.moved[:, nodes[:, 0]].swapaxes(0, 1).reshape(len(pieces), -1)
-            digits = np.round(moved / (_FLAT * self._length)).astype(np.int64)
-            _, labels = np.unique(digits, axis=0, return_inverse=True)
-            return [pieces[labels.ravel() == i] for i in range(labels.max() + 1)]
+            moved = (
+                self._edge.moved[:, nodes[:, 0]]
+                .swapaxes(0, 1)
+                .reshape(len(pieces), self._dim * len(_LOADS))
+            )
+            digits = np.round(moved / (_FLAT * self._length))
+            labels = np.unique(digits, axis=0, return_inverse=True)[1].ravel()
+            return [pieces[labels == i] for i in np.unique(labels)]
         rows = np.repeat(np.arange(len(pieces)), nodes.shape[1])
         shape = (len(pieces), len(self._edge.X))
         touching = coo_array((np.ones(nodes.size), (rows, nodes.ravel())), shape).tocsr()
         count, labels = connected_components(touching @ touching.T, directed=False)
         return [pieces[labels == i] for i in range(count)]
 
-    def _fan(self, which: Array, x: Array) -> Fan:
-        """Return the fan that closes some pieces, where the edge's nodes are at x.
+    def _fan(self, which: Array, part: int = -1) -> Fan:
+        """Return the fan that closes some pieces, of a part or of constrained nodes.
 
         Raises
         ------
         NotClosedError
             If they end in no plane, or in planes that leave the fan open.
         """
-        edge = self._edge
+        edge, planes = self._edge, self._planes
         pieces, weights = edge.pieces[which], edge.weights[which]
-        apex = x[np.unique(pieces)].mean(axis=0)
-        net = np.zeros(len(x), dtype=int)
+        net = np.zeros(len(edge.X), dtype=int)
         np.add.at(net, pieces[:, -1], weights)
         if self._dim == 3:
             np.add.at(net, pieces[:, 0], -weights)
-        ends = np.flatnonzero(net)
-        if self._dim == 2 and not net.sum():  # the lid is a segment between two ends
-            ends = ends[:0]
-        fans = []
-        if len(ends):
-            open_error = self._error(which[0], "its edge ends in planes that leave it open")
-            parallel = [self._has_parallel(plane) for plane in self.planes]
-            undefined = not self.planes or (self._dim == 2 and any(parallel))
-            if undefined or any(plane.moves for plane in self.planes):
-                raise open_error
-            # The apex is in all planes in which it ends and that have no parallel one.
-            near = [bool(self._planes_of(edge.X[ends], [p], any)) for p in self.planes]
-            around = [
-                plane
-                for plane, other, ends_in in zip(self.planes, parallel, near, strict=True)
-                if not other and (ends_in or self._dim == 2)
-            ]
-            part = edge.parts[pieces[0, 0]]
-            if self._dim == 2 and part >= 0 and not all(self._keeps(part, p) for p in around):
-                raise self._error(which[0], "a rigid part leaves the plane of symmetry")
-            apex = self._project(apex, around)
-            if self._planes_of(apex[None], around) != around:
-                raise open_error
-            sums: dict[EdgePlane, int] = {}
-            for node in ends if self._dim == 3 else ():
-                planes = self._planes_of(edge.X[node : node + 1])
-                if any(plane in around for plane in planes):
-                    continue
-                if not planes:
-                    raise open_error
-                sums[planes[0]] = sums.get(planes[0], 0) + int(net[node])
-                line = np.stack([x[node], self._project(apex, [*around, planes[0]])])
-                fans.append(_sweep(line[None], net[node : node + 1], apex))
-            if any(sums.values()) and not around:
-                raise open_error
-        fans.append(_sweep(x[pieces], weights, apex))
-        area, moment = (sum(values) for values in zip(*fans, strict=True))
-        return Fan(apex, area, moment)
-
-    def _has_parallel(self, plane: EdgePlane) -> bool:
-        same = [abs(other.normal - plane.normal).max() <= _FLAT for other in self.planes]
-        return same.count(True) > 1
-
-    def _project(self, point: Array, planes: Sequence[EdgePlane]) -> Array:
-        """Return the nearest point in planes, or near them if they do not meet."""
-        if not planes:
-            return point
-        normals = np.array([plane.normal for plane in planes])
-        distances: Array = np.array([plane.offset for plane in planes]) - normals @ point
-        return point + np.linalg.lstsq(normals, distances, rcond=_FLAT)[0]
+            ends_in = self._inside[:, net != 0]
+            is_open, around = not ends_in.any(axis=0).all(), planes[ends_in.any(axis=1)]
+        elif net.sum():  # a line from an end to all planes
+            stays = part < 0 or self._keeps(part).all()
+            is_open, around = not (len(planes) and stays), planes
+        else:  # a line between two ends
+            is_open, around = part < 0 and len(which) > 2, planes[:0]
+        found = Fan(pieces, weights, around)
+        distances = around[:, :-1] @ found.arms(edge.X)[0] - around[:, -1]
+        if is_open or abs(distances).max(initial=0.0) > _FLAT * self._length:
+            raise self._error(which[0], "its edge ends in planes that leave it open")
+        return found
 
     def facets_of_part(self, part: int, others: Array) -> Array:
         """Return this rank's facets of the boundary on a part that are not among others."""
@@ -370,72 +329,59 @@ class ClosingSurface:
         nodes = _dolfinx.node_dofs(V)[cells[:, None], _dolfinx.facet_nodes(V)[local]]
         return facets[(self.parts[nodes] == part).all(axis=1) & ~np.isin(facets, others)]
 
-    def field(self, centre: Array) -> tuple[Array, Array]:
-        """Return A and b [m] of a field f(x) = A (x - centre) + b that crosses no plane.
+    def collapse(self) -> tuple[Array, Array, float] | None:
+        """Return displacements that keep planes and leave no volume, None if none are known.
+
+        Returns
+        -------
+        K, o : (dim, dim), (dim,)
+            The displacements are K (o - X).
+        float
+            The volume that the fans sweep [m^3].
+        """
+        X = self._edge.X
+        if self._revolved:
+            K, point = np.diag([1.0, 0.0]), np.zeros(2)
+            return K, point, self._swept((point - X) @ K)
+        normals, offsets = self._planes[:, :-1], self._planes[:, -1]
+        point = _project(self._centre, self._planes)
+        away = normals[abs(normals @ point - offsets) > _FLAT * self._length]
+        K = np.eye(self._dim) - np.linalg.pinv(away, rcond=_FLAT) @ away
+        kept = normals @ K
+        tilted = abs(kept - (kept * normals).sum(axis=1)[:, None] * normals).max(initial=0.0)
+        if len(self._at_rest) or tilted > _FLAT or not K.any():
+            return None
+        return K, point, self._swept((point - X) @ K)
+
+    def swept(self, u: PETSc.Vec) -> float:
+        """Return the volume that the fans sweep up to displacements [m^3]. Collective."""
+        return self._swept(_gather(self._V, u.array_r, self._edge.numbers))
+
+    def _swept(self, moved: Array) -> float:
+        """Return the volume that the fans sweep up to displacements of the edge's nodes [m^3].
 
         Raises
         ------
-        NotClosedError
-            If there is none: the planes are those of a closed prism, or one of a cone's moves.
+        BadInput
+            If values that a program changes leave the surface open.
         """
-        dim = self._dim
-        rows, values = [np.append(np.eye(dim).ravel(), np.zeros(dim))], [1.0]
-        for plane in self.planes:
-            n = plane.normal
-            directions = np.eye(dim) if plane.moves else np.linalg.svd(n[None])[2][1:]
-            rows += [np.append(np.outer(n, t).ravel(), np.zeros(dim)) for t in directions]
-            inside = (plane.offset - centre @ n) * n / self._length
-            rows.append(np.append(np.outer(n, inside).ravel(), n))
-            values += [0.0] * (len(directions) + 1)
-        # The smallest change of the field (x - centre)/dim.
-        usual = np.append(np.eye(dim).ravel() / dim, np.zeros(dim))
-        table = np.array(rows)
-        change = np.linalg.lstsq(table, np.array(values) - table @ usual, rcond=_FLAT)[0]
-        found = usual + change
-        if abs(table @ found - values).max() > _ROUNDING:
-            raise NotClosedError("no field of divergence 1 crosses none of its planes of symmetry")
-        return found[: dim**2].reshape(dim, dim), self._length * found[dim**2 :]
-
-    def flux(self, A: Array, b: Array, centre: Array, u: PETSc.Vec | None = None) -> float:
-        """Return the flux of a field through the fans of prescribed nodes [m^3]. Collective.
-
-        At displacements ``u``, or at rest.
-        """
-        x, total = self._edge.X, 0.0
-        if u is not None and (self._fixed or len(self._at_rest)):
-            moved = _gather(self._V, u.array_r, self._edge.numbers)[:, : self._dim]
-            x = x + moved
-            self._check_motion(moved)
-        for which in self._fixed:
-            fan = self._fan(which, x)
-            total += float((A @ (fan.apex - centre) + b) @ fan.area + (A * fan.moment).sum())
-        return total
-
-    def _check_motion(self, moved: Array) -> None:
-        """Raise BadInput if values that a program changes leave the surface open."""
-        least, sizes = _FLAT * self._length, [abs(moved[self._at_rest]).max(initial=0.0)]
-        if self._dim == 2:
-            ends = [moved[self._edge.pieces[which, 0]] for which in self._fixed]
-            sizes += [np.ptp(displacements, axis=0).max() for displacements in ends]
-        if max(sizes) > least:
+        X = self._edge.X
+        if self._revolved:
+            nodes, total = self._edge.pieces[:, 0], 0.0
+            for t, weight in PATH:
+                squares = (X[nodes, 0] + t * moved[nodes, 0]) ** 2
+                squares += (t * moved[nodes, 2:]).sum(axis=1) ** 2
+                total += weight * np.pi * float(self._edge.weights * squares @ moved[nodes, 1])
+            return total
+        if abs(moved[self._at_rest]).max(initial=0.0) > _FLAT * self._length:
             raise BadInput("the constrained edge of a surface moves and leaves it open")
+        return sum(fan.swept(X, X + moved[:, : self._dim]) for fan in self._fans)
 
 
-def _sweep(pieces: Array, weights: Array, apex: Array) -> tuple[Array, Array]:
-    """Return area and moment of the fan between an apex and pieces (n, nodes, dim) of an edge."""
-    arms = pieces - apex
-    if arms.shape[2] == 2 and arms.shape[1] == 1:
-        arms = arms[:, 0]
-        normals = -weights[:, None] * np.stack([arms[:, 1], -arms[:, 0]], axis=1)
-        return normals.sum(axis=0), normals.T @ arms / 2
-    degree = arms.shape[1] - 1
-    points, factors = np.polynomial.legendre.leggauss((3 * degree + 1) // 2)
-    table = _dolfinx.tabulate_element("interval", degree, (points[:, None] + 1) / 2, 1)
-    # Ends come first in the element's order, last in that of pieces.
-    order = [0, degree, *range(1, degree)]
-    at, along = np.einsum("dqk,nkc->dnqc", table, arms[:, order])
-    normals = -np.cross(at, along) * (weights[:, None] * factors / 2)[:, :, None]
-    return normals.sum(axis=(0, 1)) / 2, np.einsum("nqi,nqj->ij", normals, at) / 3
+def _project(point: Array, planes: Array) -> Array:
+    """Return the nearest point in planes, or near them if they do not meet."""
+    distances: Array = planes[:, -1] - planes[:, :-1] @ point
+    return np.asarray(point + np.linalg.lstsq(planes[:, :-1], distances, rcond=_FLAT)[0])
 
 
 def edge_of(V: _dolfinx.FunctionSpace, facets: Array, dirichlet: Dirichlet, dim: int) -> Edge:
@@ -464,6 +410,7 @@ def edge_of(V: _dolfinx.FunctionSpace, facets: Array, dirichlet: Dirichlet, dim:
         columns.append(u.array_r.reshape(owned, components)[:, :dim])
     table = _gather(V, np.hstack(columns), numbers)
     X, free, parts, moved = np.split(table, np.cumsum([dim, dim**2, 1]), axis=1)
+    moved = np.where(parts < 0, moved, 0.0)
     return Edge(
         rows.reshape(pieces.shape),
         weights,

@@ -86,7 +86,8 @@ class EnclosedFluid(RankOneTerm):
             accepted += f"constrained, on rigid parts or in planes of symmetry; {error}"
             raise bad_value("cavity.group", self.group, accepted) from None
         # The body's normals point into the cavity.
-        self.volume_at_rest = -self._volume.at_rest if closing.volume_is_known else None
+        volume = self._volume.at_rest()
+        self.volume_at_rest = None if volume is None else -volume
         self._term = UFLTerm(self._pressure * self._volume.residual(u), u, self.name)
         self._term.symmetric = True
         self._check_volume()
