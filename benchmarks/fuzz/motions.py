@@ -40,6 +40,7 @@ def make_table(random: Random, folder: Path) -> list[str]:
 def _read_table(arguments: list[str]) -> int:
     """Read a table and evaluate its motions; those of a whole one are known at its rows."""
     from fem_snh.geometry.motion_files import bone_motion, read_motion, read_rows
+    from fem_snh.geometry.motions import Bone
 
     state, kind, duration, rigid, length, vectors = arguments
     end = float(duration) if duration else None
@@ -47,8 +48,10 @@ def _read_table(arguments: list[str]) -> int:
         motion = read_motion("motion.csv", end)
         maps = [lambda load: np.column_stack(motion.pose(load))]
     else:
-        rows = read_rows("motion.csv", with_bones=True)
-        maps = [bone_motion(rows, n, end, bool(rigid)).affine for n in ("ulna", "radius")]
+        names = "ulna", "radius"
+        rows = read_rows("motion.csv", names)
+        motions = [bone_motion("motion.csv", rows, name, end, bool(rigid)) for name in names]
+        maps = [Bone("bone", group="bone", motion=motion).affine for motion in motions]
     for at in maps:
         matrices = [at(load) for load in _LOADS]
         if kind == "obstacle" or rigid:

@@ -15,9 +15,6 @@ from fem_snh.geometry.shapes.shape import Array, Evaluation, Shape
 
 #: The matrix of a bone that does not move.
 IDENTITY: Array = np.eye(3, 4)
-#: Determinants that count as zero between two matrices, over the larger of theirs: half a turn
-#: about an axis leaves 1e-32.
-_SINGULAR = 1e-12
 #: Points of the polynomial that a smooth motion follows: exact up to degree 5 in time.
 _POINTS = 6
 #: Largest misfit of that polynomial between its points, relative to the largest change of velocity
@@ -138,26 +135,6 @@ class AffineTable(Motion):
         matrix = (1 - t) * self.matrices[i - 1] + t * self.matrices[i]
         return Pose(matrix[:, :3], matrix[:, 3])
 
-    def first_singular(self) -> int | None:
-        """Return the number of the first row at which, or before which, det A is not positive."""
-        A = self.matrices[:, :, :3]
-        if not np.linalg.det(A[0]) > 0:
-            return 0
-        for i in range(1, len(A)):
-            ends = np.linalg.det(A[i - 1 : i + 1])
-            if not _least_determinant(A[i - 1], A[i]) > _SINGULAR * ends.max():
-                return i
-        return None
-
-
-def _least_determinant(A: Array, B: Array) -> float:
-    """Return the smallest determinant of (1 - t) A + t B for t from 0 to 1: a cubic in t."""
-    t = np.linspace(0.0, 1.0, 4)
-    cubic = np.polyfit(t, [np.linalg.det((1 - s) * A + s * B) for s in t], 3)
-    turning = np.roots(np.polyder(cubic))
-    inside = turning.real[(np.abs(turning.imag) < 1e-12) & (turning.real > 0) & (turning.real < 1)]
-    return min(np.linalg.det((1 - s) * A + s * B) for s in (0.0, 1.0, *inside))
-
 
 def check_determinant(where: str, matrix: Array) -> None:
     """Raise BadInput unless the determinant of A of a matrix [A | c] is positive."""
@@ -257,15 +234,11 @@ class Noise:
         Seed of the random numbers, together with the bone's name.
     frames : int
         Number of frames between load 0, which is not disturbed, and load 1.
-    smooth : bool
-        Whether the disturbance is a cubic spline in the load; otherwise it is linear between two
-        frames.
     """
 
     amplitude: float
     seed: int
     frames: int
-    smooth: bool = False
 
     def maps(self, name: str, centre: Array, length: float) -> Array:
         """Return the matrices [a B | c] of a bone at all frames, (frames + 1, 3, 4)."""
@@ -279,13 +252,8 @@ class Noise:
 
     def motion(self, name: str, centre: Array, length: float) -> Callable[[float], Array]:
         """Return the matrix (3, 4) that is added to a bone's own, as a function of the load."""
-        loads, maps = np.linspace(0.0, 1.0, self.frames + 1), self.maps(name, centre, length)
-        if not self.smooth:
-            return AffineTable(loads, maps).affine
-        from scipy.interpolate import CubicSpline
-
-        spline: Any = CubicSpline(loads, maps)
-        return lambda load: np.asarray(spline(np.clip(load, 0.0, 1.0)))
+        loads = np.linspace(0.0, 1.0, self.frames + 1)
+        return AffineTable(loads, self.maps(name, centre, length)).affine
 
 
 def _in_ball(random: np.random.Generator, count: int, dimension: int) -> Array:
@@ -340,23 +308,18 @@ class Bone:
         Raises
         ------
         BadInput
-            If a function returns anything else, or if its det A is not positive.
+            If a function returns anything else, or if det A is not positive.
         """
         if self.motion is None:
             return IDENTITY
-        if isinstance(self.motion, Motion):
-            return self.motion.affine(load)
         where = f"motion of bone '{self.name}' at load {load:.6g}"
+        at = self.motion.affine if isinstance(self.motion, Motion) else self.motion
         try:
-            value = self.motion(load)
+            matrix = np.array(at(load), dtype=float)
         except Exception as error:  # a user's function may raise anything
             raise BadInput(f"{where}: {type(error).__name__}: {error}") from error
-        try:
-            matrix = np.array(value, dtype=float)
-        except (TypeError, ValueError):
-            raise bad_value(where, value, "a 3x4 matrix [A | c]") from None
         if matrix.shape != (3, 4) or not np.isfinite(matrix).all():
-            raise bad_value(where, value, "a 3x4 matrix [A | c] of finite numbers")
+            raise bad_value(where, matrix, "a 3x4 matrix [A | c] of finite numbers")
         check_determinant(where, matrix)
         return matrix
 

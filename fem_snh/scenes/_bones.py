@@ -14,8 +14,8 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import Discriminator, Field, PlainSerializer, Tag, model_validator
 
-from fem_snh.errors import BadInput, bad_value, unknown_name
-from fem_snh.geometry.motion_files import MotionRows, bone_motion, read_rows
+from fem_snh.errors import bad_value
+from fem_snh.geometry.motion_files import bone_motion, read_rows
 from fem_snh.geometry.motions import Bone, DisplacementMotion, Motion, Noise
 from fem_snh.geometry.rotations import exponential
 from fem_snh.geometry.shapes.shape import Array
@@ -56,11 +56,6 @@ class NoiseChoice(Table):
         default=None,
         description="Number of random maps of each bone, at equal distances from load 0 to 1; "
         "default: one for each of the scene's steps.",
-    )
-    smooth: Flag = Field(
-        default=False,
-        description="Whether the disturbance is smooth (a cubic spline) between them; "
-        "default: linear.",
     )
 
 
@@ -142,33 +137,25 @@ def read_bones(scene: Scene) -> list[Bone]:
         and a name in a file that no bone has.
     """
     names = [choice.name for choice in scene.bone]
-    rows = cache(partial(_read_rows, names=names))
+    rows = cache(partial(read_rows, bones=names))
     noise = None
     if scene.rig and (chosen := scene.rig.noise):
         steps = scene.time.steps if scene.time else scene.steps
-        noise = Noise(chosen.amplitude, chosen.seed, chosen.frames or steps, chosen.smooth)
+        noise = Noise(chosen.amplitude, chosen.seed, chosen.frames or steps)
     bones = []
     for choice in scene.bone:
         solid = choice.shape or choice.surface
         shape = shape_of(solid) if solid else None
         motion: Motion | Function | None = None
         if isinstance(choice.motion, Path):
-            motion = bone_motion(rows(choice.motion), choice.name, scene.duration, choice.rigid)
+            keys = choice.name, scene.duration, choice.rigid
+            motion = bone_motion(choice.motion, rows(choice.motion), *keys)
         elif choice.is_moved:
             motion = DisplacementMotion(choice.scaled(scene.amplitudes).displacement)
         else:
             motion = choice.motion
         bones.append(Bone(choice.name, shape, choice.group, motion, choice.origin, noise))
     return bones
-
-
-def _read_rows(path: Path, names: list[str]) -> MotionRows:
-    """Return the rows of a file, all of which must be of these bones."""
-    rows = read_rows(path, with_bones=True)
-    for line, name in zip(rows.lines, rows.bones, strict=False):
-        if name not in names:
-            raise BadInput(f"{path}, line {line}: {unknown_name('bone', name, names)}")
-    return rows
 
 
 # --- skeletons of built-in scenes ----------------------------------------------------------------

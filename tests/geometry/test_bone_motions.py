@@ -63,13 +63,9 @@ def test_a_rigid_table_is_slerped_and_the_translation_linear(read):
     "function, message",
     [
         (lambda load: np.eye(3), "at load 0.5 = array.*: expected a 3x4 matrix"),
-        (lambda load: "up", "expected a 3x4 matrix"),
+        (lambda load: "up", "at load 0.5: ValueError"),
         (lambda load: np.full((3, 4), np.nan), "expected a 3x4 matrix [A | c] of finite numbers"),
         (lambda load: np.eye(3, 4) * -1, "at load 0.5: det A = -1: expected a determinant > 0"),
-        (
-            lambda load: 1.0 / (load - load),
-            "at load 0.5: ZeroDivisionError",
-        ),
     ],
 )
 def test_functions_that_return_no_affine_map(read, function, message):
@@ -78,10 +74,9 @@ def test_functions_that_return_no_affine_map(read, function, message):
         bone.affine(0.5)
 
 
-@pytest.mark.parametrize("smooth", [False, True])
-def test_noise_is_bounded_and_depends_on_seed_and_name(smooth):
+def test_noise_is_bounded_and_depends_on_seed_and_name():
     centre, L, a = np.array([1.0, 2.0, 3.0]), 0.4, 0.05
-    noise = Noise(a, 7, 200, smooth)
+    noise = Noise(a, 7, 200)
     maps = noise.maps("ulna", centre, L)
     X = np.random.default_rng(0).normal(size=(300, 3))
     X = centre + L / 2 * X / np.linalg.norm(X, axis=1)[:, None]
@@ -94,8 +89,7 @@ def test_noise_is_bounded_and_depends_on_seed_and_name(smooth):
     assert (moved[1:] ** 2).mean() == pytest.approx(expected, rel=0.1)
     motion = noise.motion("ulna", centre, L)
     assert motion(0.5) == pytest.approx(maps[100], abs=1e-15)
-    if not smooth:
-        assert motion(0.5025) == pytest.approx((maps[100] + maps[101]) / 2, abs=1e-13)
+    assert motion(0.5025) == pytest.approx((maps[100] + maps[101]) / 2, abs=1e-13)
     assert np.array_equal(maps, Noise(a, 7, 200).maps("ulna", centre, L))
     for other in (Noise(a, 8, 200).maps("ulna", centre, L), noise.maps("radius", centre, L)):
         assert not np.allclose(maps[1:], other[1:])
