@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -14,8 +15,8 @@ from fem_snh.errors import BadInput, bad_value, check_number, on_every
 from fem_snh.kernels.material import Material
 from fem_snh.nonlinear_problem import PREDICTORS, NonlinearProblem
 from fem_snh.problem.definition import DENSITIES, check_materials
+from fem_snh.steps.dynamics.dynamics import Dynamics
 from fem_snh.steps.stepping import Stepper
-from fem_snh.steps.time_steps import TimeIntegration
 
 Array = npt.NDArray[np.float64]
 #: Velocities [m/s] (n, components) at reference coordinates [m] (n, 3).
@@ -100,15 +101,21 @@ class DynamicProblem(NonlinearProblem):
             raise bad_value("densities", densities, DENSITIES)
         if set_time is not None and not callable(set_time):
             raise bad_value("set_time", set_time, "a function of the time [s]")
-        self._integration: TimeIntegration = TimeIntegration(
-            integrator, duration, mass, damping, rho_infinity
+        self._integrator = integrator
+        self._create_motion = partial(
+            Dynamics,
+            integrator=integrator,
+            duration=duration,
+            mass=mass,
+            damping=damping,
+            rho_infinity=rho_infinity,
         )
         self._duration, self._set_time, self._has_started = duration, set_time, False
         self._velocity: Velocity | None = None
         super().__init__(u, materials, densities=densities, **arguments)
         motion = self._steps[PREDICTORS[self._predictor]].motion
         assert motion is not None
-        self._time_steps, self.dynamics = motion, motion.dynamics
+        self.dynamics = motion
         self.v, self.a = self.dynamics.v, self.dynamics.a
 
     @property
@@ -162,7 +169,7 @@ class DynamicProblem(NonlinearProblem):
             raise bad_value("velocity", velocity, "a function of coordinates (n, 3)")
         self._path = None
         self._read_displacement()
-        self._time_steps.start(velocity)
+        self.dynamics.start(self._problem, velocity)
         self._has_started, self._velocity = True, velocity
         self._is_new = self._is_new or not self._problem.history.is_kept(self._problem.comm)
         self._write_solution()
@@ -234,8 +241,7 @@ class DynamicProblem(NonlinearProblem):
         stepper = self._stepper(number)
         if not self._has_started:
             self.start()
-        motion = {"integration": self._integration, "velocity": self._velocity}
-        self._path = self._path_of(stepper, **motion) if self._is_new else None
+        self._path = self._path_of(stepper, velocity=self._velocity) if self._is_new else None
         self._is_new = False
         yield from self._rows(stepper)
 
@@ -249,8 +255,8 @@ class DynamicProblem(NonlinearProblem):
             self._load.function = lambda load: set_time(load * duration)
         return {
             "on_load": self._load if set_time else None,
-            "motion": self._integration.create_dynamics,
-            "integrator": self._integration.integrator,
+            "motion": self._create_motion,
+            "integrator": self._integrator,
             "duration": duration,
         }
 

@@ -24,7 +24,6 @@ from fem_snh.steps.condensation import program_pressures
 from fem_snh.steps.jump import jump_notes, start_notes
 from fem_snh.steps.program_path import Loading, ProgramPath, SolverChoice
 from fem_snh.steps.stepping import Stepper, StepSolver, boundary_values_changed
-from fem_snh.steps.time_steps import TimeIntegration
 
 if TYPE_CHECKING:
     from fem_snh.geometry.motions import Bone
@@ -161,7 +160,6 @@ class NonlinearProblem:
 
     estimate_error, vibration_modes = estimate_error, modes
     reaction_force, reaction_moment = reaction, reaction_moment
-    _integration: TimeIntegration | None = None
     _path: ProgramPath | None = None
 
     def __init__(
@@ -200,10 +198,8 @@ class NonlinearProblem:
             self.solver = solver.create(self._problem, hessian, globalization, petsc_options_prefix)
             choices = {"hessian": hessian, "globalization": globalization}
             pressures = program_pressures(static_condensation, self._problem, choices, self._prefix)
-        integration = self._integration
-        motion = integration.time_steps(self._problem) if integration else None
         self._steps = {
-            name: StepSolver(self._problem, self.solver, name, motion, None, pressures)
+            name: StepSolver(self._problem, self.solver, name, None, pressures)
             for name in dict.fromkeys((predictor, PREDICTORS[predictor]))
         }
         chosen = self._prefix, options.values, hessian, globalization, PREDICTORS[predictor]

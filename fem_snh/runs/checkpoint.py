@@ -88,8 +88,8 @@ class CheckpointWriter:
             offset.array[problem.dirichlet.dofs] = path.offset
             arrays[_OFFSET] = self._fields["u"].gather(offset)
         motion: dict[str, Any] | None = None
-        if steps := self._stepper.motion:
-            rows, motion = steps.dynamics.history()
+        if moving := self._stepper.motion:
+            rows, motion = moving.history()
             arrays["motion"] = gather_rows(problem.comm, rows)
         about = {
             "scene": self._scene,
@@ -252,11 +252,11 @@ class Checkpoint:
                 offset = problem.x.duplicate()
                 field.scatter(self._rows(_OFFSET, order), offset)
                 path.offset = offset.array_r[problem.dirichlet.dofs]
-            if name == "u" and (steps := stepper.motion):
+            if name == "u" and stepper.motion:
                 columns = len(about["motion"]["fields"]) * problem.kinematics.components
                 shape = len(problem.coordinates), columns
                 rows = scatter_rows(problem.comm, self._rows("motion", order), shape)
-                steps.dynamics.set_history(problem, rows, about["motion"])
+                stepper.motion.set_history(problem, rows, about["motion"])
         problem.set_load(self.load)
         problem.split(problem.x)
         problem.matrix.set_constrained_diagonal(about["diagonal"])

@@ -40,7 +40,7 @@ from fem_snh.terms.feature import grouped
 
 if TYPE_CHECKING:
     from fem_snh.runs.setup import Setup
-    from fem_snh.steps.time_steps import TimeSteps
+    from fem_snh.steps.dynamics.dynamics import Dynamics
 
 #: Columns of steps.csv that every run has.
 COLUMNS = (
@@ -115,11 +115,11 @@ def describe(setup: Setup) -> dict[str, Any]:
     return about
 
 
-def _describe_time(scene: Scene, problem: Problem, motion: TimeSteps) -> dict[str, Any]:
+def _describe_time(scene: Scene, problem: Problem, motion: Dynamics) -> dict[str, Any]:
     """Return the scene's table, and energies, momenta and reactions at the start. Collective."""
     table = {} if scene.time is None else scene.time.model_dump()
     given = {key: value for key, value in table.items() if value is not None}
-    start = motion.energies()
+    start = motion.energies(problem)
     return given | {"start": start | problem.reaction_sums(problem.x)}
 
 

@@ -15,7 +15,7 @@ from fem_snh.assembly import elements
 from fem_snh.cache import Stopwatch
 from fem_snh.mesh import mesh as meshes
 from fem_snh.problem.definition import Definition, define
-from fem_snh.problem.initial_state import set_initial_state
+from fem_snh.problem.initial_state import initial_velocity, set_initial_state
 from fem_snh.problem.probes import Probes
 from fem_snh.problem.problem import Problem
 from fem_snh.records.run_record import Note
@@ -79,8 +79,7 @@ class Setup:
     ) -> Result:
         """Return the result of the run, whose record is complete."""
         ended = record["converged"], record["status"]
-        motion = self.stepper.motion.dynamics if self.stepper.motion else None
-        return Result(*ended, record, self.problem, out, motion, estimate)
+        return Result(*ended, record, self.problem, out, self.stepper.motion, estimate)
 
     def destroy(self) -> None:
         """Destroy the solvers; the problem remains. Collective."""
@@ -133,12 +132,9 @@ def set_up(
     snes = solver.create(problem, *choices)
     ratios = scene.nu_continuation
     continuation = PoissonContinuation(ratios, at_ratio, *choices) if ratios else None
-    steps, every, motion, bones = scene.steps, 1, None, None
+    steps, every, bones = scene.steps, 1, None
     if scene.time:
-        from fem_snh.steps.time_steps import start_motion
-
         steps, every = scene.time.steps, scene.time.output_every
-        motion = start_motion(problem, scene.time, scene.start)
     if scene.bone:
         from fem_snh.problem.bones import BoneRecords
 
@@ -148,7 +144,10 @@ def set_up(
     condensation = choose_condensation(wanted, problem, lambda: make(mixed), why)
     pressures = condensation.pressures
     blend = bones.blend() if bones and scene.predictor == "bones" else None
-    step = StepSolver(problem, snes, scene.predictor, motion, continuation, pressures, blend)
+    step = StepSolver(problem, snes, scene.predictor, continuation, pressures, blend)
+    if step.motion:
+        velocity = initial_velocity(problem, scene.start) if scene.start else None
+        step.motion.start(problem, velocity)
     asked = "stability = true"
     stability = solver.EquilibriumStability(problem, asked) if scene.stability else None
     stepper = Stepper(step, steps, probes, bones, every, stability)
@@ -176,10 +175,9 @@ def define_scene(
     """Return the definition of a scene's problem, and a displacement for it. Collective."""
     statement, motion = build(scene, comm, mesh).statement, dict[str, Any]()
     if scene.time:
-        from fem_snh.steps.time_steps import time_integration
+        from fem_snh.steps.dynamics.dynamics import create_motion
 
-        integration = time_integration(scene.time)
-        motion = {"motion": integration.create_dynamics, "integrator": integration.integrator}
+        motion = {"motion": create_motion(scene.time), "integrator": scene.time.integrator}
     defined = define(**statement, **motion)
     return replace(
         defined,

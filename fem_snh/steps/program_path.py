@@ -21,7 +21,6 @@ from fem_snh.problem.conditions import LoadFunction
 from fem_snh.problem.definition import lifted_problem
 from fem_snh.problem.problem import Problem
 from fem_snh.steps.stepping import Stepper, StepSolver
-from fem_snh.steps.time_steps import TimeIntegration
 
 Array = npt.NDArray[np.float64]
 
@@ -84,10 +83,8 @@ class ProgramPath(Path):
     applied : callable, optional
         Returns a ``with`` block in which ``load`` has its function: see `Loading.applied`. Default:
         it has one always, as in time.
-    integration : TimeIntegration, optional
-        How a motion is integrated in time.
     velocity : callable, optional
-        Its initial velocity: see `TimeSteps.start`.
+        The initial velocity of a motion in time: see `Dynamics.start`.
     """
 
     def __init__(
@@ -97,12 +94,11 @@ class ProgramPath(Path):
         choice: SolverChoice,
         stepper: Stepper,
         applied: Callable[[], AbstractContextManager[None]] = nullcontext,
-        integration: TimeIntegration | None = None,
         velocity: Callable[[Array], Array] | None = None,
     ) -> None:
         self._problem, self._load, self._applied = problem, load, applied
         self._stepper, self._choice = stepper, choice
-        self._integration, self._velocity = integration, velocity
+        self._velocity = velocity
         problem.split(problem.x)
         self._start = _dolfinx.function(problem.V, "start")
         self._start.x.array[:] = problem.u.x.array
@@ -147,16 +143,14 @@ class ProgramPath(Path):
         choice: SolverChoice,
         stiffer: float,
     ) -> Followed:
-        integration = self._integration
         again = lifted_problem(self._problem, element, self._start)
         again.scale_penalties(stiffer)
-        motion = integration.time_steps(again) if integration else None
         with default_options(choice.prefix, choice.options):
             snes = solver.create(again, choice.hessian, choice.globalization, choice.prefix)
-            step = StepSolver(again, snes, choice.predictor, motion)
+            step = StepSolver(again, snes, choice.predictor)
             try:
-                if motion:
-                    motion.start(self._velocity)
+                if step.motion:
+                    step.motion.start(again, self._velocity)
                 else:
                     again.set_load(0.0)
                     again.prescribe(again.x)

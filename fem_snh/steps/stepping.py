@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from math import ceil
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 from petsc4py import PETSc
 
@@ -24,8 +24,8 @@ from fem_snh.steps.poisson_continuation import PoissonContinuation
 
 if TYPE_CHECKING:
     from fem_snh.problem.bones import BoneRecords
+    from fem_snh.steps.dynamics.dynamics import Dynamics
     from fem_snh.steps.rescue import Rescue
-    from fem_snh.steps.time_steps import TimeSteps
 
 
 class StepSolver:
@@ -42,8 +42,6 @@ class StepSolver:
         Its nonlinear solver.
     predictor : str, optional
         First guess of a step: see `fem_snh.solver.Predictor`.
-    motion : TimeSteps, optional
-        The integration in time.
     continuation : PoissonContinuation, optional
         Solves with other Poisson's ratios, which improve the first guess.
     pressures : CellPressures, optional
@@ -64,12 +62,12 @@ class StepSolver:
         problem: Problem,
         snes: PETSc.SNES,
         predictor: str = DEFAULT_PREDICTOR,
-        motion: TimeSteps | None = None,
         continuation: PoissonContinuation | None = None,
         pressures: CellPressures | None = None,
         blend: Callable[[PETSc.Vec, float, float], None] | None = None,
     ) -> None:
-        self.problem, self.snes, self.motion = problem, snes, motion
+        self.problem, self.snes = problem, snes
+        self.motion = motion = cast("Dynamics | None", problem.motion)
         self.guessed: Callable[[], None] | None = None
         self.continuation, self.pressures = continuation, pressures
         extrapolate = motion.extrapolate if motion else None
@@ -77,7 +75,7 @@ class StepSolver:
         self.predictor = solver.Predictor(problem, snes, predictor, extrapolate, blend, response)
         self._rescue: Rescue | None = None
         self._rescued = False  # whether the last step was
-        self._linearised = motion is not None and motion.semi_implicit
+        self._linearised = motion is not None and motion.integrator.name == "semi_implicit"
 
     def solve(
         self,
@@ -121,13 +119,13 @@ class StepSolver:
             if predict:
                 self.predictor.accept()
             if motion:
-                motion.end_step()
+                motion.end_step(problem)
             problem.history.end_step(problem.split(problem.x)[0])
         elif restore:
             start.copy(problem.x)
             problem.set_load(before)
             if motion:
-                motion.cancel_step()
+                motion.cancel_step(problem)
         return outcome
 
     def _attempt(self, load: float, predict: bool, rescues: bool) -> solver.StepOutcome:
@@ -135,7 +133,8 @@ class StepSolver:
         problem, context = self.problem, self.snes.getPythonContext()
         problem.history.begin_step(problem.split(problem.x)[0])
         if self.motion:
-            context.earlier_force, context.least_load = self.motion.begin_step(load)
+            norms = self.motion.begin_step(problem, load)
+            context.earlier_force, context.least_load = norms
         if self.pressures:
             self.pressures.begin_step()
         with solver.callback_errors():
@@ -271,8 +270,9 @@ class Stepper:
         self.probes, self._bones, self._output_every = probes, bones, output_every
         self.motion = motion = solver.motion
         # Without loads a shorter step is the same problem: it is not tried.
-        divisible = self.problem.depends_on_load
-        self.size = motion.step_size(steps) if motion else StepSize(steps, divisible)
+        self.size = StepSize(steps, motion is not None or self.problem.depends_on_load)
+        if motion and motion.tolerance is not None:
+            self.size = AdaptiveStepSize(steps, motion.integrator.order)
         examined = find_jumps and not motion
         self._jumps = JumpDetector.of(self.problem, solver.snes) if examined else None
         solver.guessed = self._jumps.begin if self._jumps else None
@@ -439,7 +439,7 @@ class Stepper:
     def _energies(self, load: float, to: float) -> dict[str, Any]:
         """Return the row's energy; in time, time and energies."""
         if self.motion:
-            return self.motion.row(to, load)
+            return self.motion.row(self.problem, to, load)
         problem = self.problem
         return {"energy": problem.energy(problem.x) if problem.has_energy else None}
 
@@ -454,7 +454,7 @@ class Stepper:
             return {}
         if motion.tolerance is None:
             return {}
-        ratio = motion.error() / motion.tolerance
+        ratio = motion.local_error(self.problem) / motion.tolerance
         self.size.ratio = ratio
         if not ratio <= 1:
             outcome.converged, outcome.reason = False, "ERROR_ABOVE_TOLERANCE"

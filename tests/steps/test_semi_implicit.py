@@ -39,11 +39,11 @@ def exact_steps(scene: Scene) -> np.ndarray:
     """Return the displacement after linearised steps that numpy solves, of this rank's nodes."""
     setup = set_up(MPI.COMM_WORLD, scene)
     p, transient = setup.problem, setup.stepper.motion
-    assert transient is not None and isinstance(transient.dynamics, Dynamics)
+    assert isinstance(transient, Dynamics)
     steps, first = setup.stepper.steps, p.x.getOwnershipRange()
     for k in range(1, steps + 1):
         p.history.begin_step(p.split(p.x)[0])
-        transient.begin_step(k / steps)
+        transient.begin_step(p, k / steps)
         p.set_load(k / steps)
         r = linearised_residual(p)
         p.jacobian(p.x, "exact")
@@ -52,7 +52,7 @@ def exact_steps(scene: Scene) -> np.ndarray:
         A[fixed], A[:, fixed], f[fixed] = 0, 0, 0
         A[fixed, fixed] = 1
         p.x.array[:] -= np.linalg.solve(A, f)[slice(*first)]
-        transient.end_step()
+        transient.end_step(p)
     return p.x.array_r.copy()
 
 

@@ -41,7 +41,6 @@ LAZY = {
     "scenes": "scenes are listed without sympy, which checks materials; without numpy's bones",
     "problem.definition": "bones are placed where there are some",
     "accuracy.goals": "sympy splits energies for those who ask for a stress",
-    "steps.time_steps": "a quasi-static scene imports no integrator",
     "studies": "pictures and gmsh are for the studies that need them",
     "viewing": "each kind of export and of page imports its own library",
 }

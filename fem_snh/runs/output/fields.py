@@ -108,7 +108,8 @@ class Fields:
             from fem_snh.runs.output.field_values import RequestedFields
 
             chosen = setup.scene.fields, setup.scene.fields_at
-            self._requested = RequestedFields(problem, *chosen, motion.functions if motion else {})
+            moving = {"velocity": motion.v, "acceleration": motion.a} if motion else {}
+            self._requested = RequestedFields(problem, *chosen, moving)
 
     def write(self, problem: Problem) -> None:
         """Append the problem's state at its load to each series that does not have it. Collective.

@@ -1,4 +1,4 @@
-r"""The motion of a body in time: state, steps, energies and momenta.
+r"""The motion of a body in time: state, steps, errors, energies and momenta.
 
 A time integrator (`fem_snh.steps.dynamics.integrators`) makes each step an incremental potential:
 the terms of `Dynamics` are terms of the problem as any other, and its solver is the same.
@@ -7,7 +7,11 @@ the terms of `Dynamics` are terms of the problem as any other, and its solver is
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from math import inf, sqrt
 from typing import TYPE_CHECKING, Any, NamedTuple
+
+from petsc4py import PETSc
 
 import numpy as np
 import numpy.typing as npt
@@ -27,6 +31,7 @@ from fem_snh.steps.dynamics.prescribed import PrescribedMotion
 from fem_snh.terms.term import Term, WorkingTerm
 
 if TYPE_CHECKING:
+    from fem_snh.scenes import Time
     from fem_snh.terms.rigid_parts import RigidParts
 
 Array = npt.NDArray[Any]
@@ -68,6 +73,9 @@ class Dynamics:
         Spectral radius of ``generalized_alpha`` at infinite frequency, 0 to 1.
     duration : float
         The time [s] in which the load goes from 0 to 1.
+    tolerance : float, optional
+        Largest error of a step, relative to the body's size V^(1/3); the steps are as long as it
+        permits. Default: equal steps.
 
     Attributes
     ----------
@@ -100,6 +108,7 @@ class Dynamics:
         damping: tuple[float, float] = (0.0, 0.0),
         rho_infinity: float | None = None,
         duration: float,
+        tolerance: float | None = None,
     ) -> None:
         if not isinstance(damping, Sequence) or isinstance(damping, str) or len(damping) != 2:
             raise bad_value("time.damping", damping, "two numbers: of the mass, of the stiffness")
@@ -107,7 +116,8 @@ class Dynamics:
             check_number(f"time.damping.{key}", value, 0.0)
         check_number("time.duration", duration, 0.0, exclusive=True)
         self.integrator = create(integrator, rho_infinity)
-        V, self._duration, self._kinematics = u.function_space, duration, kinematics
+        self.duration, self.tolerance = duration, tolerance
+        V, self._kinematics = u.function_space, kinematics
         self.mass = NodalMass(V, regions, mass, kinematics)
         self.v, self.a = _dolfinx.function(V, "velocity"), _dolfinx.function(V, "acceleration")
         self._motion = PrescribedMotion(V, dirichlet, duration)
@@ -125,12 +135,12 @@ class Dynamics:
         self._forces: Array
 
     def start(self, problem: Problem, velocity: Callable[[Array], Array] | None = None) -> None:
-        """Set the initial velocity and the acceleration that balances the forces. Collective.
+        """Begin at load 0 with a velocity, and the acceleration that balances forces. Collective.
 
         Parameters
         ----------
         problem : Problem
-            The problem at its initial displacement and load, with the terms of this object.
+            The problem at its initial displacement, with the terms of this object.
         velocity : callable, optional
             Velocities [m/s] (n, components) of nodes with reference coordinates [m] (n, 3).
             Default: zero.
@@ -140,6 +150,9 @@ class Dynamics:
         BadInput
             On every rank, if the velocities have another shape, or are not finite.
         """
+        problem.set_load(0.0)
+        problem.prescribe(problem.x)
+        problem.history.begin_step(problem.split(problem.x)[0])
         self.dissipated = self.work = 0.0
         self._first_energy = self._before = None
         self._rigid = problem.rigid
@@ -170,13 +183,20 @@ class Dynamics:
         if problem.has_energy:
             self._first_energy = total_energy(self.energies(problem))
 
-    def begin_step(self, problem: Problem, load: float) -> None:
+    def begin_step(self, problem: Problem, load: float) -> tuple[float, float]:
         """Set the formulas of the step from the problem's state to a load. Collective.
 
         A step that failed is repeated by another call, with the problem's state restored; without
         one, `cancel_step` ends it.
+
+        Returns
+        -------
+        largest, least : float
+            Norms of forces at the step's start [N]: the largest one of external and inertial
+            forces, and the smallest one of a dead load.
         """
-        h = (load - problem.load) * self._duration
+        norms = self._force_norms(problem)
+        h = (load - problem.load) * self.duration
         u = np.array(local_values(problem.split(problem.x)[0]))
         state = MotionState(u, self.v.x.array.copy(), self._smooth_acceleration(), self._before)
         formulas = self.integrator.formulas(h, state)
@@ -196,6 +216,30 @@ class Dynamics:
         balance.begin_volume_damping(problem, formulas.velocity)
         if self.integrator.has_mean_forces:
             balance.weight_mean_forces(problem, new / formulas.gamma)
+        return norms
+
+    def _force_norms(self, problem: Problem) -> tuple[float, float]:
+        """Return the largest and the least norm of forces [N] that `begin_step` returns."""
+        forces, loads = problem.x.duplicate(), _loads(problem, self.terms)
+        problem.gradient(problem.x, forces, loads)
+        inertial = self._balance.inertial_forces(self.a.x.array)
+        largest = max(forces.norm(), sqrt(problem.comm.allreduce(float(inertial @ inertial))))
+        if problem.rigid:
+            largest = max(largest, *problem.rigid.force_norms(problem.x))
+        least = inf
+        for term in loads:
+            if not term.has_hessian:
+                problem.gradient(problem.x, forces, [term])
+                least = min(least, forces.norm() or inf)
+        return largest, least
+
+    def extrapolate(self, x: PETSc.Vec, load: float) -> None:
+        """Move the displacement in ``x`` with its velocity, to the time of a load.
+
+        The acceleration is left out: that of the stiff modes is noise on a long time step.
+        """
+        v = self.v.x.array[: self.mass.num_owned]
+        x.array[: len(v)] += (load - self._step.load) * self.duration * v
 
     def cancel_step(self, problem: Problem) -> None:
         """End a step that failed: the problem is again at the step's start. Collective."""
@@ -248,8 +292,8 @@ class Dynamics:
     def local_error(self, problem: Problem) -> float:
         """Return an estimate of the solved step's local error, before `end_step`. Collective.
 
-        It is the root mean square, weighted by mass, of the displacement's error [m]; the formulas
-        are those of docs/theory/dynamics.md.
+        It is the root mean square, weighted by mass, of the displacement's error, relative to the
+        body's size V^(1/3); the formulas are those of docs/theory/dynamics.md.
         """
         formulas = self._step.formulas
         new, old = formulas.error
@@ -261,7 +305,7 @@ class Dynamics:
             by_means = new_forces.acceleration - means.acceleration / formulas.gamma
             error += new * by_means + old * self._by_means
         self._motion.project(error)
-        return float(np.sqrt(self.mass.dot(error, error) / self.mass.total))
+        return float(np.sqrt(self.mass.dot(error, error) / self.mass.total)) / problem.length
 
     def energies(self, problem: Problem) -> dict[str, Any]:
         """Return energies and momenta of the present state. Collective.
@@ -269,17 +313,24 @@ class Dynamics:
         Returns
         -------
         dict
-            The entries of `motion_measures`; since the start, "work" of prescribed motion, of
+            The entries of `motion_measures`, and "energy", the sum of its energies (None for a
+            material without one); since the start, "work" of prescribed motion, of
             moving obstacles and of changing loads, energy "dissipated" by damping and friction, and
             "numerical_dissipation" [J]: what else the sum of kinetic, elastic and potential energy
             lost, by the integrator. The last is missing if a force has no energy.
         """
         found = motion_measures(problem, self.mass, self.v.x.array, self.terms)
-        found |= {"work": self.work, "dissipated": self.dissipated}
+        energy = None if found["elastic"] is None else total_energy(found)
+        found = {"energy": energy, **found, "work": self.work, "dissipated": self.dissipated}
         if problem.has_energy and self._first_energy is not None:
             available = self._first_energy + self.work - self.dissipated
             found["numerical_dissipation"] = available - total_energy(found)
         return found
+
+    def row(self, problem: Problem, load: float, before: float) -> dict[str, Any]:
+        """Return what a step from load ``before`` to ``load`` adds to its row of run.json."""
+        times = {"time": load * self.duration, "time_step": (load - before) * self.duration}
+        return times | self.energies(problem)
 
     def _old_forces(self) -> Array:
         """Return the forces at the step's start that are in its balance, (owned dofs,). Collective.
@@ -500,3 +551,16 @@ def work_of_loads(
 def _loads(problem: Problem, excluded: Sequence[Term]) -> list[Term]:
     """Return the terms beside the elastic energy and those that are excluded."""
     return [t for t in problem.terms if t is not problem.elastic and t not in excluded]
+
+
+def create_motion(time: Time) -> partial[Dynamics]:
+    """Return the function that creates the motion of a scene's body: see `CreateMotion`."""
+    return partial(
+        Dynamics,
+        integrator=time.integrator,
+        duration=time.duration,
+        mass=time.mass,
+        damping=(time.damping.mass, time.damping.stiffness),
+        rho_infinity=time.rho_infinity,
+        tolerance=time.tolerance,
+    )
