@@ -22,7 +22,6 @@ _VIEW = """--clip NORMAL[@POINT]  cut the deformed body by a plane and remove th
             the normal points to: x, 0,0,1@0,0,0.2, or x@0.2, the plane x = 0.2; default: through
             the centre; write --clip=-y if it begins with a minus
         --camera DIRECTION[@FOCUS]  direction to the viewer: x, -y or 1,-1,0.5@0,0,1
-        --up DIRECTION  direction that is upwards; default: z
         --zoom A  magnification; default: 1
         --hide NAME,NAME  obstacles, bones, groups of cells and materials that are not drawn
         --range LOW,HIGH  values at the ends of the colour bar; default: of all values but the
@@ -120,7 +119,7 @@ def _view(args: Namespace) -> ViewOptions:
     from fem_snh.viewing.stored_run import view_options
 
     hide = [name.strip() for name in (args.hide or "").split(",") if name.strip()]
-    return view_options(args.clip, args.camera, args.up, args.zoom, hide, args.range)
+    return view_options(args.clip, args.camera, args.zoom, hide, args.range)
 
 
 def _movie(args: Namespace) -> int:

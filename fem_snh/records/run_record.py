@@ -194,16 +194,9 @@ _UNITS = {
 
 
 def column_unit(name: str, step: Mapping[str, Any]) -> str:
-    """Return the SI unit of a column of a step's `flat` row, or "".
-
-    Of a quotient A/B of two columns it is that of the quotient.
-    """
-    row = flat(step)
-    if name not in row and "/" in name:
-        for at in (i for i, letter in enumerate(name) if letter == "/"):
-            above, below = name[:at], name[at + 1 :]
-            if above in row and below in row:
-                return _quotient(column_unit(above, step), column_unit(below, step))
+    """Return the SI unit of a column of a step's `flat` row, or "": also of a quotient of two."""
+    if name not in flat(step):
+        return ""
     body = name.removesuffix(".error")
     body = next((body.removesuffix(end) for end in (".x", ".y", ".z") if body.endswith(end)), body)
     if body in step.get("probes", {}):
@@ -212,13 +205,6 @@ def column_unit(name: str, step: Mapping[str, Any]) -> str:
     if kind == "volume" and owner in step.get("cavities", {}):
         return "m^3"
     return _UNITS.get(kind, "")
-
-
-def _quotient(above: str, below: str) -> str:
-    """Return the unit of a quotient."""
-    if above == below or not below:
-        return "" if above == below else above
-    return f"{above or '1'}/{below}" if below.isalpha() else f"{above or '1'}/({below})"
 
 
 def _columns(name: str, state: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:

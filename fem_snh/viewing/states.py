@@ -11,11 +11,10 @@ import numpy.typing as npt
 import pyvista as pv
 from scipy.interpolate import PchipInterpolator
 from scipy.spatial import cKDTree
-from vtkmodules.vtkCommonCore import mutable
 
 from fem_snh.errors import BadInput, bad_value
 from fem_snh.records.run_record import load_record
-from fem_snh.viewing.render.surfaces import read_grid
+from fem_snh.viewing.render.surfaces import boundary, read_grid
 from fem_snh.viewing.stored_run import stored_loads
 
 Array = npt.NDArray[Any]
@@ -28,11 +27,8 @@ _NODE = 1e-9
 #: two meshes of one curved surface differ by less, unless an element spans a radian.
 _LARGEST_DISTANCE = 0.05
 
-#: Number of cells, by the distance of their centres, among which that closest to a point outside
-#: of the mesh is found: more than those around a node of hexahedra, or tetrahedra of good shape.
-_CANDIDATES = 32
-#: Edges of a triangle and of a tetrahedron.
-_EDGES_OF_SIMPLICES = (3, 6)
+#: Divides each face of a quadratic cell into 4^3 triangles, on which closest points are.
+_LEVEL = 3
 
 
 class ExportedState(NamedTuple):
@@ -239,7 +235,7 @@ def displacement_at(
     others = np.flatnonzero(distance > _NODE * size)
     distance = np.zeros(len(points))
     if len(others):
-        found[others], distance[others] = _interpolate(mesh, u, points[others])
+        found[others], distance[others] = _interpolate(mesh, u, points[others], _NODE * size)
     if distance.max(initial=0.0) > _LARGEST_DISTANCE * size:
         far = int(distance.argmax())
         raise BadInput(
@@ -249,36 +245,16 @@ def displacement_at(
     return found, np.where(distance > _NODE * size, distance, 0.0)
 
 
-def _interpolate(mesh: Any, u: Array, points: Array) -> tuple[Array, Array]:
+def _interpolate(mesh: Any, u: Array, points: Array, tolerance: float) -> tuple[Array, Array]:
     """Return the displacement of the closest points of a mesh, and their distances."""
-    inside = np.asarray(mesh.find_containing_cell(points))
-    centres = cKDTree(mesh.cell_centers().points)
-    number = min(_CANDIDATES, mesh.n_cells)
-    found, distance = np.empty_like(points), np.full(len(points), np.inf)
-    for row, point in enumerate(points):
-        candidates: Any = [inside[row]]
-        if inside[row] < 0:
-            candidates = np.atleast_1d(centres.query(point, number)[1])
-        for cell in candidates:
-            gap, value = _closest(mesh.GetCell(int(cell)), point, u)
-            if gap < distance[row]:
-                distance[row], found[row] = gap, value
-    return found, distance
-
-
-def _closest(cell: Any, point: Array, u: Array) -> tuple[float, Array]:
-    """Return the distance of a cell from a point, and the displacement at its closest point.
-
-    VTK extrapolates in cells of higher degree, so that their coordinates are restricted here. A
-    curved cell's point is the closest in these coordinates only.
-    """
-    nodes, number = cell.GetNumberOfPoints(), mutable(0)
-    local, weights, at = [0.0] * 3, [0.0] * nodes, [0.0] * 3
-    if cell.EvaluatePosition(point, at, number, local, mutable(0.0), weights) < 0:
-        return np.inf, np.zeros(3)
-    nearest = np.clip(local, 0.0, 1.0)
-    if cell.GetNumberOfEdges() in _EDGES_OF_SIMPLICES:
-        nearest /= max(1.0, nearest.sum())
-    cell.EvaluateLocation(number, nearest, at, weights)
-    indices = [cell.GetPointId(i) for i in range(nodes)]
-    return float(np.linalg.norm(point - at)), np.array(weights) @ u[indices]
+    grid = mesh.copy(deep=False)
+    grid.point_data["u"] = u
+    sampled: Any = pv.PolyData(points).sample(grid, tolerance=tolerance)
+    found, closest = np.array(sampled["u"]), points.copy()
+    outside = np.flatnonzero(np.asarray(sampled["vtkValidPointMask"]) == 0)
+    if len(outside):
+        surface: Any = boundary(grid, _LEVEL)
+        _, closest[outside] = surface.find_closest_cell(points[outside], return_closest_point=True)
+        sampled = pv.PolyData(closest[outside]).sample(surface, snap_to_closest_point=True)
+        found[outside] = sampled["u"]
+    return found, np.linalg.norm(points - closest, axis=1)

@@ -300,8 +300,6 @@ class ViewOptions:
         Direction from the body to the viewer.
     focus : (3,), optional
         The point at the centre of the picture [m].
-    up : (3,), optional
-        Direction that is upwards in the picture; default: z, or y for a viewer above or below.
     zoom : float
         Magnification: 1 shows the whole body.
     hide : tuple of str
@@ -316,7 +314,6 @@ class ViewOptions:
     clip_point: Point | None = None
     camera: Point | None = None
     focus: Point | None = None
-    up: Point | None = None
     zoom: float = 1.0
     hide: tuple[str, ...] = ()
     hidden_cells: tuple[int, ...] = ()
@@ -330,7 +327,6 @@ WHOLE = ViewOptions()
 def view_options(
     clip: str | None = None,
     camera: str | None = None,
-    up: str | None = None,
     zoom: float = 1.0,
     hide: Iterable[str] = (),
     limits: str | None = None,
@@ -344,8 +340,6 @@ def view_options(
         after "@" is the plane's distance from the origin along the normal.
     camera : str, optional
         Direction and, after "@", the focus: ``x``, ``1,-1,0.5@0,0,1``.
-    up : str, optional
-        A direction.
     zoom : float
         Magnification.
     hide : iterable of str
@@ -362,18 +356,13 @@ def view_options(
         raise bad_value("--zoom", zoom, "a number above 0")
     normal, point = _direction_and_point("--clip", clip)
     towards, focus = _direction_and_point("--camera", camera)
-    upwards, nowhere = _direction_and_point("--up", up)
-    if nowhere is not None:
-        raise bad_value("--up", up, "a direction: x, -z or three numbers")
-    if upwards and not np.linalg.norm(np.cross(upwards, towards or TOWARDS)) > 1e-6:
-        raise bad_value("--up", up, "a direction other than that of --camera")
     low, high = 0.0, 1.0
     if limits is not None:
         low, high = (*_numbers(limits), math.nan, math.nan)[:2]
         if not -math.inf < low < high < math.inf or limits.count(",") != 1:
             raise bad_value("--range", limits, "two numbers, the smaller one first: 0,2.5")
     ends = None if limits is None else (low, high)
-    return ViewOptions(normal, point, towards, focus, upwards, zoom, tuple(hide), limits=ends)
+    return ViewOptions(normal, point, towards, focus, zoom, tuple(hide), limits=ends)
 
 
 def _direction_and_point(option: str, text: str | None) -> tuple[Point | None, Point | None]:

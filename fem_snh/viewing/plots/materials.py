@@ -182,32 +182,14 @@ def fit_figure(fits: Sequence[Any]) -> Figure:
 
 
 def _draw_biaxial(ax: Axes, measure: str, fits: Sequence[Any], size: float) -> None:
-    """Draw the data and the fits of biaxial tests.
-
-    There is a curve for each second stretch, which stands at its end; if most points have one of
-    their own, there is one curve through the points.
-    """
+    """Draw the data of biaxial tests, and the fits at these points."""
     mine = [t.data for t in fits[0].tests if (t.data.kind, t.data.measure) == ("biaxial", measure)]
-    labels = [plain(pretty(f.name)) for f in fits]
     for place, t in enumerate(mine):
-        curves = [t.stretch_2 == y for y in np.unique(t.stretch_2)]
-        if 2 * len(curves) > len(t.x):
-            curves = [np.full(len(t.x), True)]
-        for curve in curves:
-            x, y = t.x[curve], t.stretch_2[curve]
-            along = np.linspace(0, len(x) - 1, _POINTS)
-            grid, second = (np.interp(along, np.arange(len(x)), s) for s in (x, y))
-            for number, f in enumerate(fits):
-                stress = f.stress("biaxial", grid, second, measure) / size
-                ax.plot(grid, stress, color=colour(number), lw=1.8, label=labels[number])
-            labels = ["_"] * len(fits)  # the legend has a fit once
-            if len(curves) > 1:
-                ax.set_title(r"biaxial; $\lambda_2$ at the curves", fontsize=11)
-                last = x.argmax()
-                ax.annotate(f"{y[0]:g}", (x[last], t.stress[curve][last] / size), (4, 3),
-                            textcoords="offset points", fontsize=8)  # fmt: skip
         draw_points(ax, place, t.x, t.stress / size, "data" if len(mine) == 1 else t.name)
-    ax.margins(x=0.1)
+        for number, f in enumerate(fits):
+            stress = f.stress("biaxial", t.x, t.stretch_2, measure) / size
+            label = "_" if place else plain(pretty(f.name))  # the legend has a fit once
+            ax.plot(t.x, stress, "x", color=colour(number), label=label)
 
 
 def _draw(ax: Axes, kind: str, fits: Sequence[Any], size: float) -> None:

@@ -154,29 +154,21 @@ def draw_energies(ax: Axes, records: Sequence[Record], names: Sequence[str]) -> 
     names : sequence of str
         Their names in the legend of the other panels, whose colours the sums have.
     """
-    joule = unit_name("J", records)
-    if len(records) == 1:
-        for number, (key, line) in enumerate(ENERGIES.items()):
-            times, values = energies(records[0], key)
-            if any(values):
+    single = len(records) == 1
+    for number, (record, name) in enumerate(zip(records, names, strict=True)):
+        steps = [step for step in record["steps"] if step["converged"]]
+        rows = pd.DataFrame([{"time": 0.0, **record["time"]["start"]}, *steps])
+        if not single:
+            ax.plot(rows["time"], rows["energy"], label=plain(name), **style(number, len(rows)))
+            continue
+        for place, (key, line) in enumerate(ENERGIES.items()):
+            if key in rows and rows[key].any():
                 label = "sum" if key == "energy" else key
-                ax.plot(times, values, color=colour(number), ls=line, lw=1.6, label=label)
+                ax.plot(rows["time"], rows[key], color=colour(place), ls=line, lw=1.6, label=label)
         ax.legend(frameon=False, fontsize=8)
-        ax.set_ylabel(f"energy [{joule}]")
-    else:
-        for number, record in enumerate(records):
-            times, values = energies(record, "energy")
-            ax.plot(times, values, label=plain(names[number]), **style(number, len(times)))
-        ax.set_ylabel(f"kinetic + elastic + potential energy [{joule}]")
+    kind = "" if single else "kinetic + elastic + potential "
+    ax.set_ylabel(f"{kind}energy [{unit_name('J', records)}]")
     ax.set_xlabel(f"time [{unit_name('s', records)}]")
-
-
-def energies(record: Record, key: str) -> tuple[list[float], list[float]]:
-    """Return times and values of an energy: at the start and after each step that converged."""
-    rows = [{"time": 0.0, **record["time"]["start"]}]
-    rows += [step for step in record["steps"] if step["converged"]]
-    rows = [row for row in rows if row.get(key) is not None]
-    return [row["time"] for row in rows], [row[key] for row in rows]
 
 
 def run_table(record: Record) -> pd.DataFrame:

@@ -6,7 +6,7 @@ What draws is called in a process of its own: `fem_snh.viewing.render.drawing` a
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from fem_snh.errors import BadInput, bad_value
@@ -22,10 +22,7 @@ from fem_snh.viewing.stored_run import (
     ViewOptions,
     choose_loads,
     common_units,
-    load_name,
-    load_unit,
     material_name,
-    parameter,
     read_record,
     stored_loads,
     title,
@@ -63,19 +60,6 @@ class Job:
     revolve: bool = False
     view: ViewOptions = WHOLE
     units: Units | None = None
-
-
-@dataclass(frozen=True)
-class MovieJob(Job):
-    """The input of the process that draws a movie.
-
-    The panels are the stored states; ``names`` are the values of the load parameter there.
-    """
-
-    names: list[float] = field(default_factory=list)
-    load_name: str = ""
-    load_unit: str = ""
-    frames: int = 0
 
 
 def main(
@@ -313,21 +297,11 @@ def movie(
     if len(run.states) < 2:
         raise BadInput(f"{folder}: a movie needs two stored loads or more: found {len(run.states)}")
     frames = max(2, round(seconds * FRAMES_PER_SECOND))
-    job = MovieJob(
-        field,
-        title(run.record),
-        [run.panel(load) for load in run.states],
-        out,
-        check_opacity(opacity),
-        view=run.view,
-        units=Units.of(run.record),
-        names=[parameter(run.record, load) for load in run.states],
-        load_name=load_name(run.record),
-        load_unit=load_unit(run.record),
-        frames=frames,
-    )
+    panels, units = [run.panel(load) for load in run.states], Units.of(run.record)
+    opacity = check_opacity(opacity)
+    job = Job(field, title(run.record), panels, out, opacity, view=run.view, units=units)
     timeout, writer = frames * _FRAME_TIMEOUT, f"{__name__}.drawing:write_movie"
-    run_elsewhere(writer, job, report=report, timeout=timeout, opengl=True)
+    run_elsewhere(writer, job, run.record, frames, report=report, timeout=timeout, opengl=True)
     return out
 
 

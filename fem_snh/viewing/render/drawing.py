@@ -23,11 +23,22 @@ from PIL import Image
 
 from fem_snh.errors import BadInput
 from fem_snh.files import make_folder_of, replacement, write_file
+from fem_snh.records.run_record import Record
 from fem_snh.viewing import ignore
-from fem_snh.viewing.render import FRAMES_PER_SECOND, Job, MovieJob
+from fem_snh.viewing.render import FRAMES_PER_SECOND, Job
 from fem_snh.viewing.render.surfaces import DrawnBody, Obstacles, body, body_of, is_flat
 from fem_snh.viewing.states import InterpolatedStates
-from fem_snh.viewing.stored_run import DOT, TOWARDS, WHOLE, ViewOptions, is_nonnegative, label
+from fem_snh.viewing.stored_run import (
+    DOT,
+    TOWARDS,
+    WHOLE,
+    ViewOptions,
+    is_nonnegative,
+    label,
+    load_name,
+    load_unit,
+    parameter,
+)
 
 #: Width of the picture [pixels].
 WIDTH = 1600
@@ -142,7 +153,7 @@ def view(
         towards = np.array(options.camera)
     towards /= np.linalg.norm(towards)
     upwards = [0.0, 0.0, 1.0] if abs(towards[2]) < 1 - 1e-9 else [0.0, 1.0, 0.0]
-    right = np.cross(options.up or upwards, towards)
+    right = np.cross(upwards, towards)
     right /= np.linalg.norm(right)
     axes = np.array([right, np.cross(towards, right), towards])
     seen = points @ axes.T
@@ -368,7 +379,7 @@ def draw(job: Job, report: Callable[[str], object] = ignore) -> None:
         report(drawing.extremes_line)
 
 
-def movie_frames(job: MovieJob) -> Iterator[np.ndarray]:
+def movie_frames(job: Job, record: Record, frames: int) -> Iterator[np.ndarray]:
     """Yield the frames as RGB arrays (height, width, 3) uint8, of even height and width."""
     loads = [panel.load for panel in job.panels]
     stored = {panel.load: panel.files for panel in job.panels}
@@ -378,9 +389,10 @@ def movie_frames(job: MovieJob) -> Iterator[np.ndarray]:
     drawing = Drawing(job, bodies)
     where = drawing.view
     wide = min(_FRAME_WIDTH, round(_FRAME_TALLEST * where.width / where.height))
-    decimals = max(0, 2 - floor(log10(abs(job.names[-1] - job.names[0]) or 1.0)))
+    names = [parameter(record, load) for load in loads]
+    decimals = max(0, 2 - floor(log10(abs(names[-1] - names[0]) or 1.0)))
     figure = None
-    for load in np.linspace(loads[0], loads[-1], job.frames):
+    for load in np.linspace(loads[0], loads[-1], frames):
         item = body_of(states.grid(load), job.field, job.view)
         image = drawing.image(item, drawing.solids_at(0, load), wide, scale=1)
         if figure is None:
@@ -393,19 +405,21 @@ def movie_frames(job: MovieJob) -> Iterator[np.ndarray]:
             shown = figure.figimage(image, (_FRAME_WIDTH - wide) // 2, FOOT)
             drawing.add_colour_bar(figure, height, wide)
         shown.set_data(image)
-        value = float(np.interp(load, loads, job.names))
-        label.set_text(f"{job.load_name} {value:.{decimals}f}{job.load_unit}")
+        value = float(np.interp(load, loads, names))
+        label.set_text(f"{load_name(record)} {value:.{decimals}f}{load_unit(record)}")
         canvas.draw()
         yield np.asarray(canvas.buffer_rgba())[..., :3].copy()
 
 
-def write_movie(job: MovieJob, report: Callable[[int, int], object] = ignore) -> None:
+def write_movie(
+    job: Job, record: Record, count: int, report: Callable[[int, int], object] = ignore
+) -> None:
     """Draw the frames and write the movie, which replaces an earlier file once it is complete."""
 
     def frames() -> Iterator[np.ndarray]:
-        for count, frame in enumerate(movie_frames(job), 1):
+        for number, frame in enumerate(movie_frames(job, record, count), 1):
             yield frame
-            report(count, job.frames)
+            report(number, count)
 
     make_folder_of(job.out)
     with replacement(job.out) as new:
