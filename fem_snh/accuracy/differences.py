@@ -11,8 +11,8 @@ with the nodal interpolations I_k of degree k. Their ratio gives the cell's :mat
 the sum of all further parts. The estimate is multiplied by the sum of the parts from degree 3 on,
 over all cells, divided by that of degree 3.
 
-Parts of an error that the run's own element shows are those of penalties, and what Newton's method
-left: the state is followed to stiffer penalties, or by one more iteration; then it is restored.
+The part of an error that penalties have shows in the run's own element: the state is followed to
+stiffer penalties; then it is restored.
 """
 
 from __future__ import annotations
@@ -298,8 +298,8 @@ def _gradients(
     return volumes, gradients
 
 
-#: Prefixes of the solvers' options: those of the run are for its load steps.
-PREFIX, _ALGEBRA_PREFIX = f"{solver.PREFIX}penalty_", f"{solver.PREFIX}algebra_"
+#: Prefix of its solver's options: those of the run are for its load steps.
+PREFIX = f"{solver.PREFIX}penalty_"
 #: Factor of the stiffness. The error is c/k: from k to 4 k it loses three quarters, which is more
 #: than what Newton's method leaves, and the state is near enough for a few iterations.
 STIFFER = 4.0
@@ -323,17 +323,11 @@ _OF_PAIRS = 0.35
 _BESIDE, _OF_MOST = 2.0, 0.35
 #: Largest ratio of two changes that is believed.
 _SLOWEST = 0.8
-#: An iteration that does not reduce the residual to this part is followed by another one, of which
-#: there are so many at most.
-_PROGRESS, _MOST_NEWTON = 0.999, 3
-#: Relative tolerance of its linear solves, below Newton's tolerance too.
-_LINEAR = 1e-2
 
 
 def penalty_errors(
     problem: Problem,
     goals: Sequence[Goal],
-    values: Array,
     scales: Array,
     outcome: solver.StepOutcome,
 ) -> Array | None:
@@ -347,8 +341,8 @@ def penalty_errors(
         The problem at its solution.
     goals : sequence of Goal
         The goals.
-    values, scales : (goals,) array
-        Their values, and what their errors are relative to.
+    scales : (goals,) array
+        What their errors are relative to.
     outcome : StepOutcome
         Counts the iterations.
 
@@ -357,9 +351,9 @@ def penalty_errors(
     NoEstimate
         If no equilibrium with a larger stiffness is found, or the goals do not settle.
     """
-    if not problem.scale_penalties(STIFFER):
+    if not problem.scale_penalties(1.0):
         return None
-    present = STIFFER
+    present = 1.0
 
     def stiffened(factor: float) -> Array:
         nonlocal present
@@ -374,9 +368,13 @@ def penalty_errors(
             )
         return found
 
-    with _solver(problem, PREFIX) as snes:
+    with _solver(problem) as snes:
         try:
-            return without_penalties(values, scales, stiffened)
+            values = bind_all(goals, problem)()
+            # What the run's tolerance left is no part of what penalties change.
+            snes.getPythonContext().force_iteration = True
+            further = _goals_after(problem, snes, goals, outcome)
+            return without_penalties(values if further is None else further, scales, stiffened)
         finally:
             problem.scale_penalties(1 / present)
 
@@ -462,21 +460,6 @@ def unsettled_penalties(
     return np.where(is_smaller, np.maximum(unsettled, beside), unsettled)
 
 
-def algebra_errors(problem: Problem, goals: Sequence[Goal], values: Array) -> Array | None:
-    """Return what another Newton iteration changes of goals. Collective.
-
-    It is None where no iteration reduces the residual. The problem and its state are unchanged.
-    Parameters are those of `penalty_errors`.
-    """
-    with _solver(problem, _ALGEBRA_PREFIX, examine_stability=False) as snes:
-        snes.setTolerances(max_it=_MOST_NEWTON)
-        context = snes.getPythonContext()
-        context.reduction, context.force_iteration = _PROGRESS, True
-        context.options |= {"snes_forcing_max": _LINEAR, "snes_forcing_safeguard": 0.0}
-        further = _goals_after(problem, snes, goals, solver.StepOutcome())
-    return None if further is None else further - values
-
-
 def _goals_after(
     problem: Problem, snes: PETSc.SNES, goals: Sequence[Goal], outcome: solver.StepOutcome
 ) -> Array | None:
@@ -489,9 +472,9 @@ def _goals_after(
 
 
 @contextmanager
-def _solver(problem: Problem, prefix: str, examine_stability: bool = True) -> Iterator[PETSc.SNES]:
+def _solver(problem: Problem) -> Iterator[PETSc.SNES]:
     """Yield another solver of a problem, whose state is restored at the end. Collective."""
-    snes = solver.create(problem, prefix=prefix, examine_stability=examine_stability)
+    snes = solver.create(problem, prefix=PREFIX)
     start = problem.x.copy()
     try:
         yield snes

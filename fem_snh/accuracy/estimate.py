@@ -14,15 +14,12 @@ import numpy.typing as npt
 
 from fem_snh.accuracy.cross_points import check_cross_points
 from fem_snh.accuracy.differences import (
-    ROUNDING,
     Differences,
     LiftedGoals,
-    algebra_errors,
     penalty_errors,
     saturation,
     scales_of,
     unsettled_penalties,
-    values_of,
     yield_much,
 )
 from fem_snh.accuracy.goal_bounds import add_what_is_missed
@@ -67,8 +64,6 @@ Parts = dict[str, Array]
 #: Goals are relative to the largest component of the same vector, or to this part of the largest
 #: displacement or force, if that is more.
 _LEAST_SCALE = 1e-3
-#: What Newton's method left is a part of the errors from this part of one of them on.
-_LEAST_PART = 0.01
 #: Errors below this part of the goal are not located, as their indicators are sums that cancel; nor
 #: those below this part of what is asked for.
 _LOCATED, _LOCATED_OF_ASKED = 1e-4, 0.25
@@ -282,7 +277,11 @@ class _LiftedErrors:
         self._given = goals
         #: The parts of the errors that are not of the mesh.
         self._parts = Parts()
-        self._add_other_parts()
+        outcome = StepOutcome()
+        penalties = penalty_errors(problem, goals, scales_of(estimate, goals), outcome)
+        if penalties is not None:
+            self._parts["penalty"] = penalties
+        estimate.penalty_newton = outcome.newton
         self.lift = Lift(problem, lifted)
         self._goals = LiftedGoals(self.lift, goals, estimate)
 
@@ -291,8 +290,7 @@ class _LiftedErrors:
         estimate, options, goals = self._estimate, self._options, self._goals
         differences = goals.differences(options.asked)
         estimate.may_be_unstable = self.lift.check_stability(options.stability)
-        errors = self._without_algebra(differences)
-        mesh = errors + self._missed(differences, errors)
+        mesh = differences + self._missed(differences)
         changes = np.zeros(len(goals.values))
         if (penalties := self._parts.get("penalty")) is not None:
             further = unsettled_penalties(self._problem, self._given, goals.values, penalties)
@@ -307,23 +305,8 @@ class _LiftedErrors:
         self._add_largest()
         _mark_small_forces(self._given, estimate)  # those that do not count are not located
         if chosen := self._located():
-            estimate.indicators = self._mesh_indicators(errors, mesh, chosen)
+            estimate.indicators = self._mesh_indicators(differences, mesh, chosen)
         estimate.linear = self.lift.linear
-
-    def _add_other_parts(self) -> None:
-        """Find the parts of the errors that are not of the mesh."""
-        problem, estimate, goals = self._problem, self._estimate, self._given
-        outcome = StepOutcome()
-        values, scales = values_of(estimate, goals), scales_of(estimate, goals)
-        if (algebra := algebra_errors(problem, goals, values)) is not None:
-            relative = np.abs(algebra[scales > 0]) / scales[scales > 0]
-            estimate.algebra = float(relative.max(initial=0.0))
-            values = values + algebra
-            self._parts["algebra"] = np.where(np.abs(algebra) <= ROUNDING * scales, 0.0, algebra)
-        penalties = penalty_errors(problem, goals, values, scales, outcome)
-        estimate.penalty_newton = outcome.newton
-        if penalties is not None:
-            self._parts["penalty"] = penalties
 
     def _scales_of_penalties(self) -> Array:
         """Return what errors are relative to, of forces at least a part of the largest one."""
@@ -338,41 +321,25 @@ class _LiftedErrors:
         Contact that yields much, on few facets, has another part without a penalty there.
         """
         outcome, goals = StepOutcome(), self._goals
-        found = penalty_errors(self.lift.lifted, goals.goals, goals.evaluate(), scales, outcome)
+        found = penalty_errors(self.lift.lifted, goals.goals, scales, outcome)
         self.lift.forget_hessian()
         self._estimate.penalty_newton += outcome.newton
         assert found is not None  # the run's problem has penalties
         return found
 
-    def _without_algebra(self, differences: Differences) -> Differences:
-        """Return the differences to the run less what Newton's method left, which they contain.
-
-        Where that is negligible beside them, the part ``algebra`` becomes zero.
-        """
-        if "algebra" not in self._parts:
-            return differences
-        values, algebra = differences.values, self._parts["algebra"]
-        algebra = np.where(np.abs(algebra) <= _LEAST_PART * np.abs(values), 0.0, algebra)
-        self._parts["algebra"] = algebra
-        return Differences(values - algebra, differences.unsettled)
-
-    def _missed(self, differences: Differences, errors: Differences) -> Differences:
+    def _missed(self, differences: Differences) -> Differences:
         """Return what the lifted solution misses of the errors, from the decay of its own degrees.
 
-        Parameters
-        ----------
-        differences, errors : Differences
-            The goals in the lifted problem less those of the run, with and without what Newton's
-            method left.
+        ``differences`` are the goals in the lifted problem less those of the run.
         """
         problem, lifted, estimate = self._problem, self.lift.lifted, self._estimate
         middle = element_of_factor(problem, lifted.element)
         if middle is None and locks(problem, lifted.element):
-            return errors.scaled(0.0)
+            return differences.scaled(0.0)
         estimate.saturation = saturation(lifted, lifted.split(lifted.x)[0])
         factor = estimate.saturation - 1
         if middle is None:
-            return errors.scaled(factor)
+            return differences.scaled(factor)
         lift = Lift(problem, create_in(middle, problem, self._make))
         try:
             # A copy of the estimate: the iterations that it counts are those of the lifted problem.
@@ -381,7 +348,7 @@ class _LiftedErrors:
         finally:
             lift.destroy()
         between = differences.values - in_middle.values
-        return Differences(between, errors.unsettled + in_middle.unsettled).scaled(factor)
+        return Differences(between, differences.unsettled + in_middle.unsettled).scaled(factor)
 
     def _set_errors(self, goals: Sequence[Goal], mesh: Differences, others: Parts) -> None:
         """Set the errors of some goals: the sums of their parts."""

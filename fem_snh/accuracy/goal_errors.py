@@ -80,8 +80,8 @@ class GoalError:
     unsettled : float
         By how much further Newton iterations would change the estimate, about.
     parts : dict of float
-        The parts of the estimate by their source: mesh, algebra, penalty, time or load
-        steps; empty if there is one source, the mesh.
+        The parts of the estimate by their source: mesh, penalty, time or load steps; empty if there
+        is one source, the mesh.
     steps_bound : float
         A bound of the error of time or load steps; infinite where none is known.
     mesh_bound, penalty_bound : float
@@ -257,9 +257,6 @@ class Estimate:
         Its unknowns and the memory that it needs [bytes], before it is created.
     saturation : float
         The factor by which the difference of the two solutions was multiplied.
-    algebra : float or None
-        By how much another Newton iteration of the run would change a goal at most, over its scale;
-        None: unknown.
     newton, linear : int
         Its Newton and linear iterations.
     penalty_newton : int
@@ -293,7 +290,6 @@ class Estimate:
     dofs: int = 0
     memory: float = 0.0
     saturation: float = 1.0
-    algebra: float | None = None
     newton: int = 0
     linear: int = 0
     penalty_newton: int = 0
@@ -323,8 +319,7 @@ class Estimate:
             elif isinstance(values[0], str):
                 combined[key] = next(filter(None, values), "")
             else:
-                known = [value for value in values if value is not None]
-                combined[key] = sum(known) if key in _SUMS else max(known, default=None)
+                combined[key] = sum(values) if key in _SUMS else max(values)
         combined["loads"] = {n: load for load, e in estimates.items() if load < 1 for n in e.goals}
         return cls(**combined)
 
@@ -397,7 +392,7 @@ class Estimate:
 
     def record(self) -> dict[str, Any]:
         """Return the entry ``estimate`` of run.json."""
-        keys = ("saturation", "algebra", "may_be_unstable", "left_out", *_SUMS)
+        keys = ("saturation", "may_be_unstable", "left_out", *_SUMS)
         return {
             "reason": self.reason or None,
             "element": self.element,

@@ -29,9 +29,9 @@ Array = npt.NDArray[Any]
 #: Parts of an error below this part of the request are left as they are; others are reduced to this
 #: part of it.
 _SMALL_PART, _PART_AIM = 0.25, 0.15
-#: Largest factors by which the time steps of a level are shorter, its penalties are stiffer (with
-#: more, it finds no equilibrium from the state of the last) and its tolerance is smaller.
-_MOST_SHORTER, _MOST_STIFFER, _MOST_TIGHTER = 4.0, 10.0, 1e4
+#: Largest factors by which the time steps of a level are shorter, and its penalties stiffer: with
+#: more, it finds no equilibrium from the state of the last.
+_MOST_SHORTER, _MOST_STIFFER = 4.0, 10.0
 #: While other parts are reduced, the mesh stays if it adds no more than this part of the request to
 #: the bounds: Hertz's force at 1 % takes a tenth of the time.
 _MESH_STAYS = 0.5
@@ -57,11 +57,9 @@ _AIM, _NEAR, _AIM_OF_NEAR = 0.7, 1.5, 0.85
 _STEPS = {TIME_STEPS: 2.0, LOAD_STEPS: 1.0}
 #: On a path, where every level costs a whole run, each part of an error has a share of the request.
 #: They are chosen: the mesh, whose part costs most to reduce, has most.
-_SHARES = {"mesh": 0.45, "time steps": 0.2, "load steps": 0.2, "penalty": 0.15, "algebra": 0.05}
+_SHARES = {"mesh": 0.45, "time steps": 0.2, "load steps": 0.2, "penalty": 0.15}
 #: Parts below so many times their share are left as they are.
 _ENOUGH = 1.2
-#: The parts that are neither of steps nor of the mesh.
-_OTHERS = ("penalty", "algebra")
 #: Power of the unknowns with which the time of a level grows (docs/results/scaling.md).
 _TIME_POWER = 1.2
 #: On a path it is measured on two levels, and at least this; after the first level it is this.
@@ -109,14 +107,11 @@ class LevelChanges:
         The steps are shorter.
     stiffer : float
         The penalties are stiffer.
-    tighter : float
-        Newton's tolerance is smaller.
     """
 
     refinement: float
     shorter: float
     stiffer: float
-    tighter: float
 
 
 @dataclass
@@ -289,10 +284,9 @@ class Levels:
         refinement = 1.0 if self.mesh_suffices else self.refinement()
         shorter = self.shorter_steps()
         stiffer = self.stiffer_penalties(refinement, shorter)
-        tighter = self.tighter_tolerance()
-        if max(refinement, shorter, stiffer, tighter) == 1:  # no part is what the bound is of
+        if max(refinement, shorter, stiffer) == 1:  # no part is what the bound is of
             refinement = self.refinement()
-        return LevelChanges(refinement, shorter, stiffer, tighter)
+        return LevelChanges(refinement, shorter, stiffer)
 
     def refinement(self) -> float:
         """Return the factor by which the cells of the next level are to be smaller."""
@@ -326,10 +320,6 @@ class Levels:
             return min(factor, max(1.0, (shorter / refinement) ** 2))
         return factor
 
-    def tighter_tolerance(self) -> float:
-        """Return the factor by which Newton's tolerance of the next level is to be smaller."""
-        return self._factor("algebra", 1.0, _MOST_TIGHTER)
-
     def _factor(self, source: str, power: float, most: float) -> float:
         """Return the factor that reduces a part of the errors; 1 if it is small."""
         if self._is_shared:
@@ -353,7 +343,7 @@ class Levels:
         if self._is_shared:
             return self._suffices("mesh")
         of_mesh = self._largest_part("mesh")
-        other = max(self._largest_part(source) for source in (*_STEPS, *_OTHERS))
+        other = max(self._largest_part(source) for source in (*_STEPS, "penalty"))
         if other > _SMALL_PART * self.asked:  # it is reduced
             if self._contribution("mesh") <= _MESH_STAYS * self.asked:
                 return True

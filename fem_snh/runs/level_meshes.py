@@ -33,6 +33,7 @@ from fem_snh.mesh.round_faces import round_faces
 from fem_snh.runs.progress import Progress
 from fem_snh.scenes import Geometry, Lattice, Scene
 from fem_snh.scenes.build import mesh_again
+from fem_snh.solver.options import OPTIONS
 
 if TYPE_CHECKING:
     from fem_snh.runs.levels import Level
@@ -71,6 +72,9 @@ _FIRST = (0.5, 0.25)
 _COARSE, _FIRST_OF_COARSE = 0.005, (1 / 3, 1 / 6)
 #: Fewest cells along an edge of a first level, and fewest time steps.
 _FEWEST, _FEWEST_STEPS = 3, 16
+#: The option of Newton's tolerance, and its largest value over the accuracy: the residual is at
+#: most a tenth of the accuracy, relative to the acting forces (`fem_snh.choices.ACTING_FORCES`).
+_TOLERANCE, _OF_ASKED = "snes_scaled_tol", 1e-4
 
 
 def is_exact(scene: Scene) -> bool:
@@ -137,7 +141,7 @@ def first_scene(scene: scenes.Scene, printed: Progress) -> scenes.Scene:
         Prints a line for each choice that is not the scene's.
     """
     wanted = scene.accuracy
-    assert wanted
+    assert wanted and wanted.within
     update: dict[str, Any] = {}
     mesh = scene.mesh
     if isinstance(mesh, scenes.Geometry) and has_polyhedral_cells(scene):
@@ -156,11 +160,16 @@ def first_scene(scene: scenes.Scene, printed: Progress) -> scenes.Scene:
     elif is_shape(mesh):
         update["cells"] = min(scene.cells or DEFAULT_CELLS, DEFAULT_CELLS)
     elif is_exact(scene):
-        assert wanted.within and scene.cells
+        assert scene.cells
         coarse = wanted.within >= _COARSE and _may_raise(scene)
         parts = _FIRST_OF_COARSE if coarse else _FIRST
         fewest = max(min(scene.cells, _FEWEST), parts[raised] * scene.cells)
         update["cells"] = cells_of(scene, fewest)
+    given = scene.petsc.get(_TOLERANCE)
+    tolerance = float(OPTIONS[_TOLERANCE].default if given is None else given)
+    if tolerance > (least := _OF_ASKED * wanted.within):
+        printed.line(f"Newton's tolerance is {least:.2g}")
+        update["petsc"] = scene.petsc | {_TOLERANCE: least}
     if scene.time:
         steps = HALVES * ceil(max(_FEWEST_STEPS, _FIRST[0] * scene.time.steps) / HALVES)
         update["time"] = scene.time.model_copy(update={"steps": steps})

@@ -49,16 +49,12 @@ from fem_snh.runs.result import Result
 from fem_snh.runs.setup import Setup, set_up
 from fem_snh.runs.stored_levels import StoredLevels, read_levels, write_levels
 from fem_snh.solver import petsc_failures
-from fem_snh.solver.options import OPTIONS
 
 if TYPE_CHECKING:
     from fem_snh.runs.folder import Folder
     from fem_snh.runs.progress import Progress
 
 Array = npt.NDArray[Any]
-
-#: The option of Newton's tolerance.
-_TOLERANCE = "snes_scaled_tol"
 
 
 @dataclass
@@ -353,11 +349,6 @@ class _LevelRuns:
         if changes.stiffer > 1:
             printed.line(f"penalties are {changes.stiffer:.2g} times stiffer")
             new["stiffer"] = level.stiffer * changes.stiffer
-        if changes.tighter > 1:
-            given = scene.petsc.get(_TOLERANCE)
-            tolerance = float(OPTIONS[_TOLERANCE].default if given is None else given)
-            new["tolerance"] = tolerance / changes.tighter
-            printed.line(f"Newton's tolerance is {new['tolerance']:.2g}")
         starts_there = False
         if scene.time:
             new["time_steps"] = HALVES * ceil(scene.time.steps * changes.shorter / HALVES)
@@ -392,8 +383,6 @@ def _with_changes(first: scenes.Scene, changes: Mapping[str, Any]) -> scenes.Sce
         update["time"] = first.time.model_copy(update={"steps": changes["time_steps"]})
     if isinstance(first.mesh, scenes.Lattice) and "cell" in changes:
         update["mesh"] = first.mesh.model_copy(update={"cell": changes["cell"]})
-    if "tolerance" in changes:
-        update["petsc"] = first.petsc | {_TOLERANCE: changes["tolerance"]}
     if changes.get("starts_there"):
         update |= _ONE_STEP
     return first.model_copy(update=update)
