@@ -16,6 +16,7 @@ from fem_snh.errors import BadInput, on_every, on_root
 from fem_snh.problem.supports import SupportsCheck
 from fem_snh.processes import Interrupts
 from fem_snh.records.run_record import Note
+from fem_snh.runs.checkpoint import Checkpoint
 from fem_snh.runs.folder import Folder, describe
 from fem_snh.runs.notes import final_notes
 from fem_snh.runs.progress import Progress
@@ -29,7 +30,6 @@ from fem_snh.solver.options import unused_options
 if TYPE_CHECKING:
     from fem_snh.accuracy.goal_errors import Estimate
     from fem_snh.accuracy.goals import Goal
-    from fem_snh.runs.checkpoint import Checkpoint
     from fem_snh.runs.levels import Level
 
 #: Seconds for which the other ranks continue after an interruption, so that rank 0 can write
@@ -110,8 +110,6 @@ def run(
         return solve(scene)
     with Folder(comm, out, scene.files.values(), overwrite, resume) as folder:
         if resume and not scene.within:
-            from fem_snh.runs.checkpoint import Checkpoint
-
             solve = partial(solve, stored=Checkpoint.read(folder, scene))
         result = solve(scene, folder=folder)
     comm.barrier()  # the files are complete before any rank returns

@@ -7,6 +7,8 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from mpi4py import MPI
+
 from fem_snh import _dolfinx
 from fem_snh.assembly import elements
 from fem_snh.assembly.kinematics import find_kinematics, kinematics_of
@@ -14,8 +16,10 @@ from fem_snh.errors import BadInput, on_every
 from fem_snh.kernels.material import Material, material
 from fem_snh.mesh import gmsh_input
 from fem_snh.mesh.mesh import Mesh, generate, read
+from fem_snh.scenes._bones import read_bones
 from fem_snh.scenes._consistency import group_references
-from fem_snh.scenes._outputs import Geometry, Lattice, Tetrahedra
+from fem_snh.scenes._material import MaterialChoice
+from fem_snh.scenes._outputs import Geometry, Tetrahedra
 from fem_snh.scenes.schema import Scene
 from fem_snh.tables.shapes import shape_of
 
@@ -51,7 +55,7 @@ class Built:
         return self.statement | self.solver | self.time
 
 
-def build(scene: Scene, comm: Any, mesh: Mesh | None = None) -> Built:
+def build(scene: Scene, comm: MPI.Comm, mesh: Mesh | None = None) -> Built:
     """Return what a program needs to solve a scene's problem. Collective.
 
     Parameters
@@ -80,8 +84,6 @@ def build(scene: Scene, comm: Any, mesh: Mesh | None = None) -> Built:
     V = _dolfinx.function_space(mesh.domain, degree, (kinematics.components,))
     bones: list[Any] = []
     if scene.bone:
-        from fem_snh.scenes._bones import read_bones
-
         bones = on_every(comm, read_bones, scene)
     made = [(choice, make_material(choice)) for choice in scene.materials]
     statement: dict[str, Any] = {
@@ -111,31 +113,27 @@ def build(scene: Scene, comm: Any, mesh: Mesh | None = None) -> Built:
     return Built(mesh, statement, chosen, time)
 
 
-def make_material(choice: Any, nu: float | None = None) -> Material:
+def make_material(choice: MaterialChoice, nu: float | None = None) -> Material:
     """Return the material of a table, at another Poisson's ratio if one is given."""
     ratio = choice.nu if nu is None else nu
     return material(choice.name, choice.E, ratio, **choice.parameters)
 
 
-def make_mesh(comm: Any, scene: Scene) -> Mesh:
+def make_mesh(comm: MPI.Comm, scene: Scene) -> Mesh:
     """Return the scene's mesh, generated or read. Collective."""
     if isinstance(scene.mesh, Path):
         return read(comm, scene.mesh, **_cells(scene))
-    if isinstance(scene.mesh, Tetrahedra):
-        from fem_snh.mesh import lattice
+    chosen = scene.mesh
+    if isinstance(chosen, Geometry):
+        parameters = _cells(scene) | chosen.parameters
+        element = elements.element(scene.element, None, kinematics_of(scene.kinematics))
+        return generate(comm, chosen.source, element.cell, **parameters)
+    from fem_snh.mesh import lattice
 
-        return lattice.create_tetrahedra(
-            comm, partial(shape_of, scene.mesh.surface), scene.mesh.size
-        )
-    if isinstance(scene.mesh, Lattice):
-        from fem_snh.mesh import lattice
-
-        chosen = scene.mesh
-        choices = chosen.cell, chosen.weighting, chosen.samples, chosen.skin
-        return lattice.create(comm, partial(shape_of, chosen.lattice), *choices)
-    parameters = _cells(scene) | scene.mesh.parameters
-    element = elements.element(scene.element, None, kinematics_of(scene.kinematics))
-    return generate(comm, scene.mesh.source, element.cell, **parameters)
+    if isinstance(chosen, Tetrahedra):
+        return lattice.create_tetrahedra(comm, partial(shape_of, chosen.surface), chosen.size)
+    choices = chosen.cell, chosen.weighting, chosen.samples, chosen.skin
+    return lattice.create(comm, partial(shape_of, chosen.lattice), *choices)
 
 
 def mesh_again(scene: Scene, cell: str, sizes: SizeField) -> gmsh_input.MeshData:

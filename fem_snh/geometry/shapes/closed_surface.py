@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -69,7 +70,7 @@ class ClosedSurface(Shape):
         except OSError as error:
             near = nearest_file(path)
             raise BadInput(f"cannot read the surface {path}: {error.strerror}{near}") from None
-        corners = processes.call("VTK", read_corners, path)
+        corners = processes.call("VTK", _vtk(path).read_corners, path)
         points, numbers = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
         triangles = numbers.reshape(-1, 3)
         a, b, c = triangles.T
@@ -79,31 +80,11 @@ class ClosedSurface(Shape):
     @cached_property
     def _distance(self) -> Any:
         """VTK's implicit function."""
-        try:
-            from vtkmodules.util.numpy_support import numpy_to_vtk, numpy_to_vtkIdTypeArray
-            from vtkmodules.vtkCommonCore import vtkPoints
-            from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkPolyData
-            from vtkmodules.vtkFiltersCore import vtkImplicitPolyDataDistance
-        except ImportError:
-            raise BadInput(NO_VTK.format(self.path)) from None
-        points, cells, surface = vtkPoints(), vtkCellArray(), vtkPolyData()
-        points.SetData(numpy_to_vtk(self.points, deep=True))
-        cells.SetData(3, numpy_to_vtkIdTypeArray(self.triangles.ravel(), deep=True))
-        surface.SetPoints(points)
-        surface.SetPolys(cells)
-        function = vtkImplicitPolyDataDistance()
-        function.SetInput(surface)
-        return function
+        return _vtk(self.path).distance_function(self.points, self.triangles)
 
     def distance(self, x: Array) -> Array:
         """Return the signed distance at points x (n, 3)."""
-        function = self._distance
-        from vtkmodules.util.numpy_support import numpy_to_vtk, vtk_to_numpy
-        from vtkmodules.vtkCommonCore import vtkDoubleArray
-
-        found = vtkDoubleArray()
-        function.FunctionValue(numpy_to_vtk(np.ascontiguousarray(x, dtype=float)), found)
-        return vtk_to_numpy(found).copy()
+        return _vtk(self.path).distances(self._distance, x)
 
     def evaluate(self, x: Array) -> Evaluation:
         """Return the signed distance at points x (n, 3), with its gradient; the Hessian is zero."""
@@ -164,46 +145,12 @@ def enclosed_volume(points: Array, triangles: Triangles) -> float:
     return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
 
 
-#: The message without VTK.
-NO_VTK = "surface = '{}': expected the package VTK: pip install 'fem_snh[pictures]'"
-
-
-def read_corners(path: Path) -> Array:
-    """Return the corners (m, 3, 3) of the triangles of a file; polygons become triangles.
-
-    Raises
-    ------
-    BadInput
-        Without VTK, and for a file without triangles or whose faces have corners that it has not.
-    """
+def _vtk(path: Path | None) -> ModuleType:
+    """Return the module that uses VTK, which takes long to import; raise BadInput without VTK."""
     try:
-        from vtkmodules.util.numpy_support import vtk_to_numpy
-        from vtkmodules.vtkCommonCore import vtkObject
-        from vtkmodules.vtkFiltersCore import vtkTriangleFilter
-        from vtkmodules.vtkIOGeometry import vtkOBJReader, vtkSTLReader
+        from fem_snh.geometry.shapes import vtk_surface
     except ImportError:
-        raise BadInput(NO_VTK.format(path)) from None
-    is_obj = path.suffix.lower() == ".obj"
-    vtkObject.SetGlobalWarningDisplay(0)  # VTK prints several lines; the messages below are one
-    reader: Any = vtkOBJReader() if is_obj else vtkSTLReader()
-    reader.SetFileName(str(path))
-    reader.Update()
-    surface = reader.GetOutput()
-    kind = "OBJ file with faces" if is_obj else "STL file with triangles"
-    if not surface.GetNumberOfPolys():
-        raise BadInput(f"surface = '{path}': expected an {kind}, found none")
-    count, used = (
-        surface.GetNumberOfPoints(),
-        vtk_to_numpy(surface.GetPolys().GetConnectivityArray()),
-    )
-    if not len(used) or used.min() < 0 or used.max() >= count:
-        raise BadInput(f"surface = '{path}': expected faces of its {count} points")
-    triangulated = vtkTriangleFilter()
-    triangulated.SetInputData(surface)
-    triangulated.Update()
-    polygons = triangulated.GetOutput().GetPolys()
-    if not polygons.GetNumberOfCells():
-        raise BadInput(f"surface = '{path}': expected an {kind}, found none with an area")
-    points = vtk_to_numpy(surface.GetPoints().GetData()).astype(float)
-    corners: Array = points[vtk_to_numpy(polygons.GetConnectivityArray()).reshape(-1, 3)]
-    return np.ascontiguousarray(corners)
+        raise BadInput(
+            f"surface = '{path}': expected the package VTK: pip install 'fem_snh[pictures]'"
+        ) from None
+    return vtk_surface

@@ -78,8 +78,6 @@ class Fields:
         self._names = ["J", "min_J", *energy, "min_eigenvalue"]
         groups: CellGroups | None = None
         if setup.mesh.has_parts or len(problem.regions) > 1:
-            from fem_snh.runs.output.fields import cell_groups
-
             groups = cell_groups(setup.mesh, problem.regions)
         self.group_names = groups.names if groups else []
         self._groups = [DataArray(CELL_GROUP, groups.numbers)] if groups else []
