@@ -18,7 +18,7 @@ from typing import Any, NamedTuple, TypeGuard
 from fem_snh.errors import BadInput, shown
 from fem_snh.files import read_text
 
-#: The content of a run.json.
+#: The content of run.json, or of a part of it such as the row of a step.
 Record = dict[str, Any]
 
 

@@ -5,18 +5,18 @@ from __future__ import annotations
 import shutil
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from fem_snh.errors import BadInput
 from fem_snh.files import replace_file
 from fem_snh.problem.bones import BoneNodes
 from fem_snh.problem.problem import Problem
 from fem_snh.records.run_files import SOLIDS, surface_copy
+from fem_snh.records.run_record import Record
 from fem_snh.runs.folder import Folder
 from fem_snh.scenes import Scene
 
 
-def describe_bones(scene: Scene, problem: Problem) -> dict[str, dict[str, Any]]:
+def describe_bones(scene: Scene, problem: Problem) -> dict[str, Record]:
     """Return the bones of a scene by name, as run.json has them before the first step.
 
     Each has its ``shape``, a table of one key as in the scene, or ``group``; the number of its
@@ -25,7 +25,7 @@ def describe_bones(scene: Scene, problem: Problem) -> dict[str, dict[str, Any]]:
     found = {}
     placed: list[BoneNodes] = problem.dirichlet.bones
     for i, (choice, bone) in enumerate(zip(scene.bone, placed, strict=True)):
-        kind: dict[str, Any] = {"group": choice.group}
+        kind: Record = {"group": choice.group}
         if choice.shape is not None:
             kind = {"shape": choice.shape.record()}
         elif choice.surface is not None:

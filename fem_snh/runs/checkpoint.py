@@ -26,7 +26,7 @@ import numpy.typing as npt
 from fem_snh.errors import BadInput, on_root
 from fem_snh.files import replace_file
 from fem_snh.records.run_files import CHECKPOINT, LEVELS
-from fem_snh.records.run_record import load_record
+from fem_snh.records.run_record import Record, load_record
 from fem_snh.runs.folder import Folder
 from fem_snh.runs.output import nodal_values
 from fem_snh.runs.output.nodal_values import gather_rows, match_nodes, scatter_rows
@@ -65,7 +65,7 @@ class CheckpointWriter:
         self._fields = nodal_values.fields(setup.problem)
         self._flushed = -_FLUSH_INTERVAL
 
-    def write(self, record: dict[str, Any]) -> None:
+    def write(self, record: Record) -> None:
         """Write the state and the content of run.json.
 
         Raises
@@ -87,7 +87,7 @@ class CheckpointWriter:
             offset = problem.x.duplicate()
             offset.array[problem.dirichlet.dofs] = path.offset
             arrays[_OFFSET] = self._fields["u"].gather(offset)
-        motion: dict[str, Any] | None = None
+        motion: Record | None = None
         if moving := self._stepper.motion:
             rows, motion = moving.history()
             arrays["motion"] = gather_rows(problem.comm, rows)
@@ -102,11 +102,11 @@ class CheckpointWriter:
         }
         on_root(self._folder.comm, self._write, about, arrays)
 
-    def _write(self, about: dict[str, Any], arrays: dict[str, Array]) -> None:
+    def _write(self, about: Record, arrays: dict[str, Array]) -> None:
         """Replace the file on rank 0."""
         # Unlike run.json, the text keeps infinities; numpy's numbers become Python's.
         text = json.dumps(about, default=lambda v: v.item()).encode()
-        content: dict[str, Any] = {"about": np.frombuffer(text, np.uint8), **arrays}
+        content: Record = {"about": np.frombuffer(text, np.uint8), **arrays}
         flush = monotonic() > self._flushed + _FLUSH_INTERVAL
         path = self._folder.path / CHECKPOINT
         # Where the disk is full, zipfile would report it a second time when Python deletes it.
@@ -122,7 +122,7 @@ def _history_names(term: str) -> tuple[str, str]:
     return f"{term}_points", f"{term}_history"
 
 
-def load(folder: Path) -> tuple[dict[str, Any], dict[str, Array]]:
+def load(folder: Path) -> tuple[Record, dict[str, Array]]:
     """Read a run's checkpoint. Not collective.
 
     Parameters
@@ -178,10 +178,10 @@ class Checkpoint:
     """
 
     folder: Folder
-    record: dict[str, Any]
+    record: Record
     load: float
     finished: bool
-    _about: dict[str, Any]
+    _about: Record
     _arrays: dict[str, Array]
 
     @classmethod
@@ -195,7 +195,7 @@ class Checkpoint:
         """
         arrays: dict[str, Array] = {}
 
-        def read() -> tuple[dict[str, Any], dict[str, Any] | None]:
+        def read() -> tuple[Record, Record | None]:
             about, found = load(folder.path)
             now = identity(scene)
             if now != about["scene"] and not scene.accuracy and (folder.path / LEVELS).exists():
@@ -226,7 +226,7 @@ class Checkpoint:
         return [text for text, is_missing in missing.items() if is_missing]
 
     @property
-    def _last_row(self) -> dict[str, Any]:
+    def _last_row(self) -> Record:
         """The row of the last step that converged; empty without any."""
         rows = [row for row in self.record["steps"] if row["converged"]]
         return rows[-1] if rows else {}
@@ -281,7 +281,7 @@ class Checkpoint:
         return self._arrays[name][order] if self._arrays else None
 
 
-def _finished(folder: Path, load: float) -> dict[str, Any] | None:
+def _finished(folder: Path, load: float) -> Record | None:
     """Return the content of run.json if the run reached load 1, else None."""
     path = folder / "run.json"
     if not path.exists():  # the run was killed before it wrote the first one

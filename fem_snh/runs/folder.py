@@ -32,7 +32,7 @@ from fem_snh.records.run_files import (
     run_files,
     take_run,
 )
-from fem_snh.records.run_record import Note, flat, table_text
+from fem_snh.records.run_record import Note, Record, flat, table_text
 from fem_snh.runs.notes import kinks, mesh_note, partial_rotations, shape_notes, turns
 from fem_snh.runs.scene_options import describe_condensation, describe_defaults
 from fem_snh.scenes import MaterialChoice, Scene
@@ -52,7 +52,7 @@ COLUMNS = (
 MODE_COLUMNS = ("mode", "frequency", "residual")
 
 
-def describe(setup: Setup) -> dict[str, Any]:
+def describe(setup: Setup) -> Record:
     """Return the content of run.json before the first step. Collective.
 
     It has the scene, its material, discretisation and solver, and no steps.
@@ -115,7 +115,7 @@ def describe(setup: Setup) -> dict[str, Any]:
     return about
 
 
-def _describe_time(scene: Scene, problem: Problem, motion: Dynamics) -> dict[str, Any]:
+def _describe_time(scene: Scene, problem: Problem, motion: Dynamics) -> Record:
     """Return the scene's table, and energies, momenta and reactions at the start. Collective."""
     table = {} if scene.time is None else scene.time.model_dump()
     given = {key: value for key, value in table.items() if value is not None}
@@ -123,16 +123,16 @@ def _describe_time(scene: Scene, problem: Problem, motion: Dynamics) -> dict[str
     return given | {"start": start | problem.reaction_sums(problem.x)}
 
 
-def _describe_features(scene: Scene, problem: Problem) -> dict[str, Any]:
+def _describe_features(scene: Scene, problem: Problem) -> Record:
     """Return what the scene's features have in run.json. Collective."""
-    found: dict[str, Any] = {}
+    found: Record = {}
     for kind, features in grouped(scene.features):
         terms = [term for term in problem.terms if term.name == kind.key]
         found |= kind.describe(features, terms)
     return found
 
 
-def _describe_bones(scene: Scene, problem: Problem) -> dict[str, Any]:
+def _describe_bones(scene: Scene, problem: Problem) -> Record:
     if not scene.bone:
         return {}
     from fem_snh.runs.bones import describe_bones
@@ -140,7 +140,7 @@ def _describe_bones(scene: Scene, problem: Problem) -> dict[str, Any]:
     return {"bones": describe_bones(scene, problem)}
 
 
-def _describe_material(choice: MaterialChoice, region: Region) -> dict[str, Any]:
+def _describe_material(choice: MaterialChoice, region: Region) -> Record:
     """Return a material's entry in run.json, with group and density if the scene has them."""
     energy = region.material.numbers
     mu, lam = energy.lame
@@ -256,7 +256,7 @@ class Folder:
         level.close()
         on_root(self.comm, take_run, self.path, level.path)
 
-    def write(self, record: dict[str, Any]) -> None:
+    def write(self, record: Record) -> None:
         """Write run.json and the tables on rank 0. Not collective.
 
         Raises
@@ -278,7 +278,7 @@ class Folder:
         replace_file(self.path / "run.json", _json_text(whole) + "\n")
 
 
-def _json_text(record: dict[str, Any]) -> str:
+def _json_text(record: Record) -> str:
     """Return the text of run.json: a line for each step, as all are written after each.
 
     With an indentation Python's json does not use its encoder in C, which is 20 times faster.
@@ -290,7 +290,7 @@ def _json_text(record: dict[str, Any]) -> str:
     return f"{before}{key.removesuffix(empty)}[{rows}\n ]{after}" if rows else text
 
 
-def _row_text(row: dict[str, Any]) -> str:
+def _row_text(row: Record) -> str:
     """Return the JSON of a step. Rows with infinity or NaN are rare."""
     try:
         return json.dumps(row, default=lambda number: number.item(), allow_nan=False)

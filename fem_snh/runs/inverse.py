@@ -39,6 +39,7 @@ from fem_snh.accuracy.goals import Goal, bind_all
 from fem_snh.errors import BadInput, Failed, bad_value, is_number, on_every
 from fem_snh.files import write_file
 from fem_snh.linalg.direct_solver import set_direct_solver, set_direct_solver_of_sum
+from fem_snh.records.run_record import Record
 from fem_snh.runs.goals import named_goals
 from fem_snh.runs.scene_options import scene_options
 from fem_snh.runs.setup import Setup, define_scene, set_up
@@ -146,7 +147,7 @@ class SceneFit:
     converged: bool
     solves: int
     linear: int
-    material: dict[str, Any]
+    material: Record
 
     @property
     def rms(self) -> dict[str, float]:
@@ -161,7 +162,7 @@ class SceneFit:
         found = [r_squared(v[known], (fitted - v)[known]) for v, fitted, known in columns]
         return dict(zip(self.curve.names, found, strict=True))
 
-    def record(self) -> dict[str, Any]:
+    def record(self) -> Record:
         """Return the content of fit.json."""
         curve = self.curve
         return {

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,7 +18,7 @@ from fem_snh.accuracy.state_notes import (
 )
 from fem_snh.mesh.mesh_checks import unconnected_nodes
 from fem_snh.problem.problem import Problem
-from fem_snh.records.run_record import Note
+from fem_snh.records.run_record import Note, Record
 from fem_snh.scenes import Lattice, Scene
 
 if TYPE_CHECKING:
@@ -122,7 +122,7 @@ def mesh_note(scene: Scene, problem: Problem) -> Note | None:
     return Note("mesh", text, None, {"places": count, "position": first.tolist()})
 
 
-def final_notes(setup: Setup, steps: Sequence[Mapping[str, Any]]) -> list[Note]:
+def final_notes(setup: Setup, steps: Sequence[Record]) -> list[Note]:
     """Return the notes on the last state of a run, and on states before it. Collective.
 
     Parameters
@@ -155,7 +155,7 @@ def final_notes(setup: Setup, steps: Sequence[Mapping[str, Any]]) -> list[Note]:
     return [*found, *filter(None, further)]
 
 
-def _earlier_inversion(steps: Sequence[Mapping[str, Any]], good: Sequence[int]) -> Note | None:
+def _earlier_inversion(steps: Sequence[Record], good: Sequence[int]) -> Note | None:
     """Return a note if points were inverted in a state before the last one."""
     inverted = [number for number in good if steps[number]["min_J"] <= 0]
     if not inverted:

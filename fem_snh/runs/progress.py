@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from mpi4py import MPI
 
 from fem_snh.errors import in_words
-from fem_snh.records.run_record import with_notes
+from fem_snh.records.run_record import Record, with_notes
 from fem_snh.records.units import volume_change
 
 if TYPE_CHECKING:
@@ -35,7 +37,7 @@ class Progress:
         The reason of an expected failure. It is printed first; the failure is then no error.
     """
 
-    def __init__(self, comm: Any, enabled: bool, expected: str | None = None) -> None:
+    def __init__(self, comm: MPI.Comm, enabled: bool, expected: str | None = None) -> None:
         self._expected = expected
         self._enabled = enabled and comm.rank == 0
         # mpirun gives its processes a terminal even when its output goes to a file.
@@ -50,7 +52,7 @@ class Progress:
         """Return the text in a style of ``_STYLES``, where the terminal shows it."""
         return f"\x1b[{_STYLES[style]}m{text}\x1b[0m" if self._styled else text
 
-    def start(self, record: dict[str, Any]) -> None:
+    def start(self, record: Record) -> None:
         """Print the scene, the material, the discretisation and the solver."""
         found = record["material"]
         materials = " + ".join(
@@ -70,7 +72,7 @@ class Progress:
         if self._expected:
             self._print(f"  expected to fail: {self._expected}")
 
-    def _notes(self, record: dict[str, Any]) -> None:
+    def _notes(self, record: Record) -> None:
         """Print the notes."""
         for note in record.get("notes", []):
             self._print(f"  {self._style('note', 'yellow')}: {note['text']}")
@@ -86,7 +88,7 @@ class Progress:
         left = f"computing of its last state: {'; '.join(missing)}" if missing else "nothing to do"
         self._print(f"  finished already: {left}" if finished else f"  resumed from {at}")
 
-    def step(self, row: dict[str, Any]) -> None:
+    def step(self, row: Record) -> None:
         """Print a load step."""
         if kinds := row.get("notes"):
             mark = self._style(f"ok, {', '.join(kinds)}", "yellow")
@@ -123,7 +125,7 @@ class Progress:
         for line in lines:
             self._print(self._style(line, "bold") if line is lines[0] else line)
 
-    def reached(self, accuracy: Mapping[str, Any], duration: float | None) -> None:
+    def reached(self, accuracy: Record, duration: float | None) -> None:
         """Print whether the required accuracy was reached, and what ended the levels.
 
         The goals of a motion are those at its end, after ``duration`` [s].
@@ -153,7 +155,7 @@ class Progress:
         ended = f"; {accuracy['limit']}" if accuracy["limit"] else ""
         self._print(self._style(f"not within {asked}: {best}{ended}", "red"))
 
-    def end(self, record: dict[str, Any], out: Path | None) -> None:
+    def end(self, record: Record, out: Path | None) -> None:
         """Print the frequencies, the status, the files and the notes."""
         files = "run.json, steps.csv, fields.pvd"
         if modes := record.get("modes"):
@@ -170,7 +172,7 @@ class Progress:
         self._notes(record)
 
 
-def _other_iterations(row: Mapping[str, Any]) -> str:
+def _other_iterations(row: Record) -> str:
     """Return the iterations of a step's row beside Newton's and the linear ones, if any."""
     text = f"{row['lbfgs']} L-BFGS, " if row.get("lbfgs") else ""
     examined = row.get("examined_newton")

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import resource
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from time import perf_counter
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from fem_snh.cache import Stopwatch, untimed
 from fem_snh.errors import BadInput, on_root
-from fem_snh.records.run_record import NOTES_ON_PATH, Note
+from fem_snh.records.run_record import NOTES_ON_PATH, Note, Record
 from fem_snh.runs.checkpoint import CheckpointWriter
 from fem_snh.runs.folder import Folder
 from fem_snh.runs.output.fields import Fields, write_modes
@@ -55,11 +55,11 @@ class Recorder:
 
     def __init__(
         self,
-        record: dict[str, Any],
+        record: Record,
         setup: Setup,
         folder: Folder | None,
         start: float,
-        earlier: Mapping[str, Any] | None = None,
+        earlier: Record | None = None,
         goals: Sequence[Goal] = (),
     ) -> None:
         self.record, self._folder, self._start = record, folder, start
@@ -101,14 +101,15 @@ class Recorder:
     def __enter__(self) -> Recorder:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: Any, *_: Any) -> None:
+    def __exit__(self, _: object, error: BaseException | None, *__: object) -> None:
         # After an exception the ranks may be in different calls: nothing collective is possible.
-        if kind is not None and self._problem.comm.rank == 0:
-            status = "interrupted" if kind is KeyboardInterrupt else f"failed: {one_line(error)}"
+        if error is not None and self._problem.comm.rank == 0:
+            was_stopped = isinstance(error, KeyboardInterrupt)
+            status = "interrupted" if was_stopped else f"failed: {one_line(error)}"
             with suppress(BadInput):  # e.g. a full disk, which the exception reports
                 self._write(status)
 
-    def add_step(self, row: dict[str, Any]) -> None:
+    def add_step(self, row: Record) -> None:
         """Add a step's row and write the output, with the state if it converged. Collective.
 
         A scene in time may ask for output after some of its steps only.

@@ -5,12 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
+from fem_snh import _dolfinx
 from fem_snh.problem.problem import Problem
+from fem_snh.records.run_record import Record
 
 if TYPE_CHECKING:
     from fem_snh.accuracy.goal_errors import Estimate
@@ -42,19 +44,19 @@ class Result:
 
     converged: bool
     status: str
-    record: dict[str, Any]
+    record: Record
     problem: Problem = field(repr=False)
     out: Path | None = None
     dynamics: Dynamics | None = field(default=None, repr=False)
     estimate: Estimate | None = field(default=None, repr=False)
 
     @property
-    def steps(self) -> list[dict[str, Any]]:
+    def steps(self) -> list[Record]:
         """Return the rows of run.json, one for each attempted load increment."""
         return list(self.record["steps"])
 
     @property
-    def notes(self) -> list[dict[str, Any]]:
+    def notes(self) -> list[Record]:
         """Return the notes of run.json: what to know beside "converged"; empty if nothing."""
         return list(self.record.get("notes", ()))
 
@@ -64,17 +66,17 @@ class Result:
         return dict(self.record.get("goals", {}))
 
     @property
-    def u(self) -> Any:
+    def u(self) -> _dolfinx.Function:
         """Return the displacement [length], a dolfinx Function, at the last converged load."""
         return self.problem.u
 
     @property
-    def v(self) -> Any:
+    def v(self) -> _dolfinx.Function | None:
         """Return the velocity [m/s] at the last converged time; None in a quasi-static scene."""
         return self.dynamics.v if self.dynamics else None
 
     @property
-    def a(self) -> Any:
+    def a(self) -> _dolfinx.Function | None:
         """Return the acceleration [m/s^2] likewise."""
         return self.dynamics.a if self.dynamics else None
 

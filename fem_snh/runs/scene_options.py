@@ -16,6 +16,7 @@ from fem_snh.assembly.elements import Element
 from fem_snh.errors import BadInput
 from fem_snh.files import file_digest
 from fem_snh.problem.problem import Problem
+from fem_snh.records.run_record import Record
 from fem_snh.scenes import Scene
 from fem_snh.solver import PREFIX
 from fem_snh.steps.condensation import Condensation
@@ -52,7 +53,7 @@ _MAY_CHANGE = SOLVER_KEYS + OUTPUT_KEYS
 _NAMED = (*_MAY_CHANGE, "time.output_every")
 
 
-def identity(scene: Scene) -> dict[str, Any]:
+def identity(scene: Scene) -> Record:
     """Return the values that must not change when a run is resumed, by dotted keys.
 
     A mesh file, a material's Python file and the files of obstacles and bones are compared by
@@ -74,7 +75,7 @@ def _digest(key: str, path: Path) -> str:
         raise BadInput(f"{key}: cannot read {path}: {error.strerror}") from None
 
 
-def _flat(value: Any, key: str = "") -> dict[str, Any]:
+def _flat(value: Any, key: str = "") -> Record:
     """Return nested tables as one table with dotted keys."""
     if isinstance(value, dict | list) and value:
         items = value.items() if isinstance(value, dict) else enumerate(value)
@@ -82,7 +83,7 @@ def _flat(value: Any, key: str = "") -> dict[str, Any]:
     return {key.removeprefix("."): value}
 
 
-def check_same(folder: Path, before: dict[str, Any], now: dict[str, Any]) -> None:
+def check_same(folder: Path, before: Record, now: Record) -> None:
     """Raise BadInput for the first key whose value is not that of the checkpoint."""
     for key in dict.fromkeys([*before, *now]):
         if before.get(key) != now.get(key):
@@ -92,12 +93,12 @@ def check_same(folder: Path, before: dict[str, Any], now: dict[str, Any]) -> Non
             )
 
 
-def _text(scene: dict[str, Any], key: str) -> str:
+def _text(scene: Record, key: str) -> str:
     """Return a key's value as text, or "no value"."""
     return json.dumps(scene[key]) if key in scene else "no value"
 
 
-def _smoothers(E: float) -> dict[str, Any]:
+def _smoothers(E: float) -> Record:
     """Return PETSc options that make multigrid's smoothers SOR sweeps.
 
     For the displacement, and for the displacement's block of a saddle-point problem. PETSc's
@@ -128,7 +129,7 @@ _SADDLE = "Taylor-Hood elements give a saddle-point problem, which has no energy
 _FORCES = "a force without an energy: there is nothing to minimise"
 
 
-def describe_condensation(about: dict[str, Any], element: Element, chosen: Condensation) -> None:
+def describe_condensation(about: Record, element: Element, chosen: Condensation) -> None:
     """Add ``static_condensation`` to the record of an element with cell pressures.
 
     Where the pressures are unknowns, the linear solver is that of their problem.

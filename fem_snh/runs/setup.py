@@ -18,7 +18,7 @@ from fem_snh.problem.definition import Definition, define
 from fem_snh.problem.initial_state import initial_velocity, set_initial_state
 from fem_snh.problem.probes import Probes
 from fem_snh.problem.problem import Problem
-from fem_snh.records.run_record import Note
+from fem_snh.records.run_record import Note, Record
 from fem_snh.runs.result import Result
 from fem_snh.scenes.build import build, make_material, make_mesh
 from fem_snh.steps.condensation import Condensation, choose_condensation, chosen_for_condensed
@@ -74,9 +74,7 @@ class Setup:
     note: Note | None = None
     stiffer: float = 1.0
 
-    def result(
-        self, record: dict[str, Any], out: Path | None, estimate: Estimate | None = None
-    ) -> Result:
+    def result(self, record: Record, out: Path | None, estimate: Estimate | None = None) -> Result:
         """Return the result of the run, whose record is complete."""
         ended = record["converged"], record["status"]
         return Result(*ended, record, self.problem, out, self.stepper.motion, estimate)
@@ -173,7 +171,7 @@ def define_scene(
     scene: scenes.Scene, comm: MPI.Comm, mesh: meshes.Mesh | None = None
 ) -> tuple[Definition, Any]:
     """Return the definition of a scene's problem, and a displacement for it. Collective."""
-    statement, motion = build(scene, comm, mesh).statement, dict[str, Any]()
+    statement, motion = build(scene, comm, mesh).statement, Record()
     if scene.time:
         from fem_snh.steps.dynamics.dynamics import create_motion
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import warnings
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -19,7 +18,7 @@ from fem_snh.contact.obstacle import names as obstacle_names
 from fem_snh.errors import ResultNote, in_words, on_root
 from fem_snh.problem.definition import check_displacement
 from fem_snh.problem.problem import Problem
-from fem_snh.records.run_record import Note, load_record
+from fem_snh.records.run_record import Note, Record, load_record
 from fem_snh.runs.output.nodal_values import gather_rows, scatter_rows
 from fem_snh.scenes import Scene
 
@@ -104,7 +103,7 @@ def start_from_run(problem: Problem, scene: Scene, read: bool = True) -> Note | 
 def _friction_text(scene: Scene, run: Path) -> str:
     """Return which friction of a run its displacement does not have; empty for none."""
     steps = load_record(run / "run.json")["steps"]
-    row: dict[str, Any] = next((row for row in reversed(steps) if row["converged"]), {})
+    row: Record = next((row for row in reversed(steps) if row["converged"]), {})
     names = [name for name, o in zip(obstacle_names(scene.obstacle), scene.obstacle) if o.friction]
     touched = [f"'{n}'" for n in names if row.get("obstacles", {}).get(n, {}).get("contacts")]
     if not touched:

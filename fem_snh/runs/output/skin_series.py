@@ -11,6 +11,7 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 
+from fem_snh import _dolfinx
 from fem_snh.contact.gathered_surface import EmbeddedSurface, carried_points
 from fem_snh.errors import on_root
 from fem_snh.geometry.motions import MovingShape, Pose
@@ -44,7 +45,7 @@ class SkinSeries(Collection):
     def __init__(
         self,
         path: Path,
-        V: Any,
+        V: _dolfinx.FunctionSpace,
         skin: Skin,
         until: float | None = None,
     ) -> None:

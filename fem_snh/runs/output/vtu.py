@@ -13,6 +13,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 from xml.etree import ElementTree as ET
 
+from mpi4py import MPI
+
 import numpy as np
 import numpy.typing as npt
 
@@ -169,7 +171,7 @@ class Collection:
         On every rank, if an existing file cannot be read.
     """
 
-    def __init__(self, comm: Any, path: Path, until: float | None = None) -> None:
+    def __init__(self, comm: MPI.Comm, path: Path, until: float | None = None) -> None:
         self.comm, self.path = comm, path
         self.times: list[float] = on_root(comm, self._keep, until)
         #: The lines of the states that are listed.
