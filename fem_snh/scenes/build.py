@@ -7,8 +7,6 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mpi4py import MPI
-
 from fem_snh import _dolfinx
 from fem_snh.assembly import elements
 from fem_snh.assembly.kinematics import find_kinematics, kinematics_of
@@ -55,7 +53,7 @@ class Built:
         return self.statement | self.solver | self.time
 
 
-def build(scene: Scene, comm: MPI.Comm, mesh: Mesh | None = None) -> Built:
+def build(scene: Scene, comm: Any, mesh: Mesh | None = None) -> Built:
     """Return what a program needs to solve a scene's problem. Collective.
 
     Parameters
@@ -119,7 +117,7 @@ def make_material(choice: MaterialChoice, nu: float | None = None) -> Material:
     return material(choice.name, choice.E, ratio, **choice.parameters)
 
 
-def make_mesh(comm: MPI.Comm, scene: Scene) -> Mesh:
+def make_mesh(comm: Any, scene: Scene) -> Mesh:
     """Return the scene's mesh, generated or read. Collective."""
     if isinstance(scene.mesh, Path):
         return read(comm, scene.mesh, **_cells(scene))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
@@ -65,8 +65,6 @@ from fem_snh.terms.loads import Gravity, Pressure, Spring, Traction
 from fem_snh.terms.rigid import Rigid
 
 if TYPE_CHECKING:
-    from mpi4py import MPI
-
     from fem_snh.scenes.build import Built
 
 Degree = Annotated[int, Whole(1, MAX_QUADRATURE_DEGREE)]
@@ -360,7 +358,7 @@ class Scene(Table):
         data = xdmf_data(self.mesh) if isinstance(self.mesh, Path) else []
         return super().files | {f"mesh.{file.name}": file for file in data}
 
-    def build(self, comm: MPI.Comm) -> Built:
+    def build(self, comm: Any) -> Built:
         """Return mesh and arguments of the program that this scene is. Collective.
 
         Parameters

@@ -32,6 +32,7 @@ LAZY = {
     "kernels.compiled": "sympy generates code only for a kernel that is not in the cache",
     "kernels.material": "UFL and the report are for those who ask for them",
     "kernels.reports.report": "matplotlib draws a report only if asked",
+    "geometry.shapes.closed_surface": "VTK takes longer to import than a small solve",
     "mesh.gmsh_model": "only files of shapes are XML",
     "linalg.ssor_cg": "small bodies are not deflated",
     "runs": "a scene imports only what its tables name: contact, bones, lattices, fields",
