@@ -22,10 +22,6 @@ GLOBALIZATIONS = ("linesearch", "trust_region")
 #: compare with it (docs/results/eigensolver.md).
 EIGENSOLVERS = ("cubic", "jacobi")
 
-#: Evaluation of the elastic energy and its residual: by the generated kernels, or by UFL forms that
-#: FFCx compiles. The kernels always evaluate the Hessian, which they filter.
-ASSEMBLIES = ("kernels", "ufl")
-
 #: First guesses of a load step (`fem_snh.solver.predictor`).
 PREDICTORS = ("none", "extrapolate", "tangent", "bones")
 
@@ -42,7 +38,6 @@ MASSES = ("consistent", "lumped")
 #: The defaults of scenes, of the command line and of `fem_snh.solver.create` alike.
 DEFAULT_HESSIAN = "adaptive"
 DEFAULT_PREDICTOR = "extrapolate"
-DEFAULT_ASSEMBLY = ASSEMBLIES[0]
 DEFAULT_INTEGRATOR = "newmark"
 #: Spectral radius of generalized_alpha at infinite frequency; 1 damps nothing, 0 the most.
 DEFAULT_RHO_INFINITY = 0.8

@@ -18,7 +18,7 @@ from fem_snh.files import output_path
 #: Scene keys with an option of their own, and their placeholders.
 SCENE_OPTIONS = {
     "material": "NAME", "E": "X", "nu": "X", "cells": "N", "element": "E", "quadrature": "N",
-    "hessian": "H", "globalization": "G", "assembly": "A", "steps": "N", "predictor": "P",
+    "hessian": "H", "globalization": "G", "steps": "N", "predictor": "P",
 }  # fmt: skip
 #: Settings of an option that may be repeated.
 REPEATED: dict[str, Any] = {"action": "append", "default": []}

@@ -16,7 +16,6 @@ from fem_snh.assembly.elements import CELLS, ELEMENTS, MAX_QUADRATURE_DEGREE, El
 from fem_snh.assembly.kinematics import PLANE_CELLS, Kinematics, find_kinematics
 from fem_snh.assembly.regions import Filling, fill_regions, owned_cells
 from fem_snh.assembly.unknowns import create_unknowns
-from fem_snh.choices import DEFAULT_ASSEMBLY
 from fem_snh.errors import BadInput, bad_value, check_whole, unknown_name
 from fem_snh.kernels.material import Material
 from fem_snh.mesh.mesh import Mesh
@@ -74,8 +73,6 @@ class Definition:
         Groups whose reaction forces `Problem.reactions` returns, with the points of their moments.
     volumes : sequence of str or int, optional
         Groups of cells whose volume ratios `Problem.measures` returns.
-    assembly : str, optional
-        What evaluates the elastic energy and its residual, one of `fem_snh.choices.ASSEMBLIES`.
     """
 
     mesh: Mesh
@@ -91,7 +88,6 @@ class Definition:
     on_load: Callable[[float], None] | None = None
     reactions: Sequence[str | int | ReactionGroup] = ()
     volumes: Sequence[str | int] = ()
-    assembly: str = DEFAULT_ASSEMBLY
 
     def problem(
         self, element: Element | None = None, u: Any = None, lifted: LiftedValues | None = None
@@ -151,7 +147,6 @@ class Definition:
             [*terms, *(motion.terms if motion else [])],
             Reactions(V, mesh, kinematics, dirichlet, self.reactions) if self.reactions else None,
             {str(key): owned_cells(mesh, "volumes", key) for key in self.volumes},
-            self.assembly,
             motion,
             mesh.skin,
         )

@@ -33,8 +33,7 @@ from fem_snh.assembly.unknowns import (
     with_ghosts,
 )
 from fem_snh.cache import timed
-from fem_snh.choices import ASSEMBLIES, DEFAULT_ASSEMBLY
-from fem_snh.errors import BadInput, choose
+from fem_snh.errors import BadInput
 from fem_snh.kernels.material import material
 from fem_snh.linalg.direct_solver import is_symmetric
 from fem_snh.mesh.gmsh_model import Skin
@@ -45,7 +44,7 @@ from fem_snh.problem.reactions import Reactions
 from fem_snh.problem.regime import Paths, regime_of
 from fem_snh.solver.protocol import Regime
 from fem_snh.terms.body import MotionInTime
-from fem_snh.terms.elastic import elastic_term, loops_over
+from fem_snh.terms.elastic import Elastic, loops_over
 from fem_snh.terms.rank_one import RankOneUpdate
 from fem_snh.terms.term import CouplingTerm, StepLimit, Term, TermHistory
 
@@ -82,8 +81,6 @@ class Problem:
         The groups whose reaction forces `reactions` returns.
     parts : mapping of arrays, optional
         Cells, among those this rank owns, of the parts whose volume ratios `measures` returns.
-    assembly : str, optional
-        What evaluates the elastic energy and its residual, one of `fem_snh.choices.ASSEMBLIES`.
     motion : MotionInTime, optional
         The motion in time, whose terms are among ``terms``.
     skin : Skin, optional
@@ -153,7 +150,6 @@ class Problem:
         terms: Sequence[Term] = (),
         reactions: Reactions | None = None,
         parts: Mapping[str, Array] | None = None,
-        assembly: str = DEFAULT_ASSEMBLY,
         motion: MotionInTime | None = None,
         skin: Skin | None = None,
     ) -> None:
@@ -178,8 +174,7 @@ class Problem:
         self.motion, self.skin = motion, skin
         self.constrained_dofs = dirichlet.dofs
         scale = pressure_unit(element, self.num_cells) * self.modulus / self.length
-        elastic = elastic_term(choose("assembly", assembly, ASSEMBLIES))
-        self.elastic = elastic(self.V, element, regions, unknowns.Q, scale)
+        self.elastic = Elastic(self.V, element, regions, unknowns.Q, scale)
         self.matrix = create_matrix(self.V, unknowns.Q, dirichlet.constrained, dirichlet.planes)
         self.A = self.matrix.mat
         if self.rigid:

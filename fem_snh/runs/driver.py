@@ -81,7 +81,7 @@ def run(
         Further content of run.json.
     **overrides
         As for `fem_snh.scenes.load`: material, E, nu, cells, element, hessian, globalization,
-        steps, predictor, quadrature, assembly, petsc (a dict of PETSc options), and
+        steps, predictor, quadrature, petsc (a dict of PETSc options), and
         the parameters of the scene's function.
 
     Returns

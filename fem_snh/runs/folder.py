@@ -83,7 +83,6 @@ def describe(setup: Setup) -> Record:
         "quadrature": problem.element.quadrature,
         "hessian": solver_options["snes_hessian"],
         "globalization": solver_options["snes_globalization"],
-        "assembly": problem.elastic.assembly,
         "terms": [term.name for term in problem.terms],
         **({"notes": notes} if notes else {}),
         "cells": problem.num_cells,

@@ -44,7 +44,7 @@ def scene_options(scene: Scene) -> Iterator[list[str]]:
 
 #: Keys of a scene that concern the solver: a resumed run may have other values.
 SOLVER_KEYS = (
-    "hessian", "globalization", "assembly", "predictor", "petsc",
+    "hessian", "globalization", "predictor", "petsc",
     "static_condensation",
 )  # fmt: skip
 #: Keys of a scene that concern the output of later steps: likewise.

@@ -182,7 +182,6 @@ def define_scene(
         u=None,
         reactions=scene.reactions,
         volumes=scene.volumes,
-        assembly=scene.assembly,
     ), statement["u"]
 
 

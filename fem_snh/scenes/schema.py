@@ -10,8 +10,6 @@ from pydantic import Field, ValidationInfo, field_validator, model_validator
 from fem_snh.assembly.elements import ELEMENTS, MAX_QUADRATURE_DEGREE
 from fem_snh.assembly.kinematics import PLANAR
 from fem_snh.choices import (
-    ASSEMBLIES,
-    DEFAULT_ASSEMBLY,
     DEFAULT_CELLS,
     DEFAULT_HESSIAN,
     DEFAULT_INTEGRATOR,
@@ -240,11 +238,6 @@ class Scene(Table):
         description=f"Globalisation of Newton's method, one of {', '.join(GLOBALIZATIONS)}; "
         "default: linesearch if a Hessian is named, and for any problem but a minimisation "
         "problem; else trust_region.",
-    )
-    assembly: Annotated[str, OneOf(ASSEMBLIES)] = Field(
-        default=DEFAULT_ASSEMBLY,
-        description="What evaluates the elastic energy and its residual: the program's kernels or "
-        "UFL forms compiled by FFCx. The Hessian is always the kernels'.",
     )
     static_condensation: bool | None = Field(
         default=None,

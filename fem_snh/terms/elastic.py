@@ -84,7 +84,7 @@ class Elastic(Term):
         On every rank, for a material that the element's volume treatment does not support.
     """
 
-    name, assembly = "elastic", "kernels"
+    name = "elastic"
 
     def __init__(
         self,
@@ -224,12 +224,3 @@ def loops_over(V: Any, element: Element, region: Region) -> CellLoops:
 def _if_any(values: Callable[[PETSc.Vec], Array], vector: PETSc.Vec | None) -> Array | None:
     """Return the values of a vector that only an unknown pressure has."""
     return None if vector is None else values(vector)
-
-
-def elastic_term(assembly: str) -> type[Elastic]:
-    """Return the class of the elastic term of an assembly, one of `fem_snh.choices.ASSEMBLIES`."""
-    if assembly == "kernels":
-        return Elastic
-    from fem_snh.terms.elastic_forms import ElasticForms  # imports sympy
-
-    return ElasticForms

@@ -12,28 +12,24 @@ coefficient, and an outer product in each cell.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from math import isnan
 from typing import Any
 
 from petsc4py import PETSc
 
 import numpy as np
-import numpy.typing as npt
 import ufl
 
 from fem_snh import _dolfinx
 from fem_snh.assembly.assembled_matrix import BlockMatrix
 from fem_snh.assembly.elements import Element
-from fem_snh.assembly.kinematics import Kinematics
-from fem_snh.assembly.unknowns import copy_to_function, local_values, update_ghosts
+from fem_snh.assembly.unknowns import copy_to_function
 from fem_snh.errors import bad_value
 from fem_snh.kernels.cell_matrices import filter_matrices
 from fem_snh.terms.body import displacement_gradient, of_the_body
 from fem_snh.terms.term import Term
 from fem_snh.terms.ufl_term import UFLTerm, compile_form
-
-Array = npt.NDArray[Any]
 
 #: U(J) [Pa], of a UFL expression J.
 VolumeEnergy = Callable[[Any], Any]
@@ -61,49 +57,6 @@ def volume_term(energy: VolumeEnergy, u: Any, element: Element, depends_on_load:
     return UFLTerm(energy(J) * measure, u, _NAME, depends_on_load)
 
 
-class MeanJ:
-    """The mean volume ratio of each cell. Collective.
-
-    Parameters
-    ----------
-    u : dolfinx Function
-        The displacement.
-    kinematics : Kinematics
-        How it becomes a deformation gradient.
-    measures : sequence of UFL measures
-        Those of the cells, with their quadrature.
-
-    Attributes
-    ----------
-    J : dolfinx Function
-        The mean of J, constant on each cell; 0 outside of the measures.
-    volumes : (cells,)
-        The volumes [m^3].
-    """
-
-    def __init__(self, u: Any, kinematics: Kinematics, measures: Sequence[Any]) -> None:
-        domain = u.function_space.mesh
-        self._space = _dolfinx.function_space(domain, 0, family="DG")
-        self.J, q = _dolfinx.function(self._space, "mean_J"), ufl.TestFunction(self._space)
-        det = ufl.det(ufl.Identity(3) + displacement_gradient(u, kinematics))
-        self._form = _dolfinx.form(sum(det * q * dx for dx in measures))
-        self.volumes = self.integrals(_dolfinx.form(sum(1.0 * q * dx for dx in measures)))
-
-    def integrals(self, form: Any) -> Array:
-        """Return the values of a compiled linear form in this rank's cells, (cells,)."""
-        sums = _dolfinx.create_vector(self._space)
-        _dolfinx.assemble_vector(sums, form)
-        update_ghosts(sums)
-        return local_values(sums).copy()
-
-    def update(self) -> None:
-        """Set the means to those of the present displacement. Collective."""
-        integrals = self.integrals(self._form)
-        self.J.x.array[:] = np.divide(
-            integrals, self.volumes, np.zeros_like(integrals), where=self.volumes > 0
-        )
-
-
 class MeanVolume(Term):
     """The energy of the mean J of each cell. Collective.
 
@@ -129,11 +82,11 @@ class MeanVolume(Term):
         dx = of_the_body(
             kinematics, domain, ufl.dx(metadata={"quadrature_degree": element.quadrature})
         )
-        self._u = _dolfinx.function(V, "u")
-        self._mean = MeanJ(self._u, kinematics, [dx])
-        q, v = ufl.TestFunction(self._mean.J.function_space), ufl.TestFunction(V)
-        self._dofs = _dolfinx.node_dofs(self._mean.J.function_space)[:, 0]
-        J = ufl.variable(self._mean.J)
+        cells = _dolfinx.function_space(domain, 0, family="DG")
+        self._dofs = _dolfinx.node_dofs(cells)[:, 0]
+        self._mean, self._u = _dolfinx.function(cells, "mean_J"), _dolfinx.function(V, "u")
+        self._sums = _dolfinx.create_vector(cells)
+        q, v, J = ufl.TestFunction(cells), ufl.TestFunction(V), ufl.variable(self._mean)
         slope = ufl.diff(energy(J), J)
 
         def det(w: Any) -> Any:
@@ -142,8 +95,11 @@ class MeanVolume(Term):
         def compiled(form: Any) -> Any:
             return compile_form(ufl.algorithms.expand_derivatives(form), _NAME)
 
-        self._energy = compiled(energy(self._mean.J) * dx)
+        self._det = compiled(det(self._u) * q * dx)
+        self._energy = compiled(energy(self._mean) * dx)
         self._stiffness = compiled(ufl.diff(slope, J) * q * dx)
+        self._assemble(compiled(1.0 * q * dx))
+        self._volumes = self._sums.array.copy()
         self._force = UFLTerm(slope * ufl.derivative(det(u), u, v) * dx, u, _NAME)
         # The derivative of this form by u has g_c as its columns of one component, summed: the
         # shape functions have the sum 1.
@@ -154,10 +110,17 @@ class MeanVolume(Term):
     def set_load(self, load: float) -> None:
         """Do nothing: constants and functions are read at each evaluation."""
 
+    def _assemble(self, form: Any) -> Any:
+        """Return the values of a form in this rank's own cells."""
+        _dolfinx.assemble_vector(self._sums, form)
+        return self._sums.array
+
     def _set(self, u: PETSc.Vec) -> None:
         """Set the displacement and the means of J. Collective."""
         copy_to_function(u, self._u)
-        self._mean.update()
+        means = self._assemble(self._det) / self._volumes
+        self._mean.x.array[: len(means)] = means
+        self._mean.x.scatter_forward()
 
     def energy(self, u: PETSc.Vec, p: PETSc.Vec | None = None) -> float:
         """Return the energy [J]; +inf where U is NaN. Collective."""
@@ -177,7 +140,7 @@ class MeanVolume(Term):
     ) -> int:
         """Add the Hessian [N/m], filtered by cells: see `Term.add_hessian`."""
         self._set(u)
-        factors = self._mean.integrals(self._stiffness) / self._mean.volumes**2
+        factors = (self._assemble(self._stiffness) / self._volumes**2).copy()
         count = 0
         both = zip(
             self._force.element_matrices(u, "exact", symmetric=True),
