@@ -11,6 +11,7 @@ import os
 import re
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
@@ -242,8 +243,6 @@ def find(what: str) -> Finding:
 
 def main() -> int:
     """Print the table on rank 0; return 0 if nothing is missing, otherwise 2."""
-    from concurrent.futures import ThreadPoolExecutor
-
     if any(os.environ.get(name, "0") != "0" for name in RANK_VARIABLES):
         return 0
     python = f"{sys.version.split()[0]}, {sys.executable}"

@@ -8,23 +8,28 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+from rich.console import Console
+
 from fem_snh.cli import start_petsc
+from fem_snh.cli.materials import print_table
 from fem_snh.cli.options import (
     REPEATED,
     Parser,
     assignments,
     output,
-    print_table,
     split_petsc,
     value,
     with_settings,
 )
 from fem_snh.cli.run import comma_list, load_scene
-from fem_snh.errors import BadInput, check_number
+from fem_snh.errors import BadInput, check_number, check_whole, on_root
+from fem_snh.records.units import Units
+from fem_snh.studies.fit import Fit, ordered, rank, write_ranking
+from fem_snh.studies.fit import fit as fit_material
 
 if TYPE_CHECKING:
     from fem_snh.runs.inverse import SceneFit
-    from fem_snh.studies.fit import Fit
 
 EPILOG = """\
 fem-snh fit ogden treloar                          Treloar's rubber, which is built in
@@ -113,9 +118,7 @@ def fit(argv: list[str]) -> int:
         return _rank(args, keywords)
     if not args.names:
         raise BadInput("fit: missing NAME: expected a material and files of test data, or --all")
-    from fem_snh.studies.fit import fit as study
-
-    found = study(*args.names, **keywords)
+    found = fit_material(*args.names, **keywords)
     _print(found)
     _write(found, args.out)
     return 0
@@ -125,13 +128,7 @@ def _fit_scene(args: Namespace, petsc: dict[str, str | None]) -> int:
     """Fit parameters of a scene to a measured curve; return 0 if the search converged, else 1."""
     from mpi4py import MPI
 
-    import numpy as np
-    from rich.console import Console
-
-    from fem_snh.errors import check_whole, on_root
-
     start_petsc()
-    from fem_snh.records.units import Units
     from fem_snh.runs.inverse import fit_scene
 
     accepted = ("names", "to", "parameters", "solves", "nu", "set", "out")
@@ -180,10 +177,6 @@ def _write(found: Fit | SceneFit, out: Path) -> None:
 
 def _rank(args: Namespace, keywords: dict[str, Any]) -> int:
     """Fit all materials and print them from the best to the worst."""
-    from rich.console import Console
-
-    from fem_snh.studies.fit import Fit, ordered, rank, write_ranking
-
     fits: list[Fit] = []
     refused: list[tuple[str, str]] = []
     with Console(stderr=True).status("fitting") as status:

@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
+import sys
 from argparse import Namespace
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
 
 from fem_snh.cli.options import (
     REPEATED,
     Parser,
     assignments,
     output,
-    print_table,
     value,
     with_settings,
 )
 from fem_snh.errors import BadInput
+from fem_snh.materials import defaults, describe, make_energy, names
 
 EPILOG = """\
 fem-snh materials                                  list all materials
@@ -85,13 +90,10 @@ def materials(argv: list[str]) -> int:
         return _list()
     name = args.names[0]
     if not one:
-        from fem_snh.materials import describe
-
         print(describe(name))
         return 0
     if args.source:
         from fem_snh.kernels.codegen.source import material_source
-        from fem_snh.materials import make_energy
         from fem_snh.materials.runtime import with_arguments
 
         print(material_source(with_arguments(make_energy(name, **numbers))))
@@ -119,8 +121,6 @@ def _numbers(args: Namespace) -> dict[str, Any]:
 
 def _list() -> int:
     """Print all materials with their energy densities and shape parameters."""
-    from fem_snh.materials import defaults, describe, names
-
     rows = []
     for name in names():
         try:
@@ -143,8 +143,6 @@ def _list() -> int:
 
 def _table(names: Sequence[str], path: Path | None, numbers: dict[str, Any]) -> int:
     """Print the table of the materials ``names``, of all if there are none."""
-    from rich.console import Console
-
     from fem_snh.kernels.reports.report import rows, write
 
     verdicts = []
@@ -177,3 +175,14 @@ def _verdict(verdict: str, reason: str) -> str:
     if verdict == "not applicable":
         return "n/a"
     return verdict if verdict == "passed" else f"failed: {reason}"
+
+
+def print_table(
+    columns: Iterable[str], rows: Iterable[Iterable[str]], width: int = 110, **settings: Any
+) -> None:
+    """Print a table; ``width`` is its width in columns where standard output is no terminal."""
+    table = Table(*columns, **settings)
+    table.columns[0].no_wrap = True
+    for row in rows:
+        table.add_row(*map(Text, row))  # brackets in a text are no markup
+    Console(width=None if sys.stdout.isatty() else width).print(table)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import json
 import re
-import sys
 import textwrap
 import tomllib
 from collections.abc import Callable, Iterable, Mapping
@@ -15,17 +14,8 @@ from typing import Any, NoReturn
 from fem_snh.errors import BadInput, bad_value, is_number, unknown_name
 from fem_snh.files import output_path
 
-#: Scene keys with an option of their own, and their placeholders.
-SCENE_OPTIONS = {
-    "material": "NAME", "E": "X", "nu": "X", "cells": "N", "element": "E", "quadrature": "N",
-    "hessian": "H", "globalization": "G", "steps": "N", "predictor": "P",
-}  # fmt: skip
 #: Settings of an option that may be repeated.
 REPEATED: dict[str, Any] = {"action": "append", "default": []}
-
-
-#: Commands whose --set reaches every key of a scene.
-_OF_SCENES = ("run", "sweep")
 
 
 class Parser(argparse.ArgumentParser):
@@ -37,10 +27,16 @@ class Parser(argparse.ArgumentParser):
         The command, and what it does.
     epilog : callable, optional
         Returns the text after the options. It is called for the help only: it may be slow.
+    keys : iterable of str
+        The keys that --set accepts.
     """
 
     def __init__(
-        self, command: str, description: str, epilog: Callable[[], str] = lambda: ""
+        self,
+        command: str,
+        description: str,
+        epilog: Callable[[], str] = lambda: "",
+        keys: Iterable[str] = (),
     ) -> None:
         super().__init__(
             prog=f"fem-snh {command}",
@@ -48,7 +44,7 @@ class Parser(argparse.ArgumentParser):
             allow_abbrev=False,
             formatter_class=argparse.RawDescriptionHelpFormatter,
         )
-        self._make_epilog = epilog
+        self._make_epilog, self._keys = epilog, set(keys)
         # argparse's own expression knows neither -1e-3 nor -inf.
         self._negative_number_matcher = re.compile(r"-(\d|\.\d|inf$|nan$)", re.IGNORECASE)
 
@@ -73,24 +69,6 @@ class Parser(argparse.ArgumentParser):
             self.add_argument(flag, help=help.strip(), **keywords)
         assert not settings, settings
 
-    def add_scene_options(self, more: str = "", **settings: Any) -> None:
-        """Add `SCENE_OPTIONS`, whose helps are the scene's descriptions of its keys.
-
-        Parameters
-        ----------
-        more : str
-            What ends the placeholders.
-        **settings
-            Further keywords of `argparse.ArgumentParser.add_argument`.
-        """
-        from fem_snh.scenes import MaterialChoice, Scene
-
-        of_material = MaterialChoice.model_fields
-        fields = of_material | Scene.model_fields | {"material": of_material["name"]}
-        for key, placeholder in SCENE_OPTIONS.items():
-            help = (fields[key].description or "").rstrip(".").replace("%", "%%")
-            self.add_argument(f"--{key}", metavar=placeholder + more, help=help, **settings)
-
     def format_help(self) -> str:
         self.epilog = self._make_epilog()
         return super().format_help()
@@ -105,10 +83,8 @@ class Parser(argparse.ArgumentParser):
         for word in [w for w in rest if w.startswith("-")] or rest:
             name = word.partition("=")[0]
             if word.startswith("-"):
-                from fem_snh import scenes  # only for a mistake
-
                 key = name.lstrip("-").replace("-", "_")
-                if self.prog.split()[-1] in _OF_SCENES and key in scenes.Scene.model_fields:
+                if key in self._keys:
                     self.error(f"unknown option '{name}': expected --set {key}=..., a scene's key")
                 self.error(
                     f"{unknown_name('option', name, sorted(options))}; PETSc options go after --"
@@ -126,21 +102,6 @@ def output(text: str) -> Path:
         return output_path("path", text)
     except BadInput as error:  # argparse would not show the message of a ValueError
         raise argparse.ArgumentTypeError(str(error)) from None
-
-
-def print_table(
-    columns: Iterable[str], rows: Iterable[Iterable[str]], width: int = 110, **settings: Any
-) -> None:
-    """Print a table; ``width`` is its width in columns where standard output is no terminal."""
-    from rich.console import Console
-    from rich.table import Table
-    from rich.text import Text
-
-    table = Table(*columns, **settings)
-    table.columns[0].no_wrap = True
-    for row in rows:
-        table.add_row(*map(Text, row))  # brackets in a text are no markup
-    Console(width=None if sys.stdout.isatty() else width).print(table)
 
 
 def value(text: str, key: str = "value") -> Any:

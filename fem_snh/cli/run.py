@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import os
 import textwrap
-from argparse import Namespace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from fem_snh import cli, references
+from fem_snh import cli, references, scenes
 from fem_snh.cli.doctor import check
 from fem_snh.cli.options import (
     REPEATED,
-    SCENE_OPTIONS,
     Parser,
     assignments,
     output,
@@ -25,17 +23,21 @@ from fem_snh.errors import BadInput, choose, on_every, on_root
 if TYPE_CHECKING:
     from mpi4py import MPI
 
-    from fem_snh.scenes import Scene
-
+#: Scene keys with an option of their own, and their placeholders.
+SCENE_OPTIONS = {
+    "material": "NAME", "E": "X", "nu": "X", "cells": "N", "element": "E", "quadrature": "N",
+    "hessian": "H", "globalization": "G", "steps": "N", "predictor": "P",
+}  # fmt: skip
 #: Width of the list of keys in the help.
 _WIDTH = 98
 
 
 def run_parser() -> Parser:
     """Return the parser of ``fem-snh run``."""
-    parser = Parser("run", "Solve a scene by load steps.", scene_list)
+    keys = scenes.Scene.model_fields
+    parser = Parser("run", "Solve a scene by load steps.", scene_list, keys)
     parser.add("scene SCENE  a name, FILE.toml or FILE.py:FUNCTION", scene={"nargs": "?"})
-    parser.add_scene_options(type=value)
+    _add_scene_options(parser, type=value)
     parser.add(
         """
         --set KEY=VALUE  any other key of the scene: angle=1.57, material.barrier=true
@@ -62,8 +64,6 @@ def run_parser() -> Parser:
 
 def run(argv: list[str]) -> int:
     """Solve a scene; return 0 if every step converged, else 1."""
-    from fem_snh import scenes
-
     if not argv:
         print("fem-snh run SCENE [options]\n\n" + scene_list())
         return 0
@@ -101,22 +101,37 @@ def run(argv: list[str]) -> int:
 
 def load_scene(
     comm: MPI.Comm, name: str, overrides: dict[str, Any], petsc: dict[str, str | None]
-) -> Scene:
+) -> scenes.Scene:
     """Return a scene with other values and PETSc options, on every rank. Collective."""
-    from fem_snh import scenes
-
     if petsc:
         overrides = overrides | {"petsc": petsc}
     # Functions in a scene of a Python file cannot be sent to the other ranks.
     everywhere = on_every if references.is_reference(name) else on_root
-    scene: Scene = everywhere(comm, partial(scenes.load, name, **overrides))
+    scene: scenes.Scene = everywhere(comm, partial(scenes.load, name, **overrides))
     return scene
+
+
+def _add_scene_options(parser: Parser, more: str = "", **settings: Any) -> None:
+    """Add `SCENE_OPTIONS`, whose helps are the scene's descriptions of its keys.
+
+    Parameters
+    ----------
+    parser : Parser
+        The parser.
+    more : str
+        What ends the placeholders.
+    **settings
+        Further keywords of `argparse.ArgumentParser.add_argument`.
+    """
+    of_material = scenes.MaterialChoice.model_fields
+    fields = of_material | scenes.Scene.model_fields | {"material": of_material["name"]}
+    for key, placeholder in SCENE_OPTIONS.items():
+        help = (fields[key].description or "").rstrip(".").replace("%", "%%")
+        parser.add_argument(f"--{key}", metavar=placeholder + more, help=help, **settings)
 
 
 def scene_list() -> str:
     """Return the list of built-in scenes with their own parameters and defaults."""
-    from fem_snh import scenes
-
     rows = ["scenes:"]
     for name in scenes.names():
         parameters = [
@@ -139,9 +154,10 @@ def sweep_parser() -> Parser:
         "Solve a scene for every combination of values, --jobs of them at a time.\n"
         "Every option of a scene takes a comma list: --nu 0.3,0.45 --material a,b --set angle=1,2",
         scene_list,
+        scenes.Scene.model_fields,
     )
     parser.add("scene SCENE  a name, FILE.toml or FILE.py:FUNCTION", scene={})
-    parser.add_scene_options(",..")
+    _add_scene_options(parser, ",..")
     parser.add("--set KEY=VALUE,..  any other key of the scene: angle=1,2", set=REPEATED)
     parser.add(
         """
@@ -184,14 +200,18 @@ def sweep(argv: list[str]) -> int:
     given = with_settings(options, assignments(args.set))
     axes = {key: comma_list(key, text) for key, text in given.items()}
 
-    from fem_snh.studies.points import NO_NOTES
+    from fem_snh.studies.sweep import NO_NOTES, Slurm
     from fem_snh.studies.sweep import sweep as study
 
+    jobs = args.jobs
+    if args.scheduler is not None:
+        choose("scheduler", args.scheduler, ["slurm"])
+        jobs = Slurm(args.account, args.partition, args.array_limit, args.scheduler_option)
     table = study(
         args.scene,
         args.out,
         axes,
-        jobs=_jobs(args),
+        jobs=jobs,
         ranks=args.ranks,
         timeout=args.timeout,
         memory=args.memory,
@@ -205,19 +225,6 @@ def sweep(argv: list[str]) -> int:
     remark = f", {noted} with notes" if noted else ""
     print(f"{good} of {len(table)} points converged{remark}: {args.out / 'sweep.csv'}")
     return 0 if good == len(table) else 1
-
-
-def _jobs(args: Namespace) -> Any:
-    """Return the number of points at a time, or how they are submitted to a scheduler."""
-    if args.scheduler is None:
-        for name in ("account", "partition", "array_limit"):
-            if vars(args)[name] is not None:
-                raise BadInput(f"--{name.replace('_', '-')}: expected --scheduler as well")
-        return args.jobs
-    from fem_snh.studies.slurm import Slurm
-
-    choose("scheduler", args.scheduler, ["slurm"])
-    return Slurm(args.account, args.partition, args.array_limit, args.scheduler_option)
 
 
 def comma_list(key: str, text: str) -> list[Any]:

@@ -6,16 +6,18 @@ from argparse import Namespace
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+
+from rich.console import Console
+from rich.progress import Progress
 
 from fem_snh.cli import start_petsc
 from fem_snh.cli.options import Parser, output, value
 from fem_snh.errors import BadInput
 from fem_snh.files import is_shape
-
-if TYPE_CHECKING:
-    from fem_snh.viewing.stored_run import ViewOptions
-
+from fem_snh.viewing.export import main as export_run
+from fem_snh.viewing.render import main as draw_run
+from fem_snh.viewing.render import movie, page
+from fem_snh.viewing.stored_run import ViewOptions, view_options
 
 #: Options of ``render`` and ``view``.
 _VIEW = """--clip NORMAL[@POINT]  cut the deformed body by a plane and remove the side that
@@ -107,17 +109,13 @@ def render(argv: list[str]) -> int:
     else:
         pictured = _numbers("--loads", args.loads, "numbers, e.g. 0.5,1", (int, float))
 
-    from fem_snh.viewing.render import main
-
     look = (args.field, modal, args.opacity, args.revolve, _view(args))
-    print(main(args.folder, args.out, pictured, *look, print))
+    print(draw_run(args.folder, args.out, pictured, *look, print))
     return 0
 
 
 def _view(args: Namespace) -> ViewOptions:
     """Return what the options say of clip plane, camera and hidden parts."""
-    from fem_snh.viewing.stored_run import view_options
-
     hide = [name.strip() for name in (args.hide or "").split(",") if name.strip()]
     return view_options(args.clip, args.camera, args.zoom, hide, args.range)
 
@@ -127,8 +125,6 @@ def _movie(args: Namespace) -> int:
     for name in ("out", "loads", "modes", "revolve"):
         if vars(args)[name] not in (None, False):
             raise BadInput(f"--{name} and --movie: expected one of the two")
-
-    from fem_snh.viewing.render import movie
 
     with _progress_bar("drawing") as report:
         path = movie(
@@ -165,8 +161,6 @@ def view(argv: list[str]) -> int:
     """Write the HTML page of a run folder; return 0."""
     args = view_parser().parse(argv)
 
-    from fem_snh.viewing.render import page
-
     print(page(args.folder, args.out, args.field, args.revolve, _view(args)))
     return 0
 
@@ -196,10 +190,8 @@ def export(argv: list[str]) -> int:
     if args.folder.suffix == ".msh" or is_shape(args.folder):
         return _convert_mesh(args)
 
-    from fem_snh.viewing.export import main
-
     with _progress_bar("writing") as report:
-        paths = main(args.folder, args.out, report)
+        paths = export_run(args.folder, args.out, report)
     print(paths[0] if len(paths) == 1 else f"{paths[0]} ... {paths[-1].name}")
     return 0
 
@@ -243,9 +235,6 @@ def _progress_bar(description: str) -> Iterator[Callable[[int, int], None]]:
     callable
         Takes the number of items that are done and that of all.
     """
-    from rich.console import Console
-    from rich.progress import Progress
-
     bar = Progress(console=Console(stderr=True), transient=True)
     task = bar.add_task(description)
 

@@ -32,7 +32,8 @@ from quick_commands import BENCH, NOT_QUICK, QUICK
 
 import benchmarks
 from fem_snh import cli, scenes
-from fem_snh.cli.options import SCENE_OPTIONS, assignments, split_petsc, value
+from fem_snh.cli.options import assignments, split_petsc, value
+from fem_snh.cli.run import SCENE_OPTIONS
 
 pytestmark = pytest.mark.one_debian
 
