@@ -36,7 +36,7 @@ _STIFFNESS = 0.1
 
 
 class IPC(SelfContactTerm, StepLimitingTerm):
-    """Self-contact by a barrier: the term of `BarrierEnergy`. Collective.
+    """Self-contact by a barrier: the term of `CollisionSurface`. Collective.
 
     The energy is infinite where surfaces touch. `largest_step` keeps every step shorter than its
     first collision, so that the surface never intersects itself. Every rank evaluates the whole
@@ -61,7 +61,7 @@ class IPC(SelfContactTerm, StepLimitingTerm):
     Attributes
     ----------
     collision_surface : CollisionSurface
-        Its geometry.
+        The surface with its barrier.
     stiffness, distance : float
         See the parameters.
 
@@ -85,14 +85,15 @@ class IPC(SelfContactTerm, StepLimitingTerm):
         areas = None
         if kinematics.revolved:
             areas = point_areas(self.surface.points, self.surface.triangles, revolved=True)
-        surface = CollisionSurface(points, self.surface.triangles, areas)
-        self.collision_surface, self._rank = surface, V.mesh.comm.rank
-        surface.check(points, "in the mesh")
-        modulus = reference_modulus(V.mesh, regions)
-        self.stiffness = _STIFFNESS * modulus if stiffness is None else stiffness
-        self._checked, self.distance = False, 0.0
-        self._blocks: tuple[Array, str, Blocks] | None = None
-        self._set_distance(surface.default_distance(points) if distance is None else distance)
+        self.collision_surface = CollisionSurface(points, self.surface.triangles, areas)
+        self.collision_surface.check(points, "in the mesh")
+        self.pairs = [self.collision_surface]
+        if stiffness is None:
+            stiffness = _STIFFNESS * reference_modulus(V.mesh, regions)
+        if distance is None:
+            distance = self.collision_surface.default_distance(points)
+        self.stiffness, self._checked = stiffness, False
+        self._set_distance(distance)
         self._narrower = 1.0  # its own distance over the present one
 
     def scale_penalties(self, factor: float) -> bool:
@@ -116,17 +117,16 @@ class IPC(SelfContactTerm, StepLimitingTerm):
 
     def _set_distance(self, distance: float) -> None:
         """Set the distance at which contact begins [m]."""
-        if distance != self.distance:
-            self.distance, self._blocks = distance, None
-            self._energy = BarrierEnergy(self.collision_surface, self.stiffness, distance)
-            self.pairs = [self._energy]
+        self.distance = distance
+        self._blocks: tuple[Array, str, Blocks] | None = None
+        self.collision_surface.set_barrier(self.stiffness, distance)
 
     def couplings(self, u: PETSc.Vec) -> Array:
         """Return the pairs of nodes that the Hessian couples: see `CouplingTerm`. Collective."""
         x = self.configuration(u)
         blocks = self._hessian(x, self._blocks[1] if self._blocks else "clamp")
         if not self._matrix.contains(blocks):
-            pattern = self._matrix.blocks(self._energy.pattern(x))
+            pattern = self._matrix.blocks(self.collision_surface.pattern(x))
             self._matrix.replace(blocks, pattern)
         return self._matrix.pairs
 
@@ -139,7 +139,7 @@ class IPC(SelfContactTerm, StepLimitingTerm):
         """
         x = self.configuration(u)
         self._matrix.add(self._hessian(x, choose("filter", filter, FILTERS)), target)
-        return len(self._energy.collisions(x)) if self._rank == 0 else 0
+        return len(self.collision_surface.collisions(x)) if self.comm.rank == 0 else 0
 
     def largest_step(self, u: Array, d: Array) -> float:
         """Return the part of a step before its first collision: see `StepLimitingTerm`."""
@@ -155,14 +155,13 @@ class IPC(SelfContactTerm, StepLimitingTerm):
         contact on each connected part of the surface; ``stiffness`` [Pa]; ``activation`` [m], the
         distance at which contact begins.
         """
-        x = self.configuration(u)
-        collisions, forces = self._energy.collisions(x), -self._energy.gradient(x)
-        smallest = self.collision_surface.smallest_distance(x, self.distance)
+        x, surface = self.configuration(u), self.collision_surface
+        pairs, forces = len(surface.collisions(x)), -surface.gradient(x)
         row = {
-            "pairs": len(collisions),
-            "distance": smallest if len(collisions) else None,
+            "pairs": pairs,
+            "distance": surface.smallest_distance(x, self.distance) if pairs else None,
             "force": float(np.linalg.norm(forces, axis=1).sum() / 2),
-            "bodies": self.collision_surface.sums(forces),
+            "bodies": surface.sums(forces),
             "stiffness": self.stiffness,
             "activation": self.distance,
         }
@@ -176,11 +175,9 @@ class IPC(SelfContactTerm, StepLimitingTerm):
         BadInput
             On every rank, if the first state does.
         """
-        x = self.configuration(u)
         if not self._checked:
-            self.collision_surface.check(x, "at the start")
-        self._checked, self._blocks = True, None
-        self._energy.begin_step()
+            self.collision_surface.check(self.configuration(u), "at the start")
+            self._checked = True
 
     def update_lagged(self, u: PETSc.Vec) -> LaggedChange:
         """Return no change: nothing is lagged. Collective.
@@ -202,7 +199,8 @@ class IPC(SelfContactTerm, StepLimitingTerm):
         """Return the filtered Hessian's blocks, of the last call if it was for the same."""
         last = self._blocks
         if last is None or last[1] != filter or not np.array_equal(last[0], x):
-            last = self._blocks = x, filter, self._matrix.blocks(self._energy.hessian(x, filter))
+            hessian = self.collision_surface.hessian(x, filter)
+            last = self._blocks = x, filter, self._matrix.blocks(hessian)
         return last[2]
 
 
@@ -218,9 +216,8 @@ _TOUCHING = 1e-4
 _CCD_ITERATIONS = 1000
 #: Longest step [m] that ipctk gets: it squares distances, and does not return where they overflow.
 _LARGEST = 1e140
-#: Candidates are searched this many activation distances farther than collisions reach; they are
-#: valid until a point has moved by half of it.
-_MARGIN = 1.0
+#: The sparsity pattern has all pairs within this many activation distances.
+_PATTERN = 2.0
 
 
 def import_ipctk() -> Any:
@@ -267,17 +264,23 @@ def enclose_one_triangle() -> int:
 
 
 class CollisionSurface:
-    """A closed surface, of one or several bodies, that must not intersect itself. Not collective.
+    r"""A closed surface, of one or several bodies, that must not intersect itself. Not collective.
 
-    Points, edges and triangles that share a point never collide.
+    Points, edges and triangles that share a point never collide. The energy of all others is
+
+    .. math:: E = \kappa \hat d \sum_k w_k\, b(d_k/\hat d), \qquad
+        b(s) = -(s^2 - 1)^2 \ln s^2 \quad \text{for}\ s < 1
+
+    over pairs of points, edges and triangles of distance d_k and area w_k (Li et al. 2020, eq. 6;
+    Li et al. 2023 for the areas), with the stiffness kappa [Pa] and the activation distance
+    :math:`\hat d` [m] of `set_barrier`. Points ``x`` are (n, 3) [m].
 
     Parameters
     ----------
     points : (n, 3)
-        Reference positions [m].
+        Reference positions [m]; (n, 2) in two dimensions.
     triangles : (m, 3) int32
-        Points of each triangle; (m, 2) of each segment, in two dimensions. Points that methods get
-        are then (n, 2).
+        Points of each triangle; (m, 2) of each segment, in two dimensions.
     areas : (n,), optional
         The areas of the points [m^2]; default: those of the triangles, or of the segments per
         thickness.
@@ -302,51 +305,66 @@ class CollisionSurface:
     def __init__(self, points: Array, triangles: Array, areas: Array | None = None) -> None:
         self.ipctk = import_ipctk()
         if triangles.shape[1] == 2:
-            self._edges, points = triangles, points[:, :2]
-            self.mesh = self.ipctk.CollisionMesh(_rows(points), triangles)
+            edges = triangles
+            self.mesh = self.ipctk.CollisionMesh(_rows(points), edges)
         else:
-            self._edges = self.ipctk.edges(triangles)
-            self.mesh = self.ipctk.CollisionMesh(_rows(points), self._edges, triangles)
+            edges = self.ipctk.edges(triangles)
+            self.mesh = self.ipctk.CollisionMesh(_rows(points), edges, triangles)
         if areas is not None:
             self.mesh.vertex_areas = areas
-        a, b = self._edges.T
+        a, b = edges.T
         self.edge_length = float(np.linalg.norm(points[a] - points[b], axis=1).mean())
         graph = csr_matrix((np.ones(len(a)), (a, b)), shape=(len(points),) * 2)
         self.bodies = csgraph.connected_components(graph, directed=False)[1]
         # Additive CCD (Li et al. 2021, section 4) is conservative. ipctk's default, an interval
         # search, takes up to 100 times as long where faces approach each other in parallel.
         self._ccd = self.ipctk.AdditiveCCD(_CCD_ITERATIONS)
-        self._candidates: tuple[Array, float, Any] | None = None
-        self._triangles = triangles
 
-    def forget(self) -> None:
-        """Search candidates again, so that a resumed run adds in the order of the whole one."""
-        self._candidates = None
+    def set_barrier(self, stiffness: float, distance: float) -> None:
+        """Set the barrier's stiffness [Pa] and activation distance [m]."""
+        self._distance = distance
+        self._barrier = self.ipctk.BarrierPotential(distance, stiffness, True)
+        self._last: tuple[Array, Any] | None = None
 
-    def collisions(self, x: Array, distance: float) -> Any:
-        """Return the ipctk.NormalCollisions of points x (n, 3) that are closer than a distance [m].
+    def collisions(self, x: Array) -> Any:
+        """Return the ipctk.NormalCollisions at points x, of the last call if x is the same."""
+        if self._last is None or not np.array_equal(self._last[0], x):
+            self._last = x, self._find(x, self._distance)
+        return self._last[1]
 
-        Areas are their weights (Li et al. 2023), so that a pressure depends on the distance and
-        little on the mesh. ipctk's improved max approximation would remove that dependence, but its
-        energy jumps where the closest parts change, at which a line search stops.
-        """
-        found = self.ipctk.NormalCollisions()
-        found.use_area_weighting = True
-        x = _rows(x)
-        found.build(self._near(x, distance), self.mesh, x, distance)
+    def energy(self, x: Array) -> float:
+        """Return the energy [J]."""
+        return float(self._barrier(self.collisions(x), self.mesh, x))
+
+    def gradient(self, x: Array) -> Array:
+        """Return the energy's derivative by the points, (n, 3) [N]."""
+        found = self._barrier.gradient(self.collisions(x), self.mesh, x)
+        return np.asarray(found).reshape(x.shape)
+
+    def hessian(self, x: Array, filter: str) -> Any:
+        """Return the filtered second derivative [N/m], a sparse (3 n, 3 n) matrix."""
+        methods = self.ipctk.PSDProjectionMethod
+        method = {"exact": methods.NONE, "clamp": methods.CLAMP, "abs": methods.ABS}[filter]
+        return self._barrier.hessian(self.collisions(x), self.mesh, x, method)
+
+    def pattern(self, x: Array) -> Any:
+        """Return a sparse matrix of ones, where the Hessian of a wider barrier has entries."""
+        wide = _PATTERN * self._distance
+        barrier = self.ipctk.BarrierPotential(wide, 1.0, True)
+        found = barrier.hessian(self._find(x, wide), self.mesh, x)
+        found.data[:] = 1.0
         return found
 
     def smallest_distance(self, x: Array, reach: float) -> float:
         """Return the smallest distance [m] of parts that share no point; inf beyond a reach."""
-        found = self.collisions(x, reach).compute_minimum_distance(self.mesh, _rows(x))
+        found = self._find(x, reach).compute_minimum_distance(self.mesh, _rows(x))
         return float(np.sqrt(found))
 
     def sums(self, forces: Array) -> list[list[float]]:
         """Return the sum of the points' forces for each body, three components [N]."""
-        forces = np.pad(forces, ((0, 0), (0, 3 - forces.shape[1])))
-        count = self.bodies.max() + 1
-        sums = np.transpose([np.bincount(self.bodies, f, count) for f in forces.T])
-        return [[float(f) for f in row] for row in sums]
+        sums = np.zeros((self.bodies.max() + 1, 3))
+        np.add.at(sums[:, : forces.shape[1]], self.bodies, forces)
+        return sums.tolist()
 
     def default_distance(self, points: Array) -> float:
         """Return the default activation distance [m] for reference points (n, 3)."""
@@ -358,40 +376,18 @@ class CollisionSurface:
 
         ``where`` completes the message: "in the mesh", "at the start".
         """
-        accepted = "expected a surface that neither intersects nor touches itself"
-        at = self.intersection(x)
-        if at is not None:
-            place = ", ".join(f"{value:.4g}" for value in at)
-            raise BadInput(
-                f"self_contact.method = 'ipc': {accepted} {where}; it does near ({place})"
-            )
         least = _TOUCHING * self.edge_length
-        distance = self.smallest_distance(x, least)
+        distance = 0.0 if self.intersects(x) else self.smallest_distance(x, least)
         if distance < least:
             raise BadInput(
-                f"self_contact.method = 'ipc': {accepted} {where}; the smallest distance of parts "
-                f"without a common node is {distance:.3g}, less than {least:.3g}"
+                "self_contact.method = 'ipc': expected a surface that neither intersects nor "
+                f"touches itself {where}; the smallest distance of parts without a common node is "
+                f"{distance:.3g}, less than {least:.3g}"
             )
 
     def intersects(self, x: Array) -> bool:
         """Return whether the surface at points x (n, 3) intersects itself."""
         return bool(self.ipctk.has_intersections(self.mesh, _rows(x)))
-
-    def intersection(self, x: Array) -> Array | None:
-        """Return the middle of an edge that intersects a triangle, (3,) [m]; None if none does."""
-        if not self.intersects(x):
-            return None
-        if self._triangles.shape[1] == 2:
-            return np.asarray(x.mean(axis=0))
-        search = self.ipctk.LBVH()
-        search.build(_rows(x), self._edges, self._triangles, 0.0)
-        for found in search.detect_edge_face_candidates():
-            edge, triangle = self._edges[found.edge_id], self._triangles[found.face_id]
-            if np.isin(edge, triangle).any():
-                continue
-            if self.ipctk.is_edge_intersecting_triangle(*x[edge], *x[triangle]):
-                return np.asarray(x[edge].mean(axis=0))
-        return np.asarray(x.mean(axis=0))
 
     def largest_step(self, x: Array, d: Array) -> float:
         """Return a length in [0, 1] up to which x + s d (n, 3) meets no collision.
@@ -409,83 +405,19 @@ class CollisionSurface:
         )
         return part * float(step)
 
-    def _near(self, x: Array, distance: float) -> Any:
-        """Return the candidates of collisions within a distance, of a recent search if possible."""
-        if self._candidates is not None:
-            before, reach, found = self._candidates
-            moved = float(np.linalg.norm(x - before, axis=1).max(initial=0.0))
-            if distance + 2 * moved <= reach:
-                return found
-        reach = (1 + _MARGIN) * distance
-        found = self.ipctk.Candidates()
-        found.build(self.mesh, x, reach / 2)  # the boxes of both parts are enlarged
-        self._candidates = np.array(x), reach, found
+    def _find(self, x: Array, distance: float) -> Any:
+        """Return the ipctk.NormalCollisions of points x (n, 3) that are closer than a distance [m].
+
+        Areas are their weights (Li et al. 2023), so that a pressure depends on the distance and
+        little on the mesh. ipctk's improved max approximation would remove that dependence, but its
+        energy jumps where the closest parts change, at which a line search stops.
+        """
+        found = self.ipctk.NormalCollisions()
+        found.use_area_weighting = True
+        found.build(self.mesh, _rows(x), distance)
         return found
 
 
 def _rows(x: Array) -> Array:
     """Return points as ipctk expects them."""
     return np.asfortranarray(x, dtype=float)
-
-
-#: The sparsity pattern has all pairs within this many activation distances.
-_PATTERN = 2.0
-
-
-class BarrierEnergy:
-    r"""The energy of a barrier between all parts of a surface. Not collective.
-
-    .. math:: E = \kappa \hat d \sum_k w_k\, b(d_k/\hat d), \qquad
-        b(s) = -(s^2 - 1)^2 \ln s^2 \quad \text{for}\ s < 1
-
-    over pairs of points, edges and triangles of distance d_k and area w_k (Li et al. 2020, eq. 6;
-    Li et al. 2023 for the areas). Points ``x`` are (n, 3) [m].
-
-    Parameters
-    ----------
-    surface : CollisionSurface
-        The surface.
-    stiffness : float
-        The stiffness kappa [Pa].
-    distance : float
-        The activation distance [m].
-    """
-
-    def __init__(self, surface: CollisionSurface, stiffness: float, distance: float) -> None:
-        self._surface, self._distance = surface, distance
-        self._barrier = surface.ipctk.BarrierPotential(distance, stiffness, True)
-        self._last: tuple[Array, Any] | None = None
-
-    def collisions(self, x: Array) -> Any:
-        """Return the ipctk.NormalCollisions at points x, of the last call if x is the same."""
-        if self._last is None or not np.array_equal(self._last[0], x):
-            self._last = x, self._surface.collisions(x, self._distance)
-        return self._last[1]
-
-    def energy(self, x: Array) -> float:
-        """Return the energy [J]."""
-        return float(self._barrier(self.collisions(x), self._surface.mesh, x))
-
-    def gradient(self, x: Array) -> Array:
-        """Return the energy's derivative by the points, (n, 3) [N]."""
-        found = self._barrier.gradient(self.collisions(x), self._surface.mesh, x)
-        return np.asarray(found).reshape(x.shape)
-
-    def hessian(self, x: Array, filter: str) -> Any:
-        """Return the filtered second derivative [N/m], a sparse (3 n, 3 n) matrix."""
-        methods = self._surface.ipctk.PSDProjectionMethod
-        method = {"exact": methods.NONE, "clamp": methods.CLAMP, "abs": methods.ABS}[filter]
-        return self._barrier.hessian(self.collisions(x), self._surface.mesh, x, method)
-
-    def pattern(self, x: Array) -> Any:
-        """Return a sparse matrix of ones, where the Hessian of a wider barrier has entries."""
-        wide = _PATTERN * self._distance
-        barrier = self._surface.ipctk.BarrierPotential(wide, 1.0, True)
-        found = barrier.hessian(self._surface.collisions(x, wide), self._surface.mesh, x)
-        found.data[:] = 1.0
-        return found
-
-    def begin_step(self) -> None:
-        """Search candidates again, so that a resumed run adds in the order of the whole one."""
-        self._surface.forget()
-        self._last = None
