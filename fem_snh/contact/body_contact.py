@@ -369,21 +369,8 @@ class SurfacePair(ContactPair):
         return self._pairs
 
     def row(self, x: Array) -> dict[str, Any]:
-        """Return the pair's row of run.json.
-
-        ``force`` [N], which the second surface exerts on the first; ``contacts``, the number of
-        points that touch; ``penetration`` [m], their largest; ``deepest`` and ``deepest_at`` of
-        `DeepestPoint.row`; ``stiffness`` [Pa/m].
-        """
-        at = self.touching(x)
-        penetration = max(0.0, float(-at.gaps.gap.min(initial=0.0)))  # max: not -0.0
-        return {
-            "force": self.nodal_forces(x).sum(axis=0).tolist(),
-            "contacts": int((at.pressure > 0).sum()),
-            "penetration": penetration,
-            **self._deepest(x, at).row(penetration),
-            "stiffness": self.stiffness,
-        }
+        """Return the pair's row of run.json, with the ``stiffness`` of both surfaces [Pa/m]."""
+        return super().row(x) | {"stiffness": self.stiffness}
 
     @property
     def own_points(self) -> Array:
@@ -471,9 +458,9 @@ class SurfacePair(ContactPair):
         np.add.at(found, nodes, forces)
         return found
 
-    def _deepest(self, x: Array, at: Touching) -> DeepestPoint:
-        """Return the deepest point of either surface in the other one."""
-        shape, side = self._surface.shape, self.side
+    def deepest(self, x: Array, search: bool) -> DeepestPoint:
+        """Return the deepest point of either surface in the other one, by one grid."""
+        at, shape, side = self.touching(x), self._surface.shape, self.side
         basis, derivatives = shape.evaluate(facet_grid(shape.kind))
         grid = basis @ x[side.nodes]
         points = grid.reshape(-1, 3)

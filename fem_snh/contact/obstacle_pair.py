@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from typing import Any
 
-from mpi4py import MPI
-
 import numpy as np
 import numpy.typing as npt
 
@@ -438,29 +436,17 @@ class ObstaclePair(ContactPair):
     def row(self, u: Array) -> dict[str, Any]:
         """Return the obstacle's row of run.json. Collective.
 
-        ``force`` [N], which the obstacle exerts on the body; ``contacts``, the number of quadrature
-        points in contact; ``penetration`` [m], their largest; ``deepest`` and ``deepest_at`` of
-        `DeepestPoint.row`; ``stiffness`` [Pa/m], the penalty's, as a mean over the surface;
-        ``pose``, the rows [R | c] of the map from the obstacle's reference position to its present
-        one. With friction ``sliding``, how many of the points slide.
+        Also ``stiffness`` [Pa/m], the penalty's, as a mean over the surface; ``pose``, the rows
+        [R | c] of the map from the obstacle's reference position to its present one. With friction
+        ``sliding``, how many of the points slide.
         """
-        at, friction, comm = self.points(u), self.friction, self.law.comm
-        slides = friction.sliding(u) if friction else 0
-        force = self.nodal_forces(u).sum(axis=0)
-        counts = comm.allreduce(np.array([*force, (at.pressure > 0).sum(), slides]))
-        depth = max(0.0, -at.gap.min(initial=0.0))  # max: not -0.0
-        penetration = float(comm.allreduce(depth, op=MPI.MAX))
-        # Without a force the depth must be found wherever it is; with one the grid's points do.
-        deepest = DeepestPoint.deepest(comm.allgather(self.deepest(u, search=counts[3] == 0)))
-        row = {
-            "force": counts[:3].tolist(),
-            "contacts": int(counts[3]),
-            "penetration": penetration,
-            **deepest.row(penetration),
-            "pose": np.column_stack(self.obstacle.pose(self.load)).tolist(),
+        row = super().row(u) | {
+            "pose": self.obstacle.affine(self.load),
             "stiffness": surface_mean(self.surface, self.law.stiffness[:, 0]),
         }
-        return row | ({"sliding": int(counts[4])} if friction else {})
+        if self.friction:
+            row["sliding"] = self.law.comm.allreduce(self.friction.sliding(u))
+        return row
 
     def _material(self, x: Array) -> Array:
         """Return the obstacle's material points that are at points (n, 3)."""

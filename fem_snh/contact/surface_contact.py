@@ -23,6 +23,7 @@ from fem_snh.contact.gathered_surface import (
     point_areas,
 )
 from fem_snh.contact.law import ContactLaw
+from fem_snh.contact.surface_quadrature import DeepestPoint
 from fem_snh.mesh.gmsh_model import Skin
 from fem_snh.records.output_fields import CONTACT_PRESSURES
 from fem_snh.terms.term import CouplingTerm, ForceTerm, HistoryTerm, LaggedChange, largest_change
@@ -76,6 +77,31 @@ class ContactPair(ABC):
     @abstractmethod
     def acting(self, x: Array) -> tuple[Array, Array, Array]:
         """Return the points in contact, by their rows in the law, their gaps and pressures."""
+
+    @abstractmethod
+    def nodal_forces(self, x: Array) -> Array:
+        """Return the forces on the nodes of the body, or of the first surface [N], (n, 3)."""
+
+    @abstractmethod
+    def deepest(self, x: Array, search: bool) -> DeepestPoint:
+        """Return the deepest point; with ``search`` wherever it is between quadrature points."""
+
+    def row(self, x: Array) -> dict[str, Any]:
+        """Return the pair's row of run.json. Collective.
+
+        ``force`` [N] on the body, or on the first surface; ``contacts``, the number of quadrature
+        points in contact; ``penetration`` [m], their largest; ``deepest`` and ``deepest_at`` of
+        `DeepestPoint.row`.
+        """
+        (_, gap, pressure), comm = self.acting(x), self.law.comm
+        force = self.nodal_forces(x).sum(axis=0)
+        sums = comm.allreduce(np.array([*force, (pressure > 0).sum()])).tolist()
+        depth = max(0.0, -gap.min(initial=0.0))  # max: not -0.0
+        penetration = float(comm.allreduce(depth, op=MPI.MAX))
+        # Without a force the depth must be found wherever it is; with one the grid's points do.
+        deepest = DeepestPoint.deepest(comm.allgather(self.deepest(x, search=sums[3] == 0)))
+        row = {"force": sums[:3], "contacts": int(sums[3]), "penetration": penetration}
+        return row | deepest.row(penetration)
 
     def end_step(self, x: Array) -> None:
         """Keep the multipliers: the step is accepted."""
