@@ -402,16 +402,13 @@ class TargetSearch:
         return np.asarray(np.column_stack(columns).reshape(-1, 2 + self._dim))
 
     def _crossing_edges(self, x: Array, outward: Array) -> ContactPairs:
-        """Return the springs between edges that cross, or may in the next solve. Collective."""
+        """Return the springs between edges that cross, or may in the next solve."""
         edges, triangles = self._edges, self._surface.triangles
-        share = self._comm.rank, self._comm.size
-        found = edges.crossings(x, outward, _APPROACH * self.size, share)
-        columns = np.concatenate(self._comm.allgather(np.column_stack(found)))
-        first, second = columns[:, :2].astype(int).T
-        apart = ~intersect(self._around_edges[first], self._around_edges[second])
-        columns, first, second = columns[apart], first[apart], second[apart]
+        found = edges.crossings(x, outward, _APPROACH * self.size)
+        apart = ~intersect(self._around_edges[found.first], self._around_edges[found.second])
+        first, second, places, normal, facing = (column[apart] for column in found)
         corners, factors = [], []
-        for edge, place, sign in ((first, columns[:, 2], 1), (second, columns[:, 3], -1)):
+        for edge, place, sign in ((first, places[:, 0], 1), (second, places[:, 1], -1)):
             corners.append(triangles[edges.triangles[edge, 0]])
             ends = edges.points[edge]
             parts = [
@@ -419,11 +416,12 @@ class TargetSearch:
             ]
             factors.append(sign * sum(parts))
         both = np.concatenate(corners, axis=1), np.concatenate(factors, axis=1)
-        areas = columns[:, 7] * (self._edge_areas[first] + self._edge_areas[second])
+        springs = self._springs(
+            *both, facing * (self._edge_areas[first] + self._edge_areas[second])
+        )
         # Edges are numbered after the samples.
-        sample, order = len(self.samples) + first, np.argsort(first, kind="stable")
-        target, springs = edges.triangles[second, 0], self._springs(*both, areas)
-        return ContactPairs(len(x), sample, target, *both, columns[:, 4:7], springs)[order]
+        sample, target = len(self.samples) + first, edges.triangles[second, 0]
+        return ContactPairs(len(x), sample, target, *both, normal, springs)
 
 
 def _without_repeated(hits: Array) -> Array:
@@ -458,7 +456,7 @@ class Crossings(NamedTuple):
     Attributes
     ----------
     first, second : (n,) int
-        The edges.
+        The edges, sorted.
     place : (n, 2)
         Where they are closest: the position along each, from 0 to 1.
     normal : (n, 3)
@@ -507,9 +505,7 @@ class SurfaceEdges:
     def __len__(self) -> int:
         return len(self.points)
 
-    def crossings(
-        self, x: Array, outward: Array, distance: float, share: tuple[int, int]
-    ) -> Crossings:
+    def crossings(self, x: Array, outward: Array, distance: float) -> Crossings:
         """Return the pairs of sharp convex edges that touch, or are closer than a distance.
 
         The direction from one body to the other is normal to both edges. It must be between the
@@ -524,8 +520,6 @@ class SurfaceEdges:
             Unit normals of the triangles.
         distance : float
             Largest distance of edges [m].
-        share : (int, int)
-            Which part of the edges is searched, of how many.
         """
         a, b = x[self.points[:, 0]], x[self.points[:, 1]]
         normals = outward[self.triangles]
@@ -534,7 +528,7 @@ class SurfaceEdges:
         sharp = np.flatnonzero((cosine < _SHARP) & (behind < 0))
         middle, along = (a + b)[sharp] / 2, (b - a)[sharp]
         length = np.linalg.norm(along, axis=1)
-        i, j = _close(middle, length, distance, share)
+        i, j = _close(middle, length, distance)
         point, slope, sine = _closest(a[sharp], along, i, j)
         inside = ((point >= 0) & (point <= 1)).all(axis=1) & (sine > _PARALLEL)
         i, j, point, slope = i[inside], j[inside], point[inside], slope[inside]
@@ -565,22 +559,13 @@ class SurfaceEdges:
         return -np.sign(height)[..., None] * across, np.abs(height).min(axis=1)
 
 
-def _close(
-    middle: Array, length: Array, distance: float, share: tuple[int, int]
-) -> tuple[Array, Array]:
-    """Return edges i < j (n,) whose closest points may be within a distance."""
-    count, (rank, ranks) = len(middle), share
-    own = np.arange(count * rank // ranks, count * (rank + 1) // ranks)
-    none = np.empty(0, int)
-    if not len(own):
-        return none, none
-    reach = length[own] / 2 + length.max() / 2 + distance
-    found = cKDTree(middle).query_ball_point(middle[own], reach, return_sorted=True)
-    i = np.repeat(own, [len(js) for js in found])
-    j = np.concatenate([none, *(js for js in found if js)]).astype(int)
+def _close(middle: Array, length: Array, distance: float) -> tuple[Array, Array]:
+    """Return edges i < j (n,) whose closest points may be within a distance, sorted."""
+    reach = length.max(initial=0.0) + distance
+    pairs = cKDTree(middle).query_pairs(reach, output_type="ndarray")
+    i, j = pairs[np.lexsort(pairs.T[::-1])].T
     near = np.linalg.norm(middle[i] - middle[j], axis=1) <= (length[i] + length[j]) / 2 + distance
-    kept = near & (i < j)
-    return i[kept], j[kept]
+    return i[near], j[near]
 
 
 def _closest(start: Array, along: Array, i: Array, j: Array) -> tuple[Array, Array, Array]:

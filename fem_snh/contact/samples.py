@@ -193,8 +193,6 @@ def smallest_at_points(V: FunctionSpace, surface: EmbeddedSurface, values: Array
 
 #: Value of a shape function of degree 1 below which its vertex is not on the entity of a node.
 _ZERO = 1e-9
-#: Comparisons of vertices at a time, which bounds the memory.
-_BATCH = 10_000_000
 
 
 class Neighbourhood:
@@ -212,42 +210,51 @@ class Neighbourhood:
 
     Attributes
     ----------
-    cells : (cells, vertices) int64
+    cells : (cells, nodes) CSR matrix of bool
         The vertices of each cell that this rank owns.
-    triangles : (m, q) int64
-        The vertices that carry each triangle, padded with -1; the same on all ranks.
+    triangles : (m, nodes) CSR matrix of bool
+        The vertices that carry each triangle; the same on all ranks.
     """
 
     def __init__(self, V: FunctionSpace, surface: EmbeddedSurface) -> None:
-        kind, degree = _dolfinx.cell_name(V.mesh), _dolfinx.degree(V)
+        comm, kind, support = V.mesh.comm, _dolfinx.cell_name(V.mesh), surface.support.nodes
         nodes = _dolfinx.local_to_global(V)[_dolfinx.node_dofs(V)]
-        self.cells = nodes[:, : len(_dolfinx.reference_corners(kind))]
-        table = _dolfinx.tabulate_element(kind, 1, _dolfinx.reference_nodes(kind, degree), 0)[0]
-        wanted = surface.support.nodes
-        found = np.full((len(wanted), len(table[0])), -1)
-        for number, values in enumerate(table):
-            vertices = np.flatnonzero(np.abs(values) > _ZERO)
-            chosen = np.isin(nodes[:, number], wanted)
-            rows = np.searchsorted(wanted, nodes[chosen, number])
-            # In the order of their numbers, which is the same in all cells.
-            found[rows, : len(vertices)] = np.sort(self.cells[chosen][:, vertices], axis=1)
-        self._points = np.max(V.mesh.comm.allgather(found), axis=0)[surface.columns]
+        vertices = nodes[:, : len(_dolfinx.reference_corners(kind))]
+        size = comm.allreduce(_dolfinx.num_nodes(V)[0])
+        self.cells = _incidence(vertices, size)
+        reference = _dolfinx.reference_nodes(kind, _dolfinx.degree(V))
+        table = _dolfinx.tabulate_element(kind, 1, reference, 0)[0]
+        node, vertex = np.nonzero(np.abs(table) > _ZERO)
+        pairs = np.stack([nodes[:, node].ravel(), vertices[:, vertex].ravel()], axis=1)
+        pairs = np.concatenate(comm.allgather(pairs[np.isin(pairs[:, 0], support)]))
+        entries = np.searchsorted(support, pairs[:, 0]), pairs[:, 1]
+        carriers = csr_matrix((np.ones(len(pairs), bool), entries), shape=(len(support), size))
+        self._points = _incidence(surface.columns, len(support)) @ carriers
         self.triangles = self.around(surface.triangles)
 
-    def around(self, points: Array, used: Array | None = None) -> Array:
-        """Return the vertices that carry points of the surface, (n, q) int64, padded with -1.
+    def around(self, points: Array, used: Array | None = None) -> csr_matrix:
+        """Return the vertices that carry points of the surface, (n, nodes) CSR matrix of bool.
 
         ``points`` (n, k) are the surface's points of each of n things, of which those ``used``
         (n, k) bool count; default: all.
         """
-        vertices = self._points[points]
-        if used is not None:
-            vertices = np.where(used[..., None, None], vertices, -1)
-        return _unique_rows(vertices.reshape(len(points), -1))
+        return _incidence(points, self._points.shape[0], used) @ self._points
 
     def share(self, triangle: Array, cell: Array) -> Array:
         """Return which of the triangles and cells, by number (n,), have a common vertex."""
         return intersect(self.triangles[triangle], self.cells[cell])
+
+
+def _incidence(columns: Array, size: int, used: Array | None = None) -> csr_matrix:
+    """Return the matrix (n, size) of bool that is true in the columns (n, k) of each row."""
+    n, k = columns.shape
+    values = np.ones(n * k, bool) if used is None else used.ravel()
+    return csr_matrix((values, columns.ravel(), np.arange(n + 1) * k), shape=(n, size))
+
+
+def intersect(a: csr_matrix, b: csr_matrix) -> Array:
+    """Return which rows of two matrices of bool have a common entry, (n,) bool."""
+    return np.asarray(a.multiply(b).sum(axis=1)).ravel() > 0
 
 
 def body_numbers(V: FunctionSpace) -> Array:
@@ -275,26 +282,6 @@ def _components(first: Array, second: Array, size: int) -> tuple[int, Array]:
     graph = coo_matrix((np.ones(len(first), np.int8), (first, second)), shape=(size, size))
     count, label = connected_components(graph, directed=False)
     return int(count), label
-
-
-def _unique_rows(values: Array) -> Array:
-    """Return rows with each number once, without -1, padded with -1."""
-    values = -np.sort(-values, axis=1)
-    repeated = np.zeros(values.shape, bool)
-    repeated[:, 1:] = values[:, 1:] == values[:, :-1]
-    values = -np.sort(-np.where(repeated, -1, values), axis=1)
-    return np.asarray(values[:, : (values >= 0).sum(axis=1).max(initial=1)])
-
-
-def intersect(a: Array, b: Array) -> Array:
-    """Return which rows of non-negative numbers, padded with -1, have a common one, (n,) bool."""
-    found = np.zeros(len(a), bool)
-    step = max(1, _BATCH // max(1, a.shape[1] * b.shape[1]))
-    for start in range(0, len(a), step):
-        some = slice(start, start + step)
-        equal = (a[some, :, None] == b[some, None, :]) & (a[some, :, None] >= 0)
-        found[some] = equal.any(axis=(1, 2))
-    return found
 
 
 #: Points that are outside of a deformed cell by this much in reference coordinates are found too:

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from scipy.sparse import csr_matrix
 
 Array = npt.NDArray[Any]
 
@@ -88,7 +89,12 @@ class PseudoNormals:
 
     def __init__(self, triangles: Array) -> None:
         self._triangles = triangles
-        self._ring: tuple[Array, Array] | None = None  # of each point, for averaged normals
+        flat = triangles.ravel()
+        #: The corners of triangles, numbered triangle by triangle, at each point.
+        self._at_point = csr_matrix(
+            (np.ones(len(flat), bool), (flat, np.arange(len(flat)))),
+            shape=(flat.max(initial=-1) + 1, len(flat)),
+        )
         self._num_edges, self._edges = 0, np.empty((0, 3), int)
         if triangles.shape[1] == 2:
             return
@@ -132,19 +138,13 @@ class PseudoNormals:
         the triangles there, weighted by their angles, as far as their normals have a cosine above
         ``sharp`` with that of the triangle. The other arguments are those of `at`.
         """
-        if self._ring is None:
-            flat = self._triangles.ravel()
-            order = np.argsort(flat, kind="stable")
-            self._ring = order, np.searchsorted(flat[order], np.arange(len(x) + 1))
-        (entries, first), normals = self._ring, triangle_normals(x, self._triangles)
-        weighted, corners = self._at_corners(x, normals), self._triangles.shape[1]
+        normals, corners = triangle_normals(x, self._triangles), self._triangles.shape[1]
+        weighted = self._at_corners(x, normals)
         found = np.zeros((len(chosen), normals.shape[1]))
         for corner in range(corners):
-            point = self._triangles[chosen, corner]
-            counts = first[point + 1] - first[point]
-            rows = np.repeat(np.arange(len(chosen)), counts)
-            before = np.repeat(np.cumsum(counts) - counts, counts)
-            around = entries[first[point][rows] + np.arange(len(rows)) - before]
+            at_point = self._at_point[self._triangles[chosen, corner]]
+            rows = np.repeat(np.arange(len(chosen)), np.diff(at_point.indptr))
+            around = at_point.indices
             cosine = np.einsum("ni,ni->n", normals[around // corners], normals[chosen][rows])
             rows, around = rows[cosine > sharp], around[cosine > sharp]
             found += coordinates[:, [corner]] * _unit(_sum(rows, weighted[around], len(chosen)))

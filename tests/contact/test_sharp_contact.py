@@ -159,7 +159,7 @@ def crossing_wedges(depth: float, turn: float = np.pi / 4) -> Any:
     both = np.concatenate([triangles, triangles + len(points)])
     edges = SurfaceEdges(both)
     assert len(edges) == 36  # of each cube 12 edges and a diagonal of each face
-    return x, edges, edges.crossings(x, triangle_normals(x, both), 0.2, (0, 1))
+    return x, edges, edges.crossings(x, triangle_normals(x, both), 0.2)
 
 
 @pytest.mark.parametrize("depth", [-0.1, 0.1])
