@@ -22,10 +22,11 @@ from fem_snh.records.run_record import Note
 from fem_snh.solver.options import GivenOptions
 from fem_snh.steps.condensation import program_pressures
 from fem_snh.steps.jump import jump_notes, start_notes
-from fem_snh.steps.program_path import Loading, ProgramPath, SolverChoice
+from fem_snh.steps.program_path import SolverChoice, follow_load, program_path
 from fem_snh.steps.stepping import Stepper, StepSolver, boundary_values_changed
 
 if TYPE_CHECKING:
+    from fem_snh.accuracy.path_errors import Path
     from fem_snh.geometry.motions import Bone
     from fem_snh.mesh.mesh import Mesh
     from fem_snh.tables.amplitudes import Amplitudes
@@ -160,7 +161,7 @@ class NonlinearProblem:
 
     estimate_error, vibration_modes = estimate_error, modes
     reaction_force, reaction_moment = reaction, reaction_moment
-    _path: ProgramPath | None = None
+    _path: Path | None = None
 
     def __init__(
         self,
@@ -203,7 +204,7 @@ class NonlinearProblem:
             for name in dict.fromkeys((predictor, PREDICTORS[predictor]))
         }
         chosen = self._prefix, options.values, hessian, globalization, PREDICTORS[predictor]
-        self._path_of = partial(ProgramPath.of, self._problem, self._load, SolverChoice(*chosen))
+        self._path_of = partial(program_path, self._problem, self._load, SolverChoice(*chosen))
         self._predictor, self.b = predictor, self.solver.getFunction()[0]
         self._is_new, self._warned, self.notes = True, set[str](), list[Note]()
         self._load_notes = [Note("load", term.note) for term in self._problem.terms if term.note]
@@ -272,10 +273,10 @@ class NonlinearProblem:
         """
         stepper = self._stepper(number)
         self._read_displacement()
-        loading = Loading(self._problem, self._load, set_load)
-        path = self._path_of(stepper, loading.applied) if self._is_new else None
-        self._path, self._is_new = path, False
-        with loading.applied():
+        following = partial(follow_load, load=self._load, set_load=set_load)
+        self._path = self._path_of(stepper, following) if self._is_new else None
+        self._is_new = False
+        with following(self._problem):
             self._problem.set_load(0.0)
             self._problem.prescribe(self.x)
             # An earlier path's equilibria say nothing about the start of this one.

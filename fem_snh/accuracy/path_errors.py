@@ -11,7 +11,8 @@ penalties, once more with stiffer ones: their error is inverse to the stiffness.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import replace
 from functools import cache
 from math import ceil, inf
@@ -47,6 +48,7 @@ from fem_snh.accuracy.lift import (
     lifted_elements,
 )
 from fem_snh.assembly.elements import Element
+from fem_snh.errors import BadInput
 from fem_snh.mesh.mesh import Mesh
 from fem_snh.problem.problem import Problem
 
@@ -88,18 +90,40 @@ _DISAGREEMENT = 2.0
 _LEAST_RATIO = 1.5
 
 
+#: Returns a ``with`` block with the steps of a path from its beginning: with so many, in another
+#: element, and with penalties so many times stiffer.
+Repeat = Callable[[int, Element | None, float], AbstractContextManager[Any]]
+
+
 class Path:
-    """The path to the state of a problem, which can be followed again from its beginning."""
+    """The path to the state of a problem, which can be followed again from its beginning.
+
+    Parameters
+    ----------
+    stepper : Stepper
+        Its steps.
+    repeat : callable
+        Begins it again.
+    """
+
+    def __init__(self, stepper: Any, repeat: Repeat) -> None:
+        self._stepper, self._repeat = stepper, repeat
 
     @property
     def steps(self) -> int:
-        """The given number of equal steps; it raises NoEstimate if they are not equal."""
-        raise NotImplementedError
+        """The given number of steps; it raises NoEstimate unless they are equal and are done."""
+        if self._stepper.motion and self._stepper.motion.tolerance is not None:
+            raise NoEstimate(
+                "time.tolerance: expected equal time steps, of which half are compared"
+            )
+        if not self._stepper.done:
+            raise NoEstimate("the steps have not reached their end")
+        return int(self._stepper.steps)
 
     @property
     def taken(self) -> int:
         """The number of steps taken, which is larger where some failed and were halved."""
-        raise NotImplementedError
+        return int(self._stepper.taken)
 
     def follow(
         self, steps: int, goals: Sequence[Goal], element: Element | None, stiffer: float
@@ -113,7 +137,12 @@ class Path:
         NoEstimate
             If the element does not fit, or the path does not reach its end.
         """
-        raise NotImplementedError
+        name = (element or self._stepper.problem.element).name
+        try:
+            with self._repeat(steps, element, stiffer) as stepper:
+                return end_of(stepper, stepper.problem, goals, f"with {steps} steps of {name}")
+        except BadInput as error:  # a material without a volume term, a term of a program's own
+            raise ElementDoesNotFit(f"{name} does not fit: {error}") from None
 
 
 class Followed(NamedTuple):

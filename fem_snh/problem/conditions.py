@@ -205,8 +205,9 @@ class _Place:
 class LiftedValues:
     """Conditions of dolfinx on another space of the same cells, and their values. Collective.
 
-    A node is constrained where a node of the program's space is that is, and on facets of the
-    boundary and in cells all of whose nodes are. Its values are interpolated.
+    A node is constrained where a node of the program's space is that is, and in cells, on facets of
+    the boundary and on surfaces inside of the body all of whose nodes are. Its values are
+    interpolated.
 
     Parameters
     ----------
@@ -236,9 +237,8 @@ class LiftedValues:
 
     def condition(self, bc: Any, label: str, owned: int) -> Condition:
         """Return what a condition of dolfinx constrains here. Collective."""
-        (there,) = (one for one in self._dirichlet.conditions if one.given is bc)
         mask = np.zeros_like(self._dirichlet.constrained)
-        there.mark(mask)
+        condition_of(self._dirichlet, bc, label).mark(mask)
         mask = _lifted_mask(self._V, self._W, mask)
         found = Condition.of_mask(label, bc, owned, mask)
 
@@ -267,21 +267,26 @@ def _lifted_mask(V: _dolfinx.FunctionSpace, W: _dolfinx.FunctionSpace, mask: Arr
     distance = np.linalg.norm(points[1][:, None] - points[0][None], axis=2)
     same = np.where(distance.min(axis=1) < _SAME, distance.argmin(axis=1), -1)
     old, new = _dolfinx.node_dofs(V), _dolfinx.node_dofs(W)
-    inside = mask[old].astype(float)  # (cells, nodes, components)
-    marks = np.zeros((sum(_dolfinx.num_nodes(W)), mask.shape[1]))
-
-    def mark(nodes: Array, constrained: Array) -> None:
-        whole = np.broadcast_to(constrained, (*nodes.shape, mask.shape[1]))
-        np.maximum.at(marks, nodes, whole)
-
-    known = same >= 0
-    mark(new[:, known], inside[:, same[known]])
-    mark(new, inside.min(axis=1, keepdims=True))
+    facets = list(zip(_dolfinx.facet_nodes(V), _dolfinx.facet_nodes(W), strict=True))
+    inside = mask[old]  # (cells, nodes, components)
+    whole = inside.all(axis=1)
+    of_facets = np.stack([inside[:, base].all(axis=1) for base, _ in facets])
     _, cells, local = _dolfinx.exterior_facets(V.mesh)
-    facets = zip(_dolfinx.facet_nodes(V), _dolfinx.facet_nodes(W), strict=True)
-    for number, (base, lifted) in enumerate(facets):
-        on = cells[local == number]
-        mark(new[on][:, lifted], inside[on][:, base].min(axis=1, keepdims=True))
+    on_boundary = np.zeros(of_facets.shape[:2], bool)
+    on_boundary[local, cells] = True
+    outer = of_facets & on_boundary[..., None]
+    # Nodes that neither cells nor the boundary explain are those of a surface inside of the body.
+    marks = np.zeros(mask.shape)
+    np.maximum.at(marks, old, whole[:, None])
+    for (base, _), constrained in zip(facets, outer, strict=True):
+        np.maximum.at(marks, old[:, base], constrained[:, None])
+    explained = (summed_over_ranks(V, marks) > 0)[old]
+    marks = np.zeros((sum(_dolfinx.num_nodes(W)), mask.shape[1]))
+    np.maximum.at(marks, new[:, same >= 0], inside[:, same[same >= 0]])
+    np.maximum.at(marks, new, whole[:, None])
+    for (base, lifted), constrained, on in zip(facets, of_facets, outer, strict=True):
+        inner = constrained & ~explained[:, base].all(axis=1)
+        np.maximum.at(marks, new[:, lifted], (on | inner)[:, None])
     return summed_over_ranks(W, marks) > 0
 
 

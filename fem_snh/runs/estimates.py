@@ -16,7 +16,7 @@ from fem_snh.accuracy.goals import Goal, names_of
 from fem_snh.accuracy.path_errors import estimate_on_path
 from fem_snh.runs.goals import GoalStates
 from fem_snh.runs.level_meshes import is_refined_locally
-from fem_snh.runs.scene_path import ScenePath
+from fem_snh.runs.scene_path import scene_path
 from fem_snh.runs.setup import Setup
 
 
@@ -64,7 +64,7 @@ def _errors_at(setup: Setup, goals: Sequence[Goal], announce: Announce, fields: 
     megabytes = wanted.max_memory if wanted and not scene.within else None
     max_memory = inf if megabytes is None else 1e6 * megabytes
     if setup.make is None or depends_on_path(problem):
-        path = ScenePath(setup)
+        path = scene_path(setup)
         return estimate_on_path(problem, path, goals, announce, setup.mesh, max_memory)
     named = bool(wanted and wanted.goals)
     locate_all = fields or (is_refined_locally(scene) if scene.within else named)

@@ -7,10 +7,11 @@ import pytest
 import ufl
 from bodies import PRESS
 from dolfinx import fem, mesh
-from dolfinx_programs import Bar, Press, converged, tagged_measure, unit_cube
+from dolfinx_programs import Bar, Press, converged, tagged_measure, unit_cube, vector_space
 from running import solve
 
 import fem_snh
+from fem_snh import _dolfinx
 from fem_snh.scenes import Accuracy, Probe, Reaction
 from fem_snh.terms.loads import Traction
 
@@ -74,6 +75,25 @@ def test_a_stretched_bar_has_no_error(comm, cell):
     assert found.goals["mean 3.x"].value == pytest.approx(0.25)
     for name, goal in found.goals.items():
         assert abs(goal.error) < 1e-5, name
+
+
+@pytest.mark.mpi
+def test_a_plane_inside_of_a_body_is_constrained_in_the_lifted_element(comm):
+    """With a condition that is named twice: the corrected energy is that of degree 2."""
+    energies, soft = [], fem_snh.material("stable_neo_hookean", E=1.0, nu=0.3)
+    for degree in (1, 2):
+        V = vector_space(unit_cube(comm, 2), degree)
+        z, moved = V.tabulate_dof_coordinates()[:, 2], fem.Function(V)
+        moved.x.array[0::3] = 0.2 * np.isclose(z, 0.5)
+        planes = [np.flatnonzero(np.isclose(z, at)).astype(np.int32) for at in (0.0, 0.5)]
+        bcs = [_dolfinx.prescribed(moved, nodes) for nodes in planes]
+        problem = fem_snh.NonlinearProblem(fem.Function(V), {soft: ufl.dx}, bcs=[*bcs, bcs[1]])
+        problem.solve()
+        energies.append(problem.row["energy"])
+        if degree == 1:
+            found = problem.estimate_error(["energy"]).goals["energy"]
+    assert found.value == energies[0]
+    assert found.corrected == pytest.approx(energies[1], rel=1e-6)
 
 
 @pytest.mark.mpi
