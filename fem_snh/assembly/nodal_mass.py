@@ -152,6 +152,14 @@ class NodalMass:
         pattern = self.matrix.indptr, self.matrix.indices
         target.add_node_pairs(pattern, self._positions[1], factor, self.matrix.data)
 
+    def assemble(self, matrix: BlockMatrix) -> None:
+        """Assemble the mass matrix in a problem's matrix, over the free dofs. Collective."""
+        kept = matrix.constrained_diagonal
+        matrix.set_constrained_diagonal(None)
+        with matrix.adding():
+            self.add_to(matrix, 1.0)
+        matrix.set_constrained_diagonal(kept)
+
     def solve(self, matrix: BlockMatrix, project: Callable[[Array], None], force: Array) -> Array:
         """Return the solution of m a = force over the free dofs, zero at constrained ones.
 
@@ -175,11 +183,7 @@ class NodalMass:
         BadInput
             If the linear solver leaves a large residual.
         """
-        kept = matrix.constrained_diagonal
-        matrix.set_constrained_diagonal(None)
-        with matrix.adding():
-            self.add_to(matrix, 1.0)
-        matrix.set_constrained_diagonal(kept)
+        self.assemble(matrix)
         ksp = PETSc.KSP().create(self._comm)
         ksp.setOperators(matrix.mat)
         ksp.setType(PETSc.KSP.Type.CG)

@@ -18,7 +18,7 @@ and the bound of the count by more than the eigenvalues: the shift decreases wit
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib import import_module
@@ -28,16 +28,10 @@ from petsc4py import PETSc
 
 import numpy as np
 import numpy.typing as npt
-from scipy.sparse import csr_matrix
 
 from fem_snh import _dolfinx
-from fem_snh.assembly.regions import (
-    Region,
-    cell_constant,
-    density_of,
-    regions_with,
-    volume_mean,
-)
+from fem_snh.assembly.nodal_mass import NodalMass
+from fem_snh.assembly.regions import regions_with
 from fem_snh.assembly.unknowns import copy_to_function, ghosted
 from fem_snh.cache import Stopwatch, untimed
 from fem_snh.errors import BadInput, bad_value, check_number, check_whole
@@ -45,7 +39,6 @@ from fem_snh.problem.problem import Problem, check_converged
 from fem_snh.solver import PREFIX as SOLVER_PREFIX
 from fem_snh.solver.stability import no_energy
 from fem_snh.tables.types import INT32_MAX
-from fem_snh.terms.mass import mass_matrix
 
 #: Prefix of SLEPc's options, behind that of the solver.
 PREFIX = "modes_"
@@ -67,12 +60,6 @@ _TOLERANCE = 1e-12
 _MAX_RESTARTS = 1000
 
 
-def mean_density(problem: Problem, regions: Sequence[Region]) -> float:
-    """Return the mean mass per reference volume [kg/m^3] of a body's regions. Collective."""
-    densities = [density_of(region, "modes") for region in regions]
-    return volume_mean(problem.domain, regions, densities, problem.kinematics.revolved)
-
-
 class Eigenproblem:
     """Stiffness and mass matrix over the free dofs. Collective.
 
@@ -87,25 +74,26 @@ class Eigenproblem:
 
     Attributes
     ----------
-    density : float
-        The body's mean mass per reference volume [kg/m^3].
+    K, M : PETSc.Mat
+        The matrices.
+    mass : float
+        The body's mass [kg].
     """
 
     def __init__(self, problem: Problem, density: float | None, prefix: str) -> None:
-        self._x, self._V, self._comm, self._prefix = problem.x, problem.V, problem.comm, prefix
-        domain, revolved = problem.domain, problem.kinematics.revolved
-        regions = regions_with(domain, problem.regions, density)
-        self.density = mean_density(problem, regions)
-        densities = [density_of(region, "modes") for region in regions]
-        same = len(set(densities)) == 1 and all(r.fractions is None for r in regions)
-        rho = densities[0] if same else cell_constant(domain, regions, densities)
-        self._scale = problem.modulus / (self.density * problem.length**2)
-        problem.jacobian(problem.x, "exact")
+        self._problem, self._comm, self._prefix = problem, problem.comm, prefix
+        regions = regions_with(problem.domain, problem.regions, density)
+        mass = NodalMass(problem.V, regions, kinematics=problem.kinematics)
+        self.mass = mass.total
+        volume = problem.length**problem.kinematics.volume_dimension
+        self._scale = problem.modulus * volume / (self.mass * problem.length**2)
         self._basis = _free_basis(problem)
-        # M has constrained rows and columns, which K lacks but for its diagonal.
+        if problem.rigid:
+            problem.rigid.prepare_mass(problem.x)
+        mass.assemble(problem.matrix)
+        self.M = problem.A.ptap(self._basis)
+        problem.jacobian(problem.x, "exact")
         self.K = problem.A.ptap(self._basis)
-        self._displacements = _displacements(problem, self._basis)
-        self.M = mass_matrix(problem.V, rho, revolved).ptap(self._displacements)
         for A in (self.K, self.M):
             A.setOption(PETSc.Mat.Option.SYMMETRIC, True)
         self._size = int(self.K.getSize()[0])
@@ -151,13 +139,11 @@ class Eigenproblem:
         A.setOption(PETSc.Mat.Option.SYMMETRIC, True)
         return A
 
-    def _factor(self, ksp: PETSc.KSP, A: PETSc.Mat) -> PETSc.Mat:
-        """Make ``ksp`` solve with A by MUMPS' factors L D L^T, and return these."""
-        ksp.setOperators(A)
-        ksp.setType(PETSc.KSP.Type.PREONLY)
-        pc = ksp.getPC()
-        pc.setType(PETSc.PC.Type.CHOLESKY)
-        pc.setFactorSolverType(PETSc.Mat.SolverType.MUMPS)
+    def _count_below(self, bound: float) -> int:
+        """Return the number of eigenvalues below ``bound``."""
+        ksp = PETSc.KSP().create(self._comm)
+        ksp.setOperators(self._shifted(bound))
+        pc = _use_factors(ksp)
         pc.setFactorSetUpSolverType()
         factors = pc.getFactorMatrix()
         factors.setMumpsIcntl(13, 1)  # root front on one rank, else its inertia is not counted
@@ -166,12 +152,7 @@ class Eigenproblem:
         pc.setUp()
         if factors.getMumpsInfog(1) < 0:
             raise BadInput(f"modes: MUMPS failed with INFOG(1) = {factors.getMumpsInfog(1)}")
-        return factors
-
-    def _count_below(self, bound: float) -> int:
-        """Return the number of eigenvalues below ``bound``."""
-        ksp = PETSc.KSP().create(self._comm)
-        return int(self._factor(ksp, self._shifted(bound)).getInertia()[0])
+        return int(factors.getInertia()[0])
 
     def _solve(
         self, shift: float, count: int, known: list[tuple[float, PETSc.Vec]]
@@ -193,10 +174,7 @@ class Eigenproblem:
         st = eps.getST()
         st.setType(SLEPc.ST.Type.SINVERT)
         st.setShift(shift)
-        ksp = st.getKSP()
-        ksp.setType(PETSc.KSP.Type.PREONLY)
-        ksp.getPC().setType(PETSc.PC.Type.CHOLESKY)
-        ksp.getPC().setFactorSolverType(PETSc.Mat.SolverType.MUMPS)
+        _use_factors(st.getKSP())
         eps.setFromOptions()
         eps.solve()
         converged = eps.getConverged()
@@ -227,13 +205,25 @@ class Eigenproblem:
 
     def shape(self, v: PETSc.Vec, factor: float) -> _dolfinx.Function:
         """Return ``factor`` times ``v`` on all dofs, zero at constrained ones, largest one > 0."""
-        x, shape = self._x.duplicate(), _dolfinx.function(self._V, "mode")
-        self._displacements.mult(v, x)
+        problem = self._problem
+        x, shape = problem.x.duplicate(), _dolfinx.function(problem.V, "mode")
+        self._basis.mult(v, x)
+        if problem.rigid:
+            problem.rigid.expand(problem.x, x.array)
         high, low = x.max()[1], x.min()[1]
         sign = -1.0 if -low > high * (1 + 1e-6) else 1.0
         x.scale(sign * factor)
-        copy_to_function(ghosted(self._V, x.array_r), shape)
+        copy_to_function(ghosted(problem.V, x.array_r), shape)
         return shape
+
+
+def _use_factors(ksp: PETSc.KSP) -> PETSc.PC:
+    """Make a solver use MUMPS' factors L D L^T; return its preconditioner."""
+    ksp.setType(PETSc.KSP.Type.PREONLY)
+    pc = ksp.getPC()
+    pc.setType(PETSc.PC.Type.CHOLESKY)
+    pc.setFactorSolverType(PETSc.Mat.SolverType.MUMPS)
+    return pc
 
 
 def _free_basis(problem: Problem) -> PETSc.Mat:
@@ -256,34 +246,6 @@ def _free_basis(problem: Problem) -> PETSc.Mat:
     sizes = (len(lengths), None), (owned, None)
     basis = PETSc.Mat().createAIJ(sizes, csr=csr, comm=problem.comm)
     return basis.transpose()
-
-
-def _displacements(problem: Problem, basis: PETSc.Mat) -> PETSc.Mat:
-    """Return the displacements of all nodes in the columns of `_free_basis`. Collective.
-
-    Nodes of rigid parts follow the unknowns, which are at other entries.
-    """
-    if not problem.rigid:
-        return basis
-    owned, (first, last) = problem.x.getLocalSize(), problem.x.getOwnershipRange()
-    columns, values = problem.rigid.derivative(problem.x)
-    of_parts = problem.rigid.dofs.ravel()
-    others = np.setdiff1d(np.arange(owned), of_parts)
-    row, column = np.nonzero(values)
-    matrix = csr_matrix(
-        (
-            np.concatenate([np.ones(len(others)), values[row, column]]),
-            (
-                np.concatenate([others, of_parts[row]]),
-                np.concatenate([first + others, columns[column]]),
-            ),
-        ),
-        shape=(last - first, problem.x.getSize()),
-    )
-    pattern = (array.astype(PETSc.IntType) for array in (matrix.indptr, matrix.indices))
-    sizes = (owned, None), (owned, None)
-    expansion = PETSc.Mat().createAIJ(sizes, csr=(*pattern, matrix.data), comm=problem.comm)
-    return expansion.matMult(basis)
 
 
 #: Largest relative residual of an eigenpair. SLEPc judges by estimates for the shifted inverse,
@@ -368,9 +330,10 @@ def lowest(
             f"more than {_LARGEST_RESIDUAL:g}: the factors of MUMPS are not accurate enough"
         )
     frequencies = np.sign(values) * np.sqrt(np.abs(values)) / (2 * np.pi)
-    mass = eigenproblem.density * problem.length**problem.kinematics.volume_dimension
-    shapes = [eigenproblem.shape(v, np.sqrt(mass) * problem.length) for v in vectors]
-    given = eigenproblem.density, mass, problem.length, frequencies.tolist(), residuals
+    mass, length = eigenproblem.mass, problem.length
+    density = mass / length**problem.kinematics.volume_dimension
+    shapes = [eigenproblem.shape(v, np.sqrt(mass) * length) for v in vectors]
+    given = density, mass, length, frequencies.tolist(), residuals
     return VibrationModes(*given, shapes, watch.seconds)
 
 

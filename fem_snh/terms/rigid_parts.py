@@ -542,21 +542,6 @@ class RigidParts(Term):
         basis = self._basis(poses).reshape(-1, UNKNOWNS)
         self._folding.set_state(basis, G, np.zeros_like(G))
 
-    def derivative(self, x: PETSc.Vec) -> tuple[Array, Array]:
-        """Return the derivative of the nodes' displacements by the unknowns. Collective.
-
-        Returns
-        -------
-        columns : (k,) int
-            The global entries of the free unknowns.
-        values : (own dofs of the parts, k) array
-            The derivative, in the order of ``dofs``.
-        """
-        assert self._folding is not None
-        poses, free = self.poses(x), self.tree.free
-        C = self._derivative(poses, self.tree.jacobian(poses))
-        return self._folding.unknowns[free], C.reshape(-1, len(free))[:, free]
-
     def _derivative(self, poses: Poses, G: Array) -> Array:
         """Return the derivative of the nodes' positions by the unknowns, (n, c, 6 parts)."""
         of_parts = G.reshape(-1, UNKNOWNS, len(G))[self.labels]

@@ -21,6 +21,7 @@ from bodies import (
 from dolfinx import fem
 from dolfinx.mesh import CellType, create_box
 from dolfinx_programs import vector_space
+from mass_form import mass_matrix
 from scipy.linalg import eigh
 
 import fem_snh
@@ -28,7 +29,6 @@ from fem_snh import _dolfinx
 from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.mesh.mesh import generate
 from fem_snh.problem import modes
-from fem_snh.terms.mass import mass_matrix
 
 mpi = pytest.mark.mpi
 

@@ -7,6 +7,7 @@ from mpi4py import MPI
 import numpy as np
 import pytest
 from bodies import Condition, Hold, dense, wave
+from mass_form import mass_matrix
 from motions import advance, equal_steps, moving, run
 from scipy.spatial.transform import Rotation
 
@@ -23,7 +24,6 @@ from fem_snh.assembly.unknowns import (
 from fem_snh.choices import MASSES
 from fem_snh.kernels.material import material
 from fem_snh.mesh import mesh
-from fem_snh.terms.mass import mass_matrix
 
 pytestmark = pytest.mark.mpi
 MATERIAL = material("stable_neo_hookean", E=1.0, nu=0.45)

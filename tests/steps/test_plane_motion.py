@@ -12,12 +12,12 @@ import ufl
 from bodies import dense
 from dolfinx import fem, mesh
 from dolfinx_programs import vector_space
+from mass_form import mass_matrix
 from plane_programs import COMPONENTS, displacement, motion, prescribe, rectangle, zero
 
 import fem_snh
 from fem_snh.choices import INTEGRATORS
 from fem_snh.problem import modes
-from fem_snh.terms.mass import mass_matrix
 
 mpi = pytest.mark.mpi
 every = pytest.mark.parametrize("kinematics", COMPONENTS)

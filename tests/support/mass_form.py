@@ -1,4 +1,4 @@
-"""The mass matrix."""
+"""An oracle of the mass matrix: dolfinx assembles its form in UFL."""
 
 from __future__ import annotations
 
