@@ -20,6 +20,8 @@ from fem_snh.mesh.mesh_checks import unconnected_nodes
 from fem_snh.problem.problem import Problem
 from fem_snh.records.run_record import Note, Record
 from fem_snh.scenes import Lattice, Scene
+from fem_snh.terms.conditions import Move
+from fem_snh.terms.rigid import Rigid
 
 if TYPE_CHECKING:
     from fem_snh.runs.setup import Setup
@@ -33,8 +35,9 @@ def turns(scene: Scene) -> list[str]:
     """
     steps = scene.time.steps if scene.time else scene.steps
     found = []
-    for key in ("move", "rigid"):
-        for i, table in enumerate(getattr(scene, key)):
+    turning: dict[str, Sequence[Move | Rigid]] = {"move": scene.move, "rigid": scene.rigid}
+    for key, tables in turning.items():
+        for i, table in enumerate(tables):
             rotate = table.rotate
             if rotate is None or table.table is not None or rotate.table is not None:
                 continue

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,10 +19,8 @@ from fem_snh.tables.validation import check_distinct
 from fem_snh.terms.feature import feature_classes, grouped
 
 if TYPE_CHECKING:
-    from fem_snh.scenes.schema import Hold, Move, Scene
-
-#: Tables with a key ``group``.
-_GROUP_TABLES = ("hold", "move", "symmetry", "bone")
+    from fem_snh.scenes._bones import BoneChoice
+    from fem_snh.scenes.schema import Hold, Move, Scene, Symmetry
 
 #: A contradiction, if its first entry is true: the key, its value, and what is accepted.
 Rule = tuple[object, str, object, str]
@@ -63,8 +61,8 @@ def _plane_rules(scene: Scene) -> Iterator[Rule]:
     """Yield the rules of scenes of two dimensions."""
     kinematics = kinematics_of(scene.kinematics)
     without = f"no value, with kinematics = '{kinematics.name}'"
-    for key in ("bone", "rig"):
-        yield getattr(scene, key), key, "given", without
+    yield scene.bone, "bone", "given", without
+    yield scene.rig, "rig", "given", without
     for feature in scene.features:
         yield not feature.planar, feature.key, "given", without
     is_solid = isinstance(scene.mesh, Lattice | Tetrahedra)
@@ -107,10 +105,11 @@ def _field_rules(scene: Scene) -> Iterator[Rule]:
     for kind in feature_classes(type(scene)):
         for name in kind.nodal_fields:
             homes.setdefault(name, []).append(kind.key)
+    given = {feature.key for feature in scene.features}
     for name in scene.fields:
         keys = homes.get(name, [])
         tables = " and no ".join(f"[[{key}]]" for key in keys)
-        is_absent = keys and not any(getattr(scene, key) for key in keys)
+        is_absent = keys and given.isdisjoint(keys)
         yield is_absent, "fields", name, f"another field, as the scene has no {tables}"
     accepted = "no value, as 'fields' names none that may be in cells"
     only_nodal = scene.fields_at == "nodes" and set(scene.fields) <= set(NODAL)
@@ -182,9 +181,11 @@ def _time_rules(scene: Scene) -> Iterator[Rule]:
 def _static_rules(scene: Scene) -> Iterator[Rule]:
     """Yield the rules of scenes without ``[time]``."""
     if scene.start:
-        for key in ("velocity", "angular_velocity"):
-            given = list(getattr(scene.start, key) or ())
-            yield given, f"start.{key}", given, "no value, as the scene has no table [time]"
+        start = scene.start
+        velocities = {"velocity": start.velocity, "angular_velocity": start.angular_velocity}
+        for key, given in velocities.items():
+            accepted = "no value, as the scene has no table [time]"
+            yield given, f"start.{key}", list(given or ()), accepted
         begins = scene.start.run is None and scene.predictor != "none"
         yield begins, "predictor", scene.predictor, "'none', as the scene has a 'start'"
     for name in scene.fields:
@@ -211,8 +212,11 @@ def group_references(scene: Scene) -> Iterator[tuple[str, str | int]]:
         if material.group is not None:
             where = f"material.{number}" if isinstance(scene.material, list) else "material"
             yield f"{where}.group", material.group
-    for table in _GROUP_TABLES:
-        for number, entry in enumerate(getattr(scene, table)):
+    tables: dict[str, Sequence[Hold | Move | Symmetry | BoneChoice]] = {
+        "hold": scene.hold, "move": scene.move, "symmetry": scene.symmetry, "bone": scene.bone
+    }  # fmt: skip
+    for table, entries in tables.items():
+        for number, entry in enumerate(entries):
             if entry.group is not None:
                 yield f"{table}.{number}.group", entry.group
     for kind, features in grouped(scene.features):
@@ -234,8 +238,8 @@ def why_condensed(scene: Scene) -> str:
         names = in_words(e.name for e in ELEMENTS.values() if e.volume == "mean")
         return f"only {names} have cell pressures, not {scene.element}"
     # Terms with a state of their own, or with a matrix that is not assembled, would need two.
-    for key in ("time", "nu_continuation"):
-        if getattr(scene, key):
+    for key, given in {"time": scene.time, "nu_continuation": scene.nu_continuation}.items():
+        if given:
             return f"the scene has '{key}'"
     for feature in scene.features:
         if not feature.stateless:
