@@ -66,26 +66,15 @@ def materials(argv: list[str]) -> int:
     """List the materials, describe one, or report its behaviour; return 0."""
     args = materials_parser().parse(argv)
     numbers = _numbers(args)
-    if args.csv is not None and not args.table:
-        raise BadInput("materials --csv: expected with --table")
-    one = args.report or args.plot is not None or args.source
     if args.table:
-        if one:
-            raise BadInput("materials --table: expected without --report, --plot and --source")
-        if args.csv is not None and args.csv.exists() and not args.overwrite:
-            raise BadInput(f"csv = {args.csv}: exists: expected another file, or --overwrite")
-        return _table(args.names, args.csv, numbers)
+        return _table(args.names, args.csv, args.overwrite, numbers)
     if len(args.names) > 1:
         raise BadInput(
             f"materials: unexpected '{args.names[1]}': expected one name, or --table to compare"
         )
+    one = args.report or args.plot is not None or args.source
     if one and not args.names:
         raise BadInput("materials: missing NAME: expected with --report, --plot and --source")
-    if numbers and not one:
-        raise BadInput(
-            "materials --E, --nu, --set: expected with NAME --report, --plot or --source, or with "
-            "--table"
-        )
     if not args.names:
         return _list()
     name = args.names[0]
@@ -141,8 +130,12 @@ def _list() -> int:
     return 0
 
 
-def _table(names: Sequence[str], path: Path | None, numbers: dict[str, Any]) -> int:
+def _table(
+    names: Sequence[str], path: Path | None, overwrite: bool, numbers: dict[str, Any]
+) -> int:
     """Print the table of the materials ``names``, of all if there are none."""
+    if path is not None and path.exists() and not overwrite:
+        raise BadInput(f"csv = {path}: exists: expected another file, or --overwrite")
     from fem_snh.kernels.reports.report import rows, write
 
     verdicts = []

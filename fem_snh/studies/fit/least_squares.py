@@ -246,30 +246,23 @@ def solve(
             "points, or fewer parameters"
         )
     z, used = _search(problem)
-    p = problem.parameters(z)
-    refused = BadInput(
-        f"material '{family.name}': no fit has a stress at all measured stretches: expected "
-        "another material, or other values of its parameters"
-    )
-    if not p[0] > 0 or not all(np.isfinite(s).all() for s in problem.predict(*problem.split(p))):
-        raise refused
-    residual, jacobian = problem.residual(z), problem.jacobian(p)
-    if not np.isfinite(jacobian).all():  # the fit is at the end of the energy's domain
-        raise refused
-    room = [limit - p for limit in problem.limits(p)]
-    at_bound = reaches_bound(jacobian, residual, *room)
-    errors = standard_errors(jacobian, residual, problem.group, at_bound)
-    near = at_bound | (errors >= np.abs(room).min(axis=0))
-    z, at_bound[1:] = _moved_to_bounds(problem, z, at_bound[1:], near[1:])
-    at_bound[0] = False
     p, residual = problem.parameters(z), problem.residual(z)
     theta, ratio = problem.split(p)
+    predicted = problem.predict(theta, ratio)
+    known = p[0] > 0 and all(np.isfinite(stress).all() for stress in predicted)
+    # Infinite derivatives: the fit is at the end of the energy's domain.
+    if not known or not np.isfinite(jacobian := problem.jacobian(p)).all():
+        raise BadInput(
+            f"material '{family.name}': no fit has a stress at all measured stretches: expected "
+            "another material, or other values of its parameters"
+        )
+    at_bound = reaches_bound(jacobian, residual, *(limit - p for limit in problem.limits(p)))
     return BestFit(
         float(p[0]),
         0.5 if ratio is None else ratio,
         theta,
-        standard_errors(problem.jacobian(p), residual, problem.group, at_bound),
-        [p[0] * stress for stress in problem.predict(theta, ratio)],
+        standard_errors(jacobian, residual, problem.group, at_bound),
+        [p[0] * stress for stress in predicted],
         float(residual @ residual),
         problem.evaluations,
         used,
@@ -281,64 +274,24 @@ def _search(problem: _Problem) -> tuple[Array, int]:
     starts = problem.starts()
     if not starts[0].size:
         return starts[0], 1
+    size = float(np.linalg.norm(problem.weight * problem.measured))  # gtol is no relative one
     best: tuple[float, Array] | None = None
     agreeing = 0
     for used, start in enumerate(starts, start=1):
-        cost, z = _minimise(problem, start, np.arange(start.size))
-        if best is not None and abs(cost - best[0]) <= _SAME * best[0]:
+        found = least_squares(
+            lambda z: problem.residual(z) / size, start, bounds=problem.bounds(), x_scale="jac",
+            max_nfev=_ITERATIONS, ftol=_TOLERANCE, xtol=_TOLERANCE, gtol=_TOLERANCE,
+        )  # fmt: skip
+        if best is not None and abs(found.cost - best[0]) <= _SAME * best[0]:
             agreeing += 1
-        elif best is None or cost < best[0]:
+        elif best is None or found.cost < best[0]:
             agreeing = 1
-        if best is None or cost < best[0]:
-            best = cost, z
+        if best is None or found.cost < best[0]:
+            best = found.cost, found.x
         if agreeing >= _AGREEING:
             break
     assert best is not None
     return best[1], used
-
-
-def _minimise(problem: _Problem, start: Array, free: npt.NDArray[np.intp]) -> tuple[float, Array]:
-    """Return the least cost from a start, and its variables, of which some are free."""
-    low, high = (bound[free] for bound in problem.bounds())
-    size = float(np.linalg.norm(problem.weight * problem.measured))  # gtol is no relative one
-    z = start.copy()
-
-    def residual(values: Array) -> Array:
-        z[free] = values
-        return problem.residual(z) / size
-
-    if not free.size:
-        return float(np.sum(residual(z[free]) ** 2)) / 2, z
-    found = least_squares(
-        residual, start[free], bounds=(low, high), x_scale="jac",
-        max_nfev=_ITERATIONS, ftol=_TOLERANCE, xtol=_TOLERANCE, gtol=_TOLERANCE,
-    )  # fmt: skip
-    z[free] = found.x
-    return float(found.cost), z
-
-
-def _moved_to_bounds(problem: _Problem, z: Array, at_bound: Mask, near: Mask) -> tuple[Array, Mask]:
-    """Return the variables with those of parameters at a bound there, and which are there.
-
-    Those whose Gauss-Newton step crosses a bound are moved to it where that is no worse; others,
-    whose error reaches it, where it is better. The logarithm of a parameter that tends to 0 ends
-    where its derivative is small.
-    """
-    if not near.any():
-        return z, at_bound
-    at_bound = at_bound.copy()
-    cost, z = _minimise(problem, z, np.flatnonzero(~at_bound))
-    for k in np.flatnonzero(near):
-        allowed = cost if at_bound[k] else cost * (1 - _TOLERANCE)
-        others = ~at_bound
-        others[k] = False
-        for end in problem.bounds():
-            moved = z.copy()
-            moved[k] = end[k]
-            least, moved = _minimise(problem, moved, np.flatnonzero(others))
-            if least <= allowed:
-                cost, allowed, z, at_bound[k] = least, least, moved, True
-    return z, at_bound
 
 
 def _factors(jacobian: Array) -> tuple[Array, Array, Array]:
