@@ -107,20 +107,6 @@ class ThinSupports(NamedTuple):
     dofs: Array
 
 
-@dataclass
-class StartPath:
-    """The path of the constrained dofs from a start to the conditions.
-
-    Attributes
-    ----------
-    offset : (n,) array or None
-        Their values at the start minus those of the conditions at load 0, which decrease to zero
-        in proportion to the load; None before the start is known.
-    """
-
-    offset: Array | None = None
-
-
 class Dirichlet:
     """The constrained directions of a displacement space and their values. Collective.
 
@@ -158,8 +144,10 @@ class Dirichlet:
         point at the origin, and angular velocities.
     conditions : list of Condition
         The conditions, planes of symmetry first.
-    path : StartPath or None
-        The path from another state than that of the conditions; problems of one scene share it.
+    offset : (n,) array or None
+        Where the values go from another state to the conditions, in proportion to the load: what
+        that state's values have beside those of the conditions at load 0; zero before it is known.
+        Problems of one scene share it.
 
     Raises
     ------
@@ -191,7 +179,7 @@ class Dirichlet:
         self.dofs = np.flatnonzero(self.constrained[:owned])
         self._moves = any(condition.moves for condition in conditions)
         self.by_hand = on_load is None and any(condition.by_hand for condition in conditions)
-        self.path: StartPath | None = None
+        self.offset: Array | None = None
         self.released: Array = np.empty(0, np.int64)
         self.rigid_parts: Array | None = None
         self.part_motions: Sequence[Array] = ()
@@ -201,7 +189,7 @@ class Dirichlet:
     @property
     def depends_on_load(self) -> bool:
         """Whether any value depends on the load."""
-        return self._moves or self.path is not None or self._on_load is not None
+        return self._moves or self.offset is not None or self._on_load is not None
 
     @property
     def bones(self) -> list[Any]:
@@ -233,16 +221,16 @@ class Dirichlet:
         for condition in self.conditions:
             _set(condition, values, load)
         values[self._on_axis] = 0.0
-        if self.path is not None and self.path.offset is not None:
-            values[self.dofs] += (1 - load) * self.path.offset
+        if self.offset is not None:
+            values[self.dofs] += (1 - load) * self.offset
         if self.planes:
             self.planes.prescribe(values)
 
-    def start_from(self, x: PETSc.Vec, path: StartPath) -> None:
-        """Let the values go along a path, which has no offset yet, from those of ``x``."""
-        own, self.path = x.copy(), path
+    def start_from(self, x: PETSc.Vec) -> None:
+        """Let the values go from those of ``x`` to the conditions."""
+        own, self.offset = x.copy(), None
         self.set_values(own, 0.0)
-        path.offset = x.array_r[self.dofs] - own.array_r[self.dofs]
+        self.offset = x.array_r[self.dofs] - own.array_r[self.dofs]
 
     def project(self, values: Array, ghosts: bool = False) -> None:
         """Set what is constrained of displacements or forces to zero, in place.
@@ -299,53 +287,47 @@ class Dirichlet:
         """
         if not (self._moves or any(condition.by_hand for condition in self.conditions)):
             return []
-        comm, size = self._V.mesh.comm, self.constrained[: self._owned].size
-        components = self.constrained.shape[1]
-        taken = np.full(size, -1)
+        comm, components = self._V.mesh.comm, self.constrained.shape[1]
+        values = np.zeros((len(_LOADS), components * self._owned))
+        taken, given = np.full(values.shape[1], -1), list[Array]()
         for number, condition in enumerate(self.conditions):
+            for row, load in zip(values, _LOADS, strict=True):
+                _set(condition, row, load)
             taken[condition.dofs] = number
-        different = np.zeros((len(self.conditions), size), dtype=bool)
-        for load in _LOADS:
-            values, given = np.zeros(size), []
-            for condition in self.conditions:
-                _set(condition, values, load)
-                given.append(values[condition.dofs].copy())
-            largest = comm.allreduce(abs(values).max(initial=0.0), op=MPI.MAX)
-            for row, condition, own in zip(different, self.conditions, given, strict=True):
-                row[condition.dofs] |= abs(own - values[condition.dofs]) > _ROUNDING * largest
-        X = self._V.tabulate_dof_coordinates()
-        least = _ROUNDING * comm.allreduce(abs(X).max(initial=0.0), op=MPI.MAX)
-        X = np.where(abs(X) > least, X, 0.0)
-        lines = []
+            given.append(values[:, condition.dofs])
+        rounding = _ROUNDING * comm.allreduce(abs(values).max(initial=0.0), op=MPI.MAX)
+        X, lines = self._V.tabulate_dof_coordinates(), []
+        X = np.where(abs(X) > _ROUNDING * abs(X).max(initial=0.0), X, 0.0)
         for number, condition in enumerate(self.conditions):
-            takers, dofs = taken[condition.dofs], condition.dofs
-            kept = comm.allreduce(int((takers == number).sum()))
-            others = set[int]().union(*comm.allgather({*takers.tolist()} - {number}))
-            for other in sorted(others):
-                by = self.conditions[other]
+            dofs, takers = condition.dofs, taken[condition.dofs]
+            differs = (abs(given[number] - values[:, dofs]) > rounding).any(axis=0)
+            for later, by in enumerate(self.conditions[number + 1 :], number + 1):
                 if by.label == BONES:
                     continue
-                at = dofs[(takers == other) & different[number, dofs]]
-                places = {tuple(point) for point in X[at // components].tolist()}
-                gathered = comm.allgather((places, {*(at % components).tolist()}))
-                places = set[Any]().union(*(found for found, _ in gathered))
-                if not places:
-                    continue
+                nodes, axes = np.divmod(dofs[(takers == later) & differs], components)
                 shared = np.isin(dofs % components, list(by.components))
-                counts = np.array([shared.sum(), (takers == other).sum()])
-                of_both, overridden = comm.allreduce(counts)
-                if of_both == overridden and not by.by_hand and not condition.by_hand:
-                    axes = _axes_in_words(by.components & condition.components)
-                    accepted = f"components other than {axes}, which {condition.name} constrains"
+                own = (
+                    np.unique(nodes),
+                    X[nodes[:1]],
+                    {*axes.tolist()},
+                    (takers == number).any(),
+                    (shared & (takers != later)).any(),
+                )
+                counts, places, of_ranks, is_kept, is_shared = zip(*comm.allgather(own), strict=True)
+                if not (count := sum(map(len, counts))):
+                    continue
+                pair, by_hand = in_words([condition.name, by.name]), condition.by_hand
+                if not (any(is_shared) or by_hand or by.by_hand):
+                    words = _axes_in_words(by.components & condition.components)
+                    accepted = f"components other than {words}, which {condition.name} constrains"
                     raise bad_value(by.key, by.given.group, f"{accepted} at the same nodes")
-                if kept or not condition.by_hand:
-                    axes = _axes_in_words(set[int]().union(*(found for _, found in gathered)))
-                    pair, place = in_words([condition.name, by.name]), min(places)
+                if any(is_kept) or not by_hand:
+                    words = _axes_in_words(set[int]().union(*of_ranks))
+                    place = ", ".join(f"{x:.4g}" for x in np.concatenate(places)[0])
                     lines.append(
-                        f"{pair} prescribe other values of {axes} at {len(places)} common nodes, "
-                        f"one at ({', '.join(f'{x:.4g}' for x in place)}), where {by.name} is "
-                        "taken: the displacement jumps within a cell beside them, so forces there "
-                        "grow with finer meshes"
+                        f"{pair} prescribe other values of {words} at {count} common nodes, one at "
+                        f"({place}), where {by.name} is taken: the displacement jumps within a "
+                        "cell beside them, so forces there grow with finer meshes"
                     )
         return lines
 

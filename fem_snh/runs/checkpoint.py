@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 
 Array = npt.NDArray[Any]
 
-#: The array of `StartPath.offset` at the nodes of the displacement.
+#: The array of `Dirichlet.offset` at the nodes of the displacement.
 _OFFSET = "start_offset"
 #: Seconds between two checkpoints that are flushed to the disk. A flush takes longer than many
 #: steps; a loss of power costs at most this time.
@@ -82,10 +82,9 @@ class CheckpointWriter:
         for name, term in problem.history.by_name.items():
             for key, rows in zip(_history_names(name), term.history(), strict=True):
                 arrays[key] = gather_rows(problem.comm, rows)
-        path = problem.dirichlet.path
-        if path is not None:
+        if problem.dirichlet.offset is not None:
             offset = problem.x.duplicate()
-            offset.array[problem.dirichlet.dofs] = path.offset
+            offset.array[problem.dirichlet.dofs] = problem.dirichlet.offset
             arrays[_OFFSET] = self._fields["u"].gather(offset)
         motion: Record | None = None
         if moving := self._stepper.motion:
@@ -241,17 +240,17 @@ class Checkpoint:
         """
         problem, about = stepper.problem, self._about
         fields = nodal_values.fields(problem)
-        path = problem.dirichlet.path
+        dirichlet = problem.dirichlet
         before = problem.x.duplicate() if about["load_before"] is not None else None
         for name, field in fields.items():
             order = self._order(field.nodes, f"{name}_nodes")
             field.scatter(self._rows(name, order), problem.x)
             if before is not None:
                 field.scatter(self._rows(f"{name}_before", order), before)
-            if name == "u" and path is not None:
+            if name == "u" and dirichlet.offset is not None:
                 offset = problem.x.duplicate()
                 field.scatter(self._rows(_OFFSET, order), offset)
-                path.offset = offset.array_r[problem.dirichlet.dofs]
+                dirichlet.offset[:] = offset.array_r[dirichlet.dofs]
             if name == "u" and stepper.motion:
                 columns = len(about["motion"]["fields"]) * problem.kinematics.components
                 shape = len(problem.coordinates), columns

@@ -107,7 +107,7 @@ def set_up(
     def made(problem: Problem) -> Problem:
         problem.scale_penalties(stiffer)
         if problem is not first and problem.element.degree == first.element.degree:
-            problem.dirichlet.path = first.dirichlet.path
+            problem.dirichlet.offset = first.dirichlet.offset
         return problem
 
     def make(other: elements.Element) -> Problem:

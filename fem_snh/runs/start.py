@@ -13,7 +13,6 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh import _dolfinx
-from fem_snh.assembly.boundary_conditions import StartPath
 from fem_snh.contact.obstacle import names as obstacle_names
 from fem_snh.errors import ResultNote, in_words, on_root
 from fem_snh.problem.definition import check_displacement
@@ -85,13 +84,13 @@ def start_from_run(problem: Problem, scene: Scene, read: bool = True) -> Note | 
     """
     start = scene.start
     assert start is not None and start.run is not None
-    problem.dirichlet.path = StartPath()
+    problem.dirichlet.offset = np.zeros(len(problem.dirichlet.dofs))
     if not read:
         return None
     name = None if problem.kinematics.dim == 3 else problem.kinematics.name
     values, note = _displacement(problem.V, start.run, start.step, name)
     problem.x.array[: values.size] = values.ravel()
-    problem.dirichlet.start_from(problem.x, StartPath())
+    problem.dirichlet.start_from(problem.x)
     problem.set_load(0.0)
     problem.prescribe(problem.x)
     problem.split(problem.x)

@@ -13,7 +13,6 @@ from fem_snh import _dolfinx, solver
 from fem_snh._petsc import default_options
 from fem_snh.accuracy.goal_errors import depends_on_path
 from fem_snh.accuracy.path_errors import Path
-from fem_snh.assembly.boundary_conditions import StartPath
 from fem_snh.assembly.elements import Element
 from fem_snh.problem.conditions import LoadFunction
 from fem_snh.problem.definition import lifted_problem
@@ -51,11 +50,11 @@ def follow_load(
     """
     load.function = set_load
     if set_load is None:
-        problem.dirichlet.start_from(problem.x, StartPath())
+        problem.dirichlet.start_from(problem.x)
     try:
         yield
     finally:
-        load.function = problem.dirichlet.path = None
+        load.function = problem.dirichlet.offset = None
 
 
 def program_path(
