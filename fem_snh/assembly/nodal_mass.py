@@ -248,12 +248,14 @@ class StoredMatrix:
     def __init__(self, matrix: BlockMatrix) -> None:
         self._blocks, self._layout = matrix.without_constraints(), matrix.layout
         self.mat = self._blocks.mat
-        self._constrained: list[Array] | None = None
+        #: The matrix without the rows and columns of constrained dofs.
+        self._free: PETSc.Mat | None = None
 
     def assemble(self, add: Callable[[BlockMatrix], Any]) -> None:
         """Assemble the matrix from what ``add`` adds to it. Collective."""
         with self._blocks.adding():
             add(self._blocks)
+        self._free = None
 
     def add_to(self, target: BlockMatrix, factor: float) -> None:
         """Add ``factor`` times the matrix, inside of `BlockMatrix.adding`. Collective.
@@ -262,15 +264,17 @@ class StoredMatrix:
         """
         if target.layout is not self._layout:
             self._change_layout(target)
-        sizes = self._layout.num_values
-        if self._constrained is None:
-            self._constrained = _entries(self.mat, target.constrained_dofs)
-        with aij_blocks(self.mat) as blocks:
-            for k, block in enumerate(blocks):
-                values = values_at(target.addresses[k], sizes[k])
-                if sizes[k]:
-                    daxpy(block.array(), values, a=factor)
-                values[self._constrained[k]] = 0.0
+        if self._free is None:
+            mask = self.mat.createVecLeft()
+            mask.set(1.0)
+            mask.array[target.constrained_dofs] = 0.0
+            self._free = self.mat.copy()
+            self._free.diagonalScale(mask, mask)
+        with aij_blocks(self._free, read_only=True) as blocks:
+            for block, address in zip(blocks, target.addresses, strict=False):
+                values = block.array()
+                if len(values):
+                    daxpy(values, values_at(address, len(values)), a=factor)
 
     def _change_layout(self, matrix: BlockMatrix) -> None:
         """Take the layout of a matrix whose pattern has changed, and keep the values.
@@ -282,31 +286,4 @@ class StoredMatrix:
         blocks.mat.setOption(PETSc.Mat.Option.IGNORE_ZERO_ENTRIES, True)
         blocks.mat.axpy(1.0, self.mat, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
         self._blocks, self._layout, self.mat = blocks, matrix.layout, blocks.mat
-        self._constrained = None
-
-
-def _entries(A: PETSc.Mat, dofs: Array) -> list[Array]:
-    """Return the offsets of the values in rows and columns of some dofs. Collective.
-
-    Parameters
-    ----------
-    A : PETSc.Mat
-        A matrix of the layout.
-    dofs : (n,) int
-        Dofs that this rank owns, as indices into a vector's local array.
-
-    Returns
-    -------
-    list of (m,) int
-        Offsets into the values of the diagonal block and, on several ranks, of the off-diagonal
-        one.
-    """
-    ones, others = A.duplicate(), A.createVecLeft()
-    others.set(1.0)
-    others.array[dofs] = 0.0
-    with aij_blocks(ones) as blocks:
-        for block in blocks:
-            block.array()[:] = 1.0
-    ones.diagonalScale(others, others)
-    with aij_blocks(ones) as blocks:
-        return [np.flatnonzero(block.array() == 0) for block in blocks]
+        self._free = None
