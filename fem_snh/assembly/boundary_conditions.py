@@ -313,7 +313,8 @@ class Dirichlet:
                     (takers == number).any(),
                     (shared & (takers != later)).any(),
                 )
-                counts, places, of_ranks, is_kept, is_shared = zip(*comm.allgather(own), strict=True)
+                of_ranks = comm.allgather(own)
+                counts, places, found, is_kept, is_shared = zip(*of_ranks, strict=True)
                 if not (count := sum(map(len, counts))):
                     continue
                 pair, by_hand = in_words([condition.name, by.name]), condition.by_hand
@@ -322,7 +323,7 @@ class Dirichlet:
                     accepted = f"components other than {words}, which {condition.name} constrains"
                     raise bad_value(by.key, by.given.group, f"{accepted} at the same nodes")
                 if any(is_kept) or not by_hand:
-                    words = _axes_in_words(set[int]().union(*of_ranks))
+                    words = _axes_in_words(set[int]().union(*found))
                     place = ", ".join(f"{x:.4g}" for x in np.concatenate(places)[0])
                     lines.append(
                         f"{pair} prescribe other values of {words} at {count} common nodes, one at "

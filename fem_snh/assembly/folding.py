@@ -17,7 +17,6 @@ import numpy as np
 import numpy.typing as npt
 from scipy.sparse import csr_matrix
 
-from fem_snh._petsc import AIJBlock, aij_blocks, nonzero_state
 from fem_snh.assembly.matrix_layout import MixedDofMap
 
 Array = npt.NDArray[np.float64]
@@ -68,21 +67,19 @@ class Folding:
         size = dof_map.components
         self._rows = (size * nodes[:, None] + np.arange(size)).ravel()
         self._first = self._comm.exscan(dof_map.num_owned_dofs) or 0
-        own = self._first + self._rows
-        self._own = own
+        self._own = own = (self._first + self._rows).astype(PETSc.IntType)
         self._slaves = np.sort(np.concatenate(self._comm.allgather(own)))
         self._slot_blocks = dof_map.displacement_blocks(slots.ravel()).reshape(-1, 2)
         starts = dof_map.global_dofs(self._slot_blocks.ravel())[0]
         entries = (starts[:, None] + np.arange(size)).reshape(parts, -1)
         order = np.cumsum(free.reshape(parts, -1), axis=1) - 1
         entries = np.take_along_axis(entries, np.maximum(order, 0), axis=1)
-        self.unknowns = np.where(free, entries.ravel(), -1)
+        self.unknowns = np.where(free, entries.ravel(), -1).astype(PETSc.IntType)
         self._free, self._chains, size = free, chains, UNKNOWNS * parts
         self.eliminated = self._rows[~np.isin(own, self.unknowns)]
         which = np.flatnonzero(np.isin(self.unknowns, own))
         self.own_unknowns = self.unknowns[which] - self._first, which
         self.set_state(np.zeros((len(own), UNKNOWNS)), np.eye(size), np.zeros((size, size)))
-        self._pattern: tuple[int, ...] = ()
 
     def set_state(
         self, basis: Array, jacobian: Array, stiffness: Array, symmetric: bool = True
@@ -109,20 +106,11 @@ class Folding:
         They are those in the rows that this rank owns.
         """
         dof_map, parts = self._dof_map, len(self._slot_blocks)
-        part_of_row = np.full(dof_map.num_owned_dofs, -1)
-        part_of_row[self._rows] = np.repeat(self._labels, dof_map.components)
-        found = [np.empty((2, 0), np.int64)]
-        with aij_blocks(mat, read_only=True) as blocks:
-            for block in blocks:
-                rows, columns = self._entries(block, block is not blocks[0])
-                part = part_of_row[rows]
-                of_part = part >= 0
-                keys = np.unique(part[of_part] * (2**40) + columns[of_part])
-                found.append(np.stack(np.divmod(keys, 2**40)))
-        part, columns = np.unique(
-            np.concatenate(self._comm.allgather(np.concatenate(found, axis=1)), axis=1), axis=1
-        )
-        self._columns = np.unique(columns)
+        rows = self._rows_of_parts(mat).tocoo()
+        pairs = np.stack([np.repeat(self._labels, dof_map.components)[rows.row], rows.col])
+        own = np.unique(pairs.astype(np.int64), axis=1)
+        part, columns = np.unique(np.concatenate(self._comm.allgather(own), axis=1), axis=1)
+        self._columns = np.unique(columns).astype(PETSc.IntType)
         others = ~np.isin(columns, self._slaves)
         part, neighbours = np.unique(
             np.stack([part[others], dof_map.blocks_of(columns[others])]), axis=1
@@ -143,86 +131,44 @@ class Folding:
 
         The diagonal of eliminated entries is zero then.
         """
-        with aij_blocks(mat) as blocks:
-            if self._pattern != (pattern := nonzero_state(mat)):
-                self._locate(blocks)
-                self._pattern = pattern
-            arrays = [block.array() for block in blocks]
-            rows, square = self._folded(arrays)
+        rows, square = self._folded(mat)
         columns = rows
         if self._symmetric:
             square = (square + square.T) / 2
-        else:  # the pattern is symmetric, so the transpose has the same
-            transpose = mat.transpose(PETSc.Mat())  # without an argument in place
-            with aij_blocks(transpose, read_only=True) as blocks:
-                columns = self._folded([block.array() for block in blocks])[0]
-            transpose.destroy()
+        else:
+            columns = self._folded(mat.transpose(PETSc.Mat()))[0]  # without an argument in place
         square = (square + self._stiffness) * np.outer(self._free, self._free)
-        unknowns = np.concatenate([part.ravel() for part in (rows, columns, square)])
-        with aij_blocks(mat) as blocks:
-            arrays = [block.array() for block in blocks]
-            for array, (zeros, targets, sources) in zip(arrays, self._targets, strict=True):
-                array[zeros] = 0.0
-                array[targets] += unknowns[sources]
+        free, (entries, own) = self.unknowns >= 0, self.own_unknowns
+        others = ~np.isin(self._columns, self._slaves)
+        first, last = mat.getOwnershipRange()
+        owned = others & (self._columns >= first) & (self._columns < last)
+        # The pattern lacks pairs of a part and nodes of others, whose values are zero.
+        mat.setOption(PETSc.Mat.Option.IGNORE_ZERO_ENTRIES, True)
+        mat.zeroRowsColumns(self._own, diag=0.0)
+        unknowns, own_rows = self.unknowns[free], first + entries
+        for at, to, values in (
+            (own_rows, self._columns[others], rows[own][:, others]),
+            (self._columns[owned], unknowns, columns[free][:, owned].T),
+            (own_rows, unknowns, square[own][:, free]),
+        ):
+            mat.setValues(at, to, np.ascontiguousarray(values))  # it ignores the order of others
+        mat.assemble()
+        mat.setOption(PETSc.Mat.Option.IGNORE_ZERO_ENTRIES, False)
 
-    def _folded(self, arrays: Sequence[Array]) -> tuple[Array, Array]:
+    def _folded(self, mat: PETSc.Mat) -> tuple[Array, Array]:
         """Return B^T A in the columns of other nodes, and B^T A B."""
         size, G = len(self._jacobian), self._jacobian
-        row = np.arange(len(self._own))
-        column = UNKNOWNS * np.repeat(self._labels, self._dof_map.components)[:, None] + np.arange(
-            UNKNOWNS
-        )
-        index = np.repeat(row, UNKNOWNS), column.ravel()
-        B = csr_matrix((self._basis.ravel(), index), shape=(len(row), size))
-        rows = np.zeros((size, len(self._columns)))
-        for array, (entries, *position) in zip(arrays, self._slave_rows, strict=True):
-            shape = len(row), len(self._columns)
-            rows += (B.T @ csr_matrix((array[entries], position), shape=shape)).toarray()
-        rows = self._comm.allreduce(rows)
-        square = self._comm.allreduce(rows[:, self._own_columns] @ B)
+        row = np.repeat(np.arange(len(self._own)), UNKNOWNS)
+        part = np.repeat(self._labels, self._dof_map.components)
+        column = (UNKNOWNS * part[:, None] + np.arange(UNKNOWNS)).ravel()
+        B = csr_matrix((self._basis.ravel(), (row, column)), shape=(len(self._own), size))
+        own_rows = self._rows_of_parts(mat)[:, self._columns]
+        rows = self._comm.allreduce((B.T @ own_rows).toarray())
+        square = self._comm.allreduce(rows[:, np.searchsorted(self._columns, self._own)] @ B)
         return (G.T @ rows) * self._free[:, None], G.T @ square @ G
 
-    def _entries(self, block: AIJBlock, ghosts: bool) -> tuple[Indices, Indices]:
-        """Return the local row and the global column of each value of a block of the matrix."""
-        indptr, indices = block.csr()
-        rows = np.repeat(np.arange(len(indptr) - 1), np.diff(indptr))
-        columns = block.ghosts[indices] if ghosts else indices + self._first
-        return rows, columns.astype(np.int64)
-
-    def _locate(self, blocks: Sequence[AIJBlock]) -> None:
-        """Find the values that are read, set to zero and added to."""
-        number = np.full(self._dof_map.num_owned_dofs, -1)
-        number[self._rows] = np.arange(len(self._rows))
-        columns, size = self._columns, len(self.unknowns)
-        self._own_columns = np.searchsorted(columns, self._own)
-        order = np.argsort(self.unknowns)
-        in_order = self.unknowns[order]
-
-        def slot(dofs: Indices) -> Indices:
-            at = np.minimum(np.searchsorted(in_order, dofs), size - 1)
-            return np.where(in_order[at] == dofs, order[at], -1)
-
-        self._slave_rows, self._targets = [], []
-        for block in blocks:
-            row, column = self._entries(block, block is not blocks[0])
-            global_row = row + self._first
-            slave_row, slave_column = number[row] >= 0, np.isin(column, self._slaves)
-            entries = np.flatnonzero(slave_row)
-            self._slave_rows.append(
-                (entries, number[row[entries]], np.searchsorted(columns, column[entries]))
-            )
-            zeros = np.flatnonzero(slave_row | slave_column)
-            row_slot, column_slot = slot(global_row[zeros]), slot(column[zeros])
-            sources = np.full(len(zeros), -1)
-            # A row or a column of a slot and another node, and of two slots.
-            for first, unknown, other, foreign in (
-                (0, row_slot, column[zeros], ~slave_column[zeros]),
-                (size, column_slot, global_row[zeros], ~slave_row[zeros]),
-            ):
-                at = np.minimum(np.searchsorted(columns, other), len(columns) - 1)
-                chosen = (unknown >= 0) & foreign & (columns[at] == other)
-                sources[chosen] = (first + unknown[chosen]) * len(columns) + at[chosen]
-            both = (row_slot >= 0) & (column_slot >= 0)
-            sources[both] = 2 * size * len(columns) + row_slot[both] * size + column_slot[both]
-            filled = sources >= 0
-            self._targets.append((zeros, zeros[filled], sources[filled]))
+    def _rows_of_parts(self, mat: PETSc.Mat) -> csr_matrix:
+        """Return this rank's rows of the parts' nodes, with global columns. Collective."""
+        rows = PETSc.IS().createGeneral(self._own, comm=self._comm)
+        indptr, indices, values = mat.createSubMatrix(rows).getValuesCSR()
+        return csr_matrix((values, indices, indptr), shape=(len(self._own), mat.getSize()[1]))
