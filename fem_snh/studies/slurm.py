@@ -1,7 +1,7 @@
 """Slurm: the points of a study as arrays of jobs.
 
-The folder ``jobs`` of a study holds for each array NAME.json (the tasks of its elements), NAME.sh
-(its script) and the output of its elements. An element runs its task as the study does on its own
+The folder ``jobs`` of a study holds for each array NAME.json (the tasks of its elements) and the
+output of its elements. An element runs its task as the study does on its own
 machine: ``python -m fem_snh.studies.slurm FILE.json INDEX``. That a point has ended is known from
 the file in its own folder alone; Slurm is asked only for points that wait or run, and by the names
 of the jobs, which are unique: numbers start again where it has lost its own files. Hence a point
@@ -25,7 +25,7 @@ from typing import Any
 
 from pydantic import TypeAdapter
 
-from fem_snh.errors import BadInput, bad_value, check_whole
+from fem_snh.errors import BadInput, check_whole
 from fem_snh.files import read_text, remove, replace_file
 from fem_snh.processes import import_path, python
 from fem_snh.studies.processes import End, Task, read_end, run_tasks
@@ -83,24 +83,24 @@ class Slurm:
         for start in range(0, len(tasks), largest):
             part = tasks[start : start + largest]
             name = f"fem-snh-{secrets.token_hex(4)}"
-            data, script = folder / f"{name}.json", folder / f"{name}.sh"
-            replace_file(script, self._script(data.resolve(), part))
+            data = folder / f"{name}.json"
             # Before it is submitted: a job that nobody remembers would run points twice.
             replace_file(data, json.dumps([asdict(task) for task in part]))
             try:
-                number = _output("sbatch", "--parsable", str(script)).strip().partition(";")[0]
+                answer = _output("sbatch", "--parsable", *self._arguments(data.resolve(), part))
             except BadInput:
                 if name not in _elements([name]):  # raises if it does not answer: kept
                     remove(data)
-                    remove(script)
                 raise
+            number = answer.strip().partition(";")[0]
             lines.append(f"submitted {len(part)} points: job {number} ({name})")
         return lines
 
-    def _script(self, data: Path, tasks: Sequence[Task]) -> str:
-        """Return the script of an array; Slurm starts an element again whose node has failed."""
+    def _arguments(self, data: Path, tasks: Sequence[Task]) -> list[str]:
+        """Return the arguments of sbatch; Slurm starts an element again whose node has failed."""
         limit = f"%{self.array_limit}" if self.array_limit else ""
         seconds, memory = tasks[0].timeout, tasks[0].memory
+        command = shlex.join([*python("fem_snh.studies.slurm"), str(data)])
         given: dict[str, Any] = {
             "job-name": data.stem,
             "array": f"0-{len(tasks) - 1}{limit}",
@@ -113,15 +113,10 @@ class Slurm:
             # %% is a percent sign (sbatch(1), FILENAME PATTERN)
             "output": f"{data.with_suffix('')}-".replace("%", "%%") + "%a.txt",
             "open-mode": "append",
+            "wrap": f'exec {command} "$SLURM_ARRAY_TASK_ID"',
         }
-        lines = [f"--{key}={_quote(value)}" for key, value in given.items() if value is not None]
-        lines += ["--requeue", *self.options]
-        for line in lines:
-            if re.search(r"[\n\r\0]", line):  # what follows would be a line of the script
-                raise bad_value("option of sbatch", line, "one line")
-        command = shlex.join([*python("fem_snh.studies.slurm"), str(data)])
-        directives = "".join(f"#SBATCH {line}\n" for line in lines)
-        return f'#!/bin/bash\n{directives}exec {command} "$SLURM_ARRAY_TASK_ID"\n'
+        options = [f"--{key}={value}" for key, value in given.items() if value is not None]
+        return [*options, "--requeue", *self.options]
 
 
 def queued(out: Path) -> set[str]:
@@ -171,18 +166,6 @@ def _elements(names: Sequence[str]) -> Mapping[str, list[int]]:
             if state not in _ENDED and reason != "launch failed requeued held":
                 found.setdefault(name, []).append(int(index))
     return found
-
-
-def _quote(value: object) -> str:
-    """Return a value as one word of an ``#SBATCH`` line, which is not read as the shell reads it.
-
-    Inside double quotes a backslash precedes any character, and older versions of Slurm begin a
-    comment at ``#``.
-    """
-    text = str(value)
-    if re.fullmatch(r"[\w%@=+:,./-]*", text):
-        return text
-    return '"' + re.sub(r'(["\\#])', r"\\\1", text) + '"'
 
 
 def _output(*command: str) -> str:
