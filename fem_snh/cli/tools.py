@@ -14,6 +14,7 @@ from fem_snh.cli import start_petsc
 from fem_snh.cli.options import Parser, output, value
 from fem_snh.errors import BadInput
 from fem_snh.files import is_shape
+from fem_snh.viewing import reading
 from fem_snh.viewing.export import main as export_run
 from fem_snh.viewing.render import main as draw_run
 from fem_snh.viewing.render import movie, page
@@ -49,6 +50,7 @@ def plot_parser() -> Parser:
     return parser
 
 
+@reading()
 def plot(argv: list[str]) -> int:
     """Draw curves from run folders or a study's table; return 0."""
     args = plot_parser().parse(argv)
@@ -95,6 +97,7 @@ def render_parser() -> Parser:
     return parser
 
 
+@reading()
 def render(argv: list[str]) -> int:
     """Draw the deformed body of a run folder; return 0."""
     args = render_parser().parse(argv)
@@ -157,6 +160,7 @@ def view_parser() -> Parser:
     return parser
 
 
+@reading()
 def view(argv: list[str]) -> int:
     """Write the HTML page of a run folder; return 0."""
     args = view_parser().parse(argv)
@@ -190,7 +194,7 @@ def export(argv: list[str]) -> int:
     if args.folder.suffix == ".msh" or is_shape(args.folder):
         return _convert_mesh(args)
 
-    with _progress_bar("writing") as report:
+    with reading(), _progress_bar("writing") as report:
         paths = export_run(args.folder, args.out, report)
     print(paths[0] if len(paths) == 1 else f"{paths[0]} ... {paths[-1].name}")
     return 0

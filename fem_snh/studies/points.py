@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from fem_snh import scenes
-from fem_snh.files import read_text
-from fem_snh.records.run_record import problem, results
+from fem_snh.errors import BadInput
+from fem_snh.records.run_record import load_record, results
 
 #: Columns of the settings of a run.
 REQUESTED = "scene material E nu element cells hessian globalization predictor steps".split()
@@ -65,10 +65,9 @@ def _joined(values: Sequence[Any]) -> Any:
 def read_record(folder: Path) -> dict[str, Any]:
     """Return the record that a point left in its folder; empty if it left none that is whole."""
     try:
-        record = json.loads(read_text(folder / "run.json"))
-    except (OSError, ValueError, RecursionError):
+        return load_record(folder / "run.json")
+    except BadInput:
         return {}
-    return record if isinstance(record, dict) and not problem(record) else {}
 
 
 def measured_columns(record: Mapping[str, Any], log: Path, code: int) -> dict[str, Any]:

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from importlib.util import find_spec
 from typing import Any
 
@@ -33,6 +34,19 @@ def ignore(*values: object) -> None:
     """Report nothing: the default of what reports progress."""
 
 
+@contextmanager
+def reading() -> Iterator[None]:
+    """Raise BadInput for an error of Python's in the values of a run's files."""
+    try:
+        yield
+    except BadInput:
+        raise
+    except (ArithmeticError, LookupError, TypeError, ValueError, AttributeError) as error:
+        reason = f"{type(error).__name__}: {error}".splitlines()[0]
+        raise BadInput(f"the files of the run cannot be shown ({reason})") from None
+
+
+@reading()
 def run_elsewhere(
     function: str,
     *args: Any,
@@ -65,11 +79,6 @@ def run_elsewhere(
             return
         except (processes.Crashed, ImportError, OSError, RuntimeError) as error:
             message = str(error).removesuffix(processes.UNDAMAGED)[:200]
-        except BadInput:
-            raise
-        except (ArithmeticError, LookupError, TypeError, ValueError, AttributeError) as error:
-            reason = f"{type(error).__name__}: {error}".splitlines()[0]
-            raise BadInput(f"the files of the run cannot be shown ({reason})") from None
     raise BadInput(f"cannot draw without a display ({message}): {INSTALL}" if opengl else message)
 
 
