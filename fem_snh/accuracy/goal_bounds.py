@@ -96,7 +96,7 @@ class GoalLevel:
 
     def contribution(self, source: str) -> float:
         """Return what a part of the error adds to the relative bound."""
-        known, parts = self.known, self.known.parts
+        known, parts = self.known, self.known.parts or {"mesh": self.error}
         part = abs(parts.get(source, 0.0))
         if source == "mesh":
             part = max(part, known.of_path)

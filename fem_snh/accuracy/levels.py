@@ -26,15 +26,9 @@ from fem_snh.accuracy.goals import vector_of
 
 Array = npt.NDArray[Any]
 
-#: Parts of an error below this part of the request are left as they are; others are reduced to this
-#: part of it.
-_SMALL_PART, _PART_AIM = 0.25, 0.15
 #: Largest factors by which the time steps of a level are shorter, and its penalties stiffer: with
 #: more, it finds no equilibrium from the state of the last.
 _MOST_SHORTER, _MOST_STIFFER = 4.0, 10.0
-#: While other parts are reduced, the mesh stays if it adds no more than this part of the request to
-#: the bounds: Hertz's force at 1 % takes a tenth of the time.
-_MESH_STAYS = 0.5
 #: Order in h of the errors of singular solutions, by the degree of the displacement: the error of
 #: degree 1 decreases as h to h^2.
 _ORDER = {1: 1.2, 2: 1.5}
@@ -55,16 +49,13 @@ _AIM, _NEAR, _AIM_OF_NEAR = 0.7, 1.5, 0.85
 #: The parts of an error that are those of steps, and the power of the number of steps with which
 #: they decrease: within a load step friction acts along a chord.
 _STEPS = {TIME_STEPS: 2.0, LOAD_STEPS: 1.0}
-#: On a path, where every level costs a whole run, each part of an error has a share of the request.
-#: They are chosen: the mesh, whose part costs most to reduce, has most.
+#: The shares of the request that parts of an error have in its bound. They are chosen: the mesh,
+#: whose part costs most to reduce, has most.
 _SHARES = {"mesh": 0.45, "time steps": 0.2, "load steps": 0.2, "penalty": 0.15}
 #: Parts below so many times their share are left as they are.
 _ENOUGH = 1.2
 #: Power of the unknowns with which the time of a level grows (docs/results/scaling.md).
 _TIME_POWER = 1.2
-#: On a path it is measured on two levels, and at least this; after the first level it is this.
-#: Steps of small meshes cost little more with more unknowns: P2 with 630 and 3,759 dofs, 0.47.
-_LEAST_TIME_POWER, _FIRST_TIME_POWER = 0.5, 0.8
 
 
 @dataclass(frozen=True)
@@ -292,10 +283,7 @@ class Levels:
         """Return the factor by which the cells of the next level are to be smaller."""
         if self.worst is None or (len(self.rows) < self.least and self.estimates_suffice):
             return _MOST_REFINEMENT
-        if self._is_shared:
-            ratio = self._contribution("mesh") / (_SHARES["mesh"] * self.asked)
-        else:
-            ratio = self.worst[1] / self.asked
+        ratio = self._excess("mesh") if self._has_parts else self.worst[1] / self.asked
         ratio /= _AIM_OF_NEAR if ratio <= _NEAR else _AIM
         factor = ratio ** (1 / _ORDER[self.rows[-1].degree])
         return float(min(max(factor, _LEAST_REFINEMENT), _MOST_REFINEMENT))
@@ -305,7 +293,7 @@ class Levels:
         if self.rows[-1].steps_have_no_order:
             return _MOST_SHORTER
         factors = [self._factor(source, 1 / p, _MOST_SHORTER) for source, p in _STEPS.items()]
-        if self._is_shared and self.rows[-1].kind == "time":  # see `stiffer_penalties`
+        if self.rows[-1].steps and self.rows[-1].kind == "time":  # see `stiffer_penalties`
             factors.append(self._factor("penalty", 0.5, _MOST_SHORTER))
         return max(factors)
 
@@ -321,59 +309,33 @@ class Levels:
         return factor
 
     def _factor(self, source: str, power: float, most: float) -> float:
-        """Return the factor that reduces a part of the errors; 1 if it is small."""
-        if self._is_shared:
-            if self._suffices(source):
-                return 1.0
-            ratio = self._contribution(source) / (_SHARES[source] * self.asked)
-        else:
-            part = self._largest_part(source)
-            if part <= _SMALL_PART * self.asked:
-                return 1.0
-            ratio = part / (_PART_AIM * self.asked)
-        return float(min(max(ratio**power, _LEAST_REFINEMENT), most))
+        """Return the factor that reduces a part of the errors to its share; 1 if that suffices."""
+        if self._suffices(source):
+            return 1.0
+        return float(min(max(self._excess(source) ** power, _LEAST_REFINEMENT), most))
 
     @property
     def mesh_suffices(self) -> bool:
-        """Whether the error of the mesh is small beside the other parts, or the request."""
+        """Whether the error of the mesh is within its share, and another part is not."""
         if self.rows[-1].steps_have_no_order:
             return True
         if len(self.rows) < self.least:
             return False
-        if self._is_shared:
-            return self._suffices("mesh")
-        of_mesh = self._largest_part("mesh")
-        other = max(self._largest_part(source) for source in (*_STEPS, "penalty"))
-        if other > _SMALL_PART * self.asked:  # it is reduced
-            if self._contribution("mesh") <= _MESH_STAYS * self.asked:
-                return True
-        return other > 0 and of_mesh <= _SMALL_PART * max(self.asked, other)
+        return self._suffices("mesh") and not all(map(self._suffices, _SHARES))
 
     @property
-    def _is_shared(self) -> bool:
-        """Whether the bound of the last level, on a path, is shared out between its parts."""
-        row = self.rows[-1]
-        return row.steps > 0 and any(goal.known.parts for goal in row.goals.values())
+    def _has_parts(self) -> bool:
+        """Whether an error of the last level has several parts."""
+        return any(goal.known.parts for goal in self.rows[-1].goals.values())
 
-    def _contribution(self, source: str) -> float:
-        """Return the largest contribution of a part to the bounds of the last level's goals."""
-        goals = self.rows[-1].goals.values()
-        return max(goal.contribution(source) for goal in goals)
+    def _excess(self, source: str) -> float:
+        """Return the largest contribution of a part to a bound, over its share of the request."""
+        parts = (goal.contribution(source) for goal in self.rows[-1].goals.values())
+        return max(parts, default=0.0) / (_SHARES[source] * self.asked)
 
     def _suffices(self, source: str) -> bool:
-        """Return whether a part is within its share, or small beside the largest over its share."""
-        over = {name: self._contribution(name) / share for name, share in _SHARES.items()}
-        limit = _ENOUGH * self.asked
-        largest = max(over.values())
-        return over[source] < largest if largest <= limit else over[source] <= limit
-
-    def _largest_part(self, source: str) -> float:
-        """Return the bound of the largest relative part of an error on the last level."""
-        goals = [goal for goal in self.rows[-1].goals.values() if goal.scale]
-        parts = (
-            goal.safety * abs(goal.known.parts.get(source, 0.0)) / goal.scale for goal in goals
-        )
-        return max(parts, default=0.0)
+        """Return whether a part is about within its share."""
+        return self._excess(source) <= _ENOUGH
 
     def forecast(self, refinement: float, shorter: float = 1.0, dofs: int = 0) -> Forecast:
         """Return what a level with cells and steps so many times smaller will cost.
@@ -384,27 +346,11 @@ class Levels:
         if len(self.rows) > 1 and (before := self.rows[-2]).fineness < last.fineness:
             power = log(last.cells / before.cells) / log(last.fineness / before.fineness)
         growth = max(1.0, dofs / last.dofs) if dofs else refinement**power
-        seconds = last.seconds * growth ** self._time_power() * shorter
+        seconds = last.seconds * growth**_TIME_POWER * shorter
         cells = last.cells if dofs else round(last.cells * growth)
         dofs = dofs or round(last.dofs * growth)
         steps = f"{ceil(last.steps * shorter):,} {last.kind} steps" if last.steps else ""
         return Forecast(cells, dofs, seconds, last.estimate.memory * growth, steps)
-
-    def _time_power(self) -> float:
-        """Return the power of the unknowns with which the time of a step on a path grows.
-
-        On small meshes it is far below that of large ones. It is measured on two levels.
-        """
-        if not self.rows[-1].steps:
-            return _TIME_POWER
-        if len(self.rows) < 2 or not self.rows[-2].steps:
-            return _FIRST_TIME_POWER
-        before, last = self.rows[-2:]
-        if not (last.dofs > before.dofs and before.seconds > 0):
-            return _TIME_POWER
-        of_step = last.seconds / last.steps / (before.seconds / before.steps)
-        power = log(of_step) / log(last.dofs / before.dofs)
-        return float(min(max(power, _LEAST_TIME_POWER), _TIME_POWER))
 
     def exceeds(self, forecast: Forecast, elapsed: float, available: float) -> str:
         """Return why the next level is not solved; empty if it is.
