@@ -98,6 +98,9 @@ class Supports:
         for k in range(3):
             modes[:, :, 3 + k] = np.cross(np.eye(3)[k], self._r)
         self._modes = modes[:, : kinematics.components]
+        if problem.rigid:
+            motions = self.labels, self._origin, problem.length, len(self.sizes)
+            self._twists = problem.rigid.twists(*motions)
         self.left = _null_space(self._conditions())
 
     def free_motions(self) -> list[FreeMotion]:
@@ -140,7 +143,7 @@ class Supports:
             own_motions = slice(6 * part, 6 * part + 6)
             gram[own_motions, own_motions] = block + none * max(1.0, np.trace(block))
         if problem.rigid:
-            rows = problem.rigid.constraint_rows(self.labels, self._origin, problem.length, size)
+            rows = problem.rigid.inadmissible(self._twists) / problem.length
             gram += rows.T @ rows
         return gram
 
@@ -177,9 +180,8 @@ class Supports:
         if not np.isfinite(found).all():
             return np.eye(count)
         if problem.rigid:
-            motions = self.labels, self._origin, problem.length, len(free)
-            rows = problem.rigid.spring_rows(*motions, problem.modulus)
-            found += (rows @ free).T @ (rows @ free)
+            springs = problem.rigid.stiffness_at_rest(self._twists @ free)
+            found += springs / (problem.modulus * problem.length**3)
         return (found + found.T) / 2
 
     def _resists(self, mode: Array, terms: Sequence[Term]) -> bool:
@@ -202,7 +204,7 @@ class Supports:
             work = np.array([(f * moved).sum(), (np.abs(f) * np.abs(moved)).sum()])
             net, total = self._comm.allreduce(work)
             if problem.rigid:
-                more = problem.rigid.load_work(self.labels, self._origin, problem.length, mode)
+                more = problem.rigid.work_at_rest(self._twists @ mode) / problem.length
                 net, total = net + more.sum(), total + np.abs(more).sum()
             if total > 0:
                 largest = max(largest, abs(net) / total)

@@ -119,34 +119,6 @@ class RigidLoads:
                 found[k + 3 : k + 6, k + 3 : k + 6] -= skew(acting[1])
         return found
 
-    def spring_rows(self, absolute: Array, relative: Array, modulus: float, length: float) -> Array:
-        """Return rows whose squares are the springs' stiffness, relative to E L.
-
-        Parameters
-        ----------
-        absolute, relative : (parts, 2, 3, n)
-            The parts' twists in n motions, and those relative to their parents, in units of L.
-        modulus, length : float
-            E [Pa] and L [m].
-        """
-        unit = modulus * length
-        of_points = np.sqrt(self._stiffness / unit)[:, None, None] * absolute[:, 0]
-        of_turns = np.sqrt(self._rotational / (unit * length**2))[:, None, None] * relative[:, 1]
-        size = absolute.shape[-1]
-        return np.concatenate([of_points.reshape(-1, size), of_turns.reshape(-1, size)])
-
-    def work(self, absolute: Array, relative: Array, length: float) -> Array:
-        """Return the work of loads and drives along a motion, (parts,).
-
-        Parameters are those of `spring_rows`, for one motion: (parts, 2, 3).
-        """
-        scale = np.array([1.0, 1 / length])[:, None]
-        work = (self._loads * absolute * scale).sum(axis=(1, 2))
-        for i, (link, twist) in enumerate(zip(self._tree.links, relative, strict=True)):
-            along, about = self.drive[UNKNOWNS * i], self.drive[UNKNOWNS * i + 3] * link.length
-            work[i] += link.axis @ (along * twist[0] + about * twist[1] / length)
-        return np.asarray(work)
-
 
 def _drive(part: Rigid, length: float) -> Array:
     """Return the forces of a part's joint on its unknowns at amplitude 1, (6,)."""

@@ -120,6 +120,7 @@ class RigidParts(Term):
         points = points * self._translations
         links = [self._link(i, radii[i], points[i]) for i in range(len(parts))]
         self.tree = RigidTree(links)
+        self._rest = Poses(self.tree.points, np.tile(np.eye(3), (len(parts), 1, 1)))
         self._jointed = np.repeat([bool(link.joint) for link in self.tree.links], UNKNOWNS)
         self._offsets = self._X - self.tree.points[self.labels]
         self._slots = self._choose_slots(_dolfinx.local_to_global(V))
@@ -216,7 +217,7 @@ class RigidParts(Term):
         lengths = np.repeat([link.length for link in tree.links], 3).reshape(size, 3)
         moves = [self._motions.at(load) for load in _LOADS]
         prescribed = [np.hstack([v, w * lengths]).ravel() * ~tree.free for v, w in moves]
-        G = tree.jacobian(Poses(tree.points, np.tile(np.eye(3), (size, 1, 1))))
+        G = tree.jacobian(self._rest)
         twists = np.concatenate([G[:, tree.free].T, np.array(prescribed) @ G.T])
         twists = twists.reshape(-1, size, 2, 3).swapaxes(0, 1).copy()
         for found, point in zip(twists, tree.points, strict=True):
@@ -463,74 +464,43 @@ class RigidParts(Term):
         """The number of parts."""
         return len(self._parts)
 
-    def _twists(
-        self, owners: Array, origin: Array, length: float, size: int
-    ) -> tuple[Array, Array]:
-        """Return the parts' twists in rigid motions of the body, and relative to their parents.
-
-        The parameters are those of `constraint_rows`; both are (parts, 2, 3, size).
-        """
-        local = np.full(len(self._parts), -1)
-        local[self.labels] = owners[self.nodes]
-        found = np.zeros((2, len(self._parts), 2, 3, size))
-        for i, owner in enumerate(np.max(self._comm.allgather(local), axis=0)):
-            t, w = 6 * owner, 6 * owner + 3
-            found[0, i, 0, :, t : t + 3] = found[0, i, 1, :, w : w + 3] = np.eye(3)
-            found[0, i, 0, :, w : w + 3] = -skew((self.tree.points[i] - origin) / length)
-        for i, link in enumerate(self.tree.links):
-            found[1, i] = found[0, i]
-            if (a := link.parent) >= 0:
-                arm = (self.tree.points[i] - self.tree.points[a]) / length
-                found[1, i, 0] -= found[0, a, 0] - skew(arm) @ found[0, a, 1]
-                found[1, i, 1] -= found[0, a, 1]
-        return found[0], found[1]
-
-    def constraint_rows(self, owners: Array, origin: Array, length: float, size: int) -> Array:
-        """Return what the parts' conditions and joints constrain of rigid motions. Collective.
+    def twists(self, owners: Array, origin: Array, length: float, count: int) -> Array:
+        """Return the parts' twists in rigid motions of the body, (6 parts, 6 count). Collective.
 
         Parameters
         ----------
         owners : (owned nodes,) int
             The connected part of the body of each node.
         origin, length : (3,) array, float
-            Its motions are t + omega x (X - origin) / length.
-        size : int
-            Their number, 6 for each connected part: t, then omega.
-
-        Returns
-        -------
-        (rows, size)
-            Rows w with w . m = 0 for an admissible motion m.
+            Its motions are t length + omega x (X - origin).
+        count : int
+            The number of connected parts, each with the motions t, then omega.
         """
-        rows = [np.zeros((0, size))]
-        relative = self._twists(owners, origin, length, size)[1]
-        for link, (v, omega) in zip(self.tree.links, relative, strict=True):
-            across = np.eye(3) - np.outer(link.axis, link.axis)
-            if not link.joint:
-                rows += [v[~np.array(link.free[:3])], *([] if link.free[3] else [omega])]
-            elif link.joint == "slider":
-                rows += [across @ v, omega]
-            else:
-                rows += [v, *([across @ omega] if link.joint == "hinge" else [])]
-        return np.concatenate(rows)
+        local = np.full(self.number, -1)
+        local[self.labels] = owners[self.nodes]
+        found = np.zeros((self.number, UNKNOWNS, count, UNKNOWNS))
+        for i, owner in enumerate(np.max(self._comm.allgather(local), axis=0)):
+            found[i, :3, owner, :3], found[i, 3:, owner, 3:] = length * np.eye(3), np.eye(3)
+            found[i, :3, owner, 3:] = -skew(self.tree.points[i] - origin)
+        return found.reshape(UNKNOWNS * self.number, -1)
 
-    def spring_rows(
-        self, owners: Array, origin: Array, length: float, size: int, modulus: float
-    ) -> Array:
-        """Return rows whose squares are the springs' stiffness, relative to E L. Collective.
+    def inadmissible(self, twists: Array) -> Array:
+        """Return what conditions and joints do not admit of twists (6 parts, n) at rest [m]."""
+        lengths = np.repeat([[1.0, link.length] for link in self.tree.links], 3)[:, None]
+        scaled = lengths * twists
+        basis = np.linalg.qr((lengths * self.tree.jacobian(self._rest))[:, self.tree.free])[0]
+        return np.asarray(scaled - basis @ (basis.T @ scaled))
 
-        The parameters are those of `constraint_rows`, and the modulus E [Pa].
-        """
-        twists = self._twists(owners, origin, length, size)
-        return self._loads.spring_rows(*twists, modulus, length)
+    def stiffness_at_rest(self, twists: Array) -> Array:
+        """Return the springs' stiffness along twists (6 parts, n) at rest, (n, n)."""
+        return np.asarray(twists.T @ self._loads.spring_matrix(self._rest) @ twists)
 
-    def load_work(self, owners: Array, origin: Array, length: float, mode: Array) -> Array:
-        """Return minus the work of the parts' loads along a rigid motion, (parts,). Collective.
-
-        The parameters are those of `constraint_rows`, and the motion (size,).
-        """
-        absolute, relative = self._twists(owners, origin, length, len(mode))
-        return -self._loads.work(absolute @ mode, relative @ mode, length)
+    def work_at_rest(self, twist: Array) -> Array:
+        """Return minus the work of each load and drive along an admissible twist (6 parts,)."""
+        G = self.tree.jacobian(self._rest) * self.tree.free
+        unknowns = np.linalg.lstsq(G, twist, rcond=None)[0]
+        works = [self._loads.loads(self._rest) * twist, -self._loads.drive * unknowns]
+        return np.concatenate(works)
 
     # --- motion in time --------------------------------------------------------------------------
 
