@@ -287,46 +287,36 @@ class Rigid(Feature, MotionTable):
 
 def check_motions(part: Rigid, kinematics: Kinematics) -> None:
     """Raise BadInput for a key of a part that names motions which a kinematics does not have."""
-    admitted = kinematics.rigid_motions
-    axes = ("x", "y", "z")
-    along = [axis for axis, there in zip(axes, admitted[:3], strict=True) if there]
-    about = [axis for axis, there in zip(axes, admitted[3:], strict=True) if there]
-    if len(about) == len(axes):
+    along, about = np.reshape(kinematics.rigid_motions, (2, 3))
+    if about.all():
         return
-    joint, rotate, spring = part.joint, part.rotate, part.spring
-    kind = joint.kind if joint else ""
-    translations, rotations = f"components along {' and '.join(along)} alone", "no value"
-    if about:
-        rotations = f"a component about {', '.join(about)} alone"
-    on_plane = "a point of the axis, x = z = 0" if kinematics.revolved else "a point with z = 0"
+    joint, rotate, turns = part.joint, part.rotate, about.any()
+    accepted = f"motions along {' and '.join(np.array(list('xyz'))[along])} alone"
+    for axis in np.array(list("xyz"))[about]:
+        accepted += f", and about {axis}"
+    accepted += f", with kinematics = '{kinematics.name}'"
+    slides = joint is not None and joint.kind == "slider"
     vectors = {
-        "translate": (part.translate, along, translations),
-        "force": (part.force, along, translations),
-        "torque": (part.torque, about, rotations),
-        "rotate.axis": (rotate and rotate.axis, about, rotations),
-        "joint.axis": (joint and joint.axis, along if kind == "slider" else about, ""),
-        "about": (part.about, along, on_plane),
-        "rotate.through": (rotate and rotate.through, along, on_plane),
-        "joint.through": (joint and joint.through, along, on_plane),
+        "translate": (part.translate, along),
+        "force": (part.force, along),
+        "torque": (part.torque, about),
+        "rotate.axis": (rotate and rotate.axis, about),
+        "joint.axis": (joint and joint.axis, along if slides else about),
+        "about": (part.about, along),
+        "rotate.through": (rotate and rotate.through, along),
+        "joint.through": (joint and joint.through, along),
     }
-    vectors["joint.axis"] = (
-        *vectors["joint.axis"][:2],
-        translations if kind == "slider" else rotations,
-    )
-    for key, (vector, components, accepted) in vectors.items():
-        others = [v for v, axis in zip(vector or (), axes) if axis not in components]
-        if any(others):
-            wanted = f"{accepted}, with kinematics = '{kinematics.name}'"
-            raise bad_value(f"rigid.{key}", list(vector or ()), wanted)
-    wanted = f"motions among {', '.join(along + ['rotation'] * bool(about))}"
-    wanted += f", with kinematics = '{kinematics.name}'"
+    for key, (vector, components) in vectors.items():
+        if np.any(np.array(vector or np.zeros(3))[~components]):
+            raise bad_value(f"rigid.{key}", list(vector or ()), accepted)
+    there = dict(zip(MOTIONS, (*along, turns), strict=True))
     for motion in part.free or ():
-        if motion not in along and not (about and motion == "rotation"):
-            raise bad_value("rigid.free", motion, wanted)
-    if not about and spring and spring.rotation:
-        raise bad_value("rigid.spring.rotation", spring.rotation, wanted)
-    if not about and kind in ("ball", "hinge"):
-        raise bad_value("rigid.joint.kind", kind, wanted)
+        if not there[motion]:
+            raise bad_value("rigid.free", motion, accepted)
+    if not turns and part.spring and part.spring.rotation:
+        raise bad_value("rigid.spring.rotation", part.spring.rotation, accepted)
+    if not turns and joint and not slides:
+        raise bad_value("rigid.joint.kind", joint.kind, accepted)
 
 
 def check_names(parts: Sequence[Rigid]) -> None:
