@@ -29,8 +29,6 @@ class Feature(Table):
     stateless : bool
         Whether its terms keep nothing from one evaluation to the next, so that two problems may
         share them: cell pressures may then be unknowns.
-    has_mass : bool
-        Whether its terms add to the mass of a body in time.
     nodal_fields : mapping of str to OutputField
         The fields at the nodes that a scene with the table may name in ``fields``: its terms then
         have the method of `fem_snh.terms.term.Term.nodal_field`.
@@ -39,7 +37,6 @@ class Feature(Table):
     key: ClassVar[str]
     planar: ClassVar[bool] = False
     stateless: ClassVar[bool] = False
-    has_mass: ClassVar[bool] = False
     nodal_fields: ClassVar[Mapping[str, OutputField]] = {}
 
     @classmethod
@@ -118,13 +115,10 @@ def create_terms(features: Iterable[Any], body: Body) -> list[Term]:
     body : Body
         What they act on.
     """
-    groups = list(grouped(features))
-    made: dict[int, Sequence[Term]] = {}
-    # Those with a mass come first: the weight is that of the whole mass.
-    for i in sorted(range(len(groups)), key=lambda i: not getattr(groups[i][0], "has_mass", False)):
-        kind, some = groups[i]
-        made[i] = kind.create_terms(some, body) if issubclass(kind, Feature) else some
-    return [term for i in range(len(groups)) for term in made[i]]
+    made: list[Term] = []
+    for kind, given in grouped(features):
+        made += kind.create_terms(given, body) if issubclass(kind, Feature) else given
+    return made
 
 
 def feature_classes(tables: type[Table]) -> Iterator[type[Feature]]:

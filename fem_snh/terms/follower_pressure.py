@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from petsc4py import PETSc
 
@@ -15,7 +15,7 @@ from fem_snh.tables.validation import is_expression
 from fem_snh.terms.body import Body, check_expression, is_uniform, present
 from fem_snh.terms.closing_surface import ClosingSurface, NotClosedError
 from fem_snh.terms.swept_volume import SweptVolume
-from fem_snh.terms.ufl_term import UFLTerm, UFLTerms
+from fem_snh.terms.ufl_term import UFLTerms
 
 if TYPE_CHECKING:
     from fem_snh.terms.loads import Pressure
@@ -50,28 +50,20 @@ class FollowerPressure(UFLTerms):
         On every rank, for a group that is unknown or not a surface.
     """
 
-    name, depends_on_load = "pressure", True
-
     def __init__(self, pressures: Sequence[Pressure], body: Body) -> None:
-        u, dirichlet = body.u, body.dirichlet
-        self._amplitudes = [body.amplitudes.force(load.table) for load in pressures]
-        given = [load.value if is_expression(load.value) else 1.0 for load in pressures]
-        for value in filter(is_expression, given):
-            check_expression("pressure.value", value, u)
-        #: The pressures at amplitude 1 are numbers times expressions.
-        self._numbers = [1.0 if is_expression(load.value) else load.value for load in pressures]
-        self._expressions = given
-        self._present = [body.constant(0.0) for _ in pressures]
+        super().__init__("pressure", body.u)
         V, kinematics = body.V, body.kinematics
+        amplitudes = [body.amplitudes.force(load.table) for load in pressures]
         facets = [body.facets("pressure.group", load.group) for load in pressures]
-        parts = zip(self._present, given, facets, strict=True)
-        self._terms = [
-            UFLTerm(p * SweptVolume(V, on, kinematics).residual(u, q), u, self.name)
-            for p, q, on in parts
-        ]
+        self._values: list[Any] = []
+        for load, amplitude, on in zip(pressures, amplitudes, facets, strict=True):
+            p = load.value if is_expression(load.value) else body.constant(load.value)
+            check_expression("pressure.value", p, body.u)
+            self._values.append(p)
+            self.add(SweptVolume(V, on, kinematics).residual(body.u, p), amplitude)
         #: Numbers of pressures that are equal at all loads, and the volumes that they act on.
         self._enclosed: list[tuple[int, SweptVolume]] = []
-        equal = list(zip(self._amplitudes, given, self._numbers, strict=True))
+        equal = [(a, load.value) for a, load in zip(amplitudes, pressures, strict=True)]
         causes: dict[str, list[str]] = {}
         for pressure in dict.fromkeys(equal):
             which = [i for i, other in enumerate(equal) if other == pressure]
@@ -80,7 +72,7 @@ class FollowerPressure(UFLTerms):
                 cause = "as it varies over the surface"
             else:
                 try:
-                    closing = ClosingSurface(V, on, dirichlet, kinematics)
+                    closing = ClosingSurface(V, on, body.dirichlet, kinematics)
                     volume = SweptVolume(V, on, kinematics, closing)
                     self._enclosed.append((which[0], volume))
                     if closing.lids:
@@ -96,14 +88,6 @@ class FollowerPressure(UFLTerms):
         ]
         self.note = f"{'; '.join(texts)}: the line search is on the residual" if texts else ""
 
-    def set_load(self, load: float) -> None:
-        """Set the pressures of a load."""
-        factors = zip(self._present, self._numbers, self._amplitudes, strict=True)
-        for factor, number, amplitude in factors:
-            factor.value = np.array(number * amplitude(load))
-        for term in self._terms:
-            term.set_load(load)
-
     def energy(self, u: PETSc.Vec, p: PETSc.Vec | None = None) -> float:
         """Return the potential of the pressures [J], zero at rest. Collective.
 
@@ -115,6 +99,6 @@ class FollowerPressure(UFLTerms):
         if not self.has_energy:
             raise BadInput(self.note)
         return sum(
-            float(self._present[i].value * present(self._expressions[i])) * volume.change(u)
+            float(self._factors[i][0].value * present(self._values[i])) * volume.change(u)
             for i, volume in self._enclosed
         )

@@ -32,13 +32,13 @@ class Traction(Feature):
     @classmethod
     def create_terms(cls, features: Sequence[Self], body: Body) -> Sequence[Term]:
         """Return one term of all tractions. Collective."""
-        from fem_snh.terms.dead_load import DeadLoad  # imports PETSc
+        from fem_snh.terms.ufl_term import UFLTerms  # imports PETSc
 
-        term = DeadLoad(cls.key, body.V)
+        term = UFLTerms(cls.key, body.u)
         for load in features:
             ds, key = body.measure("traction.group", load.group), f"{cls.key}.vector"
             force = body.expression(key, body.components(key, load.vector))
-            term.add(force, ds, body.amplitudes.force(load.table), is_expression(load.vector))
+            term.add_load(force, ds, body.amplitudes.force(load.table))
         return [term]
 
 
@@ -82,9 +82,10 @@ class Gravity(Feature):
     def create_terms(cls, features: Sequence[Self], body: Body) -> Sequence[Term]:
         """Return one term of all accelerations. Collective."""
         from fem_snh.terms.body import is_uniform
-        from fem_snh.terms.dead_load import DeadLoad  # imports PETSc
+        from fem_snh.terms.ufl_term import UFLTerms  # imports PETSc
+        from fem_snh.terms.weight import Weight
 
-        term = DeadLoad(cls.key, body.V)
+        fields, uniform = UFLTerms(cls.key, body.u), []
         for load in features:
             amplitude = body.amplitudes.force(load.table)
             vector = body.components(f"{cls.key}.vector", load.vector)
@@ -93,11 +94,12 @@ class Gravity(Feature):
                 accepted = f"a vector along the axis y, in {body.kinematics.name}"
                 raise bad_value(f"{cls.key}.vector", list(load.vector), accepted)
             if body.motion and is_uniform(vector):
-                term.add_weight(body.motion.mass, vector, amplitude)
+                uniform.append((vector, amplitude))
             else:
                 density = body.density(cls.key) * body.expression(cls.key, vector)
-                term.add(density, body.cells, amplitude, given)
-        return [term]
+                fields.add_load(density, body.cells, amplitude)
+        weights = [Weight(body.V, body.motion.mass, uniform)] if body.motion and uniform else []
+        return [*([fields] if len(uniform) < len(features) else []), *weights]
 
 
 _Stiffness = Annotated[Bounded, Field(ge=0)]
@@ -128,6 +130,22 @@ class Spring(Feature):
     @classmethod
     def create_terms(cls, features: Sequence[Self], body: Body) -> Sequence[Term]:
         """Return one term of all foundations. Collective."""
-        from fem_snh.terms.foundation import Foundation  # imports PETSc
+        import numpy as np
+        import ufl
 
-        return [Foundation(features, body)]
+        from fem_snh.terms.ufl_term import UFLTerms  # imports PETSc
+
+        term, components = UFLTerms(cls.key, body.u), body.kinematics.components
+        for spring in features:
+            key, k = "spring.stiffness", spring.stiffness
+            if is_expression(k):
+                k = body.expression(key, k)
+                term.depends_on_load |= body.dirichlet.depends_on_load
+            else:
+                each = k if isinstance(k, tuple) else (k,) * components
+                k = body.constant(np.array(body.components(key, each), float))
+            forces = [(k[i] if k.ufl_shape else k) * body.u[i] for i in range(components)]
+            energy = ufl.inner(ufl.as_vector(forces), body.u) / 2
+            amplitude = body.amplitudes.force(spring.table) if spring.table else None
+            term.add(energy * body.measure("spring.group", spring.group), amplitude)
+        return [term]

@@ -109,7 +109,7 @@ class Rigid(Feature, MotionTable):
     then prescribed, as those of [[move]], or zero.
     """
 
-    key, planar, has_mass = "rigid", True, True
+    key, planar = "rigid", True
     one_of = ("group", "shape", "surface")
     excludes = {"joint": ("translate", "rotate", "free", "about")}
     needs = {

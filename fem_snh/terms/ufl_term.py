@@ -7,7 +7,7 @@ positive semidefinite, as with the closed-form filter of the materials.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from math import isnan
 from time import perf_counter
@@ -269,13 +269,53 @@ def _at_u(form: Any, u: Any) -> Any:
 
 
 class UFLTerms(Term):
-    """Forces and Hessian of several `UFLTerm`: UFL accepts one set of marked facets per form.
+    """Energies or residuals, each times an amplitude of the load.
 
-    Subclasses set the list ``_terms``.
+    Each is a `UFLTerm` of its own: UFL accepts one set of marked facets per form.
+
+    Parameters
+    ----------
+    name : str
+        The term's name in run.json.
+    u : dolfinx Function
+        The displacement in the forms.
     """
 
-    stateless = True
-    _terms: list[UFLTerm]
+    has_energy = stateless = True
+
+    def __init__(self, name: str, u: _dolfinx.Function) -> None:
+        self.name, self._u = name, u
+        self._terms: list[UFLTerm] = []
+        self._factors: list[tuple[Any, Callable[[float], float]]] = []
+
+    def add(self, form: Any, amplitude: Callable[[float], float] | None = float) -> None:
+        """Add a form times an amplitude; `float` is the load itself, None constant. Collective."""
+        at_rest = 1.0 if amplitude is None else amplitude(0.0)
+        factor = _dolfinx.constant(self._u.function_space.mesh, at_rest)
+        self._terms.append(UFLTerm(factor * form, self._u, self.name))
+        if amplitude is not None:
+            self._factors.append((factor, amplitude))
+            self.depends_on_load = True
+
+    def add_load(self, density: Any, measure: Any, amplitude: Callable[[float], float]) -> None:
+        """Add the dead load of a force density over a UFL measure. Collective."""
+        self.add(-ufl.inner(density, self._u) * measure, amplitude)
+
+    def set_load(self, load: float) -> None:
+        """Set the factors of a load; dead loads are assembled again."""
+        for factor, amplitude in self._factors:
+            factor.value = np.array(amplitude(load))
+        for term in self._terms:
+            term.set_load(load)
+
+    @property
+    def has_hessian(self) -> bool:
+        """Whether the forces depend on the displacement."""
+        return any(term.has_hessian for term in self._terms)
+
+    def energy(self, u: PETSc.Vec, p: PETSc.Vec | None = None) -> float:
+        """Return the sum of the energies [J]. Collective."""
+        return sum(term.energy(u, p) for term in self._terms)
 
     @property
     def symmetric(self) -> bool:
