@@ -177,7 +177,7 @@ class SurfacePair(ContactPair):
         if len(np.intersect1d(first.nodes, second.nodes)):
             raise bad_value("contact.groups", pair.name, "two surfaces without a common node")
         self.side = side = Side.joined(first, second)
-        law = ContactLaw.of(
+        law = ContactLaw(
             pair, "contact", side.weights.ravel(), np.full(1, default), height, share=0.5
         )
         super().__init__(pair.name, law)

@@ -148,20 +148,18 @@ class ContactLaw:
 
     Parameters
     ----------
-    name : str
-        Of the contact, for the reason of a failure.
+    pair : RigidContact or BodyPair
+        The choice of a method, a stiffness and a tolerance.
+    what : str
+        What kind of contact it is, for the reason of a failure.
     weights : array
         Quadrature weights in the reference configuration [m^2].
-    stiffness : array
-        Penalty stiffness k [Pa/m], of a shape that extends to that of the weights.
-    ratio : float
-        The default stiffness over the given one.
-    augmented : bool
-        Whether there are multipliers.
-    tolerance : array or float
-        Largest gap in contact [m], with multipliers.
-    limits_force : bool
-        Whether the change of the force by an augmentation is limited, too.
+    default : array
+        The default stiffness [Pa/m], of a shape that extends to that of the weights.
+    height : array or float
+        The height of the cells at the points [m].
+    share : float
+        The part of the stiffness that these points have.
     comm : MPI.Comm
         The ranks that share the points. Default: each rank has all of them.
 
@@ -179,27 +177,6 @@ class ContactLaw:
 
     def __init__(
         self,
-        name: str,
-        weights: Array,
-        stiffness: Array,
-        ratio: float = 1.0,
-        augmented: bool = False,
-        tolerance: Array | float = 0.0,
-        limits_force: bool = False,
-        comm: MPI.Comm = MPI.COMM_SELF,
-    ) -> None:
-        self.weights, self.augmented = weights, augmented
-        self._name, self.comm, self._limits_force = name, comm, limits_force
-        self._tolerance = np.broadcast_to(tolerance, weights.shape)
-        self._given = np.broadcast_to(stiffness, weights.shape)
-        self.multipliers, self.kept = np.zeros_like(weights), np.zeros_like(weights)
-        self._default, self._largest = max(ratio, 1.0), max(_LARGEST * ratio, 1.0)
-        self.kept_factor, self.version = 1.0, 0
-        self.begin_step()
-
-    @classmethod
-    def of(
-        cls,
         pair: RigidContact | BodyPair,
         what: str,
         weights: Array,
@@ -207,32 +184,19 @@ class ContactLaw:
         height: Array | float,
         share: float = 1.0,
         comm: MPI.Comm = MPI.COMM_SELF,
-    ) -> ContactLaw:
-        """Return the law that is chosen for a pair. Collective.
-
-        Parameters
-        ----------
-        pair : RigidContact or BodyPair
-            The choice.
-        what : str
-            What kind of contact it is, for the reason of a failure.
-        weights : array
-            Quadrature weights [m^2].
-        default : array
-            The default stiffness [Pa/m], of a shape that extends to that of the weights.
-        height : array or float
-            The height of the cells at the points [m].
-        share : float
-            The part of the stiffness that these points have.
-        comm : MPI.Comm
-            The ranks that share the points.
-        """
-        k = default if pair.stiffness is None else np.full_like(default, pair.stiffness)
-        ratio = comm.allreduce((default / k).max(initial=0.0), op=MPI.MAX)
+    ) -> None:
+        self.weights, self.augmented = weights, pair.augmented
+        self._name, self.comm = f"{what} '{pair.name}'", comm
+        self._limits_force = pair.tolerance is None and pair.limits_force
         tolerance = TOLERANCE * height if pair.tolerance is None else pair.tolerance
-        limited = pair.tolerance is None and pair.limits_force
-        name = f"{what} '{pair.name}'"
-        return cls(name, weights, share * k, ratio, pair.augmented, tolerance, limited, comm)
+        self._tolerance = np.broadcast_to(tolerance, weights.shape)
+        k = default if pair.stiffness is None else np.full_like(default, pair.stiffness)
+        self._given = np.broadcast_to(share * k, weights.shape)
+        self.multipliers, self.kept = np.zeros_like(weights), np.zeros_like(weights)
+        ratio = comm.allreduce((default / k).max(initial=0.0), op=MPI.MAX)
+        self._default, self._largest = max(ratio, 1.0), max(_LARGEST * ratio, 1.0)
+        self.kept_factor, self.version = 1.0, 0
+        self.begin_step()
 
     def begin_step(self) -> None:
         """Reset the multipliers and the stiffness to those of the last accepted step."""

@@ -14,7 +14,7 @@ from fem_snh.contact.contact import ContactTable
 from fem_snh.errors import bad_value, on_every
 from fem_snh.geometry.motion_files import read_motion
 from fem_snh.geometry.motions import DisplacementMotion, Motion, MovingShape
-from fem_snh.geometry.shapes import Box, Revolved, read_polygon
+from fem_snh.geometry.shapes import Box, Revolved
 from fem_snh.records.output_fields import AT_OBSTACLES, OutputField
 from fem_snh.records.run_files import surface_copy
 from fem_snh.tables.amplitudes import Amplitudes, MotionTable
@@ -33,21 +33,14 @@ class Obstacle(Feature, ContactTable, MotionTable):
     """A rigid obstacle, which may move: the body's surface does not enter it."""
 
     key, planar = "obstacle", True
-    one_of = ("shape", "surface", "profile")
+    one_of = ("shape", "surface")
     excludes = {"motion": ("translate", "rotate", "table")}
     nodal_fields: ClassVar[Mapping[str, OutputField]] = AT_OBSTACLES
-    shape: ShapeChoice | None = Field(
-        default=None, description="Its shape; or 'surface', or 'profile'."
-    )
+    shape: ShapeChoice | None = Field(default=None, description="Its shape; or 'surface'.")
     surface: SurfaceFile | None = Field(
         default=None,
         description="STL or OBJ file of a closed surface, instead of 'shape'; "
         "its path is relative to the scene file.",
-    )
-    profile: CsvFile | None = Field(
-        default=None,
-        description="CSV file of the corners of a polygon, x and y in each line, instead of "
-        "'shape'; its path is relative to the scene file.",
     )
     motion: CsvFile | None = Field(
         default=None,
@@ -74,6 +67,13 @@ class Obstacle(Feature, ContactTable, MotionTable):
         """Return the names of the forces that the obstacles exert on the body."""
         return [f"{name}.force" for name in names(features)]
 
+    @property
+    def _solid(self) -> ShapeChoice | Path:
+        """The table of the shape, or the file of its surface."""
+        solid = self.shape or self.surface
+        assert solid
+        return solid
+
     def moving(self, amplitudes: Amplitudes) -> MovingShape:
         """Return the shape with its motion; read the files that they name.
 
@@ -82,14 +82,12 @@ class Obstacle(Feature, ContactTable, MotionTable):
         BadInput
             One line, for a file that cannot be read or is not valid.
         """
-        solid = self.shape or self.surface
-        shape = shape_of(solid) if solid else read_polygon(Path(str(self.profile)))
         motion: Motion | None = None
         if self.motion is not None:
             motion = read_motion(self.motion, amplitudes.duration)
         elif self.is_moved:
             motion = DisplacementMotion(self.scaled(amplitudes).displacement)
-        return MovingShape(shape, motion)
+        return MovingShape(shape_of(self._solid), motion)
 
     @classmethod
     def create_terms(cls, features: Sequence[Self], body: Body) -> Sequence[Term]:
@@ -125,15 +123,11 @@ class Obstacle(Feature, ContactTable, MotionTable):
         """
         found = {}
         for i, (name, obstacle) in enumerate(zip(names(features), features, strict=True)):
-            if obstacle.shape:
-                shape = obstacle.shape.record()
-            elif obstacle.surface:
-                shape = {"surface": surface_copy("obstacle", i, obstacle.surface)}
+            solid = obstacle._solid
+            if isinstance(solid, ShapeChoice):
+                shape = solid.record()
             else:
-                section: Any = terms[0].contacts[i].obstacle.shape
-                if isinstance(section, Revolved):
-                    section = section.section
-                shape = {"polygon": {"points": [list(corner) for corner in section.points]}}
+                shape = {"surface": surface_copy("obstacle", i, solid)}
             found[name] = {
                 "shape": shape,
                 "friction": obstacle.friction,

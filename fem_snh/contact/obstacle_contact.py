@@ -133,7 +133,7 @@ class ObstacleContact(SurfaceContact, WorkingTerm, MeanForceTerm):
         default = default_stiffness(surface, regions)[:, None]
         self.pairs = []
         for c in contacts:
-            law = ContactLaw.of(c, "obstacle", surface.weights, default, heights, comm=self.comm)
+            law = ContactLaw(c, "obstacle", surface.weights, default, heights, comm=self.comm)
             friction = None
             if c.friction:
                 stiffness = _TANGENTIAL * law.stiffness[:, 0]

@@ -18,11 +18,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from scipy.spatial.transform import Rotation
 
 from fem_snh.geometry.rotations import (
     exponential,
     inverse_left_jacobian,
-    logarithm,
     nearest_rotation,
     skew,
     turn_about,
@@ -288,7 +288,7 @@ class RigidTree:
         """Return the rotation vector of a part relative to its parent, in present axes, (3,)."""
         parent = self.links[part].parent
         R = poses.R[part]
-        return logarithm(R @ poses.R[parent].T if parent >= 0 else R)
+        return rotation_vector(R @ poses.R[parent].T if parent >= 0 else R)
 
     def spring_stiffness(self, poses: Poses, part: int) -> Array:
         """Return the second derivative of half the square of `relative_rotation` by the twists."""
@@ -301,6 +301,11 @@ class RigidTree:
             found[a, a] = found[w, w]
             found[a, w], found[w, a] = -J, -J.T
         return found
+
+
+def rotation_vector(R: Array) -> Array:
+    """Return the rotation vector (3,) of a rotation matrix; its angle is at most pi."""
+    return np.asarray(Rotation.from_matrix(R).as_rotvec())
 
 
 def fit_poses(links: Sequence[Link], means: Array, places: Array, products: Array) -> Poses:

@@ -32,24 +32,6 @@ def exponential(omega: Array) -> Array:
     return rotate(omega, np.eye(3)).T
 
 
-def logarithm(R: Array) -> Array:
-    """Return the rotation vector (3,) of a rotation matrix; its angle is at most pi."""
-    # The quaternion by the largest of its components (Shepperd 1978), which is accurate near pi.
-    K = np.array(
-        [
-            [R[0, 0] - R[1, 1] - R[2, 2], 0, 0, 0],
-            [R[0, 1] + R[1, 0], R[1, 1] - R[0, 0] - R[2, 2], 0, 0],
-            [R[0, 2] + R[2, 0], R[1, 2] + R[2, 1], R[2, 2] - R[0, 0] - R[1, 1], 0],
-            [R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1], np.trace(R)],
-        ]
-    )
-    q = np.linalg.eigh((K + K.T - np.diag(np.diag(K))) / 3)[1][:, -1]
-    q = -q if q[3] < 0 else q
-    sine = float(np.linalg.norm(q[:3]))
-    angle = 2 * np.arctan2(sine, q[3])
-    return np.asarray(q[:3] * (angle / sine if sine > 0 else 2.0))
-
-
 def nearest_rotation(A: Array) -> Array:
     """Return the rotations that are nearest to matrices A, (..., 3, 3) (Kabsch 1976)."""
     U, _, Vt = np.linalg.svd(A)

@@ -41,8 +41,8 @@ from fem_snh.assembly.unknowns import (
     writable_values,
 )
 from fem_snh.errors import bad_value
-from fem_snh.geometry.rigid_tree import UNKNOWNS, Link, Poses, RigidTree, fit_poses
-from fem_snh.geometry.rotations import exponential, inverse_left_jacobian, logarithm, skew
+from fem_snh.geometry.rigid_tree import UNKNOWNS, Link, Poses, RigidTree, fit_poses, rotation_vector
+from fem_snh.geometry.rotations import exponential, inverse_left_jacobian, skew
 from fem_snh.terms.body import Body
 from fem_snh.terms.rigid import Rigid, check_motions
 from fem_snh.terms.rigid_loads import PrescribedMotions, RigidLoads
@@ -435,7 +435,7 @@ class RigidParts(Term):
         if kind == "displacement":
             wrench[component] = 1.0
         else:
-            theta = logarithm(self.poses(x).R[self.names.index(part)])
+            theta = rotation_vector(self.poses(x).R[self.names.index(part)])
             wrench[3:] = inverse_left_jacobian(theta)[component]
         return self._spread(x, part, wrench)
 
@@ -613,7 +613,7 @@ class RigidParts(Term):
             name: {
                 "position": poses.c[i].tolist(),
                 "displacement": (poses.c[i] - self.tree.points[i]).tolist(),
-                "rotation": logarithm(poses.R[i]).tolist(),
+                "rotation": rotation_vector(poses.R[i]).tolist(),
                 "force": forces[i, 0].tolist(),
                 "moment": forces[i, 1].tolist(),
             }

@@ -9,6 +9,7 @@ from contact_problems import plane, translation
 
 from fem_snh import _dolfinx
 from fem_snh.contact.law import ContactLaw
+from fem_snh.contact.obstacle_contact import RigidContact
 from fem_snh.contact.obstacle_pair import ObstaclePair
 from fem_snh.contact.surface_quadrature import SurfaceQuadrature
 
@@ -19,8 +20,10 @@ def pair_below(comm, motion):
     """The contact of a unit cube, 0.01 deep in a plane that moves; and the nodes."""
     V = _dolfinx.function_space(cube(comm, "tetrahedron", 2).domain, 1, (3,))
     surface, X = SurfaceQuadrature(V), V.tabulate_dof_coordinates()
-    law = ContactLaw("plane", surface.weights, np.full(1, 100.0))
-    return ObstaclePair("plane", surface, X, plane((0, 0, 0.01), motion=motion), law), X
+    obstacle = plane((0, 0, 0.01), motion=motion)
+    chosen = RigidContact("plane", obstacle)
+    law = ContactLaw(chosen, "obstacle", surface.weights, np.full(1, 100.0), height=0.5)
+    return ObstaclePair("plane", surface, X, obstacle, law), X
 
 
 @mpi

@@ -61,7 +61,7 @@ def test_a_motion_is_that_of_move() -> None:
 @pytest.mark.parametrize(
     ("keys", "message"),
     [
-        ({}, "obstacle.0: expected one of the keys shape, surface, profile; found none"),
+        ({}, "obstacle.0: expected one of the keys shape, surface; found none"),
         ({"shape": {}}, "obstacle.0.shape: expected one of the keys plane, .*box, .*; found none"),
         (
             {"shape": {"capsule": {**ENDS, "to": [0, 0, 0]}}},
@@ -70,7 +70,7 @@ def test_a_motion_is_that_of_move() -> None:
         ({"shape": {"plane": {"normal": [0, 0, 0]}}}, "shape.plane.normal = .*: expected a vector"),
         (
             {**ON_BALL, "surface": "a.stl"},
-            "expected one of the keys shape, surface, profile; found shape, surface",
+            "expected one of the keys shape, surface; found shape, surface",
         ),
         ({**ON_BALL, "tolerance": 1e-3}, "tolerance = 0.001: expected no value, as the method"),
         ({**ON_BALL, "table": "ramp"}, "obstacle.0: missing key 'translate' or 'rotate'"),

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 
 import numpy as np
 
-from fem_snh.errors import BadInput, bad_value
+from fem_snh.errors import bad_value
 from fem_snh.geometry.shapes.shape import Array, Evaluation, Shape, inverse, lengths
 
 #: Distance, in parts of the polygon's diagonal, below which the direction to the closest point is
@@ -88,28 +86,6 @@ class Polygon(Shape):
         ]
         hessian[:, :2, :2] = np.where((corner & far)[:, None, None], curved, 0.0)
         return Evaluation(sign * length, gradient, hessian)
-
-
-def read_polygon(path: Path) -> Polygon:
-    """Return the polygon whose corners a CSV file has, x and y in each line; # begins a comment.
-
-    Raises
-    ------
-    BadInput
-        One line, for a file that cannot be read, with other columns, or that is no polygon.
-    """
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("error")  # of an empty file
-            corners = np.loadtxt(path, delimiter=",", ndmin=2, encoding="utf-8")
-    except (OSError, UserWarning, ValueError) as error:
-        raise BadInput(f"{path}: expected two numbers in each line, x,y: {error}") from None
-    if corners.shape[1:] != (2,) or not np.isfinite(corners).all():
-        raise BadInput(f"{path}: expected two finite numbers in each line, x,y")
-    try:
-        return Polygon(tuple((float(x), float(y)) for x, y in corners))
-    except BadInput as error:
-        raise BadInput(f"{path}: {error}") from None
 
 
 def _crosses(x: Array) -> bool:
