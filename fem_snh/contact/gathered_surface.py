@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 from scipy.sparse import csr_matrix, identity, kron
+from scipy.spatial import Delaunay
 
 from fem_snh import _dolfinx
 from fem_snh._dolfinx import FunctionSpace, Mesh
@@ -69,6 +70,8 @@ class GatheredNodes:
 _ROUNDING = 1e-9
 #: Distance on the reference facet below which two points are the same; nodes are 1/2 apart.
 _SAME = 1e-6
+#: A map that makes one diagonal of a square the shorter one, which Delaunay triangulations have.
+_SHEAR = np.array([[1.0, 0.1], [0.1, 1.0]])
 
 
 class FacetShape:
@@ -87,13 +90,8 @@ class FacetShape:
         The reference facet.
     nodes : (k, d)
         Reference coordinates of the nodes.
-    center : (d,)
-        Mean of the corners.
-    rim : (n, d) int
-        The edges between neighbouring nodes around the facet, anticlockwise; of a curve the nodes
-        on both sides of its middle, each with the sense in ``sense``.
-    sense : (n,)
-        1 or -1: whether the simplex of the centre and a part of the rim has the facet's sense.
+    simplices : (n, d + 1) int
+        Triangles between the nodes, anticlockwise; of a curve segments.
     """
 
     def __init__(self, kind: str, degree: int) -> None:
@@ -101,16 +99,13 @@ class FacetShape:
         nodes = _dolfinx.reference_nodes(kind, degree)
         self._order = np.lexsort(np.round(nodes / _SAME).T)
         self.nodes = nodes[self._order]
-        self.center = _dolfinx.reference_corners(kind).mean(axis=0)
-        arms = self.nodes - self.center
+        # Nodes of degree 3 are at 0.28 and 0.72 along edges, and at 1/3: nearest to the lattice's.
+        lattice = np.rint(degree * self.nodes)
         if kind == "interval":
-            self.rim = np.argsort(arms[:, 0])[[0, -1], None]
-            self.sense = np.array([-1.0, 1.0])
-            return
-        turn = np.argsort(np.arctan2(arms[:, 1], arms[:, 0]))
-        outline = turn[np.linalg.norm(arms, axis=1)[turn] > _SAME]
-        self.rim = np.stack([outline, np.roll(outline, -1)], axis=1)
-        self.sense = np.ones(len(outline))
+            order = np.argsort(lattice[:, 0])
+            self.simplices = np.stack([order[:-1], order[1:]], axis=1)
+        else:
+            self.simplices = Delaunay(lattice @ _SHEAR).simplices
 
     def evaluate(self, points: Array, order: int = 1) -> tuple[Array, ...]:
         """Return values, first and second derivatives up to an order at reference points (n, d).
@@ -120,14 +115,11 @@ class FacetShape:
         table = _dolfinx.tabulate_element(self.kind, self._degree, points, order)
         table = np.moveaxis(table[..., self._order], 0, -1)
         d = self.nodes.shape[1]
+        found = table[..., 0], table[..., 1 : 1 + d]
+        if order < 2:
+            return found[: order + 1]
         # basix's second derivatives are xx, xy, yy; of a curve xx.
-        second = [[3, 4], [4, 5]] if d == 2 else [[2]]
-        parts = (
-            table[..., 0],
-            table[..., 1 : 1 + d],
-            table[..., second] if order > 1 else None,
-        )
-        return tuple(part for part in parts[: order + 1] if part is not None)
+        return *found, table[..., [[3, 4], [4, 5]] if d == 2 else [[2]]]
 
     def outside(self, points: Array) -> Array:
         """Return how far reference points (n, d) are outside of the facet; <= 0 inside."""
@@ -305,11 +297,9 @@ class EmbeddedSurface:
         points and triangles does not depend on the number of ranks. The axis of a body of
         revolution is no surface.
         """
-        kind = _dolfinx.FACET_OF[_dolfinx.cell_name(V.mesh)]
         surface = GatheredSurface(V, [SurfaceQuadrature(V, degree=1)])
         side = surface.sides[0]
-        corners = _subdivision(surface.shape.nodes, kind, _dolfinx.degree(V))
-        triangles = side.nodes[:, corners]  # (facets, triangles, 3)
+        triangles = side.nodes[:, surface.shape.simplices]  # (facets, triangles, 3)
         flipped = side.outward < 0
         triangles[flipped] = triangles[flipped][..., ::-1]
         if revolved:
@@ -325,7 +315,7 @@ class EmbeddedSurface:
         return cls(
             V,
             surface.X[used[order]],
-            rank[index].reshape(-1, corners.shape[1]),
+            rank[index].reshape(-1, triangles.shape[-1]),
             nodes[:, None],
             np.ones((len(nodes), 1)),
         )
@@ -432,29 +422,6 @@ def carried_points(domain: Mesh, skin: Skin) -> tuple[Array, Array]:
     row_of[_dolfinx.input_cells(domain)[:owned]] = np.arange(owned)
     points = np.flatnonzero(row_of[skin.cells] >= 0)
     return points, row_of[skin.cells[points]]
-
-
-def _subdivision(nodes: Array, kind: str, degree: int) -> Array:
-    """Return the triangles (m, 3) between nodes of a facet with reference coordinates (k, d).
-
-    Of a curve they are segments, (m, 2).
-    """
-    # Those of degree 3 are at 0.28 and 0.72 along edges, and at 1/3: nearest to the lattice's.
-    order = np.lexsort(np.rint(degree * nodes).T)
-    return np.asarray(order[_lattice_triangles(kind, degree)])
-
-
-def _lattice_triangles(kind: str, degree: int) -> Array:
-    """Return the triangles between points sorted by their rows, or segments."""
-    if kind == "interval":
-        return np.stack([np.arange(degree), np.arange(1, degree + 1)], axis=1)
-    rows, columns = np.divmod(np.arange((degree + 1) ** 2), degree + 1)
-    has = rows + columns <= degree if kind == "triangle" else np.ones(len(rows), bool)
-    number = np.where(has, np.cumsum(has) - 1, -1).reshape(degree + 1, degree + 1)
-    corner, right, above = number[:-1, :-1], number[:-1, 1:], number[1:, :-1]
-    lower, upper = (corner, right, above), (right, number[1:, 1:], above)
-    found = np.stack([np.stack(lower, axis=-1), np.stack(upper, axis=-1)], axis=2).reshape(-1, 3)
-    return found[(found >= 0).all(axis=1)]
 
 
 class Blocks(NamedTuple):
