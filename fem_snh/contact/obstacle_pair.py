@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -255,7 +255,7 @@ class ObstaclePair(ContactPair):
         self._near = NearFacets(surface, X, self.distance, facets, self._material)
         #: Displacement at the start of a linearised step; its facets and points in contact.
         self._linear: tuple[Array, Array, Array] | None = None
-        #: Points and forces at the start of the step, of an obstacle that moves.
+        #: Facets and forces at the start of the step.
         self._before: list[tuple[Array, Array]] = []
         self._start = StepStart(surface, obstacle)
         #: The last displacement and what else `_evaluate` depends on, and what it returned.
@@ -286,8 +286,7 @@ class ObstaclePair(ContactPair):
         if self.friction:
             self.friction.begin_step(u, self.load, at)
         self._start.begin(u, self.load, at.which)
-        moves = self.obstacle.motion is not None
-        self._before = list(self._point_forces(u, at)) if moves else []
+        self._before = self._weighted_forces(u, at)
 
     def end_step(self, u: Array) -> None:
         """Accept the step: keep multipliers, and the elastic part of the slip."""
@@ -320,24 +319,15 @@ class ObstaclePair(ContactPair):
         The arguments are those of `fem_snh.terms.term.WorkingTerm`. The forces of a step that is
         linearised at its start are those of the linearisation; mean forces have no other weight.
         """
-        if self.mean_weight is not None:
+        mean = self.mean_weight is not None
+        if mean:
             end_weight = 1.0
         lost = self.friction.dissipated(u, end_weight) if self.friction else 0.0
         if self.obstacle.motion is None:
             return 0.0, lost
-        if self.mean_weight is not None:
-            x = self.surface.positions
-            found = self._weighted_forces(u, self._mean_points(u))
-            parts = [(f, x(self._start.u, which), x(u, which)) for which, f in found]
-        else:
-            parts = [(end_weight * f, x, x) for x, f in self._point_forces(u, self._end_points(u))]
-            parts += [((1 - end_weight) * f, x, x) for x, f in self._before]
-        loads = self._start.load, self.load
-        work = [
-            (forces * obstacle_displacement(self.obstacle, before, after, *loads)).sum()
-            for forces, before, after in parts
-        ]
-        return float(sum(work)), lost
+        start, at = self._start.u, self._mean_points(u) if mean else self._end_points(u)
+        work = end_weight * self._work_of(self._weighted_forces(u, at), start if mean else u, u)
+        return work + (1 - end_weight) * self._work_of(self._before, start, start), lost
 
     def acting(self, u: Array) -> tuple[Array, Array, Array]:
         """Return facets, gaps [m] and pressures [Pa]."""
@@ -452,10 +442,13 @@ class ObstaclePair(ContactPair):
         """Return the obstacle's material points that are at points (n, 3)."""
         return self.obstacle.pose(self.load).invert(x) if self.obstacle.motion else x
 
-    def _point_forces(self, u: Array, at: ContactPoints) -> Iterator[tuple[Array, Array]]:
-        """Yield positions [m] and forces [N], (m, points, 3): of contact, of friction."""
-        for which, forces in self._weighted_forces(u, at):
-            yield self.surface.positions(u, which), forces
+    def _work_of(self, forces: list[tuple[Array, Array]], before: Array, after: Array) -> float:
+        """Return the work of forces on facets [J], with the positions of two displacements."""
+        x, work, loads = self.surface.positions, 0.0, (self._start.load, self.load)
+        for which, values in forces:
+            ends = x(before, which), x(after, which)
+            work += float((values * obstacle_displacement(self.obstacle, *ends, *loads)).sum())
+        return work
 
     def _weighted_forces(self, u: Array, at: ContactPoints) -> list[tuple[Array, Array]]:
         """Return facets, and the forces (m, points, 3) at their points [N]: contact, friction."""
