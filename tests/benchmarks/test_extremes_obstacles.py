@@ -1,4 +1,4 @@
-"""The benchmark ``extremes``: the families with obstacles, and their criteria."""
+"""The benchmark ``extremes``: the families with obstacles on ranks."""
 
 from __future__ import annotations
 
@@ -10,54 +10,8 @@ import pytest
 from running import solve
 
 from benchmarks.extremes import drop, press
-from benchmarks.extremes.cases import ends_clearly
 
 pytestmark = pytest.mark.one_debian
-
-DONE: dict[str, Any] = {"converged": True, "status": "converged", "steps": 1}
-#: A run that stopped half-way, and a fall with its energies.
-REASON = "stopped at load 0.5: a step of 1/64 of the nominal one still fails (DIVERGED_MAX_IT)"
-STOPPED: dict[str, Any] = {"converged": False, "status": REASON, "steps": 1}
-HALF: dict[str, Any] = {"steps": [{"load": 0.5, "converged": True, "energy": 2.0}]}
-
-
-def fall(energy: float) -> dict[str, Any]:
-    """Return the record of a fall with an energy at its start."""
-    return HALF | {"time": {"start": {"energy": energy}}}
-
-
-def plate(force: float) -> dict[str, Any]:
-    """Return the record of a plate that exerts a force in z."""
-    return {"steps": [{"obstacles": {"plate": {"force": [0.0, 0.0, force]}}}]}
-
-
-def gap(depth: float) -> dict[str, Any]:
-    """Return the record of a plate that a point has passed by some depth."""
-    return {"steps": [{"obstacles": {"plate": {"penetration": depth}}}]}
-
-
-@pytest.mark.parametrize(
-    ("check", "record", "row", "message"),
-    [
-        (ends_clearly, HALF, DONE, ""),
-        (ends_clearly, HALF, STOPPED, ""),
-        (ends_clearly, {"steps": [{"load": 0.25, "converged": True}]}, STOPPED, REASON),
-        (ends_clearly, {"steps": []}, STOPPED, "no reason"),
-        (ends_clearly, HALF, STOPPED | {"status": "exit code 1: killed"}, "exit code 1: killed"),
-        (drop._no_growth, fall(2.0), DONE, ""),
-        (drop._no_growth, fall(1.99), DONE, "its energy grows to 2 J"),
-        (drop._no_growth, fall(2.0), STOPPED, ""),
-        (press._lets_through, plate(-3.9999), DONE, ""),
-        (press._lets_through, plate(-2.0), DONE, "the force is 2 N instead of 4 N"),
-        (press._lets_through, plate(-3.9999), STOPPED, "stopped"),
-        (press._flattens, gap(2.4e-4), DONE, ""),
-        (press._flattens, gap(2.6e-4), DONE, "the penetration is 0.00026 m"),
-        (press._flattens, gap(2.4e-4), STOPPED, "stopped"),
-    ],
-)
-def test_a_verdict(check: Any, record: Any, row: Any, message: str) -> None:
-    why = check(record, row)
-    assert why.startswith(message) and bool(why) == bool(message)
 
 
 @pytest.mark.mpi

@@ -6,14 +6,12 @@ import json
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
 from command_line import start_program
 
 from fem_snh import cli, materials, scenes
-from fem_snh.studies.processes import environment, program
 
 TINY = ["run", "twist", "--cells", "2", "--set", "angle=0.2", "--steps", "1", "--quiet"]
 
@@ -66,24 +64,6 @@ def test_petsc_options_reach_the_solver_and_no_convergence_is_1(tmp_path: Path) 
     done = start_program(*TINY, "--out", str(out), "--", "-snes_max_it", "0")
     assert done.returncode == 1 and "Traceback" not in done.stderr
     assert json.loads((out / "run.json").read_text())["converged"] is False
-
-
-def test_interrupt_leaves_a_readable_record(tmp_path: Path) -> None:
-    words = ["run", "twist", "--cells", "8", "--steps", "200", "--out", str(tmp_path / "out")]
-    process = subprocess.Popen(
-        [*program(1), *words], env=environment(), stderr=subprocess.PIPE, text=True,
-        stdout=subprocess.DEVNULL,
-    )  # fmt: skip
-    record, late = tmp_path / "out" / "run.json", time.monotonic() + 60
-    while not (record.exists() and json.loads(record.read_text()).get("steps")):
-        assert time.monotonic() < late and process.poll() is None
-        time.sleep(0.05)
-    process.send_signal(signal.SIGINT)
-    _, output = process.communicate(timeout=30)
-    assert process.returncode == 130, output
-    assert output.endswith("interrupted; what was computed is kept\n")
-    kept = json.loads(record.read_text())
-    assert kept["steps"] and kept["converged"] is False
 
 
 def test_a_closed_pipe_is_no_error() -> None:

@@ -30,17 +30,13 @@ def test_a_table_has_all_its_keys(capsys: pytest.CaptureFixture[str]) -> None:
     [
         ("obstacle.friction", "obstacle.friction Coulomb's coefficient of friction. "
          "Expected: a number >= 0; default: 0.0."),
-        ("friction", "obstacle.friction Coulomb"),
         ("move.0.translate", "Expected: three finite numbers, [x, y, z]."),
         ("shape.sphere", "radius The radius [length]. Expected: a number > 0; required."),
-        ("hessian", "Expected: one of exact, clamp, abs, adaptive."),
-        ("element", "Expected: one of P1, P2, P2P0"),
         ("time.integrator", "Expected: one of backward_euler, newmark,"),
         ("damping", "time.damping"),
         ("fields", "von_mises sqrt(3/2 s : s)"),
         ("material", "nu Poisson's ratio at small strain"),
         ("material.ogden", "exponents The exponents a_p."),
-        ("yeoh", "psi = C10 (I1 - 3)"),
         ("plot", "usage: fem-snh plot"),
     ],
 )  # fmt: skip

@@ -7,7 +7,6 @@ import gc
 import re
 import subprocess
 import sys
-from weakref import ref
 
 from petsc4py import PETSc
 
@@ -19,7 +18,6 @@ from paths import SUPPORT
 import fem_snh
 from fem_snh import _dolfinx
 from fem_snh.assembly.elements import ELEMENTS
-from fem_snh.solver.errors import free_unused
 from fem_snh.studies.processes import environment
 
 mpi = pytest.mark.mpi
@@ -36,26 +34,6 @@ def allocated(comm):
     libc.mallinfo2.restype = type("mallinfo2", (ctypes.Structure,), {"_fields_": fields})
     found = libc.mallinfo2()
     return comm.allreduce(found.uordblks + found.hblkhd)
-
-
-def linked(problems):
-    """Return which of the problems are still in memory."""
-    return [problem() is not None for problem in problems]
-
-
-@pytest.mark.one_debian("ranks")
-@mpi
-def test_the_solver_of_a_problem_in_a_program_is_freed(comm):
-    """Its SNES refers to the problem, and is freed when the next solver is created."""
-    problems = []
-    for _ in range(3):
-        V = _dolfinx.function_space(cube(comm, "hexahedron").domain, 1, (3,))
-        material = fem_snh.material("stable_neo_hookean", E=1.0, nu=0.49)
-        problem = fem_snh.NonlinearProblem(_dolfinx.function(V, "u"), {material: ufl.dx})
-        problems.append(ref(problem._problem))
-        del problem
-    free_unused(comm)
-    assert not any(linked(problems))
 
 
 def solved(comm, kind, element, cells):

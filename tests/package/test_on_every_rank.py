@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
@@ -13,7 +12,6 @@ from fem_snh.assembly import matrix_layout
 from fem_snh.errors import BadInput
 from fem_snh.linalg import halo
 from fem_snh.linalg.ssor_cg import SSORSystem
-from fem_snh.problem.mixed import nodal_schur
 
 pytestmark = pytest.mark.mpi
 
@@ -58,24 +56,3 @@ def test_an_exchange_of_a_nodes_values(comm):
         added = 1.0 if comm.size > 1 else 0.0
         np.testing.assert_array_equal(values, np.arange(width * size) + 10.0 * comm.rank + added)
     assert halo._node_type.cache_info().misses <= made + 1
-
-
-@pytest.mark.one_debian("ranks")
-def test_updates_of_a_schur_complement_make_one_exchange(comm, monkeypatch):
-    made = []
-
-    class Counted(halo.Halo):
-        def __init__(self, *arguments):
-            made.append(self)
-            super().__init__(*arguments)
-
-    monkeypatch.setattr(nodal_schur, "Halo", Counted)
-    p = problem(cube(comm, "tetrahedron"), "P2P1")
-    p.jacobian(p.x, "clamp")
-    norms = []
-    for _ in range(5):
-        p.saddle_point.update_schur_approximation(p.A)
-        norms.append(p.saddle_point.schur_approximation.norm())
-    assert len(made) == (comm.size > 1)
-    np.testing.assert_allclose(norms, norms[0], rtol=1e-14)
-    assert comm.allreduce(norms[0], op=MPI.MAX) > 0

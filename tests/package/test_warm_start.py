@@ -49,19 +49,6 @@ def test_a_second_run_imports_only_what_it_needs(folder):
     assert len([name for name in warm if name.startswith("fem_snh.scenes.builtin.")]) == 1
 
 
-def test_levels_of_an_accuracy_do_without_expressions(folder):
-    """Which elements a material has is in the cache, too."""
-    code = RUN.replace("--steps 1", "--steps 1 --set angle=0.1 --accuracy 20%")
-
-    def imported() -> set[str]:
-        done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
-        assert done.returncode == 0, done.stderr
-        return set(done.stdout.split())
-
-    assert "sympy" in imported()
-    assert "sympy" not in imported()
-
-
 @pytest.mark.parametrize("name", materials.names())
 def test_stored_numbers_are_those_of_the_energy_to_the_last_bit(folder, name):
     assert stored(name, 3e4, 0.3) is None

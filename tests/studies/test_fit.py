@@ -117,29 +117,6 @@ def test_constants_and_errors_are_those_of_a_linear_regression() -> None:
     assert f.r_squared == pytest.approx(1 - cost / ((P - P.mean()) ** 2).sum(), rel=1e-9)
 
 
-def test_yeohs_constants_are_those_of_a_linear_regression() -> None:
-    """P = 2 (x - x^-2) sum k C_k0 (I1 - 3)^(k - 1): E and nu determine C10 alone."""
-    t = TRELOAR["uniaxial"]
-    strain = t.x**2 + 2 / t.x - 3
-    A = np.stack([2 * (t.x - t.x**-2) * k * strain ** (k - 1) for k in (1, 2, 3)], axis=1)
-    C10, C20, C30 = np.linalg.lstsq(A, t.stress, rcond=None)[0]
-    f = fem_snh.fit("yeoh", t)
-    assert f.E == pytest.approx(6 * C10, rel=1e-5)
-    assert f.parameters["C20"] == pytest.approx(C20, rel=1e-5)
-    assert f.parameters["C30"] == pytest.approx(C30, rel=1e-5)
-
-
-@pytest.mark.one_debian
-@pytest.mark.parametrize("limit", [77.931, 97.2])
-def test_gents_limit_is_found(limit: float) -> None:
-    """P = mu (x - x^-2)/(1 - (I1 - 3)/J_m), with limits of the literature for Treloar's rubber."""
-    x = np.linspace(1.1, 7, 15)
-    stress = 0.27 * (x - x**-2) / (1 - (x**2 + 2 / x - 3) / limit)
-    f = fem_snh.fit("gent", data("uniaxial", x, stress))
-    assert f.parameters["J_m"] == pytest.approx(limit, rel=1e-6)
-    assert f.E == pytest.approx(0.81, rel=1e-6)
-
-
 @pytest.mark.parametrize(
     ("name", "ratio", "second", "weight", "unit"),
     [

@@ -129,15 +129,6 @@ def test_the_largest_error_is_relative_to_a_vector() -> None:
     assert largest_error({}) is None
 
 
-def test_a_finished_sweep_runs_nothing(done: tuple[Path, pd.DataFrame]) -> None:
-    out, table = done
-    lines: list[str] = []
-    definition = json.loads((out / "sweep.json").read_text())
-    again = sweep("twist", out, definition["axes"], report=lines.append)
-    pd.testing.assert_frame_equal(again, table)
-    assert lines[1] == "4 of 4 points are there already"
-
-
 def test_failed_points_are_rows_and_can_be_retried(tmp_path: Path) -> None:
     first = sweep("twist", tmp_path, TINY, timeout=0.05)
     assert list(first["status"]) == ["given up after 0.05 s"]
