@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import ctypes
 import os
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterable
 from inspect import signature
 from math import comb
 from pathlib import Path
@@ -82,7 +80,7 @@ def read_xdmf(comm: MPI.Comm, path: Path, grid: str) -> tuple[Array, Array, str,
     RuntimeError
         If the file cannot be read.
     """
-    with _quiet_hdf5(), dolfinx.io.XDMFFile(comm, str(path), "r") as file:
+    with dolfinx.io.XDMFFile(comm, str(path), "r") as file:
         shape, degree = file.read_cell_type(grid)
         cells, x = file.read_topology_data(grid), file.read_geometry_data(grid)
     return np.asarray(cells), np.asarray(x), str(shape).rpartition(".")[2], int(degree)
@@ -90,22 +88,8 @@ def read_xdmf(comm: MPI.Comm, path: Path, grid: str) -> tuple[Array, Array, str,
 
 def read_xdmf_nodes(comm: MPI.Comm, path: Path, grid: str) -> Array:
     """Return this rank's part of the nodes of a grid's entities. Collective."""
-    with _quiet_hdf5(), dolfinx.io.XDMFFile(comm, str(path), "r") as file:
+    with dolfinx.io.XDMFFile(comm, str(path), "r") as file:
         return np.asarray(file.read_topology_data(grid))
-
-
-@contextmanager
-def _quiet_hdf5() -> Iterator[None]:
-    """Keep HDF5 from printing its stack of errors, whose last dolfinx raises."""
-    # The library that dolfinx was linked with, wherever it is; 0 is its default stack.
-    hdf5 = ctypes.CDLL(dolfinx.cpp.__file__)
-    function, data = ctypes.c_void_p(), ctypes.c_void_p()
-    hdf5.H5Eget_auto2(ctypes.c_int64(0), ctypes.byref(function), ctypes.byref(data))
-    hdf5.H5Eset_auto2(ctypes.c_int64(0), None, None)
-    try:
-        yield
-    finally:
-        hdf5.H5Eset_auto2(ctypes.c_int64(0), function, data)
 
 
 def read_xdmf_tags(domain: Mesh, path: Path, grid: str, dim: int) -> tuple[Array, Array]:
@@ -113,7 +97,7 @@ def read_xdmf_tags(domain: Mesh, path: Path, grid: str, dim: int) -> tuple[Array
     domain.topology.create_entities(dim)
     for end in (0, domain.topology.dim):
         domain.topology.create_connectivity(dim, end)
-    with _quiet_hdf5(), dolfinx.io.XDMFFile(domain.comm, str(path), "r") as file:
+    with dolfinx.io.XDMFFile(domain.comm, str(path), "r") as file:
         tags = file.read_meshtags(domain, grid)
     return np.asarray(tags.indices), np.asarray(tags.values)
 
@@ -135,7 +119,7 @@ def write_xdmf(
         Names and values of the file's ``Information``.
     """
     domain.name = "mesh"
-    with _quiet_hdf5(), dolfinx.io.XDMFFile(domain.comm, str(path), "w") as file:
+    with dolfinx.io.XDMFFile(domain.comm, str(path), "w") as file:
         file.write_mesh(domain)
         for grid, dim, entities, tag in tags:
             domain.topology.create_connectivity(dim, domain.topology.dim)

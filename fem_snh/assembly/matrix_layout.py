@@ -137,10 +137,7 @@ class MatrixLayout:
         self._dof_map, numbers, owned = dof_map, dof_map.local_to_global, dof_map.is_owned
         self.ghosts = numbers[~owned]
         pattern = CellPattern(dof_map.cell_blocks, len(numbers))
-        alone = dof_map.comm.size == 1 and pairs is None
-        diagonal, off_diagonal, others, positions = (
-            self._alone(pattern) if alone else self._shared(pattern, pairs)
-        )
+        diagonal, off_diagonal, others, positions = self._shared(pattern, pairs)
         self.num_values = int(diagonal.row_offsets[-1]), int(off_diagonal.row_offsets[-1])
         too_many = bool(positions.max(initial=0) > _LARGEST)
         if dof_map.comm.allreduce(too_many, op=MPI.LOR):
@@ -152,15 +149,6 @@ class MatrixLayout:
         self.row_strides[_SENT][~owned] = self.sent.row_lengths
         del positions, pattern
         self.mat = self._create(diagonal, off_diagonal, others, mat)
-
-    def _alone(self, pattern: CellPattern) -> tuple[BlockSparsity, BlockSparsity, Array, Array]:
-        """Return what `_shared` does on one rank, where local numbers are the global ones."""
-        sizes, none = self._dof_map.block_sizes, np.empty(0, np.int64)
-        diagonal = BlockSparsity(pattern, sizes, sizes)
-        off_diagonal = BlockSparsity(BlockPattern(none, none, len(sizes), 0), sizes, none)
-        self.sent = BlockSparsity(BlockPattern(none, none, 0, len(sizes)), none, sizes)
-        self.received = [Received(none, none, none)]
-        return diagonal, off_diagonal, none, 4 * diagonal.block_offsets + _DIAGONAL
 
     def _shared(
         self, pattern: CellPattern, pairs: Array | None

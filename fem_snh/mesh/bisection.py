@@ -37,7 +37,7 @@ _GRADIENT = 0.35
 _LONGER = {2: 1.0, 3: 1.2}
 
 
-class _Marked(NamedTuple):
+class MarkedEdges(NamedTuple):
     """Edges to bisect: sorted keys, ranks by length, and the numbers of their midpoints."""
 
     keys: Array
@@ -112,9 +112,9 @@ def bisect(data: MeshData, volumes: Array, max_cells: int) -> MeshData:
         owner, edge = np.divmod(places, len(pairs))
         ends = barycentric[owner[:, None], pairs[edge]]
         x = np.concatenate([x, _points(data, roots[owner], ends.mean(axis=1))])
-        cells, parents, barycentric = _split(cells, found, barycentric)
+        cells, parents, barycentric = split(cells, found, barycentric)
         roots = roots[parents]
-        parts = {i: _split(simplices, found)[0] for i, simplices in parts.items()}
+        parts = {i: split(simplices, found)[0] for i, simplices in parts.items()}
     used, numbers = np.unique(cells, return_inverse=True)
     assert len(used) == len(x)
     cells = numbers.reshape(-1, dim + 1)
@@ -130,16 +130,16 @@ def bisect(data: MeshData, volumes: Array, max_cells: int) -> MeshData:
     return data._replace(cells=cells, x=x, groups=groups)
 
 
-def _keys(pairs: Array) -> Array:
+def edge_keys(pairs: Array) -> Array:
     """Return a number for each pair of vertices (..., 2), whatever their order."""
     low, high = np.sort(pairs, axis=-1).T
     return np.asarray((low.astype(np.int64) << 32 | high).T)
 
 
-def _marked_edges(cells: Array, x: Array, marked: Array) -> tuple[_Marked, Array]:
+def _marked_edges(cells: Array, x: Array, marked: Array) -> tuple[MarkedEdges, Array]:
     """Return the edges to bisect, and for each its place in the edges of all cells, flattened."""
     pairs = simplex_edges(cells.shape[1])
-    keys = _keys(cells[:, pairs])
+    keys = edge_keys(cells[:, pairs])
     unique, first, edges = np.unique(keys, return_index=True, return_inverse=True)
     edges = edges.reshape(keys.shape)
     ends = cells[:, pairs].reshape(-1, 2)[first]
@@ -153,11 +153,11 @@ def _marked_edges(cells: Array, x: Array, marked: Array) -> tuple[_Marked, Array
     while (lacking := chosen[edges].any(axis=1) & ~chosen[longest]).any():
         chosen[longest[lacking]] = True
     numbers = len(x) + np.arange(chosen.sum())
-    return _Marked(unique[chosen], ranks[chosen], numbers), first[chosen]
+    return MarkedEdges(unique[chosen], ranks[chosen], numbers), first[chosen]
 
 
-def _split(
-    simplices: Array, marked: _Marked, barycentric: Array | None = None
+def split(
+    simplices: Array, marked: MarkedEdges, barycentric: Array | None = None
 ) -> tuple[Array, Array, Array]:
     """Return simplices without marked edges, the row of each one's origin, and coordinates."""
     size = simplices.shape[1]
@@ -165,7 +165,7 @@ def _split(
     origins = np.arange(len(simplices))
     attached = np.zeros((len(simplices), size, 0)) if barycentric is None else barycentric
     while len(simplices):
-        keys = _keys(simplices[:, pairs])
+        keys = edge_keys(simplices[:, pairs])
         at = np.minimum(np.searchsorted(marked.keys, keys), len(marked.keys) - 1)
         ranks = np.where(marked.keys[at] == keys, marked.ranks[at], -1)
         split = ranks.max(axis=1) >= 0
@@ -197,7 +197,7 @@ def _with_midpoints(
 ) -> tuple[Array, Array]:
     """Return cells of degree 2 and their nodes: the midpoints are on the original curved cells."""
     edges = _dolfinx.reference_edges(data.cell)
-    keys = _keys(cells[:, edges])
+    keys = edge_keys(cells[:, edges])
     _, first, numbers = np.unique(keys, return_index=True, return_inverse=True)
     owner, edge = np.divmod(first, len(edges))
     middle = barycentric[owner[:, None], edges[edge]].mean(axis=1)

@@ -8,7 +8,7 @@ group, which an ``Information`` names: ``Name="surface:3"``, ``Value="left"``.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Collection
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh import _dolfinx
-from fem_snh.errors import BadInput, bad_value, on_every, on_root
+from fem_snh.errors import BadInput, on_every, on_root
 from fem_snh.files import xdmf_data, xdmf_root
 from fem_snh.mesh.gmsh_model import FLAT, PhysicalGroup
 from fem_snh.mesh.mesh_checks import largest
@@ -28,11 +28,11 @@ if TYPE_CHECKING:
 
 Array = npt.NDArray[Any]
 
-#: Dimension and vertices of the entities of a grid by XDMF's types of topology. A suffix of a type,
-#: as in Triangle_6, is the number of nodes.
-_KINDS = {
-    "polyvertex": (0, 1), "polyline": (1, 2), "edge": (1, 2), "triangle": (2, 3),
-    "quadrilateral": (2, 4), "tetrahedron": (3, 4), "hexahedron": (3, 8),
+#: Dimension of the entities of a grid by XDMF's types of topology; a suffix of a type, as in
+#: Triangle_6, is the number of nodes.
+_DIMENSIONS = {
+    "polyvertex": 0, "polyline": 1, "edge": 1, "triangle": 2, "quadrilateral": 2, "tetrahedron": 3,
+    "hexahedron": 3,
 }  # fmt: skip
 
 
@@ -45,8 +45,6 @@ class Grids(NamedTuple):
         The grid of the mesh: the first of the highest dimension.
     dim : int
         Dimension of its cells.
-    num_nodes : int
-        Number of its nodes.
     tags : tuple of (str, int)
         Grid and dimension of the tags.
     names : dict
@@ -55,7 +53,6 @@ class Grids(NamedTuple):
 
     mesh: str
     dim: int
-    num_nodes: int
     tags: tuple[tuple[str, int], ...]
     names: dict[tuple[int, int], str]
 
@@ -89,7 +86,8 @@ def read(
 
     mesh = grids.mesh
     cells, x, cell, degree = on_every(comm, read_grid, mesh, _dolfinx.read_xdmf, comm, path, mesh)
-    _check_nodes(comm, mesh, cells, grids.num_nodes)
+    num_nodes = comm.allreduce(len(x))
+    _check_nodes(comm, mesh, cells, num_nodes)
     if x.shape[1] > grids.dim:
         if largest(comm, x[:, 2]) > FLAT * largest(comm, x):
             raise BadInput(f"it has cells {cell}: expected volumes, or nodes in the plane z = 0")
@@ -98,7 +96,7 @@ def read(
     groups: dict[tuple[int, int], PhysicalGroup] = {}
     for grid, dim in grids.tags:
         nodes = on_every(comm, read_grid, grid, _dolfinx.read_xdmf_nodes, comm, path, grid)
-        _check_nodes(comm, grid, nodes, grids.num_nodes)
+        _check_nodes(comm, grid, nodes, num_nodes)
         arguments = grid, _dolfinx.read_xdmf_tags, domain, path, grid, dim
         entities, values = on_every(comm, read_grid, *arguments)
         found = comm.allgather(np.unique(values))
@@ -135,55 +133,27 @@ def _read_grids(path: Path, dimensions: tuple[str, ...]) -> Grids:
         raise BadInput(f"this is not an XDMF file: {error}") from None
     for file in xdmf_data(path):
         file.open("rb").close()
-    grids = [(*kind, grid) for grid in root.findall("./Domain/Grid") if (kind := _kind(grid))]
-    if not grids or (highest := max(dim for dim, _, _ in grids)) < 2:
+    every = root.findall("./Domain/Grid")
+    grids = [(dim, grid) for grid in every if (dim := _dimension(grid)) >= 0]
+    highest = max((dim for dim, _ in grids), default=0)
+    if highest < 2:
         raise BadInput("it has no grid of cells: expected tetrahedra, hexahedra, or cells in 2D")
-    mesh = next(grid for dim, _, grid in grids if dim == highest)
-    tags, num_nodes = [], 0
-    for dim, nodes, grid in grids:
-        is_tagged = any(of.get("Center") == "Cell" for of in grid.findall("Attribute"))
-        if grid is mesh or is_tagged:
-            rows, _ = _shape(grid, "Topology", (nodes,))
-        if grid is mesh:
-            num_nodes, columns = _shape(grid, "Geometry", ("2", "3")[highest - 2 :])
-            axes = grid.findall("Geometry")[0].get("GeometryType")
-            if axes != (expected := "XYZ"[:columns]):
-                raise bad_value("GeometryType", axes, f"'{expected}'")
-        if is_tagged:
-            tags.append((grid.get("Name") or "", dim))
-            if _shape(grid, "Attribute", ("1",))[0] != rows:
-                raise BadInput(f"grid '{tags[-1][0]}': expected one value for each of {rows} rows")
+    mesh = next(grid for dim, grid in grids if dim == highest)
+    tags = [
+        (grid.get("Name") or "", dim)
+        for dim, grid in grids
+        if any(of.get("Center") == "Cell" for of in grid.findall("Attribute"))
+    ]
     names = {}
     for note in root.findall("./Domain/Information"):
         word, _, tag = (note.get("Name") or "").partition(":")
         if word in dimensions and re.fullmatch(r"-?[0-9]{1,18}", tag):
             names[dimensions.index(word), int(tag)] = note.get("Value") or tag
-    return Grids(mesh.get("Name") or "", highest, num_nodes, tuple(tags), names)
+    return Grids(mesh.get("Name") or "", highest, tuple(tags), names)
 
 
-def _kind(grid: ET.Element) -> tuple[int, str] | None:
-    """Return the dimension of a grid's entities and their number of nodes, None for others."""
+def _dimension(grid: ET.Element) -> int:
+    """Return the dimension of a grid's entities."""
     topology = grid.find("Topology")
-    kind = "" if topology is None else (topology.get("TopologyType") or "").lower()
-    name, _, nodes = kind.partition("_")
-    dim, vertices = _KINDS.get(name, (0, 0))
-    return (dim, nodes or str(vertices)) if vertices else None
-
-
-def _shape(grid: ET.Element, kind: str, columns: Collection[str]) -> tuple[int, int]:
-    """Return the shape of a grid's numbers; raise BadInput unless they have so many columns.
-
-    dolfinx crashes without a shape or a place in the HDF5 file, and for a wrong shape.
-    """
-    item = grid.find(f"{kind}/DataItem")
-    text, place = ("", "") if item is None else (item.get("Dimensions", ""), item.text or "")
-    if kind == "Attribute" and text.strip().isdecimal():
-        text += " 1"
-    match = re.fullmatch(r"\s*([0-9]{1,18})\s+([0-9]{1,18})\s*", text)
-    if match is None or match[2] not in columns:
-        wanted = " or ".join(columns)
-        raise bad_value(f"grid '{grid.get('Name')}': {kind} Dimensions", text, f"rows of {wanted}")
-    is_hdf = item is not None and item.get("Format") == "HDF"
-    if is_hdf and not all(place.strip().partition(":")):
-        raise bad_value(f"grid '{grid.get('Name')}': {kind}", place, "FILE.h5:/PATH")
-    return int(match[1]), int(match[2])
+    kind = "" if topology is None else (topology.get("TopologyType") or "")
+    return _DIMENSIONS.get(kind.lower().partition("_")[0], -1)
