@@ -79,7 +79,6 @@ def render_parser() -> Parser:
         --modes N,N  draw eigenmodes: these numbers, or all
         --field NAME  field of the run that the colours show, or a component: cauchy_stress.xy;
             default: J
-        --revolve  draw an axisymmetric body revolved, with a quarter left open; no movies, no modes
         --opacity A  opacity of the body, e.g. 0.4 to show its bones; default: 1
         {_VIEW}
         --movie FILE  draw a movie instead: a file .mp4 or .gif
@@ -112,7 +111,7 @@ def render(argv: list[str]) -> int:
     else:
         pictured = _numbers("--loads", args.loads, "numbers, e.g. 0.5,1", (int, float))
 
-    look = (args.field, modal, args.opacity, args.revolve, _view(args))
+    look = (args.field, modal, args.opacity, _view(args))
     print(draw_run(args.folder, args.out, pictured, *look, print))
     return 0
 
@@ -125,8 +124,8 @@ def _view(args: Namespace) -> ViewOptions:
 
 def _movie(args: Namespace) -> int:
     """Draw the movie that the options request, with a progress bar; return 0."""
-    for name in ("out", "loads", "modes", "revolve"):
-        if vars(args)[name] not in (None, False):
+    for name in ("out", "loads", "modes"):
+        if vars(args)[name] is not None:
             raise BadInput(f"--{name} and --movie: expected one of the two")
 
     with _progress_bar("drawing") as report:
@@ -149,7 +148,6 @@ def view_parser() -> Parser:
         folder DIR  folder of a run
         --out HTML  the page; default: DIR/view.html
         --field NAME  field that the colours show; default: J
-        --revolve  show an axisymmetric body revolved, with a quarter left open
         {_VIEW}
         """.replace("{_VIEW}", _VIEW),
         folder=Path,
@@ -165,7 +163,7 @@ def view(argv: list[str]) -> int:
     """Write the HTML page of a run folder; return 0."""
     args = view_parser().parse(argv)
 
-    print(page(args.folder, args.out, args.field, args.revolve, _view(args)))
+    print(page(args.folder, args.out, args.field, _view(args)))
     return 0
 
 

@@ -75,7 +75,7 @@ def export_scenes(drawing: Drawing) -> list[bytes]:
     for item, solids in zip(drawing.bodies, drawing.solids, strict=True):
         plotter: Any = pv.Plotter(off_screen=True, window_size=list(_SIZE), border=False)
         plotter.background_color = "white"
-        if VECTORS in item.surface.point_data:  # not of a revolved section
+        if VECTORS in item.surface.point_data:  # not under torsion
             item.surface.set_active_vectors(VECTORS)
         drawing.add(
             plotter, item, {"opacity": 0.35, "line_width": 1}, 1, ambient=0.35, diffuse=0.75,

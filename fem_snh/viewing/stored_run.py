@@ -447,14 +447,6 @@ class StoredRun:
         if field is not None:
             check_field(self.pvd, field)
 
-    def check_revolved(self, revolve: bool) -> None:
-        """Raise BadInput for a body that is to be drawn revolved and is no body of revolution."""
-        kinematics = self.record.get("kinematics")
-        if revolve and not str(kinematics).startswith("axisymmetric"):
-            raise BadInput(f"--revolve: expected an axisymmetric run; kinematics = {kinematics!r}")
-        if revolve and self.view.clip:
-            raise BadInput("--clip and --revolve: expected one of the two")
-
     def panel(self, load: float) -> Panel:
         """Return the panel of a stored load or time."""
         return Panel(self.states[load], panel_label(self.record, load), load, self._solids)

@@ -14,40 +14,12 @@ from picture_runs import bad, record, write_record, write_run
 from running import record as read_record
 from running import solve
 
-from fem_snh.geometry.shapes import from_record
 from fem_snh.viewing import render
 from fem_snh.viewing.render.surfaces import Obstacles
 from fem_snh.viewing.stored_run import obstacle_poses
 
 REST = np.eye(3, 4).tolist()
 BALL = {"shape": {"sphere": {"center": [0, 0, 1.5], "radius": 0.5}}, "pose": REST}
-
-
-@pytest.mark.parametrize(
-    "shape",
-    [
-        {"sphere": {"center": [2, 0.5, 0], "radius": 0.5}},
-        {"box": {"center": [2, 0.5, 0], "size": [0.6, 0.4, 1], "rotation": [0, 0, 0.3]}},
-        {"polygon": {"points": [[1.5, 0], [2.5, 0.2], [2, 0.9]]}},
-        {"plane": {"point": [0, 0.3, 0], "normal": [0, 1, 0]}},
-        {"smooth_union": {"shapes": [{"sphere": {"center": [x, 0.5, 0], "radius": 0.4}}
-                                     for x in (1.6, 2.2)], "blend": 0.05}},
-    ],
-    ids=lambda shape: next(iter(shape)),
-)  # fmt: skip
-def test_obstacles_of_a_section_are_revolved_as_the_body_is(shape):
-    """Every point, turned back into the section, is on the shape; a quarter is left open."""
-    pose = np.eye(3, 4)
-    pose[1, 3] = 0.25
-    made = {"shape": shape, "loads": [0, 1], "poses": [pose.tolist()] * 2}
-    ((_, surface),) = Obstacles([made], revolved=True).at(1.0, np.array([[-3, -3, 0], [3, 3, 1.0]]))
-    x, y, z = np.asarray(surface.points, float).T
-    section = np.column_stack([np.hypot(x, y), z - 0.25, np.zeros_like(x)])
-    # That of a smooth union is interpolated on cells of 0.06, twice, with curvature 1/0.4.
-    assert abs(from_record(shape).distance(section)).max() < 5e-3
-    angles = np.degrees(np.arctan2(y, x))[np.hypot(x, y) > 1e-6]
-    assert not ((angles > -102) & (angles < -14)).any()
-    assert np.unique(angles.round(3)).size >= 73
 
 
 @pytest.mark.parametrize(

@@ -48,8 +48,7 @@ MAX_STATES = 13
 class Job:
     """The input of a drawing process; ``out`` is the file.
 
-    With ``revolve`` sections are drawn as bodies of revolution. ``units`` are those of labels;
-    None: SI, and no scale bar.
+    ``units`` are those of labels; None: SI, and no scale bar.
     """
 
     field: str
@@ -57,7 +56,6 @@ class Job:
     panels: list[Panel]
     out: Path
     opacity: float = 1.0
-    revolve: bool = False
     view: ViewOptions = WHOLE
     units: Units | None = None
 
@@ -69,7 +67,6 @@ def main(
     field: str = "J",
     modes: bool = False,
     opacity: float = 1.0,
-    revolve: bool = False,
     view: ViewOptions | None = None,
     report: Callable[[str], None] | None = None,
 ) -> Path:
@@ -91,8 +88,6 @@ def main(
         Draw eigenmodes instead (`draw_modes`); ``loads`` are their numbers.
     opacity : float
         Opacity of the body, between 0 and 1: bones are seen through a translucent one.
-    revolve : bool
-        Draw an axisymmetric body revolved, with a quarter left open, in place of its section.
     view : ViewOptions, optional
         Clip plane, camera, hidden parts and the range of the colours.
     report : callable, optional
@@ -106,24 +101,17 @@ def main(
     """
     folder = Path(folder)
     if modes:
-        for option, given in (
-            ("--revolve", revolve),
-            ("--hide", view and view.hide),
-            ("--range", view and view.limits),
-        ):
+        for option, given in (("--hide", view and view.hide), ("--range", view and view.limits)):
             if given:
                 raise BadInput(f"--modes and {option}: expected one of the two")
         return draw_modes(folder, out, loads, view)
     run = StoredRun(folder, field, view)
     out = picture_path(out) if out is not None else folder / f"{field}.png"
-    run.check_revolved(revolve)
     if not loads and field.startswith(ERRORS):
         loads = [max(run.states)]
     panels = [run.panel(load) for load in choose_loads(list(run.states), loads)]
-    job = Job(
-        field, title(run.record), panels, out, check_opacity(opacity), revolve, run.view,
-        Units.of(run.record),
-    )  # fmt: skip
+    opacity, units = check_opacity(opacity), Units.of(run.record)
+    job = Job(field, title(run.record), panels, out, opacity, run.view, units)
     draw(job, report)
     return out
 
@@ -309,7 +297,6 @@ def page(
     folder: Path,
     out: Path | None = None,
     field: str = "J",
-    revolve: bool = False,
     view: ViewOptions | None = None,
 ) -> Path:
     """Write a run as one HTML page and return its path.
@@ -325,8 +312,6 @@ def page(
         The page; default: ``folder/view.html``.
     field : str
         The field that the colours show, as for `main`.
-    revolve : bool
-        Show an axisymmetric body revolved, in place of its section.
     view : ViewOptions, optional
         Clip plane, hidden parts, and the camera of the page's first view.
 
@@ -341,9 +326,8 @@ def page(
     require("view", ("pyvista", "matplotlib"))
     require("view", ("trame_vtk",), "'fem_snh[view]'")
     run = StoredRun(folder, field, view)
-    run.check_revolved(revolve)
     states = [run.panel(load) for load in choose_states(list(run.states))]
-    job = Job(field, "", states, out, revolve=revolve, view=run.view, units=Units.of(run.record))
+    job = Job(field, "", states, out, view=run.view, units=Units.of(run.record))
     run_elsewhere("fem_snh.viewing.page:write_page", job, run.record, opengl=True)
     return out
 

@@ -178,7 +178,7 @@ class Drawing:
 
     def __init__(self, job: Job, bodies: Sequence[DrawnBody] | None = None) -> None:
         if bodies is None:
-            bodies = [body(panel.files, job.field, job.view, job.revolve) for panel in job.panels]
+            bodies = [body(panel.files, job.field, job.view) for panel in job.panels]
         self.job, self.bodies = job, bodies
         values = np.concatenate([body.values for body in bodies])
         self.cmap, self.norm, self.extend = colours(job.field, values, job.view.limits)
@@ -188,8 +188,8 @@ class Drawing:
         self.extremes = (0.0 if abs(low) < _ROUNDING * abs(high) else low), high
         points = np.concatenate([p for b in bodies for p in (b.surface.points, b.ghost.points)])
         limits = np.array([points.min(axis=0), points.max(axis=0)])
-        self._flat = not job.revolve and all(is_flat(b.rest.points) for b in bodies)
-        solids = [Obstacles(panel.obstacles, job.revolve, self._flat) for panel in job.panels]
+        self._flat = all(is_flat(b.rest.points) for b in bodies)
+        solids = [Obstacles(panel.obstacles, self._flat) for panel in job.panels]
         self.solids_at = lambda panel, load: solids[panel].at(load, limits)
         self.solids = [self.solids_at(k, panel.load) for k, panel in enumerate(job.panels)]
         shown = [solid for panel in self.solids for _, solid in panel]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -35,8 +35,6 @@ _EXAGGERATION = 0.12
 #: Obstacles are cut off at the box of the bodies, enlarged on each side by this part of its
 #: diagonal: a plane has no end, and a distant obstacle would make the body small.
 _MARGIN = 0.25
-#: Half of the thickness that is kept of obstacles whose section is revolved, over the radius.
-_THIN = 0.01
 #: Points along an edge of the grid of sections by the plane of the body.
 _FLAT_GRID = 400
 
@@ -202,43 +200,6 @@ def is_flat(points: np.ndarray) -> bool:
     return not np.any(points[:, 2])
 
 
-#: Angles of a revolved section in a picture [degrees]: a quarter is left open, to the viewer.
-_FIRST, _LAST = -373.0, -103.0
-#: Steps between them.
-_STEPS = 72
-
-
-def revolve(item: DrawnBody) -> DrawnBody:
-    """Return three quarters of the body of revolution of which ``item`` is the section.
-
-    The axis, y in the section, is upright, along z. Displacements out of the section, by torsion,
-    turn with it.
-    """
-
-    def at_ends(mesh: pv.PolyData) -> pv.PolyData:
-        return pv.merge([_upright(mesh, _FIRST), _upright(mesh, _LAST)], merge_points=False)
-
-    surface = pv.merge([_swept(item.surface), at_ends(item.surface)], merge_points=False)
-    edges = None if item.edges is None else at_ends(item.edges)
-    ends = {"edges": edges, "rest": at_ends(item.rest), "ghost": at_ends(item.ghost)}
-    return replace(item, surface=surface, **ends)
-
-
-def _swept(section: pv.PolyData) -> pv.PolyData:
-    """Return the surface that the lines of a section sweep, or the outline of its faces."""
-    body: Any = _upright(section, _FIRST)
-    body = body.extrude_rotate(resolution=_STEPS, angle=_LAST - _FIRST, capping=False)
-    body = body.triangulate()
-    areas = body.compute_cell_sizes(length=False, volume=False)["Area"]
-    # Edges on the axis sweep nothing.
-    return boundary(body.extract_cells(areas > 1e-9 * areas.max()), 0)
-
-
-def _upright(mesh: pv.PolyData, angle: float) -> pv.PolyData:
-    """Return a section (r, z, theta), with its axis along z, at an angle about it [degrees]."""
-    return mesh.rotate_x(90).rotate_z(angle)
-
-
 def clip(
     surface: pv.PolyData,
     edges: pv.PolyData | None,
@@ -306,16 +267,14 @@ def body(
     files: Sequence[str | Path],
     field: str,
     options: ViewOptions = WHOLE,
-    revolved: bool = False,
 ) -> DrawnBody:
-    """Return the geometry of one load from the files of all ranks, of a section ``revolved``."""
+    """Return the geometry of one load from the files of all ranks."""
     grid = read_grid(files, field, options.hidden_cells)
     if field == "mode":
         exaggerate(grid)
     if not np.all(np.isfinite(grid["displacement"])):
         raise BadInput(f"{files[0]}: the displacement is not finite: choose other loads")
-    item = body_of(grid, field, options, turned=revolved or field == "mode")
-    return revolve(item) if revolved else item
+    return body_of(grid, field, options, turned=field == "mode")
 
 
 def body_of(
@@ -381,18 +340,14 @@ class Obstacles:
     records : sequence of dict
         ``kind``, "obstacles", "bones" or "rigid"; ``shape``, a table of one key; ``loads``;
         ``poses``, at each load the rows [R | c], which are slerped, or [A | c] of a bone.
-    revolved : bool
-        Whether the obstacles of a section are drawn as bodies of revolution, as the body is.
     flat : bool
         Whether the bodies are in the plane z = 0: of the obstacles it is their section by it, as
         the sides of a prism are not seen along z.
     """
 
-    def __init__(
-        self, records: Sequence[dict[str, Any]], revolved: bool = False, flat: bool = False
-    ) -> None:
+    def __init__(self, records: Sequence[dict[str, Any]], flat: bool = False) -> None:
         self._items: list[tuple[str, str, Any, Motion]] = []
-        self._revolved, self._flat = revolved, flat and not revolved
+        self._flat = flat
         for record in records:
             poses, loads = np.array(record["poses"], dtype=float), np.array(record["loads"])
             motion: Motion = AffineTable(loads, poses)
@@ -413,21 +368,12 @@ class Obstacles:
         """
         margin = _MARGIN * np.linalg.norm(bounds[1] - bounds[0])
         box = np.array([bounds[0] - margin, bounds[1] + margin])
-        if self._revolved:  # of the section: the radius, and the axis, which is upright
-            outer = np.abs(bounds[:, :2]).max() + margin
-            thin = _THIN * outer
-            box = np.array([[0.0, box[0, 2], -thin], [outer, box[1, 2], thin]])
         found = []
         for kind, shape, keys, motion in self._items:
             matrix = np.eye(4)
             matrix[:3] = motion.affine(load)
             draw = _section if self._flat else _surface
             surface = draw(shape, keys, matrix, box)
-            if surface.n_cells and self._revolved:
-                # Beside the plane z = 0, in which faces and corners may be.
-                section = surface.slice(normal="z", origin=(0, 0, 1e-6 * surface.length))
-                section.points[:, 2] = 0.0
-                surface = _swept(section) if section.n_cells else section
             if surface.n_cells:
                 found.append((kind, surface))
         return found
