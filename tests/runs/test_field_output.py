@@ -7,10 +7,7 @@ import sys
 
 import numpy as np
 import pytest
-from contact_scenes import slide
-from interrupted_runs import cut
 from running import record, solve
-from time_scenes import TURN, in_time
 
 from fem_snh import _dolfinx, scenes
 from fem_snh.errors import BadInput
@@ -94,46 +91,6 @@ def test_components_have_the_names_that_paraview_shows(comm, folder):
     assert [principal.GetComponentName(i) for i in range(3)] == ["1", "2", "3"]
     own = result.field("pk1_stress")
     assert abs(own[:, 0, 1] - own[:, 1, 0]).max() > 0.01  # P is not symmetric: order matters
-    comm.barrier()
-
-
-DAMPED = {"duration": 0.3, "steps": 4, "damping": {"mass": 0.1, "stiffness": 0.01}}
-#: Scene, options, fields.
-RESUMED = {
-    "static": ("twist", {"cells": 2, "steps": 3}, []),
-    "contact": (slide(method="augmented_lagrangian"), {}, ["contact_pressure", "gap"]),
-    "damped motion": (in_time(DAMPED, **TURN), {}, ["velocity", "acceleration"]),
-    "motion in contact": (
-        "bounce",
-        {"cells": 2, "friction": 0.3, "height": 0.02, "steps": 4, "time.duration": 0.2},
-        ["velocity", "acceleration", "contact_pressure", "gap"],
-    ),
-}
-
-
-@pytest.mark.one_debian
-@mpi
-@pytest.mark.parametrize("case", RESUMED)
-def test_a_resumed_run_writes_the_same_fields(comm, folder, case):
-    """All arrays of all states, to the last bit, with a further field from there on."""
-    scene, options, more = RESUMED[case]
-    fields = ["von_mises", "reaction_force", *more]
-    solve(scene, out=folder / "whole", fields=fields, **options)
-    with cut(2):
-        solve(scene, out=folder / "cut", fields=fields, **options)
-    comm.barrier()
-    # Further output does not change the solution.
-    further = [*fields, "principal_stretches"]
-    solve(scene, out=folder / "cut", resume=True, fields=further, **options)
-    comm.barrier()
-    whole, resumed = ([*states(folder / name)] for name in ("whole", "cut"))
-    assert len(whole) == len(resumed) > 3
-    for number, (one, other) in enumerate(zip(whole, resumed, strict=True)):
-        new = {"principal_stretches"} if number > 2 else set()
-        assert set(other.array_names) - set(one.array_names) == new
-        for name in one.array_names:
-            assert np.array_equal(one[name], other[name]), (number, name)
-    assert abs(whole[-1]["reaction_force"]).max() > 0 or scene == "bounce"
     comm.barrier()
 
 

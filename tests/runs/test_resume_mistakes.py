@@ -9,7 +9,6 @@ from interrupted_runs import STRETCH, cut, record, solve
 import fem_snh
 from fem_snh import scenes
 from fem_snh.errors import BadInput
-from fem_snh.files import replace_file
 from fem_snh.runs.output import nodal_values
 
 mpi = pytest.mark.mpi
@@ -105,18 +104,3 @@ def test_nodes_are_matched_by_coordinates():
     assert np.array_equal(nodal_values.match_nodes(nodes, nodes), np.arange(200))
     with pytest.raises(BadInput, match="some nodes have the same coordinates"):
         nodal_values.match_nodes(nodes[order], nodes)
-
-
-def test_files_are_old_or_new(tmp_path):
-    path = tmp_path / "file"
-    replace_file(path, "old")
-
-    def fails(file):
-        file.write(b"half")
-        raise OSError(28, "No space left on device")
-
-    with pytest.raises(BadInput, match=r"cannot write .*file: No space left on device"):
-        replace_file(path, fails)
-    assert path.read_text() == "old" and list(tmp_path.iterdir()) == [path]
-    replace_file(path, lambda file: file.write(b"new"), sync=True)
-    assert path.read_text() == "new"

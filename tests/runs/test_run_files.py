@@ -149,19 +149,6 @@ def test_an_input_is_never_replaced(
     comm.barrier()
 
 
-def test_the_names_of_a_runs_files() -> None:
-    """A name that a run may write is recognised, and none that only looks alike."""
-    others = ("s.toml", "fields_mine.vtu", "bone_a.stl", "obstacle_table.stl", "fields.vtu",
-              "fields12.vtu", "a/steps.csv", "fields000001.vtu.bak", "bone_0.py",
-              "rigid_a.stl", "")  # fmt: skip
-    assert not any(map(run_files.is_run_file, others))
-    assert all(map(run_files.is_run_file, [*WRITTEN, "fields1000000.pvtu", "bone_12.obj"]))
-    sources = ("a.stl", "b.OBJ", "c", "d.dat")
-    copies = [run_files.surface_copy(s, 3, Path(p)) for s in run_files.SOLIDS for p in sources]
-    assert all(map(run_files.is_run_file, copies))
-    assert copies[-4:] == ["rigid_3.stl", "rigid_3.obj", "rigid_3.stl", "rigid_3.stl"]
-
-
 # --- studies --------------------------------------------------------------------------------------
 
 
