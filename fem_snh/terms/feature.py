@@ -29,6 +29,8 @@ class Feature(Table):
     stateless : bool
         Whether its terms keep nothing from one evaluation to the next, so that two problems may
         share them: cell pressures may then be unknowns.
+    releases : bool
+        Whether its terms release constrained nodes: they are created before those of others.
     nodal_fields : mapping of str to OutputField
         The fields at the nodes that a scene with the table may name in ``fields``: its terms then
         have the method of `fem_snh.terms.term.Term.nodal_field`.
@@ -37,6 +39,7 @@ class Feature(Table):
     key: ClassVar[str]
     planar: ClassVar[bool] = False
     stateless: ClassVar[bool] = False
+    releases: ClassVar[bool] = False
     nodal_fields: ClassVar[Mapping[str, OutputField]] = {}
 
     @classmethod
@@ -115,10 +118,12 @@ def create_terms(features: Iterable[Any], body: Body) -> list[Term]:
     body : Body
         What they act on.
     """
-    made: list[Term] = []
-    for kind, given in grouped(features):
-        made += kind.create_terms(given, body) if issubclass(kind, Feature) else given
-    return made
+    groups = list(grouped(features))
+    made: dict[int, Sequence[Term]] = {}
+    for i in sorted(range(len(groups)), key=lambda i: not getattr(groups[i][0], "releases", False)):
+        kind, given = groups[i]
+        made[i] = kind.create_terms(given, body) if issubclass(kind, Feature) else given
+    return [term for i in range(len(groups)) for term in made[i]]
 
 
 def feature_classes(tables: type[Table]) -> Iterator[type[Feature]]:

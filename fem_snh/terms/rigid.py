@@ -109,7 +109,7 @@ class Rigid(Feature, MotionTable):
     then prescribed, as those of [[move]], or zero.
     """
 
-    key, planar = "rigid", True
+    key, planar, releases = "rigid", True, True
     one_of = ("group", "shape", "surface")
     excludes = {"joint": ("translate", "rotate", "free", "about")}
     needs = {

@@ -13,6 +13,7 @@ from plane_scenes import solve
 from rigid_bodies import check_derivatives
 
 import fem_snh
+from fem_snh.assembly.unknowns import update_ghosts
 
 TIGHT = {"snes_scaled_tol": 1e-12, "ksp_rtol": 1e-10}
 E, CELLS = 1.0, 4
@@ -20,25 +21,11 @@ E, CELLS = 1.0, 4
 WHOLE, WALLS = (1, 2), 1
 
 
-def unsolved_box(
-    comm,
-    kinematics,
-    degree,
-    surface,
-    planes=(),
-    sides=(),
-    slabs=(),
-    parts=None,
-    gap=False,
-    top=(),
-    fluid=lambda ds: fem_snh.Cavity(ds, volume=0.05),
-):
+def unsolved_box(comm, kinematics, degree, surface, planes=(), part=None, top=()):
     """Return the problem of a box on a fixed bottom that a fluid around it compresses.
 
-    ``parts`` makes terms of the measure of its upper quarter, whose number is 2; with a ``gap`` it
-    is two parts, 2 and 3. Planes of symmetry are the sides at 0 along axes ``planes``, and the
-    sides at 0 and 1 along ``slabs``; both ``sides`` along others have no normal displacement.
-    ``top`` is the displacement of the upper end, and ``fluid`` the term of the surface.
+    Its upper quarter is a rigid ``part``. Planes of symmetry are the sides at 0 along axes
+    ``planes``; ``top`` is the displacement of the upper end.
     """
     dim = 2 if kinematics in COMPONENTS else 3
     create = mesh.create_rectangle if dim == 2 else mesh.create_box
@@ -46,16 +33,16 @@ def unsolved_box(
     domain = create(comm, [np.zeros(dim), np.ones(dim)], [CELLS] * dim, kind)
     V, up = vector_space(domain, degree, COMPONENTS.get(kinematics, 3)), dim - 1
     u = fem.Function(V)
+    if kinematics.startswith("axisymmetric"):
+        planes = (0,)
 
     def outer(x):
         """Facets of the walls: not at the bottom, nor in planes of symmetry or on the axis."""
-        on = [np.isclose(x[i], 1) for i in range(up) if i not in slabs]
-        on += [np.isclose(x[i], 0) for i in range(up) if i not in (*planes, *slabs)]
+        on = [np.isclose(x[i], 1) for i in range(up)]
+        on += [np.isclose(x[i], 0) for i in range(up) if i not in planes]
         return np.any(on, axis=0)
 
-    if kinematics.startswith("axisymmetric"):
-        planes = (0,)
-    lid = 1 - 1 / CELLS - 1e-9 if parts else 1.0
+    lid = 1.0 if part is None else 1 - 1 / CELLS - 1e-9
     ds = tagged_measure(
         "ds",
         domain,
@@ -64,46 +51,33 @@ def unsolved_box(
             lambda x: (outer(x) & (x[up] > lid)) | np.isclose(x[up], 1),
         ],
     )
-    regions = [lambda x: x[up] < lid + 1e-6, lambda x: x[up] > lid]
-    if gap:
-        halves = (lambda x: x[0] < 0.26, lambda x: x[0] > 0.49)
-        regions[1:] = [lambda x, half=half: (x[up] > lid) & half(x) for half in halves]
-    dx = tagged_measure("dx", domain, regions)
+    dx = tagged_measure("dx", domain, [lambda x: x[up] < lid + 1e-6, lambda x: x[up] > lid])
 
-    def held(axis, place, component=None):
+    def prescribe(axis, place, value, component=None):
         def there(x):  # the lid's own nodes follow its keys
-            return np.isclose(x[axis], place) & (x[up] < lid + 1e-6)
+            return np.isclose(x[axis], place) & (place == 1 or x[up] < lid + 1e-6)
 
         facets = mesh.locate_entities_boundary(domain, dim - 1, there)
-        if component is None:
-            zero = np.zeros(COMPONENTS.get(kinematics, 3))
-            return fem.dirichletbc(zero, fem.locate_dofs_topological(V, dim - 1, facets), V)
-        dofs = fem.locate_dofs_topological(V.sub(component), dim - 1, facets)
-        return fem.dirichletbc(0.0, dofs, V.sub(component))
+        space = V if component is None else V.sub(component)
+        dofs = fem.locate_dofs_topological(space, dim - 1, facets)
+        return fem.dirichletbc(value, dofs, space)
 
-    bcs = [held(i, 0.0, i) for i in planes if dim == 3 or kinematics == "plane_strain"]
-    bcs += [held(i, place, i) for i in (*sides, *slabs) for place in (0.0, 1.0)]
-    material = fem_snh.material("stable_neo_hookean", E=E, nu=0.3)
-    fluid = fluid(ds(surface))
-    keys = {"petsc_options": TIGHT}
-    if dim == 2:
-        keys["kinematics"] = kinematics
-    bcs.append(held(up, 0.0))
+    bcs = [prescribe(i, 0.0, 0.0, i) for i in planes if dim == 3 or kinematics == "plane_strain"]
+    bcs.append(prescribe(up, 0.0, np.zeros(COMPONENTS.get(kinematics, 3))))
     if len(top):
-        facets = mesh.locate_entities_boundary(domain, dim - 1, lambda x: np.isclose(x[up], 1))
-        dofs = fem.locate_dofs_topological(V, dim - 1, facets)
-        bcs.append(fem.dirichletbc(np.array(top, float), dofs, V))
-    terms = [fluid, *(parts(dx) if parts else ())]
-    return fem_snh.NonlinearProblem(u, {material: ufl.dx}, bcs=bcs, terms=terms, **keys)
+        bcs.append(prescribe(up, 1.0, np.array(top)))
+    material = fem_snh.material("stable_neo_hookean", E=E, nu=0.3)
+    terms = [fem_snh.Cavity(ds(surface), volume=0.05)]
+    terms += [fem_snh.Rigid(group=dx(2), name="lid", **part)] if part is not None else []
+    keys = {"kinematics": kinematics} if dim == 2 else {}
+    return fem_snh.NonlinearProblem(
+        u, {material: ufl.dx}, bcs=bcs, terms=terms, petsc_options=TIGHT, **keys
+    )
 
 
-def box(*args, planes=(), sides=(), **part):
+def box(comm, kinematics, degree, surface, planes=(), **part):
     """Return the solved problem of a box with a rigid lid, and the states of fluid and lid."""
-
-    def parts(dx):
-        return [fem_snh.Rigid(group=dx(2), name="lid", **part)]
-
-    problem = unsolved_box(*args, planes, sides, parts=parts)
+    problem = unsolved_box(comm, kinematics, degree, surface, planes, part)
     problem.solve()
     assert problem.row["converged"]
     (state,) = problem.row["cavities"].values()
@@ -138,6 +112,20 @@ def test_a_lid_counts_as_its_facets(comm, name):
     for key in keys:
         assert lid[key] == pytest.approx(known[key], abs=1e-7), key
     assert lid["force"][2] == pytest.approx(known["force"][2], abs=1e-7)
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("planes", [(), (0,), (0, 1)])
+def test_the_volume_of_walls_whose_edge_moves(comm, planes):
+    """By the determinant of a uniform deformation, in planes of symmetry and by moved edges."""
+    top = np.array([0.2 * (0 not in planes), 0.1 * (1 not in planes), 0.3])
+    problem = unsolved_box(comm, "solid", 2, WALLS, planes, top=top)._problem
+    u = problem.x.duplicate()
+    u.array[:] = np.outer(problem.coordinates[:, 2], top).ravel()
+    update_ghosts(u)
+    (fluid,) = (term for term in problem.terms if term.name == "cavity")
+    assert fluid.state(u)["volume"] == pytest.approx(-0.3, rel=1e-12)  # it is outside
+    assert fluid.volume_at_rest == pytest.approx(-1.0, rel=1e-12)
 
 
 @pytest.mark.mpi

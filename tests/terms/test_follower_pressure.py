@@ -179,32 +179,6 @@ def solve(p, **options):
     return snes
 
 
-@pytest.mark.one_debian("ranks")
-@mpi
-def test_a_free_edge_is_searched_on_the_residual(comm):
-    """A clamped column pressed on one side; the reaction is the force on the deformed surface."""
-    value = 0.05
-    body = cube(comm, "hexahedron", 3)
-    p = pressed(body, [on("right", value)], hold=[Hold("bottom")], reactions=["bottom"])
-    assert not p.has_energy
-    snes = solve(p)
-    assert snes.getPythonContext().options["snes_globalization"] == "linesearch"
-    # The vector area of a surface is half the integral of x cross dx over its edge.
-    X = p.V.tabulate_dof_coordinates()[: p.x.getLocalSize() // 3]
-    x = X + p.x.array.reshape(-1, 3)
-    every = dict(
-        (tuple(np.round(3 * np.array(a)).astype(int)), b)
-        for rank in comm.allgather(list(zip(X.tolist(), x.tolist(), strict=True)))
-        for a, b in rank
-    )
-    edge = [(0, k) for k in range(3)] + [(k, 3) for k in range(3)]
-    edge += [(3, 3 - k) for k in range(3)] + [(3 - k, 0) for k in range(3)]
-    loop = np.array([every[(3, y, z)] for y, z in edge])
-    area = -np.cross(loop, np.roll(loop, -1, axis=0)).sum(axis=0) / 2
-    assert area[0] == pytest.approx(1.0, abs=0.3) and abs(area[2]) > 1e-3
-    np.testing.assert_allclose(p.reactions(p.x)["bottom"], value * area, rtol=1e-7, atol=1e-10)
-
-
 def strip(comm, form, **arguments):
     """A strip that is clamped at x = 0 under a pressure on its top, of a feature or of UFL."""
     domain = dolfinx_mesh.create_box(

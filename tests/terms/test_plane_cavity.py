@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from math import pi
 
-from mpi4py import MPI
-
 import numpy as np
 import pytest
 from gmsh_files import section
@@ -96,20 +94,6 @@ def test_inflation_by_a_volume(comm, folder, kinematics):
         assert state["pressure"] == pytest.approx(pressure(kinematics, a), rel=0.02)
     assert a == pytest.approx(stretch, rel=5e-3)
     assert state["volume"] == pytest.approx(share, rel=0.02)
-
-
-def test_a_thin_balloon_of_rubber_takes_few_iterations(folder):
-    """Volume term and fluid are 1e5 times as stiff as the shear, and trial steps overflow."""
-    ring(folder / "ring.msh", outer=1.02, along=41)
-    material = 'name = "mooney_rivlin"\nC10 = 0.4375\nC01 = 0.0625\nD1 = 1e-4'
-    text = SHELL.format(kinematics="axisymmetric", volume=2 / 3 * pi * (1.2**3 - 1))
-    text = text.replace('name = "stable_neo_hookean"\nE = 3.0\nnu = 0.49', material)
-    text = text.replace('"Q2"', '"Q1P0"').replace("[[probe]]", "stiffness = 1e6\n[[probe]]")
-    (folder / "thin.toml").write_text(text)
-    result = solve(folder / "thin.toml", MPI.COMM_SELF)
-    assert result.converged
-    newton = [row["newton"] for row in result.steps if row["converged"]]
-    assert np.median(newton) <= 6 and sum(newton) < 150, newton
 
 
 @pytest.mark.mpi

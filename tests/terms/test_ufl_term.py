@@ -168,17 +168,3 @@ def test_jacobian_of_an_asymmetric_residual(comm, filter):
     assert abs(K - K.T).max() > 1e-3
     expected = K if filter == "exact" else (K + K.T) / 2
     assert abs(matrix.total() - expected).max() < 1e-14
-
-
-@pytest.mark.one_debian("ranks")
-@mpi
-def test_dead_load_follows_the_load(comm):
-    body = Body(comm)
-    force = _dolfinx.constant(body.domain, (0.0, 0.0, -2.0))
-    term = UFLTerm(-ufl.inner(force, body.u) * ufl.dx, body.u, "gravity")
-    assert term.has_energy
-    for load in (1.0, 0.5):
-        force.value = (0.0, 0.0, -2.0 * load)
-        term.set_load(load)
-        assert body.residual(term).sum() == pytest.approx(2 * load, rel=1e-12)
-        assert term.energy(body.x, None) == pytest.approx(body.slope(term), rel=1e-8)
