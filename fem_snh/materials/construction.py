@@ -34,10 +34,7 @@ from fem_snh.materials.parameters import (
     measures_of,
     shape_parameters,
 )
-from fem_snh.materials.parsing import why_unbounded
 
-#: The measures at rest, F = I.
-REST = {m: 3.0 if str(m) in ("I1", "I_C", "II_C") else 1.0 for m in MEASURES.values()}
 #: Functions that the generated C and the UFL forms can evaluate.
 _FUNCTIONS = (sympy.log, log1p, sympy.exp, where, positive)
 
@@ -204,9 +201,6 @@ def _evaluate(
                 "expression in the function's arguments"
             )
         _check_functions(term, name)
-        if reason := why_unbounded(term, {m: REST[m] for m in measures}):
-            what = "an expression that can be evaluated in double precision"
-            raise BadInput(f"{returns}{reason}: expected {what}")
     return found
 
 

@@ -12,18 +12,16 @@ from fem_snh.errors import BadInput
 NU = 0.3
 #: Texts that sympy, given them as they are, expands or evaluates for hours, or C cannot hold.
 TOO_LARGE = [
-    ("1e999999999", "the number 1e999999999 has more than 40 characters, or is not from 1e-100"),
-    ("I_C * 1e-200", "the number 1e-200 has more than 40 characters, or is not from 1e-100"),
-    ("I_C * 0." + "3" * 60, "has more than 40 characters"),
-    ("I_C**9**9**9", "an exponent is beyond 64"),
-    ("9**9**9 * I_C", "an exponent is beyond 64"),
+    ("1e999999999", "it cannot be read"),
+    ("I_C * 1e-200", "a value is beyond 1e.100, or below its inverse"),
+    ("9**9**9 * I_C", "an exponent is no number, or beyond 64"),
     ("(((((9**60)**60)**60)**60)**60)*I_C", "a value is beyond 1e.100"),
-    ("((I_C + 1)**64)**64", "a value is beyond 1e.100"),
-    ("((I_C - 3)**64 + 1)**64", "its degree is beyond 64"),
+    ("((I_C - 3)**64 + 1)**64", "an exponent is no number, or beyond 64"),
     ("exp(1e6*I_C)", "a value is beyond 1e.100, or below its inverse"),
-    ("exp(-1e6*I_C)", "a value is beyond 1e.100, or below its inverse"),
     ("(" * 300 + "I_C" + ")" * 300, "it cannot be read"),
     ("I_C" + " + I_C" * 300, "it has more than 1000 characters"),
+    ("I_C.diff", "'I_C.diff' is not known"),
+    ("I_C if J else 1", "'I_C if J else 1' is not known"),
 ]
 
 

@@ -138,15 +138,6 @@ def shear(m: Material, x: Array | None = None) -> Curve:
     return Curve("simple shear", x, np.where(finite, m.pk1(F)[:, 0, 1], np.nan), linear)
 
 
-def free_stretch(m: Material, test: Test, s: float, guess: float) -> float:
-    """Return the stretch near ``guess`` for which the free direction has no stress, or NaN."""
-    for factor in (1.02, 1.1, 1.4):
-        low, high = guess / factor, guess * factor
-        if _across(low, m, test, s) < 0 < _across(high, m, test, s):
-            return _root(m, test, s, low, high)
-    return float("nan")
-
-
 def _with_free_sides(m: Material, test: Test, x: Array) -> Array:
     """Return stretches (n, 3) along the branch of solutions from the rest state; NaN at its end.
 
@@ -220,27 +211,6 @@ class StableRegion:
     scaling: Array
 
 
-@dataclass(frozen=True)
-class Interval:
-    """The stretches around rest for which the tangent stays positive along a path.
-
-    Attributes
-    ----------
-    path : str
-        Name of the curve.
-    searched : tuple of float
-        Range of the path; an interval that ends there may extend further.
-    tangent, scaling : tuple of float or None
-        (from, to) for all eigenvalues and for the scaling eigenvalues; None if the tangent is not
-        positive at rest.
-    """
-
-    path: str
-    searched: tuple[float, float]
-    tangent: tuple[float, float] | None
-    scaling: tuple[float, float] | None
-
-
 def smallest(m: Material, s: Array) -> tuple[Array, Array]:
     """Return the smallest of all and of the scaling eigenvalues [Pa] at stretches (..., 3)."""
     values = eigenvalues(m, s)
@@ -258,58 +228,3 @@ def region(m: Material, plane: str, axis: Array | None = None) -> StableRegion:
 def regions(m: Material) -> tuple[StableRegion, ...]:
     """Return the regions of all planes."""
     return tuple(region(m, plane) for plane in PLANES)
-
-
-def intervals(m: Material, curves: tuple[Curve, ...]) -> tuple[Interval, ...]:
-    """Return the intervals of all curves that have stretches (all but the shear)."""
-    return tuple(interval(m, curve) for curve in curves if curve.stretches is not None)
-
-
-def interval(m: Material, curve: Curve) -> Interval:
-    """Return the interval around rest in which the smallest eigenvalue is not negative."""
-    assert curve.stretches is not None
-    known = np.isfinite(curve.stretches).all(axis=-1)
-    x, s = curve.x[known], curve.stretches[known]
-    if not len(x):
-        return Interval(curve.name, (1.0, 1.0), None, None)
-    pieces = [
-        _around_rest(m, curve.name, x, s, values >= -TOLERANCE * m.expression.E, which)
-        for which, values in enumerate(smallest(m, s))
-    ]
-    return Interval(curve.name, (float(x[0]), float(x[-1])), *pieces)
-
-
-def _around_rest(
-    m: Material, path: str, x: Array, s: Array, good: npt.NDArray[np.bool_], which: int
-) -> tuple[float, float] | None:
-    rest = int(np.argmin(np.abs(x - 1)))
-    if not good[rest]:
-        return None
-    bad = np.flatnonzero(~good)
-    below, above = bad[bad < rest], bad[bad > rest]
-    low = _edge(m, path, x, s, below[-1] + 1, below[-1], which) if len(below) else float(x[0])
-    high = _edge(m, path, x, s, above[0] - 1, above[0], which) if len(above) else float(x[-1])
-    return low, high
-
-
-def _edge(m: Material, path: str, x: Array, s: Array, a: int, b: int, which: int) -> float:
-    """Return the end of the interval between a positive sample ``a`` and a negative ``b``."""
-    good, bad = float(x[a]), float(x[b])
-    for _ in range(26):
-        middle = (good + bad) / 2
-        here = _stretches(m, path, middle, float(s[a, 2]))
-        if smallest(m, here)[which] >= -TOLERANCE * m.expression.E:
-            good = middle
-        else:
-            bad = middle
-    return good
-
-
-_TESTS: dict[str, Test] = {"uniaxial": UNIAXIAL, "equibiaxial": EQUIBIAXIAL}
-
-
-def _stretches(m: Material, path: str, x: float, guess: float) -> Array:
-    if path not in _TESTS:
-        return np.full(3, x)
-    t = free_stretch(m, _TESTS[path], x, guess)
-    return _TESTS[path][0](np.array(x), np.array(t))

@@ -14,7 +14,7 @@ from fem_snh.errors import BadInput
 from fem_snh.files import write_file
 from fem_snh.kernels.material import Material, material
 from fem_snh.kernels.reports import curves, stability
-from fem_snh.kernels.reports.curves import Curve, Interval, StableRegion
+from fem_snh.kernels.reports.curves import Curve, StableRegion
 from fem_snh.kernels.reports.stability import Stability
 from fem_snh.records.run_record import table_text
 
@@ -53,7 +53,7 @@ class Report:
         The four stability properties of Smith et al. 2018.
     curves : tuple of Curve
         Uniaxial, equibiaxial, simple shear and volumetric stress curves.
-    drucker, regions : tuple of Interval, tuple of StableRegion
+    regions : tuple of StableRegion
         Where the exact tangent is positive semidefinite.
     """
 
@@ -73,7 +73,6 @@ class Report:
     rest: Stability
     degeneracy: Stability
     curves: tuple[Curve, ...]
-    drucker: tuple[Interval, ...]
     regions: tuple[StableRegion, ...]
 
     @property
@@ -93,7 +92,6 @@ class Report:
 
 def report(m: Material) -> Report:
     """Return the report of a material; it takes half a second once the kernel is compiled."""
-    tests = curves.curves(m)
     return Report(
         name=m.name,
         E=m.expression.E,
@@ -109,8 +107,7 @@ def report(m: Material) -> Report:
         domain=tuple(map(str, m.expression.domain)),
         needs_stretches=m.expression.needs_stretches,
         **{s.name: s for s in stability.properties(m)},
-        curves=tests,
-        drucker=curves.intervals(m, tests),
+        curves=curves.curves(m),
         regions=curves.regions(m),
     )
 
@@ -135,13 +132,6 @@ def _lines(r: Report) -> list[str]:
         lines.append(f"  {s.name:<13}  {s}")
         numbers = ", ".join(f"{k} {_short(v)}" for k, v in s.numbers.items())
         lines += [f"  {'':<13}  {numbers}"] if numbers else []
-    lines += [
-        "",
-        "Tangent positive (stretches around rest)     all eigenvalues  scaling eigenvalues",
-    ]
-    for i in r.drucker:
-        both = (_span(x, i.searched) for x in (i.tangent, i.scaling))
-        lines.append(f"  {i.path:<38}" + "".join(f"   {text:<16}" for text in both).rstrip())
     return lines
 
 
@@ -165,15 +155,6 @@ def _short(x: float) -> str:
     if math.isnan(x):
         return "none"
     return "0" if abs(x) < 1e-12 else f"{x:.3g}"
-
-
-def _span(found: tuple[float, float] | None, searched: tuple[float, float]) -> str:
-    """Return an interval as text; '<' or '>' marks an end of the searched range."""
-    if found is None:
-        return "nowhere"
-    low = f"< {searched[0]:.3g}" if found[0] == searched[0] else f"{found[0]:.4g}"
-    high = f"> {searched[1]:.3g}" if found[1] == searched[1] else f"{found[1]:.4g}"
-    return f"{low} to {high}"
 
 
 def rows(

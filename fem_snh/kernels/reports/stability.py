@@ -227,7 +227,7 @@ def degeneracy(m: Material) -> Stability:
     Numbers: ``plane force`` (largest stress along the normal: it must be negative), ``line force``
     and ``line curvature`` (smallest eigenvalue across, at length 1: it must be negative),
     ``point force`` and ``point curvature`` (smallest eigenvalue at F = 0: positive would be a
-    stable minimum) with its ``point basin`` (the uniform stretch below which it attracts).
+    stable minimum).
     """
     E = m.expression.E
     crushed = diagonal(np.array([(1.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 0.0)]))
@@ -250,17 +250,8 @@ def degeneracy(m: Material) -> Stability:
         faults.append("line")
     if numbers["point force"] > _SMALL or numbers["point curvature"] > _SMALL:
         faults.append("point")
-    if numbers["point force"] <= _SMALL < numbers["point curvature"]:
-        numbers["point basin"] = _basin(m)
     return _verdict("degeneracy", [", ".join(faults)] if faults else [], numbers)
 
 
 def _lowest(H: Array) -> float:
     return float(np.linalg.eigvalsh(H)[0])
-
-
-def _basin(m: Material) -> float:
-    """Return the uniform stretch below which a stable point attracts."""
-    s = np.geomspace(1e-6, 1, 2000)
-    pushed = stress(m, np.repeat(s[:, None], 3, axis=1))[:, 0]
-    return float(s[np.argmax(pushed < 0)]) if (pushed < 0).any() else 1.0
