@@ -19,8 +19,7 @@ from fem_snh.assembly.kinematics import SOLID, Kinematics
 from fem_snh.choices import EIGENSOLVERS
 from fem_snh.kernels import build
 from fem_snh.kernels.build import header
-from fem_snh.kernels.compiled import Compiled, compile_kernel
-from fem_snh.kernels.material import Material
+from fem_snh.kernels.material import Compiled, Material, compile_kernel
 
 #: Results of `CellLoops.fields`, in the order of fields_cells (cell_api.h).
 FIELDS = ("volume", "deformed_volume", "min_J", "energy", "min_eigenvalue")

@@ -20,8 +20,8 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 
+from fem_snh.linalg.block_matrix import Halo
 from fem_snh.linalg.direct_solver import set_direct_factors
-from fem_snh.linalg.halo import Halo
 
 Array = npt.NDArray[Any]
 

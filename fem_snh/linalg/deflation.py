@@ -49,10 +49,14 @@ import numpy.typing as npt
 
 from fem_snh.kernels import build
 from fem_snh.kernels.block_pattern import BlockPattern
-from fem_snh.linalg.block_matrix import FUNCTIONS, SymmetricBlockMatrix, columns
+from fem_snh.linalg.block_matrix import (
+    FUNCTIONS,
+    DisplacementBlocks,
+    Halo,
+    SymmetricBlockMatrix,
+    columns,
+)
 from fem_snh.linalg.coarse_matrix import CoarseMatrix, Distributed, Replicated
-from fem_snh.linalg.halo import Halo
-from fem_snh.linalg.matrix_parts import DisplacementBlocks
 from fem_snh.linalg.ssor_cg import LEAST_IN_DOUBLE
 
 Array = npt.NDArray[Any]

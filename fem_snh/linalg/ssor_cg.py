@@ -48,10 +48,14 @@ import numpy.typing as npt
 
 from fem_snh._petsc import aij_blocks, nonzero_state
 from fem_snh.errors import BadInput, on_every
-from fem_snh.linalg.block_matrix import SymmetricBlockMatrix, open_kernels
+from fem_snh.linalg.block_matrix import (
+    Halo,
+    SymmetricBlockMatrix,
+    displacement_blocks,
+    open_kernels,
+    stored_in,
+)
 from fem_snh.linalg.coarse_matrix import MAX_INVERTED
-from fem_snh.linalg.halo import Halo
-from fem_snh.linalg.matrix_parts import displacement_blocks, stored_in
 
 if TYPE_CHECKING:
     from fem_snh.linalg.deflation import BodyModes, Deflation
@@ -81,7 +85,7 @@ def context_of(ksp: PETSc.KSP) -> EisenstatCG | None:
 class EisenstatCG:
     """A KSP of type "python" for a symmetric matrix of 2x2 or 3x3 blocks. Collective.
 
-    The matrix is an AIJ matrix or one of `fem_snh.linalg.matrix_parts.part_of`.
+    The matrix is an AIJ matrix or one of `fem_snh.linalg.block_matrix.part_of`.
 
     Tolerances, monitors and converged reasons are those of any KSP; the norm is the natural one,
     sqrt(r.M^-1 r). The KSP's PC is not used. With coordinates the iteration is deflated, see
@@ -311,7 +315,7 @@ class SSORSystem:
     Parameters
     ----------
     A : PETSc.Mat
-        A matrix of 2x2 or 3x3 blocks, or one of `fem_snh.linalg.matrix_parts.part_of`; its pattern
+        A matrix of 2x2 or 3x3 blocks, or one of `fem_snh.linalg.block_matrix.part_of`; its pattern
         is read here, its values by `update`.
     coordinates : (rows, dim) or None
         Reference coordinates of this rank's nodes; without them there is no deflation.

@@ -24,8 +24,7 @@ from fem_snh.assembly.kinematics import kinematics_of
 from fem_snh.choices import DEFAULT_CELLS
 from fem_snh.errors import BadInput
 from fem_snh.files import is_shape
-from fem_snh.kernels.compiled import supports
-from fem_snh.kernels.material import material
+from fem_snh.kernels.material import material, supports
 from fem_snh.mesh.bisection import MOST_CELLS, bisect_times, size_field
 from fem_snh.mesh.gmsh_input import MeshData, has_free_sizes, parameter
 from fem_snh.mesh.mesh import Mesh, distribute, gather

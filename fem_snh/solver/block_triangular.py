@@ -28,7 +28,7 @@ from petsc4py import PETSc
 import numpy as np
 
 from fem_snh._petsc import nonzero_state
-from fem_snh.linalg.matrix_parts import Submatrix, part_of
+from fem_snh.linalg.block_matrix import Submatrix, part_of
 from fem_snh.linalg.ssor_cg import EisenstatCG
 from fem_snh.solver.protocol import Array, SaddlePoint
 

@@ -16,11 +16,10 @@ from fem_snh._petsc import call, factors_out_of_memory, ffi, set_operators
 from fem_snh.errors import choose
 from fem_snh.linalg.direct_solver import set_direct_factors
 from fem_snh.linalg.ssor_cg import SSOR
-from fem_snh.solver.line_search import SHORT, LineSearch
 from fem_snh.solver.options import Values
 from fem_snh.solver.saddle_point import frozen_preconditioner
 from fem_snh.solver.search_direction import SearchDirection
-from fem_snh.solver.step import State, Step
+from fem_snh.solver.step import SHORT, LineSearch, State, Step
 
 
 class _Memory(NamedTuple):

@@ -18,13 +18,12 @@ from fem_snh.linalg.direct_solver import is_direct, set_asymmetric_factors
 from fem_snh.solver import options
 from fem_snh.solver.errors import clean
 from fem_snh.solver.globalization import FullNewton, LineSearchNewton, QuasiNewton, TrustRegion
-from fem_snh.solver.line_search import LineSearch
 from fem_snh.solver.linear_choice import AsymmetricSolver, LinearChoice
 from fem_snh.solver.protocol import SolvableProblem
 from fem_snh.solver.saddle_point import MeritLineSearch
 from fem_snh.solver.search_direction import SearchDirection
 from fem_snh.solver.stability import EquilibriumStability
-from fem_snh.solver.step import ForcingTerm, Iteration, State, Step
+from fem_snh.solver.step import ForcingTerm, Iteration, LineSearch, State, Step
 
 #: Rounding error of the residual over the forces that act, above which a state is no solution.
 _MOST_ROUNDING = 1e-2

@@ -13,9 +13,8 @@ import numpy as np
 
 from fem_snh._petsc import set_operators
 from fem_snh.solver.block_triangular import BlockTriangular
-from fem_snh.solver.line_search import LineSearch
 from fem_snh.solver.protocol import Array, SaddlePoint
-from fem_snh.solver.step import State, Step
+from fem_snh.solver.step import LineSearch, State, Step
 
 #: A preconditioner by blocks: ours, or PETSc's.
 Blocks = BlockTriangular | Literal["fieldsplit"]

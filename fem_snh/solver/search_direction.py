@@ -24,14 +24,13 @@ import numpy as np
 from fem_snh._petsc import NEGATIVE_CURVATURE, factors_out_of_memory, negative_pivots, set_operators
 from fem_snh.linalg.direct_solver import set_direct_factors
 from fem_snh.solver.block_triangular import BlockTriangular
-from fem_snh.solver.line_search import SHORT
 from fem_snh.solver.saddle_point import (
     Blocks,
     frozen_preconditioner,
     outer_operator,
     preconditioner_by_blocks,
 )
-from fem_snh.solver.step import ForcingTerm, State, Step, relative_tolerance
+from fem_snh.solver.step import SHORT, ForcingTerm, State, Step, relative_tolerance
 
 if TYPE_CHECKING:
     from fem_snh.solver.newton import ProjectedNewton

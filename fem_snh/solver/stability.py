@@ -36,11 +36,10 @@ from fem_snh.linalg.direct_solver import SymmetricFactors
 from fem_snh.linalg.ssor_cg import context_of
 from fem_snh.solver.block_triangular import BlockTriangular
 from fem_snh.solver.errors import callback_errors
-from fem_snh.solver.line_search import LineSearch
 from fem_snh.solver.linear_choice import MAX_NODES
 from fem_snh.solver.protocol import SolvableProblem
 from fem_snh.solver.saddle_point import frozen_preconditioner, preconditioner_by_blocks
-from fem_snh.solver.step import State, relative_tolerance
+from fem_snh.solver.step import LineSearch, State, relative_tolerance
 
 Array = npt.NDArray[np.float64]
 

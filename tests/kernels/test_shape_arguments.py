@@ -13,8 +13,7 @@ import fem_snh
 from fem_snh import cli, materials
 from fem_snh.choices import POINT_FILTERS
 from fem_snh.kernels.codegen import source
-from fem_snh.kernels.compiled import compile_kernel
-from fem_snh.kernels.material import Material
+from fem_snh.kernels.material import Material, compile_kernel
 from fem_snh.materials.runtime import with_arguments
 
 NU = 0.3

@@ -11,7 +11,7 @@ import pytest
 from bodies import wave
 from volume_energies import mixed_problem, mpi, set_state
 
-from fem_snh.linalg.matrix_parts import Submatrix
+from fem_snh.linalg.block_matrix import Submatrix
 
 
 @pytest.mark.one_debian("ranks")

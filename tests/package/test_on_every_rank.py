@@ -10,7 +10,7 @@ from bodies import cube, problem
 
 from fem_snh.assembly import matrix_layout
 from fem_snh.errors import BadInput
-from fem_snh.linalg import halo
+from fem_snh.linalg import block_matrix as halo
 from fem_snh.linalg.ssor_cg import SSORSystem
 
 pytestmark = pytest.mark.mpi

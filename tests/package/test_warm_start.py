@@ -10,7 +10,7 @@ import pytest
 
 import fem_snh
 from fem_snh import materials
-from fem_snh.kernels.compiled import compile_kernel
+from fem_snh.kernels.material import compile_kernel
 from fem_snh.materials.numbers import Numbers, numbers_of, stored
 
 pytestmark = pytest.mark.one_debian

@@ -18,8 +18,7 @@ from solver_problems import (
 
 from fem_snh import Traction, solver
 from fem_snh.runs import run
-from fem_snh.solver.line_search import LineSearch
-from fem_snh.solver.step import State
+from fem_snh.solver.step import LineSearch, State
 
 mpi = pytest.mark.mpi
 

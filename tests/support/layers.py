@@ -29,8 +29,7 @@ MOST_PARTS = 18
 #: Modules and folders with imports of the package inside functions, and why they have them.
 LAZY = {
     "cli": "each command imports what it runs: the others, and --help, start at once",
-    "kernels.compiled": "sympy generates code only for a kernel that is not in the cache",
-    "kernels.material": "UFL and the report are for those who ask for them",
+    "kernels.material": "sympy generates what the cache has not; UFL and reports are asked for",
     "kernels.reports.report": "matplotlib draws a report only if asked",
     "geometry.shapes.closed_surface": "VTK takes longer to import than a small solve",
     "mesh.gmsh_model": "only files of shapes are XML",

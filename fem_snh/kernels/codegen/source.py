@@ -1,6 +1,6 @@
 """Choose the energy that an element evaluates, and assemble the C source of it at a point.
 
-The energy is the material's, whole or without its volume term. `fem_snh.kernels.compiled` and
+The energy is the material's, whole or without its volume term. `fem_snh.kernels.material` and
 ``fem-snh materials NAME --source`` call this module.
 """
 
@@ -26,7 +26,7 @@ from fem_snh.kernels.codegen.small_strain import (
     SmallStrainFunctions,
     small_strain_forms,
 )
-from fem_snh.kernels.compiled import ElementConstants
+from fem_snh.kernels.material import ElementConstants
 from fem_snh.materials.energy import Energy
 from fem_snh.materials.parameters import BOUNDS
 from fem_snh.materials.runtime import with_arguments

@@ -23,7 +23,7 @@ from petsc4py import PETSc
 import numpy as np
 
 from fem_snh._petsc import aij_blocks, nonzero_state
-from fem_snh.linalg.matrix_parts import Submatrix
+from fem_snh.linalg.block_matrix import Submatrix
 from fem_snh.problem.mixed.pressure_masses import PressureMasses
 
 #: The sums of N's rows, as a multiple of those of :math:`B H^{-1} B^T` for plane waves

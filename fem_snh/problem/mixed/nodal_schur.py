@@ -11,7 +11,7 @@ from petsc4py import PETSc
 import numpy as np
 
 from fem_snh._petsc import aij_blocks, nonzero_state
-from fem_snh.linalg.halo import Halo
+from fem_snh.linalg.block_matrix import Halo
 from fem_snh.problem.mixed.pressure_masses import PressureMasses
 
 #: Factor of the shear part of the Schur complement's approximation. In the interior 1 would be

@@ -24,8 +24,7 @@ from fem_snh.assembly.unknowns import local_values
 from fem_snh.errors import on_root
 from fem_snh.kernels import build
 from fem_snh.kernels.build import header
-from fem_snh.kernels.compiled import Compiled
-from fem_snh.kernels.material import Material
+from fem_snh.kernels.material import Compiled, Material
 from fem_snh.problem.problem import Problem
 from fem_snh.runs.output.point_fields import PointFieldLoops
 
