@@ -60,9 +60,8 @@ def main(file: Path, settings: dict[str, Any]) -> None:
     }
     subdomains = 0
     if deflation:
-        y, layout = np.ones(len(deflation._y)), deflation.E._layout
+        y, subdomains = np.ones(len(deflation._y)), deflation.E._shape[0]
         own["coarse_solve"] = _best(comm, lambda: deflation.E.solve(y.copy()))
-        subdomains = layout.own if layout.comm.size == 1 else comm.allreduce(layout.own)
     ranks = comm.gather(own)
     network = _network(comm)
     if ranks is not None:

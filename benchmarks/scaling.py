@@ -39,7 +39,6 @@ def rows(
     weak_cells: int = 16,
     stretch: float = 1.4,
     subdomains: int = -1,
-    replicated: int = -1,
     timeout: float = 900.0,
     memory: float = 16.0,
 ) -> Iterator[Row]:
@@ -55,8 +54,8 @@ def rows(
         Along the diameter; 28: 58,551 unknowns. Of a weak part: on one rank.
     stretch : float
         Ratio of the lengths at the end.
-    subdomains, replicated : int
-        ``-ksp_deflation_subdomains`` and ``-ksp_deflation_replicated``; -1: the defaults.
+    subdomains : int
+        ``-ksp_deflation_subdomains``; -1: the default.
     timeout, memory : float
         Limits of a run [s], [GiB].
 
@@ -74,7 +73,7 @@ def rows(
     numbers = [int(number) for number in split_list(str(ranks))]
     if numbers[0] != 1:
         raise BadInput(f"ranks = '{ranks}': expected numbers of ranks, 1 first")
-    given = {"deflation_subdomains": subdomains, "deflation_replicated": replicated}
+    given = {"deflation_subdomains": subdomains}
     petsc = {f"ksp_{name}": value for name, value in given.items() if value >= 0}
     with tempfile.TemporaryDirectory() as name:
         bench = _Bench(Path(name), {"stretch": stretch, "petsc": petsc}, timeout, memory)

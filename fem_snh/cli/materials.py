@@ -83,9 +83,8 @@ def materials(argv: list[str]) -> int:
         return 0
     if args.source:
         from fem_snh.kernels.codegen.source import material_source
-        from fem_snh.materials.runtime import with_arguments
 
-        print(material_source(with_arguments(make_energy(name, **numbers))))
+        print(material_source(make_energy(name, **numbers)))
     if not (args.report or args.plot is not None):
         return 0
     from fem_snh.kernels.material import material

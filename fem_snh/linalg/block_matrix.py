@@ -1,7 +1,7 @@
 """A symmetric matrix of 2x2 or 3x3 blocks in single precision, made of an assembled AIJ matrix.
 
 `fem_snh.linalg.ssor_cg` sweeps over the matrix; `fem_snh.linalg.deflation` reads its pattern;
-`Halo` receives the values of nodes that other ranks own, or adds to them.
+`Halo` receives the values of nodes that other ranks own.
 
 The AIJ matrix may be one of the displacement alone, or of displacement and pressure, of which every
 rank numbers its displacement first (`fem_snh.assembly.matrix_layout`). PETSc sorts the columns of a
@@ -445,8 +445,3 @@ class Halo:
         """Copy other ranks' ``values``, (width rows,), into ``ghosts``."""
         self._forest.bcastBegin(self._node, values, self.ghosts, MPI.REPLACE)
         self._forest.bcastEnd(self._node, values, self.ghosts, MPI.REPLACE)
-
-    def add(self, ghosts: np.ndarray, values: np.ndarray) -> None:
-        """Add other ranks' ``ghosts`` of this rank's nodes to its ``values``, (width rows,)."""
-        self._forest.reduceBegin(self._node, ghosts, values, MPI.SUM)
-        self._forest.reduceEnd(self._node, ghosts, values, MPI.SUM)

@@ -56,7 +56,7 @@ from fem_snh.linalg.block_matrix import (
     SymmetricBlockMatrix,
     columns,
 )
-from fem_snh.linalg.coarse_matrix import CoarseMatrix, Distributed, Replicated
+from fem_snh.linalg.coarse_matrix import CoarseMatrix
 from fem_snh.linalg.ssor_cg import LEAST_IN_DOUBLE
 
 Array = npt.NDArray[Any]
@@ -143,7 +143,7 @@ class Deflation:
     """The deflation space of a matrix, Z and A Z, and the operators of one vector. Collective.
 
     Coarse vectors are (columns subdomains,), nodal vectors (size rows,) float32, passed as C
-    pointers. Subdomains are numbered as this rank holds them (`fem_snh.linalg.coarse_matrix`).
+    pointers. Every rank numbers the subdomains of all.
 
     Parameters
     ----------
@@ -159,8 +159,6 @@ class Deflation:
         Reference coordinates of this rank's nodes.
     subdomains : int
         Number of subdomains on all ranks together; every rank has at least one.
-    replicated : int
-        Up to so many of them every rank holds E; of more, only its rows.
 
     Attributes
     ----------
@@ -180,7 +178,6 @@ class Deflation:
         halo: Halo | None,
         coordinates: Array,
         subdomains: int,
-        replicated: int,
     ) -> None:
         self._comm, self._matrix, self._halo = comm, matrix, halo
         self._coordinates = coordinates
@@ -193,22 +190,19 @@ class Deflation:
             halo.exchange(np.repeat(subdomain, matrix.size).astype(np.float32))  # exact up to 2^24
             subdomain = np.concatenate([subdomain, halo.ghosts[:, 0].astype(np.int32)])
         self._columns = columns(matrix.size)
-        layout: Replicated | Distributed = Replicated(comm, sum(counts))
-        if halo and sum(counts) > replicated:
-            layout = Distributed(comm, counts, subdomain[rows:], self._columns)
-        self.subdomain, held = layout.local(subdomain), len(layout.held)
+        self.subdomain, count = subdomain, sum(counts)
         self.functions = np.zeros((len(subdomain), matrix.size, FUNCTIONS), np.float32)
-        pairs = self._create_space(blocks, held)
-        self.E = CoarseMatrix(layout, *pairs, self._columns)
+        pairs = self._create_space(blocks, count)
+        self.E = CoarseMatrix(comm, count, *pairs, self._columns)
         self._free: Array | None = None
-        size = self._columns * held
+        size = self._columns * count
         self._lib, self._y, self._single = matrix.lib, np.zeros(size), np.zeros(size, np.float32)
         self._Qb = np.zeros(size)  # coefficients of Q b in the columns of Z
         self._at_y, self._at_single = (
             build.pointer(matrix.ffi, a) for a in (self._y, self._single)
         )
 
-    def _create_space(self, blocks: DisplacementBlocks, held: int) -> tuple[Array, Array]:
+    def _create_space(self, blocks: DisplacementBlocks, subdomains: int) -> tuple[Array, Array]:
         """Create the C struct; return the subdomains of the blocks of E that this rank adds to."""
         matrix, rows, subdomain = self._matrix, self._matrix.rows, self.subdomain
         parts = [
@@ -217,9 +211,9 @@ class Deflation:
             if part is not None
         ]
         row_of_block, of_column = (np.concatenate(part) for part in zip(*parts, strict=True))
-        pairs = BlockPattern(row_of_block, of_column, rows, held)
+        pairs = BlockPattern(row_of_block, of_column, rows, subdomains)
         row, pair_subdomain = pairs.rows(), pairs.indices
-        pair = subdomain[row].astype(np.int64) * held + pair_subdomain
+        pair = subdomain[row].astype(np.int64) * subdomains + pair_subdomain
         block, pair_block = np.unique(pair, return_inverse=True)
         self.arrays = {  # the struct holds pointers: the arrays must live as long
             "subdomain": np.ascontiguousarray(subdomain, np.int32),
@@ -233,7 +227,7 @@ class Deflation:
         pointers = {name: matrix.pointer(array) for name, array in self.arrays.items()}
         self.struct = matrix.ffi.new("CoarseSpace *", {"rows": rows, **pointers})
         self._num_blocks = len(block)
-        return np.divmod(block, held)
+        return np.divmod(block, subdomains)
 
     def update(self, values: int, off_diagonal: int, scale: float) -> int:
         """Compute Z, A Z and E^-1 for new values of the matrix.

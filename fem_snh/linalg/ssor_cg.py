@@ -89,8 +89,7 @@ class EisenstatCG:
 
     Tolerances, monitors and converged reasons are those of any KSP; the norm is the natural one,
     sqrt(r.M^-1 r). The KSP's PC is not used. With coordinates the iteration is deflated, see
-    `fem_snh.linalg.deflation`; ``-ksp_deflation_subdomains`` sets the number of subdomains, and
-    ``-ksp_deflation_replicated`` that above which their matrix is distributed over the ranks.
+    `fem_snh.linalg.deflation`; ``-ksp_deflation_subdomains`` sets the number of subdomains.
 
     Parameters
     ----------
@@ -121,7 +120,6 @@ class EisenstatCG:
 
     def __init__(self, coordinates: np.ndarray | None = None) -> None:
         self._coordinates, self._subdomains = coordinates, AUTOMATIC
-        self._replicated = MAX_REPLICATED
         self.has_residual = False
 
     def create(self, ksp: PETSc.KSP) -> None:
@@ -131,10 +129,9 @@ class EisenstatCG:
         self._state = -1  # of the matrix last used
 
     def setFromOptions(self, ksp: PETSc.KSP) -> None:
-        """Read ``ksp_deflation_subdomains`` (0 for none, -1 by the size), ``.._replicated``."""
+        """Read ``ksp_deflation_subdomains``: 0 for none, -1 by the size."""
         options = PETSc.Options(ksp.getOptionsPrefix())
         self._subdomains = options.getInt("ksp_deflation_subdomains", AUTOMATIC)
-        self._replicated = options.getInt("ksp_deflation_replicated", MAX_REPLICATED)
 
     @property
     def _system(self) -> SSORSystem:
@@ -148,8 +145,7 @@ class EisenstatCG:
         read if it or the matrix object changed.
         """
         if self._made is None or not self._made.fits(A):
-            limits = self._subdomains, self._replicated
-            self._made, self._state = SSORSystem(A, self._coordinates, *limits), -1
+            self._made, self._state = SSORSystem(A, self._coordinates, self._subdomains), -1
         if self._state != A.stateGet():
             self._failure, self._state = self._system.update(A), A.stateGet()
             self._modes = None if self._failure else self._system.body_modes(A)
@@ -267,11 +263,11 @@ _NODES_OF_FEW, _FEW, _NODES_OF_MANY = 64, 16, 256
 #: out what couples it to others. More would save iterations, whose coarse solves cost more
 #: (docs/results/scaling.md).
 _FEW_RANKS, _MOST_ON_RANKS = 2, 100
+#: On several ranks, each of which repeats the coarse solves, never more than this.
+_MOST_REPEATED = 300
 AUTOMATIC = -1
 #: A curvature above -1e-6 p.D^-1 p counts as zero: the rounding error of a sum in single precision.
 ZERO_CURVATURE = 1e-6
-#: Default of ksp_deflation_replicated.
-MAX_REPLICATED = 300
 #: Components of a displacement: the sizes of blocks for which there are kernels.
 BLOCK_SIZES = (2, 3)
 
@@ -321,8 +317,6 @@ class SSORSystem:
         Reference coordinates of this rank's nodes; without them there is no deflation.
     subdomains : int
         Number of deflation subdomains, 0 for none, AUTOMATIC for a number by the matrix's size.
-    replicated : int
-        Up to so many of them every rank holds their matrix; of more, only its rows.
 
     Attributes
     ----------
@@ -347,7 +341,6 @@ class SSORSystem:
         A: PETSc.Mat,
         coordinates: np.ndarray | None,
         subdomains: int = AUTOMATIC,
-        replicated: int = MAX_REPLICATED,
     ) -> None:
         block = A.getBlockSize()
         if block not in BLOCK_SIZES:
@@ -371,7 +364,7 @@ class SSORSystem:
             from fem_snh.linalg.deflation import Deflation
 
             self.deflation = Deflation(
-                self.comm, self.matrix, blocks, self.halo, coordinates, subdomains, replicated
+                self.comm, self.matrix, blocks, self.halo, coordinates, subdomains
             )
         size = block * self.matrix.rows
         self._vectors: dict[str, npt.NDArray[np.float32]] = {
@@ -525,7 +518,8 @@ def _default_subdomains(nodes: int, ranks: int, dim: int) -> int:
     if subdomains < _MIN_SUBDOMAINS:
         return 0
     subdomains = min(subdomains * (2 if many else 1), most)
-    return max(subdomains, nodes // _NODES_PER_SUBDOMAIN_OF_LARGE)
+    of_large = nodes // _NODES_PER_SUBDOMAIN_OF_LARGE
+    return max(subdomains, of_large if ranks == 1 else min(of_large, _MOST_REPEATED))
 
 
 class SSOR:

@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Any, NamedTuple
 
 import sympy
@@ -25,14 +24,12 @@ from fem_snh.materials.functions import (
 )
 from fem_snh.materials.parameters import (
     MAX_EXPONENT,
-    TUNING,
     Function,
     Keywords,
     check,
     check_constants,
     constants_of,
     measures_of,
-    shape_parameters,
 )
 
 #: Functions that the generated C and the UFL forms can evaluate.
@@ -77,47 +74,17 @@ def construct(
     preferred = {c: v for c, v in constants_of(function).items() if v is not None}
     given = {k: v for k, v in tuned.items() if v is not None}
 
-    def untuned(shape: Keywords, values: tuple[float, ...] | None = None) -> Energy:
-        form = symbolic(function, name, nu, shape)
-        known = {str(c): c for c in form.constants}
-        defaults, fixed = ({known[k]: v for k, v in of.items()} for of in (preferred, pins))
-        fit = normalise.Normalisation(name, form.constants, defaults, fixed, form.moduli)
-        if values is None:
-            values = _fitted(fit, E, nu, mixed=lambda_part is not None)
-        whole = dict(shape) | given
-        return Energy(name=name, E=E, nu=nu, shape=whole, values=values, fit=fit, **form._asdict())
-
-    energy = untuned(shape)
-
-    def with_symbols(symbols: Keywords) -> Energy:
-        own = dict(shape) | {k: v for k, v in symbols.items() if k in shape}
-        made = replace(untuned(own, energy.values), shape=energy.shape)
-        return _tuned(made, given, symbols, lambda_part)
-
-    defaults = shape_parameters(function) | TUNING
-    return replace(
-        _tuned(energy, given, {}, lambda_part),
-        adjusted={k: v for k, v in energy.shape.items() if v != defaults[k]},
-        with_symbols=with_symbols,
-    )
-
-
-def _tuned(
-    energy: Energy,
-    given: Keywords,
-    symbols: Keywords,
-    lambda_part: Energy | None,
-) -> Energy:
-    """Return a tuned energy, with symbols for some numbers of the tuning."""
-    if not given:
-        return energy
-    values = check(dict(given))
-    for key in values:
-        part = key in ("alpha_mu", "alpha_lambda") and key not in given
-        values[key] = symbols.get("alpha" if part else key, values[key])
-    energy = tuning.tune(energy, values, lambda_part)
-    for term in energy.expressions:
-        _check_exponents(term, energy.name)
+    form = symbolic(function, name, nu, shape)
+    known = {str(c): c for c in form.constants}
+    defaults, fixed = ({known[k]: v for k, v in of.items()} for of in (preferred, pins))
+    fit = normalise.Normalisation(name, form.constants, defaults, fixed, form.moduli)
+    values = _fitted(fit, E, nu, mixed=lambda_part is not None)
+    whole = dict(shape) | given
+    energy = Energy(name=name, E=E, nu=nu, shape=whole, values=values, fit=fit, **form._asdict())
+    if given:
+        energy = tuning.tune(energy, check(given), lambda_part)
+        for term in energy.expressions:
+            _check_exponents(term, name)
     return energy
 
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -11,7 +11,6 @@ import sympy
 
 from fem_snh.materials import normalise
 from fem_snh.materials.functions import INVARIANTS, MEASURES, SIGMA, domain
-from fem_snh.materials.parameters import Keywords
 
 #: The symbols of the small-strain constants in `Energy.by_lame`.
 LAME = sympy.symbols("mu_lame lambda_lame", real=True)
@@ -49,12 +48,6 @@ class Energy:
         The fit of ``values`` to the small-strain constants.
     pressure : sympy.Symbol or None
         A further unknown in ``psi`` (see `fem_snh.materials.volume_split`).
-    parameters, parameter_values : tuple
-        Symbols of shape parameters in ``psi``, and their values (see `fem_snh.materials.runtime`).
-    adjusted : mapping
-        Shape parameters and tuning whose values are not the defaults.
-    with_symbols : callable or None
-        Returns this energy with symbols for some of ``adjusted``.
     equation : str
         The variant and its source; "" for a material without variants.
     """
@@ -71,21 +64,7 @@ class Energy:
     barriers: frozenset[sympy.Expr]
     fit: normalise.Normalisation
     pressure: sympy.Symbol | None = None
-    parameters: tuple[sympy.Symbol, ...] = ()
-    parameter_values: tuple[float, ...] = ()
-    adjusted: Keywords = field(default_factory=dict)
-    with_symbols: Callable[[Keywords], Energy] | None = None
     equation: str = ""
-
-    @property
-    def scalars(self) -> tuple[sympy.Symbol, ...]:
-        """Return the symbols that are equal at all points: the constants, then the parameters."""
-        return (*self.constants, *self.parameters)
-
-    @property
-    def scalar_values(self) -> tuple[float, ...]:
-        """Return the values of `scalars`."""
-        return (*self.values, *self.parameter_values)
 
     @property
     def has_energy(self) -> bool:
@@ -166,7 +145,7 @@ class Energy:
 
     @property
     def _numbers(self) -> dict[sympy.Symbol, float]:
-        return dict(zip(self.scalars, map(sympy.Float, self.scalar_values), strict=True))
+        return dict(zip(self.constants, map(sympy.Float, self.values), strict=True))
 
     def evaluate(self, module: Any, *measures: Any) -> Any:
         """Return psi at ``measures``, in any arithmetic.
@@ -178,13 +157,20 @@ class Energy:
         *measures : Any
             Values of ``self.measures``, in their order.
         """
-        call = sympy.lambdify((*self.measures, *self.scalars), self.psi, modules=module)
-        return call(*measures, *self.scalar_values)
+        call = sympy.lambdify((*self.measures, *self.constants), self.psi, modules=module)
+        return call(*measures, *self.values)
 
     def as_text(self) -> str:
         """Return a text that differs from that of every energy with other kernels."""
         barriers = sorted(self.barriers, key=str)
-        parts = (self.measures, self.scalars, self.psi, self.stress, tuple(barriers), self.pressure)
+        parts = (
+            self.measures,
+            self.constants,
+            self.psi,
+            self.stress,
+            tuple(barriers),
+            self.pressure,
+        )
         return str(sympy.srepr(parts))
 
     def by_lame(self) -> sympy.Expr:

@@ -100,7 +100,7 @@ class Split:
             return _dual_of_logarithm(modulus)
         found = _inverses(self.volume)
         # Of several branches of the inverse, the one through the rest state.
-        numbers = dict(zip(self.energy.scalars, self.energy.scalar_values, strict=True)) | {
+        numbers = dict(zip(self.energy.constants, self.energy.values, strict=True)) | {
             PRESSURE: 0.0
         }
         at_rest = [g for g in found if (v := g.subs(numbers)).is_finite and abs(v - 1) < 1e-9]

@@ -217,7 +217,6 @@ _PETSC_RANGES = {
             "divtol": Range(1),
             "max_it": Range(1, whole=True),
             "deflation_subdomains": Range(-1, whole=True),
-            "deflation_replicated": Range(0, whole=True),
         }.items()
     },
 }

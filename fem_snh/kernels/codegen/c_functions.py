@@ -48,7 +48,7 @@ class Printer(C99CodePrinter):  # type: ignore[misc]  # sympy has no annotations
         lanes = f"splat(0) + {self._print(base)}"
         if exponent == sympy.Rational(1, 2):
             return f"lane_sqrt({lanes})"
-        return f"lane_pow({lanes}, {self._exponent(exponent)})"
+        return f"lane_pow({lanes}, {float(exponent)!r})"
 
     def _print_Function(self, expr: sympy.Function) -> str:
         if expr.is_number:
@@ -59,10 +59,7 @@ class Printer(C99CodePrinter):  # type: ignore[misc]  # sympy has no annotations
 
     def _print_powm1_over_x(self, expr: sympy.Function) -> str:
         x, exponent = expr.args
-        return f"lane_powm1_over_x(splat(0) + {self._print(x)}, {self._exponent(exponent)})"
-
-    def _exponent(self, exponent: sympy.Expr) -> str:
-        return repr(float(exponent)) if exponent.is_number else str(self._print(exponent))
+        return f"lane_powm1_over_x(splat(0) + {self._print(x)}, {float(exponent)!r})"
 
     _print_log1p = _print_expm1 = _print_Function
     _print_log = _print_exp = _print_sqrt = _print_cbrt = _print_Function
@@ -79,7 +76,6 @@ def share_fractional_powers(expression: sympy.Expr) -> sympy.Expr:
     """Return the expression with real powers b^e written b^n power(b, e - n), n = floor(e).
 
     An energy in s^e has derivatives in s^(e-1) and s^(e-2); all three then share one call of pow.
-    With symbols in the exponents, b^(n x + m) share that of b^x.
     """
     return expression.replace(
         lambda e: e.is_Pow and not e.exp.is_integer and not e.is_number, _with_shared_power
@@ -87,15 +83,9 @@ def share_fractional_powers(expression: sympy.Expr) -> sympy.Expr:
 
 
 def _with_shared_power(expression: sympy.Pow) -> sympy.Expr:
-    base = expression.base
-    number, rest = sympy.expand(expression.exp).as_coeff_Add()
-    whole = sympy.floor(number)
-    product = base**whole * (power(base, number - whole) if number != whole else 1)
-    for term in sympy.Add.make_args(rest):
-        if term != 0:
-            factor, symbols = term.as_coeff_Mul()
-            product *= power(base, symbols) ** factor if factor.is_Integer else power(base, term)
-    return product
+    base, exponent = expression.args
+    whole = sympy.floor(exponent)
+    return base**whole * power(base, exponent - whole)
 
 
 def statements(
@@ -108,8 +98,8 @@ def statements(
     results : mapping
         C variables (lanes) and the expressions assigned to them.
     scalars : iterable of sympy.Symbol
-        Symbols that are scalars (the constants and shape parameters): subexpressions of these alone
-        are computed once, as doubles.
+        Symbols that are scalars (the constants): subexpressions of these alone are computed once,
+        as doubles.
     temporary : str
         Prefix of the names of the subexpressions.
     """
@@ -154,7 +144,7 @@ class Writer:
     def constants(self) -> str:
         """Return the declarations of the scalars and of the pressure."""
         lines = [
-            f"  const double {c} = p.constants[{i}];" for i, c in enumerate(self.energy.scalars)
+            f"  const double {c} = p.constants[{i}];" for i, c in enumerate(self.energy.constants)
         ]
         if self.energy.pressure is not None:
             lines.append(f"  const real {self.energy.pressure} = p.pressure;")
@@ -212,7 +202,7 @@ class Writer:
         body = [
             self.constants(),
             *lines,
-            statements(results, self.energy.scalars, temporary),
+            statements(results, self.energy.constants, temporary),
             f"  {self.inside(results, limits)}",
             *(f"  {r} = select(inside, {r}, splat({value}));" for r, value in values.items()),
         ]
@@ -293,7 +283,7 @@ class Functions(Derivatives, Writer):
         needed = {f"const real {s}": self.derivatives[s] for s in derivatives}
         lines = [self.measures(argument)]
         if needed:
-            lines.append(statements(needed, self.energy.scalars, "d_"))
+            lines.append(statements(needed, self.energy.constants, "d_"))
         return self.write(f"INLINE void {signature}", lines, results, "r_", outside)
 
     def energy_function(self, argument: str) -> str:

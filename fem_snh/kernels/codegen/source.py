@@ -29,7 +29,6 @@ from fem_snh.kernels.codegen.small_strain import (
 from fem_snh.kernels.material import ElementConstants
 from fem_snh.materials.energy import Energy
 from fem_snh.materials.parameters import BOUNDS
-from fem_snh.materials.runtime import with_arguments
 from fem_snh.materials.volume_split import PRESSURE, J, Split, split
 
 #: Files that precede the generated functions, which call them.
@@ -147,23 +146,10 @@ def element_energy(energy: Energy, volume: str) -> ElementEnergy:
                 f"nu = 0.5: material '{energy.name}' is incompressible and requires a Taylor-Hood "
                 "element (P2P1, Q2Q1)"
             )
-        made = with_arguments(energy)
-        return ElementEnergy(made, (), ElementConstants(made.scalar_values))
-    parts = _split_with_arguments(energy, split(energy, BOUNDS[volume]), BOUNDS[volume])
+        return ElementEnergy(energy, (), ElementConstants(energy.values))
+    parts = split(energy, BOUNDS[volume])
     if volume == "cell_pressure":  # its condensed problem is the faster one
         parts.check_closed_form()
     function = volume_energy_function if volume == "mean" else volume_conjugate_function
-    constants = ElementConstants(parts.energy.scalar_values, parts.stiffness, parts.local)
+    constants = ElementConstants(parts.energy.values, parts.stiffness, parts.local)
     return ElementEnergy(parts.energy, (function(parts),), constants)
-
-
-def _split_with_arguments(energy: Energy, parts: Split, bound: float) -> Split:
-    """Return the split of an energy with symbols, if its volume term contains none."""
-    made = with_arguments(energy)
-    if made is energy:
-        return parts
-    try:
-        found = split(made, bound)
-    except BadInput:
-        return parts
-    return found if found.volume == parts.volume else parts
