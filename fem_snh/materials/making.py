@@ -8,7 +8,7 @@ give :math:`\mu` and K by PK1-linearisation (`fem_snh.materials.normalise`).
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterable
+from collections.abc import Collection
 from dataclasses import replace
 from inspect import signature
 from typing import Any
@@ -224,35 +224,22 @@ def replace_weak(
     keywords : mapping
         The table without the keys of every material.
     """
-    own = function(table["name"])
-    together = {k: p.meanings for p in published(table["name"]) for k in p.meanings}
-
-    def translated(keys: Iterable[str]) -> dict[str, Any]:
-        whole = {n for k in keys for n in together.get(k, (k,))}
-        return _translated(table["name"], {n: keywords[n] for n in whole if n in keywords})
-
-    new = translated(given)
-    # A new constant replaces an old one of another name.
-    replaced = {
-        k: v
-        for k, v in keywords.items()
-        if k in given
-        or any(n in given for n in together.get(k, ()))
-        or not new.keys() & translated([k])
-    }
-    kept = {k: v for k, v in table.items() if k not in keywords or k in replaced}
-    symbols, (mu, _) = _moduli(own, label(table["name"]), table.get("nu"), {**keywords, **new})
+    name, own = table["name"], function(table["name"])
+    groups = [set(p.meanings) for p in published(name)]
+    together = set(given).union(*(names for names in groups if names & set(given)))
+    new = _translated(name, {k: v for k, v in keywords.items() if k in together})
+    symbols, (mu, _) = _moduli(own, label(name), table.get("nu"), {**keywords, **new})
     of_shear = any(symbols.get(c) in mu.free_symbols for c in new)
     choices = ({"E", "nu"}, {"E"}) if of_shear else ({"E", "nu"}, {"nu"}, {"E"}, set[str]())
     error: Incomplete | None = None
     for dropped in choices:
         left = {k: table.get(k) for k in ("E", "nu") if k in given or k not in dropped}
         try:
-            with_moduli(table["name"], left.get("E"), left.get("nu"), replaced)
+            with_moduli(name, left.get("E"), left.get("nu"), keywords)
         except Incomplete as reason:
             error = error or reason
             continue
-        return {k: v for k, v in kept.items() if k not in ("E", "nu") or k in left}
+        return {k: v for k, v in table.items() if k not in ("E", "nu") or k in left}
     assert error is not None
     raise error
 

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from functools import partial
 from math import inf, isfinite, isnan, sqrt
-from types import SimpleNamespace
 from typing import NamedTuple
 
 from petsc4py import PETSc
@@ -16,10 +15,13 @@ from fem_snh._petsc import call, factors_out_of_memory, ffi, set_operators
 from fem_snh.errors import choose
 from fem_snh.linalg.direct_solver import set_direct_factors
 from fem_snh.linalg.ssor_cg import SSOR
-from fem_snh.solver.options import Values
 from fem_snh.solver.saddle_point import frozen_preconditioner
 from fem_snh.solver.search_direction import SearchDirection
-from fem_snh.solver.step import SHORT, LineSearch, State, Step
+from fem_snh.solver.step import MIN_STEP, SHORT, LineSearch, State, Step
+
+#: L-BFGS iterations end once the residual has fallen to this part (measured: python -m benchmarks
+#: negative_curvature).
+_LBFGS_RTOL = 0.1
 
 
 class _Memory(NamedTuple):
@@ -42,7 +44,7 @@ class QuasiNewton:
     cost. An L-BFGS iteration costs the energies and residuals of its line search and one
     application of the preconditioner: no Hessian, no factorisation, no linear solve. The
     preconditioner of a filtered Hessian is positive definite, so every direction descends. The
-    iterations end once the residual has fallen to ``rtol``: Newton's method is faster near a
+    iterations end once the residual has fallen to a tenth: Newton's method is faster near a
     solution.
 
     Parameters
@@ -50,18 +52,14 @@ class QuasiNewton:
     ksp : KSP
         The linear solver whose preconditioner is used.
     line_search : LineSearch
-    options : dict
-        ``snes_lbfgs_max_it`` is the greatest number of iterations after one Newton step. They end
-        once the residual's norm is below ``snes_lbfgs_rtol`` times its value before the step, ...
+    max_it : float
+        The greatest number of iterations after one Newton step.
     atol : float
-        ... or below this [N].
+        The norm of the residual [N] below which they end.
     """
 
-    def __init__(
-        self, ksp: PETSc.KSP, line_search: LineSearch, options: Values, atol: float
-    ) -> None:
-        self.max_it, self.rtol = (float(options[f"snes_lbfgs_{key}"]) for key in ("max_it", "rtol"))
-        self.atol = atol
+    def __init__(self, ksp: PETSc.KSP, line_search: LineSearch, max_it: float, atol: float) -> None:
+        self.max_it, self.atol = max_it, atol
         self._line_search, self._pc = line_search, ksp.getPC()
         self._memory: _Memory | None = None
 
@@ -70,7 +68,7 @@ class QuasiNewton:
 
         Updates and returns ``step``.
         """
-        end, enough = step.end, max(self.rtol * start_norm, self.atol)
+        end, enough = step.end, max(_LBFGS_RTOL * start_norm, self.atol)
         assert end is not None
         while step.lbfgs < self.max_it and end.residual.norm() > enough:
             inverse, start, d, travelled = self._allocated(end)
@@ -197,6 +195,20 @@ _INSIDE = (_Linear.CONVERGED_RTOL, _Linear.CONVERGED_ATOL)
 #: again and again, as the residual is the same.
 _NO_STEP = 2.0**-52
 
+#: Ratios of the energy's decrease to the model's: a step is accepted from the first, the radius
+#: shrinks below the second and grows above the third (Nocedal & Wright 2006, alg. 4.1; names and
+#: the third as for PETSc's SNESNEWTONTR).
+_ETA1, _ETA2, _ETA3 = 0.05, 0.05, 0.75
+#: Factors by which the radius shrinks and grows.
+_SHRINK, _GROW = 0.5, 2.0
+#: Radii that are tried before the clamped Hessian's step is taken.
+_MAX_ATTEMPTS = 12
+#: The region is entered when a filtered step decreases the energy by less than the first part of
+#: the decrease since the start and two steps leave more than the second part of the residual; it is
+#: exited when a step leaves less than the third (measured: python -m benchmarks
+#: negative_curvature).
+_ENTER_DECREASE, _ENTER_RESIDUAL, _EXIT_RESIDUAL = 0.03, 0.55, 0.1
+
 #: Linear solvers that accept a radius. PETSc's gltr does too, but frees memory twice.
 SOLVERS = ("stcg", "nash")
 
@@ -249,12 +261,12 @@ class TrustRegion:
     step, the clamped Hessian's step is taken.
 
     Far from a solution the filtered Hessian makes faster progress. The region is entered after a
-    filtered step that decreases the energy by less than ``-snes_tr_enter_decrease`` of the decrease
-    since the start, if it and the step before together leave more than ``-snes_tr_enter_residual``
-    of the residual: near an unstable state. Where the solve has been in the region before, one such
+    filtered step that decreases the energy by less than `_ENTER_DECREASE` of the decrease since the
+    start, if it and the step before together leave more than `_ENTER_RESIDUAL` of the residual:
+    near an unstable state. Where the solve has been in the region before, one such
     step is enough to enter it again. With ``-snes_hessian exact`` it is also entered where
     the exact Hessian gives no descent direction. It is exited after any step that leaves less than
-    ``-snes_tr_exit_residual`` of the residual.
+    `_EXIT_RESIDUAL` of the residual.
 
     Parameters
     ----------
@@ -264,8 +276,6 @@ class TrustRegion:
         See `trust_region_solver`.
     quasi_newton : QuasiNewton
         The iterations after a step in the region.
-    options : dict
-        See `fem_snh.solver.options.OPTIONS`.
 
     Attributes
     ----------
@@ -276,16 +286,12 @@ class TrustRegion:
     """
 
     def __init__(
-        self, direction: SearchDirection, ksp: PETSc.KSP, quasi_newton: QuasiNewton, options: Values
+        self, direction: SearchDirection, ksp: PETSc.KSP, quasi_newton: QuasiNewton
     ) -> None:
         self.ksp, self.quasi_newton = ksp, quasi_newton
         self.direction, self.line_search = direction, direction.line_search
         self.ordinary = LineSearchNewton(direction)
-        prefix = "snes_tr_"
-        self.thresholds = limits = SimpleNamespace(
-            **{k.removeprefix(prefix): v for k, v in options.items() if k.startswith(prefix)}
-        )
-        self.radius: float | None = min(limits.delta0, limits.deltamax) or None
+        self.radius: float | None = None
         self.entered, self._first_energy, self._residual_ratio = False, float("nan"), 1.0
         self._entered_before = self._unstable = False
         self._Ad: PETSc.Vec | None = None
@@ -312,7 +318,7 @@ class TrustRegion:
 
     def leave_equilibrium(self, decrease: float) -> None:
         """Enter the region after a step along negative curvature that decreased the energy [J]."""
-        self.radius = min(sqrt(abs(decrease)), self.thresholds.deltamax)
+        self.radius = sqrt(abs(decrease))
         self.entered = self._entered_before = self._unstable = True
 
     def _update(self, start: State, norm: float, step: Step, end: State) -> None:
@@ -322,15 +328,15 @@ class TrustRegion:
         decrease, total_decrease = start.energy - end.energy, self._first_energy - end.energy
         residual_ratio = end.residual.norm() / norm
         two_steps, self._residual_ratio = residual_ratio * self._residual_ratio, residual_ratio
-        if residual_ratio < self.thresholds.exit_residual:
+        if residual_ratio < _EXIT_RESIDUAL:
             self.entered = False
         elif step.filter in ("clamp", "abs"):
-            enough = self.thresholds.enter_decrease * total_decrease
+            enough = _ENTER_DECREASE * total_decrease
             little_progress = decrease < enough or self._unstable
             remaining = residual_ratio if self._entered_before else two_steps
-            self.entered |= little_progress and remaining > self.thresholds.enter_residual
+            self.entered |= little_progress and remaining > _ENTER_RESIDUAL
         elif step.negative is not None:  # the exact Hessian's factors
-            poor = residual_ratio > self.thresholds.enter_residual
+            poor = residual_ratio > _ENTER_RESIDUAL
             self.entered |= bool(step.negative and poor) or step.length < SHORT
         self._entered_before |= self.entered
 
@@ -358,7 +364,7 @@ class TrustRegion:
     def _minimise_model(self, start: State, d: PETSc.Vec, trial: State, step: Step) -> bool:
         """Find the model's step and adapt the radius; return whether ``step`` is complete."""
         f = start.residual
-        for _ in range(int(self.thresholds.max_attempts)):
+        for _ in range(_MAX_ATTEMPTS):
             size, reason, Ad = self._solve(f, d, step)
             if reason in _INSIDE:
                 slope = self.line_search.slope(f, d, Ad)
@@ -367,13 +373,12 @@ class TrustRegion:
                 )
                 full = searched.length >= SHORT or searched.limited
                 if searched.end and (full or self.radius is None):
-                    longest = max(self.radius or 0.0, searched.length * size)
-                    self.radius = min(longest, self.thresholds.deltamax)
+                    self.radius = max(self.radius or 0.0, searched.length * size)
                     step.end, step.length = searched.end, searched.length
                     return True
                 if self.radius is None:
                     return False
-                self.radius = self.thresholds.t1 * min(self.radius, size)
+                self.radius = _SHRINK * min(self.radius, size)
             elif reason < 0 or self.radius is None:
                 return False
             elif self._accept(start, d, Ad, trial):
@@ -406,10 +411,10 @@ class TrustRegion:
         Where the energies differ only by rounding, the residual's norm replaces the ratio.
         """
         assert self.radius is not None
-        search, limits = self.line_search, self.thresholds
+        search = self.line_search
         admitted = search.largest_step(start.x, d)
-        if admitted < search.min_step:
-            self.radius *= limits.t1
+        if admitted < MIN_STEP:
+            self.radius *= _SHRINK
             return False
         d.scale(admitted)
         Ad.scale(admitted)
@@ -418,13 +423,13 @@ class TrustRegion:
         change, finite = trial_energy - start.energy, isfinite(trial_energy)
         rounding = finite and search.is_rounding(change, start.energy)
         ratio = -change / predicted if finite and predicted > 0 else 0.0
-        if rounding or ratio >= limits.eta1:
+        if rounding or ratio >= _ETA1:
             search.evaluate_residual(trial)
             if not rounding or trial.residual.norm() <= start.residual.norm():
-                if ratio > limits.eta3 and admitted == 1:
-                    self.radius = min(self.radius * limits.t2, limits.deltamax)
-                elif ratio < limits.eta2 and not rounding:
-                    self.radius *= limits.t1
+                if ratio > _ETA3 and admitted == 1:
+                    self.radius *= _GROW
+                elif ratio < _ETA2 and not rounding:
+                    self.radius *= _SHRINK
                 return True
-        self.radius *= limits.t1
+        self.radius *= _SHRINK
         return False

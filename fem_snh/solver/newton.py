@@ -143,8 +143,6 @@ class ProjectedNewton:
             name = strategy[str(self.options["snes_globalization"])]
             viewer.printfASCII(f"  projected Newton with a {name}\n")
             for name, value in self.options.items():
-                if name.startswith("snes_tr_") and self.trust_ksp is None:
-                    continue
                 text = f"{value:g}" if isinstance(value, float) else value
                 viewer.printfASCII(f"  {name} = {text}\n")
             # PETSc's own count below stays 0: only its built-in types can add to it.
@@ -233,12 +231,11 @@ class ProjectedNewton:
                 expect_singular_matrix(self.full_ksp)
             return FullNewton(direction, self.full_ksp)
         ksp = self.trust_ksp
-        quasi_newton = QuasiNewton(
-            ksp or snes.getKSP(), direction.line_search, self.options, self.scaled_tolerance
-        )
+        max_it, atol = float(self.options["snes_lbfgs_max_it"]), self.scaled_tolerance
+        quasi_newton = QuasiNewton(ksp or snes.getKSP(), direction.line_search, max_it, atol)
         if ksp is None:
             return LineSearchNewton(direction, quasi_newton)
-        return TrustRegion(direction, ksp, quasi_newton, self.options)
+        return TrustRegion(direction, ksp, quasi_newton)
 
     def assemble(self, snes: PETSc.SNES, x: PETSc.Vec, filter: str) -> int:
         """Assemble the SNES's matrices; return the quadrature points filtered. Collective."""
@@ -249,8 +246,7 @@ class ProjectedNewton:
     def line_search(self, snes: PETSc.SNES) -> LineSearch:
         """Return the line search of one solve: on the energy, or on a saddle point's merit."""
         kind = MeritLineSearch if self.problem.saddle_point is not None else LineSearch
-        armijo, shortest = (float(self.options[f"snes_{key}"]) for key in ("armijo", "min_step"))
-        return kind(snes, self.problem, armijo, shortest)
+        return kind(snes, self.problem)
 
     @property
     def scaled_tolerance(self) -> float:

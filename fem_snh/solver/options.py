@@ -30,7 +30,7 @@ Values = dict[str, Value]
 
 
 _PART, _RELATIVE = Range(0, 1), Range(0, 1, open_high=True)
-_FACTOR, _COUNT = Range(0, 1, open_low=True, open_high=True), Range(0, 1e9, whole=True)
+_COUNT = Range(0, 1e9, whole=True)
 #: The largest ||residual|| / (E V^(2/3)) that may pass for a solution: strains of a hundredth.
 _LARGEST_RESIDUAL = 1e-2
 
@@ -77,9 +77,6 @@ OPTIONS: dict[str, Option] = {
     "snes_adaptive_filter": Option(
         "clamp", "filter that adaptive falls back to: clamp or abs", _MEASURED, FILTERS[1:]
     ),
-    "snes_adaptive_retry": Option(
-        0.1, "adaptive: exact again once the residual has fallen by this factor", _MEASURED, _PART
-    ),
     "snes_scaled_tol": Option(
         1e-7,
         "converged when ||residual||_2 <= this times the smaller of E V^(2/3) and 1000 times the "
@@ -96,58 +93,11 @@ OPTIONS: dict[str, Option] = {
         "linear solves aim no lower than this part of Newton's tolerance (0.25 is faster)",
         "Kelley 1995, eq. 6.20", _PART
     ),
-    "snes_armijo": Option(
-        1e-4, "sufficient decrease of the line search", f"{_NW}, eq. 3.4; -snes_linesearch_alpha",
-        Range(0, 0.5, open_high=True),
-    ),
-    "snes_min_step": Option(
-        1e-10, "shortest step of the line search", "PETSc's -snes_linesearch_minlambda",
-        Range(0, 1, open_high=True),
-    ),
     "snes_lbfgs_max_it": Option(
         0.0,
         "L-BFGS iterations after a Newton step, at most; 640 by default in a trust region, with "
         "sparse factors 150",
         f"{_NW}, alg. 7.5", _COUNT
-    ),
-    "snes_lbfgs_rtol": Option(
-        0.1, "L-BFGS iterations end once the residual has fallen by this factor", _MEASURED, _PART
-    ),
-    "snes_tr_eta1": Option(
-        0.05, "a step is accepted for a ratio of at least this", "SNESNEWTONTR (0.001)", _RELATIVE
-    ),
-    "snes_tr_eta2": Option(
-        0.05, "the radius shrinks for a ratio below this", "SNESNEWTONTR (0.25)", _PART
-    ),
-    "snes_tr_eta3": Option(
-        0.75, "the radius grows for a ratio above this", f"SNESNEWTONTR (0.75); {_NW}, alg. 4.1",
-        Range(0),
-    ),
-    "snes_tr_t1": Option(0.5, "factor by which the radius shrinks", "SNESNEWTONTR (0.25)", _FACTOR
-    ),
-    "snes_tr_t2": Option(
-        2.0, "factor by which the radius grows", f"SNESNEWTONTR (2); {_NW}, alg. 4.1", Range(1)
-    ),
-    "snes_tr_delta0": Option(
-        0.0, "initial radius [J^1/2]; 0: the length of the first step", "SNESNEWTONTR (0.2)",
-        Range(0),
-    ),
-    "snes_tr_deltamax": Option(
-        float("inf"), "largest radius [J^1/2]", "SNESNEWTONTR (1e10)", Range(0, open_low=True)
-    ),
-    "snes_tr_max_attempts": Option(
-        12.0, "radii tried before the clamped Hessian's step is taken", "2^-12 of the first radius",
-        Range(1, 1e9, True),
-    ),
-    "snes_tr_enter_decrease": Option(
-        0.03, "entered when a filtered step decreases the energy by less than this part of the "
-        "decrease since the start, ...", _MEASURED, Range(0)
-    ),
-    "snes_tr_enter_residual": Option(
-        0.55, "... and two steps leave more than this part of the residual", _MEASURED, Range(0)
-    ),
-    "snes_tr_exit_residual": Option(
-        0.1, "exited when a step leaves less than this part of the residual", _MEASURED, _PART
     ),
 }  # fmt: skip
 

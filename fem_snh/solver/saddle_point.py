@@ -13,8 +13,8 @@ import numpy as np
 
 from fem_snh._petsc import set_operators
 from fem_snh.solver.block_triangular import BlockTriangular
-from fem_snh.solver.protocol import Array, SaddlePoint
-from fem_snh.solver.step import LineSearch, State, Step
+from fem_snh.solver.protocol import Array, SaddlePoint, SolvableProblem
+from fem_snh.solver.step import ARMIJO, MIN_STEP, LineSearch, State, Step
 
 #: A preconditioner by blocks: ours, or PETSc's.
 Blocks = BlockTriangular | Literal["fieldsplit"]
@@ -177,10 +177,10 @@ class MeritLineSearch(LineSearch):
         The penalty gamma [Pa].
     """
 
-    def __init__(self, *arguments: Any) -> None:
-        super().__init__(*arguments)
-        assert self.problem.saddle_point is not None
-        self.saddle_point, self.penalty = self.problem.saddle_point, 0.0
+    def __init__(self, snes: PETSc.SNES, problem: SolvableProblem) -> None:
+        super().__init__(snes, problem)
+        assert problem.saddle_point is not None
+        self.saddle_point, self.penalty = problem.saddle_point, 0.0
 
     def slope(self, f: PETSc.Vec, d: PETSc.Vec, Ad: PETSc.Vec) -> float | None:
         """Return the merit function's slope along d, at most -(du.H du + dp.C dp)/2.
@@ -210,14 +210,14 @@ class MeritLineSearch(LineSearch):
         norm = start.residual.norm()
         step = first = self.largest_step(start.x, d)
         merit = start.energy + self.penalty / 2 * self._weighted_square(start.residual)
-        while step >= self.min_step:
+        while step >= MIN_STEP:
             trial_energy = self.evaluate_energy(start.x, d, step, trial)
             self.evaluate_residual(trial)
             change = trial_energy + self.penalty / 2 * self._weighted_square(trial.residual) - merit
             if not isfinite(change):
                 step *= 0.5
                 continue
-            decreases = change <= self.armijo * step * slope
+            decreases = change <= ARMIJO * step * slope
             rounding = self.is_rounding(change, merit)
             if decreases or (rounding and trial.residual.norm() <= norm):
                 return Step(trial, step, step == first < 1)

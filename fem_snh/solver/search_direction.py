@@ -48,6 +48,10 @@ _ROUNDING = 8 * float(np.finfo(float).eps)
 #: The relative residual that a large ||A|| ||d|| never excuses.
 _LARGEST_ROUNDING = 1e-3
 
+#: The exact Hessian is tried again once the residual has fallen to this part (measured: python -m
+#: benchmarks negative_curvature).
+_RETRY = 0.1
+
 _Linear = PETSc.KSP.ConvergedReason
 #: How linear solvers report a matrix or a preconditioner that is not positive definite.
 _INDEFINITE = (
@@ -132,7 +136,7 @@ class SearchDirection:
     ``abs``       they become their absolute value (Chen et al. 2024)
     ``adaptive``  exact while the linear solver finds it positive definite; filtered
                   (``-snes_adaptive_filter``) when it does not, and from then on until the residual
-                  has fallen by ``-snes_adaptive_retry``
+                  has fallen to a tenth
     ============  ==================================================================================
 
     Parameters
@@ -171,7 +175,6 @@ class SearchDirection:
         self._factorise = bool(choice.reason) and not choice.direct
         self.hessian = str(options["snes_hessian"])
         self._fallback = str(options["snes_adaptive_filter"])
-        self._retry = float(options["snes_adaptive_retry"])
         #: Norm of the residual where the exact Hessian was last found indefinite [N].
         self._indefinite = float("inf")
         #: Whether the exact Hessian has been positive definite as a block of the preconditioner.
@@ -248,7 +251,7 @@ class SearchDirection:
         """Return the filters to try, in this order, at a residual of this norm."""
         if self.hessian != "adaptive":
             return [self.hessian]
-        exact = [] if norm > self._retry * self._indefinite else ["exact"]
+        exact = [] if norm > _RETRY * self._indefinite else ["exact"]
         return [*exact, self._fallback]
 
     def _solve(

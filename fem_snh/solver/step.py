@@ -345,6 +345,10 @@ def update_lagged(problem: SolvableProblem, outcome: StepOutcome) -> bool:
 #: A change of the energy below these fractions of the energy or of E V is a rounding error. The
 #: second is about 20 roundings: an energy density is a difference of numbers of size E.
 _ENERGY_ROUNDING, _STIFFNESS_ROUNDING = 1e-12, 4e-15
+#: The constant c of Armijo's condition (Nocedal & Wright 2006, eq. 3.4).
+ARMIJO = 1e-4
+#: The shortest step.
+MIN_STEP = 1e-10
 #: A shorter Newton step shows that its quadratic model did not hold.
 SHORT = 0.25
 #: A full step is extended if the slope at its end exceeds this fraction of the slope at its start.
@@ -385,19 +389,14 @@ class LineSearch:
     problem : SolvableProblem
         Which steps it admits, and on which paths. The rounding error of its energy is proportional
         to E V [J].
-    armijo, min_step : float
-        The constant c, and the shortest step.
     """
 
     def __init__(
         self,
         snes: PETSc.SNES,
         problem: SolvableProblem,
-        armijo: float = 1e-4,
-        min_step: float = 1e-10,
     ) -> None:
         self.snes, self.problem, self.has_energy = snes, problem, problem.has_energy
-        self.armijo, self.min_step = armijo, min_step
         self._least_change = _STIFFNESS_ROUNDING * problem.force_scale * problem.length
         self._largest_step, self._retraction = problem.largest_step, problem.retraction
         self._prescribe = problem.step_end
@@ -416,16 +415,16 @@ class LineSearch:
         """
         first, energy = self.largest_step(start.x, d), start.energy
         step = first
-        while step >= self.min_step:
+        while step >= MIN_STEP:
             trial_energy = self.evaluate_energy(start.x, d, step, trial)
             change = trial_energy - energy
             if not isfinite(trial_energy):
                 step *= _LEAST_CUT
                 continue
             rounding = self.is_rounding(change, energy)
-            if rounding or change <= self.armijo * step * slope:
+            if rounding or change <= ARMIJO * step * slope:
                 end = self._evaluate_slope(d, trial)
-                if not rounding or end <= (2 * self.armijo - 1) * slope:
+                if not rounding or end <= (2 * ARMIJO - 1) * slope:
                     if step == 1.0 and slope < end < _STEEP * slope:
                         return self._extended(start.x, d, slope, end, trial)
                     return Step(trial, step, step == first < 1)

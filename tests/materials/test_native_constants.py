@@ -174,8 +174,8 @@ def test_published_constants_and_nu_in_mixed_elements(name):
     for bound in (2.0, 4.0):
         parts = split(energy, bound)
         rest = parts.deviatoric
-        numbers = dict(zip(rest.scalars, rest.scalar_values, strict=True))
-        whole = dict(zip(energy.scalars, energy.scalar_values, strict=True))
+        numbers = dict(zip(rest.constants, rest.values, strict=True))
+        whole = dict(zip(energy.constants, energy.values, strict=True))
         stretches = dict(zip(SIGMA, (1.2, 1.0, 0.9), strict=True))
         found = rest.psi_sigma.subs(numbers).subs(stretches)
         found += parts.volume.subs(numbers).subs(J, 1.2 * 0.9)

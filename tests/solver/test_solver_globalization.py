@@ -11,7 +11,6 @@ from fem_snh import solver
 from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.choices import HESSIANS
 from fem_snh.kernels.material import material
-from fem_snh.solver.options import OPTIONS
 
 mpi = pytest.mark.mpi
 
@@ -75,10 +74,3 @@ def test_trust_region_is_entered_where_exact_gives_no_descent_direction(comm):
         ends[globalization] = solver.converged_reason(snes)
     assert ends == {"linesearch": "DIVERGED_LINEAR_SOLVE", "trust_region": "CONVERGED_FNORM_ABS"}
     assert all(i.step > 0 and i.linear > 0 for i in context.history)
-
-
-def test_every_option_has_a_meaning_and_an_origin():
-    assert all(option.meaning and option.origin for option in OPTIONS.values())
-    assert {"snes_tr_eta1", "snes_tr_eta2", "snes_tr_eta3", "snes_tr_t1", "snes_tr_t2"} < set(
-        OPTIONS
-    )
