@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import sympy
-from points import make, observed_order, vec
+from points import make
 from smith_formulas import NU
 
 from fem_snh import materials
@@ -80,32 +80,3 @@ def test_filter_of_the_volume():
     assert np.diagonal(plain, axis1=1, axis2=2) == pytest.approx(expected[above], rel=1e-11)
     with pytest.raises(BadInput, match="bound"):
         materials.make_energy("filtered_neo_hookean", bound="area")
-
-
-def test_extrapolated_energies_agree_to_second_order():
-    """Along the ray from the identity, ours (in J) and Stomakhin et al.'s (all of psi, in the
-    stretches) differ by the third power of the distance beyond J = threshold."""
-    m, plain = make("c2_neo_hookean", NU), make("neo_hookean", NU)
-    end, a = np.array([1.2, 0.5, -0.7]), 0.4
-    t = min(x.real for x in np.roots(_along(end, a)) if abs(x.imag) < 1e-12 and 0 < x.real < 1)
-    q, u = 1 + t * (end - 1), (end - 1) / np.linalg.norm(end - 1)
-    assert q.prod() == pytest.approx(a)
-    slope = np.diag(plain.pk1(np.diag(q))) @ u
-    D = vec(np.diag(u))
-    curvature = D @ plain.hessian(np.diag(q)) @ D
-    h = 0.2 * 2.0 ** -np.arange(7)
-    theirs = plain.energy(np.diag(q)) + slope * h + curvature / 2 * h**2
-    ours = m.energy(np.array([np.diag(q + x * u) for x in h]))
-    error = abs(ours - theirs)
-    assert observed_order(h, error, np.full(7, 1e-15)) == pytest.approx(3, abs=0.1)
-
-
-def _along(end, a):
-    """The cubic prod(1 + t (end - 1)) - a in t."""
-    cubic = np.polynomial.Polynomial([1.0])
-    for x in end:
-        cubic *= np.polynomial.Polynomial([1.0, x - 1])
-    return (cubic - a).coef[::-1]
-
-
-# --- what they are said to do --------------------------------------------------------------------

@@ -46,16 +46,6 @@ def test_a_layer_of_nearly_incompressible_cells_is_solved_directly(values, solve
     assert re.search(reason, chosen["reason"])
 
 
-def strip(kinematics, height):
-    """A choice for a strip of 100 x ``height`` cells, clamped at its short sides."""
-    domain = rectangle(MPI.COMM_SELF, "Q1", (1, 0), (1 + height / 100, 1), (height, 100))
-    u = displacement(domain, "Q1", kinematics)
-    bcs = prescribe(u.function_space, 1, 0.0, zero) + prescribe(u.function_space, 1, 1.0, zero)
-    snh = fem_snh.material("stable_neo_hookean", E=1.0, nu=0.3)
-    made = fem_snh.NonlinearProblem(u, {snh: ufl.dx}, bcs=bcs, kinematics=kinematics)
-    return made.solver.getPythonContext().linear_choice
-
-
 @pytest.mark.one_debian
 def test_a_short_strip_buckles():
     """Just beyond the critical load of a perfect strip iterations may stay at the straight one."""
