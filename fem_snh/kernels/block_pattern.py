@@ -7,12 +7,15 @@ small solve, and more memory.
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
 from fem_snh.kernels import build
+
+if TYPE_CHECKING:
+    from _cffi_backend import FFI, CData, Lib
 
 Array = npt.NDArray[Any]
 
@@ -160,12 +163,12 @@ def _int32(numbers: Array) -> Array:
     return np.ascontiguousarray(numbers, dtype=np.int32)
 
 
-def _pointers(*arrays: Array) -> list[Any]:
+def _pointers(*arrays: Array) -> list[CData]:
     return [build.pointer(_library()[0], array) for array in arrays]
 
 
 @lru_cache
-def _library() -> tuple[Any, Any]:
+def _library() -> tuple[FFI, Lib]:
     return build.open_library(["block_pattern_api.h"], ["block_pattern.h"])
 
 

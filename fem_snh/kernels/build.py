@@ -21,13 +21,18 @@ from collections.abc import Sequence
 from functools import lru_cache
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy.typing as npt
 
 from fem_snh import cache
 from fem_snh.choices import EIGENSOLVERS, POINT_FILTERS
 from fem_snh.errors import BadInput, on_root
+
+if TYPE_CHECKING:
+    from mpi4py import MPI
+
+    from _cffi_backend import FFI, CData, Lib
 
 #: No -ffast-math: NaN and infinity must keep their IEEE meaning. The code reads neither errno nor
 #: floating-point traps; without them GCC vectorises more. The kernels are vectorised by hand: they
@@ -180,7 +185,7 @@ _POINTERS = {
 }  # fmt: skip
 
 
-def pointer(ffi: Any, array: npt.NDArray[Any]) -> Any:
+def pointer(ffi: FFI, array: npt.NDArray[Any]) -> CData:
     """Return a C pointer to the memory of a contiguous array.
 
     Calls with the pointer itself are safe; who stores its address keeps the array alive.
@@ -189,7 +194,7 @@ def pointer(ffi: Any, array: npt.NDArray[Any]) -> Any:
 
 
 @functools.cache
-def load(path: Path, declarations: str) -> tuple[Any, Any]:
+def load(path: Path, declarations: str) -> tuple[FFI, Lib]:
     """Open a compiled library. It stays open: its functions may outlive the caller's objects.
 
     Parameters
@@ -230,8 +235,8 @@ def open_library(
     functions: Sequence[str],
     definitions: Sequence[str] = (),
     objects: Sequence[Path] = (),
-    comm: Any = None,
-) -> tuple[Any, Any]:
+    comm: MPI.Comm | None = None,
+) -> tuple[FFI, Lib]:
     """Compile files of ``include`` unless the cache has their library, and open it.
 
     Parameters

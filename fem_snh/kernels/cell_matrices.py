@@ -8,12 +8,17 @@ matrix (`fem_snh.assembly.assembled_matrix`).
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from fem_snh.kernels import build
+
+if TYPE_CHECKING:
+    from mpi4py import MPI
+
+    from _cffi_backend import CData
 
 Array = npt.NDArray[Any]
 
@@ -89,7 +94,7 @@ class FormCells:
 
     def __init__(
         self,
-        comm: Any,
+        comm: MPI.Comm,
         kernel_arguments: int,
         nodes: int,
         components: int,
@@ -267,5 +272,5 @@ class MatrixAddition:
     def _set_addresses(self, addresses: Sequence[int]) -> None:
         self._target.values = [self._ffi.cast("double *", address) for address in addresses]
 
-    def _pointer(self, array: Array) -> Any:
+    def _pointer(self, array: Array) -> CData:
         return build.pointer(self._ffi, array)

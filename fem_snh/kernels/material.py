@@ -28,9 +28,12 @@ from fem_snh.errors import BadInput, choose
 from fem_snh.kernels import build
 from fem_snh.kernels.build import POINTWISE, header, loops_source, svd_eigen_object
 from fem_snh.materials.numbers import Numbers, numbers_of, store, stored, stored_key
-from fem_snh.materials.parameters import BOUNDS, check_constants
+from fem_snh.materials.parameters import BOUNDS, Function, check_constants
 
 if TYPE_CHECKING:
+    from _cffi_backend import FFI, Lib
+    from ufl.core.expr import Expr
+
     from fem_snh.kernels.codegen.source import ElementEnergy
     from fem_snh.kernels.reports.report import Report
     from fem_snh.materials.energy import Energy
@@ -40,7 +43,7 @@ Array = npt.NDArray[np.float64]
 
 
 @lru_cache
-def _svd_eigen_library() -> tuple[Any, Any]:
+def _svd_eigen_library() -> tuple[FFI, Lib]:
     """Return the compiled SVD and eigensolvers."""
     return build.open_library(
         ["svd_eigen_api.h"],
@@ -163,12 +166,14 @@ class Material:
         return self.numbers.lame
 
     @cached_property
-    def _kernel(self) -> tuple[Any, Any]:
+    def _kernel(self) -> tuple[FFI, Lib]:
         """Return the compiled kernels; raise BadInput at nu = 0.5."""
         path = compile_kernel(self, after=POINTWISE).path
         return build.load(path, header("pointwise_api.h"))
 
-    def _call(self, name: str, F: npt.ArrayLike, *arguments: Any, sizes: tuple[int, ...]) -> Any:
+    def _call(
+        self, name: str, F: npt.ArrayLike, *arguments: int, sizes: tuple[int, ...]
+    ) -> list[Array]:
         """Call the C function ``name`` at every F; return an array (..., size) for each size."""
         F = np.asarray(F, dtype=np.float64)
         if F.shape[-2:] != (3, 3):
@@ -249,7 +254,7 @@ class Material:
         values, vectors = self._call("eigensystem_points", F, solver, sizes=(9, 81))
         return values, np.swapaxes(vectors.reshape(*values.shape, 9), -1, -2)
 
-    def ufl(self, F: Any) -> Any:
+    def ufl(self, F: Expr) -> Expr:
         """Return psi(F) [Pa] as a UFL expression of the deformation gradient ``F``.
 
         Parameters
@@ -289,7 +294,7 @@ _FROM_CONSTANTS: Any = ...
 
 
 def material(
-    name: str | Callable[..., Any],
+    name: str | Function,
     E: float = _FROM_CONSTANTS,
     nu: float = _FROM_CONSTANTS,
     **shape: Any,
@@ -447,7 +452,7 @@ def _object_file(chosen: ElementEnergy, entries: Sequence[int]) -> Path:
     return path
 
 
-def _key(material: Material, volume: str, *what: Any) -> str | None:
+def _key(material: Material, volume: str, *what: object) -> str | None:
     """Return the key of a record: it depends on the material, the volume term and the compiler."""
     if material.numbers.key is None:
         return None

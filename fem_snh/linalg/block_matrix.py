@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -26,6 +26,9 @@ from fem_snh._petsc import AIJBlock, aij_blocks, nonzero_state
 from fem_snh.errors import BadInput
 from fem_snh.kernels import build
 from fem_snh.kernels.block_pattern import concatenated_ranges
+
+if TYPE_CHECKING:
+    from _cffi_backend import FFI, CData, Lib
 
 Array = npt.NDArray[Any]
 
@@ -43,7 +46,7 @@ def columns(block: int) -> int:
     return FUNCTIONS * block
 
 
-def open_kernels(comm: Any, block: int) -> tuple[Any, Any]:
+def open_kernels(comm: MPI.Comm, block: int) -> tuple[FFI, Lib]:
     """Open the library for matrices whose blocks have ``block`` rows, 2 or 3. Collective.
 
     Parameters
@@ -80,7 +83,7 @@ class SymmetricBlockMatrix:
 
     def __init__(
         self,
-        library: tuple[Any, Any],
+        library: tuple[FFI, Lib],
         size: int,
         blocks: DisplacementBlocks,
     ) -> None:
@@ -121,7 +124,7 @@ class SymmetricBlockMatrix:
         pointers = {name: self.pointer(array) for name, array in arrays.items()}
         self.struct = self.ffi.new("SymmetricBlockMatrix *", {"rows": self.rows, **pointers})
 
-    def pointer(self, array: Array) -> Any:
+    def pointer(self, array: Array) -> CData:
         """Return a C pointer to the memory of ``array``, which the caller keeps alive."""
         return build.pointer(self.ffi, array)
 
@@ -164,7 +167,7 @@ class SymmetricBlockMatrix:
         self.lib.matrix_coupled_unknowns(self.struct, *addresses, pointer)
         return coupled.astype(bool)
 
-    def addresses(self, *values: int) -> list[Any]:
+    def addresses(self, *values: int) -> list[CData]:
         """Return addresses of doubles as C pointers."""
         return [self.ffi.cast("double *", address) for address in values]
 

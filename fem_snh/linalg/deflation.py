@@ -39,7 +39,8 @@ Saad, Yeung, Erhel & Guyomarc'h 2000, SIAM J. Sci. Comput. 21, 1909.
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -58,6 +59,9 @@ from fem_snh.linalg.block_matrix import (
 )
 from fem_snh.linalg.coarse_matrix import CoarseMatrix
 from fem_snh.linalg.ssor_cg import LEAST_IN_DOUBLE
+
+if TYPE_CHECKING:
+    from _cffi_backend import CData
 
 Array = npt.NDArray[Any]
 
@@ -262,17 +266,17 @@ class Deflation:
                 self._halo.exchange(np.ascontiguousarray(functions[:rows, :, k]).ravel())
                 functions[rows:, :, k] = self._halo.ghosts
 
-    def start(self, r: Any) -> None:
+    def start(self, r: CData) -> None:
         """Replace r = b by P b and keep Q b for `finish`."""
         self._Qb[:] = self._solve(self._lib.coarse_restrict, r)
         self._lib.coarse_image_subtract(self.struct, self._at_single, r)
 
-    def project(self, t: Any, w: Any) -> None:
+    def project(self, t: CData, w: CData) -> None:
         """Compute w -= A Q A t."""
         self._solve(self._lib.coarse_image_transposed, t)
         self._lib.coarse_image_subtract(self.struct, self._at_single, w)
 
-    def finish(self, x: Any) -> None:
+    def finish(self, x: CData) -> None:
         """Replace x by Q b + P^T x, without the part in the null space of A.
 
         Where A is singular, rounding errors grow in its null space, which no residual shows.
@@ -283,13 +287,13 @@ class Deflation:
         self._single[:] = coarse
         self._lib.coarse_prolong(self.struct, self._at_single, x)
 
-    def _solve(self, product: Any, vector: Any) -> Array:
+    def _solve(self, product: Callable[..., None], vector: CData) -> Array:
         """Return E^-1 y, and store it in _single, for the y of `_product`."""
         y = self.E.solve(self._product(product, vector))
         self._single[:] = y
         return y
 
-    def _product(self, product: Any, vector: Any) -> Array:
+    def _product(self, product: Callable[..., None], vector: CData) -> Array:
         """Return this rank's part of Z^T v (restrict) or (A Z)^T v (transposed)."""
         self._y[:] = 0
         product(self.struct, vector, self._at_y)
@@ -335,7 +339,7 @@ class BodyModes:
         residual.array[:] -= self._AZ @ y
 
 
-def _linear(comm: Any, coordinates: Array, free: Array) -> Array:
+def _linear(comm: MPI.Comm, coordinates: Array, free: Array) -> Array:
     """Return orthonormal columns, (rows components, columns): functions 1 and X of each component.
 
     Those that the free nodes do not distinguish from others are left out.

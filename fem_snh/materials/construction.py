@@ -207,7 +207,7 @@ def _check_exponents(term: sympy.Expr, name: str) -> None:
             )
 
 
-def _without_barriers(expression: Any, barriers: set[sympy.Expr]) -> sympy.Expr:
+def _without_barriers(expression: sympy.Expr, barriers: set[sympy.Expr]) -> sympy.Expr:
     """Return the expression without `positive`, whose arguments are added to ``barriers``."""
     expression = sympy.sympify(expression)
 

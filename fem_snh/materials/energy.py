@@ -147,7 +147,7 @@ class Energy:
     def _numbers(self) -> dict[sympy.Symbol, float]:
         return dict(zip(self.constants, map(sympy.Float, self.values), strict=True))
 
-    def evaluate(self, module: Any, *measures: Any) -> Any:
+    def evaluate(self, module: str | dict[str, Any], *measures: object) -> Any:
         """Return psi at ``measures``, in any arithmetic.
 
         Parameters

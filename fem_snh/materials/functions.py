@@ -40,7 +40,7 @@ class Parameter(sympy.Symbol):  # type: ignore[misc]  # sympy has no annotations
     """The symbol of a shape parameter."""
 
 
-def parameters_in(values: Iterable[Any]) -> set[sympy.Symbol]:
+def parameters_in(values: Iterable[object]) -> set[sympy.Symbol]:
     """Return the symbols of shape parameters in expressions and in tuples of them."""
     found: set[sympy.Symbol] = set()
     for value in values:
@@ -139,7 +139,7 @@ def _restricts(base: sympy.Expr, measures: set[sympy.Symbol]) -> bool:
     return bool(base.free_symbols & measures) and not base.is_positive
 
 
-def exact(parameter: Any) -> sympy.Expr:
+def exact(parameter: object) -> sympy.Expr:
     """Return a parameter as the exact decimal fraction of its digits; a symbol unchanged."""
     written = isinstance(parameter, int | float)
     return sympy.Rational(str(parameter)) if written else sympy.sympify(parameter)

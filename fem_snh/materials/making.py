@@ -316,5 +316,5 @@ def _solve(
     return found
 
 
-def _short(value: Any) -> str:
+def _short(value: object) -> str:
     return f"{value:g}" if isinstance(value, float) else shown(value)

@@ -76,7 +76,9 @@ def numbers_of(energy: Energy, key: str | None = None) -> Numbers:
     )
 
 
-def stored_key(material: Any, E: float | None, nu: float | None, keywords: Keywords) -> str | None:
+def stored_key(
+    material: object, E: float | None, nu: float | None, keywords: Keywords
+) -> str | None:
     """Return the key of a built-in material's numbers; None if they cannot be stored."""
     names = [material, *filter(None, [keywords.get("lambda_part")])]
     if not all(type(name) is str and _is_own(name) for name in names):
@@ -95,7 +97,7 @@ def _is_own(name: str) -> bool:
 
 
 def stored(
-    material: Any, E: float | None = None, nu: float | None = None, /, **keywords: Any
+    material: object, E: float | None = None, nu: float | None = None, /, **keywords: Any
 ) -> Numbers | None:
     """Return the numbers of a material that was made before with the same arguments, or None.
 

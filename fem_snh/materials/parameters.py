@@ -68,8 +68,8 @@ class Variant:
         The equation of each value, with its source.
     """
 
-    default: Callable[[float], Any]
-    equations: Mapping[Any, str]
+    default: Callable[[float], object]
+    equations: Mapping[object, str]
 
 
 #: Accepted exponents of the power strains.
@@ -140,7 +140,7 @@ def constants_of(function: Function) -> dict[str, float | None]:
     }
 
 
-def check_size(key: str, value: Any, largest: float) -> None:
+def check_size(key: str, value: object, largest: float) -> None:
     """Raise BadInput if a number, or one of a sequence, is not in [-largest, largest]."""
     for number in value if isinstance(value, tuple | list) else (value,):
         if isinstance(number, int | float) and not abs(number) <= largest:
@@ -206,7 +206,7 @@ _WORDS = {
 }
 
 
-def check_constants(E: Any, nu: Any) -> tuple[float, float]:
+def check_constants(E: object, nu: object) -> tuple[float, float]:
     """Return Young's modulus [Pa] and Poisson's ratio as floats.
 
     Raises
@@ -226,7 +226,7 @@ def check_constants(E: Any, nu: Any) -> tuple[float, float]:
     return found[0], found[1]
 
 
-def moduli_or_defaults(E: Any, nu: Any) -> tuple[Any, Any]:
+def moduli_or_defaults(E: float | None, nu: float | None) -> tuple[float, float]:
     """Return Young's modulus [Pa] and Poisson's ratio; 1 and 0.49 for None."""
     return 1.0 if E is None else E, 0.49 if nu is None else nu
 
@@ -268,7 +268,7 @@ def variants(function: Function) -> dict[str, Variant]:
     return _annotations(function, Variant)
 
 
-def default_variants(function: Function, nu: float, given: Keywords) -> dict[str, Any]:
+def default_variants(function: Function, nu: float, given: Keywords) -> dict[str, object]:
     """Return the parameters that select a variant and are not among the given, at a ratio nu."""
     found = variants(function)
     return {key: v.default(nu) for key, v in found.items() if given.get(key) is None}
@@ -284,7 +284,7 @@ def _annotations(function: Function, kind: type[T]) -> dict[str, T]:
     return {k: r for k, found in metadata.items() for r in found if isinstance(r, kind)}
 
 
-def plain(value: Any) -> Any:
+def plain(value: object) -> Any:
     """Return lists, the only sequences of TOML, as tuples, and numpy's values as Python's."""
     value = value.tolist() if hasattr(value, "tolist") else value
     return tuple(plain(v) for v in value) if isinstance(value, list | tuple) else value
@@ -310,7 +310,7 @@ def _kinds(function: Function) -> dict[str, Any]:
     return found
 
 
-def check_value(key: str, value: Any, kind: Any) -> Any:
+def check_value(key: str, value: object, kind: Any) -> Any:
     """Return ``value`` as type ``kind``, a whole number as a float; otherwise raise BadInput."""
     if kind is Any:
         return value
@@ -325,7 +325,7 @@ def check_value(key: str, value: Any, kind: Any) -> Any:
         raise bad_value(key, value, _described(kind)) from None
 
 
-def _described(kind: Any) -> str:
+def _described(kind: object) -> str:
     """Return a type in words. None, which stands for the default, is not mentioned."""
     if kind in _WORDS:
         return _WORDS[kind][0]

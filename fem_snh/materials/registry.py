@@ -48,7 +48,7 @@ class Published:
 
     meanings: Mapping[str, str]
     own: Callable[..., dict[str, Any]]
-    kind: Any = float
+    kind: type = float
 
 
 def renamed(name: str, own: str, meaning: str) -> Published:
@@ -142,7 +142,7 @@ def function(material: str | Function) -> Function:
     return own
 
 
-def files(*materials: Any) -> list[Path]:
+def files(*materials: object) -> list[Path]:
     """Return the files of those materials that are references ``FILE.py:FUNCTION``."""
     given = [m for m in materials if isinstance(m, str) and is_reference(m)]
     return [folder_of(m) / file_of(m) for m in given]

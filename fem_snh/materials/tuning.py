@@ -39,6 +39,10 @@ from fem_snh.materials.energy import LAME, Energy
 from fem_snh.materials.functions import INVARIANTS, SIGMA, exact, where
 from fem_snh.materials.normalise import lame
 
+Pair = tuple[sympy.Expr, sympy.Expr]
+#: Energy, or None without one, and principal stresses.
+Part = tuple[sympy.Expr | None, tuple[sympy.Expr, ...]]
+
 #: Default stretch below which s^alpha is extended, for energies that are finite for every F.
 EPSILON = 0.1
 
@@ -96,7 +100,7 @@ def _epsilon(tuning: Mapping[str, Any], *energies: Energy) -> float:
     return EPSILON if all(e.inversion_safe for e in energies) else 0
 
 
-def _parts(energy: Energy) -> Any:
+def _parts(energy: Energy) -> tuple[Part, ...]:
     """Return (psi, slopes) of the mu part and of the lambda part, each of unit modulus."""
     mu, lam = LAME
     solution = energy.fit.solve((mu, lam), energy.E)
@@ -149,7 +153,9 @@ def nonlinear(
     return (None if psi is None else moved(psi).xreplace(back)), pulled
 
 
-def split_moduli(name: str, expressions: Sequence[sympy.Expr], mu: Any, lam: Any) -> list[Any]:
+def split_moduli(
+    name: str, expressions: Sequence[sympy.Expr], mu: sympy.Symbol, lam: sympy.Symbol
+) -> list[Pair]:
     """Return the (mu part, lambda part) of each expression (Chen & Barbic, eq. 19).
 
     Raises BadInput if an expression is not a sum of the two.

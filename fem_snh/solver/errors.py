@@ -17,7 +17,7 @@ from __future__ import annotations
 import gc
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from typing import Any, NamedTuple
+from typing import NamedTuple
 from weakref import ref
 
 from mpi4py import MPI
@@ -90,16 +90,16 @@ def petsc_failures() -> Iterator[None]:
 class _Record(NamedTuple):
     """A problem, the Python contexts of its solvers, the communicators of its PETSc objects."""
 
-    problem: ref[Any]
-    newton: ref[Any]
-    linear: list[ref[Any]]
+    problem: ref[object]
+    newton: ref[object]
+    linear: list[ref[object]]
     comms: list[PETSc.Comm]
 
 
 _records: list[_Record] = []
 
 
-def record_solver(problem: Any, snes: PETSc.SNES, *objects: PETSc.Object) -> None:
+def record_solver(problem: object, snes: PETSc.SNES, *objects: PETSc.Object) -> None:
     """Record the communicators of a problem's PETSc objects, for `free_unused`. Collective."""
     newton = snes.getPythonContext()
     solvers = [snes.getKSP(), *([newton.trust_ksp] if newton.trust_ksp is not None else [])]
@@ -118,7 +118,7 @@ def free_unused(comm: MPI.Comm) -> None:
     """
     clean([PETSc.COMM_SELF])  # each rank's own, as the factors of a coarse matrix
     for entry in [r for r in _records if _same_ranks(r.comms[0].tompi4py(), comm)]:
-        users: list[Any] = [entry.problem(), entry.newton()]
+        users: list[object] = [entry.problem(), entry.newton()]
         contexts = [reference() for reference in entry.linear]
         clean(entry.comms)  # a SNES, which refers to its problem
         users.clear()

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from petsc4py import PETSc
 
@@ -257,7 +257,7 @@ class GivenOptions:
         Unless they are a mapping, and the prefix is a text.
     """
 
-    def __init__(self, prefix: str, options: Mapping[str, Any] | None) -> None:
+    def __init__(self, prefix: str, options: Mapping[str, object] | None) -> None:
         _check_given(prefix, options)
         self.prefix, self.values = prefix, dict(options or {})
         names = (name.lstrip("-") for name in self.values)
@@ -275,7 +275,7 @@ class GivenOptions:
         return unused_options(sorted(self._unused))
 
 
-def _check_given(prefix: Any, options: Any) -> None:
+def _check_given(prefix: object, options: object) -> None:
     """Raise BadInput unless a program's options are a mapping and their prefix is a text."""
     if not isinstance(prefix, str):
         raise bad_value("petsc_options_prefix", prefix, "a text, e.g. 'press_'")

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
+from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
@@ -128,7 +129,7 @@ class SolvableProblem(Protocol):
         Whether the last matrix of `jacobian` is not symmetric.
     """
 
-    comm: Any
+    comm: MPI.Intracomm
     x: PETSc.Vec
     A: PETSc.Mat
     operator: PETSc.Mat
@@ -189,7 +190,7 @@ class SolvableProblem(Protocol):
         """Return the pressure's part of a saddle-point problem, or None."""
 
     @property
-    def coordinates(self) -> npt.NDArray[Any]:
+    def coordinates(self) -> Array:
         """Return the reference coordinates [m] of this rank's own nodes, (n, 3)."""
 
     def energy(self, x: PETSc.Vec) -> float:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from math import isfinite
-from typing import Any, Literal
+from typing import Literal
 
 from petsc4py import PETSc
 
@@ -135,7 +135,7 @@ def _has_inner_iteration(prefix: str) -> bool:
 
 @contextmanager
 def frozen_preconditioner(
-    ksp: PETSc.KSP, A: PETSc.Mat, P: PETSc.Mat, assemble: Callable[[], Any] | None = None
+    ksp: PETSc.KSP, A: PETSc.Mat, P: PETSc.Mat, assemble: Callable[[], object] | None = None
 ) -> Iterator[None]:
     """Set up the preconditioner of A and keep it within a ``with`` block. Collective.
 

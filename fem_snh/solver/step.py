@@ -10,7 +10,6 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from math import inf, isfinite
-from typing import Any
 
 from petsc4py import PETSc
 
@@ -224,7 +223,7 @@ def out_of_memory(snes: PETSc.SNES) -> bool:
     return failed and factors_out_of_memory(snes.getKSP().getPC())
 
 
-def _name(reasons: Any, code: int) -> str:
+def _name(reasons: type, code: int) -> str:
     """Return PETSc's name of a reason."""
     names = {v: k for k, v in vars(reasons).items() if isinstance(v, int)}
     return names.get(code, str(code))

@@ -21,7 +21,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import reduce
-from typing import Any
 
 import sympy
 from sympy.codegen.cfunctions import expm1, log1p
@@ -87,7 +86,9 @@ class Increments:
         at_rest = f.subs(self._rest)
         return at_rest, f.subs(self._whole) - at_rest
 
-    def _change(self, piece: sympy.Expr, f0: sympy.Expr, df: sympy.Expr, rest: Any) -> Any:
+    def _change(
+        self, piece: sympy.Expr, f0: sympy.Expr, df: sympy.Expr, rest: sympy.Expr
+    ) -> sympy.Expr:
         """Return ``piece - rest``; the piece that excludes the rest state may be singular there."""
         singular = (f0 + df).has(sympy.zoo, sympy.nan, sympy.oo)
         return piece.subs(self._whole) - rest if singular else df + (f0 - rest)
