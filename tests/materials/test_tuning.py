@@ -117,15 +117,6 @@ def test_inverted_elements(name, alpha):
 # --- mixing --------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", ["stable_neo_hookean", "stvk", "hencky", "neo_hookean", "sts"])
-def test_parts_make_the_whole(name):
-    """A material mixed with itself is itself (eq. 19)."""
-    F = deformations(UPRIGHT)
-    same = make(name, NU, lambda_part=name)
-    assert same.energy(F) == pytest.approx(make(name, NU).energy(F), rel=1e-11)
-    assert same.expression.values == same.expression.lame == pytest.approx(make(name, NU).lame)
-
-
 def test_corotational_with_the_volume_of_another():
     """mu of corotational, lambda of (J - 1)^2: fixed_corotational (Chen & Barbic, section 6)."""
     F = deformations(np.concatenate([UPRIGHT, INVERTED]))
