@@ -30,8 +30,6 @@ from fem_snh.choices import EIGENSOLVERS, POINT_FILTERS
 from fem_snh.errors import BadInput, on_root
 
 if TYPE_CHECKING:
-    from mpi4py import MPI
-
     from _cffi_backend import FFI, CData, Lib
 
 #: No -ffast-math: NaN and infinity must keep their IEEE meaning. The code reads neither errno nor
@@ -235,7 +233,7 @@ def open_library(
     functions: Sequence[str],
     definitions: Sequence[str] = (),
     objects: Sequence[Path] = (),
-    comm: MPI.Comm | None = None,
+    comm: Any = None,
 ) -> tuple[FFI, Lib]:
     """Compile files of ``include`` unless the cache has their library, and open it.
 

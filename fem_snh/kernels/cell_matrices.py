@@ -16,8 +16,6 @@ import numpy.typing as npt
 from fem_snh.kernels import build
 
 if TYPE_CHECKING:
-    from mpi4py import MPI
-
     from _cffi_backend import CData
 
 Array = npt.NDArray[Any]
@@ -94,7 +92,7 @@ class FormCells:
 
     def __init__(
         self,
-        comm: MPI.Comm,
+        comm: Any,
         kernel_arguments: int,
         nodes: int,
         components: int,

@@ -32,7 +32,6 @@ from fem_snh.materials.parameters import BOUNDS, Function, check_constants
 
 if TYPE_CHECKING:
     from _cffi_backend import FFI, Lib
-    from ufl.core.expr import Expr
 
     from fem_snh.kernels.codegen.source import ElementEnergy
     from fem_snh.kernels.reports.report import Report
@@ -254,7 +253,7 @@ class Material:
         values, vectors = self._call("eigensystem_points", F, solver, sizes=(9, 81))
         return values, np.swapaxes(vectors.reshape(*values.shape, 9), -1, -2)
 
-    def ufl(self, F: Expr) -> Expr:
+    def ufl(self, F: Any) -> Any:
         """Return psi(F) [Pa] as a UFL expression of the deformation gradient ``F``.
 
         Parameters
