@@ -41,7 +41,7 @@ fem-snh fit press.toml --to curve.csv --parameters E,nu   fit a scene to a measu
 The curve has a column load, from 0 to 1, or the scene's load_name, and columns with the names of
 goals, e.g. right.force.x. It works under mpirun too.
 
-A file of test data has columns with names, in lines '# key = value' what its names do not say:
+A file of test data has columns with names, and a line with the test:
   # test = uniaxial          or equibiaxial, planar, biaxial, simple_shear, volumetric, confined
   stretch, stress [MPa]      or strain, shear, volume_ratio; pressure
 A test = biaxial has a column stretch_2, and stress, stress_2 or stress_difference (true stresses).

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import textwrap
+import tomllib
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -228,18 +229,12 @@ def sweep(argv: list[str]) -> int:
 
 
 def comma_list(key: str, text: str) -> list[Any]:
-    """Return the values of a comma list; commas inside brackets and quotes belong to a value."""
-    parts, depth, quoted = [""], 0, ""
-    for letter in text:
-        if quoted:
-            quoted = "" if letter == quoted else quoted
-        elif letter in "\"'":
-            quoted = letter
-        depth += (letter in "[{") - (letter in "]}") if not quoted else 0
-        if letter == "," and not depth and not quoted:
-            parts.append("")
-        else:
-            parts[-1] += letter
-    if not all(part.strip() for part in parts):
+    """Return the values of a comma list: entries of a list in TOML, or words."""
+    try:
+        values: list[Any] = tomllib.loads(f"values = [{text}]")["values"]
+    except ValueError:
+        parts = [part.strip() for part in text.split(",")]
+        values = [value(part, key) for part in parts] if all(parts) else []
+    if not values:
         raise BadInput(f"{key} = '{text}': expected values with commas between, e.g. 0.3,0.45")
-    return [value(part.strip(), key) for part in parts]
+    return values

@@ -225,27 +225,11 @@ def _numbers(option: str, text: str | None, accepted: str, kinds: tuple[type, ..
 
 @contextmanager
 def _progress_bar(description: str) -> Iterator[Callable[[int, int], None]]:
-    """Show a progress bar on standard error for the duration of a ``with`` block.
+    """Show a progress bar on a terminal's standard error for the duration of a ``with`` block.
 
-    Parameters
-    ----------
-    description : str
-        What is being done, beside the bar.
-
-    Yields
-    ------
-    callable
-        Takes the number of items that are done and that of all.
+    It yields a function of the number of items that are done, and of the number of all.
     """
-    bar = Progress(console=Console(stderr=True), transient=True)
-    task = bar.add_task(description)
-
-    def show(done: int, total: int) -> None:
-        bar.start()  # not before: an empty bar leaves a blank line before the message of an error
-        bar.update(task, completed=done, total=total)
-
-    try:
-        yield show
-    finally:
-        if bar.live.is_started:
-            bar.stop()
+    console = Console(stderr=True)
+    with Progress(console=console, transient=True, disable=not console.is_terminal) as bar:
+        task = bar.add_task(description)
+        yield lambda done, total: bar.update(task, completed=done, total=total)

@@ -29,7 +29,7 @@ TINY: dict[str, Any] = {"cells": 2, "steps": 1, "angle": 0.2}
     ("text", "values"),
     [
         ("0.3,0.45", [0.3, 0.45]), ("a, b", ["a", "b"]), ("true", [True]),
-        ("[1,0,0],[0,1,0]", [[1, 0, 0], [0, 1, 0]]), ('"a,b",c', ["a,b", "c"]),
+        ("[1,0,0],[0,1,0]", [[1, 0, 0], [0, 1, 0]]), ('"a,b","c"', ["a,b", "c"]),
     ],
 )  # fmt: skip
 def test_comma_list(text: str, values: list[Any]) -> None:

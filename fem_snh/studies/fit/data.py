@@ -1,7 +1,7 @@
 """Read test data: stretches and stresses of homogeneous deformations.
 
 A file has lines of numbers with commas, semicolons, tabs or blanks between. A line of column names
-may stand above them, with units in brackets, and comment lines ``# key = value``::
+may stand above them, with units in brackets, and a comment with the test::
 
     # test = uniaxial
     stretch, stress [MPa]
@@ -42,8 +42,6 @@ TESTS = dict.fromkeys((*FREE, "biaxial"), "stretch strain stress") | {
     "volumetric": "stretch strain volume_ratio stress pressure",
     "confined": "stretch strain stress pressure",
 }
-_STATED = ("test", "unit", "weight")
-_COMMENT = re.compile(r"#+\s*(\w+)\s*=\s*(.+)")
 _COLUMN = re.compile(r"(?P<name>[^\[(]*)([\[(](?P<unit>[^\])]*)[\])])?")
 #: Rubber and gels are stretched to 10, or not much more: larger stretches are strains in per cent.
 _LARGEST_STRETCH = 12.0
@@ -164,20 +162,20 @@ def read(
     """
     path = Path(path)
     stated, lines = read_cells(path)
-    given = {"test": test, "weight": weight}
-    stated |= {key: str(value) for key, value in given.items() if value is not None}
     try:
-        return _tests(path.stem, stated, lines, columns, unit, modulus_unit)
+        size = 1.0 if weight is None else float(weight)
+        return _tests(path.stem, test or stated, lines, columns, unit, size, modulus_unit)
     except BadInput as error:
         raise BadInput(f"{path}: {error}") from None
 
 
 def _tests(
     name: str,
-    stated: dict[str, str],
+    test: str,
     lines: list[tuple[int, list[str]]],
     columns: Sequence[str] | None,
     unit: str | None,
+    weight: float,
     modulus_unit: str | None,
 ) -> list[TestData]:
     """Return the tests in the lines of a file."""
@@ -189,18 +187,14 @@ def _tests(
         )
     found = _columns(names)
     measures = [column for column in _STRESSES if column in found]
-    units = {c: unit or found[c][1] or stated.get("unit", "") for c in measures}
+    units = {c: unit or found[c][1] for c in measures}
     if "" in units.values() and (any(units.values()) or modulus_unit is not None):
         raise BadInput(
             f"columns {', '.join(measures)}: expected units of all, or of none and no modulus_unit"
         )
-    text = stated.get("weight", "1")
-    weight = float(text) if is_number(text) else np.nan
-    if not (weight > 0 and has_a_square(weight)):
-        raise bad_value("weight", text, "a number > 0")
     table = _table(found, lines[bool(header) :], max(len(names), len(header)))
-    if "test" in stated:
-        table["test"] = stated["test"]
+    if test:
+        table["test"] = test
     if "test" not in table:
         raise BadInput(f"no test: expected a line '# test = {'|'.join(TESTS)}', or --test")
     groups = [
@@ -220,19 +214,19 @@ def _tests(
         stress = size * points[measure].to_numpy()
         if measure == "pressure":  # positive in compression, and per deformed area
             stress = -stress * (x**2 if kind == "volumetric" else 1.0)
-        test = TestData(
+        data = TestData(
             " ".join([name, *words]), kind, x, stress,
             weight * np.asarray(points.get("weight", 1.0)), y,
             measure if kind == "biaxial" else "stress",
             (modulus_unit or "Pa") if units[measure] else "",
         )  # fmt: skip
-        _check_signs(test)
-        tests.append(test)
+        _check_signs(data)
+        tests.append(data)
     return tests
 
 
-def read_cells(path: Path) -> tuple[dict[str, str], list[tuple[int, list[str]]]]:
-    """Return what the comments of a file state, and the number and the cells of each other line.
+def read_cells(path: Path) -> tuple[str, list[tuple[int, list[str]]]]:
+    """Return the test that a comment states, and the number and the cells of each other line.
 
     Raises BadInput for a file that cannot be read, and for one without such lines.
     """
@@ -247,20 +241,15 @@ def read_cells(path: Path) -> tuple[dict[str, str], list[tuple[int, list[str]]]]
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error
         raise BadInput(f"data = '{path}': {reason}") from None
-    stated: dict[str, str] = {}
-    rows = []
-    for number, line in enumerate(text.splitlines(), start=1):
-        if not line.lstrip().startswith("#"):
-            rows += [(number, _cells(line))] if line.strip() else []
-        elif found := _COMMENT.fullmatch(line.strip()):
-            key = found[1].lower()
-            if key in _STATED:
-                stated[key] = found[2]
-            elif suggestion := nearest(key, _STATED):
-                raise BadInput(f"{path}: line {number}: unknown name '{key}'{suggestion}")
+    test = re.search(r"^\s*#+\s*test\s*=\s*(.+?)\s*$", text, re.M | re.I)
+    rows = [
+        (number, _cells(line))
+        for number, line in enumerate(text.splitlines(), start=1)
+        if line.strip() and not line.lstrip().startswith("#")
+    ]
     if not rows:
         raise BadInput(f"{path}: no line of numbers: expected columns of numbers")
-    return stated, rows
+    return test[1] if test else "", rows
 
 
 def _cells(line: str) -> list[str]:
