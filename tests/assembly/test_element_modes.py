@@ -11,10 +11,6 @@ from element_theory import THEORY, poissons, problem
 
 from fem_snh.assembly.elements import ELEMENTS
 
-mpi = pytest.mark.mpi
-every = pytest.mark.parametrize("element", ELEMENTS)
-
-
 # --- modes at rest -------------------------------------------------------------------------------
 
 

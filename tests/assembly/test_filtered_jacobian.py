@@ -6,24 +6,10 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
-from bodies import (
-    MINIMISING,
-    POINTWISE,
-    cube,
-    dense,
-    one_cell,
-    pairs,
-    problem,
-    set_values,
-    wave,
-)
+from bodies import MINIMISING, POINTWISE, cube, dense, one_cell, pairs, problem, set_values, wave
 
 from fem_snh import _dolfinx
 from fem_snh.assembly.elements import ELEMENTS, Element
-
-elements = pytest.mark.parametrize("element", MINIMISING)
-pointwise = pytest.mark.parametrize("element", POINTWISE)
-
 
 # --- symmetry and definiteness -------------------------------------------------------------------
 

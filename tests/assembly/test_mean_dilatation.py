@@ -67,10 +67,6 @@ def solve(n, local, mean):
     return -u[3 * grid[[0, n // 2], [0, n // 2], -1] + 2]
 
 
-def textbook(n):
-    return solve(n, 0.0, LAM + 2 / 3 * MU)
-
-
 def own(n):
     local = BOUNDS["mean"] * MU * LAM / (LAM + BOUNDS["mean"] * MU)
     return solve(n, local + 2 / 3 * MU, LAM - local)

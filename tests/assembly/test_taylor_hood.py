@@ -8,13 +8,7 @@ import numpy as np
 import pytest
 import ufl
 from bodies import Hold, create_problem, cube, dense, norm, wave
-from volume_energies import (
-    ENERGIES,
-    TAYLOR_HOOD,
-    moduli,
-    mpi,
-    set_state,
-)
+from volume_energies import ENERGIES, TAYLOR_HOOD, moduli, mpi, set_state
 
 from fem_snh import _dolfinx
 from fem_snh.assembly.elements import ELEMENTS

@@ -17,10 +17,7 @@ mpi = pytest.mark.mpi
 
 #: deal.II's code gallery, "Quasi-static finite-strain compressible elasticity": u_y at (48, 52).
 COMPRESSIBLE = {"force": 1.0, "E": 2 * 0.4225 * 1.3, "nu": 0.3}
-PUBLISHED = {
-    "Q1": {2: 8.638, 4: 12.07, 8: 13.86, 16: 14.49},
-    "Q2": {2: 14.30, 4: 14.65, 8: 14.71},
-}
+PUBLISHED = {"Q1": {2: 8.638, 4: 12.07, 8: 13.86, 16: 14.49}, "Q2": {2: 14.30, 4: 14.65, 8: 14.71}}
 
 
 def solve(comm: Any = MPI.COMM_WORLD, **kwargs: Any) -> Any:

@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from mpi4py import MPI
-
 import numpy as np
 import pytest
 from running import solve
 
 from fem_snh import scenes
-
-COMM = MPI.COMM_WORLD
 
 
 def check_bones(result):

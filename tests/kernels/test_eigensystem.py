@@ -5,16 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import sympy
-from points import (
-    KINDS,
-    PAIRS,
-    deformations,
-    every_kind,
-    every_material,
-    make,
-    spread,
-    vec,
-)
+from points import KINDS, PAIRS, deformations, every_kind, every_material, make, spread, vec
 
 from benchmarks.eigensolvers import cubic_coefficients, cubic_vector
 from fem_snh.choices import EIGENSOLVERS

@@ -1,18 +1,10 @@
-"""The eigenvalue filters, and results outside the domain of an energy."""
+"""The eigenvalue filters."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
-from points import (
-    KINDS,
-    deformations,
-    every_kind,
-    every_material,
-    filtered,
-    make,
-    spread,
-)
+from points import KINDS, deformations, every_kind, every_material, filtered, make, spread
 
 from fem_snh.choices import EIGENSOLVERS, FILTERS
 
@@ -63,12 +55,3 @@ def test_a_point_does_not_depend_on_its_neighbours(m):
     for filter in FILTERS:
         alone = np.array([m.hessian(f, filter) for f in F])
         assert np.array_equal(m.hessian(F, filter), alone)
-
-
-# --- outside the domain --------------------------------------------------------------------------
-
-#: Deformation gradients that are not finite: outside the domain of every energy.
-OUT = np.stack([np.eye(3)] * 5)
-OUT[0, 0, 0] = OUT[1, 1, 2] = np.nan
-OUT[2, 2, 2], OUT[3, 0, 1] = np.inf, -np.inf
-OUT[4] = np.nan

@@ -4,15 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from bodies import (
-    MINIMISING,
-    Hold,
-    constrained,
-    cube,
-    every_energy,
-    problem,
-    set_values,
-)
+from bodies import MINIMISING, Hold, constrained, cube, every_energy, problem, set_values
 
 from fem_snh.assembly.elements import ELEMENTS
 

@@ -49,11 +49,7 @@ FINITE = {
     "stvk", "stvk_kikuuwe",
 }  # fmt: skip
 #: The limit of the isochoric I1 - 3, or of its mean with I2 - 3, for the default parameters.
-LOCKING = {
-    "extended_tube": 0.09693**-2,
-    "gent": 77.931,
-    "van_der_waals": 10.24**2 - 3,
-}
+LOCKING = {"extended_tube": 0.09693**-2, "gent": 77.931, "van_der_waals": 10.24**2 - 3}
 #: An energy of the stretches divides differences of its stresses (divided_differences.h).
 DIGITS = {True: 1e-9, False: 1e-12}
 

@@ -193,10 +193,7 @@ HEAVY = {
         ("import fem_snh", {"numpy", "sympy", "scipy", "pydantic", "rich"}),
         ("import fem_snh.cli", {"numpy", "sympy", "scipy", "pydantic"}),
         ("import fem_snh; assert 'neo_hookean' in fem_snh.materials()", set()),
-        (
-            "import fem_snh; fem_snh.material('neo_hookean').energy([[[1, 0, 0]] * 3])",
-            set(),
-        ),
+        ("import fem_snh; fem_snh.material('neo_hookean').energy([[[1, 0, 0]] * 3])", set()),
         ("from fem_snh import scenes; [scenes.load(name) for name in scenes.names()]", set()),
         ("from fem_snh.viewing import plots, render; from fem_snh.assembly import elements", set()),
     ],

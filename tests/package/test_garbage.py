@@ -63,11 +63,7 @@ def solved(comm, kind, element, cells):
 @pytest.mark.one_debian("ranks")
 @pytest.mark.parametrize(
     ("kind", "element", "cells"),
-    [
-        pytest.param("static", "Q1", 10, marks=mpi),
-        ("static", "P2P1", 4),
-        ("motion", "Q1", 10),
-    ],
+    [pytest.param("static", "Q1", 10, marks=mpi), ("static", "P2P1", 4), ("motion", "Q1", 10)],
 )
 def test_repeated_programs_take_no_more_memory(comm, kind, element, cells):
     """What six more instances leave is less than a tenth of one matrix for each.

@@ -14,7 +14,6 @@ import pytest
 from paths import DATA
 from running import solve
 
-mpi = pytest.mark.mpi
 STORED = DATA / "runs.json"
 
 

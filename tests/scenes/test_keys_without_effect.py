@@ -117,7 +117,7 @@ PLANE: list[tuple[dict[str, Any], str]] = [
     (
         {"start": {"map": [[1, 0, 0], [0, 1, 0], [0, 0, 2]]}, "predictor": "none"},
         r"start.map = .*: expected a map that leaves z",
-    ),
+    )
 ]
 
 

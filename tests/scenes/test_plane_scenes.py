@@ -11,8 +11,6 @@ from plane_scenes import TIGHT, own_scene, solve, write_mesh
 import fem_snh
 from fem_snh.errors import BadInput
 
-mpi = pytest.mark.mpi
-
 
 @pytest.mark.one_debian
 @pytest.mark.parametrize("element", ["Q1", "Q1P0", "Q2", "Q2Q1"])

@@ -37,10 +37,7 @@ MISTAKES: list[tuple[dict[str, Any], str]] = [
     ),
     ({"time": TIME, "steps_": 1}, "unknown parameter 'steps_'"),
     ({"time": TIME, "modes": {"count": 2}}, "'time' and 'modes' exclude each other"),
-    (
-        {"time": TIME, "nu_continuation": [0.3]},
-        "'time' and 'nu_continuation' exclude each other",
-    ),
+    ({"time": TIME, "nu_continuation": [0.3]}, "'time' and 'nu_continuation' exclude each other"),
     (
         {"time": TIME, "material.density": None},
         "missing key 'material.density' of stable_neo_hookean: expected a number > 0, for .time.",
@@ -51,10 +48,7 @@ MISTAKES: list[tuple[dict[str, Any], str]] = [
     ),
     ({"start": {"angular_velocity": [1, 0, 0]}}, "start.angular_velocity = .*: expected no value"),
     ({"time": TIME, "start": {"through": [0, 0, 0]}}, "start: missing key 'map' or 'angular_vel"),
-    (
-        {"fields": ["velocity"]},
-        "fields = 'velocity': expected another field, as .* no table",
-    ),
+    ({"fields": ["velocity"]}, "fields = 'velocity': expected another field, as .* no table"),
     ({"time": TIME, "fields": ["velocty"]}, "fields = 'velocty': .* .did you mean 'velocity'"),
 ]
 

@@ -137,10 +137,7 @@ def test_programs_have_the_same_tolerance(
     if not with_material:  # nu = 0
         terms.append(modulus * ufl.inner(strain, strain) / 2 * ufl.dx)
     problem = fem_snh.NonlinearProblem(
-        body.u,
-        {material: ufl.dx} if with_material else {},
-        bcs=body.bcs[:3],
-        terms=terms,
+        body.u, {material: ufl.dx} if with_material else {}, bcs=body.bcs[:3], terms=terms
     )
     problem.solve()
     assert problem.reason == "CONVERGED_FNORM_ABS"

@@ -7,11 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from bodies import MINIMISING, norm
-from solver_problems import (
-    options,
-    solve,
-    twist,
-)
+from solver_problems import options, solve, twist
 
 from fem_snh import solver
 from fem_snh.choices import GLOBALIZATIONS, HESSIANS

@@ -9,11 +9,7 @@ from petsc4py import PETSc
 
 import pytest
 from bodies import Hold, cube, problem
-from solver_problems import (
-    options,
-    solve,
-    twist,
-)
+from solver_problems import options, solve, twist
 
 from fem_snh import Traction, solver
 from fem_snh.runs import run

@@ -5,11 +5,7 @@ from __future__ import annotations
 from petsc4py import PETSc
 
 import pytest
-from solver_problems import (
-    options,
-    solve,
-    twist,
-)
+from solver_problems import options, solve, twist
 
 from fem_snh import solver
 from fem_snh.errors import BadInput, Range

@@ -5,12 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from bodies import MINIMISING, Condition, cube, norm, problem, set_values
-from solver_problems import (
-    options,
-    solve,
-    turned,
-    twist,
-)
+from solver_problems import options, solve, turned, twist
 
 from fem_snh import Traction, solver
 from fem_snh.assembly.elements import ELEMENTS

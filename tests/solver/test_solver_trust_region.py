@@ -5,14 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from bodies import Condition, Hold, dense, problem, set_values
-from solver_problems import (
-    SYMMETRIC,
-    TRUST,
-    half_turn,
-    options,
-    solve,
-    twist,
-)
+from solver_problems import SYMMETRIC, TRUST, half_turn, options, solve, twist
 
 from fem_snh import solver
 from fem_snh.mesh import mesh

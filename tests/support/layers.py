@@ -45,16 +45,7 @@ LAZY = {
     "viewing": "each kind of export and of page imports its own library",
 }
 #: Modules, and the folder of records, that any part may import, from the bottom up.
-COMMON = (
-    "errors",
-    "cache",
-    "files",
-    "processes",
-    "choices",
-    "references",
-    "records",
-    "_petsc",
-)
+COMMON = ("errors", "cache", "files", "processes", "choices", "references", "records", "_petsc")
 #: Modules beside the folders that call the parts: module -> the highest part that it may import.
 CALLERS = {
     "program_results": "accuracy",

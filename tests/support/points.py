@@ -11,12 +11,10 @@ import pytest
 import sympy
 from scipy.spatial.transform import Rotation
 
-from benchmarks import point_bounds
 from benchmarks.eigensolvers import stretches
-from benchmarks.point_bounds import Compared, digits, exactly, perturbed
+from benchmarks.point_bounds import exactly
 from benchmarks.pointwise import Oracle, oracle
 from fem_snh import materials
-from fem_snh.choices import EIGENSOLVERS
 from fem_snh.kernels.material import Material, material
 from fem_snh.materials import registry
 from fem_snh.materials.energy import Energy
@@ -58,13 +56,6 @@ def needs_stretches(name: str) -> bool:
 def exact(m: Material, F: Any) -> Oracle:
     """Return the material at F, computed with mpmath in its working precision."""
     return oracle(m.expression, exactly(F))
-
-
-def compare(m: Material, F: np.ndarray, rng: np.random.Generator) -> list[Compared]:
-    """Return every quantity of the material at F beside the exact one."""
-    with mpmath.workdps(digits(F)):
-        points = [oracle(m.expression, f) for f in perturbed(F, rng)]
-        return list(point_bounds.compare(m, F, points, EIGENSOLVERS))
 
 
 def rotations(n: int, seed: int = 0) -> np.ndarray:

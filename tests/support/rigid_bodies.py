@@ -20,12 +20,7 @@ BORE, INNER, OUTER, HEIGHT = 0.8, 1.0, 2.0, 0.3
 E, NU = 1e6, 0.49
 MU = E / (2 * (1 + NU))
 #: A joint of the second part of `corner_program` to its first, askew.
-HINGE_BETWEEN = {
-    "kind": "hinge",
-    "axis": (0.3, 1, 0.2),
-    "through": (0.4, 0.5, 0.8),
-    "to": "dx(2)",
-}
+HINGE_BETWEEN = {"kind": "hinge", "axis": (0.3, 1, 0.2), "through": (0.4, 0.5, 0.8), "to": "dx(2)"}
 
 
 def bushing_mesh(comm: Any, folder: Any, around: int = 6, layers: int = 4, order: int = 1) -> Any:

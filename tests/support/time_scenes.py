@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from fem_snh.scenes import Geometry, Gravity, Hold, MaterialChoice, Move, Rotate, Scene, Start, Time
+from fem_snh.scenes import Geometry, Gravity, Hold, MaterialChoice, Move, Rotate, Scene, Time
 
 #: E and density of flesh, roughly; the body is a cube of 1 m.
 SOFT = MaterialChoice(name="stable_neo_hookean", E=1e4, nu=0.4, density=1000.0)
@@ -26,8 +26,6 @@ def in_time(time: dict[str, Any], **keys: Any) -> Scene:
 
 #: A cube that hangs from its left side and swings.
 SWING = {"hold": [Hold(group="left")], "gravity": DOWN}
-#: A cube that is free and spins while it falls.
-SPIN = {"gravity": DOWN, "start": Start(velocity=(0.5, 0, 0), angular_velocity=(0, 0, 3.0))}
 #: A cube that is turned by one side, with an angle in proportion to time.
 TURN = {
     "move": [Move(group="left", rotate=Rotate(axis=(1, 0, 0), angle=1.0, through=(0, 0.5, 0.5)))]
