@@ -64,7 +64,7 @@ def _naming(text: str) -> list[str]:
 
 
 def test_mutations_change_one_line_and_can_be_read() -> None:
-    path = ROOT / "fem_snh" / "geometry" / "rotations.py"
+    path = ROOT / "fem_snh" / "records" / "units.py"
     found = list(mutations.mutations(path))
     assert {m.kind for m in found} == {"sign", "factor", "index", "comparison"}
     source = path.read_bytes()

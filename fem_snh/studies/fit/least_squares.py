@@ -174,7 +174,8 @@ class _Problem:
 
     def split(self, p: Array) -> tuple[Array, float | None]:
         """Return the shape parameters, constants in units of E, and nu."""
-        theta = p[1 : 1 + len(self.unknowns)] / self.sizes(p[0])
+        with np.errstate(invalid="ignore"):  # E = 0: no parameters fit
+            theta = p[1 : 1 + len(self.unknowns)] / self.sizes(p[0])
         return theta, float(p[-1]) if self.fit_nu else self.nu
 
     def limits(self, p: Array) -> tuple[Array, Array]:
