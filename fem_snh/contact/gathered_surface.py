@@ -92,6 +92,13 @@ class FacetShape:
         Reference coordinates of the nodes.
     simplices : (n, d + 1) int
         Triangles between the nodes, anticlockwise; of a curve segments.
+    center : (d,)
+        Mean of the corners.
+    rim : (n, d) int
+        The edges between neighbouring nodes around the facet, anticlockwise; of a curve the nodes
+        on both sides of its middle, each with the sense in ``sense``.
+    sense : (n,)
+        1 or -1: whether the simplex of the centre and a part of the rim has the facet's sense.
     """
 
     def __init__(self, kind: str, degree: int) -> None:
@@ -106,6 +113,16 @@ class FacetShape:
             self.simplices = np.stack([order[:-1], order[1:]], axis=1)
         else:
             self.simplices = Delaunay(lattice @ _SHEAR).simplices
+        self.center = _dolfinx.reference_corners(kind).mean(axis=0)
+        arms = self.nodes - self.center
+        if kind == "interval":
+            self.rim = np.argsort(arms[:, 0])[[0, -1], None]
+            self.sense = np.array([-1.0, 1.0])
+            return
+        turn = np.argsort(np.arctan2(arms[:, 1], arms[:, 0]))
+        outline = turn[np.linalg.norm(arms, axis=1)[turn] > _SAME]
+        self.rim = np.stack([outline, np.roll(outline, -1)], axis=1)
+        self.sense = np.ones(len(outline))
 
     def evaluate(self, points: Array, order: int = 1) -> tuple[Array, ...]:
         """Return values, first and second derivatives up to an order at reference points (n, d).
