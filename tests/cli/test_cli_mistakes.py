@@ -25,16 +25,8 @@ MISTAKES = [
     ("run twist --nu 0.5", r"nu = 0.5: .* requires a Taylor-Hood element \(P2P1, Q2Q1\)"),
     ("run twist --nu -inf", "material.nu = -inf: "),
     ("run twist --nu abc", "material.nu = 'abc': "),
-    (
-        "run twist --material neo_hookan",
-        "material.name = 'neo_hookan': expected .*did you mean 'neo_hookean'",
-    ),
     ("run twist --set angle", "--set angle: expected key=value"),
     ("run twist --set angel=1", "unknown parameter 'angel': expected .*did you mean 'angle'"),
-    (
-        "run twist --set material.barier=true",
-        "unknown parameter 'barier': expected .*did you mean 'barrier'",
-    ),
     ("run twist -- 1e-6", "'1e-6' after --: expected PETSc options"),
     ("run nothing.toml", "cannot read the scene nothing.toml"),
     ("run twist --nu 0.3 --set material.nu=0.4", "nu and material.nu: expected one of them"),

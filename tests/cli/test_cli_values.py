@@ -35,11 +35,7 @@ def test_petsc_words() -> None:
     words = "run twist -- -snes_view -ksp_rtol 1e-6 --mg_levels_pc_type jacobi -a -1".split()
     rest, petsc = options.split_petsc(words)
     assert rest == ["run", "twist"]
-    assert petsc == {
-        "snes_view": None,
-        "ksp_rtol": "1e-6",
-        "mg_levels_pc_type": "jacobi",
-        "a": "-1",
-    }
+    expected = {"snes_view": None, "ksp_rtol": "1e-6", "mg_levels_pc_type": "jacobi", "a": "-1"}
+    assert petsc == expected
     with pytest.raises(BadInput, match=r"'2' after --: expected PETSc options"):
         options.split_petsc(["--", "-a", "1", "2"])

@@ -48,16 +48,14 @@ def test_one_key(words: str, text: str, capsys: pytest.CaptureFixture[str]) -> N
     ("words", "message"),
     [
         ("obstcle", "unknown key or material 'obstcle': .*did you mean 'obstacle'"),
-        (
-            "obstacle.frction",
-            "obstacle: unknown key 'frction': expected one of shape, .*'friction'",
-        ),
+        ("obstacle.frction",
+         "obstacle: unknown key 'frction': expected one of shape, .*'friction'"),
         ("material.ogdn", "did you mean 'ogden'"),
         ("encastre", r"did you mean \[\[hold\]\]"),
         ("", "unknown key or material ''"),
         ("obstacle friction", "unexpected 'friction'"),
     ],
-)
+)  # fmt: skip
 def test_mistakes(words: str, message: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["help", *(words.split() or [""])]) == 2
     error = capsys.readouterr().err

@@ -39,14 +39,8 @@ def test_the_mesh_is_one_layer_of_the_panel(comm: MPI.Comm, cell: str) -> None:
     for group in ("left", "right", "top", "bottom"):
         assert made.group(group).count == 4 * per_face
     assert made.group("faces").count == 2 * 16 * per_face
-    problem = fem_snh.run(
-        "cook",
-        kinematics="layer",
-        cells=4,
-        element="Q1" if cell == "hexahedron" else "P1",
-        comm=comm,
-        progress=False,
-    ).problem
+    element = "Q1" if cell == "hexahedron" else "P1"
+    problem = solve(comm, kinematics="layer", cells=4, element=element).problem
     assert problem.length**3 == pytest.approx(48 * (44 + 16) / 2, rel=1e-12)
 
 

@@ -51,15 +51,13 @@ def test_a_file_is_executed_again_when_it_has_changed(folder: Path) -> None:
     ("text", "message"),
     [
         ("x = 1\ndef press(:\n", r"bad.py does not import: line 2: SyntaxError: .+"),
-        (
-            "import nowhere_at_all\n",
-            "line 1: ModuleNotFoundError: No module named 'nowhere_at_all'",
-        ),
+        ("import nowhere_at_all\n",
+         "line 1: ModuleNotFoundError: No module named 'nowhere_at_all'"),
         ("\n\n1 / 0\n", "line 3: ZeroDivisionError: division by zero"),
         ("def f():\n    raise ValueError('a\\nb')\nf()\n", "line 2: ValueError: a b$"),
         ("raise SystemExit(3)\n", "line 1: SystemExit: 3"),
     ],
-)
+)  # fmt: skip
 def test_a_file_that_does_not_import(tmp_path: Path, text: str, message: str) -> None:
     (tmp_path / "bad.py").write_text(text)
     with pytest.raises(BadInput, match=message) as caught:

@@ -18,18 +18,12 @@ MISTAKES: list[tuple[dict[str, Any], str]] = [
     ({"nu": float("nan")}, r"material.nu = nan: expected a number in \(-1, 0.5\]"),
     ({"E": 0}, "material.E = 0: expected a number from 1e-100 to 1e\\+100"),
     ({"E": float("inf")}, "material.E = inf: expected a number from 1e-100 to 1e\\+100"),
-    (
-        {"probe": [{"name": "a", "point": [0, 0, 0]}] * 2},
-        "probe.name = 'a': expected a different name for each probe",
-    ),
-    (
-        {"material": "neo_hookan"},
-        "material.name = 'neo_hookan': expected .*did you mean 'neo_hookean'",
-    ),
-    (
-        {"material": {"nam": "neo_hookean"}},
-        "unknown parameter 'nam': expected .*did you mean 'name'",
-    ),
+    ({"probe": [{"name": "a", "point": [0, 0, 0]}] * 2},
+     "probe.name = 'a': expected a different name for each probe"),
+    ({"material": "neo_hookan"},
+     "material.name = 'neo_hookan': expected .*did you mean 'neo_hookean'"),
+    ({"material": {"nam": "neo_hookean"}},
+     "unknown parameter 'nam': expected .*did you mean 'name'"),
     ({"integrator": "newmark"}, r"unknown .*\(did you mean 'time\.integrator'\?\)"),
     ({"friction": 0.3}, r"did you mean 'obstacle\.0\.friction'\?"),
     ({"angel": 1.0}, "unknown parameter 'angel': expected .*steps.*did you mean 'angle'"),
@@ -37,51 +31,35 @@ MISTAKES: list[tuple[dict[str, Any], str]] = [
     ({"angle": "x"}, "angle = 'x': expected a number"),
     ({"angle": float("inf")}, "angle = inf: expected a finite number"),
     ({"material.barier": True}, "unknown parameter 'barier': expected .*did you mean 'barrier'"),
-    (
-        {"material.alpah": 2},
-        "unknown parameter 'alpah': expected .*lambda_part.*did you mean 'alpha'",
-    ),
+    ({"material.alpah": 2},
+     "unknown parameter 'alpah': expected .*lambda_part.*did you mean 'alpha'"),
     ({"material.alpha": 0}, "material.alpha = 0.0: expected a number from 0.01 to 16"),
     ({"material.alpha_mu": "x"}, "material.alpha_mu = 'x': expected a finite number"),
     ({"material.alpha": float("inf")}, "material.alpha = inf: expected a finite number"),
-    (
-        {"material.epsilon": -1},
-        "material.epsilon = -1.0: expected 0 or a number from 0.0001 to 0.99",
-    ),
-    (
-        {"material.lambda_part": "stbl_neo_hookean"},
-        "lambda_part = .*: expected one of .*did you mean 'stable_neo",
-    ),
+    ({"material.epsilon": -1},
+     "material.epsilon = -1.0: expected 0 or a number from 0.0001 to 0.99"),
+    ({"material.lambda_part": "stbl_neo_hookean"},
+     "lambda_part = .*: expected one of .*did you mean 'stable_neo"),
     ({"material.lambda_part": 3}, "material.lambda_part = 3: expected the name of a material"),
     ({"material.mu": 3}, "unknown parameter 'mu'"),
     ({"reactions": [1.5]}, r"reactions = \[1.5\]: expected a list of names or numbers"),
     ({"material.barrier": 3}, "material.barrier = 3: expected true or false"),
-    (
-        {"move.0.rotat": 1},
-        "move.0: unknown key 'rotat': expected .*translate.*did you mean 'rotate'",
-    ),
-    (
-        {"move.0.rotate.axis": [0, 0, 0]},
-        "move.0.rotate.axis = .*: expected a vector that is not zero",
-    ),
-    (
-        {"move.0.rotate": None},
-        "move.0: missing key 'translate' or 'rotate': expected one of them, or both",
-    ),
+    ({"move.0.rotat": 1},
+     "move.0: unknown key 'rotat': expected .*translate.*did you mean 'rotate'"),
+    ({"move.0.rotate.axis": [0, 0, 0]},
+     "move.0.rotate.axis = .*: expected a vector that is not zero"),
+    ({"move.0.rotate": None},
+     "move.0: missing key 'translate' or 'rotate': expected one of them, or both"),
     ({"move.3.group": "x"}, "unknown key 'move.3.group'"),
     ({"material.nu.x": 1}, "unknown key 'material.nu.x'"),
-    (
-        {"hold.0.group": "top"},
-        "move.group = 'top': expected components other than x, y, z, which \\[\\[hold",
-    ),
+    ({"hold.0.group": "top"},
+     "move.group = 'top': expected components other than x, y, z, which \\[\\[hold"),
     ({"hold": [3]}, "hold.0 = 3: expected a table"),
-    (
-        {"hold": [{"group": "top", "table": "on"}]},
-        r"hold.0.table = 'on': expected no table: a \[\[hold\]\] lasts for the whole run",
-    ),
+    ({"hold": [{"group": "top", "table": "on"}]},
+     r"hold.0.table = 'on': expected no table: a \[\[hold\]\] lasts for the whole run"),
     ({"petsc.ksp": {}}, "petsc = .*: expected a table of"),
     ({"mesh": "x.msh"}, "cells = 15: expected no value, as x.msh has its own"),
-]
+]  # fmt: skip
 
 
 @pytest.mark.parametrize(("overrides", "message"), MISTAKES, ids=[str(m[0]) for m in MISTAKES])

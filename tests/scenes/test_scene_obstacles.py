@@ -63,27 +63,19 @@ def test_a_motion_is_that_of_move() -> None:
     [
         ({}, "obstacle.0: expected one of the keys shape, surface; found none"),
         ({"shape": {}}, "obstacle.0.shape: expected one of the keys plane, .*box, .*; found none"),
-        (
-            {"shape": {"capsule": {**ENDS, "to": [0, 0, 0]}}},
-            "obstacle.0.shape.capsule.to = .*: expected a point other than 'from'",
-        ),
+        ({"shape": {"capsule": {**ENDS, "to": [0, 0, 0]}}},
+         "obstacle.0.shape.capsule.to = .*: expected a point other than 'from'"),
         ({"shape": {"plane": {"normal": [0, 0, 0]}}}, "shape.plane.normal = .*: expected a vector"),
-        (
-            {**ON_BALL, "surface": "a.stl"},
-            "expected one of the keys shape, surface; found shape, surface",
-        ),
+        ({**ON_BALL, "surface": "a.stl"},
+         "expected one of the keys shape, surface; found shape, surface"),
         ({**ON_BALL, "tolerance": 1e-3}, "tolerance = 0.001: expected no value, as the method"),
         ({**ON_BALL, "table": "ramp"}, "obstacle.0: missing key 'translate' or 'rotate'"),
-        (
-            {**ON_BALL, "motion": "a.csv", "translate": [0, 0, 1]},
-            "obstacle.0: 'motion' and 'translate' exclude each other",
-        ),
-        (
-            {**ON_BALL, "translate": [0, 0, 1], "table": "ramp"},
-            "obstacle.0.table = 'ramp': expected the name of a .*; the scene has none",
-        ),
+        ({**ON_BALL, "motion": "a.csv", "translate": [0, 0, 1]},
+         "obstacle.0: 'motion' and 'translate' exclude each other"),
+        ({**ON_BALL, "translate": [0, 0, 1], "table": "ramp"},
+         "obstacle.0.table = 'ramp': expected the name of a .*; the scene has none"),
     ],
-)
+)  # fmt: skip
 def test_mistakes(keys: dict[str, Any], message: str) -> None:
     with pytest.raises(BadInput, match=f"^twist: .*{message}") as error:
         scenes.load("twist", obstacle=[keys])

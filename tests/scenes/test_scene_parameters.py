@@ -14,40 +14,20 @@ from fem_snh.scenes import Scene
 pytestmark = pytest.mark.one_debian
 
 
-@pytest.fixture
-def parametrised() -> Any:
-    """A function: a material of many constants and of shape parameters of every kind."""
-
-    def many(
-        I_C: Any,
-        J: Any,
-        C1: Any = 0.1,
-        C2: Any = 0.05,
-        kappa: Any = 1.0,
-        *,
-        powers: tuple[float, ...] = (1.0,),
-        volume: str = "J",
-        n: float = 2.0,
-        terms: int | None = None,
-        pairs: list[float] = [],
-    ) -> Any:
-        """Many."""
-
-    return many
+def many(
+    I_C, J, C1=0.1, C2=0.05, kappa=1.0, *, powers: tuple[float, ...] = (1.0,), volume: str = "J",
+    n: float = 2.0, terms: int | None = None, pairs: list[float] = [],
+):  # fmt: skip
+    """A material of many constants and of shape parameters of every kind."""
 
 
-def test_parameters_of_every_kind(parametrised: Any) -> None:
-    table = {"name": parametrised, "powers": [1, 2.5], "volume": "log", "n": 3, "C2": 0, "terms": 2}
+def test_parameters_of_every_kind() -> None:
+    table = {"name": many, "powers": [1, 2.5], "volume": "log", "n": 3, "C2": 0, "terms": 2}
     table |= {"E": 1.0, "nu": 0.3, "pairs": (1, 2)}
     given = scenes.load("twist", material=table).material.parameters
     assert given == {
-        "powers": (1.0, 2.5),
-        "volume": "log",
-        "n": 3.0,
-        "C2": 0.0,
-        "terms": 2,
-        "pairs": [1, 2],
-    }
+        "powers": (1.0, 2.5), "volume": "log", "n": 3.0, "C2": 0.0, "terms": 2, "pairs": [1, 2]
+    }  # fmt: skip
     also = scenes.load("twist", material=table | {"powers": np.array([1.5])})
     assert also.material.parameters["powers"] == (1.5,)
     assert Scene.model_validate(also.model_dump()) == also
@@ -64,13 +44,10 @@ def test_parameters_of_every_kind(parametrised: Any) -> None:
         ("n", True, "n = True: expected a finite number"),
         ("terms", 2.5, "terms = 2.5: expected a whole number"),
         ("C2", "x", "C2 = 'x': expected a finite number"),
-        (
-            "C3",
-            1.0,
-            "unknown parameter 'C3': expected .*C1, C2, kappa, alpha.*did you mean 'C[12]'",
-        ),
+        ("C3", 1.0,
+         "unknown parameter 'C3': expected .*C1, C2, kappa, alpha.*did you mean 'C[12]'"),
     ],
-)
-def test_mistakes_in_parameters(parametrised: Any, key: str, value: Any, message: str) -> None:
+)  # fmt: skip
+def test_mistakes_in_parameters(key: str, value: Any, message: str) -> None:
     with pytest.raises(BadInput, match=f"^twist: material[.:].*{message}"):
-        scenes.load("twist", material={"name": parametrised, key: value})
+        scenes.load("twist", material={"name": many, key: value})

@@ -52,51 +52,33 @@ MISTAKES: list[tuple[dict[str, Any], str]] = [
     ({"table": [RAMP, RAMP]}, "table.name = 'ramp': expected a different name for each table"),
     ({"table": [{"name": "a", "points": [[0, 0]]}]}, r"points = \[\[0, 0\]\]: expected .* two or"),
     ({"table": [{"name": "a", "points": [[0, 0], [0, 1]]}]}, "points = .*: expected .* ascending"),
-    (
-        {"table": [{"name": "a", "points": [[0, 0], [1]]}]},
-        "table.0.points = .*: expected a list of",
-    ),
+    ({"table": [{"name": "a", "points": [[0, 0], [1]]}]},
+     "table.0.points = .*: expected a list of"),
     ({"move.0.table": "x"}, r"move.0.table = 'x': expected the name of a \[\[table\]\]; .* none"),
-    (
-        {"table": [RAMP], "move.0.rotate.table": "rmp"},
-        "move.0.rotate.table = 'rmp': expected one of ramp .did you mean 'ramp'",
-    ),
+    ({"table": [RAMP], "move.0.rotate.table": "rmp"},
+     "move.0.rotate.table = 'rmp': expected one of ramp .did you mean 'ramp'"),
     ({"gravity": {"vector": [0, 0, 1], "table": "g"}}, "gravity.table = 'g': expected the name"),
     ({"gravity": [1]}, "gravity = .*: expected a table"),
     ({"pressure": [{"group": "top", "value": "1"}]}, "pressure.0.value = '1': expected a finite"),
-    (
-        {"cavity": [{"group": "top", "volume": 1e300}]},
-        r"cavity.0.volume = 1e\+300: expected a finite number, of a size up to 1e\+50$",
-    ),
-    (
-        {"cavity": [{"group": "top", "volume": 1, "stiffness": 1e300}]},
-        r"cavity.0.stiffness = 1e\+300: expected a number > 0, of a size up to 1e\+50$",
-    ),
-    (
-        {"obstacle": [{"shape": {"plane": {"point": [0, 0, 1e200]}}}]},
-        r"plane.point = \[0, 0, 1e\+200\]: expected three finite .*, of a size up to 1e\+50$",
-    ),
-    (
-        {"time": {"duration": 1e-300, "steps": 1}},
-        r"time.duration = 1e-300: expected a number > 0, of a size from 1e-50$",
-    ),
-    (
-        {"time": {"duration": 1e300, "steps": 1}},
-        r"time.duration = 1e\+300: expected a number > 0, of a size up to 1e\+50$",
-    ),
-    (
-        {"self_contact": {"method": "ipc", "distance": 1e300}},
-        r"self_contact.distance = 1e\+300: expected a number > 0, of a size up to 1e\+50$",
-    ),
-    (
-        {"table": [{"name": "a", "points": [[0, 0], [1, 1e51]]}]},
-        r"table.0.points = .*: expected .* ascending, of a size up to 1e\+50$",
-    ),
+    ({"cavity": [{"group": "top", "volume": 1e300}]},
+     r"cavity.0.volume = 1e\+300: expected a finite number, of a size up to 1e\+50$"),
+    ({"cavity": [{"group": "top", "volume": 1, "stiffness": 1e300}]},
+     r"cavity.0.stiffness = 1e\+300: expected a number > 0, of a size up to 1e\+50$"),
+    ({"obstacle": [{"shape": {"plane": {"point": [0, 0, 1e200]}}}]},
+     r"plane.point = \[0, 0, 1e\+200\]: expected three finite .*, of a size up to 1e\+50$"),
+    ({"time": {"duration": 1e-300, "steps": 1}},
+     r"time.duration = 1e-300: expected a number > 0, of a size from 1e-50$"),
+    ({"time": {"duration": 1e300, "steps": 1}},
+     r"time.duration = 1e\+300: expected a number > 0, of a size up to 1e\+50$"),
+    ({"self_contact": {"method": "ipc", "distance": 1e300}},
+     r"self_contact.distance = 1e\+300: expected a number > 0, of a size up to 1e\+50$"),
+    ({"table": [{"name": "a", "points": [[0, 0], [1, 1e51]]}]},
+     r"table.0.points = .*: expected .* ascending, of a size up to 1e\+50$"),
     ({"spring": [{"group": "top", "stiffness": -1}]}, "spring.0.stiffness = -1: expected a number"),
     ({"spring": [{"group": "top", "stiffness": [1, 2]}]}, "spring.0.stiffness = .*: .*or three"),
     ({"cavity": [{"group": "top", "volume": 1, "stiffness": 0}]}, "stiffness = 0: .* number > 0"),
     ({"cavity": [{"group": "top", "volume": 1}], "modes": {}}, "'cavity' and 'modes' exclude each"),
-]
+]  # fmt: skip
 
 
 @pytest.mark.parametrize(("overrides", "message"), MISTAKES, ids=[str(m[0]) for m in MISTAKES])

@@ -38,21 +38,6 @@ def test_groups_of_a_scene_are_in_its_mesh(name: str, element: str, comm: Any) -
         assert mesh.group(group).count > 0
 
 
-@pytest.mark.parametrize("name", ON_GEOMETRY)
-def test_probes_of_a_scene_are_in_its_mesh(name: str, comm: Any) -> None:
-    from fem_snh import _dolfinx
-    from fem_snh.assembly.elements import ELEMENTS
-    from fem_snh.mesh.mesh import generate
-    from fem_snh.problem.probes import Probes
-
-    scene = scenes.load(name, cells=COARSE.get(name, 4))
-    assert isinstance(scene.mesh, scenes.Geometry)
-    cell = ELEMENTS[scene.element].cell
-    mesh = generate(comm, scene.mesh.source, cell, cells=scene.cells, **scene.mesh.parameters)
-    u = _dolfinx.function(_dolfinx.function_space(mesh.domain, 1, (3,)), "u")
-    assert list(Probes(u, scene.probe).values()) == [probe.name for probe in scene.probe]
-
-
 @pytest.mark.parametrize("name", scenes.names())
 def test_scene_survives_a_round_trip(name: str) -> None:
     scene = scenes.load(name)
@@ -61,15 +46,10 @@ def test_scene_survives_a_round_trip(name: str) -> None:
 
 def test_overrides_reach_every_level() -> None:
     scene = scenes.load(
-        "twist",
-        nu=np.float32(0.25),
-        cells=np.int64(3),
-        angle=1.0,
-        element="P2",
-        steps=None,
+        "twist", nu=np.float32(0.25), cells=np.int64(3), angle=1.0, element="P2", steps=None,
         petsc={"-ksp_rtol": 1e-4, "snes_view": None},
         **{"material.barrier": True, "move.0.rotate.through": np.zeros(3), "petsc.a.b": 1},
-    )
+    )  # fmt: skip
     assert (scene.material.nu, scene.cells, scene.element, scene.steps) == (0.25, 3, "P2", 2)
     assert scene.material.parameters == {"barrier": True}
     rotate = scene.move[0].rotate
@@ -87,22 +67,15 @@ def test_another_material_drops_the_shape_parameters_of_the_first(toml: Path) ->
 
 def test_what_any_material_takes_beside_its_own() -> None:
     tuning = {
-        "material.alpha_mu": 2,
-        "material.alpha_lambda": np.float64(0.5),
-        "material.lambda_part": "neo_hookean",
-        "material.epsilon": 0,
-        "material.alpha": None,
-    }
+        "material.alpha_mu": 2, "material.alpha_lambda": np.float64(0.5), "material.alpha": None,
+        "material.lambda_part": "neo_hookean", "material.epsilon": 0,
+    }  # fmt: skip
     assert {key.partition(".")[2] for key in tuning} == set(materials.TUNING)
     given = scenes.load("twist", **{"material.barrier": True}, **tuning).material.parameters
     assert given == {
-        "barrier": True,
-        "alpha": None,
-        "alpha_mu": 2.0,
-        "alpha_lambda": 0.5,
-        "lambda_part": "neo_hookean",
-        "epsilon": 0.0,
-    }
+        "barrier": True, "alpha": None, "alpha_mu": 2.0, "alpha_lambda": 0.5,
+        "lambda_part": "neo_hookean", "epsilon": 0.0,
+    }  # fmt: skip
     assert isinstance(given["alpha_mu"], float)
 
 

@@ -14,43 +14,30 @@ from fem_snh.errors import BadInput
 
 TIME = {"duration": 1.0, "steps": 4}
 CUBE: dict[str, Any] = {
-    "name": "cube",
-    "mesh": {"source": "cube"},
-    "cells": 2,
-    "element": "Q1",
+    "name": "cube", "mesh": {"source": "cube"}, "cells": 2, "element": "Q1",
     "material": SOFT.model_dump(),
-}
+}  # fmt: skip
 
 MISTAKES: list[tuple[dict[str, Any], str]] = [
     ({"time": 2.0}, "time = 2.0: expected .*table"),
-    (
-        {"time": TIME | {"damping": {"stiffness": -1}}},
-        "time.damping.stiffness = -1: expected a number >= 0",
-    ),
-    (
-        {"time": TIME | {"rho_infinity": 0.5}},
-        "time.rho_infinity = 0.5: expected no value, as the integrator is newmark",
-    ),
-    (
-        {"time": TIME | {"integrator": "generalized_alpha", "rho_infinity": 1.5}},
-        "time.rho_infinity = 1.5: expected a number from 0 to 1",
-    ),
+    ({"time": TIME | {"damping": {"stiffness": -1}}},
+     "time.damping.stiffness = -1: expected a number >= 0"),
+    ({"time": TIME | {"rho_infinity": 0.5}},
+     "time.rho_infinity = 0.5: expected no value, as the integrator is newmark"),
+    ({"time": TIME | {"integrator": "generalized_alpha", "rho_infinity": 1.5}},
+     "time.rho_infinity = 1.5: expected a number from 0 to 1"),
     ({"time": TIME, "steps_": 1}, "unknown parameter 'steps_'"),
     ({"time": TIME, "modes": {"count": 2}}, "'time' and 'modes' exclude each other"),
     ({"time": TIME, "nu_continuation": [0.3]}, "'time' and 'nu_continuation' exclude each other"),
-    (
-        {"time": TIME, "material.density": None},
-        "missing key 'material.density' of stable_neo_hookean: expected a number > 0, for .time.",
-    ),
-    (
-        {"start": {"velocity": [1, 0, 0]}},
-        r"start.velocity = \[1.0, 0.0, 0.0\]: expected no value, as the scene has no table .time.",
-    ),
+    ({"time": TIME, "material.density": None},
+     "missing key 'material.density' of stable_neo_hookean: expected a number > 0, for .time."),
+    ({"start": {"velocity": [1, 0, 0]}},
+     r"start.velocity = \[1.0, 0.0, 0.0\]: expected no value, as the scene has no table .time."),
     ({"start": {"angular_velocity": [1, 0, 0]}}, "start.angular_velocity = .*: expected no value"),
     ({"time": TIME, "start": {"through": [0, 0, 0]}}, "start: missing key 'map' or 'angular_vel"),
     ({"fields": ["velocity"]}, "fields = 'velocity': expected another field, as .* no table"),
     ({"time": TIME, "fields": ["velocty"]}, "fields = 'velocty': .* .did you mean 'velocity'"),
-]
+]  # fmt: skip
 
 
 @pytest.mark.parametrize(("keys", "message"), MISTAKES)

@@ -107,24 +107,18 @@ BIAXIAL = "# test = biaxial\nstretch, stretch_2, stress_difference\n"
         (HEAD + "0.5, 1\n0.4, 2\n", "every stress has the wrong sign"),
         ("# test = simple_shear\nstretch, stress\n1, 1\n", "expected shear or strain or stress"),
         ("# test = biaxial\nstretch, stress\n1.5, 1\n", "test 'biaxial': expected stretch_2"),
-        (
-            "# test = biaxial\nstretch, stretch_2, stress\n1.5, -, 1\n2, 2, 1\n",
-            "line 3: stretch_2 = nan: expected a number",
-        ),
+        ("# test = biaxial\nstretch, stretch_2, stress\n1.5, -, 1\n2, 2, 1\n",
+         "line 3: stretch_2 = nan: expected a number"),
         (BIAXIAL + "1.2, 1.2, 0\n1.3, 1.3, 1\n", "expected different stretches"),
         (BIAXIAL + "1, 1.2, 1\n1.2, 2, 1\n", "the true stress of direction 1 minus that of 2"),
         (BIAXIAL.replace("biaxial", "planar") + "2, 1, 1\n", "in a test 'planar': expected stret"),
         (BIAXIAL.replace("stretch", "strain_2, stretch", 1) + "2, 1, 0, 1\n", "stretch_2 or str"),
-        (
-            BIAXIAL.replace("_difference", ", stress_2 [Pa]") + "2, 1, 1, 1\n",
-            "expected units of all, or of",
-        ),
-        (
-            HEAD + "1.5, 1e-300\n",
-            "line 3: stress = '1e-300': expected 0, or a number whose absolute",
-        ),
+        (BIAXIAL.replace("_difference", ", stress_2 [Pa]") + "2, 1, 1, 1\n",
+         "expected units of all, or of"),
+        (HEAD + "1.5, 1e-300\n",
+         "line 3: stress = '1e-300': expected 0, or a number whose absolute"),
     ],
-)
+)  # fmt: skip
 def test_mistakes(tmp_path: Path, text: str, message: str) -> None:
     with pytest.raises(BadInput) as error:
         read(written(tmp_path, text))
