@@ -65,21 +65,17 @@ def test_a_bone_that_is_a_group_moves_as_move_does(time):
 @pytest.mark.parametrize(
     "bone, message",
     [
-        (
-            {"shape": {"sphere": {"center": [0, 0, 3], "radius": 0.5}}},
-            "bone 'bone_0': expected a bone that holds a node of the mesh: the closest one is 1.5",
-        ),
+        ({"shape": {"sphere": {"center": [0, 0, 3], "radius": 0.5}}},
+         "bone 'bone_0': expected a bone that holds a node of the mesh: the closest one is 1.5"),
         ({"group": "top"}, "bone.group = 'top': expected a group of volumes, not a surface:top"),
         ({"group": "furst"}, r"no physical group 'furst' in the mesh \(did you mean 'first'\?\)"),
-        (
-            {"shape": {"sphere": {"center": [0, 0, 1], "radius": 9}}},
-            "bone: 'bone_0' hold all nodes of the body: expected a free node",
-        ),
+        ({"shape": {"sphere": {"center": [0, 0, 1], "radius": 9}}},
+         "bone: 'bone_0' hold all nodes of the body: expected a free node"),
         ({"surface": "none.stl"}, "cannot read the surface none.stl"),
         ({"shape": UPPER, "motion": "none.csv"}, "cannot read the motion none.csv"),
         ({"shape": UPPER, "motion": lambda load: np.eye(3)}, "at load .*: expected a 3x4 matrix"),
     ],
-)
+)  # fmt: skip
 def test_mistakes_are_one_line_on_every_rank(bone, message):
     with pytest.raises(BadInput, match=message) as error:
         solve(bar(bone))

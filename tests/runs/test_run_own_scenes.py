@@ -16,33 +16,22 @@ from fem_snh.scenes import Geometry, Hold, MaterialChoice, Move, Rotate, Scene
 mpi = pytest.mark.mpi
 
 
-def bar(**kwargs):
-    return {
-        "name": "bar",
-        "element": "Q1",
-        "steps": 2,
+def bar(**keys):
+    rollers = (("left", "x"), ("front", "y"), ("bottom", "z"))
+    given = {
+        "name": "bar", "element": "Q1", "steps": 2,
         "material": MaterialChoice(name="neo_hookean", E=10.0, nu=0.3),
-        "hold": [
-            Hold(group="left", components=("x",)),
-            Hold(group="front", components=("y",)),
-            Hold(group="bottom", components=("z",)),
-        ],
-    } | kwargs
+        "hold": [Hold(group=group, components=(axis,)) for group, axis in rollers],
+    }  # fmt: skip
+    return Scene(**given | keys)
 
 
 @pytest.mark.one_debian("ranks")
 @mpi
 def test_a_scene_made_in_python(comm):
-    result = solve(
-        Scene(
-            **bar(
-                mesh=Geometry(source="cube"),
-                cells=2,
-                move=[Move(group="right", components=("x",), translate=(0.4, 0, 0))],
-            )
-        ),
-        nu=0.0,  # overrides count
-    )
+    move = Move(group="right", components=("x",), translate=(0.4, 0, 0))
+    scene = bar(mesh=Geometry(source="cube"), cells=2, move=[move])
+    result = solve(scene, nu=0.0)  # overrides count
     assert result.converged and result.record["material"]["nu"] == 0
     assert result.u.name == "displacement" and result.problem.load == 1
     u = result.u.x.array.reshape(-1, 3)
@@ -77,23 +66,17 @@ def test_size_and_stiffness_are_units_to_a_toml_scene(comm, folder, globalizatio
     length, modulus = 2.0**-10, 2.0**20
     for name, scale, E in (("large", 1.0, 1.0), ("small", length, modulus)):
         on_root(comm, own_mesh, folder / f"{name}.msh", scale, 4)
+        turn = Rotate(axis=(0, 0, 1), through=(0.5 * scale,) * 3, angle=1.0)
         scene = bar(
             mesh=folder / f"{name}.msh",
             material=MaterialChoice(name="stable_neo_hookean", E=E, nu=0.49),
             hold=[Hold(group="bottom")],
-            move=[
-                Move(
-                    group="top",
-                    translate=(0, 0, 0.2 * scale),
-                    rotate=Rotate(axis=(0, 0, 1), through=(0.5 * scale,) * 3, angle=1.0),
-                )
-            ],
+            move=[Move(group="top", translate=(0, 0, 0.2 * scale), rotate=turn)],
         )
-        found.append(solve(Scene(**scene), globalization=globalization).steps)
+        found.append(solve(scene, globalization=globalization).steps)
     for one, other in zip(*found, strict=True):
-        assert [one[k] for k in ("newton", "clamped", "reason")] == [
-            other[k] for k in ("newton", "clamped", "reason")
-        ]
+        for key in ("newton", "clamped", "reason"):
+            assert one[key] == other[key]
         assert other["linear"] == pytest.approx(one["linear"], abs=2)
         assert other["energy"] / (modulus * length**3) == pytest.approx(one["energy"], rel=1e-8)
 

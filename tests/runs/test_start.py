@@ -99,14 +99,11 @@ def test_prescribed_nodes_stay(comm: MPI.Comm) -> None:
         ("start.seed", -1, "start.seed = -1: expected a whole number from 0 to"),
         ("start.map", [1, 2, 3], "start.map = .*a matrix"),
         ("predictor", "tangent", "predictor = 'tangent': expected 'none'"),
-        (
-            "nu_continuation",
-            [0.5],
-            r"nu_continuation = \[0.5\]: expected a list of Poisson's ratios in",
-        ),
+        ("nu_continuation", [0.5],
+         r"nu_continuation = \[0.5\]: expected a list of Poisson's ratios in"),
         ("nu_continuation", 0.3, "nu_continuation = 0.3"),
     ],
-)
+)  # fmt: skip
 def test_mistakes(key: str, value: Any, message: str) -> None:
     with pytest.raises(BadInput, match=message):
         scenes.load("scramble", **{key: value})

@@ -23,24 +23,16 @@ TIGHT = {"snes_scaled_tol": 1e-11, "ksp_rtol": 1e-9, "snes_forcing_max": 0}
 
 def bar(stretch: float | None, **keys: Any) -> Scene:
     """A unit cube between rollers, pulled to a stretch, or released: its strain is uniform."""
+    rollers = (("left", "x"), ("front", "y"), ("bottom", "z"))
     given: dict[str, Any] = {
-        "name": "bar",
-        "mesh": Geometry(source="cube"),
-        "cells": 2,
-        "element": "Q1",
-        "steps": 2,
+        "name": "bar", "mesh": Geometry(source="cube"), "cells": 2, "element": "Q1", "steps": 2,
         "material": MaterialChoice(name="stable_neo_hookean", E=3.0, nu=0.4),
-        "hold": [
-            Hold(group=group, components=(axis,))
-            for group, axis in (("left", "x"), ("front", "y"), ("bottom", "z"))
-        ],
-        "reactions": [Reaction(group="right")],
+        "hold": [Hold(group=group, components=(axis,)) for group, axis in rollers],
+        "reactions": [Reaction(group="right")], "petsc": TIGHT,
         "probe": [Probe(name="corner", point=(1, 1, 1))],
-        "petsc": TIGHT,
-    }
+    }  # fmt: skip
     if stretch is not None:
-        move = Move(group="right", components=("x",), translate=(stretch - 1, 0, 0))
-        given["move"] = [move]
+        given["move"] = [Move(group="right", components=("x",), translate=(stretch - 1, 0, 0))]
     return Scene(**given | keys)
 
 
