@@ -14,19 +14,12 @@ ELBOW = np.array([1.0, 0.5, 0.5])
 
 def bar(*bones, cells=2, element="Q1P0", **keys):
     """Return a scene of the bar with some bones."""
-    material = {"name": "stable_neo_hookean", "E": 1e4, "nu": 0.45}
-    return Scene(
-        **{
-            "name": "bar",
-            "mesh": {"source": "bar"},
-            "cells": cells,
-            "element": element,
-            "material": material,
-            "bone": [{"name": f"bone_{i}", **bone} for i, bone in enumerate(bones)],
-            "steps": 1,
-            **keys,
-        }
-    )
+    given = {
+        "name": "bar", "mesh": {"source": "bar"}, "cells": cells, "element": element, "steps": 1,
+        "material": {"name": "stable_neo_hookean", "E": 1e4, "nu": 0.45},
+        "bone": [{"name": f"bone_{i}", **bone} for i, bone in enumerate(bones)],
+    }  # fmt: skip
+    return Scene(**given | keys)
 
 
 def matrix(A, c=(0.0, 0.0, 0.0), through=(0.0, 0.0, 0.0)):

@@ -16,18 +16,10 @@ PLATE: dict[str, Any] = {
 
 def slide(**plate: Any) -> Scene:
     """A block on which a plate presses and slides; ``plate`` has other keys of the obstacle."""
-    return Scene.model_validate(
-        {
-            "name": "slide",
-            "mesh": {"source": "cube"},
-            "cells": 2,
-            "element": "Q1",
-            "steps": 4,
-            "predictor": "none",
-            "material": {"name": "stable_neo_hookean", "E": 1.0, "nu": 0.3},
-            "hold": [{"group": "bottom"}],
-            "obstacle": [PLATE | plate],
-            "fields": ["contact_pressure", "gap"],
-            "petsc": {"snes_scaled_tol": 1e-10},
-        }
-    )
+    given = {
+        "name": "slide", "mesh": {"source": "cube"}, "cells": 2, "element": "Q1", "steps": 4,
+        "predictor": "none", "material": {"name": "stable_neo_hookean", "E": 1.0, "nu": 0.3},
+        "hold": [{"group": "bottom"}], "obstacle": [PLATE | plate],
+        "fields": ["contact_pressure", "gap"], "petsc": {"snes_scaled_tol": 1e-10},
+    }  # fmt: skip
+    return Scene.model_validate(given)

@@ -18,11 +18,9 @@ from fem_snh.scenes import Obstacle, Start
 
 BACK: dict[str, Any] = {"duration": 0.3, "steps": 5, "integrator": "bdf2"}
 DAMPED: dict[str, Any] = {
-    "duration": 0.3,
-    "steps": 4,
-    "integrator": "generalized_alpha",
+    "duration": 0.3, "steps": 4, "integrator": "generalized_alpha",
     "damping": {"mass": 0.1, "stiffness": 0.01},
-}
+}  # fmt: skip
 _MATERIAL = {"name": "stable_neo_hookean", "E": 1e4, "nu": 0.3}
 _LINKED = {"kind": "hinge", "axis": (0, 0, 1), "through": (2, 0.5, 0.5)}
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from contextlib import contextmanager
 
+from fem_snh.mesh.gmsh_model import session
+
 # A box of two volumes, meshed with 2 cells along each edge of each; groups that overlap, have
 # gaps in their numbers, no names, or the same number in two dimensions.
 BOX = """
@@ -27,26 +29,16 @@ Physical Point("astray") = {100};
 @contextmanager
 def gmsh_model(script: str, folder):
     """gmsh with a script's geometry, on rank 0 (others get None and must skip the body)."""
-    import gmsh
-
     (folder / "script.geo").write_text(script + "\n")  # gmsh skips a last line without it
-    gmsh.initialize(readConfigFiles=False)
-    gmsh.option.setNumber("General.Terminal", 0)
-    try:
+    with session() as gmsh:
         gmsh.open(str(folder / "script.geo"))
         yield gmsh
-    finally:
-        gmsh.finalize()
 
 
 @contextmanager
 def section(path, order: int = 1):
     """Yield gmsh's geometry and tables of groups, curves and surfaces; then mesh and write them."""
-    import gmsh
-
-    gmsh.initialize(readConfigFiles=False)
-    try:
-        gmsh.option.setNumber("General.Terminal", 0)
+    with session() as gmsh:
         geo, curves, surfaces = gmsh.model.geo, {}, {}
         yield geo, curves, surfaces
         geo.synchronize()
@@ -57,8 +49,6 @@ def section(path, order: int = 1):
         gmsh.model.mesh.generate(2)
         gmsh.model.mesh.setOrder(order)
         gmsh.write(str(path))
-    finally:
-        gmsh.finalize()
 
 
 def write_msh(comm, folder, script: str, version=4.1, order=1, binary=False, dim=3):

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from contextlib import contextmanager
 
 from mpi4py import MPI
+
+from running import record as record
 
 import fem_snh
 from fem_snh.steps.stepping import AdaptiveStepSize, StepSize
@@ -50,11 +51,6 @@ def solve(scene, comm=ALL, **options):
             return fem_snh.run(scene, comm=comm, progress=False, **options)
     finally:
         ALL.barrier()
-
-
-def record(folder):
-    """Return the content of run.json."""
-    return json.loads((folder / "run.json").read_text())
 
 
 #: At nu = 0.49 a mesh this coarse leaves the symmetric states, and the trust region is entered.

@@ -4,26 +4,10 @@ from __future__ import annotations
 
 #: A part is a folder of the package. It imports parts that stand before it in this order.
 PARTS = (
-    "materials",
-    "geometry",
-    "tables",
-    "_dolfinx",
-    "viewing",
-    "kernels",
-    "mesh",
-    "linalg",
-    "solver",
-    "assembly",
-    "terms",
-    "contact",
-    "scenes",
-    "studies",
-    "problem",
-    "accuracy",
-    "steps",
-    "runs",
+    "materials", "geometry", "tables", "_dolfinx", "viewing", "kernels", "mesh", "linalg", "solver",
+    "assembly", "terms", "contact", "scenes", "studies", "problem", "accuracy", "steps", "runs",
     "cli",
-)
+)  # fmt: skip
 #: Largest number of parts beside ``_dolfinx``.
 MOST_PARTS = 18
 #: Modules and folders with imports of the package inside functions, and why they have them.
@@ -60,14 +44,8 @@ THIRD_PARTY = {
     "basix": {"_dolfinx"},
     "ffcx": {"_dolfinx"},
     "ufl": {
-        "_dolfinx",
-        "kernels.ufl_forms",
-        "terms",
-        "accuracy.goals",
-        "accuracy.program_goals",
-        "problem.definition",
-        "problem.mixed.pressure_masses",
-        "runs.output.nodal_projection",
+        "_dolfinx", "kernels.ufl_forms", "terms", "accuracy.goals", "accuracy.program_goals",
+        "problem.definition", "problem.mixed.pressure_masses", "runs.output.nodal_projection",
     },
     "gmsh": {"mesh"},
     "pyvista": {"viewing"},
@@ -75,30 +53,20 @@ THIRD_PARTY = {
     "pxr": {"viewing.export"},
     "matplotlib": {"viewing"},
     "pydantic": {
-        "materials.parameters",
-        "tables",
-        "terms",
-        "contact.contact",
-        "contact.obstacle",
-        "scenes",
+        "materials.parameters", "tables", "terms", "contact.contact", "contact.obstacle", "scenes",
         "studies.slurm",
     },
     "slepc4py": {"problem.modes"},
     "ipctk": {"contact.barrier"},
-}
-#: Third-party packages that these parts may not import: they work without MPI and PETSc.
+}  # fmt: skip
 _PARALLEL = {"mpi4py", "petsc4py"}
-FORBIDDEN = {
+_WITHOUT_MPI = (
+    "kernels", "tables", "terms.feature", "contact.contact", "contact.obstacle", "scenes",
+    "assembly.elements", "geometry", "viewing",
+)  # fmt: skip
+#: Third-party packages that these parts may not import: they work without MPI and PETSc.
+FORBIDDEN = dict.fromkeys(_WITHOUT_MPI, _PARALLEL) | {
     "materials": _PARALLEL | {"numpy", "cffi"},
-    "kernels": _PARALLEL,
-    "tables": _PARALLEL,
-    "terms.feature": _PARALLEL,
-    "contact.contact": _PARALLEL,
-    "contact.obstacle": _PARALLEL,
-    "scenes": _PARALLEL,
-    "assembly.elements": _PARALLEL,
-    "geometry": _PARALLEL,
-    "viewing": _PARALLEL,
     "errors": _PARALLEL | {"numpy"},
     "choices": _PARALLEL | {"numpy"},
 }

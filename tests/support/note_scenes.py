@@ -37,16 +37,11 @@ BUSHING_SCENE = """mesh = "mesh.msh"
 element = "{element}"
 steps = 2
 reactions = ["inner"]
-[material]
-name = "stable_neo_hookean"
-E = 1e6
-nu = {nu}
-[[hold]]
-group = "outer"
-[[move]]
-group = "inner"
-{motion}
+material = {{ name = "stable_neo_hookean", E = 1e6, nu = {nu} }}
+hold = [{{ group = "outer" }}]
+move = [{{ group = "inner", {motion} }}]
 """
+
 #: A parabolic strip of 1 m span, 20 mm thick and 100 mm wide, under a dead load.
 ARCH = """
 n = 12;
@@ -67,18 +62,10 @@ Physical Surface("top") = {{out[4]}};
 ARCH_SCENE = """mesh = "mesh.msh"
 element = "Q2"
 steps = {steps}
-[material]
-name = "stable_neo_hookean"
-E = 1e6
-nu = 0.3
-[[hold]]
-group = "{hold}"
-[[traction]]
-group = "top"
-vector = [0, 0, {pressure}]
-[[probe]]
-name = "middle"
-point = [0.5, 0.05, {height}]
+material = {{ name = "stable_neo_hookean", E = 1e6, nu = 0.3 }}
+hold = [{{ group = "{hold}" }}]
+traction = [{{ group = "top", vector = [0, 0, {pressure}] }}]
+probe = [{{ name = "middle", point = [0.5, 0.05, {height}] }}]
 """
 
 

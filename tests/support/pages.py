@@ -149,12 +149,8 @@ def words_of(command: str) -> list[str]:
     return words
 
 
-def same_form(shown: str, printed: str) -> bool:
-    """Whether two outputs agree but for their numbers and spaces."""
-    return _form(shown) == _form(printed)
-
-
 def _form(text: str) -> list[str]:
+    """Return the lines of an output without its numbers and spaces."""
     lines = (_NUMBER.sub("#", line).split() for line in text.splitlines())
     return [" ".join(words) for words in lines if words]
 
@@ -235,7 +231,7 @@ def _command(page: Path, block: Block, command: str, output: str) -> None:
     where = f"{page}:{block.line}: {command}"
     assert code == expected, f"{where}: exit code {code}\n{printed.getvalue()}"
     if output.strip():
-        assert same_form(output, printed.getvalue()), f"{where} prints\n{printed.getvalue()}"
+        assert _form(output) == _form(printed.getvalue()), f"{where} prints\n{printed.getvalue()}"
 
 
 def run_in(folder: Path, page: Path, log: Path) -> None:

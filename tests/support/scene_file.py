@@ -35,21 +35,12 @@ TWO_MATERIALS = """
 mesh = { source = "bar" }
 cells = 1
 element = "Q1"
-[[material]]
-group = "second"
-name = "stable_neo_hookean"
-E = 4.0
-nu = 0.45
-density = 3000
-[[material]]
-name = "neo_hookean"
-E = 1.0
-nu = 0.3
-[[hold]]
-group = "left"
-[[move]]
-group = "right"
-translate = [0.2, 0, 0]
+material = [
+    { group = "second", name = "stable_neo_hookean", E = 4.0, nu = 0.45, density = 3000 },
+    { name = "neo_hookean", E = 1.0, nu = 0.3 },
+]
+hold = [{ group = "left" }]
+move = [{ group = "right", translate = [0.2, 0, 0] }]
 """
 
 

@@ -14,13 +14,9 @@ DOWN = Gravity(vector=(0, 0, -9.81))
 def in_time(time: dict[str, Any], **keys: Any) -> Scene:
     """Return a scene of a cube of eight hexahedra with these time steps and tables."""
     common = {
-        "name": "cube",
-        "mesh": Geometry(source="cube"),
-        "cells": 2,
-        "element": "Q1",
-        "material": SOFT,
-        "petsc": {"snes_scaled_tol": 1e-10},
-    }
+        "name": "cube", "mesh": Geometry(source="cube"), "cells": 2, "element": "Q1",
+        "material": SOFT, "petsc": {"snes_scaled_tol": 1e-10},
+    }  # fmt: skip
     return Scene(**common | {"time": Time(**time)} | keys)
 
 
