@@ -10,7 +10,6 @@ import pytest
 import ufl
 from bodies import (
     MATERIALS,
-    MINIMISING,
     POINTWISE,
     Hold,
     constrained,
@@ -80,40 +79,6 @@ def test_what_ufl_derives_is_what_the_kernels_assemble(comm, element, name):
     outside = got[constrained(p)]
     assert not got[mine][:, ~free].data.any() and not outside[:, free].data.any()
     assert np.count_nonzero(outside.data) == constrained(p).sum()
-
-
-# --- derivatives, by order of convergence --------------------------------------------------------
-
-
-def order(sizes, errors):
-    """The slope of log(error) against log(size)."""
-    return np.polyfit(np.log(sizes), np.log(errors), 1)[0]
-
-
-@pytest.mark.one_debian
-@pairs(MINIMISING)
-def test_residual_and_jacobian_are_derivatives(comm, element, name):
-    """Taylor remainders of the energy (third order) and of the residual (second order)."""
-    p = problem(cube(comm, ELEMENTS[element].cell, 2, 0.06), element, name, hold=HOLD)
-    set_values(p, wave(0.02))
-    d = set_values(p, free_wave(p, 0.1, 0.7), p.x.duplicate())
-    r, other, Ad = (p.x.duplicate() for _ in range(3))
-    moved = p.x.duplicate()
-    p.residual(p.x, r)
-    p.jacobian(p.x, "exact")
-    p.A.mult(d, Ad)
-    energy, slope, curvature = p.energy(p.x), r.dot(d), Ad.dot(d)
-    sizes, by_energy, by_residual = 2.0 ** -np.arange(4, 8), [], []
-    for h in sizes:
-        moved.waxpy(h, d, p.x)
-        remainder = p.energy(moved) - energy - h * slope - h**2 / 2 * curvature
-        by_energy.append(abs(remainder))
-        p.residual(moved, other)
-        other.axpy(-1, r)
-        other.axpy(-h, Ad)
-        by_residual.append(other.norm())
-    assert order(sizes, by_residual) == pytest.approx(2, abs=0.15)
-    assert order(sizes, by_energy) == pytest.approx(3, abs=0.3)
 
 
 # --- ranks ---------------------------------------------------------------------------------------

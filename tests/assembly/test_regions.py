@@ -58,10 +58,8 @@ def residual(p: Any) -> np.ndarray:
 def test_halves_add_up(element: str, names: tuple[str, str]) -> None:
     """(a, b) and (b, a) together are a and b: forces of stretches, of a stress, of invariants."""
     a, b = material(names[0], E=1.0, nu=0.3), material(names[1], E=1.0, nu=0.45)
-    halves, wholes = (
-        [bar(element, [a, b]), bar(element, [b, a])],
-        [bar(element, [m]) for m in (a, b)],
-    )
+    halves = [bar(element, [a, b]), bar(element, [b, a])]
+    wholes = [bar(element, [m]) for m in (a, b)]
     for p in halves:
         assert p.has_energy == (a.expression.has_energy and b.expression.has_energy)
         # The unit of the pressure unknown depends on the moduli, which are the same.
@@ -75,38 +73,26 @@ def test_halves_add_up(element: str, names: tuple[str, str]) -> None:
     np.testing.assert_allclose(*matrices, atol=1e-12 * np.abs(matrices[1]).max())
 
 
-def layers(element: str, ratios: tuple[float, float] = (0.3, 0.45), **settings: Any) -> Scene:
+def layers(element: str) -> Scene:
     """Two layers side by side, stretched along the interface by 1.3 and confined in z."""
-    moduli = (1.0, 3.0)
-    filled = zip(moduli, ratios, ("first", "second"), strict=True)
+    snh = {"name": "stable_neo_hookean", "barrier": False}
+    held = (("left", "x"), ("front", "y"), ("bottom", "z"), ("top", "z"))
     return Scene(
-        name="layers",
-        mesh=Geometry(source="bar"),
-        cells=1,
-        element=element,
+        name="layers", mesh=Geometry(source="bar"), cells=1, element=element,
         material=[
-            MaterialChoice(name="stable_neo_hookean", E=E, nu=nu, group=group, barrier=False)
-            for E, nu, group in filled
+            MaterialChoice(E=1.0, nu=0.3, group="first", **snh),
+            MaterialChoice(E=3.0, nu=0.45, group="second", **snh),
         ],
-        hold=[
-            Hold(group="left", components=("x",)),
-            Hold(group="front", components=("y",)),
-            Hold(group="bottom", components=("z",)),
-            Hold(group="top", components=("z",)),
-        ],
+        hold=[Hold(group=group, components=(axis,)) for group, axis in held],
         move=[Move(group="back", translate=(0, 0.3, 0), components=("y",))],
         petsc={"snes_scaled_tol": 1e-12},
-        **settings,
-    )
+    )  # fmt: skip
 
 
-def thickness(p: Any, stretch: float = 1.3) -> list[float]:
-    """Return the stretch across each layer: P_xx = mu t + (lambda (J - 1) - mu) s = 0, J = s t."""
-    found = []
-    for region in p.regions:
-        mu, lam = region.material.expression.values
-        found.append(stretch * (mu + lam) / (mu + lam * stretch**2))
-    return found
+def thickness(region: Any, stretch: float = 1.3) -> float:
+    """Return the stretch across a layer: P_xx = mu t + (lambda (J - 1) - mu) s = 0, J = s t."""
+    mu, lam = region.material.expression.values
+    return stretch * (mu + lam) / (mu + lam * stretch**2)
 
 
 @pytest.mark.one_debian
@@ -116,7 +102,7 @@ def test_bar_of_two_materials_is_exact(element: str) -> None:
     """The deformation is homogeneous in each layer, which every element represents."""
     result = run(layers(element), progress=False)
     p = result.problem
-    first, second = thickness(p)
+    first, second = map(thickness, p.regions)
     assert result.converged and abs(first - second) > 0.02
     X = p.coordinates
     x = np.minimum(X[:, 0], 1) * first + np.maximum(X[:, 0] - 1, 0) * second

@@ -152,7 +152,7 @@ def difference(function, x, d, h):
 
 @pytest.mark.one_debian
 @mpi
-@pairs(MIXED)
+@pairs([*MIXED, "P2"])
 def test_residual_and_jacobian_are_derivatives(comm, element, name):
     """Of the energy and of the residual, along a random direction, pressures included."""
     p = problem(cube(comm, ELEMENTS[element].cell, 2, 0.05), element, name, hold=HOLD)

@@ -79,12 +79,8 @@ def test_jacobi_keeps_the_digits_of_graded_matrices():
     A = (Q * rng.uniform(0.5, 2, (30, 1, 3))) @ np.swapaxes(Q, 1, 2) * D[:, :, None] * D[:, None, :]
     A = (A + np.swapaxes(A, 1, 2)) / 2
     with mpmath.workdps(60):
-        exact = np.array(
-            [
-                [float(x) for x in mpmath.eigsy(mpmath.matrix(a.tolist()), eigvals_only=True)]
-                for a in A
-            ]
-        )
+        rows = [mpmath.eigsy(mpmath.matrix(a.tolist()), eigvals_only=True) for a in A]
+        exact = np.array([[float(x) for x in row] for row in rows])
     found, _ = eigen3(A, "jacobi")
     assert abs(found[:, ::-1] / exact - 1).max() <= 1e-13
 

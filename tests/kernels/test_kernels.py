@@ -26,9 +26,6 @@ from benchmarks.eigensolvers import paper_terms
 from fem_snh.kernels.material import Material, svd
 from fem_snh.materials.energy import Energy
 
-# --- derivatives ---------------------------------------------------------------------------------
-
-
 # --- references in many digits -------------------------------------------------------------------
 
 
@@ -77,9 +74,8 @@ def test_energy_stress_and_hessian_with_80_digits(m, state):
             curvature = (corner[0] - corner[1] - corner[2] + corner[3]) / (4 * h**2)
             assert abs((P * A).sum() - float(slope)) <= 1e-13 * np.linalg.norm(P)
             found = vec(A) @ H @ vec(B)
-            assert (
-                abs(found - float(curvature)) <= 1e-13 * np.linalg.norm(H) * np.linalg.norm(A) * 3
-            )
+            size = np.linalg.norm(H) * np.linalg.norm(A) * 3
+            assert abs(found - float(curvature)) <= 1e-13 * size
 
 
 NEAR = [1e-3, 1e-5, 1e-6, 1e-8, 1e-12, 1e-15]

@@ -8,10 +8,10 @@ from itertools import permutations
 
 import numpy as np
 import pytest
+from points import every_name, make
 
 from fem_snh import materials
 from fem_snh.errors import BadInput
-from fem_snh.kernels.material import Material, material
 from fem_snh.kernels.reports import report as tables
 from fem_snh.kernels.reports import stability
 from fem_snh.kernels.reports.curves import diagonal, inside, stress
@@ -20,17 +20,10 @@ from fem_snh.kernels.reports.stability import Signed
 
 pytestmark = pytest.mark.one_debian
 
-every_name = pytest.mark.parametrize("name", materials.names())
-
-
-@lru_cache
-def made(name: str, nu: float = 0.3, **shape) -> Material:
-    return material(name, E=1.7, nu=nu, **shape)
-
 
 @lru_cache
 def reported(name: str, nu: float = 0.3) -> Report:
-    return made(name, nu).report()
+    return make(name, nu).report()
 
 
 # --- the other materials -------------------------------------------------------------------------
@@ -64,7 +57,7 @@ def test_verdicts(name):
     assert (r.rest.verdict == "passed") == (abs(r.rest_stress) < 1e-9)
     if r.domain:
         assert r.inversion.verdict == "failed" and r.degeneracy.verdict == "not applicable"
-    elif "I1" in {str(m) for m in made(name).expression.measures}:
+    elif "I1" in {str(m) for m in make(name).expression.measures}:
         assert r.reflection.verdict == "failed"
     for s in r.stabilities:
         assert np.isfinite(list(s.numbers.values())).all() or name == "filtered_neo_hookean"
@@ -72,7 +65,7 @@ def test_verdicts(name):
 
 @every_name
 def test_signed_stretches_agree_with_the_kernels(name):
-    m, signed = made(name), Signed(made(name).expression)
+    m, signed = make(name), Signed(make(name).expression)
     s = np.array([[1.9, 1.1, 0.4], [1.4, 0.9, 0.55], [2.2, 1.3, -0.45]])
     p = stress(m, s)
     inside = np.isfinite(p[:, 0])
@@ -86,7 +79,7 @@ def test_signed_stretches_agree_with_the_kernels(name):
 @every_name
 def test_kernels_take_any_order_and_pair_of_signs(name):
     """F = diag(s) with its stretches permuted and two signs turned is the same element turned."""
-    m = made(name)
+    m = make(name)
     s = np.array([1.9, 1.1, 0.4]) * np.concatenate([stability.FLIPS, -stability.FLIPS])
     for versions in (s[:4], s[4:]):  # inverted, upright
         F = diagonal(versions[:, list(permutations(range(3)))].reshape(-1, 3))

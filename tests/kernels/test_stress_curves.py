@@ -6,33 +6,25 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
+from points import every_name, make
 
-from fem_snh import materials
-from fem_snh.kernels.material import Material, material
 from fem_snh.kernels.reports import curves
 from fem_snh.kernels.reports.curves import diagonal, stress
 from fem_snh.kernels.reports.report import Report
 
 pytestmark = pytest.mark.one_debian
 
-every_name = pytest.mark.parametrize("name", materials.names())
-
-
-@lru_cache
-def made(name: str, nu: float = 0.3, **shape) -> Material:
-    return material(name, E=1.7, nu=nu, **shape)
-
 
 @lru_cache
 def reported(name: str, nu: float = 0.3) -> Report:
-    return made(name, nu).report()
+    return make(name, nu).report()
 
 
 # --- curves --------------------------------------------------------------------------------------
 
 
 def test_uniaxial_stable_neo_hookean_exactly():
-    m = made("stable_neo_hookean", 0.49)
+    m = make("stable_neo_hookean", 0.49)
     mu, lam = m.constants
     c = curves.uniaxial(m)
     J = 1 + mu / lam * (1 - 1 / c.x)
@@ -42,7 +34,7 @@ def test_uniaxial_stable_neo_hookean_exactly():
 
 @every_name
 def test_curves_of_every_material(name):
-    m = made(name)
+    m = make(name)
     for c in reported(name).curves:
         known = np.isfinite(c.stress)
         # Without rest stability there may be no branch that leaves from rest.
@@ -68,7 +60,7 @@ def test_curves_of_every_material(name):
 def test_where_textbooks_say_the_tangent_is_lost(nu):
     """Hencky's stress E log(s)/s falls beyond e; StVK's E (s^3 - s)/2 below 1/sqrt(3)."""
     for name, limit, side in (("hencky", np.e, 1), ("stvk", 3**-0.5, -1)):
-        m = made(name, nu)
+        m = make(name, nu)
         ends = limit * (1 + side * np.array([-1e-6, 1e-6]))
         c = curves.uniaxial(m, np.append(np.linspace(1, limit, 9)[:-1], ends))
         scaling = curves.smallest(m, c.stretches)[1]
@@ -77,7 +69,7 @@ def test_where_textbooks_say_the_tangent_is_lost(nu):
 
 def test_volumetric_limits_of_stable_neo_hookean():
     """The block has mu (1 + s) + lam (s - s^4), twice, and mu (1 - 2 s) + lam (5 s^4 - 2 s)."""
-    m = made("stable_neo_hookean", 0.49)
+    m = make("stable_neo_hookean", 0.49)
     mu, lam = m.constants
     high = max(np.roots([-lam, 0, 0, mu + lam, mu]).real)
     low = max(np.roots([5 * lam, 0, 0, -2 * (mu + lam), mu]).real)
@@ -88,7 +80,7 @@ def test_volumetric_limits_of_stable_neo_hookean():
 
 @every_name
 def test_regions_against_the_hessian(name):
-    m = made(name)
+    m = make(name)
     axis = np.array([0.3, 0.8, 1.0, 1.7])
     for plane in curves.PLANES:
         r = curves.region(m, plane, axis)

@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-import importlib
-import sys
-
 import numpy as np
 import pytest
 from points import deformations, every_material, make, vec
 
 import fem_snh
-from fem_snh import materials
 from fem_snh.errors import BadInput
-from fem_snh.materials import models
 
 pytestmark = pytest.mark.one_debian
 
@@ -50,35 +45,6 @@ def test_mistakes_are_one_line(given, words):
     assert all(word in message for word in words)
 
 
-DROPPED_IN = '''
-def gel(I_C, J, mu, lam, *, power=2):
-    """A gel.
-
-    psi = mu/2 (I_C - 3) - mu (J - 1) + lam/2 (J - 1)^power
-    """
-    return mu / 2 * (I_C - 3) - mu * (J - 1) + lam / 2 * (J - 1) ** power
-'''
-
-
-@pytest.fixture
-def gel(monkeypatch, tmp_path):
-    """A file in one more folder of the package, with one function: that is all."""
-    (tmp_path / "gel.py").write_text(DROPPED_IN)
-    monkeypatch.setattr(models, "__path__", [*models.__path__, str(tmp_path)])
-    importlib.invalidate_caches()
-    yield "gel"
-    sys.modules.pop("fem_snh.materials.gel", None)
-
-
-def test_a_new_material_is_found_and_works(gel):
-    assert gel in materials.names()
-    assert materials.defaults(gel) == {"power": 2}
-    m, same = fem_snh.material(gel), fem_snh.material("stable_neo_hookean", barrier=False)
-    F = deformations([1.3, 0.8, -0.4])
-    assert m.energy(F) == pytest.approx(same.energy(F), rel=1e-14)
-    assert m.hessian(F, "clamp") == pytest.approx(same.hessian(F, "clamp"), rel=1e-12)
-
-
 # --- normalisation and rest ----------------------------------------------------------------------
 
 
@@ -97,9 +63,3 @@ def test_rest(m):
     h = 2.0 ** -np.arange(8, 14)
     error = [np.linalg.norm(vec(m.pk1(np.eye(3) + x * G)) / x - linear) for x in h]
     assert np.polyfit(np.log(h), np.log(error), 1)[0] == pytest.approx(1, abs=0.05)
-
-
-# --- stable_neo_hookean --------------------------------------------------------------------------
-
-
-# --- one expression, several arithmetics ---------------------------------------------------------

@@ -7,23 +7,18 @@ from functools import lru_cache
 import numpy as np
 import pytest
 import sympy
+from points import make
 
-from fem_snh.kernels.material import Material, material
 from fem_snh.kernels.reports import stability
 from fem_snh.materials.functions import SIGMA
 
 pytestmark = pytest.mark.one_debian
 
 
-@lru_cache
-def made(name: str, nu: float = 0.3, **shape) -> Material:
-    return material(name, E=1.7, nu=nu, **shape)
-
-
 # --- the paper's claims about stable Neo-Hookean -------------------------------------------------
 
 SNH = [(nu, barrier) for nu in (0.0, 0.3, 0.45, 0.49) for barrier in (True, False)]
-snh = pytest.mark.parametrize("m", [made("stable_neo_hookean", nu, barrier=b) for nu, b in SNH],
+snh = pytest.mark.parametrize("m", [make("stable_neo_hookean", nu, barrier=b) for nu, b in SNH],
                               ids=[f"{nu}-{'eq14' if b else 'eq13'}" for nu, b in SNH])  # fmt: skip
 
 
@@ -67,7 +62,7 @@ def threshold() -> float:
     dpsi/ds over its trivial roots s^2 (s - 1) is a quartic; where its discriminant vanishes two
     more stationary points are born.
     """
-    name = made("stable_neo_hookean", -0.8, barrier=True).expression
+    name = make("stable_neo_hookean", -0.8, barrier=True).expression
     s, r = sympy.symbols("s r", positive=True)
     mu, lam = name.constants
     along = name.psi_sigma.subs(dict.fromkeys(SIGMA, s)).subs({mu: 1, lam: r})

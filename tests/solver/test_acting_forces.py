@@ -25,18 +25,12 @@ def indented(depth: float, method: str, **petsc: float) -> tuple[float, dict[str
     """Return force and row of a rigid ball (R = 1) in a block of 80 contact radii; E = 1e5."""
     radius = depth**0.5
     ball = {"center": [0, 0, 1], "radius": 1}
+    zone = {"radius": 80 * radius, "zone": 1.25 * radius, "order": 2, "flat": 1}
     scene = {
-        "name": "indented",
-        "mesh": {
-            "source": "indenter",
-            "parameters": {"radius": 80 * radius, "zone": 1.25 * radius, "order": 2, "flat": 1},
-        },
-        "cells": 3,
-        "element": "P2",
-        "material": {"name": "stable_neo_hookean", "E": 1e5, "nu": 0.3},
+        "name": "indented", "mesh": {"source": "indenter", "parameters": zone}, "cells": 3,
+        "element": "P2", "material": {"name": "stable_neo_hookean", "E": 1e5, "nu": 0.3},
         "hold": [
-            {"group": "x = 0", "components": ["x"]},
-            {"group": "y = 0", "components": ["y"]},
+            {"group": "x = 0", "components": ["x"]}, {"group": "y = 0", "components": ["y"]},
             {"group": "surface"},
         ],
         "obstacle": [
@@ -68,15 +62,10 @@ def loaded(E: float, load: float, **keys: Any) -> Any:
         for group, axis in (("left", "x"), ("front", "y"), ("bottom", "z"))
     ]
     common = {
-        "name": "pulled",
-        "mesh": {"source": "cube"},
-        "cells": 2,
-        "element": "Q1",
-        "material": {"name": "stable_neo_hookean", "E": E, "nu": 0.3},
-        "hold": rollers,
+        "name": "pulled", "mesh": {"source": "cube"}, "cells": 2, "element": "Q1", "hold": rollers,
+        "material": {"name": "stable_neo_hookean", "E": E, "nu": 0.3}, "predictor": "none",
         "traction": [{"group": "right", "vector": [load * E, 0, 0]}],
-        "predictor": "none",
-    }
+    }  # fmt: skip
     return solve(Scene.model_validate(common | keys))
 
 
@@ -171,15 +160,12 @@ def test_rounding_is_bounded(comm: Any, nu: float, strain: float) -> None:
 def fall(E: float, integrator: str, cells: int = 3, **keys: Any) -> list[dict[str, Any]]:
     """Return the rows of 20 steps of free fall: a cube of 1 mm, E in MPa, density of steel."""
     scene = {
-        "name": "fall",
-        "mesh": {"source": "cube"},
-        "cells": cells,
-        "element": "Q1",
+        "name": "fall", "mesh": {"source": "cube"}, "cells": cells, "element": "Q1",
         "material": {"name": "stable_neo_hookean", "E": E, "nu": 0.3, "density": 7.8e-9},
         "gravity": {"vector": [0, 0, -9810]},
         "time": {"duration": 0.01, "steps": 20, "integrator": integrator},
         "probe": [{"name": "top", "point": [0.5, 0.5, 1]}],
-    }
+    }  # fmt: skip
     return solve(Scene.model_validate(scene | keys)).steps
 
 
@@ -232,21 +218,14 @@ def test_small_loads_are_proportional(element: str, nu: float) -> None:
     """A steel cube under 2 mPa to 200 kPa of shear: Hooke's response, the reaction is the load."""
     found = {}
     for load in (2e5, 2e-3):
-        row = solve(
-            Scene.model_validate(
-                {
-                    "name": "sheared",
-                    "mesh": {"source": "cube"},
-                    "cells": 2,
-                    "element": element,
-                    "reactions": ["bottom"],
-                    "material": {"name": "stable_neo_hookean", "E": 2e11, "nu": nu},
-                    "hold": [{"group": "bottom"}],
-                    "traction": [{"group": "top", "vector": [load, 0, 0]}],
-                    "probe": [{"name": "tip", "point": [1, 1, 1]}],
-                }
-            )
-        ).steps[-1]
+        scene = {
+            "name": "sheared", "mesh": {"source": "cube"}, "cells": 2, "element": element,
+            "material": {"name": "stable_neo_hookean", "E": 2e11, "nu": nu},
+            "hold": [{"group": "bottom"}], "reactions": ["bottom"],
+            "traction": [{"group": "top", "vector": [load, 0, 0]}],
+            "probe": [{"name": "tip", "point": [1, 1, 1]}],
+        }  # fmt: skip
+        row = solve(Scene.model_validate(scene)).steps[-1]
         assert row["converged"]
         assert row["reactions"]["bottom"][0] == pytest.approx(-load, rel=1e-3)
         found[load] = row["probes"]["tip"][0] / load

@@ -21,11 +21,8 @@ from fem_snh.errors import BadInput
 @pytest.mark.parametrize(
     ("values", "solver", "reason"),
     [
-        (
-            {"nu": 0.4999, "element": "Q1"},
-            "preonly+cholesky",
-            r"s\^3/N\^1\.5 sqrt\(1 - 2 nu\) = 0\.041 <= 0\.15: fac",
-        ),
+        ({"nu": 0.4999, "element": "Q1"}, "preonly+cholesky",
+         r"s\^3/N\^1\.5 sqrt\(1 - 2 nu\) = 0\.041 <= 0\.15: fac"),
         ({"nu": 0.49, "element": "Q1"}, "cg+ssor", r"= 0\.41 > 0\.15: iterations cost less"),
         ({"nu": 0.4999, "scene": "twist", "angle": 0.1}, "cg+ssor", r"= 0\.39 > 0\.15: iter"),
         (
@@ -36,7 +33,7 @@ from fem_snh.errors import BadInput
         ({"nu": 0.499, "element": "Q1P0"}, "fgmres+block_triangular", "an unknown pressure: few"),
         ({"nu": 0.5, "element": "Q2Q1"}, "fgmres+block_triangular", "an unknown pressure: few"),
     ],
-)
+)  # fmt: skip
 def test_a_layer_of_nearly_incompressible_cells_is_solved_directly(values, solver, reason):
     given = {"cells": 8, "steps": 1, "comm": MPI.COMM_SELF, "progress": False} | values
     given |= {} if "scene" in given else {"scene": "cook", "kinematics": "layer", "force": 10.0}
@@ -68,14 +65,8 @@ def test_a_short_strip_buckles():
 
 
 def test_the_user_chooses_the_linear_solver():
-    given = {
-        "kinematics": "layer",
-        "cells": 4,
-        "steps": 1,
-        "nu": 0.4999,
-        "comm": MPI.COMM_SELF,
-        "progress": False,
-    }
+    given = {"kinematics": "layer", "cells": 4, "steps": 1, "nu": 0.4999}
+    given |= {"comm": MPI.COMM_SELF, "progress": False}
     for name, solver in (("iterative", "cg+ssor"), ("direct", "preonly+cholesky")):
         record = fem_snh.run("cook", petsc={"snes_linear_solver": name}, **given).record
         assert record["linear_solver"] == solver and "linear_solver" not in record["defaults"]

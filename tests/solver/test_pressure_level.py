@@ -52,12 +52,17 @@ def test_sparse_factors_of_the_singular_matrix(element):
     assert torque[0.5] == pytest.approx(torque[0.49999], rel=1e-4)
 
 
-#: A bar whose second half has whole cells that nothing deforms; what moves its first half.
 LU = {"ksp_type": "preonly", "pc_type": "lu", "pc_factor_mat_solver_type": "mumps"}
+#: Of a bar whose second half has whole cells that nothing deforms: what moves its first half.
 HEADS = {
     "rigid": {"hold": [Hold(group="left")], "rigid": [Rigid(group="second", force=(0, 0, -40.0))]},
     "clamped": {"hold": [Hold(group="second")], "gravity": Gravity(vector=(0, 0, -30.0))},
 }
+
+
+def bar(element, cells, **keys):
+    mesh = Geometry(source="bar", parameters={"length": 4.0, "interface": 2.0})
+    return Scene(name="bar", mesh=mesh, cells=cells, steps=1, element=element, **keys)
 
 
 @pytest.mark.one_debian
@@ -68,20 +73,17 @@ HEADS = {
 )
 def test_pressures_of_cells_that_do_not_deform(comm, head, element, petsc):
     """At nu = 0.5 their rows were zero, and Newton's method met NaN; with factors at any nu."""
-    lowest, ratios = [], (0.4999, 0.5)
-    for nu in ratios:
-        bar = Scene(
-            name="bar",
-            mesh=Geometry(source="bar", parameters={"length": 4.0, "interface": 2.0}),
-            cells=1,
-            steps=1,
-            element=element,
+    lowest = []
+    points = {"end": (2, 0.5, 0.5), "tip": (0, 0.5, 0.5)}
+    for nu in (0.4999, 0.5):
+        scene = bar(
+            element, 1,
             material=MaterialChoice(name="stable_neo_hookean", E=1e4, nu=nu, density=1.0),
             petsc={"snes_scaled_tol": 1e-8} | petsc,
-            probe=[Probe(name="end", point=(2, 0.5, 0.5)), Probe(name="tip", point=(0, 0.5, 0.5))],
+            probe=[Probe(name=name, point=point) for name, point in points.items()],
             **HEADS[head],
-        )
-        result = solve(bar, comm)
+        )  # fmt: skip
+        result = solve(scene, comm)
         assert result.converged
         lowest.append(min(point[2] for point in result.steps[-1]["probes"].values()))
     assert lowest[0] < -1e-3
@@ -96,18 +98,10 @@ def test_pressures_in_a_rigid_shape_in_two_materials(comm):
         flesh = {"name": "stable_neo_hookean", "nu": nu}
         pair = [MaterialChoice(group=g, E=E, **flesh) for g, E in (("first", 1e4), ("second", 2e4))]
         shape = {"box": {"center": (3.5, 0.5, 0.5), "size": (1.2, 3, 3)}}
-        bar = Scene(
-            name="bar",
-            mesh=Geometry(source="bar", parameters={"length": 4.0, "interface": 2.0}),
-            cells=2,
-            steps=1,
-            element="Q2Q1",
-            material=pair,
-            hold=[Hold(group="left")],
-            rigid=[Rigid(name="head", shape=shape, force=(0, 0, -40.0))],
-        )
+        head = Rigid(name="head", shape=shape, force=(0, 0, -40.0))
+        scene = bar("Q2Q1", 2, material=pair, hold=[Hold(group="left")], rigid=[head])
         with np.errstate(invalid="raise", divide="raise"):
-            result = solve(bar, comm)
+            result = solve(scene, comm)
         assert result.converged
         ends.append(result.steps[-1]["rigid"]["head"]["position"][2] - 0.5)
     assert ends[1] == pytest.approx(ends[0], rel=1e-3)

@@ -141,7 +141,3 @@ def test_exceptions_of_callbacks_pass_unchanged(comm, kind):
     with pytest.raises(kind, match="enough"):
         with solver.callback_errors():
             snes.solve(None, p.x)
-
-
-def test_petsc_options_are_restored():
-    assert not [k for k in PETSc.Options().getAll() if k.startswith(solver.PREFIX)]
