@@ -1,21 +1,25 @@
-"""Lattices of closed surfaces: volumes, skins and mistakes."""
+"""Lattices and tetrahedra of shapes and closed surfaces: volumes, skins and mistakes."""
 
 from __future__ import annotations
+
+from mpi4py import MPI
 
 import numpy as np
 import pytest
 import pyvista as pv
+from running import solve
 
+from fem_snh import scenes
 from fem_snh.errors import BadInput
-from fem_snh.geometry.shapes import ClosedSurface
+from fem_snh.geometry.shapes import Capsule, ClosedSurface, SmoothUnion, Sphere
 from fem_snh.geometry.shapes.closed_surface import check_closed, enclosed_volume
-from fem_snh.mesh import lattice
+from fem_snh.mesh import lattice, mesh, mesh_checks
 
 
-def surface(mesh: pv.PolyData) -> ClosedSurface:
+def surface(made: pv.PolyData) -> ClosedSurface:
     """Return a surface of PyVista's."""
-    mesh = mesh.triangulate().clean()
-    return ClosedSurface(np.asarray(mesh.points, float), np.asarray(mesh.regular_faces, np.int64))
+    made = made.triangulate().clean()
+    return ClosedSurface(np.asarray(made.points, float), np.asarray(made.regular_faces, np.int64))
 
 
 BALL = surface(pv.Icosphere(radius=0.5, nsub=3))
@@ -38,13 +42,11 @@ def test_volume_and_skin(body, cell):
     assert np.linalg.norm(skin.points[edges[:, 0]] - skin.points[edges[:, 1]], axis=1).max() <= cell
 
 
-def joined(*bodies: ClosedSurface, sign: int = 1) -> ClosedSurface:
+def joined(first: ClosedSurface, second: ClosedSurface, sign: int = 1) -> ClosedSurface:
     """Return two surfaces as one; with sign -1 the second is a cavity in the first."""
-    first, second = bodies
+    points = np.concatenate([first.points, second.points])
     triangles = second.triangles[:, ::sign] + len(first.points)
-    return ClosedSurface(
-        np.concatenate([first.points, second.points]), np.concatenate([first.triangles, triangles])
-    )
+    return ClosedSurface(points, np.concatenate([first.triangles, triangles]))
 
 
 def test_a_cavity_is_empty_and_parts_that_overlap_are_refused():
@@ -61,3 +63,31 @@ def test_a_cavity_is_empty_and_parts_that_overlap_are_refused():
     twins = joined(BALL, surface(pv.Icosphere(radius=0.5, nsub=3, center=(0.4, 0.1, 0))))
     with pytest.raises(BadInput, match=r"cell = 0.1: .* a surface whose parts do not overlap"):
         lattice.lattice(twins, 0.1)
+
+
+ROUND = Sphere((0.1, 0.2, 0.3), 0.5)
+CLUB = SmoothUnion((Capsule((0, 0, 0), (1, 0, 0), 0.2), Sphere((1, 0, 0), 0.3)), 0.02)
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("shape, quality", [(ROUND, 0.1), (CLUB, 0.05)], ids=["ball", "club"])
+def test_tetrahedra_of_shapes(comm, shape, quality):
+    body = lattice.create_tetrahedra(comm, lambda: shape, 0.15)
+    assert [g.label for g in body.groups] == ["surface:boundary", "volume:body"]
+    worst = comm.allreduce(mesh_checks.scaled_jacobian(body.domain).min(), op=MPI.MIN)
+    assert worst > quality
+    if shape is ROUND:
+        # Triangles of edge e in a sphere: the missing volume is about (e/r)^2/3 of it.
+        assert mesh.volume(body.domain) == pytest.approx(np.pi / 6, rel=0.5 * (0.15 / 0.5) ** 2)
+
+
+def test_tetrahedra_of_a_file_in_a_scene(tmp_path):
+    pv.Icosphere(radius=0.5, nsub=2).save(tmp_path / "ball.stl")
+    scene = scenes.Scene(
+        name="ball", mesh={"surface": tmp_path / "ball.stl", "size": 0.2}, element="P1",
+        material={"name": "stable_neo_hookean", "E": 1.0, "nu": 0.3},
+        move=[{"group": "boundary", "translate": (0.1, 0, 0)}],
+    )  # fmt: skip
+    result = solve(scene, MPI.COMM_SELF)
+    assert result.converged
+    assert result.record["steps"][-1]["volume_ratio"] == pytest.approx(1, abs=1e-9)

@@ -6,6 +6,7 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
+from bodies import FACES
 from gmsh_files import BOX, write_msh
 
 from fem_snh import _dolfinx
@@ -55,9 +56,7 @@ def test_cube_is_the_unit_cube_with_its_six_faces(comm, cell):
         "corners": (0, 8),
         **dict.fromkeys((f"corner_{i:03b}" for i in range(8)), (0, 1)),
         "body": (3, per_cube * n**3),
-        **dict.fromkeys(
-            ["left", "right", "bottom", "top", "front", "back"], (2, per_square * n**2)
-        ),
+        **dict.fromkeys(FACES, (2, per_square * n**2)),
     }
     for corner in ("000", "100", "010", "011"):
         assert held_points(m, f"corner_{corner}", 2).tolist() == [[float(c) for c in corner]]

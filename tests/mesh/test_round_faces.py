@@ -7,7 +7,7 @@ from math import pi
 from mpi4py import MPI
 
 import pytest
-from gmsh_files import gmsh_model
+from gmsh_files import write_msh
 from running import solve
 
 import fem_snh
@@ -31,20 +31,14 @@ Physical Curve("outer") = {1};
 Mesh.MeshSizeMax = 0.5;
 """
 SCENE = """
-mesh = "ring.msh"
+mesh = "mesh.msh"
 element = "P2"
 kinematics = "plane_strain"
 steps = 1
 reactions = ["inner"]
-[material]
-name = "stable_neo_hookean"
-E = 1.0
-nu = 0.3
-[[hold]]
-group = "outer"
-[[move]]
-group = "inner"
-translate = [0.1, 0, 0]
+material = { name = "stable_neo_hookean", E = 1.0, nu = 0.3 }
+hold = [{ group = "outer" }]
+move = [{ group = "inner", translate = [0.1, 0, 0] }]
 """
 
 
@@ -89,18 +83,11 @@ def test_levels_are_round_enough(within, levels):
     assert abs(best / (-0.01 * pi / 4) - 1) < within / 3
 
 
-@pytest.fixture
-def ring(tmp_path):
-    """A scene whose ring has straight edges, 0.5 long."""
-    with gmsh_model(RING, tmp_path) as gmsh:
-        gmsh.model.mesh.generate(2)
-        gmsh.write(str(tmp_path / "ring.msh"))
-    (tmp_path / "ring.toml").write_text(SCENE)
-    return tmp_path / "ring.toml"
-
-
-def test_errors_say_what_straight_edges_leave_out(ring, capsys):
-    """On the cells of the file, and after their facets were divided."""
+def test_errors_say_what_straight_edges_leave_out(tmp_path, capsys):
+    """On the cells of the file, 0.5 long, and after their facets were divided."""
+    write_msh(MPI.COMM_SELF, tmp_path, RING, dim=2)
+    ring = tmp_path / "ring.toml"
+    ring.write_text(SCENE)
     result = solve(str(ring), error=True)
     (line,) = result.estimate.left_out
     assert line.startswith("the errors do not include that of straight edges")

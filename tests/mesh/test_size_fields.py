@@ -16,7 +16,6 @@ from fem_snh import scenes
 from fem_snh.mesh import gmsh_input
 from fem_snh.mesh import mesh as meshes
 from fem_snh.mesh.bisection import size_field
-from fem_snh.scenes import Hold
 
 mpi = pytest.mark.mpi
 COMM = MPI.COMM_SELF
@@ -30,8 +29,7 @@ def field_of(data, factor):
 
 
 def ball(cells=3):
-    mesh = meshes.generate(COMM, "ball", "tetrahedron", cells=cells, order=2)
-    return meshes.gather(mesh)
+    return meshes.gather(meshes.generate(COMM, "ball", "tetrahedron", cells=cells, order=2))
 
 
 def test_sizes_are_graded():
@@ -54,9 +52,8 @@ def test_a_body_is_meshed_again_with_as_many_cells_as_wanted(growth):
     data = ball()
     centres = data.x[data.cells[:, :4]].mean(axis=1)
     near = centres[:, 2] < np.median(centres[:, 2])
-    path = gmsh_input.source_path("ball")
-    parameters = {"cells": 3.0, "order": 2.0}
     field = field_of(data, np.where(near, 1 / (2 * growth - 1), 1.0))
+    path, parameters = gmsh_input.source_path("ball"), {"cells": 3.0, "order": 2.0}
     finer = gmsh_input.generate(path, "tetrahedron", parameters, field)
     assert 0.6 < len(finer.cells) / (growth * len(data.cells)) < 1.6
     z = finer.x[finer.cells[:, :4]].mean(axis=1)[:, 2]
@@ -73,27 +70,20 @@ def test_a_body_is_meshed_again_with_as_many_cells_as_wanted(growth):
 @mpi
 def test_levels_of_a_round_body_are_finer_where_the_error_is():
     """A ball's octant that is pulled at a clamped face, whose edge is singular."""
-    faces = [Hold(group="x = 0"), Hold(group="y = 0", components=("y",))]
+    keys = {"order": 2, "radius": 1.0, "zone": 1.0}
     scene = scenes.Scene(
-        name="ball",
-        mesh=scenes.Geometry(
-            source="indenter", parameters={"order": 2, "radius": 1.0, "zone": 1.0}
-        ),
-        cells=3,
-        element="P2",
-        steps=1,
-        material=scenes.MaterialChoice(name="stable_neo_hookean", E=1.0, nu=0.3),
-        hold=faces,
-        traction=[scenes.Traction(group="z = 0", vector=(0, 0.02, 0.05))],
+        name="ball", mesh={"source": "indenter", "parameters": keys}, cells=3, element="P2",
+        steps=1, material={"name": "stable_neo_hookean", "E": 1.0, "nu": 0.3},
+        hold=[{"group": "x = 0"}, {"group": "y = 0", "components": ("y",)}],
+        traction=[{"group": "z = 0", "vector": (0, 0.02, 0.05)}],
         accuracy={"goals": ["energy"], "within": 0.005, "max_time": 60},
-    )
+    )  # fmt: skip
     result = fem_snh.run(scene, progress=False)
     found = result.record["accuracy"]
     assert found["reached"] and len(found["levels"]) == 2
     before, after = (level["cells"] for level in found["levels"])
     assert 0.6 < after / (8 * before) < 1.7
-    keys = {"cells": 6, "order": 2, "radius": 1.0, "zone": 1.0}
-    even = meshes.generate(MPI.COMM_WORLD, "indenter", "tetrahedron", **keys)
+    even = meshes.generate(MPI.COMM_WORLD, "indenter", "tetrahedron", cells=6, **keys)
     assert spread(result.problem.domain) > 2 * spread(even.domain)
 
 

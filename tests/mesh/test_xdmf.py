@@ -8,6 +8,7 @@ import shutil
 import numpy as np
 import pytest
 from gmsh_files import BOX, section, write_msh
+from rectangles import rectangle
 from test_mesh import area, held_points, volume
 
 from fem_snh import _dolfinx
@@ -17,12 +18,6 @@ from fem_snh.files import xdmf_data
 from fem_snh.mesh import mesh
 
 pytestmark = pytest.mark.mpi
-HEXAHEDRA = BOX.replace("RECOMBINE", "Recombine;")
-
-
-@pytest.fixture
-def folder(comm, tmp_path):
-    return comm.bcast(tmp_path)
 
 
 def converted(comm, msh):
@@ -36,8 +31,7 @@ def converted(comm, msh):
 @pytest.mark.one_debian("ranks")
 @pytest.mark.parametrize(("recombine", "order"), [("", 1), ("", 2), ("Recombine;", 1)])
 def test_mesh_and_groups_are_those_of_the_gmsh_file(comm, folder, recombine, order):
-    script = BOX.replace("RECOMBINE", recombine)
-    path = write_msh(comm, folder, script, order=order)
+    path = write_msh(comm, folder, BOX.replace("RECOMBINE", recombine), order=order)
     before, after = converted(comm, path)
     assert (after.cell, after.num_cells) == (before.cell, before.num_cells)
     assert _dolfinx.geometry_degree(after.domain) == order
@@ -81,10 +75,8 @@ def test_tags_of_a_dolfinx_program(comm, folder):
         file.write_information("curve:9", "moved")
     m = mesh.read(comm, path)
     assert (m.cell, m.num_cells, m.dim) == ("triangle", 12, 2)
-    assert [(g.label, g.tag, g.count) for g in m.groups] == [
-        ("curve:5", 5, 2),
-        ("curve:moved", 9, 2),
-    ]
+    found = [(g.label, g.tag, g.count) for g in m.groups]
+    assert found == [("curve:5", 5, 2), ("curve:moved", 9, 2)]
     assert (held_points(m, "moved", 1)[:, 0] == 1).all()
 
 
@@ -118,7 +110,7 @@ def test_damaged_files_are_one_message_on_every_rank(comm, folder, kind):
 
 
 def test_export_converts_a_gmsh_file(comm, folder, capfd):
-    path = write_msh(comm, folder, HEXAHEDRA)
+    path = write_msh(comm, folder, BOX.replace("RECOMBINE", "Recombine;"))
     assert main(["export", str(path), str(folder / "box.xdmf")]) == 0
     assert {g.name for g in mesh.read(comm, folder / "box.xdmf").groups} >= {"second", "edge"}
     assert xdmf_data(folder / "box.xdmf") == [folder / "box.h5"]
@@ -131,12 +123,8 @@ def test_a_section_has_two_dimensions(comm, folder):
     path = folder / "strip.msh"
     if comm.rank == 0:
         with section(path) as (geo, curves, surfaces):
-            points = [geo.addPoint(x, y, 0, 0.5) for x, y in ((0, 0), (2, 0), (2, 1), (0, 1))]
-            lines = [
-                geo.addLine(a, b) for a, b in zip(points, points[1:] + points[:1], strict=True)
-            ]
-            surfaces["all"] = [geo.addPlaneSurface([geo.addCurveLoop(lines)])]
-            curves["left"] = [lines[3]]
+            (*_, left), surface = rectangle(geo, (0, 0), (2, 1), (4, 2), True)
+            surfaces["all"], curves["left"] = [surface], [left]
     comm.barrier()
     before, after = converted(comm, path)
     assert after.dim == before.dim == 2

@@ -8,6 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from fem_snh import _dolfinx
+from fem_snh.assembly.unknowns import add_ghosts, update_ghosts
+
 
 def check_derivatives(
     problem: Any,
@@ -42,3 +45,28 @@ def check_derivatives(
         column = ((high.array - low.array) / (2 * h))[rows]
         exact = problem.A.getColumnVector(int(dof)).array[rows]
         assert abs(column - exact).max() < columns * abs(exact).max()
+
+
+def differences(term: Any, V: Any, u: Any, d: Any, h: float) -> tuple[float, Any, Any]:
+    """Return the slope of a term's energy along a step, its forces, and their derivative.
+
+    ``u`` and ``d`` are a displacement and a step, vectors of V; the derivatives are central
+    differences.
+    """
+
+    def moved(size: float) -> Any:
+        x = u.copy()
+        x.axpy(size, d)
+        update_ghosts(x)
+        return x
+
+    def forces(x: Any) -> Any:
+        r = _dolfinx.create_vector(V)
+        term.add_residual(x, None, r, None)
+        add_ghosts(r)
+        return r
+
+    ends = moved(h), moved(-h)
+    change = forces(ends[0]) - forces(ends[1])
+    change.scale(1 / (2 * h))
+    return (term.energy(ends[0]) - term.energy(ends[1])) / (2 * h), forces(u), change

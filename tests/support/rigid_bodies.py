@@ -62,10 +62,6 @@ def bushing(path: Any, rigid: dict[str, Any], **keys: Any) -> Scene:
     return Scene(name="bushing", mesh=path, rigid=[Rigid(group="sleeve", **rigid)], **given | keys)
 
 
-def _rigid(dx: Any, tag: int | None = None, **keys: Any) -> Any:
-    return fem_snh.Rigid(group=None if tag is None else dx(tag), **keys)
-
-
 def corner_program(
     comm: Any,
     parts: Any,
@@ -87,7 +83,11 @@ def corner_program(
     facets = mesh.locate_entities_boundary(domain, 2, lambda x: np.isclose(x[2], 0))
     fixed = fem.dirichletbc(np.zeros(3), fem.locate_dofs_topological(V, 2, facets), V)
     m = fem_snh.material("stable_neo_hookean", E=1e4, nu=0.45)
-    terms = [_rigid(dx, **part) for part in parts]
+    groups = [{"group": dx(part["tag"])} if "tag" in part else {} for part in parts]
+    terms = [
+        fem_snh.Rigid(**group, **{key: value for key, value in part.items() if key != "tag"})
+        for group, part in zip(groups, parts, strict=True)
+    ]
     if body_force is not None:
         terms.append(-ufl.inner(fem.Constant(domain, np.array(body_force)), u) * ufl.dx)
     if pressure:
@@ -98,8 +98,9 @@ def corner_program(
 
 def wave(problem: Any, number: float, size: float) -> Any:
     """Return a step of a `Problem` without a symmetry."""
-    d = problem.x.duplicate()
-    d.array[: problem.owned_displacements] = np.sin(number * problem.coordinates + number).ravel()
+    d, components = problem.x.duplicate(), problem.V.dofmap.index_map_bs
+    values = np.sin(number * problem.coordinates + number)[:, :components]
+    d.array[: problem.owned_displacements] = values.ravel()
     d.array[problem.constrained_dofs] = 0.0
     d.scale(size)
     return d

@@ -10,6 +10,7 @@ from dolfinx_programs import tagged_measure, vector_space
 from gmsh_files import section
 from plane_programs import COMPONENTS
 from plane_scenes import solve
+from rectangles import rectangle
 from rigid_bodies import check_derivatives
 
 import fem_snh
@@ -43,14 +44,11 @@ def unsolved_box(comm, kinematics, degree, surface, planes=(), part=None, top=()
         return np.any(on, axis=0)
 
     lid = 1.0 if part is None else 1 - 1 / CELLS - 1e-9
-    ds = tagged_measure(
-        "ds",
-        domain,
-        [
-            lambda x: outer(x) & (x[up] < lid + 1e-6),
-            lambda x: (outer(x) & (x[up] > lid)) | np.isclose(x[up], 1),
-        ],
-    )
+    walls = [
+        lambda x: outer(x) & (x[up] < lid + 1e-6),
+        lambda x: (outer(x) & (x[up] > lid)) | np.isclose(x[up], 1),
+    ]
+    ds = tagged_measure("ds", domain, walls)
     dx = tagged_measure("dx", domain, [lambda x: x[up] < lid + 1e-6, lambda x: x[up] > lid])
 
     def prescribe(axis, place, value, component=None):
@@ -69,10 +67,9 @@ def unsolved_box(comm, kinematics, degree, surface, planes=(), part=None, top=()
     material = fem_snh.material("stable_neo_hookean", E=E, nu=0.3)
     terms = [fem_snh.Cavity(ds(surface), volume=0.05)]
     terms += [fem_snh.Rigid(group=dx(2), name="lid", **part)] if part is not None else []
-    keys = {"kinematics": kinematics} if dim == 2 else {}
-    return fem_snh.NonlinearProblem(
-        u, {material: ufl.dx}, bcs=bcs, terms=terms, petsc_options=TIGHT, **keys
-    )
+    keys = {"bcs": bcs, "terms": terms, "petsc_options": TIGHT}
+    keys |= {"kinematics": kinematics} if dim == 2 else {}
+    return fem_snh.NonlinearProblem(u, {material: ufl.dx}, **keys)
 
 
 def box(comm, kinematics, degree, surface, planes=(), **part):
@@ -139,19 +136,10 @@ mesh = "tube.msh"
 element = "Q2"
 kinematics = "{kinematics}"
 reactions = ["bottom"]
-[material]
-name = "stable_neo_hookean"
-E = 1.0
-nu = 0.3
-[[hold]]
-group = "bottom"
-[[rigid]]
-group = "top"
-name = "lid"
-force = [0, 0.1, 0]
-[[cavity]]
-group = "inner"
-volume = 1.0
+material = {{ name = "stable_neo_hookean", E = 1.0, nu = 0.3 }}
+hold = [{{ group = "bottom" }}]
+rigid = [{{ group = "top", name = "lid", force = [0, 0.1, 0] }}]
+cavity = [{{ group = "inner", volume = 1.0 }}]
 """
 
 
@@ -161,15 +149,8 @@ def test_the_support_has_force_and_pressure_of_the_lid(comm, folder, kinematics)
     """Of a bellows that ends on equal radii: F + p A, the wall's own axial forces cancel."""
     if comm.rank == 0:
         with section(folder / "tube.msh", 2) as (geo, curves, surfaces):
-            for number, (x, y) in enumerate([(1, 0), (1.5, 0), (1.5, 1), (1, 1)], 1):
-                geo.addPoint(x, y, 0, 1.0, number)
-            for number in range(1, 5):
-                geo.addLine(number, number % 4 + 1, number)
-                geo.mesh.setTransfiniteCurve(number, 4)
-            surface = geo.addPlaneSurface([geo.addCurveLoop([1, 2, 3, 4])])
-            geo.mesh.setTransfiniteSurface(surface)
-            geo.mesh.setRecombine(2, surface)
-            curves |= {"bottom": [1], "top": [3], "inner": [4]}
+            (bottom, _, top, inner), surface = rectangle(geo, (1, 0), (1.5, 1), (3, 3), False)
+            curves |= {"bottom": [bottom], "top": [top], "inner": [inner]}
             surfaces["body"] = [surface]
         (folder / "bellows.toml").write_text(BELLOWS.format(kinematics=kinematics))
     comm.barrier()

@@ -2,29 +2,21 @@
 
 from __future__ import annotations
 
-from petsc4py import PETSc
-
 import numpy as np
 import pytest
 import ufl
-from bodies import (
-    FACES,
-    MATERIALS,
-    Hold,
-    cube,
-    free_components,
-    problem,
-    set_values,
-    wave,
-)
+from bodies import FACES, MATERIALS, Hold, cube, free_components, problem, set_values, wave
+from contact_problems import press
+from derivatives import differences
 from dolfinx import fem
 from dolfinx import mesh as dolfinx_mesh
-from dolfinx_programs import vector_space
+from dolfinx_programs import tagged_measure, vector_space
 from scipy.optimize import brentq
 
 import fem_snh
-from fem_snh import _dolfinx, solver
+from fem_snh import _dolfinx
 from fem_snh.assembly.elements import ELEMENTS
+from fem_snh.assembly.unknowns import update_ghosts
 from fem_snh.kernels.material import material
 from fem_snh.mesh import mesh
 from fem_snh.terms.loads import Pressure
@@ -35,13 +27,8 @@ mpi = pytest.mark.mpi
 TIP = 5.841246192
 
 
-def on(group, value=1.0, table=None):
-    return Pressure(group, value, table)
-
-
-def pressed(body, loads, element="Q1", name="stable_neo_hookean", **conditions):
-    """A problem with pressures."""
-    return problem(body, element, name, features=loads, **conditions)
+def on(group, value=1.0):
+    return Pressure(group, value)
 
 
 def roller(group, component):
@@ -71,7 +58,7 @@ CLOSED = [on(face) for face in FACES]
 def test_pressures_are_conservative_where_edges_are_closed_or_constrained(
     comm, loads, hold, has_energy
 ):
-    p = pressed(cube(comm, "hexahedron", 2, 0.03), loads, hold=hold)
+    p = problem(cube(comm, "hexahedron", 2, 0.03), "Q1", features=loads, hold=hold)
     assert p.has_energy == p.terms[1].has_energy == has_energy
     assert bool(p.terms[1].note) == (not has_energy)
 
@@ -81,7 +68,7 @@ def in_a_box(comm, element, at=0.0):
     body = cube(comm, ELEMENTS[element].cell, 2, 0.03)
     _dolfinx.geometry_x(body.domain)[:] += at
     hold = [roller(g, c) for g, c in zip(("left", "right", "front", "back"), "xxyy", strict=True)]
-    return pressed(body, [on("top", 3.0)], element, hold=hold)
+    return problem(body, element, features=[on("top", 3.0)], hold=hold)
 
 
 @mpi
@@ -94,13 +81,10 @@ def test_energy_between_parallel_walls(comm, at):
     assert p.terms[1].energy(p.split(p.x)[0]) == pytest.approx(3 * 0.35, rel=1e-9)
 
 
-def shell(comm, element):
-    return mesh.generate(comm, "shell", ELEMENTS[element].cell, cells=2, layers=1, order=2)
-
-
-def symmetric_shell(comm, element, **options):
+def symmetric_shell(comm, element):
+    body = mesh.generate(comm, "shell", ELEMENTS[element].cell, cells=2, layers=1, order=2)
     hold = [roller(f"{component} = 0", component) for component in "xyz"]
-    return pressed(shell(comm, element), [on("inner", 0.2)], element, hold=hold, **options)
+    return problem(body, element, features=[on("inner", 0.2)], hold=hold)
 
 
 @pytest.mark.one_debian
@@ -113,30 +97,13 @@ def test_derivatives_of_the_energy(comm, body, element):
     p.set_load(0.7)
     free = free_components(p)
     set_values(p, lambda X: free * wave(0.2)(X))
-    p.x.ghostUpdate(addv=PETSc.InsertMode.INSERT, mode=PETSc.ScatterMode.FORWARD)
-    term, d = p.terms[1], p.x.duplicate()
-    set_values(p, lambda X: free * wave(1.0, 0.7)(X), d)
-
-    def moved(h):
-        x = p.x.copy()
-        x.axpy(h, d)
-        return p.split(x)[0]
-
-    def residual(u):
-        r = _dolfinx.create_vector(p.V)
-        term.add_residual(u, None, r, None)
-        r.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
-        r.array[p.constrained_dofs] = 0.0
-        return r
-
-    h = 1e-4
-    slope = (term.energy(moved(h)) - term.energy(moved(-h))) / (2 * h)
-    assert slope == pytest.approx(residual(moved(0)).dot(d), rel=1e-6)
-    change = residual(moved(h))
-    change.axpy(-1.0, residual(moved(-h)))
-    change.scale(1 / (2 * h))
+    update_ghosts(p.x)
+    d = set_values(p, lambda X: free * wave(1.0, 0.7)(X), p.x.duplicate())
+    slope, forces, change = differences(p.terms[1], p.V, p.x, d, 1e-4)
+    assert slope == pytest.approx(forces.dot(d), rel=1e-6)
+    change.array[p.constrained_dofs] = 0.0
     with p.matrix.adding():
-        term.add_hessian(p.split(p.x)[0], None, "exact", p.matrix)
+        p.terms[1].add_hessian(p.split(p.x)[0], None, "exact", p.matrix)
     Ad = p.A.createVecLeft()
     p.A.mult(d, Ad)
     Ad.axpy(-1.0, change)
@@ -148,54 +115,30 @@ def test_derivatives_of_the_energy(comm, body, element):
 @pytest.mark.parametrize("hold", [SYMMETRIC, AT_A_CORNER], ids=["symmetric", "free"])
 def test_a_cube_under_pressure_is_compressed_uniformly(comm, name, hold):
     """F = s I with P = -p cof F: the patch test of a follower load, for each material."""
-    value = 0.3
-    loads = CLOSED if hold is AT_A_CORNER else [on("right"), on("back"), on("top")]
-    p = pressed(
-        cube(comm, "hexahedron", 2, 0.05),
-        [on(load.group, value) for load in loads],
-        name=name,
-        hold=hold,
-    )
-    solve(p)
+    value, faces = 0.3, FACES if hold is AT_A_CORNER else ("right", "back", "top")
+    loads = [on(face, value) for face in faces]
+    p = problem(cube(comm, "hexahedron", 2, 0.05), "Q1", name, features=loads, hold=hold)
+    press(p, tolerance=1e-12)
     m = material(E=1.0, **MATERIALS[name])
     s = brentq(lambda s: m.pk1(s * np.eye(3))[0, 0] + value * s**2, 0.5, 1.0, xtol=1e-15)
     X = p.V.tabulate_dof_coordinates()
     np.testing.assert_allclose(p.x.array.reshape(-1, 3), (s - 1) * X, atol=1e-9)
 
 
-def solve(p, **options):
-    database = PETSc.Options(solver.PREFIX)
-    values = {"snes_scaled_tol": 1e-12, "ksp_rtol": 1e-10, "trust_ksp_rtol": 1e-10, **options}
-    for key, value in values.items():
-        database[key] = value
-    try:
-        snes = solver.create(p)
-        solver.Predictor(p, snes, "tangent").predict(1.0)
-        snes.solve(None, p.x)
-    finally:
-        for key in values:
-            database.delValue(key)
-    assert snes.getConvergedReason() > 0
-    return snes
-
-
-def strip(comm, form, **arguments):
+def strip(comm, form):
     """A strip that is clamped at x = 0 under a pressure on its top, of a feature or of UFL."""
-    domain = dolfinx_mesh.create_box(
-        comm, [np.zeros(3), np.array([4.0, 1.0, 0.5])], [12, 2, 2], dolfinx_mesh.CellType.hexahedron
-    )
+    size, kind = np.array([4.0, 1.0, 0.5]), dolfinx_mesh.CellType.hexahedron
+    domain = dolfinx_mesh.create_box(comm, [np.zeros(3), size], [12, 2, 2], kind)
     V = vector_space(domain)
     u = fem.Function(V)
-    top = dolfinx_mesh.locate_entities_boundary(domain, 2, lambda x: np.isclose(x[2], 0.5))
-    tags = dolfinx_mesh.meshtags(domain, 2, np.sort(top), np.full(len(top), 1, np.int32))
-    ds = ufl.Measure("ds", domain=domain, subdomain_data=tags)(1)
+    ds = tagged_measure("ds", domain, [lambda x: np.isclose(x[2], 0.5)])(1)
     clamped = fem.locate_dofs_geometrical(V, lambda x: np.isclose(x[0], 0.0))
     m, p = fem_snh.material("stable_neo_hookean", E=1000.0, nu=0.3), fem.Constant(domain, 0.0)
     F, v = ufl.Identity(3) + ufl.grad(u), ufl.TestFunction(V)
     force = p * ufl.inner(ufl.cofac(F) * ufl.FacetNormal(domain), v) * ds
     bcs = [fem.dirichletbc(np.zeros(3), clamped, V)]
     terms = [force if form else fem_snh.Pressure(ds, p)]
-    problem = fem_snh.NonlinearProblem(u, {m: ufl.dx}, bcs=bcs, terms=terms, **arguments)
+    problem = fem_snh.NonlinearProblem(u, {m: ufl.dx}, bcs=bcs, terms=terms)
 
     def set_load(load):
         p.value = 6.0 * load if form else 6.0  # the feature's amplitude is the load

@@ -14,10 +14,10 @@ from fem_snh.errors import BadInput
 INNER, OUTER = 1.0, 1.5
 
 
-def ring(path, outer=OUTER, along=7):
+def ring(path):
     """A quarter of a ring, with the groups x0, y0 (its cuts), inner and outer."""
     with section(path, 2) as (geo, curves, surfaces):
-        corners = [(0, 0), (INNER, 0), (outer, 0), (0, outer), (0, INNER)]
+        corners = [(0, 0), (INNER, 0), (OUTER, 0), (0, OUTER), (0, INNER)]
         for number, (x, y) in enumerate(corners, 1):
             geo.addPoint(x, y, 0, 1.0, number)
         geo.addLine(2, 3, 1)
@@ -25,7 +25,7 @@ def ring(path, outer=OUTER, along=7):
         geo.addLine(4, 5, 3)
         geo.addCircleArc(5, 1, 2, 4)
         surface = geo.addPlaneSurface([geo.addCurveLoop([1, 2, 3, 4])])
-        for line, points in ((1, 4), (3, 4), (2, along), (4, along)):
+        for line, points in ((1, 4), (3, 4), (2, 7), (4, 7)):
             geo.mesh.setTransfiniteCurve(line, points)
         geo.mesh.setTransfiniteSurface(surface)
         geo.mesh.setRecombine(2, surface)
@@ -38,23 +38,20 @@ mesh = "ring.msh"
 element = "Q2"
 kinematics = "{kinematics}"
 steps = 4
-[material]
-name = "stable_neo_hookean"
-E = 3.0
-nu = 0.49
-[[hold]]
-group = "y0"
-components = ["y"]
-[[hold]]
-group = "x0"
-components = ["x"]
-[[cavity]]
-group = "inner"
-volume = {volume!r}
-[[probe]]
-name = "equator"
-point = [1, 0, 0]
+material = {{ name = "stable_neo_hookean", E = 3.0, nu = {nu} }}
+hold = [{{ group = "y0", components = ["y"] }}, {{ group = "x0", components = ["x"] }}]
+cavity = [{{ group = "inner", volume = {volume!r} }}]
+probe = [{{ name = "equator", point = [1, 0, 0] }}]
 """
+
+
+def scene(comm, folder, **values):
+    """Return the file of a scene, whose mesh is beside it. Collective."""
+    if comm.rank == 0:
+        ring(folder / "ring.msh")
+        (folder / "shell.toml").write_text(SHELL.format(**values))
+    comm.barrier()
+    return folder / "shell.toml"
 
 
 def pressure(kinematics, a):
@@ -81,12 +78,7 @@ def test_inflation_by_a_volume(comm, folder, kinematics):
     stretch = 1.6
     share = pi / 4 * (stretch**2 - 1) if kinematics == "plane_strain" else 0.0
     share = share or 2 / 3 * pi * (stretch**3 - 1)  # half of the ball
-    if comm.rank == 0:
-        ring(folder / "ring.msh")
-        text = SHELL.format(kinematics=kinematics, volume=share)
-        (folder / "shell.toml").write_text(text)
-    comm.barrier()
-    result = solve(folder / "shell.toml", comm)
+    result = solve(scene(comm, folder, kinematics=kinematics, nu=0.49, volume=share), comm)
     assert result.record["linear_solver"] == "preonly+cholesky"
     for row in result.steps:
         state = row["cavities"]["inner"]
@@ -99,16 +91,11 @@ def test_inflation_by_a_volume(comm, folder, kinematics):
 @pytest.mark.mpi
 def test_factors_of_the_sum(comm, folder):
     """Sparse factors are those of the Hessian with the fluid's part of rank one."""
-    if comm.rank == 0:
-        ring(folder / "ring.msh")
-        text = SHELL.format(kinematics="axisymmetric", volume=14 / 3 * pi)
-        (folder / "shell.toml").write_text(text.replace("0.49", "0.3"))
-    comm.barrier()
-    rows = []
+    path, rows = scene(comm, folder, kinematics="axisymmetric", nu=0.3, volume=14 / 3 * pi), []
     for petsc in ({}, {"snes_linear_solver": "direct"}):
-        result = solve(folder / "shell.toml", comm, petsc=petsc | TIGHT)
+        result = solve(path, comm, petsc=petsc | TIGHT)
         rows.append(result.steps[-1]["cavities"]["inner"]["pressure"])
     assert result.record["linear_solver"] == "preonly+cholesky"
     assert rows[1] == pytest.approx(rows[0], rel=1e-9)
     with pytest.raises(BadInput, match="ksp_type = preonly: expected an iterative solver"):
-        solve(folder / "shell.toml", comm, petsc={"ksp_type": "preonly", "pc_type": "lu"})
+        solve(path, comm, petsc={"ksp_type": "preonly", "pc_type": "lu"})

@@ -1,9 +1,13 @@
-"""Exports are read back: one VTKHDF file is what the .pvd is, OBJ files are closed surfaces."""
+"""Exports are read back: one VTKHDF file is what the .pvd is, OBJ files are closed surfaces.
+
+Exports that cannot be made are one line, and leave no file behind.
+"""
 
 from __future__ import annotations
 
 import json
 import math
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -14,7 +18,7 @@ from mpi4py import MPI
 import numpy as np
 import pytest
 import pyvista as pv
-from picture_runs import CELLS, write_run
+from picture_runs import CELLS, bad, write_run
 from scipy.spatial import cKDTree
 from vtkmodules.vtkCommonExecutionModel import vtkStreamingDemandDrivenPipeline
 from vtkmodules.vtkIOHDF import vtkHDFReader
@@ -112,20 +116,20 @@ def twisted(tmp_path: Path) -> Path:
 
 
 def rewrite(folder: Path, state: int, change: Any) -> Any:
-    """Replace the piece of a state by ``change`` of its grid; return the new grid."""
+    """Replace the piece of a state by ``change`` of its grid, or change it; return the grid."""
     path = folder / f"fields_p0_{state:06}.vtu"
-    grid = change(pv.read(path))
+    grid: Any = pv.read(path)
+    grid = change(grid) or grid
     grid.save(path)
     return grid
 
 
 @pytest.mark.one_debian
 def test_tensors_have_nine_components_and_nodes_have_forces(twisted):
-    def add(grid: Any) -> Any:
+    def add(grid: Any) -> None:
         random = np.random.default_rng(grid.n_points)
         grid.cell_data["cauchy_stress"] = random.random((grid.n_cells, 9))
         grid.point_data["reaction_force"] = random.random((grid.n_points, 3))
-        return grid
 
     expected = [rewrite(twisted, state, add) for state in range(3)]
     (path,) = export.main(twisted, twisted / "run.vtkhdf")
@@ -202,3 +206,30 @@ def test_obj_surfaces_are_closed_and_twisted(comm, folder, element):
                 assert volume(points, triangles) == pytest.approx(abs(volumes).sum(), abs=1e-9)
 
     on_root(comm, check)
+
+
+# --- what cannot be exported --------------------------------------------------------------------
+
+
+def test_a_bad_state_leaves_the_earlier_file(twisted, tmp_path):
+    (path,) = export.main(twisted, tmp_path / "a.vtkhdf")
+    content = path.read_bytes()
+    rewrite(twisted, 2, lambda grid: grid.cell_data.remove("J"))
+    assert re.search("its fields are .*, those of the first load", bad(export.main, twisted, path))
+    rewrite(twisted, 1, lambda grid: grid.scale(2, inplace=True))
+    states = States(twisted / "fields.pvd")
+    assert "its mesh is not that of the other loads" in bad(states.read, 1)
+    (twisted / "fields_p0_000001.vtu").unlink()
+    assert "missing" in bad(export.main, twisted, path)
+    assert path.read_bytes() == content
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["a.vtkhdf", "run"]
+
+
+@pytest.mark.parametrize(("part", "why"), [(0.5, "truncated"), (0.05, "damaged")])
+def test_a_truncated_file_is_one_line(twisted, tmp_path, capfd, part, why):
+    """VTK prints several lines of its own; one file has no data, the other no complete header."""
+    file = twisted / "fields_p0_000001.vtu"
+    file.write_bytes(file.read_bytes()[: int(part * file.stat().st_size)])
+    message = bad(export.main, twisted, tmp_path / "a.vtkhdf")
+    assert message.startswith(f"{file}: cannot be read: it is ") and why in message
+    assert capfd.readouterr() == ("", "")

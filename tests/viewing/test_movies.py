@@ -21,11 +21,6 @@ SECONDS = 0.2
 LOADS = (0.0, 0.5, 1.0)
 
 
-def files_of(folder: Path) -> dict[float, list[str]]:
-    stored = render.stored_loads(folder / "fields.pvd")
-    return {load: [str(file) for file in stored[load]] for load in LOADS}
-
-
 @pytest.fixture(scope="module")
 def twisted(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_run(MPI.COMM_SELF, tmp_path_factory.mktemp("twisted"), "Q1")
@@ -33,7 +28,9 @@ def twisted(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.parametrize("field", ["J", "displacement"])
 def test_stored_states_are_exact_and_others_lie_between(twisted, field):
-    states = InterpolatedStates(files_of(twisted), field)
+    stored = render.stored_loads(twisted / "fields.pvd")
+    files = {load: [str(file) for file in stored[load]] for load in LOADS}
+    states = InterpolatedStates(files, field)
     for load, stored in zip(LOADS, states.displacement, strict=True):
         assert np.allclose(states.grid(load).point_data["displacement"], stored, atol=1e-12)
     low, high = states.values.min(axis=0), states.values.max(axis=0)
@@ -45,9 +42,8 @@ def test_stored_states_are_exact_and_others_lie_between(twisted, field):
 @pytest.mark.parametrize("suffix", [".mp4", ".gif"])
 def test_movie_has_its_frames_and_moves(twisted, tmp_path, suffix):
     reported: list[tuple[int, int]] = []
-    out = render.movie(
-        twisted, tmp_path / f"a{suffix}", "J", SECONDS, lambda *n: reported.append(n)
-    )
+    path = tmp_path / f"a{suffix}"
+    out = render.movie(twisted, path, "J", SECONDS, lambda *n: reported.append(n))
     count = round(SECONDS * render.FRAMES_PER_SECOND)
     assert reported == [(k, count) for k in range(1, count + 1)]
     images = [np.asarray(image) for image in imageio.get_reader(out)]

@@ -29,14 +29,10 @@ SHAPES = [
 #: Another two obstacles of a plate that slides: one turns, one has no parametrisation.
 BALLS = [{"sphere": {"center": [x, 0.5, -2.0], "radius": 0.3}} for x in (0.3, 0.7)]
 OTHERS: list[dict[str, Any]] = [
-    {
-        "name": "box",
-        "shape": {"box": {"center": [0, 0, -2], "size": [1, 0.5, 0.2]}},
-        "rotate": {"axis": [1, 1, 0], "angle": 2.0},
-        "translate": [0, 0, 0.5],
-    },
+    {"name": "box", "shape": {"box": {"center": [0, 0, -2], "size": [1, 0.5, 0.2]}},
+     "rotate": {"axis": [1, 1, 0], "angle": 2.0}, "translate": [0, 0, 0.5]},
     {"name": "balls", "shape": {"smooth_union": {"shapes": BALLS, "blend": 0.05}}},
-]
+]  # fmt: skip
 
 
 @pytest.mark.parametrize(("shape", "volume"), SHAPES, ids=lambda s: type(s).__name__)

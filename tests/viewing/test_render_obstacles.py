@@ -45,9 +45,8 @@ def test_obstacles_of_a_flat_picture_are_filled_sections(shape, area):
 
 def test_poses_of_a_record(tmp_path):
     rows = {0.5: np.eye(3, 4, 1).tolist(), 1.0: np.eye(3, 4, 2).tolist()}
-    content = record(
-        obstacles={"ball": BALL, "foot": {"shape": {"surface": "a.stl"}, "pose": REST}}
-    )
+    foot = {"shape": {"surface": "a.stl"}, "pose": REST}
+    content = record(obstacles={"ball": BALL, "foot": foot})
     for step in content["steps"]:
         step["obstacles"] = {name: {"pose": rows[step["load"]]} for name in ("ball", "foot")}
     ball, foot = obstacle_poses(content, tmp_path)
@@ -57,9 +56,8 @@ def test_poses_of_a_record(tmp_path):
     in_time["steps"] = [{**step, "time": 2 * step["load"]} for step in content["steps"]]
     assert obstacle_poses(in_time, tmp_path)[0]["loads"] == [0.0, 1.0, 2.0]
     content["steps"] = []
-    assert Obstacles(obstacle_poses(content, tmp_path)[:1]).at(
-        0.0, np.array([[-1, -1, 0], [1, 1, 2]])
-    )
+    bounds = np.array([[-1, -1, 0], [1, 1, 2]])
+    assert Obstacles(obstacle_poses(content, tmp_path)[:1]).at(0.0, bounds)
     assert obstacle_poses(record(), tmp_path) == []
 
 
@@ -72,10 +70,7 @@ def test_a_surface_of_an_obj_file_is_drawn(tmp_path):
     solve(scene, out=tmp_path / "out", steps=1)
     poses = obstacle_poses(read_record(tmp_path / "out"), tmp_path / "out")
     ((_, drawn),) = Obstacles(poses).at(1.0, np.array([[0, 0, 0], [1, 1, 2]]))
-    moved = np.array([[0.06, 0, 0.9], [1.06, 1, 1.9]])
-    assert np.stack([drawn.points.min(axis=0), drawn.points.max(axis=0)]) == pytest.approx(
-        moved, abs=1e-6
-    )
+    assert drawn.bounds == pytest.approx([0.06, 1.06, 0, 1, 0.9, 1.9], abs=1e-6)
 
 
 def coloured(path: Path) -> int:

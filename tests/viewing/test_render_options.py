@@ -13,12 +13,14 @@ from picture_runs import bad, record, write_record, write_run
 
 from fem_snh.viewing import render
 from fem_snh.viewing.render import drawing, surfaces
-from fem_snh.viewing.stored_run import WHOLE, ViewOptions, obstacle_poses, view_options
+from fem_snh.viewing.stored_run import ViewOptions, obstacle_poses, view_options
 
 
-def twisted_body(folder, options=WHOLE, load=1.0):
+def grid_of(folder, element="Q1", field="J", load=1.0):
+    """Return a state of a new run."""
+    write_run(MPI.COMM_SELF, folder, element)
     files = [str(file) for file in render.stored_loads(folder / "fields.pvd")[load]]
-    return surfaces.body(files, "J", options)
+    return surfaces.read_grid(files, field)
 
 
 @pytest.mark.parametrize("element, layers", [("Q1", 3), ("Q2", 6), ("P1", 3), ("P2", 6)])
@@ -28,8 +30,8 @@ def test_a_section_closes_half_of_the_body(folder, element, layers):
     Between two layers of nodes, which are squares turned by an angle a to each other, the square
     is (1 - t) + t exp(i a) times the lower one.
     """
-    write_run(MPI.COMM_SELF, folder, element)
-    half = twisted_body(folder, view_options(clip="0,0,1@0,0,0.45"), 0.5)
+    plane = view_options(clip="0,0,1@0,0,0.45")
+    half = surfaces.body_of(grid_of(folder, element, load=0.5), "J", plane)
     assert half.surface.bounds[4:] == pytest.approx((0, 0.45))
     surface = half.surface.triangulate()
     triangles = surface.points[surface.regular_faces].astype(float)
@@ -44,9 +46,7 @@ def test_a_section_closes_half_of_the_body(folder, element, layers):
 
 def test_a_section_has_the_values_of_the_inside(folder):
     """The smallest J of a cell inside the body is seen in a section only."""
-    write_run(MPI.COMM_SELF, folder, "Q1")
-    files = [str(file) for file in render.stored_loads(folder / "fields.pvd")[1.0]]
-    grid = surfaces.read_grid(files, "J")
+    grid = grid_of(folder)
     middle = grid.find_containing_cell([0.5, 0.5, 0.5])
     grid.cell_data["J"][:] = 1.0
     grid.cell_data["J"][middle] = 0.25
@@ -59,9 +59,7 @@ def test_a_section_has_the_values_of_the_inside(folder):
 
 def test_values_that_the_colours_leave_out_are_named(folder):
     """One cell inside has the largest value: neither the surface nor the percentiles show it."""
-    write_run(MPI.COMM_SELF, folder, "Q1")
-    files = [str(file) for file in render.stored_loads(folder / "fields.pvd")[1.0]]
-    grid = surfaces.read_grid(files, "energy_density")
+    grid = grid_of(folder, field="energy_density")
     middle, corner = (grid.find_containing_cell([x, x, x]) for x in (0.5, 0.1))
     values = grid.cell_data["energy_density"]
     values[:] = np.linspace(3, 5, len(values))
@@ -101,8 +99,7 @@ def test_directions_and_points_of_the_command_line():
 
 
 def test_the_camera_looks_from_its_direction(folder):
-    write_run(MPI.COMM_SELF, folder, "Q1")
-    item = twisted_body(folder, load=0.0)
+    item = surfaces.body_of(grid_of(folder, load=0.0), "J")
     seen = drawing.view([item], options=view_options(camera="x@0.1,0.2,0.3", zoom=2.0))
     assert seen.centre == pytest.approx([0.1, 0.2, 0.3])
     assert seen.towards == pytest.approx([1, 0, 0]) and seen.up == pytest.approx([0, 0, 1])
@@ -116,12 +113,7 @@ def test_hidden_solids(folder):
     ball = {"shape": {"sphere": {"center": [0, 0, 2], "radius": 1}}, "pose": pose}
     content = record(obstacles={"ball": ball}, bones={"rod": ball})
     for step in content["steps"]:
-        step.update(
-            {
-                kind: {name: {"pose": pose}}
-                for kind, name in (("obstacles", "ball"), ("bones", "rod"))
-            }
-        )
+        step |= {"obstacles": {"ball": {"pose": pose}}, "bones": {"rod": {"pose": pose}}}
     write_record(folder, content)
     (bone,) = obstacle_poses(content, folder, ("ball",))
     assert bone["kind"] == "bones"

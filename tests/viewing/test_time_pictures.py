@@ -7,13 +7,7 @@ from typing import Any
 import pytest
 
 from fem_snh.viewing.plots.runs import run_figure
-from fem_snh.viewing.stored_run import (
-    axis_label,
-    load_range,
-    panel_label,
-    parameter,
-    step_at,
-)
+from fem_snh.viewing.stored_run import axis_label, load_range, panel_label, parameter, step_at
 
 START = {"energy": 0.0, "kinetic": 0.0, "elastic": 0.0, "potential": 0.0, "dissipated": 0.0}
 

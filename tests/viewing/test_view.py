@@ -65,9 +65,7 @@ def test_page_draws_and_rotates_without_errors_and_network(page):
         state = browser.find_element(By.ID, "state")
         assert (state.get_attribute("max"), state.get_attribute("value")) == ("2", "2")
         before = picture(viewer)
-        browser.execute_script(
-            "arguments[0].value = 0; arguments[0].dispatchEvent(new Event('change'))", state
-        )
+        choose(browser, state, 0)
         wait_for(lambda: is_drawn(picture(viewer)) and (picture(viewer) != before).mean() > 0.05)
         wait_for(lambda: np.allclose(camera_position(browser), turned))
         assert browser.find_element(By.ID, "label").text.startswith("angle 0")
@@ -95,9 +93,7 @@ def picked_values(browser: Any) -> dict[str, list[float]]:
 
     lines = browser.find_element(By.ID, "picked").text.splitlines()
     return {
-        name: [
-            float(number) for number in values.replace(";", ",").replace("length", "").split(",")
-        ]
+        name: [float(part) for part in values.replace(";", ",").replace("length", "").split(",")]
         for name, values in (line.split(": ") for line in lines)
     }
 
