@@ -33,8 +33,8 @@ def pressed_corner(comm: MPI.Comm, element: str, cells: int) -> tuple[dict[str, 
     X[:] = DIAGONAL.apply(X - 0.5)
     floor = comm.allreduce(X[:, 2].min(), op=MPI.MIN) - 0.01
     move = [Condition("top", lambda X, load: 0 * X - [0, 0, 0.2 * load])]
-    contacts = [RigidContact("floor", plane((0, 0, floor)))]
-    p, _, _ = contact_problem(body, element, contacts, move=move)
+    contact = RigidContact("floor", plane((0, 0, floor)))
+    p, _, _ = contact_problem(body, element, [contact], move=move)
     row = press(p, 2)
     x = local_values(p.split(p.x)[0]).reshape(-1, 3) + p.V.tabulate_dof_coordinates()
     lowest = min(comm.allgather(x[x[:, 2].argmin()].tolist()), key=lambda x: x[2])
@@ -90,10 +90,8 @@ def test_a_corner_in_another_body(comm: MPI.Comm) -> None:
             pair = BodyPair("blocks", lower_top, facets[corners[..., 2].max(axis=1) > 1.5])
             return [BodyContact(u.function_space, regions, [pair])]
 
-        neo_hookean = material("stable_neo_hookean", 1.0, 0.3)
-        p = create_problem(
-            body, ELEMENTS["Q1"], neo_hookean, hold=[Hold("bottom"), Hold("top")], loads=loads
-        )
+        snh, held = material("stable_neo_hookean", 1.0, 0.3), [Hold("bottom"), Hold("top")]
+        p = create_problem(body, ELEMENTS["Q1"], snh, hold=held, loads=loads)
         row = p.history.record(p.split(p.x)[0])
         pair = row["contacts"]["blocks"]
         assert pair["deepest"] == pytest.approx(overlap, rel=1e-9)

@@ -61,10 +61,9 @@ def test_equal_on_all_ranks(comm, cell, degree):
     """The same bits on all ranks, and the same surface as on one rank alone."""
     surface, u, _ = on(comm, cell, degree)
     x = surface.positions(u)
-    for other in comm.allgather((surface.points, surface.triangles, surface.nodes, x)):
-        for mine, theirs in zip(
-            (surface.points, surface.triangles, surface.nodes, x), other, strict=True
-        ):
+    arrays = surface.points, surface.triangles, surface.nodes, x
+    for other in comm.allgather(arrays):
+        for mine, theirs in zip(arrays, other, strict=True):
             np.testing.assert_array_equal(mine, theirs)
     alone, u, _ = on(MPI.COMM_SELF, cell, degree)
     np.testing.assert_array_equal(surface.triangles, alone.triangles)

@@ -10,6 +10,7 @@ import ufl
 from dolfinx import fem
 from gmsh_files import section
 from plane_scenes import solve
+from rectangles import rectangle
 from scipy.optimize import fsolve
 from scipy.sparse import csr_matrix
 from scipy.sparse.linalg import eigsh
@@ -23,44 +24,26 @@ SCENE = """
 mesh = "blocks.msh"
 element = "P2"
 kinematics = "plane_strain"
-steps = {steps}
-[material]
-name = "stable_neo_hookean"
-E = 1.0
-nu = 0.3
-[[symmetry]]
-group = "axis"
-[[symmetry]]
-group = "bottom"
-[[traction]]
-group = "top"
-vector = [0, -{load}, 0]
-"""
-CONTACT = """
-[[contact]]
-groups = ["under", "over"]
+steps = 4
+material = {{ name = "stable_neo_hookean", E = 1.0, nu = 0.3 }}
+symmetry = [{{ group = "axis" }}, {{ group = "bottom" }}]
+traction = [{{ group = "top", vector = [0, -{load}, 0] }}]
 """
 
 
-def blocks(folder, cells, load, touch=True, steps=4):
+def blocks(folder, cells, load, touch=True):
     """Return the scene of two unit squares of triangles, one on the other, or of one column."""
     if MPI.COMM_WORLD.rank == 0:
         with section(folder / "blocks.msh") as (geo, groups, bodies):
-            parts = ((0, 1), (1, 2)) if touch else ((0, 2),)
-            for low, high in parts:
-                places = ((0, low), (1, low), (1, high), (0, high))
-                corners = [geo.addPoint(x, y, 0) for x, y in places]
-                lines = [geo.addLine(corners[i], corners[(i + 1) % 4]) for i in range(4)]
-                surface = geo.addPlaneSurface([geo.addCurveLoop(lines)])
-                for line, count in zip(lines, 2 * [cells, (high - low) * cells], strict=True):
-                    geo.mesh.setTransfiniteCurve(line, count + 1)
-                geo.mesh.setTransfiniteSurface(surface)
+            for low, high in ((0, 1), (1, 2)) if touch else ((0, 2),):
+                size = cells, (high - low) * cells
+                lines, surface = rectangle(geo, (0, low), (1, high), size, True)
                 groups |= {"bottom" if low == 0 else "over": [lines[0]]}
                 groups |= {"top" if high == 2 else "under": [lines[2]]}
                 groups.setdefault("axis", []).append(lines[3])
                 bodies[f"block_{low}"] = [surface]
-        text = SCENE.format(load=load, steps=steps) + (CONTACT if touch else "")
-        (folder / "blocks.toml").write_text(text)
+        contact = 'contact = [{ groups = ["under", "over"] }]' if touch else ""
+        (folder / "blocks.toml").write_text(SCENE.format(load=load) + contact)
     MPI.COMM_WORLD.barrier()
     return folder / "blocks.toml"
 

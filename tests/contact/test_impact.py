@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import pytest
 from contact_problems import contact_problem, march, plane
@@ -17,7 +15,7 @@ from fem_snh.scenes import Traction
 
 pytestmark = pytest.mark.one_debian
 
-G, AUGMENTED = 9.81, "augmented_lagrangian"
+AUGMENTED = "augmented_lagrangian"
 
 
 def strip(comm, length, cells):
@@ -70,8 +68,8 @@ def test_newmark_keeps_energy_and_momentum_of_bodies_that_collide(comm, method, 
     fixed plate. The mean forces have no sum, and do the work that the energy of contact loses.
     """
     pressure = 100.0
-    given: dict[str, Any] = {"hold": [], "gravity": None}
-    given["traction"] = [Traction(group="top", vector=(0, 0, -pressure))]
+    load = Traction(group="top", vector=(0, 0, -pressure))
+    given = {"hold": [], "gravity": None, "traction": [load]}
     scene = plates.plates("Q1", "newmark", method, cells=3, steps=steps)
     result = solve(scene.model_copy(update=given), comm)
     rows = result.steps

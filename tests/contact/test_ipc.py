@@ -1,4 +1,4 @@
-"""Self-contact by a barrier: two blocks pressed together, never an intersection."""
+"""Self-contact by a barrier: two blocks pressed together or in motion, never an intersection."""
 
 from __future__ import annotations
 
@@ -8,6 +8,12 @@ import numpy as np
 import pytest
 from barrier_problems import GAP, intersects, needs_ipctk, pressed, steps
 from bodies import Hold
+from contact_problems import march
+
+from fem_snh import _dolfinx
+from fem_snh.assembly.kinematics import SOLID
+from fem_snh.assembly.unknowns import add_ghosts, writable_values
+from fem_snh.steps.dynamics.dynamics import Dynamics
 
 pytestmark = needs_ipctk
 mpi = pytest.mark.mpi
@@ -121,9 +127,8 @@ def test_no_iterate_intersects(globalization):
 def test_largest_step():
     """The upper block falls by twice the gap: half of the step, and a tenth before it."""
     problem, term = pressed(COMM)
-    up = problem.coordinates[:, 2] > 1 + GAP / 2
     d = np.zeros(problem.coordinates.shape)
-    d[up, 2] = -2 * GAP
+    d[problem.coordinates[:, 2] > 1 + GAP / 2, 2] = -2 * GAP
     admitted = term.largest_step(np.zeros_like(d), d)
     assert 0.4 < admitted < 0.5
     assert COMM.allgather(admitted) == [admitted] * COMM.size
@@ -135,11 +140,34 @@ def test_largest_step():
 def test_prescribed_motion_through_the_body():
     """A motion that would pass through a surface fails with the reason, and is halved."""
     problem, term = pressed(COMM, press=1.2, hold=[Hold("bottom"), Hold("lower_top")])
-    rows = []
-    for row in steps(problem, 1, tolerance=1e-7):
-        rows.append(row)
-        if row["converged"]:
-            break
-    assert "the prescribed motion of the step is too large: it takes a surface" in rows[0]["reason"]
-    assert rows[-1]["converged"] and 0 < problem.load < 1
+    found = steps(problem, 1, tolerance=1e-7)
+    reason = next(found)["reason"]
+    assert "the prescribed motion of the step is too large: it takes a surface" in reason
+    assert any(row["converged"] for row in found) and 0 < problem.load < 1
     assert not intersects(problem, term)
+
+
+@pytest.mark.one_debian
+@pytest.mark.parametrize("integrator", ["newmark", "backward_euler"])
+def test_collision_in_time(integrator):
+    """The upper block falls on the lower one, both free: momentum is exchanged, never lost."""
+    made = []
+
+    def inertia(u, regions, dirichlet):
+        made.append(Dynamics(u, regions, dirichlet, SOLID, integrator, duration=0.25))
+        return made[0].terms
+
+    problem, term = pressed(COMM, "Q1", hold=(), move=(), terms=inertia, E=100.0, nu=0.0)
+    (dynamics,) = made
+    pairs, upper = [], problem.coordinates[:, 2] > 1 + GAP / 2
+    for _ in march(problem, dynamics, 25, lambda X: -np.outer(X[:, 2] > 1 + GAP / 2, [0, 0, 1.0])):
+        assert not intersects(problem, term)
+        pairs.append(term.record(problem.split(problem.x)[0])["self_contact"]["pairs"])
+        momentum = dynamics.energies(problem)["momentum"]
+        np.testing.assert_allclose(momentum, [0, 0, -1], atol=1e-5)
+    assert max(pairs) > 0 and pairs[-1] == 0
+    vector = _dolfinx.create_vector(problem.V)
+    writable_values(vector)[:] = dynamics.mass.apply(dynamics.v.x.array)
+    add_ghosts(vector)
+    # The momentum of the upper block, exactly 0 for thin bars.
+    assert COMM.allreduce(vector.array_r.reshape(-1, 3)[upper, 2].sum()) > -0.2

@@ -14,31 +14,23 @@ import fem_snh
 from fem_snh import _dolfinx
 from fem_snh.contact.gathered_surface import EmbeddedSurface, SurfaceMatrix
 from fem_snh.errors import BadInput
-from fem_snh.scenes import Scene, validate
+from fem_snh.scenes import validate
 from fem_snh.viewing.states import States
 
 #: A clip whose arms are pressed together: one body that touches itself.
 CLIP = {
-    "name": "clip",
-    "mesh": {"source": "clip", "parameters": {"gap": 0.3, "arm": 2}},
-    "cells": 1,
-    "element": "P1",
-    "steps": 6,
+    "name": "clip", "mesh": {"source": "clip", "parameters": {"gap": 0.3, "arm": 2}},
+    "cells": 1, "element": "P1", "steps": 6,
     "material": {"name": "stable_neo_hookean", "E": 1.0, "nu": 0.4},
-    "hold": [{"group": "bottom"}],
-    "move": [{"group": "upper_tip", "translate": [0, 0, -0.6]}],
+    "hold": [{"group": "bottom"}], "move": [{"group": "upper_tip", "translate": [0, 0, -0.6]}],
     "self_contact": {"method": "ipc"},
-}
-
-
-def scene(table: dict, **changes) -> Scene:
-    return validate(table | changes, "scene")
+}  # fmt: skip
 
 
 @needs_ipctk
 def test_a_body_touches_itself(tmp_path):
     names = ["nominal_contact_pressure", "contact_pressure"]
-    result = fem_snh.run(scene(CLIP, fields=names), out=tmp_path / "clip")
+    result = fem_snh.run(validate(CLIP | {"fields": names}, "clip"), out=tmp_path / "clip")
     assert result.converged
     last = result.record["steps"][-1]["self_contact"]
     states = States(tmp_path / "clip" / "fields.pvd")
@@ -62,9 +54,8 @@ def test_matrix_of_a_skin():
     n, m = 5, 8
     nodes = np.array([rng.choice(m, 4, replace=False) for _ in range(n)])
     weights = rng.random((n, 4))
-    surface = EmbeddedSurface(
-        V, rng.random((n, 3)), np.array([[0, 1, 2], [2, 3, 4]]), nodes, weights
-    )
+    triangles = np.array([[0, 1, 2], [2, 3, 4]])
+    surface = EmbeddedSurface(V, rng.random((n, 3)), triangles, nodes, weights)
     W = np.zeros((n, m))
     np.put_along_axis(W, nodes, weights, axis=1)
     W = np.kron(W[:, surface.support.nodes], np.eye(3))
@@ -82,10 +73,9 @@ def test_matrix_of_a_skin():
 
 
 @needs_ipctk
-@pytest.mark.parametrize(
-    ("gap", "message"),
-    [(-0.1, "neither intersects nor touches itself in the mesh"), (0.0, "touches")],
-)
+@pytest.mark.parametrize("gap, message", [
+    (-0.1, "neither intersects nor touches itself in the mesh"), (0.0, "touches"),
+])  # fmt: skip
 def test_mesh_that_intersects_itself(gap, message):
     mesh = {"source": "two_blocks", "parameters": {"gap": gap, "upper_width": 0.6, "shift": 0.2}}
     table = CLIP | {"mesh": mesh, "move": [], "element": "Q1"}
@@ -103,14 +93,10 @@ def test_skins_of_a_lattice(tmp_path):
         for name, rod, motion in (("low", low, [0, 0, 0]), ("high", high, [0, 0, -0.16]))
     ]
     table = {
-        "name": "rods",
-        "mesh": {"lattice": {"union": [low, high]}, "cell": 0.1},
-        "element": "Q1",
-        "steps": 2,
-        "material": CLIP["material"],
-        "bone": bones,
+        "name": "rods", "mesh": {"lattice": {"union": [low, high]}, "cell": 0.1},
+        "element": "Q1", "steps": 2, "material": CLIP["material"], "bone": bones,
         "self_contact": {"method": "ipc"},
-    }
+    }  # fmt: skip
     result = fem_snh.run(validate(table, "scene"), out=tmp_path / "rods")
     assert result.converged
     last = result.record["steps"][-1]

@@ -28,13 +28,13 @@ FLOOR = {"plane": {"point": [0, 0, 0], "normal": [0, 1, 0]}}
 # --- Hertz ------------------------------------------------------------------------------------
 
 
-def quarter_disc(path, order, coarse=0.25, fine=0.005):
+def quarter_disc(path):
     """A quarter of a disc of radius 1 about (0, 1), fine at (0, 0); groups top and axis."""
-    with section(path, order) as (geo, curves, surfaces):
-        geo.addPoint(0, 0, 0, fine, 1)
-        geo.addPoint(0, 1, 0, coarse, 2)
-        geo.addPoint(1, 1, 0, coarse, 3)
-        geo.addPoint(np.sin(0.3), 1 - np.cos(0.3), 0, 3 * fine, 4)
+    with section(path, 2) as (geo, curves, surfaces):
+        geo.addPoint(0, 0, 0, 0.005, 1)
+        geo.addPoint(0, 1, 0, 0.25, 2)
+        geo.addPoint(1, 1, 0, 0.25, 3)
+        geo.addPoint(np.sin(0.3), 1 - np.cos(0.3), 0, 0.015, 4)
         geo.addLine(1, 2, 1)
         geo.addLine(2, 3, 2)
         geo.addCircleArc(3, 2, 4, 3)
@@ -45,34 +45,22 @@ def quarter_disc(path, order, coarse=0.25, fine=0.005):
 
 HERTZ = """
 mesh = "disc.msh"
-element = "{element}"
+element = "P2"
 kinematics = "{kinematics}"
 fields = ["contact_pressure"]
-[material]
-name = "stable_neo_hookean"
-E = 1.0
-nu = 0.3
-[[hold]]
-group = "axis"
-components = ["x"]
-[[move]]
-group = "top"
-translate = [0, -{depth}, 0]
-components = ["y"]
-[[obstacle]]
-shape = {{ plane = {{ normal = [0, 1, 0] }} }}
-stiffness = 2e3
+material = {{ name = "stable_neo_hookean", E = 1.0, nu = 0.3 }}
+hold = [{{ group = "axis", components = ["x"] }}]
+move = [{{ group = "top", translate = [0, -{depth}, 0], components = ["y"] }}]
+obstacle = [{{ shape = {{ plane = {{ normal = [0, 1, 0] }} }}, stiffness = 2e3 }}]
 """
 
 
 def hertz(folder, kinematics, depth):
-    quarter_disc(folder / "disc.msh", 2)
-    path = folder / "hertz.toml"
-    path.write_text(HERTZ.format(element="P2", kinematics=kinematics, depth=depth))
-    result = solve(path)
+    quarter_disc(folder / "disc.msh")
+    (folder / "hertz.toml").write_text(HERTZ.format(kinematics=kinematics, depth=depth))
+    result = solve(folder / "hertz.toml")
     problem = result.problem
-    u = problem.split(problem.x)[0]
-    pressure = problem.terms[1].nodal_field("contact_pressure", u)
+    pressure = problem.terms[1].nodal_field("contact_pressure", problem.split(problem.x)[0])
     x = problem.V.tabulate_dof_coordinates()
     on = x[:, 1] < 1 - np.sqrt(np.maximum(1 - x[:, 0] ** 2, 0)) + 1e-9
     on &= (0.006 < x[:, 0]) & (x[:, 0] < 0.3)  # at the corner half of the area is on the axis
@@ -123,22 +111,18 @@ def test_uniform_pressure(comm, kinematics, element, method):
     bcs = prescribe(u.function_space, 1, 1.0, lambda x: press, [1])
     bcs += prescribe(u.function_space, 0, 0.0, zero, [0])
     floor = fem_snh.Obstacle(shape=FLOOR, method=method)
-    made = fem_snh.NonlinearProblem(
-        u, {material: ufl.dx}, bcs=bcs, terms=[floor], kinematics=kinematics, element=element
-    )
-    (row,) = made.steps(1)
+    keys = {"bcs": bcs, "terms": [floor], "kinematics": kinematics, "element": element}
+    (row,) = fem_snh.NonlinearProblem(u, {material: ufl.dx}, **keys).steps(1)
     assert row["converged"]
     values = u.x.array.reshape(-1, 2)
-    x = u.function_space.tabulate_dof_coordinates()
     contact = row["obstacles"]["obstacle_0"]
     depth = contact["penetration"]
     stretch = 0.9 + depth
-    expected = -0.1 + (1 - stretch) * (1 - x[:, 1])
+    expected = -0.1 + (1 - stretch) * (1 - u.function_space.tabulate_dof_coordinates()[:, 1])
     assert abs(values[:, 1] - expected).max(initial=0) < 1e-7
     area = 0.5 if kinematics == "plane_strain" else pi / 4
     P = material.pk1(np.diag([1.0, stretch, 1.0]))[1, 1]
-    lateral = abs(values[:, 0]).max(initial=0)
-    assert comm.allreduce(lateral, op=MPI.MAX) < 0.05
+    assert abs(values[:, 0]).max(initial=0) < 0.05
     assert contact["force"][1] == pytest.approx(-P * area, rel=2e-2)
     if method == "augmented_lagrangian":
         assert depth < 1e-3
@@ -233,14 +217,13 @@ def test_polygon_is_its_distance():
 
 
 TWISTED = """
+mesh = "mesh.msh"
+element = "Q2"
+kinematics = "axisymmetric_torsion"
 steps = 8
 reactions = [{ group = "bottom", about = [0, 0, 0] }]
-[material]
-name = "stable_neo_hookean"
-E = 1.0
-nu = 0.0
-[[hold]]
-group = "bottom"
+material = { name = "stable_neo_hookean", E = 1.0, nu = 0.0 }
+hold = [{ group = "bottom" }]
 [[obstacle]]
 name = "plate"
 shape = { plane = { point = [0, 1, 0], normal = [0, -1, 0] } }
@@ -250,17 +233,11 @@ friction = 0.2
 """
 
 
-def twisted(folder, **keys):
-    """A cylinder of radius 1/2 and length 1 below a rough plate that presses and turns."""
-    write_mesh(folder / "mesh.msh", False, 1)
-    text = 'mesh = "mesh.msh"\nelement = "Q2"\nkinematics = "axisymmetric_torsion"\n' + TWISTED
-    (folder / "own.toml").write_text(text)
-    return solve(folder / "own.toml", **keys)
-
-
 def test_a_plate_turns_a_cylinder_by_friction(tmp_path):
-    """It slides everywhere: the torque of a uniform pressure is 2/3 mu F R."""
-    result = twisted(tmp_path, out=tmp_path / "out")
+    """It slides everywhere: the torque of a uniform pressure is 2/3 mu F R, with R = 1/2."""
+    write_mesh(tmp_path / "mesh.msh", False, 1)
+    (tmp_path / "own.toml").write_text(TWISTED)
+    result = solve(tmp_path / "own.toml", out=tmp_path / "out")
     row = result.steps[-1]
     force, plate = row["reactions"]["bottom"][1], row["obstacles"]["plate"]
     material = fem_snh.material("stable_neo_hookean", E=1.0, nu=0.0)
@@ -283,15 +260,10 @@ shape = { sphere = { center = [0.9, 0.5, 0], radius = 0.45 } }
 rotate = { axis = [0, 1, 0], angle = 0.3 }
 friction = 0.3
 """
-    path = own_scene(tmp_path, "Q2", "axisymmetric_torsion", keys)
-    problem = solve(path).problem
-    term = next(t for t in problem.terms if t.name == "obstacle")
-    rng = np.random.default_rng(0)
-    problem.x.array[:] += rng.uniform(-1e-3, 1e-3, problem.x.getLocalSize())
-    assert term.record(problem.split(problem.x)[0])["obstacles"]["obstacle_0"]["contacts"]
+    problem = solve(own_scene(tmp_path, "Q2", "axisymmetric_torsion", keys)).problem
+    problem.x.array[:] += np.random.default_rng(0).uniform(-1e-3, 1e-3, len(problem.x.array))
+    row = problem.terms[1].record(problem.split(problem.x)[0])
+    assert row["obstacles"]["obstacle_0"]["contacts"]
     near = (problem.coordinates[:, 0] > 0.49) & (abs(problem.coordinates[:, 1] - 0.5) < 0.3)
     dofs = (3 * np.flatnonzero(near)[:, None] + [0, 1, 2]).ravel()
     check_derivatives(problem, dofs, 1e-7, 5e-6, 1e-4, constrained=False)
-
-
-assert set(FLAT) < set(COMPONENTS)

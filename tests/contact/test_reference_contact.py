@@ -6,36 +6,30 @@ from typing import Any
 
 from mpi4py import MPI
 
+import contact_problems
 import numpy as np
 import pytest
-import two_bodies
 from bodies import Condition, Hold, create_problem
+from two_bodies import NU, E, TwoBlocks
 
 import fem_snh
-from fem_snh import scenes, solver
+from fem_snh import scenes
 from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.contact.reference_contact import ReferenceContact
 from fem_snh.kernels.material import material
 from fem_snh.mesh import mesh
-from fem_snh.steps.stepping import Stepper, StepSolver
 
 COMM = MPI.COMM_WORLD
 mpi = pytest.mark.mpi
 #: Two blocks, the upper one smaller, with meshes that do not match.
 BLOCKS = {"cells": 2, "upper_cells": 3, "upper_width": 0.7, "shift": 0.13}
 CLIP: dict[str, Any] = {
-    "name": "clip",
-    "mesh": {"source": "clip", "parameters": {"gap": 0.3}},
-    "cells": 2,
-    "element": "Q1",
-    "steps": 2,
-    "material": {"name": "stable_neo_hookean", "E": 1e4, "nu": 0.45},
-    "move": [
-        {"group": "bottom", "translate": [0, 0, 0.25]},
-        {"group": "top", "translate": [0, 0, -0.25]},
-    ],
+    "name": "clip", "mesh": {"source": "clip", "parameters": {"gap": 0.3}}, "cells": 2,
+    "element": "Q1", "steps": 2, "material": {"name": "stable_neo_hookean", "E": 1e4, "nu": 0.45},
+    "move": [{"group": "bottom", "translate": [0, 0, 0.25]},
+             {"group": "top", "translate": [0, 0, -0.25]}],
     "self_contact": {"method": "reference"},
-}
+}  # fmt: skip
 
 
 def blocks(
@@ -47,18 +41,12 @@ def blocks(
     p = create_problem(
         body,
         chosen,
-        material("stable_neo_hookean", two_bodies.E, two_bodies.NU),
+        material("stable_neo_hookean", E, NU),
         hold=[Hold("bottom")],
         move=[Condition("top", lambda X, load: 0 * X - [0, 0, press * load])],
-        loads=lambda body, u, regions, _: [
-            ReferenceContact(u.function_space, body.skin, regions, k)
-        ],
+        loads=lambda body, u, cells, _: [ReferenceContact(u.function_space, body.skin, cells, k)],
     )
-    snes = solver.create(p)
-    snes.getPythonContext().options["snes_scaled_tol"] = 1e-8
-    rows = list(Stepper(StepSolver(p, snes, "none"), 1))
-    assert rows[-1]["converged"], rows[-1]["reason"]
-    return p, rows[-1]
+    return p, contact_problems.press(p, tolerance=1e-8)
 
 
 @pytest.mark.one_debian("ranks")
@@ -67,10 +55,8 @@ def blocks(
 def test_force_is_that_of_contact_between_surfaces(element: str) -> None:
     """The oracle is contact between two named surfaces, with its own search and quadrature."""
     args = {name: value for name, value in BLOCKS.items() if "cells" not in name}
-    two = two_bodies.TwoBlocks(
-        COMM, element, (2, 3), 20.0, press=0.1, hold=[Hold("bottom")], components=("x", "y", "z"),
-        **args,
-    )  # fmt: skip
+    args |= {"press": 0.1, "hold": [Hold("bottom")], "components": ("x", "y", "z")}
+    two = TwoBlocks(COMM, element, (2, 3), 20.0, **args)
     expected = -two.solve()["contacts"]["blocks"]["force"][2]
     step = blocks(element=element, k=20.0)[1]
     row = step["self_contact"]
@@ -179,27 +165,57 @@ def test_no_line_search_compares_energies_of_different_pairs(scene: str) -> None
     While the first energy of a step was that of the pairs of the last step, both failed a line
     search at a load where pairs change.
     """
+    turn = {"axis": [0, 1, 0], "through": [3, 0.5, 1], "angle": 2.8}
     tables: dict[str, dict[str, Any]] = {
         "clip": {
             "steps": 10,
-            "move": [
-                {"group": "bottom", "translate": [0, 0, 0.35]},
-                {"group": "top", "translate": [0.2, 0, -0.35]},
-            ],
+            "move": [{"group": "bottom", "translate": [0, 0, 0.35]},
+                     {"group": "top", "translate": [0.2, 0, -0.35]}],
         },
         "arm": {
-            "mesh": {"source": "bar", "parameters": {"length": 6, "interface": 3}},
-            "steps": 14,
-            "hold": [{"group": "left"}],
-            "move": [
-                {
-                    "group": "right",
-                    "rotate": {"axis": [0, 1, 0], "through": [3, 0.5, 1], "angle": 2.8},
-                }
-            ],
+            "mesh": {"source": "bar", "parameters": {"length": 6, "interface": 3}}, "steps": 14,
+            "hold": [{"group": "left"}], "move": [{"group": "right", "rotate": turn}],
         },
-    }
+    }  # fmt: skip
     result = fem_snh.run(scenes.validate(CLIP | tables[scene], scene), progress=False)
     assert [row["reason"] for row in result.steps] == ["CONVERGED_FNORM_ABS"] * len(result.steps)
     assert len(result.steps) == tables[scene]["steps"]
     assert result.steps[-1]["self_contact"]["pairs"] > 0
+
+
+def fingers() -> Any:
+    """Two fingers on a palm in a lattice, whose bones turn towards each other.
+
+    The gap is half of a cell wide, so that both pass through some of the cells.
+    """
+    capsules = [((-0.07, 0, 0), (-0.07, 0, 0.2), 0.06), ((0.07, 0, 0), (0.07, 0, 0.2), 0.06)]
+    palm = ((-0.07, 0, -0.02), (0.07, 0, -0.02), 0.07)
+    shapes = [
+        {"capsule": dict(zip(("from", "to", "radius"), c, strict=True))} for c in (*capsules, palm)
+    ]
+    bones = [
+        {
+            "name": name,
+            "shape": {"capsule": {"from": [x, 0, 0.1], "to": [x, 0, 0.2], "radius": 0.025}},
+            "rotate": {"axis": [0, 1, 0], "through": [x, 0, 0], "angle": turn},
+        }
+        for name, x, turn in (("left", -0.07, 0.1), ("right", 0.07, -0.1))
+    ]
+    palm_bone = {"name": "palm", "shape": {"sphere": {"center": [0, 0, -0.02], "radius": 0.05}}}
+    table = {
+        "name": "fingers", "mesh": {"lattice": {"union": shapes}, "cell": 0.04}, "element": "Q1",
+        "steps": 2, "material": {"name": "stable_neo_hookean", "E": 2e4, "nu": 0.45},
+        "bone": [palm_bone, *bones], "self_contact": {"method": "reference"},
+    }  # fmt: skip
+    return scenes.validate(table, "fingers")
+
+
+@mpi
+def test_fingers_of_a_lattice() -> None:
+    """The skin touches, not the cells, which overlap in the mesh: no pair pushes at rest."""
+    result = fem_snh.run(fingers(), progress=False)
+    rows = [row["self_contact"] for row in result.steps]
+    assert result.converged and rows[0]["pairs"] == 0 and rows[0]["force"] == 0
+    assert rows[1]["pairs"] > 0 and 0 < rows[1]["penetration"] < 0.05 * 0.04
+    without = fingers().model_copy(update={"self_contact": None})
+    assert fem_snh.run(without, progress=False).steps[1]["energy"] < result.steps[1]["energy"]

@@ -6,12 +6,13 @@ from typing import Any
 
 from mpi4py import MPI
 
+import contact_problems
 import numpy as np
 import pytest
-from bodies import Condition, Hold, create_problem, cube
+from bodies import Condition, Hold, create_problem
 from scipy.spatial.transform import Rotation
 
-from fem_snh import _dolfinx, solver
+from fem_snh import _dolfinx
 from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.assembly.unknowns import local_values
 from fem_snh.contact.gathered_surface import embedded_surface
@@ -20,7 +21,6 @@ from fem_snh.contact.samples import SurfaceSamples, cell_sizes, smallest_at_poin
 from fem_snh.geometry.closest_points import PseudoNormals, closest_points, triangle_normals
 from fem_snh.kernels.material import material
 from fem_snh.mesh import mesh
-from fem_snh.steps.stepping import Stepper, StepSolver
 
 COMM = MPI.COMM_WORLD
 mpi = pytest.mark.mpi
@@ -33,7 +33,7 @@ TURNS = {
 }
 
 
-def press(kind: str, comm: MPI.Comm, element: str, steps: int = 3, depth: float = 0.3) -> Any:
+def press(kind: str, comm: MPI.Comm, element: str) -> Any:
     """Press a turned block of one cell on another one; return the surface and the last row."""
     chosen = ELEMENTS[element]
     body = mesh.generate(comm, "two_blocks", chosen.cell, cells=1, gap=1.0)
@@ -52,16 +52,22 @@ def press(kind: str, comm: MPI.Comm, element: str, steps: int = 3, depth: float 
         chosen,
         material("stable_neo_hookean", 1.0, 0.3),
         hold=[Hold("bottom")],
-        move=[Condition("top", lambda X, load: 0 * X - [0, 0, depth * load])],
+        move=[Condition("top", lambda X, load: 0 * X - [0, 0, 0.3 * load])],
         loads=lambda body, u, regions, _: [ReferenceContact(u.function_space, body.skin, regions)],
     )
-    snes = solver.create(p)
-    snes.getPythonContext().options["snes_scaled_tol"] = 1e-9
-    rows = list(Stepper(StepSolver(p, snes, "none"), steps))
-    assert all(row["converged"] for row in rows)
+    row = contact_problems.press(p, 3, 1e-9)
     surface = p.terms[1].surface
     x = surface.positions(local_values(p.split(p.x)[0]).reshape(-1, 3))
-    return x, surface.triangles, rows[-1]["self_contact"]
+    return x, surface.triangles, row["self_contact"]
+
+
+def press_on_all_and_alone(kind: str, element: str) -> Any:
+    """Return the last row and the depth by `deepest`, if each rank finds the same by itself."""
+    x, triangles, row = press(kind, COMM, element)
+    alone = press(kind, MPI.COMM_SELF, element)[2]
+    assert row["pairs"] == alone["pairs"]
+    assert row["force"] == pytest.approx(alone["force"], rel=1e-5)
+    return row, deepest(x, triangles)
 
 
 def deepest(x: np.ndarray, triangles: np.ndarray) -> float:
@@ -95,14 +101,10 @@ def deepest(x: np.ndarray, triangles: np.ndarray) -> float:
 @pytest.mark.parametrize("element", ["Q1", "P1"])
 def test_a_corner_stops_at_a_face(element: str) -> None:
     """Samples inside of the facets let it in to 0.10 (Q1), and reported 0.015."""
-    x, triangles, row = press("corner", COMM, element)
-    assert row["penetration"] == pytest.approx(deepest(x, triangles), rel=1e-9)
+    row, depth = press_on_all_and_alone("corner", element)
+    assert row["penetration"] == pytest.approx(depth, rel=1e-9)
     # It would go 0.29 deep; the tetrahedron at the corner has 3 triangles for 3 to 6 of hexahedra.
     assert 0 < row["penetration"] < (0.03 if element == "Q1" else 0.05)
-    alone = press("corner", MPI.COMM_SELF, element)[2]
-    assert row["pairs"] == alone["pairs"] and row["force"] == pytest.approx(
-        alone["force"], rel=1e-5
-    )
 
 
 @pytest.mark.one_debian
@@ -113,29 +115,21 @@ def test_an_edge_stops_at_an_edge(element: str) -> None:
 
     Two edges that have passed each other by d are d / sqrt(2) deep in wedges of 90 degrees.
     """
-    x, triangles, row = press("edges", COMM, element)
-    depth = deepest(x, triangles)
+    row, depth = press_on_all_and_alone("edges", element)
     assert depth <= row["penetration"] < 0.02 and row["force"] > 0.04
-    alone = press("edges", MPI.COMM_SELF, element)[2]
-    assert row["pairs"] == alone["pairs"] and row["force"] == pytest.approx(
-        alone["force"], rel=1e-5
-    )
 
 
-def samples_of(source: str, cell: str, degree: int = 1, **parameters: float) -> Any:
+def surface_of(source: str, cell: str, degree: int = 1, **parameters: float) -> Any:
+    """Return a space of displacements, and the surface of its body."""
     body = mesh.generate(MPI.COMM_SELF, source, cell, **parameters)
     V = _dolfinx.function_space(body.domain, degree, (3,))
-    surface = embedded_surface(V, body.skin)
-    sizes = smallest_at_points(V, surface, cell_sizes(V))
-    return surface, SurfaceSamples(surface, sizes)
+    return V, embedded_surface(V, body.skin)
 
 
 @pytest.mark.parametrize(("cell", "degree"), [("hexahedron", 1), ("tetrahedron", 2)])
 def test_samples_are_at_corners_and_integrate(cell: str, degree: int) -> None:
     """Every vertex is a sample, once; the unit cube's area is 6, its moments those of its faces."""
-    body = cube(MPI.COMM_SELF, cell, 2)
-    V = _dolfinx.function_space(body.domain, degree, (3,))
-    surface = embedded_surface(V, body.skin)
+    V, surface = surface_of("cube", cell, degree, cells=2)
     samples = SurfaceSamples(surface, smallest_at_points(V, surface, cell_sizes(V)))
     points = samples.at(surface.points)
     assert len(np.unique(np.round(points, 9), axis=0)) == len(points)
@@ -147,30 +141,22 @@ def test_samples_are_at_corners_and_integrate(cell: str, degree: int) -> None:
         assert samples.areas @ points[:, 0] ** 3 == pytest.approx(4 / 4 + 1, rel=1e-12)
 
 
-def crossing_wedges(depth: float, turn: float = np.pi / 4) -> Any:
-    """Return the crossings of two unit cubes with edges across each other, one of them on top."""
-    body = cube(MPI.COMM_SELF, "hexahedron", 1)
-    surface = embedded_surface(_dolfinx.function_space(body.domain, 1, (3,)), body.skin)
-    points, triangles = surface.points - 0.5, surface.triangles
-    lower = Rotation.from_rotvec([0, turn, 0]).apply(points)
-    upper = Rotation.from_rotvec([turn, 0, 0]).apply(points)
+@pytest.mark.parametrize("depth", [-0.1, 0.1])
+def test_crossing_edges_of_two_cubes_are_found(depth: float) -> None:
+    """One pair, at the place, with the normal and the gap of the geometry."""
+    _, surface = surface_of("cube", "hexahedron", cells=1)
+    triangles = surface.triangles
+    lower, upper = (turn.apply(surface.points - 0.5) for turn in TURNS["edges"])
     upper += [0.1, 0.05, lower[:, 2].max() - upper[:, 2].min() - depth]
     x = np.concatenate([lower, upper])
-    both = np.concatenate([triangles, triangles + len(points)])
+    both = np.concatenate([triangles, triangles + len(lower)])
     edges = SurfaceEdges(both)
     assert len(edges) == 36  # of each cube 12 edges and a diagonal of each face
-    return x, edges, edges.crossings(x, triangle_normals(x, both), 0.2)
-
-
-@pytest.mark.parametrize("depth", [-0.1, 0.1])
-def test_crossing_edges_are_found(depth: float) -> None:
-    """One pair, at the place, with the normal and the gap of the geometry."""
-    x, edges, found = crossing_wedges(depth)
+    found = edges.crossings(x, triangle_normals(x, both), 0.2)
     assert len(found.first) == 1
     ends = [x[edges.points[e[0]]] for e in (found.first, found.second)]
     points = [(1 - s) * a + s * b for s, (a, b) in zip(found.place[0], ends, strict=True)]
-    np.testing.assert_allclose(points[0][:2], [0.0, 0.05], atol=1e-12)
-    np.testing.assert_allclose(points[1][:2], [0.0, 0.05], atol=1e-12)
+    np.testing.assert_allclose(np.array(points)[:, :2], [[0.0, 0.05]] * 2, atol=1e-12)
     np.testing.assert_allclose(np.abs(found.normal[0]), [0, 0, 1], atol=1e-12)
     assert found.normal[0] @ (points[0] - points[1]) == pytest.approx(-depth, abs=1e-12)
     assert found.facing[0] == pytest.approx(np.sin(np.pi / 4))
@@ -178,7 +164,7 @@ def test_crossing_edges_are_found(depth: float) -> None:
 
 def test_averaged_normals_are_continuous_up_to_a_sharp_edge() -> None:
     """On an edge of a wave both triangles give the same normal; at the rim of a cube, their own."""
-    surface, _ = samples_of("two_blocks", "hexahedron", cells=4, gap=0.5)
+    _, surface = surface_of("two_blocks", "hexahedron", cells=4, gap=0.5)
     triangles, x = surface.triangles, surface.points.copy()
     x[:, 2] += 0.02 * np.sin(7 * x[:, 0] + 4 * x[:, 1])
     normals, outward = PseudoNormals(triangles), triangle_normals(x, triangles)

@@ -38,8 +38,7 @@ def local(data, cell):
 @pytest.mark.one_debian
 @pytest.mark.parametrize("divisions", [2, 3])
 @pytest.mark.parametrize(
-    "shape, cell",
-    [(BALL, 0.13), (Capsule((0, 0, 0), (0.5, 0.6, 0.7), 0.2), 0.11), (FINGERS, CELL)],
+    "shape, cell", [(BALL, 0.13), (Capsule((0, 0, 0), (0.5, 0.6, 0.7), 0.2), 0.11), (FINGERS, CELL)]
 )
 def test_the_skin_is_closed_on_the_shape_and_in_its_cells(shape, cell, divisions):
     data = lattice.lattice(shape, cell, divisions=divisions)

@@ -83,11 +83,12 @@ def accurate_snes(p, tolerance=1e-11):
     return snes
 
 
-def press(p, steps=1, tolerance=1e-11):
+def press(p: Any, steps: int = 1, tolerance: float = 1e-11) -> dict[str, Any]:
     """Solve load steps and return the last row."""
     stepper = Stepper(StepSolver(p, accurate_snes(p, tolerance), "none"), steps)
     rows = list(stepper)
     assert stepper.done, stepper.failure_message()
+    assert all(row["converged"] for row in rows)
     return rows[-1]
 
 
@@ -113,7 +114,7 @@ def march(p, dynamics, steps, velocity=None, tolerance=1e-11) -> Iterator[dict[s
                 again = p.history.update_lagged(u())
         dynamics.end_step(p)
         p.history.end_step(u())
-        rows = p.history.record(u())["obstacles"]
+        rows = p.history.record(u()).get("obstacles", {})
         yield {name: row | {"solves": p.history.solves} for name, row in rows.items()}
 
 

@@ -6,16 +6,16 @@ from typing import Any
 
 from mpi4py import MPI
 
+import contact_problems
 import numpy as np
 from bodies import Condition, Hold, create_problem
 
-from fem_snh import _dolfinx, solver
+from fem_snh.assembly.boundary_conditions import group_nodes
 from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.contact.body_contact import BodyContact, BodyPair
 from fem_snh.kernels.material import material
 from fem_snh.mesh import mesh
 from fem_snh.problem.problem import Problem
-from fem_snh.steps.stepping import Stepper, StepSolver
 
 #: The constants of LLNL's contact patch test, and its displacement.
 K, G, PRESS = 10.0, 0.25, 0.01
@@ -81,22 +81,14 @@ class TwoBlocks:
         )
         self.contact: Any = self.problem.terms[1]
 
-    def solve(self, steps: int = 1, tolerance: float = 1e-7) -> dict[str, Any]:
-        """Press in some steps and return the last row; ``tolerance`` is that of the residual."""
-        snes = solver.create(self.problem)
-        snes.getPythonContext().options["snes_scaled_tol"] = tolerance
-        rows = list(Stepper(StepSolver(self.problem, snes, "none"), steps))
-        assert rows[-1]["converged"], rows[-1]["reason"]
-        return rows[-1]
-
-    def nodes(self, group: str) -> np.ndarray:
-        """Return this rank's nodes of a group, ghosts included."""
-        found = self.mesh.group(group)
-        return _dolfinx.locate_dofs(self.problem.V, found.dim, found.entities)
+    def solve(self, tolerance: float = 1e-7) -> dict[str, Any]:
+        """Press in one step and return its row; ``tolerance`` is that of the residual."""
+        return contact_problems.press(self.problem, tolerance=tolerance)
 
     def values(self, group: str) -> tuple[np.ndarray, np.ndarray]:
         """Return reference coordinates and displacements of all ranks' nodes of a group."""
-        nodes, V = self.nodes(group), self.problem.V
+        V = self.problem.V
+        nodes = group_nodes(V, self.mesh, group)
         local = V.tabulate_dof_coordinates()[nodes], self.problem.u.x.array.reshape(-1, 3)[nodes]
         gathered = V.mesh.comm.allgather(local)
         X, u = map(np.concatenate, zip(*gathered, strict=True))
