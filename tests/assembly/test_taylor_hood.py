@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import ufl
 from bodies import Hold, create_problem, cube, dense, norm, wave
-from volume_energies import ENERGIES, TAYLOR_HOOD, moduli, mpi, set_state
+from volume_energies import ENERGIES, KEYWORDS, TAYLOR_HOOD, moduli, mpi, set_state
 
 from fem_snh import _dolfinx
 from fem_snh.assembly.elements import ELEMENTS
@@ -31,7 +31,7 @@ def test_taylor_hood_is_what_ufl_derives(comm, element, name, nu):
     # Rules that are the same for FFCx whatever degree an element has by default.
     kind = replace(kind, quadrature={"tetrahedron": 2, "hexahedron": 5}[kind.cell])
     body = cube(comm, kind.cell, 2, 0.05)
-    keywords = volume.keywords | {"nu": nu, "barrier": "barrier" in name}
+    keywords = KEYWORDS[name] | {"nu": nu, "barrier": "barrier" in name}
     p = set_state(create_problem(body, kind, material(E=1.0, **keywords)), wave(0.03), 0.3)
     r = p.x.duplicate()
     energy = p.energy(p.x)

@@ -15,7 +15,6 @@ from points import (
     assert_eigenvalues,
     deformations,
     every_material,
-    every_state,
     is_outside_domain,
     make,
     rotations,
@@ -49,7 +48,7 @@ def psi_exactly(energy: Energy, F: mpmath.matrix) -> mpmath.mpf:
     return energy.evaluate("mpmath", *(values[str(x)] for x in energy.measures))
 
 
-@every_state
+@pytest.mark.parametrize("state", STATES)
 @every_material
 def test_energy_stress_and_hessian_with_80_digits(m, state):
     """Reference: differences of the energy in 80 digits, exact to 25 digits."""

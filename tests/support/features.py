@@ -52,14 +52,10 @@ _BLOCKS = _scene(
 )
 _CLIP = {"mesh": {"source": "clip", "parameters": {"gap": 0.3}}, "cells": 1}
 _JAWS = _scene(
-    "clip",
-    **_CLIP,
-    move=[
-        {"group": "bottom", "translate": [0, 0, 0.25]},
-        {"group": "top", "translate": [0.1, 0, -0.25]},
-    ],
-    self_contact={"method": "reference"},
-)
+    "clip", **_CLIP, self_contact={"method": "reference"},
+    move=[{"group": "bottom", "translate": [0, 0, 0.25]},
+          {"group": "top", "translate": [0.1, 0, -0.25]}],
+)  # fmt: skip
 _BARRIER = _scene(
     "clip",
     mesh={"source": "clip", "parameters": {"gap": 0.3, "arm": 2}},
@@ -88,7 +84,6 @@ _LOADS = _scene(
     table=[{"name": "pulse", "points": [[0, 0], [0.5, 1], [1, 0.5]]}],
 )  # fmt: skip
 _ROLLERS = _scene(
-    "cube",
     hold=[{"group": "bottom", "components": ["z"]}],
     symmetry=[{"group": "left"}, {"group": "front"}],
     move=[{"group": "top", "components": ["z"], "translate": [0, 0, 0.5]}],
@@ -109,6 +104,8 @@ _LATTICE = _scene(
 _TUBE = {"cells": 3, "element": "Q2Q1", "kinematics": "axisymmetric", "steps": 3, "nu": 0.4999}
 _PRESSURES = {"element": "Q1P0", "cells": 6, "nu": 0.4999, "stretch": 1.4, "steps": 2}
 
+#: On the ground from the fourth step on.
+_BOUNCE = {"cells": 3, "friction": 0.3, "height": 0.05, "steps": 12, "time.duration": 0.3}
 #: Scene, options, rows after which a run is cut off.
 CASES: dict[str, tuple[Any, dict[str, Any], int]] = {
     "extrapolate": ("stretch", STRETCH, 3),
@@ -133,12 +130,7 @@ CASES: dict[str, tuple[Any, dict[str, Any], int]] = {
     "adaptive": (in_time({"duration": 0.4, "steps": 4, "tolerance": 1e-3}, **SWING), {}, 4),
     "weight": (_WEIGHT, {}, 3),
     "linearised": (in_time(BACK | {"integrator": "semi_implicit"}, **TURN), {}, 2),
-    # On the ground from the fourth step on.
-    "bounce": (
-        "bounce",
-        {"cells": 3, "friction": 0.3, "height": 0.05, "steps": 12, "time.duration": 0.3},
-        8,
-    ),
+    "bounce": ("bounce", _BOUNCE, 8),
     "rocking": (_rocking(0.0), {}, 3),
     "rocking with friction": (_rocking(0.3), {}, 3),
     "barrier": (_BARRIER, {}, 4),

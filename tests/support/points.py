@@ -76,7 +76,6 @@ PAIRS = ((1, 2), (0, 2), (0, 1))
 
 #: Groups of 64 stretches each: regular, equal, nearly equal, signed, of very different sizes.
 KINDS = stretches(64, seed=3)
-every_state = pytest.mark.parametrize("state", list(STATES))
 every_kind = pytest.mark.parametrize("kind", list(KINDS))
 
 

@@ -31,9 +31,7 @@ def options(**values):
 
 
 #: A direct solver keeps the symmetry of a state, so that unstable states are found.
-SYMMETRIC = {
-    "ksp_type": "preonly", "pc_type": "cholesky", "pc_factor_mat_solver_type": "mumps"
-}  # fmt: skip
+SYMMETRIC = {"ksp_type": "preonly", "pc_type": "cholesky", "pc_factor_mat_solver_type": "mumps"}
 
 
 def rotation(angle):
