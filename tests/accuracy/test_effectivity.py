@@ -131,10 +131,8 @@ def test_effectivity(case: str) -> None:
 def test_the_pressure_of_a_fluid() -> None:
     """Against the exact solution, to which nu = 0.4999 adds less than a hundredth of the error."""
     material = MaterialChoice(name="stable_neo_hookean", E=3.0, nu=0.4999)
-    scene = shell(SYMMETRIC).model_copy(
-        update={"material": material, "error": True, "element": "Q1P0", "cells": 4}
-    )
-    found = solve(scene)
+    update = {"material": material, "error": True, "element": "Q1P0", "cells": 4}
+    found = solve(shell(SYMMETRIC).model_copy(update=update))
     goal, volume = found.goals["inner.pressure"], found.steps[-1]["cavities"]["inner"]["volume"]
     error = exact((1 + volume * 6 / pi) ** (1 / 3)) - goal["value"]
     assert 0.01 < abs(error / goal["value"]) < 0.5

@@ -48,9 +48,8 @@ def test_sticking_is_a_penalty_too(method, limit):
         built_in = scenes.load("press", cells=2, to=0.8, steps=2, element="Q2", error=True)
         keys = {"stiffness": stiffness, "friction": 0.3, "method": method}
         obstacles = [obstacle.model_copy(update=keys) for obstacle in built_in.obstacle]
-        goal = solve(built_in.model_copy(update={"obstacle": obstacles})).estimate.goals[
-            "plate.force.z"
-        ]
+        estimate = solve(built_in.model_copy(update={"obstacle": obstacles})).estimate
+        goal = estimate.goals["plate.force.z"]
         return goal.value, goal.value + goal.parts["penalty"]
 
     (soft, of_soft), (_, of_stiff) = force(2e5), force(1e7)
@@ -60,39 +59,19 @@ def test_sticking_is_a_penalty_too(method, limit):
 
 def turned_foot(steps, **keys):
     """Return a ball that is pressed into a cube, then turned about an axis beside it."""
-    foot = {
-        "name": "foot",
-        "shape": {"sphere": {"center": (0.5, 0.5, 1.6), "radius": 0.6}},
-        "translate": (0, 0, -0.15),
-        "table": "down",
-        "rotate": {"axis": (0, 0, 1), "angle": 1.2, "through": (0.3, 0.5, 0), "table": "turn"},
-        "friction": 0.3,
-    }
+    foot = Obstacle(
+        name="foot", shape={"sphere": {"center": (0.5, 0.5, 1.6), "radius": 0.6}}, friction=0.3,
+        translate=(0, 0, -0.15), table="down",
+        rotate={"axis": (0, 0, 1), "angle": 1.2, "through": (0.3, 0.5, 0), "table": "turn"},
+    )  # fmt: skip
+    tables = {"down": [(0, 0), (0.5, 1), (1, 1)], "turn": [(0, 0), (0.5, 0), (1, 1)]}
     scene = Scene(
-        name="foot",
-        mesh=Geometry(source="cube"),
-        cells=2,
-        element="Q1P0",
-        steps=steps,
+        name="foot", mesh=Geometry(source="cube"), cells=2, element="Q1P0", steps=steps,
         material=MaterialChoice(name="stable_neo_hookean", E=1e4, nu=0.45),
-        hold=[Hold(group="bottom")],
-        table=[
-            Amplitude(name="down", points=[(0, 0), (0.5, 1), (1, 1)]),
-            Amplitude(name="turn", points=[(0, 0), (0.5, 0), (1, 1)]),
-        ],
-        obstacle=[Obstacle.model_validate(foot)],
-        accuracy=Accuracy(goals=["foot.force"]),
-    )
+        hold=[Hold(group="bottom")], obstacle=[foot], accuracy=Accuracy(goals=["foot.force"]),
+        table=[Amplitude(name=name, points=points) for name, points in tables.items()],
+    )  # fmt: skip
     return scenes.load(scene, **keys)
-
-
-#: Newton iterations with which some of these steps fail, and are halved.
-FEW = {"snes_max_it": 4}
-
-
-def halve_failed_steps(monkeypatch):
-    """Let steps that fail be halved, in place of being solved again in another way."""
-    monkeypatch.setattr("fem_snh.steps.stepping.StepSolver.can_rescue", False)
 
 
 @lru_cache
@@ -102,15 +81,15 @@ def force_of_foot(steps):
 
 
 @pytest.mark.one_debian
-@pytest.mark.parametrize("petsc", [{}, FEW])
+@pytest.mark.parametrize("petsc", [{}, {"snes_max_it": 4}])
 def test_the_error_of_the_load_steps(petsc, monkeypatch):
     """Friction follows a turn by chords: a quarter of the force with four steps of it.
 
     With few Newton iterations 8 steps are 10, and 4 are 6; with stiffer penalties no path is found,
     and a line says so.
     """
-    if petsc:
-        halve_failed_steps(monkeypatch)
+    if petsc:  # steps that fail are halved, in place of being solved again in another way
+        monkeypatch.setattr("fem_snh.steps.stepping.StepSolver.can_rescue", False)
     result = solve(turned_foot(8, error=True, petsc=petsc))
     force = np.array(result.steps[-1]["obstacles"]["foot"]["force"])
     assert sum(row["converged"] for row in result.steps) == (10 if petsc else 8)

@@ -2,24 +2,22 @@
 
 from __future__ import annotations
 
-import warnings
-
 from petsc4py import PETSc
 
 import numpy as np
 import pytest
 import ufl
 from dolfinx import fem, mesh
-from dolfinx_programs import vector_space
+from dolfinx_programs import tagged_measure, unit_cube, vector_space
 from running import solve
 from scipy.optimize import brentq
 from scipy.special import ellipk
 
 import fem_snh
-from fem_snh.errors import ResultNote
 from fem_snh.linalg.direct_solver import SymmetricFactors
 
 mpi = pytest.mark.mpi
+noted = pytest.mark.filterwarnings("ignore::fem_snh.errors.ResultNote")
 
 #: Slenderness of the column, which is clamped at one end and has a dead load on the other.
 LENGTH = 20.0
@@ -86,11 +84,8 @@ def column(comm, load, side=0.0, **settings):
     )
     V = vector_space(body, 2)
     u = fem.Function(V)
-    foot = mesh.locate_entities_boundary(body, 2, lambda x: np.isclose(x[0], 0))
-    head = np.sort(mesh.locate_entities_boundary(body, 2, lambda x: np.isclose(x[0], LENGTH)))
-    dofs = fem.locate_dofs_topological(V, 2, foot)
-    tags = mesh.meshtags(body, 2, head, np.ones(len(head), np.int32))
-    ds = ufl.Measure("ds", domain=body, subdomain_data=tags)
+    dofs = fem.locate_dofs_geometrical(V, lambda x: np.isclose(x[0], 0))
+    ds = tagged_measure("ds", body, [lambda x: np.isclose(x[0], LENGTH)])
     force = fem.Constant(body, np.array([-1.0, 0.0, side]) * load * EULER)
     m = fem_snh.material("stable_neo_hookean", E=1.0, nu=0.3)
     return fem_snh.NonlinearProblem(
@@ -117,13 +112,12 @@ def solved(p):
     return p
 
 
+@noted
 @mpi
 def test_a_straight_column_is_stable_up_to_the_load_of_euler(comm):
     """The line search with a given Hessian is Newton's method, which keeps the symmetry."""
     for load, negative in ((0.98, 0), (1.02, 2)):
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", ResultNote)
-            p = solved(column(comm, load, hessian="exact"))
+        p = solved(column(comm, load, hessian="exact"))
         assert side_of(p) < 1e-3
         assert p.negative_eigenvalues() == negative  # one for each plane
         assert [note.kind for note in p.notes] == ["unstable"] * (negative > 0)
@@ -153,29 +147,32 @@ def test_a_scene_tells_stable_from_unstable(comm, element):
     assert "stability" not in result.steps[0]
 
 
-def compressed(comm, cells, element):
-    """Return a clamped column in plane strain, solved, whose ends approach by 4.5 %."""
-    counts = [10 * cells, cells]
-    corners = [np.zeros(2), np.array([10.0, 1.0])]
-    body = mesh.create_rectangle(comm, corners, counts, mesh.CellType.quadrilateral)
-    V = vector_space(body, int(element[1]), 2)
+def clamped_column(comm, dim, across, element, approach):
+    """Return a straight column of length 10, solved, whose ends approached, and a condition."""
+    corners, counts = [np.zeros(dim), np.ones(dim)], [10 * across, *[across] * (dim - 1)]
+    corners[1][0] = 10.0
+    if dim == 2:
+        body = mesh.create_rectangle(comm, corners, counts, mesh.CellType.quadrilateral)
+    else:
+        body = mesh.create_box(comm, corners, counts, mesh.CellType.hexahedron)
+    V = vector_space(body, int(element[1]), dim)
     ends = [fem.locate_dofs_geometrical(V, lambda x, at=at: np.isclose(x[0], at)) for at in (0, 10)]
-    values = np.zeros(2), np.array([-0.45, 0.0])
+    values = np.zeros(dim), -10 * approach * np.eye(dim)[0]
     bcs = [fem.dirichletbc(value, dofs, V) for value, dofs in zip(values, ends, strict=True)]
-    m = fem_snh.material("stable_neo_hookean", E=1e4, nu=0.3)
-    keys = {"element": element, "kinematics": "plane_strain"}
-    return bcs, solved(fem_snh.NonlinearProblem(fem.Function(V), {m: ufl.dx}, bcs=bcs, **keys))
+    m = fem_snh.material("stable_neo_hookean", E=1e4, nu=0.3 if dim == 2 else 0.35)
+    keys = {"element": element, "kinematics": "plane_strain" if dim == 2 else None}
+    return bcs[1], solved(fem_snh.NonlinearProblem(fem.Function(V), {m: ufl.dx}, bcs=bcs, **keys))
 
 
 @mpi
 def test_a_straight_column_that_only_coarse_cells_keep_straight_has_no_estimate(comm):
     """It was printed: the column of the better element is straight, too, and unstable."""
-    bcs, coarse = compressed(comm, 1, "Q1")
+    push, coarse = clamped_column(comm, 2, 1, "Q1", 0.045)
     assert coarse.negative_eigenvalues() == 0 and not coarse.notes
-    estimate = coarse.estimate_error({"push": bcs[1]})
+    estimate = coarse.estimate_error({"push": push})
     assert "unstable: its Hessian has 1 negative eigenvalue," in estimate.reason
-    bcs, fine = compressed(comm, 3, "Q2")
-    found = fine.estimate_error({"push": bcs[1]})
+    push, fine = clamped_column(comm, 2, 3, "Q2", 0.045)
+    found = fine.estimate_error({"push": push})
     assert not found.reason and fine.negative_eigenvalues() == 0
     force = found.goals["push.x"]
     assert abs(force.error) < 0.01 * abs(force.value)
@@ -191,30 +188,14 @@ def test_the_lifted_state_is_examined_by_factors_or_iterations(asked, found, mon
     assert f"unstable: its Hessian has {found} eigenvalues" in result.estimate.reason
 
 
-def clamped_column(comm, approach, across=4, element="Q1"):
-    """Return a straight column of length 10 whose clamped ends approached, and a condition."""
-    counts = [10 * across, across, across]
-    corners = [np.zeros(3), np.array([10.0, 1.0, 1.0])]
-    body = mesh.create_box(comm, corners, counts, mesh.CellType.hexahedron)
-    V = vector_space(body, int(element[1]))
-    ends = [fem.locate_dofs_geometrical(V, lambda x, at=at: np.isclose(x[0], at)) for at in (0, 10)]
-    values = np.zeros(3), np.array([-10 * approach, 0.0, 0.0])
-    bcs = [fem.dirichletbc(value, dofs, V) for value, dofs in zip(values, ends, strict=True)]
-    m = fem_snh.material("stable_neo_hookean", E=1e4, nu=0.35)
-    return bcs[1], solved(
-        fem_snh.NonlinearProblem(fem.Function(V), {m: ufl.dx}, bcs=bcs, element=element)
-    )
-
-
+@noted
 @mpi
 @pytest.mark.parametrize("factored", [5_000, 10], ids=["factors", "iterations"])
 @pytest.mark.parametrize(("part", "unstable"), [(0.8, False), (1.25, True)])
 def test_the_end_of_a_mixed_column_is_examined(comm, part, unstable, factored, monkeypatch):
     """A straight one past buckling was converged without a note: Euler's strain is pi^2/300."""
     monkeypatch.setattr("fem_snh.solver.stability._MAX_FACTORED", factored)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ResultNote)
-        column = clamped_column(comm, part * np.pi**2 / 300, across=1, element="Q2Q1")[1]
+    column = clamped_column(comm, 3, 1, "Q2Q1", part * np.pi**2 / 300)[1]
     assert column.solver.getType() == "python" and not column.solver.getPythonContext().trust_ksp
     assert [note.kind for note in column.notes] == ["unstable"] * unstable
     assert column.negative_eigenvalues() == 2 * unstable  # one for each plane
@@ -223,39 +204,34 @@ def test_the_end_of_a_mixed_column_is_examined(comm, part, unstable, factored, m
 @mpi
 def test_a_column_of_many_nodes_that_would_buckle_has_no_estimate(comm):
     """It is stable in the run's element, and the lifted one has 6,561 nodes."""
-    push, column = clamped_column(comm, 0.033)
+    push, column = clamped_column(comm, 3, 4, "Q1", 0.033)
     assert column.negative_eigenvalues() == 0
-    assert "unstable: its Hessian has negative eigenvalues" in (
-        column.estimate_error({"push": push}).reason
-    )
+    reason = column.estimate_error({"push": push}).reason
+    assert "unstable: its Hessian has negative eigenvalues" in reason
 
 
+def forces_at_ends(body, size):
+    """Return dead loads that pull the lower and the upper face of a cube apart."""
+    ends = [lambda x: np.isclose(x[2], 0), lambda x: np.isclose(x[2], 1)]
+    ds = tagged_measure("ds", body, ends)
+    return [fem_snh.Traction(ds(tag), (0.0, 0.0, f)) for tag, f in ((1, -size), (2, size))]
+
+
+@noted
 @pytest.mark.one_debian("ranks")
 @mpi
 def test_a_rigid_motion_that_nothing_constrains_is_no_instability(comm):
     """The sign of its eigenvalue is rounding: a stretched body without supports has an estimate."""
-    body = mesh.create_unit_cube(comm, 2, 2, 2, mesh.CellType.tetrahedron)
-    u = fem.Function(vector_space(body, 2))
-    ends = [
-        np.sort(mesh.locate_entities_boundary(body, 2, lambda x, at=at: np.isclose(x[2], at)))
-        for at in (0.0, 1.0)
-    ]
-    facets = np.concatenate(ends).astype(np.int32)
-    values = np.repeat(np.arange(2, dtype=np.int32), [len(end) for end in ends])
-    order = np.argsort(facets)
-    tags = mesh.meshtags(body, 2, facets[order], values[order])
-    ds = ufl.Measure("ds", domain=body, subdomain_data=tags)
-    pull = [fem_snh.Traction(ds(i), (0.0, 0.0, side * 800.0)) for i, side in enumerate((-1, 1))]
+    body = unit_cube(comm, 2, "tetrahedron")
+    u, pull = fem.Function(vector_space(body, 2)), forces_at_ends(body, 800.0)
     m = fem_snh.material("stable_neo_hookean", E=1e4, nu=0.3)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ResultNote)
-        p = solved(fem_snh.NonlinearProblem(u, {m: ufl.dx}, terms=pull, element="P2"))
+    p = solved(fem_snh.NonlinearProblem(u, {m: ufl.dx}, terms=pull, element="P2"))
     assert p.negative_eigenvalues() == 0
     estimate = p.estimate_error(["volume"])
-    assert not estimate.reason
-    assert abs(estimate.goals["volume"].error) < 1e-6
+    assert not estimate.reason and abs(estimate.goals["volume"].error) < 1e-6
 
 
+@noted
 @mpi
 @pytest.mark.parametrize(("stiffer", "pinned"), [(20.0, False), (1.0, False), (20.0, True)])
 def test_a_free_body_under_pressure_is_no_instability(comm, stiffer, pinned):
@@ -263,52 +239,33 @@ def test_a_free_body_under_pressure_is_no_instability(comm, stiffer, pinned):
 
     A corner that is held leaves all rotations, and of two materials the prestress is inhomogeneous.
     """
-    body = mesh.create_unit_cube(comm, 2, 2, 2, mesh.CellType.hexahedron)
-    V = vector_space(body, 1)
+    body = unit_cube(comm, 2)
+    V = vector_space(body)
     corner = fem.locate_dofs_geometrical(V, lambda x: np.isclose(x, 0.0).all(axis=0))
     bcs = [fem.dirichletbc(np.zeros(3), corner, V)] if pinned else []
-    index = body.topology.index_map(3)
-    cells = np.arange(index.size_local + index.num_ghosts, dtype=np.int32)
-    right = mesh.locate_entities(body, 3, lambda x: x[0] > 0.49)
-    tags = mesh.meshtags(body, 3, cells, np.isin(cells, right).astype(np.int32))
-    dx = ufl.Measure("dx", domain=body, subdomain_data=tags)
+    dx = tagged_measure("dx", body, [lambda x: x[0] < 0.51, lambda x: x[0] > 0.49])
     materials = {
         fem_snh.material("stable_neo_hookean", E=E, nu=0.45): dx(tag)
-        for tag, E in enumerate((1e4, 1e4 * stiffer))
+        for tag, E in ((1, 1e4), (2, 1e4 * stiffer))
     }
-    pressure = [fem_snh.Pressure(ufl.ds, 2000.0)]
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ResultNote)
-        u = fem.Function(V)
-        p = fem_snh.NonlinearProblem(u, materials, bcs=bcs, terms=pressure, element="Q1P0")
-        solved(p)
+    keys = {"terms": [fem_snh.Pressure(ufl.ds, 2000.0)], "element": "Q1P0"}
+    p = solved(fem_snh.NonlinearProblem(fem.Function(V), materials, bcs=bcs, **keys))
     assert p.negative_eigenvalues() == 0
     estimate = p.estimate_error(["volume"])
     assert not estimate.reason and abs(estimate.goals["volume"].error) < 1e-3
 
 
+@noted
 @pytest.mark.one_debian("ranks")
 @mpi
 def test_a_free_body_under_dead_loads_that_push_is_unstable(comm):
     """It turns over: two rotations have a negative eigenvalue, which is no rounding."""
-    body = mesh.create_unit_cube(comm, 1, 1, 1, mesh.CellType.hexahedron)
-    u = fem.Function(vector_space(body, 1))
-    facets = [
-        np.sort(mesh.locate_entities_boundary(body, 2, lambda x, at=at: np.isclose(x[2], at)))
-        for at in (0.0, 1.0)
-    ]
-    order = np.argsort(np.concatenate(facets))
-    values = np.repeat(np.arange(2, dtype=np.int32), [len(end) for end in facets])
-    tagged = np.concatenate(facets).astype(np.int32)
-    tags = mesh.meshtags(body, 2, tagged[order], values[order])
-    ds = ufl.Measure("ds", domain=body, subdomain_data=tags)
-    push = [fem_snh.Traction(ds(i), (0.0, 0.0, side * 500.0)) for i, side in enumerate((1, -1))]
+    body = unit_cube(comm, 1)
+    u, push = fem.Function(vector_space(body)), forces_at_ends(body, -500.0)
     m = fem_snh.material("stable_neo_hookean", E=1e4, nu=0.3)
     keys = {"globalization": "linesearch", "hessian": "exact"}
     keys["petsc_options"] = {"ksp_type": "minres", "pc_type": "jacobi", "ksp_rtol": 1e-10}
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ResultNote)
-        p = solved(fem_snh.NonlinearProblem(u, {m: ufl.dx}, terms=push, **keys))
+    p = solved(fem_snh.NonlinearProblem(u, {m: ufl.dx}, terms=push, **keys))
     assert p.negative_eigenvalues() == 2
     # As many as the motions that nothing constrains, or less, were called rounding.
     assert "its Hessian has 2 negative eigenvalues" in p.estimate_error(["volume"]).reason

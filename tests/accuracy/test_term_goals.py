@@ -22,40 +22,33 @@ mpi = pytest.mark.mpi
 BALL = {"sphere": {"center": [0.5, 0.4, 1.45], "radius": 0.5}}
 
 
-def indented(element="Q1", obstacle=BALL, nu=0.3, **keys):
+SNH = MaterialChoice(name="stable_neo_hookean", E=1.0, nu=0.3)
+BOTTOM = Hold(group="bottom")
+
+
+def indented(element="Q1", **keys):
     """A cube that a ball dents; its stiffness is that of the material, so that it stays smooth."""
-    ball = Obstacle.model_validate(
-        {"name": "ball", "shape": obstacle, "translate": [0, 0, -0.1], "stiffness": 50.0}
-    )
+    ball = Obstacle(name="ball", shape=BALL, translate=(0, 0, -0.1), stiffness=50.0)
     return Scene(
-        name="indented",
-        mesh=Geometry(source="cube"),
-        element=element,
-        material=MaterialChoice(name="stable_neo_hookean", E=1.0, nu=nu),
-        hold=[Hold(group="bottom")],
-        **{"cells": 4, "obstacle": [ball]} | keys,
-    )
+        name="indented", mesh=Geometry(source="cube"), element=element, cells=4, material=SNH,
+        hold=[BOTTOM], obstacle=[ball], **keys,
+    )  # fmt: skip
 
 
 def blocks(element="P2", **keys):
     """Two blocks of different meshes, the upper one pressed on the lower one and sideways."""
+    mesh = Geometry(source="two_blocks", parameters={"upper_cells": 3, "gap": 0.0})
     return Scene(
-        name="blocks",
-        mesh=Geometry(source="two_blocks", parameters={"upper_cells": 3, "gap": 0.0}),
-        cells=2,
-        element=element,
-        material=MaterialChoice(name="stable_neo_hookean", E=1.0, nu=0.3),
-        hold=[Hold(group="bottom")],
+        name="blocks", mesh=mesh, cells=2, element=element, material=SNH, hold=[BOTTOM],
         move=[Move(group="top", translate=(0.02, 0.01, -0.2))],
-        contact=[Contact(groups=("lower_top", "upper_bottom"))],
-        **keys,
-    )
+        contact=[Contact(groups=("lower_top", "upper_bottom"))], **keys,
+    )  # fmt: skip
 
 
 SCENES = {
     "ball": (indented, "ball.force"),
     "contact": (blocks, "lower_top/upper_bottom.force"),
-    "cavity": (lambda: shell(SYMMETRIC).model_copy(update={"steps": 2}), "inner.pressure"),
+    "cavity": (lambda: shell(SYMMETRIC, steps=2), "inner.pressure"),
     "section": (lambda: scenes.load("seal", friction=0, cells=8, steps=2), "upper.force"),
 }
 
@@ -109,20 +102,17 @@ def test_the_force_of_an_obstacle_is_minus_the_reaction(comm, element):
 
 @mpi
 def test_a_program_has_the_goals_of_its_terms(comm):
-    body = Press(unit_cube(comm, 4))
-    SNH = fem_snh.material("stable_neo_hookean", E=1.0, nu=0.3)
-    ball = indented().obstacle[0].model_copy(update={"name": None, "translate": None})
+    body, snh = Press(unit_cube(comm, 4)), fem_snh.material("stable_neo_hookean", E=1.0, nu=0.3)
     lower = {"sphere": {"center": [0.5, 0.4, 1.35], "radius": 0.5}}
-    ball = Obstacle.model_validate(ball.model_dump(exclude_unset=True) | {"shape": lower})
-    problem = fem_snh.NonlinearProblem(body.u, {SNH: ufl.dx}, bcs=body.bcs[:1], terms=[ball])
+    ball = Obstacle(shape=lower, stiffness=50.0)
+    problem = fem_snh.NonlinearProblem(body.u, {snh: ufl.dx}, bcs=body.bcs[:1], terms=[ball])
     problem.solve()
     found = problem.estimate_error({"dent": ball, "floor": body.bcs[0]})
     dent, floor = found.goals["dent.z"], found.goals["floor.z"]
     assert dent.value == pytest.approx(-floor.value, rel=1e-4) and dent.value < 0
     assert dent.error == pytest.approx(-floor.error, rel=0.02)
-    stranger = ball.model_copy(deep=True)
     with pytest.raises(BadInput, match=r"an obstacle, a contact .* of its terms"):
-        problem.estimate_error([stranger])
+        problem.estimate_error([ball.model_copy(deep=True)])
 
 
 def test_defaults_are_static():

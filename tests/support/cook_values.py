@@ -3,7 +3,6 @@
 #: Displacement of the corner by nu: Q2Q1 on 32 cells (nu = 0.3), else on 64; errors below 0.4 %.
 CORNER = {
     0.3: {"corner.x": -7.016215, "corner.y": 7.831920},
-    0.49: {"corner.x": -5.902333, "corner.y": 6.988909},
     0.4999: {"corner.x": -5.823763, "corner.y": 6.924679},
 }
 #: By nu, extrapolated from Q2Q1 on 64 cells (docs/results/error.md).
