@@ -10,9 +10,9 @@ from fem_snh.errors import NotSettled
 from fem_snh.terms.term import MAX_STALLED, HistoryTerm, LaggedChange, TermHistory
 
 
-def changing(ratios):
-    """Return the history of a term whose changes are these ratios, in a step that has begun."""
-    left = iter(ratios)
+def test_pairs_that_alternate_end_the_step():
+    """The smallest change, of the second solve, is not undercut by ten further ones."""
+    left = cycle([20.0, 4.0, 7.0])
 
     class Pairs(HistoryTerm):
         name = "pairs"
@@ -23,19 +23,7 @@ def changing(ratios):
 
     history = TermHistory([Pairs()])
     history.begin_step(None)
-    return history
-
-
-def solves(history):
-    """Solve a step until it has settled; return how often it was solved."""
-    while history.update_lagged(None):
-        pass
-    return history.solves
-
-
-def test_pairs_that_alternate_end_the_step():
-    """The smallest change, of the second solve, is not undercut by ten further ones."""
-    history = changing(cycle([20.0, 4.0, 7.0]))
     with pytest.raises(NotSettled, match=r"^pairs is 7 times the tolerance after 12 solves, .*4"):
-        solves(history)
+        while history.update_lagged(None):
+            pass
     assert history.solves == 2 + MAX_STALLED

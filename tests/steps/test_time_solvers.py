@@ -11,11 +11,7 @@ from fem_snh.choices import GLOBALIZATIONS, HESSIANS
 from fem_snh.scenes import Scene
 
 #: A plane that the swinging cube hits, with friction.
-FLOOR = {
-    "name": "floor",
-    "shape": {"plane": {"point": [0, 0, -0.05]}},
-    "friction": 0.3,
-}
+FLOOR = {"name": "floor", "shape": {"plane": {"point": [0, 0, -0.05]}}, "friction": 0.3}
 
 
 def landed(hessian: str, globalization: str) -> np.ndarray:

@@ -31,8 +31,7 @@ class OneCell:
 
     def __init__(self, material, density: float) -> None:
         self.material = material
-        m = density / 8 * VALUES.T @ VALUES
-        self.M = np.kron(m, np.eye(3))
+        self.M = np.kron(density / 8 * VALUES.T @ VALUES, np.eye(3))
 
     def F(self, u: np.ndarray) -> np.ndarray:
         return np.eye(3) + np.einsum("ai,qaj->qij", u, GRADIENTS)
@@ -53,8 +52,7 @@ class OneCell:
         M, f = self.M, self.force
         u, v = u.ravel(), v.ravel()
         a = np.linalg.solve(M, -f(u.reshape(8, 3)))
-        before = None
-        rho = 0.8
+        before, rho = None, 0.8
         alpha_m, alpha_f = (2 * rho - 1) / (rho + 1), rho / (rho + 1)
         if integrator == "newmark":
             alpha_m = alpha_f = 0.0
@@ -67,9 +65,7 @@ class OneCell:
             elif integrator in ("newmark", "generalized_alpha"):
                 end = u + h * v + h**2 * (0.5 - beta) * a
                 old = alpha_m * M @ a + alpha_f * f(x)
-                u1 = self._solved(
-                    u, end, (1 - alpha_m) / (beta * h**2), 1 - alpha_f, old
-                )  # fmt: skip
+                u1 = self._solved(u, end, (1 - alpha_m) / (beta * h**2), 1 - alpha_f, old)
                 a1 = (u1 - end) / (beta * h**2)
                 u, v, a = u1, v + h * ((1 - gamma) * a + gamma * a1), a1
             else:
