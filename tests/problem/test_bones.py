@@ -26,10 +26,6 @@ def bone_nodes(result):
     return [(problem.coordinates[nodes], u[nodes]) for nodes in owned]
 
 
-def apply(affine, X):
-    return X @ affine[:, :3].T + affine[:, 3]
-
-
 @pytest.mark.one_debian
 @pytest.mark.parametrize("element", ["Q1P0", "P2", "P2P1"])
 def test_a_rigid_motion_of_all_bones_is_free_of_forces(element):
@@ -40,21 +36,16 @@ def test_a_rigid_motion_of_all_bones_is_free_of_forces(element):
         affine[:, 3] += load * shift
         return affine
 
-    scene = bar(
-        {"shape": UPPER, "motion": motion},
-        {"shape": LOWER, "motion": motion},
-        element=element,
-        steps=12,
-        petsc={"snes_scaled_tol": 1e-10},
-    )
-    result = solve(scene)
+    bones = ({"shape": shape, "motion": motion} for shape in (UPPER, LOWER))
+    result = solve(bar(*bones, element=element, steps=12, petsc={"snes_scaled_tol": 1e-10}))
     assert result.converged
     for step in result.record["steps"]:
         assert abs(step["energy"]) < 1e-8 * E * 2
         for bone in step["bones"].values():
             assert np.abs([bone["force"], bone["moment"]]).max() < 1e-8 * E * 2
     for X, u in bone_nodes(result):
-        assert u == pytest.approx(apply(motion(1.0), X) - X, abs=1e-12)
+        expected = X @ motion(1.0)[:, :3].T + motion(1.0)[:, 3] - X
+        assert u == pytest.approx(expected, abs=1e-12)
 
 
 @pytest.mark.one_debian
@@ -94,7 +85,6 @@ def test_a_node_follows_the_bone_in_which_it_is_deepest(element):
 @pytest.mark.mpi
 @pytest.mark.parametrize("degree", [1, 2])
 def test_bones_in_a_dolfinx_program_are_those_of_a_scene(comm, degree):
-    element = {1: "Q1", 2: "Q2"}[degree]
     program = Press(unit_cube(comm, 4), degree)
     bones = [
         Bone("fixed", Capsule((0.2, 0.5, 0.1), (0.8, 0.5, 0.1), 0.2)),
@@ -106,21 +96,16 @@ def test_bones_in_a_dolfinx_program_are_those_of_a_scene(comm, degree):
     )
     problem.solve()
     assert problem.solver.getConvergedReason() > 0
+    capsule = {"from": [0.2, 0.5, 0.1], "to": [0.8, 0.5, 0.1], "radius": 0.2}
+    sphere = {"center": [0.5, 0.5, 0.8], "radius": 0.3}
     scene = bar(
-        {"shape": {"capsule": {"from": [0.2, 0.5, 0.1], "to": [0.8, 0.5, 0.1], "radius": 0.2}}},
-        {
-            "shape": {"sphere": {"center": [0.5, 0.5, 0.8], "radius": 0.3}},
-            "motion": lambda load: turn(0.5 * load),
-        },
-        mesh={"source": "cube"},
-        cells=4,
-        element=element,
-        petsc={"snes_scaled_tol": 1e-10},
-    )
+        {"shape": {"capsule": capsule}},
+        {"shape": {"sphere": sphere}, "motion": lambda load: turn(0.5 * load)},
+        mesh={"source": "cube"}, cells=4, element=f"Q{degree}", petsc={"snes_scaled_tol": 1e-10},
+    )  # fmt: skip
     step = solve(scene, comm).record["steps"][-1]
-    assert [b["nodes"] for b in step["bones"].values()] == [
-        b.count for b in problem._problem.dirichlet.bones
-    ]
+    nodes = [bone["nodes"] for bone in step["bones"].values()]
+    assert nodes == [bone.count for bone in problem._problem.dirichlet.bones]
     largest = np.linalg.norm(program.u.x.array.reshape(-1, 3), axis=1).max()
     assert comm.allreduce(largest, op=MPI.MAX) == pytest.approx(step["max_u"], rel=1e-8)
 

@@ -1,4 +1,4 @@
-"""Groups by name and by number, in part inside of the body, and two cavities on one surface."""
+"""Conditions on groups by name and by number, at common nodes."""
 
 from __future__ import annotations
 
@@ -6,16 +6,10 @@ from typing import Any
 
 import pytest
 from gmsh_files import BOX, write_msh
+from running import solve
 
-import fem_snh
 from fem_snh.errors import BadInput
-from fem_snh.scenes import (
-    Hold,
-    MaterialChoice,
-    Move,
-    Probe,
-    Scene,
-)
+from fem_snh.scenes import Hold, MaterialChoice, Move, Probe, Scene
 
 pytestmark = pytest.mark.mpi
 
@@ -32,7 +26,7 @@ def scene(box: Any, **tables: Any) -> Scene:
 
 def message(made: Scene) -> str:
     with pytest.raises(BadInput) as caught:
-        fem_snh.run(made, progress=False)
+        solve(made)
     assert "\n" not in str(caught.value)
     return str(caught.value)
 
@@ -47,28 +41,23 @@ def test_one_group_by_name_and_by_number(box: Any) -> None:
     assert "[[move]] of 'start' constrains at the same nodes" in message(scene(box, move=twice))
     held = Hold(group="start", components=("y", "z"))
     pulled = Move(group="surface:start", translate=(0.1, 0, 0), components=("x",))
-    assert fem_snh.run(scene(box, hold=[held], move=[pulled]), progress=False).converged
+    assert solve(scene(box, hold=[held], move=[pulled])).converged
     equal = Move(group=20, translate=(0, 0, 0))
-    assert fem_snh.run(
-        scene(box, hold=[Hold(group="start")], move=[equal]), progress=False
-    ).converged
+    assert solve(scene(box, hold=[Hold(group="start")], move=[equal])).converged
 
 
 def test_a_common_edge_belongs_to_the_later_condition(box: Any) -> None:
     moved = Move(group="edge", translate=(0.1, 0, 0))
     corners = [Probe(name="on", point=(0, 0, 0)), Probe(name="off", point=(0, 0, 1))]
-    result = fem_snh.run(
-        scene(box, hold=[Hold(group="start")], move=[moved], probe=corners), progress=False
-    )
+    result = solve(scene(box, hold=[Hold(group="start")], move=[moved], probe=corners))
     found = result.steps[-1]["probes"]
     assert result.converged
     assert found["on"] == pytest.approx([0.1, 0, 0], abs=1e-12)
     assert found["off"] == pytest.approx([0, 0, 0], abs=1e-12)
     (note,) = [note for note in result.notes if note["kind"] == "load"]
-    assert note["text"].startswith(
-        "[[hold]] of 'start' and [[move]] of 'edge' prescribe other values of x at "
-    )
+    words = "[[hold]] of 'start' and [[move]] of 'edge' prescribe other values of x at "
+    assert note["text"].startswith(words)
     assert "common nodes, one at (0, 0, 0), where [[move]] of 'edge' is taken" in note["text"]
     roller = Hold(group="start", components=("y", "z"))
-    result = fem_snh.run(scene(box, hold=[roller], move=[moved]), progress=False)
+    result = solve(scene(box, hold=[roller], move=[moved]))
     assert result.converged and not [note for note in result.notes if note["kind"] == "load"]

@@ -152,10 +152,9 @@ def test_a_stored_state_continues_the_motion(comm, integrator, element, tmp_path
 
     def swing(cells=2):
         domain = unit_cube(comm, cells)
-        u, g = fem.Function(vector_space(domain, 2 if element == "Q2Q1" else 1)), None
+        u = fem.Function(vector_space(domain, 2 if element == "Q2Q1" else 1))
         nodes = fem.locate_dofs_geometrical(u.function_space, lambda x: x[2] < 1e-9)
-        g = fem.Function(u.function_space)
-        m = snh()
+        g, m = fem.Function(u.function_space), snh()
         problem = fem_snh.DynamicProblem(
             u, {m: ufl.dx}, {m: 1.0}, integrator, duration=1.0, element=element,
             bcs=[_dolfinx.prescribed(g, nodes)], damping=(0.1, 0.05),

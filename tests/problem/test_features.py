@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import ufl
 from dolfinx import fem, mesh
-from dolfinx_programs import vector_space
+from dolfinx_programs import tagged_measure, unit_cube, vector_space
 
 import fem_snh
 from fem_snh.scenes import Scene
@@ -25,9 +25,14 @@ CUBE: dict[str, Any] = {
     "petsc": TIGHT,
 }
 SNH = fem_snh.material("stable_neo_hookean", E=1.0, nu=0.4)
-#: Numbers of the faces x = 1 and z = 1.
-RIGHT, TOP = 1, 3
 RISE = {"name": "rise", "points": [[0, 0], [0.5, 0.1], [1, 0.5]]}
+#: Groups of the scene, which have these numbers in the program.
+GROUPS = {"right": 1, "top": 2}
+#: Tables of the scene, and the classes of the same keys of a program.
+FEATURES = {
+    "traction": fem_snh.Traction, "gravity": fem_snh.Gravity, "pressure": fem_snh.Pressure,
+    "spring": fem_snh.Spring, "obstacle": fem_snh.Obstacle,
+}  # fmt: skip
 
 
 def rise(x: float) -> float:
@@ -35,16 +40,8 @@ def rise(x: float) -> float:
 
 
 def faces(domain: Any) -> Any:
-    """The measure ds with the numbers RIGHT and TOP."""
-    found = [
-        mesh.locate_entities_boundary(domain, 2, lambda x, axis=axis: np.isclose(x[axis], 1.0))
-        for axis in (0, 2)
-    ]
-    facets = np.concatenate(found).astype(np.int32)
-    values = np.repeat(np.array([RIGHT, TOP], np.int32), [len(part) for part in found])
-    order = np.argsort(facets)
-    tags = mesh.meshtags(domain, 2, facets[order], values[order])
-    return ufl.Measure("ds", domain=domain, subdomain_data=tags)
+    """The measure ds with the numbers of GROUPS."""
+    return tagged_measure("ds", domain, [lambda x, i=i: np.isclose(x[i], 1.0) for i in (0, 2)])
 
 
 def bottom(V: Any) -> list[Any]:
@@ -60,76 +57,62 @@ def same(comm: Any, a: np.ndarray, b: np.ndarray, tolerance: float = 1e-8) -> bo
     )
 
 
-UP, ALONG = [0.02, 0, 0.1], [0, 0.1, 0]
-LOADS: dict[str, tuple[dict[str, Any], Any]] = {
-    "traction": (
-        {"traction": [{"group": "top", "vector": UP}, {"group": "right", "vector": ALONG}]},
-        lambda ds: [fem_snh.Traction(ds(TOP), UP), fem_snh.Traction(ds(RIGHT), ALONG)],
-    ),
-    "gravity": (
-        {"gravity": {"vector": [0, 0.02, -0.1]}},
-        lambda ds: [fem_snh.Gravity([0, 0.02, -0.1])],
-    ),
-    "pressure": (
-        {"pressure": [{"group": "top", "value": 0.1}, {"group": "right", "value": -0.05}]},
-        lambda ds: [fem_snh.Pressure(ds(TOP), 0.1), fem_snh.Pressure(ds(RIGHT), -0.05)],
-    ),
-    "spring": (
-        {
-            "spring": [{"group": "right", "stiffness": [0.1, 0, 1]}],
-            "traction": [{"group": "top", "vector": [0.1, 0, 0.1]}],
-        },
-        lambda ds: [
-            fem_snh.Spring(ds(RIGHT), [0.1, 0, 1]),
-            fem_snh.Traction(ds(TOP), [0.1, 0, 0.1]),
-        ],
-    ),
-    "obstacle": (
-        {
-            "obstacle": [
-                {
-                    "shape": {"plane": {"point": [0, 0, 1.05], "normal": [0, 0, -1]}},
-                    "translate": [0, 0, -0.2],
-                    "group": "top",
-                    "friction": 0.2,
-                    "name": "press",
-                }
-            ]
-        },
-        lambda ds: [
-            fem_snh.Obstacle(
-                {"plane": {"point": [0, 0, 1.05], "normal": [0, 0, -1]}},
-                translate=[0, 0, -0.2],
-                group=ds(TOP),
-                friction=0.2,
-                name="press",
-            )
-        ],
-    ),
-    "table": (
-        {"pressure": [{"group": "top", "value": 0.1, "table": "rise"}], "table": [RISE]},
-        lambda ds: [fem_snh.Pressure(ds(TOP), 0.1, rise)],
-    ),
-}
+PLATE = {"plane": {"point": [0, 0, 1.05], "normal": [0, 0, -1]}}
+#: Loads by kind: tables of the scene, each with its keys.
+LOADS: dict[str, list[tuple[str, dict[str, Any]]]] = {
+    "traction": [
+        ("traction", {"group": "top", "vector": [0.02, 0, 0.1]}),
+        ("traction", {"group": "right", "vector": [0, 0.1, 0]}),
+    ],
+    "gravity": [("gravity", {"vector": [0, 0.02, -0.1]})],
+    "pressure": [
+        ("pressure", {"group": "top", "value": 0.1}),
+        ("pressure", {"group": "right", "value": -0.05}),
+    ],
+    "spring": [
+        ("spring", {"group": "right", "stiffness": [0.1, 0, 1]}),
+        ("traction", {"group": "top", "vector": [0.1, 0, 0.1]}),
+    ],
+    "obstacle": [
+        ("obstacle", {"shape": PLATE, "translate": [0, 0, -0.2], "group": "top", "friction": 0.2,
+                      "name": "press"}),
+    ],
+    "table": [("pressure", {"group": "top", "value": 0.1, "table": "rise"})],
+}  # fmt: skip
+
+
+def run(kind: str, **keys: Any) -> Any:
+    """Return the result of the scene with these loads."""
+    tables = CUBE | keys | ({"table": [RISE]} if kind == "table" else {})
+    for table, given in LOADS[kind]:
+        tables = tables | {table: given if table == "gravity" else [*tables.get(table, []), given]}
+    result = fem_snh.run(Scene.model_validate(tables), progress=False)
+    assert result.converged
+    return result
+
+
+def terms(kind: str, domain: Any) -> list[Any]:
+    """Return the same loads as objects; a group is a measure, and a table is a function."""
+    ds, found = faces(domain), []
+    for table, keys in LOADS[kind]:
+        group = {"group": ds(GROUPS[keys["group"]])} if "group" in keys else {}
+        given = keys | group | ({"table": rise} if "table" in keys else {})
+        first = given.pop(next(iter(given)))
+        found.append(FEATURES[table](first, **given))
+    return found
 
 
 @pytest.mark.one_debian
 @pytest.mark.parametrize("kind", LOADS)
 def test_statics(comm: Any, kind: str) -> None:
     """The same state as the scene's; the names of the terms are those of run.json."""
-    tables, terms = LOADS[kind]
-    result = fem_snh.run(Scene.model_validate(CUBE | tables), progress=False)
-    assert result.converged
+    result = run(kind)
     domain = result.problem.domain
     u = fem.Function(vector_space(domain))
     problem = fem_snh.NonlinearProblem(
-        u,
-        {SNH: ufl.dx},
-        bcs=bottom(u.function_space),
-        terms=terms(faces(domain)),
-        densities={SNH: 2.0},
-        petsc_options=TIGHT,
-    )
+        u, {SNH: ufl.dx}, bcs=bottom(u.function_space), terms=terms(kind, domain),
+        densities={SNH: 2.0}, petsc_options=TIGHT,
+    )  # fmt: skip
     problem.solve()
     assert problem.solver.getConvergedReason() > 0
     assert same(comm, u.x.array, result.problem.u.x.array)
@@ -152,10 +135,10 @@ def given_as_ufl(terms: list[Any], domain: Any) -> tuple[list[Any], list[Any]]:
 @pytest.mark.parametrize("kind", ["traction", "gravity", "pressure", "spring"])
 def test_values_of_ufl(comm: Any, kind: str) -> None:
     """Constants that change between two solves give the state of the numbers."""
-    domain = mesh.create_unit_cube(comm, 2, 2, 2, mesh.CellType.hexahedron)
-    terms, states = LOADS[kind][1](faces(domain)), []
-    given, constants = given_as_ufl(terms, domain)
-    for some in (terms, given):
+    domain, states = unit_cube(comm, 2), []
+    numbers = terms(kind, domain)
+    given, constants = given_as_ufl(numbers, domain)
+    for some in (numbers, given):
         u = fem.Function(vector_space(domain))
         problem = fem_snh.NonlinearProblem(
             u, {SNH: ufl.dx}, bcs=bottom(u.function_space), terms=some,
@@ -173,12 +156,12 @@ def test_values_of_ufl(comm: Any, kind: str) -> None:
 
 def test_a_pressure_that_varies(comm: Any) -> None:
     """Its resultant on a block that hardly strains is that of p(x) = 1 + x on the face."""
-    domain = mesh.create_unit_cube(comm, 2, 2, 2, mesh.CellType.hexahedron)
+    domain = unit_cube(comm, 2)
     u = fem.Function(vector_space(domain))
     p = 1e-6 * (1 + ufl.SpatialCoordinate(domain)[0])
     problem = fem_snh.NonlinearProblem(
         u, {SNH: ufl.dx}, bcs=bottom(u.function_space),
-        terms=[fem_snh.Pressure(faces(domain)(TOP), p)], petsc_options=TIGHT,
+        terms=[fem_snh.Pressure(faces(domain)(GROUPS["top"]), p)], petsc_options=TIGHT,
     )  # fmt: skip
     problem.solve()
     assert "varies over the surface" in problem.notes[0].text
@@ -190,21 +173,13 @@ def test_a_pressure_that_varies(comm: Any) -> None:
 @pytest.mark.parametrize("kind", ["gravity", "pressure", "obstacle", "table"])
 def test_time(comm: Any, kind: str) -> None:
     """Forces without a table are constant; a function is one of the time [s]."""
-    tables, terms = LOADS[kind]
-    time = {"duration": 2.0, "steps": 4, "mass": "lumped"}
-    result = fem_snh.run(Scene.model_validate(CUBE | tables | {"time": time}), progress=False)
-    assert result.converged
-    u = fem.Function(vector_space(result.problem.domain))
+    result = run(kind, time={"duration": 2.0, "steps": 4, "mass": "lumped"})
+    domain = result.problem.domain
+    u = fem.Function(vector_space(domain))
     problem = fem_snh.DynamicProblem(
-        u,
-        {SNH: ufl.dx},
-        {SNH: 2.0},
-        duration=2.0,
-        mass="lumped",
-        bcs=bottom(u.function_space),
-        terms=terms(faces(u.function_space.mesh)),
-        petsc_options=TIGHT,
-    )
+        u, {SNH: ufl.dx}, {SNH: 2.0}, duration=2.0, mass="lumped", bcs=bottom(u.function_space),
+        terms=terms(kind, domain), petsc_options=TIGHT,
+    )  # fmt: skip
     rows = list(problem.steps(4))
     assert all(row["converged"] for row in rows)
     assert same(comm, u.x.array, result.problem.u.x.array, 1e-6)

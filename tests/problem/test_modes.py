@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
+from mpi4py import MPI
+
 import numpy as np
 import pytest
 import ufl
-from beam_theory import timoshenko
 from bodies import (
     MINIMISING,
     Condition,
@@ -22,13 +25,16 @@ from dolfinx import fem
 from dolfinx.mesh import CellType, create_box
 from dolfinx_programs import vector_space
 from mass_form import mass_matrix
+from running import solve
 from scipy.linalg import eigh
+from scipy.optimize import brentq
 
 import fem_snh
 from fem_snh import _dolfinx
 from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.mesh.mesh import generate
 from fem_snh.problem import modes
+from fem_snh.scenes import Geometry
 
 mpi = pytest.mark.mpi
 
@@ -36,6 +42,27 @@ mpi = pytest.mark.mpi
 def hertz(values):
     """Frequencies of eigenvalues omega^2, negative where these are."""
     return np.sign(values) * np.sqrt(abs(values)) / (2 * np.pi)
+
+
+def timoshenko(ratio, nu, count):
+    """omega L^2 sqrt(rho A/(E I)) of a cantilever of thickness 1 and length ``ratio``.
+
+    E I w'' = ..., with rotary inertia r^2 = I/(A L^2) and shear s^2 = E I/(k G A L^2), k = 5/6:
+    Huang 1961's frequency equation, below the cut-off.
+    """
+    r2 = 1 / 12 / ratio**2
+    s2 = r2 * 2 * (1 + nu) * 6 / 5
+
+    def equation(b):
+        root = np.sqrt((r2 - s2) ** 2 + 4 / b**2)
+        al, be = np.sqrt((-(r2 + s2) + root) / 2), np.sqrt((r2 + s2 + root) / 2)
+        cosines, sines = np.cosh(b * al) * np.cos(b * be), np.sinh(b * al) * np.sin(b * be)
+        shear = b * (r2 + s2) / np.sqrt(1 - b**2 * r2 * s2)
+        return 2 + (b**2 * (r2 - s2) ** 2 + 2) * cosines - shear * sines
+
+    grid = np.linspace(0.5, 80, 2000)
+    ends = [(a, b) for a, b in pairwise(grid) if equation(a) * equation(b) < 0]
+    return np.array([brentq(equation, *pair) for pair in ends[:count]])
 
 
 # --- oracles -------------------------------------------------------------------------------------
@@ -135,3 +162,40 @@ def test_an_unstable_state_has_negative_frequencies(comm):
     expected = hertz(eigh(K[free][:, free], M[free][:, free], eigvals_only=True)[:6])
     assert expected[0] < 0
     assert found.frequencies == pytest.approx(expected, rel=1e-7)
+
+
+# --- scaling, materials, ranks -------------------------------------------------------------------
+
+
+@pytest.mark.one_debian
+@mpi
+def test_frequencies_scale_as_the_square_root_of_E_over_density_over_length(comm):
+    found = []
+    for E, density, size in ((1.0, 1.0, 1.0), (200e9, 7800.0, 1e-3), (1e3, 1e3, 50.0)):
+        p = problem(cube(comm, "hexahedron", 2, size=size), "Q1", E=E, hold=[Hold("left")])
+        unit = np.sqrt(E / density) / size
+        found.append(np.array(modes.lowest(p, density, 5).frequencies) / unit)
+    assert found[1] == pytest.approx(found[0], rel=1e-9)
+    assert found[2] == pytest.approx(found[0], rel=1e-9)
+
+
+@mpi
+@pytest.mark.parametrize("free", [False, True])
+def test_any_number_of_ranks_gives_the_same_frequencies(comm, free):
+    setup = {"cells": 3, "count": 10, "aspect": 1.5, "element": "P2"}
+    setup |= {"hold": []} if free else {}
+    alone, together = (solve("modes", ranks, **setup) for ranks in (MPI.COMM_SELF, comm))
+    one, other = alone.frequencies, together.frequencies
+    assert other == pytest.approx(one, rel=1e-9, abs=1e-6 * one[-1])
+    start = 6 if free else 0
+    assert other[start:] == pytest.approx(one[start:], rel=1e-9)
+
+
+@pytest.mark.one_debian("ranks")
+@mpi
+def test_modes_of_a_loaded_state_come_after_the_load_steps(comm):
+    """A pulled bar is stiffer across: its lowest frequency rises, as a string's."""
+    setup = {"cells": 3, "steps": 1, "mesh": Geometry(source="cube"), "modes": {"count": 2}}
+    found = [solve("pull", stretch=s, **setup) for s in (1.0 + 1e-9, 1.5)]
+    assert found[1].frequencies[0] != pytest.approx(found[0].frequencies[0], rel=1e-2)
+    assert all(step["reactions"] for step in found[1].steps)

@@ -3,22 +3,11 @@
 from __future__ import annotations
 
 import csv
-import json
-
-from mpi4py import MPI
 
 import pytest
-
-import fem_snh
+from running import record, solve
 
 mpi = pytest.mark.mpi
-
-
-def solve(scene="modes", comm=MPI.COMM_WORLD, **kwargs):
-    return fem_snh.run(scene, comm=comm, progress=False, **kwargs)
-
-
-# --- files ---------------------------------------------------------------------------------------
 
 
 @pytest.mark.one_debian("serial")
@@ -27,14 +16,14 @@ def solve(scene="modes", comm=MPI.COMM_WORLD, **kwargs):
 def test_record_table_and_shapes(comm, folder, element):
     import pyvista
 
-    count = 4
-    result = solve(cells=3, count=count, aspect=2.0, element=element, density=500.0, out=folder)
+    setup = {"cells": 3, "count": 4, "aspect": 2.0, "element": element, "density": 500.0}
+    result = solve("modes", **setup, out=folder)
     comm.barrier()
-    modes = json.loads((folder / "run.json").read_text())["modes"]
+    modes = record(folder)["modes"]
     assert modes == result.record["modes"]
     assert modes["density"] == pytest.approx(500, rel=1e-12)
     assert modes["frequencies"] == result.frequencies
-    assert len(modes["residuals"]) == count and max(modes["residuals"]) < 1e-9
+    assert len(modes["residuals"]) == 4 and max(modes["residuals"]) < 1e-9
     seconds = result.record["seconds"]
     assert min(seconds.values()) >= 0 and seconds["modes"] > 0
     with (folder / "modes.csv").open() as file:
@@ -51,7 +40,7 @@ def test_record_table_and_shapes(comm, folder, element):
         assert not grid.point_data["displacement"].any()
         assert not mode[grid.points[:, 0] < 1e-9].any() and abs(mode).max() > 0
     comm.barrier()
-    again = solve("twist", cells=1, angle=0.1, out=folder, overwrite=True)
+    again = solve(cells=1, angle=0.1, out=folder, overwrite=True)
     comm.barrier()
     assert again.frequencies == [] and not list(folder.glob("modes*"))
     comm.barrier()

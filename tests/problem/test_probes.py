@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import json
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -12,49 +11,23 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
-from bodies import cube, set_values
+from bodies import cube
 
 import fem_snh
 from fem_snh import _dolfinx
+from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.errors import BadInput
-from fem_snh.mesh import mesh
 from fem_snh.problem.probes import Probes
+from fem_snh.scenes import Probe
 
 mpi = pytest.mark.mpi
-CELLS = {"Q1": ("hexahedron", 1), "P1": ("tetrahedron", 1)} | {
-    "Q2": ("hexahedron", 2),
-    "P2": ("tetrahedron", 2),
-}
 
 
-@dataclass
-class Point:
-    name: str
-    point: Any
-
-
-@dataclass
-class Body:
-    """What `set_values` and `Probes` need of a problem."""
-
-    V: Any
-    u: Any
-    x: Any
-
-
-def body(made: mesh.Mesh, degree: int) -> Body:
-    V = _dolfinx.function_space(made.domain, degree, (3,))
-    u = _dolfinx.function(V, "u")
-    return Body(V, u, _dolfinx.petsc_vec(u))
-
-
-def quadratic(X: np.ndarray) -> np.ndarray:
-    x, y, z = X.T
-    return np.stack([x * y + z, y * z - x, z * z + 2 * y], axis=1)
-
-
-def affine(X: np.ndarray) -> np.ndarray:
-    return X @ np.array([[1.0, 2, 3], [-2, 1, 4], [0.5, 0, 1]]) + [1, 2, 3]
+def field(x: np.ndarray, degree: int) -> np.ndarray:
+    """A polynomial of degree 1 or 2 of points (3, n)."""
+    if degree == 2:
+        return np.stack([x[0] * x[1] + x[2], x[1] * x[2] - x[0], x[2] * x[2] + 2 * x[1]])
+    return np.array([[1, -2, 0.5], [2, 1, 0], [3, 4, 1]]) @ x + [[1], [2], [3]]
 
 
 #: Inside, on a face, an edge and a corner of cells, and of the body.
@@ -66,19 +39,19 @@ POINTS = [
 
 @pytest.mark.one_debian("ranks")
 @mpi
-@pytest.mark.parametrize("element", CELLS)
+@pytest.mark.parametrize("element", ["Q1", "P1", "Q2", "P2"])
 def test_a_field_that_the_element_holds_is_exact(comm: MPI.Comm, element: str) -> None:
-    cell, degree = CELLS[element]
-    p = body(cube(comm, cell, cells=4), degree)
-    field = quadratic if degree == 2 else affine
-    set_values(p, field)
-    probes = Probes(p.u, [Point(f"p{i}", point) for i, point in enumerate(POINTS)])
+    cell, degree = ELEMENTS[element].cell, ELEMENTS[element].degree
+    domain = cube(comm, cell, cells=4).domain
+    u = _dolfinx.function(_dolfinx.function_space(domain, degree, (3,)), "u")
+    u.interpolate(lambda x: field(x, degree))
+    probes = Probes(u, [Probe(name=f"p{i}", point=point) for i, point in enumerate(POINTS)])
     values = probes.values()
     assert list(values) == [f"p{i}" for i in range(len(POINTS))]
-    expected = field(np.array(POINTS, dtype=float))
+    expected = field(np.array(POINTS, dtype=float).T, degree).T
     assert np.array(list(values.values())) == pytest.approx(expected, abs=1e-13)
     assert comm.allgather(values) == [values] * comm.size
-    set_values(p, lambda X: 2 * field(X))  # located once, evaluated again
+    u.interpolate(lambda x: 2 * field(x, degree))  # located once, evaluated again
     assert np.array(list(probes.values().values())) == pytest.approx(2 * expected, abs=1e-13)
 
 
@@ -86,13 +59,14 @@ def test_a_field_that_the_element_holds_is_exact(comm: MPI.Comm, element: str) -
 @pytest.mark.parametrize("point", [(1.001, 0.5, 0.5), (9, 9, 9), (0.5, -0.01, 0.5)])
 @pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
 def test_a_point_outside_is_bad_input_on_every_rank(comm: MPI.Comm, cell: str, point: Any) -> None:
-    p = body(cube(comm, cell, cells=2), 1)
+    V = _dolfinx.function_space(cube(comm, cell, cells=2).domain, 1, (3,))
     message = (
         rf"^probe 'far': \[{point[0]}.* is outside the body, which extends over "
         r"x = 0..1, y = 0..1, z = 0..1$"
     )
     with pytest.raises(BadInput, match=message):
-        Probes(p.u, [Point("near", (0, 0, 0)), Point("far", point)])
+        near, far = Probe(name="near", point=(0, 0, 0)), Probe(name="far", point=point)
+        Probes(_dolfinx.function(V, "u"), [near, far])
 
 
 # --- in runs -------------------------------------------------------------------------------------

@@ -28,16 +28,14 @@ mpi = pytest.mark.mpi
 elements = pytest.mark.parametrize("element", MINIMISING)
 
 
-def solve(p, load=1.0, tolerance=1e-12, **kwargs):
-    """To a residual of ``tolerance`` E V^(2/3), by tight linear solves on any number of ranks."""
-    snes = solver.create(p, **kwargs)
-    snes.getPythonContext().options |= {"snes_scaled_tol": tolerance, "snes_forcing_max": 0.0}
+def solve(p):
+    """To a residual of 1e-12 E V^(2/3), by tight linear solves on any number of ranks."""
+    snes = solver.create(p)
+    snes.getPythonContext().options |= {"snes_scaled_tol": 1e-12, "snes_forcing_max": 0.0}
     snes.getKSP().setTolerances(rtol=1e-12, atol=1e-15 * p.force_scale)
-    predictor = solver.Predictor(p, snes, "tangent")
-    predictor.predict(load)
+    solver.Predictor(p, snes, "tangent").predict(1.0)
     snes.solve(None, p.x)
     assert solver.converged_reason(snes) == "CONVERGED_FNORM_ABS"
-    return snes
 
 
 # --- affine states -------------------------------------------------------------------------------
@@ -66,10 +64,10 @@ def test_patch(comm, element, name):
     assert found["min_J"] == pytest.approx(found["volume_ratio"], rel=1e-9)
 
 
-def bar(comm, element, name="stable_neo_hookean", size=1.0, bend=0.03, **kwargs):
+def bar(comm, element, name="stable_neo_hookean", bend=0.03, **kwargs):
     """A cube on three rollers, its sides free to slide."""
     rollers = [Hold("left", ("x",)), Hold("front", ("y",)), Hold("bottom", ("z",))]
-    body = cube(comm, ELEMENTS[element].cell, 2, bend, size)
+    body = cube(comm, ELEMENTS[element].cell, 2, bend)
     return problem(body, element, name, hold=rollers, **kwargs)
 
 
@@ -111,7 +109,7 @@ def test_small_traction_is_linear_elasticity(comm, element, name):
     """u = t L / E along, -nu t L / E across, for every material: they agree at small strain."""
     E, t = 50.0, 50.0 * 1e-4
     p = bar(comm, element, name, E=E, features=[Traction("right", (t, 0, 0))])
-    solve(p, tolerance=1e-12)
+    solve(p)
     assert [term.name for term in p.terms] == ["elastic", "traction"]
     nu = MATERIALS[name]["nu"]
     X = p.V.tabulate_dof_coordinates()[: p.x.getLocalSize() // 3]
@@ -146,14 +144,8 @@ def test_traction_is_the_derivative_of_its_energy_and_follows_the_load(comm):
 @mpi
 def test_without_an_energy_there_are_forces(comm):
     """Stresses that are no gradient balance all the same, and do so in an unmoved body."""
-    filtered = material("filtered_neo_hookean", nu=0.3)
-    p = create_problem(
-        cube(comm, "hexahedron", 2, 0.05),
-        ELEMENTS["Q1"],
-        filtered,
-        hold=[Hold("left")],
-        reactions=["left"],
-    )
+    filtered, body = material("filtered_neo_hookean", nu=0.3), cube(comm, "hexahedron", 2, 0.05)
+    p = create_problem(body, ELEMENTS["Q1"], filtered, hold=[Hold("left")], reactions=["left"])
     assert not p.has_energy and problem(cube(comm, "hexahedron", 1), "Q1").has_energy
     with pytest.raises(BadInput, match="'filtered_neo_hookean' has no energy, only a stress"):
         p.energy(p.x)
@@ -173,12 +165,8 @@ def test_prescribed_values_are_exact_and_follow_the_load(comm, element):
     def turn(X, load):
         return load * np.stack([X[:, 1], -X[:, 0], 0 * X[:, 0]], axis=1)
 
-    p = problem(
-        cube(comm, ELEMENTS[element].cell, 2),
-        element,
-        hold=[Hold("left"), Hold("corners", ("z",))],
-        move=[Condition("right", turn, ("x", "y"))],
-    )
+    hold, move = [Hold("left"), Hold("corners", ("z",))], [Condition("right", turn, ("x", "y"))]
+    p = problem(cube(comm, ELEMENTS[element].cell, 2), element, hold=hold, move=move)
     set_values(p, wave(1.0))
     before = p.x.array.copy()
     p.set_load(0.5)

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 import ufl
-from dolfinx import fem, mesh
-from dolfinx_programs import vector_space
+from dolfinx import fem
+from dolfinx_programs import unit_cube, vector_space
 from running import solve
 
 import fem_snh
@@ -17,14 +17,9 @@ pytestmark = pytest.mark.mpi
 
 #: A cube that is clamped at its left side and pulled at its right one, on a smooth floor.
 CLAMPED: dict[str, Any] = {
-    "scene": "twist",
-    "cells": 3,
-    "steps": 1,
-    "move": [],
+    "cells": 3, "steps": 1, "nu": 0.3, "move": [], "reactions": ["left", "bottom", "top"],
     "traction": [{"group": "right", "vector": [0.05, 0.02, 0.0]}],
-    "reactions": ["left", "bottom", "top"],
-    "nu": 0.3,
-}
+}  # fmt: skip
 FLOORS = [
     {"hold": [{"group": "left"}, {"group": "bottom", "components": ["z"]}]},
     {"hold": [{"group": "left"}], "symmetry": [{"group": "bottom"}]},
@@ -35,7 +30,7 @@ FLOORS = [
 def test_a_smooth_floor_has_no_friction(comm: Any, floor: dict[str, Any]) -> None:
     """At its edge with the clamped side it had 8 % of that side's force."""
     keys = CLAMPED | floor | {"accuracy": {"goals": ["bottom.force", "left.force.x"]}}
-    result = solve(keys.pop("scene"), comm=comm, **keys)
+    result = solve(comm=comm, **keys)
     reactions = {name: np.array(force) for name, force in result.steps[-1]["reactions"].items()}
     assert reactions["left"] == pytest.approx([-0.05, -0.02, reactions["left"][2]], abs=1e-7)
     assert reactions["bottom"][:2] == pytest.approx([0, 0], abs=1e-15)
@@ -52,34 +47,28 @@ def test_a_smooth_floor_has_no_friction(comm: Any, floor: dict[str, Any]) -> Non
 
 #: Of a cube: clamped at two faces with a common edge, with a corner of a roller, moved at a third.
 CORNER: dict[str, Any] = {
-    "cells": 3,
-    "steps": 1,
-    "nu": 0.3,
-    "hold": [{"group": "left"}, {"group": "bottom"}],
-    "move": [],
+    "cells": 3, "steps": 1, "nu": 0.3, "hold": [{"group": "left"}, {"group": "bottom"}], "move": [],
     "traction": [{"group": "right", "vector": [0.05, 0.02, 0.01]}],
-}
+}  # fmt: skip
 PUSH = {"group": "top", "translate": [0, 0, -0.05], "components": ["x", "z"]}
+SPHERE = {"sphere": {"center": [0, 0, 0.5], "radius": 0.4}}
 ROLLER = {"group": "front", "components": ["y"]}
 SHARED: dict[str, dict[str, Any]] = {
     "two clamped faces": {},
     "with a motion": {"move": [PUSH]},
     "and a roller": {"move": [PUSH], "hold": [*CORNER["hold"], ROLLER]},
     "a plane of symmetry": {"hold": [{"group": "left"}], "symmetry": [{"group": "bottom"}]},
-    "a bone": {
-        "bone": [{"name": "b", "shape": {"sphere": {"center": [0, 0, 0.5], "radius": 0.4}}}]
-    },
+    "a bone": {"bone": [{"name": "b", "shape": SPHERE}]},
 }
 
 
 def test_a_condition_of_a_program_has_what_no_later_one_sets(comm: Any) -> None:
     """The sum of both forces balances the load; on the common edge both had them."""
-    domain = mesh.create_unit_cube(comm, 3, 3, 3, mesh.CellType.hexahedron)
+    domain = unit_cube(comm)
     V = vector_space(domain)
     u, bcs = fem.Function(V), []
     for axis in (0, 2):
-        facets = mesh.locate_entities_boundary(domain, 2, lambda x, i=axis: np.isclose(x[i], 0))
-        dofs = fem.locate_dofs_topological(V, 2, facets)
+        dofs = fem.locate_dofs_geometrical(V, lambda x, i=axis: np.isclose(x[i], 0))
         bcs.append(fem.dirichletbc(np.zeros(3), dofs, V))
     material = fem_snh.material("stable_neo_hookean", E=1.0, nu=0.3)
     load = ufl.dot(fem.Constant(domain, (0.05, 0.02, 0.01)), u) * ufl.dx
@@ -100,7 +89,7 @@ def test_the_reactions_of_all_groups_balance_the_loads(comm: Any, case: str) -> 
     tables = [*keys["hold"], *keys["move"], *keys.get("symmetry", [])]
     names = ["body", *(table["group"] for table in tables)]
     groups = [{"group": name, "about": [0, 0, 0]} for name in names]
-    result = solve("twist", comm=comm, **keys, reactions=groups)
+    result = solve(comm=comm, **keys, reactions=groups)
     row = result.steps[-1]
     force, moment = (np.array([row[key][n] for n in names]) for key in ("reactions", "moments"))
     bones = [bone["force"] for bone in row.get("bones", {}).values()]
