@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from fem_snh.scenes import register_feature
     from fem_snh.studies.fit import Fit, fit
     from fem_snh.terms.cavity import Cavity
-    from fem_snh.terms.conditions import Hold, Move, Symmetry
+    from fem_snh.terms.dirichlet import Hold, Move, Symmetry
     from fem_snh.terms.feature import Feature
     from fem_snh.terms.loads import Gravity, Pressure, Spring, Traction
     from fem_snh.terms.rigid import Rigid
@@ -73,9 +73,9 @@ _MODULES = {
     "Pressure": "terms.loads",
     "Rigid": "terms.rigid",
     "Spring": "terms.loads",
-    "Hold": "terms.conditions",
-    "Move": "terms.conditions",
-    "Symmetry": "terms.conditions",
+    "Hold": "terms.dirichlet",
+    "Move": "terms.dirichlet",
+    "Symmetry": "terms.dirichlet",
     "Term": "terms.term",
     "Traction": "terms.loads",
 }

@@ -156,9 +156,9 @@ def expect_singular_matrix(ksp: PETSc.KSP) -> None:
 
 
 def expect_definite_matrix(ksp: PETSc.KSP) -> None:
-    """Let PETSc's factors, which do not pivot, serve until a matrix is not positive definite.
+    """Factor by PETSc, which does not pivot, until a matrix is not positive definite.
 
-    From then on those by MUMPS serve (`set_operators`).
+    From then on MUMPS factors (`set_operators`).
     """
     ksp.getPC().setFactorSolverType(PETSc.Mat.SolverType.PETSC)
     ksp.getPC().setFactorPivot(0.0)  # whatever the units, no other pivot is zero

@@ -439,7 +439,9 @@ def yield_much(penalties: Array, scales: Array, asked: float) -> bool:
 def unsettled_penalties(
     problem: Problem, goals: Sequence[Goal], values: Array, penalties: Array
 ) -> Array:
-    """Return what is unsettled of the part of penalties; zero if no surfaces of the body touch.
+    """Return the uncertainty of each goal's correction for penalties, (goals,).
+
+    It is zero if no surfaces of the body touch.
 
     Parameters
     ----------
@@ -448,7 +450,7 @@ def unsettled_penalties(
     goals : sequence of Goal
         The goals.
     values, penalties : (goals,) array
-        Their values, and the part that is added for penalties.
+        Values of the goals, and the corrections that are added for penalties.
     """
     if not problem.coupling_terms:
         return np.zeros(len(values))

@@ -644,12 +644,12 @@ class EnergyGoal(Goal):
 
 
 class RigidGoal(VectorGoal):
-    """Components of a motion of a rigid part, or of what holds it against the flesh.
+    """Components of the motion of a rigid part, or of the force or moment that holds it.
 
     Parameters
     ----------
     part, kind : str
-        The part's name, and "displacement" [m] of its point, "rotation" [rad], the rotation vector,
+        The part's name, and "displacement" [m] of its reference point, "rotation" [rad], a vector,
         "force" [N] or "moment" [N m] about the point.
     components : sequence of int, optional
         The components; default: all.

@@ -33,7 +33,7 @@ from fem_snh.kernels.block_pattern import concatenated_ranges
 from fem_snh.kernels.cell_matrices import MatrixAddition
 
 if TYPE_CHECKING:
-    from fem_snh.assembly.folding import Folding
+    from fem_snh.assembly.elimination import Elimination
 
 Array = npt.NDArray[Any]
 
@@ -172,7 +172,7 @@ class BlockMatrix:
         if layout is not None:
             self.mat = layout.mat.duplicate()
         self._couplings: Couplings | None = None
-        self._folding: Folding | None = None
+        self._elimination: Elimination | None = None
         self.addresses: list[int] = []
 
         if constrained is None:
@@ -207,8 +207,8 @@ class BlockMatrix:
         if self._couplings:
             self._couplings.set_values(self.mat)
         self.mat.assemble()
-        if self._folding:
-            self._folding.apply(self.mat)
+        if self._elimination:
+            self._elimination.apply(self.mat)
         # Preconditioners compare this counter; writing to the arrays does not increase it.
         self.mat.stateIncrease()
         if self._planes:
@@ -247,19 +247,19 @@ class BlockMatrix:
             self._couplings = Couplings(self._dof_map, self.constrained_dofs)
         if self._couplings.require(pairs):
             self._set_layout(MatrixLayout(self._dof_map, self._couplings.pairs, self.mat))
-            self._couple_folded()
+            self._couple_eliminated()
 
-    def fold(self, create: Callable[[MixedDofMap], Folding]) -> Folding:
+    def eliminate(self, create: Callable[[MixedDofMap], Elimination]) -> Elimination:
         """Return a fold of the dof map, which `adding` applies from now on. Collective."""
-        self._folding = create(self._dof_map)
+        self._elimination = create(self._dof_map)
         self._couplings = Couplings(self._dof_map, self.constrained_dofs)
-        self._couple_folded()
-        return self._folding
+        self._couple_eliminated()
+        return self._elimination
 
-    def _couple_folded(self) -> None:
+    def _couple_eliminated(self) -> None:
         """Extend the sparsity pattern by the pairs of the fold, if there is one."""
-        if self._folding and self._couplings:
-            if self._couplings.require_folded(self._folding.pairs(self.mat)):
+        if self._elimination and self._couplings:
+            if self._couplings.require_eliminated(self._elimination.pairs(self.mat)):
                 self._set_layout(MatrixLayout(self._dof_map, self._couplings.pairs, self.mat))
 
     def add_couplings(self, nodes: Array, matrices: Array, others: Array | None = None) -> None:
@@ -333,8 +333,8 @@ class BlockMatrix:
         if self._diagonal_vec is None:
             self._diagonal_vec = self.mat.getDiagonal()
             values, constrained = self._diagonal_vec.array, self.constrained_dofs
-            if self._folding:
-                constrained = np.union1d(constrained, self._folding.eliminated)
+            if self._elimination:
+                constrained = np.union1d(constrained, self._elimination.eliminated)
             if self._constrained_diagonal is None:
                 free = np.delete(values[: self._num_u], constrained)
                 local = np.array([np.abs(free).sum(), len(free)])

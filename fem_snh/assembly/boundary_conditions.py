@@ -37,7 +37,7 @@ _DEPENDENT = 1e-7
 
 @dataclass(eq=False)
 class Condition:
-    """What one condition constrains, and its values.
+    """The dofs that one condition constrains, and their values.
 
     Attributes
     ----------

@@ -50,13 +50,13 @@ class Couplings:
         self._num_dofs = dof_map.comm.allreduce(dof_map.num_owned_dofs)
         self._fixed = np.concatenate(dof_map.comm.allgather(first + constrained_dofs))
         self._keys = np.empty(0, np.int64)
-        self._folded = np.empty(0, np.int64)
+        self._eliminated = np.empty(0, np.int64)
         self._last: list[Array] = []
         self._added: list[tuple[Array, Array, Array]] = []
 
     @property
     def pairs(self) -> Array:
-        keys = np.union1d(self._keys, self._folded) if len(self._folded) else self._keys
+        keys = np.union1d(self._keys, self._eliminated) if len(self._eliminated) else self._keys
         return np.stack(np.divmod(keys, self._num_blocks), axis=1)
 
     def require(self, pairs: Sequence[Array]) -> bool:
@@ -81,17 +81,17 @@ class Couplings:
         self._last = list(pairs)
         return bool(changed)
 
-    def require_folded(self, blocks: Array) -> bool:
+    def require_eliminated(self, blocks: Array) -> bool:
         """Include the pairs of a fold; return whether `pairs` changed on any rank. Collective.
 
         Parameters
         ----------
         blocks : (n, 2) int64
-            See `fem_snh.assembly.folding.Folding.pairs`.
+            See `fem_snh.assembly.elimination.Elimination.pairs`.
         """
         keys = np.unique(blocks[:, 0] * self._num_blocks + blocks[:, 1])
-        missing = not np.isin(keys, self._folded, assume_unique=True).all()
-        self._folded = np.union1d(keys, self._folded)
+        missing = not np.isin(keys, self._eliminated, assume_unique=True).all()
+        self._eliminated = np.union1d(keys, self._eliminated)
         return bool(self._dof_map.comm.allreduce(missing, op=MPI.LOR))
 
     def add(self, nodes: Array, matrices: Array, others: Array | None = None) -> None:

@@ -126,7 +126,7 @@ def regions_with(
 
 
 def fill_regions(mesh: Mesh, fillings: Sequence[Filling]) -> list[Region]:
-    """Return the regions of a mesh whose groups are filled by materials. Collective.
+    """Return a region for each filling, in their order; [] without fillings. Collective.
 
     Parameters
     ----------

@@ -97,7 +97,7 @@ class Parser(argparse.ArgumentParser):
 
 
 def output(text: str) -> Path:
-    """Return the path of a folder or file that is written; an empty text is none."""
+    """Return the path of a folder or file that is written; an empty text is refused."""
     try:
         return output_path("path", text)
     except BadInput as error:  # argparse would not show the message of a ValueError

@@ -26,7 +26,8 @@ from fem_snh.contact.surface_contact import SelfContactTerm
 from fem_snh.errors import BadInput, NotSettled, choose
 from fem_snh.mesh.gmsh_model import Skin
 from fem_snh.processes import call
-from fem_snh.terms.term import LaggedChange, StepLimitingTerm
+from fem_snh.terms.history import LaggedChange
+from fem_snh.terms.term import StepLimitingTerm
 
 Array = npt.NDArray[Any]
 

@@ -40,7 +40,8 @@ from fem_snh.contact.triangle_search import (
 )
 from fem_snh.errors import bad_value, choose
 from fem_snh.kernels.cell_matrices import filter_matrices
-from fem_snh.terms.term import CouplingTerm, LaggedChange, MeanForceTerm, relative
+from fem_snh.terms.history import LaggedChange, relative
+from fem_snh.terms.term import CouplingTerm, MeanForceTerm
 
 Array = npt.NDArray[Any]
 

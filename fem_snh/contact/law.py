@@ -17,7 +17,7 @@ from fem_snh.assembly.regions import Region
 from fem_snh.contact.surface_quadrature import SurfaceQuadrature
 from fem_snh.geometry.motions import MovingShape
 from fem_snh.mesh.mesh import cell_volumes
-from fem_snh.terms.term import LaggedChange, largest_change, relative
+from fem_snh.terms.history import LaggedChange, largest_change, relative
 
 if TYPE_CHECKING:
     from fem_snh.contact.body_contact import BodyPair

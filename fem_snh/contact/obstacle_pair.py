@@ -28,7 +28,7 @@ from fem_snh.contact.surface_quadrature import (
 )
 from fem_snh.geometry.motions import MovingShape
 from fem_snh.kernels.cell_matrices import filter_matrices
-from fem_snh.terms.term import LaggedChange, relative
+from fem_snh.terms.history import LaggedChange, relative
 
 Array = npt.NDArray[Any]
 

@@ -43,7 +43,7 @@ from fem_snh.contact.triangle_search import CloserTargets, ReferenceSurface, app
 from fem_snh.errors import choose
 from fem_snh.geometry.closest_points import PseudoNormals, triangle_normals
 from fem_snh.mesh.gmsh_model import Skin
-from fem_snh.terms.term import LaggedChange, relative
+from fem_snh.terms.history import LaggedChange, relative
 
 Array = npt.NDArray[Any]
 

@@ -26,7 +26,8 @@ from fem_snh.contact.law import ContactLaw
 from fem_snh.contact.surface_quadrature import DeepestPoint
 from fem_snh.mesh.gmsh_model import Skin
 from fem_snh.records.output_fields import CONTACT_PRESSURES
-from fem_snh.terms.term import CouplingTerm, ForceTerm, HistoryTerm, LaggedChange, largest_change
+from fem_snh.terms.history import HistoryTerm, LaggedChange, largest_change
+from fem_snh.terms.term import CouplingTerm, ForceTerm
 
 if TYPE_CHECKING:
     from fem_snh.contact.body_contact import SurfacePair

@@ -20,7 +20,7 @@ def skew(v: Array) -> Array:
 
 
 def rotate(omega: Array, r: Array) -> Array:
-    """Return vectors r, (..., 3), rotated by rotation vectors omega (Rodrigues' formula)."""
+    """Return vectors r, (..., 3), rotated by rotation vectors omega [rad] (Rodrigues' formula)."""
     angle = np.linalg.norm(omega, axis=-1, keepdims=True)
     first, second = np.sinc(angle / np.pi), np.sinc(angle / (2 * np.pi)) ** 2 / 2
     once = np.cross(omega, r)

@@ -130,7 +130,10 @@ def _loops() -> Integers:
 
 
 def surface_on(shape: Shape, grid: Grid) -> tuple[Array, Triangles]:
-    """Return points (n, 3) and triangles (m, 3) of a shape's surface on the cubes of a grid."""
+    """Return points (n, 3) [m] and triangles (m, 3) of a shape's surface in a whole grid.
+
+    `triangulate` with one cube in each of the grid's cells that the surface may cut.
+    """
     cells = cells_of_box(np.zeros(3, np.int64), grid.shape)
     near = np.abs(shape.distance(grid.centres(cells))) < grid.size * np.sqrt(0.75)
     return triangulate(shape, grid, cells[near], 1)

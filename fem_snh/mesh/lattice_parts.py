@@ -34,7 +34,8 @@ class Parts(NamedTuple):
     Attributes
     ----------
     labels : (cells of the grid, s, s, s) int32 array
-        Of each cube the lattice's cell that it belongs to, counted from 1; 0 outside of the solid.
+        For each cube, s along an edge of a cell, the number of its lattice cell, counted from 1;
+        0 outside of the solid.
     owner : (n,) int array
         The cell of the grid in which each cell of the lattice is, a row of `Samples`.
     fractions : (n,) array

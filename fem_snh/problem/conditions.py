@@ -27,7 +27,7 @@ from fem_snh.errors import bad_value
 from fem_snh.mesh.mesh import Mesh
 from fem_snh.tables.amplitudes import LOAD_ITSELF, Amplitudes
 from fem_snh.tables.types import surface_name
-from fem_snh.terms.conditions import Move, Symmetry
+from fem_snh.terms.dirichlet import Move, Symmetry
 
 if TYPE_CHECKING:
     from fem_snh.problem.bones import BoneNodes

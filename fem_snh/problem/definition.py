@@ -26,7 +26,7 @@ from fem_snh.problem.reactions import ReactionGroup, Reactions
 from fem_snh.problem.regime import set_modulus
 from fem_snh.tables.amplitudes import LOAD_ITSELF, Amplitudes
 from fem_snh.terms.body import Body, CreateMotion
-from fem_snh.terms.conditions import Symmetry
+from fem_snh.terms.dirichlet import Symmetry
 from fem_snh.terms.feature import Feature, create_terms, grouped
 from fem_snh.terms.mean_volume import VolumeEnergy, volume_term
 from fem_snh.terms.term import Term

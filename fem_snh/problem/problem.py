@@ -45,8 +45,9 @@ from fem_snh.problem.regime import Paths, regime_of
 from fem_snh.solver.protocol import Regime
 from fem_snh.terms.body import MotionInTime
 from fem_snh.terms.elastic import Elastic, loops_over
+from fem_snh.terms.history import TermHistory
 from fem_snh.terms.rank_one import RankOneUpdate
-from fem_snh.terms.term import CouplingTerm, StepLimit, Term, TermHistory
+from fem_snh.terms.term import CouplingTerm, StepLimit, Term
 
 if TYPE_CHECKING:
     from fem_snh.problem.definition import Definition
@@ -61,9 +62,9 @@ _NO_FORCE = 1e-9
 
 
 class Problem:
-    """Find the displacement that minimises the energy at a given load. Collective.
+    """The energy of a body at a given load, whose minimiser is the displacement. Collective.
 
-    With an unknown pressure: find both at a saddle point.
+    With an unknown pressure both are at a saddle point of it.
 
     Parameters
     ----------
@@ -178,7 +179,7 @@ class Problem:
         self.matrix = create_matrix(self.V, unknowns.Q, dirichlet.constrained, dirichlet.planes)
         self.A = self.matrix.mat
         if self.rigid:
-            eliminated = self.rigid.fold(self.matrix)
+            eliminated = self.rigid.eliminate(self.matrix)
             self.constrained_dofs = np.union1d(self.constrained_dofs, eliminated)
         self.saddle_point: PressureBlock | None = None
         if isinstance(unknowns, DisplacementPressure):

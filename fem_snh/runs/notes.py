@@ -20,7 +20,7 @@ from fem_snh.mesh.mesh_checks import unconnected_nodes
 from fem_snh.problem.problem import Problem
 from fem_snh.records.run_record import Note, Record
 from fem_snh.scenes import Lattice, Scene
-from fem_snh.terms.conditions import Move
+from fem_snh.terms.dirichlet import Move
 from fem_snh.terms.rigid import Rigid
 
 if TYPE_CHECKING:

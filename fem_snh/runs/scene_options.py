@@ -19,7 +19,7 @@ from fem_snh.problem.problem import Problem
 from fem_snh.records.run_record import Record
 from fem_snh.scenes import Scene
 from fem_snh.solver import PREFIX
-from fem_snh.steps.condensation import Condensation
+from fem_snh.steps.cell_pressures import Condensation
 
 if TYPE_CHECKING:
     pass

@@ -21,7 +21,7 @@ from fem_snh.problem.problem import Problem
 from fem_snh.records.run_record import Note, Record
 from fem_snh.runs.result import Result
 from fem_snh.scenes.build import build, make_material, make_mesh
-from fem_snh.steps.condensation import Condensation, choose_condensation, chosen_for_condensed
+from fem_snh.steps.cell_pressures import Condensation, choose_condensation, chosen_for_condensed
 from fem_snh.steps.poisson_continuation import PoissonContinuation
 from fem_snh.steps.stepping import Stepper, StepSolver
 

@@ -45,7 +45,7 @@ from fem_snh.scenes._outputs import (
 from fem_snh.scenes.schema import Damping, Scene, Start, Time
 from fem_snh.tables.amplitudes import Amplitude, Rotate
 from fem_snh.terms.cavity import Cavity
-from fem_snh.terms.conditions import Hold, Move, Symmetry
+from fem_snh.terms.dirichlet import Hold, Move, Symmetry
 from fem_snh.terms.loads import Gravity, Pressure, Spring, Traction
 from fem_snh.terms.rigid import Rigid
 

@@ -57,7 +57,7 @@ from fem_snh.tables.types import (
 )
 from fem_snh.tables.validation import Expect, Finite, OneOf, Table, Whole
 from fem_snh.terms.cavity import Cavity
-from fem_snh.terms.conditions import Hold, Move, Symmetry
+from fem_snh.terms.dirichlet import Hold, Move, Symmetry
 from fem_snh.terms.feature import Feature
 from fem_snh.terms.loads import Gravity, Pressure, Spring, Traction
 from fem_snh.terms.rigid import Rigid
@@ -139,7 +139,7 @@ Mass = Annotated[str, OneOf(MASSES)]
 
 
 class Damping(Table):
-    """Rayleigh damping: forces proportional to the velocity."""
+    """Rayleigh damping: the damping matrix is mass times M plus stiffness times K."""
 
     mass: NonNegative = Field(default=0.0, description="Coefficient of the mass matrix [1/s].")
     stiffness: NonNegative = Field(

@@ -167,7 +167,7 @@ class AsymmetricSolver:
 
     It has sparse factors L U, or GMRES with incomplete factors of each rank's rows where inertia
     makes the matrix well conditioned, or where factors would need much memory. A solver that the
-    user chose is kept, if it needs no symmetric matrix, and that of a saddle-point problem is.
+    user chose is kept if it needs no symmetric matrix; so is the one of a saddle-point problem.
 
     Parameters
     ----------
@@ -176,7 +176,7 @@ class AsymmetricSolver:
     own : PETSc.KSP
         The linear solver of symmetric Hessians, set up by the options.
     choice : LinearChoice
-        Why it was chosen.
+        How ``own`` was chosen.
     """
 
     def __init__(self, problem: SolvableProblem, own: PETSc.KSP, choice: LinearChoice) -> None:

@@ -333,7 +333,10 @@ def solve_until_settled(
 
 
 def update_lagged(problem: SolvableProblem, outcome: StepOutcome) -> bool:
-    """Update lagged quantities after a solve; return whether to solve again. Collective."""
+    """Update lagged quantities after a solve; return whether to solve again. Collective.
+
+    Quantities that do not settle make the outcome a failed one.
+    """
     try:
         return problem.update_lagged()
     except NotSettled as error:

@@ -26,7 +26,7 @@ from fem_snh.problem.supports import Supports
 from fem_snh.solver.step import update_lagged
 from fem_snh.steps.dynamics.integrators import Affine
 from fem_snh.steps.dynamics.motion_terms import Inertia
-from fem_snh.terms.term import MAX_SOLVES
+from fem_snh.terms.history import MAX_SOLVES
 
 #: The first rate r of a body that is free to move: the term is about as stiff as the body.
 _FIRST = 1.0
@@ -37,14 +37,14 @@ _DECREASE, _SLOW_DECREASE, _INCREASE, _LEAST, _MOST_FAILURES = 0.1, 0.3, 10.0, 1
 
 
 class Rescue:
-    """The second solver of a step that has failed. Its methods are collective.
+    """Solves a step that has failed once more, in pseudo-time with artificial inertia. Collective.
 
     Parameters
     ----------
     problem : Problem
         The problem.
     snes : PETSc.SNES
-        Its solver.
+        The problem's solver.
     """
 
     def __init__(self, problem: Problem, snes: PETSc.SNES) -> None:

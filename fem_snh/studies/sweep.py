@@ -393,7 +393,7 @@ def _draw_bodies(out: Path, points: list[str], field: str) -> str:
 
 
 def combinations(lists: Mapping[str, list[Any]]) -> dict[str, dict[str, Any]]:
-    """Return the values of every point by its name, which contains the values that differ."""
+    """Map the name of every point, made of the values that differ, to its values."""
     points: dict[str, dict[str, Any]] = {}
     for chosen in itertools.product(*lists.values()):
         values = dict(zip(lists, chosen, strict=True))

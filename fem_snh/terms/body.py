@@ -191,7 +191,7 @@ class Body:
 
 
 def of_the_body(kinematics: Kinematics, domain: _dolfinx.Mesh, measure: Any) -> Any:
-    """Return a measure of the mesh, of a body of revolution times 2 pi r."""
+    """Return the measure; if the body is one of revolution, 2 pi r times it."""
     if not kinematics.revolved:
         return measure
     return WeightedMeasure(2 * ufl.pi * _dolfinx.coordinates(domain)[0], measure)

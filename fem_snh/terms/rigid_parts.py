@@ -2,7 +2,7 @@ r"""Rigid parts of a body: their unknowns instead of the displacements of their 
 
 The vector of unknowns keeps the displacements of all nodes, so that every other term sees the body
 as it is. Residuals, steps and the matrix have the six unknowns of a part at the entries of two of
-its nodes, and zeros at the others (`fem_snh.assembly.folding`). In two dimensions the nodes are
+its nodes, and zeros at the others (`fem_snh.assembly.elimination`). In two dimensions the nodes are
 points of a plane in space, and some of the six are not free. A step ends on the true rigid motion,
 :math:`\exp(s[\omega]_\times)`, so the second derivative of the energy along it is
 
@@ -29,7 +29,7 @@ import ufl
 from fem_snh import _dolfinx
 from fem_snh.assembly.assembled_matrix import BlockMatrix
 from fem_snh.assembly.boundary_conditions import Dirichlet, axis_nodes
-from fem_snh.assembly.folding import Folding
+from fem_snh.assembly.elimination import Elimination
 from fem_snh.assembly.nodal_mass import NodalMass
 from fem_snh.assembly.regions import cells_of_one_label
 from fem_snh.assembly.unknowns import (
@@ -124,7 +124,7 @@ class RigidParts(Term):
         self._jointed = np.repeat([bool(link.joint) for link in self.tree.links], UNKNOWNS)
         self._offsets = self._X - self.tree.points[self.labels]
         self._slots = self._choose_slots(_dolfinx.local_to_global(V))
-        self._folding: Folding | None = None
+        self._elimination: Elimination | None = None
         self._motions = PrescribedMotions(parts, self.tree, body.amplitudes)
         self._loads = RigidLoads(parts, self.tree, body.amplitudes)
         self.has_energy, self.moves = self._loads.has_energy, self._motions.move
@@ -232,12 +232,12 @@ class RigidParts(Term):
         every = self._comm.allgather(least)
         return np.array([np.sort(np.concatenate([e[i] for e in every]))[:2] for i in parts])
 
-    def fold(self, matrix: BlockMatrix) -> Array:
+    def eliminate(self, matrix: BlockMatrix) -> Array:
         """Fold a problem's matrix from now on; return the entries that are no unknowns."""
         chains = [self.tree.ancestors(i) for i in range(len(self._parts))]
         parts = self.nodes, self.labels, self._slots, self.tree.free, chains
-        self._folding = matrix.fold(lambda dof_map: Folding(dof_map, *parts))
-        return self._folding.eliminated
+        self._elimination = matrix.eliminate(lambda dof_map: Elimination(dof_map, *parts))
+        return self._elimination.eliminated
 
     # --- poses -----------------------------------------------------------------------------------
 
@@ -321,8 +321,8 @@ class RigidParts(Term):
 
     def _unknowns(self, d: PETSc.Vec) -> Array:
         """Return the unknowns at their entries of a vector, (6 parts,). Collective."""
-        assert self._folding is not None
-        entries, which = self._folding.own_unknowns
+        assert self._elimination is not None
+        entries, which = self._elimination.own_unknowns
         found = np.zeros(UNKNOWNS * len(self._parts))
         found[which] = d.array_r[entries]
         return np.where(self.tree.free, self._comm.allreduce(found), 0.0)
@@ -378,8 +378,8 @@ class RigidParts(Term):
 
     def _set_unknowns(self, r: PETSc.Vec, values: Array) -> None:
         """Set the entries of the parts' nodes to values of the unknowns, and zero."""
-        assert self._folding is not None
-        entries, which = self._folding.own_unknowns
+        assert self._elimination is not None
+        entries, which = self._elimination.own_unknowns
         own = r.array
         own[self.dofs] = 0.0
         own[entries] = np.where(self.tree.free, values, 0.0)[which]
@@ -391,7 +391,7 @@ class RigidParts(Term):
         `fem_snh.problem.problem.Problem.jacobian`: an exact Hessian then has the derivative of
         loads that follow a part, and of moments.
         """
-        assert self._folding is not None
+        assert self._elimination is not None
         poses, tree = self.poses(x), self.tree
         G, arms = tree.jacobian(poses), self._arms(poses)
         f = self._nodal(gradient)
@@ -410,7 +410,7 @@ class RigidParts(Term):
             self._filtered = int((values < 0).sum())
             values = np.abs(values) if filter == "abs" else np.maximum(values, 0.0)
             K = (vectors * values) @ vectors.T
-        self._folding.set_state(self._basis(poses).reshape(-1, UNKNOWNS), G, K, not whole)
+        self._elimination.set_state(self._basis(poses).reshape(-1, UNKNOWNS), G, K, not whole)
 
     # --- goals of error estimates ----------------------------------------------------------------
 
@@ -506,11 +506,11 @@ class RigidParts(Term):
 
     def prepare_mass(self, x: PETSc.Vec) -> None:
         """Set the fold of a mass matrix at x. Collective."""
-        assert self._folding is not None
+        assert self._elimination is not None
         poses = self.poses(x)
         G = self.tree.jacobian(poses)
         basis = self._basis(poses).reshape(-1, UNKNOWNS)
-        self._folding.set_state(basis, G, np.zeros_like(G))
+        self._elimination.set_state(basis, G, np.zeros_like(G))
 
     def _derivative(self, poses: Poses, G: Array) -> Array:
         """Return the derivative of the nodes' positions by the unknowns, (n, c, 6 parts)."""

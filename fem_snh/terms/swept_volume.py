@@ -42,7 +42,7 @@ Array = npt.NDArray[Any]
 
 
 class SweptVolume:
-    """The volume S that a deformed surface sweeps, and the work of a pressure. Collective.
+    """The volume S that a surface sweeps as it deforms, and a pressure's work. Collective.
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ class SweptVolume:
     Raises
     ------
     NotClosedError
-        On every rank, for a rigid part without other facets.
+        On every rank, if facets of a rigid part border on no others of the surface.
     """
 
     def __init__(

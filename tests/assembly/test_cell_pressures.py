@@ -13,7 +13,7 @@ import fem_snh
 from fem_snh.assembly.elements import ELEMENTS, with_cell_pressures
 from fem_snh.kernels.material import material
 from fem_snh.linalg.direct_solver import set_direct_solver
-from fem_snh.steps.condensation import CellPressures
+from fem_snh.steps.cell_pressures import CellPressures
 
 STRETCH = {"steps": 1, "stretch": 1.2, "nu": 0.4999, "progress": False}
 

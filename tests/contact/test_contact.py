@@ -18,7 +18,7 @@ from fem_snh.errors import NotSettled
 from fem_snh.geometry.motions import MovingShape
 from fem_snh.geometry.shapes import Sphere
 from fem_snh.mesh.mesh import volume
-from fem_snh.terms.term import MAX_STALLED
+from fem_snh.terms.history import MAX_STALLED
 
 mpi = pytest.mark.mpi
 #: Each element; on several ranks one with a pressure and one without.

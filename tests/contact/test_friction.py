@@ -11,7 +11,7 @@ from fem_snh.contact.obstacle_contact import RigidContact
 from fem_snh.runs import run
 from fem_snh.scenes import Scene
 from fem_snh.steps.stepping import Stepper, StepSolver
-from fem_snh.terms import term
+from fem_snh.terms import history
 
 pytestmark = pytest.mark.one_debian
 
@@ -122,7 +122,7 @@ def test_friction_that_presses_its_surface_settles(coefficient):
 @mpi
 def test_friction_that_has_not_settled_fails_the_step(monkeypatch):
     """Such a step is halved as any other; the run ends without convergence, and says why."""
-    monkeypatch.setattr(term, "MAX_SOLVES", 3)
+    monkeypatch.setattr(history, "MAX_SOLVES", 3)
     result = run(strut(2.0)[0], progress=False)
     assert not result.converged
     reason = "obstacle 'plate': the change of friction's normal forces is"

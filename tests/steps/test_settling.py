@@ -7,7 +7,7 @@ from itertools import cycle
 import pytest
 
 from fem_snh.errors import NotSettled
-from fem_snh.terms.term import MAX_STALLED, HistoryTerm, LaggedChange, TermHistory
+from fem_snh.terms.history import MAX_STALLED, HistoryTerm, LaggedChange, TermHistory
 
 
 def test_pairs_that_alternate_end_the_step():

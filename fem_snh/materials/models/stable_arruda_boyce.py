@@ -19,7 +19,7 @@ def stable_arruda_boyce(I_C, J, mu, lam, *, betas: tuple[float, ...] = (0.025, 1
     betas : tuple of float
         (beta_1, beta_2, ...), of any length; term k is mu beta_k/(2 (k+1)) (I_C^(k+1) - 3^(k+1)).
         The default is the expansion of Arruda & Boyce 1993, 1/(5 N) and 11/(175 N^2), for chains of
-        N = 8 links. () is eq. 13.
+        N = 8 links. With betas = () it is eq. 13.
 
     Notes
     -----

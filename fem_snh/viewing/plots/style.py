@@ -66,9 +66,10 @@ def draw_series(
     table: pd.DataFrame,
     x: str,
 ) -> None:
-    """Draw columns of a table over x, one in each panel, where they are known.
+    """Draw columns of a table over the column x, one in each panel, where they are not NaN.
 
-    A point that has not converged is a cross.
+    The index of the series chooses its colour and marker. A point that has not converged is a
+    cross.
     """
     good = table["converged"] if "converged" in table else table[x].notna()
     for ax, column in zip(axes, columns, strict=True):

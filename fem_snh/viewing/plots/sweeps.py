@@ -46,7 +46,7 @@ def read_table(path: Path) -> pd.DataFrame:
 
 
 def read_sweep(path: Path) -> pd.DataFrame:
-    """Return the table of a sweep, with the volume change [%] as ``volume_ratio``.
+    """Return the table of a sweep; its ``volume_ratio`` becomes the change of volume [%].
 
     Missing results of a failed point are NaN. Poisson's ratios of several materials, "0.5 + 0.3",
     stay texts.

@@ -26,7 +26,7 @@ Indices = npt.NDArray[np.int64]
 UNKNOWNS = 6
 
 
-class Folding:
+class Elimination:
     """The nodes of parts with six unknowns each, and the fold of an assembled matrix. Collective.
 
     Parameters
