@@ -62,6 +62,10 @@ def bushing(path: Any, rigid: dict[str, Any], **keys: Any) -> Scene:
     return Scene(name="bushing", mesh=path, rigid=[Rigid(group="sleeve", **rigid)], **given | keys)
 
 
+def _rigid(dx: Any, tag: int | None = None, **keys: Any) -> Any:
+    return fem_snh.Rigid(group=None if tag is None else dx(tag), **keys)
+
+
 def corner_program(
     comm: Any,
     parts: Any,
@@ -83,11 +87,7 @@ def corner_program(
     facets = mesh.locate_entities_boundary(domain, 2, lambda x: np.isclose(x[2], 0))
     fixed = fem.dirichletbc(np.zeros(3), fem.locate_dofs_topological(V, 2, facets), V)
     m = fem_snh.material("stable_neo_hookean", E=1e4, nu=0.45)
-    groups = [{"group": dx(part["tag"])} if "tag" in part else {} for part in parts]
-    terms = [
-        fem_snh.Rigid(**group, **{key: value for key, value in part.items() if key != "tag"})
-        for group, part in zip(groups, parts, strict=True)
-    ]
+    terms = [_rigid(dx, **part) for part in parts]
     if body_force is not None:
         terms.append(-ufl.inner(fem.Constant(domain, np.array(body_force)), u) * ufl.dx)
     if pressure:
