@@ -390,7 +390,7 @@ class VolumeGoal(CellsGoal):
 
     def bind(self, problem: Problem) -> Callable[[], Sequence[float]]:
         """See `Goal.bind`."""
-        if not problem.kinematics.plane_stress and len(problem.solid_cells):
+        if not problem.kinematics.plane_stress and len(problem.rigid_cells):
             return super().bind(problem)  # also in cells that are not assembled
 
         def values() -> list[float]:

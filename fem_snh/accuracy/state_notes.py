@@ -11,7 +11,7 @@ from mpi4py import MPI
 import numpy as np
 
 from fem_snh import _dolfinx
-from fem_snh.assembly.cell_loops import PointVolumes, cell_centres, point_volumes
+from fem_snh.assembly.cell_loops import PointStrains, cell_centres, point_strains
 from fem_snh.assembly.unknowns import local_values, summed_over_cells
 from fem_snh.problem.problem import Problem
 from fem_snh.records.run_record import Note
@@ -367,7 +367,7 @@ def inverted_points(problem: Problem) -> tuple[dict[str, Any], int, int]:
     u = local_values(problem.split(problem.x)[0])
     counts, worst = np.zeros(3, dtype=np.int64), (np.inf, [0.0] * 3, 0)
     for number, part in enumerate(problem.elastic.parts):
-        J = 1 + point_volumes(part.loops.tables, u).growth
+        J = 1 + point_strains(part.loops.tables, u).growth
         inverted = J <= 0
         counts += [inverted.sum(), inverted.any(axis=1).sum(), J.size]
         if J.size and J.min() < worst[0]:
@@ -417,7 +417,7 @@ def pressure_oscillation(problem: Problem, parts: Sequence[Part]) -> float:
     basis, nodes = _dolfinx.tabulate_values(Q, points), _dolfinx.node_dofs(Q)
     found = []
     for part in parts:
-        state = point_volumes(part.loops.tables, u)
+        state = point_strains(part.loops.tables, u)
         rough = _distance_to_nodal_means(Q, nodes[part.region.cells], basis, state)
         integrals = np.array([rough, state.shear, state.strain, state.weights.sum()])
         integrals = problem.comm.allreduce(integrals)
@@ -429,7 +429,7 @@ def pressure_oscillation(problem: Problem, parts: Sequence[Part]) -> float:
 
 
 def _distance_to_nodal_means(
-    Q: _dolfinx.FunctionSpace, nodes: Any, basis: Any, state: PointVolumes
+    Q: _dolfinx.FunctionSpace, nodes: Any, basis: Any, state: PointStrains
 ) -> float:
     """Return this rank's part of the squared norm of J - Pi J [m^3]. Collective."""
     sums, masses = (

@@ -281,7 +281,7 @@ def selection(cells: Array, num_cells: int) -> Any:
 _BATCH = 10_000
 
 
-class PointVolumes(NamedTuple):
+class PointStrains(NamedTuple):
     """Volumes and strains at the quadrature points of cells.
 
     Attributes
@@ -300,8 +300,8 @@ class PointVolumes(NamedTuple):
     shear: float
 
 
-def point_volumes(tables: ElementTables, u: Array) -> PointVolumes:
-    """Return the volumes at the quadrature points of an element's cells.
+def point_strains(tables: ElementTables, u: Array) -> PointStrains:
+    """Return volumes and strains at the quadrature points of an element's cells.
 
     Parameters
     ----------
@@ -334,7 +334,7 @@ def point_volumes(tables: ElementTables, u: Array) -> PointVolumes:
             weights[chunk] *= tables.fractions[chunk, None]
         strain += float((weights[chunk] * squares).sum())
         shear += float((weights[chunk] * (squares - 3 * mean**2)).sum())
-    return PointVolumes(weights, growth, strain, shear)
+    return PointStrains(weights, growth, strain, shear)
 
 
 def cell_centres(tables: ElementTables, cells: Array) -> Array:

@@ -108,7 +108,7 @@ class Problem:
         Those that couple nodes of different cells: surfaces of the body that touch each other.
     dirichlet : Dirichlet
         The constrained dofs and their values.
-    solid_cells : (n,) int
+    rigid_cells : (n,) int
         This rank's own cells that are not assembled: those in rigid parts.
     rigid : RigidParts or None
         The rigid parts, whose nodes follow six unknowns each.
@@ -158,9 +158,9 @@ class Problem:
         eliminating: list[Any] = [term for term in terms if term.eliminates]
         self.rigid: RigidParts | None = eliminating[0] if eliminating else None
         self.regions = given = list(regions)
-        self.solid_cells = self.rigid.cells if self.rigid else np.empty(0, np.int64)
-        if unknowns.V.mesh.comm.allreduce(len(self.solid_cells)):
-            regions = without_cells(unknowns.V.mesh.comm, regions, self.solid_cells)
+        self.rigid_cells = self.rigid.cells if self.rigid else np.empty(0, np.int64)
+        if unknowns.V.mesh.comm.allreduce(len(self.rigid_cells)):
+            regions = without_cells(unknowns.V.mesh.comm, regions, self.rigid_cells)
         self.dirichlet, self._reactions, self._parts = dirichlet, reactions, parts
         self.V, self.u, self.x = unknowns.V, unknowns.u, unknowns.x
         self.domain, self.comm = self.V.mesh, self.V.mesh.comm
@@ -183,7 +183,7 @@ class Problem:
             self.constrained_dofs = np.union1d(self.constrained_dofs, eliminated)
         self.saddle_point: PressureBlock | None = None
         if isinstance(unknowns, DisplacementPressure):
-            idle = np.flatnonzero(~nodes_of_other_cells(unknowns.Q, self.solid_cells))
+            idle = np.flatnonzero(~nodes_of_other_cells(unknowns.Q, self.rigid_cells))
             self.matrix.idle = self.owned_displacements + idle
             self.saddle_point = PressureBlock(unknowns, self.elastic.parts, scale, self.A, idle)
         else:
@@ -526,7 +526,7 @@ class Problem:
             unknown = {"energy": 0.0, "min_eigenvalue": -np.inf}
             for name, values in loops.fields(local_values(self._unknowns.split(x)[0])).items():
                 fields[name][cells] = unknown.get(name, values)
-        if len(cells := self.solid_cells):
+        if len(cells := self.rigid_cells):
             volumes = cell_volumes(self.domain)[cells]
             rest = {"volume": volumes, "deformed_volume": volumes, "min_J": 1.0}
             for name, values in fields.items():
@@ -542,7 +542,7 @@ class Problem:
         """
         filled = [part.region.cells for part in self.elastic.parts]
         number = np.arange(self.elastic.shape[0], dtype=np.int32)
-        cells = np.setdiff1d(number, np.concatenate([*filled, self.solid_cells]))
+        cells = np.setdiff1d(number, np.concatenate([*filled, self.rigid_cells]))
         if not self.comm.allreduce(len(cells)):
             return None
         kinematics = replace(self.kinematics, plane_stress=False)
