@@ -15,7 +15,7 @@ from benchmarks import Row, split_list
 from fem_snh import scenes
 from fem_snh.contact.obstacle import Obstacle
 from fem_snh.mesh.gmsh_model import session
-from fem_snh.runs.goals import scene_goals
+from fem_snh.runs.scene_goals import scene_goals
 from fem_snh.runs.setup import set_up
 from fem_snh.scenes import Accuracy, Geometry, Gravity, Hold, MaterialChoice, Probe, Scene, Time
 from fem_snh.scenes.builtin.bounce import GRAVITY, RADIUS

@@ -17,7 +17,7 @@ from typing import Any
 
 from benchmarks import Row, split_list
 from fem_snh.errors import BadInput
-from fem_snh.studies.processes import environment, program
+from fem_snh.studies.tasks import environment, program
 
 #: Seconds of FElupe over those of this program, at least, by cells along an edge.
 LIMITS = {15: 25.0, 25: 60.0}

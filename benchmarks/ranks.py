@@ -11,7 +11,7 @@ from typing import Any
 
 from benchmarks import Row, split_list
 from fem_snh.errors import BadInput
-from fem_snh.studies.processes import environment, program
+from fem_snh.studies.tasks import environment, program
 
 #: Largest relative difference of the energies of a step.
 LIMIT = 1e-9

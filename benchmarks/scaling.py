@@ -20,7 +20,7 @@ import psutil
 from benchmarks import Row, search_path, split_list
 from benchmarks.stretch_times import run_child
 from fem_snh.errors import BadInput
-from fem_snh.studies.processes import program
+from fem_snh.studies.tasks import program
 
 #: Largest linear iterations of up to so many ranks over those of one.
 LIMIT, UP_TO = 1.3, 16

@@ -16,7 +16,7 @@ from benchmarks import Row, search_path, split_list
 from fem_snh.errors import choose
 from fem_snh.processes import Interrupts
 from fem_snh.studies.points import read_record, run_arguments
-from fem_snh.studies.processes import Child, program
+from fem_snh.studies.tasks import Child, program
 
 #: Settings of `fem-snh run` (None: `benchmarks.fenicsx_tutorial`), and the divisor of the number of
 #: load steps.

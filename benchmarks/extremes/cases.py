@@ -20,7 +20,7 @@ from fem_snh.studies.points import (
     requested_columns,
     run_arguments,
 )
-from fem_snh.studies.processes import Child, program
+from fem_snh.studies.tasks import Child, program
 
 #: The record of a case (empty if there is none) and its row.
 Record = Mapping[str, Any]

@@ -18,7 +18,7 @@ from benchmarks.faults.intervention import CONVERGED_STEPS
 from benchmarks.faults.pause import RESUME
 from benchmarks.faults.trial import Trial, resume_and_compare
 from fem_snh.processes import RANK_VARIABLES
-from fem_snh.studies.processes import Child
+from fem_snh.studies.tasks import Child
 
 #: Limit on the size of a file [B]: between a checkpoint (30 KiB) and the fields of a step (42 KiB).
 _FILE_SIZE = 40 * 1024

@@ -16,7 +16,7 @@ from benchmarks.faults.intervention import CONVERGED_STEPS
 from fem_snh.runs import checkpoint as checkpoint_file
 from fem_snh.runs.output import nodal_values
 from fem_snh.studies.points import measured_columns, read_record
-from fem_snh.studies.processes import Child, program
+from fem_snh.studies.tasks import Child, program
 
 #: With stresses, the fields of a step are larger than the checkpoint.
 FIELDS = '--set=fields=["cauchy_stress"]'

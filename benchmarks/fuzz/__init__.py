@@ -30,7 +30,7 @@ from typing import Any
 from benchmarks import Row, page_tables, search_path, split_list
 from benchmarks.fuzz.family import load_families
 from fem_snh.errors import choose
-from fem_snh.studies.processes import environment
+from fem_snh.studies.tasks import environment
 
 #: Messages of failures that a row shows.
 _SHOWN = 10

@@ -14,7 +14,7 @@ from benchmarks.fuzz.family import Family
 from benchmarks.fuzz.mutations import WHOLE
 from fem_snh import cli
 from fem_snh.cli.options import Parser
-from fem_snh.studies.processes import environment, program
+from fem_snh.studies.tasks import environment, program
 
 _SCENE = """\
 mesh = { source = "cube" }

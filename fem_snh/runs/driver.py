@@ -30,7 +30,7 @@ from fem_snh.solver.options import unused_options
 if TYPE_CHECKING:
     from fem_snh.accuracy.goal_errors import Estimate
     from fem_snh.accuracy.goals import Goal
-    from fem_snh.runs.levels import Level
+    from fem_snh.runs.level_runs import Level
 
 #: Seconds for which the other ranks continue after an interruption, so that rank 0 can write
 #: run.json. It is longer than the second after which mpirun kills all ranks.
@@ -103,7 +103,7 @@ def run(
     printed = Progress(comm, progress, expected)
     solve: Callable[..., Result] = partial(_run, comm, printed=printed, note=note, start=start)
     if scene.within:
-        from fem_snh.runs.levels import run_levels
+        from fem_snh.runs.level_runs import run_levels
 
         solve = partial(run_levels, comm, solve, printed, resume=resume)
     if out is None:
@@ -150,7 +150,7 @@ def _run(
 
             modes.check(setup.problem, wanted.count)
         if scene.estimates_error:
-            from fem_snh.runs.goals import scene_goals
+            from fem_snh.runs.scene_goals import scene_goals
 
             goals = scene_goals(setup)
         if stored and folder:
@@ -162,7 +162,7 @@ def _run(
                 return setup.result(stored.record, folder.path)
         recorder = Recorder(about, setup, folder, start, stored and stored.record, goals)
         if folder and (scene.obstacle or scene.bone or scene.rigid):
-            from fem_snh.runs.bones import copy_surfaces
+            from fem_snh.runs.bone_records import copy_surfaces
 
             on_root(comm, copy_surfaces, scene, folder)
         estimate = _solve(setup, recorder, printed, goals)

@@ -134,7 +134,7 @@ def _describe_features(scene: Scene, problem: Problem) -> Record:
 def _describe_bones(scene: Scene, problem: Problem) -> Record:
     if not scene.bone:
         return {}
-    from fem_snh.runs.bones import describe_bones
+    from fem_snh.runs.bone_records import describe_bones
 
     return {"bones": describe_bones(scene, problem)}
 

@@ -40,7 +40,7 @@ from fem_snh.errors import BadInput, Failed, bad_value, is_number, on_every
 from fem_snh.files import write_file
 from fem_snh.linalg.direct_solver import set_direct_solver, set_direct_solver_of_sum
 from fem_snh.records.run_record import Record
-from fem_snh.runs.goals import named_goals
+from fem_snh.runs.scene_goals import named_goals
 from fem_snh.runs.scene_options import scene_options
 from fem_snh.runs.setup import Setup, define_scene, set_up
 from fem_snh.studies.fit.data import WITH_A_SQUARE, has_a_square, read_cells

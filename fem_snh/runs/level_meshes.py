@@ -35,7 +35,7 @@ from fem_snh.scenes.build import mesh_again
 from fem_snh.solver.options import OPTIONS
 
 if TYPE_CHECKING:
-    from fem_snh.runs.levels import Level
+    from fem_snh.runs.level_runs import Level
 
 
 Array = npt.NDArray[Any]

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from fem_snh.accuracy.goal_errors import Estimate
     from fem_snh.accuracy.goals import Goal
     from fem_snh.problem.modes import VibrationModes
-    from fem_snh.runs.goals import GoalStates
+    from fem_snh.runs.scene_goals import GoalStates
     from fem_snh.runs.setup import Setup
 
 #: Largest share of a run's time for its record and checkpoint beyond the first steps. They are
@@ -71,7 +71,7 @@ class Recorder:
         #: The states that the goals are of; None: the last one.
         self.states: GoalStates | None = None
         if goals and not setup.scene.time:
-            from fem_snh.runs.goals import GoalStates
+            from fem_snh.runs.scene_goals import GoalStates
 
             self.states = GoalStates(setup, goals, earlier is not None)
         self._fields: Fields | None = None

@@ -28,7 +28,7 @@ from pydantic import TypeAdapter
 from fem_snh.errors import BadInput, check_whole
 from fem_snh.files import read_text, remove, replace_file
 from fem_snh.processes import import_path, python
-from fem_snh.studies.processes import End, Task, read_end, run_tasks
+from fem_snh.studies.tasks import End, Task, read_end, run_tasks
 
 #: Seconds of an element beside the timeout of its point: imports, the start of MPI.
 _OVERHEAD = 120

@@ -49,7 +49,8 @@ from fem_snh.studies.points import (
     run_arguments,
     value_text,
 )
-from fem_snh.studies.processes import (
+from fem_snh.studies.slurm import Slurm, clear, queued
+from fem_snh.studies.tasks import (
     LOG,
     End,
     Task,
@@ -58,7 +59,6 @@ from fem_snh.studies.processes import (
     remove_point,
     run_tasks,
 )
-from fem_snh.studies.slurm import Slurm, clear, queued
 
 #: Largest number of points at a time, and of ranks: more than the cores of any single machine.
 MAX_PROCESSES = 4096

@@ -355,7 +355,7 @@ def test_a_level_that_finds_no_equilibrium_starts_at_rest(monkeypatch, capsys):
         size = target.owned_displacements
         target.x.array[:size] = np.random.default_rng(0).uniform(-40, 40, size)
 
-    monkeypatch.setattr("fem_snh.runs.levels.transfer_state", tear)
+    monkeypatch.setattr("fem_snh.runs.level_runs.transfer_state", tear)
     found = fem_snh.run(
         "cook", kinematics="layer", element="Q1P0", cells=4, steps=1, petsc={"snes_max_it": 12},
         accuracy={"within": 0.05, "goals": ["corner.y"], "keep_element": True},

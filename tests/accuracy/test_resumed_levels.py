@@ -10,7 +10,7 @@ from running import record, solve
 
 from fem_snh.cli import main
 from fem_snh.records.run_files import LEVELS, NEXT_LEVEL
-from fem_snh.runs.levels import _LevelRuns
+from fem_snh.runs.level_runs import _LevelRuns
 from fem_snh.runs.recorder import Recorder
 
 mpi = pytest.mark.mpi

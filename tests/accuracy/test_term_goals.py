@@ -15,7 +15,7 @@ import fem_snh
 from fem_snh import _dolfinx, scenes
 from fem_snh.assembly.unknowns import add_ghosts, set_to_zero
 from fem_snh.errors import BadInput
-from fem_snh.runs.goals import default_goals
+from fem_snh.runs.scene_goals import default_goals
 from fem_snh.scenes import Accuracy, Contact, Geometry, Hold, MaterialChoice, Move, Obstacle, Scene
 
 mpi = pytest.mark.mpi

@@ -12,7 +12,7 @@ from time_scenes import SWING, in_time
 from fem_snh import scenes
 from fem_snh.accuracy.levels import LevelRow, Levels
 from fem_snh.accuracy.path_errors import bounds_of_small_changes, resolved_penalty, steps_errors
-from fem_snh.runs.goals import scene_goals
+from fem_snh.runs.scene_goals import scene_goals
 from fem_snh.runs.setup import set_up
 from fem_snh.scenes import (
     Accuracy,

@@ -15,7 +15,7 @@ from paths import ROOT
 
 import benchmarks
 from benchmarks import assembly, mutations, twist
-from fem_snh.studies.processes import environment
+from fem_snh.studies.tasks import environment
 
 pytestmark = pytest.mark.one_debian
 

@@ -11,7 +11,7 @@ import pytest
 from command_line import start_program
 
 from fem_snh import cli
-from fem_snh.studies.processes import environment, program
+from fem_snh.studies.tasks import environment, program
 
 MISTAKES = [
     ("runn", "command = 'runn': expected .*did you mean 'run'"),

@@ -18,7 +18,7 @@ from paths import SUPPORT
 import fem_snh
 from fem_snh import _dolfinx
 from fem_snh.assembly.elements import ELEMENTS
-from fem_snh.studies.processes import environment
+from fem_snh.studies.tasks import environment
 
 mpi = pytest.mark.mpi
 

@@ -16,7 +16,7 @@ from gmsh_files import BOX, write_msh
 from fem_snh import processes
 from fem_snh.errors import BadInput
 from fem_snh.mesh import mesh
-from fem_snh.studies.processes import environment, program
+from fem_snh.studies.tasks import environment, program
 from fem_snh.viewing import run_elsewhere
 
 # Node -1 does not exist: gmsh 4.8 reads beyond the end of its table of nodes, and crashes.

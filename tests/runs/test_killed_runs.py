@@ -26,7 +26,7 @@ from fem_snh import files, scenes
 from fem_snh.cli import main
 from fem_snh.errors import BadInput
 from fem_snh.records import run_files
-from fem_snh.studies.processes import environment, program
+from fem_snh.studies.tasks import environment, program
 
 #: A ball in a lattice, which has a skin, falls past a plane that moves, in two steps.
 SCENE = scenes.Scene(

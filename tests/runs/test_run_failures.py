@@ -16,7 +16,7 @@ from bodies import PRESS
 from running import record, rows, solve
 
 from fem_snh.errors import BadInput
-from fem_snh.studies.processes import environment, program
+from fem_snh.studies.tasks import environment, program
 
 mpi = pytest.mark.mpi
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import psutil
 import pytest
 
-from fem_snh.studies.processes import Child, environment, program
+from fem_snh.studies.tasks import Child, environment, program
 
 
 def test_a_child_ends_with_all_its_ranks(tmp_path: Path) -> None:
@@ -41,7 +41,7 @@ def test_the_children_of_a_killed_study_end(tmp_path: Path, ranks: int) -> None:
     code = f"""
 import time
 from pathlib import Path
-from fem_snh.studies.processes import Child
+from fem_snh.studies.tasks import Child
 child = Child({sleep!r}, Path("log.txt"))
 while len(child.processes()) < {ranks + (ranks > 1)}:
     time.sleep(0.01)

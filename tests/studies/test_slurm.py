@@ -16,9 +16,9 @@ from slurm_cluster import PROCESSORS, Cluster, counted_scene, missing, wait_for
 from fem_snh import cli
 from fem_snh.errors import BadInput
 from fem_snh.studies import slurm
-from fem_snh.studies.processes import Task
 from fem_snh.studies.slurm import Slurm, queued
 from fem_snh.studies.sweep import sweep
+from fem_snh.studies.tasks import Task
 
 pytestmark = pytest.mark.one_debian
 

@@ -17,8 +17,8 @@ import fem_snh
 from fem_snh.cli import main
 from fem_snh.cli.run import comma_list
 from fem_snh.studies.points import MEASURED, REQUESTED, largest_error
-from fem_snh.studies.processes import environment, program
 from fem_snh.studies.sweep import sweep
+from fem_snh.studies.tasks import environment, program
 
 pytestmark = pytest.mark.one_debian
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import subprocess
 from typing import Any
 
-from fem_snh.studies.processes import environment, program
+from fem_snh.studies.tasks import environment, program
 
 
 def start_program(*words: str, ranks: int = 1) -> subprocess.CompletedProcess[str]:
