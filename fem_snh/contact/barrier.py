@@ -7,7 +7,6 @@ arrays in Fortran order, its distances are squared.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cache
 from typing import Any, Self
 
 from petsc4py import PETSc
@@ -22,10 +21,10 @@ from fem_snh.assembly.kinematics import SOLID, Kinematics
 from fem_snh.assembly.regions import Region, reference_modulus
 from fem_snh.choices import FILTERS
 from fem_snh.contact.gathered_surface import Blocks, point_areas
+from fem_snh.contact.ipctk_import import import_ipctk
 from fem_snh.contact.surface_contact import SelfContactTerm
 from fem_snh.errors import BadInput, NotSettled, choose
 from fem_snh.mesh.gmsh_model import Skin
-from fem_snh.processes import call
 from fem_snh.terms.history import LaggedChange
 from fem_snh.terms.term import StepLimitingTerm
 
@@ -219,49 +218,6 @@ _CCD_ITERATIONS = 1000
 _LARGEST = 1e140
 #: The sparsity pattern has all pairs within this many activation distances.
 _PATTERN = 2.0
-
-
-def import_ipctk() -> Any:
-    """Return the module ipctk, which works on one thread.
-
-    Raises
-    ------
-    BadInput
-        If it is missing, or crashes: some of its wheels need instructions that not every processor
-        has.
-    """
-    try:
-        import ipctk
-    except ImportError:
-        raise BadInput(
-            "self_contact.method = 'ipc' needs the package ipctk: pip install 'fem_snh[contact]'"
-        ) from None
-    if crash := _crash():
-        raise BadInput(
-            f"self_contact.method = 'ipc': {crash} on one triangle: expected a processor for which "
-            "the package is compiled, or method = 'reference'"
-        )
-    # One thread adds in one order: all ranks get the same bits, and MPI uses the other cores.
-    ipctk.set_num_threads(1)
-    return ipctk
-
-
-@cache
-def _crash() -> str:
-    """Return how ipctk crashes on this processor; empty if it works."""
-    try:
-        call("ipctk", enclose_one_triangle)
-    except BadInput as error:
-        return str(error).partition(":")[0]
-    return ""
-
-
-def enclose_one_triangle() -> int:
-    """Return the number of points of ipctk's mesh of one triangle."""
-    import ipctk
-
-    triangle = np.asfortranarray([[0, 1, 2]], dtype=np.int32)
-    return int(ipctk.CollisionMesh(_rows(np.eye(3)), ipctk.edges(triangle), triangle).num_vertices)
 
 
 class CollisionSurface:

@@ -74,12 +74,12 @@ THIRD_PARTY = {
         "studies.slurm",
     },
     "slepc4py": {"problem.modes"},
-    "ipctk": {"contact.barrier"},
+    "ipctk": {"contact.ipctk_import"},
 }  # fmt: skip
 _PARALLEL = {"mpi4py", "petsc4py"}
 _WITHOUT_MPI = (
-    "kernels", "tables", "terms.feature", "contact.contact", "contact.obstacle", "scenes",
-    "assembly.elements", "geometry", "viewing",
+    "kernels", "tables", "terms.feature", "contact.contact", "contact.obstacle",
+    "contact.ipctk_import", "scenes", "assembly.elements", "geometry", "viewing",
 )  # fmt: skip
 #: Third-party packages that these parts may not import: they work without MPI and PETSc.
 FORBIDDEN = dict.fromkeys(_WITHOUT_MPI, _PARALLEL) | {

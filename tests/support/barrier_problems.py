@@ -16,7 +16,8 @@ from bodies import Condition, Hold, create_problem
 from fem_snh import solver
 from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.assembly.regions import Filling
-from fem_snh.contact.barrier import IPC, import_ipctk
+from fem_snh.contact.barrier import IPC
+from fem_snh.contact.ipctk_import import import_ipctk
 from fem_snh.errors import BadInput
 from fem_snh.kernels.material import material
 from fem_snh.mesh import mesh
