@@ -261,12 +261,11 @@ class TrustRegion:
     step, the clamped Hessian's step is taken.
 
     Far from a solution the filtered Hessian makes faster progress. The region is entered after a
-    filtered step that decreases the energy by less than `_ENTER_DECREASE` of the decrease since the
-    start, if it and the step before together leave more than `_ENTER_RESIDUAL` of the residual:
-    near an unstable state. Where the solve has been in the region before, one such
-    step is enough to enter it again. With ``-snes_hessian exact`` it is also entered where
-    the exact Hessian gives no descent direction. It is exited after any step that leaves less than
-    `_EXIT_RESIDUAL` of the residual.
+    filtered step that decreases the energy by less than 0.03 of the decrease since the start, if it
+    and the step before together leave more than 0.55 of the residual: near an unstable state. Where
+    the solve has been in the region before, one such step is enough to enter it again. With
+    ``-snes_hessian exact`` it is also entered where the exact Hessian gives no descent direction.
+    It is exited after any step that leaves less than a tenth of the residual.
 
     Parameters
     ----------
