@@ -30,7 +30,7 @@ from mpi4py import MPI
 import fem_snh
 from fem_snh.choices import INTEGRATORS
 from fem_snh.scenes import Geometry, Gravity, Hold, MaterialChoice, Probe, Scene, Time
-from fem_snh.viewing.plots.runs import energies
+from fem_snh.viewing.plots.runs import energy_table
 from fem_snh.viewing.plots.style import legend, subplots
 
 parser = ArgumentParser(description="A swinging cantilever, with every time integrator.")
@@ -71,10 +71,10 @@ if MPI.COMM_WORLD.rank == 0:
         tip = [row["probes"]["tip"][2] for row in result.steps]
         newton = sum(row["newton"] for row in result.steps)
         print(f"{integrator:18}  {lost[integrator]:10.2%}   {min(tip):14.4f}   {newton:6}")
-        times, values = energies(result.record, "energy")
+        rows = energy_table(result.record)
         line = "k--" if integrator == "newmark" else "-"
-        left.plot(times, values, line, label=integrator)
-        right.plot(times, [0.0, *tip], line)
+        left.plot(rows["time"], rows["energy"], line, label=integrator)
+        right.plot(rows["time"], [0.0, *tip], line)
     left.set(xlabel="time [s]", ylabel="kinetic + elastic + potential energy [J]")
     right.set(xlabel="time [s]", ylabel="displacement of the tip [m]")
     legend(figure, left)

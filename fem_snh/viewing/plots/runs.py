@@ -156,8 +156,7 @@ def draw_energies(ax: Axes, records: Sequence[Record], names: Sequence[str]) -> 
     """
     single = len(records) == 1
     for number, (record, name) in enumerate(zip(records, names, strict=True)):
-        steps = [step for step in record["steps"] if step["converged"]]
-        rows = pd.DataFrame([{"time": 0.0, **record["time"]["start"]}, *steps])
+        rows = energy_table(record)
         if not single:
             ax.plot(rows["time"], rows["energy"], label=plain(name), **style(number, len(rows)))
             continue
@@ -169,6 +168,12 @@ def draw_energies(ax: Axes, records: Sequence[Record], names: Sequence[str]) -> 
     kind = "" if single else "kinetic + elastic + potential "
     ax.set_ylabel(f"{kind}energy [{unit_name('J', records)}]")
     ax.set_xlabel(f"time [{unit_name('s', records)}]")
+
+
+def energy_table(record: Record) -> pd.DataFrame:
+    """Return the start of a motion and its steps that converged as a table."""
+    steps = [step for step in record["steps"] if step["converged"]]
+    return pd.DataFrame([{"time": 0.0, **record["time"]["start"]}, *steps])
 
 
 def run_table(record: Record) -> pd.DataFrame:
