@@ -157,7 +157,11 @@ class Eigenproblem:
     def _solve(
         self, shift: float, count: int, known: list[tuple[float, PETSc.Vec]]
     ) -> list[tuple[float, PETSc.Vec]]:
-        """Return ``count`` or more eigenpairs nearest to ``shift``, M-orthogonal to known ones."""
+        """Return eigenpairs nearest to ``shift``, M-orthogonal to known ones.
+
+        ``count`` of them or more, or fewer where a Krylov space misses copies of multiple
+        eigenvalues.
+        """
         from slepc4py import SLEPc
 
         eps = SLEPc.EPS().create(self._comm)
@@ -178,9 +182,9 @@ class Eigenproblem:
         eps.setFromOptions()
         eps.solve()
         converged = eps.getConverged()
-        if converged < count:
+        if not converged:
             raise BadInput(
-                f"modes: SLEPc found {converged} of {count} eigenvalues "
+                f"modes: SLEPc found none of {count} eigenvalues "
                 f"(reason {eps.getConvergedReason()}): try -{self._prefix}eps_max_it, -eps_ncv"
             )
         return [self._eigenpair(eps, i) for i in range(converged)]

@@ -191,6 +191,14 @@ def test_any_number_of_ranks_gives_the_same_frequencies(comm, free):
     assert other[start:] == pytest.approx(one[start:], rel=1e-9)
 
 
+def test_eigenvalues_that_a_search_misses_are_searched_again():
+    """Five of six are found in three restarts."""
+    setup = {"mesh": Geometry(source="bar", parameters={"length": 2.0}), "cells": 2, "count": 6}
+    petsc = {"modes_eps_max_it": 3, "modes_eps_ncv": 12}
+    one, several = (solve("modes", petsc=o, **setup).frequencies for o in ({}, petsc))
+    assert several == pytest.approx(one, rel=1e-9)
+
+
 @pytest.mark.one_debian("ranks")
 @mpi
 def test_modes_of_a_loaded_state_come_after_the_load_steps(comm):
