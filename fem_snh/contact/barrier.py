@@ -1,6 +1,6 @@
 """Self-contact by a barrier: surfaces that never intersect (incremental potential contact).
 
-Only this module imports ipctk, whose API changes between minor versions. Its vertices are rows of
+Only this module calls ipctk, whose API changes between minor versions. Its vertices are rows of
 arrays in Fortran order, its distances are squared.
 """
 

@@ -444,7 +444,7 @@ class ClosestFacets:
     Facets of degree 1 are searched as they are (a quadrilateral as four triangles), those of degree
     2 with their midside nodes (six or eight triangles). A curve is searched as two segments. The
     facet that is found is used with its own shape functions. (With two triangles a warped
-    quadrilateral leans to one side: two plates that collide took up to four times the iterations.)
+    quadrilateral leans to one side: two plates that collide took up to six times the iterations.)
 
     Parameters
     ----------

@@ -27,3 +27,8 @@ def test_pairs_that_alternate_end_the_step():
         while history.update_lagged(None):
             pass
     assert history.solves == 2 + MAX_STALLED
+
+
+def test_terms_of_one_name_are_both_in_the_checkpoint():
+    first, second = HistoryTerm(), HistoryTerm()
+    assert TermHistory([first, second]).by_name == {"term": first, "term_2": second}
