@@ -46,7 +46,7 @@ from fem_snh.choices import EIGENSOLVERS
 from fem_snh.kernels.material import Material
 from fem_snh.kernels.material import material as make_material
 from fem_snh.materials.energy import Energy
-from fem_snh.materials.functions import INVARIANTS, SIGMA, fractions
+from fem_snh.materials.invariants import INVARIANTS, SIGMA, fractions
 
 Array = npt.NDArray[np.float64]
 

@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Any
 from fem_snh.errors import BadInput
 
 if TYPE_CHECKING:
-    from fem_snh.contact.contact import Contact, SelfContact
+    from fem_snh.contact.contact_tables import Contact, SelfContact
     from fem_snh.contact.obstacle import Obstacle
     from fem_snh.dynamic_problem import DynamicProblem
     from fem_snh.kernels.material import material

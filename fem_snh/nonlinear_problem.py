@@ -16,13 +16,13 @@ from fem_snh.errors import ResultNote, check_whole, choose
 from fem_snh.kernels.material import Material
 from fem_snh.problem.conditions import LoadFunction
 from fem_snh.problem.definition import check_lists, define
-from fem_snh.problem.supports import SupportsCheck
+from fem_snh.problem.free_motions import SupportsCheck
 from fem_snh.program_results import estimate_error, modes, reaction, reaction_moment
 from fem_snh.records.run_record import Note
 from fem_snh.solver.options import GivenOptions
 from fem_snh.steps.cell_pressures import program_pressures
-from fem_snh.steps.jump import jump_notes, start_notes
-from fem_snh.steps.program_path import SolverChoice, follow_load, program_path
+from fem_snh.steps.jump_detection import jump_notes, start_notes
+from fem_snh.steps.program_replay import SolverChoice, follow_load, program_path
 from fem_snh.steps.stepping import Stepper, StepSolver, boundary_values_changed
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from math import pi
 from typing import Any
 
-from fem_snh.contact.contact import Contact
+from fem_snh.contact.contact_tables import Contact
 from fem_snh.contact.obstacle import Obstacle
 from fem_snh.scenes import (
     Geometry,

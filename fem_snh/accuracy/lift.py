@@ -31,8 +31,8 @@ from fem_snh.assembly.elements import ELEMENTS, Element, in_kinematics
 from fem_snh.assembly.unknowns import summed_over_cells
 from fem_snh.errors import BadInput
 from fem_snh.linalg.direct_solver import is_direct
+from fem_snh.problem.free_motions import Supports
 from fem_snh.problem.problem import Problem
-from fem_snh.problem.supports import Supports
 from fem_snh.solver.stability import has_negative_curvature, is_definite
 
 #: Prefix of its solver's options: those of the run are for another problem.
@@ -145,21 +145,18 @@ class Lift:
         self._outcome, self._last_filter = solver.StepOutcome(), ""
         self.reduction = self.last_reduction = 1.0
         self._last_change = 0.0  # of all unknowns, in the last Newton iteration
-        self._most = _MAX_IT
-
-    def allow(self, iterations: int) -> None:
-        """Let there be so many further Newton iterations."""
-        self._most = self.newton + iterations
 
     def solve(self) -> None:
-        """Make a Newton iteration. Collective.
+        """Solve until the residual is below 0.999 of the present one: usually one iteration.
+
+        Collective.
 
         Raises
         ------
         NoEstimate
             If the solver does not converge.
         """
-        left = self._most - self.newton
+        left = _MAX_IT - self.newton
         self._snes.setTolerances(max_it=max(left, 0))
         context = self._snes.getPythonContext()
         context.reduction = _REDUCED

@@ -9,7 +9,7 @@ addresses, without a search and without storing element matrices (as ``MatSetVal
 
 Contributions to rows of another rank are summed in an array apart and sent to its owner once per
 assembly (`SentRows`). The blocks between nodes that share no cell, which change from step to step,
-are left to PETSc (`fem_snh.assembly.couplings`).
+are left to PETSc (`fem_snh.assembly.added_couplings`).
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh._petsc import aij_blocks
-from fem_snh.assembly.couplings import Couplings
+from fem_snh.assembly.added_couplings import Couplings
 from fem_snh.assembly.inclined_planes import InclinedPlanes, MatrixProjection
 from fem_snh.assembly.matrix_layout import MatrixLayout, MixedDofMap, Received
 from fem_snh.kernels.block_pattern import concatenated_ranges

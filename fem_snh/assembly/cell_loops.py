@@ -145,10 +145,10 @@ class CellLoops:
         pointers = {name: self.pointer(array) for name, array in arrays.items()}
         self._cells = self._ffi.new("Cells *", {"cells": self.num_cells, **pointers})
 
-    def set_viscosity(self, ratio: float, origin: Array | None) -> None:
-        """Set the viscous part of an unknown pressure: see `Elastic.set_viscosity`."""
+    def set_pressure_damping(self, ratio: float, origin: Array | None) -> None:
+        """Set the viscous part of an unknown pressure: see `Elastic.set_pressure_damping`."""
         self._origin = origin  # the struct holds a pointer to it
-        self._cells.viscosity, self._cells.pressure_origin = ratio, self.pointer(origin)
+        self._cells.pressure_damping, self._cells.pressure_origin = ratio, self.pointer(origin)
 
     def pointer(self, array: Array | None) -> Any:
         """Return a C pointer to the memory of ``array``, which the caller keeps alive."""

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 import numpy as np
 from pydantic import Field
 
-from fem_snh.contact.contact import ContactTable
+from fem_snh.contact.contact_tables import ContactTable
 from fem_snh.errors import bad_value, on_every
 from fem_snh.geometry.motion_files import read_motion
 from fem_snh.geometry.motions import DisplacementMotion, Motion, MovingShape

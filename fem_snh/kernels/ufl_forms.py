@@ -46,7 +46,7 @@ from ufl.core.expr import Expr
 from fem_snh.errors import BadInput
 from fem_snh.kernels.codegen.derivatives import Derivatives
 from fem_snh.materials.energy import Energy
-from fem_snh.materials.functions import SIGMA
+from fem_snh.materials.invariants import SIGMA
 
 #: Binary digits of a frozen number: the significand of a double.
 _DIGITS = 53

@@ -43,7 +43,7 @@ from fem_snh.materials.registry import (
 
 if TYPE_CHECKING:
     from fem_snh.materials.energy import Energy
-    from fem_snh.materials.functions import PrincipalStress, positive, where
+    from fem_snh.materials.invariants import PrincipalStress, positive, where
     from fem_snh.materials.making import make_energy
 
 __all__ = [

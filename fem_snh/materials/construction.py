@@ -14,7 +14,7 @@ from sympy.codegen.cfunctions import log1p
 from fem_snh.errors import BadInput, shown
 from fem_snh.materials import normalise, tuning
 from fem_snh.materials.energy import LAME, Energy, principal_stresses
-from fem_snh.materials.functions import (
+from fem_snh.materials.invariants import (
     INVARIANTS,
     MEASURES,
     PrincipalStress,

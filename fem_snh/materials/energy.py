@@ -10,7 +10,7 @@ from typing import Any
 import sympy
 
 from fem_snh.materials import normalise
-from fem_snh.materials.functions import INVARIANTS, MEASURES, SIGMA, domain
+from fem_snh.materials.invariants import INVARIANTS, MEASURES, SIGMA, domain
 
 #: The symbols of the small-strain constants in `Energy.by_lame`.
 LAME = sympy.symbols("mu_lame lambda_lame", real=True)
@@ -43,7 +43,7 @@ class Energy:
     stress : tuple of sympy.Expr or None
         Principal PK1 stresses of a material without an energy.
     barriers : frozenset of sympy.Expr
-        Arguments of `fem_snh.materials.functions.positive`.
+        Arguments of `fem_snh.materials.invariants.positive`.
     fit : normalise.Normalisation
         The fit of ``values`` to the small-strain constants.
     pressure : sympy.Symbol or None

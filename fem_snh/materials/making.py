@@ -18,7 +18,7 @@ import sympy
 from fem_snh.errors import BadInput, bad_value, nearest, shown
 from fem_snh.materials.construction import construct, symbolic
 from fem_snh.materials.energy import Energy
-from fem_snh.materials.functions import SIGMA
+from fem_snh.materials.invariants import SIGMA
 from fem_snh.materials.normalise import Pair, determined
 from fem_snh.materials.parameters import (
     LARGEST_MODULUS,

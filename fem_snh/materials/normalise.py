@@ -23,7 +23,7 @@ from itertools import combinations
 import sympy
 
 from fem_snh.errors import BadInput
-from fem_snh.materials.functions import SIGMA
+from fem_snh.materials.invariants import SIGMA
 from fem_snh.materials.parameters import check_constants
 
 _REST = dict.fromkeys(SIGMA, sympy.Integer(1))

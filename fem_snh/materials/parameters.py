@@ -104,7 +104,7 @@ def check(tuning: dict[str, Any]) -> dict[str, Any]:
     return given
 
 
-#: Names of the deformation measures that may be arguments (`fem_snh.materials.functions`).
+#: Names of the deformation measures that may be arguments (`fem_snh.materials.invariants`).
 MEASURES = ("I1", "I_C", "II_C", "J", "s0", "s1", "s2")
 
 #: The accepted measures, for messages.

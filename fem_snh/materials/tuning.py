@@ -36,7 +36,7 @@ import sympy
 
 from fem_snh.errors import BadInput
 from fem_snh.materials.energy import LAME, Energy
-from fem_snh.materials.functions import INVARIANTS, SIGMA, exact, where
+from fem_snh.materials.invariants import INVARIANTS, SIGMA, exact, where
 from fem_snh.materials.normalise import lame
 
 Pair = tuple[sympy.Expr, sympy.Expr]

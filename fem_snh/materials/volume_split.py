@@ -31,7 +31,7 @@ import sympy
 
 from fem_snh.errors import BadInput
 from fem_snh.materials.energy import LAME, Energy
-from fem_snh.materials.functions import MEASURES, SIGMA
+from fem_snh.materials.invariants import MEASURES, SIGMA
 
 PRESSURE, LOCAL = sympy.symbols("pressure lambda_local", real=True)
 J = MEASURES["J"]

@@ -13,7 +13,7 @@ from mpi4py import MPI
 from fem_snh import scenes, solver
 from fem_snh.cache import untimed
 from fem_snh.errors import BadInput, on_every, on_root
-from fem_snh.problem.supports import SupportsCheck
+from fem_snh.problem.free_motions import SupportsCheck
 from fem_snh.processes import Interrupts
 from fem_snh.records.run_record import Note
 from fem_snh.runs.checkpoint import Checkpoint

@@ -16,7 +16,7 @@ from fem_snh.accuracy.goals import Goal, names_of
 from fem_snh.accuracy.path_errors import estimate_on_path
 from fem_snh.runs.level_meshes import is_refined_locally
 from fem_snh.runs.scene_goals import GoalStates
-from fem_snh.runs.scene_path import scene_path
+from fem_snh.runs.scene_replay import scene_path
 from fem_snh.runs.setup import Setup
 
 

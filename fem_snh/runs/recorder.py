@@ -14,7 +14,7 @@ from fem_snh.records.run_record import NOTES_ON_PATH, Note, Record
 from fem_snh.runs.checkpoint import CheckpointWriter
 from fem_snh.runs.folder import Folder
 from fem_snh.runs.output.fields import Fields, write_modes
-from fem_snh.steps.jump import jump_notes
+from fem_snh.steps.jump_detection import jump_notes
 
 if TYPE_CHECKING:
     from fem_snh.accuracy.goal_errors import Estimate

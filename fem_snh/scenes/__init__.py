@@ -11,23 +11,10 @@ materials, never the solver.
 
 from __future__ import annotations
 
-from fem_snh.contact.contact import Contact, SelfContact
+from fem_snh.contact.contact_tables import Contact, SelfContact
 from fem_snh.contact.obstacle import Obstacle
 from fem_snh.scenes._bones import BoneChoice, Rig
 from fem_snh.scenes._consistency import check_consistency, group_references, why_condensed
-from fem_snh.scenes._loading import (
-    FEATURES,
-    GROUP,
-    describe,
-    function,
-    load,
-    load_to_run,
-    names,
-    own_parameters,
-    read_toml,
-    register_feature,
-    validate,
-)
 from fem_snh.scenes._material import MaterialChoice
 from fem_snh.scenes._outputs import (
     LARGEST,
@@ -41,6 +28,19 @@ from fem_snh.scenes._outputs import (
     Tetrahedra,
     read_goal,
     term_goals,
+)
+from fem_snh.scenes._reading import (
+    FEATURES,
+    GROUP,
+    describe,
+    function,
+    load,
+    load_to_run,
+    names,
+    own_parameters,
+    read_toml,
+    register_feature,
+    validate,
 )
 from fem_snh.scenes.schema import Damping, Scene, Start, Time
 from fem_snh.tables.amplitudes import Amplitude, Rotate

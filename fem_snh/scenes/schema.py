@@ -21,7 +21,7 @@ from fem_snh.choices import (
     MASSES,
     PREDICTORS,
 )
-from fem_snh.contact.contact import Contact, SelfContact
+from fem_snh.contact.contact_tables import Contact, SelfContact
 from fem_snh.contact.obstacle import Obstacle
 from fem_snh.files import is_shape, xdmf_data
 from fem_snh.scenes._bones import BoneChoice, Rig

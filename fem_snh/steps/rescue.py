@@ -21,8 +21,8 @@ from fem_snh import solver
 from fem_snh.assembly.nodal_mass import NodalMass
 from fem_snh.assembly.unknowns import local_values
 from fem_snh.errors import NotSettled
+from fem_snh.problem.free_motions import Supports
 from fem_snh.problem.problem import Problem
-from fem_snh.problem.supports import Supports
 from fem_snh.solver.step import update_lagged
 from fem_snh.steps.dynamics.integrators import Affine
 from fem_snh.steps.dynamics.motion_terms import Inertia

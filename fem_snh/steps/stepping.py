@@ -19,7 +19,7 @@ from fem_snh.solver import EquilibriumStability, StepOutcome
 from fem_snh.solver.linear_choice import MAX_NODES
 from fem_snh.solver.stability import negative_eigenvalues
 from fem_snh.steps.cell_pressures import CellPressures
-from fem_snh.steps.jump import BEYOND_LIMIT, Finding, JumpDetector
+from fem_snh.steps.jump_detection import BEYOND_LIMIT, Finding, JumpDetector
 from fem_snh.steps.poisson_continuation import PoissonContinuation
 
 if TYPE_CHECKING:

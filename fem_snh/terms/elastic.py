@@ -184,7 +184,7 @@ class Elastic(Term):
                 )
         return self._targets
 
-    def set_viscosity(self, ratio: float = 0.0, origin: Array | None = None) -> None:
+    def set_pressure_damping(self, ratio: float = 0.0, origin: Array | None = None) -> None:
         r"""Set the viscous part of an unknown pressure; none by default.
 
         The unknown is then :math:`p = p_e + s (p_e - w)` with the elastic pressure
@@ -199,7 +199,7 @@ class Elastic(Term):
             w, in the unit of the unknown.
         """
         for part in self.parts:
-            part.loops.set_viscosity(ratio, origin)
+            part.loops.set_pressure_damping(ratio, origin)
 
     def cell_fields(self, u: PETSc.Vec, p: PETSc.Vec | None = None) -> dict[str, Array]:
         """Return, for each cell of this rank, the fields of `Problem.cell_fields`.

@@ -17,7 +17,7 @@ from fem_snh.assembly.cell_loops import CellLoops, ElementTables, compile_cell_l
 from fem_snh.kernels.codegen.derivatives import DividedDifference
 from fem_snh.kernels.codegen.small_strain import Increments
 from fem_snh.kernels.material import material
-from fem_snh.materials.functions import SIGMA
+from fem_snh.materials.invariants import SIGMA
 
 pytestmark = pytest.mark.one_debian
 

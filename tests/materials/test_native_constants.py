@@ -10,7 +10,7 @@ import pytest
 
 import fem_snh
 from fem_snh import scenes
-from fem_snh.materials.functions import SIGMA
+from fem_snh.materials.invariants import SIGMA
 from fem_snh.materials.making import make_energy
 from fem_snh.materials.volume_split import J, split
 

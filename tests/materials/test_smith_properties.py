@@ -9,7 +9,7 @@ from points import make
 
 from fem_snh import materials
 from fem_snh.errors import BadInput
-from fem_snh.materials.functions import SIGMA
+from fem_snh.materials.invariants import SIGMA
 
 pytestmark = pytest.mark.one_debian
 

@@ -10,7 +10,7 @@ import sympy
 from points import make
 
 from fem_snh.kernels.reports import stability
-from fem_snh.materials.functions import SIGMA
+from fem_snh.materials.invariants import SIGMA
 
 pytestmark = pytest.mark.one_debian
 

@@ -10,7 +10,7 @@ import pytest
 import sympy
 from points import deformations, make, observed_order, vec
 
-from fem_snh.materials.functions import SIGMA
+from fem_snh.materials.invariants import SIGMA
 from fem_snh.materials.tuning import stretch_power
 
 pytestmark = pytest.mark.one_debian

@@ -8,7 +8,7 @@ import pytest
 import sympy
 
 import fem_snh
-from fem_snh.materials.functions import positive
+from fem_snh.materials.invariants import positive
 from fem_snh.studies.fit.data import TESTS
 from fem_snh.studies.fit.family import Family
 from fem_snh.studies.fit.responses import FREE, response, stretches

@@ -18,7 +18,7 @@ from fem_snh import materials
 from fem_snh.kernels.material import Material, material
 from fem_snh.materials import registry
 from fem_snh.materials.energy import Energy
-from fem_snh.materials.functions import SIGMA
+from fem_snh.materials.invariants import SIGMA
 from fem_snh.materials.parameters import measures_of
 
 #: Materials for the tests of the kernels, at nu below and above 0.4, where stable_neo_hookean

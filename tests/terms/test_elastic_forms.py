@@ -15,7 +15,7 @@ from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.assembly.regions import Region
 from fem_snh.kernels.material import material
 from fem_snh.kernels.ufl_forms import FUNCTIONS, energy_density
-from fem_snh.materials.functions import MEASURES
+from fem_snh.materials.invariants import MEASURES
 from fem_snh.materials.parameters import BOUNDS
 from fem_snh.materials.volume_split import PRESSURE, split
 from fem_snh.terms.elastic import Elastic

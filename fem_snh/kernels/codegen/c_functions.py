@@ -13,7 +13,7 @@ from sympy.printing.c import C99CodePrinter
 
 from fem_snh.kernels.codegen.derivatives import I_C, II_C, Derivatives, J
 from fem_snh.materials.energy import Energy
-from fem_snh.materials.functions import INVARIANTS, SIGMA, domain
+from fem_snh.materials.invariants import INVARIANTS, SIGMA, domain
 
 #: Largest int of C.
 _INT_MAX = 2**31 - 1

@@ -57,7 +57,7 @@ import sympy
 from sympy.codegen.cfunctions import log1p
 
 from fem_snh.materials.energy import Energy
-from fem_snh.materials.functions import INVARIANTS, SIGMA, where
+from fem_snh.materials.invariants import INVARIANTS, SIGMA, where
 
 expm1_over_x, log1p_over_x = sympy.Function("expm1_over_x"), sympy.Function("log1p_over_x")
 

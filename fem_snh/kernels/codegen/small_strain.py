@@ -28,7 +28,7 @@ from sympy.codegen.cfunctions import expm1, log1p
 from fem_snh.kernels.codegen.c_functions import Writer
 from fem_snh.kernels.codegen.derivatives import I_C, II_C, J
 from fem_snh.materials.energy import Energy
-from fem_snh.materials.functions import SIGMA, fractions, where
+from fem_snh.materials.invariants import SIGMA, fractions, where
 
 Pair = tuple[sympy.Expr, sympy.Expr]
 _ZERO = sympy.Integer(0)

@@ -16,8 +16,8 @@ typedef struct {
   const double *constants;          /* the material's constants */
   const int *pressure_nodes;        /* [cells][PRESSURE_NODES]; only if the pressure is an unknown */
   const double *pressure_basis;     /* [POINTS][PRESSURE_NODES] basis values */
-  const double *pressure_origin;    /* [pressure nodes] the w of volume_pressure.h; not read if viscosity is 0 */
-  double viscosity;                 /* its s, the ratio of the viscous stiffness of the volume and the elastic one */
+  const double *pressure_origin;    /* [pressure nodes] the w of volume_pressure.h; not read if pressure_damping is 0 */
+  double pressure_damping;         /* its s, the ratio of the viscous stiffness of the volume and the elastic one */
 } Cells;
 
 /* Where element matrices are added: the value arrays of an AIJ matrix's diagonal block (0) and off-diagonal

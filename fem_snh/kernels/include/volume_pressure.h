@@ -20,7 +20,7 @@ typedef struct {
 INLINE void volume_prepare(const Cells *c, real fraction, long start, const real x[][3], const real v[][3], const double *pressure, VolumeTerm *m) {
   *m = (VolumeTerm){0};
   GATHER(m->p, PRESSURE_NODES, 1, c->pressure_nodes, pressure)
-  if (c->viscosity) { GATHER(m->w, PRESSURE_NODES, 1, c->pressure_nodes, c->pressure_origin) }
+  if (c->pressure_damping) { GATHER(m->w, PRESSURE_NODES, 1, c->pressure_nodes, c->pressure_origin) }
 }
 
 INLINE Parameters volume_parameters(const Cells *c, const VolumeTerm *m, int q) {
@@ -31,10 +31,10 @@ INLINE Parameters volume_parameters(const Cells *c, const VolumeTerm *m, int q) 
 
 /* (1 + s) U*(p_e) and its derivatives by p. */
 INLINE void conjugate_point(const Cells *c, const VolumeTerm *m, int q, Parameters p, real *conjugate) {
-  const double factor = 1 + c->viscosity;
-  if (c->viscosity) {
+  const double factor = 1 + c->pressure_damping;
+  if (c->pressure_damping) {
     for (int a = 0; a < PRESSURE_NODES; ++a)
-      p.pressure += m->w[a][0] * (c->viscosity * c->pressure_basis[PRESSURE_NODES * q + a]);
+      p.pressure += m->w[a][0] * (c->pressure_damping * c->pressure_basis[PRESSURE_NODES * q + a]);
     p.pressure /= factor;
   }
   volume_conjugate(p, conjugate);

@@ -22,7 +22,7 @@ import sympy
 from fem_snh.kernels.material import Material
 from fem_snh.kernels.reports.curves import Array, diagonal, eigenvalues, inside, stress
 from fem_snh.materials.energy import Energy
-from fem_snh.materials.functions import INVARIANTS, SIGMA
+from fem_snh.materials.invariants import INVARIANTS, SIGMA
 from fem_snh.materials.normalise import lame
 
 #: The verdicts on a property.

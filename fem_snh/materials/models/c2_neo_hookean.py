@@ -3,7 +3,7 @@
 from sympy import log
 
 from fem_snh.errors import bad_value
-from fem_snh.materials.functions import where
+from fem_snh.materials.invariants import where
 
 
 def c2_neo_hookean(I_C, J, mu, lam, *, threshold: float = 0.4):

@@ -6,7 +6,7 @@ from typing import Any
 from sympy import Float, Rational, log, sqrt
 
 from fem_snh.errors import bad_value, choose
-from fem_snh.materials.functions import PrincipalStress, where
+from fem_snh.materials.invariants import PrincipalStress, where
 
 
 def filtered_neo_hookean(s0, s1, s2, mu, lam, *, sigma_f: float = 0.25, bound: str = "stretch"):

@@ -5,7 +5,7 @@ from typing import Annotated
 from sympy.codegen.cfunctions import log1p
 
 from fem_snh.errors import Range
-from fem_snh.materials.functions import exact
+from fem_snh.materials.invariants import exact
 from fem_snh.materials.models._terms import first_invariant, volume_term
 from fem_snh.materials.registry import bulk
 

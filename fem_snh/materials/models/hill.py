@@ -3,7 +3,7 @@
 from sympy import Symbol, simplify
 
 from fem_snh.errors import BadInput
-from fem_snh.materials.functions import positive
+from fem_snh.materials.invariants import positive
 from fem_snh.materials.models._terms import quadratic
 from fem_snh.materials.parsing import parse
 

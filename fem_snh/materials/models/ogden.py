@@ -3,7 +3,7 @@
 from sympy import log
 
 from fem_snh.errors import BadInput
-from fem_snh.materials.functions import exact, positive
+from fem_snh.materials.invariants import exact, positive
 from fem_snh.materials.models._terms import volume_term
 from fem_snh.materials.registry import LIST, Published
 

@@ -1,6 +1,6 @@
 """The material ``stable_arruda_boyce``."""
 
-from fem_snh.materials.functions import exact
+from fem_snh.materials.invariants import exact
 
 
 def stable_arruda_boyce(I_C, J, mu, lam, *, betas: tuple[float, ...] = (0.025, 11 / 11200)):

@@ -2,7 +2,7 @@
 
 from sympy import exp
 
-from fem_snh.materials.functions import exact
+from fem_snh.materials.invariants import exact
 
 
 def stable_fung(I_C, J, mu, lam, *, gamma: float = 0.1, mu_1: float = 1.0):

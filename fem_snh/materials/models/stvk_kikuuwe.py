@@ -1,6 +1,6 @@
 """The material ``stvk_kikuuwe``."""
 
-from fem_snh.materials.functions import where
+from fem_snh.materials.invariants import where
 from fem_snh.materials.models.stvk import stvk
 
 

@@ -1,6 +1,6 @@
 """The material ``symmetric_arap``."""
 
-from fem_snh.materials.functions import positive
+from fem_snh.materials.invariants import positive
 from fem_snh.materials.models._terms import volume_term
 
 

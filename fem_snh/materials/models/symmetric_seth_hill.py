@@ -2,7 +2,7 @@
 
 from typing import Annotated
 
-from fem_snh.materials.functions import exact, positive
+from fem_snh.materials.invariants import exact, positive
 from fem_snh.materials.models._terms import quadratic
 from fem_snh.materials.parameters import EXPONENTS
 

@@ -2,7 +2,7 @@
 
 from sympy import log, symbols
 
-from fem_snh.materials.functions import positive
+from fem_snh.materials.invariants import positive
 from fem_snh.materials.parsing import parse
 
 

@@ -71,7 +71,7 @@ class ForceBalance:
     ) -> None:
         self._V, self._mass, self.inertia = V, mass, Inertia(mass)
         self.damping = RayleighDamping(mass, damping) if any(damping) else None
-        self._viscosity: tuple[float, Any]  # ratio and origin of the pressure's viscous part
+        self._pressure_damping: tuple[float, Any]  # ratio and origin of the pressure's viscous part
 
     @property
     def terms(self) -> list[Term]:
@@ -156,8 +156,8 @@ class ForceBalance:
         origin.array[:] -= rates.of_velocity(known).array_r / velocity.rate
         update_ghosts(origin)
         ratio = self.damping.beta * velocity.rate
-        self._viscosity = ratio, origin
-        problem.elastic.set_viscosity(ratio, local_values(origin).copy())
+        self._pressure_damping = ratio, origin
+        problem.elastic.set_pressure_damping(ratio, local_values(origin).copy())
 
     def end_volume_damping(self, problem: Problem, accepted: bool = True) -> Array:
         """Make an unknown pressure the elastic one again; return the forces of the viscous part.
@@ -172,11 +172,12 @@ class ForceBalance:
         forces: Array = np.zeros(self._mass.num_owned)
         if not (self.damping and (rates := self.damping.rates)):
             return forces
-        problem.elastic.set_viscosity()
+        problem.elastic.set_pressure_damping()
         if accepted:
             assert problem.saddle_point
             before = self.other_forces(problem, [problem.elastic])
-            (ratio, origin), p = self._viscosity, problem.saddle_point.pressure_dofs(problem.x)
+            ratio, origin = self._pressure_damping
+            p = problem.saddle_point.pressure_dofs(problem.x)
             p[:] = np.where(rates.compliant, (p + ratio * origin.array_r) / (1 + ratio), p)
             forces = before - self.other_forces(problem, [problem.elastic])
         return forces

@@ -22,7 +22,7 @@ from fem_snh.errors import BadInput, bad_value, choose
 from fem_snh.materials import normalise, tuning
 from fem_snh.materials.construction import symbolic
 from fem_snh.materials.energy import LAME
-from fem_snh.materials.functions import INVARIANTS, SIGMA, Parameter, domain
+from fem_snh.materials.invariants import INVARIANTS, SIGMA, Parameter, domain
 from fem_snh.materials.parameters import (
     ALPHAS,
     LARGEST_PARAMETER,
