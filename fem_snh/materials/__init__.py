@@ -56,9 +56,9 @@ __all__ = [
 #: Modules of the names that need sympy, which is imported on their first use.
 _MODULES = {
     "Energy": "energy",
-    "PrincipalStress": "functions",
-    "positive": "functions",
-    "where": "functions",
+    "PrincipalStress": "invariants",
+    "positive": "invariants",
+    "where": "invariants",
     "make_energy": "making",
 }
 

@@ -70,15 +70,15 @@ THIRD_PARTY = {
     "pxr": {"viewing.export"},
     "matplotlib": {"viewing"},
     "pydantic": {
-        "materials.parameters", "tables", "terms", "contact.contact", "contact.obstacle", "scenes",
-        "studies.slurm",
+        "materials.parameters", "tables", "terms", "contact.contact_tables", "contact.obstacle",
+        "scenes", "studies.slurm",
     },
     "slepc4py": {"problem.modes"},
     "ipctk": {"contact.ipctk_import"},
 }  # fmt: skip
 _PARALLEL = {"mpi4py", "petsc4py"}
 _WITHOUT_MPI = (
-    "kernels", "tables", "terms.feature", "contact.contact", "contact.obstacle",
+    "kernels", "tables", "terms.feature", "contact.contact_tables", "contact.obstacle",
     "contact.ipctk_import", "scenes", "assembly.elements", "geometry", "viewing",
 )  # fmt: skip
 #: Third-party packages that these parts may not import: they work without MPI and PETSc.
