@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import NamedTuple
 
-#: Names of components, in the order of the values: of vectors, of 3x3 tensors by rows, as ParaView
-#: expects tensors of 9 components, and of principal values.
+#: Names of components, in the order of the values: of vectors; of 3x3 tensors, row by row, as
+#: ParaView expects tensors of 9 components; of principal values.
 VECTOR = ("x", "y", "z")
 TENSOR = tuple(i + j for i in VECTOR for j in VECTOR)
 PRINCIPAL = ("1", "2", "3")
-#: How the names of fields begin that are a goal's error in each cell, at the end of a run.
+#: How the names begin of the fields that have the error of a goal in each cell, at a run's end.
 ERRORS = "error_"
 
 
@@ -20,15 +20,15 @@ class OutputField(NamedTuple):
     Attributes
     ----------
     label : str
-        Its name beside a colour bar.
+        The field's name beside a colour bar.
     unit : str
-        Its unit, if the scene is in SI units.
+        The field's unit, if the scene is in SI units.
     components : tuple of str
-        Names of its components; none for a scalar.
+        Names of the components; empty for a scalar.
     meaning : str
-        A sentence for tables and messages.
+        A description for tables and messages.
     nonnegative : bool
-        Whether its values, or those of each component, cannot be negative: a scale starts at 0.
+        Whether no component can be negative. Colour scales then start at 0.
     """
 
     label: str
@@ -96,14 +96,14 @@ ON_REQUEST = {
     ),
 }  # fmt: skip
 
-#: Those that only a scene in time may name.
+#: The fields that only a scene with [time] may name.
 IN_TIME = {
     "velocity": OutputField("velocity", "m/s", VECTOR, "velocity of the nodes; with [time]"),
     "acceleration": OutputField(
         "acceleration", "m/s^2", VECTOR, "acceleration of the nodes; with [time]"
     ),
 }
-#: Those that only a scene with contact may name.
+#: The fields that only a scene with contact may name.
 CONTACT_PRESSURES = {
     "contact_pressure": OutputField(
         "contact pressure", "Pa", (),
@@ -115,25 +115,25 @@ CONTACT_PRESSURES = {
         "the same per reference area of the surface", True,
     ),
 }  # fmt: skip
-#: Those that only a scene with obstacles may name.
+#: The fields that only a scene with obstacles may name, and those of contact.
 AT_OBSTACLES = CONTACT_PRESSURES | {
     "gap": OutputField(
         "gap", "m", (), "signed distance from the closest obstacle; with [[obstacle]]"
     ),
 }  # fmt: skip
-#: All that a scene may name.
+#: All fields that a scene may name.
 NAMED = ON_REQUEST | IN_TIME | AT_OBSTACLES
 
-#: Fields that are at the nodes always.
+#: Names of the fields that are at the nodes always.
 NODAL = ["reaction_force", *IN_TIME, *AT_OBSTACLES]
-#: Those whose sum over the nodes has a meaning. A file of several ranks lists a shared node several
-#: times: one of them has the value, the others have 0.
+#: Names of the nodal fields whose sum over the nodes has a meaning. Ranks that share a node each
+#: write it: the file of the node's owner has the value, the other files have 0.
 SUMMED = ("reaction_force",)
-#: Where the other fields are written.
+#: Where a scene may have the fields written that are not in `NODAL`.
 LOCATIONS = ("cells", "nodes")
 
 
 def add_nodal_fields(fields: Mapping[str, OutputField]) -> None:
-    """Add the fields of a feature of another package to those that scenes may name."""
+    """Add nodal fields, of a feature of another package, to `NODAL` and `NAMED`."""
     NODAL.extend(name for name in fields if name not in NAMED)
     NAMED.update(fields)

@@ -1,7 +1,7 @@
 """The files of a run in its folder: their names, and the lock of the folder.
 
-The names tell which files are a run's, whatever process has written them; no other file in the
-folder is ever removed. run.json lists those that are there under ``files``.
+A file belongs to the run if it has a name that runs write (`is_run_file`), whatever process has
+written it. Files of other names are never removed. run.json lists the run's files under ``files``.
 """
 
 from __future__ import annotations
@@ -34,9 +34,9 @@ _SINGLE = (
     LEVELS,
     *(f"{c}.pvd" for c in COLLECTIONS),
 )
-#: The solids whose surfaces may be files, of which a run has copies: the tables of scenes.
+#: The tables of scenes whose surface may be a file, of which the run's folder has a copy.
 SOLIDS = ("obstacle", "bone", "rigid")
-#: The other files: states of collections, and these copies.
+#: Names of the numbered files: states of collections, and copies of surfaces.
 _NUMBERED = re.compile(
     rf"({'|'.join(COLLECTIONS)})(_p\d+_)?\d{{6,}}\.p?vtu|({'|'.join(SOLIDS)})_\d+\.(stl|obj)"
 )
@@ -50,9 +50,10 @@ def is_run_file(name: str) -> bool:
 
 
 def surface_copy(solid: str, number: int, source: Path) -> str:
-    """Return the name of the copy of a solid's surface, "rigid_0.obj", in the folder of a run.
+    """Return the name of a surface's copy in the folder of a run, for example "rigid_0.obj".
 
-    Readers tell OBJ files by their suffix; every other file is STL.
+    ``solid`` is one of `SOLIDS`, ``number`` counts its tables from 0. The suffix is .obj if the
+    file ``source`` has it, else .stl: readers tell the format by the suffix.
     """
     return f"{solid}_{number}{'.obj' if source.suffix.lower() == '.obj' else '.stl'}"
 
@@ -63,9 +64,9 @@ def run_files(folder: Path) -> list[str]:
 
 
 def remove_run(folder: Path) -> None:
-    """Remove the files of a run, and its folder if it is empty then.
+    """Remove the files of a run, then its folder if that is empty.
 
-    Raises BadInput if a process still writes into it.
+    Raises BadInput if a process still writes into the folder.
     """
     lock = FolderLock(folder / LOCK)
     for name in run_files(folder):
@@ -76,10 +77,10 @@ def remove_run(folder: Path) -> None:
 
 
 def take_run(folder: Path, other: Path) -> None:
-    """Replace the run in a folder by a complete one from another folder, which is removed.
+    """Replace the run in ``folder`` by the complete run in ``other``; remove ``other``.
 
-    `LEVELS`, which makes that run complete, comes last: a killed process has not begun to take the
-    files, or the other folder has `LEVELS` and the rest of them.
+    `LEVELS` is moved last. If the process is killed before, ``other`` still has `LEVELS`, which
+    marks a complete run, and the call can be repeated.
     """
     last = ("run.json", LEVELS)
     if (other / "run.json").exists():
@@ -93,19 +94,19 @@ def take_run(folder: Path, other: Path) -> None:
 
 
 class FolderLock:
-    """The lock of a folder that one process writes into, on an empty file in it.
+    """An exclusive lock of a folder, on an empty file in the folder.
 
-    The system releases it when the process ends, however it ends.
+    The operating system releases the lock when the process ends, however it ends.
 
     Parameters
     ----------
     path : Path
-        The file; it is created.
+        The file, which is created.
 
     Attributes
     ----------
     note : str
-        Why the folder is not locked: "", or that its file system has no locks.
+        "" if the folder is locked; else why not, as its file system may have no locks.
 
     Raises
     ------
@@ -143,7 +144,7 @@ class FolderLock:
             self.file.close()
 
     def release(self) -> None:
-        """Release the lock and remove its file."""
+        """Release the lock and remove its file; nothing if it was released before."""
         if not self.file.closed:
             remove(self.path)
             self.file.close()
@@ -152,7 +153,9 @@ class FolderLock:
 def lock_run(
     folder: Path, inputs: Iterable[Path] = (), overwrite: bool = False, resume: bool = False
 ) -> FolderLock:
-    """Lock a folder, which exists, for a run that writes into it.
+    """Return the lock of an existing folder for a run that writes into it.
+
+    Temporary files of killed runs in the folder are removed.
 
     Parameters
     ----------
@@ -160,15 +163,16 @@ def lock_run(
         The folder.
     inputs : iterable of Path
         The files that the run reads.
-    overwrite, resume : bool
-        Accept a folder that holds a run, to replace or to continue it; with ``overwrite`` also a
-        folder that holds other files.
+    overwrite : bool
+        Accept a folder that is not empty; the caller replaces the run in it.
+    resume : bool
+        Accept a folder that is not empty; the caller continues the run in it.
 
     Raises
     ------
     BadInput
-        If another process writes into the folder, if the folder is neither empty nor accepted, or
-        if the run would replace one of its inputs.
+        If another process writes into the folder, if the folder holds files and neither flag is
+        set, or if the run might replace one of its inputs.
     """
     lock = FolderLock(folder / LOCK)
     try:
@@ -183,7 +187,7 @@ def lock_run(
 
 
 def _check_empty(folder: Path) -> None:
-    """Raise BadInput if a folder holds a run, or anything else that is not hidden."""
+    """Raise BadInput if a folder holds a run, or any other file that is not hidden."""
     if (folder / "run.json").exists():
         raise BadInput(
             f"{folder} already holds a run: give --overwrite or another --out, "
@@ -197,7 +201,7 @@ def _check_empty(folder: Path) -> None:
 
 
 def list_others(folder: Path) -> str:
-    """Return the first names in a folder that are not hidden, as text; "" if there are none."""
+    """Return the first names in a folder that are not hidden, with commas between; or ""."""
     if not folder.is_dir():
         return ""
     names = sorted(path.name for path in folder.iterdir() if not path.name.startswith("."))
@@ -207,7 +211,11 @@ def list_others(folder: Path) -> str:
 def check_inputs(
     folder: Path, inputs: Iterable[Path], is_output: Callable[[str], bool] = is_run_file
 ) -> None:
-    """Raise BadInput if output in this folder might replace a file that is read for it."""
+    """Raise BadInput if output in this folder might replace one of the files ``inputs``.
+
+    That is so if an input, or the file that it links to, is in the folder and has a name for which
+    ``is_output`` is true.
+    """
     for path in inputs:
         for file in (path.resolve(), path.parent.resolve() / path.name):
             if file.parent == folder.resolve() and is_output(file.name):

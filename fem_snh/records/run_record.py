@@ -1,6 +1,6 @@
 """What a run records: run.json, its notes, and the rows of steps.csv and modes.csv.
 
-A column of a vector has the name of the goal that is the same number: ``top.force.z``,
+The column of a vector's component has the name of the goal with the same value: ``top.force.z``,
 ``inner.moment.z``, ``corner.y`` (`fem_snh.scenes.read_goal`).
 """
 
@@ -26,7 +26,7 @@ def load_record(path: Path) -> Record:
     Raises
     ------
     BadInput
-        If it cannot be read, or is not the record of a run.
+        If the file cannot be read, or is not the record of a run.
     """
     try:
         record = json.loads(read_text(path))
@@ -40,7 +40,10 @@ def load_record(path: Path) -> Record:
 
 
 def is_record(content: object) -> TypeGuard[Record]:
-    """Return whether a content has what every run.json has; the rest is not checked."""
+    """Return whether the content of a JSON file may be that of a run.json.
+
+    It has the keys ``scene``, ``material`` and ``steps``, and each step has a number ``load``.
+    """
     if not isinstance(content, dict) or not {"scene", "material", "steps"} <= content.keys():
         return False
     steps = content["steps"]
@@ -50,16 +53,19 @@ def is_record(content: object) -> TypeGuard[Record]:
 
 
 _AXES = "xyz"
-#: Tables of a row by the name of what they describe, and what their vectors are called.
+#: Keys of a step that have vectors by name, and what the columns call them: NAME.force.x.
 _VECTORS = {"reactions": "force", "moments": "moment", "probes": ""}
-#: Tables of a row by name that hold tables of their own: columns NAME.KEY.
+#: Keys of a step that have tables by name: columns NAME.KEY.
 _STATES = ("cavities", "rigid", "bones", "obstacles", "contacts")
 #: Vectors of these tables that are the same in every step, or no result: they have no column.
 _NO_COLUMN = ("pose", "deepest_at", "origin", "nodes")
 
 
 def flat(step: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a step as a table row: a column for each component of what has several."""
+    """Return a step of run.json as a row of steps.csv: values by column.
+
+    A vector has a column for each component. Several notes are one text.
+    """
     row: dict[str, Any] = {}
     for key, value in step.items():
         if key == "notes":
@@ -70,7 +76,7 @@ def flat(step: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def results(step: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the columns of a step that its scene asks for: reactions, probes, contacts, goals."""
+    """Return the columns of a step's results: momenta, reactions, probes, contacts, goals, ..."""
     row: dict[str, Any] = {}
     for key in ("momentum", "angular_momentum"):
         row |= _components(key, step.get(key, ()))
@@ -105,7 +111,10 @@ _UNITS = {
 
 
 def column_unit(name: str, step: Mapping[str, Any]) -> str:
-    """Return the SI unit of a column of a step's `flat` row, or "": also of a quotient of two."""
+    """Return the SI unit of a column of a step's `flat` row; "" if it has none.
+
+    A name that is no column of the row, such as a quotient of two columns, has none.
+    """
     if name not in flat(step):
         return ""
     body = name.removesuffix(".error")
@@ -119,7 +128,7 @@ def column_unit(name: str, step: Mapping[str, Any]) -> str:
 
 
 def _columns(name: str, state: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
-    """Return the columns of one obstacle, contact, bone or cavity."""
+    """Yield the names and values of the columns of one obstacle, contact, bone or cavity."""
     for key, value in state.items():
         if key in _NO_COLUMN:
             continue
@@ -130,12 +139,12 @@ def _columns(name: str, state: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
 
 
 def _components(name: str, vector: Sequence[float]) -> dict[str, float]:
-    """Return a column for each component of a vector; none of an empty one."""
+    """Return a column for each component of a vector, which may be empty."""
     return {f"{name}.{axis}": value for axis, value in zip(_AXES, vector, strict=False)}
 
 
 def table_text(columns: Sequence[str], rows: list[dict[str, Any]]) -> str:
-    """Return rows as CSV text."""
+    """Return rows as CSV text with a header; a cell is empty where a row lacks a column."""
     text = io.StringIO()
     writer = csv.DictWriter(text, columns, lineterminator="\n")
     writer.writeheader()
@@ -143,7 +152,7 @@ def table_text(columns: Sequence[str], rows: list[dict[str, Any]]) -> str:
     return text.getvalue()
 
 
-#: Kinds of notes on how a state was reached, which hold for what starts from it.
+#: Kinds of notes on how a state was reached. They also hold for a run that starts from the state.
 NOTES_ON_PATH = ("jump", "start")
 
 
@@ -154,17 +163,16 @@ class Note(NamedTuple):
     ----------
     kind : str
         ``supports`` (rigid motions that nothing constrains, or supports without an area),
-        ``load``, ``folder``, ``locking``, ``inverted``, ``jump`` (a state far away within one
-        step), ``penetration`` (between the points at which contact acts), ``penalty`` (one that
-        yields), ``rounding`` (forces known to their rounding error), ``unstable``, ``rest`` (an
-        equilibrium other than rest without a load), ``start`` (nodes outside of the mesh of the run
-        from which this one starts), ``pressure`` (known up to a constant), ``mesh`` (cells that
-        meet without being connected), ``energy`` (a motion that gains it), ``options`` (of PETSc
-        that no solver has) or ``stabilised`` (steps that needed a proximal term).
+        ``load``, ``folder`` (not locked), ``locking``, ``inverted``, ``jump`` (a state far away
+        within one step), ``penetration`` (between the points at which contact acts), ``rounding``
+        (forces known up to the rounding error), ``unstable``, ``start`` (nodes outside of the mesh
+        of the run from which this one starts), ``pressure`` (known up to a constant), ``mesh``
+        (cells that meet without being connected), ``energy`` (a motion gains energy), ``options``
+        (PETSc options that no solver reads) or ``stabilised`` (steps needed a proximal term).
     text : str
         One line: what is the matter, and what to do.
     step : int or None
-        Number of the step in ``steps`` of run.json, from 0; None: of the scene or of a program.
+        Number of the step in ``steps`` of run.json, from 0; None for the whole run or a program.
     values : mapping
         The numbers of the text, by name.
     """
@@ -175,7 +183,7 @@ class Note(NamedTuple):
     values: Mapping[str, Any] = {}
 
     def record(self) -> dict[str, Any]:
-        """Return the entry of ``notes`` in run.json."""
+        """Return the note's entry in ``notes`` of run.json."""
         return {"kind": self.kind, "step": self.step, "text": self.text, **self.values}
 
 

@@ -1,4 +1,4 @@
-"""Units: of stress, as files of test data state them, and those that pictures write for a scene.
+"""Units of stress in files of test data, and units of a scene for the labels of pictures.
 
 The program computes in any consistent units and converts nothing but test data.
 """
@@ -30,32 +30,38 @@ _LENGTHS = {"m": 1.0, "dm": 0.1, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.025
 _FORCES = {"N": 1.0, "kN": 1e3, "MN": 1e6, "mN": 1e-3, "uN": 1e-6, "kgf": 9.80665}
 _FORCES["lbf"] = 4.4482216152605
 _TIMES = {"s": 1.0, "ms": 1e-3}
-#: Largest relative difference of two sizes of one unit: those of pounds and inches are rounded.
+#: Largest relative difference of two values of one unit: pounds and inches are rounded.
 _SAME_SIZE = 1e-6
 #: Other spellings of units.
 _SPELLINGS = {"²": "^2", "**2": "^2", "cm2": "cm^2", "mm2": "mm^2", "m2": "m^2"}
-#: Units of forces, moments, energies and volumes in a plane: those per thickness.
+#: Units of forces, moments, energies, volumes and momenta per thickness, for plane problems.
 _PER_THICKNESS = {"N": "N/m", "N m": "N", "J": "N", "m^3": "m^2", "kg m/s": "N s/m"}
 _PER_THICKNESS["kg m^2/s"] = "N s"
-#: What derived units are in those of length, force and time.
+#: Derived units in terms of the units of length, force and time.
 _DERIVED = {"J": "N m", "kg m/s": "N s", "kg m^2/s": "N m s"}
 
 
 def volume_change(ratio: float) -> str:
-    """Return the change of a volume in per cent, "+0.51"; "0.00" for what rounds to zero."""
+    """Return "+0.51", the change of a volume in per cent, for the volume ratio 1.0051.
+
+    A change that rounds to zero is "0.00", without a sign.
+    """
     text = f"{100 * (ratio - 1):+.2f}"
     return text if float(text) else "0.00"
 
 
 def stress_unit(key: str, text: str) -> float:
-    """Return the size of a unit of stress [Pa]; raise BadInput for an unknown one."""
+    """Return the size of a unit of stress [Pa]; raise BadInput for an unknown unit.
+
+    The case of letters matters only for MPa. ``key`` is the name for the message.
+    """
     unit = _spelled(text)
     by_case = {name.lower(): name for name in STRESS_UNITS if name.lower() != "mpa"}
     return STRESS_UNITS[choose(key, by_case.get(unit.lower(), unit), list(STRESS_UNITS))]
 
 
 def _spelled(text: str) -> str:
-    """Return a unit in the spelling of the tables."""
+    """Return a unit in the spelling of the tables above: "mm^2" for "mm²"."""
     unit = text.strip()
     for other, ours in _SPELLINGS.items():
         if unit.endswith(other) and not unit.endswith(ours):
@@ -70,7 +76,7 @@ class Units:
     Attributes
     ----------
     length, force, stress, time : str
-        Their names; the stress is the force over the square of the length.
+        Names of the units; the unit of stress is that of force over the square of that of length.
     in_plane : bool
         Whether forces, moments and energies are per thickness.
     """
@@ -106,7 +112,7 @@ class Units:
 
     @classmethod
     def of(cls, record: dict[str, Any]) -> Units | None:
-        """Return the units of a run's run.json; None if its scene states none."""
+        """Return the units in the record of a run, its run.json; None if its scene states none."""
         if "units" not in record:
             return None
         try:
@@ -117,7 +123,7 @@ class Units:
         return cls(found.length, found.force, found.stress, found.time, flat)
 
     def name(self, unit: str) -> str:
-        """Return the name of an SI unit, such as "Pa" or "m/s^2", in these units."""
+        """Return the unit that takes the place of an SI unit, such as "Pa" or "m/s^2"."""
         unit = _PER_THICKNESS.get(unit, unit) if self.in_plane else unit
         ours = {"m": self.length, "N": self.force, "Pa": self.stress, "s": self.time}
         is_si = (self.length, self.force, self.time) == ("m", "N", "s")

@@ -1,4 +1,4 @@
 """Tables of scenes and objects of programs: their base, their types, and amplitudes of the load.
 
-Any feature may import it: it needs neither MPI nor PETSc.
+Every feature may import this package, as the package imports neither MPI nor PETSc.
 """

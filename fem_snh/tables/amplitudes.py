@@ -1,4 +1,4 @@
-"""Amplitudes of loads and motions as functions of the load, and rigid motions that have them."""
+"""Amplitudes of loads and motions as functions of the load, and rigid motions scaled by them."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from fem_snh.tables.validation import Bounded, Expect, OneOf, Table, check_disti
 
 Array = npt.NDArray[np.float64]
 
-#: Relative difference of numbers in a file that is rounding.
+#: Relative difference below which two numbers of a file are equal but for rounding.
 _ROUNDING = 1e-6
 _POINTS = "a list of [load, value], two or more, the loads ascending"
 
@@ -29,19 +29,22 @@ Function = Callable[[float], float]
 
 
 def function_name(table: Any) -> str:
-    """Return a function by its name, for JSON: its code cannot be compared."""
+    """Return "function NAME" for a function, else the table's name, for JSON.
+
+    Functions are compared by name only, as their code cannot be compared.
+    """
     name = getattr(table, "__qualname__", type(table).__name__)
     return f"function {name}" if callable(table) else str(table)
 
 
-#: The key of a load or a motion that names a table. In Python it may be a function of the load, of
-#: the time [s] where there is one.
+#: The type of a key that gives a load or a motion its amplitude: the name of a [[table]], or in a
+#: program a function of the load, of the time [s] in a dynamic problem.
 TableName = Annotated[
     Annotated[str, Field(min_length=1)] | Function,
     Expect("the name of a [[table]]"),
     PlainSerializer(function_name, when_used="json-unless-none"),
 ]
-#: Keys of that type.
+#: Keys of the type `TableName`.
 _KEYS = ("table", "load_table")
 TABLE = (
     "Name of the [[table]] that is its amplitude; default: the load itself, and of a force in a "
@@ -74,14 +77,18 @@ class Amplitude(Table):
         return points
 
     def value(self, load: float) -> float:
-        """Return the factor at a load, or at a time in a scene with ``[time]``."""
+        """Return the factor at a load, or at a time [s] in a scene with ``[time]``."""
         loads, values = zip(*self.points, strict=True)
         if self.interpolation == "linear":
             return float(np.interp(load, loads, values))
         return float(self._spline(np.clip(load, loads[0], loads[-1])))
 
     def has_kinks(self, step: float) -> bool:
-        """Return whether its slope jumps at points, and such steps are shorter than its parts."""
+        """Return whether the slope jumps at points, and steps of this length resolve the jumps.
+
+        True if the interpolation is linear, the slopes differ, and ``step`` is shorter than the
+        largest distance of two successive points.
+        """
         loads, values = np.transpose(self.points)
         slopes = np.diff(values) / np.diff(loads)
         kinked = bool(np.ptp(slopes) > _ROUNDING * np.abs(slopes).max())
@@ -101,14 +108,15 @@ class Amplitude(Table):
 
 
 def check_tables(tables: Sequence[Amplitude], scene: Mapping[str, Any]) -> None:
-    """Raise BadInput if two tables have one name, for a name of none, and for one without a use.
+    """Raise BadInput for two tables of one name, an unknown name, or a table without a use.
 
     Parameters
     ----------
     tables : sequence of Amplitude
         The scene's tables.
     scene : mapping
-        The scene's keys and their values: loads and motions, or lists of them.
+        The scene's keys and their values. Loads and motions are searched for the names of tables;
+        each is a `Table` or in a list of them.
     """
     known = [table.name for table in tables]
     check_distinct("table.name", known, "table")
@@ -124,7 +132,7 @@ def check_tables(tables: Sequence[Amplitude], scene: Mapping[str, Any]) -> None:
 
 
 def _references(tables: Mapping[str, Any], path: str = "") -> Iterable[tuple[str, str | Function]]:
-    """Return the dotted keys and the names of all tables that are referred to, or functions."""
+    """Yield each reference to a table: its dotted key, and the table's name or a function."""
     for key, value in tables.items():
         here = f"{path}{key}"
         if key in _KEYS and path:
@@ -139,13 +147,17 @@ def _references(tables: Mapping[str, Any], path: str = "") -> Iterable[tuple[str
 
 @dataclass(frozen=True)
 class _Factor:
-    """A function of the load that calls one of the time, if there is a duration [s]."""
+    """An amplitude as a function of the load.
+
+    Without ``duration``, ``function`` is a function of the load; else of the time, load times
+    ``duration`` [s].
+    """
 
     function: Function
     duration: float | None = None
 
     def __call__(self, load: float) -> float:
-        """Return the factor at a load."""
+        """Return the factor at a load; raise BadInput if it is not a finite number."""
         at = load if self.duration is None else load * self.duration
         value = self.function(at)
         check_number(f"table({at:g})", value, -LARGEST_NUMBER, highest=LARGEST_NUMBER)
@@ -166,21 +178,29 @@ class Amplitudes:
     tables : sequence of Amplitude
         The tables that loads and motions may name.
     duration : float or None
-        The time of load 1 [s], of which the tables are functions; None without time.
+        The time at load 1 [s]; the tables are then functions of the time. None: they are functions
+        of the load.
     """
 
     tables: Sequence[Amplitude] = ()
     duration: float | None = None
 
     def motion(self, table: str | Function | None, default: Function = float) -> Function:
-        """Return the amplitude that a key ``table`` names; ``default`` without a name.
+        """Return the amplitude of a motion as a function of the load.
 
-        Two loads with one table have equal amplitudes.
+        Amplitudes of the same table compare equal.
+
+        Parameters
+        ----------
+        table : str, callable or None
+            The name of a table; or a function, of the time [s] if there is a ``duration``.
+        default : callable
+            What is returned if ``table`` is None: by default the load itself.
 
         Raises
         ------
         BadInput
-            For a name of no table.
+            For a name that no table has.
         """
         if table is None:
             return default
@@ -192,23 +212,23 @@ class Amplitudes:
         return _Factor(next(t for t in self.tables if t.name == table).value, self.duration)
 
     def force(self, table: str | Function | None) -> Function:
-        """Return the amplitude of a force, which without a table is constant in time."""
+        """Return the amplitude of a force; without a table the load, or 1 with a ``duration``."""
         return self.motion(table, float if self.duration is None else constant)
 
 
-#: Those of a body without tables and without time.
+#: The amplitudes of a static body without tables.
 LOAD_ITSELF = Amplitudes()
 
 
 def loads_return(scene: Mapping[str, Any], amplitudes: Amplitudes, steps: int) -> bool:
-    """Return whether an amplitude of a scene was larger at the end of a step than it is at load 1.
+    """Return whether an amplitude's magnitude is larger at the end of a step than at load 1.
 
     Parameters
     ----------
     scene : mapping
         The scene's keys and their values, as for `check_tables`.
     amplitudes : Amplitudes
-        The amplitudes that they may name.
+        The scene's amplitudes.
     steps : int
         The number of equal steps.
     """
@@ -252,13 +272,15 @@ class MotionTable(Table):
 
     @property
     def is_moved(self) -> bool:
-        """Whether it has a motion."""
+        """Whether the table has a translation or a rotation."""
         return self.translate is not None or self.rotate is not None
 
     def displacement(self, X: Array, amplitude: float, turn: float | None = None) -> Array:
         r"""Return the displacements of a rotation, followed by a translation.
 
         .. math:: u(X) = R(\lambda_r\varphi)(X - c) + c - X + \lambda t
+
+        with the rotation's angle :math:`\varphi` and point c, and the translation t.
 
         Parameters
         ----------
@@ -267,12 +289,12 @@ class MotionTable(Table):
         amplitude : float
             The amplitude :math:`\lambda` of the motion; without tables the load, from 0 to 1.
         turn : float, optional
-            The amplitude :math:`\lambda_r` of the rotation, if it has one of its own.
+            The amplitude :math:`\lambda_r` of the rotation; default: ``amplitude``.
 
         Returns
         -------
         (n, 3) array
-            Displacements [length], in all components.
+            Displacements [length].
         """
         u = np.zeros_like(X, dtype=float)
         if self.rotate is not None:
@@ -286,7 +308,7 @@ class MotionTable(Table):
         return u
 
     def scaled(self, amplitudes: Amplitudes) -> ScaledMotion:
-        """Return the motion with its amplitudes."""
+        """Return the motion as a function of the load, by the amplitudes that its keys name."""
         amplitude = amplitudes.motion(self.table)
         turn = amplitudes.motion(self.rotate.table if self.rotate else None, amplitude)
         return ScaledMotion(self, amplitude, turn)

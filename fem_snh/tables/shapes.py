@@ -19,7 +19,10 @@ Size = Annotated[
 
 
 class _ShapeTable(Table):
-    """The table of a shape, whose values are those of a class of `fem_snh.geometry.shapes`."""
+    """The base of the tables that describe one shape of `fem_snh.geometry.shapes`.
+
+    A subclass has the attribute ``kind``, the shape's key in scenes and in run.json.
+    """
 
     kind: ClassVar[str]
 
@@ -99,7 +102,7 @@ class PolygonShape(_ShapeTable):
     )
 
 
-#: Shapes, one at least; named before the table of a shape is.
+#: A list of one or more shapes; a forward reference, as `ShapeChoice` has keys of this type.
 _Shapes = Annotated[list["ShapeChoice"], Field(min_length=1)]
 
 
@@ -113,7 +116,7 @@ class SmoothUnionShape(Table):
 
 
 class ShapeChoice(Table):
-    """The shape of an obstacle, a bone or a lattice: exactly one of these keys."""
+    """The shape of an obstacle, a bone or a lattice: one key, which names the kind of the shape."""
 
     one_of = (
         "plane", "sphere", "cylinder", "capsule", "box", "polygon", "union", "smooth_union",
@@ -135,24 +138,24 @@ class ShapeChoice(Table):
 
     @property
     def given(self) -> dict[str, Any]:
-        """The key that is given, with its table; of `union` the list of tables."""
+        """The key that is set, with its table; the key `union` has a list of tables."""
         return {key: table for key, table in self if table is not None}
 
     def shape(self) -> Shape:
-        """Return the shape."""
+        """Return the shape that the table describes."""
         return from_record(self.record())
 
     def record(self) -> dict[str, Any]:
-        """Return the shape as run.json has it: a table of one key, as in the scene."""
+        """Return the shape's entry in run.json: a table of one key, as in the scene."""
         return self.model_dump(mode="json", exclude_none=True)
 
 
 def shape_of(choice: ShapeChoice | Path) -> Shape:
-    """Return the shape of a table, or the closed surface of a file.
+    """Return the shape that a table describes, or the closed surface in an STL or OBJ file.
 
     Raises
     ------
     BadInput
-        One line, for a file that cannot be read or is not valid.
+        For a file that cannot be read or is not valid.
     """
     return choice.shape() if isinstance(choice, ShapeChoice) else ClosedSurface.read(choice)

@@ -36,7 +36,10 @@ MAX_STEPS = 1_000_000
 
 
 def split_numbers(values: object) -> object:
-    """Return the numbers of a comma list, as the command line gives them; another text as it is."""
+    """Return the numbers of a comma-separated text; any other value as it is.
+
+    The command line gives vectors as text.
+    """
     if not isinstance(values, str):
         return values
     try:
@@ -46,19 +49,19 @@ def split_numbers(values: object) -> object:
 
 
 def split_text(names: object) -> object:
-    """Return the names of a comma list, as the command line gives them."""
+    """Return the names of a comma-separated text; any other value as it is."""
     return [name.strip() for name in names.split(",")] if isinstance(names, str) else names
 
 
 def _check_path(path: Path) -> Path:
-    """Reject a path that no file can have."""
+    """Return a path; raise ValueError if it contains a null character."""
     if "\0" in str(path):
         raise ValueError
     return path
 
 
 def _from_folder(path: object) -> object:
-    """Return the path that a text of a scene file means."""
+    """Return a path of a scene file joined to the folder of that file; another one as it is."""
     return folder_of(path) / path if isinstance(path, FileText) else path
 
 
@@ -96,7 +99,7 @@ GroupKey = Annotated[_Name | _Number, Expect(_GROUP)]
 
 
 def _check_measure(value: object, kinds: tuple[str, ...]) -> object:
-    """Reject what is no UFL measure of these kinds of integrals; without UFL there is none."""
+    """Return a UFL measure of one of these integral types; raise ValueError for anything else."""
     ufl: Any = sys.modules.get("ufl")
     if ufl is None or not isinstance(value, ufl.Measure) or value.integral_type() not in kinds:
         raise ValueError
@@ -109,20 +112,20 @@ _Measure = Annotated[
 _FacetMeasure = Annotated[
     SkipJsonSchema[Any], AfterValidator(partial(_check_measure, kinds=(_FACETS,)))
 ]
-#: What a key of this kind means.
+#: The description of keys of the type `Surface`.
 SURFACE = "Physical group of surfaces, by name or number; in a program a measure ds(...)."
 #: A surface: a physical group of a scene, or a measure of a program.
 Surface = Annotated[
     _Name | _Number | _FacetMeasure, Expect(f"{_GROUP}; in a program a measure ds(...)")
 ]
-#: A part of a body: likewise.
+#: A part of a body: a physical group of a scene, or a measure of a program.
 Part = Annotated[
     _Name | _Number | _Measure, Expect(f"{_GROUP}; in a program a measure dx(...) or ds(...)")
 ]
 
 
 def surface_name(surface: Any) -> str:
-    """Return the name of a physical group, or of a measure, in results and messages."""
+    """Return the name for results and messages: of a physical group, or "ds(1)" of a measure."""
     if not hasattr(surface, "subdomain_id"):
         return str(surface)
     symbol = "dx" if surface.integral_type() == _CELLS else "ds"
@@ -148,14 +151,17 @@ PoissonRatios = Annotated[
 
 
 def _check_float(value: object) -> object:
-    """Reject whole numbers, which a strict float of pydantic accepts."""
+    """Return a float; raise ValueError for an int, which a strict float of pydantic accepts."""
     if not isinstance(value, float):
         raise ValueError
     return value
 
 
 def _check_text(value: object) -> object:
-    """Reject texts with a whole number outside 32 bits, which PETSc would truncate."""
+    """Return a value; raise ValueError for a text with a whole number outside 32 bits.
+
+    PETSc would truncate the number.
+    """
     if isinstance(value, str):
         for item in value.split(","):
             # int() itself refuses more than 4300 digits.
@@ -166,7 +172,7 @@ def _check_text(value: object) -> object:
 
 
 def _remove_dashes(options: dict[str, object]) -> dict[str, object]:
-    """Remove the leading dash of PETSc options; raise BadInput for an option without a name."""
+    """Return PETSc options without leading dashes; raise BadInput for one without a name."""
     for key in options:
         if not key.strip("-").strip():
             raise bad_value("petsc", options, "the name of a PETSc option for each value")

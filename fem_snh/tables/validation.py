@@ -36,14 +36,14 @@ Finite = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 
 
 def _check_largest(value: float) -> float:
-    """Reject a number whose squares could overflow in what is computed from it."""
+    """Return a number; reject one whose square could overflow."""
     if abs(value) > LARGEST_NUMBER:
         raise PydanticCustomError("too_large", "")
     return value
 
 
 def _check_smallest(value: float) -> float:
-    """Reject a positive number whose squares could underflow."""
+    """Return a number; reject a positive one whose square could underflow."""
     if 0 < value < 1 / LARGEST_NUMBER:
         raise PydanticCustomError("too_small", "")
     return value
@@ -51,9 +51,9 @@ def _check_smallest(value: float) -> float:
 
 #: A number that is computed with: a length, a force, a time.
 Bounded = Annotated[Finite, AfterValidator(_check_largest)]
-#: The same, where it divides or is squared.
+#: A positive number that divides or is squared.
 BoundedPositive = Annotated[Bounded, Field(gt=0), AfterValidator(_check_smallest)]
-#: What the message of `Expect` adds for the errors of these checks.
+#: What `Expect` appends to its message, by the error type of the two checks above.
 _BOUNDS = {
     "too_large": f", of a size up to {LARGEST_NUMBER:g}",
     "too_small": f", of a size from {1 / LARGEST_NUMBER:g}",
@@ -76,7 +76,7 @@ def _has_expressions(value: object) -> bool:
 class Expect:
     """An annotation that states what a field accepts; it replaces pydantic's own messages.
 
-    Numpy's scalars and arrays are accepted as Python's, and no UFL expressions.
+    Numpy's scalars and arrays are converted to numbers and lists. UFL expressions are rejected.
     """
 
     def __init__(self, what: str) -> None:
@@ -99,11 +99,11 @@ class Expect:
             raise self._error(_BOUNDS["too_large"]) from None
 
     def _expression(self, value: Any) -> Any:
-        """Return a UFL expression, or a list with one, as the field's value, or reject it."""
+        """Return the field's value for a UFL expression or a list with one; here reject it."""
         raise self._error("")
 
     def _error(self, bounds: str) -> PydanticCustomError:
-        """Return the exception that states what is accepted."""
+        """Return the exception whose message is what is accepted, followed by ``bounds``."""
         return PydanticCustomError("expected", "expected {what}", {"what": self.what + bounds})
 
 
@@ -141,7 +141,7 @@ class Whole(Expect):
 
 
 class OneOf(Expect):
-    """An annotation for one of some words."""
+    """An annotation for a text that is one of ``words``."""
 
     def __init__(self, words: Iterable[str]) -> None:
         self.words = tuple(words)
@@ -155,7 +155,7 @@ class OneOf(Expect):
 
 
 class _TableClass(ModelMetaclass):
-    """The class of tables, of which ``help`` and completion leave out what is pydantic's."""
+    """The metaclass of `Table`: ``dir`` leaves out names of pydantic's and private names."""
 
     def __dir__(cls) -> list[str]:
         names = super().__dir__()
@@ -165,17 +165,19 @@ class _TableClass(ModelMetaclass):
 class Table(BaseModel, metaclass=_TableClass):
     """A table with known keys; messages name unknown and missing ones.
 
+    A key is set if its value is not its default.
+
     Attributes
     ----------
     one_of : tuple of str
-        Keys of which a table has exactly one.
+        Keys of which exactly one must be set.
     excludes : mapping of str to tuple of str
-        Keys that exclude others.
+        By key, the keys that must not be set beside it.
     needs : mapping of str to tuple of str
-        Keys that act on others alone, with these: without one of them they would have no effect,
-        and are refused. A dotted one is a key of a table in the table.
+        By key, the keys of which at least one must be given beside it, as the key acts on their
+        values only. "a.b" is the key b of the table a in this table.
     needs_value : mapping of str to (str, str)
-        Keys that act with one value of another key alone: the other key and that value.
+        By key, another key and the value that this other key must have.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
@@ -185,12 +187,12 @@ class Table(BaseModel, metaclass=_TableClass):
     needs_value: ClassVar[Mapping[str, tuple[str, str]]] = {}
 
     def __init__(self, *values: Any, **keys: Any) -> None:
-        """Set the first keys to ``values``, in their order, and others by name.
+        """Set the first keys of `positional_fields` to ``values``, and other keys by name.
 
         Raises
         ------
         BadInput
-            One line, for a value that is not accepted, an unknown or a missing key.
+            For a value that is not accepted, an unknown or a missing key.
         """
         fields, name = self.positional_fields(), type(self).__name__
         if len(values) > len(fields):
@@ -216,13 +218,13 @@ class Table(BaseModel, metaclass=_TableClass):
 
     @property
     def files(self) -> dict[str, Path]:
-        """The files that it and its tables name, by dotted keys."""
+        """The paths among the values of the table and of the tables in it, by dotted keys."""
         return _files([(key, getattr(self, key)) for key in type(self).model_fields])
 
     @model_validator(mode="before")
     @classmethod
     def _check_keys(cls, data: Any) -> Any:
-        """Raise BadInput for an unknown or a missing key."""
+        """Return the data; raise BadInput for an unknown or a missing key."""
         if not isinstance(data, dict):
             return data
         fields = cls.model_fields
@@ -240,7 +242,7 @@ class Table(BaseModel, metaclass=_TableClass):
 
     @model_validator(mode="after")
     def _check_rules(self) -> Self:
-        """Raise BadInput for keys that contradict each other, or have no effect."""
+        """Return the table; raise BadInput for keys that exclude each other or have no effect."""
         if self.one_of and len(given := [key for key in self.one_of if self._is_set(key)]) != 1:
             found = ", ".join(given) or "none"
             raise BadInput(f"expected one of the keys {', '.join(self.one_of)}; found {found}")
@@ -259,17 +261,20 @@ class Table(BaseModel, metaclass=_TableClass):
 
     @property
     def given_key(self) -> str:
-        """The key that it has of `one_of`."""
+        """The key of `one_of` that is set."""
         return next(filter(self._is_set, self.one_of))
 
     def _is_set(self, key: str) -> bool:
-        """Return whether a key has another value than its default."""
+        """Return whether the value of a key is not its default."""
         value, default = getattr(self, key), type(self).model_fields[key].default
         # A measure of UFL cannot be compared with None.
         return value is not default if default is None else bool(value != default)
 
     def _is_given(self, key: str) -> bool:
-        """Return whether the table has a value for a key, or for one of a table in it, 'a.b'."""
+        """Return whether a key was given a value, even its default, but neither None nor [].
+
+        "a.b" is the key b of the table a in this table.
+        """
         first, _, rest = key.partition(".")
         value = getattr(self, first)
         if rest:
@@ -278,7 +283,7 @@ class Table(BaseModel, metaclass=_TableClass):
 
 
 def _files(values: Iterable[tuple[Any, Any]]) -> dict[str, Path]:
-    """Return the files among values by key, and in their tables and lists."""
+    """Return the paths among (key, value) pairs, and in their tables and lists, by dotted key."""
     found: dict[str, Path] = {}
     for key, value in values:
         if isinstance(value, Path):
@@ -319,7 +324,7 @@ def one_line(error: ValidationError) -> str:
 
 
 def check_distinct(key: str, names: Sequence[str], each: str) -> None:
-    """Raise BadInput for a name that is there twice; ``each`` is what each name is of."""
+    """Raise BadInput if a name occurs twice; ``each`` names the thing, for example "table"."""
     for name in names:
         if names.count(name) > 1:
             raise bad_value(key, name, f"a different name for each {each}")
@@ -327,7 +332,7 @@ def check_distinct(key: str, names: Sequence[str], each: str) -> None:
 
 # --- the texts of fields -------------------------------------------------------------------------
 
-#: Columns of the text of `with_parameters`: those of the package's docstrings.
+#: Width of the text of `with_parameters` in characters, as of the package's docstrings.
 _WIDTH = 96
 #: The words for types of Python.
 _TYPES = {bool: "true or false", int: "a whole number", str: "a text", Path: "a path"}
@@ -345,7 +350,10 @@ def with_parameters(table: type[Table]) -> str:
 
 
 def accepted(field: FieldInfo) -> str:
-    """Return what error messages say that a key accepts, else the kind of its values."""
+    """Return what a key accepts, as its error messages say it; "" if nothing is known.
+
+    For a key without an `Expect` it is the type of the values, for example "a list of tables".
+    """
     parts = [part for given in (*field.metadata, field.annotation) for part in _parts(given)]
     if expected := [part.what for part in parts if isinstance(part, Expect)]:
         return expected[0]
@@ -357,13 +365,13 @@ def accepted(field: FieldInfo) -> str:
 
 
 def _parts(annotation: Any) -> list[Any]:
-    """Return an annotation with the parts of which it consists, the outer ones first."""
+    """Return an annotation, then its metadata and type arguments, recursively."""
     inner = [*getattr(annotation, "__metadata__", ()), *get_args(annotation)]
     return [annotation, *(part for each in inner for part in _parts(each))]
 
 
 def tables_in(annotation: Any, is_list: bool = False) -> list[tuple[bool, type[Table]]]:
-    """Return the tables in the type of a key, and whether they are those of a list."""
+    """Return pairs (is in a list, class) of the table classes in the type of a key."""
     if isinstance(annotation, type) and issubclass(annotation, Table):
         return [(is_list, annotation)]
     is_list = is_list or get_origin(annotation) is list
@@ -375,11 +383,12 @@ def tables_in(annotation: Any, is_list: bool = False) -> list[tuple[bool, type[T
 
 @cache
 def words_of_others() -> dict[str, Any]:
-    """Return the tables of ``words.toml``: words of other programs, and what stands for them here.
+    """Return the content of ``words.toml``: words of other programs, and their replacements.
 
-    ``names`` has lists of names of this program with the words that others use. A name in brackets
-    is a table of the scene, one with an equals sign what to write there; any other is a key, of
-    whichever table has it. ``absent`` has what this program does not have, and what comes next.
+    An entry of ``names`` has ``words`` of other programs and ``here``, the names in this program: a
+    table of the scene in brackets, a text with an equals sign to write in the scene, or a key of
+    any table. An entry of ``absent`` has ``words`` for a feature that this program lacks, and
+    ``instead``, a sentence that says so.
     """
     return tomllib.loads(Path(__file__).with_name("words.toml").read_text(encoding="utf-8"))
 
@@ -387,7 +396,7 @@ def words_of_others() -> dict[str, Any]:
 def suggestion(word: str, known: Iterable[str]) -> str:
     """Return ``" (did you mean 'x'?)"`` for a word of another program, or ``""``.
 
-    Of what this program does not have it says so, and what it has.
+    For a feature that this program lacks, return a sentence that says so, in parentheses.
 
     Parameters
     ----------

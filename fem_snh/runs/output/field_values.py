@@ -1,6 +1,6 @@
 """The values of output fields at the state of a problem: at points, cells or nodes.
 
-`FieldValues` evaluates them, `RequestedFields` makes arrays of those that a scene names.
+`FieldValues` evaluates fields; `RequestedFields` makes the output arrays of a scene's ``fields``.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ Array = npt.NDArray[np.float64]
 
 #: The symmetric tensors of ``POINT_FIELDS``.
 _SYMMETRIC = ("cauchy_stress", "green_lagrange_strain")
-#: The functions of the Cauchy stress, and those of the displacement gradient.
+#: The fields that are functions of the Cauchy stress, and of the displacement gradient.
 _OF_STRESS = ("von_mises", "principal_stresses", "hydrostatic_stress")
 _OF_GRADIENT = ("principal_stretches",)
 
@@ -42,7 +42,7 @@ class FieldValues:
     Parameters
     ----------
     problem : Problem
-        The problem; fields are those of its vector ``x``.
+        The problem, whose vector ``x`` is the state.
     """
 
     def __init__(self, problem: Problem) -> None:
@@ -50,12 +50,12 @@ class FieldValues:
         self._projection: NodalProjection | None = None
 
     def prepare(self, names: Sequence[str]) -> None:
-        """Compile what these fields need."""
+        """Compile the kernels that these fields need. Collective."""
         if set(names) & set(POINT_FIELDS):
             _ = self._stresses
 
     def evaluate(self, names: Sequence[str], at: str = LOCATIONS[0]) -> dict[str, Array]:
-        """Return the values of fields.
+        """Return the values of fields by name. Collective.
 
         Parameters
         ----------
@@ -63,9 +63,15 @@ class FieldValues:
             Names of fields.
         at : {"cells", "nodes", "points"}
             "cells": means over the reference volume of this rank's cells, (cells, ...); "nodes":
-            values of the L2 projection at the displacement's nodes, ghosts included, (nodes, ...),
-            von Mises' stress and principal values those of the projected tensor; "points": at the
-            quadrature points, (cells, points, ...). ``reaction_force`` is at the nodes always.
+            the L2 projection at the displacement's nodes, ghosts included, (nodes, ...); "points":
+            values at the quadrature points, (cells, points, ...). At the nodes, invariants and
+            principal values are those of the projected tensor. ``reaction_force`` is at the nodes
+            always.
+
+        Raises
+        ------
+        BadInput
+            For an unknown name or location.
         """
         for name in names:
             choose("field", name, ON_REQUEST)
@@ -86,9 +92,10 @@ class FieldValues:
         return StressFields(self._problem)
 
     def _projected(self, names: Sequence[str]) -> dict[str, Array]:
-        """Return fields of ``POINT_FIELDS`` at the nodes: of tensors that are projected first.
+        """Return fields of ``POINT_FIELDS`` at the nodes, (nodes, ...). Collective.
 
-        A projection of sorted eigenvalues would be the eigenvalues of no tensor.
+        Tensors are projected; invariants and principal values are evaluated from the projected
+        tensor, as projected eigenvalues would be the eigenvalues of no tensor.
         """
         of_stress = [name for name in names if name in _OF_STRESS]
         of_gradient = [name for name in names if name in _OF_GRADIENT]
@@ -111,12 +118,15 @@ class FieldValues:
         return found
 
     def _at_points(self, H: Array, P: Array, names: Sequence[str]) -> dict[str, Array]:
-        """Return fields at points, one in each row of H and P."""
+        """Return fields (n, ...) of displacement gradients H and stresses P, (n, 1, 3, 3)."""
         found = self._stresses.loops.evaluate(H, P, names)
         return {name: values[:, 0] for name, values in found.items()}
 
     def _reaction_force(self) -> Array:
-        """Return dE/du [N] in constrained directions and 0 in the others, (nodes, 3)."""
+        """Return dE/du [N] in constrained directions and 0 in free ones, (nodes, 3). Collective.
+
+        It is the force of the constraints on the nodes of this rank, ghosts included.
+        """
         problem = self._problem
         r = problem.x.duplicate()
         problem.gradient(problem.x, r)
@@ -137,9 +147,9 @@ class RequestedFields:
     names : sequence of str
         Names of fields.
     at : {"cells", "nodes"}
-        Their location; those of `fem_snh.records.output_fields.NODAL` are at the nodes always.
+        Location of the fields; `fem_snh.records.output_fields.NODAL` are at the nodes always.
     functions : mapping of str to dolfinx Function
-        Fields that are functions on the displacement's space, by name: velocity and acceleration.
+        Functions on the displacement's space by the name of their field: velocity, acceleration.
     """
 
     def __init__(
@@ -152,7 +162,10 @@ class RequestedFields:
         self._values.prepare(self._computed)
 
     def arrays(self) -> tuple[list[DataArray], list[DataArray]]:
-        """Return the arrays at the cells and at the nodes of the present state. Collective."""
+        """Return two lists of the present state's arrays: at the cells, at the nodes. Collective.
+
+        Arrays at the nodes include ghosts.
+        """
         with untimed(self._problem):
             found = self._values.evaluate(self._computed, self._at)
         for name in self._names:
@@ -166,6 +179,6 @@ class RequestedFields:
         return [array for array in arrays if array not in nodal], nodal
 
     def _of_terms(self, name: str) -> Any:
-        """Return a field of terms at the nodes. Collective."""
+        """Return the sum of the terms' values of a nodal field, (nodes, ...). Collective."""
         u = self._problem.split(self._problem.x)[0]
         return sum(term.nodal_field(name, u) for term in self._problem.terms)

@@ -32,36 +32,43 @@ SKIN, OBSTACLES = "skin.pvd", "obstacles.pvd"
 
 
 def error_field(goal: str) -> str:
-    """Return the name of the field with a goal's error, ``error_corner_y``."""
+    """Return the name of the field with a goal's error: "error_corner_y" for "corner.y"."""
     return ERRORS + goal.replace(".", "_")
 
 
 class Fields:
-    """The time series fields.pvd, with the load as time; in time, with the time [s]. Collective.
+    """The series fields.pvd, and skin.pvd and obstacles.pvd beside it. Collective.
 
-    Its fields are the displacement [length] at the nodes; means over each cell of J = det F and of
-    the energy density [Pa]; the smallest J and the smallest eigenvalue of the Hessian of the energy
-    density at a quadrature point of each cell; and, if the pressure is unknown, the pressure [Pa]
-    at the nodes of the displacement.
-    Of a body in a lattice, skin.pvd has the same fields at the points of its surface. If there are
-    obstacles, obstacles.pvd has their surfaces at the same times, where they then are.
+    `write` appends a state to each series. The times of the series are loads; in a dynamic scene,
+    times [s]. fields.pvd has these fields:
+
+    - ``displacement`` [length] at the nodes;
+    - ``J`` = det F and, if there is an energy, ``energy_density`` [Pa]: means over each cell;
+    - ``min_J`` and ``min_eigenvalue``: smallest J, and smallest eigenvalue of the Hessian of the
+      energy density [Pa], at a quadrature point of each cell;
+    - ``pressure`` [Pa] at the nodes, if the formulation has a pressure unknown;
+    - the fields that the scene names, ``error_<goal>`` and ``cell_group``.
+
+    skin.pvd, for a body in a lattice, has the fields at the points of the body's surface.
+    obstacles.pvd, if there are obstacles, has the obstacles' surfaces at their present positions.
 
     Parameters
     ----------
     path : Path
         The .pvd file.
     setup : Setup
-        The scene, which names further fields, and its problem.
+        The scene and its problem.
     resumed : bool, optional
-        Keep the states of an existing file up to the problem's load.
+        Keep the states of existing files up to the problem's load.
     goals : sequence of str, optional
-        Goals whose errors are written for each cell, as ``error_<goal>``. The state at load 1 is
-        then written by `write_errors`; before it they are zero.
+        Goals whose errors are written. The state at load 1 is then written by `write_errors`; the
+        errors of states before it are zero.
 
     Attributes
     ----------
     group_names : list of list of str
-        See `CellGroups`: the parts of the mesh are the field ``cell_group``. Empty: there is one.
+        The names of `CellGroups`, by the values of ``cell_group``; empty if all cells are in one
+        part, and the field is not written.
     """
 
     def __init__(
@@ -72,7 +79,7 @@ class Fields:
         goals: Sequence[str] = (),
     ) -> None:
         problem, motion = setup.problem, setup.stepper.motion
-        #: The time of load 1.
+        #: The time in the files at load 1.
         self._duration = motion.duration if motion else 1.0
         energy = ["energy_density"] if problem.has_energy else []
         self._names = ["J", "min_J", *energy, "min_eigenvalue"]
@@ -81,7 +88,7 @@ class Fields:
             groups = cell_groups(setup.mesh, problem.regions)
         self.group_names = groups.names if groups else []
         self._groups = [DataArray(CELL_GROUP, groups.numbers)] if groups else []
-        #: The errors of goals in the cells, and whether the state at load 1 waits for them.
+        #: Errors in the cells by goal; and whether the state at load 1 waits for `write_errors`.
         self._errors: Mapping[str, Array] = {}
         self._goals, self._waits = goals, bool(goals)
         self._num_owned = _dolfinx.num_nodes(problem.V)[0]
@@ -110,9 +117,10 @@ class Fields:
             self._requested = RequestedFields(problem, *chosen, moving)
 
     def write(self, problem: Problem) -> None:
-        """Append the problem's state at its load to each series that does not have it. Collective.
+        """Append the problem's state to each series that lacks the state's time. Collective.
 
-        A run that is killed may leave the state in some of the series.
+        A killed run may have written the state into some of the series. With goals the state at
+        load 1 is not written: see `write_errors`.
         """
         if self._waits and problem.load == 1:
             return
@@ -142,7 +150,7 @@ class Fields:
             self._skin.write(time, u, [*further[1], *nodes], [*cells, *further[0]])
 
     def _nodal_pressure(self, problem: Problem) -> list[DataArray]:
-        """Return the pressure at the nodes of the displacement, if it is unknown."""
+        """Return the pressure unknown at the displacement's nodes; nothing if there is none."""
         if not problem.saddle_point:
             return []
         self._pressure.x.array[:] = problem.saddle_point.pressure()
@@ -153,13 +161,13 @@ class Fields:
     def write_errors(self, problem: Problem, indicators: Mapping[str, Array]) -> None:
         """Write the state with the errors of goals in each cell of this rank. Collective.
 
-        Goals without indicators have zeros.
+        ``indicators`` has arrays (owned cells,) by goal; the errors of other goals are zero.
         """
         self._errors, self._waits = indicators, False
         self.write(problem)
 
     def _without_copies(self, arrays: list[DataArray]) -> list[DataArray]:
-        """Return arrays at the nodes, with zeros at ghosts where values are to be summed."""
+        """Return arrays at the nodes; those of `SUMMED` are copies with zeros at the ghosts."""
         found = []
         for array in arrays:
             if array.name in SUMMED:
@@ -174,7 +182,7 @@ def write_modes(path: Path, problem: Problem, modes: VibrationModes) -> None:
     """Write the mode shapes to a .pvd file, at the times 1, 2, ... Collective.
 
     Each time has the mode shape ``mode`` [length] and the displacement about which the body
-    vibrates. The mean square of ``mode`` over the mass is the square of ``Problem.length``.
+    vibrates. The mass-weighted mean of ``mode`` squared is ``Problem.length`` squared.
 
     Parameters
     ----------
@@ -198,8 +206,8 @@ def write_modes(path: Path, problem: Problem, modes: VibrationModes) -> None:
 class GridSeries(Collection):
     """Values at the nodes and of the cells of a mesh at increasing times. Collective.
 
-    Another run can continue the series on another number of ranks. Nodes between ranks are points
-    of each of them, marked by ``vtkGhostType`` on those that do not own them.
+    Another run can continue the series on another number of ranks. A node that ranks share is a
+    point in the piece of each; ``vtkGhostType`` is 1 in the pieces of ranks that do not own it.
 
     Parameters
     ----------
@@ -232,13 +240,15 @@ class GridSeries(Collection):
         ----------
         t : float
             The time.
-        points, cells : sequence of DataArray
-            Values at this rank's nodes, ghosts included, and of its cells.
+        points : sequence of DataArray
+            Values at this rank's nodes, ghosts included.
+        cells : sequence of DataArray
+            Values of this rank's owned cells.
 
         Raises
         ------
         BadInput
-            On every rank, if one of them cannot write its file.
+            On every rank, if a rank cannot write its file.
         """
         points = [*points, *self._marks]
         names = [self.name(".vtu", f"_p{rank}_") for rank in range(self.comm.size)]
@@ -261,9 +271,9 @@ class CellGroups(NamedTuple):
     Attributes
     ----------
     names : list of list of str
-        The groups of each part, and its material where the body has several.
+        The names of the groups of each part; then of its material, if the body has several.
     numbers : (n,) int array
-        The part of each cell that this rank owns.
+        Index into ``names`` for each cell that this rank owns.
     """
 
     names: list[list[str]]
@@ -278,7 +288,7 @@ def cell_groups(mesh: Mesh, regions: list[Region]) -> CellGroups | None:
     mesh : Mesh
         The mesh with its physical groups, which may overlap.
     regions : list of Region
-        The materials; rigid cells have none.
+        The owned cells of each material. Rigid cells are in no region.
     """
     count = _dolfinx.num_owned(mesh.domain)
     groups = [group for group in mesh.groups if group.dim == mesh.dim and group.count]

@@ -5,8 +5,8 @@ The projection f of a field g is the continuous function of degree 1 with, for e
 .. math:: \int_\Omega N_a f \, \mathrm{d}V = \sum_q w_q N_a(x_q) g(x_q) .
 
 It is exact where g is constant. It may overshoot where g jumps, as between two materials. On a body
-of revolution the integrals are those over its section: the factor 2 pi r would take from a rule its
-exactness, and from a constant.
+of revolution the integrals are over the section, without the factor 2 pi r: with that factor the
+quadrature rule would not be exact, and the projection not even of a constant.
 """
 
 from __future__ import annotations
@@ -27,20 +27,22 @@ Array = npt.NDArray[np.float64]
 #: Relative residual of the mass matrix's linear systems. With a unit diagonal its condition number
 #: is at most 27 (Wathen 1987), so the residual of the recurrence is the true one to rounding.
 _TOLERANCE = 1e-13
-#: Components of a symmetric tensor that are projected, and where they are in its rows.
+#: Indices of the projected components among the nine of a symmetric tensor, row by row; and for
+#: each of the nine the index of its projected component.
 _UPPER = np.array([0, 1, 2, 4, 5, 8])
 _SYMMETRIC = np.array([0, 1, 2, 1, 3, 4, 2, 4, 5])
 
 
 class NodalProjection:
-    """The L2 projection to the displacement's nodes, through those of degree 1. Collective.
+    """The L2 projection to degree 1, evaluated at the displacement's nodes. Collective.
 
     Parameters
     ----------
     problem : Problem
         The problem, whose element has the quadrature rule.
     weights : (cells, points)
-        Quadrature weights of this rank's cells [m^3], on a body of revolution of the whole turn.
+        Reference quadrature weights of this rank's cells [m^3]; with the factor 2 pi r on a body of
+        revolution.
     """
 
     def __init__(self, problem: Problem, weights: Array) -> None:
@@ -67,14 +69,15 @@ class NodalProjection:
     ) -> dict[str, Array]:
         """Return fields at this rank's displacement nodes, ghosts included. Collective.
 
-        Values that do not converge, as those of a field that is not finite, are NaN.
+        A component is NaN at all nodes if its linear system does not converge, as for values that
+        are not finite.
 
         Parameters
         ----------
         fields : mapping of (cells, points, ...)
             The fields at the quadrature points, by name.
         symmetric : collection of str
-            Names of those that are symmetric tensors, for which six components are projected.
+            Names of the fields that are symmetric tensors: only six components are projected.
 
         Returns
         -------
@@ -108,6 +111,6 @@ class NodalProjection:
 
 
 def _radii(domain: object, points: Array) -> Array:
-    """Return the radius x at each cell's points of the reference cell, (cells, points)."""
+    """Return the radius, the coordinate x, at points of the reference cell, (cells, points)."""
     radii = _dolfinx.geometry_x(domain)[_dolfinx.geometry_dofs(domain), 0]
     return np.asarray(radii @ _dolfinx.tabulate_geometry_values(domain, points).T)

@@ -25,7 +25,7 @@ _TOLERANCE = 1e-9
 
 
 class NodalField:
-    """The values of one unknown field at its nodes; its methods are collective.
+    """Gathers and scatters the nodal values of one field of unknowns. Collective.
 
     Parameters
     ----------
@@ -34,7 +34,7 @@ class NodalField:
     V : dolfinx.fem.FunctionSpace
         The field's space.
     first : int
-        Index of the field's first entry in each rank's block of the vector.
+        Index of the field's first entry among the entries that this rank owns.
     size : int
         Number of components at each node.
 
@@ -51,7 +51,7 @@ class NodalField:
         self.nodes = gather_rows(comm, V.tabulate_dof_coordinates()[:owned])
 
     def gather(self, x: PETSc.Vec) -> Array:
-        """Return the values of a vector. Collective.
+        """Return the field's values in a vector of unknowns. Collective.
 
         Returns
         -------
@@ -61,7 +61,7 @@ class NodalField:
         return gather_rows(self._comm, x.array_r[self._owned].reshape(-1, self._size))
 
     def scatter(self, values: Array | None, x: PETSc.Vec) -> None:
-        """Set the entries of a vector. Collective.
+        """Set the field's owned entries in a vector of unknowns. Collective.
 
         Parameters
         ----------
@@ -85,7 +85,10 @@ def gather_rows(comm: MPI.Comm, values: Array) -> Array:
 
 
 def scatter_rows(comm: MPI.Comm, whole: Array | None, shape: tuple[int, ...]) -> Array:
-    """Return this rank's rows, of this shape, of an array on rank 0. Collective."""
+    """Return this rank's rows, an array of ``shape``, of the rows on rank 0. Collective.
+
+    ``whole`` has the rows of all ranks in the order of the ranks; only rank 0 needs it.
+    """
     counts = np.array(comm.allgather(shape[0])) * shape[1]
     rows = np.empty(shape)
     sent = None if comm.rank else [np.ascontiguousarray(whole, dtype=float), counts]
@@ -104,7 +107,7 @@ def fields(problem: Problem) -> dict[str, NodalField]:
 
 
 def match_nodes(nodes: Array, others: Array) -> Array:
-    """Return the indices into ``others`` of the nodes with the same coordinates.
+    """Return for each of ``nodes`` the index of the node in ``others`` with its coordinates.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
-"""Stresses and strains at points from F and P.
+"""Stresses and strains at points from the displacement gradient H and the stress P.
 
-The library depends on no material and no element. A run without stress fields does not compile it.
+The compiled library depends on no material and no element. Runs without such fields do not need it.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 Array = npt.NDArray[np.float64]
 
-#: The fields, with the shape of a value: PointFields of point_fields_api.h says what they are.
+#: The shape of a value by field. PointFields in point_fields_api.h defines the fields.
 POINT_FIELDS: dict[str, tuple[int, ...]] = {
     "cauchy_stress": (3, 3),
     "von_mises": (),
@@ -32,12 +32,12 @@ POINT_FIELDS: dict[str, tuple[int, ...]] = {
 
 
 class PointFieldLoops:
-    """The compiled loop over points.
+    """The compiled loop that evaluates `POINT_FIELDS` at points. Its construction is collective.
 
     Parameters
     ----------
     comm : communicator of mpi4py
-        The ranks.
+        The ranks that open the library; one of them compiles it.
     """
 
     def __init__(self, comm: MPI.Comm) -> None:
@@ -50,13 +50,13 @@ class PointFieldLoops:
         )
 
     def evaluate(self, H: Array, P: Array, names: Collection[str]) -> dict[str, Array]:
-        """Return fields at points, each (cells, points, ...).
+        """Return the values of fields by name, each (cells, points, ...). Not collective.
 
         Parameters
         ----------
         H : (cells, points, 3, 3)
-            Displacement gradients du_i/dX_j; as `fem_snh.runs.output.stress_fields` stores them, so
-            that they are not copied.
+            Displacement gradients du_i/dX_j; not copied if each component is contiguous in memory,
+            as in `fem_snh.runs.output.stress_fields`.
         P : (cells, points, 3, 3)
             First Piola-Kirchhoff stresses [Pa], stored in the same way.
         names : collection of str

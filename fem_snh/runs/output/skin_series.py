@@ -1,4 +1,4 @@
-"""The files of a lattice's skin: skin.pvd with one .vtu for each state."""
+"""The series of surfaces: skin.pvd of a body in a lattice, and obstacles.pvd of its obstacles."""
 
 from __future__ import annotations
 
@@ -26,9 +26,10 @@ Array = npt.NDArray[Any]
 
 
 class SkinSeries(Collection):
-    """The skin of a body at increasing times, as triangles with fields at the points. Collective.
+    """The surface of a body in a lattice at increasing times, with fields at points. Collective.
 
-    Rank 0 writes. A field of the cells has at each point the value of the cell that carries it.
+    Rank 0 writes triangles in the reference configuration. A field of the cells has at each point
+    the value of the cell that contains the point.
 
     Parameters
     ----------
@@ -37,7 +38,7 @@ class SkinSeries(Collection):
     V : dolfinx function space
         The displacement's space.
     skin : Skin
-        The skin.
+        The surface: triangles whose points move with the cells of the lattice.
     until : float, optional
         Keep the states of an existing file up to this time.
     """
@@ -63,10 +64,12 @@ class SkinSeries(Collection):
         ----------
         t : float
             The time.
-        u : (local nodes, 3)
-            The displacement [m].
-        points, cells : sequence of DataArray
-            Values at this rank's nodes, ghosts included, and of its cells.
+        u : (nodes, 3)
+            The displacement [m] of this rank's nodes, ghosts included.
+        points : sequence of DataArray
+            Values at this rank's nodes, ghosts included.
+        cells : sequence of DataArray
+            Values of this rank's owned cells.
 
         Raises
         ------
@@ -83,7 +86,7 @@ class SkinSeries(Collection):
         self.times.append(t)
 
     def _carried(self, values: Array) -> Any:
-        """Return the values of the cells that carry the points, on rank 0 alone."""
+        """Return for each point its cell's value, (points, ...), on rank 0; else None."""
         parts = self.comm.gather((self._points, values[self._cells]))
         if parts is None:
             return None
@@ -93,7 +96,10 @@ class SkinSeries(Collection):
         return found
 
     def _interpolated(self, values: Array) -> Array:
-        """Return nodal values at the points: three columns at a time, as displacements."""
+        """Return nodal values interpolated at the points, (points, ...), on rank 0. Collective.
+
+        The surface interpolates displacements, so three components are interpolated at a time.
+        """
         columns = values.reshape(len(values), -1)
         wide = np.pad(columns, ((0, 0), (0, -columns.shape[1] % 3)))
         parts = [
@@ -104,26 +110,27 @@ class SkinSeries(Collection):
         return found.reshape(-1, *values.shape[1:])
 
     def _write(self, fields: Sequence[DataArray], t: float) -> None:
-        """Write the state's file, then the collection."""
+        """Write the state's file, then the collection. On rank 0."""
         grid = VtkGrid(self._skin.points, self._skin.triangles, TRIANGLE)
         self.write_next(t, vtu_file(grid, fields))
 
 
-#: Surfaces without an end are cut off at this many times half of the diagonal of the body's box.
+#: Unbounded surfaces are cut off at this many times half of the diagonal of the body's box.
 _REACH = 1.5
 
 
 class ObstacleSeries(Collection):
-    """The surfaces of the obstacles where they are at increasing times. Collective.
+    """The surfaces of moving obstacles at increasing times. Collective.
 
-    Rank 0 writes triangles with the number of their obstacle, as run.json orders them.
+    Rank 0 writes triangles at their positions, with the number of their obstacle in ``obstacles``,
+    which has the order of run.json.
 
     Parameters
     ----------
     path : Path
         The .pvd file.
     comm : MPI communicator
-        The problem's.
+        The problem's communicator.
     obstacles : sequence of MovingShape
         The obstacles.
     until : float, optional
@@ -139,7 +146,7 @@ class ObstacleSeries(Collection):
     ) -> None:
         super().__init__(comm, path, until)
         self._obstacles = obstacles
-        #: The triangles of surfaces with an end, at their reference position.
+        #: The triangles of bounded surfaces by obstacle, at their reference position.
         self._made: dict[int, tuple[Array, Array]] = {}
 
     def write(self, problem: Problem, t: float) -> None:
@@ -172,7 +179,11 @@ class ObstacleSeries(Collection):
         self.write_next(t, vtu_file(grid, cells=[DataArray("obstacle", numbers)]))
 
     def _triangles(self, i: int, centre: Array, size: Array) -> tuple[Array, Array]:
-        """Return the triangles of an obstacle at its reference position, near the body."""
+        """Return points (n, 3) and triangles (m, 3) of obstacle ``i`` at its reference position.
+
+        An unbounded surface is cut off near the body, whose bounding box has this ``centre``, in
+        the obstacle's frame, and these edge lengths ``size``.
+        """
         if i not in self._made:
             shape, radius = self._obstacles[i].shape, _REACH / 2 * float(np.linalg.norm(size))
             if isinstance(shape, Revolved):

@@ -5,8 +5,8 @@ With the displacement gradient H, F = I + H, J = det F and the first Piola-Kirch
 
 .. math:: \sigma = \frac{1}{J} P F^T, \qquad E = \tfrac12 (H + H^T + H^T H) .
 
-P is the stress of the element: with mean dilatation or an unknown pressure it contains the pressure
-of the element, not that of the pointwise energy.
+P is the stress of the element: with mean dilatation or a pressure unknown its pressure is the
+element's pressure, not the derivative of the pointwise energy.
 """
 
 from __future__ import annotations
@@ -72,14 +72,14 @@ class StressLoops:
         self._cells = self._ffi.cast("Cells *", loops.cells_address)
 
     def evaluate(self, u: Array, pressure: Array | None = None) -> PointStresses:
-        """Return strains and stresses at a state.
+        """Return the displacement gradient and the stress at a state. Not collective.
 
         Parameters
         ----------
-        u : (3 nodes,)
+        u : (components * nodes,)
             Displacement [m] of this rank's nodes, ghosts included.
         pressure : (pressure nodes,), optional
-            The pressure unknown, for an element that has one.
+            The pressure unknown [Pa], likewise; None if the element has none.
         """
         shape = self._loops.num_cells, len(self._loops.tables.weights)
         weights = np.empty(shape)
@@ -94,12 +94,12 @@ class StressLoops:
 
 Array = npt.NDArray[np.float64]
 
-#: The keys of the quadrature weights and the displacement gradient among the fields of a part.
+#: Keys of the quadrature weights and the displacement gradient beside the fields, by name.
 _WEIGHTS, _GRADIENT = "weights", "displacement_gradient"
 
 
 class PointState(NamedTuple):
-    """Strains and stresses at quadrature points.
+    """Strains and stresses at the quadrature points of this rank's cells.
 
     Attributes
     ----------
@@ -135,7 +135,7 @@ class StressFields:
     Attributes
     ----------
     loops : PointFieldLoops
-        The loops over points.
+        The loop over points that evaluates the fields.
     """
 
     def __init__(self, problem: Problem) -> None:
@@ -150,6 +150,8 @@ class StressFields:
 
     def evaluate(self, x: PETSc.Vec, names: Collection[str]) -> PointState:
         """Return strains and stresses of this rank's cells at a state. Collective.
+
+        In rigid cells all fields are zero.
 
         Parameters
         ----------

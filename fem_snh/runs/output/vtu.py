@@ -36,7 +36,7 @@ class DataArray(NamedTuple):
     Attributes
     ----------
     name : str
-        Its name in ParaView.
+        The array's name in ParaView.
     values : (n,) or (n, ...) array
         The values of this rank's cells, or of its points.
     components : tuple of str
@@ -81,9 +81,9 @@ class VtkGrid(NamedTuple):
 def vtu_file(
     grid: VtkGrid, points: Sequence[DataArray] = (), cells: Sequence[DataArray] = ()
 ) -> list[Buffer]:
-    """Return the content of a .vtu file in parts, with values at the points and of the cells.
+    """Return the content of a .vtu file as buffers, with values at the points and of the cells.
 
-    Contiguous values are not copied.
+    The buffers are views of values that are contiguous.
     """
     count, size = grid.cells.shape
     mesh = [
@@ -118,7 +118,10 @@ def vtu_file(
 def pvtu_file(
     pieces: Sequence[str], points: Sequence[DataArray], cells: Sequence[DataArray]
 ) -> str:
-    """Return the text of a .pvtu file that lists .vtu files with these arrays."""
+    """Return the text of a .pvtu file that lists the .vtu files ``pieces`` with these arrays.
+
+    Only the names, types and components of the arrays are used.
+    """
     root, body = _root("PUnstructuredGrid")
     body.set("GhostLevel", "0")
     for section, arrays in (("PPointData", points), ("PCellData", cells)):
@@ -134,9 +137,9 @@ def pvtu_file(
 
 
 def _root(kind: str) -> tuple[ET.Element, ET.Element]:
-    """Return the root of a file and its only child.
+    """Return the root element of a VTK file of this kind, and its child element ``kind``.
 
-    Before version 2.2 edges of hexahedra of degree 2 were in another order.
+    The version is 2.2: before it edges of hexahedra of degree 2 were in another order.
     """
     order = f"{sys.byteorder.title()}Endian"
     about = {"type": kind, "version": "2.2", "byte_order": order, "header_type": "UInt64"}
@@ -157,8 +160,8 @@ class Collection:
     path : Path
         The .pvd file.
     until : float, optional
-        Keep the states of an existing file up to this time; None keeps none. The files of the
-        others are removed.
+        Keep the states of an existing file up to this time; None keeps none. The files of all
+        later states are removed.
 
     Attributes
     ----------
@@ -178,7 +181,7 @@ class Collection:
         self._rows: list[str] = []
 
     def _keep(self, until: float | None) -> list[float]:
-        """Return the times of the states that are kept; remove the files of the others."""
+        """Return the times of the states that are kept; remove the files of all other states."""
         kept = []
         if until is not None and self.path.exists():
             try:
@@ -193,18 +196,21 @@ class Collection:
         return kept
 
     def name(self, suffix: str, part: str = "", number: int | None = None) -> str:
-        """Return the name of a file of state ``number``, by default of the next one."""
+        """Return the name of a file, "fields<part>000012.vtu", of a state; default: the next."""
         number = len(self.times) if number is None else number
         return f"{self.path.stem}{part}{number:06}{suffix}"
 
     def write_next(self, t: float, content: Iterable[bytes | memoryview]) -> None:
-        """Write the next state's .vtu file and list it. On rank 0."""
+        """Write the next state's .vtu file and list it: see `list_next`. On rank 0."""
         path = self.path.with_name(self.name(".vtu"))
         replace_file(path, lambda file: file.writelines(content))
         self.list_next(t, ".vtu")
 
     def list_next(self, t: float, suffix: str) -> None:
-        """Add the next state, whose files are complete, to the .pvd file. On rank 0."""
+        """List the next state, whose files are complete, in the .pvd file. On rank 0.
+
+        `times` is not changed: the caller appends the time on every rank.
+        """
         times = [*self.times, t]
         for number in range(len(self._rows), len(times)):
             name = self.name(suffix, number=number)
