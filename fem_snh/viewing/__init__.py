@@ -1,7 +1,7 @@
 """Plots, pictures, pages and exports, made from the files of a run.
 
-What draws or exports has a process of its own (`fem_snh.processes`): without a display OpenGL can
-abort its process, and some libraries do not get along with those of dolfinx.
+Functions that draw or export run in a process of their own (`fem_snh.processes`): without a
+display OpenGL can abort its process, and h5py and VTK can conflict with the libraries of dolfinx.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from fem_snh.errors import BadInput
 INSTALL = (
     "install libegl1 (apt install libegl1) or Xvfb (apt install xvfb), and VTK >= 9.4 from PyPI"
 )
-#: Seconds after which a drawing process counts as hung, as with a display that does not answer.
+#: Seconds after which a process counts as hung, for example if the display does not answer.
 _TIMEOUT = 900.0
 
 
@@ -31,12 +31,15 @@ def require(program: str, packages: Iterable[str], install: str = "") -> None:
 
 
 def ignore(*values: object) -> None:
-    """Report nothing: the default of what reports progress."""
+    """Do nothing: the default of the callbacks that report progress."""
 
 
 @contextmanager
 def reading() -> Iterator[None]:
-    """Raise BadInput for an error of Python's in the values of a run's files."""
+    """Return a context, or decorator, that converts errors from a run's wrong values to BadInput.
+
+    Arithmetic, lookup, type, value and attribute errors are converted.
+    """
     try:
         yield
     except BadInput:
@@ -54,7 +57,9 @@ def run_elsewhere(
     timeout: float = _TIMEOUT,
     opengl: bool = False,
 ) -> None:
-    """Call a function in a new process, with the first kind of OpenGL that works if it draws.
+    """Call a function in a new process; its result is discarded.
+
+    A function that draws is called once per kind of OpenGL, until one works.
 
     Parameters
     ----------
@@ -66,8 +71,9 @@ def run_elsewhere(
     Raises
     ------
     BadInput
-        If the function does, or an error of Python's in the values of the arguments, or if no kind
-        of OpenGL works.
+        If the function raises it or a value, lookup, type or arithmetic error; if the process
+        crashes or hangs, or the function raises an import, OS or runtime error (when drawing: with
+        every kind of OpenGL).
     """
     message = ""
     for prefix, variables in _opengl_backends() if opengl else [([], {})]:
@@ -85,7 +91,8 @@ def run_elsewhere(
 def _opengl_backends() -> list[tuple[list[str], dict[str, str]]]:
     """Return command prefix and environment of each kind of OpenGL, the most likely one first.
 
-    VTK >= 9.4 uses the window class that the variable names; older builds have one class only.
+    VTK >= 9.4 uses the window class that VTK_DEFAULT_OPENGL_WINDOW names; older builds have one
+    class only.
     """
     drawing = {"PYVISTA_OFF_SCREEN": "true", "MPLBACKEND": "Agg"}
     backends: list[tuple[list[str], dict[str, str]]] = [

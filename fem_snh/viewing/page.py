@@ -47,22 +47,40 @@ from fem_snh.viewing.stored_run import (
     step_at,
 )
 
-#: Where vtk.js's viewer would load its icon from; the page loads nothing.
+#: Address of the icon in vtk.js's viewer; it is replaced, as the page loads nothing.
 _ICON = "https://kitware.github.io/vtk-js/icon/favicon-${t}x${t}.png"
 
-#: Of the off-screen window [pixels]; the page draws with its own size.
+#: Size of the off-screen window [pixels]; the browser draws with the size of the page.
 _SIZE = (800, 600)
 
 
 def write_page(job: Job, record: Record) -> None:
-    """Write the page of a job's states; ``record`` is the run's run.json."""
+    """Write the HTML page of a run to ``job.out``; an earlier file is replaced.
+
+    It needs OpenGL.
+
+    Parameters
+    ----------
+    job : Job
+        Field, states (``panels``), view, units and path (``out``) of the page.
+    record : dict
+        The content of the run's run.json.
+
+    Raises
+    ------
+    BadInput
+        If a state cannot be read or drawn, or the page cannot be written.
+    """
     drawing = Drawing(job)
     scenes = export_scenes(drawing)
     write_file(job.out, page(record, job.field, job.panels, scenes, drawing.extremes_line))
 
 
 def export_scenes(drawing: Drawing) -> list[bytes]:
-    """Return the states of a drawing as scenes of vtk.js, with one view."""
+    """Return one vtk.js scene (see `scene`) for each state of a drawing, all with the same view.
+
+    The surfaces carry the field, and the displacement as vectors except under torsion.
+    """
     where, job = drawing.view, drawing.job
     initialize_serializers()
     # The displacement, too, which is the surface's vectors.
@@ -91,7 +109,7 @@ def export_scenes(drawing: Drawing) -> list[bytes]:
 
 
 def scene(window: Any) -> bytes:
-    """Return a render window as vtk.js's offline viewer reads it: index.json in a zip file."""
+    """Serialize a render window for vtk.js's offline viewer: return a zip file with index.json."""
     context = SynchronizationContext()
     context.set_ignore_last_dependencies(True)
     state = serialize(None, window, reference_id(window), context, 1)
@@ -118,20 +136,25 @@ def page(
     scenes: Sequence[bytes],
     extremes: str = "",
 ) -> str:
-    """Return the page.
+    """Return the HTML text of the page.
 
     Parameters
     ----------
     record : dict
-        The run's run.json.
+        The content of the run's run.json.
     field : str
         The field that the colours show.
     states : sequence of Panel
         The states.
     scenes : sequence of bytes
-        The states' scenes.
+        The vtk.js scene of each state.
     extremes : str
         A line with the smallest and the largest value of the field.
+
+    Raises
+    ------
+    BadInput
+        If the installed trame-vtk has another viewer than the page expects.
     """
     title = f"{record['scene']}: {material_name(record)}, ν = {poisson_ratio(record)}"
     rows = [step for step in record["steps"] if step.get("converged", True)]
@@ -177,7 +200,11 @@ def page(
 
 
 def _columns(record: Record) -> dict[str, Any]:
-    """Return the columns of the steps that converged, and the numbers of those drawn first."""
+    """Return the numeric columns of the converged steps, and the columns of the first curve.
+
+    ``columns`` has a label and values (None: not finite) for each; it is empty if no step has
+    converged. ``x`` and ``y`` are indices into it.
+    """
     try:
         table = numbers(run_table(record))
     except BadInput:
@@ -196,7 +223,7 @@ def _columns(record: Record) -> dict[str, Any]:
 
 
 def _step_table(record: Record) -> str:
-    """Return the numbers and texts of the steps as a table."""
+    """Return an HTML table of all steps, with the values that are no lists or dictionaries."""
     steps = [
         {name: value for name, value in step.items() if not isinstance(value, dict | list)}
         for step in record["steps"]
@@ -206,11 +233,11 @@ def _step_table(record: Record) -> str:
 
 
 def _values(data: dict[str, Any]) -> str:
-    """Return the values of nested tables with their keys, as ``material.nu``."""
+    """Return an HTML table of nested settings: keys such as ``material.nu``, and values."""
     return _html(pd.json_normalize(data).T, header=False)
 
 
 def _html(table: pd.DataFrame, **options: Any) -> str:
-    """Return a table as HTML, numbers with six digits."""
+    """Return a table as HTML: numbers with six digits, missing values empty."""
     with pd.option_context("display.max_colwidth", None):
         return str(table.to_html(border=0, na_rep="", float_format="{:.6g}".format, **options))

@@ -1,4 +1,4 @@
-"""The stored states of a run on one mesh, between them, on the surface, and at points."""
+"""The stored states of a run: read on one mesh, interpolated in the load, evaluated at points."""
 
 from __future__ import annotations
 
@@ -19,20 +19,20 @@ from fem_snh.viewing.stored_run import stored_loads
 
 Array = npt.NDArray[Any]
 
-#: Distance up to which points of two states are the same, relative to the body's diagonal.
+#: Points of two states are the same up to this distance, relative to the body's diagonal.
 _SAME_POINT = 1e-6
-#: Distance up to which a point is a node of the mesh, over the body's diagonal: for rounding.
+#: A point closer to a node than this, over the body's diagonal, is the node: for rounding.
 _NODE = 1e-9
 #: Largest distance from the mesh, over the body's diagonal, at which a point belongs to the body:
 #: two meshes of one curved surface differ by less, unless an element spans a radian.
 _LARGEST_DISTANCE = 0.05
 
-#: Divides each face of a quadratic cell into 4^3 triangles, on which closest points are.
+#: Subdivision level: each face of a quadratic cell becomes 4^3 triangles for closest points.
 _LEVEL = 3
 
 
 class ExportedState(NamedTuple):
-    """The fields of a state by name: one row for each point or cell of the mesh."""
+    """The fields of a state by name, each with a row per point or per cell of `States.mesh`."""
 
     point_data: dict[str, Array]
     cell_data: dict[str, Array]
@@ -41,22 +41,22 @@ class ExportedState(NamedTuple):
 class States:
     """The stored states of a run.
 
-    Only the mesh is kept in memory. Every state is given on this mesh, also where the run was
-    resumed on another number of ranks, which order points and cells differently.
+    Only the mesh is kept in memory. The rows of every state follow the points and cells of this
+    mesh, even if the run was resumed on another number of ranks and wrote them in another order.
 
     Parameters
     ----------
     stored : Path or mapping
         The collection of the states (.pvd), or {load: files}.
     field : str, optional
-        The only field that is read beside the displacement; default: all.
+        Read this field and the displacement only; default: all fields.
     hidden : collection of int
         Values of ``cell_group`` of the cells that are left out.
 
     Attributes
     ----------
     loads : list of float
-        The stored loads, ascending.
+        The stored loads, ascending; times [s] of a dynamic run.
     mesh : pyvista.UnstructuredGrid
         The reference mesh: the pieces of all ranks merged, without ghost cells, without fields.
 
@@ -85,13 +85,13 @@ class States:
         return len(self.loads)
 
     def read(self, number: int) -> ExportedState:
-        """Return the fields of a state.
+        """Return the fields of the state at ``loads[number]``.
 
         Raises
         ------
         BadInput
-            If a file cannot be read, the state is of another mesh, or it has other fields than
-            the first one.
+            If a file cannot be read, or the mesh or the names of the fields differ from those of
+            the first state.
         """
         files = self._files[number]
         grid = read_grid(files, self._field, self._hidden)
@@ -114,14 +114,20 @@ class States:
         )
 
     def displacement(self, number: int) -> Array:
-        """Return the displacement of a state (points, 3) [m]; BadInput if it is not finite."""
+        """Return the displacement of a state, (points, 3) [m]; BadInput if it is not finite."""
         u = self.read(number).point_data["displacement"]
         if not np.all(np.isfinite(u)):
             raise BadInput(f"{self._files[number][0]}: the displacement is not finite")
         return u
 
     def _match(self, found: Array, wanted: Array, file: Path) -> Array:
-        """Return for each wanted point its index in ``found``: ranks order points differently."""
+        """Return, for each wanted point (n, 3), the index of its copy in ``found`` (n, 3).
+
+        Raises
+        ------
+        BadInput
+            If the numbers of points differ, or a wanted point has no copy.
+        """
         if found.shape == wanted.shape:
             if np.array_equal(found, wanted):
                 return np.arange(len(wanted))
@@ -132,22 +138,22 @@ class States:
 
 
 def _names(grid: pv.UnstructuredGrid) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Return the names of the fields at points and at cells."""
+    """Return the sorted names of the fields at points, and of the fields in cells."""
     return tuple(sorted(grid.point_data.keys())), tuple(sorted(grid.cell_data.keys()))
 
 
 class InterpolatedStates:
-    """The stored states of a run, two or more, and those between them.
+    """The stored states of a run, two or more, interpolated in the load.
 
-    Displacement and field are interpolated in the load by monotone cubic polynomials (PCHIP),
-    which do not overshoot the stored values.
+    Displacement and field are interpolated by monotone cubic polynomials (PCHIP), which do not
+    overshoot the stored values.
 
     Parameters
     ----------
     stored : Path or mapping
         As for `States`.
     field : str
-        The field beside the displacement.
+        The field to interpolate beside the displacement.
     hidden : collection of int
         Values of ``cell_group`` of the cells that are left out.
 
@@ -180,7 +186,7 @@ class InterpolatedStates:
         self._value_at = PchipInterpolator(states.loads, self.values)
 
     def grid(self, load: float) -> pv.UnstructuredGrid:
-        """Return the reference grid with displacement and field at a load."""
+        """Return a copy of the reference grid with displacement and field at a load or time."""
         grid = self._grid.copy()
         grid.point_data["displacement"] = self._displacement_at(load)
         data = grid.cell_data if self._per_cell else grid.point_data
@@ -191,17 +197,18 @@ class InterpolatedStates:
 def displacement_at(
     run: Path, step: int, kinematics: str | None, points: Array
 ) -> tuple[Array, Array]:
-    """Return the displacement of a stored state at points.
+    """Return the displacement of a stored state at points, and their distances from the mesh.
 
-    A node of the stored mesh has its value; any other point that of the cell that contains it, or,
-    outside of the mesh, of its closest point.
+    At a node of the stored mesh, the displacement is the nodal value. At any other point, it is
+    interpolated in the cell that contains the point, or, outside of the mesh, evaluated at the
+    closest point of the mesh.
 
     Parameters
     ----------
     run : Path
         The folder of the run.
     step : int
-        The number of the state among those of fields.pvd; -1 is the last.
+        The number of the state in fields.pvd, from 0; -1 is the last.
     kinematics : str or None
         The kinematics that the run must have; None in three dimensions.
     points : (n, 3) array
@@ -212,12 +219,13 @@ def displacement_at(
     displacement : (n, 3) array
         The displacements [m].
     distance : (n,) array
-        The points' distances from the mesh [m].
+        The points' distances from the mesh [m], 0 inside and within rounding.
 
     Raises
     ------
     BadInput
-        If there is no such run or state, it cannot be read, or a point is far from its mesh.
+        If there is no such run or state, the run has other kinematics, a file cannot be read, or a
+        point is farther from the mesh than 5 % of its diagonal.
     """
     record = load_record(run / "run.json")
     if record.get("kinematics") != kinematics:
@@ -246,7 +254,11 @@ def displacement_at(
 
 
 def _interpolate(mesh: Any, u: Array, points: Array, tolerance: float) -> tuple[Array, Array]:
-    """Return the displacement of the closest points of a mesh, and their distances."""
+    """Return displacements ``u`` (nodes, 3) interpolated at points (n, 3), and distances (n,) [m].
+
+    For a point outside of the mesh by more than ``tolerance``, the displacement is that at the
+    closest point of the boundary.
+    """
     grid = mesh.copy(deep=False)
     grid.point_data["u"] = u
     sampled: Any = pv.PolyData(points).sample(grid, tolerance=tolerance)

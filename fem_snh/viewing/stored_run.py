@@ -1,4 +1,4 @@
-"""A run's folder as pictures, pages and exports read it: states, fields, solids, labels, views."""
+"""Read a run's folder for pictures, pages and exports: states, fields, solids, labels, views."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ from fem_snh.records.units import Units, volume_change
 
 #: Keys of run.json whose solids are drawn.
 KINDS = ("obstacles", "bones", "rigid")
-#: Difference of two loads, or of times relative to the duration, that are the same.
+#: Two loads are the same up to this difference; times, relative to the duration.
 _SAME = 1e-6
-#: What separates the parts of a label.
+#: Separator of the parts of a label.
 DOT = "  ·  "
 #: Arrays of VTK files that describe the mesh.
 _MESH = ("Points", "connectivity", "offsets", "types")
-#: The displacement of the drawn surface, also where the colours show its magnitude.
+#: The surface's displacement as vectors; colouring by "displacement" replaces it by magnitudes.
 VECTORS = "displacement vector"
-#: Labels that do not follow from label and unit.
+#: Colour-bar labels that are not made from the field's label and unit.
 _LABELS = {
     "displacement": "|u|  (displacement)",
     "mode": "|u| / max |u|  (displacement of a mode)",
@@ -43,85 +43,85 @@ def materials(record: Record) -> list[dict[str, Any]]:
 
 
 def material_name(record: Record) -> str:
-    """Return the names of the materials, each once."""
+    """Return the names of the materials, joined by " + ", each once."""
     return " + ".join(dict.fromkeys(pretty(str(m["name"])) for m in materials(record)))
 
 
 def poisson_ratio(record: Record) -> str:
-    """Return Poisson's ratio as text; several materials have each value once, in their order."""
+    """Return the Poisson's ratios of the materials as text, each value once, in their order."""
     return ", ".join(dict.fromkeys(f"{m['nu']:g}" for m in materials(record)))
 
 
 def pretty(name: str) -> str:
-    """Return the name of a material for a label: "stable Neo-Hookean"."""
+    """Return the label of a material's name: "stable Neo-Hookean" for "stable_neo_hookean"."""
     return name.replace("neo_hookean", "Neo-Hookean").replace("_", " ")
 
 
 def duration(record: Record) -> float | None:
-    """Return the end of a run in time [s]; None for a quasi-static run."""
+    """Return the end time of a dynamic run [s], or None for a quasi-static run."""
     return float(record["time"]["duration"]) if "time" in record else None
 
 
 def load_range(record: Record) -> tuple[float, float]:
-    """Return the values of the load parameter at load 0 and load 1; of a run in time, times [s]."""
+    """Return the load parameter at load 0 and at load 1; (0, end time [s]) of a dynamic run."""
     end = duration(record)
     low, high = record.get("load_range", (0.0, 1.0)) if end is None else (0.0, end)
     return float(low), float(high)
 
 
 def load_name(record: Record) -> str:
-    """Return what graphs call the load parameter."""
+    """Return the axis label of the load parameter: the scene's name for it, "load" or "time"."""
     return str(record.get("load_name", "load")) if duration(record) is None else "time"
 
 
 def load_unit(record: Record) -> str:
-    """Return the unit of the load parameter, after a space; none for a quasi-static run."""
+    """Return the unit of time after a space, " s"; "" for a quasi-static run."""
     return "" if duration(record) is None else f" {unit_name('s', [record])}"
 
 
 def common_units(records: Sequence[Record]) -> Units | None:
-    """Return the units that the scenes of all runs state; None if one states none or others."""
+    """Return the units that the scenes of all runs state; None if one states none or two differ."""
     found = {Units.of(record) for record in records} or {None}
     return found.pop() if len(found) == 1 else None
 
 
 def unit_name(unit: str, records: Sequence[Record]) -> str:
-    """Return the name of an SI unit in the units of runs, which are SI units if none are stated."""
+    """Return the name of an SI unit in the common units of runs; unchanged if they have none."""
     return (common_units(records) or Units()).name(unit)
 
 
 def column_label(name: str, records: Sequence[Record]) -> str:
-    """Return a column's name, with its unit if the scenes state their units."""
+    """Return a column's name, followed by its unit if the runs have common units."""
     steps, units = [step for r in records for step in r["steps"]], common_units(records)
     unit = next(filter(None, (column_unit(name, step) for step in steps)), "") if units else ""
     return f"{name} [{units.name(unit)}]" if units and unit else name
 
 
 def axis_label(record: Record) -> str:
-    """Return the label of an axis of the load parameter."""
+    """Return the label of an axis of the load parameter, with the unit of time of a dynamic run."""
     return load_name(record) + (f" [{load_unit(record).strip()}]" if load_unit(record) else "")
 
 
 def parameter(record: Record, stored: float) -> float:
-    """Return the load parameter of a stored state, whose .pvd file has the load, or the time."""
+    """Return the load parameter at a stored load, or a stored time [s] unchanged."""
     low, high = load_range(record)
     return low + stored * (high - low) if duration(record) is None else stored
 
 
 def step_at(record: Record, stored: float) -> dict[str, Any] | None:
-    """Return the last step that ends at a stored state."""
+    """Return the last step in run.json that ends at a stored load or time, or None."""
     key, scale = ("load", 1.0) if duration(record) is None else ("time", duration(record) or 1.0)
     found = [s for s in record["steps"] if math.isclose(s[key], stored, abs_tol=_SAME * scale)]
     return found[-1] if found else None
 
 
 def hidden_cells(record: Record, names: Collection[str]) -> tuple[int, ...]:
-    """Return the values of the field ``cell_group`` in groups or materials of some names.
+    """Return the values of the field ``cell_group`` in the named groups of cells and materials.
 
     Raises
     ------
     BadInput
-        For a name that no solid and no group of cells of the run has.
+        For a name that no solid, group of cells or material of the run has.
     """
     parts = record.get("cell_groups", [])
     solids = [name for kind in KINDS for name in record.get(kind, {})]
@@ -137,10 +137,12 @@ def hidden_cells(record: Record, names: Collection[str]) -> tuple[int, ...]:
 def obstacle_poses(
     record: Record, folder: Path, hide: Collection[str] = ()
 ) -> list[dict[str, Any]]:
-    """Return the solids of a run: kind, shape, and the pose at each load or time.
+    """Return the drawn solids of a run: dictionaries of kind, shape, loads (m) and poses (m, 3, 4).
 
-    A surface is given by the path of its file in the folder. A bone that is a group of the mesh is
-    left out, as are those whose names are in ``hide``.
+    A pose is the matrix [R | c] at a load or time, [A | c] of a bone. ``loads`` are 0 and the loads
+    or times of the converged steps. The shape "surface" has the path of its file in ``folder``.
+    Bones that are groups of the mesh have no shape and are omitted, as are the solids named in
+    ``hide``.
     """
     found = []
     key = "load" if duration(record) is None else "time"
@@ -165,7 +167,10 @@ def obstacle_poses(
 
 
 def _pose(state: dict[str, Any], about: dict[str, Any]) -> list[list[float]]:
-    """Return the rows [R | c] of a solid in a state; of a rigid part from its point's position."""
+    """Return the rows [R | c] of a solid from its entries in a step and in run.json.
+
+    A rigid part has the rotation vector, and the position of its reference point, in the step.
+    """
     if "pose" in state:
         return list(state["pose"])
     R = exponential(np.array(state["rotation"]))
@@ -174,10 +179,15 @@ def _pose(state: dict[str, Any], about: dict[str, Any]) -> list[list[float]]:
 
 
 def stored_loads(pvd: Path) -> dict[float, list[Path]]:
-    """Return {load: .vtu files} of a collection (.pvd) that dolfinx's VTKFile wrote.
+    """Return {load or time: .vtu files} of a collection (.pvd) that dolfinx's VTKFile wrote.
 
-    The collection names .vtu files or .pvtu files, which name one .vtu per rank. dolfinx 0.5 lists
-    each file once per field; duplicates are removed.
+    The collection names .vtu files, or .pvtu files that name one .vtu file per rank. dolfinx 0.5
+    lists each file once per field; duplicates are removed.
+
+    Raises
+    ------
+    BadInput
+        If a file is missing or cannot be read, or the collection is empty.
     """
     found: dict[float, list[Path]] = {}
     for data in _elements(pvd, "DataSet"):
@@ -204,7 +214,7 @@ def _elements(path: Path, tag: str) -> list[ET.Element]:
 
 
 def split_component(field: str) -> tuple[str, str]:
-    """Return name and component of ``cauchy_stress.xy``; component "" for a whole field."""
+    """Return name and component of a field such as ``cauchy_stress.xy``; "" for a whole field."""
     name, _, component = field.partition(".")
     return name, component
 
@@ -218,7 +228,7 @@ def component_index(field: str) -> int | None:
 def label(field: str, units: Units | None = None) -> str:
     """Return the label of the colour bar of a field or component, with its unit.
 
-    Without ``units`` it is that of SI, and a displacement has none.
+    Without ``units``, the unit is the SI unit; the label of a displacement then has no unit.
     """
     if field in _LABELS:
         unit = f" [{units.length}]" if units and field == "displacement" else ""
@@ -232,14 +242,14 @@ def label(field: str, units: Units | None = None) -> str:
 
 
 def is_nonnegative(field: str) -> bool:
-    """Return whether a field, or the magnitude that is drawn of it, cannot be negative."""
+    """Return whether a field, or the magnitude drawn of a vector or tensor, is never negative."""
     name, component = split_component(field)
     about = _about(name)
     return about.nonnegative or bool(about.components and not component)
 
 
 def _about(name: str) -> OutputField:
-    """Return what is known of a field; the fields of a feature from elsewhere are scalars."""
+    """Return the description of a field; an unknown field is a scalar without a unit."""
     other = OutputField(name, "", VECTOR if name == "mode" else ())
     return STANDARD.get(name) or NAMED.get(name) or other
 
@@ -268,7 +278,7 @@ def check_field(pvd: Path, field: str) -> None:
 
 
 def written_fields(pvd: Path) -> list[str]:
-    """Return the names of the fields of a run's last state, sorted."""
+    """Return the sorted names of the fields in the last file of a collection (.pvd)."""
     last = _elements(pvd, "DataSet")[-1].get("file", "")
     text = (pvd.parent / last).read_bytes().partition(b"<AppendedData")[0].decode()
     names = set(re.findall(r'<P?DataArray [^>]*?Name="([^"]+)"', text))
@@ -281,19 +291,19 @@ def one_line(error: object) -> str:
 
 
 Point = tuple[float, float, float]
-#: Direction from the body to the viewer, unless the user names one or the body is long.
+#: Direction from the body to the viewer, unless the user chooses one or the body is long or flat.
 TOWARDS = (0.62, -1.0, 0.55)
 
 
 @dataclass(frozen=True)
 class ViewOptions:
-    """What is shown, and from which side.
+    """What is shown, and from which direction.
 
     Attributes
     ----------
     clip : (3,), optional
-        Normal of a plane: the part of the deformed body that it points to is cut away, and the
-        section has the colours of the field.
+        Normal of a clip plane; the part of the deformed body on the side of the normal is cut away,
+        and the section has the colours of the field.
     clip_point : (3,), optional
         A point of the plane [m]; default: the centre of the body at rest.
     camera : (3,), optional
@@ -307,7 +317,8 @@ class ViewOptions:
     hidden_cells : tuple of int
         Values of the field ``cell_group`` in cells that are not drawn.
     limits : (2,), optional
-        The values at the ends of the colour bar; default: of all values but the outer percents.
+        The values at the ends of the colour bar; default: see
+        `fem_snh.viewing.render.drawing.colours`.
     """
 
     clip: Point | None = None
@@ -331,7 +342,7 @@ def view_options(
     hide: Iterable[str] = (),
     limits: str | None = None,
 ) -> ViewOptions:
-    """Return the options that the texts of a command line name.
+    """Return the view that the options of a command line describe.
 
     Parameters
     ----------
@@ -366,7 +377,11 @@ def view_options(
 
 
 def _direction_and_point(option: str, text: str | None) -> tuple[Point | None, Point | None]:
-    """Return the unit vector and the point of ``0,0,1@0,0,0.2``."""
+    """Return the unit vector and the point of a text such as ``0,0,1@0,0,0.2``, or None for each.
+
+    A single number after "@" is the point's distance from the origin along the direction. A text of
+    another form raises BadInput.
+    """
     if text is None:
         return None, None
     before, at, after = text.partition("@")
@@ -389,7 +404,7 @@ def _point(x: np.ndarray) -> Point:
 
 
 def _numbers(text: str) -> list[float]:
-    """Return the numbers of a list with commas; none if one is not a number."""
+    """Return the numbers of a comma-separated list; none if an entry is not a number."""
     try:
         return [float(entry) for entry in text.split(",")]
     except ValueError:
@@ -398,7 +413,7 @@ def _numbers(text: str) -> list[float]:
 
 @dataclass(frozen=True)
 class Panel:
-    """One panel: the files that hold its fields, its label, its load and the run's obstacles."""
+    """One panel: the files of a state (one per rank), label, load or time, and `obstacle_poses`."""
 
     files: list[Path]
     label: str
@@ -421,17 +436,20 @@ class StoredRun:
     Attributes
     ----------
     record : dict
-        Its run.json.
+        The content of run.json.
+    view : ViewOptions
+        The options, with the numbers of the hidden cells.
     pvd : Path
-        The collection of its states: of the skin if a lattice carries one.
+        The collection of states: skin.pvd if the run has one (of a body in a lattice), else
+        fields.pvd.
     states : dict
         {load or time: .vtu files of a stored state}, ascending.
 
     Raises
     ------
     BadInput
-        If a file is missing or cannot be read, or the run has not written the field or has no
-        part of a name that is to be hidden.
+        If a file is missing or cannot be read, the run has not written the field, or no part of the
+        run has a name in ``view.hide``.
     """
 
     def __init__(
@@ -461,7 +479,11 @@ def read_record(folder: Path) -> Record:
 
 
 def choose_loads(stored: list[float], wanted: Sequence[float] | None) -> list[float]:
-    """Return the stored loads to draw; raise BadInput if a requested one was not stored."""
+    """Return the stored loads or times to draw.
+
+    Default: all loads above 0 if these are at most four, else those at about 1/3, 2/3 and the end.
+    A ``wanted`` load that was not stored raises BadInput.
+    """
     if wanted:
         same = 1e-6 * max(map(abs, stored))
         for load in wanted:
@@ -486,7 +508,10 @@ def title(record: Record) -> str:
 
 
 def panel_label(record: Record, load: float) -> str:
-    """Return name and value of the load or time, and volume change and smallest J of its step."""
+    """Return the label of a stored state: load or time, volume change and smallest J of its step.
+
+    A step that has not converged is marked.
+    """
     value, unit = parameter(record, load), load_unit(record)
     label = f"{load_name(record)} {f'{value:.3g}' if unit else number_text(value)}{unit}"
     step = step_at(record, load) or {}
@@ -498,7 +523,7 @@ def panel_label(record: Record, load: float) -> str:
 
 
 def number_text(x: float) -> str:
-    """Return ``x`` as text: a simple fraction of pi, or three digits."""
+    """Return ``x`` as a fraction of pi with a denominator up to 12, "π/3", or with three digits."""
     turn = Fraction(x / math.pi).limit_denominator(12)
     if turn == 0 or not math.isclose(x, turn * math.pi, rel_tol=1e-9):
         return f"{x:.3g}"

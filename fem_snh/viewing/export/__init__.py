@@ -13,7 +13,7 @@ from fem_snh.files import make_folder_of, output_path
 from fem_snh.viewing import require, run_elsewhere
 from fem_snh.viewing.stored_run import StoredRun
 
-#: File types, and the functions of ``writers``.
+#: File types, and the function of ``writers`` for each.
 TYPES = {".vtkhdf": "write_vtkhdf", ".obj": "write_obj"}
 #: Upper bound of the time that a state takes [s], after which the process counts as hung.
 _STATE_TIMEOUT = 900.0
@@ -24,7 +24,7 @@ def main(
     out: Path,
     report: Callable[[int, int], None] | None = None,
 ) -> list[Path]:
-    """Export the states of a run and return the paths of the files.
+    """Export the states of a run and return the paths of the written files.
 
     Parameters
     ----------
@@ -33,9 +33,9 @@ def main(
     out : Path
         ``NAME.vtkhdf``: one file with mesh, all fields and all stored loads. ``NAME.obj``: a
         sequence ``NAME_0000.obj``, ``NAME_0001.obj``, ... of the deformed surface, one for each
-        stored load. Of a body in a lattice, all of them have its skin.
+        stored load. For a body in a lattice, the files hold its skin.
     report : callable, optional
-        Called with the numbers of states written and of all states.
+        Called with the number of states written and the number of all states.
 
     Raises
     ------
@@ -58,5 +58,5 @@ def main(
 
 
 def obj_path(out: Path, number: int) -> Path:
-    """Return the path of a file of a sequence ``NAME_0000.obj``, ``NAME_0001.obj``, ..."""
+    """Return the path of a sequence's file: ``NAME_0001.obj`` for ``NAME.obj`` and number 1."""
     return out.with_name(f"{out.stem}_{number:04}{out.suffix}")

@@ -1,4 +1,4 @@
-"""Write the states of a run: OBJ files of the surface, a VTKHDF file of all.
+"""Write the states of a run: OBJ files of the surface, or one VTKHDF file.
 
 `fem_snh.viewing.export.main` calls these functions in a process of its own, as h5py fails to import
 after dolfinx, which loads another HDF5 library. They raise BadInput if a state cannot be read or a
@@ -23,25 +23,25 @@ from fem_snh.viewing.export import obj_path
 from fem_snh.viewing.render.surfaces import boundary
 from fem_snh.viewing.states import Array, ExportedState, States
 
-#: Divides each face of a quadratic cell into the triangles between its nodes.
+#: Subdivision level: each face of a quadratic cell becomes the triangles between its nodes.
 _LEVEL = 1
 #: Version of the VTKHDF specification; 2.2 is the first that allows groups beside VTKHDF.
 VERSION = (2, 2)
 
 
-#: Called with the numbers of states written and of all states.
+#: Called with the number of states written and the number of all states.
 Report = Callable[[int, int], object]
 
 
 def surface_of(mesh: pv.UnstructuredGrid) -> tuple[Array, Array]:
-    """Return the surface of a mesh.
+    """Return the nodes and triangles of a mesh's surface.
 
     Returns
     -------
     nodes : (n,)
-        The nodes on the surface.
+        Indices of the nodes on the surface.
     triangles : (m, 3)
-        Indices into ``nodes``, in mathematically positive order seen from outside.
+        Indices into ``nodes``, counterclockwise seen from outside.
     """
     grid = pv.UnstructuredGrid(mesh)
     grid.point_data["node"] = np.arange(grid.n_points)
@@ -55,7 +55,7 @@ def surface_of(mesh: pv.UnstructuredGrid) -> tuple[Array, Array]:
 def write_obj(out: Path, pvd: Path, report: Report = ignore) -> None:
     """Write the surface at the stored loads as the files of `obj_path`.
 
-    All files have the same triangles of the same vertices, the nodes on the surface, with normals
+    All files have the same vertices, the nodes on the surface, and the same triangles, with normals
     outwards. One state at a time is in memory.
 
     Parameters
@@ -68,7 +68,7 @@ def write_obj(out: Path, pvd: Path, report: Report = ignore) -> None:
     Raises
     ------
     BadInput
-        Also if there are files of an earlier, longer sequence.
+        If a file of an earlier, longer sequence exists, or a state is not finite.
     """
     states = States(pvd)
     count = len(states)
@@ -91,7 +91,7 @@ def write_obj(out: Path, pvd: Path, report: Report = ignore) -> None:
 
 
 def _is_later(path: Path, out: Path, count: int) -> bool:
-    """Whether a file has the name of a file of the sequence beyond the last one."""
+    """Return whether a path is that of the sequence's file ``count``, or of a later one."""
     number = re.fullmatch(rf"{re.escape(out.stem)}_(\d{{4,}})", path.stem)
     return number is not None and int(number[1]) >= count
 
@@ -99,9 +99,9 @@ def _is_later(path: Path, out: Path, count: int) -> bool:
 def write_vtkhdf(out: Path, pvd: Path, report: Report = ignore) -> None:
     """Write all states into one file: a temporal unstructured grid, with the load as its time.
 
-    The mesh is written once, as one part. The fields of the states follow each other in one array
-    for each field, of which ``Steps`` holds the offsets. One state at a time is in memory. An
-    earlier file is replaced at the end.
+    The mesh is written once, as one part. An array per field holds the values of all states one
+    after another, and ``Steps`` their offsets. One state at a time is in memory. An earlier file is
+    replaced at the end.
 
     Parameters
     ----------
@@ -140,7 +140,7 @@ def write_vtkhdf(out: Path, pvd: Path, report: Report = ignore) -> None:
 
 
 def _write_mesh(root: Any, states: States) -> None:
-    """Write the points [m] and the cells."""
+    """Write the reference points [m] and the cells into the group VTKHDF."""
     mesh = states.mesh
     root["NumberOfPoints"] = np.array([mesh.n_points])
     root["NumberOfCells"] = np.array([mesh.n_cells])
@@ -153,7 +153,7 @@ def _write_mesh(root: Any, states: States) -> None:
 
 
 def _write_steps(root: Any, states: States) -> None:
-    """Write the loads, and that all steps have the one mesh."""
+    """Write the loads, and offsets of zero into the mesh, which all steps share."""
     steps = root.create_group("Steps")
     steps.attrs["NSteps"] = len(states)
     steps["Values"] = np.array(states.loads)
@@ -165,7 +165,7 @@ def _write_steps(root: Any, states: States) -> None:
 
 
 def _write_state(root: Any, state: ExportedState, number: int, count: int) -> None:
-    """Write the fields of a state; the first one makes the arrays for all."""
+    """Write the fields of state ``number``; state 0 creates the arrays for all ``count`` states."""
     for place, fields in (("PointData", state.point_data), ("CellData", state.cell_data)):
         for name, values in fields.items():
             rows = len(values)

@@ -44,14 +44,16 @@ def main(
     paths : sequence of Path
         Folders of runs, or one CSV file or folder of a study.
     out : Path, optional
-        The picture; default: history.png in the folder of a single run, comparison.png above
-        several, and the name of the CSV file with .png.
+        The picture; default: history.png in the folder of a single run (curves.png with ``y``),
+        comparison.png above several, and the name of the CSV file with .png.
     newton : bool
         Add a panel with the Newton iterations per step.
-    x, y : str and sequence of str, optional
-        Columns of steps.csv, or of the study's table, or quotients of two: a panel for each of
-        ``y`` over ``x``, which is the load parameter of runs by default. An error of a sweep over
-        its cost is drawn with the best points marked: see `fem_snh.viewing.plots.sweeps`.
+    x : str, optional
+        The horizontal axis: a column of steps.csv or of the study's table, or a quotient A/B of
+        two; default: the load parameter of runs.
+    y : sequence of str, optional
+        Columns or quotients, each drawn over ``x`` in a panel. An error of a sweep over its cost is
+        drawn with the best points marked: see `fem_snh.viewing.plots.sweeps`.
 
     Raises
     ------
@@ -102,7 +104,7 @@ def _table_figure(path: Path, x: str | None, y: Sequence[str]) -> Figure:
 
 
 def _first_record(folder: Path) -> list[Record]:
-    """Return the run.json of one point of a study, whose points have the same units."""
+    """Return a list of one record, of a readable point of a study: all have the same units."""
     for path in sorted(folder.glob("*/run.json")):
         with suppress(BadInput):  # of a point that was killed
             return [read_record(path.parent)]
@@ -110,7 +112,7 @@ def _first_record(folder: Path) -> list[Record]:
 
 
 def save(figure: Figure, out: Path) -> Path:
-    """Write a figure and create its folder; the suffix of ``out`` determines the format."""
+    """Write a figure, in the format of ``out``'s suffix, create its folder, and return ``out``."""
     kinds = FigureCanvasBase.get_supported_filetypes()
     kind = out.suffix.lower().removeprefix(".")
     if kind not in kinds:

@@ -39,7 +39,7 @@ MEANINGS = (
 #: Size of the picture [inches], and the strip at its bottom that the legend of the tangents takes,
 #: as a fraction of the height.
 _SIZE, _LEGEND = (12, 7.6), 0.06
-#: Greatest stress that is drawn, in multiples of that of linear elasticity.
+#: Largest stress that is drawn, in multiples of the largest stress of linear elasticity.
 _MOST_STRESS = 2.5
 #: Margin below and above a curve, as a fraction of its height.
 _MARGIN = 0.05
@@ -56,12 +56,12 @@ _LABELS = {
 
 
 def draw_report(report: Any, out: Path) -> Path:
-    """Draw a report into the file ``out``; raise BadInput if it cannot be written."""
+    """Draw a report into ``out`` and return the path; raise BadInput if it cannot be written."""
     return save(material_figure(report), out)
 
 
 def material_figure(report: Any) -> Figure:
-    """Return a figure of stress curves and of regions of a positive tangent."""
+    """Return a figure of a report: stress curves, and regions of a positive exact tangent."""
     figure = Figure(figsize=_SIZE, layout="constrained")
     axes = figure.subplots(2, 3).flat
     for ax, curve in zip(axes, report.curves, strict=False):
@@ -89,7 +89,7 @@ def material_figure(report: Any) -> Figure:
 
 
 def _test(ax: Axes, curve: Any, E: float) -> None:
-    """Draw stress against stretch beside linear elasticity, whose range bounds the axis."""
+    """Draw a test's stress over E and linear elasticity, which bounds the vertical axis."""
     stress, linear = curve.stress / E, curve.linear / E
     ax.plot(curve.x, linear, color=LINEAR, ls="--", lw=1.3, label="linear elasticity")
     ax.plot(curve.x, stress, color=MATERIAL, lw=2, label="material")
@@ -111,7 +111,7 @@ def _test(ax: Axes, curve: Any, E: float) -> None:
 
 
 def _cross_hairs(ax: Axes, rest: float) -> None:
-    """Draw a grid, and lines through the state at rest."""
+    """Draw a grid, and lines through the undeformed state, which is at (``rest``, 0)."""
     ax.grid(True, lw=0.4, color="0.88")
     ax.set_axisbelow(True)
     ax.axhline(0, lw=0.8, color="0.6", zorder=1)
@@ -119,7 +119,10 @@ def _cross_hairs(ax: Axes, rest: float) -> None:
 
 
 def _tangent(ax: Axes, region: Any, report: Any) -> None:
-    """Draw the kinds of tangent in a plane, the rest state and the path of the uniaxial test."""
+    """Draw the kinds of tangent (`MEANINGS`) in a plane of principal stretches.
+
+    A circle marks the undeformed state, and a line the uniaxial test in the plane s2 = s1.
+    """
     zero = -_ROUNDING * report.E
     kind = np.where(region.tangent >= zero, 3, np.where(region.scaling >= zero, 2, 1))
     kind[~np.isfinite(region.tangent)] = 0
@@ -139,9 +142,9 @@ def _tangent(ax: Axes, region: Any, report: Any) -> None:
 
 #: Points of a curve.
 _POINTS = 300
-#: An extrapolation goes beyond the data by this factor.
+#: An extrapolated curve is longer than the range of the data by this factor.
 _BEYOND = 1.25
-#: The axis of stresses shows this multiple of the data; extrapolations leave it.
+#: The axis of stresses ends at this multiple of the largest datum; extrapolations are cut off.
 _STRESS_BEYOND = 1.5
 #: Colour of the stretches at which a fit is unstable.
 _UNSTABLE = "0.92"
@@ -153,12 +156,12 @@ _STRESSES = {
 
 
 def draw_fits(fits: Sequence[Any], out: Path) -> Path:
-    """Draw fits of the same data into ``out``; raise BadInput if it cannot be written."""
+    """Draw fits of the same data into ``out`` and return the path, as `draw_report`."""
     return save(fit_figure(fits), out)
 
 
 def fit_figure(fits: Sequence[Any]) -> Figure:
-    """Return a figure with a panel for each kind of test: data, fits and their extrapolations."""
+    """Return a figure of data, fits and extrapolations, a panel per kind and measure of test."""
     tests = fits[0].tests
     panels = list(dict.fromkeys((t.data.kind, t.data.measure) for t in tests))
     figure, axes = subplots(len(panels), share=False)
@@ -182,7 +185,7 @@ def fit_figure(fits: Sequence[Any]) -> Figure:
 
 
 def _draw_biaxial(ax: Axes, measure: str, fits: Sequence[Any], size: float) -> None:
-    """Draw the data of biaxial tests, and the fits at these points."""
+    """Draw the biaxial tests of a measure, and each fit at their points; stresses over ``size``."""
     mine = [t.data for t in fits[0].tests if (t.data.kind, t.data.measure) == ("biaxial", measure)]
     for place, t in enumerate(mine):
         draw_points(ax, place, t.x, t.stress / size, "data" if len(mine) == 1 else t.name)
@@ -193,7 +196,7 @@ def _draw_biaxial(ax: Axes, measure: str, fits: Sequence[Any], size: float) -> N
 
 
 def _draw(ax: Axes, kind: str, fits: Sequence[Any], size: float) -> None:
-    """Draw the data of one kind of test, and the curve of each fit."""
+    """Draw the data of one kind of test and the curve of each fit; stresses over ``size``."""
     mine = [t.data for t in fits[0].tests if t.data.kind == kind]
     x = np.concatenate([t.x for t in mine])
     rest = mine[0].rest
@@ -220,7 +223,7 @@ def _draw(ax: Axes, kind: str, fits: Sequence[Any], size: float) -> None:
 
 
 def draw_curve(curve: Any, fitted: Any, out: Path) -> Path:
-    """Draw measured and fitted goals of a scene; raise BadInput if ``out`` cannot be written."""
+    """Draw measured goals of a scene and ``fitted`` (points, goals) into ``out``; return it."""
     figure, axes = subplots(1, share=False)
     (ax,) = axes
     for number, name in enumerate(curve.names):

@@ -1,4 +1,4 @@
-"""Draw graphs of runs: volume change and iterations per step, and energies against the time."""
+"""Draw graphs of runs: volume change and iterations per step, and energies against time."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ _LABELS = {
     "newton": "Newton iterations per step",
 }
 
-#: The energies of one run, and the styles of their lines. The sum is that of the first three.
+#: Columns of energies, and their line styles; ``energy`` is the sum of the first three.
 ENERGIES = {
     "kinetic": "-",
     "elastic": "--",
@@ -57,9 +57,8 @@ ENERGIES = {
 def run_figure(records: Sequence[Record], newton: bool = False) -> Figure:
     """Return a graph of volume change and iterations per step, a line per record (run.json).
 
-    Where all runs have a reaction, its largest component has a panel.
-
-    If all runs are in time, a panel shows energies.
+    If all runs have the result of `principal_result`, a panel shows it; if all are dynamic, a panel
+    shows energies.
     """
     main = principal_result(records)
     steps = [steps_of(record, main) for record in records]
@@ -94,9 +93,10 @@ def run_figure(records: Sequence[Record], newton: bool = False) -> Figure:
 
 
 def steps_of(record: Record, main: str = "") -> pd.DataFrame:
-    """Return a row for the state at rest, and one for each step, with the result ``main`` if any.
+    """Return a table with a row for the state at rest and one for each step.
 
-    They have x (load parameter), volume [%], linear, newton and converged.
+    The columns are x (load parameter), volume (change, [%]), linear and newton (iterations),
+    converged, and the result ``main`` if it is not "". BadInput if there is no step.
     """
     try:
         table = pd.DataFrame(record["steps"])
@@ -143,16 +143,16 @@ def _turns(span: tuple[float, float]) -> bool:
 
 
 def draw_energies(ax: Axes, records: Sequence[Record], names: Sequence[str]) -> None:
-    """Draw the energies of one run, or the sums of several, against time.
+    """Draw the energies of one dynamic run, or the sums of several, against time.
 
     Parameters
     ----------
     ax : Axes
         The panel.
     records : sequence of dict
-        The runs' run.json, all in time.
+        The runs' run.json.
     names : sequence of str
-        Their names in the legend of the other panels, whose colours the sums have.
+        The runs' legend entries; a run has the same colour in all panels.
     """
     single = len(records) == 1
     for number, (record, name) in enumerate(zip(records, names, strict=True)):
@@ -171,13 +171,13 @@ def draw_energies(ax: Axes, records: Sequence[Record], names: Sequence[str]) -> 
 
 
 def energy_table(record: Record) -> pd.DataFrame:
-    """Return the start of a motion and its steps that converged as a table."""
+    """Return the initial state and the converged steps of a dynamic run as a table."""
     steps = [step for step in record["steps"] if step["converged"]]
     return pd.DataFrame([{"time": 0.0, **record["time"]["start"]}, *steps])
 
 
 def run_table(record: Record) -> pd.DataFrame:
-    """Return the steps of a run that converged as a table, with its load parameter by name.
+    """Return the converged steps of a run as a table, with a column named by `load_name`.
 
     Raises
     ------
@@ -194,9 +194,9 @@ def run_table(record: Record) -> pd.DataFrame:
 
 
 def list_columns(folder: Path) -> list[str]:
-    """Return a line for each column of a run's steps that has numbers: name, value, unit.
+    """Return a line for each numeric column of a run's steps: name, value, unit.
 
-    The values are those of the last step that converged. Units are those that the scene states.
+    The value is that of the last converged step. The unit is given if the scene states its units.
 
     Raises
     ------
@@ -213,12 +213,12 @@ def list_columns(folder: Path) -> list[str]:
 
 
 def numbers(table: pd.DataFrame) -> pd.DataFrame:
-    """Return the columns that have numbers, as numbers."""
+    """Return the columns that have numbers, as floats; other entries are NaN."""
     return table.apply(pd.to_numeric, errors="coerce").astype(float).dropna(axis=1, how="all")
 
 
 def column(table: pd.DataFrame, name: str) -> pd.Series:
-    """Return a column, or the quotient of two, as numbers.
+    """Return a column, or the quotient A/B of two columns, as numbers.
 
     Raises
     ------
@@ -264,9 +264,10 @@ def curve_figure(
 
 
 def principal_result(records: Sequence[Record]) -> str:
-    """Return the column of the largest component of a reaction that all runs have, or "".
+    """Return the column of the largest reaction component that all runs have, or "".
 
-    A moment, which the scene asks for by its point, comes before a force.
+    Moments, which a scene requests by their point, precede forces. The values are those of the last
+    converged step of the first run.
     """
     good = [[s for s in record["steps"] if s.get("converged", True)] for record in records]
     if not all(good):
@@ -281,12 +282,12 @@ def principal_result(records: Sequence[Record]) -> str:
 
 
 def x_of(records: Sequence[Record]) -> str:
-    """Return the default of ``x`` for runs: their load parameter.
+    """Return the name of the runs' load parameter, the default of ``x``.
 
     Raises
     ------
     BadInput
-        If they differ in it.
+        If the names differ.
     """
     names = {load_name(record) for record in records}
     if len(names) > 1:

@@ -24,7 +24,7 @@ def colour(index: int) -> str:
 def subplots(panels: int, *, share: bool = True) -> tuple[Figure, list[Axes]]:
     """Return a figure with ``panels`` panels: up to three in a row, more in two columns.
 
-    They have the same horizontal axis if ``share``.
+    With ``share``, they share the horizontal axis.
     """
     columns = panels if panels <= 3 else 2
     rows = -(-panels // columns)
@@ -54,7 +54,7 @@ def style(index: int, points: int) -> dict[str, Any]:
 
 
 def plain(text: str) -> str:
-    """Return a user's text for a graph: matplotlib reads what is between two $ as a formula."""
+    """Return a text with $ escaped: matplotlib reads text between two $ as a formula."""
     return text.replace("$", r"\$")
 
 
@@ -66,10 +66,9 @@ def draw_series(
     table: pd.DataFrame,
     x: str,
 ) -> None:
-    """Draw columns of a table over the column x, one in each panel, where they are not NaN.
+    """Draw columns of a table over the column ``x``, one in each panel, where they are not NaN.
 
-    The index of the series chooses its colour and marker. A point that has not converged is a
-    cross.
+    The series' ``index`` chooses its colour and marker. A point that has not converged is a cross.
     """
     good = table["converged"] if "converged" in table else table[x].notna()
     for ax, column in zip(axes, columns, strict=True):
@@ -81,7 +80,7 @@ def draw_series(
 
 
 def draw_points(ax: Axes, index: int, x: Any, y: Any, label: str, edge: str = "0.2") -> None:
-    """Draw measured points as hollow markers."""
+    """Draw measured points of series ``index`` as hollow markers."""
     marker = MARKERS[index % len(MARKERS)]
     ax.plot(x, y, ls="", marker=marker, mfc="white", mec=edge, ms=5, label=plain(label))
 
@@ -103,12 +102,12 @@ def thousands(value: float, _: object) -> str:
 
 
 def legend_entry(ax: Axes, label: str, marker: str) -> None:
-    """Add a hollow marker to the legend that belongs to no series."""
+    """Add a legend entry, a hollow marker, that belongs to no series."""
     ax.add_line(Line2D([], [], ls="", marker=marker, mfc="none", mec="0.2", mew=1.5, label=label))
 
 
 def legend(figure: Figure, ax: Axes) -> None:
-    """Add one legend below all panels."""
+    """Add one legend, with the entries of ``ax``, below all panels."""
     handles, labels = ax.get_legend_handles_labels()
     fit = int(15 * figure.get_figwidth() / (8 + max(len(label) for label in labels)))
     columns = len(labels) if len(labels) <= min(fit, 4) else max(1, min(fit, 3))

@@ -1,4 +1,4 @@
-"""Draw graphs of a sweep: iterations, volume and time against Poisson's ratio."""
+"""Draw graphs of a sweep: results against Poisson's ratio, or errors against their cost."""
 
 from __future__ import annotations
 
@@ -48,8 +48,8 @@ def read_table(path: Path) -> pd.DataFrame:
 def read_sweep(path: Path) -> pd.DataFrame:
     """Return the table of a sweep; its ``volume_ratio`` becomes the change of volume [%].
 
-    Missing results of a failed point are NaN. Poisson's ratios of several materials, "0.5 + 0.3",
-    stay texts.
+    Missing results of a failed point are NaN. Rows with nu >= 1/2 are dropped if nu varies.
+    Poisson's ratios of several materials, "0.5 + 0.3", stay texts.
 
     Raises
     ------
@@ -79,8 +79,9 @@ def read_sweep(path: Path) -> pd.DataFrame:
 def sweep_figure(table: pd.DataFrame) -> Figure:
     """Return panels against nu, with a line per material and combination of other values.
 
-    If nu has one value only, the first other number that was varied takes its place, or numbers the
-    points if nu is a text. A failed point is a cross at its value, if it has one.
+    If nu has one value or is a text, the axis is the first other number that was varied; if no
+    number was, it is nu, or the number of the point. A failed point is a cross at its value, if it
+    has one.
     """
     varied = varied_columns(table)
     numbers = [c for c in varied if is_numeric_dtype(table[c])]
@@ -117,10 +118,9 @@ def sweep_figure(table: pd.DataFrame) -> Figure:
 
 
 def varied_columns(table: pd.DataFrame) -> list[str]:
-    """Return the columns before ``converged`` that vary, without material and nu.
+    """Return the columns before ``converged`` that vary, except material, nu and results.
 
-    A column that an earlier one determines, as the default globalization of an element, is left
-    out.
+    A column that an earlier one determines is omitted: the default globalization of an element.
     """
     requested = table.columns[: table.columns.get_loc("converged")]
     skip = ("point", "material", "nu", *MEASURES)
@@ -134,12 +134,15 @@ def varied_columns(table: pd.DataFrame) -> list[str]:
 
 
 def _determines(table: pd.DataFrame, one: str, other: str) -> bool:
-    """Return whether rows of equal values in one column have equal values in the other."""
+    """Return whether equal values in column ``one`` imply equal values in column ``other``."""
     return bool(table.groupby(one, dropna=False)[other].nunique(dropna=False).max() == 1)
 
 
 def by_material(table: pd.DataFrame, *x: str) -> dict[str, pd.DataFrame]:
-    """Return the points that converged by material and combination of the values but ``x``."""
+    """Return {label: converged points} by material and combination of varied values except ``x``.
+
+    A table without material or convergence is one entry.
+    """
     if "converged" not in table or "material" not in table:
         return {"all points": table}
     good = table[table["converged"].astype(str).str.lower() == "true"]
@@ -192,17 +195,17 @@ _RESOLUTION = ("cells", "mesh", "steps")
 
 
 def is_error_over_cost(x: str, y: Sequence[str]) -> bool:
-    """Return whether columns are a cost and one error, of all goals or of one (``corner.y.error``).
+    """Return whether ``x`` is a cost and ``y`` one error: of all goals, or ``corner.y.error``.
 
-    A quotient of an error and its value is one, too: ``corner.y.error/corner.y``.
+    The quotient of an error and its value, ``corner.y.error/corner.y``, is an error, too.
     """
     return x in COSTS and len(y) == 1 and y[0].partition("/")[0].split(".")[-1] == "error"
 
 
 def front_figure(table: pd.DataFrame, x: str, y: str, path: Path) -> Figure:
-    """Return the size of an error over a cost, with rings and labels at the best points.
+    """Return a graph of an error's size over a cost, with rings and labels at the best points.
 
-    A line joins the resolutions of one choice of all other values.
+    A line joins the points that differ in resolution only.
 
     Raises
     ------
@@ -241,7 +244,7 @@ def front_figure(table: pd.DataFrame, x: str, y: str, path: Path) -> Figure:
 
 
 def best_points(rows: pd.DataFrame, cost: str, error: str) -> pd.DataFrame:
-    """Return the rows than which no other row is both cheaper and more accurate, by cost."""
+    """Return the Pareto-optimal rows, by cost: no other row is both cheaper and more accurate."""
     rows = rows.sort_values([cost, error])
     before = np.minimum.accumulate(rows[error].to_numpy())
     better = np.r_[True, rows[error].to_numpy()[1:] < before[:-1]]
@@ -249,7 +252,7 @@ def best_points(rows: pd.DataFrame, cost: str, error: str) -> pd.DataFrame:
 
 
 def _problems(lines: dict[str, pd.DataFrame]) -> list[pd.DataFrame]:
-    """Return the points of each material and Poisson's ratio, which are compared."""
+    """Return the points of all lines by material and Poisson's ratio: these are compared."""
     table = pd.concat(lines.values())
     keys = [name for name in ("material", "nu") if name in table]
     return [rows for _, rows in table.groupby(keys, dropna=False)] if keys else [table]
