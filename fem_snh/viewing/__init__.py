@@ -36,10 +36,7 @@ def ignore(*values: object) -> None:
 
 @contextmanager
 def reading() -> Iterator[None]:
-    """Return a context, or decorator, that converts errors from a run's wrong values to BadInput.
-
-    Arithmetic, lookup, type, value and attribute errors are converted.
-    """
+    """Provide a context or decorator that raises BadInput for Python's errors in a run's values."""
     try:
         yield
     except BadInput:
@@ -57,23 +54,20 @@ def run_elsewhere(
     timeout: float = _TIMEOUT,
     opengl: bool = False,
 ) -> None:
-    """Call a function in a new process; its result is discarded.
-
-    A function that draws is called once per kind of OpenGL, until one works.
+    """Call a function in a new process; if it draws, with the first kind of OpenGL that works.
 
     Parameters
     ----------
     function, *args, report, timeout
-        As for `fem_snh.processes.call`.
+        As for `fem_snh.processes.call`; the result is discarded.
     opengl : bool
         Whether the function draws.
 
     Raises
     ------
     BadInput
-        If the function raises it or a value, lookup, type or arithmetic error; if the process
-        crashes or hangs, or the function raises an import, OS or runtime error (when drawing: with
-        every kind of OpenGL).
+        If the function raises an exception, the process crashes or hangs, or no kind of OpenGL
+        works.
     """
     message = ""
     for prefix, variables in _opengl_backends() if opengl else [([], {})]:

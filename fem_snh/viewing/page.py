@@ -55,21 +55,21 @@ _SIZE = (800, 600)
 
 
 def write_page(job: Job, record: Record) -> None:
-    """Write the HTML page of a run to ``job.out``; an earlier file is replaced.
+    """Write the HTML page of a job's states to ``job.out``, where it replaces an earlier file.
 
     It needs OpenGL.
 
     Parameters
     ----------
     job : Job
-        Field, states (``panels``), view, units and path (``out``) of the page.
+        What is drawn.
     record : dict
         The content of the run's run.json.
 
     Raises
     ------
     BadInput
-        If a state cannot be read or drawn, or the page cannot be written.
+        If a state cannot be drawn or the page cannot be written.
     """
     drawing = Drawing(job)
     scenes = export_scenes(drawing)
@@ -77,10 +77,7 @@ def write_page(job: Job, record: Record) -> None:
 
 
 def export_scenes(drawing: Drawing) -> list[bytes]:
-    """Return one vtk.js scene (see `scene`) for each state of a drawing, all with the same view.
-
-    The surfaces carry the field, and the displacement as vectors except under torsion.
-    """
+    """Return a vtk.js scene (see `scene`) of each state of a drawing, all with the same view."""
     where, job = drawing.view, drawing.job
     initialize_serializers()
     # The displacement, too, which is the surface's vectors.
@@ -154,7 +151,7 @@ def page(
     Raises
     ------
     BadInput
-        If the installed trame-vtk has another viewer than the page expects.
+        For an unknown version of trame-vtk.
     """
     title = f"{record['scene']}: {material_name(record)}, ν = {poisson_ratio(record)}"
     rows = [step for step in record["steps"] if step.get("converged", True)]
@@ -200,10 +197,9 @@ def page(
 
 
 def _columns(record: Record) -> dict[str, Any]:
-    """Return the numeric columns of the converged steps, and the columns of the first curve.
+    """Return the numeric columns of the converged steps, and the first curve's indices x and y.
 
-    ``columns`` has a label and values (None: not finite) for each; it is empty if no step has
-    converged. ``x`` and ``y`` are indices into it.
+    A value that is not finite is None. If no step has converged, there are no columns.
     """
     try:
         table = numbers(run_table(record))

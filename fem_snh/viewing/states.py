@@ -121,13 +121,7 @@ class States:
         return u
 
     def _match(self, found: Array, wanted: Array, file: Path) -> Array:
-        """Return, for each wanted point (n, 3), the index of its copy in ``found`` (n, 3).
-
-        Raises
-        ------
-        BadInput
-            If the numbers of points differ, or a wanted point has no copy.
-        """
+        """Return the index into ``found`` of each wanted point; BadInput if one is not found."""
         if found.shape == wanted.shape:
             if np.array_equal(found, wanted):
                 return np.arange(len(wanted))
@@ -197,11 +191,11 @@ class InterpolatedStates:
 def displacement_at(
     run: Path, step: int, kinematics: str | None, points: Array
 ) -> tuple[Array, Array]:
-    """Return the displacement of a stored state at points, and their distances from the mesh.
+    """Return the displacement of a stored state at points.
 
-    At a node of the stored mesh, the displacement is the nodal value. At any other point, it is
-    interpolated in the cell that contains the point, or, outside of the mesh, evaluated at the
-    closest point of the mesh.
+    At a node of the stored mesh, this is the nodal value; at any other point, it is interpolated in
+    the cell that contains the point, or, outside of the mesh, taken from the closest point of the
+    mesh.
 
     Parameters
     ----------
@@ -224,8 +218,8 @@ def displacement_at(
     Raises
     ------
     BadInput
-        If there is no such run or state, the run has other kinematics, a file cannot be read, or a
-        point is farther from the mesh than 5 % of its diagonal.
+        If the run, its kinematics or the state does not fit, a file cannot be read, or a point is
+        far from the mesh.
     """
     record = load_record(run / "run.json")
     if record.get("kinematics") != kinematics:
@@ -254,11 +248,7 @@ def displacement_at(
 
 
 def _interpolate(mesh: Any, u: Array, points: Array, tolerance: float) -> tuple[Array, Array]:
-    """Return displacements ``u`` (nodes, 3) interpolated at points (n, 3), and distances (n,) [m].
-
-    For a point outside of the mesh by more than ``tolerance``, the displacement is that at the
-    closest point of the boundary.
-    """
+    """Return displacements ``u`` of a mesh at points (n, 3), and the points' distances (n,)."""
     grid = mesh.copy(deep=False)
     grid.point_data["u"] = u
     sampled: Any = pv.PolyData(points).sample(grid, tolerance=tolerance)

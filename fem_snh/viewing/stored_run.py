@@ -70,7 +70,7 @@ def load_range(record: Record) -> tuple[float, float]:
 
 
 def load_name(record: Record) -> str:
-    """Return the axis label of the load parameter: the scene's name for it, "load" or "time"."""
+    """Return the name of the load parameter for labels: the scene's, "load" or "time"."""
     return str(record.get("load_name", "load")) if duration(record) is None else "time"
 
 
@@ -98,7 +98,7 @@ def column_label(name: str, records: Sequence[Record]) -> str:
 
 
 def axis_label(record: Record) -> str:
-    """Return the label of an axis of the load parameter, with the unit of time of a dynamic run."""
+    """Return the axis label of the load parameter, such as "load" or "time [s]"."""
     return load_name(record) + (f" [{load_unit(record).strip()}]" if load_unit(record) else "")
 
 
@@ -139,10 +139,9 @@ def obstacle_poses(
 ) -> list[dict[str, Any]]:
     """Return the drawn solids of a run: dictionaries of kind, shape, loads (m) and poses (m, 3, 4).
 
-    A pose is the matrix [R | c] at a load or time, [A | c] of a bone. ``loads`` are 0 and the loads
-    or times of the converged steps. The shape "surface" has the path of its file in ``folder``.
-    Bones that are groups of the mesh have no shape and are omitted, as are the solids named in
-    ``hide``.
+    The poses are [R | c], or [A | c] of bones, at load (or time) 0 and after the converged steps. A
+    surface is given by the path of its file in ``folder``. Bones that are groups of the mesh and
+    solids named in ``hide`` are omitted.
     """
     found = []
     key = "load" if duration(record) is None else "time"
@@ -167,10 +166,7 @@ def obstacle_poses(
 
 
 def _pose(state: dict[str, Any], about: dict[str, Any]) -> list[list[float]]:
-    """Return the rows [R | c] of a solid from its entries in a step and in run.json.
-
-    A rigid part has the rotation vector, and the position of its reference point, in the step.
-    """
+    """Return the rows [R | c] of a solid from its entries in a step and in run.json (``about``)."""
     if "pose" in state:
         return list(state["pose"])
     R = exponential(np.array(state["rotation"]))
@@ -181,13 +177,8 @@ def _pose(state: dict[str, Any], about: dict[str, Any]) -> list[list[float]]:
 def stored_loads(pvd: Path) -> dict[float, list[Path]]:
     """Return {load or time: .vtu files} of a collection (.pvd) that dolfinx's VTKFile wrote.
 
-    The collection names .vtu files, or .pvtu files that name one .vtu file per rank. dolfinx 0.5
-    lists each file once per field; duplicates are removed.
-
-    Raises
-    ------
-    BadInput
-        If a file is missing or cannot be read, or the collection is empty.
+    The collection names .vtu files, or .pvtu files that name one .vtu per rank. dolfinx 0.5 lists
+    each file once per field; duplicates are removed. BadInput if a file is missing or damaged.
     """
     found: dict[float, list[Path]] = {}
     for data in _elements(pvd, "DataSet"):
@@ -377,10 +368,9 @@ def view_options(
 
 
 def _direction_and_point(option: str, text: str | None) -> tuple[Point | None, Point | None]:
-    """Return the unit vector and the point of a text such as ``0,0,1@0,0,0.2``, or None for each.
+    """Return the unit vector and the point of ``0,0,1@0,0,0.2``; None for a missing one.
 
-    A single number after "@" is the point's distance from the origin along the direction. A text of
-    another form raises BadInput.
+    A single number after "@" is a distance along the direction. BadInput for another text.
     """
     if text is None:
         return None, None
@@ -438,18 +428,17 @@ class StoredRun:
     record : dict
         The content of run.json.
     view : ViewOptions
-        The options, with the numbers of the hidden cells.
+        The view, with the numbers of the hidden cells.
     pvd : Path
-        The collection of states: skin.pvd if the run has one (of a body in a lattice), else
-        fields.pvd.
+        The collection of the states: skin.pvd if a lattice carries a skin, else fields.pvd.
     states : dict
         {load or time: .vtu files of a stored state}, ascending.
 
     Raises
     ------
     BadInput
-        If a file is missing or cannot be read, the run has not written the field, or no part of the
-        run has a name in ``view.hide``.
+        If a file is missing or cannot be read, or the run has not written the field or has no
+        part of a name that is to be hidden.
     """
 
     def __init__(
@@ -479,10 +468,9 @@ def read_record(folder: Path) -> Record:
 
 
 def choose_loads(stored: list[float], wanted: Sequence[float] | None) -> list[float]:
-    """Return the stored loads or times to draw.
+    """Return the stored loads to draw; raise BadInput if a wanted one was not stored.
 
-    Default: all loads above 0 if these are at most four, else those at about 1/3, 2/3 and the end.
-    A ``wanted`` load that was not stored raises BadInput.
+    Default: the loads above 0 if there are at most four, else about 1/3, 2/3 and the last.
     """
     if wanted:
         same = 1e-6 * max(map(abs, stored))

@@ -1,6 +1,7 @@
 """Draw the body of a run's folder, coloured by J or another field: pictures, movies, a page.
 
-What draws is called in a process of its own: `fem_snh.viewing.render.drawing` and `page`.
+The drawing functions, in `fem_snh.viewing.render.drawing` and `fem_snh.viewing.page`, are called in
+a process of their own.
 """
 
 from __future__ import annotations
@@ -30,10 +31,11 @@ from fem_snh.viewing.stored_run import (
 
 #: Types of pictures.
 PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".webp")
-#: Frequencies below this fraction of the highest are rigid motions, drawn on request only.
+#: Modes of a frequency below this fraction of the highest are rigid, drawn on request only.
 _RIGID = 1e-3
+#: Number of modes drawn by default.
 _SHOWN = 6
-#: File types, and the packages that write them beside matplotlib's Pillow.
+#: File types of movies, and the packages that each needs beside Pillow.
 MOVIES: dict[str, tuple[str, ...]] = {".mp4": ("imageio", "imageio_ffmpeg"), ".gif": ()}
 FRAMES_PER_SECOND = 25
 #: Bounds of a movie's length [s]; the upper one is 15,000 frames.
@@ -46,9 +48,10 @@ MAX_STATES = 13
 
 @dataclass(frozen=True)
 class Job:
-    """The input of a drawing process; ``out`` is the file.
+    """The input of a drawing process.
 
-    ``units`` are those of labels; None: SI, and no scale bar.
+    ``panels`` are the states to draw, and ``out`` is the file to write. Labels are in ``units``;
+    None: in SI units, and without a scale bar.
     """
 
     field: str
@@ -79,8 +82,9 @@ def main(
     out : Path, optional
         Default: ``folder/<field>.png``.
     loads : sequence of float, optional
-        In 0..1, or times [s] of a run in time; default: all load steps if there are at most four,
-        else those at 1/3, 2/3, 1; of the error of a goal, the last.
+        Stored loads from 0 to 1, or times [s] of a dynamic run; default: all load steps if there
+        are at most four, else those at 1/3, 2/3, 1; only the last if the field is the error of a
+        goal.
     field : str
         A field that the run has written, or a component such as ``cauchy_stress.xy``. A whole
         vector or tensor is drawn by its magnitude (the Frobenius norm of a tensor).
@@ -124,7 +128,7 @@ def draw_modes(
 ) -> Path:
     """Draw eigenmodes of a run and return the path of the PNG.
 
-    The outline shows the linearised state; all modes are exaggerated to the same amplitude.
+    The outline shows the state of linearisation; all modes are exaggerated to the same amplitude.
 
     Parameters
     ----------
@@ -140,7 +144,7 @@ def draw_modes(
     Raises
     ------
     BadInput
-        If the run has no modes or no such number, or OpenGL or a package is missing.
+        If the run has no modes or no mode of a number, or OpenGL or a package is missing.
     """
     folder = Path(folder)
     record = read_record(folder)
@@ -163,7 +167,10 @@ def draw_modes(
 
 
 def choose_modes(frequencies: list[float], wanted: Sequence[float] | None) -> list[int]:
-    """Return the numbers of the modes to draw."""
+    """Return the numbers of the modes to draw, from 1; default: the first six that are not rigid.
+
+    BadInput if the run has no such mode.
+    """
     count = len(frequencies)
     if wanted:
         for number in wanted:
@@ -176,7 +183,7 @@ def choose_modes(frequencies: list[float], wanted: Sequence[float] | None) -> li
 
 
 def mode_label(number: int, frequency: float) -> str:
-    """Return ``mode 3  ·  1.28 Hz``; a negative frequency marks an unstable mode."""
+    """Return ``mode 3  ·  1.28 Hz``; a negative frequency stands for an imaginary one."""
     text = f"mode {number}  ·  {abs(frequency):.4g} Hz"
     return text if frequency >= 0 else text.replace("Hz", "i Hz, unstable")
 
@@ -188,17 +195,19 @@ def compare(
     labels: Sequence[str] | None = None,
     field: str = "J",
 ) -> Path:
-    """Draw the bodies of runs side by side, with one scale and colour map, and return the PNG.
+    """Draw the bodies of runs side by side with one scale and colour map; return the path.
 
     Parameters
     ----------
     folders : sequence of Path
         Folders of the runs, one panel each.
+    out : Path
+        The picture.
     load : float or sequence of float, optional
-        In 0..1, of all runs or of each; default: the last one that each has stored.
+        The load or time of all runs, or one for each; default: the last that each run has stored.
     labels : sequence of str, optional
-        Labels of the panels, before load and volume; default: the names of the materials. What
-        all panels share is in the title.
+        Labels of the panels, before load and volume; default: the names of the materials. Parts
+        that all labels share move to the title.
     field : str
         As for `main`.
 
@@ -231,7 +240,7 @@ def compare(
 
 
 def _common(texts: Sequence[str]) -> list[str]:
-    """Return the parts that all texts have."""
+    """Return the parts, separated by `DOT`, that all texts have."""
     parts = [text.split(DOT) for text in texts]
     return [part for part in parts[0] if all(part in other for other in parts)]
 
@@ -247,8 +256,8 @@ def movie(
 ) -> Path:
     """Draw a movie of a run and return its path.
 
-    Between the stored loads displacement and colours are interpolated by monotone cubic
-    polynomials (PCHIP); each stored state appears as it is.
+    Between the stored loads, displacement and field are interpolated by monotone cubic polynomials
+    (PCHIP).
 
     Parameters
     ----------
@@ -261,7 +270,7 @@ def movie(
     seconds : float
         Length of the movie [s].
     report : callable, optional
-        Called with the numbers of frames drawn and of all frames.
+        Called with the number of frames drawn and the number of all frames.
     opacity : float
         Opacity of the body, as for `main`.
     view : ViewOptions, optional
@@ -271,7 +280,7 @@ def movie(
     ------
     BadInput
         For another file type, if a package is missing, if fewer than two states are stored, or as
-        `main`.
+        from `main`.
     """
     out = output_path("--movie", out)
     if out.suffix.lower() not in MOVIES:
@@ -302,7 +311,7 @@ def page(
     """Write a run as one HTML page and return its path.
 
     The page needs no other file and no network: it holds the viewer, which is vtk.js as trame packs
-    it, and a scene for each state.
+    it, and a vtk.js scene for each of at most `MAX_STATES` states.
 
     Parameters
     ----------
@@ -349,13 +358,13 @@ def picture_path(out: str | Path) -> Path:
 
 
 def check_opacity(opacity: float) -> float:
-    """Return the opacity; raise BadInput unless it is between 0 and 1."""
+    """Return the opacity; raise BadInput unless it is in (0, 1]."""
     if not 0 < opacity <= 1:
         raise bad_value("--opacity", opacity, "a number above 0, up to 1")
     return opacity
 
 
 def draw(job: Job, report: Callable[[str], None] | None = None) -> None:
-    """Draw in a separate process and report what it prints; raise BadInput if it cannot."""
+    """Draw a picture in a separate process; raise BadInput if this fails."""
     require("render", ("pyvista", "matplotlib"))
     run_elsewhere(f"{__name__}.drawing:draw", job, report=report, opengl=True)

@@ -44,7 +44,7 @@ from fem_snh.viewing.stored_run import (
 WIDTH = 1600
 #: Heights of the title, of a panel's label and of the colour bar [pixels].
 TOP, LABEL, FOOT = 90, 50, 130
-#: Size of the labels [points], and the mean width of their characters in it [pixels] (measured).
+#: Size of the labels [points], and the mean width of a character of this size [pixels] (measured).
 LABEL_SIZE, CHARACTER = 8.5, 12.5
 #: Length of the scale bar, relative to the width of a panel, before it is rounded up.
 _SCALE_BAR = 0.1
@@ -74,11 +74,11 @@ _GIF_COLOURS = 256
 def colours(
     field: str, values: np.ndarray, limits: Sequence[float] | None = None
 ) -> tuple[str, Normalize, str]:
-    """Return colour map, range and open ends of the colour bar, which all panels share.
+    """Return colour map, range and open ends (matplotlib's ``extend``) of the shared colour bar.
 
     The range excludes the lowest and highest percent of the values, or is given by ``limits``. J is
     centred at 1, so that grey means no change of volume; other fields that change sign are centred
-    at 0. The scale of what cannot be negative starts at 0.
+    at 0. The range of a field that cannot be negative starts at 0. BadInput if no value is finite.
     """
     values = values[np.isfinite(values)]
     if not len(values):
@@ -108,14 +108,17 @@ def colours(
 
 
 def round_up(x: float) -> float:
-    """Round up to 1, 1.5, 2, 3, 4, 5, 6, 8 or 10 times a power of ten."""
+    """Return ``x`` > 0 rounded up to 1, 1.5, 2, 3, 4, 5, 6, 8 or 10 times a power of ten."""
     power = 10.0 ** np.floor(np.log10(x))
     return next(m for m in (1, 1.5, 2, 3, 4, 5, 6, 8, 10) if m * power >= x * (1 - 1e-9)) * power
 
 
 @dataclass
 class View:
-    """A parallel projection for all panels; sizes are in units of the model."""
+    """A parallel projection for all panels; lengths are those of the model.
+
+    ``towards`` (the viewer) and ``up`` are unit vectors.
+    """
 
     centre: np.ndarray
     towards: np.ndarray
@@ -124,7 +127,7 @@ class View:
     height: float
 
     def place(self, camera: Any, distance: float) -> None:
-        """Place a camera at a distance."""
+        """Place a camera of PyVista at a distance from the centre."""
         camera.focal_point = self.centre
         camera.position = self.centre + distance * self.towards
         camera.up = self.up
@@ -137,9 +140,9 @@ def view(
 ) -> View:
     """Return a view from the front, right and above, or from the side of a long body.
 
-    One of two dimensions is drawn in its plane. z is upwards, or y if the camera looks along z.
-    ``solids`` are the surfaces in all panels; with some, the view is that of all together. The
-    ``options`` may choose direction, centre and magnification.
+    A body in the plane is seen along z. Otherwise z is upwards, or y if the camera looks along z.
+    ``solids`` are the surfaces in all panels; the view holds them, too. The ``options`` may choose
+    direction, centre and magnification.
     """
     points = np.concatenate([np.concatenate([b.surface.points, b.ghost.points]) for b in bodies])
     size = np.ptp(points, axis=0)
@@ -168,12 +171,15 @@ def view(
 class Drawing:
     """What all panels, frames or states of one picture share: colours, view and solids.
 
+    `colours` returns the attributes ``cmap``, ``norm`` and ``extend``; ``solids`` has the result of
+    `Obstacles.at` for each panel.
+
     Parameters
     ----------
     job : Job
         What is drawn.
     bodies : sequence of DrawnBody, optional
-        The bodies, one for each panel; default: those of the panels' files.
+        The bodies, one for each panel or state; default: those of the panels' files.
     """
 
     def __init__(self, job: Job, bodies: Sequence[DrawnBody] | None = None) -> None:
@@ -184,7 +190,7 @@ class Drawing:
         self.cmap, self.norm, self.extend = colours(job.field, values, job.view.limits)
         found = [value for body in bodies for value, _ in body.extremes]
         low, high = min(found, default=np.nan), max(found, default=np.nan)
-        #: The smallest and the largest value, also inside of the bodies, without rounding.
+        #: The smallest and the largest value, also inside of the bodies; rounding to 0 is removed.
         self.extremes = (0.0 if abs(low) < _ROUNDING * abs(high) else low), high
         points = np.concatenate([p for b in bodies for p in (b.surface.points, b.ghost.points)])
         limits = np.array([points.min(axis=0), points.max(axis=0)])
@@ -204,9 +210,10 @@ class Drawing:
         shift: Sequence[float] = (0.0, 0.0, 0.0),
         **options: Any,
     ) -> None:
-        """Add a body, its element edges and its outline at rest, of line width ``ghost``.
+        """Add a body, its element edges and its outline at rest to a plotter.
 
-        The edges are moved by ``shift``; the ``options`` are of the surface.
+        The outline has the line width ``ghost``. The element edges have the options ``edges`` and
+        are moved by ``shift``; the surface has the ``options``.
         """
         limits = (self.norm.vmin, self.norm.vmax)
         if is_flat(item.surface.points):
@@ -223,7 +230,7 @@ class Drawing:
     def add_solids(
         self, plotter: Any, solids: Sequence[tuple[str, pv.PolyData]], **options: Any
     ) -> None:
-        """Add the obstacles and the bones: of a body in the plane sections behind and on it."""
+        """Add the solids: behind a plane body obstacles, in front of it bones and rigid shapes."""
         for kind, solid in solids:
             colour, opacity = _STYLES[kind]
             if self._flat:
@@ -233,7 +240,7 @@ class Drawing:
 
     @property
     def _shift(self) -> np.ndarray:
-        """A short way towards the viewer, in front of the faces; the projection is parallel."""
+        """A short displacement (3,) towards the viewer, invisible in a parallel projection."""
         return np.asarray(2e-3 * self.view.width * self.view.towards)
 
     def image(
@@ -243,7 +250,10 @@ class Drawing:
         pixels: int,
         scale: int = 2,
     ) -> np.ndarray:
-        """Return a panel as an RGB array (height, pixels, 3), averaged from a larger one."""
+        """Return a panel as an RGB array (height, pixels, 3) uint8, averaged from a larger one.
+
+        ``scale`` is the ratio of their sizes. RuntimeError if OpenGL draws nothing.
+        """
         where = self.view
         shape = [scale * pixels, scale * round(pixels * where.height / where.width)]
         plotter: Any = pv.Plotter(off_screen=True, window_size=shape, border=False, lighting="none")
@@ -279,7 +289,7 @@ class Drawing:
 
     @property
     def label(self) -> str:
-        """The label of the colour bar, with the range of values that its colours do not reach."""
+        """The label of the colour bar, with the range of the values if it exceeds the colours'."""
         text = label(self.job.field, self.job.units)
         (low, high), ends = self.extremes, (self.norm.vmin, self.norm.vmax)
         rounding = _ROUNDING * (ends[1] - ends[0])
@@ -290,7 +300,7 @@ class Drawing:
 
     @property
     def extremes_line(self) -> str:
-        """The smallest and the largest value of all panels, and where they are at rest."""
+        """The smallest and the largest value of all panels, and their points at rest."""
         found = [
             (*end, panel.label.partition(DOT)[0])
             for body, panel in zip(self.bodies, self.job.panels, strict=True)
@@ -306,7 +316,7 @@ class Drawing:
     def add_colour_bar(self, figure: Figure, height: int, pixels: int) -> None:
         """Add the colour bar at the bottom of a figure ``height`` pixels high.
 
-        With the units of a scene, a scale bar is beside it; panels are ``pixels`` wide.
+        If the job has units, a scale bar is beside it; panels are ``pixels`` wide.
         """
         bar = figure.add_axes((0.3, 76 / height, 0.4, 20 / height))
         most = 5 if self.job.field == "mode" else 7
@@ -329,7 +339,7 @@ class Drawing:
 
 
 def ticks_of_bar(low: float, high: float, most: int) -> tuple[MaxNLocator, ScalarFormatter]:
-    """Return at most so many ticks of a colour bar between two values, and their format.
+    """Return a locator of at most ``most`` ticks of a colour bar, and the ticks' format.
 
     Numbers are written in full, 0.9994, not as the difference to one beside the bar.
     """
@@ -340,12 +350,15 @@ def ticks_of_bar(low: float, high: float, most: int) -> tuple[MaxNLocator, Scala
 
 
 def write_text(figure: Figure, x: float, y: float, text: str, size: float) -> Any:
-    """Write a user's text, which is no formula, around a point of a figure."""
+    """Write a text, without formulas, centred at a point of a figure; return the artist."""
     return figure.text(x, y, text, ha="center", va="center", fontsize=size, parse_math=False)
 
 
 def draw(job: Job, report: Callable[[str], object] = ignore) -> None:
-    """Draw a `render.Job`: panels in a row, or in a column if the body is wide."""
+    """Draw a job into ``job.out``: panels in a row, or in a column if the body is wide.
+
+    ``report`` is called with `Drawing.extremes_line`; not for modes.
+    """
     drawing = Drawing(job)
     bodies = drawing.bodies
     where, count = drawing.view, len(bodies)
@@ -414,7 +427,7 @@ def movie_frames(job: Job, record: Record, frames: int) -> Iterator[np.ndarray]:
 def write_movie(
     job: Job, record: Record, count: int, report: Callable[[int, int], object] = ignore
 ) -> None:
-    """Draw the frames and write the movie, which replaces an earlier file once it is complete."""
+    """Draw ``count`` frames and write the movie; once complete, it replaces an earlier file."""
 
     def frames() -> Iterator[np.ndarray]:
         for number, frame in enumerate(movie_frames(job, record, count), 1):

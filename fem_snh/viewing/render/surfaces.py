@@ -28,19 +28,19 @@ from fem_snh.viewing.stored_run import (
 #: Largest number of boundary faces with which element edges are drawn.
 EDGES_UP_TO = 6000
 _EDGES_OF_A_TETRAHEDRON = 6
-#: The name of the data that are the numbers of cells.
+#: Name of the cell data that are the numbers of the cells.
 _CELL = "fem_snh_cell"
 #: Largest displacement of a mode, relative to the diagonal of the body.
 _EXAGGERATION = 0.12
 #: Obstacles are cut off at the box of the bodies, enlarged on each side by this part of its
 #: diagonal: a plane has no end, and a distant obstacle would make the body small.
 _MARGIN = 0.25
-#: Points along an edge of the grid of sections by the plane of the body.
+#: Points per direction of the grid on which the section of a shape with the plane is computed.
 _FLAT_GRID = 400
 
 
 def read_file(file: str | Path) -> Any:
-    """Return what VTK reads from a file; raise BadInput if it cannot, without VTK's own lines."""
+    """Return the data set in a file, without VTK's warnings; BadInput if it cannot be read."""
     shown = vtkObject.GetGlobalWarningDisplay()
     vtkObject.SetGlobalWarningDisplay(0)
     try:
@@ -63,7 +63,8 @@ def read_grid(
     """Return one grid from the files of all ranks, without ghost cells and duplicate points.
 
     It has the displacement and one field; for a name such as ``cauchy_stress.xy``, that component
-    under this name. With ``field=None`` it has all fields.
+    under this name. With ``field=None`` it has all fields. At a point of several ranks, fields of
+    `SUMMED` are added, other fields averaged.
 
     Parameters
     ----------
@@ -122,7 +123,7 @@ def read_grid(
 
 
 def _select_component(piece: Any, field: str) -> None:
-    """Add the component that ``field`` names as an array of its own."""
+    """Add the component that ``field`` names, if any, to a grid as an array of its own."""
     component = component_index(field)
     if component is not None:
         name = split_component(field)[0]
@@ -140,7 +141,7 @@ def boundary(grid: pv.UnstructuredGrid, level: int) -> pv.PolyData:
 
 
 def face_edges(surface: pv.PolyData, faces: int) -> pv.PolyData:
-    """Return the element edges of a subdivided surface.
+    """Return the element edges of a surface of ``faces`` faces, each subdivided into triangles.
 
     A line inside a face belongs to two of its triangles, an element edge to one. The surface filter
     writes the triangles of a face one after another, the same number for each face.
@@ -150,9 +151,9 @@ def face_edges(surface: pv.PolyData, faces: int) -> pv.PolyData:
 
 
 def _sides(surface: pv.PolyData, face: np.ndarray) -> pv.PolyData:
-    """Return the sides of triangles that belong to one triangle of their face only.
+    """Return the sides of triangles that belong to only one triangle of a face.
 
-    ``face`` has the number of the face, or cell, of each triangle.
+    ``face`` (triangles,) is the number of each triangle's face, or cell.
     """
     triangles = surface.regular_faces
     sides = np.sort(
@@ -168,7 +169,8 @@ def _sides(surface: pv.PolyData, face: np.ndarray) -> pv.PolyData:
 def exaggerate(grid: pv.UnstructuredGrid) -> None:
     """Replace the rest state by the deformed one, and the displacement by the scaled mode.
 
-    The field ``mode`` is divided by its largest length, so that all panels share their colours.
+    The arrays of the grid change. The field ``mode`` is divided by its largest length, so that all
+    panels share their colours. BadInput if it is zero.
     """
     mode = np.asarray(grid["mode"])
     largest = np.linalg.norm(mode, axis=1).max()
@@ -181,10 +183,11 @@ def exaggerate(grid: pv.UnstructuredGrid) -> None:
 
 @dataclass
 class DrawnBody:
-    """The geometry of one panel and the values of its field.
+    """The geometry of one panel and the values of its field on the surface.
 
-    ``extremes`` are the smallest and the largest value of the field in the whole body, each with
-    the cell's centre or the node at rest.
+    ``surface`` and element ``edges`` are deformed; ``ghost`` are the sharp edges of the surface at
+    ``rest``. ``extremes`` are the smallest and the largest value of the field in the whole body,
+    each with the cell's centre or the node at rest.
     """
 
     surface: pv.PolyData
@@ -196,7 +199,7 @@ class DrawnBody:
 
 
 def is_flat(points: np.ndarray) -> bool:
-    """Return whether points (n, 3) are those of a mesh of two dimensions: in the plane z = 0."""
+    """Return whether a mesh with these points (n, 3) is plane: all are in the plane z = 0."""
     return not np.any(points[:, 2])
 
 
@@ -209,16 +212,18 @@ def clip(
 ) -> tuple[pv.PolyData, pv.PolyData | None]:
     """Return surface and element edges of the part of a body behind a plane, with its section.
 
-    The section is that of tetrahedra between the nodes.
+    The section is computed from linear tetrahedra between the nodes.
 
     Parameters
     ----------
     surface, edges : pyvista.PolyData
-        Those of the whole body.
+        Surface and element edges (or None) of the whole deformed body.
     grid : pyvista.UnstructuredGrid
         The deformed body.
-    normal, origin : (3,)
-        Normal of the plane, which points to the part that is cut away, and a point of it.
+    normal : (3,)
+        Normal of the plane, which points to the part that is cut away.
+    origin : (3,)
+        A point of the plane.
 
     Raises
     ------
@@ -243,8 +248,8 @@ def clip(
 def linear_cells(grid: pv.UnstructuredGrid) -> pv.UnstructuredGrid:
     """Return the simplices between the nodes of a grid.
 
-    Their data "fem_snh_cell" are the numbers of the cells. VTK loses the data of Lagrange cells
-    that it cuts.
+    Their data "fem_snh_cell" are the numbers of the grid's cells. VTK loses the data of Lagrange
+    cells that it cuts.
     """
     grid = grid.copy(deep=False)
     grid.cell_data[_CELL] = np.arange(grid.n_cells)
@@ -268,7 +273,10 @@ def body(
     field: str,
     options: ViewOptions = WHOLE,
 ) -> DrawnBody:
-    """Return the geometry of one load from the files of all ranks."""
+    """Return the geometry of one state from the files of all ranks.
+
+    BadInput if the displacement is not finite.
+    """
     grid = read_grid(files, field, options.hidden_cells)
     if field == "mode":
         exaggerate(grid)
@@ -283,11 +291,11 @@ def body_of(
     options: ViewOptions = WHOLE,
     turned: bool = False,
 ) -> DrawnBody:
-    """Return surface, element edges, outline at rest and values (per cell or point) of a grid.
+    """Return the geometry of a grid and the values of a field, per cell or point of its surface.
 
-    With a clip plane among the ``options``, the surface is that of the remaining part. Points of a
-    section that torsion moves out of its plane keep their radius in it, unless they stay
-    ``turned``.
+    With a clip plane among the ``options``, the surface is that of the remaining part. Torsion
+    moves points of an axisymmetric section out of its plane; they are turned back into it at their
+    radius, unless they are to stay ``turned``.
     """
     faces = boundary(grid, 0).n_cells
     level = 3 if faces < 1500 else 2 if faces < 10_000 else 1 if faces < 50_000 else 0
@@ -316,13 +324,13 @@ def body_of(
 
 
 def _scalars(mesh: Any, field: str) -> np.ndarray:
-    """Return the values of a field, of a vector or tensor their magnitudes."""
+    """Return the values of a scalar field, or the magnitudes of a vector or tensor field."""
     values = np.asarray(mesh[field], dtype=float)
     return np.linalg.norm(values, axis=1) if values.ndim == 2 else values
 
 
 def _extremes(grid: pv.UnstructuredGrid, field: str) -> list[tuple[float, list[float]]]:
-    """Return the smallest and the largest finite value of a field, and where they are at rest."""
+    """Return the smallest and the largest finite value of a field, each with its point at rest."""
     values = _scalars(grid, field)
     finite = np.flatnonzero(np.isfinite(values))
     if not len(finite):
@@ -339,10 +347,10 @@ class Obstacles:
     ----------
     records : sequence of dict
         ``kind``, "obstacles", "bones" or "rigid"; ``shape``, a table of one key; ``loads``;
-        ``poses``, at each load the rows [R | c], which are slerped, or [A | c] of a bone.
+        ``poses``, at each load the rows [R | c], interpolated by slerp, or [A | c] of a bone.
     flat : bool
-        Whether the bodies are in the plane z = 0: of the obstacles it is their section by it, as
-        the sides of a prism are not seen along z.
+        Whether the bodies are in the plane z = 0. The solids are then replaced by their sections
+        with this plane, as the sides of a prism cannot be seen along z.
     """
 
     def __init__(self, records: Sequence[dict[str, Any]], flat: bool = False) -> None:
@@ -357,12 +365,12 @@ class Obstacles:
             self._items.append((kind, *next(iter(record["shape"].items())), motion))
 
     def at(self, load: float, bounds: np.ndarray) -> list[tuple[str, pv.PolyData]]:
-        """Return kinds and surfaces at a load, as far as they are near the bodies.
+        """Return (kind, surface) of the solids at a load, cut off at a box around the bodies.
 
         Parameters
         ----------
         load : float
-            The load, from 0 to 1.
+            The load or time.
         bounds : (2, 3) array
             Lowest and highest coordinates of the bodies in all panels [length].
         """
@@ -380,7 +388,7 @@ class Obstacles:
 
 
 def _surface(shape: str, keys: Any, matrix: np.ndarray, box: np.ndarray) -> pv.PolyData:
-    """Return the part of a shape's surface at a pose that is in a box."""
+    """Return the part in a box (2, 3) of a shape's surface at a pose (4, 4)."""
     # The box in the shape's own coordinates: centre and radius.
     inverse = np.linalg.inv(matrix[:3, :3])
     centre = inverse @ (box.mean(axis=0) - matrix[:3, 3])
@@ -391,7 +399,7 @@ def _surface(shape: str, keys: Any, matrix: np.ndarray, box: np.ndarray) -> pv.P
 
 
 def _section(shape: str, keys: Any, matrix: np.ndarray, box: np.ndarray) -> pv.PolyData:
-    """Return the part of a shape at a pose that is in the plane z = 0 and in a box."""
+    """Return the part in a box (2, 3) of a shape's section with z = 0 at a pose (4, 4)."""
     solid = ClosedSurface.read(keys) if shape == "surface" else from_record({shape: keys})
     low, high = box[:, :2]
     grid = pv.ImageData(
@@ -413,9 +421,9 @@ def triangles(kind: str, keys: Any, centre: np.ndarray, radius: float) -> pv.Pol
     kind : str
         The key of the shape in a scene.
     keys : dict or str
-        Its values; of ``surface`` the path of an STL file.
+        The values of the shape; for ``surface`` the path of an STL file.
     centre, radius : (3,) array, float
-        A ball that holds all that is shown [length]: surfaces without an end are cut off there.
+        A ball [length] around the visible region, where unbounded surfaces are cut off.
 
     Raises
     ------
