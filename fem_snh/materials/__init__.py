@@ -8,16 +8,16 @@ A built-in material is a module of ``models/`` with a function of the same name:
 The arguments define the material: first the deformation measures (``I1, I_C, II_C, J``, or the
 stretches ``s0, s1, s2``), then its free constants, then, keyword only, its shape parameters with
 their defaults, and ``nu`` if the energy depends on it. The function receives and returns sympy
-expressions. It may use sympy's log, exp and sqrt, and from this package `where` (energies in
-pieces), `positive` (barriers) and `PrincipalStress` (a stress without an energy). The C kernels,
+expressions. It may use sympy's log, exp and sqrt, and from this package `where` (piecewise
+energies), `positive` (barriers) and `PrincipalStress` (a stress without an energy). The C kernels,
 the UFL forms and the numpy values are all generated from that one expression, the
 `fem_snh.materials.energy.Energy`.
 
-A function of the user's own is a material, too, in three ways: the function itself
-(``fem_snh.material(gent, E=1e4, nu=0.45)``), a reference ``"gent.py:gent"``, and the name of an
-entry point in the group ``fem_snh.materials`` of an installed package. It is normalised, tuned,
-mixed and compiled like a built-in one. `fem_snh.materials.parameters.TUNING` lists the keywords of
-every material.
+A user's material is given in one of three ways: as the function itself
+(``fem_snh.material(gent, E=1e4, nu=0.45)``), as a reference ``"gent.py:gent"``, or as the name of
+an entry point in the group ``fem_snh.materials`` of an installed package. A user's material is
+normalised, tuned, mixed and compiled like a built-in one. `fem_snh.materials.parameters.TUNING`
+lists the keywords of every material.
 
 `fem_snh.materials()` returns the sorted names.
 """
@@ -53,7 +53,7 @@ __all__ = [
 ]  # fmt: skip
 
 
-#: Modules of the names that need sympy, which is imported on their first use.
+#: The module of each public name that needs sympy; it is imported when the name is first used.
 _MODULES = {
     "Energy": "energy",
     "PrincipalStress": "invariants",
@@ -70,7 +70,7 @@ def __getattr__(name: str) -> object:
 
 
 def __dir__() -> list[str]:
-    """Return the public names, those that are not imported yet included."""
+    """Return the public names, including names that are not imported yet."""
     return list(__all__)
 
 

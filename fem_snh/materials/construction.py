@@ -1,6 +1,7 @@
 """Construct an `Energy` from a material's function: evaluate it, fit its constants, tune it.
 
-`fem_snh.materials.registry` calls it once for each material."""
+`fem_snh.materials.making` calls `construct` once for each material.
+"""
 
 from __future__ import annotations
 
@@ -54,21 +55,23 @@ def construct(
         A material function (see `fem_snh.materials`).
     name : str
         The material, for messages and records.
-    E, nu : float
-        Young's modulus [Pa] and Poisson's ratio.
+    E : float
+        Young's modulus [Pa].
+    nu : float
+        Poisson's ratio.
     shape : mapping
-        Values of all its shape parameters.
+        Values of all shape parameters of the function.
     pins : mapping
-        Prescribed values [Pa] of its constants.
+        Prescribed values [Pa] of constants of the function.
     tuned : mapping
-        Keywords of `fem_snh.materials.TUNING`.
+        Keywords of `fem_snh.materials.TUNING`; None means the default.
     lambda_part : Energy, optional
-        The energy that replaces the lambda part.
+        The energy whose lambda part replaces the lambda part of this one.
 
     Raises
     ------
     BadInput
-        If the function does not return an energy, or it cannot be fitted or tuned.
+        If the function does not return an energy, or if the energy cannot be fitted or tuned.
     """
     E, nu = check_constants(E, nu)
     preferred = {c: v for c, v in constants_of(function).items() if v is not None}
@@ -89,7 +92,7 @@ def construct(
 
 
 class _Form(NamedTuple):
-    """What a material's function returns, in symbols."""
+    """The expressions that a material's function returns, before its constants have values."""
 
     measures: tuple[sympy.Symbol, ...]
     constants: tuple[sympy.Symbol, ...]
@@ -99,7 +102,7 @@ class _Form(NamedTuple):
 
     @property
     def slopes(self) -> tuple[sympy.Expr, ...]:
-        """Return the principal stresses in the stretches and the constants."""
+        """Return the three principal PK1 stresses in the stretches and the constants."""
         return principal_stresses(self.psi) if self.stress is None else self.stress
 
     @property
@@ -109,7 +112,10 @@ class _Form(NamedTuple):
 
 
 def symbolic(function: Function, name: str, nu: float | None, shape: Keywords) -> _Form:
-    """Call a material's function; the energy is 0 at rest."""
+    """Call a material's function; return its expressions with psi shifted to psi(I) = 0.
+
+    Raises BadInput if the function does not return an energy or a stress.
+    """
     measures = tuple(MEASURES[n] for n in measures_of(function))
     constants = tuple(sympy.Symbol(n, real=True) for n in constants_of(function))
     keywords = dict(shape)
@@ -126,7 +132,10 @@ def symbolic(function: Function, name: str, nu: float | None, shape: Keywords) -
 
 
 def _fitted(fit: normalise.Normalisation, E: float, nu: float, mixed: bool) -> tuple[float, ...]:
-    """Return the values of the constants; only their mu part is used if ``mixed``."""
+    """Return the values [Pa] of the constants, at nu = 0.5 their limits for lambda -> inf.
+
+    ``mixed`` is True if another material supplies the lambda part.
+    """
     mu, lam = normalise.lame(E, nu)
     if nu == 0.5:
         solution = fit.solve((mu, LAME[1]), E, mixed)
@@ -139,7 +148,7 @@ def _fitted(fit: normalise.Normalisation, E: float, nu: float, mixed: bool) -> t
 def _evaluate(
     function: Function, name: str, arguments: tuple[sympy.Symbol, ...], keywords: dict[str, Any]
 ) -> Any:
-    """Return what a material function returns, if it is an expression in its measures.
+    """Call a material function; return its value if that is an expression in its measures.
 
     Raises BadInput otherwise, also for an exception inside the function.
     """
@@ -193,7 +202,7 @@ def _check_functions(term: sympy.Expr, name: str) -> None:
 def _check_exponents(term: sympy.Expr, name: str) -> None:
     """Raise BadInput for a power whose exponent is no number, or too large for generated code.
 
-    A shape parameter with a symbol has been checked with its number.
+    Exponents that contain the symbol of a shape parameter are not checked.
     """
     for power in term.atoms(sympy.Pow):
         if parameters_in([power.exp]):

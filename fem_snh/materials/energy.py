@@ -17,7 +17,7 @@ LAME = sympy.symbols("mu_lame lambda_lame", real=True)
 
 
 def principal_stresses(psi: sympy.Expr) -> tuple[sympy.Expr, ...]:
-    """Return dpsi/ds_i in the stretches, for psi in the invariants or the stretches."""
+    """Return the three dpsi/ds_i in terms of the stretches; psi may be written in invariants."""
     psi = psi.subs(INVARIANTS)
     return tuple(sympy.diff(psi, s) for s in SIGMA)
 
@@ -29,25 +29,30 @@ class Energy:
     Attributes
     ----------
     name : str
-        Registry name, or the reference to a function of the user's own.
-    E, nu : float
-        Young's modulus [Pa] and Poisson's ratio.
+        Name or reference of the material, or the name of its function.
+    E : float
+        Young's modulus [Pa].
+    nu : float
+        Poisson's ratio.
     shape : dict
-        Shape parameters and tuning, by name.
+        Values of the shape parameters and of the given tuning keywords, by name.
     measures : tuple of sympy.Symbol
         Invariants or stretches in which ``psi`` is written.
-    constants, values : tuple
-        Symbols of the material's own constants, e.g. (mu, lam), and their values [Pa].
+    constants : tuple of sympy.Symbol
+        The material's own constants, e.g. (mu, lam).
+    values : tuple of float
+        Values of ``constants`` [Pa]; inf where nu = 0.5 requires it.
     psi : sympy.Expr or None
         The expression in ``measures`` and ``constants``; None if the material has a stress only.
     stress : tuple of sympy.Expr or None
         Principal PK1 stresses of a material without an energy.
     barriers : frozenset of sympy.Expr
-        Arguments of `fem_snh.materials.invariants.positive`.
+        Arguments of `fem_snh.materials.invariants.positive`: psi is +inf where one is not positive.
     fit : normalise.Normalisation
-        The fit of ``values`` to the small-strain constants.
+        The equations between ``constants`` and the small-strain constants.
     pressure : sympy.Symbol or None
-        A further unknown in ``psi`` (see `fem_snh.materials.volume_split`).
+        A pressure in ``psi``, which the element supplies at each quadrature point (see
+        `fem_snh.materials.volume_split`); psi(I) is then ``pressure``.
     equation : str
         The variant and its source; "" for a material without variants.
     """
@@ -95,23 +100,24 @@ class Energy:
     def domain(self) -> tuple[sympy.Expr, ...]:
         """Return expressions in ``measures`` that must be positive; elsewhere the energy is +inf.
 
-        They are the arguments of log, the bases of real powers and the arguments of `positive`.
-        Expressions that are positive for every F and the pieces of a `where` are left out.
+        The expressions are the arguments of log and `positive`, and the bases of powers with a
+        fractional exponent. Expressions that are positive for every F, and those within the pieces
+        of a `where`, are left out.
         """
         return domain(self.expressions, self.measures, self.barriers)
 
     @property
     def expressions(self) -> tuple[sympy.Expr, ...]:
-        """Return psi alone, or the stresses of a material without an energy."""
+        """Return (psi,), or the three principal stresses of a material without an energy."""
         return self.slopes if self.psi is None else (self.psi,)
 
     def atoms(self, kind: type[sympy.Basic]) -> set[sympy.Basic]:
-        """Return the sub-expressions of one kind, as sympy's ``atoms``."""
+        """Return the sub-expressions of type ``kind``, as sympy's ``atoms`` does."""
         return set().union(*(e.atoms(kind) for e in self.expressions))
 
     @cached_property
     def psi_sigma(self) -> sympy.Expr:
-        """Return the energy as a function of the principal stretches ``s0, s1, s2``."""
+        """Return psi in the principal stretches ``s0, s1, s2``; None without an energy."""
         return None if self.psi is None else self.psi.subs(INVARIANTS)
 
     @cached_property
@@ -123,9 +129,9 @@ class Energy:
 
     @cached_property
     def lame(self) -> tuple[float, float]:
-        """Return (mu_lame, lambda_lame) [Pa], the second derivatives of the energy at rest.
+        """Return (mu_lame, lambda_lame) [Pa] from the second derivatives of the energy at rest.
 
-        lambda_lame is infinite at nu = 0.5.
+        At nu = 0.5 they are (E/3, inf).
 
         Notes
         -----
@@ -148,20 +154,23 @@ class Energy:
         return dict(zip(self.constants, map(sympy.Float, self.values), strict=True))
 
     def evaluate(self, module: str | dict[str, Any], *measures: object) -> Any:
-        """Return psi at ``measures``, in any arithmetic.
+        """Return psi [Pa] at ``measures``, in any arithmetic (floats, UFL, intervals, ...).
 
         Parameters
         ----------
         module : str or dict
             Where `sympy.lambdify` finds log, exp, ...: "mpmath", or names mapped to functions.
         *measures : Any
-            Values of ``self.measures``, in their order.
+            One value for each of ``self.measures``, in the same order.
         """
         call = sympy.lambdify((*self.measures, *self.constants), self.psi, modules=module)
         return call(*measures, *self.values)
 
     def as_text(self) -> str:
-        """Return a text that differs from that of every energy with other kernels."""
+        """Return a text for cache keys: energies with equal texts have the same generated kernels.
+
+        The values of the constants are not part of it.
+        """
         barriers = sorted(self.barriers, key=str)
         parts = (
             self.measures,
@@ -174,7 +183,7 @@ class Energy:
         return str(sympy.srepr(parts))
 
     def by_lame(self) -> sympy.Expr:
-        """Return psi in its measures and in the symbols mu_lame and lambda_lame."""
+        """Return psi with its constants expressed by the symbols mu_lame and lambda_lame."""
         if self.constants == LAME:
             return self.psi
         assert self.psi is not None
@@ -189,11 +198,11 @@ class Energy:
         Parameters
         ----------
         psi : sympy.Expr
-            In the symbols of `by_lame` and in ``constants``.
+            Expression in the symbols of `by_lame` and of ``constants``.
         pressure : sympy.Symbol
             Pressure [Pa], positive in tension.
         constants : mapping
-            Further constants and their values [Pa].
+            Constants besides mu_lame and lambda_lame, with their values [Pa].
         """
         assert self.psi is not None
         J = MEASURES["J"]

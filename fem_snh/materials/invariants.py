@@ -1,6 +1,6 @@
-"""What energies are written in: deformation measures, and functions besides sympy's own.
+"""The deformation measures in which energies are written, and functions besides sympy's own.
 
-Measures are functions of the principal stretches:
+The measures are functions of the signed principal stretches:
 
 ``I1``   = sum sigma_i, the trace of the stretch tensor S (polar decomposition F = R S)
 ``I_C``  = sum sigma_i^2 = tr C
@@ -37,11 +37,11 @@ MEASURES: dict[str, sympy.Symbol] = {str(m): m for m in (*INVARIANTS, *SIGMA)}
 
 
 class Parameter(sympy.Symbol):  # type: ignore[misc]  # sympy has no annotations
-    """The symbol of a shape parameter."""
+    """The symbol of a shape parameter whose value a fit determines."""
 
 
 def parameters_in(values: Iterable[object]) -> set[sympy.Symbol]:
-    """Return the symbols of shape parameters in expressions and in tuples of them."""
+    """Return the `Parameter` symbols in ``values``: expressions, or tuples of expressions."""
     found: set[sympy.Symbol] = set()
     for value in values:
         if isinstance(value, tuple | list):
@@ -51,15 +51,15 @@ def parameters_in(values: Iterable[object]) -> set[sympy.Symbol]:
     return found
 
 
-#: A double is read as a fraction if one with at most this denominator rounds to it.
+#: A double is read as a fraction with at most this denominator if that fraction rounds to it.
 _LARGEST_DENOMINATOR = 1000
 
 
 class where(sympy.Function):
     """Piecewise expression ``where(x, a, b)``: a if x > 0, else b.
 
-    Only the chosen piece has to be finite. The derivative is that of the chosen piece, so the
-    energy is differentiable where the derivatives of both pieces agree at x = 0.
+    Only the chosen piece has to be finite. The derivative is the derivative of the chosen piece, so
+    the energy is differentiable at x = 0 if the values and derivatives of both pieces agree there.
     """
 
     nargs = (3,)
@@ -87,7 +87,7 @@ class where(sympy.Function):
 class positive(sympy.Function):
     """Barrier ``positive(x)`` = x; the energy is +inf where x <= 0.
 
-    It is for energies with a singularity that a deformation must not cross, such as 1/J^2 at J = 0.
+    Energies use it at a singularity that a deformation must not cross, such as 1/J^2 at J = 0.
     """
 
     nargs = (1,)
@@ -95,7 +95,7 @@ class positive(sympy.Function):
 
 @dataclass(frozen=True)
 class PrincipalStress:
-    """Principal PK1 stresses [Pa] in s0, s1, s2 of a material without an energy."""
+    """Principal PK1 stresses [Pa] of a material without an energy, as expressions in s0, s1, s2."""
 
     p0: sympy.Expr
     p1: sympy.Expr
@@ -117,9 +117,14 @@ def domain(
     expressions : iterable of sympy.Expr
         Energies or stresses. The pieces of a `where` are not searched.
     measures : iterable of sympy.Symbol
-        Only expressions in these symbols are returned.
+        Only expressions that depend on at least one of these symbols are returned.
     barriers : iterable of sympy.Expr
-        Further expressions, from `positive`.
+        Arguments of `positive`, which must be positive too.
+
+    Returns
+    -------
+    tuple of sympy.Expr
+        Sorted by their text.
     """
     mine = set(measures)
     bases = {b for b in barriers if _restricts(b, mine)}
@@ -140,13 +145,13 @@ def _restricts(base: sympy.Expr, measures: set[sympy.Symbol]) -> bool:
 
 
 def exact(parameter: object) -> sympy.Expr:
-    """Return a parameter as the exact decimal fraction of its digits; a symbol unchanged."""
+    """Return a number as the fraction of its decimal digits, 0.1 as 1/10; a symbol unchanged."""
     written = isinstance(parameter, int | float)
     return sympy.Rational(str(parameter)) if written else sympy.sympify(parameter)
 
 
 def fractions(expression: sympy.Expr) -> sympy.Expr:
-    """Return the expression with fractions instead of floats, the simplest that round to them.
+    """Return the expression with each float replaced by the simplest fraction that rounds to it.
 
     1/30.0 becomes 1/30, so that 1 - 30 (1/30.0) is exactly 0.
     """

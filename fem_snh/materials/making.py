@@ -1,8 +1,9 @@
 r"""Make the energy of a material from its name, (E, nu) and keywords.
 
-E and nu may follow from the material's own constants, or from those of the literature: two of the
-shear modulus :math:`\mu`, the bulk modulus K, E and :math:`\nu` determine the others. The constants
-give :math:`\mu` and K by PK1-linearisation (`fem_snh.materials.normalise`).
+E and nu may follow from the material's own constants, or from the constants under which the
+literature publishes the material: two of the shear modulus :math:`\mu`, the bulk modulus K, E and
+:math:`\nu` determine the others. PK1-linearisation (`fem_snh.materials.normalise`) gives
+:math:`\mu` and K in terms of the constants.
 """
 
 from __future__ import annotations
@@ -46,7 +47,7 @@ from fem_snh.materials.registry import (
 
 #: Largest rest stress [E] of a user's energy: above the rounding errors of its parameters.
 REST_STRESS = 1e-9
-#: Three different stretches, at which an isotropic energy may not depend on their order.
+#: Three different stretches; permuting them must not change the value of an isotropic energy.
 _STRETCHES = dict(
     zip(SIGMA, (sympy.Rational(9, 8), sympy.Rational(1), sympy.Rational(4, 5)), strict=True)
 )
@@ -61,21 +62,22 @@ def make_energy(
     ----------
     material : str or callable
         A name of `names`, a reference ``FILE.py:FUNCTION``, or a function.
-    E, nu : float, optional
-        Young's modulus [Pa] and Poisson's ratio; by default those of the constants among the
-        keywords, without these 1 and 0.49.
+    E : float, optional
+        Young's modulus [Pa]. By default, the constants among the keywords determine E; without
+        constants it is 1.
+    nu : float, optional
+        Poisson's ratio. By default, the constants determine nu; without constants it is 0.49.
     **keywords : Any
-        Shape parameters (`defaults`), constants [Pa] (`pins`), those of the literature
-        (`published`) and the keywords of every
-        material (`TUNING`): ``alpha``, ``alpha_mu``, ``alpha_lambda``, ``lambda_part``,
-        ``epsilon``.
+        Shape parameters (`defaults`), constants [Pa] (`pins`), constants of the literature
+        (`published`) and the keywords of every material (`TUNING`): ``alpha``, ``alpha_mu``,
+        ``alpha_lambda``, ``lambda_part``, ``epsilon``. None means the default.
 
     Raises
     ------
     BadInput
-        For an unknown name or keyword, E <= 0, nu outside (-1, 0.5], a function that does not
-        return an energy, constants that cannot be fitted, or a function of the user's own that is
-        stressed at rest or not isotropic.
+        For an unknown name or keyword, E outside [1e-100, 1e100], nu outside (-1, 0.5], a function
+        that does not return an energy, constants that cannot be fitted, or a user's energy that
+        is stressed at rest or not isotropic.
     """
     found, name = function(material), label(material)
     own, pinned = shape_parameters(found), pins(material)
@@ -91,7 +93,7 @@ def make_energy(
         try:
             E, nu, keywords = with_moduli(material, E, nu, keywords)
         except Incomplete:
-            # A constant prescribed beside E or nu, of which the other has its default.
+            # One of E and nu is given beside a prescribed constant; the other has its default.
             if (E is None and nu is None) or any(keywords.get(k) is not None for k in literature):
                 raise
     E, nu = check_constants(*moduli_or_defaults(E, nu))
@@ -151,33 +153,40 @@ def _check_isotropy(energy: Energy) -> None:
             )
 
 
-#: Accepted relative difference of two moduli, and difference of Poisson's ratios: rounding of the
-#: ten digits that the message about it shows.
+#: Largest relative difference of two equal values of E, and largest difference of two equal
+#: Poisson's ratios: the rounding error of the ten digits that the error message shows.
 _SAME = 1e-9
 
 
 class Incomplete(BadInput):
-    """The constants do not determine E and nu."""
+    """The given constants do not determine E and nu."""
 
 
 def with_moduli(
     material: str | Function, E: float | None, nu: float | None, given: Keywords
 ) -> tuple[float, float, dict[str, Any]]:
-    """Return E [Pa], nu and the other keywords of a material, published constants replaced.
+    """Return E and nu, computed from the constants if necessary, and the remaining keywords.
 
     Parameters
     ----------
     material : str or callable
         As for `fem_snh.materials.make_energy`.
-    E, nu : float or None
-        Young's modulus [Pa] and Poisson's ratio, if given.
+    E : float or None
+        Young's modulus [Pa], if given.
+    nu : float or None
+        Poisson's ratio, if given.
     given : mapping
         The other keywords.
 
     Returns
     -------
-    (float, float, dict)
-        The constants among the keywords are those that E and nu do not determine.
+    E : float
+        Young's modulus [Pa].
+    nu : float
+        Poisson's ratio.
+    keywords : dict
+        ``given`` with the material's own constants in place of published ones. If the constants
+        were needed for E and nu, the constants that follow from E and nu are left out.
 
     Raises
     ------
@@ -213,16 +222,26 @@ def with_moduli(
 def replace_weak(
     table: dict[str, Any], given: Collection[str], keywords: Keywords
 ) -> dict[str, Any]:
-    """Return a material's table without an E and a nu that its new constants replace.
+    """Return a material's table without the old E and nu that newly given constants determine.
 
     Parameters
     ----------
     table : dict
-        ``name``, E, nu and keywords.
+        The material's ``name``, E, nu and keywords.
     given : collection of str
-        The keys that are new; E and nu among them are kept.
+        The keys with new values. E or nu is kept if it is among them.
     keywords : mapping
-        The table without the keys of every material.
+        The entries of ``table`` that are keywords of this material.
+
+    Returns
+    -------
+    dict
+        A copy of ``table`` without E, nu or both: whichever the constants determine.
+
+    Raises
+    ------
+    Incomplete
+        If the constants do not determine E and nu, whichever of the two is dropped.
     """
     name, own = table["name"], function(table["name"])
     groups = [set(p.meanings) for p in published(name)]
@@ -245,7 +264,11 @@ def replace_weak(
 
 
 def _translated(material: str | Function, given: Keywords) -> dict[str, Any]:
-    """Return keywords with published constants replaced by the material's own keywords."""
+    """Return keywords with published constants replaced by the material's own keywords.
+
+    Raises Incomplete if a published constant lacks its partner, and BadInput for a wrong value or
+    one that is given under both names.
+    """
     keywords = dict(given)
     for constants in published(material):
         names = list(constants.meanings)
@@ -274,7 +297,7 @@ def _translated(material: str | Function, given: Keywords) -> dict[str, Any]:
 def _moduli(
     own: Function, name: str, nu: float | None, keywords: Keywords
 ) -> tuple[dict[str, sympy.Symbol], Pair]:
-    """Return the symbols of the constants, and (mu_lame, lambda_lame) in them."""
+    """Return the symbol of each constant by name, and (mu_lame, lambda_lame) in these symbols."""
     shape = shape_parameters(own)
     known = {k: v for k, v in keywords.items() if k in shape or k in constants_of(own)}
     finite = {k: v for k, v in known.items() if v != math.inf}
@@ -289,7 +312,12 @@ def _moduli(
 def _solve(
     what: str, mu: sympy.Expr, bulk: sympy.Expr, E: float | None, nu: float | None
 ) -> tuple[float, float] | None:
-    """Return E and nu from two of mu, the bulk modulus, E and nu; None if one is not a number."""
+    """Return (E [Pa], nu) from two of mu, the bulk modulus, E and nu; None if two are not known.
+
+    ``mu`` and ``bulk`` are known if they are numbers; ``bulk`` may be infinite. Raises BadInput,
+    whose message begins with ``what``, for a modulus that is not positive and for moduli that
+    contradict a given E or nu.
+    """
     if mu.is_number and not mu > 0:
         raise BadInput(f"{what} has the shear modulus {float(mu):g} Pa: expected one above 0")
     if bulk.is_number and not bulk > 0:

@@ -1,14 +1,14 @@
 """Fit the constants of an energy to (E, nu) by PK1-linearisation at rest.
 
-To second order at rest every isotropic energy is linear elasticity in the stretches, with
-mu_lame and lambda_lame its second derivatives (Chen & Barbic, eq. 3, 4). The number of free
-constants decides how they are found:
+To second order at rest every isotropic energy is linear elasticity in the stretches; its second
+derivatives give mu_lame and lambda_lame (Chen & Barbic, eq. 3, 4). The number of free constants
+decides how these two equations determine them:
 
 two
     The two equations are solved.
 more than two
-    The least-squares solution: the constants nearest to their defaults. Any of them may be
-    pinned by the user.
+    The solution nearest to the defaults, in the least-squares sense. The user may pin (prescribe)
+    any of the constants.
 one
     The equation for mu_lame is solved. Poisson's ratio is then a property of the energy, and any
     other value of nu is an error.
@@ -32,11 +32,11 @@ Pair = tuple[sympy.Expr, sympy.Expr]
 Moduli = list[sympy.Expr]
 Values = dict[sympy.Symbol, sympy.Expr]
 
-#: Accepted difference, relative to mu_lame, between the requested lambda_lame and that of an energy
-#: with one constant: the rounding error of nu.
+#: Accepted difference, relative to mu_lame, between the requested lambda_lame and the lambda_lame
+#: of an energy with one constant: the rounding error of nu.
 _LAMBDA_TOLERANCE = 1e-12
-#: Accepted relative difference of the shear modulus of prescribed constants from that of E and nu:
-#: the rounding error of the ten digits that the message about it shows.
+#: Accepted relative difference between the shear moduli that prescribed constants give and that E
+#: and nu give: the rounding error of the ten digits that the error message shows.
 _PINNED_TOLERANCE = 1e-9
 #: Digits of irrational numbers in the equations for the constants, far more than a double has.
 _DIGITS = 50
@@ -64,12 +64,12 @@ def lame(E: float, nu: float) -> tuple[float, float]:
 
 
 def at_rest(expression: sympy.Expr) -> sympy.Expr:
-    """Evaluate an expression in the stretches at s0 = s1 = s2 = 1."""
+    """Return the value of an expression in the stretches at s0 = s1 = s2 = 1."""
     return sympy.sympify(expression).subs(_REST)
 
 
 def linearised(slopes: Sequence[sympy.Expr]) -> Pair:
-    """Return (mu_lame, lambda_lame) of the principal stresses ``slopes``, in their constants.
+    """Return (mu_lame, lambda_lame), in the constants, of the three principal stresses ``slopes``.
 
     References
     ----------
@@ -80,7 +80,7 @@ def linearised(slopes: Sequence[sympy.Expr]) -> Pair:
 
 
 class Normalisation:
-    """The free constants of a material and the equations that determine them.
+    """The constants of a material and the equations that determine the free ones.
 
     Parameters
     ----------
@@ -89,9 +89,9 @@ class Normalisation:
     symbols : sequence of sympy.Symbol
         All constants, in the order of the material function's arguments.
     defaults : mapping
-        Default values [units of E] of the constants that have one.
+        Default values [units of E] of the constants that have a default.
     pins : mapping
-        Values [Pa] that the user prescribes.
+        Values [Pa] of the constants that the user prescribes. The other constants are free.
     moduli : pair of sympy.Expr
         (mu_lame, lambda_lame) in the constants, from `linearised`.
     """
@@ -112,16 +112,17 @@ class Normalisation:
     def solve(
         self, target: tuple[float | sympy.Expr, float | sympy.Expr], E: float, mixed: bool = False
     ) -> tuple[sympy.Expr, ...]:
-        """Return the values of all constants that make the moduli equal to ``target``.
+        """Return the constants, in the order of ``symbols``, whose moduli equal ``target``.
 
         Parameters
         ----------
         target : pair
             (mu_lame, lambda_lame), as numbers [Pa] or symbols.
         E : float
-            Unit of the defaults [Pa].
+            Young's modulus, the unit of the defaults [Pa].
         mixed : bool
-            True if another material supplies the lambda part: one constant is then enough.
+            True if another material supplies the lambda part: lambda_lame of a material with one
+            constant is then not checked.
 
         Raises
         ------
@@ -130,7 +131,7 @@ class Normalisation:
         """
         pins, free = self.pins, self.free
         if pins and isinstance(target[0], sympy.Symbol):
-            # Pins determine the moduli: those that E and nu give, too, follow from the symbols.
+            # Solve for the pinned constants that E and nu determine, so that the symbols enter.
             released = determined(
                 (_rational(self.moduli[0]), _rational(self.moduli[1])), list(pins)
             )
@@ -152,7 +153,7 @@ class Normalisation:
         return tuple(found[c] for c in self.symbols)
 
     def _solve_two(self, moduli: Moduli, target: Moduli, free: tuple[sympy.Symbol, ...]) -> Values:
-        """Return the two constants that solve both equations."""
+        """Return the two free constants that solve both equations; BadInput unless unique."""
         equations = [m - t for m, t in zip(moduli, target, strict=True)]
         try:
             solutions = sympy.solve(equations, free, dict=True)
@@ -166,12 +167,13 @@ class Normalisation:
         return dict(solutions[0])
 
     def _solve_without_shear(self, moduli: Moduli, target: Moduli) -> Values:
-        """Return the other constants if those that are prescribed give the shear modulus.
+        """Return the one free constant if the prescribed constants determine the shear modulus.
 
         Raises
         ------
         BadInput
-            If they give another one than E and nu, or if none is free.
+            If E and nu give another shear modulus, or unless exactly one constant is free and
+            lambda_lame depends on it.
         """
         given = ", ".join(f"{c} = {float(v):g}" for c, v in self.pins.items())
         what = f"material '{self.name}' with {given}"
@@ -193,7 +195,7 @@ class Normalisation:
         return {c: value}
 
     def _solve_one(self, moduli: Moduli, target: Moduli, mixed: bool) -> Values:
-        """Return the constant that gives mu_lame; check that it gives lambda_lame too."""
+        """Return the one free constant from mu_lame; unless ``mixed``, check lambda_lame too."""
         (c,) = self.free
         mu, lam = moduli
         try:
@@ -241,7 +243,7 @@ class Normalisation:
 
 
 def determined(moduli: Pair, pinned: Sequence[sympy.Symbol]) -> frozenset[sympy.Symbol]:
-    """Return the fewest constants that, if they are free, let E and nu determine all that are.
+    """Return the fewest pinned constants to release so that every E and nu can be matched.
 
     Parameters
     ----------
@@ -249,6 +251,11 @@ def determined(moduli: Pair, pinned: Sequence[sympy.Symbol]) -> frozenset[sympy.
         (mu_lame, lambda_lame) in the constants.
     pinned : sequence of sympy.Symbol
         The constants that are prescribed.
+
+    Returns
+    -------
+    frozenset of sympy.Symbol
+        All of ``pinned`` if no choice makes both moduli vary independently.
     """
     free = [c for c in moduli[0].free_symbols | moduli[1].free_symbols if c not in pinned]
     for size in range(len(pinned) + 1):
@@ -261,10 +268,10 @@ def determined(moduli: Pair, pinned: Sequence[sympy.Symbol]) -> frozenset[sympy.
 
 
 def _rational(expression: sympy.Expr) -> sympy.Expr:
-    """Return the expression with its irrational numbers, such as 3^1.37, as close fractions.
+    """Return the expression with fractions close to its irrational numbers, such as 3^1.37.
 
-    sympy solves equations with algebraic numbers in an extension field, whose degree is the
-    denominator of the exponent: that takes hours.
+    sympy solves equations with algebraic numbers in an extension field whose degree is the
+    denominator of the exponent, which takes hours.
     """
     if expression.is_number:
         return expression if expression.is_Rational else _fraction(expression)
@@ -274,6 +281,6 @@ def _rational(expression: sympy.Expr) -> sympy.Expr:
 
 
 def _fraction(number: sympy.Expr) -> sympy.Expr:
-    """Return a number as a fraction of `_DIGITS` digits; infinities and complex ones unchanged."""
+    """Return a number as a fraction of `_DIGITS` digits; infinite and complex numbers unchanged."""
     value = number.evalf(_DIGITS, chop=True)
     return sympy.Rational(str(value)) if value.is_Float or value.is_Rational else number

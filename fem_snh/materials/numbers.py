@@ -1,7 +1,7 @@
 """The numbers of an energy: all that a solve with compiled kernels needs of it.
 
-For built-in materials they are kept in the cache, with which a solve needs no sympy: its import
-and the fit of the constants take longer than a small solve.
+The numbers of built-in materials are stored in the cache, so that a solve does not need sympy: the
+import of sympy and the fit of the constants take longer than a small solve.
 """
 
 from __future__ import annotations
@@ -27,12 +27,16 @@ class Numbers:
     ----------
     name : str
         The material's name.
-    E, nu : float
-        Young's modulus [Pa] and Poisson's ratio.
+    E : float
+        Young's modulus [Pa].
+    nu : float
+        Poisson's ratio.
     shape : dict
-        Shape parameters and tuning, by name.
-    constants, values : tuple
-        Names of the material's own constants, e.g. ("mu", "lam"), and their values [Pa].
+        Values of the shape parameters and of the given tuning keywords, by name.
+    constants : tuple of str
+        Names of the material's own constants, e.g. ("mu", "lam").
+    values : tuple of float
+        Values of ``constants`` [Pa].
     lame : tuple of float
         (mu_lame, lambda_lame) [Pa], linearised from the energy.
     has_energy : bool
@@ -40,7 +44,7 @@ class Numbers:
     equation : str
         The variant, e.g. "eq. 14 of Smith et al. 2018"; "" for a material without variants.
     key : str or None
-        The key of these numbers in the cache; None for a material of the user's own.
+        The key of these numbers in the cache; None for a user's material.
     """
 
     name: str
@@ -61,7 +65,7 @@ class Numbers:
 
 
 def numbers_of(energy: Energy, key: str | None = None) -> Numbers:
-    """Return the numbers of an energy."""
+    """Return the numbers of an energy; ``key`` is their key in the cache."""
     return Numbers(
         energy.name,
         energy.E,
@@ -79,7 +83,10 @@ def numbers_of(energy: Energy, key: str | None = None) -> Numbers:
 def stored_key(
     material: object, E: float | None, nu: float | None, keywords: Keywords
 ) -> str | None:
-    """Return the key of a built-in material's numbers; None if they cannot be stored."""
+    """Return the cache key of a built-in material's numbers; None if they cannot be stored.
+
+    None is returned for users' materials and for arguments that `make_energy` refuses.
+    """
     names = [material, *filter(None, [keywords.get("lambda_part")])]
     if not all(type(name) is str and _is_own(name) for name in names):
         return None
@@ -92,19 +99,19 @@ def stored_key(
 
 
 def _is_own(name: str) -> bool:
-    """Return whether a material is a file of this package, which `cache.sources` contains."""
+    """Return whether ``name`` is a module of ``models/``, whose source `cache.sources` hashes."""
     return name.isidentifier() and (_MODELS / f"{name}.py").is_file()
 
 
 def stored(
     material: object, E: float | None = None, nu: float | None = None, /, **keywords: Any
 ) -> Numbers | None:
-    """Return the numbers of a material that was made before with the same arguments, or None.
+    """Return the cached numbers of a material with these arguments; None if there are none.
 
     Parameters
     ----------
     material, E, nu, **keywords
-        As for `fem_snh.materials.make_energy`. Stored numbers are those of valid arguments.
+        As for `fem_snh.materials.make_energy`. Arguments with stored numbers are valid.
     """
     key = stored_key(material, E, nu, keywords)
     record = cache.read(key) if key else None
@@ -118,7 +125,7 @@ def stored(
 
 
 def store(numbers: Numbers) -> None:
-    """Keep the numbers of a built-in material."""
+    """Write the numbers of a material to the cache, unless their key is None."""
     if numbers.key:
         record = asdict(numbers)
         del record["key"]

@@ -1,7 +1,7 @@
-"""The parameters of a material: read from its function's signature, and checked.
+"""Read the parameters of a material from its function's signature, and check their values.
 
-Keywords of every material and limits of numbers stand here, too. Scenes are checked against them
-without sympy, which takes longer to import than a small solve.
+The module also defines the keywords of every material and the limits of numbers. It does not
+import sympy, whose import takes longer than a small solve: scenes are checked without sympy.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from fem_snh.errors import BadInput, Range, bad_value
 
 #: A material's function.
 Function = Callable[..., Any]
-#: Values of keywords, of the types that a material's function states.
+#: Values of a material's keywords, by name.
 Keywords = Mapping[str, Any]
 #: Largest modulus [Pa], and the inverse of the smallest: the squares in a norm stay finite.
 LARGEST_MODULUS = 1e100
@@ -28,8 +28,8 @@ LARGEST_PARAMETER = 1e6
 #: 9**9**9.
 MAX_EXPONENT = 64
 #: The b of lambda_local (`fem_snh.materials.volume_split`), by the element's volume treatment.
-#: A small b favours the linear solver of a saddle-point problem, a large b strong compression
-#: (measured in docs/results/elements.md).
+#: A small b helps the linear solver of a saddle-point problem, a large b helps under strong
+#: compression (measured in docs/results/elements.md).
 BOUNDS = {"mean": 4.0, "cell_pressure": 4.0, "pressure": 2.0}
 #: Keywords of every material, with their defaults.
 TUNING: dict[str, float | str | None] = {
@@ -39,7 +39,7 @@ TUNING: dict[str, float | str | None] = {
     "lambda_part": None,
     "epsilon": None,
 }
-#: What each of them is.
+#: The meaning of each `TUNING` keyword.
 MEANINGS = {
     "alpha": "nonlinearity: the same material at small strain, stiffer (above 1) or softer at "
     "large stretch (Chen & Barbič)",
@@ -58,14 +58,14 @@ EPSILONS = (1e-4, 0.99)
 
 @dataclass(frozen=True)
 class Variant:
-    """The equations between which a shape parameter selects, as an annotation of it.
+    """Annotation of a shape parameter that selects between published equations.
 
     Attributes
     ----------
     default : callable
-        Returns the value for a Poisson's ratio, where the parameter is None.
+        Returns, from Poisson's ratio, the value that the default None stands for.
     equations : mapping
-        The equation of each value, with its source.
+        The equation that each value selects, with its source.
     """
 
     default: Callable[[float], object]
@@ -83,6 +83,8 @@ EXPONENTS = Range(
 
 def check(tuning: dict[str, Any]) -> dict[str, Any]:
     """Return all `TUNING` keywords; ``alpha_mu`` and ``alpha_lambda`` default to ``alpha``.
+
+    None in ``tuning`` means the default.
 
     Raises
     ------
@@ -123,7 +125,7 @@ def measures_of(function: Function) -> list[str]:
 
 
 def shape_parameters(function: Function) -> dict[str, Any]:
-    """Return the keyword-only arguments of a material function, without ``nu``, and defaults."""
+    """Return the defaults of a material function's keyword-only arguments except ``nu``."""
     return {
         name: parameter.default
         for name, parameter in signature(function).parameters.items()
@@ -132,7 +134,10 @@ def shape_parameters(function: Function) -> dict[str, Any]:
 
 
 def constants_of(function: Function) -> dict[str, float | None]:
-    """Return the free constants of a material function, with defaults [units of E] or None."""
+    """Return the constants among a material function's arguments, each with its default [E].
+
+    None means that a constant has no default.
+    """
     return {
         name: None if parameter.default is parameter.empty else parameter.default
         for name, parameter in signature(function).parameters.items()
@@ -141,7 +146,7 @@ def constants_of(function: Function) -> dict[str, float | None]:
 
 
 def check_size(key: str, value: object, largest: float) -> None:
-    """Raise BadInput if a number, or one of a sequence, is not in [-largest, largest]."""
+    """Raise BadInput if ``value``, or an item of it, is a number not in [-largest, largest]."""
     for number in value if isinstance(value, tuple | list) else (value,):
         if isinstance(number, int | float) and not abs(number) <= largest:
             what = "numbers" if isinstance(value, tuple | list) else "a number"
@@ -158,7 +163,7 @@ def check_signature(function: Function, name: str, reserved: set[str]) -> None:
     name : str
         The material, for messages.
     reserved : set of str
-        Keywords of every material.
+        Names that no argument may have: keywords of every material.
     """
     try:
         parameters = signature(function).parameters
@@ -189,7 +194,7 @@ def check_signature(function: Function, name: str, reserved: set[str]) -> None:
 
 T = TypeVar("T")
 
-#: What Young's modulus and Poisson's ratio are, and the numbers that are accepted.
+#: The accepted values of Young's modulus [Pa] and Poisson's ratio.
 _MODULI = 1 / LARGEST_MODULUS, LARGEST_MODULUS
 _CONSTANTS = {
     "E": Range(
@@ -197,7 +202,7 @@ _CONSTANTS = {
     ),
     "nu": Range(-1.0, 0.5, open_low=True, words="a number in (-1, 0.5] (Poisson's ratio)"),
 }
-#: The types of keywords in words: of one value, and of those of a list.
+#: Each type of a keyword in words, for one value and for the items of a list.
 _WORDS = {
     float: ("a finite number", "finite numbers"),
     int: ("a whole number", "whole numbers"),
@@ -212,7 +217,8 @@ def check_constants(E: object, nu: object) -> tuple[float, float]:
     Raises
     ------
     BadInput
-        Unless E is a number in [1e-100, 1e100] and nu one in (-1, 0.5]. True and False are none.
+        Unless E is a number in [1e-100, 1e100] and nu a number in (-1, 0.5]. True and False are not
+        accepted as numbers.
     """
     found = []
     for key, value in (("E", E), ("nu", nu)):
@@ -227,25 +233,26 @@ def check_constants(E: object, nu: object) -> tuple[float, float]:
 
 
 def moduli_or_defaults(E: float | None, nu: float | None) -> tuple[float, float]:
-    """Return Young's modulus [Pa] and Poisson's ratio; 1 and 0.49 for None."""
+    """Return (E [Pa], nu), with 1 in place of E = None and 0.49 in place of nu = None."""
     return 1.0 if E is None else E, 0.49 if nu is None else nu
 
 
 def check_keywords(function: Function, given: Keywords) -> dict[str, Any]:
-    """Return the values of keywords of a material's function, which have the types it states.
+    """Return the keywords of a material's function, converted to the types that it declares.
 
     Parameters
     ----------
     function : callable
-        The material function. Without an annotation the type is that of the default value, of a
-        whole number any number.
+        The material function. A shape parameter without an annotation has the type of its default
+        value; if that is a whole number, any number is accepted.
     given : mapping
-        Values of its shape parameters, of its constants and of the `TUNING` keywords.
+        Values of shape parameters and constants of the function and of `TUNING` keywords.
 
     Raises
     ------
     BadInput
-        For a value of another type, true and false are no numbers, and one outside its `Range`.
+        For a value of another type, outside its `Range`, or of excessive size. True and False are
+        not numbers.
     """
     kinds, limits = _kinds(function), ranges(function)
     found = {key: check_value(key, value, kinds.get(key, Any)) for key, value in given.items()}
@@ -259,23 +266,23 @@ def check_keywords(function: Function, given: Keywords) -> dict[str, Any]:
 
 
 def ranges(function: Function) -> dict[str, Range]:
-    """Return the accepted values of the parameters that a material's function annotates."""
+    """Return the `Range` of each parameter that a material's function annotates with one."""
     return _annotations(function, Range)
 
 
 def variants(function: Function) -> dict[str, Variant]:
-    """Return the variants of the parameters that a material's function annotates."""
+    """Return the `Variant` of each parameter that a material's function annotates with one."""
     return _annotations(function, Variant)
 
 
 def default_variants(function: Function, nu: float, given: Keywords) -> dict[str, object]:
-    """Return the parameters that select a variant and are not among the given, at a ratio nu."""
+    """Return, at Poisson's ratio nu, the default of each `Variant` parameter not in ``given``."""
     found = variants(function)
     return {key: v.default(nu) for key, v in found.items() if given.get(key) is None}
 
 
 def _annotations(function: Function, kind: type[T]) -> dict[str, T]:
-    """Return the annotations of one kind, by parameter."""
+    """Return the annotations of type ``kind`` by parameter; {} if annotations cannot be read."""
     try:
         hints = get_type_hints(function, include_extras=True)
     except (NameError, TypeError, AttributeError, SyntaxError):
@@ -285,13 +292,16 @@ def _annotations(function: Function, kind: type[T]) -> dict[str, T]:
 
 
 def plain(value: object) -> Any:
-    """Return lists, the only sequences of TOML, as tuples, and numpy's values as Python's."""
+    """Return ``value`` with lists as tuples, and with numpy's numbers and arrays as Python's.
+
+    Lists are the only sequences of TOML.
+    """
     value = value.tolist() if hasattr(value, "tolist") else value
     return tuple(plain(v) for v in value) if isinstance(value, list | tuple) else value
 
 
 def _kinds(function: Function) -> dict[str, Any]:
-    """Return the types of the keywords of a material's function."""
+    """Return the type that each keyword of a material's function must have."""
     found: dict[str, Any] = {key: float | None for key in TUNING if key != "lambda_part"}
     found["lambda_part"] = Any  # a name or a function
     try:
@@ -311,7 +321,10 @@ def _kinds(function: Function) -> dict[str, Any]:
 
 
 def check_value(key: str, value: object, kind: Any) -> Any:
-    """Return ``value`` as type ``kind``, a whole number as a float; otherwise raise BadInput."""
+    """Return ``value`` as type ``kind``; raise BadInput if it has another type.
+
+    An int is accepted as a float, and a list as a tuple.
+    """
     if kind is Any:
         return value
     from pydantic import ConfigDict, TypeAdapter, ValidationError
@@ -326,7 +339,7 @@ def check_value(key: str, value: object, kind: Any) -> Any:
 
 
 def _described(kind: object) -> str:
-    """Return a type in words. None, which stands for the default, is not mentioned."""
+    """Return a type in words. None, which means the default, is not mentioned."""
     if kind in _WORDS:
         return _WORDS[kind][0]
     origin, kinds = get_origin(kind), [part for part in get_args(kind) if part is not NoneType]

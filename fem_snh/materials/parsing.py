@@ -11,12 +11,12 @@ import sympy
 from fem_snh.errors import BadInput, bad_value, shown
 from fem_snh.materials.parameters import MAX_EXPONENT
 
-#: Largest number, and the inverse of the smallest one: products with moduli and stretches, and
+#: Largest number, and the inverse of the smallest: products with moduli and stretches, and
 #: derivatives, stay in the range of double precision.
 _LARGEST_NUMBER = 1e100
 #: Longest text: nested exponents of a longer one give polynomials that sympy expands for hours.
 _MAX_LENGTH = 1000
-#: Values of the measures at rest; of any other symbol 1.
+#: Values of the measures at rest. The value of any other symbol is 1.
 _AT_REST = {"I1": 3, "I_C": 3, "II_C": 3}
 _FUNCTIONS = {"log": sympy.log, "exp": sympy.exp, "sqrt": sympy.sqrt}
 _OPERATORS: dict[type[ast.AST], Callable[..., sympy.Expr]] = {
@@ -36,17 +36,18 @@ def parse(key: str, text: str, symbols: Mapping[str, sympy.Symbol]) -> sympy.Exp
     Parameters
     ----------
     key : str
-        The parameter that has the text as its value, for messages.
+        The parameter whose value is the text, for messages.
     text : str
         The expression.
     symbols : mapping
-        Its symbols by name.
+        The accepted symbols by name.
 
     Raises
     ------
     BadInput
-        For anything but the symbols, numbers, + - * / ** ( ), log, exp and sqrt, and for an
-        expression too large to evaluate.
+        For anything but the symbols, numbers, + - * / ** ( ), log, exp and sqrt, for a text of more
+        than 1000 characters, an exponent beyond `MAX_EXPONENT`, and a value at rest that is too
+        large or too small.
     """
     accepted = f"an expression in {', '.join(symbols)} with numbers, + - * / ** ( ), log, exp, sqrt"
     if not isinstance(text, str):
@@ -89,7 +90,7 @@ def parse(key: str, text: str, symbols: Mapping[str, sympy.Symbol]) -> sympy.Exp
 
 
 def _check_exponent(base: sympy.Expr, exponent: sympy.Expr) -> None:
-    """Raise ValueError unless a power, of powers too, can be expanded."""
+    """Raise ValueError if the exponent, times the largest in ``base``, exceeds `MAX_EXPONENT`."""
     inner = [abs(p.exp) for p in base.atoms(sympy.Pow) if p.exp.is_number]
     if not exponent.is_number or abs(exponent) * max([1, *inner]) > MAX_EXPONENT:
         raise ValueError(f"an exponent is no number, or beyond {MAX_EXPONENT}")

@@ -1,6 +1,7 @@
 """Find the function of a material by its name or reference.
 
-`Published` constants have the names of the literature and of other programs: C10, D1, mu_p.
+`Published` describes constants under the names of the literature and of other programs: C10, D1,
+mu_p.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ from fem_snh.materials.parameters import (
 )
 from fem_snh.references import entry_points, file_of, folder_of, is_reference, load_reference
 
-#: Type of a list of numbers.
+#: The type of a `Published` constant that is a list of numbers.
 LIST = tuple[float, ...]
 
 
@@ -38,12 +39,12 @@ class Published:
     Attributes
     ----------
     meanings : mapping
-        What each constant is, by name.
+        The meaning of each constant, by name.
     own : callable
-        Returns values of the material's own keywords; the arguments are the values of the
-        published constants, in their order.
+        Returns values of the material's own keywords by name. The arguments are the values of the
+        published constants, in the order of ``meanings``.
     kind : type
-        The type of their values, `float` or `LIST`.
+        The type of the constants' values, `float` or `LIST`.
     """
 
     meanings: Mapping[str, str]
@@ -52,17 +53,17 @@ class Published:
 
 
 def renamed(name: str, own: str, meaning: str) -> Published:
-    """Return a constant that the material has under another name."""
+    """Return the `Published` constant ``name`` that the material calls ``own``."""
     return Published({name: f"{meaning}; `{own}` under its usual name."}, lambda c: {own: c})
 
 
 def bulk(own: str) -> Published:
-    """Return D1 of Abaqus and others, the compliance of the volume term (J - 1)^2/D1.
+    """Return the constant D1 of Abaqus and others, the compliance in (J - 1)^2/D1.
 
     Parameters
     ----------
     own : str
-        The material's bulk modulus, of the volume term own/2 (J - 1)^2.
+        Name of the bulk modulus in the material's volume term own/2 (J - 1)^2.
     """
     meaning = f"Compliance of the volume term (J - 1)^2/D1 [1/Pa]: {own} = 2/D1; 0 is nu = 0.5."
 
@@ -87,7 +88,7 @@ def built_in() -> tuple[str, ...]:
 
 @cache
 def _modules(folders: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the sorted names of the public modules in folders."""
+    """Return the sorted names of the modules in ``folders`` that do not begin with "_"."""
     found = (m.name for m in pkgutil.iter_modules(folders))
     return tuple(sorted(name for name in found if name[0] != "_"))
 
@@ -101,7 +102,7 @@ def names() -> list[str]:
 
 
 def label(material: str | Function) -> str:
-    """Return the name of a material: the given text, or the name of the function."""
+    """Return the name of a material for messages: the given text, or the function's name."""
     if isinstance(material, str):
         return str(material)
     return str(getattr(material, "__name__", type(material).__name__))
@@ -143,7 +144,7 @@ def function(material: str | Function) -> Function:
 
 
 def files(*materials: object) -> list[Path]:
-    """Return the files of those materials that are references ``FILE.py:FUNCTION``."""
+    """Return the file of each material that is a reference ``FILE.py:FUNCTION``."""
     given = [m for m in materials if isinstance(m, str) and is_reference(m)]
     return [folder_of(m) / file_of(m) for m in given]
 
@@ -154,7 +155,7 @@ def defaults(material: str | Function) -> dict[str, Any]:
 
 
 def describe(material: str | Function) -> str:
-    """Return the docstring of a material's function; without one, its arguments."""
+    """Return the docstring of a material's function; without a docstring, list its arguments."""
     found = function(material)
     if text := inspect.getdoc(found):
         return text.replace("\n::\n\n", "\n")  # the mark-up of a literal block
@@ -169,9 +170,9 @@ def describe(material: str | Function) -> str:
 
 
 def pins(material: str | Function) -> list[str]:
-    """Return the constants of a material that may be prescribed [Pa].
+    """Return the names of the constants [Pa] of a material that may be prescribed.
 
-    Two of an energy that depends on nu may not: the constants would determine it.
+    None may be if the energy depends on nu and has at most two constants: they would determine nu.
     """
     constants = constants_of(found := function(material))
     depends_on_nu = "nu" in inspect.signature(found).parameters
@@ -179,12 +180,12 @@ def pins(material: str | Function) -> list[str]:
 
 
 def names_in_literature(material: str | Function) -> list[str]:
-    """Return the names of the constants of the literature that a material accepts."""
+    """Return the names of the `published` constants that a material accepts."""
     return [name for constants in published(material) for name in constants.meanings]
 
 
 def published(material: str | Function) -> tuple[Published, ...]:
-    """Return the constants of the literature from which a built-in material's own follow."""
+    """Return the published constants of a built-in material; () for a user's material."""
     if not (isinstance(material, str) and material in built_in()):
         return ()
     module = import_module(f"{models.__name__}.{material}")

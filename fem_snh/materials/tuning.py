@@ -1,4 +1,4 @@
-r"""Tuning of any energy: its nonlinearity, and the combination of parts of two energies.
+r"""Tune an energy: change its nonlinearity, or combine the parts of two energies.
 
 Nonlinearity (Chen & Barbic, eq. 16): :math:`\psi_\alpha(s) = \psi(s^\alpha) / \alpha^2` leaves the
 small-strain constants unchanged. The power is undefined for an inverted element, so it is extended
@@ -12,15 +12,15 @@ to an odd function g of the stretch:
         \text{cubic Taylor polynomial of log at } \epsilon^2 & z < \epsilon^2
     \end{cases}
 
-For s >= epsilon, g(s) is exactly s^alpha. Below, let w = 1 - z/epsilon^2, which lies in (0, 1].
-Then z l'(z) = 1 - w^3 lies in [0, 1), and g' = exp(...) (1 + (alpha - 1)(1 - w^3)) lies between
-exp(...) and alpha exp(...): it is positive for every alpha > 0. Therefore g is odd, three times
+For s >= epsilon, g(s) is exactly s^alpha. For z < epsilon^2, let w = 1 - z/epsilon^2, which lies in
+(0, 1]. Then z l'(z) = 1 - w^3 lies in [0, 1), and g' = exp(...) (1 + (alpha - 1)(1 - w^3)) lies
+between exp(...) and alpha exp(...), so g' > 0 for every alpha > 0. Therefore g is odd, three times
 differentiable, strictly increasing and onto. If psi is finite and smooth for every F, then:
 
 - psi(g)/alpha^2 is finite and has continuous third derivatives.
-- Its stationary stretches are those of psi, mapped by g, and of the same kind, because the Hessian
-  G' H G' is congruent to H. No spurious minimum is added.
-- Any stretch may carry the sign, because g is odd.
+- g maps its stationary stretches to the stationary stretches of psi. They are of the same kind,
+  because the Hessian G' H G' is congruent to H: no spurious minimum is added.
+- Any stretch may carry the negative sign, because g is odd.
 
 Mixing (Chen & Barbic, eq. 19, 20): the mu part of one energy and the lambda part of another, each
 with its own alpha.
@@ -40,7 +40,7 @@ from fem_snh.materials.invariants import INVARIANTS, SIGMA, exact, where
 from fem_snh.materials.normalise import lame
 
 Pair = tuple[sympy.Expr, sympy.Expr]
-#: Energy, or None without one, and principal stresses.
+#: An energy (None for a stress without an energy) and its three principal stresses.
 Part = tuple[sympy.Expr | None, tuple[sympy.Expr, ...]]
 
 #: Default stretch below which s^alpha is extended, for energies that are finite for every F.
@@ -55,14 +55,20 @@ def tune(energy: Energy, tuning: Mapping[str, Any], other: Energy | None) -> Ene
     energy : Energy
         The energy that supplies the mu part.
     tuning : mapping
-        Values from `check`.
+        Values from `fem_snh.materials.parameters.check`.
     other : Energy, optional
         The energy that supplies the lambda part; by default ``energy`` itself.
 
     Returns
     -------
     Energy
-        In the principal stretches, unless nothing changes.
+        Written in the principal stretches, or ``energy`` itself if the tuning changes nothing.
+
+    Raises
+    ------
+    BadInput
+        If parts with different alphas, or of two energies, are required and an energy is not the
+        sum of a mu part and a lambda part.
     """
     alphas = tuning["alpha_mu"], tuning["alpha_lambda"]
     if other is None and alphas == (1, 1):
@@ -94,14 +100,17 @@ def tune(energy: Energy, tuning: Mapping[str, Any], other: Energy | None) -> Ene
 
 
 def _epsilon(tuning: Mapping[str, Any], *energies: Energy) -> float:
-    """Return the stretch below which the power is extended; 0 if the domain excludes J <= 0."""
+    """Return the stretch below which s^alpha is extended.
+
+    The default is `EPSILON`; 0 if an energy is not finite for every F.
+    """
     if tuning["epsilon"] is not None:
         return float(tuning["epsilon"])
     return EPSILON if all(e.inversion_safe for e in energies) else 0
 
 
 def _parts(energy: Energy) -> tuple[Part, ...]:
-    """Return (psi, slopes) of the mu part and of the lambda part, each of unit modulus."""
+    """Return (psi, slopes) of the mu part divided by mu and of the lambda part over lambda."""
     mu, lam = LAME
     solution = energy.fit.solve((mu, lam), energy.E)
     numbers = dict(zip(energy.constants, solution, strict=True))
@@ -113,7 +122,7 @@ def _parts(energy: Energy) -> tuple[Part, ...]:
 
 
 def stretch_power(s: sympy.Expr, alpha: float, epsilon: float) -> sympy.Expr:
-    """Return g(s): s^alpha, extended below ``epsilon`` (see the module); the plain power for 0."""
+    """Return g(s) of the module: s^alpha, extended for s < ``epsilon`` unless that is 0."""
     if alpha == 1:
         return s
     a = exact(alpha)
@@ -128,7 +137,9 @@ def stretch_power(s: sympy.Expr, alpha: float, epsilon: float) -> sympy.Expr:
 def nonlinear(
     psi: sympy.Expr | None, slopes: Sequence[sympy.Expr], alpha: float, epsilon: float
 ) -> tuple[sympy.Expr | None, tuple[sympy.Expr, ...]]:
-    """Return energy and principal stresses of psi_alpha in the stretches.
+    """Return psi_alpha and its three principal stresses, in the stretches.
+
+    ``psi`` and ``slopes`` are the energy (or None) and the stresses for alpha = 1.
 
     References
     ----------
@@ -156,9 +167,10 @@ def nonlinear(
 def split_moduli(
     name: str, expressions: Sequence[sympy.Expr], mu: sympy.Symbol, lam: sympy.Symbol
 ) -> list[Pair]:
-    """Return the (mu part, lambda part) of each expression (Chen & Barbic, eq. 19).
+    """Return the (mu part, lambda part) of each expression, divided by mu and lambda.
 
-    Raises BadInput if an expression is not a sum of the two.
+    Raises BadInput if an expression is not mu times one function plus lambda times another
+    (Chen & Barbic, eq. 19).
     """
     found = []
     for expression in expressions:

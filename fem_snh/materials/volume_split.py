@@ -1,18 +1,19 @@
 r"""Split an energy into a deviatoric part and a volume term, for mixed elements: psi = psi' + U(J).
 
-psi' is the same energy with a smaller lambda, and U is what lambda adds to it. U may depend on J
-alone; for the stable Neo-Hookean energy it is (lambda - lambda_local)/2 (J - 1)^2:
+psi' is psi with a smaller constant lambda_local in place of lambda, and U is the difference. U must
+be a function of J alone; for the stable Neo-Hookean energy U = (lambda - lambda_local)/2 (J - 1)^2:
 
 .. math::
 
     \lambda_\text{local} = \frac{b \mu \lambda}{\lambda + b \mu}
 
 A pressure p, positive in tension, replaces U. The energy at a point is then psi' + p J, and its
-Hessian is filtered like that of any other energy.
+Hessian is filtered like the Hessian of any other energy.
 
-psi' resists a J that varies within a cell, on which neither the mean of J nor a continuous pressure
+psi' resists variations of J within a cell, on which neither the mean of J nor a continuous pressure
 acts: with b = 0, parts of twisted Taylor-Hood cells collapse (docs/results/elements.md). For
-nu -> 0.5, psi' tends to nu = 0.4 with b = 4 and to nu = 1/3 with b = 2, where no element locks.
+nu -> 0.5, the Poisson's ratio of psi' tends to 0.4 with b = 4 and to 1/3 with b = 2, where no
+element locks.
 
 Mean dilatation
     p = U'(J_e), where J_e is the mean of J over an element.
@@ -36,7 +37,7 @@ from fem_snh.materials.invariants import MEASURES, SIGMA
 PRESSURE, LOCAL = sympy.symbols("pressure lambda_local", real=True)
 J = MEASURES["J"]
 
-#: Newton iterations for log J of a pressure: to rounding for J from 0.1 to e.
+#: Newton iterations that compute log J from a pressure to rounding, for J from 0.1 to e.
 _NEWTON = 5
 
 _Curve = tuple[sympy.Expr, sympy.Expr, sympy.Expr]
@@ -59,7 +60,7 @@ class Split:
 
     @property
     def deviatoric(self) -> Energy:
-        """Return psi' without the pressure's term p J."""
+        """Return the energy psi', without the term p J."""
         assert self.energy.psi is not None
         return replace(self.energy, psi=self.energy.psi.subs(PRESSURE, 0), pressure=None)
 
@@ -86,9 +87,10 @@ class Split:
 
     @property
     def dual_curve(self) -> _Curve:
-        """Return (U*, J(p) = dU*/dp, dJ/dp) in PRESSURE.
+        """Return (U*, J(p) = dU*/dp, dJ/dp) in PRESSURE; (p, 1, 0) at nu = 0.5.
 
-        Raises BadInput where U'(J) = p has no solution, and unless nu > 0.
+        Raises BadInput unless nu > 0, and if sympy finds no closed form of the solution J of
+        U'(J) = p that is 1 at p = 0.
         """
         if math.isinf(self.stiffness):
             return PRESSURE, sympy.Integer(1), sympy.Integer(0)
@@ -109,7 +111,7 @@ class Split:
         return _conjugate(self.volume, at_rest[0])
 
     def check_closed_form(self) -> None:
-        """Raise BadInput for a volume term in log(J), whose pressure iterations invert."""
+        """Raise BadInput for U = c/2 (log J)^2: Newton iterations solve its U'(J) = p."""
         if self._of_logarithm is not None:
             raise self._without_inverse()
 
@@ -123,7 +125,7 @@ class Split:
 
     @property
     def _of_logarithm(self) -> sympy.Expr | None:
-        """The c of U = c/2 (log J)^2, or None for another U."""
+        """Return c if U = c/2 (log J)^2, otherwise None."""
         modulus = 2 * self.volume / sympy.log(J) ** 2
         return None if modulus.has(J) else modulus
 
@@ -131,7 +133,7 @@ class Split:
 # The volume terms of most materials are the same expression, whatever E and nu are.
 @lru_cache(maxsize=64)
 def _inverses(volume: sympy.Expr) -> tuple[sympy.Expr, ...]:
-    """Return the solutions J of U'(J) = p."""
+    """Return the solutions J of U'(J) = p, () if sympy finds none."""
     try:
         return tuple(sympy.solve(sympy.Eq(sympy.diff(volume, J), PRESSURE), J))
     except NotImplementedError:
@@ -149,9 +151,10 @@ def _conjugate(volume: sympy.Expr, inverse: sympy.Expr) -> _Curve:
 def _dual_of_logarithm(c: sympy.Expr) -> _Curve:
     r"""Return (U*, J(p), dJ/dp) of U = c/2 (log J)^2.
 
-    With :math:`w = -\log J`, U'(J) = p is :math:`w e^w = -p/c`, which Newton's method solves. Its
-    first guess, a rational function, has w and its first three derivatives at the largest pressure,
-    c/e, where J = e (Corless et al. 1996, eq. 4.22). U is not convex beyond.
+    With :math:`w = -\log J`, U'(J) = p is :math:`w e^w = -p/c`, which Newton's method solves. The
+    first guess is a rational function of :math:`s = \sqrt{2 (1 - e p/c)}` that matches w to third
+    order at the largest pressure, p = c/e, where J = e (Corless et al. 1996, eq. 4.22). U is not
+    convex for J > e.
     """
     z = -PRESSURE / c
     s = sympy.sqrt(2 * (1 + math.e * z))
@@ -168,14 +171,14 @@ def split(energy: Energy, bound: float) -> Split:
     Parameters
     ----------
     energy : Energy
-        The energy.
+        The energy psi.
     bound : float
-        The b of lambda_local; 0 gives the classical mean dilatation of some energies.
+        The b of lambda_local. With b = 0, psi' has lambda = 0 (classical mean dilatation).
 
     Raises
     ------
     BadInput
-        If there is no energy, or lambda multiplies more than a function of J.
+        If the material has no energy, or if psi - psi' is zero or not a function of J alone.
     """
     if energy.psi is None:
         raise BadInput(f"material '{energy.name}' has no energy: take Q1, Q2, P1 or P2")
@@ -197,14 +200,14 @@ def split(energy: Energy, bound: float) -> Split:
 def _volume_term(
     difference: sympy.Expr, measures: tuple[sympy.Symbol, ...], of_stretches: bool
 ) -> sympy.Expr | None:
-    """Return what lambda adds to an energy as a function of J, or None if it is none, or zero."""
+    """Return ``difference`` = psi - psi' in J; None if it is 0 or depends on more than J."""
     terms = sympy.Add.make_args(sympy.expand(difference))
     volumes = [_of_volume(term, measures, of_stretches) for term in terms]
-    if None in volumes and of_stretches:  # a square of log J is one in J as a whole alone
+    if None in volumes and of_stretches:  # expanded, (log s0 + log s1 + log s2)^2 hides (log J)^2
         volumes = [_of_volume(difference, measures, of_stretches)]
     if None in volumes or sympy.Add(*volumes) == 0:
         return None
-    # Factored: lambda times the rounding of J^2 - 2 J + 1 would exceed p.
+    # Factored: in the expanded J^2 - 2 J + 1, lambda times the rounding error would exceed p.
     return sympy.factor(sympy.simplify(sympy.Add(*volumes)))
 
 

@@ -6,12 +6,12 @@ from fem_snh.errors import choose
 
 
 def first_invariant(I_C, J):
-    """Return tr C of the isochoric deformation J^(-1/3) F, J^(-2/3) I_C."""
+    """Return J^(-2/3) I_C, the trace of C for the isochoric deformation J^(-1/3) F."""
     return J ** Rational(-2, 3) * I_C
 
 
 def second_invariant(II_C, J):
-    """Return the second invariant of the isochoric C, J^(-4/3) II_C."""
+    """Return J^(-4/3) II_C, the second invariant of C for the isochoric deformation."""
     return J ** Rational(-4, 3) * II_C
 
 
@@ -26,8 +26,8 @@ def quadratic(strains, mu, lam):
 def volume_term(J, lam, kind: str = "J"):
     """Return the volume term ``kind``: "J" is lam/2 (J - 1)^2, "log" is lam/2 (log J)^2.
 
-    Families whose energy has nu = 0 need one (Chen & Barbic, section 6). Raises BadInput for
-    another kind.
+    Families whose energy has nu = 0 need a volume term (Chen & Barbic, section 6). Raises BadInput
+    for another ``kind``.
     """
     strain = J - 1 if choose("volume term", kind, ["J", "log"]) == "J" else log(J)
     return lam / 2 * strain**2

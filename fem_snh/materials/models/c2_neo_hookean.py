@@ -23,13 +23,13 @@ def c2_neo_hookean(I_C, J, mu, lam, *, threshold: float = 0.4):
 
     Notes
     -----
-    Twice continuously differentiable. From Stomakhin et al. it takes the convex threshold surface J
-    = threshold and the extrapolation of the energy instead of the stress.
+    Twice continuously differentiable. As in Stomakhin et al., the threshold surface J = threshold
+    is convex, and the energy is extrapolated instead of the stress.
 
     Differences from Stomakhin et al.: they extrapolate all of psi along the ray from the identity,
     which meets the surface at the root of a cubic. Here only V, the singular term, is extrapolated
-    along J: one closed expression without an SVD. Both agree with eq. 5 to second order at the
-    surface and differ in the third. The default threshold of their code is 0.3.
+    along J: one closed expression without an SVD. Both extrapolations agree with eq. 5 to second
+    order at the surface and differ in the third. The default threshold of their code is 0.3.
 
     References
     ----------

@@ -16,8 +16,8 @@ def corotational(I1, I_C, mu, lam):
 
     Notes
     -----
-    The PK1-linearisation of every material (Chen & Barbic, theorem 3.1). The volume is measured by
-    the sum of the stretches, so a large stretch collapses the volume.
+    This is the PK1-linearisation of every material (Chen & Barbic, theorem 3.1). The sum of the
+    stretches measures the volume, so a large stretch collapses the volume.
 
     Finite for every F. It has no Hessian where two signed stretches sum to zero.
 

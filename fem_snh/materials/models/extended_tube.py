@@ -37,8 +37,8 @@ def extended_tube(
     ----------
     Gc, Ge, kappa : sympy.Symbol
         Constants [Pa] of the cross-links, the entanglements and the volume: mu_lame = (1 - 2
-        delta^2) Gc + Ge, lambda_lame = kappa - 2/3 mu_lame. Of all that match E and nu, those
-        nearest to E times their defaults. Each may be prescribed.
+        delta^2) Gc + Ge, lambda_lame = kappa - 2/3 mu_lame. Of all values that match E and nu,
+        those nearest to E times the defaults are used. Each may be prescribed.
     delta : float
         Inextensibility of the chains, at least 0 and below 0.7; 0 is the tube model of Heinrich &
         Kaliske 1997.

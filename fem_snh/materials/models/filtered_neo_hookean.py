@@ -23,7 +23,7 @@ def filtered_neo_hookean(s0, s1, s2, mu, lam, *, sigma_f: float = 0.25, bound: s
     mu, lam : sympy.Symbol
         Constants [Pa]: mu = mu_lame, lam = lambda_lame.
     sigma_f : float
-        Threshold of the filter.
+        Threshold of the filter, above 0 and at most 1.
     bound : str
         Quantity that the filter bounds. "stretch": every stretch, t = sigma_f, without the terms in
         brackets (the singular part is constant below). "J": the volume, t such that J' = max(J,
@@ -34,10 +34,10 @@ def filtered_neo_hookean(s0, s1, s2, mu, lam, *, sigma_f: float = 0.25, bound: s
     bound = "J" with 0.25 is the default of PhysBAM, the code of the comparison in Smith et al.
     2018.
 
-    The stress is no gradient where one stretch is filtered and another is not. The line search
-    therefore uses the residual, and the tangent is the symmetric part of the exact derivative
-    (PhysBAM's is that of eq. 5 at s'). The papers' threshold for the eigenvalues of the Hessian
-    (-1e-4) is replaced by the Hessian filters of this program.
+    The stress is not the gradient of an energy where one stretch is filtered and another is not.
+    The line search therefore uses the residual, and the tangent is the symmetric part of the exact
+    derivative (PhysBAM takes the tangent of eq. 5 at s'). The Hessian filters of this program
+    replace the papers' threshold for the eigenvalues of the Hessian (-1e-4).
 
     References
     ----------

@@ -15,9 +15,9 @@ def gamma_model(I_C, J, mu, lam, *, length: str = "(I_C - 3) / 2", volume: str =
     mu, lam : sympy.Symbol
         Constants [Pa].
     length : str
-        Expression in I_C, of numbers, + - * / ** ( ), log, exp, sqrt.
+        Expression in I_C with numbers, + - * / ** ( ), log, exp, sqrt.
     volume : str
-        Expression in J, of the same.
+        Expression in J with the same operations.
 
     Notes
     -----
@@ -25,7 +25,7 @@ def gamma_model(I_C, J, mu, lam, *, length: str = "(I_C - 3) / 2", volume: str =
 
     In eq. 52, A = gamma_I I + gamma_F f f^T + gamma_G g g^T + gamma_H H with gamma_I = 2 dpsi/dI_C,
     gamma_F = 4 d2psi/dI_C2, gamma_G = d2psi/dJ2, gamma_H = dpsi/dJ. The eigenvalues are gamma_I +-
-    gamma_H s_i and those of a 3x3 block.
+    gamma_H s_i and the three eigenvalues of a 3x3 block.
     """
     f = parse("length", length, {"I_C": I_C})
     g = parse("volume", volume, {"J": J})

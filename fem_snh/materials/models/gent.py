@@ -31,8 +31,8 @@ def gent(
     mu, kappa : sympy.Symbol
         Constants [Pa]: mu_lame = mu, lambda_lame = kappa - 2/3 mu.
     J_m : float
-        The limit of I1 - 3. The default is that of Treloar's tension (Ogden, Saccomandi & Sgura
-        2004), which locks at a stretch of 9.
+        The limit of I1 - 3. The default is fitted to Treloar's tension test (Ogden, Saccomandi &
+        Sgura 2004) and locks at a stretch of 9.
 
     Notes
     -----

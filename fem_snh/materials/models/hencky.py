@@ -19,7 +19,7 @@ def hencky(s0, s1, s2, mu, lam):
 
     Notes
     -----
-    Infinite for J <= 0. The stress decreases beyond a stretch of e. It is the limit of `seth_hill`
-    for n -> 0; the nonlinearity alpha does not change it.
+    Infinite for J <= 0. The stress decreases beyond a stretch of e. The energy is the limit of
+    `seth_hill` for n -> 0. The nonlinearity alpha does not change it.
     """
     return quadratic([log(s) for s in (s0, s1, s2)], mu, lam)

@@ -20,8 +20,8 @@ def hill(s0, s1, s2, mu, lam, *, strain: str = "log(s)"):
     mu, lam : sympy.Symbol
         Constants [Pa]: mu = mu_lame, lam = lambda_lame.
     strain : str
-        f as an expression in s with f(1) = 0 and f'(1) = 1, of numbers, + - * / ** ( ), log, exp,
-        sqrt.
+        f as an expression in s with numbers, + - * / ** ( ), log, exp, sqrt; f(1) = 0 and
+        f'(1) = 1.
 
     Notes
     -----

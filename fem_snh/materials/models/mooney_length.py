@@ -15,7 +15,7 @@ def mooney_length(I_C, J, mu, lam):
 
     Notes
     -----
-    Finite for every F. P(I) = mu I, so a free body shrinks (eq. 10). The paper motivates its rest
-    stabilisation with this energy; it is here for that comparison.
+    Finite for every F. P(I) = mu I, so a free body shrinks (eq. 10). Smith et al. motivate their
+    rest stabilisation with this energy; it is included for comparison.
     """
     return mu / 2 * (I_C - 3) + lam / 2 * (J - 1) ** 2

@@ -22,8 +22,9 @@ def mooney_rivlin(I_C, II_C, J, C1: Any = 0.125, C2: Any = 0.0417, kappa: Any = 
     Parameters
     ----------
     C1, C2, kappa : sympy.Symbol
-        Constants [Pa]: mu_lame = 2 (C1 + C2), lambda_lame = kappa - 4/3 (C1 + C2). Of all that
-        match E and nu, those nearest to the defaults E/8, E/24 and E. Each may be prescribed.
+        Constants [Pa]: mu_lame = 2 (C1 + C2), lambda_lame = kappa - 4/3 (C1 + C2). Of all values
+        that match E and nu, those nearest to the defaults E/8, E/24 and E are used. Each may be
+        prescribed.
 
     Notes
     -----

@@ -19,8 +19,8 @@ def neo_hookean_wang(I_C, J, mu, lam):
     -----
     Infinite for J <= 0. The volume term is linear in J: a constant pressure lam/2 that does not
     resist volume changes. The rest state is stressed (P = lam/2 I), the energy has no minimum, and
-    the body shrinks for lam > 0. It is here as printed, for comparison; `neo_hookean_bower` has the
-    square.
+    the body shrinks for lam > 0. The energy is included for comparison; `neo_hookean_bower` has
+    (J - 1)^2.
 
     References
     ----------

@@ -9,7 +9,10 @@ from fem_snh.materials.registry import LIST, Published
 
 
 def _modulus(exponents, weights, names):
-    """Return the shear modulus, sum w_p a_p / 2; the names are those of the two in messages."""
+    """Return the shear modulus, sum w_p a_p / 2; raise BadInput unless it is positive.
+
+    ``names`` are the names of ``exponents`` and ``weights`` in messages.
+    """
     if len(exponents) != len(weights) or not exponents:
         raise BadInput(f"{names[0]} = {exponents}: expected as many as {names[1]}, {len(weights)}")
     modulus = sum(w * a for w, a in zip(weights, exponents, strict=True)) / 2
@@ -22,7 +25,7 @@ def _modulus(exponents, weights, names):
 
 
 def _from_terms(mu_p, alpha_p):
-    """Return the exponents, the weights and the shear modulus of Ogden's constants."""
+    """Return the keywords ``exponents``, ``weights`` and ``mu`` from Ogden's constants."""
     modulus = _modulus(alpha_p, mu_p, ("alpha_p", "mu_p"))
     return {"exponents": alpha_p, "weights": tuple(m / modulus for m in mu_p), "mu": modulus}
 
@@ -71,8 +74,8 @@ def ogden(
     -----
     Infinite for J <= 0. Without the volume term nu = 0; the volume term vanishes at nu = 0.
 
-    As printed in the table, without the logarithm, the rest state has the stress sum mu_p, and
-    mu_lame = sum mu_p (a_p - 1)/2.
+    Without the logarithm, as the table prints the energy, the rest state has the stress sum mu_p,
+    and mu_lame = sum mu_p (a_p - 1)/2.
 
     References
     ----------

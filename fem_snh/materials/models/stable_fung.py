@@ -26,7 +26,7 @@ def stable_fung(I_C, J, mu, lam, *, gamma: float = 0.1, mu_1: float = 1.0):
     -----
     Finite for every F.
 
-    The paper prints mu_0 + gamma mu_1 in alpha, with which the rest state is stressed. In eq. 52,
+    Smith et al. print mu_0 + gamma mu_1 in alpha, with which the rest state is stressed. In eq. 52,
     gamma_I = mu + (gamma mu mu_1/2) e^(...) and gamma_F = (gamma mu mu_1^2/2) e^(...).
     """
     g, rate = exact(gamma), exact(mu_1)  # P(I) = 0 to the last digit

@@ -8,7 +8,7 @@ from fem_snh.materials.parameters import Variant
 
 
 def _has_barrier(nu: float) -> bool:
-    """Return whether Smith et al. 2018 use eq. 14 (appendix D)."""
+    """Return whether Smith et al. 2018 use eq. 14 at Poisson's ratio nu (Appendix D)."""
     return nu < 0.4
 
 
@@ -31,15 +31,16 @@ def stable_neo_hookean(
     Parameters
     ----------
     mu, lam : sympy.Symbol
-        Constants [Pa].
+        Constants [Pa]: mu = mu_lame, lam = lambda_lame + mu_lame in eq. 13; mu = 4/3 mu_lame, lam =
+        lambda_lame + 5/6 mu_lame in eq. 14.
     barrier : bool, optional
         True for eq. 14, whose origin barrier makes F = 0 unstable; False for eq. 13. By default
-        True for nu < 0.4 only (Appendix D): there the stress in uniaxial tension jumps by 10 to
-        17 %. A run says which one it uses; a sweep, and a fit of nu, keep one.
+        True for nu < 0.4 only (Appendix D): at nu = 0.4 the stress in uniaxial tension jumps by 10
+        to 17 %. A run prints which equation it uses; a sweep or a fit of nu uses only one.
 
     Notes
     -----
-    The paper prints (mu/4) lam in alpha, with which the rest state is stressed.
+    Smith et al. print (mu/4) lam in alpha, with which the rest state is stressed.
 
     References
     ----------

@@ -19,8 +19,8 @@ def sts(I_C, II_C, J, mu, lam, *, mu_4: float = 1.0):
 
     Notes
     -----
-    Infinite for J <= 0. The sum is a polynomial of the invariants (Newton's identities), so no
-    stretches are needed.
+    Infinite for J <= 0. The sum is a polynomial in the invariants (Newton's identities), so the
+    energy needs no stretches.
 
     References
     ----------

@@ -16,8 +16,9 @@ def stvk(I_C, II_C, mu, lam):
 
     Notes
     -----
-    Finite for every F. It does not detect reflections: a body turned inside out is at rest. The
-    stress decreases under compression below a stretch of 0.577, where the tangent is not positive.
+    Finite for every F. The energy does not detect reflections: a body turned inside out is at rest.
+    The resistance to compression decreases below a stretch of 0.577, where the tangent is not
+    positive.
     """
     square = (I_C**2 - 2 * II_C - 2 * I_C + 3) / 4
     return mu * square + lam / 8 * (I_C - 3) ** 2

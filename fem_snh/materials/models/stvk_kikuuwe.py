@@ -22,10 +22,10 @@ def stvk_kikuuwe(I_C, II_C, J, mu, lam, *, kappa: float = 400.0):
     -----
     Finite for every F. A body with a small kappa has a second rest state, turned inside out: the
     stretches (a, a, -a) are a minimum unless K > 864 (mu + 3/2 lam) (1 - a^2) / (a (1 + a^3)^2),
-    where a^2 = (2 mu + 3 lam) / (4 mu + 3 lam). That bound is 333 mu at nu = 0, 216 mu at nu = 1/2
+    where a^2 = (2 mu + 3 lam) / (4 mu + 3 lam). The bound is 333 mu at nu = 0, 216 mu at nu = 1/2
     and at most 351 mu (nu = -0.24).
 
-    The factors 1/12 and 1/6^3 are as printed. The term has no effect in extension.
+    The factors 1/12 and 1/6^3 are as printed. The term vanishes for J >= 1.
 
     References
     ----------

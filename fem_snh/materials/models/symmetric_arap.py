@@ -27,6 +27,6 @@ def symmetric_arap(s0, s1, s2, mu, lam, *, volume: str = "J"):
     ----------
     Shtengel et al. 2017.
     """
-    # By the invariants sum 1/s_i = (I1^2 - I_C)/(2 J) has no digits where one stretch is large.
+    # The invariants' sum 1/s_i = (I1^2 - I_C)/(2 J) loses all digits where one stretch is large.
     length = sum((s - 1) ** 2 + (1 / positive(s) - 1) ** 2 for s in (s0, s1, s2))
     return mu / 2 * length + volume_term(s0 * s1 * s2, lam, volume)

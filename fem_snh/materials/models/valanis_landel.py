@@ -17,7 +17,7 @@ def valanis_landel(s0, s1, s2, mu, lam):
 
     Notes
     -----
-    Infinite for J <= 0. The stress grows as log s, slowly in extension.
+    Infinite for J <= 0. In extension the stress grows slowly, as log s.
 
     References
     ----------

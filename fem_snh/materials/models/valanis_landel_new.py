@@ -17,13 +17,13 @@ def valanis_landel_new(
     mu, lam : sympy.Symbol
         Constants [Pa]: mu_lame = mu (f''(1) + f'(1))/2, lambda_lame = lam (h''(1) + h'(1)).
     length : str
-        f as an expression in s, of numbers, + - * / ** ( ), log, exp, sqrt.
+        f as an expression in s with numbers, + - * / ** ( ), log, exp, sqrt.
     volume : str
-        h as an expression in J, of the same.
+        h as an expression in J with the same operations.
 
     Notes
     -----
-    Infinite for J <= 0. The logarithms, which the table does not have, make the rest state free of
+    Infinite for J <= 0. The logarithms, which are not in the table, make the rest state free of
     stress.
 
     References

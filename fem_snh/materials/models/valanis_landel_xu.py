@@ -28,11 +28,11 @@ def valanis_landel_xu(
     mu, lam : sympy.Symbol
         Constants [Pa].
     length : str
-        f as an expression in s, of numbers, + - * / ** ( ), log, exp, sqrt.
+        f as an expression in s with numbers, + - * / ** ( ), log, exp, sqrt.
     area : str
-        g as an expression in a, of the same; each pair of stretches counts once.
+        g as an expression in a with the same operations; each pair of stretches counts once.
     volume : str
-        h as an expression in J, of the same.
+        h as an expression in J with the same operations.
 
     Notes
     -----

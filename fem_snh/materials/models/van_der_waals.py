@@ -11,7 +11,7 @@ from fem_snh.materials.models._terms import first_invariant, second_invariant, v
 from fem_snh.materials.registry import bulk
 
 PUBLISHED = (bulk("kappa"),)
-#: The x below which psi is a polynomial: stretches within 0.6 % of 1. The Hessian of x^(3/2)
+#: psi is a polynomial for x below this value: stretches within 0.6 % of 1. The Hessian of x^(3/2)
 #: has a quotient of two quantities that vanish at rest; a smaller bound would amplify rounding.
 SMALL = Rational(1, 10_000)
 
@@ -70,7 +70,7 @@ def van_der_waals(
 
 
 def _network(x, m, a):
-    """Return psi/mu as a function of x."""
+    """Return psi/mu, without the volume term, as a function of x."""
     y = sqrt(1 - positive(1 - x / m))
     return -m * (log1p(-y) + y) - Rational(2, 3) * a * sqrt(x / 2) ** 3
 

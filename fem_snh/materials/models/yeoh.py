@@ -20,13 +20,13 @@ def yeoh(I_C, J, C10: Any = 0.16667, C20: Any = -0.00176, C30: Any = 4.35e-5, ka
     ----------
     C10, C20, C30, kappa : sympy.Symbol
         Constants [Pa]: mu_lame = 2 C10, lambda_lame = kappa - 4/3 C10. E and nu determine C10 and
-        kappa; C20 and C30 are E times their defaults, those of the least-squares fit to Treloar's
-        tension. Each may be prescribed.
+        kappa. C20 and C30 are E times their defaults, from a least-squares fit to Treloar's
+        tension test. Each may be prescribed.
 
     Notes
     -----
-    Infinite for J <= 0. It stiffens without a limit, and increases with I1 for every stretch if
-    C20^2 < 3 C10 C30.
+    Infinite for J <= 0. The energy stiffens without a limit, and increases with I1 for every
+    stretch if C20^2 < 3 C10 C30.
 
     References
     ----------
