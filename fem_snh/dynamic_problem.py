@@ -1,4 +1,4 @@
-"""Motion in time of a displacement in a dolfinx program."""
+"""Motion of a body in time in a dolfinx program: `DynamicProblem`."""
 
 from __future__ import annotations
 
@@ -19,36 +19,37 @@ from fem_snh.steps.dynamics.dynamics import Dynamics
 from fem_snh.steps.stepping import Stepper
 
 Array = npt.NDArray[np.float64]
-#: Velocities [m/s] (n, components) at reference coordinates [m] (n, 3).
+#: A function that returns velocities [m/s] (n, components) at reference coordinates [m] (n, 3).
 Velocity = Callable[[Array], Array]
 
-#: Largest ratio of a step and the duration, and its inverse the smallest: a step is the difference
-#: of two loads in double precision, and its square divides.
+#: A step may be this many times longer or shorter than the duration: its size is a difference of
+#: two loads in double precision, and formulas divide by its square.
 _EXTREME = 1e12
 
 
 class DynamicProblem(NonlinearProblem):
     """Integrate the motion of materials and UFL terms in time. Collective.
 
-    Each step is a minimisation problem (docs/theory/dynamics.md), solved as that of
-    `fem_snh.nonlinear_problem.NonlinearProblem`.
+    Each step is a minimisation problem (docs/theory/dynamics.md), which the solver of
+    `fem_snh.nonlinear_problem.NonlinearProblem` solves. The load parameter is time / duration.
 
     Parameters
     ----------
     u : dolfinx Function
-        The displacement [m] in a Lagrange space, with its values at time 0.
+        The displacement [m] in a Lagrange space. Its values are the displacement at time 0.
     materials : mapping of Material to ufl.Measure
-        The cells that each material fills; all cells have one.
+        The cells that each material fills. Every cell must have a material.
     densities : mapping of Material to float
         Mass per reference volume [kg/m^3] of each material.
     integrator : str, optional
         One of `fem_snh.choices.INTEGRATORS`.
     duration : float
-        A time [s] in which the motion is seen: prescribed velocities at the start are differences
-        over 1/2000 of it.
+        The time [s] at which `steps` ends; `step` may go on beyond it. Velocities of boundary
+        values at the start are finite differences over 1/2000 of the duration.
     set_time : callable, optional
         ``set_time(t)`` sets constants, functions and boundary values of ``terms`` and ``bcs`` for a
-        time [s]. Times are not in order: prescribed velocities and accelerations are differences.
+        time [s]. It is called with times in any order, as velocities and accelerations of boundary
+        values are finite differences.
     mass : {"consistent", "lumped"}, optional
         The mass matrix.
     damping : tuple of float, optional
@@ -61,16 +62,16 @@ class DynamicProblem(NonlinearProblem):
     Attributes
     ----------
     time : float
-        The time of ``u`` [s].
+        The present time [s].
     v, a : dolfinx Function
-        Velocity [m/s] and acceleration [m/s^2].
+        Velocity [m/s] and acceleration [m/s^2] at the present time.
     dynamics : Dynamics
         Energies, errors and history of the motion.
 
     Raises
     ------
     BadInput
-        On every rank, for input that does not fit together, and for a missing density.
+        On every rank, for arguments that contradict each other, and for a missing density.
 
     Examples
     --------
@@ -120,17 +121,22 @@ class DynamicProblem(NonlinearProblem):
 
     @property
     def time(self) -> float:
-        """The time of ``u`` [s]."""
+        """The present time [s]: the time at which ``u`` is the displacement."""
         return self._problem.load * self._duration
 
     def state(self) -> dict[str, Array]:
-        """Return what a problem like this needs to continue at the present time. Collective.
+        """Return the state from which `start` continues the motion. Collective.
+
+        Another `DynamicProblem` with the same arguments, mesh partition and number of ranks can
+        continue from it. If the motion has not begun, it begins with `start`, from zero velocity.
 
         Returns
         -------
         dict
-            Arrays of this rank, as ``numpy.savez`` stores them. `start` accepts them on the same
-            mesh and number of ranks.
+            Copies of this rank's arrays: save them in one file per rank, with ``numpy.savez``.
+            "time" [s]; "unknowns", the owned part of `x`; "motion" (owned nodes, k), velocity,
+            acceleration and what the integrator keeps; "about", JSON text of numbers and of the
+            fields in "motion"; and "NAME_history" of each term NAME with a history.
         """
         if not self._has_started:
             self.start()
@@ -147,7 +153,7 @@ class DynamicProblem(NonlinearProblem):
     def start(
         self, velocity: Velocity | None = None, state: Mapping[str, Any] | None = None
     ) -> None:
-        """Begin at time 0 with the present values of ``u``, or at a stored state. Collective.
+        """Begin the motion at time 0 from the values of ``u``, or at a stored state. Collective.
 
         Parameters
         ----------
@@ -155,12 +161,14 @@ class DynamicProblem(NonlinearProblem):
             Initial velocities [m/s] (n, components) at reference coordinates [m] (n, 3).
             Default: zero.
         state : mapping, optional
-            What `state` returned: the motion continues at its time, as without an interruption.
+            What `state` returned on this rank. The motion continues at the time of ``state``, as
+            without an interruption; ``velocity`` must be None.
 
         Raises
         ------
         BadInput
-            On every rank, if it does not return such velocities, or for a state of another problem.
+            On every rank, if ``velocity`` does not return finite numbers of this shape, or for a
+            state of another problem.
         """
         if state is not None:
             self._restore(state, velocity)
@@ -175,7 +183,7 @@ class DynamicProblem(NonlinearProblem):
         self._write_solution()
 
     def _restore(self, state: Mapping[str, Any], velocity: Velocity | None) -> None:
-        """Continue from what `state` returned. Collective."""
+        """Set unknowns, time, motion and histories of terms to a stored state. Collective."""
         if velocity is not None:
             raise bad_value("velocity", velocity, "no value, as 'state' has the velocities")
         problem, terms = self._problem, self._problem.history.by_name
@@ -191,15 +199,16 @@ class DynamicProblem(NonlinearProblem):
         self._write_solution()
 
     def step(self, size: float) -> bool:
-        """Advance by one time step [s]; return whether the solver converged. Collective.
+        """Advance by one time step of ``size`` [s]; return whether it converged. Collective.
 
-        Otherwise nothing has changed, `reason` says why, and a shorter step can be tried. The first
-        step calls `start` if the program did not.
+        If it did not, the state is unchanged, `reason` says why, and a shorter step can be tried.
+        The first step calls `start` if the program did not.
 
         Raises
         ------
         BadInput
-            On every rank, for a size that is no positive number or far from ``duration``.
+            On every rank, for a size outside of 1e-12 to 1e12 times ``duration``, or too small to
+            change the time in double precision.
         """
         check_number("size", size, self._duration / _EXTREME, highest=self._duration * _EXTREME)
         if not self._has_started:
@@ -220,15 +229,15 @@ class DynamicProblem(NonlinearProblem):
     ) -> Iterator[dict[str, Any]]:
         """Advance from the present time to ``duration``. Collective.
 
-        A step that fails is halved, down to 1/64 of the nominal one, as in a run of a scene.
-        `estimate_error` follows these steps again, if they are the whole motion.
+        A step that fails is halved, down to 1/64 of the nominal step, as in a run of a scene.
+        `estimate_error` can repeat these steps if the motion began with them.
 
         Parameters
         ----------
         number : int
-            Number of equal steps of the whole duration.
+            Number of equal steps into which the whole duration is divided.
         set_load : None
-            ``set_time`` sets what changes.
+            Must be None: the argument ``set_time`` of the class sets what changes in time.
 
         Yields
         ------
@@ -246,7 +255,7 @@ class DynamicProblem(NonlinearProblem):
         yield from self._rows(stepper)
 
     def energies(self) -> dict[str, Any]:
-        """Return energies and momenta at the present time: see `Dynamics.energies`. Collective."""
+        """Return the dict of energies and momenta of `Dynamics.energies` now. Collective."""
         return self.dynamics.energies(self._problem)
 
     def _in_time(self) -> dict[str, Any]:
@@ -262,9 +271,9 @@ class DynamicProblem(NonlinearProblem):
 
 
 def _check_state(state: Mapping[str, Any], terms: Iterable[str], size: int) -> None:
-    """Raise BadInput unless a state has the arrays of this rank, of so many unknowns.
+    """Raise BadInput unless a state has all keys and ``size`` unknowns. Not collective.
 
-    Not collective.
+    ``terms`` are the names of the terms with a history.
     """
     for name in ("time", "unknowns", "motion", "about", *(f"{term}_history" for term in terms)):
         if name not in state:

@@ -1,4 +1,4 @@
-"""Projected Newton for a displacement in a dolfinx program."""
+"""Equilibria of a body in a dolfinx program, by projected Newton: `NonlinearProblem`."""
 
 from __future__ import annotations
 
@@ -31,8 +31,8 @@ if TYPE_CHECKING:
     from fem_snh.mesh.mesh import Mesh
     from fem_snh.tables.amplitudes import Amplitudes
 
-#: First guesses when boundary values have changed, and those of the steps of `steps`: see
-#: `fem_snh.solver.Predictor`.
+#: The predictors that a program may choose, and for each the predictor of the second and later
+#: steps of `NonlinearProblem.steps`: kinds of `fem_snh.solver.Predictor`.
 PREDICTORS = {"tangent": "extrapolate", "none": "none"}
 #: Largest number of load steps.
 _MAX_STEPS = 1_000_000
@@ -41,115 +41,119 @@ _MAX_STEPS = 1_000_000
 class NonlinearProblem:
     """Find the displacement that minimises the energy of materials and UFL terms. Collective.
 
-    Names and arguments are those of :class:`dolfinx.fem.petsc.NonlinearProblem` (0.10 and later),
-    where they mean the same. The materials are assembled by compiled loops with the closed-form
-    filter of their Hessian, the terms by dolfinx (their Hessian: `UFLTerm`). The
-    solver is that of scenes, a PETSc SNES.
+    Arguments and attributes that :class:`dolfinx.fem.petsc.NonlinearProblem` (0.10 and later) also
+    has mean the same here. Compiled loops assemble the materials and filter their Hessian in closed
+    form; dolfinx assembles UFL terms (`UFLTerm` says how their Hessian is filtered). The solver is
+    the PETSc SNES that solves scenes.
 
     Parameters
     ----------
     u : dolfinx Function
         The displacement [m]: 3 components, continuous Lagrange of degree 1 or 2, on tetrahedra or
-        hexahedra; in two dimensions see ``kinematics``. Its values are the initial guess, and
+        hexahedra; for two dimensions see ``kinematics``. Its values are the initial guess, and
         become the solution.
     materials : mapping of Material to ufl.Measure
-        ``{m1: dx(1), m2: dx(2)}``: the cells that each material fills, by meshtags, or ``{m: dx}``.
-        The measures' ``quadrature_degree`` replaces that of the element; other quadrature rules
-        are refused. May be empty.
+        The cells that each material fills, by meshtags: ``{m1: dx(1), m2: dx(2)}``, or ``{m: dx}``
+        for all cells. A ``quadrature_degree`` of the measures, the same for all, replaces the
+        element's; quadrature rules other than the default raise BadInput. May be empty.
     bcs : sequence of dolfinx DirichletBC or Symmetry, optional
         Dirichlet conditions on the displacement's space or on its components, and planes of
         symmetry: `fem_snh.Symmetry`.
     terms : sequence of ufl.Form, feature or Term, optional
         Energies [J] (rank 0) and residuals [N] (rank 1, as for dolfinx) of ``u``, over cells and
-        exterior facets. An energy is better than its residual, as it can be minimised. The terms of
-        loads are those of an energy, too: -f . u dx for a force f per volume. Features are the
-        objects that are tables in a scene: `fem_snh.Traction`, `fem_snh.Gravity`,
-        `fem_snh.Pressure`, `fem_snh.Spring`, `fem_snh.Cavity`, `fem_snh.SelfContact`; `solve`
-        applies loads as a whole, `steps` in proportion to the load. Their values may be UFL
-        expressions without ``u``. Any other object has the methods of `fem_snh.Term`.
+        exterior facets. Prefer an energy to its residual: it can be minimised. A load is written as
+        its potential: -f . u dx for a force f per volume. Features are the objects that are tables
+        in a scene: `fem_snh.Traction`, `fem_snh.Gravity`, `fem_snh.Pressure`, `fem_snh.Spring`,
+        `fem_snh.Cavity`, `fem_snh.SelfContact`. `solve` applies the loads of features in full,
+        `steps` in proportion to the load parameter. The values of features may be UFL expressions
+        without ``u``. An object of another class must have the methods of `fem_snh.Term`.
     petsc_options_prefix : str, optional
         Prefix of the solver's options in PETSc's database.
     petsc_options : mapping, optional
-        Options without the prefix, such as ``{"snes_monitor": None}``; those that the database has
-        already, as from the command line, come first.
+        Options without the prefix, such as ``{"snes_monitor": None}``. An option that PETSc's
+        database already has, for example from the command line, takes precedence.
     hessian : {"adaptive", "exact", "clamp", "abs"}, optional
         See `fem_snh.solver.search_direction.SearchDirection`.
     globalization : {"trust_region", "linesearch"}, optional
         See `fem_snh.solver.create`.
     element : str, optional
-        An element with another treatment of the volume term, such as "Q1P0", or with an unknown
-        pressure, such as "P2P1": one of `fem_snh.assembly.elements.ELEMENTS`. It must have the cell
+        The name of an element that treats the volume term differently, such as "Q1P0", or has an
+        unknown pressure, such as "P2P1": one of `fem_snh.assembly.elements.ELEMENTS`, with the cell
         and the degree of ``u``. Default: the volume term at every quadrature point.
     densities : mapping of Material to float, optional
-        Mass per reference volume [kg/m^3] of each material, which its weight and vibrations need.
+        Mass per reference volume [kg/m^3] of each material, for its weight and its vibrations.
     predictor : {"tangent", "none"}, optional
-        First guess when boundary values have changed: the linearised response to the change, or
-        the values alone. From the second step of `steps` on, "tangent" continues the step before.
+        First guess when boundary values have changed: the linearised response to the change
+        ("tangent"), or the new boundary values beside the old displacement ("none"). From the
+        second step of `steps` on, "tangent" extrapolates the displacement of the last step.
     static_condensation : bool, optional
-        Whether the pressures of the cells of "Q1P0" and "P2P0" are eliminated, or unknowns of a
-        problem that is solved first. Default: unknowns from nu = 0.499 on, where the condensed
-        problem takes many iterations, unless a term has a state of its own or the condensed
-        problem's solver was chosen.
+        Whether the cell pressures of "Q1P0" and "P2P0" are eliminated. Otherwise a mixed problem
+        with cell pressures as unknowns is solved first, and the condensed problem starts from its
+        solution. Default: False from nu = 0.499 on, where the condensed problem alone takes many
+        iterations, unless a term has a state of its own or the user chose the condensed problem's
+        solver; True otherwise.
     kinematics : {"plane_strain", "plane_stress", "axisymmetric", "axisymmetric_torsion"}, optional
-        Of a mesh of two dimensions, with triangles or quadrilaterals. ``u`` then has 2 components,
-        (u_x, u_y) or (u_r, u_z); with torsion 3, (u_r, u_z, u_theta), in the basis of the reference
-        position. Coordinates are (x, y) or (r, z), r >= 0; u_r and u_theta are zero where r = 0.
-        In plane strain energies are per thickness [J/m] and forces [N/m]; on a body of revolution
-        they are those of the whole turn: integrals of ``terms`` have the factor 2 pi r.
-
+        Required on a mesh of two dimensions (triangles or quadrilaterals), where ``u`` has 2
+        components, (u_x, u_y) or (u_r, u_z), or with torsion 3, (u_r, u_z, u_theta), in the basis
+        of the reference position. Coordinates are (x, y) or (r, z), r >= 0. On the axis r = 0, u_r
+        and u_theta are zero. In a plane, energies are per thickness [J/m] and forces [N/m]; on a
+        body of revolution both are of the whole turn, so forms in ``terms`` need the factor 2 pi r.
     volume : callable, optional
-        A volume energy U(J) [Pa] of UFL over all cells, such as ``lambda J: k/2 * (J - 1)**2``,
-        beside energies in ``terms``: "Q1P0" and "P2P0" treat it as the volume terms of materials,
-        by the mean J of each cell. Forms in ``terms`` are not treated by any element; leave a few
-        times the shear modulus in them, as (J - 1)**2, against a J that varies within a cell.
+        A volume energy U(J) [Pa] in UFL, such as ``lambda J: k/2 * (J - 1)**2``, which is
+        integrated over all cells beside the energies in ``terms``. "Q1P0" and "P2P0" evaluate it at
+        the mean J of each cell, like the volume terms of materials; they never change forms in
+        ``terms``. Keep a part of a few times the shear modulus, as (J - 1)**2, in ``terms``: it
+        limits the variation of J within a cell.
     mesh : Mesh, optional
         The mesh of ``u`` with physical groups, as `Scene.build` returns it:
         ``materials``, ``bcs`` and ``terms`` may then name groups in place of measures.
     bones : sequence of Bone, optional
-        Bones whose nodes follow them (`fem_snh.geometry.motions.Bone`).
+        Bones, which prescribe the displacement of the nodes in them
+        (`fem_snh.geometry.motions.Bone`).
     amplitudes : Amplitudes, optional
         The tables that ``bcs`` and ``terms`` may name.
     quadrature : int, optional
-        The quadrature degree, where no measure has one.
+        The quadrature degree if ``materials`` has no measures.
 
     Attributes
     ----------
     u : dolfinx Function
         The displacement.
     p : dolfinx Function or None
-        The pressure [Pa] of an element that has one.
+        The pressure [Pa] of an element with an unknown pressure, positive in tension.
     solver : PETSc.SNES
-        The solver; its `ProjectedNewton` has the history of iterations.
+        The solver; ``solver.getPythonContext()``, a `ProjectedNewton`, has the history of
+        iterations.
     newton, linear : int
-        Newton and linear iterations of the last solve or step: those of the prediction and of the
-        problem with unknown cell pressures included.
+        Newton and linear iterations of the last solve or step, including iterations of the
+        predictor and of the mixed problem with unknown cell pressures.
     reason : str
         Why the last solve ended: PETSc's name, followed by the cause of a failure, such as
-        "DIVERGED_LINEAR_SOLVE: DIVERGED_INDEFINITE_PC"; empty before the first one.
+        "DIVERGED_LINEAR_SOLVE: DIVERGED_INDEFINITE_PC"; empty before the first solve.
     row : dict
         The row of the last solve or step, as `steps` yields it: energy, volume, forces of contact
-        and rigid parts, states of cavities, ...; empty before the first one.
+        and rigid parts, states of cavities, ...; empty before the first solve.
     x : PETSc.Vec
-        The unknowns. Without a pressure it is the vector of ``u``, and shares its memory.
+        The unknowns. Without an unknown pressure it shares the memory of ``u``.
     notes : list of Note
-        What to know beside "converged" of the last state: an element that locks, points that are
-        inverted, a jump within a step (`fem_snh.records.run_record`). The first note of each kind
+        Reservations about the last state although it converged: an element that locks, inverted
+        points, a jump within a step (`fem_snh.records.run_record`). The first note of each kind
         is also a warning, `fem_snh.errors.ResultNote`.
     b : PETSc.Vec
-        The residual [N].
+        The residual [N], zero at constrained dofs.
     A : PETSc.Mat
-        The Hessian [N/m].
+        The Hessian [N/m] that was assembled last, possibly filtered.
 
     Raises
     ------
     BadInput
-        On every rank, for input that does not fit together, and for a bad value of an option;
-        from `solve` and `steps`, if loads act along a rigid motion that nothing constrains.
+        On every rank, for arguments that contradict each other, and for a bad value of an option.
+        `solve` and `steps` raise it if loads act along a rigid motion that nothing constrains.
 
     Notes
     -----
-    Functions, constants and boundary values may change between calls of `solve`, the lists ``bcs``
-    and ``terms`` may not.
+    Functions, constants and boundary values may change between calls of `solve`. The lists ``bcs``
+    and ``terms`` may not change.
 
     Examples
     --------
@@ -212,16 +216,16 @@ class NonlinearProblem:
         self.p: Any = self._pressure and _dolfinx.function(self._pressure.Q, "pressure")
 
     def _in_time(self) -> dict[str, Any]:
-        """Return what `define` needs of the load or the time."""
+        """Return the keyword arguments of `define` that differ between statics and motion."""
         return {"on_load": self._load}
 
     def solve(self) -> Any:
-        """Solve with the present boundary values, constants and functions. Collective.
+        """Solve for the present boundary values, constants and functions. Collective.
 
         Returns
         -------
         dolfinx Function
-            The displacement ``u``, ghosts included; the last iterate if the solver diverged.
+            The displacement ``u`` with updated ghosts; the last iterate if the solver diverged.
 
         Raises
         ------
@@ -245,24 +249,24 @@ class NonlinearProblem:
     ) -> Iterator[dict[str, Any]]:
         """Solve by load steps from the present displacement. Collective.
 
-        A step that fails is rolled back and halved, down to 1/64 of the nominal one, as in a run of
-        a scene. The next step starts when the loop asks for it.
+        A step that fails is rolled back and halved, down to 1/64 of the nominal step, as in a run
+        of a scene. The generator solves a step when its next row is requested.
 
         Parameters
         ----------
         number : int
-            Number of equal steps in which the load goes from 0 to 1.
+            Number of equal steps in which the load parameter goes from 0 to 1.
         set_load : callable, optional
             ``set_load(load)`` sets constants, functions and boundary values for a load from 0 to 1.
-            Without it the boundary values go from those of ``u`` to those of ``bcs``, in proportion
-            to the load.
+            Without it the boundary values change linearly with the load from the present values of
+            ``u`` to the values of ``bcs``.
 
         Yields
         ------
         dict
             The row of an attempted step, as in run.json: ``load``, ``converged``, ``reason``,
-            ``newton``, ``linear``, ``energy``, ``min_J``, ... ``u`` is the solution at that load,
-            or at the last that converged. If the load does not reach 1, the last row has
+            ``newton``, ``linear``, ``energy``, ``min_J``, ... After each row, ``u`` is the solution
+            at the last load that converged. If the load does not reach 1, the last row has
             ``converged`` False.
 
         Examples
@@ -285,13 +289,13 @@ class NonlinearProblem:
             yield from self._rows(stepper, [] if set_load else start_notes(self._problem))
 
     def _stepper(self, number: int) -> Stepper:
-        """Return equal steps of the load from 0 to 1."""
+        """Return the iterator over ``number`` equal steps of the load from 0 to 1."""
         check_whole("number", number, 1, _MAX_STEPS)
         self._check_lists()
         return Stepper(self._steps[PREDICTORS[self._predictor]], number)
 
     def _rows(self, stepper: Stepper, notes: Sequence[Note] = ()) -> Iterator[dict[str, Any]]:
-        """Yield the rows of the steps from the present load to 1, which all have these notes."""
+        """Solve up to load 1: yield each step's row, and set `notes` to ``notes`` and its own."""
         rows = iter(stepper)
         for attempted in count():
             with self._given.active():
@@ -305,13 +309,14 @@ class NonlinearProblem:
     def negative_eigenvalues(self) -> int:
         """Return how many eigenvalues of the Hessian are negative at the present state. Collective.
 
-        An equilibrium is stable if none is. With a pressure as an unknown, those that it has at a
-        stable one are not counted. The exact Hessian is assembled and factorised.
+        An equilibrium is stable if none is. With an unknown pressure, even a stable equilibrium has
+        one negative eigenvalue for each pressure dof: these are subtracted. The exact Hessian is
+        assembled and factorised.
 
         Raises
         ------
         BadInput
-            In time, or if a term is a residual without an energy.
+            If the body moves in time, or if a term is a residual without an energy.
         Failed
             If the factors do not fit into memory.
         """
@@ -320,9 +325,10 @@ class NonlinearProblem:
             return solver.EquilibriumStability(self._problem).negative_eigenvalues(self.x)
 
     def _end(self, row: dict[str, Any], notes: Sequence[Note] = ()) -> None:
-        """Keep the row of a step, and set the notes; the SNES has its converged reason.
+        """Set `row`, `reason`, `newton`, `linear` and `notes` after a step. Collective.
 
-        Warn of new kinds of notes on rank 0. Collective.
+        If the step failed although the SNES converged, the SNES gets the reason DIVERGED_INNER.
+        Rank 0 issues a warning for the first note of each kind.
         """
         self.row, self.reason = row, row["reason"]
         self.newton, self.linear = row["newton"], row["linear"]
@@ -339,12 +345,12 @@ class NonlinearProblem:
             self._warned.add(note.kind)
 
     def _read_displacement(self) -> None:
-        """Set the unknowns to the values of ``u``."""
+        """Copy the owned values of ``u`` to the unknowns `x`."""
         own = self.x.array[: self._problem.owned_displacements]
         own[:] = self.u.x.array[: len(own)]
 
     def _write_solution(self) -> None:
-        """Set ``u`` and ``p`` to the unknowns, ghosts included. Collective."""
+        """Copy the unknowns `x` to ``u`` and ``p``, and update their ghosts. Collective."""
         self._problem.split(self.x)
         if self._pressure is not None:
             self.p.x.array[:] = self._pressure.pressure()

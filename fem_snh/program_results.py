@@ -1,6 +1,7 @@
-"""What a program asks of a solved problem: errors of goals, modes of vibration, reactions.
+"""Results of a solved problem in a dolfinx program: errors of goals, vibration modes, reactions.
 
-The functions are methods of `fem_snh.NonlinearProblem`, too.
+The functions are also methods of `fem_snh.NonlinearProblem`: ``estimate_error``,
+``vibration_modes``, ``reaction_force`` and ``reaction_moment``.
 """
 
 from __future__ import annotations
@@ -27,12 +28,12 @@ Array = npt.NDArray[Any]
 
 
 def estimate_error(problem: NonlinearProblem, goals: Mapping[str, Any] | Sequence[Any]) -> Estimate:
-    """Estimate the errors of goals of the last solution, which does not change. Collective.
+    """Estimate the errors of goals of the last solution, which stays unchanged. Collective.
 
-    The problem is solved once more, from its solution, in the element of the next degree on
-    the same cells (docs/theory/error.md). Boundary values are interpolated from ``u``. In time,
-    and with friction or multipliers, the path of `NonlinearProblem.steps` is followed again,
-    from its first step. There is no estimate then after `NonlinearProblem.solve`, nor after
+    A problem with the element of the next degree on the same cells is solved, starting from the
+    solution (docs/theory/error.md). Boundary values are interpolated from ``u``. If the body moves
+    in time, or a term has friction or multipliers, all steps of `NonlinearProblem.steps` are
+    solved again instead; there is then no estimate after `NonlinearProblem.solve` or
     `fem_snh.dynamic_problem.DynamicProblem.step`.
 
     Parameters
@@ -40,26 +41,31 @@ def estimate_error(problem: NonlinearProblem, goals: Mapping[str, Any] | Sequenc
     problem : NonlinearProblem
         The problem, at a solution.
     goals : sequence or mapping
-        Each a point [x, y, z], or [x, y] (its displacement), a ``ufl.Measure`` (the mean
-        displacement over its cells or facets, on a body of revolution of the whole turn), one
-        of ``bcs`` (its reaction force), a pair of one and a point [x, y, z] (the moment of this
-        force about it), an obstacle or a contact of ``terms`` (the force on the body or on the
-        first surface), a cavity (its pressure), a rigid part (the displacement of its point),
-        a pair of one and "displacement", "rotation", "force" or "moment", a UFL form of rank 0 in
-        ``u``, "energy", "volume" (deformed over reference volume), "stress" (mean of von Mises'),
-        a pair of a measure of cells and one of these two, or a triple of a point, "stress" and a
-        radius [m] (its mean around the point). A mapping names them.
+        The goals, or a mapping of names to goals. A goal is
+
+        - a point [x, y, z] or [x, y] [m]: its displacement;
+        - a ``ufl.Measure``: the mean displacement over its cells or facets;
+        - one of ``bcs``: its reaction force;
+        - a pair (one of ``bcs``, point [x, y, z]): the moment of the reaction about the point;
+        - an obstacle or a contact of ``terms``: its force on the body, or on the first surface;
+        - a cavity of ``terms``: its pressure;
+        - a rigid part of ``terms``, alone or in a pair with "displacement" (of its point, the
+          default), "rotation", "force" or "moment";
+        - a UFL form of rank 0 in ``u``: its value;
+        - "energy"; "volume", the deformed over the reference volume; "stress", the mean von Mises
+          stress; or a pair (measure of cells, "volume" or "stress");
+        - a triple (point, "stress", radius [m]): the mean von Mises stress around the point.
 
     Returns
     -------
     Estimate
-        ``goals`` has the value, error and corrected value of each; ``reason`` says why there
-        is no estimate, if there is none. It prints as a line for each goal.
+        ``goals`` has the value, error and corrected value of each goal by name; ``reason`` is empty
+        or says why there is no estimate. ``print`` shows a line for each goal.
 
     Raises
     ------
     BadInput
-        On every rank, for what is no goal, and before a solution.
+        On every rank, for an object that is no goal, and if the last solve did not converge.
 
     Examples
     --------
@@ -79,9 +85,9 @@ def modes(
 ) -> vibrations.VibrationModes:
     """Return the lowest modes of vibration about the last solution. Collective.
 
-    They are those of small vibrations of the loaded body, with the exact Hessian and the
-    consistent mass matrix, computed by SLEPc (python3-slepc4py-real). Its options have the
-    solver's prefix, followed by ``modes_``: ``-snh_modes_eps_monitor``.
+    SLEPc (python3-slepc4py-real) computes the modes of small vibrations of the loaded body, with
+    the exact Hessian and the consistent mass matrix. SLEPc's options have the solver's prefix,
+    followed by ``modes_``: ``-snh_modes_eps_monitor``.
 
     Parameters
     ----------
@@ -90,8 +96,8 @@ def modes(
     count : int
         Number of modes, from the lowest.
     density : float, optional
-        Mass per reference volume [kg/m^3] of the materials that ``densities`` does not have,
-        and of a body without materials, whose energy is in UFL.
+        Mass per reference volume [kg/m^3] of materials that are not in ``densities``, and of a
+        body whose energy is in UFL, without materials.
 
     Returns
     -------
@@ -101,9 +107,9 @@ def modes(
     Raises
     ------
     BadInput
-        On every rank: before a solution, for a missing density, more modes than free dofs, an
-        element with an unknown pressure, a force or a material without an energy, a cavity, a
-        motion in time; or if the eigenvalue solver fails.
+        On every rank: if the last solve did not converge, a density is missing, or ``count``
+        exceeds the number of free dofs; for an element with an unknown pressure, a force or a
+        material without an energy, a cavity, a motion in time; or if the eigenvalue solver fails.
 
     Examples
     --------
@@ -126,16 +132,16 @@ def reaction(
     problem : NonlinearProblem
         The problem.
     condition : dolfinx DirichletBC, Hold, Move or Symmetry
-        One of the problem's ``bcs``. What several constrain counts for the last, which sets the
-        value; a plane of symmetry has what no other condition sets.
+        One of the problem's ``bcs``. If several conditions constrain a dof, its force counts for
+        the last of them, which sets the value; planes of symmetry come before all others.
     about : (3,) sequence of float, optional
-        A point [m], about which the moment [N m] of the force at the deformed positions is
-        returned in its place; a body of revolution has the moment of the whole turn.
+        A point [m]. If it is given, the moment (3,) [N m] about it, of the nodal forces at their
+        deformed positions, is returned instead. On a body of revolution it is of the whole turn.
 
     Raises
     ------
     BadInput
-        On every rank, for another condition or object, and for anything but a point.
+        On every rank, for an object that is none of ``bcs``, and for an invalid point.
 
     Examples
     --------
@@ -153,5 +159,8 @@ def reaction(
 def reaction_moment(
     problem: NonlinearProblem, condition: Any, about: Sequence[float] = (0, 0, 0)
 ) -> Array:
-    """Return the moment (3,) [N m] of a condition's force about a point: see `reaction`."""
+    """Return the moment (3,) [N m] of a condition's force about a point [m]. Collective.
+
+    See `reaction`.
+    """
     return reaction(problem, condition, about)

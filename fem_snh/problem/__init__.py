@@ -1,1 +1,1 @@
-"""Boundary value problems: conditions, bones, pressures; what a program or a scene solves."""
+"""Boundary value problems of scenes and programs: conditions, bones, pressures, vibrations."""

@@ -1,4 +1,4 @@
-"""The nodes of a mesh that lie in bones; where bones overlap, the deepest one has the node."""
+"""Bones: the nodes of a mesh that lie in them, their motion, and their forces on the body."""
 
 from __future__ import annotations
 
@@ -28,9 +28,8 @@ from fem_snh.problem.problem import Problem
 
 Array = npt.NDArray[Any]
 
-#: Differences of depth that count as none, in parts of the body's extent. Partitions compute
-#: coordinates that differ by rounding; a node on a surface, or as deep in two bones, must not
-#: depend on it.
+#: Depths that differ by less than this part of the body's extent are equal: coordinates differ by
+#: rounding between partitions, and the choice of a node's bone must not.
 _ROUNDING = 1e-9
 
 
@@ -44,23 +43,23 @@ class BoneNodes:
     comm : MPI.Intracomm
         The communicator of the mesh.
     nodes : (n,) int array
-        Its local nodes, ghosts included.
+        The bone's local nodes, ghosts included.
     X : (k, 3) array
-        Reference coordinates [length] of those that this rank owns.
+        Reference coordinates [length] of the k of these nodes that this rank owns.
 
     Attributes
     ----------
     count : int
-        Number of its nodes on all ranks.
+        Number of the bone's nodes on all ranks.
     centre : (3,) array
-        Centre of the bounding box of its nodes [length].
+        Centre of the bounding box of the bone's nodes [length].
     length : float
-        Twice the largest distance of a node from the centre [length].
+        Twice the largest distance of one of these nodes from the centre [length].
 
     Raises
     ------
     BadInput
-        On every rank, for noise with which a map of the bone is singular.
+        On every rank, if noise makes the bone's affine map singular at a load.
     """
 
     def __init__(self, bone: Bone, comm: MPI.Intracomm, nodes: Array, X: Array) -> None:
@@ -80,7 +79,7 @@ class BoneNodes:
 
     @property
     def origin(self) -> Array:
-        """The reference point about which its moment is given, (3,) [length]."""
+        """The reference point (3,) [length] whose present position the moment is about."""
         return self.centre if self.bone.origin is None else np.asarray(self.bone.origin)
 
     @property
@@ -89,7 +88,7 @@ class BoneNodes:
         return self.bone.motion is not None or self._noise is not None
 
     def affine(self, load: float) -> Array:
-        """Return the (3, 4) matrix [A | c] of x = A X + c [length] at a load."""
+        """Return the (3, 4) matrix [A | c] of the map x = A X + c [length] at a load, 0 to 1."""
         matrix = self.bone.affine(load)
         return matrix if self._noise is None else matrix + self._noise(load)
 
@@ -105,10 +104,9 @@ def place_bones(
 ) -> list[BoneNodes]:
     """Return each bone with its nodes: those on or below its surface. Collective.
 
-    A node that is in several bones follows the bone in which it is deepest, with the smallest
-    signed distance; a bone that is a group of the mesh precedes all shapes, and of bones in which
-    the node is equally deep the first by name is taken. A shape holds no `NodeCopies` of a lattice:
-    the part of the body to which they belong is elsewhere.
+    A node in several bones follows the bone in which it is deepest (smallest signed distance). A
+    group of the mesh precedes all shapes; between bones of equal depth the first by name is taken.
+    A shape holds no `NodeCopies` of a lattice: their part of the body is elsewhere.
 
     Parameters
     ----------
@@ -122,7 +120,8 @@ def place_bones(
     Raises
     ------
     BadInput
-        On every rank, for an unknown group or one that is no volume, and for a bone without a node.
+        On every rank, for an unknown group, a group that is no volume, a bone without a node, and
+        bones that hold all nodes of the body.
     """
     comm, owned = V.mesh.comm, _dolfinx.num_nodes(V)[0]
     X = V.tabulate_dof_coordinates()
@@ -150,7 +149,7 @@ def _listed(bones: Sequence[Bone]) -> str:
 
 
 def _copies(V: _dolfinx.FunctionSpace, mesh: Mesh | None) -> Array:
-    """Return which of this rank's own nodes are `NodeCopies` of the mesh, (n,). Collective."""
+    """Return which owned nodes are `NodeCopies` of the mesh, (owned nodes,) bool. Collective."""
     owned = _dolfinx.num_nodes(V)[0]
     if mesh is None or mesh.copies is None or not len(mesh.copies.cells):
         return np.zeros(owned, bool)
@@ -173,7 +172,11 @@ def _copies(V: _dolfinx.FunctionSpace, mesh: Mesh | None) -> Array:
 def _depths(
     V: _dolfinx.FunctionSpace, mesh: Mesh | None, bone: Bone, X: Array, copies: Array
 ) -> Array:
-    """Return the depth of points X (n, 3) [length]: infinite in a group, negative outside."""
+    """Return the depths (n,) [length] of the owned nodes at X (n, 3) in a bone.
+
+    In a group the depth is inf; outside of a shape it is negative, outside of a group, and for
+    ``copies`` in a shape, -inf.
+    """
     if bone.shape is not None:
         return np.asarray(np.where(copies, -np.inf, _depths_in(bone.shape, X)))
     if mesh is None or bone.group is None:
@@ -188,7 +191,7 @@ def _depths(
 
 
 def _depths_in(shape: Shape, X: Array) -> Array:
-    """Return the depth of points X (n, 3) [length] in a shape, negative outside."""
+    """Return the depths (n,) [length] of points X (n, 3) in a shape, negative outside."""
     if not isinstance(shape, ClosedSurface):
         return -shape.distance(X)
     # Its distance costs 10 us a point; that from its bounding box is a bound of it.
@@ -213,15 +216,15 @@ def _reason(bone: Bone, comm: MPI.Intracomm, depths: Array, tolerance: float) ->
     )
 
 
-#: Power of the distances. Above 3, the far bones together do not outweigh a near one; 2 to 4 cost
-#: the same iterations in an arm of two bones.
+#: Exponent of the distances. Above 3, many far bones do not outweigh a near one; 2 to 4 cost the
+#: same iterations in an arm of two bones.
 _POWER = 4.0
 
 
 class BoneBlend:
     r"""The weighted mean of the bones' motions at each node. Collective.
 
-    From load s to load e, a node at x goes to
+    From load s to load e, a node moves from x to
 
     .. math:: \sum_b w_b A_b(e) A_b(s)^{-1} x, \quad
               w_b = \frac{d_b^{-4}}{\sum_c d_c^{-4}},
@@ -249,13 +252,13 @@ class BoneBlend:
             nodes = self._X[bone.nodes[bone.nodes < owned]]
             distance = cKDTree(np.concatenate(comm.allgather(nodes))).query(self._X)[0]
             row[:] = distance
-        # Over the closest bone's distance, the largest weight is 1; nodes in bones have none.
+        # Relative to the closest bone's distance (0 for nodes in bones) no power overflows.
         closest = np.maximum(weights.min(axis=0), np.finfo(float).tiny)
         weights = np.maximum(weights / closest, 1.0) ** -_POWER
         self._weights = weights / weights.sum(axis=0)
 
     def move(self, x: PETSc.Vec, start: float, end: float) -> None:
-        """Move the displacement at the front of ``x`` from a load to another, in place."""
+        """Move the displacement in ``x``, its first entries, from load ``start`` to ``end``."""
         X = self._X
         u = x.array[: X.size].reshape(-1, 3)
         position, moved = X + u, -X
@@ -272,7 +275,7 @@ class BoneRecords:
     Parameters
     ----------
     problem : Problem
-        A problem whose conditions have bones.
+        A problem with bones.
     """
 
     def __init__(self, problem: Problem) -> None:
@@ -280,7 +283,7 @@ class BoneRecords:
         self._bones: list[BoneNodes] = problem.dirichlet.bones
 
     def blend(self) -> Callable[[PETSc.Vec, float, float], None]:
-        """Return the function that moves the flesh with the bones. Collective."""
+        """Return ``move(x, start, end)`` of a `BoneBlend` of the bones. Collective."""
         return BoneBlend(self._problem.V, self._bones).move
 
     def row(self) -> dict[str, dict[str, Any]]:
@@ -290,8 +293,8 @@ class BoneRecords:
         -------
         dict
             ``force`` [N], the sum of dE/du over the bone's nodes; ``moment`` [N m] of these forces
-            about ``origin``, the present position [length] of the bone's origin; ``nodes``, their
-            number; ``pose``, the three rows [A | c].
+            about ``origin``, the present position [length] of the bone's origin; ``nodes``, the
+            number of the bone's nodes; ``pose``, the three rows [A | c].
         """
         problem = self._problem
         X, r = problem.coordinates, problem.x.duplicate()

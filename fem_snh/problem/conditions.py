@@ -1,4 +1,4 @@
-"""Place conditions on a displacement space: tables, planes of symmetry, bones, dolfinx's own."""
+"""Dirichlet conditions of a displacement space: from tables, bones and dolfinx conditions."""
 
 from __future__ import annotations
 
@@ -36,15 +36,15 @@ Array = npt.NDArray[Any]
 
 #: Distance on the reference cell below which two nodes are the same.
 _SAME = 1e-9
-#: What the list of conditions may have.
+#: The accepted objects in ``bcs``, for messages.
 ACCEPTED = "a condition made by dolfinx.fem.dirichletbc, or Symmetry, Hold or Move"
 
 
 class LoadFunction:
-    """A function of the load that conditions and terms call, if it is set.
+    """A callable that passes the load to ``function``, or does nothing if that is None.
 
-    It is an object without a reference to the program's problem: PETSc's SNES refers to the
-    conditions, and Python's collector does not find a cycle that leads through PETSc.
+    The conditions hold it in place of a bound method of the program's problem: PETSc's SNES refers
+    to the conditions, and Python's collector does not find a cycle that leads through PETSc.
     """
 
     def __init__(self) -> None:
@@ -76,22 +76,22 @@ def place_conditions(
     given : sequence of Hold, Move, Symmetry or dolfinx DirichletBC
         The conditions: see `Dirichlet`.
     kinematics : Kinematics
-        Conditions have the components that it has.
+        The kinematics. A component that it lacks is left out of a Hold or Move.
     bones : sequence of BoneNodes, optional
-        Displacements of nodes, different ones, which override all others.
+        Bones with disjoint sets of nodes; they override all other conditions.
     on_load : callable, optional
         As for `Dirichlet`.
     lifted : LiftedValues, optional
-        The values of the conditions of dolfinx, if they are on another space.
+        Transfers dolfinx conditions to V, if they are on another space.
     amplitudes : Amplitudes, optional
         The tables that motions may name.
 
     Raises
     ------
     BadInput
-        On every rank, for what is no condition on this space, an unknown physical group, a
-        condition that a later one with other values overrides at all of its nodes, and a plane of
-        symmetry that is not plane, or that nodes leave.
+        On every rank, for an object that is no condition on this space, an unknown physical group,
+        a condition that a later motion overrides at all of its nodes, a curved surface of symmetry,
+        and a motion that takes nodes out of a plane of symmetry.
     """
     place = _Place(V, mesh, kinematics, lifted, amplitudes)
     conditions = [place.condition(one, number) for number, one in enumerate(given)]
@@ -105,7 +105,7 @@ def place_conditions(
 
 
 class _Place:
-    """Places conditions on a displacement space: see `place_conditions`."""
+    """The functions that make each `Condition` of a displacement space: see `place_conditions`."""
 
     def __init__(
         self,
@@ -120,7 +120,7 @@ class _Place:
         self._owned, self._X = _dolfinx.num_nodes(V)[0], V.tabulate_dof_coordinates()
 
     def condition(self, given: Any, number: int) -> Condition:
-        """Return a condition of the list, at its place in it. Collective."""
+        """Return the `Condition` of ``bcs[number]``, the object ``given``. Collective."""
         label = f"bcs[{number}]"
         if not is_condition(given):
             raise bad_value(label, given, ACCEPTED)
@@ -154,7 +154,10 @@ class _Place:
         motion: Any,
         moves: bool,
     ) -> Condition:
-        """Return a condition on some components of local nodes, (n,) int."""
+        """Return the condition on the components ``axes`` of local nodes, (n,) int.
+
+        The values are ``motion.displacement(X, load)`` [m], or zero without such a method.
+        """
         components, units = self._kinematics.components, np.eye(self._kinematics.components)
         directions = [(nodes, units[axis]) for axis in axes]
         own = nodes[nodes < self._owned]
@@ -170,7 +173,10 @@ class _Place:
         return found
 
     def _axes(self, given: Any) -> list[int]:
-        """Return the numbers of a condition's components; those of 3D alone are left out."""
+        """Return the numbers of a condition's components that the kinematics has.
+
+        It raises BadInput if there is none.
+        """
         known = self._kinematics.axes
         axes = [known.index(c) for c in given.components if c in known]
         if not axes:
@@ -179,7 +185,7 @@ class _Place:
         return axes
 
     def _of_dolfinx(self, bc: Any, label: str) -> Condition:
-        """Return a condition of dolfinx, or what it constrains in the lifted space. Collective."""
+        """Return the `Condition` of a dolfinx DirichletBC, on V or transferred to V. Collective."""
         if self._lifted:
             return self._lifted.condition(bc, label, self._owned)
         if not _dolfinx.bc_space_is_within(bc, self._V):
@@ -203,21 +209,23 @@ class _Place:
 
 
 class LiftedValues:
-    """Conditions of dolfinx on another space of the same cells, and their values. Collective.
+    """Transfers dolfinx conditions to another space on the same cells. Collective.
 
-    A node is constrained where a node of the program's space is that is, and in cells, on facets of
-    the boundary and on surfaces inside of the body all of whose nodes are. Its values are
-    interpolated.
+    A node of W is constrained if it coincides with a constrained node of V, or if it is in a cell,
+    on a facet of the boundary or on a facet inside of the body all of whose nodes in V are
+    constrained. The values are interpolated.
 
     Parameters
     ----------
     dirichlet : Dirichlet
-        The conditions on the program's space.
-    V, W : dolfinx function space
-        The program's space and the other one.
+        The conditions on V.
+    V : dolfinx function space
+        The program's space.
+    W : dolfinx function space
+        The other space.
     state : dolfinx Function, optional
-        The displacement in W whose values are those at all loads. Default: they are those of the
-        conditions at each load.
+        A displacement in W: the boundary values at all loads. Default: the values of the conditions
+        at each load.
     """
 
     def __init__(
@@ -230,13 +238,16 @@ class LiftedValues:
         self._dirichlet, self._V, self._W = dirichlet, V, W
         self._vector, self._given = _dolfinx.create_vector(V), _dolfinx.function(V, "given")
         self._lifted = _dolfinx.function(W, "lifted")
-        #: The load of the values; None of those of a state.
+        #: The load at which the values were interpolated; None if a state gives them.
         self._load: float | None = np.nan
         if state is not None:
             self._lifted.x.array[:], self._load = state.x.array, None
 
     def condition(self, bc: Any, label: str, owned: int) -> Condition:
-        """Return what a condition of dolfinx constrains here. Collective."""
+        """Return the `Condition` on W of a dolfinx DirichletBC on V. Collective.
+
+        ``owned`` is the number of nodes of W that this rank owns.
+        """
         mask = np.zeros_like(self._dirichlet.constrained)
         condition_of(self._dirichlet, bc, label).mark(mask)
         mask = _lifted_mask(self._V, self._W, mask)
@@ -249,7 +260,7 @@ class LiftedValues:
         return found
 
     def _at(self, load: float) -> Array:
-        """Return the values at this rank's nodes, ghosts included. Collective."""
+        """Return the values [m] at a load, (local dofs of W,), not a copy. Collective."""
         if self._load is not None and load != self._load:
             self._dirichlet.set_values(self._vector, load)
             update_ghosts(self._vector)
@@ -261,7 +272,10 @@ class LiftedValues:
 
 
 def _lifted_mask(V: _dolfinx.FunctionSpace, W: _dolfinx.FunctionSpace, mask: Array) -> Array:
-    """Return the components of W's nodes that are constrained if V's are. Collective."""
+    """Transfer ``mask``, the constrained components of V's nodes, to W's nodes. Collective.
+
+    Both masks are (local nodes, components) bool; `LiftedValues` has the rule.
+    """
     cell = _dolfinx.cell_name(V.mesh)
     points = [_dolfinx.reference_nodes(cell, _dolfinx.degree(space)) for space in (V, W)]
     distance = np.linalg.norm(points[1][:, None] - points[0][None], axis=2)
@@ -300,6 +314,6 @@ def condition_of(dirichlet: Dirichlet, given: Any, key: str) -> Condition:
 
 
 def is_condition(given: Any) -> bool:
-    """Whether an object is a condition of dolfinx, a plane of symmetry, or a table of a scene."""
+    """Return whether an object is a dolfinx DirichletBC, Symmetry, Hold or Move."""
     is_table = isinstance(given, Symmetry) or hasattr(given, "components")
     return hasattr(given, "dof_indices") or (is_table and hasattr(given, "group"))

@@ -1,4 +1,4 @@
-"""What a problem is made of, of a scene or a program, and the checks of a program's arguments."""
+"""The definition of a problem, from a scene or a program, and checks of a program's arguments."""
 
 from __future__ import annotations
 
@@ -36,19 +36,19 @@ if TYPE_CHECKING:
     from fem_snh.geometry.motions import Bone
 
 
-#: Keys of a measure's metadata that name a quadrature rule, and the values of the default one.
+#: Keys of a measure's metadata that name a quadrature rule, and their values for the default rule.
 RULE_KEYS = ("quadrature_rule", "quadrature_scheme")
 DEFAULT_RULES = (None, "", "default")
 
 
 @dataclass(frozen=True)
 class Definition:
-    """What a problem is made of, from which it is made again: in another element, at another nu.
+    """All data of a problem, from which `problem` creates it, in one element or several.
 
     Attributes
     ----------
     mesh : Mesh
-        The body in its reference configuration. That of a program has no physical groups.
+        The body in its reference configuration. A program may give a mesh without physical groups.
     element : Element
         The finite element; its cell must be the mesh's.
     fillings : sequence of Filling
@@ -56,21 +56,22 @@ class Definition:
     conditions : sequence of Hold, Move, Symmetry or dolfinx DirichletBC, optional
         The Dirichlet conditions: see `fem_snh.problem.conditions.place_conditions`.
     terms : sequence of Feature, ufl.Form or Term, optional
-        What acts beside the elastic energy: loads and contact; energies and residuals.
+        The loads, contacts, energies and residuals that act beside the elastic energy.
     u : dolfinx Function, optional
-        The displacement of a program, in which its forms are written.
+        The displacement of a program, a coefficient of its forms. Default: of a scene, none.
     volume : callable, optional
         A volume energy: see `fem_snh.terms.mean_volume.volume_term`.
     bones : sequence of Bone, optional
-        The bones, whose nodes follow them.
+        The bones, which prescribe the displacement of the nodes in them.
     amplitudes : Amplitudes, optional
         The tables that features may name, and the time of load 1.
     motion : callable, optional
-        Returns the motion in time of a body: `fem_snh.terms.body.CreateMotion`.
+        Creates the motion of a body in time: `fem_snh.terms.body.CreateMotion`. Default: statics.
     on_load : callable, optional
         ``on_load(load)`` sets a program's constants, functions and boundary values.
     reactions : sequence of str, int or ReactionGroup, optional
-        Groups whose reaction forces `Problem.reactions` returns, with the points of their moments.
+        Groups whose reaction forces `Problem.reactions` returns; a ReactionGroup may have a point
+        of the moment.
     volumes : sequence of str or int, optional
         Groups of cells whose volume ratios `Problem.measures` returns.
     """
@@ -92,19 +93,16 @@ class Definition:
     def problem(
         self, element: Element | None = None, u: Any = None, lifted: LiftedValues | None = None
     ) -> Problem:
-        """Return the problem, with another element or displacement if one is given. Collective.
-
-        In an element of a higher degree than the definition's, cells inside of bones that are
-        shapes are not assembled.
+        """Create the problem. Collective.
 
         Parameters
         ----------
         element : Element, optional
-            The other element, on the same cells.
+            Another element on the same cells. Default: the definition's.
         u : dolfinx Function, optional
-            The displacement. Default: that of the program, otherwise a new one.
+            The displacement. Default: the program's, or for a scene a new Function.
         lifted : LiftedValues, optional
-            The values of the conditions of dolfinx, if ``u`` is in another space than theirs.
+            Transfers dolfinx conditions to the space of ``u``, if they are on another space.
 
         Raises
         ------
@@ -156,7 +154,10 @@ class Definition:
         return problem
 
     def _term(self, term: Any, name: str, u: _dolfinx.Function, depends_on_load: bool) -> Any:
-        """Return a feature or a term as it is, and the term of a form. Collective."""
+        """Return the `UFLTerm` of a form, in ``u``; otherwise ``term`` as it is. Collective.
+
+        It raises BadInput for a `Term` if ``u`` is not the program's displacement.
+        """
         if isinstance(term, ufl.Form):
             form = term if u is self.u else _form_of(term, self.u, u)
             return UFLTerm(form, u, name, depends_on_load)
@@ -166,7 +167,7 @@ class Definition:
 
 
 def lifted_problem(problem: Problem, element: Element, start: Any = None) -> Problem:
-    """Return the problem of a program with another element, at its state and load. Collective.
+    """Return a program's problem in another element, at the same state and load. Collective.
 
     Parameters
     ----------
@@ -175,14 +176,14 @@ def lifted_problem(problem: Problem, element: Element, start: Any = None) -> Pro
     element : Element
         The other element, on the same cells.
     start : dolfinx Function, optional
-        The displacement to begin from, on the problem's space. Boundary values and forms then
-        follow the load, as the program's do, and the body moves in time if the program's does.
-        Default: the solution, with its boundary values.
+        The displacement at which a path begins, on the problem's space: boundary values and forms
+        depend on the load, and the body moves in time, as in the program. Default: the state is the
+        present solution, interpolated, and its boundary values are constant.
 
     Raises
     ------
     BadInput
-        On every rank, for a term of the program's own, which is made for its space.
+        On every rank, if the program gave a `Term` object, which belongs to one space.
     """
     definition, components = problem.definition, problem.kinematics.components
     V = _dolfinx.function_space(problem.domain, element.degree, (components,))
@@ -201,10 +202,10 @@ def lifted_problem(problem: Problem, element: Element, start: Any = None) -> Pro
 
 
 def _form_of(form: Any, u: _dolfinx.Function, other: Any) -> Any:
-    """Return a form of another displacement, of a higher degree.
+    """Return a form with ``u`` replaced by ``other``, a displacement of a higher degree.
 
-    Given quadrature degrees grow with it: those of the program's element would leave the lifted one
-    modes without energy.
+    Explicit quadrature degrees increase by twice the difference of the degrees: with the program's
+    quadrature the higher element has modes without energy.
     """
     V, W = u.function_space, other.function_space
     tests = {old: ufl.TestFunction(W) for old in form.arguments()}
@@ -219,10 +220,10 @@ def _form_of(form: Any, u: _dolfinx.Function, other: Any) -> Any:
     return ufl.Form(integrals)
 
 
-#: UFL's symbols of the integrals that a term may have, and what they integrate over.
+#: UFL's measures by the type of an integral, and the entities that they integrate over.
 _SYMBOLS = {"cell": "dx", "exterior_facet": "ds"}
 _ENTITIES = {"dx": "cells", "ds": "facets of the boundary"}
-#: What a mapping of densities has.
+#: The accepted value of ``densities``, for messages.
 DENSITIES = "{material: density > 0}"
 
 
@@ -245,7 +246,7 @@ def define(
     integrator: str = "",
     duration: float | None = None,
 ) -> Definition:
-    """Return the definition of the problem of a displacement in a dolfinx program. Collective.
+    """Check the arguments of a dolfinx program; return the definition of its problem. Collective.
 
     Parameters
     ----------
@@ -255,14 +256,14 @@ def define(
     on_load, motion : callable, optional
         As for `Definition`.
     integrator : str, optional
-        The integrator of the motion in time; none without a motion.
+        The name of the time integrator; empty in statics.
     duration : float, optional
-        The time of load 1 [s], of a motion in time.
+        The time of load 1 [s]; None in statics.
 
     Raises
     ------
     BadInput
-        On every rank, for input that does not fit together.
+        On every rank, for arguments of a wrong type or that contradict each other.
     """
     chosen = check_displacement(u, kinematics)
     check_materials(materials, mesh)
@@ -290,14 +291,14 @@ def define(
 
 
 class _ProgramKeys(SimpleNamespace):
-    """The keys of a scene that a program has, for `Feature.check`; all others are None."""
+    """A program in place of the scene that `Feature.check` takes; keys not given are None."""
 
     def __getattr__(self, key: str) -> None:
         return None
 
 
 def _check_features(terms: Sequence[Any], element: Element, integrator: str) -> None:
-    """Raise BadInput if features contradict each other, the element or the motion in time."""
+    """Raise BadInput for features that contradict each other, the element or the integrator."""
     features = [term for term in terms if isinstance(term, Feature)]
     obstacles = [feature for feature in features if feature.key == "obstacle"]
     time = SimpleNamespace(integrator=integrator) if integrator else None
@@ -311,7 +312,7 @@ def _check_features(terms: Sequence[Any], element: Element, integrator: str) -> 
 
 
 def check_lists(problem: Problem, bcs: Sequence[Any] | None, terms: Sequence[Any] | None) -> None:
-    """Raise BadInput if a list that a problem was made of has changed since then."""
+    """Raise BadInput unless the lists hold the objects that the problem was made of."""
     definition = problem.definition
     made_of = {"bcs": (bcs, definition.conditions), "terms": (terms, definition.terms)}
     for key, (present, given) in made_of.items():
@@ -321,7 +322,7 @@ def check_lists(problem: Problem, bcs: Sequence[Any] | None, terms: Sequence[Any
 
 
 def _check_term(term: Any, name: str, u: _dolfinx.Function) -> None:
-    """Raise BadInput for what is no feature, no term and no form of ``u``. Collective."""
+    """Raise BadInput unless ``term`` is a feature, a term or a form of ``u``. Collective."""
     if isinstance(term, Feature | Term):
         return
     if isinstance(term, Symmetry):
@@ -333,7 +334,7 @@ def _check_term(term: Any, name: str, u: _dolfinx.Function) -> None:
 def _checked(
     densities: Mapping[Material, float] | None, materials: Mapping[Material, Any]
 ) -> Mapping[Material, float]:
-    """Return the densities, of None none; raise BadInput unless their keys are materials."""
+    """Return the densities, {} for None; raise BadInput for a key that is not in ``materials``."""
     densities = {} if densities is None else densities
     if not isinstance(densities, Mapping):
         raise bad_value("densities", densities, DENSITIES)
@@ -343,7 +344,7 @@ def _checked(
 
 
 def check_displacement(u: _dolfinx.Function, name: str | None = None) -> Kinematics:
-    """Return the kinematics of a displacement; ``name`` is that of one in two dimensions.
+    """Return the kinematics of a displacement; ``name`` is its name, None in three dimensions.
 
     Raises
     ------
@@ -380,7 +381,7 @@ def check_displacement(u: _dolfinx.Function, name: str | None = None) -> Kinemat
 
 
 def check_materials(materials: Any, mesh: Mesh | None = None) -> None:
-    """Raise BadInput unless ``materials`` maps materials to measures of cells, or groups."""
+    """Raise BadInput unless ``materials`` maps materials to measures or, with a mesh, to groups."""
     accepted = "{fem_snh.material(...): a measure dx of cells}"
     if not isinstance(materials, Mapping):
         raise bad_value("materials", materials, accepted)
@@ -391,7 +392,7 @@ def check_materials(materials: Any, mesh: Mesh | None = None) -> None:
 
 
 def _listed(key: str, values: Any, accepted: str) -> Sequence[Any]:
-    """Return a list or a tuple, of None an empty one; raise BadInput for anything else."""
+    """Return a list or a tuple, () for None; raise BadInput for anything else."""
     if values is None:
         return ()
     if not isinstance(values, Sequence) or isinstance(values, str):
@@ -400,7 +401,7 @@ def _listed(key: str, values: Any, accepted: str) -> Sequence[Any]:
 
 
 def _check_integrals(form: Any, name: str, domain: _dolfinx.Mesh) -> None:
-    """Raise BadInput if an integral of a form is over no cell or facet of any rank. Collective."""
+    """Raise BadInput if a subdomain of a form has no cell or facet on any rank. Collective."""
     for integral in form.integrals():
         symbol = _SYMBOLS[integral.integral_type()]
         try:
@@ -421,7 +422,11 @@ def _element(
     quadrature: int | None,
     kinematics: Kinematics,
 ) -> Element:
-    """The element by name or by the displacement's space, with the measures' quadrature degree."""
+    """Return the element ``name``, by default the first of ``u``'s cell and degree.
+
+    Its quadrature degree is the measures', else ``quadrature``. It raises BadInput for an element
+    of another cell or degree, and for measures with different degrees.
+    """
     V = u.function_space
     cell, degree = _dolfinx.cell_name(V.mesh), _dolfinx.degree(V)
     fitting = [other for other in names_for(cell) if ELEMENTS[other].degree == degree]
@@ -438,7 +443,7 @@ def _element(
 
 
 def _quadrature_degree(material: Material, measure: Any) -> Any:
-    """Return the degree in a measure's metadata; raise BadInput for what would be ignored."""
+    """Return the degree in a measure's metadata, or None; raise BadInput for other metadata."""
     known = {"quadrature_degree", *RULE_KEYS}
     key = f"materials[{material.name}].metadata"
     for name, value in measure.metadata().items():

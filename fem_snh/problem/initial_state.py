@@ -16,17 +16,22 @@ from fem_snh.problem.problem import Problem
 if TYPE_CHECKING:
     from fem_snh.scenes import Start
 
-#: Nodes are identified by their coordinates rounded to this fraction of the body's size.
+#: Nodes are identified by their coordinates, rounded to this fraction of the body's extent.
 _GRID = 1e-7
 #: Offset of the grid, in grid spacings: irrational, so that no node is where rounding is ambiguous.
 _SHIFT = np.sqrt(2) / 4
 
 
 def set_initial_state(problem: Problem, state: Start) -> None:
-    """Set ``problem.x`` to an initial state. Collective.
+    """Set the displacement in ``problem.x`` to an affine map or random positions. Collective.
 
-    All nodes move, those in the middle of edges too. Constrained dofs have their values at the
-    present load, a pressure is zero. The state does not depend on the number of ranks.
+    Each node moves independently, also in the middle of an edge. Constrained dofs get their values
+    at the present load; unknown pressures keep theirs. The result does not depend on the partition.
+
+    Raises
+    ------
+    BadInput
+        For a map that does not keep a mesh of two dimensions in its plane.
     """
     X, kinematics = problem.coordinates, problem.kinematics
     if state.map is not None and kinematics.components == 2 and any(state.map[2][:2]):
@@ -48,18 +53,24 @@ def set_initial_state(problem: Problem, state: Start) -> None:
 
 
 def initial_velocity(problem: Problem, state: Start) -> Callable[[np.ndarray], np.ndarray] | None:
-    r"""Return the initial velocity [m/s] as a function of the reference coordinates of all nodes.
+    r"""Return the initial velocity as a function of the reference coordinates. Collective.
 
     .. math:: v(X) = v_0 + \omega \times (X + u(X) - c)
 
-    with the displacement u that was evaluated last. The function's argument and result are of the
-    local nodes, ghosts included, (nodes, 3) and (nodes, components); without a velocity there is no
-    function. On a body of revolution the angular velocity is about its axis. Collective.
+    with the displacement ``problem.u`` when the function is called, and the point c of the axis:
+    ``state.through``, by default the centre of the bounding box; on a body of revolution, the axis
+    of the body.
+
+    Returns
+    -------
+    callable or None
+        A function of the coordinates of all local nodes, ghosts included, (local nodes, 3) [m],
+        that returns velocities (local nodes, components) [m/s]; None if the state has no velocity.
 
     Raises
     ------
     BadInput
-        For a velocity that leaves the plane.
+        For a velocity out of the plane, or a rotation that the kinematics does not have.
     """
     if state.velocity is None and state.angular_velocity is None:
         return None
@@ -87,7 +98,7 @@ def initial_velocity(problem: Problem, state: Start) -> Callable[[np.ndarray], n
 def _check_velocity(
     kinematics: Kinematics, key: str, value: Sequence[float] | None, axes: Sequence[str]
 ) -> None:
-    """Raise BadInput for a component that is not along one of the axes."""
+    """Raise BadInput if a component of a vector along an axis not in ``axes`` is not zero."""
     if any(number and axis not in axes for axis, number in zip("xyz", value or (), strict=False)):
         accepted = in_words(axes) if axes else "none"
         accepted = f"only these components: {accepted}, in {kinematics.name}"
@@ -95,7 +106,10 @@ def _check_velocity(
 
 
 def bounding_box(comm: MPI.Comm, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the smallest and the largest coordinates on all ranks. Collective."""
+    """Return the smallest and the largest coordinates, (3,) each, on all ranks. Collective.
+
+    ``X`` are this rank's points, (n, 3). Without any point on any rank they are inf and -inf.
+    """
     low, high = X.min(axis=0, initial=np.inf), X.max(axis=0, initial=-np.inf)
     comm.Allreduce(MPI.IN_PLACE, low, op=MPI.MIN)
     comm.Allreduce(MPI.IN_PLACE, high, op=MPI.MAX)
@@ -103,10 +117,10 @@ def bounding_box(comm: MPI.Comm, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]
 
 
 def _random(comm: MPI.Comm, scaled: np.ndarray, seed: int, stream: int = 0) -> np.ndarray:
-    """Return (n, 3) random numbers in [0, 1) that depend on a node's coordinates, not on its rank.
+    """Return random numbers in [0, 1) for this rank's nodes, (n, 3). Collective.
 
-    ``scaled`` (n, 3) are the coordinates of this rank's nodes relative to the body's size. Every
-    rank draws the numbers of all nodes, in the order of their coordinates.
+    ``scaled`` (n, 3) are the nodes' coordinates relative to the body's extent. Every rank draws the
+    numbers of all nodes in the order of their coordinates, so the partition has no influence.
     """
     parts = comm.allgather(np.round(scaled / _GRID + _SHIFT))
     first = sum(len(part) for part in parts[: comm.rank])

@@ -1,4 +1,4 @@
-"""Points of a body whose displacement is evaluated."""
+"""Probes: the displacement at given points of a body."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class ProbePoint(Protocol):
 
     @property
     def point(self) -> Sequence[float]:
-        """Its (3,) reference coordinates [m]."""
+        """The probe's (3,) reference coordinates [m]."""
 
 
 class Probes:
@@ -42,7 +42,7 @@ class Probes:
     u : dolfinx Function
         The displacement.
     probes : sequence of ProbePoint
-        The points.
+        The points, with different names.
 
     Raises
     ------
@@ -73,13 +73,13 @@ class Probes:
                 self._local.append((number, nodes, weights[number]))
 
     def weights(self) -> list[tuple[Any, Any]]:
-        """Return local nodes and their basis values, for each point in a cell of this rank."""
+        """Return (local nodes, basis values), (k,) each, of each point in a cell of this rank."""
         return [(nodes, weights) for _, nodes, weights in self._local]
 
     def values(self) -> dict[str, list[float]]:
-        """Return the displacement [m] of each point by name, the same on all ranks. Collective.
+        """Return the displacement [m] of each point by name, on all ranks. Collective.
 
-        It has three components, of which those that a mesh of two dimensions lacks are zero.
+        It always has three components; components that the kinematics lacks are zero.
         """
         if not self._names:
             return {}

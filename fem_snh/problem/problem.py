@@ -1,4 +1,4 @@
-"""A boundary value problem: unknowns, element, materials, energy terms, Dirichlet conditions."""
+"""A discretised boundary value problem: unknowns, element, materials, terms, conditions."""
 
 from __future__ import annotations
 
@@ -55,16 +55,16 @@ if TYPE_CHECKING:
 
 Array = npt.NDArray[Any]
 
-#: Relative rounding error of a number.
+#: The machine epsilon of double precision.
 _EPS = float(np.finfo(float).eps)
-#: Forces of a constant pressure on what is free, relative to all of them, that are rounding.
+#: Forces of a constant pressure on free dofs that are rounding, over its forces on all dofs.
 _NO_FORCE = 1e-9
 
 
 class Problem:
-    """The energy of a body at a given load, whose minimiser is the displacement. Collective.
+    """The discretised energy of a body at a load, minimal at the displacement. Collective.
 
-    With an unknown pressure both are at a saddle point of it.
+    With an unknown pressure, displacement and pressure are a saddle point of the energy.
 
     Parameters
     ----------
@@ -81,58 +81,69 @@ class Problem:
     reactions : Reactions, optional
         The groups whose reaction forces `reactions` returns.
     parts : mapping of arrays, optional
-        Cells, among those this rank owns, of the parts whose volume ratios `measures` returns.
+        Parts of the body by name, each the cells of it that this rank owns, (n,) int; `measures`
+        returns their volume ratios.
     motion : MotionInTime, optional
-        The motion in time, whose terms are among ``terms``.
+        The motion in time, whose terms must be among ``terms``; None in statics.
     skin : Skin, optional
         The surface that a lattice carries.
 
     Attributes
     ----------
     domain : dolfinx Mesh
-    V, u : dolfinx function space and Function
-        The displacement's space; the displacement [m] that was evaluated last, ghosts included.
+    V : dolfinx function space
+        The displacement's space.
+    u : dolfinx Function
+        The displacement [m]. Without an unknown pressure it shares the memory of ``x``; otherwise
+        it is the displacement of the vector that `split` got last, ghosts included.
     x : PETSc.Vec
-        The unknowns: the displacement's dofs, then a pressure's if there is one.
+        The unknowns that this rank owns: displacement dofs, then pressure dofs if there are any.
     matrix : BlockMatrix
         The matrix to which the terms add their Hessians.
     A : PETSc.Mat
-        Its PETSc matrix, which `jacobian` fills; its near null space holds the rigid motions.
+        The PETSc matrix of ``matrix``, which `jacobian` fills. Without an unknown pressure its near
+        null space holds the rigid motions.
     operator : PETSc.Mat
-        The Hessian: ``A``, plus matrices of rank one if a term has them.
+        The Hessian: ``A``, or a MATLRC that adds matrices of rank one if a term has them.
     saddle_point : PressureBlock or None
-        What a solver needs to know of a Taylor-Hood element's pressure.
-    terms, history : list of Term, TermHistory
-        All terms, the elastic energy first; what they keep from step to step.
+        The pressure block of an element with an unknown pressure; None for other elements.
+    terms : list of Term
+        All terms, the elastic energy first.
+    history : TermHistory
+        What the terms keep from step to step.
     coupling_terms : list of CouplingTerm
-        Those that couple nodes of different cells: surfaces of the body that touch each other.
+        The terms that couple nodes of different cells: contact between surfaces of the body.
     dirichlet : Dirichlet
         The constrained dofs and their values.
     rigid_cells : (n,) int
-        This rank's own cells that are not assembled: those in rigid parts.
+        The cells of rigid parts that this rank owns, which are not assembled.
     rigid : RigidParts or None
-        The rigid parts, whose nodes follow six unknowns each.
+        The rigid parts; the nodes of each part follow its six unknowns.
     largest_step : StepLimit or None
-        The part of a step that the terms admit; None if they admit every step.
+        ``largest_step(x, d)`` returns the fraction of a step d that the terms admit; None if they
+        admit every step.
     constrained_dofs : (n,) int
         The constrained dofs this rank owns, as indices into the local part of ``x``.
     kinematics : Kinematics
         How the displacement becomes a deformation gradient. On a plane, energies are per thickness
         [J/m] and forces are [N/m]; on a body of revolution both are of the whole turn.
-    load, length : float
-        The load parameter, 0 to 1; V^(1/3) [m], V the reference volume; of a plane the root of the
-        area.
-    modulus, force_scale : float
-        The scale E of the moduli [Pa] (`fem_snh.assembly.regions.reference_modulus`); E V^(2/3)
-        [N], of a plane E times `length` [N/m].
+    load : float
+        The load parameter, 0 to 1.
+    length : float
+        V^(1/3) [m], V the reference volume; the root of the area of a plane.
+    modulus : float
+        The scale E of the moduli [Pa]: `fem_snh.assembly.regions.reference_modulus`.
+    force_scale : float
+        E V^(2/3) [N]; for a plane E times `length` [N/m].
     definition : Definition
-        What it was made of, if `fem_snh.problem.definition.Definition.problem` made it.
+        The definition by whose `fem_snh.problem.definition.Definition.problem` the problem was
+        created; otherwise missing.
     asymmetric : bool
-        Whether the last Hessian is not symmetric.
+        Whether the Hessian assembled last is not symmetric.
     nonfinite : int
         Number of energies evaluated so far that were infinite or NaN.
     seconds : dict of float
-        Time for evaluations ("assemble"), without compilation.
+        {"assemble": seconds of all evaluations so far, without compilation}.
 
     Raises
     ------
@@ -203,17 +214,17 @@ class Problem:
 
     @property
     def num_cells(self) -> int:
-        """Cells on all ranks."""
+        """Number of cells on all ranks."""
         return _dolfinx.num_cells(self.domain)
 
     @property
     def has_energy(self) -> bool:
-        """Whether all terms are energies: their residual is a gradient."""
+        """Whether all terms have an energy, so that the residual is its gradient."""
         return all(term.has_energy for term in self.terms)
 
     @property
     def constrained_nodes(self) -> Array:
-        """(n,) bool: which of this rank's own nodes have a constrained direction."""
+        """(owned nodes,) bool: which nodes have a constrained direction or are on a rigid part."""
         found = self.dirichlet.constrained_nodes[: len(self.coordinates)]
         if self.rigid:
             found[self.rigid.nodes] = True
@@ -221,7 +232,7 @@ class Problem:
 
     @cached_property
     def regime(self) -> Regime:
-        """What a solver chooses its defaults by. Collective."""
+        """The properties by which a solver chooses its defaults. Collective."""
         body = self.coordinates, self.element, self.elastic.parts
         return regime_of(self.comm, *body, self.terms, self.constrained_nodes)
 
@@ -229,8 +240,8 @@ class Problem:
     def pressure_level_is_free(self) -> bool:
         """Whether an unknown pressure is determined up to a constant only. Collective.
 
-        It is at nu = 1/2 where the whole boundary is prescribed: a constant pressure then does no
-        work along any displacement that is free.
+        So it is at nu = 1/2 if the whole boundary is constrained: a constant pressure then does no
+        work along any free displacement.
         """
         finite = any(isfinite(part.region.material.lame[1]) for part in self.elastic.parts)
         if self.saddle_point is None or finite:
@@ -251,22 +262,25 @@ class Problem:
 
     @property
     def symmetric(self) -> bool:
-        """Whether exact Hessians have no part that is not symmetric, at any state."""
+        """Whether the exact Hessian is symmetric at every state."""
         return not self._asymmetric_terms
 
     def scale_penalties(self, factor: float) -> bool:
-        """Multiply the stiffness of all penalties; return whether there are any."""
+        """Multiply the stiffness of all penalties; return whether a term has penalties."""
         return any([term.scale_penalties(factor) for term in self.terms])
 
     @contextmanager
     def kept_fields(self) -> Iterator[None]:
-        """Keep the values of ``u``, a program's initial guess, while other ``x`` are evaluated."""
+        """Restore ``u``, a program's initial guess, and the pressure at the end of the context."""
         with self._unknowns.kept_fields():
             yield
 
     @cached_property
     def retraction(self) -> Paths | None:
-        """The path of a step, along which stiff and rigid parts turn, or None. Collective."""
+        """The paths of steps, along which stiff and rigid parts rotate. Collective.
+
+        None if all steps are straight.
+        """
         deformable = [part.region for part in self.elastic.parts]
         fixed = self.dirichlet.constrained[: len(self.coordinates)]
         excluded = np.zeros(len(fixed), bool)
@@ -278,22 +292,25 @@ class Problem:
 
     @property
     def step_end(self) -> Callable[[PETSc.Vec], None] | None:
-        """`prescribe`, for nodes in inclined planes, which inexact linear solves leave; or None."""
+        """`prescribe`, to correct a step's end; None if no node has an inclined plane of symmetry.
+
+        Steps of inexact linear solves take nodes out of inclined planes.
+        """
         return self.prescribe if self.dirichlet.planes else None
 
     def largest_force(self, x: PETSc.Vec) -> float:
-        """Return the largest norm of a term's forces on all dofs [N]. Collective.
+        """Return the largest 2-norm of one term's forces on all dofs [N]. Collective.
 
-        At an equilibrium the elastic forces balance loads and contact on free dofs, and are the
-        reactions on constrained ones. Loads on rigid parts count as well.
+        Constrained dofs count, so reactions do; loads, drives and springs of rigid parts count too.
         """
         return max(norm for _, norm, _ in self.force_norms(x))
 
     def force_norms(self, x: PETSc.Vec) -> Iterator[tuple[Term, float, bool]]:
-        """Yield each term with the norm of its forces on all dofs [N]. Collective.
+        """Yield (term, norm, rounds) for each term. Collective.
 
-        And whether they are rounding at rest: those of springs, and of energies in UFL. The loads,
-        drives and springs of rigid parts come one by one, on their unknowns.
+        ``norm`` is the 2-norm of the term's forces on all dofs [N]. ``rounds`` tells whether the
+        forces of the undeformed body are rounding errors, not zeros: springs of rigid parts, UFL
+        energies. Rigid parts come three times, with their loads, drives and springs.
         """
         if self.rigid:
             loads, drives, springs = self.rigid.force_norms(x)
@@ -305,14 +322,14 @@ class Problem:
             yield term, force.norm(), term.rounds_identity
 
     def rounding_force(self, x: PETSc.Vec, least: float = 0.0) -> float:
-        r"""Return a bound of the residual's rounding error [N]; 0 where it is below ``least``.
+        r"""Return a bound of the residual's rounding error [N]; 0 if it is below ``least``.
 
         .. math:: \epsilon \left\| |A| \, m \right\|_2
 
-        (Tisseur 2001), A the Hessian assembled last. The size m of an unknown is :math:`|x|`.
-        It is that of the position :math:`|X| + |x|` where positions decide: in cells with rigid
-        nodes, and at nodes that touch something; where no force acts and the body is at rest; and
-        that of a cell more where an energy is a UFL form, which rounds F = I + H. Collective.
+        (Tisseur 2001), with the Hessian A assembled last and m the size of the numbers that are
+        rounded at each dof: :math:`|x|`, but the position :math:`|X| + |x|` in cells with rigid
+        nodes, where contact acts, and everywhere if the body is at rest without forces. If an
+        energy is a UFL form, which rounds F = I + H, m is larger by the size of a cell. Collective.
         """
         sizes, positions = self.x.duplicate(), self.x.duplicate()
         positions.set(0.0)
@@ -354,9 +371,9 @@ class Problem:
 
     @cached_property
     def _beside_rigid(self) -> Array:
-        """(owned displacements,) bool: which are in a cell with rigid nodes. Collective.
+        """(owned displacement dofs,) bool: which are in a cell with rigid nodes. Collective.
 
-        A matrix has no columns of rigid nodes, whose rounded positions load the nodes beside them.
+        `A` has no columns for rigid nodes, but their rounded positions load the nodes beside them.
         """
         assert self.rigid
         rigid = np.zeros(self.owned_displacements)
@@ -369,17 +386,17 @@ class Problem:
 
     @property
     def coordinates(self) -> Array:
-        """(n, 3) reference coordinates [m] of the displacement nodes that this rank owns."""
+        """(owned nodes, 3) reference coordinates [m] of the displacement nodes."""
         return self.V.tabulate_dof_coordinates()[: self._unknowns.num_owned_nodes]
 
     @property
     def dofs(self) -> int:
-        """Degrees of freedom on all ranks, constrained ones included."""
+        """Number of degrees of freedom on all ranks, constrained ones included."""
         return int(self.x.getSize())
 
     @property
     def owned_displacements(self) -> int:
-        """The displacement's degrees of freedom that this rank owns, the first entries of ``x``."""
+        """Number of displacement dofs that this rank owns: the first entries of ``x``."""
         return self._unknowns.components * self._unknowns.num_owned_nodes
 
     @property
@@ -395,9 +412,10 @@ class Problem:
             term.set_load(load)
 
     def interpolate(self, other: Problem) -> None:
-        """Set ``x`` to the displacement of a problem on the same cells, at its load. Collective.
+        """Set the load and ``x`` from a problem on the same cells. Collective.
 
-        What is constrained has its own values, and unknown pressures are zero.
+        The displacement of ``other`` is interpolated. Constrained dofs get this problem's boundary
+        values, and unknown pressures are zero.
         """
         self.set_load(other.load)
         other.split(other.x)
@@ -410,31 +428,41 @@ class Problem:
     def update_lagged(self) -> bool:
         """Update the terms' lagged quantities at ``x``; return whether to solve again. Collective.
 
-        It raises `NotSettled` as `TermHistory.update_lagged` does.
+        Raises
+        ------
+        NotSettled
+            On every rank: see `TermHistory.update_lagged`.
         """
         return self.history.update_lagged(self.split(self.x)[0])
 
     def prescribe(self, x: PETSc.Vec) -> None:
-        """Set what is constrained of ``x`` to its values at the present load."""
+        """Set constrained dofs and directions of ``x`` to their values at the present load."""
         poses = self.rigid.poses(x) if self.rigid else None
         self.dirichlet.set_values(x, self.load)
         if self.rigid:
             self.rigid.prescribe(x, self.load, poses)
 
     def project(self, values: Array) -> None:
-        """Set what is constrained of this rank's part of a vector like ``x`` to zero, in place."""
+        """Set constrained dofs and directions of a vector to zero, in place.
+
+        ``values`` is this rank's part of a vector with the layout of ``x``.
+        """
         values[self.constrained_dofs] = 0.0
         self.dirichlet.project(values)
 
     def split(self, x: PETSc.Vec) -> tuple[PETSc.Vec, PETSc.Vec | None]:
-        """Update ``u``, and the pressure, from ``x``; return their ghosted vectors. Collective."""
+        """Return the ghosted vectors of displacement and pressure of ``x``. Collective.
+
+        Without an unknown pressure they are ``x``, whose ghosts are updated, and None; otherwise
+        the vectors of ``u`` and of the pressure, which are set.
+        """
         return self._unknowns.split(x)
 
     @timed
     def energy(self, x: PETSc.Vec) -> float:
         """Return the energy of all terms [J]; +inf outside the material's domain. Collective.
 
-        It raises BadInput if a term has no energy.
+        All terms must have an energy: see `has_energy`.
         """
         u, p = self._unknowns.split(x)
         energy = sum(term.energy(u, p) for term in self.terms)
@@ -442,7 +470,10 @@ class Problem:
         return energy
 
     def residual(self, x: PETSc.Vec, r: PETSc.Vec) -> None:
-        """Assemble r = dE/dx [N], zero in constrained directions. Collective."""
+        """Assemble r = dE/dx [N], zero at constrained dofs and directions. Collective.
+
+        Forces on nodes of rigid parts become forces on the unknowns of the parts.
+        """
         self.gradient(x, r)
         if self.rigid:
             self.rigid.reduce(x, r)
@@ -450,7 +481,10 @@ class Problem:
 
     @timed
     def gradient(self, x: PETSc.Vec, r: PETSc.Vec, terms: Sequence[Term] | None = None) -> None:
-        """Assemble r = dE/dx [N] of all terms or of some, with the reactions. Collective."""
+        """Assemble r = dE/dx [N] of ``terms``, by default of all. Collective.
+
+        Constrained dofs and nodes of rigid parts keep their forces: the reactions.
+        """
         u, p = self._unknowns.split(x)
         with self._unknowns.residual(r) as (r_u, r_p):
             for term in self.terms if terms is None else terms:
@@ -458,12 +492,22 @@ class Problem:
 
     @timed
     def jacobian(self, x: PETSc.Vec, filter: str, whole: bool = False) -> int:
-        """Fill ``A`` with the Hessian d2E/dx2 [N/m]. Collective.
+        """Fill ``A`` with the Hessian d2E/dx2 [N/m], and set `asymmetric`. Collective.
 
-        ``filter``, one of `fem_snh.choices.FILTERS`, decides what becomes of negative eigenvalues.
-        Of forces without an energy it has the symmetric part, or if it is exact the ``whole`` of
-        their derivative. The result is the number of filtered quadrature points and cells, on all
-        ranks.
+        Parameters
+        ----------
+        x : PETSc.Vec
+            The unknowns.
+        filter : str
+            How negative eigenvalues are filtered: one of `fem_snh.choices.FILTERS`.
+        whole : bool, optional
+            Whether an exact Hessian contains the whole derivative of forces without an energy;
+            otherwise it contains the symmetric part, as filtered Hessians do.
+
+        Returns
+        -------
+        int
+            The number of filtered quadrature points and cells on all ranks.
         """
         for term in self._asymmetric_terms:
             term.symmetric = not whole
@@ -486,15 +530,16 @@ class Problem:
         return int(self.comm.allreduce(filtered))
 
     def reactions(self, x: PETSc.Vec) -> dict[str, list[float]]:
-        """Return the reaction force [N] of each of the chosen groups. Collective.
+        """Return the reaction force (3,) [N] of each group of `Reactions` by name. Collective.
 
-        The sum of dE/du over the group's nodes: the force that the constraint exerts on the body.
+        It is the sum of dE/du that `Reactions.sums` describes: the force of the group's conditions
+        on the body.
         """
         return self.reaction_sums(x).get("reactions", {})
 
     @property
     def reaction_notes(self) -> list[str]:
-        """Lines on the groups of `reactions` that have forces of other groups' conditions."""
+        """Notes on groups whose reaction includes or lacks forces of other groups' conditions."""
         return self._reactions.notes if self._reactions else []
 
     def reaction_sums(self, x: PETSc.Vec) -> dict[str, dict[str, list[float]]]:
@@ -506,7 +551,7 @@ class Problem:
         return self._reactions.sums(x.array_r, r.array_r)
 
     def rigid_states(self, x: PETSc.Vec) -> dict[str, dict[str, list[float]]]:
-        """Return poses, forces and moments of the rigid parts, by name. Collective."""
+        """Return `RigidParts.states`: poses, forces and moments by part. Collective."""
         if self.rigid is None:
             return {}
         r = self.x.duplicate()
@@ -514,11 +559,12 @@ class Problem:
         return self.rigid.states(x, r)
 
     def cell_fields(self, x: PETSc.Vec) -> dict[str, Array]:
-        """Return fields with one value for each cell of this rank. Collective.
+        """Return fields with one value for each cell that this rank owns, (cells,). Collective.
 
         Reference and deformed volume ("volume", "deformed_volume") [m^3], smallest J ("min_J"),
         "energy" [J], and smallest eigenvalue of d2psi/dF2 ("min_eigenvalue") [Pa]. In cells without
-        a material, whose energy is a term, the energy is 0 and the eigenvalue -inf: unknown.
+        a material, whose energy is a UFL term, "energy" is 0 and "min_eigenvalue" -inf, as they are
+        unknown; in rigid cells both are 0.
         """
         fields = self.elastic.cell_fields(*self._unknowns.split(x))
         if self._bare:
@@ -535,10 +581,10 @@ class Problem:
 
     @cached_property
     def _bare(self) -> tuple[Array, CellLoops] | None:
-        """The cells of this rank without a material, and loops over them. Collective.
+        """The own cells without a material, (n,) int, and loops over these cells. Collective.
 
-        Those of the simplest material have volumes and J, in plane stress those of the plane: the
-        thickness depends on the energy. None if all cells have a material.
+        The loops, of an arbitrary material, give volumes and J; in plane stress the area and J of
+        the plane, as the thickness depends on the energy. None if all cells have a material.
         """
         filled = [part.region.cells for part in self.elastic.parts]
         number = np.arange(self.elastic.shape[0], dtype=np.int32)
@@ -553,17 +599,17 @@ class Problem:
         return cells, loops_over(self.V, element, region)
 
     def measures(self, x: PETSc.Vec) -> dict[str, Any]:
-        """Return the measures of the body that `body_measures` describes. Collective."""
+        """Return the measures of the body at ``x`` that `body_measures` describes. Collective."""
         return body_measures(self.comm, self.cell_fields(x), self.nodal(x), self._parts)
 
     def nodal(self, x: PETSc.Vec) -> Array:
-        """Return the displacement's entries of ``x`` at the nodes of this rank, (n, components)."""
+        """Return a read-only view of the displacement in ``x``, (owned nodes, components) [m]."""
         values: Array = x.array_r[: self.owned_displacements]
         return values.reshape(-1, self._unknowns.components)
 
 
 def check_converged(reason: str, asked: str) -> None:
-    """Raise BadInput, with what asks for a solution, unless the last solve found one."""
+    """Raise BadInput, with ``asked`` in the message, unless ``reason`` is a converged one."""
     if not reason.startswith("CONVERGED"):
         raise BadInput(f"{asked}: expected a solution that has converged: call solve()")
 
@@ -581,18 +627,18 @@ def body_measures(
     comm : MPI.Intracomm
         The communicator of the mesh.
     cell_fields : dict of arrays
-        Volumes [m^3] and smallest J of this rank's cells.
-    u : (n, components) array
-        Displacement [m] of this rank's nodes.
+        "volume" and "deformed_volume" [m^3] and "min_J" of the cells that this rank owns.
+    u : (owned nodes, components) array
+        Displacement [m].
     parts : mapping of arrays, optional
-        Cells of parts of the body, as `Problem` takes them.
+        Parts of the body by name: see `Problem`.
 
     Returns
     -------
     dict
         ``volume_ratio``, deformed over reference volume; ``min_J``, the smallest J at a quadrature
-        point; ``min_cell_J``, the smallest mean of J over a cell; ``max_u``, the largest nodal
-        displacement [m]; ``volumes``, the volume ratio of each part, if there are parts.
+        point; ``min_cell_J``, the smallest mean of J over a cell; ``max_u``, the largest norm of a
+        nodal displacement [m]; if there are parts, ``volumes``, the volume ratio of each by name.
     """
     max_u = float(np.sqrt((u**2).sum(axis=1).max(initial=0.0)))
     cells: list[Any] = [slice(None), *(parts or {}).values()]

@@ -1,13 +1,13 @@
 r"""Reactions: the force on nodes and its moment about a point.
 
-With the forces r_i = dE/du at the nodes, where the constraints act on the body, and the deformed
-positions x_i = X_i + u_i,
+With the force r_i = dE/du_i that the constraints exert on node i, the deformed positions
+x_i = X_i + u_i, and the point a,
 
 .. math:: f = \sum_i r_i, \qquad m = \sum_i (x_i - a) \times r_i .
 
-Both are exact for the discrete problem: they are the forces that balance all others in rigid
-translations and rotations. The nodal forces of a body of revolution are those of the whole turn, of
-which only the moment about the axis and the axial force remain.
+Both are exact for the discrete problem: together with all other forces they balance in rigid
+translations and rotations. The nodal forces of a body of revolution are integrals over the whole
+turn, in the basis (e_r, e_z, e_theta).
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ class ReactionGroup(Protocol):
 
 
 class Reactions:
-    """Forces and moments of physical groups. Collective.
+    """Reaction forces and moments of physical groups. Collective.
 
     Parameters
     ----------
@@ -61,9 +61,15 @@ class Reactions:
     kinematics : Kinematics
         The kinematics of the displacement.
     dirichlet : Dirichlet
-        The conditions, of which a group has the forces of its own: see `group_forces`.
+        The conditions; the reaction of a group is the force of its own conditions: see
+        `group_forces`.
     groups : sequence of str, int or ReactionGroup
-        The groups; of a name or a number alone the force.
+        The groups; a name or a number asks for the force alone.
+
+    Attributes
+    ----------
+    notes : list of str
+        Notes on groups whose reaction includes or lacks forces of other groups' conditions.
     """
 
     def __init__(
@@ -77,10 +83,9 @@ class Reactions:
         self._comm, self._kinematics = mesh.domain.comm, kinematics
         owned = _dolfinx.num_nodes(V)[0]
         self._X: Array = V.tabulate_dof_coordinates()[:owned]
-        #: The nodes of each group whose forces count, and their weights.
+        #: The owned nodes of each group whose forces count, and their `CountedForces.weights`.
         self._counted: dict[str, tuple[Array, Array]] = {}
         self._about: dict[str, Array] = {}
-        #: Lines on surfaces that have the forces of other conditions alone.
         self.notes: list[str] = []
         for chosen in groups:
             if isinstance(chosen, str | int):
@@ -98,9 +103,10 @@ class Reactions:
     def _shared(
         self, V: _dolfinx.FunctionSpace, mesh: Mesh, key: str | int, dirichlet: Dirichlet
     ) -> list[str]:
-        """Return a line if other conditions constrain a part of a surface without any. Collective.
+        """Return a note if other groups' conditions constrain a part of a surface. Collective.
 
-        One that they constrain as a whole has the force of them.
+        The surface is the group ``key``, without a condition of its own; [] for any other group,
+        and if all of the surface's nodes are constrained or none.
         """
         group = mesh.group(key)
         if group.dim != mesh.dim - 1 or dirichlet.of_label(group.label):
@@ -118,7 +124,7 @@ class Reactions:
         ]
 
     def _overridden(self, key: str | int, counted: CountedForces) -> list[str]:
-        """Return a line if a group's conditions share nodes that others set. Collective."""
+        """Return a note if later conditions override a group's conditions, or []. Collective."""
         gathered = self._comm.allgather((counted.shared, counted.others))
         shared = sum(count for count, _ in gathered)
         if not shared:
@@ -136,14 +142,16 @@ class Reactions:
 
         Parameters
         ----------
-        x, gradient : (n,) array
-            This rank's unknowns [m] and dE/dx [N]; the displacement's entries are the first.
+        x : (n,) array
+            The unknowns [m] that this rank owns, displacements first.
+        gradient : (n,) array
+            dE/dx [N], of the same layout.
 
         Returns
         -------
         dict
-            ``reactions``, the force [N] on each group; ``moments``, the moment [N m] of those with
-            a point, if there are any.
+            ``reactions``, the force (3,) [N] of each group by name, exerted on the body; and if
+            groups have a point, ``moments``, the moment (3,) [N m] of each of these groups.
         """
         size = self._kinematics.components * len(self._X)
         nodal = gradient[:size].reshape(-1, self._kinematics.components)
@@ -161,7 +169,10 @@ class Reactions:
 
 
 def is_free(problem: Problem, mesh: Mesh, key: str | int) -> bool:
-    """Return whether nothing constrains a group, whose force is the residual. Collective."""
+    """Return whether no condition or rigid part constrains a node of a group. Collective.
+
+    The reaction of a free group is no more than the residual.
+    """
     group = mesh.group(key)
     if problem.dirichlet.of_label(group.label):
         return False
@@ -172,9 +183,9 @@ def is_free(problem: Problem, mesh: Mesh, key: str | int) -> bool:
 
 
 def weighted(weights: Array, vectors: Array) -> Array:
-    """Return the parts of nodal vectors (n, components) that count.
+    """Return the counted parts (n, components) of nodal vectors (n, components).
 
-    ``weights`` are those of `counted_forces`, or a mask (n, components) of components.
+    ``weights`` is (n, components, components), as from `counted_forces`, or a mask (n, components).
     """
     if weights.ndim == 2:
         return np.where(weights, vectors, 0.0)
@@ -182,14 +193,17 @@ def weighted(weights: Array, vectors: Array) -> Array:
 
 
 def moment(kinematics: Kinematics, x: Array, forces: Array, about: Array) -> Array:
-    """Return the moment (3,) of forces about a point.
+    """Return this rank's moment (3,) [N m] of nodal forces about a point.
 
     Parameters
     ----------
     kinematics : Kinematics
-        A body of revolution turns the forces about its axis, y; its moment is that of the turn.
-    x, forces : (n, 3) array
-        Deformed positions [m] and forces [N].
+        The kinematics. On a body of revolution a nodal force acts on the whole circle about the
+        axis y, and so does its moment.
+    x : (n, 3) array
+        Deformed positions [m].
+    forces : (n, 3) array
+        Nodal forces [N].
     about : (3,) array
         The point [m].
     """
@@ -205,7 +219,7 @@ def virtual_rotation(kinematics: Kinematics, x: Array, axis: int, about: Array) 
 
     Parameters
     ----------
-    kinematics, x, about : Kinematics, (n, 3) array, (3,) array
+    kinematics, x, about
         As for `moment`.
     axis : int
         The component, one of the kinematics' ``moment_axes``.
@@ -216,14 +230,14 @@ def virtual_rotation(kinematics: Kinematics, x: Array, axis: int, about: Array) 
 
 
 def reaction(problem: Problem, weights: Array, about: Sequence[float] | Array = (0, 0, 0)) -> Array:
-    """Return the force and the moment (2, 3) of the reaction at dofs. Collective.
+    """Return the reaction's force [N] and moment [N m], the rows of (2, 3). Collective.
 
     Parameters
     ----------
     problem : Problem
         The problem, in its state ``x``.
-    weights : array
-        Which parts of dE/du [N] at the owned nodes count: see `weighted`.
+    weights : (owned nodes, components, components) or (owned nodes, components) array
+        Which parts of the nodal forces dE/du [N] count: see `weighted`.
     about : (3,) sequence of float, optional
         The point of the moment [m].
     """
@@ -239,12 +253,14 @@ def reaction(problem: Problem, weights: Array, about: Sequence[float] | Array = 
 
 
 def counted_weights(problem: Problem, condition: Any) -> Array:
-    """Return the weights of the owned nodes' forces that a condition exerts. Collective.
+    """Return the weights of nodal forces that a condition exerts. Collective.
+
+    They are the `CountedForces.weights`, (owned nodes, components, components).
 
     Raises
     ------
     BadInput
-        On every rank, for what is not one of the problem's ``bcs``.
+        On every rank, for an object that is not one of the problem's ``bcs``.
     """
     size = len(problem.coordinates), problem.kinematics.components
     found = condition_of(problem.dirichlet, condition, "condition")

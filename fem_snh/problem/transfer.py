@@ -15,16 +15,16 @@ from fem_snh.problem.problem import Problem
 
 Array = npt.NDArray[Any]
 
-#: A point so far outside of the reference cell is in the cell, within rounding.
+#: Distance outside of the reference cell up to which a point counts as inside.
 _INSIDE = 1e-8
 
 
 def transfer_state(source: Problem, target: Problem) -> None:
     """Set ``target.x`` to the state of ``source``, interpolated. Collective.
 
-    Points outside of the source's mesh, which a curved surface has, have the values that the
-    polynomials of the nearest cell have there. An unknown pressure is transferred if both problems
-    have one of the same kind; otherwise it is zero.
+    At points outside of the source's mesh, as beside a curved surface, the polynomials of the
+    nearest cell are extrapolated. An unknown pressure is transferred if both problems have
+    continuous pressures; otherwise it is zero.
     """
     source.split(source.x)
     size = target.owned_displacements
@@ -43,22 +43,22 @@ def transfer_state(source: Problem, target: Problem) -> None:
 
 
 def evaluate(function: Any, points: Array) -> Array:
-    """Return the values (n, components) of a Lagrange function at points of any rank. Collective.
+    """Return the values (n, components) of a Lagrange function at points. Collective.
 
-    The parameters are those of `LocatedPoints` and of `LocatedPoints.values`.
+    ``points`` and ``function``: see `LocatedPoints` and `LocatedPoints.values`.
     """
     return LocatedPoints(function.function_space.mesh, points).values(function)
 
 
 class LocatedPoints:
-    """Points of any rank with the cells that they are in, or are nearest to. Collective.
+    """Points, each with the cell of any rank that contains it or is nearest to it. Collective.
 
     Parameters
     ----------
     domain : dolfinx mesh
         The mesh.
     points : (n, 3)
-        This rank's points [length].
+        This rank's points [length]; they may lie in cells of other ranks.
 
     Attributes
     ----------
@@ -81,7 +81,10 @@ class LocatedPoints:
         self.inside: Array = best[self._own] <= _INSIDE
 
     def values(self, function: Any) -> Array:
-        """Return a Lagrange function, with ghosts, at this rank's points, (n, components)."""
+        """Return a Lagrange function's values at this rank's points, (n, components). Collective.
+
+        The function's ghosts must be current.
+        """
         V = function.function_space
         nodal = function.x.array.reshape(-1, _dolfinx.num_components(V))
         values = np.zeros((self._count, nodal.shape[1]))
