@@ -1,8 +1,8 @@
 """Scenes: an experiment is a function that returns a `Scene`, or a TOML file with the same tables.
 
 The built-in scenes are the modules of ``builtin/``. A package adds scenes by the entry point group
-``fem_snh.scenes``; a function in a Python file is given as ``FILE.py:NAME``. Scenes know meshes and
-materials, never the solver.
+``fem_snh.scenes``; a function in a Python file is given as ``FILE.py:NAME``. This package imports
+meshes and materials, never the solver.
 
 >>> from fem_snh import scenes
 >>> scenes.load("twist", nu=0.3, angle=1.57, **{"material.barrier": True}).material.nu

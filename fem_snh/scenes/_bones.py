@@ -44,7 +44,7 @@ Function = Callable[[float], npt.ArrayLike]
 class NoiseChoice(Table):
     """Random affine maps that are added to the motions of all bones; zero at load 0.
 
-    They are the same for each run with a seed, whatever the order of the bones.
+    A seed gives the same maps in each run, whatever the order of the bones.
     """
 
     amplitude: NonNegative = Field(
@@ -60,7 +60,7 @@ class NoiseChoice(Table):
 
 
 class Rig(Table):
-    """What concerns all bones."""
+    """Settings of all bones."""
 
     noise: NoiseChoice | None = Field(
         default=None, description="Disturbances of the motions, as production data have them."
@@ -82,10 +82,10 @@ BoneMotion = Annotated[
 class BoneChoice(MotionTable):
     """A bone in the flesh: all nodes inside follow its motion.
 
-    It is a shape, a closed surface or a physical group of volumes. Without a motion it does not
-    move. Its nodes are those on or below its surface. A node in several bones follows the one in
-    which it is deepest; of those in which it is equally deep, the first by name; a group precedes
-    all shapes. Bones override ``[[hold]]`` and ``[[move]]``.
+    The bone is a shape, a closed surface or a physical group of volumes. Without a motion it does
+    not move. Its nodes are those on or below its surface. A node in several bones follows a group
+    rather than a shape, then the bone in which it is deepest, then the first by name. Bones
+    override ``[[hold]]`` and ``[[move]]``.
     """
 
     one_of = ("shape", "surface", "group")
@@ -128,7 +128,7 @@ class BoneChoice(MotionTable):
 
 
 def read_bones(scene: Scene) -> list[Bone]:
-    """Return the bones of a scene with their motions; read each of the files that they name once.
+    """Return the bones of a scene with their motions; each file of motions is read once.
 
     Raises
     ------
@@ -176,14 +176,14 @@ class JointMotion:  # no dataclass: pydantic would write it as a table
     Parameters
     ----------
     position : (3,) sequence
-        Its reference position [length].
+        Reference position of the joint [length].
     rotation : (3,) sequence
         Rotation vector at the end, relative to the parent, in the axes of the reference
         configuration: the axis, times the angle [rad].
     parent : JointMotion, optional
-        The joint on which it hangs; without one it hangs on nothing that moves.
+        The joint on which this one hangs; without a parent the position is fixed.
     begin, end : float
-        The loads between which it turns; the angle is linear in the load.
+        The loads between which the joint turns; the angle is linear in the load.
     """
 
     def __init__(
@@ -221,8 +221,8 @@ class BoneSegment(NamedTuple):
     def table(self, cell: float) -> dict[str, Any]:
         """Return the bone as a table of a scene: a capsule with the motion of its joint.
 
-        In a lattice of cells with edges ``cell`` [length], it has a node: one that is too thin gets
-        the radius that makes it sure.
+        In a lattice of cells with edges ``cell`` [length], the radius is at least half a cell's
+        diagonal, so that a node of the lattice is inside.
         """
         radius = max(self.radius, _HALF_DIAGONAL * cell)
         shape = capsule(self.start, self.end, radius)
@@ -238,19 +238,18 @@ def limb(
     begin: float = 0.0,
     end: float = 1.0,
 ) -> list[BoneSegment]:
-    """Return bones in a row, each of which hangs with its joint on the one before.
+    """Return a chain of bones, each with a joint that hangs on the previous joint.
 
     Parameters
     ----------
     parent : JointMotion
-        The joint on which the first one hangs; it stands still.
+        The joint on which the first bone's joint hangs; it must not move.
     names : sequence of str
         The names of the n bones.
     points : (n + 1, 3) array
         Reference positions of the joints and of the tip of the last bone [length].
     directions : (n, 3) array
-        The directions of the bones at the end. Each joint turns by the smallest angle that leads
-        there.
+        The directions of the bones at load ``end``. Each joint turns by the smallest angle.
     sections : iterable of (float, float)
         The radius of each bone, and how far before the joints its axis ends [length].
     begin, end : float
@@ -292,7 +291,7 @@ def lattice_scene(
     contact: bool,
     **keys: Any,
 ) -> dict[str, Any]:
-    """Return the tables of a scene of flesh in a lattice on bones, with further keys.
+    """Return the tables of a scene of flesh in a lattice with bones inside, and further ``keys``.
 
     The initial guess of a step moves the flesh with its bones (a coarse hand: 9.4 Newton iterations
     a step instead of 10.6). ``snes_atol`` is the bound of Smith et al. 2018 on the residual's norm

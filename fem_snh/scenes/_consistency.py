@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from fem_snh.scenes._bones import BoneChoice
     from fem_snh.scenes.schema import Hold, Move, Scene, Symmetry
 
-#: A contradiction, if its first entry is true: the key, its value, and what is accepted.
+#: Whether keys contradict each other; then the key, its value, and what is accepted.
 Rule = tuple[object, str, object, str]
 
 
@@ -138,7 +138,7 @@ def _mesh_rules(scene: Scene) -> Iterator[Rule]:
 
 
 def _load_rules(scene: Scene) -> Iterator[Rule]:
-    """Yield the rules of values of tables that a scene without time does not reach."""
+    """Yield the rules of amplitude tables: loads are from 0 to 1 without the table [time]."""
     accepted = "loads from 0 to 1, as the scene has no table [time]"
     for number, table in enumerate(() if scene.time else scene.table):
         ends = [table.points[0][1], table.points[-1][1]]
@@ -148,10 +148,10 @@ def _load_rules(scene: Scene) -> Iterator[Rule]:
 
 
 def _goal_rules(scene: Scene) -> Iterator[Rule]:
-    """Yield the rules of goals and of the loads at which they count.
+    """Yield the rules of goals and of the loads at which they are evaluated.
 
-    In plane stress the thickness, and on a lattice the fraction of a cell that the body fills, are
-    no functions of the displacement that UFL derives.
+    Stress goals need derivatives by the displacement: UFL derives neither the thickness in plane
+    stress nor the filled fraction of a lattice cell.
     """
     if not (accuracy := scene.accuracy):
         return
@@ -194,9 +194,9 @@ def _static_rules(scene: Scene) -> Iterator[Rule]:
 
 
 def check_radii(scene: Scene) -> None:
-    """Raise BadInput for the radius of a probe whose stress is no goal of a run.
+    """Raise BadInput for a probe with a radius if accuracy.goals does not name the probe's stress.
 
-    A fit has the goals of its curves.
+    Fits do not call this: they have the goals of their curves.
     """
     goals = scene.accuracy.names if scene.accuracy else []
     for number, probe in enumerate(scene.probe):
@@ -207,7 +207,7 @@ def check_radii(scene: Scene) -> None:
 
 
 def group_references(scene: Scene) -> Iterator[tuple[str, str | int]]:
-    """Return the dotted keys of a scene that name physical groups, and the groups."""
+    """Yield the dotted keys of a scene that name physical groups, and the groups."""
     for number, material in enumerate(scene.materials):
         if material.group is not None:
             where = f"material.{number}" if isinstance(scene.material, list) else "material"
@@ -233,7 +233,7 @@ def group_references(scene: Scene) -> Iterator[tuple[str, str | int]]:
 
 
 def why_condensed(scene: Scene) -> str:
-    """Return why cell pressures cannot be unknowns in a scene; empty if they can."""
+    """Return the reason why cell pressures cannot be unknowns in a scene; "" if they can."""
     if ELEMENTS[scene.element].volume != "mean":
         names = in_words(e.name for e in ELEMENTS.values() if e.volume == "mean")
         return f"only {names} have cell pressures, not {scene.element}"
@@ -248,7 +248,7 @@ def why_condensed(scene: Scene) -> str:
 
 
 def _check_constraints(holds: list[Hold], moves: list[Move]) -> None:
-    """Raise BadInput if a group has two conditions on one component."""
+    """Raise BadInput if a component of a group is prescribed by two tables."""
     taken = [(str(h.group), set(h.components), "hold") for h in holds]
     for move in moves:
         for group, components, table in taken:

@@ -48,7 +48,7 @@ class MaterialChoice(Table):
     """The material of a scene, or one of several that fill groups of volumes.
 
     Further keys are the material's shape parameters, the constants [Pa] that may be prescribed if
-    it has more than two, and the keywords of every material (`fem_snh.materials.TUNING`).
+    the material has more than two, and the keywords of every material (`fem_snh.materials.TUNING`).
 
     Attributes
     ----------
@@ -60,7 +60,7 @@ class MaterialChoice(Table):
     nu : float
         Poisson's ratio.
     group : str, int or None
-        The physical group of volumes that it fills; None for all cells without another material.
+        The physical group of volumes of this material; None for all cells without another material.
     density : float or None
         Mass per reference volume [kg/m^3].
     """
@@ -96,7 +96,7 @@ class MaterialChoice(Table):
         return dict(self.model_extra or {})
 
     def default_variants(self) -> dict[str, Any]:
-        """Return the parameters that select an equation by nu, where none is given."""
+        """Return the parameters that are not given and by default select a variant by nu."""
         return default_variants(function(self.name), self.nu, self.parameters)
 
     @property
@@ -106,7 +106,10 @@ class MaterialChoice(Table):
 
     @property
     def files(self) -> dict[str, Path]:
-        """The Python files that define the material, by key."""
+        """The Python files in which ``name`` and ``lambda_part`` are defined, by these keys.
+
+        Only references ``FILE.py:FUNCTION`` have one.
+        """
         keys = {"name": self.name, "lambda_part": self.parameters.get("lambda_part")}
         return {key: path for key, value in keys.items() for path in files(value)}
 
@@ -119,7 +122,7 @@ class MaterialChoice(Table):
     @model_validator(mode="before")
     @classmethod
     def _complete(cls, table: Any) -> Any:
-        """Return the table with the E and nu of the material's constants, where it has none."""
+        """Return the table; if E or nu is missing, both follow from the material's constants."""
         if not isinstance(table, dict) or not {"E", "nu"} - table.keys():
             return table
         given = {k: v for k, v in table.items() if k not in cls.model_fields}
@@ -144,7 +147,7 @@ class MaterialChoice(Table):
 
     @model_serializer(mode="plain")
     def _serialized(self, info: SerializationInfo) -> dict[str, Any]:
-        """Return the table; a function of the user's own is in JSON its name."""
+        """Return the table without unset optional keys; JSON has a function's name in its place."""
         table = {"name": self.name, "E": self.E, "nu": self.nu} | self.parameters
         table |= {key: v for key in _OPTIONAL if (v := getattr(self, key)) is not None}
         if info.mode == "json":
@@ -153,7 +156,7 @@ class MaterialChoice(Table):
 
 
 def _check_material(key: str, name: Any) -> None:
-    """Raise BadInput for a value of a key that is no material."""
+    """Raise BadInput unless ``name``, the value of ``key``, is a material."""
     if not (callable(name) or isinstance(name, str)):
         raise bad_value(key, name, "the name of a material, see `fem-snh materials`")
     if isinstance(name, str) and name in built_in():
@@ -165,7 +168,7 @@ def _check_material(key: str, name: Any) -> None:
 
 
 def _moduli_of(name: Any, E: Any, nu: Any, given: Mapping[str, Any]) -> dict[str, float]:
-    """Return the E and nu that a material's constants determine; nothing without constants."""
+    """Return the E and nu that a material's constants in ``given`` determine, or {}."""
     from fem_snh.materials.making import make_energy, with_moduli  # imports sympy
 
     keywords = {key: plain(value) for key, value in given.items()}
@@ -187,7 +190,7 @@ def _moduli_of(name: Any, E: Any, nu: Any, given: Mapping[str, Any]) -> dict[str
 def _check_materials(
     materials: MaterialChoice | list[MaterialChoice],
 ) -> MaterialChoice | list[MaterialChoice]:
-    """Return a list of one material as the material.
+    """Return the materials, a list of one as this material.
 
     Raises BadInput for an empty list, and for materials that fill the same cells.
     """

@@ -155,7 +155,7 @@ class Reaction(Table):
 
 
 class _Named(BeforeValidator):
-    """An annotation for a list of tables of which some are given by the value of one key alone."""
+    """A validator of a list of tables, in which a text or a number gives the value of one key."""
 
     def __init__(self, list_key: str, key: str, accepted: str) -> None:
         def tables(values: object) -> object:
@@ -179,7 +179,7 @@ Reactions = Annotated[
     ),
 ]
 
-#: Density of materials in modes [kg/m^3]: that of water.
+#: Default density of materials in modes [kg/m^3]: the density of water.
 DEFAULT_DENSITY = 1000.0
 
 
@@ -200,7 +200,7 @@ def _check_fields(names: list[str]) -> list[str]:
 
 
 def _check_units(text: str) -> str:
-    """Raise BadInput for a text that names no units."""
+    """Return the text; raise BadInput if it does not name units."""
     Units.read(text)
     return text
 
@@ -225,9 +225,9 @@ Location = Annotated[str, OneOf(LOCATIONS)]
 # --- goals of error estimates --------------------------------------------------------------------
 
 _AXES = "xyz"
-#: Quantities of a physical group, with whether they have components.
+#: Quantities of a physical group, and whether they have components.
 _OF_GROUPS = {"force": True, "moment": True, "mean": True, "volume": False, "stress": False}
-#: Those of the whole body.
+#: Quantities of the whole body.
 _OF_BODY = ("energy", "volume", "stress")
 _ACCEPTED = (
     "'energy', 'volume', 'stress', a probe with a component, 'corner.y', of a physical group "
@@ -239,12 +239,12 @@ _ACCEPTED = (
 )
 
 
-#: The load of a goal at which it differs most from its value at the start.
+#: The value of `GoalChoice.at` for the load at which the goal differs most from its initial value.
 LARGEST = "largest"
 
 
 class GoalChoice(Table):
-    """A goal, and the load at which it counts."""
+    """A goal, and the load at which it is evaluated."""
 
     name: Text = Field(description="Its name.")
     at: Annotated[
@@ -266,8 +266,8 @@ class GoalName(NamedTuple):
     Attributes
     ----------
     kind : str
-        What it is: "energy", "volume", "stress", "force", "moment", "mean", "point", "stress_at" a
-        probe, "term", the result of a feature, "rigid", that of a rigid part.
+        "energy", "volume", "stress", "force", "moment", "mean"; "point" and "stress_at" of a probe;
+        "term", a result of a feature; "rigid", a result of a rigid part.
     name : str
         The probe, the physical group or the result; empty for the whole body.
     components : tuple of int
@@ -280,7 +280,7 @@ class GoalName(NamedTuple):
 
     @property
     def is_of_group(self) -> bool:
-        """Whether it names a physical group."""
+        """Whether the goal is a quantity of a physical group."""
         return self.kind in _OF_GROUPS and bool(self.name)
 
 
@@ -296,7 +296,7 @@ def _read_share(value: Any) -> Any:
 
 
 class Accuracy(Table):
-    """The goals of the error estimate, which a scene with this table has, and their accuracy."""
+    """Goals whose errors are estimated, and the accuracy that they are to have."""
 
     needs = dict.fromkeys(("max_time", "max_dofs", "keep_element", "path"), ("within",))
     goals: Annotated[list[GoalChoice], _Named("goals", "name", _GOALS)] = Field(
@@ -355,7 +355,7 @@ def term_goals(features: Sequence[Feature]) -> list[str]:
 
 
 def read_goal(text: str, scene: Scene) -> GoalName:
-    """Return the goal of this name.
+    """Return the goal that a text such as "corner.y" or "top.force.z" names.
 
     Raises
     ------

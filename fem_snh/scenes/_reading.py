@@ -26,9 +26,9 @@ from fem_snh.scenes.schema import MaterialChoice, Scene
 from fem_snh.tables.validation import one_line, suggestion, tables_in
 from fem_snh.terms.feature import Feature
 
-#: Keys of tables that a message suggests at most: many tables have a key `group`.
+#: Largest number of tables' keys that a message suggests: many tables have a key `group`.
 _MOST_SUGGESTED = 4
-#: Keys that stand for a key of the material's table.
+#: Short names of keys of the material's table.
 _SHORT = {"material": "material.name", "E": "material.E", "nu": "material.nu"}
 
 
@@ -43,9 +43,9 @@ def load(scene: str | Path | Scene | Callable[..., Scene], /, **overrides: Any) 
     **overrides
         Parameters of the scene's function; keys of `Scene`; ``material`` (a name or a table), ``E``
         and ``nu``; dotted keys such as ``material.barrier`` or ``move.0.translate``. A table
-        ``petsc`` is merged with the scene's. None leaves a value unchanged. Another material drops
-        the shape parameters of the scene's. Of a scene with several materials, ``material``, ``E``,
-        ``nu`` and ``material.KEY`` change each of them, ``material.0.KEY`` the first.
+        ``petsc`` is merged with the scene's options. None leaves a value unchanged. A new material
+        drops the old one's shape parameters. In a scene with several materials, ``material``,
+        ``E``, ``nu`` and ``material.KEY`` change each of them, ``material.0.KEY`` the first.
 
     Raises
     ------
@@ -65,7 +65,7 @@ def load(scene: str | Path | Scene | Callable[..., Scene], /, **overrides: Any) 
 
 
 def load_to_run(scene: str | Path | Scene | Callable[..., Scene], /, **overrides: Any) -> Scene:
-    """Return the scene of `load`; raise BadInput for a key that a run does not use, too."""
+    """Return the scene of `load`; raise BadInput also for a probe radius that no goal uses."""
     found = load(scene, **overrides)
     check_radii(found)
     return found
@@ -107,7 +107,7 @@ def validate(
 
 @contextmanager
 def _named(label: str) -> Iterator[None]:
-    """Raise errors as BadInput of one line, which starts with the name of the scene."""
+    """Provide a context whose errors become BadInput of one line, which starts with ``label``."""
     try:
         yield
     except ValidationError as error:
@@ -128,9 +128,10 @@ def _key_of_a_table(word: str) -> str:
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """Return the tables of a scene file.
+    """Return the tables of a scene file; raise BadInput if it cannot be read.
 
-    Relative paths in it become relative to the working directory; the name is the file's stem.
+    Relative paths in the file become relative to the working directory. The default of the key
+    ``name`` is the file's stem.
     """
     try:
         data = tomllib.loads(read_text(path))
@@ -145,7 +146,10 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 
 def _call(make: SceneFunction, label: str, given: dict[str, Any]) -> Scene:
-    """Return the Scene that a function makes, with some of its values replaced."""
+    """Return the Scene that a function makes, with some of its values replaced.
+
+    The arguments of the function are removed from ``given``; the other entries replace values.
+    """
     own = parameters(make)
     arguments = {key: given.pop(key) for key in own if key in given}
     with _named(label):
@@ -159,7 +163,7 @@ def _call(make: SceneFunction, label: str, given: dict[str, Any]) -> Scene:
 
 
 def _tables(scene: Scene) -> dict[str, Any]:
-    """Return a scene's keys, and of its tables those that were given: see `Table.needs`."""
+    """Return all keys of a scene; its tables have only the given keys: see `Table.needs`."""
     return scene.model_dump() | scene.model_dump(exclude_unset=True)
 
 
@@ -175,7 +179,7 @@ def _starting_from(folder: Path, value: Any) -> Any:
 
 
 def _replaced(data: dict[str, Any], overrides: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the tables of a scene with other values; tables and lists that change are copied."""
+    """Return the tables of a scene with overrides applied; changed tables and lists are copies."""
     of_materials: list[tuple[list[str], Any]] = []
     for key, value in _dotted(data, overrides):
         first, *way = key.split(".", 1) if key.startswith("petsc.") else key.split(".")
@@ -196,7 +200,7 @@ def _replaced(data: dict[str, Any], overrides: Mapping[str, Any]) -> dict[str, A
 
 
 def _dotted(data: Mapping[str, Any], overrides: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
-    """Yield the dotted keys that overrides set, and the values.
+    """Yield the dotted key and the value of each override.
 
     Raises
     ------
@@ -221,7 +225,10 @@ def _dotted(data: Mapping[str, Any], overrides: Mapping[str, Any]) -> Iterator[t
 
 
 def _with(data: Any, way: Sequence[str], value: Any, key: str) -> Any:
-    """Return tables with a value where a way of keys leads; missing tables are created."""
+    """Return tables with ``value`` at the path of keys ``way``; missing tables are created.
+
+    BadInput names ``key`` if there is no such path.
+    """
     if not way:
         return value
     first, *rest = way
@@ -243,10 +250,9 @@ def _unknown_key(key: str) -> BadInput:
 
 
 def _changed(material: Any, number: int, changes: Sequence[tuple[list[str], Any]]) -> Any:
-    """Return the table of a material with the changes of all materials, and of this one.
+    """Return the table of a material with the changes of all materials, and of material ``number``.
 
-    Another material drops the parameters of the one that it replaces, and new constants its E and
-    nu.
+    A new name drops the old material's parameters; new constants drop the old E and nu.
     """
     own = [(way, value) for way, value in changes if not way[0].isdigit()]
     own += [(way[1:], value) for way, value in changes if way[0] == str(number)]
@@ -262,7 +268,7 @@ def _changed(material: Any, number: int, changes: Sequence[tuple[list[str], Any]
 
 
 def _without_replaced(material: dict[str, Any], given: set[str]) -> dict[str, Any]:
-    """Return a material's table without an E and a nu that its new constants replace."""
+    """Return a material's table without the E and nu that its new constants replace."""
     from fem_snh.materials import names_in_literature, pins
 
     try:
@@ -341,12 +347,12 @@ def parameters(function: SceneFunction) -> dict[str, Any]:
 
 
 def make_scene(function: SceneFunction, arguments: dict[str, Any]) -> Scene:
-    """Call a scene function with validated arguments and check its result.
+    """Return the scene that a function makes from validated arguments.
 
     Raises
     ------
     ValidationError
-        For an argument, or a value that the function gives a table, which is not accepted.
+        If a value of an argument, or of a table that the function makes, is not accepted.
     BadInput
         If the function fails in another way, or returns no `Scene`.
     """
@@ -375,7 +381,7 @@ _OWN = frozenset(Scene.model_fields)
 
 
 def register_feature(feature: type[Feature]) -> type[Feature]:
-    """Make a feature a list of tables of scenes, ``[[key]]`` in TOML. It is a decorator, too.
+    """Make a feature a list of tables of scenes, ``[[key]]`` in TOML; return the feature.
 
     Packages declare it as an entry point of the group ``fem_snh.features`` instead, under its key.
 
@@ -387,7 +393,7 @@ def register_feature(feature: type[Feature]) -> type[Feature]:
     Raises
     ------
     BadInput
-        For anything else.
+        For another object or key.
     """
     if not (isinstance(feature, type) and issubclass(feature, Feature)):
         raise bad_value("feature", feature, "a subclass of fem_snh.Feature")
@@ -407,7 +413,11 @@ def _add(key: str, annotation: Any, description: str | None = None) -> None:
 
 
 def _register_entry_points() -> None:
-    """Register the features of other packages; the table of a broken one raises its error."""
+    """Register the features of other packages.
+
+    If a feature is broken, a scene with its table raises the error; a key of the program's own is
+    refused with a warning.
+    """
     for key, load in entry_points(FEATURES).items():
         if key in _OWN:  # scenes must run as without the package
             warnings.warn(
@@ -425,7 +435,7 @@ def _register_entry_points() -> None:
 
 
 def _refuse(error: BadInput) -> BeforeValidator:
-    """Return a validator that raises an error for any table."""
+    """Return a validator that raises an error for any value but an empty list."""
 
     def check(value: object) -> object:
         if value != []:

@@ -1,4 +1,4 @@
-"""A scene builds a program: mesh, displacement, materials, conditions and terms."""
+"""Build the arguments of a program from a scene: mesh, unknowns, materials, conditions, terms."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Built:
-    """What a scene builds.
+    """The mesh and the arguments of a program that a scene states.
 
     Attributes
     ----------
@@ -37,9 +37,9 @@ class Built:
         The arguments of `fem_snh.NonlinearProblem` that state the problem: ``u``, ``materials``,
         ``bcs``, ``terms``, ``element``, ...
     solver : dict
-        Those that choose the solver: ``hessian``, ``globalization``, ...
+        The arguments that choose the solver: ``hessian``, ``globalization``, ...
     time : dict
-        In time, those that `fem_snh.DynamicProblem` has beside.
+        The additional arguments of `fem_snh.DynamicProblem`; empty for a quasi-static scene.
     """
 
     mesh: Mesh
@@ -112,7 +112,7 @@ def build(scene: Scene, comm: Any, mesh: Mesh | None = None) -> Built:
 
 
 def make_material(choice: MaterialChoice, nu: float | None = None) -> Material:
-    """Return the material of a table, at another Poisson's ratio if one is given."""
+    """Return the material of a table, with ``nu`` in place of the table's if it is given."""
     ratio = choice.nu if nu is None else nu
     return material(choice.name, choice.E, ratio, **choice.parameters)
 
@@ -135,7 +135,7 @@ def make_mesh(comm: Any, scene: Scene) -> Mesh:
 
 
 def mesh_again(scene: Scene, cell: str, sizes: SizeField) -> gmsh_input.MeshData:
-    """Mesh the exact geometry of a scene with a field of sizes. On rank 0."""
+    """Return a mesh of a scene's exact geometry with a size field. On rank 0 only."""
     if isinstance(scene.mesh, Path):
         return gmsh_input.mesh_shape(str(scene.mesh), sizes=sizes, **_cells(scene))
     assert isinstance(scene.mesh, Geometry)

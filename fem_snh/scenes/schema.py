@@ -71,8 +71,8 @@ Degree = Annotated[int, Whole(1, MAX_QUADRATURE_DEGREE)]
 class Start(Table):
     """The initial displacement and velocity of a run; without this table they are zero.
 
-    Prescribed nodes take their prescribed displacement and velocity. From the state of another run
-    they go to their prescribed displacement in proportion to the load.
+    Prescribed nodes take their prescribed displacement and velocity. If ``run`` gives the start,
+    they move to their prescribed displacement in proportion to the load.
     """
 
     excludes = {"run": ("map", "scatter", "noise"), "map": ("scatter",)}
@@ -119,12 +119,12 @@ class Start(Table):
 
     @property
     def files(self) -> dict[str, Path]:
-        """The record of the other run, which is not to be replaced by this one."""
+        """The run.json of the other run, by the key "run"; this run must not replace it."""
         return {"run": self.run / "run.json"} if self.run is not None else {}
 
     @property
     def displaces(self) -> bool:
-        """Whether the body starts with a displacement that this table itself states."""
+        """Whether ``map``, ``scatter`` or ``noise`` gives the body an initial displacement."""
         return self.map is not None or self.scatter is not None or self.noise > 0
 
     @property
@@ -347,12 +347,12 @@ class Scene(Table):
 
     @property
     def files(self) -> dict[str, Path]:
-        """The files that it and its tables name, by dotted keys, and those that hold the mesh."""
+        """The files that the scene, its tables and its mesh consist of, by dotted keys."""
         data = xdmf_data(self.mesh) if isinstance(self.mesh, Path) else []
         return super().files | {f"mesh.{file.name}": file for file in data}
 
     def build(self, comm: Any) -> Built:
-        """Return mesh and arguments of the program that this scene is. Collective.
+        """Return mesh and arguments of the program for this scene. Collective.
 
         Parameters
         ----------
@@ -398,7 +398,7 @@ class Scene(Table):
 
     @property
     def within(self) -> float | None:
-        """The relative accuracy that is asked for, or None."""
+        """The relative error that the goals may have, or None."""
         return self.accuracy.within if self.accuracy else None
 
     @property

@@ -51,11 +51,12 @@ def bushing(
     torque : float, optional
         Torque on the inner sleeve [N mm], in plane strain per thickness [N], instead of the angle.
     axial : float, optional
-        Its displacement along the axis [mm]; default: 4, in plane strain 0.
+        Displacement of the inner sleeve along the axis [mm]; default: 4, in plane strain 0.
     radial : float, optional
-        Its displacement along x [mm], not of a body of revolution; default: 0, in plane strain 2.
+        Displacement of the inner sleeve along x [mm], 0 with torsion; default: 0, in plane strain
+        2.
     kinematics : str
-        "axisymmetric_torsion", "plane_strain", a cross-section, or "3D".
+        "axisymmetric_torsion" or "plane_strain", of a section, or "3D".
     """
     flat, solid = kinematics == "plane_strain", kinematics == "3D"
     if flat and axial:

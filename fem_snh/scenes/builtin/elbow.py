@@ -30,7 +30,7 @@ def elbow(
         Depth of the hollow in front of the elbow [m]. Without it the skin there is compressed until
         it forms a crease beyond 90 degrees.
     thickness : float
-        Factor of the sections of the flesh.
+        Scale factor of the flesh's cross-sections.
     order : int
         2 for cells with curved faces, 1 for straight ones.
     """

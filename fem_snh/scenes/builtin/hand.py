@@ -54,7 +54,7 @@ FINGERS = {
     ),
 }
 PHALANGES = ("proximal", "middle", "distal")
-#: Radii of their bones [mm].
+#: Radii of the phalanges' bones [mm].
 PHALANX_RADII = (3.6, 3.2, 2.8)
 #: Joints and tip of the thumb, open and in a fist; radii of the flesh and of the bones [mm].
 THUMB = ((12, -22, -6), (45, -50, -14), (70, -68, -16), (92, -82, -18))
@@ -63,9 +63,9 @@ THUMB_RADII, THUMB_BONE_RADII = (13, 11.2, 9.8), (4.0, 3.8, 3.2)
 #: The loads at which the fingers have closed, and at which the thumb begins to follow: earlier, it
 #: would be in the fingers' way.
 FINGERS_END, THUMB_BEGINS = 0.75, 0.4
-#: Bones of forearm and wrist, ends and radius; the axes of others end GAP before each joint [mm],
-#: which leaves about 5 mm of flesh between two bones: what they crush as they turn is not thinner
-#: than a cell.
+#: Bones of forearm and wrist, ends and radius [mm]. The axes of the other bones end GAP before each
+#: joint: about 5 mm of flesh are between two bones, so that the flesh that they crush as they turn
+#: is not thinner than a cell.
 FOREARM = {"radius": ((-135, -15, 0), (-9, -12, 0), 6.0), "ulna": ((-135, 15, 0), (-9, 12, 0), 5.5)}
 CARPALS = {
     "radial_carpals": ((6, -12, -2), (16, -17, -3), 4.0),
@@ -100,7 +100,7 @@ def hand(cells: int = 119, noise: float = 0.05, seed: int = 1, contact: bool = T
     Parameters
     ----------
     cells : int
-        Cells from the elbow to the fingertips: 119 give 39,000, 60 give 6,000.
+        Cells from the elbow to the fingertips: 119 give 39,000 in all, 60 give 6,000.
     noise : float
         Noise of the bones' affine maps, relative to the length of the bone, as of a rig's skinning.
     seed : int
@@ -148,7 +148,7 @@ def flesh() -> dict[str, Any]:
 
 
 def phalanges(finger: Finger) -> Array:
-    """Return the joints of a finger and its tip [m]."""
+    """Return the positions of a finger's joints and tip (4, 3) [m]."""
     angle = radians(finger.splay)
     along = np.cumsum([0, *finger.lengths])[:, None] * (cos(angle), sin(angle), 0.0)
     return _m(finger.knuckle + along)
@@ -162,5 +162,5 @@ def _around(points: Array, radii: tuple[float, float, float]) -> list[dict[str, 
 
 
 def _m(x: npt.ArrayLike) -> Array:
-    """Return points in mm in metres."""
+    """Convert points from mm to m."""
     return MM * np.asarray(x, dtype=float)

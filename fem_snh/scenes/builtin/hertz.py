@@ -10,8 +10,8 @@ from fem_snh.scenes import Geometry, Hold, MaterialChoice, Obstacle, Scene
 RADIUS, MODULUS, RATIO = 50.0, 2e4, 0.3
 #: The mesh is fine up to this multiple of Hertz's contact radius.
 ZONE = 1.25
-#: Radius of the half ball that stands for a half-space, in RADIUS. It is fixed there, which adds
-#: about the contact radius over this one to the force: 0.2 % at depth 0.2.
+#: Radius of the half ball that stands for a half-space, in units of RADIUS. Its surface is fixed,
+#: which raises the force by about contact radius / (FAR RADIUS): 0.2 % at depth 0.2.
 FAR = 40.0
 #: The solver's tolerance is relative to the force E V^(2/3) of a ball of RADIUS.
 TOLERANCE = 1e-7

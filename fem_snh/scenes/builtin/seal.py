@@ -9,7 +9,7 @@ from fem_snh.errors import bad_value
 from fem_snh.scenes import Geometry, MaterialChoice, Obstacle, Reaction, Scene, Symmetry
 from fem_snh.tables.validation import OneOf
 
-#: Of a body in three dimensions: the angle of its sector [degrees].
+#: Angle of the sector that is modelled in three dimensions [degrees].
 SECTOR = 15
 #: The width of the land on both sides of a groove [mm].
 _LAND = 2.0
@@ -28,7 +28,8 @@ def seal(
     """A rubber O-ring whose cord two frictional plates press by 30 % of its height.
 
     The cord has the radius 1 mm, E is in MPa. The plates move towards each other by the same
-    distance. In a groove the lower one is at rest, and the upper one reaches its land at load 1.
+    distance. With a groove, the lower plate is at rest, and the upper plate reaches the groove's
+    edge at load 1.
 
     Parameters
     ----------
@@ -39,7 +40,7 @@ def seal(
     friction : float
         Coulomb's coefficient.
     ring : float
-        Radius of the circle of the cord's centres, more than the cord's [mm].
+        Radius of the centre line of the cord [mm], more than the radius of the cord.
     groove : float, optional
         Width of a rectangular groove in the lower plate, whose floor the cord is on [mm].
     kinematics : str
@@ -79,13 +80,16 @@ def seal(
 
 
 def _plate(side: int, way: float) -> dict[str, Any]:
-    """Return the plate above (1) or below (-1), which moves so far towards the cord."""
+    """Return the plate above (1) or below (-1), which moves by ``way`` [mm] towards the cord."""
     plane = {"point": [0, side, 0], "normal": [0, -side, 0]}
     return {"shape": {"plane": plane}, "translate": [0, -side * way, 0]}
 
 
 def _groove(center: float, width: float, squeeze: float, straight: bool) -> list[list[float]]:
-    """Return the corners of a plate with a groove, as deep as the cord is high at load 1."""
+    """Return the corners of a plate with a groove, whose depth is the height of the cord at load 1.
+
+    BadInput if the cord does not fit in.
+    """
     depth = 2 * (1 - squeeze)
     if not width >= 2:
         raise bad_value("groove", width, "a number of at least 2, the diameter of the cord")

@@ -16,8 +16,8 @@ from fem_snh.tables.types import Count
 
 #: Frames a second, and semi-implicit steps a frame as in Smith et al. 2018.
 FRAME_RATE, SUBSTEPS = 24, 10
-#: Times [s] at which the press begins to sink, is down, begins to rise, is up, and of the end. The
-#: octopus is at rest at the first and at the last, to 0.1 % of the arms' span at the worst node.
+#: Times [s] at which the press begins to sink, is down, begins to rise and is up, and the end. The
+#: octopus is at rest at the first and the last time, to 0.1 % of the arms' span at the worst node.
 TIMES = (1.0, 1.25, 1.375, 1.625, 2.25)
 FRAMES = round(TIMES[-1] * FRAME_RATE)
 #: Radii of the three cylinders and of the press, distance of neighbouring axes [m].
@@ -41,15 +41,15 @@ def squash(
     Parameters
     ----------
     cells : int
-        Cells from the tip of an arm to that of the opposite one: 54 give 20,000 tetrahedra, 157 the
-        394,000 of Smith et al. 2018.
+        Cells from the tip of an arm to the tip of the opposite arm: 54 give 20,000 tetrahedra, 157
+        the 394,000 of Smith et al. 2018.
     gap : float
         Distance of the press from the middle cylinder when it is down [m].
     substeps : int
         Time steps a frame; there are 24 frames a second.
     friction : float
-        Coulomb's coefficient. Friction holds a body in any of many shapes near that without it: the
-        larger it is, the farther is the octopus from its first one after the release.
+        Coulomb's coefficient. Friction can hold a body at rest in many shapes: the larger it is,
+        the more may the octopus's shape after the release differ from its shape before.
     """
     axes = [(x, HEIGHT) for x in (-DISTANCE, 0.0, DISTANCE)]
     cylinders = [

@@ -60,12 +60,12 @@ MIDDLE = (
 ARM_FLESH = (
     (1, 0.0, 0.5, 0.056), (1, 0.5, 1.0, 0.047), (2, 0.0, 0.45, 0.043), (2, 0.45, 1.0, 0.034),
 )  # fmt: skip
-#: The hand: radius of the flesh, distance of its two edges from the axis, of its end from the tip.
+#: The hand's flesh: radius, distance of its two edges from the axis, and of its end from the tip.
 HAND = (0.024, 0.016, 0.026)
 BLEND = 0.0083
 #: Load steps: the arms swing in a second of film.
 FRAMES = 24
-#: From fingertip to fingertip.
+#: Distance from fingertip to fingertip [m].
 SPAN = 1.51
 
 
@@ -75,7 +75,7 @@ def torso(cells: int = 144, noise: float = 0.0, seed: int = 1, contact: bool = T
     Parameters
     ----------
     cells : int
-        Cells from fingertip to fingertip: 144 give 45,800, 60 give 4,000.
+        Cells from fingertip to fingertip: 144 give 45,800 in all, 60 give 4,000.
     noise : float
         Noise of the bones' affine maps, relative to the length of the bone, as of a rig's skinning.
     seed : int

@@ -45,7 +45,7 @@ def tube(
     inner, outer : float
         Radii at rest.
     inflation : float
-        Inner radius at load 1 over that at rest, of an incompressible tube.
+        Inner radius of an incompressible tube at load 1 over its inner radius at rest.
     kinematics : str
         "plane_strain", a quarter of the cross-section, or "axisymmetric", a slice of length 1.
     order : int
