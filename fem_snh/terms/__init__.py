@@ -1,6 +1,6 @@
-"""Energy terms and the features that make them: each file has one.
+"""Energy terms, and the features that create them.
 
-A problem holds the terms that its scene names, and no others. `fem_snh.terms.term.Term` is their
-interface; a `fem_snh.terms.feature.Feature` is a table of a scene, and an object of a program, that
-makes one. Features are imported to read a scene, so this package imports nothing by itself.
+A problem holds only the terms that its scene or program names. `fem_snh.terms.term.Term` is the
+interface of a term. A `fem_snh.terms.feature.Feature` is a table of a scene, or an object of a
+program, that creates a term. Reading a scene imports features only, so this file imports nothing.
 """

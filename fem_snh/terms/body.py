@@ -1,4 +1,4 @@
-"""The body that terms act on, in a scene and in a program alike."""
+"""The body that terms act on, for scenes and programs, and the UFL expressions of its loads."""
 
 from __future__ import annotations
 
@@ -40,7 +40,10 @@ Array = npt.NDArray[Any]
 
 
 class MotionInTime(Protocol):
-    """The motion of a body in time: `fem_snh.steps.dynamics.dynamics.Dynamics`."""
+    """What features use of the motion of a body in time.
+
+    `fem_snh.steps.dynamics.dynamics.Dynamics` has this interface.
+    """
 
     mass: NodalMass
     terms: list[Term]
@@ -53,7 +56,7 @@ CreateMotion = Callable[[Any, Sequence[Region], Dirichlet, Kinematics], Any]
 
 @dataclass(frozen=True)
 class Body:
-    """The body that terms act on: what a feature may ask for when it makes them.
+    """The body that terms act on: the data from which features create their terms.
 
     Attributes
     ----------
@@ -68,10 +71,10 @@ class Body:
     amplitudes : Amplitudes
         The factors of loads and motions as functions of the load.
     motion : MotionInTime or None
-        The motion in time; None of a quasi-static body.
+        The motion in time; None for a quasi-static body.
     kinematics : Kinematics
-        How the displacement becomes a deformation gradient. On a body of revolution integrals are
-        those of the whole turn.
+        How the displacement becomes a deformation gradient. Integrals over a body of revolution
+        are integrals over the whole turn.
     """
 
     u: Any
@@ -99,12 +102,12 @@ class Body:
 
     @property
     def length(self) -> float:
-        """The size of the body, V^(1/3) [m]; in a plane the root of its area. Collective."""
+        """The size of the body, V^(1/3) [m]; in a plane the square root of its area. Collective."""
         return self.volume ** (1 / self.kinematics.volume_dimension)
 
     @cached_property
     def modulus(self) -> float:
-        """The Young's modulus [Pa] by which forces are scaled. Collective."""
+        """The reference Young's modulus [Pa]: see `reference_modulus`. Collective."""
         return reference_modulus(self.domain, self.regions, self.kinematics.revolved)
 
     def facets(self, key: str, surface: Any) -> Array:
@@ -113,36 +116,43 @@ class Body:
         Parameters
         ----------
         key : str
-            The key that names it, for messages.
+            The key that names the surface, for messages.
         surface : str, int or ufl.Measure
             A physical group, or a measure of a program.
 
         Raises
         ------
         BadInput
-            On every rank, for anything else: see `boundary_facets`.
+            On every rank, for an unknown group, or one that is not a part of the body's boundary:
+            see `boundary_facets`.
         """
         return boundary_facets(self.mesh, key, surface)
 
     def entities(self, key: str, group: Any) -> tuple[int, Array]:
-        """Return dimension and entities of a group of cells or facets. Collective.
+        """Return the dimension of a group of cells or facets, and its entities. Collective.
 
-        Surfaces may be inside of the body; otherwise as `facets`.
+        The entities (n,) are this rank's. Unlike in `facets`, the facets may be inside of the body.
         """
         return cells_or_facets(self.mesh, key, group)
 
     def measure(self, key: str, surface: Any) -> Any:
-        """Return the UFL measure of a surface: see `facets`. Collective."""
+        """Return the UFL measure of a surface, times 2 pi r on a body of revolution. Collective.
+
+        `facets` describes the arguments. The metadata of a program's measure are kept.
+        """
         ds = self.surface(key, surface)
         return self._turned(ds(metadata=surface.metadata()) if hasattr(surface, "metadata") else ds)
 
     def surface(self, key: str, surface: Any) -> Any:
-        """Return the UFL measure of a surface of the mesh itself, not revolved. Collective."""
+        """Return the UFL measure of a surface of the mesh, without the factor 2 pi r. Collective.
+
+        `facets` describes the arguments.
+        """
         return _dolfinx.surface_measure(self.domain, self.facets(key, surface))
 
     @property
     def cells(self) -> Any:
-        """The UFL measure of all cells."""
+        """The UFL measure of all cells, times 2 pi r on a body of revolution."""
         return self._turned(ufl.dx)
 
     def _turned(self, measure: Any) -> Any:
@@ -154,18 +164,18 @@ class Body:
         Raises
         ------
         BadInput
-            If a material has no density, and the message says for which purpose one is needed.
+            If a material has no density. The message names ``purpose``, for which it is needed.
         """
         densities = [density_of(region, purpose) for region in self.regions]
         return cell_constant(self.domain, self.regions, densities)
 
     def components(self, key: str, value: Any) -> Any:
-        """Return a vector's components that are those of the displacement, or its expression.
+        """Return the components of a vector that the displacement has, a list, or its expression.
 
         Raises
         ------
         BadInput
-            If others are not zero.
+            If a component that the displacement lacks is not zero, or as `expression`.
         """
         components = self.kinematics.components
         if is_expression(value):
@@ -176,9 +186,9 @@ class Body:
         return list(value[:components])
 
     def expression(self, key: str, value: Any) -> Any:
-        """Return a scalar, or a vector with the displacement's components, in UFL.
+        """Return a UFL expression after `check_expression`, or numbers as a dolfinx Constant.
 
-        Numbers become a dolfinx Constant. It raises BadInput as `check_expression` does.
+        ``value`` is a scalar, or a vector with the components of the displacement.
         """
         if not is_expression(value):
             return self.constant(value)
@@ -186,19 +196,22 @@ class Body:
         return value
 
     def constant(self, value: Any) -> Any:
-        """Return a dolfinx Constant."""
+        """Return a dolfinx Constant with the value, on the body's mesh."""
         return _dolfinx.constant(self.domain, value)
 
 
 def of_the_body(kinematics: Kinematics, domain: _dolfinx.Mesh, measure: Any) -> Any:
-    """Return the measure; if the body is one of revolution, 2 pi r times it."""
+    """Return the measure; for a body of revolution, 2 pi r times the measure."""
     if not kinematics.revolved:
         return measure
     return WeightedMeasure(2 * ufl.pi * _dolfinx.coordinates(domain)[0], measure)
 
 
 def displacement_gradient(u: Any, kinematics: Kinematics) -> Any:
-    """Return H = F - I in UFL, (3, 3), of a displacement; in plane stress that of plane strain."""
+    """Return H = F - I of a displacement in UFL, (3, 3).
+
+    In plane stress it is the H of plane strain, with H[2, 2] = 0.
+    """
     H = ufl.grad(u)
     if kinematics.dim == 3:
         return H
@@ -216,19 +229,19 @@ class WeightedMeasure:
         return integrand * self._coefficient * self._measure
 
 
-#: Parts of an expression that has the same value at all points.
+#: Terminals of a UFL expression that has the same value at all points.
 _UNIFORM = (ufl.Constant, ConstantValue, MultiIndex)
 
 
 def is_uniform(value: Any) -> bool:
-    """Return whether a value is the same at all points: numbers, or an expression of Constants."""
+    """Return whether a value is uniform in space: numbers, or an expression of Constants."""
     return not is_expression(value) or all(
         isinstance(part, _UNIFORM) for part in traverse_unique_terminals(value)
     )
 
 
 def present(value: Any) -> npt.NDArray[np.float64]:
-    """Return the present numbers of a value that is uniform, with the shape of its expression."""
+    """Return the present numerical value of a uniform value, with the shape of its expression."""
     if not is_expression(value):
         return np.asarray(value, dtype=float)
     constants = [c for c in traverse_unique_terminals(value) if isinstance(c, ufl.Constant)]
@@ -240,14 +253,14 @@ def present(value: Any) -> npt.NDArray[np.float64]:
 
 
 def check_expression(key: str, value: Any, u: Any, size: int = 1) -> None:
-    """Raise BadInput for a UFL expression of another size, or of the displacement ``u``.
+    """Raise BadInput for a UFL expression of a wrong shape, or that contains the displacement.
 
     Parameters
     ----------
     key : str
         The key that has the value, for messages.
     value : UFL expression
-        The value, of rank 0 or 1.
+        The value: a scalar, or a vector of ``size`` components.
     u : dolfinx Function
         The displacement.
     size : int

@@ -42,7 +42,7 @@ class Part(NamedTuple):
     Attributes
     ----------
     region : Region
-        Material and cells.
+        The region: a material and its cells.
     loops : CellLoops
         The compiled loops over this rank's cells of the region.
     """
@@ -56,7 +56,7 @@ class Elastic(Term):
 
     .. math:: E(u) = \sum_i \int_{\Omega_i} \psi_i(I + \nabla u) \, \mathrm{d}V
 
-    Each material has loops over its own cells, on the element's common tables.
+    Each material has compiled loops over its own cells; all loops share the element's tables.
 
     Parameters
     ----------
@@ -67,14 +67,15 @@ class Elastic(Term):
     regions : sequence of Region
         The materials psi_i with their cells.
     Q : dolfinx function space, optional
-        The space of an unknown pressure, in which the energy is stationary, not minimal.
+        The space of the pressure, if the pressure is an unknown. An equilibrium is then a
+        stationary point of the energy, no minimum.
     pressure_scale : float, optional
-        Unit of the pressure unknown [Pa/m].
+        The pressure over its unknown [Pa/m].
 
     Attributes
     ----------
     parts : list of Part
-        The regions with their energies and loops.
+        The regions with their loops.
     shape : tuple of int
         (cells of this rank, nodes per cell).
 
@@ -111,7 +112,7 @@ class Elastic(Term):
         self._kept: list[Array] = []
 
     def energy(self, u: PETSc.Vec, p: PETSc.Vec | None = None) -> float:
-        """Return the energy [J]; +inf where u is outside the energy's domain. Collective.
+        """Return the energy [J]; +inf if F is outside of psi's domain at any point. Collective.
 
         Raises
         ------
@@ -132,7 +133,7 @@ class Elastic(Term):
         r_u: PETSc.Vec,
         r_p: PETSc.Vec | None,
     ) -> None:
-        """Add dE/du [N] and dE/dp to all entries of ``r_u`` and ``r_p``, ghosts included."""
+        """Add this rank's part of dE/du [N] and dE/dp to ``r_u`` and ``r_p``, ghosts included."""
         values = (
             local_values(u),
             writable_values(r_u),
@@ -152,8 +153,8 @@ class Elastic(Term):
     ) -> int:
         """Add d2E/du2 [N/m], filtered at each quadrature point: see `Term.add_hessian`.
 
-        With ``rotations`` (cells, 3, 3), each cell's matrix is that of the rotated cell; the
-        coupling to an unknown pressure is not rotated.
+        With ``rotations`` R (cells of this rank, 3, 3), the 3x3 blocks K_ab of each cell's matrix
+        become R K_ab R^T; blocks that couple to an unknown pressure are not rotated.
         """
         which = POINT_FILTERS.index(choose("filter", filter, POINT_FILTERS))
         values, pressure = local_values(u), _if_any(local_values, p)
@@ -170,7 +171,10 @@ class Elastic(Term):
         return filtered
 
     def _structs(self, matrix: BlockMatrix) -> list[Any]:
-        """Return the C structs that tell each part's loops where element matrices are added."""
+        """Return a C struct per part: where its loops add element matrices in ``matrix``.
+
+        The structs are built again if the matrix's layout or its free dofs changed.
+        """
         if matrix.block_positions is not self._positions or matrix.free is not self._free:
             self._positions, self._free = matrix.block_positions, matrix.free
             self._targets, self._kept = [], []
@@ -185,26 +189,26 @@ class Elastic(Term):
         return self._targets
 
     def set_pressure_damping(self, ratio: float = 0.0, origin: Array | None = None) -> None:
-        r"""Set the viscous part of an unknown pressure; none by default.
+        r"""Set the viscous part of an unknown pressure; without arguments, remove it.
 
         The unknown is then :math:`p = p_e + s (p_e - w)` with the elastic pressure
-        :math:`p_e = U'(J)`. The state is stationary in p of
-        :math:`\psi' + p J - (1 + s) U^*(p_e)`.
+        :math:`p_e = U'(J)`. The integral of :math:`\psi' + p J - (1 + s) U^*(p_e)` is stationary
+        in p.
 
         Parameters
         ----------
         ratio : float
-            s.
+            The factor s.
         origin : (local pressures,)
-            w, in the unit of the unknown.
+            The pressure w, in the unit of the unknown, ghosts included.
         """
         for part in self.parts:
             part.loops.set_pressure_damping(ratio, origin)
 
     def cell_fields(self, u: PETSc.Vec, p: PETSc.Vec | None = None) -> dict[str, Array]:
-        """Return, for each cell of this rank, the fields of `Problem.cell_fields`.
+        """Return the fields of `Problem.cell_fields` by name, one value per cell of this rank.
 
-        They are NaN in cells without a material.
+        The values are NaN in cells without a material.
         """
         values = local_values(u), _if_any(local_values, p)
         fields: dict[str, Array] = {name: np.full(self.shape[0], np.nan) for name in FIELDS}
@@ -215,12 +219,12 @@ class Elastic(Term):
 
 
 def loops_over(V: Any, element: Element, region: Region) -> CellLoops:
-    """Return loops over a region that is no part of the elastic term. Collective."""
+    """Return compiled loops over a region that need not belong to an `Elastic` term. Collective."""
     tables = element_tables(V, element)
     compiled = on_root(V.mesh.comm, compile_cell_loops, region.material, tables)
     return CellLoops(compiled, restricted(tables, region.cells, region.fractions))
 
 
 def _if_any(values: Callable[[PETSc.Vec], Array], vector: PETSc.Vec | None) -> Array | None:
-    """Return the values of a vector that only an unknown pressure has."""
+    """Return ``values(vector)``, or None for the vector of a pressure that is no unknown."""
     return None if vector is None else values(vector)

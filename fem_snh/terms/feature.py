@@ -14,26 +14,26 @@ if TYPE_CHECKING:
 
 
 class Feature(Table):
-    """What a scene's table or an object of a program adds to a problem: energies and forces.
+    """A table of a scene, or an object of a program, that adds energies or forces to a problem.
 
-    A subclass has the fields of the table and either `create_term`, or `create_terms` if several
-    tables make one term. It is imported to read a scene, without PETSc: both import what they need
-    when they are called.
+    A subclass has the fields of the table and defines `create_term`, or `create_terms` if several
+    tables make one term. Reading a scene imports the subclass without PETSc, so these methods
+    import what needs PETSc when they are called.
 
     Attributes
     ----------
     key : str
         The table's key in a scene, and the name of its terms in run.json.
     planar : bool
-        Whether it supports meshes of two dimensions.
+        Whether the feature supports meshes of two dimensions.
     stateless : bool
         Whether its terms keep nothing from one evaluation to the next, so that two problems may
         share them: cell pressures may then be unknowns.
     releases : bool
-        Whether its terms release constrained nodes: they are created before those of others.
+        Whether its terms release constrained nodes: they are created before all other terms.
     nodal_fields : mapping of str to OutputField
-        The fields at the nodes that a scene with the table may name in ``fields``: its terms then
-        have the method of `fem_snh.terms.term.Term.nodal_field`.
+        The fields at the nodes that a scene with the table may name in ``fields``. The terms then
+        define `fem_snh.terms.term.Term.nodal_field`.
     """
 
     key: ClassVar[str]
@@ -50,7 +50,7 @@ class Feature(Table):
 
     @property
     def named_groups(self) -> Sequence[tuple[str, Any]]:
-        """The keys that name physical groups, and the groups."""
+        """Pairs of a key that names a physical group, and the group that it names."""
         group = getattr(self, "group", None)
         return [] if group is None else [("group", group)]
 
@@ -58,15 +58,16 @@ class Feature(Table):
     def check(cls, features: Sequence[Self], scene: Any) -> None:
         """Raise BadInput if the tables of a scene contradict each other or its other keys.
 
-        Of a program, ``scene`` has the keys ``element``, ``time.integrator`` and ``obstacle``; all
-        others are None.
+        In a program, ``scene`` has the attributes ``element``, ``time`` (None, or with an
+        ``integrator``) and ``obstacle``; every other attribute is None.
         """
 
     @classmethod
     def goals(cls, features: Sequence[Self]) -> Sequence[str]:
-        """Return the names of what may be goals of an error estimate, one for each feature.
+        """Return the names of results that may be goals of an error estimate: one per feature.
 
-        NAME.force is a vector. The terms then have `Term.goals`.
+        A name that ends in ".force" is the name of a vector. The features' terms return the same
+        names as `Term.goals`.
         """
         return []
 
@@ -83,9 +84,9 @@ class Feature(Table):
 
     @classmethod
     def describe(cls, features: Sequence[Self], terms: Sequence[Term]) -> Mapping[str, Any]:
-        """Return what run.json has of all features of this class before the first step.
+        """Return keys of run.json that describe all features of this class. Collective.
 
-        ``terms`` are those that `create_terms` made of them. Collective.
+        They are written before the first step. ``terms`` is the result of `create_terms`.
         """
         return {}
 
@@ -95,9 +96,9 @@ class Feature(Table):
 
 
 def grouped(features: Iterable[Any]) -> Iterator[tuple[type[Any], list[Any]]]:
-    """Yield the classes of features, in the order of the first of each, with all features of it.
+    """Yield each class of features with the list of its features, in order of first occurrence.
 
-    What is no feature, such as a term, is yielded by itself.
+    An object that is no feature, such as a term, is yielded alone, with its own class.
     """
     given = list(features)
     for number, feature in enumerate(given):
@@ -109,14 +110,17 @@ def grouped(features: Iterable[Any]) -> Iterator[tuple[type[Any], list[Any]]]:
 
 
 def create_terms(features: Iterable[Any], body: Body) -> list[Term]:
-    """Return the terms of features, those of one class together, and terms as they are. Collective.
+    """Return the terms that features create, and given terms unchanged. Collective.
+
+    The features of one class create their terms together. The result has the order of `grouped`,
+    but features with ``releases`` create their terms first.
 
     Parameters
     ----------
     features : iterable of Feature or Term
         The features and terms.
     body : Body
-        What they act on.
+        The body that they act on.
     """
     groups = list(grouped(features))
     made: dict[int, Sequence[Term]] = {}
@@ -127,7 +131,7 @@ def create_terms(features: Iterable[Any], body: Body) -> list[Term]:
 
 
 def feature_classes(tables: type[Table]) -> Iterator[type[Feature]]:
-    """Yield the features that may be keys of tables, in the order of the keys."""
+    """Yield the feature classes that are types of a table's fields, in the order of the fields."""
     for field in tables.model_fields.values():
         for kind in (field.annotation, *get_args(field.annotation)):
             if isinstance(kind, type) and issubclass(kind, Feature):

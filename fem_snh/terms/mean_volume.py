@@ -1,8 +1,8 @@
-r"""A volume energy of a program's own, as a function of J or of its mean in each cell.
+r"""A volume energy that a program gives, as a function of J or of its mean in each cell.
 
 .. math:: E = \sum_c V_c\, U(\bar J_c), \quad \bar J_c = \frac{1}{V_c} \int_c \det F \, \mathrm{d}V
 
-With :math:`g_c` the derivative of the integral, residual and Hessian are
+With :math:`g_c` the derivative of the integral by u, residual and Hessian are
 
 .. math:: \sum_c U' g_c, \quad \sum_c U' \frac{\partial g_c}{\partial u} + \frac{U''}{V_c} g_c g_c^T
 
@@ -37,12 +37,14 @@ _NAME = "volume"
 
 
 def volume_term(energy: VolumeEnergy, u: Any, element: Element, depends_on_load: bool) -> Any:
-    """Return the term of a volume energy, treated as the element treats those of materials.
+    """Return the term of a volume energy U(J), a `UFLTerm`, or a `MeanVolume` of the mean of J.
+
+    The element determines which, as for the volume energies of materials.
 
     Raises
     ------
     BadInput
-        For what is no function, and for an element with unknown pressures.
+        If ``energy`` is not callable, in plane stress, and for an element with unknown pressures.
     """
     if not callable(energy):
         raise bad_value("volume", energy, "a function of J, U(J) [Pa]")
@@ -58,18 +60,18 @@ def volume_term(energy: VolumeEnergy, u: Any, element: Element, depends_on_load:
 
 
 class MeanVolume(Term):
-    """The energy of the mean J of each cell. Collective.
+    """The energy U of the mean of J in each cell, integrated over the cells. Collective.
 
     Parameters
     ----------
     energy : callable
-        U(J) [Pa], of a UFL expression.
+        The function U(J) [Pa]: it returns a UFL expression for a UFL expression J.
     u : dolfinx Function
         The displacement.
     element : Element
-        Its quadrature and kinematics.
+        The element, with its quadrature degree and kinematics.
     depends_on_load : bool
-        Whether a program sets its constants for a load.
+        Whether a program sets the constants of ``energy`` for a load.
     """
 
     name, has_energy, stateless = _NAME, True, True
@@ -111,19 +113,22 @@ class MeanVolume(Term):
         """Do nothing: constants and functions are read at each evaluation."""
 
     def _assemble(self, form: Any) -> Any:
-        """Return the values of a form in this rank's own cells."""
+        """Return the values of a linear form on DG0 in this rank's own cells. Collective.
+
+        The array is overwritten by the next call.
+        """
         _dolfinx.assemble_vector(self._sums, form)
         return self._sums.array
 
     def _set(self, u: PETSc.Vec) -> None:
-        """Set the displacement and the means of J. Collective."""
+        """Copy ``u`` to the forms' displacement, and set the mean of J in each cell. Collective."""
         copy_to_function(u, self._u)
         means = self._assemble(self._det) / self._volumes
         self._mean.x.array[: len(means)] = means
         self._mean.x.scatter_forward()
 
     def energy(self, u: PETSc.Vec, p: PETSc.Vec | None = None) -> float:
-        """Return the energy [J]; +inf where U is NaN. Collective."""
+        """Return the energy [J]; +inf if U is NaN in any cell. Collective."""
         self._set(u)
         energy = _dolfinx.assemble_scalar(self._energy)
         return float("inf") if isnan(energy) else energy
@@ -138,7 +143,7 @@ class MeanVolume(Term):
     def add_hessian(
         self, u: PETSc.Vec, p: PETSc.Vec | None, filter: str, target: BlockMatrix
     ) -> int:
-        """Add the Hessian [N/m], filtered by cells: see `Term.add_hessian`."""
+        """Add the Hessian [N/m], filtered by cells: see `Term.add_hessian`. Collective."""
         self._set(u)
         factors = (self._assemble(self._stiffness) / self._volumes**2).copy()
         count = 0

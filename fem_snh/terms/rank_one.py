@@ -1,4 +1,4 @@
-"""Matrices of rank one that terms add to the Hessian without assembling them."""
+"""Terms whose Hessian has a dense matrix of rank one, which is applied without assembling it."""
 
 from __future__ import annotations
 
@@ -15,37 +15,40 @@ from fem_snh.terms.term import Term
 
 
 class RankOneTerm(Term):
-    """A term with the energy p^2/(2 k) of a scalar p, so that its forces are p g, g = dp/du / k.
+    """A term with the energy p^2/(2 k) of a scalar p(u), and forces p g with g = (dp/du) / k.
 
-    Its Hessian is k g g^T + p dg/du. Where the forces do not balance, p is no estimate of that at
-    equilibrium: of a stiff term it is larger by orders of magnitude.
+    The Hessian is k g g^T + p dg/du. Away from equilibrium, the p of a stiff term may be orders of
+    magnitude larger than p at equilibrium; the sparse part of the Hessian therefore uses another p.
 
     Attributes
     ----------
     imbalance : float
-        What the sparse part p dg/du has in addition to p.
+        The difference c of the sparse part (p + c) dg/du, which `RankOneUpdate.update` sets.
     """
 
     imbalance: float = 0.0
 
     def rank_one(self, u: PETSc.Vec, g: PETSc.Vec) -> float:
-        """Set the ghosted vector ``g`` and return k >= 0. Collective."""
+        """Set the ghosted vector ``g`` to g at u, ghosts included, and return k >= 0. Collective.
+
+        The sign of ``g`` does not matter.
+        """
         raise NotImplementedError(f"{type(self).__name__}.rank_one")
 
 
 class RankOneUpdate:
-    """The sum of an assembled matrix and matrices of rank one, as PETSc's MATLRC. Collective.
+    """The sum of an assembled matrix and matrices k g g^T, as PETSc's MATLRC. Collective.
 
     Parameters
     ----------
     A : PETSc.Mat
-        The assembled matrix.
+        The assembled matrix, which is not copied.
     V : dolfinx function space
         The displacement's space.
     terms : sequence of RankOneTerm
-        The terms that have such matrices.
+        The terms with matrices k g g^T.
     project : callable
-        Sets what is constrained of this rank's part of a vector to zero, in place.
+        Sets the constrained entries of this rank's part of a vector to zero, in place.
 
     Attributes
     ----------
@@ -78,26 +81,28 @@ class RankOneUpdate:
         V: _dolfinx.FunctionSpace,
         project: Callable[[npt.NDArray[Any]], None],
     ) -> RankOneUpdate | None:
-        """Return the update of those terms that have such a matrix; None if none has one."""
+        """Return the update of the `RankOneTerm` among ``terms``; None without any."""
         found = [term for term in terms if isinstance(term, RankOneTerm)]
         return cls(A, V, found, project) if found else None
 
     def update(
         self, u: PETSc.Vec, force: PETSc.Vec, reduce: Callable[[PETSc.Vec], None] | None = None
     ) -> None:
-        """Evaluate the terms at a ghosted displacement, and set their imbalances. Collective.
+        """Set the factors and vectors of `mat` at ``u``, and the terms' imbalances. Collective.
 
-        With these the terms' scalars are the least-squares multipliers of the other forces (Nocedal
-        & Wright 2006, eq. 18.21): at equilibrium their own, whatever k is.
+        With its imbalance, the scalar p of a term is the least-squares multiplier that balances the
+        forces of all other terms (Nocedal & Wright 2006, eq. 18.21). At equilibrium the multiplier
+        is p itself, for any k.
 
         Parameters
         ----------
         u : PETSc.Vec
-            The displacement.
+            The ghosted displacement.
         force : PETSc.Vec
-            The forces dE/du of all terms; on return those with the multipliers.
+            The forces dE/du of all terms [N]. On return p is replaced by the multiplier in them.
         reduce : callable, optional
-            Replaces a derivative by displacements by that by fewer unknowns, in place.
+            Replaces derivatives by displacements of nodes by derivatives by the unknowns of rigid
+            parts, in place.
         """
         owned, U = self._g.getLocalSize(), self._U.getDenseArray()
         columns = []
@@ -120,7 +125,7 @@ class RankOneUpdate:
     def _reduced(
         self, g: PETSc.Vec, reduce: Callable[[PETSc.Vec], None] | None
     ) -> npt.NDArray[Any]:
-        """Return this rank's part of a derivative by the free unknowns; it changes ``g``."""
+        """Return this rank's part of ``g``, changed in place to a derivative by free unknowns."""
         if reduce:
             reduce(g)
         self._project(g.array)

@@ -21,36 +21,38 @@ Array = npt.NDArray[Any]
 class Term:
     """A part of a problem's energy, with its derivative: the base of all terms.
 
-    A subclass has `add_residual`, `energy` if it has one, and what it needs of the rest, which has
-    defaults. ``u`` and ``p`` are the ghosted vectors of the displacement and of the pressure,
-    ``r_u`` and ``r_p`` those of the derivatives with respect to them. Without an unknown pressure
-    ``p`` and ``r_p`` are None.
+    A subclass defines `add_residual`, and `energy` if ``has_energy``. All other methods have
+    defaults. ``u`` is the ghosted vector of the displacement, ``p`` the ghosted vector of the
+    pressure; ``r_u`` and ``r_p`` are the ghosted vectors of the derivatives with respect to u and
+    p. If the pressure is no unknown, ``p`` and ``r_p`` are None.
 
     Attributes
     ----------
     name : str
         The term's name in run.json.
     has_energy : bool
-        Whether its forces are the gradient of its energy.
+        Whether the term's forces are the gradient of an energy.
     depends_on_load : bool
-        Whether it depends on the load parameter.
+        Whether the term depends on the load parameter.
     stateless : bool
-        Whether it keeps nothing from one evaluation to the next, so that two problems may share it.
+        Whether the term keeps nothing from one evaluation to the next, so that two problems may
+        share it.
     symmetric : bool
-        Whether its exact Hessian, the derivative of its forces, is symmetric at any state.
+        Whether the exact Hessian, the derivative of the forces, is symmetric at any state.
     planar : bool
-        Whether it supports meshes of two dimensions.
+        Whether the term supports meshes of two dimensions.
     has_penalties : bool
-        Whether its forces are those of penalties, which act where something touches or leaks.
+        Whether a penalty stiffness determines the forces: contact, or the fluid of a cavity.
     is_contact : bool
-        Whether it may hold a body where it touches something.
+        Whether the term may keep a body from moving rigidly, by contact.
     eliminates : bool
-        Whether its nodes follow a few unknowns: `fem_snh.terms.rigid_parts.RigidParts`.
+        Whether the displacements of some nodes are functions of a few unknowns, as in
+        `fem_snh.terms.rigid_parts.RigidParts`.
     unsettled_penalty : float or None
-        Which part of what its penalty changes of a goal stiffer ones may find otherwise; None for
-        the default of pairs of surfaces.
+        Uncertainty of the correction of a goal for finite penalties, as a fraction of the
+        correction. None: the default of `fem_snh.accuracy.differences`.
     note : str
-        What one should know of it beside "converged".
+        A limitation that a user should know although the solver converges; empty for none.
     """
 
     name: str = "term"
@@ -77,25 +79,25 @@ class Term:
 
     @property
     def extent(self) -> float:
-        """Size of the positions beside the body's that decide the term's forces [m]."""
+        """Largest coordinate outside of the body that the forces depend on, as of obstacles [m]."""
         return 0.0
 
     @property
     def length_text(self) -> str:
-        """What lengths the term has that depend on the space by default, with their size."""
+        """A clause that names a length which depends on the space by default, or an empty one."""
         return ""
 
     @property
     def goals(self) -> Sequence[str]:
-        """Names of results that may be goals of an error estimate, such as a force of contact.
+        """Names of the results that may be goals of an error estimate, such as a contact force.
 
-        They are those of `fem_snh.terms.feature.Feature.goals`.
+        They equal the names that `fem_snh.terms.feature.Feature.goals` returns.
         """
         return ()
 
     @property
     def surfaces(self) -> Sequence[MovingShape]:
-        """Surfaces of the term, which pictures show beside the body, in the order of run.json."""
+        """Obstacles of the term, which pictures show beside the body, in the order of run.json."""
         return ()
 
     def set_load(self, load: float) -> None:
@@ -108,7 +110,10 @@ class Term:
     def add_residual(
         self, u: PETSc.Vec, p: PETSc.Vec | None, r_u: PETSc.Vec, r_p: PETSc.Vec | None
     ) -> None:
-        """Add dE/du to ``r_u`` and dE/dp to ``r_p``."""
+        """Add dE/du [N] to ``r_u`` and dE/dp to ``r_p``.
+
+        A term may add to ghost entries; the caller sums them into the entries of their owners.
+        """
         raise NotImplementedError(f"{type(self).__name__}.add_residual")
 
     def add_hessian(
@@ -121,47 +126,53 @@ class Term:
         u, p : PETSc.Vec
             Ghosted displacement and pressure; the ghosts are current.
         filter : {"exact", "clamp", "abs"}
-            What becomes of negative eigenvalues.
+            Whether negative eigenvalues are kept, set to zero, or replaced by their absolute value.
         target : BlockMatrix
             The matrix; `BlockMatrix.add_matrices` adds element matrices to it.
 
         Returns
         -------
         int
-            How many quadrature points or cells of this rank were filtered.
+            The number of quadrature points or cells of this rank whose matrix was filtered.
         """
         return 0
 
     def scale_penalties(self, factor: float) -> bool:
-        """Multiply the stiffness of penalties; return whether there are any.
+        """Multiply the penalty stiffness by a factor; return whether the term has one.
 
-        Penalties leave an error that is inverse to their stiffness.
+        The error that penalties leave is inversely proportional to their stiffness.
         """
         return False
 
     def share_lengths(self, other: Self) -> None:
-        """Take over the lengths of the same term on another space."""
+        """Copy the lengths of `length_text` from ``other``, the same term on another space."""
 
     def goal(self, name: str, u: PETSc.Vec) -> npt.NDArray[Any]:
-        """Return the components of a result, (n,). Collective."""
+        """Return the components (n,) of the result ``name``, one of `goals`. Collective."""
         raise NotImplementedError(f"{type(self).__name__}.goal")
 
     def add_goal_derivative(self, name: str, component: int, u: PETSc.Vec, g: PETSc.Vec) -> None:
-        """Add the derivative of a component to all entries of ``g``. Collective."""
+        """Add the derivative by u of a component of a result to ``g``. Collective.
+
+        ``g`` is a ghosted vector. The caller sums its ghost entries into those of their owners.
+        """
         raise NotImplementedError(f"{type(self).__name__}.add_goal_derivative")
 
     def record(self, u: PETSc.Vec) -> Mapping[str, Mapping[str, Any]]:
         """Return what the term adds to a step's row of run.json. Collective.
 
-        A table of rows by name, under the key of run.json: {"cavities": {"inner": {...}}}.
+        The result maps a key of run.json to rows by name: {"cavities": {"inner": {...}}}.
         """
         return {}
 
     def nodal_field(self, name: str, u: PETSc.Vec) -> npt.NDArray[Any] | float:
-        """Return a field of its feature, (nodes of this rank, components). Collective.
+        """Return the term's share of a field that its feature names. Collective.
 
-        Of a scalar it is (nodes,). Values of several terms are added; it is 0 of a field that the
-        term does not have.
+        Returns
+        -------
+        (local nodes, components) array, (local nodes,) array or float
+            A vector field, a scalar field, or 0 if the term lacks the field. The caller adds the
+            shares of all terms.
         """
         return 0.0
 
@@ -170,7 +181,10 @@ class ForceTerm(Term):
     """A term whose results are sums of nodal forces."""
 
     def add_nodal_forces(self, name: str, u: PETSc.Vec, r: PETSc.Vec) -> None:
-        """Add the nodal forces [N] whose sum is a result to all entries of ``r``. Collective."""
+        """Add the nodal forces [N] whose sum is the result ``name`` to ``r``. Collective.
+
+        ``r`` is a ghosted vector. The caller sums its ghost entries into those of their owners.
+        """
         raise NotImplementedError(f"{type(self).__name__}.add_nodal_forces")
 
 
@@ -178,63 +192,67 @@ class CouplingTerm(Term):
     """A term whose Hessian couples nodes that share no cell."""
 
     def couplings(self, u: PETSc.Vec) -> npt.NDArray[Any]:
-        """Return the pairs of nodes that the Hessian at ``u`` couples. Collective.
+        """Return the pairs of global nodes that the Hessian at ``u`` couples, (n, 2). Collective.
 
-        The (n, 2) array of `BlockMatrix.couple`; the same object while nothing changes.
+        They are one of the arrays that `BlockMatrix.couple` accepts. While the pairs do not change,
+        the term returns the same array object.
         """
         raise NotImplementedError(f"{type(self).__name__}.couplings")
 
 
 class WorkingTerm(Term):
-    """A term whose loads move, or which dissipates energy, in a body in motion."""
+    """A term whose surfaces move and do work, or which dissipates energy, in a body in motion."""
 
     def step_work(self, u: PETSc.Vec, end_weight: float) -> tuple[float, float]:
-        """Return the work of the term's moving loads in a step, and what it dissipated [J].
+        """Return the work done on the body in a step, and the dissipated energy [J]. Collective.
 
-        It is called after the solution of a step, before `HistoryTerm.end_step`. Collective.
+        The caller calls this method after the solution of a step, before `HistoryTerm.end_step`.
 
         Parameters
         ----------
         u : PETSc.Vec
             Ghosted displacement at the step's end.
         end_weight : float
-            Weight of the forces at the step's end in the work that they do.
+            Weight in [0, 1] of the forces at the step's end; the forces at the step's start have
+            the weight ``1 - end_weight``.
         """
         raise NotImplementedError(f"{type(self).__name__}.step_work")
 
 
 class MeanForceTerm(Term):
-    """A term whose forces a step in time has as means over the step: contact with obstacles."""
+    """A term that can use forces averaged over a time step: contact with obstacles."""
 
     def weight_mean_forces(self, weight: float | None) -> None:
-        """Let the energy be that of the step's mean forces, times a weight.
+        """Switch energy, residual and Hessian to the step's mean forces times ``weight``.
 
-        None: that of the present forces, as between steps.
+        None switches back to the forces at the present displacement, which hold between steps.
         """
         raise NotImplementedError(f"{type(self).__name__}.weight_mean_forces")
 
 
 class StepLimitingTerm(Term):
-    """A term that admits only a part of some steps."""
+    """A term that is undefined at some displacements, and so limits the length of steps."""
 
     def largest_step(self, u: Array, d: Array) -> float:
-        """Return a length in [0, 1] up to which all of the step u + s d is admissible. Collective.
+        """Return t in [0, 1] such that u + s d is admissible for all s in [0, t]. Collective.
 
         Parameters
         ----------
-        u, d : (owned nodes, components)
-            Displacement and step [m].
+        u : (owned nodes, components) array
+            Displacement [m].
+        d : (owned nodes, components) array
+            Step [m].
         """
         raise NotImplementedError(f"{type(self).__name__}.largest_step")
 
 
 class StepLimit:
-    """The largest admissible step of several terms.
+    """A function of x and d that returns the largest step that all of some terms admit.
 
     Parameters
     ----------
     terms : sequence of StepLimitingTerm
-        The terms.
+        The terms; at least one.
     num_nodes : int
         Number of displacement nodes that this rank owns.
     components : int, optional
@@ -248,14 +266,14 @@ class StepLimit:
 
     @classmethod
     def of(cls, terms: Sequence[Term], num_nodes: int, components: int = 3) -> StepLimit | None:
-        """Return the limit of those terms that have one; None if no term does."""
+        """Return the step limit of the `StepLimitingTerm` among ``terms``; None without any."""
         limiting = [term for term in terms if isinstance(term, StepLimitingTerm)]
         return cls(limiting, num_nodes, components) if limiting else None
 
     def __call__(self, x: PETSc.Vec, d: PETSc.Vec) -> float:
-        """Return a length in [0, 1] up to which all of the step x + s d is admissible. Collective.
+        """Return t in [0, 1] such that x + s d is admissible for all s in [0, t]. Collective.
 
-        ``x`` and ``d`` hold unknowns, the displacement's first.
+        ``x`` and ``d`` are vectors of all unknowns, in which displacements precede pressures.
         """
         size = self._components * self._num_nodes
         u, step = (v.array_r[:size].reshape(-1, self._components) for v in (x, d))

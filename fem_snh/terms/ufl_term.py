@@ -1,8 +1,8 @@
 r"""Energies and forces given as UFL forms.
 
-dolfinx assembles energy and residual. The Hessian is assembled from FFCx's element matrices, whose
-negative eigenvalues are filtered cell by cell (facet by facet): the sum of the filtered matrices is
-positive semidefinite, as with the closed-form filter of the materials.
+dolfinx assembles energy and residual. The Hessian is assembled from FFCx's element matrices. If a
+filter is chosen, it changes the negative eigenvalues of each cell's or facet's matrix, so that the
+assembled sum is positive semidefinite, as with the closed-form filter of the materials.
 """
 
 from __future__ import annotations
@@ -33,15 +33,15 @@ from fem_snh.terms.term import Term
 
 #: Relative asymmetry of element matrices up to which a residual has an energy: far above rounding.
 _SYMMETRIC = 1e-10
-#: What a program's list of terms may have.
+#: What an entry of a program's list ``terms`` may be, for messages.
 TERM = (
     "a UFL form, an energy (rank 0) or a residual (rank 1); a feature such as fem_snh.Pressure; or "
     "a term, derived from fem_snh.Term"
 )
 #: Integrals that have one element matrix per cell or facet.
 _KINDS = ("cell", "exterior_facet")
-#: Characters that a message shows of an error of FFCx's: two lines of a terminal. One of its C
-#: compiler's has the whole command.
+#: Characters that a message shows of an error of FFCx: two lines of a terminal. An error of the C
+#: compiler contains its whole command.
 _SHOWN = 160
 
 
@@ -50,11 +50,11 @@ class UFLTerm(Term):
 
     ====================  ==========================================================================
     energy, rank 0        E(u) [J]; residual and Hessian are its derivatives
-    residual, rank 1      R(u; v) [N], linear in the test function v. Constant in u (a dead load) or
-                          linear with a symmetric derivative, it has the energy
-                          :math:`\int_0^1 R(t u; u) \, \mathrm{d}t`. All others have none:
-                          ``has_energy`` is False, the exact Hessian is dR/du, and a filtered one
-                          that of its symmetric part.
+    residual, rank 1      R(u; v) [N], linear in the test function v. If R is constant in u (a dead
+                          load), or linear in u with a symmetric derivative, the energy is
+                          :math:`\int_0^1 R(t u; u) \, \mathrm{d}t`. Otherwise ``has_energy`` is
+                          False, the exact Hessian is dR/du, and a filtered Hessian is that of the
+                          symmetric part of dR/du.
     ====================  ==========================================================================
 
     Parameters
@@ -73,21 +73,21 @@ class UFLTerm(Term):
     has_energy : bool
         Whether the term's forces are the gradient of an energy.
     symmetric : bool
-        Whether the exact Hessian is the symmetric part of dR/du, as it is if there is an energy;
-        otherwise `fem_snh.problem.problem.Problem` chooses it.
+        Whether `add_hessian` adds the symmetric part of dR/du; it is dR/du itself if there is an
+        energy. Without an energy `fem_snh.problem.problem.Problem` sets this attribute.
     seconds : float
         Time spent compiling.
 
     Raises
     ------
     BadInput
-        On every rank, for a form that is neither, that does not contain the displacement, that
-        has other integrals, or that UFL or FFCx cannot compile.
+        On every rank, for a form of rank 2 or more, an energy that does not contain the
+        displacement, integrals over other entities, or a form that UFL or FFCx cannot compile.
 
     Notes
     -----
-    Constants and functions in the form may change between solves. A dead load is assembled when
-    `set_load` is called, once per solve.
+    Constants and functions in the form may change between solves. A dead load is assembled at the
+    first evaluation after `set_load`, once per solve.
     """
 
     stateless = True
@@ -127,17 +127,17 @@ class UFLTerm(Term):
 
     @property
     def rounds_identity(self) -> bool:
-        """Whether its forces have the rounding errors of I + grad u."""
+        """True, as forms evaluate I + grad u, unless the term is a dead load."""
         return self.has_hessian
 
     def set_load(self, load: float) -> None:
-        """Set the load parameter. A dead load is assembled again, with present constants."""
+        """Let the next evaluation assemble a dead load again, with the constants of that time."""
         self._is_current = False
 
     def energy(self, u: PETSc.Vec, p: PETSc.Vec | None = None) -> float:
-        """Return the energy [J]; +inf where the form is NaN. Collective.
+        """Return the energy [J]; +inf if the integral is NaN. Collective.
 
-        The energy of a dead load is zero where u is.
+        The energy of a dead load is zero at u = 0.
 
         Raises
         ------
@@ -155,7 +155,11 @@ class UFLTerm(Term):
     def add_residual(
         self, u: PETSc.Vec, p: PETSc.Vec | None, r_u: PETSc.Vec, r_p: PETSc.Vec | None
     ) -> None:
-        """Add the forces [N] to all entries of ``r_u``, ghosts included. Collective."""
+        """Add the forces [N] to ``r_u``. Collective.
+
+        The assembled forces of a dead load are added to owned entries; other forces are this rank's
+        part, and are added to ghost entries, too.
+        """
         if self._force is not None:
             r_u.array[:] += self._current_force().array_r
         else:
@@ -175,7 +179,10 @@ class UFLTerm(Term):
     def element_matrices(
         self, u: PETSc.Vec, filter: str, symmetric: bool
     ) -> Iterator[tuple[Any, Any, int]]:
-        """Yield the element matrices of dR/du of all integrals: see `FormCells.matrices`."""
+        """Yield the element matrices [N/m] of dR/du, integral by integral; none for a dead load.
+
+        `FormCells.matrices` describes the arguments and the yielded tuples.
+        """
         choose("filter", filter, FILTERS)
         if self._cells is None:
             return
@@ -184,7 +191,7 @@ class UFLTerm(Term):
             yield from self._cells.matrices(integral, filter, symmetric)
 
     def _current_force(self) -> PETSc.Vec:
-        """The derivative of a dead load's energy [N], assembled once after `set_load`."""
+        """Return dE/du [N] of a dead load, a vector that is assembled once after `set_load`."""
         if not self._is_current:
             _dolfinx.assemble_vector(self._force, self._residual)
             self._is_current = True
@@ -202,7 +209,7 @@ class UFLTerm(Term):
         )
 
     def _integrals(self) -> list[Integral]:
-        """The Hessian's integrals with the present values of coefficients and constants."""
+        """Return the Hessian's integrals with the present values of coefficients and constants."""
         constants, coefficients = _dolfinx.pack(self._hessian)
         return [
             Integral(i.kernel, i.entities, coefficients[i.key], constants)
@@ -210,7 +217,10 @@ class UFLTerm(Term):
         ]
 
     def _is_linear_and_symmetric(self, hessian: Any) -> bool:
-        """Whether a residual is linear in the displacement with a symmetric derivative."""
+        """Return whether a residual is linear in u with a symmetric derivative. Collective.
+
+        ``hessian`` is the UFL form of this derivative.
+        """
         if self._cells is None or self._u in hessian.coefficients():
             return False
         worst = max((self._cells.asymmetry(i) for i in self._integrals()), default=0.0)
@@ -238,7 +248,13 @@ def check_form(form: Any, u: Any, name: str) -> None:
 
 
 def compile_form(form: Any, name: str) -> Any:
-    """Return a compiled form; raise BadInput, with key ``name``, for an error. Collective."""
+    """Return the dolfinx form of a UFL form. Collective.
+
+    Raises
+    ------
+    BadInput
+        On every rank, with the key ``name``, if UFL, FFCx or the C compiler fails.
+    """
     with _compiling(name):
         # On every rank: dolfinx lets this error, which is no Exception, leave the first one alone.
         check_form_arity(remove_complex_nodes(form), form.arguments())
@@ -269,9 +285,9 @@ def _at_u(form: Any, u: Any) -> Any:
 
 
 class UFLTerms(Term):
-    """Energies or residuals, each times an amplitude of the load.
+    """A sum of energies or residuals, each times an amplitude that is a function of the load.
 
-    Each is a `UFLTerm` of its own: UFL accepts one set of marked facets per form.
+    Each summand is a `UFLTerm`, because UFL accepts one set of marked facets per form.
 
     Parameters
     ----------
@@ -289,7 +305,10 @@ class UFLTerms(Term):
         self._factors: list[tuple[Any, Callable[[float], float]]] = []
 
     def add(self, form: Any, amplitude: Callable[[float], float] | None = float) -> None:
-        """Add a form times an amplitude; `float` is the load itself, None constant. Collective."""
+        """Add a form times an amplitude, a function of the load. Collective.
+
+        The default amplitude is the load itself. The amplitude None is the constant 1.
+        """
         at_rest = 1.0 if amplitude is None else amplitude(0.0)
         factor = _dolfinx.constant(self._u.function_space.mesh, at_rest)
         self._terms.append(UFLTerm(factor * form, self._u, self.name))
@@ -302,7 +321,7 @@ class UFLTerms(Term):
         self.add(-ufl.inner(density, self._u) * measure, amplitude)
 
     def set_load(self, load: float) -> None:
-        """Set the factors of a load; dead loads are assembled again."""
+        """Set the amplitudes at a load; the next evaluation assembles dead loads again."""
         for factor, amplitude in self._factors:
             factor.value = np.array(amplitude(load))
         for term in self._terms:
@@ -319,7 +338,7 @@ class UFLTerms(Term):
 
     @property
     def symmetric(self) -> bool:
-        """Whether the exact Hessian has the symmetric parts of the terms' derivatives alone."""
+        """Whether all summands add the symmetric part of dR/du: see `UFLTerm`. Settable."""
         return all(term.symmetric for term in self._terms)
 
     @symmetric.setter
@@ -330,12 +349,12 @@ class UFLTerms(Term):
     def add_residual(
         self, u: PETSc.Vec, p: PETSc.Vec | None, r_u: PETSc.Vec, r_p: PETSc.Vec | None
     ) -> None:
-        """Add the forces [N] to all entries of ``r_u``, ghosts included. Collective."""
+        """Add the forces [N] to ``r_u``, as `UFLTerm.add_residual` does. Collective."""
         for term in self._terms:
             term.add_residual(u, p, r_u, r_p)
 
     def add_hessian(
         self, u: PETSc.Vec, p: PETSc.Vec | None, filter: str, target: BlockMatrix
     ) -> int:
-        """Add the filtered Hessian; return how many facets of this rank were filtered."""
+        """Add the Hessian [N/m], filtered by element matrices: see `Term.add_hessian`."""
         return sum(term.add_hessian(u, p, filter, target) for term in self._terms)
