@@ -1,4 +1,4 @@
-"""Fluids that surfaces enclose."""
+"""The scene's table of a fluid that a surface encloses."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Cavity(Feature):
 
     @classmethod
     def check(cls, features: Sequence[Self], scene: Any) -> None:
-        """Check the modes of a scene with a cavity."""
+        """Raise BadInput if the scene asks for vibration modes."""
         if scene.modes:
             raise BadInput("'cavity' and 'modes' exclude each other: expected one of them")
 
@@ -48,7 +48,13 @@ class Cavity(Feature):
 
     @classmethod
     def create_terms(cls, features: Sequence[Self], body: Body) -> Sequence[Term]:
-        """Return one term for each fluid; their surfaces share no facet. Collective."""
+        """Return one term for each fluid. Collective.
+
+        Raises
+        ------
+        BadInput
+            On every rank, in plane stress, and for two surfaces that share a facet.
+        """
         from fem_snh.terms.enclosed_fluid import EnclosedFluid  # imports PETSc
 
         if body.kinematics.plane_stress:  # the edge's area has the unknown thickness

@@ -1,14 +1,17 @@
-r"""What closes a surface with an edge: constrained nodes, rigid parts, planes of symmetry.
+r"""The closing surface of a surface with an edge: rigid parts, constraints, planes of symmetry.
 
-The edge of a surface is what belongs to one of its facets only. Each piece of it, in three
-dimensions the edge of a facet and in two its end, is in one class:
+The edge of a surface consists of pieces that belong to one of its facets only: edges of facets in
+three dimensions, their ends in two. Each piece is in one class:
 
-- in a plane of symmetry at rest, which is part of the closing surface and sweeps no volume;
-- on a rigid part, which carries a lid: a fan of triangles between the edge and a point of the part;
+- in a plane of symmetry that does not move: the closing surface lies in the plane and sweeps no
+  volume;
+- on a rigid part: the closing surface is a lid that moves with the part, a fan of triangles between
+  the edge and a point, the apex;
 - constrained: the closing surface is a fan, too.
 
-The enclosed volume changes by what the surface and the fans sweep. The point of a fan is in all
-planes of symmetry in which the fan ends. On a body of revolution lids are discs about the axis.
+The enclosed volume changes by the volumes that the surface and the fans sweep. The apex of a fan is
+in all planes of symmetry in which the fan ends. On a body of revolution lids are discs about the
+axis.
 """
 
 from __future__ import annotations
@@ -32,18 +35,18 @@ from fem_snh.mesh.mesh import volume as body_volume
 
 Array = npt.NDArray[Any]
 
-#: Largest distance of a plane's nodes from it over the body's length: a mesh file has 8 digits.
+#: Largest distance of nodes from their plane over the body's length: a mesh file has 8 digits.
 _FLAT = 1e-6
-#: Largest part of a projection that is rounding.
+#: Largest entry of a projection that counts as rounding.
 _ROUNDING = 1e-9
 #: Loads at which prescribed values are examined.
 _LOADS = (0.25, 0.5, 1.0)
-#: Gauss points in [0, 1] and weights that integrate the volume swept on a straight path: a cubic.
+#: Gauss points in [0, 1] and weights; they are exact for the volume swept on a path: a cubic in t.
 PATH = ((0.5 - 12**-0.5, 0.5), (0.5 + 12**-0.5, 0.5))
 
 
 class NotClosedError(Exception):
-    """Nothing closes a piece of the edge; the message says where and why."""
+    """Raised if nothing closes a piece of the edge; the message says where and why."""
 
 
 class Edge(NamedTuple):
@@ -52,19 +55,20 @@ class Edge(NamedTuple):
     Attributes
     ----------
     pieces : (n, nodes of each) int
-        Its pieces: rows of the other arrays, from one end to the other.
+        The nodes of each piece from one end to the other, as indices into the arrays below.
     weights : (n,) int
-        1 if the surface is to the left of a piece, seen along its normal, -1 if to the right.
+        1 if the surface is to the left of a piece for an observer outside of the body, in two
+        dimensions if the end is to the left of the outward normal; else -1.
     numbers : (nodes,) int
         The nodes' global numbers.
     X : (nodes, dim)
-        Their reference coordinates [m].
+        The nodes' reference coordinates [m].
     free : (nodes, dim, dim)
-        The projections onto their free directions.
+        The projections onto the nodes' free directions.
     parts : (nodes,) int
-        The rigid part of each; -1: none.
+        The rigid part of each node; -1: none.
     moved : (loads, nodes, dim)
-        Prescribed displacements [m] at some loads; 0 on parts.
+        Prescribed displacements [m] at the loads `_LOADS`; 0 on parts.
     """
 
     pieces: Array
@@ -77,16 +81,16 @@ class Edge(NamedTuple):
 
 
 class Lid(NamedTuple):
-    """A fan at rest by the sums of its normals and moments.
+    """The integrals of the normal N, and of its moment, over a fan at rest.
 
     Attributes
     ----------
     apex : (dim,)
-        Its point.
+        The apex [m].
     area : (dim,)
-        The vector area a [m^2].
+        The vector area [m^2], the integral of N.
     moment : (dim, dim)
-        The integral of N (y - apex)^T.
+        The integral of N (Y - apex)^T [m^3].
     """
 
     apex: Array
@@ -95,14 +99,16 @@ class Lid(NamedTuple):
 
 
 class Fan(NamedTuple):
-    """A fan between pieces of an edge and a point.
+    """A fan between pieces of an edge and its apex.
 
     Attributes
     ----------
-    pieces, weights : arrays
-        The pieces: see `Edge`.
-    planes : (n, dim + 1)
-        The planes that contain the point, as normals and offsets.
+    pieces : (n, nodes of each) int
+        The nodes of the pieces: see `Edge`.
+    weights : (n,) int
+        The sides of the surface: see `Edge`.
+    planes : (m, dim + 1)
+        The planes n . x = d that contain the apex, as rows (n, d).
     """
 
     pieces: Array
@@ -110,12 +116,19 @@ class Fan(NamedTuple):
     planes: Array
 
     def arms(self, x: Array) -> tuple[Array, Array]:
-        """Return the point, and the pieces' nodes from it, where the edge is at x."""
+        """Return the apex (dim,) and the pieces' nodes relative to it, (n, nodes of each, dim).
+
+        The edge's nodes are at ``x`` (nodes, dim).
+        """
         apex = _project(x[np.unique(self.pieces)].mean(axis=0), self.planes)
         return apex, x[self.pieces] - apex
 
     def normals(self, arms: Array) -> tuple[Array, Array]:
-        """Return points on the edge and weighted normals of their triangles, (n, points, dim)."""
+        """Return quadrature points and weighted normals of a fan, both (n, points, dim).
+
+        The points are on the edge, relative to the apex, as are ``arms``. Half the sum of the
+        normals is the vector area in three dimensions, the sum in two.
+        """
         weights = self.weights[:, None]
         if arms.shape[2] == 2:
             return arms, -weights[:, :, None] * np.stack([arms[..., 1], -arms[..., 0]], axis=-1)
@@ -128,14 +141,17 @@ class Fan(NamedTuple):
         return at, -np.cross(at, along) * (weights * factors / 2)[:, :, None]
 
     def lid(self, x: Array) -> Lid:
-        """Return the sums of the fan where the edge is at x."""
+        """Return the integrals over the fan with the edge's nodes at ``x`` (nodes, dim)."""
         apex, arms = self.arms(x)
         (at, normals), dim = self.normals(arms), len(apex)
         moment = np.einsum("nqi,nqj->ij", normals, at) / dim
         return Lid(apex, normals.sum(axis=(0, 1)) / (dim - 1), moment)
 
     def swept(self, start: Array, end: Array) -> float:
-        """Return the volume that the fan sweeps on straight paths of the edge's nodes [m^3]."""
+        """Return the volume [m^3] that the fan sweeps as the edge's nodes move on straight paths.
+
+        They move from ``start`` to ``end`` (nodes, dim). In a plane the result is an area [m^2].
+        """
         (a, first), (b, last) = self.arms(start), self.arms(end)
         velocity, total, dim = self.normals(last - first)[0], 0.0, len(a)
         for t, weight in PATH:
@@ -155,21 +171,21 @@ class ClosingSurface:
     facets : (n,) int
         This rank's facets of the surface.
     dirichlet : Dirichlet
-        The constrained nodes and those of rigid parts.
+        The constrained nodes, and the nodes of rigid parts.
     kinematics : Kinematics, optional
         How the displacement becomes a deformation gradient.
 
     Attributes
     ----------
     parts : (local nodes,) int
-        Which rigid part has each node, -1: none.
+        The rigid part of each node; -1: none.
     lids : dict of int to Lid
         The fans of rigid parts at rest, by the part's number.
 
     Raises
     ------
     NotClosedError
-        On every rank, if a piece of the edge is in no class, or its fan in no plane.
+        On every rank, if a piece of the edge is in no class, or if planes do not close a fan.
     """
 
     def __init__(
@@ -189,7 +205,7 @@ class ClosingSurface:
         self._planes, self._inside = np.empty((0, self._dim + 1)), np.empty((0, len(edge.X)), bool)
         self.lids: dict[int, Lid] = {}
         self._fans: list[Fan] = []
-        #: Nodes that no fan closes, which must stay at rest.
+        #: Constrained nodes of the edge that no fan closes, and which must therefore not move.
         self._at_rest: Array = np.empty(0, np.int64)
         parts = edge.parts[edge.pieces]
         on_part = (parts == parts[:, :1]).all(axis=1) & (parts[:, 0] >= 0)
@@ -229,7 +245,10 @@ class ClosingSurface:
         return NotClosedError(f"{why} at ({', '.join(f'{x:.6g}' for x in at)})")
 
     def _check_ends(self, others: Array) -> None:
-        """Raise NotClosedError if the end of a curve is not on the axis and moves along it."""
+        """Raise NotClosedError if a piece of ``others`` is off the axis and free to move along it.
+
+        ``others`` (n,) bool marks the pieces that are on no rigid part.
+        """
         edge = self._edge
         nodes = edge.pieces[:, 0]
         along = abs(edge.free[nodes, 1]).max(axis=1, initial=0.0) > _ROUNDING
@@ -238,14 +257,18 @@ class ClosingSurface:
             raise self._error(piece, "its edge is free")
 
     def _find_planes(self, slides: Array) -> None:
-        """Find the planes at rest in which nodes slide, and which nodes stay in each of them."""
+        """Set the planes at rest in which nodes slide, and which nodes stay in each plane.
+
+        ``slides`` (nodes,) bool marks nodes of no part with a free direction. It sets ``_planes``
+        (planes, dim + 1) and ``_inside`` (planes, nodes) bool.
+        """
         edge = self._edge
         points, length = edge.X[edge.pieces], self._length
         t = (points[:, 1:] - points[:, :1]) / length
         t /= np.linalg.norm(t, axis=2).max(axis=1, initial=_ROUNDING)[:, None, None]
         free = (edge.free * slides[:, None, None])[edge.pieces].sum(axis=1)
         values, vectors = np.linalg.eigh(free + t.swapaxes(1, 2) @ t)
-        # Of pieces along the line of two planes, or of constrained nodes, it is not determined.
+        # The plane of a piece on two planes, or of constrained nodes, is not determined.
         known = slides[edge.pieces].any(axis=1) & (values[:, 0] <= _FLAT**2)
         known &= values[:, 1] > _FLAT**2
         normals = vectors[known, :, 0]
@@ -265,7 +288,7 @@ class ClosingSurface:
         self._inside = ~(away | leaves)
 
     def _keeps(self, part: int) -> Array:
-        """Return whether a part's motions keep its points of each plane in it, (planes,) bool."""
+        """Return for each plane whether a part's motions keep it in place, (planes,) bool."""
         kept = np.ones(len(self._planes), dtype=bool)
         normals = np.zeros((len(kept), 3))
         normals[:, : self._dim] = self._planes[:, :-1]
@@ -278,7 +301,10 @@ class ClosingSurface:
         return kept
 
     def _connected(self, pieces: Array) -> list[Array]:
-        """Return connected parts of some pieces; in two dimensions ends that move alike."""
+        """Return the connected components of ``pieces``, each an array of piece numbers.
+
+        In two dimensions they are sets of ends with equal prescribed displacements.
+        """
         nodes = self._edge.pieces[pieces]
         if self._dim == 2:
             moved = (
@@ -296,12 +322,12 @@ class ClosingSurface:
         return [pieces[labels == i] for i in range(count)]
 
     def _fan(self, which: Array, part: int = -1) -> Fan:
-        """Return the fan that closes some pieces, of a part or of constrained nodes.
+        """Return the fan of the pieces ``which``, on a rigid part, or constrained if part = -1.
 
         Raises
         ------
         NotClosedError
-            If they end in no plane, or in planes that leave the fan open.
+            If the pieces end in no plane, or in planes that leave the fan open.
         """
         edge, planes = self._edge, self._planes
         pieces, weights = edge.pieces[which], edge.weights[which]
@@ -323,21 +349,25 @@ class ClosingSurface:
         return found
 
     def facets_of_part(self, part: int, others: Array) -> Array:
-        """Return this rank's facets of the boundary on a part that are not among others."""
+        """Return this rank's facets of the boundary on a part that are not in ``others``, (n,)."""
         V = self._V
         facets, cells, local = _dolfinx.exterior_facets(V.mesh)
         nodes = _dolfinx.node_dofs(V)[cells[:, None], _dolfinx.facet_nodes(V)[local]]
         return facets[(self.parts[nodes] == part).all(axis=1) & ~np.isin(facets, others)]
 
     def collapse(self) -> tuple[Array, Array, float] | None:
-        """Return displacements that keep planes and leave no volume, None if none are known.
+        """Return affine displacements K (o - X) that collapse the volume to 0 and keep all planes.
 
         Returns
         -------
-        K, o : (dim, dim), (dim,)
-            The displacements are K (o - X).
-        float
-            The volume that the fans sweep [m^3].
+        K : (dim, dim)
+            The matrix.
+        o : (dim,)
+            The point [m].
+        swept : float
+            The volume that the fans sweep in these displacements [m^3].
+        None
+            Instead, if no such displacements are known.
         """
         X = self._edge.X
         if self._revolved:
@@ -354,16 +384,18 @@ class ClosingSurface:
         return K, point, self._swept((point - X) @ K)
 
     def swept(self, u: PETSc.Vec) -> float:
-        """Return the volume that the fans sweep up to displacements [m^3]. Collective."""
+        """Return the volume [m^3] that the fans sweep from rest to ``u``. Collective."""
         return self._swept(_gather(self._V, u.array_r, self._edge.numbers))
 
     def _swept(self, moved: Array) -> float:
-        """Return the volume that the fans sweep up to displacements of the edge's nodes [m^3].
+        """Return the volume [m^3] that the fans sweep up to displacements of the edge's nodes.
+
+        ``moved`` is (nodes, components).
 
         Raises
         ------
         BadInput
-            If values that a program changes leave the surface open.
+            If constrained nodes that no fan closes move, by values that a program changes.
         """
         X = self._edge.X
         if self._revolved:
@@ -379,13 +411,13 @@ class ClosingSurface:
 
 
 def _project(point: Array, planes: Array) -> Array:
-    """Return the nearest point in planes, or near them if they do not meet."""
+    """Return the nearest point in all planes; in least squares, if the planes do not meet."""
     distances: Array = planes[:, -1] - planes[:, :-1] @ point
     return np.asarray(point + np.linalg.lstsq(planes[:, :-1], distances, rcond=_FLAT)[0])
 
 
 def edge_of(V: _dolfinx.FunctionSpace, facets: Array, dirichlet: Dirichlet, dim: int) -> Edge:
-    """Return the edge of a surface, of which ``facets`` are this rank's. Collective."""
+    """Return the edge of a surface with this rank's ``facets``. Collective."""
     pieces, weights = _pieces_of_facets(V, facets)
     to_global, components = _dolfinx.local_to_global(V), _dolfinx.num_components(V)
     pieces, weights = _sum_weights([to_global[pieces]], [weights])
@@ -423,7 +455,10 @@ def edge_of(V: _dolfinx.FunctionSpace, facets: Array, dirichlet: Dirichlet, dim:
 
 
 def _gather(V: _dolfinx.FunctionSpace, values: Array, numbers: Array) -> Array:
-    """Return rows of values of the owned nodes, or of their dofs, by global numbers. Collective."""
+    """Return the values of nodes with these global numbers on every rank. Collective.
+
+    ``values`` has a row for each owned node, or is flat, (owned dofs,).
+    """
     if values.ndim == 1:
         values = values.reshape(-1, _dolfinx.num_components(V))
     local = numbers - _dolfinx.local_to_global(V)[0] if len(values) else numbers * 0 - 1
@@ -434,7 +469,7 @@ def _gather(V: _dolfinx.FunctionSpace, values: Array, numbers: Array) -> Array:
 
 
 def _pieces_of_facets(V: _dolfinx.FunctionSpace, facets: Array) -> tuple[Array, Array]:
-    """Return the edges, or ends, of this rank's facets: local nodes and weights, as in `Edge`."""
+    """Return the pieces of all of this rank's facets, local nodes, and weights, as in `Edge`."""
     domain = V.mesh
     cell, dim, degree = _dolfinx.cell_name(domain), domain.topology.dim, _dolfinx.degree(V)
     exterior, cells, local = _dolfinx.exterior_facets(domain)
@@ -468,7 +503,10 @@ def _pieces_of_facets(V: _dolfinx.FunctionSpace, facets: Array) -> tuple[Array, 
 
 
 def _sum_weights(pieces: Sequence[Array], weights: Sequence[Array]) -> tuple[Array, Array]:
-    """Return the pieces whose weights have a sum that is not zero, from the lower number on."""
+    """Return the distinct pieces whose weights have a nonzero sum, and these sums.
+
+    Pieces are turned to begin at the lower node number. Between two facets the sum is zero.
+    """
     every, weight = np.concatenate(pieces), np.concatenate(weights)
     if every.shape[1] > 1:
         backward = every[:, 0] > every[:, -1]

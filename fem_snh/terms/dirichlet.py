@@ -1,4 +1,4 @@
-"""Dirichlet conditions: tables of scenes that are objects of programs, too."""
+"""Dirichlet conditions: tables of scenes, and objects of programs."""
 
 from __future__ import annotations
 

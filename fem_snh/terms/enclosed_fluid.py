@@ -1,4 +1,4 @@
-"""Fluids of prescribed volume that surfaces enclose."""
+"""The energy of a fluid of prescribed volume that a surface encloses."""
 
 from __future__ import annotations
 
@@ -37,20 +37,21 @@ class EnclosedFluid(RankOneTerm):
         p = k \left(a(\lambda) V^* - \Delta V(u)\right)
 
     The cavity's change of volume :math:`\Delta V` is minus the volume that its surface sweeps, as
-    the body's normal points into it. The state is one of equilibrium with the pressure p, for any
-    stiffness k: the pairs of :math:`\Delta V` and p are points of the body's own curve, also where
-    the pressure decreases with the volume and a prescribed pressure would be unstable.
+    the body's normal points into the cavity. For any stiffness k the body is in equilibrium with
+    the pressure p, so the pairs of :math:`\Delta V` and p are points of the body's
+    pressure-volume curve, also where the pressure decreases with the volume and a prescribed
+    pressure would be unstable.
 
-    The Hessian is that of a follower pressure plus k g g^T, g the derivative of :math:`\Delta V`:
-    a dense matrix of rank one, which `rank_one` returns as g. The pressure in it is p at
-    equilibrium, and elsewhere the one that the body's forces balance best: `RankOneTerm`.
+    The Hessian is that of a follower pressure plus k g g^T, g the derivative of :math:`\Delta V`: a
+    dense matrix of rank one, whose factors `rank_one` returns. The follower pressure is p at
+    equilibrium; elsewhere it is the pressure that balances the body's forces best: `RankOneTerm`.
 
     Parameters
     ----------
     fluid : Cavity
-        The surface, the volume V*, its factor a and the stiffness k [Pa/m^3].
+        The surface, the volume V*, the table of its amplitude a and the stiffness k [Pa/m^3].
     body : Body
-        What it acts on.
+        The body around the cavity.
 
     Attributes
     ----------
@@ -93,23 +94,23 @@ class EnclosedFluid(RankOneTerm):
         self._check_volume()
 
     def _check_volume(self) -> None:
-        """Raise BadInput if more fluid leaves the cavity than there is. Collective."""
+        """Raise BadInput if the prescribed volume empties the cavity at any load. Collective."""
         least = min(
             self._amplitude(load) * float(present(self._added))
             for load in np.linspace(0, 1, _LOADS)
         )
         volume = self.volume_at_rest
-        # It is negative of a fluid around the body.
+        # The volume is negative for a fluid around the body.
         if volume is not None and volume > 0 and least <= -volume:
             accepted = f"a volume that leaves some of the {volume:.6g} m^3 in the cavity"
             raise bad_value("cavity.volume", float(present(self._added)), accepted)
 
     def set_load(self, load: float) -> None:
-        """Set the volume of a load."""
+        """Set the prescribed volume a(load) V*."""
         self._target = self._amplitude(load) * float(present(self._added))
 
     def scale_penalties(self, factor: float) -> bool:
-        """Multiply a default stiffness; a given one is a property of the fluid: return False."""
+        """Multiply a default stiffness; return False for a given one, a property of the fluid."""
         if self._is_default:
             self._stiffness *= factor
         return self._is_default
@@ -125,15 +126,15 @@ class EnclosedFluid(RankOneTerm):
 
     @property
     def goals(self) -> list[str]:
-        """The name of the fluid's pressure: see `Term.goals`."""
+        """The name of the fluid's pressure, "NAME.pressure": see `Term.goals`."""
         return [f"{self.group}.pressure"]
 
     def goal(self, name: str, u: PETSc.Vec) -> npt.NDArray[Any]:
-        """Return the pressure [Pa]: see `Term.goals`. Collective."""
+        """Return the fluid's pressure [Pa], (1,): see `Term.goal`. Collective."""
         return np.array([self.state(u)["pressure"]])
 
     def add_goal_derivative(self, name: str, component: int, u: PETSc.Vec, g: PETSc.Vec) -> None:
-        """Add that of the pressure: see `Term.goals`."""
+        """Add the derivative of the pressure by u: see `Term.add_goal_derivative`. Collective."""
         self._pressure.value = np.array(self._stiffness)  # -k times the change of volume
         self._term.add_residual(u, None, g, None)
 
@@ -145,22 +146,22 @@ class EnclosedFluid(RankOneTerm):
     def add_residual(
         self, u: PETSc.Vec, p: PETSc.Vec | None, r_u: PETSc.Vec, r_p: PETSc.Vec | None
     ) -> None:
-        """Add the forces [N] to all entries of ``r_u``, ghosts included. Collective."""
+        """Add the pressure's forces [N] to ``r_u``, ghosts included. Collective."""
         self._pressure.value = np.array(self.state(u)["pressure"])
         self._term.add_residual(u, p, r_u, r_p)
 
     def add_hessian(
         self, u: PETSc.Vec, p: PETSc.Vec | None, filter: str, target: BlockMatrix
     ) -> int:
-        """Add the pressure's Hessian; return how many facets of this rank were filtered."""
+        """Add the Hessian of the follower pressure p + c, c the imbalance: see `Term.add_hessian`.
+
+        `rank_one` gives the other part, k g g^T.
+        """
         self._pressure.value = np.array(self.state(u)["pressure"] + self.imbalance)
         return self._term.add_hessian(u, p, filter, target)
 
     def rank_one(self, u: PETSc.Vec, g: PETSc.Vec) -> float:
-        """Set ``g``, ghosted, to the derivative of the volume; return k. Collective.
-
-        The Hessian has the further part k g g^T.
-        """
+        """Set ``g``, ghosted, to minus the derivative of Delta V; return k. Collective."""
         set_to_zero(g)
         self._pressure.value = np.array(1.0)
         self._term.add_residual(u, None, g, None)

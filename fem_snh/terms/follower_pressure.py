@@ -27,22 +27,22 @@ class FollowerPressure(UFLTerms):
     .. math:: R(u; v) = \sum_i a_i(\lambda)\, p_i \int_{\Gamma_i} \mathrm{cof}(F) N \cdot v
         \, \mathrm{d}A
 
-    Surfaces with the same pressure are examined together: a closed surface may be of several
-    groups. If they are not conservative, the exact Hessian is not symmetric.
+    Surfaces with equal pressures are examined together, as a closed surface may consist of several
+    groups. If any pressure is not conservative, the exact Hessian is not symmetric.
 
     Parameters
     ----------
     pressures : sequence of Pressure
         The pressures p_i [Pa] on the surfaces Gamma_i.
     body : Body
-        What they act on.
+        The body that they act on.
 
     Attributes
     ----------
     has_energy : bool
-        Whether the pressures are conservative: see `fem_snh.terms.swept_volume`.
+        Whether all pressures are conservative: see `fem_snh.terms.swept_volume`.
     note : str
-        What a user should know: which pressures are not conservative.
+        A sentence on the pressures that are not conservative; empty without any.
 
     Raises
     ------
@@ -61,7 +61,7 @@ class FollowerPressure(UFLTerms):
             check_expression("pressure.value", p, body.u)
             self._values.append(p)
             self.add(SweptVolume(V, on, kinematics).residual(body.u, p), amplitude)
-        #: Numbers of pressures that are equal at all loads, and the volumes that they act on.
+        #: For each set of equal pressures, the number of its first one, and the swept volume.
         self._enclosed: list[tuple[int, SweptVolume]] = []
         equal = [(a, load.value) for a, load in zip(amplitudes, pressures, strict=True)]
         causes: dict[str, list[str]] = {}
@@ -89,7 +89,7 @@ class FollowerPressure(UFLTerms):
         self.note = f"{'; '.join(texts)}: the line search is on the residual" if texts else ""
 
     def energy(self, u: PETSc.Vec, p: PETSc.Vec | None = None) -> float:
-        """Return the potential of the pressures [J], zero at rest. Collective.
+        """Return the potential energy of the pressures [J], zero at u = 0. Collective.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""Terms with memory: what they keep from step to step, and the lagged quantities of a solve."""
+"""Terms with memory: values kept from step to step, and lagged quantities of a solve."""
 
 from __future__ import annotations
 
@@ -17,35 +17,35 @@ from fem_snh.terms.term import Term, WorkingTerm
 
 Array = npt.NDArray[Any]
 
-#: Solves of a step after which lagged quantities that still change make it fail. Lagged friction
-#: converges linearly, by factors of 2 to 10 a solve, and augmentations leave E/(k h) of the gap;
-#: what has not settled then alternates, or cannot: nodes that are constrained cannot follow.
+#: Solves of a step after which the step fails if lagged quantities still change. Lagged friction
+#: converges linearly, by factors of 2 to 10 a solve, and augmentations leave E/(k h) of the gap.
+#: Quantities that have not settled then alternate, or constrained nodes cannot follow them.
 MAX_SOLVES = 51
 
-#: Solves of a step after which it fails, if none of them has reduced the largest change below what
-#: it had been before: pairs of an unstable state alternate. In the tests of contact and friction
-#: quantities that settle have at most two such solves in turn.
+#: Solves in turn without a new minimum of the largest change, after which a step fails: contact
+#: pairs of an unstable state alternate. In the tests of contact and friction quantities that
+#: settle have at most two such solves in turn.
 MAX_STALLED = 10
 
 
 def relative(change: float, size: float, tolerance: float) -> float:
-    """Return ``change / (tolerance size)``: 0 without a change, infinity without a size."""
+    """Return ``change / (tolerance * size)``; 0 if change is 0, else infinity unless size > 0."""
     if change == 0:
         return 0.0
     return float(change / (tolerance * size)) if size > 0 else inf
 
 
 class LaggedChange(NamedTuple):
-    """The change of a term's lagged quantities after a solve.
+    """The change of a term's lagged quantities after a solve; by default no change.
 
     Attributes
     ----------
     ratio : float
         The change over its tolerance: above 1 the step is solved again.
     what : str
-        What changes, for the reason of a failure.
+        The quantity that changes, for the reason of a failure.
     slid_off : bool
-        Whether points that touched are beside the edge of the other surface now.
+        Whether points that were in contact have slid beyond the edge of the other surface.
     """
 
     ratio: float = 0.0
@@ -54,17 +54,23 @@ class LaggedChange(NamedTuple):
 
     @property
     def settled(self) -> bool:
-        """Whether the change is below its tolerance; NaN is not."""
+        """Whether the change is at most its tolerance; False for NaN."""
         return self.ratio <= 1
 
 
 def largest_change(changes: Iterable[LaggedChange]) -> LaggedChange:
-    """Return the largest of some changes, or NaN if one is; without any, no change."""
+    """Return the change of largest ratio, or one whose ratio is NaN; without any, no change."""
     return max(changes, key=lambda change: (isnan(change.ratio), change), default=LaggedChange())
 
 
 class HistoryTerm(Term):
-    """A term with quantities that are constant during a solve: multipliers, lagged friction.
+    """A term with a history: quantities that `add_residual` and `energy` read but do not change.
+
+    Lagged quantities (multipliers, the normal forces of friction) are constant during a solve;
+    `update_lagged` changes them after it, and the step is solved again until they settle. Internal
+    variables of a material need no second solve: they keep the values of the last accepted step,
+    from which each evaluation derives the present ones; `update_lagged` returns ``LaggedChange()``,
+    and `end_step` stores the new values.
 
     ``u`` is the ghosted displacement. All methods are collective.
     """
@@ -72,23 +78,32 @@ class HistoryTerm(Term):
     def begin_step(self, u: PETSc.Vec) -> None:
         """Reset lagged quantities to those of the last accepted step, whose displacement is u.
 
-        It is called before each attempt of a step, so also after one that failed.
+        The caller does so before each attempt of a step, also after a failed attempt.
         """
         raise NotImplementedError(f"{type(self).__name__}.begin_step")
 
     def update_lagged(self, u: PETSc.Vec) -> LaggedChange:
         """Update lagged quantities after a converged solve; return their change.
 
-        The result is the same on all ranks.
+        The result is the same on all ranks; a term without lagged quantities returns
+        ``LaggedChange()``.
         """
         raise NotImplementedError(f"{type(self).__name__}.update_lagged")
 
     def end_step(self, u: PETSc.Vec) -> None:
-        """Keep the present quantities: the step is accepted."""
+        """Store the history at ``u``: the step is accepted."""
         raise NotImplementedError(f"{type(self).__name__}.end_step")
 
     def history(self) -> tuple[Array, Array]:
-        """Return this rank's (n, 3) reference coordinates [m] and (n, k) kept values there."""
+        """Return this rank's points and the values kept there, for the checkpoint.
+
+        Returns
+        -------
+        points : (n, 3) array
+            Reference coordinates [m].
+        values : (n, k) array
+            The kept values; of size 0 if the term keeps nothing.
+        """
         raise NotImplementedError(f"{type(self).__name__}.history")
 
     def set_history(self, values: Array) -> None:
@@ -107,7 +122,7 @@ class TermHistory:
     Attributes
     ----------
     solves : int
-        How often the present step was solved.
+        The number of solves of the present step.
     change : LaggedChange
         The largest change of lagged quantities after the last solve.
     """
@@ -129,13 +144,13 @@ class TermHistory:
             term.begin_step(u)
 
     def update_lagged(self, u: PETSc.Vec) -> bool:
-        """Update lagged quantities after a solve; return whether the step is solved again.
+        """Update lagged quantities after a solve; return whether to solve the step again.
 
         Raises
         ------
         NotSettled
-            On every rank, if they still change after MAX_SOLVES solves, or if the change has not
-            become smaller for MAX_STALLED solves.
+            On every rank, if the quantities still change after MAX_SOLVES solves, or if their
+            change has had no new minimum for MAX_STALLED solves.
         """
         self.solves += 1
         self.change = change = largest_change([term.update_lagged(u) for term in self._terms])
@@ -152,29 +167,29 @@ class TermHistory:
         return True
 
     def settling(self) -> dict[str, Any]:
-        """Return what a step's row of run.json says of terms with a history.
+        """Return keys of a step's row of run.json; none without terms with a history.
 
-        ``solves``, how often the step was solved, and ``lagged_change``, how much that last
-        changed lagged quantities, in their tolerance.
+        ``solves`` is the number of solves of the step, and ``lagged_change`` the change of lagged
+        quantities after the last solve over its tolerance.
         """
         if not self._terms:
             return {}
         return {"solves": self.solves, "lagged_change": self.change.ratio}
 
     def step_work(self, u: PETSc.Vec, end_weight: float) -> tuple[float, float]:
-        """Return the sums of the terms' work and dissipation in a step: see `WorkingTerm`."""
+        """Return the sums of the terms' work and dissipation [J]: see `WorkingTerm.step_work`."""
         found = [term.step_work(u, end_weight) for term in self._working]
         return sum(work for work, _ in found), sum(lost for _, lost in found)
 
     def end_step(self, u: PETSc.Vec) -> None:
-        """Keep the present quantities of the terms: the step is accepted."""
+        """Store the history of the terms at ``u``: the step is accepted."""
         for term in self._terms:
             term.end_step(u)
 
     def record(self, u: PETSc.Vec) -> dict[str, dict[str, Any]]:
-        """Return what the terms add to the step's row of run.json.
+        """Return what all terms add to the step's row of run.json: see `Term.record`.
 
-        The second row of one name under a key is called ``name_2``.
+        If two terms have a row of the same name under one key, the second is called ``name_2``.
         """
         found: dict[str, dict[str, Any]] = {}
         for term in self._all:
@@ -185,12 +200,12 @@ class TermHistory:
         return found
 
     def is_kept(self, comm: MPI.Intracomm) -> bool:
-        """Return whether terms keep something from step to step, such as friction."""
+        """Return whether any term keeps values from step to step, such as the slip of friction."""
         return any([comm.allreduce(term.history()[1].size) > 0 for term in self._terms])
 
     @property
     def by_name(self) -> dict[str, HistoryTerm]:
-        """The terms with a history, by name, for the checkpoint: the second is ``name_2``."""
+        """The terms with a history by name; the second of one name is ``name_2``."""
         found: dict[str, HistoryTerm] = {}
         for term in self._terms:
             found[_unused(term.name, found)] = term

@@ -1,4 +1,4 @@
-"""Tables of loads: `Traction`, `Pressure`, `Gravity` and `Spring`."""
+"""Tables of loads: `Traction`, `Pressure`, `Gravity`, and the elastic foundation `Spring`."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class Pressure(Feature):
 
     @classmethod
     def create_terms(cls, features: Sequence[Self], body: Body) -> Sequence[Term]:
-        """Return one term of all pressures: a closed surface may have several. Collective."""
+        """Return one term of all pressures, as groups may form a closed surface. Collective."""
         from fem_snh.terms.follower_pressure import FollowerPressure  # imports PETSc
 
         if body.kinematics.plane_stress:  # the edge's area has the unknown thickness
@@ -80,7 +80,10 @@ class Gravity(Feature):
 
     @classmethod
     def create_terms(cls, features: Sequence[Self], body: Body) -> Sequence[Term]:
-        """Return one term of all accelerations. Collective."""
+        """Return the terms of all accelerations, at most two. Collective.
+
+        Uniform accelerations of a body in motion are a `Weight`; all others are a `UFLTerms`.
+        """
         from fem_snh.terms.body import is_uniform
         from fem_snh.terms.ufl_term import UFLTerms  # imports PETSc
         from fem_snh.terms.weight import Weight

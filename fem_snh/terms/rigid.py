@@ -1,4 +1,4 @@
-"""Parts that move as rigid bodies."""
+"""The scene's tables of parts of a body that move as rigid bodies, and of their joints."""
 
 from __future__ import annotations
 
@@ -34,13 +34,13 @@ if TYPE_CHECKING:
 
 Array = npt.NDArray[np.float64]
 
-#: The motions of a part that may be free where others are prescribed.
+#: The motions of a part that may be free while others are prescribed.
 MOTIONS = ("x", "y", "z", "rotation")
-#: What each kind of joint leaves.
+#: The kinds of joints.
 KINDS = ("ball", "hinge", "slider")
-#: What may be goals of an error estimate, in the order in which a scene has them.
+#: The results of a part that may be goals of an error estimate, in their order in a scene.
 RESULTS = ("displacement", "rotation", "force", "moment")
-#: Kinds with an axis.
+#: The kinds of joints with an axis.
 _WITH_AXIS = KINDS[1:]
 
 
@@ -100,13 +100,13 @@ class RigidSpring(Table):
 class Rigid(Feature, MotionTable):
     r"""A group of cells or facets, or the nodes in a shape, that moves as a rigid body.
 
-    It has six unknowns, in a plane three; of a body of revolution the translation along the axis
-    and, with torsion, the rotation about it.
+    It has six unknowns, in a plane three. In a body of revolution they are the translation along
+    the axis and, with torsion, the rotation about the axis.
 
     .. math:: x = c + R (X - p), \qquad p \text{ the point } \mathtt{about}
 
-    It is free, unless ``translate``, ``rotate`` or ``free`` is given: the others of its motions are
-    then prescribed, as those of [[move]], or zero.
+    All motions are free, unless ``translate``, ``rotate`` or ``free`` is given. The motions that
+    ``free`` does not name are then prescribed, as by [[move]], or zero.
     """
 
     key, planar, releases = "rigid", True, True
@@ -204,9 +204,10 @@ class Rigid(Feature, MotionTable):
         return self
 
     def _directions(self) -> tuple[Array, Array]:
-        """Return the directions in which the part is free to move, and to turn about.
+        """Return unit vectors along which the part may move, and about which it may turn.
 
-        A part that hangs on another one passes to it what its joint carries.
+        Both are (n, 3). A part with a joint to another part has all directions, as it may move with
+        the other part, on which forces that the joint carries act.
         """
         every, none = np.eye(3), np.zeros((0, 3))
         if joint := self.joint:
@@ -224,7 +225,7 @@ class Rigid(Feature, MotionTable):
 
     @property
     def free_motions(self) -> tuple[bool, bool, bool, bool]:
-        """Whether the components of the translation and the rotation are free, without a joint."""
+        """Whether x, y, z and the rotation are free, in the order of MOTIONS; ignores a joint."""
         if not self.is_moved and self.free is None:
             return (True,) * 4
         x, y, z, rotation = (motion in (self.free or ()) for motion in MOTIONS)
@@ -232,7 +233,11 @@ class Rigid(Feature, MotionTable):
 
     @property
     def unknown_results(self) -> list[str]:
-        """Which of its results are unknown: the motions that are free, and forces where none is."""
+        """The results that are unknown: two of `RESULTS`.
+
+        They are "displacement" if a translation is free, else "force"; and "rotation" if the
+        rotation is free, else "moment".
+        """
         *translations, rotation = self.free_motions
         moves, turns = any(translations), rotation
         if self.joint:
@@ -241,7 +246,7 @@ class Rigid(Feature, MotionTable):
 
     @classmethod
     def check(cls, features: Sequence[Self], scene: Any) -> None:
-        """Raise BadInput for keys of a scene that rigid parts do not support."""
+        """Raise BadInput for a name of an obstacle, and as `check_names`."""
         obstacles = [obstacle.name for obstacle in scene.obstacle]
         for part in features:
             if part.label in obstacles:
@@ -250,20 +255,23 @@ class Rigid(Feature, MotionTable):
 
     @property
     def where(self) -> str:
-        """The key that says which nodes it has, for messages."""
+        """The key that selects the part's nodes, as "rigid.group", for messages."""
         return f"rigid.{self.given_key}"
 
     def solid(self) -> Shape | None:
-        """Return the shape whose nodes the part has, or None; read its file. Raises BadInput."""
+        """Return the shape in which the part's nodes lie, or None for a group.
+
+        A surface is read from its file. Raises BadInput as `shape_of` does.
+        """
         choice = self.shape or self.surface
         return shape_of(choice) if choice else None
 
     @classmethod
     def describe(cls, features: Sequence[Self], terms: Sequence[Any]) -> Mapping[str, Any]:
-        """Return the parts that are shapes by name, as run.json has them before the first step.
+        """Return {"rigid": rows by name} for run.json; only parts given by a shape have a row.
 
-        Each has its ``shape``, a table of one key as in the scene (a surface by its file's name in
-        the folder), and the reference coordinates of its ``point``.
+        A row has the ``shape``, a table of one key as in the scene (for a surface, the name of its
+        file in the run's folder), and the reference coordinates of the part's ``point``.
         """
         found = {}
         for i, part in enumerate(features):
@@ -286,7 +294,7 @@ class Rigid(Feature, MotionTable):
 
 
 def check_motions(part: Rigid, kinematics: Kinematics) -> None:
-    """Raise BadInput for a key of a part that names motions which a kinematics does not have."""
+    """Raise BadInput for a key of a part that names motions which the kinematics lacks."""
     along, about = np.reshape(kinematics.rigid_motions, (2, 3))
     if about.all():
         return
@@ -320,7 +328,7 @@ def check_motions(part: Rigid, kinematics: Kinematics) -> None:
 
 
 def check_names(parts: Sequence[Rigid]) -> None:
-    """Raise BadInput if two parts have one name, or for a joint to no part or to itself."""
+    """Raise BadInput if two parts have one name, or a joint connects to no part or in a loop."""
     names = [part.label for part in parts]
     check_distinct("rigid.name", names, "part")
     parents = {part.label: part.joint.to for part in parts if part.joint and part.joint.to}

@@ -1,4 +1,10 @@
-"""Forces, moments and springs on rigid parts, and the drives of their joints. Not collective."""
+"""Forces, moments and springs on rigid parts, and their prescribed motions. Not collective.
+
+A drive is the force of a slider, or the torque of a hinge, along the free motion of the joint.
+Arrays (6 parts,) have six entries for each part, in the parts' order: a force [N] and a moment
+about the part's point [N m], or the unknowns of `fem_snh.geometry.rigid_tree`. Vectors are in the
+global axes x, y, z.
+"""
 
 from __future__ import annotations
 
@@ -18,25 +24,26 @@ Array = npt.NDArray[Any]
 
 
 class RigidLoads:
-    """What acts on rigid parts beside the flesh: loads, springs, drives of joints.
+    """The loads, springs and drives that act on rigid parts, without the forces of the body.
 
     Parameters
     ----------
     parts : sequence of Rigid
         The parts.
     tree : RigidTree
-        How they may move.
+        The parts' joints.
     amplitudes : Amplitudes
-        Those of the loads.
+        The amplitudes of the loads.
 
     Attributes
     ----------
     drive : (6 parts,)
-        The forces of joints on the unknowns at the present load [N].
+        The drives on the unknowns at the present load [N]; torques are divided by the length by
+        which rotations are scaled.
     has_energy : bool
-        Whether they have an energy: no moments, no forces that follow, no drives.
+        Whether all have an energy: there are no moments, no forces that follow, and no drives.
     act : bool
-        Whether there are any beside springs.
+        Whether there are loads or drives.
     """
 
     def __init__(self, parts: Sequence[Rigid], tree: RigidTree, amplitudes: Amplitudes) -> None:
@@ -56,13 +63,16 @@ class RigidLoads:
         self.set_load(0.0)
 
     def set_load(self, load: float) -> None:
-        """Set the load, of which the amplitudes are functions."""
+        """Set the loads and drives at a load parameter."""
         factors = np.array([factor(load) for factor in self._factors])
         self._loads = factors[:, None, None] * self._full
         self.drive = np.repeat(factors, UNKNOWNS) * self._full_drive
 
     def energy(self, poses: Poses) -> float:
-        """Return the energy of springs and of forces of constant direction [J]."""
+        """Return the energy of springs and of forces of constant direction [J].
+
+        Moments, forces that follow, and drives have no energy and are left out.
+        """
         moved = poses.c - self._tree.points
         energy = float(self._stiffness @ (moved**2).sum(axis=1)) / 2
         for i in np.flatnonzero(self._rotational):
@@ -71,18 +81,18 @@ class RigidLoads:
         return energy - float((self._loads[:, 0] * moved)[~self._follows].sum())
 
     def acting(self, poses: Poses) -> Array:
-        """Return minus the forces and moments of loads and springs on the parts, (6 parts,)."""
+        """Return minus the forces and moments of loads and springs, (6 parts,)."""
         return self.loads(poses) + self.springs(poses)
 
     def loads(self, poses: Poses) -> Array:
-        """Return minus the forces and moments of loads on the parts, (6 parts,)."""
+        """Return minus the forces and moments of loads without drives, (6 parts,)."""
         loads = self._loads.copy()
         for i in np.flatnonzero(self._follows):
             loads[i] = loads[i] @ poses.R[i].T
         return -loads.ravel()
 
     def springs(self, poses: Poses) -> Array:
-        """Return minus the forces and moments of springs on the parts, (6 parts,)."""
+        """Return minus the forces and moments of springs, (6 parts,)."""
         found = np.zeros_like(self._loads)
         found[:, 0] = self._stiffness[:, None] * (poses.c - self._tree.points)
         for i in np.flatnonzero(self._rotational):
@@ -93,7 +103,7 @@ class RigidLoads:
         return found.ravel()
 
     def spring_matrix(self, poses: Poses) -> Array:
-        """Return the springs' stiffness by the parts' twists, (6 parts, 6 parts)."""
+        """Return the second derivative of the springs' energy by twists, (6 parts, 6 parts)."""
         size = UNKNOWNS * len(self._stiffness)
         found = np.zeros((size, size))
         for i in np.flatnonzero(self._stiffness):
@@ -104,10 +114,11 @@ class RigidLoads:
         return found
 
     def turning(self, poses: Poses, wrenches: Array) -> Array:
-        """Return what the derivative of forces by the twists has beside its symmetric part.
+        """Return the asymmetric part of the derivative of forces by twists, (6 parts, 6 parts).
 
-        As the parts turn, loads follow them, and moments of forces that do not turn with a part
-        change by half of their product with the rotation. The result is (6 parts, 6 parts).
+        As parts turn, loads follow them, and moments change by half of their cross product with the
+        rotation; `RigidTree.curvature` and `spring_matrix` lack both. ``wrenches`` (6 parts,) are
+        the sums of dE/du, without loads and springs.
         """
         found = np.zeros((UNKNOWNS * len(self._loads),) * 2)
         loads = self.loads(poses).reshape(-1, 2, 3)
@@ -121,7 +132,7 @@ class RigidLoads:
 
 
 def _drive(part: Rigid, length: float) -> Array:
-    """Return the forces of a part's joint on its unknowns at amplitude 1, (6,)."""
+    """Return a joint's drive on the part's unknowns at amplitude 1 [N], (6,)."""
     found = np.zeros(UNKNOWNS)
     if part.joint:
         found[0], found[3] = part.joint.force, part.joint.torque / length
@@ -136,9 +147,9 @@ class PrescribedMotions:
     parts : sequence of Rigid
         The parts.
     tree : RigidTree
-        How they may move.
+        The parts' joints.
     amplitudes : Amplitudes
-        Those of the motions, and the time of load 1.
+        The amplitudes of the motions, and the time of load 1.
 
     Attributes
     ----------
@@ -156,7 +167,10 @@ class PrescribedMotions:
         self.move = any(part.translate is not None or part.rotate is not None for part in parts)
 
     def at(self, load: float) -> tuple[Array, Array]:
-        """Return displacements of points [m] and rotation vectors at a load, (parts, 3) each."""
+        """Return the points' displacements [m] and the rotation vectors [rad] at a load.
+
+        Both are (parts, 3), and zero for parts without a prescribed motion.
+        """
         found = np.zeros((2, len(self._parts), 3))
         for i, part in enumerate(self._parts):
             amplitude, turn = self._motions[i](load), self._turns[i](load)
@@ -167,9 +181,10 @@ class PrescribedMotions:
         return found[0], found[1]
 
     def rates(self, load: float, step: float) -> tuple[Array, Array]:
-        """Return the first two time derivatives at a load, (parts, 2, 3) each.
+        """Return the velocities [m/s] and accelerations [m/s^2] at a load, (parts, 2, 3) each.
 
-        Rotations are times the unit of length of the part's unknowns. See `path_rates`.
+        The second axis is translation and rotation. Rotation vectors are multiplied by the length
+        by which the part's unknowns scale them. `path_rates` describes ``step``.
         """
         _, *rates = path_rates(lambda at: np.stack(self.at(at), axis=1), load, step)
         for power, rate in enumerate(rates, 1):

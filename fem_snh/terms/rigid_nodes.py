@@ -1,4 +1,4 @@
-"""The nodes of rigid parts: those of groups of the mesh, and those in shapes."""
+"""The nodes of rigid parts: nodes of groups of the mesh, and nodes in shapes."""
 
 from __future__ import annotations
 
@@ -26,26 +26,26 @@ _ON_SURFACE = 1e-9
 
 
 def locate_parts(parts: Sequence[Rigid], body: Body) -> tuple[Array, Array, dict[int, Shape]]:
-    """Return which part has each node, the middle of each part, and the shapes. Collective.
+    """Return the part of each node, the middle of each part, and the parts' shapes. Collective.
 
-    A node that is in several shapes belongs to the one in which it is deepest, or to the first by
-    name; a group precedes all shapes.
+    A node in several shapes belongs to the shape in which it is deepest; if it is equally deep, to
+    the part whose name sorts first. Nodes of groups belong to no shape.
 
     Returns
     -------
     numbers : (local nodes,) int
-        The part; -1: none.
+        The number of the node's part; -1 for a node of no part.
     middles : (parts, 3)
-        The centroids of groups, the centres of the bounding boxes of shapes; 0 along directions in
-        which a shape has no end.
+        The centroid of a group, or the centre of the bounding box of a shape [m]; 0 along
+        directions in which the box is infinite.
     shapes : dict of Shape
-        The shapes of the parts that are shapes, by the part's number.
+        The shapes, by the part's number; parts that are groups are left out.
 
     Raises
     ------
     BadInput
-        On every rank, for a node of two groups, for a part without a node, for a shape without an
-        end that needs a point, or of a lattice, and for a file that cannot be read.
+        On every rank, for a node of two groups, a part without nodes, an infinite shape without the
+        key ``about`` or a joint, a shape in a lattice, and a file that cannot be read.
     """
     V, comm, columns = body.V, body.domain.comm, body.kinematics.components
     X = V.tabulate_dof_coordinates()[: _dolfinx.num_nodes(V)[0]]
@@ -74,7 +74,7 @@ def locate_parts(parts: Sequence[Rigid], body: Body) -> tuple[Array, Array, dict
 
 
 def _solid(part: Rigid, body: Body) -> Shape:
-    """Return the shape of a part. Raises BadInput on every rank. Collective."""
+    """Return the shape of a part that has no group. Raises BadInput on every rank. Collective."""
     if body.mesh.skin is not None:
         raise bad_value(part.where, part.label, "a 'group': a lattice has no nodes in shapes")
     solid = on_every(body.domain.comm, part.solid)
@@ -86,7 +86,10 @@ def _solid(part: Rigid, body: Body) -> Shape:
 
 
 def _check_free(comm: MPI.Comm, part: Rigid, parts: Sequence[Rigid], taken: Array) -> None:
-    """Raise BadInput on every rank for nodes of earlier parts, (earlier parts,) bool."""
+    """Raise BadInput on every rank if a part shares nodes with an earlier part. Collective.
+
+    ``taken`` (earlier parts,) says with which parts it shares nodes on this rank.
+    """
     others = [comm.allreduce(bool(one), op=MPI.LOR) for one in taken]
     if any(others):
         accepted = f"a part without nodes of part {parts[others.index(True)].label!r}"

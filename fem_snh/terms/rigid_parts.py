@@ -1,17 +1,21 @@
-r"""Rigid parts of a body: their unknowns instead of the displacements of their nodes.
+r"""Rigid parts of a body: six unknowns instead of the displacements of a part's nodes.
 
-The vector of unknowns keeps the displacements of all nodes, so that every other term sees the body
-as it is. Residuals, steps and the matrix have the six unknowns of a part at the entries of two of
-its nodes, and zeros at the others (`fem_snh.assembly.elimination`). In two dimensions the nodes are
-points of a plane in space, and some of the six are not free. A step ends on the true rigid motion,
-:math:`\exp(s[\omega]_\times)`, so the second derivative of the energy along it is
+The state vector keeps the displacements of all nodes, so that all other terms evaluate the whole
+body. Residuals, steps and the matrix have the six unknowns of a part at the entries of two of its
+nodes, and zeros at its other nodes (`fem_snh.assembly.elimination`). In two dimensions the nodes
+are points of a plane in space, and some of the six unknowns are not free. A step s ends on the
+rigid motion :math:`\exp(s[\omega]_\times)`, so the second derivative of the energy along the step
+is
 
 .. math:: B^T H B + \sum_i \tfrac12 (f_i r_i^T + r_i f_i^T) - (f_i \cdot r_i) I
 
-with the forces f on the nodes at r from the part's point. The second part is the curvature of
-rotations; where a filtered Hessian is asked for, its negative eigenvalues become zero, or their
-absolute value, for all parts together. That and :math:`B^T H B` with a filtered H are positive
-semidefinite.
+with B the derivative of the nodes' displacements by the twist, H the Hessian, f = dE/du the forces
+on the nodes, and r the nodes' positions relative to the part's point. The sum is the curvature of
+rotations. For a filtered Hessian the negative eigenvalues of this curvature, a matrix of all parts,
+become zero or their absolute value; then it and :math:`B^T H B` are positive semidefinite.
+
+A twist (v, omega) is the velocity [m/s] of the part's point and the angular velocity [rad/s], in
+the global axes. Arrays (6 parts,) have six entries for each part, in the parts' order.
 """
 
 from __future__ import annotations
@@ -51,10 +55,10 @@ from fem_snh.terms.term import Term
 
 Array = npt.NDArray[Any]
 
-#: Smallest radius of gyration of a part's nodes over the largest: those of a smaller one are on a
-#: line, about which the rotation is undetermined.
+#: Smallest radius of gyration of a part's nodes over the root sum of squares of all: below it the
+#: nodes are on a line, about which the rotation is undetermined.
 _ON_A_LINE = 1e-6
-#: Loads at which prescribed motions are examined.
+#: Loads at which prescribed motions are sampled for `Dirichlet.part_motions`.
 _LOADS = (0.25, 0.5, 1.0)
 
 
@@ -73,21 +77,25 @@ class RigidParts(Term):
     names : list of str
         The parts' names.
     cells : (n,) int
-        This rank's own cells whose nodes all are on one part.
+        This rank's own cells whose nodes all belong to one part.
     shapes : dict of Shape
-        The shapes of the parts that are shapes, by the part's number.
-    nodes, labels : (n,) int
-        This rank's own nodes of the parts, and the part of each.
+        The shapes, by the part's number; parts that are groups are left out.
+    nodes : (n,) int
+        This rank's own nodes of the parts.
+    labels : (n,) int
+        The number of the part of each of these nodes.
     dofs : (n, components) int
         The displacement dofs of these nodes.
     tree : RigidTree
-        How the parts may move.
+        The joints between the parts.
+    moves : bool
+        Whether any motion is prescribed.
 
     Raises
     ------
     BadInput
-        On every rank: for a motion that the kinematics does not have, for a part whose nodes do
-        not determine a rotation, and for nodes of two parts, or with another condition.
+        On every rank: for a motion that the kinematics lacks, for a part whose nodes do not
+        determine a rotation, for a node of two parts, and for constrained nodes inside of a part.
     """
 
     name, eliminates = "rigid", True
@@ -99,7 +107,7 @@ class RigidParts(Term):
         self.names = [part.label for part in parts]
         owned = _dolfinx.num_nodes(V)[0]
         self._kinematics = body.kinematics
-        #: Which components of a twist there are, (6,), and of a translation.
+        #: Which components of a twist the kinematics has, (6,); below, of a translation, (3,).
         self._admitted = np.array(body.kinematics.rigid_motions)
         self._translations = self._admitted[:3]
         for part in parts:
@@ -139,7 +147,13 @@ class RigidParts(Term):
     # --- the parts -------------------------------------------------------------------------------
 
     def _add_mass(self, body: Body, part: Rigid) -> None:
-        """Distribute a part's own mass over its surface. Collective."""
+        """Add a part's own mass to the mass matrix, uniform over its surface. Collective.
+
+        Raises
+        ------
+        BadInput
+            On every rank, without motion in time, and for a part that is no surface.
+        """
         if body.motion is None:
             raise bad_value("rigid.mass", part.mass, "no value, without [time]")
         surface = part.group is not None
@@ -157,12 +171,13 @@ class RigidParts(Term):
         body.motion.mass.add_points(nodal * (part.mass / self._comm.allreduce(nodal.sum())))
 
     def _release(self, V: _dolfinx.FunctionSpace, local: Array, dirichlet: Dirichlet) -> None:
-        """Release nodes of Dirichlet conditions that are on the parts' surfaces: parts override.
+        """Release constrained nodes on the parts' surfaces, as parts override conditions.
 
         Raises
         ------
         BadInput
-            On every rank, for a condition on nodes inside of a part, or on all of its nodes.
+            On every rank, for constrained nodes inside of a part, a part with constrained nodes
+            only, or nodes in inclined planes of symmetry.
         """
         owned = _dolfinx.num_nodes(V)[0]
         on_planes = bool(dirichlet.planes and (local[dirichlet.planes.nodes] >= 0).any())
@@ -185,7 +200,11 @@ class RigidParts(Term):
         dirichlet.release(local)
 
     def _radii(self, squares: Array) -> Array:
-        """Return the root mean square distance of the nodes from their mean, (parts,)."""
+        """Return the root mean square distance of a part's nodes from their mean [m], (parts,).
+
+        ``squares`` (parts, 3, 3) are the sums of (X - mean X)(X - mean X)^T. Raises BadInput if the
+        nodes do not determine a rotation.
+        """
         traces = np.trace(squares, axis1=1, axis2=2)
         about = self._admitted[3:]
         inertia = (traces[:, None, None] * np.eye(3) - squares)[:, about][:, :, about]
@@ -198,7 +217,10 @@ class RigidParts(Term):
         return np.asarray(np.sqrt(np.where(traces > 0, traces, 1.0) / self._counts[:, 0]))
 
     def _link(self, number: int, radius: float, middle: Array) -> Link:
-        """Return how a part may move."""
+        """Return the joint, or the free motions, of a part.
+
+        ``radius`` [m] scales its rotations; ``middle`` (3,) is its point by default.
+        """
         part, joint = self._parts[number], self._parts[number].joint
         admitted = self._kinematics.rigid_motions
         if joint is None:
@@ -212,7 +234,7 @@ class RigidParts(Term):
         return Link(point, radius, joint.kind, axis, parent, motions=admitted)
 
     def _motions_at_rest(self) -> list[Array]:
-        """Return `Dirichlet.part_motions`."""
+        """Return `Dirichlet.part_motions`: free motions, then the prescribed ones at `_LOADS`."""
         tree, size = self.tree, len(self._parts)
         lengths = np.repeat([link.length for link in tree.links], 3).reshape(size, 3)
         moves = [self._motions.at(load) for load in _LOADS]
@@ -225,7 +247,7 @@ class RigidParts(Term):
         return list(twists)
 
     def _choose_slots(self, to_global: Array) -> Array:
-        """Return the two nodes with the least numbers of each part, (parts, 2)."""
+        """Return the two smallest global node numbers of each part, (parts, 2). Collective."""
         own = to_global[self.nodes]
         parts = range(len(self._parts))
         least = [np.sort(own[self.labels == i])[:2] for i in parts]
@@ -233,7 +255,10 @@ class RigidParts(Term):
         return np.array([np.sort(np.concatenate([e[i] for e in every]))[:2] for i in parts])
 
     def eliminate(self, matrix: BlockMatrix) -> Array:
-        """Fold a problem's matrix from now on; return the entries that are no unknowns."""
+        """Let a problem's matrix eliminate the parts' nodes from now on. Collective.
+
+        Return `Elimination.eliminated`, the entries of this rank's vectors that are no unknowns.
+        """
         chains = [self.tree.ancestors(i) for i in range(len(self._parts))]
         parts = self.nodes, self.labels, self._slots, self.tree.free, chains
         self._elimination = matrix.eliminate(lambda dof_map: Elimination(dof_map, *parts))
@@ -242,7 +267,7 @@ class RigidParts(Term):
     # --- poses -----------------------------------------------------------------------------------
 
     def _sum(self, values: Array) -> Array:
-        """Return the sums over each part's nodes, (parts, columns), of (nodes, columns)."""
+        """Return the sums (parts, columns) of values (nodes, columns) on all ranks. Collective."""
         sums = np.zeros((len(self._parts), values.shape[1]))
         np.add.at(sums, self.labels, values)
         return np.asarray(self._comm.allreduce(sums))
@@ -254,7 +279,7 @@ class RigidParts(Term):
         return np.column_stack([R, c - R @ self.tree.points[number]])
 
     def poses(self, x: PETSc.Vec) -> Poses:
-        """Return the poses that are nearest to the displacements in ``x``. Collective."""
+        """Return the poses nearest to the displacements in ``x``, in least squares. Collective."""
         u = self._nodal(x)
         sums = self._sum(np.hstack([u, _products(u, self._centred)]))
         products = (sums[:, 3:] + self._squares).reshape(-1, 3, 3)
@@ -262,20 +287,20 @@ class RigidParts(Term):
         return fit_poses(self.tree.links, self._means, places, products)
 
     def _nodal(self, x: PETSc.Vec) -> Array:
-        """Return displacements or forces of the parts' nodes as vectors, (nodes, 3)."""
+        """Return the parts' nodal rows of ``x`` as vectors, (nodes, 3), padded by zeros."""
         return self._kinematics.padded(x.array_r[self.dofs])
 
     def _components(self, vectors: Array) -> Array:
-        """Return the components of vectors (nodes, 3) that a displacement has."""
+        """Return the components of vectors (nodes, 3, ...) that a displacement has."""
         return vectors[:, : self._kinematics.components]
 
     def _set_poses(self, x: PETSc.Vec, poses: Poses) -> None:
-        """Set the nodes' displacements to those of poses."""
+        """Set the displacements of the parts' own nodes in ``x`` to the motions of poses."""
         moved = poses.c[self.labels] + self._arms(poses) - self._X
         x.array[self.dofs] = self._components(moved)
 
     def _arms(self, poses: Poses) -> Array:
-        """Return the nodes' present positions from their part's point, (nodes, 3)."""
+        """Return the nodes' positions at poses relative to their part's point, (nodes, 3) [m]."""
         return np.asarray(np.einsum("nij,nj->ni", poses.R[self.labels], self._offsets))
 
     def _basis(self, poses: Poses) -> Array:
@@ -285,9 +310,10 @@ class RigidParts(Term):
         return self._components(basis)
 
     def prescribe(self, x: PETSc.Vec, load: float, poses: Poses | None = None) -> None:
-        """Set the parts' nodes to the poses nearest to given ones that a load admits. Collective.
+        """Move the parts' nodes in ``x`` to poses admissible at a load. Collective.
 
-        By default those of ``x``.
+        They are the poses that `RigidTree.project` returns for ``poses``, by default for the poses
+        of ``x``.
         """
         translations, vectors = self._motions.at(load)
         rotations = np.array([exponential(vector) for vector in vectors])
@@ -295,12 +321,15 @@ class RigidParts(Term):
 
     @property
     def prescribed_parts(self) -> Array:
-        """The numbers of the parts whose motion is prescribed as a whole."""
+        """The numbers of the parts whose motion is wholly prescribed, (n,)."""
         fixed = ~(self.tree.free | self._jointed).reshape(-1, UNKNOWNS)
         return np.flatnonzero(fixed.all(axis=1))
 
     def prescribed_displacement(self, load: float) -> Array:
-        """Return the displacements of this rank's own nodes of `prescribed_parts`, (n,)."""
+        """Return the displacements [m] of this rank's own nodes of `prescribed_parts`.
+
+        The result is flat, (nodes * components,).
+        """
         translations, vectors = self._motions.at(load)
         rotations = np.array([exponential(vector) for vector in vectors])
         poses = Poses(self.tree.points + translations, rotations)
@@ -308,19 +337,19 @@ class RigidParts(Term):
         return np.asarray(moved[np.isin(self.labels, self.prescribed_parts)].ravel())
 
     def move(self, x: PETSc.Vec, d: PETSc.Vec, step: float, end: PETSc.Vec) -> None:
-        """Set the nodes in ``end`` to the end of the parts' path from x along a step. Collective.
+        """Set the parts' nodes in ``end`` to the end of the path from x along ``step * d``.
 
-        ``d`` has the unknowns at their entries.
+        ``d`` has the increments of the unknowns at their entries. Collective.
         """
         poses = self.poses(x)
         self._set_poses(end, self.tree.move(poses, step * self._unknowns(d)))
 
     def move_rigidly(self, x: PETSc.Vec) -> None:
-        """Make the parts' displacements rigid, as joints admit, in place. Collective."""
+        """Move the parts' nodes in ``x`` to poses admissible at the present load. Collective."""
         self.prescribe(x, self._load)
 
     def _unknowns(self, d: PETSc.Vec) -> Array:
-        """Return the unknowns at their entries of a vector, (6 parts,). Collective."""
+        """Return the parts' unknowns in a vector, (6 parts,), 0 if not free. Collective."""
         assert self._elimination is not None
         entries, which = self._elimination.own_unknowns
         found = np.zeros(UNKNOWNS * len(self._parts))
@@ -330,16 +359,20 @@ class RigidParts(Term):
     # --- forces ----------------------------------------------------------------------------------
 
     def set_load(self, load: float) -> None:
-        """Set the load."""
+        """Set the load parameter."""
         self._load = load
         self._loads.set_load(load)
 
     def energy(self, u: PETSc.Vec, p: PETSc.Vec | None = None) -> float:
-        """Return the energy of forces and springs [J]. Collective."""
+        """Return the energy of loads and springs [J]: see `RigidLoads.energy`. Collective."""
         return self._loads.energy(self.poses(u))
 
     def force_norms(self, x: PETSc.Vec) -> tuple[float, float, float]:
-        """Return the norms on the unknowns of loads, of drives and of springs [N]. Collective."""
+        """Return three norms [N]: of loads, of joints' drives, and of springs. Collective.
+
+        Each is the 2-norm of the generalised forces on the unknowns of all parts, prescribed
+        unknowns included. Moments count as forces, divided by the length that scales rotations.
+        """
         poses = self.poses(x)
         acting = np.stack([self._loads.loads(poses), self._loads.springs(poses)])
         loads, springs = np.linalg.norm(acting @ self.tree.jacobian(poses), axis=1)
@@ -348,36 +381,46 @@ class RigidParts(Term):
     def add_residual(
         self, u: PETSc.Vec, p: PETSc.Vec | None, r_u: PETSc.Vec, r_p: PETSc.Vec | None
     ) -> None:
-        """Do nothing: loads and springs act on the unknowns, to which `reduce` adds them."""
+        """Do nothing: `reduce` adds loads, springs and drives to the forces on the unknowns."""
 
     def add_hessian(
         self, u: PETSc.Vec, p: PETSc.Vec | None, filter: str, target: BlockMatrix
     ) -> int:
-        """Return how often curvatures were filtered: `prepare` has added them to the fold."""
+        """Return the number of eigenvalues that `prepare` filtered, on rank 0; otherwise 0.
+
+        Nothing is added to ``target``: `prepare` passes the parts' Hessian to the elimination.
+        """
         return self._filtered if self._comm.rank == 0 else 0
 
     def wrenches(self, poses: Poses, gradient: PETSc.Vec) -> Array:
-        """Return the sums of nodal forces and of their moments, (6 parts,). Collective.
+        """Return the sums of nodal forces [N] and of their moments [N m], (6 parts,). Collective.
 
-        ``gradient`` is dE/du [N], the displacement's first.
+        ``gradient`` has the nodal forces dE/du [N] at the entries of displacements. Moments are
+        about the parts' points. Components that the kinematics lacks are zero.
         """
         f = self._nodal(gradient)
         moments = np.cross(self._arms(poses), f)
         return np.asarray(self._sum(np.hstack([f, moments])) * self._admitted).ravel()
 
     def reduce(self, x: PETSc.Vec, r: PETSc.Vec) -> None:
-        """Replace the forces on the parts' nodes by those on the unknowns, in place. Collective."""
+        """Replace forces on the parts' nodes in ``r`` by forces on the unknowns. Collective.
+
+        Loads, springs and drives are added; entries of unknowns that are not free become zero.
+        """
         poses = self.poses(x)
         forces = self.wrenches(poses, r) + self._loads.acting(poses)
         self._set_unknowns(r, self.tree.jacobian(poses).T @ forces - self._loads.drive)
 
     def reduce_vector(self, x: PETSc.Vec, g: PETSc.Vec) -> None:
-        """Replace a gradient by nodal displacements by one by the unknowns, in place."""
+        """Replace the derivatives by the parts' displacements in ``g`` by derivatives by unknowns.
+
+        Unlike `reduce`, it adds no loads. Collective.
+        """
         poses = self.poses(x)
         self._set_unknowns(g, self.tree.jacobian(poses).T @ self.wrenches(poses, g))
 
     def _set_unknowns(self, r: PETSc.Vec, values: Array) -> None:
-        """Set the entries of the parts' nodes to values of the unknowns, and zero."""
+        """Set the entries of free unknowns in ``r``, and all others of the parts' nodes to zero."""
         assert self._elimination is not None
         entries, which = self._elimination.own_unknowns
         own = r.array
@@ -385,11 +428,18 @@ class RigidParts(Term):
         own[entries] = np.where(self.tree.free, values, 0.0)[which]
 
     def prepare(self, x: PETSc.Vec, gradient: PETSc.Vec, filter: str, whole: bool = False) -> None:
-        """Set the fold of the Hessian at x, where the forces dE/du are ``gradient``. Collective.
+        """Set the state of the elimination for the Hessian at x. Collective.
 
-        ``filter`` is that of `fem_snh.terms.term.Term.add_hessian`, and ``whole`` that of
-        `fem_snh.problem.problem.Problem.jacobian`: an exact Hessian then has the derivative of
-        loads that follow a part, and of moments.
+        Parameters
+        ----------
+        x : PETSc.Vec
+            The state.
+        gradient : PETSc.Vec
+            The nodal forces dE/du [N] at ``x``.
+        filter : {"exact", "clamp", "abs"}
+            See `fem_snh.terms.term.Term.add_hessian`.
+        whole : bool
+            Whether an exact Hessian has the asymmetric derivative of following loads and moments.
         """
         assert self._elimination is not None
         poses, tree = self.poses(x), self.tree
@@ -415,11 +465,11 @@ class RigidParts(Term):
     # --- goals of error estimates ----------------------------------------------------------------
 
     def place(self, part: str) -> Array:
-        """Return the reference coordinates of a part's point, (3,)."""
+        """Return the reference coordinates [m] of the point of the part named ``part``, (3,)."""
         return self.tree.points[self.names.index(part)]
 
     def velocity(self, x: PETSc.Vec, part: str, twist: Array) -> PETSc.Vec:
-        """Return the velocities of a part's nodes in a twist (6,). Collective."""
+        """Return the velocities of a part's nodes in a twist (6,), zero elsewhere. Collective."""
         found, basis = x.duplicate(), self._basis(self.poses(x))
         found.set(0.0)
         own = self.labels == self.names.index(part)
@@ -427,9 +477,10 @@ class RigidParts(Term):
         return found
 
     def derivative_of_pose(self, x: PETSc.Vec, part: str, kind: str, component: int) -> PETSc.Vec:
-        """Return the derivative of a "displacement" or a "rotation" by those of nodes. Collective.
+        """Return a derivative of a part's pose by nodal displacements. Collective.
 
-        Only its products with rigid motions are determined: it is the smallest one.
+        It is the derivative of a component of the "displacement" or the "rotation" (the ``kind``).
+        Only its products with rigid motions are determined: the result has minimum norm.
         """
         wrench = np.zeros(UNKNOWNS)
         if kind == "displacement":
@@ -442,7 +493,11 @@ class RigidParts(Term):
     def derivative_of_arms(
         self, x: PETSc.Vec, part: str, gradient: PETSc.Vec, axis: int
     ) -> PETSc.Vec:
-        """Return the derivative of the moment of constant forces about the point. Collective."""
+        """Return the derivative of a moment about a part's point by nodal displacements.
+
+        It is the moment about the global axis ``axis`` (0, 1 or 2) of the part's constant nodal
+        forces in ``gradient``; the result has minimum norm. Collective.
+        """
         poses, f = self.poses(x), self._nodal(gradient)
         moments = np.cross(self._arms(poses), np.cross(f, np.eye(3)[axis]))
         wrench = np.zeros(UNKNOWNS)
@@ -450,7 +505,10 @@ class RigidParts(Term):
         return self._spread(x, part, wrench)
 
     def _spread(self, x: PETSc.Vec, part: str, wrench: Array) -> PETSc.Vec:
-        """Return the smallest nodal forces of a part with a force and a moment, (6,)."""
+        """Return the nodal forces of minimum norm whose force and moment are ``wrench`` (6,).
+
+        They act on the nodes of ``part``. Collective.
+        """
         number = self.names.index(part)
         basis = self._basis(self.poses(x)) * self._admitted
         pairs = np.einsum("nij,nik->njk", basis, basis)
@@ -470,11 +528,13 @@ class RigidParts(Term):
         Parameters
         ----------
         owners : (owned nodes,) int
-            The connected part of the body of each node.
-        origin, length : (3,) array, float
-            Its motions are t length + omega x (X - origin).
+            The number of each node's component, a connected part of the body.
+        origin : (3,) array
+            The origin [m] of the motions t length + omega x (X - origin).
+        length : float
+            The length [m] in them.
         count : int
-            The number of connected parts, each with the motions t, then omega.
+            The number of components. Six columns for each hold unit t, then unit omega.
         """
         local = np.full(self.number, -1)
         local[self.labels] = owners[self.nodes]
@@ -485,18 +545,28 @@ class RigidParts(Term):
         return found.reshape(UNKNOWNS * self.number, -1)
 
     def inadmissible(self, twists: Array) -> Array:
-        """Return what conditions and joints do not admit of twists (6 parts, n) at rest [m]."""
+        """Return the inadmissible part of twists (6 parts, n) at rest, of the same shape [m].
+
+        It is the component orthogonal to the motions that joints and prescribed motions admit, with
+        rotations scaled by the parts' lengths.
+        """
         lengths = np.repeat([[1.0, link.length] for link in self.tree.links], 3)[:, None]
         scaled = lengths * twists
         basis = np.linalg.qr((lengths * self.tree.jacobian(self._rest))[:, self.tree.free])[0]
         return np.asarray(scaled - basis @ (basis.T @ scaled))
 
     def stiffness_at_rest(self, twists: Array) -> Array:
-        """Return the springs' stiffness along twists (6 parts, n) at rest, (n, n)."""
+        """Return the second derivative of the springs' energy along twists at rest, (n, n).
+
+        ``twists`` is (6 parts, n).
+        """
         return np.asarray(twists.T @ self._loads.spring_matrix(self._rest) @ twists)
 
     def work_at_rest(self, twist: Array) -> Array:
-        """Return minus the work of each load and drive along an admissible twist (6 parts,)."""
+        """Return minus the work of loads and drives along an admissible twist (6 parts,) at rest.
+
+        The result is the work of each load component, then of each unknown's drive, (12 parts,).
+        """
         G = self.tree.jacobian(self._rest) * self.tree.free
         unknowns = np.linalg.lstsq(G, twist, rcond=None)[0]
         works = [self._loads.loads(self._rest) * twist, -self._loads.drive * unknowns]
@@ -505,7 +575,7 @@ class RigidParts(Term):
     # --- motion in time --------------------------------------------------------------------------
 
     def prepare_mass(self, x: PETSc.Vec) -> None:
-        """Set the fold of a mass matrix at x. Collective."""
+        """Set the state of the elimination for a mass matrix at x. Collective."""
         assert self._elimination is not None
         poses = self.poses(x)
         G = self.tree.jacobian(poses)
@@ -513,12 +583,18 @@ class RigidParts(Term):
         self._elimination.set_state(basis, G, np.zeros_like(G))
 
     def _derivative(self, poses: Poses, G: Array) -> Array:
-        """Return the derivative of the nodes' positions by the unknowns, (n, c, 6 parts)."""
+        """Return the derivative of the nodes' positions by all unknowns.
+
+        It is (nodes, components, 6 parts); ``G`` is the `RigidTree.jacobian` at the poses.
+        """
         of_parts = G.reshape(-1, UNKNOWNS, len(G))[self.labels]
         return np.asarray(np.einsum("nij,njk->nik", self._basis(poses), of_parts))
 
     def expand(self, x: PETSc.Vec, values: Array) -> None:
-        """Replace unknowns at their entries of (owned dofs,) by displacements of the nodes."""
+        """Replace increments of unknowns by displacements of the parts' nodes. Collective.
+
+        ``values`` (owned dofs,) has the unknowns at their entries, and is changed in place.
+        """
         d = x.duplicate()
         d.array[: len(values)] = values
         poses = self.poses(x)
@@ -527,7 +603,10 @@ class RigidParts(Term):
         values[self.dofs] = moved
 
     def _set_nodes(self, values: Array, nodal: Array) -> None:
-        """Set the parts' nodes in values (local dofs,), on all ranks. Collective."""
+        """Set the parts' nodes in ``values`` (local dofs,), ghosts included. Collective.
+
+        ``nodal`` (nodes, components) has the values of this rank's own nodes.
+        """
         vector = _dolfinx.create_vector(self._V)
         writable_values(vector)[:] = values
         vector.array[self.dofs] = nodal
@@ -537,26 +616,29 @@ class RigidParts(Term):
     def make_rigid(
         self, x: PETSc.Vec, mass: NodalMass, step: float, v: Array, a: Array | None = None
     ) -> Array:
-        """Make velocity and acceleration of the nodes those of rigid bodies, in place. Collective.
+        """Project the velocity and acceleration of the parts' nodes on rigid motions. Collective.
 
-        The momenta that belong to the unknowns stay. The acceleration contains that of the
-        rotation, which a time integrator's formulas do not.
+        The projection keeps the momenta of the free unknowns. The acceleration gets the
+        centripetal part, which the formulas of a time integrator lack.
 
         Parameters
         ----------
         x : PETSc.Vec
-            The displacement.
+            The state, at the present load.
         mass : NodalMass
             The mass matrix.
         step : float
-            As for `path_rates`.
-        v, a : (local dofs,)
-            Velocity and acceleration, ghosts included.
+            The step of `path_rates`, for prescribed motions.
+        v : (local dofs,)
+            Velocity [m/s], ghosts included; changed in place.
+        a : (local dofs,), optional
+            Acceleration [m/s^2], ghosts included; changed in place.
 
         Returns
         -------
         (nodes, components)
-            The part of the acceleration that does not depend on the forces.
+            The part of the acceleration that does not depend on the forces: the centripetal part,
+            and the accelerations that are prescribed.
         """
         poses, tree = self.poses(x), self.tree
         G = tree.jacobian(poses)
@@ -564,7 +646,7 @@ class RigidParts(Term):
         vector = _dolfinx.create_vector(self._V)
 
         def reduced(nodal: Array) -> Array:
-            """Return C^T M of displacements of the parts' own nodes, (6 parts,)."""
+            """Return C^T M w of nodal vectors w (nodes, components), (6 parts,). Collective."""
             set_to_zero(vector)
             vector.array[self.dofs] = nodal
             update_ghosts(vector)
@@ -584,7 +666,7 @@ class RigidParts(Term):
         basis = self._basis(poses)
 
         def moved(rates: Array) -> Array:
-            """Return the nodes' motion at rates of the unknowns, (nodes, components)."""
+            """Return the nodes' velocities at rates of the unknowns, (nodes, components)."""
             return np.asarray(
                 np.einsum("nik,nk->ni", basis, (G @ rates).reshape(-1, 6)[self.labels])
             )
@@ -601,11 +683,11 @@ class RigidParts(Term):
         return turning
 
     def states(self, x: PETSc.Vec, gradient: PETSc.Vec) -> dict[str, dict[str, Any]]:
-        """Return what run.json has of the parts in a state. Collective.
+        """Return the rows of run.json by the parts' names. Collective.
 
-        The "position" [m] of each part's point, its "displacement" [m] from the reference
-        coordinates, and the part's "rotation", a rotation vector [rad]; the
-        "force" [N] and the "moment" [N m] about this point that hold the part against the flesh.
+        A row has the "position" [m] of the part's point, the point's "displacement" [m], the
+        "rotation", a rotation vector [rad], and the "force" [N] and "moment" [N m] about the point:
+        the sums of ``gradient`` = dE/du, which act on the part from outside of the body.
         """
         poses = self.poses(x)
         forces = self.wrenches(poses, gradient).reshape(-1, 2, 3)
@@ -622,5 +704,5 @@ class RigidParts(Term):
 
 
 def _products(a: Array, b: Array) -> Array:
-    """Return the products a b^T of vectors (n, 3), (n, 9)."""
+    """Return the outer products a b^T of vectors (n, 3), row by row, (n, 9)."""
     return np.asarray((a[:, :, None] * b[:, None]).reshape(-1, 9))

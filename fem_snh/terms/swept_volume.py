@@ -4,22 +4,23 @@ A pressure p on a surface has the virtual work
 
 .. math:: R(u; v) = p \int_\Gamma \mathrm{cof}(F) N \cdot v \, \mathrm{d}A
 
-(Bonet & Wood 2008, section 8.5). Its work of p = 1 on the straight path to u is the volume that the
-surface sweeps,
+(Bonet & Wood 2008, section 8.5), N the body's outward normal. The work of p = 1 on the straight
+path to u is the volume that the surface sweeps,
 
 .. math:: S(u) = \int_0^1 R(t u; u) \, \mathrm{d}t ,
 
-a cubic polynomial in t. Where free displacements do not change what the closing surface sweeps
-(`fem_snh.terms.closing_surface`), the pressure is conservative, with the energy p S. In the plane S
-is an area.
+whose integrand is quadratic in t. If the volume that the closing surface sweeps
+(`fem_snh.terms.closing_surface`) does not depend on free displacements, the pressure is
+conservative, with the energy p S. In a plane S is an area.
 
-A rigid part that has an edge of the surface closes it by a lid, whose work R lacks. With its vector
-area a and its moment M at rest about a point of the part, the work of a pressure on it is
+A rigid part on which an edge of the surface lies closes the surface by a lid, whose work is not in
+the integral above. With the lid's vector area a at rest, its moment M at rest about a point X of
+the part, and the part's rotation R, the work of a unit pressure on the lid is
 
 .. math:: R a \cdot v + \delta R : R M, \quad M = \int N (Y - X)^T \, \mathrm{d}A .
 
-The mean over the part's facets, where F = R along them and cof(F) N = R N, has local derivatives.
-On a body of revolution the work is that on a disc.
+It is evaluated as the mean over points X of the part's facets, on which F = R along the facet and
+cof(F) N = R N; so its derivatives are local. On a body of revolution the lid is a disc.
 """
 
 from __future__ import annotations
@@ -53,12 +54,12 @@ class SweptVolume:
     kinematics : Kinematics, optional
         How the displacement becomes a deformation gradient.
     closing : ClosingSurface, optional
-        What closes the surface; without it S is unknown.
+        The closing surface. Without it `change` fails, and `residual` has no lids.
 
     Raises
     ------
     NotClosedError
-        On every rank, if facets of a rigid part border on no others of the surface.
+        On every rank, if a rigid part with a lid has no facets beside those of the surface.
     """
 
     def __init__(
@@ -87,9 +88,10 @@ class SweptVolume:
         self._compiled = _dolfinx.form(self._swept_to(self._u)) if closing else None
 
     def residual(self, u: Any, value: Any = 1.0) -> Any:
-        """Return the UFL form of the integral of value cof(F) N . v, v a test function.
+        """Return the UFL form of the virtual work of a pressure ``value`` [Pa], v a test function.
 
-        With the work of the value on lids, where it must not vary.
+        It is the integral of value cof(F) N . v, plus the work on lids; with lids, ``value`` must
+        be uniform.
         """
         form = self._work(u, value)
         return form + value * self._work_on_lids(u) if self._lids else form
@@ -102,14 +104,14 @@ class SweptVolume:
         return density * self._ds(metadata={"quadrature_degree": degree})
 
     def _swept_to(self, end: Any) -> Any:
-        """Return the form of the work on the straight path to a displacement, in UFL."""
+        """Return the UFL form of the work of p = 1 on the straight path to the displacement."""
         work, v = self._work(self._u), ufl.TestFunction(self.V)
         return sum(weight * ufl.replace(work, {v: end, self._u: t * end}) for t, weight in PATH)
 
     def _work_on_lids(self, u: Any) -> Any:
         """Return the UFL form of the work of a unit pressure on the lids.
 
-        It is the mean of an integrand over the facets of each lid's part, and their sum.
+        It is the sum over lids of a mean over the facets of the lid's part.
         """
         domain, dim, total = self.V.mesh, self._kinematics.dim, 0
         v, N, unit = ufl.TestFunction(self.V), ufl.FacetNormal(domain), ufl.Identity(dim)
@@ -129,15 +131,19 @@ class SweptVolume:
         return total
 
     def change(self, u: PETSc.Vec) -> float:
-        """Return the change of the volume, S and that of what closes it [m^3]. Collective."""
+        """Return the change of the enclosed volume, S plus the closing surface's. Collective.
+
+        The unit is m^3. It is positive if the surface moves along N.
+        """
         assert self._closing is not None
         copy_to_function(u, self._u)
         return _dolfinx.assemble_scalar(self._compiled) + self._closing.swept(u)
 
     def at_rest(self) -> float | None:
-        """Return the volume at rest [m^3]: minus what is swept where all collapses. Collective.
+        """Return the enclosed volume at rest [m^3], or None if it is unknown. Collective.
 
-        None if it is not known.
+        It is minus the change of the volume in the displacements of `ClosingSurface.collapse`.
+        It is negative if N points into the volume, as for a cavity.
         """
         if self._closing is None or (found := self._closing.collapse()) is None:
             return None
@@ -149,7 +155,7 @@ class SweptVolume:
         return -_dolfinx.assemble_scalar(form) - swept
 
     def _normal(self, u: Any) -> Any:
-        """cof(F) N, without a division by det F."""
+        """Return cof(F) N in UFL, (components,), without a division by det F."""
         kinematics = self._kinematics
         F = ufl.Identity(3) + displacement_gradient(u, kinematics)
         a, b, c = (ufl.as_vector([F[i, k] for i in range(3)]) for k in range(3))

@@ -1,4 +1,4 @@
-"""The weight of a body in motion."""
+"""The weight of a body in motion, from its mass matrix."""
 
 from __future__ import annotations
 
@@ -28,7 +28,8 @@ class Weight(Term):
     mass : NodalMass
         The mass matrix M.
     accelerations : sequence of (acceleration, amplitude)
-        Each g_i [m/s^2] has the displacement's components, numbers or a UFL expression.
+        The accelerations g_i [m/s^2], numbers or uniform UFL expressions with the components of the
+        displacement, and the amplitudes a_i, functions of the load.
     """
 
     name, has_hessian = "gravity", False
@@ -44,7 +45,7 @@ class Weight(Term):
         self._forces = _dolfinx.create_vector(V)
 
     def set_load(self, load: float) -> None:
-        """Set the load parameter lambda."""
+        """Set the load parameter lambda, and evaluate the forces. Collective."""
         total = sum(amplitude(load) * present(g) for g, amplitude in self._accelerations)
         values = writable_values(self._forces)
         values[:] = self._mass.apply(np.resize(total, len(values)))
@@ -52,7 +53,7 @@ class Weight(Term):
         update_ghosts(self._forces)
 
     def energy(self, u: PETSc.Vec, p: PETSc.Vec | None = None) -> float:
-        """Return the potential of the forces [J]. Collective."""
+        """Return the potential energy of the forces [J], zero at u = 0. Collective."""
         return -float(self._forces.dot(u))
 
     def add_residual(
