@@ -1,7 +1,7 @@
-"""Self-contact by a barrier: surfaces that never intersect (incremental potential contact).
+"""The term of self-contact by a barrier: incremental potential contact (IPC, Li et al. 2020).
 
-Only this module calls ipctk, whose API changes between minor versions. Its vertices are rows of
-arrays in Fortran order, its distances are squared.
+Only this module calls ipctk, whose API changes between minor versions. ipctk expects vertices as
+rows of arrays in Fortran order, and returns squared distances.
 """
 
 from __future__ import annotations
@@ -30,17 +30,17 @@ from fem_snh.terms.term import StepLimitingTerm
 
 Array = npt.NDArray[Any]
 
-#: Default stiffness in the materials' modulus: a contact pressure of E leaves about half of the
-#: activation distance.
+#: Default stiffness over the materials' modulus E: at a contact pressure of E about half of the
+#: activation distance is left.
 _STIFFNESS = 0.1
 
 
 class IPC(SelfContactTerm, StepLimitingTerm):
-    """Self-contact by a barrier: the term of `CollisionSurface`. Collective.
+    """Self-contact by the barrier of `CollisionSurface`. Collective.
 
-    The energy is infinite where surfaces touch. `largest_step` keeps every step shorter than its
-    first collision, so that the surface never intersects itself. Every rank evaluates the whole
-    surface and keeps its own rows.
+    The energy is infinite where surfaces touch. `largest_step` limits each step of Newton's method
+    to less than its first collision, so that the surface never intersects itself. Every rank
+    evaluates the whole surface and adds the rows that it owns.
 
     Parameters
     ----------
@@ -56,14 +56,14 @@ class IPC(SelfContactTerm, StepLimitingTerm):
         The distance d at which contact begins [m]. Default: a tenth of the mean edge, at most 0.9
         of the smallest distance in the mesh.
     kinematics : Kinematics, optional
-        That of the displacement: of a solid, of a plane, or axisymmetric.
+        A solid, a plane, or axisymmetric without torsion.
 
     Attributes
     ----------
     collision_surface : CollisionSurface
         The surface with its barrier.
     stiffness, distance : float
-        See the parameters.
+        The parameters; `scale_penalties` changes the distance.
 
     Raises
     ------
@@ -97,10 +97,10 @@ class IPC(SelfContactTerm, StepLimitingTerm):
         self._narrower = 1.0  # its own distance over the present one
 
     def scale_penalties(self, factor: float) -> bool:
-        """Divide the distance, to which the gap at a given pressure is in proportion.
+        """Divide the activation distance by ``factor``; return whether the distance changes.
 
-        The distance is at most the barrier's own, as a larger one may exceed gaps at rest. Return
-        whether the factor changes anything: on a path, which asks by 1, the barrier stays.
+        At a given pressure the gap is proportional to the distance. It does not become larger than
+        the initial one, as it could then exceed gaps of the mesh.
         """
         before, self._narrower = self._narrower, max(1.0, factor * self._narrower)
         self._set_distance(self.distance * before / self._narrower)
@@ -108,15 +108,15 @@ class IPC(SelfContactTerm, StepLimitingTerm):
 
     @property
     def length_text(self) -> str:
-        """See `fem_snh.terms.term.Term.length_text`."""
+        """The activation distance, for messages."""
         return f"the barrier of self-contact acts from {self.distance:.3g} m"
 
     def share_lengths(self, other: Self) -> None:
-        """Take over the distance of the same barrier on another space."""
+        """Set the activation distance to that of ``other``, the same term on another space."""
         self._set_distance(other.distance)
 
     def _set_distance(self, distance: float) -> None:
-        """Set the distance at which contact begins [m]."""
+        """Set the activation distance [m], and discard the cached Hessian."""
         self.distance = distance
         self._blocks: tuple[Array, str, Blocks] | None = None
         self.collision_surface.set_barrier(self.stiffness, distance)
@@ -133,27 +133,31 @@ class IPC(SelfContactTerm, StepLimitingTerm):
     def add_hessian(
         self, u: PETSc.Vec, p: PETSc.Vec | None, filter: str, target: BlockMatrix
     ) -> int:
-        """Add the filtered Hessian; return the number of collisions, on rank 0. Collective.
+        """Add this rank's rows of the filtered Hessian. Collective.
 
-        Nearly every collision has a negative eigenvalue, that of a motion around its normal.
+        Return the number of collisions on rank 0, and 0 on other ranks: nearly every collision has
+        a negative eigenvalue, for a rotation about its normal, that is filtered.
         """
         x = self.configuration(u)
         self._matrix.add(self._hessian(x, choose("filter", filter, FILTERS)), target)
         return len(self.collision_surface.collisions(x)) if self.comm.rank == 0 else 0
 
     def largest_step(self, u: Array, d: Array) -> float:
-        """Return the part of a step before its first collision: see `StepLimitingTerm`."""
+        """Return the fraction of a step ``d`` from ``u`` that is free of collisions.
+
+        See `CollisionSurface.largest_step` and `fem_snh.terms.term.StepLimitingTerm`. Collective.
+        """
         x = np.asfortranarray(self.surface.positions(u))
         moved = self.surface.interpolate(self.surface.support.gather(d))
         return self.collision_surface.largest_step(x, moved)
 
     def record(self, u: PETSc.Vec) -> dict[str, dict[str, Any]]:
-        """Return the row of run.json. Collective.
+        """Return ``{"self_contact": row}`` for run.json. Collective.
 
-        ``pairs`` in contact; ``distance`` [m], the smallest, or None without a pair; ``force`` [N],
-        half of the sum of the magnitudes of the points' forces; ``bodies``, the force [N] of
-        contact on each connected part of the surface; ``stiffness`` [Pa]; ``activation`` [m], the
-        distance at which contact begins.
+        ``pairs``, the number of collisions; ``distance`` [m], the smallest, or None without a pair;
+        ``force`` [N], half of the sum of the magnitudes of the points' forces; ``bodies``, the
+        contact force [N] on each connected part of the surface; ``stiffness`` [Pa]; ``activation``
+        [m], the distance at which contact begins.
         """
         x, surface = self.configuration(u), self.collision_surface
         pairs, forces = len(surface.collisions(x)), -surface.gradient(x)
@@ -168,19 +172,19 @@ class IPC(SelfContactTerm, StepLimitingTerm):
         return {"self_contact": row}
 
     def begin_step(self, u: PETSc.Vec) -> None:
-        """Start a step from a state; the first one must not intersect itself. Collective.
+        """Check the state ``u`` at the start of the first step; do nothing later. Collective.
 
         Raises
         ------
         BadInput
-            On every rank, if the first state does.
+            On every rank, if the surface intersects or touches itself there.
         """
         if not self._checked:
             self.collision_surface.check(self.configuration(u), "at the start")
             self._checked = True
 
     def update_lagged(self, u: PETSc.Vec) -> LaggedChange:
-        """Return no change: nothing is lagged. Collective.
+        """Return a change of 0, as nothing is lagged. Collective.
 
         Raises
         ------
@@ -196,7 +200,7 @@ class IPC(SelfContactTerm, StepLimitingTerm):
         return np.asfortranarray(super().configuration(u))
 
     def _hessian(self, x: Array, filter: str) -> Blocks:
-        """Return the filtered Hessian's blocks, of the last call if it was for the same."""
+        """Return the filtered Hessian at ``x`` in this rank's rows; the last one is cached."""
         last = self._blocks
         if last is None or last[1] != filter or not np.array_equal(last[0], x):
             hessian = self.collision_surface.hessian(x, filter)
@@ -204,14 +208,14 @@ class IPC(SelfContactTerm, StepLimitingTerm):
         return last[2]
 
 
-#: Default activation distance in the mean length of the surface's edges.
+#: Default activation distance, in mean lengths of the surface's edges.
 _DISTANCE = 0.1
-#: It is reduced to this fraction of the smallest distance in the mesh, where nothing should touch.
+#: The default is at most this fraction of the smallest distance in the mesh, where nothing touches.
 _OF_SMALLEST = 0.9
-#: Smallest distance in the mesh, in edges, of two parts that do not touch.
+#: Parts of the surface that are closer than this, in edges, touch: an error at the start.
 _TOUCHING = 1e-4
-#: Iterations for one pair, after which the length reached so far is taken, which is free of
-#: collisions. By default there are ten million: parts that slide along each other by far more than
+#: Iterations of CCD for one pair, after which the length reached so far is taken, which is free of
+#: collisions. ipctk's default is ten million: parts that slide along each other by far more than
 #: their distance take as many as the ratio of both.
 _CCD_ITERATIONS = 1000
 #: Longest step [m] that ipctk gets: it squares distances, and does not return where they overflow.
@@ -223,23 +227,24 @@ _PATTERN = 2.0
 class CollisionSurface:
     r"""A closed surface, of one or several bodies, that must not intersect itself. Not collective.
 
-    Points, edges and triangles that share a point never collide. The energy of all others is
+    Points, edges and triangles that share a point are no pair. The energy is
 
     .. math:: E = \kappa \hat d \sum_k w_k\, b(d_k/\hat d), \qquad
         b(s) = -(s^2 - 1)^2 \ln s^2 \quad \text{for}\ s < 1
 
-    over pairs of points, edges and triangles of distance d_k and area w_k (Li et al. 2020, eq. 6;
-    Li et al. 2023 for the areas), with the stiffness kappa [Pa] and the activation distance
-    :math:`\hat d` [m] of `set_barrier`. Points ``x`` are (n, 3) [m].
+    over pairs k of points, edges and triangles, with distance d_k and area w_k (Li et al. 2020, eq.
+    6; Li et al. 2023 for the areas), stiffness :math:`\kappa` [Pa] and activation distance
+    :math:`\hat d` [m]. `set_barrier` must be called first. Positions ``x`` of the points are (n,
+    dim) [m].
 
     Parameters
     ----------
-    points : (n, 3)
-        Reference positions [m]; (n, 2) in two dimensions.
-    triangles : (m, 3) int32
-        Points of each triangle; (m, 2) of each segment, in two dimensions.
+    points : (n, dim)
+        Reference positions [m].
+    triangles : (m, dim) int32
+        The points of each triangle; in two dimensions of each segment.
     areas : (n,), optional
-        The areas of the points [m^2]; default: those of the triangles, or of the segments per
+        The area of each point [m^2]. Default: ipctk's, from the triangles, or from the segments per
         thickness.
 
     Attributes
@@ -278,13 +283,13 @@ class CollisionSurface:
         self._ccd = self.ipctk.AdditiveCCD(_CCD_ITERATIONS)
 
     def set_barrier(self, stiffness: float, distance: float) -> None:
-        """Set the barrier's stiffness [Pa] and activation distance [m]."""
+        """Set the barrier's stiffness [Pa] and activation distance [m]; discard the collisions."""
         self._distance = distance
         self._barrier = self.ipctk.BarrierPotential(distance, stiffness, True)
         self._last: tuple[Array, Any] | None = None
 
     def collisions(self, x: Array) -> Any:
-        """Return the ipctk.NormalCollisions at points x, of the last call if x is the same."""
+        """Return the ipctk.NormalCollisions, pairs within the activation distance, at x; cached."""
         if self._last is None or not np.array_equal(self._last[0], x):
             self._last = x, self._find(x, self._distance)
         return self._last[1]
@@ -294,18 +299,18 @@ class CollisionSurface:
         return float(self._barrier(self.collisions(x), self.mesh, x))
 
     def gradient(self, x: Array) -> Array:
-        """Return the energy's derivative by the points, (n, 3) [N]."""
+        """Return the energy's derivative by the positions of the points, (n, dim) [N]."""
         found = self._barrier.gradient(self.collisions(x), self.mesh, x)
         return np.asarray(found).reshape(x.shape)
 
     def hessian(self, x: Array, filter: str) -> Any:
-        """Return the filtered second derivative [N/m], a sparse (3 n, 3 n) matrix."""
+        """Return the Hessian, filtered pair by pair, a sparse (dim n, dim n) matrix [N/m]."""
         methods = self.ipctk.PSDProjectionMethod
         method = {"exact": methods.NONE, "clamp": methods.CLAMP, "abs": methods.ABS}[filter]
         return self._barrier.hessian(self.collisions(x), self.mesh, x, method)
 
     def pattern(self, x: Array) -> Any:
-        """Return a sparse matrix of ones, where the Hessian of a wider barrier has entries."""
+        """Return a sparse matrix of ones where a barrier twice as wide has a Hessian at x."""
         wide = _PATTERN * self._distance
         barrier = self.ipctk.BarrierPotential(wide, 1.0, True)
         found = barrier.hessian(self._find(x, wide), self.mesh, x)
@@ -313,18 +318,18 @@ class CollisionSurface:
         return found
 
     def smallest_distance(self, x: Array, reach: float) -> float:
-        """Return the smallest distance [m] of parts that share no point; inf beyond a reach."""
+        """Return the smallest distance [m] of parts that share no point; inf beyond ``reach``."""
         found = self._find(x, reach).compute_minimum_distance(self.mesh, _rows(x))
         return float(np.sqrt(found))
 
     def sums(self, forces: Array) -> list[list[float]]:
-        """Return the sum of the points' forces for each body, three components [N]."""
+        """Return the sum of the points' forces (n, dim) on each body, three components [N]."""
         sums = np.zeros((self.bodies.max() + 1, 3))
         np.add.at(sums[:, : forces.shape[1]], self.bodies, forces)
         return sums.tolist()
 
     def default_distance(self, points: Array) -> float:
-        """Return the default activation distance [m] for reference points (n, 3)."""
+        """Return the default activation distance [m] for reference positions (n, dim)."""
         wanted = _DISTANCE * self.edge_length
         return min(wanted, _OF_SMALLEST * self.smallest_distance(points, wanted / _OF_SMALLEST))
 
@@ -343,14 +348,14 @@ class CollisionSurface:
             )
 
     def intersects(self, x: Array) -> bool:
-        """Return whether the surface at points x (n, 3) intersects itself."""
+        """Return whether the surface at positions x (n, dim) intersects itself."""
         return bool(self.ipctk.has_intersections(self.mesh, _rows(x)))
 
     def largest_step(self, x: Array, d: Array) -> float:
-        """Return a length in [0, 1] up to which x + s d (n, 3) meets no collision.
+        """Return a number in [0, 1] such that x + s d has no collision for smaller s.
 
-        It is 1 if there is none, else about 0.9 of the length at the first one; 0 if d is not
-        finite, with which ipctk does not return.
+        It is 1 if the whole step has no collision, otherwise about 0.9 of the first collision's s.
+        It is 0 if d is not finite, as ipctk would not return.
         """
         largest = np.abs(d).max(initial=0.0)
         if not np.isfinite(largest):
@@ -363,11 +368,11 @@ class CollisionSurface:
         return part * float(step)
 
     def _find(self, x: Array, distance: float) -> Any:
-        """Return the ipctk.NormalCollisions of points x (n, 3) that are closer than a distance [m].
+        """Return the ipctk.NormalCollisions within a distance [m] at positions x (n, dim).
 
-        Areas are their weights (Li et al. 2023), so that a pressure depends on the distance and
-        little on the mesh. ipctk's improved max approximation would remove that dependence, but its
-        energy jumps where the closest parts change, at which a line search stops.
+        They are weighted by areas (Li et al. 2023), so that a pressure depends on the distance and
+        little on the mesh. ipctk's improved max approximation would remove the dependence on the
+        mesh, but its energy jumps where the closest parts change, and a line search stops there.
         """
         found = self.ipctk.NormalCollisions()
         found.use_area_weighting = True
@@ -376,5 +381,5 @@ class CollisionSurface:
 
 
 def _rows(x: Array) -> Array:
-    """Return points as ipctk expects them."""
+    """Return positions as ipctk expects them: float, in Fortran order."""
     return np.asfortranarray(x, dtype=float)

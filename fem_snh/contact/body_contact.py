@@ -1,4 +1,7 @@
-"""Contact between the surfaces of two bodies of one mesh, without friction."""
+"""The term of contact between surfaces of one mesh, without friction, and its pairs of surfaces.
+
+The scene's table is in `contact_tables`, the bases of pairs and terms in `surface_contact`.
+"""
 
 from __future__ import annotations
 
@@ -45,24 +48,25 @@ from fem_snh.terms.term import CouplingTerm, MeanForceTerm
 
 Array = npt.NDArray[Any]
 
-#: Degree of the quadrature beyond that of products of shape functions: those of the other surface
-#: have kinks inside of a facet. It reduces the error of a uniform pressure to a third.
+#: Added to the quadrature degree of products of shape functions, as shape functions of the other
+#: surface have kinks inside a facet. It reduces the error of a uniform pressure to a third.
 _QUADRATURE = 4
-#: Of `CouplingTerm`. With 100 times the stiffness the largest component of a force is within 3.2 %
-#: of what the estimate finds of the penalty, an energy within 6.3 %: blocks and a ball on a block.
+#: `Term.unsettled_penalty`. With 100 times the stiffness, the largest component of a force differs
+#: from its estimate by 3.2 % of the correction for the penalty, an energy by 6.3 %: blocks and a
+#: ball on a block.
 _UNSETTLED_PENALTY = 0.1
 
 
-#: Each point has settled on a facet when a new search changes no nodal force by more than this
-#: fraction of the largest.
+#: The facets of points have settled when a new search changes no nodal force by more than this
+#: fraction of the largest one.
 _SETTLED = 1e-4
-#: After this many searches of a step a point keeps a facet whose closest point is outside of it by
-#: less than _KEPT, in reference coordinates: a point at an edge between two facets of different
-#: normals would change from one to the other and back for ever.
+#: After this many searches of a step, a point keeps its facet while the closest point is outside
+#: the reference facet by less than _KEPT: a point at an edge between two facets of different
+#: normals would otherwise alternate between them for ever.
 _FREE_SEARCHES, _KEPT = 3, 0.1
-#: Reach of the search in the diagonal of the smaller surface: bodies may move by this in a step.
+#: Reach of the search, in diagonals of the smaller surface: bodies may move by this in a step.
 _REACH = 0.5
-#: Points by which a checkpoint finds multipliers are inside of their body by this many facets, as
+#: A checkpoint locates multipliers by points so far inside their body, in sizes of a facet, as
 #: surfaces that touch have points at the same place.
 _INSIDE = 1e-3
 #: A point of a facet moves by at most this times the largest motion of the facet's nodes: the sum
@@ -72,7 +76,7 @@ _SPREAD = 5 / 3
 _MARGIN = 0.5
 #: Gap in sizes of a facet below which surfaces touch without a force: rounding.
 _ZERO_GAP = 1e-10
-#: Least gap at a step's start, in sizes of a facet, of a point that has no facet there.
+#: Least gap at a step's start, in sizes of a facet, of a point that had no facet then.
 _OPEN = 1e-6
 
 
@@ -92,8 +96,7 @@ class BodyPair(NamedTuple):
     tolerance : float or None
         Largest penetration [m] with the augmented Lagrangian; None for the default.
     limits_force : bool
-        With the default tolerance, whether the change of the force is limited, too. In time it need
-        not be: what a step's force lacks, the next one has.
+        See `fem_snh.contact.obstacle_contact.RigidContact`.
     """
 
     name: str
@@ -106,18 +109,18 @@ class BodyPair(NamedTuple):
 
 
 class Touching(NamedTuple):
-    """The n points that touch a facet.
+    """The n quadrature points of both surfaces that touch a facet of the other surface.
 
     Attributes
     ----------
     point : (n,) int
-        The points, numbered facet by facet: rows of the law.
+        The points, numbered facet by facet: rows of the law's arrays.
     facet : (n,) int
-        The facets of the other surface.
+        The facet of the other surface that each point touches.
     gaps : Gaps
-        Their gaps.
+        The gaps of the points to these facets.
     energy, pressure, stiffness : (n,)
-        What `ContactLaw.response` returns.
+        `Response` of the law to these gaps.
     """
 
     point: Array
@@ -129,29 +132,29 @@ class Touching(NamedTuple):
 
 
 class SurfacePair(ContactPair):
-    """Contact of two surfaces: the points of either one touch facets of the other.
+    """Contact of two surfaces: quadrature points of each touch facets of the other.
 
-    All ranks have the same, and configurations are positions of the nodes, (m, 3) [m]. The facets
-    of both surfaces are numbered together, the first surface's before the second's. Each surface
-    has half of the stiffness.
+    All ranks evaluate the same contact. ``x`` are positions of the nodes of ``surface``, (m, 3)
+    [m]. Facets of both surfaces are numbered together, those of the first surface first; points
+    are numbered facet by facet. Each surface has half of the stiffness.
 
-    In time, Newmark's method has contact as the mean over a step: with the mean response at the
-    gaps of the step's start and end, each to the facet that is the closest one then, and with their
-    mean derivatives (`_mean_turn`) the forces do the work that the energy of contact loses. The
-    part of the derivatives that is not that of the end is lagged.
+    In time, Newmark's method takes the mean pressure over a step, from the gaps at the step's start
+    and end, each to the facet that is closest at that time. With mean derivatives of the gaps
+    (`_mean_turn`) the forces do the work that the contact energy loses. The difference between the
+    mean derivatives and the derivatives at the step's end is lagged.
 
     Parameters
     ----------
     pair : BodyPair
         Name and method.
     surface : GatheredSurface
-        The nodes.
+        The nodes of all surfaces of the term.
     sides : tuple of two Side
-        The surfaces.
+        The facets of the first and of the second surface.
     default : float
         The default stiffness [Pa/m].
     height : float
-        The height of the cells at the surfaces [m].
+        The mean height of the cells at the surfaces [m].
 
     Attributes
     ----------
@@ -194,14 +197,14 @@ class SurfacePair(ContactPair):
         self._evaluated: tuple[Array, tuple[Any, ...], Touching] | None = None
 
     def begin_step(self, x: Array) -> None:
-        """Begin a step at positions of the nodes, whose facets were searched there."""
+        """Reset the law; store positions and facets at the step's start, after `search` there."""
         self.law.begin_step()
         self._searches, self._turn = 0, np.zeros_like(x)
         self._before = x.copy(), self._facet.copy(), self._start.copy()
         self._evaluated = None
 
     def settle(self, x: Array) -> list[LaggedChange]:
-        """Search again and update the multipliers; return the changes."""
+        """Search again, update mean derivatives and multipliers; return their changes."""
         before, touched = self.gradient(x), self.touching(x)
         keep = _KEPT if self._searches >= _FREE_SEARCHES else None
         self._searches += 1
@@ -217,15 +220,15 @@ class SurfacePair(ContactPair):
         return [changed, *self.law.settle(*self.acting(x))]
 
     def search(self, x: Array, keep: float | None = None) -> None:
-        """Choose the facet of each point.
+        """Set the facet of each point, and the sparsity pattern of close facets.
 
         Parameters
         ----------
         x : (m, 3)
             Positions of the nodes [m].
         keep : float, optional
-            A point keeps the facet that it has while its closest point is outside of it by less
-            than this, in reference coordinates. Default: all points get the closest facet.
+            A point keeps its facet while its closest point there is outside the reference facet by
+            less than this. Default: all points get the closest facet.
         """
         facet, start = self._find(x, self.points(x), self.normals(x))
         if keep is not None:
@@ -246,9 +249,10 @@ class SurfacePair(ContactPair):
         return np.asarray((self.side.basis @ x[self.side.nodes]).reshape(-1, 3))
 
     def normals(self, x: Array, derivatives: Array | None = None) -> Array:
-        """Return the outward unit normals of the surfaces at the points, (points, 3).
+        """Return the outward unit normals of both surfaces, (points, 3).
 
-        ``derivatives`` (n, k, d) are those of the shape functions at other points of a facet.
+        They are at n points of each facet where the shape functions have the ``derivatives`` (n, k,
+        d). Default: the quadrature points.
         """
         table = self.side.derivatives if derivatives is None else derivatives
         tangents = np.einsum("fki,pka->fpia", x[self.side.nodes], table, optimize=True)
@@ -257,7 +261,7 @@ class SurfacePair(ContactPair):
         return np.asarray(normals.reshape(-1, 3))
 
     def touching(self, x: Array) -> Touching:
-        """Return the points that touch their facets."""
+        """Return the points with a pressure, and those with gap 0. The last result is cached."""
         averages = self.mean_weight is not None
         version = self.law.version, averages
         if self._evaluated and self._evaluated[1] == version:
@@ -284,7 +288,7 @@ class SurfacePair(ContactPair):
         return found
 
     def acting(self, x: Array) -> tuple[Array, Array, Array]:
-        """Return the points that touch, their gaps and pressures."""
+        """Return the points that touch, gaps [m] and pressures [Pa], (n,) each."""
         at = self.touching(x)
         return at.point, at.gaps.gap, at.pressure
 
@@ -297,7 +301,7 @@ class SurfacePair(ContactPair):
         return self.weight * energy
 
     def gradient(self, x: Array) -> Array:
-        """Return the energy's derivative by the nodes [N], (m, 3)."""
+        """Return the energy's derivative by the nodes' positions, (m, 3) [N]."""
         at = self.touching(x)
         forces = gap_derivative(at.gaps, self._basis(at))
         forces *= (-self.law.weights[at.point] * at.pressure)[:, None, None]
@@ -307,13 +311,16 @@ class SurfacePair(ContactPair):
         return found if self.mean_weight is None else self.weight * (found + self._turn)
 
     def nodal_forces(self, x: Array) -> Array:
-        """Return the forces of the second surface on the first one's nodes [N], (m, 3)."""
+        """Return the nodal forces on the first surface, zero at other nodes, (m, 3) [N]."""
         forces = np.zeros_like(x)
         forces[self._first_nodes] = -self.gradient(x)[self._first_nodes]
         return forces
 
     def force_derivative(self, component: int, x: Array) -> Array:
-        """Return the derivative of a component of their sum by own nodes [N/m], (m, c)."""
+        """Return the derivative of a component of the force on the first surface, (m, c) [N/m].
+
+        Only rows of nodes that this rank owns are complete; c is the number of components.
+        """
         c, translation = self._surface.components, np.zeros((len(x), self._surface.components))
         translation[self._first_nodes, component] = 1.0
         found = np.zeros_like(translation)
@@ -324,12 +331,11 @@ class SurfacePair(ContactPair):
         return found
 
     def matrices(self, x: Array, filter: str) -> tuple[Array, Array, int]:
-        """Return global nodes (n, k), filtered matrices (n, c k, c k), and how many were filtered.
+        """Return global nodes (n, k), filtered Hessians (n, c k, c k), and how many were filtered.
 
-        c is the number of the displacement's components.
-
-        Only those of which this rank owns a row are returned, summed over the points of a facet
-        that touch the same facet.
+        c is the number of the displacement's components. There is one Hessian [N/m] for each pair
+        of touching facets, with the nodes of both, if this rank owns one of them. Filters act at
+        each point.
         """
         at = self.touching(x)
         mine = self._surface.is_own[self._nodes(at)].any(axis=1)
@@ -358,7 +364,7 @@ class SurfacePair(ContactPair):
     def node_pairs(self, x: Array) -> Array:
         """Return the pairs of global nodes of facets that may touch, (n, 2).
 
-        The same array until a facet outside of it is touched.
+        It is the same array object until a pair of facets touches that it does not contain.
         """
         keys = self._keys(self.touching(x).point)
         if self._pairs is None or not np.isin(keys, self._known).all():
@@ -370,7 +376,10 @@ class SurfacePair(ContactPair):
         return self._pairs
 
     def row(self, x: Array) -> dict[str, Any]:
-        """Return the pair's row of run.json, with the ``stiffness`` of both surfaces [Pa/m]."""
+        """Return `ContactPair.row`, and ``stiffness``, given or default, of both surfaces [Pa/m].
+
+        Collective.
+        """
         return super().row(x) | {"stiffness": self.stiffness}
 
     @property
@@ -380,25 +389,25 @@ class SurfacePair(ContactPair):
         return numbers[self.side.own].ravel()
 
     def history(self) -> tuple[Array, Array]:
-        """Return points of this rank's facets (n, 3), and multipliers and factors there, (n, 2).
+        """Return `own_points` (n, 3) [m], and their multipliers and factors, (n, 2).
 
-        The points are moved a little into their body.
+        The points are reference positions, moved a little into their body.
         """
         X, own = self._surface.X, self.own_points
         points = self.points(X) - _INSIDE * self.size[:, None] * self.normals(X)
         return points[own], np.hstack(self.law.history())[own]
 
     def set_history(self, values: Array) -> None:
-        """Set what is kept, (n, 2), in the order of `history`. Collective."""
+        """Set the kept multipliers and factors, (n, 2), as in `history`. Collective."""
         kept, comm = np.zeros_like(self.law.kept), self._surface.comm
         kept[self.own_points] = values[:, 0]
         # Each point has one owner.
         self.law.set_history(comm.allreduce(kept), values[:, 1], comm)
 
     def _find(self, x: Array, points: Array, normals: Array) -> tuple[Array, Array]:
-        """Return the facets that points may touch, and where: see `ClosestFacets.find`.
+        """Return the facets that points may touch, and where: see `FacetsInReach`.
 
-        The points are those of all facets, so many of each.
+        ``points`` are on all facets, in their order, equally many on each.
         """
         split = len(points) // len(self.side) * self._num_first
         parts = zip(self._closest, (slice(split), slice(split, None)), strict=True)
@@ -414,14 +423,14 @@ class SurfacePair(ContactPair):
         )
 
     def _moved(self, x: Array) -> float:
-        """Return by how much gaps may have changed since the search, as both surfaces move [m]."""
+        """Return a bound of the change of any gap since the last search [m]."""
         moved = np.linalg.norm(x - self._searched, axis=1).max(initial=0.0)
         return 2 * _SPREAD * float(moved)
 
     def _at_start(self, which: Array) -> tuple[Gaps, Array]:
-        """Return the gaps of points at the step's start, and their facets there.
+        """Return the gaps of points at the step's start, and their facets then.
 
-        A point without a facet has the present one, and is open.
+        A point that had no facet then gets its present one, with a gap > 0.
         """
         x, facets, starts = self._before
         has = facets[which] >= 0
@@ -433,10 +442,10 @@ class SurfacePair(ContactPair):
         return gaps._replace(gap=gap), facet
 
     def _mean_turn(self, x: Array) -> Array:
-        """Return what the mean derivatives of the gaps add to `gradient` [N], (m, 3).
+        """Return what the mean derivatives of the gaps add to `gradient`, (m, 3) [N].
 
-        The ways of `mean_derivative` are those of a point's nodes less their mean: without it the
-        forces had a sum.
+        `mean_derivative` gets the displacements of a point's nodes minus their mean, so that the
+        forces sum to zero.
         """
         at, found = self.touching(x), np.zeros_like(x)
         before, facet = self._at_start(at.point)
@@ -460,7 +469,7 @@ class SurfacePair(ContactPair):
         return found
 
     def deepest(self, x: Array, search: bool) -> DeepestPoint:
-        """Return the deepest point of either surface in the other one, by one grid."""
+        """Return the deepest point of either surface, with one grid whatever ``search`` is."""
         at, shape, side = self.touching(x), self._surface.shape, self.side
         basis, derivatives = shape.evaluate(facet_grid(shape.kind))
         grid = basis @ x[side.nodes]
@@ -478,12 +487,12 @@ class SurfacePair(ContactPair):
         return np.asarray(self.side.basis[at.point % len(self.side.basis)])
 
     def _nodes(self, at: Touching) -> Array:
-        """Return the nodes of both facets of each point, as rows of the surface's nodes."""
+        """Return each point's nodes as rows of ``x``, (n, 2 k): own facet, then the other one."""
         own = self.side.nodes[at.point // len(self.side.basis)]
         return np.concatenate([own, self.side.nodes[at.facet]], axis=1)
 
     def _keys(self, points: Array) -> Array:
-        """Return numbers of the pairs of facets of some points."""
+        """Return a number for the pair of own and touched facet of each point."""
         own = points // len(self.side.basis)
         return np.asarray(own * len(self.side) + self._facet[points])
 
@@ -491,15 +500,16 @@ class SurfacePair(ContactPair):
 class BodyContact(SurfaceContact, MeanForceTerm, CouplingTerm):
     r"""The energy of contact between pairs of surfaces. Collective.
 
-    The quadrature points of either surface have gaps to the other one, with half of the stiffness
-    each, so that the result does not depend on the order of the surfaces:
+    The quadrature points q of both surfaces have gaps :math:`g_q` to the other surface, with half
+    of the stiffness k, so that the result does not depend on the order of the surfaces:
 
     .. math:: E = \sum_{s = 1}^{2} \sum_{q \in \Gamma_s} \frac{w_q}{k}
         \left(\langle \ell_q - \tfrac{k}{2} g_q \rangle^2 - \ell_q^2\right)
 
-    During a solve each point has one facet of the other surface, the closest one at the start of
-    the step. After a solve the search is repeated, and the step is solved again until the forces
-    have settled. `fem_snh.contact.triangle_search` has the derivatives of the gap.
+    with weights :math:`w_q` and multipliers :math:`\ell_q` (`ContactLaw`). During a solve each
+    point has one facet of the other surface, the closest one at the start of the step. After a
+    solve the search is repeated, and the step is solved again until the forces have settled.
+    `fem_snh.contact.triangle_search` has the derivatives of the gap.
 
     Parameters
     ----------
@@ -510,7 +520,7 @@ class BodyContact(SurfaceContact, MeanForceTerm, CouplingTerm):
     pairs : sequence of BodyPair
         The surfaces.
     kinematics : Kinematics, optional
-        That of the displacement.
+        Dimension of the mesh and components of the displacement.
 
     Attributes
     ----------
@@ -522,7 +532,7 @@ class BodyContact(SurfaceContact, MeanForceTerm, CouplingTerm):
     Raises
     ------
     BadInput
-        On every rank, if a surface has no facet on the boundary, or the two have a common node.
+        On every rank, if a surface has no facet on the boundary, or a pair has a common node.
     """
 
     name, gathered = "contact", True
@@ -556,7 +566,7 @@ class BodyContact(SurfaceContact, MeanForceTerm, CouplingTerm):
         self._coupled: tuple[list[Array], Array] | None = None
 
     def set_load(self, load: float) -> None:
-        """Search again at the next evaluation, if nothing calls `begin_step`."""
+        """Search the facets at the next evaluation, unless `begin_step` has ever been called."""
         self._stale |= not self._stepped
 
     def couplings(self, u: PETSc.Vec) -> Array:
@@ -570,7 +580,7 @@ class BodyContact(SurfaceContact, MeanForceTerm, CouplingTerm):
     def add_hessian(
         self, u: PETSc.Vec, p: PETSc.Vec | None, filter: str, target: BlockMatrix
     ) -> int:
-        """Add the filtered Hessian; return how many points were filtered. Collective."""
+        """Add this rank's filtered Hessian; return how many points were filtered. Collective."""
         choose("filter", filter, FILTERS)
         x, count = self.configuration(u), 0
         for pair in self.pairs:
@@ -580,19 +590,19 @@ class BodyContact(SurfaceContact, MeanForceTerm, CouplingTerm):
         return count
 
     def begin_step(self, u: PETSc.Vec) -> None:
-        """Reset the multipliers to those of the last step and search the facets. Collective."""
+        """Reset multipliers to the last accepted step, and search the facets. Collective."""
         self._stepped, self._stale = True, True
         super().begin_step(u)
 
     def history(self) -> tuple[Array, Array]:
-        """Return points of this rank's facets (n, 3), and what is kept there, (n, 2)."""
+        """Return `SurfacePair.history` of all pairs with multipliers, one after the other."""
         found = [pair.history() for pair in self.pairs if pair.law.augmented]
         points = [np.empty((0, 3)), *(points for points, _ in found)]
         values = [np.empty((0, 2)), *(values for _, values in found)]
         return np.concatenate(points), np.concatenate(values)
 
     def set_history(self, values: Array) -> None:
-        """Set what is kept, in the order of `history`. Collective."""
+        """Set the kept multipliers and factors, (n, 2), as in `history`. Collective."""
         first = 0
         for pair in self.pairs:
             if pair.law.augmented:
@@ -601,7 +611,10 @@ class BodyContact(SurfaceContact, MeanForceTerm, CouplingTerm):
                 first = last
 
     def configuration(self, u: PETSc.Vec) -> Array:
-        """Return the positions of the nodes; search the facets if nothing did. Collective."""
+        """Return the positions of ``surface.nodes``, (m, 3) [m]; search facets if it is due.
+
+        Collective.
+        """
         x = self.surface.positions(super().configuration(u))
         if self._stale:
             self._stale = False

@@ -1,4 +1,4 @@
-"""Contact between the surfaces of bodies, and the keys that all tables of contact have."""
+"""The scene's tables ``[[contact]]`` and ``[self_contact]``, and the base of contact tables."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ Method = Annotated[str, OneOf(CONTACT_METHODS)]
 
 
 class ContactTable(Table):
-    """A table of contact: a penalty or an augmented Lagrangian."""
+    """The keys that ``[[contact]]`` and ``[[obstacle]]`` share: method, stiffness, tolerance."""
 
     needs_value = {"tolerance": ("method", "augmented_lagrangian")}
     method: Method = Field(
@@ -48,7 +48,10 @@ class ContactTable(Table):
         return self.method == "augmented_lagrangian"
 
     def absolute_tolerance(self, length: float) -> float | None:
-        """Return the largest penetration [m] on a body of this size [m]; None: the default."""
+        """Return the largest penetration [m] on a body of size ``length`` [m].
+
+        None: the table has no tolerance, and the default applies.
+        """
         return None if self.tolerance is None else self.tolerance * length
 
 
@@ -76,17 +79,17 @@ class Contact(Feature, ContactTable):
 
     @property
     def name(self) -> str:
-        """The pair's name in run.json."""
+        """The pair's name in run.json: the names of its groups, joined by "/"."""
         return "/".join(map(surface_name, self.groups))
 
     @property
     def named_groups(self) -> Sequence[tuple[str, Any]]:
-        """The keys that name physical groups, and the groups."""
+        """The two groups, each with the key that names it: ``("groups", group)``."""
         return [("groups", group) for group in self.groups]
 
     @classmethod
     def check(cls, features: Sequence[Self], scene: Any) -> None:
-        """Raise BadInput if two tables have the same groups."""
+        """Raise BadInput if two tables have the same two groups, in either order."""
         taken = set[frozenset[str]]()
         for contact in features:
             groups = frozenset(map(surface_name, contact.groups))
@@ -96,12 +99,15 @@ class Contact(Feature, ContactTable):
 
     @classmethod
     def goals(cls, features: Sequence[Self]) -> Sequence[str]:
-        """Return the names of the forces that second surfaces exert on first ones."""
+        """Return each pair's ``NAME.force``: the force on its first surface."""
         return [f"{contact.name}.force" for contact in features]
 
     @classmethod
     def create_terms(cls, features: Sequence[Self], body: Body) -> Sequence[Term]:
-        """Return one term of all pairs. Collective."""
+        """Return one `BodyContact` for all pairs.
+
+        Collective. Raises BadInput for axisymmetric torsion.
+        """
         from fem_snh.contact.body_contact import (
             BodyContact,  # imports PETSc
             BodyPair,
@@ -126,8 +132,8 @@ SelfContactMethod = Annotated[str, OneOf(SELF_CONTACT_METHODS)]
 class SelfContact(Feature):
     """Contact of the body's surface with itself, and of the bodies of one mesh with each other.
 
-    ``reference`` is the method of Smith et al. 2018, section 6, ``ipc`` that of Li et al. 2020. The
-    barrier needs the package ipctk, and no start that intersects.
+    ``reference`` is the method of Smith et al. 2018, section 6, ``ipc`` the method of Li et al.
+    2020, which needs the package ipctk and a surface that does not intersect itself at the start.
     """
 
     key, planar = "self_contact", True
@@ -154,7 +160,7 @@ class SelfContact(Feature):
 
     @classmethod
     def check(cls, features: Sequence[Self], scene: Any) -> None:
-        """Raise BadInput if the integrator has no line search, which the barrier needs."""
+        """Raise BadInput for ``ipc`` with an integrator without a line search."""
         for chosen in features:
             if chosen.method == "ipc" and scene.time and scene.time.integrator == "semi_implicit":
                 accepted = "another one with self_contact.method = 'ipc', whose barrier needs a "
@@ -162,7 +168,10 @@ class SelfContact(Feature):
 
     @classmethod
     def create_terms(cls, features: Sequence[Self], body: Body) -> Sequence[Term]:
-        """Return the term, of which only the method is imported. Collective."""
+        """Return a `ReferenceContact` or an `IPC`; import only the chosen method.
+
+        Collective. Raises BadInput for several tables, axisymmetric torsion or no material.
+        """
         if len(features) > 1:
             raise bad_value("terms", f"{len(features)} of SelfContact", "at most one")
         if not body.regions:

@@ -1,7 +1,8 @@
 """Surfaces of a distributed body that every rank has as a whole: nodes, facets, positions.
 
-Contact between two surfaces couples nodes of any two ranks. A surface has few nodes beside those of
-the body, so every rank gathers all of them, evaluates the same contact and keeps its own rows.
+Contact between two surfaces couples nodes of any two ranks. A surface has few nodes compared with
+the body, so every rank gathers all of them, evaluates the same contact and adds the rows that it
+owns.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ class GatheredNodes:
     V : dolfinx function space
         The displacement's space.
     nodes : (n,) int64
-        Global nodes of V, of any rank, in any order; all ranks together give the nodes.
+        Global nodes of V, owned by any rank, in any order; the union over the ranks is used.
 
     Attributes
     ----------
@@ -42,7 +43,7 @@ class GatheredNodes:
     is_own : (m,) bool
         Whether this rank owns the node.
     X : (m, 3)
-        Their reference coordinates [m].
+        Reference coordinates of ``nodes`` [m].
     """
 
     def __init__(self, V: FunctionSpace, nodes: Array) -> None:
@@ -56,21 +57,22 @@ class GatheredNodes:
         self.X = self.gather(V.tabulate_dof_coordinates()[:owned])
 
     def gather(self, values: Array) -> Array:
-        """Return nodal values (local nodes, 3) of all the nodes, (m, 3). Collective."""
+        """Return the values at ``nodes``, (m, c), of ``values`` (local nodes, c). Collective."""
         # The nodes are sorted and each rank's own ones contiguous: the ranks follow each other.
         return np.concatenate(self.comm.allgather(np.array(values[self._own])))
 
     def add_own(self, values: Array, out: Array) -> None:
-        """Add those of the nodes' values (m, 3) that this rank owns to ``out`` (local nodes, 3)."""
+        """Add values at ``nodes`` (m, 3) to ``out`` (local nodes, c) where this rank owns them."""
         out[self._own] += values[self.is_own, : out.shape[1]]
 
 
 #: Reference coordinates are rounded to this fraction of the surface's size before they are sorted,
 #: so that the order of facets is the same on any number of ranks.
 _ROUNDING = 1e-9
-#: Distance on the reference facet below which two points are the same; nodes are 1/2 apart.
+#: Distance on the reference facet below which two points are the same; nodes are > 1/4 apart.
 _SAME = 1e-6
-#: A map that makes one diagonal of a square the shorter one, which Delaunay triangulations have.
+#: A map that makes one diagonal of a square the shorter one, so that the Delaunay triangulation is
+#: unique.
 _SHEAR = np.array([[1.0, 0.1], [0.1, 1.0]])
 
 
@@ -82,7 +84,7 @@ class FacetShape:
     kind : {"triangle", "quadrilateral", "interval"}
         The reference facet.
     degree : int
-        Degree of the displacement.
+        Polynomial degree of the displacement.
 
     Attributes
     ----------
@@ -91,14 +93,14 @@ class FacetShape:
     nodes : (k, d)
         Reference coordinates of the nodes.
     simplices : (n, d + 1) int
-        Triangles between the nodes, anticlockwise; of a curve segments.
+        The nodes of triangles that divide the facet, anticlockwise; of a curve, of segments.
     center : (d,)
         Mean of the corners.
     rim : (n, d) int
-        The edges between neighbouring nodes around the facet, anticlockwise; of a curve the nodes
-        on both sides of its middle, each with the sense in ``sense``.
+        The nodes of the edges around the facet, anticlockwise; of a curve its two ends.
     sense : (n,)
-        1 or -1: whether the simplex of the centre and a part of the rim has the facet's sense.
+        1 or -1: the orientation, relative to the facet, of the triangle or segment from the center
+        to each edge or end of ``rim``.
     """
 
     def __init__(self, kind: str, degree: int) -> None:
@@ -125,9 +127,10 @@ class FacetShape:
         self.sense = np.ones(len(outline))
 
     def evaluate(self, points: Array, order: int = 1) -> tuple[Array, ...]:
-        """Return values, first and second derivatives up to an order at reference points (n, d).
+        """Return the shape functions at reference points (n, d), with derivatives up to ``order``.
 
-        Their shapes are (n, k), (n, k, d) and (n, k, d, d).
+        The tuple has ``order + 1`` arrays: values (n, k), first derivatives (n, k, d), second
+        derivatives (n, k, d, d).
         """
         table = _dolfinx.tabulate_element(self.kind, self._degree, points, order)
         table = np.moveaxis(table[..., self._order], 0, -1)
@@ -146,22 +149,22 @@ class FacetShape:
 
 @dataclass(frozen=True)
 class Side:
-    """The facets of one surface, in an order that does not depend on the ranks.
+    """The facets of one surface, the same on all ranks, in an order that depends on no partition.
 
     Attributes
     ----------
     nodes : (facets, k) int
-        Rows of ``GatheredSurface.X``.
+        The nodes of each facet, as rows of ``GatheredSurface.X``.
     outward : (facets,)
-        1 where the derivatives of the facet's map form the outward normal, -1 where its opposite.
+        1 where the cross product of a facet's tangents points outward, -1 where it points inward.
     weights : (facets, points)
         Quadrature weights in the reference configuration [m^2].
     basis : (points, k)
         Shape functions at the quadrature points.
     derivatives : (points, k, d)
-        Their derivatives there.
+        Derivatives of the shape functions by the d coordinates of the reference facet.
     areas : (facets,)
-        Areas of the facets at rest [m^2], of curves their lengths [m].
+        Areas of the facets in the reference configuration [m^2], of curves their lengths [m].
     own : (n,) int
         The facets whose cells this rank owns.
     """
@@ -187,17 +190,17 @@ class Side:
 
     @property
     def mean_size(self) -> float:
-        """The size of facets: the root of their mean area, of curves the mean length [m]."""
+        """The root of the facets' mean area, of curves the mean length [m]."""
         return float(self.areas.mean() ** (1 / self.derivatives.shape[2]))
 
     @property
     def sizes(self) -> Array:
-        """The sizes of the facets: the roots of their areas, of curves the lengths [m]."""
+        """The roots of the facets' areas, of curves the lengths, (facets,) [m]."""
         return np.asarray(self.areas ** (1 / self.derivatives.shape[2]))
 
 
 class GatheredSurface(GatheredNodes):
-    """The nodes of some surfaces, on every rank. Collective.
+    """The nodes and facets of several surfaces, on every rank. Collective.
 
     Parameters
     ----------
@@ -227,9 +230,9 @@ class GatheredSurface(GatheredNodes):
         self.sides = [self._side(X, numbers, surface) for surface in surfaces]
 
     def positions(self, u: Array) -> Array:
-        """Return the deformed coordinates of the nodes [m], (m, 3). Collective.
+        """Return the deformed coordinates of ``nodes``, (m, 3) [m]. Collective.
 
-        ``u`` are this rank's nodal displacements (local nodes, 3).
+        ``u`` are this rank's nodal displacements (local nodes, 3) [m].
         """
         return self.X + self.gather(u)
 
@@ -257,11 +260,11 @@ class GatheredSurface(GatheredNodes):
 
 
 class EmbeddedSurface:
-    r"""Triangles whose points follow the displacement linearly. Collective.
+    r"""Triangles whose points are linear functions of the nodal displacements. Collective.
 
     .. math:: x_i(u) = X_i + \sum_a W_{ia} u_a
 
-    All arrays are the same on all ranks.
+    All arrays are the same on all ranks. In two dimensions segments take the place of triangles.
 
     Parameters
     ----------
@@ -270,12 +273,11 @@ class EmbeddedSurface:
     points : (n, 3)
         Reference positions X [m].
     triangles : (m, 3) int
-        Points of each triangle, counter-clockwise seen from outside of the body; in two dimensions
-        (m, 2), the points of segments.
+        Points of each triangle, anticlockwise seen from outside the body; (m, 2) of each segment.
     nodes : (n, k) int64
         Global nodes of V that each point depends on.
     weights : (n, k)
-        Their weights W.
+        The weight W of each of these nodes.
 
     Attributes
     ----------
@@ -284,9 +286,9 @@ class EmbeddedSurface:
     support : GatheredNodes
         The nodes that the points depend on.
     columns : (n, k) int
-        Rows of ``support.nodes`` that hold ``nodes``.
-    matrix : (n, m) scipy CSR matrix
-        W, from values at the nodes of ``support`` to values at the points.
+        ``nodes`` as indices of ``support.nodes``.
+    matrix : (n, len(support.nodes)) scipy CSR matrix
+        W, which maps values at the nodes of ``support`` to values at the points.
     components : int
         Components of the displacement.
     """
@@ -307,12 +309,11 @@ class EmbeddedSurface:
 
     @classmethod
     def boundary(cls, V: FunctionSpace, revolved: bool = False) -> EmbeddedSurface:
-        """Return the triangles of the facets on the boundary of V's mesh. Collective.
+        """Return the boundary of V's mesh, each facet divided into triangles. Collective.
 
-        The points are the nodes on the boundary: a facet of degree 2 gives four times as many
-        triangles as one of degree 1, a quadrilateral twice as many as a triangle. The order of
-        points and triangles does not depend on the number of ranks. The axis of a body of
-        revolution is no surface.
+        The points are the nodes on the boundary: a triangle of degree 1 is one triangle, of degree
+        2 four; a quadrilateral gives twice as many. The order of points and triangles does not
+        depend on the number of ranks. If ``revolved``, facets on the axis x = 0 are left out.
         """
         surface = GatheredSurface(V, [SurfaceQuadrature(V, degree=1)])
         side = surface.sides[0]
@@ -339,7 +340,7 @@ class EmbeddedSurface:
 
     @classmethod
     def of_skin(cls, V: FunctionSpace, skin: Skin) -> EmbeddedSurface:
-        """Return the skin that the cells of a lattice carry. Collective.
+        """Return a skin that follows the cells of a lattice. Collective.
 
         Parameters
         ----------
@@ -362,24 +363,24 @@ class EmbeddedSurface:
         return cls(V, skin.points, skin.triangles, nodes, weights)
 
     def positions(self, u: Array) -> Array:
-        """Return the positions of the points [m], (n, 3). Collective.
+        """Return the positions of the points, (n, c) [m]. Collective.
 
-        ``u`` are this rank's nodal displacements (local nodes, 3). In two dimensions both have two
+        ``u`` are this rank's nodal displacements (local nodes, c) [m], c the number of their
         components. All ranks get the same bits.
         """
         moved = self.interpolate(self.support.gather(u))
         return np.asarray(self.points[:, : moved.shape[1]] + moved)
 
     def nodal(self, values: Array) -> Array:
-        """Return forces at the nodes of ``support`` (m, c) from forces at the points, (n, c)."""
+        """Return the nodal forces, (m, c), at ``support.nodes`` of forces at the points (n, c)."""
         return np.asarray(self._nodal_map @ values)
 
     def add_own(self, values: Array, out: Array) -> None:
-        """Add this rank's rows of `nodal` to ``out`` (local nodes, c)."""
+        """Add `nodal` of ``values`` to ``out`` (local nodes, c), at nodes that this rank owns."""
         self.support.add_own(self.nodal(values), out)
 
     def interpolate(self, values: Array) -> Array:
-        """Return vectors at the points (n, 3) from those at the nodes of ``support``, (m, 3)."""
+        """Return vectors at the points, (n, c), from vectors at ``support.nodes``, (m, c)."""
         return np.asarray(self.matrix @ values)
 
 
@@ -388,14 +389,12 @@ def embedded_surface(
 ) -> EmbeddedSurface:
     """Return the surface on which a body touches itself. Collective.
 
-    It is the skin that a lattice carries, or the boundary of the mesh.
-
     Parameters
     ----------
     V : dolfinx function space
         The displacement's space.
     skin : Skin, optional
-        The skin. Default: the boundary.
+        The skin that a lattice carries. Default: the boundary of the mesh.
     revolved : bool
         Whether the mesh is a section that revolves about the axis x = 0.
     """
@@ -405,10 +404,10 @@ def embedded_surface(
 
 
 def point_areas(points: Array, triangles: Array, revolved: bool = False) -> Array:
-    r"""Return the areas of a surface's points (n,) [m^2]: a third of their triangles.
+    r"""Return the area of each point of a surface, (n,) [m^2]: a third of its triangles' areas.
 
-    In two dimensions they are half of the segments per thickness, and on a body of revolution
-    :math:`\int N_i\, 2 \pi r\, ds`, with linear :math:`N_i`.
+    In two dimensions it is half of the lengths of the point's segments, per thickness [m]; on a
+    body of revolution :math:`\int N_i\, 2 \pi r\, ds` [m^2], with linear :math:`N_i`.
 
     Parameters
     ----------
@@ -433,7 +432,7 @@ def point_areas(points: Array, triangles: Array, revolved: bool = False) -> Arra
 
 
 def carried_points(domain: Mesh, skin: Skin) -> tuple[Array, Array]:
-    """Return the points of a skin that this rank's own cells carry, (n,), and the cells, (n,)."""
+    """Return the points of a skin that cells of this rank carry, and these owned cells, (n,)."""
     owned = _dolfinx.num_owned(domain)
     row_of = np.full(_dolfinx.num_cells(domain), -1)
     row_of[_dolfinx.input_cells(domain)[:owned]] = np.arange(owned)
@@ -442,13 +441,13 @@ def carried_points(domain: Mesh, skin: Skin) -> tuple[Array, Array]:
 
 
 class Blocks(NamedTuple):
-    """Blocks in the rows that this rank owns; nodes are rows of ``surface.support.nodes``.
+    """The c x c blocks of a matrix in the rows of nodes that this rank owns.
 
     Attributes
     ----------
     rows, columns : (n,) int
-        The nodes of each block.
-    values : (n, 3, 3)
+        The nodes of each block, as indices of ``EmbeddedSurface.support.nodes``.
+    values : (n, c, c)
         The blocks [N/m].
     """
 
@@ -458,7 +457,7 @@ class Blocks(NamedTuple):
 
 
 class SurfaceMatrix:
-    """The rows of this rank of a surface's matrix, and a pattern that contains them.
+    """Converts matrices of a surface's points to this rank's `Blocks`, and keeps a pattern.
 
     Parameters
     ----------
@@ -468,8 +467,8 @@ class SurfaceMatrix:
     Attributes
     ----------
     pairs : (n, 2) int64
-        Global nodes of the pattern's blocks: see `BlockMatrix.couple`. It is the same array until
-        `replace` is called.
+        Global nodes of the pattern's blocks: see `BlockMatrix.couple`. It is the same array object
+        until `replace` is called.
     """
 
     def __init__(self, surface: EmbeddedSurface) -> None:
@@ -484,17 +483,17 @@ class SurfaceMatrix:
         self.pairs: Array = np.empty((0, 2), np.int64)
 
     def blocks(self, matrix: Any) -> Blocks:
-        """Return the blocks of a sparse matrix of the points, (3 n, 3 n)."""
+        """Return the nodal blocks of a sparse matrix of the points, (c n, c n)."""
         found = csr_matrix(self._own_map @ (matrix @ self._map)).tobsr((self._components,) * 2)
         rows = self._own[np.repeat(np.arange(len(self._own)), np.diff(found.indptr))]
         return Blocks(rows, found.indices, found.data)
 
     def contains(self, blocks: Blocks) -> bool:
-        """Return whether the pattern has these blocks."""
+        """Return whether the pattern has all of these blocks."""
         return bool(np.isin(self._key(blocks), self._keys, assume_unique=True).all())
 
     def replace(self, *patterns: Blocks) -> None:
-        """Replace the pattern by the union of several."""
+        """Set the pattern to the union of several, and set ``pairs``."""
         self._keys = np.unique(np.concatenate([self._key(blocks) for blocks in patterns]))
         rows, columns = np.divmod(self._keys, len(self._nodes))
         self.pairs = np.stack([self._nodes[rows], self._nodes[columns]], axis=1)

@@ -1,7 +1,7 @@
-"""Import ipctk where it works.
+"""Import ipctk, after a test in a process of its own that it runs on this processor.
 
-This module imports no PETSc: in the process that finds out, PETSc would handle the signal of an
-instruction that the processor does not have, and call it an exit code.
+This module does not import PETSc. In the test's process PETSc would catch the signal of an
+instruction that the processor does not have, and replace it by an exit code.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ from fem_snh.processes import call
 
 
 def import_ipctk() -> Any:
-    """Return the module ipctk, which works on one thread.
+    """Return the module ipctk, and set it to use one thread.
 
     Raises
     ------
     BadInput
-        If it is missing, or crashes: some of its wheels need instructions that not every processor
-        has.
+        If ipctk is not installed, or crashes: some of its wheels need instructions that not every
+        processor has.
     """
     try:
         import ipctk
@@ -42,7 +42,7 @@ def import_ipctk() -> Any:
 
 @cache
 def _crash() -> str:
-    """Return how ipctk crashes on this processor; empty if it works."""
+    """Return how ipctk crashes on this processor, for a message; "" if it works. Cached."""
     try:
         call("ipctk", enclose_one_triangle)
     except BadInput as error:
@@ -51,7 +51,7 @@ def _crash() -> str:
 
 
 def enclose_one_triangle() -> int:
-    """Return the number of points of ipctk's mesh of one triangle."""
+    """Return the number of points, 3, of ipctk's mesh of one triangle; may crash the process."""
     import ipctk
 
     points, triangle = np.asfortranarray(np.eye(3)), np.asfortranarray([[0, 1, 2]], dtype=np.int32)

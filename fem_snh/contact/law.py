@@ -1,4 +1,4 @@
-"""Contact's laws: penalty and augmented Lagrangian, at a state and as means; Coulomb friction."""
+"""Contact laws: penalty, augmented Lagrangian, their means over a time step, Coulomb friction."""
 
 from __future__ import annotations
 
@@ -26,45 +26,46 @@ if TYPE_CHECKING:
 
 Array = npt.NDArray[Any]
 
-#: Default tolerance of the gap in the height of the cell at the surface.
+#: Default tolerance of the gap, relative to the height of the cell at the surface.
 TOLERANCE = 1e-3
-#: With the default tolerance the sum of the pressures' changes by an augmentation, k ``|g|``, is
-#: below this part of the force, too: a small load leaves a small gap, without any augmentation.
-#: What the force then lacks is smaller by E/(k h), which is a tenth or less.
+#: With the default tolerance, augmentations also go on until the integral of the pressures'
+#: changes, k ``|g|``, is below this fraction of the force: under a small load the gap is within its
+#: tolerance without any augmentation. The error of the force is then smaller by E/(k h) <= 0.1.
 FORCE_TOLERANCE = 0.02
-#: Below this part of the tolerance of the gap forces are not looked at: with the default stiffness
-#: pressures of 1e-5 E, as of surfaces that just part, may be noise of Newton's method.
+#: If the gap is below this fraction of its tolerance, the change of forces does not matter: with
+#: the default stiffness pressures are 1e-5 E, as of surfaces that just part, and may be noise of
+#: Newton's method.
 _UNSEEN = 1e-3
-#: Augmentations that leave more than this part of the gap increase the stiffness by this factor
-#: (Nocedal & Wright 2006, framework 17.3), at most to this multiple of the default stiffness.
-#: Multipliers at more points than a facet can follow need it: without, a ball of 3 cells that
-#: bounces stops after 50 augmentations, with it a step takes about 20 Newton iterations.
+#: An augmentation that leaves more than the fraction _SLOW of the gap multiplies the stiffness by
+#: _GROWTH (Nocedal & Wright 2006, framework 17.3), up to _LARGEST times the default stiffness.
+#: Multipliers at more points than a facet can follow need it: without growth, a ball of 3 cells
+#: that bounces stops after 50 augmentations, with it a step takes about 20 Newton iterations.
 _SLOW, _GROWTH, _LARGEST = 0.25, 4.0, 1e4
-#: Penalty stiffness in E over the size of the cell at the facet: where the contact pressure is E/10
-#: the penetration is a hundredth of the cell.
-#: ``python -m benchmarks hertz --factors 0.1,1,10,100`` measures what it leaves and what it costs.
+#: Default penalty stiffness, in E over the height of the cell at the facet: where the contact
+#: pressure is E/10 the penetration is a hundredth of the height.
+#: ``python -m benchmarks hertz --factors 0.1,1,10,100`` measures penetration and cost.
 FACTOR = 10.0
-#: Depths in the gap before, at the beginning of contact, below which a series has more digits, and
-#: above which the gap is none.
+#: Where contact begins, r is the depth at the step's end over the gap at its start. Below _SHALLOW
+#: a series in r is more accurate than the closed form; r is at most _DEEP.
 _SHALLOW, _DEEP = 1e-2, 1e12
-#: Ways in a step, in sizes of a facet, below which a mean derivative needs no correction: rounding
-#: of the gaps is above it.
+#: A mean derivative is not corrected for a displacement in a step below this, in sizes of a facet:
+#: the rounding errors of the gaps are larger.
 _AT_REST = 1e-8
-#: Height of a cell over a facet, in its volume over the facet's area.
+#: Height of a cell over a facet, relative to the cell's volume over the facet's area.
 _HEIGHT = {"tetrahedron": 3.0, "hexahedron": 1.0, "triangle": 2.0, "quadrilateral": 1.0}
 
 
 class Response(NamedTuple):
-    """What a gap causes.
+    """Energy, pressure and stiffness at a gap, all per reference area and of one shape.
 
     Attributes
     ----------
     energy : array
         Minus the integral of the pressure over the gap [J/m^2].
     pressure : array
-        The pressure [Pa].
+        The pressure [Pa], positive in contact.
     stiffness : array
-        Minus its derivative by the gap [Pa/m].
+        Minus the derivative of the pressure by the gap [Pa/m].
     """
 
     energy: Array
@@ -73,12 +74,14 @@ class Response(NamedTuple):
 
 
 def mean_pressure(k: Array, start: Array, end: Array) -> Response:
-    r"""Return the pressure of a penalty in a step that does the work that its energy loses.
+    r"""Return the mean penalty pressure of a step, whose work is the loss of contact energy.
 
     .. math:: \bar p = \frac{p_1^2 - p_0^2}{2 k (g_0 - g_1)}
 
-    with the pressures p at the start and the end of the step (Hauret & Le Tallec 2006). It is their
-    mean where a point is in contact at both, and less where contact begins or ends.
+    with the pressures :math:`p_0, p_1` and gaps :math:`g_0, g_1` at the start and the end of the
+    step (Hauret & Le Tallec 2006). It is :math:`(p_0 + p_1)/2` at a point that is in contact at
+    both, and less where contact begins or ends. Energy and stiffness of the result are
+    integral and derivative by :math:`g_1`.
 
     Parameters
     ----------
@@ -90,7 +93,7 @@ def mean_pressure(k: Array, start: Array, end: Array) -> Response:
     p0, p1 = (np.maximum(-k * gap, 0.0) for gap in (start, end))
     both, opens, closes = (p0 > 0) & (p1 > 0), (p0 > 0) & (p1 == 0), (p0 == 0) & (p1 > 0)
     change = end - start
-    # Where contact ends, the distance in p0 / k; where it begins, the depth in the gap before.
+    # Where contact ends: the change of the gap over the depth p0/k before.
     ratio = np.where(opens, k * change, 1.0) / np.where(opens, p0, 1.0)
     depth = np.where(closes, p1 / k, 0.0)
     r = depth / np.where(closes, np.maximum(start, depth / _DEEP), 1.0)
@@ -105,10 +108,10 @@ def mean_pressure(k: Array, start: Array, end: Array) -> Response:
 
 
 def mean_derivative(mean: Array, change: Array, way: Array, size: Array | float) -> Array:
-    r"""Return the derivatives of gaps in a step with which forces do the work of contact's energy.
+    r"""Return the mean derivatives of gaps over a step, whose product with y is the gap's change.
 
-    With the derivatives :math:`g'_0` and :math:`g'_1` at the step's start and end, and the way y
-    (Gonzalez 1996):
+    With the derivatives :math:`g'_0` and :math:`g'_1` at the step's start and end, and the
+    displacement y in the step (Gonzalez 1996):
 
     .. math:: \bar g' = \tfrac12 (g'_0 + g'_1)
         + \frac{g_1 - g_0 - \frac12 (g'_0 + g'_1) \cdot y}{|y|^2}\, y ,
@@ -116,12 +119,14 @@ def mean_derivative(mean: Array, change: Array, way: Array, size: Array | float)
 
     Parameters
     ----------
-    mean, way : (..., k)
-        The mean of the derivatives, and the ways y [m].
+    mean : (..., k)
+        The means :math:`(g'_0 + g'_1)/2`; the result has their shape.
     change : (...)
-        The changes of the gaps [m].
+        The changes :math:`g_1 - g_0` of the gaps [m].
+    way : (..., k)
+        The displacements y [m].
     size : (...)
-        The sizes of the facets [m].
+        The sizes of the facets [m]. If :math:`|y|` is tiny relative to them, ``mean`` is returned.
     """
     square = (way**2).sum(axis=-1)
     moves = square > (_AT_REST * size) ** 2
@@ -130,49 +135,51 @@ def mean_derivative(mean: Array, change: Array, way: Array, size: Array | float)
 
 
 class ContactLaw:
-    r"""Normal contact of points, with a penalty or with an augmented Lagrangian.
+    r"""The normal pressure at quadrature points, by a penalty or an augmented Lagrangian.
 
-    With the gap g of the points, their weights w_q, the stiffness k and multipliers :math:`\ell`,
-    which are zero with a penalty (Wriggers 2006, section 6.3):
+    With the gap g of a point (negative: penetration), its weight :math:`w_q`, the stiffness k and
+    the multiplier :math:`\ell`, which is zero with a penalty (Wriggers 2006, section 6.3):
 
     .. math:: E = \sum_q \frac{w_q}{2 k} \left(p^2 - \ell^2\right), \qquad
         p = \langle \ell - k g \rangle = \max(\ell - k g, 0)
 
-    An augmentation sets the multipliers to the pressures. The stiffness increases in a step while
-    they reduce the gap slowly. The next step begins with the given stiffness, or with the increased
-    one where that is below the default: with a far smaller one the multipliers are a dead load,
-    under which a compressed body may have no stable equilibrium.
+    An augmentation sets the multipliers to the pressures. During a step the stiffness increases
+    while augmentations reduce the gap slowly. The next step starts with the given stiffness, or
+    with the increased stiffness up to the default: with a far smaller stiffness the multipliers are
+    a dead load, under which a compressed body may have no stable equilibrium.
 
-    ``rows`` number points along the first axis of the weights; gaps [m] and pressures [Pa] have the
-    shape of the weights' rows.
+    ``rows`` are indices along the first axis of ``weights``; gaps [m] and pressures [Pa] have the
+    shape of ``weights[rows]``.
 
     Parameters
     ----------
     pair : RigidContact or BodyPair
-        The choice of a method, a stiffness and a tolerance.
+        Has the method, the given stiffness and the tolerance.
     what : str
-        What kind of contact it is, for the reason of a failure.
+        The kind of contact, for messages.
     weights : array
         Quadrature weights in the reference configuration [m^2].
     default : array
-        The default stiffness [Pa/m], of a shape that extends to that of the weights.
+        The default stiffness [Pa/m], broadcastable to the shape of ``weights``.
     height : array or float
         The height of the cells at the points [m].
     share : float
-        The part of the stiffness that these points have.
+        Fraction of the stiffness at these points: 0.5 if the other surface has as much.
     comm : MPI.Comm
-        The ranks that share the points. Default: each rank has all of them.
+        The ranks over which the points are distributed. Default: each rank has all points.
 
     Attributes
     ----------
     multipliers : array
-        The multipliers l [Pa].
+        The multipliers :math:`\ell` [Pa], of the shape of ``weights``.
     stiffness : array
-        The present stiffness [Pa/m].
-    kept, kept_factor : array, float
-        The multipliers and the factor of the given stiffness at the start of a step.
+        The present stiffness [Pa/m], of the same shape.
+    kept : array
+        The multipliers at the end of the last accepted step [Pa].
+    kept_factor : float
+        The stiffness over the given stiffness then.
     version : int
-        Changes whenever multipliers or stiffness do.
+        Increases whenever multipliers or stiffness are set.
     """
 
     def __init__(
@@ -204,7 +211,10 @@ class ContactLaw:
         self._set(self.kept_factor, slice(None), self.kept)
 
     def end_step(self, rows: Array, gap: Array, pressure: Array) -> None:
-        """Keep the multipliers; they take over the pressure that an increased stiffness has had."""
+        """Store the multipliers and the factor of the stiffness for the next step.
+
+        If the factor must decrease, the multipliers at ``rows`` increase to keep the pressure.
+        """
         factor = min(self._factor, self._default)
         if factor < self._factor:
             taken = np.where(pressure > 0, pressure + factor * self._given[rows] * gap, 0.0)
@@ -212,7 +222,7 @@ class ContactLaw:
         self.kept[:], self.kept_factor = self.multipliers, factor
 
     def scale_penalty(self, factor: float) -> bool:
-        """Multiply the given stiffness; return whether it is a penalty's, without multipliers."""
+        """Multiply the stiffness of a penalty; return False with multipliers, which stay."""
         if self.augmented:
             return False
         self._given = factor * self._given
@@ -220,14 +230,14 @@ class ContactLaw:
         return True
 
     def trial(self, rows: Array, gap: Array) -> Array:
-        """Return l - k g, whose positive part is the pressure."""
+        """Return l - k g [Pa], whose positive part is the pressure."""
         return np.asarray(self.multipliers[rows] - self.stiffness[rows] * gap)
 
     def response(self, rows: Array, gap: Array, start: Array | None = None) -> Response:
-        """Return what gaps cause; as the mean over a step, with the gaps at its start.
+        """Return the response to gaps, or of a penalty its mean over a step from gaps ``start``.
 
-        Multipliers are means themselves: they leave no compliance, whose energy would be given back
-        where contact ends.
+        With an augmented Lagrangian ``start`` is ignored: the multipliers are the mean pressures,
+        and no energy is stored that the end of contact would return.
         """
         k = self.stiffness[rows]
         if start is not None and not self.augmented:
@@ -236,16 +246,19 @@ class ContactLaw:
         return Response(pressure**2 / (2 * k), pressure, k)
 
     def energy(self, rows: Array, energy: Array) -> float:
-        """Return the energy of all points, of which these have an energy per area [J]."""
+        """Return this rank's energy [J] from the energies per area [J/m^2] at ``rows``.
+
+        All other points have no pressure.
+        """
         acting = float((self.weights[rows] * energy).sum())
         if not self.augmented:
             return acting
         return acting - float((self.weights * self.multipliers**2 / (2 * self.stiffness)).sum())
 
     def settle(self, rows: Array, gap: Array, pressure: Array) -> list[LaggedChange]:
-        """Return the gap and the change of the force; augment if one is too large. Collective.
+        """Augment if the gap or the change of the force is too large; return both. Collective.
 
-        With a penalty there are none.
+        With a penalty nothing is lagged, and the list is empty.
         """
         if not self.augmented:
             return []
@@ -267,17 +280,20 @@ class ContactLaw:
         return changes
 
     def history(self) -> tuple[Array, Array]:
-        """Return columns (n, 1) of what is kept at the points: multipliers, and the factor."""
+        """Return columns (points, 1): the kept multipliers [Pa], and the factor, repeated."""
         column = self.kept.reshape(-1, 1)
         return column, np.full_like(column, self.kept_factor)
 
     def set_history(self, kept: Array, factors: Array, comm: MPI.Comm) -> None:
-        """Set what is kept at the points, and the factor from this rank's points. Collective."""
+        """Set the kept multipliers, and the factor to the largest of all ranks' ``factors``.
+
+        Collective. They take effect at `begin_step`.
+        """
         self.kept[:] = kept.reshape(self.kept.shape)
         self.kept_factor = comm.allreduce(float(factors.max(initial=1.0)), op=MPI.MAX)
 
     def _set(self, factor: float, rows: Array | slice, multipliers: Array) -> None:
-        """Set the factor of the stiffness, and the multipliers: those of other rows are zero."""
+        """Set the factor of the given stiffness, and multipliers at ``rows``, zero elsewhere."""
         self._factor, self.stiffness = factor, factor * self._given
         values = np.zeros_like(self.multipliers)
         values[rows] = multipliers
@@ -293,14 +309,14 @@ def cell_heights(surface: SurfaceQuadrature) -> Array:
 
 
 def surface_mean(surface: SurfaceQuadrature, values: Array) -> float:
-    """Return the mean over the area of values of the facets. Collective."""
+    """Return the mean of the facets' values (facets,), weighted by area. Collective."""
     areas = surface.weights.sum(axis=1)
     total = surface.V.mesh.comm.allreduce(np.array([areas @ values, areas.sum()]))
     return float(total[0] / total[1])
 
 
 def cell_moduli(V: FunctionSpace, regions: Sequence[Region]) -> Array:
-    """Return Young's modulus in each owned cell [Pa]."""
+    """Return Young's modulus of each cell that this rank owns, (cells,) [Pa]."""
     moduli = np.empty(_dolfinx.num_owned(V.mesh))
     for region in regions:
         moduli[region.cells] = region.material.numbers.E
@@ -308,30 +324,31 @@ def cell_moduli(V: FunctionSpace, regions: Sequence[Region]) -> Array:
 
 
 def default_stiffness(surface: SurfaceQuadrature, regions: Sequence[Region]) -> Array:
-    """Return the default penalty stiffness of each facet [Pa/m], (facets,)."""
+    """Return the default penalty stiffness of each facet, `FACTOR` E/height, (facets,) [Pa/m]."""
     moduli = cell_moduli(surface.V, regions)[surface.cells]
     return np.asarray(FACTOR * moduli / cell_heights(surface))
 
 
 #: Rounding of the yield limit: a point that slid is at the limit when its slip is kept.
 _YIELD = 1 - 1e-9
-#: Changes of the lagged pressures that decrease by less than this factor are taken in part ...
+#: If a change of the lagged pressures is more than this times the last one, they get a share of it.
 _SLOWLY = 0.5
-#: ... of at least this share.
+#: The least share.
 _LEAST_SHARE = 1 / 32
 
 
 class ContactPoints(NamedTuple):
-    """The quadrature points of m facets of which each has a point in contact.
+    """The quadrature points of the m facets that have a point in contact.
 
     Attributes
     ----------
     which : (m,) int
         The facets.
     gap : (m, points)
-        Signed distance from the obstacle [m].
+        Signed distance from the obstacle [m], negative inside.
     pressure : (m, points)
-        Contact force per reference area [Pa], 0 without contact.
+        Contact force per reference area [Pa], 0 without contact; negative only in a linearised
+        step.
     normal : (m, points, 3)
         Gradient of the gap: the obstacle's normal, shorter than 1 near the seams of a
         `fem_snh.geometry.shapes.SmoothUnion`.
@@ -353,23 +370,24 @@ class ContactPoints(NamedTuple):
 
     @property
     def normal_forces(self) -> tuple[Array, Array]:
-        """Normal forces per reference area [Pa], and unit normals."""
+        """Normal forces per reference area (m, points) [Pa], and unit normals (m, points, 3)."""
         length = np.linalg.norm(self.normal, axis=2)
         unit = self.normal / np.where(length > 0, length, 1.0)[..., None]
         return self.pressure * length, unit
 
 
 class Friction:
-    r"""Elastic sticking and sliding of the quadrature points of a surface.
+    r"""Coulomb friction at the quadrature points of a surface, with elastic sticking.
 
-    The tangential displacement s relative to the obstacle has an elastic part, which is kept from
-    step to step, so that a body at rest does not creep:
+    The slip s is the tangential displacement relative to the obstacle. Its elastic part
+    :math:`s_n` is kept from step to step, so that a body at rest does not creep:
 
     .. math:: s = (I - n n^T)\left(s_n + x_q(u) - x_q(u_n) - d\right)
 
-    d is the displacement of the obstacle's material point at :math:`x_q(u_n)` since the start of
-    the step. With the lagged contact pressure :math:`\ell` and normal n, the energy is the
-    Moreau-Yosida regularisation of :math:`\mu \ell |s|` with the tangential stiffness k_t:
+    with the displacement :math:`u_n` at the start of the step, and d the displacement since then
+    of the obstacle's material point at :math:`x_q(u_n)`. With the lagged contact pressure
+    :math:`\ell` and normal n, the energy is the Moreau-Yosida regularisation of
+    :math:`\mu \ell |s|` with the tangential stiffness k_t:
 
     .. math:: \psi(s) = \begin{cases} \frac{k_t}{2} |s|^2 & k_t |s| \le \mu \ell \\
         \mu \ell |s| - \frac{(\mu \ell)^2}{2 k_t} & \text{otherwise} \end{cases}
@@ -390,9 +408,11 @@ class Friction:
     Attributes
     ----------
     pressure : (facets, points)
-        The lagged contact pressure l [Pa].
-    normal, slip : (facets, points, 3)
-        The lagged normal n, and the elastic part s_n [m] at the start of the step.
+        The lagged contact pressure :math:`\ell` [Pa].
+    normal : (facets, points, 3)
+        The lagged unit normal n of the obstacle.
+    slip : (facets, points, 3)
+        The elastic part :math:`s_n` of the slip at the start of the step [m].
     """
 
     def __init__(
@@ -407,30 +427,34 @@ class Friction:
         self.pressure: Array = np.zeros(surface.weights.shape)
         self.normal, self.slip = (np.zeros(surface.X.shape) for _ in range(2))
         self._start: Array = np.zeros((surface.num_nodes, 3))
-        #: The last change of the lagged pressures and its norm [N], and the share of it taken.
+        #: The last change of the lagged pressures [Pa], its integral [N], and the share of it that
+        #: was lagged.
         self._difference, self._change, self._share = np.zeros_like(self.pressure), np.inf, 1.0
         self._loads = 0.0, 0.0
         self._select()
 
     def begin_step(self, u: Array, load: float, at: ContactPoints) -> None:
-        """Start a step at nodal displacements ``u`` (nodes, 3) and a load, with points ``at``."""
+        """Start a step at nodal displacements ``u`` (local nodes, 3) and a load.
+
+        Pressures and normals are lagged from ``at``. Slip is zero where the pressure is.
+        """
         self._start, self._loads = u.copy(), (load, load)
         self._difference, self._change, self._share = np.zeros_like(self.pressure), np.inf, 1.0
         self.lag(at)
         self.slip[self.pressure == 0] = 0.0
 
     def scale_stiffness(self, factor: float) -> None:
-        """Multiply the tangential stiffness; the stress of what sticks remains."""
+        """Multiply the tangential stiffness, and divide the slip, so that stresses stay."""
         self._stiffness = factor * self._stiffness
         self.slip /= factor
 
     def set_load(self, load: float) -> None:
-        """Set the load at the end of the step."""
+        """Set the load at the end of the step, to which the obstacle moves."""
         self._loads = self._loads[0], load
         self._select()
 
     def lag(self, at: ContactPoints) -> None:
-        """Set the lagged pressure and normal to those of the points in contact."""
+        """Set lagged pressures and normals from ``at``; without contact pressures are zero."""
         self.pressure[:] = 0.0
         pressure, unit = at.normal_forces
         self.pressure[at.which] = pressure
@@ -441,13 +465,12 @@ class Friction:
         self._select()
 
     def settle(self, at: ContactPoints, comm: MPI.Comm, tolerance: float) -> float:
-        r"""Lag the pressures after a solve; return their change in ``tolerance``. Collective.
+        r"""Lag the pressures after a solve; return their change over ``tolerance``. Collective.
 
-        The change is :math:`\sum_q w_q |\Delta \ell_q|` in the normal force; pressures that
-        change by less than the tolerance of it stay. Where friction presses the body on the
-        obstacle or lifts it off, new pressures alternate around the solution: if the change does
-        not decrease by half, a share of it is lagged, by Aitken's formula
-        (Küttler & Wall 2008, eq. 44).
+        The change is :math:`\sum_q w_q |\Delta \ell_q|`, relative to the normal force. Up to the
+        tolerance the pressures stay. Where friction presses the body on the obstacle or lifts it
+        off, new pressures alternate around the solution: if the change does not decrease by half, a
+        share of it is lagged, by Aitken's formula (Küttler & Wall 2008, eq. 44).
         """
         new = np.zeros_like(self.pressure)
         new[at.which] = at.normal_forces[0]
@@ -469,7 +492,7 @@ class Friction:
         return ratio
 
     def keep(self, u: Array) -> None:
-        """Keep the elastic part of the slip, at the end of a step."""
+        """Store the elastic part of the slip, at the end of a step with displacements ``u``."""
         forces = self._forces(self._trial(u))
         self.slip[:] = 0.0
         self.slip[self._which] = forces / self._stiffness[self._which, None, None]
@@ -485,17 +508,17 @@ class Friction:
         return float((self._weights * energies).sum())
 
     def weighted_forces(self, u: Array) -> tuple[Array, Array]:
-        """Return facets (m,), and the forces on the body at their points (m, points, 3) [N]."""
+        """Return facets (m,), and frictional forces on the body (m, points, 3) [N]."""
         return self._which, -self._weights[..., None] * self._forces(self._trial(u))
 
     def dissipated(self, u: Array, end_weight: float) -> float:
-        r"""Return the energy [J] that sliding has dissipated in a step, before `keep`.
+        r"""Return the energy [J] that sliding has dissipated in a step; call it before `keep`.
 
         .. math:: \sum_q w_q \left[w\, t_1 + (1 - w)\, t_0\right] \cdot (s - t_1 / k_t)
 
-        with the frictional stresses t at the start and the end of the step, the weight w of the
-        latter (1 where the step has them as their mean), and the plastic part
-        :math:`s - t_1 / k_t` of the slip.
+        with the frictional stresses :math:`t_0, t_1` at the start and the end of the step, the
+        weight w, ``end_weight`` (1 if :math:`t_1` is the step's mean), and the plastic part
+        :math:`s - t_1 / k_t` of the slip. The sum is over this rank's points.
         """
         k, slip = self._stiffness[self._which, None, None], self._trial(u)
         forces = self._forces(slip)
@@ -504,7 +527,7 @@ class Friction:
         return float((self._weights[..., None] * mean * plastic).sum())
 
     def matrices(self, u: Array) -> tuple[Array, Array]:
-        """Return cells and their matrices [N/m]."""
+        """Return cells (m,) and their Hessians [N/m]: see `SurfaceQuadrature.cell_matrices`."""
         slip, k = self._trial(u), self._stiffness[self._which, None]
         length, limit = np.linalg.norm(slip, axis=2), self._limit
         sticks = k * length <= limit
@@ -528,7 +551,7 @@ class Friction:
         return int(((limit > 0) & (stress > _YIELD * limit)).sum())
 
     def _select(self) -> None:
-        """Select the facets with a lagged pressure, and set what is constant in a solve."""
+        """Select the facets with a lagged pressure; set their limits of stress and offsets of s."""
         surface = self._surface
         self._which = which = np.flatnonzero(self.pressure.any(axis=1))
         self._weights = surface.weights[which]

@@ -1,4 +1,4 @@
-"""Rigid obstacles: shapes in motion that the body touches."""
+"""The scene's table ``[[obstacle]]``: a rigid shape, its motion, and the contact with it."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ class Obstacle(Feature, ContactTable, MotionTable):
 
     @classmethod
     def goals(cls, features: Sequence[Self]) -> Sequence[str]:
-        """Return the names of the forces that the obstacles exert on the body."""
+        """Return each obstacle's ``NAME.force``: its force on the body."""
         return [f"{name}.force" for name in names(features)]
 
     @property
@@ -75,12 +75,12 @@ class Obstacle(Feature, ContactTable, MotionTable):
         return solid
 
     def moving(self, amplitudes: Amplitudes) -> MovingShape:
-        """Return the shape with its motion; read the files that they name.
+        """Return the shape with its motion; read the files of the surface and the motion.
 
         Raises
         ------
         BadInput
-            One line, for a file that cannot be read or is not valid.
+            If a file cannot be read or is not valid; the message is one line.
         """
         motion: Motion | None = None
         if self.motion is not None:
@@ -91,7 +91,10 @@ class Obstacle(Feature, ContactTable, MotionTable):
 
     @classmethod
     def create_terms(cls, features: Sequence[Self], body: Body) -> Sequence[Term]:
-        """Return one term of all obstacles. Collective."""
+        """Return one `ObstacleContact` for all obstacles.
+
+        Collective. Raises BadInput on every rank, as `moving` and `_in_plane` do.
+        """
         from fem_snh.contact.obstacle_contact import ObstacleContact, RigidContact  # imports PETSc
 
         comm, kinematics = body.domain.comm, body.kinematics
@@ -115,11 +118,11 @@ class Obstacle(Feature, ContactTable, MotionTable):
 
     @classmethod
     def describe(cls, features: Sequence[Self], terms: Sequence[Any]) -> Mapping[str, Any]:
-        """Return the obstacles by name, as run.json has them before the first step.
+        """Return ``{"obstacles": {name: row}}``, which run.json has before the first step.
 
-        Each has its ``shape``, a table of one key as in the scene (a surface by its file's name in
-        the folder), ``friction``, ``method``, and ``pose``, the three rows [R | c] of its pose at
-        load 0.
+        A row has ``shape``, a table of one key as in the scene (a surface by its file's name in the
+        folder of results), ``friction``, ``method``, and ``pose``, the three rows [R | c] of the
+        obstacle's pose at load 0.
         """
         found = {}
         for i, (name, obstacle) in enumerate(zip(names(features), features, strict=True)):
@@ -137,16 +140,17 @@ class Obstacle(Feature, ContactTable, MotionTable):
         return {"obstacles": found}
 
 
-#: Largest component of a direction out of the plane in two dimensions: rounding.
+#: A direction of unit length is in the plane if its component out of the plane is at most this.
 _FLAT = 1e-9
-#: Loads at which a motion must keep the plane.
+#: Loads at which a motion is checked to map the plane to itself.
 _LOADS = np.linspace(0.0, 1.0, 9)
 
 
 def _in_plane(kinematics: Kinematics, name: str, obstacle: MovingShape) -> MovingShape:
-    """Return an obstacle of a body in two dimensions, where z = 0.
+    """Return an obstacle for a body in two dimensions, whose points have z = 0.
 
-    A box is as wide along z as no distance sees. Under torsion the shape is revolved.
+    Boxes are made so wide along z that distances in the plane do not depend on the width. Under
+    axisymmetric torsion the shape is revolved about the y axis.
 
     Raises
     ------
@@ -179,7 +183,7 @@ def _in_plane(kinematics: Kinematics, name: str, obstacle: MovingShape) -> Movin
 
 
 def _widened(shape: Any) -> Any:
-    """Return a shape with its boxes wider along z than in the plane."""
+    """Return a copy of the shape whose boxes are twice as wide along z as their largest side."""
     if isinstance(shape, Box):
         return replace(shape, size=(*shape.size[:2], 2 * max(shape.size)))
     if hasattr(shape, "shapes"):
@@ -188,7 +192,7 @@ def _widened(shape: Any) -> Any:
 
 
 def names(obstacles: Sequence[Obstacle]) -> list[str]:
-    """Return the obstacles' names. Raises BadInput if two have the same."""
+    """Return the obstacles' names, by default obstacle_i. Raises BadInput if two are equal."""
     found = [obstacle.name or f"obstacle_{i}" for i, obstacle in enumerate(obstacles)]
     check_distinct("obstacle.name", found, "obstacle")
     return found

@@ -1,4 +1,7 @@
-"""Contact of a body's surface with rigid moving obstacles, with friction."""
+"""The term of contact with rigid moving obstacles, with friction, and its fields at the nodes.
+
+One obstacle's energy is in `obstacle_pair`; the scene's table is in `obstacle`.
+"""
 
 from __future__ import annotations
 
@@ -35,21 +38,21 @@ Array = npt.NDArray[Any]
 
 #: Degree of the quadrature on facets: 2 x 2 points of quadrilaterals, 3 of triangles, 2 of curves.
 #: A constant pressure is integrated exactly for elements of degree 1 and 2. With more points than a
-#: facet can follow the pressure oscillates: in the scene hertz (depth 0.2, 0.5 and 2) the largest
-#: of all points is 1.08 to 1.18 times Hertz's with 6 points, 1.03 to 1.07 times with 3.
+#: facet can follow, the pressure oscillates: in the scene hertz (depth 0.2, 0.5 and 2) the largest
+#: pressure is 1.08 to 1.18 times Hertz's with 6 points, 1.03 to 1.07 times with 3 points.
 _DEGREE = {"quadrilateral": 3, "triangle": 2, "interval": 3}
-#: The same of elements of degree 3, which bulge between so few points: 3 x 3, 6 and 3 points.
+#: Degree for elements of degree 3, which bulge between so few points: 3 x 3, 6 and 3 points.
 _DEGREE_3 = {"quadrilateral": 5, "triangle": 4, "interval": 5}
-#: Part of the largest force of an obstacle below which a contact is no reason for finer cells
-#: (`fem_snh.accuracy.goal_errors.SMALL_FORCE`).
+#: An obstacle whose force is below this fraction of the largest obstacle's force is no reason for
+#: finer cells (`fem_snh.accuracy.goal_errors.SMALL_FORCE`).
 _SMALL_FORCE = 0.1
-#: Tangential stiffness of friction in the normal stiffness: a sticking point then moves by at most
-#: the friction coefficient times the penetration.
+#: Tangential over normal penalty stiffness: a sticking point then moves by at most the friction
+#: coefficient times the penetration.
 _TANGENTIAL = 1.0
 
 
 class RigidContact(NamedTuple):
-    """An obstacle, and how the body touches it.
+    """A rigid obstacle, and the parameters of the body's contact with it.
 
     Attributes
     ----------
@@ -66,10 +69,11 @@ class RigidContact(NamedTuple):
     augmented : bool
         Whether multipliers reduce the penetration below the tolerance.
     facets : (n,) int or None
-        Local numbers of the facets that may touch it; None for the whole boundary.
+        Local numbers of the facets that may touch the obstacle; None for the whole boundary.
     limits_force : bool
-        With the default tolerance, whether the change of the force is limited, too. In time it need
-        not be: what a step's force lacks, the next one has.
+        With the augmented Lagrangian and the default tolerance: whether augmentations go on until
+        they change the force by little, too (`fem_snh.contact.law.FORCE_TOLERANCE`). False in a
+        time step, as the next step makes up for the force that is missing.
     """
 
     name: str
@@ -87,11 +91,12 @@ class ObstacleContact(SurfaceContact, WorkingTerm, MeanForceTerm):
 
     .. math:: E = \sum_q \frac{w_q}{2 k} \left(\langle \ell - k g(x_q)\rangle^2 - \ell^2\right)
 
-    `ObstaclePair` has the derivatives, `Friction` its own energy. Multipliers and the lagged forces
-    of friction are constant in a solve and updated after it: with an augmented Lagrangian
-    until no point in contact is farther from the obstacle than the tolerance, with friction until
-    the normal forces have settled. In time, Newmark's method has contact as the mean over a step:
-    `fem_snh.contact.law.mean_pressure`.
+    with the gap g, stiffness k and multiplier :math:`\ell` at a quadrature point of weight
+    :math:`w_q` (`ContactLaw`). `ObstaclePair` has the derivatives; `Friction` adds another energy.
+    Multipliers and lagged friction are constant during a solve and updated after it: with an
+    augmented Lagrangian until every point in contact is within the tolerance of the obstacle, with
+    friction until the normal forces have settled. In time, Newmark's method takes means over a
+    step: `fem_snh.contact.law.mean_pressure`.
 
     Parameters
     ----------
@@ -102,12 +107,16 @@ class ObstacleContact(SurfaceContact, WorkingTerm, MeanForceTerm):
     contacts : sequence of RigidContact
         The obstacles.
     kinematics : Kinematics, optional
-        That of the displacement.
+        Dimension of the mesh and components of the displacement.
 
     Attributes
     ----------
+    contacts : list of RigidContact
+        The obstacles.
+    surface : SurfaceQuadrature
+        This rank's facets of the whole boundary.
     pairs : list of ObstaclePair
-        The contact with each obstacle.
+        The contact with each obstacle, in the order of ``contacts``.
     depends_on_load : bool
         Whether an obstacle moves.
     """
@@ -144,12 +153,12 @@ class ObstacleContact(SurfaceContact, WorkingTerm, MeanForceTerm):
 
     @property
     def surfaces(self) -> list[MovingShape]:
-        """The obstacles."""
+        """The obstacles' shapes with their motions."""
         return [c.obstacle for c in self.contacts]
 
     @property
     def extent(self) -> float:
-        """The largest finite coordinate of the shapes [length]: gaps are as accurate as it is."""
+        """The largest finite coordinate of the shapes [m], to which gaps' rounding is relative."""
         bounds = np.array([shape.shape.bounds for shape in self.surfaces])
         return float(np.abs(bounds, where=np.isfinite(bounds), out=np.zeros(bounds.shape)).max())
 
@@ -161,7 +170,7 @@ class ObstacleContact(SurfaceContact, WorkingTerm, MeanForceTerm):
     def add_hessian(
         self, u: PETSc.Vec, p: PETSc.Vec | None, filter: str, target: BlockMatrix
     ) -> int:
-        """Add the filtered Hessian; return how many points of this rank were filtered."""
+        """Add this rank's filtered Hessian; return how many of its points were filtered."""
         choose("filter", filter, FILTERS)
         x, count = self.configuration(u), 0
         for pair in self.pairs:
@@ -173,9 +182,10 @@ class ObstacleContact(SurfaceContact, WorkingTerm, MeanForceTerm):
         return count
 
     def narrow(self, u: PETSc.Vec) -> list[str]:
-        """Return the obstacles that touch points, but all those of no facet. Collective.
+        """Return the names of obstacles whose contact is narrower than a facet. Collective.
 
-        Those whose force is small beside that of another obstacle are left out.
+        They touch quadrature points, but on no facet all of them. Obstacles with less than a tenth
+        of the largest obstacle's force are left out.
         """
         x, rows = self.configuration(u), []
         for pair in self.pairs:
@@ -188,26 +198,33 @@ class ObstacleContact(SurfaceContact, WorkingTerm, MeanForceTerm):
         return [self.pairs[i].name for i in np.flatnonzero(chosen)]
 
     def nodal_field(self, name: str, u: PETSc.Vec) -> Array:
-        """Return a field of `ObstacleFields`: see `Term.nodal_field`. Collective."""
+        """Return a field of `ObstacleFields` at this rank's nodes, (local nodes,). Collective."""
         if self._fields is None:
             self._fields = ObstacleFields(self._V, self.pairs, self._kinematics)
         return self._fields.evaluate(name, self.configuration(u))
 
     def step_work(self, u: PETSc.Vec, end_weight: float) -> tuple[float, float]:
-        """Return the work of moving obstacles in a step, and what friction dissipated [J]."""
+        """Return the obstacles' work in a step and the energy lost to friction [J]. Collective.
+
+        Both are sums over all ranks: see `fem_snh.terms.term.WorkingTerm.step_work`.
+        """
         x = self.configuration(u)
         work, lost = self._sum(np.sum([pair.work(x, end_weight) for pair in self.pairs], axis=0))
         return float(work), float(lost)
 
     def history(self) -> tuple[Array, Array]:
-        """Return this rank's points (n, 3) and what is kept there, (n, k)."""
+        """Return this rank's quadrature points (n, 3) [m] and kept values there, (n, k).
+
+        Columns: multiplier [Pa] and stiffness factor for each pair with multipliers, then three of
+        the elastic slip [m] for each pair with friction. Without columns there are no points.
+        """
         columns = [column for law in self._augmented for column in law.history()]
         columns += [friction.slip.reshape(-1, 3) for friction in self._frictions]
         points = self.surface.X.reshape(-1, 3)
         return (points, np.hstack(columns)) if columns else (points[:0], np.empty((0, 0)))
 
     def set_history(self, values: Array) -> None:
-        """Set what is kept, in the order of `history`. Collective."""
+        """Set the kept values, (n, k), with rows and columns as in `history`. Collective."""
         first = 0
         for law in self._augmented:
             law.set_history(values[:, first], values[:, first + 1], self.comm)
@@ -228,10 +245,11 @@ class ObstacleContact(SurfaceContact, WorkingTerm, MeanForceTerm):
 class ObstacleFields:
     """The fields of `fem_snh.records.output_fields.AT_OBSTACLES` at the nodes. Collective.
 
-    ``gap`` is the signed distance of each node from the closest obstacle [m]. ``contact_pressure``
-    is the contact force per deformed area [Pa], ``nominal_contact_pressure`` that per reference
-    area: at a vertex the mean over its facets, weighted by the shape function of degree 1;
-    elsewhere it is interpolated between the vertices of a cell.
+    ``gap`` is the signed distance of each node from the closest obstacle [m].
+    ``contact_pressure`` is the normal contact force per deformed area [Pa],
+    ``nominal_contact_pressure`` per reference area. At a vertex a pressure is the mean over its
+    facets, weighted by the shape function of degree 1; at other nodes it is interpolated between
+    the vertices of a cell.
 
     Parameters
     ----------
@@ -240,7 +258,7 @@ class ObstacleFields:
     pairs : sequence of ObstaclePair
         The contact with each obstacle.
     kinematics : Kinematics, optional
-        That of the displacement.
+        Dimension of the mesh and components of the displacement.
     """
 
     def __init__(
@@ -254,14 +272,14 @@ class ObstacleFields:
         self._nodes, self._num_nodes = _dolfinx.node_dofs(V), sum(_dolfinx.num_nodes(V))
 
     def evaluate(self, name: str, values: Array) -> Array:
-        """Return a field at the nodes, ghosts included, of nodal displacements (nodes, 3)."""
+        """Return the field ``name`` at nodal displacements (local nodes, 3), (local nodes,)."""
         if name in CONTACT_PRESSURES:
             return self._pressure(values, nominal=name != "contact_pressure")
         x = self._X + values
         return np.asarray(np.min([pair.distance(x) for pair in self._pairs], axis=0))
 
     def _pressure(self, values: Array, nominal: bool) -> Array:
-        """Return the contact pressure at nodal displacements (nodes, 3)."""
+        """Return the contact pressure at nodal displacements (local nodes, 3), (local nodes,)."""
         weights = self._surface.weights
         force = np.zeros_like(weights)
         for pair in self._pairs:
@@ -275,7 +293,11 @@ class ObstacleFields:
         return nodal
 
     def _sums(self, weighted: Array) -> Array:
-        """Return the sum of weighted point values times each shape function of degree 1."""
+        """Return the sums of values at points times each shape function of degree 1.
+
+        ``weighted`` (facets, points) contains the quadrature weights. The result has one value for
+        each local vertex, ghosts included, summed over all ranks.
+        """
         sums = np.zeros((self._surface.num_nodes, 1))
         self._surface.add_vectors(weighted[..., None], slice(None), sums)
         vector = _dolfinx.create_vector(self._space)

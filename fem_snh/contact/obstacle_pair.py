@@ -1,4 +1,7 @@
-"""A surface and a rigid obstacle: energy, forces, Hessian, and the work that the obstacle does."""
+"""A body's surface and one rigid obstacle: energy, forces, Hessian, work; no term of its own.
+
+`obstacle_contact` has the term of several pairs, `obstacle` the scene's table.
+"""
 
 from __future__ import annotations
 
@@ -35,19 +38,19 @@ Array = npt.NDArray[Any]
 #: Distance by which nodes may move before the facets are searched again, in mean radii of facets. A
 #: larger one costs evaluations at more points, a smaller one more searches.
 _MARGIN = 1.0
-#: Friction has settled when its lagged normal forces change by less than this in a solve.
+#: Friction has settled when a solve changes its lagged normal forces by less than this fraction.
 _SETTLED = 1e-3
-#: Mean normals of a step have settled when they change the force by less than this in a solve.
+#: A step's mean normals have settled when a solve changes the force by less than this fraction.
 _TURNED = 1e-4
 
 
 class NearFacets:
-    """The facets with points at or below distance zero, and others that are close to it.
+    """The facets that touch the obstacle, and all others that are close to it.
 
-    A signed distance grows by at most the length of a way, so a facet whose centre is at a
-    distance above the facet's radius has no point at distance zero. The list stays valid while no
-    node moves by more than a margin relative to the obstacle, so that most evaluations only compare
-    the nodes' positions.
+    Along a path a signed distance changes by at most the path's length. A facet whose centre is
+    farther from the obstacle than the facet's radius therefore has no point at distance zero. The
+    list also holds facets within a margin, and stays valid while no node moves by more than the
+    margin relative to the obstacle. Most evaluations then only compare positions of nodes.
 
     Parameters
     ----------
@@ -56,11 +59,12 @@ class NearFacets:
     X : (local nodes, 3)
         Reference coordinates of the displacement's nodes [m].
     distance : callable
-        Returns the signed distances (n,) of points (n, 3).
+        Maps positions (n, 3) to signed distances from the obstacle (n,) [m].
     facets : (n,) int, optional
         Local numbers of the facets that may touch the obstacle. Default: all of the surface.
     material : callable, optional
-        Returns the material points of the obstacle that are at points (n, 3). Default: it rests.
+        Maps positions (n, 3) to reference positions in the moving frame of the obstacle (n, 3).
+        Default: the identity, for an obstacle that does not move.
     """
 
     def __init__(
@@ -86,7 +90,7 @@ class NearFacets:
         self._valid = 0.0
 
     def at(self, u: Array) -> Array:
-        """Return the indices of facets, sorted (m,).
+        """Return the sorted indices of close facets in ``surface``, (m,); do not change the array.
 
         Parameters
         ----------
@@ -107,7 +111,7 @@ class NearFacets:
         return self._found
 
     def _balls(self, x: Array) -> tuple[Array, Array]:
-        """Return centres (facets, 3) and radii (facets,) of balls that contain the points."""
+        """Return centres (facets, 3) and radii (facets,) of balls around all quadrature points."""
         corners = x[self._corners]
         centers = corners.mean(axis=1)
         ways = corners - centers[:, None]
@@ -115,12 +119,14 @@ class NearFacets:
 
 
 class StepStart:
-    r"""The contact of a surface with an obstacle at a step's start, for means over the step.
+    r"""The contact of a surface with an obstacle at the start of a time step.
 
-    The force of a step has the mean pressure of `mean_pressure` and the mean normal of
-    `mean_derivative`, with the displacement of the points relative to the obstacle: it is of second
-    order where the normal turns. It is no gradient. The energy has the force along the normal at
-    the step's end; the rest, ``turn``, is lagged, and zero at a plane that does not turn.
+    Newmark's method takes a mean contact force over the step: the pressure of
+    `fem_snh.contact.law.mean_pressure` times the normal of `fem_snh.contact.law.mean_derivative`,
+    which is second-order accurate where the normal turns. This force is not the gradient of an
+    energy. `ObstaclePair.energy` therefore has the mean pressure along the normal at the step's
+    end. The remaining force per area, ``turn``, is lagged; it is zero for a plane that does not
+    rotate.
 
     Parameters
     ----------
@@ -131,14 +137,14 @@ class StepStart:
 
     Attributes
     ----------
-    u : (nodes, 3)
-        Nodal displacements [m].
+    u : (local nodes, 3)
+        Nodal displacements at the step's start [m].
     load : float
-        The load.
+        The load at the step's start.
     which : (m,) int
-        The facets that touch.
+        The facets in contact at the step's start.
     turn : (facets, points, 3)
-        The lagged force per reference area [Pa].
+        The lagged force on the body per reference area [Pa].
     """
 
     def __init__(self, surface: SurfaceQuadrature, obstacle: MovingShape) -> None:
@@ -147,41 +153,58 @@ class StepStart:
         self.begin(np.zeros((surface.num_nodes, 3)), 0.0, np.empty(0, int))
 
     def begin(self, u: Array, load: float, which: Array) -> None:
-        """Begin a step at nodal displacements (nodes, 3) and a load, where facets touch."""
+        """Set the step's start: displacements (copied), load, facets in contact; turn is zero."""
         self.u, self.load, self.which = u.copy(), load, which
         self._evaluated: tuple[Array, Array, Array, Array] | None = None
         self._set_turn(which, 0.0)
 
     def gaps(self, near: Array) -> Array:
-        """Return the gaps of facets [m], (m, points)."""
+        """Return the gaps of facets ``near`` at the step's start, (m, points) [m]."""
         return self._at_start(near)[2]
 
     def normals(self, near: Array, x: Array, gap: Array, normal: Array, load: float) -> Array:
-        """Return the mean normals from positions, gaps, normals and load at the step's end."""
+        """Return the mean normals over the step, (m, points, 3), not of unit length.
+
+        Parameters
+        ----------
+        near : (m,) int
+            Facets.
+        x : (m, points, 3)
+            Positions of their quadrature points at the step's end [m].
+        gap : (m, points)
+            Gaps at the step's end [m].
+        normal : (m, points, 3)
+            Normals at the step's end.
+        load : float
+            The load at the step's end.
+        """
         _, before, old_gap, old_normal = self._at_start(near)
         way = x - before - obstacle_displacement(self._obstacle, before, x, self.load, load)
         size = self._surface.sizes[near, None]
         return mean_derivative((old_normal + normal) / 2, gap - old_gap, way, size)
 
     def lag(self, near: Array, turn: Array) -> float:
-        """Set ``turn`` (m, points, 3) of facets; return the sum of its change [N]."""
+        """Set ``turn`` at facets ``near``, zero elsewhere; return how much it has changed [N].
+
+        ``turn`` is (m, points, 3). The result is the integral of its change's length.
+        """
         before = self.turn.copy()
         self._set_turn(near, turn)
         change = np.linalg.norm(self.turn - before, axis=2)
         return float((self._surface.weights * change).sum())
 
     def turn_energy(self, u: Array) -> float:
-        """Return the energy of ``turn`` at nodal displacements (nodes, 3) [J]."""
+        """Return minus the work of ``turn`` from the step's start to displacements u [J]."""
         moved = self._surface.displacements(u - self.u, self._turned)
         return -float((self._turn_forces * moved).sum())
 
     def add_turn(self, r: Array) -> None:
-        """Add its derivative [N] to nodal vectors (nodes, 3)."""
+        """Add the derivative of `turn_energy` [N] to nodal vectors ``r`` (local nodes, 3)."""
         if len(self._turned):
             self._surface.add_vectors(-self._turn_forces, self._turned, r)
 
     def _set_turn(self, near: Array, turn: Array | float) -> None:
-        """Set ``turn`` of facets; that of others is zero."""
+        """Set ``turn`` at facets ``near`` and zero elsewhere, and the forces of its points."""
         self.turn[:] = 0.0
         self.turn[near] = turn
         self._turned = np.flatnonzero(self.turn.any(axis=(1, 2)))
@@ -189,7 +212,7 @@ class StepStart:
         self._turn_forces = weights[..., None] * self.turn[self._turned]
 
     def _at_start(self, near: Array) -> tuple[Array, Array, Array, Array]:
-        """Return facets, and positions, gaps and normals of their points."""
+        """Return ``near``, and its points' positions, gaps and normals at the step's start."""
         if self._evaluated is None or not np.array_equal(self._evaluated[0], near):
             x = self._surface.positions(self.u, near)
             gap, normal, _ = self._obstacle.evaluate(x.reshape(-1, 3), self.load)
@@ -200,15 +223,15 @@ class StepStart:
 class ObstaclePair(ContactPair):
     r"""A surface and an obstacle: the energies of `ContactLaw` and `Friction`.
 
-    Of the former the derivatives are
+    The derivatives of the energy of `ContactLaw` are
 
     .. math:: \frac{\partial E}{\partial x_q} = - w_q p \nabla g, \qquad
         \frac{\partial^2 E}{\partial x_q^2} = w_q \left(k \nabla g \nabla g^T - p \nabla^2 g\right)
         \quad (p > 0)
 
-    As :math:`|\nabla g| = 1`, the normal is an eigenvector of both parts: filtering the second one
-    filters their sum. Configurations are nodal displacements (local nodes, 3) [m], ghosts included;
-    results are those of this rank's facets.
+    As :math:`|\nabla g| = 1`, the normal is an eigenvector of both terms of the Hessian: filtering
+    the second term filters their sum. Methods get nodal displacements ``u`` (local nodes, 3) [m],
+    ghosts included, and return the share of this rank's facets.
 
     Parameters
     ----------
@@ -221,9 +244,9 @@ class ObstaclePair(ContactPair):
     obstacle : MovingShape
         The obstacle.
     law : ContactLaw
-        The law of the quadrature points, (facets, points).
+        Pressure as a function of the gap; its arrays are (facets, points).
     friction : Friction, optional
-        The friction at these points.
+        The friction at these points. Default: none.
     facets : (n,) int, optional
         Local numbers of the facets that may touch the obstacle. Default: all of the surface.
 
@@ -234,9 +257,10 @@ class ObstaclePair(ContactPair):
     load : float
         The load at which the obstacle is.
     linearised : bool
-        Whether steps are linearised at their start. Points in contact there then stay on the linear
-        branch :math:`p = \ell - k g` in the linearisation: where an obstacle recedes by more than
-        its penetration, the body follows it instead of expanding freely for a step.
+        Whether a time step is one linear solve, linearised at the step's start. Points in contact
+        at the start then stay on the linear branch :math:`p = \ell - k g`, where p may be negative:
+        if the obstacle recedes by more than the penetration, the body follows it instead of
+        expanding freely for a step.
     """
 
     def __init__(
@@ -253,31 +277,32 @@ class ObstaclePair(ContactPair):
         self.surface, self.obstacle, self.friction = surface, obstacle, friction
         self.load, self.linearised = 0.0, False
         self._near = NearFacets(surface, X, self.distance, facets, self._material)
-        #: Displacement at the start of a linearised step; its facets and points in contact.
+        #: At the start of a linearised step: displacement, facets in contact (m,), and which of
+        #: their points are in contact (m, points).
         self._linear: tuple[Array, Array, Array] | None = None
-        #: Facets and forces at the start of the step.
+        #: What `_weighted_forces` returned at the start of the step.
         self._before: list[tuple[Array, Array]] = []
         self._start = StepStart(surface, obstacle)
-        #: The last displacement and what else `_evaluate` depends on, and what it returned.
+        #: The last call of `_evaluate`: displacement, its other dependencies, result.
         self._evaluated: tuple[Array, Any, tuple[Array, Array, Array, Array]] | None = None
 
     def set_load(self, load: float) -> None:
-        """Move the obstacle to its position at a load."""
+        """Move the obstacle to its position at a load, for friction too."""
         self.load = load
         if self.friction:
             self.friction.set_load(load)
 
     def scale_penalties(self, factor: float) -> bool:
-        """Multiply the stiffness of penalties; return whether there are any.
+        """Multiply the penalty stiffness, normal and tangential; return whether there is one.
 
-        That of sticking is one beside multipliers too.
+        With multipliers only the tangential stiffness of friction is a penalty.
         """
         if self.friction:
             self.friction.scale_stiffness(factor)
         return super().scale_penalties(factor) or self.friction is not None
 
     def begin_step(self, u: Array) -> None:
-        """Begin a step."""
+        """Reset the law to the last accepted step; store the contact state at ``u``."""
         self.law.begin_step()
         self._linear = None
         at = self.points(u)
@@ -289,14 +314,17 @@ class ObstaclePair(ContactPair):
         self._before = self._weighted_forces(u, at)
 
     def end_step(self, u: Array) -> None:
-        """Accept the step: keep multipliers, and the elastic part of the slip."""
+        """Store the multipliers and the elastic part of the slip, as the step is accepted."""
         self._linear = None
         super().end_step(u)
         if self.friction:
             self.friction.keep(u)
 
     def settle(self, u: Array) -> list[LaggedChange]:
-        """Update multipliers and lagged forces; return their changes. Collective."""
+        """Update multipliers, mean normals and lagged friction; return their changes.
+
+        Collective. The changes are the same on all ranks.
+        """
         at = self.points(u)
         changes, comm = self.law.settle(*at[:3]), self.law.comm
         if self.mean_weight is not None:
@@ -314,10 +342,11 @@ class ObstaclePair(ContactPair):
         return changes
 
     def work(self, u: Array, end_weight: float) -> tuple[float, float]:
-        """Return the obstacle's work in a step, and what friction dissipated, on this rank [J].
+        """Return the obstacle's work on the body in a step, and the energy lost to friction [J].
 
-        The arguments are those of `fem_snh.terms.term.WorkingTerm`. The forces of a step that is
-        linearised at its start are those of the linearisation; mean forces have no other weight.
+        Both are sums over this rank's facets. The arguments are those of
+        `fem_snh.terms.term.WorkingTerm.step_work`; with mean forces ``end_weight`` is taken as 1.
+        A linearised step does the work of its linearised forces.
         """
         mean = self.mean_weight is not None
         if mean:
@@ -330,15 +359,18 @@ class ObstaclePair(ContactPair):
         return work + (1 - end_weight) * self._work_of(self._before, start, start), lost
 
     def acting(self, u: Array) -> tuple[Array, Array, Array]:
-        """Return facets, gaps [m] and pressures [Pa]."""
+        """Return facets (m,), gaps [m] and pressures [Pa], both (m, points)."""
         return self.points(u)[:3]
 
     def distance(self, x: Array) -> Array:
-        """Return the signed distance of points (n, 3) from the obstacle [m]."""
+        """Return the signed distance of positions (n, 3) from the obstacle, (n,) [m]."""
         return np.asarray(self.obstacle.evaluate(x, self.load)[0])
 
     def points(self, u: Array) -> ContactPoints:
-        """Return the points of facets in contact."""
+        """Return the points of facets in contact, with the pressures at ``u``.
+
+        At the start of a linearised step, pressures are those of the linear branch.
+        """
         at = self._evaluate(u)
         near, gap = at[:2]
         _, pressure, k = self.law.response(near, gap)
@@ -347,16 +379,17 @@ class ObstaclePair(ContactPair):
         return _touching(at, Response(pressure**2 / (2 * k), pressure, k))
 
     def points_of_step(self, u: Array) -> ContactPoints:
-        """Return the points with the pressures of the step: at its end, or mean ones."""
+        """Return the points with mean pressures over the step, or without means those at u."""
         if self.mean_weight is None:
             return self.points(u)
         at = self._evaluate(u)
         return _touching(at, self.law.response(*at[:2], self._start.gaps(at[0])))
 
     def deepest(self, u: Array, search: bool) -> DeepestPoint:
-        """Return the deepest point of this rank's facets.
+        """Return the deepest point of this rank's close facets.
 
-        With ``search`` facets that may be deep between the grid's points have finer ones.
+        With ``search``, facets that may be deep between grid points (`may_be_deep`) get up to two
+        finer grids.
         """
         near, gap, _, _ = self._evaluate(u)
         sizes = self.surface.sizes[near]
@@ -373,7 +406,7 @@ class ObstaclePair(ContactPair):
         return DeepestPoint.deepest(found)
 
     def energy(self, u: Array) -> float:
-        """Return the energy [J]."""
+        """Return the energy of contact and friction of this rank's facets [J]."""
         at = self.points_of_step(u)
         energy = self.law.energy(at.which, at.energy)
         if self.mean_weight is not None:
@@ -383,7 +416,7 @@ class ObstaclePair(ContactPair):
         return self.weight * energy
 
     def gradient(self, u: Array) -> Array:
-        """Return the energy's derivative by the nodes [N], (nodes, 3)."""
+        """Return the energy's derivative by nodal displacements, (local nodes, 3) [N]."""
         r = np.zeros_like(u)
         for which, forces in self._weighted_forces(u, self.points_of_step(u)):
             self.surface.add_vectors(-forces, which, r)
@@ -392,11 +425,14 @@ class ObstaclePair(ContactPair):
         return self.weight * r
 
     def nodal_forces(self, u: Array) -> Array:
-        """Return the forces of the obstacle on the nodes [N], (nodes, 3)."""
+        """Return the obstacle's forces on the body, friction included, (local nodes, 3) [N]."""
         return -self.gradient(u)
 
     def force_derivative(self, component: int, u: Array) -> Array:
-        """Return the derivative of a component of the force without friction [N/m], (nodes, c)."""
+        """Return the derivative of a component of the normal force on the body by u [N/m].
+
+        The result is (local nodes, c), c the number of the displacement's components.
+        """
         cells, matrices, _ = self.matrices(u, "exact")
         nodes = _dolfinx.node_dofs(self.surface.V)[cells]
         out = np.zeros((len(u), matrices.shape[1] // nodes.shape[1]))
@@ -406,7 +442,11 @@ class ObstaclePair(ContactPair):
         return out
 
     def matrices(self, u: Array, filter: str) -> tuple[Array, Array, int]:
-        """Return cells, their filtered matrices [N/m], and the number of filtered points."""
+        """Return cells (m,), their Hessians without friction, and the number of filtered points.
+
+        The Hessians (m, c k, c k) [N/m] are filtered at each point by
+        `fem_snh.kernels.cell_matrices.filter_matrices`; k and c are a cell's nodes and components.
+        """
         at = self.points_of_step(u)
         stiffness = np.where(at.pressure != 0, at.stiffness, 0.0)
         curved = -at.pressure[..., None, None] * at.curvature
@@ -418,7 +458,10 @@ class ObstaclePair(ContactPair):
         return self.surface.cells[at.which], self.surface.cell_matrices(hessian, at.which), count
 
     def friction_matrices(self, u: Array) -> tuple[Array, Array]:
-        """Return cells and their matrices of friction [N/m]."""
+        """Return cells (m,) and their Hessians of friction (m, c k, c k) [N/m].
+
+        The pair must have friction.
+        """
         assert self.friction
         cells, matrices = self.friction.matrices(u)
         return cells, self.weight * matrices
@@ -426,9 +469,9 @@ class ObstaclePair(ContactPair):
     def row(self, u: Array) -> dict[str, Any]:
         """Return the obstacle's row of run.json. Collective.
 
-        Also ``stiffness`` [Pa/m], the penalty's, as a mean over the surface; ``pose``, the rows
-        [R | c] of the map from the obstacle's reference position to its present one. With friction
-        ``sliding``, how many of the points slide.
+        `ContactPair.row` and: ``stiffness`` [Pa/m], the present penalty stiffness, averaged over
+        the surface; ``pose``, the rows [R | c] of the map from the obstacle's reference position to
+        its present one; with friction ``sliding``, the number of points that slide.
         """
         row = super().row(u) | {
             "pose": self.obstacle.affine(self.load),
@@ -439,11 +482,15 @@ class ObstaclePair(ContactPair):
         return row
 
     def _material(self, x: Array) -> Array:
-        """Return the obstacle's material points that are at points (n, 3)."""
+        """Return the reference positions of the obstacle's material points at x, (n, 3)."""
         return self.obstacle.pose(self.load).invert(x) if self.obstacle.motion else x
 
     def _work_of(self, forces: list[tuple[Array, Array]], before: Array, after: Array) -> float:
-        """Return the work of forces on facets [J], with the positions of two displacements."""
+        """Return the work of forces during the obstacle's motion in the step [J].
+
+        ``forces`` are of `_weighted_forces`. `obstacle_displacement` gets the points' positions at
+        nodal displacements ``before`` and ``after``.
+        """
         x, work, loads = self.surface.positions, 0.0, (self._start.load, self.load)
         for which, values in forces:
             ends = x(before, which), x(after, which)
@@ -451,7 +498,10 @@ class ObstaclePair(ContactPair):
         return work
 
     def _weighted_forces(self, u: Array, at: ContactPoints) -> list[tuple[Array, Array]]:
-        """Return facets, and the forces (m, points, 3) at their points [N]: contact, friction."""
+        """Return pairs of facets (m,) and forces on the body at their points (m, points, 3) [N].
+
+        The first pair is normal contact, the second one, if any, friction.
+        """
         pressures = self.surface.weights[at.which] * at.pressure
         found = [(at.which, pressures[..., None] * at.normal)]
         if self.friction:
@@ -459,15 +509,16 @@ class ObstaclePair(ContactPair):
         return found
 
     def _mean_points(self, u: Array) -> ContactPoints:
-        """Return the points with the mean pressures and normals of the step."""
+        """Return the points with mean pressures and mean normals over the step."""
         at = self.points_of_step(u)
         x = self.surface.positions(u, at.which)
         return at._replace(normal=self._start.normals(at.which, x, at.gap, at.normal, self.load))
 
     def _end_points(self, u: Array) -> ContactPoints:
-        """Return the points with the pressures at a step's end, as the step's solution has them.
+        """Return the points with the pressures of the step's solution at its end.
 
-        In a linearised step these are the points in contact at its start, on the linear branch.
+        In a linearised step these are the points in contact at its start, on the linear branch;
+        their ``energy`` and ``stiffness`` are not set (both hold the pressure).
         """
         if not self._linear:
             return self.points(u)
@@ -476,17 +527,20 @@ class ObstaclePair(ContactPair):
         return _touching(at, Response(pressure, pressure, pressure))
 
     def _on_linear_branch(self, near: Array) -> Array:
-        """Return which points of facets are in contact at the start of a linearised step."""
+        """Return which points of facets ``near`` are on the linear branch, (m, points) bool.
+
+        They are the points in contact at the start of a linearised step; otherwise none.
+        """
         found = np.zeros((len(near), len(self.surface.points)), bool)
         if self._linear:
             found[np.searchsorted(near, self._linear[1])] = self._linear[2]
         return found
 
     def _evaluate(self, u: Array) -> tuple[Array, Array, Array, Array]:
-        """Return near facets, and gap, normal and curvature at their points.
+        """Return close facets (m,), and gap, normal and curvature as in `ContactPoints`.
 
-        A step asks for energy, forces, Hessian and output at the same displacement: the last
-        result is kept.
+        Facets in contact at the step's start are among them where the step needs them. Energy,
+        forces, Hessian and output use the same displacement: the last result is cached.
         """
         depends = self.load if self.obstacle.motion else 0.0, self.mean_weight is None
         if self._evaluated is not None and self._evaluated[1] == depends:
@@ -505,7 +559,7 @@ class ObstaclePair(ContactPair):
 
 
 def _touching(at: tuple[Array, Array, Array, Array], response: Response) -> ContactPoints:
-    """Return the facets with a pressure, of what `ObstaclePair._evaluate` returns."""
+    """Return those facets of `ObstaclePair._evaluate` that have a nonzero pressure at a point."""
     near, gap, normal, curvature = at
     energy, pressure, stiffness = response
     chosen = (pressure != 0).any(axis=1)
@@ -516,21 +570,23 @@ def _touching(at: tuple[Array, Array, Array, Array], response: Response) -> Cont
 def obstacle_displacement(
     obstacle: MovingShape, before: Array, after: Array, start: float, end: float
 ) -> Array:
-    r"""Return the displacement of material points from load ``start`` to ``end`` [m], as after.
+    r"""Return the obstacle's displacement at points of the body from one load to another [m].
 
     .. math:: \tfrac12 \left[d_{0 \to 1}(x_0) - d_{1 \to 0}(x_1)\right]
 
-    with the displacement d of the obstacle's material point at a position x. The central difference
-    leaves no work to the normal forces on a body of revolution that turns about its axis.
+    where :math:`d_{0 \to 1}(x)` is the displacement, from the first load to the second, of the
+    obstacle's material point that is at x at the first load. With this central difference normal
+    forces do no work on an obstacle of revolution that turns about its axis. The result has the
+    shape of ``after``; without a motion it is zero.
 
     Parameters
     ----------
     obstacle : MovingShape
         The obstacle.
     before, after : (..., 3)
-        Positions x_0 and x_1 [m].
+        Positions x_0 at the first load and x_1 at the second load [m].
     start, end : float
-        The loads.
+        The first and the second load.
     """
     if obstacle.motion is None:
         return np.zeros_like(after)

@@ -1,7 +1,7 @@
-"""Self-contact by the map to the reference configuration (Smith et al. 2018, section 6).
+"""The term of self-contact by a map to the reference configuration (Smith et al. 2018, section 6).
 
-Samples inside of deformed cells have targets on the surface. Where sharp edges cross each other no
-sample of either is in the other body: they have springs of their own.
+Samples of the surface that are inside deformed cells are pushed to targets on the surface. Where
+sharp edges cross, no sample of either edge is inside the other body: a spring connects the edges.
 """
 
 from __future__ import annotations
@@ -47,21 +47,21 @@ from fem_snh.terms.history import LaggedChange, relative
 
 Array = npt.NDArray[Any]
 
-#: Reference positions of a sample in two cells that are closer than this part of a cell count as
-#: one: the cells are neighbours.
+#: A sample found in two cells counts once if its two reference positions are closer than this
+#: fraction of a cell: the cells are neighbours.
 _SAME = 0.5
-#: Samples in front of another part of the surface, closer to it than this part of a cell, may touch
-#: in the next solve. Without them, the flesh of a finger that bends passes through itself by 2.7
-#: cells in a solve: the scene hand, step 35, takes 47 Newton iterations instead of 22. With an
-#: entire cell, blocks of two cells (tests/contact/test_reference_contact.py) tilt.
+#: Samples in front of another part of the surface, closer to it than this fraction of a cell, get
+#: springs, too, as they may touch in the next solve. Without these, the flesh of a finger that
+#: bends passes through itself by 2.7 cells in a solve: the scene hand, step 35, takes 47 Newton
+#: iterations instead of 22. With an entire cell, blocks of two cells
+#: (tests/contact/test_reference_contact.py) tilt.
 _APPROACH = 0.5
-#: A target whose sample is beside the normal of its triangle by less than this part of a cell is
-#: not on a sharp edge, though it may be by rounding errors: two blocks of the same width.
+#: A target is taken to be on a sharp edge only if its sample is farther than this fraction of a
+#: cell from the normal line through the target: in two blocks of one width rounding decides.
 _BESIDE = 1e-6
-#: Least area with which a sample acts, in its own: a face that is not turned to it by less is
-#: parallel to it.
+#: Least area with which a sample acts, relative to its own: below, the target's face is parallel.
 _ACTS = 1e-9
-#: Area with which an edge acts where it crosses another one, in the areas of its two triangles.
+#: Area with which an edge acts where it crosses another one, over the sum of its triangles' areas.
 _EDGE_AREA = 1 / 3
 
 
@@ -69,31 +69,31 @@ _EDGE_AREA = 1 / 3
 class ContactPairs:
     r"""Springs between samples and targets, constant during a solve; the same on all ranks.
 
-    With the gap :math:`g = n \cdot (x_s - x_t)`, the sample's position minus the target's along the
-    target's outward normal, lagged, the energy is
+    With the positions of sample and target, :math:`x_s` and :math:`x_t`, the lagged outward normal
+    n at the target and the gap :math:`g = n \cdot (x_s - x_t)`, negative in contact, the energy is
 
     .. math:: E = \sum \tfrac{c}{2} \langle -g \rangle^2 .
 
     It is convex in the displacement, and its forces sum to zero, as the weights of a sample and of
     a target have the same sum. In two dimensions the surface has segments in place of triangles,
-    and vectors have two components; the shapes below are those of three.
+    and vectors have two components; the shapes given are for three dimensions.
 
     Attributes
     ----------
     num_points : int
         The number of the surface's points.
     sample : (n,) int
-        The sample of each pair, sorted; the samples are followed by the edges that cross others.
+        The sample of each pair, sorted; a crossing edge i counts as sample (number of samples) + i.
     target : (n,) int
         The triangle in which the target is.
     corners : (n, 6) int
-        Points of the surface: of the sample's triangle, then of the target's.
+        Points of the surface: of the sample's triangle, then of the target's triangle.
     factors : (n, 6)
-        Their weights in the sample's position minus the target's.
+        Weights of these points in :math:`x_s - x_t`.
     normal : (n, 3)
-        Outward unit normal of the surface at the target.
+        Outward unit normal n of the surface at the target.
     stiffness : (n,)
-        The springs' c [N/m].
+        Stiffness c of the springs [N/m].
     """
 
     num_points: int
@@ -106,7 +106,7 @@ class ContactPairs:
 
     @classmethod
     def none(cls, num_points: int, dim: int) -> ContactPairs:
-        """Return no pairs on so many points, in so many dimensions."""
+        """Return an empty set of pairs for a surface of ``num_points`` points."""
         integers = np.empty(0, int)
         corners = np.empty((0, 2 * dim), int)
         factors, normal = np.empty((0, 2 * dim)), np.empty((0, dim))
@@ -116,16 +116,16 @@ class ContactPairs:
         return len(self.sample)
 
     def __getitem__(self, chosen: Array) -> ContactPairs:
-        """Return some of the pairs."""
+        """Return the pairs at some indices, or where a mask is true."""
         return ContactPairs(self.num_points, *(column[chosen] for column in self._columns))
 
     def joined(self, other: ContactPairs) -> ContactPairs:
-        """Return these pairs and others."""
+        """Return the union of these pairs and others, sorted by sample."""
         both = [np.concatenate(pair) for pair in zip(self._columns, other._columns, strict=True)]
         return ContactPairs(self.num_points, *both)[np.argsort(both[0], kind="stable")]
 
     def find(self, other: ContactPairs, x: Array, distance: float) -> Array:
-        """Return for each pair the one of others with its sample and a target close to its own.
+        """Return for each pair one of ``other`` with the same sample and a target close by.
 
         Parameters
         ----------
@@ -134,12 +134,12 @@ class ContactPairs:
         x : (points, 3)
             The positions of the surface's points [m].
         distance : float
-            Largest distance of the targets [m].
+            Largest distance between the two targets [m].
 
         Returns
         -------
         (n,) int
-            Indices of ``other``; -1 for none.
+            Indices of ``other``; -1 where it has no such pair.
         """
         found, mine, others = np.full(len(self), -1), self.ends(x)[1], other.ends(x)[1]
         first = np.searchsorted(other.sample, self.sample)
@@ -152,10 +152,9 @@ class ContactPairs:
         return found
 
     def ends(self, x: Array) -> tuple[Array, Array]:
-        """Return the positions (n, 3) of the samples and of their targets [m].
+        """Return the positions of the samples and of their targets, (n, 3) each [m].
 
-        ``x`` (points, 3) are those of the surface's points, deformed or in the reference
-        configuration.
+        ``x`` (points, 3) are the positions of the surface's points, deformed or reference ones.
         """
         weighted, dim = self.factors[..., None] * x[self.corners], self.normal.shape[1]
         return weighted[:, :dim].sum(axis=1), -weighted[:, dim:].sum(axis=1)
@@ -165,7 +164,7 @@ class ContactPairs:
         return self.sample, self.target, self.corners, self.factors, self.normal, self.stiffness
 
     def gaps(self, x: Array) -> Array:
-        """Return the gaps [m] at the positions of the surface's points x (points, 3), (n,)."""
+        """Return the gaps (n,) [m], negative in contact, at positions x (points, 3)."""
         return np.asarray(self._derivatives @ x.ravel())
 
     def energy(self, x: Array) -> float:
@@ -173,27 +172,27 @@ class ContactPairs:
         return float(self.stiffness @ np.minimum(self.gaps(x), 0.0) ** 2) / 2
 
     def forces(self, x: Array) -> Array:
-        """Return the forces of the springs [N], positive in contact, (n,)."""
+        """Return the magnitudes of the springs' forces, (n,) [N]: 0 without contact."""
         return np.asarray(-self.stiffness * np.minimum(self.gaps(x), 0.0))
 
     def gradient(self, x: Array) -> Array:
-        """Return the energy's derivative by the surface's points [N], (points, 3)."""
+        """Return the energy's derivative by the points' positions, (points, 3) [N]."""
         return np.asarray(-(self._derivatives.T @ self.forces(x)).reshape(x.shape))
 
     def hessian(self, x: Array) -> csr_matrix:
-        """Return the energy's Hessian by the surface's points [N/m], (3 points, 3 points)."""
+        """Return the energy's Hessian by the points' positions, (3 points, 3 points) [N/m]."""
         acting = np.flatnonzero(self.gaps(x) < 0)
         gaps = self._derivatives[acting]
         return csr_matrix(gaps.T @ (diags(self.stiffness[acting]) @ gaps))
 
     def pattern(self) -> csr_matrix:
-        """Return a matrix without zeros at the blocks of all pairs, (3 points, 3 points)."""
+        """Return a nonnegative matrix with the entries of `hessian` if all pairs touched."""
         gaps = abs(self._derivatives)
         return csr_matrix(gaps.T @ gaps)
 
     @cached_property
     def _derivatives(self) -> csr_matrix:
-        """Return the derivatives of the gaps by the surface's points, (n, 3 points)."""
+        """Return the derivatives of the gaps by the points' positions, (n, 3 points). Cached."""
         values, dim = self.factors[..., None] * self.normal[:, None], self.normal.shape[1]
         columns = dim * self.corners[..., None] + np.arange(dim)
         indptr = np.arange(len(self) + 1) * 2 * dim**2
@@ -202,7 +201,7 @@ class ContactPairs:
 
 
 class TargetSearch:
-    """Samples of a surface and their targets. Collective.
+    """Samples of a surface, and the search for their targets. Collective.
 
     Parameters
     ----------
@@ -213,10 +212,11 @@ class TargetSearch:
     regions : sequence of Region
         The materials.
     stiffness : float, optional
-        Contact pressure over penetration [Pa/m]; default: of the softer one of sample and target.
+        Contact pressure over penetration [Pa/m]. Default: the smaller `cell_stiffness` of sample
+        and target.
     overlap : bool
-        Whether cells of one body overlap in the reference configuration, as a lattice's do where
-        parts of its surface pass through one cube.
+        Whether cells of one body overlap in the reference configuration, as cells of a lattice do
+        where parts of its surface pass through one cube.
     revolved : bool
         Whether the body is a section that revolves about the axis x = 0.
 
@@ -224,8 +224,10 @@ class TargetSearch:
     ----------
     samples : SurfaceSamples
         The samples.
-    stiffness, size : float
-        The mean stiffness over the surface [Pa/m], the mean size of the cells [m].
+    stiffness : float
+        The mean stiffness over the surface [Pa/m].
+    size : float
+        The mean size of the cells at the surface [m].
     """
 
     def __init__(
@@ -250,7 +252,7 @@ class TargetSearch:
         self.stiffness, self.size = (float(areas @ self.samples.at(v)) for v in (values, sizes))
         self._cells, self._dim = DeformedCells(V), surface.triangles.shape[1]
         self._near, corners = Neighbourhood(V, surface), surface.triangles[self.samples.triangle]
-        #: Vertices around each sample and each edge, which touch nothing that shares one of them.
+        #: Vertices around each sample and each edge. Nothing that shares a vertex touches.
         self._around = self._near.around(corners, self.samples.coordinates > 0)
         if self._dim == 3:  # the parts of a curve cross at their points alone
             self._edges, areas = SurfaceEdges(surface.triangles), triangle_areas(surface)
@@ -265,7 +267,9 @@ class TargetSearch:
         self._normals, self._closer = PseudoNormals(triangles), CloserTargets(triangles)
 
     def find(self, u: Array, x: Array) -> ContactPairs:
-        """Return the pairs of the samples inside of the body or close to its surface. Collective.
+        """Return the pairs of samples inside the body or close to its surface, and of edges.
+
+        Collective; the same on all ranks.
 
         Parameters
         ----------
@@ -294,11 +298,11 @@ class TargetSearch:
         return pairs.joined(self._crossing_edges(x, outward)) if self._dim == 3 else pairs
 
     def penetration(self, pairs: ContactPairs, x: Array) -> float:
-        """Return the largest penetration at positions x of the surface's points [m].
+        """Return the largest penetration [m], >= 0, at positions x of the surface's points.
 
-        That of a sample in the body is its distance from the surface around its target, in whatever
-        direction; that of two edges is how far they have passed each other. No point of a surface
-        of flat triangles is deeper than its corners and its edges that cross others.
+        A sample in the body penetrates by its distance from the closest point of the surface around
+        its target, two edges by how far they have passed each other. No point of a surface of flat
+        triangles is deeper than its corners and crossing edges.
         """
         gaps = pairs.gaps(x)
         crossing = pairs.sample >= len(self.samples)
@@ -311,11 +315,11 @@ class TargetSearch:
         return float(max(depths.max(initial=0.0), -gaps[crossing].min(initial=0.0)))
 
     def scale_stiffness(self, factor: float) -> None:
-        """Multiply the stiffness of the springs of further pairs."""
+        """Multiply the stiffness of the springs that `find` returns from now on."""
         self._stiffness, self.stiffness = factor * self._stiffness, factor * self.stiffness
 
     def _springs(self, corners: Array, factors: Array, areas: Array) -> Array:
-        """Return the stiffness [N/m] of springs that act with areas (n,) [m^2].
+        """Return the stiffness (n,) [N/m] of springs that act with areas (n,) [m^2].
 
         ``corners`` and ``factors`` (n, 2 dim) are those of `ContactPairs`.
         """
@@ -336,8 +340,9 @@ class TargetSearch:
     ) -> Array:
         """Return the unit normals (n, dim) of the surface at targets.
 
-        Beyond a sharp edge, as seen from the edge's faces, it is that of the edge, otherwise that
-        of a smooth surface: it does not jump where a sample slides from triangle to triangle.
+        If the target is on a sharp edge and its sample beyond the triangle's side, the normal is
+        the edge's. Otherwise it is averaged over smoothly adjacent triangles, so that it does not
+        jump where a sample slides from triangle to triangle.
         """
         smooth = self._normals.averaged(x, target, coordinates, SHARP)
         edges = self._normals.at(x, target, coordinates)
@@ -350,9 +355,9 @@ class TargetSearch:
     def _own_hits(self, u: Array, x: Array, points: Array, normals: Array, outward: Array) -> Array:
         """Return the samples in this rank's cells and their targets, (n, 4 + 2 dim).
 
-        Columns: sample, distance outside, cell size, triangle, barycentric coordinates (dim),
-        reference position (dim). ``points`` and ``normals`` are those of the samples, ``outward``
-        the triangles' normals.
+        Columns: sample, distance outside the reference cell, cell size, triangle, barycentric
+        coordinates (dim), reference position (dim). ``points`` and ``normals`` are the samples'
+        positions and normals, ``outward`` the triangles' normals.
         """
 
         def excluded(sample: Array, cell: Array) -> Array:
@@ -384,7 +389,7 @@ class TargetSearch:
         """Return this rank's share of samples that may touch in the next solve, (n, 2 + dim).
 
         Columns: sample, triangle, barycentric coordinates (dim). The arguments are those of
-        `_own_hits`, and the samples ``inside`` of the body.
+        `_own_hits`, and ``inside``, the samples inside the body, which are left out.
         """
         samples, (rank, ranks) = self.samples, (self._comm.rank, self._comm.size)
         first, last = (len(samples) * (rank + i) // ranks for i in (0, 1))
@@ -402,7 +407,7 @@ class TargetSearch:
         return np.asarray(np.column_stack(columns).reshape(-1, 2 + self._dim))
 
     def _crossing_edges(self, x: Array, outward: Array) -> ContactPairs:
-        """Return the springs between edges that cross, or may in the next solve."""
+        """Return the springs between edges that cross, or may cross in the next solve."""
         edges, triangles = self._edges, self._surface.triangles
         found = edges.crossings(x, outward, _APPROACH * self.size)
         apart = ~intersect(self._around_edges[found.first], self._around_edges[found.second])
@@ -425,7 +430,10 @@ class TargetSearch:
 
 
 def _without_repeated(hits: Array) -> Array:
-    """Return the hits of `TargetSearch` sorted by sample, one for each place of a sample."""
+    """Return the rows of `TargetSearch._own_hits`, sorted by sample and without repetitions.
+
+    Several rows of a sample stay if their reference positions are apart; see `_SAME`.
+    """
     # Rounded, as ranks may differ by rounding errors.
     first = hits.shape[1] // 2 + 2  # the first column of the reference position
     order = np.lexsort((*np.round(hits[:, first:] / hits[:, 2:3], 6).T, hits[:, 1], hits[:, 0]))
@@ -440,30 +448,31 @@ def _without_repeated(hits: Array) -> Array:
     return np.asarray(hits[~repeated])
 
 
-#: Edges whose two triangles have normals with a larger cosine are not sharp: where they cross, a
-#: point is deeper by at most tan(10 degrees) times half an edge than the samples on the edges.
+#: An edge is sharp if the normals of its two triangles have a smaller cosine. Where other edges
+#: cross, a point is deeper by at most tan(10 degrees) times half an edge than the samples on them.
 _SHARP = np.cos(np.radians(20.0))
-#: Edges that meet at a smaller angle are parallel, and touch along their length.
+#: Edges whose angle has a smaller sine are parallel, and touch along their length.
 _PARALLEL = np.sin(np.radians(1.0))
-#: Greatest depth of a crossing in the smallest height of the edges' triangles. A wedge is solid
-#: behind its edge as far as its faces extend, and the opposite edge of a body of one cell is there.
+#: Greatest depth of a crossing, relative to the smallest height of the edges' triangles. A wedge is
+#: solid behind its edge only as far as its faces extend: there a body of one cell has another edge.
 _DEPTH = 0.5
 
 
 class Crossings(NamedTuple):
-    """Pairs of edges that cross, or may in the next solve.
+    """Pairs of edges that cross, or may cross in the next solve.
 
     Attributes
     ----------
     first, second : (n,) int
-        The edges, sorted.
+        The two edges of each pair, first < second.
     place : (n, 2)
-        Where they are closest: the position along each, from 0 to 1.
+        Their closest points: the position along either edge, from 0 to 1.
     normal : (n, 3)
-        Outward unit normal of the second edge's body at the contact.
+        Unit normal to both edges, outward from the body of the second edge.
     facing : (n,)
-        The smallest cosine of the normal, or its opposite, with the conormals of the edges' faces:
-        0 where the normal is that of a face, as between two blocks whose faces lie on each other.
+        The smallest cosine > 0 of the normal with conormals of the second edge, and of its opposite
+        with conormals of the first: near 0 if the normal is a face's, as if two blocks' faces
+        touch.
     """
 
     first: Array
@@ -474,19 +483,21 @@ class Crossings(NamedTuple):
 
 
 class SurfaceEdges:
-    """The edges of a closed surface.
+    """The edges of a closed surface that have exactly two triangles.
 
     Parameters
     ----------
     triangles : (m, 3) int
-        The points of its triangles.
+        The points of each triangle.
 
     Attributes
     ----------
     points : (n, 2) int
         The ends of each edge.
-    triangles, opposite : (n, 2) int
-        Its two triangles, and the corner of each that is not on the edge.
+    triangles : (n, 2) int
+        The two triangles of each edge.
+    opposite : (n, 2) int
+        The corner of each of these triangles that is not on the edge.
     """
 
     def __init__(self, triangles: Array) -> None:
@@ -506,20 +517,20 @@ class SurfaceEdges:
         return len(self.points)
 
     def crossings(self, x: Array, outward: Array, distance: float) -> Crossings:
-        """Return the pairs of sharp convex edges that touch, or are closer than a distance.
+        """Return the pairs of sharp convex edges that cross, or are closer than a distance.
 
-        The direction from one body to the other is normal to both edges. It must be between the
-        normals of the faces at one edge, and its opposite between those at the other one: two
-        wedges touch at their edges then, and at their faces otherwise.
+        The contact normal is normal to both edges. It must be between the normals of the faces at
+        one edge, and its opposite between the normals of the faces at the other edge: otherwise two
+        wedges touch at their faces.
 
         Parameters
         ----------
         x : (points, 3)
-            Positions of the surface's points.
+            Positions of the surface's points [m].
         outward : (triangles, 3)
             Unit normals of the triangles.
         distance : float
-            Largest distance of edges [m].
+            Largest gap between the edges along the normal [m].
         """
         a, b = x[self.points[:, 0]], x[self.points[:, 1]]
         normals = outward[self.triangles]
@@ -549,8 +560,8 @@ class SurfaceEdges:
     ) -> tuple[Array, Array]:
         """Return the conormals of edges in both triangles (n, 2, 3), and the smaller height (n,).
 
-        A conormal is a unit vector in a triangle, normal to its edge and outward; the height [m] is
-        that of the triangle over the edge.
+        A conormal is a unit vector in a triangle, normal to the edge, that points out of the
+        triangle; the height [m] is the triangle's height over the edge.
         """
         across = np.cross(along[:, None], normals)
         across /= np.maximum(np.linalg.norm(across, axis=2, keepdims=True), np.finfo(float).tiny)
@@ -560,7 +571,7 @@ class SurfaceEdges:
 
 
 def _close(middle: Array, length: Array, distance: float) -> tuple[Array, Array]:
-    """Return edges i < j (n,) whose closest points may be within a distance, sorted."""
+    """Return pairs of edges i < j, (n,) each and sorted, that may be within a distance [m]."""
     reach = length.max(initial=0.0) + distance
     pairs = cKDTree(middle).query_pairs(reach, output_type="ndarray")
     i, j = pairs[np.lexsort(pairs.T[::-1])].T
@@ -569,7 +580,17 @@ def _close(middle: Array, length: Array, distance: float) -> tuple[Array, Array]
 
 
 def _closest(start: Array, along: Array, i: Array, j: Array) -> tuple[Array, Array, Array]:
-    """Return where the lines of edges are closest, (n, 2), their normal, and their angle's sine."""
+    """Return the closest points of the lines through edges i and j, and their common normal.
+
+    Returns
+    -------
+    point : (n, 2)
+        Positions along both lines, in lengths of the edges.
+    normal : (n, 3)
+        Unit normal to both lines.
+    sine : (n,)
+        Sine of the angle between the lines.
+    """
     d, e, apart = along[i], along[j], start[i] - start[j]
     dd, ee, de = (np.einsum("ni,ni->n", p, q) for p, q in ((d, d), (e, e), (d, e)))
     d_apart, e_apart = (np.einsum("ni,ni->n", p, apart) for p in (d, e))
@@ -585,21 +606,21 @@ def _closest(start: Array, along: Array, i: Array, j: Array) -> tuple[Array, Arr
 #: The pairs have settled when a new search changes no nodal force by more than this fraction of the
 #: largest one.
 _SETTLED = 1e-2
-#: After the first number of searches of a step a sample keeps a target that would move by less than
-#: this part of a cell, after the second number any: where two triangles of different normals are
-#: close, it would change from one to the other and back for ever.
+#: After _FREE_SEARCHES of a step a sample keeps a target that would move by less than _MOVED cells,
+#: after _SEARCHES_TO_MOVE any target: between two close triangles of different normals it would
+#: alternate for ever.
 _FREE_SEARCHES, _SEARCHES_TO_MOVE, _MOVED = 1, 2, 0.25
 
 
 class ReferenceContact(SelfContactTerm):
     """The energy of contact of a body with itself, and of the bodies of a mesh. Collective.
 
-    Samples of the surface, its corners among them, that are inside of deformed cells are mapped to
-    the reference configuration by these cells. A spring pushes each out of the surface through its
-    target, the closest point of the surface there, from which a local search looks for a closer one
-    on the deformed surface. Samples that approach the surface have a target, too; sharp edges that
-    cross have a spring between them. During a solve targets and normals are constant. After a solve
-    the search is repeated, and the step is solved again until the forces have settled.
+    Samples of the surface that are inside deformed cells are mapped to the reference configuration
+    by these cells. A sample's target is the closest point of the surface there, or a closer one
+    that a local search on the deformed surface finds; a spring pushes the sample out through its
+    target. Samples that approach the surface have a target, too. Sharp edges that cross have a
+    spring between them. Targets and normals are constant during a solve. After a solve the search
+    is repeated, and the step is solved again until the forces have settled.
 
     Parameters
     ----------
@@ -610,14 +631,14 @@ class ReferenceContact(SelfContactTerm):
     regions : sequence of Region
         The materials, which the default stiffness depends on.
     stiffness : float, optional
-        Contact pressure over penetration [Pa/m]; default: 50 E over the size of the cells.
+        Contact pressure over penetration [Pa/m]. Default: 50 E over the size of the cells.
     kinematics : Kinematics, optional
-        That of the displacement: of a solid, of a plane, or axisymmetric.
+        A solid, a plane, or axisymmetric without torsion.
 
     Attributes
     ----------
     springs : ContactPairs
-        The present pairs of samples and targets, the same on all ranks.
+        The present pairs of samples and targets.
     """
 
     springs: ContactPairs
@@ -638,13 +659,13 @@ class ReferenceContact(SelfContactTerm):
         self._searches, self._penetration, self._stale = 0, 0.0, True
 
     def set_load(self, load: float) -> None:
-        """Search again at the next evaluation, that of the predicted displacement of a step."""
+        """Have the next evaluation, at a step's predicted displacement, search for targets."""
         self._stale = True
 
     def scale_penalties(self, factor: float) -> bool:
         """Multiply the stiffness of the springs; return True.
 
-        Back from stiffer springs the state is another one: its pairs are searched for again.
+        If it decreases, the next evaluation searches for targets: those of a stiffer state differ.
         """
         self._search.scale_stiffness(factor)
         self._set_springs(replace(self.springs, stiffness=factor * self.springs.stiffness))
@@ -671,11 +692,11 @@ class ReferenceContact(SelfContactTerm):
         return 0
 
     def record(self, u: PETSc.Vec) -> dict[str, dict[str, Any]]:
-        """Return the step's row for run.json. Collective.
+        """Return ``{"self_contact": row}`` for run.json. Collective.
 
-        ``pairs``, how many springs push; ``penetration`` [m], that of the deepest point of the
-        surface; ``force`` [N], the sum of the springs' forces, as lengths; ``stiffness`` [Pa/m],
-        their mean.
+        ``pairs``, the number of springs that push; ``penetration`` [m] of the deepest point of the
+        surface after the last solve; ``force`` [N], the sum of the magnitudes of the springs'
+        forces; ``stiffness`` [Pa/m], the mean over the surface.
         """
         x = self.configuration(u)
         row = {
@@ -687,14 +708,14 @@ class ReferenceContact(SelfContactTerm):
         return {"self_contact": row}
 
     def spring_forces(self, u: PETSc.Vec) -> tuple[Array, Array, Array]:
-        """Return what touches what, and how strongly; the same on all ranks. Collective.
+        """Return the ends and forces of the springs that push; the same on all ranks. Collective.
 
         Returns
         -------
         samples, targets : (n, dim)
-            Reference positions of the ends of the springs that push [m].
+            Reference positions of the samples and of their targets [m].
         forces : (n,)
-            Their forces [N].
+            Magnitudes of the springs' forces [N].
         """
         x = self.configuration(u)
         forces = self.springs.forces(x)
@@ -702,14 +723,17 @@ class ReferenceContact(SelfContactTerm):
         return samples[forces > 0], targets[forces > 0], forces[forces > 0]
 
     def begin_step(self, u: PETSc.Vec) -> None:
-        """Search again at the next evaluation, that of the forces at the start of a time step.
+        """Have the next evaluation, of the forces at a step's start, search for targets.
 
-        These depend on the displacement ``u`` alone, so that a run that is resumed has the same.
+        These forces depend on the displacement alone, so that a resumed run has the same ones.
         """
         self._searches, self._stale = 0, True
 
     def update_lagged(self, u: PETSc.Vec) -> LaggedChange:
-        """Search again; return the change of the forces. Collective."""
+        """Search again and store the penetration; return the change of the forces. Collective.
+
+        The springs change only if the forces have not settled.
+        """
         x = self.configuration(u)
         before = self.surface.nodal(self.springs.gradient(x))
         self._searches += 1
@@ -725,7 +749,7 @@ class ReferenceContact(SelfContactTerm):
         return change
 
     def _updated(self, new: ContactPairs, x: Array) -> ContactPairs:
-        """Return the pairs of a new search, with former ones."""
+        """Return the pairs of a new search, with those former pairs that are kept."""
         old = self.springs
         if self._searches > _SEARCHES_TO_MOVE:
             return old.joined(new[~np.isin(new.sample, old.sample)])
@@ -742,7 +766,10 @@ class ReferenceContact(SelfContactTerm):
         self._coupled = False
 
     def configuration(self, u: PETSc.Vec) -> Array:
-        """Return the positions of the surface's points (n, dim) [m]; search if due. Collective."""
+        """Return the positions of the surface's points (n, dim) [m]; search if it is due.
+
+        Collective.
+        """
         x = super().configuration(u)
         if self._stale:
             self._stale = False

@@ -20,11 +20,11 @@ from fem_snh.mesh.mesh import cell_volumes
 
 Array = npt.NDArray[Any]
 
-#: Default stiffness in E over the size of the cell. In the clip of docs/howto, closed by 0.25 from
+#: Default stiffness, in E over the size of the cell. In the clip of docs/howto, closed by 0.25 from
 #: either side, 10, 30 and 50 leave 3.8, 1.7 and 1.0 % of a cell, in 16 to 19 Newton iterations.
 FACTOR = 50.0
-#: Triangles for each face of a cell from which on their corners are samples enough; segments for
-#: each side of a cell of two dimensions. Faces have 2 and sides 1 with degree 1, 8 and 2 with 2.
+#: With at least so many triangles for each face of a cell, in two dimensions segments for each
+#: side, their corners are samples enough. Degree 1 has 2 and 1 of them, degree 2 has 8 and 2.
 _PARTS_PER_FACE = {3: 6.0, 2: 1.5}
 #: Barycentric coordinates of a triangle's corners, midpoints of its edges, and centre; of a
 #: segment's ends and centre.
@@ -32,22 +32,23 @@ _POINTS = {
     3: np.concatenate([np.eye(3), (1 - np.eye(3)) / 2, np.full((1, 3), 1 / 3)]),
     2: np.concatenate([np.eye(2), np.full((1, 2), 1 / 2)]),
 }
-#: Their weights in its area with the corners alone and with all (Zienkiewicz & Taylor 2000, table
-#: 9.2, and Simpson's rule: exact for cubic functions). The deepest point of a body in another one
-#: is a corner, or on an edge that crosses an edge (`fem_snh.contact.reference_contact`).
+#: Weights of these points, relative to the area: of the corners alone, and of all (Zienkiewicz &
+#: Taylor 2000, table 9.2, and Simpson's rule: exact for cubic functions). The deepest point of a
+#: body in another one is a corner, or on an edge that crosses an edge
+#: (`fem_snh.contact.reference_contact`).
 _CORNERS = {3: np.array([1 / 3] * 3), 2: np.array([1 / 2] * 2)}
 _ALL = {3: np.array([1 / 20] * 3 + [2 / 15] * 3 + [9 / 20]), 2: np.array([1, 1, 4]) / 6}
-#: A triangle whose normal has a smaller cosine with that of an edge or corner is at a sharp one.
+#: An edge or corner is sharp if its normal has a smaller cosine with that of one of its triangles.
 SHARP = 0.9
-#: Cells that fill the cube, or square, by whose edge their size is measured.
+#: Number of cells of equal volume in the cube, or square, whose edge is the size of each.
 _CELLS_PER_CUBE = {"tetrahedron": 6.0, "hexahedron": 1.0, "triangle": 2.0, "quadrilateral": 1.0}
 
 
 class SurfaceSamples:
-    r"""Quadrature points of a closed surface, shared by the triangles that meet there.
+    r"""Samples: quadrature points of a closed surface, shared by the triangles that meet there.
 
-    With the normals :math:`N_t` of these triangles and its parts :math:`A_t` of their areas, a
-    sample acts on a face with the normal n with the area projected on it,
+    A triangle t at a sample has a normal :math:`N_t` and gives the sample a part :math:`A_t` of its
+    area. A sample acts on a face of normal n with the area that is projected on this face,
 
     .. math:: \sum_t A_t \langle -N_t \cdot n \rangle ,
 
@@ -58,16 +59,16 @@ class SurfaceSamples:
     surface : EmbeddedSurface
         The surface.
     sizes : (points,)
-        The size of the cells at its points [m].
+        The size of the cells at the surface's points [m].
     revolved : bool
         Whether the surface is a curve that revolves about the axis x = 0.
 
     Attributes
     ----------
     triangle : (n,) int
-        A triangle of each sample, in two dimensions a segment.
+        One triangle at each sample, in two dimensions a segment.
     coordinates : (n, corners)
-        Barycentric coordinates in it.
+        Barycentric coordinates of the sample in this triangle.
     areas : (n,)
         Quadrature weights in the reference configuration [m^2]; in a plane lengths [m].
     """
@@ -103,7 +104,7 @@ class SurfaceSamples:
         return len(self.triangle)
 
     def at(self, x: Array) -> Array:
-        """Return values at the samples (n, 3) of values at the surface's points."""
+        """Return values at the samples (n, ...), interpolated from x at the surface's points."""
         return surface_values(x, self._surface.triangles[self.triangle], self.coordinates)
 
     def facing(self, samples: Array, normals: Array, outward: Array) -> Array:
@@ -116,23 +117,23 @@ class SurfaceSamples:
         return np.bincount(rows, areas * np.maximum(against, 0.0), len(samples))
 
     def directions(self, samples: Array, normals: Array, outward: Array) -> tuple[Array, Array]:
-        """Return in which directions samples (m,) face another surface.
+        """Return the normals with which samples (m,) may face another surface.
 
         Parameters
         ----------
         samples : (m,) int
             Samples.
         normals : (m, dim)
-            Their unit normals.
+            Unit normals of the surface at these samples.
         outward : (triangles, dim)
-            Those of the surface's triangles.
+            Unit normals of the surface's triangles.
 
         Returns
         -------
         rows : (k,) int
             Indices of ``samples``.
         directions : (k, dim)
-            Their own normals; at sharp edges and corners those of the triangles there, too.
+            The sample's normal; at a sharp edge or corner also the normal of each triangle there.
         """
         rows, triangles, _ = self._around(samples)
         around = outward[triangles]
@@ -144,16 +145,13 @@ class SurfaceSamples:
         return rows, np.concatenate([normals, around[also]])
 
     def _around(self, samples: Array) -> tuple[Array, Array, Array]:
-        """Return rows of samples (m,), triangles of them, and their parts of the areas, (k,)."""
+        """Return each triangle at ``samples``: index of the sample, triangle, part of its area."""
         parts = self._parts[samples]
         return np.repeat(np.arange(len(samples)), np.diff(parts.indptr)), parts.indices, parts.data
 
 
 def triangle_areas(surface: EmbeddedSurface) -> Array:
-    """Return the areas of a surface's triangles in the reference configuration [m^2].
-
-    In two dimensions they are the lengths of its segments [m].
-    """
+    """Return the reference areas of a surface's triangles [m^2], or lengths of segments [m]."""
     a, b, *others = (surface.points[ends] for ends in surface.triangles.T)
     if not others:
         return np.asarray(np.linalg.norm(b - a, axis=1))
@@ -161,26 +159,33 @@ def triangle_areas(surface: EmbeddedSurface) -> Array:
 
 
 def surface_values(x: Array, corners: Array, coordinates: Array) -> Array:
-    """Return the values (n, ...) of points with barycentric coordinates (n, corners)."""
+    """Interpolate x (points, ...) at barycentric coordinates in n triangles; return (n, ...).
+
+    ``corners`` (n, k) int are the points of each triangle, ``coordinates`` (n, k) their weights.
+    """
     return np.asarray(np.einsum("nk,nk...->n...", coordinates, x[corners]))
 
 
 def cell_sizes(V: FunctionSpace) -> Array:
-    """Return the edge of a cube of each owned cell's volume [m]; six tetrahedra fill a cube.
+    """Return the size of each owned cell, (cells,) [m].
 
-    In two dimensions it is that of a square of the cell's area, which two triangles fill.
+    It is the edge of a cube of the cell's volume, or of six times a tetrahedron's volume; in two
+    dimensions of a square of the cell's area, or of twice a triangle's area.
     """
     factor = _CELLS_PER_CUBE[_dolfinx.cell_name(V.mesh)]
     return np.asarray((factor * cell_volumes(V.mesh)) ** (1 / _dolfinx.mesh_dimension(V.mesh)[0]))
 
 
 def cell_stiffness(V: FunctionSpace, regions: Sequence[Region]) -> Array:
-    """Return the default penalty stiffness of each owned cell [Pa/m]: `FACTOR` E over its size."""
+    """Return `FACTOR` E/size of each owned cell, the default stiffness, (cells,) [Pa/m]."""
     return np.asarray(FACTOR * cell_moduli(V, regions) / cell_sizes(V))
 
 
 def smallest_at_points(V: FunctionSpace, surface: EmbeddedSurface, values: Array) -> Array:
-    """Return the smallest value (points,) of the cells (owned cells,) at each point. Collective."""
+    """Return for each surface point the smallest value of the cells around it, (points,).
+
+    ``values`` (owned cells,) are this rank's; the result is the same on all ranks. Collective.
+    """
     nodes, smallest = _dolfinx.node_dofs(V), np.full(sum(_dolfinx.num_nodes(V)), np.inf)
     np.minimum.at(smallest, nodes.ravel(), np.repeat(values, nodes.shape[1]))
     numbers = _dolfinx.local_to_global(V)
@@ -191,15 +196,15 @@ def smallest_at_points(V: FunctionSpace, surface: EmbeddedSurface, values: Array
     return np.asarray(found[surface.columns].min(axis=1))
 
 
-#: Value of a shape function of degree 1 below which its vertex is not on the entity of a node.
+#: A node is on an entity of its cell whose vertices have larger shape functions of degree 1 there.
 _ZERO = 1e-9
 
 
 class Neighbourhood:
-    """The vertices of the cells, and of the facets or cells that carry a surface. Collective.
+    """The vertices of cells, and those on which a surface's points depend. Collective.
 
-    Vertices are numbered as global nodes of the displacement's space. A node of degree 2 is on an
-    edge, a facet or a cell, and stands for the vertices of that.
+    Vertices are numbered as global nodes of the displacement's space. A point that depends on a
+    node inside an edge, facet or cell depends on the vertices of this edge, facet or cell.
 
     Parameters
     ----------
@@ -213,7 +218,7 @@ class Neighbourhood:
     cells : (cells, nodes) CSR matrix of bool
         The vertices of each cell that this rank owns.
     triangles : (m, nodes) CSR matrix of bool
-        The vertices that carry each triangle; the same on all ranks.
+        The vertices on which each triangle of the surface depends; the same on all ranks.
     """
 
     def __init__(self, V: FunctionSpace, surface: EmbeddedSurface) -> None:
@@ -233,15 +238,15 @@ class Neighbourhood:
         self.triangles = self.around(surface.triangles)
 
     def around(self, points: Array, used: Array | None = None) -> csr_matrix:
-        """Return the vertices that carry points of the surface, (n, nodes) CSR matrix of bool.
+        """Return the vertices on which sets of surface points depend, (n, nodes) CSR of bool.
 
-        ``points`` (n, k) are the surface's points of each of n things, of which those ``used``
-        (n, k) bool count; default: all.
+        ``points`` (n, k) are the points of each of n sets. ``used`` (n, k) bool tells which of them
+        count; default: all.
         """
         return _incidence(points, self._points.shape[0], used) @ self._points
 
     def share(self, triangle: Array, cell: Array) -> Array:
-        """Return which of the triangles and cells, by number (n,), have a common vertex."""
+        """Return whether each triangle and cell, by number (n,), share a vertex, (n,) bool."""
         return intersect(self.triangles[triangle], self.cells[cell])
 
 
@@ -253,14 +258,14 @@ def _incidence(columns: Array, size: int, used: Array | None = None) -> csr_matr
 
 
 def intersect(a: csr_matrix, b: csr_matrix) -> Array:
-    """Return which rows of two matrices of bool have a common entry, (n,) bool."""
+    """Return whether row i of a and row i of b have a common true entry, (n,) bool."""
     return np.asarray(a.multiply(b).sum(axis=1)).ravel() > 0
 
 
 def body_numbers(V: FunctionSpace) -> Array:
-    """Return a number for each local node that is the same for all of a body. Collective.
+    """Return the number of the body of each local node, (local nodes,) int. Collective.
 
-    Two bodies of a mesh have no common node.
+    Bodies are the connected parts of the mesh; nodes have one number on all ranks.
     """
     comm, nodes = V.mesh.comm, _dolfinx.node_dofs(V)
     size, numbers = sum(_dolfinx.num_nodes(V)), _dolfinx.local_to_global(V)
@@ -278,14 +283,17 @@ def body_numbers(V: FunctionSpace) -> Array:
 
 
 def _components(first: Array, second: Array, size: int) -> tuple[int, Array]:
-    """Return the number of connected components of a graph, and that of each of its nodes."""
+    """Return how many connected components a graph has, and the component of each node.
+
+    ``first`` and ``second`` are the ends of its edges, ``size`` is the number of nodes.
+    """
     graph = coo_matrix((np.ones(len(first), np.int8), (first, second)), shape=(size, size))
     count, label = connected_components(graph, directed=False)
     return int(count), label
 
 
-#: Points that are outside of a deformed cell by this much in reference coordinates are found too:
-#: they may touch in the next solve.
+#: Points outside a deformed cell by at most this, in reference coordinates, are found too, as they
+#: may touch in the next solve.
 OUTSIDE = 0.1
 
 
@@ -309,11 +317,11 @@ class DeformedCells:
         self._X = V.tabulate_dof_coordinates()[:, : _dolfinx.mesh_dimension(V.mesh)[0]]
 
     def find(self, u: Array, points: Array, excluded: Any) -> tuple[Hits, Array]:
-        """Return the cells that contain points, and the points' reference positions there [m].
+        """Return the cells that contain points, and the points' reference positions (n, dim) [m].
 
-        Cells that are inverted at a point do not count: nothing is inside of them. ``u``
-        (local nodes, dim) are nodal displacements [m]; the other arguments are those of
-        `CellSearch.find`.
+        Cells that are inverted at a point do not count. ``u`` (local nodes, dim) are nodal
+        displacements [m]; ``points`` and ``excluded`` are those of `CellSearch.find`, whose margin
+        is `OUTSIDE`.
         """
         x = self._X + u
         hits = self._search.find(x, points, OUTSIDE, excluded)

@@ -1,4 +1,8 @@
-"""The energy of contact between surfaces: what obstacles, bodies and self-contact share."""
+"""The bases of all contact: `ContactPair`, two surfaces, and `SurfaceContact`, the term of pairs.
+
+Subclasses are in `obstacle_pair` and `obstacle_contact` (rigid obstacles), `body_contact` (two
+surfaces of one mesh), `reference_contact` and `barrier` (self-contact).
+"""
 
 from __future__ import annotations
 
@@ -38,24 +42,24 @@ Array = npt.NDArray[Any]
 
 
 class ContactPair(ABC):
-    """Two surfaces that may touch, and the law of their points.
+    """Two surfaces that may touch, and the contact law at their quadrature points.
 
-    A subclass has energy, gradient, and nodal forces of one surface. Methods get the configuration
-    ``x`` of `SurfaceContact.configuration`, and return what this rank adds to the sum of all ranks,
-    or all of it where every rank has all points.
+    A subclass defines the energy, its gradient, and the nodal forces on one surface. Methods get
+    the array ``x`` of `SurfaceContact.configuration`. They return this rank's share of the sum over
+    all ranks or, if every rank has all points (`SurfaceContact.gathered`), the whole result.
 
     Parameters
     ----------
     name : str
         Name in run.json.
     law : ContactLaw
-        The law.
+        Pressure as a function of the gap, at all quadrature points.
 
     Attributes
     ----------
     mean_weight : float or None
-        Weight of the energy of a step's mean forces, in place of the energy of the present ones:
-        see `fem_snh.terms.term.MeanForceTerm`.
+        Factor of the energy of a time step's mean forces (`fem_snh.terms.term.MeanForceTerm`). If
+        None, the energy is that of the forces at the present configuration.
     """
 
     def __init__(self, name: str, law: ContactLaw) -> None:
@@ -64,7 +68,7 @@ class ContactPair(ABC):
 
     @property
     def weight(self) -> float:
-        """The weight of the energy."""
+        """The factor of the energy: ``mean_weight``, or 1 if it is None."""
         return 1.0 if self.mean_weight is None else self.mean_weight
 
     def weight_mean_forces(self, weight: float | None) -> None:
@@ -72,27 +76,30 @@ class ContactPair(ABC):
         self.mean_weight = weight
 
     def scale_penalties(self, factor: float) -> bool:
-        """Multiply the stiffness of penalties; return whether there are any."""
+        """Multiply the penalty stiffness; return False with multipliers, which change nothing."""
         return self.law.scale_penalty(factor)
 
     @abstractmethod
     def acting(self, x: Array) -> tuple[Array, Array, Array]:
-        """Return the points in contact, by their rows in the law, their gaps and pressures."""
+        """Return the points in contact: rows of the law's arrays, gaps [m], pressures [Pa]."""
 
     @abstractmethod
     def nodal_forces(self, x: Array) -> Array:
-        """Return the forces on the nodes of the body, or of the first surface [N], (n, 3)."""
+        """Return the nodal forces on the body, or on the first surface [N], (len(x), 3)."""
 
     @abstractmethod
     def deepest(self, x: Array, search: bool) -> DeepestPoint:
-        """Return the deepest point; with ``search`` wherever it is between quadrature points."""
+        """Return the deepest point of the surface, at quadrature points and grid points.
+
+        With ``search``, facets that may be deep between grid points get finer grids.
+        """
 
     def row(self, x: Array) -> dict[str, Any]:
         """Return the pair's row of run.json. Collective.
 
-        ``force`` [N] on the body, or on the first surface; ``contacts``, the number of quadrature
-        points in contact; ``penetration`` [m], their largest; ``deepest`` and ``deepest_at`` of
-        `DeepestPoint.row`.
+        ``force`` [N], three components, on the body or on the first surface; ``contacts``, the
+        number of quadrature points with a pressure; ``penetration`` [m] >= 0, the largest at a
+        quadrature point; ``deepest`` and ``deepest_at`` of `DeepestPoint.row`.
         """
         (_, gap, pressure), comm = self.acting(x), self.law.comm
         force = self.nodal_forces(x).sum(axis=0)
@@ -105,7 +112,7 @@ class ContactPair(ABC):
         return row | deepest.row(penetration)
 
     def end_step(self, x: Array) -> None:
-        """Keep the multipliers: the step is accepted."""
+        """Store the multipliers, as the step is accepted."""
         if self.law.augmented:
             self.law.end_step(*self.acting(x))
 
@@ -113,15 +120,16 @@ class ContactPair(ABC):
 class SurfaceContact(HistoryTerm, ForceTerm):
     """The energy of contact of several pairs. Collective.
 
-    A subclass finds the surfaces and makes the pairs. Lagged quantities, such as multipliers, are
-    constant in a solve and updated after it, and the step is solved again until they have settled.
+    A subclass finds the surfaces and creates the pairs. Lagged quantities, such as multipliers, are
+    constant during a solve and updated after it. The step is solved again until their change is
+    below its tolerance.
 
     Parameters
     ----------
     V : dolfinx function space
         The displacement's space.
     kinematics : Kinematics
-        That of the displacement.
+        Dimension of the mesh and components of the displacement.
 
     Attributes
     ----------
@@ -132,9 +140,9 @@ class SurfaceContact(HistoryTerm, ForceTerm):
     pairs: Sequence[ObstaclePair] | Sequence[SurfacePair]
 
     has_penalties = is_contact = True
-    #: The key of the pairs' rows in run.json.
+    #: The key under which run.json has one row for each pair.
     key = "contacts"
-    #: Whether every rank has all points of ``surface``, and adds its own rows.
+    #: Whether every rank evaluates the whole ``surface`` and then adds only the rows that it owns.
     gathered = False
     surface: Any
 
@@ -142,13 +150,18 @@ class SurfaceContact(HistoryTerm, ForceTerm):
         self.comm, self._V, self._kinematics = V.mesh.comm, V, kinematics
 
     def configuration(self, u: PETSc.Vec) -> Array:
-        """Return what the pairs get of the displacement: (nodes, 3). Collective."""
+        """Return the argument ``x`` of the pairs' methods. Collective.
+
+        Here the nodal displacements (local nodes, 3) [m], ghosts included; subclasses may return
+        positions.
+        """
         return self._kinematics.padded(local_values(u))
 
     def add_nodal(self, values: Array, vector: PETSc.Vec) -> None:
-        """Add vectors at the rows of the configuration (n, c) to a vector: its own entries or all.
+        """Add nodal vectors, (n, c), to a ghosted vector. Collective.
 
-        Collective.
+        Row i of ``values`` belongs to row i of `configuration`. If ``gathered``, only entries that
+        this rank owns are changed, otherwise ghosts too.
         """
         out = self._rows(vector)
         if self.gathered:
@@ -157,20 +170,20 @@ class SurfaceContact(HistoryTerm, ForceTerm):
             out += values[:, : out.shape[1]]
 
     def _sum(self, values: Any) -> Any:
-        """Return the sum of what the ranks have of the pairs."""
+        """Return the sum over the ranks; if ``gathered``, ``values``, which are the sum already."""
         return values if self.gathered else self.comm.allreduce(values, op=MPI.SUM)
 
     def _rows(self, vector: PETSc.Vec) -> Array:
-        """Return a vector's values at this rank's nodes, ghosts included, (nodes, components)."""
+        """Return a writable view of a vector, ghosts included, (local nodes, components)."""
         return writable_values(vector).reshape(-1, self._kinematics.components)
 
     def weight_mean_forces(self, weight: float | None) -> None:
-        """Set the weight of a step's mean forces: see `MeanForceTerm`."""
+        """Set ``mean_weight`` of all pairs: see `fem_snh.terms.term.MeanForceTerm`."""
         for pair in self.pairs:
             pair.weight_mean_forces(weight)
 
     def scale_penalties(self, factor: float) -> bool:
-        """Multiply the stiffness of penalties; return whether there are any."""
+        """Multiply the stiffness of all penalties; return whether a pair has one."""
         return any([pair.scale_penalties(factor) for pair in self.pairs])
 
     def energy(self, u: PETSc.Vec, p: PETSc.Vec | None = None) -> float:
@@ -181,33 +194,36 @@ class SurfaceContact(HistoryTerm, ForceTerm):
     def add_residual(
         self, u: PETSc.Vec, p: PETSc.Vec | None, r_u: PETSc.Vec, r_p: PETSc.Vec | None
     ) -> None:
-        """Add the forces [N] to ``r_u``: to all entries, or to own ones. Collective."""
+        """Add dE/du [N], minus the contact forces, to ``r_u`` by `add_nodal`. Collective."""
         x = self.configuration(u)
         for pair in self.pairs:
             self.add_nodal(pair.gradient(x), r_u)
 
     def record(self, u: PETSc.Vec) -> dict[str, dict[str, Any]]:
-        """Return the rows of the pairs for run.json, by name. Collective."""
+        """Return the pairs' rows for run.json: ``{key: {pair name: row}}``. Collective."""
         x = self.configuration(u)
         return {self.key: {pair.name: pair.row(x) for pair in self.pairs}}
 
     @property
     def goals(self) -> Sequence[str]:
-        """The names of the forces on first surfaces, or on the body: see `Term.goals`."""
+        """Each pair's ``NAME.force``: the force on its first surface, or on the body."""
         return [f"{pair.name}.force" for pair in self.pairs]
 
     def goal(self, name: str, u: PETSc.Vec) -> Array:
-        """Return a force on a first surface [N]: see `Term.goals`. Collective."""
+        """Return the force of one of the `goals`, summed over all ranks, (3,) [N]. Collective."""
         pair, x = self.pairs[self.goals.index(name)], self.configuration(u)
         return np.asarray(self._sum(pair.nodal_forces(x).sum(axis=0)))
 
     def add_nodal_forces(self, name: str, u: PETSc.Vec, r: PETSc.Vec) -> None:
-        """Add the nodal forces of a force: see `fem_snh.terms.term.ForceTerm`. Collective."""
+        """Add the nodal forces [N] of one of the `goals` to ``r`` by `add_nodal`. Collective."""
         pair, x = self.pairs[self.goals.index(name)], self.configuration(u)
         self.add_nodal(pair.nodal_forces(x), r)
 
     def add_goal_derivative(self, name: str, component: int, u: PETSc.Vec, g: PETSc.Vec) -> None:
-        """Add the derivative of a force without friction: see `Term.goals`. Collective."""
+        """Add the derivative of a force's component by u [N/m] to ``g``. Collective.
+
+        Friction is left out. Only pairs with ``force_derivative`` have it.
+        """
         pair, x = self.pairs[self.goals.index(name)], self.configuration(u)
         self.add_nodal(pair.force_derivative(component, x), g)
 
@@ -218,27 +234,28 @@ class SurfaceContact(HistoryTerm, ForceTerm):
             pair.begin_step(x)
 
     def update_lagged(self, u: PETSc.Vec) -> LaggedChange:
-        """Update lagged quantities; return their largest change. Collective."""
+        """Update lagged quantities of all pairs; return the largest change. Collective."""
         x = self.configuration(u)
         return largest_change([change for pair in self.pairs for change in pair.settle(x)])
 
     def end_step(self, u: PETSc.Vec) -> None:
-        """Keep lagged quantities: the step is accepted."""
+        """Store the lagged quantities, as the step is accepted. Collective."""
         x = self.configuration(u)
         for pair in self.pairs:
             pair.end_step(x)
 
 
 class SelfContactTerm(SurfaceContact, CouplingTerm):
-    r"""What both methods of self-contact share: the surface, its matrix, the contact pressure.
+    r"""The base of both methods of self-contact: surface, sparsity pattern, contact pressure.
 
-    The pressure is the force per area at the nodes. With the weights :math:`W` of the surface's
-    points :math:`i` (`EmbeddedSurface`) and their areas :math:`A_i` (`point_areas`),
+    The contact pressure at node a is the contact force :math:`f_a` per area. With the weights
+    :math:`W` of the surface's points :math:`i` (`EmbeddedSurface`) and their areas :math:`A_i`
+    (`point_areas`),
 
-    .. math:: p_a = \frac{|f_a|}{\sum_i W_{ia} A_i},
+    .. math:: p_a = \frac{|f_a|}{\sum_i W_{ia} A_i} .
 
-    where :math:`f_a` is the nodal force of contact. The areas are those of the deformed surface,
-    of the nominal pressure those at rest. At other nodes it is zero.
+    The areas are deformed ones, for the nominal pressure reference ones. Nodes without an area
+    have pressure 0.
 
     Parameters
     ----------
@@ -247,7 +264,7 @@ class SelfContactTerm(SurfaceContact, CouplingTerm):
     skin : Skin or None
         The surface, if a lattice carries it; None for the boundary of the mesh.
     kinematics : Kinematics, optional
-        That of the displacement.
+        Dimension of the mesh and components of the displacement.
 
     Attributes
     ----------
@@ -265,25 +282,28 @@ class SelfContactTerm(SurfaceContact, CouplingTerm):
         self._matrix = SurfaceMatrix(self.surface)
 
     def configuration(self, u: PETSc.Vec) -> Array:
-        """Return the positions of the surface's points (n, dim) [m]. Collective."""
+        """Return the positions of the surface's points, (n, components) [m]. Collective."""
         return self.surface.positions(self._nodal(u))
 
     def _nodal(self, u: PETSc.Vec) -> Array:
-        """Return the displacement of this rank's nodes, ghosts included, (nodes, dim)."""
+        """Return a view of this rank's displacements, ghosts included, (nodes, components)."""
         return local_values(u).reshape(-1, self._kinematics.components)
 
     def end_step(self, u: PETSc.Vec) -> None:
-        """Do nothing: the next step searches again."""
+        """Do nothing, as nothing is kept: the next step searches again."""
 
     def history(self) -> tuple[Array, Array]:
-        """Return no points and no values: the next step depends on the displacement alone."""
+        """Return arrays without rows: the next step depends on the displacement alone."""
         return np.empty((0, 3)), np.empty((0, 1))
 
     def set_history(self, values: Array) -> None:
         """Do nothing, as there is no history."""
 
     def nodal_field(self, name: str, u: PETSc.Vec) -> Array:
-        """Return a contact pressure, 0 of another field: see `Term.nodal_field`. Collective."""
+        """Return a contact pressure [Pa], (local nodes,), ghosts included. Collective.
+
+        For any other ``name`` the result is ``[0.]``.
+        """
         if name not in CONTACT_PRESSURES:
             return np.zeros(1)
         forces = _dolfinx.create_vector(self._V)
@@ -301,7 +321,10 @@ class SelfContactTerm(SurfaceContact, CouplingTerm):
         return np.array(self._nodal(forces)[:, 0])
 
     def _areas(self, x: Array) -> Array:
-        """Return the areas of this rank's nodes, with the surface's points at x [m^2]."""
+        """Return the areas of the nodes that this rank owns, for surface points at x [m^2].
+
+        The result is (local nodes,); ghosts have area 0.
+        """
         points = point_areas(x, self.surface.triangles, self._kinematics.revolved)
         areas = np.zeros((sum(_dolfinx.num_nodes(self._V)), 1))
         self.surface.add_own(points[:, None], areas)

@@ -19,25 +19,25 @@ Array = npt.NDArray[Any]
 Which = Array | slice
 ALL = slice(None)
 
-#: Distance on the reference facet below which two nodes are the same; nodes are 1/2 apart.
+#: Distance on the reference facet below which two nodes are the same; nodes are > 1/4 apart.
 _SAME = 1e-6
 
 #: Intervals of the grid along an edge: the nodes of degree 1 and 2, and as many points between.
 GRID_INTERVALS = 4
-#: Those of two finer grids, on facets that may be deep between the points of the coarser one.
+#: Intervals of two finer grids, on facets that may be deep between points of the coarser grid.
 FINE_INTERVALS = 16, 64
-#: Over the penetration of quadrature points. A linear gap that is zero in the middle of a facet is
-#: 1.7 (2 x 2 points) or 2 times (3 points) as deep at a vertex as at the points: they see it.
+#: Quadrature points miss a depth of more than this times their penetration. A linear gap that is
+#: zero in the middle of a facet is 1.7 (2 x 2 points) or 2 times (3 points) as deep at a vertex.
 _FACTOR = 2.0
-#: In sizes of the facet: less takes a few percent of the force (docs/howto/obstacles.md).
+#: A missed depth below this, in sizes of the facet, is not reported: it changes the force by a few
+#: percent (docs/howto/obstacles.md).
 _LEAST = 0.05
 
 
 class SurfaceQuadrature:
-    r"""Quadrature points of boundary facets of a displacement space. Not collective.
+    r"""Quadrature on this rank's boundary facets of a displacement space. Not collective.
 
-    In two dimensions facets are curves, and vectors have a third component, which is zero: points
-    and gaps are those of three dimensions.
+    In two dimensions facets are curves, and vectors have a third component.
 
     The nodes of every facet are ordered such that one table of shape functions serves all facets.
     With the reference coordinates X and the nodal displacements u_a, the point q of a facet is at
@@ -47,23 +47,26 @@ class SurfaceQuadrature:
     Parameters
     ----------
     V : dolfinx function space
-        The displacement's space: Lagrange of degree 1 or 2.
+        The displacement's space: Lagrange of degree 1 to 3.
     facets : (n,) int, optional
-        Local numbers of facets, of which those on the boundary are used. Default: all of them.
+        Local numbers of facets; facets inside the body are ignored. Default: the whole boundary.
     degree : int, optional
-        Polynomial degree that the rule integrates exactly. Default: that of products of two shape
-        functions (3 points on triangles of degree 1, 6 of degree 2; 4 and 9 on quadrilaterals).
+        Polynomial degree that the rule integrates exactly. Default: the degree of products of two
+        shape functions (3 points on triangles of degree 1, 6 of degree 2; 4 and 9 on
+        quadrilaterals).
     revolved : bool, optional
         Whether the body is the mesh revolved about the axis x = 0: weights are of the whole turn.
 
     Attributes
     ----------
-    cells, facets : (facets,) int32
-        The cell of each facet, which this rank owns, and the facet's own local number.
+    cells : (facets,) int32
+        The cell of each facet, which this rank owns.
+    facets : (facets,) int32
+        Local numbers of the facets.
     nodes : (facets, k) int32
         Local nodes of V on each facet, ghosts included.
     cell_nodes : (facets, k) int
-        Their indices among the nodes of the cell.
+        Indices of these nodes among the nodes of the cell.
     kind : {"triangle", "quadrilateral", "interval"}
         The reference facet.
     degree : int
@@ -73,11 +76,14 @@ class SurfaceQuadrature:
     basis : (points, k)
         Shape functions N_a at the points.
     derivatives : (points, k, d)
-        Their derivatives by the d = 2 coordinates of the reference facet; 1 of a curve.
+        Derivatives of the shape functions by the coordinates of the reference facet: d = 2, on a
+        curve 1.
     weights : (facets, points)
-        Quadrature weights in the reference configuration [m^2]; per thickness, of the whole turn.
+        Quadrature weights in the reference configuration [m^2]; in a plane per thickness [m].
     areas : (facets,)
-        Areas of the facets [m^2], of curves their lengths [m].
+        Reference areas of the facets [m^2], of curves their lengths [m].
+    sizes : (facets,)
+        Roots of the areas, of curves their lengths [m].
     X : (facets, points, 3)
         Reference coordinates of the points [m].
     normals : (facets, points, 3)
@@ -118,7 +124,7 @@ class SurfaceQuadrature:
             self.weights *= 2 * np.pi * self.X[..., 0]
 
     def _set_geometry(self, domain: Mesh, origins: Array, tangents: Array) -> None:
-        """Set weights, coordinates, tangents and normals."""
+        """Set weights, areas, sizes, coordinates, tangents and normals."""
         self.X = self._coordinates(self.points, ALL)
         x = _dolfinx.geometry_x(domain)[_dolfinx.geometry_dofs(domain)[self.cells]]
         dim = origins.shape[1]
@@ -144,12 +150,12 @@ class SurfaceQuadrature:
         return len(self.cells)
 
     def displacements(self, u: Array, which: Which = ALL) -> Array:
-        """Return the displacement of points [m].
+        """Return the displacement at the quadrature points of facets [m].
 
         Parameters
         ----------
         u : (local nodes, 3)
-            Nodal displacements, ghosts included.
+            Nodal displacements [m], ghosts included.
         which : (m,) int, optional
             Facets. Default: all.
 
@@ -160,13 +166,13 @@ class SurfaceQuadrature:
         return np.asarray(self.basis @ u[self.nodes[which]])
 
     def positions(self, u: Array, which: Which = ALL) -> Array:
-        """Return the deformed coordinates x_q(u) of points [m], as `displacements` does."""
+        """Return the deformed coordinates x_q(u), (m, points, 3) [m]: see `displacements`."""
         return np.asarray(self.X[which] + self.displacements(u, which))
 
     def deformed_weights(self, u: Array) -> Array:
         """Return the quadrature weights in the deformed configuration, (facets, points) [m^2].
 
-        In a plane they are per reference thickness. ``u`` are nodal displacements (local nodes, 3).
+        In a plane they are per reference thickness [m]. ``u`` is as in `displacements`.
         """
         tangents = self._tangents + np.einsum(
             "fki,pkj->fpij", u[self.nodes], self.derivatives, optimize=True
@@ -179,9 +185,9 @@ class SurfaceQuadrature:
         return np.asarray(np.linalg.norm(cross_tangents(tangents), axis=2) * self._rule)
 
     def positions_at(self, points: Array, u: Array, which: Which = ALL) -> Array:
-        """Return the deformed coordinates of other points (n, d) of the reference facet [m].
+        """Return the deformed coordinates, (m, n, 3) [m], of n points on each of m facets.
 
-        The other arguments are those of `displacements`; the result is (m, n, 3).
+        ``points`` (n, d) are in the reference facet; ``u`` and ``which`` are as in `displacements`.
         """
         origins, tangents = _dolfinx.facet_maps(_dolfinx.cell_name(self.V.mesh))
         first = origins[0] + points @ tangents[0]
@@ -189,7 +195,7 @@ class SurfaceQuadrature:
         return np.asarray(self._coordinates(points, which) + basis @ u[self.nodes[which]])
 
     def _coordinates(self, points: Array, which: Which) -> Array:
-        """Return the reference coordinates of points of the reference facet [m]."""
+        """Return the coordinates X, (m, n, 3) [m], of points (n, d) in the reference facet."""
         domain, local = self.V.mesh, self._local[which]
         rows = _dolfinx.geometry_dofs(domain)[self.cells[which]]
         x = _dolfinx.geometry_x(domain)[rows]
@@ -207,7 +213,7 @@ class SurfaceQuadrature:
         Parameters
         ----------
         values : (m, points, 3)
-            Vectors v_q, with the quadrature weights.
+            Vectors v_q, times the quadrature weights.
         which : (m,) int
             The facets.
         out : (local nodes, components)
@@ -224,14 +230,14 @@ class SurfaceQuadrature:
         Parameters
         ----------
         values : (m, points, 3, 3)
-            Matrices M_q, with the quadrature weights.
+            Matrices M_q, times the quadrature weights.
         which : (m,) int
             The facets.
 
         Returns
         -------
-        (m, k, k)
-            Matrices of all displacement dofs of ``cells[which]``, node by node, as
+        (m, n, n)
+            Matrices of all n displacement dofs of ``cells[which]``, node by node, as
             `fem_snh.assembly.assembled_matrix.BlockMatrix.add_matrices` expects them.
         """
         m, (points, k), c = len(values), self.basis.shape, _dolfinx.num_components(self.V)
@@ -246,7 +252,7 @@ class SurfaceQuadrature:
 
 
 def cross_tangents(tangents: Array) -> Array:
-    """Return normals (..., 3) of tangents (..., 3, d) of facets: with d = 1 times e_z."""
+    """Return the cross product (..., 3) of tangents (..., 3, d): if d = 1, of t and e_z."""
     if tangents.shape[-1] == 2:
         return np.cross(tangents[..., 0], tangents[..., 1])
     t = tangents[..., 0]
@@ -254,7 +260,11 @@ def cross_tangents(tangents: Array) -> Array:
 
 
 def _facet_nodes(nodes: Array, origins: Array, tangents: Array) -> Array:
-    """Return the nodes of each facet of the reference cell, in an order common to all facets."""
+    """Return the nodes of each facet of the reference cell, in an order common to all facets.
+
+    The result is (facets, k) int. ``nodes`` (n, dim) are the cell's reference coordinates, the
+    other arguments `fem_snh._dolfinx.facet_maps`.
+    """
     found = []
     for origin, tangent in zip(origins, tangents, strict=True):
         s = (nodes - origin) @ np.linalg.pinv(tangent)
@@ -264,24 +274,23 @@ def _facet_nodes(nodes: Array, origins: Array, tangents: Array) -> Array:
 
 
 class DeepestPoint(NamedTuple):
-    """The deepest point of a surface in contact, also where no quadrature point is.
+    """The deepest point of a surface in contact, not only among quadrature points.
 
-    Contact acts at quadrature points inside of the facets. A corner, an edge or a small obstacle
-    may pass between them without a force. After a step the gap is evaluated at a grid on each
-    facet, too, which contains its nodes. A corner of the other body that touches a facet between
-    the points of this grid is not seen, nor part of an obstacle that is in contact elsewhere. Where
-    an obstacle has no force and its distance leaves a doubt, finer grids follow. The depth is that
-    at the points.
+    Contact acts at quadrature points inside the facets. A corner, an edge or a small obstacle may
+    pass between them without a force. After a step the gap is therefore also evaluated at a grid on
+    each facet, which contains its nodes. If an obstacle exerts no force and its distance leaves a
+    doubt, finer grids follow. A corner of the other body between grid points is missed, as is part
+    of an obstacle that is in contact elsewhere.
 
     Attributes
     ----------
     depth : float
-        Its depth [m]; 0 if the surface is outside.
+        Depth at the point [m]; 0 if no point is inside.
     size : float
-        Square root of the area at rest of its facet, of a curve its length, the smallest one of
-        several [m].
+        Size of the point's facet [m], of its smallest one if several share the point; inf if the
+        depth is 0.
     position : list of float
-        Its present coordinates [m].
+        Deformed coordinates of the point [m]; empty if the depth is 0.
     """
 
     depth: float = 0.0
@@ -295,7 +304,7 @@ class DeepestPoint(NamedTuple):
         Parameters
         ----------
         gaps : (facets, points)
-            Signed distances [m].
+            Signed distances [m], negative inside.
         sizes : (facets,)
             Sizes of the facets [m].
         x : (facets, points, 3)
@@ -310,21 +319,21 @@ class DeepestPoint(NamedTuple):
 
     @staticmethod
     def deepest(points: Iterable[DeepestPoint]) -> DeepestPoint:
-        """Return the deepest of several: of those at a node the one of the smallest facet."""
+        """Return the deepest of several; of equal depths the one with the smallest facet."""
         return min(points, key=lambda p: (-p.depth, p.size, p.position))
 
     def row(self, penetration: float) -> dict[str, Any]:
-        """Return what run.json has of it.
+        """Return the point's entries in a row of run.json.
 
-        ``deepest`` [m]; where quadrature points of this penetration [m] do not see it,
-        ``deepest_at``, its position.
+        They are ``deepest``, its depth [m], and, if it is much deeper than the ``penetration`` [m]
+        of quadrature points, ``deepest_at``, its position.
         """
         unseen = self.depth > max(_FACTOR * penetration, _LEAST * self.size)
         return {"deepest": self.depth} | ({"deepest_at": self.position} if unseen else {})
 
 
 def facet_grid(kind: str, intervals: int = GRID_INTERVALS) -> Array:
-    """Return the grid's points on the reference facet, (n, d), so many intervals along an edge."""
+    """Return a grid's points on the reference facet, (n, d), with so many intervals per edge."""
     s = np.arange(intervals + 1)
     if kind == "interval":
         return s[:, None] / intervals
@@ -335,17 +344,17 @@ def facet_grid(kind: str, intervals: int = GRID_INTERVALS) -> Array:
 
 
 def may_be_deep(gaps: Array, x: Array, sizes: Array, intervals: int) -> Array:
-    """Return which facets may be deep between a grid's points and not at them, (facets,) bool.
+    """Return which facets may be deep between a grid's points but not at them, (facets,) bool.
 
-    A signed distance changes by no more than the way, and no point of a facet is further from the
-    grid than half a diagonal of its meshes. Deep is what counts in `DeepestPoint.row`.
+    A signed distance changes by at most the length of a path, and no point of a facet is farther
+    from the grid than half a diagonal of its cells. Deep is more than `_LEAST` facet sizes.
 
     Parameters
     ----------
     gaps : (facets, points)
         Signed distances at the grid's points [m].
     x : (facets, points, 3)
-        Their positions [m].
+        Deformed positions of these points [m].
     sizes : (facets,)
         Sizes of the facets [m].
     intervals : int

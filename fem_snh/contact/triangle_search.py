@@ -1,13 +1,15 @@
-r"""The search for the triangles of a surface that are closest to points.
+r"""The search for the triangles of a surface that are closest to points, and gaps to facets.
 
-All of contact searches here: the facets that a body may touch, targets in the reference
-configuration, and parts of a surface that approach each other. They differ in what they choose of
-the candidates. In two dimensions segments of a curve take the place of triangles.
+Three searches choose differently among the closest triangles: `ClosestFacets` finds the facets that
+another body may touch, `ReferenceSurface` targets in the reference configuration, `approaching`
+parts of a surface that approach each other. In two dimensions segments of a curve take the place of
+triangles.
 
-Each point x of one surface has one facet of the other, which is constant during a solve. With
-the facet's nodes at :math:`y_b`, the closest point is :math:`y(\xi) = \sum_b N_b(\xi) y_b`, where
-:math:`(x - y) \cdot y_{,\alpha} = 0`, and the gap is :math:`g = n \cdot (x - y)` with the outward
-normal n. With the metric :math:`m_{\alpha\beta} = y_{,\alpha} \cdot y_{,\beta}`, the curvature
+Contact of two surfaces assigns one facet of the other surface to each point x, constant during a
+solve. With the facet's nodes at :math:`y_b`, the closest point is
+:math:`y(\xi) = \sum_b N_b(\xi) y_b`, where :math:`(x - y) \cdot y_{,\alpha} = 0`. With the outward
+unit normal n of the facet there, the gap is :math:`g = n \cdot (x - y)`, positive outside the body
+of the facet. With the metric :math:`m_{\alpha\beta} = y_{,\alpha} \cdot y_{,\beta}`, the curvature
 :math:`b_{\alpha\beta} = n \cdot y_{,\alpha\beta}`, and the variations
 
 .. math:: s_\alpha = n \cdot \delta y_{,\alpha}, \qquad
@@ -44,20 +46,20 @@ _BATCH = 200_000
 
 
 class Candidates(NamedTuple):
-    """Triangles that are examined for each of n points, k for each.
+    """The k triangles that are examined for each of n points.
 
     Attributes
     ----------
     triangle : (n, k) int
         The triangles.
     coordinates : (n, k, corners)
-        Barycentric coordinates of their closest points.
+        Barycentric coordinates of the point of each triangle that is closest to the given point.
     arm : (n, k, 3)
-        The points minus these closest points [m].
+        The given points minus these closest points [m].
     distance : (n, k)
         The lengths of the arms [m].
     cosine : (n, k)
-        The cosines of the triangles' outward normals with those of the points.
+        The cosines of the triangles' outward normals with the given points' normals.
     """
 
     triangle: Array
@@ -70,14 +72,14 @@ class Candidates(NamedTuple):
     def examine(
         cls, points: Array, normals: Array, triangle: Array, corners: Array, outward: Array
     ) -> Candidates:
-        """Return given triangles of points.
+        """Return the candidates of given triangles.
 
         Parameters
         ----------
         points, normals : (n, 3)
-            Positions [m] and unit normals.
+            Positions [m] and unit normals of the points.
         triangle : (n, k) int
-            The triangles.
+            The triangles to examine for each point.
         corners, outward : (m, corners, 3), (m, 3)
             Corners [m] and outward unit normals of all triangles.
         """
@@ -86,22 +88,22 @@ class Candidates(NamedTuple):
         return cls(triangle, coordinates, arm, np.linalg.norm(arm, axis=2), cosine)
 
     def choose(self, column: Array) -> Candidates:
-        """Return one candidate of each point, (n,), by its column (n,) int."""
+        """Return one candidate of each point, by its column (n,) int; arrays lose their axis k."""
         row = np.arange(len(column))
         return Candidates(*(values[row, column] for values in self))
 
 
 class TriangleTree:
-    """Triangles or segments, found by their midpoints.
+    """A k-d tree of the midpoints of triangles or segments.
 
     Parameters
     ----------
     corners : (m, 3 or 2, 3)
-        Corners [m].
+        Corners of the triangles or segments [m].
     numbers : (k,) int, optional
-        The triangles that are searched. Default: all.
+        The triangles that are in the tree. Default: all.
     directions : (k, 3), optional
-        Three more coordinates [m] of the midpoints: the tree has six dimensions.
+        Three more coordinates [m] of the midpoints: the tree then has six dimensions.
     """
 
     def __init__(
@@ -111,7 +113,7 @@ class TriangleTree:
         self._numbers = np.arange(len(corners)) if numbers is None else numbers
         middles = corners[self._numbers].mean(axis=1)
         arms = np.linalg.norm(corners[self._numbers] - middles[:, None], axis=2)
-        #: Lowest and highest coordinates of midpoints, and the largest distance of a corner.
+        #: Box of the midpoints, and the largest distance of a corner from its midpoint [m].
         self.low, self.high = middles.min(axis=0), middles.max(axis=0)
         self.radius = float(arms.max(initial=0.0))
         both = middles if directions is None else np.column_stack([middles, directions])
@@ -131,25 +133,27 @@ class TriangleTree:
         directions: Array | None = None,
         reach: float = np.inf,
     ) -> None:
-        """Examine the closest triangles of points, more of them until no other can be closer.
+        """Pass the triangles that are closest to points to ``receive``.
 
         Parameters
         ----------
         points, normals : (n, 3)
             Positions [m] and unit normals.
         outward : (m, 3)
-            Unit normals of the triangles.
+            Outward unit normals of the triangles.
         rows : (r,) int
-            The points that are searched for.
+            The points to search for.
         counts : sequence of int
-            How many triangles are examined: the next number where the one before is too small.
+            How many triangles to examine for each point. Points for which another triangle may
+            still count are searched again with the next number.
         receive : callable
-            Is called with some of the rows and their candidates, and returns the distance (n,) [m]
-            beyond which triangles of these do not count.
+            Is called with some of the rows, (s,), and their `Candidates`; returns the distances
+            (s,) [m] beyond which a triangle does not count. A row may come several times; the last
+            call has the most candidates.
         directions : (n, 3), optional
-            The points' further coordinates, if the triangles have some.
+            The points' three more coordinates [m], if the tree has six dimensions.
         reach : float
-            Largest distance of a midpoint, further coordinates included [m].
+            Largest distance of a midpoint in the tree [m]. Points without one are not received.
         """
         at = points if directions is None else np.column_stack([points, directions])
         for count in counts:
@@ -170,34 +174,34 @@ class TriangleTree:
                 return
 
 
-#: How many of the closest triangles' midpoints are examined, more where these few do not prove
-#: that no other triangle is closer; then all.
+#: How many triangles are examined for a point, by the distance of their midpoints: the next number
+#: if these do not prove that no other triangle is closer; then all.
 _EXAMINED = (24, 96, 384)
-#: A triangle whose outward normal is that of the point counts as this much farther away than one of
-#: the opposite normal, with a linear function of the cosine between: points near an edge of the
-#: surface have the face that they have passed through as a target, not the one beside it.
+#: The distance of a triangle whose outward normal is that of the point is multiplied by this, of
+#: one of the opposite normal by 1, linearly in the cosine between: the target of a point near an
+#: edge of the surface is then the face that it has passed through, not the face beside it.
 _TURNED = 3.0
-#: And as much as this part of a cell: a point on the edge itself has the same distance, zero, from
-#: the face that it has passed through and from the one beside it.
+#: So many cells are added, as linearly: a point on the edge itself has the same distance, zero,
+#: from both faces.
 _BESIDE = 0.5
 #: Largest number of steps from a triangle to its neighbours.
 _STEPS = 10
 #: A step is taken if it makes the distance smaller by more than this fraction.
 _CLOSER = 1e-6
-#: Only triangles whose outward normal has at most this cosine with the sample's are approached: two
-#: surfaces that touch have opposite normals, and flesh beside a crease has not.
+#: A triangle is opposed to a sample if their outward normals have at most this cosine: surfaces
+#: that touch have opposite normals, the two sides of a crease have not.
 _OPPOSED = -0.5
-#: A sample is in front of a triangle, not beside its edge, if the way to its closest point has at
-#: least this cosine with the triangle's normal.
+#: A sample is in front of a triangle, not beside its edge, if the vector from its closest point to
+#: the sample has more than this cosine with the triangle's normal.
 _FRONT = 0.85
-#: How many of the triangles that are closest in position and in opposite normal are examined.
+#: How many triangles `approaching` examines for each sample.
 _APPROACHED = 4
 
 
 def turned(found: Candidates, sizes: Array) -> Array:
-    """Return distances (n, k) of candidates [m], with preference for opposed ones.
+    """Return distances (n, k) [m], increased unless a candidate's normal opposes the point's.
 
-    ``sizes`` (n,) are those of the cells at the points [m].
+    ``sizes`` (n,) are the sizes of the cells at the points [m]: see `_TURNED` and `_BESIDE`.
     """
     beside = (1 + found.cosine) / 2
     preferred = found.distance * (1 + (_TURNED - 1) * beside)
@@ -205,18 +209,19 @@ def turned(found: Candidates, sizes: Array) -> Array:
 
 
 class ReferenceTargets(NamedTuple):
-    """The closest points of a surface to n given points.
+    """The targets of n points on a surface in the reference configuration.
 
     Attributes
     ----------
     triangle : (n,) int
-        The triangle of each.
+        The triangle with the target: the closest one by the distances of `turned`.
     coordinates : (n, corners)
-        Barycentric coordinates in it.
+        Barycentric coordinates of the target in this triangle.
     nearest : (n,) int
-        The triangle that is nearest, opposed or not.
+        The closest triangle, whatever its normal.
     depth : (n,)
-        Distance of the given point from the surface [m], positive inside.
+        Distance of the point from the surface [m], positive inside the body; -inf if the point's
+        body has no triangle.
     """
 
     triangle: Array
@@ -226,16 +231,17 @@ class ReferenceTargets(NamedTuple):
 
 
 class ReferenceSurface:
-    """Triangles that do not move, and the closest ones of a body to points.
+    """The surfaces of bodies in the reference configuration, where targets are searched.
 
     Parameters
     ----------
     points : (n, dim)
-        Positions [m].
+        Reference positions of the surfaces' points [m].
     triangles : (m, dim) int
-        Closed and outward for each body; segments in two dimensions.
+        The points of each triangle: closed surfaces with outward normals; segments in two
+        dimensions.
     bodies : (m,) int
-        The body of each triangle; those of other bodies do not count for a point.
+        The body of each triangle: a point's target is on the surface of its own body.
     """
 
     def __init__(self, points: Array, triangles: Array, bodies: Array) -> None:
@@ -250,20 +256,20 @@ class ReferenceSurface:
     def closest(
         self, X: Array, bodies: Array, normals: Array, sizes: Array, outward: Array
     ) -> ReferenceTargets:
-        """Return the closest points to reference positions, of faces that are opposed to them.
+        """Return the targets of reference positions.
 
         Parameters
         ----------
         X : (n, dim)
             Reference positions [m].
         bodies : (n,) int
-            Their bodies.
+            The bodies that contain them.
         normals : (n, dim)
-            Unit normals of the points in the deformed configuration.
+            Unit normals of the samples, deformed, that are mapped to these positions.
         sizes : (n,)
-            The size of the cells there [m].
-        outward : (triangles, dim)
-            Those of the triangles.
+            The sizes of the cells at the samples [m].
+        outward : (m, dim)
+            Outward unit normals of the triangles in the deformed configuration.
         """
         nearest, target = np.zeros(len(X), int), np.zeros(len(X), int)
         place, nearest_place, arms = (np.zeros(X.shape) for _ in range(3))
@@ -288,12 +294,12 @@ class ReferenceSurface:
 
 
 class CloserTargets:
-    """Triangles of a surface and their neighbours, along which targets are moved.
+    """A local search on the deformed surface, from triangle to neighbouring triangle.
 
     Parameters
     ----------
     triangles : (m, dim) int
-        The points of the triangles, or of segments.
+        The points of each triangle, or of each segment.
     """
 
     def __init__(self, triangles: Array) -> None:
@@ -304,7 +310,8 @@ class CloserTargets:
         common = csr_matrix(points @ points.T)
         counts = np.diff(common.indptr)
         rows = np.repeat(np.arange(m), counts)
-        #: The triangles with a common point, itself among them, and itself again as padding.
+        #: For each triangle: the triangles that share a point with it, itself included; padded by
+        #: itself.
         self._ring = np.repeat(np.arange(m)[:, None], counts.max(initial=1), axis=1)
         self._ring[rows, np.arange(len(rows)) - common.indptr[rows]] = common.indices
 
@@ -313,18 +320,20 @@ class CloserTargets:
     ) -> tuple[Array, Array]:
         """Return triangles (n,) and barycentric coordinates (n, corners) of closer points.
 
+        Distances are those of `turned`: a sample moves to a neighbour while that is closer.
+
         Parameters
         ----------
         p, normals : (n, dim)
-            Positions of samples, and unit normals of the surface there.
+            Positions of samples [m], and unit normals of the surface there.
         sizes : (n,)
-            The size of the cells there [m].
+            The sizes of the cells at the samples [m].
         target : (n,) int
             The triangles from which the search starts.
         x : (points, dim)
-            Positions of the surface's points.
+            Positions of the surface's points [m].
         outward : (m, dim)
-            Unit normals of the triangles.
+            Outward unit normals of the triangles.
         """
         target, coordinates = target.copy(), np.zeros(p.shape)
         best, left = np.full(len(p), np.inf), np.arange(len(p))
@@ -347,16 +356,16 @@ class CloserTargets:
 
 
 class Approaching(NamedTuple):
-    """Samples and the closest points of the surface that is opposed to them.
+    """Samples in front of a triangle with an opposed normal: n pairs.
 
     Attributes
     ----------
     sample, triangle : (n,) int
-        A sample and a triangle.
+        The sample and the triangle of each pair.
     coordinates : (n, corners)
-        Barycentric coordinates of the closest point in it.
+        Barycentric coordinates of the triangle's closest point.
     distance : (n,)
-        The distance from it [m].
+        The sample's distance from this point [m].
     """
 
     sample: Array
@@ -372,16 +381,18 @@ def approaching(
     outward: Array,
     distance: float,
 ) -> Approaching:
-    """Return those samples that are in front of an opposed triangle, closer than a distance.
+    """Return the samples that are close to an opposed triangle and in front of it.
+
+    Each sample occurs at most once, with the closest of `_APPROACHED` triangles.
 
     Parameters
     ----------
     points, normals : (samples, dim)
-        Positions of samples and unit normals of the surface there.
+        Positions of samples [m] and unit normals of the surface there.
     corners, outward : (m, corners, dim), (m, dim)
-        Positions of the corners of the surface's triangles [m], and their unit normals.
+        Corners of the surface's triangles [m], and the triangles' outward unit normals.
     distance : float
-        The largest distance [m].
+        The largest distance of a sample from its triangle [m].
     """
     tree = TriangleTree(corners, directions=distance * outward)
     # The midpoint of a triangle is farther than its closest point, by its radius at most, and
@@ -406,32 +417,32 @@ def approaching(
     return Approaching(*map(np.concatenate, zip(*parts, strict=True)))
 
 
-#: How many of the closest triangles' midpoints are examined: more where these few do not prove that
-#: no other triangle is closer. Contact is with one of the closest hundred triangles, or with none.
+#: As `_EXAMINED`, but without all triangles at last: contact is with one of the closest hundred
+#: triangles, or with none.
 _FACETS_EXAMINED = (12, 48, 192)
-#: Distances in radii of triangles below which two are equal.
+#: Difference in radii of triangles below which two distances are equal.
 _EQUAL = 1e-6
 #: Rounding of barycentric coordinates on edges and at nodes.
 _ON_EDGE = 1e-9
-#: Newton's method for the closest point: reference coordinates change by less at the end ...
+#: Newton's method for the closest point ends when reference coordinates change by less than this.
 _CONVERGED = 1e-13
-#: ... which it reaches in 1 iteration on flat triangles, in about 4 on curved facets.
+#: Its most iterations. It takes 1 on flat triangles, about 4 on curved facets.
 _MAX_IT = 20
-#: Added to a metric, relative to its trace, that a folded facet makes singular.
+#: Added to the metric, relative to its trace, as a folded facet makes it singular.
 _SINGULAR = 1e-14
-#: A closest point further outside of its facet, in reference coordinates, is no contact.
+#: A closest point farther outside the reference facet is no contact.
 _OUTSIDE = 1.0
 
 
 class FacetsInReach(NamedTuple):
-    """The closest facets of some points.
+    """The facets that n points may touch.
 
     Attributes
     ----------
     facet : (n,) int
-        The facet that a point may touch; -1 if there is none.
+        The facet that a point may touch; -1 if it may touch none.
     start : (n, d)
-        Approximate reference coordinates of the closest point on it.
+        Approximate reference coordinates of the closest point on this facet.
     """
 
     facet: Array
@@ -439,12 +450,12 @@ class FacetsInReach(NamedTuple):
 
 
 class ClosestFacets:
-    """A surface of triangles around the midpoint of each facet, and the search in it.
+    """The search for the facets of one surface that points of another surface may touch.
 
-    Facets of degree 1 are searched as they are (a quadrilateral as four triangles), those of degree
-    2 with their midside nodes (six or eight triangles). A curve is searched as two segments. The
-    facet that is found is used with its own shape functions. (With two triangles a warped
-    quadrilateral leans to one side: two plates that collide took up to six times the iterations.)
+    Each facet is searched as triangles between its midpoint and the nodes around it: three or four
+    triangles at degree 1, six or eight at degree 2; a curve as two segments. Gaps to the facet that
+    is found use its own shape functions. (With two triangles a warped quadrilateral leans to one
+    side: two plates that collide took up to six times the iterations.)
 
     Parameters
     ----------
@@ -475,18 +486,18 @@ class ClosestFacets:
     def find(self, x: Array, points: Array, normals: Array, reach: float) -> FacetsInReach:
         """Return the facets that points of another surface may touch.
 
-        It is the closest facet within reach whose outward normal is opposed to the point's. There
-        is none if the point has passed it without being inside of the body, by the sign of its
-        distance from the surface, and if the point is beside the edge of the surface.
+        A point's facet is the closest one whose outward normal has a negative product with the
+        point's normal. The point has no facet if this one is out of reach, if the point is behind
+        it though outside the body, or if it is beside the edge of the surface.
 
         Parameters
         ----------
         x : (m, 3)
             Positions of the nodes [m].
         points, normals : (n, 3)
-            The points [m] and the outward normals of their own surface.
+            The points [m] and the outward unit normals of their own surface.
         reach : float
-            Largest distance [m].
+            Largest distance of a point from its facet [m].
         """
         centers = np.einsum("k,fki->fi", self._center, x[self._side.nodes])
         T = np.concatenate([centers[self._facet][:, None], x[self._corners]], axis=1)
@@ -502,7 +513,7 @@ class ClosestFacets:
             heights = np.einsum("nki,nki->nk", found.arm, normal[found.triangle])
 
             def closest(distances: Array) -> Array:
-                """Return the closest triangle; of several the one that a point is most before."""
+                """Return the closest triangle's column; of equals, the one of largest height."""
                 smallest = distances.min(axis=1, keepdims=True)
                 near = distances <= smallest + equal
                 return np.asarray(np.where(near, np.abs(heights), -1.0).argmax(axis=1))
@@ -512,7 +523,7 @@ class ClosestFacets:
             distance, height = facing[row, column], heights[row, column]
             chosen = found.choose(column)
             inside = heights[row, closest(found.distance)] <= equal
-            # Barycentric coordinates: zero of the midpoint on the edge, one of a node at the node.
+            # On the outer edge the midpoint's barycentric coordinate is 0; at a node its own is 1.
             xi = chosen.coordinates
             on_edge = np.column_stack([xi[:, :1] < _ON_EDGE, xi[:, 1:] > 1 - _ON_EDGE])
             aside = np.where(np.isfinite(distance), distance, 0.0) ** 2 - height**2
@@ -529,24 +540,25 @@ class ClosestFacets:
 
 
 class Gaps(NamedTuple):
-    r"""Closest points of n points, their gaps, and what the gaps' derivatives are made of.
+    r"""The gaps of n points to one facet each, and the quantities of the gaps' derivatives.
 
     Attributes
     ----------
     gap : (n,)
-        The gap g [m].
+        The gap :math:`g = n \cdot (x - y)` [m], positive outside the facet's body; inf if the
+        closest point is more than 1 outside the reference facet, or the facet has no normal there.
     normal : (n, 3)
-        The outward normal n of the facet.
+        The outward unit normal n of the facet at the closest point.
     values : (n, k)
-        Shape functions N_b at the closest points.
+        Shape functions N_b of the facet at the closest point.
     derivatives : (n, k, d)
-        Their derivatives.
+        Derivatives of the shape functions by the reference coordinates.
     tangents : (n, 3, d)
         The tangents :math:`y_{,\alpha}` [m].
     curvature : (n, d, d)
-        The coefficients b [m].
+        The coefficients :math:`b_{\alpha\beta}` [m].
     outside : (n,)
-        How far the closest points are outside of their facets, in reference coordinates.
+        How far the closest point is outside the reference facet; <= 0 inside.
     """
 
     gap: Array
@@ -561,22 +573,24 @@ class Gaps(NamedTuple):
 def measure_gaps(
     shape: FacetShape, side: Side, x: Array, points: Array, facets: Array, start: Array
 ) -> Gaps:
-    """Return the gaps of points to the facets that are given for them.
+    """Return the gap of each point to one given facet: see `Gaps` for sign and special values.
+
+    Newton's method finds the closest points.
 
     Parameters
     ----------
     shape : FacetShape
-        The facets' shape functions.
+        The shape functions of a facet.
     side : Side
-        The facets.
+        The facets that ``facets`` numbers.
     x : (m, 3)
         Positions of the nodes [m].
     points : (n, 3)
-        Points of the other surface [m].
+        Positions of the points, which are on another surface [m].
     facets : (n,) int
-        Their facets.
+        The facet of each point; -1 is not allowed.
     start : (n, d)
-        First guess of the closest points.
+        First guess of the closest point, in reference coordinates of the facet.
     """
     y, xi = x[side.nodes[facets]], np.array(start)
     left = np.arange(len(points))
@@ -615,9 +629,10 @@ def measure_gaps(
 
 
 def gap_derivative(at: Gaps, basis: Array) -> Array:
-    """Return dg of n points by the nodes of both facets, (n, j + k, 3).
+    """Return the derivatives of n gaps by positions of nodes, (n, j + k, 3).
 
-    ``basis`` are the shape functions (n, j) of the points' own facets, whose nodes come first.
+    ``basis`` (n, j) are the shape functions of each point's own facet. Its j nodes come first, then
+    the k nodes of the other facet.
     """
     weights = np.concatenate([basis, -at.values], axis=1)
     return np.asarray(weights[:, :, None] * at.normal[:, None])
@@ -629,7 +644,7 @@ def gap_second_derivative(at: Gaps, basis: Array) -> tuple[Array, Array]:
     Returns
     -------
     Q : (n, 3 (j + k), 2 d)
-        Columns s and delta xi, by the nodes of both facets.
+        Columns s and delta xi; rows are ordered as in `gap_derivative`, node by node.
     C : (n, 2 d, 2 d)
         Symmetric matrices.
     """
