@@ -1,7 +1,7 @@
-"""The sparsity pattern of blocks, and the index of each block in it, in C.
+"""Compute the CSR pattern of a block matrix and the index of each block in the pattern, in C.
 
-`fem_snh.assembly.matrix_layout` calls it. scipy.sparse has both, but takes longer to import than a
-small solve, and more memory.
+`fem_snh.assembly.matrix_layout` calls this module. scipy.sparse could do the same, but takes longer
+to import than a small solve, and needs more memory.
 """
 
 from __future__ import annotations
@@ -21,24 +21,28 @@ Array = npt.NDArray[Any]
 
 
 class Pattern:
-    """A CSR pattern.
+    """A CSR sparsity pattern: a set of pairs (row, column).
 
     Attributes
     ----------
     indptr : (rows + 1,) int64
-    indices : int32
-        Columns of each row, ascending.
+        Index of each row's first pair.
+    indices : (pairs,) int32
+        The columns, ascending within each row.
     """
 
     indptr: Array
     indices: Array
 
     def rows(self) -> Array:
-        """Return the row (n,) int32 of each pair of the pattern."""
+        """Return the row of each pair of the pattern, (pairs,) int32."""
         return np.repeat(np.arange(len(self.indptr) - 1, dtype=np.int32), np.diff(self.indptr))
 
     def find(self, rows: Array, columns: Array) -> Array:
-        """Return the index (n,) int64 of each pair in `indices`; KeyError if one is not there."""
+        """Return the index in `indices` of each pair (rows[k], columns[k]), (n,) int64.
+
+        Raises KeyError if a pair is not in the pattern.
+        """
         rows, columns = _int32(rows), _int32(columns)
         found = np.empty(len(rows), np.int64)
         missing = _library()[1].block_indices(
@@ -50,12 +54,12 @@ class Pattern:
 
 
 class BlockPattern(Pattern):
-    """The pattern of pairs of a row and a column.
+    """The pattern of given pairs (row, column).
 
     Parameters
     ----------
     rows, columns : (n,) int
-        The pairs; each may occur several times.
+        The pairs (rows[k], columns[k]), which may repeat.
     num_rows, num_columns : int
         Size of the matrix.
 
@@ -76,14 +80,14 @@ class BlockPattern(Pattern):
 
 
 class CellPattern(Pattern):
-    """The pattern of the pairs of blocks of cells.
+    """The symmetric pattern that couples all blocks of each cell with each other.
 
     Parameters
     ----------
     cells : (cells, n) int
-        The blocks of each cell.
+        The numbers of each cell's blocks.
     num_blocks : int
-        Size of the matrix.
+        Number of block rows and of block columns.
 
     Raises
     ------
@@ -104,11 +108,12 @@ class CellPattern(Pattern):
             raise MemoryError
 
     def of_cells(self, values: Array) -> Array:
-        """Return the value of each pair of blocks of each cell, (cells, n, n) int32.
+        """Return the value that belongs to each pair of blocks of each cell, (cells, n, n) int32.
 
         Parameters
         ----------
-        values : (pairs of the pattern,) int32
+        values : (pairs,) int32
+            One value for each pair of the pattern, in the order of `indices`.
         """
         n = self._cells.shape[1]
         values, found = _int32(values), np.empty((len(self._cells), n, n), np.int32)
@@ -118,7 +123,7 @@ class CellPattern(Pattern):
         return found
 
     def _of_cells(self) -> tuple[Any, ...]:
-        """Return the first arguments of the compiled functions."""
+        """Return the arguments (cells, n, blocks, num_blocks) of the compiled functions."""
         return (*self._cells.shape, *_pointers(self._cells), self._num_blocks)
 
 
@@ -129,23 +134,26 @@ def unknown_columns(
     before: int,
     count: int,
 ) -> Array:
-    """Return the columns of every row of unknowns of this rank's block rows, ascending.
+    """Return the column numbers of this rank's scalar rows, row after row, from block patterns.
 
     Parameters
     ----------
     row_sizes : (block rows,)
-        Unknowns of each block row.
-    own, others : tuple of arrays
-        The pattern of this rank's block columns, and of those of other ranks: indptr, indices, and
-        first unknown and size of each block column.
+        Number of scalar rows (unknowns) in each block row.
+    own : tuple of arrays
+        The pattern of this rank's block columns: indptr, indices, and the first unknown and the
+        size of each block column.
+    others : tuple of arrays
+        The same for the block columns of other ranks.
     before : int
-        The first column of ``others`` that comes after this rank's.
+        How many block columns of ``others`` precede the columns of this rank.
     count : int
-        Number of columns in all rows.
+        Number of entries of all scalar rows.
 
     Returns
     -------
     (count,) int32
+        Ascending within each row.
     """
     ffi, lib = _library()
     columns, sizes = np.empty(count, np.int32), _int32(row_sizes)
@@ -173,6 +181,6 @@ def _library() -> tuple[FFI, Lib]:
 
 
 def concatenated_ranges(starts: Array, lengths: Array) -> Array:
-    """Return the concatenation of the ranges starts[i], ..., starts[i] + lengths[i] - 1."""
+    """Return the concatenated ranges starts[i], ..., starts[i] + lengths[i] - 1 as one array."""
     ends = np.cumsum(lengths)
     return np.repeat(starts - (ends - lengths), lengths) + np.arange(ends[-1] if len(ends) else 0)

@@ -1,11 +1,11 @@
-"""Compile C source into shared libraries, kept in a cache. Every module with C code calls it.
+"""Compile C source into shared libraries and keep them in a cache.
 
 Ranks, jobs and machines may share the cache: the key is a hash of the source, the compiler, its
 flags and the processor, and files are moved into place atomically. The source is kept beside its
 library.
 
-The C files that the kernels share are in ``include``; from them the sources are made that depend on
-no material.
+The C files that kernels share are in ``include``. This module joins them to the sources that do not
+depend on a material.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ def compiler() -> str:
     Raises
     ------
     BadInput
-        If there is none.
+        If none of these commands is found.
     """
     own = os.environ.get("CC", "").strip()
     candidates = [own] if own else ["gcc", "clang", "cc"]
@@ -66,7 +66,10 @@ def compiler() -> str:
 
 @lru_cache
 def _environment(command: str) -> str:
-    """Return the compiler's version and the processor: the machine code depends on both."""
+    """Return a text with the compiler's version and the processor: machine code depends on both.
+
+    Raises BadInput if the compiler cannot be run.
+    """
     try:
         version = subprocess.run(
             [*shlex.split(command), "--version"], capture_output=True, text=True, check=True
@@ -95,7 +98,7 @@ def library(source: str, objects: Sequence[Path] = ()) -> Path:
     source : str
         The C source.
     objects : sequence of Path
-        Files from `object_file`, with functions that the source declares.
+        Files from `object_file` to link with: they define functions that the source declares.
 
     Returns
     -------
@@ -111,20 +114,20 @@ def library(source: str, objects: Sequence[Path] = ()) -> Path:
 
 
 def object_file(source: str) -> Path:
-    """Compile C source to an object file, which several libraries are linked with.
+    """Compile C source to an object file for several libraries, unless the cache has it.
 
-    Returns and raises as `library` does.
+    Returns the object file's path and raises as `library` does.
     """
     return _compiled(source, ".o")
 
 
 def linked(objects: Sequence[Path]) -> Path:
-    """Link files from `object_file` to a library. Returns and raises as `library` does."""
+    """Link files from `object_file` to a library; return and raise as `library` does."""
     return _compiled("", ".so", objects)
 
 
 def _compiled(source: str, suffix: str, objects: Sequence[Path] = ()) -> Path:
-    """Return the library (.so) of a source, if any, and object files, or its object file (.o)."""
+    """Return the path of the library (.so) or object file (.o), compiled unless cached."""
     command = compiler()
     content = "\n".join([source, *(path.name for path in objects), fingerprint()])
     key = hashlib.sha256(content.encode()).hexdigest()
@@ -149,7 +152,7 @@ def _compiled(source: str, suffix: str, objects: Sequence[Path] = ()) -> Path:
                 log.write_text(done.stderr)
                 raise BadInput(f"CC = {command}: could not compile a kernel, see {log}")
             cache.sign(compiled)
-            # The source first: a compiled file in the cache always has its source beside it.
+            # Move the source first: a compiled file in the cache always has its source beside it.
             if source:
                 os.replace(code, target.with_suffix(".c"))
             os.replace(compiled, target)
@@ -161,14 +164,14 @@ def _compiled(source: str, suffix: str, objects: Sequence[Path] = ()) -> Path:
 
 
 def stored(name: str) -> Path | None:
-    """Return a library in the cache if it is whole, else None.
+    """Return the path of the compiled file ``name`` in the cache; None if missing or incomplete.
 
-    Opening a library that was cut off ends the process (SIGBUS).
+    The file's signature is checked: opening a truncated library ends the process (SIGBUS).
 
     Raises
     ------
     BadInput
-        If others can write into the cache.
+        If other users can write into the cache.
     """
     path = cache.folder() / name
     if not os.path.exists(path):  # also where the folder cannot be searched
@@ -177,30 +180,31 @@ def stored(name: str) -> Path | None:
     return path if cache.read_signed(path) is not None else None
 
 
-#: C types of pointers by numpy's characters of types.
+#: C pointer types by numpy's one-character codes of array types.
 _POINTERS = {
     "d": "double *", "f": "float *", "i": "int *", "l": "long *", "B": "unsigned char *",
 }  # fmt: skip
 
 
 def pointer(ffi: FFI, array: npt.NDArray[Any]) -> CData:
-    """Return a C pointer to the memory of a contiguous array.
+    """Return a C pointer to the memory of a contiguous array, without a copy.
 
-    Calls with the pointer itself are safe; who stores its address keeps the array alive.
+    The pointer object keeps the array alive. Code that stores its address in a C struct must keep
+    the array alive.
     """
     return ffi.from_buffer(_POINTERS[array.dtype.char], array)
 
 
 @functools.cache
 def load(path: Path, declarations: str) -> tuple[FFI, Lib]:
-    """Open a compiled library. It stays open: its functions may outlive the caller's objects.
+    """Open a compiled library, once per process; it is never closed.
 
     Parameters
     ----------
     path : Path
         From `library`.
     declarations : str
-        C declarations of its structs and functions.
+        C declarations of the library's structs and functions.
 
     Returns
     -------
@@ -222,7 +226,7 @@ def load(path: Path, declarations: str) -> tuple[FFI, Lib]:
         ) from None
 
 
-#: The functions of a material at a point, and what their callers and they themselves call.
+#: Headers for the functions of a material at a point, and for the loops that call these functions.
 MATERIAL_FUNCTIONS = ("small_strain.h", "parameters.h", "material_functions.h")
 #: The loops over points for `fem_snh.kernels.material.Material`.
 POINTWISE = ("pointwise_api.h", "pointwise_kernels.h")
@@ -239,14 +243,16 @@ def open_library(
 
     Parameters
     ----------
-    api, functions : sequences of str
-        Names of the files with declarations, and of those with the functions.
+    api : sequence of str
+        Names of the files with declarations.
+    functions : sequence of str
+        Names of the files with the functions.
     definitions : sequence of str
-        Source that precedes them, as the ``#define`` of a size.
+        Lines that precede these files, e.g. the ``#define`` of a size.
     objects : sequence of Path
         As for `library`.
     comm : communicator of mpi4py, optional
-        The ranks that open it: one of them compiles. Collective.
+        If given, the call is collective: rank 0 compiles, and every rank opens the library.
 
     Returns
     -------
@@ -268,7 +274,7 @@ def header(name: str) -> str:
 def options() -> str:
     """Return the C enums of the eigenvalue filters and the eigensolvers of `fem_snh.choices`.
 
-    The C name is the upper-case name; the value is the position in the tuple.
+    The C name is the name in upper case; its value is the name's position in the tuple.
     """
     enums = (POINT_FILTERS, "eigenvalue filters"), (EIGENSOLVERS, "eigensolvers")
     return "\n".join(
@@ -278,13 +284,13 @@ def options() -> str:
 
 
 def svd_eigen_object() -> Path:
-    """Compile the 3x3 SVD and eigensolvers, which every kernel is linked with."""
+    """Return the object file of the 3x3 SVD and eigensolvers, which every kernel is linked with."""
     source = ["#include <math.h>", svd_eigen_declarations(), header("svd.h"), header("eigen3.h")]
     return object_file("\n".join(source))
 
 
 def svd_eigen_declarations() -> str:
-    """Return the C source that precedes the callers of the SVD and eigensolvers."""
+    """Return the C source that declares the SVD and eigensolvers, with enums and lanes.h."""
     return "\n".join([options(), header("lanes.h"), header("svd_eigen.h")])
 
 
@@ -294,9 +300,9 @@ def loops_source(definitions: Sequence[str], names: Sequence[str]) -> str:
     Parameters
     ----------
     definitions : sequence of str
-        Lines for the top: ``#define`` of the sizes of an element.
+        The first lines: ``#define`` of the sizes of an element.
     names : sequence of str
-        Names of files of ``include/`` with the loops, in this order.
+        Names of the files of ``include/`` with the loops, in the order of inclusion.
     """
     files = map(header, (*MATERIAL_FUNCTIONS, *names))
     return "\n".join([*definitions, "#include <math.h>", svd_eigen_declarations(), *files])

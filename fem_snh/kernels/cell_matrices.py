@@ -1,8 +1,8 @@
-"""Element matrices without compiled cell loops of their own: tabulate, filter and add them, in C.
+"""Tabulate, filter and add, in C, the element matrices of terms without compiled cell loops.
 
-`FormCells` tabulates those of the energies that users write in UFL, with FFCx's kernels
-(`fem_snh.terms.ufl_term`). `MatrixAddition` adds those of any term to the value arrays of an AIJ
-matrix (`fem_snh.assembly.assembled_matrix`).
+`FormCells` tabulates, with FFCx's kernels, the element matrices of energies that users write in UFL
+(`fem_snh.terms.ufl_term`). `MatrixAddition` adds the element matrices of any term to the value
+arrays of an AIJ matrix (`fem_snh.assembly.assembled_matrix`).
 """
 
 from __future__ import annotations
@@ -20,24 +20,31 @@ if TYPE_CHECKING:
 
 Array = npt.NDArray[Any]
 
-#: An eigenvalue above minus this part of the largest entry counts as zero: rounding of the rigid
-#: motions' eigenvalues is about 1e-15, that of the linear solver in single precision 1e-7.
+#: Eigenvalues above -SHIFT times the largest entry count as non-negative. Relative rounding errors
+#: of the rigid motions' eigenvalues are 1e-15, of the single-precision linear solver 1e-7.
 SHIFT = 1e-10
-#: An eigenvalue above minus this part of the largest one is zero but for rounding.
+#: Eigenvalues above -_ROUNDING times the largest absolute eigenvalue count as non-negative.
 _ROUNDING = 1e-12
-#: Bytes of a batch of element matrices, which then stay in the cache between the steps.
+#: Bytes of a batch of element matrices: it stays in the processor's cache between the steps.
 _BATCH = 2**20
 
 
 def filter_matrices(K: Array, filter: str) -> tuple[Array, int]:
-    """Return symmetric matrices (m, n, n) with filtered eigenvalues, and how many were changed.
+    """Return symmetric matrices with filtered eigenvalues, and how many were indefinite.
 
     Parameters
     ----------
     K : (m, n, n) array
-        Symmetric matrices; those that are not finite are returned as they are.
+        Symmetric matrices. Matrices with entries that are not finite are not filtered.
     filter : {"exact", "clamp", "abs"}
-        What becomes of a negative eigenvalue: it stays, 0, or its absolute value.
+        Whether a negative eigenvalue is kept, set to 0, or replaced by its absolute value.
+
+    Returns
+    -------
+    filtered : (m, n, n) array
+        ``K`` itself with "exact", otherwise a copy.
+    indefinite : int
+        Number of matrices with a negative eigenvalue; 0 with "exact".
     """
     if filter == "exact" or not len(K):
         return K, 0
@@ -58,11 +65,11 @@ class Integral(NamedTuple):
     kernel : int
         Address of FFCx's ``tabulate_tensor``.
     entities : (n,) or (n, 2) int32
-        Cells, or cells and their local numbers of exterior facets.
+        Cells, or for each exterior facet its cell and its number within the cell.
     coefficients : (n, k)
-        Values for each entity.
+        Packed values of the form's coefficients for each entity.
     constants : (l,)
-        Values of the constants.
+        Packed values of the form's constants.
     """
 
     kernel: int
@@ -72,12 +79,12 @@ class Integral(NamedTuple):
 
 
 class FormCells:
-    """Element matrices of bilinear forms of a displacement on one rank's cells.
+    """Tabulate the element matrices of bilinear forms of a displacement on one rank's cells.
 
     Parameters
     ----------
     comm : communicator of mpi4py
-        The ranks.
+        The ranks; construction is collective because one of them compiles.
     kernel_arguments : int
         Number of arguments of FFCx's kernels, 6 or 7.
     nodes : int
@@ -85,7 +92,7 @@ class FormCells:
     components : int
         Displacement components of a node.
     geometry : (cells, geometry nodes per cell) int32
-        Geometry nodes.
+        Local numbers of each cell's geometry nodes.
     x : (geometry nodes, 3)
         Reference coordinates [m].
     """
@@ -125,32 +132,32 @@ class FormCells:
     def matrices(
         self, integral: Integral, filter: str, symmetric: bool = True
     ) -> Iterator[tuple[Array, Array, int]]:
-        """Yield, batch after batch, an integral's element matrices, or their symmetric parts.
+        """Yield an integral's element matrices, or their symmetric parts, batch after batch.
 
         Parameters
         ----------
         integral : Integral
             The integral.
         filter : {"exact", "clamp", "abs"}
-            What becomes of a matrix's negative eigenvalues.
+            As for `filter_matrices`.
         symmetric : bool
-            Whether they are the symmetric parts, of which alone eigenvalues are filtered.
+            Whether to take the symmetric parts. A filter other than "exact" always does.
 
         Yields
         ------
         cells : (m,) int32
             The cell of each matrix.
         matrices : (m, components * nodes, components * nodes) array
-            Overwritten by the next batch.
+            A view that the next batch overwrites.
         filtered : int
-            How many of them were not positive semidefinite; 0 with "exact".
+            How many matrices of the batch were not positive semidefinite; 0 with "exact".
         """
         for cells, count, _ in self._batches(integral, symmetric or filter != "exact"):
             filtered = 0 if filter == "exact" else self._filter(count, filter)
             yield cells, self._matrices[:count], filtered
 
     def asymmetry(self, integral: Integral) -> float:
-        """Return the largest ``|K - K^T|`` over the largest ``|K|`` of any entity's matrix."""
+        """Return the largest max ``|K - K^T|`` / max ``|K|`` of any entity; 0 without entities."""
         return max((asymmetry for _, _, asymmetry in self._batches(integral)), default=0.0)
 
     def _filter(self, count: int, filter: str) -> int:
@@ -166,7 +173,7 @@ class FormCells:
     def _batches(
         self, integral: Integral, symmetric: bool = True
     ) -> Iterator[tuple[Array, int, float]]:
-        """Tabulate batch after batch; yield its cells, their number and the asymmetry."""
+        """Tabulate batch after batch; yield each batch's cells, their number and its asymmetry."""
         entities = integral.entities
         cells = entities if entities.ndim == 1 else entities[:, 0]
         struct = self._ffi.new("FormIntegral *")
@@ -185,14 +192,16 @@ class FormCells:
 
 
 class MatrixAddition:
-    """Addition of matrices at the positions that a ``MatrixTarget`` (cell_api.h) holds.
+    """Add matrices to the value arrays of an AIJ matrix, as a ``MatrixTarget`` (cell_api.h) says.
+
+    Rows and columns of constrained displacement components are left out.
 
     Parameters
     ----------
     cell_blocks : (cells, n) int
-        Local block numbers of each cell.
+        Local numbers of each cell's blocks: displacement nodes, then pressures.
     sizes : (n,) int
-        Unknowns of each block of a cell: the displacement's components, then 1 for a pressure's.
+        Unknowns of each block of a cell: the displacement components of a node, 1 for a pressure.
     positions : (cells, n, n) int32
         ``MatrixTarget.position``.
     strides : sequence of three (local blocks,) int32
@@ -224,7 +233,8 @@ class MatrixAddition:
     def add(self, addresses: Sequence[int], cells: Array, matrices: Array) -> None:
         """Add element matrices (n, k, k) of ``cells`` (n,) to the value arrays at ``addresses``.
 
-        k is the number of dofs of all blocks of a cell, or of its displacement blocks.
+        k is the number of unknowns of all blocks of a cell, or of its displacement blocks.
+        Raises ValueError for another shape of ``matrices``.
         """
         if not len(cells):
             return
@@ -252,13 +262,15 @@ class MatrixAddition:
         Parameters
         ----------
         addresses : sequence of three int
-            The value arrays.
+            Addresses of the value arrays.
         pattern : (indptr, indices)
             A CSR pattern of local nodes, int32.
         positions : (pairs,) int32
             Where the block of each pair is stored, encoded as in ``MatrixTarget.position``.
-        factor, values : float, (pairs,) float64
-            What is added.
+        factor : float
+            Common factor of ``values``.
+        values : (pairs,) float64
+            One value for each pair.
         """
         self._set_addresses(addresses)
         indptr, indices = pattern

@@ -1,18 +1,18 @@
 r"""UFL forms of a material, from the same expression as the compiled kernels.
 
 The solver uses the kernels, which are faster and never produce NaN. The forms serve programs that
-use a material with dolfinx's assemblers, as a reference in tests, and as the baseline of
-``python -m benchmarks assembly``.
+use a material with dolfinx's assemblers, tests as a reference, and ``python -m benchmarks
+assembly`` as its baseline.
 
-An energy of the invariants is written in F itself. Energies of the principal stretches need a form
-that is right at equal stretches: the singular vectors of F have no derivative where two stretches
-are equal, and one that loses digits where two are close. An energy does not need it. With rotations
-U and V that are constants for UFL and diagonalise F at the point of evaluation (`PrincipalFrame`),
+An energy of the invariants is written in F itself. The derivatives of an energy of the principal
+stretches must not contain the derivatives of the singular vectors of F: these do not exist where
+two stretches are equal, and lose digits where two are close. With rotations U and V that are
+constants for UFL and diagonalise F at the point of evaluation (`PrincipalFrame`),
 
 .. math:: B = U^T F V
 
 has the stretches of F, is linear in F, and is diagonal at that point. So an isotropic energy is, up
-to third order in the entries off the diagonal,
+to third order in the off-diagonal entries,
 
 .. math::
 
@@ -21,15 +21,15 @@ to third order in the entries off the diagonal,
         + \lambda^\mathrm{flip}_{jk} (B_{jk} + B_{kj})^2 \right)
 
 with the twist and flip eigenvalues of the Hessian (`fem_snh.kernels.codegen.derivatives`). The
-entries off the diagonal are 0 in value. Therefore value, first and second derivative of this
-expression are those of the energy, and the derivatives of the eigenvalues do not matter: UFL takes
-their stretches for constants.
+off-diagonal entries have the value 0. Therefore this expression has the value and the first and
+second derivatives of the energy, whatever the derivatives of the eigenvalues are: UFL treats the
+stretches in the eigenvalues as constants.
 
-Third derivatives are not those of the energy. Value and first two derivatives agree with the
-kernels to a relative 1e-12 while no stretch is more than 30 times another; beyond, the error grows
-as the square of that ratio.
+The third derivatives are wrong. The value and the first two derivatives agree with the kernels to a
+relative 1e-12 while no stretch is more than 30 times another; for larger ratios, the error grows as
+the square of the ratio.
 
-UFL has no operator that has the value of its operand and the derivative 0. It differentiates
+UFL has no operator whose value is its operand and whose derivative is 0. It differentiates
 ``conditional(c, a, b)`` with constants a and b to 0, so `freeze` assembles a number from binary
 digits, each of which is such a conditional.
 """
@@ -50,14 +50,14 @@ from fem_snh.materials.invariants import SIGMA
 
 #: Binary digits of a frozen number: the significand of a double.
 _DIGITS = 53
-#: Bisection steps for the power of two above a norm, which finds powers from 2^-63 to 2^64.
+#: Bisection steps for the power of two above a norm; they find powers from 2^-63 to 2^64.
 _EXPONENTS = (64, 32, 16, 8, 4, 2, 1)
-#: Positive number far below rounding; it keeps quotients finite whose numerators vanish too.
+#: Positive number far below rounding; it keeps quotients 0/0 finite.
 _TINY = 1e-30
 
 
 class Named(Variable):
-    """A variable that prints as its name, not as its expression, which is astronomically long.
+    """A variable that prints as a name, because its expression is astronomically long.
 
     Parameters
     ----------
@@ -79,8 +79,8 @@ class Named(Variable):
     __repr__ = __str__
 
 
-# Comparisons of two variables in UFL end at their labels. Without variables they would follow every
-# path through the expression.
+# UFL compares two variables by their labels. Without variables, a comparison would follow every
+# path through the expressions.
 _store = ufl.variable
 
 
@@ -95,10 +95,10 @@ class PrincipalFrame:
     Attributes
     ----------
     B : UFL expression
-        (3, 3), U^T F V, diagonal in value. Its derivative is that of F.
+        (3, 3), U^T F V, diagonal in value. UFL differentiates B as if U and V were constants.
     stretches : tuple of UFL expressions
-        The signed stretches (3,) in the order of the diagonal of B, not sorted, with derivative 0.
-        A negative determinant makes the smallest one negative (rotation-variant singular value
+        The three signed stretches in the order of the diagonal of B, not sorted, with derivative 0.
+        If det F < 0, the smallest stretch is negative (rotation-variant singular value
         decomposition, Smith et al. 2018, section 2).
     """
 
@@ -125,7 +125,7 @@ def freeze(x: Expr) -> Expr:
     value, sign = ufl.as_ufl(0.0), ufl.as_ufl(1.0)
     remainder = x
     for k in range(1, _DIGITS + 1):
-        # The sum of signed digits: gcc 14 takes seven times as long for the nested form above.
+        # The sum of signed digits: gcc 14 compiles the nested form above seven times as long.
         sign *= ufl.conditional(ufl.ge(remainder, 0), 1.0, -1.0)
         value += sign * 2.0**-k
         remainder = abs(remainder) - 2.0**-k
@@ -154,9 +154,9 @@ def rotations(X: Expr) -> tuple[Expr, Expr]:
 
     Notes
     -----
-    Of the eigenvalues of C = X^T X, the largest or the smallest is the farthest from the middle
-    one. The trigonometric solution of the cubic gives it to rounding, and cross products its
-    eigenvector v. What remains is the singular value decomposition of a 2x2 matrix, in closed form.
+    Of the extreme eigenvalues of C = X^T X, take the one farther from the middle eigenvalue. The
+    trigonometric solution of the cubic gives this eigenvalue to rounding, and cross products give
+    its eigenvector v. The rest is the singular value decomposition of a 2x2 matrix, in closed form.
     """
     C = X.T * X
     A = _store(C - ufl.tr(C) / 3 * ufl.Identity(3))
@@ -165,7 +165,7 @@ def rotations(X: Expr) -> tuple[Expr, Expr]:
     side = _store(ufl.conditional(ufl.ge(r, 0), 1.0, -1.0))
     root = 2 * ufl.cos(ufl.acos(ufl.min_value(side * r, 1.0)) / 3)
     v = _store(_null_vector(_store(side / p * A - root * ufl.Identity(3))))
-    # u is parallel to X v and to cof(X) v: the one without the smallest stretch as a factor.
+    # u is parallel to X v and to cof(X) v; take the product that cannot vanish.
     rows = [_row(X, i) for i in range(3)]
     cofactor = [ufl.dot(ufl.cross(rows[i - 2], rows[i - 1]), v) for i in range(3)]
     direct = X * v
@@ -173,7 +173,7 @@ def rotations(X: Expr) -> tuple[Expr, Expr]:
     u = _store(_unit_vector(ufl.as_vector(u), v))
     (t0, t1), (w0, w1) = _complement(u), _complement(v)
     a, b, c, d = (_store(ufl.dot(t, X * w)) for t in (t0, t1) for w in (w0, w1))
-    # [[a, b], [c, d]] is a multiple of a rotation plus one of a reflection, by these two angles.
+    # [[a, b], [c, d]] is a multiple of a rotation plus a multiple of a reflection.
     cos_a, sin_a = _half_angle(a + d, c - b)
     cos_b, sin_b = _half_angle(a - d, b + c)
     U = _turn(t0, t1, cos_a * cos_b - sin_a * sin_b, sin_a * cos_b + cos_a * sin_b)
@@ -225,7 +225,7 @@ def _complement(n: Expr) -> tuple[Expr, Expr]:
 
 
 def _half_angle(x: Expr, y: Expr) -> tuple[Expr, Expr]:
-    """Return cosine and sine of half the angle of the vector (x, y); of 0 for the vector 0."""
+    """Return (cos, sin) of half the polar angle of (x, y); (1, 0) for the zero vector."""
     length = _store(ufl.sqrt(x**2 + y**2) + _TINY)
     x, y = _store(x / length), _store(y / length)
     right = ufl.ge(x, 0)
@@ -235,12 +235,12 @@ def _half_angle(x: Expr, y: Expr) -> tuple[Expr, Expr]:
 
 
 def _turn(x: Expr, y: Expr, c: Expr, s: Expr) -> tuple[Expr, Expr]:
-    """Return the vectors x and y turned in their plane by the angle of cosine c and sine s."""
+    """Return the vectors x and y rotated in their plane by the angle with cosine c and sine s."""
     c, s = _store(c), _store(s)
     return _store(c * x + s * y), _store(c * y - s * x)
 
 
-#: A stretch and the two others, which twist and flip i couple.
+#: (i, j, k): twist i and flip i couple the stretches j and k.
 _PAIRS = ((0, 1, 2), (1, 0, 2), (2, 0, 1))
 
 #: UFL's functions, by the names that sympy prints.
@@ -254,7 +254,7 @@ FUNCTIONS = {
 
 
 def off_diagonal_terms(energy: Energy, frame: PrincipalFrame) -> Expr:
-    """Return the sum over the pairs j < k: 0 in value and first derivative.
+    """Return the sum over j < k of the module's expansion; value and first derivative are 0.
 
     Parameters
     ----------
@@ -285,7 +285,7 @@ def trace_of_stretch(F: Expr) -> Expr:
 
 
 def _twist_and_flip(energy: Energy) -> Callable[..., tuple[Expr, Expr]]:
-    """Return a function of the stretches (s_i, s_j, s_k) and the constants: (twist_i, flip_i)."""
+    """Return the function (twist_i, flip_i) of the stretches s_i, s_j, s_k and the constants."""
     derivatives = Derivatives(energy)
     pair: Sequence[sympy.Expr] = derivatives.twist_and_flip(*SIGMA)
     expanded = [sympy.sympify(x).xreplace(derivatives.derivatives) for x in pair]
@@ -342,9 +342,7 @@ _FROZEN_FUNCTIONS = FUNCTIONS | {
 
 
 def energy_density(energy: Energy, F: Expr) -> Expr:
-    """Return the energy density psi(F) [Pa] as a UFL expression.
-
-    It is NaN where the kernels return +inf.
+    """Return the energy density psi(F) [Pa] as a UFL expression; NaN where the kernels give +inf.
 
     Parameters
     ----------
@@ -361,7 +359,7 @@ def energy_density(energy: Energy, F: Expr) -> Expr:
     Notes
     -----
     An energy of the invariants I_C, II_C and J is written in F itself. Energies of the principal
-    stretches, and of I1, their sum, have the form that the module describes.
+    stretches, and of their sum I1, have the form that the module describes.
     """
     if not energy.has_energy:
         raise BadInput(f"material '{energy.name}' has no energy, only a stress")

@@ -112,10 +112,7 @@ class _Form(NamedTuple):
 
 
 def symbolic(function: Function, name: str, nu: float | None, shape: Keywords) -> _Form:
-    """Call a material's function; return its expressions with psi shifted to psi(I) = 0.
-
-    Raises BadInput if the function does not return an energy or a stress.
-    """
+    """Call a material's function; return its expressions with psi shifted to psi(I) = 0."""
     measures = tuple(MEASURES[n] for n in measures_of(function))
     constants = tuple(sympy.Symbol(n, real=True) for n in constants_of(function))
     keywords = dict(shape)

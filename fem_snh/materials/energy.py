@@ -47,7 +47,7 @@ class Energy:
     stress : tuple of sympy.Expr or None
         Principal PK1 stresses of a material without an energy.
     barriers : frozenset of sympy.Expr
-        Arguments of `fem_snh.materials.invariants.positive`: psi is +inf where one is not positive.
+        Arguments of `fem_snh.materials.invariants.positive`.
     fit : normalise.Normalisation
         The equations between ``constants`` and the small-strain constants.
     pressure : sympy.Symbol or None
@@ -101,8 +101,7 @@ class Energy:
         """Return expressions in ``measures`` that must be positive; elsewhere the energy is +inf.
 
         The expressions are the arguments of log and `positive`, and the bases of powers with a
-        fractional exponent. Expressions that are positive for every F, and those within the pieces
-        of a `where`, are left out.
+        fractional exponent, except expressions that are positive for every F or within a `where`.
         """
         return domain(self.expressions, self.measures, self.barriers)
 
@@ -167,10 +166,7 @@ class Energy:
         return call(*measures, *self.values)
 
     def as_text(self) -> str:
-        """Return a text for cache keys: energies with equal texts have the same generated kernels.
-
-        The values of the constants are not part of it.
-        """
+        """Return a text for cache keys: energies with equal texts have the same kernels."""
         barriers = sorted(self.barriers, key=str)
         parts = (
             self.measures,

@@ -120,11 +120,6 @@ def domain(
         Only expressions that depend on at least one of these symbols are returned.
     barriers : iterable of sympy.Expr
         Arguments of `positive`, which must be positive too.
-
-    Returns
-    -------
-    tuple of sympy.Expr
-        Sorted by their text.
     """
     mine = set(measures)
     bases = {b for b in barriers if _restricts(b, mine)}

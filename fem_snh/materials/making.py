@@ -185,8 +185,8 @@ def with_moduli(
     nu : float
         Poisson's ratio.
     keywords : dict
-        ``given`` with the material's own constants in place of published ones. If the constants
-        were needed for E and nu, the constants that follow from E and nu are left out.
+        ``given`` with the material's own constants in place of published ones, and without
+        constants that were used to determine E and nu.
 
     Raises
     ------
@@ -233,15 +233,10 @@ def replace_weak(
     keywords : mapping
         The entries of ``table`` that are keywords of this material.
 
-    Returns
-    -------
-    dict
-        A copy of ``table`` without E, nu or both: whichever the constants determine.
-
     Raises
     ------
     Incomplete
-        If the constants do not determine E and nu, whichever of the two is dropped.
+        If E and nu would not be determined, whichever of them is left out.
     """
     name, own = table["name"], function(table["name"])
     groups = [set(p.meanings) for p in published(name)]
@@ -266,8 +261,7 @@ def replace_weak(
 def _translated(material: str | Function, given: Keywords) -> dict[str, Any]:
     """Return keywords with published constants replaced by the material's own keywords.
 
-    Raises Incomplete if a published constant lacks its partner, and BadInput for a wrong value or
-    one that is given under both names.
+    Raises Incomplete if constants that belong together are not all given.
     """
     keywords = dict(given)
     for constants in published(material):
@@ -314,9 +308,8 @@ def _solve(
 ) -> tuple[float, float] | None:
     """Return (E [Pa], nu) from two of mu, the bulk modulus, E and nu; None if two are not known.
 
-    ``mu`` and ``bulk`` are known if they are numbers; ``bulk`` may be infinite. Raises BadInput,
-    whose message begins with ``what``, for a modulus that is not positive and for moduli that
-    contradict a given E or nu.
+    ``mu`` and ``bulk`` are known if they are numbers. Raises BadInput, which begins with ``what``,
+    for a modulus that is not positive or contradicts E or nu.
     """
     if mu.is_number and not mu > 0:
         raise BadInput(f"{what} has the shear modulus {float(mu):g} Pa: expected one above 0")

@@ -250,12 +250,7 @@ def determined(moduli: Pair, pinned: Sequence[sympy.Symbol]) -> frozenset[sympy.
     moduli : pair of sympy.Expr
         (mu_lame, lambda_lame) in the constants.
     pinned : sequence of sympy.Symbol
-        The constants that are prescribed.
-
-    Returns
-    -------
-    frozenset of sympy.Symbol
-        All of ``pinned`` if no choice makes both moduli vary independently.
+        The constants that are prescribed; all are returned if no choice suffices.
     """
     free = [c for c in moduli[0].free_symbols | moduli[1].free_symbols if c not in pinned]
     for size in range(len(pinned) + 1):

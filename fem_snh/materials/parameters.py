@@ -321,10 +321,7 @@ def _kinds(function: Function) -> dict[str, Any]:
 
 
 def check_value(key: str, value: object, kind: Any) -> Any:
-    """Return ``value`` as type ``kind``; raise BadInput if it has another type.
-
-    An int is accepted as a float, and a list as a tuple.
-    """
+    """Return ``value`` as ``kind``, an int as a float if required; otherwise raise BadInput."""
     if kind is Any:
         return value
     from pydantic import ConfigDict, TypeAdapter, ValidationError

@@ -67,8 +67,7 @@ def tune(energy: Energy, tuning: Mapping[str, Any], other: Energy | None) -> Ene
     Raises
     ------
     BadInput
-        If parts with different alphas, or of two energies, are required and an energy is not the
-        sum of a mu part and a lambda part.
+        If an energy has to be split into a mu part and a lambda part and cannot.
     """
     alphas = tuning["alpha_mu"], tuning["alpha_lambda"]
     if other is None and alphas == (1, 1):
@@ -137,9 +136,7 @@ def stretch_power(s: sympy.Expr, alpha: float, epsilon: float) -> sympy.Expr:
 def nonlinear(
     psi: sympy.Expr | None, slopes: Sequence[sympy.Expr], alpha: float, epsilon: float
 ) -> tuple[sympy.Expr | None, tuple[sympy.Expr, ...]]:
-    """Return psi_alpha and its three principal stresses, in the stretches.
-
-    ``psi`` and ``slopes`` are the energy (or None) and the stresses for alpha = 1.
+    """Return psi_alpha (None if psi is) and its three principal stresses, in the stretches.
 
     References
     ----------

@@ -1,7 +1,7 @@
-"""The C functions of one energy, in the invariants or the principal stretches.
+"""Generate the C functions of one energy, in the invariants or the principal stretches.
 
-material_point.h calls them. `small_strain` generates the same functions in a form that is accurate
-at small strains; `source` joins both. Their statements work on SIMD lanes (lanes.h).
+material_point.h calls these functions. `small_strain` generates versions that are accurate at small
+strains; `source` joins both. The generated statements work on SIMD lanes (lanes.h).
 """
 
 from __future__ import annotations
@@ -98,8 +98,8 @@ def statements(
     results : mapping
         C variables (lanes) and the expressions assigned to them.
     scalars : iterable of sympy.Symbol
-        Symbols that are scalars (the constants): subexpressions of these alone are computed once,
-        as doubles.
+        Symbols of doubles (the constants). Subexpressions of these symbols alone are doubles, not
+        lanes.
     temporary : str
         Prefix of the names of the subexpressions.
     """
@@ -112,7 +112,7 @@ def statements(
     for symbol, expression in temporaries:
         calls = any(
             f.free_symbols for f in expression.atoms(sympy.Function)
-        )  # the lane functions take lanes only
+        )  # the C functions take lanes only
         scalar = expression.free_symbols <= known and not calls
         if scalar:
             known.add(symbol)
@@ -123,14 +123,14 @@ def statements(
     return "\n".join(f"  {line}" for line in lines)
 
 
-#: Entries of the scaling block in the order of eigen3.h.
+#: Entries (row, column) of the scaling block in the order of eigen3.h.
 _BLOCK = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
-#: The indices (j, k) of the stretches that twist i and flip i couple.
+#: For each i, the indices (j, k) of the stretches that twist i and flip i couple.
 _PAIRS = ((1, 2), (0, 2), (0, 1))
 
 
 class Writer:
-    """Writer of C functions of the constants of one energy. Its methods return C source.
+    """Write C functions of one energy: constants, results, domain. The methods return C source.
 
     Parameters
     ----------
@@ -142,7 +142,7 @@ class Writer:
         self.energy = energy
 
     def constants(self) -> str:
-        """Return the declarations of the scalars and of the pressure."""
+        """Return the declarations of the constants and, if psi contains it, of the pressure."""
         lines = [
             f"  const double {c} = p.constants[{i}];" for i, c in enumerate(self.energy.constants)
         ]
@@ -151,12 +151,12 @@ class Writer:
         return "\n".join(lines)
 
     def invariants(self) -> str:
-        """Return the computation of the invariants among the measures from s0, s1, s2."""
+        """Return statements that compute the energy's invariants from s0, s1, s2."""
         known = {f"const real {m}": INVARIANTS[m] for m in self.energy.measures if m in INVARIANTS}
         return statements(known, (), "m_")
 
     def inside(self, results: Iterable[str], domain: Iterable[sympy.Expr]) -> str:
-        """Return the mask of the lanes inside a domain where all results are finite.
+        """Return the statement of the mask ``inside``: in the domain, with finite results.
 
         Parameters
         ----------
@@ -179,23 +179,23 @@ class Writer:
         outside: str = "0",
         limits: Iterable[sympy.Expr] | None = None,
     ) -> str:
-        """Return a C function of the constants: ``lines``, the results, and the domain's mask.
+        """Return a C function that declares the constants and assigns the results.
 
         Parameters
         ----------
         head : str
             Type, name and arguments.
         lines : iterable of str
-            What precedes the results.
+            Statements between the constants and the results.
         results : mapping
             C variables and the expressions assigned to them.
         temporary : str
             Prefix of the names of subexpressions.
         outside : str
-            Value of the first result outside the domain or where a result overflows; the others
-            are 0 there.
+            Value of the first result outside the domain or where a result overflows; the other
+            results are 0 there.
         limits : iterable of sympy.Expr, optional
-            Expressions that are positive inside the domain; those of the energy by default.
+            Expressions that are positive inside the domain; by default the energy's domain.
         """
         limits = self.energy.domain if limits is None else limits
         values = dict.fromkeys(results, "0") | {next(iter(results)): outside}
@@ -216,22 +216,22 @@ class Writer:
         out: str,
         forms: Sequence[sympy.Expr] = (),
     ) -> str:
-        """Return a C function of material_functions.h: a function of one variable, two derivatives.
+        """Return a C function for the value and two derivatives of a function of one variable.
 
-        Outside its domain the function is infinite and its derivatives are 0.
+        Outside the function's domain the value is infinite and the derivatives are 0.
 
         Parameters
         ----------
         signature : str
-            Name and arguments.
+            Name and arguments, as in material_functions.h.
         variable : sympy.Symbol
             The variable.
         curve : sequence of three sympy.Expr
-            The function and its derivatives.
+            The function and its derivatives. They determine the domain.
         out : str
-            C array for the three values.
+            C array for the three results.
         forms : sequence of three sympy.Expr, optional
-            The same expressions in a form with smaller rounding errors; written instead.
+            The expressions to write, if other forms than ``curve`` have smaller rounding errors.
         """
         results = {f"{out}[{i}]": expression for i, expression in enumerate(forms or curve)}
         limits = domain(curve, [variable])
@@ -239,10 +239,10 @@ class Writer:
 
 
 class Functions(Derivatives, Writer):
-    """Generator of the C functions of one energy. Every method returns C source."""
+    """Generate the C functions of one energy. Every method returns C source."""
 
     def measures(self, argument: str) -> str:
-        """Return the computation of the measures from ``F`` or from the stretches ``s``."""
+        """Return statements that compute the measures from ``F`` or from the stretches ``s``."""
         if argument == "s":
             stretches = "\n".join(f"  const real s{i} = s[{i}];" for i in range(3))
             return f"{stretches}\n{self.invariants()}"
@@ -278,7 +278,7 @@ class Functions(Derivatives, Writer):
         results : mapping
             C variables and the expressions assigned to them.
         outside : str
-            Value of the results where psi is infinite or a result overflows; never NaN.
+            As for `Writer.write`.
         """
         needed = {f"const real {s}": self.derivatives[s] for s in derivatives}
         lines = [self.measures(argument)]
@@ -287,9 +287,9 @@ class Functions(Derivatives, Writer):
         return self.write(f"INLINE void {signature}", lines, results, "r_", outside)
 
     def energy_function(self, argument: str) -> str:
-        """Return the function of psi from ``F`` or from the stretches ``s``."""
+        """Return the function of psi; ``argument`` is ``"F"`` or ``"s"``, the stretches."""
         name = "energy_stretches" if argument == "s" else "energy_invariants"
-        # A material without an energy has psi = 0; 0 s keeps what is not finite.
+        # A material without an energy has psi = 0; `write` turns a 0 s that is NaN into +inf.
         psi = self.energy.psi if self.energy.has_energy else sum(0.0 * s for s in SIGMA)
         signature = f"{name}(Parameters p, const real *{argument}, real *psi)"
         return self.function(signature, argument, (), {"psi[0]": psi}, "INFINITY")
@@ -313,7 +313,7 @@ class Functions(Derivatives, Writer):
         return self.function(signature, "s", self.first.values(), results)
 
     def hessian_function(self) -> str:
-        """Return the function of the scaling block and the twist and flip eigenvalues."""
+        """Return the function of the scaling block A and the twist and flip eigenvalues."""
         results = {
             f"A[{n}]": self.second_derivative(SIGMA[i], SIGMA[j]) for n, (i, j) in enumerate(_BLOCK)
         }

@@ -1,7 +1,7 @@
 r"""First and second derivatives of an energy, and the blocks of its Hessian in closed form.
 
-Smith et al. 2018, eq. 42-48, give the eigensystem for energies of :math:`I_C` and :math:`J`. The
-same structure holds for every isotropic energy
+Smith et al. 2018, eq. 42-48, give the eigensystem for energies of :math:`I_C` and :math:`J`. It has
+the same structure for every isotropic energy
 (with :math:`\psi_j = \partial\psi/\partial\sigma_j`):
 
 .. math::
@@ -13,8 +13,9 @@ same structure holds for every isotropic energy
     \lambda^\mathrm{flip}_i &= (\psi_j - \psi_k) / (\sigma_j - \sigma_k)
         && \text{symmetric eigenmatrix } D_{6+i}
 
-For an energy of the invariants the divisions cancel, except that by :math:`\sigma_j + \sigma_k` for
-:math:`I_1 = \mathrm{tr}\,S` (here :math:`\psi_m` is the derivative in invariant m):
+For an energy of the invariants the divisions cancel, except the division by
+:math:`\sigma_j + \sigma_k` for :math:`I_1 = \mathrm{tr}\,S` (here :math:`\psi_m` is the derivative
+in invariant m):
 
 .. math::
 
@@ -25,10 +26,10 @@ For an energy of the invariants the divisions cancel, except that by :math:`\sig
 
 `DividedDifference` avoids cancellation in these quotients. Where :math:`\sigma_j` and
 :math:`\sigma_k` are nearly equal,
-:math:`(\psi_j - \psi_k)/(\sigma_j - \sigma_k)` loses as many digits as they share.
+:math:`(\psi_j - \psi_k)/(\sigma_j - \sigma_k)` loses as many digits as the two stretches share.
 :math:`\psi_k` is :math:`\psi_j` with the two stretches exchanged. Let f' be an expression f with
-the stretches exchanged. Its divided difference :math:`[f] = (f - f')/(\sigma_j - \sigma_k)` follows
-from those of its operands:
+the stretches exchanged. The divided difference :math:`[f] = (f - f')/(\sigma_j - \sigma_k)` follows
+from the divided differences of the operands of f:
 
 .. math::
 
@@ -43,8 +44,8 @@ with :math:`d = f - f' = [f](\sigma_j - \sigma_k)`; log_exp_series.h has the thr
 :math:`\mathrm{log1p\_over\_x}(x) = \log(1 + x)/x` and so on.
 
 For :math:`(\psi_j + \psi_k)/(\sigma_j + \sigma_k)`, where an inverted :math:`\sigma_k` is close
-to :math:`-\sigma_j`, f' has the stretches exchanged and their signs changed. An energy that is
-smooth there keeps its value.
+to :math:`-\sigma_j`, f' has the stretches exchanged and their signs changed. This does not change
+the value of an energy that is smooth there.
 """
 
 from __future__ import annotations
@@ -69,7 +70,7 @@ class powm1_over_x(sympy.Function):
 
 
 class DividedDifference:
-    """The map f -> [f] for the stretches x and y.
+    """The map f -> [f] of the module, for the stretches x and y.
 
     Parameters
     ----------
@@ -97,7 +98,7 @@ class DividedDifference:
         return self._known[f]
 
     def _apply(self, f: sympy.Expr) -> sympy.Expr:
-        """Return [f] by the rules above, or (f - f')/(x - y) itself for any other function."""
+        """Return [f] by the module's rules; the plain quotient for any other function."""
         if f.is_Add:
             return sympy.Add(*map(self, f.args))
         if f.is_Mul:
@@ -129,22 +130,24 @@ class DividedDifference:
 
 
 I1, I_C, II_C, J = INVARIANTS
-#: `_is_zero` evaluates an expression at this many random points, with this many digits. A value
-#: below _ZERO is 0: far above 50-digit rounding, far below the terms of an energy.
+#: `_is_zero` evaluates an expression at _POINTS random points with _DIGITS digits. A value below
+#: _ZERO counts as 0: far above 50-digit rounding, far below the terms of an energy.
 _POINTS, _DIGITS, _ZERO = 16, 50, 1e-30
-#: Powers above this of stretches up to 1e12 are no doubles.
+#: Largest power in a simplified derivative: J^9 overflows where the stretches are 1e12.
 _LARGEST_POWER = 8
 
 
 class Derivatives:
     """First and second derivatives of psi in its measures (invariants or stretches), as symbols.
 
+    Derivatives that vanish identically have no symbol.
+
     Attributes
     ----------
     first : dict
-        Symbol of dpsi/dm by measure m, where the derivative does not vanish identically.
+        Symbol of dpsi/dm by measure m.
     second : dict
-        Symbol of d2psi/dm dn by measures (m, n), likewise.
+        Symbol of d2psi/dm dn by measures (m, n), in the order of the energy's ``measures``.
     derivatives : dict
         Expression of each symbol.
     """
@@ -159,7 +162,7 @@ class Derivatives:
             for s in SIGMA:
                 self._add(self.first, s, f"psi_{s}", stresses[s])
             for s, t in combinations_with_replacement(SIGMA, 2):
-                # A stress without an energy has an unsymmetric derivative: its symmetric part.
+                # Without an energy the derivative is unsymmetric: take its symmetric part.
                 derivative = sympy.diff(stresses[s], t)
                 if not energy.has_energy:
                     derivative = (derivative + sympy.diff(stresses[t], s)) / 2
@@ -204,7 +207,7 @@ class Derivatives:
     def twist_and_flip(
         self, si: sympy.Symbol, sj: sympy.Symbol, sk: sympy.Symbol
     ) -> tuple[sympy.Expr, sympy.Expr]:
-        """Return the eigenvalues twist_i and flip_i (equations above)."""
+        """Return the eigenvalues (twist_i, flip_i) by the module's equations."""
         if self.energy.of_stretches:
             return self._twist(sj, sk), self._flip(sj, sk)
         common = 2 * self.derivative(I_C)
@@ -217,14 +220,14 @@ class Derivatives:
         return twist, flip
 
     def _flip(self, sj: sympy.Symbol, sk: sympy.Symbol) -> sympy.Expr:
-        """Return (psi_j - psi_k)/(s_j - s_k), a divided difference where stretches are close."""
+        """Return (psi_j - psi_k)/(s_j - s_k) as a C quotient without cancellation."""
         stress = self.derivatives.get(self.principal_stress(sj), sympy.Integer(0))
         difference = self.principal_stress(sj) - self.principal_stress(sk)
         divided = DividedDifference(sj, sk)(stress)
         return sympy.Function("quotient")(difference, sj - sk, sj + sk, divided)
 
     def _twist(self, sj: sympy.Symbol, sk: sympy.Symbol) -> sympy.Expr:
-        """Return (psi_j + psi_k)/(s_j + s_k); s_j + s_k vanishes for inverted stretches only."""
+        """Return (psi_j + psi_k)/(s_j + s_k), whose denominator vanishes only if inverted."""
         total = self.principal_stress(sj) + self.principal_stress(sk)
         stress_j = self.derivatives.get(self.principal_stress(sj), sympy.Integer(0))
         stress_k = self.derivatives.get(self.principal_stress(sk), sympy.Integer(0))
@@ -236,10 +239,10 @@ class Derivatives:
 
 
 def _simplified(expression: sympy.Expr) -> sympy.Expr:
-    """Return a simpler form; the pieces of a `where` are left as they are written.
+    """Return a simpler form of the expression, with every `where` left as it is written.
 
-    sympy would expand the small differences in them, such as I_C - 3, and lose their digits. A
-    common denominator such as J^10 would overflow: the expression is then left as it is.
+    In a `where`, sympy would expand small differences such as I_C - 3 and lose their digits. If the
+    simpler form has a power that may overflow, such as J^10, the expression is returned unchanged.
     """
     pieces = {w: sympy.Dummy(real=True) for w in expression.atoms(where)}
     simpler = sympy.simplify(expression.xreplace(pieces))
@@ -250,9 +253,9 @@ def _simplified(expression: sympy.Expr) -> sympy.Expr:
 
 
 def _is_zero(expression: sympy.Expr) -> bool:
-    """Return whether an expression vanishes at all of some random points.
+    """Return whether an expression vanishes at `_POINTS` random points.
 
-    sympy.simplify proves it, but takes minutes for piecewise energies.
+    A proof by sympy.simplify takes minutes for piecewise energies.
     """
     symbols, random = sorted(expression.free_symbols, key=str), Random(0)
     value = sympy.lambdify(symbols, expression, "mpmath")

@@ -1,13 +1,12 @@
 r"""Generate the C functions of one energy at small strains, in terms of increments.
 
-material_point.h calls them with the increments that small_strain.h computes. `Increments` finds
-those of expressions without cancellation.
+material_point.h calls these functions with increments of the measures from small_strain.h.
 
-An expression f of the measures is split as :math:`f = f_0 + df`. Here :math:`f_0` is its value at
-rest, an expression of constants only, and df is its increment in terms of the measures' increments
-(:math:`J - 1`, :math:`I_C - 3`, :math:`\sigma_i - 1`), which small_strain.h computes to full
-relative accuracy. The values at rest cancel symbolically. The cancellation left in df is between
-terms of the size of the strain:
+`Increments` splits an expression f of the measures as :math:`f = f_0 + df`. Here :math:`f_0` is the
+value at rest, an expression of constants only, and df is the increment of f in terms of the
+measures' increments (:math:`J - 1`, :math:`I_C - 3`, :math:`\sigma_i - 1`), which small_strain.h
+computes to full relative accuracy. The values at rest cancel symbolically. Any cancellation left in
+df is between terms of the size of the strain:
 
 .. math::
 
@@ -35,12 +34,12 @@ _ZERO = sympy.Integer(0)
 
 
 class Increments:
-    """The map f -> (f0, df).
+    """The map f -> (f0, df) of the module.
 
     Parameters
     ----------
     measures : mapping
-        The value at rest and the symbol of the increment of each measure.
+        For each measure, its value at rest and the symbol of its increment.
     """
 
     def __init__(self, measures: Mapping[sympy.Symbol, Pair]) -> None:
@@ -49,7 +48,7 @@ class Increments:
         self._rest = {m: rest for m, (rest, _) in measures.items()}
 
     def __call__(self, expression: sympy.Expr) -> Pair:
-        """Return (f0, df); f0 is simplified, so that a value that vanishes is 0."""
+        """Return (f0, df); f0 is simplified, so that an f0 that vanishes is 0."""
         at_rest, change = self._pair(fractions(sympy.sympify(expression)))
         return sympy.simplify(at_rest), change
 
@@ -59,7 +58,7 @@ class Increments:
         return self._known[f]
 
     def _apply(self, f: sympy.Expr) -> Pair:
-        """Return (f0, df) by the rules above; df = f(x) - f(x at rest) for any other function."""
+        """Return (f0, df) by the module's rules; df = f(x) - f(x at rest) for other functions."""
         pairs = [self._pair(a) for a in f.args]
         if f.is_Add:
             return sympy.Add(*(a for a, _ in pairs)), sympy.Add(*(d for _, d in pairs))
@@ -89,7 +88,7 @@ class Increments:
     def _change(
         self, piece: sympy.Expr, f0: sympy.Expr, df: sympy.Expr, rest: sympy.Expr
     ) -> sympy.Expr:
-        """Return ``piece - rest``; the piece that excludes the rest state may be singular there."""
+        """Return ``piece - rest``: df + (f0 - rest), unless ``piece`` is singular at rest."""
         singular = (f0 + df).has(sympy.zoo, sympy.nan, sympy.oo)
         return piece.subs(self._whole) - rest if singular else df + (f0 - rest)
 
@@ -119,18 +118,18 @@ _STRETCHES_AT_REST = dict.fromkeys(SIGMA, 1)
 
 #: The increment J - 1 of a cell's mean volume ratio.
 VOLUME_INCREMENT = sympy.Symbol("change", real=True)
-#: The small-strain form is used below this |J - 1|, where both forms are accurate to double
-#: precision.
+#: The small-strain form is used for |J - 1| below this value, where both forms are accurate to
+#: double precision.
 _SMALL_VOLUME_CHANGE = sympy.Rational(1, 4)
 
 
 def small_strain_forms(curve: Sequence[sympy.Expr]) -> list[sympy.Expr]:
-    """Return expressions in J in a form that is accurate where J - 1 is small.
+    """Return expressions in J and VOLUME_INCREMENT that are accurate where J - 1 is small.
 
     Parameters
     ----------
     curve : sequence of sympy.Expr
-        Expressions in J; the results are in J and VOLUME_INCREMENT.
+        Expressions in J that the results equal.
     """
     increments = Increments({J: (sympy.Integer(1), VOLUME_INCREMENT)})
     small = _SMALL_VOLUME_CHANGE - sympy.Abs(VOLUME_INCREMENT)
@@ -138,10 +137,10 @@ def small_strain_forms(curve: Sequence[sympy.Expr]) -> list[sympy.Expr]:
 
 
 class SmallStrainFunctions(Writer):
-    """Generator of the C functions of energy and stress at small strains.
+    """Generate the C functions of energy and stress at small strains.
 
-    The arguments of the C functions are increments from rest: of the stretches for an energy that
-    needs them, otherwise of the invariants. Every method returns C source.
+    The arguments of the C functions are increments from rest: increments of the stretches for an
+    energy that needs them, otherwise of the invariants. Every method returns C source.
 
     Parameters
     ----------
@@ -158,19 +157,19 @@ class SmallStrainFunctions(Writer):
         self._psi = None if psi is None else fractions(psi)
 
     def energy_function(self) -> str:
-        """Return the function of psi; 0 for a material without an energy."""
+        """Return the function energy_small_strain; psi = 0 for a material without an energy."""
         psi: sympy.Expr = sum(0.0 * c for c in self._change.values())
         if self._psi is not None:
             psi = sympy.Add(*self._split(self._psi))
         return self._function("energy_small_strain", {"psi[0]": psi}, "psi", "INFINITY")
 
     def gradient_function(self) -> str:
-        """Return the function of the principal stresses."""
+        """Return the function gradient_small_strain of the principal stresses."""
         results = {f"g[{i}]": sympy.Add(*self._split(p)) for i, p in enumerate(self.energy.slopes)}
         return self._function("gradient_small_strain", results, "g", "0")
 
     def stress_function(self) -> str:
-        """Return the function of the four factors of small_strain_stress (small_strain.h)."""
+        """Return stress_factors_small_strain: P0, a, b, c of small_strain_stress in C."""
         (c, dc), (a, da), (j, dj) = (
             self._split(sympy.diff(self._psi, m)) for m in _INVARIANTS_AT_REST
         )
@@ -186,7 +185,7 @@ class SmallStrainFunctions(Writer):
     def _function(
         self, name: str, results: Mapping[str, sympy.Expr], out: str, outside: str
     ) -> str:
-        """Return a C function from increments to ``results``: ``outside`` outside the domain."""
+        """Return a C function from increments to ``results``; see `Writer.write`."""
         lines = []
         for number, (m, change) in enumerate(self._change.items()):
             lines.append(f"  const real {change} = change[{number}];")

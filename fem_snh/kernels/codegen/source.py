@@ -1,7 +1,7 @@
-"""Choose the energy that an element evaluates, and assemble the C source of it at a point.
+"""Choose the energy that an element evaluates at points, and assemble its C source.
 
-The energy is the material's, whole or without its volume term. `fem_snh.kernels.material` and
-``fem-snh materials NAME --source`` call this module.
+That is the material's energy, whole or with the volume term split off. `fem_snh.kernels.material`
+and ``fem-snh materials NAME --source`` call this module.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from fem_snh.materials.energy import Energy
 from fem_snh.materials.parameters import BOUNDS
 from fem_snh.materials.volume_split import PRESSURE, J, Split, split
 
-#: Files that precede the generated functions, which call them.
+#: Headers that precede the generated functions and define what these call.
 _BEFORE = ("log_exp_series.h", "divided_differences.h", *MATERIAL_FUNCTIONS)
 #: The file that calls the generated functions.
 _POINT = "material_point.h"
@@ -49,16 +49,16 @@ def material_source(energy: Energy) -> str:
 
 
 def point_source(energy: Energy, entries: Sequence[int] = (), functions: Sequence[str] = ()) -> str:
-    """Return the C source of a material at one quadrature point: material_functions.h.
+    """Return the C source of the functions in material_functions.h for one energy.
 
     Parameters
     ----------
     energy : Energy
         A normalised energy.
     entries : sequence of int
-        The entries of vec(F) that the kinematics varies, if not all do.
+        The entries of vec(F) that vary in the element's kinematics; () for all nine.
     functions : sequence of str
-        The generated functions of the element's volume term.
+        The generated C functions of the element's volume term.
     """
     regular, small = Functions(energy), SmallStrainFunctions(energy)
     generated = [
@@ -88,14 +88,14 @@ def point_source(energy: Energy, entries: Sequence[int] = (), functions: Sequenc
 
 
 def volume_energy_function(split: Split) -> str:
-    """Return the C function of U(J), U', U'' [Pa] that volume_mean.h calls."""
+    """Return the C function of (U(J), U', U'') [Pa] that volume_mean.h calls."""
     head = f"volume_energy(Parameters p, real J, real {VOLUME_INCREMENT}, real *U)"
     curve = split.volume_curve
     return Writer(split.energy).curve_function(head, J, curve, "U", small_strain_forms(curve))
 
 
 def volume_conjugate_function(split: Split) -> str:
-    """Return the C function of U*(p), dU*/dp - 1, d2U*/dp2 that volume_pressure.h calls."""
+    """Return the C function of (U*(p), dU*/dp - 1, d2U*/dp2) that volume_pressure.h calls."""
     head, curve = "volume_conjugate(Parameters p, real *conjugate)", split.dual_curve
     ratio = curve[1]  # 1 at p = 0
     if isinstance(ratio, sympy.exp):
@@ -114,7 +114,7 @@ class ElementEnergy(NamedTuple):
     energy : Energy
         The material's energy; for a mixed element psi' + p J of `fem_snh.materials.volume_split`.
     functions : tuple of str
-        C functions of the volume term, if it is split off.
+        C functions of the volume term; () if it is not split off.
     constants : ElementConstants
         The numbers of the energy.
     """
@@ -137,8 +137,8 @@ def element_energy(energy: Energy, volume: str) -> ElementEnergy:
     Raises
     ------
     BadInput
-        If the element cannot use the energy: nu = 0.5 without a pressure, or a volume term that
-        cannot be split off.
+        If the element cannot use the energy: nu = 0.5 without an unknown pressure, or a volume term
+        that cannot be split off or has no closed-form conjugate.
     """
     if volume == "pointwise":
         if energy.incompressible:
@@ -148,7 +148,7 @@ def element_energy(energy: Energy, volume: str) -> ElementEnergy:
             )
         return ElementEnergy(energy, (), ElementConstants(energy.values))
     parts = split(energy, BOUNDS[volume])
-    if volume == "cell_pressure":  # its condensed problem is the faster one
+    if volume == "cell_pressure":  # for (log J)^2 the condensed problem, "mean", is faster
         parts.check_closed_form()
     function = volume_energy_function if volume == "mean" else volume_conjugate_function
     constants = ElementConstants(parts.energy.values, parts.stiffness, parts.local)

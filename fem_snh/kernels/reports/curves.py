@@ -1,16 +1,14 @@
-"""Stress against stretch in four standard tests, beside linear elasticity.
+"""Stress-stretch curves in four standard tests, and the stretches with a positive tangent.
 
-Linear elasticity is the PK1-linearisation of every material, the corotational energy (Chen &
-Barbic, theorem 3.1). It is invariant under rotations, so its curve is a straight line in all tests
-but the shear.
-
-Drucker stability: the region of stretches in which the exact tangent is positive.
+The curves are compared with linear elasticity. Here that is the PK1-linearisation of every
+material, the corotational energy (Chen & Barbic, theorem 3.1). It is invariant under rotations, so
+its curve is a straight line in all tests but the shear.
 
 The tangent is the 9x9 Hessian d2psi/dF2. Smith et al. 2018 (section 3.3) relate its positive
 semidefiniteness to Drucker's stability. Under compression the tangent of every material is
 indefinite: the twist eigenvalues (p_j + p_k)/(s_j + s_k) are negative, because a compressed element
-may rotate as a strut buckles. The region of the three scaling eigenvalues alone, which excludes
-rotations, is therefore reported as well.
+may rotate as a strut buckles. Therefore the smallest of the three scaling eigenvalues, which
+excludes rotations, is also reported.
 """
 
 from __future__ import annotations
@@ -27,14 +25,14 @@ from fem_snh.kernels.material import Material, svd
 
 Array = npt.NDArray[Any]
 
-#: A test: the function of (prescribed, free stretch) that returns three stretches, and the index of
-#: the free one.
+#: A test: a function that returns the three stretches (..., 3) from the prescribed and the free
+#: stretch, and the index of a direction with the free stretch.
 Test = tuple[Callable[[Array, Array], Array], int]
 
 UNIAXIAL: Test = (lambda s, t: np.stack([s, t, t], axis=-1), 2)
 EQUIBIAXIAL: Test = (lambda s, t: np.stack([s, s, t], axis=-1), 2)
 
-#: Grid on which free stretches are searched.
+#: Grid of free stretches, between whose points sign changes of the lateral stress are found.
 _FREE = np.geomspace(0.02, 50, 241)
 #: Largest ratio of consecutive free stretches on one branch of solutions.
 _JUMP = 1.6
@@ -47,7 +45,7 @@ def diagonal(s: npt.ArrayLike) -> Array:
 
 
 def inside(m: Material, F: Array) -> npt.NDArray[np.bool_]:
-    """Return where the energy is finite, shape (...); everywhere for a material without one."""
+    """Return where the energy is finite, (...); without an energy, where F is finite."""
     finite = (
         np.isfinite(m.energy(F)) if m.expression.has_energy else np.isfinite(F).all(axis=(-1, -2))
     )
@@ -62,7 +60,10 @@ def stress(m: Material, s: npt.ArrayLike) -> Array:
 
 
 def eigenvalues(m: Material, s: npt.ArrayLike) -> Array:
-    """Return the eigenvalues [Pa] of the tangent at F = diag(s), (..., 9); NaN likewise."""
+    """Return the tangent's eigenvalues [Pa] at F = diag(s), (..., 9), as `Material.eigensystem`.
+
+    They are NaN where psi is infinite.
+    """
     F = diagonal(s)
     return np.where(inside(m, F)[..., None], m.eigensystem(F)[0], np.nan)
 
@@ -103,14 +104,14 @@ def curves(m: Material) -> tuple[Curve, Curve, Curve, Curve]:
 
 
 def uniaxial(m: Material, x: Array | None = None) -> Curve:
-    """Return the curve of P_00 against s_0 for uniaxial stress."""
+    """Return the curve of P_00 against s_0 = x for uniaxial stress; s_1 = s_2 are free."""
     x = around_rest(0.25, 4) if x is None else np.asarray(x, dtype=float)
     s = _with_free_sides(m, UNIAXIAL, x)
     return Curve("uniaxial", x, stress(m, s)[:, 0], _young(m)[0] * (x - 1), s)
 
 
 def equibiaxial(m: Material, x: Array | None = None) -> Curve:
-    """Return the curve of P_00 against s_0 = s_1 for equibiaxial stress."""
+    """Return the curve of P_00 against s_0 = s_1 = x for equibiaxial stress; s_2 is free."""
     x = around_rest(0.4, 3) if x is None else np.asarray(x, dtype=float)
     s = _with_free_sides(m, EQUIBIAXIAL, x)
     E, nu = _young(m)
@@ -118,7 +119,7 @@ def equibiaxial(m: Material, x: Array | None = None) -> Curve:
 
 
 def volumetric(m: Material, x: Array | None = None) -> Curve:
-    """Return the curve of P_00 against a stretch that is equal in all directions."""
+    """Return the curve of P_00 against s_0 = s_1 = s_2 = x."""
     x = around_rest(0.3, 2) if x is None else np.asarray(x, dtype=float)
     s = np.repeat(x[:, None], 3, axis=1)
     mu, lam = m.lame
@@ -139,11 +140,11 @@ def shear(m: Material, x: Array | None = None) -> Curve:
 
 
 def _with_free_sides(m: Material, test: Test, x: Array) -> Array:
-    """Return stretches (n, 3) along the branch of solutions from the rest state; NaN at its end.
+    """Return the stretches (n, 3) without lateral stress, on the branch through the rest state.
 
-    All sign changes of the lateral stress are found on a grid. From the rest state outwards, the
-    one that continues the branch is refined. Solutions whose lateral stress decreases with the
-    lateral stretch are unstable and left out.
+    They are NaN beyond the branch's ends. Sign changes of the lateral stress are found on a grid.
+    From the rest state outwards, the sign change nearest to the previous solution is refined.
+    Solutions whose lateral stress decreases with the lateral stretch are unstable and left out.
     """
     stretches, free = test
     across = stress(m, stretches(*np.meshgrid(x, _FREE, indexing="ij")))[..., free]
@@ -165,7 +166,7 @@ def _with_free_sides(m: Material, test: Test, x: Array) -> Array:
 
 
 def _across(t: float, m: Material, test: Test, s: float) -> float:
-    """Return the stress [Pa] in the free direction at its stretch ``t``."""
+    """Return the stress [Pa] in the free direction for the stretches s, prescribed, and t, free."""
     stretches, free = test
     return float(stress(m, stretches(np.array(s), np.array(t)))[free])
 
@@ -181,12 +182,12 @@ def _young(m: Material) -> tuple[float, float]:
     return mu * (3 * lam + 2 * mu) / (lam + mu), lam / (2 * (lam + mu))
 
 
-#: Planes of stretches: the third stretch as a function of the two others.
+#: Planes in the space of stretches: s2 as a function of (s0, s1).
 PLANES: dict[str, Callable[[Array, Array], Array]] = {
     "s2 = 1": lambda a, b: np.ones_like(a),
     "s2 = s1": lambda a, b: b,
 }
-#: Eigenvalues above -TOLERANCE [E] count as non-negative: three are rounding errors of 0 at rest.
+#: Eigenvalues above -TOLERANCE [E] count as non-negative: at rest, three are 0 but for rounding.
 TOLERANCE = 1e-8
 
 
@@ -200,8 +201,10 @@ class StableRegion:
         Key of `PLANES`.
     s0, s1 : numpy.ndarray
         The axes (n,).
-    tangent, scaling : numpy.ndarray
-        Smallest of all eigenvalues and of the three scaling eigenvalues (n, n), rows for s1.
+    tangent : numpy.ndarray
+        The smallest of the nine eigenvalues (n, n); row i has the stretch s1[i].
+    scaling : numpy.ndarray
+        The same for the three scaling eigenvalues.
     """
 
     plane: str
@@ -212,13 +215,13 @@ class StableRegion:
 
 
 def smallest(m: Material, s: Array) -> tuple[Array, Array]:
-    """Return the smallest of all and of the scaling eigenvalues [Pa] at stretches (..., 3)."""
+    """Return the smallest of all eigenvalues and of the scaling ones [Pa], each (...)."""
     values = eigenvalues(m, s)
     return values.min(axis=-1), values[..., :3].min(axis=-1)
 
 
 def region(m: Material, plane: str, axis: Array | None = None) -> StableRegion:
-    """Return the smallest eigenvalues over a plane; ``axis`` (n,) holds both axes' stretches."""
+    """Return the smallest eigenvalues over a plane of `PLANES`, at s0 and s1 of ``axis`` (n,)."""
     axis = np.linspace(0.01, 3, 300) if axis is None else np.asarray(axis, dtype=float)
     s0, s1 = np.meshgrid(axis, axis)
     s = np.stack([s0, s1, PLANES[plane](s0, s1)], axis=-1)
@@ -226,5 +229,5 @@ def region(m: Material, plane: str, axis: Array | None = None) -> StableRegion:
 
 
 def regions(m: Material) -> tuple[StableRegion, ...]:
-    """Return the regions of all planes."""
+    """Return the `region` of each plane of `PLANES`, on the default axis."""
     return tuple(region(m, plane) for plane in PLANES)

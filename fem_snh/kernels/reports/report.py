@@ -1,4 +1,4 @@
-"""The report of one material, ``Material.report``, and a table of the stability of several."""
+"""The report of one material, ``Material.report``, and a table of several materials' stability."""
 
 from __future__ import annotations
 
@@ -35,10 +35,14 @@ class Report:
     ----------
     name : str
         The material.
-    E, nu, shape : float, float, dict
-        The given Young's modulus [Pa], Poisson's ratio and shape parameters.
+    E : float
+        Young's modulus [Pa].
+    nu : float
+        Poisson's ratio.
+    shape : dict
+        Values of the shape parameters and of the given tuning keywords, by name.
     constants : dict
-        The material's own constants [Pa], fitted to E and nu.
+        The material's own constants [Pa] by name, fitted to E and nu.
     mu_lame, lambda_lame : float
         Small-strain constants [Pa], by differentiation of the energy at rest.
     rest_stress : float
@@ -46,7 +50,7 @@ class Report:
     has_energy : bool
         True if the stress is the gradient of an energy.
     domain : tuple of str
-        Expressions that must be positive; the energy is +inf elsewhere.
+        Expressions that are positive where the energy is finite.
     needs_stretches : bool
         True if energy and stress need the singular values of F.
     inversion, reflection, rest, degeneracy : Stability
@@ -54,7 +58,7 @@ class Report:
     curves : tuple of Curve
         Uniaxial, equibiaxial, simple shear and volumetric stress curves.
     regions : tuple of StableRegion
-        Where the exact tangent is positive semidefinite.
+        Smallest eigenvalues of the exact tangent over planes of stretches.
     """
 
     name: str
@@ -81,7 +85,7 @@ class Report:
         return self.inversion, self.reflection, self.rest, self.degeneracy
 
     def plot(self, path: str | Path) -> Path:
-        """Draw the report into the picture ``path``; raise BadInput if it cannot be written."""
+        """Draw the report to the image file ``path``; return it. Raises BadInput on failure."""
         from fem_snh.viewing.plots.materials import draw_report
 
         return draw_report(self, Path(path))
@@ -91,7 +95,7 @@ class Report:
 
 
 def report(m: Material) -> Report:
-    """Return the report of a material; it takes half a second once the kernel is compiled."""
+    """Return the report of a material, computed in half a second once the kernel is compiled."""
     return Report(
         name=m.name,
         E=m.expression.E,
@@ -136,9 +140,9 @@ def _lines(r: Report) -> list[str]:
 
 
 def domain(positive: tuple[str, ...]) -> str:
-    """Return the condition for a finite energy as text."""
+    """Return the condition for a finite energy as text, e.g. "J > 0"; "every F" for none."""
     left = set(positive)
-    products = {d for d in left if re.fullmatch(r"[s\d*/()]+", d)}  # and powers, of the stretches
+    products = {d for d in left if re.fullmatch(r"[s\d*/()]+", d)}  # products and powers of s0..s2
     if {"s0", "s1", "s2"} <= left:
         left = left - products | {"s"}
     elif "s0*s1*s2" in left:
@@ -160,16 +164,19 @@ def _short(x: float) -> str:
 def rows(
     *names: str, E: float = 1.0, nu: float = 0.49, **keywords: Any
 ) -> Iterator[dict[str, Any]]:
-    """Yield a row (the keys are `COLUMNS`) for each material, once its kernel is compiled.
+    """Yield a row for each material; its keys are `COLUMNS`.
 
-    A material that cannot have this nu has a row with the reason as ``note``.
+    The row of a material that does not accept the parameters has only its name and the reason, as
+    ``note``.
 
     Parameters
     ----------
     *names : str
         The materials; all of `fem_snh.materials()` by default.
-    E, nu : float
-        Young's modulus [Pa] and Poisson's ratio.
+    E : float
+        Young's modulus [Pa].
+    nu : float
+        Poisson's ratio.
     **keywords : Any
         Shape and tuning parameters.
 
@@ -191,7 +198,7 @@ def rows(
 
 
 def row(name: str, E: float = 1.0, nu: float = 0.49, **keywords: Any) -> dict[str, Any]:
-    """Return the row of one material; raise BadInput if it does not accept the parameters."""
+    """Return one material's row for `rows`; raise BadInput if it refuses the parameters."""
     m = material(name, E, nu, **keywords)
     four = stability.properties(m)
     mu, lam = m.lame

@@ -28,30 +28,30 @@ from fem_snh.materials.normalise import lame
 #: The verdicts on a property.
 PASSED, FAILED, NOT_APPLICABLE = "passed", "failed", "not applicable"
 
-#: The two other stretches of an element whose third stretch passes through 0.
+#: Pairs of stretches of an element whose third stretch passes through 0.
 PLANES = tuple(combinations_with_replacement((0.5, 1.0, 2.0), 2))
-#: One, two, three negative stretches, and zero ones.
+#: Stretches of which one, two and three are negative; and of which one, two and three are zero.
 INVERTED = ((1.2, 0.9, -0.5), (1.2, -0.9, -0.5), (-1.2, -0.9, -0.5))
 DEGENERATE = ((1.2, 0.9, 0.0), (1.2, 0.0, 0.0), (0.0, 0.0, 0.0))
-#: Two stretches of opposite sign, where the polar rotation is discontinuous.
+#: Stretches with s1 + s2 = 0, where the polar rotation is discontinuous.
 OPPOSITE = (1.2, 0.5, -0.5)
-#: An inverted F = U diag(s) V^T with det U = det V = 1 can be written with four choices of signs.
+#: The four choices of signs in F = U diag(s) V^T with det U = det V = 1 for an inverted F.
 FLIPS = np.array([[1, 1, -1], [1, -1, 1], [-1, 1, 1], [-1, -1, -1]], dtype=float)
 
 #: Forces, curvatures and differences below this [E] count as zero.
 _SMALL = 1e-9
-#: Distances from a singular state at which eigenvalues are compared, and the largest accepted
+#: Two distances d from a singular state at which eigenvalues are compared, and the largest accepted
 #: growth from the first to the second: a pole 1/d grows by 1e4.
 _DISTANCES, _MOST_GROWTH = (1e-2, 1e-6), 1e3
-#: Samples of a path of stretches from -0.99 s1 to 0, whose largest stress is sought.
+#: Samples of s2 from -0.99 s1 to 0 in the search for the largest stress.
 _SAMPLES = 60
 
 
 class Signed:
     """Energy and principal stresses at stretches (..., 3) of any signs.
 
-    All values are NaN outside the domain. They are evaluated from the symbolic expression, because
-    the kernels compute an SVD with one convention for the sign.
+    All values are NaN outside the domain. The symbolic expression is evaluated, because the kernels
+    compute an SVD with one convention for the sign.
     """
 
     def __init__(self, energy: Energy) -> None:
@@ -65,7 +65,7 @@ class Signed:
         )
 
     def _call(self, s: Array) -> Array:
-        """Return energy and stresses, (..., 4)."""
+        """Return psi and the three principal stresses [Pa], (..., 4)."""
         with np.errstate(all="ignore"):
             found, limits = self._function(*np.moveaxis(s, -1, 0), *self._values)
         outside = np.zeros(s.shape[:-1], dtype=bool)
@@ -94,9 +94,9 @@ class Stability:
     verdict : str
         "passed", "failed" or "not applicable".
     reason : str
-        The reason of a verdict that is not "passed".
+        Why the verdict is not "passed"; "" if it is.
     numbers : dict
-        The numbers behind the verdict; stresses in units of E.
+        The numbers behind the verdict by name; stresses in units of E.
     """
 
     name: str
@@ -120,10 +120,9 @@ def properties(m: Material) -> tuple[Stability, Stability, Stability, Stability]
 def inversion(m: Material) -> Stability:
     """Evaluate inversion stability: psi is finite for every F and drives inverted elements back.
 
-    The Hessian has to be bounded. Numbers: ``finite``, the share of the six kinds of inverted and
-    degenerate states; ``growth`` of the largest ``|eigenvalue|`` from 1e-2 to 1e-6 away from
-    singular states; ``force``, the largest stress along a stretch that is moved through 0, which
-    must be negative.
+    The Hessian has to be bounded. Numbers: ``finite``, the fraction of the states `INVERTED` and
+    `DEGENERATE` with finite values; ``growth``, from `growth`; ``force``, from `largest_stress` in
+    units of E, which must be negative.
     """
     F = diagonal(np.array(INVERTED + DEGENERATE))
     finite = inside(m, F)
@@ -145,9 +144,9 @@ def inversion(m: Material) -> Stability:
 
 
 def largest_stress(m: Material) -> float:
-    """Return the largest dpsi/ds2 [Pa] from s2 = -0.99 s1 to s2 = 0, over `PLANES` of (s0, s1).
+    """Return the largest dpsi/ds2 [Pa] from s2 = -0.99 s1 to s2 = 0, over the pairs of `PLANES`.
 
-    If it is negative, the energy decreases from every inverted state to the plane.
+    If it is negative, the energy decreases from every inverted state to the plane s2 = 0.
     """
     worst = -np.inf
     for s1, s0 in PLANES:
@@ -158,7 +157,7 @@ def largest_stress(m: Material) -> float:
 
 
 def growth(m: Material) -> float:
-    """Return the largest ``|eigenvalue|`` at 1e-6 from singular states over that at 1e-2."""
+    """Return the largest ``|eigenvalue|`` 1e-6 from singular states over the largest at 1e-2."""
     sizes = []
     for d in _DISTANCES:
         near = [np.add(s, d * np.array([0.3, 1.0, -0.7])) for s in (*DEGENERATE, OPPOSITE)]
@@ -171,10 +170,10 @@ def growth(m: Material) -> float:
 def reflection(m: Material) -> Stability:
     """Evaluate reflection stability: any choice of the negative stretch gives the same values.
 
-    The Hessian is the derivative of the stress, so it agrees where the stress does. Numbers: the
-    largest differences between the four choices of signs of an inverted element, relative to the
-    moduli: ``energy``, ``stress``; and ``order``, between the six orders of the stretches of one
-    choice.
+    The Hessian is the derivative of the stress, so it agrees where the stress does. Numbers, over
+    mu + ``|lambda|``: ``energy`` and ``stress``, the largest differences between the four choices
+    of signs of an inverted element; ``order``, the largest difference of the energy between the six
+    orders of its stretches.
     """
     signed = Signed(m.expression)
     sizes = np.random.default_rng(7).uniform(0.3, 2.0, (24, 3))
@@ -198,8 +197,8 @@ def reflection(m: Material) -> Stability:
 def rest(m: Material) -> Stability:
     """Evaluate rest stability: psi(I) = 0, P(I) = 0 and the Hessian at I is Hooke's law.
 
-    Numbers: ``energy`` and ``stress`` at rest, ``Hooke`` (difference of the Hessians relative to
-    Hooke's).
+    Numbers: ``energy`` and ``stress`` at rest [E], ``Hooke`` (the largest difference between the
+    Hessian and Hooke's law, relative to Hooke's law).
     """
     E, eye = m.expression.E, np.eye(3)
     mu, lam = lame(E, m.expression.nu)
@@ -224,10 +223,10 @@ def rest(m: Material) -> Stability:
 def degeneracy(m: Material) -> Stability:
     """Evaluate whether elements collapsed to a plane, a line or a point recover (section 3.3).
 
-    Numbers: ``plane force`` (largest stress along the normal: it must be negative), ``line force``
-    and ``line curvature`` (smallest eigenvalue across, at length 1: it must be negative),
-    ``point force`` and ``point curvature`` (smallest eigenvalue at F = 0: positive would be a
-    stable minimum).
+    Numbers [E]: ``plane force``, the largest stress along the normal, must be negative; ``line
+    force``, across a line of length 1, must be 0; ``line curvature``, the smallest eigenvalue
+    across it, must be negative; ``point force``, at F = 0, must be 0; ``point curvature``, the
+    smallest eigenvalue at F = 0, must not be positive (a stable minimum).
     """
     E = m.expression.E
     crushed = diagonal(np.array([(1.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 0.0)]))
