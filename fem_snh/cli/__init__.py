@@ -84,10 +84,10 @@ def exit_code(command: Callable[[list[str]], int], argv: list[str]) -> int:
 
 
 def start_petsc() -> None:
-    """Start PETSc, unless it has been, without the files .petscrc.
+    """Start PETSc without the files .petscrc, unless PETSc is started already.
 
-    One in the working directory, which came with a scene, may name a library to load
-    (``-dll_append``). PETSc reads the option to skip them from its arguments alone.
+    A .petscrc in the working directory, which came with a scene, may name a library to load
+    (``-dll_append``). PETSc reads the option to skip these files from its arguments only.
     """
     with suppress(ImportError):  # `fem_snh.cli.doctor.check` says what is missing
         import petsc4py
@@ -98,7 +98,7 @@ def start_petsc() -> None:
 def _open_standard_streams() -> None:
     """Open the null device for standard streams that are closed.
 
-    Libraries expect the streams, and the next file that is opened would have the number of one.
+    Libraries expect the streams, and the next file that is opened would get a stream's number.
     """
     for number, name, mode in ((0, "stdin", "r"), (1, "stdout", "w"), (2, "stderr", "w")):
         try:
@@ -170,10 +170,10 @@ def _communicator() -> Any:
 
 
 def _stop(message: str, code: int) -> int:
-    """Report on rank 0 and exit on all ranks together; MPI aborts the job if one rank exits first.
+    """Report on rank 0, wait for all ranks and return ``code``.
 
-    A rank that waits longer than _BARRIER_TIMEOUT is the only one that failed; it aborts the
-    others.
+    MPI aborts the job if one rank exits first. A rank that waits longer than `_BARRIER_TIMEOUT` is
+    the only one that failed; it aborts the job.
     """
     comm = _communicator()
     words = (w if len(w) <= _LONGEST else f"{w[:_LONGEST]}..." for w in message.split())

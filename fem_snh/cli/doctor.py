@@ -56,7 +56,7 @@ _EXTRAS = {"pyvista": "pictures", "matplotlib": "pictures", "ipctk": "contact"}
 
 
 def remedy(package: str) -> str:
-    """Return what makes a Python package importable here."""
+    """Return the advice, mostly a command, that makes a Python package importable here."""
     if (_REPOSITORY / "tools" / "setup").exists():
         return "run `make setup` in the repository, then its .venv/bin/fem-snh"
     if package not in _SYSTEM:
@@ -93,8 +93,8 @@ def doctor(argv: list[str]) -> int:
 def check() -> None:
     """Raise BadInput if a package that a solve needs is missing or PETSc has complex numbers.
 
-    It imports only packages that a solve imports anyway, so it costs no time. Each rank has the
-    same outcome.
+    The check imports only packages that a solve imports anyway, so it costs no time. Each rank has
+    the same outcome.
     """
     for name in (*NEEDED, *FOUND):
         reason = "no such package"
@@ -121,9 +121,9 @@ _RANKS = "MPI ranks"
 
 
 class Finding(NamedTuple):
-    """A row of the table: the component, its state, its version and a remedy.
+    """A row of the table: the component, its state, its version or error, and a remedy.
 
-    The states are ok, slow, missing, and absent: missing, but only some runs need it.
+    The states are ok, slow, missing, and absent: missing, but only some runs need the component.
     """
 
     what: str
@@ -133,8 +133,8 @@ class Finding(NamedTuple):
 
 
 _VERSION = "import {0}; print({0}.__version__)"
-#: The rows that a Python program makes, which prints a version: the package that it imports, or
-#: its remedy, and its code.
+#: For each row that a Python program makes: the package that the program imports, or a remedy; and
+#: the program's code, which prints a version.
 _PROBES = {
     "dolfinx": ("dolfinx", _VERSION.format("dolfinx")),
     "PETSc": (
@@ -171,7 +171,7 @@ _PROBES = {
     ),
     "ipctk": ("ipctk", _VERSION.format("ipctk")),
     "packages": (
-        "",  # that of the one that is missing
+        "",  # the remedy is that of the missing package
         "from importlib import import_module; from importlib.metadata import version; "
         f"names = {PACKAGES}; [import_module(n) for n in names]; "
         "print(', '.join(f'{n} {version(n)}' for n in names))",

@@ -176,7 +176,7 @@ def _write(found: Fit | SceneFit, out: Path) -> None:
 
 
 def _rank(args: Namespace, keywords: dict[str, Any]) -> int:
-    """Fit all materials and print them from the best to the worst."""
+    """Fit all materials, print them from the best to the worst, and write the files; return 0."""
     fits: list[Fit] = []
     refused: list[tuple[str, str]] = []
     with Console(stderr=True).status("fitting") as status:
@@ -232,7 +232,7 @@ def _print(found: Fit) -> None:
 
 
 def _print_notes(found: Fit) -> None:
-    """Print what is doubtful in the data."""
+    """Print the notes of a fit: what is doubtful in the data."""
     for line in found.notes:
         print(f"note: {line}")
 
@@ -240,7 +240,7 @@ def _print_notes(found: Fit) -> None:
 def _print_parameters(
     values: Mapping[str, float], errors: Mapping[str, float], units: Mapping[str, str], points: int
 ) -> None:
-    """Print the parameters of a fit to some points, with their standard errors."""
+    """Print the parameters of a fit to this number of points, with their standard errors."""
     rows = [
         (name, f"{number:.6g}", _error(errors[name], points > len(values)), units[name])
         for name, number in values.items()
@@ -249,7 +249,7 @@ def _print_parameters(
 
 
 def _error(error: float, over_determined: bool) -> str:
-    """Return a standard error as text."""
+    """Return a standard error, or the reason why there is none, as text."""
     if math.isnan(error):
         return "at its bound"
     if not over_determined:
@@ -262,7 +262,7 @@ def _words(key: str, text: str | None) -> list[Any] | None:
 
 
 def _pair(key: str, text: str) -> tuple[float, float]:
-    """Return two numbers with a comma between."""
+    """Return the two numbers of a text with a comma between; raise BadInput for another text."""
     found = comma_list(key, text)
     if len(found) != 2 or not all(type(x) in (int, float) for x in found):
         raise BadInput(f"--{key} {text}: expected two numbers with a comma between, e.g. 0.5,2")

@@ -1,6 +1,6 @@
 """The command ``help``: what the keys of a scene and the materials are.
 
-The texts are those of the schema that validates scenes; the reference pages are made from it, too.
+The texts come from the schema that validates scenes, from which the reference pages are made, too.
 """
 
 from __future__ import annotations
@@ -81,7 +81,7 @@ def _material(name: str) -> None:
 
 
 def _parameters(rows: Iterable[tuple[str, str, str]]) -> list[tuple[str, str]]:
-    """Return names and texts of names, defaults and meanings."""
+    """Return the names and texts for `_columns` of rows with name, default and meaning."""
     return [(name, f"{what.rstrip('.')}. Default: {default}.") for name, default, what in rows]
 
 
@@ -104,7 +104,7 @@ def _key(key: Key) -> None:
 
 
 def _said(key: Key) -> str:
-    """Return what a key is, accepts and is by default."""
+    """Return a text: what a key means, what it accepts, and its default."""
     meaning = key.meaning.rstrip(".")
     default = "" if key.default == "none" else f"; default: {key.default}"
     default = "; required" if key.default == "required" else default
@@ -120,7 +120,7 @@ def _columns(rows: Iterable[tuple[str, str]]) -> None:
 
 
 def _filled(text: str, first: str = "", further: str | None = None) -> str:
-    """Return a text in lines that the terminal holds."""
+    """Return a text wrapped to the terminal's width; ``first`` and ``further`` begin its lines."""
     return textwrap.fill(
         " ".join(text.split()),
         min(shutil.get_terminal_size().columns, _WIDTH),
@@ -141,13 +141,17 @@ class Key:
     Attributes
     ----------
     path : str
-        The keys from the scene to it, with dots: ``obstacle.shape.sphere``.
-    accepted, default, meaning : str
-        What it accepts, its default as in TOML ("required" without one), and what it is.
+        The dotted path from the scene to the key: ``obstacle.shape.sphere``.
+    accepted : str
+        What the key accepts.
+    default : str
+        The default as in TOML; "required" if there is none, "none" if the key is left out.
+    meaning : str
+        The key's description.
     tables : tuple of type
-        The models of the tables that it accepts.
+        The classes of the tables that the key accepts.
     is_list : bool
-        Whether it accepts a list of them.
+        Whether the key accepts a list of tables.
     """
 
     path: str
@@ -194,7 +198,7 @@ def summary(model: type[Table]) -> str:
 
 
 def every_key() -> Iterator[Key]:
-    """Yield the keys of all tables by their paths; those of a table in itself only once."""
+    """Yield the keys of all tables with their paths; a table within itself is left out."""
     ways: list[tuple[str, type[Table], tuple[type[Table], ...]]] = [("", Scene, ())]
     while ways:
         prefix, model, outer = ways.pop(0)
@@ -208,14 +212,14 @@ def every_key() -> Iterator[Key]:
 
 
 def find(words: str) -> list[Key]:
-    """Return the keys that a dotted path means, from the scene on or from any of its tables.
+    """Return the keys with this dotted path, from the scene; if none, from any of its tables.
 
-    Numbers in the path, as ``move.0.translate`` has, and brackets are left out.
+    Numbers in the path, as in ``move.0.translate``, and brackets are ignored.
 
     Raises
     ------
     BadInput
-        For a path that no table has; the nearest is suggested.
+        For a path that no table has; the message suggests the nearest one.
     """
     parts = [p for p in re.split(r"[.\[\]\s]+", words.removeprefix("scene.")) if p]
     path = ".".join(part for part in parts if not part.isdigit())
@@ -254,7 +258,7 @@ def tuning() -> list[tuple[str, str, str]]:
 
 
 def _documented(material: str, parameter: str) -> str:
-    """Return what the docstring of a material says of a parameter."""
+    """Return the description of a parameter in the docstring of a material."""
     for names_, text in re.findall(r"^(\w[\w, ]*) : .*\n((?: +.*\n?)+)", describe(material), re.M):
         if parameter in names_.split(", "):
             return " ".join(text.split())
@@ -262,7 +266,7 @@ def _documented(material: str, parameter: str) -> str:
 
 
 def _toml(value: Any) -> str:
-    """Return a value as a scene file has it; "none" for one that it leaves out."""
+    """Return a value as TOML; "none" for None and empty values."""
     if value is None or value in ([], {}, ()):
         return "none"
     if isinstance(value, Table):

@@ -99,7 +99,7 @@ def materials(argv: list[str]) -> int:
 
 
 def _numbers(args: Namespace) -> dict[str, Any]:
-    """Return the keywords of `fem_snh.material` that were given: E, nu, and those of --set."""
+    """Return the keywords of `fem_snh.material` that were given by --E, --nu and --set."""
     settings = {  # material.alpha=2, as for run
         key.removeprefix("material."): value(text, key)
         for key, text in assignments(args.set).items()
@@ -132,7 +132,10 @@ def _list() -> int:
 def _table(
     names: Sequence[str], path: Path | None, overwrite: bool, numbers: dict[str, Any]
 ) -> int:
-    """Print the table of the materials ``names``, of all if there are none."""
+    """Print the table of the materials ``names``, of all materials if empty; return 0.
+
+    Write it to ``path``, too, if given; raise BadInput if that exists, without ``overwrite``.
+    """
     if path is not None and path.exists() and not overwrite:
         raise BadInput(f"csv = {path}: exists: expected another file, or --overwrite")
     from fem_snh.kernels.reports.report import rows, write
@@ -163,7 +166,7 @@ def _table(
 
 
 def _verdict(verdict: str, reason: str) -> str:
-    """Return the text of a table cell."""
+    """Return a verdict, with the reason if it failed, as the text of a table cell."""
     if verdict == "not applicable":
         return "n/a"
     return verdict if verdict == "passed" else f"failed: {reason}"

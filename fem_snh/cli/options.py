@@ -23,10 +23,12 @@ class Parser(argparse.ArgumentParser):
 
     Parameters
     ----------
-    command, description : str
-        The command, and what it does.
+    command : str
+        The command.
+    description : str
+        What the command does.
     epilog : callable, optional
-        Returns the text after the options. It is called for the help only: it may be slow.
+        Returns the text after the options. It is called for the help only, so it may be slow.
     keys : iterable of str
         The keys that --set accepts.
     """
@@ -97,7 +99,7 @@ class Parser(argparse.ArgumentParser):
 
 
 def output(text: str) -> Path:
-    """Return the path of a folder or file that is written; an empty text is refused."""
+    """Return the path of a folder or file to write; raise an argparse error for an empty text."""
     try:
         return output_path("path", text)
     except BadInput as error:  # argparse would not show the message of a ValueError
@@ -112,12 +114,12 @@ def value(text: str, key: str = "value") -> Any:
     text : str
         The value.
     key : str
-        What it is the value of, for the message.
+        The key of the value, for the message.
 
     Raises
     ------
     BadInput
-        For a list or a table that is neither.
+        For a text that begins a list or a table, and is neither TOML nor JSON.
     """
     try:
         return tomllib.loads(f"value = {text}")["value"]
@@ -135,7 +137,7 @@ def value(text: str, key: str = "value") -> Any:
 
 
 def assignments(pairs: list[str]) -> dict[str, str]:
-    """Return the ``key=value`` pairs of --set, the values as text."""
+    """Return the values of --set as text, by key; raise BadInput for a text not ``key=value``."""
     values = {}
     for pair in pairs:
         key, equals, right = pair.partition("=")
@@ -153,11 +155,11 @@ def with_settings(
     Parameters
     ----------
     options : mapping
-        The keys that have options, with their values; None is none.
+        The values of options by key; None if an option is not given.
     settings : mapping
-        Those of --set.
+        The values of --set by key.
     names : mapping, optional
-        Options that are not called as their keys.
+        Names of options by key, where they differ.
     """
     given = {key: value for key, value in options.items() if value is not None}
     for key in given:

@@ -103,7 +103,7 @@ def run(argv: list[str]) -> int:
 def load_scene(
     comm: MPI.Comm, name: str, overrides: dict[str, Any], petsc: dict[str, str | None]
 ) -> scenes.Scene:
-    """Return a scene with other values and PETSc options, on every rank. Collective."""
+    """Return a scene with keys and PETSc options overridden, on every rank. Collective."""
     if petsc:
         overrides = overrides | {"petsc": petsc}
     # Functions in a scene of a Python file cannot be sent to the other ranks.
@@ -113,14 +113,14 @@ def load_scene(
 
 
 def _add_scene_options(parser: Parser, more: str = "", **settings: Any) -> None:
-    """Add `SCENE_OPTIONS`, whose helps are the scene's descriptions of its keys.
+    """Add `SCENE_OPTIONS`, with the scene's descriptions of its keys as help.
 
     Parameters
     ----------
     parser : Parser
         The parser.
     more : str
-        What ends the placeholders.
+        Text after each placeholder.
     **settings
         Further keywords of `argparse.ArgumentParser.add_argument`.
     """
@@ -229,7 +229,7 @@ def sweep(argv: list[str]) -> int:
 
 
 def comma_list(key: str, text: str) -> list[Any]:
-    """Return the values of a comma list: entries of a list in TOML, or words."""
+    """Return the values of a comma-separated text, in TOML or as words; raise BadInput for none."""
     try:
         values: list[Any] = tomllib.loads(f"values = [{text}]")["values"]
     except ValueError:

@@ -117,7 +117,7 @@ def render(argv: list[str]) -> int:
 
 
 def _view(args: Namespace) -> ViewOptions:
-    """Return what the options say of clip plane, camera and hidden parts."""
+    """Return the options of clip plane, camera, zoom, hidden parts and colour range."""
     hide = [name.strip() for name in (args.hide or "").split(",") if name.strip()]
     return view_options(args.clip, args.camera, args.zoom, hide, args.range)
 
@@ -214,7 +214,10 @@ def _convert_mesh(args: Namespace) -> int:
 
 
 def _numbers(option: str, text: str | None, accepted: str, kinds: tuple[type, ...]) -> list | None:
-    """Return the numbers of a comma list, or None if there is no list."""
+    """Return the numbers of a comma-separated text; None for None.
+
+    Raises BadInput unless all are of these types.
+    """
     if text is None:
         return None
     numbers = [value(word) for word in text.split(",")]
@@ -227,7 +230,7 @@ def _numbers(option: str, text: str | None, accepted: str, kinds: tuple[type, ..
 def _progress_bar(description: str) -> Iterator[Callable[[int, int], None]]:
     """Show a progress bar on a terminal's standard error for the duration of a ``with`` block.
 
-    It yields a function of the number of items that are done, and of the number of all.
+    Yields a function (done, total) that shows the numbers of finished items and of all items.
     """
     console = Console(stderr=True)
     with Progress(console=console, transient=True, disable=not console.is_terminal) as bar:

@@ -2,7 +2,7 @@
 
 `driver` is the sequence: `setup` makes the problem, its solver and its steps, `recorder` keeps
 run.json, `folder`, `output` and `checkpoint` write the files, `estimates` finds the errors of the
-scene's `goals`. `levels` runs a scene to an accuracy, on the meshes of `level_meshes`.
+goals in `scene_goals`. `level_runs` runs a scene to an accuracy, on the meshes of `level_meshes`.
 `inverse` fits a scene's parameters to a curve.
 """
 

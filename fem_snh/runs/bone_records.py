@@ -1,4 +1,4 @@
-"""What run.json has of the bones of a scene."""
+"""The entry of a scene's bones in run.json, and the copies of surface files in a run's folder."""
 
 from __future__ import annotations
 
@@ -17,10 +17,11 @@ from fem_snh.scenes import Scene
 
 
 def describe_bones(scene: Scene, problem: Problem) -> dict[str, Record]:
-    """Return the bones of a scene by name, as run.json has them before the first step.
+    """Return the entry of each bone in run.json before the first step, by name. Collective.
 
-    Each has its ``shape``, a table of one key as in the scene, or ``group``; the number of its
-    ``nodes``; and ``pose``, the three rows [A | c] of its map at load 0.
+    An entry has the bone's ``shape``, a table of one key as in the scene, or ``group``; the number
+    of its ``nodes``; its ``length`` [length]; and ``pose``, the three rows [A | c] of its map
+    x = A X + c at load 0.
     """
     found = {}
     placed: list[BoneNodes] = problem.dirichlet.bones
@@ -36,7 +37,7 @@ def describe_bones(scene: Scene, problem: Problem) -> dict[str, Record]:
 
 
 def copy_surfaces(scene: Scene, folder: Folder) -> None:
-    """Copy the surfaces of obstacles, bones and rigid parts that are files. On rank 0.
+    """Copy the surface files of obstacles, bones and rigid parts to the folder. On rank 0.
 
     Raises
     ------

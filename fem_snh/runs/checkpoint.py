@@ -1,13 +1,13 @@
 """checkpoint.npz: the state from which a run is resumed on any number of ranks.
 
-It holds displacement and pressure with the reference coordinates of their nodes, by which another
-partition of the mesh finds them; the size of the next step; the previous equilibrium, from which
-the predictor extrapolates; in time, velocity, acceleration and the step before; what terms keep, as
-multipliers of contact; and the diagonal entry of constrained rows. On the same number of ranks a
-resumed run is therefore identical bit for bit, unless a preconditioner of PETSc keeps data from
-step to step, as GAMG keeps its coarse spaces.
+The file holds displacement and pressure, with the reference coordinates of their nodes, by which a
+run on another partition finds its own nodes; the size of the next step; the previous equilibrium,
+from which the predictor extrapolates; velocity, acceleration and the previous step of a motion; the
+history of terms, such as multipliers of contact; and the diagonal entry of constrained rows. On the
+same number of ranks a resumed run is therefore identical bit for bit, unless a preconditioner of
+PETSc keeps data from step to step, as GAMG keeps its coarse spaces.
 
-Its size is 72 bytes per node, 24 MB for a million unknowns, which rank 0 writes in 0.2 s.
+The size is 72 bytes per node, 24 MB for a million unknowns, which rank 0 writes in 0.2 s.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 
 Array = npt.NDArray[Any]
 
-#: The array of `Dirichlet.offset` at the nodes of the displacement.
+#: Name of the array with the values of `Dirichlet.offset` at the nodes of the displacement.
 _OFFSET = "start_offset"
 #: Seconds between two checkpoints that are flushed to the disk. A flush takes longer than many
 #: steps; a loss of power costs at most this time.
@@ -56,7 +56,7 @@ class CheckpointWriter:
     folder : Folder
         The folder of the output.
     setup : Setup
-        The load steps, and the scene, with which that of a resumed run is compared.
+        The load steps; and the scene, with which the scene of a resumed run is compared.
     """
 
     def __init__(self, folder: Folder, setup: Setup) -> None:
@@ -66,7 +66,7 @@ class CheckpointWriter:
         self._flushed = -_FLUSH_INTERVAL
 
     def write(self, record: Record) -> None:
-        """Write the state and the content of run.json.
+        """Write the present state, and ``record``, the content of run.json. Collective.
 
         Raises
         ------
@@ -102,7 +102,7 @@ class CheckpointWriter:
         on_root(self._folder.comm, self._write, about, arrays)
 
     def _write(self, about: Record, arrays: dict[str, Array]) -> None:
-        """Replace the file on rank 0."""
+        """Replace the file. On rank 0."""
         # Unlike run.json, the text keeps infinities; numpy's numbers become Python's.
         text = json.dumps(about, default=lambda v: v.item()).encode()
         content: Record = {"about": np.frombuffer(text, np.uint8), **arrays}
@@ -117,7 +117,7 @@ class CheckpointWriter:
 
 
 def _history_names(term: str) -> tuple[str, str]:
-    """Return the names of the arrays with a term's points and with what it keeps there."""
+    """Return the names of two arrays: a term's points, and the values that it keeps there."""
     return f"{term}_points", f"{term}_history"
 
 
@@ -132,16 +132,17 @@ def load(folder: Path) -> tuple[Record, dict[str, Array]]:
     Returns
     -------
     about : dict
-        The scene, the record, the loads and the size of the next step.
+        The keys of the scene, the record, the loads and the size of the next step, ...
     arrays : dict
         "u" (n, components), the displacements [m]; "u_nodes" (n, 3), the reference coordinates [m]
-        of their nodes; "u_before", the previous equilibrium; the same for a pressure "p" (n, 1);
-        "motion", and "NAME_points" and "NAME_history" of terms.
+        of their nodes; "u_before", the displacements of the previous equilibrium; "p" (n, 1),
+        "p_nodes" and "p_before" of a pressure unknown; "motion" of a dynamic scene;
+        "NAME_points" and "NAME_history" of terms.
 
     Raises
     ------
     BadInput
-        If there is no checkpoint, or it cannot be read.
+        If there is no checkpoint, or the file cannot be read.
     """
     path = folder / CHECKPOINT
     try:
@@ -190,7 +191,7 @@ class Checkpoint:
         Raises
         ------
         BadInput
-            On every rank, if there is no checkpoint or it is that of another scene.
+            On every rank, if there is no checkpoint, or the checkpoint is of another scene.
         """
         arrays: dict[str, Array] = {}
 
@@ -211,7 +212,7 @@ class Checkpoint:
         return cls(folder, record, about["load"], completed is not None, about, arrays)
 
     def missing(self, scene: Scene, goals: Sequence[Goal]) -> list[str]:
-        """Return what the scene asks for of its last state, and the run does not have."""
+        """Return what the scene asks for of the last state, and `record` lacks: a text each."""
         names = {name for goal in goals for name in goal.names}
         known = set(self.record.get("fields", ()))
         fields = [field for field in scene.fields if field not in known]
@@ -226,17 +227,19 @@ class Checkpoint:
 
     @property
     def _last_row(self) -> Record:
-        """The row of the last step that converged; empty without any."""
+        """The row of the last step that converged; empty if no step did."""
         rows = [row for row in self.record["steps"] if row["converged"]]
         return rows[-1] if rows else {}
 
     def restore(self, stepper: Stepper) -> None:
         """Set the state of the problem and of its load steps. Collective.
 
+        If a finished run lacks the stability that the scene asks for, add it to `record`.
+
         Raises
         ------
         BadInput
-            On every rank, if the mesh is not that of the checkpoint.
+            On every rank, if the nodes are not those of the checkpoint.
         """
         problem, about = stepper.problem, self._about
         fields = nodal_values.fields(problem)
@@ -272,11 +275,14 @@ class Checkpoint:
             self._last_row.update(stepper.examine_stability())
 
     def _order(self, nodes: Array, stored: str) -> Array:
-        """Return the indices of nodes among the stored ones. Collective."""
+        """Return, on every rank, the index of each node in the array ``stored``. Collective.
+
+        ``nodes`` are coordinates (n, 3) on rank 0.
+        """
         return on_root(self.folder.comm, lambda: match_nodes(nodes, self._arrays[stored]))
 
     def _rows(self, name: str, order: Array) -> Array | None:
-        """Return, on rank 0, an array in this order."""
+        """Return the rows of a stored array in this order, on rank 0; else None."""
         return self._arrays[name][order] if self._arrays else None
 
 

@@ -61,24 +61,23 @@ def run(
         `fem_snh.scenes.Scene`.
     out : str or Path, optional
         Folder for run.json, steps.csv, checkpoint.npz and fields.pvd, all written as steps end;
-        modes.csv and modes.pvd if the scene requests modes. A folder that holds a run is an error
-        without ``overwrite`` or ``resume``, one that holds other files without ``overwrite``.
+        modes.csv and modes.pvd if the scene requests modes. A folder that is not empty is an error
+        without ``overwrite`` or ``resume``.
     overwrite : bool
-        Replace the run in ``out``: the files of the names that a run writes. Other files stay.
+        Replace the run in ``out``: the files with names that a run writes. Other files stay.
     resume : bool
         Continue the run in ``out`` from its last step, on any number of ranks; with
-        ``accuracy.within`` from the level after the last that was finished. It must be a run of
-        the same scene, except for the keys SOLVER_KEYS and OUTPUT_KEYS of
-        ``fem_snh.runs.scene_options``.
+        ``accuracy.within`` from the level after the last finished level. The scene must be the
+        same, except for the keys SOLVER_KEYS and OUTPUT_KEYS of ``fem_snh.runs.scene_options``.
     comm : MPI.Comm
         The communicator.
     progress : bool
         Print a line for each step on rank 0.
     expected : str, optional
         For a run that is meant to fail: the reason, e.g. "Smith et al. 2018 report that this
-        energy fails here". It is printed with the result.
+        energy fails here". It is printed before the first step.
     note : mapping, optional
-        Further content of run.json.
+        Further keys and values of run.json.
     **overrides
         As for `fem_snh.scenes.load`: material, E, nu, cells, element, hessian, globalization,
         steps, predictor, quadrature, petsc (a dict of PETSc options), and
@@ -127,7 +126,7 @@ def _run(
     stored: Checkpoint | None = None,
     level: Level | None = None,
 ) -> Result:
-    """Solve a scene, from the checkpoint or the level before if there is one. Collective."""
+    """Solve a scene, from the checkpoint ``stored`` or the previous level if given. Collective."""
     with solver.petsc_failures(), scene_options(scene) as given:
         setup = set_up(
             comm, scene, stored is not None, *((level.mesh, level.stiffer) if level else ())
@@ -182,7 +181,10 @@ def _run(
 def _solve(
     setup: Setup, recorder: Recorder, printed: Progress, goals: Sequence[Goal]
 ) -> Estimate | None:
-    """Solve all load steps, then compute modes and errors; record each result. Collective."""
+    """Solve all load steps, then compute modes and errors; record each result. Collective.
+
+    Returns the estimate of the errors; None without goals, or if the steps fail.
+    """
     estimate = None
     with _interrupts(setup) as interrupts, recorder, solver.petsc_failures():
         recorder.save("running", state=True)
@@ -210,7 +212,7 @@ def _solve(
 
 
 def _interrupts(setup: Setup) -> Interrupts:
-    """Return the signal handlers, which leave rank 0 the time to write run.json."""
+    """Return the signal handlers, which give rank 0 the time to write run.json."""
     # Python handles signals when PETSc calls it, so it needs a monitor. All ranks have one: with a
     # monitor, a solver may compute a norm, which is collective.
     setup.snes.getKSP().setMonitor(lambda *_: None)

@@ -36,13 +36,13 @@ def estimate_errors(
     goals : sequence of Goal
         The goals.
     announce : callable
-        Called with the cost, before the errors are estimated.
+        Called with the estimate when its cost is known, before the errors are.
     fields : bool
-        Whether the errors of all goals in cells are written; otherwise they are distributed to
-        cells if the scene names goals, or a mesh is refined where they are, and else that of the
-        largest error alone.
+        Whether fields of the errors are written. The errors of all goals are then distributed to
+        the cells; otherwise only if the scene names goals or, in a run to an accuracy, if the mesh
+        is refined locally. Else only the largest error is distributed.
     states : GoalStates, optional
-        The states that goals are of; default: the end.
+        The states in which the goals are evaluated; default: the last state.
     """
     if states is None:
         return _errors_at(setup, goals, announce, fields)

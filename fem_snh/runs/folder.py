@@ -1,6 +1,6 @@
 """The output folder of a run: run.json and the tables, each replaced as a whole.
 
-`fem_snh.runs.recorder` decides when it is written.
+`fem_snh.runs.recorder` decides when these files are written.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ MODE_COLUMNS = ("mode", "frequency", "residual")
 def describe(setup: Setup) -> Record:
     """Return the content of run.json before the first step. Collective.
 
-    It has the scene, its material, discretisation and solver, and no steps.
+    The record describes the scene, its material, discretisation and solver; its steps are empty.
     """
     scene, problem, snes = setup.scene, setup.problem, setup.snes
     motion = setup.stepper.motion
@@ -115,7 +115,11 @@ def describe(setup: Setup) -> Record:
 
 
 def _describe_time(scene: Scene, problem: Problem, motion: Dynamics) -> Record:
-    """Return the scene's table, and energies, momenta and reactions at the start. Collective."""
+    """Return the entry ``time`` of run.json. Collective.
+
+    It has the keys of the scene's table [time]; and ``start``, the energies, momenta and reactions
+    at the start.
+    """
     table = {} if scene.time is None else scene.time.model_dump()
     given = {key: value for key, value in table.items() if value is not None}
     start = motion.energies(problem)
@@ -123,7 +127,7 @@ def _describe_time(scene: Scene, problem: Problem, motion: Dynamics) -> Record:
 
 
 def _describe_features(scene: Scene, problem: Problem) -> Record:
-    """Return what the scene's features have in run.json. Collective."""
+    """Return the entries of the scene's features in run.json. Collective."""
     found: Record = {}
     for kind, features in grouped(scene.features):
         terms = [term for term in problem.terms if term.name == kind.key]
@@ -158,9 +162,9 @@ def _describe_material(choice: MaterialChoice, region: Region) -> Record:
 
 
 class Folder:
-    """The output folder, created if it does not exist; only rank 0 writes. Collective.
+    """The locked output folder, created if it does not exist; only rank 0 writes. Collective.
 
-    As a context it is released at the end.
+    The end of a ``with`` block releases the lock.
 
     Parameters
     ----------
@@ -170,21 +174,22 @@ class Folder:
         The folder.
     inputs : iterable of Path
         The files that the run reads.
-    overwrite, resume : bool
-        Accept a folder that holds a run, to replace or to continue it; with ``overwrite`` also a
-        folder that holds other files, which stay.
+    overwrite : bool
+        Accept a folder that is not empty, to replace the run in it; other files stay.
+    resume : bool
+        Accept an existing folder, to continue the run in it.
 
     Attributes
     ----------
     note : str
-        Why the folder is not locked, or "".
+        Why the folder is not locked; "" if it is.
 
     Raises
     ------
     BadInput
-        On every rank, if the folder is neither empty nor accepted, does not exist for a resumed
-        run, is not writable, is used by another process, or holds an input that the run might
-        replace.
+        On every rank, if the folder is not empty and neither flag is set, does not exist for a
+        resumed run, is not writable, is used by another process, or holds an input that the run
+        might replace.
     """
 
     def __init__(
@@ -196,7 +201,7 @@ class Folder:
         resume: bool = False,
     ) -> None:
         self.comm, self.path = comm, output_path("out", path)
-        #: Where its files are in the end.
+        #: The folder that has the files in the end; see `next_level`.
         self.final = self.path
         self._lock: FolderLock | None = None
         self.note = on_root(comm, self._open, inputs, overwrite, resume)
@@ -204,7 +209,7 @@ class Folder:
             self.take(self._next_level(resume=True))  # a process was killed as it did
 
     def _open(self, inputs: Iterable[Path], overwrite: bool, resume: bool) -> str:
-        """Make the folder and lock it."""
+        """Create and lock the folder; return `note`. On rank 0."""
         if resume and not self.path.is_dir():
             raise BadInput(f"there is no folder {self.path} to resume from: start without --resume")
         try:
@@ -223,7 +228,7 @@ class Folder:
         self.close()
 
     def close(self) -> None:
-        """Release the folder. Not collective."""
+        """Release the lock. Not collective."""
         if self._lock:
             self._lock.release()
 
@@ -239,10 +244,7 @@ class Folder:
         on_root(self.comm, clear)
 
     def next_level(self) -> Folder:
-        """Return the folder of the next level of a run to an accuracy, until it is complete.
-
-        Collective.
-        """
+        """Return a subfolder for the next level of a run to an accuracy: see `take`. Collective."""
         return self._next_level(overwrite=True)
 
     def _next_level(self, **mode: bool) -> Folder:
@@ -251,7 +253,7 @@ class Folder:
         return folder
 
     def take(self, level: Folder) -> None:
-        """Replace the run by a complete one in the folder of `next_level`. Collective."""
+        """Replace the run by the complete run in a folder from `next_level`. Collective."""
         level.close()
         on_root(self.comm, take_run, self.path, level.path)
 
@@ -278,9 +280,10 @@ class Folder:
 
 
 def _json_text(record: Record) -> str:
-    """Return the text of run.json: a line for each step, as all are written after each.
+    """Return the text of run.json, with each step in one line.
 
-    With an indentation Python's json does not use its encoder in C, which is 20 times faster.
+    All steps are written after each step, and Python's encoder in C, which is 20 times faster, does
+    not indent.
     """
     empty = "[]"
     text = json.dumps(_json_value(record | {"steps": []}), indent=1)
@@ -290,7 +293,7 @@ def _json_text(record: Record) -> str:
 
 
 def _row_text(row: Record) -> str:
-    """Return the JSON of a step. Rows with infinity or NaN are rare."""
+    """Return the JSON of a step: the fast way, unless the row has infinity or NaN."""
     try:
         return json.dumps(row, default=lambda number: number.item(), allow_nan=False)
     except ValueError:

@@ -8,12 +8,12 @@ A goal :math:`Q_k` of the equilibrium at load k has by the adjoint method the de
     \qquad H z_k = \frac{\partial Q_k}{\partial u}
 
 with the exact Hessian H, which is symmetric: one linear solve for each measured value, whatever the
-number of parameters. The derivatives of goals and residual by a parameter are central differences
-at the converged states, in which no equilibrium is solved for. That of a reaction, a sum of
-residuals, is a part of its dual solution.
+number of parameters. The partial derivatives of goals and residual r by a parameter are central
+differences at the converged states, without another solve for equilibrium. A reaction is a sum of
+residuals: its dual solution includes its partial derivative.
 
-Goals have different units: the residuals of each are divided by its largest measured value, and
-have a variance of their own in the standard errors.
+As goals have different units, the residuals of each goal are divided by the goal's largest measured
+value, and have a variance of their own in the standard errors.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ _SCENE_KEYS = ("E", "nu")
 #: Poisson's ratios between which nu is sought, its variable log(1 - 2 nu) being bounded; and the
 #: factor by which positive parameters may differ from their first values, either way.
 _NU_RANGE, _WIDEST = (-0.9, 0.4999995), 1e3
-#: Loads of a curve whose first column is called so need no range.
+#: Name of a first column with loads, from 0 to 1; the other name is the scene's ``load_name``.
 _LOAD = "load"
 
 
@@ -82,7 +82,7 @@ class MeasuredCurve:
     label : str
         Name of the first column of the file.
     x : (n,)
-        The column.
+        The values of that column.
     loads : (n,)
         The loads, in (0, 1], ascending.
     names : list of str
@@ -93,7 +93,7 @@ class MeasuredCurve:
     Raises
     ------
     BadInput
-        If a goal has no measured value other than 0, or one whose square is no number.
+        If all measured values of a goal are 0, or the square of one overflows.
     """
 
     label: str
@@ -111,7 +111,7 @@ class MeasuredCurve:
 
     @property
     def known(self) -> Mask:
-        """Return which values were measured, (n, goals)."""
+        """Return a mask of the values that were measured, (n, goals)."""
         return np.isfinite(self.values)
 
     @property
@@ -126,16 +126,20 @@ class SceneFit:
 
     Attributes
     ----------
-    parameters, errors : dict
-        The numbers and their standard errors.
+    parameters : dict
+        The fitted numbers by name.
+    errors : dict
+        Their standard errors; NaN at a bound, infinite if the data do not determine a number.
     curve : MeasuredCurve
         The measurements.
     fitted : (n, goals)
-        The goals of the fitted scene.
+        The goals of the fitted scene; NaN where none was measured.
     converged : bool
         Whether the search converged.
-    solves, linear : int
-        Runs of the scene, and iterations of the adjoint solves.
+    solves : int
+        Number of runs of the scene.
+    linear : int
+        Number of iterations of the adjoint solves.
     material : dict
         The scene's table ``material`` with the fitted numbers.
     """
@@ -157,13 +161,13 @@ class SceneFit:
 
     @property
     def r_squared(self) -> dict[str, float]:
-        """Return the coefficient of determination R^2 of each goal; NaN of one that is constant."""
+        """Return the coefficient of determination R^2 of each goal; NaN for a constant goal."""
         columns = zip(self.curve.values.T, self.fitted.T, self.curve.known.T, strict=True)
         found = [r_squared(v[known], (fitted - v)[known]) for v, fitted, known in columns]
         return dict(zip(self.curve.names, found, strict=True))
 
     def record(self) -> Record:
-        """Return the content of fit.json."""
+        """Return the content of fit.json: JSON values, with None for infinity and NaN."""
         curve = self.curve
         return {
             "parameters": self.parameters,
@@ -179,26 +183,29 @@ class SceneFit:
         }
 
     def table(self) -> str:
-        """Return the table ``[material]`` of a scene."""
+        """Return the fitted table ``[material]`` of the scene as TOML."""
         return toml_table("material", self.material)
 
     def write(self, path: str | Path) -> Path:
-        """Write fit.json; raise BadInput if that fails."""
+        """Write `record` as JSON; return the path. Raises BadInput if that fails."""
         return write_file(path, json.dumps(self.record(), indent=1) + "\n")
 
     def write_table(self, path: str | Path) -> Path:
-        """Write `table` into a file; raise BadInput if that fails."""
+        """Write `table`; return the path. Raises BadInput if that fails."""
         return write_file(path, self.table())
 
     def plot(self, path: str | Path) -> Path:
-        """Draw measurement and fit; raise BadInput if the picture cannot be written."""
+        """Draw the measured points and fitted lines of the goals over `MeasuredCurve.x`.
+
+        Returns the picture's path. Raises BadInput if the picture cannot be written.
+        """
         from fem_snh.viewing.plots.materials import draw_curve
 
         return draw_curve(self.curve, self.fitted, Path(path))
 
 
 def _finite(values: dict[str, float]) -> dict[str, float | None]:
-    """Return numbers for JSON, which has no infinite ones."""
+    """Return numbers for JSON: None for infinity and NaN."""
     return {name: value if np.isfinite(value) else None for name, value in values.items()}
 
 
@@ -221,8 +228,8 @@ def fit_scene(
     Parameters
     ----------
     scene : str, Path, Scene or callable
-        As for `fem_snh.run`: without time, and friction and multipliers of contact, in three
-        dimensions.
+        As for `fem_snh.run`; static and in three dimensions, and contact without friction or
+        multipliers.
     to : str, Path or MeasuredCurve
         A file with a column ``load``, from 0 to 1, or the scene's ``load_name``, and columns with
         the names of goals, such as ``right.force.x``.
@@ -233,15 +240,16 @@ def fit_scene(
     max_solves : int
         Largest number of runs.
     **overrides
-        As for `fem_snh.run`. A scene's parameter of the name of one of these, as ``to`` of `press`,
-        is given by ``fit_scene(fem_snh.scenes.load("press", to=0.8), ...)``.
+        As for `fem_snh.run`. A parameter of the scene's function that has the name of an argument
+        above, such as ``to`` of `press`, is given by
+        ``fit_scene(fem_snh.scenes.load("press", to=0.8), ...)``.
 
     Raises
     ------
     BadInput
         On every rank, for bad input.
     Failed
-        If the scene does not converge with its own values.
+        If the scene does not converge with its own values, or an adjoint solve fails.
     """
     first = on_every(comm, partial(scenes.load, scene, **overrides))
     curve = on_every(comm, partial(_read_curve, to, first))
@@ -280,19 +288,19 @@ def fit_scene(
 
 @dataclass(frozen=True)
 class _Parameter:
-    """A parameter as a function of a variable of size one.
+    """A parameter as a function of a dimensionless variable.
 
-    The variable is log(1 - 2 nu) of nu, the logarithm of a positive parameter, and a multiple of
-    the first value otherwise.
+    The variable is log(1 - 2 nu) for nu, the logarithm of a positive parameter, and the multiple of
+    the first value for any other parameter.
 
     Attributes
     ----------
     name : str
-        Its name.
+        The parameter's name.
     first : float
-        Its first value.
+        The parameter's first value.
     accepted : pair of float
-        The values that the material accepts.
+        The lowest and the highest value that the material accepts.
     """
 
     name: str
@@ -300,7 +308,7 @@ class _Parameter:
     accepted: tuple[float, float]
 
     def variable(self, value: float) -> float:
-        """Return the variable of a value."""
+        """Return the variable of a value; -inf if a positive parameter is not positive."""
         if self.name == "nu":
             return float(np.log(1 - 2 * value))
         if self.first > 0:
@@ -319,7 +327,7 @@ class _Parameter:
 
     @property
     def bounds(self) -> tuple[float, float]:
-        """The bounds of the variable: what the material accepts, and `_WIDEST`."""
+        """The bounds of the variable, from ``accepted`` and `_WIDEST`."""
         ends = sorted(map(self.variable, self.accepted))
         z, width = self.variable(self.first), _WIDEST
         if self.name == "nu":
@@ -332,7 +340,7 @@ class _Parameter:
 
 @dataclass
 class _State:
-    """A converged state with those of all goals that are measured there.
+    """A converged state with the n goals that are measured at its load.
 
     Attributes
     ----------
@@ -341,13 +349,13 @@ class _State:
     x : PETSc.Vec
         The unknowns.
     measured : (goals,) bool
-        Which of all goals they are.
+        Whether each goal of the curve is measured at this load.
     values : (n,) array
-        Their values.
+        The values of the measured goals.
     duals : list of PETSc.Vec
-        Their dual solutions.
+        The dual solutions of the measured goals.
     are_reactions : (n,) bool
-        Whether these have the derivatives of the goals by parameters.
+        Whether a dual solution includes the goal's partial derivatives by parameters.
     """
 
     load: float
@@ -359,10 +367,10 @@ class _State:
 
 
 class InverseProblem:
-    """The residuals of a curve as a function of a scene's parameters, and their derivatives.
+    """The m residuals of a curve as a function of a scene's k parameters, with derivatives.
 
-    Each parameter has a variable of size one; residuals are divided by the largest measured value
-    of their goal. Collective.
+    A residual is goal minus measured value, over the largest measured value of the goal. Its
+    arguments z (k,) are the variables of `_Parameter`. Collective.
 
     Parameters
     ----------
@@ -377,10 +385,14 @@ class InverseProblem:
 
     Attributes
     ----------
-    solves, linear : int
-        Runs so far, and iterations of the adjoint solves.
+    scale : (m,) array
+        The largest measured value of each residual's goal.
+    solves : int
+        Number of runs so far.
+    linear : int
+        Number of iterations of the adjoint solves so far.
     failure : str
-        The status of the last run that failed.
+        The status of the last run that failed; "" if none did.
     """
 
     def __init__(
@@ -406,7 +418,7 @@ class InverseProblem:
         self._known: dict[bytes, tuple[Array, Array] | None] = {}
 
     def _check(self) -> None:
-        """Raise BadInput for a scene whose states are no functions of the load."""
+        """Raise BadInput for a scene that `fit_scene` does not support."""
         scene = self.scene
         if scene.time:
             raise BadInput("fit --to: expected a scene without [time]")
@@ -425,12 +437,12 @@ class InverseProblem:
 
     @property
     def bounds(self) -> tuple[Array, Array]:
-        """Return the bounds of the variables."""
+        """Return the lower and the upper bounds of the variables, (k,) each."""
         low, high = np.array([parameter.bounds for parameter in self._parameters]).T
         return low, high
 
     def values(self, z: Array) -> dict[str, float]:
-        """Return the parameters of variables."""
+        """Return the parameters by name at variables z."""
         return {p.name: p.value(float(x)) for p, x in zip(self._parameters, z, strict=True)}
 
     def rates(self, z: Array) -> Array:
@@ -438,14 +450,14 @@ class InverseProblem:
         return np.array([p.rate(float(x)) for p, x in zip(self._parameters, z, strict=True)])
 
     def distances(self, z: Array) -> tuple[Array, Array]:
-        """Return how far the parameters may decrease (as numbers <= 0) and increase."""
+        """Return how far the parameters may decrease (numbers <= 0) and increase, (k,) each."""
         ends = [[p.value(b) for b in p.bounds] for p in self._parameters]
         low, high = np.sort(ends, axis=1).T
         values = np.array(list(self.values(z).values()))
         return low - values, high - values
 
     def residual(self, z: Array) -> Array:
-        """Return the residuals, (m,); large ones if the run fails."""
+        """Return the residuals, (m,); each is `_FAILED` if the run fails."""
         found = self.evaluate(z)
         return np.full(self.scale.shape, _FAILED) if found is None else found[0]
 
@@ -456,7 +468,10 @@ class InverseProblem:
         return found[1]
 
     def evaluate(self, z: Array) -> tuple[Array, Array] | None:
-        """Return residuals and derivatives; None if the run fails."""
+        """Return the residuals (m,) and their derivatives (m, k); None if the run fails.
+
+        All ranks take the z of rank 0. Results are cached.
+        """
         z = np.asarray(self.comm.bcast(z))
         key = z.tobytes()
         if key not in self._known:
@@ -464,7 +479,7 @@ class InverseProblem:
         return self._known[key]
 
     def scene_at(self, z: Array) -> scenes.Scene:
-        """Return the scene with the values of variables."""
+        """Return the scene with its parameters at variables z."""
         keys = {k if k in _SCENE_KEYS else f"material.{k}": v for k, v in self.values(z).items()}
         return scenes.load(self.scene, **keys)
 
@@ -521,7 +536,10 @@ class InverseProblem:
     def _duals(
         self, setup: Setup, goals: Sequence[Goal], measured: Mask
     ) -> tuple[list[PETSc.Vec], Mask]:
-        """Return the dual solutions of the measured goals at the present state: see `_State`."""
+        """Return ``duals`` and ``are_reactions`` of `_State` at the present state.
+
+        Raises Failed if the Hessian is singular.
+        """
         problem = setup.problem
         direct = PETSc.KSP().create(problem.comm)
         if problem.operator == problem.A:
@@ -547,7 +565,7 @@ class InverseProblem:
         )
 
     def _derivative(self, z: Array, k: int, setup: Setup, states: Sequence[_State]) -> Array:
-        """Return the derivatives of all goals by variable ``k``."""
+        """Return the total derivatives of the measured goals by variable ``k``, (m,)."""
         sums = [np.zeros(len(state.duals)) for state in states]
         goals = named_goals(setup, self.curve.names)
         for sign in (1, -1):
@@ -569,7 +587,7 @@ class InverseProblem:
 
 
 def _value(scene: scenes.Scene, name: str) -> float:
-    """Return the value of a parameter of the scene's material."""
+    """Return the value of a parameter of the scene's material; raise BadInput if it has none."""
     if len(scene.materials) > 1:
         raise BadInput("fit --to: a scene with several materials: expected one material")
     (material,) = scene.materials
@@ -586,7 +604,7 @@ def _value(scene: scenes.Scene, name: str) -> float:
 
 
 def _read_curve(to: str | Path | MeasuredCurve, scene: scenes.Scene) -> MeasuredCurve:
-    """Return the measurements of a file; raise BadInput for what is wrong in it."""
+    """Return the measurements of a file, without load 0; raise BadInput for a mistake in it."""
     if isinstance(to, MeasuredCurve):
         return to
     if not isinstance(to, str | Path):

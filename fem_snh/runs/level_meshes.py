@@ -1,6 +1,7 @@
-"""The scenes of a run's levels to an accuracy: element, cells and time steps of the first one.
+"""The levels of a run to an accuracy: the first level's scene, and the meshes of further levels.
 
-The mesh of the next one has smaller cells everywhere, or where the errors are.
+A level is a solution on one mesh. The next level has smaller cells everywhere, or where the errors
+are.
 """
 
 from __future__ import annotations
@@ -40,14 +41,14 @@ if TYPE_CHECKING:
 
 Array = npt.NDArray[Any]
 
-#: What the next level changes of its scene, and its mesh if that is not the scene's own.
+#: The keys that the next level changes in the scene, and the next mesh; None: the scene's own.
 Refined = tuple[dict[str, Any], Mesh | None]
-#: Returns these for cells that are smaller than those of the last level by a factor. Collective.
+#: Returns `Refined` with cells that are smaller than the last level's by a factor. Collective.
 Refine = Callable[[MPI.Comm, Scene, "Level", float], Refined]
-#: The volumes of cells that a level wants, by the factor of the number of cells.
+#: Returns the wanted volume of each cell, from the factor by which the number of cells is to grow.
 Target = Callable[[float], Array]
-#: Bodies with plane faces: tetrahedra that are refined in place fill them exactly. So do triangles
-#: those whose half plane is a rectangle.
+#: Bodies with plane faces, which refined tetrahedra fill exactly; and bodies of revolution whose
+#: section is a rectangle, which triangles fill exactly.
 _PLANE_FACES = ("bar", "block", "bracket", "clip", "cook", "cube", "two_blocks")
 _RECTANGLES = ("bushing", "cylinder", "tube")
 #: Bodies with re-entrant edges.
@@ -55,19 +56,19 @@ _REENTRANT = ("bracket", "clip")
 #: Poisson's ratio above which elements with a pointwise volume term are replaced: they lock
 #: (docs/results/locking.md).
 _LOCKING = 0.4
-#: Elements of degree 2 on the cells of those of degree 1: at 5 % and less they reach an accuracy in
-#: less time (docs/results/time_to_accuracy.md).
+#: The element of degree 2 on the same cells, by the element of degree 1: it reaches an accuracy of
+#: 5 % and less in less time (docs/results/time_to_accuracy.md).
 _DEGREE_2 = {"P1": "P2", "Q1": "Q2", "Q1P0": "Q2"}
-#: Simplices of degree 2, which are refined where the error is, in place of other cells: in two
+#: Simplices of degree 2, refined where the errors are, by the element that they replace: in two
 #: dimensions, and at re-entrant edges, they reach an accuracy in less time
 #: (docs/results/time_to_accuracy.md).
 _SIMPLICES = dict.fromkeys(("P1", "Q1", "Q1P0", "Q2", "Q2Q1"), "P2")
-#: In place of P2P0 on triangles, which takes up to five times as long to 0.1 % at a corner.
+#: The replacement of P2P0 on triangles, which takes up to 5 times as long to 0.1 % at a corner.
 _PLANE = {"P2P0": "P2P1"}
-#: Cells of the first level over those of the scene, along an edge, by the degree by which the
-#: element is raised; likewise time steps.
+#: Cells along an edge in the first level over those in the scene: if the element keeps its degree,
+#: and if that is raised by one. The first number is also the ratio of time steps.
 _FIRST = (0.5, 0.25)
-#: The same for accuracies of this and more, for which a coarser mesh is likely to do.
+#: Required accuracy from which a coarser mesh is likely to suffice, and the ratios for it.
 _COARSE, _FIRST_OF_COARSE = 0.005, (1 / 3, 1 / 6)
 #: Fewest cells along an edge of a first level, and fewest time steps.
 _FEWEST, _FEWEST_STEPS = 3, 16
@@ -77,12 +78,12 @@ _TOLERANCE, _OF_ASKED = "snes_scaled_tol", 1e-4
 
 
 def is_exact(scene: Scene) -> bool:
-    """Return whether the body is known exactly: cells are made for it, so many along an edge."""
+    """Return whether the mesh is made for an exact geometry, with ``cells`` along an edge."""
     return scene.cells is not None
 
 
 def cells_of(scene: Scene, least: float) -> int:
-    """Return the fewest cells along an edge that the geometry accepts, at least so many."""
+    """Return the smallest number of cells along an edge, from ``least``, for the geometry."""
     cells = parameter(scene.mesh.source, "cells") if isinstance(scene.mesh, Geometry) else None
     if cells is None:
         return ceil(least)
@@ -103,26 +104,26 @@ def has_reentrant_edges(scene: Scene) -> bool:
 def has_polyhedral_cells(scene: Scene) -> bool:
     """Return whether a body with round faces has cells with straight edges.
 
-    Those change its volume from mesh to mesh, by 2.6 % with 8 cells along a diameter, by 12 % of an
-    arm with 12 along it, which no estimate on one mesh sees.
+    The volume then changes from mesh to mesh: by 2.6 % with 8 cells along a diameter, by 12 % for
+    an arm with 12 cells along its length. No estimate on one mesh sees this.
     """
     return _order(scene) == 1 and not has_exact_cells(scene)
 
 
 def has_curved_cells(scene: Scene) -> bool:
-    """Return whether the cells follow round faces. Those of a file's shape do where it has some."""
+    """Return whether cells follow round faces; the cells of a shape file always do."""
     return is_shape(scene.mesh) or _order(scene) == 2
 
 
 def may_have_any_sizes(scene: Scene) -> bool:
-    """Return whether the body can be meshed with a field of sizes."""
+    """Return whether the body can be meshed with a prescribed field of cell sizes."""
     if not isinstance(scene.mesh, Geometry):
         return is_shape(scene.mesh)
     return has_free_sizes(scene.mesh.source, kinematics_of(scene.kinematics).dim)
 
 
 def _order(scene: Scene) -> float:
-    """Return the order of the cells of a body that has a choice; else 0."""
+    """Return the geometric order of the cells if the geometry has a parameter for it; else 0."""
     if not isinstance(scene.mesh, Geometry):
         return 0.0
     order = parameter(scene.mesh.source, "order")
@@ -137,7 +138,7 @@ def first_scene(scene: scenes.Scene, printed: Progress) -> scenes.Scene:
     scene : Scene
         The scene, whose ``accuracy.within`` is set.
     printed : Progress
-        Prints a line for each choice that is not the scene's.
+        Prints a line for each value that differs from the scene's.
     """
     wanted = scene.accuracy
     assert wanted and wanted.within
@@ -176,12 +177,12 @@ def first_scene(scene: scenes.Scene, printed: Progress) -> scenes.Scene:
 
 
 def raised_element(scene: scenes.Scene) -> str:
-    """Return the element of degree 2 on the cells of a scene that does not lock; else its own."""
+    """Return an element of degree 2 on the scene's cells; the scene's own if none fits."""
     return _fitting(scene, _DEGREE_2)
 
 
 def _element(scene: scenes.Scene) -> tuple[str, str]:
-    """Return the element of the levels, and why it is not the scene's; empty if it is."""
+    """Return the element of the levels, and why it is not the scene's; "" if it is."""
     own = scene.element
     ways: list[Mapping[str, str]] = [_DEGREE_2] if _may_raise(scene) else [{}]
     if _may_raise(scene) and _may_be_simplices(scene):
@@ -201,14 +202,15 @@ def _element(scene: scenes.Scene) -> tuple[str, str]:
 
 
 def _fitting(scene: scenes.Scene, raised: Mapping[str, str]) -> str:
-    """Return the best candidate that fits; the scene's own if none does, which the run rejects."""
+    """Return the best candidate that fits; else the scene's element, which the run rejects."""
     return next((n for n in _candidates(scene, raised) if _fits(scene, n)), scene.element)
 
 
 def _candidates(scene: scenes.Scene, raised: Mapping[str, str]) -> list[str]:
-    """Return elements of a scene, the best first, the last its own.
+    """Return candidate elements, the best first, the scene's own last.
 
-    A continuous pressure is wrong at the interface of several materials: none is chosen there.
+    A continuous pressure is wrong at the interface of materials: with several materials, elements
+    that have one are left out. ``raised`` has elements of degree 2 by the element they replace.
     """
     own, several = scene.element, len(scene.materials) > 1
     other = raised.get(own, own)
@@ -228,10 +230,10 @@ def _locks(scene: scenes.Scene) -> bool:
 
 
 def _may_raise(scene: scenes.Scene) -> bool:
-    """Return whether larger cells of degree 2 are the same body.
+    """Return whether larger cells of degree 2 may be used: they have to fill the same body.
 
-    With contact in a static scene the solution is less smooth than cells of degree 2 need. In time
-    they need fewer dofs also for an impact (docs/results/time_to_accuracy.md).
+    With contact in a static scene the solution is less smooth than cells of degree 2 need. In a
+    dynamic scene they need fewer dofs even for an impact (docs/results/time_to_accuracy.md).
     """
     assert scene.accuracy
     if scene.accuracy.keep_element or not is_exact(scene):
@@ -244,8 +246,8 @@ def _may_raise(scene: scenes.Scene) -> bool:
 def _may_be_simplices(scene: scenes.Scene) -> bool:
     """Return whether simplices may replace other cells.
 
-    In three dimensions P2P0, which does not lock, takes more time than Q2Q1. Several nearly
-    incompressible materials have P2P0 alone.
+    In three dimensions P2P0, which does not lock, takes more time than Q2Q1. With several nearly
+    incompressible materials P2P0 is the only choice.
     """
     if not has_exact_cells(scene):
         return False
@@ -255,7 +257,7 @@ def _may_be_simplices(scene: scenes.Scene) -> bool:
 
 
 def _fits(scene: scenes.Scene, element: str) -> bool:
-    """Return whether the scene's features and materials have an element."""
+    """Return whether the scene's features and materials support an element."""
     try:
         scenes.check_consistency(scene.model_copy(update={"element": element}))
     except BadInput:
@@ -268,7 +270,10 @@ def _fits(scene: scenes.Scene, element: str) -> bool:
 
 
 def refinement_of(scene: Scene) -> Refine:
-    """Return how the mesh of a scene is refined; hexahedra of a file get a higher degree."""
+    """Return the function that refines the mesh of a scene.
+
+    Hexahedra of a mesh file are not refined, but get a higher degree.
+    """
     has_simplices = ELEMENTS[scene.element].cell == "tetrahedron"
     if isinstance(scene.mesh, Lattice):
         return smaller_lattice
@@ -285,24 +290,24 @@ def is_refined_locally(scene: Scene) -> bool:
 
 
 def more_cells(comm: MPI.Comm, scene: Scene, last: Level, finer: float) -> Refined:
-    """Take more cells along an edge."""
+    """Return the scene's change to more cells along an edge: see `Refine`."""
     assert scene.cells is not None
     return {"cells": cells_of(scene, max(scene.cells + 1, scene.cells * finer))}, None
 
 
 def smaller_lattice(comm: MPI.Comm, scene: Scene, last: Level, finer: float) -> Refined:
-    """Take a smaller cell of the lattice."""
+    """Return the scene's change to a smaller cell of the lattice: see `Refine`."""
     assert isinstance(scene.mesh, Lattice)
     return {"cell": scene.mesh.cell / finer}, None
 
 
 def higher_degree(comm: MPI.Comm, scene: Scene, last: Level, finer: float) -> Refined:
-    """Take an element of degree 2, on the same mesh."""
+    """Return the scene's change to an element of degree 2, and the same mesh: see `Refine`."""
     return {"element": raised_element(scene)}, last.mesh
 
 
 def bisected(comm: MPI.Comm, scene: Scene, last: Level, finer: float) -> Refined:
-    """Bisect cells where the errors are."""
+    """Return the last mesh with cells bisected where the errors are: see `Refine`."""
 
     def bisect(data: MeshData, target: Target, wanted: float) -> MeshData:
         return bisect_times(data, target, wanted, MOST_CELLS)
@@ -315,7 +320,7 @@ def bisected(comm: MPI.Comm, scene: Scene, last: Level, finer: float) -> Refined
 
 
 def meshed_again(comm: MPI.Comm, scene: Scene, last: Level, finer: float) -> Refined:
-    """Mesh the exact body with cells of the sizes that the errors ask for."""
+    """Return a new mesh of the exact body, with cell sizes from the errors: see `Refine`."""
 
     def mesh(data: MeshData, target: Target, wanted: float) -> MeshData:
         cells = data.cells[:, : data.x.shape[1] + 1]
@@ -331,7 +336,10 @@ def _with_target(
     finer: float,
     make: Callable[[MeshData, Target, float], MeshData],
 ) -> Mesh:
-    """Return the mesh that a function makes on rank 0 from the last one. Collective."""
+    """Return the mesh that ``make`` makes on rank 0 from the last mesh, distributed. Collective.
+
+    ``make`` is called with the last mesh, a `Target`, and the growth of the number of cells.
+    """
     assert last.mesh is not None
     data, owned = gather(last.mesh), len(last.volumes)
     numbers = _dolfinx.input_cells(last.mesh.domain)[:owned]

@@ -1,13 +1,14 @@
 """Run a scene to a required accuracy: levels of finer and finer meshes, each a run of the driver.
 
-The load steps are followed on the first mesh. A finer one starts from the end state of the level
-before it, interpolated, in one step to the full load; on the last one they are followed again if
-the scene asks for the path. A motion, or a path on which the end depends, as with friction, is
-followed again on each level, with shorter steps where their error is not small.
-`fem_snh.accuracy.levels` decides when the levels end and how fine the next is.
+The first level takes the load steps. A finer level starts from the interpolated end state of the
+level before it, and takes one step to the full load. The last level takes the load steps again if
+the scene asks for the path. If the end depends on the path, as with friction, or if the scene is
+dynamic, each level takes all steps, with shorter steps where their error is not small.
+`fem_snh.accuracy.levels` decides when the levels end and how fine the next level is.
 
-A finished level is the run in the folder until the next one, which is written into a folder of its
-own, is complete: then it replaces that run. A killed run goes on after the last finished level.
+The output folder holds the last finished level. The next level is written into a subfolder, and
+replaces the level in the folder when it is complete. A killed run continues after the last finished
+level.
 """
 
 from __future__ import annotations
@@ -68,19 +69,20 @@ class Level:
     start : float
         The value of `time.perf_counter` at the start of the first level.
     mesh : Mesh or None
-        Its mesh; None: that of the scene.
+        The level's mesh; None, until `begin`: the mesh of the scene.
     before : Problem or None
-        The problem of the level before it, at its solution.
+        The problem of the level before, at its solution, until `begin`; None: the level takes all
+        steps.
     fineness : float
-        The cells along an edge; 0: the root of the number of cells.
+        The number of cells along an edge; 0: the root (1/dim) of the number of cells.
     stiffer : float
-        The stiffness of its penalties over that of the scene's.
+        The factor by which penalties are stiffer than the scene's.
     notes : list of dict
-        The notes on the path to the state that it starts from.
+        The notes on the path to the state from which the level starts.
     volumes : (owned cells,) array
-        The volumes of its cells [length^dim].
+        The volumes of this rank's cells [length^dim].
     row : LevelRow or None
-        Its discretisation, from `begin` on; its errors, from `end` on.
+        The level's discretisation, from `begin` on; its errors, from `end` on.
     """
 
     levels: Levels
@@ -94,7 +96,7 @@ class Level:
     row: LevelRow | None = None
 
     def begin(self, setup: Setup) -> None:
-        """Take the end state of the level before. Collective."""
+        """Set `mesh`, `volumes` and `row`, and the end state of the level before. Collective."""
         problem = setup.problem
         self.mesh, self.volumes = setup.mesh, cell_volumes(problem.domain)
         cells, element = problem.num_cells, problem.element
@@ -108,7 +110,7 @@ class Level:
             self.before = None
 
     def end(self, record: dict[str, Any], estimate: Estimate | None) -> None:
-        """Add the level to the levels, and them to the record of the run."""
+        """Add the level's row to `levels`; put their record and `notes` into the run's record."""
         in_time = "time" in record["steps"][-1]
         followed = in_time or (estimate is not None and estimate.again > 0)
         whole = followed or (estimate is not None and estimate.loads)
@@ -129,11 +131,11 @@ class Level:
             record.setdefault("notes", []).extend(self.notes)
 
     def cell_weights(self) -> Array:
-        """Return the errors of this rank's cells that are to be reduced; zero if none is known."""
+        """Return the errors of this rank's cells that are to be reduced; 0 if none is known."""
         return self.levels.cell_weights(len(self.volumes))
 
 
-#: ``solve(scene, folder=folder, level=level)`` is a run of the driver.
+#: A run of the driver: ``solve(scene, folder=folder, level=level)``.
 Solve = Callable[..., Result]
 
 
@@ -158,14 +160,14 @@ def run_levels(
     scene : Scene
         The scene, whose ``accuracy.within`` is set.
     folder : Folder, optional
-        The folder of the output, which has that of the last finished level.
+        The folder of the output, which holds the last finished level.
     resume : bool, optional
         Whether the levels in the folder are continued.
 
     Returns
     -------
     Result
-        That of the last level. ``record["accuracy"]`` has all of them.
+        The result of the last level. ``record["accuracy"]`` describes all levels.
     """
     stored = read_levels(folder, scene) if resume and folder else None
     if resume and stored is None:
@@ -203,17 +205,20 @@ class _LevelRuns:
         least = 2 if isinstance(first.mesh, scenes.Lattice) else 1
         rounder = self._refine in (more_cells, meshed_again) and has_curved_cells(first)
         self._levels = Levels(wanted.within, limits, dim, bool(wanted.goals), least, rounder)
-        #: The scene of the first level, what the present one changes of it, and its scene.
+        #: The scene of the first level; the present level's changes of it; the resulting scene.
         self._first, self._changes, self._scene = first, dict[str, Any](), first
         self._start, self._stored = perf_counter(), stored
         self._level = self._create_level(None)
-        #: The record of the last level that was finished.
+        #: The record of the last finished level.
         self._finished: dict[str, Any] = {}
-        #: The folder of the next one, until that replaces it.
+        #: The folder of the next level, until the level replaces the last finished one.
         self._next: Folder | None = None
 
     def run(self) -> Result:
-        """Solve levels until the goals are within the request, or a limit is reached."""
+        """Solve levels until the goals are within the request, or a limit is reached.
+
+        Returns the result of the last level.
+        """
         levels, printed = self._levels, self._printed
         result = self._restore(self._stored) if self._stored else self._solve_level()
         while result.converged and not levels.reached:
@@ -239,7 +244,7 @@ class _LevelRuns:
         return result
 
     def close(self) -> None:
-        """Close the files of the next level."""
+        """Release the folder of the next level."""
         if self._next:
             self._next.close()
 
@@ -265,13 +270,13 @@ class _LevelRuns:
         return self._end_level(result)
 
     def _solve_aside(self) -> Result:
-        """Solve the present level; its files are beside those of the last finished one."""
+        """Solve the present level; its files are beside those of the last finished level."""
         if self._folder and self._finished and not self._next:
             self._next = self._folder.next_level()
         return self._solve(self._scene, level=self._level, folder=self._next or self._folder)
 
     def _end_level(self, result: Result) -> Result:
-        """Print the goals of the present level; replace the last finished one in the folder."""
+        """Print the present level's goals; if it converged, replace the last finished level."""
         levels = self._levels
         thin = [n["text"] for n in result.notes if n["kind"] == "supports" and "force" in n]
         levels.rows[-1].gives_way = thin[0] if thin else ""
@@ -283,7 +288,7 @@ class _LevelRuns:
         return result
 
     def _store(self, folder: Folder, domain: Any) -> None:
-        """Write what the next level follows from, and replace the last finished level."""
+        """Write the record and levels.npz of the present level; replace the last finished level."""
         aside = self._next or folder
         mesh = None if self._refine in (more_cells, smaller_lattice) else self._level.mesh
         on_root(self._comm, aside.write, self._finished)
@@ -293,7 +298,7 @@ class _LevelRuns:
             self._next = None
 
     def _restore(self, stored: StoredLevels) -> Result:
-        """Return the result of the last finished level, with the state that it has."""
+        """Set levels and state to those of the last finished level, and return its result."""
         assert self._folder
         levels = self._levels
         stored.restore(levels)
@@ -321,7 +326,7 @@ class _LevelRuns:
         return self._solve_aside()
 
     def _change(self, changes: Mapping[str, Any]) -> None:
-        """Change what differs from the scene of the first level."""
+        """Add changes of the first level's scene, and set the present scene."""
         self._changes = {**self._changes, **changes}
         self._scene = _with_changes(self._first, self._changes)
 
@@ -341,7 +346,7 @@ class _LevelRuns:
         return limit
 
     def _prepare_next(self, changes: LevelChanges, result: Result) -> None:
-        """Create the next level and its scene."""
+        """Set the next level and its scene, refined by ``changes``."""
         scene, level, printed = self._scene, self._level, self._printed
         mesh, last, new = level.mesh, self._levels.rows[-1], dict[str, Any]()
         if changes.refinement > 1:
@@ -362,7 +367,10 @@ class _LevelRuns:
 
 
 def _notes_on_path(before: Result, number: int) -> list[dict[str, Any]]:
-    """Return the notes on the path to the end of a level; their steps are not those of the next."""
+    """Return the notes on the path to the end of level ``number``, for the next level.
+
+    They have no ``step``, as the next level has other steps.
+    """
     found = []
     for note in before.notes:
         if note["kind"] in NOTES_ON_PATH:
@@ -372,12 +380,12 @@ def _notes_on_path(before: Result, number: int) -> list[dict[str, Any]]:
     return found
 
 
-#: What a level that starts from the state before has in place of the scene's own.
+#: Values of the scene's keys in a level that starts from the state of the level before.
 _ONE_STEP = {"steps": 1, "predictor": "none", "nu_continuation": [], "start": None}
 
 
 def _with_changes(first: scenes.Scene, changes: Mapping[str, Any]) -> scenes.Scene:
-    """Return the scene of a level from that of the first one, and what differs from it."""
+    """Return the scene of a level: the first level's scene with ``changes``."""
     update = {key: changes[key] for key in ("cells", "element", "steps") if key in changes}
     if first.time and "time_steps" in changes:
         update["time"] = first.time.model_copy(update={"steps": changes["time_steps"]})

@@ -28,10 +28,10 @@ if TYPE_CHECKING:
 
 
 def turns(scene: Scene) -> list[str]:
-    """Return a line for each prescribed rotation by more than half a turn a step.
+    """Return a line for each prescribed rotation by more than half a turn per step.
 
-    The pose at a load does not tell half a turn from one and a half: the body takes the one that
-    its states before lead to.
+    The end positions after half a turn and after one and a half are the same, so whole turns may be
+    lost.
     """
     steps = scene.time.steps if scene.time else scene.steps
     found = []
@@ -52,7 +52,7 @@ def turns(scene: Scene) -> list[str]:
 
 
 def kinks(scene: Scene) -> list[str]:
-    """Return a line for each table by which a velocity jumps in time, within its points."""
+    """Return a line for each table that moves a body in time and `has_kinks`."""
     if not scene.time:
         return []
     motions: list[Any] = [*scene.move, *scene.rigid]
@@ -86,7 +86,7 @@ def partial_rotations(scene: Scene) -> list[str]:
 
 
 def shape_notes(scene: Scene) -> list[str]:
-    """Return a line if estimates, which see one mesh, are those of another body."""
+    """Return a line if the mesh differs from the body, a difference that no estimate includes."""
     if not scene.estimates_error:
         return []
     if isinstance(scene.mesh, Lattice):
@@ -109,7 +109,7 @@ def shape_notes(scene: Scene) -> list[str]:
 def mesh_note(scene: Scene, problem: Problem) -> Note | None:
     """Return a note if the cells of a mesh file are not connected where they meet. Collective.
 
-    There is none with contact, which acts between such surfaces.
+    None with contact, which acts between surfaces that are not connected.
     """
     if not isinstance(scene.mesh, Path) or scene.contact or scene.self_contact:
         return None
@@ -126,7 +126,7 @@ def mesh_note(scene: Scene, problem: Problem) -> Note | None:
 
 
 def final_notes(setup: Setup, steps: Sequence[Record]) -> list[Note]:
-    """Return the notes on the last state of a run, and on states before it. Collective.
+    """Return the notes on the last state of a run, and on earlier states. Collective.
 
     Parameters
     ----------
@@ -159,7 +159,7 @@ def final_notes(setup: Setup, steps: Sequence[Record]) -> list[Note]:
 
 
 def _earlier_inversion(steps: Sequence[Record], good: Sequence[int]) -> Note | None:
-    """Return a note if points were inverted in a state before the last one."""
+    """Return a note if quadrature points were inverted in one of the steps ``good``."""
     inverted = [number for number in good if steps[number]["min_J"] <= 0]
     if not inverted:
         return None

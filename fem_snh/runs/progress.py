@@ -82,14 +82,15 @@ class Progress:
     ) -> None:
         """Print the load, or the time, from which a resumed run continues.
 
-        A run that is finished has nothing to do but for what is missing of its last state.
+        For a finished run, print what is ``missing`` of its last state and computed now.
+        ``duration`` is the time of load 1 [s]; None in a static scene.
         """
         at = f"load {load:.6g}" if duration is None else f"time {load * duration:.6g} s"
         left = f"computing of its last state: {'; '.join(missing)}" if missing else "nothing to do"
         self._print(f"  finished already: {left}" if finished else f"  resumed from {at}")
 
     def step(self, row: Record) -> None:
-        """Print a load step."""
+        """Print the row of a load or time step."""
         if kinds := row.get("notes"):
             mark = self._style(f"ok, {', '.join(kinds)}", "yellow")
         elif row["converged"]:
@@ -112,7 +113,7 @@ class Progress:
         self._print(f"  {estimate.announcement()}")
 
     def estimated(self, estimate: Estimate) -> None:
-        """Print the goals with their errors, or why there is no estimate."""
+        """Print the goals with their errors, or the reason why there is no estimate."""
         for line in estimate.lines():
             self._print(f"  {line}")
 
@@ -121,14 +122,18 @@ class Progress:
         self._print(text)
 
     def level(self, lines: Sequence[str]) -> None:
-        """Print a level's row and goals."""
+        """Print the lines of `fem_snh.accuracy.levels.Levels.lines`, the first in bold.
+
+        They describe one level of a run to a required accuracy: a head, then a line for each goal.
+        """
         for line in lines:
             self._print(self._style(line, "bold") if line is lines[0] else line)
 
     def reached(self, accuracy: Record, duration: float | None) -> None:
         """Print whether the required accuracy was reached, and what ended the levels.
 
-        The goals of a motion are those at its end, after ``duration`` [s].
+        ``accuracy`` is the record of `fem_snh.accuracy.levels.Levels`. The goals of a dynamic scene
+        are evaluated at its end, after ``duration`` [s].
         """
         asked = f"{100 * accuracy['within']:g} %"
         if accuracy["reached"]:
@@ -173,7 +178,7 @@ class Progress:
 
 
 def _other_iterations(row: Record) -> str:
-    """Return the iterations of a step's row beside Newton's and the linear ones, if any."""
+    """Return the text of a step's other iterations: L-BFGS, and Newton's for stability; or ""."""
     text = f"{row['lbfgs']} L-BFGS, " if row.get("lbfgs") else ""
     examined = row.get("examined_newton")
     return f"{text}{examined} Newton to examine it, " if examined else text

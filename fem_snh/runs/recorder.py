@@ -32,10 +32,10 @@ _FIRST_STEPS, _SHARE = 100, 0.1
 class Recorder:
     """A context that records every step in run.json and writes the output.
 
-    With very many quick steps the record and the checkpoint are not written after each one. The
-    checkpoint is written before the other files, so that each step in run.json can be resumed while
-    the run goes on. If an exception leaves the context, rank 0 writes its reason as the status, and
-    all steps, of which the last may not be in the checkpoint.
+    With very many quick steps the record and the checkpoint are not written after each step. The
+    checkpoint is written before the other files, so that every step in run.json can be resumed
+    while the run goes on. If an exception leaves the context, rank 0 writes run.json with all
+    steps, of which the last may not be in the checkpoint, and with the reason as the status.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ class Recorder:
         self._watch = setup.watch
         self._checkpoint = CheckpointWriter(folder, setup) if folder else None
         self._earlier = earlier or {}
-        #: The states that the goals are of; None: the last one.
+        #: The states in which the goals are evaluated; None: the last one.
         self.states: GoalStates | None = None
         if goals and not setup.scene.time:
             from fem_snh.runs.scene_goals import GoalStates
@@ -112,7 +112,7 @@ class Recorder:
     def add_step(self, row: Record) -> None:
         """Add a step's row and write the output, with the state if it converged. Collective.
 
-        A scene in time may ask for output after some of its steps only.
+        A dynamic scene may ask for output after some of its steps only.
         """
         self.add_notes(jump_notes(self._stepper.jump, len(self.record["steps"])))
         self.record["steps"].append(row)
@@ -139,9 +139,9 @@ class Recorder:
         self._output += watch.seconds
 
     def add_estimate(self, estimate: Estimate) -> None:
-        """Add the goals and the estimates of their errors, also to the row of the last step.
+        """Add the goals and their estimated errors, also to the rows of their loads. Collective.
 
-        The state at load 1 is written with the errors of the cells. Collective.
+        The state at load 1 is written with the errors in the cells.
         """
         self.record["estimate"] = estimate.record()
         self.record["goals"] = {name: goal.record() for name, goal in estimate.goals.items()}
@@ -172,8 +172,9 @@ class Recorder:
         status : str
             The run's status: "running", "converged" or the reason of a failure.
         state : bool
-            Write the checkpoint and the fields, too; also done at the end for a state that was not
-            written. While the run goes on, the record and the checkpoint may wait: see `_SHARE`.
+            Write the checkpoint and the fields, too; at the end of the run this is also done for a
+            state that was not written. While the run goes on, the record and the checkpoint may
+            wait: see `_SHARE`.
 
         Raises
         ------

@@ -35,11 +35,11 @@ class Result:
     problem : Problem
         The discretised problem, in the state of the last load that converged.
     out : Path or None
-        The folder of the output.
+        The folder of the output; None if nothing is written.
     dynamics : Dynamics or None
-        The motion of a scene in time.
+        The motion; None in a quasi-static scene.
     estimate : Estimate or None
-        The estimated errors, with those of each cell, if the scene asks for them.
+        The estimated errors of goals, also in each cell; None if the scene asks for none.
     """
 
     converged: bool
@@ -57,12 +57,12 @@ class Result:
 
     @property
     def notes(self) -> list[Record]:
-        """Return the notes of run.json: what to know beside "converged"; empty if nothing."""
+        """Return the notes of run.json: what to know beside "converged"."""
         return list(self.record.get("notes", ()))
 
     @property
     def goals(self) -> dict[str, dict[str, float | None]]:
-        """Return the goals of run.json, with value, error, relative error, corrected value."""
+        """Return the goals of run.json by name: value, error, relative error, corrected value."""
         return dict(self.record.get("goals", {}))
 
     @property
@@ -77,7 +77,7 @@ class Result:
 
     @property
     def a(self) -> _dolfinx.Function | None:
-        """Return the acceleration [m/s^2] likewise."""
+        """Return the acceleration [m/s^2] at the last converged time; None if quasi-static."""
         return self.dynamics.a if self.dynamics else None
 
     def field(self, name: str, at: str = "cells") -> npt.NDArray[np.float64]:
@@ -91,9 +91,9 @@ class Result:
             One of `fem_snh.records.output_fields.ON_REQUEST`, e.g. "von_mises" [Pa].
         at : {"cells", "nodes", "points"}
             "cells": means over this rank's cells, (cells, ...); "nodes": the L2 projection at the
-            nodes of ``u``, ghosts included, (nodes, ...), where principal values and von Mises'
-            stress are those of the projected tensor; "points": values at the quadrature points,
-            (cells, points, ...). ``reaction_force`` is at the nodes always.
+            nodes of ``u``, ghosts included, (nodes, ...), with invariants and principal values of
+            the projected tensor; "points": values at the quadrature points, (cells, points, ...).
+            ``reaction_force`` is at the nodes always.
 
         Raises
         ------
@@ -110,5 +110,5 @@ class Result:
 
     @property
     def frequencies(self) -> list[float]:
-        """Return the eigenfrequencies [Hz] of the scene's table ``modes``, ascending."""
+        """Return the eigenfrequencies [Hz], ascending; empty if the scene requests no modes."""
         return list(self.record.get("modes", {}).get("frequencies", ()))

@@ -46,15 +46,17 @@ _ORIGIN = (0.0, 0.0, 0.0)
 #: Quadrature degree of means: exact for a displacement of degree 3 on cells with flat faces.
 _MEAN_DEGREE = 5
 
-#: Sizes of a goal that differ by this part, also of its value at the start, are the same: the later
-#: state counts.
+#: Sizes of a goal are equal, and the later state counts, if they differ by less than this part of
+#: the size plus the value at the start.
 _SAME = 1e-6
-#: How to ask for the errors at a load of which the state is not known.
+#: What the scene has to be for errors at loads whose states are not known.
 _INSTEAD = "expected a scene whose tables end at the load that counts"
 
 
 def scene_goals(setup: Setup) -> list[Goal]:
-    """Return the goals of a scene, by default those of `default_goals`, without zero forces.
+    """Return the goals that a scene names, or else those of `default_goals`. Collective.
+
+    Components of one vector are one goal. Default goals that are forces on free nodes are left out.
 
     Parameters
     ----------
@@ -64,7 +66,7 @@ def scene_goals(setup: Setup) -> list[Goal]:
     Raises
     ------
     BadInput
-        On every rank, for a goal that the scene or its mesh does not have.
+        On every rank, for a named goal that the scene or its mesh does not have.
     """
     scene = setup.scene
     named = scene.accuracy.names if scene.accuracy else []
@@ -111,7 +113,10 @@ def named_goals(setup: Setup, names: Sequence[str]) -> list[Goal]:
 
 
 def _on_free_nodes(setup: Setup, text: str, read: GoalName) -> BadInput | None:
-    """Return the refusal of a force that is the residual, whose error is unknown. Collective."""
+    """Return the exception for a force or moment of free nodes, a residual; else None. Collective.
+
+    The error of a residual is unknown.
+    """
     if read.kind not in ("force", "moment") or not is_free(setup.problem, setup.mesh, read.name):
         return None
     accepted = "a group with constrained nodes: on free ones the force is zero, up to the residual"
@@ -121,9 +126,9 @@ def _on_free_nodes(setup: Setup, text: str, read: GoalName) -> BadInput | None:
 def default_goals(scene: Scene, has_energy: bool) -> list[str]:
     """Return the names of the goals of a scene that names none.
 
-    They are its probes, reactions, results of features, volumes and energy. On a body of revolution
-    forces and displacements have their component along the axis alone: the sum of the radial forces
-    acts on no other body, and converges slowly at the corners of bonded rubber.
+    They are the scene's probes, reactions, results of features, volumes and energy. On a body of
+    revolution only the axial component of a force or displacement is a goal: the sum of the radial
+    forces acts on no other body, and converges slowly at the corners of bonded rubber.
     """
     turned = [reaction for reaction in scene.reactions if reaction.about]
     kinematics = kinematics_of(scene.kinematics)
@@ -148,7 +153,7 @@ def default_goals(scene: Scene, has_energy: bool) -> list[str]:
 
 
 def _goal(scene: Scene, mesh: Mesh, text: str, read: GoalName) -> Goal:
-    """Return the goal of a name, and of what was read from it and other components' names."""
+    """Return the goal that ``read`` describes; ``text`` is its name in messages."""
     kind, name, components = read
     if kind == "energy":
         return EnergyGoal()
@@ -180,7 +185,7 @@ def _goal(scene: Scene, mesh: Mesh, text: str, read: GoalName) -> Goal:
 
 
 def _cells(mesh: Mesh, key: str, text: str) -> Any:
-    """Return the owned cells of a group of them."""
+    """Return the owned cells of a group of cells; raise BadInput for another group."""
     group = mesh.group(key)
     if group.dim != mesh.dim:
         cells = DIMENSIONS[mesh.dim]
@@ -189,7 +194,7 @@ def _cells(mesh: Mesh, key: str, text: str) -> Any:
 
 
 def _measure(mesh: Mesh, key: str, text: str) -> Any:
-    """Return the measure of a group of facets or cells."""
+    """Return the UFL measure of a group of facets or cells."""
     if mesh.group(key).dim == mesh.dim - 1:
         return _dolfinx.surface_measure(mesh.domain, boundary_facets(mesh, _KEY, key))
     cells = _cells(mesh, key, text)
@@ -204,7 +209,7 @@ class _State(NamedTuple):
     Attributes
     ----------
     load : float
-        Its load.
+        The state's load.
     x : PETSc.Vec
         The unknowns.
     """
@@ -214,21 +219,21 @@ class _State(NamedTuple):
 
 
 class GoalStates:
-    """The states at named loads, and those in which goals are largest. Collective.
+    """The states in which goals are evaluated: at named loads, or at the largest. Collective.
 
     Parameters
     ----------
     setup : Setup
         The run, at its start.
     goals : sequence of Goal
-        Its goals.
+        The run's goals.
     resumed : bool
-        Whether earlier states of the run are not known.
+        Whether the run was resumed, so that earlier states are not known.
 
     Attributes
     ----------
     reason : str
-        Why there is no estimate of errors at these loads; "" if there may be one.
+        Why errors in these states cannot be estimated; "" if they may be.
     """
 
     def __init__(self, setup: Setup, goals: Sequence[Goal], resumed: bool) -> None:
@@ -236,7 +241,7 @@ class GoalStates:
         named = scene.accuracy.goals if scene.accuracy else []
         given = {vector_of(goal.name): goal.at for goal in named}
         default = LARGEST if _returns(scene) else None
-        #: Where goals are asked for that are not of the end, of which no state is kept.
+        #: The load, or `LARGEST`, of each goal that is not evaluated in the last state.
         self._at: dict[Goal, float | str] = {}
         for goal in goals:
             at = given.get(vector_of(goal.names[0])) or default
@@ -255,7 +260,7 @@ class GoalStates:
         self._states: dict[Goal, _State] = {}
 
     def add_state(self) -> None:
-        """Keep the present state for the goals that are of it."""
+        """Keep the present state for the goals that have its load or are the largest so far."""
         problem, state = self._problem, None
         if self.reason:
             return
@@ -269,7 +274,7 @@ class GoalStates:
                 self._sizes[goal], self._states[goal] = max(size, largest), state
 
     def by_load(self) -> dict[float, list[Goal]]:
-        """Return the goals by the load that they are of."""
+        """Return the goals by the load of the state in which they are evaluated."""
         found: dict[float, list[Goal]] = {}
         for goal in self._goals:
             state = self._states.get(goal)
@@ -278,7 +283,7 @@ class GoalStates:
 
     @contextmanager
     def at(self, load: float) -> Iterator[None]:
-        """Give the problem the state at a load, and then that of the end again."""
+        """Set the problem to the state at a load for a ``with`` block, then to the last state."""
         problem = self._problem
         end = _State(problem.load, problem.x.copy())
         kept = [state for state in self._states.values() if state.load == load]
@@ -290,7 +295,7 @@ class GoalStates:
 
 
 def _restore(problem: Problem, state: _State) -> None:
-    """Give a problem a state. Collective."""
+    """Set the load and the unknowns of a problem, unless it has this load. Collective."""
     if state.load == problem.load:
         return
     problem.set_load(state.load)

@@ -1,4 +1,4 @@
-"""The PETSc options of a scene, and what neither the scene nor they have chosen."""
+"""The PETSc options of a scene, its keys that a resumed run may change, and default choices."""
 
 from __future__ import annotations
 
@@ -30,12 +30,14 @@ _SHIFT = 1e-10
 
 @contextmanager
 def scene_options(scene: Scene) -> Iterator[list[str]]:
-    """Set the options of a scene, and default ones, that the user has not set. Collective.
+    """Set PETSc options for a ``with`` block: the scene's and defaults. Collective.
+
+    Options that the user has set are left.
 
     Yields
     ------
     list of str
-        The names of those of the scene that were set.
+        The names of the scene's options that were set.
     """
     defaults = _smoothers(min(material.E for material in scene.materials))
     with default_options(PREFIX, scene.petsc) as given, default_options(PREFIX, defaults):
@@ -47,7 +49,7 @@ SOLVER_KEYS = (
     "hessian", "globalization", "predictor", "petsc",
     "static_condensation",
 )  # fmt: skip
-#: Keys of a scene that concern the output of later steps: likewise.
+#: Keys of a scene that concern the output of later steps, which may have other values, too.
 OUTPUT_KEYS = ("fields", "fields_at", "error", "accuracy", "stability", "units")
 _MAY_CHANGE = SOLVER_KEYS + OUTPUT_KEYS
 _NAMED = (*_MAY_CHANGE, "time.output_every")
@@ -56,8 +58,7 @@ _NAMED = (*_MAY_CHANGE, "time.output_every")
 def identity(scene: Scene) -> Record:
     """Return the values that must not change when a run is resumed, by dotted keys.
 
-    A mesh file, a material's Python file and the files of obstacles and bones are compared by
-    their content, not by their path.
+    The value of a file, of the mesh, a material, an obstacle or a bone, is a hash of its content.
     """
     data = scene.model_dump(mode="json", exclude=set(_MAY_CHANGE))
     if scene.time:
@@ -99,18 +100,17 @@ def _text(scene: Record, key: str) -> str:
 
 
 def _smoothers(E: float) -> Record:
-    """Return PETSc options that make multigrid's smoothers SOR sweeps.
+    """Return PETSc options that make SOR sweeps the smoothers of multigrid.
 
-    For the displacement, and for the displacement's block of a saddle-point problem. PETSc's
-    default is a Chebyshev polynomial up to an estimated largest eigenvalue; a filtered Hessian may
-    have larger ones, and the preconditioner is then indefinite. An aggregate of one node has fewer
-    unknowns than there are rigid motions, so the coarser matrix has a zero on its diagonal, which
-    is shifted.
+    They hold for displacements, and for the displacement block of a saddle-point problem. PETSc's
+    default is a Chebyshev polynomial up to an estimated largest eigenvalue; if a filtered Hessian
+    has larger ones, the preconditioner is indefinite. An aggregate of one node has fewer unknowns
+    than rigid motions, so the coarser matrix has a zero on its diagonal, which is shifted.
 
     Parameters
     ----------
     E : float
-        Young's modulus [Pa]; of several materials the smallest.
+        The smallest Young's modulus [Pa] of the materials.
     """
     sweeps = {"ksp_type": "richardson", "pc_type": "sor", "pc_sor_diagonal_shift": _SHIFT * E}
     blocks = ("", "fieldsplit_u_")
@@ -130,9 +130,9 @@ _FORCES = "a force without an energy: there is nothing to minimise"
 
 
 def describe_condensation(about: Record, element: Element, chosen: Condensation) -> None:
-    """Add ``static_condensation`` to the record of an element with cell pressures.
+    """Add ``static_condensation``, if the element has cell pressures, to the record ``about``.
 
-    Where the pressures are unknowns, the linear solver is that of their problem.
+    If the pressures are unknowns, ``linear_solver`` is the solver of the problem with pressures.
     """
     if element.volume != "mean":
         return
@@ -148,7 +148,7 @@ def describe_condensation(about: Record, element: Element, chosen: Condensation)
 
 
 def describe_defaults(scene: Scene, problem: Problem, snes: PETSc.SNES) -> dict[str, object]:
-    """Return ``{choice: {"value", "reason"}}`` of what neither scene nor PETSc options set."""
+    """Return ``{choice: {"value", "reason"}}`` for what neither scene nor PETSc options set."""
     database, context = PETSc.Options(solver.PREFIX), snes.getPythonContext()
     found: dict[str, object] = {}
 

@@ -13,7 +13,7 @@ from fem_snh.steps.stepping import Stepper
 
 
 def scene_path(setup: Setup) -> Path:
-    """Return the path of a scene's run, which is at its end."""
+    """Return the path of a run that is at its end; a repetition sets the scene up again."""
 
     @contextmanager
     def repeat(steps: int, element: Element | None, stiffer: float) -> Iterator[Stepper]:

@@ -40,25 +40,25 @@ class Setup:
     problem : Problem
         The discretised problem.
     snes : PETSc.SNES
-        Its nonlinear solver.
+        The problem's nonlinear solver.
     stepper : Stepper
         The load steps.
     watch : Stopwatch
-        What counts the seconds since its beginning.
+        Started at the beginning of the set-up.
     seconds : dict
-        Elapsed seconds, without compilation: "mesh", "setup".
+        Elapsed seconds of the set-up, without compilation: "mesh", "setup".
     processor : float
-        This rank's processor seconds, without compilation.
+        This rank's processor seconds of the set-up, without compilation.
     condensation : Condensation
         Whether cell pressures are eliminated.
     mesh : Mesh
         The mesh.
     make : callable or None
-        Makes the problem on the same mesh with another element; None of a scene in time.
+        Creates the problem on the same mesh with another element; None in a dynamic scene.
     note : Note or None
-        What to know of the state of another run, from which this one starts.
+        The note on the state of another run, from which this run starts.
     stiffer : float
-        The stiffness of its penalties over that of the scene's.
+        The factor by which the problem's penalties are stiffer than the scene's.
     """
 
     scene: scenes.Scene
@@ -89,10 +89,18 @@ def set_up(
     comm: MPI.Comm, scene: scenes.Scene, resumed: bool = False, mesh: meshes.Mesh | None = None,
     stiffer: float = 1.0, element: elements.Element | None = None,
 ) -> Setup:  # fmt: skip
-    """Return a scene's problem, solver and steps, with another mesh or element. Collective.
+    """Return a scene's problem, solver and steps. Collective.
 
-    Penalties are so many times ``stiffer`` than the scene's. The state of a run that is ``resumed``
-    is not read here, nor that of the run it started from.
+    Parameters
+    ----------
+    comm, scene
+        The communicator and the scene.
+    resumed : bool
+        Do not read the run ``start.run``, as the caller sets the state from a checkpoint.
+    mesh, element : optional
+        In place of the scene's.
+    stiffer : float
+        The factor by which penalties are stiffer than the scene's.
 
     Raises
     ------
@@ -158,7 +166,7 @@ def set_up(
 
 
 def _why_condensed(scene: scenes.Scene) -> str:
-    """Return why the pressures of a scene's cells are eliminated at any ratio; empty if not."""
+    """Return why cell pressures are eliminated at any Poisson's ratio; "" if the ratio decides."""
     if reason := scenes.why_condensed(scene):
         return reason
     if scene.start is not None and scene.start.run is None:
@@ -170,7 +178,10 @@ def _why_condensed(scene: scenes.Scene) -> str:
 def define_scene(
     scene: scenes.Scene, comm: MPI.Comm, mesh: meshes.Mesh | None = None
 ) -> tuple[Definition, Any]:
-    """Return the definition of a scene's problem, and a displacement for it. Collective."""
+    """Return the definition of a scene's problem, and a displacement Function for it. Collective.
+
+    The mesh is made from the scene if it is not given.
+    """
     statement, motion = build(scene, comm, mesh).statement, Record()
     if scene.time:
         from fem_snh.steps.dynamics.dynamics import create_motion
@@ -188,7 +199,7 @@ def define_scene(
 def _at_ratio(definition: Definition, scene: scenes.Scene, nu: float) -> Definition:
     """Return a definition at another Poisson's ratio.
 
-    Of several materials, those with a smaller ratio keep their own.
+    If there are several materials, a material with a smaller ratio keeps it.
     """
     several, fillings = len(scene.materials) > 1, []
     for choice, filling in zip(scene.materials, definition.fillings, strict=True):

@@ -1,7 +1,7 @@
 """Start from the state of another run: ``[start] run`` of scenes, and a function for programs.
 
-The displacement is that of a stored state of the run, interpolated where the mesh is another one.
-Its loads and its contact are not taken over: they are those of the new problem from the first step.
+The displacement of a stored state is interpolated if the mesh is another one. Loads and contact of
+the other run are not taken over: from the first step, those of the new problem act.
 """
 
 from __future__ import annotations
@@ -27,25 +27,26 @@ Array = npt.NDArray[np.float64]
 def interpolate_run(
     u: _dolfinx.Function, run: str | Path, step: int = -1, *, kinematics: str | None = None
 ) -> None:
-    """Set the displacement of a program to that of a run. Collective.
+    """Set the displacement of a program to the displacement of a run. Collective.
 
-    ``NonlinearProblem.steps`` then goes from its values at constrained nodes to those of ``bcs``.
+    ``NonlinearProblem.steps`` then changes the values at constrained nodes from these values to
+    those of ``bcs``. A node outside of the run's mesh has the value of the closest point.
 
     Parameters
     ----------
     u : dolfinx Function
-        The displacement, on any mesh of the run's body.
+        The displacement, on any mesh of the run's body; its array is overwritten.
     run : str or Path
         The folder of the run.
     step : int, optional
-        Number of its stored state: 0 is its start, -1 its last.
+        Number of the run's stored state: 0 is the start, -1 the last state.
     kinematics : str, optional
         The kinematics of a mesh of two dimensions.
 
     Raises
     ------
     BadInput
-        On every rank, if there is no such state, or it is of another body.
+        On every rank, if the run has no such state, or is of another body.
 
     Warns
     -----
@@ -67,20 +68,20 @@ def interpolate_run(
 
 
 def start_from_run(problem: Problem, scene: Scene, read: bool = True) -> Note | None:
-    """Set ``problem.x`` to the state of ``start.run``, from which its conditions go. Collective.
+    """Set ``problem.x`` to the displacement of ``start.run``, at load 0. Collective.
 
-    A pressure is zero. Unless the run is ``read``, the state is that of a checkpoint, which is
-    still to be set.
+    Prescribed displacements start from this displacement. A pressure unknown is not set. If
+    ``read`` is false, nothing is read: the caller sets the state from a checkpoint.
 
     Returns
     -------
     Note or None
-        Which nodes are outside of the run's mesh, and what friction begins without its state.
+        How many nodes are outside of the run's mesh, and which obstacles lose their friction.
 
     Raises
     ------
     BadInput
-        On every rank, if there is no such state, or it is of another body.
+        On every rank, if the run has no such state, or is of another body.
     """
     start = scene.start
     assert start is not None and start.run is not None
@@ -100,7 +101,7 @@ def start_from_run(problem: Problem, scene: Scene, read: bool = True) -> Note | 
 
 
 def _friction_text(scene: Scene, run: Path) -> str:
-    """Return which friction of a run its displacement does not have; empty for none."""
+    """Return a text on the obstacles whose friction in the run is lost; "" if there are none."""
     steps = load_record(run / "run.json")["steps"]
     row: Record = next((row for row in reversed(steps) if row["converged"]), {})
     names = [name for name, o in zip(obstacle_names(scene.obstacle), scene.obstacle) if o.friction]
@@ -118,7 +119,10 @@ def _friction_text(scene: Scene, run: Path) -> str:
 def _displacement(
     V: _dolfinx.FunctionSpace, run: Path, step: int, kinematics: str | None
 ) -> tuple[Array, Note | None]:
-    """Return a run's displacement at the owned nodes (n, components), and a note. Collective."""
+    """Return a run's displacement at the owned nodes, (n, components), and a note. Collective.
+
+    The note is on nodes outside of the run's mesh; None if there are none.
+    """
     comm, owned = V.mesh.comm, _dolfinx.num_nodes(V)[0]
     components = _dolfinx.num_components(V)
     nodes = gather_rows(comm, V.tabulate_dof_coordinates()[:owned])

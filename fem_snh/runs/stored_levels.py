@@ -1,7 +1,7 @@
-"""Write and read levels.npz: what the next level of a run to an accuracy follows from.
+"""Write and read levels.npz, from which a run to an accuracy continues with the next level.
 
-It has the rows of the levels, how the scene of the last one differs from that of the first, its
-mesh if that is not the scene's, and the errors of its cells. The solution is in checkpoint.npz.
+The file has the rows of the levels; and of the last level its changes of the first level's scene,
+its mesh if that is not the scene's, and the errors in its cells. checkpoint.npz has the solution.
 """
 
 from __future__ import annotations
@@ -32,7 +32,8 @@ from fem_snh.runs.folder import Folder
 from fem_snh.runs.scene_options import check_same, identity
 
 Array = npt.NDArray[Any]
-#: Keys of the mesh's arrays, and of errors in cells and entities of groups, before their number.
+#: Keys of the mesh's arrays; and beginnings of keys of errors in cells and of groups' entities,
+#: which a number follows.
 _CELLS, _NODES, _ERROR, _GROUP = "cells", "x", "error_", "group_"
 
 
@@ -43,7 +44,7 @@ class StoredLevels:
     Attributes
     ----------
     changes : mapping
-        What `write_levels` was given.
+        The ``changes`` that `write_levels` was given.
     mesh : Mesh or None
         The mesh of the last level, if it is not the scene's.
     """
@@ -55,11 +56,11 @@ class StoredLevels:
     _errors: Mapping[str, Array]
 
     def restore(self, levels: Levels) -> None:
-        """Set the rows of levels, whose last one still lacks the errors of the cells."""
+        """Set the rows of levels; the last row has no errors in cells before `restore_errors`."""
         levels.rows, levels.least = self._rows, self._least
 
     def restore_errors(self, row: LevelRow, domain: _dolfinx.Mesh) -> None:
-        """Set the errors of this rank's cells."""
+        """Set the errors in this rank's cells of the last level's row."""
         rows = _dolfinx.input_cells(domain)[: _dolfinx.num_owned(domain)]
         row.estimate.indicators = {name: values[rows] for name, values in self._errors.items()}
 
@@ -72,22 +73,22 @@ def write_levels(
     domain: _dolfinx.Mesh,
     mesh: Mesh | None,
 ) -> None:
-    """Write levels, whose last one is complete, into its folder. Collective.
+    """Write the levels so far. Collective.
 
     Parameters
     ----------
     folder : Folder
-        The folder of the last level.
+        The folder of the last level, which is complete.
     scene : Scene
         The scene as it was given.
     levels : Levels
         The levels.
     changes : mapping
-        What else the next level follows from, as JSON has it.
+        The last level's changes of the first level's scene, values for JSON.
     domain : dolfinx Mesh
-        Of the last level.
+        The mesh of the last level.
     mesh : Mesh or None
-        The same, if it is not the scene's.
+        The same mesh with its groups, if it is not the scene's.
     """
     last = levels.rows[-1].estimate.indicators
     arrays = {f"{_ERROR}{i}": _of_cells(domain, last[name]) for i, name in enumerate(last)}
@@ -161,7 +162,7 @@ def read_levels(folder: Folder, scene: scenes.Scene) -> StoredLevels | None:
 
 
 def _mesh(folder: Folder, about: Mapping[str, Any], arrays: Mapping[str, Array]) -> Mesh:
-    """Return a mesh whose cells rank 0 has. Collective."""
+    """Return the stored mesh, distributed from rank 0. Collective."""
 
     def make() -> MeshData:
         groups = [
@@ -185,7 +186,7 @@ def _identity(scene: scenes.Scene) -> dict[str, Any]:
 
 
 def _of_cells(domain: _dolfinx.Mesh, values: Array) -> Array:
-    """Return values of owned cells on rank 0, by the number of the cell. Collective."""
+    """Return values of owned cells on rank 0 in the order of the mesh's input. Collective."""
     comm: MPI.Comm = domain.comm
     rows = _dolfinx.input_cells(domain)[: len(values)]
     parts = comm.gather((rows, values)) or [(rows, values)]
@@ -197,12 +198,12 @@ def _of_cells(domain: _dolfinx.Mesh, values: Array) -> Array:
 
 
 def _row_record(row: LevelRow) -> dict[str, Any]:
-    """Return a level as JSON has it, without the errors in its cells."""
+    """Return a level's row as values for JSON, without the errors in its cells."""
     return asdict(replace(row, estimate=replace(row.estimate, indicators={})))
 
 
 def _row(record: dict[str, Any]) -> LevelRow:
-    """Return a level from what `_row_record` returned."""
+    """Return a level's row from the values of `_row_record`."""
     found = record["estimate"]
     places = {n: Place(**p | {"largest": tuple(p["largest"])}) for n, p in found["places"].items()}
     errors = {name: GoalError(**goal) for name, goal in found["goals"].items()}
