@@ -1,1 +1,1 @@
-"""Shapes, motions and skeletons, in numpy alone: signed distances, poses, surfaces."""
+"""Shapes, motions and trees of rigid parts, in numpy: signed distances, poses, surfaces."""

@@ -1,4 +1,4 @@
-"""Triangles, and segments in place of them: their closest points and their normals."""
+"""Closest points and normals of triangles, or of segments in two dimensions."""
 
 from __future__ import annotations
 
@@ -11,26 +11,26 @@ from scipy.sparse import csr_matrix
 
 Array = npt.NDArray[Any]
 
-#: Barycentric coordinates below which a point is on the edge: those of closest points are zero.
+#: Barycentric coordinate below which a point is on an edge: closest points on edges have 0.
 _ON_EDGE = 1e-9
 
 
 def closest_points(p: Array, T: Array) -> tuple[Array, Array]:
-    """Return the closest points of triangles, or of segments.
+    """Return the points of triangles, or of segments, that are closest to given points.
 
     Parameters
     ----------
     p : (n, 1, 3)
-        Points.
+        The given points.
     T : (n, k, corners, 3)
-        Three corners of triangles, or two of segments.
+        The corners of k triangles (3) or segments (2) for each point.
 
     Returns
     -------
     coordinates : (n, k, corners)
         Barycentric coordinates of the closest points.
     arm : (n, k, 3)
-        The points minus the closest points.
+        The given point minus the closest point.
     """
     tiny, corners = np.finfo(float).tiny, T.shape[-2]
     best, arm = np.zeros(T.shape[:-1]), np.zeros(np.broadcast_shapes(p.shape, T[..., 0, :].shape))
@@ -62,10 +62,11 @@ def closest_points(p: Array, T: Array) -> tuple[Array, Array]:
 
 
 def triangle_normals(x: Array, triangles: Array) -> Array:
-    """Return unit normals of triangles (m, 3) of points x (n, 3), as (m, 3); zero without area.
+    """Return the unit normals (m, 3) of triangles (m, 3) int with points x (n, 3).
 
-    Those of segments (m, 2) of points (n, 2) are (m, 2), to the right of the way from the first
-    point to the second.
+    They follow the right-hand rule. In two dimensions, segments (m, 2) with points (n, 2) have
+    normals (m, 2) to the right of the direction from the first point to the second. The normal of a
+    triangle without area, or of a segment without length, is zero.
     """
     a, b, *others = (x[ends] for ends in triangles.T)
     if not others:
@@ -76,15 +77,16 @@ def triangle_normals(x: Array, triangles: Array) -> Array:
 class PseudoNormals:
     """Normals of a closed surface on its triangles, edges and corners.
 
-    At an edge it is the sum of those of its two triangles, at a corner that of its triangles
-    weighted by their angles (Baerentzen & Aanaes 2005): the sign of the distance is then right. On
-    a curve it is the sum of those of two segments, where they meet.
+    The normal of an edge is the sum of its two triangles' normals. The normal of a corner is the
+    sum of its triangles' normals weighted by their angles (Baerentzen & Aanaes 2005). These normals
+    give the sign of the distance. The normal of a curve's point is the sum of its two segments'
+    normals. All normals are scaled to length 1.
 
     Parameters
     ----------
     triangles : (m, 3) int
-        Points of the triangles; in two dimensions (m, 2), those of segments, and vectors have two
-        components.
+        The points of each triangle. In two dimensions (m, 2), the points of each segment; vectors
+        then have two components.
     """
 
     def __init__(self, triangles: Array) -> None:
@@ -106,16 +108,17 @@ class PseudoNormals:
             self._num_edges, self._edges = len(unique), index.reshape(-1, 3)
 
     def at(self, x: Array, chosen: Array, coordinates: Array) -> Array:
-        """Return the unit normals at points of the surface, (n, 3).
+        """Return the unit normals at n points on the surface, (n, 3).
 
         Parameters
         ----------
         x : (points, 3)
-            Positions of the surface's points.
+            Positions of the triangles' points.
         chosen : (n,) int
-            The triangle of each point.
+            The triangle on which each point lies.
         coordinates : (n, 3)
-            Barycentric coordinates in it; those of zero say that the point is on an edge.
+            Barycentric coordinates in the triangle. With one zero the point is on an edge, with two
+            at a corner.
         """
         normals = triangle_normals(x, self._triangles)
         found = normals[chosen]
@@ -134,9 +137,10 @@ class PseudoNormals:
     def averaged(self, x: Array, chosen: Array, coordinates: Array, sharp: float) -> Array:
         """Return unit normals that vary continuously over a smooth part of the surface, (n, 3).
 
-        They are interpolated between the corners of a triangle. The normal of a corner is that of
-        the triangles there, weighted by their angles, as far as their normals have a cosine above
-        ``sharp`` with that of the triangle. The other arguments are those of `at`.
+        They are interpolated between normals at the corners of a triangle. The normal at a corner
+        is the sum of the normals of the triangles there, weighted by their angles; triangles are
+        left out if the cosine between their normal and the triangle's is not above ``sharp``. The
+        other arguments are those of `at`.
         """
         normals, corners = triangle_normals(x, self._triangles), self._triangles.shape[1]
         weighted = self._at_corners(x, normals)
@@ -151,7 +155,10 @@ class PseudoNormals:
         return _unit(found)
 
     def _at_corners(self, x: Array, normals: Array) -> Array:
-        """Return what each corner of each triangle adds to the normal there, (m * corners, dim)."""
+        """Return each triangle's normal, weighted at each corner, (m * corners, dim).
+
+        The weight is the triangle's angle there; for segments it is 1.
+        """
         if self._triangles.shape[1] == 2:
             return np.repeat(normals, 2, axis=0)
         angles = _angles(x[self._triangles])
@@ -159,18 +166,18 @@ class PseudoNormals:
 
 
 def _unit(vectors: Array) -> Array:
-    """Return vectors (n, dim) of length one; zero where they are zero."""
+    """Return the vectors (n, dim) scaled to length 1; zero vectors stay zero."""
     length = np.linalg.norm(vectors, axis=1, keepdims=True)
     return np.asarray(vectors / np.maximum(length, np.finfo(float).tiny))
 
 
 def _sum(index: Array, values: Array, size: int) -> Array:
-    """Return the sums (size, dim) of vectors (n, dim) with the same index."""
+    """Return the sums (size, dim) of the vectors (n, dim) that have the same index (n,)."""
     return np.stack([np.bincount(index, column, size) for column in values.T], axis=1)
 
 
 def _angles(corners: Array) -> Array:
-    """Return the angles (m, 3) of triangles (m, 3, 3)."""
+    """Return the angles (m, 3) [rad] at the corners (m, 3, 3) of triangles."""
     there = np.roll(corners, -1, axis=1) - corners
     back = np.roll(corners, 1, axis=1) - corners
     cross = np.linalg.norm(np.cross(there, back), axis=2)

@@ -28,28 +28,32 @@ _COLUMNS = (
     f"a first column 'load' or 'time', then {', '.join(TRANSLATION)} and, if it turns, "
     f"{', '.join(ROTATION)}; or a11, a12, ..., a34; and 'bone' if the file moves several bones"
 )
-#: How far a table may miss the end of the motion, in parts of its length: rounded decimals.
+#: Largest distance of the last load of a table from 1, and of the first from 0: rounded decimals.
 _ROUNDED = 1e-9
-#: Largest difference of R^T R from the identity: a table of 6 digits has 1e-6 in each entry.
+#: Largest entry of R^T R - I of a rotation: a table of 6 digits has 1e-6 in each entry.
 _RIGID = 1e-5
 #: Largest rotation between two rows [rad]: the shortest way is not unique at half a turn.
 _HALF_TURN = np.pi * (1 - 1e-6)
 
 
 def read_rows(path: str | Path, bones: Collection[str] = ()) -> pd.DataFrame:
-    """Read a CSV file with a line of column names; # begins a comment.
+    """Return the rows of a CSV file of motions; # begins a comment.
+
+    The first line has the names of the columns, which `read_motion` describes. The values are
+    floats, in the column "bone" strings.
 
     Parameters
     ----------
     path : str or Path
         The file.
     bones : collection of str
-        The names that a column of bones may have; without any the file has no such column.
+        The names that the column "bone" may have; without any names the file has no such column.
 
     Raises
     ------
     BadInput
-        One line, for a file that cannot be read, with other columns, or with other bones.
+        For a file that cannot be read, wrong columns, a value that is no number, or an unknown
+        bone; a message of one line.
     """
     import pandas as pd  # takes longer to import than scenes without files to read
 
@@ -86,7 +90,10 @@ def read_rows(path: str | Path, bones: Collection[str] = ()) -> pd.DataFrame:
 
 
 def _loads(path: str | Path, table: pd.DataFrame, duration: float | None) -> Array:
-    """Return the load of each row; times are divided by the duration [s]. Raises BadInput."""
+    """Return the load of each row, (rows,); times are divided by the duration [s].
+
+    Raises BadInput for times without a duration, and unless loads ascend from <= 0 to >= 1.
+    """
     name = "time" if "time" in table else "load"
     if name == "time" and duration is None:
         raise BadInput(
@@ -116,20 +123,19 @@ def read_motion(path: str | Path, duration: float | None = None) -> PoseTable:
         translation; may be left out), or the entries ``a11, a12, ..., a34`` of a 3x4 matrix
         [R | c], row by row. # begins a comment.
     duration : float, optional
-        The length of the run [s], at which the load is 1; without it the table has loads.
+        The time [s] at which the load is 1, for a file with times.
 
     Raises
     ------
     BadInput
-        One line, for a file that cannot be read, with other columns, with times or loads that do
-        not ascend or do not reach from the start to the end, with a matrix that is not a rotation
-        and a translation, or with half a turn or more between two rows.
+        As `read_rows`; and for times or loads that do not ascend or do not cover the run, a matrix
+        that is not a rotation and a translation, or half a turn or more between two rows.
     """
     return _pose_table(path, read_rows(path), duration)
 
 
 def _pose_table(path: str | Path, table: pd.DataFrame, duration: float | None) -> PoseTable:
-    """Return the rigid motion of the rows of a file. Raises BadInput as `read_motion` does."""
+    """Return the rigid motion in the rows of a file. Raises BadInput as `read_motion` does."""
     from scipy.spatial.transform import Rotation
 
     loads = _loads(path, table, duration)
@@ -157,36 +163,36 @@ def _pose_table(path: str | Path, table: pd.DataFrame, duration: float | None) -
 
 
 def _matrices(table: pd.DataFrame) -> Array:
-    """Return the 3x4 matrices (rows, 3, 4)."""
+    """Return the matrices [A | c] of a table with these columns, (rows, 3, 4)."""
     return table[AFFINE].to_numpy().reshape(-1, 3, 4)
 
 
 def bone_motion(
     path: str | Path, table: pd.DataFrame, name: str, duration: float | None, rigid: bool
 ) -> Motion:
-    """Return the motion of a bone.
+    """Return the motion of a bone from the rows of a file.
 
-    Between two rows, 3x4 matrices are linear in each entry. If they are rigid, and in a file of
-    translations and rotation vectors, rotations are slerped and translations linear.
+    Between two rows, the entries of 3x4 matrices are linear. With ``rigid``, and for translations
+    and rotation vectors, rotations are slerped instead, and translations are linear.
 
     Parameters
     ----------
     path : str or Path
-        The file.
+        The file, for messages.
     table : DataFrame
-        Its rows, of this bone and of others.
+        The rows of all bones: see `read_rows`.
     name : str
         The bone.
     duration : float or None
-        The length of the run [s], for a file with times.
+        The time [s] at which the load is 1, for a file with times.
     rigid : bool
-        Whether the matrices are rotations and translations.
+        Whether to require that matrices are rotations and translations.
 
     Raises
     ------
     BadInput
-        One line, for a file without rows of the bone, or with rows that do not reach from the start
-        to the end; with ``rigid``, for a matrix that is no rotation.
+        For a file without rows of the bone, or with rows that do not cover the run; with ``rigid``,
+        for a matrix that is no rotation.
     """
     if BONE in table:
         table = table[table[BONE] == name].reset_index(drop=True)

@@ -1,4 +1,4 @@
-"""Motions by the load, and what follows them: rigid shapes in motion, bones in the flesh."""
+"""Motions as functions of the load; rigid shapes and bones that follow motions."""
 
 from __future__ import annotations
 
@@ -13,29 +13,30 @@ import numpy.typing as npt
 from fem_snh.errors import BadInput, bad_value
 from fem_snh.geometry.shapes.shape import Array, Evaluation, Shape
 
-#: The matrix of a bone that does not move.
+#: The matrix [A | c] of a bone that does not move.
 IDENTITY: Array = np.eye(3, 4)
-#: Points of the polynomial that a smooth motion follows: exact up to degree 5 in time.
+#: Points of the polynomial that interpolates a smooth motion: exact up to degree 5 in the load.
 _POINTS = 6
-#: Largest misfit of that polynomial between its points, relative to the largest change of velocity
-#: in a step times the step. A motion of constant frequency has 1e-4 at 6 steps a period. So has a
-#: table with a point every 0.03 steps, whose kinks then change the acceleration by 0.2 %.
+#: Largest error of the polynomial between its points, relative to the largest second derivative
+#: times the square of a step, for a motion that counts as smooth. A motion of constant frequency
+#: has 1e-4 at 6 steps a period. So has a table with a point every 0.03 steps, whose kinks then
+#: change the acceleration by 0.2 %.
 _SMOOTH = 1e-4
-#: The same, relative to the displacement: rounding.
+#: Further error that is allowed, relative to the displacement: rounding.
 _ROUNDING = 1e-14
-#: Rounding of the last load, 1, to which steps add up.
+#: The last load, 1, plus the rounding error of the sum of steps.
 _LAST = 1 + 1e-9
 
 
 class Pose(NamedTuple):
-    """A map x = R X + c; of a bone R may be any matrix.
+    """A map x = R X + c of reference points X.
 
     Attributes
     ----------
     rotation : (3, 3) array
-        R; of a rigid motion R^T R = I and det R = 1.
+        The matrix R: a rotation for a rigid motion, any matrix for a bone.
     translation : (3,) array
-        c [length].
+        The translation c [length].
     """
 
     rotation: Array
@@ -46,15 +47,15 @@ class Pose(NamedTuple):
         return X @ self.rotation.T + self.translation
 
     def invert(self, x: Array) -> Array:
-        """Return the points R^T (x - c) (n, 3)."""
+        """Return the points R^T (x - c) (n, 3): the inverse of `apply` if R is a rotation."""
         return (x - self.translation) @ self.rotation
 
 
 class Motion:
-    """An affine motion as a function of the load; that of an obstacle is rigid."""
+    """An affine motion as a function of the load; the motion of an obstacle is rigid."""
 
     def pose(self, load: float) -> Pose:
-        """Return the map of reference points at a load from 0 to 1."""
+        """Return the map x = R X + c of reference points at a load from 0 to 1."""
         raise NotImplementedError(f"{type(self).__name__}.pose")
 
     def affine(self, load: float) -> Array:
@@ -64,7 +65,7 @@ class Motion:
 
 @dataclass(frozen=True)
 class DisplacementMotion(Motion):
-    """A rigid motion that a displacement field defines, as the scene's ``[[move]]`` has it.
+    """A rigid motion given by its displacement field, as ``[[move]]`` of a scene defines one.
 
     Parameters
     ----------
@@ -106,7 +107,7 @@ class PoseTable(Motion):
         return Slerp(self.loads, Rotation.from_matrix(self.rotations))
 
     def pose(self, load: float) -> Pose:
-        """Return the pose at a load; beyond the ends of the table, that of its end."""
+        """Return the pose at a load; beyond the ends of the table, the pose at the nearer end."""
         load = float(np.clip(load, self.loads[0], self.loads[-1]))
         c = np.array([np.interp(load, self.loads, column) for column in self.translations.T])
         return Pose(self._slerp(load).as_matrix(), c)
@@ -114,21 +115,21 @@ class PoseTable(Motion):
 
 @dataclass(frozen=True)
 class AffineTable(Motion):
-    """Affine maps at some loads, linear between them and constant beyond the ends.
+    """Affine maps at some loads; entries are linear between loads and constant beyond the ends.
 
     Attributes
     ----------
     loads : (m,) array
-        Loads, ascending.
+        Loads, ascending, two or more.
     matrices : (m, 3, 4) array
-        Matrices [A | c].
+        Matrices [A | c] of x = A X + c; c [length].
     """
 
     loads: Array
     matrices: Array
 
     def pose(self, load: float) -> Pose:
-        """Return the map at a load."""
+        """Return the map at a load; its ``rotation`` is A, which need not be a rotation."""
         i = int(np.clip(np.searchsorted(self.loads, load), 1, len(self.loads) - 1))
         start, end = self.loads[i - 1 : i + 1]
         t = float(np.clip((load - start) / (end - start), 0.0, 1.0))
@@ -152,11 +153,11 @@ class MovingShape:
     shape : Shape
         The shape at its reference position.
     motion : Motion, optional
-        Its motion; without one it does not move.
+        The rigid motion; without it the shape does not move.
 
     Notes
     -----
-    Its distance moves with it: :math:`d(x, \\lambda) = d(R^T(x - c))`, with gradient
+    The signed distance moves with the shape: :math:`d(x, \\lambda) = d(R^T(x - c))`, with gradient
     :math:`R\\,\\nabla d` and Hessian :math:`R\\,\\nabla^2 d\\,R^T`.
     """
 
@@ -196,12 +197,12 @@ class MovingShape:
         return Evaluation(distance, gradient @ R.T, R @ hessian @ R.T)
 
     def displacement(self, x: Array, start: float, end: float) -> Array:
-        """Return what points that move with the obstacle are displaced between two loads.
+        """Return the displacements between two loads of points that move with the shape.
 
         Parameters
         ----------
         x : (n, 3) array
-            Where the points are at the load ``start`` [length].
+            Positions of the points at the load ``start`` [length].
         start, end : float
             The loads; ``end`` may be the lower one.
 
@@ -217,14 +218,14 @@ class MovingShape:
 
 @dataclass(frozen=True)
 class Noise:
-    r"""A random affine map at each frame, which is added to a bone's own.
+    r"""Random affine displacements at equidistant loads, which are added to a bone's motion.
 
     A point X of a bone with centre :math:`X_c` and length L is displaced by
 
     .. math:: a [L t + B (X - X_c)], \quad |t| \le 1/2, \quad \|B\|_F \le 1,
 
-    with amplitude a. No point of the bone is displaced by more than a L, as none is farther than
-    L/2 from the centre. The vector t is uniform in its ball, as is B in the ball of matrices.
+    with amplitude a. L is twice the largest distance of a node from the centre, so no node is
+    displaced by more than a L. The vector t and the matrix B are uniform in their balls.
 
     Parameters
     ----------
@@ -233,7 +234,7 @@ class Noise:
     seed : int
         Seed of the random numbers, together with the bone's name.
     frames : int
-        Number of frames between load 0, which is not disturbed, and load 1.
+        Number of equal intervals of the load, linear in each; the displacement at load 0 is zero.
     """
 
     amplitude: float
@@ -241,7 +242,7 @@ class Noise:
     frames: int
 
     def maps(self, name: str, centre: Array, length: float) -> Array:
-        """Return the matrices [a B | c] of a bone at all frames, (frames + 1, 3, 4)."""
+        """Return the matrices [a B | c] of the displacements at all loads, (frames + 1, 3, 4)."""
         random = np.random.default_rng([self.seed, *name.encode()])
         t = _in_ball(random, self.frames, 3) / 2
         B = _in_ball(random, self.frames, 9).reshape(-1, 3, 3)
@@ -251,7 +252,7 @@ class Noise:
         return found
 
     def motion(self, name: str, centre: Array, length: float) -> Callable[[float], Array]:
-        """Return the matrix (3, 4) that is added to a bone's own, as a function of the load."""
+        """Return the matrix (3, 4) to add to a bone's [A | c], as a function of the load."""
         loads = np.linspace(0.0, 1.0, self.frames + 1)
         return AffineTable(loads, self.maps(name, centre, length)).affine
 
@@ -265,24 +266,24 @@ def _in_ball(random: np.random.Generator, count: int, dimension: int) -> Array:
 
 @dataclass(frozen=True)
 class Bone:
-    """A solid in the flesh, whose nodes follow its motion.
+    """A solid inside of the body, with a prescribed motion that the nodes in it follow.
 
     Parameters
     ----------
     name : str
-        Its name, by which ties between bones are decided.
+        The name; a node equally deep in several bones follows the one whose name sorts first.
     shape : Shape, optional
         The solid, at its reference position.
     group : str or int, optional
         A physical group of volumes, instead of a shape.
     motion : Motion or callable, optional
-        Its motion, or a function of the load that returns the (3, 4) matrix [A | c] of its map
-        x = A X + c; without one it does not move.
+        The motion, or a function of the load that returns the (3, 4) matrix [A | c] of
+        x = A X + c; without it the bone does not move.
     origin : (3,) tuple, optional
         A reference point [length], about which moments are given; default: the centre of the
         bounding box of the bone's nodes.
     noise : Noise, optional
-        Random maps that are added to its motion.
+        Random displacements that are added to the motion.
 
     Raises
     ------
@@ -308,7 +309,7 @@ class Bone:
         Raises
         ------
         BadInput
-            If a function returns anything else, or if det A is not positive.
+            If a function fails, or does not return a finite (3, 4) matrix, or if det A <= 0.
         """
         if self.motion is None:
             return IDENTITY
@@ -329,25 +330,30 @@ def path_rates(
 ) -> tuple[Array, Array, Array]:
     r"""Return a motion at a load, and its first two derivatives by the load.
 
-    Where the motion is smooth within a step of the load, they are those of a polynomial through
-    points of it. Where it has kinks, as a table between its points, they are the central
-    differences of the step,
+    An entry that is smooth within a step of the load is differentiated as a polynomial through
+    points of the motion. An entry with kinks, as a table has at its points, is differentiated by
+    central differences of the step h,
 
     .. math:: v = \frac{u_{n+1} - u_{n-1}}{2 h}, \qquad a = \frac{u_{n+1} - 2 u_n + u_{n-1}}{h^2} .
 
-    The sum of :math:`h a` over steps is then the change of the velocity, and the work of the
-    inertial forces by the trapezoidal rule the change of the kinetic energy, wherever the kinks
-    are. At the last load, beyond which a motion is not known, they are one-sided.
+    Wherever the kinks are, the sum of :math:`h a` over steps is then the change of the velocity,
+    and the work of the inertial forces by the trapezoidal rule is the change of the kinetic energy.
+    At the last load, beyond which a motion is not known, the differences are one-sided.
 
     Parameters
     ----------
     path : callable
-        The motion, an array as a function of the load. Collective if it is.
+        The motion, an array as a function of the load. If it is collective, so is this function.
     load : float
         The load.
     step : float
-        The size of the step that ends at the load; negative at the start of the first one, for
-        points at higher loads alone.
+        The size of the step that ends at the load; negative at the start of the first step, to use
+        higher loads only.
+
+    Returns
+    -------
+    u, v, a : arrays
+        The motion and its derivatives, with the shape of the motion.
     """
     u = path(load)
     if step < 0:
@@ -377,15 +383,15 @@ def path_rates(
 
 
 def _derivatives(points: Array) -> Array:
-    """Return the weights of values at points in the first two derivatives at 0, (2, points)."""
+    """Return the weights (2, points) that give the first two derivatives at 0 from values."""
     return _weights(points, np.eye(len(points), 3)[:, 1:] * (1, 2))
 
 
 def _interpolation(points: Array, others: Array) -> Array:
-    """Return the weights of values at points in those at other points, (others, points)."""
+    """Return the weights (others, points) that give the values at ``others`` from values."""
     return _weights(points, np.vander(others, len(points), increasing=True).T)
 
 
 def _weights(points: Array, moments: Array) -> Array:
-    """Return the weights with which sums of the powers of points are these moments."""
+    """Return weights w, one row for each column m of ``moments``: sum_j w_j x_j^k = m_k."""
     return np.linalg.solve(np.vander(points, increasing=True).T, moments).T

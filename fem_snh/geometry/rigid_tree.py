@@ -1,13 +1,16 @@
 r"""The motions of rigid parts that joints connect to the world or to each other.
 
-A part is at :math:`x = c + R (X - p)`, p a point of it. Its six unknowns are a translation v and a
-rotation :math:`\omega` from the present pose, of which a joint leaves some:
+The points of a part are at :math:`x = c + R (X - p)`, with p the part's reference point. The six
+unknowns of a part without a joint are a translation v [m] from the present pose, and a rotation
+:math:`\omega` [rad] about the global axes times a length:
 
 .. math:: c(s) = c + s v, \qquad R(s) = \exp(s [\omega]_\times) R .
 
-A ball joint at p carries c along with its parent; a hinge leaves a rotation about an axis, and a
-slider a translation, both fixed in the parent. Its motion relative to the parent is then turned
-with the parent. Slopes along these paths are exact at every s, not only at s = 0.
+A joint leaves some of the unknowns. A ball joint at p moves c with the parent. A hinge leaves the
+rotation about an axis, and a slider the translation along an axis, as unknowns 3 and 0; the axis
+turns with the parent, and so does the motion relative to the parent. Derivatives along these paths
+are exact at every s, not only at s = 0. A twist (v, omega) is the rate of c and the angular
+velocity, in global axes. Arrays (6 parts,) have six entries for each part.
 """
 
 from __future__ import annotations
@@ -32,7 +35,7 @@ Array = npt.NDArray[Any]
 
 #: Unknowns of a part.
 UNKNOWNS = 6
-#: The kinds of joints, and which unknowns each leaves: v, then omega times a length.
+#: The unknowns that each kind of joint leaves: 0 to 2 are v, 3 to 5 omega times a length.
 JOINTS = {
     "": (0, 1, 2, 3, 4, 5),
     "ball": (3, 4, 5),
@@ -50,25 +53,24 @@ class Poses(NamedTuple):
 
 @dataclass(frozen=True)
 class Link:
-    """How a part may move.
+    """A part with its joint, or with its free motions.
 
     Attributes
     ----------
     point : (3,) array
-        The reference coordinates [m] of its point p.
+        The reference coordinates [m] of the part's point p.
     length : float
         The length [m] by which rotations are scaled.
     joint : str
         One of `JOINTS`; empty for a part without a joint.
     axis : (3,) array
-        The unit vector of a hinge or a slider; zero without one.
+        The unit vector of a hinge or a slider in the reference configuration; otherwise zero.
     parent : int
-        The part that the joint connects it to; -1 for the world.
-    free : tuple of bool
-        Which components of the translation of a part without a joint, and whether its rotation,
-        are free.
+        The number of the part that the joint connects to; -1 for the world.
+    free : (4,) tuple of bool
+        Of a part without a joint: whether the translations along x, y, z and the rotation are free.
     motions : (6,) tuple of bool
-        Which translations along x, y, z and rotations about them there are, as in a plane.
+        Which translations along x, y, z and rotations about them the kinematics has.
     """
 
     point: Array
@@ -81,14 +83,14 @@ class Link:
 
     @property
     def free_unknowns(self) -> Array:
-        """(6,) bool: which unknowns are free."""
+        """Which unknowns are free, (6,) bool."""
         chosen = np.isin(np.arange(UNKNOWNS), JOINTS[self.joint])
         if self.joint in ("", "ball"):  # the others have unknowns along or about their axis
             chosen &= np.array(self.motions)
         return chosen if self.joint else chosen & np.repeat(self.free, (1, 1, 1, 3))
 
     def nearest_rotation(self, A: Array) -> Array:
-        """Return the rotation, among those that there are, that is nearest to a matrix (3, 3)."""
+        """Return the rotation among ``motions`` that is nearest to a matrix (3, 3)."""
         axes = np.eye(3)[list(self.motions[3:])]
         if len(axes) == 3:
             return nearest_rotation(A)
@@ -96,12 +98,21 @@ class Link:
 
 
 class RigidTree:
-    """Rigid parts and their joints, of which no chain is closed.
+    """Rigid parts and their joints, which form no loops.
 
     Parameters
     ----------
     links : sequence of Link
         The parts.
+
+    Attributes
+    ----------
+    points : (parts, 3) array
+        The reference coordinates [m] of the parts' points.
+    free : (6 parts,) bool array
+        Which unknowns are free.
+    order : list of int
+        The numbers of the parts, each after its parent.
     """
 
     def __init__(self, links: Sequence[Link]) -> None:
@@ -117,23 +128,24 @@ class RigidTree:
             ]
 
     def ancestors(self, part: int) -> list[int]:
-        """Return a part and the parts whose motion carries it."""
+        """Return the numbers of a part, its parent, the parent's parent, and so on."""
         found = [part]
         while (part := self.links[part].parent) >= 0:
             found.append(part)
         return found
 
     def _parent(self, poses: Poses, link: Link) -> tuple[Array, Array, Array]:
-        """Return point p, position and rotation of a link's parent; zero and I of the world."""
+        """Return p, c and R of a link's parent; for the world 0, 0 and I."""
         if link.parent < 0:
             return np.zeros(3), np.zeros(3), np.eye(3)
         return self.points[link.parent], poses.c[link.parent], poses.R[link.parent]
 
     @staticmethod
     def _own_twist(link: Link, turned: Array) -> Array:
-        """Return the derivative of a part's own twist (v, omega) by its unknowns, (6, 6).
+        """Return the derivative of a part's twist by its own unknowns, (6, 6).
 
-        ``turned`` is the rotation of its parent, with which the axis turns.
+        The twist is relative to the parent. ``turned`` (3, 3) is the parent's rotation, with which
+        the axis turns.
         """
         twist = np.diag([1.0] * 3 + [1 / link.length] * 3)
         twist[:, ~np.isin(np.arange(UNKNOWNS), JOINTS[link.joint])] = 0.0
@@ -144,16 +156,16 @@ class RigidTree:
         return twist
 
     def project(self, poses: Poses, translations: Array, rotations: Array) -> Poses:
-        """Return the poses that joints and prescribed motions admit, near given ones.
+        """Return poses near given ones that satisfy joints and prescribed motions.
 
         Parameters
         ----------
         poses : Poses
-            The poses.
+            The given poses.
         translations : (parts, 3) array
-            Displacements [m] of the points; only constrained components are read.
+            Prescribed displacements [m] of the points; free components are not read.
         rotations : (parts, 3, 3) array
-            Rotations; only constrained ones are read.
+            Prescribed rotations; those of parts with a free rotation are not read.
         """
         c, R = poses.c.copy(), poses.R.copy()
         for i in self.order:
@@ -176,7 +188,7 @@ class RigidTree:
         return Poses(c, R)
 
     def move(self, poses: Poses, q: Array) -> Poses:
-        """Return the poses at the end of the path along unknowns q, (6 parts,)."""
+        """Return the poses at s = 1 of the paths with unknowns q (6 parts,) [m] from ``poses``."""
         c, R, q = poses.c.copy(), poses.R.copy(), q.reshape(-1, UNKNOWNS)
         for i in self.order:
             link = self.links[i]
@@ -190,7 +202,10 @@ class RigidTree:
         return Poses(c, R)
 
     def jacobian(self, poses: Poses) -> Array:
-        """Return the derivative of the parts' twists (v, omega) by the unknowns, square."""
+        """Return the derivative of the parts' twists by all unknowns, (6 parts, 6 parts).
+
+        Unknowns that a joint does not leave have zero columns; prescribed unknowns do not.
+        """
         G = np.zeros((UNKNOWNS * len(self.links),) * 2)
         for i in self.order:
             link, k = self.links[i], UNKNOWNS * i
@@ -204,16 +219,18 @@ class RigidTree:
         return G
 
     def curvature(self, poses: Poses, G: Array, wrenches: Array, moments: Array) -> Array:
-        """Return the second derivative of the work of forces along the paths, by the unknowns.
+        """Return the second derivative of the work of constant forces f along the paths.
+
+        The result (6 parts, 6 parts) is symmetric, and by the unknowns.
 
         Parameters
         ----------
         poses : Poses
-            The poses.
-        G : array
-            Their `jacobian`.
+            The poses at s = 0.
+        G : (6 parts, 6 parts) array
+            The `jacobian` at these poses.
         wrenches : (6 parts,) array
-            Sums of the forces f on each part and of their moments (x - c) x f.
+            The sums of the forces f on each part, and of their moments (x - c) x f.
         moments : (parts, 3, 3) array
             The sums of f (x - c)^T.
         """
@@ -249,21 +266,21 @@ class RigidTree:
         return np.asarray(G.T @ twists @ G + unknowns)
 
     def accelerations(self, poses: Poses, G: Array, rates: Array) -> Array:
-        """Return the accelerations of the parts' points and rotations at constant rates.
+        """Return the accelerations of the parts at constant rates of the unknowns.
 
         Parameters
         ----------
         poses : Poses
             The poses.
-        G : array
-            Their `jacobian`.
+        G : (6 parts, 6 parts) array
+            The `jacobian` at these poses.
         rates : (6 parts,) array
-            The rates of the unknowns.
+            The rates of the unknowns [m/s].
 
         Returns
         -------
         (parts, 2, 3) array
-            Of the points, and of the rotations.
+            The acceleration of each part's point [m/s^2], and its angular acceleration [rad/s^2].
         """
         found, q = np.zeros((len(self.links), 2, 3)), rates.reshape(-1, UNKNOWNS)
         twists = (G @ rates).reshape(-1, 2, 3)
@@ -285,13 +302,20 @@ class RigidTree:
         return found
 
     def relative_rotation(self, poses: Poses, part: int) -> Array:
-        """Return the rotation vector of a part relative to its parent, in present axes, (3,)."""
+        """Return the rotation vector (3,) [rad] of R R_p^T: a part's rotation from its parent's.
+
+        R_p is the parent's rotation; I without a parent. The axes are the global x, y, z; the norm
+        is at most pi.
+        """
         parent = self.links[part].parent
         R = poses.R[part]
         return rotation_vector(R @ poses.R[parent].T if parent >= 0 else R)
 
     def spring_stiffness(self, poses: Poses, part: int) -> Array:
-        """Return the second derivative of half the square of `relative_rotation` by the twists."""
+        """Return the second derivative of half the squared norm of `relative_rotation` by twists.
+
+        The result is (6 parts, 6 parts).
+        """
         theta, size = self.relative_rotation(poses, part), UNKNOWNS * len(self.links)
         J, found = inverse_left_jacobian(theta), np.zeros((size, size))
         w, parent = slice(UNKNOWNS * part + 3, UNKNOWNS * part + 6), self.links[part].parent
@@ -304,20 +328,22 @@ class RigidTree:
 
 
 def rotation_vector(R: Array) -> Array:
-    """Return the rotation vector (3,) of a rotation matrix; its angle is at most pi."""
+    """Return the rotation vector (3,) of a rotation matrix (3, 3); its norm is at most pi."""
     return np.asarray(Rotation.from_matrix(R).as_rotvec())
 
 
 def fit_poses(links: Sequence[Link], means: Array, places: Array, products: Array) -> Poses:
-    """Return the poses nearest to the places of nodes, in least squares.
+    """Return the poses that fit the present positions x of nodes best, in least squares.
 
     Parameters
     ----------
     links : sequence of Link
-        The parts.
-    means, places : (parts, 3) arrays
-        Means of the nodes' reference coordinates and of their present places; of a body of
-        revolution those of whole circles.
+        The parts; their joints are ignored.
+    means : (parts, 3) array
+        Means of the reference coordinates X of each part's nodes [m]. On a body of revolution the
+        mean over the circles of the nodes.
+    places : (parts, 3) array
+        Means of the positions x, likewise.
     products : (parts, 3, 3) array
         The sums of x (X - mean X)^T.
     """

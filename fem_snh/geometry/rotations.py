@@ -1,4 +1,4 @@
-"""Rotation matrices and rotation vectors."""
+"""Rotation matrices, and rotation vectors: axis times angle [rad]."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ import numpy.typing as npt
 
 Array = npt.NDArray[Any]
 
-#: Angle below which a coefficient of `inverse_left_jacobian` is its series: its error is of the
-#: fourth power.
+#: Angle [rad] below which a coefficient of `inverse_left_jacobian` is computed by its series, with
+#: an error of the fourth power of the angle.
 _SMALL = 1e-3
 
 
 def skew(v: Array) -> Array:
-    """Return the matrices of the cross products v x, (..., 3, 3)."""
+    """Return the matrices [v]_x of vectors v (..., 3), with [v]_x a = v x a, (..., 3, 3)."""
     return np.cross(np.eye(3), np.asarray(v, dtype=float)[..., None, :])
 
 
 def rotate(omega: Array, r: Array) -> Array:
-    """Return vectors r, (..., 3), rotated by rotation vectors omega [rad] (Rodrigues' formula)."""
+    """Return vectors r (..., 3) rotated by rotation vectors (..., 3), by Rodrigues' formula."""
     angle = np.linalg.norm(omega, axis=-1, keepdims=True)
     first, second = np.sinc(angle / np.pi), np.sinc(angle / (2 * np.pi)) ** 2 / 2
     once = np.cross(omega, r)
@@ -28,7 +28,7 @@ def rotate(omega: Array, r: Array) -> Array:
 
 
 def exponential(omega: Array) -> Array:
-    """Return the rotation matrix of a rotation vector (3,)."""
+    """Return the rotation matrix (3, 3) of a rotation vector (3,)."""
     return rotate(omega, np.eye(3)).T
 
 
@@ -40,15 +40,19 @@ def nearest_rotation(A: Array) -> Array:
 
 
 def turn_about(axis: Array, R: Array) -> float:
-    """Return the angle of the rotation about a unit vector that is nearest to R."""
+    """Return the angle [rad] in [-pi, pi] of the rotation about ``axis`` that is nearest to R.
+
+    ``axis`` (3,) is a unit vector, and R a matrix (3, 3).
+    """
     axial = np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
     return float(np.arctan2(axis @ axial, np.trace(R) - axis @ R @ axis))
 
 
 def inverse_left_jacobian(theta: Array) -> Array:
-    """Return J^-1, d theta = J^-1 omega dt where the rotation exp(theta) turns with omega.
+    """Return J^-1 (3, 3), with d theta/dt = J^-1 omega (Barfoot 2017, eq. 7.77).
 
-    Barfoot 2017, eq. 7.77.
+    omega is the angular velocity, in global axes, of the rotation with rotation vector ``theta``
+    (3,).
     """
     angle = float(np.linalg.norm(theta))
     if angle < _SMALL:
