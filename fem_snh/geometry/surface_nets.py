@@ -13,17 +13,17 @@ from fem_snh.geometry.shapes.shape import Array, Shape
 Integers = npt.NDArray[np.int64]
 Triangles = npt.NDArray[np.int32]
 
-#: Largest number of cells in the box of the body: an array of one double each takes 0.4 GB.
+#: Largest number of cells in a grid: an array of one double for each cell takes 0.4 GB.
 _MAX_CELLS = 50_000_000
-#: Part of a cell by which a body may be larger than a whole number of cells: rounding error, also
-#: that of single precision in STL files.
+#: Fraction of a cell by which a body may exceed a whole number of cells: rounding error, also of
+#: single precision in STL files.
 _ROUNDING = 1e-6
 #: Corners of a cell in dolfinx's order, (8, 3).
 CORNERS = np.array([[v & 1, v >> 1 & 1, v >> 2] for v in range(8)])
-#: Distance, in cubes, below which a grid point counts as outside: rounding error, so that a face of
-#: a box on the side of the grid has cubes on both sides of each edge that it cuts.
+#: Distance, in edges of a cube, below the surface up to which a grid point counts as outside:
+#: rounding error. An edge cut by a face of a box on the side of the grid then has all four cubes.
 _ON_SURFACE = 1e-9
-#: Newton steps that bring the points onto the surface, whose error they square.
+#: Newton steps that move points onto the surface; each squares the error.
 _STEPS = 2
 #: The edges of a cube as pairs of corners: four along x, along y, along z.
 _EDGES = np.array([(v, v | 1 << a) for a in range(3) for v in range(8) if not v >> a & 1])
@@ -31,7 +31,7 @@ _EDGES = np.array([(v, v | 1 << a) for a in range(3) for v in range(8) if not v 
 
 @dataclass(frozen=True)
 class Grid:
-    """Cubes of equal size in the box of a body, numbered by (i, j, k) from its lowest corner.
+    """Cubic cells of equal size in a box, numbered by (i, j, k) from the box's lowest corner.
 
     Attributes
     ----------
@@ -49,21 +49,21 @@ class Grid:
 
     @classmethod
     def around(cls, bounds: Array, size: float, key: str = "cell") -> Grid:
-        """Return the smallest grid that holds a box and has its centre.
+        """Return the smallest grid that contains a box and has the same centre.
 
         Parameters
         ----------
         bounds : (2, 3) array
-            Lowest and highest coordinates [length].
+            Lowest and highest coordinates of the box [length].
         size : float
             The edge of a cube [length].
         key : str
-            Its name in messages.
+            The name of ``size`` in messages.
 
         Raises
         ------
         BadInput
-            For an infinite box, cubes that are larger than it, and too many of them.
+            For an infinite box, cubes not smaller than the box, or more than 50 million cubes.
         """
         if not np.isfinite(bounds).all():
             raise BadInput("expected a body of finite size, no plane and no infinite cylinder")
@@ -79,35 +79,43 @@ class Grid:
         return cls(bounds.mean(axis=0) - 0.5 * size * shape, size, shape.astype(np.int64))
 
     def key(self, cells: Integers) -> Integers:
-        """Return one number for each of the cells (..., 3), also those just outside of the grid."""
+        """Return a unique number for each of the cells (..., 3), (...).
+
+        Cells may be outside of the grid by one cell. The numbers ascend in the order of (i, j, k).
+        """
         _, ny, nz = self.shape + 2
         i, j, k = np.moveaxis(cells + 1, -1, 0)
         return (i * ny + j) * nz + k
 
     def rows(self, cells: Integers, wanted: Integers) -> tuple[Integers, Integers]:
-        """Return which of ``wanted`` (n, 3) are among sorted cells (m, 3), and their rows there."""
+        """Return which of ``wanted`` (n, 3) are among ``cells`` (m, 3), sorted by `key`.
+
+        Return two arrays (k,): indices into ``wanted``, and the rows of the same cells in
+        ``cells``.
+        """
         keys, key = self.key(cells), self.key(wanted)
         at = np.minimum(np.searchsorted(keys, key), len(keys) - 1)
         found = np.flatnonzero(keys[at] == key)
         return found, at[found]
 
     def centres(self, cells: Integers) -> Array:
-        """Return the centres of cells (n, 3)."""
+        """Return the centres (n, 3) [length] of cells (n, 3)."""
         return self.origin + self.size * (cells + 0.5)
 
 
 def cells_of_box(low: Integers, high: Integers) -> Integers:
-    """Return (i, j, k) from ``low`` to before ``high``, (n, 3), the last index fastest."""
+    """Return all (i, j, k) with low <= (i, j, k) < high, (n, 3); k varies fastest."""
     axes = [np.arange(a, b) for a, b in zip(low, high, strict=True)]
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
 
 
 def _loops() -> Integers:
-    """Return which loop of the surface cuts each edge of a cube, (256, 12), -1 for none.
+    """Return the number of the surface's loop that cuts each edge of a cube, (256, 12).
 
-    The row is the sum of 2^v over the corners v that are inside. Edges are in one loop if the
-    surface connects them on a face of the cube; on a face with two opposite corners inside it
-    goes around each of them, from both sides of the face alike.
+    The row of a cube is the sum of 2^v over its corners v that are inside; -1 marks an edge that is
+    not cut. A loop consists of the edges that the surface connects on faces of the cube. On a face
+    with only two opposite corners inside, the surface goes around each of these corners, so two
+    cubes with a common face agree on it.
     """
     table = np.full((256, 12), -1, dtype=np.int64)
     faces = [{v for v in range(8) if v >> a & 1 == side} for a in range(3) for side in (0, 1)]
@@ -132,7 +140,7 @@ def _loops() -> Integers:
 def surface_on(shape: Shape, grid: Grid) -> tuple[Array, Triangles]:
     """Return points (n, 3) [m] and triangles (m, 3) of a shape's surface in a whole grid.
 
-    `triangulate` with one cube in each of the grid's cells that the surface may cut.
+    It is the result of `triangulate` with one cube for each cell that the surface may cut.
     """
     cells = cells_of_box(np.zeros(3, np.int64), grid.shape)
     near = np.abs(shape.distance(grid.centres(cells))) < grid.size * np.sqrt(0.75)
@@ -145,8 +153,8 @@ def triangulate(
     """Return points (n, 3) and triangles (m, 3) of a shape's surface, with outward normals.
 
     Each cell of the grid is divided into cubes. A cube has a point for each loop of the surface in
-    it; the points around each edge that the surface cuts form two triangles. So the surface is
-    closed, and parts of it that pass through one cube do not touch.
+    it. The four points around each edge that the surface cuts form two triangles. So the surface is
+    closed, and parts of the surface that pass through one cube do not touch.
 
     Parameters
     ----------
@@ -157,12 +165,12 @@ def triangulate(
     cells : (k, 3) int array
         The cells of the grid that the surface may pass through.
     divisions : int
-        Cubes along an edge of a cell.
+        Number of cubes along an edge of a cell.
 
     Raises
     ------
     BadInput
-        If no corner of a cube is inside.
+        If no cube has corners on both sides of the surface.
 
     References
     ----------
@@ -201,7 +209,10 @@ def triangulate(
 
 
 def _on_surface(shape: Shape, x: Array, low: Array, edge: float) -> Array:
-    """Return the points (n, 3), moved along the gradient to the surface within their cubes."""
+    """Return the points x (n, 3) moved along the gradient to the surface.
+
+    Each point stays in its cube, with lowest corner ``low`` (n, 3) and the edge ``edge``.
+    """
     for _ in range(_STEPS):
         d, g, _ = shape.evaluate(x)
         square = np.einsum("ni,ni->n", g, g)
@@ -213,7 +224,21 @@ def _on_surface(shape: Shape, x: Array, low: Array, edge: float) -> Array:
 def _triangles(
     grid: Grid, cubes: Integers, vertex: Integers, inside: npt.NDArray[np.bool_], x: Array
 ) -> Triangles:
-    """Return the triangles around the cut edges of the grid, from each edge's four cubes."""
+    """Return the two triangles of each cut edge of the grid, from the points of its four cubes.
+
+    Parameters
+    ----------
+    grid : Grid
+        The grid of the cubes.
+    cubes : (n, 3)
+        The cut cubes, sorted by `Grid.key`.
+    vertex : (n, 12)
+        The point for each edge of each cube; -1 if the edge is not cut.
+    inside : (n, 8)
+        Whether each corner of a cube is inside of the shape.
+    x : (points, 3)
+        The points; the shorter diagonal divides the four points.
+    """
     keys, found = grid.key(cubes), []
     for axis in range(3):
         b, c = np.eye(3, dtype=np.int64)[[(axis + 1) % 3, (axis + 2) % 3]]

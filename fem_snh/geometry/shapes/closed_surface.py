@@ -18,8 +18,8 @@ from fem_snh.geometry.shapes.shape import Array, Evaluation, Shape
 
 Triangles = npt.NDArray[np.int64]
 
-#: Distance, in parts of the surface's diagonal, below which the direction to the closest point is
-#: rounding error: VTK then gives the normal. Coordinates have 16 digits, directions need 6.
+#: Distance over the surface's diagonal below which the direction to the closest point is rounding
+#: error, and VTK's normal is used. Coordinates have 16 digits, directions need 6.
 _ON_SURFACE = 1e-10
 
 
@@ -27,17 +27,24 @@ _ON_SURFACE = 1e-10
 class ClosedSurface(Shape):
     """A solid whose surface is a closed set of triangles.
 
-    The distance to the closest triangle is VTK's ``vtkImplicitPolyDataDistance``: its sign is that
-    of angle-weighted normals (Baerentzen & Aanaes 2005), so it is right at edges and corners. The
-    surface is flat on each triangle, and its second derivatives are taken as zero everywhere.
-    On the medial axis the gradient is away from one of the closest points.
+    VTK's ``vtkImplicitPolyDataDistance`` gives the signed distance. Angle-weighted normals
+    (Baerentzen & Aanaes 2005) determine the sign, so it is right at edges and corners. Each
+    triangle is flat, and the Hessian is taken as zero everywhere, also at edges. On the medial axis
+    the gradient is the normal at one of the closest points.
 
     Attributes
     ----------
     points : (n, 3) array
         Corners of the triangles [length].
     triangles : (m, 3) array
-        Numbers of each triangle's corners, anticlockwise as seen from outside.
+        Indices of each triangle's corners, anticlockwise as seen from outside.
+    path : Path or None
+        The file, for messages.
+
+    Raises
+    ------
+    BadInput
+        As `check_closed` does.
     """
 
     points: Array
@@ -48,21 +55,21 @@ class ClosedSurface(Shape):
         check_closed(self.points, self.triangles, str(self.path or "ClosedSurface"))
 
     def __getstate__(self) -> dict[str, Any]:
-        """Leave VTK's object out, so that rank 0 can send the surface to the others."""
+        """Return the state without VTK's object, so that rank 0 can send the surface to others."""
         return {key: value for key, value in vars(self).items() if not key.startswith("_")}
 
     @classmethod
     def read(cls, path: str | Path) -> ClosedSurface:
-        """Read an STL file, text or binary, or an OBJ file (by its suffix).
+        """Return the surface of an OBJ file, if the suffix is ".obj", or of an STL file.
 
-        Corners with equal coordinates become one; polygons become triangles, and triangles without
-        area are left out.
+        Corners with equal coordinates become one. Polygons become triangles. Triangles with two
+        equal corners are left out.
 
         Raises
         ------
         BadInput
-            One line, if the file cannot be read, VTK is missing, or the surface is empty, not
-            closed, or inverted.
+            If the file cannot be read, VTK is missing, or the surface is empty, not closed, or
+            inverted; a message of one line.
         """
         path = Path(path)
         try:
@@ -79,7 +86,7 @@ class ClosedSurface(Shape):
 
     @cached_property
     def _distance(self) -> Any:
-        """VTK's implicit function."""
+        """VTK's signed distance function of the surface."""
         return _vtk(self.path).distance_function(self.points, self.triangles)
 
     def distance(self, x: Array) -> Array:
@@ -115,8 +122,8 @@ class ClosedSurface(Shape):
 def check_closed(points: Array, triangles: Triangles, name: str) -> None:
     """Raise BadInput unless triangles are the boundary of a solid, with outward normals.
 
-    Each edge must belong to two triangles, which pass through it in opposite directions; the
-    volume must be positive.
+    Each edge must belong to two triangles, with opposite directions of the edge. The enclosed
+    volume must be positive. ``name`` is the surface's name in messages.
     """
     label = f"surface = '{name}': expected a closed surface"
     if len(points) and np.abs(points).max() > LARGEST_NUMBER:
@@ -140,13 +147,16 @@ def check_closed(points: Array, triangles: Triangles, name: str) -> None:
 
 
 def enclosed_volume(points: Array, triangles: Triangles) -> float:
-    """Return the volume that triangles enclose; parts that overlap count several times."""
+    """Return the volume that triangles enclose, positive if their normals point outwards.
+
+    Where components of the surface overlap, the volume counts several times.
+    """
     a, b, c = ((points - points.mean(axis=0))[triangles[:, i]] for i in range(3))
     return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
 
 
 def _vtk(path: Path | None) -> ModuleType:
-    """Return the module that uses VTK, which takes long to import; raise BadInput without VTK."""
+    """Return the module `vtk_surface`, imported only here; raise BadInput if VTK is missing."""
     try:
         from fem_snh.geometry.shapes import vtk_surface
     except ImportError:

@@ -1,4 +1,4 @@
-"""A polygon of the plane (x, y): an obstacle of two dimensions, in three an infinite prism."""
+"""A polygon in the plane (x, y), and in three dimensions the infinite prism over it."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ import numpy as np
 from fem_snh.errors import bad_value
 from fem_snh.geometry.shapes.shape import Array, Evaluation, Shape, inverse, lengths
 
-#: Distance, in parts of the polygon's diagonal, below which the direction to the closest point is
-#: rounding error: the normal of the edge then replaces it.
+#: Distance over the polygon's largest extent below which the direction to the closest point is
+#: rounding error, and the normal of the edge is used.
 _ON_EDGE = 1e-10
-#: Parameters of the closest point on an edge this close to 0 or 1 are its ends.
+#: Largest distance from 0 or 1 of the parameter of a point on an edge that counts as a corner.
 _AT_END = 1e-12
 
 
@@ -21,8 +21,8 @@ _AT_END = 1e-12
 class Polygon(Shape):
     r"""All points (x, y, z) whose (x, y) is inside of a polygon.
 
-    Outside of a corner the level sets are rounded, with curvature 1/d. On the medial axis the first
-    of the closest edges counts.
+    Outside of a corner the level sets are circles of curvature 1/d. On the medial axis the first of
+    the closest edges is used.
 
     Parameters
     ----------
@@ -45,7 +45,10 @@ class Polygon(Shape):
 
     @cached_property
     def _edges(self) -> tuple[Array, Array, Array]:
-        """Starts (m, 2), directions (m, 2) and outward normals (m, 2) of the edges."""
+        """Starts, vectors from start to end, and outward unit normals of the edges, (m, 2) each.
+
+        The edges are in anticlockwise order.
+        """
         x = np.array(self.points, dtype=float)
         after = np.roll(x, -1, axis=0)
         if (x[:, 0] * after[:, 1] - after[:, 0] * x[:, 1]).sum() < 0:
@@ -89,7 +92,7 @@ class Polygon(Shape):
 
 
 def _crosses(x: Array) -> bool:
-    """Return whether two edges of a closed polygon (m, 2) cross or overlap."""
+    """Return whether edges of a closed polygon (m, 2) cross or overlap, or its area is zero."""
     a, b, m = x, np.roll(x, -1, axis=0), len(x)
 
     def side(p: Array, q: Array, r: Array) -> Array:

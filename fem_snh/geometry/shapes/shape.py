@@ -1,4 +1,4 @@
-"""The interface of a shape; the simple shapes: box, plane, sphere, capsule, cylinder, revolved."""
+"""The interface of a shape, and the simple shapes, such as `Box` and `Revolved`."""
 
 from __future__ import annotations
 
@@ -24,10 +24,11 @@ class Evaluation(NamedTuple):
     distance : (n,) array
         Signed distance [length]: positive outside of the shape, negative inside.
     gradient : (n, 3) array
-        Its gradient, of length 1: the outward normal at the closest point of the surface; shorter
-        only near the seams of a `SmoothUnion`.
+        The gradient of the distance: the outward unit normal at the closest point of the surface.
+        Only near the seams of a `SmoothUnion` it is shorter than 1.
     hessian : (n, 3, 3) array
-        Its second derivatives [1/length], the curvature of the level set through the point.
+        The second derivatives of the distance [1/length]: the curvature of the level set through
+        the point.
     """
 
     distance: Array
@@ -41,14 +42,14 @@ class Shape:
     Notes
     -----
     The distance is not differentiable on the medial axis, where several points of the surface are
-    closest. There the gradient is that of one of them, the same one at each evaluation, and the
-    second derivatives are zero in the directions in which they do not exist. Outside of an edge
-    or a corner the level sets are rounded, and the derivatives are those of the rounded surface.
+    closest. There the gradient is the normal at one of these points, the same one at each
+    evaluation, and the second derivatives are zero in directions in which they do not exist.
+    Outside of an edge or a corner the level sets are rounded, and so are curved.
     """
 
     @property
     def bounds(self) -> Array:
-        """Lowest and highest coordinates, (2, 3), of a box that holds the shape; maybe infinite."""
+        """Lowest and highest coordinates, (2, 3), of a box around the shape; maybe infinite."""
         raise NotImplementedError(f"{type(self).__name__}.bounds")
 
     def evaluate(self, x: Array) -> Evaluation:
@@ -61,12 +62,12 @@ class Shape:
 
 
 def direction(key: str, vector: Sequence[float]) -> Array:
-    """Return the unit vector of a direction.
+    """Return the unit vector (3,) along ``vector``, the value of ``key``.
 
     Raises
     ------
     BadInput
-        If it is zero or not finite.
+        If the vector is zero or not finite.
     """
     length = np.linalg.norm(vector)
     if not 0 < length < np.inf:
@@ -75,18 +76,21 @@ def direction(key: str, vector: Sequence[float]) -> Array:
 
 
 def check_positive(key: str, value: float) -> None:
-    """Raise BadInput unless a length is positive and finite."""
+    """Raise BadInput unless ``value``, the value of ``key``, is positive and finite."""
     if not 0 < value < np.inf:
         raise bad_value(key, value, "a number > 0")
 
 
 def around(points: Sequence[Point], margin: float | Array) -> Array:
-    """Return lowest and highest coordinates, (2, 3), of points enlarged by a margin."""
+    """Return the lowest coordinates of points minus a margin, and the highest plus it, (2, 3)."""
     return np.array([np.min(points, axis=0) - margin, np.max(points, axis=0) + margin])
 
 
 def normalise(v: Array, otherwise: Array) -> tuple[Array, Array]:
-    """Return the lengths (n,) of vectors (n, 3) and their directions; ``otherwise`` for zero."""
+    """Return the lengths (n,) of vectors (n, 3), and their unit vectors (n, 3).
+
+    ``otherwise`` (3,) is the unit vector of a vector of length zero.
+    """
     length = lengths(v)
     zero = length == 0.0
     unit = v / np.where(zero, 1.0, length)[:, None]
@@ -95,31 +99,31 @@ def normalise(v: Array, otherwise: Array) -> tuple[Array, Array]:
 
 
 def lengths(v: Array) -> Array:
-    """Return the lengths (n,) of vectors (n, 3)."""
+    """Return the lengths (n,) of vectors (n, dim)."""
     # Twice as fast as numpy.linalg.norm along short rows.
     return np.sqrt(np.einsum("ij,ij->i", v, v))
 
 
 def inverse(length: Array) -> Array:
-    """Return 1/length, and zero for zero."""
+    """Return 1/length for lengths (n,); 0 for the length 0."""
     return np.divide(1.0, length, out=np.zeros_like(length), where=length > 0)
 
 
 def outer(a: Array, b: Array) -> Array:
-    """Return the matrices (n, 3, 3) of the outer products of vectors (n, 3)."""
+    """Return the outer products a b^T (n, 3, 3) of vectors (n, 3)."""
     return a[:, :, None] * b[:, None, :]
 
 
 def deepest(depths: Array, tolerance: float) -> Array:
-    """Return the solid in which each point is deepest, (n,); -1: in none.
+    """Return the index of the solid in which each point is deepest, (n,); -1 if in none.
 
     Parameters
     ----------
     depths : (solids, n) array
-        How deep the points are in the solids [length]; negative outside, infinite in a group.
+        Depths of the points in the solids [length]: negative outside, infinite at nodes of a group.
     tolerance : float
-        Difference of depths that counts as none: a point that is equally deep in several solids is
-        in the first of them.
+        Difference of depths that counts as zero. Points outside of a solid by up to this distance
+        are in the solid. A point equally deep in several solids is in the first one.
     """
     most = depths.max(axis=0)
     inside = most >= -tolerance
@@ -132,15 +136,15 @@ def deepest(depths: Array, tolerance: float) -> Array:
 class Box(Shape):
     """A rectangular box.
 
-    Inside, the closest face gives the distance; its medial axis is the set where several faces
-    are at the same distance, and the first of them in the order x, y, z counts there.
+    Inside, the closest face gives the distance. On the medial axis, where several faces are equally
+    close, the first one in the order x, y, z is used.
 
     Parameters
     ----------
     center : (3,) tuple
         The centre [length].
     size : (3,) tuple
-        The lengths of its edges [length].
+        The lengths of the edges [length].
     rotation : (3,) tuple
         Rotation vector about the centre: the axis, times the angle [rad].
 
@@ -238,7 +242,7 @@ _X = np.array([1.0, 0.0, 0.0])
 class Sphere(Shape):
     r"""A ball, with signed distance :math:`d = |x - c| - r`.
 
-    Its medial axis is its centre, where the gradient is the x axis and the Hessian is zero.
+    At the centre, the medial axis, the gradient is along x and the Hessian is zero.
 
     Parameters
     ----------
@@ -277,7 +281,7 @@ class Sphere(Shape):
 
 @dataclass(frozen=True)
 class _Segment(Shape):
-    """A segment and a radius.
+    """The parameters of a `Capsule` or a `Cylinder`: a segment and a radius.
 
     Parameters
     ----------
@@ -304,7 +308,7 @@ class _Segment(Shape):
 class Capsule(_Segment):
     """All points within a radius of a segment.
 
-    Its medial axis is the segment, where the gradient is a fixed normal of the segment.
+    On the segment, the medial axis, the gradient is a fixed normal of the segment.
     """
 
     @property
@@ -336,14 +340,17 @@ class Capsule(_Segment):
 class Cylinder(_Segment):
     """A circular cylinder around a segment: with flat ends, or infinite.
 
-    Inside, the side or the end that is closer gives the distance. Its medial axis is the set
-    where they are at the same distance (the side counts there), and its axis, where the gradient
-    is a fixed normal of the axis.
+    Inside, the side or the closer end gives the distance; if both are equally close, the side. On
+    the axis the gradient of the side is a fixed normal of the axis.
 
     Parameters
     ----------
+    start, end : (3,) tuple
+        The ends of the axis [length].
+    radius : float
+        The radius [length].
     infinite : bool
-        Whether the cylinder goes on beyond both ends.
+        Whether the cylinder extends infinitely beyond both ends.
     """
 
     infinite: bool = False
@@ -357,7 +364,10 @@ class Cylinder(_Segment):
 
     @property
     def _solid(self) -> tuple[Revolved, Array, Array]:
-        """The cylinder about the axis y; the directions of its axes as columns, and its centre."""
+        """The cylinder in its own frame, about the axis y, and the frame.
+
+        The frame is a matrix (3, 3), whose columns are its axes, and the origin (3,), the centre.
+        """
         t, normal, length = _axis(self.start, self.end)
         r, depth = self.radius, 2 * max(2 * self.radius, length)  # along z no distance sees it
         half_plane = Plane((r, 0.0, 0.0), (1.0, 0.0, 0.0))
@@ -379,12 +389,12 @@ class Cylinder(_Segment):
 
 
 def _axis(start: Point, end: Point) -> tuple[Array, Array, float]:
-    """Return the unit vector from start to end, a normal of it, and the length.
+    """Return the unit vector from start to end, a unit normal to this vector, and the length.
 
     Raises
     ------
     BadInput
-        If the ends coincide.
+        If the ends coincide or are not finite.
     """
     difference = np.subtract(end, start)
     length = float(np.linalg.norm(difference))
@@ -399,12 +409,12 @@ def _axis(start: Point, end: Point) -> tuple[Array, Array, float]:
 class Revolved(Shape):
     r"""The solid of revolution about the axis y of a section in the half plane z = 0, x >= 0.
 
-    With :math:`r = \sqrt{x^2 + z^2}` its distance is that of the section at (r, y, 0).
+    With :math:`r = \sqrt{x^2 + z^2}` the signed distance is that of ``section`` at (r, y, 0).
 
     Parameters
     ----------
     section : Shape
-        The section.
+        A shape whose part in the half plane is the section.
     """
 
     section: Shape
@@ -438,5 +448,5 @@ class Revolved(Shape):
 
 
 def _in_half_plane(x: Array) -> Array:
-    """Return points x (n, 3) turned about the axis into the half plane z = 0."""
+    """Return points x (n, 3) turned about the axis y into the half plane: (r, y, 0)."""
     return np.column_stack([np.hypot(x[:, 0], x[:, 2]), x[:, 1], 0 * x[:, 2]])

@@ -1,7 +1,4 @@
-"""Triangles of the surfaces of shapes, for files that show them, and which shapes have edges.
-
-Beside sharp edges strains are infinite in the flesh around them.
-"""
+"""Triangles of the surfaces of shapes, for files and pictures."""
 
 from __future__ import annotations
 
@@ -26,12 +23,10 @@ from fem_snh.geometry.surface_nets import CORNERS, Grid, surface_on
 
 Triangles = npt.NDArray[np.integer]
 
-#: Cubes along the longest edge of a smooth union's box, on which it is triangulated.
+#: Cubes along the longest edge of the box in which a smooth union is triangulated.
 _CUBES = 40
-#: Divisions of a circle; a polygon of 48 edges is 0.2 % of the radius inside of it.
+#: Edges of the polygon that replaces a circle: it is inside by up to 0.2 % of the radius.
 _CIRCLE = 48
-
-#: Triangles of a surface whose outward normals differ by a larger angle meet in an edge [degrees]:
 
 
 def surface_triangles(
@@ -45,14 +40,19 @@ def surface_triangles(
     ----------
     shape : Shape
         The shape at its reference position.
-    centre, radius : (3,) array, float
-        A ball [length]: surfaces without an end are cut off outside of it. The seams of a smooth
-        union without an end are left sharp.
+    centre : (3,) array
+        The centre [length] of the region that infinite surfaces are cut off to contain.
+    radius : float
+        The radius [length] of this region.
 
     Raises
     ------
     TypeError
-        For another shape.
+        For a shape of another class, such as `Revolved`.
+
+    Notes
+    -----
+    The seams of an infinite smooth union are sharp, and inner surfaces of a union are not removed.
     """
     if isinstance(shape, SmoothUnion) and np.isfinite(shape.bounds).all():
         grid = Grid.around(shape.bounds, float(np.ptp(shape.bounds, axis=0).max()) / _CUBES)
@@ -88,21 +88,28 @@ def surface_triangles(
 
 
 def join(parts: Sequence[tuple[Array, Triangles]]) -> tuple[Array, Triangles]:
-    """Return several surfaces' points and triangles as one."""
+    """Return the points and triangles of several surfaces as those of one surface."""
     first = np.cumsum([0, *(len(points) for points, _ in parts[:-1])])
     points = np.concatenate([points for points, _ in parts])
     return points, np.concatenate([t + n for (_, t), n in zip(parts, first, strict=True)])
 
 
 def _arc(radius: float, length: float) -> tuple[Array, Array]:
-    """Return heights and radii of a capsule's profile, from pole to pole."""
+    """Return the profile of a capsule of an axis ``length``, from pole to pole.
+
+    It is the heights along the axis from its start, and the radii, both (k,).
+    """
     angle = np.linspace(-0.5, 0.5, _CIRCLE // 2 + 2) * np.pi  # an even number of points
     height = radius * np.sin(angle)
     return np.where(angle > 0, height + length, height), radius * np.cos(angle)
 
 
 def _revolved(origin: Array, axis: Array, height: Array, radius: Array) -> tuple[Array, Triangles]:
-    """Return the surface of a profile (heights and radii) that turns about an axis."""
+    """Return points and triangles of the surface of revolution of a profile about an axis.
+
+    ``height`` and ``radius`` (k,) are the profile, ``origin`` the point of the unit vector ``axis``
+    at height 0.
+    """
     a, b = _across(axis)
     angle = 2 * np.pi * np.arange(_CIRCLE) / _CIRCLE
     around = np.cos(angle)[:, None] * a + np.sin(angle)[:, None] * b
@@ -120,7 +127,10 @@ def _revolved(origin: Array, axis: Array, height: Array, radius: Array) -> tuple
 
 
 def _prism(corners: Array, height: float, radius: float) -> tuple[Array, Triangles]:
-    """Return the sides of a prism over a polygon (m, 2), up to a radius from a height."""
+    """Return points and triangles of the sides of a prism over a polygon (m, 2), without its ends.
+
+    z is from height - radius to height + radius.
+    """
     m = len(corners)
     ends = [np.column_stack([corners, np.full(m, height + z)]) for z in (-radius, radius)]
     i = np.arange(m)
@@ -130,14 +140,14 @@ def _prism(corners: Array, height: float, radius: float) -> tuple[Array, Triangl
 
 
 def _box(box: Box) -> tuple[Array, Triangles]:
-    """Return corners and triangles of a box."""
+    """Return the corners (8, 3) and triangles (12, 3) of a box."""
     points = np.asarray(box.center) + (CORNERS - 0.5) * box.size @ box.axes.T
     faces = [[0, 4, 6, 2], [1, 3, 7, 5], [0, 1, 5, 4], [2, 6, 7, 3], [0, 2, 3, 1], [4, 5, 7, 6]]
     return points, np.array([[f[0], f[i], f[i + 1]] for f in faces for i in (1, 2)])
 
 
 def _across(axis: Array) -> tuple[Array, Array]:
-    """Return two unit vectors that form a right-handed basis with a unit vector."""
+    """Return unit vectors a, b such that (a, b, axis) is a right-handed orthonormal basis."""
     a = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
     a /= np.linalg.norm(a)
     return a, np.cross(axis, a)

@@ -1,4 +1,4 @@
-"""Unions of shapes, with sharp seams or with smooth ones; shapes from tables of a scene."""
+"""Unions of shapes, with sharp or smooth seams, and shapes from tables of a scene."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from fem_snh.geometry.shapes.shape import (
 
 #: Points whose distances are evaluated together: the arrays of one batch stay in the cache.
 _BATCH = 8192
-#: Weight in a smooth union below which a shape does not count: rounding error of the sum.
+#: Weight in a smooth union below which a shape is ignored: rounding error of the sum.
 _NO_WEIGHT = 1e-17
 
 
@@ -33,9 +33,9 @@ _NO_WEIGHT = 1e-17
 class Union(Shape):
     r"""The union of shapes, with signed distance :math:`d = \min_i d_i`.
 
-    Outside it is the distance from the union. Inside it has the right sign, and is at most as large
-    as the distance from the union's surface where shapes overlap. At points with the same distance
-    to several shapes the first of them counts.
+    Outside, d is the exact distance. Inside, where shapes overlap, the sign is right, but |d| may
+    be smaller than the distance from the union's surface. At points equally close to several
+    shapes the first shape is used.
 
     Parameters
     ----------
@@ -88,22 +88,22 @@ class SmoothUnion(Union):
 
     .. math:: d = -\frac{b}{\ln 2} \ln \sum_i e^{-\ln 2 \, d_i / b}
 
-    Between :math:`\min_i d_i - b \log_2 n` and :math:`\min_i d_i`: where two surfaces meet, the
-    union's is b outside of both; at a distance of 10 b from a seam, a thousandth of b. The order of
-    the shapes does not matter. It is no exact distance: its gradient is a mean of unit vectors, of
-    length 1 away from seams and shorter near them.
+    For n shapes, d is between :math:`\min_i d_i - b \log_2 n` and :math:`\min_i d_i`. Where two
+    surfaces meet, the surface of the union is b outside of both; where the other shape is 10 b
+    away, a thousandth of b. The order of the shapes does not matter. d is no exact distance: the
+    gradient is a mean of unit vectors, of length 1 away from seams and shorter near them.
 
     Parameters
     ----------
     shapes : tuple of Shape
         The shapes.
     blend : float
-        The length b [length].
+        The size b of the seams [length].
 
     Raises
     ------
     BadInput
-        For no shapes, and a length that is not positive.
+        For no shapes, or if b is not positive.
 
     References
     ----------
@@ -148,7 +148,7 @@ class SmoothUnion(Union):
         return Evaluation(d, gradient, hessian + outer(gradient, gradient) / self._scale)
 
     def _minimum(self, distances: Sequence[Array]) -> tuple[Array, Array]:
-        """Return the smooth minimum (n,) and the derivatives by the distances (shapes, n)."""
+        """Return the smooth minimum (n,), and its derivatives by the distances, (shapes, n)."""
         d = np.stack(distances)
         least = d.min(axis=0)
         weights = np.exp((least - d) / self._scale)
@@ -165,7 +165,7 @@ def _batches(n: int) -> list[slice]:
 _CLASSES: dict[str, Any] = {
     kind.__name__.lower(): kind for kind in (Plane, Sphere, Cylinder, Capsule, Box, Polygon)
 }
-#: Keys of tables that are words of Python, and their names in the classes.
+#: Keys of tables, of which one is a Python keyword, and the classes' names for them.
 _RENAMED = {"from": "start", "to": "end"}
 
 
@@ -175,13 +175,13 @@ def from_record(record: Mapping[str, Any]) -> Shape:
     Parameters
     ----------
     record : mapping
-        The key names the kind of the shape. Its value has the keys of the scene's table, or is the
-        list of such tables for ``union``.
+        The key is the kind of the shape. The value is the table of its parameters, with the keys of
+        a scene; for ``union`` it is a list of records.
 
     Raises
     ------
     BadInput
-        For values that no shape has.
+        For values that the shape's class does not accept.
     KeyError
         For an unknown kind.
     """
@@ -195,5 +195,5 @@ def from_record(record: Mapping[str, Any]) -> Shape:
 
 
 def _tuples(value: Any) -> Any:
-    """Return lists, and lists in lists, as tuples."""
+    """Return a list, and the lists in it, as tuples; any other value unchanged."""
     return tuple(map(_tuples, value)) if isinstance(value, list) else value

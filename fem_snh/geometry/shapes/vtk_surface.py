@@ -1,4 +1,4 @@
-"""What VTK does for closed surfaces: distances, and reading STL and OBJ files."""
+"""The use of VTK for closed surfaces: signed distances, and reading STL and OBJ files."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from fem_snh.geometry.shapes.shape import Array
 
 
 def distance_function(corners: Array, triangles: Array) -> Any:
-    """Return VTK's signed distance to triangles of corners (n, 3)."""
+    """Return VTK's signed distance function of triangles (m, 3) int with corners (n, 3)."""
     points, cells, surface = vtkPoints(), vtkCellArray(), vtkPolyData()
     points.SetData(numpy_to_vtk(corners, deep=True))
     cells.SetData(3, numpy_to_vtkIdTypeArray(triangles.ravel(), deep=True))
@@ -29,7 +29,7 @@ def distance_function(corners: Array, triangles: Array) -> Any:
 
 
 def distances(function: Any, x: Array) -> Array:
-    """Return the values of a distance function at points x (n, 3)."""
+    """Return the values (n,) of a `distance_function` at points x (n, 3)."""
     found = vtkDoubleArray()
     function.FunctionValue(numpy_to_vtk(np.ascontiguousarray(x, dtype=float)), found)
     return np.array(vtk_to_numpy(found))
@@ -41,7 +41,7 @@ def read_corners(path: Path) -> Array:
     Raises
     ------
     BadInput
-        For a file without triangles or whose faces have corners that it has not.
+        For a file without faces of positive area, or with faces that refer to missing points.
     """
     is_obj = path.suffix.lower() == ".obj"
     vtkObject.SetGlobalWarningDisplay(0)  # VTK prints several lines; the messages below are one
