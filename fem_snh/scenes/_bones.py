@@ -306,11 +306,11 @@ def lattice_scene(
     bones : sequence of BoneSegment
         The bones.
     noise : float
-        Noise of the bones' affine maps, relative to the length of the bone, as of a rig's skinning.
+        Noise of the bones' affine maps, relative to the length of the bone.
     seed : int
         Seed of the noise.
     contact : bool
-        Whether parts of the surface that touch push each other apart.
+        Whether the surface has self-contact.
     """
     tables: dict[str, Any] = {
         "mesh": {"lattice": shape, "cell": cell, "weighting": "full"},

@@ -415,8 +415,7 @@ def _add(key: str, annotation: Any, description: str | None = None) -> None:
 def _register_entry_points() -> None:
     """Register the features of other packages.
 
-    If a feature is broken, a scene with its table raises the error; a key of the program's own is
-    refused with a warning.
+    If a feature is broken, a scene with its table raises the error.
     """
     for key, load in entry_points(FEATURES).items():
         if key in _OWN:  # scenes must run as without the package

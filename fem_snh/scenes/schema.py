@@ -347,7 +347,10 @@ class Scene(Table):
 
     @property
     def files(self) -> dict[str, Path]:
-        """The files that the scene, its tables and its mesh consist of, by dotted keys."""
+        """The files that the scene and its tables name, by dotted keys.
+
+        An XDMF mesh adds its HDF5 files as ``mesh.NAME``.
+        """
         data = xdmf_data(self.mesh) if isinstance(self.mesh, Path) else []
         return super().files | {f"mesh.{file.name}": file for file in data}
 

@@ -1,4 +1,4 @@
-"""Studies: many runs of scenes in processes of their own, collected in one table.
+"""Studies: sweeps and fits.
 
-The command ``sweep`` calls them.
+A sweep is many runs of a scene in processes of their own, collected in one table.
 """

@@ -22,7 +22,7 @@ MEASURED = (
 ).split()
 #: The column of the estimated error, which tables of scenes with an estimate have.
 ERROR = "error"
-#: The column ``notes`` of a run without notes.
+#: The value in the column ``notes`` of a run without notes.
 NO_NOTES = "none"
 
 
@@ -56,14 +56,14 @@ def requested_columns(scene: scenes.Scene) -> dict[str, Any]:
 
 
 def _joined(values: Sequence[Any]) -> Any:
-    """Return the value of a material, or those of several as text."""
+    """Return a single value itself, or several as a text such as "0.3 + 0.5"."""
     if len(values) == 1:
         return values[0]
     return " + ".join(f"{value:g}" if isinstance(value, float) else str(value) for value in values)
 
 
 def read_record(folder: Path) -> dict[str, Any]:
-    """Return the record that a point left in its folder; empty if it left none that is whole."""
+    """Return the run.json in a point's folder; empty if it is missing or damaged."""
     try:
         return load_record(folder / "run.json")
     except BadInput:
@@ -76,17 +76,18 @@ def measured_columns(record: Mapping[str, Any], log: Path, code: int) -> dict[st
     ``notes`` has the kinds of the notes on the run, with spaces between.
 
     Iterations are summed over all steps, converged or not; energy, volume and the other state
-    variables are those of the last converged step. ``seconds`` has neither the compilation nor,
-    unless the run refines its mesh by it, the estimate of the errors. ``error`` is `largest_error`.
+    variables are those of the last converged step. ``seconds`` excludes the compilation, and also
+    the error estimate unless the run refines its mesh by the estimate. ``error`` is
+    `largest_error`.
 
     Parameters
     ----------
     record : mapping
-        Its run.json; empty if there is none.
+        The run's run.json; empty if there is none.
     log : Path
-        Its output.
+        The file of the run's output.
     code : int
-        Its exit code.
+        The run's exit code.
     """
     steps = record.get("steps", [])
     converged = [step for step in steps if step.get("converged")]
@@ -112,8 +113,8 @@ def measured_columns(record: Mapping[str, Any], log: Path, code: int) -> dict[st
 def largest_error(record: Mapping[str, Any]) -> float | None:
     """Return the largest relative error of a run's goals; None without an estimate.
 
-    Errors of components are relative to the largest component. Where a goal has a bound of its
-    error, the bound counts. A vector that is rounding has no relative error.
+    Errors of components are relative to the largest component. If a goal has a bound of its error,
+    the bound is used. A vector that is rounding is left out.
     """
     vectors: dict[str, list[Mapping[str, Any]]] = {}
     for name, goal in record.get("goals", {}).items():

@@ -1,11 +1,11 @@
 """Slurm: the points of a study as arrays of jobs.
 
-The folder ``jobs`` of a study holds for each array NAME.json (the tasks of its elements) and the
-output of its elements. An element runs its task as the study does on its own
-machine: ``python -m fem_snh.studies.slurm FILE.json INDEX``. That a point has ended is known from
-the file in its own folder alone; Slurm is asked only for points that wait or run, and by the names
-of the jobs, which are unique: numbers start again where it has lost its own files. Hence a point
-whose job was lost is one that has neither ended nor is in the queue.
+For each array, the folder ``jobs`` of a study holds NAME.json (the tasks of the elements) and the
+output of the elements. An element runs its task as the study does on this machine:
+``python -m fem_snh.studies.slurm FILE.json INDEX``. Whether a point has ended is known only from
+end.json in its folder. Slurm is asked only which points wait or run, by the names of the jobs:
+these are unique, while its job numbers start again if it loses its files. A point that has neither
+ended nor is in the queue has lost its job.
 """
 
 from __future__ import annotations
@@ -30,9 +30,9 @@ from fem_snh.files import read_text, remove, replace_file
 from fem_snh.processes import import_path, python
 from fem_snh.studies.tasks import End, Task, read_end, run_tasks
 
-#: Seconds of an element beside the timeout of its point: imports, the start of MPI.
+#: Seconds of an element in addition to the timeout of its point: imports, the start of MPI.
 _OVERHEAD = 120
-#: MiB of an element beside the memory of its point: the process that starts it.
+#: MiB of an element in addition to the memory of its point: the process that starts the point.
 _OVERHEAD_MEMORY = 256
 #: Largest index of an array that any Slurm accepts (slurm.conf(5), MaxArraySize).
 _MOST_ELEMENTS = 4_000_001
@@ -52,7 +52,7 @@ class Slurm:
     Parameters
     ----------
     account, partition : str, optional
-        Those of the jobs; default: the user's.
+        Account and partition of the jobs; default: the user's.
     array_limit : int, optional
         Elements of an array that run at a time.
     options : sequence of str
@@ -74,8 +74,8 @@ class Slurm:
         Raises
         ------
         BadInput
-            If Slurm refuses an array, or does not answer. The arrays before it are submitted; those
-            after it are for the next call.
+            If Slurm refuses an array, or does not answer. Earlier arrays stay submitted; the next
+            call submits the rest.
         """
         found = re.search(r"^MaxArraySize\s*=\s*(\d+)", _output("scontrol", "show", "config"), re.M)
         largest, lines, folder = int(found[1]) if found else 1, [], out / "jobs"
@@ -97,7 +97,7 @@ class Slurm:
         return lines
 
     def _arguments(self, data: Path, tasks: Sequence[Task]) -> list[str]:
-        """Return the arguments of sbatch; Slurm starts an element again whose node has failed."""
+        """Return the arguments of sbatch; Slurm restarts an element if its node fails."""
         limit = f"%{self.array_limit}" if self.array_limit else ""
         seconds, memory = tasks[0].timeout, tasks[0].memory
         command = shlex.join([*python("fem_snh.studies.slurm"), str(data)])
@@ -120,7 +120,7 @@ class Slurm:
 
 
 def queued(out: Path) -> set[str]:
-    """Return the points of the study in ``out`` that wait or run.
+    """Return the names of the points of the study in ``out`` that wait or run.
 
     Raises
     ------
@@ -140,7 +140,7 @@ def queued(out: Path) -> set[str]:
 
 
 def clear(out: Path) -> None:
-    """Remove the files of jobs that have ended."""
+    """Remove the files of all arrays of a study, whose points must have ended."""
     for file in _files(out):
         for own in file.parent.glob(f"{file.stem}*"):
             remove(own)
@@ -152,7 +152,7 @@ def _files(out: Path) -> list[Path]:
 
 
 def _elements(names: Sequence[str]) -> Mapping[str, list[int]]:
-    """Return the indices of the elements that wait or run, by the name of the array.
+    """Return {name of the array: indices of the elements that wait or run}.
 
     Raises BadInput if Slurm does not answer: then nothing is known.
     """

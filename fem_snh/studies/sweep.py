@@ -5,8 +5,7 @@
 The folder holds sweep.json (the definition), sweep.csv (with the points that have ended),
 sweep.png, on request bodies.png, and one folder per point with its run, its log and its end. A
 point that has ended is not run again, so an interrupted sweep continues when it is called again.
-The rows follow from the folders of the points; the table is written again when a point ends. Each
-point is a process of its own.
+The table is made from the folders of the points. Each point is a process of its own.
 """
 
 from __future__ import annotations
@@ -107,8 +106,9 @@ def sweep(
     axes : mapping
         A list of values (or one value) for each key of `fem_snh.scenes.load`.
     jobs : int or Slurm
-        Points at a time on this machine; or how they are submitted to Slurm. Then the call
-        returns at once, and the same call again adds the rows of those that have ended.
+        Number of points that run at a time on this machine; or how points are submitted to Slurm.
+        With Slurm the call does not wait; the same call later adds the rows of points that have
+        ended.
     ranks : int
         MPI ranks of each point.
     timeout : float, optional
@@ -122,16 +122,16 @@ def sweep(
     petsc : mapping, optional
         PETSc options of every point, without the dash.
     render : str, optional
-        Draw the bodies of all points at their last loads in one picture, bodies.png; its colours
-        show this field, e.g. "J".
+        The field, e.g. "J", by which bodies.png is coloured: a picture of the bodies of all points
+        at their last loads. Default: no picture.
     report : callable
         Called with one line per point.
 
     Returns
     -------
     pandas.DataFrame
-        One row per point. With the key ``error`` of a scene it has a column ``error``, the
-        largest relative error of the point's goals as the estimate finds it.
+        One row per point. If a scene estimates errors, the column ``error`` has the largest
+        estimated relative error of the point's goals.
 
     Raises
     ------
@@ -215,12 +215,12 @@ def _open(
     overwrite: bool,
     report: Callable[[str], None],
 ) -> FolderLock:
-    """Lock the folder of a sweep, which is created, and write the definition.
+    """Create and lock the folder of a sweep, write the definition, and return the lock.
 
     Raises
     ------
     BadInput
-        If it holds another sweep and ``overwrite`` is false, or files of no sweep; if it holds an
+        If the folder holds another sweep and ``overwrite`` is false, or files of no sweep, or an
         input that the sweep would replace; if another process uses it, or it cannot be written.
     """
     try:
@@ -265,7 +265,7 @@ def _open(
 
 
 def _earlier(file: Path) -> dict[str, Any]:
-    """Return the definition in a folder; empty if there is none that is whole."""
+    """Return the definition in a file; empty if it is missing or damaged."""
     try:
         return dict(json.loads(read_text(file)))
     except (OSError, ValueError, TypeError, RecursionError):
@@ -273,7 +273,7 @@ def _earlier(file: Path) -> dict[str, Any]:
 
 
 class _Rows:
-    """The rows of the points that have ended, and the table of them."""
+    """The rows of the points that have ended, and their table sweep.csv."""
 
     def __init__(
         self, out: Path, points: Mapping[str, Point], ranks: int, report: Callable[[str], None]
@@ -299,7 +299,7 @@ class _Rows:
         self.write()
 
     def add(self, task: Task, end: End) -> None:
-        """Add the row of a point that has ended, and report it."""
+        """Add the row of a point that has ended, report it, and write the table once a second."""
         row = self.rows[task.name] = self._row(task.name, end)
         if time.monotonic() > self._written + _WRITE_INTERVAL:
             self.write()
@@ -331,10 +331,10 @@ class _Rows:
 def _keep_equations(
     scene: str | Path, points: Mapping[str, Point], report: Callable[[str], None]
 ) -> dict[str, Point]:
-    """Return points whose materials keep one equation at all nu.
+    """Return points whose materials keep one equation at all nu; report each that is kept.
 
-    Of materials whose equation would change with nu it is that of the largest; otherwise a curve
-    over nu would have a jump.
+    A material whose default equation changes with nu has the default at the largest nu: otherwise
+    curves over nu would jump.
     """
     at_ratios: dict[tuple[int, str], dict[float, MaterialChoice]] = {}
     for point in points.values():
@@ -370,7 +370,7 @@ def _keep_equations(
 
 
 def _draw(out: Path) -> str:
-    """Draw sweep.png; return its path, or why there is none."""
+    """Draw sweep.png; return its path, or the reason why it is missing."""
     try:
         from fem_snh.viewing.plots import main  # matplotlib
 
@@ -380,7 +380,7 @@ def _draw(out: Path) -> str:
 
 
 def _draw_bodies(out: Path, points: list[str], field: str) -> str:
-    """Draw bodies.png; return its path, or why there is none. A failure is no exception."""
+    """Draw bodies.png; return its path, or the reason why it is missing."""
     from fem_snh.viewing.render import compare
 
     drawn = [name for name in points if (out / name / "fields.pvd").exists()]

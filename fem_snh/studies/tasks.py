@@ -35,7 +35,7 @@ from fem_snh.processes import (
 from fem_snh.records.run_files import remove_run
 
 # Open MPI: jobs side by side must not be bound to the same cores, and a laptop may oversubscribe.
-# Version 4 reads the variables of OMPI, 5 those of PRTE, 6 the last two, which it would ask for.
+# Version 4 reads the variables of OMPI, 5 those of PRTE, 6 the last two of these.
 _SHARING = {
     "OMP_NUM_THREADS": "1",
     "OMPI_MCA_hwloc_base_binding_policy": "none",
@@ -51,7 +51,7 @@ _GRACE = 5.0
 _PR_SET_PDEATHSIG = 1
 #: Seconds between two measurements of the memory.
 _MEMORY_INTERVAL = 0.25
-#: The log of a point, and how it ended (`End`).
+#: Files of a point: its log, and how it ended (`End`).
 LOG, END = "log.txt", "end.json"
 #: Seconds between two polls of the running points.
 _POLL_INTERVAL = 0.005
@@ -77,7 +77,7 @@ def program(ranks: int, module: str = "fem_snh") -> list[str]:
     Raises
     ------
     BadInput
-        If more than one rank is asked for and there is no mpirun.
+        If ``ranks`` is more than 1 and there is no mpirun.
     """
     command = python(module)
     if ranks == 1:
@@ -96,12 +96,12 @@ class Child:
     command : list of str
         The command and its arguments.
     log : Path
-        File for its standard output and error.
+        File for standard output and error.
     timeout : float, optional
-        Seconds after which it is ended.
+        Seconds after which the command is ended.
     memory : float, optional
-        Resident memory of all its processes together above which it is ended [GiB]. Unlike an
-        rlimit this holds for the ranks that mpirun starts, and for their sum.
+        Resident memory of all processes of the command together above which it is ended [GiB].
+        Unlike an rlimit, this includes the ranks that mpirun starts.
     variables : mapping, optional
         Environment variables in addition to those of `environment`.
 
@@ -110,9 +110,9 @@ class Child:
     process : subprocess.Popen
         The launcher, or the only process.
     limit_reached : str
-        The limit that ended it; empty if none did.
+        The limit that ended the command; empty if none did.
     seconds : float
-        Running time so far, or until its end was noticed.
+        Running time [s] at the last `poll` that found the command running, or at its end.
     """
 
     def __init__(
@@ -147,7 +147,7 @@ class Child:
             os.sched_setaffinity(self.process.pid, range(os.cpu_count() or 1))
 
     def poll(self) -> int | None:
-        """Return the exit code (negative: a signal), or None while it runs; enforce the limits."""
+        """Return the exit code (negative: a signal), or None while running; enforce the limits."""
         code = self.process.poll()
         if code is None or not self.seconds:
             self.seconds = time.monotonic() - self._start
@@ -188,7 +188,7 @@ class Child:
         self.process.wait()
 
     def processes(self) -> list[psutil.Process]:
-        """Return the living processes of its session.
+        """Return the living processes of the command's session.
 
         mpirun gives each rank a process group of its own but leaves it in the session, and a rank
         whose parent has died is no longer among the parent's children.
@@ -216,7 +216,7 @@ class Task:
     ranks : int
         MPI ranks.
     timeout, memory : float, optional
-        Limits [s, GiB].
+        Limits of running time [s] and resident memory [GiB].
     """
 
     name: str
@@ -235,9 +235,9 @@ class End:
     code : int
         Exit code; negative: a signal.
     seconds : float
-        Running time.
+        Running time [s].
     limit : str
-        The limit that ended it; "" otherwise.
+        The limit that ended the task; "" otherwise.
     """
 
     code: int = 0
@@ -254,7 +254,7 @@ def read_end(folder: Path) -> End | None:
 
 
 def remove_point(folder: Path) -> None:
-    """Remove the files of a point, and its folder unless it holds others.
+    """Remove the files of a point, and its folder unless it holds other files.
 
     Raises BadInput if a process still writes into it.
     """
@@ -269,7 +269,8 @@ def run_tasks(
 ) -> None:
     """Run tasks in processes of this machine, ``number`` at a time, and report each that ends.
 
-    A task has the folder of its name in ``out``, from which an earlier attempt is removed.
+    A task runs in ``out/name``, from which an earlier attempt is removed, and its `End` is written
+    there. An exception ends the running tasks.
     """
     waiting = list(tasks)
     running: dict[Task, Child] = {}

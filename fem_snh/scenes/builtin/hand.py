@@ -102,11 +102,11 @@ def hand(cells: int = 119, noise: float = 0.05, seed: int = 1, contact: bool = T
     cells : int
         Cells from the elbow to the fingertips: 119 give 39,000 in all, 60 give 6,000.
     noise : float
-        Noise of the bones' affine maps, relative to the length of the bone, as of a rig's skinning.
+        Noise of the bones' affine maps, relative to the length of the bone.
     seed : int
         Seed of the noise.
     contact : bool
-        Whether parts of the surface that touch push each other apart.
+        Whether the surface has self-contact.
     """
     keys = {"name": "hand", "element": "Q1", "steps": FRAMES, "load_name": "fist"}
     petsc = {"snes_lbfgs_max_it": LBFGS_MAX_IT}

@@ -77,11 +77,11 @@ def torso(cells: int = 144, noise: float = 0.0, seed: int = 1, contact: bool = T
     cells : int
         Cells from fingertip to fingertip: 144 give 45,800 in all, 60 give 4,000.
     noise : float
-        Noise of the bones' affine maps, relative to the length of the bone, as of a rig's skinning.
+        Noise of the bones' affine maps, relative to the length of the bone.
     seed : int
         Seed of the noise.
     contact : bool
-        Whether parts of the surface that touch push each other apart.
+        Whether the surface has self-contact.
     """
     keys = {"name": "torso", "element": "Q1P0", "steps": FRAMES, "load_name": "swing"}
     return Scene(**lattice_scene(flesh(), SPAN / cells, rig(), noise, seed, contact, **keys))

@@ -1,7 +1,7 @@
 """Fit a material to test data, or rank materials: `fem_snh.fit` and the command ``fit``.
 
-`data` reads files, `family` is the energy with unknown parameters, `responses` its stress and
-its stability in the tests, `least_squares` the search, `result` what is returned.
+`data` reads files; `family` is the energy as a function of the unknown parameters; `responses`
+evaluates stress and stability in the tests; `least_squares` searches; `result` is the result.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from fem_snh.studies.fit.result import Fit
 
 __all__ = ["Fit", "TestData", "fit", "ordered", "rank", "write_ranking"]
 
-#: Tests whose stress depends on the compressibility alone or mostly.
+#: Tests whose stress depends only or mostly on the compressibility.
 _OF_VOLUME = ("volumetric", "confined")
 #: The range in which stability is searched extends beyond the data by this factor, and contains
 #: these stretches.
@@ -54,27 +54,27 @@ def fit(
     material : str or callable
         As for `fem_snh.material`.
     *data : str, Path or TestData
-        Files of test data; several are fitted at once.
+        Files of test data; several are fitted together.
     nu : float, optional
-        Poisson's ratio; 0.5 keeps the volume constant. By default it is 0.5 without volumetric and
-        confined tests, and fitted with these.
+        Poisson's ratio; 0.5 is an incompressible material. By default nu is fitted if there are
+        volumetric or confined tests, and otherwise 0.5.
     parameters : sequence of str, optional
         The shape parameters that are fitted, besides E; all that are numbers by default. "alpha" is
         the nonlinearity of any material.
     held : mapping, optional
         Values of shape parameters that are not fitted.
     bounds : mapping, optional
-        (lowest, highest) values of parameters.
+        (lowest, highest) values of parameters; constants in units of E.
     relative : bool
         Minimise differences relative to the measured stresses.
     stable_range : (float, float), optional
-        Stretches between which stability is evaluated; by default those of the data, and beyond.
+        Stretches between which stability is evaluated; by default the range of the data, extended.
     test, columns, unit, weights : optional
         Kind of each file's test, names of the columns, unit of the stresses and weight of each
         file, where the files do not state them.
     modulus_unit : str, optional
-        Unit of E and of the constants, as MPa for a scene in mm; by default Pa, or that of the data
-        if they state none.
+        Unit of E and of the constants, such as MPa for a scene in mm; by default Pa, or the unit of
+        data that state none.
 
     Returns
     -------
@@ -83,12 +83,12 @@ def fit(
     Raises
     ------
     BadInput
-        For everything that is wrong in the arguments and the files.
+        For invalid arguments or files, or if no fit is found.
 
     Notes
     -----
-    Stresses of an incompressible material do not depend on its volume term. The parameters E and
-    shape parameters determine the constants in the literature: mu_lame = E/3 there.
+    Stresses of an incompressible material do not depend on its volume term. E and the shape
+    parameters determine the constants in the literature, with mu_lame = E/3.
     """
     tests = read_all(data, test, columns, unit, modulus_unit, weights)
     incompressible, fit_nu, nu = _compressibility(tests, nu)
@@ -122,7 +122,7 @@ def rank(*data: str | Path | TestData, **keywords: Any) -> Iterator[Fit | tuple[
     Raises
     ------
     BadInput
-        For everything that is wrong in the files.
+        For invalid files.
     """
     of_files = ("test", "columns", "unit", "modulus_unit", "weights")
     tests = read_all(data, **{key: keywords.pop(key, None) for key in of_files})
@@ -169,7 +169,7 @@ def read_all(
     Raises
     ------
     BadInput
-        Without files, and for everything that is wrong in one.
+        Without files, and for an invalid one.
     """
     if not data:
         raise BadInput("fit: no test data: expected the name of a file")
@@ -195,7 +195,7 @@ def read_all(
 
 
 def _each(key: str, values: Sequence[Any] | None, count: int) -> list[Any]:
-    """Return one value for each file."""
+    """Return one value for each of ``count`` files; raise BadInput for another number of values."""
     given = [None] if values is None else list(values)
     if len(given) not in (1, count):
         raise bad_value(key, given, f"one value, or one for each of {count} files")
@@ -203,7 +203,7 @@ def _each(key: str, values: Sequence[Any] | None, count: int) -> list[Any]:
 
 
 def _compressibility(tests: Sequence[TestData], nu: float | None) -> tuple[bool, bool, float]:
-    """Return whether the material is incompressible, whether nu is an unknown, and its value."""
+    """Return whether the material is incompressible, whether nu is fitted, and the (first) nu."""
     volume = [t for t in tests if t.kind in _OF_VOLUME]
     if nu is not None:
         check_number("nu", nu, -1, highest=0.5, exclusive=True)

@@ -31,7 +31,7 @@ Array = npt.NDArray[np.float64]
 
 #: Built-in data, by name.
 DATASETS = {file.stem: file for file in sorted(Path(__file__).parent.glob("tables/*.csv"))}
-#: Columns that measure the deformation, that of the second direction, and the stress.
+#: Columns that measure the deformation, the deformation in direction 2, and the stress.
 _DEFORMATIONS, _SECOND = ("stretch", "strain", "shear", "volume_ratio"), ("stretch_2", "strain_2")
 _STRESSES = ("stress", "pressure", "stress_2", "stress_difference")
 _COLUMNS = (*_DEFORMATIONS, *_SECOND, *_STRESSES, "test", "weight")
@@ -45,7 +45,7 @@ TESTS = dict.fromkeys((*FREE, "biaxial"), "stretch strain stress") | {
 _COLUMN = re.compile(r"(?P<name>[^\[(]*)([\[(](?P<unit>[^\])]*)[\])])?")
 #: Rubber and gels are stretched to 10, or not much more: larger stretches are strains in per cent.
 _LARGEST_STRETCH = 12.0
-#: Sums of squares of numbers from this one to its inverse, and of their products, are numbers.
+#: Sums of squares of numbers from this one to its inverse, or of their products, do not overflow.
 _LEAST = 1e-60
 WITH_A_SQUARE = f"0, or a number whose absolute value is from {_LEAST:g} to {1 / _LEAST:g}"
 #: Cells without a value.
@@ -67,14 +67,14 @@ class TestData:
         test has the same stretch in all directions.
     stress : (n,)
         Nominal stress, force per area at rest [Pa, or the file's unit if it states none]; P_01 of
-        ``simple_shear``. Of ``biaxial`` it is that of `measure`.
+        ``simple_shear``; the stress that ``measure`` names of ``biaxial``.
     weight : float or (n,)
         Weights of the residuals, proportional to the inverse of their standard deviations. Points
         of weight 0 are left out.
     stretch_2 : float or (n,), optional
         Stretch in the second direction of ``biaxial``.
     measure : str
-        What is measured in ``biaxial``: "stress" or "stress_2", the nominal stress of direction 1
+        The stress of ``biaxial``: "stress" or "stress_2", the nominal stress of direction 1
         or 2, or "stress_difference", the true stress of direction 1 minus that of direction 2.
     unit : str
         Unit of the stresses, "" if it is not known.
@@ -83,7 +83,7 @@ class TestData:
     ------
     BadInput
         For an unknown kind or measure, a missing or surplus `stretch_2`, numbers that are not one
-        for each x, numbers whose squares are no numbers, and weights that are all 0.
+        for each x or whose squares overflow or underflow, and weights that are all 0.
     """
 
     __test__ = False  # the name is not one of a test of pytest's
@@ -130,7 +130,7 @@ class TestData:
 
 
 def has_a_square(value: npt.ArrayLike) -> npt.NDArray[np.bool_]:
-    """Return which numbers are 0 or of a size from `_LEAST` to its inverse."""
+    """Return a mask of the numbers that are 0 or of a size from `_LEAST` to its inverse."""
     size = np.abs(np.asarray(value, dtype=np.float64))
     return np.asarray((size == 0) | (size >= _LEAST) & (size <= 1 / _LEAST))
 
@@ -151,14 +151,15 @@ def read(
         The file, or the name of one of `DATASETS`.
     test, columns, unit, weight : optional
         Kind of test, names of the columns, unit of the stress and weight of the residuals; they
-        replace those that the file states. Columns with other names are not used.
+        override the file. Columns with other names are not used.
     modulus_unit : str, optional
-        Unit in which the stresses are returned; default: Pa, or that of the file if none is stated.
+        Unit in which the stresses are returned; default: Pa, or unchanged if the file states no
+        unit.
 
     Raises
     ------
     BadInput
-        For everything that is wrong in the file.
+        If the file cannot be read or is not valid.
     """
     path = Path(path)
     stated, lines = read_cells(path)
@@ -226,7 +227,7 @@ def _tests(
 
 
 def read_cells(path: Path) -> tuple[str, list[tuple[int, list[str]]]]:
-    """Return the test that a comment states, and the number and the cells of each other line.
+    """Return the test that a comment states, or "", and (number, cells) of each other line.
 
     Raises BadInput for a file that cannot be read, and for one without such lines.
     """
@@ -261,7 +262,7 @@ def _cells(line: str) -> list[str]:
 
 
 def _columns(cells: Sequence[str]) -> dict[str, tuple[int, str]]:
-    """Return the position and the unit of each known column."""
+    """Return {name: (position, unit)} of the known columns; BadInput for a wrong choice."""
     found: dict[str, tuple[int, str]] = {}
     for position, cell in enumerate(cells):
         split = _COLUMN.match(cell)
@@ -282,7 +283,7 @@ def _columns(cells: Sequence[str]) -> dict[str, tuple[int, str]]:
 def _table(
     columns: Mapping[str, tuple[int, str]], lines: list[tuple[int, list[str]]], count: int
 ) -> pd.DataFrame:
-    """Return the numbers in the known columns, by lines; NaN is no value. Tests remain text."""
+    """Return the numbers in the known columns by line number, NaN for no value; tests are text."""
     if not lines:
         raise BadInput("no line of numbers below the column names")
     for line, cells in lines:
@@ -314,7 +315,7 @@ def _table(
 def _stretches(
     kind: str, measure: str, points: pd.DataFrame, columns: Mapping[str, tuple[int, str]]
 ) -> tuple[Array, Array | None]:
-    """Return the stretches, or the amounts of shear, and those of the second direction."""
+    """Return the stretches (or amounts of shear), and the stretches in direction 2 or None."""
     accepted = TESTS[kind].split()
     given = [c for c in (*_DEFORMATIONS, *_SECOND) if c in columns and points[c].notna().any()]
     for column in (*given, measure):
@@ -342,7 +343,7 @@ def _stretches(
 
 
 def _check_signs(test: TestData) -> None:
-    """Raise BadInput where the points of a test cannot be a measurement."""
+    """Raise BadInput without a deformation or a stress, or if every stress has the wrong sign."""
     kind, x, y, stress = test.kind, test.x, test.stretch_2, test.stress
     moved = x != test.rest if y is None else (x != 1) | (y != 1)
     if not moved.any() or not stress.any():

@@ -34,10 +34,10 @@ from fem_snh.materials.parameters import (
 
 Array = npt.NDArray[np.float64]
 
-#: mu_lame of an incompressible material of E = 1, and a lambda_lame, at which its stresses are
-#: evaluated: a pressure removes what depends on it.
+#: mu_lame and lambda_lame at which an incompressible material of E = 1 is evaluated; its pressure
+#: removes the effect of lambda_lame.
 _INCOMPRESSIBLE = (1 / 3, 1.0)
-#: Stretches of volume 1, at which it is checked that nothing else depends on lambda.
+#: Stretches of volume 1, at which lambda may change the pressure only.
 _ISOCHORIC = np.array([[1.3, 1.1, 1 / 1.43], [0.8, 1.6, 1 / 1.28]])
 #: Largest size of an unknown without another bound, relative to its start or to 1.
 _LARGEST = 1e3
@@ -56,9 +56,11 @@ class Unknown:
     Attributes
     ----------
     name : str
-        The parameter; of an entry of a tuple "name[0]".
-    parameter, index : str, int or None
-        The parameter and the position in it.
+        The parameter, or "name[0]" for an entry of a tuple.
+    parameter : str
+        The parameter.
+    index : int or None
+        The position in the tuple.
     start, low, high : float
         First value and bounds.
     constant : bool
@@ -98,15 +100,15 @@ class Family:
     held : mapping
         Values of parameters that are not fitted.
     parameters : sequence of str, optional
-        The parameters that are fitted, besides E and nu; by default all with numerical values.
+        The parameters that are fitted, besides E and nu; default: all with numerical values.
     bounds : mapping
         (lowest, highest) value of parameters; constants in units of E.
 
     Raises
     ------
     BadInput
-        For an unknown material or parameter, and where lambda is more than a factor of a volume
-        term in an incompressible material.
+        For an unknown material or parameter, and if lambda is not only a factor of a volume term in
+        an incompressible material.
     """
 
     def __init__(
@@ -154,7 +156,7 @@ class Family:
         self._build(candidates, nu)
 
     def _pinned(self, held: Mapping[str, Any], moduli: normalise.Pair) -> dict[str, float]:
-        """Return the constants [E] beyond two, which are further unknowns, and their defaults."""
+        """Return {constant: default [E]} of the constants that E and nu do not determine."""
         constants = constants_of(self.function)
         symbols = {c: sympy.Symbol(c, real=True) for c in constants}
         known = {symbols[c]: held[c] for c in constants if held.get(c) is not None}
@@ -202,7 +204,10 @@ class Family:
     def _call(
         self, fitted: list[str], nu: float, signed: bool
     ) -> tuple[tuple[sympy.Expr, ...], set[sympy.Expr]]:
-        """Return the principal stresses in the stretches and `LAME`, and the barriers."""
+        """Return the principal stresses as expressions in stretches and `LAME`, and the barriers.
+
+        Sets ``_symbols``.
+        """
         self._symbols = {}
         values = dict(self._known)
         for key in fitted:
@@ -261,7 +266,7 @@ class Family:
         return Unknown(name, parameter, index, start, low, high, parameter in self._pins)
 
     def _scale_free(self) -> None:
-        """Hold the largest entry of a tuple whose common factor does not change the stress."""
+        """Fix the largest entry of each tuple whose common factor does not change the stress."""
         theta = self.start
         s = _ISOCHORIC
         reference = Member(self, theta, None).stress(s)
@@ -300,7 +305,7 @@ class Family:
         return Member(self, theta, None if self.incompressible else nu)
 
     def all_values(self, theta: Array) -> list[float]:
-        """Return the values of all symbols."""
+        """Return the values of all symbols, also of those that are fixed."""
         rest, fixed = iter(theta), self._fixed
         values = [fixed[k] if k in fixed else next(rest) for k in range(len(self._symbols))]
         return list(np.array(values, dtype=np.float64))  # unlike Python's, powers may be infinite

@@ -4,13 +4,13 @@ r"""Bounded least squares of several tests at once.
 
 The stress is proportional to E, so that the best E of given shape parameters :math:`\theta` has a
 closed form; the iteration is in :math:`\theta` alone (variable projection, Golub & Pereyra 1973).
-If the data show it, Poisson's ratio is one of them. The starts are the defaults and points around
-them from a fixed seed.
+If nu is fitted, :math:`\theta` includes it. The starts are the defaults and points around them from
+a fixed seed.
 
 The weights are those of the data, but each test has a variance of its own: `standard_errors`.
 Weights from the variances (iterated weights, or the likelihood concentrated in the parameters) are
-not used: where no material meets two tests, as of two specimens, that likelihood is unbounded, and
-one test then counts alone (Bates & Watts 1988, section 4.2).
+not used: if no material fits two tests, as of two specimens, that likelihood is unbounded, and only
+one test counts (Bates & Watts 1988, section 4.2).
 """
 
 from __future__ import annotations
@@ -34,26 +34,26 @@ Mask = npt.NDArray[np.bool_]
 _TOLERANCE, _ITERATIONS = 1e-10, 200
 #: Starts for each shape parameter, and their largest number.
 _STARTS, _MOST_STARTS = 3, 12
-#: The factors of the starts are exp of normal numbers of this deviation; parameters of start 0 get
-#: the numbers themselves.
+#: A start is the default times exp of a normal number of this standard deviation; if the default is
+#: 0, it is the number itself.
 _SPREAD = 0.7
 #: The search ends after this many starts with the same smallest sum of squares, to this relative
 #: difference.
 _AGREEING, _SAME = 2, 1e-4
-#: First Poisson's ratio where it is an unknown; it remains above -1 and below 0.5.
+#: First Poisson's ratio if it is fitted.
 NU_START = 0.45
 #: Bounds of log(1 - 2 nu): nu from -0.9 to 0.5 - 1e-9.
 _NU_BOUNDS = (np.log(2e-9), np.log(2.8))
-#: A stress that has no value counts as this many times the largest measured one.
+#: The residual of a stress that has no value, in multiples of the largest measured stress.
 _PENALTY = 1e2
-#: Stresses below this part of a test's largest one have the error of that part, if errors are
-#: relative: a measured 0 has some error.
+#: Relative errors refer to at least this fraction of a test's largest stress: a measured 0 has some
+#: error.
 _FLOOR = 0.05
 #: Smallest factor of a parameter of one sign, relative to its start.
 _SMALLEST = 1e-12
 #: Step of the differences for the standard errors: the cube root of the rounding error.
 _STEP = 6e-6
-#: Singular values of the Jacobian below this part of the largest show no parameter.
+#: Singular values of the Jacobian below this fraction of the largest count as 0.
 _RANK = 1e-9
 #: Fewest degrees of freedom that a test's residuals leave for a variance of its own.
 _OWN_VARIANCE = 0.5
@@ -71,7 +71,7 @@ class BestFit:
         The unknown shape parameters; constants in units of E.
     errors : (k + 1,) or (k + 2,)
         Standard errors of E, theta (of constants, in the unit of the stresses) and, if it is
-        unknown, nu; infinite where the data do not show a parameter, NaN where one is at its bound.
+        fitted, nu; infinite if the data do not determine the parameter, NaN at its bound.
     predicted : list of (n,)
         The stresses in each test.
     cost : float
@@ -91,7 +91,11 @@ class BestFit:
 
 
 class _Problem:
-    """The residuals of a family of energies, in variables of size one."""
+    """The residuals of a family of energies, as functions of scaled variables z.
+
+    These are theta/start, or log(theta/start) if theta keeps its sign, and log(1 - 2 nu) if nu is
+    fitted.
+    """
 
     def __init__(
         self,
@@ -138,13 +142,13 @@ class _Problem:
         return [np.clip(np.concatenate([p, last]), low + margin, high - margin) for p in points]
 
     def theta(self, z: Array) -> Array:
-        """Return the shape parameters of the variables."""
+        """Return the shape parameters at the variables z."""
         z = z[: len(self.scale)]
         with np.errstate(over="ignore"):
             return self.scale * np.where(self.one_sign, np.exp(np.minimum(z, 700.0)), z)
 
     def ratio(self, z: Array) -> float | None:
-        """Return Poisson's ratio; None of an incompressible material."""
+        """Return Poisson's ratio at z; None for an incompressible material."""
         return float(1 - np.exp(z[-1])) / 2 if self.fit_nu else self.nu
 
     def predict(self, theta: Array, nu: float | None) -> list[Array]:
@@ -163,7 +167,7 @@ class _Problem:
         return float(best) if np.isfinite(best) and best > 0 else 0.0
 
     def parameters(self, z: Array) -> Array:
-        """Return E, the shape parameters (constants in the unit of E) and nu, if it is unknown."""
+        """Return E, the shape parameters (constants in the unit of E) and, if it is fitted, nu."""
         theta, nu = self.theta(z), self.ratio(z)
         E = self.modulus(np.concatenate(self.predict(theta, nu)))
         return np.array([E, *theta * self.sizes(E), *([nu] if self.fit_nu else [])], dtype=float)
@@ -173,13 +177,13 @@ class _Problem:
         return np.array([E if u.constant else 1.0 for u in self.unknowns])
 
     def split(self, p: Array) -> tuple[Array, float | None]:
-        """Return the shape parameters, constants in units of E, and nu."""
+        """Return the shape parameters, constants in units of E, and nu, from `parameters`."""
         with np.errstate(invalid="ignore"):  # E = 0: no parameters fit
             theta = p[1 : 1 + len(self.unknowns)] / self.sizes(p[0])
         return theta, float(p[-1]) if self.fit_nu else self.nu
 
     def limits(self, p: Array) -> tuple[Array, Array]:
-        """Return the bounds of parameters at this E."""
+        """Return the bounds of `parameters`, at the E among them."""
         pairs = [(-np.inf, np.inf)]
         for u, size in zip(self.unknowns, self.sizes(p[0]), strict=True):
             pairs.append((size * u.low, size * u.high))
@@ -227,11 +231,11 @@ def solve(
     tests : sequence of TestData
         The measurements.
     nu : float or None
-        Poisson's ratio; None of an incompressible material.
+        Poisson's ratio; None for an incompressible material.
     relative : bool
         Whether the residuals are divided by the measured stresses.
     fit_nu : bool
-        Whether nu is an unknown, too.
+        Whether nu is fitted, too.
 
     Raises
     ------
@@ -271,7 +275,7 @@ def solve(
 
 
 def _search(problem: _Problem) -> tuple[Array, int]:
-    """Return the best variables, and the number of starts that were needed."""
+    """Return the best variables z, and the number of starts that were used."""
     starts = problem.starts()
     if not starts[0].size:
         return starts[0], 1
@@ -296,7 +300,10 @@ def _search(problem: _Problem) -> tuple[Array, int]:
 
 
 def _factors(jacobian: Array) -> tuple[Array, Array, Array]:
-    """Return U, S^-1 V^T of J = U S V^T without what shows nothing, and the hidden rows of V^T."""
+    """Return U and S^-1 V^T of J = U S V^T for the nonzero S, and the other rows of V^T.
+
+    Which S are 0 does not depend on the scales of J's columns.
+    """
     size = np.linalg.norm(jacobian, axis=0)
     size = np.where(size > 0, size, 1.0)
     left, values, rows = np.linalg.svd(jacobian / size, full_matrices=False)
@@ -305,7 +312,7 @@ def _factors(jacobian: Array) -> tuple[Array, Array, Array]:
 
 
 def reaches_bound(jacobian: Array, residual: Array, low: Array, high: Array) -> Mask:
-    """Return which parameters are at a bound: a Gauss-Newton step of them would cross it.
+    """Return a mask (k,) of the parameters whose Gauss-Newton step would cross a bound.
 
     Parameters
     ----------

@@ -40,9 +40,9 @@ if TYPE_CHECKING:
 
 Array = npt.NDArray[np.float64]
 
-#: The tests with a free stretch and one that is prescribed; `biaxial` has two.
+#: The tests with a free stretch and one independent stretch; `biaxial` has two.
 FREE = ("uniaxial", "equibiaxial", "planar")
-#: What may be measured in a biaxial test, and the first in every other.
+#: The stresses that may be measured in a biaxial test; other tests measure the first.
 MEASURES = ("stress", "stress_2", "stress_difference")
 #: Largest number of iterations for t, the largest step of log t and the tolerance of log t.
 _ITERATIONS, _LARGEST_STEP, _TOLERANCE = 100, 0.3, 1e-13
@@ -85,7 +85,7 @@ def response(
 
 
 def stretches(law: Member, kind: str, x: Array, stretch_2: Array | None = None) -> Array:
-    """Return the principal stretches (n, 3) in a test."""
+    """Return the principal stretches (n, 3) in a test; NaN where no free stretch is found."""
     if kind == "simple_shear":
         s = (x + np.sqrt(x**2 + 4)) / 2
         return np.stack([s, 1 / s, np.ones_like(s)], axis=-1)
@@ -108,10 +108,10 @@ def _principal(x: Array, y: Array | None, t: Array) -> Array:
 
 
 def _free_stretch(law: Member, x: Array, y: Array | None) -> Array:
-    """Return the t without stress, by Newton's method on log t with bisection as safeguard.
+    """Return the t (n,) without stress, by Newton's method on log t with bisection as safeguard.
 
-    The start is the solution for Hencky's energy. NaN where the iteration fails, or
-    ends where the stress decreases with t: that equilibrium is unstable.
+    The start is the solution for Hencky's energy. NaN where the iteration fails, or ends where the
+    stress decreases with t: that equilibrium is unstable.
     """
     assert law.nu is not None
     rates = np.array([0.0, y is None, 1.0])  # of the stretches by t
@@ -188,7 +188,7 @@ def stable_ranges(law: Member, low: float, high: float) -> tuple[StableRange, ..
 def stable_at(law: Member, kind: str, x: Array, stretch_2: Array | None = None) -> bool:
     """Return whether a material is stable at the data of a test by Drucker's criterion.
 
-    Those of a biaxial test are its points (n,), those of the others all from rest to the last one.
+    A biaxial test is examined at its points (n,), another test from rest to its extreme stretches.
     """
     if kind == "biaxial":
         return bool((smallest_stiffness(law, kind, x, stretch_2) > 0).all())
@@ -196,7 +196,7 @@ def stable_at(law: Member, kind: str, x: Array, stretch_2: Array | None = None) 
 
 
 def smallest_stiffness(law: Member, kind: str, x: Array, stretch_2: Array | None = None) -> Array:
-    """Return the smallest eigenvalue of the stiffness above, (n,); NaN where there is no stress."""
+    """Return the smallest eigenvalue of Drucker's quadratic form, (n,); NaN without a stress."""
     s = stretches(law, kind, x, stretch_2)
     stress, A = law.stress(s), law.tangent(s)
     with np.errstate(invalid="ignore"):  # infinite stresses
@@ -211,7 +211,7 @@ def smallest_stiffness(law: Member, kind: str, x: Array, stretch_2: Array | None
 
 
 def _end(law: Member, kind: str, end: float) -> float:
-    """Return the end of the stable range between 1 and ``end``."""
+    """Return the end of the stable range from 1 towards ``end``."""
     if end == 1.0:
         return 1.0
     x: Array = np.asarray(np.geomspace(1.0, end, _SAMPLES + 1), dtype=np.float64)

@@ -34,7 +34,8 @@ Array = npt.NDArray[np.float64]
 _DIGITS = 10
 #: R² of a test below which a fit has a note: two biaxial stresses that are exchanged have 0.46.
 _POOR = 0.8
-#: Smallest mean square of AICc, relative to that of the data: double precision shows no less.
+#: Smallest mean square in AICc, relative to the data's mean square: double precision resolves no
+#: less.
 _NO_RESIDUAL = 1e-24
 
 
@@ -72,7 +73,7 @@ class TestResult:
 
     @property
     def r_squared(self) -> float:
-        """Return the coefficient of determination R^2; NaN of data that do not vary."""
+        """Return the coefficient of determination R^2; NaN if the data do not vary."""
         return r_squared(self.data.stress, self.residual)
 
 
@@ -84,15 +85,16 @@ class Fit:
     name : str
         The material.
     E, nu : float
-        Young's modulus [Pa, or the unit of the data if they state none] and Poisson's ratio, 0.5 of
-        an incompressible material.
+        Young's modulus [Pa, or the unit of the data if they state none] and Poisson's ratio; nu =
+        0.5 for an incompressible material.
     shape : dict
         Shape parameters, keywords of `fem_snh.material`.
     parameters, errors : dict
         The fitted numbers and their standard errors: E, entries such as "weights[1]", and nu if it
-        was fitted. An error is infinite if the data do not show the number, and NaN at a bound.
+        was fitted. An error is infinite if the data do not determine the number, and NaN at a
+        bound.
     units : dict
-        The units of these numbers: "" if they have none, or the data state none.
+        The units of these numbers; "" for a dimensionless number, or if the data state none.
     tests : tuple of TestResult
         Data, stresses and residuals.
     stable : tuple of StableRange
@@ -131,7 +133,7 @@ class Fit:
 
     @property
     def notes(self) -> list[str]:
-        """Return what is doubtful in the fit of a test, a line each."""
+        """Return a line for each test that the material does not describe: R^2 below `_POOR`."""
         return [
             f"{t.data.name}: R² = {t.r_squared:.2f}: {self.name} does not describe this test; are "
             "its kind and its columns those of the test?"
@@ -156,8 +158,8 @@ class Fit:
     def aicc(self) -> float:
         """Return the corrected information criterion of Akaike (Burnham & Anderson 2002).
 
-        The smaller, the better: it weighs the sum of squares that the fit minimises, with the
-        weights of the data, against the number of parameters.
+        Smaller is better: it weighs the sum of squares that the fit minimises, with the weights of
+        the data, against the number of parameters.
         """
         n = sum(len(t.data.x) for t in self.tests)
         k = len(self.parameters) + 1  # and the variance
@@ -170,7 +172,8 @@ class Fit:
     def stable_at_data(self) -> bool:
         """Return whether the fit is stable at all measured stretches of tests with free sides.
 
-        In a biaxial test it is at the measured points, in the others from rest to the last one.
+        Biaxial tests are examined at the measured points, others from rest to their extreme
+        stretches.
         """
         return all(
             stable_at(self._law, t.data.kind, t.data.x, t.data.stretch_2)
@@ -266,15 +269,15 @@ class Fit:
         }
 
     def write(self, path: str | Path) -> Path:
-        """Write fit.json; raise BadInput if that fails."""
+        """Write `record` as JSON and return the path; raise BadInput if that fails."""
         return write_file(path, json.dumps(self.record(), indent=1) + "\n")
 
     def write_table(self, path: str | Path) -> Path:
-        """Write `table` into a file; raise BadInput if that fails."""
+        """Write `table` into a file and return the path; raise BadInput if that fails."""
         return write_file(path, self.table())
 
     def plot(self, path: str | Path) -> Path:
-        """Draw data, fit and extrapolation; raise BadInput if the picture cannot be written."""
+        """Draw data, fit and extrapolation; return the path, or raise BadInput if that fails."""
         from fem_snh.viewing.plots.materials import draw_fits  # matplotlib
 
         return draw_fits([self], Path(path))
@@ -285,7 +288,7 @@ class Fit:
 
 
 def r_squared(stress: Array, residual: Array) -> float:
-    """Return the coefficient of determination R^2; NaN of data that do not vary."""
+    """Return the coefficient of determination R^2; NaN if the data do not vary."""
     varied = float(((stress - stress.mean()) ** 2).sum())
     return 1 - float(residual @ residual) / varied if varied > 0 else math.nan
 

@@ -1,7 +1,4 @@
-"""``fem-snh export``: the states of a run as one VTKHDF file, or its surface as OBJ files.
-
-The files of a run are read one state at a time: `fem_snh.viewing.states`.
-"""
+"""``fem-snh export``: the states of a run as one VTKHDF file, or its surface as OBJ files."""
 
 from __future__ import annotations
 

@@ -100,13 +100,12 @@ def write_vtkhdf(out: Path, pvd: Path, report: Report = ignore) -> None:
     """Write all states into one file: a temporal unstructured grid, with the load as its time.
 
     The mesh is written once, as one part. An array per field holds the values of all states one
-    after another, and ``Steps`` their offsets. One state at a time is in memory. An earlier file is
-    replaced at the end.
+    after another, and ``Steps`` their offsets. One state at a time is in memory.
 
     Parameters
     ----------
     out : Path
-        The file.
+        The file; at the end it replaces an earlier one.
     pvd : Path
         The collection of the states.
 

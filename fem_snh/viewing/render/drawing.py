@@ -252,7 +252,7 @@ class Drawing:
     ) -> np.ndarray:
         """Return a panel as an RGB array (height, pixels, 3) uint8, averaged from a larger one.
 
-        ``scale`` is the ratio of their sizes. RuntimeError if OpenGL draws nothing.
+        RuntimeError if OpenGL draws nothing.
         """
         where = self.view
         shape = [scale * pixels, scale * round(pixels * where.height / where.width)]

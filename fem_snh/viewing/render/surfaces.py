@@ -169,8 +169,8 @@ def _sides(surface: pv.PolyData, face: np.ndarray) -> pv.PolyData:
 def exaggerate(grid: pv.UnstructuredGrid) -> None:
     """Replace the rest state by the deformed one, and the displacement by the scaled mode.
 
-    The arrays of the grid change. The field ``mode`` is divided by its largest length, so that all
-    panels share their colours. BadInput if it is zero.
+    The grid's field ``mode`` is divided by its largest length, so that all panels share their
+    colours. BadInput if it is zero.
     """
     mode = np.asarray(grid["mode"])
     largest = np.linalg.norm(mode, axis=1).max()
