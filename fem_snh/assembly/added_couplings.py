@@ -1,9 +1,11 @@
-"""Blocks of a matrix between nodes that share no cell, as contact between two surfaces adds.
+"""Blocks of a matrix between nodes that share no cell.
 
-The cells of a mesh give a sparsity pattern once and for all. Which nodes touch each other changes
-with the displacement, so `fem_snh.assembly.assembled_matrix.BlockMatrix.couple` extends the pattern
-of the cells by pairs of nodes, when a pair is needed that it lacks. A pattern that once had a pair
-keeps it for a while: two facets that touch and part in turn do not change the pattern each time.
+Two things add such blocks: contact (`fem_snh.terms.term.CouplingTerm`), whose nodes interact across
+a gap, and the elimination of rigid parts (`fem_snh.assembly.elimination`). The pattern of the cells
+is constant, but the nodes in contact change with the displacement. So
+`fem_snh.assembly.assembled_matrix.BlockMatrix.couple` extends the pattern when it lacks a required
+pair of nodes. Pairs that are no longer required stay for a while: facets that touch and separate in
+turn do not change the pattern each time.
 """
 
 from __future__ import annotations
@@ -21,25 +23,26 @@ from fem_snh.assembly.matrix_layout import MixedDofMap
 
 Array = npt.NDArray[Any]
 
-#: Old pairs are kept while there are at most this many times as many of them as of new ones: their
-#: zeros cost the linear solver time, a new pattern costs that of about one Newton step.
+#: When pairs are added, the former pairs are kept if their number is at most this factor times the
+#: number of required pairs: zero blocks cost the linear solver time, and a new pattern costs about
+#: the time of one Newton step.
 _KEPT_PAIRS = 2
 
 
 class Couplings:
-    """The coupled pairs of displacement nodes, and the matrices that are added to them. Collective.
+    """The pairs of displacement nodes that share no cell, and values for their blocks. Collective.
 
     Parameters
     ----------
     dof_map : MixedDofMap
-        The numbering of the unknowns, the displacement's before others.
+        The numbering of the unknowns, displacements first.
     constrained_dofs : (n,) int
-        The constrained dofs that this rank owns, as offsets from its first one.
+        The constrained dofs that this rank owns, as offsets from its first dof.
 
     Attributes
     ----------
     pairs : (n, 2) int64
-        Row and column of each additional block of the rows that this rank owns, as global blocks.
+        Global block row and block column of each additional block in the rows that this rank owns.
     """
 
     def __init__(self, dof_map: MixedDofMap, constrained_dofs: Array) -> None:
@@ -60,12 +63,12 @@ class Couplings:
         return np.stack(np.divmod(keys, self._num_blocks), axis=1)
 
     def require(self, pairs: Sequence[Array]) -> bool:
-        """Include pairs of nodes; return whether `pairs` changed on any rank. Collective.
+        """Add node pairs to `pairs`; return whether `pairs` changed on any rank. Collective.
 
         Parameters
         ----------
         pairs : sequence of (n, 2) int64
-            See `BlockMatrix.couple`.
+            See `BlockMatrix.couple`. The same array objects as in the last call are not examined.
         """
         missing = False
         if [*map(id, pairs)] != [*map(id, self._last)]:
@@ -82,12 +85,17 @@ class Couplings:
         return bool(changed)
 
     def require_eliminated(self, blocks: Array) -> bool:
-        """Include the pairs of a fold; return whether `pairs` changed on any rank. Collective.
+        """Add the block pairs of an elimination to `pairs`, for good. Collective.
 
         Parameters
         ----------
         blocks : (n, 2) int64
             See `fem_snh.assembly.elimination.Elimination.pairs`.
+
+        Returns
+        -------
+        bool
+            Whether `pairs` changed on any rank.
         """
         keys = np.unique(blocks[:, 0] * self._num_blocks + blocks[:, 1])
         missing = not np.isin(keys, self._eliminated, assume_unique=True).all()
@@ -95,7 +103,10 @@ class Couplings:
         return bool(self._dof_map.comm.allreduce(missing, op=MPI.LOR))
 
     def add(self, nodes: Array, matrices: Array, others: Array | None = None) -> None:
-        """Keep matrices for `set_values`: see `BlockMatrix.add_couplings`. Not collective."""
+        """Store the values of free dofs for `set_values`: see `BlockMatrix.add_couplings`.
+
+        Not collective.
+        """
         dofs, free = self._dofs(nodes)
         column_dofs, column_free = (dofs, free) if others is None else self._dofs(others)
         first, last = self._own_dofs
@@ -106,7 +117,10 @@ class Couplings:
         self._added.append((rows - first, columns, matrices[which]))
 
     def _dofs(self, nodes: Array) -> tuple[Array, Array]:
-        """Return the global dofs (n, c k) of nodes (n, k), and which of them are free."""
+        """Return the global dofs of global nodes (n, k), and which dofs are free.
+
+        Both are (n, components * k), node by node.
+        """
         start, _ = self._dof_map.global_dofs(self._dof_map.displacement_blocks(nodes.ravel()))
         components = self._dof_map.components
         dofs = start[:, None] + np.arange(components)
@@ -114,7 +128,7 @@ class Couplings:
         return dofs, ~np.isin(dofs, self._fixed)
 
     def set_values(self, mat: PETSc.Mat) -> None:
-        """Add what was given to `add` to the matrix, before it is assembled."""
+        """Add the values stored by `add` to ``mat`` and discard them. ``mat`` is not assembled."""
         if not self._added:
             return
         rows, columns, values = (

@@ -1,15 +1,15 @@
 """An AIJ matrix into whose value arrays the terms of a problem add element matrices directly.
 
 ``MatSetValues`` searches the row of every value for its column, in every assembly. The sparsity
-pattern of a mesh's cells never changes, so `BlockMatrix` looks up once where each block of
-each element matrix is stored in PETSc's value arrays. The compiled cell loops then add to these
-addresses, without a search and without storing element matrices (as ``MatSetValuesCOO`` needs).
+pattern of a mesh's cells never changes, so `BlockMatrix` determines once where PETSc's value arrays
+store each block of each element matrix. The compiled cell loops then add to these addresses. They
+neither search nor store element matrices, which ``MatSetValuesCOO`` needs.
 ``python -m benchmarks assembly`` compares the time per cell with dolfinx's assembly by
 ``MatSetValues``, ``python -m benchmarks coo_assembly`` with ``MatSetValuesCOO``.
 
-Contributions to rows of another rank are summed in an array apart and sent to its owner once per
-assembly (`SentRows`). The blocks between nodes that share no cell, which change from step to step,
-are left to PETSc (`fem_snh.assembly.added_couplings`).
+Contributions to rows of another rank are summed in a separate array and sent to the owner of the
+rows once per assembly (`SentRows`). The blocks between nodes that share no cell change from step to
+step; ``MatSetValues`` adds them (`fem_snh.assembly.added_couplings`).
 """
 
 from __future__ import annotations
@@ -39,19 +39,19 @@ Array = npt.NDArray[Any]
 
 
 class SentRows:
-    """Values of the rows of ghost blocks, which are sent to their owners. Collective.
+    """Values in the rows of ghost blocks, which are sent to the owners of the rows. Collective.
 
     Parameters
     ----------
     dof_map : MixedDofMap
         The numbering of the unknowns.
     layout : MatrixLayout
-        The pattern of these rows, and of those that other ranks send.
+        The patterns of the sent and of the received rows.
 
     Attributes
     ----------
     values : (n,) float64
-        The values, row by row.
+        The values to send, row by row. Cell loops add to them.
     """
 
     def __init__(self, dof_map: MixedDofMap, layout: MatrixLayout) -> None:
@@ -70,12 +70,13 @@ class SentRows:
         }
 
     def add_to(self, arrays: Sequence[Array]) -> None:
-        """Send the values, and add received ones to the matrix.
+        """Send ``values``, and add received values to a matrix. Collective.
 
         Parameters
         ----------
         arrays : sequence of arrays
-            The values of the diagonal block and, on several ranks, of the off-diagonal block.
+            The matrix values of the diagonal block and, on several ranks, of the off-diagonal
+            block; modified in place.
         """
         requests = [self._comm.Irecv(a.values, source=r) for r, a in self._received.items()]
         messages = {rank: self.values[chosen] for rank, chosen in self._sent.items()}
@@ -86,13 +87,23 @@ class SentRows:
 
 
 class _Addition:
-    """Values received from one rank, and where they are added."""
+    """The receive buffer for one rank's values, and the matrix entries to which they are added.
+
+    Parameters
+    ----------
+    dof_map : MixedDofMap
+        The numbering of the unknowns.
+    blocks : Received
+        The blocks that the other rank sends.
+    strides : sequence of arrays
+        `MatrixLayout.row_strides`.
+    """
 
     def __init__(self, dof_map: MixedDofMap, blocks: Received, strides: Sequence[Array]) -> None:
         begin = np.flatnonzero(np.diff(blocks.rows, prepend=-1))
         count = np.diff(begin, append=len(blocks.rows))
         size = dof_map.global_dofs(blocks.rows[begin])[1]
-        # The blocks of each row of unknowns, and its number among those of its block row.
+        # For each matrix row its blocks, and its number within the block row.
         block = concatenated_ranges(np.repeat(begin, size), np.repeat(count, size))
         number = concatenated_ranges(np.zeros_like(size), size)
         number = np.repeat(number, np.repeat(count, size))
@@ -107,7 +118,7 @@ class _Addition:
         self._parts = [(of, target[of].astype(np.int32)) for of in chosen]
 
     def add_to(self, arrays: Sequence[Array]) -> None:
-        """Add the values to the arrays; every entry is there once."""
+        """Add the received values to the matrix ``arrays``: see `SentRows.add_to`."""
         for array, (chosen, target) in zip(arrays, self._parts, strict=True):
             array[target] += self.values[chosen]
 
@@ -115,32 +126,33 @@ class _Addition:
 class BlockMatrix:
     """An AIJ matrix with the sparsity pattern of a dof map's cells. Collective.
 
-    Terms add to it inside of `adding`. Rows and columns that belong to constrained dofs are zero
-    but for one positive number on the diagonal, the same for all: the mean of the free diagonal
-    entries of the displacement in the first assembly.
+    Terms add to the matrix inside of `adding`. Rows and columns of constrained dofs are zero except
+    for one positive number on the diagonal, the same for all: the mean absolute diagonal entry of
+    the free displacement dofs in the first assembly (1 if the mean is 0).
 
     Parameters
     ----------
     dof_map : MixedDofMap
-        The numbering of the unknowns, the displacement's before others.
+        The numbering of the unknowns, displacements first.
     constrained : (local nodes, components) bool, optional
         Constrained components of the displacement, ghost nodes included. Default: none.
     layout : MatrixLayout, optional
-        The layout of another matrix of the dof map, to share.
+        The layout of another matrix of ``dof_map``, to share.
     planes : InclinedPlanes, optional
-        Nodes with other constrained directions, which are eliminated as constrained dofs are.
+        Nodes with constrained directions that are no coordinate axes. These directions are
+        eliminated like constrained dofs.
 
     Attributes
     ----------
     mat : PETSc.Mat
         The matrix.
     layout : MatrixLayout
-        Its sparsity pattern; another object after `couple` has changed it.
+        The sparsity pattern. `couple` and `eliminate` may replace it by another object.
     constrained_dofs : (n,) int
         The constrained dofs that this rank owns, as indices into a vector's local array.
     block_positions : (cells, n, n) int32
         Where the blocks of each cell are stored: see `fem_snh.assembly.matrix_layout.MatrixLayout`.
-        Another array after `couple` has changed the pattern.
+        Replaced together with ``layout``.
     row_strides : list of three (local blocks,) int32
         See `MatrixLayout`.
     free : (local nodes, components) float64
@@ -148,16 +160,17 @@ class BlockMatrix:
     is_constrained : (cells,) uint8
         1 for each cell with a constrained component, else 0.
     idle : (n,) int
-        Entries of this rank's vectors whose rows and columns are zero: pressures of cells that are
-        not assembled. Minus the diagonal of constrained dofs makes the matrix regular, and counts
-        among the negative eigenvalues that pressures have.
+        Owned dofs of pressures whose cells are all rigid, and not assembled: their rows and columns
+        are zero. `adding` sets their diagonal to minus that of constrained dofs. The matrix is then
+        regular, and each pressure still has one negative eigenvalue.
     addresses : list of int
-        Inside of `adding` the addresses of the three value arrays; 0 for one that does not exist.
+        Inside of `adding`, the addresses of the three value arrays (0 for an array that does not
+        exist); outside, an empty list.
 
     Raises
     ------
     BadInput
-        On every rank, if one has more values than a 32-bit offset can address.
+        On every rank, if a rank has more values than a 32-bit offset can address.
     """
 
     def __init__(
@@ -191,7 +204,8 @@ class BlockMatrix:
     def adding(self) -> Iterator[None]:
         """Zero the matrix, let terms add to it inside of the context, and assemble it. Collective.
 
-        Terms may add in any order; ranks need not add the same number of element matrices.
+        On exit, rigid parts, inclined planes and constrained dofs are eliminated. Terms may add in
+        any order; ranks need not add the same number of element matrices.
         """
         self.mat.zeroEntries()
         self._sent_rows.values[:] = 0
@@ -223,25 +237,24 @@ class BlockMatrix:
         Parameters
         ----------
         cells : (n,) int32
-            Cells of this rank; a cell may occur several times, as with several facets.
+            Cells of this rank; a cell may occur several times, for example once for each facet.
         matrices : (n, k, k)
-            Their element matrices [N/m]. Rows and columns are numbered node by node, with the
-            components of each, then the pressures: all of a cell's dofs, or those of the
-            displacement alone.
+            The element matrix of each cell [N/m]: all displacement dofs, node by node, then the
+            pressure dofs, or the displacement dofs alone.
         """
         self._addition.add(self.addresses, cells, matrices)
 
     def couple(self, pairs: Sequence[Array]) -> None:
-        """Extend the sparsity pattern, if it lacks one of these pairs of nodes. Collective.
+        """Extend the sparsity pattern if it lacks one of these pairs of nodes. Collective.
 
-        The matrix is then zero. `mat` is the same object with another pattern: its nonzero state
-        tells PETSc's preconditioners and `fem_snh.linalg` to set up again.
+        The extended matrix is zero. ``mat`` remains the same object: `nonzero_state` of
+        `fem_snh._petsc` changes, and tells solvers to set up again.
 
         Parameters
         ----------
         pairs : sequence of (n, 2) int64
-            Row and column of 3x3 blocks as global nodes of the displacement's space. Each rank
-            gives all pairs of the rows that it owns; those of other rows are left out.
+            Row and column of each block, as global nodes of the displacement's space. Each rank
+            gives all pairs in the rows that it owns; pairs in other ranks' rows are ignored.
         """
         if self._couplings is None:
             self._couplings = Couplings(self._dof_map, self.constrained_dofs)
@@ -250,14 +263,27 @@ class BlockMatrix:
             self._couple_eliminated()
 
     def eliminate(self, create: Callable[[MixedDofMap], Elimination]) -> Elimination:
-        """Return a fold of the dof map, which `adding` applies from now on. Collective."""
+        """Eliminate the nodes of rigid parts in `adding` from now on. Collective.
+
+        The sparsity pattern is extended by `Elimination.pairs`, and the matrix is then zero.
+
+        Parameters
+        ----------
+        create : callable
+            Returns the elimination for this matrix's dof map.
+
+        Returns
+        -------
+        Elimination
+            The result of ``create``.
+        """
         self._elimination = create(self._dof_map)
         self._couplings = Couplings(self._dof_map, self.constrained_dofs)
         self._couple_eliminated()
         return self._elimination
 
     def _couple_eliminated(self) -> None:
-        """Extend the sparsity pattern by the pairs of the fold, if there is one."""
+        """Extend the sparsity pattern by `Elimination.pairs`, if there is an elimination."""
         if self._elimination and self._couplings:
             if self._couplings.require_eliminated(self._elimination.pairs(self.mat)):
                 self._set_layout(MatrixLayout(self._dof_map, self._couplings.pairs, self.mat))
@@ -265,18 +291,23 @@ class BlockMatrix:
     def add_couplings(self, nodes: Array, matrices: Array, others: Array | None = None) -> None:
         """Add matrices of nodes that share no cell, inside of `adding`. Not collective.
 
-        Rows and columns of constrained dofs are left out. The pattern must have the blocks: those
-        of a cell are there, others need `couple`.
+        Rows and columns of constrained dofs are left out. The pattern must have the blocks: add
+        pairs of nodes that share no cell by `couple` first.
 
         Parameters
         ----------
         nodes : (n, k) int64
-            Global nodes of the displacement's space. Each rank gives all matrices with a row that
-            it owns; the rows of other ranks are left out.
-        matrices : (n, c k, c l)
-            Their matrices [N/m], numbered node by node.
+            The nodes of the rows, as global nodes of the displacement's space. Each rank gives all
+            matrices with a row that it owns; rows of other ranks are ignored.
+        matrices : (n, components * k, components * l)
+            The matrices [N/m], numbered node by node.
         others : (n, l) int64, optional
-            The nodes of the columns. Default: those of the rows.
+            The nodes of the columns. Default: ``nodes``.
+
+        Raises
+        ------
+        ValueError
+            If neither `couple` nor `eliminate` was called before.
         """
         if self._couplings is None:
             raise ValueError("add_couplings: expected after couple")
@@ -286,10 +317,13 @@ class BlockMatrix:
         self.layout, self.mat = layout, layout.mat
         self.block_positions, self.row_strides = layout.block_positions, layout.row_strides
         for name in ("_addition", "_sent_rows", "_projection"):
-            self.__dict__.pop(name, None)  # of the former pattern
+            self.__dict__.pop(name, None)  # cached for the former pattern
 
     def without_constraints(self) -> BlockMatrix:
-        """Return a zero matrix of the same layout that has all rows and columns. Collective."""
+        """Return a zero matrix of the same layout without constrained dofs or planes. Collective.
+
+        The copy has no couplings and no elimination either.
+        """
         return BlockMatrix(self._dof_map, layout=self.layout)
 
     def add_node_pairs(
@@ -297,7 +331,8 @@ class BlockMatrix:
     ) -> None:
         """Add multiples of the identity at pairs of nodes, inside of `adding`. Not collective.
 
-        See `MatrixAddition.add_node_pairs`; the positions are those in ``block_positions``.
+        The parameters are those of `MatrixAddition.add_node_pairs`; ``positions`` are encoded as in
+        ``block_positions``.
         """
         self._addition.add_node_pairs(self.addresses, pattern, positions, factor, values)
 
@@ -312,7 +347,7 @@ class BlockMatrix:
 
     @cached_property
     def _addition(self) -> MatrixAddition:
-        """The compiled loop of `add_matrices`, which only terms without cell loops need."""
+        """The compiled loop of `add_matrices` and `add_node_pairs`, created on first use."""
         blocks, sizes = self._dof_map.cell_blocks, self._dof_map.cell_block_sizes
         return MatrixAddition(blocks, sizes, self.block_positions, self.row_strides, self.free)
 
@@ -324,12 +359,15 @@ class BlockMatrix:
     def set_constrained_diagonal(self, value: float | None) -> None:
         """Set the diagonal entry of constrained dofs [N/m] from the next assembly on.
 
-        With None the next assembly determines it.
+        None: the next assembly computes the entry (see the class).
         """
         self._constrained_diagonal, self._diagonal_vec = value, None
 
     def _add_constrained_diagonal(self) -> None:
-        """Add the diagonal entry of constrained dofs, where the matrix is zero so far."""
+        """Add the diagonal of constrained dofs, eliminated dofs, idle dofs and planes. Collective.
+
+        The matrix is zero there. The entry is computed if it is not known yet.
+        """
         if self._diagonal_vec is None:
             self._diagonal_vec = self.mat.getDiagonal()
             values, constrained = self._diagonal_vec.array, self.constrained_dofs
@@ -354,15 +392,16 @@ def create_matrix(
     constrained: Array | None = None,
     planes: InclinedPlanes | None = None,
 ) -> BlockMatrix:
-    """Return a zero matrix of a displacement and a pressure space. Collective.
+    """Return the zero matrix of a displacement space, and of a pressure space if any. Collective.
 
     Parameters
     ----------
     V : dolfinx function space
         The displacement's space.
     Q : dolfinx function space, optional
-        The space of an unknown pressure.
+        The pressure's space, if the pressure is an unknown of the problem.
     constrained : (local nodes, components) bool, optional
+        As for `BlockMatrix`.
     planes : InclinedPlanes, optional
         As for `BlockMatrix`.
     """

@@ -26,12 +26,12 @@ if TYPE_CHECKING:
 Array = npt.NDArray[Any]
 
 AXES = ("x", "y", "z")
-#: The label of the conditions of bones.
+#: The label of the conditions that bones prescribe.
 BONES = "bones"
-#: Loads at which the values of two conditions are compared, and their largest difference, relative
-#: to the values, that is rounding.
+#: Loads at which the values of two conditions are compared, and the difference, relative to the
+#: largest value, up to which the values are equal but for rounding.
 _LOADS, _ROUNDING = (0.25, 0.5, 1.0), 1e-9
-#: Sine of the angle below which two constrained directions are the same, as those of planes.
+#: Sine of the angle below which two constrained directions are the same, as for inclined planes.
 _DEPENDENT = 1e-7
 
 
@@ -41,26 +41,28 @@ class Condition:
 
     Attributes
     ----------
-    key, name : str
-        The key of its group and its name in messages: "hold.group" and "[[hold]] of 'left'"; of an
-        object of a program both are "bcs[0]".
+    key : str
+        The key of the condition's group in messages, e.g. "hold.group"; in a program "bcs[0]" or
+        "bcs[0].group".
+    name : str
+        The name of the condition in messages, e.g. "[[hold]] of 'left'"; in a program "bcs[0]".
     label : str
-        The label of its physical group; "bones" for all bones; otherwise ``bcs[number]``.
+        The label of the physical group; "bones" for all bones; otherwise ``bcs[number]``.
     given : object
-        What was given for it: a table or an object of dolfinx.
+        The table, dolfinx DirichletBC or bone (with its nodes) from which the condition is made.
     directions : sequence of ((n,) int, (components,) array)
-        Local nodes, ghosts included, and the direction that is constrained there.
+        Local nodes, ghosts included, and the unit vector of the direction constrained there.
     dofs : (n,) int
-        The dofs this rank owns whose values it sets.
+        The owned dofs whose values the condition sets; empty for a plane of symmetry.
     set_values : callable, optional
-        ``set_values(values, load)`` sets its values in this rank's part of a vector, (n,). None:
-        they are zero.
+        ``set_values(values, load)`` sets the condition's values [m] in an array of owned dofs.
+        None: the values are zero.
     moves : bool
-        Whether its values depend on the load.
+        Whether the values depend on the load.
     by_hand : bool
-        Whether a program may change its values from step to step.
+        Whether a program may change the values from step to step.
     plane : NodePlane or None
-        The plane in which its nodes slide, of a condition of symmetry.
+        For a condition of symmetry, the plane in which the nodes slide.
     """
 
     key: str
@@ -76,31 +78,48 @@ class Condition:
 
     @classmethod
     def of_mask(cls, name: str, given: Any, owned: int, mask: Array, **values: Any) -> Condition:
-        """Return the condition on components of nodes, (local nodes, components) bool."""
+        """Return the condition that constrains components of nodes.
+
+        Parameters
+        ----------
+        name : str
+            The condition's ``key``, ``name`` and ``label``.
+        given : object
+            See the class.
+        owned : int
+            Number of nodes that this rank owns.
+        mask : (local nodes, components) bool
+            The constrained components, ghost nodes included.
+        **values
+            Further attributes of the condition.
+        """
         units = np.eye(mask.shape[1])
         directions = [(np.flatnonzero(m), n) for m, n in zip(mask.T, units, strict=True)]
         return cls(name, name, name, given, directions, np.flatnonzero(mask[:owned]), **values)
 
     def mark(self, mask: Array) -> None:
-        """Mark the constrained components of nodes in ``mask``, (local nodes, components) bool."""
+        """Set ``mask`` (local nodes, components) to True at the constrained components.
+
+        A plane of symmetry marks none.
+        """
         for nodes, normal in () if self.plane else self.directions:
             mask[nodes, normal.argmax()] = True
 
     @property
     def components(self) -> set[int]:
-        """The numbers of the constrained components; empty for a plane."""
+        """The numbers of the constrained components; empty for a plane of symmetry."""
         return set() if self.plane else {int(normal.argmax()) for _, normal in self.directions}
 
 
 class ThinSupports(NamedTuple):
-    """Conditions at points, in three dimensions also at edges: they have no area.
+    """Conditions at points or, in three dimensions, edges: supports without an area.
 
     Attributes
     ----------
     text : str
-        The conditions, "[[hold]] of 'corner'".
+        The names of the conditions, e.g. "[[hold]] of 'corner'".
     dofs : (n,) int
-        The dofs that they alone constrain, of this rank's own nodes.
+        The owned constrained dofs that are on no facet constrained as a whole.
     """
 
     text: str
@@ -115,8 +134,8 @@ class Dirichlet:
     V : dolfinx function space
         The displacement's space.
     conditions : sequence of Condition
-        The conditions. At common nodes a later one overrides an earlier one, and any overrides
-        planes of symmetry.
+        The conditions. At common nodes a later condition overrides an earlier one, and any other
+        condition overrides planes of symmetry.
     kinematics : Kinematics, optional
         On a body of revolution the radial and rotational displacements are zero on the axis,
         whatever else is prescribed there.
@@ -130,24 +149,26 @@ class Dirichlet:
     dofs : (n,) int
         The constrained dofs this rank owns, as indices into a vector's local array.
     planes : InclinedPlanes or None
-        The nodes with a constrained direction that is no component.
+        The nodes with a constrained direction that is no coordinate axis.
     depends_on_load : bool
         Whether any value depends on the load.
     by_hand : bool
-        Whether values are a program's own, which it may change from step to step.
+        Whether there is no ``on_load`` and a program may change values from step to step.
     released : (n,) int
-        Dofs of this rank that other unknowns move: `set_values` may set them, to no effect.
+        The formerly constrained, owned dofs of rigid parts (see `release`): what `set_values`
+        writes there has no effect, as the part's unknowns determine these displacements.
     rigid_parts : (local nodes,) int or None
-        The rigid part of each node, -1: none. None if the body has no rigid parts.
+        The rigid part of each node, -1 for no part. None if the body has no rigid parts.
     part_motions : sequence of (n, 2, 3)
-        The motions of each part that its conditions admit or prescribe at rest: velocities of a
-        point at the origin, and angular velocities.
+        For each rigid part, the n rigid motions at the reference configuration that joints admit or
+        motions prescribe: the velocity of the part's point at the origin, and the angular velocity.
+        `fem_snh.terms.rigid_parts.RigidParts` sets them.
     conditions : list of Condition
         The conditions, planes of symmetry first.
     offset : (n,) array or None
-        Where the values go from another state to the conditions, in proportion to the load: what
-        that state's values have beside those of the conditions at load 0; zero before it is known.
-        Problems of one scene share it.
+        The difference [m] at ``dofs`` between an initial state and the conditions at load 0. The
+        values are those of the conditions plus (1 - load) times the offset. Zero before the initial
+        state is known, None without one.
 
     Raises
     ------
@@ -193,7 +214,7 @@ class Dirichlet:
 
     @property
     def bones(self) -> list[Any]:
-        """The bones with their nodes, whose conditions override all others."""
+        """The bones with their nodes. Their conditions override all other conditions."""
         return [condition.given for condition in self.conditions if condition.label == BONES]
 
     def of_label(self, label: str) -> list[Condition]:
@@ -201,19 +222,30 @@ class Dirichlet:
         return [condition for condition in self.conditions if condition.label == label]
 
     def release(self, parts: Array) -> None:
-        """Constrain no component of the nodes of rigid parts, (local nodes,) int >= 0."""
+        """Remove the constraints of the nodes of rigid parts.
+
+        Sets ``rigid_parts`` and ``released``, and changes ``constrained`` and ``dofs``.
+
+        Parameters
+        ----------
+        parts : (local nodes,) int
+            The rigid part of each node, -1 for no part.
+        """
         before, self.rigid_parts = self.dofs, parts
         self.constrained[parts >= 0] = False
         self.dofs = np.flatnonzero(self.constrained[: self._owned])
         self.released = np.setdiff1d(before, self.dofs)
 
     def set_load(self, load: float) -> None:
-        """Set constants and functions of a program, which conditions and terms may have."""
+        """Call ``on_load``, if given: set a program's constants and functions for this load."""
         if self._on_load is not None:
             self._on_load(load)
 
     def set_values(self, x: PETSc.Vec, load: float) -> None:
-        """Set what is constrained of ``x`` to its values at this load."""
+        """Set the constrained displacements in ``x`` to their values at this load.
+
+        Calls `set_load`. Only owned entries are set; ghosts are not updated.
+        """
         self.set_load(load)
         # Pressures may follow the displacement: ghosts of the conditions must not reach them.
         values = x.array[: self.constrained.shape[1] * self._owned]
@@ -227,29 +259,42 @@ class Dirichlet:
             self.planes.prescribe(values)
 
     def start_from(self, x: PETSc.Vec) -> None:
-        """Let the values go from those of ``x`` to the conditions."""
+        """Let the values vary linearly with the load from ``x`` (load 0) to the conditions (load 1).
+
+        Sets ``offset``.
+        """
         own, self.offset = x.copy(), None
         self.set_values(own, 0.0)
         self.offset = x.array_r[self.dofs] - own.array_r[self.dofs]
 
     def project(self, values: Array, ghosts: bool = False) -> None:
-        """Set what is constrained of displacements or forces to zero, in place.
+        """Set displacements or forces to zero along constrained directions, in place.
 
-        ``values`` begins with the components of this rank's nodes, with ``ghosts`` of all local
-        nodes.
+        Parameters
+        ----------
+        values : (n,) array
+            The components of the owned nodes, node by node; entries after them are not changed.
+        ghosts : bool
+            Whether ``values`` begins with the components of all local nodes instead.
         """
         values[self.constrained.ravel() if ghosts else self.dofs] = 0.0
         if self.planes:
             self.planes.project(values, ghosts)
 
     def work(self, forces: Array, moved: Array) -> float:
-        """Return the work of forces [N] along constrained displacements of this rank's nodes."""
+        """Return the work [J] along constrained directions at this rank's own nodes.
+
+        Parameters
+        ----------
+        forces, moved : (n,) array
+            Forces [N] and displacements [m], beginning with the components of the owned nodes.
+        """
         found = float(forces[self.dofs] @ moved[self.dofs])
         return found + (self.planes.work(forces, moved) if self.planes else 0.0)
 
     @property
     def constrained_nodes(self) -> Array:
-        """(local nodes,) bool: which nodes have a constrained direction."""
+        """Which nodes, ghosts included, have a constrained direction, (local nodes,) bool."""
         found: Array = np.any(self.constrained, axis=1)
         if self.planes:
             found[self.planes.nodes] = True
@@ -257,9 +302,9 @@ class Dirichlet:
 
     @cached_property
     def thin_supports(self) -> ThinSupports | None:
-        """What nodes constrain that are on no constrained facet; None without any. Collective.
+        """The conditions at nodes on no constrained facet; None without any. Collective.
 
-        Nodes in bones are none of them.
+        Nodes in bones, in planes of symmetry and on the axis of revolution do not count.
         """
         marked = self.constrained & ~covered_nodes(self._V, self.constrained, self._axis)
         for condition in self.conditions:
@@ -277,13 +322,14 @@ class Dirichlet:
     def contradictions(self) -> list[str]:
         """Return a line for each pair of conditions that differ at common nodes. Collective.
 
-        A condition of dolfinx that another one overrides as a whole is replaced by it.
+        No line is returned for a dolfinx DirichletBC that other conditions override at all of its
+        dofs, nor if no condition moves and none is a DirichletBC.
 
         Raises
         ------
         BadInput
-            On every rank, for a motion that overrides components of an earlier table of a scene at
-            all of its nodes.
+            On every rank, if a later table overrides the components of an earlier table by other
+            values at all of the earlier table's nodes.
         """
         if not (self._moves or any(condition.by_hand for condition in self.conditions)):
             return []
@@ -333,7 +379,7 @@ class Dirichlet:
         return lines
 
     def _check_planes(self) -> None:
-        """Raise BadInput if a motion takes nodes out of a plane of symmetry. Collective."""
+        """Raise BadInput if motions displace nodes out of a plane of symmetry. Collective."""
         u, components = _dolfinx.create_vector(self._V), self.constrained.shape[1]
         planes = [condition for condition in self.conditions if condition.plane]
         for load in _LOADS if planes else ():
@@ -350,7 +396,7 @@ class Dirichlet:
 
 
 def _set(condition: Condition, values: Array, load: float) -> None:
-    """Set the values of a condition in this rank's part of a vector."""
+    """Set the values of a condition in an array of owned dofs."""
     if condition.set_values is None:
         values[condition.dofs] = 0.0
     else:
@@ -358,7 +404,7 @@ def _set(condition: Condition, values: Array, load: float) -> None:
 
 
 def _axes_in_words(axes: set[int]) -> str:
-    """Return the names of axes as text."""
+    """Return the names of axes, sorted, as text, e.g. "x, z"."""
     return ", ".join(AXES[axis] for axis in sorted(axes))
 
 
@@ -370,9 +416,21 @@ def axis_nodes(V: _dolfinx.FunctionSpace) -> Array:
 
 
 def facets_plane(V: _dolfinx.FunctionSpace, facets: Array, key: str, name: Any) -> NodePlane:
-    """Return the plane in which this rank's facets (n,), with those of other ranks, lie.
+    """Return the plane that contains the facets of all ranks, with its local nodes. Collective.
 
-    Collective. It raises BadInput on every rank, with the key and the name, if they lie in none.
+    Parameters
+    ----------
+    V : dolfinx function space
+        The displacement's space.
+    facets : (n,) int
+        This rank's facets.
+    key, name : str, object
+        The key and the value of the facets' group, for the message.
+
+    Raises
+    ------
+    BadInput
+        On every rank, if the facets are not in one plane (in two dimensions: on one line).
     """
     dim = _dolfinx.mesh_dimension(V.mesh)[0]
     nodes = _dolfinx.locate_dofs(V, dim - 1, facets)
@@ -385,16 +443,18 @@ def facets_plane(V: _dolfinx.FunctionSpace, facets: Array, key: str, name: Any) 
 
 
 def covered_nodes(V: _dolfinx.FunctionSpace, constrained: Array, axis: Array) -> Array:
-    """Return the nodes of facets whose nodes are all constrained, by component. Collective.
+    """Return, for each component, the nodes of facets on which it is constrained. Collective.
+
+    A facet counts if the component is constrained at all nodes of the facet.
 
     Parameters
     ----------
     V : dolfinx function space
         The displacement's space.
     constrained : (local nodes, components) bool
-        What is constrained, ghosts included.
+        The constrained components, ghosts included.
     axis : (n,) int
-        Local nodes on the axis of revolution, whose facets have no area.
+        Local nodes on the axis of revolution. Facets on the axis have no area and do not count.
 
     Returns
     -------
@@ -423,12 +483,13 @@ class CountedForces(NamedTuple):
 
     Attributes
     ----------
-    weights : (nodes, components, components) array
-        Symmetric matrices, by which forces on the nodes that this rank owns are multiplied.
+    weights : (owned nodes, components, components) array
+        For each node a projection: the part that counts of the force f is ``weights @ f``.
     shared : int
-        At how many of this rank's nodes others have set all that the group's conditions constrain.
+        Number of owned nodes that the group's conditions constrain, but only in directions that
+        later conditions set.
     others : set of str
-        Their groups, by name or number.
+        The groups of these later conditions, by name or number; "rigid parts" for rigid parts.
     """
 
     weights: Array
@@ -441,8 +502,8 @@ def group_forces(
 ) -> CountedForces:
     """Return the parts of nodal forces that count for the reaction of a group. Collective.
 
-    They are those of its conditions: see `counted_forces`. Of a group without conditions, as one
-    that others cover, all count.
+    The forces of the group's conditions count: see `counted_forces`. If the group itself has no
+    conditions, all forces at its nodes count.
     """
     owned, components = _dolfinx.num_nodes(V)[0], _dolfinx.num_components(V)
     label = mesh.group(key).label
@@ -458,11 +519,20 @@ def counted_forces(
 ) -> CountedForces:
     """Return the parts of the forces at the owned nodes that count for some of the conditions.
 
-    They are those along what these conditions constrain: on the edge of two surfaces each has the
-    force of its own condition. What several conditions constrain counts for the one that sets the
-    value, the last: the reactions of all conditions balance the loads.
+    Force components along the directions that these conditions constrain count. A direction that
+    several conditions constrain counts for the last of them, which sets the value; the reactions of
+    all conditions then balance the loads.
+
+    Parameters
+    ----------
+    dirichlet : Dirichlet
+        All conditions.
+    some : sequence of Condition
+        The conditions whose forces count.
+    owned, components : int
+        Number of owned nodes and of displacement components.
     """
-    # The directions of each node that later conditions have, as projections.
+    # For each node, the projection on the directions that later conditions constrain.
     weights, taken = np.zeros((2, owned, components, components))
     in_rigid = divmod(dirichlet.released, components)
     taken[in_rigid] = np.eye(components)[in_rigid[1]]
@@ -485,23 +555,23 @@ def counted_forces(
 
 
 def take_direction(taken: Array, nodes: Array, normal: Array) -> tuple[Array, Array]:
-    """Take what is left of a direction at some nodes.
+    """Orthogonalise a direction against the directions taken at some nodes, and take it.
 
     Parameters
     ----------
     taken : (all nodes, components, components) array
-        The projections on the directions that are taken, to which the new ones are added.
+        For each node the projection on the taken directions. The new direction is added in place.
     nodes : (n,) int
         The nodes.
     normal : (components,) array
-        The direction, of size 1.
+        The unit vector of the direction.
 
     Returns
     -------
     parts : (n, components, components) array
-        The projections on what was left.
+        The projections on the new orthogonal directions; zero where ``size`` is zero.
     size : (n,) array
-        How much of the direction was left, from 0 to 1.
+        The norm of the part of ``normal`` that is orthogonal to the taken directions, from 0 to 1.
     """
     free: Array = normal - taken[nodes] @ normal
     size = np.linalg.norm(free, axis=1)
