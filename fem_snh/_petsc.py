@@ -70,28 +70,28 @@ def call(name: str, *arguments: Any) -> None:
         raise PETSc.Error(code)
 
 
-#: The attribute of a matrix that counts its patterns.
+#: Attribute of a matrix: how often `set_pattern` was called.
 _PATTERNS = "fem_snh_patterns"
-#: The attribute of a KSP that holds the pattern of its last matrix.
+#: Attribute of a KSP: the handle and `nonzero_state` of its last matrix P.
 _SEEN = "fem_snh_seen_pattern"
-#: The attribute of a KSP whose matrix is singular.
+#: Attribute of a KSP: set by `expect_singular_matrix`.
 _SINGULAR = "fem_snh_singular"
-#: The attribute of a KSP whose matrix is positive definite, or was until now.
+#: Attribute of a KSP: set by `expect_definite_matrix`.
 _DEFINITE = "fem_snh_definite"
 
 
 def nonzero_state(A: PETSc.Mat) -> tuple[int, int]:
-    """Return numbers that change with the matrix's sparsity pattern."""
+    """Return two numbers, at least one of which changes with the matrix's sparsity pattern."""
     state = ffi.new("long *")  # PetscObjectState, of 64 bits
     call("MatGetNonzeroState", A, state)
     return int(state[0]), int(A.getAttr(_PATTERNS) or 0)
 
 
 def set_pattern(A: PETSc.Mat, csr: tuple[Any, ...]) -> None:
-    """Give a matrix another pattern, (indptr, indices), and zero values. Collective.
+    """Give a matrix another CSR pattern, (indptr, indices), and zero values. Collective.
 
-    The object stays. PETSc's nonzero state may, too: from 3.22 on that of a parallel matrix is the
-    sum of its new blocks' states, so another number counts the patterns.
+    PETSc's nonzero state may stay the same: from 3.22 on the state of a parallel matrix is the sum
+    of its new blocks' states. So an attribute counts the patterns (`nonzero_state`).
     """
     A.setPreallocationCSR(csr)
     A.setAttr(_PATTERNS, int(A.getAttr(_PATTERNS) or 0) + 1)
@@ -100,9 +100,10 @@ def set_pattern(A: PETSc.Mat, csr: tuple[Any, ...]) -> None:
 def set_operators(ksp: PETSc.KSP, A: PETSc.Mat, P: PETSc.Mat) -> None:
     """Set a solver's operator A and the matrix P of its preconditioner. Collective.
 
-    Where the pattern of P is another one (`set_pattern`), PETSc sets up the preconditioner for it.
-    PETSc itself compares nonzero states; it forgets that of a matrix that is replaced. Factors
-    L D L^T by MUMPS count their negative pivots on several ranks, too.
+    If P or its pattern has changed, the preconditioner is set up from the start: PETSc compares
+    nonzero states only. Direct factors are computed here: MUMPS replaces PETSc's Cholesky factors
+    if these are not positive definite (`expect_definite_matrix`), gets a larger workspace if it
+    needs one, and counts negative pivots on several ranks too.
     """
     pattern = P.handle, nonzero_state(P)
     if (former := ksp.getAttr(_SEEN)) is not None and former != pattern:
@@ -121,14 +122,14 @@ def set_operators(ksp: PETSc.KSP, A: PETSc.Mat, P: PETSc.Mat) -> None:
     if _has_mumps_factors(pc):
         _factorise(ksp)
         while workspace := _larger_workspace(pc.getFactorMatrix()):
-            pc.reset()  # PETSc leaves factors alone that MUMPS failed to find
+            pc.reset()  # otherwise PETSc does not try again after MUMPS failed
             ksp.setOperators(A, P)
             _factorise(ksp, workspace)
 
 
 def _factorise(ksp: PETSc.KSP, workspace: int | None = None) -> None:
-    """Factorise by MUMPS with a workspace, ICNTL(14), unless the default one. Collective."""
-    ksp.getPC().setFactorSetUpSolverType()  # before the analysis, at which alone controls count
+    """Factorise by MUMPS with a workspace, ICNTL(14); None: the default. Collective."""
+    ksp.getPC().setFactorSetUpSolverType()  # controls must be set before the analysis
     factors = ksp.getPC().getFactorMatrix()
     factors.setMumpsIcntl(_ROOT_ON_ONE_RANK, 1)
     if ksp.getAttr(_SINGULAR):
@@ -139,9 +140,9 @@ def _factorise(ksp: PETSc.KSP, workspace: int | None = None) -> None:
 
 
 def _larger_workspace(factors: PETSc.Mat) -> int:
-    """Return the workspace that may suffice where that of MUMPS did not for pivoting; else 0.
+    """Return twice the workspace [%] if MUMPS lacked workspace for pivoting; else 0.
 
-    A limit of the memory that the user has set is not exceeded.
+    0 also above `_MOST_WORKSPACE`, and if the user has limited MUMPS' memory.
     """
     lacks = factors.getMumpsInfog(1) in _LACKS_WORKSPACE
     larger = 2 * max(factors.getMumpsIcntl(_WORKSPACE), 1)
@@ -151,17 +152,17 @@ def _larger_workspace(factors: PETSc.Mat) -> int:
 
 
 def expect_singular_matrix(ksp: PETSc.KSP) -> None:
-    """Let the factors by MUMPS of consistent systems have null pivots, whose unknowns are zero."""
+    """Let MUMPS accept null pivots: consistent systems are solved with those unknowns zero."""
     ksp.setAttr(_SINGULAR, True)
 
 
 def expect_definite_matrix(ksp: PETSc.KSP) -> None:
-    """Factor by PETSc, which does not pivot, until a matrix is not positive definite.
+    """Let PETSc factorise, without pivoting, until a matrix is not positive definite.
 
-    From then on MUMPS factors (`set_operators`).
+    From then on MUMPS factorises (`set_operators`).
     """
     ksp.getPC().setFactorSolverType(PETSc.Mat.SolverType.PETSC)
-    ksp.getPC().setFactorPivot(0.0)  # whatever the units, no other pivot is zero
+    ksp.getPC().setFactorPivot(0.0)  # whatever the units, only 0 counts as a zero pivot
     ksp.setAttr(_DEFINITE, True)
 
 
@@ -171,8 +172,8 @@ _FACTORS_OUT_OF_MEMORY = 3  # PC_FACTOR_OUTMEMORY of PCFailedReason
 #: INFOG(1) of MUMPS for every lack of memory, its own limit included (MUMPS user guide, sec. 8).
 _MUMPS_OUT_OF_MEMORY = (-7, -8, -9, -11, -13, -14, -15, -17, -19, -20)
 
-#: Those where the workspace is less than pivoting needs; ICNTL(14), the part [%] that it has beyond
-#: what the analysis expects, its largest value here, and ICNTL(23), the user's limit of memory.
+#: INFOG(1) where pivoting needs more workspace; ICNTL(14), the workspace [%] beyond the estimate of
+#: the analysis, and its largest value here; ICNTL(23), the user's limit of memory.
 _LACKS_WORKSPACE, _WORKSPACE, _MOST_WORKSPACE, _LIMIT = (-8, -9), 14, 1000, 23
 
 
@@ -185,7 +186,7 @@ def factors_out_of_memory(pc: PETSc.PC) -> bool:
 
 
 def _failed_reason(pc: PETSc.PC) -> int:
-    """Return PETSc's PCFailedReason of the last set-up of a PC, 0 for none."""
+    """Return PETSc's PCFailedReason of the last set-up of a PC; 0: it did not fail."""
     found = ffi.new("int *")
     call("PCGetFailedReason", pc, found)
     return int(found[0])
@@ -204,28 +205,28 @@ _NULL_PIVOTS = 24
 
 
 def is_cholesky(pc: PETSc.PC, package: str) -> bool:
-    """Return whether a PC has symmetric factors by a package of PETSc.Mat.SolverType."""
+    """Return whether a PC has Cholesky factors by ``package``, a PETSc.Mat.SolverType."""
     return bool(pc.getType() == PETSc.PC.Type.CHOLESKY and pc.getFactorSolverType() == package)
 
 
 def _has_mumps_factors(pc: PETSc.PC) -> bool:
-    """Return whether a PC has factors by MUMPS."""
+    """Return whether a PC has Cholesky or LU factors by MUMPS."""
     factors = pc.getType() in (PETSc.PC.Type.CHOLESKY, PETSc.PC.Type.LU)
     return bool(factors and pc.getFactorSolverType() == PETSc.Mat.SolverType.MUMPS)
 
 
 def _is_positive_definite(pc: PETSc.PC) -> bool:
-    """Return whether the factors of a PC by PETSc have positive pivots only: L L^T is stable then.
+    """Return whether PETSc's factors of a PC have positive pivots only.
 
-    Stable: in the sense of rounding errors, without pivoting (Higham 2002, theorem 10.3).
+    L L^T without pivoting is then numerically stable (Higham 2002, theorem 10.3).
     """
     return not _failed_reason(pc) and pc.getFactorMatrix().getInertia()[:2] == (0, 0)
 
 
 def negative_pivots(pc: PETSc.PC) -> int | None:
-    """Return how many negative pivots the factors L D L^T of a PC have; None if that is unknown.
+    """Return the number of negative pivots of a PC's factors L D L^T; None if it is unknown.
 
-    MatGetInertia wants MUMPS to look for zero pivots, too.
+    MUMPS is asked directly, as MatGetInertia requires the detection of null pivots.
     """
     if is_cholesky(pc, PETSc.Mat.SolverType.PETSC):
         return 0 if _is_positive_definite(pc) else None  # without pivoting, signs may be wrong
@@ -240,7 +241,7 @@ def negative_pivots(pc: PETSc.PC) -> int | None:
 
 
 def option_used(name: str) -> bool:
-    """Return whether PETSc's options database was asked for ``name`` (without the dash)."""
+    """Return whether anything has queried PETSc's option ``name`` (without the dash)."""
     used = ffi.new("int *")
     call("PetscOptionsUsed", ffi.NULL, name.encode(), used)
     return bool(used[0])
@@ -255,12 +256,12 @@ def default_options(prefix: str, options: Mapping[str, Any]) -> Iterator[list[st
     prefix : str
         The options prefix.
     options : mapping
-        Values by name without the prefix; None for a flag.
+        Values by option name without the prefix; None for a flag.
 
     Yields
     ------
     list of str
-        The names that were set.
+        The names of the options that were set.
     """
     database = PETSc.Options(prefix)
     ours = {name: value for name, value in options.items() if not database.hasName(name)}
@@ -282,9 +283,9 @@ class AIJBlock:
     handle : cffi pointer
         The ``Mat``.
     values : int
-        Address of its values.
+        Address of the value array.
     ghosts : (columns,) int32
-        Global numbers of the off-diagonal block's columns, ascending; empty for the diagonal one.
+        Global columns of the off-diagonal block, ascending; empty for the diagonal block.
     """
 
     handle: Any
@@ -300,12 +301,12 @@ class AIJBlock:
         return indptr, np.frombuffer(ffi.buffer(pattern[1], 4 * int(indptr[-1])), np.int32)
 
     def array(self) -> np.ndarray:
-        """Return a view of the values."""
+        """Return a writable view of the values, (nonzeros,) float64."""
         return values_at(self.values, int(self.csr()[0][-1]))
 
 
 def values_at(address: int, size: int) -> np.ndarray:
-    """Return the memory at an address as an array of float64."""
+    """Return a view of ``size`` float64 values at an address."""
     return np.frombuffer(ffi.buffer(ffi.cast("double *", address), 8 * size))
 
 
@@ -317,8 +318,7 @@ def aij_blocks(A: PETSc.Mat, read_only: bool = False) -> Iterator[list[AIJBlock]
     ----------
     A : Mat
     read_only : bool
-        Whether the values are not written to. Otherwise the matrix's state is increased, which
-        tells solvers to set up again.
+        If False, the matrix's state is increased, which tells solvers to set up again.
 
     Yields
     ------

@@ -14,7 +14,7 @@ import dolfinx
 from dolfinx.fem import Function, FunctionSpace
 from dolfinx.mesh import Mesh
 
-# All public functions of these modules, which no other part imports.
+# All public functions of these modules, which no other part of the package imports.
 from fem_snh._dolfinx.element_kernels import *
 from fem_snh._dolfinx.forms import *
 from fem_snh._dolfinx.meshes import *

@@ -23,7 +23,7 @@ class FormIntegral:
     kernel : int
         Address of FFCx's ``tabulate_tensor``.
     entities : (n,) or (n, 2) int32
-        Cells of this rank, or its cells and their local numbers of exterior facets.
+        Cells of this rank, or pairs of a cell and the local number of its exterior facet.
     key : tuple
         Key of the integral's coefficients in the result of `pack`.
     """
@@ -34,7 +34,7 @@ class FormIntegral:
 
 
 def integrals(compiled: Any) -> list[FormIntegral]:
-    """Return the integrals over cells and exterior facets of which this rank has any."""
+    """Return the integrals over cells and exterior facets that have entities on this rank."""
     form = _cpp(compiled)
     found = []
     for name in _KINDS:
@@ -50,7 +50,7 @@ def integrals(compiled: Any) -> list[FormIntegral]:
 
 
 def kernel_arguments(compiled: Any) -> int:
-    """Return the number of arguments of the form's element kernels: 6 up to 0.9, then 7."""
+    """Return the number of arguments of the form's kernels: 6 up to 0.9, then 7; 0 without any."""
     for name in _KINDS:
         kind = getattr(_TYPES, name)
         for _, integral in _ufcx_integrals(compiled.ufcx_form, kind.value):
@@ -59,10 +59,9 @@ def kernel_arguments(compiled: Any) -> int:
 
 
 def pack(compiled: Any) -> tuple[np.ndarray, dict[tuple[Any, int], np.ndarray]]:
-    """Return the present values of a form's constants, and of its coefficients by
-    `FormIntegral.key`.
+    """Return the present values of a form's constants and coefficients.
 
-    Coefficients have one row for each of an integral's entities.
+    Coefficients are a dict by `FormIntegral.key` of arrays with one row for each entity.
     """
     form = _cpp(compiled)
     constants = np.ascontiguousarray(cpp.fem.pack_constants(form))
@@ -78,7 +77,7 @@ def _ffi() -> Any:
 
 
 def _cpp(compiled: Any) -> Any:
-    """Return the C++ form, from which the Python form is derived in 0.5."""
+    """Return the C++ form: in 0.5 the form itself."""
     return getattr(compiled, "_cpp_object", compiled)
 
 

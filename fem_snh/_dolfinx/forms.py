@@ -22,10 +22,10 @@ from fem_snh.cache import compiling
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Suppress what compiling a form says, which no user can change.
+    """Suppress messages about compiling a form, on which no user can act.
 
-    Log records of level INFO, with dolfinx 0.5, and that a rule of a high degree has many points:
-    the program chooses the degrees.
+    These are log records of level INFO, with dolfinx 0.5, and the warning that a quadrature rule
+    has many points: the program chooses the degrees.
     """
     before = logging.root.manager.disable
     logging.disable(max(before, logging.INFO))
@@ -44,7 +44,7 @@ def petsc_vec(u: fem.Function) -> PETSc.Vec:
 
 
 def create_vector(V: FunctionSpace) -> PETSc.Vec:
-    """Return a zero ghosted vector on V, with V's block size."""
+    """Return a zero ghosted vector on V, with V's block size. Collective."""
     index_map, bs = V.dofmap.index_map, V.dofmap.index_map_bs
     size = (index_map.size_local * bs, index_map.size_global * bs)
     ghosts = np.asarray(index_map.ghosts, dtype=PETSc.IntType)
@@ -54,7 +54,7 @@ def create_vector(V: FunctionSpace) -> PETSc.Vec:
 
 
 def _jit(function: Any, options: dict | None) -> dict:
-    """Return JIT options under the name of the parameter of ``function``."""
+    """Return JIT options as the keyword argument of ``function``; {} without options."""
     if not options:
         return {}
     # jit_params in 0.5, jit_options in 0.9 and 0.11
@@ -63,7 +63,7 @@ def _jit(function: Any, options: dict | None) -> dict:
 
 
 def form(ufl_form: Any, jit_options: dict | None = None) -> Any:
-    """Compile a UFL form.
+    """Compile a UFL form; return the dolfinx form. Collective.
 
     Parameters
     ----------
@@ -77,7 +77,7 @@ def form(ufl_form: Any, jit_options: dict | None = None) -> Any:
 
 
 def interpolate(u: fem.Function, expression: Any) -> None:
-    """Interpolate a UFL expression into the function ``u``. Collective."""
+    """Interpolate a UFL expression into the function ``u``, ghosts included. Collective."""
     points = u.function_space.element.interpolation_points
     points = points() if callable(points) else points  # a method up to 0.9, a property since 0.10
     with _quiet():
@@ -88,13 +88,13 @@ def interpolate(u: fem.Function, expression: Any) -> None:
 
 
 def assemble_scalar(compiled: Any) -> float:
-    """Return the integral of a compiled form over all ranks. Collective."""
+    """Return a compiled form's integral, summed over all ranks. Collective."""
     domain = compiled.mesh
     return float(domain.comm.allreduce(fem.assemble_scalar(compiled), op=MPI.SUM))
 
 
 def assemble_vector(vector: PETSc.Vec, compiled: Any) -> None:
-    """Overwrite a ghosted vector, ghosts included, by a linear form. Collective."""
+    """Overwrite a ghosted vector with an assembled linear form, and update ghosts. Collective."""
     with vector.localForm() as local:
         local.set(0.0)
     fem_petsc.assemble_vector(vector, compiled)
@@ -103,17 +103,17 @@ def assemble_vector(vector: PETSc.Vec, compiled: Any) -> None:
 
 
 def add_vector(vector: PETSc.Vec, compiled: Any) -> None:
-    """Add a linear form to all entries of a ghosted vector, ghosts included."""
+    """Add this rank's part of a linear form to a ghosted vector, without ghost updates."""
     fem_petsc.assemble_vector(vector, compiled)
 
 
 def create_matrix(compiled: Any) -> PETSc.Mat:
-    """Return an AIJ matrix with the sparsity pattern of a bilinear form."""
+    """Return an AIJ matrix with the sparsity pattern of a bilinear form. Collective."""
     return fem_petsc.create_matrix(compiled)
 
 
 def assemble_matrix(matrix: PETSc.Mat, compiled: Any) -> None:
-    """Overwrite a matrix by a bilinear form."""
+    """Overwrite a matrix with an assembled bilinear form. Collective."""
     matrix.zeroEntries()
     # 0.9 names the overload for an existing matrix; 0.5 has assemble_matrix alone
     assemble: Any = getattr(fem_petsc, "assemble_matrix_mat", fem_petsc.assemble_matrix)

@@ -30,7 +30,7 @@ FACET_OF = {
 
 
 def create_mesh(comm: MPI.Comm, cells: Array, x: Array, cell: str, degree: int) -> Mesh:
-    """Distribute a mesh that some ranks provide; the others pass arrays without rows. Collective.
+    """Distribute a mesh that some ranks provide; other ranks pass empty arrays. Collective.
 
     Parameters
     ----------
@@ -56,13 +56,13 @@ def create_mesh(comm: MPI.Comm, cells: Array, x: Array, cell: str, degree: int) 
     options, rows = {}, np.ascontiguousarray(cells, dtype=np.int64)
     if "ghost_mode" in names:  # 0.5; later versions make no ghost cells by default
         options["ghost_mode"] = dolfinx.mesh.GhostMode.none
-        # An array is tried as a list, which fails with a text of all arguments.
+        # dolfinx tries to read an array as a list, and fails with a text of all arguments.
         rows = dolfinx.cpp.graph.AdjacencyList_int64(rows)
     geometry = [x, ufl.Mesh(element)]
     if names.index("x") == 3:  # since 0.10 the element comes before x
         geometry.reverse()
-    # The threads of PT-Scotch match vertices in the order in which they find them: with more than
-    # one, its default, the same mesh is partitioned differently from run to run.
+    # The threads of PT-Scotch match vertices in the order in which they find them: with several
+    # threads, its default, the same mesh is partitioned differently from run to run.
     os.environ.setdefault("SCOTCH_PTHREAD_NUMBER", "1")
     return dolfinx.mesh.create_mesh(comm, rows, *geometry, **options)
 
@@ -87,13 +87,13 @@ def read_xdmf(comm: MPI.Comm, path: Path, grid: str) -> tuple[Array, Array, str,
 
 
 def read_xdmf_nodes(comm: MPI.Comm, path: Path, grid: str) -> Array:
-    """Return this rank's part of the nodes of a grid's entities. Collective."""
+    """Return this rank's part of a grid's entities, by their nodes' numbers. Collective."""
     with dolfinx.io.XDMFFile(comm, str(path), "r") as file:
         return np.asarray(file.read_topology_data(grid))
 
 
 def read_xdmf_tags(domain: Mesh, path: Path, grid: str, dim: int) -> tuple[Array, Array]:
-    """Return local entities, ghosts included, and their tags of a grid of the file. Collective."""
+    """Return a grid's tagged local entities, ghosts included, and their tags. Collective."""
     domain.topology.create_entities(dim)
     for end in (0, domain.topology.dim):
         domain.topology.create_connectivity(dim, end)
@@ -112,7 +112,7 @@ def write_xdmf(
     domain : dolfinx Mesh
         The mesh.
     path : Path
-        The file; the numbers are in one beside it, with the suffix .h5.
+        The file; the numbers are in a file beside it, with the suffix .h5.
     tags : iterable of (grid, dimension, local entities, tag)
         Ghosts may be among the entities.
     notes : dict
@@ -146,7 +146,7 @@ def gmsh_permutation(cell: str, nodes: int) -> Array:
 
 
 def num_owned(domain: Mesh, dim: int | None = None) -> int:
-    """Return how many entities of this dimension, by default cells, this rank owns."""
+    """Return the number of entities of this dimension (default: cells) that this rank owns."""
     dim = domain.topology.dim if dim is None else dim
     domain.topology.create_entities(dim)
     return int(domain.topology.index_map(dim).size_local)
@@ -218,8 +218,9 @@ def cell_facets(domain: Mesh) -> Array:
 
 
 def facet_reflections(domain: Mesh) -> Array:
-    """Return for each owned cell which facets' vertices are in the opposite order by their global
-    numbers, (cells, facets) bool.
+    """Return which facets of owned cells are reflected, (cells, facets) bool. Collective.
+
+    The vertices of a reflected facet are in the opposite order of their global numbers.
     """
     domain.topology.create_entity_permutations()
     # 0.9 wraps the topology
@@ -230,12 +231,12 @@ def facet_reflections(domain: Mesh) -> Array:
 
 
 def _cell_type(cell: str) -> basix.CellType:
-    """Return basix's kind of cell of this name."""
+    """Return the basix.CellType of this name."""
     return getattr(basix.CellType, cell)
 
 
 def reference_facets(cell: str) -> Array:
-    """Return the vertices of the reference cell's facets, (facets, corners of each)."""
+    """Return the vertices of the reference cell's facets, (facets, corners of a facet)."""
     return np.asarray(basix.topology(_cell_type(cell))[-2])
 
 
@@ -275,14 +276,14 @@ def _geometry_rows(domain: Mesh) -> Array:
 
 
 def _only(geometry: Any, name: str) -> Any:
-    """Return an attribute of the only kind of cell; dolfinx has one for each kind."""
+    """Return an attribute of the mesh's only kind of cell; dolfinx stores one for each kind."""
     # 0.11 has a list under the plural
     several = getattr(geometry, name + "s", None)
     return several[0] if isinstance(several, list) else getattr(geometry, name)
 
 
 def coordinates(domain: Mesh) -> Any:
-    """Return the reference coordinates as a UFL vector."""
+    """Return the UFL SpatialCoordinate: the reference coordinates [m]."""
     return ufl.SpatialCoordinate(domain)
 
 
@@ -326,9 +327,9 @@ def facet_maps(cell: str) -> tuple[Array, Array]:
 
 
 def bounding_box(domain: Mesh) -> Array:
-    """Return the smallest and largest coordinates of this rank's nodes, (2, 3).
+    """Return the smallest and largest reference coordinates of this rank's cells, (2, 3).
 
-    Without nodes they are inf and -inf.
+    Without cells they are inf and -inf.
     """
     x = geometry_x(domain)[geometry_dofs(domain).ravel()]
     return np.stack([x.min(axis=0, initial=np.inf), x.max(axis=0, initial=-np.inf)])

@@ -1,6 +1,6 @@
 """Read the objects of a user's program: function spaces, Dirichlet conditions, measures.
 
-`fem_snh.NonlinearProblem` checks its arguments with it.
+`fem_snh.NonlinearProblem` checks its arguments with these functions.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ def is_lagrange(V: FunctionSpace) -> bool:
 
 
 def bc_space_is_within(bc: Any, V: FunctionSpace) -> bool:
-    """Return whether a Dirichlet condition is one on V or on a component of it."""
+    """Return whether a Dirichlet condition is on V or on a component of V."""
     space, parent = (getattr(s, "_cpp_object", s) for s in (bc.function_space, V))
     return bool(space == parent or parent.contains(space))
 
@@ -43,7 +43,7 @@ def bc_dofs(bc: Any) -> Array:
 
 
 def set_bcs(values: Array, bcs: Sequence[Any]) -> None:
-    """Set the constrained entries of an array of owned dofs to their present values, in order."""
+    """Set entries of an array of owned dofs to the conditions' present values, in order."""
     for bc in bcs:
         if hasattr(bc, "set"):  # since 0.9
             bc.set(values)
@@ -65,9 +65,10 @@ def measure_entities(measure: Any, domain: Any) -> Array:
 
 
 def count_entities(integral: Any, domain: Any) -> dict[int, int]:
-    """Return how many entities of this rank each subdomain of an integral has, by its number.
+    """Return the number of this rank's entities in each of an integral's subdomains.
 
-    They are cells of a ``dx``, exterior facets of a ``ds``; without subdomains the result is empty.
+    Keys are subdomain numbers. Entities are cells of a ``dx``, exterior facets of a ``ds``. Without
+    subdomains the result is empty.
 
     Raises
     ------
@@ -80,14 +81,14 @@ def count_entities(integral: Any, domain: Any) -> dict[int, int]:
 
 
 def _known(measure: Any, domain: Any) -> Array:
-    """Return the cells or exterior facets of this rank, sorted (n,) int32."""
+    """Return all owned cells for a ``dx``, all exterior facets for a ``ds``, sorted (n,) int32."""
     if measure.integral_type() == "cell":
         return np.arange(num_owned(domain), dtype=np.int32)
     return exterior_facets(domain)[0]
 
 
 def _ids(measure: Any) -> list[int]:
-    """Return the numbers of a measure's or an integral's subdomains."""
+    """Return the numbers of a measure's or an integral's subdomains; ValueError if not numbers."""
     try:
         return [int(i) for i in np.atleast_1d(np.asarray(measure.subdomain_id(), dtype=object))]
     except (TypeError, ValueError):

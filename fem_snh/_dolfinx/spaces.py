@@ -45,7 +45,7 @@ def function_space(
 
 
 def function(V: FunctionSpace, name: str) -> fem.Function:
-    """Return a zero function on V; ``name`` is its name in output files."""
+    """Return a zero function on V, with this name in output files."""
     u = fem.Function(V)
     u.name = name
     return u
@@ -57,7 +57,10 @@ def surface_measure(domain: Mesh, facets: Array) -> ufl.Measure:
 
 
 def surface_measures(domain: Mesh, groups: Sequence[Array]) -> list[ufl.Measure]:
-    """Return measures, of which one form may have several, of disjoint exterior local facets."""
+    """Return a measure for each of several disjoint groups of exterior local facets.
+
+    One form may contain several of these measures.
+    """
     facets = np.concatenate(groups).astype(np.int32)
     numbers = np.repeat(np.arange(len(groups), dtype=np.int32), [len(g) for g in groups])
     order, dim = np.argsort(facets), domain.topology.dim - 1
@@ -77,7 +80,8 @@ def cell_measures(
         The mesh.
     regions : sequence of (n,) int32
         This rank's cells of each region; every cell is in one region.
-    cell, degree : str, int
+    cell : str
+    degree : int
         As for `quadrature`.
     """
     rule = "default" if _has_positive_weights(cell, degree) else "Xiao-Gimbutas"
@@ -93,7 +97,7 @@ def cell_measures(
 
 
 def constant(domain: Mesh, value: npt.ArrayLike) -> fem.Constant:
-    """Return a UFL constant, whose value can change without compiling a form again."""
+    """Return a UFL constant; its value can change without compiling a form again."""
     return fem.Constant(domain, np.asarray(value, dtype=np.float64))
 
 
@@ -110,23 +114,23 @@ def node_dofs(V: FunctionSpace) -> Array:
 
 
 def facet_nodes(V: FunctionSpace) -> Array:
-    """Return the numbers in a cell of the nodes on each of its facets, (facets, nodes)."""
+    """Return the nodes on each facet of a cell by their numbers in the cell, (facets, nodes)."""
     dim, layout = V.mesh.topology.dim, V.dofmap.dof_layout
     count = len(reference_facets(cell_name(V.mesh)))
     return np.array([layout.entity_closure_dofs(dim - 1, facet) for facet in range(count)])
 
 
 def vtk_mesh(V: FunctionSpace) -> tuple[Array, Array, int]:
-    """Return the nodes of a Lagrange space as a mesh of VTK's.
+    """Return the nodes of a Lagrange space as a VTK mesh.
 
     Returns
     -------
     points : (local nodes, 3)
+        Reference coordinates [m].
     cells : (owned cells, nodes) int
-        In VTK's order.
+        Local nodes in VTK's order.
     kind : int
-        VTK's number of the kind of cell: of Lagrange cells of any degree, as the faces of
-        trilinear hexahedra are drawn with their curvature.
+        VTK's Lagrange cell type, also for degree 1: trilinear faces are then drawn curved.
     """
     # create_vtk_mesh until 0.6
     make = plot.vtk_mesh if hasattr(plot, "vtk_mesh") else plot.create_vtk_mesh
@@ -156,7 +160,7 @@ def local_to_global(V: FunctionSpace) -> Array:
 
 @cache
 def _lagrange(cell: str, degree: int) -> Any:
-    """Return basix's Lagrange element, whose variant is that of the function spaces."""
+    """Return basix's Lagrange element, of the same variant as the function spaces."""
     kind, variant = _cell_type(cell), basix.LagrangeVariant.gll_warped
     return basix.create_element(basix.ElementFamily.P, kind, degree, variant)
 
@@ -240,7 +244,7 @@ def quadrature(cell: str, degree: int) -> tuple[Array, Array]:
 
 
 def _has_positive_weights(cell: str, degree: int) -> bool:
-    """Return whether basix's default rule has no negative weight."""
+    """Return whether basix's default rule of this degree has no negative weight."""
     weights = basix.make_quadrature(_cell_type(cell), degree)[1]
     return bool(weights.min() >= 0)
 

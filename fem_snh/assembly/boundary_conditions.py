@@ -259,7 +259,7 @@ class Dirichlet:
             self.planes.prescribe(values)
 
     def start_from(self, x: PETSc.Vec) -> None:
-        """Let the values vary linearly with the load from ``x`` (load 0) to the conditions (load 1).
+        """Let values vary linearly with the load from ``x`` (load 0) to the conditions (load 1).
 
         Sets ``offset``.
         """

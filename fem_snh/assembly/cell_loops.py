@@ -1,6 +1,6 @@
-"""The cell loops of one material on one element: energy, residual, Jacobian and fields.
+"""The compiled loops over the cells of one material and one element.
 
-`fem_snh.terms.elastic` calls them at each evaluation of a Newton step.
+`fem_snh.terms.elastic` calls them for the energy, the residual, the Jacobian and cell fields.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from fem_snh.kernels.material import Compiled, Material, compile_kernel
 FIELDS = ("volume", "deformed_volume", "min_J", "energy", "min_eigenvalue")
 
 #: The header of each volume treatment (`fem_snh.assembly.elements`). Cell pressures are evaluated
-#: as continuous ones are, with one basis function in each cell.
+#: like continuous pressures, with one basis function in each cell.
 _VOLUME_HEADERS = {
     "pointwise": "volume_pointwise.h",
     "mean": "volume_mean.h",
@@ -49,20 +49,20 @@ class ElementTables:
     x : (geometry nodes, 3)
         Reference coordinates [m].
     gradients : (POINTS, NODES, 3)
-        Gradients of the basis on the reference cell. In two dimensions the third entry is 0, and
-        on a body of revolution the basis function (kinematics.h).
+        Gradients of the basis on the reference cell. In two dimensions the third entry is 0; on a
+        body of revolution it is the basis function itself (kinematics.h).
     geometry_gradients : (POINTS, GEOMETRY_NODES, 3)
-        Gradients of the geometry's basis, likewise.
+        Gradients of the geometry's basis, with the same third entry.
     weights : (POINTS,)
-        Quadrature weights, on a body of revolution times 2 pi.
+        Quadrature weights on the reference cell, on a body of revolution times 2 pi.
     volume : str
         Volume treatment, one of `fem_snh.assembly.elements`.
     pressure_nodes : (cells, PRESSURE_NODES) int32
-        Pressure nodes; empty without an unknown pressure.
+        Pressure nodes; empty if the pressure is no unknown of the problem.
     pressure_basis : (POINTS, PRESSURE_NODES)
         Values of the pressure's basis.
     fractions : (cells,), optional
-        Factor of each cell's weights: the fraction of the cell that the body fills; without, 1.
+        The fraction of each cell that the body fills, a factor of the cell's weights. None: 1.
     kinematics : Kinematics
         How the displacement becomes a deformation gradient.
     """
@@ -81,7 +81,7 @@ class ElementTables:
 
     @property
     def sizes(self) -> list[str]:
-        """Return the element's sizes as C definitions."""
+        """The element's sizes and kinematics as lines of C, e.g. "#define POINTS 4"."""
         points, nodes, _ = self.gradients.shape
         return [
             f"#define POINTS {points}",
@@ -95,7 +95,10 @@ class ElementTables:
 def compile_cell_loops(
     material: Material, tables: ElementTables, loops: Sequence[str] = ("cell_loops.h",)
 ) -> Compiled:
-    """Compile loops over an element's cells, files of ``include/``. Not collective."""
+    """Compile the cell loops of a material on an element. Not collective.
+
+    ``loops`` are the files of ``fem_snh/kernels/include`` with the loops.
+    """
     volume = _VOLUME_HEADERS[tables.volume]
     after = ("cell_api.h", "kinematics.h", "element_matrices.h", volume, "cell_batches.h", *loops)
     entries = tables.kinematics.entries
@@ -105,9 +108,9 @@ def compile_cell_loops(
 class CellLoops:
     """Energy, residual, Jacobian and fields over one rank's cells.
 
-    Arrays hold the values of this rank's nodes, ghosts included: displacements ``u``
-    (components * nodes,) [m] and, for an element with an unknown pressure, ``pressure``
-    (pressure nodes,).
+    The methods take the values at this rank's nodes, ghosts included: displacements ``u``
+    (components * nodes,) [m] and, for an element whose pressure is an unknown of the problem,
+    ``pressure`` (pressure nodes,). They are not collective.
 
     Parameters
     ----------
@@ -119,7 +122,7 @@ class CellLoops:
     Attributes
     ----------
     constants : ElementConstants
-        The numbers of the energy.
+        The constants of the material's energy.
     tables : ElementTables
         The element's tables.
     num_cells : int
@@ -146,12 +149,12 @@ class CellLoops:
         self._cells = self._ffi.new("Cells *", {"cells": self.num_cells, **pointers})
 
     def set_pressure_damping(self, ratio: float, origin: Array | None) -> None:
-        """Set the viscous part of an unknown pressure: see `Elastic.set_pressure_damping`."""
-        self._origin = origin  # the struct holds a pointer to it
+        """Set the viscous part of the pressure unknown: see `Elastic.set_pressure_damping`."""
+        self._origin = origin  # the struct holds a pointer to this array
         self._cells.pressure_damping, self._cells.pressure_origin = ratio, self.pointer(origin)
 
     def pointer(self, array: Array | None) -> Any:
-        """Return a C pointer to the memory of ``array``, which the caller keeps alive."""
+        """Return a C pointer to ``array``, which the caller keeps alive; NULL for None."""
         return self._ffi.NULL if array is None else build.pointer(self._ffi, array)
 
     def target(
@@ -159,8 +162,9 @@ class CellLoops:
     ) -> Any:
         """Return a MatrixTarget (cell_api.h) for `jacobian`.
 
-        The caller sets ``values`` before each use, and ``rotation`` if it is used, and keeps the
-        arrays alive.
+        The arguments are ``row_strides``, ``block_positions``, ``free`` and ``is_constrained`` of a
+        `BlockMatrix`. The caller keeps these arrays alive, and sets the struct's ``values`` (and
+        ``rotation``, if any) before each use.
         """
         target = self._ffi.new("MatrixTarget *")
         target.stride = [self.pointer(stride) for stride in strides]
@@ -175,7 +179,7 @@ class CellLoops:
         return int(self._ffi.cast("uintptr_t", self._cells))
 
     def address(self, number: int) -> Any:
-        """Return a C pointer to doubles at this address."""
+        """Return the C pointer ``double *`` with this address."""
         return self._ffi.cast("double *", number)
 
     def energy(self, u: Array, pressure: Array | None = None) -> float:
@@ -185,7 +189,7 @@ class CellLoops:
     def residual(
         self, u: Array, r: Array, pressure: Array | None = None, r_pressure: Array | None = None
     ) -> None:
-        """Add the energy's derivatives to ``r`` and ``r_pressure``, at ghost nodes too."""
+        """Add dE/du [N] to ``r`` and dE/dp to ``r_pressure``, at ghost nodes too."""
         arrays = map(self.pointer, (u, pressure, r, r_pressure))
         self._lib.residual_cells(self._cells, *arrays)
 
@@ -209,7 +213,7 @@ class CellLoops:
         return int(self._lib.jacobian_cells(self._cells, *arrays, filter, solver, target))
 
     def fields(self, u: Array, pressure: Array | None = None) -> dict[str, Array]:
-        """Return FIELDS, one value per cell: volumes [m^3], J, energy [J], eigenvalue [Pa]."""
+        """Return each of FIELDS, (cells,): volumes [m^3], J, energy [J], eigenvalue [Pa]."""
         out = np.empty((self.num_cells, len(FIELDS)))
         self._lib.fields_cells(self._cells, *map(self.pointer, (u, pressure, out)))
         return dict(zip(FIELDS, out.T, strict=True))
@@ -223,7 +227,7 @@ def element_tables(
 ) -> ElementTables:
     """Return basis, geometry and quadrature of ``element`` on this rank's cells of V.
 
-    With a pressure space Q, its basis functions are multiplied by ``pressure_scale``.
+    The basis functions of the pressure space Q, if given, are multiplied by ``pressure_scale``.
     """
     domain, kinematics = V.mesh, element.kinematics
     points, weights = _dolfinx.quadrature(element.cell, element.quadrature)
@@ -234,7 +238,7 @@ def element_tables(
         N = _dolfinx.tabulate_geometry_values(domain, points)
         geometry = _with_third(geometry, N, kinematics)
     if kinematics.revolved:
-        weights = 2 * np.pi * weights  # of the whole turn
+        weights = 2 * np.pi * weights  # the whole turn
     tables = ElementTables(
         _dolfinx.node_dofs(V),
         _dolfinx.geometry_dofs(domain),
@@ -252,7 +256,10 @@ def element_tables(
 
 
 def _with_third(gradients: Array, basis: Array, kinematics: Kinematics) -> Array:
-    """Return gradients (points, nodes, 2) with the third entry that kinematics.h expects."""
+    """Return ``gradients`` (points, nodes, 2) with the third entry that kinematics.h expects.
+
+    ``basis`` (points, nodes) are the values of the basis functions.
+    """
     third = basis if kinematics.revolved else np.zeros_like(basis)
     return np.concatenate([gradients, third[:, :, None]], axis=2)
 
@@ -260,7 +267,7 @@ def _with_third(gradients: Array, basis: Array, kinematics: Kinematics) -> Array
 def restricted(
     tables: ElementTables, cells: Array, fractions: Array | None = None
 ) -> ElementTables:
-    """Return an element's tables on some of the cells, (n,), with their fractions, (n,)."""
+    """Return an element's tables on some cells, (n,), with the cells' fractions (n,) or None."""
     chosen = selection(cells, len(tables.nodes))
     pressure = tables.pressure_nodes
     return replace(
@@ -273,11 +280,11 @@ def restricted(
 
 
 def selection(cells: Array, num_cells: int) -> Any:
-    """Return an index of these cells, without a copy if they are all of this rank's."""
+    """Return an index of ``cells``: a slice, which copies nothing, if they are all cells."""
     return slice(None) if len(cells) == num_cells else cells
 
 
-#: Cells that are evaluated at a time, which bounds the memory.
+#: Cells per batch, which bounds the memory.
 _BATCH = 10_000
 
 
@@ -287,11 +294,12 @@ class PointStrains(NamedTuple):
     Attributes
     ----------
     weights : (cells, points)
-        Quadrature weights [m^3], times the fraction that the body fills.
+        Quadrature weights [m^3], times the fraction of the cell that the body fills.
     growth : (cells, points)
-        J - 1, without cancellation at small strain.
+        J - 1, computed without cancellation at small strain.
     strain, shear : float
-        Integrals of the squared norms of the Green-Lagrange strain and of its deviator [m^3].
+        Integrals over the cells of the squared Frobenius norms of the Green-Lagrange strain and of
+        its deviator [m^3].
     """
 
     weights: Array
@@ -303,10 +311,12 @@ class PointStrains(NamedTuple):
 def point_strains(tables: ElementTables, u: Array) -> PointStrains:
     """Return volumes and strains at the quadrature points of an element's cells.
 
+    In plane stress the strains are those of plane strain (F_33 = 1). Not collective.
+
     Parameters
     ----------
     tables : ElementTables
-        The cells.
+        The tables of the element on the cells.
     u : (components * nodes,)
         Displacements [m] of this rank's nodes, ghosts included.
     """

@@ -14,26 +14,26 @@ from fem_snh._dolfinx import Mesh
 
 Array = npt.NDArray[Any]
 
-#: Newton's method for the reference coordinates: its largest number of iterations, the distance
-#: from the cell's midpoint at which it is kept, and the residual relative to the cell's size.
+#: Newton's method for the reference coordinates: the largest number of iterations, the largest
+#: distance of each coordinate from the cell's midpoint, and the residual over the cell's size.
 _ITERATIONS, _RANGE, _RESIDUAL = 15, 1.5, 1e-9
-#: A point so far outside of a reference cell is in it, within rounding.
+#: Points up to this far outside of a reference cell are inside, within rounding.
 _INSIDE = 1e-8
-#: Points up to so far outside of a reference cell are compared with all cells around, not only with
-#: the one of the nearest centre: a curved surface has such points.
+#: Points up to this far outside of reference cells are compared with all these cells, not only with
+#: the cell of the nearest centre: a curved surface has points outside of all cells.
 _MARGIN = 0.25
-#: So few points, such as probes, are compared with the boxes of all cells.
+#: Up to this number, points (such as probes) are compared with the boxes of all cells.
 _FEW = 16
 _SIMPLICES = "triangle", "tetrahedron"
 
 
 class Hits(NamedTuple):
-    """Points in cells.
+    """Pairs of a point and a cell that contains the point.
 
     Attributes
     ----------
     point, cell : (n,) int
-        A point and a cell that contains it.
+        The numbers of the point and of the cell.
     xi : (n, dim)
         The point's coordinates in the reference cell.
     outside : (n,)
@@ -47,14 +47,14 @@ class Hits(NamedTuple):
 
 
 class CellSearch:
-    """Cells of one kind, given by their nodes. Not collective.
+    """A search for the cells that contain points. Not collective.
 
     Parameters
     ----------
     kind : str
-        The cell.
+        Kind of cell, e.g. "tetrahedron".
     degree : int
-        Degree of its shape functions.
+        Degree of the shape functions.
     nodes : (cells, k) int
         The nodes of each cell.
     """
@@ -71,7 +71,7 @@ class CellSearch:
         margin: float,
         excluded: Callable[[Array, Array], Array] | None = None,
     ) -> Hits:
-        """Return the cells that contain points.
+        """Return all pairs of a point and a cell that contains the point.
 
         Parameters
         ----------
@@ -80,9 +80,10 @@ class CellSearch:
         points : (n, dim)
             Positions of the points [m].
         margin : float
-            Points so far outside of a cell, in reference coordinates, count too.
+            Points up to this far outside of a cell, in reference coordinates, count too.
         excluded : callable, optional
-            Returns for points and cells (m,), by number, which pairs do not count, (m,) bool.
+            ``excluded(point, cell)`` returns which pairs do not count, (m,) bool, from the numbers
+            (m,) of points and cells.
         """
         point, cell = self._candidates(x, points, margin)
         if excluded is not None:
@@ -93,13 +94,13 @@ class CellSearch:
         return Hits(point[found], cell[found], xi[found], outside[found])
 
     def closest(self, x: Array, points: Array, margin: float) -> tuple[Array, Array, Array]:
-        """Return for each point the cell that it is in or that it is least outside of.
+        """Return for each point a cell that contains the point, or the closest cell.
 
         Parameters
         ----------
         x, points, margin
-            Those of `find`. A point farther outside of all cells has the one with the nearest
-            centre.
+            See `find`. For a point farther than ``margin`` outside of all cells, the cell with the
+            nearest centre is returned.
 
         Returns
         -------
@@ -108,7 +109,7 @@ class CellSearch:
         xi : (n, dim)
             The points' coordinates in the reference cells.
         outside : (n,)
-            How far they are outside; infinite without cells.
+            How far the points are outside, in reference coordinates; infinite without cells.
         """
         cells, xi = np.zeros(len(points), int), np.zeros(points.shape)
         outside = np.full(len(points), np.inf)
@@ -117,7 +118,7 @@ class CellSearch:
         centers = x[self.nodes].mean(axis=1)
 
         def search(rows: Array, candidates: Array) -> None:
-            """Search a candidate for each point of ``rows`` that is in no cell so far."""
+            """Try one candidate cell for each point of ``rows`` that is in no cell so far."""
             some = outside[rows] > _INSIDE
             rows, candidates = rows[some], candidates[some]
             at, distance, found = self.invert(x, points[rows], candidates)
@@ -142,7 +143,24 @@ class CellSearch:
         return _dolfinx.tabulate_element(self._kind, self._degree, xi, 1)
 
     def invert(self, x: Array, points: Array, cells: Array) -> tuple[Array, Array, Array]:
-        """Return reference coordinates of points in cells (n,), how far outside, whether found."""
+        """Return the reference coordinates of each point in one given cell.
+
+        Parameters
+        ----------
+        x, points
+            See `find`.
+        cells : (n,) int
+            The cell of each point.
+
+        Returns
+        -------
+        xi : (n, dim)
+            The reference coordinates.
+        outside : (n,)
+            How far the point is outside of the cell, in reference coordinates; <= 0 inside.
+        found : (n,) bool
+            Whether Newton's method converged.
+        """
         xi = np.broadcast_to(self._center, points.shape).copy()
         y = x[self.nodes[cells]]
         found, size = np.zeros(len(points), bool), np.ptp(y, axis=1).max(axis=1)
@@ -165,7 +183,7 @@ class CellSearch:
         return xi, np.maximum(-xi.min(axis=1), upper - 1), found
 
     def _candidates(self, x: Array, points: Array, margin: float) -> tuple[Array, Array]:
-        """Return the points in the boxes of cells, as points and cells (m,)."""
+        """Return pairs of a point (m,) and a cell (m,) whose enlarged box contains the point."""
         none = np.empty(0, int)
         if not len(self.nodes) or not len(points):
             return none, none
@@ -190,7 +208,10 @@ class CellSearch:
 
 
 def locate(domain: Mesh, points: Array) -> tuple[Array, Array, Array]:
-    """Return this rank's cell of each point (n, 3) or the nearest one: `CellSearch.closest`."""
+    """Return `CellSearch.closest` of this rank's cells in the reference configuration.
+
+    ``points`` are (n, 3) [m]. Not collective.
+    """
     dim = _dolfinx.mesh_dimension(domain)[0]
     kind, degree = _dolfinx.cell_name(domain), _dolfinx.geometry_degree(domain)
     search = CellSearch(kind, degree, _dolfinx.geometry_dofs(domain))
@@ -204,14 +225,14 @@ def _tree(points: Array) -> Any:
 
 
 def jacobian(table: Array, x: Array) -> Array:
-    """Return dx_i/dxi_j (n, dim, dim) of a table and positions of nodes x (n, k, dim)."""
+    """Return dx_i/dxi_j (n, dim, dim) from `CellSearch.tabulate` and node positions (n, k, dim)."""
     return np.einsum("jnk,nki->nij", table[1:], x)
 
 
 def _control_points(kind: str, degree: int) -> Array:
-    """Return the matrix (k, k) from a cell's nodes to the control points of its Bezier form.
+    """Return the matrix (k, k) that maps a cell's nodes to its Bezier control points.
 
-    The cell is in their convex hull (Farin 2002, section 3.3), as its nodes' hull is for degree 1.
+    The cell is in the convex hull of these points (Farin 2002, section 3.3).
     """
     nodes = _dolfinx.reference_nodes(kind, degree)
     if degree == 1:

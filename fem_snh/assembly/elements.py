@@ -7,7 +7,7 @@ An element treats a material's volume term U(J) in one of four ways:
 ``mean``
     U of the mean J of each cell: one volume constraint per cell instead of one per point.
 ``cell_pressure``
-    The same with the pressure of each cell as an unknown: `with_cell_pressures`.
+    As ``mean``, with the pressure of each cell as an unknown: `with_cell_pressures`.
 ``pressure``
     A continuous pressure is an unknown (Taylor-Hood). Does not lock, nu = 1/2 included.
 """
@@ -38,8 +38,8 @@ class Element:
     quadrature : int
         Degree of polynomials that the quadrature rule integrates exactly on the reference cell.
     least : int
-        The lowest such degree with which the stiffness of one cell has no zero eigenvalues but
-        those of the rigid motions.
+        The lowest quadrature degree with which the only zero eigenvalues of one cell's stiffness
+        are those of the rigid motions.
     volume : {"pointwise", "mean", "cell_pressure", "pressure"}
         Treatment of the volume term.
     pressure_degree : int
@@ -81,8 +81,8 @@ ELEMENTS = {
 }
 
 
-#: The lowest quadrature degree on bodies of revolution: with one point in a cell, a rotation of the
-#: cell about it in the half plane has no strain.
+#: The lowest quadrature degree on bodies of revolution: with one quadrature point, a rotation of
+#: the cell in the half plane about this point has no strain there.
 _LEAST_REVOLVED = 2
 
 
@@ -96,7 +96,7 @@ CELLS = {
 
 
 def names_for(cell: str) -> list[str]:
-    """Return the names of the elements on a kind of cell."""
+    """Return the names of the elements on a kind of cell, e.g. "triangle"."""
     return [e.name for e in ELEMENTS.values() if cell in (e.cell, PLANE_CELLS[e.cell])]
 
 
@@ -111,12 +111,13 @@ def element(name: str, quadrature: int | None = None, kinematics: Kinematics = S
         Quadrature degree, from the element's least to MAX_QUADRATURE_DEGREE. Default: the
         element's own.
     kinematics : Kinematics, optional
-        One of a mesh of two dimensions puts the element on triangles or quadrilaterals.
+        With two-dimensional kinematics the element is on triangles or quadrilaterals.
 
     Raises
     ------
     BadInput
-        For an unknown name or a degree out of range.
+        For an unknown name, a degree out of range, or a volume treatment other than "pointwise" in
+        plane stress.
     """
     found = ELEMENTS[choose("element", name, ELEMENTS)]
     if kinematics.dim == 2:
@@ -135,7 +136,10 @@ def element(name: str, quadrature: int | None = None, kinematics: Kinematics = S
 
 
 def in_kinematics(element: Element, kinematics: Kinematics) -> Element:
-    """Return an element of three dimensions on the cells and in the kinematics of a mesh."""
+    """Return a three-dimensional element, converted to the cells of given kinematics.
+
+    On bodies of revolution the quadrature degree is at least `_LEAST_REVOLVED`.
+    """
     if kinematics.dim == 3:
         return element
     cell = PLANE_CELLS[element.cell]
@@ -145,9 +149,9 @@ def in_kinematics(element: Element, kinematics: Kinematics) -> Element:
 
 
 def with_cell_pressures(element: Element) -> Element:
-    """Return an element of mean dilatation with the pressure of each cell as an unknown.
+    """Return a mean-dilatation element with the pressure of each cell as an unknown.
 
-    Both have the same equilibria: eliminating the pressures (static condensation) gives U of the
-    mean J.
+    Both elements have the same equilibria: eliminating the pressures (static condensation) gives U
+    of the mean J.
     """
     return replace(element, volume="cell_pressure")

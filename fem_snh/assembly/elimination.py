@@ -1,10 +1,16 @@
-r"""Rows and columns of nodes that follow a few unknowns, folded into those of these unknowns.
+r"""Elimination of the nodes of rigid parts from an assembled matrix.
 
-The displacement of the nodes of a rigid part is a function of six unknowns q. With its derivative
-:math:`B = \partial u / \partial q` the rows and columns of the nodes become
-:math:`B^T A` and :math:`A B`. Two nodes of the part lend their rows, columns and vector entries to
-q, so that the numbering and the blocks of the matrix stay as they are. All other rows and columns
-of the part are those of constrained unknowns.
+The displacement u of the nodes of a rigid part is a function of six unknowns q. With the derivative
+:math:`B = \partial u / \partial q`, the rows and columns of the nodes are replaced by :math:`B^T A`
+and :math:`A B`. Two nodes of the part, its slots, lend their rows, columns and vector entries to q,
+so that the numbering and the blocks of the matrix stay as they are. All other rows and columns of
+the part's nodes become those of constrained dofs.
+
+A periodic or other multi-point condition, :math:`u_s = C u_m + g` with nodes m that remain
+unknowns, needs a more general class: a sparse matrix C in place of six unknowns per part. The class
+would go here, beside `Elimination`, with the members that `BlockMatrix` uses (``pairs``, ``apply``,
+``eliminated``). The residual and the displacements of the nodes s would be the work of a term
+beside `fem_snh.terms.rigid_parts`.
 """
 
 from __future__ import annotations
@@ -22,35 +28,35 @@ from fem_snh.assembly.matrix_layout import MixedDofMap
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 
-#: Unknowns of a part.
+#: Unknowns of a rigid part.
 UNKNOWNS = 6
 
 
 class Elimination:
-    """The nodes of parts with six unknowns each, and the fold of an assembled matrix. Collective.
+    """The elimination of the nodes of rigid parts with six unknowns each. Collective.
 
     Parameters
     ----------
     dof_map : MixedDofMap
-        The numbering of the unknowns, the displacement's before others.
+        The numbering of the unknowns, displacements first.
     nodes, labels : (n,) int
-        This rank's own nodes of the parts, and the part of each.
+        The nodes of rigid parts that this rank owns, and the part of each node.
     slots : (parts, 2) int
         The global nodes that lend their entries to the free unknowns of each part, in order.
-    free : (6 parts,) bool
-        Which of the unknowns are free.
+    free : (6 * parts,) bool
+        Which unknowns of the parts are free.
     chains : sequence of sequences of int
-        For each part the parts whose unknowns move it, itself included.
+        For each part, the parts whose unknowns move this part (by joints), itself included.
 
     Attributes
     ----------
     eliminated : (m,) int
-        The entries of this rank's vectors that are no unknowns: of nodes that are no slots, and of
-        unknowns that are not free.
-    unknowns : (6 parts,) int
-        The global entries of the unknowns, -1 for those that are not free.
+        The owned dofs of the parts' nodes that store no free unknown.
+    unknowns : (6 * parts,) int
+        The global dof that stores each unknown; -1 for an unknown that is not free.
     own_unknowns : tuple of two (k,) int
-        The entries of the unknowns in this rank's vectors, and their numbers.
+        The owned dofs that store unknowns, as indices into a vector's local array, and the indices
+        of these unknowns in ``unknowns``.
     """
 
     def __init__(
@@ -84,26 +90,30 @@ class Elimination:
     def set_state(
         self, basis: Array, jacobian: Array, stiffness: Array, symmetric: bool = True
     ) -> None:
-        """Set the derivatives and the stiffness by which `apply` eliminates the nodes of parts.
+        """Set the derivatives and the stiffness that `apply` uses.
+
+        B is ``basis`` times ``jacobian``.
 
         Parameters
         ----------
-        basis : (components n, 6) array
+        basis : (components * n, 6) array
             The derivative of the displacement of this rank's nodes by the twist of their part.
-        jacobian : (6 parts, 6 parts) array
-            The derivative of the twists by the unknowns.
-        stiffness : (6 parts, 6 parts) array
-            A matrix that is added to the rows and columns of the unknowns.
+        jacobian : (6 * parts, 6 * parts) array
+            The derivative of all twists by all unknowns.
+        stiffness : (6 * parts, 6 * parts) array
+            A matrix to add to the rows and columns of the unknowns, the same on all ranks.
         symmetric : bool
-            Whether the matrix is symmetric, but for rounding.
+            Whether the assembled matrix is symmetric up to rounding; `apply` then uses its rows
+            only.
         """
         self._basis, self._jacobian, self._stiffness = basis, jacobian, stiffness
         self._symmetric = symmetric
 
     def pairs(self, mat: PETSc.Mat) -> Indices:
-        """Return the pairs of global blocks that the fold of a matrix needs, (n, 2). Collective.
+        """Return the pairs of global blocks (n, 2) that `apply` fills. Collective.
 
-        They are those in the rows that this rank owns.
+        The blocks are in rows that this rank owns. A call must precede `apply` whenever the pattern
+        of ``mat`` has changed, as `apply` uses the columns found here.
         """
         dof_map, parts = self._dof_map, len(self._slot_blocks)
         rows = self._rows_of_parts(mat).tocoo()
@@ -127,9 +137,10 @@ class Elimination:
         return every[(every[:, 0] >= first) & (every[:, 0] < last)]
 
     def apply(self, mat: PETSc.Mat) -> None:
-        """Fold the rows and columns of an assembled matrix, whose pattern has `pairs`. Collective.
+        """Eliminate the parts' nodes from an assembled matrix, in place. Collective.
 
-        The diagonal of eliminated entries is zero then.
+        The pattern must contain `pairs`. Rows and columns of eliminated dofs become zero, the
+        diagonal included.
         """
         rows, square = self._folded(mat)
         columns = rows
@@ -142,7 +153,7 @@ class Elimination:
         others = ~np.isin(self._columns, self._slaves)
         first, last = mat.getOwnershipRange()
         owned = others & (self._columns >= first) & (self._columns < last)
-        # The pattern lacks pairs of a part and nodes of others, whose values are zero.
+        # The pattern lacks blocks of a part and neighbours of unrelated parts: these are zero.
         mat.setOption(PETSc.Mat.Option.IGNORE_ZERO_ENTRIES, True)
         mat.zeroRowsColumns(self._own, diag=0.0)
         unknowns, own_rows = self.unknowns[free], first + entries
@@ -156,7 +167,10 @@ class Elimination:
         mat.setOption(PETSc.Mat.Option.IGNORE_ZERO_ENTRIES, False)
 
     def _folded(self, mat: PETSc.Mat) -> tuple[Array, Array]:
-        """Return B^T A in the columns of other nodes, and B^T A B."""
+        """Return B^T A, (6 * parts, columns), and B^T A B, (6 * parts, 6 * parts). Collective.
+
+        The columns are ``self._columns``; rows of unknowns that are not free are zero in B^T A.
+        """
         size, G = len(self._jacobian), self._jacobian
         row = np.repeat(np.arange(len(self._own)), UNKNOWNS)
         part = np.repeat(self._labels, self._dof_map.components)
@@ -168,7 +182,7 @@ class Elimination:
         return (G.T @ rows) * self._free[:, None], G.T @ square @ G
 
     def _rows_of_parts(self, mat: PETSc.Mat) -> csr_matrix:
-        """Return this rank's rows of the parts' nodes, with global columns. Collective."""
+        """Return the rows of the parts' nodes that this rank owns, (n, global dofs). Collective."""
         rows = PETSc.IS().createGeneral(self._own, comm=self._comm)
         indptr, indices, values = mat.createSubMatrix(rows).getValuesCSR()
         return csr_matrix((values, indices, indptr), shape=(len(self._own), mat.getSize()[1]))

@@ -1,15 +1,16 @@
 r"""Nodes that slide in planes: the normal component of their displacement is constrained.
 
-A plane whose normal is a coordinate axis constrains a component. At the nodes of any other plane a
-direction is constrained that is none. With an orthonormal basis B of what the planes of a node
-constrain beside its components, and the projection :math:`P = I - B B^T - \sum_i e_i e_i^T` (the
-sum: constrained components i), forces, Hessian and near null space are
+A plane whose normal is a coordinate axis constrains a component. Any other plane constrains, at its
+nodes, a direction that is no component. Let the columns of B be an orthonormal basis of the
+directions that the inclined planes of a node constrain, and
+:math:`P = I - B B^T - \sum_i e_i e_i^T` with the node's constrained components i. The force f of a
+node, the block of nodes i and j and a rigid motion v are replaced by
 
 .. math:: P f, \qquad P_i A_{ij} P_j + \delta_{ij} d B_i B_i^T, \qquad P v,
 
 with the diagonal entry d of constrained components. These are, in Cartesian components, the entries
-that the elimination of a component in a rotated frame gives: the matrix stays symmetric, and as
-positive definite as it is on the free directions.
+that the elimination of a component in a rotated frame gives. The matrix stays symmetric, and is
+positive definite if it is so on the free directions.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ Array = npt.NDArray[Any]
 #: Sine of the angle below which a plane's normal is an axis, or two normals are the same: a mesh
 #: file has at least 8 digits.
 _SAME_DIRECTION = 1e-7
-#: Largest distance of a plane's nodes from it, relative to its extent: as above.
+#: Largest distance of nodes from their plane, relative to their extent: a mesh file's digits.
 _FLAT = 1e-6
 
 
@@ -58,14 +59,13 @@ class InclinedPlanes:
     nodes : (n,) int
         The local nodes, ghosts included, ascending.
     num_owned : int
-        How many of them this rank owns: the first ones.
+        How many of ``nodes`` this rank owns: the first ones.
     projections : (n, components, components)
-        The projections P of displacements, onto free directions.
+        The projections P onto free directions.
     bases : (n, components, components)
         The projections :math:`B B^T`.
     prescriptions : (n, components, components)
-        Maps of a displacement with the prescribed values of its components to the one that is in
-        the planes, too.
+        Matrices that move a displacement into the planes; they keep its constrained components.
     """
 
     def __init__(
@@ -78,17 +78,17 @@ class InclinedPlanes:
     def of(
         cls, planes: Sequence[NodePlane], constrained: Array, num_owned_nodes: int
     ) -> InclinedPlanes | None:
-        """Return the inclined planes; None if there is none on any rank.
+        """Return the inclined planes among ``planes``; None if there is none on any rank.
 
         Parameters
         ----------
         planes : sequence of NodePlane
-            All planes, the same on all ranks.
+            All planes, the same on all ranks, each with this rank's nodes.
         constrained : (local nodes, components) bool
-            The constrained components of nodes, ghosts included. Those that planes constrain are
-            added.
+            The constrained components of nodes, ghosts included. Components that planes constrain,
+            alone or together, are set to True in place.
         num_owned_nodes : int
-            The nodes that this rank owns, before ghosts.
+            Number of nodes that this rank owns.
         """
         inclined = []
         for plane in planes:
@@ -125,41 +125,45 @@ class InclinedPlanes:
         return cls(nodes, owned, projections, bases, prescriptions)
 
     def project(self, values: Array, ghosts: bool = False) -> None:
-        """Leave of displacements or forces what is in the planes, in place.
+        """Project displacements or forces onto the free directions of ``nodes``, in place.
 
-        ``values`` begins with the components of this rank's nodes, with ``ghosts`` of all local
+        ``values`` begins with the components of the owned nodes; with ``ghosts``, of all local
         nodes.
         """
         self._apply(self.projections, values, None if ghosts else self.num_owned)
 
     def prescribe(self, values: Array) -> None:
-        """Move displacements of this rank's nodes, whose components are prescribed, into the
-        planes, in place.
+        """Move the displacements of the owned nodes into the planes, in place.
+
+        Constrained components must have their prescribed values, and keep them.
         """
         self._apply(self.prescriptions, values, self.num_owned)
 
     def work(self, forces: Array, moved: Array) -> float:
-        """Return the work of forces on this rank's nodes in constrained directions."""
+        """Return the work [J] of forces on owned nodes along the planes' constrained directions.
+
+        ``forces`` [N] and ``moved`` [m] begin with the components of the owned nodes.
+        """
         dofs = self._dofs(self.num_owned)
         return float(np.einsum("nij,ni,nj->", self.bases[: len(dofs)], forces[dofs], moved[dofs]))
 
     def _apply(self, maps: Array, values: Array, count: int | None) -> None:
-        """Replace the values u of each node by M u."""
+        """Replace the values of each of the first ``count`` nodes by its map times the values."""
         dofs = self._dofs(count)
         values[dofs] = np.einsum("nij,nj->ni", maps[:count], values[dofs])
 
     def _dofs(self, count: int | None) -> Array:
-        """Return the dofs of the first nodes, (count, components)."""
+        """Return the local dofs of the first ``count`` nodes (None: all), (count, components)."""
         size = self.projections.shape[-1]
         return size * self.nodes[:count, None] + np.arange(size)
 
     def free_directions(self) -> tuple[Array, Array]:
-        """Return orthonormal free directions at this rank's nodes, and their dofs.
+        """Return orthonormal free directions at the owned nodes, and the dofs of these nodes.
 
         Both are (n, components); a node may have several rows, or none.
         """
         values, vectors = np.linalg.eigh(self.projections[: self.num_owned])
-        node, number = np.nonzero(values > 0.5)  # of a projection they are 0 and 1
+        node, number = np.nonzero(values > 0.5)  # a projection has the eigenvalues 0 and 1
         return vectors[node, :, number], self._dofs(self.num_owned)[node]
 
 
@@ -169,11 +173,11 @@ class MatrixProjection:
     Parameters
     ----------
     mat : PETSc.Mat
-        The AIJ matrix; its pattern is read.
+        A matrix with the AIJ pattern of the matrices to which the methods are applied.
     dof_map : MixedDofMap
-        The numbering of the unknowns, the displacement's first.
+        The numbering of the unknowns, displacements first.
     planes : InclinedPlanes
-        The nodes.
+        The nodes with their projections.
     """
 
     def __init__(self, mat: PETSc.Mat, dof_map: MixedDofMap, planes: InclinedPlanes) -> None:
@@ -181,7 +185,7 @@ class MatrixProjection:
         self._own, self._bases = planes.projections[:own], planes.bases[:own]
         nodes, comm = planes.nodes[:own], dof_map.comm
         first = mat.getOwnershipRange()[0] + self._size * nodes
-        # The columns of rows of this rank may be nodes that no cell of this rank has.
+        # Columns of this rank's rows may belong to nodes of no cell of this rank.
         starts, P = (np.concatenate(part) for part in zip(*comm.allgather((first, self._own))))
         self._all = P
         begin, end = mat.getOwnershipRange()
@@ -210,7 +214,7 @@ class MatrixProjection:
                     self._diagonal = rows[:, indices[rows[0]] == self._size * nodes[number]].T
 
     def apply(self, mat: PETSc.Mat) -> None:
-        """Replace the blocks of nodes i, j by P_i A_ij P_j."""
+        """Replace each block A_ij by P_i A_ij P_j, with P = I at nodes in no inclined plane."""
         components = np.arange(self._size)
         with aij_blocks(mat) as blocks:
             for block, rows, columns in zip(blocks, self._rows, self._columns, strict=True):
@@ -222,16 +226,23 @@ class MatrixProjection:
                 values[at] = np.einsum("na,nab->nb", values[at], self._all[number])
 
     def add_diagonal(self, mat: PETSc.Mat, factor: float) -> None:
-        """Add ``factor`` times B B^T to the diagonal blocks."""
+        """Add ``factor`` times B B^T to the diagonal blocks of the planes' owned nodes."""
         at = self._diagonal[:, :, None] + np.arange(self._size)
         with aij_blocks(mat) as blocks:
             blocks[0].array()[at] += factor * self._bases
 
 
 def _row_entries(indptr: Array, first_rows: Array, size: int) -> tuple[Array, Array]:
-    """Return the entries of the rows of nodes, (size, n), and the node of each, (n,).
+    """Return where an AIJ value array holds the rows of nodes.
 
-    The rows of a node have the same columns.
+    The ``size`` rows of a node are consecutive and have the same columns.
+
+    Returns
+    -------
+    entries : (size, n)
+        Indices of values: entry [a, k] is in row a of a node, and all entries [:, k] in one column.
+    number : (n,)
+        The node of each k, as an index into ``first_rows``.
     """
     lengths = indptr[first_rows + 1] - indptr[first_rows]
     number = np.repeat(np.arange(len(first_rows)), lengths)
@@ -241,9 +252,10 @@ def _row_entries(indptr: Array, first_rows: Array, size: int) -> tuple[Array, Ar
 
 
 def plane_through(comm: MPI.Intracomm, points: Array) -> Array | None:
-    """Return the unit normal of the plane, or line, in which points lie; None if in none.
+    """Return the unit normal of the plane or line through the points of all ranks. Collective.
 
-    Collective. ``points``, (n, dim), are this rank's.
+    ``points`` are this rank's, (n, dim). The largest component of the normal is positive. None if
+    the points are in no common plane or line.
     """
     total, count = comm.allreduce(points.sum(axis=0)), comm.allreduce(len(points))
     from_mean = points - total / max(count, 1)

@@ -11,7 +11,7 @@ all kinematics. With coordinates (x, y) in the plane, (r, z) in a half plane tha
         u_{z,r} & 1 + u_{z,z} & 0 \\ u_{\theta,r} & u_{\theta,z} & 1 + u_r / r \end{pmatrix}
 
 in the basis (e_r, e_z, e_theta) of the reference position. Both are linear in the nodal values. In
-plane stress F_33 is a function of the others, at each point: P_33 = 0.
+plane stress, F_33 at each point is the solution of P_33 = 0.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ PLANE_CELLS = {"tetrahedron": "triangle", "hexahedron": "quadrilateral"}
 
 @dataclass(frozen=True)
 class Kinematics:
-    """A kinematics.
+    """The kinematics of a displacement, named for scenes.
 
     Attributes
     ----------
@@ -44,7 +44,7 @@ class Kinematics:
     components : {2, 3}
         Components of the displacement.
     plane_stress : bool
-        Whether F_33 is not given, but such that P_33 = 0.
+        Whether F_33 is determined by P_33 = 0.
     revolved : bool
         Whether the body is the mesh revolved about the axis x = 0, in which x is the radius.
     """
@@ -62,23 +62,23 @@ class Kinematics:
 
     @property
     def moment_axes(self) -> tuple[str, ...]:
-        """The components of a moment that forces of the displacement's components can have."""
+        """The axes about which forces with the displacement's components can have a moment."""
         rotations = self.rigid_motions[3:]
         return tuple(axis for axis, is_free in zip("xyz", rotations, strict=True) if is_free)
 
     @property
     def volume_dimension(self) -> int:
-        """The power of a length that a body's volume is: in a plane the volume per thickness."""
+        """The exponent of length in a body's volume: 3, or 2 for a volume per thickness."""
         return 3 if self.revolved else self.dim
 
     @property
     def off_axis(self) -> list[int]:
-        """The components that are zero on the axis of a body of revolution."""
+        """The components that are zero on the axis of a body of revolution, otherwise []."""
         return [i for i in (0, 2) if self.revolved and i < self.components]
 
     @property
     def rigid_motions(self) -> tuple[bool, ...]:
-        """Which translations along x, y, z and rotations about them a rigid body has, (6,)."""
+        """Which rigid motions exist: translations along, then rotations about x, y, z, (6,)."""
         if self.revolved:
             return False, True, False, False, self.components == 3, False
         flat = self.dim == 2
@@ -93,7 +93,7 @@ class Kinematics:
 
     @property
     def entries(self) -> list[int]:
-        """The entries of vec(F) that vary, if not all do (material_point.h)."""
+        """The entries of vec(F) (by columns) that vary, [] if all do (material_point.h)."""
         if self.dim == 3:
             return []
         varied = [i + 3 * j for j in range(2) for i in range(self.components)]
@@ -122,12 +122,12 @@ class Kinematics:
         return [[*row, last] for row, last in zip(rows, column, strict=True)]
 
     def padded(self, u: Array) -> Array:
-        """Return displacements (components * nodes,) with 3 components, (nodes, 3)."""
+        """Return displacements (components * nodes,) as (nodes, 3), padded with zeros."""
         nodal, missing = u.reshape(-1, self.components), 3 - self.components
         return np.pad(nodal, ((0, 0), (0, missing))) if missing else nodal
 
     def total(self, vectors: Array) -> Array:
-        """Return the sum (3,) of vectors (n, 3), of a whole turn: only the axial part remains."""
+        """Return the sum (3,) of vectors (n, 3); on a body of revolution only the axial part."""
         found: Array = vectors.sum(axis=0)
         return found * (0.0, 1.0, 0.0) if self.revolved else found
 
@@ -148,7 +148,7 @@ class Kinematics:
 
 
 SOLID = Kinematics("solid", 3, 3)
-#: Those of meshes of two dimensions, by name.
+#: The kinematics of two-dimensional meshes, by name.
 PLANAR = {
     kinematics.name: kinematics
     for kinematics in (
@@ -161,7 +161,7 @@ PLANAR = {
 
 
 def kinematics_of(name: str | None) -> Kinematics:
-    """Return the kinematics of this name, without one that of three dimensions."""
+    """Return the kinematics with this name, one of `PLANAR`; `SOLID` for None."""
     return PLANAR[name] if name else SOLID
 
 
@@ -171,7 +171,7 @@ def find_kinematics(name: str | None, dim: int) -> Kinematics:
     Raises
     ------
     BadInput
-        For a name that is unknown, or missing, or does not fit the mesh.
+        For a name that is unknown, missing in two dimensions, or given in three.
     """
     if dim == 3:
         if name is not None:

@@ -3,8 +3,8 @@
 As in dolfinx, unknowns are numbered in blocks, one block per node: the displacement's components,
 or 1 pressure. Every rank numbers its displacement blocks first, then its pressure blocks.
 
-A parallel AIJ matrix stores the columns a rank owns (diagonal block) apart from all others
-(off-diagonal block). Contributions to rows of another rank are summed in a third array.
+A parallel AIJ matrix stores the columns that a rank owns (diagonal block) and all other columns
+(off-diagonal block) separately. Contributions to rows of another rank are summed in a third array.
 """
 
 from __future__ import annotations
@@ -28,17 +28,17 @@ Array = npt.NDArray[Any]
 
 #: Which value array a block is in, as cell_api.h encodes it: 4 * offset + one of these.
 _DIAGONAL, _OFF_DIAGONAL, _SENT = 0, 1, 2
-#: Largest of these numbers: the compiled loops read them as 32-bit integers.
+#: Largest encoded position: the compiled loops read 32-bit integers.
 _LARGEST = int(np.iinfo(np.int32).max)
 
 
 class BlockSparsity:
-    """A CSR pattern of blocks whose values are stored row by row of unknowns, as in AIJ.
+    """A CSR pattern of blocks whose values are stored one matrix row after the other, as in AIJ.
 
     Parameters
     ----------
     pattern : Pattern
-        The blocks.
+        The pattern of the blocks.
     row_sizes, column_sizes : (block rows,), (block columns,) int
         Unknowns of each block row and of each block column.
 
@@ -49,7 +49,7 @@ class BlockSparsity:
     row_sizes : (block rows,) int
         As given.
     row_lengths : (block rows,) int
-        Values in one row of unknowns of each block row: the stride between rows of a block.
+        Values in one matrix row of each block row: the stride between the rows of a block.
     row_offsets : (block rows + 1,) int
         Offset of each block row's first value.
     block_offsets : (blocks,) int
@@ -68,11 +68,11 @@ class BlockSparsity:
         self.block_offsets = np.add(before[:-1], shift, out=shift)
 
     def block_rows(self) -> Array:
-        """Return the block row of each block of the pattern."""
+        """Return the block row of each block, (blocks,) int32."""
         return self._pattern.rows()
 
     def offsets(self, rows: Array, columns: Array) -> Array:
-        """Return the offset of the first value of each of these blocks in the value array."""
+        """Return the offset of each block's first value; raise KeyError for a missing block."""
         return np.asarray(self.block_offsets[self._pattern.find(rows, columns)])
 
 
@@ -82,9 +82,9 @@ class Received(NamedTuple):
     Attributes
     ----------
     rows, columns : (n,) int64
-        Their global rows and columns.
+        Global block rows and block columns.
     positions : (n,) int64
-        Where they are stored: see `MatrixLayout`.
+        Where the blocks are stored, encoded as `MatrixLayout.block_positions`.
     """
 
     rows: Array
@@ -100,19 +100,19 @@ class MatrixLayout:
     dof_map : MixedDofMap
         The numbering of the unknowns.
     pairs : (n, 2) int64, optional
-        Row and column of further blocks, as global blocks; this rank owns the rows.
+        Global block row and column of further blocks, in rows that this rank owns.
     mat : PETSc.Mat, optional
-        A matrix of another pattern, which becomes ``mat``. Default: a new one.
+        A matrix to which the pattern is given in place. Default: a new matrix.
 
     Attributes
     ----------
     mat : PETSc.Mat
         A zero AIJ matrix with this pattern.
     block_positions : (cells, n, n) int32
-        For each pair of blocks of each cell 4 * offset + k: the offset of the pair's first value in
-        value array k (0 diagonal block, 1 off-diagonal block, 2 sent rows).
+        For each pair of blocks of each cell 4 * offset + k, with the offset of the pair's first
+        value in value array k (0 diagonal block, 1 off-diagonal block, 2 sent rows).
     row_strides : list of three (local blocks,) int32
-        For each of the three arrays, the values in a row of each local block.
+        For each of the three arrays, the number of values in a matrix row of each local block.
     num_values : tuple of int
         Values in the diagonal and in the off-diagonal block.
     ghosts : (ghost blocks,) int64
@@ -125,7 +125,7 @@ class MatrixLayout:
     Raises
     ------
     BadInput
-        On every rank, if one has more values than a 32-bit offset can address.
+        On every rank, if a rank has more values than a 32-bit offset can address.
     """
 
     def __init__(
@@ -153,15 +153,14 @@ class MatrixLayout:
     def _shared(
         self, pattern: CellPattern, pairs: Array | None
     ) -> tuple[BlockSparsity, BlockSparsity, Array, Array]:
-        """Exchange the rows of ghost blocks. Collective.
+        """Exchange the rows of ghost blocks, and set ``sent`` and ``received``. Collective.
 
         Returns
         -------
-        diagonal, off_diagonal : BlockSparsity
-        others : (n,)
+        diagonal, off_diagonal, others
             See `_owned_rows`.
-        positions : (pairs of the pattern,) int64
-            Where the blocks of the cells are stored: see `MatrixLayout`.
+        positions : (blocks of the pattern,) int64
+            Where the cells' blocks are stored, encoded as ``block_positions``.
         """
         dof_map = self._dof_map
         sizes, owned, numbers = dof_map.block_sizes, dof_map.is_owned, dof_map.local_to_global
@@ -194,23 +193,23 @@ class MatrixLayout:
     def _owned_rows(
         self, own: Array, received: Sequence[Array], pairs: Array | None
     ) -> tuple[BlockSparsity, BlockSparsity, Array]:
-        """Return the pattern of the rows of this rank: of the blocks in its columns and of others.
+        """Return the patterns of this rank's rows, in its own columns and in other columns.
 
         Parameters
         ----------
         own : (2, n)
-            Global row and column of the blocks of this rank's cells in these rows.
+            Global block rows and columns of this rank's cells in rows of this rank.
         received : sequence of (2, n)
-            Those of other ranks' cells.
+            Global block rows and columns that each other rank's cells add to these rows.
         pairs : (n, 2), optional
-            Of further blocks.
+            Global block rows and columns of further blocks.
 
         Returns
         -------
         diagonal, off_diagonal : BlockSparsity
-            The columns of the second are numbered densely, in ascending order, as PETSc does.
+            The block columns of ``off_diagonal`` are numbered 0, 1, ... by their global numbers.
         others : (n,)
-            Their global numbers.
+            The global numbers of these block columns, ascending.
         """
         dof_map = self._dof_map
         first, last = dof_map.owned_range
@@ -229,7 +228,7 @@ class MatrixLayout:
         return diagonal, off_diagonal, others
 
     def _send_to_owners(self) -> list[Array]:
-        """Send the pairs of `sent` to the ranks that own the rows; return (2, n) of each rank."""
+        """Send the block pairs of ``sent`` to the owners; return the pairs (2, n) of each rank."""
         comm, dof_map = self._dof_map.comm, self._dof_map
         rows = self.ghosts[self.sent.block_rows()]
         owner = dof_map.owner_ranks(rows)
@@ -243,7 +242,10 @@ class MatrixLayout:
         others: Array,
         mat: PETSc.Mat | None,
     ) -> PETSc.Mat:
-        """Return a zero AIJ matrix; ``others`` are the off-diagonal block's global columns."""
+        """Return a zero AIJ matrix: ``mat`` with the new pattern, or a new one for None.
+
+        ``others`` are the global block columns of the off-diagonal block.
+        """
         dof_map, row_sizes = self._dof_map, diagonal.row_sizes
         lengths = diagonal.row_lengths + off_diagonal.row_lengths
         indptr = np.concatenate([[0], np.cumsum(np.repeat(lengths, row_sizes))])
@@ -283,7 +285,7 @@ class MixedDofMap:
 
     Attributes
     ----------
-    cell_blocks : (cells, sum of n) int
+    cell_blocks : (cells, blocks of a cell) int
         Local blocks of each cell, one space after the other.
     block_sizes, local_to_global, is_owned : (local blocks,)
         Unknowns, global block number and ownership of each local block.
@@ -292,7 +294,8 @@ class MixedDofMap:
     num_owned_dofs : int
         Unknowns this rank owns.
     num_blocks, num_owned_blocks, num_cell_blocks : list of int
-        For each space, the blocks on this rank with ghosts, those it owns, and those of a cell.
+        For each space, the number of local blocks, ghosts included, of owned blocks, and of blocks
+        of a cell.
     """
 
     def __init__(self, spaces: Sequence[FunctionSpace]) -> None:
@@ -358,11 +361,11 @@ class MixedDofMap:
 
     @property
     def cell_block_sizes(self) -> Array:
-        """(sum of n,) unknowns of each block of a cell."""
+        """The unknowns of each block of a cell, (blocks of a cell,)."""
         return np.repeat(self._space_block_size, self.num_cell_blocks)
 
     @property
     def block_size(self) -> int | None:
-        """The block size, if all spaces have the same; else None."""
+        """The block size of the space if there is one space; else None."""
         sizes = self._space_block_size
         return int(sizes[0]) if len(sizes) == 1 else None

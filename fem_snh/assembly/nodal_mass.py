@@ -5,12 +5,11 @@ The components of the displacement have the same basis functions, so that the ma
 
 .. math:: m_{ab} = \int_\Omega \rho N_a N_b \, \mathrm{d}V .
 
-In two dimensions it is that of the whole turn of a body of revolution, or of a unit thickness.
-
-A `StoredMatrix` is kept as well, of any terms, to be added to the assembled one.
-
+In two dimensions the integral is over the whole turn of a body of revolution, or a unit thickness.
 A rank keeps the sum over its own cells, rows of ghost nodes included: a product with a ghosted
-vector needs no message, and the sum over ranks is that of the other terms' residuals.
+vector needs no message, and is summed over the ranks together with the residuals of other terms.
+
+`StoredMatrix` keeps an assembled matrix of any terms, to add multiples of it to a problem's matrix.
 """
 
 from __future__ import annotations
@@ -41,8 +40,8 @@ Array = npt.NDArray[Any]
 
 #: Relative tolerance of the mass matrix's linear solver, close to rounding.
 _RTOL = 1e-13
-#: Largest relative residual of its solution. In the norm of the residual alone nodes of a small
-#: mass count less than in that of the solver.
+#: Largest relative residual of the solution in the 2-norm, in which nodes of a small mass count
+#: less than in the solver's preconditioned norm.
 _LARGEST_RESIDUAL = 1e-9
 
 
@@ -65,14 +64,14 @@ class NodalMass:
     kind : {"consistent", "lumped"}, optional
         Which mass matrix.
     kinematics : Kinematics, optional
-        That of the displacement.
+        The kinematics of the displacement.
 
     Attributes
     ----------
     matrix : (local nodes, local nodes) scipy CSR matrix
-        This rank's part of m [kg], ghost nodes included.
+        The sum of m [kg] over this rank's cells, ghost nodes included.
     num_owned : int
-        Displacement dofs this rank owns.
+        Number of displacement dofs that this rank owns.
     total : float
         The body's mass [kg].
 
@@ -108,7 +107,7 @@ class NodalMass:
         starts = np.searchsorted(keys, count * np.arange(count + 1, dtype=np.int64))
         pattern = (keys % count).astype(np.int32), starts.astype(np.int32)
         self.matrix = csr_matrix((values, *pattern), shape=(count, count))
-        #: Of each pair of nodes, where it first occurs among all cells' pairs.
+        #: For each pair of nodes, its first index among the pairs (cells, n, n) of all cells.
         self._first, self._cell_nodes = pair.ravel()[first], n
         self._positions: tuple[MatrixLayout, Array] | None = None
         self.total = float(self._comm.allreduce(values.sum(), op=MPI.SUM))
@@ -122,22 +121,22 @@ class NodalMass:
         self.total += float(self._comm.allreduce(float(masses.sum()), op=MPI.SUM))
 
     def apply(self, values: Array) -> Array:
-        """Return this rank's part of m times nodal values.
+        """Return this rank's part of the product of m and nodal values. Not collective.
 
         Parameters
         ----------
         values : (local dofs,)
-            Values with current ghosts.
+            Nodal values with updated ghosts.
 
         Returns
         -------
         (local dofs,)
-            To be summed over the ranks, as `add_ghosts` does.
+            The product is the sum over the ranks, by `add_ghosts`.
         """
         return np.asarray(self.matrix @ values.reshape(-1, self._components)).ravel()
 
     def dot(self, a: Array, b: Array) -> float:
-        """Return a . m b of values with current ghosts, (local dofs,). Collective."""
+        """Return a . (m b) for nodal values (local dofs,) with updated ghosts. Collective."""
         return float(self._comm.allreduce(float(a @ self.apply(b)), op=MPI.SUM))
 
     def add_to(self, target: BlockMatrix, factor: float) -> None:
@@ -153,7 +152,10 @@ class NodalMass:
         target.add_node_pairs(pattern, self._positions[1], factor, self.matrix.data)
 
     def assemble(self, matrix: BlockMatrix) -> None:
-        """Assemble the mass matrix in a problem's matrix, over the free dofs. Collective."""
+        """Overwrite a problem's matrix with the mass matrix of the free dofs. Collective.
+
+        Constrained dofs have a diagonal entry computed for it; the former entry is restored.
+        """
         kept = matrix.constrained_diagonal
         matrix.set_constrained_diagonal(None)
         with matrix.adding():
@@ -170,13 +172,14 @@ class NodalMass:
         matrix : BlockMatrix
             A problem's matrix, which is overwritten.
         project : callable
-            Sets what is constrained of this rank's part of a vector to zero, in place.
+            Sets this rank's part of a vector to zero along constrained directions, in place.
         force : (owned dofs,)
-            The right-hand side.
+            The right-hand side [N].
 
         Returns
         -------
         (owned dofs,)
+            The accelerations [m/s^2].
 
         Raises
         ------
@@ -194,7 +197,7 @@ class NodalMass:
         b.array[: self.num_owned] = force
         project(b.array)
         ksp.solve(b, a)
-        # The solution is used as it is, so its residual decides, not what the KSP reports of it.
+        # The residual decides, not the KSP's converged reason: the solution is used as it is.
         residual = b - matrix.mat * a
         if not residual.norm() <= _LARGEST_RESIDUAL * b.norm():
             size = residual.norm() / b.norm()
@@ -206,7 +209,7 @@ class NodalMass:
 
 
 def _element_matrices(V: FunctionSpace, regions: Sequence[Region], revolved: bool) -> Array:
-    """Return the consistent mass matrices of this rank's cells, (cells, nodes, nodes)."""
+    """Return the consistent mass matrices [kg] of this rank's cells, (cells, nodes, nodes)."""
     domain = V.mesh
     rho = np.zeros(len(_dolfinx.node_dofs(V)))
     for region in regions:
@@ -232,7 +235,7 @@ def _lumped(m: Array, degree: int) -> Array:
 
 
 class StoredMatrix:
-    """A matrix of a problem's layout, with the rows and columns of constrained dofs. Collective.
+    """A matrix of a problem's layout, including rows and columns of constrained dofs. Collective.
 
     Parameters
     ----------
@@ -252,7 +255,7 @@ class StoredMatrix:
         self._free: PETSc.Mat | None = None
 
     def assemble(self, add: Callable[[BlockMatrix], Any]) -> None:
-        """Assemble the matrix from what ``add`` adds to it. Collective."""
+        """Overwrite the matrix with what ``add(matrix)`` adds to it. Collective."""
         with self._blocks.adding():
             add(self._blocks)
         self._free = None
@@ -277,10 +280,10 @@ class StoredMatrix:
                     daxpy(values, values_at(address, len(values)), a=factor)
 
     def _change_layout(self, matrix: BlockMatrix) -> None:
-        """Take the layout of a matrix whose pattern has changed, and keep the values.
+        """Copy the values into a new matrix of the changed layout of ``matrix``. Collective.
 
-        The former pattern may have pairs of nodes that the new one lacks. They share no cell, so
-        their values here are zero.
+        The former pattern may have pairs of nodes that the new pattern lacks. These nodes share no
+        cell, so the values of the pairs are zero.
         """
         blocks = matrix.without_constraints()
         blocks.mat.setOption(PETSc.Mat.Option.IGNORE_ZERO_ENTRIES, True)

@@ -24,7 +24,7 @@ class Region(NamedTuple):
     Attributes
     ----------
     material : Material
-        The material; None of the body of a program whose energy is in UFL.
+        The material; None for the body of a program whose energy is in UFL.
     cells : (n,) int32
         The region's cells among those that this rank owns, sorted.
     density : float or None
@@ -40,11 +40,11 @@ class Region(NamedTuple):
 
     @property
     def label(self) -> str:
-        """What it is called in messages: by its material's name."""
+        """The region's name in messages: its material's name."""
         return self.material.name if self.material else "the body"
 
     def filled(self, value: float) -> float | Array:
-        """Return a quantity per volume of the body as one per volume of the cells, (n,)."""
+        """Return ``value`` times the filled fraction of each cell, (n,); a float if all are 1."""
         return value if self.fractions is None else value * self.fractions
 
 
@@ -54,7 +54,7 @@ def density_of(region: Region, purpose: str) -> float:
     Raises
     ------
     BadInput
-        If it has none, and the message says for which purpose one is needed; or no positive one.
+        If the region has no density, which ``purpose`` needs, or one that is not positive.
     """
     if region.density is None:
         where = f"of {region.label} (in a program: 'densities')"
@@ -83,13 +83,16 @@ class Filling(NamedTuple):
 
     @property
     def key(self) -> str:
-        """The key of its group, for messages."""
+        """The key of the group in messages."""
         is_name = isinstance(self.group, str | int)
         return "material.group" if is_name else f"materials[{self.material.name}]"
 
 
 def without_cells(comm: Any, regions: Sequence[Region], cells: Array) -> list[Region]:
-    """Return regions without some of this rank's cells, those without any left out. Collective."""
+    """Return regions without some of this rank's cells. Collective.
+
+    Regions without cells on all ranks are left out.
+    """
     found = []
     for region in regions:
         kept = ~np.isin(region.cells, cells)
@@ -100,7 +103,10 @@ def without_cells(comm: Any, regions: Sequence[Region], cells: Array) -> list[Re
 
 
 def cells_of_one_label(V: FunctionSpace, labels: Array) -> Array:
-    """Return this rank's own cells whose nodes all have one label >= 0, from (local nodes,) int."""
+    """Return the owned cells whose nodes all have the same label >= 0.
+
+    ``labels`` are (local nodes,) int.
+    """
     cells = labels[_dolfinx.node_dofs(V)[: _dolfinx.num_owned(V.mesh)]]
     return np.flatnonzero((cells[:, 0] >= 0) & (cells == cells[:, :1]).all(axis=1))
 
@@ -108,7 +114,7 @@ def cells_of_one_label(V: FunctionSpace, labels: Array) -> Array:
 def whole_body(
     domain: _dolfinx.Mesh, material: Material | None, density: float | None = None
 ) -> list[Region]:
-    """Return the region of a body of one material on a dolfinx mesh."""
+    """Return one region with all owned cells of a mesh, as a list."""
     cells = np.arange(_dolfinx.num_owned(domain), dtype=np.int32)
     return [Region(cast(Material, material), cells, density)]
 
@@ -116,9 +122,9 @@ def whole_body(
 def regions_with(
     domain: _dolfinx.Mesh, regions: Sequence[Region], density: float | None
 ) -> Sequence[Region]:
-    """Return a body's regions, with a density [kg/m^3] where they have none.
+    """Return regions with ``density`` [kg/m^3] for each region that has none.
 
-    Without any it is the whole body, without a material.
+    Without regions, the whole body is returned as one region without a material.
     """
     if not regions:
         return whole_body(domain, None, density)
@@ -138,8 +144,8 @@ def fill_regions(mesh: Mesh, fillings: Sequence[Filling]) -> list[Region]:
     Raises
     ------
     BadInput
-        On every rank: an unknown group, a group that is not one of cells, groups that overlap,
-        cells without a material, or a material without cells.
+        On every rank: an unknown group, a group of other entities than cells, groups that overlap,
+        cells without a material, or a material without a group if no cells remain.
     """
     if not fillings:
         return []
@@ -175,7 +181,10 @@ def fill_regions(mesh: Mesh, fillings: Sequence[Filling]) -> list[Region]:
 def _check_overlap(
     mesh: Mesh, fillings: Sequence[Filling], owners: Array, filling: Filling
 ) -> None:
-    """Raise BadInput on every rank if a group's cells are in an earlier material. Collective."""
+    """Raise BadInput on every rank if a filling's cells are in earlier fillings. Collective.
+
+    ``owners`` (n,) are the numbers of the earlier fillings of these cells, -1 for none.
+    """
     counts = np.bincount(owners[owners >= 0], minlength=len(fillings))
     counts = mesh.domain.comm.allreduce(counts)
     if counts.any():
@@ -185,7 +194,7 @@ def _check_overlap(
 
 
 def _listed(fillings: Sequence[Filling]) -> str:
-    """Return the names of the groups as text."""
+    """Return the names of the fillings' groups as text."""
     return ", ".join(f"'{surface_name(f.group)}'" for f in fillings if f.group is not None)
 
 
@@ -194,9 +203,9 @@ def reference_modulus(
 ) -> float:
     """Return the Young's modulus by which forces and pressures of a body are scaled. Collective.
 
-    With several materials it is the harmonic mean over the volume, the modulus of a stack of
-    layers (Reuss 1929): a tolerance relative to it is not looser than the softest layers bear,
-    however stiff the others are.
+    With several materials this is the harmonic mean over the volume, the modulus of a stack of
+    layers (Reuss 1929). A tolerance relative to this modulus is tight enough for the softest
+    layers, however stiff the other layers are.
 
     Parameters
     ----------
@@ -224,7 +233,7 @@ def volume_mean(
     values: Sequence[float],
     revolved: bool = False,
 ) -> float:
-    """Return the mean over the volume of a quantity with one value in each region. Collective."""
+    """Return the volume mean of a quantity with one value in each region. Collective."""
     if len(set(values)) == 1:
         return values[0]
     volume = cell_volumes(domain, revolved)
@@ -234,7 +243,7 @@ def volume_mean(
 
 
 def cell_constant(domain: _dolfinx.Mesh, regions: Sequence[Region], values: Sequence[float]) -> Any:
-    """Return the dolfinx Function, constant in each cell, with one value in each region.
+    """Return the DG0 dolfinx Function with one value in each region, 0 outside of all regions.
 
     In cells that the body fills in part, the value is multiplied by the filled fraction.
     """
@@ -247,12 +256,12 @@ def cell_constant(domain: _dolfinx.Mesh, regions: Sequence[Region], values: Sequ
 
 
 def find_group(mesh: Mesh, key: str, given: Any) -> Group:
-    """Return a physical group, by name or number, or what a measure is over. Collective.
+    """Return a physical group by name or number, or the entities of a measure. Collective.
 
     Parameters
     ----------
     mesh : Mesh
-        The mesh; that of a dolfinx program has no physical groups.
+        The mesh; a dolfinx program's mesh has no physical groups.
     key : str
         The key of the group, for messages.
     given : str, int or ufl.Measure
@@ -261,8 +270,8 @@ def find_group(mesh: Mesh, key: str, given: Any) -> Group:
     Raises
     ------
     BadInput
-        On every rank, for anything else, for an unknown group, and for a measure on another mesh or
-        without entities.
+        On every rank, for an object of another type, an unknown group, and a measure on another
+        mesh or without entities.
     """
     if isinstance(given, str | int):
         if not mesh.groups:
@@ -291,8 +300,8 @@ def boundary_facets(mesh: Mesh, key: str, given: Any) -> Array:
     Raises
     ------
     BadInput
-        On every rank, also for a group that is not a surface, or in part inside of the body: an
-        integral over the boundary would leave that part out.
+        On every rank, also for a group that is not a surface, or is partly inside of the body: an
+        integral over the boundary would omit the inner facets.
     """
     found = find_group(mesh, key, given)
     if found.dim != mesh.dim - 1:
@@ -308,7 +317,9 @@ def boundary_facets(mesh: Mesh, key: str, given: Any) -> Array:
 
 
 def cells_or_facets(mesh: Mesh, key: str, given: Any) -> tuple[int, Array]:
-    """Return dimension and entities of a group of cells or facets: see `find_group`. Collective.
+    """Return dimension and local entities of a group of cells or facets. Collective.
+
+    See `find_group`.
 
     Raises
     ------

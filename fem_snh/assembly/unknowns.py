@@ -1,7 +1,7 @@
 """The unknowns of a problem: displacement, pressure, their ghosted vectors and rigid motions.
 
-Both classes hold the solver's vector ``x``, whose first owned entries are the displacement's, node
-by node, and convert between vectors of that kind and the ghosted vectors of the separate fields.
+Both classes hold the solver's vector ``x``, whose first owned entries are the displacements, node
+by node. They convert between vectors like ``x`` and the ghosted vectors of the separate fields.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ from fem_snh._dolfinx import FunctionSpace
 from fem_snh.assembly.elements import Element
 from fem_snh.assembly.kinematics import SOLID, Kinematics
 
-#: Weight of the volume errors of cells beside strains. A larger one saves Newton iterations, and
-#: costs linear ones (docs/results/elements_cell_pressures.md).
+#: Weight of the volume errors of cells relative to strains. A larger weight saves Newton iterations
+#: and costs linear iterations (docs/results/elements_cell_pressures.md).
 _VOLUME_WEIGHT = 3.0
 
 
@@ -41,11 +41,11 @@ class Displacement:
     x : PETSc.Vec
         The solver's vector.
     num_owned_nodes : int
-        Displacement nodes this rank owns.
+        Number of displacement nodes that this rank owns.
     components : int
         Displacement components of a node.
     Q : dolfinx function space or None
-        The pressure's space.
+        The pressure's space; None without a pressure.
     """
 
     Q: _dolfinx.FunctionSpace = None
@@ -57,20 +57,24 @@ class Displacement:
         self.components = _dolfinx.num_components(self.V)
 
     def split(self, x: PETSc.Vec) -> tuple[PETSc.Vec, PETSc.Vec | None]:
-        """Return the ghosted vectors (displacement, pressure or None) of ``x``. Collective."""
+        """Return the ghosted vectors (displacement, pressure or None) of ``x``. Collective.
+
+        Ghosts are updated. The displacement is ``x`` itself here; in `DisplacementPressure` both
+        vectors are the memory of ``u`` and ``p``, which are overwritten.
+        """
         update_ghosts(x)
         return x, None
 
     @contextmanager
     def kept_fields(self) -> Iterator[None]:
-        """Keep the values of the separate fields while others are split."""
+        """Restore on exit the values of ``u`` and ``p`` that `split` overwrites."""
         yield
 
     @contextmanager
     def residual(self, r: PETSc.Vec) -> Iterator[tuple[PETSc.Vec, PETSc.Vec | None]]:
-        """Provide zero ghosted vectors (dE/du, dE/dp or None) to add to, and sum them into ``r``.
+        """Yield zero ghosted vectors (dE/du, dE/dp or None) to add to; on exit ``r`` is their sum.
 
-        Contributions to ghost entries go to the ranks that own them. Collective.
+        Contributions to ghost entries are added on the ranks that own the entries. Collective.
         """
         set_to_zero(r)
         yield r, None
@@ -78,9 +82,9 @@ class Displacement:
 
 
 class DisplacementPressure(Displacement):
-    """Displacement and pressure are unknown (Taylor-Hood, or one pressure in each cell).
+    """Displacement and pressure are unknowns (Taylor-Hood, or one pressure in each cell).
 
-    The unknown in ``x`` is the pressure divided by a unit [Pa/m], such as E/L: a length, like the
+    The pressure in ``x`` is divided by a unit [Pa/m], such as E/L: it is a length, like the
     displacement, so that both parts of the residual are forces.
 
     Parameters
@@ -93,7 +97,7 @@ class DisplacementPressure(Displacement):
     Attributes
     ----------
     pressure : PETSc.Vec
-        Ghosted pressure vector [m], of the vector that was split last.
+        The ghosted pressures [m] of the last call of `split`.
     index_sets : dict of PETSc.IS
         {"u": IS, "p": IS}, the global dofs of each field on this rank.
     """
@@ -143,16 +147,16 @@ class DisplacementPressure(Displacement):
         r.array[self._num_u :] = self._r_p.array_r
 
     def pressure_dofs(self, x: PETSc.Vec) -> np.ndarray:
-        """Return a view of the pressure dofs [m] that this rank owns in ``x``."""
+        """Return a writable view of the owned pressure dofs [m] in ``x``."""
         return np.asarray(x.array[self._num_u :])
 
 
 def pressure_unit(element: Element, num_cells: int) -> float:
-    """Return the unit of an unknown pressure as a multiple of E/L.
+    """Return the unit of the pressure unknown as a multiple of E/L.
 
-    It weighs the residual of the pressure against that of the displacement. The unit of cell
-    pressures depends on the size h of a cell: the forces of a strain are E h^2, and the residual of
-    a volume error is the unit times h^3; in the plane, E h and the unit times h^2.
+    The unit weighs the pressure's residual against the displacement's. For cell pressures it
+    depends on the size h of a cell: the forces of a strain are E h^2, and the residual of a volume
+    error is the unit times h^3; in the plane, E h and the unit times h^2.
     """
     if element.volume != "cell_pressure":
         return 1.0
@@ -160,7 +164,7 @@ def pressure_unit(element: Element, num_cells: int) -> float:
 
 
 def create_unknowns(u: _dolfinx.Function, element: Element) -> Displacement:
-    """Return the unknowns of an element: the displacement ``u``, and a pressure if it has one."""
+    """Return the unknowns: the displacement ``u``, and a pressure if the element has one."""
     if not element.has_pressure:
         return Displacement(u)
     return DisplacementPressure(u, element.pressure_degree)
@@ -170,7 +174,7 @@ Array = npt.NDArray[Any]
 
 
 def ghosted(V: FunctionSpace, owned: Array) -> PETSc.Vec:
-    """Return the ghosted vector of a space with the values of owned dofs. Collective."""
+    """Return a new ghosted vector with these owned values and updated ghosts. Collective."""
     vector = _dolfinx.create_vector(V)
     vector.array[:] = owned
     update_ghosts(vector)
@@ -178,8 +182,8 @@ def ghosted(V: FunctionSpace, owned: Array) -> PETSc.Vec:
 
 
 def with_ghosts(V: FunctionSpace, owned: Array) -> Array:
-    """Return the values of owned dofs of a space, and those of its ghosts, a copy. Collective."""
-    vector = ghosted(V, owned)  # the values are its memory
+    """Return a copy of owned dofs' values, followed by the ghosts' values. Collective."""
+    vector = ghosted(V, owned)  # keeps the memory of the values
     return np.array(local_values(vector))
 
 
@@ -190,7 +194,7 @@ def summed_over_ranks(V: FunctionSpace, values: Array) -> Array:
     ----------
     V : dolfinx function space
     values : (local nodes, components) array
-        This rank's part of the sums, zero at nodes of other ranks' cells alone.
+        This rank's part of the sums.
 
     Returns
     -------
@@ -210,9 +214,9 @@ def summed_over_cells(V: FunctionSpace, values: Array, nodes: Array | None = Non
     ----------
     V : dolfinx function space
     values : (cells, nodes, components) array
-        The values in cells of this rank.
+        The values at the nodes of this rank's cells.
     nodes : (cells, nodes) int, optional
-        The local nodes of these cells; default: of all own cells.
+        The local nodes of these cells. Default: the nodes of all owned cells.
 
     Returns
     -------
@@ -224,13 +228,13 @@ def summed_over_cells(V: FunctionSpace, values: Array, nodes: Array | None = Non
 
 
 def nodes_of_other_cells(V: FunctionSpace, cells: Array) -> Array:
-    """Return which of this rank's own nodes belong to a cell beside its own ``cells``. Collective.
+    """Return which owned nodes belong to a cell that is in no rank's ``cells``. Collective.
 
     Parameters
     ----------
     V : dolfinx function space
     cells : (n,) int
-        Cells of each rank.
+        Owned cells of this rank.
 
     Returns
     -------
@@ -242,19 +246,19 @@ def nodes_of_other_cells(V: FunctionSpace, cells: Array) -> Array:
 
 
 def local_values(vector: PETSc.Vec) -> Array:
-    """Return a ghosted vector's local values to read while it exists, ghosts included."""
+    """Return a read-only view of a ghosted vector, ghosts included, valid while it exists."""
     with vector.localForm() as local:
         return np.asarray(local.array_r)
 
 
 def writable_values(vector: PETSc.Vec) -> Array:
-    """Return a ghosted vector's local values to write while it exists, ghosts included."""
+    """Return a writable view of a ghosted vector, ghosts included, valid while it exists."""
     with vector.localForm() as local:
         return np.asarray(local.array)
 
 
 def copy_to_function(vector: PETSc.Vec, function: _dolfinx.Function) -> None:
-    """Set a dolfinx function to a ghosted vector of its space, ghosts included."""
+    """Copy a ghosted vector to a dolfinx function of the same space, ghosts included."""
     function.x.array[:] = local_values(vector)
 
 
@@ -270,7 +274,7 @@ def update_ghosts(vector: PETSc.Vec) -> None:
 
 
 def add_ghosts(vector: PETSc.Vec) -> None:
-    """Add ghost values to those of the ranks that own them. Collective."""
+    """Add ghost values to the entries of the owning ranks. Collective."""
     vector.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
 
 
@@ -280,7 +284,7 @@ def rigid_motions(
     project: Callable[[np.ndarray], None],
     kinematics: Kinematics = SOLID,
 ) -> PETSc.NullSpace:
-    """Return the rigid motions of a displacement, orthonormal. Collective.
+    """Return the projected rigid motions of a displacement, orthonormalised. Collective.
 
     Parameters
     ----------
@@ -289,7 +293,7 @@ def rigid_motions(
     coordinates : (n, 3) array
         Reference coordinates of the nodes that this rank owns.
     project : callable
-        Sets what is constrained of the nodes' displacements (components * n,) to zero, in place.
+        Sets nodal displacements (components * n,) to zero in constrained directions, in place.
     kinematics : Kinematics, optional
         Which motions there are: six in a solid, three in a plane, and of a body of revolution the
         translation along its axis and, with torsion, the rotation about it.
@@ -308,7 +312,10 @@ def rigid_motions(
 
 
 def _motions(coordinates: np.ndarray, kinematics: Kinematics) -> list[np.ndarray]:
-    """Return the rigid motions of points (n, 3), (n, components) each."""
+    """Return the rigid motions of points (n, 3), unscaled and about the origin.
+
+    Each motion is (n, components).
+    """
     found = []
     for axis, unit in enumerate(np.eye(3)):
         both = np.tile(unit, (len(coordinates), 1)), np.cross(unit, coordinates)

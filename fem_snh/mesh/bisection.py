@@ -1,4 +1,4 @@
-"""Finer triangles and tetrahedra: bisection of a mesh with its groups, and sizes for a new one.
+"""Finer triangles and tetrahedra: bisection of a mesh with its groups, and sizes for a new mesh.
 
 Cells are bisected at their longest edge (Rivara 1991). The marked edges of a face are bisected in
 the order of their lengths in both of its cells, so the mesh has no hanging nodes. Only rank 0 has
@@ -19,26 +19,27 @@ from fem_snh.mesh.gmsh_model import MeshData, SizeField
 
 Array = np.ndarray
 
-#: Cells at which bisection of the mesh of a run ends.
+#: Number of cells at which bisection in a run stops.
 MOST_CELLS = 20_000_000
-#: A cell is bisected if its volume is larger than the target times this: halves are then as much
-#: too small as the whole was too large.
+#: A cell is bisected if its volume over the target is larger than this: halves are then too small
+#: by at most the factor by which the cell was too large.
 _TOLERANCE = 2**0.5
-#: Rounds of bisection: three halve the edges.
+#: Largest number of rounds of bisection; three rounds halve the edges.
 _MAX_ROUNDS = 60
-#: Bisection makes more cells than were wanted, as it leaves no hanging nodes: the wanted number is
-#: then reduced, down to this factor, until at most so many times as many are made.
+#: Bisection makes more cells than wanted, as it leaves no hanging nodes. In at most _TRIES attempts
+#: the factor is reduced, to at least _LEAST_GROWTH, until at most _MORE times the wanted number is
+#: made.
 _TRIES, _LEAST_GROWTH, _MORE = 4, 1.2, 1.2
 #: Volume of a regular simplex with edges of length 1, by its dimension.
 _REGULAR = {2: 3**0.5 / 4, 3: 2**0.5 / 12}
-#: The largest change of the size over the distance: neighbours differ by about a third.
+#: The largest change of cell size per distance: neighbours differ by about a third.
 _GRADIENT = 0.35
-#: Edges of gmsh's cells over the size that was asked for, by the dimension.
+#: Edges of gmsh's cells over the requested size, by dimension.
 _LONGER = {2: 1.0, 3: 1.2}
 
 
 class MarkedEdges(NamedTuple):
-    """Edges to bisect: sorted keys, ranks by length, and the numbers of their midpoints."""
+    """Edges to bisect: sorted `edge_keys`, ranks by length, and midpoint nodes, (n,) each."""
 
     keys: Array
     ranks: Array
@@ -48,16 +49,16 @@ class MarkedEdges(NamedTuple):
 def bisect_times(
     data: MeshData, target: Callable[[float], Array], wanted: float, max_cells: int
 ) -> MeshData:
-    """Return the mesh with about so many times as many cells, and at least some more. On rank 0.
+    """Bisect cells until their number is about ``wanted`` times as large. On rank 0.
 
     Parameters
     ----------
     data : MeshData
         As for `bisect`.
     target : callable
-        Returns the volumes of the cells by the factor of their number.
+        ``target(factor)`` returns the wanted volumes of `bisect` for ``factor`` times the cells.
     wanted : float
-        The factor, above 1.
+        The wanted factor, above 1.
     max_cells : int
         As for `bisect`.
     """
@@ -78,7 +79,7 @@ def bisect_times(
 
 
 def bisect(data: MeshData, volumes: Array, max_cells: int) -> MeshData:
-    """Return the mesh with cells of about these volumes, or smaller ones. On rank 0.
+    """Return the mesh with cells of about these volumes or smaller. On rank 0.
 
     Parameters
     ----------
@@ -87,12 +88,12 @@ def bisect(data: MeshData, volumes: Array, max_cells: int) -> MeshData:
     volumes : (cells,) array
         The largest volume wanted in each cell [length^dim].
     max_cells : int
-        No further round is made with so many cells.
+        No round starts with this number of cells or more.
 
     Returns
     -------
     MeshData
-        The mesh. Cells of degree 2 are on the curved faces of those that they are part of.
+        The mesh. New nodes, also of degree 2, are on the original curved cells.
     """
     dim, pairs = data.x.shape[1], simplex_edges(data.x.shape[1] + 1)
     vertices, corners = np.unique(data.cells[:, : dim + 1], return_inverse=True)
@@ -131,13 +132,13 @@ def bisect(data: MeshData, volumes: Array, max_cells: int) -> MeshData:
 
 
 def edge_keys(pairs: Array) -> Array:
-    """Return a number for each pair of vertices (..., 2), whatever their order."""
+    """Return a unique number for each unordered pair of vertices (..., 2)."""
     low, high = np.sort(pairs, axis=-1).T
     return np.asarray((low.astype(np.int64) << 32 | high).T)
 
 
 def _marked_edges(cells: Array, x: Array, marked: Array) -> tuple[MarkedEdges, Array]:
-    """Return the edges to bisect, and for each its place in the edges of all cells, flattened."""
+    """Return the edges to bisect, and the first index of each among all (cells * edges,)."""
     pairs = simplex_edges(cells.shape[1])
     keys = edge_keys(cells[:, pairs])
     unique, first, edges = np.unique(keys, return_index=True, return_inverse=True)
@@ -159,7 +160,16 @@ def _marked_edges(cells: Array, x: Array, marked: Array) -> tuple[MarkedEdges, A
 def split(
     simplices: Array, marked: MarkedEdges, barycentric: Array | None = None
 ) -> tuple[Array, Array, Array]:
-    """Return simplices without marked edges, the row of each one's origin, and coordinates."""
+    """Bisect simplices until none has a marked edge.
+
+    Returns
+    -------
+    simplices : (n, corners) int
+    origins : (n,) int
+        The input row of the simplex of which each simplex is a part.
+    barycentric : (n, corners, k)
+        The coordinates of the corners in that simplex; k = 0 if not given.
+    """
     size = simplices.shape[1]
     pairs = simplex_edges(size)
     origins = np.arange(len(simplices))
@@ -187,7 +197,7 @@ def split(
 
 
 def _points(data: MeshData, roots: Array, barycentric: Array) -> Array:
-    """Return points of cells of the original mesh from barycentric coordinates, (n, dim)."""
+    """Return points (n, dim) of original cells ``roots`` (n,) from barycentric coordinates."""
     basis = _dolfinx.tabulate_element(data.cell, data.degree, barycentric[:, 1:], 0)[0]
     return np.asarray(np.einsum("pk,pki->pi", basis, data.x[data.cells[roots]]))
 
@@ -195,7 +205,7 @@ def _points(data: MeshData, roots: Array, barycentric: Array) -> Array:
 def _with_midpoints(
     data: MeshData, cells: Array, x: Array, roots: Array, barycentric: Array
 ) -> tuple[Array, Array]:
-    """Return cells of degree 2 and their nodes: the midpoints are on the original curved cells."""
+    """Return cells of degree 2 and node coordinates: midpoints are on the original curved cells."""
     edges = _dolfinx.reference_edges(data.cell)
     keys = edge_keys(cells[:, edges])
     _, first, numbers = np.unique(keys, return_index=True, return_inverse=True)
@@ -206,10 +216,10 @@ def _with_midpoints(
 
 
 def size_field(cells: Array, x: Array, volumes: Array) -> SizeField:
-    """Return the sizes at the corners of cells in whose place are cells of other volumes.
+    """Return the size field with which a new mesh has about the wanted cell volumes.
 
-    The sizes are graded. As grading makes cells smaller, all are then larger by a factor with which
-    as many cells are expected as the volumes ask for.
+    The change of sizes is limited (`_GRADIENT`), which makes cells smaller. All sizes are then
+    multiplied by one factor so that the expected number of cells is as the volumes ask.
 
     Parameters
     ----------
@@ -218,7 +228,7 @@ def size_field(cells: Array, x: Array, volumes: Array) -> SizeField:
     x : (nodes, 2 or 3) array
         Coordinates [m].
     volumes : (cells,) array
-        The volumes of cells that are wanted in the place of each [m^dim].
+        The wanted volume of new cells within each cell [m^dim].
     """
     dim = x.shape[1]
     used, corners = np.unique(cells, return_inverse=True)
@@ -236,7 +246,7 @@ def size_field(cells: Array, x: Array, volumes: Array) -> SizeField:
 
 
 def _graded(sizes: Array, cells: Array, x: Array) -> Array:
-    """Return the largest sizes, none above those given, whose change along edges is limited."""
+    """Return the largest sizes <= ``sizes`` whose change along edges `_GRADIENT` limits."""
     pairs = simplex_edges(cells.shape[1])
     edges = np.unique(np.sort(cells[:, pairs].reshape(-1, 2), axis=1), axis=0)
     rise = _GRADIENT * np.linalg.norm(x[edges[:, 1]] - x[edges[:, 0]], axis=1)
@@ -250,11 +260,11 @@ def _graded(sizes: Array, cells: Array, x: Array) -> Array:
 
 
 def simplex_edges(corners: int) -> Array:
-    """Return the edges of a simplex with so many corners, (edges, 2)."""
+    """Return the edges of a simplex with a number of corners, (edges, 2)."""
     return np.array(list(combinations(range(corners), 2)))
 
 
 def simplex_volumes(x: Array) -> Array:
-    """Return the volumes of simplices from their corners, (cells, dim + 1, dim) [m^dim]."""
+    """Return the volumes [m^dim] of simplices with corners ``x`` (cells, dim + 1, dim)."""
     dim = x.shape[2]
     return np.abs(np.linalg.det(x[:, 1:] - x[:, :1])) / factorial(dim)

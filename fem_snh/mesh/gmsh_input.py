@@ -1,7 +1,7 @@
 """Meshes from gmsh on rank 0: of the built-in sources, of files, and of bodies to fill.
 
-Files of users are read in a child process, as gmsh can crash on a damaged one. Only `mesh` and
-`lattice` use this module; `mesh` turns the errors raised here into BadInput on every rank.
+Files of users are read in a child process, as gmsh can crash on a damaged file.
+`fem_snh.mesh.mesh.distribute` turns the errors raised here into BadInput on every rank.
 """
 
 from __future__ import annotations
@@ -43,15 +43,14 @@ def source_path(source: str) -> Path:
 def generate(
     path: Path, cell: str, parameters: dict[str, float], sizes: SizeField | None = None
 ) -> MeshData:
-    """Mesh a gmsh source with these values of its parameters, with this kind of cell.
+    """Mesh a built-in gmsh source; see `gmsh_model.generate`.
 
-    The sizes of cells are those of the source, or of a field. gmsh executes a source: it must be
-    one of the built-in ones.
+    gmsh executes the source, so ``path`` must be a result of `source_path`.
     """
     arguments = path, cell, parameters, sizes
     if threading.current_thread() is threading.main_thread():
         return _in_dolfinx_order(gmsh_model.generate(*arguments))
-    # gmsh installs a handler of signals, which Python allows in the main thread only.
+    # gmsh installs a signal handler, which Python allows in the main thread only.
     return _in_dolfinx_order(processes.call("gmsh", gmsh_model.generate, *arguments))
 
 
@@ -60,7 +59,7 @@ def read(path: str) -> MeshData:
     with open(path, "rb") as file:
         if not file.read(max(map(len, _HEADERS))).startswith(_HEADERS):
             raise BadInput("this is not a gmsh .msh file; an exact geometry is an .xao file")
-    # gmsh executes the file of options m.msh.opt beside m.msh: there is none in a folder of its own
+    # gmsh executes an option file m.msh.opt beside m.msh; a new folder has none.
     with TemporaryDirectory(prefix="fem_snh-") as folder:
         link = Path(folder) / "mesh.msh"
         link.symlink_to(Path(path).resolve())
@@ -76,7 +75,7 @@ def mesh_shape(path: str, cells: int = DEFAULT_CELLS, sizes: SizeField | None = 
 
 
 def fill(points: np.ndarray, triangles: np.ndarray, size: float) -> MeshData:
-    """Fill a closed surface with tetrahedra; see `gmsh_model.fill`."""
+    """Return a closed surface's tetrahedra; see `gmsh_model.fill`."""
     return _in_dolfinx_order(processes.call("gmsh", gmsh_model.fill, points, triangles, size))
 
 
@@ -92,8 +91,10 @@ class SourceParameter(NamedTuple):
 
     Attributes
     ----------
-    default, least, step : float
-        Its default, its least value, and what its values are multiples of.
+    default, least : float
+        The default and the least value.
+    step : float
+        The number of which all values are multiples.
     """
 
     default: float
@@ -103,7 +104,7 @@ class SourceParameter(NamedTuple):
 
 @cache
 def parameter(source: str, name: str) -> SourceParameter | None:
-    """Return a parameter in the DefineConstant of meshes/<source>.geo; None without it."""
+    """Return a parameter in the DefineConstant of meshes/<source>.geo; None if it has none."""
     found = re.search(rf"^  {name} = {{([^,]+),([^}}]*)", _text(source), re.MULTILINE)
     if not found:
         return None
@@ -116,7 +117,7 @@ def parameter(source: str, name: str) -> SourceParameter | None:
 
 @cache
 def has_free_sizes(source: str, dim: int) -> bool:
-    """Return whether a field may give the sizes of the cells: they are in no rows or layers."""
+    """Return whether a size field may determine the cells: none are in rows or layers."""
     text = _text(source)
     return "Transfinite" not in text and not (dim == 3 and "Layers" in text)
 

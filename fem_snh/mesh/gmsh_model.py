@@ -38,20 +38,20 @@ CELL_KINDS = sorted({cell for cell, *_ in _CELLS.values()})
 #: Parameter of every source in meshes/: 1 for tetrahedra (triangles), 0 for hexahedra
 #: (quadrilaterals).
 _TETRAHEDRA = "tets"
-#: Parameter of the sources that have a mesh of two dimensions: 1 for that.
+#: Parameter of the sources with a two-dimensional mesh: 1 for this mesh.
 _PLANE = "plane"
-#: Curved cells around a circle, at least: of built-in bodies, and of the shapes of files, whose
-#: holes may be small beside the body. Their radius is then wrong by at most 7e-4 and 1.5e-4.
+#: Least number of curved cells around a circle, in built-in bodies and in shapes of files, whose
+#: holes may be small beside the body. The radius has a relative error of at most 7e-4 and 1.5e-4.
 _ROUND, _AROUND_SHAPE = 8, 12
-#: The least size of a cell of a shape over the longest extent: the tip of a cone has no radius.
+#: Least cell size of a shape over its longest extent: a cone's tip has an infinite curvature.
 _LEAST = 1e-3
-#: gmsh's kind of straight edges and plane faces, by the dimension of what they bound.
+#: gmsh's type of straight edges and plane faces, by the body's dimension.
 _STRAIGHT = {2: "Line", 3: "Plane"}
 #: The ends of the edges on which nodes 4 to 9 are (gmsh reference manual, node ordering).
 _EDGES = np.array([(0, 1), (1, 2), (0, 2), (0, 3), (2, 3), (1, 3)])
-#: The least Jacobian determinant of a cell over that with straight edges.
+#: The least Jacobian determinant of a cell over that of the cell with straight edges.
 _LEAST_DETERMINANT = 0.1
-#: Edges are straightened by halves, this often, and then wholly.
+#: The distance of an edge from the straight edge is halved this often, and then set to zero.
 _HALVES = 4
 #: The cells of meshes of two dimensions.
 _PLANE_CELLS = ("triangle", "quadrilateral")
@@ -83,18 +83,18 @@ class Skin:
 
 @dataclass(frozen=True)
 class NodeCopies:
-    """Nodes of a lattice that are not at the part of the body to which their cells belong.
+    """Lattice nodes at positions where another part of the body is closer than their own part.
 
-    Parts of a body that pass through one cube of a lattice have cells of their own there, with
-    nodes with the same coordinates. One of these is at its own part of the body, the others are
-    copies.
+    Where several parts of a body pass through one cube of a lattice, each part has its own cell
+    there, with nodes at the same coordinates. The node of the closest part counts; the other nodes
+    are copies.
 
     Attributes
     ----------
     cells : (n,) int array
-        Cells with such nodes, by their rows in the mesh's input.
+        Cells with coincident nodes, by their rows in the mesh's input.
     copied : (n, 27) bool array
-        Which of a cell's nodes of degree 2 are copies, sorted by their reference coordinates.
+        Which of a cell's nodes of degree 2 are copies; nodes sorted by reference coordinates.
     """
 
     cells: Array
@@ -109,7 +109,7 @@ class PhysicalGroup(NamedTuple):
     name, dim, tag : str, int, int
         As in `fem_snh.mesh.mesh.Group`.
     entities : (n,) or (n, corners) int64
-        Cells, for the mesh's dimension; otherwise the corner nodes of each element.
+        Rows of cells, for the mesh's dimension; otherwise the corner nodes of each element.
     """
 
     name: str
@@ -124,7 +124,7 @@ class MeshData(NamedTuple):
     Attributes
     ----------
     cells : (cells, nodes per cell) int64
-        Rows of ``x``; their nodes are in gmsh's order here, and in dolfinx's elsewhere.
+        Rows of ``x``, in gmsh's order of nodes in this module, in dolfinx's order elsewhere.
     x : (nodes, dimension)
         Coordinates [m].
     cell : {"hexahedron", "tetrahedron", "quadrilateral", "triangle"}
@@ -134,11 +134,11 @@ class MeshData(NamedTuple):
     groups : list of PhysicalGroup
         The physical groups.
     fractions : (cells,) array or None
-        Of a lattice, the part of each cell's volume that the body fills.
+        For a lattice, the part of each cell's volume that the body fills.
     skin : Skin or None
-        Of a lattice, the surface of the body.
+        For a lattice, the surface of the body.
     copies : NodeCopies or None
-        Of a lattice, nodes at which other parts of the body lie than those of their cells.
+        For a lattice, the nodes that are copies.
     """
 
     cells: np.ndarray
@@ -152,14 +152,14 @@ class MeshData(NamedTuple):
 
 
 class SizeField(NamedTuple):
-    """A field of sizes, linear in each cell of a mesh.
+    """A field of cell sizes, linear in each cell of a mesh.
 
     Attributes
     ----------
     x : (cells, corners, 3) array
         The corners of triangles or tetrahedra [m].
     sizes : (cells, corners) array
-        Lengths of edges at the corners [m].
+        Wanted edge lengths at the corners [m].
     """
 
     x: Array
@@ -169,7 +169,7 @@ class SizeField(NamedTuple):
 @contextmanager
 def session() -> Iterator[Any]:
     """Provide the gmsh module, initialised and without output; finalise it in any case."""
-    # gmsh installs a handler of its own: 4.8 on import, later versions on initialize.
+    # gmsh installs its own handler: 4.8 on import, later versions on initialize.
     handler = signal.getsignal(signal.SIGINT)
     try:
         import gmsh
@@ -190,9 +190,9 @@ def session() -> Iterator[Any]:
 def generate(
     path: Path, cell: str, parameters: dict[str, float], sizes: SizeField | None = None
 ) -> MeshData:
-    """Mesh a gmsh source with these values of its parameters, with this kind of cell.
+    """Mesh a gmsh source with this kind of cell and these values of its parameters.
 
-    The sizes of cells are those of the source, or of a field.
+    Cell sizes are those of the source, or of the field ``sizes`` if given.
     """
     with session() as gmsh:
         gmsh.open(str(path))  # defines the parameters; opened again with their values below
@@ -219,16 +219,18 @@ def generate(
 
 
 def mesh_shape(path: str, folder: str, cells: int, sizes: SizeField | None = None) -> MeshData:
-    """Mesh the shape of a XAO file with simplices, which are curved if its faces are.
+    """Mesh the shape of an .xao file with simplices, of degree 2 if a face is curved.
 
     Parameters
     ----------
-    path, folder : str
-        The file, and an empty folder to work in.
+    path : str
+        The file.
+    folder : str
+        An empty folder to work in.
     cells : int
-        Cells along the longest extent of the body.
+        Cells along the longest extent of the body; ignored with ``sizes``.
     sizes : SizeField, optional
-        A field of sizes in place of the equal ones.
+        The cell sizes. Default: equal sizes.
     """
     with session() as gmsh:
         _load_shape(gmsh, Path(path), Path(folder))
@@ -248,7 +250,7 @@ def mesh_shape(path: str, folder: str, cells: int, sizes: SizeField | None = Non
 
 
 def _load_shape(gmsh: Any, path: Path, folder: Path) -> None:
-    """Make a shape and its groups gmsh's model."""
+    """Load the shape and the groups of an .xao file as gmsh's model."""
     from fem_snh.mesh import xao
 
     brep, counts, groups = xao.read(path)
@@ -263,7 +265,7 @@ def _load_shape(gmsh: Any, path: Path, folder: Path) -> None:
         raise BadInput(f"it lists {listed}: its shape has {', '.join(map(str, found))}")
     loose = _loose(gmsh)
     for group in groups:
-        if loose[group.dim]:  # gmsh visits them in another order than the file
+        if loose[group.dim]:  # gmsh numbers these in another order than the file
             raise BadInput(
                 f"it has {xao.LISTS[group.dim]} that bound no part of the body, so that its groups "
                 "of them are not known: expected a shape without (gmsh's BooleanFragments)"
@@ -275,7 +277,7 @@ def _load_shape(gmsh: Any, path: Path, folder: Path) -> None:
 
 
 def _loose(gmsh: Any) -> list[list[tuple[int, int]]]:
-    """Return, by dimension, the entities that bound no part of the body."""
+    """Return, by dimension, the (dim, tag) of the entities that bound no part of the body."""
     found, dim = list[list[tuple[int, int]]]([[], [], [], []]), gmsh.model.getDimension()
     level = gmsh.model.getEntities(dim)
     for lower in range(dim)[::-1]:
@@ -285,7 +287,7 @@ def _loose(gmsh: Any) -> list[list[tuple[int, int]]]:
 
 
 def _straightened(data: MeshData) -> MeshData:
-    """Return a mesh without inverted cells where its tetrahedra are curved."""
+    """Return the mesh with `straightened` coordinates, if it has tetrahedra of degree 2."""
     if data.degree == 1 or data.cell != "tetrahedron":
         return data
     return data._replace(x=straightened(data.cells, data.x))
@@ -294,14 +296,14 @@ def _straightened(data: MeshData) -> MeshData:
 def straightened(cells: npt.NDArray[np.int64], x: Array) -> Array:
     """Return coordinates with which no tetrahedron of degree 2 is inverted.
 
-    gmsh curves the edges on a surface of a straight mesh, which must be finer than the surface's
-    radius for cells to stay valid. Where it is not, the edges are moved back towards straight ones:
-    neighbours keep their common nodes, and all other edges stay on the surface.
+    gmsh curves the surface edges of a straight mesh. Where cells are large beside the surface's
+    radius, they become invalid, and their edges are moved back towards straight edges. Neighbours
+    keep their common nodes, and all other edges stay on the surface.
 
     Parameters
     ----------
     cells : (n, 10) int
-        The nodes of cells, in gmsh's order, whose corners are those of valid straight cells.
+        The nodes of cells, in gmsh's order; with straight edges the cells must be valid.
     x : (nodes, 3)
         Coordinates.
     """
@@ -321,9 +323,9 @@ def straightened(cells: npt.NDArray[np.int64], x: Array) -> Array:
 
 
 def least_determinants(x: Array) -> Array:
-    """Return a lower bound of the determinant of each cell's Jacobian, relative to straight edges.
+    """Return a lower bound (n,) of each cell's Jacobian determinant over that of straight edges.
 
-    The determinant is a polynomial of degree 3: it is nowhere below its least Bernstein coefficient
+    The determinant is a polynomial of degree 3, and nowhere below its least Bernstein coefficient
     (Johnen, Remacle & Geuzaine 2013).
 
     Parameters
@@ -339,7 +341,10 @@ def least_determinants(x: Array) -> Array:
 
 @cache
 def _tables() -> tuple[Array, Array]:
-    """Return gradients at the points of a lattice, and Bernstein coefficients from values there."""
+    """Return P2 gradients (20, 10, 3) at the nodes of P3, and a matrix (20, 20).
+
+    The matrix maps values at these nodes to Bernstein coefficients.
+    """
     powers = np.array([p for p in product(range(4), repeat=4) if sum(p) == 3])
     points = powers / 3  # barycentric
     slopes = np.vstack([-np.ones(3), np.eye(3)])  # of the barycentric coordinates
@@ -352,9 +357,10 @@ def _tables() -> tuple[Array, Array]:
 
 
 def _set_sizes(gmsh: Any, field: SizeField, around: int) -> None:
-    """Let a field determine the sizes of the cells, and the curvature that of curved ones.
+    """Let a field determine cell sizes, and the curvature also those of curved cells.
 
-    Larger ones would be inverted, and straightened: 12 along the arm leave out a tenth of a bone.
+    Larger curved cells would be inverted and `straightened`: with 12 cells along the arm, a tenth
+    of a bone would be lost.
     """
     view = gmsh.view.add("sizes")
     kind = "ST" if field.x.shape[1] == 3 else "SS"
@@ -369,7 +375,7 @@ def _set_sizes(gmsh: Any, field: SizeField, around: int) -> None:
 
 
 def _set_largest_size(gmsh: Any, size: float, around: int) -> None:
-    """Let a number be the largest size, and curved cells be as many around a circle at least."""
+    """Set the largest cell size, and at least ``around`` curved cells around a circle."""
     gmsh.option.setNumber("Mesh.MeshSizeFromPoints", 0)  # by default a tenth of the body's extent
     is_curved = gmsh.option.getNumber("Mesh.ElementOrder") > 1
     gmsh.option.setNumber("Mesh.MeshSizeFromCurvature", around if is_curved else 0)
@@ -385,14 +391,14 @@ def read(path: str) -> MeshData:
 
 
 def fill(points: np.ndarray, triangles: np.ndarray, size: float) -> MeshData:
-    """Fill a closed surface with tetrahedra, whose facets on the boundary are its triangles.
+    """Fill a closed surface, whose triangles are the boundary facets, with tetrahedra.
 
     Parameters
     ----------
     points, triangles : (n, 3) array, (m, 3) int array
         The surface.
     size : float
-        Length of the edges inside [length].
+        Largest length of the edges inside [length].
     """
     with session() as gmsh:
         model = gmsh.model
@@ -412,7 +418,7 @@ def fill(points: np.ndarray, triangles: np.ndarray, size: float) -> MeshData:
 def _extract(gmsh: Any) -> MeshData:
     """Return the cells and the physical groups of gmsh's current model.
 
-    The cells are volumes, or without any surfaces in the plane z = 0.
+    The cells are volumes; if there are none, surfaces in the plane z = 0.
     """
     mesh, dimension = gmsh.model.mesh, 3
     types, cell_tags, cell_nodes = mesh.getElements(3)

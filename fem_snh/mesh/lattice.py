@@ -36,14 +36,14 @@ SMALLEST_FRACTION = 1e-3
 #: Distance, in cells, by which a point may be outside of its cell: a surface on the side of a
 #: cell, also with the digits of single precision in STL files, needs no cell beyond that side.
 _TOLERANCE = 1e-2
-#: Largest error of the sampled volume of a closed surface; of a flat ball 1.5 samples thick: 0.04.
+#: Largest relative error of a closed surface's sampled volume; 0.04 for a disc 1.5 samples thick.
 _SAMPLING_ERROR = 0.05
 #: Points whose samples are compared together, which bounds the memory.
 _BATCH = 20_000
-#: Sweeps of smoothing, after which triangles hardly change: the worst of a club of a capsule and a
-#: ball goes from a quality of 1e-8 to 0.27, that of the tetrahedra from 1e-6 to 0.19.
+#: Sweeps of smoothing, after which triangles hardly change: in a club (a capsule and a ball) the
+#: worst triangle's quality rises from 1e-8 to 0.27, the worst tetrahedron's from 1e-6 to 0.19.
 _SWEEPS = 5
-#: Newton steps back to the surface after each sweep, whose error they square.
+#: Newton steps back to the surface after each sweep; each step squares the distance.
 _STEPS = 3
 
 
@@ -57,8 +57,8 @@ def create(
 ) -> Mesh:
     """Create a hexahedral lattice that covers a body, distributed over the ranks. Collective.
 
-    Its physical groups are ``body``, all cells; ``boundary``, all faces of one cell only; and
-    ``xmin`` to ``zmax``, those of them on the sides of the lattice's box.
+    The physical groups are ``body``, all cells; ``boundary``, all faces of one cell only; and
+    ``xmin`` to ``zmax``, the boundary faces on the sides of the lattice's box.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ def create(
     cell : float
         Edge of a cell [length].
     weighting : {"fraction", "full"}
-        Whether energy, mass and weight of a cell count by the part of it that the body fills.
+        Whether a cell's energy, mass and weight are multiplied by its filled fraction.
     samples : int
         A cell is sampled on this many cubes along each edge.
     skin : int
@@ -78,7 +78,7 @@ def create(
     Raises
     ------
     BadInput
-        On every rank, for an unknown word, a body without bounds, and cells that do not fit it.
+        On every rank, for an unknown weighting, a body without bounds, and an unsuitable ``cell``.
     """
     choose("weighting", weighting, LATTICE_WEIGHTINGS)
 
@@ -95,7 +95,7 @@ def lattice(
     samples: int = 4,
     divisions: int = 2,
 ) -> MeshData:
-    """Return the mesh of a lattice; see `create`. Not collective."""
+    """Return a lattice; ``divisions`` is the ``skin`` of `create`. Not collective."""
     grid = Grid.around(shape.bounds, cell)
     found, cut = sample_shape(shape, grid, samples)
     if isinstance(shape, ClosedSurface):
@@ -123,7 +123,7 @@ def lattice(
 
 
 def _groups(parts: Parts) -> list[PhysicalGroup]:
-    """Return the groups of cells and of faces."""
+    """Return the physical groups that `create` lists."""
     faces = parts.nodes[:, FACES].reshape(-1, 4)
     _, first, count = np.unique(
         np.sort(faces, axis=1), axis=0, return_index=True, return_counts=True
@@ -143,27 +143,26 @@ def _groups(parts: Parts) -> list[PhysicalGroup]:
 
 #: Reference coordinates of the nodes of a cell of degree 2, in halves of its edge, (27, 3).
 _NODES = np.stack(np.meshgrid(*[np.arange(3)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
-#: The cell's corners, in dolfinx's order, that make the entity on which each of these nodes is.
+#: Which corners of the cell span the entity on which each of these nodes is, (27, 8) bool.
 _CORNERS = np.array(
     [[all(p in (1, 2 * (v >> i & 1)) for i, p in enumerate(x)) for v in range(8)]
      for x in _NODES]
 )  # fmt: skip
-#: Distances that differ by less than this part of a cell are equal.
+#: Distances are equal up to this fraction of a cell's edge.
 _ROUNDING = 1e-6
 
 
 def node_copies(grid: Grid, cells: Integers, parts: Parts) -> NodeCopies:
-    """Return the nodes of a lattice at which another part of the body lies than that of their cell.
+    """Return which nodes of a lattice are copies; see `NodeCopies`.
 
-    Of several nodes in the same place, those whose parts have the closest cube are at their own
-    part; the others are copies.
+    Of several nodes at one position, the nodes whose parts have the closest cube are no copies.
 
     Parameters
     ----------
     grid : Grid
         The grid.
     cells : (cells of the grid, 3) int array
-        The cells of the grid, whose rows ``parts.owner`` holds.
+        The filled cells of the grid, of which ``parts.owner`` are rows.
     parts : Parts
         The cells of the lattice.
     """
@@ -176,7 +175,7 @@ def node_copies(grid: Grid, cells: Integers, parts: Parts) -> NodeCopies:
     away = np.linalg.norm(cubes.reshape(-1, 1, 3) - _NODES / 2, axis=2)
     own = parts.labels[parts.owner[several]].reshape(len(several), -1) == several[:, None] + 1
     distance = np.array([away[mine].min(axis=0, initial=np.inf) for mine in own])
-    # A node is known by the corners of its entity: -1 for the others.
+    # The corners of its entity identify a node: -1 for other corners.
     corners = np.where(_CORNERS, parts.nodes[several][:, None], -1).reshape(-1, 8)
     node = np.unique(np.sort(corners, axis=1), axis=0, return_inverse=True)[1].ravel()
     at = 2 * cells[parts.owner[several]][:, None] + _NODES
@@ -187,26 +186,26 @@ def node_copies(grid: Grid, cells: Integers, parts: Parts) -> NodeCopies:
 
 
 def _smallest(group: Integers, values: np.ndarray) -> np.ndarray:
-    """Return the smallest value of each group."""
+    """Return the smallest of the ``values`` (n,) in each group 0, 1, ...; ``group`` is (n,)."""
     found = np.full(group.max() + 1, np.inf)
     np.minimum.at(found, group, values)
     return found
 
 
 def cover(grid: Grid, samples: Samples, points: Array) -> Samples:
-    """Return the samples of a lattice in whose cells all points of a surface lie.
+    """Return samples whose cells contain all points of a surface.
 
-    Cells that the body fills by less than `SMALLEST_FRACTION` are kept, with that fraction, only if
-    a point lies in them that is in no other cell up to a hundredth of a cell.
+    Cells filled by less than `SMALLEST_FRACTION` remain, with that fraction, only if they contain a
+    point that is not within `_TOLERANCE` of another cell.
 
     Parameters
     ----------
     grid : Grid
         The grid.
     samples : Samples
-        What the body fills.
+        The cells that the body fills.
     points : (n, 3) array
-        Points of its surface [length].
+        Points of the body's surface [length].
     """
     keep = samples.fractions >= SMALLEST_FRACTION
     cells, coverage = samples.cells[keep], samples.coverage[keep]
@@ -233,14 +232,16 @@ def cover(grid: Grid, samples: Samples, points: Array) -> Samples:
 
 
 def carry(grid: Grid, samples: Samples, parts: Parts, points: Array, triangles: Triangles) -> Skin:
-    """Return the skin of a surface: each point with a cell of the lattice in which it lies.
+    """Return the skin: the surface, and the lattice cell that contains each point.
 
-    Of several parts in one cell, a point belongs to that with the cube closest to the place just
-    below the surface.
+    Among several parts in one grid cell, a point belongs to the part with the cube closest to a
+    position half a cube below the surface.
 
     Parameters
     ----------
-    grid, samples, parts
+    grid : Grid
+    samples : Samples
+    parts : Parts
         The lattice.
     points, triangles : (n, 3) array, (m, 3) int array
         The surface, with outward normals.
@@ -276,12 +277,12 @@ def carry(grid: Grid, samples: Samples, parts: Parts, points: Array, triangles: 
 
 
 def _index(grid: Grid, xi: Array) -> Integers:
-    """Return the cells (n, 3) of points (n, 3) in units of a cell, those of the grid outside."""
+    """Return the grid cells (n, 3) of points (n, 3) in cell units; outside, the closest cell."""
     return np.clip(np.floor(xi).astype(np.int64), 0, grid.shape - 1)
 
 
 def _normals(points: Array, triangles: Triangles) -> Array:
-    """Return the unit normals of a surface at its points, (n, 3): means by the triangles' areas."""
+    """Return unit normals at a surface's points, (n, 3): area-weighted means over triangles."""
     a, b, c = (points[triangles[:, i]] for i in range(3))
     area = np.cross(b - a, c - a)
     sums = [np.bincount(triangles.ravel(), np.repeat(area[:, i], 3), len(points)) for i in range(3)]
@@ -293,8 +294,8 @@ def _normals(points: Array, triangles: Triangles) -> Array:
 def create_tetrahedra(comm: MPI.Comm, body: Callable[[], Shape], size: float) -> Mesh:
     """Fill a body with tetrahedra by gmsh. Collective.
 
-    The surface of a shape is triangulated first, with edges of about the given length; that of a
-    file is taken as it is, so the quality of its triangles bounds that of the tetrahedra. The
+    The surface of a shape is triangulated first, with edges of about the given length. A file's
+    surface is taken as it is: the quality of its triangles limits that of the tetrahedra. The
     physical groups are ``body``, all cells, and ``boundary``, all facets of the boundary.
 
     Parameters
@@ -309,7 +310,7 @@ def create_tetrahedra(comm: MPI.Comm, body: Callable[[], Shape], size: float) ->
     Raises
     ------
     BadInput
-        On every rank, for a body without bounds, a size that does not fit it, and if gmsh fails.
+        On every rank, for a body without bounds, an unsuitable size, and if gmsh fails.
     """
     return distribute(comm, "mesh.surface", lambda: tetrahedra(body(), size))
 

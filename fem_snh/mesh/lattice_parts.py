@@ -1,4 +1,4 @@
-"""The nodes of a lattice: shared by cells that the solid connects."""
+"""The cells and nodes of a lattice: cells share nodes where the solid connects them."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ FACES = np.array(
 _CELLS_AT_A_FACE = 3
 #: Steps to the six cells around: down and up along each axis.
 _STEPS = np.repeat(np.eye(3, dtype=np.int64), 2, axis=0) * np.array([-1, 1] * 3)[:, None]
-#: A cube counts as inside of the solid if more than this part of it is filled: its centre is.
+#: A cube is inside of the solid if it is filled by more than this: its centre is inside.
 _INSIDE = 0.5
 
 
@@ -34,16 +34,16 @@ class Parts(NamedTuple):
     Attributes
     ----------
     labels : (cells of the grid, s, s, s) int32 array
-        For each cube, s along an edge of a cell, the number of its lattice cell, counted from 1;
+        For each cube (s along an edge of a cell) the number of its lattice cell, counted from 1;
         0 outside of the solid.
     owner : (n,) int array
-        The cell of the grid in which each cell of the lattice is, a row of `Samples`.
+        The grid cell of each lattice cell, as a row of `Samples`.
     fractions : (n,) array
-        The part of each cell's volume that the solid fills.
+        The fraction of each lattice cell that its part of the solid fills.
     nodes : (n, 8) int array
-        The nodes of each cell in dolfinx's order.
+        The nodes of each lattice cell in dolfinx's order.
     corners : (nodes, 3) int array
-        The place of each node: the lowest corner of cell (i, j, k) is at (i, j, k).
+        The position of each node: the lowest corner of grid cell (i, j, k) is (i, j, k).
     """
 
     labels: Labels
@@ -54,11 +54,11 @@ class Parts(NamedTuple):
 
 
 def separate(grid: Grid, samples: Samples) -> Parts:
-    """Return one cell for each connected part of the solid within each of the samples.
+    """Return one lattice cell for each connected part of the solid within each grid cell.
 
-    Parts of neighbouring cells are connected if cubes on both sides of the common face are inside;
-    connected cells share the four nodes of that face. So parts whose distance is at least the edge
-    of a cube are always told apart.
+    Parts of neighbouring cells are connected if cubes on both sides of the common face are inside.
+    Connected cells share the four nodes of that face. Parts are always separate if their distance
+    is at least the edge of a cube.
 
     References
     ----------
@@ -80,7 +80,7 @@ def separate(grid: Grid, samples: Samples) -> Parts:
 
 
 def _connected(grid: Grid, samples: Samples, labels: Labels, n: int) -> Parts:
-    """Return the n parts of these labels, whose cells share nodes with those that they touch."""
+    """Return the n parts of these labels; their cells share nodes where parts touch."""
     part = np.flatnonzero(labels.ravel())
     owner = np.zeros(n, dtype=np.int64)
     owner[labels.ravel()[part] - 1] = part // labels[0].size
@@ -96,10 +96,10 @@ def _connected(grid: Grid, samples: Samples, labels: Labels, n: int) -> Parts:
 
 
 def _around_a_face(parts: Parts) -> tuple[int, Integers] | None:
-    """Return new numbers of parts, of which some are joined, and their count; None for no change.
+    """Join parts where four cells share a face, which no dolfinx mesh can have.
 
-    Where two parts on either side of a face all have its nodes, those on each side are connected
-    just beyond the face. dolfinx has no mesh with four cells at a face.
+    The two parts on the same side of the face are connected just beyond it. Return the number of
+    parts and each part's new number; None if no parts are joined.
     """
     n, faces = len(parts.nodes), np.sort(parts.nodes[:, FACES].reshape(-1, 4), axis=1)
     _, face, count = np.unique(faces, axis=0, return_inverse=True, return_counts=True)
@@ -107,7 +107,7 @@ def _around_a_face(parts: Parts) -> tuple[int, Integers] | None:
     if not len(crowded):
         return None
     cell, face = crowded // 6, face.ravel()[crowded]
-    # Parts are joined with the others of their cube at the same face.
+    # Parts are joined with other parts of their grid cell at the same face.
     _, group = np.unique(np.stack([face, parts.owner[cell]], axis=1), axis=0, return_inverse=True)
     joined = coo_matrix(
         (np.ones(len(cell), dtype=np.int8), (cell, n + group.ravel())), shape=(n + len(cell),) * 2
@@ -118,7 +118,7 @@ def _around_a_face(parts: Parts) -> tuple[int, Integers] | None:
 
 
 def _inside(samples: Samples) -> npt.NDArray[np.bool_]:
-    """Return which cubes are inside; of a cell without any, the cube that is filled most."""
+    """Return which cubes are inside; in a cell without any, the cube that is filled most."""
     coverage = samples.coverage.reshape(len(samples.cells), -1)
     inside = coverage > _INSIDE
     none = np.flatnonzero(~inside.any(axis=1))
@@ -127,7 +127,7 @@ def _inside(samples: Samples) -> npt.NDArray[np.bool_]:
 
 
 def _fractions(samples: Samples, labels: Labels, owner: Integers, n: int) -> Array:
-    """Return the fractions of parts: those of their cells, shared out by the parts' cubes."""
+    """Return each part's share of its grid cell's fraction, by the coverage of cubes, (n,)."""
     cover = np.bincount(labels.ravel(), weights=samples.coverage.ravel(), minlength=n + 1)[1:]
     total = np.bincount(owner, weights=cover, minlength=len(samples.cells))
     return samples.fractions[owner] * cover / total[owner]
@@ -146,7 +146,7 @@ def _touching(grid: Grid, samples: Samples, labels: Labels) -> Integers:
 
 
 def _nearest(grid: Grid, samples: Samples, labels: Labels) -> Integers:
-    """Return pairs (n, 2): each part without a cube whose centre is inside, and its neighbour.
+    """Return pairs (n, 2): each part without a cube whose centre is inside, and a neighbour.
 
     The neighbour is the part with the closest cube in the six cells around.
     """
@@ -172,7 +172,10 @@ def _nearest(grid: Grid, samples: Samples, labels: Labels) -> Integers:
 
 
 def _common_corners(cells: Integers, pairs: Integers) -> tuple[Integers, Integers]:
-    """Return the numbers 8 p + v of the corners that the cells of pairs of parts have in common."""
+    """Return the common corners of the cells of pairs of parts p, q, as 8 p + v and 8 q + w.
+
+    v and w are the corner's numbers in the two cells.
+    """
     p, q = pairs.T
     first, second = [], []
     for v, corner in enumerate(CORNERS):
@@ -184,9 +187,10 @@ def _common_corners(cells: Integers, pairs: Integers) -> tuple[Integers, Integer
 
 
 def without_fragments(parts: Parts) -> Parts:
-    """Return the parts without pieces that hang together with nothing and fill less than a cell.
+    """Return the parts without disconnected pieces that fill less than one cell.
 
-    They are what the samples see of something thinner than a cube, and would float freely.
+    The pieces are samples of something thinner than a cube, and would float freely. The largest
+    piece always remains.
     """
     n = len(parts.nodes)
     pairs = coo_matrix(

@@ -1,4 +1,4 @@
-"""How much of each cell of a grid a solid fills, by samples of its distance."""
+"""How much of each cell of a grid a solid fills, by samples of the signed distance."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from fem_snh.mesh.bisection import MarkedEdges, edge_keys, simplex_edges, split
 
 Coverage = npt.NDArray[np.float32]
 
-#: Edge, in cells, of the blocks of cells that are left out together if they are outside.
+#: Edge, in cells, of the blocks of cells that are discarded together if they are outside.
 _BLOCK = 4
 #: Cells whose samples are evaluated together, which bounds the memory.
 _CELLS = 20_000
@@ -26,7 +26,7 @@ class Samples(NamedTuple):
     Attributes
     ----------
     cells : (n, 3) int array
-        Their (i, j, k) in the grid, sorted.
+        The (i, j, k) of the cells in the grid, sorted.
     coverage : (n, s, s, s) float32 array
         The filled part of each of the s x s x s cubes of a cell, from 0 to 1.
     """
@@ -41,7 +41,7 @@ class Samples(NamedTuple):
 
 
 def sample_shape(shape: Shape, grid: Grid, samples: int) -> tuple[Samples, Integers]:
-    """Return how much of each cell a shape fills, and the cells that its surface may cut.
+    """Return how much of each cell a shape fills, and the cells (m, 3) its surface may cut.
 
     A cube of edge a, whose centre has the signed distance d, counts as filled by the part
     min(max(1/2 - d/a, 0), 1), which is exact for planes parallel to its faces and in the mean over
@@ -56,8 +56,8 @@ def sample_shape(shape: Shape, grid: Grid, samples: int) -> tuple[Samples, Integ
     samples : int
         Cubes along an edge of a cell.
     """
-    # A distance changes by at most the length of a way (Lipschitz constant 1): a cube whose
-    # centre is further away than its corners does not meet the surface.
+    # A distance has the Lipschitz constant 1: a cube does not meet the surface if its centre is
+    # further away from the surface than from its corners.
     blocks = cells_of_box(np.zeros(3, np.int64), -(-grid.shape // _BLOCK))
     centres = grid.origin + grid.size * _BLOCK * (blocks + 0.5)
     blocks = blocks[shape.distance(centres) < grid.size * _BLOCK * np.sqrt(0.75)]
@@ -86,10 +86,10 @@ def sorted_samples(grid: Grid, cells: Integers, coverage: Coverage) -> Samples:
 
 
 def refine(points: Array, triangles: Integers, longest: float) -> tuple[Array, Triangles]:
-    """Return a surface whose edges are not longer than a length; its shape is the same.
+    """Return the same surface with edges no longer than ``longest``.
 
-    A triangle follows the deformation of a lattice only as finely as its corners do. Long edges
-    are halved on both of their sides, so that a closed surface remains closed.
+    A triangle follows the deformation of a lattice only at its corners. Long edges are halved in
+    both triangles, so that a closed surface remains closed.
 
     Parameters
     ----------

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 Array = npt.NDArray[Any]
 
-#: Suffix of a mesh of which every rank reads its part.
+#: Suffix of mesh files of which every rank reads a part.
 XDMF = ".xdmf"
 #: Names of the dimensions 0 to 3 in `Group.label`.
 DIMENSIONS = ("point", "curve", "surface", "volume")
@@ -54,7 +54,7 @@ class Group:
     entities : (n,) int32
         Sorted local numbers of the group's mesh entities on this rank, ghosts included.
     count : int
-        Number of its entities on all ranks, each counted once.
+        Number of the group's entities on all ranks, each counted once.
     """
 
     name: str
@@ -81,14 +81,14 @@ class Mesh:
     num_cells : int
         Number of cells on all ranks.
     fractions : (local cells,) array or None
-        Of a lattice, the part of each cell that the body fills, ghosts included; None: all of it.
+        For a lattice, the fraction of each cell that the body fills, ghosts included; None: 1.
     skin : Skin or None
-        Of a lattice, the surface of the body, which its cells carry.
+        For a lattice, the surface of the body, which moves with the cells.
     copies : NodeCopies or None
-        Of a lattice, nodes at which other parts of the body lie than those of their cells.
+        For a lattice, the nodes that are copies.
     round_faces : RoundFaces or None
-        Of a mesh whose cells were divided in place, what round faces would change
-        (`fem_snh.mesh.round_faces`); the smaller facets no longer show it.
+        For a bisected mesh, the result of `fem_snh.mesh.round_faces` for the original mesh, as the
+        smaller facets no longer show round faces.
     """
 
     domain: _dolfinx.Mesh
@@ -107,7 +107,7 @@ class Mesh:
 
     @property
     def has_parts(self) -> bool:
-        """Whether there is a physical group of some of the cells."""
+        """Whether a physical group has some, but not all, of the cells."""
         return any(g.dim == self.dim and 0 < g.count < self.num_cells for g in self.groups)
 
     def group(self, key: str | int) -> Group:
@@ -165,12 +165,12 @@ def generate(comm: MPI.Comm, source: str, cell: str, **parameters: float) -> Mes
 def read(comm: MPI.Comm, path: str | Path, cells: int = DEFAULT_CELLS) -> Mesh:
     """Read a gmsh .msh file: format 2.2 or 4.1, ASCII or binary, order 1 or 2. Collective.
 
-    Of a file .xdmf every rank reads its part (`fem_snh.mesh.xdmf_input`). The shape of a file .xao
-    is meshed with simplices, so many ``cells`` along its longest extent, and at least 12 around a
+    Every rank reads its part of an .xdmf file (`fem_snh.mesh.xdmf_input`). The shape of an .xao
+    file is meshed with ``cells`` simplices along its longest extent, and at least 12 around a
     circle.
 
-    The cells are those of the highest dimension: volumes, or surfaces in the plane z = 0. All of
-    them belong to the mesh, whether in a physical group or not.
+    The cells are those of the highest dimension: volumes, or surfaces in the plane z = 0. All
+    cells belong to the mesh, whether in a physical group or not.
 
     Raises
     ------
@@ -193,12 +193,12 @@ def read(comm: MPI.Comm, path: str | Path, cells: int = DEFAULT_CELLS) -> Mesh:
 
 
 def write_xdmf(mesh: Mesh, path: str | Path) -> None:
-    """Write a mesh and its groups as an XDMF file, and an .h5 file beside it. Collective.
+    """Write a mesh and its groups as an XDMF file with an .h5 file beside it. Collective.
 
     Raises
     ------
     BadInput
-        On every rank, if it cannot be written.
+        On every rank, if the file cannot be written.
     """
     groups = [group for group in mesh.groups if group.count]
     tags = [
@@ -232,7 +232,7 @@ def cell_volumes(domain: _dolfinx.Mesh, revolved: bool = False) -> np.ndarray:
 def point_volumes(
     domain: _dolfinx.Mesh, degree: int = _VOLUME_DEGREE, revolved: bool = False
 ) -> np.ndarray:
-    """Return the weights of the quadrature points of each cell [m^3], (owned cells, points)."""
+    """Return the volumes of quadrature points in each cell [m^3], (owned cells, points)."""
     points, weights = _dolfinx.quadrature(_dolfinx.cell_name(domain), degree)
     x = _dolfinx.geometry_x(domain)[_dolfinx.geometry_dofs(domain)]
     x = x[..., : points.shape[1]]
@@ -245,7 +245,10 @@ def point_volumes(
 
 
 def distribute(comm: MPI.Comm, what: str, make: Callable[..., MeshData], *args: Any) -> Mesh:
-    """Call ``make(*args)`` on rank 0, distribute its cells, and locate its groups on every rank."""
+    """Distribute the mesh that ``make(*args)`` returns on rank 0, with its groups. Collective.
+
+    Errors become BadInput on every rank, with the name ``what`` in the message.
+    """
     kept: list[MeshData] = []
 
     def make_on_root() -> tuple[MeshData, int]:
@@ -269,8 +272,8 @@ def distribute(comm: MPI.Comm, what: str, make: Callable[..., MeshData], *args: 
     except RuntimeError as error:
         if common.skin is None:
             raise
-        # Its numbering counts a cell twice that has two faces in common with another one. Other
-        # ranks may go on: an exception that is not of all of them ends the program.
+        # dolfinx counts a cell twice that shares two faces with another cell. Other ranks may go
+        # on: an exception that not all ranks raise must end the program.
         raise (BadInput if comm.size == 1 else RuntimeError)(
             f"{what}: dolfinx cannot number these {num_cells:,} cells "
             f"({str(error).rstrip('.')}): expected another size of cells"
@@ -283,7 +286,7 @@ def distribute(comm: MPI.Comm, what: str, make: Callable[..., MeshData], *args: 
 
 
 def _locate(domain: _dolfinx.Mesh, group: PhysicalGroup) -> Group:
-    """Find the group's entities on this rank. Collective."""
+    """Return the group with its entities on this rank. Collective."""
     if group.dim == _dolfinx.mesh_dimension(domain)[0]:
         local = np.isin(_dolfinx.input_cells(domain), group.entities)
     else:
@@ -300,8 +303,8 @@ def _group(domain: _dolfinx.Mesh, name: str, dim: int, tag: int, entities: np.nd
 
 
 def _rows_in(rows: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-    """Return which of the rows (n, k) hold the same numbers, in any order, as a row of wanted."""
-    found: np.ndarray = np.all(np.isin(rows, wanted), axis=1)  # leaves few to compare row by row
+    """Return which rows (n, k) hold the numbers of a row of ``wanted``, in any order, (n,)."""
+    found: np.ndarray = np.all(np.isin(rows, wanted), axis=1)  # only few rows remain to compare
     both = np.sort(np.concatenate([wanted, rows[found]]), axis=1)
     label = np.unique(both, axis=0, return_inverse=True)[1].ravel()
     found[found] = np.isin(label[len(wanted) :], label[: len(wanted)])
@@ -309,9 +312,9 @@ def _rows_in(rows: np.ndarray, wanted: np.ndarray) -> np.ndarray:
 
 
 def gather(mesh: Mesh) -> MeshData:
-    """Return the mesh that was distributed; on other ranks than 0 without its cells. Collective.
+    """Return a distributed mesh on rank 0, with its original numbering. Collective.
 
-    Nodes and cells have the numbers that they had before.
+    On other ranks the result has this rank's cells, no coordinates and empty groups.
     """
     domain, comm = mesh.domain, mesh.domain.comm
     owned = _dolfinx.num_owned(domain)
@@ -339,16 +342,16 @@ def gather(mesh: Mesh) -> MeshData:
 
 
 def centroid(domain: _dolfinx.Mesh, dim: int, entities: Array) -> Array:
-    """Return the centroid (3,) of cells or facets, in the reference configuration. Collective.
+    """Return the reference centroid (3,) [m] of cells or facets; NaN without any. Collective.
 
     Parameters
     ----------
     domain : dolfinx Mesh
         The mesh.
     dim : int
-        The dimension of the entities, that of the cells or one less.
+        The dimension of the entities: the cells' or one less.
     entities : (n,) int
-        Those of this rank, ghosts included.
+        Local entities of this rank, ghosts included.
     """
     cell = _dolfinx.cell_name(domain)
     x = _dolfinx.geometry_x(domain)[_dolfinx.geometry_dofs(domain)][..., : domain.topology.dim]

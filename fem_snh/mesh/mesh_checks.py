@@ -17,13 +17,13 @@ Array = npt.NDArray[Any]
 
 #: Scaled Jacobian below which a cell is degenerate: far above rounding, far below any usable cell.
 _MIN_SCALED_JACOBIAN = 1e-10
-#: Smallest scale of forces, and the inverse of the largest: squares of residuals of 1e-16 times it,
-#: and sums of these squares, are normal numbers.
+#: Smallest scale of forces [N], and inverse of the largest: squares of residuals 1e-16 times the
+#: scale, and sums of these squares, are normal numbers.
 _SMALLEST_FORCE = 1e-100
 #: A node is on the axis of revolution if its radius is at most this part of the largest coordinate.
 ON_AXIS = 1e-12
-#: Vertices are at the same place if they round to the same multiple of this part of the largest
-#: coordinate: far above the rounding of mesh files, far below any usable cell.
+#: Vertices coincide if they round to the same multiple of this fraction of the largest coordinate:
+#: far above the rounding of mesh files, far below any usable cell.
 _SAME_PLACE = 1e-9
 #: Degree of the lattice on which the Jacobian of curved cells is evaluated: it is a polynomial of
 #: degree 3 on tetrahedra, and of degree 5 in each direction on hexahedra.
@@ -36,17 +36,17 @@ def check_geometry(domain: _dolfinx.Mesh, what: str, may_overlap: bool = False) 
     """Check the coordinates, the cells and the neighbours of a dolfinx mesh. Collective.
 
     The numbering of a cell's vertices may be left-handed. Neighbours, however, must lie on opposite
-    sides of their common facet: otherwise the mesh covers itself, and the sum of its cells' volumes
-    is not that of the body.
+    sides of their common facet: otherwise the mesh overlaps itself, and the sum of the cell volumes
+    is not the body's volume.
 
     Parameters
     ----------
     domain : dolfinx Mesh
         The mesh.
     what : str
-        Its name in the message.
+        The mesh's name in the message.
     may_overlap : bool
-        Accept neighbours that overlap: parts of a body in a lattice may share a place.
+        Accept neighbours that overlap: parts of a body in a lattice may coincide.
 
     Raises
     ------
@@ -88,17 +88,17 @@ def check_force_scale(force: float) -> None:
 
 
 def unconnected_nodes(domain: _dolfinx.Mesh) -> tuple[int, Array]:
-    """Return how many places of a mesh have several vertices on the boundary. Collective.
+    """Count the positions at which several boundary vertices coincide. Collective.
 
-    Cells on both sides of such places are not connected there: two volumes were meshed without a
-    common surface, or the body has a slit.
+    Cells on both sides are not connected there: two volumes were meshed without a common surface,
+    or the body has a slit.
 
     Returns
     -------
     count : int
-        The number of places.
+        The number of positions.
     first : (3,) array
-        One of them [m]; NaN if there are none.
+        One of the positions [m]; NaN if there are none.
     """
     _, cells, local = _dolfinx.exterior_facets(domain)
     at = cells[:, None], _dolfinx.reference_facets(_dolfinx.cell_name(domain))[local]
@@ -114,12 +114,15 @@ def unconnected_nodes(domain: _dolfinx.Mesh) -> tuple[int, Array]:
 
 
 def largest(comm: MPI.Intracomm, values: Array) -> float:
-    """Return the largest size of values on all ranks; 0 without any. Collective."""
+    """Return the largest absolute value on all ranks; 0 without values. Collective."""
     return float(comm.allreduce(float(np.abs(values).max(initial=0.0)), op=MPI.MAX))
 
 
 def _raise_for(domain: _dolfinx.Mesh, what: str, bad: Array, points: Array, kind: str) -> None:
-    """Raise BadInput on every rank if any entry of ``bad`` is true on any. Collective."""
+    """Raise BadInput on every rank if an entry of ``bad`` is True on any rank. Collective.
+
+    The message says how many ``kind`` there are, and the ``points`` entry of the first.
+    """
     counts = domain.comm.allreduce(np.array([bad.sum(), len(bad)]))
     if not counts[0]:
         return
@@ -132,10 +135,10 @@ def _raise_for(domain: _dolfinx.Mesh, what: str, bad: Array, points: Array, kind
 def scaled_jacobian(domain: _dolfinx.Mesh) -> np.ndarray:
     """Return the scaled Jacobian of each cell, (owned cells,); <= 0 where a cell is inverted.
 
-    It is the smallest value over a cell's corners and its midpoint, and of a curved cell over a
-    lattice. At a corner, it is the volume of the parallelepiped
-    (area of the parallelogram) of the edges divided by the product of their lengths: 1 for a cube,
-    0.707 for a regular tetrahedron. A left-handed cell is valid if the sign is the same everywhere.
+    It is the smallest value over a cell's corners and midpoint, and for a curved cell over further
+    lattice points. The value at a corner is the volume of the parallelepiped (area of the
+    parallelogram) of the edges over the product of their lengths: 1 for a cube, 0.707 for a regular
+    tetrahedron. A left-handed cell is valid if the sign is the same everywhere.
     """
     cell, corners = _dolfinx.cell_name(domain), _corners(domain)
     dim = corners.shape[1]
@@ -167,7 +170,7 @@ def scaled_jacobian(domain: _dolfinx.Mesh) -> np.ndarray:
 
 
 def _determinants(rows: Array) -> Array:
-    """Return the determinants of matrices by their rows, (dim, ..., dim)."""
+    """Return the determinants (...) of matrices from their rows, (dim, ..., dim)."""
     if len(rows) == 2:
         (a, b), (c, d) = (np.moveaxis(row, -1, 0) for row in rows)
         return np.asarray(a * d - b * c)
@@ -183,7 +186,7 @@ def _corners(domain: _dolfinx.Mesh) -> Array:
 def _cells_on_the_wrong_side(domain: _dolfinx.Mesh) -> Array:
     """Return which owned cells lie on the same side of a facet as their neighbour. Collective."""
     facets, sides = _dolfinx.cell_facets(domain), _sides(domain)
-    # An interior facet has two cells, with sides +1 and -1; one at the end of a rank has one here.
+    # An interior facet has two cells, with sides +1 and -1; one of them may be on another rank.
     count = np.bincount(facets.ravel())
     total = np.bincount(facets.ravel(), weights=sides.ravel())
     bad = (count > 2) | ((count == 2) & (total != 0))
@@ -206,8 +209,8 @@ def _cells_on_the_wrong_side(domain: _dolfinx.Mesh) -> Array:
 def _sides(domain: _dolfinx.Mesh) -> Array:
     """Return on which side of each of its facets a cell lies, (cells, facets), +1 or -1.
 
-    It is the side of the reference cell, turned by the sign of the Jacobian and where the facet's
-    vertices have the opposite order by their global numbers, which both of its cells share.
+    The side in the reference cell changes its sign with the Jacobian, and if the facet's vertices
+    are in the opposite order of their global numbers, which both cells share.
     """
     cell = _dolfinx.cell_name(domain)
     middle = _corners(domain).mean(axis=0)

@@ -1,13 +1,15 @@
 r"""The volume that straight edges, or edges of degree 2, leave out of a body with round faces.
 
-Where facets meet at small angles they are likely to stand for a round face. Its normals at a vertex
-are then about the means of those of the facets around it, and its distance from the middle of an
-edge from a to b of length l is :math:`l\, (n_b - n_a) \cdot t / 8` with the unit vector t along the
-edge, as of a parabola. A surface of degree 2 with these distances encloses the rest of the volume.
+Facets that meet at small angles are likely to approximate a round face. The face's normal n at a
+vertex is then about the mean of the normals of the facets around the vertex. The distance of the
+face from the middle of an edge from a to b is that of a parabola, :math:`l\, (n_b - n_a) \cdot t /
+8`, with the edge's length l and unit vector t. A surface of degree 2 with these distances encloses
+the missing volume.
 
-An edge of degree 2 has the round face's middle, but other normals :math:`m_a, m_b` at its ends: two
-in place of one where facets meet. With the difference :math:`n - m` in place of n the distance from
-the round face, zero at both ends and in the middle, encloses a fifth of a parabola's area.
+The middle of an edge of degree 2 is on the round face, but the facet's normals :math:`m_a, m_b` at
+its ends differ from n: neighbouring facets have different normals there. With :math:`n - m` in
+place of n, the gap to the round face, zero at both ends and in the middle, has a fifth of the area
+of the parabola.
 """
 
 from __future__ import annotations
@@ -27,32 +29,34 @@ Array = npt.NDArray[Any]
 _LARGEST_BEND = {1: 46.0, 2: 23.0}
 
 
-#: No length is less.
+#: Lower bound of lengths in denominators.
 _TINY = np.finfo(float).tiny
-#: Parts of the volume below this one are zero.
+#: Fractions of the volume below this are zero.
 _ROUNDING = 1e-12
-#: The least part of the volume that is reported, and the least bend from facet to facet [degrees],
-#: as a hole is a small part of a plate: a circle of 72 edges is 0.1 % of its radius inside of them.
+#: Least fraction of the volume that is reported, and least bend from facet to facet [degrees] that
+#: always is, as a hole may be a small part of a plate: 72 edges are within 0.1 % of a radius.
 _LEAST, _LEAST_BEND = 1e-4, 5.0
-#: The least part with edges of degree 2: a circle of 8 lacks 8e-4, one of 4 0.012.
+#: Least reported fraction for edges of degree 2: a circle of 8 lacks 8e-4, a circle of 4 0.012.
 _LEAST_OF_CURVED = 1e-3
-#: The area between a round edge and one of degree 2, over that of a parabola with the same slopes;
-#: of triangles on a ball it is up to 0.75.
+#: The area between a round edge and an edge of degree 2, over the area of a parabola with the same
+#: slopes; for triangles on a ball it is up to 0.75.
 _OF_PARABOLA = 0.2
-#: An edge of degree 2 is that of a round face if it bends by more than this part of it, as one of a
-#: circle of three does by 0.8; elsewhere facets meet at an edge of the body.
+#: An edge of degree 2 belongs to a round face if it bends by more than this fraction of the face's
+#: bend (0.8 in a circle of three edges); elsewhere facets meet at an edge of the body.
 _CURVED = 0.75
 
 
 class RoundFaces(NamedTuple):
-    """What round faces would change of the volume of a mesh, over its volume.
+    """The change of a mesh's volume by round faces, relative to the volume.
 
     Attributes
     ----------
-    added, removed : float
-        What convex and hollow faces would add and remove.
+    added : float
+        The fraction that convex faces would add.
+    removed : float
+        The fraction that concave faces would remove.
     bend : float
-        The largest angle between neighbouring facets of such a face [degrees].
+        The largest angle between neighbouring facets of a round face [degrees].
     degree : int
         The degree of the edges, 1 or 2.
     """
@@ -64,7 +68,7 @@ class RoundFaces(NamedTuple):
 
     @property
     def text(self) -> str:
-        """The line that says that errors do not include this; "" for little."""
+        """The note that estimated errors do not include the change; "" for small changes."""
         least = _LEAST if self.degree == 1 else _LEAST_OF_CURVED
         if self.added + self.removed < least and self.bend < _LEAST_BEND:
             return ""
@@ -79,24 +83,24 @@ class RoundFaces(NamedTuple):
 
 
 def round_faces(domain: _dolfinx.Mesh, revolved: bool = False) -> RoundFaces:
-    """Return what round faces would change of the volume of a mesh. Collective.
+    """Return the change of a mesh's volume by round faces; 0 for a degree above 2. Collective.
 
     Parameters
     ----------
     domain : dolfinx Mesh
         The mesh.
     revolved : bool
-        Whether it is revolved about the axis x = 0.
+        Whether the mesh is revolved about the axis x = 0.
     """
     degree = _dolfinx.geometry_degree(domain)
     if degree > 2:
         return RoundFaces(0.0, 0.0)
     vertices, x, inside, at_corners = _gathered_facets(domain)
     normals, sizes, angles = _shapes(x, inside)
-    # Those of the facet itself at its corners.
+    # The facet's own normals at its corners.
     own = np.broadcast_to(normals[:, None], x.shape) if degree == 1 else at_corners
     corner_normals = _means_at_corners(vertices, own, angles, _LARGEST_BEND[degree])
-    # At a corner the normal of the face is in the middle between those of two facets.
+    # At a corner the face's normal is in the middle between the normals of two facets.
     turns = np.linalg.norm(corner_normals - own, axis=2) if degree == 1 else np.zeros(1)
     angle = 2 * np.arcsin(turns.max(initial=0.0) / 2)
     missing = np.zeros(len(x))
@@ -112,7 +116,7 @@ def round_faces(domain: _dolfinx.Mesh, revolved: bool = False) -> RoundFaces:
             sines = np.abs(slopes)[:, is_round] / np.linalg.norm(edge, axis=1)[is_round]
             angle = max(angle, np.arcsin(min(sines.max(initial=0.0), 1.0)))
         missing += rest / 8
-    # A parabola over a segment, which has two ends here; bubbles of degree 2 over the other facets.
+    # A parabola over a segment, whose two ends both count; bubbles of degree 2 over other facets.
     missing *= sizes / 3
     if revolved:
         missing *= 2 * np.pi * x[:, :, 0].mean(axis=1)
@@ -123,17 +127,26 @@ def round_faces(domain: _dolfinx.Mesh, revolved: bool = False) -> RoundFaces:
 
 
 def _slope(normals: Array, own: Array, edge: Array) -> Array:
-    """Return the components of normals along edges at an end, (n,), where facets have their own."""
+    """Return an edge's length times the component of ``normals`` along its tangent, (n,).
+
+    The tangent at an end is the edge projected on the plane of the facet with the normal ``own``.
+    """
     along = edge - np.einsum("ij,ij->i", own, edge)[:, None] * own
     size = np.linalg.norm(edge, axis=1) / np.maximum(np.linalg.norm(along, axis=1), _TINY)
     return np.asarray(size * np.einsum("ij,ij->i", normals, along))
 
 
 def _gathered_facets(domain: _dolfinx.Mesh) -> tuple[Array, Array, Array, Array]:
-    """Return the facets of the body's surface on all ranks.
+    """Return the facets of the body's surface on all ranks. Collective.
 
-    Vertices, their places, a point inside and the normals at the corners: (n, corners), (n,
-    corners, dim), (n, dim), (n, corners, dim).
+    Returns
+    -------
+    vertices : (n, corners) int
+        Global vertices.
+    x, inside : (n, corners, dim), (n, dim)
+        Positions of the vertices, and of the middle of the facet's cell [m].
+    normals : (n, corners, dim)
+        Outward unit normals of the facet at its corners.
     """
     _, cells, local = _dolfinx.exterior_facets(domain)
     at = cells[:, None], _dolfinx.reference_facets(_dolfinx.cell_name(domain))[local]
@@ -149,7 +162,7 @@ def _gathered_facets(domain: _dolfinx.Mesh) -> tuple[Array, Array, Array, Array]
 def _normals_at_corners(domain: _dolfinx.Mesh, nodes: Array, local: Array) -> Array:
     """Return the outward unit normals of facets at their corners, (n, corners, dim).
 
-    ``nodes`` (n, nodes, dim) are those of the facets' cells, ``local`` the facets' numbers in them.
+    ``nodes`` (n, nodes, dim) are positions in the facets' cells, ``local`` the facets' numbers.
     """
     cell = _dolfinx.cell_name(domain)
     gradients = _dolfinx.tabulate_geometry(domain, _dolfinx.reference_corners(cell))
@@ -170,12 +183,12 @@ def _normals_at_corners(domain: _dolfinx.Mesh, nodes: Array, local: Array) -> Ar
 
 
 def _cycle(corners: int) -> list[int]:
-    """Return the corners of a facet in the order of its edges: 0132 of a quadrilateral."""
+    """Return the corners of a facet in cyclic order: 0, 1, 3, 2 for a quadrilateral."""
     return [0, 1, 3, 2] if corners == 4 else list(range(corners))
 
 
 def _shapes(x: Array, inside: Array) -> tuple[Array, Array, Array]:
-    """Return the unit normals, areas (lengths) and angles at the corners of facets."""
+    """Return outward unit normals, areas (in 2D lengths), and angles at corners (1 in 2D)."""
     cycle = _cycle(x.shape[1])
     if x.shape[2] == 2:
         along = x[:, 1] - x[:, 0]
@@ -200,8 +213,8 @@ def _shapes(x: Array, inside: Array) -> tuple[Array, Array, Array]:
 def _means_at_corners(vertices: Array, normals: Array, angles: Array, bend: float) -> Array:
     """Return the normals of the round faces at the corners of facets, (n, corners, dim).
 
-    Each is the mean of those of the facets around it, by their angles, that are in the same face:
-    at no more than ``bend`` degrees from it.
+    Each is the mean, weighted by angles, of the facets' normals at the vertex that differ from the
+    facet's own normal by at most ``bend`` degrees: these facets are in the same face.
     """
     dim = normals.shape[2]
     order = np.argsort(vertices.ravel(), kind="stable")

@@ -1,10 +1,9 @@
 """XAO files: the exact shape of a body, as OpenCASCADE's BREP, and its groups.
 
 gmsh (4.13 and later) and Salome write them. A file lists the vertices, edges, faces and solids of
-its shape, each with its number in the order in which OpenCASCADE visits the shape (``TopExp``);
-the elements of a group are places in these lists. gmsh 4.8, of Debian 12, reads the BREP alone, and
-numbers what it reads of each kind in the same order: the ranks of the numbers are what both have in
-common.
+its shape, each with its number in the order in which OpenCASCADE visits the shape (``TopExp``).
+The elements of a group are positions in these lists. gmsh 4.8, of Debian 12, reads the BREP alone,
+and numbers the entities of each kind in the same order. Only the ranks of the numbers are equal.
 """
 
 from __future__ import annotations
@@ -17,7 +16,7 @@ import numpy as np
 from fem_snh.errors import BadInput
 from fem_snh.mesh.gmsh_model import PhysicalGroup
 
-#: What the lists and their entries are called, by dimension.
+#: XML names of the lists and of their entries, by dimension.
 LISTS = ("vertices", "edges", "faces", "solids")
 ENTRIES = ("vertex", "edge", "face", "solid")
 
@@ -28,12 +27,12 @@ def read(path: Path) -> tuple[str, list[int], list[PhysicalGroup]]:
     Returns
     -------
     brep : str
-        The shape.
+        The shape in the BREP format.
     counts : list of int
         The number of vertices, edges, faces and solids.
     groups : list of PhysicalGroup
-        The groups with elements: their ranks among all entries of the dimension. The name is empty
-        without one, the tag -1.
+        The groups that are not empty. Their entities are ranks among all entries of the dimension.
+        A missing name is "", a missing tag -1.
     """
     try:
         root = ET.fromstring(path.read_bytes())
@@ -70,7 +69,7 @@ def read(path: Path) -> tuple[str, list[int], list[PhysicalGroup]]:
 
 
 def _number(element: ET.Element, key: str) -> int:
-    """Return a whole number, at least 0, that an element has as an attribute."""
+    """Return an element's attribute ``key``, a whole number >= 0; raise BadInput otherwise."""
     text = element.get(key, "")
     if not (text.isascii() and text.isdecimal() and len(text) < 10):
         raise BadInput(f"{element.tag}: {key} = '{text}': expected a whole number")

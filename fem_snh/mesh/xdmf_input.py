@@ -1,7 +1,7 @@
 """Meshes in XDMF files: every rank reads its part of cells, nodes and groups, and none reads all.
 
-The text of the file lists grids; the numbers are in HDF5 files. A grid is the mesh; each grid with
-an attribute of cells has tags of some entities (dolfinx's meshtags). Tags of equal value are a
+The text of the file lists grids; the numbers are in HDF5 files. One grid is the mesh. Each grid
+with an attribute of cells has tags of entities (dolfinx's meshtags). Entities with equal tags are a
 group, which an ``Information`` names: ``Name="surface:3"``, ``Value="left"``.
 """
 
@@ -42,11 +42,11 @@ class Grids(NamedTuple):
     Attributes
     ----------
     mesh : str
-        The grid of the mesh: the first of the highest dimension.
+        Name of the mesh's grid: the first grid of the highest dimension.
     dim : int
-        Dimension of its cells.
+        Dimension of the mesh's cells.
     tags : tuple of (str, int)
-        Grid and dimension of the tags.
+        Name of each grid with tags, and dimension of the tagged entities.
     names : dict
         Names of groups by (dimension, tag).
     """
@@ -60,7 +60,7 @@ class Grids(NamedTuple):
 def read(
     comm: MPI.Intracomm, path: Path, dimensions: tuple[str, ...]
 ) -> tuple[Any, list[PhysicalGroup]]:
-    """Return the dolfinx mesh of a file and its groups. Collective.
+    """Return the dolfinx mesh of a file, and its groups with local entities. Collective.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ def read(
     path : Path
         The .xdmf file.
     dimensions : tuple of str
-        Names of the dimensions from 0 on.
+        Names of the dimensions 0, 1, 2 and 3.
 
     Raises
     ------
@@ -113,9 +113,9 @@ def read(
 
 
 def _check_nodes(comm: MPI.Intracomm, grid: str, nodes: Array, count: int) -> None:
-    """Raise BadInput on every rank for a node number that is none of a mesh. Collective.
+    """Raise BadInput on every rank for node numbers outside of 0 to count - 1. Collective.
 
-    dolfinx looks for the node's owner for ever, or reads beyond its arrays.
+    With these, dolfinx searches for the node's owner for ever, or reads beyond its arrays.
     """
     bad = nodes[(nodes < 0) | (nodes >= count)].tolist()
     found = [number for part in comm.allgather(bad[:1]) for number in part]
@@ -153,7 +153,7 @@ def _read_grids(path: Path, dimensions: tuple[str, ...]) -> Grids:
 
 
 def _dimension(grid: ET.Element) -> int:
-    """Return the dimension of a grid's entities."""
+    """Return the dimension of a grid's entities, -1 for an unknown type."""
     topology = grid.find("Topology")
     kind = "" if topology is None else (topology.get("TopologyType") or "")
     return _DIMENSIONS.get(kind.lower().partition("_")[0], -1)
