@@ -1,1 +1,1 @@
-"""Contact with obstacles, other bodies and itself: surfaces, search, law, friction."""
+"""Contact of a body with obstacles, other bodies and itself: tables, terms, laws, search."""

@@ -94,13 +94,13 @@ class IPC(SelfContactTerm, StepLimitingTerm):
             distance = self.collision_surface.default_distance(points)
         self.stiffness, self._checked = stiffness, False
         self._set_distance(distance)
-        self._narrower = 1.0  # its own distance over the present one
+        self._narrower = 1.0  # the initial distance over the present one
 
     def scale_penalties(self, factor: float) -> bool:
         """Divide the activation distance by ``factor``; return whether the distance changes.
 
-        At a given pressure the gap is proportional to the distance. It does not become larger than
-        the initial one, as it could then exceed gaps of the mesh.
+        At a given pressure the gap is proportional to the distance. The distance does not exceed
+        its initial value, as it could then exceed gaps in the mesh.
         """
         before, self._narrower = self._narrower, max(1.0, factor * self._narrower)
         self._set_distance(self.distance * before / self._narrower)

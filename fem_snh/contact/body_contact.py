@@ -1,7 +1,4 @@
-"""The term of contact between surfaces of one mesh, without friction, and its pairs of surfaces.
-
-The scene's table is in `contact_tables`, the bases of pairs and terms in `surface_contact`.
-"""
+"""The term of contact between surfaces of one mesh, without friction, and its pairs of surfaces."""
 
 from __future__ import annotations
 
@@ -52,8 +49,8 @@ Array = npt.NDArray[Any]
 #: surface have kinks inside a facet. It reduces the error of a uniform pressure to a third.
 _QUADRATURE = 4
 #: `Term.unsettled_penalty`. With 100 times the stiffness, the largest component of a force differs
-#: from its estimate by 3.2 % of the correction for the penalty, an energy by 6.3 %: blocks and a
-#: ball on a block.
+#: from its estimate by up to 3.2 % of the correction for the penalty, an energy by up to 6.3 %
+#: (blocks, and a ball on a block).
 _UNSETTLED_PENALTY = 0.1
 
 
@@ -88,7 +85,7 @@ class BodyPair(NamedTuple):
     name : str
         Name in run.json.
     first, second : (n,) int
-        This rank's facets of each surface.
+        Local numbers of each surface's facets.
     stiffness : float or None
         Penalty stiffness [Pa/m]; None for the smaller one of the surfaces' mean defaults.
     augmented : bool
@@ -197,7 +194,7 @@ class SurfacePair(ContactPair):
         self._evaluated: tuple[Array, tuple[Any, ...], Touching] | None = None
 
     def begin_step(self, x: Array) -> None:
-        """Reset the law; store positions and facets at the step's start, after `search` there."""
+        """Reset the law; store positions and facets at the step's start; `search` comes first."""
         self.law.begin_step()
         self._searches, self._turn = 0, np.zeros_like(x)
         self._before = x.copy(), self._facet.copy(), self._start.copy()
@@ -249,10 +246,10 @@ class SurfacePair(ContactPair):
         return np.asarray((self.side.basis @ x[self.side.nodes]).reshape(-1, 3))
 
     def normals(self, x: Array, derivatives: Array | None = None) -> Array:
-        """Return the outward unit normals of both surfaces, (points, 3).
+        """Return the outward unit normals at the quadrature points, (points, 3).
 
-        They are at n points of each facet where the shape functions have the ``derivatives`` (n, k,
-        d). Default: the quadrature points.
+        With the ``derivatives`` (n, k, d) of shape functions at n other points of each facet, the
+        normals are at those.
         """
         table = self.side.derivatives if derivatives is None else derivatives
         tangents = np.einsum("fki,pka->fpia", x[self.side.nodes], table, optimize=True)
@@ -364,7 +361,7 @@ class SurfacePair(ContactPair):
     def node_pairs(self, x: Array) -> Array:
         """Return the pairs of global nodes of facets that may touch, (n, 2).
 
-        It is the same array object until a pair of facets touches that it does not contain.
+        The array object stays the same until another pair of facets touches.
         """
         keys = self._keys(self.touching(x).point)
         if self._pairs is None or not np.isin(keys, self._known).all():
@@ -376,10 +373,7 @@ class SurfacePair(ContactPair):
         return self._pairs
 
     def row(self, x: Array) -> dict[str, Any]:
-        """Return `ContactPair.row`, and ``stiffness``, given or default, of both surfaces [Pa/m].
-
-        Collective.
-        """
+        """Return `ContactPair.row`, and the ``stiffness`` given or default [Pa/m]. Collective."""
         return super().row(x) | {"stiffness": self.stiffness}
 
     @property
@@ -389,9 +383,9 @@ class SurfacePair(ContactPair):
         return numbers[self.side.own].ravel()
 
     def history(self) -> tuple[Array, Array]:
-        """Return `own_points` (n, 3) [m], and their multipliers and factors, (n, 2).
+        """Return positions of `own_points` (n, 3) [m], their multipliers and factors, (n, 2).
 
-        The points are reference positions, moved a little into their body.
+        The positions are reference ones, moved a little into the body.
         """
         X, own = self._surface.X, self.own_points
         points = self.points(X) - _INSIDE * self.size[:, None] * self.normals(X)
@@ -430,7 +424,7 @@ class SurfacePair(ContactPair):
     def _at_start(self, which: Array) -> tuple[Gaps, Array]:
         """Return the gaps of points at the step's start, and their facets then.
 
-        A point that had no facet then gets its present one, with a gap > 0.
+        A point without one gets its present facet, with a gap > 0.
         """
         x, facets, starts = self._before
         has = facets[which] >= 0
@@ -520,7 +514,7 @@ class BodyContact(SurfaceContact, MeanForceTerm, CouplingTerm):
     pairs : sequence of BodyPair
         The surfaces.
     kinematics : Kinematics, optional
-        Dimension of the mesh and components of the displacement.
+        Kinematics of the displacement.
 
     Attributes
     ----------
@@ -590,7 +584,7 @@ class BodyContact(SurfaceContact, MeanForceTerm, CouplingTerm):
         return count
 
     def begin_step(self, u: PETSc.Vec) -> None:
-        """Reset multipliers to the last accepted step, and search the facets. Collective."""
+        """Reset multipliers to the last accepted step's, and search the facets. Collective."""
         self._stepped, self._stale = True, True
         super().begin_step(u)
 
@@ -611,10 +605,7 @@ class BodyContact(SurfaceContact, MeanForceTerm, CouplingTerm):
                 first = last
 
     def configuration(self, u: PETSc.Vec) -> Array:
-        """Return the positions of ``surface.nodes``, (m, 3) [m]; search facets if it is due.
-
-        Collective.
-        """
+        """Return positions of ``surface.nodes``, (m, 3) [m]; search if it is due. Collective."""
         x = self.surface.positions(super().configuration(u))
         if self._stale:
             self._stale = False

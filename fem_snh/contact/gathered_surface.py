@@ -311,9 +311,9 @@ class EmbeddedSurface:
     def boundary(cls, V: FunctionSpace, revolved: bool = False) -> EmbeddedSurface:
         """Return the boundary of V's mesh, each facet divided into triangles. Collective.
 
-        The points are the nodes on the boundary: a triangle of degree 1 is one triangle, of degree
-        2 four; a quadrilateral gives twice as many. The order of points and triangles does not
-        depend on the number of ranks. If ``revolved``, facets on the axis x = 0 are left out.
+        The points are the nodes on the boundary. A triangular facet gives one triangle at degree 1
+        and four at degree 2, a quadrilateral twice as many. The order of points and triangles does
+        not depend on the number of ranks. If ``revolved``, facets on the axis x = 0 are left out.
         """
         surface = GatheredSurface(V, [SurfaceQuadrature(V, degree=1)])
         side = surface.sides[0]
@@ -457,7 +457,7 @@ class Blocks(NamedTuple):
 
 
 class SurfaceMatrix:
-    """Converts matrices of a surface's points to this rank's `Blocks`, and keeps a pattern.
+    """This rank's rows of a surface's matrix, as `Blocks`, and a pattern that contains them.
 
     Parameters
     ----------
@@ -483,7 +483,7 @@ class SurfaceMatrix:
         self.pairs: Array = np.empty((0, 2), np.int64)
 
     def blocks(self, matrix: Any) -> Blocks:
-        """Return the nodal blocks of a sparse matrix of the points, (c n, c n)."""
+        """Return this rank's rows of W^T M W, for a sparse matrix M of the points, (c n, c n)."""
         found = csr_matrix(self._own_map @ (matrix @ self._map)).tobsr((self._components,) * 2)
         rows = self._own[np.repeat(np.arange(len(self._own)), np.diff(found.indptr))]
         return Blocks(rows, found.indices, found.data)

@@ -1,7 +1,7 @@
-"""Import ipctk, after a test in a process of its own that it runs on this processor.
+"""Import ipctk, after a test in another process that it runs on this processor.
 
-This module does not import PETSc. In the test's process PETSc would catch the signal of an
-instruction that the processor does not have, and replace it by an exit code.
+This module does not import PETSc, which would catch the signal of an instruction that the processor
+does not have, and replace it by an exit code.
 """
 
 from __future__ import annotations

@@ -80,8 +80,7 @@ def mean_pressure(k: Array, start: Array, end: Array) -> Response:
 
     with the pressures :math:`p_0, p_1` and gaps :math:`g_0, g_1` at the start and the end of the
     step (Hauret & Le Tallec 2006). It is :math:`(p_0 + p_1)/2` at a point that is in contact at
-    both, and less where contact begins or ends. Energy and stiffness of the result are
-    integral and derivative by :math:`g_1`.
+    both, and less where contact begins or ends.
 
     Parameters
     ----------
@@ -222,7 +221,7 @@ class ContactLaw:
         self.kept[:], self.kept_factor = self.multipliers, factor
 
     def scale_penalty(self, factor: float) -> bool:
-        """Multiply the stiffness of a penalty; return False with multipliers, which stay."""
+        """Multiply the penalty stiffness and return True; with multipliers only return False."""
         if self.augmented:
             return False
         self._given = factor * self._given
@@ -246,9 +245,9 @@ class ContactLaw:
         return Response(pressure**2 / (2 * k), pressure, k)
 
     def energy(self, rows: Array, energy: Array) -> float:
-        """Return this rank's energy [J] from the energies per area [J/m^2] at ``rows``.
+        """Return this rank's energy [J] from energies per area at ``rows`` [J/m^2].
 
-        All other points have no pressure.
+        Points in other rows have no pressure.
         """
         acting = float((self.weights[rows] * energy).sum())
         if not self.augmented:
@@ -256,9 +255,10 @@ class ContactLaw:
         return acting - float((self.weights * self.multipliers**2 / (2 * self.stiffness)).sum())
 
     def settle(self, rows: Array, gap: Array, pressure: Array) -> list[LaggedChange]:
-        """Augment if the gap or the change of the force is too large; return both. Collective.
+        """Augment if the gap or the force has not settled; return both changes. Collective.
 
-        With a penalty nothing is lagged, and the list is empty.
+        The gap's is the largest ``|gap|`` in contact over the tolerance. With a penalty there are
+        no changes.
         """
         if not self.augmented:
             return []
@@ -436,7 +436,7 @@ class Friction:
     def begin_step(self, u: Array, load: float, at: ContactPoints) -> None:
         """Start a step at nodal displacements ``u`` (local nodes, 3) and a load.
 
-        Pressures and normals are lagged from ``at``. Slip is zero where the pressure is.
+        Pressures and normals are lagged from ``at``. The slip becomes 0 where the pressure is 0.
         """
         self._start, self._loads = u.copy(), (load, load)
         self._difference, self._change, self._share = np.zeros_like(self.pressure), np.inf, 1.0
@@ -467,8 +467,8 @@ class Friction:
     def settle(self, at: ContactPoints, comm: MPI.Comm, tolerance: float) -> float:
         r"""Lag the pressures after a solve; return their change over ``tolerance``. Collective.
 
-        The change is :math:`\sum_q w_q |\Delta \ell_q|`, relative to the normal force. Up to the
-        tolerance the pressures stay. Where friction presses the body on the obstacle or lifts it
+        The change is :math:`\sum_q w_q |\Delta \ell_q|`, relative to the normal force. Within the
+        tolerance, the pressures stay. Where friction presses the body on the obstacle or lifts it
         off, new pressures alternate around the solution: if the change does not decrease by half, a
         share of it is lagged, by Aitken's formula (Küttler & Wall 2008, eq. 44).
         """

@@ -91,10 +91,7 @@ class Obstacle(Feature, ContactTable, MotionTable):
 
     @classmethod
     def create_terms(cls, features: Sequence[Self], body: Body) -> Sequence[Term]:
-        """Return one `ObstacleContact` for all obstacles.
-
-        Collective. Raises BadInput on every rank, as `moving` and `_in_plane` do.
-        """
+        """Return one `ObstacleContact` for all obstacles. Collective."""
         from fem_snh.contact.obstacle_contact import ObstacleContact, RigidContact  # imports PETSc
 
         comm, kinematics = body.domain.comm, body.kinematics
@@ -121,8 +118,7 @@ class Obstacle(Feature, ContactTable, MotionTable):
         """Return ``{"obstacles": {name: row}}``, which run.json has before the first step.
 
         A row has ``shape``, a table of one key as in the scene (a surface by its file's name in the
-        folder of results), ``friction``, ``method``, and ``pose``, the three rows [R | c] of the
-        obstacle's pose at load 0.
+        results), ``friction``, ``method``, and ``pose``, the rows [R | c] of the pose at load 0.
         """
         found = {}
         for i, (name, obstacle) in enumerate(zip(names(features), features, strict=True)):
@@ -149,8 +145,8 @@ _LOADS = np.linspace(0.0, 1.0, 9)
 def _in_plane(kinematics: Kinematics, name: str, obstacle: MovingShape) -> MovingShape:
     """Return an obstacle for a body in two dimensions, whose points have z = 0.
 
-    Boxes are made so wide along z that distances in the plane do not depend on the width. Under
-    axisymmetric torsion the shape is revolved about the y axis.
+    Boxes get so wide along z that no distance depends on the width. Under axisymmetric torsion the
+    shape is revolved about the y axis.
 
     Raises
     ------

@@ -1,7 +1,4 @@
-"""The term of contact with rigid moving obstacles, with friction, and its fields at the nodes.
-
-One obstacle's energy is in `obstacle_pair`; the scene's table is in `obstacle`.
-"""
+"""The term of contact with rigid moving obstacles, with friction, and its fields at the nodes."""
 
 from __future__ import annotations
 
@@ -71,9 +68,9 @@ class RigidContact(NamedTuple):
     facets : (n,) int or None
         Local numbers of the facets that may touch the obstacle; None for the whole boundary.
     limits_force : bool
-        With the augmented Lagrangian and the default tolerance: whether augmentations go on until
-        they change the force by little, too (`fem_snh.contact.law.FORCE_TOLERANCE`). False in a
-        time step, as the next step makes up for the force that is missing.
+        With the default tolerance: whether augmentations go on until they change the force by
+        little, too (`fem_snh.contact.law.FORCE_TOLERANCE`). False in time, where the next step
+        makes up for the force that a step lacks.
     """
 
     name: str
@@ -91,12 +88,11 @@ class ObstacleContact(SurfaceContact, WorkingTerm, MeanForceTerm):
 
     .. math:: E = \sum_q \frac{w_q}{2 k} \left(\langle \ell - k g(x_q)\rangle^2 - \ell^2\right)
 
-    with the gap g, stiffness k and multiplier :math:`\ell` at a quadrature point of weight
-    :math:`w_q` (`ContactLaw`). `ObstaclePair` has the derivatives; `Friction` adds another energy.
-    Multipliers and lagged friction are constant during a solve and updated after it: with an
-    augmented Lagrangian until every point in contact is within the tolerance of the obstacle, with
-    friction until the normal forces have settled. In time, Newmark's method takes means over a
-    step: `fem_snh.contact.law.mean_pressure`.
+    The symbols are those of `ContactLaw`. `ObstaclePair` has the derivatives; `Friction` adds
+    another energy. Multipliers and lagged friction are constant during a solve and updated after
+    it: with an augmented Lagrangian until every point in contact is within the tolerance of the
+    obstacle, with friction until the normal forces have settled. In time, Newmark's method takes
+    means over a step: `fem_snh.contact.law.mean_pressure`.
 
     Parameters
     ----------
@@ -107,7 +103,7 @@ class ObstacleContact(SurfaceContact, WorkingTerm, MeanForceTerm):
     contacts : sequence of RigidContact
         The obstacles.
     kinematics : Kinematics, optional
-        Dimension of the mesh and components of the displacement.
+        Kinematics of the displacement.
 
     Attributes
     ----------
@@ -184,8 +180,8 @@ class ObstacleContact(SurfaceContact, WorkingTerm, MeanForceTerm):
     def narrow(self, u: PETSc.Vec) -> list[str]:
         """Return the names of obstacles whose contact is narrower than a facet. Collective.
 
-        They touch quadrature points, but on no facet all of them. Obstacles with less than a tenth
-        of the largest obstacle's force are left out.
+        They touch quadrature points, but on no facet all of them. Obstacles whose force is small
+        beside another obstacle's are left out.
         """
         x, rows = self.configuration(u), []
         for pair in self.pairs:
@@ -204,10 +200,7 @@ class ObstacleContact(SurfaceContact, WorkingTerm, MeanForceTerm):
         return self._fields.evaluate(name, self.configuration(u))
 
     def step_work(self, u: PETSc.Vec, end_weight: float) -> tuple[float, float]:
-        """Return the obstacles' work in a step and the energy lost to friction [J]. Collective.
-
-        Both are sums over all ranks: see `fem_snh.terms.term.WorkingTerm.step_work`.
-        """
+        """Return the obstacles' work in a step and the energy lost to friction [J]. Collective."""
         x = self.configuration(u)
         work, lost = self._sum(np.sum([pair.work(x, end_weight) for pair in self.pairs], axis=0))
         return float(work), float(lost)
@@ -215,8 +208,8 @@ class ObstacleContact(SurfaceContact, WorkingTerm, MeanForceTerm):
     def history(self) -> tuple[Array, Array]:
         """Return this rank's quadrature points (n, 3) [m] and kept values there, (n, k).
 
-        Columns: multiplier [Pa] and stiffness factor for each pair with multipliers, then three of
-        the elastic slip [m] for each pair with friction. Without columns there are no points.
+        Columns: multiplier [Pa] and stiffness factor of each pair with multipliers, then elastic
+        slip [m] of each pair with friction. Without columns there are no points.
         """
         columns = [column for law in self._augmented for column in law.history()]
         columns += [friction.slip.reshape(-1, 3) for friction in self._frictions]
@@ -258,7 +251,7 @@ class ObstacleFields:
     pairs : sequence of ObstaclePair
         The contact with each obstacle.
     kinematics : Kinematics, optional
-        Dimension of the mesh and components of the displacement.
+        Kinematics of the displacement.
     """
 
     def __init__(
@@ -295,8 +288,8 @@ class ObstacleFields:
     def _sums(self, weighted: Array) -> Array:
         """Return the sums of values at points times each shape function of degree 1.
 
-        ``weighted`` (facets, points) contains the quadrature weights. The result has one value for
-        each local vertex, ghosts included, summed over all ranks.
+        ``weighted`` (facets, points) includes the weights. The result, (local vertices,), is
+        summed over all ranks.
         """
         sums = np.zeros((self._surface.num_nodes, 1))
         self._surface.add_vectors(weighted[..., None], slice(None), sums)

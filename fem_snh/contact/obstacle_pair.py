@@ -1,7 +1,4 @@
-"""A body's surface and one rigid obstacle: energy, forces, Hessian, work; no term of its own.
-
-`obstacle_contact` has the term of several pairs, `obstacle` the scene's table.
-"""
+"""A surface and one rigid obstacle: energy, forces, Hessian, work; a part of `obstacle_contact`."""
 
 from __future__ import annotations
 
@@ -47,10 +44,10 @@ _TURNED = 1e-4
 class NearFacets:
     """The facets that touch the obstacle, and all others that are close to it.
 
-    Along a path a signed distance changes by at most the path's length. A facet whose centre is
-    farther from the obstacle than the facet's radius therefore has no point at distance zero. The
-    list also holds facets within a margin, and stays valid while no node moves by more than the
-    margin relative to the obstacle. Most evaluations then only compare positions of nodes.
+    Along a path a signed distance changes by at most the path's length, so a facet whose centre is
+    farther from the obstacle than the facet's radius does not touch it. The list includes facets
+    within a margin, and stays valid while no node moves by more than the margin relative to the
+    obstacle. Most evaluations only compare positions of nodes.
 
     Parameters
     ----------
@@ -121,12 +118,10 @@ class NearFacets:
 class StepStart:
     r"""The contact of a surface with an obstacle at the start of a time step.
 
-    Newmark's method takes a mean contact force over the step: the pressure of
-    `fem_snh.contact.law.mean_pressure` times the normal of `fem_snh.contact.law.mean_derivative`,
-    which is second-order accurate where the normal turns. This force is not the gradient of an
-    energy. `ObstaclePair.energy` therefore has the mean pressure along the normal at the step's
-    end. The remaining force per area, ``turn``, is lagged; it is zero for a plane that does not
-    rotate.
+    Newmark's method takes a mean contact force over the step: the pressure of `mean_pressure` times
+    the normal of `mean_derivative`, which is second-order accurate where the normal turns. As this
+    force is no gradient, the energy has the mean pressure along the normal at the step's end. The
+    remaining force per area, ``turn``, is lagged; it is zero at a plane that does not rotate.
 
     Parameters
     ----------
@@ -163,20 +158,10 @@ class StepStart:
         return self._at_start(near)[2]
 
     def normals(self, near: Array, x: Array, gap: Array, normal: Array, load: float) -> Array:
-        """Return the mean normals over the step, (m, points, 3), not of unit length.
+        """Return the mean normals of facets ``near`` over the step, not of unit length.
 
-        Parameters
-        ----------
-        near : (m,) int
-            Facets.
-        x : (m, points, 3)
-            Positions of their quadrature points at the step's end [m].
-        gap : (m, points)
-            Gaps at the step's end [m].
-        normal : (m, points, 3)
-            Normals at the step's end.
-        load : float
-            The load at the step's end.
+        ``x``, ``gap`` and ``normal`` at their points, and ``load``, are those at the step's end.
+        The result has the shape of ``x``, (m, points, 3).
         """
         _, before, old_gap, old_normal = self._at_start(near)
         way = x - before - obstacle_displacement(self._obstacle, before, x, self.load, load)
@@ -184,10 +169,7 @@ class StepStart:
         return mean_derivative((old_normal + normal) / 2, gap - old_gap, way, size)
 
     def lag(self, near: Array, turn: Array) -> float:
-        """Set ``turn`` at facets ``near``, zero elsewhere; return how much it has changed [N].
-
-        ``turn`` is (m, points, 3). The result is the integral of its change's length.
-        """
+        """Set ``turn`` at facets ``near``, zero elsewhere; return its change's integral [N]."""
         before = self.turn.copy()
         self._set_turn(near, turn)
         change = np.linalg.norm(self.turn - before, axis=2)
@@ -344,9 +326,8 @@ class ObstaclePair(ContactPair):
     def work(self, u: Array, end_weight: float) -> tuple[float, float]:
         """Return the obstacle's work on the body in a step, and the energy lost to friction [J].
 
-        Both are sums over this rank's facets. The arguments are those of
-        `fem_snh.terms.term.WorkingTerm.step_work`; with mean forces ``end_weight`` is taken as 1.
-        A linearised step does the work of its linearised forces.
+        Both are sums over this rank's facets: see `fem_snh.terms.term.WorkingTerm.step_work`. With
+        mean forces ``end_weight`` is 1. In a linearised step the linearised forces do the work.
         """
         mean = self.mean_weight is not None
         if mean:
@@ -388,8 +369,7 @@ class ObstaclePair(ContactPair):
     def deepest(self, u: Array, search: bool) -> DeepestPoint:
         """Return the deepest point of this rank's close facets.
 
-        With ``search``, facets that may be deep between grid points (`may_be_deep`) get up to two
-        finer grids.
+        With ``search``, facets that may be deep between grid points get up to two finer grids.
         """
         near, gap, _, _ = self._evaluate(u)
         sizes = self.surface.sizes[near]
@@ -429,9 +409,9 @@ class ObstaclePair(ContactPair):
         return -self.gradient(u)
 
     def force_derivative(self, component: int, u: Array) -> Array:
-        """Return the derivative of a component of the normal force on the body by u [N/m].
+        """Return the derivative of a component of the force by u, (local nodes, c) [N/m].
 
-        The result is (local nodes, c), c the number of the displacement's components.
+        Friction is left out; c is the number of the displacement's components.
         """
         cells, matrices, _ = self.matrices(u, "exact")
         nodes = _dolfinx.node_dofs(self.surface.V)[cells]
@@ -444,8 +424,7 @@ class ObstaclePair(ContactPair):
     def matrices(self, u: Array, filter: str) -> tuple[Array, Array, int]:
         """Return cells (m,), their Hessians without friction, and the number of filtered points.
 
-        The Hessians (m, c k, c k) [N/m] are filtered at each point by
-        `fem_snh.kernels.cell_matrices.filter_matrices`; k and c are a cell's nodes and components.
+        The Hessians (m, n, n) [N/m], filtered at each point, are of a cell's n displacement dofs.
         """
         at = self.points_of_step(u)
         stiffness = np.where(at.pressure != 0, at.stiffness, 0.0)
@@ -458,10 +437,7 @@ class ObstaclePair(ContactPair):
         return self.surface.cells[at.which], self.surface.cell_matrices(hessian, at.which), count
 
     def friction_matrices(self, u: Array) -> tuple[Array, Array]:
-        """Return cells (m,) and their Hessians of friction (m, c k, c k) [N/m].
-
-        The pair must have friction.
-        """
+        """Return cells (m,) and their Hessians of friction (m, n, n) [N/m]: see `matrices`."""
         assert self.friction
         cells, matrices = self.friction.matrices(u)
         return cells, self.weight * matrices
@@ -486,10 +462,9 @@ class ObstaclePair(ContactPair):
         return self.obstacle.pose(self.load).invert(x) if self.obstacle.motion else x
 
     def _work_of(self, forces: list[tuple[Array, Array]], before: Array, after: Array) -> float:
-        """Return the work of forces during the obstacle's motion in the step [J].
+        """Return the work of `_weighted_forces` during the obstacle's motion in the step [J].
 
-        ``forces`` are of `_weighted_forces`. `obstacle_displacement` gets the points' positions at
-        nodal displacements ``before`` and ``after``.
+        ``before`` and ``after`` are the nodal displacements for `obstacle_displacement`.
         """
         x, work, loads = self.surface.positions, 0.0, (self._start.load, self.load)
         for which, values in forces:
@@ -498,9 +473,9 @@ class ObstaclePair(ContactPair):
         return work
 
     def _weighted_forces(self, u: Array, at: ContactPoints) -> list[tuple[Array, Array]]:
-        """Return pairs of facets (m,) and forces on the body at their points (m, points, 3) [N].
+        """Return facets (m,) and forces on the body at their points (m, points, 3) [N].
 
-        The first pair is normal contact, the second one, if any, friction.
+        The list has such a tuple for normal contact and, if the pair has friction, for friction.
         """
         pressures = self.surface.weights[at.which] * at.pressure
         found = [(at.which, pressures[..., None] * at.normal)]
@@ -539,8 +514,8 @@ class ObstaclePair(ContactPair):
     def _evaluate(self, u: Array) -> tuple[Array, Array, Array, Array]:
         """Return close facets (m,), and gap, normal and curvature as in `ContactPoints`.
 
-        Facets in contact at the step's start are among them where the step needs them. Energy,
-        forces, Hessian and output use the same displacement: the last result is cached.
+        Facets in contact at the step's start are included where the step needs them. The last
+        result is cached for energy, forces, Hessian and output at one displacement.
         """
         depends = self.load if self.obstacle.motion else 0.0, self.mean_weight is None
         if self._evaluated is not None and self._evaluated[1] == depends:
@@ -575,9 +550,8 @@ def obstacle_displacement(
     .. math:: \tfrac12 \left[d_{0 \to 1}(x_0) - d_{1 \to 0}(x_1)\right]
 
     where :math:`d_{0 \to 1}(x)` is the displacement, from the first load to the second, of the
-    obstacle's material point that is at x at the first load. With this central difference normal
-    forces do no work on an obstacle of revolution that turns about its axis. The result has the
-    shape of ``after``; without a motion it is zero.
+    obstacle's material point at x. With this central difference normal forces do no work on an
+    obstacle of revolution that turns about its axis. The result has the shape of ``after``.
 
     Parameters
     ----------
@@ -586,7 +560,7 @@ def obstacle_displacement(
     before, after : (..., 3)
         Positions x_0 at the first load and x_1 at the second load [m].
     start, end : float
-        The first and the second load.
+        The two loads.
     """
     if obstacle.motion is None:
         return np.zeros_like(after)

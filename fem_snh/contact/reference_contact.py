@@ -340,9 +340,9 @@ class TargetSearch:
     ) -> Array:
         """Return the unit normals (n, dim) of the surface at targets.
 
-        If the target is on a sharp edge and its sample beyond the triangle's side, the normal is
-        the edge's. Otherwise it is averaged over smoothly adjacent triangles, so that it does not
-        jump where a sample slides from triangle to triangle.
+        If the target is on a sharp edge or corner, and the sample off the triangle's normal there,
+        the normal is the edge's or corner's. Otherwise it is averaged over smoothly adjacent
+        triangles, so that it does not jump where a sample slides from triangle to triangle.
         """
         smooth = self._normals.averaged(x, target, coordinates, SHARP)
         edges = self._normals.at(x, target, coordinates)
@@ -470,9 +470,8 @@ class Crossings(NamedTuple):
     normal : (n, 3)
         Unit normal to both edges, outward from the body of the second edge.
     facing : (n,)
-        The smallest cosine > 0 of the normal with conormals of the second edge, and of its opposite
-        with conormals of the first: near 0 if the normal is a face's, as if two blocks' faces
-        touch.
+        The smallest cosine, > 0, of the normal with the second edge's conormals, and of its
+        opposite with the first edge's: near 0 if two blocks touch at a face.
     """
 
     first: Array
@@ -665,7 +664,7 @@ class ReferenceContact(SelfContactTerm):
     def scale_penalties(self, factor: float) -> bool:
         """Multiply the stiffness of the springs; return True.
 
-        If it decreases, the next evaluation searches for targets: those of a stiffer state differ.
+        If it decreases, the next evaluation searches again: a stiffer state had other targets.
         """
         self._search.scale_stiffness(factor)
         self._set_springs(replace(self.springs, stiffness=factor * self.springs.stiffness))

@@ -169,8 +169,8 @@ def surface_values(x: Array, corners: Array, coordinates: Array) -> Array:
 def cell_sizes(V: FunctionSpace) -> Array:
     """Return the size of each owned cell, (cells,) [m].
 
-    It is the edge of a cube of the cell's volume, or of six times a tetrahedron's volume; in two
-    dimensions of a square of the cell's area, or of twice a triangle's area.
+    It is the edge of a cube of the volume of a hexahedron or of six tetrahedra, in two dimensions
+    of a square of the area of a quadrilateral or of two triangles.
     """
     factor = _CELLS_PER_CUBE[_dolfinx.cell_name(V.mesh)]
     return np.asarray((factor * cell_volumes(V.mesh)) ** (1 / _dolfinx.mesh_dimension(V.mesh)[0]))

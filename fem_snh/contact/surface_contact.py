@@ -1,8 +1,4 @@
-"""The bases of all contact: `ContactPair`, two surfaces, and `SurfaceContact`, the term of pairs.
-
-Subclasses are in `obstacle_pair` and `obstacle_contact` (rigid obstacles), `body_contact` (two
-surfaces of one mesh), `reference_contact` and `barrier` (self-contact).
-"""
+"""The base classes of all contact: a pair of surfaces, and the terms that consist of pairs."""
 
 from __future__ import annotations
 
@@ -45,8 +41,8 @@ class ContactPair(ABC):
     """Two surfaces that may touch, and the contact law at their quadrature points.
 
     A subclass defines the energy, its gradient, and the nodal forces on one surface. Methods get
-    the array ``x`` of `SurfaceContact.configuration`. They return this rank's share of the sum over
-    all ranks or, if every rank has all points (`SurfaceContact.gathered`), the whole result.
+    the array ``x`` of `SurfaceContact.configuration`, and return this rank's share of the sum over
+    all ranks or, if every rank has all points, the whole sum.
 
     Parameters
     ----------
@@ -58,8 +54,8 @@ class ContactPair(ABC):
     Attributes
     ----------
     mean_weight : float or None
-        Factor of the energy of a time step's mean forces (`fem_snh.terms.term.MeanForceTerm`). If
-        None, the energy is that of the forces at the present configuration.
+        Factor of the energy of a time step's mean forces (`fem_snh.terms.term.MeanForceTerm`);
+        None for the energy of the present forces.
     """
 
     def __init__(self, name: str, law: ContactLaw) -> None:
@@ -76,7 +72,7 @@ class ContactPair(ABC):
         self.mean_weight = weight
 
     def scale_penalties(self, factor: float) -> bool:
-        """Multiply the penalty stiffness; return False with multipliers, which change nothing."""
+        """Multiply the penalty stiffness and return True; with multipliers only return False."""
         return self.law.scale_penalty(factor)
 
     @abstractmethod
@@ -89,10 +85,7 @@ class ContactPair(ABC):
 
     @abstractmethod
     def deepest(self, x: Array, search: bool) -> DeepestPoint:
-        """Return the deepest point of the surface, at quadrature points and grid points.
-
-        With ``search``, facets that may be deep between grid points get finer grids.
-        """
+        """Return the deepest of quadrature and grid points; with ``search`` grids may be finer."""
 
     def row(self, x: Array) -> dict[str, Any]:
         """Return the pair's row of run.json. Collective.
@@ -121,15 +114,14 @@ class SurfaceContact(HistoryTerm, ForceTerm):
     """The energy of contact of several pairs. Collective.
 
     A subclass finds the surfaces and creates the pairs. Lagged quantities, such as multipliers, are
-    constant during a solve and updated after it. The step is solved again until their change is
-    below its tolerance.
+    constant during a solve and updated after it. The step is solved again until they have settled.
 
     Parameters
     ----------
     V : dolfinx function space
         The displacement's space.
     kinematics : Kinematics
-        Dimension of the mesh and components of the displacement.
+        Kinematics of the displacement.
 
     Attributes
     ----------
@@ -158,10 +150,9 @@ class SurfaceContact(HistoryTerm, ForceTerm):
         return self._kinematics.padded(local_values(u))
 
     def add_nodal(self, values: Array, vector: PETSc.Vec) -> None:
-        """Add nodal vectors, (n, c), to a ghosted vector. Collective.
+        """Add nodal vectors (n, c), rows as in `configuration`, to a ghosted vector. Collective.
 
-        Row i of ``values`` belongs to row i of `configuration`. If ``gathered``, only entries that
-        this rank owns are changed, otherwise ghosts too.
+        If ``gathered``, only entries that this rank owns change, otherwise ghosts too.
         """
         out = self._rows(vector)
         if self.gathered:
@@ -220,9 +211,9 @@ class SurfaceContact(HistoryTerm, ForceTerm):
         self.add_nodal(pair.nodal_forces(x), r)
 
     def add_goal_derivative(self, name: str, component: int, u: PETSc.Vec, g: PETSc.Vec) -> None:
-        """Add the derivative of a force's component by u [N/m] to ``g``. Collective.
+        """Add the derivative of a force's component by u, without friction, to ``g`` [N/m].
 
-        Friction is left out. Only pairs with ``force_derivative`` have it.
+        Collective.
         """
         pair, x = self.pairs[self.goals.index(name)], self.configuration(u)
         self.add_nodal(pair.force_derivative(component, x), g)
@@ -264,7 +255,7 @@ class SelfContactTerm(SurfaceContact, CouplingTerm):
     skin : Skin or None
         The surface, if a lattice carries it; None for the boundary of the mesh.
     kinematics : Kinematics, optional
-        Dimension of the mesh and components of the displacement.
+        Kinematics of the displacement.
 
     Attributes
     ----------

@@ -1,7 +1,4 @@
-"""Quadrature on the boundary of a body: points, shape functions and weights of its facets.
-
-Terms that act at points of the deformed surface, as contact does, evaluate them with numpy.
-"""
+"""Quadrature on the boundary of a body: points, shape functions and weights of its facets."""
 
 from __future__ import annotations
 
@@ -347,7 +344,7 @@ def may_be_deep(gaps: Array, x: Array, sizes: Array, intervals: int) -> Array:
     """Return which facets may be deep between a grid's points but not at them, (facets,) bool.
 
     A signed distance changes by at most the length of a path, and no point of a facet is farther
-    from the grid than half a diagonal of its cells. Deep is more than `_LEAST` facet sizes.
+    from the grid than half a diagonal of its cells. Deep is what `DeepestPoint.row` reports.
 
     Parameters
     ----------

@@ -1,9 +1,8 @@
 r"""The search for the triangles of a surface that are closest to points, and gaps to facets.
 
-Three searches choose differently among the closest triangles: `ClosestFacets` finds the facets that
-another body may touch, `ReferenceSurface` targets in the reference configuration, `approaching`
-parts of a surface that approach each other. In two dimensions segments of a curve take the place of
-triangles.
+`ClosestFacets` finds the facets that another body may touch, `ReferenceSurface` targets in the
+reference configuration, `approaching` parts of a surface that approach each other. In two
+dimensions segments of a curve take the place of triangles.
 
 Contact of two surfaces assigns one facet of the other surface to each point x, constant during a
 solve. With the facet's nodes at :math:`y_b`, the closest point is
@@ -145,15 +144,15 @@ class TriangleTree:
             The points to search for.
         counts : sequence of int
             How many triangles to examine for each point. Points for which another triangle may
-            still count are searched again with the next number.
+            count are searched again with the next number.
         receive : callable
             Is called with some of the rows, (s,), and their `Candidates`; returns the distances
-            (s,) [m] beyond which a triangle does not count. A row may come several times; the last
-            call has the most candidates.
+            (s,) [m] beyond which a triangle does not count. A later call for a row replaces an
+            earlier one.
         directions : (n, 3), optional
             The points' three more coordinates [m], if the tree has six dimensions.
         reach : float
-            Largest distance of a midpoint in the tree [m]. Points without one are not received.
+            Largest distance of a midpoint in the tree [m]; points without one are left out.
         """
         at = points if directions is None else np.column_stack([points, directions])
         for count in counts:
@@ -177,12 +176,11 @@ class TriangleTree:
 #: How many triangles are examined for a point, by the distance of their midpoints: the next number
 #: if these do not prove that no other triangle is closer; then all.
 _EXAMINED = (24, 96, 384)
-#: The distance of a triangle whose outward normal is that of the point is multiplied by this, of
-#: one of the opposite normal by 1, linearly in the cosine between: the target of a point near an
-#: edge of the surface is then the face that it has passed through, not the face beside it.
+#: `turned` multiplies the distance of a triangle by this if its outward normal is the point's, by 1
+#: if it is opposite, linearly in the cosine between: the target of a point near an edge of the
+#: surface is then the face that it has passed through, not the face beside it.
 _TURNED = 3.0
-#: So many cells are added, as linearly: a point on the edge itself has the same distance, zero,
-#: from both faces.
+#: It adds so many cells in the same way: a point on the edge is at distance zero from both faces.
 _BESIDE = 0.5
 #: Largest number of steps from a triangle to its neighbours.
 _STEPS = 10
@@ -201,7 +199,7 @@ _APPROACHED = 4
 def turned(found: Candidates, sizes: Array) -> Array:
     """Return distances (n, k) [m], increased unless a candidate's normal opposes the point's.
 
-    ``sizes`` (n,) are the sizes of the cells at the points [m]: see `_TURNED` and `_BESIDE`.
+    ``sizes`` (n,) are the sizes of the cells at the points [m].
     """
     beside = (1 + found.cosine) / 2
     preferred = found.distance * (1 + (_TURNED - 1) * beside)
@@ -218,10 +216,10 @@ class ReferenceTargets(NamedTuple):
     coordinates : (n, corners)
         Barycentric coordinates of the target in this triangle.
     nearest : (n,) int
-        The closest triangle, whatever its normal.
+        The closest triangle.
     depth : (n,)
-        Distance of the point from the surface [m], positive inside the body; -inf if the point's
-        body has no triangle.
+        Distance of the point from the surface [m], positive inside; -inf if the point's body has
+        no triangle.
     """
 
     triangle: Array
@@ -238,10 +236,9 @@ class ReferenceSurface:
     points : (n, dim)
         Reference positions of the surfaces' points [m].
     triangles : (m, dim) int
-        The points of each triangle: closed surfaces with outward normals; segments in two
-        dimensions.
+        The points of each triangle, or segment: closed surfaces with outward normals.
     bodies : (m,) int
-        The body of each triangle: a point's target is on the surface of its own body.
+        The body of each triangle: a point's target is on the surface of its body.
     """
 
     def __init__(self, points: Array, triangles: Array, bodies: Array) -> None:
@@ -383,7 +380,7 @@ def approaching(
 ) -> Approaching:
     """Return the samples that are close to an opposed triangle and in front of it.
 
-    Each sample occurs at most once, with the closest of `_APPROACHED` triangles.
+    Each sample occurs at most once, with the closest such triangle.
 
     Parameters
     ----------
@@ -453,9 +450,9 @@ class ClosestFacets:
     """The search for the facets of one surface that points of another surface may touch.
 
     Each facet is searched as triangles between its midpoint and the nodes around it: three or four
-    triangles at degree 1, six or eight at degree 2; a curve as two segments. Gaps to the facet that
-    is found use its own shape functions. (With two triangles a warped quadrilateral leans to one
-    side: two plates that collide took up to six times the iterations.)
+    at degree 1, six or eight at degree 2; a curve as two segments. Gaps use the facet's own shape
+    functions. (With two triangles a warped quadrilateral leans to one side: two plates that collide
+    took up to six times the iterations.)
 
     Parameters
     ----------
@@ -487,8 +484,8 @@ class ClosestFacets:
         """Return the facets that points of another surface may touch.
 
         A point's facet is the closest one whose outward normal has a negative product with the
-        point's normal. The point has no facet if this one is out of reach, if the point is behind
-        it though outside the body, or if it is beside the edge of the surface.
+        point's. The point has none if this facet is out of reach, if the point is behind the facet
+        but outside the body, or if it is beside the edge of the surface.
 
         Parameters
         ----------
@@ -575,22 +572,20 @@ def measure_gaps(
 ) -> Gaps:
     """Return the gap of each point to one given facet: see `Gaps` for sign and special values.
 
-    Newton's method finds the closest points.
-
     Parameters
     ----------
     shape : FacetShape
         The shape functions of a facet.
     side : Side
-        The facets that ``facets`` numbers.
+        The facets.
     x : (m, 3)
         Positions of the nodes [m].
     points : (n, 3)
-        Positions of the points, which are on another surface [m].
+        Points of another surface [m].
     facets : (n,) int
         The facet of each point; -1 is not allowed.
     start : (n, d)
-        First guess of the closest point, in reference coordinates of the facet.
+        Reference coordinates of a first guess of the closest point.
     """
     y, xi = x[side.nodes[facets]], np.array(start)
     left = np.arange(len(points))
