@@ -232,7 +232,7 @@ def _print(found: Fit) -> None:
 
 
 def _print_notes(found: Fit) -> None:
-    """Print the notes of a fit: what is doubtful in the data."""
+    """Print the notes on doubtful data."""
     for line in found.notes:
         print(f"note: {line}")
 
@@ -262,7 +262,7 @@ def _words(key: str, text: str | None) -> list[Any] | None:
 
 
 def _pair(key: str, text: str) -> tuple[float, float]:
-    """Return the two numbers of a text with a comma between; raise BadInput for another text."""
+    """Return the two numbers of a text with a comma between, or raise BadInput."""
     found = comma_list(key, text)
     if len(found) != 2 or not all(type(x) in (int, float) for x in found):
         raise BadInput(f"--{key} {text}: expected two numbers with a comma between, e.g. 0.5,2")

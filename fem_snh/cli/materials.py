@@ -132,10 +132,7 @@ def _list() -> int:
 def _table(
     names: Sequence[str], path: Path | None, overwrite: bool, numbers: dict[str, Any]
 ) -> int:
-    """Print the table of the materials ``names``, of all materials if empty; return 0.
-
-    Write it to ``path``, too, if given; raise BadInput if that exists, without ``overwrite``.
-    """
+    """Print the table of the materials ``names``, of all if empty, and write it to ``path``."""
     if path is not None and path.exists() and not overwrite:
         raise BadInput(f"csv = {path}: exists: expected another file, or --overwrite")
     from fem_snh.kernels.reports.report import rows, write
@@ -166,7 +163,7 @@ def _table(
 
 
 def _verdict(verdict: str, reason: str) -> str:
-    """Return a verdict, with the reason if it failed, as the text of a table cell."""
+    """Return the text of a table cell, with the reason of a failure."""
     if verdict == "not applicable":
         return "n/a"
     return verdict if verdict == "passed" else f"failed: {reason}"

@@ -137,7 +137,7 @@ def value(text: str, key: str = "value") -> Any:
 
 
 def assignments(pairs: list[str]) -> dict[str, str]:
-    """Return the values of --set as text, by key; raise BadInput for a text not ``key=value``."""
+    """Return the values, as text, of the ``key=value`` pairs of --set, or raise BadInput."""
     values = {}
     for pair in pairs:
         key, equals, right = pair.partition("=")

@@ -229,7 +229,7 @@ def sweep(argv: list[str]) -> int:
 
 
 def comma_list(key: str, text: str) -> list[Any]:
-    """Return the values of a comma-separated text, in TOML or as words; raise BadInput for none."""
+    """Return the values of a comma-separated text, in TOML or as words, or raise BadInput."""
     try:
         values: list[Any] = tomllib.loads(f"values = [{text}]")["values"]
     except ValueError:

@@ -214,10 +214,7 @@ def _convert_mesh(args: Namespace) -> int:
 
 
 def _numbers(option: str, text: str | None, accepted: str, kinds: tuple[type, ...]) -> list | None:
-    """Return the numbers of a comma-separated text; None for None.
-
-    Raises BadInput unless all are of these types.
-    """
+    """Return the numbers, of these types, of a comma-separated text; None for None."""
     if text is None:
         return None
     numbers = [value(word) for word in text.split(",")]

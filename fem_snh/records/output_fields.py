@@ -129,7 +129,7 @@ NODAL = ["reaction_force", *IN_TIME, *AT_OBSTACLES]
 #: Names of the nodal fields whose sum over the nodes has a meaning. Ranks that share a node each
 #: write it: the file of the node's owner has the value, the other files have 0.
 SUMMED = ("reaction_force",)
-#: Where a scene may have the fields written that are not in `NODAL`.
+#: The locations that a scene may choose for the fields that are not in `NODAL`.
 LOCATIONS = ("cells", "nodes")
 
 

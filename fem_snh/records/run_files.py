@@ -52,8 +52,8 @@ def is_run_file(name: str) -> bool:
 def surface_copy(solid: str, number: int, source: Path) -> str:
     """Return the name of a surface's copy in the folder of a run, for example "rigid_0.obj".
 
-    ``solid`` is one of `SOLIDS`, ``number`` counts its tables from 0. The suffix is .obj if the
-    file ``source`` has it, else .stl: readers tell the format by the suffix.
+    ``solid`` is one of `SOLIDS`; ``number`` counts its tables from 0. Readers tell OBJ files by
+    their suffix; every other file is STL.
     """
     return f"{solid}_{number}{'.obj' if source.suffix.lower() == '.obj' else '.stl'}"
 
@@ -163,10 +163,8 @@ def lock_run(
         The folder.
     inputs : iterable of Path
         The files that the run reads.
-    overwrite : bool
-        Accept a folder that is not empty; the caller replaces the run in it.
-    resume : bool
-        Accept a folder that is not empty; the caller continues the run in it.
+    overwrite, resume : bool
+        Accept a folder that is not empty.
 
     Raises
     ------
@@ -211,10 +209,9 @@ def list_others(folder: Path) -> str:
 def check_inputs(
     folder: Path, inputs: Iterable[Path], is_output: Callable[[str], bool] = is_run_file
 ) -> None:
-    """Raise BadInput if output in this folder might replace one of the files ``inputs``.
+    """Raise BadInput if output in this folder might replace an input, or the file it links to.
 
-    That is so if an input, or the file that it links to, is in the folder and has a name for which
-    ``is_output`` is true.
+    ``is_output`` returns whether a file of a name may be written.
     """
     for path in inputs:
         for file in (path.resolve(), path.parent.resolve() / path.name):

@@ -40,10 +40,7 @@ def load_record(path: Path) -> Record:
 
 
 def is_record(content: object) -> TypeGuard[Record]:
-    """Return whether the content of a JSON file may be that of a run.json.
-
-    It has the keys ``scene``, ``material`` and ``steps``, and each step has a number ``load``.
-    """
+    """Return whether JSON content has ``scene``, ``material`` and ``steps``, each with ``load``."""
     if not isinstance(content, dict) or not {"scene", "material", "steps"} <= content.keys():
         return False
     steps = content["steps"]
@@ -62,10 +59,7 @@ _NO_COLUMN = ("pose", "deepest_at", "origin", "nodes")
 
 
 def flat(step: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a step of run.json as a row of steps.csv: values by column.
-
-    A vector has a column for each component. Several notes are one text.
-    """
+    """Return a step of run.json as a row of steps.csv, with a column for each component."""
     row: dict[str, Any] = {}
     for key, value in step.items():
         if key == "notes":
@@ -111,10 +105,7 @@ _UNITS = {
 
 
 def column_unit(name: str, step: Mapping[str, Any]) -> str:
-    """Return the SI unit of a column of a step's `flat` row; "" if it has none.
-
-    A name that is no column of the row, such as a quotient of two columns, has none.
-    """
+    """Return a column's SI unit; "" if it has none, or is not in the step's `flat` row: "A/B"."""
     if name not in flat(step):
         return ""
     body = name.removesuffix(".error")

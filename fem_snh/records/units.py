@@ -42,19 +42,13 @@ _DERIVED = {"J": "N m", "kg m/s": "N s", "kg m^2/s": "N m s"}
 
 
 def volume_change(ratio: float) -> str:
-    """Return "+0.51", the change of a volume in per cent, for the volume ratio 1.0051.
-
-    A change that rounds to zero is "0.00", without a sign.
-    """
+    """Return the change of a volume in per cent: "+0.51" for the ratio 1.0051, "0.00" for 1."""
     text = f"{100 * (ratio - 1):+.2f}"
     return text if float(text) else "0.00"
 
 
 def stress_unit(key: str, text: str) -> float:
-    """Return the size of a unit of stress [Pa]; raise BadInput for an unknown unit.
-
-    The case of letters matters only for MPa. ``key`` is the name for the message.
-    """
+    """Return the size of a unit of stress [Pa]; raise BadInput, with ``key``, if it is unknown."""
     unit = _spelled(text)
     by_case = {name.lower(): name for name in STRESS_UNITS if name.lower() != "mpa"}
     return STRESS_UNITS[choose(key, by_case.get(unit.lower(), unit), list(STRESS_UNITS))]

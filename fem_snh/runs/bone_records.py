@@ -1,4 +1,4 @@
-"""The entry of a scene's bones in run.json, and the copies of surface files in a run's folder."""
+"""The entries of a scene's bones in run.json, and copies of surface files."""
 
 from __future__ import annotations
 
@@ -20,8 +20,7 @@ def describe_bones(scene: Scene, problem: Problem) -> dict[str, Record]:
     """Return the entry of each bone in run.json before the first step, by name. Collective.
 
     An entry has the bone's ``shape``, a table of one key as in the scene, or ``group``; the number
-    of its ``nodes``; its ``length`` [length]; and ``pose``, the three rows [A | c] of its map
-    x = A X + c at load 0.
+    of ``nodes``; the ``length``; and ``pose``, the rows [A | c] of the map x = A X + c at load 0.
     """
     found = {}
     placed: list[BoneNodes] = problem.dirichlet.bones

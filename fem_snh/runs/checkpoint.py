@@ -132,12 +132,12 @@ def load(folder: Path) -> tuple[Record, dict[str, Array]]:
     Returns
     -------
     about : dict
-        The keys of the scene, the record, the loads and the size of the next step, ...
+        The scene, the record, the loads and the size of the next step.
     arrays : dict
         "u" (n, components), the displacements [m]; "u_nodes" (n, 3), the reference coordinates [m]
-        of their nodes; "u_before", the displacements of the previous equilibrium; "p" (n, 1),
-        "p_nodes" and "p_before" of a pressure unknown; "motion" of a dynamic scene;
-        "NAME_points" and "NAME_history" of terms.
+        of their nodes; "u_before", the previous equilibrium; "p" (n, 1), "p_nodes" and "p_before"
+        of a pressure unknown; "motion" of a dynamic scene; "NAME_points" and "NAME_history" of
+        terms.
 
     Raises
     ------
@@ -275,10 +275,7 @@ class Checkpoint:
             self._last_row.update(stepper.examine_stability())
 
     def _order(self, nodes: Array, stored: str) -> Array:
-        """Return, on every rank, the index of each node in the array ``stored``. Collective.
-
-        ``nodes`` are coordinates (n, 3) on rank 0.
-        """
+        """Return, on every rank, the indices of rank 0's nodes in a stored array. Collective."""
         return on_root(self.folder.comm, lambda: match_nodes(nodes, self._arrays[stored]))
 
     def _rows(self, name: str, order: Array) -> Array | None:

@@ -183,7 +183,7 @@ def _solve(
 ) -> Estimate | None:
     """Solve all load steps, then compute modes and errors; record each result. Collective.
 
-    Returns the estimate of the errors; None without goals, or if the steps fail.
+    Returns the estimated errors; None if there are no goals or a step failed.
     """
     estimate = None
     with _interrupts(setup) as interrupts, recorder, solver.petsc_failures():

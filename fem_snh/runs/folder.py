@@ -117,8 +117,7 @@ def describe(setup: Setup) -> Record:
 def _describe_time(scene: Scene, problem: Problem, motion: Dynamics) -> Record:
     """Return the entry ``time`` of run.json. Collective.
 
-    It has the keys of the scene's table [time]; and ``start``, the energies, momenta and reactions
-    at the start.
+    ``start`` has the energies, momenta and reactions at the start.
     """
     table = {} if scene.time is None else scene.time.model_dump()
     given = {key: value for key, value in table.items() if value is not None}
@@ -174,10 +173,8 @@ class Folder:
         The folder.
     inputs : iterable of Path
         The files that the run reads.
-    overwrite : bool
-        Accept a folder that is not empty, to replace the run in it; other files stay.
-    resume : bool
-        Accept an existing folder, to continue the run in it.
+    overwrite, resume : bool
+        Accept a folder that is not empty, to replace or to continue the run in it.
 
     Attributes
     ----------
@@ -206,7 +203,7 @@ class Folder:
         self._lock: FolderLock | None = None
         self.note = on_root(comm, self._open, inputs, overwrite, resume)
         if resume and on_root(comm, (self.path / NEXT_LEVEL / LEVELS).exists):
-            self.take(self._next_level(resume=True))  # a process was killed as it did
+            self.take(self._next_level(resume=True))  # a process was killed in `take`
 
     def _open(self, inputs: Iterable[Path], overwrite: bool, resume: bool) -> str:
         """Create and lock the folder; return `note`. On rank 0."""
@@ -282,8 +279,7 @@ class Folder:
 def _json_text(record: Record) -> str:
     """Return the text of run.json, with each step in one line.
 
-    All steps are written after each step, and Python's encoder in C, which is 20 times faster, does
-    not indent.
+    All steps are written after each. Python's encoder in C, 20 times faster, does not indent.
     """
     empty = "[]"
     text = json.dumps(_json_value(record | {"steps": []}), indent=1)
@@ -293,7 +289,7 @@ def _json_text(record: Record) -> str:
 
 
 def _row_text(row: Record) -> str:
-    """Return the JSON of a step: the fast way, unless the row has infinity or NaN."""
+    """Return the JSON of a step. Infinity and NaN, which are rare, become null."""
     try:
         return json.dumps(row, default=lambda number: number.item(), allow_nan=False)
     except ValueError:

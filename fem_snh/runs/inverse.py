@@ -93,7 +93,7 @@ class MeasuredCurve:
     Raises
     ------
     BadInput
-        If all measured values of a goal are 0, or the square of one overflows.
+        If all measured values of a goal are 0, or the square of one overflows or underflows.
     """
 
     label: str
@@ -137,9 +137,9 @@ class SceneFit:
     converged : bool
         Whether the search converged.
     solves : int
-        Number of runs of the scene.
+        Runs of the scene.
     linear : int
-        Number of iterations of the adjoint solves.
+        Iterations of the adjoint solves.
     material : dict
         The scene's table ``material`` with the fitted numbers.
     """
@@ -195,9 +195,9 @@ class SceneFit:
         return write_file(path, self.table())
 
     def plot(self, path: str | Path) -> Path:
-        """Draw the measured points and fitted lines of the goals over `MeasuredCurve.x`.
+        """Draw measured points and fitted lines of the goals over ``curve.x``; return the path.
 
-        Returns the picture's path. Raises BadInput if the picture cannot be written.
+        Raises BadInput if the picture cannot be written.
         """
         from fem_snh.viewing.plots.materials import draw_curve
 
@@ -240,9 +240,8 @@ def fit_scene(
     max_solves : int
         Largest number of runs.
     **overrides
-        As for `fem_snh.run`. A parameter of the scene's function that has the name of an argument
-        above, such as ``to`` of `press`, is given by
-        ``fit_scene(fem_snh.scenes.load("press", to=0.8), ...)``.
+        As for `fem_snh.run`. A scene's parameter with the name of an argument above, as ``to`` of
+        `press`, is given by ``fit_scene(fem_snh.scenes.load("press", to=0.8), ...)``.
 
     Raises
     ------
@@ -369,8 +368,8 @@ class _State:
 class InverseProblem:
     """The m residuals of a curve as a function of a scene's k parameters, with derivatives.
 
-    A residual is goal minus measured value, over the largest measured value of the goal. Its
-    arguments z (k,) are the variables of `_Parameter`. Collective.
+    A residual is goal minus measured value, over the goal's largest measured value. Arguments z
+    (k,) are dimensionless variables, one for each parameter. Collective.
 
     Parameters
     ----------
@@ -388,9 +387,9 @@ class InverseProblem:
     scale : (m,) array
         The largest measured value of each residual's goal.
     solves : int
-        Number of runs so far.
+        Runs so far.
     linear : int
-        Number of iterations of the adjoint solves so far.
+        Iterations of the adjoint solves so far.
     failure : str
         The status of the last run that failed; "" if none did.
     """
@@ -457,7 +456,7 @@ class InverseProblem:
         return low - values, high - values
 
     def residual(self, z: Array) -> Array:
-        """Return the residuals, (m,); each is `_FAILED` if the run fails."""
+        """Return the residuals, (m,); large ones if the run fails."""
         found = self.evaluate(z)
         return np.full(self.scale.shape, _FAILED) if found is None else found[0]
 

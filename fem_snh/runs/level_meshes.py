@@ -1,7 +1,6 @@
 """The levels of a run to an accuracy: the first level's scene, and the meshes of further levels.
 
-A level is a solution on one mesh. The next level has smaller cells everywhere, or where the errors
-are.
+A level is a solution on one mesh. The next has smaller cells everywhere, or where the errors are.
 """
 
 from __future__ import annotations
@@ -83,7 +82,7 @@ def is_exact(scene: Scene) -> bool:
 
 
 def cells_of(scene: Scene, least: float) -> int:
-    """Return the smallest number of cells along an edge, from ``least``, for the geometry."""
+    """Return the smallest number of cells along an edge, >= ``least``, for the geometry."""
     cells = parameter(scene.mesh.source, "cells") if isinstance(scene.mesh, Geometry) else None
     if cells is None:
         return ceil(least)
@@ -290,24 +289,24 @@ def is_refined_locally(scene: Scene) -> bool:
 
 
 def more_cells(comm: MPI.Comm, scene: Scene, last: Level, finer: float) -> Refined:
-    """Return the scene's change to more cells along an edge: see `Refine`."""
+    """Return a `Refined` scene with more cells along an edge."""
     assert scene.cells is not None
     return {"cells": cells_of(scene, max(scene.cells + 1, scene.cells * finer))}, None
 
 
 def smaller_lattice(comm: MPI.Comm, scene: Scene, last: Level, finer: float) -> Refined:
-    """Return the scene's change to a smaller cell of the lattice: see `Refine`."""
+    """Return a `Refined` scene with a smaller cell of the lattice."""
     assert isinstance(scene.mesh, Lattice)
     return {"cell": scene.mesh.cell / finer}, None
 
 
 def higher_degree(comm: MPI.Comm, scene: Scene, last: Level, finer: float) -> Refined:
-    """Return the scene's change to an element of degree 2, and the same mesh: see `Refine`."""
+    """Return a `Refined` scene with an element of degree 2, and the same mesh."""
     return {"element": raised_element(scene)}, last.mesh
 
 
 def bisected(comm: MPI.Comm, scene: Scene, last: Level, finer: float) -> Refined:
-    """Return the last mesh with cells bisected where the errors are: see `Refine`."""
+    """Return `Refined` with cells bisected where the errors are."""
 
     def bisect(data: MeshData, target: Target, wanted: float) -> MeshData:
         return bisect_times(data, target, wanted, MOST_CELLS)
@@ -320,7 +319,7 @@ def bisected(comm: MPI.Comm, scene: Scene, last: Level, finer: float) -> Refined
 
 
 def meshed_again(comm: MPI.Comm, scene: Scene, last: Level, finer: float) -> Refined:
-    """Return a new mesh of the exact body, with cell sizes from the errors: see `Refine`."""
+    """Return `Refined` with a new mesh of the exact body, its cell sizes from the errors."""
 
     def mesh(data: MeshData, target: Target, wanted: float) -> MeshData:
         cells = data.cells[:, : data.x.shape[1] + 1]
@@ -336,9 +335,9 @@ def _with_target(
     finer: float,
     make: Callable[[MeshData, Target, float], MeshData],
 ) -> Mesh:
-    """Return the mesh that ``make`` makes on rank 0 from the last mesh, distributed. Collective.
+    """Return the next mesh, distributed. Collective.
 
-    ``make`` is called with the last mesh, a `Target`, and the growth of the number of cells.
+    Rank 0 calls ``make`` with the last mesh, a `Target` and the growth of the number of cells.
     """
     assert last.mesh is not None
     data, owned = gather(last.mesh), len(last.volumes)

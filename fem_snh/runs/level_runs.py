@@ -69,12 +69,11 @@ class Level:
     start : float
         The value of `time.perf_counter` at the start of the first level.
     mesh : Mesh or None
-        The level's mesh; None, until `begin`: the mesh of the scene.
+        The level's mesh; None until `begin`: the mesh of the scene.
     before : Problem or None
-        The problem of the level before, at its solution, until `begin`; None: the level takes all
-        steps.
+        The problem of the level before, at its solution; None after `begin`.
     fineness : float
-        The number of cells along an edge; 0: the root (1/dim) of the number of cells.
+        The cells along an edge; 0: the root, 1/dim, of the number of cells.
     stiffer : float
         The factor by which penalties are stiffer than the scene's.
     notes : list of dict
@@ -96,7 +95,7 @@ class Level:
     row: LevelRow | None = None
 
     def begin(self, setup: Setup) -> None:
-        """Set `mesh`, `volumes` and `row`, and the end state of the level before. Collective."""
+        """Set `mesh`, `volumes`, `row`, and the problem's state to that of `before`. Collective."""
         problem = setup.problem
         self.mesh, self.volumes = setup.mesh, cell_volumes(problem.domain)
         cells, element = problem.num_cells, problem.element
@@ -215,10 +214,7 @@ class _LevelRuns:
         self._next: Folder | None = None
 
     def run(self) -> Result:
-        """Solve levels until the goals are within the request, or a limit is reached.
-
-        Returns the result of the last level.
-        """
+        """Solve levels until the goals are within the request, or a limit is reached."""
         levels, printed = self._levels, self._printed
         result = self._restore(self._stored) if self._stored else self._solve_level()
         while result.converged and not levels.reached:
@@ -359,7 +355,7 @@ class _LevelRuns:
             new["time_steps"] = HALVES * ceil(scene.time.steps * changes.shorter / HALVES)
         elif last.steps:
             new["steps"] = ceil(scene.steps * changes.shorter)
-        else:  # without goals the state may be none to start from; with loads they need the path
+        else:  # without goals the state may be no start; goals at loads need the path
             starts_there = bool(last.goals) and not last.estimate.loads
             new |= {"steps": self._first.steps, "starts_there": starts_there}
         self._change(new)
@@ -367,10 +363,7 @@ class _LevelRuns:
 
 
 def _notes_on_path(before: Result, number: int) -> list[dict[str, Any]]:
-    """Return the notes on the path to the end of level ``number``, for the next level.
-
-    They have no ``step``, as the next level has other steps.
-    """
+    """Return the notes on the path to the end of a level, without ``step``, for the next level."""
     found = []
     for note in before.notes:
         if note["kind"] in NOTES_ON_PATH:

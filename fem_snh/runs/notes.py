@@ -30,8 +30,7 @@ if TYPE_CHECKING:
 def turns(scene: Scene) -> list[str]:
     """Return a line for each prescribed rotation by more than half a turn per step.
 
-    The end positions after half a turn and after one and a half are the same, so whole turns may be
-    lost.
+    Half a turn and one and a half end in the same position, so whole turns may be lost.
     """
     steps = scene.time.steps if scene.time else scene.steps
     found = []
@@ -52,7 +51,7 @@ def turns(scene: Scene) -> list[str]:
 
 
 def kinks(scene: Scene) -> list[str]:
-    """Return a line for each table that moves a body in time and `has_kinks`."""
+    """Return a line for each table whose kinks make velocities jump in a dynamic scene."""
     if not scene.time:
         return []
     motions: list[Any] = [*scene.move, *scene.rigid]

@@ -82,8 +82,8 @@ class Progress:
     ) -> None:
         """Print the load, or the time, from which a resumed run continues.
 
-        For a finished run, print what is ``missing`` of its last state and computed now.
-        ``duration`` is the time of load 1 [s]; None in a static scene.
+        If the run is finished, print what of its last state is ``missing``. ``duration`` is the
+        time of load 1 [s]; None in a static scene.
         """
         at = f"load {load:.6g}" if duration is None else f"time {load * duration:.6g} s"
         left = f"computing of its last state: {'; '.join(missing)}" if missing else "nothing to do"
@@ -132,8 +132,8 @@ class Progress:
     def reached(self, accuracy: Record, duration: float | None) -> None:
         """Print whether the required accuracy was reached, and what ended the levels.
 
-        ``accuracy`` is the record of `fem_snh.accuracy.levels.Levels`. The goals of a dynamic scene
-        are evaluated at its end, after ``duration`` [s].
+        ``accuracy`` is the record of the levels. The goals of a dynamic scene are evaluated at its
+        end, after ``duration`` [s].
         """
         asked = f"{100 * accuracy['within']:g} %"
         if accuracy["reached"]:

@@ -210,7 +210,7 @@ class Recorder:
     def _is_due(self, state: bool) -> bool:
         """Return whether a running run's record is to be written now. Collective.
 
-        A step that failed waits for the state before it: each step in run.json can be resumed.
+        A failed step waits for the previous state, so that each step in run.json can be resumed.
         """
         if len(self.record["steps"]) <= _FIRST_STEPS:
             return True

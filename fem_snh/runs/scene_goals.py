@@ -70,7 +70,7 @@ def scene_goals(setup: Setup) -> list[Goal]:
     """
     scene = setup.scene
     named = scene.accuracy.names if scene.accuracy else []
-    # Of a motion another sum is the energy.
+    # In a dynamic scene the energy is another sum.
     has_energy = setup.problem.has_energy and scene.time is None
     groups = [*(bone.group for bone in scene.bone), *(part.group for part in scene.rigid)]
     names = named or default_goals(scene, has_energy and None not in groups)
@@ -113,9 +113,9 @@ def named_goals(setup: Setup, names: Sequence[str]) -> list[Goal]:
 
 
 def _on_free_nodes(setup: Setup, text: str, read: GoalName) -> BadInput | None:
-    """Return the exception for a force or moment of free nodes, a residual; else None. Collective.
+    """Return an exception if a goal is the force or moment of free nodes, else None. Collective.
 
-    The error of a residual is unknown.
+    Such a force is the residual, whose error is unknown.
     """
     if read.kind not in ("force", "moment") or not is_free(setup.problem, setup.mesh, read.name):
         return None
@@ -133,7 +133,7 @@ def default_goals(scene: Scene, has_energy: bool) -> list[str]:
     turned = [reaction for reaction in scene.reactions if reaction.about]
     kinematics = kinematics_of(scene.kinematics)
     force = "force.y" if kinematics.revolved else "force"
-    # At the end of a motion a contact that opens and closes has any force.
+    # In a dynamic scene a contact that opens and closes may have any force at the end.
     results = [] if scene.time else term_goals(scene.features)
     for part in scene.rigid:
         unknown = part.unknown_results[: 2 if kinematics.moment_axes else 1]
@@ -219,7 +219,9 @@ class _State(NamedTuple):
 
 
 class GoalStates:
-    """The states in which goals are evaluated: at named loads, or at the largest. Collective.
+    """The states in which goals are evaluated. Collective.
+
+    A goal is evaluated at a named load, at the load where it is largest, or at the end.
 
     Parameters
     ----------
@@ -260,7 +262,7 @@ class GoalStates:
         self._states: dict[Goal, _State] = {}
 
     def add_state(self) -> None:
-        """Keep the present state for the goals that have its load or are the largest so far."""
+        """Keep the present state for goals at its load, and for goals that are largest so far."""
         problem, state = self._problem, None
         if self.reason:
             return
@@ -295,7 +297,7 @@ class GoalStates:
 
 
 def _restore(problem: Problem, state: _State) -> None:
-    """Set the load and the unknowns of a problem, unless it has this load. Collective."""
+    """Set a problem to a state, unless it is at this load. Collective."""
     if state.load == problem.load:
         return
     problem.set_load(state.load)

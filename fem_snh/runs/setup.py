@@ -178,10 +178,7 @@ def _why_condensed(scene: scenes.Scene) -> str:
 def define_scene(
     scene: scenes.Scene, comm: MPI.Comm, mesh: meshes.Mesh | None = None
 ) -> tuple[Definition, Any]:
-    """Return the definition of a scene's problem, and a displacement Function for it. Collective.
-
-    The mesh is made from the scene if it is not given.
-    """
+    """Return the definition of a scene's problem, and its displacement Function. Collective."""
     statement, motion = build(scene, comm, mesh).statement, Record()
     if scene.time:
         from fem_snh.steps.dynamics.dynamics import create_motion

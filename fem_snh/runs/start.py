@@ -119,10 +119,7 @@ def _friction_text(scene: Scene, run: Path) -> str:
 def _displacement(
     V: _dolfinx.FunctionSpace, run: Path, step: int, kinematics: str | None
 ) -> tuple[Array, Note | None]:
-    """Return a run's displacement at the owned nodes, (n, components), and a note. Collective.
-
-    The note is on nodes outside of the run's mesh; None if there are none.
-    """
+    """Return a run's displacement at the owned nodes, (n, components), and a note. Collective."""
     comm, owned = V.mesh.comm, _dolfinx.num_nodes(V)[0]
     components = _dolfinx.num_components(V)
     nodes = gather_rows(comm, V.tabulate_dof_coordinates()[:owned])

@@ -29,10 +29,7 @@ Function = Callable[[float], float]
 
 
 def function_name(table: Any) -> str:
-    """Return "function NAME" for a function, else the table's name, for JSON.
-
-    Functions are compared by name only, as their code cannot be compared.
-    """
+    """Return "function NAME", as code cannot be compared, or the name of a table, for JSON."""
     name = getattr(table, "__qualname__", type(table).__name__)
     return f"function {name}" if callable(table) else str(table)
 
@@ -84,11 +81,7 @@ class Amplitude(Table):
         return float(self._spline(np.clip(load, loads[0], loads[-1])))
 
     def has_kinks(self, step: float) -> bool:
-        """Return whether the slope jumps at points, and steps of this length resolve the jumps.
-
-        True if the interpolation is linear, the slopes differ, and ``step`` is shorter than the
-        largest distance of two successive points.
-        """
+        """Return whether the slope jumps at points with a distance larger than ``step``."""
         loads, values = np.transpose(self.points)
         slopes = np.diff(values) / np.diff(loads)
         kinked = bool(np.ptp(slopes) > _ROUNDING * np.abs(slopes).max())
@@ -115,8 +108,7 @@ def check_tables(tables: Sequence[Amplitude], scene: Mapping[str, Any]) -> None:
     tables : sequence of Amplitude
         The scene's tables.
     scene : mapping
-        The scene's keys and their values. Loads and motions are searched for the names of tables;
-        each is a `Table` or in a list of them.
+        The scene's keys and their values: tables, which may name a table, or lists of tables.
     """
     known = [table.name for table in tables]
     check_distinct("table.name", known, "table")
@@ -149,8 +141,7 @@ def _references(tables: Mapping[str, Any], path: str = "") -> Iterable[tuple[str
 class _Factor:
     """An amplitude as a function of the load.
 
-    Without ``duration``, ``function`` is a function of the load; else of the time, load times
-    ``duration`` [s].
+    ``function`` is a function of the load; if ``duration`` [s] is given, of the time.
     """
 
     function: Function
@@ -178,7 +169,7 @@ class Amplitudes:
     tables : sequence of Amplitude
         The tables that loads and motions may name.
     duration : float or None
-        The time at load 1 [s]; the tables are then functions of the time. None: they are functions
+        The time at load 1 [s], if the tables are functions of the time; None if they are functions
         of the load.
     """
 
@@ -193,9 +184,9 @@ class Amplitudes:
         Parameters
         ----------
         table : str, callable or None
-            The name of a table; or a function, of the time [s] if there is a ``duration``.
+            The name of a table; or a function of the load, or of the time [s] with a ``duration``.
         default : callable
-            What is returned if ``table`` is None: by default the load itself.
+            Returned if ``table`` is None.
 
         Raises
         ------

@@ -19,10 +19,7 @@ Size = Annotated[
 
 
 class _ShapeTable(Table):
-    """The base of the tables that describe one shape of `fem_snh.geometry.shapes`.
-
-    A subclass has the attribute ``kind``, the shape's key in scenes and in run.json.
-    """
+    """The base of the tables of shapes; ``kind`` is the shape's key in scenes and run.json."""
 
     kind: ClassVar[str]
 
@@ -138,7 +135,7 @@ class ShapeChoice(Table):
 
     @property
     def given(self) -> dict[str, Any]:
-        """The key that is set, with its table; the key `union` has a list of tables."""
+        """The key that is set, with its table; the key ``union`` has a list of tables."""
         return {key: table for key, table in self if table is not None}
 
     def shape(self) -> Shape:

@@ -27,7 +27,7 @@ _DIGITS = len(str(INT32_MAX))
 #: Largest whole number that TOML guarantees (TOML 1.0, "Integer").
 INT64_MAX = 2**63 - 1
 #: The built-in geometry with the fewest nodes has one layer of N x N cells: 6 (N + 1)^2 = 6e8
-#: unknowns at this N, where PetscInt ends at 2e9. A cube reaches that at N = 893.
+#: unknowns at this N, where PetscInt ends at 2e9. A cube reaches the end of PetscInt at N = 893.
 MAX_CELLS = 10_000
 #: What UFL calls the integrals of measures dx and ds.
 _CELLS, _FACETS = "cell", "exterior_facet"

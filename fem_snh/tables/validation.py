@@ -206,8 +206,8 @@ class Table(BaseModel, metaclass=_TableClass):
         except ValidationError as error:
             raise BadInput(one_line(error)) from None
 
-    # Otherwise pydantic calls it for tables in tables, too, and their errors lose their keys. Type
-    # checkers know no attributes of functions.
+    # Without this pydantic calls __init__ for tables in tables, too, and the errors of those tables
+    # lose their keys. Type checkers know no attributes of functions.
     __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]
 
     @classmethod
@@ -271,10 +271,7 @@ class Table(BaseModel, metaclass=_TableClass):
         return value is not default if default is None else bool(value != default)
 
     def _is_given(self, key: str) -> bool:
-        """Return whether a key was given a value, even its default, but neither None nor [].
-
-        "a.b" is the key b of the table a in this table.
-        """
+        """Return whether a key, or "a.b" for b in a, was given a value other than None or []."""
         first, _, rest = key.partition(".")
         value = getattr(self, first)
         if rest:
@@ -350,10 +347,7 @@ def with_parameters(table: type[Table]) -> str:
 
 
 def accepted(field: FieldInfo) -> str:
-    """Return what a key accepts, as its error messages say it; "" if nothing is known.
-
-    For a key without an `Expect` it is the type of the values, for example "a list of tables".
-    """
+    """Return what a key accepts, as in its error messages, or the type of its values, or ""."""
     parts = [part for given in (*field.metadata, field.annotation) for part in _parts(given)]
     if expected := [part.what for part in parts if isinstance(part, Expect)]:
         return expected[0]
@@ -396,7 +390,7 @@ def words_of_others() -> dict[str, Any]:
 def suggestion(word: str, known: Iterable[str]) -> str:
     """Return ``" (did you mean 'x'?)"`` for a word of another program, or ``""``.
 
-    For a feature that this program lacks, return a sentence that says so, in parentheses.
+    For a feature that this program lacks, a sentence in the parentheses says so.
 
     Parameters
     ----------

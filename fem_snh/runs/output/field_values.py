@@ -94,8 +94,8 @@ class FieldValues:
     def _projected(self, names: Sequence[str]) -> dict[str, Array]:
         """Return fields of ``POINT_FIELDS`` at the nodes, (nodes, ...). Collective.
 
-        Tensors are projected; invariants and principal values are evaluated from the projected
-        tensor, as projected eigenvalues would be the eigenvalues of no tensor.
+        Invariants and principal values are those of projected tensors: projected eigenvalues would
+        be the eigenvalues of no tensor.
         """
         of_stress = [name for name in names if name in _OF_STRESS]
         of_gradient = [name for name in names if name in _OF_GRADIENT]
@@ -123,9 +123,9 @@ class FieldValues:
         return {name: values[:, 0] for name, values in found.items()}
 
     def _reaction_force(self) -> Array:
-        """Return dE/du [N] in constrained directions and 0 in free ones, (nodes, 3). Collective.
+        """Return the force of the constraints [N], (nodes, 3), ghosts included. Collective.
 
-        It is the force of the constraints on the nodes of this rank, ghosts included.
+        It is dE/du in constrained directions and 0 in free ones.
         """
         problem = self._problem
         r = problem.x.duplicate()

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 Array = npt.NDArray[Any]
 
-#: The time series of the skin that a lattice carries, and of the surfaces of obstacles.
+#: The time series of the surface of a body in a lattice, and of the surfaces of obstacles.
 SKIN, OBSTACLES = "skin.pvd", "obstacles.pvd"
 
 
@@ -159,9 +159,9 @@ class Fields:
         return [DataArray("pressure", self._at_nodes.x.array.reshape(-1, components)[:, 0])]
 
     def write_errors(self, problem: Problem, indicators: Mapping[str, Array]) -> None:
-        """Write the state with the errors of goals in each cell of this rank. Collective.
+        """Write the state with the errors of goals in this rank's cells. Collective.
 
-        ``indicators`` has arrays (owned cells,) by goal; the errors of other goals are zero.
+        Goals that ``indicators`` lacks have zeros.
         """
         self._errors, self._waits = indicators, False
         self.write(problem)
@@ -240,10 +240,8 @@ class GridSeries(Collection):
         ----------
         t : float
             The time.
-        points : sequence of DataArray
-            Values at this rank's nodes, ghosts included.
-        cells : sequence of DataArray
-            Values of this rank's owned cells.
+        points, cells : sequence of DataArray
+            Values at this rank's nodes, ghosts included; and of this rank's owned cells.
 
         Raises
         ------

@@ -85,9 +85,9 @@ def gather_rows(comm: MPI.Comm, values: Array) -> Array:
 
 
 def scatter_rows(comm: MPI.Comm, whole: Array | None, shape: tuple[int, ...]) -> Array:
-    """Return this rank's rows, an array of ``shape``, of the rows on rank 0. Collective.
+    """Return this rank's rows, of this shape, of ``whole``, the rows of all ranks. Collective.
 
-    ``whole`` has the rows of all ranks in the order of the ranks; only rank 0 needs it.
+    Only rank 0 needs ``whole``.
     """
     counts = np.array(comm.allgather(shape[0])) * shape[1]
     rows = np.empty(shape)

@@ -32,12 +32,12 @@ POINT_FIELDS: dict[str, tuple[int, ...]] = {
 
 
 class PointFieldLoops:
-    """The compiled loop that evaluates `POINT_FIELDS` at points. Its construction is collective.
+    """The compiled loop that evaluates `POINT_FIELDS` at points.
 
     Parameters
     ----------
     comm : communicator of mpi4py
-        The ranks that open the library; one of them compiles it.
+        The ranks, one of which compiles the loop. Collective.
     """
 
     def __init__(self, comm: MPI.Comm) -> None:

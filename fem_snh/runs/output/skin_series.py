@@ -66,10 +66,8 @@ class SkinSeries(Collection):
             The time.
         u : (nodes, 3)
             The displacement [m] of this rank's nodes, ghosts included.
-        points : sequence of DataArray
-            Values at this rank's nodes, ghosts included.
-        cells : sequence of DataArray
-            Values of this rank's owned cells.
+        points, cells : sequence of DataArray
+            Values at this rank's nodes, ghosts included; and of this rank's owned cells.
 
         Raises
         ------
@@ -96,9 +94,9 @@ class SkinSeries(Collection):
         return found
 
     def _interpolated(self, values: Array) -> Array:
-        """Return nodal values interpolated at the points, (points, ...), on rank 0. Collective.
+        """Return nodal values interpolated at the points, (points, ...). Collective.
 
-        The surface interpolates displacements, so three components are interpolated at a time.
+        Three columns are interpolated at a time, as for displacements.
         """
         columns = values.reshape(len(values), -1)
         wide = np.pad(columns, ((0, 0), (0, -columns.shape[1] % 3)))
@@ -122,8 +120,8 @@ _REACH = 1.5
 class ObstacleSeries(Collection):
     """The surfaces of moving obstacles at increasing times. Collective.
 
-    Rank 0 writes triangles at their positions, with the number of their obstacle in ``obstacles``,
-    which has the order of run.json.
+    Rank 0 writes triangles at their present positions; the field ``obstacle`` is the number of the
+    obstacle, in the order of run.json.
 
     Parameters
     ----------
@@ -181,8 +179,7 @@ class ObstacleSeries(Collection):
     def _triangles(self, i: int, centre: Array, size: Array) -> tuple[Array, Array]:
         """Return points (n, 3) and triangles (m, 3) of obstacle ``i`` at its reference position.
 
-        An unbounded surface is cut off near the body, whose bounding box has this ``centre``, in
-        the obstacle's frame, and these edge lengths ``size``.
+        Unbounded surfaces are cut off near ``centre``, by the ``size`` of the body's bounding box.
         """
         if i not in self._made:
             shape, radius = self._obstacles[i].shape, _REACH / 2 * float(np.linalg.norm(size))

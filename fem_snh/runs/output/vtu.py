@@ -118,10 +118,7 @@ def vtu_file(
 def pvtu_file(
     pieces: Sequence[str], points: Sequence[DataArray], cells: Sequence[DataArray]
 ) -> str:
-    """Return the text of a .pvtu file that lists the .vtu files ``pieces`` with these arrays.
-
-    Only the names, types and components of the arrays are used.
-    """
+    """Return the text of a .pvtu file: the .vtu files ``pieces``, and the types of their arrays."""
     root, body = _root("PUnstructuredGrid")
     body.set("GhostLevel", "0")
     for section, arrays in (("PPointData", points), ("PCellData", cells)):
@@ -137,9 +134,9 @@ def pvtu_file(
 
 
 def _root(kind: str) -> tuple[ET.Element, ET.Element]:
-    """Return the root element of a VTK file of this kind, and its child element ``kind``.
+    """Return the root element of a VTK file, and its child element ``kind``.
 
-    The version is 2.2: before it edges of hexahedra of degree 2 were in another order.
+    Before version 2.2 edges of hexahedra of degree 2 were in another order.
     """
     order = f"{sys.byteorder.title()}Endian"
     about = {"type": kind, "version": "2.2", "byte_order": order, "header_type": "UInt64"}
@@ -209,7 +206,7 @@ class Collection:
     def list_next(self, t: float, suffix: str) -> None:
         """List the next state, whose files are complete, in the .pvd file. On rank 0.
 
-        `times` is not changed: the caller appends the time on every rank.
+        The caller appends to ``times`` on every rank.
         """
         times = [*self.times, t]
         for number in range(len(self._rows), len(times)):
