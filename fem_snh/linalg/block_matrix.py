@@ -37,25 +37,17 @@ _LANES = 4
 _API = ("block_matrix_api.h", "coarse_space_api.h")
 _FUNCTIONS = ("block_matrix_kernels.h", "coarse_space_kernels.h")
 
-#: Functions per component and subdomain of Z, one for each lane of a vector register.
+#: Functions in the deflation space Z per component and subdomain: a lane of a vector register each.
 FUNCTIONS = 4
 
 
 def columns(block: int) -> int:
-    """Return the columns of Z per subdomain for nodes of ``block`` components."""
+    """Return the number of columns of Z per subdomain for nodes of ``block`` components."""
     return FUNCTIONS * block
 
 
 def open_kernels(comm: MPI.Comm, block: int) -> tuple[FFI, Lib]:
-    """Open the library for matrices whose blocks have ``block`` rows, 2 or 3. Collective.
-
-    Parameters
-    ----------
-    comm : communicator of mpi4py
-        The ranks.
-    block : int
-        Rows of a block.
-    """
+    """Return (ffi, lib), the compiled kernels for blocks of ``block`` rows, 2 or 3. Collective."""
     sizes = {"BLOCK": block, "ENTRIES": f"((long){block**2})", "COLUMNS": columns(block)}
     definitions = [f"#define {name} {size}" for name, size in sizes.items()]
     return build.open_library(_API, _FUNCTIONS, definitions, comm=comm)
@@ -73,7 +65,7 @@ class SymmetricBlockMatrix:
     size : int
         Rows of a block: 2 or 3.
     blocks : DisplacementBlocks
-        Where the values are: each row sorted, the pattern symmetric.
+        The offsets of the values; columns ascend in each row, and the pattern is symmetric.
 
     Raises
     ------
@@ -129,13 +121,13 @@ class SymmetricBlockMatrix:
         return build.pointer(self.ffi, array)
 
     def weighted_norm_squared(self, p: Array) -> float:
-        """Return p.D^-1 p."""
+        """Return p.D^-1 p over this rank's rows."""
         inverse = self._arrays["diagonal_inverse"][:-_LANES].reshape(-1, self.size, self.size)
         rows = p.reshape(-1, self.size)
         return float(np.einsum("ni,nij,nj->", rows, inverse, rows, dtype=float))
 
     def fill(self, values: int, off_diagonal: int, scale: float) -> int:
-        """Copy the values of an AIJ matrix, given by their addresses, times ``scale``.
+        """Copy an AIJ matrix's values, given by their addresses, times ``scale``; invert D.
 
         Returns
         -------
@@ -150,7 +142,7 @@ class SymmetricBlockMatrix:
         return float(self.lib.matrix_largest_diagonal(self.struct, *self.addresses(values)))
 
     def coupled_unknowns(self, values: int, off_diagonal: int) -> Array:
-        """Return where a row of the AIJ matrix has a nonzero entry beside its diagonal.
+        """Return which rows of the AIJ matrix have a nonzero entry off the diagonal.
 
         Parameters
         ----------
@@ -179,9 +171,9 @@ class Submatrix:
     ----------
     A : PETSc.Mat
         An AIJ matrix whose rows begin with those of the displacement on every rank
-        (`fem_snh.assembly.matrix_layout`). Its pattern is read here, its values by `update`.
+        (`fem_snh.assembly.matrix_layout`). Only its pattern is read; `update` reads values.
     index_sets : dict of PETSc.IS
-        {"u": IS, "p": IS}, the unknowns of each field.
+        {"u": IS, "p": IS}, the global indices of each field.
     rows, columns : str
         The fields of the block, "u" or "p".
 
@@ -211,7 +203,7 @@ class Submatrix:
                 self._offsets.append(_offsets(block, chosen, is_u == (columns == "u")))
 
     def update(self, A: PETSc.Mat) -> None:
-        """Copy the values."""
+        """Copy the values of ``A``, with the pattern of construction, into `matrix`."""
         with aij_blocks(A, read_only=True) as given, aij_blocks(self.matrix) as own:
             for source, target, offsets in zip(given, own, self._offsets, strict=True):
                 np.take(source.array(), offsets, out=target.array(), mode="clip")
@@ -226,8 +218,10 @@ def first_offsets(column: Array, start: Array, end: Array, bound: Array | int) -
     ----------
     column : (n,)
         The columns, ascending in each row.
-    start, end : (rows,)
-        Offsets of each row's first column and past its last, which is returned if all are less.
+    start : (rows,)
+        Offset of each row's first column.
+    end : (rows,)
+        Offset past each row's last column: the result if all columns are less.
     bound : (rows,) or int
     """
     low, high = start.copy(), end.copy()
@@ -239,7 +233,7 @@ def first_offsets(column: Array, start: Array, end: Array, bound: Array | int) -
 
 
 def _offsets(block: AIJBlock, rows: slice, columns: Array) -> Array:
-    """Return the offsets of the entries in these rows and in the columns where ``columns``."""
+    """Return the offsets of the entries in ``rows`` whose column is true in ``columns``."""
     start, column = block.csr()
     begin, end = start[rows.start or 0], start[rows.stop]
     return begin + np.flatnonzero(columns[column[begin:end]])
@@ -250,15 +244,16 @@ class BlockRows(NamedTuple):
 
     Attributes
     ----------
-    indptr, indices : (rows + 1,), (blocks,)
-        The blocks of each row and their columns; those of the off-diagonal block are numbered
-        from 0.
+    indptr : (rows + 1,)
+        Index of the first block of each block row.
+    indices : (blocks,)
+        Block columns; in the off-diagonal block, the index of the ghost node.
     row_offset : (rows,) int64
         Offset of the first value of each block row.
     offset : (blocks,) int64
         Offset of the first value of each block.
     stride : (rows,) int32
-        Values in each row of unknowns, of a block row all the same.
+        Values in each row of the AIJ matrix, the same in all rows of a block row.
     """
 
     indptr: Array
@@ -273,12 +268,14 @@ class DisplacementBlocks(NamedTuple):
 
     Attributes
     ----------
-    diagonal, off_diagonal : BlockRows
-        Those in this rank's columns and in other ranks' columns; None on one rank.
+    diagonal : BlockRows
+        The blocks in this rank's columns.
+    off_diagonal : BlockRows or None
+        The blocks in other ranks' columns; None on one rank.
     first : (ranks + 1,)
         First node of each rank, and the number of nodes.
     ghosts : (n,)
-        Global numbers of the nodes to which the off-diagonal block's columns belong.
+        Global numbers of the ghost nodes.
     """
 
     diagonal: BlockRows
@@ -288,14 +285,14 @@ class DisplacementBlocks(NamedTuple):
 
 
 class _Part:
-    """The context of `part_of`: products go through the whole matrix."""
+    """The context of the Mat of `part_of`: products go through the whole matrix."""
 
     def __init__(self, whole: PETSc.Mat, unknowns: int) -> None:
         self.whole, self._unknowns = whole, unknowns
         self._vectors = whole.createVecs()
 
     def mult(self, part: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
-        """Compute y = H x."""
+        """Compute y = H x; PETSc calls this."""
         whole_x, whole_y = self._vectors
         whole_x.set(0.0)
         whole_x.array[: self._unknowns] = x.array_r
@@ -311,7 +308,7 @@ class _Part:
 def part_of(A: PETSc.Mat, unknowns: int, components: int) -> PETSc.Mat:
     """Return the displacement's part of an AIJ matrix, without values of its own. Collective.
 
-    Its state does not follow that of ``A``: ``stateIncrease`` tells solvers to read the values.
+    When the values of ``A`` change, the caller must call ``stateIncrease`` of the part.
 
     Parameters
     ----------
@@ -337,7 +334,7 @@ def stored_in(A: PETSc.Mat) -> PETSc.Mat:
 
 
 def displacement_blocks(A: PETSc.Mat) -> DisplacementBlocks:
-    """Return where the values of a matrix of blocks are stored. Collective.
+    """Return the offsets of the displacement's blocks in an AIJ matrix. Collective.
 
     Parameters
     ----------
@@ -364,7 +361,7 @@ def displacement_blocks(A: PETSc.Mat) -> DisplacementBlocks:
 
 
 def _leading_blocks(block: AIJBlock, rows: int, size: int) -> BlockRows:
-    """Return the blocks of a diagonal block, whose rows begin with those of the displacement."""
+    """Return the displacement's blocks in the diagonal block of an AIJ matrix."""
     start, column = block.csr()
     unknowns = size * rows
     begin = start[:unknowns:size].astype(np.int64)
@@ -378,7 +375,7 @@ def _leading_blocks(block: AIJBlock, rows: int, size: int) -> BlockRows:
 
 
 def _chosen_blocks(block: AIJBlock, rows: int, size: int, number: Array) -> BlockRows:
-    """Return the blocks of an off-diagonal block.
+    """Return the displacement's blocks in the off-diagonal block of an AIJ matrix.
 
     Parameters
     ----------
@@ -399,7 +396,7 @@ def _chosen_blocks(block: AIJBlock, rows: int, size: int, number: Array) -> Bloc
 
 @lru_cache
 def _node_type(itemsize: int, width: int) -> MPI.Datatype:
-    """Return the type of a node's values: one for all exchanges, as MPI never frees it."""
+    """Return the MPI type of a node's ``width`` values; cached, as it is never freed."""
     scalar = {4: MPI.FLOAT, 8: MPI.DOUBLE}[itemsize]
     return scalar.Create_contiguous(width).Commit()
 
@@ -418,12 +415,12 @@ class Halo:
     width : int
         Number of values of a node.
     dtype : dtype
-        Their type; default: single precision.
+        Type of the values.
 
     Attributes
     ----------
-    first, nodes : (ranks + 1,), (ghosts,)
-        Those given.
+    first, nodes
+        The parameters.
     ghosts : (ghosts, width)
         The values received by the last `exchange`.
     """
@@ -445,6 +442,6 @@ class Halo:
         self._node = _node_type(self.ghosts.itemsize, width)
 
     def exchange(self, values: np.ndarray) -> None:
-        """Copy other ranks' ``values``, (width rows,), into ``ghosts``."""
+        """Set `ghosts` from the ``values``, (width rows,), of the nodes that each rank owns."""
         self._forest.bcastBegin(self._node, values, self.ghosts, MPI.REPLACE)
         self._forest.bcastEnd(self._node, values, self.ghosts, MPI.REPLACE)

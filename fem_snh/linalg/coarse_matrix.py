@@ -1,10 +1,10 @@
 r"""The coarse matrix :math:`E = Z^T A Z` of the deflation, and its solves.
 
-E has a dense block for each pair of subdomains that share a row of A Z. It is inverted where it is
-small. The factors of a larger one are sparse: an inverse would take :math:`O(n^3)` operations, and
-:math:`O(n^2)` in every iteration.
+E has a dense block for each pair of subdomains that share a row of A Z. A small E is inverted. A
+larger E has sparse factors: an inverse would take :math:`O(n^3)` operations, and :math:`O(n^2)` in
+every iteration.
 
-Every rank has the whole of E: a solve takes one sum over the ranks, and each solves for itself.
+Every rank has the whole of E: a solve takes one sum over the ranks, then each rank solves.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ MAX_INVERTED = 64
 
 
 class CoarseMatrix:
-    """E. Collective.
+    """The coarse matrix E with its inverse or its factors. Collective.
 
     Coarse vectors are (columns subdomains,).
 
@@ -63,7 +63,7 @@ class CoarseMatrix:
         Parameters
         ----------
         contributions : (blocks, columns, columns)
-            Those of this rank's nodes.
+            This rank's part of each block in ``row`` and ``column``.
 
         Returns
         -------
@@ -92,7 +92,7 @@ class CoarseMatrix:
         return 0
 
     def solve(self, contributions: Array) -> Array:
-        """Return E^-1 times the sum over the ranks of coarse vectors, which is set in place."""
+        """Return E^-1 times the sum of ``contributions`` over the ranks, which replaces them."""
         self._add(contributions)
         return self._solver.solve(contributions)
 
@@ -102,13 +102,13 @@ class CoarseMatrix:
         return self._null_space.shape[1] > 0
 
     def null_part(self, contributions: Array, y: Array) -> Array:
-        """Return the null space's part of y plus the sum of ``contributions`` over the ranks."""
+        """Return the null space's component of ``y`` + the ranks' sum of ``contributions``."""
         self._add(contributions)
         part: Array = self._null_space @ (self._null_space.T @ (contributions + y))
         return part
 
     def _gathered(self, blocks: Array) -> Array:
-        """Return the entries for all blocks, of those that each rank computes."""
+        """Return all ranks' ``blocks``, concatenated."""
         counts, entries = self._comm.allgather(len(blocks)), int(np.prod(blocks.shape[1:]))
         gathered = np.empty((sum(counts), *blocks.shape[1:]), blocks.dtype)
         self._comm.Allgatherv(blocks, [gathered, [entries * count for count in counts]])
@@ -121,7 +121,7 @@ class CoarseMatrix:
 
 
 class _Inverse:
-    """The (pseudo-)inverse of a matrix whose diagonal entries are at most 1.
+    """The (pseudo-)inverse of a symmetric matrix whose diagonal entries are at most 1.
 
     Attributes
     ----------
@@ -135,7 +135,7 @@ class _Inverse:
         self._subdomains = subdomains
 
     def update(self, row: Array, column: Array, blocks: Array) -> bool:
-        """Set the matrix; return False if it has a negative eigenvalue."""
+        """Invert the matrix of ``blocks`` at (``row``, ``column``); return False if indefinite."""
         from scipy.linalg import lapack  # slow to import; small problems have no subdomains
 
         subdomains, columns = self._subdomains, blocks.shape[1]
@@ -158,11 +158,11 @@ class _Inverse:
         return True
 
     def rescale(self, scale: Array) -> None:
-        """Multiply what `solve` applies by diag(``scale``) from both sides."""
+        """Multiply the inverse that `solve` applies by diag(``scale``) from both sides."""
         self._inverse *= scale[:, None] * scale
 
     def solve(self, rhs: Array) -> Array:
-        """Return a solution; the right-hand side is in the range of a singular matrix."""
+        """Return a solution; ``rhs`` is in the range of a singular matrix."""
         solution: Array = self._inverse @ rhs
         return solution
 
@@ -170,9 +170,9 @@ class _Inverse:
 class _Factors:
     """Sparse factors L D L^T by MUMPS.
 
-    Of a singular matrix MUMPS sets the unknowns of vanishing pivots to zero. Such a solution has
+    MUMPS sets the unknowns of a singular matrix's vanishing pivots to zero. The solution then has
     large components in the null space, whose rounding errors in single precision stop conjugate
-    gradients; they are removed, as a pseudo-inverse does.
+    gradients; `solve` removes these components, as a pseudo-inverse does.
     """
 
     _pc: PETSc.PC
@@ -182,7 +182,7 @@ class _Factors:
         self._subdomains = subdomains
 
     def update(self, row: Array, column: Array, blocks: Array) -> bool:
-        """See `_Inverse`. The pattern is always that of the first call."""
+        """See `_Inverse.update`. The pattern must be that of the first call."""
         if not hasattr(self, "_pc"):
             self._create(row, column, blocks.shape[1])
         self._E.setValuesBlockedCSR(*self._pattern, blocks[self._upper])
@@ -201,21 +201,21 @@ class _Factors:
         return self._factors.getInertia()[0] == 0
 
     def rescale(self, scale: Array) -> None:
-        """See `_Inverse`."""
+        """See `_Inverse.rescale`."""
         self._scale = scale
 
     def solve(self, rhs: Array) -> Array:
-        """See `_Inverse`."""
+        """See `_Inverse.solve`."""
         return self._scale * self._apply(self._scale * rhs)
 
     def _apply(self, rhs: Array) -> Array:
-        """Return E^-1 times a vector."""
+        """Return E^-1 times a vector, without components in the null space."""
         self._rhs.array[:] = self._without_null_space(rhs)
         self._pc.apply(self._rhs, self._solution)
         return self._without_null_space(self._solution.array)
 
     def _without_null_space(self, y: Array) -> Array:
-        """Return y less its part in the null space."""
+        """Return y less its projection onto the null space."""
         null = self.null_space
         return y - null @ (null.T @ y) if null.shape[1] else y
 

@@ -18,13 +18,13 @@ conjugate gradients solve the singular system :math:`P A \hat x = P b`, and
 solves A x = b: the coarse component Q b is exact. P A has a smaller condition number than A,
 because the slow components are removed from its spectrum.
 
-`BodyModes` are the linear displacements of the whole body, solved for exactly and in double
-precision. A stiff body that only inertia or soft springs keep moves as a rigid one. With nodes of
-mass m and stiffness k and the time step h, the Rayleigh quotients of the rigid motions are of the
-order of :math:`m / (k h^2)` of the largest: 1e-8 for steel, cells of 0.2 mm and steps of 0.5 ms. A
-matrix in single precision does not have them, as its entries are rounded to 1e-7. With the columns
-of Z, the displacements linear in the reference coordinates, which contain the rigid motions of a
-body in any deformed state,
+`BodyModes` solves for the linear displacements of the whole body exactly, in double precision. A
+stiff body that only inertia or soft springs hold moves almost rigidly. With nodes of mass m and
+stiffness k and the time step h, the Rayleigh quotients of the rigid motions are of the order of
+:math:`m / (k h^2)` relative to the largest: 1e-8 for steel, cells of 0.2 mm and steps of 0.5 ms. A
+matrix in single precision loses them, as its entries are rounded to 1e-7. With the columns of Z,
+the displacements linear in the reference coordinates, which contain the rigid motions of a body in
+any deformed state,
 
 .. math:: x \mathrel{+}= Z (Z^T A Z)^{-1} Z^T (b - A x)
 
@@ -73,7 +73,7 @@ RANK_TOLERANCE = 1e-3
 def coordinate_bisection(coordinates: Array, subdomains: int) -> Array:
     """Return the subdomain of each node by recursive coordinate bisection (Berger & Bokhari 1987).
 
-    Each cut is normal to the longest extent and halves the number of nodes.
+    Each cut is normal to the longest extent and divides the nodes evenly among subdomains.
 
     Parameters
     ----------
@@ -106,8 +106,8 @@ def coordinate_bisection(coordinates: Array, subdomains: int) -> Array:
 def linear_functions(coordinates: Array, subdomain: Array, free: Array) -> Array:
     """Return orthonormal linear functions of the coordinates in every subdomain, per component.
 
-    In two dimensions the fourth is the product of the coordinates. Functions that the free nodes of
-    a subdomain do not distinguish from others are zero.
+    In two dimensions the fourth function is the product of the coordinates. Functions that depend
+    linearly on others at the free nodes of a subdomain are zero.
 
     Parameters
     ----------
@@ -144,10 +144,10 @@ def linear_functions(coordinates: Array, subdomain: Array, free: Array) -> Array
 
 
 class Deflation:
-    """The deflation space of a matrix, Z and A Z, and the operators of one vector. Collective.
+    """The deflation space Z of a matrix A, with A Z, E and the projections. Collective.
 
     Coarse vectors are (columns subdomains,), nodal vectors (size rows,) float32, passed as C
-    pointers. Every rank numbers the subdomains of all.
+    pointers. Subdomains are numbered across all ranks.
 
     Parameters
     ----------
@@ -156,7 +156,7 @@ class Deflation:
     matrix : SymmetricBlockMatrix
         The matrix A.
     blocks : DisplacementBlocks
-        Where its values are.
+        The offsets of the values of A.
     halo : Halo or None
         Exchange of the ghost nodes; None on one rank.
     coordinates : (rows, dim)
@@ -207,7 +207,7 @@ class Deflation:
         )
 
     def _create_space(self, blocks: DisplacementBlocks, subdomains: int) -> tuple[Array, Array]:
-        """Create the C struct; return the subdomains of the blocks of E that this rank adds to."""
+        """Create the C struct; return (row, column) of the blocks of E that this rank adds to."""
         matrix, rows, subdomain = self._matrix, self._matrix.rows, self.subdomain
         parts = [
             (np.repeat(np.arange(rows), np.diff(part.indptr)), subdomain[part.indices + shift])
@@ -288,20 +288,20 @@ class Deflation:
         self._lib.coarse_prolong(self.struct, self._at_single, x)
 
     def _solve(self, product: Callable[..., None], vector: CData) -> Array:
-        """Return E^-1 y, and store it in _single, for the y of `_product`."""
+        """Return E^-1 y for the y of `_product`; also copy it into ``_single``."""
         y = self.E.solve(self._product(product, vector))
         self._single[:] = y
         return y
 
     def _product(self, product: Callable[..., None], vector: CData) -> Array:
-        """Return this rank's part of Z^T v (restrict) or (A Z)^T v (transposed)."""
+        """Return this rank's part of Z^T v (restrict) or (A Z)^T v (transposed), in ``_y``."""
         self._y[:] = 0
         product(self.struct, vector, self._at_y)
         return self._y
 
 
 class BodyModes:
-    """The linear displacements of a body whose matrix is A. Collective.
+    """Exact solver for the linear displacements of a whole body. Collective.
 
     Parameters
     ----------
@@ -310,7 +310,7 @@ class BodyModes:
     coordinates : (rows, dim)
         Reference coordinates of this rank's nodes.
     free : (rows, components) bool
-        Which displacements are coupled to others; the rest is prescribed.
+        Which displacements are coupled to others; the other displacements are prescribed.
     scale : float
         One over the largest diagonal entry of A.
     """
@@ -333,7 +333,7 @@ class BodyModes:
         self._inverse = scale * (vectors[:, known] / values[known]) @ vectors[:, known].T
 
     def correct(self, x: PETSc.Vec, residual: PETSc.Vec) -> None:
-        """Add the correction to x, and update its residual b - A x. Collective."""
+        """Add Z (Z^T A Z)^-1 Z^T (b - A x) to ``x``; update ``residual``, b - A x, as well."""
         y = self._inverse @ self._comm.allreduce(self._Z.T @ residual.array_r)
         x.array[:] += self._Z @ y
         residual.array[:] -= self._AZ @ y
@@ -342,7 +342,8 @@ class BodyModes:
 def _linear(comm: MPI.Comm, coordinates: Array, free: Array) -> Array:
     """Return orthonormal columns, (rows components, columns): functions 1 and X of each component.
 
-    Those that the free nodes do not distinguish from others are left out.
+    They are zero where not ``free`` and orthonormal over all ranks. Functions that depend linearly
+    on others are left out.
     """
     count, first = comm.allreduce(np.array([len(coordinates)])), coordinates.sum(axis=0)
     X = coordinates - comm.allreduce(first) / count

@@ -1,4 +1,4 @@
-r"""Sparse direct solvers: MUMPS, insensitive to nu and to signs; PETSc's for small matrices.
+r"""Sparse direct solvers: MUMPS, for any nu and any inertia; PETSc's for small matrices.
 
 Studies and benchmarks use MUMPS for reference solutions. A matrix that is not symmetric has factors
 L U.
@@ -16,8 +16,8 @@ With the factors of A the Sherman-Morrison-Woodbury formula
 inverts the sum (Golub & Van Loan 2013, section 2.1.4). The inverse of A alone is an indefinite
 preconditioner where only the sum is definite: a body inflated beyond its largest pressure is stable
 by the volume of the fluid, and A is its Hessian at constant pressure. Far from an equilibrium,
-where that pressure is large, the solver needs fewer iterations with that of A: it finds the matrix
-indefinite, and filters it.
+where the pressure is large, Newton's method needs fewer iterations with the inverse of A alone: it
+finds the Hessian indefinite, and filters it.
 """
 
 from __future__ import annotations
@@ -47,14 +47,15 @@ DIRECT_SOLVER = {
 #: Unknowns of a matrix in two dimensions up to which PETSc's factors cost less than those by MUMPS
 #: (python -m benchmarks small_factors; docs/results/linear_solver.md).
 MAX_SMALL = 2000
-#: Difference of x . A y and y . A x, relative to |x| |A y|, that is rounding: of sums it is 1e-14.
+#: Difference of x . A y and y . A x, relative to |x| |A y|, below which A counts as symmetric:
+#: rounding leaves 1e-14.
 _ROUNDING = 1e-11
 
 
 def set_direct_solver(ksp: PETSc.KSP, small: bool = False) -> None:
     """Configure an existing KSP as `DIRECT_SOLVER`.
 
-    For a small matrix, on one rank, it has PETSc's factors while the matrix is definite.
+    With ``small``, on one rank, PETSc factorises until a matrix is not positive definite.
     """
     ksp.setType(DIRECT_SOLVER["ksp_type"])
     set_direct_factors(ksp.getPC())
@@ -69,7 +70,7 @@ def set_direct_factors(pc: PETSc.PC) -> None:
 
 
 def is_direct(ksp: PETSc.KSP) -> bool:
-    """Return whether a KSP is `DIRECT_SOLVER`, or for a small matrix."""
+    """Return whether a KSP is configured as by `set_direct_solver`."""
     packages = PETSc.Mat.SolverType.PETSC, PETSc.Mat.SolverType.MUMPS
     preonly = ksp.getType() == DIRECT_SOLVER["ksp_type"]
     return preonly and any(is_cholesky(ksp.getPC(), package) for package in packages)
@@ -78,7 +79,7 @@ def is_direct(ksp: PETSc.KSP) -> bool:
 def is_symmetric(A: PETSc.Mat) -> bool:
     """Return whether a square matrix is symmetric but for rounding. Collective.
 
-    Two vectors without a symmetry tell: x . A y = y . A x for a symmetric matrix.
+    The test compares x . A y and y . A x for two vectors without symmetry.
     """
     x, y = A.createVecs()
     first, last = x.getOwnershipRange()
@@ -90,16 +91,16 @@ def is_symmetric(A: PETSc.Mat) -> bool:
 
 
 def set_asymmetric_factors(ksp: PETSc.KSP) -> None:
-    """Let a KSP solve by sparse factors L U, by MUMPS."""
+    """Configure an existing KSP as a direct solver with factors L U by MUMPS."""
     ksp.setType(PETSc.KSP.Type.PREONLY)
     ksp.getPC().setType(PETSc.PC.Type.LU)
     ksp.getPC().setFactorSolverType(DIRECT_SOLVER["pc_factor_mat_solver_type"])
 
 
-#: Lanczos iterations: so many, and twice the number of negative eigenvalues up to a limit. Those of
-#: largest magnitude of the inverse converge first (Saad 2011, section 6.6).
+#: Lanczos iterations: this number plus twice the number of negative eigenvalues, up to a limit. The
+#: inverse's eigenvalues of largest magnitude converge first (Saad 2011, section 6.6).
 _LANCZOS, _MOST_SOUGHT = 20, 20
-#: Error of a Ritz value, relative to it, below which its vector is used.
+#: Relative error of a Ritz value below which its Ritz vector is used.
 _CONVERGED = 0.1
 
 
@@ -109,7 +110,7 @@ class SymmetricFactors:
     Parameters
     ----------
     A : PETSc.Mat
-        An AIJ matrix; its constrained rows have a positive diagonal entry alone.
+        An AIJ matrix; its constrained rows have only a positive diagonal entry.
     """
 
     def __init__(self, A: PETSc.Mat) -> None:
@@ -132,20 +133,21 @@ class SymmetricFactors:
 
     @property
     def null_pivots(self) -> int:
-        """Return how many pivots of the last factors are zero, as those of rows of zeros."""
+        """Return how many pivots of the last factors are zero, such as those of zero rows."""
         return int(self._ksp.getPC().getFactorMatrix().getMumpsInfog(28))
 
     def negative_direction(self, negative: int, start: PETSc.Vec) -> PETSc.Vec | None:
-        """Return the eigenvector of the lowest eigenvalue that is found, of norm 1. Collective.
+        """Return an approximate eigenvector of a negative eigenvalue, of norm 1. Collective.
 
-        The Lanczos method on the inverse finds the eigenvalues next to zero on either side.
+        The Lanczos method on the inverse finds the eigenvalues next to zero on either side; the
+        lowest one is chosen. `factorise` must have been called.
 
         Parameters
         ----------
         negative : int
             The result of `factorise`.
         start : Vec
-            The start vector, which is overwritten; the eigenvector makes an acute angle with it.
+            The start vector, with which the result makes an acute angle.
 
         Returns
         -------
@@ -183,10 +185,10 @@ class SymmetricFactors:
         return best
 
     def removed_by(self, operator: PETSc.Mat) -> int:
-        r"""Return how many negative eigenvalues the operator has less than the matrix. Collective.
+        r"""Return how many fewer negative eigenvalues the operator has than the matrix. Collective.
 
         The operator is a MATLRC, :math:`A + U C U^T` with a diagonal :math:`C \ge 0`. As inertia is
-        additive in :math:`[A, U; U^T, -C^{-1}]`, they are as many as the eigenvalues of
+        additive in :math:`[A, U; U^T, -C^{-1}]`, this is the number of eigenvalues of
         :math:`C^{-1} + U^T A^{-1} U` that are not positive (Haynsworth 1968).
         """
         _, S = solved_columns(self._ksp, operator)
@@ -231,7 +233,7 @@ class FactorsOfSum:
             self._S_inverse = np.full_like(S, nan)
 
     def apply(self, pc: PETSc.PC, x: PETSc.Vec, y: PETSc.Vec) -> None:
-        """Compute y, the product of the inverse and x; PETSc calls this."""
+        """Compute y, the inverse times x, or NaN if the sum is singular; PETSc calls this."""
         assert self._ksp is not None
         self._ksp.solve(x, y)
         part = x.comm.tompi4py().allreduce(self._Z.T @ x.array_r)
@@ -244,7 +246,7 @@ class FactorsOfSum:
 
 
 def set_direct_solver_of_sum(ksp: PETSc.KSP) -> None:
-    """Configure an existing KSP as the inverse of the operator, a MATLRC."""
+    """Configure an existing KSP to apply `FactorsOfSum`; its operator must be a MATLRC."""
     ksp.setType(PETSc.KSP.Type.PREONLY)
     ksp.getPC().setType(PETSc.PC.Type.PYTHON)
     ksp.getPC().setPythonContext(FactorsOfSum())
@@ -264,7 +266,7 @@ def solved_columns(ksp: PETSc.KSP, operator: PETSc.Mat) -> tuple[np.ndarray, np.
     ksp : KSP
         Solves with A.
     operator : Mat
-        A MATLRC, :math:`A + U C U^T` with a diagonal :math:`C \ge 0`; columns without a part in it
+        A MATLRC, :math:`A + U C U^T` with a diagonal :math:`C \ge 0`; columns of U with a zero in C
         are left out.
 
     Returns

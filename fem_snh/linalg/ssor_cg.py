@@ -1,10 +1,10 @@
 r"""SSOR-preconditioned conjugate gradients in single precision, refined iteratively in double.
 
 Newton's linear systems need a relative tolerance of 1e-1 to 1e-2 only, and the time to solve them
-is memory traffic: single precision halves it. It limits the reduction of the residual in one run of
-conjugate gradients. For smaller tolerances the residual b - A x is computed in double precision and
-a correction is solved for (iterative refinement, Wilkinson 1963): each run is a refinement cycle.
-`fem_snh.linalg.deflation` solves for motions that single precision loses.
+is memory traffic: single precision halves it, but limits the reduction of the residual in one run
+of conjugate gradients. For smaller tolerances the residual b - A x is computed in double precision
+and a correction is solved for (iterative refinement, Wilkinson 1963): each run is a refinement
+cycle. `fem_snh.linalg.deflation` solves for motions that single precision loses.
 
 On each rank's rows let A = L + D + L^T with the block diagonal D. The preconditioner is block
 SSOR (Saad 2003, sec. 4.1 and 10.2),
@@ -13,12 +13,11 @@ SSOR (Saad 2003, sec. 4.1 and 10.2),
 
     M = (D + L)\, D^{-1} (D + L)^T.
 
-On several ranks D also has a part of the absolute row sums of what couples the rank's rows to other
-ranks, which M does not contain otherwise (Baker et al. 2011): errors that differ across the ends of
-a rank then converge as fast as others. Preconditioned conjugate gradients (Saad 2003, alg. 9.1) are
-written for :math:`\hat A = (D + L)^{-1} A\, (D + L)^{-T}`, preconditioned by :math:`D^{-1}`
-(Eisenstat 1981).
-Because
+M omits the entries that couple the rows of different ranks. Instead, a fraction of their absolute
+row sums is added to D (Baker et al. 2011): errors that differ across the boundaries of ranks then
+converge as fast as other errors. Preconditioned conjugate gradients (Saad 2003, alg. 9.1) are
+written for :math:`\hat A = (D + L)^{-1} A\, (D + L)^{-T}` with the preconditioner :math:`D^{-1}`,
+so z = D r (Eisenstat 1981). Because
 
 .. math::
 
@@ -65,8 +64,8 @@ _Reason = PETSc.KSP.ConvergedReason
 #: Residual reduction per refinement cycle. Single precision rounds to 6e-8; the remaining factor of
 #: 1000 is for the accumulated rounding errors of the iterations.
 _CYCLE_REDUCTION = 1e-4
-#: A cycle ends where its residual is so many times its least one. In single precision deflation
-#: leaves a part in its own space, which then grows until a negative curvature seems to be zero.
+#: A cycle ends if its residual is this many times its least one. In single precision, deflation
+#: leaves a component in the coarse space, which grows until a negative curvature seems to be zero.
 _MAX_GROWTH = 100.0
 #: The refinement ends if a cycle does not reduce the residual at least to this fraction.
 _MIN_REDUCTION = 0.5
@@ -99,7 +98,7 @@ class EisenstatCG:
     Attributes
     ----------
     has_residual : bool
-        Whether `residual` returns that of the last solution.
+        Whether `residual` returns the residual of the last solution.
 
     Raises
     ------
@@ -108,7 +107,7 @@ class EisenstatCG:
 
     Notes
     -----
-    Beside PETSc's own the converged reason is
+    Beside those of PETSc's convergence test, the converged reasons are
 
     - CONVERGED_HAPPY_BREAKDOWN if the matrix turns out to be singular, and a refinement cycle does
       not reduce what is left of the residual,
@@ -129,7 +128,7 @@ class EisenstatCG:
         self._state = -1  # of the matrix last used
 
     def setFromOptions(self, ksp: PETSc.KSP) -> None:
-        """Read ``ksp_deflation_subdomains``: 0 for none, -1 by the size."""
+        """Read ``ksp_deflation_subdomains``: 0 for no deflation, -1 for a number by the size."""
         options = PETSc.Options(ksp.getOptionsPrefix())
         self._subdomains = options.getInt("ksp_deflation_subdomains", AUTOMATIC)
 
@@ -151,7 +150,7 @@ class EisenstatCG:
             self._modes = None if self._failure else self._system.body_modes(A)
 
     def solve(self, ksp: PETSc.KSP, b: PETSc.Vec, x: PETSc.Vec) -> None:
-        """Solve A x = b from x = 0, whatever ``x`` holds."""
+        """Solve A x = b from x = 0, whatever ``x`` holds; PETSc calls this."""
         A = ksp.getOperators()[0]
         self.update_matrix(A)
         system, self.has_residual = self._system, False
@@ -189,9 +188,9 @@ class EisenstatCG:
                 start = system.start_cycle(residual)
 
     def residual(self) -> np.ndarray:
-        """Return this rank's residual of the last solution, exact to single precision.
+        """Return this rank's b - A x of the last solution, accurate to single precision.
 
-        It is known if `has_residual`.
+        Valid only if `has_residual`.
         """
         return self._system.residual()
 
@@ -211,10 +210,10 @@ class EisenstatCG:
         return bool(reason)
 
     def _run_cycle(self, ksp: PETSc.KSP, its: int, start: CycleStart) -> tuple[int, bool]:
-        """Iterate (Saad 2003, alg. 9.1) until the KSP's test or the cycle's reduction.
+        """Iterate (Saad 2003, alg. 9.1) until the KSP's test or the end of the cycle.
 
-        Returns the number of iterations so far, of which there were ``its`` before, and whether the
-        last direction is in the null space.
+        Returns the number of iterations of the solve, ``its`` of them before the cycle, and whether
+        the last direction is in the null space of A.
         """
         system, beta, rho, least = self._system, 0.0, start.rho, 1.0
         if rho == 0:  # the coarse component is the whole solution
@@ -252,18 +251,18 @@ def _breakdown_reason(value: float) -> int:
     return int(reason)
 
 
-#: Default of ksp_deflation_subdomains: one for 512 nodes up to 64, then one for 1,000 nodes, and no
-#: deflation below 4 (docs/results/speed.md). On smaller bodies the coarse solves cost as much as
-#: the iterations saved.
+#: Default number of subdomains: one per 512 nodes up to 64 subdomains, then one per 1,000 nodes; no
+#: deflation below 4 subdomains, where the coarse solves cost as much as the iterations saved
+#: (docs/results/speed.md).
 _NODES_PER_SUBDOMAIN, _NODES_PER_SUBDOMAIN_OF_LARGE, _MIN_SUBDOMAINS = 512, 1000, 4
-#: In two dimensions coarse solves cost less, and few nodes have the bandwidth of many: at least one
-#: for 64 nodes up to 16, then one for 256 up to 64 (docs/results/linear_solver.md).
+#: In two dimensions, where coarse solves cost less: one subdomain per 64 nodes up to 16 subdomains,
+#: then one per 256 nodes up to 64 (docs/results/linear_solver.md).
 _NODES_OF_FEW, _FEW, _NODES_OF_MANY = 64, 16, 256
-#: On more ranks than this twice as many, in three dimensions up to 100: the sweeps of a rank leave
-#: out what couples it to others. More would save iterations, whose coarse solves cost more
-#: (docs/results/scaling.md).
+#: On more than this number of ranks twice as many subdomains, in three dimensions up to 100, as the
+#: sweeps omit the coupling of ranks. More subdomains would save iterations, but cost more in coarse
+#: solves (docs/results/scaling.md).
 _FEW_RANKS, _MOST_ON_RANKS = 2, 100
-#: On several ranks, each of which repeats the coarse solves, never more than this.
+#: Largest number of subdomains on several ranks, each of which repeats the coarse solves.
 _MOST_REPEATED = 300
 AUTOMATIC = -1
 #: A curvature above -1e-6 p.D^-1 p counts as zero: the rounding error of a sum in single precision.
@@ -272,8 +271,8 @@ ZERO_CURVATURE = 1e-6
 BLOCK_SIZES = (2, 3)
 
 
-#: Accuracy asked for of a rigid motion: the least tolerance of Newton's linear systems. Rounding to
-#: eps gives a motion of Rayleigh quotient q, in largest diagonal entries, to eps / q.
+#: Required accuracy of a rigid motion: the least tolerance of Newton's linear systems. Rounding to
+#: eps leaves an error eps / q if its Rayleigh quotient is q times the largest diagonal entry.
 _ACCURACY = 1e-3
 _LEAST_IN_SINGLE, LEAST_IN_DOUBLE = (
     float(np.finfo(kind).eps) / _ACCURACY for kind in (np.float32, np.float64)
@@ -281,17 +280,17 @@ _LEAST_IN_SINGLE, LEAST_IN_DOUBLE = (
 
 
 class CycleStart(NamedTuple):
-    """How a run of conjugate gradients starts.
+    """The start of a refinement cycle.
 
     Attributes
     ----------
     norm : float
         The residual's natural norm, sqrt(r.M^-1 r).
     deflated_norm : float
-        That of the deflated residual, P r.
+        The natural norm of the deflated residual, P r.
     unit : float
-        The factor of the solution: the vectors are scaled, so that single precision does not
-        overflow.
+        The factor from the scaled to the true solution: the vectors are scaled, so that single
+        precision does not overflow.
     rho : float
         r.z of the scaled vectors.
     """
@@ -332,8 +331,8 @@ class SSORSystem:
     Raises
     ------
     BadInput
-        On every rank, for a matrix whose blocks are neither 2x2 nor 3x3, or miss on one rank's
-        diagonal.
+        On every rank, for a matrix whose blocks are neither 2x2 nor 3x3, or without a diagonal
+        block in every row.
     """
 
     def __init__(
@@ -379,7 +378,7 @@ class SSORSystem:
         return self._pattern == _pattern(A)
 
     def update(self, A: PETSc.Mat) -> int:
-        """Copy the values of the matrix, scaled to a largest diagonal entry of 1, and deflate.
+        """Copy the values of A, scaled to a largest diagonal entry of 1; update the deflation.
 
         Returns
         -------
@@ -398,7 +397,7 @@ class SSORSystem:
             return self.deflation.update(*values, self.scale) if self.deflation else 0
 
     def body_modes(self, A: PETSc.Mat) -> BodyModes | None:
-        """Return the body's modes, which the copy of A has lost, or None. Collective."""
+        """Return the `BodyModes` of A; None if single precision suffices. Collective."""
         X, matrix = self._coordinates, self.matrix
         if X is None or not _is_almost_free(A, matrix.size, self.scale):
             return None
@@ -410,7 +409,7 @@ class SSORSystem:
         return BodyModes(A, X, free, self.scale)
 
     def start_cycle(self, residual: PETSc.Vec) -> CycleStart:
-        """Start conjugate gradients for a residual from x = 0, or from the coarse component."""
+        """Start CG at x = 0 for the right-hand side ``residual``, which deflation projects."""
         size = residual.norm(PETSc.NormType.INFINITY)
         self._size = size = size if isfinite(size) and size > 0 else 1.0
         lib, struct, v = self.matrix.lib, self.matrix.struct, self._pointers
@@ -446,7 +445,7 @@ class SSORSystem:
         return self._sum(matrix.lib.matrix_cg_update(matrix.struct, *arguments))
 
     def residual(self) -> npt.NDArray[np.float64]:
-        """Return this rank's residual b - A x of the present x, to single precision."""
+        """Return this rank's b - A x of the present x, (size rows,), to single precision."""
         matrix, r = self.matrix, np.empty(len(self._r))
         pointers = self._pointers["r"], self._size, matrix.pointer(r)
         matrix.lib.matrix_multiply_lower(matrix.struct, *pointers)
@@ -465,7 +464,7 @@ class SSORSystem:
         y.array[:] = np.multiply(self._t, size * self.scale, dtype=np.float64)
 
     def direction_norm_squared(self) -> float:
-        """Return p.D^-1 p."""
+        """Return p.D^-1 p over all ranks."""
         return self._sum(self.matrix.weighted_norm_squared(self._vectors["p"]))
 
     def add_solution(self, x: PETSc.Vec, unit: float) -> None:
@@ -476,7 +475,7 @@ class SSORSystem:
         x.array[:] += np.multiply(self._x, unit, dtype=np.float64)
 
     def _sum(self, own: float) -> float:
-        """Return the sum over all ranks."""
+        """Return the sum of ``own`` over all ranks."""
         if self.comm.size == 1:
             return own
         self._total[0] = own  # a buffer: MPI's own sum, not messages of Python objects
@@ -487,7 +486,7 @@ class SSORSystem:
 def _is_almost_free(A: PETSc.Mat, components: int, scale: float) -> bool:
     """Return whether single precision loses a translation of the whole body. Collective.
 
-    ``scale`` is one over the largest diagonal entry of A, whose blocks have so many ``components``.
+    ``scale`` is one over the largest diagonal entry of A. False if double precision loses it too.
     """
     x, y = A.createVecs()
     quotients = []
@@ -502,12 +501,12 @@ def _is_almost_free(A: PETSc.Mat, components: int, scale: float) -> bool:
 
 
 def _pattern(A: PETSc.Mat) -> tuple[int, tuple[int, int]]:
-    """Return numbers that tell a matrix and its pattern from others."""
+    """Return numbers that identify a matrix object and its sparsity pattern."""
     return A.handle, nonzero_state(stored_in(A))
 
 
 def _default_subdomains(nodes: int, ranks: int, dim: int) -> int:
-    """Return the number of deflation subdomains of a body with so many nodes, 0 for none."""
+    """Return the number of deflation subdomains for ``nodes`` on all ranks, 0 for none."""
     many = ranks > _FEW_RANKS
     subdomains, most = nodes // _NODES_PER_SUBDOMAIN, MAX_INVERTED
     if dim == 2:
@@ -528,7 +527,7 @@ class SSOR:
     .. math:: M = (D + L)\, D^{-1} (D + L)^T \text{ on each rank's rows}
 
     D and L are those of `SSORSystem`. A product with :math:`M^{-1}` is a forward and a
-    backward substitution in single precision, which read a third of what incomplete factors do.
+    backward substitution in single precision, which read a third of what incomplete factors read.
     M is symmetric to single precision, and positive definite if the blocks of D are.
     """
 

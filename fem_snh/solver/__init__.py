@@ -1,7 +1,7 @@
 """Newton's method with filtered Hessians, as a PETSc SNES.
 
 `fem_snh.solver.snes.create` returns the SNES of a problem. ``-snes_view``, monitors, converged
-reasons and options work as for PETSc's own types; `options.OPTIONS` lists those it adds.
+reasons and options work as for PETSc's own types; `options.OPTIONS` lists the additional options.
 """
 
 from fem_snh.solver.errors import callback_errors, petsc_failures

@@ -1,17 +1,17 @@
-r"""The block-triangular preconditioner of a saddle-point problem, without copies of the blocks.
+r"""The block-triangular preconditioner of a saddle-point problem, without a copy of the block H.
 
-PETSc's fieldsplit copies the blocks of the assembled matrix. `BlockTriangular` applies
+PETSc's fieldsplit copies all blocks of the assembled matrix. `BlockTriangular` applies the same
+preconditioner (`fem_snh.solver.saddle_point`),
 
 .. math::
 
-    \begin{pmatrix} \tilde H & B^T \\ 0 & -\tilde S \end{pmatrix}^{-1}
+    P^{-1} = \begin{pmatrix} \tilde H & B^T \\ 0 & -\tilde S \end{pmatrix}^{-1},
 
-(`fem_snh.solver.saddle_point`) to the same effect and copies B^T alone: `EisenstatCG`, its solver
-with H, has a copy in single precision anyway.
+without copying H, of which `EisenstatCG`, its solver with H, has a single-precision copy anyway.
 
-`BlockProduct` is the matrix A of displacement and pressure, whose product with a preconditioned
-vector z = (u, p) is known: flexible GMRES multiplies every such vector by A. The preconditioner
-has solved :math:`H u = f_u - B^T p`, up to a residual r that conjugate gradients keep, so that
+`BlockProduct` is the matrix A of displacement and pressure, with the displacement's block H.
+Flexible GMRES multiplies A by :math:`z = P^{-1} f = (u, p)`, which the preconditioner has just made
+by solving :math:`H u = f_u - B^T p` up to a residual r. Conjugate gradients keep r, so that
 
 .. math:: A z = \begin{pmatrix} f_u - r \\ B u - C p \end{pmatrix}
 
@@ -33,30 +33,31 @@ from fem_snh.linalg.ssor_cg import EisenstatCG
 from fem_snh.solver.protocol import Array, SaddlePoint
 
 _Linear = PETSc.KSP.ConvergedReason
-#: Reasons after which a solve with H has no solution. After others it has an inaccurate one.
+#: Reasons after which a solve with H has no solution; after other failures it is only inaccurate.
 _FAILED = (
     _Linear.DIVERGED_INDEFINITE_MAT,
     _Linear.DIVERGED_INDEFINITE_PC,
     _Linear.DIVERGED_NANORINF,
 )
-#: Relative tolerance of solves with S for cell pressures: of the residual itself, which flexible
-#: GMRES measures, as on several ranks the preconditioned one is much smaller than the error. With
-#: 0.1 some take three times as many linear iterations (docs/results/elements_cell_pressures.md).
+#: Relative tolerance of solves with S for cell pressures, measured by flexible GMRES without a
+#: preconditioner: on several ranks the preconditioned residual is much smaller than the error. With
+#: 0.1 some outer solves take three times as many linear iterations
+#: (docs/results/elements_cell_pressures.md).
 _CELL_PRESSURE_RTOL = 0.03
 
 
 class BlockProduct:
-    """The context of a Mat of type "python" for a matrix A of displacement and pressure.
+    """The context of a Mat of type "python" that multiplies A without its displacement block H.
 
-    Its product with the last preconditioned vector is exact to single precision; others are those
-    of A.
+    The product with the vector z of `set_known`, which the preconditioner has just made, is
+    accurate to single precision. Other vectors are multiplied by A itself.
 
     Parameters
     ----------
     A : Mat
-        The matrix, symmetric; its values are read by `update`.
+        The matrix of displacement and pressure, symmetric.
     index_sets : dict of PETSc.IS
-        {"u": IS, "p": IS}, the unknowns of each field.
+        {"u": IS, "p": IS}, the global indices of each field.
     residual : callable
         Returns r, this rank's residual of the preconditioner's last solve with H.
     """
@@ -75,7 +76,7 @@ class BlockProduct:
         self._f = np.empty(0)
 
     def update(self) -> None:
-        """Read the values of A. Collective."""
+        """Copy the blocks B^T and -C of A; forget the known product. Collective."""
         A, sets = self._A, self._sets
         if not self._parts or self._parts[0].pattern != nonzero_state(A):
             self._parts = [Submatrix(A, sets, fields, "p") for fields in "up"]
@@ -91,7 +92,7 @@ class BlockProduct:
         return self._parts[0].matrix
 
     def set_known(self, f: PETSc.Vec, z: PETSc.Vec) -> None:
-        """Keep what the product with z is made of: z is the preconditioned vector f."""
+        """Let `mult` use that ``z`` is P^-1 ``f``, until ``z`` or A changes."""
         self._f = f.array_r[: self._unknowns].copy()
         self._known = z.handle, z.stateGet()
 
@@ -116,29 +117,32 @@ class BlockProduct:
 
 
 class BlockTriangular:
-    """A PC of type "python": the preconditioner, with `EisenstatCG` as its solver with H.
+    """The preconditioner as a PC of type "python", with `EisenstatCG` as its solver with H.
 
-    Its two solvers read the options of the fieldsplit's, under ``-fieldsplit_u_`` and
-    ``-fieldsplit_p_``.
+    Its solvers read the options of PETSc's fieldsplit, ``-fieldsplit_u_*`` and ``-fieldsplit_p_*``.
 
     Parameters
     ----------
     A : Mat
         The matrix of displacement and pressure.
     saddle_point : SaddlePoint
-    coordinates : (nodes, 3)
+    coordinates : (nodes, dim)
         Reference coordinates [m] of this rank's nodes.
     prefix : str
         Prefix of the PETSc options.
-    rtol, max_it : float, int
-        Relative tolerance of a solve with H, and iterations of a solve with a block.
+    rtol : float
+        Relative tolerance of a solve with H.
+    max_it : int
+        Largest number of iterations of a solve with H or S.
 
     Attributes
     ----------
     indefinite : bool
-        Whether a solve with H since the last set-up found it indefinite.
+        Whether a solve with H since the last set-up found H indefinite, or overflowed.
     operator : Mat
         The matrix of `BlockProduct`: the operator of the outer solver.
+    u, p : KSP
+        The solvers with H and with S.
     """
 
     def __init__(
@@ -177,7 +181,7 @@ class BlockTriangular:
             solver.setFromOptions()
 
     def setUp(self, pc: PETSc.PC) -> None:
-        """Read the matrix's values; PETSc calls this."""
+        """Read the values of the matrix and reset `indefinite`; PETSc calls this."""
         self._blocks.update()
         self._H.stateIncrease()
         self._cg.update_matrix(self._H)

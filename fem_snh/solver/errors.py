@@ -1,15 +1,15 @@
-"""Exceptions that pass through PETSc and PETSc's own; PETSc objects of problems no longer used.
+"""Exceptions that are raised in PETSc or pass through it, and the clean-up of PETSc objects.
 
 petsc4py does not destroy an object when Python drops it, as ranks may drop objects in different
-orders: it is kept until ``PETSc.garbage_cleanup`` is called for its communicator. Every mesh and
-matrix of dolfinx has a communicator of its own, which a program cannot ask for once the problem is
-dropped. So communicators are recorded when a solver is created.
+orders: the object is kept until ``PETSc.garbage_cleanup`` is called for its communicator. Every
+mesh and matrix of dolfinx has a communicator of its own, which a program cannot ask for once the
+problem is dropped. So `record_solver` records the communicators when a solver is created.
 
-``PetscGarbageCleanup`` takes the list of dropped objects from the communicator, and puts the list
-back when it has destroyed them. What Python drops in between, as it is destroyed with a SNES that
-refers to it, is in another list, which is overwritten: such an object is never destroyed. So what
-a SNES refers to is kept in Python until the SNES is destroyed, and its linear solvers' contexts
-until these are.
+``PetscGarbageCleanup`` takes the list of dropped objects from the communicator, destroys the
+objects, and puts the list back. An object that Python drops in between, as a SNES that refers to
+it is destroyed, is put on another list, which is overwritten: the object is never destroyed. So
+`free_unused` keeps the objects to which a SNES refers until the SNES is destroyed, and the contexts
+of the linear solvers until these solvers are destroyed.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from fem_snh.errors import Failed
 
 @contextmanager
 def without_collection() -> Iterator[None]:
-    """Leave cyclic garbage where it is within a ``with`` block."""
+    """Disable Python's garbage collector within a ``with`` block."""
     collects = gc.isenabled()
     gc.disable()
     try:
@@ -43,9 +43,9 @@ def without_collection() -> Iterator[None]:
 def callback_errors() -> Iterator[None]:
     """Let the exceptions of Python callbacks (`BadInput`, Ctrl-C) pass through PETSc unchanged.
 
-    Newer versions of petsc4py raise a PETSc.Error from them. No garbage is collected meanwhile: in
-    Python 3.13 the collector drops an exception that is on its way through PETSc, and petsc4py then
-    ends with a segmentation fault.
+    Newer versions of petsc4py raise a PETSc.Error whose cause is the callback's exception. The
+    garbage collector is disabled meanwhile: in Python 3.13 it drops an exception that is on its way
+    through PETSc, and petsc4py then ends with a segmentation fault.
     """
     try:
         with without_collection():
@@ -56,7 +56,7 @@ def callback_errors() -> Iterator[None]:
 
 
 def _raise_callback_error(error: PETSc.Error) -> None:
-    """Raise the exception of the Python callback that a PETSc.Error comes from, if there is one."""
+    """Raise the exception of a Python callback that caused a PETSc.Error; return without one."""
     cause: BaseException = error
     while isinstance(cause, PETSc.Error) and cause.__cause__ is not None:
         cause = cause.__cause__
@@ -65,7 +65,7 @@ def _raise_callback_error(error: PETSc.Error) -> None:
 
 
 def cause_of(error: Exception) -> str:
-    """Return the cause of an error as one line: of PETSc's, the last line of its stack."""
+    """Return the cause of an error in one line: for a PETSc.Error, the last line of its stack."""
     last = (str(error).strip().splitlines() or [""])[-1].partition("] ")[2]
     return last or " ".join(str(error).split())
 
@@ -88,7 +88,7 @@ def petsc_failures() -> Iterator[None]:
 
 
 class _Record(NamedTuple):
-    """A problem, the Python contexts of its solvers, the communicators of its PETSc objects."""
+    """Weak references to a problem and the contexts of its solvers, and communicators."""
 
     problem: ref[object]
     newton: ref[object]
@@ -100,7 +100,7 @@ _records: list[_Record] = []
 
 
 def record_solver(problem: object, snes: PETSc.SNES, *objects: PETSc.Object) -> None:
-    """Record the communicators of a problem's PETSc objects, for `free_unused`. Collective."""
+    """Record the communicators of ``objects`` and ``snes`` for `free_unused`. Collective."""
     newton = snes.getPythonContext()
     solvers = [snes.getKSP(), *([newton.trust_ksp] if newton.trust_ksp is not None else [])]
     parts = [part for ksp in solvers for part in (ksp, ksp.getPC())]
@@ -114,7 +114,7 @@ def record_solver(problem: object, snes: PETSc.SNES, *objects: PETSc.Object) -> 
 def free_unused(comm: MPI.Comm) -> None:
     """Destroy the PETSc objects to which no rank of ``comm`` refers any longer. Collective.
 
-    Objects of other groups of ranks are left to the calls with their communicators.
+    Objects on other groups of ranks are left for calls with a communicator of these ranks.
     """
     clean([PETSc.COMM_SELF])  # each rank's own, as the factors of a coarse matrix
     for entry in [r for r in _records if _same_ranks(r.comms[0].tompi4py(), comm)]:

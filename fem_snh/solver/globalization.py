@@ -1,6 +1,6 @@
 """One nonlinear iteration: with a line search, in a trust region, or with full steps.
 
-`fem_snh.solver.newton` calls ``step`` once an iteration. L-BFGS iterations may follow a step.
+`fem_snh.solver.newton` calls ``step`` once per iteration. L-BFGS iterations may follow a step.
 """
 
 from __future__ import annotations
@@ -19,15 +19,15 @@ from fem_snh.solver.saddle_point import frozen_preconditioner
 from fem_snh.solver.search_direction import SearchDirection
 from fem_snh.solver.step import MIN_STEP, SHORT, LineSearch, State, Step
 
-#: L-BFGS iterations end once the residual has fallen to this part (measured: python -m benchmarks
-#: negative_curvature).
+#: L-BFGS iterations end once the residual is this fraction of its norm before the Newton step
+#: (measured: python -m benchmarks negative_curvature).
 _LBFGS_RTOL = 0.1
 
 
 class _Memory(NamedTuple):
     """PETSc's limited-memory inverse Hessian, and vectors of an iteration.
 
-    ``travelled`` is the sum of the steps: their differences are steps where the unknowns' are not.
+    ``travelled`` is the sum of the steps, which replaces the unknowns where paths are curved.
     """
 
     inverse: PETSc.Mat
@@ -44,8 +44,8 @@ class QuasiNewton:
     cost. An L-BFGS iteration costs the energies and residuals of its line search and one
     application of the preconditioner: no Hessian, no factorisation, no linear solve. The
     preconditioner of a filtered Hessian is positive definite, so every direction descends. The
-    iterations end once the residual has fallen to a tenth: Newton's method is faster near a
-    solution.
+    iterations end once the residual is a tenth of its norm before the Newton step: Newton's method
+    is faster near a solution.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ class QuasiNewton:
     max_it : float
         The greatest number of iterations after one Newton step.
     atol : float
-        The norm of the residual [N] below which they end.
+        The norm of the residual [N] below which the iterations end.
     """
 
     def __init__(self, ksp: PETSc.KSP, line_search: LineSearch, max_it: float, atol: float) -> None:
@@ -66,7 +66,7 @@ class QuasiNewton:
     def continue_from(self, step: Step, start_norm: float) -> Step:
         """Iterate from the end of a Newton step that began at a residual of ``start_norm`` [N].
 
-        Updates and returns ``step``.
+        Moves ``step.end``, counts ``step.lbfgs`` and returns ``step``. Collective.
         """
         end, enough = step.end, max(_LBFGS_RTOL * start_norm, self.atol)
         assert end is not None
@@ -107,27 +107,31 @@ class QuasiNewton:
 
 _Reason = PETSc.SNES.ConvergedReason
 
-#: Iterations of Newton's method without a globalization: near a solution it needs 4 to 6.
+#: Largest number of full steps: near a solution Newton's method needs 4 to 6.
 _MAX_FULL_STEPS = 15
-#: Residual over that of the first iteration from which it diverges: a point that comes into contact
+#: Largest residual of full steps, relative to the first residual: a point that comes into contact
 #: changes forces by a stiffness, not by orders of magnitude.
 _MOST_GROWTH = 1e3
 
 
 class LineSearchNewton:
-    """The strategy of a search direction, a line search along it, then L-BFGS iterations.
+    """The globalization by a line search along the search direction, then L-BFGS iterations.
 
     Parameters
     ----------
     direction : SearchDirection
     quasi_newton : QuasiNewton, optional
+        The L-BFGS iterations; None for none.
     """
 
     def __init__(self, direction: SearchDirection, quasi_newton: QuasiNewton | None = None) -> None:
         self.direction, self.quasi_newton = direction, quasi_newton
 
     def step(self, start: State, d: PETSc.Vec, trial: State) -> Step:
-        """Take one step from ``start`` to ``trial``; ``d`` becomes the direction. Collective."""
+        """Return a step from ``start`` whose end is ``trial``, or None if it fails. Collective.
+
+        ``d`` becomes the search direction; ``trial`` is always overwritten.
+        """
         norm, step = start.residual.norm(), self._search(start, d, trial)
         if not self.direction.accepts(norm, step):
             linear, step = step.linear, self._search(start, d, trial)
@@ -148,24 +152,28 @@ class LineSearchNewton:
 
 
 class FullNewton:
-    """The strategy of full steps with the exact Hessian, which converge to any equilibrium.
+    """Newton's method without a globalization: full steps with the exact Hessian.
 
-    Minimisation leaves unstable equilibria. Full steps stay on the path of equilibria that they
-    start next to.
+    Full steps stay on the path of equilibria next to which they start, also where these are
+    unstable; minimisation leaves it. An object serves one solve.
 
     Parameters
     ----------
     direction : SearchDirection
-        Assembles the Hessian.
+        Assembles the Hessian and evaluates the steps.
     ksp : KSP
-        Factorises its matrix, which may not be symmetric.
+        A direct solver for the Hessian, which may not be symmetric.
     """
 
     def __init__(self, direction: SearchDirection, ksp: PETSc.KSP) -> None:
         self._direction, self._ksp, self._count, self._largest = direction, ksp, 0, 0.0
 
     def step(self, start: State, d: PETSc.Vec, trial: State) -> Step:
-        """Take one step from ``start`` to ``trial``; ``d`` becomes the direction. Collective."""
+        """Return the full step from ``start`` to ``trial``, or its admissible part. Collective.
+
+        ``d`` becomes the full step. The end is None if the factors fail, if the residual has grown
+        by `_MOST_GROWTH`, or after `_MAX_FULL_STEPS` steps.
+        """
         step, search, norm = Step(filter="exact"), self._direction.line_search, inf
         step.filtered_points = self._direction.assemble(start.x, "exact")
         self._count += 1
@@ -191,8 +199,8 @@ class FullNewton:
 
 _Linear = PETSc.KSP.ConvergedReason
 _INSIDE = (_Linear.CONVERGED_RTOL, _Linear.CONVERGED_ATOL)
-#: Part of the unknowns that is rounding: a shorter step, which changes nothing, would be accepted
-#: again and again, as the residual is the same.
+#: A step of the trust region below this fraction of the unknowns' norm changes nothing: it would be
+#: accepted again and again, as the residual stays the same.
 _NO_STEP = 2.0**-52
 
 #: Ratios of the energy's decrease to the model's: a step is accepted from the first, the radius
@@ -257,15 +265,17 @@ class TrustRegion:
     (alg. 4.1). L-BFGS iterations follow each step.
 
     Without a radius (before the first step) the linear solver is not bounded; the length of its
-    step becomes the radius. If it meets negative curvature, or if no radius gives an acceptable
-    step, the clamped Hessian's step is taken.
+    step becomes the radius. If the solver then meets negative curvature, or if no radius gives an
+    acceptable step, the clamped Hessian's step is taken.
 
     Far from a solution the filtered Hessian makes faster progress. The region is entered after a
-    filtered step that decreases the energy by less than 0.03 of the decrease since the start, if it
-    and the step before together leave more than 0.55 of the residual: near an unstable state. Where
-    the solve has been in the region before, one such step is enough to enter it again. With
-    ``-snes_hessian exact`` it is also entered where the exact Hessian gives no descent direction.
-    It is exited after any step that leaves less than a tenth of the residual.
+    filtered step that decreases the energy by less than 0.03 of the decrease since the start, if
+    this step and the step before together leave more than 0.55 of the residual: near an unstable
+    state. Once the solve has been in the region, one such step is enough. With sparse factors the
+    region is also entered after an exact step that is shorter than `SHORT`, or leaves more than
+    0.55 of the residual where eigenvalues are negative; with ``-snes_hessian exact``, where there
+    is no descent direction. The region is exited after any step that leaves less than a tenth of
+    the residual.
 
     Parameters
     ----------
@@ -279,9 +289,9 @@ class TrustRegion:
     Attributes
     ----------
     radius : float or None
-        None before the first step.
+        The radius [J^1/2]; None before the first step.
     entered : bool
-        Whether the next step is one in the region.
+        Whether the next step is taken in the region.
     """
 
     def __init__(
@@ -296,7 +306,7 @@ class TrustRegion:
         self._Ad: PETSc.Vec | None = None
 
     def step(self, start: State, d: PETSc.Vec, trial: State) -> Step:
-        """Take one step from ``start`` to ``trial``; ``d`` becomes the direction. Collective."""
+        """Return a step from ``start``, as `LineSearchNewton.step`. Collective."""
         norm, linear = start.residual.norm(), 0
         step, tried = Step(), self.entered
         if tried:
@@ -316,12 +326,12 @@ class TrustRegion:
         return step
 
     def leave_equilibrium(self, decrease: float) -> None:
-        """Enter the region after a step along negative curvature that decreased the energy [J]."""
+        """Enter the region; the ``decrease`` [J] along negative curvature sets the radius."""
         self.radius = sqrt(abs(decrease))
         self.entered = self._entered_before = self._unstable = True
 
     def _update(self, start: State, norm: float, step: Step, end: State) -> None:
-        """Enter or exit the region, by the progress of a step."""
+        """Set `entered` by a step's progress; ``norm`` is the residual's at ``start`` [N]."""
         if isnan(self._first_energy):
             self._first_energy = start.energy
         decrease, total_decrease = start.energy - end.energy, self._first_energy - end.energy
@@ -340,7 +350,7 @@ class TrustRegion:
         self._entered_before |= self.entered
 
     def _step_in_region(self, start: State, d: PETSc.Vec, trial: State) -> Step:
-        """Return the step of the exact model, or that of the clamped one if it makes none."""
+        """Return the step of the exact model, or the clamped model's step if there is none."""
         A, P = self.direction.snes.getJacobian()[:2]
         ksp, assemble = self.ksp, self.direction.assemble
         step = Step(filtered_points=assemble(start.x, "clamp"))
@@ -361,7 +371,10 @@ class TrustRegion:
         return step
 
     def _minimise_model(self, start: State, d: PETSc.Vec, trial: State, step: Step) -> bool:
-        """Find the model's step and adapt the radius; return whether ``step`` is complete."""
+        """Find an acceptable step of the model, adapt the radius; return whether there is one.
+
+        Sets ``d``, ``trial`` and ``step``.
+        """
         f = start.residual
         for _ in range(_MAX_ATTEMPTS):
             size, reason, Ad = self._solve(f, d, step)
@@ -388,7 +401,7 @@ class TrustRegion:
         return False
 
     def _solve(self, f: PETSc.Vec, d: PETSc.Vec, step: Step) -> tuple[float, int, PETSc.Vec]:
-        """Set ``d`` to the model's minimum; return its norm, the solver's reason, and A d."""
+        """Set ``d`` to the model's minimum; return its P-norm, the KSP's reason, and A d."""
         ksp, norm = self.ksp, ffi.new("double *")
         if self._Ad is None:
             self._Ad = d.duplicate()
@@ -405,9 +418,10 @@ class TrustRegion:
         return norm[0], ksp.getConvergedReason(), self._Ad
 
     def _accept(self, start: State, d: PETSc.Vec, Ad: PETSc.Vec, trial: State) -> bool:
-        """Evaluate a step to the radius and adapt the radius; return whether it is accepted.
+        """Evaluate a step to the radius and adapt the radius; return whether the step is accepted.
 
-        Where the energies differ only by rounding, the residual's norm replaces the ratio.
+        Scales ``d`` and ``Ad`` to the admissible part. Where the energies differ only by rounding,
+        the residual's norm replaces the ratio.
         """
         assert self.radius is not None
         search = self.line_search

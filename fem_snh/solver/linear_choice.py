@@ -1,29 +1,30 @@
 r"""Choose between the iterative and the direct linear solver.
 
-Let N be the number of nodes and s that of a section which cuts the body in two across its longest
-axis. Sparse factors cost about as many iterations of conjugate gradients as the root of
-:math:`s^3/N`. The number of iterations is proportional to :math:`(1 - 2 \nu)^{-1/2}`, and to
-:math:`N/s^{3/2}` where the body is slender. So both cost the same at a certain value of
+Let N be the number of nodes and s the number of nodes in a section across the longest axis. Sparse
+factors cost about as much as :math:`\sqrt{s^3/N}` iterations of conjugate gradients. The number of
+iterations is proportional to :math:`(1 - 2 \nu)^{-1/2}`, and to :math:`N/s^{3/2}` where the body is
+slender. So both cost the same at a certain value of
 
 .. math:: \frac{s^3}{N^{3/2}} \frac{\sqrt{1 - 2 \nu}}{a} ,
 
-a the mean aspect of the cells where the body can bend: iterations are proportional to it, as the
-stiffness in bending is to its square. The first factor is 0.2 to 0.5 for bars, 3 for a layer of
-linear cells, 5 for two layers and :math:`n^{3/2}` for a cube of n cells along an edge, whatever the
-size of bar or layer. A bar that can bend has factors at any ratio: iterations stop at unstable
-equilibria without a word (`fem_snh.solver.stability`). A body that is constrained along its axis,
-as by a skeleton, needs few iterations. docs/results/linear_solver.md measures both solvers.
+a the mean aspect ratio of the cells if the body can bend, otherwise 1: the number of iterations is
+proportional to a, as the stiffness in bending is to its square. The first factor is 0.2 to 0.5 for
+bars, 3 for a layer of linear cells, 5 for two layers and :math:`n^{3/2}` for a cube of n cells
+along an edge, whatever the size of bar or layer. For a bar that can bend, sparse factors are chosen
+at any value: iterations would stop at an unstable equilibrium and not show it
+(`fem_snh.solver.stability`). A body that is constrained along its axis, as by a skeleton, needs few
+iterations. docs/results/linear_solver.md measures both solvers.
 
-In two dimensions the cost of factors is nearly proportional to N, and so is that of the iterations,
-whose number does not grow with N by the deflation. Iterations cost less where
+In two dimensions the cost of factors is nearly proportional to N, and so is the cost of the
+iterations, as with deflation their number does not grow with N. Iterations cost less where
 :math:`\sqrt{1 - 2 \nu}/k` is large, k the degree of the displacement, and the problem has neither
-contact nor unknown pressures nor anything else that takes iterations.
+contact nor pressures as unknowns nor other properties that raise the number of iterations.
 
 `AsymmetricSolver` is for Hessians that are not symmetric, of forces without an energy. A follower
 pressure on a surface with a free edge, or a residual of UFL, has a derivative that is not
 symmetric. Newton's method with its symmetric part converges linearly at best: a plate under such a
-pressure takes 20 times as many iterations. Filtered Hessians are those of symmetric parts, and have
-the SNES's own linear solver.
+pressure takes 20 times as many iterations. Filtered Hessians are symmetric: the SNES's own linear
+solver solves with them.
 """
 
 from __future__ import annotations
@@ -42,37 +43,38 @@ from fem_snh.solver.saddle_point import preconditioner_by_blocks
 
 #: Values of ``-snes_linear_solver``; the default first.
 CHOICES = ("automatic", "iterative", "direct")
-#: For factors, the largest s^3/N^(3/2) sqrt(1 - 2 nu) / a (measured: python -m benchmarks
-#: linear_solvers; docs/results/linear_solver.md).
+#: Largest s^3/N^(3/2) sqrt(1 - 2 nu) / a for which factors are chosen (measured: python -m
+#: benchmarks linear_solvers; docs/results/linear_solver.md).
 _MAX = 0.15
-#: Smaller values of s^3/N^(3/2) are those of bars.
+#: A body with a smaller s^3/N^(3/2) is a bar.
 _MIN_LAYER = 1.5
-#: A bar that is constrained along more than this part of its axis does not bend, nor does a layer
-#: of whose nodes more than this part are.
+#: A bar that is constrained along more than this fraction of its axis does not bend, nor does a
+#: layer with more than this fraction of its nodes constrained.
 _CONSTRAINED = 0.5
 #: Mean aspect of the cells from which a body counts as thin: meshes of solid bodies have 1 to 3.
 _MIN_ASPECT = 4.0
-#: Contrast of the shear moduli from which a body has factors (measured:
+#: Contrast of the shear moduli from which factors are chosen (measured:
 #: python -m benchmarks contrast; docs/results/linear_solver.md).
 _CONTRAST = 1e4
 #: Nodes of a body above which factors are never chosen; measured up to 33,282.
 MAX_NODES = 50_000
-#: On meshes of two dimensions: for iterations, the least number of nodes and the least
-#: sqrt(1 - 2 nu) / k (measured: python -m benchmarks linear_solvers --bodies
-#: membrane,tube,bushing,cylinder,seal); the largest N/s^2 of a section that does not buckle like a
-#: bar: at 3.4 iterations stay at a straight strip that is unstable
+#: In two dimensions: the least number of nodes and the least sqrt(1 - 2 nu) / k for which
+#: iterations are chosen (measured: python -m benchmarks linear_solvers --bodies
+#: membrane,tube,bushing,cylinder,seal), and the largest N/s^2 of a body that does not buckle like a
+#: bar: at 3.4 iterations stop at an unstable straight strip
 #: (tests/solver/test_linear_choice.py).
 _MIN_SECTION_NODES, _MIN_SECTION, _MAX_SLENDERNESS = 1000, 0.12, 2.0
 
 
 class LinearChoice(NamedTuple):
-    """A linear solver, and why the program chose it; the reason is empty if the user did.
+    """The choice between a direct and an iterative linear solver.
 
     Attributes
     ----------
     direct : bool
-        Sparse factors instead of iterations.
+        Whether the solver has sparse factors.
     reason : str
+        Why the solver was chosen; empty if the user chose it.
     """
 
     direct: bool
@@ -86,7 +88,7 @@ def choose_linear_solver(problem: SolvableProblem, wanted: str = CHOICES[0]) -> 
     ----------
     problem : SolvableProblem
     wanted : str
-        One of `CHOICES`.
+        One of `CHOICES`; "automatic" chooses by `Regime`.
 
     Raises
     ------
@@ -155,19 +157,20 @@ def _choose_for_section(regime: Regime, saddle_point: bool) -> LinearChoice:
     return LinearChoice(False, f"a mesh of 2 dimensions, {measured}: few iterations")
 
 
-#: Linear solvers that need a symmetric matrix, and preconditioners that do.
+#: Types of linear solvers that need a symmetric matrix; "python" is `EisenstatCG`.
 _SYMMETRIC = frozenset("cg pipecg groppcg fcg minres symmlq nash stcg gltr python".split())
-#: Iterations of GMRES, which keeps all of its vectors; then the solution is used as it is. A strip
-#: of 3,157 nodes takes 60 to 90 of them for a residual of 1e-3.
+#: Largest number of iterations of GMRES, without a restart; then the solution is used as it is.
+#: A strip of 3,157 nodes takes 60 to 90 iterations to a relative residual of 1e-3.
 _MAX_IT = 200
 
 
 class AsymmetricSolver:
     """The linear solver of a problem whose exact Hessian may not be symmetric.
 
-    It has sparse factors L U, or GMRES with incomplete factors of each rank's rows where inertia
-    makes the matrix well conditioned, or where factors would need much memory. A solver that the
-    user chose is kept if it needs no symmetric matrix; so is the one of a saddle-point problem.
+    It has sparse factors L U, as the preconditioner of GMRES if the operator has matrices of rank
+    one. It is GMRES with incomplete factors of each rank's rows if the user chose iterations, or
+    where inertia makes the matrix well conditioned or factors would need much memory. ``own`` is
+    kept if it needs no symmetric matrix, or preconditions by blocks.
 
     Parameters
     ----------
@@ -184,12 +187,12 @@ class AsymmetricSolver:
 
     @property
     def needed(self) -> bool:
-        """Whether the problem's last Hessian is not symmetric."""
+        """Whether the Hessian that was assembled last is not symmetric."""
         return self._problem.asymmetric
 
     @cached_property
     def ksp(self) -> PETSc.KSP:
-        """The solver, created when a Hessian needs it. Collective."""
+        """The solver: ``own``, or a KSP that the first access creates. Collective."""
         own, problem, regime = self._own, self._problem, self._problem.regime
         symmetric = own.getType() in _SYMMETRIC or own.getPC().getType() == PETSc.PC.Type.CHOLESKY
         if preconditioner_by_blocks(own.getPC()) or not symmetric:
@@ -211,6 +214,6 @@ class AsymmetricSolver:
         return ksp
 
     def destroy(self) -> None:
-        """Destroy the solver, if it is not the problem's own. Collective."""
+        """Destroy the solver unless it is ``own``. Collective."""
         if "ksp" in self.__dict__ and self.ksp != self._own:
             self.ksp.destroy()

@@ -25,16 +25,17 @@ from fem_snh.solver.search_direction import SearchDirection
 from fem_snh.solver.stability import EquilibriumStability
 from fem_snh.solver.step import ForcingTerm, Iteration, LineSearch, State, Step
 
-#: Rounding error of the residual over the forces that act, above which a state is no solution.
+#: Rounding error of the residual relative to the acting forces, above which a state is no solution.
 _MOST_ROUNDING = 1e-2
 
 Reason = PETSc.SNES.ConvergedReason
 
 
 class _Left(NamedTuple):
-    """The unstable equilibrium that was left last: its energy [J], and the length of the step.
+    """The unstable equilibrium that the solve left last: its energy [J] and the step's length.
 
-    ``first`` is the state that the solve has left first, about an equilibrium.
+    ``first`` holds the unknowns of the first state that the solve left along negative curvature, an
+    equilibrium or next to one; None if there is none.
     """
 
     energy: float = -inf
@@ -43,62 +44,69 @@ class _Left(NamedTuple):
 
 
 class ProjectedNewton:
-    r"""Newton's method on an energy, with filtered Hessians.
+    r"""The context of the SNES: Newton's method with filtered Hessians.
 
     `SearchDirection` describes the Hessians, `LineSearch` and `TrustRegion` the globalizations,
     `QuasiNewton` the iterations between Newton steps.
 
-    Converged when
+    A solve converges when
 
     .. math:: \|f\|_2 \le \texttt{snes\_scaled\_tol}\;
               \min\left(E\, V^{2/3},\ 10^3 \max_t \|f_t\|_2\right),
 
-    f_t the forces of one term at the present state, reactions included: of the elastic energy, of
-    loads, of contact, of inertia. Where they are small, as those of a local contact on a large body
-    or the weight of a stiff one, the residual is so too: 1e-4 of them by default. The test is
-    invariant to scale and stiffness. ``-snes_atol`` [N] and ``-snes_rtol`` replace it by PETSc's
-    tests; ``-snes_stol`` adds one. After an iteration the residual need not come below its rounding
-    error, which is also the end of a solve that no step improves.
+    f_t the nodal forces of one term (elastic energy, loads, contact, inertia) at the present state,
+    reactions included. By default the residual is then at most 1e-4 of the largest of them, also
+    where these are small, as for a local contact on a large body or the weight of a stiff one. The
+    test is invariant to scale and stiffness. ``-snes_atol`` [N] or ``-snes_rtol`` replace it by
+    PETSc's tests; ``-snes_stol`` adds PETSc's test of the step. After the first iteration a
+    residual below its rounding error converges too.
 
     Parameters
     ----------
     problem : SolvableProblem
     stability : EquilibriumStability, optional
-        Tells whether an equilibrium is stable. It is asked where the linear solver has factors, and
-        where parts are stiff.
+        Tells whether an equilibrium is stable; None: never examined. It is used after a solve with
+        a direct solver, or where `EquilibriumStability.is_doubtful`.
 
     Attributes
     ----------
     force_scale : float
         The unit of the residual's norm [N]; it may change between solves.
-    earlier_force, least_load : float
-        Of a step in time, whose errors add up: the norm of the forces [N] at its start, which count
-        as those that act, and the smallest one of a dead load, which may be small beside others.
+    earlier_force : float
+        The norm of the forces [N] at the start of a step in time, a lower bound of the acting
+        forces; 0 in statics.
+    least_load : float
+        The smallest norm of a dead load [N] in a step in time, an upper bound of the acting forces;
+        infinity in statics.
     reduction : float
-        The part of its first residual at which a solve ends as well: 1 makes one iteration unless
-        the start is a solution.
+        The fraction of the first residual at which a solve also converges, after one iteration or
+        more; 0 for none.
     force_iteration : bool
-        Whether the next solve makes an iteration, whatever its first residual; as PETSc's
+        Whether the next solve makes an iteration unless its first residual is zero; as PETSc's
         ``-snes_force_iteration``.
     tolerance : float
         The norm of the residual [N] at which the last solve converged, or would have.
     history : list of Iteration
-        Of the last solve.
+        The iterations of the last solve.
     negative : int or None
         Negative eigenvalues of the exact Hessian at the end of the last solve, more than those of a
         minimum; None where they are not counted.
     rounding : float
         The rounding error [N] that ended the last solve above its tolerance; 0 otherwise.
     full_steps : bool
-        Whether a solve takes full steps with the exact Hessian, which converge to unstable
-        equilibria, too (`FullNewton`); otherwise it minimises.
+        Whether solves take full steps with the exact Hessian (`FullNewton`), which also converge to
+        unstable equilibria; otherwise they minimise.
     asymmetric : AsymmetricSolver or None
-        The linear solver of exact Hessians that are not symmetric, where they may be.
-    linear_choice, trust_ksp : LinearChoice, KSP or None
-        The linear solver and why it was chosen; that of `TrustRegion`, None with a line search.
+        The linear solver of exact Hessians that are not symmetric; None if all are symmetric.
+    linear_choice : LinearChoice
+        The choice of the linear solver, and its reason.
+    trust_ksp : KSP or None
+        The linear solver of `TrustRegion`; None with a line search.
+    left : _Left
+        The unstable equilibrium that the last solve left last.
     """
 
-    #: The class of the search directions; benchmarks replace it to compare others.
+    #: The class of the search directions; benchmarks replace it to compare methods.
     search_direction: type[SearchDirection] = SearchDirection
 
     def __init__(
@@ -125,7 +133,10 @@ class ProjectedNewton:
     # --- PETSc's callbacks -----------------------------------------------------------------------
 
     def setFromOptions(self, snes: PETSc.SNES) -> None:
-        """Read the options under the SNES's prefix; raise BadInput for a bad value."""
+        """Read `OPTIONS` under the SNES's prefix; raise BadInput for a value that is not accepted.
+
+        ``snes_hessian`` and ``snes_globalization`` keep their values: only `create` reads them.
+        """
         prefix = snes.getOptionsPrefix()
         self._dtol_given = PETSc.Options(prefix).hasName("snes_divergence_tolerance")
         self.options = options.read(prefix, self.options)
@@ -137,7 +148,7 @@ class ProjectedNewton:
             options.check_minimisation(self.options, "this one has forces without an energy")
 
     def view(self, snes: PETSc.SNES, viewer: PETSc.Viewer) -> None:
-        """Print the options, as part of ``-snes_view``."""
+        """Print the options and the number of linear iterations, as part of ``-snes_view``."""
         if viewer.getType() == PETSc.Viewer.Type.ASCII:
             strategy = {"linesearch": "line search", "trust_region": "trust region"}
             name = strategy[str(self.options["snes_globalization"])]
@@ -150,12 +161,15 @@ class ProjectedNewton:
             viewer.printfASCII(f"  linear iterations of the last solve = {linear}\n")
 
     def jacobian(self, snes: PETSc.SNES, x: PETSc.Vec, A: PETSc.Mat, P: PETSc.Mat) -> None:
-        """Assemble the Jacobian with the present iteration's filter: the SNES's callback."""
+        """Assemble the problem's matrix with the filter given to `assemble`; PETSc calls this."""
         whole = not self.problem.symmetric
         self._filtered_points = self.problem.jacobian(x, self._filter, whole)
 
     def solve(self, snes: PETSc.SNES, b: PETSc.Vec | None, x: PETSc.Vec) -> None:
-        """Iterate from ``x``, in place. Collective."""
+        """Iterate from ``x``, in place; PETSc calls this. Collective.
+
+        Sets the SNES's converged reason and the attributes of the last solve; ignores ``b``.
+        """
         self.left = _Left()
         self.history, self.tolerance, self.negative = [], self.scaled_tolerance, None
         state = State(x, snes.getFunction()[0])
@@ -222,7 +236,7 @@ class ProjectedNewton:
     def _globalization(
         self, snes: PETSc.SNES, forcing: ForcingTerm
     ) -> LineSearchNewton | FullNewton | TrustRegion:
-        """Return the globalization of one solve, with its parts."""
+        """Return a new globalization for one solve, with its search directions."""
         direction = self.search_direction(self, snes, forcing)
         if self.full_steps:
             if self.full_ksp is None:
@@ -238,30 +252,31 @@ class ProjectedNewton:
         return TrustRegion(direction, ksp, quasi_newton)
 
     def assemble(self, snes: PETSc.SNES, x: PETSc.Vec, filter: str) -> int:
-        """Assemble the SNES's matrices; return the quadrature points filtered. Collective."""
+        """Assemble the Hessian at ``x``; return the number of filtered points. Collective."""
         self._filter = filter
         snes.computeJacobian(x, *snes.getJacobian()[:2])
         return self._filtered_points
 
     def line_search(self, snes: PETSc.SNES) -> LineSearch:
-        """Return the line search of one solve: on the energy, or on a saddle point's merit."""
+        """Return a line search for one solve; a `MeritLineSearch` for a saddle-point problem."""
         kind = MeritLineSearch if self.problem.saddle_point is not None else LineSearch
         return kind(snes, self.problem)
 
     @property
     def scaled_tolerance(self) -> float:
-        """Return the largest norm of the residual [N] at which a solve may converge."""
+        """Return ``snes_scaled_tol`` times `force_scale` [N], the largest tolerance of a solve."""
         return float(self.options["snes_scaled_tol"]) * self.force_scale
 
     def force_at(self, x: PETSc.Vec) -> float:
-        """Return the norm of the forces [N] beside which a residual is small. Collective.
+        """Return the norm of the acting forces [N] that the tolerance refers to. Collective.
 
-        The forces that act at ``x`` or at the step's start, or a dead load smaller than these.
+        This is the larger of `earlier_force` and the largest force of a term at ``x``, but at most
+        `least_load`.
         """
         return min(max(self.earlier_force, self.problem.largest_force(x)), self.least_load)
 
     def force_tolerance(self, force: float) -> float:
-        """Return the norm of the residual [N] that is small where forces of this norm [N] act."""
+        """Return the tolerance of the residual [N] where forces of norm ``force`` [N] act."""
         return ACTING_FORCES * float(self.options["snes_scaled_tol"]) * min(force, self.least_load)
 
     def _test_convergence(
@@ -275,7 +290,8 @@ class ProjectedNewton:
     ) -> bool:
         """Report the iteration to the SNES; return whether PETSc's or the scaled test stops it.
 
-        Convergence counts only where it ``may_end``, or without any residual.
+        Unless ``may_end``, the solve converges only if the residual is exactly zero. Sets the
+        SNES's converged reason and `tolerance`.
         """
         snes.setIterationNumber(its)
         snes.setFunctionNorm(norm)
@@ -299,9 +315,9 @@ class ProjectedNewton:
         return bool(reason)
 
     def _tolerance(self, snes: PETSc.SNES, x: PETSc.Vec, norm: float) -> float:
-        """Return the norm [N] at which a state with this residual would be a solution. Collective.
+        """Return the tolerance [N] for the residual at ``x``, whose norm is ``norm``. Collective.
 
-        The forces that act are evaluated only where it depends on them, at the cost of a residual.
+        The acting forces cost a residual; they are evaluated only if the outcome depends on them.
         """
         rtol, atol = snes.getTolerances()[:2]
         if rtol or atol:
@@ -312,10 +328,10 @@ class ProjectedNewton:
         return earlier or self.scaled_tolerance
 
     def _is_rounding(self, x: PETSc.Vec, norm: float) -> bool:
-        """Return whether a residual is a rounding error, whose bound is then the tolerance.
+        """Return whether the residual's norm [N] is within its rounding error at ``x``.
 
-        That of a state that is nothing but rounding is not: of a body that has flown off to 1e14
-        times its size.
+        If so, `tolerance` and `rounding` become the error's bound. A bound that is large beside the
+        forces does not count: a body may have flown off to 1e14 times its size.
         """
         bound = self.problem.rounding_force(x, norm)
         if not norm <= bound:
@@ -329,9 +345,10 @@ class ProjectedNewton:
     def _leave_unstable(
         self, snes: PETSc.SNES, state: State, negative: int | None, trial: State
     ) -> Step:
-        """Return the step that leaves an unstable equilibrium, without an end if there is none.
+        """Return a step that leaves an unstable equilibrium; its end is None if the solve stays.
 
-        ``negative`` is the number of negative eigenvalues of the last Hessian, if it is known.
+        The solve stays without a trust region. ``negative`` is the number of negative eigenvalues
+        of the last Hessian, or None. Sets the attributes `negative` and `left`.
         """
         found, converged = self.stability, snes.getConvergedReason() > 0
         if found is None or self.full_steps or not converged:

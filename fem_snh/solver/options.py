@@ -1,7 +1,6 @@
-"""The table of the PETSc options of projected Newton, beside those of SNES and KSP.
+"""The PETSc options of projected Newton that SNES and KSP do not have, and checks of options.
 
-``docs`` and ``-snes_view`` read `OPTIONS`. Options that have a counterpart in PETSc's SNESNEWTONTR
-have its name (PETSc 3.22 and later); their defaults are ours.
+The documentation lists `OPTIONS`; ``-snes_view`` prints their values.
 """
 
 from __future__ import annotations
@@ -31,7 +30,7 @@ Values = dict[str, Value]
 
 _PART, _RELATIVE = Range(0, 1), Range(0, 1, open_high=True)
 _COUNT = Range(0, 1e9, whole=True)
-#: The largest ||residual|| / (E V^(2/3)) that may pass for a solution: strains of a hundredth.
+#: The largest accepted tolerance of ||residual|| / (E V^(2/3)): strains of about 1e-2.
 _LARGEST_RESIDUAL = 1e-2
 
 
@@ -42,10 +41,11 @@ class Option(NamedTuple):
     ----------
     default : str or float
     meaning : str
+        The description in the documentation.
     origin : str
-        The source of name and default.
+        The source of the name and the default value.
     accepted : Range or sequence of str, optional
-        The accepted values; those of the options of scenes are in `fem_snh.choices`.
+        The values that `read` accepts; empty if `read_choices` or `choose_linear_solver` checks.
     """
 
     default: Value
@@ -57,8 +57,8 @@ class Option(NamedTuple):
 _NW = "Nocedal & Wright 2006"
 _MEASURED = "measured: python -m benchmarks negative_curvature"
 
-#: By name, without the leading dash. The defaults of ``snes_globalization`` and
-#: ``snes_lbfgs_max_it`` are those of a problem without an energy: see `defaults_for`.
+#: The options by name, without the leading dash. `defaults_for` replaces the defaults of
+#: ``snes_globalization`` and ``snes_lbfgs_max_it``, which depend on the globalization.
 OPTIONS: dict[str, Option] = {
     "snes_hessian": Option(
         DEFAULT_HESSIAN, "Hessian: exact, clamp, abs or adaptive", "Teran et al. 2005 (clamp)"
@@ -103,7 +103,7 @@ OPTIONS: dict[str, Option] = {
 
 
 def defaults_for(globalization: str) -> Values:
-    """Return the default of each option with this globalization."""
+    """Return the default values of `OPTIONS`, by name, for one of `GLOBALIZATIONS`."""
     values = {name: option.default for name, option in OPTIONS.items()}
     values["snes_globalization"] = globalization
     values["snes_lbfgs_max_it"] = float(DEFAULT_LBFGS_MAX_IT[globalization])
@@ -113,9 +113,10 @@ def defaults_for(globalization: str) -> Values:
 def read_choices(
     prefix: str, hessian: str | None, globalization: str | None
 ) -> tuple[str, str | None]:
-    """Return Hessian and globalization: PETSc's options, where given, before the arguments.
+    """Return the names of the Hessian and of the globalization.
 
-    The globalization is None where neither of the two choices is made.
+    PETSc's options override the arguments. If only the Hessian is named, the globalization is
+    `GLOBALIZATION_OF_NAMED_HESSIAN`; if neither is named, None.
 
     Raises
     ------
@@ -132,12 +133,14 @@ def read_choices(
 
 
 def read(prefix: str, given: Values) -> Values:
-    """Return the options of PETSc's database, completed by the values ``given``.
+    """Return the values of `OPTIONS`: from PETSc's database, or as ``given`` if it has none.
+
+    ``snes_hessian`` and ``snes_globalization`` are always as ``given``: `read_choices` reads them.
 
     Raises
     ------
     BadInput
-        For a number that is not accepted.
+        For a value that an option does not accept.
     """
     database, values = PETSc.Options(prefix), dict(given)
     for name, option in OPTIONS.items():
@@ -153,7 +156,7 @@ def read(prefix: str, given: Values) -> Values:
     return values
 
 
-#: Numbers of PETSc's own options, in the solver's prefix, with which nothing would be solved for.
+#: Accepted numbers of PETSc's own options; with others, such as snes_rtol = 1, nothing is solved.
 _PETSC_RANGES = {
     "snes_max_it": Range(0, whole=True),
     "snes_rtol": _RELATIVE,
@@ -170,7 +173,7 @@ _PETSC_RANGES = {
         }.items()
     },
 }
-#: PETSc's options that replace what the solver consists of, and what that is.
+#: PETSc's options that would replace a part of the solver, and the part.
 _REPLACED = {
     "snes_python_type": "projected Newton, which fem_snh adds to PETSc",
     **dict.fromkeys(
@@ -181,7 +184,7 @@ _REPLACED = {
 
 
 def check_petsc(prefix: str, force_scale: float) -> None:
-    """Raise BadInput for a value of PETSc's own options with which nothing would be solved.
+    """Raise BadInput for PETSc options that replace the solver, or with which nothing is solved.
 
     Parameters
     ----------
@@ -209,12 +212,14 @@ def check_petsc(prefix: str, force_scale: float) -> None:
 
 
 def check_minimisation(options: Values, problem: str) -> None:
-    """Raise BadInput for a value that requires a minimisation problem.
+    """Raise BadInput if an option requires a minimisation problem.
 
     Parameters
     ----------
+    options : dict
+        The values of `OPTIONS`.
     problem : str
-        Why the problem is none.
+        Why the problem is not a minimisation problem.
     """
     wanted = ""
     if options["snes_globalization"] == "trust_region":
@@ -225,14 +230,14 @@ def check_minimisation(options: Values, problem: str) -> None:
         raise BadInput(f"{wanted}: requires a minimisation problem; {problem}")
 
 
-#: Options of what a program may ask for after it has solved: eigenfrequencies, errors.
+#: Prefixes of options for computations that may follow a solve: eigenfrequencies, error estimates.
 _LATER = ("modes_", "lifted_")
 
 
 def unused_options(names: Iterable[str]) -> list[Note]:
-    """Return a note on options, with their prefix, that no solver has asked PETSc for.
+    """Return a list with a note on the options that no solver has read; empty if all were read.
 
-    PETSc does not report misspelt options.
+    ``names`` include the prefix. PETSc itself does not report misspelt options.
     """
     unused = [f"-{name.lstrip('-')}" for name in names if not option_used(name.lstrip("-"))]
     if not unused:
@@ -242,19 +247,19 @@ def unused_options(names: Iterable[str]) -> list[Note]:
 
 
 class GivenOptions:
-    """The PETSc options of a program, in PETSc's database while `active`.
+    """The PETSc options that a program passes; they are in PETSc's database within `active`.
 
     Parameters
     ----------
     prefix : str
-        Their prefix.
+        The prefix of the options.
     options : mapping or None
-        Their values by name without the prefix.
+        Values by name, without the prefix.
 
     Raises
     ------
     BadInput
-        Unless they are a mapping, and the prefix is a text.
+        If ``options`` is not a mapping of option names, or ``prefix`` is not a str.
     """
 
     def __init__(self, prefix: str, options: Mapping[str, object] | None) -> None:
@@ -265,18 +270,18 @@ class GivenOptions:
 
     @contextmanager
     def active(self) -> Iterator[None]:
-        """Set those that the user has not set, for the duration of a ``with`` block."""
+        """Set the options that the user has not set, for the duration of a ``with`` block."""
         with default_options(self.prefix, self.values):
             yield
             self._unused = {name for name in self._unused if not option_used(name)}
 
     def notes(self) -> list[Note]:
-        """Return a note on those that no solver has used, now or in an earlier block."""
+        """Return a note on the options that no solver has read in any `active` block, or []."""
         return unused_options(sorted(self._unused))
 
 
 def _check_given(prefix: object, options: object) -> None:
-    """Raise BadInput unless a program's options are a mapping and their prefix is a text."""
+    """Raise BadInput unless ``prefix`` is a str and ``options`` maps option names, or is None."""
     if not isinstance(prefix, str):
         raise bad_value("petsc_options_prefix", prefix, "a text, e.g. 'press_'")
     if options is not None and not isinstance(options, Mapping):

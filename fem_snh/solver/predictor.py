@@ -1,7 +1,7 @@
 """Steps of the linearised problem: first guesses of Newton's method, and semi-implicit Euler.
 
-`fem_snh.steps.stepping` calls ``predict`` before each solve, or makes the step of semi-implicit
-Euler in its place.
+`fem_snh.steps.stepping` calls `Predictor.predict` before each solve, or for semi-implicit Euler
+`solve_linearised` instead of a solve.
 """
 
 from __future__ import annotations
@@ -27,17 +27,17 @@ from fem_snh.solver.step import (
     update_lagged,
 )
 
-#: Length of the central difference along the boundary's motion, relative to the body: about the
-#: cube root of the rounding error, where truncation and rounding are balanced.
+#: Largest displacement of the central difference along the boundary's motion, relative to V^(1/3):
+#: about the cube root of the rounding error, where truncation and rounding are balanced.
 _DIFFERENCE = 1e-6
 
 
 def linearised_residual(problem: SolvableProblem) -> PETSc.Vec:
     """Return r + H_fc j at ``problem.x``, whose boundary values are those of another load.
 
-    r is the residual at the present load, j the jump of the boundary values, H_fc the block of
-    free rows and constrained columns. The assembled matrix has no such columns, so H_fc j is a
-    central difference of residuals along j. Collective.
+    r is the residual at the present load, j the change of the boundary values to the present load,
+    H_fc the block of free rows and constrained columns. The assembled matrix has no constrained
+    columns, so H_fc j is a central difference of residuals along j. Collective.
     """
     x = problem.x
     jump = x.copy()
@@ -56,7 +56,7 @@ def linearised_residual(problem: SolvableProblem) -> PETSc.Vec:
 
 
 def take_step(problem: SolvableProblem, factor: float, step: PETSc.Vec) -> None:
-    """Add a multiple of a step to ``problem.x``, along the paths that a problem needs."""
+    """Add ``factor`` times ``step`` to ``problem.x``, along paths that steps must follow."""
     paths, x = problem.retraction, problem.x
     if paths and paths.exact:
         paths(x.copy(), step, factor, x)
@@ -67,19 +67,19 @@ def take_step(problem: SolvableProblem, factor: float, step: PETSc.Vec) -> None:
 def solve_linearised(problem: SolvableProblem, snes: PETSc.SNES) -> StepOutcome:
     """Make one linearised step of backward Euler from ``problem.x``, in place. Collective.
 
-    It is the step of semi-implicit Euler (Baraff & Witkin 1998). Hessian and linear solver are
-    those of the SNES, without forcing terms. The residual of the linear system, computed in double
-    precision, must not exceed ``-ksp_rtol`` times its right-hand side, nor times the forces that
-    act: a stiff body may begin with elastic forces far above its loads. What rounding permits is
-    enough. A solution that misses it is refined; then sparse factors replace the linear solver,
-    unless the user chose it; otherwise the step fails. There is no line search.
+    This is the step of semi-implicit Euler (Baraff & Witkin 1998): the Hessian and the linear
+    solver of the SNES, without forcing terms and without a line search. The residual of the linear
+    system, computed in double precision, must not exceed ``-ksp_rtol`` times the norm of the
+    right-hand side, nor times the norm of the acting forces: a stiff body may begin with elastic
+    forces far above its loads. A residual within rounding errors suffices. An inaccurate solution
+    is refined; if that fails, sparse factors replace a linear solver that the user did not choose.
+    Otherwise the step fails.
 
     Parameters
     ----------
     problem : SolvableProblem
     snes : SNES
-        Its solver, of `create`. It has the outcome's converged reason and iteration, as after a
-        solve of its own.
+        The problem's solver, of `create`. Its converged reason and history are set as by a solve.
     """
     outcome = _linearised_step(problem, snes)
     if outcome.converged:  # lagged quantities follow once a step
@@ -93,7 +93,7 @@ def solve_linearised(problem: SolvableProblem, snes: PETSc.SNES) -> StepOutcome:
 
 
 def _linearised_step(problem: SolvableProblem, snes: PETSc.SNES) -> StepOutcome:
-    """Solve the linear system and move ``problem.x`` by its solution."""
+    """Solve the linear system, move ``problem.x`` by the solution and return the outcome."""
     x = problem.x
     start, d = State(x, linearised_residual(problem)), x.duplicate()
     # A new one for each step: a run that is resumed has no memory of the last one's Hessian.
@@ -131,7 +131,7 @@ _MAX_IT = PETSc.KSP.ConvergedReason.DIVERGED_MAX_IT
 #: boundaries dominate its norm, and a hundredth of it leaves errors whose strains grow with
 #: refinement (docs/results/elements_taylor_hood.md).
 _RTOL, _SADDLE_RTOL = 1e-2, 1e-3
-#: Part of the largest admissible change that a prediction makes: at its end surfaces nearly touch.
+#: Fraction of the largest admissible step that a prediction takes: at that step surfaces touch.
 _SHARE = 0.5
 
 
@@ -139,15 +139,15 @@ class Predictor:
     """Predictor that moves ``problem.x`` from the equilibrium at one load to a guess at the next.
 
     ===============  ==============================================================================
-    ``none``         the new boundary values; the free unknowns keep theirs
+    ``none``         the new boundary values; the free unknowns are unchanged
     ``extrapolate``  the last step's displacement, continued in proportion to the load; the tangent
                      at the first step
     ``tangent``      the linearised response to the change of load: one linear solve
     ``bones``        the last equilibrium, moved with the bones in it
     ===============  ==============================================================================
 
-    Where the problem does not admit the whole change, as with a barrier, all unknowns make a part
-    of it, and then the constrained ones alone make the rest.
+    Where the problem does not admit the whole change, as with a barrier, all unknowns take half of
+    the admissible step; then only the constrained unknowns change to their new values.
 
     Parameters
     ----------
@@ -155,21 +155,22 @@ class Predictor:
     snes : SNES
         The SNES whose linear solver is used.
     kind : str
+        One of `PREDICTORS`.
     extrapolation : callable, optional
-        ``extrapolation(x, load)`` moves the equilibrium x in place to its extrapolation at a load.
-        It replaces the extrapolation from the step before; in time it uses the velocity.
+        ``extrapolation(x, load)`` moves the equilibrium x in place to its extrapolation at a load,
+        for problems in time by the velocity. It replaces the extrapolation from the last step.
     response : callable, optional
         Replaces `tangent`: moves ``problem.x`` by the linearised response and returns the linear
         iterations.
     blend : callable, optional
-        ``blend(x, start, end)`` moves the equilibrium x at a load with the bones to another load,
-        in place: what ``bones`` needs.
+        ``blend(x, start, end)`` moves the equilibrium x in place with the bones from the load
+        ``start`` to the load ``end``; ``bones`` requires it.
 
     Attributes
     ----------
     before : (float, Vec) or None
-        Load and unknowns of the equilibrium before the present one, from which it extrapolates;
-        None if there is none. Nothing else is kept between steps.
+        Load and unknowns of the equilibrium before the present one, for ``extrapolate``; None at
+        the first step. Nothing else is kept between steps.
     """
 
     def __init__(
@@ -189,9 +190,9 @@ class Predictor:
         self.before: tuple[float, PETSc.Vec] | None = None
 
     def predict(self, load: float, stay: bool = False) -> int:
-        """Set the load and the first guess; return the linear iterations used. Collective.
+        """Set the load and move ``problem.x`` to the guess; return linear iterations. Collective.
 
-        With ``stay`` it is the present state, with what is prescribed at the load.
+        With ``stay`` the guess is the present state with the boundary values at the load.
 
         Raises
         ------
@@ -221,7 +222,7 @@ class Predictor:
         return linear
 
     def _admit(self, present: PETSc.Vec) -> int:
-        """Replace a guess that cannot be reached from ``present``; return linear iterations."""
+        """Change a guess that is not admissible from ``present``; return linear iterations."""
         problem, x, largest_step = self.problem, self.problem.x, self.problem.largest_step
         if largest_step is None:
             return 0
@@ -249,15 +250,15 @@ class Predictor:
         return linear
 
     def accept(self) -> None:
-        """Keep the start of the last prediction, whose step converged, for extrapolation."""
+        """Set `before` to the last predicted step's start, unless ``extrapolation`` is given."""
         if self._extrapolation is None:
             self.before = self._last
 
     @callback_errors()
     def tangent(self) -> int:
-        """Make a linearised step from x; return the linear iterations.
+        """Move ``problem.x`` by the linearised response to the load; return linear iterations.
 
-        The Hessian is clamped, so that CG cannot fail.
+        The Hessian is clamped, so that CG cannot fail. Constrained unknowns do not change.
         """
         problem, x = self.problem, self.problem.x
         rhs, step = linearised_residual(problem), self.problem.x.duplicate()

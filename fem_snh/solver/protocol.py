@@ -1,4 +1,4 @@
-"""What the solver asks of a problem; `fem_snh.problem.problem.Problem` has it all."""
+"""Interfaces that the solver requires; `fem_snh.problem.problem.Problem` implements them."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Array = npt.NDArray[np.float64]
 
 
 class Regime(NamedTuple):
-    """Size, shape and Poisson's ratio of a body: what a solver chooses its defaults by.
+    """Properties of a problem by which the linear solver is chosen.
 
     Attributes
     ----------
@@ -26,23 +26,23 @@ class Regime(NamedTuple):
     degree : int
         Degree of the displacement.
     section_nodes : float
-        Their mean number in a section across the longest axis.
+        Mean number of nodes in a section across the longest axis; infinity without materials.
     poisson_ratio : float
         The largest Poisson's ratio of the materials, lambda / (2 lambda + 2 mu); 0 without
-        materials, whose energies are UFL terms.
+        materials, if all energies are UFL forms.
     inertia : bool
         Whether the Hessian contains a mass matrix.
     cell_aspect : float
         The mean ratio of a cell's largest to its smallest extent; 1 for a cube.
     supported : float
-        The part of the longest axis along which nodes are constrained: about 0 for a bar that is
-        clamped at its ends, 1 for one around a skeleton.
+        The fraction of the longest axis along which nodes are constrained: about 0 for a bar that
+        is clamped at its ends, 1 for a bar around a skeleton.
     constrained : float
-        The part of the nodes that are constrained: all of a layer in plane strain.
+        The fraction of the nodes with a constrained component; 1 for a layer in plane strain.
     contrast : float
-        The largest shear modulus of the materials over the smallest.
+        The largest shear modulus of the materials over the smallest; 1 without materials.
     contact : bool
-        Whether a term has penalties or couples nodes without a common cell.
+        Whether a term has penalties: contact, or an enclosed fluid.
     """
 
     nodes: int
@@ -63,15 +63,15 @@ class SaddlePoint(Protocol):
 
     @property
     def index_sets(self) -> Mapping[str, PETSc.IS]:
-        """Return the unknowns of displacement and pressure, {"u": IS, "p": IS}."""
+        """Return the global indices of displacement and pressure, {"u": IS, "p": IS}."""
 
     @property
     def fields(self) -> Sequence[PETSc.Vec]:
-        """Return the vectors of displacement and pressure, on communicators of their own."""
+        """Return the vectors of displacement and pressure, each with its own communicator."""
 
     @property
     def schur_approximation(self) -> PETSc.Mat:
-        """Return a matrix that is spectrally equivalent to the Schur complement."""
+        """Return an approximation of the Schur complement -(B H^-1 B^T + C), negative definite."""
 
     @property
     def cell_pressures(self) -> bool:
@@ -79,36 +79,36 @@ class SaddlePoint(Protocol):
 
     @property
     def inverse_lumped_mass(self) -> Array:
-        """Return the inverse of each pressure's share of the volume [1/m^3], (owned pressures,)."""
+        """Return the inverse of the lumped pressure mass matrix, (owned pressures,)."""
 
     def pressure_dofs(self, x: PETSc.Vec) -> Array:
-        """Return a view of the owned pressures in a vector."""
+        """Return a view of the pressures in ``x`` that this rank owns."""
 
     def update_schur_approximation(self, A: PETSc.Mat) -> None:
-        """Adapt `schur_approximation` to the matrix ``A``. Collective."""
+        """Update `schur_approximation` for the assembled Hessian ``A``. Collective."""
 
 
 class CurvedPaths(Protocol):
-    """Paths of steps: see `fem_snh.problem.regime.Paths`. Collective.
+    """Curved paths of the nodes in a step (`fem_snh.problem.regime.Paths`). Collective.
 
     Attributes
     ----------
     exact : bool
-        Whether steps must end on the path. Entries of a step are then not displacements
-        everywhere.
+        Whether steps must end on the path, as with rigid parts, where the entries of a step are
+        rigid motions instead of displacements.
     """
 
     exact: bool
 
     def __call__(self, x: PETSc.Vec, d: PETSc.Vec, step: float, end: PETSc.Vec) -> None:
-        """Set ``end`` to the end of a path from x along step d."""
+        """Set ``end`` to the end of the path from ``x`` with the increment ``step`` times ``d``."""
 
     def move_rigidly(self, start: PETSc.Vec, x: PETSc.Vec) -> None:
-        """Replace the motion of stiff parts from ``start`` to ``x`` by the nearest rigid one."""
+        """Replace in ``x`` the motion of stiff parts from ``start`` by the nearest rigid motion."""
 
 
 class SolvableProblem(Protocol):
-    """A minimisation problem, a saddle-point problem, or one of forces without an energy.
+    """A minimisation problem, a saddle-point problem, or a balance of forces without an energy.
 
     Attributes
     ----------
@@ -120,13 +120,13 @@ class SolvableProblem(Protocol):
     operator : Mat
         The Hessian: ``A``, or the sum of ``A`` and matrices of low rank.
     length : float
-        V^(1/3) [m], V the reference volume.
+        V^(1/3) [m], V the reference volume; on a plane the square root of the area.
     force_scale : float
-        E V^(2/3) [N]: the unit of the residual's norm.
+        E V^(2/3) [N], E the scale of the moduli: the unit of the residual's norm.
     load : float
         The present load, in [0, 1].
     asymmetric : bool
-        Whether the last matrix of `jacobian` is not symmetric.
+        Whether the matrix that `jacobian` assembled last is not symmetric.
     """
 
     comm: MPI.Intracomm
@@ -140,7 +140,7 @@ class SolvableProblem(Protocol):
 
     @property
     def symmetric(self) -> bool:
-        """Return whether exact Hessians have no part that is not symmetric, at any state."""
+        """Return whether the exact Hessian is symmetric at every state."""
 
     @property
     def has_energy(self) -> bool:
@@ -148,75 +148,77 @@ class SolvableProblem(Protocol):
 
     @property
     def regime(self) -> Regime:
-        """Return what the linear solver is chosen by. Collective."""
+        """Return the properties by which the linear solver is chosen. Collective."""
 
     @property
     def largest_step(self) -> Callable[[PETSc.Vec, PETSc.Vec], float] | None:
-        """Return a function, or None if every step is admissible.
+        """Return a function of ``x`` and ``d``, or None if every step is admissible.
 
-        ``largest_step(x, d)`` returns a length in [0, 1] up to which all of the step x + s d is
-        admissible. Collective.
+        ``largest_step(x, d)`` returns a length s in [0, 1] such that x + t d is admissible for all
+        t in [0, s]. The call is collective.
         """
 
     @property
     def retraction(self) -> CurvedPaths | None:
-        """Return the paths of steps, or None if they are straight."""
+        """Return the curved paths of steps, or None if all steps are straight."""
 
     @property
     def step_end(self) -> Callable[[PETSc.Vec], None] | None:
-        """Return a function that sets what is constrained of a step's end, in place.
+        """Return a function that sets the constrained unknowns of a step's end in place, or None.
 
-        None if it is constrained by components, which every solution of a linear system keeps.
+        None if only components are constrained, which are zero in every search direction. An
+        inexact direction leaves an inclined plane.
         """
 
     def largest_force(self, x: PETSc.Vec) -> float:
-        """Return the largest norm of a term's forces [N]. Collective.
+        """Return the largest 2-norm of a term's forces at ``x`` [N]. Collective.
 
-        Those on constrained unknowns count as well.
+        Forces on constrained unknowns are included.
         """
 
     def rounding_force(self, x: PETSc.Vec, least: float = 0.0) -> float:
-        """Return a bound of the residual's rounding error [N]; 0 where it is below ``least``.
+        """Return a bound of the 2-norm of the residual's rounding error at ``x`` [N]. Collective.
 
-        The Hessian is the one assembled last. Collective.
+        It uses the Hessian assembled last. The result is 0 if a simpler bound is below ``least``.
         """
 
     @property
     def pressure_level_is_free(self) -> bool:
-        """Whether an unknown pressure is determined up to a constant only. Collective."""
+        """Return whether the pressure is determined only up to a constant. Collective."""
 
     @property
     def saddle_point(self) -> SaddlePoint | None:
-        """Return the pressure's part of a saddle-point problem, or None."""
+        """Return the pressure block of a saddle-point problem; None for other problems."""
 
     @property
     def coordinates(self) -> Array:
-        """Return the reference coordinates [m] of this rank's own nodes, (n, 3)."""
+        """Return the reference coordinates [m] of the nodes that this rank owns, (n, 3)."""
 
     def energy(self, x: PETSc.Vec) -> float:
         """Return the energy [J]; +inf outside the material's domain. Collective."""
 
     def residual(self, x: PETSc.Vec, r: PETSc.Vec) -> None:
-        """Assemble the energy's gradient [N], zero at constrained unknowns. Collective."""
+        """Set ``r`` to the energy's gradient [N], zero at constrained unknowns. Collective."""
 
     def jacobian(self, x: PETSc.Vec, filter: str, whole: bool = False) -> int:
-        """Assemble the filtered Hessian into ``A``; return the number of filtered points.
+        """Assemble the Hessian into ``A``; return the number of filtered points. Collective.
 
-        An exact one has the symmetric parts of forces without an energy, or their ``whole``
-        derivatives.
+        ``filter`` is one of `fem_snh.choices.FILTERS`. Forces without an energy add the symmetric
+        part of their derivative, or, if ``whole`` and the filter is "exact", all of it.
         """
 
     def update_lagged(self) -> bool:
-        """Update what is constant in a solve, at ``x``; return whether to solve again. Collective.
+        """Update the lagged quantities at ``x``; return whether to solve again. Collective.
 
-        It raises `NotSettled` on every rank if that does not settle.
+        Multipliers and friction are lagged: constant in a solve. Raises `NotSettled` on every rank
+        if they do not settle.
         """
 
     def set_load(self, load: float) -> None:
-        """Set the load."""
+        """Set the load, in [0, 1]."""
 
     def prescribe(self, x: PETSc.Vec) -> None:
-        """Set the constrained unknowns to their boundary values at the present load."""
+        """Set the constrained unknowns of ``x`` to their boundary values at the present load."""
 
     def project(self, values: Array) -> None:
-        """Set what is constrained of this rank's part of a vector to zero, in place."""
+        """Set the constrained components of ``values``, this rank's part of a vector, to zero."""

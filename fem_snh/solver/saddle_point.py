@@ -16,7 +16,7 @@ from fem_snh.solver.block_triangular import BlockTriangular
 from fem_snh.solver.protocol import Array, SaddlePoint, SolvableProblem
 from fem_snh.solver.step import ARMIJO, MIN_STEP, LineSearch, State, Step
 
-#: A preconditioner by blocks: ours, or PETSc's.
+#: A preconditioner by blocks; "fieldsplit" is PETSc's.
 Blocks = BlockTriangular | Literal["fieldsplit"]
 #: Iterations after which the approximate solution is used as a search direction. A solve takes 3 to
 #: 12 (docs/results/elements_taylor_hood.md); MINRES with its diagonal preconditioner up to 30.
@@ -24,9 +24,9 @@ MAX_IT = 100
 #: Relative tolerance of the inner solves with the block "u". A smaller one saves fewer outer
 #: iterations than it costs inner ones (docs/results/elements_taylor_hood.md).
 INNER_RTOL = 0.1
-#: Iterations of an inner solve. It needs about 4; the limit is for singular and indefinite blocks.
+#: Largest number of iterations of an inner solve: about 4 suffice for a definite block.
 _INNER_MAX_IT = 50
-#: Least relative tolerance with the products of `BlockProduct`, exact to single precision.
+#: Least relative tolerance with `BlockProduct`, whose products are accurate to single precision.
 _KNOWN_PRODUCT_RTOL = 1e-3
 #: Outer solvers that admit a preconditioner which differs from one application to the next.
 _FLEXIBLE = ("fgmres", "gcr")
@@ -55,8 +55,8 @@ def configure(
 
         \begin{pmatrix} \tilde H & B^T \\ 0 & -\tilde S \end{pmatrix}^{-1} .
 
-    The block "u" is the Hessian, filtered where it is indefinite, and is solved by `EisenstatCG` to
-    the relative tolerance `INNER_RTOL`. The block "p" replaces the Schur complement
+    The block "u" is the Hessian, filtered where it is indefinite; `EisenstatCG` solves with it to
+    the relative tolerance `INNER_RTOL`. The block "p" approximates the Schur complement
     -(B H^-1 B^T + C) by the pressure's mass matrix divided by the moduli: by the inf-sup condition
     the two are spectrally equivalent, with bounds that depend neither on nu nor on the mesh
     (Elman, Silvester & Wathen 2014, section 4.2). With exact blocks the preconditioned matrix has
@@ -64,13 +64,14 @@ def configure(
     2005, section 10.1.2).
 
     Where an option sets another solver or preconditioner for the block "u", the preconditioner is
-    PETSc's fieldsplit. So it is with an outer solver that requires the same preconditioner in every
-    iteration; with the option ``ksp_type minres`` it is block-diagonal and definite.
+    PETSc's fieldsplit; also where the outer solver requires the same preconditioner in every
+    iteration. With the option ``ksp_type minres`` it is block-diagonal and positive definite.
 
     Parameters
     ----------
     ksp : KSP
     A : Mat
+        The matrix of displacement and pressure.
     saddle_point : SaddlePoint
     coordinates : (rows, dim)
         Reference coordinates [m] of this rank's nodes.
@@ -98,9 +99,10 @@ def configure(
 
 
 def outer_operator(ksp: PETSc.KSP, A: PETSc.Mat, P: PETSc.Mat) -> PETSc.Mat:
-    """Return the operator of a solve with A: a `BlockProduct` where the tolerance admits it, or A.
+    """Return the operator for a solve of ``ksp`` with A: a Mat of `BlockProduct`, or A itself.
 
-    P is the matrix of the preconditioner, and ``ksp`` has the tolerance of the solve.
+    A `BlockProduct` requires a `BlockTriangular` preconditioner, made of P = A, and a relative
+    tolerance of ``ksp`` of at least 1e-3.
     """
     blocks = preconditioner_by_blocks(ksp.getPC())
     loose = ksp.getTolerances()[0] >= _KNOWN_PRODUCT_RTOL
@@ -108,7 +110,7 @@ def outer_operator(ksp: PETSc.KSP, A: PETSc.Mat, P: PETSc.Mat) -> PETSc.Mat:
 
 
 def block_options(prefix: str) -> dict[str, str]:
-    """Return the defaults of a fieldsplit's PETSc options, given the user's under ``prefix``."""
+    """Return default options of a fieldsplit's blocks; none if `BlockTriangular` is used."""
     return {} if _has_inner_iteration(prefix) else _BLOCK_OPTIONS
 
 
@@ -145,9 +147,8 @@ def frozen_preconditioner(
     A, P : Mat
         The operator and the matrix that the preconditioner is made of.
     assemble : callable, optional
-        Assembles another operator into the same matrices. SNESComputeJacobian, which it may call,
-        lets the SNES's own preconditioner follow the matrix again, so the preconditioner is kept
-        only from here on.
+        Assembles another operator into the same matrices after the set-up. The preconditioner is
+        frozen only afterwards, as SNESComputeJacobian, which ``assemble`` may call, unfreezes it.
     """
     set_operators(ksp, A, P)
     ksp.setUp()
@@ -161,20 +162,21 @@ def frozen_preconditioner(
 
 
 class MeritLineSearch(LineSearch):
-    r"""A line search for a saddle-point problem: a minimum in u and a maximum in p.
+    r"""A line search on a merit function, for a minimum in u and a maximum in p.
 
     The merit function is the augmented Lagrangian [J]
 
     .. math:: L(u, p) + \frac{\gamma}{2} \sum_a w_a r_a^2,
 
-    r the residual of the volume condition, 1/w_a each pressure's share of the volume. With H
-    positive definite a Newton direction descends once the penalty is large enough; it is raised
-    where it is not (Nocedal & Wright 2006, section 18.4, for constrained problems).
+    r_a the residual of the volume condition of pressure a, 1/w_a its entry of the lumped mass
+    matrix. With H positive definite a Newton direction descends if the penalty is large enough; a
+    penalty that is too small is raised (Nocedal & Wright 2006, section 18.4, for constrained
+    problems).
 
     Attributes
     ----------
     penalty : float
-        The penalty gamma [Pa].
+        The penalty gamma [Pa], which only grows, from 0.
     """
 
     def __init__(self, snes: PETSc.SNES, problem: SolvableProblem) -> None:
@@ -185,7 +187,8 @@ class MeritLineSearch(LineSearch):
     def slope(self, f: PETSc.Vec, d: PETSc.Vec, Ad: PETSc.Vec) -> float | None:
         """Return the merit function's slope along d, at most -(du.H du + dp.C dp)/2.
 
-        The penalty is raised where descent requires it. Returns None if no penalty gives descent.
+        The penalty is raised where descent requires it. Returns None if du.H du + dp.C dp <= 0, or
+        no penalty gives descent.
         """
         volume = self._pressures(f)
         local = np.array(
@@ -203,10 +206,7 @@ class MeritLineSearch(LineSearch):
         return float(energy_slope + self.penalty * penalty_slope)
 
     def search(self, start: State, d: PETSc.Vec, slope: float, trial: State) -> Step:
-        """Search from ``start`` along ``d``, where the merit function has this slope.
-
-        The step found ends in ``trial``, whose vectors are overwritten in any case.
-        """
+        """Return an acceptable step, as `LineSearch.search`; ``slope`` is the merit function's."""
         norm = start.residual.norm()
         step = first = self.largest_step(start.x, d)
         merit = start.energy + self.penalty / 2 * self._weighted_square(start.residual)
@@ -225,14 +225,14 @@ class MeritLineSearch(LineSearch):
         return Step()
 
     def _pressures(self, vector: PETSc.Vec) -> Array:
-        """Return a view of the owned pressures in a vector."""
+        """Return a view of the pressures that this rank owns in a vector."""
         return self.saddle_point.pressure_dofs(vector)
 
     def _weight(self, volume: Array) -> Array:
-        """Return w_a r_a, the residual of the volume condition over each pressure's volume."""
+        """Return w_a r_a for this rank's residuals r_a of the volume condition."""
         return self.saddle_point.inverse_lumped_mass * volume
 
     def _weighted_square(self, f: PETSc.Vec) -> float:
-        """Return the weighted square of the volume condition's residual, over all ranks."""
+        """Return the sum of w_a r_a^2 of a residual ``f`` over all ranks. Collective."""
         volume = self._pressures(f)
         return float(f.comm.tompi4py().allreduce(self._weight(volume) @ volume))

@@ -1,12 +1,12 @@
 r"""Compute Newton's search directions: assemble a filtered Hessian, solve the system inexactly.
 
-Both globalizations call it once an iteration.
+`LineSearchNewton` and `solve_linearised` call `SearchDirection.compute`.
 
 A Krylov solver estimates its residual in a norm of its own and by a recurrence. With rounding in
 single precision, a preconditioner far from the matrix, or a breakdown, the estimate may be small
-while the residual :math:`f + A d` is not. `Solution` has that residual in double precision. An
-inaccurate solution is first refined with the same solver (iterative refinement, Wilkinson 1963),
-then replaced by that of flexible GMRES with sparse factors as its preconditioner.
+while the residual :math:`f + A d` is not. `Solution` computes this residual in double precision. An
+inaccurate solution is first refined with the same solver (iterative refinement, Wilkinson 1963). If
+that fails, flexible GMRES with sparse factors as its preconditioner solves the system.
 """
 
 from __future__ import annotations
@@ -35,21 +35,21 @@ from fem_snh.solver.step import SHORT, ForcingTerm, State, Step, relative_tolera
 if TYPE_CHECKING:
     from fem_snh.solver.newton import ProjectedNewton
 
-#: A refinement cycle that leaves more than this part of the residual is the last one.
+#: A refinement cycle that leaves more than this fraction of the residual is the last one.
 _MIN_REDUCTION = 0.5
-#: Bounds of a cycle's relative tolerance. The solver's norm is not that of the residual, so a cycle
-#: aims at a quarter of what remains to be gained.
+#: Bounds of a refinement cycle's relative tolerance, and its target as a fraction of the required
+#: residual, as the solver's norm is not the 2-norm.
 _CYCLE_RTOL, _CYCLE_SHARE = (1e-4, 0.1), 0.25
 #: Iterations with sparse factors: one in exact arithmetic, another for each matrix of rank one that
 #: the factors leave out, and a few for rounding errors.
 _FACTORS_MAX_IT = 20
 #: Rounding errors of f + A d relative to ||A|| ||d||, a few units in the last place.
 _ROUNDING = 8 * float(np.finfo(float).eps)
-#: The relative residual that a large ||A|| ||d|| never excuses.
+#: Upper bound of the relative residual that counts as rounding, however large ||A|| ||d|| is.
 _LARGEST_ROUNDING = 1e-3
 
-#: The exact Hessian is tried again once the residual has fallen to this part (measured: python -m
-#: benchmarks negative_curvature).
+#: The exact Hessian is tried again once the residual has fallen to this fraction of its norm where
+#: the Hessian was indefinite (measured: python -m benchmarks negative_curvature).
 _RETRY = 0.1
 
 _Linear = PETSc.KSP.ConvergedReason
@@ -66,15 +66,21 @@ class Solution:
 
     Parameters
     ----------
-    A, P : Mat
-        The operator, and the assembled matrix, which is the operator or a part of it.
-    f, d : Vec
-        The right-hand side, and the solution, in place.
+    A : Mat
+        The operator.
+    P : Mat
+        The assembled matrix: A, or A without its matrices of rank one.
+    f : Vec
+        The negative right-hand side.
+    d : Vec
+        The solution, which the methods change in place.
 
     Attributes
     ----------
+    residual : Vec
+        f + A d, of the last `measure`.
     relative : float
-        ||f + A d|| / ||f||; infinity if d is not finite.
+        ||f + A d||_2 / ||f||_2; infinity if d is not finite, 0 if f = 0.
     """
 
     def __init__(self, A: PETSc.Mat, P: PETSc.Mat, f: PETSc.Vec, d: PETSc.Vec) -> None:
@@ -83,7 +89,7 @@ class Solution:
         self.measure()
 
     def measure(self) -> float:
-        """Compute the residual f + A d; return its norm relative to that of f. Collective."""
+        """Set `residual` and `relative` from the present ``d``; return `relative`. Collective."""
         self.A.mult(self.d, self.residual)
         self.residual.axpy(1.0, self.f)
         norm = self.residual.norm() if isfinite(self.d.norm()) else inf
@@ -91,21 +97,22 @@ class Solution:
         return self.relative
 
     def restore(self, previous: PETSc.Vec) -> None:
-        """Take an earlier solution back. Collective."""
+        """Copy an earlier solution into ``d`` and measure its residual. Collective."""
         previous.copy(self.d)
         self.measure()
 
     def attainable(self, rtol: float) -> float:
-        """Return ``rtol``, or the relative residual that rounding permits if it is larger."""
+        """Return the larger of ``rtol`` and the relative residual that rounding may leave."""
         if not self._norm > 0 or not isfinite(self.relative):
             return rtol
         size = self.P.norm(PETSc.NormType.INFINITY) * self.d.norm() / self._norm
         return max(rtol, min(_ROUNDING * size, _LARGEST_ROUNDING))
 
     def factorise(self, step: Step) -> bool:
-        """Replace the solution by one with sparse factors if it is better; return whether it is.
+        """Solve by FGMRES with sparse factors of P; return whether the residual is smaller.
 
-        The iterations, and whether memory sufficed, are added to ``step``. Collective.
+        If not, the former solution is restored. Updates ``step.linear`` and ``step.out_of_memory``.
+        Collective.
         """
         ksp, iterated, before = PETSc.KSP().create(self.d.comm), self.d.copy(), self.relative
         try:
@@ -130,33 +137,32 @@ class SearchDirection:
     r"""Inexact solver of :math:`H d = -f`, with the Hessian that ``-snes_hessian`` names.
 
     ============  ==================================================================================
-    ``exact``     never filtered; it fails where it gives no descent direction
+    ``exact``     never filtered; the step fails where there is no descent direction
     ``clamp``     negative eigenvalues become 0 at every quadrature point (Teran et al. 2005;
                   Smith et al. 2018)
-    ``abs``       they become their absolute value (Chen et al. 2024)
-    ``adaptive``  exact while the linear solver finds it positive definite; filtered
-                  (``-snes_adaptive_filter``) when it does not, and from then on until the residual
-                  has fallen to a tenth
+    ``abs``       negative eigenvalues become their absolute value (Chen et al. 2024)
+    ``adaptive``  exact while the linear solver finds the Hessian positive definite; otherwise
+                  filtered (``-snes_adaptive_filter``), until the residual has fallen to a tenth
     ============  ==================================================================================
 
     Parameters
     ----------
     newton : ProjectedNewton
-        Assembles the matrices; it has the problem, the options and the linear solvers.
+        Assembles the matrices, and holds the problem, the options and the linear solvers.
     snes : SNES
-        The SNES whose context it is.
+        The SNES whose context is ``newton``.
     forcing : ForcingTerm
         The relative tolerance of the linear solves.
     accurate : bool
-        Whether the direction is used as it is: its residual must reach the tolerance of the linear
-        solver, and the forcing term's target. Newton's iterations need no accuracy, as the
-        nonlinear residual decides.
+        Whether the linear system's residual must reach both the relative tolerance of the linear
+        solver and the forcing term's target [N]. Newton iterations do not need this, as later
+        iterations correct errors.
 
     Notes
     -----
-    An inexact solution for a semidefinite matrix may be no descent direction (of a saddle-point
-    problem's merit function, or by rounding). It is improved until it is one, and the
-    linear solves of the further iterations have the smallest relative tolerance, ``-ksp_rtol``.
+    An inexact solution for a semidefinite matrix may be no descent direction, by rounding or for
+    the merit function of a saddle-point problem. The solution is then improved until it is one, and
+    later iterations solve to the smallest relative tolerance, ``-ksp_rtol``.
     """
 
     def __init__(
@@ -186,7 +192,7 @@ class SearchDirection:
         Returns
         -------
         Step
-            Without an end; its slope is None if there is no descent direction.
+            Without an end; its slope is None if no descent direction is found.
         """
         norm, step = start.residual.norm(), Step()
         A, P = self.snes.getJacobian()[:2]
@@ -218,10 +224,10 @@ class SearchDirection:
         return self._asymmetric is not None and self._asymmetric.needed
 
     def _attempts(self, norm: float, blocks: Blocks | None) -> Iterator[tuple[str, str]]:
-        """Yield the filters to try, in this order, at a residual of this norm.
+        """Yield the filters to try, in order: pairs of the operator's and the preconditioner's.
 
-        The first is that of the operator, the second that of the preconditioner's blocks, which
-        must be positive definite. `BlockTriangular` finds out whether the exact Hessian is.
+        ``norm`` is the norm of the residual [N]. ``blocks`` must be positive definite: they are
+        made of the exact Hessian only until `BlockTriangular` finds it indefinite.
         """
         for filter in self._filters(norm):
             if blocks is not None and filter == "exact":
@@ -235,11 +241,11 @@ class SearchDirection:
                 yield filter, filter
 
     def accepts(self, start_norm: float, step: Step) -> bool:
-        """Return whether to keep a step; if not, `compute` now gives the filtered direction.
+        """Return whether to keep a step; if not, the next `compute` filters the Hessian.
 
-        In a saddle-point problem an indefinite Hessian may give a descent direction of the merit
-        function; only a short step along it, or none, shows it. ``start_norm`` is the residual's
-        norm at the start.
+        In a saddle-point problem, or without symmetry, an indefinite Hessian may give a descent
+        direction; only a step shorter than `SHORT`, or none, reveals this. ``start_norm`` is the
+        residual's norm at the start [N].
         """
         usual = self._saddle_point is None and not self._needs_asymmetric
         if usual or step.length >= SHORT or step.limited:
@@ -248,7 +254,7 @@ class SearchDirection:
         return self.hessian != "adaptive" or step.filter != "exact"
 
     def _filters(self, norm: float) -> list[str]:
-        """Return the filters to try, in this order, at a residual of this norm."""
+        """Return the operator's filters to try, in order, at a residual of this norm [N]."""
         if self.hessian != "adaptive":
             return [self.hessian]
         exact = [] if norm > _RETRY * self._indefinite else ["exact"]
@@ -257,7 +263,7 @@ class SearchDirection:
     def _solve(
         self, A: PETSc.Mat, P: PETSc.Mat, f: PETSc.Vec, d: PETSc.Vec, step: Step
     ) -> float | None:
-        """Solve A d = -f; return the slope along d, or None if A showed negative curvature."""
+        """Set ``d`` to a solution of A d = -f; return the slope along d, None without descent."""
         ksp, semidefinite = self._ksp, step.filter in ("clamp", "abs")
         filtered = semidefinite and self._saddle_point is None
         reason = self._apply(ksp, A, P, f, d, step)
@@ -276,7 +282,7 @@ class SearchDirection:
         return slope
 
     def _slope(self, A: PETSc.Mat, f: PETSc.Vec, d: PETSc.Vec, filtered: bool) -> float | None:
-        """Return the slope along d, or None if it is no descent direction."""
+        """Return the merit function's slope along ``d``; None if ``d`` is no descent direction."""
         if filtered:
             slope = float(f.dot(d))  # the matrix is positive semidefinite
             return slope if slope < 0 else None
@@ -287,9 +293,10 @@ class SearchDirection:
     def _improved(
         self, A: PETSc.Mat, P: PETSc.Mat, f: PETSc.Vec, d: PETSc.Vec, step: Step, filtered: bool
     ) -> float | None:
-        """Improve the solution ``d`` until it is accurate, or descends; return the slope along it.
+        """Improve ``d`` until it is accurate or a descent direction; return the slope along ``d``.
 
-        Returns None if no solution is good enough.
+        Returns None if neither refinement nor sparse factors suffice. Updates ``step``, and lowers
+        the forcing term's maximum.
         """
         rtol = given = self._ksp.getTolerances()[0]
         if self._accurate and (norm := f.norm()) > 0:
@@ -320,7 +327,7 @@ class SearchDirection:
     def _refine(
         self, solution: Solution, step: Step, rtol: float, is_accepted: Callable[[], bool]
     ) -> bool:
-        """Refine a solution by the same solver until it is accepted; return whether it is."""
+        """Refine ``solution`` with the same solver until it is accepted; return whether it was."""
         A, P, d, correction = solution.A, solution.P, solution.d, solution.d.duplicate()
         while isfinite(solution.relative) and solution.relative > rtol:
             before, previous = solution.relative, d.copy()
@@ -346,9 +353,10 @@ class SearchDirection:
         step: Step,
         rtol: float | None = None,
     ) -> int:
-        """Set ``d`` to the solution of A d = -f by ``ksp``; return its converged reason.
+        """Set ``d`` to the solution of A d = -f by ``ksp``; return the KSP's converged reason.
 
-        The relative tolerance is the forcing term unless ``rtol`` is given.
+        The relative tolerance is the forcing term unless ``rtol`` is given. Adds the iterations to
+        ``step.linear``.
         """
         d.set(0.0)
         with self.forcing.applied(ksp) if rtol is None else relative_tolerance(ksp, rtol):

@@ -33,7 +33,7 @@ PREFIX = "snh_"
 #: Largest numbers of Newton iterations and of iterations of a linear solve (a saddle-point problem
 #: has its own: `saddle_point.MAX_IT`).
 _MAX_IT, _LINEAR_MAX_IT = 200, 20000
-#: Relative tolerance of a linear solve near the solution; see `forcing.ForcingTerm`.
+#: Relative tolerance of a linear solve near the solution; see `ForcingTerm`.
 _LINEAR_RTOL = 1e-3
 #: Limit of function evaluations, never reached: L-BFGS iterations evaluate the function too, so
 #: only Newton iterations are limited.
@@ -41,10 +41,11 @@ _NO_LIMIT = 2**31 - 1
 
 
 class NewtonSNES(PETSc.SNES):  # type: ignore[misc]  # petsc4py has no type hints
-    """A SNES of `create`: it checks PETSc's options and counts linear iterations.
+    """The SNES that `create` returns: it checks PETSc's options and counts linear iterations.
 
-    PETSc has no function by which a SNES of type "python" adds to its own count. ``-snes_view``
-    and a SNES that PETSc passes to a callback show that one, which stays 0.
+    PETSc's own count of linear iterations stays 0, as a SNES of type "python" cannot add to it.
+    ``-snes_view`` prints this 0 below the true number, and the SNES that PETSc passes to a callback
+    returns it.
     """
 
     def getLinearSolveIterations(self) -> int:
@@ -52,7 +53,7 @@ class NewtonSNES(PETSc.SNES):  # type: ignore[misc]  # petsc4py has no type hint
         return sum(iteration.linear for iteration in self.getPythonContext().history)
 
     def setFromOptions(self) -> None:
-        """Read PETSc's options; raise BadInput for values with which nothing would be solved."""
+        """Read PETSc's options; raise BadInput for values that `options.check_petsc` rejects."""
         options.check_petsc(self.getOptionsPrefix(), self.getPythonContext().force_scale)
         super().setFromOptions()
 
@@ -77,23 +78,24 @@ def create(
     prefix : str
         Prefix of the PETSc options: ``-snh_snes_hessian clamp`` replaces ``hessian``.
     examine_stability : bool, optional
-        Whether it leaves or counts unstable equilibria; not where its end is no equilibrium, or
-        another solve examines it.
+        Whether the solver counts or leaves unstable equilibria; False if its end is no equilibrium,
+        or is examined elsewhere.
 
     Raises
     ------
     BadInput
-        For a bad value, also of an option.
+        For a value that an argument or an option does not accept.
 
     Notes
     -----
-    The linear solver is `EisenstatCG` with deflation; of a saddle-point problem, flexible GMRES
-    with a block-triangular preconditioner and `EisenstatCG` in its displacement block. Setting
+    `destroy` frees the SNES. Unless `choose_linear_solver` prefers sparse factors, the linear
+    solver is `EisenstatCG` with deflation; for a saddle-point problem, flexible GMRES with a
+    block-triangular preconditioner and `EisenstatCG` in its displacement block. Setting
     ``-ksp_type`` or ``-pc_type`` replaces `EisenstatCG` by PETSc's; the default is then CG with
-    Jacobi. In the trust region it is Steihaug's CG with `SSOR`, with options under ``-trust_``. The
-    relative tolerance of linear solves is between 1e-3 and 0.1 (`ForcingTerm`). Where a step starts
-    far from the solution (the twist), the path of inexact solves depends on rounding, and so on the
-    number of ranks; ``-snes_forcing_max 5e-3`` makes it repeatable.
+    Jacobi. In the trust region the linear solver is Steihaug's CG with `SSOR`, with options under
+    ``-trust_``. The relative tolerance of linear solves is between 1e-3 and 0.1 (`ForcingTerm`).
+    Where a step starts far from the solution (the twist), the path of inexact solves depends on
+    rounding, and so on the number of ranks; ``-snes_forcing_max 5e-3`` makes it repeatable.
     """
     free_unused(problem.comm)
     saddle = problem.saddle_point
@@ -140,7 +142,7 @@ def create(
 
 
 def _check_inverse_of_sum(ksp: PETSc.KSP) -> None:
-    """Raise BadInput for one application of a preconditioner that lacks matrices of rank one."""
+    """Raise BadInput for ``preonly`` with a preconditioner that lacks the matrices of rank one."""
     if ksp.getType() == PETSc.KSP.Type.PREONLY and not is_factors_of_sum(ksp.getPC()):
         raise BadInput(
             "ksp_type = preonly: expected an iterative solver, as a load adds matrices of rank one "
@@ -166,9 +168,10 @@ def default_globalization(problem: SolvableProblem) -> str:
 
 
 def linear_solver_name(snes: PETSc.SNES) -> str:
-    """Return linear solver and preconditioner by PETSc's names, or by these for our own.
+    """Return PETSc's names of the linear solver and the preconditioner, such as "cg+jacobi".
 
-    "cg+ssor" for `EisenstatCG`, "block_triangular" for `BlockTriangular`.
+    The result is "cg+ssor" for `EisenstatCG`. As preconditioners, `BlockTriangular` is named
+    "block_triangular" and `FactorsOfSum` "cholesky".
     """
     ksp = snes.getKSP()
     if ksp.getType() == PETSc.KSP.Type.PYTHON:
@@ -180,7 +183,7 @@ def linear_solver_name(snes: PETSc.SNES) -> str:
 
 
 def _configure_linear_solver(ksp: PETSc.KSP, problem: SolvableProblem, prefix: str) -> LinearChoice:
-    """Set the linear solver that is used unless options say otherwise; return the choice."""
+    """Configure ``ksp`` as the linear solver before its options are read; return the choice."""
     database = PETSc.Options(prefix)
     named = database.hasName("ksp_type") or database.hasName("pc_type")
     ksp.setTolerances(rtol=_LINEAR_RTOL, atol=0.0, max_it=_LINEAR_MAX_IT)

@@ -1,21 +1,21 @@
-r"""Whether an equilibrium is stable: the inertia of the exact Hessian.
+r"""Stability of equilibria: the inertia of the exact Hessian.
 
-A minimum of the energy has a Hessian without negative eigenvalues. With a pressure as an unknown it
-has as many as there are pressures: its energy has a maximum there (Benzi, Golub & Liesen 2005,
-section 3.4).
+The Hessian at a minimum of the energy has no negative eigenvalues. With pressures as unknowns, in
+which the energy has a maximum, it has as many negative eigenvalues as there are pressures (Benzi,
+Golub & Liesen 2005, section 3.4).
 
-Iterations tell it without factors. Conjugate gradients for :math:`H x = b` have the residual
-:math:`R_k(t) = \prod_j (1 - t/\theta_j)` times that of the start in each eigenvector of the
-preconditioned H, with its eigenvalue t and the Ritz values :math:`\theta_j` (Saad 2011, sec. 6.7).
-While these are positive, :math:`R_k(t) > 1` for all negative t. So the part of a residual in an
-eigenvector of a negative eigenvalue never decreases: it grows until a direction of negative
-curvature is met. With a random b that part is :math:`\|b\|/\sqrt n` on average, and a residual that
-falls far below leaves no negative eigenvalue. With the coarse matrix of the deflation, which is
-definite, H then is (Haynsworth 1968).
+Conjugate gradients can prove that H is definite without factors. After k iterations for
+:math:`H x = b`, the component of the residual in an eigenvector of the preconditioned H with the
+eigenvalue t is :math:`R_k(t) = \prod_j (1 - t/\theta_j)` times its initial value, with the Ritz
+values :math:`\theta_j` (Saad 2011, sec. 6.7). While all :math:`\theta_j` are positive,
+:math:`R_k(t) > 1` for t < 0. So the residual's component of a negative eigenvalue grows until a
+direction of negative curvature is met. With a random b the component is :math:`\|b\|/\sqrt n` on
+average: if the residual falls far below this, no eigenvalue is negative. As the coarse matrix of
+the deflation is definite too, so is H (Haynsworth 1968).
 
-A Hessian H of displacement with an unknown pressure may be indefinite at a stable equilibrium: the
-matrix of stability is :math:`S = H + B^T C^{-1} B`. If H is definite, so is S. Otherwise the
-Lanczos method with :math:`S^{-1}`, the displacement's part of the inverse of the whole matrix,
+With a pressure as an unknown, the displacement's block H may be indefinite at a stable equilibrium:
+stability requires that :math:`S = H + B^T C^{-1} B` is definite. If H is definite, so is S. If not,
+the Lanczos method with :math:`S^{-1}`, the displacement's block of the inverse of the whole matrix,
 finds the eigenvalues of S next to zero on either side.
 """
 
@@ -44,7 +44,7 @@ from fem_snh.solver.step import LineSearch, State, relative_tolerance
 Array = npt.NDArray[np.float64]
 
 #: Largest displacement of the first step along a direction of negative curvature, relative to
-#: V^(1/3); it is halved at most so often where the energy does not decrease.
+#: V^(1/3), and how often it is halved at most while the energy does not decrease.
 _FIRST, _HALVINGS = 1e-3, 20
 #: Contrast of the shear moduli from which a coarse mesh has several equilibria, some of them
 #: unstable (python -m benchmarks extremes --only contrast).
@@ -52,21 +52,24 @@ _CONTRAST = 50.0
 #: Nodes up to which factors of one Hessian cost less than a load step (twist of Q2Q1 with 8 cells
 #: across, 4,913 nodes: 1.7 of 11 s).
 _MAX_FACTORED = 5_000
-#: The squares of wave numbers and phases of a vector without symmetry.
+#: The squares of the wave numbers and phases in `_function_of_coordinates`.
 _PRIMES = (2.0, 3.0, 5.0, 7.0, 11.0, 13.0, 17.0, 19.0, 23.0, 29.0, 31.0, 37.0)
-#: Eigenvalues above minus this, relative to the diagonal, are zero: rounding leaves 1e-14.
+#: Eigenvalues of this magnitude, relative to the diagonal, are zero: rounding leaves 1e-14.
 _ZERO = 1e-10
-#: What is added to the diagonal over the bound of what the residual leaves of free rotations.
+#: Factor of safety on the bound of the eigenvalues of free rotations.
 _MARGIN = 2.0
 
 
 def is_conservative(problem: SolvableProblem) -> bool:
-    """Return whether a problem is one of equilibria of an energy. Collective."""
+    """Return whether a problem has an energy and no inertia. Collective."""
     return problem.has_energy and not problem.regime.inertia
 
 
 def no_energy(asked: str, in_time: bool) -> BadInput:
-    """Return the exception for a problem that is not conservative, with what asks for it."""
+    """Return the exception for a problem that is not conservative.
+
+    ``asked`` names the feature that requires an energy; with ``in_time`` the reason is inertia.
+    """
     why = "in time" if in_time else "a load or a material without an energy"
     return BadInput(f"{asked}: expected equilibria of an energy, not {why}")
 
@@ -78,7 +81,7 @@ class EquilibriumStability:
     ----------
     problem : SolvableProblem
     asked : str
-        What asks for it, for the message.
+        The feature that requires an energy, for the message.
 
     Raises
     ------
@@ -93,18 +96,18 @@ class EquilibriumStability:
 
     @property
     def expected(self) -> int:
-        """The number of negative eigenvalues at a minimum: that of the pressures."""
+        """The number of negative eigenvalues at a minimum: the number of pressures."""
         saddle = self._problem.saddle_point
         return int(saddle.index_sets["p"].getSize()) if saddle else 0
 
     @property
     def is_doubtful(self) -> bool:
-        """Whether an equilibrium that iterations find is worth factors of its own."""
+        """Whether an equilibrium that iterations find may be unstable, and factors are cheap."""
         regime = self._problem.regime
         return regime.contrast >= _CONTRAST and regime.nodes <= _MAX_FACTORED
 
     def negative_eigenvalues(self, x: PETSc.Vec) -> int:
-        """Return how many eigenvalues beyond those of a minimum are negative at ``x``.
+        """Return the number of negative eigenvalues at ``x``, less `expected`.
 
         Raises
         ------
@@ -120,7 +123,7 @@ class EquilibriumStability:
     def leave(
         self, start: State, search: LineSearch, trial: State, shortest: float = 0.0
     ) -> tuple[int, float]:
-        """Move from an equilibrium along a direction of negative curvature, to less energy.
+        """Set ``trial`` to a state of less energy along a direction of negative curvature.
 
         Parameters
         ----------
@@ -129,14 +132,20 @@ class EquilibriumStability:
         search : LineSearch
             Evaluates energies and residuals.
         trial : State
-            The state of less energy, if there is one.
+            The state of less energy, with its residual; undefined without a step.
         shortest : float
-            The least length of the step, even to more energy.
+            The length up to which the step is doubled whatever the energy.
 
         Returns
         -------
         int, float
-            The number of negative eigenvalues, and the length of the step; 0 without a step.
+            The number of negative eigenvalues less `expected`, and the 2-norm of the step [m]; 0
+            without a step, or if the operator has matrices of rank one.
+
+        Raises
+        ------
+        Failed
+            If the factors do not fit into memory.
         """
         factors = SymmetricFactors(self._assembled(start.x))
         try:
@@ -150,7 +159,7 @@ class EquilibriumStability:
     def _descend(
         self, start: State, d: PETSc.Vec, search: LineSearch, trial: State, shortest: float
     ) -> float:
-        """Search for the energy's minimum along ``d`` by doubling; return the step's length."""
+        """Double a step along ``d`` while the energy decreases; return its length, or 0."""
         if start.residual.dot(d) > 0:
             d.scale(-1.0)
         step = _FIRST * self._problem.length / d.norm(PETSc.NormType.INFINITY)
@@ -171,7 +180,7 @@ class EquilibriumStability:
         return step
 
     def _count(self, factors: SymmetricFactors) -> int:
-        """Return how many eigenvalues of the Hessian beyond those of a minimum are negative."""
+        """Factorise; return the operator's number of negative eigenvalues, less `expected`."""
         negative = factors.factorise() - self.expected
         if self.expected:  # a pressure that acts on constrained nodes alone has a row of zeros
             negative += factors.null_pivots
@@ -180,10 +189,10 @@ class EquilibriumStability:
         return negative
 
     def raise_rotations(self, x: PETSc.Vec, least: float = 0.0) -> None:
-        """Make the eigenvalues of rotations that nothing constrains positive in the matrix.
+        """Make the eigenvalues of rotations that nothing constrains positive in ``problem.A``.
 
-        By rounding and the residual at ``x`` they have any sign. The diagonal is multiplied by 1
-        plus a bound of them, and at least ``least``.
+        Rounding and the residual at ``x`` give these eigenvalues any sign. The diagonal is
+        multiplied by 1 plus the larger of ``least`` and a bound of their magnitude. Collective.
         """
         A = self._problem.A
         rotations = self._free_rotations(x)
@@ -194,7 +203,7 @@ class EquilibriumStability:
         A.setDiagonal(diagonal)
 
     def _assembled(self, x: PETSc.Vec) -> PETSc.Mat:
-        """Return the exact Hessian at ``x``, whose zero eigenvalues are made positive."""
+        """Return ``problem.A``, the exact Hessian at ``x``, with zero eigenvalues made positive."""
         self._problem.jacobian(x, "exact")
         self.raise_rotations(x, _ZERO)
         return self._problem.A
@@ -222,7 +231,7 @@ class EquilibriumStability:
         r"""Return a bound of the eigenvalues of free rotations, relative to the diagonal.
 
         A rotation :math:`w = \omega \times x` on which the energy does not depend has
-        :math:`H w = \omega \times r`, and the residual r is not zero.
+        :math:`H w = \omega \times r`, which is not zero if the residual r is not.
         """
         if not free:
             return 0.0
@@ -235,7 +244,7 @@ class EquilibriumStability:
         return _MARGIN * found
 
     def _centre(self, points: Array) -> Array:
-        """Return the mean of the points that are constrained, or of all without any. Collective."""
+        """Return the mean of the constrained nodes' points, or of all points if there are none."""
         ones = self._problem.x.duplicate()
         ones.set(1.0)
         self._problem.project(ones.array)
@@ -248,22 +257,22 @@ class EquilibriumStability:
 
 _Reason = PETSc.KSP.ConvergedReason
 _INDEFINITE = (_Reason.DIVERGED_INDEFINITE_MAT, _Reason.DIVERGED_INDEFINITE_PC)
-#: The residual is reduced to this part of the mean size of a component: a normally distributed one
-#: is smaller in 0.4 % of all cases.
+#: The residual is reduced to this fraction of the mean size of a component: a normally distributed
+#: component is smaller in 0.4 % of all cases.
 _PART = 0.005
 #: Iterations after which definiteness is unknown; stable bodies need 20 to 40.
 _MAX_IT = 300
-#: Lanczos iterations with S^-1, their relative tolerance, and the Ritz value below which an
-#: eigenvalue is negative, relative to the largest.
+#: Lanczos iterations with S^-1, the relative tolerance of their linear solves, and the Ritz value,
+#: relative to the largest magnitude, below which an eigenvalue counts as negative.
 _LANCZOS, _INVERSE_RTOL, _NEGATIVE = 6, 1e-2, -0.01
 
 
 def negative_eigenvalues(problem: SolvableProblem, ksp: PETSc.KSP) -> int | None:
     """Return `EquilibriumStability.negative_eigenvalues` at a small part of a solve's cost.
 
-    Iterations tell of most stable equilibria that they are; factors count where they do not, and
-    that is cheap or there is negative curvature. None if nothing tells; 1 stands for any number in
-    bodies that are too large for factors. Collective.
+    Conjugate gradients prove that most stable equilibria are stable. Otherwise factors count if
+    they are cheap or if Lanczos iterations find negative curvature. None if the number is unknown;
+    1 stands for any positive number in bodies that are too large for factors. Collective.
 
     Parameters
     ----------
@@ -286,16 +295,16 @@ def negative_eigenvalues(problem: SolvableProblem, ksp: PETSc.KSP) -> int | None
 
 @callback_errors()
 def is_definite(problem: SolvableProblem, ksp: PETSc.KSP) -> bool | None:
-    """Return whether the displacement's part of the assembled Hessian is definite. Collective.
+    """Return whether the displacement's block of ``problem.A`` is positive definite. Collective.
 
-    None if iterations do not tell.
+    None if iterations do not decide. Changes the matrix by `raise_rotations`.
 
     Parameters
     ----------
     problem : SolvableProblem
         The problem, with its exact Hessian assembled.
     ksp : PETSc.KSP
-        Its linear solver.
+        Its linear solver, which is set up anew.
     """
     EquilibriumStability(problem).raise_rotations(problem.x)
     set_operators(ksp, *ksp.getOperators())  # the preconditioner may be that of the filtered one
@@ -321,7 +330,7 @@ def is_definite(problem: SolvableProblem, ksp: PETSc.KSP) -> bool | None:
 
 @callback_errors()
 def has_negative_curvature(problem: SolvableProblem, ksp: PETSc.KSP) -> bool:
-    """Return whether an eigenvalue of S next to zero is negative. Collective.
+    """Return whether Lanczos iterations find a negative eigenvalue of S. Collective.
 
     Parameters
     ----------
@@ -365,22 +374,22 @@ def has_negative_curvature(problem: SolvableProblem, ksp: PETSc.KSP) -> bool:
 
 
 def noise(problem: SolvableProblem) -> PETSc.Vec:
-    """Return a vector of numbers between -1 and 1 without any order, zero where constrained.
+    """Return irregular displacements in [-1, 1], zero where constrained, and zero pressures.
 
-    They are functions of the coordinates, the same on any number of ranks.
+    The values are functions of the coordinates, the same on any number of ranks.
     """
     return _function_of_coordinates(problem, 1e4, lambda phases: np.sin(1e3 * np.sin(phases)))
 
 
 def _wave(problem: SolvableProblem) -> PETSc.Vec:
-    """Return a vector without symmetry that does not depend on the number of ranks."""
+    """Return a smooth displacement without symmetry, the same on any number of ranks."""
     return _function_of_coordinates(problem, 1.0, np.sin)
 
 
 def _function_of_coordinates(
     problem: SolvableProblem, frequency: float, function: Callable[[Array], Array]
 ) -> PETSc.Vec:
-    """Return a displacement, a function of the phases of three waves, zero where constrained."""
+    """Return displacements: ``function`` of the phases of three waves, zero where constrained."""
     vector = problem.x.duplicate()
     vector.set(0.0)
     points, primes = problem.coordinates / problem.length, np.array(_PRIMES)

@@ -1,7 +1,7 @@
-"""What the parts of Newton's method exchange: states, steps, forcing terms; the outcome of a step.
+"""States, steps, forcing terms, the line search and the outcome of Newton's method.
 
-`LineSearch` backtracks on the energy and survives rounding, infinity and stiff Hessians. A forcing
-term is the relative tolerance of a linear solve of an inexact Newton method.
+`LineSearch` backtracks on the energy, also where the energy is infinite or changes by rounding
+only. A forcing term is the relative tolerance of a linear solve of an inexact Newton method.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from fem_snh.solver.protocol import SolvableProblem
 
 #: Eisenstat & Walker 1996, choice 2: gamma and alpha, as in PETSc's -snes_ksp_ew.
 GAMMA, ALPHA = 0.9, 2
-#: The safeguard allows no larger relative tolerance than this.
+#: Largest relative tolerance that the safeguard sets.
 MAX_SAFEGUARD = 0.1
 
 
@@ -48,7 +48,7 @@ class State:
         return cls(other.x.duplicate(), other.residual.duplicate())
 
     def copy_to(self, other: State) -> None:
-        """Copy unknowns, residual and energy."""
+        """Copy unknowns, residual and energy into ``other``."""
         self.x.copy(other.x)
         self.residual.copy(other.residual)
         other.energy = self.energy
@@ -56,30 +56,31 @@ class State:
 
 @dataclass
 class Step:
-    """One nonlinear iteration, or a part of it; the vector of its search direction is the caller's.
+    """The result of one nonlinear iteration, or of a part of it.
 
     Attributes
     ----------
     end : State or None
-        The state at its end, which is the caller's trial state; None if no step is acceptable.
+        The caller's trial state, set to the step's end; None if no step is acceptable.
     length : float
         Length of the step, in multiples of the search direction.
     limited : bool
-        Whether the problem admitted no longer one.
+        Whether the length is below 1 and the largest one that the problem admits.
     slope : float or None
         Derivative of the merit function along the search direction, < 0; None if there is no
         descent direction.
     filter : str
-        The filter applied to the Hessian, or "none needed"; "trust_region" for a step to the
-        region's boundary.
+        The Hessian's filter; "none needed" if no quadrature point has a negative eigenvalue;
+        "trust_region" for a step to the region's boundary; "negative curvature" for a step that
+        leaves an unstable equilibrium.
     filtered_points : int
-        Quadrature points with a negative eigenvalue.
+        Quadrature points with a negative eigenvalue, on all ranks.
     linear : int
         Krylov iterations of all attempts.
     lbfgs : int
         L-BFGS iterations after the step.
     diverged : int
-        Without an end, the SNES's converged reason.
+        The SNES's converged reason if ``end`` is None.
     negative : int or None
         Negative eigenvalues of the exact Hessian, if its factors counted them.
     residual : float or None
@@ -115,13 +116,13 @@ class Iteration:
     Attributes
     ----------
     residual : float
-        Norm of the residual before it [N].
+        Norm of the residual before the iteration [N].
     energy : float
-        Energy before it [J].
+        Energy before the iteration [J].
     filter, filtered_points, linear, lbfgs
         See `Step`.
     step : float
-        Step length of the line search; 1 for a step of the trust region.
+        Step length of the line search; 1 for a step to the trust region's boundary, 0 if it failed.
     """
 
     residual: float
@@ -152,7 +153,7 @@ class ForcingTerm:
 
     bounded by ``-ksp_rtol`` from below and by ``maximum`` from above.
 
-    Near the solution they ask for more than Newton's tolerance :math:`\tau` requires. With the
+    Near the solution the terms ask for more than Newton's tolerance :math:`\tau` requires. With the
     safeguard s > 0 they are at least :math:`s \tau / \|r_k\|`, up to 0.1 (Kelley 1995, eq. 6.20,
     has s = 0.5).
 
@@ -161,7 +162,7 @@ class ForcingTerm:
     maximum : float
         Largest relative tolerance, also that of the first iteration; 0 for ``-ksp_rtol`` always.
     target : float
-        s tau [N]: the norm of the residual below which no linear solve needs to come.
+        s tau [N]: no linear solve needs a residual below this norm.
     """
 
     def __init__(self, maximum: float, target: float = 0.0) -> None:
@@ -170,13 +171,13 @@ class ForcingTerm:
         self._norm: float | None = None
 
     def update(self, norm: float) -> None:
-        """Begin a Newton iteration whose residual has this norm."""
+        """Begin a Newton iteration whose residual has this norm [N]."""
         self._ratio = norm / (norm if self._norm is None else self._norm)
         self._norm = norm
 
     @contextmanager
     def applied(self, ksp: PETSc.KSP) -> Iterator[None]:
-        """Set the iteration's relative tolerance within a ``with`` block."""
+        """Set the relative tolerance of ``ksp`` to the forcing term within a ``with`` block."""
         rtol = ksp.getTolerances()[0]
         if self.maximum:
             rtol = min(self.maximum, max(rtol, GAMMA * self._ratio**ALPHA))
@@ -187,12 +188,12 @@ class ForcingTerm:
 
 
 def converged_reason(snes: PETSc.SNES) -> str:
-    """Return PETSc's name for the end of the last solve: "CONVERGED_FNORM_ABS", ..."""
+    """Return PETSc's name of the last converged reason, for example "CONVERGED_FNORM_ABS"."""
     return _name(PETSc.SNES.ConvergedReason, snes.getConvergedReason())
 
 
 def failure_reason(snes: PETSc.SNES) -> str:
-    """Return `converged_reason`, followed by its cause if the last solve failed. Collective.
+    """Return `converged_reason`, followed by the cause of a failure if known. Collective.
 
     For example "DIVERGED_LINEAR_SOLVE: DIVERGED_INDEFINITE_PC".
     """
@@ -205,7 +206,7 @@ def failure_reason(snes: PETSc.SNES) -> str:
 
 
 def linear_failure(ksp: PETSc.KSP, step: Step | None = None) -> str:
-    """Return the reason of a step without a direction: "DIVERGED_LINEAR_SOLVE: " and its cause."""
+    """Return "DIVERGED_LINEAR_SOLVE: " and its cause, from the state of ``ksp`` and ``step``."""
     reason, linear = "DIVERGED_LINEAR_SOLVE", ksp.getConvergedReason()
     if factors_out_of_memory(ksp.getPC()):
         return f"{reason}: the factors do not fit into memory"
@@ -224,35 +225,35 @@ def out_of_memory(snes: PETSc.SNES) -> bool:
 
 
 def _name(reasons: type, code: int) -> str:
-    """Return PETSc's name of a reason."""
+    """Return PETSc's name of a reason, or its number."""
     names = {v: k for k, v in vars(reasons).items() if isinstance(v, int)}
     return names.get(code, str(code))
 
 
 @dataclass
 class StepOutcome:
-    """The outcome of the solve of a load step, of one or of several solves.
+    """The outcome of a load step, which takes one solve or several.
 
     Attributes
     ----------
     converged : bool
     reason : str
-        PETSc's name for its end, followed by the cause of a failure.
+        PETSc's name of the last converged reason, followed by the cause of a failure.
     residual : float
         Norm of the last residual [N].
     tolerance : float or None
-        The norm at which it has converged [N]; None without a nonlinear solve.
+        The tolerance of the last solve [N]; None without a nonlinear solve.
     history : list of Iteration
         The iterations of all solves.
     out_of_memory : bool
-        Whether it failed for want of memory, so that a shorter step fails as well.
+        Whether factors did not fit into memory, so that a shorter step fails as well.
     linear_residual : float or None
-        The relative residual of the linear system of a linearised step.
+        The relative residual of the linear system of a linearised step; None for other steps.
     negative : int or None
         Negative eigenvalues of the exact Hessian at the end, beyond those of a minimum; None if
         they were not counted.
     stabilisation : float or None
-        The norm of the forces of a proximal term, over that of the forces that act; None without.
+        The norm of a proximal term's forces relative to the acting forces; None without the term.
     predicted : int
         Linear iterations of the predictor; 0 if it solved no linear system.
     """
@@ -270,17 +271,17 @@ class StepOutcome:
 
     @property
     def newton(self) -> int:
-        """Newton iterations; the tangent predictor assembles a Hessian too, and counts as one."""
+        """Number of Newton iterations; a predictor that solved a linear system counts as one."""
         return len(self.history) + (self.predicted > 0)
 
     @property
     def linear(self) -> int:
-        """Linear iterations, those of the predictor included."""
+        """Number of linear iterations, including the predictor's."""
         return self.predicted + sum(iteration.linear for iteration in self.history)
 
     @property
     def lbfgs(self) -> int:
-        """L-BFGS iterations."""
+        """Number of L-BFGS iterations."""
         return sum(iteration.lbfgs for iteration in self.history)
 
     @property
@@ -289,7 +290,7 @@ class StepOutcome:
         return any(i.filter in ("trust_region", "negative curvature") for i in self.history)
 
     def add_solve(self, snes: PETSc.SNES) -> None:
-        """Add a solve of `ProjectedNewton`, whose end is now that of the step. Collective."""
+        """Add the last solve of a SNES of `create`, which replaces the step's end. Collective."""
         self.converged = snes.getConvergedReason() > 0
         self.reason, self.residual = failure_reason(snes), snes.getFunctionNorm()
         context = snes.getPythonContext()
@@ -298,7 +299,7 @@ class StepOutcome:
         self.out_of_memory = out_of_memory(snes)
 
     def fail_inner(self, error: NotSettled) -> None:
-        """Set the reason to PETSc's name of the failure of an inner solver, with its cause."""
+        """Mark the step as failed, with the reason "DIVERGED_INNER: " and the error's message."""
         self.converged, self.reason = False, f"DIVERGED_INNER: {error}"
 
 
@@ -308,18 +309,18 @@ def solve_until_settled(
     outcome: StepOutcome,
     judge: Callable[[StepOutcome], None] | None = None,
 ) -> None:
-    """Solve from ``problem.x``, in place, until nothing lagged changes. Collective.
+    """Solve from ``problem.x``, in place, until the lagged quantities settle. Collective.
 
     Parameters
     ----------
     problem : SolvableProblem
     snes : SNES
-        Its solver.
+        The problem's solver.
     outcome : StepOutcome
-        The outcome of the step, to which each solve is added. It has not converged if a solve has
-        not, or if lagged quantities do not settle: the reason then says which.
+        The outcome of the step, to which each solve is added. It fails if a solve fails or lagged
+        quantities do not settle.
     judge : callable, optional
-        Called with the outcome before another solve; it may make the step a failure.
+        Called with the outcome before each further solve; it may mark the step as failed.
     """
     again = True
     while again:
@@ -335,7 +336,7 @@ def solve_until_settled(
 def update_lagged(problem: SolvableProblem, outcome: StepOutcome) -> bool:
     """Update lagged quantities after a solve; return whether to solve again. Collective.
 
-    Quantities that do not settle make the outcome a failed one.
+    If the quantities do not settle, the outcome is marked as failed.
     """
     try:
         return problem.update_lagged()
@@ -349,9 +350,9 @@ def update_lagged(problem: SolvableProblem, outcome: StepOutcome) -> bool:
 _ENERGY_ROUNDING, _STIFFNESS_ROUNDING = 1e-12, 4e-15
 #: The constant c of Armijo's condition (Nocedal & Wright 2006, eq. 3.4).
 ARMIJO = 1e-4
-#: The shortest step.
+#: The shortest step length.
 MIN_STEP = 1e-10
-#: A shorter Newton step shows that its quadratic model did not hold.
+#: A Newton step shorter than this shows that its quadratic model did not hold.
 SHORT = 0.25
 #: A full step is extended if the slope at its end exceeds this fraction of the slope at its start.
 _STEEP = 0.3
@@ -374,9 +375,9 @@ class LineSearch:
     Newton).
 
     A filtered Hessian is too stiff, so a full step may end where the energy still decreases
-    steeply. One secant step on the slope then extends it, up to three times. It costs an energy and
-    a residual, and saves most of the linearly convergent iterations of clamp and abs near a
-    solution with negative eigenvalues.
+    steeply. One secant step on the slope then extends the step to at most three times its length.
+    The extension costs an energy and a residual, and saves most of the linearly convergent
+    iterations of clamp and abs near a solution with negative eigenvalues.
 
     Without an energy the search uses the residual alone. It accepts a step s with
     :math:`f(x + s d) \cdot d \le (2 c - 1)\, f(x) \cdot d`, the upper bound of Hager & Zhang.
@@ -389,8 +390,8 @@ class LineSearch:
     snes : SNES
         The SNES that evaluates energy and residual.
     problem : SolvableProblem
-        Which steps it admits, and on which paths. The rounding error of its energy is proportional
-        to E V [J].
+        Defines the admissible steps and their paths. The rounding error of its energy is
+        proportional to E V [J].
     """
 
     def __init__(
@@ -405,15 +406,15 @@ class LineSearch:
         self._stored: State | None = None
 
     def slope(self, f: PETSc.Vec, d: PETSc.Vec, Ad: PETSc.Vec) -> float | None:
-        """Return the energy's slope f.d < 0 along d; None if A shows negative curvature along d."""
+        """Return the energy's slope f.d along d; None unless f.d < 0 and d.Ad > 0."""
         # PETSc's CG can miss an indefinite matrix, so the curvature along d is checked here.
         slope = float(f.dot(d))
         return slope if slope < 0 < Ad.dot(d) else None
 
     def search(self, start: State, d: PETSc.Vec, slope: float, trial: State) -> Step:
-        """Search from ``start`` along ``d`` with ``slope`` = f.d < 0.
+        """Return an acceptable step from ``start`` along ``d``; ``slope`` = f.d < 0. Collective.
 
-        The step found ends in ``trial``, whose vectors are overwritten in any case.
+        The step's end is ``trial``, which is always overwritten, or None without a step.
         """
         first, energy = self.largest_step(start.x, d), start.energy
         step = first
@@ -449,11 +450,11 @@ class LineSearch:
 
     @property
     def follows_paths(self) -> bool:
-        """Whether steps end on curved paths, so that they are no differences of unknowns."""
+        """Whether steps end on curved paths, so that differences of the unknowns are not steps."""
         return self._retraction is not None and self._retraction.exact
 
     def admits(self, x: PETSc.Vec, end: PETSc.Vec) -> bool:
-        """Return whether the problem admits the straight way from ``x`` to ``end``."""
+        """Return whether the problem admits the straight step from ``x`` to ``end``."""
         return not self._largest_step or self._largest_step(x, end - x) == 1
 
     def is_rounding(self, change: float, energy: float) -> bool:
@@ -462,11 +463,11 @@ class LineSearch:
         return abs(change) <= max(_ENERGY_ROUNDING * size, self._least_change)
 
     def evaluate_energy(self, x: PETSc.Vec, d: PETSc.Vec, step: float, trial: State) -> float:
-        """Set ``trial``'s unknowns to the end of a step and its energy; return the energy.
+        """Set the unknowns and the energy of ``trial`` at a step's end; return the energy [J].
 
-        The step is straight, x + step d, of an admissible length, unless there is a curved path
-        to an end that is admissible, too. Where steps must follow it, the energy is infinite at an
-        end that is not.
+        The step follows the problem's curved path if the path's end is admissible from ``x``.
+        Otherwise the step is straight, x + step d, or the energy is infinite if steps must follow
+        the path. Without an energy the result is 0.
         """
         paths, straight = self._retraction, True
         if paths:
@@ -483,18 +484,21 @@ class LineSearch:
         return trial.energy
 
     def evaluate_residual(self, trial: State) -> None:
-        """Set ``trial``'s residual."""
+        """Compute the residual of ``trial``. Collective."""
         self.snes.computeFunction(trial.x, trial.residual)
 
     @staticmethod
     def _shortened(step: float, change: float, slope: float) -> float:
-        """Return the step to the parabola's minimum, within bounds."""
+        """Return the length that minimises the parabola through both energies and the slope."""
         parabola = change - step * slope
         best = -slope * step**2 / (2 * parabola) if parabola > 0 else step
         return min(_LEAST_CUT * step, max(_MOST_CUT * step, best))
 
     def _extended(self, x: PETSc.Vec, d: PETSc.Vec, slope: float, end: float, trial: State) -> Step:
-        """Return the full step to ``trial``, whose slope is ``end``, or a better longer one."""
+        """Return the full step, or a longer one with less energy and a smaller slope at its end.
+
+        ``trial``, the end of the full step with the slope ``end``, becomes that of the result.
+        """
         longer = self._admissible(x, d, min(_LONGEST, slope / (slope - end)))
         if longer <= 1:
             return Step(trial, 1.0)
@@ -507,7 +511,7 @@ class LineSearch:
         return Step(trial, 1.0)
 
     def _admissible(self, x: PETSc.Vec, d: PETSc.Vec, length: float) -> float:
-        """Return the part of ``length`` along ``d`` that the problem admits."""
+        """Return the largest admissible length along ``d``, at most ``length``."""
         if not self._largest_step:
             return length
         longer = d.copy()
