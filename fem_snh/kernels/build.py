@@ -166,7 +166,7 @@ def _compiled(source: str, suffix: str, objects: Sequence[Path] = ()) -> Path:
 def stored(name: str) -> Path | None:
     """Return the path of the compiled file ``name`` in the cache; None if missing or incomplete.
 
-    The file's signature is checked: opening a truncated library ends the process (SIGBUS).
+    Opening a truncated library would end the process (SIGBUS).
 
     Raises
     ------

@@ -66,7 +66,7 @@ def construct(
     tuned : mapping
         Keywords of `fem_snh.materials.TUNING`; None means the default.
     lambda_part : Energy, optional
-        The energy whose lambda part replaces the lambda part of this one.
+        The energy that supplies the lambda part.
 
     Raises
     ------

@@ -52,7 +52,7 @@ class Energy:
         The equations between ``constants`` and the small-strain constants.
     pressure : sympy.Symbol or None
         A pressure in ``psi``, which the element supplies at each quadrature point (see
-        `fem_snh.materials.volume_split`); psi(I) is then ``pressure``.
+        `fem_snh.materials.volume_split`).
     equation : str
         The variant and its source; "" for a material without variants.
     """
@@ -153,7 +153,7 @@ class Energy:
         return dict(zip(self.constants, map(sympy.Float, self.values), strict=True))
 
     def evaluate(self, module: str | dict[str, Any], *measures: object) -> Any:
-        """Return psi [Pa] at ``measures``, in any arithmetic (floats, UFL, intervals, ...).
+        """Return psi [Pa] at ``measures``, in the arithmetic of ``module``.
 
         Parameters
         ----------

@@ -70,7 +70,7 @@ def make_energy(
     **keywords : Any
         Shape parameters (`defaults`), constants [Pa] (`pins`), constants of the literature
         (`published`) and the keywords of every material (`TUNING`): ``alpha``, ``alpha_mu``,
-        ``alpha_lambda``, ``lambda_part``, ``epsilon``. None means the default.
+        ``alpha_lambda``, ``lambda_part``, ``epsilon``.
 
     Raises
     ------

@@ -102,7 +102,7 @@ def names() -> list[str]:
 
 
 def label(material: str | Function) -> str:
-    """Return the name of a material for messages: the given text, or the function's name."""
+    """Return the name of a material: the given text, or the name of the function."""
     if isinstance(material, str):
         return str(material)
     return str(getattr(material, "__name__", type(material).__name__))

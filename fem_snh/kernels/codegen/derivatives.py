@@ -1,7 +1,7 @@
 r"""First and second derivatives of an energy, and the blocks of its Hessian in closed form.
 
-Smith et al. 2018, eq. 42-48, give the eigensystem for energies of :math:`I_C` and :math:`J`. It has
-the same structure for every isotropic energy
+Smith et al. 2018, eq. 42-48, give the eigensystem for energies of :math:`I_C` and :math:`J`. The
+same structure holds for every isotropic energy
 (with :math:`\psi_j = \partial\psi/\partial\sigma_j`):
 
 .. math::

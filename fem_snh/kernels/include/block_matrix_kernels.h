@@ -1,12 +1,12 @@
-/* The functions of block_matrix_api.h: two sweeps and a vector update make an iteration of conjugate gradients
- * with SSOR in the form of Eisenstat 1981, in which the product with A costs nothing beside the
+/* The functions of block_matrix_api.h: two sweeps and a vector update are one iteration of SSOR-preconditioned
+ * conjugate gradients in the form of Eisenstat 1981, in which the product with A costs nothing beyond the
  * preconditioner's two triangular solves. */
 
-/* Part of the absolute row sums of the other ranks' columns that is added to D. With 1 M bounds A, as the smoothers of
- * Baker et al. 2011; iterations are fewest from 0.25 to 0.5 (docs/results/scaling.md). */
+/* The fraction of the absolute row sums of other ranks' columns that is added to D. With 1, the preconditioner bounds
+ * A, as the smoothers of Baker et al. 2011 do; iterations are fewest from 0.25 to 0.5 (docs/results/scaling.md). */
 #define OFF_DIAGONAL_WEIGHT 0.35f
 
-/* The terms of a third component, where there is one. */
+/* The code of a third component, if a block has three. */
 #if BLOCK == 3
 #define THIRD(...) __VA_ARGS__
 #else
@@ -15,12 +15,12 @@
 
 typedef float f4 __attribute__((vector_size(16), aligned(4)));
 
-/* Entry of a block, which is extended by the unit matrix to a 3x3 one. */
+/* Entry (r, c) of a block extended to 3x3 by the unit matrix. */
 static inline double entry(const float *a, int r, int c) { return r < BLOCK && c < BLOCK ? a[BLOCK * r + c] : r == c; }
 
-/* b = a^-1 of a symmetric block. Returns 0 if it is not positive definite to single precision. A nearly
- * singular one, such as that of a node without stiffness in a clamped Hessian, is shifted by e, the size of
- * its rounding errors (1e-6 of its trace; 1e-12 of the matrix's largest entry, which is scaled to 1). */
+/* b = a^-1 for a symmetric block a. Returns 0 if a is not positive definite to single precision. If a is nearly
+ * singular, such as at a node without stiffness in a clamped Hessian, e is added to its diagonal: the size of its
+ * rounding errors (1e-6 of its trace; 1e-12 of the matrix's largest entry, which is scaled to 1). */
 static inline int invert_block(float *a, float *b) {
   double trace = 0;
   for (int k = 0; k < BLOCK; k++) trace += a[(BLOCK + 1) * k];
@@ -42,14 +42,14 @@ static inline int invert_block(float *a, float *b) {
   return 0;
 }
 
-/* Whether row i has a block in column i + 1 that the sweeps apply by `link`. A sweep over 2x2 blocks is a chain of
- * neighbours, each of which waits for the last one's solution: `link` takes the right-hand side of one to that of the
- * next by one product, not by two with a store and a load. Larger blocks are not limited by it. */
+/* Whether row i has a block in column i + 1 that the sweeps apply by `link`. In a sweep over 2x2 blocks each row waits
+ * for the solution of the row before. `link` updates its right-hand side directly from the right-hand side before, by
+ * one product instead of two with a store and a load. This wait does not limit larger blocks. */
 static inline int is_linked(const SymmetricBlockMatrix *b, long i) {
   return BLOCK == 2 && b->upper_start[i] < b->upper_start[i + 1] && b->upper_column[b->upper_start[i]] == i + 1;
 }
 
-/* Set the product with the next row. */
+/* Set link i + 1, U_i,i+1 transposed times D_i^-1. */
 static inline void set_link(const SymmetricBlockMatrix *b, long i) {
   const float *d = b->diagonal_inverse + ENTRIES * i, *u = b->upper + (long)ENTRIES * b->upper_start[i];
   const long length = (long)BLOCK * (b->upper_start[i + 1] - b->upper_start[i]);
@@ -101,8 +101,8 @@ double matrix_largest_diagonal(const SymmetricBlockMatrix *b, const double *valu
   return most;
 }
 
-/* The sweeps work on vectors of four lanes a node, so that one load reads what one store has just written. The
- * fourth lane of a product is that of the next block, and is never used. */
+/* The sweeps work on vectors of four lanes per node, so that one load reads what one store has just written. Lanes
+ * beyond the BLOCK components hold values of the next block, and are never used. */
 static inline f4 load_node(const float *x) { return (f4){x[0], x[1], THIRD(x[2])}; }
 static inline void store_node(float *to, f4 x) { for (int c = 0; c < BLOCK; c++) to[c] = x[c]; }
 static inline f4 load4(const float *x) { return *(const f4 *)x; }
@@ -110,17 +110,17 @@ static inline f4 load4(const float *x) { return *(const f4 *)x; }
 /* The sum of the lanes of a node's components. */
 static inline float sum_lanes(f4 x) { return (x[0] + x[1]) THIRD(+ x[2]); }
 
-/* m x for a symmetric block: its rows are its columns. */
+/* m x for a symmetric block m, whose rows are loaded as columns. */
 static inline f4 multiply_block(const float *m, f4 x) {
   return load4(m) * x[0] + load4(m + BLOCK) * x[1] THIRD(+ load4(m + 2 * BLOCK) * x[2]);
 }
 
-/* The product of a link, and of its transpose, with a node's values. */
+/* The products of a link m and of its transpose with the values x of a node. */
 static inline f4 multiply_link(const float *m, f4 x) { return load4(m) * x[0] + (f4){m[2], m[3]} * x[1]; }
 static inline f4 multiply_link_transposed(const float *m, f4 x) { return (f4){m[0], m[2]} * x[0] + (f4){m[1], m[3]} * x[1]; }
 
-/* Forward substitution of one or two right-hand sides in `lanes`, those of a node side by side: row i of a solution
- * y is final when it is reached, and L_ki y_i is subtracted from the rows k > i; L_ki is the transpose of the
+/* Forward substitution for one or two right-hand sides in `lanes`, [rows][sides][4]. The solutions y replace them: row
+ * i is final when it is reached, and L_ki y_i is then subtracted from the rows k > i. L_ki is the transpose of the
  * stored U_ik. */
 static inline __attribute__((always_inline)) void solve_lower_lanes(const SymmetricBlockMatrix *b, const int sides) {
   f4 last[2] = {{0}, {0}};
@@ -184,8 +184,8 @@ void matrix_multiply_lower(const SymmetricBlockMatrix *b, const float *w, double
   }
 }
 
-/* The nodes that were computed last enter a row's sums last: the processor computes the others before its
- * predecessor is known. Two sums for each component halve the chain of additions. */
+/* The nodes that were computed last enter a row's sums last, so that the processor adds the other nodes before they
+ * are known. Two sums for each component halve the chain of additions. */
 void matrix_backward_sweep(const SymmetricBlockMatrix *b, float beta, const float *z, float *p, float *t, float *w) {
   f4 next = {0};
   for (long i = b->rows - 1; i >= 0; i--) {

@@ -1,9 +1,9 @@
-/* The CSR pattern of pairs (row, column) that may repeat, and the index of each pair in it. */
+/* CSR patterns of pairs (row, column) that may repeat, and the index of each pair in the pattern. */
 #include <stdlib.h>
 #include <string.h>
 
-/* Write the pattern: indptr (num_rows + 1), and columns in ascending order in the first
-   indptr[num_rows] entries of indices (n). Two counting sorts, by column and then by row, take
+/* Write the pattern of n pairs: indptr (num_rows + 1), and the columns of each row in ascending order in
+   the first indptr[num_rows] entries of indices (n). Two counting sorts, by column and then by row, take
    linear time. Return 1 if memory is exhausted, else 0. */
 int block_pattern(long n, const int *rows, const int *columns, long num_rows, long num_columns,
                   long *indptr, int *indices)
@@ -15,7 +15,7 @@ int block_pattern(long n, const int *rows, const int *columns, long num_rows, lo
     if (!failed) {
         for (long k = 0; k < n; k++) column_end[columns[k] + 1]++;
         for (long c = 0; c < num_columns; c++) column_end[c + 1] += column_end[c];
-        /* From the start of each column to its end. */
+        /* This moves column_end[c] from the start of column c to its end. */
         for (long k = 0; k < n; k++) by_column[column_end[columns[k]]++] = rows[k];
 
         memset(indptr, 0, (num_rows + 1) * sizeof *indptr);
@@ -44,8 +44,8 @@ int block_pattern(long n, const int *rows, const int *columns, long num_rows, lo
     return failed;
 }
 
-/* Write the index of each pair in the pattern, by bisection; return the number of pairs that are
-   not in it. */
+/* Write the index in `indices` of each of n pairs to found (n), by bisection. Return the number of
+   pairs that are not in the pattern. */
 long block_indices(long n, const int *rows, const int *columns, const long *indptr,
                    const int *indices, long *found)
 {
@@ -63,8 +63,8 @@ long block_indices(long n, const int *rows, const int *columns, const long *indp
     return missing;
 }
 
-/* Return the entries of cells (num_cells, n) by their value, as offsets start (num_rows + 1) into a list; NULL if
-   memory is exhausted. */
+/* Return the flat indices of the entries of cells (num_cells, n), sorted by the entries' values, in allocated memory;
+   those of the value r begin at start[r], start (num_rows + 1). Return NULL if memory is exhausted. */
 static long *entries_of_rows(long num_cells, int n, const int *cells, long num_rows, long *start)
 {
     const long total = num_cells * n;
@@ -83,9 +83,9 @@ static long *entries_of_rows(long num_cells, int n, const int *cells, long num_r
     return entries;
 }
 
-/* Write the pattern of all pairs of blocks of each cell: indptr (num_rows + 1), and if indices is not NULL, the
-   columns of each row, ascending; the pattern is symmetric, so the rows of each column, in their order, are these.
-   Return their number, or -1 if memory is exhausted. */
+/* The pattern of all pairs of blocks of each cell. If indices is NULL, write indptr (num_rows + 1); otherwise read
+   indptr and write the columns of each row, ascending: the pattern is symmetric, so these are the rows of each column,
+   found in order. Return the number of pairs, or -1 if memory is exhausted. */
 long cell_pattern(long num_cells, int n, const int *cells, long num_rows, long *indptr, int *indices)
 {
     long *start = malloc((num_rows + 1) * sizeof *start), size = 0;
@@ -117,8 +117,8 @@ long cell_pattern(long num_cells, int n, const int *cells, long num_rows, long *
     return size;
 }
 
-/* Write positions[k] of each pair of blocks of each cell, found (num_cells, n, n), where k is the pair's index in
-   the pattern. Return 1 if memory is exhausted, else 0. */
+/* Write positions[k], with the pair's index k in the pattern, for each pair of blocks of each cell to found
+   (num_cells, n, n). Return 1 if memory is exhausted, else 0. */
 int cell_positions(long num_cells, int n, const int *cells, long num_rows, const long *indptr, const int *indices,
                    const int *positions, int *found)
 {
@@ -140,7 +140,7 @@ int cell_positions(long num_cells, int n, const int *cells, long num_rows, const
     return failed;
 }
 
-/* Append the unknowns of some blocks of a row to `to`; return its new end. */
+/* Write the unknowns of the block columns indices[from] to indices[end - 1] to `to`; return the end of `to`. */
 static int *append(const BlockColumns *c, long from, long end, int *to)
 {
     for (long k = from; k < end; k++) {
@@ -150,8 +150,8 @@ static int *append(const BlockColumns *c, long from, long end, int *to)
     return to;
 }
 
-/* Write the columns of every row of unknowns of a parallel matrix, ascending. A block row i has row_size[i]
-   equal rows; of its `others`, the columns of other ranks, those below `before` come first, then `own`. */
+/* Write the columns of every scalar row of a parallel matrix, ascending. Block row i has row_size[i] equal rows. Its
+   columns are the block columns of `others` (other ranks) below `before`, then `own`, then the rest of `others`. */
 void unknown_columns(long num_rows, const int *row_size, const BlockColumns *own,
                      const BlockColumns *others, long before, int *columns)
 {

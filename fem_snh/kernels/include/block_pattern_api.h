@@ -6,7 +6,7 @@ long cell_pattern(long num_cells, int n, const int *cells, long num_rows, long *
                   int *indices);
 int cell_positions(long num_cells, int n, const int *cells, long num_rows, const long *indptr,
                    const int *indices, const int *positions, int *found);
-/* Block columns of a matrix: a pattern, and the first unknown and the size of each column. */
+/* Block columns of a matrix: a CSR pattern, and the first unknown and the size of each block column. */
 typedef struct {
     const long *indptr;
     const int *indices, *unknown, *size;

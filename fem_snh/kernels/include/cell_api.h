@@ -10,21 +10,21 @@ typedef struct {
   const int *geometry;              /* [cells][GEOMETRY_NODES] geometry nodes */
   const double *x;                  /* [.][3] reference coordinates of the geometry nodes [m] */
   const double *gradients;          /* [POINTS][NODES][3] d(basis)/d(reference cell coordinates); see third_tangent */
-  const double *geometry_gradients; /* [POINTS][GEOMETRY_NODES][3] the same of the geometry's basis */
+  const double *geometry_gradients; /* [POINTS][GEOMETRY_NODES][3] the same for the geometry's basis */
   const double *weights;            /* [POINTS] quadrature weights on the reference cell */
   const double *fractions;          /* [cells] factor of each cell's weights; NULL: 1 */
   const double *constants;          /* the material's constants */
   const int *pressure_nodes;        /* [cells][PRESSURE_NODES]; only if the pressure is an unknown */
-  const double *pressure_basis;     /* [POINTS][PRESSURE_NODES] basis values */
+  const double *pressure_basis;     /* [POINTS][PRESSURE_NODES] values of the pressure's basis */
   const double *pressure_origin;    /* [pressure nodes] the w of volume_pressure.h; not read if pressure_damping is 0 */
-  double pressure_damping;         /* its s, the ratio of the viscous stiffness of the volume and the elastic one */
+  double pressure_damping;         /* the s of volume_pressure.h: viscous over elastic stiffness of the volume */
 } Cells;
 
 /* Where element matrices are added: the value arrays of an AIJ matrix's diagonal block (0) and off-diagonal
- * block (1), and the rows owned by other ranks (2). */
+ * block (1), and the array of rows owned by other ranks (2). */
 typedef struct {
   double *values[3];
-  const int *stride[3];   /* [nodes] values per matrix row of a node */
+  const int *stride[3];   /* [nodes] values per scalar row of a node in each array */
   const int *position;    /* [cells][n][n], n = NODES + PRESSURE_NODES: 4 * (offset of the node pair's first
                              value) + (index 0, 1 or 2 of the array) */
   const double *free;     /* [nodes][COMPONENTS] 0 where the displacement is prescribed, else 1 */
@@ -32,7 +32,8 @@ typedef struct {
   const double *rotation; /* [cells][3][3] R: jacobian_cells adds R K_ab R^T instead of the block K_ab; NULL: K_ab */
 } MatrixTarget;
 
-/* The energy [J] of the cells; +inf if it is infinite at any point. `pressure` is NULL where it is no unknown. */
+/* Return the energy [J] of the cells; +inf if it is infinite at any point. u[nodes][COMPONENTS] are displacements [m];
+ * `pressure` [pressure nodes] is NULL unless the pressure is an unknown. */
 double energy_cells(const Cells *c, const double *u, const double *pressure);
 
 /* r += dE/du [N] and r_p += dE/dp, at owned and ghost nodes. */

@@ -2,12 +2,12 @@
  *
  * One of volume_pointwise.h, volume_mean.h and volume_pressure.h precedes this file and defines how the
  * element treats the material's volume term:
- *   VolumeTerm ................ its data for W cells
- *   volume_prepare ............ compute them at the displacement
+ *   VolumeTerm ................ data of the volume term for W cells
+ *   volume_prepare ............ compute these data at the displacement
  *   volume_parameters ......... the material's parameters at a point, with the pressure
- *   volume_energy_density ..... the energy density beside the material's
- *   volume_residual_point, volume_residual_add .... the residual beside B^T P
- *   volume_jacobian_point, volume_jacobian_add .... the Jacobian beside B^T C B */
+ *   volume_energy_density ..... the energy density in addition to the material's
+ *   volume_residual_point, volume_residual_add .... the residual in addition to B^T P
+ *   volume_jacobian_point, volume_jacobian_add .... the Jacobian in addition to B^T C B */
 
 /* Per batch of W cells: gather coordinates x and displacements v and prepare the volume term. The body and
  * its closing brace follow. */

@@ -1,14 +1,14 @@
 /* The functions of coarse_space_api.h. COLUMNS is BLOCK components times the four lanes of f4. */
 typedef double d4 __attribute__((vector_size(32), aligned(8)));
 
-/* acc[BLOCK][BLOCK] += scale * a block, whose rows are `step` doubles apart, times a node's functions g. */
+/* acc[BLOCK][BLOCK] += scale * block * g: a block whose rows are `step` doubles apart, times a node's functions g. */
 static inline void add_block(d4 *acc, const double *block, long step, double scale, const float *g) {
   for (int r = 0; r < BLOCK; r++)
     for (int k = 0; k < BLOCK; k++)
       acc[BLOCK * r + k] += block[step * r + k] * scale * __builtin_convertvector(load4(g + 4 * k), d4);
 }
 
-/* Position of (row, subdomain) among the pairs of the row. */
+/* The position of the pair (row, subdomain) among the pairs of the row. */
 static inline int find_pair(const CoarseSpace *c, int row, int subdomain) {
   int at = c->pair_start[row];
   while (c->pair_subdomain[at] != subdomain) at++;
@@ -48,7 +48,7 @@ void coarse_assemble(const SymmetricBlockMatrix *b, const CoarseSpace *c, const 
   }
 }
 
-/* The sums of a subdomain stay in registers over the rows that follow each other in it. */
+/* While consecutive rows belong to one subdomain, its sums stay in registers. */
 void coarse_image_transposed(const CoarseSpace *c, const float *t, double *y) {
   if (!c->rows) return;
   double *at = y + COLUMNS * (long)c->pair_subdomain[0];

@@ -7,7 +7,7 @@
  *   JACOBI  cyclic Jacobi (Golub & Van Loan 2013, sec. 8.5).
  * Both have absolute errors of a few roundings of the norm of A, for every finite A. CUBIC is several
  * times faster; JACOBI also gives small eigenvalues of graded positive definite matrices to relative
- * accuracy. tests/kernels/test_eigen3.py compares them; docs/results/eigensolver.md holds the table. */
+ * accuracy (tests/kernels/test_eigen3.py, docs/results/eigensolver.md). */
 
 /* B = A scaled by a power of two to a sum of absolute values in [1, 2); zero where A is not finite. */
 INLINE void scale_block(const real *A, real *B, real *up) {
@@ -31,9 +31,9 @@ INLINE void order_pair(real *e, real *Q, int p, int q) {
   }
 }
 
-/* One Jacobi rotation that makes apq zero; r is the third index. Returns the lanes where apq was not
- * negligible, |apq| > 1e-16 sqrt|app aqq|: relative to the two diagonal entries, not to the norm of A, so
- * that small eigenvalues of a graded matrix keep their relative accuracy. */
+/* One Jacobi rotation that makes apq zero; r is the third index, qp and qq are the columns of Q. Returns the lanes
+ * where apq was not negligible, |apq| > 1e-16 sqrt|app aqq|: relative to the two diagonal entries, not to the norm
+ * of A, so that small eigenvalues of a graded matrix keep their relative accuracy. */
 INLINE mask rotate_pair(real *app, real *aqq, real *apq, real *arp, real *arq, real *qp, real *qq) {
   const mask turn = *apq * *apq > 1e-32 * absolute(*app * *aqq);
   if (!any(turn)) return turn;
@@ -90,11 +90,10 @@ INLINE void null_vector(const real *A, real e, real *v) {
   for (int i = 0; i < 3; ++i) v[i] = select(first, c[i], select(second, c[3 + i], c[6 + i])) / norm;
 }
 
-/* The characteristic cubic gives only the eigenvalue best separated from the others, and its vector v; the
- * other two pairs come from the 2x2 block on the plane normal to v. (The three roots of the cubic would
- * lose half of the digits where two are equal, and their vectors all digits.) The computation is on
- * A = mean I + p N with tr N = 0 and |N|_F = sqrt(6), so that eigenvalues keep their differences
- * however large the mean is. */
+/* The characteristic cubic gives only the eigenvalue best separated from the other two, and its eigenvector v. The
+ * other two eigenpairs come from the 2x2 block on the plane normal to v. (Equal roots of the cubic lose half of their
+ * digits, and their eigenvectors all digits.) The computation is on N in A = mean I + p N, with tr N = 0 and
+ * |N|_F = sqrt(6), so that eigenvalues keep their differences however large the mean is. */
 INLINE void eigen3_cubic(const real *A, real *e, real *Q) {
   real N[6], up;
   scale_block(A, N, &up);

@@ -11,8 +11,8 @@ INLINE real cell_fractions(const Cells *c, long start) {
   return fraction;
 }
 
-/* Gradients G[NODES][3] of the basis in reference coordinates at quadrature point q, and the weight times
- * |det dx/dxi| and the cell's fraction. */
+/* Gradients G[NODES][3] of the basis in reference coordinates at quadrature point q; `weight` is the quadrature
+ * weight times |det dx/dxi| and the cell's fraction. */
 INLINE void geometry_point(const Cells *c, const real x[GEOMETRY_NODES][3], real fraction, int q, real *G, real *weight) {
   const double *dx = c->geometry_gradients + 3 * GEOMETRY_NODES * q, *d = c->gradients + 3 * NODES * q;
   real T[9], K[9]; /* T[3 k + i] = dx_i/dxi_k; K its cofactors, det T times the inverse transpose */
@@ -67,8 +67,8 @@ INLINE real determinant(const real *F, real *cofactor) {
 
 enum { PAIRS = NODES * (NODES + 1) / 2 };
 
-/* K += weight * G^T C G: the 3x3 blocks (a, b) with a <= b, ordered by b, then a, each row-major. Of blocks with
- * fewer COMPONENTS the leading ones are set. */
+/* K += weight * G^T C G: the 3x3 blocks (a, b) with a <= b, ordered by b, then a, each row-major. Only the leading
+ * COMPONENTS rows and columns of a block are set. */
 INLINE void add_stiffness(const real *C, const real *G, real weight, real *K) {
   real *block = K;
   for (int b = 0; b < NODES; ++b) {
@@ -89,7 +89,7 @@ INLINE void add_stiffness(const real *C, const real *G, real weight, real *K) {
   }
 }
 
-/* Replace each block B of the element matrices K by R B R^T, with the rotations R of W cells. */
+/* Replace each 3x3 block B of the element matrices K of W cells by R B R^T with the cell's rotation R. */
 INLINE void rotate_blocks(const double *rotation, long start, int lanes, real *K) {
   real R[9], T[9];
   for (int i = 0; i < 9; ++i)
@@ -102,7 +102,7 @@ INLINE void rotate_blocks(const double *rotation, long start, int lanes, real *K
   }
 }
 
-/* Add the element matrix of lane l to the global one: each block (a, b) and, transposed, (b, a). */
+/* Add the element matrix of lane l to the global matrix: each block (a, b) and, transposed, (b, a). */
 INLINE void scatter(const MatrixTarget *t, const int *nodes, const int *position, const real *K, int l) {
   const double *block = (const double *)K + l;
   for (int b = 0; b < NODES; ++b)

@@ -1,5 +1,4 @@
-/* Element matrices of a bilinear form from FFCx's kernels, and their test for definiteness. The structs are in
- * form_cells_api.h. */
+/* Element matrices of a bilinear form from FFCx's kernels, and a test for definiteness: see form_cells_api.h. */
 
 typedef void tabulate_tensor(double *A, const double *w, const double *c, const double *x, const int *facet,
                              const unsigned char *permutation CUSTOM_DATA_TYPE);

@@ -13,17 +13,17 @@ typedef struct {
 typedef struct {
   void *kernel;               /* FFCx's tabulate_tensor */
   int width;                  /* 1: over cells; 2: over exterior facets */
-  const int *entities;        /* [entities][width] cell, and local number of the facet */
+  const int *entities;        /* [entities][width] cell, and the facet's number within the cell */
   int num_coefficients;       /* values per entity */
   const double *coefficients; /* [entities][num_coefficients] */
   const double *constants;
 } FormIntegral;
 
-/* K[count][n][n], n = components * nodes, = the element matrices of entities start, start + 1, ..., or their symmetric parts. Returns
- * the largest |K - K^T| over the largest |K| of any entity. */
+/* Tabulate the element matrices K[count][n][n], n = components * nodes, of the entities start, start + 1, ..., or their
+ * symmetric parts. Returns the largest max |K - K^T| / max |K| of these entities. */
 double tabulate_entities(const FormCells *c, const FormIntegral *f, int start, int count, int symmetric, double *K);
 
-/* Write the numbers of those of `count` symmetric n x n matrices that are not positive semidefinite, NaN included, to
- * `indefinite`, and return how many there are. An eigenvalue above -shift times the largest entry counts as zero.
+/* Write the indices of those of `count` symmetric n x n matrices that are not positive semidefinite, or not finite, to
+ * `indefinite`; return how many there are. An eigenvalue above -shift times the largest entry counts as zero.
  * `work` has n * n entries. */
 int find_indefinite(int n, int count, const double *K, double shift, double *work, int *indefinite);

@@ -7,15 +7,15 @@
  *   REVOLVED .... the body of revolution of a half plane with coordinates (r, z) and components (u_r, u_z, u_theta)
  *                 in the basis (e_r, e_z, e_theta) of the reference position:
  *                 H's third column is (du/dtheta)/r = (-u_theta, 0, u_r)/r = S u/r
- * In all of them H is linear in the nodal values: column j of H is sum_a G_aj S_j u_a with S_0 = S_1 = I and, on a
- * body of revolution, S_2 = S and G_a2 = N_a/r. So with D = diag(S_0, S_1, S_2) the forces are those of a solid
- * with D^T vec(P), and the stiffness is that of a solid with D^T C D, positive semidefinite where C is. */
+ * Apart from F_33 in plane stress, H is linear in the nodal values: column j of H is sum_a G_aj S_j u_a with
+ * S_0 = S_1 = I and, on a body of revolution, S_2 = S and G_a2 = N_a/r. So with D = diag(S_0, S_1, S_2) the forces are
+ * computed as in a solid from D^T vec(P), and the stiffness from D^T C D, positive semidefinite where C is. */
 #define SOLID 0
 #define PLANE 1
 #define REVOLVED 2
 #define PLANE_STRESS 3
 
-/* Basis gradients G_aj that are not zero, and the terms of the third. */
+/* The number of basis gradients G_aj, j < DERIVATIVES, that are not zero, and the code of the third. */
 #if KINEMATICS == PLANE || KINEMATICS == PLANE_STRESS
 #define DERIVATIVES 2
 #define THIRD(...)
@@ -33,9 +33,9 @@
   for (int a = 0; a < NODES; ++a) v[a][2] = splat(0);
 #endif
 
-/* The third column of T = dx/dxi (see geometry_point), whose third reference coordinate is x_3 or theta. The third
- * "derivatives" of the basis are zero on a plane, and the basis functions on a body of revolution: T + 6 is then
- * the point's (r, z, 0), and dx/dtheta has the length r. */
+/* Set the third column of T = dx/dxi (see geometry_point); the third reference coordinate is x_3 or theta. The third
+ * "derivatives" of the basis are zero on a plane; on a body of revolution they are the basis functions, so T + 6 is the
+ * point's (r, z, 0), and dx/dtheta has the length r. */
 INLINE void third_tangent(real *T) {
 #if KINEMATICS == PLANE || KINEMATICS == PLANE_STRESS
   T[8] = splat(1);
@@ -45,7 +45,7 @@ INLINE void third_tangent(real *T) {
 #endif
 }
 
-/* Replace sum_a G_a2 u_a, H's third column on a solid, by that of the kinematics. */
+/* Replace sum_a G_a2 u_a, the third column of H in a solid, by the third column in a body of revolution. */
 INLINE void third_column(real *H) {
 #if KINEMATICS == REVOLVED
   const real u_r = H[6];
@@ -83,12 +83,12 @@ INLINE void pull_back_matrix(real *C) {
 #define THINNEST 1e-3
 #define THICKEST 1e3
 
-/* Set H_33 and F_33 to the minimum of psi in F_33 that continues the one at rest: P_33 = 0, or F_33 is one of the
+/* Set H_33 and F_33 to the minimum of psi in F_33 that continues the minimum at rest: P_33 = 0, or F_33 is one of the
  * bounds (a cell that is turned over in its plane has no root in F_33 > 0).
  *
- * The secant method in a bracket P_33(lower) < 0 < P_33(upper), which grows from F_33 = 1. A step that leaves the
- * bracket, or after eight steps does not halve it in three, is replaced by the geometric mean of its ends. A lane that has
- * converged does not change any more, so that its result does not depend on the others. */
+ * Method: secants in a bracket P_33(lower) < 0 < P_33(upper), which grows from F_33 = 1. A step that leaves the
+ * bracket is replaced by the geometric mean of the bracket's ends; so is, after eight steps, every third step if the
+ * last three did not halve the bracket. A converged lane does not change, so its result is independent of other lanes. */
 SHARED void third_stretch(const Parameters *p, real *F, real *H) {
   real P[9], size = splat(0);
   for (int i = 0; i < 9; ++i) size = i == 8 ? size : lane_max(size, absolute(H[i]));
@@ -102,8 +102,8 @@ SHARED void third_stretch(const Parameters *p, real *F, real *H) {
   before = value;
   slope_h = h;
   done |= value == 0;
-  /* The second point: half of the change of the area, at small strain exact for nu = 1/3; with almost none,
-   * another one at the distance of the strain. */
+  /* The second point: H_33 = -(H_11 + H_22)/2, at small strain exact for nu = 1/3; if that is almost zero, an eighth
+   * of the largest |H_ij|, downhill. */
   real next = -0.5 * (H[0] + H[4]);
   next = select(absolute(next) < 0.125 * size, select(value > 0, -0.125 * size, 0.125 * size), next);
   for (int step = 0; step < 100 && any(~done); ++step) {
@@ -136,12 +136,12 @@ SHARED void third_stretch(const Parameters *p, real *F, real *H) {
     done |= (h == lowest) & (value > 0);
     done |= (h == highest) & (value < 0);
     const real slope = (value - before) / (h - slope_h);
-    next = h - value / slope; /* not finite, or out of the bracket: the middle replaces it */
+    next = h - value / slope; /* if not finite or out of the bracket, the middle replaces it */
   }
 }
 
-/* Replace C by its Schur complement in F_33, the second derivative of the minimum, where F_33 is not a bound. It is
- * positive semidefinite where C is. */
+/* Where F_33 is not a bound, replace C by its Schur complement in F_33, the second derivative of the minimum. The Schur
+ * complement is positive semidefinite where C is. */
 INLINE void condense(const real *F, real *C) {
   const real pivot = C[80];
   const mask free = (F[8] > THINNEST) & (F[8] < THICKEST) & (pivot > 0);

@@ -1,8 +1,9 @@
 /* SIMD lanes: a `real` holds W doubles, one per quadrature point or per cell; arithmetic acts on all
- * W at a time. GCC and Clang vector extensions: they compile to AVX-512, AVX2, SSE or NEON.
+ * W at a time. The vector extensions of GCC and Clang compile to AVX-512, AVX2, SSE or NEON.
  *
- * W is what a register of the processor holds. Wider vectors would be kept in memory, a load and a store for each
- * operation: with 8 on AVX2 energies take 4 times as long, Hessians twice. Results depend on W by rounding at most. */
+ * W is the number of doubles in a register of the processor. Wider vectors would be kept in memory, with a load and a
+ * store for each operation: with W = 8 on AVX2 energies take 4 times as long, Hessians twice. Results depend on W by
+ * rounding at most. */
 #if defined __AVX512F__
 #define W 8
 #elif defined __AVX__
@@ -14,9 +15,9 @@ typedef double real __attribute__((vector_size(8 * W)));
 typedef long long mask __attribute__((vector_size(8 * W))); /* -1 true, 0 false, lane by lane */
 
 #define INLINE static inline __attribute__((always_inline))
-/* Compiled once instead of at each of its calls, which halves the compilation and costs no measurable time. */
+/* A function compiled once, not at each call, which halves the time of compilation at no measurable cost. */
 #define SHARED static __attribute__((noinline))
-/* Compiled once for all kernels (svd_eigen.h). */
+/* A function compiled once for all kernels (svd_eigen.h). */
 #define LINKED __attribute__((noinline, visibility("hidden")))
 
 INLINE real splat(double a) { return (real){0} + a; }
@@ -70,7 +71,7 @@ INLINE void cross(const real *a, const real *b, real *c) {
   c[2] = a[0] * b[1] - a[1] * b[0];
 }
 
-/* Load W of the caller's n matrices (9 doubles each) into lanes; lanes past the last one repeat it. */
+/* Load W of the caller's n matrices (9 doubles each) into lanes; lanes past the last matrix repeat it. */
 INLINE void load_points(const double *F, long n, long start, real *lanes) {
   for (int l = 0; l < W; ++l) {
     const long at = start + l < n ? start + l : n - 1;

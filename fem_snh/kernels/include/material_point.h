@@ -9,7 +9,7 @@
  * Outside the domain of psi, where F is not finite and where a result overflows, the energy is +inf and
  * stress and Hessian are 0: no result is NaN. 9-vectors are vec(.) by columns (Smith et al. 2018, eq. 17). */
 
-/* Loops over the entries of vec(F) that an element's kinematics varies: the list ENTRIES, or all. */
+/* Loops over the entries of vec(F) that vary in an element's kinematics: the list ENTRIES, or all nine. */
 #ifdef ENTRIES
 static const int entries[] = {ENTRIES};
 #define NUM_ENTRIES ((int)(sizeof entries / sizeof *entries))
@@ -117,7 +117,7 @@ void eigenvalues_point(Parameters p, const real *F, int solver, real *e, real *Q
 }
 
 /* Sylvester's criterion for the scaling block A, with a margin of 1e-13 relative to the diagonal for the
- * rounding of the minors: `positive` where all leading minors are positive, `indefinite` where one is
+ * rounding of the minors: `positive` where all leading minors are positive, `indefinite` where a minor is
  * negative. Neither is true where A is nearly singular. */
 INLINE void leading_minors_test(const real *A, mask *positive, mask *indefinite) {
   const real minor = A[0] * A[1] - A[3] * A[3];
@@ -127,8 +127,8 @@ INLINE void leading_minors_test(const real *A, mask *positive, mask *indefinite)
   *indefinite = (A[0] < 0) | (A[1] < 0) | (A[2] < 0) | (minor < -absolute(minor_error)) | (det < -absolute(det_error));
 }
 
-/* Filter the eigenvalues of the scaling block A in place. Returns the lanes with a negative eigenvalue. Lanes
- * that are positive definite are left as they are. */
+/* Filter the eigenvalues of the scaling block A in place. Returns the lanes where A had a negative eigenvalue. A is
+ * not changed in lanes where it is positive definite. */
 INLINE mask filter_scaling_block(int filter, int solver, real *A) {
   mask positive, indefinite;
   leading_minors_test(A, &positive, &indefinite);
@@ -150,8 +150,8 @@ INLINE mask filter_scaling_block(int filter, int solver, real *A) {
   return ~positive & (e[2] < 0);
 }
 
-/* Remove the spin from the block {{same, other}, {other, same}} of a twist/flip pair on u_a v_b^T, u_b v_a^T. A spin
- * changes F by W F with a skew W, here along (s_b, -s_a). What remains is the block's value along (s_a, s_b). */
+/* Remove the spin from the block {{same[0], other}, {other, same[1]}} of a twist/flip pair on u_a v_b^T, u_b v_a^T. A
+ * spin changes F by W F with a skew W, here along (s_b, -s_a). The block's value along (s_a, s_b) remains. */
 INLINE void objective_pair(real sa, real sb, real *same, real *other) {
   const real squares = sa * sa + sb * sb, value = same[0] + 2 * *other * sa * sb / squares;
   const mask spins = squares > 0;
@@ -161,8 +161,7 @@ INLINE void objective_pair(real sa, real sb, real *same, real *other) {
 }
 
 /* The filtered 9x9 Hessian C of psi (row-major, on vec(F)) [Pa]. Returns the lanes where the exact Hessian
- * has a negative eigenvalue. Where an element reads some rows and columns only, ENTRIES (kinematics.h), the others
- * are zero.
+ * has a negative eigenvalue. Rows and columns that are not in ENTRIES are zero.
  *
  * C is assembled in the basis of the nine products u_a v_b^T: the scaling block couples u_i v_i^T, and each
  * twist/flip pair couples u_a v_b^T with u_b v_a^T, so the eigenvectors of these pairs are not needed. */

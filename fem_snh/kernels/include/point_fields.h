@@ -1,6 +1,6 @@
 /* The function of point_fields_api.h, W points at a time. */
 
-/* Load component i of W of n points; lanes past the last one repeat it. */
+/* Load component i of W of n points; lanes past the last point repeat it. */
 INLINE real load_component(const double *values, long n, long start, int i) {
   real lanes;
   for (int l = 0; l < W; ++l) lanes[l] = values[n * i + (start + l < n ? start + l : n - 1)];
@@ -10,7 +10,7 @@ INLINE real load_component(const double *values, long n, long start, int i) {
 #define STORE_FIELD(field, size, lanes) \
   if (out->field) { STORE(out->field, size, lanes) }
 
-/* Fields of the Cauchy stress; a tensor's rows are out of 6 = {00, 11, 22, 01, 02, 12}. */
+/* The fields of the Cauchy stress, from its entries s = {00, 11, 22, 01, 02, 12}. */
 INLINE void stress_fields(long n, long start, const real *F, const real *P, const PointFields *out) {
   real area[3];
   cross(F + 3, F + 6, area);

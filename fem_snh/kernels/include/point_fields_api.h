@@ -1,6 +1,6 @@
 /* Output fields at points. The C compiler and cffi read this one file. */
 
-/* Where fields are stored, by points; NULL for a field that is not wanted. Tensors are [9] by rows. */
+/* The arrays to which fields are written, point by point; NULL for a field that is not wanted. Tensors are [9] by rows. */
 typedef struct {
   double *cauchy_stress;         /* [n][9] P F^T / J [Pa]; NaN where J = 0 */
   double *von_mises;             /* [n] sqrt(3/2 s : s) [Pa], s the deviator of the Cauchy stress */
@@ -11,5 +11,5 @@ typedef struct {
   double *principal_stretches;   /* [n][3] signed singular values of F, descending */
 } PointFields;
 
-/* The fields at n points of H = F - I [9][n] and P [9][n], whose components are by columns. */
+/* Write the fields at n points from H = F - I [9][n] and P [9][n], whose 9 components are stored by columns. */
 void point_fields(long n, const double *H, const double *P, const PointFields *out);

@@ -13,7 +13,7 @@ INLINE void eigenvector_point(int k, const real *Q, const real *U, const real *V
         d[3 * j + i] = Q[3 * k] * U[i] * V[j] + Q[3 * k + 1] * U[3 + i] * V[3 + j] + Q[3 * k + 2] * U[6 + i] * V[6 + j];
     return;
   }
-  const int axis = k % 3, a = axis == 0, b = axis == 2 ? 1 : 2; /* the pair of stretches it couples */
+  const int axis = k % 3, a = axis == 0, b = axis == 2 ? 1 : 2; /* the stretches that twist or flip k couples */
   const double sign = k < 6 ? -1.0 : 1.0, r = 0.70710678118654752440; /* 1/sqrt 2 */
   for (int j = 0; j < 3; ++j)
     for (int i = 0; i < 3; ++i)

@@ -1,6 +1,6 @@
 /* The small-strain branch: invariants, stretches and stress computed from H = grad u = F - I.
  *
- * F = I + H rounds H to 1e-16 absolute, and J, I_C and the stretches of F have that error too. With
+ * F = I + H rounds H to 1e-16 absolute, and J, I_C and the stretches of F have this absolute error too. With
  * lambda up to 1e6 mu, the error in J - 1 would dominate the stress. The increments from the rest state
  * are accurate relative to H:
  *   E = C - I = H + H^T + H^T H            stored as {00, 11, 22, 01, 02, 12}
@@ -24,7 +24,7 @@ INLINE void strain_point(const real *H, real *E) {
   E[5] = H[7] + H[5] + dot(H + 3, H + 6);
 }
 
-/* Returns J - 1; G = cof F - I. */
+/* Returns J - 1 and computes G = cof F - I, by columns. */
 INLINE real volume_increment(const real *H, real *G) {
   cross(H + 3, H + 6, G);
   cross(H + 6, H, G + 3);

@@ -8,9 +8,9 @@
  * F is scaled by a power of two, so every finite F works. A stretch below 1e-75 of the largest one has
  * the right magnitude only. Where F is not finite, s is NaN and U = V = I. */
 
-/* Rotate columns p and q of G (and of V) so that they become orthogonal. Returns the lanes where they
- * were not. The threshold: the computed cosine of a right angle is up to 4e-16 in double precision, so a
- * smaller one (1.6e-31 = 4e-16 squared) would never be reached. */
+/* Rotate columns p and q of G (and of V) so that those of G become orthogonal. Returns the lanes where they
+ * were not. The threshold is 1.6e-31 = 4e-16 squared: the computed cosine of a right angle is up to 4e-16 in
+ * double precision. */
 INLINE mask orthogonalise(real *G, real *V, int p, int q) {
   real *gp = G + 3 * p, *gq = G + 3 * q, *vp = V + 3 * p, *vq = V + 3 * q;
   const real a = dot(gp, gp), b = dot(gq, gq), c = dot(gp, gq), d = b - a;
@@ -29,7 +29,7 @@ INLINE mask orthogonalise(real *G, real *V, int p, int q) {
   return turn;
 }
 
-/* Exchange columns p and q if q is longer. One column changes sign, so that det V stays 1. */
+/* Exchange columns p and q of G and V if q of G is longer. One column changes sign, so that det V stays 1. */
 INLINE void order_columns(real *G, real *V, int p, int q) {
   const mask swap = dot(G + 3 * p, G + 3 * p) < dot(G + 3 * q, G + 3 * q);
   for (int i = 0; i < 3; ++i) {
@@ -47,8 +47,8 @@ INLINE void project_out(const real *u, const real *v, real *n) {
   for (int i = 0; i < 3; ++i) n[i] = v[i] - along * u[i];
 }
 
-/* s2, or 0 where s2 and its sign are rounding errors: where it is below 2^-52 of the 1-norm of every
- * column and every row, F is singular to working precision however its columns or rows are scaled. */
+/* s2, or 0 where s2 and its sign are rounding errors. Where |s2| is below 2^-52 times the 1-norm of every column
+ * and row, F is singular to working precision however its columns or rows are scaled. s2 is scaled by `down`. */
 INLINE real drop_rounding(const real *F, real down, real s2) {
   real least = splat(INFINITY);
   for (int k = 0; k < 3; ++k) {

@@ -1,9 +1,9 @@
 /* Q1P0, P2P0: mean dilatation (Nagtegaal, Parks & Rice 1974; Simo, Taylor & Pister 1985).
  *
  * The volume term of a cell of volume V is V U(J_e), where J_e = v/V is the mean of J and v the deformed
- * volume. With p = U'(J_e) its first derivative is p dv, its second p d2v + (U''/V) dv dv^T. The terms in p
- * are the derivatives of p J at every point: the material's energy contains p J, and its Hessian is
- * filtered. The last term has rank one and is positive where U is convex.
+ * volume. With p = U'(J_e) its first derivative is p dv and its second p d2v + (U''/V) dv dv^T. The terms in p
+ * are the integrated derivatives of p J at the points: the material's energy contains p J, and its Hessian is
+ * filtered. The last term has rank one and is positive semidefinite where U is convex.
  *
  * The code generator provides volume_energy(p, J, J - 1, {U, U', U''}); J - 1 is passed separately because
  * it is more accurate than J at small strain. */
@@ -12,7 +12,7 @@ typedef struct {
   real volume;        /* V */
   real U[3];          /* U, U', U'' at J_e */
   real pressure;      /* p = U'(J_e) */
-  real dv[NODES][3];  /* derivative of the deformed volume in the nodal displacements */
+  real dv[NODES][3];  /* derivative of the deformed volume by the nodal displacements */
 } VolumeTerm;
 
 INLINE void volume_prepare(const Cells *c, real fraction, long start, const real x[][3], const real v[][3], const double *pressure, VolumeTerm *m) {

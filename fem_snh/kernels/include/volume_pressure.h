@@ -5,16 +5,16 @@
  *   [ H   B^T ]   B = integral of N dJ/du,  C = integral of N N^T d2(U*)/dp2,
  *   [ B   -C  ]   N the basis of the pressure; C = 0 at nu = 0.5.
  *
- * The code generator provides volume_conjugate(p, {U*, d(U*)/dp - 1, d2(U*)/dp2}): the volume ratio that
- * belongs to p is 1 at p = 0, and its increment is as accurate as that of J.
+ * The code generator provides volume_conjugate(p, {U*, d(U*)/dp - 1, d2(U*)/dp2}): the volume ratio d(U*)/dp
+ * is 1 at p = 0, and its increment is as accurate as the increment J - 1.
  *
- * With damping p has a viscous part s (p_e - w) beside the elastic pressure p_e = (p + s w) / (1 + s), to which
- * the volume ratio belongs: (1 + s) U*(p_e) replaces U*(p). */
+ * With damping, p is the sum of an elastic pressure p_e = (p + s w) / (1 + s), which determines the volume ratio, and
+ * a viscous pressure s (p_e - w): (1 + s) U*(p_e) replaces U*(p). */
 
 typedef struct {
   real p[PRESSURE_NODES][1], w[PRESSURE_NODES][1]; /* nodal pressures, and the w of damping */
-  real r[PRESSURE_NODES];     /* residual of the pressure */
-  real B[NODES][3][PRESSURE_NODES], C[PRESSURE_NODES][PRESSURE_NODES]; /* B: transposed */
+  real r[PRESSURE_NODES];     /* residual of the pressure equations */
+  real B[NODES][3][PRESSURE_NODES], C[PRESSURE_NODES][PRESSURE_NODES]; /* B^T and C */
 } VolumeTerm;
 
 INLINE void volume_prepare(const Cells *c, real fraction, long start, const real x[][3], const real v[][3], const double *pressure, VolumeTerm *m) {
@@ -29,7 +29,7 @@ INLINE Parameters volume_parameters(const Cells *c, const VolumeTerm *m, int q) 
   return p;
 }
 
-/* (1 + s) U*(p_e) and its derivatives by p. */
+/* conjugate = {(1 + s) U*(p_e), its derivative by p minus 1, its second derivative by p}. */
 INLINE void conjugate_point(const Cells *c, const VolumeTerm *m, int q, Parameters p, real *conjugate) {
   const double factor = 1 + c->pressure_damping;
   if (c->pressure_damping) {
