@@ -90,8 +90,8 @@ def nonzero_state(A: PETSc.Mat) -> tuple[int, int]:
 def set_pattern(A: PETSc.Mat, csr: tuple[Any, ...]) -> None:
     """Give a matrix another CSR pattern, (indptr, indices), and zero values. Collective.
 
-    PETSc's nonzero state may stay the same: from 3.22 on the state of a parallel matrix is the sum
-    of its new blocks' states. So an attribute counts the patterns (`nonzero_state`).
+    PETSc's nonzero state may stay the same: since 3.22 a parallel matrix's state is the sum of its
+    new blocks' states. So an attribute counts the patterns (`nonzero_state`).
     """
     A.setPreallocationCSR(csr)
     A.setAttr(_PATTERNS, int(A.getAttr(_PATTERNS) or 0) + 1)
@@ -142,7 +142,7 @@ def _factorise(ksp: PETSc.KSP, workspace: int | None = None) -> None:
 def _larger_workspace(factors: PETSc.Mat) -> int:
     """Return twice the workspace [%] if MUMPS lacked workspace for pivoting; else 0.
 
-    0 also above `_MOST_WORKSPACE`, and if the user has limited MUMPS' memory.
+    Return 0 also above `_MOST_WORKSPACE`, and if the user has limited MUMPS' memory.
     """
     lacks = factors.getMumpsInfog(1) in _LACKS_WORKSPACE
     larger = 2 * max(factors.getMumpsIcntl(_WORKSPACE), 1)
@@ -318,7 +318,8 @@ def aij_blocks(A: PETSc.Mat, read_only: bool = False) -> Iterator[list[AIJBlock]
     ----------
     A : Mat
     read_only : bool
-        If False, the matrix's state is increased, which tells solvers to set up again.
+        If False, the state of each block is increased. The state of a parallel matrix is not: its
+        solvers set up again only after ``A.stateIncrease()``.
 
     Yields
     ------

@@ -50,7 +50,7 @@ def integrals(compiled: Any) -> list[FormIntegral]:
 
 
 def kernel_arguments(compiled: Any) -> int:
-    """Return the number of arguments of the form's kernels: 6 up to 0.9, then 7; 0 without any."""
+    """Return the number of arguments of a form's kernels: 6 up to 0.9, then 7; 0: no kernels."""
     for name in _KINDS:
         kind = getattr(_TYPES, name)
         for _, integral in _ufcx_integrals(compiled.ufcx_form, kind.value):

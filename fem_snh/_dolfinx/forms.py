@@ -24,8 +24,8 @@ from fem_snh.cache import compiling
 def _quiet() -> Iterator[None]:
     """Suppress messages about compiling a form, on which no user can act.
 
-    These are log records of level INFO, with dolfinx 0.5, and the warning that a quadrature rule
-    has many points: the program chooses the degrees.
+    These are log records of level INFO (dolfinx 0.5) and the warning that a quadrature rule has
+    many points: the program chooses the degrees.
     """
     before = logging.root.manager.disable
     logging.disable(max(before, logging.INFO))

@@ -87,7 +87,7 @@ def read_xdmf(comm: MPI.Comm, path: Path, grid: str) -> tuple[Array, Array, str,
 
 
 def read_xdmf_nodes(comm: MPI.Comm, path: Path, grid: str) -> Array:
-    """Return this rank's part of a grid's entities, by their nodes' numbers. Collective."""
+    """Return this rank's part of a grid's entities, (n, nodes of an entity). Collective."""
     with dolfinx.io.XDMFFile(comm, str(path), "r") as file:
         return np.asarray(file.read_topology_data(grid))
 
@@ -110,7 +110,7 @@ def write_xdmf(
     Parameters
     ----------
     domain : dolfinx Mesh
-        The mesh.
+        The mesh; its name becomes "mesh".
     path : Path
         The file; the numbers are in a file beside it, with the suffix .h5.
     tags : iterable of (grid, dimension, local entities, tag)
@@ -266,7 +266,7 @@ def geometry_x(domain: Mesh) -> Array:
 
 
 def geometry_degree(domain: Mesh) -> int:
-    """Return the degree of the geometry, 1 or 2."""
+    """Return the polynomial degree of the geometry."""
     return int(_only(domain.geometry, "cmap").degree)
 
 
@@ -320,7 +320,7 @@ def facet_maps(cell: str) -> tuple[Array, Array]:
     origins : (facets, dim)
         The images of the reference facet's origin.
     tangents : (facets, dim - 1, dim)
-        The derivatives by its coordinates.
+        The derivatives by the facet's coordinates.
     """
     corners = reference_corners(cell)[reference_facets(cell)]  # (facets, corners of each, dim)
     return corners[:, 0], corners[:, 1 : corners.shape[2]] - corners[:, :1]

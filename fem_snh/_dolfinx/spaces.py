@@ -57,10 +57,7 @@ def surface_measure(domain: Mesh, facets: Array) -> ufl.Measure:
 
 
 def surface_measures(domain: Mesh, groups: Sequence[Array]) -> list[ufl.Measure]:
-    """Return a measure for each of several disjoint groups of exterior local facets.
-
-    One form may contain several of these measures.
-    """
+    """Return measures, of which one form may contain several, of disjoint exterior facets."""
     facets = np.concatenate(groups).astype(np.int32)
     numbers = np.repeat(np.arange(len(groups), dtype=np.int32), [len(g) for g in groups])
     order, dim = np.argsort(facets), domain.topology.dim - 1

@@ -1,8 +1,8 @@
 """Blocks of a matrix between nodes that share no cell.
 
-Two things add such blocks: contact (`fem_snh.terms.term.CouplingTerm`), whose nodes interact across
-a gap, and the elimination of rigid parts (`fem_snh.assembly.elimination`). The pattern of the cells
-is constant, but the nodes in contact change with the displacement. So
+Contact (`fem_snh.terms.term.CouplingTerm`) and the elimination of rigid parts
+(`fem_snh.assembly.elimination`) add these blocks. The pattern of the cells is constant, but the
+nodes in contact change with the displacement. So
 `fem_snh.assembly.assembled_matrix.BlockMatrix.couple` extends the pattern when it lacks a required
 pair of nodes. Pairs that are no longer required stay for a while: facets that touch and separate in
 turn do not change the pattern each time.
@@ -85,17 +85,12 @@ class Couplings:
         return bool(changed)
 
     def require_eliminated(self, blocks: Array) -> bool:
-        """Add the block pairs of an elimination to `pairs`, for good. Collective.
+        """Add an elimination's blocks to `pairs`; return whether any rank lacked one. Collective.
 
         Parameters
         ----------
         blocks : (n, 2) int64
-            See `fem_snh.assembly.elimination.Elimination.pairs`.
-
-        Returns
-        -------
-        bool
-            Whether `pairs` changed on any rank.
+            See `fem_snh.assembly.elimination.Elimination.pairs`. They stay in `pairs`.
         """
         keys = np.unique(blocks[:, 0] * self._num_blocks + blocks[:, 1])
         missing = not np.isin(keys, self._eliminated, assume_unique=True).all()
@@ -103,10 +98,7 @@ class Couplings:
         return bool(self._dof_map.comm.allreduce(missing, op=MPI.LOR))
 
     def add(self, nodes: Array, matrices: Array, others: Array | None = None) -> None:
-        """Store the values of free dofs for `set_values`: see `BlockMatrix.add_couplings`.
-
-        Not collective.
-        """
+        """Store values for `set_values`; see `BlockMatrix.add_couplings`. Not collective."""
         dofs, free = self._dofs(nodes)
         column_dofs, column_free = (dofs, free) if others is None else self._dofs(others)
         first, last = self._own_dofs

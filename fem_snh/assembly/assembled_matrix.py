@@ -87,17 +87,7 @@ class SentRows:
 
 
 class _Addition:
-    """The receive buffer for one rank's values, and the matrix entries to which they are added.
-
-    Parameters
-    ----------
-    dof_map : MixedDofMap
-        The numbering of the unknowns.
-    blocks : Received
-        The blocks that the other rank sends.
-    strides : sequence of arrays
-        `MatrixLayout.row_strides`.
-    """
+    """The receive buffer for one rank's values, and the matrix entries to which they are added."""
 
     def __init__(self, dof_map: MixedDofMap, blocks: Received, strides: Sequence[Array]) -> None:
         begin = np.flatnonzero(np.diff(blocks.rows, prepend=-1))
@@ -160,12 +150,11 @@ class BlockMatrix:
     is_constrained : (cells,) uint8
         1 for each cell with a constrained component, else 0.
     idle : (n,) int
-        Owned dofs of pressures whose cells are all rigid, and not assembled: their rows and columns
-        are zero. `adding` sets their diagonal to minus that of constrained dofs. The matrix is then
+        Owned dofs of pressures whose cells are all rigid and not assembled: rows and columns are
+        zero. `adding` sets their diagonal to minus that of constrained dofs. The matrix is then
         regular, and each pressure still has one negative eigenvalue.
     addresses : list of int
-        Inside of `adding`, the addresses of the three value arrays (0 for an array that does not
-        exist); outside, an empty list.
+        Inside of `adding`, the addresses of the three value arrays (0: no such array); else [].
 
     Raises
     ------
@@ -265,17 +254,8 @@ class BlockMatrix:
     def eliminate(self, create: Callable[[MixedDofMap], Elimination]) -> Elimination:
         """Eliminate the nodes of rigid parts in `adding` from now on. Collective.
 
-        The sparsity pattern is extended by `Elimination.pairs`, and the matrix is then zero.
-
-        Parameters
-        ----------
-        create : callable
-            Returns the elimination for this matrix's dof map.
-
-        Returns
-        -------
-        Elimination
-            The result of ``create``.
+        ``create(dof_map)`` makes the elimination, which is returned. The sparsity pattern is
+        extended by `Elimination.pairs`, and the matrix is then zero.
         """
         self._elimination = create(self._dof_map)
         self._couplings = Couplings(self._dof_map, self.constrained_dofs)
@@ -320,10 +300,7 @@ class BlockMatrix:
             self.__dict__.pop(name, None)  # cached for the former pattern
 
     def without_constraints(self) -> BlockMatrix:
-        """Return a zero matrix of the same layout without constrained dofs or planes. Collective.
-
-        The copy has no couplings and no elimination either.
-        """
+        """Return a zero matrix of this layout without constraints or elimination. Collective."""
         return BlockMatrix(self._dof_map, layout=self.layout)
 
     def add_node_pairs(
@@ -364,9 +341,9 @@ class BlockMatrix:
         self._constrained_diagonal, self._diagonal_vec = value, None
 
     def _add_constrained_diagonal(self) -> None:
-        """Add the diagonal of constrained dofs, eliminated dofs, idle dofs and planes. Collective.
+        """Add the diagonal of constrained, eliminated and idle dofs and of planes. Collective.
 
-        The matrix is zero there. The entry is computed if it is not known yet.
+        The entry is computed if it is not known yet.
         """
         if self._diagonal_vec is None:
             self._diagonal_vec = self.mat.getDiagonal()

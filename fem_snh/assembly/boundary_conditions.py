@@ -78,20 +78,10 @@ class Condition:
 
     @classmethod
     def of_mask(cls, name: str, given: Any, owned: int, mask: Array, **values: Any) -> Condition:
-        """Return the condition that constrains components of nodes.
+        """Return a condition on the components in ``mask``, (local nodes, components) bool.
 
-        Parameters
-        ----------
-        name : str
-            The condition's ``key``, ``name`` and ``label``.
-        given : object
-            See the class.
-        owned : int
-            Number of nodes that this rank owns.
-        mask : (local nodes, components) bool
-            The constrained components, ghost nodes included.
-        **values
-            Further attributes of the condition.
+        ``name`` is also its key and label, ``owned`` the number of nodes that this rank owns, and
+        ``values`` are further attributes.
         """
         units = np.eye(mask.shape[1])
         directions = [(np.flatnonzero(m), n) for m, n in zip(mask.T, units, strict=True)]
@@ -155,8 +145,8 @@ class Dirichlet:
     by_hand : bool
         Whether there is no ``on_load`` and a program may change values from step to step.
     released : (n,) int
-        The formerly constrained, owned dofs of rigid parts (see `release`): what `set_values`
-        writes there has no effect, as the part's unknowns determine these displacements.
+        Owned dofs of rigid parts that were constrained before `release`: values that `set_values`
+        sets there have no effect, as the part's unknowns determine the displacement.
     rigid_parts : (local nodes,) int or None
         The rigid part of each node, -1 for no part. None if the body has no rigid parts.
     part_motions : sequence of (n, 2, 3)
@@ -167,8 +157,8 @@ class Dirichlet:
         The conditions, planes of symmetry first.
     offset : (n,) array or None
         The difference [m] at ``dofs`` between an initial state and the conditions at load 0. The
-        values are those of the conditions plus (1 - load) times the offset. Zero before the initial
-        state is known, None without one.
+        values are those of the conditions plus (1 - load) times the offset. None without an initial
+        state.
 
     Raises
     ------
@@ -273,7 +263,7 @@ class Dirichlet:
         Parameters
         ----------
         values : (n,) array
-            The components of the owned nodes, node by node; entries after them are not changed.
+            Begins with the components of the owned nodes; further entries do not change.
         ghosts : bool
             Whether ``values`` begins with the components of all local nodes instead.
         """
@@ -322,8 +312,8 @@ class Dirichlet:
     def contradictions(self) -> list[str]:
         """Return a line for each pair of conditions that differ at common nodes. Collective.
 
-        No line is returned for a dolfinx DirichletBC that other conditions override at all of its
-        dofs, nor if no condition moves and none is a DirichletBC.
+        A dolfinx DirichletBC that others override at all of its dofs does not count. Without
+        motions and DirichletBCs the result is empty.
 
         Raises
         ------
@@ -425,7 +415,7 @@ def facets_plane(V: _dolfinx.FunctionSpace, facets: Array, key: str, name: Any) 
     facets : (n,) int
         This rank's facets.
     key, name : str, object
-        The key and the value of the facets' group, for the message.
+        The group's key and value, for the message.
 
     Raises
     ------
@@ -443,9 +433,7 @@ def facets_plane(V: _dolfinx.FunctionSpace, facets: Array, key: str, name: Any) 
 
 
 def covered_nodes(V: _dolfinx.FunctionSpace, constrained: Array, axis: Array) -> Array:
-    """Return, for each component, the nodes of facets on which it is constrained. Collective.
-
-    A facet counts if the component is constrained at all nodes of the facet.
+    """Return, for each component, the nodes of facets with it constrained at all nodes. Collective.
 
     Parameters
     ----------
@@ -517,20 +505,11 @@ def group_forces(
 def counted_forces(
     dirichlet: Dirichlet, some: Sequence[Condition], owned: int, components: int
 ) -> CountedForces:
-    """Return the parts of the forces at the owned nodes that count for some of the conditions.
+    """Return the parts of the owned nodes' forces that count for ``some`` of the conditions.
 
-    Force components along the directions that these conditions constrain count. A direction that
-    several conditions constrain counts for the last of them, which sets the value; the reactions of
-    all conditions then balance the loads.
-
-    Parameters
-    ----------
-    dirichlet : Dirichlet
-        All conditions.
-    some : sequence of Condition
-        The conditions whose forces count.
-    owned, components : int
-        Number of owned nodes and of displacement components.
+    Forces along the directions that these conditions constrain count. A direction that several
+    conditions constrain counts for the last of them, which sets the value; the reactions of all
+    conditions then balance the loads.
     """
     # For each node, the projection on the directions that later conditions constrain.
     weights, taken = np.zeros((2, owned, components, components))

@@ -108,9 +108,9 @@ def compile_cell_loops(
 class CellLoops:
     """Energy, residual, Jacobian and fields over one rank's cells.
 
-    The methods take the values at this rank's nodes, ghosts included: displacements ``u``
-    (components * nodes,) [m] and, for an element whose pressure is an unknown of the problem,
-    ``pressure`` (pressure nodes,). They are not collective.
+    Methods take values at this rank's nodes, ghosts included: displacements ``u``
+    (components * nodes,) [m] and, if the pressure is an unknown of the problem, ``pressure``
+    (pressure nodes,). They are not collective.
 
     Parameters
     ----------
@@ -163,8 +163,8 @@ class CellLoops:
         """Return a MatrixTarget (cell_api.h) for `jacobian`.
 
         The arguments are ``row_strides``, ``block_positions``, ``free`` and ``is_constrained`` of a
-        `BlockMatrix`. The caller keeps these arrays alive, and sets the struct's ``values`` (and
-        ``rotation``, if any) before each use.
+        `BlockMatrix`. The caller keeps them alive, and sets ``values`` (and ``rotation``, if used)
+        before each use.
         """
         target = self._ffi.new("MatrixTarget *")
         target.stride = [self.pointer(stride) for stride in strides]

@@ -82,8 +82,7 @@ class CellSearch:
         margin : float
             Points up to this far outside of a cell, in reference coordinates, count too.
         excluded : callable, optional
-            ``excluded(point, cell)`` returns which pairs do not count, (m,) bool, from the numbers
-            (m,) of points and cells.
+            ``excluded(point, cell)`` returns which pairs (m,) of numbers do not count, (m,) bool.
         """
         point, cell = self._candidates(x, points, margin)
         if excluded is not None:
@@ -145,19 +144,14 @@ class CellSearch:
     def invert(self, x: Array, points: Array, cells: Array) -> tuple[Array, Array, Array]:
         """Return the reference coordinates of each point in one given cell.
 
-        Parameters
-        ----------
-        x, points
-            See `find`.
-        cells : (n,) int
-            The cell of each point.
+        ``cells`` (n,) are the cells of ``points`` (n, dim).
 
         Returns
         -------
         xi : (n, dim)
             The reference coordinates.
         outside : (n,)
-            How far the point is outside of the cell, in reference coordinates; <= 0 inside.
+            See `Hits`.
         found : (n,) bool
             Whether Newton's method converged.
         """

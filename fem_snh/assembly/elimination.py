@@ -6,11 +6,10 @@ and :math:`A B`. Two nodes of the part, its slots, lend their rows, columns and 
 so that the numbering and the blocks of the matrix stay as they are. All other rows and columns of
 the part's nodes become those of constrained dofs.
 
-A periodic or other multi-point condition, :math:`u_s = C u_m + g` with nodes m that remain
-unknowns, needs a more general class: a sparse matrix C in place of six unknowns per part. The class
-would go here, beside `Elimination`, with the members that `BlockMatrix` uses (``pairs``, ``apply``,
-``eliminated``). The residual and the displacements of the nodes s would be the work of a term
-beside `fem_snh.terms.rigid_parts`.
+A periodic or other multi-point condition, :math:`u_s = C u_m + g` with unknown displacements of the
+nodes m, needs a more general class, with a sparse matrix C in place of six unknowns per part. The
+class would go here, with the members that `BlockMatrix` uses (``pairs``, ``apply``,
+``eliminated``). A term beside `fem_snh.terms.rigid_parts` would treat the residual and :math:`u_s`.
 """
 
 from __future__ import annotations
@@ -103,17 +102,15 @@ class Elimination:
         stiffness : (6 * parts, 6 * parts) array
             A matrix to add to the rows and columns of the unknowns, the same on all ranks.
         symmetric : bool
-            Whether the assembled matrix is symmetric up to rounding; `apply` then uses its rows
-            only.
+            Whether the assembled matrix is symmetric up to rounding.
         """
         self._basis, self._jacobian, self._stiffness = basis, jacobian, stiffness
         self._symmetric = symmetric
 
     def pairs(self, mat: PETSc.Mat) -> Indices:
-        """Return the pairs of global blocks (n, 2) that `apply` fills. Collective.
+        """Return the pairs of global blocks (n, 2) that `apply` fills in owned rows. Collective.
 
-        The blocks are in rows that this rank owns. A call must precede `apply` whenever the pattern
-        of ``mat`` has changed, as `apply` uses the columns found here.
+        Also set the columns that `apply` uses: call this method again if the pattern changes.
         """
         dof_map, parts = self._dof_map, len(self._slot_blocks)
         rows = self._rows_of_parts(mat).tocoo()

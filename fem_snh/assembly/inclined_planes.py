@@ -32,7 +32,7 @@ Array = npt.NDArray[Any]
 #: Sine of the angle below which a plane's normal is an axis, or two normals are the same: a mesh
 #: file has at least 8 digits.
 _SAME_DIRECTION = 1e-7
-#: Largest distance of nodes from their plane, relative to their extent: a mesh file's digits.
+#: Largest distance of nodes from their plane over the nodes' extent: a mesh file's digits.
 _FLAT = 1e-6
 
 
@@ -233,14 +233,14 @@ class MatrixProjection:
 
 
 def _row_entries(indptr: Array, first_rows: Array, size: int) -> tuple[Array, Array]:
-    """Return where an AIJ value array holds the rows of nodes.
+    """Return where an AIJ value array holds the ``size`` rows of each node.
 
-    The ``size`` rows of a node are consecutive and have the same columns.
+    The rows of a node have the same columns.
 
     Returns
     -------
     entries : (size, n)
-        Indices of values: entry [a, k] is in row a of a node, and all entries [:, k] in one column.
+        Indices of values: entries [:, k] are the ``size`` rows of one column.
     number : (n,)
         The node of each k, as an index into ``first_rows``.
     """
@@ -254,8 +254,8 @@ def _row_entries(indptr: Array, first_rows: Array, size: int) -> tuple[Array, Ar
 def plane_through(comm: MPI.Intracomm, points: Array) -> Array | None:
     """Return the unit normal of the plane or line through the points of all ranks. Collective.
 
-    ``points`` are this rank's, (n, dim). The largest component of the normal is positive. None if
-    the points are in no common plane or line.
+    ``points`` are this rank's, (n, dim). The normal's largest component is positive. None without a
+    common plane or line.
     """
     total, count = comm.allreduce(points.sum(axis=0)), comm.allreduce(len(points))
     from_mean = points - total / max(count, 1)

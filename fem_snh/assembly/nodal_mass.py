@@ -154,7 +154,7 @@ class NodalMass:
     def assemble(self, matrix: BlockMatrix) -> None:
         """Overwrite a problem's matrix with the mass matrix of the free dofs. Collective.
 
-        Constrained dofs have a diagonal entry computed for it; the former entry is restored.
+        The diagonal of constrained dofs is computed from it; `constrained_diagonal` is restored.
         """
         kept = matrix.constrained_diagonal
         matrix.set_constrained_diagonal(None)
@@ -282,8 +282,7 @@ class StoredMatrix:
     def _change_layout(self, matrix: BlockMatrix) -> None:
         """Copy the values into a new matrix of the changed layout of ``matrix``. Collective.
 
-        The former pattern may have pairs of nodes that the new pattern lacks. These nodes share no
-        cell, so the values of the pairs are zero.
+        Pairs of nodes that only the former pattern has share no cell: their values are zero.
         """
         blocks = matrix.without_constraints()
         blocks.mat.setOption(PETSc.Mat.Option.IGNORE_ZERO_ENTRIES, True)

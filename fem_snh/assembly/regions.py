@@ -44,7 +44,7 @@ class Region(NamedTuple):
         return self.material.name if self.material else "the body"
 
     def filled(self, value: float) -> float | Array:
-        """Return ``value`` times the filled fraction of each cell, (n,); a float if all are 1."""
+        """Return ``value`` times the ``fractions``, (n,); without these, ``value`` itself."""
         return value if self.fractions is None else value * self.fractions
 
 
@@ -317,9 +317,7 @@ def boundary_facets(mesh: Mesh, key: str, given: Any) -> Array:
 
 
 def cells_or_facets(mesh: Mesh, key: str, given: Any) -> tuple[int, Array]:
-    """Return dimension and local entities of a group of cells or facets. Collective.
-
-    See `find_group`.
+    """Return dimension and entities of a group of cells or facets: see `find_group`. Collective.
 
     Raises
     ------

@@ -59,8 +59,8 @@ class Displacement:
     def split(self, x: PETSc.Vec) -> tuple[PETSc.Vec, PETSc.Vec | None]:
         """Return the ghosted vectors (displacement, pressure or None) of ``x``. Collective.
 
-        Ghosts are updated. The displacement is ``x`` itself here; in `DisplacementPressure` both
-        vectors are the memory of ``u`` and ``p``, which are overwritten.
+        Ghosts are updated. The displacement is ``x`` itself; in `DisplacementPressure` the vectors
+        are the memory of ``u`` and ``p``, which is overwritten.
         """
         update_ghosts(x)
         return x, None
@@ -312,10 +312,7 @@ def rigid_motions(
 
 
 def _motions(coordinates: np.ndarray, kinematics: Kinematics) -> list[np.ndarray]:
-    """Return the rigid motions of points (n, 3), unscaled and about the origin.
-
-    Each motion is (n, components).
-    """
+    """Return the infinitesimal rigid motions of points (n, 3), (n, components) each."""
     found = []
     for axis, unit in enumerate(np.eye(3)):
         both = np.tile(unit, (len(coordinates), 1)), np.cross(unit, coordinates)

@@ -168,7 +168,7 @@ class SizeField(NamedTuple):
 
 @contextmanager
 def session() -> Iterator[Any]:
-    """Provide the gmsh module, initialised and without output; finalise it in any case."""
+    """Yield gmsh, initialised and silent; finalise it in any case. Raises BadInput without gmsh."""
     # gmsh installs its own handler: 4.8 on import, later versions on initialize.
     handler = signal.getsignal(signal.SIGINT)
     try:
@@ -296,9 +296,9 @@ def _straightened(data: MeshData) -> MeshData:
 def straightened(cells: npt.NDArray[np.int64], x: Array) -> Array:
     """Return coordinates with which no tetrahedron of degree 2 is inverted.
 
-    gmsh curves the surface edges of a straight mesh. Where cells are large beside the surface's
-    radius, they become invalid, and their edges are moved back towards straight edges. Neighbours
-    keep their common nodes, and all other edges stay on the surface.
+    gmsh curves the surface edges of a straight mesh, which inverts cells that are large beside the
+    surface's radius. Their edges are moved back towards straight edges; neighbours keep their
+    common nodes, and all other edges stay on the surface.
 
     Parameters
     ----------

@@ -36,7 +36,7 @@ SMALLEST_FRACTION = 1e-3
 #: Distance, in cells, by which a point may be outside of its cell: a surface on the side of a
 #: cell, also with the digits of single precision in STL files, needs no cell beyond that side.
 _TOLERANCE = 1e-2
-#: Largest relative error of a closed surface's sampled volume; 0.04 for a disc 1.5 samples thick.
+#: Largest relative error of a surface's sampled volume; 0.04 for a flat ball 1.5 samples thick.
 _SAMPLING_ERROR = 0.05
 #: Points whose samples are compared together, which bounds the memory.
 _BATCH = 20_000

@@ -96,7 +96,7 @@ def refine(points: Array, triangles: Integers, longest: float) -> tuple[Array, T
     points, triangles : (n, 3) array, (m, 3) int array
         The surface.
     longest : float
-        The length.
+        The longest edge.
     """
     triangles = np.asarray(triangles, dtype=np.int64)
     while True:

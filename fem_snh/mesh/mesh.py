@@ -232,7 +232,7 @@ def cell_volumes(domain: _dolfinx.Mesh, revolved: bool = False) -> np.ndarray:
 def point_volumes(
     domain: _dolfinx.Mesh, degree: int = _VOLUME_DEGREE, revolved: bool = False
 ) -> np.ndarray:
-    """Return the volumes of quadrature points in each cell [m^3], (owned cells, points)."""
+    """Return quadrature weights times det(dx/dxi) [m^3], (owned cells, points); see `volume`."""
     points, weights = _dolfinx.quadrature(_dolfinx.cell_name(domain), degree)
     x = _dolfinx.geometry_x(domain)[_dolfinx.geometry_dofs(domain)]
     x = x[..., : points.shape[1]]

@@ -121,7 +121,7 @@ def largest(comm: MPI.Intracomm, values: Array) -> float:
 def _raise_for(domain: _dolfinx.Mesh, what: str, bad: Array, points: Array, kind: str) -> None:
     """Raise BadInput on every rank if an entry of ``bad`` is True on any rank. Collective.
 
-    The message says how many ``kind`` there are, and the ``points`` entry of the first.
+    The message has the number of bad entries, ``kind``, and the first bad entry of ``points``.
     """
     counts = domain.comm.allreduce(np.array([bad.sum(), len(bad)]))
     if not counts[0]:

@@ -1,15 +1,13 @@
 r"""The volume that straight edges, or edges of degree 2, leave out of a body with round faces.
 
 Facets that meet at small angles are likely to approximate a round face. The face's normal n at a
-vertex is then about the mean of the normals of the facets around the vertex. The distance of the
-face from the middle of an edge from a to b is that of a parabola, :math:`l\, (n_b - n_a) \cdot t /
-8`, with the edge's length l and unit vector t. A surface of degree 2 with these distances encloses
-the missing volume.
+vertex is then about the mean of the facets' normals there. The distance of the face from the middle
+of an edge from a to b is that of a parabola, :math:`l\, (n_b - n_a) \cdot t / 8`, with the edge's
+length l and unit vector t. A surface of degree 2 with these distances encloses the missing volume.
 
 The middle of an edge of degree 2 is on the round face, but the facet's normals :math:`m_a, m_b` at
-its ends differ from n: neighbouring facets have different normals there. With :math:`n - m` in
-place of n, the gap to the round face, zero at both ends and in the middle, has a fifth of the area
-of the parabola.
+its ends differ from n. With :math:`n - m` in place of n, the gap to the round face, zero at both
+ends and in the middle, has a fifth of the parabola's area.
 """
 
 from __future__ import annotations
@@ -144,9 +142,9 @@ def _gathered_facets(domain: _dolfinx.Mesh) -> tuple[Array, Array, Array, Array]
     vertices : (n, corners) int
         Global vertices.
     x, inside : (n, corners, dim), (n, dim)
-        Positions of the vertices, and of the middle of the facet's cell [m].
+        Positions of the vertices, and of a point in the facet's cell [m].
     normals : (n, corners, dim)
-        Outward unit normals of the facet at its corners.
+        See `_normals_at_corners`.
     """
     _, cells, local = _dolfinx.exterior_facets(domain)
     at = cells[:, None], _dolfinx.reference_facets(_dolfinx.cell_name(domain))[local]

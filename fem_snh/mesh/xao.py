@@ -3,7 +3,7 @@
 gmsh (4.13 and later) and Salome write them. A file lists the vertices, edges, faces and solids of
 its shape, each with its number in the order in which OpenCASCADE visits the shape (``TopExp``).
 The elements of a group are positions in these lists. gmsh 4.8, of Debian 12, reads the BREP alone,
-and numbers the entities of each kind in the same order. Only the ranks of the numbers are equal.
+and numbers the entities of each kind in the same order: only the ranks of both numbers agree.
 """
 
 from __future__ import annotations
