@@ -196,7 +196,7 @@ class IPC(SelfContactTerm, StepLimitingTerm):
         return LaggedChange()
 
     def configuration(self, u: PETSc.Vec) -> Array:
-        """Return the positions of the surface's points (n, dim), in Fortran order. Collective."""
+        """Return the points' positions (n, dim) [m], a copy in Fortran order. Collective."""
         return np.asfortranarray(super().configuration(u))
 
     def _hessian(self, x: Array, filter: str) -> Blocks:

@@ -97,10 +97,10 @@ class FacetShape:
     center : (d,)
         Mean of the corners.
     rim : (n, d) int
-        The nodes of the edges around the facet, anticlockwise; of a curve its two ends.
+        Pairs of neighbouring nodes around the facet, anticlockwise; of a curve its two ends.
     sense : (n,)
         1 or -1: the orientation, relative to the facet, of the triangle or segment from the center
-        to each edge or end of ``rim``.
+        to each pair or end in ``rim``.
     """
 
     def __init__(self, kind: str, degree: int) -> None:

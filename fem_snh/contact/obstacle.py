@@ -59,7 +59,7 @@ class Obstacle(Feature, ContactTable, MotionTable):
 
     @classmethod
     def check(cls, features: Sequence[Self], scene: Any) -> None:
-        """Raise BadInput if two obstacles have one name."""
+        """Raise BadInput if two obstacles have the same name."""
         names(features)
 
     @classmethod

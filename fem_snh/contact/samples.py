@@ -1,4 +1,4 @@
-"""Samples of a body's surface, the deformed cells that contain them, and what is around them."""
+"""Samples of a body's surface, the deformed cells that contain them, the vertices around them."""
 
 from __future__ import annotations
 

@@ -26,8 +26,8 @@ FINE_INTERVALS = 16, 64
 #: Quadrature points miss a depth of more than this times their penetration. A linear gap that is
 #: zero in the middle of a facet is 1.7 (2 x 2 points) or 2 times (3 points) as deep at a vertex.
 _FACTOR = 2.0
-#: A missed depth below this, in sizes of the facet, is not reported: it changes the force by a few
-#: percent (docs/howto/obstacles.md).
+#: A depth below this, in sizes of the facet, may be missed: it changes the force by a few percent
+#: (docs/howto/obstacles.md).
 _LEAST = 0.05
 
 
@@ -322,8 +322,8 @@ class DeepestPoint(NamedTuple):
     def row(self, penetration: float) -> dict[str, Any]:
         """Return the point's entries in a row of run.json.
 
-        They are ``deepest``, its depth [m], and, if it is much deeper than the ``penetration`` [m]
-        of quadrature points, ``deepest_at``, its position.
+        They are ``deepest``, its depth [m], and ``deepest_at``, its position, if it is much deeper
+        than the ``penetration`` [m] of quadrature points.
         """
         unseen = self.depth > max(_FACTOR * penetration, _LEAST * self.size)
         return {"deepest": self.depth} | ({"deepest_at": self.position} if unseen else {})
@@ -344,7 +344,8 @@ def may_be_deep(gaps: Array, x: Array, sizes: Array, intervals: int) -> Array:
     """Return which facets may be deep between a grid's points but not at them, (facets,) bool.
 
     A signed distance changes by at most the length of a path, and no point of a facet is farther
-    from the grid than half a diagonal of its cells. Deep is what `DeepestPoint.row` reports.
+    from the grid than half a diagonal of its cells. Deep is a depth that `DeepestPoint.row` locates
+    if no quadrature point is inside.
 
     Parameters
     ----------
