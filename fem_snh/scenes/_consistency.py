@@ -150,8 +150,8 @@ def _load_rules(scene: Scene) -> Iterator[Rule]:
 def _goal_rules(scene: Scene) -> Iterator[Rule]:
     """Yield the rules of goals and of the loads at which they are evaluated.
 
-    Stress goals need derivatives by the displacement: UFL derives neither the thickness in plane
-    stress nor the filled fraction of a lattice cell.
+    Stress goals are differentiated by the displacement, which UFL cannot do for the thickness in
+    plane stress and the filled fraction of a lattice cell.
     """
     if not (accuracy := scene.accuracy):
         return
@@ -174,7 +174,7 @@ def _goal_rules(scene: Scene) -> Iterator[Rule]:
 
 
 def _time_rules(scene: Scene) -> Iterator[Rule]:
-    """Yield the rules of scenes in time."""
+    """Yield the rules of dynamic scenes."""
     yield scene.steps != 1, "steps", scene.steps, "no value, as [time] has its own 'steps'"
 
 

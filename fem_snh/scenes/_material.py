@@ -96,7 +96,7 @@ class MaterialChoice(Table):
         return dict(self.model_extra or {})
 
     def default_variants(self) -> dict[str, Any]:
-        """Return the parameters that are not given and by default select a variant by nu."""
+        """Return the defaults of parameters that select a variant by nu and are not given."""
         return default_variants(function(self.name), self.nu, self.parameters)
 
     @property
@@ -108,7 +108,7 @@ class MaterialChoice(Table):
     def files(self) -> dict[str, Path]:
         """The Python files in which ``name`` and ``lambda_part`` are defined, by these keys.
 
-        Only references ``FILE.py:FUNCTION`` have one.
+        Built-in names and functions have no file.
         """
         keys = {"name": self.name, "lambda_part": self.parameters.get("lambda_part")}
         return {key: path for key, value in keys.items() for path in files(value)}
@@ -190,7 +190,7 @@ def _moduli_of(name: Any, E: Any, nu: Any, given: Mapping[str, Any]) -> dict[str
 def _check_materials(
     materials: MaterialChoice | list[MaterialChoice],
 ) -> MaterialChoice | list[MaterialChoice]:
-    """Return the materials, a list of one as this material.
+    """Return the materials; a list of one becomes its entry.
 
     Raises BadInput for an empty list, and for materials that fill the same cells.
     """

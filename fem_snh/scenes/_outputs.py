@@ -239,7 +239,7 @@ _ACCEPTED = (
 )
 
 
-#: The value of `GoalChoice.at` for the load at which the goal differs most from its initial value.
+#: The value of ``GoalChoice.at`` for the load at which the goal is farthest from its initial value.
 LARGEST = "largest"
 
 

@@ -152,7 +152,7 @@ class Time(Table):
     """Time integration from 0 to ``duration``; without this table a scene is quasi-static.
 
     Materials need a density. Points of a ``[[table]]`` are then [time in s, value]; a force without
-    a table is constant, and a motion without one goes from 0 to its value over the duration.
+    a table is constant, and a motion without a table goes from 0 to its value over the duration.
     """
 
     needs_value = {"rho_infinity": ("integrator", "generalized_alpha")}

@@ -73,7 +73,7 @@ def read_record(folder: Path) -> dict[str, Any]:
 def measured_columns(record: Mapping[str, Any], log: Path, code: int) -> dict[str, Any]:
     """Return the results of a run: the columns MEASURED, ``nonfinite``, ``max_u`` and `results`.
 
-    ``notes`` has the kinds of the notes on the run, with spaces between.
+    ``notes`` has the kinds of the notes, with spaces between.
 
     Iterations are summed over all steps, converged or not; energy, volume and the other state
     variables are those of the last converged step. ``seconds`` excludes the compilation, and also

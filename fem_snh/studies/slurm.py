@@ -4,7 +4,7 @@ For each array, the folder ``jobs`` of a study holds NAME.json (the tasks of the
 output of the elements. An element runs its task as the study does on this machine:
 ``python -m fem_snh.studies.slurm FILE.json INDEX``. Whether a point has ended is known only from
 end.json in its folder. Slurm is asked only which points wait or run, by the names of the jobs:
-these are unique, while its job numbers start again if it loses its files. A point that has neither
+names are unique, while job numbers start again if Slurm loses its files. A point that has neither
 ended nor is in the queue has lost its job.
 """
 
@@ -47,7 +47,7 @@ _ENDED = frozenset(
 
 @dataclass(frozen=True)
 class Slurm:
-    """Points are submitted to Slurm, in place of ``jobs`` processes of this machine.
+    """Submission of points to Slurm, in place of ``jobs`` processes of this machine.
 
     Parameters
     ----------

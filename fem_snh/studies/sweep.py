@@ -123,7 +123,7 @@ def sweep(
         PETSc options of every point, without the dash.
     render : str, optional
         The field, e.g. "J", by which bodies.png is coloured: a picture of the bodies of all points
-        at their last loads. Default: no picture.
+        at their last loads.
     report : callable
         Called with one line per point.
 
@@ -299,7 +299,7 @@ class _Rows:
         self.write()
 
     def add(self, task: Task, end: End) -> None:
-        """Add the row of a point that has ended, report it, and write the table once a second."""
+        """Add the row of a point that has ended, report it, and write the table (once a second)."""
         row = self.rows[task.name] = self._row(task.name, end)
         if time.monotonic() > self._written + _WRITE_INTERVAL:
             self.write()

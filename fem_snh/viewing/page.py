@@ -57,12 +57,12 @@ _SIZE = (800, 600)
 def write_page(job: Job, record: Record) -> None:
     """Write the HTML page of a job's states to ``job.out``, where it replaces an earlier file.
 
-    It needs OpenGL.
+    The process needs OpenGL.
 
     Parameters
     ----------
     job : Job
-        What is drawn.
+        What is drawn, and the file.
     record : dict
         The content of the run's run.json.
 

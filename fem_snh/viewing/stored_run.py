@@ -470,7 +470,7 @@ def read_record(folder: Path) -> Record:
 def choose_loads(stored: list[float], wanted: Sequence[float] | None) -> list[float]:
     """Return the stored loads to draw; raise BadInput if a wanted one was not stored.
 
-    Default: the loads above 0 if there are at most four, else about 1/3, 2/3 and the last.
+    Default: the loads above 0 if there are at most four, else three at about 1/3, 2/3 and the end.
     """
     if wanted:
         same = 1e-6 * max(map(abs, stored))

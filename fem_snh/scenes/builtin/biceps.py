@@ -9,7 +9,7 @@ from fem_snh.scenes.builtin.elbow import elbow
 def biceps(cells: int = 30, angle: PositiveFloat = 120.0) -> Scene:
     """A strong arm whose elbow is flexed until the forearm meets the biceps.
 
-    The paper compares stable Neo-Hookean with ``--material stvk_kikuuwe``.
+    Smith et al. 2018 compare stable Neo-Hookean with ``--material stvk_kikuuwe``.
 
     Parameters
     ----------

@@ -22,7 +22,7 @@ def bounce(
     cells : int
         Cells along the diameter.
     height : float
-        Height from which it falls [m].
+        Initial distance of the ball from the ground [m].
     integrator : str
         The time integrator.
     friction : float

@@ -15,7 +15,7 @@ def press(cells: int = 4, to: PositiveFloat = 0.5, friction: NonNegativeFloat = 
     cells : int
         Cells along the edge.
     to : float
-        Height of the plane at load 1, in the height of the cube.
+        Height of the plane at load 1, relative to the height of the cube.
     friction : float
         Coulomb's coefficient.
     """

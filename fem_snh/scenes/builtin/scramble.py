@@ -23,7 +23,7 @@ def scramble(cells: int = 10, seed: NonNegativeInt = 0, scatter: PositiveFloat =
     seed : int
         Seed of the random numbers.
     scatter : float
-        Volume in which the vertices are placed, relative to that of the body.
+        Volume in which the vertices are placed, relative to the volume of the body.
     """
     return Scene(
         name="scramble",

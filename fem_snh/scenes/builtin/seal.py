@@ -36,7 +36,7 @@ def seal(
     cells : int
         Cells along the cord's diameter.
     squeeze : float
-        Approach of the plates at load 1, in the height of the cord at rest.
+        Approach of the plates at load 1, relative to the height of the cord at rest.
     friction : float
         Coulomb's coefficient.
     ring : float

@@ -1,8 +1,8 @@
 """The energy of a material with its shape parameters as unknowns: symbols first, then numpy.
 
-The material's function is called once, with symbols for the parameters that are fitted. Its
-principal stresses and their derivatives become numpy functions of the stretches and of the
-parameters, at E = 1: the stress is proportional to E.
+The material's function is called with symbols for the parameters that are fitted. Its principal
+stresses and their derivatives become numpy functions of the stretches and of the parameters, at
+E = 1: the stress is proportional to E.
 """
 
 from __future__ import annotations
@@ -169,7 +169,7 @@ class Family:
         return {c: v for c, v in defaults.items() if symbols[c] not in free}
 
     def _build(self, fitted: list[str], nu: float) -> None:
-        """Call the material's function with symbols and make numpy functions of the result."""
+        """Call the material's function with symbols; set ``unknowns`` and the numpy functions."""
         of_no_function = [k for k in fitted if k in (*self._pins, "alpha")]
         # A function that compares a parameter gets a symbol with the sign of the default. One that
         # checks the size of a parameter accepts no symbol.

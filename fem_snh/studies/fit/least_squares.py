@@ -116,7 +116,7 @@ class _Problem:
         self.evaluations = 0
 
     def bounds(self) -> tuple[Array, Array]:
-        """Return the bounds of the variables."""
+        """Return the lower and upper bounds of the variables z."""
         both = []
         for u, s, log in zip(self.unknowns, self.scale, self.one_sign, strict=True):
             pair = sorted((u.low / s, u.high / s))
@@ -177,13 +177,13 @@ class _Problem:
         return np.array([E if u.constant else 1.0 for u in self.unknowns])
 
     def split(self, p: Array) -> tuple[Array, float | None]:
-        """Return the shape parameters, constants in units of E, and nu, from `parameters`."""
+        """Return the shape parameters in ``p``, constants in units of E, and nu."""
         with np.errstate(invalid="ignore"):  # E = 0: no parameters fit
             theta = p[1 : 1 + len(self.unknowns)] / self.sizes(p[0])
         return theta, float(p[-1]) if self.fit_nu else self.nu
 
     def limits(self, p: Array) -> tuple[Array, Array]:
-        """Return the bounds of `parameters`, at the E among them."""
+        """Return the lower and upper bounds of parameters at the E in ``p``."""
         pairs = [(-np.inf, np.inf)]
         for u, size in zip(self.unknowns, self.sizes(p[0]), strict=True):
             pairs.append((size * u.low, size * u.high))
@@ -193,7 +193,7 @@ class _Problem:
         return low, high
 
     def residual(self, z: Array) -> Array:
-        """Return the weighted residuals at the best E."""
+        """Return the weighted residuals at the best E; a penalty replaces a missing stress."""
         predicted = np.concatenate(self.predict(self.theta(z), self.ratio(z)))
         with np.errstate(all="ignore"):
             difference = self.modulus(predicted) * predicted - self.measured
@@ -300,9 +300,9 @@ def _search(problem: _Problem) -> tuple[Array, int]:
 
 
 def _factors(jacobian: Array) -> tuple[Array, Array, Array]:
-    """Return U and S^-1 V^T of J = U S V^T for the nonzero S, and the other rows of V^T.
+    """Return U and S^-1 V^T/d for S > 0, and V^T for S = 0, where J = U S V^T diag(d).
 
-    Which S are 0 does not depend on the scales of J's columns.
+    The columns of J have the lengths d.
     """
     size = np.linalg.norm(jacobian, axis=0)
     size = np.where(size > 0, size, 1.0)

@@ -1,7 +1,8 @@
 r"""Stress and stability of an energy in the homogeneous deformations of test data.
 
-The principal stretches of a biaxial test are (x, y, t); y is x in an equibiaxial and 1 in a planar
-test (pure shear). Those of a uniaxial test are (x, t, t). The direction of t is free of stress.
+Indices start at 0. The principal stretches of a biaxial test are (x, y, t); y is x in an
+equibiaxial and 1 in a planar test (pure shear). A uniaxial test has (x, t, t). The direction of t
+is free of stress.
 
 An incompressible material has the t with J = 1, and a pressure that removes the stress there:
 
@@ -15,8 +16,8 @@ In a compressible material t solves :math:`\partial\psi/\partial s_2 = 0`. Simpl
 has the stretches s, 1/s and 1 with s - 1/s = gamma; volumetric and confined tests have (x, x, x)
 and (x, 1, 1).
 
-Stable ranges of a fit along the three tests with free sides follow from Drucker's criterion, as
-finite-element programs examine fits by it: Kirchhoff's stress
+Stable ranges of a fit along the three tests with free sides follow from Drucker's criterion, which
+finite-element programs apply to fits: Kirchhoff's stress
 :math:`\tau_i = \partial\psi/\partial\varepsilon_i` increases with the logarithmic strains
 :math:`\varepsilon_i = \log s_i`, :math:`d\tau : d\varepsilon > 0`, for all changes of the
 principal stretches, which for an incompressible material keep the volume:

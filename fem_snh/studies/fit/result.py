@@ -133,7 +133,7 @@ class Fit:
 
     @property
     def notes(self) -> list[str]:
-        """Return a line for each test that the material does not describe: R^2 below `_POOR`."""
+        """Return a line for each test that the material does not describe: of a low R^2."""
         return [
             f"{t.data.name}: R² = {t.r_squared:.2f}: {self.name} does not describe this test; are "
             "its kind and its columns those of the test?"
@@ -231,7 +231,7 @@ class Fit:
         return self.E * (1 + nu) / (1 + self.nu)
 
     def table(self) -> str:
-        """Return the table ``[material]`` of a scene."""
+        """Return the table ``[material]`` of a scene as TOML."""
         text = toml_table("material", {"name": self.name, "E": self.E, "nu": self.nu, **self.shape})
         text = text.replace("nu = 0.5\n", "nu = 0.5  # requires P2P1 or Q2Q1\n", 1)
         unit = self.units["E"]

@@ -104,7 +104,7 @@ def _table_figure(path: Path, x: str | None, y: Sequence[str]) -> Figure:
 
 
 def _first_record(folder: Path) -> list[Record]:
-    """Return a list of one readable run.json of a study; all its points have the same units."""
+    """Return [run.json] of one point of a study, whose points have the same units, or []."""
     for path in sorted(folder.glob("*/run.json")):
         with suppress(BadInput):  # of a point that was killed
             return [read_record(path.parent)]

@@ -1,4 +1,4 @@
-"""Draw the report of a material (`fem_snh.kernels.reports.report.Report`) in one picture."""
+"""Draw the report of a material (`fem_snh.kernels.reports.report.Report`), or fits."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ def material_figure(report: Any) -> Figure:
 
 
 def _test(ax: Axes, curve: Any, E: float) -> None:
-    """Draw a test's stress over E and linear elasticity, which bounds the vertical axis."""
+    """Draw stress / E of a test and of linear elasticity, which bounds the vertical axis."""
     stress, linear = curve.stress / E, curve.linear / E
     ax.plot(curve.x, linear, color=LINEAR, ls="--", lw=1.3, label="linear elasticity")
     ax.plot(curve.x, stress, color=MATERIAL, lw=2, label="material")
@@ -185,7 +185,7 @@ def fit_figure(fits: Sequence[Any]) -> Figure:
 
 
 def _draw_biaxial(ax: Axes, measure: str, fits: Sequence[Any], size: float) -> None:
-    """Draw the biaxial tests of a measure, and each fit at their points; stresses over ``size``."""
+    """Draw biaxial tests of a measure and each fit at their points; ``size`` divides stresses."""
     mine = [t.data for t in fits[0].tests if (t.data.kind, t.data.measure) == ("biaxial", measure)]
     for place, t in enumerate(mine):
         draw_points(ax, place, t.x, t.stress / size, "data" if len(mine) == 1 else t.name)
@@ -196,7 +196,7 @@ def _draw_biaxial(ax: Axes, measure: str, fits: Sequence[Any], size: float) -> N
 
 
 def _draw(ax: Axes, kind: str, fits: Sequence[Any], size: float) -> None:
-    """Draw the data of one kind of test and the curve of each fit; stresses over ``size``."""
+    """Draw the data of one kind of test and the curve of each fit; ``size`` divides stresses."""
     mine = [t.data for t in fits[0].tests if t.data.kind == kind]
     x = np.concatenate([t.x for t in mine])
     rest = mine[0].rest
@@ -223,7 +223,7 @@ def _draw(ax: Axes, kind: str, fits: Sequence[Any], size: float) -> None:
 
 
 def draw_curve(curve: Any, fitted: Any, out: Path) -> Path:
-    """Draw measured goals of a scene and ``fitted`` (points, goals) into ``out``; return it."""
+    """Draw measured and ``fitted`` (points, goals) goals of a scene; return the path ``out``."""
     figure, axes = subplots(1, share=False)
     (ax,) = axes
     for number, name in enumerate(curve.names):

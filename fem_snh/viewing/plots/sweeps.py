@@ -79,8 +79,8 @@ def read_sweep(path: Path) -> pd.DataFrame:
 def sweep_figure(table: pd.DataFrame) -> Figure:
     """Return panels against nu, with a line per material and combination of other values.
 
-    If nu has one value or is a text, the axis is the first other number that was varied; if no
-    number was, it is nu, or the number of the point. A failed point is a cross at its value, if it
+    If nu has one value or is a text, the axis is the first other number that was varied, if any;
+    else nu, or the number of the point for a text. A failed point is a cross at its value, if it
     has one.
     """
     varied = varied_columns(table)
@@ -141,7 +141,7 @@ def _determines(table: pd.DataFrame, one: str, other: str) -> bool:
 def by_material(table: pd.DataFrame, *x: str) -> dict[str, pd.DataFrame]:
     """Return {label: converged points} by material and combination of varied values except ``x``.
 
-    A table without material or convergence is one entry.
+    Without a column converged or material, there is one entry of all rows.
     """
     if "converged" not in table or "material" not in table:
         return {"all points": table}
@@ -244,7 +244,7 @@ def front_figure(table: pd.DataFrame, x: str, y: str, path: Path) -> Figure:
 
 
 def best_points(rows: pd.DataFrame, cost: str, error: str) -> pd.DataFrame:
-    """Return the Pareto-optimal rows, by cost: no other row is both cheaper and more accurate."""
+    """Return the Pareto-optimal rows, sorted by cost: none is both cheaper and more accurate."""
     rows = rows.sort_values([cost, error])
     before = np.minimum.accumulate(rows[error].to_numpy())
     better = np.r_[True, rows[error].to_numpy()[1:] < before[:-1]]

@@ -73,7 +73,7 @@ def main(
     view: ViewOptions | None = None,
     report: Callable[[str], None] | None = None,
 ) -> Path:
-    """Draw the body of a run at some loads or times side by side and return the path of the PNG.
+    """Draw the body of a run at some loads or times side by side and return the picture's path.
 
     Parameters
     ----------
@@ -126,7 +126,7 @@ def draw_modes(
     numbers: Sequence[float] | None = None,
     view: ViewOptions | None = None,
 ) -> Path:
-    """Draw eigenmodes of a run and return the path of the PNG.
+    """Draw eigenmodes of a run and return the path of the picture.
 
     The outline shows the state of linearisation; all modes are exaggerated to the same amplitude.
 
@@ -310,8 +310,8 @@ def page(
 ) -> Path:
     """Write a run as one HTML page and return its path.
 
-    The page needs no other file and no network: it holds the viewer, which is vtk.js as trame packs
-    it, and a vtk.js scene for each of at most `MAX_STATES` states.
+    The page needs no other file and no network: it holds the viewer (trame's vtk.js) and a vtk.js
+    scene for each of at most `MAX_STATES` states.
 
     Parameters
     ----------
@@ -365,6 +365,6 @@ def check_opacity(opacity: float) -> float:
 
 
 def draw(job: Job, report: Callable[[str], None] | None = None) -> None:
-    """Draw a picture in a separate process; raise BadInput if this fails."""
+    """Draw a job in a separate process, as `drawing.draw`; raise BadInput if this fails."""
     require("render", ("pyvista", "matplotlib"))
     run_elsewhere(f"{__name__}.drawing:draw", job, report=report, opengl=True)

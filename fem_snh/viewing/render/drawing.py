@@ -141,7 +141,7 @@ def view(
     """Return a view from the front, right and above, or from the side of a long body.
 
     A body in the plane is seen along z. Otherwise z is upwards, or y if the camera looks along z.
-    ``solids`` are the surfaces in all panels; the view holds them, too. The ``options`` may choose
+    ``solids`` are the surfaces in all panels; they are in the view, too. The ``options`` may choose
     direction, centre and magnification.
     """
     points = np.concatenate([np.concatenate([b.surface.points, b.ghost.points]) for b in bodies])

@@ -123,7 +123,7 @@ def read_grid(
 
 
 def _select_component(piece: Any, field: str) -> None:
-    """Add the component that ``field`` names, if any, to a grid as an array of its own."""
+    """Add the component that ``field`` names, if any, to a grid as a separate array."""
     component = component_index(field)
     if component is not None:
         name = split_component(field)[0]
@@ -132,7 +132,7 @@ def _select_component(piece: Any, field: str) -> None:
 
 
 def boundary(grid: pv.UnstructuredGrid, level: int) -> pv.PolyData:
-    """Return the surface of a grid; each face is divided into 4^level to follow its curvature."""
+    """Return the surface of a grid; each face becomes 4^level faces to follow its curvature."""
     surface = vtkDataSetSurfaceFilter()
     surface.SetInputDataObject(grid)
     surface.SetNonlinearSubdivisionLevel(level)
@@ -170,7 +170,7 @@ def exaggerate(grid: pv.UnstructuredGrid) -> None:
     """Replace the rest state by the deformed one, and the displacement by the scaled mode.
 
     The grid's field ``mode`` is divided by its largest length, so that all panels share their
-    colours. BadInput if it is zero.
+    colours. BadInput if the mode is zero.
     """
     mode = np.asarray(grid["mode"])
     largest = np.linalg.norm(mode, axis=1).max()
@@ -399,7 +399,7 @@ def _surface(shape: str, keys: Any, matrix: np.ndarray, box: np.ndarray) -> pv.P
 
 
 def _section(shape: str, keys: Any, matrix: np.ndarray, box: np.ndarray) -> pv.PolyData:
-    """Return the part in a box (2, 3) of a shape's section with z = 0 at a pose (4, 4)."""
+    """Return the part in a box (2, 3) of a shape's section by z = 0 at a pose (4, 4)."""
     solid = ClosedSurface.read(keys) if shape == "surface" else from_record({shape: keys})
     low, high = box[:, :2]
     grid = pv.ImageData(
