@@ -125,7 +125,7 @@ def mean_derivative(mean: Array, change: Array, way: Array, size: Array | float)
     way : (..., k)
         The displacements y [m].
     size : (...)
-        The sizes of the facets [m]. If :math:`|y|` is tiny relative to them, ``mean`` is returned.
+        The sizes of the facets [m]; for tiny :math:`|y|` beside them the result is ``mean``.
     """
     square = (way**2).sum(axis=-1)
     moves = square > (_AT_REST * size) ** 2
@@ -235,8 +235,7 @@ class ContactLaw:
     def response(self, rows: Array, gap: Array, start: Array | None = None) -> Response:
         """Return the response to gaps, or of a penalty its mean over a step from gaps ``start``.
 
-        With an augmented Lagrangian ``start`` is ignored: the multipliers are the mean pressures,
-        and no energy is stored that the end of contact would return.
+        With an augmented Lagrangian ``start`` is ignored: the multipliers are mean pressures.
         """
         k = self.stiffness[rows]
         if start is not None and not self.augmented:
@@ -285,10 +284,7 @@ class ContactLaw:
         return column, np.full_like(column, self.kept_factor)
 
     def set_history(self, kept: Array, factors: Array, comm: MPI.Comm) -> None:
-        """Set the kept multipliers, and the factor to the largest of all ranks' ``factors``.
-
-        Collective. They take effect at `begin_step`.
-        """
+        """Set what `begin_step` resets to; the factor is the largest of all ranks'. Collective."""
         self.kept[:] = kept.reshape(self.kept.shape)
         self.kept_factor = comm.allreduce(float(factors.max(initial=1.0)), op=MPI.MAX)
 

@@ -87,7 +87,7 @@ class NearFacets:
         self._valid = 0.0
 
     def at(self, u: Array) -> Array:
-        """Return the sorted indices of close facets in ``surface``, (m,); do not change the array.
+        """Return the sorted indices of close facets in ``surface``, (m,).
 
         Parameters
         ----------
@@ -458,7 +458,7 @@ class ObstaclePair(ContactPair):
         return row
 
     def _material(self, x: Array) -> Array:
-        """Return the reference positions of the obstacle's material points at x, (n, 3)."""
+        """Return the reference positions (n, 3) of the obstacle's material points at x."""
         return self.obstacle.pose(self.load).invert(x) if self.obstacle.motion else x
 
     def _work_of(self, forces: list[tuple[Array, Array]], before: Array, after: Array) -> float:
@@ -475,7 +475,7 @@ class ObstaclePair(ContactPair):
     def _weighted_forces(self, u: Array, at: ContactPoints) -> list[tuple[Array, Array]]:
         """Return facets (m,) and forces on the body at their points (m, points, 3) [N].
 
-        The list has such a tuple for normal contact and, if the pair has friction, for friction.
+        One tuple is for normal contact, a second one, if any, for friction.
         """
         pressures = self.surface.weights[at.which] * at.pressure
         found = [(at.which, pressures[..., None] * at.normal)]
@@ -502,10 +502,7 @@ class ObstaclePair(ContactPair):
         return _touching(at, Response(pressure, pressure, pressure))
 
     def _on_linear_branch(self, near: Array) -> Array:
-        """Return which points of facets ``near`` are on the linear branch, (m, points) bool.
-
-        They are the points in contact at the start of a linearised step; otherwise none.
-        """
+        """Return which points are in contact at the start of a linearised step, (m, points)."""
         found = np.zeros((len(near), len(self.surface.points)), bool)
         if self._linear:
             found[np.searchsorted(near, self._linear[1])] = self._linear[2]
@@ -515,7 +512,7 @@ class ObstaclePair(ContactPair):
         """Return close facets (m,), and gap, normal and curvature as in `ContactPoints`.
 
         Facets in contact at the step's start are included where the step needs them. The last
-        result is cached for energy, forces, Hessian and output at one displacement.
+        result is cached.
         """
         depends = self.load if self.obstacle.motion else 0.0, self.mean_weight is None
         if self._evaluated is not None and self._evaluated[1] == depends:

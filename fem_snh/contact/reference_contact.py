@@ -430,10 +430,7 @@ class TargetSearch:
 
 
 def _without_repeated(hits: Array) -> Array:
-    """Return the rows of `TargetSearch._own_hits`, sorted by sample and without repetitions.
-
-    Several rows of a sample stay if their reference positions are apart; see `_SAME`.
-    """
+    """Return the rows of `TargetSearch._own_hits` by sample, one for each reference position."""
     # Rounded, as ranks may differ by rounding errors.
     first = hits.shape[1] // 2 + 2  # the first column of the reference position
     order = np.lexsort((*np.round(hits[:, first:] / hits[:, 2:3], 6).T, hits[:, 1], hits[:, 0]))
@@ -765,10 +762,7 @@ class ReferenceContact(SelfContactTerm):
         self._coupled = False
 
     def configuration(self, u: PETSc.Vec) -> Array:
-        """Return the positions of the surface's points (n, dim) [m]; search if it is due.
-
-        Collective.
-        """
+        """Return the surface points' positions (n, dim) [m]; search if it is due. Collective."""
         x = super().configuration(u)
         if self._stale:
             self._stale = False

@@ -142,11 +142,7 @@ class SurfaceContact(HistoryTerm, ForceTerm):
         self.comm, self._V, self._kinematics = V.mesh.comm, V, kinematics
 
     def configuration(self, u: PETSc.Vec) -> Array:
-        """Return the argument ``x`` of the pairs' methods. Collective.
-
-        Here the nodal displacements (local nodes, 3) [m], ghosts included; subclasses may return
-        positions.
-        """
+        """Return ``x`` for the pairs: here nodal displacements (local nodes, 3) [m]. Collective."""
         return self._kinematics.padded(local_values(u))
 
     def add_nodal(self, values: Array, vector: PETSc.Vec) -> None:
@@ -211,10 +207,7 @@ class SurfaceContact(HistoryTerm, ForceTerm):
         self.add_nodal(pair.nodal_forces(x), r)
 
     def add_goal_derivative(self, name: str, component: int, u: PETSc.Vec, g: PETSc.Vec) -> None:
-        """Add the derivative of a force's component by u, without friction, to ``g`` [N/m].
-
-        Collective.
-        """
+        """Add the derivative of a force component by u, without friction, to ``g``. Collective."""
         pair, x = self.pairs[self.goals.index(name)], self.configuration(u)
         self.add_nodal(pair.force_derivative(component, x), g)
 
@@ -312,10 +305,7 @@ class SelfContactTerm(SurfaceContact, CouplingTerm):
         return np.array(self._nodal(forces)[:, 0])
 
     def _areas(self, x: Array) -> Array:
-        """Return the areas of the nodes that this rank owns, for surface points at x [m^2].
-
-        The result is (local nodes,); ghosts have area 0.
-        """
+        """Return the nodes' areas for surface points at x, (local nodes,) [m^2]; 0 at ghosts."""
         points = point_areas(x, self.surface.triangles, self._kinematics.revolved)
         areas = np.zeros((sum(_dolfinx.num_nodes(self._V)), 1))
         self.surface.add_own(points[:, None], areas)

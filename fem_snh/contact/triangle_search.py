@@ -87,7 +87,7 @@ class Candidates(NamedTuple):
         return cls(triangle, coordinates, arm, np.linalg.norm(arm, axis=2), cosine)
 
     def choose(self, column: Array) -> Candidates:
-        """Return one candidate of each point, by its column (n,) int; arrays lose their axis k."""
+        """Return the candidate in a column (n,) int for each point; arrays lose their axis k."""
         row = np.arange(len(column))
         return Candidates(*(values[row, column] for values in self))
 
@@ -98,9 +98,9 @@ class TriangleTree:
     Parameters
     ----------
     corners : (m, 3 or 2, 3)
-        Corners of the triangles or segments [m].
+        Corners [m].
     numbers : (k,) int, optional
-        The triangles that are in the tree. Default: all.
+        The triangles in the tree. Default: all.
     directions : (k, 3), optional
         Three more coordinates [m] of the midpoints: the tree then has six dimensions.
     """
