@@ -64,9 +64,8 @@ def closest_points(p: Array, T: Array) -> tuple[Array, Array]:
 def triangle_normals(x: Array, triangles: Array) -> Array:
     """Return the unit normals (m, 3) of triangles (m, 3) int with points x (n, 3).
 
-    They follow the right-hand rule. In two dimensions, segments (m, 2) with points (n, 2) have
-    normals (m, 2) to the right of the direction from the first point to the second. The normal of a
-    triangle without area, or of a segment without length, is zero.
+    They follow the right-hand rule. Segments (m, 2) with points (n, 2) have normals (m, 2) to the
+    right of the direction from first to second point. Without area or length a normal is zero.
     """
     a, b, *others = (x[ends] for ends in triangles.T)
     if not others:
@@ -77,16 +76,16 @@ def triangle_normals(x: Array, triangles: Array) -> Array:
 class PseudoNormals:
     """Normals of a closed surface on its triangles, edges and corners.
 
-    The normal of an edge is the sum of its two triangles' normals. The normal of a corner is the
-    sum of its triangles' normals weighted by their angles (Baerentzen & Aanaes 2005). These normals
-    give the sign of the distance. The normal of a curve's point is the sum of its two segments'
-    normals. All normals are scaled to length 1.
+    The normal of an edge is along the sum of its two triangles' normals, the normal of a corner
+    along the sum of its triangles' normals weighted by their angles, so that the sign of the
+    distance is right (Baerentzen & Aanaes 2005). On a curve, the normal of a point is along the sum
+    of its two segments' normals.
 
     Parameters
     ----------
     triangles : (m, 3) int
-        The points of each triangle. In two dimensions (m, 2), the points of each segment; vectors
-        then have two components.
+        The points of each triangle; in two dimensions (m, 2), of each segment, and vectors have two
+        components.
     """
 
     def __init__(self, triangles: Array) -> None:
@@ -137,10 +136,10 @@ class PseudoNormals:
     def averaged(self, x: Array, chosen: Array, coordinates: Array, sharp: float) -> Array:
         """Return unit normals that vary continuously over a smooth part of the surface, (n, 3).
 
-        They are interpolated between normals at the corners of a triangle. The normal at a corner
-        is the sum of the normals of the triangles there, weighted by their angles; triangles are
-        left out if the cosine between their normal and the triangle's is not above ``sharp``. The
-        other arguments are those of `at`.
+        They are interpolated between normals at the corners of the chosen triangle. A corner's
+        normal is along the sum of the normals of the triangles there, weighted by their angles, if
+        the cosine between their normal and the chosen triangle's is above ``sharp``. The other
+        arguments are those of `at`.
         """
         normals, corners = triangle_normals(x, self._triangles), self._triangles.shape[1]
         weighted = self._at_corners(x, normals)
@@ -155,10 +154,7 @@ class PseudoNormals:
         return _unit(found)
 
     def _at_corners(self, x: Array, normals: Array) -> Array:
-        """Return each triangle's normal, weighted at each corner, (m * corners, dim).
-
-        The weight is the triangle's angle there; for segments it is 1.
-        """
+        """Return each triangle's normal times its angle at each corner, (m * corners, dim)."""
         if self._triangles.shape[1] == 2:
             return np.repeat(normals, 2, axis=0)
         angles = _angles(x[self._triangles])

@@ -37,10 +37,9 @@ _HALF_TURN = np.pi * (1 - 1e-6)
 
 
 def read_rows(path: str | Path, bones: Collection[str] = ()) -> pd.DataFrame:
-    """Return the rows of a CSV file of motions; # begins a comment.
+    """Return the rows of a CSV file of motions, with the columns of `read_motion`.
 
-    The first line has the names of the columns, which `read_motion` describes. The values are
-    floats, in the column "bone" strings.
+    Values are floats, in the column "bone" strings.
 
     Parameters
     ----------
@@ -52,8 +51,7 @@ def read_rows(path: str | Path, bones: Collection[str] = ()) -> pd.DataFrame:
     Raises
     ------
     BadInput
-        For a file that cannot be read, wrong columns, a value that is no number, or an unknown
-        bone; a message of one line.
+        For a file that cannot be read, wrong columns or numbers, or an unknown bone.
     """
     import pandas as pd  # takes longer to import than scenes without files to read
 
@@ -90,9 +88,9 @@ def read_rows(path: str | Path, bones: Collection[str] = ()) -> pd.DataFrame:
 
 
 def _loads(path: str | Path, table: pd.DataFrame, duration: float | None) -> Array:
-    """Return the load of each row, (rows,); times are divided by the duration [s].
+    """Return the load of each row; times are divided by the duration [s].
 
-    Raises BadInput for times without a duration, and unless loads ascend from <= 0 to >= 1.
+    Raises BadInput for times without a duration, and unless loads ascend from 0 to 1.
     """
     name = "time" if "time" in table else "load"
     if name == "time" and duration is None:

@@ -129,7 +129,7 @@ class AffineTable(Motion):
     matrices: Array
 
     def pose(self, load: float) -> Pose:
-        """Return the map at a load; its ``rotation`` is A, which need not be a rotation."""
+        """Return the map at a load; its ``rotation`` is A."""
         i = int(np.clip(np.searchsorted(self.loads, load), 1, len(self.loads) - 1))
         start, end = self.loads[i - 1 : i + 1]
         t = float(np.clip((load - start) / (end - start), 0.0, 1.0))
@@ -353,7 +353,7 @@ def path_rates(
     Returns
     -------
     u, v, a : arrays
-        The motion and its derivatives, with the shape of the motion.
+        The motion and its derivatives, of one shape.
     """
     u = path(load)
     if step < 0:

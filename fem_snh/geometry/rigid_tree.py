@@ -6,11 +6,11 @@ unknowns of a part without a joint are a translation v [m] from the present pose
 
 .. math:: c(s) = c + s v, \qquad R(s) = \exp(s [\omega]_\times) R .
 
-A joint leaves some of the unknowns. A ball joint at p moves c with the parent. A hinge leaves the
-rotation about an axis, and a slider the translation along an axis, as unknowns 3 and 0; the axis
-turns with the parent, and so does the motion relative to the parent. Derivatives along these paths
-are exact at every s, not only at s = 0. A twist (v, omega) is the rate of c and the angular
-velocity, in global axes. Arrays (6 parts,) have six entries for each part.
+A joint leaves some unknowns. A ball joint at p moves c with the parent. A hinge leaves the rotation
+about an axis (unknown 3), and a slider the translation along an axis (unknown 0). The axis turns
+with the parent, and so does the motion relative to the parent. Derivatives along these paths are
+exact at every s. A twist (v, omega) is the rate of c and the angular velocity, in global axes.
+Arrays (6 parts,) have six entries for each part.
 """
 
 from __future__ import annotations
@@ -204,7 +204,7 @@ class RigidTree:
     def jacobian(self, poses: Poses) -> Array:
         """Return the derivative of the parts' twists by all unknowns, (6 parts, 6 parts).
 
-        Unknowns that a joint does not leave have zero columns; prescribed unknowns do not.
+        The columns of prescribed unknowns are not zero.
         """
         G = np.zeros((UNKNOWNS * len(self.links),) * 2)
         for i in self.order:
@@ -219,16 +219,14 @@ class RigidTree:
         return G
 
     def curvature(self, poses: Poses, G: Array, wrenches: Array, moments: Array) -> Array:
-        """Return the second derivative of the work of constant forces f along the paths.
-
-        The result (6 parts, 6 parts) is symmetric, and by the unknowns.
+        """Return the second derivative, by unknowns, of the work of constant forces f on paths.
 
         Parameters
         ----------
         poses : Poses
             The poses at s = 0.
         G : (6 parts, 6 parts) array
-            The `jacobian` at these poses.
+            Their `jacobian`.
         wrenches : (6 parts,) array
             The sums of the forces f on each part, and of their moments (x - c) x f.
         moments : (parts, 3, 3) array
@@ -273,7 +271,7 @@ class RigidTree:
         poses : Poses
             The poses.
         G : (6 parts, 6 parts) array
-            The `jacobian` at these poses.
+            Their `jacobian`.
         rates : (6 parts,) array
             The rates of the unknowns [m/s].
 
@@ -302,19 +300,18 @@ class RigidTree:
         return found
 
     def relative_rotation(self, poses: Poses, part: int) -> Array:
-        """Return the rotation vector (3,) [rad] of R R_p^T: a part's rotation from its parent's.
+        """Return the rotation vector (3,) [rad] of R R_p^T, R_p the rotation of a part's parent.
 
-        R_p is the parent's rotation; I without a parent. The axes are the global x, y, z; the norm
-        is at most pi.
+        R_p = I without a parent. Axes are the fixed x, y, z; the norm is at most pi.
         """
         parent = self.links[part].parent
         R = poses.R[part]
         return rotation_vector(R @ poses.R[parent].T if parent >= 0 else R)
 
     def spring_stiffness(self, poses: Poses, part: int) -> Array:
-        """Return the second derivative of half the squared norm of `relative_rotation` by twists.
+        """Return the second derivative by twists of |theta|^2 / 2, theta the `relative_rotation`.
 
-        The result is (6 parts, 6 parts).
+        It is (6 parts, 6 parts).
         """
         theta, size = self.relative_rotation(poses, part), UNKNOWNS * len(self.links)
         J, found = inverse_left_jacobian(theta), np.zeros((size, size))
@@ -340,8 +337,7 @@ def fit_poses(links: Sequence[Link], means: Array, places: Array, products: Arra
     links : sequence of Link
         The parts; their joints are ignored.
     means : (parts, 3) array
-        Means of the reference coordinates X of each part's nodes [m]. On a body of revolution the
-        mean over the circles of the nodes.
+        Means of the nodes' reference coordinates X [m]; on a body of revolution, over circles.
     places : (parts, 3) array
         Means of the positions x, likewise.
     products : (parts, 3, 3) array

@@ -40,10 +40,7 @@ def nearest_rotation(A: Array) -> Array:
 
 
 def turn_about(axis: Array, R: Array) -> float:
-    """Return the angle [rad] in [-pi, pi] of the rotation about ``axis`` that is nearest to R.
-
-    ``axis`` (3,) is a unit vector, and R a matrix (3, 3).
-    """
+    """Return the angle [rad] in [-pi, pi] of the rotation about a unit vector nearest to R."""
     axial = np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
     return float(np.arctan2(axis @ axial, np.trace(R) - axis @ R @ axis))
 
@@ -51,8 +48,7 @@ def turn_about(axis: Array, R: Array) -> float:
 def inverse_left_jacobian(theta: Array) -> Array:
     """Return J^-1 (3, 3), with d theta/dt = J^-1 omega (Barfoot 2017, eq. 7.77).
 
-    omega is the angular velocity, in global axes, of the rotation with rotation vector ``theta``
-    (3,).
+    omega is the angular velocity, in global axes, of the rotation exp(theta).
     """
     angle = float(np.linalg.norm(theta))
     if angle < _SMALL:

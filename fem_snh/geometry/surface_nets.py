@@ -79,19 +79,18 @@ class Grid:
         return cls(bounds.mean(axis=0) - 0.5 * size * shape, size, shape.astype(np.int64))
 
     def key(self, cells: Integers) -> Integers:
-        """Return a unique number for each of the cells (..., 3), (...).
+        """Return a unique number for each of the cells (..., 3), ascending with (i, j, k).
 
-        Cells may be outside of the grid by one cell. The numbers ascend in the order of (i, j, k).
+        Cells may be outside of the grid by one cell.
         """
         _, ny, nz = self.shape + 2
         i, j, k = np.moveaxis(cells + 1, -1, 0)
         return (i * ny + j) * nz + k
 
     def rows(self, cells: Integers, wanted: Integers) -> tuple[Integers, Integers]:
-        """Return which of ``wanted`` (n, 3) are among ``cells`` (m, 3), sorted by `key`.
+        """Return which of ``wanted`` (n, 3) are among ``cells`` (m, 3), and their rows there.
 
-        Return two arrays (k,): indices into ``wanted``, and the rows of the same cells in
-        ``cells``.
+        ``cells`` are sorted by `key`; the results are indices (k,) into both arrays.
         """
         keys, key = self.key(cells), self.key(wanted)
         at = np.minimum(np.searchsorted(keys, key), len(keys) - 1)
@@ -112,10 +111,9 @@ def cells_of_box(low: Integers, high: Integers) -> Integers:
 def _loops() -> Integers:
     """Return the number of the surface's loop that cuts each edge of a cube, (256, 12).
 
-    The row of a cube is the sum of 2^v over its corners v that are inside; -1 marks an edge that is
-    not cut. A loop consists of the edges that the surface connects on faces of the cube. On a face
-    with only two opposite corners inside, the surface goes around each of these corners, so two
-    cubes with a common face agree on it.
+    The row of a cube is the sum of 2^v over its corners v that are inside; -1: the edge is not cut.
+    A loop has the edges that the surface connects on faces of the cube. On a face with only two
+    opposite corners inside, the surface goes around each of them, in both cubes alike.
     """
     table = np.full((256, 12), -1, dtype=np.int64)
     faces = [{v for v in range(8) if v >> a & 1 == side} for a in range(3) for side in (0, 1)]
@@ -140,7 +138,7 @@ def _loops() -> Integers:
 def surface_on(shape: Shape, grid: Grid) -> tuple[Array, Triangles]:
     """Return points (n, 3) [m] and triangles (m, 3) of a shape's surface in a whole grid.
 
-    It is the result of `triangulate` with one cube for each cell that the surface may cut.
+    See `triangulate`, with one cube for each cell that the surface may cut.
     """
     cells = cells_of_box(np.zeros(3, np.int64), grid.shape)
     near = np.abs(shape.distance(grid.centres(cells))) < grid.size * np.sqrt(0.75)
@@ -209,9 +207,9 @@ def triangulate(
 
 
 def _on_surface(shape: Shape, x: Array, low: Array, edge: float) -> Array:
-    """Return the points x (n, 3) moved along the gradient to the surface.
+    """Return points x (n, 3), moved along the gradient to the surface within their cubes.
 
-    Each point stays in its cube, with lowest corner ``low`` (n, 3) and the edge ``edge``.
+    ``low`` (n, 3) are the cubes' lowest corners, and ``edge`` is the cubes' edge.
     """
     for _ in range(_STEPS):
         d, g, _ = shape.evaluate(x)
@@ -224,20 +222,10 @@ def _on_surface(shape: Shape, x: Array, low: Array, edge: float) -> Array:
 def _triangles(
     grid: Grid, cubes: Integers, vertex: Integers, inside: npt.NDArray[np.bool_], x: Array
 ) -> Triangles:
-    """Return the two triangles of each cut edge of the grid, from the points of its four cubes.
+    """Return the two triangles of each cut edge of the grid, from the points x of its four cubes.
 
-    Parameters
-    ----------
-    grid : Grid
-        The grid of the cubes.
-    cubes : (n, 3)
-        The cut cubes, sorted by `Grid.key`.
-    vertex : (n, 12)
-        The point for each edge of each cube; -1 if the edge is not cut.
-    inside : (n, 8)
-        Whether each corner of a cube is inside of the shape.
-    x : (points, 3)
-        The points; the shorter diagonal divides the four points.
+    ``cubes`` (n, 3) are sorted by `Grid.key`; ``vertex`` (n, 12) is the point of each edge of a
+    cube, or -1, and ``inside`` (n, 8) whether each corner is in the shape.
     """
     keys, found = grid.key(cubes), []
     for axis in range(3):

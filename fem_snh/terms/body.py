@@ -40,10 +40,7 @@ Array = npt.NDArray[Any]
 
 
 class MotionInTime(Protocol):
-    """What features use of the motion of a body in time.
-
-    `fem_snh.steps.dynamics.dynamics.Dynamics` has this interface.
-    """
+    """The interface of `fem_snh.steps.dynamics.dynamics.Dynamics` that features use."""
 
     mass: NodalMass
     terms: list[Term]
@@ -123,8 +120,7 @@ class Body:
         Raises
         ------
         BadInput
-            On every rank, for an unknown group, or one that is not a part of the body's boundary:
-            see `boundary_facets`.
+            On every rank, unless the surface is a part of the boundary: see `boundary_facets`.
         """
         return boundary_facets(self.mesh, key, surface)
 
@@ -136,18 +132,15 @@ class Body:
         return cells_or_facets(self.mesh, key, group)
 
     def measure(self, key: str, surface: Any) -> Any:
-        """Return the UFL measure of a surface, times 2 pi r on a body of revolution. Collective.
+        """Return the UFL measure of a surface: see `facets`. Collective.
 
-        `facets` describes the arguments. The metadata of a program's measure are kept.
+        On a body of revolution it is times 2 pi r.
         """
         ds = self.surface(key, surface)
         return self._turned(ds(metadata=surface.metadata()) if hasattr(surface, "metadata") else ds)
 
     def surface(self, key: str, surface: Any) -> Any:
-        """Return the UFL measure of a surface of the mesh, without the factor 2 pi r. Collective.
-
-        `facets` describes the arguments.
-        """
+        """Return the UFL measure of a surface, without 2 pi r: see `facets`. Collective."""
         return _dolfinx.surface_measure(self.domain, self.facets(key, surface))
 
     @property

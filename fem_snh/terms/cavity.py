@@ -48,13 +48,7 @@ class Cavity(Feature):
 
     @classmethod
     def create_terms(cls, features: Sequence[Self], body: Body) -> Sequence[Term]:
-        """Return one term for each fluid. Collective.
-
-        Raises
-        ------
-        BadInput
-            On every rank, in plane stress, and for two surfaces that share a facet.
-        """
+        """Return one term for each fluid; raises BadInput if surfaces share a facet. Collective."""
         from fem_snh.terms.enclosed_fluid import EnclosedFluid  # imports PETSc
 
         if body.kinematics.plane_stress:  # the edge's area has the unknown thickness

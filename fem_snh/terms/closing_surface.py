@@ -57,8 +57,8 @@ class Edge(NamedTuple):
     pieces : (n, nodes of each) int
         The nodes of each piece from one end to the other, as indices into the arrays below.
     weights : (n,) int
-        1 if the surface is to the left of a piece for an observer outside of the body, in two
-        dimensions if the end is to the left of the outward normal; else -1.
+        1 if the surface is left of the piece, seen from outside of the body; in two dimensions if
+        the end is left of the outward normal; else -1.
     numbers : (nodes,) int
         The nodes' global numbers.
     X : (nodes, dim)
@@ -103,10 +103,8 @@ class Fan(NamedTuple):
 
     Attributes
     ----------
-    pieces : (n, nodes of each) int
-        The nodes of the pieces: see `Edge`.
-    weights : (n,) int
-        The sides of the surface: see `Edge`.
+    pieces, weights : arrays
+        The pieces of the edge: see `Edge`.
     planes : (m, dim + 1)
         The planes n . x = d that contain the apex, as rows (n, d).
     """
@@ -124,10 +122,9 @@ class Fan(NamedTuple):
         return apex, x[self.pieces] - apex
 
     def normals(self, arms: Array) -> tuple[Array, Array]:
-        """Return quadrature points and weighted normals of a fan, both (n, points, dim).
+        """Return quadrature points on the edge and weighted normals there, (n, points, dim) each.
 
-        The points are on the edge, relative to the apex, as are ``arms``. Half the sum of the
-        normals is the vector area in three dimensions, the sum in two.
+        The sum of the normals over dim - 1 is the vector area. Points are relative to the apex.
         """
         weights = self.weights[:, None]
         if arms.shape[2] == 2:
@@ -148,10 +145,7 @@ class Fan(NamedTuple):
         return Lid(apex, normals.sum(axis=(0, 1)) / (dim - 1), moment)
 
     def swept(self, start: Array, end: Array) -> float:
-        """Return the volume [m^3] that the fan sweeps as the edge's nodes move on straight paths.
-
-        They move from ``start`` to ``end`` (nodes, dim). In a plane the result is an area [m^2].
-        """
+        """Return the volume [m^3] that the fan sweeps as nodes move straight from start to end."""
         (a, first), (b, last) = self.arms(start), self.arms(end)
         velocity, total, dim = self.normals(last - first)[0], 0.0, len(a)
         for t, weight in PATH:
@@ -245,10 +239,7 @@ class ClosingSurface:
         return NotClosedError(f"{why} at ({', '.join(f'{x:.6g}' for x in at)})")
 
     def _check_ends(self, others: Array) -> None:
-        """Raise NotClosedError if a piece of ``others`` is off the axis and free to move along it.
-
-        ``others`` (n,) bool marks the pieces that are on no rigid part.
-        """
+        """Raise NotClosedError for an end in ``others`` off the axis that is free along it."""
         edge = self._edge
         nodes = edge.pieces[:, 0]
         along = abs(edge.free[nodes, 1]).max(axis=1, initial=0.0) > _ROUNDING
@@ -257,10 +248,9 @@ class ClosingSurface:
             raise self._error(piece, "its edge is free")
 
     def _find_planes(self, slides: Array) -> None:
-        """Set the planes at rest in which nodes slide, and which nodes stay in each plane.
+        """Set ``_planes``, in which nodes slide, and ``_inside``, (planes, nodes) bool.
 
-        ``slides`` (nodes,) bool marks nodes of no part with a free direction. It sets ``_planes``
-        (planes, dim + 1) and ``_inside`` (planes, nodes) bool.
+        ``slides`` (nodes,) bool marks nodes of no part with a free direction.
         """
         edge = self._edge
         points, length = edge.X[edge.pieces], self._length
@@ -301,10 +291,7 @@ class ClosingSurface:
         return kept
 
     def _connected(self, pieces: Array) -> list[Array]:
-        """Return the connected components of ``pieces``, each an array of piece numbers.
-
-        In two dimensions they are sets of ends with equal prescribed displacements.
-        """
+        """Return the connected sets of pieces; in two dimensions, of ends that move alike."""
         nodes = self._edge.pieces[pieces]
         if self._dim == 2:
             moved = (
@@ -361,13 +348,11 @@ class ClosingSurface:
         Returns
         -------
         K : (dim, dim)
-            The matrix.
+            The matrix. The whole result is None if no such displacements are known.
         o : (dim,)
             The point [m].
         swept : float
             The volume that the fans sweep in these displacements [m^3].
-        None
-            Instead, if no such displacements are known.
         """
         X = self._edge.X
         if self._revolved:
@@ -503,9 +488,9 @@ def _pieces_of_facets(V: _dolfinx.FunctionSpace, facets: Array) -> tuple[Array, 
 
 
 def _sum_weights(pieces: Sequence[Array], weights: Sequence[Array]) -> tuple[Array, Array]:
-    """Return the distinct pieces whose weights have a nonzero sum, and these sums.
+    """Return the distinct pieces whose sum of weights is not zero, and these sums.
 
-    Pieces are turned to begin at the lower node number. Between two facets the sum is zero.
+    Each piece begins at its lower node number.
     """
     every, weight = np.concatenate(pieces), np.concatenate(weights)
     if every.shape[1] > 1:

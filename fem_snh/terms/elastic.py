@@ -171,10 +171,7 @@ class Elastic(Term):
         return filtered
 
     def _structs(self, matrix: BlockMatrix) -> list[Any]:
-        """Return a C struct per part: where its loops add element matrices in ``matrix``.
-
-        The structs are built again if the matrix's layout or its free dofs changed.
-        """
+        """Return a C struct per part, which says where its loops add element matrices."""
         if matrix.block_positions is not self._positions or matrix.free is not self._free:
             self._positions, self._free = matrix.block_positions, matrix.free
             self._targets, self._kept = [], []

@@ -66,8 +66,7 @@ class Feature(Table):
     def goals(cls, features: Sequence[Self]) -> Sequence[str]:
         """Return the names of results that may be goals of an error estimate: one per feature.
 
-        A name that ends in ".force" is the name of a vector. The features' terms return the same
-        names as `Term.goals`.
+        A name that ends in ".force" names a vector. The terms return the same `Term.goals`.
         """
         return []
 
@@ -112,8 +111,8 @@ def grouped(features: Iterable[Any]) -> Iterator[tuple[type[Any], list[Any]]]:
 def create_terms(features: Iterable[Any], body: Body) -> list[Term]:
     """Return the terms that features create, and given terms unchanged. Collective.
 
-    The features of one class create their terms together. The result has the order of `grouped`,
-    but features with ``releases`` create their terms first.
+    The features of one class create terms together, those with ``releases`` first; the result has
+    the order of `grouped`.
 
     Parameters
     ----------

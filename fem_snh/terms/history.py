@@ -66,11 +66,10 @@ def largest_change(changes: Iterable[LaggedChange]) -> LaggedChange:
 class HistoryTerm(Term):
     """A term with a history: quantities that `add_residual` and `energy` read but do not change.
 
-    Lagged quantities (multipliers, the normal forces of friction) are constant during a solve;
-    `update_lagged` changes them after it, and the step is solved again until they settle. Internal
-    variables of a material need no second solve: they keep the values of the last accepted step,
-    from which each evaluation derives the present ones; `update_lagged` returns ``LaggedChange()``,
-    and `end_step` stores the new values.
+    Lagged quantities, such as multipliers, are constant during a solve; `update_lagged` changes
+    them, and the step is solved again until they settle. Internal variables of a material need no
+    second solve: each evaluation computes them from u and their values in the last accepted step,
+    `update_lagged` returns ``LaggedChange()``, and `end_step` stores the new values.
 
     ``u`` is the ghosted displacement. All methods are collective.
     """
@@ -78,15 +77,14 @@ class HistoryTerm(Term):
     def begin_step(self, u: PETSc.Vec) -> None:
         """Reset lagged quantities to those of the last accepted step, whose displacement is u.
 
-        The caller does so before each attempt of a step, also after a failed attempt.
+        It is called before each attempt of a step, also after a failed attempt.
         """
         raise NotImplementedError(f"{type(self).__name__}.begin_step")
 
     def update_lagged(self, u: PETSc.Vec) -> LaggedChange:
         """Update lagged quantities after a converged solve; return their change.
 
-        The result is the same on all ranks; a term without lagged quantities returns
-        ``LaggedChange()``.
+        The result is the same on all ranks.
         """
         raise NotImplementedError(f"{type(self).__name__}.update_lagged")
 
@@ -95,14 +93,9 @@ class HistoryTerm(Term):
         raise NotImplementedError(f"{type(self).__name__}.end_step")
 
     def history(self) -> tuple[Array, Array]:
-        """Return this rank's points and the values kept there, for the checkpoint.
+        """Return this rank's reference points (n, 3) [m] and the kept values there (n, k).
 
-        Returns
-        -------
-        points : (n, 3) array
-            Reference coordinates [m].
-        values : (n, k) array
-            The kept values; of size 0 if the term keeps nothing.
+        The values have size 0 if the term keeps nothing.
         """
         raise NotImplementedError(f"{type(self).__name__}.history")
 

@@ -80,9 +80,9 @@ class Gravity(Feature):
 
     @classmethod
     def create_terms(cls, features: Sequence[Self], body: Body) -> Sequence[Term]:
-        """Return the terms of all accelerations, at most two. Collective.
+        """Return the terms of all accelerations. Collective.
 
-        Uniform accelerations of a body in motion are a `Weight`; all others are a `UFLTerms`.
+        Uniform accelerations of a body in motion make one `Weight`, all others one `UFLTerms`.
         """
         from fem_snh.terms.body import is_uniform
         from fem_snh.terms.ufl_term import UFLTerms  # imports PETSc

@@ -37,9 +37,7 @@ _NAME = "volume"
 
 
 def volume_term(energy: VolumeEnergy, u: Any, element: Element, depends_on_load: bool) -> Any:
-    """Return the term of a volume energy U(J), a `UFLTerm`, or a `MeanVolume` of the mean of J.
-
-    The element determines which, as for the volume energies of materials.
+    """Return the term of a volume energy U, of J or, as ``element.volume`` says, of its mean.
 
     Raises
     ------
@@ -65,13 +63,13 @@ class MeanVolume(Term):
     Parameters
     ----------
     energy : callable
-        The function U(J) [Pa]: it returns a UFL expression for a UFL expression J.
+        U(J) [Pa], of a UFL expression J.
     u : dolfinx Function
         The displacement.
     element : Element
-        The element, with its quadrature degree and kinematics.
+        The element, for quadrature and kinematics.
     depends_on_load : bool
-        Whether a program sets the constants of ``energy`` for a load.
+        Whether a program sets constants in U for a load.
     """
 
     name, has_energy, stateless = _NAME, True, True
@@ -113,10 +111,7 @@ class MeanVolume(Term):
         """Do nothing: constants and functions are read at each evaluation."""
 
     def _assemble(self, form: Any) -> Any:
-        """Return the values of a linear form on DG0 in this rank's own cells. Collective.
-
-        The array is overwritten by the next call.
-        """
+        """Return a DG0 form's values in this rank's own cells; the next call overwrites them."""
         _dolfinx.assemble_vector(self._sums, form)
         return self._sums.array
 

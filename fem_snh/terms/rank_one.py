@@ -29,10 +29,7 @@ class RankOneTerm(Term):
     imbalance: float = 0.0
 
     def rank_one(self, u: PETSc.Vec, g: PETSc.Vec) -> float:
-        """Set the ghosted vector ``g`` to g at u, ghosts included, and return k >= 0. Collective.
-
-        The sign of ``g`` does not matter.
-        """
+        """Set ``g`` to g or -g at u, ghosts included, and return k >= 0. Collective."""
         raise NotImplementedError(f"{type(self).__name__}.rank_one")
 
 
@@ -88,20 +85,19 @@ class RankOneUpdate:
     def update(
         self, u: PETSc.Vec, force: PETSc.Vec, reduce: Callable[[PETSc.Vec], None] | None = None
     ) -> None:
-        """Set the factors and vectors of `mat` at ``u``, and the terms' imbalances. Collective.
+        """Set k and g in `mat` at ``u``, and the terms' imbalances. Collective.
 
-        With its imbalance, the scalar p of a term is the least-squares multiplier that balances the
-        forces of all other terms (Nocedal & Wright 2006, eq. 18.21). At equilibrium the multiplier
-        is p itself, for any k.
+        The sums p + c, c the imbalances, are the least-squares multipliers that balance the forces
+        of all other terms (Nocedal & Wright 2006, eq. 18.21). At equilibrium they are p, for any k.
 
         Parameters
         ----------
         u : PETSc.Vec
             The ghosted displacement.
         force : PETSc.Vec
-            The forces dE/du of all terms [N]. On return p is replaced by the multiplier in them.
+            The forces dE/du of all terms [N]; on return with p + c instead of p.
         reduce : callable, optional
-            Replaces derivatives by displacements of nodes by derivatives by the unknowns of rigid
+            Turns derivatives by nodal displacements into derivatives by the unknowns of rigid
             parts, in place.
         """
         owned, U = self._g.getLocalSize(), self._U.getDenseArray()

@@ -204,10 +204,9 @@ class Rigid(Feature, MotionTable):
         return self
 
     def _directions(self) -> tuple[Array, Array]:
-        """Return unit vectors along which the part may move, and about which it may turn.
+        """Return the directions (n, 3) in which the part may move, and about which it may turn.
 
-        Both are (n, 3). A part with a joint to another part has all directions, as it may move with
-        the other part, on which forces that the joint carries act.
+        A part with a joint to another part has all directions: the joint carries forces to it.
         """
         every, none = np.eye(3), np.zeros((0, 3))
         if joint := self.joint:
@@ -259,10 +258,7 @@ class Rigid(Feature, MotionTable):
         return f"rigid.{self.given_key}"
 
     def solid(self) -> Shape | None:
-        """Return the shape in which the part's nodes lie, or None for a group.
-
-        A surface is read from its file. Raises BadInput as `shape_of` does.
-        """
+        """Return the part's shape, or None for a group. May read a file and raise BadInput."""
         choice = self.shape or self.surface
         return shape_of(choice) if choice else None
 

@@ -1,9 +1,8 @@
 """Forces, moments and springs on rigid parts, and their prescribed motions. Not collective.
 
-A drive is the force of a slider, or the torque of a hinge, along the free motion of the joint.
-Arrays (6 parts,) have six entries for each part, in the parts' order: a force [N] and a moment
-about the part's point [N m], or the unknowns of `fem_snh.geometry.rigid_tree`. Vectors are in the
-global axes x, y, z.
+A drive is the force of a slider or the torque of a hinge. Forces and moments (6 parts,) are, for
+each part, a force [N] and a moment about its point [N m], in global axes. Unknowns and twists are
+those of `fem_snh.geometry.rigid_tree`.
 """
 
 from __future__ import annotations
@@ -38,10 +37,9 @@ class RigidLoads:
     Attributes
     ----------
     drive : (6 parts,)
-        The drives on the unknowns at the present load [N]; torques are divided by the length by
-        which rotations are scaled.
+        The drives on the unknowns at the present load [N]; torques are divided by `Link.length`.
     has_energy : bool
-        Whether all have an energy: there are no moments, no forces that follow, and no drives.
+        Whether there are no moments, no forces that follow, and no drives.
     act : bool
         Whether there are loads or drives.
     """
@@ -69,10 +67,7 @@ class RigidLoads:
         self.drive = np.repeat(factors, UNKNOWNS) * self._full_drive
 
     def energy(self, poses: Poses) -> float:
-        """Return the energy of springs and of forces of constant direction [J].
-
-        Moments, forces that follow, and drives have no energy and are left out.
-        """
+        """Return the energy [J] of springs and of forces of constant direction only."""
         moved = poses.c - self._tree.points
         energy = float(self._stiffness @ (moved**2).sum(axis=1)) / 2
         for i in np.flatnonzero(self._rotational):
@@ -167,10 +162,7 @@ class PrescribedMotions:
         self.move = any(part.translate is not None or part.rotate is not None for part in parts)
 
     def at(self, load: float) -> tuple[Array, Array]:
-        """Return the points' displacements [m] and the rotation vectors [rad] at a load.
-
-        Both are (parts, 3), and zero for parts without a prescribed motion.
-        """
+        """Return points' displacements [m] and rotation vectors at a load, (parts, 3) each."""
         found = np.zeros((2, len(self._parts), 3))
         for i, part in enumerate(self._parts):
             amplitude, turn = self._motions[i](load), self._turns[i](load)
@@ -183,8 +175,8 @@ class PrescribedMotions:
     def rates(self, load: float, step: float) -> tuple[Array, Array]:
         """Return the velocities [m/s] and accelerations [m/s^2] at a load, (parts, 2, 3) each.
 
-        The second axis is translation and rotation. Rotation vectors are multiplied by the length
-        by which the part's unknowns scale them. `path_rates` describes ``step``.
+        The middle axis is translation, and rotation times `Link.length`. `path_rates` describes
+        ``step``.
         """
         _, *rates = path_rates(lambda at: np.stack(self.at(at), axis=1), load, step)
         for power, rate in enumerate(rates, 1):

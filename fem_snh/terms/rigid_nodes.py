@@ -86,10 +86,7 @@ def _solid(part: Rigid, body: Body) -> Shape:
 
 
 def _check_free(comm: MPI.Comm, part: Rigid, parts: Sequence[Rigid], taken: Array) -> None:
-    """Raise BadInput on every rank if a part shares nodes with an earlier part. Collective.
-
-    ``taken`` (earlier parts,) says with which parts it shares nodes on this rank.
-    """
+    """Raise BadInput on every rank if ``taken``, (earlier parts,) bool, is true on any rank."""
     others = [comm.allreduce(bool(one), op=MPI.LOR) for one in taken]
     if any(others):
         accepted = f"a part without nodes of part {parts[others.index(True)].label!r}"

@@ -14,8 +14,7 @@ on the nodes, and r the nodes' positions relative to the part's point. The sum i
 rotations. For a filtered Hessian the negative eigenvalues of this curvature, a matrix of all parts,
 become zero or their absolute value; then it and :math:`B^T H B` are positive semidefinite.
 
-A twist (v, omega) is the velocity [m/s] of the part's point and the angular velocity [rad/s], in
-the global axes. Arrays (6 parts,) have six entries for each part, in the parts' order.
+Twists and arrays (6 parts,) are those of `fem_snh.geometry.rigid_tree`.
 """
 
 from __future__ import annotations
@@ -83,7 +82,7 @@ class RigidParts(Term):
     nodes : (n,) int
         This rank's own nodes of the parts.
     labels : (n,) int
-        The number of the part of each of these nodes.
+        The part of each of these nodes.
     dofs : (n, components) int
         The displacement dofs of these nodes.
     tree : RigidTree
@@ -149,10 +148,7 @@ class RigidParts(Term):
     def _add_mass(self, body: Body, part: Rigid) -> None:
         """Add a part's own mass to the mass matrix, uniform over its surface. Collective.
 
-        Raises
-        ------
-        BadInput
-            On every rank, without motion in time, and for a part that is no surface.
+        Raises BadInput without motion in time, and for a part that is no surface.
         """
         if body.motion is None:
             raise bad_value("rigid.mass", part.mass, "no value, without [time]")
@@ -200,10 +196,10 @@ class RigidParts(Term):
         dirichlet.release(local)
 
     def _radii(self, squares: Array) -> Array:
-        """Return the root mean square distance of a part's nodes from their mean [m], (parts,).
+        """Return the root mean square distance [m] of the nodes from their mean, (parts,).
 
-        ``squares`` (parts, 3, 3) are the sums of (X - mean X)(X - mean X)^T. Raises BadInput if the
-        nodes do not determine a rotation.
+        ``squares`` (parts, 3, 3) are the sums of (X - mean X)(X - mean X)^T. Raises BadInput for
+        nodes on a line.
         """
         traces = np.trace(squares, axis1=1, axis2=2)
         about = self._admitted[3:]
@@ -217,10 +213,7 @@ class RigidParts(Term):
         return np.asarray(np.sqrt(np.where(traces > 0, traces, 1.0) / self._counts[:, 0]))
 
     def _link(self, number: int, radius: float, middle: Array) -> Link:
-        """Return the joint, or the free motions, of a part.
-
-        ``radius`` [m] scales its rotations; ``middle`` (3,) is its point by default.
-        """
+        """Return the joint, or the free motions, of a part; ``radius`` [m] scales rotations."""
         part, joint = self._parts[number], self._parts[number].joint
         admitted = self._kinematics.rigid_motions
         if joint is None:
@@ -312,8 +305,7 @@ class RigidParts(Term):
     def prescribe(self, x: PETSc.Vec, load: float, poses: Poses | None = None) -> None:
         """Move the parts' nodes in ``x`` to poses admissible at a load. Collective.
 
-        They are the poses that `RigidTree.project` returns for ``poses``, by default for the poses
-        of ``x``.
+        `RigidTree.project` finds them from ``poses``, by default the poses of ``x``.
         """
         translations, vectors = self._motions.at(load)
         rotations = np.array([exponential(vector) for vector in vectors])
@@ -326,10 +318,7 @@ class RigidParts(Term):
         return np.flatnonzero(fixed.all(axis=1))
 
     def prescribed_displacement(self, load: float) -> Array:
-        """Return the displacements [m] of this rank's own nodes of `prescribed_parts`.
-
-        The result is flat, (nodes * components,).
-        """
+        """Return the displacements of this rank's own nodes of `prescribed_parts`, (dofs,) [m]."""
         translations, vectors = self._motions.at(load)
         rotations = np.array([exponential(vector) for vector in vectors])
         poses = Poses(self.tree.points + translations, rotations)
@@ -370,8 +359,8 @@ class RigidParts(Term):
     def force_norms(self, x: PETSc.Vec) -> tuple[float, float, float]:
         """Return three norms [N]: of loads, of joints' drives, and of springs. Collective.
 
-        Each is the 2-norm of the generalised forces on the unknowns of all parts, prescribed
-        unknowns included. Moments count as forces, divided by the length that scales rotations.
+        Each is the 2-norm of the generalised forces on the unknowns of all parts, prescribed ones
+        included. Moments are divided by `Link.length`.
         """
         poses = self.poses(x)
         acting = np.stack([self._loads.loads(poses), self._loads.springs(poses)])
@@ -386,17 +375,13 @@ class RigidParts(Term):
     def add_hessian(
         self, u: PETSc.Vec, p: PETSc.Vec | None, filter: str, target: BlockMatrix
     ) -> int:
-        """Return the number of eigenvalues that `prepare` filtered, on rank 0; otherwise 0.
-
-        Nothing is added to ``target``: `prepare` passes the parts' Hessian to the elimination.
-        """
+        """Add nothing; return the number of eigenvalues that `prepare` filtered, on rank 0 only."""
         return self._filtered if self._comm.rank == 0 else 0
 
     def wrenches(self, poses: Poses, gradient: PETSc.Vec) -> Array:
         """Return the sums of nodal forces [N] and of their moments [N m], (6 parts,). Collective.
 
-        ``gradient`` has the nodal forces dE/du [N] at the entries of displacements. Moments are
-        about the parts' points. Components that the kinematics lacks are zero.
+        The forces are ``gradient`` = dE/du. Moments are about the parts' points.
         """
         f = self._nodal(gradient)
         moments = np.cross(self._arms(poses), f)
@@ -405,7 +390,7 @@ class RigidParts(Term):
     def reduce(self, x: PETSc.Vec, r: PETSc.Vec) -> None:
         """Replace forces on the parts' nodes in ``r`` by forces on the unknowns. Collective.
 
-        Loads, springs and drives are added; entries of unknowns that are not free become zero.
+        Loads, springs and drives are added.
         """
         poses = self.poses(x)
         forces = self.wrenches(poses, r) + self._loads.acting(poses)
@@ -430,16 +415,8 @@ class RigidParts(Term):
     def prepare(self, x: PETSc.Vec, gradient: PETSc.Vec, filter: str, whole: bool = False) -> None:
         """Set the state of the elimination for the Hessian at x. Collective.
 
-        Parameters
-        ----------
-        x : PETSc.Vec
-            The state.
-        gradient : PETSc.Vec
-            The nodal forces dE/du [N] at ``x``.
-        filter : {"exact", "clamp", "abs"}
-            See `fem_snh.terms.term.Term.add_hessian`.
-        whole : bool
-            Whether an exact Hessian has the asymmetric derivative of following loads and moments.
+        ``gradient`` is dE/du at x. `fem_snh.terms.term.Term.add_hessian` describes ``filter``. With
+        ``whole``, an exact Hessian has the asymmetric part `RigidLoads.turning`.
         """
         assert self._elimination is not None
         poses, tree = self.poses(x), self.tree
@@ -477,10 +454,9 @@ class RigidParts(Term):
         return found
 
     def derivative_of_pose(self, x: PETSc.Vec, part: str, kind: str, component: int) -> PETSc.Vec:
-        """Return a derivative of a part's pose by nodal displacements. Collective.
+        """Return the derivative of a part's "displacement" or "rotation" by nodal displacements.
 
-        It is the derivative of a component of the "displacement" or the "rotation" (the ``kind``).
-        Only its products with rigid motions are determined: the result has minimum norm.
+        Only its products with rigid motions are determined: it has minimum norm. Collective.
         """
         wrench = np.zeros(UNKNOWNS)
         if kind == "displacement":
@@ -493,10 +469,10 @@ class RigidParts(Term):
     def derivative_of_arms(
         self, x: PETSc.Vec, part: str, gradient: PETSc.Vec, axis: int
     ) -> PETSc.Vec:
-        """Return the derivative of a moment about a part's point by nodal displacements.
+        """Return the derivative of a part's moment by nodal displacements, forces constant.
 
-        It is the moment about the global axis ``axis`` (0, 1 or 2) of the part's constant nodal
-        forces in ``gradient``; the result has minimum norm. Collective.
+        The moment of the forces ``gradient`` is about ``axis`` (0, 1 or 2) through the part's
+        point. The result has minimum norm. Collective.
         """
         poses, f = self.poses(x), self._nodal(gradient)
         moments = np.cross(self._arms(poses), np.cross(f, np.eye(3)[axis]))
@@ -545,10 +521,9 @@ class RigidParts(Term):
         return found.reshape(UNKNOWNS * self.number, -1)
 
     def inadmissible(self, twists: Array) -> Array:
-        """Return the inadmissible part of twists (6 parts, n) at rest, of the same shape [m].
+        """Return the part of twists (6 parts, n) at rest that conditions and joints do not admit.
 
-        It is the component orthogonal to the motions that joints and prescribed motions admit, with
-        rotations scaled by the parts' lengths.
+        It is (6 parts, n) [m]; rotations are multiplied by `Link.length`.
         """
         lengths = np.repeat([[1.0, link.length] for link in self.tree.links], 3)[:, None]
         scaled = lengths * twists
@@ -565,7 +540,7 @@ class RigidParts(Term):
     def work_at_rest(self, twist: Array) -> Array:
         """Return minus the work of loads and drives along an admissible twist (6 parts,) at rest.
 
-        The result is the work of each load component, then of each unknown's drive, (12 parts,).
+        The result has one entry for each component of a load, then of a drive, (12 parts,).
         """
         G = self.tree.jacobian(self._rest) * self.tree.free
         unknowns = np.linalg.lstsq(G, twist, rcond=None)[0]
@@ -583,18 +558,12 @@ class RigidParts(Term):
         self._elimination.set_state(basis, G, np.zeros_like(G))
 
     def _derivative(self, poses: Poses, G: Array) -> Array:
-        """Return the derivative of the nodes' positions by all unknowns.
-
-        It is (nodes, components, 6 parts); ``G`` is the `RigidTree.jacobian` at the poses.
-        """
+        """Return the derivative of nodes' positions by unknowns, (nodes, components, 6 parts)."""
         of_parts = G.reshape(-1, UNKNOWNS, len(G))[self.labels]
         return np.asarray(np.einsum("nij,njk->nik", self._basis(poses), of_parts))
 
     def expand(self, x: PETSc.Vec, values: Array) -> None:
-        """Replace increments of unknowns by displacements of the parts' nodes. Collective.
-
-        ``values`` (owned dofs,) has the unknowns at their entries, and is changed in place.
-        """
+        """Replace unknowns in ``values`` (owned dofs,) by nodal displacements. Collective."""
         d = x.duplicate()
         d.array[: len(values)] = values
         poses = self.poses(x)
@@ -616,29 +585,28 @@ class RigidParts(Term):
     def make_rigid(
         self, x: PETSc.Vec, mass: NodalMass, step: float, v: Array, a: Array | None = None
     ) -> Array:
-        """Project the velocity and acceleration of the parts' nodes on rigid motions. Collective.
+        """Project velocity and acceleration of the parts' nodes on rigid motions. Collective.
 
-        The projection keeps the momenta of the free unknowns. The acceleration gets the
-        centripetal part, which the formulas of a time integrator lack.
+        The momenta of the free unknowns do not change. The acceleration gets the centripetal part,
+        which the formulas of a time integrator lack.
 
         Parameters
         ----------
         x : PETSc.Vec
-            The state, at the present load.
+            The displacement.
         mass : NodalMass
             The mass matrix.
         step : float
-            The step of `path_rates`, for prescribed motions.
+            As for `path_rates`.
         v : (local dofs,)
             Velocity [m/s], ghosts included; changed in place.
         a : (local dofs,), optional
-            Acceleration [m/s^2], ghosts included; changed in place.
+            Acceleration [m/s^2], likewise.
 
         Returns
         -------
         (nodes, components)
-            The part of the acceleration that does not depend on the forces: the centripetal part,
-            and the accelerations that are prescribed.
+            The centripetal and the prescribed part of the acceleration.
         """
         poses, tree = self.poses(x), self.tree
         G = tree.jacobian(poses)

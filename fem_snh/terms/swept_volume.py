@@ -13,9 +13,9 @@ whose integrand is quadratic in t. If the volume that the closing surface sweeps
 (`fem_snh.terms.closing_surface`) does not depend on free displacements, the pressure is
 conservative, with the energy p S. In a plane S is an area.
 
-A rigid part on which an edge of the surface lies closes the surface by a lid, whose work is not in
-the integral above. With the lid's vector area a at rest, its moment M at rest about a point X of
-the part, and the part's rotation R, the work of a unit pressure on the lid is
+A rigid part with an edge of the surface closes it by a lid, whose work the integral lacks. With the
+lid's vector area a and moment M at rest about a point X of the part, and the part's rotation R, the
+work of a unit pressure on the lid is
 
 .. math:: R a \cdot v + \delta R : R M, \quad M = \int N (Y - X)^T \, \mathrm{d}A .
 
@@ -131,9 +131,9 @@ class SweptVolume:
         return total
 
     def change(self, u: PETSc.Vec) -> float:
-        """Return the change of the enclosed volume, S plus the closing surface's. Collective.
+        """Return the change of the enclosed volume [m^3], positive along N. Collective.
 
-        The unit is m^3. It is positive if the surface moves along N.
+        It is S plus the volume that the closing surface sweeps.
         """
         assert self._closing is not None
         copy_to_function(u, self._u)
@@ -142,8 +142,7 @@ class SweptVolume:
     def at_rest(self) -> float | None:
         """Return the enclosed volume at rest [m^3], or None if it is unknown. Collective.
 
-        It is minus the change of the volume in the displacements of `ClosingSurface.collapse`.
-        It is negative if N points into the volume, as for a cavity.
+        It is negative if N points into the volume. `ClosingSurface.collapse` determines it.
         """
         if self._closing is None or (found := self._closing.collapse()) is None:
             return None

@@ -22,9 +22,9 @@ class Term:
     """A part of a problem's energy, with its derivative: the base of all terms.
 
     A subclass defines `add_residual`, and `energy` if ``has_energy``. All other methods have
-    defaults. ``u`` is the ghosted vector of the displacement, ``p`` the ghosted vector of the
-    pressure; ``r_u`` and ``r_p`` are the ghosted vectors of the derivatives with respect to u and
-    p. If the pressure is no unknown, ``p`` and ``r_p`` are None.
+    defaults. ``u`` and ``p`` are ghosted vectors of the displacement and the pressure, ``r_u`` and
+    ``r_p`` of the derivatives by u and p. If the pressure is no unknown, ``p`` and ``r_p`` are
+    None.
 
     Attributes
     ----------
@@ -112,7 +112,7 @@ class Term:
     ) -> None:
         """Add dE/du [N] to ``r_u`` and dE/dp to ``r_p``.
 
-        A term may add to ghost entries; the caller sums them into the entries of their owners.
+        The caller adds ghost entries to those of their owners.
         """
         raise NotImplementedError(f"{type(self).__name__}.add_residual")
 
@@ -154,7 +154,7 @@ class Term:
     def add_goal_derivative(self, name: str, component: int, u: PETSc.Vec, g: PETSc.Vec) -> None:
         """Add the derivative by u of a component of a result to ``g``. Collective.
 
-        ``g`` is a ghosted vector. The caller sums its ghost entries into those of their owners.
+        The caller adds ghost entries to those of their owners.
         """
         raise NotImplementedError(f"{type(self).__name__}.add_goal_derivative")
 
@@ -166,13 +166,10 @@ class Term:
         return {}
 
     def nodal_field(self, name: str, u: PETSc.Vec) -> npt.NDArray[Any] | float:
-        """Return the term's share of a field that its feature names. Collective.
+        """Return the term's share of a nodal field, or 0 if it has no such field. Collective.
 
-        Returns
-        -------
-        (local nodes, components) array, (local nodes,) array or float
-            A vector field, a scalar field, or 0 if the term lacks the field. The caller adds the
-            shares of all terms.
+        It is (local nodes, components), or (local nodes,) for a scalar. The caller adds the shares
+        of all terms.
         """
         return 0.0
 
@@ -183,7 +180,7 @@ class ForceTerm(Term):
     def add_nodal_forces(self, name: str, u: PETSc.Vec, r: PETSc.Vec) -> None:
         """Add the nodal forces [N] whose sum is the result ``name`` to ``r``. Collective.
 
-        ``r`` is a ghosted vector. The caller sums its ghost entries into those of their owners.
+        The caller adds ghost entries to those of their owners.
         """
         raise NotImplementedError(f"{type(self).__name__}.add_nodal_forces")
 
@@ -194,8 +191,7 @@ class CouplingTerm(Term):
     def couplings(self, u: PETSc.Vec) -> npt.NDArray[Any]:
         """Return the pairs of global nodes that the Hessian at ``u`` couples, (n, 2). Collective.
 
-        They are one of the arrays that `BlockMatrix.couple` accepts. While the pairs do not change,
-        the term returns the same array object.
+        `BlockMatrix.couple` describes them. The array is the same object until they change.
         """
         raise NotImplementedError(f"{type(self).__name__}.couplings")
 
@@ -213,8 +209,7 @@ class WorkingTerm(Term):
         u : PETSc.Vec
             Ghosted displacement at the step's end.
         end_weight : float
-            Weight in [0, 1] of the forces at the step's end; the forces at the step's start have
-            the weight ``1 - end_weight``.
+            Weight in [0, 1] of the forces at the step's end; the forces at its start have the rest.
         """
         raise NotImplementedError(f"{type(self).__name__}.step_work")
 
@@ -247,7 +242,7 @@ class StepLimitingTerm(Term):
 
 
 class StepLimit:
-    """A function of x and d that returns the largest step that all of some terms admit.
+    """A function that returns the largest step which several terms admit.
 
     Parameters
     ----------

@@ -155,11 +155,7 @@ class UFLTerm(Term):
     def add_residual(
         self, u: PETSc.Vec, p: PETSc.Vec | None, r_u: PETSc.Vec, r_p: PETSc.Vec | None
     ) -> None:
-        """Add the forces [N] to ``r_u``. Collective.
-
-        The assembled forces of a dead load are added to owned entries; other forces are this rank's
-        part, and are added to ghost entries, too.
-        """
+        """Add the forces [N] to ``r_u``; of a dead load, to owned entries alone. Collective."""
         if self._force is not None:
             r_u.array[:] += self._current_force().array_r
         else:
@@ -179,10 +175,7 @@ class UFLTerm(Term):
     def element_matrices(
         self, u: PETSc.Vec, filter: str, symmetric: bool
     ) -> Iterator[tuple[Any, Any, int]]:
-        """Yield the element matrices [N/m] of dR/du, integral by integral; none for a dead load.
-
-        `FormCells.matrices` describes the arguments and the yielded tuples.
-        """
+        """Yield the element matrices [N/m] of dR/du: see `FormCells.matrices`."""
         choose("filter", filter, FILTERS)
         if self._cells is None:
             return
@@ -217,10 +210,7 @@ class UFLTerm(Term):
         ]
 
     def _is_linear_and_symmetric(self, hessian: Any) -> bool:
-        """Return whether a residual is linear in u with a symmetric derivative. Collective.
-
-        ``hessian`` is the UFL form of this derivative.
-        """
+        """Return whether a residual is linear in u with a symmetric ``hessian``. Collective."""
         if self._cells is None or self._u in hessian.coefficients():
             return False
         worst = max((self._cells.asymmetry(i) for i in self._integrals()), default=0.0)
@@ -248,13 +238,7 @@ def check_form(form: Any, u: Any, name: str) -> None:
 
 
 def compile_form(form: Any, name: str) -> Any:
-    """Return the dolfinx form of a UFL form. Collective.
-
-    Raises
-    ------
-    BadInput
-        On every rank, with the key ``name``, if UFL, FFCx or the C compiler fails.
-    """
+    """Return a compiled form; raise BadInput, with key ``name``, if that fails. Collective."""
     with _compiling(name):
         # On every rank: dolfinx lets this error, which is no Exception, leave the first one alone.
         check_form_arity(remove_complex_nodes(form), form.arguments())
@@ -305,10 +289,7 @@ class UFLTerms(Term):
         self._factors: list[tuple[Any, Callable[[float], float]]] = []
 
     def add(self, form: Any, amplitude: Callable[[float], float] | None = float) -> None:
-        """Add a form times an amplitude, a function of the load. Collective.
-
-        The default amplitude is the load itself. The amplitude None is the constant 1.
-        """
+        """Add a form times an amplitude, by default the load itself; None means 1. Collective."""
         at_rest = 1.0 if amplitude is None else amplitude(0.0)
         factor = _dolfinx.constant(self._u.function_space.mesh, at_rest)
         self._terms.append(UFLTerm(factor * form, self._u, self.name))

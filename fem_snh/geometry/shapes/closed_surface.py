@@ -40,11 +40,6 @@ class ClosedSurface(Shape):
         Indices of each triangle's corners, anticlockwise as seen from outside.
     path : Path or None
         The file, for messages.
-
-    Raises
-    ------
-    BadInput
-        As `check_closed` does.
     """
 
     points: Array
@@ -147,10 +142,7 @@ def check_closed(points: Array, triangles: Triangles, name: str) -> None:
 
 
 def enclosed_volume(points: Array, triangles: Triangles) -> float:
-    """Return the volume that triangles enclose, positive if their normals point outwards.
-
-    Where components of the surface overlap, the volume counts several times.
-    """
+    """Return the volume that triangles with outward normals enclose; overlaps count twice."""
     a, b, c = ((points - points.mean(axis=0))[triangles[:, i]] for i in range(3))
     return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
 

@@ -65,7 +65,7 @@ class Polygon(Shape):
         return np.array([[*x.min(axis=0), -np.inf], [*x.max(axis=0), np.inf]])
 
     def evaluate(self, x: Array) -> Evaluation:
-        """Return the signed distance at points x (n, 3), with its gradient and its Hessian."""
+        """Return signed distance, gradient and Hessian at points x (n, 3)."""
         start, way, normal = self._edges
         p = x[:, None, :2] - start
         t = np.clip(np.einsum("nmi,mi->nm", p, way) / (way**2).sum(axis=1), 0.0, 1.0)

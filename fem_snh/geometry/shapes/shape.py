@@ -53,7 +53,7 @@ class Shape:
         raise NotImplementedError(f"{type(self).__name__}.bounds")
 
     def evaluate(self, x: Array) -> Evaluation:
-        """Return the signed distance at points x (n, 3), with its gradient and its Hessian."""
+        """Return signed distance, gradient and Hessian at points x (n, 3)."""
         raise NotImplementedError(f"{type(self).__name__}.evaluate")
 
     def distance(self, x: Array) -> Array:
@@ -87,10 +87,7 @@ def around(points: Sequence[Point], margin: float | Array) -> Array:
 
 
 def normalise(v: Array, otherwise: Array) -> tuple[Array, Array]:
-    """Return the lengths (n,) of vectors (n, 3), and their unit vectors (n, 3).
-
-    ``otherwise`` (3,) is the unit vector of a vector of length zero.
-    """
+    """Return the lengths (n,) and unit vectors of vectors (n, 3); ``otherwise`` (3,) for zero."""
     length = lengths(v)
     zero = length == 0.0
     unit = v / np.where(zero, 1.0, length)[:, None]
@@ -120,10 +117,10 @@ def deepest(depths: Array, tolerance: float) -> Array:
     Parameters
     ----------
     depths : (solids, n) array
-        Depths of the points in the solids [length]: negative outside, infinite at nodes of a group.
+        Depths of the points in the solids [length]: negative outside, infinite in a group.
     tolerance : float
-        Difference of depths that counts as zero. Points outside of a solid by up to this distance
-        are in the solid. A point equally deep in several solids is in the first one.
+        Difference of depths that counts as zero. Points this far outside of a solid are in it, and
+        a point equally deep in several solids is in the first one.
     """
     most = depths.max(axis=0)
     inside = most >= -tolerance
@@ -179,7 +176,7 @@ class Box(Shape):
         return lengths(np.maximum(q, 0.0)) + np.minimum(q.max(axis=1), 0.0)
 
     def evaluate(self, x: Array) -> Evaluation:
-        """Return the signed distance at points x (n, 3), with its gradient and its Hessian."""
+        """Return signed distance, gradient and Hessian at points x (n, 3)."""
         axes = self.axes
         y = (x - np.asarray(self.center)) @ axes
         sign = np.where(y < 0, -1.0, 1.0)
@@ -228,7 +225,7 @@ class Plane(Shape):
         return np.array([[-np.inf] * 3, [np.inf] * 3])
 
     def evaluate(self, x: Array) -> Evaluation:
-        """Return the signed distance at points x (n, 3), with its gradient and its Hessian."""
+        """Return signed distance, gradient and Hessian at points x (n, 3)."""
         n = direction("normal", self.normal)
         return Evaluation(
             (x - np.asarray(self.point)) @ n, np.tile(n, (len(x), 1)), np.zeros((len(x), 3, 3))
@@ -273,7 +270,7 @@ class Sphere(Shape):
         return lengths(x - np.asarray(self.center)) - self.radius
 
     def evaluate(self, x: Array) -> Evaluation:
-        """Return the signed distance at points x (n, 3), with its gradient and its Hessian."""
+        """Return signed distance, gradient and Hessian at points x (n, 3)."""
         length, e = normalise(x - np.asarray(self.center), _X)
         hessian = (np.eye(3) - outer(e, e)) * inverse(length)[:, None, None]
         return Evaluation(length - self.radius, e, hessian)
@@ -324,7 +321,7 @@ class Capsule(_Segment):
         return lengths(arm - nearest[:, None] * t) - self.radius
 
     def evaluate(self, x: Array) -> Evaluation:
-        """Return the signed distance at points x (n, 3), with its gradient and its Hessian."""
+        """Return signed distance, gradient and Hessian at points x (n, 3)."""
         t, normal, length = _axis(self.start, self.end)
         arm = x - np.asarray(self.start)
         along = arm @ t
@@ -345,10 +342,6 @@ class Cylinder(_Segment):
 
     Parameters
     ----------
-    start, end : (3,) tuple
-        The ends of the axis [length].
-    radius : float
-        The radius [length].
     infinite : bool
         Whether the cylinder extends infinitely beyond both ends.
     """
@@ -364,10 +357,7 @@ class Cylinder(_Segment):
 
     @property
     def _solid(self) -> tuple[Revolved, Array, Array]:
-        """The cylinder in its own frame, about the axis y, and the frame.
-
-        The frame is a matrix (3, 3), whose columns are its axes, and the origin (3,), the centre.
-        """
+        """The cylinder about the axis y, its axes as columns of a matrix, and its centre (3,)."""
         t, normal, length = _axis(self.start, self.end)
         r, depth = self.radius, 2 * max(2 * self.radius, length)  # along z no distance sees it
         half_plane = Plane((r, 0.0, 0.0), (1.0, 0.0, 0.0))
@@ -381,7 +371,7 @@ class Cylinder(_Segment):
         return solid.distance((x - centre) @ frame)
 
     def evaluate(self, x: Array) -> Evaluation:
-        """Return the signed distance at points x (n, 3), with its gradient and its Hessian."""
+        """Return signed distance, gradient and Hessian at points x (n, 3)."""
         solid, frame, centre = self._solid
         found = solid.evaluate((x - centre) @ frame)
         hessian = frame @ found.hessian @ frame.T
@@ -430,7 +420,7 @@ class Revolved(Shape):
         return self.section.distance(_in_half_plane(x))
 
     def evaluate(self, x: Array) -> Evaluation:
-        """Return the signed distance at points x (n, 3), with its gradient and its Hessian."""
+        """Return signed distance, gradient and Hessian at points x (n, 3)."""
         at = _in_half_plane(x)
         found = self.section.evaluate(at)
         radial = np.where(at[:, [0]] > 0, x * inverse(at[:, 0])[:, None], [1.0, 0.0, 0.0])

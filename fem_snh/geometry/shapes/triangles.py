@@ -41,18 +41,15 @@ def surface_triangles(
     shape : Shape
         The shape at its reference position.
     centre : (3,) array
-        The centre [length] of the region that infinite surfaces are cut off to contain.
+        The centre [length] of a ball outside of which infinite surfaces are cut off. The seams of
+        an infinite smooth union are left sharp.
     radius : float
-        The radius [length] of this region.
+        The radius [length] of the ball.
 
     Raises
     ------
     TypeError
         For a shape of another class, such as `Revolved`.
-
-    Notes
-    -----
-    The seams of an infinite smooth union are sharp, and inner surfaces of a union are not removed.
     """
     if isinstance(shape, SmoothUnion) and np.isfinite(shape.bounds).all():
         grid = Grid.around(shape.bounds, float(np.ptp(shape.bounds, axis=0).max()) / _CUBES)
@@ -95,10 +92,7 @@ def join(parts: Sequence[tuple[Array, Triangles]]) -> tuple[Array, Triangles]:
 
 
 def _arc(radius: float, length: float) -> tuple[Array, Array]:
-    """Return the profile of a capsule of an axis ``length``, from pole to pole.
-
-    It is the heights along the axis from its start, and the radii, both (k,).
-    """
+    """Return the heights and radii (k,) of a capsule's profile, from pole to pole."""
     angle = np.linspace(-0.5, 0.5, _CIRCLE // 2 + 2) * np.pi  # an even number of points
     height = radius * np.sin(angle)
     return np.where(angle > 0, height + length, height), radius * np.cos(angle)
@@ -107,8 +101,7 @@ def _arc(radius: float, length: float) -> tuple[Array, Array]:
 def _revolved(origin: Array, axis: Array, height: Array, radius: Array) -> tuple[Array, Triangles]:
     """Return points and triangles of the surface of revolution of a profile about an axis.
 
-    ``height`` and ``radius`` (k,) are the profile, ``origin`` the point of the unit vector ``axis``
-    at height 0.
+    The heights (k,) of the profile are along the unit vector ``axis`` from ``origin``.
     """
     a, b = _across(axis)
     angle = 2 * np.pi * np.arange(_CIRCLE) / _CIRCLE
@@ -127,10 +120,7 @@ def _revolved(origin: Array, axis: Array, height: Array, radius: Array) -> tuple
 
 
 def _prism(corners: Array, height: float, radius: float) -> tuple[Array, Triangles]:
-    """Return points and triangles of the sides of a prism over a polygon (m, 2), without its ends.
-
-    z is from height - radius to height + radius.
-    """
+    """Return points and triangles of a prism's sides over a polygon, at |z - height| <= radius."""
     m = len(corners)
     ends = [np.column_stack([corners, np.full(m, height + z)]) for z in (-radius, radius)]
     i = np.arange(m)

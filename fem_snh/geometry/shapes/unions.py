@@ -69,7 +69,7 @@ class Union(Shape):
         return found
 
     def evaluate(self, x: Array) -> Evaluation:
-        """Return the signed distance at points x (n, 3), with its gradient and its Hessian."""
+        """Return signed distance, gradient and Hessian at points x (n, 3)."""
         d, first = np.full(len(x), np.inf), np.zeros(len(x), dtype=int)
         for i, shape in enumerate(self.shapes):
             other = shape.distance(x)
