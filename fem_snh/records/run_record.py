@@ -105,7 +105,7 @@ _UNITS = {
 
 
 def column_unit(name: str, step: Mapping[str, Any]) -> str:
-    """Return a column's SI unit; "" if it has none, or is not in the step's `flat` row: "A/B"."""
+    """Return a column's SI unit; "" if it has none or the step's `flat` row lacks the column."""
     if name not in flat(step):
         return ""
     body = name.removesuffix(".error")

@@ -36,7 +36,7 @@ def estimate_errors(
     goals : sequence of Goal
         The goals.
     announce : callable
-        Called with the estimate when its cost is known, before the errors are.
+        Called with the estimate before the errors are known: it has the cost only.
     fields : bool
         Whether fields of the errors are written. The errors of all goals are then distributed to
         the cells; otherwise only if the scene names goals or, in a run to an accuracy, if the mesh

@@ -10,7 +10,7 @@ A goal :math:`Q_k` of the equilibrium at load k has by the adjoint method the de
 with the exact Hessian H, which is symmetric: one linear solve for each measured value, whatever the
 number of parameters. The partial derivatives of goals and residual r by a parameter are central
 differences at the converged states, without another solve for equilibrium. A reaction is a sum of
-residuals: its dual solution includes its partial derivative.
+residuals: the dual solution includes the partial derivative.
 
 As goals have different units, the residuals of each goal are divided by the goal's largest measured
 value, and have a variance of their own in the standard errors.
@@ -385,7 +385,7 @@ class InverseProblem:
     Attributes
     ----------
     scale : (m,) array
-        The largest measured value of each residual's goal.
+        The divisors of the residuals.
     solves : int
         Runs so far.
     linear : int
@@ -467,10 +467,7 @@ class InverseProblem:
         return found[1]
 
     def evaluate(self, z: Array) -> tuple[Array, Array] | None:
-        """Return the residuals (m,) and their derivatives (m, k); None if the run fails.
-
-        All ranks take the z of rank 0. Results are cached.
-        """
+        """Return residuals (m,) and derivatives (m, k) at rank 0's z; None if the run fails."""
         z = np.asarray(self.comm.bcast(z))
         key = z.tobytes()
         if key not in self._known:

@@ -30,9 +30,7 @@ _SHIFT = 1e-10
 
 @contextmanager
 def scene_options(scene: Scene) -> Iterator[list[str]]:
-    """Set PETSc options for a ``with`` block: the scene's and defaults. Collective.
-
-    Options that the user has set are left.
+    """Set the PETSc options of a scene, and defaults, that the user has not set. Collective.
 
     Yields
     ------

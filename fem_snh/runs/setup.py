@@ -93,8 +93,6 @@ def set_up(
 
     Parameters
     ----------
-    comm, scene
-        The communicator and the scene.
     resumed : bool
         Do not read the run ``start.run``, as the caller sets the state from a checkpoint.
     mesh, element : optional

@@ -29,13 +29,13 @@ def interpolate_run(
 ) -> None:
     """Set the displacement of a program to the displacement of a run. Collective.
 
-    ``NonlinearProblem.steps`` then changes the values at constrained nodes from these values to
-    those of ``bcs``. A node outside of the run's mesh has the value of the closest point.
+    ``NonlinearProblem.steps`` then goes from these values at constrained nodes to those of ``bcs``.
+    A node outside of the run's mesh has the value of the closest point.
 
     Parameters
     ----------
     u : dolfinx Function
-        The displacement, on any mesh of the run's body; its array is overwritten.
+        The displacement, on any mesh of the run's body.
     run : str or Path
         The folder of the run.
     step : int, optional

@@ -158,10 +158,7 @@ def _check_float(value: object) -> object:
 
 
 def _check_text(value: object) -> object:
-    """Return a value; raise ValueError for a text with a whole number outside 32 bits.
-
-    PETSc would truncate the number.
-    """
+    """Return a value; reject texts with a number outside 32 bits, which PETSc would truncate."""
     if isinstance(value, str):
         for item in value.split(","):
             # int() itself refuses more than 4300 digits.

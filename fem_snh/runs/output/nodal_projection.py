@@ -5,8 +5,8 @@ The projection f of a field g is the continuous function of degree 1 with, for e
 .. math:: \int_\Omega N_a f \, \mathrm{d}V = \sum_q w_q N_a(x_q) g(x_q) .
 
 It is exact where g is constant. It may overshoot where g jumps, as between two materials. On a body
-of revolution the integrals are over the section, without the factor 2 pi r: with that factor the
-quadrature rule would not be exact, and the projection not even of a constant.
+of revolution the integrals leave out the factor 2 pi r, with which the quadrature rule would not be
+exact, and the projection not even of a constant.
 """
 
 from __future__ import annotations
