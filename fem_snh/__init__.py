@@ -9,7 +9,7 @@
     >>> fem_snh.NonlinearProblem(u, {m: ufl.dx}, bcs=bcs).solve()  # in a dolfinx program
     >>> fem_snh.DynamicProblem(u, {m: ufl.dx}, {m: 1e3}, duration=1.0).step(0.01)  # in time
 
-Each subpackage uses those before it: `materials` (symbolic energies), `geometry` (shapes, motions),
+Each subpackage uses those before: `materials` (symbolic energies), `geometry` (shapes, motions),
 `tables` (what scenes and programs share), `viewing` (pictures), `kernels` (compiled energies, a
 material at a point), `mesh`, `linalg` (linear solvers), `solver` (projected Newton, a PETSc SNES),
 `assembly`, `terms` (energies and loads), `contact`, `scenes` (experiments), `studies` (many runs),
@@ -49,7 +49,7 @@ __all__ = [
     "interpolate_run", "material", "materials", "modes", "reaction", "register_feature", "run",
 ]  # fmt: skip
 
-#: Modules of the public names. They are imported on first use, as importing dolfinx is slow.
+#: Modules of the public names. A module is imported on first use, as importing dolfinx is slow.
 _MODULES = {
     "material": "kernels.material",
     "run": "runs",
@@ -90,5 +90,5 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    """Return the public names, those that are not imported yet included."""
+    """Return the public names, also of modules that are not imported yet."""
     return list(__all__)

@@ -1,9 +1,7 @@
-"""The user's cache folder, what is the same in every run, and the seconds of compilation.
+"""The user's cache folder for small records and C declarations, and the time of compilation.
 
-What is the same in every run are small records and C declarations.
-
-A record's key is a hash of all that its content depends on, source files of the package included,
-so that no record is ever out of date. Records may be deleted at any time.
+A record's key is a hash of everything that its content depends on, including source files of the
+package, so that no record is ever out of date. Records may be deleted at any time.
 """
 
 from __future__ import annotations
@@ -28,7 +26,7 @@ from fem_snh.errors import BadInput
 
 #: Hexadecimal digits of the hash in a file name: 96 bits, so that two keys never share a name.
 KEY_DIGITS = 24
-#: Prefix of the folders in which files are made.
+#: Prefix of the names of `build_folder`.
 _BUILD = "build-"
 #: The system administrator's user id.
 _ROOT = 0
@@ -46,7 +44,7 @@ def folder() -> Path:
 
 
 def key(*content: Any) -> str:
-    """Return a key that identifies content: numbers, texts, sequences and mappings of them.
+    """Return a hash of numbers, texts, and sequences and mappings of them: 24 hexadecimal digits.
 
     Raises
     ------
@@ -59,7 +57,7 @@ def key(*content: Any) -> str:
 
 @lru_cache
 def sources(*folders: str) -> str:
-    """Return a hash of the source files in some folders of this package, e.g. "materials"."""
+    """Return a hash of the .py and .h files in folders of this package, e.g. "materials"."""
     found = hashlib.sha256()
     for path in _files(folders):
         found.update(path.name.encode() + b"\0" + path.read_bytes())
@@ -77,16 +75,16 @@ def _files(folders: Iterable[str]) -> list[Path]:
 
 
 def own_folder() -> Path:
-    """Return the folder, which is created, after a check that only this user writes into it.
+    """Return `folder`, created if missing, after a check that only this user can write into it.
 
-    The program executes what the folder holds.
+    The program executes files of the folder.
 
     Raises
     ------
     BadInput
         If the folder is another user's, or others can write into it.
     OSError
-        If it cannot be created.
+        If the folder cannot be created.
     """
     path = folder()
     path.mkdir(mode=0o700, parents=True, exist_ok=True)
@@ -105,9 +103,9 @@ def own_folder() -> Path:
 
 
 def read_signed(path: Path) -> bytes | None:
-    """Return the content of a file that `sign` has made, None unless it is whole and trusted.
+    """Return a file's content without the signature of `sign`; None if it cannot be trusted.
 
-    One under another name than the one it was signed with is not: it holds something else.
+    So it is if the file is missing, incomplete or renamed, or if others own it or can write to it.
     """
     try:
         with path.open("rb") as file:
@@ -121,23 +119,23 @@ def read_signed(path: Path) -> bytes | None:
 
 
 def sign(path: Path) -> None:
-    """Append its digest and its name's to a file, by which `read_signed` recognises it."""
+    """Append a digest of the file's name and content, which `read_signed` checks; set mode 644."""
     with path.open("r+b") as file:
         file.write(_signature(path.name, file.read()))
     path.chmod(0o644)
 
 
 def _signature(name: str, content: bytes) -> bytes:
-    """Return a last line that Python and the loader of shared libraries ignore."""
+    """Return the digest as a last line that Python and the loader of shared libraries ignore."""
     digest = hashlib.sha256(name.encode() + b"\0" + content).hexdigest()
     return f"\n# {digest}\n".encode()
 
 
 @contextmanager
 def build_folder() -> Iterator[Path]:
-    """Provide an empty folder in `own_folder`, from where complete files are moved there.
+    """Provide a temporary folder in `own_folder`, from where complete files are moved there.
 
-    What killed processes have left of theirs is removed. Raises as `own_folder`.
+    Temporary folders of killed processes are removed. Raises as `own_folder`.
     """
     parent = own_folder()
     for path in parent.glob(f"{_BUILD}*"):
@@ -162,7 +160,7 @@ def _locked(path: Path) -> Iterator[None]:
 
 
 def read(key: str) -> dict[str, Any] | None:
-    """Return the record of a key, or None if there is none, or none that can be read."""
+    """Return the record of a key; None if it is missing or cannot be read."""
     try:
         record = json.loads((folder() / f"{key}.json").read_text())
     except (OSError, ValueError):
@@ -171,9 +169,9 @@ def read(key: str) -> dict[str, Any] | None:
 
 
 def write(key: str, record: dict[str, Any]) -> None:
-    """Store the record of a key. Other processes see all of it or nothing.
+    """Store the record of a key, so that other processes see all of it or nothing.
 
-    A folder that cannot be written is no error: the record is computed again by the next run.
+    A folder that cannot be written is no error: the next run computes the record again.
     """
     with suppress(OSError), build_folder() as scratch:
         written = scratch / f"{key}.json"
@@ -184,8 +182,8 @@ def write(key: str, record: dict[str, Any]) -> None:
 def c_declarations(declarations: str) -> Any:
     """Return an FFI object that knows C declarations. Not collective.
 
-    cffi parses C in Python: that takes longer than opening a library and all of its calls in a
-    small run. So the declarations are parsed once, and what cffi writes is kept.
+    cffi parses C in Python, which takes longer than opening a library and all of its calls in a
+    small run. So the declarations are parsed once, and the module that cffi writes is cached.
 
     Parameters
     ----------
@@ -195,8 +193,8 @@ def c_declarations(declarations: str) -> Any:
     Returns
     -------
     cffi.FFI or _cffi_backend.FFI
-        The second is read from the cache; both have ``new``, ``cast``, ``buffer``,
-        ``from_buffer``, ``NULL`` and ``dlopen``.
+        The first if the declarations were parsed, the second from the cache. Both have ``new``,
+        ``cast``, ``buffer``, ``from_buffer``, ``NULL`` and ``dlopen``.
     """
     import cffi  # the cache of materials needs none
 
@@ -218,7 +216,7 @@ def c_declarations(declarations: str) -> Any:
 
 
 def _stored_module(path: Path) -> bytes | None:
-    """Return a module that cffi has written, or None. Raises BadInput for another user's cache."""
+    """Return the source of a stored module, or None. Raises BadInput for another user's cache."""
     if not os.path.exists(path):  # also where the folder cannot be searched
         return None
     own_folder()
@@ -244,7 +242,7 @@ _CLOCK = _Clock()
 
 @contextmanager
 def compiling() -> Iterator[None]:
-    """Count the seconds of the context, once where contexts are nested."""
+    """Add the time of the context to the time of compilation; nested contexts count once."""
     if _CLOCK.is_running:
         yield
         return
@@ -258,7 +256,7 @@ def compiling() -> Iterator[None]:
 
 
 class Stopwatch:
-    """Seconds since it was made, without those in which this process compiled."""
+    """The time since its creation, without the time of compilation in this process."""
 
     def __init__(self) -> None:
         self._compiled = _CLOCK.seconds, _CLOCK.processor
@@ -276,7 +274,7 @@ class Stopwatch:
 
     @property
     def jit(self) -> float:
-        """Return the elapsed seconds of compilation."""
+        """Return the elapsed seconds of compilation since the stopwatch's creation."""
         return _CLOCK.seconds - self._compiled[0]
 
 
@@ -296,7 +294,7 @@ def timed(method: Callable[..., T]) -> Callable[..., T]:
 
 @contextmanager
 def untimed(problem: Any) -> Iterator[None]:
-    """Leave evaluations within this block, as of output, out of the problem's time."""
+    """Leave evaluations in the context, as of output, out of ``problem.seconds["assemble"]``."""
     seconds = problem.seconds["assemble"]
     try:
         yield

@@ -8,7 +8,7 @@ LARGEST_NUMBER = 1e50
 
 #: Eigenvalue filters of a Hessian at a quadrature point, in the order of material_point.h.
 FILTERS = ("exact", "clamp", "abs")
-#: Those, and the clamped Hessian without the stiffness of spins, which damping has.
+#: `FILTERS`, and the clamped Hessian without the stiffness of rotations, for damping.
 POINT_FILTERS = (*FILTERS, "objective")
 
 #: Hessians of Newton's method: one filter throughout, or ``adaptive``: exact while the linear
@@ -26,10 +26,10 @@ EIGENSOLVERS = ("cubic", "jacobi")
 PREDICTORS = ("none", "extrapolate", "tangent", "bones")
 
 
-#: Time integrators (`fem_snh.steps.dynamics.integrators`); without damping of their own: newmark.
+#: Time integrators (`fem_snh.steps.dynamics.integrators`); newmark has no numerical damping.
 INTEGRATORS = ("backward_euler", "newmark", "bdf2", "generalized_alpha", "semi_implicit")
 
-#: What a table is between its points (`fem_snh.tables.amplitudes`).
+#: Interpolations of a table between its points (`fem_snh.tables.amplitudes`).
 INTERPOLATIONS = ("linear", "smooth")
 
 #: Mass matrices (`fem_snh.assembly.nodal_mass`).
@@ -50,8 +50,8 @@ DEFAULT_GLOBALIZATIONS = {
     "forces without an energy": "linesearch",
 }
 
-#: Largest unit of the residual's norm relative to the forces that act, in statics and in time. With
-#: the default of ``-snes_scaled_tol``, 1e-7, the residual is then 1e-4 of them: Hertz's force is
+#: Largest unit of the residual's norm over the largest force that acts. With the default of
+#: ``-snes_scaled_tol``, 1e-7, the residual is then at most 1e-4 of that force: Hertz's force is
 #: accurate to 1e-5 (`tests/solver/test_acting_forces.py`), the accelerations of a step to 1e-4.
 ACTING_FORCES = 1e3
 
@@ -61,21 +61,21 @@ CONTACT_METHODS = ("penalty", "augmented_lagrangian")
 #: How contact of a body with itself is enforced.
 SELF_CONTACT_METHODS = ("reference", "ipc")
 
-#: Cells along the longest extent of the shape of a file, as gmsh chooses them by itself.
+#: Default number of cells along the longest extent of a shape from a file, as gmsh chooses.
 DEFAULT_CELLS = 10
 
-#: How the cells of a lattice count that the body fills in part: by the filled fraction, or
-#: whole; the default first.
+#: Weights of lattice cells that the body fills in part: the filled fraction, or 1; the default is
+#: first.
 LATTICE_WEIGHTINGS = ("fraction", "full")
 
-#: The default globalization if the user names a Hessian: the textbook's method with that Hessian,
-#: which with ``clamp`` is the method of Smith et al. 2018.
+#: The default globalization if the user names a Hessian; with ``clamp`` it is the method of
+#: Smith et al. 2018.
 GLOBALIZATION_OF_NAMED_HESSIAN = "linesearch"
 
-#: Largest number of L-BFGS iterations after a Newton step, by globalization. In a trust region, 640
-#: of them need a half to a sixth of the Newton iterations that 40 need (measured:
+#: Largest number of L-BFGS iterations after a Newton step, by globalization. In a trust region, a
+#: maximum of 640 needs a half to a sixth of the Newton iterations that 40 needs (measured:
 #: python -m benchmarks negative_curvature --lbfgs 40,640; docs/results/figures.md).
 DEFAULT_LBFGS_MAX_IT = {"linesearch": 0, "trust_region": 640}
-#: The largest number in a trust region with sparse factors, with which a Newton step costs as much
-#: as a few of them (measured: python -m benchmarks slender).
+#: The same maximum in a trust region with sparse factors, where a Newton step costs as much as
+#: a few L-BFGS iterations (measured: python -m benchmarks slender).
 FACTORS_LBFGS_MAX_IT = 150

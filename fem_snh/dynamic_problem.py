@@ -44,12 +44,11 @@ class DynamicProblem(NonlinearProblem):
     integrator : str, optional
         One of `fem_snh.choices.INTEGRATORS`.
     duration : float
-        The time [s] at which `steps` ends; `step` may go on beyond it. Velocities of boundary
-        values at the start are finite differences over 1/2000 of the duration.
+        The time [s] at which `steps` ends. Velocities of boundary values at the start are finite
+        differences over 1/2000 of it.
     set_time : callable, optional
         ``set_time(t)`` sets constants, functions and boundary values of ``terms`` and ``bcs`` for a
-        time [s]. It is called with times in any order, as velocities and accelerations of boundary
-        values are finite differences.
+        time [s]. Times come in any order, as velocities of boundary values are finite differences.
     mass : {"consistent", "lumped"}, optional
         The mass matrix.
     damping : tuple of float, optional
@@ -127,16 +126,16 @@ class DynamicProblem(NonlinearProblem):
     def state(self) -> dict[str, Array]:
         """Return the state from which `start` continues the motion. Collective.
 
-        Another `DynamicProblem` with the same arguments, mesh partition and number of ranks can
-        continue from it. If the motion has not begun, it begins with `start`, from zero velocity.
+        Another `DynamicProblem` with the same arguments and mesh partition can continue from it. If
+        the motion has not begun, `start` begins it.
 
         Returns
         -------
         dict
-            Copies of this rank's arrays: save them in one file per rank, with ``numpy.savez``.
+            Copies of this rank's arrays, to be saved in one file per rank, as by ``numpy.savez``:
             "time" [s]; "unknowns", the owned part of `x`; "motion" (owned nodes, k), velocity,
-            acceleration and what the integrator keeps; "about", JSON text of numbers and of the
-            fields in "motion"; and "NAME_history" of each term NAME with a history.
+            acceleration and what the integrator keeps; "about", JSON text on "motion"; and
+            "NAME_history" of each term NAME with a history.
         """
         if not self._has_started:
             self.start()
@@ -201,8 +200,8 @@ class DynamicProblem(NonlinearProblem):
     def step(self, size: float) -> bool:
         """Advance by one time step of ``size`` [s]; return whether it converged. Collective.
 
-        If it did not, the state is unchanged, `reason` says why, and a shorter step can be tried.
-        The first step calls `start` if the program did not.
+        If not, the state is unchanged, `reason` says why, and a shorter step can be tried. The
+        first step calls `start` if the program did not.
 
         Raises
         ------

@@ -1,8 +1,8 @@
 """Exceptions that a user sees, the form of their messages, and their propagation to every rank.
 
 A message has one line: ``<key> = <value>: expected <what is accepted> (did you mean 'x'?)``.
-`bad_value`, `unknown_name`, `check_whole`, `check_number` and `choose` write it. Every part of the
-package may raise these exceptions; the command line prints the message and returns the exit code.
+`bad_value`, `unknown_name`, `check_whole`, `check_number` and `choose` write it. The command line
+prints the message and returns the exit code.
 """
 
 from __future__ import annotations
@@ -21,14 +21,15 @@ T = TypeVar("T")
 _SHOWN = 60
 #: Similarity (difflib's ratio) from which a known name is suggested for a misspelt one.
 _SIMILAR = 0.5
-#: The same for files; it is higher, as a folder also holds files for other purposes.
+#: The same for files. It is higher, as a folder also holds files for other purposes.
 _SIMILAR_FILE = 0.75
 
 
 class BadInput(ValueError):
-    """A mistake in the input or the environment: one line, exit code 2.
+    """A mistake in the input or the environment: exit code 2.
 
-    The message names the key, its value and the accepted values. Its line breaks become spaces.
+    The message names the key, its value and the accepted values, on one line: line breaks become
+    spaces.
     """
 
     def __init__(self, message: str = "") -> None:
@@ -40,20 +41,21 @@ class ResultNote(UserWarning):
 
 
 class Failed(RuntimeError):
-    """The reason why a run ended although its input is valid: one line, exit code 1.
+    """A run ended although its input is valid: exit code 1.
 
-    Examples are an exhausted memory and an error of PETSc's. The steps computed so far are kept.
+    Examples are exhausted memory and an error of PETSc. The steps computed so far are kept.
     """
 
 
 class NotSettled(RuntimeError):
-    """The reason why a step failed although no solve did; the step is halved."""
+    """A step failed although no solve did, as if lagged quantities alternate; it is halved."""
 
 
 def nearest(word: str, known: Iterable[str]) -> str:
-    """Return ``" (did you mean 'x'?)"`` for the known word closest to ``word``, or ``""``.
+    """Return the end of a message, ``" (did you mean 'x'?)"`` with a leading space, or ``""``.
 
-    The only one that begins with it is the closest.
+    x is the known word that begins with ``word`` if there is exactly one, otherwise the most
+    similar known word, if its difflib ratio is at least 0.5.
     """
     words = [str(k) for k in known]
     longer = [k for k in words if word and k.startswith(str(word))]
@@ -62,7 +64,7 @@ def nearest(word: str, known: Iterable[str]) -> str:
 
 
 def nearest_file(path: Path) -> str:
-    """Return the suggestion of `nearest` for a missing file, from its folder and suffix."""
+    """Return the same end for a missing file: the most similar name of its folder and suffix."""
     if "\0" in str(path):  # no file has it in its name
         return ""
     stems = [file.stem for file in path.parent.glob(f"*{path.suffix}")]
@@ -71,13 +73,16 @@ def nearest_file(path: Path) -> str:
 
 
 def in_words(names: Iterable[object]) -> str:
-    """Return names as they are listed in a sentence: "a", "a and b", "a, b and c"."""
+    """Return one name or more as a list in a sentence: "a", "a and b", "a, b and c"."""
     *first, last = map(str, names)
     return f"{', '.join(first)} and {last}" if first else last
 
 
 def shown(value: object) -> str:
-    """Return the ``repr`` of a value in one line, cut if it is long; numpy's as Python's."""
+    """Return the ``repr`` of a value on one line of 60 characters at most, cut if longer.
+
+    Numpy scalars are shown as Python numbers.
+    """
     if getattr(value, "shape", None) == () and hasattr(value, "item"):
         value = value.item()  # numpy 2 has np.True_ and np.float64(1.0)
     try:
@@ -109,8 +114,8 @@ def bad_value(key: str, value: object, accepted: str, known: Iterable[str] = ())
 def unknown_name(kind: str, name: str, known: Iterable[str], suggestion: str = "") -> BadInput:
     """Return the exception ``unknown <kind> '<name>': expected one of ...``.
 
-    It is for names without a value: keys, parameters, options. Without a ``suggestion``, the
-    nearest known name is suggested.
+    ``kind`` is what the name is: a key, a parameter, an option. Default of ``suggestion``: that of
+    `nearest`.
     """
     known = list(known)
     listed = f"one of {', '.join(known)}" if known else "none"
@@ -119,7 +124,7 @@ def unknown_name(kind: str, name: str, known: Iterable[str], suggestion: str = "
 
 
 def is_number(text: str) -> bool:
-    """Return whether a text is a number."""
+    """Return whether ``float`` accepts a text; "nan" and "inf" are numbers."""
     try:
         float(text)
     except ValueError:
@@ -128,7 +133,7 @@ def is_number(text: str) -> bool:
 
 
 def check_whole(key: str, value: object, lowest: int, highest: int) -> None:
-    """Raise `bad_value`'s BadInput unless ``value`` is a whole number in [lowest, highest]."""
+    """Raise `bad_value`'s BadInput unless ``value`` is an int in [lowest, highest], no bool."""
     if not isinstance(value, int) or isinstance(value, bool) or not lowest <= value <= highest:
         raise bad_value(key, value, f"a whole number from {lowest} to {highest}")
 
@@ -141,7 +146,7 @@ def check_number(
     Parameters
     ----------
     key, value : str, object
-        As for `bad_value`. Python's and numpy's numbers are accepted, and no bool.
+        As for `bad_value`. Numbers of Python and numpy are accepted, but no bool.
     lowest, highest : float
         The smallest and the largest number.
     exclusive : bool
@@ -162,7 +167,7 @@ def check_number(
 
 @dataclass(frozen=True)
 class Range:
-    """The accepted values of a number; its `str` says which.
+    """The accepted values of a number; ``str(range)`` describes them.
 
     Attributes
     ----------
@@ -175,7 +180,7 @@ class Range:
     nonzero : bool
         Whether 0 is excluded.
     words : str
-        The values in other words.
+        The description, if it is not the default.
     """
 
     low: float

@@ -1,8 +1,7 @@
-"""Files: a file is replaced as a whole.
+"""Reading files, and replacing them as a whole: a reader finds the old content or the new one.
 
-A reader finds the old content or the new one. All output of runs and studies is written here. What
-is written first has a random hidden name and is created exclusively: it neither follows a link nor
-replaces a file that somebody has put there.
+All output of runs and studies is written here. The new content is written to a file with a random
+hidden name, which is created exclusively: it neither follows a link nor replaces another file.
 """
 
 from __future__ import annotations
@@ -30,12 +29,12 @@ def read_text(path: str | Path, encoding: str = "utf-8", errors: str = "strict")
 
 
 def is_shape(path: object) -> TypeGuard[Path]:
-    """Return whether a path is that of an exact shape, for which cells are made: an .xao file."""
+    """Return whether a path names an exact shape, which has to be meshed: an .xao file."""
     return isinstance(path, Path) and path.suffix.lower() == ".xao"
 
 
 def xdmf_root(path: str | Path) -> ET.Element:
-    """Return the root of an XDMF file's text. Raises OSError, and ValueError for another file."""
+    """Return the root element of an XDMF file. Raises OSError, and ValueError for another file."""
     from xml.etree import ElementTree as ET  # few commands read one
 
     try:
@@ -48,7 +47,7 @@ def xdmf_root(path: str | Path) -> ET.Element:
 
 
 def xdmf_data(path: str | Path) -> list[Path]:
-    """Return the HDF5 files that hold the numbers of a .xdmf file, none if it is unreadable."""
+    """Return the HDF5 files of a .xdmf file, sorted; [] for another or an unreadable file."""
     if Path(path).suffix.lower() != ".xdmf":
         return []
     try:
@@ -67,18 +66,18 @@ def file_digest(path: str | Path) -> str:
 
 @lru_cache
 def _digest(path: str, _modified: int, _size: int) -> str:
-    """Hash a file; time and size are part of the key, so that a changed file is hashed again."""
+    """Return `file_digest`; time and size are cache keys, so a changed file is hashed again."""
     with open(path, "rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()[:16]
 
 
 def output_path(key: str, path: str | Path) -> Path:
-    """Return the path that a user gave for output.
+    """Return ``path`` as a Path, the value of ``key`` that a user gave for output.
 
     Raises
     ------
     BadInput
-        For an empty text, which would be the working directory, and for one with a null byte.
+        For an empty text, which would be the working directory, and for a null byte.
     """
     text = os.fspath(path)
     if not text.strip() or "\0" in text:
@@ -95,12 +94,12 @@ def make_folder_of(path: Path) -> None:
 
 
 def _temporary_path(path: Path) -> Path:
-    """Return a hidden path under which a file is written before it is moved."""
+    """Return a random hidden path beside ``path``, at which the file is first written."""
     return path.with_name(f".{path.name}.{secrets.token_hex(8)}.new")
 
 
 def remove_leftovers(folder: Path, is_own: Callable[[str], bool]) -> None:
-    """Remove what killed processes have left of writing files whose names are a program's own."""
+    """Remove temporary files of killed processes, if ``is_own`` accepts the final file's name."""
     for path in folder.iterdir():
         match = re.fullmatch(r"\.(.+)\.[0-9a-f]{16}\.new", path.name)
         if match and is_own(match[1]):
@@ -109,9 +108,9 @@ def remove_leftovers(folder: Path, is_own: Callable[[str], bool]) -> None:
 
 @contextmanager
 def replacement(path: Path) -> Iterator[Path]:
-    """Provide a path of the same name in a new folder, from where the file replaces ``path``.
+    """Provide a path of the same name in a temporary folder; at the end move the file to ``path``.
 
-    It is for libraries that write to a path; see `replace_file`.
+    It is for libraries that write to a path; see `replace_file`. Raises BadInput if that fails.
     """
     try:
         with TemporaryDirectory(dir=path.parent, prefix=".") as folder:
@@ -142,9 +141,9 @@ def replace_file(
     path : Path
         The file.
     content : str or callable
-        A text, or a function that writes to the binary file that it is given, and may read it.
+        A text, or a function that writes to the binary file it is given, which is also readable.
     sync : bool
-        Wait until the content is on the disk, so that it survives a loss of power.
+        Whether to wait until the content is on the disk, so that it survives a loss of power.
 
     Raises
     ------

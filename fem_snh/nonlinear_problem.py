@@ -64,9 +64,9 @@ class NonlinearProblem:
         exterior facets. Prefer an energy to its residual: it can be minimised. A load is written as
         its potential: -f . u dx for a force f per volume. Features are the objects that are tables
         in a scene: `fem_snh.Traction`, `fem_snh.Gravity`, `fem_snh.Pressure`, `fem_snh.Spring`,
-        `fem_snh.Cavity`, `fem_snh.SelfContact`. `solve` applies the loads of features in full,
-        `steps` in proportion to the load parameter. The values of features may be UFL expressions
-        without ``u``. An object of another class must have the methods of `fem_snh.Term`.
+        `fem_snh.Cavity`, `fem_snh.SelfContact`; their values may be UFL expressions without ``u``.
+        `solve` applies the loads of features in full, `steps` in proportion to the load. Any other
+        object must have the methods of `fem_snh.Term`.
     petsc_options_prefix : str, optional
         Prefix of the solver's options in PETSc's database.
     petsc_options : mapping, optional
@@ -87,11 +87,10 @@ class NonlinearProblem:
         ("tangent"), or the new boundary values beside the old displacement ("none"). From the
         second step of `steps` on, "tangent" extrapolates the displacement of the last step.
     static_condensation : bool, optional
-        Whether the cell pressures of "Q1P0" and "P2P0" are eliminated. Otherwise a mixed problem
-        with cell pressures as unknowns is solved first, and the condensed problem starts from its
-        solution. Default: False from nu = 0.499 on, where the condensed problem alone takes many
-        iterations, unless a term has a state of its own or the user chose the condensed problem's
-        solver; True otherwise.
+        Whether the cell pressures of "Q1P0" and "P2P0" are eliminated from the start. Otherwise a
+        mixed problem with cell pressures as unknowns is solved first. Default: False from
+        nu = 0.499 on, where the condensed problem takes many iterations, unless a term has a state
+        of its own or the condensed problem's solver was chosen.
     kinematics : {"plane_strain", "plane_stress", "axisymmetric", "axisymmetric_torsion"}, optional
         Required on a mesh of two dimensions (triangles or quadrilaterals), where ``u`` has 2
         components, (u_x, u_y) or (u_r, u_z), or with torsion 3, (u_r, u_z, u_theta), in the basis
@@ -99,11 +98,10 @@ class NonlinearProblem:
         and u_theta are zero. In a plane, energies are per thickness [J/m] and forces [N/m]; on a
         body of revolution both are of the whole turn, so forms in ``terms`` need the factor 2 pi r.
     volume : callable, optional
-        A volume energy U(J) [Pa] in UFL, such as ``lambda J: k/2 * (J - 1)**2``, which is
-        integrated over all cells beside the energies in ``terms``. "Q1P0" and "P2P0" evaluate it at
-        the mean J of each cell, like the volume terms of materials; they never change forms in
-        ``terms``. Keep a part of a few times the shear modulus, as (J - 1)**2, in ``terms``: it
-        limits the variation of J within a cell.
+        A volume energy U(J) [Pa] in UFL, such as ``lambda J: k/2 * (J - 1)**2``, integrated over
+        all cells beside the energies in ``terms``. "Q1P0" and "P2P0" evaluate it at the mean J of
+        each cell; they do not change forms in ``terms``. Keep (J - 1)**2 times a few times the
+        shear modulus in ``terms``: it limits the variation of J within a cell.
     mesh : Mesh, optional
         The mesh of ``u`` with physical groups, as `Scene.build` returns it:
         ``materials``, ``bcs`` and ``terms`` may then name groups in place of measures.
@@ -122,11 +120,10 @@ class NonlinearProblem:
     p : dolfinx Function or None
         The pressure [Pa] of an element with an unknown pressure, positive in tension.
     solver : PETSc.SNES
-        The solver; ``solver.getPythonContext()``, a `ProjectedNewton`, has the history of
-        iterations.
+        The solver; its Python context, a `ProjectedNewton`, has the history of iterations.
     newton, linear : int
-        Newton and linear iterations of the last solve or step, including iterations of the
-        predictor and of the mixed problem with unknown cell pressures.
+        Newton and linear iterations of the last solve or step, including the predictor and the
+        mixed problem with unknown cell pressures.
     reason : str
         Why the last solve ended: PETSc's name, followed by the cause of a failure, such as
         "DIVERGED_LINEAR_SOLVE: DIVERGED_INDEFINITE_PC"; empty before the first solve.
@@ -327,8 +324,7 @@ class NonlinearProblem:
     def _end(self, row: dict[str, Any], notes: Sequence[Note] = ()) -> None:
         """Set `row`, `reason`, `newton`, `linear` and `notes` after a step. Collective.
 
-        If the step failed although the SNES converged, the SNES gets the reason DIVERGED_INNER.
-        Rank 0 issues a warning for the first note of each kind.
+        The SNES of a failed step gets DIVERGED_INNER if it converged. Rank 0 warns of new notes.
         """
         self.row, self.reason = row, row["reason"]
         self.newton, self.linear = row["newton"], row["linear"]

@@ -1,8 +1,8 @@
-"""Functions called in a process of their own, MPI launchers, and interruptions of this process.
+"""Functions called in a new process, MPI launchers, and interruptions of this process.
 
-A library's crash in a process of its own does not end the program: gmsh and VTK can crash, hang at
-a prompt or print when they read a damaged file. This module imports only the standard library and
-fem_snh.errors; the child imports the function's module and no more.
+A library that crashes in a new process does not end the program: gmsh and VTK can crash, hang at a
+prompt or print when they read a damaged file. This module imports only the standard library and
+fem_snh.errors; the new process also imports the function's module.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ from fem_snh.errors import BadInput
 
 T = TypeVar("T")
 
-#: How the message of a process that has crashed ends.
+#: The end of the message of `Crashed`.
 UNDAMAGED = ": expected undamaged input"
-#: What a message from the process of a `call` holds.
+#: The kinds of messages from the process of a `call`.
 _PROGRESS, _RESULT, _ERROR = "progress", "result", "error"
 
 #: Prefixes of the variables by which an MPI launcher tells a process that it is a rank: those of
@@ -42,7 +42,7 @@ RUN_AS_ROOT = ("OMPI_ALLOW_RUN_AS_ROOT", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM")
 
 
 class Crashed(BadInput):
-    """A process of its own has ended without a result."""
+    """The process of a `call` has crashed or hung."""
 
 
 def call(
@@ -64,24 +64,26 @@ def call(
     library : str
         The library that could crash, for the message.
     function : callable or str
-        A function of a module of this package, or its name, ``module:function``, if this process is
+        A function of a module of this package, or the text ``module:function`` if this process is
         not to import the module.
     *args : Any
-        Its arguments; they and its result must be picklable.
+        The function's arguments. Arguments and result must be picklable.
     report : callable, optional
-        Called with the arguments with which the function calls its keyword argument ``report``.
+        If given, the function gets a keyword argument ``report``. Each call of that calls this
+        ``report`` here, with the same arguments.
     timeout : float
         Seconds after which the process counts as hung.
-    prefix, variables
-        A command that starts the process, and environment variables that it has beside those of
-        this process.
+    prefix : sequence of str
+        A command that starts the process, such as a launcher.
+    variables : mapping, optional
+        Environment variables beside those of this process.
 
     Raises
     ------
     Crashed
         If the process crashes or hangs.
     Exception
-        What the function raises.
+        The exception that the function raises.
     """
     if not isinstance(function, str):
         function = f"{function.__module__}:{function.__qualname__}"
@@ -141,7 +143,7 @@ def is_rank() -> bool:
 
 
 def without_launcher(variables: Mapping[str, str], kept: Collection[str] = ()) -> dict[str, str]:
-    """Return environment variables without those of an MPI launcher, but for some to keep.
+    """Return environment variables without those of an MPI launcher, except ``kept``.
 
     A child that inherits them takes itself for that rank, and hangs.
     """
@@ -149,12 +151,12 @@ def without_launcher(variables: Mapping[str, str], kept: Collection[str] = ()) -
 
 
 def _environment() -> dict[str, str]:
-    """Return the environment of the child."""
+    """Return the environment of the process of a `call`."""
     return without_launcher(os.environ) | import_path() | {"OPENBLAS_NUM_THREADS": "1"}
 
 
 def _ending(code: int) -> str:
-    """Return how a process ended, in words."""
+    """Return how a process with this return code ended, in words."""
     if code >= 0:
         return f"ended with exit code {code}"
     try:
@@ -177,8 +179,8 @@ class Interrupts:
 
     Notes
     -----
-    mpirun sends SIGTERM to all ranks when it is interrupted, and SIGKILL a second later;
-    that of Open MPI 6 sends SIGKILL alone, after which the status of the run remains ``running``.
+    When mpirun is interrupted it sends SIGTERM to all ranks, and SIGKILL a second later. Open MPI
+    6 sends SIGKILL alone, after which the status of the run remains ``running``.
 
     `postponed` does not use a signal mask, as another thread of the process may receive the signal.
     """
@@ -203,8 +205,8 @@ class Interrupts:
     def _interrupt(self, number: int, _: Any) -> None:
         """Handle a signal: start the timer of the delay, or raise KeyboardInterrupt, once.
 
-        Further signals are ignored, as the run is ending already, and writes its status: a handler
-        in Python, called while the exception is on its way through PETSc, would disturb it.
+        Further signals are ignored: the run is ending already and writes its status, and a Python
+        handler would disturb the exception on its way through PETSc.
         """
         if self._delay and number != signal.SIGALRM:
             signal.setitimer(signal.ITIMER_REAL, self._delay)
@@ -217,7 +219,7 @@ class Interrupts:
 
     @contextmanager
     def postponed(self) -> Iterator[None]:
-        """Postpone an interruption until the end of this context."""
+        """Postpone KeyboardInterrupt until the end of this context."""
         self._postponed = True
         try:
             yield

@@ -1,8 +1,8 @@
 """Load functions from outside the package: from a Python file of the user, or another package.
 
-A reference is the text ``FILE.py:NAME``; an entry point is a function that an installed package
+A reference is the text ``FILE.py:NAME``. An entry point is a function that an installed package
 declares under ``fem_snh.materials`` or ``fem_snh.scenes``. The registries of materials and scenes
-load both here; every failure is a `BadInput` of one line.
+load both here. Every failure is a `BadInput`.
 """
 
 from __future__ import annotations
@@ -25,10 +25,9 @@ Function = Callable[..., Any]
 
 
 class FileText(str):
-    """A text of a scene file: a path in it, or the file of a reference, starts from ``folder``.
+    """A string from a scene file: a relative path, or reference, in it starts from ``folder``.
 
-    It is a string, equal to the text as the user wrote it. A path in a plain string is relative to
-    the working directory.
+    A path in a plain string is relative to the working directory.
     """
 
     folder: Path
@@ -43,7 +42,7 @@ class FileText(str):
 
 
 def folder_of(text: str) -> Path:
-    """Return the folder that a relative path in a text starts from."""
+    """Return the folder of a `FileText`, the working directory for a plain string."""
     return text.folder if isinstance(text, FileText) else Path()
 
 
@@ -53,15 +52,15 @@ def is_reference(text: str) -> bool:
 
 
 def file_of(text: str) -> Path:
-    """Return the path of a reference's file, or any other text as a path."""
+    """Return the path of a reference's file; any other text is itself the path."""
     return Path(text.rpartition(":")[0] if is_reference(text) and ":" in text else text)
 
 
 def load_reference(reference: str) -> Function:
     """Return the function that ``FILE.py:NAME`` refers to.
 
-    The file is executed once, and again only after it has changed. Meanwhile its folder is the
-    last entry of ``sys.path``, so that it can import its neighbours.
+    The file is executed once, and again only after it has changed. During execution its folder is
+    the last entry of ``sys.path``, so that the file can import its neighbours.
 
     Parameters
     ----------
@@ -115,7 +114,7 @@ def entry_points(group: str) -> dict[str, Callable[[], Function]]:
     Returns
     -------
     dict
-        Sorted names and, for each, a call without arguments. The call returns the function; it
+        For each name, in sorted order, a callable without arguments. It returns the function, or
         raises `BadInput` with the entry point's name and package if that cannot be loaded.
     """
     found = metadata.entry_points(group=group)
@@ -126,7 +125,7 @@ def entry_points(group: str) -> dict[str, Callable[[], Function]]:
 
 
 def _load_entry_point(point: metadata.EntryPoint) -> Function:
-    """Load an entry point; raise BadInput if it does not import or is no function."""
+    """Return the function of an entry point; raise BadInput if loading fails."""
     package = f" of the package {point.dist.name}" if point.dist else ""
     label = f"entry point {point.group}: {point.name} = {point.value}{package}"
     try:
@@ -141,7 +140,7 @@ def _load_entry_point(point: metadata.EntryPoint) -> Function:
 
 @cache
 def _execute(path: Path, _modified: int, _size: int) -> ModuleType:
-    """Execute a Python file as a module; time and size of the file are part of the cache's key."""
+    """Execute a Python file; return the module. Time and size of the file are cache keys."""
     # Two files of one name, in different folders, are two modules.
     name = f"_fem_snh_{path.stem}_{hashlib.sha256(str(path).encode()).hexdigest()[:12]}"
     spec = spec_from_file_location(name, path)
@@ -160,7 +159,7 @@ def _execute(path: Path, _modified: int, _size: int) -> ModuleType:
 
 
 def describe_error(error: BaseException, path: str | Path | None = None) -> str:
-    """Return an error in one line, with the line of the file ``path`` that raised it."""
+    """Return an error in one line, with the line number in the file ``path`` that raised it."""
     text = " ".join(str(error.msg if isinstance(error, SyntaxError) else error).split())
     line = error.lineno if isinstance(error, SyntaxError) else None
     if path is not None and line is None:

@@ -172,10 +172,9 @@ def _copies(V: _dolfinx.FunctionSpace, mesh: Mesh | None) -> Array:
 def _depths(
     V: _dolfinx.FunctionSpace, mesh: Mesh | None, bone: Bone, X: Array, copies: Array
 ) -> Array:
-    """Return the depths (n,) [length] of the owned nodes at X (n, 3) in a bone.
+    """Return the depths (n,) [length] of the owned nodes, at X (n, 3), in a bone.
 
-    In a group the depth is inf; outside of a shape it is negative, outside of a group, and for
-    ``copies`` in a shape, -inf.
+    Outside they are negative; inf in and -inf outside of a group; -inf for ``copies``.
     """
     if bone.shape is not None:
         return np.asarray(np.where(copies, -np.inf, _depths_in(bone.shape, X)))

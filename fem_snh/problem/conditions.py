@@ -244,10 +244,7 @@ class LiftedValues:
             self._lifted.x.array[:], self._load = state.x.array, None
 
     def condition(self, bc: Any, label: str, owned: int) -> Condition:
-        """Return the `Condition` on W of a dolfinx DirichletBC on V. Collective.
-
-        ``owned`` is the number of nodes of W that this rank owns.
-        """
+        """Return the `Condition` on W, with ``owned`` nodes, of a DirichletBC on V. Collective."""
         mask = np.zeros_like(self._dirichlet.constrained)
         condition_of(self._dirichlet, bc, label).mark(mask)
         mask = _lifted_mask(self._V, self._W, mask)

@@ -422,10 +422,9 @@ def _element(
     quadrature: int | None,
     kinematics: Kinematics,
 ) -> Element:
-    """Return the element ``name``, by default the first of ``u``'s cell and degree.
+    """Return the element ``name``, by default the first with the cell and the degree of ``u``.
 
-    Its quadrature degree is the measures', else ``quadrature``. It raises BadInput for an element
-    of another cell or degree, and for measures with different degrees.
+    Its quadrature degree is the measures', else ``quadrature``. Raises BadInput if these differ.
     """
     V = u.function_space
     cell, degree = _dolfinx.cell_name(V.mesh), _dolfinx.degree(V)

@@ -1,9 +1,9 @@
 r"""Rigid motions of a body that nothing constrains, found before the first step.
 
 Each connected part of the mesh has six rigid motions m, fewer in two dimensions. Conditions and
-joints are rows w of constraints, :math:`w \cdot m = 0`; springs and other terms resist by
-:math:`m \cdot (\partial f / \partial u) m`. What is in the null space of the sum of
-:math:`w w^T` and of these stiffnesses, a matrix of six rows for each part, is unconstrained.
+joints are rows w of constraints, :math:`w \cdot m = 0`. Springs and other terms resist a motion by
+the stiffness :math:`m \cdot (\partial f / \partial u) m`. The unconstrained motions are the null
+space of the sum of all :math:`w w^T` and stiffnesses, a matrix with six rows for each part.
 """
 
 from __future__ import annotations
@@ -29,21 +29,22 @@ from fem_snh.terms.term import Term
 
 Array = npt.NDArray[Any]
 
-#: Largest eigenvalue, relative to the largest, of a motion that nothing constrains: the square of
-#: an extent of the supports relative to the body.
+#: An eigenvalue below this part of the largest one belongs to a free motion. It is the square of
+#: the supports' extent relative to the body's.
 _FREE = 1e-10
-#: Least part of the loads' absolute work that is a net force or moment, not rounding.
+#: Least net work of the loads along a motion, over their absolute work, that is not rounding.
 _NET = 1e-6
 #: Loads at which forces are examined.
 _LOADS = (1.0, 0.5, 0.25)
-#: Motions of the differences, relative to the body's length. Rotations are finite ones, so a stored
-#: energy of a program has no other error than rounding.
+#: Motion by which forces are differenced, relative to the body's length. Rotations are finite, so
+#: an objective energy of a program has no error but rounding.
 _DIFFERENCE = 1e-4
-#: Motions, as above, at which forces may resist that do not at rest: the contact of a UFL form.
+#: Larger motions, in the same unit, at which forces are compared: a UFL form of contact resists
+#: only there.
 _FAR = (0.03, 0.3, 3.0)
-#: Change of the forces along a motion, relative to E L^2, that is rounding.
+#: Work of the change of forces along a motion, relative to E L^2, below which it is rounding.
 _RESISTS = 1e-9
-#: A component of a direction below this part of the largest is not shown.
+#: A component of a unit direction or of a motion below this is zero.
 _SHOWN = 1e-6
 
 
@@ -53,14 +54,15 @@ class FreeMotion(NamedTuple):
     Attributes
     ----------
     part : int
-        Which connected part moves, by size, the largest first; -1 for several together.
+        The connected part that moves: 0 is the largest; -1 for several parts together.
     kind : {"translation", "rotation"}
     axis : (3,) array
-        Its direction.
+        The direction of the translation or of the rotation's axis, of length 1.
     work : float
-        The largest part of the loads' absolute work that they do along it; 0 without a net force.
+        The largest ratio, over the loads, of their net work along the motion to their absolute
+        work; 0 without a net force.
     resists : bool
-        Whether forces of the terms change along it far from rest: they may hold the body there.
+        Whether forces of the terms change along the motion far from rest, and may hold the body.
     """
 
     part: int
@@ -71,7 +73,7 @@ class FreeMotion(NamedTuple):
 
 
 class Supports:
-    """The connected parts of a body, and what holds them. Collective.
+    """The connected parts of a body, and the constraints of their rigid motions. Collective.
 
     Parameters
     ----------
@@ -80,8 +82,12 @@ class Supports:
 
     Attributes
     ----------
+    labels : (owned nodes,) int
+        The connected part of each node.
+    sizes : (parts,) int
+        Nodes of each part on all ranks, descending.
     left : (6 * parts, n) array
-        A basis of the motions that conditions and joints leave.
+        A basis of the motions that conditions and joints do not constrain.
     """
 
     def __init__(self, problem: Problem) -> None:
@@ -104,7 +110,7 @@ class Supports:
         self.left = _null_space(self._conditions())
 
     def free_motions(self) -> list[FreeMotion]:
-        """Return the motions that nothing constrains at present; empty for a body that is held."""
+        """Return the motions that neither constraints nor terms prevent at present. Collective."""
         if not (free := self.left).shape[1]:
             return []
         problem = self._problem
@@ -123,7 +129,7 @@ class Supports:
         ]
 
     def _conditions(self) -> Array:
-        """Return the sum of w w^T of Dirichlet conditions and rigid parts."""
+        """Return the sum of w w^T of Dirichlet conditions and rigid parts, (6 parts, 6 parts)."""
         problem, modes = self._problem, self._modes
         size = 6 * len(self.sizes)
         gram = np.zeros((size, size))
@@ -148,17 +154,17 @@ class Supports:
         return gram
 
     def _field(self, mode: Array) -> Array:
-        """Return the displacements of this rank's nodes in a motion, (nodes, components)."""
+        """Return a motion's displacements of the nodes, (owned nodes, components)."""
         return np.asarray(np.einsum("nik,nk->ni", self._modes, mode.reshape(-1, 6)[self.labels]))
 
     def _moved(self, mode: Array, size: float) -> Array:
-        """Return the displacements of a motion with finite rotations, (nodes, components)."""
+        """Return ``size`` times a motion with finite rotations, (owned nodes, components) [m]."""
         twists, length = size * mode.reshape(-1, 6)[self.labels], self._problem.length
         found = twists[:, :3] + rotate(twists[:, 3:], self._r) - self._r
         return length * found[:, : self._modes.shape[1]]
 
     def _forces(self, u: Array, terms: Sequence[Term]) -> Array:
-        """Return the forces of terms at a displacement, (nodes, components)."""
+        """Return the forces dE/du [N] of terms at a displacement, (owned nodes, components)."""
         problem = self._problem
         x, f = problem.x.duplicate(), problem.x.duplicate()
         x.set(0.0)
@@ -167,7 +173,7 @@ class Supports:
         return np.array(f.array_r[: u.size]).reshape(u.shape)
 
     def _stiffness(self, free: Array, terms: Sequence[Term]) -> Array:
-        """Return the stiffness of terms along motions, relative to E L."""
+        """Return the stiffness (n, n) of terms along motions, relative to E L; I if not finite."""
         problem, count = self._problem, free.shape[1]
         h, found = _DIFFERENCE, np.zeros((count, count))
         fields = [self._field(mode) for mode in free.T]
@@ -185,7 +191,7 @@ class Supports:
         return (found + found.T) / 2
 
     def _resists(self, mode: Array, terms: Sequence[Term]) -> bool:
-        """Return whether terms resist a motion that is larger than that of `_stiffness`."""
+        """Return whether terms resist a motion of one of the sizes `_FAR`. Collective."""
         field, scale = self._field(mode), self._problem.force_scale
         rest = self._forces(np.zeros_like(field), terms)
         for step in (sign * size for size in _FAR for sign in (1, -1)):
@@ -196,7 +202,10 @@ class Supports:
         return False
 
     def _net_work(self, mode: Array, terms: Sequence[Term]) -> float:
-        """Return the largest net work of the loads along a motion, over their absolute work."""
+        """Return the largest ratio of net to absolute work of the loads along a motion.
+
+        0 if it is rounding. The problem's load changes. Collective.
+        """
         problem, moved, largest = self._problem, self._field(mode), 0.0
         for load in _LOADS:
             problem.set_load(load)
@@ -214,18 +223,18 @@ class Supports:
 class SupportsCheck:
     """The check of a static body's supports before it is solved.
 
-    The motions that conditions and joints leave are found once; springs, other terms and loads are
-    examined each time, as a program may change them.
+    Conditions and joints are examined once. Springs, other terms and loads are examined by each
+    `check`, as a program may change them.
 
     Parameters
     ----------
     problem : Problem
-        The problem; in time a free motion is no mistake.
+        The problem. If it moves in time, nothing is checked.
 
     Attributes
     ----------
     notes : list of Note
-        The note on motions that nothing constrains, if there are any.
+        The note on free motions that the last `check` found, or no note.
     """
 
     def __init__(self, problem: Problem) -> None:
@@ -233,19 +242,19 @@ class SupportsCheck:
 
     @cached_property
     def _supports(self) -> Supports | None:
-        """What holds the body; None if conditions do. Collective."""
+        """The supports; None if conditions and joints constrain all motions. Collective."""
         if self._problem.motion is not None:
             return None
         supports = Supports(self._problem)
         return supports if supports.left.shape[1] else None
 
     def check(self) -> None:
-        """Set the notes. Collective; the state of the problem is that before.
+        """Set the notes; the problem's state stays unchanged. Collective.
 
         Raises
         ------
         BadInput
-            On every rank, if loads do work along one of the motions, unless contact, or a term that
+            On every rank, if loads do work along a free motion, unless contact, or a term that
             resists far from rest, may hold the body.
         """
         self.notes.clear()
@@ -269,14 +278,14 @@ class SupportsCheck:
 
 
 def _motions(kinematics: Kinematics) -> Sequence[int]:
-    """Return which of three translations and three rotations do not strain a body."""
+    """Return the numbers of the rigid motions: translations 0 to 2, rotations 3 to 5."""
     if kinematics.revolved:
         return (1, 4)[: kinematics.components - 1]
     return range(6) if kinematics.dim == 3 else (0, 1, 5)
 
 
 def _listed(motions: Sequence[FreeMotion], supports: Supports) -> str:
-    """Return motions in words."""
+    """Return the motions in words, the first six by name."""
     several = len(supports.sizes) > 1
     whole, words = "the body", []
     for motion in motions:
@@ -295,7 +304,7 @@ def _listed(motions: Sequence[FreeMotion], supports: Supports) -> str:
 
 
 def _null_space(gram: Array) -> Array:
-    """Return an orthonormal basis of the null space of a semidefinite matrix."""
+    """Return an orthonormal basis (n, k) of the null space of a semidefinite (n, n) matrix."""
     if not len(gram):
         return np.zeros((0, 0))
     values, vectors = np.linalg.eigh(gram)
@@ -303,7 +312,7 @@ def _null_space(gram: Array) -> Array:
 
 
 def _sorted_modes(free: Array) -> list[Array]:
-    """Return a basis of motions with as many zeros as possible: single parts, translations."""
+    """Return a basis of the columns of ``free`` with many zeros: single parts, translations."""
     rows, basis = free.T.copy(), list[Array]()
     # Gauss-Jordan elimination with the rotations as first columns: later rows are translations.
     parts = free.shape[0] // 6
@@ -323,7 +332,7 @@ def _sorted_modes(free: Array) -> list[Array]:
 
 
 def _describe(mode: Array) -> tuple[int, str, Array]:
-    """Return the part, the kind and the direction of a motion."""
+    """Return part, kind and axis of a motion, as in `FreeMotion`."""
     twists = mode.reshape(-1, 2, 3)
     moving = np.flatnonzero(np.abs(twists).max(axis=(1, 2)) > _SHOWN)
     part = int(moving[0])
@@ -334,9 +343,9 @@ def _describe(mode: Array) -> tuple[int, str, Array]:
 
 
 def _connected_parts(problem: Problem) -> tuple[Array, Array]:
-    """Return the connected part of each of this rank's own nodes, and their sizes. Collective.
+    """Return the labels (owned nodes,) and the sizes of `Supports`. Collective.
 
-    Nodes of a cell, and of a rigid part, are connected. The largest part is the first.
+    Nodes of a cell, and nodes of a rigid part, are connected.
     """
     comm, V = problem.comm, problem.V
     owned, ghosts = _dolfinx.num_nodes(V)

@@ -25,13 +25,13 @@ _SHIFT = np.sqrt(2) / 4
 def set_initial_state(problem: Problem, state: Start) -> None:
     """Set the displacement in ``problem.x`` to an affine map or random positions. Collective.
 
-    Each node moves independently, also in the middle of an edge. Constrained dofs get their values
-    at the present load; unknown pressures keep theirs. The result does not depend on the partition.
+    All nodes move, also those in the middle of edges; constrained dofs get their values at the
+    present load. Unknown pressures stay. The result does not depend on the partition.
 
     Raises
     ------
     BadInput
-        For a map that does not keep a mesh of two dimensions in its plane.
+        For a map that leaves the plane of a mesh of two dimensions.
     """
     X, kinematics = problem.coordinates, problem.kinematics
     if state.map is not None and kinematics.components == 2 and any(state.map[2][:2]):
@@ -57,20 +57,19 @@ def initial_velocity(problem: Problem, state: Start) -> Callable[[np.ndarray], n
 
     .. math:: v(X) = v_0 + \omega \times (X + u(X) - c)
 
-    with the displacement ``problem.u`` when the function is called, and the point c of the axis:
-    ``state.through``, by default the centre of the bounding box; on a body of revolution, the axis
-    of the body.
+    with the displacement ``problem.u`` and a point c of the axis: ``state.through``, by default the
+    centre of the bounding box; on a body of revolution the origin.
 
     Returns
     -------
     callable or None
-        A function of the coordinates of all local nodes, ghosts included, (local nodes, 3) [m],
-        that returns velocities (local nodes, components) [m/s]; None if the state has no velocity.
+        A function of coordinates (local nodes, 3) [m], ghosts included, that returns velocities
+        (local nodes, components) [m/s]; None if the state has no velocity.
 
     Raises
     ------
     BadInput
-        For a velocity out of the plane, or a rotation that the kinematics does not have.
+        For a velocity that the kinematics does not have.
     """
     if state.velocity is None and state.angular_velocity is None:
         return None
@@ -106,9 +105,9 @@ def _check_velocity(
 
 
 def bounding_box(comm: MPI.Comm, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the smallest and the largest coordinates, (3,) each, on all ranks. Collective.
+    """Return the least and largest coordinates, (3,) each, of the points X (n, 3) of all ranks.
 
-    ``X`` are this rank's points, (n, 3). Without any point on any rank they are inf and -inf.
+    Collective; inf and -inf without a point.
     """
     low, high = X.min(axis=0, initial=np.inf), X.max(axis=0, initial=-np.inf)
     comm.Allreduce(MPI.IN_PLACE, low, op=MPI.MIN)

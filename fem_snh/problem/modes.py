@@ -1,6 +1,6 @@
 r"""Eigenfrequencies and mode shapes about an equilibrium, by SLEPc.
 
-They are the lowest solutions of
+The lowest solutions of
 
 .. math:: K \varphi = \omega^2 M \varphi
 
@@ -9,11 +9,10 @@ over the free dofs, with the exact Hessian K of the energy and the consistent ma
 The method is Krylov-Schur iteration on :math:`(K - s M)^{-1}` with a shift s below every
 eigenvalue, so that :math:`K - s M` is positive definite even if K is not (a free body, an unstable
 state). A Krylov method can miss copies of a multiple eigenvalue: the six zeros of a free body, the
-pairs of a symmetric one. By Sylvester's law of inertia, a factorisation of :math:`K - b M` counts
-the eigenvalues below b; if some were missed, a further solve searches the complement of the
-eigenvectors found. Where all eigenvalues are far smaller than the shift, as the squares of the
-lowest frequencies of a slender bar, the transformed ones differ by less than the method resolves,
-and the bound of the count by more than the eigenvalues: the shift decreases with them.
+pairs of a symmetric body. By Sylvester's law of inertia, a factorisation of :math:`K - b M` counts
+the eigenvalues below b. If the solver missed some, it solves again, deflated by the eigenvectors
+found. If all wanted eigenvalues are far smaller than the shift, as for a slender bar, neither their
+transforms nor the bound b resolve them, so the shift decreases with them.
 """
 
 from __future__ import annotations
@@ -40,21 +39,21 @@ from fem_snh.solver import PREFIX as SOLVER_PREFIX
 from fem_snh.solver.stability import no_energy
 from fem_snh.tables.types import INT32_MAX
 
-#: Prefix of SLEPc's options, behind that of the solver.
+#: Prefix of SLEPc's options, after the solver's prefix.
 PREFIX = "modes_"
 #: First shift, in units of E / (density length^2), the scale of the eigenvalues.
 SHIFT = 1e-2
-#: Factor by which the shift decreases while the eigenvalues wanted are that much smaller.
+#: The shift decreases by this factor while all wanted eigenvalues are smaller by it.
 _NEARER = 10.0
-#: Least shift over the largest quotient of the matrices' diagonals, about the largest eigenvalue:
-#: rounding of K is 1e-16 of it, and a free body has eigenvalues that are zero.
+#: Least shift over the largest quotient of the matrices' diagonals, an estimate of the largest
+#: eigenvalue: rounding of K is 1e-16 of it, and a free body has zero eigenvalues.
 _LEAST_SHIFT = 1e-12
-#: Shift, in the same units, at which the search for a bound below all eigenvalues stops.
+#: Shift, in units of `SHIFT`, at which the search for a bound below all eigenvalues stops.
 _LOWEST_SHIFT = 1e20
-#: Relative distance of the bound below which eigenvalues are counted from the highest one found:
-#: above the error of converged eigenvalues, so that the count is not ambiguous.
+#: The bound of the count is this part below the highest wanted eigenvalue, measured from the shift:
+#: more than the error of converged eigenvalues, so that the count is not ambiguous.
 _GAP = 1e-5
-#: Relative tolerance of residuals, close to rounding: further solves deflate these eigenvectors.
+#: Relative tolerance of residuals, close to rounding, as later solves deflate the eigenvectors.
 _TOLERANCE = 1e-12
 #: Restarts after which SLEPc gives up.
 _MAX_RESTARTS = 1000
@@ -66,16 +65,16 @@ class Eigenproblem:
     Parameters
     ----------
     problem : Problem
-        The problem, in the state the eigenproblem is about.
+        The problem at an equilibrium. Its matrix ``A`` is overwritten.
     density : float or None
-        Mass per reference volume [kg/m^3] of the regions that have none of their own.
+        Mass per reference volume [kg/m^3] of the regions without a density of their own.
     prefix : str
         Prefix of SLEPc's options.
 
     Attributes
     ----------
     K, M : PETSc.Mat
-        The matrices.
+        The matrices over the free dofs.
     mass : float
         The body's mass [kg].
     """
@@ -104,7 +103,7 @@ class Eigenproblem:
         Raises
         ------
         BadInput
-            If no shift is below all eigenvalues, or a solver fails.
+            If no shift is below all eigenvalues, or MUMPS or SLEPc fails.
         """
         shift = -self._size_of(count)
         while below := self._count_below(shift):
@@ -124,7 +123,10 @@ class Eigenproblem:
         return np.array([value for value, _ in found[:count]]), [v for _, v in found[:count]]
 
     def _size_of(self, count: int) -> float:
-        """Return a size of the ``count`` lowest eigenvalues, at most `SHIFT` of their scale."""
+        """Return the size of the first shift [1/s^2], at most `SHIFT` in its unit.
+
+        It is at most `_NEARER` times the ``count``-th eigenvalue, unless that is rounding.
+        """
         quotients = self.K.getDiagonal()
         quotients.pointwiseDivide(quotients, self.M.getDiagonal())
         size, least = SHIFT * self._scale, _LEAST_SHIFT * quotients.max()[1]
@@ -157,10 +159,9 @@ class Eigenproblem:
     def _solve(
         self, shift: float, count: int, known: list[tuple[float, PETSc.Vec]]
     ) -> list[tuple[float, PETSc.Vec]]:
-        """Return eigenpairs nearest to ``shift``, M-orthogonal to known ones.
+        """Return the eigenpairs nearest to ``shift``, M-orthogonal to ``known`` ones.
 
-        ``count`` of them or more, or fewer where a Krylov space misses copies of multiple
-        eigenvalues.
+        ``count`` or more, but fewer if the Krylov space misses copies of multiple eigenvalues.
         """
         from slepc4py import SLEPc
 
@@ -208,7 +209,10 @@ class Eigenproblem:
         return float(r.norm() / size)
 
     def shape(self, v: PETSc.Vec, factor: float) -> _dolfinx.Function:
-        """Return ``factor`` times ``v`` on all dofs, zero at constrained ones, largest one > 0."""
+        """Return ``factor`` times ``v`` on all dofs, zero at constrained dofs, as a new Function.
+
+        The sign makes the entry with the largest absolute value positive.
+        """
         problem = self._problem
         x, shape = problem.x.duplicate(), _dolfinx.function(problem.V, "mode")
         self._basis.mult(v, x)
@@ -222,7 +226,7 @@ class Eigenproblem:
 
 
 def _use_factors(ksp: PETSc.KSP) -> PETSc.PC:
-    """Make a solver use MUMPS' factors L D L^T; return its preconditioner."""
+    """Make ``ksp`` solve by MUMPS' factors L D L^T; return its preconditioner."""
     ksp.setType(PETSc.KSP.Type.PREONLY)
     pc = ksp.getPC()
     pc.setType(PETSc.PC.Type.CHOLESKY)
@@ -231,7 +235,10 @@ def _use_factors(ksp: PETSc.KSP) -> PETSc.PC:
 
 
 def _free_basis(problem: Problem) -> PETSc.Mat:
-    """Return the matrix whose orthonormal columns span the free directions. Collective."""
+    """Return the matrix (dofs, free dofs) whose orthonormal columns span the free directions.
+
+    Collective.
+    """
     owned, dirichlet = problem.x.getLocalSize(), problem.dirichlet
     is_free = np.ones(owned, dtype=bool)
     is_free[problem.constrained_dofs] = False
@@ -252,8 +259,8 @@ def _free_basis(problem: Problem) -> PETSc.Mat:
     return basis.transpose()
 
 
-#: Largest relative residual of an eigenpair. SLEPc judges by estimates for the shifted inverse,
-#: which are those of the pencil only as far as the factors are accurate.
+#: Largest relative residual of an eigenpair. SLEPc tests the residual of the shifted inverse, which
+#: bounds the residual of the pencil only if the factors are accurate.
 _LARGEST_RESIDUAL = 1e-4
 
 
@@ -266,19 +273,19 @@ class VibrationModes:
     density : float
         Mean mass per reference volume [kg/m^3].
     mass : float
-        The body's mass [kg]; of a plane, per thickness [kg/m].
+        The body's mass [kg]; in a plane, per thickness [kg/m].
     length : float
-        V^(1/3) [m], in two dimensions the root of the area.
+        V^(1/3) [m]; in a plane the root of the area.
     frequencies : list of float
         omega / (2 pi) [Hz] in ascending order; -abs(omega) / (2 pi) where omega^2 < 0, in an
         unstable state.
     residuals : list of float
         ||K phi - omega^2 M phi|| / ((abs(omega^2) + E / (density length^2)) ||M phi||).
     shapes : list of dolfinx Function
-        Mode shapes [m] in the displacement's space. Their mean square over the mass is the square
-        of ``length``; the component with the largest absolute value is positive.
+        Mode shapes [m] in the displacement's space. The mean square of each, weighted by mass, is
+        ``length`` squared; the entry with the largest absolute value is positive.
     seconds : float
-        Time of the computation.
+        Elapsed time of the computation, without compilation.
     """
 
     density: float
@@ -294,7 +301,7 @@ class VibrationModes:
 
     @property
     def record(self) -> dict[str, Any]:
-        """The modes' entry in run.json."""
+        """The entry of the modes in run.json: all but ``shapes`` and ``seconds``."""
         sizes = {"density": self.density, "mass": self.mass, "length": self.length}
         return {**sizes, "frequencies": self.frequencies, "residuals": self.residuals}
 
@@ -309,7 +316,7 @@ def lowest(
     problem : Problem
         The problem.
     density : float or None
-        Mass per reference volume [kg/m^3] of the regions that have none of their own.
+        Mass per reference volume [kg/m^3] of the regions without a density of their own.
     count : int
         Number of modes.
     prefix : str, optional
@@ -318,8 +325,7 @@ def lowest(
     Raises
     ------
     BadInput
-        On every rank: see `check`; or if SLEPc does not converge, or its eigenpairs have a large
-        residual.
+        On every rank: see `check`; also if SLEPc fails, or an eigenpair has a large residual.
     """
     watch = Stopwatch()
     with untimed(problem):
@@ -342,13 +348,13 @@ def lowest(
 
 
 def check(problem: Problem, count: int) -> None:
-    """Check before the load steps that the modes can be computed. Collective.
+    """Check that ``count`` modes can be computed, before load steps or a solve. Collective.
 
     Raises
     ------
     BadInput
-        On every rank: fewer free dofs than modes, an unknown pressure, forces without an energy,
-        inertia, a cavity, or SLEPc is missing.
+        On every rank: for fewer free dofs than modes, an unknown pressure, forces without an
+        energy, inertia, or a cavity, or if SLEPc is missing.
     """
     # Torques on rigid parts have an energy about an axis, which a line search does not know.
     forces = [term for term in problem.terms if not term.has_energy and term is not problem.rigid]
@@ -370,7 +376,7 @@ def check(problem: Problem, count: int) -> None:
 
 @contextmanager
 def _library_errors() -> Iterator[None]:
-    """Raise BadInput for a missing SLEPc and for an error of PETSc's."""
+    """Turn ImportErrors of slepc4py, and errors of PETSc in the context, into BadInput."""
     try:
         yield
     except ImportError as error:
@@ -383,7 +389,7 @@ def _library_errors() -> Iterator[None]:
 def program_modes(
     problem: Problem, count: int, density: float | None, prefix: str, reason: str
 ) -> VibrationModes:
-    """Return the lowest modes of vibration of a program: see `fem_snh.NonlinearProblem`."""
+    """Check a program's arguments; return the modes: see `fem_snh.program_results.modes`."""
     check_whole("count", count, 1, INT32_MAX)
     if density is not None:
         check_number("density", density, 0.0, exclusive=True)

@@ -94,8 +94,8 @@ class Problem:
     V : dolfinx function space
         The displacement's space.
     u : dolfinx Function
-        The displacement [m]. Without an unknown pressure it shares the memory of ``x``; otherwise
-        it is the displacement of the vector that `split` got last, ghosts included.
+        The displacement [m] of ``x``, whose memory it shares; with an unknown pressure, of the
+        vector that was evaluated last, ghosts included.
     x : PETSc.Vec
         The unknowns that this rank owns: displacement dofs, then pressure dofs if there are any.
     matrix : BlockMatrix
@@ -106,7 +106,7 @@ class Problem:
     operator : PETSc.Mat
         The Hessian: ``A``, or a MATLRC that adds matrices of rank one if a term has them.
     saddle_point : PressureBlock or None
-        The pressure block of an element with an unknown pressure; None for other elements.
+        The pressure block; None without an unknown pressure.
     terms : list of Term
         All terms, the elastic energy first.
     history : TermHistory
@@ -136,8 +136,7 @@ class Problem:
     force_scale : float
         E V^(2/3) [N]; for a plane E times `length` [N/m].
     definition : Definition
-        The definition by whose `fem_snh.problem.definition.Definition.problem` the problem was
-        created; otherwise missing.
+        What created the problem; missing unless a `fem_snh.problem.definition.Definition` did.
     asymmetric : bool
         Whether the Hessian assembled last is not symmetric.
     nonfinite : int
@@ -292,10 +291,7 @@ class Problem:
 
     @property
     def step_end(self) -> Callable[[PETSc.Vec], None] | None:
-        """`prescribe`, to correct a step's end; None if no node has an inclined plane of symmetry.
-
-        Steps of inexact linear solves take nodes out of inclined planes.
-        """
+        """`prescribe`, as inexact steps take nodes out of inclined planes; None without planes."""
         return self.prescribe if self.dirichlet.planes else None
 
     def largest_force(self, x: PETSc.Vec) -> float:
@@ -453,8 +449,8 @@ class Problem:
     def split(self, x: PETSc.Vec) -> tuple[PETSc.Vec, PETSc.Vec | None]:
         """Return the ghosted vectors of displacement and pressure of ``x``. Collective.
 
-        Without an unknown pressure they are ``x``, whose ghosts are updated, and None; otherwise
-        the vectors of ``u`` and of the pressure, which are set.
+        They are ``x``, with updated ghosts, and None; with an unknown pressure, the vectors of
+        ``u`` and of the pressure, set to the values of ``x``.
         """
         return self._unknowns.split(x)
 
@@ -470,9 +466,9 @@ class Problem:
         return energy
 
     def residual(self, x: PETSc.Vec, r: PETSc.Vec) -> None:
-        """Assemble r = dE/dx [N], zero at constrained dofs and directions. Collective.
+        """Assemble r = dE/dx [N], zero in constrained directions, reduced on rigid parts.
 
-        Forces on nodes of rigid parts become forces on the unknowns of the parts.
+        Collective.
         """
         self.gradient(x, r)
         if self.rigid:
@@ -499,10 +495,10 @@ class Problem:
         x : PETSc.Vec
             The unknowns.
         filter : str
-            How negative eigenvalues are filtered: one of `fem_snh.choices.FILTERS`.
+            The filter of negative eigenvalues: one of `fem_snh.choices.FILTERS`.
         whole : bool, optional
-            Whether an exact Hessian contains the whole derivative of forces without an energy;
-            otherwise it contains the symmetric part, as filtered Hessians do.
+            Whether an exact Hessian contains the whole derivative of forces without an energy.
+            Otherwise, and if filtered, it contains the symmetric part.
 
         Returns
         -------
@@ -532,8 +528,7 @@ class Problem:
     def reactions(self, x: PETSc.Vec) -> dict[str, list[float]]:
         """Return the reaction force (3,) [N] of each group of `Reactions` by name. Collective.
 
-        It is the sum of dE/du that `Reactions.sums` describes: the force of the group's conditions
-        on the body.
+        It is the force of the group's conditions on the body: see `Reactions.sums`.
         """
         return self.reaction_sums(x).get("reactions", {})
 

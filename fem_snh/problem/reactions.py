@@ -61,8 +61,7 @@ class Reactions:
     kinematics : Kinematics
         The kinematics of the displacement.
     dirichlet : Dirichlet
-        The conditions; the reaction of a group is the force of its own conditions: see
-        `group_forces`.
+        The conditions: see `group_forces`.
     groups : sequence of str, int or ReactionGroup
         The groups; a name or a number asks for the force alone.
 
@@ -103,10 +102,9 @@ class Reactions:
     def _shared(
         self, V: _dolfinx.FunctionSpace, mesh: Mesh, key: str | int, dirichlet: Dirichlet
     ) -> list[str]:
-        """Return a note if other groups' conditions constrain a part of a surface. Collective.
+        """Return a note, or [], on a surface that other groups' conditions constrain in part.
 
-        The surface is the group ``key``, without a condition of its own; [] for any other group,
-        and if all of the surface's nodes are constrained or none.
+        The surface is the group ``key``, without a condition of its own. Collective.
         """
         group = mesh.group(key)
         if group.dim != mesh.dim - 1 or dirichlet.of_label(group.label):
@@ -169,10 +167,7 @@ class Reactions:
 
 
 def is_free(problem: Problem, mesh: Mesh, key: str | int) -> bool:
-    """Return whether no condition or rigid part constrains a node of a group. Collective.
-
-    The reaction of a free group is no more than the residual.
-    """
+    """Return whether no condition or rigid part constrains a node of a group. Collective."""
     group = mesh.group(key)
     if problem.dirichlet.of_label(group.label):
         return False
@@ -198,8 +193,7 @@ def moment(kinematics: Kinematics, x: Array, forces: Array, about: Array) -> Arr
     Parameters
     ----------
     kinematics : Kinematics
-        The kinematics. On a body of revolution a nodal force acts on the whole circle about the
-        axis y, and so does its moment.
+        The kinematics. On a body of revolution a nodal force acts on the whole circle about y.
     x : (n, 3) array
         Deformed positions [m].
     forces : (n, 3) array

@@ -1,4 +1,4 @@
-"""Size, shape and Poisson's ratio of a body: what a solver chooses its defaults by."""
+"""A body's size, shape and contrasts, by which a solver chooses defaults; paths of stiff parts."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 Array = npt.NDArray[Any]
 
-#: Equal parts of the longest axis of which `supported` tells whether a node in them is constrained.
+#: Number of equal sections of the longest axis that `supported` examines for constrained nodes.
 _PARTS = 20
 
 
@@ -55,7 +55,7 @@ def regime_of(
     terms : sequence of Term
         The problem's terms.
     constrained : (n,) bool
-        Which of these nodes have a constrained component.
+        Which of this rank's own nodes have a constrained component.
     """
     tables = [part.loops.tables for part in parts]
     cells = np.concatenate([table.x[table.geometry] for table in tables] or [np.empty((0, 1, 3))])
@@ -79,10 +79,10 @@ def regime_of(
 def section_nodes(comm: MPI.Comm, nodes: Array, cells: Array, degree: int) -> float:
     r"""Return the mean number of nodes in a section across a body's longest axis. Collective.
 
-    The axis is the principal one of the nodes; the length :math:`L = \sqrt{12 \lambda_{\max}}` is
-    that of a bar with this moment. Sections through neighbouring nodes are a cell's extent along
-    the axis over its degree apart. The extent is twice the standard deviation of the cell's
-    corners, which for a cube is the same in every direction.
+    The axis is the principal axis of the nodes with the largest variance :math:`\lambda_{\max}`. A
+    bar with this variance has the length :math:`L = \sqrt{12 \lambda_{\max}}`. The distance of
+    neighbouring sections is a cell's extent along the axis over the degree. The extent is twice the
+    standard deviation of the cell's corners, which for a cube is the same in every direction.
 
     Parameters
     ----------
@@ -98,7 +98,7 @@ def section_nodes(comm: MPI.Comm, nodes: Array, cells: Array, degree: int) -> fl
     Returns
     -------
     float
-        The number; infinity without cells of a material.
+        The mean number; inf without cells of a material.
     """
     count, length, axis = _longest_axis(comm, nodes)
     extents = 2 * np.std(cells @ axis, axis=1)
@@ -109,11 +109,11 @@ def section_nodes(comm: MPI.Comm, nodes: Array, cells: Array, degree: int) -> fl
 
 
 def cell_aspect(comm: MPI.Comm, cells: Array) -> float:
-    """Return the mean ratio of the cells' largest to their smallest extents. Collective.
+    """Return the mean over the cells of largest to smallest extent; 1 without cells. Collective.
 
     The extents are the standard deviations of the corners along their principal axes, the same in
-    every direction for a cube and for a regular tetrahedron. ``cells``, of shape
-    (cells, corners, dim), are those of this rank [m].
+    every direction for a cube and for a regular tetrahedron. ``cells`` (cells, corners, dim) are
+    the corners of this rank's cells [m].
     """
     centred = cells - cells.mean(axis=1, keepdims=True)
     squares = np.linalg.eigvalsh(np.einsum("cki,ckj->cij", centred, centred))
@@ -124,10 +124,10 @@ def cell_aspect(comm: MPI.Comm, cells: Array) -> float:
 
 
 def supported(comm: MPI.Comm, nodes: Array, constrained: Array) -> float:
-    """Return the part of the longest axis along which nodes are constrained. Collective.
+    """Return the part of the longest axis along which nodes are constrained, 0 to 1. Collective.
 
-    ``nodes``, of shape (n, 3), are this rank's own [m], of which ``constrained``, (n,) bool, are
-    constrained.
+    ``nodes`` (n, 3) are the coordinates [m] of this rank's own nodes; ``constrained`` (n,) bool
+    tells which of them are constrained.
     """
     along = nodes @ _longest_axis(comm, nodes)[2]
     low = comm.allreduce(along.min(initial=np.inf), op=MPI.MIN)
@@ -140,7 +140,10 @@ def supported(comm: MPI.Comm, nodes: Array, constrained: Array) -> float:
 
 
 def _longest_axis(comm: MPI.Comm, nodes: Array) -> tuple[int, float, Array]:
-    """Return the number of nodes, the length [m] of their longest axis, and its direction, (3,)."""
+    """Return the number of nodes, the length L [m] of `section_nodes`, and the axis (3,).
+
+    Collective.
+    """
     count, *first = comm.allreduce(np.concatenate([[len(nodes)], nodes.sum(axis=0)]))
     centred = nodes - np.array(first) / count
     moments, axes = np.linalg.eigh(comm.allreduce(centred.T @ centred) / count)
@@ -152,16 +155,17 @@ _STRAIN = 1e-5
 
 
 def set_modulus(problem: Problem) -> None:
-    """Set the moduli of a problem without materials, from its terms at the start.
+    """Set ``modulus`` and ``force_scale`` of a problem without materials. Collective.
 
-    That of forces is 3 times the shear modulus, E of an incompressible material: the least
-    curvature of the energy in three uniform shears. Without resistance to shear, as of springs, it
-    is the mean entry on the Hessian's diagonal over the nodes' distance, which has the same unit.
+    The modulus is 3 times the shear modulus (E of an incompressible material), the least curvature
+    of the energy at ``problem.x`` in uniform shears. If nothing resists shear, as with springs
+    alone, it is the mean entry on the Hessian's diagonal over the distance of nodes, of the same
+    unit.
 
     Raises
     ------
     BadInput
-        If the curvature is negative in the shears and in a dilation: of residuals with the other
+        If the curvature is negative in all shears and in a dilation, as with residuals of the wrong
         sign, which a solver of equations does not notice.
     """
     dim, components = problem.kinematics.dim, problem.kinematics.components
@@ -185,7 +189,10 @@ def set_modulus(problem: Problem) -> None:
 
 
 def _curvature(problem: Problem, gradient: Array) -> float:
-    """The second derivative of the energy in u = g G X by g, per volume [Pa]. Collective."""
+    """Return the second derivative by g of the energy at u = g G X, per volume [Pa]. Collective.
+
+    G is ``gradient``, (components, 3).
+    """
     force, moved = problem.x.duplicate(), problem.x.duplicate()
     moved.set(0.0)
     moved.array[: problem.owned_displacements] = (problem.coordinates @ gradient.T).ravel()
@@ -199,16 +206,16 @@ def _curvature(problem: Problem, gradient: Array) -> float:
     return (works[0] - works[1]) / (2 * _STRAIN * volume)
 
 
-#: A part is stiff from this shear modulus on, relative to the smallest one: below, its linearised
-#: rotation costs no iterations (measured: python -m benchmarks contrast).
+#: A part is stiff from this shear modulus on, relative to the body's smallest: below, its
+#: linearised rotation costs no iterations (measured: python -m benchmarks contrast).
 _STIFF = 1e3
-#: Weight of constrained nodes: the others decide only on what these leave open, such as the angle
-#: about a hinge.
+#: Weight of constrained nodes in the rigid motion of a part: free nodes decide only what the
+#: constrained nodes leave open, such as the angle about a hinge.
 _HELD = 1e6
 
 
 class StiffParts:
-    """The connected stiff parts of a body. Collective.
+    """The connected stiff parts of a body, which rotate along steps. Collective.
 
     Parameters
     ----------
@@ -217,11 +224,11 @@ class StiffParts:
     X : (n, 3)
         Coordinates [m] of this rank's own nodes.
     labels : (n,) int
-        The part of each of these nodes; -1 without one.
+        The part of each of the n nodes; -1 for nodes in no part.
     count : int
-        The number of parts.
+        The number of parts on all ranks.
     fixed : (n, 3) bool
-        The constrained components of these nodes.
+        The constrained components of the n nodes.
     """
 
     def __init__(self, comm: MPI.Comm, X: Array, labels: Array, count: int, fixed: Array) -> None:
@@ -236,7 +243,7 @@ class StiffParts:
     def of(
         cls, V: _dolfinx.FunctionSpace, regions: Sequence[Region], fixed: Array, excluded: Array
     ) -> StiffParts | None:
-        """Return the stiff parts of a body of three dimensions; None if there is none. Collective.
+        """Return the stiff parts of a body; None without any, or on a plane mesh. Collective.
 
         Parameters
         ----------
@@ -247,7 +254,7 @@ class StiffParts:
         fixed : (n, 3) bool
             The constrained components of this rank's own nodes.
         excluded : (n,) bool
-            Which of them are constrained otherwise; parts that have some are left out.
+            Which of the n nodes are constrained otherwise. Parts with such nodes are left out.
         """
         comm = V.mesh.comm
         shear = [float(region.material.lame[0]) for region in regions]
@@ -273,7 +280,7 @@ class StiffParts:
         return cls(comm, X, labels, len(free), fixed)
 
     def __call__(self, x: PETSc.Vec, d: PETSc.Vec, step: float, end: PETSc.Vec) -> None:
-        """Set ``end`` to x + step d, with stiff parts that turn. Collective."""
+        """Set ``end`` to x + step d, but rotate stiff parts by their mean spin. Collective."""
         end.waxpy(step, d, x)
         nodes, labels, shape = self._nodes, self._labels, (-1, 3)
         y = self._X + x.array_r[: 3 * self._total(x)].reshape(shape)[nodes]
@@ -290,7 +297,10 @@ class StiffParts:
         moved[nodes] = np.where(self._fixed, moved[nodes], turned)
 
     def move_rigidly(self, start: PETSc.Vec, x: PETSc.Vec) -> None:
-        """Make each part's motion from ``start`` to ``x`` the nearest rigid one. Collective."""
+        """Replace each part's motion from ``start`` to ``x`` by the nearest rigid one, in ``x``.
+
+        Collective.
+        """
         total = 3 * self._total(x)
         y, z = (self._X + v.array_r[:total].reshape(-1, 3)[self._nodes] for v in (start, x))
         means = self._sum(np.hstack([y, z])) / self._size
@@ -302,18 +312,18 @@ class StiffParts:
         moved[self._nodes] = np.where(self._fixed, moved[self._nodes], turned)
 
     def _total(self, x: PETSc.Vec) -> int:
-        """Return a number of nodes that contains those of all parts."""
+        """Return how many first nodes of this rank include all nodes of the parts."""
         return int(self._nodes[-1]) + 1 if len(self._nodes) else 0
 
     def _sum(self, values: Array) -> Array:
-        """Return weighted sums over each part's nodes, (parts, columns), of (nodes, columns)."""
+        """Return weighted sums of (nodes, columns) over each part, (parts, columns). Collective."""
         sums = np.zeros((self._count, values.shape[1]))
         np.add.at(sums, self._labels, self._weights * values)
         return np.asarray(self._comm.allreduce(sums))
 
 
 def components(cells: Array, count: int) -> Array:
-    """Return the smallest node of the connected part of each of ``count`` nodes of ``cells``."""
+    """Return the smallest node that each of ``count`` nodes is connected to by ``cells``."""
     roots = np.arange(count)
     if not cells.size:
         return roots
@@ -331,7 +341,7 @@ def components(cells: Array, count: int) -> Array:
 
 
 class Paths:
-    """The paths of all nodes: of stiff parts, of rigid parts, and straight ones. Collective.
+    """The paths of nodes along a step: stiff and rigid parts rotate. Collective.
 
     Parameters
     ----------
@@ -341,7 +351,7 @@ class Paths:
     Attributes
     ----------
     exact : bool
-        Whether steps must end on the path: a straight step would deform rigid parts.
+        Whether steps must end on the paths, as straight steps would deform rigid parts.
     """
 
     def __init__(self, stiff: StiffParts | None, rigid: RigidParts | None) -> None:
@@ -358,13 +368,13 @@ class Paths:
     ) -> Paths | None:
         """Return the paths of a problem; None if all are straight. Collective.
 
-        The first parameters are those of `StiffParts.of`.
+        All parameters but ``rigid`` are those of `StiffParts.of`.
         """
         stiff = StiffParts.of(V, regions, fixed, excluded)
         return cls(stiff, rigid) if stiff or rigid else None
 
     def __call__(self, x: PETSc.Vec, d: PETSc.Vec, step: float, end: PETSc.Vec) -> None:
-        """Set ``end`` to the end of the path from x along step d."""
+        """Set ``end`` to the point at length ``step`` of the path from x along d. Collective."""
         if self._stiff:
             self._stiff(x, d, step, end)
         else:
@@ -373,7 +383,7 @@ class Paths:
             self._rigid.move(x, d, step, end)
 
     def move_rigidly(self, start: PETSc.Vec, x: PETSc.Vec) -> None:
-        """Replace the motion of stiff and rigid parts by the nearest rigid one, in place."""
+        """Replace the motion of stiff and rigid parts by the nearest rigid one, in ``x``."""
         if self._stiff:
             self._stiff.move_rigidly(start, x)
         if self._rigid:

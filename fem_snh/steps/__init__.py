@@ -1,5 +1,5 @@
-"""The one driver of steps of load or time: prediction, solution, halving; time integrators.
+"""The driver of load and time steps: prediction, solution, halving; time integrators.
 
-`stepping` makes the steps, solves each and halves those that fail, and
-`dynamics` has what a step in time adds: inertia, damping, integrators.
+`stepping` solves each step and halves steps that fail; `dynamics` adds inertia, damping and
+integrators.
 """

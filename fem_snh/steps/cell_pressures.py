@@ -1,10 +1,10 @@
-"""Solve a load step with the cell pressures of Q1P0 and P2P0 as unknowns before it is condensed.
+"""Solve a load step of Q1P0 or P2P0 with cell pressures as unknowns, before the condensed problem.
 
-The condensed energy V U(J_e) of a nearly incompressible cell is a stiff penalty: its minimiser is
-reached by many short steps, each with an ill-conditioned matrix. With the pressure of each cell as
-an unknown (Simo, Taylor & Pister 1985) the equilibria are the same, Newton's method meets the
-volume constraint linearly, and the linear systems are those of Taylor-Hood elements
-(`fem_snh.solver.saddle_point`).
+The condensed energy V U(J_e) of a nearly incompressible cell is a stiff penalty: Newton's method
+reaches its minimiser by many short steps, each with an ill-conditioned matrix. With the pressure of
+each cell as an unknown (Simo, Taylor & Pister 1985) the equilibria are the same, Newton's method
+satisfies the linearised volume constraint, and the linear systems have the form of Taylor-Hood
+elements (`fem_snh.solver.saddle_point`).
 """
 
 from __future__ import annotations
@@ -24,41 +24,43 @@ from fem_snh.problem.problem import Problem
 
 #: Newton iterations after which the condensed problem takes over. A step takes 3 to 12.
 _MAX_IT = 20
-#: Solves with smaller and smaller tolerances until the condensed residual is below its own.
+#: Largest number of solves, with decreasing tolerances, until the condensed residual converges.
 _MAX_SOLVES = 6
-#: Least factor between the tolerances of two solves.
+#: Least factor from the tolerance of a solve to the tolerance of the next one.
 _LEAST_CUT = 1e-3
-#: Part of its tolerance at which the condensed residual is aimed. With a half it is often missed,
-#: and a third solve starts without the Krylov space of the second one.
+#: The part of its tolerance that the next solve aims the condensed residual at. With a half, a
+#: third solve is often needed, which starts without the Krylov space of the second one.
 _TARGET = 0.25
-#: Part of the tolerance to which the linear solves after the first solve reduce the residual.
+#: After the first solve, linear solves reduce the residual to this part of the tolerance.
 _LAST_SHARE = 0.5
-#: Iterations for the pressures of a given displacement; one is exact where U is quadratic.
+#: Iterations for the pressures of a given displacement; one is exact if U is quadratic.
 _PRESSURE_IT = 4
 
 
 class CellPressures:
-    """The problem of a mixed element with the cell pressures as unknowns, and its solver.
+    """The mixed problem, with cell pressures as unknowns, and its solver. Collective.
 
-    It starts each step with the pressures U'(J_e) of the last equilibrium and ends where the
-    residual of the condensed problem has converged. Where it fails, the condensed problem starts
-    from the first guess.
+    Each step starts with the pressures U'(J_e) of the last equilibrium and ends when the residual
+    of the condensed problem has converged. If the solver fails, the condensed problem starts from
+    the first guess.
 
     Parameters
     ----------
     problem : Problem
         The condensed problem.
     mixed : Problem
-        The same with unknown pressures (`fem_snh.assembly.elements.with_cell_pressures`).
+        The mixed problem, in the element `fem_snh.assembly.elements.with_cell_pressures`.
     prefix : str, optional
-        Prefix of its solver's options in PETSc's database.
+        Prefix of the mixed solver's options in PETSc's database.
 
     Attributes
     ----------
+    snes : PETSc.SNES
+        The solver of the mixed problem.
     reason : str
-        The end of the last solve: PETSc's name, with the cause of a failure.
+        Why the last `solve` ended: PETSc's name, with the cause of a failure.
     history : list of Iteration
-        The iterations of the last solve.
+        The iterations of the last `solve`.
     """
 
     def __init__(self, problem: Problem, mixed: Problem, prefix: str = solver.PREFIX) -> None:
@@ -73,7 +75,7 @@ class CellPressures:
         self.history: list[solver.Iteration] = []
 
     def begin_step(self) -> None:
-        """Take displacement and pressures from the equilibrium ``problem.x``. Collective."""
+        """Set the mixed unknowns to the equilibrium ``problem.x`` and its pressures. Collective."""
         mixed = self._mixed
         mixed.set_load(self._problem.load)
         self._read_displacement()
@@ -90,7 +92,10 @@ class CellPressures:
             pressures[:] = np.clip(np.nan_to_num(pressures), -limit, limit)
 
     def tangent(self) -> int:
-        """Move ``problem.x`` by the linearised response to its load; return linear iterations."""
+        """Move ``problem.x`` by the linearised response to its load; return linear iterations.
+
+        Collective.
+        """
         self._mixed.set_load(self._problem.load)
         self._read_displacement()
         linear = self._predictor.tangent()
@@ -98,7 +103,10 @@ class CellPressures:
         return linear
 
     def solve(self) -> bool:
-        """Replace ``problem.x`` by the equilibrium; return whether it was found. Collective."""
+        """Solve from ``problem.x``, in place; return whether a solve converged. Collective.
+
+        If none did, ``problem.x`` is unchanged.
+        """
         problem, mixed, context = self._problem, self._mixed, self.snes.getPythonContext()
         assembling, nonfinite = mixed.seconds["assemble"], mixed.nonfinite
         mixed.set_load(problem.load)
@@ -135,7 +143,7 @@ class CellPressures:
         return solved
 
     def row(self) -> dict[str, object]:
-        """Return what the row of a step says of the last solve."""
+        """Return the row's entries on the last solve: Newton iterations and reason."""
         return {"mixed_newton": len(self.history), "mixed_reason": self.reason}
 
     def _read_displacement(self) -> None:
@@ -150,7 +158,7 @@ class CellPressures:
         solver.destroy(self.snes)
 
 
-#: Poisson's ratio from which the mixed problem is the faster one
+#: Poisson's ratio from which the mixed problem is faster
 #: (docs/results/elements_cell_pressures.md).
 _MIXED_NU = 0.499
 #: PETSc options that choose the solver of the condensed problem.
@@ -158,14 +166,14 @@ _SOLVER_OPTIONS = ("ksp_type", "pc_type", "snes_hessian", "snes_globalization", 
 
 
 class Condensation(NamedTuple):
-    """A choice, made by the user or by the program.
+    """The choice between eliminated and unknown cell pressures.
 
     Attributes
     ----------
     pressures : CellPressures or None
         The mixed problem; None if the pressures are eliminated.
     reason : str
-        Why the program chose so; empty if the user did, or for an element without cell pressures.
+        Why the program chose so; empty if the user chose, or without cell pressures.
     """
 
     pressures: CellPressures | None = None
@@ -179,26 +187,26 @@ def choose_condensation(
     why_condensed: str,
     prefix: str = solver.PREFIX,
 ) -> Condensation:
-    """Return the choice for a problem. Collective.
+    """Choose whether cell pressures are eliminated. Collective.
 
     Parameters
     ----------
     wanted : bool or None
-        Whether the user wants the pressures eliminated; None leaves it to the program.
+        Whether the user wants the pressures eliminated; None if the user did not choose.
     problem : Problem
         The condensed problem.
     make_mixed : callable
         ``make_mixed()`` returns the same problem with unknown pressures.
     why_condensed : str
-        Why the program eliminates them at any Poisson's ratio; empty if it need not.
+        Why the program must eliminate the pressures at any Poisson's ratio; empty if it need not.
     prefix : str, optional
         Prefix of the solver's options in PETSc's database.
 
     Raises
     ------
     BadInput
-        On every rank, if the user wants unknown pressures, and a material has no volume term whose
-        pressure can be inverted.
+        On every rank, if the user wants unknown pressures but the pressure of a material's volume
+        term cannot be inverted.
     """
     if wanted is not None:
         return Condensation(None if wanted else CellPressures(problem, make_mixed(), prefix))
@@ -219,7 +227,7 @@ def choose_condensation(
 def program_pressures(
     wanted: bool | None, problem: Problem, choices: Mapping[str, object], prefix: str
 ) -> CellPressures | None:
-    """Return the mixed problem of a dolfinx program, if it is chosen. Collective.
+    """Return the mixed problem of a dolfinx program, None if it is not chosen. Collective.
 
     Parameters
     ----------
@@ -231,7 +239,7 @@ def program_pressures(
     Raises
     ------
     BadInput
-        On every rank, if the user wants unknown pressures and the problem cannot have them.
+        On every rank, if the user's choice is impossible for the element or a term.
     """
     if wanted is False and problem.element.volume != "mean":
         accepted = f"None: {problem.element.name} has no cell pressures"
@@ -253,14 +261,14 @@ def program_pressures(
 
 
 def chosen_for_condensed(prefix: str, choices: Mapping[str, object]) -> str:
-    """Return the choice of the user's that is one of the condensed problem's solver, in words.
+    """Return a sentence on a user's choice that concerns the condensed problem's solver, or "".
 
     Parameters
     ----------
     prefix : str
         The prefix of the solver's options.
     choices : mapping
-        Values of the keys ``hessian`` and ``globalization``; None for none.
+        Values of ``hessian`` and ``globalization``; None if the user did not choose.
     """
     database = PETSc.Options(prefix)
     named = [name for name in _SOLVER_OPTIONS if database.hasName(name)]

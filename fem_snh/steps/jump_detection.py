@@ -1,21 +1,23 @@
 """Detect steps whose end depends on their size: jumps to a state far away, and skipped paths.
 
 A step that moves the body several times as far as its first guess is suspicious. The step is then
-solved again to its middle, and again to the middle of that half in which the body moves farther. On
-a path of equilibria an eighth of the load has about an eighth of the motion; where one state ceases
-to exist, it has most of it, however the step is divided. So it is divided further: of a motion that
-is steep and steady, as that of a sheet that is pressed to a hundredth of its height, less is left.
+solved again to its middle, and to the middle of the half in which the body moves farther, and so
+on. On a path of equilibria an eighth of the load step causes about an eighth of the motion. Where a
+state ceases to exist, one short part has most of the motion, however short it is. Further halvings
+tell a jump from a steep but continuous motion, as of a sheet pressed to a hundredth of its height.
 
 A step that loses energy is divided in the same way, by its loss: a fold that snaps need not move
-the body far. Along a path of equilibria the energy changes by the work of what is prescribed.
+the body far. Along a path of equilibria the energy changes by the work of boundary values and
+loads.
 
-A trial step that fails where the whole step converged has lost the path: it is said, as are, with
-terms that keep a history, which no trial may repeat, steps of many iterations and far motions.
+If a part of the step fails although the whole step converged, a note says that the path is lost.
+Terms that keep a history do not allow trial steps: steps with many iterations or large motions are
+then noted.
 
-A step that ends far from where its first guess was may have passed a bifurcation: beyond it there
-are several stable states. (The guess of a step without one is that the body goes on as in the step
-before.) Small problems are solved again in parts of the step; where their end has another energy,
-the step has skipped the path.
+A step that ends far from its first guess may have passed a bifurcation, beyond which there are
+several stable states. (Without a first guess, the motion of the step before is continued.) Small
+problems are solved again in parts of the step. If the last part ends with another energy, the step
+has skipped the path.
 """
 
 from __future__ import annotations
@@ -33,42 +35,42 @@ from fem_snh.errors import NotSettled
 from fem_snh.problem.problem import Problem
 from fem_snh.records.run_record import Note
 
-#: Residual over the largest force up to which a state is an equilibrium: solves leave 1e-4.
+#: Largest residual of an equilibrium over the largest force of a term: solves leave 1e-4.
 _BALANCED = 1e-2
-#: Displacement of a step over the one that was expected from which it is examined.
+#: Ratio of a step's displacement to the expected one above which the step is examined.
 _FAR = 3.0
-#: The same from which a step that cannot be examined is noted: a body that begins to slide or to
-#: touch moves a few times as far.
+#: The same ratio above which a step that cannot be examined is noted: a body that begins to slide
+#: or to touch moves a few times as far.
 _VERY_FAR = 10.0
-#: Newton iterations over the median of the steps before from which a step is suspicious, and the
-#: least median: a step that changes little takes 2, one with contact up to 50.
+#: A step of this many times the median Newton iterations of the steps before is suspicious; the
+#: least median counted: an easy step takes 2, a step with contact up to 50.
 _MANY, _LEAST_USUAL = 10, 5
 #: Expected over real displacement below which the expected one is rounding: the first guess was the
 #: state before the step, as without a predictor, or where a level starts from a coarser mesh.
 _NONE = 1e-9
-#: How often the step is halved.
+#: Number of halvings of a suspicious step.
 _HALVINGS = 3
-#: Part of the step's displacement, in 1/2^_HALVINGS of its load, from which it may be a jump; how
-#: often that is halved again at most: it is one if the last part has as much; and the part that a
-#: halving keeps from which no further one is needed.
+#: A part of 1/2^_HALVINGS of the step's load may be a jump if it has more than _MOST of the step's
+#: displacement; it is a jump if it still has after _FURTHER halvings, or after a halving that keeps
+#: _KEPT of it.
 _MOST, _FURTHER, _KEPT = 0.5, 4, 0.97
 #: Distance from the first guess to the end, over the step's displacement, from which the path is
-#: followed in so many parts, each halved so often if it fails, in problems up to so many nodes:
-#: 0.1 to 0.3 in the built-in scenes, 0.97 to 1.2 where a body buckles.
+#: followed again (0.1 to 0.3 in the built-in scenes, 0.97 to 1.2 where a body buckles): in _PARTS
+#: parts, each halved _HALVED times at most, in problems of at most _MAX_NODES nodes.
 _OFF, _PARTS, _HALVED, _MAX_NODES = 0.6, 4, 6, 5_000
-#: Relative difference of energies from which states differ. Mirror images have the same; cells that
-#: are inverted in one of two states change it by a thousandth.
+#: Relative difference of energies from which states differ. Mirror images have the same energy;
+#: cells that are inverted in one of two states change it by a thousandth.
 _DIFFERENT = 1e-2
-#: Lost energy of a step, over its work, from which it is examined. The trapezoidal rule gives the
-#: work along a path with an error that is an eighth after each halving.
+#: Lost energy of a step, over its work, from which the step is examined. The trapezoidal rule gives
+#: the work along a path; each halving reduces its error to an eighth.
 _LOSS = 0.25
-#: Part of the loss, in 1/2^_HALVINGS of the load, from which it may be a jump, or one of several:
-#: the error of a path is (1/8)^_HALVINGS there.
+#: A part of 1/2^_HALVINGS of the load may be a jump if it has this part of the loss: the error
+#: along a path is (1/8)^_HALVINGS there.
 _LOST_PART = 1 / 8
-#: Change of the load, in the step, by which the rate of work is differenced.
+#: Part of the load step by which the rate of work is differenced.
 _DIFFERENCE = 1e-3
-#: Difference of energies, over E V, that tolerances leave: that of strains of 1e-6. A residual of
-#: 1e-7 E V^(2/3) leaves 1e-7, and more near an instability. Loads may leave a body at rest.
+#: Difference of energies over E V that solver tolerances leave: that of strains of 1e-6. A residual
+#: of 1e-7 E V^(2/3) leaves strains of 1e-7, and more near an instability.
 _UNKNOWN = 1e-12
 
 
@@ -80,11 +82,11 @@ class Jump(NamedTuple):
     start, end : float
         Loads between which the body jumps.
     part : float
-        Part of the step's displacement between them.
+        Part of the step's displacement, or with ``lost`` of its lost energy, between these loads.
     ratio : float
-        The step's displacement over the expected one.
+        The step's displacement over the expected displacement; 0 if that is unknown.
     lost : float
-        The energy that the step loses [J], by whose part it was found; 0 if by displacement.
+        The energy that the step loses [J]; 0 if the jump was found by displacement.
     """
 
     start: float
@@ -95,7 +97,7 @@ class Jump(NamedTuple):
 
 
 class LostPath(NamedTuple):
-    """A far step of which a smaller one finds no equilibrium.
+    """A suspicious step of which a smaller part finds no equilibrium.
 
     Attributes
     ----------
@@ -112,18 +114,18 @@ class LostPath(NamedTuple):
 
 
 class UnexaminedStep(NamedTuple):
-    """A far step, or one of many iterations, that cannot be solved again.
+    """A step with a large motion or many iterations that cannot be solved again.
 
     Attributes
     ----------
     start, end : float
         Loads of the step.
     ratio : float
-        The step's displacement over the expected one.
+        As for `Jump`.
     newton : int
-        Its Newton iterations.
+        Newton iterations of the step.
     usual : float
-        Their median in the steps before; 0 in the first step.
+        Median of the Newton iterations of the steps before; 0 in the first step.
     """
 
     start: float
@@ -134,14 +136,16 @@ class UnexaminedStep(NamedTuple):
 
 
 class SkippedPath(NamedTuple):
-    """A step that ends in another state than its path.
+    """A step that ends in another state than the same path in smaller steps.
 
     Attributes
     ----------
     start, end : float
         Loads of the step.
-    energy, followed : float
-        Energies [J] of the state that the step found, and at the end of the path in parts.
+    energy : float
+        Energy [J] of the step's end.
+    followed : float
+        Energy [J] at the end of the smaller steps.
     """
 
     start: float
@@ -157,27 +161,26 @@ BEYOND_LIMIT = (
     "those between need a prescribed displacement ([[move]]) in place of the load, the volume of a "
     "[[cavity]] in place of a pressure, or a motion in time"
 )
-#: What a step may be found to be.
+#: What `JumpDetector.find` may find in a step.
 Finding = Jump | LostPath | UnexaminedStep | SkippedPath
 
 
 class JumpDetector:
-    """Examines each step of a load stepping. Its methods are collective.
+    """Examines each load step of a static problem for jumps. All methods are collective.
 
-    Steps are not examined in time. With terms that keep a history they are not solved again: what
-    has slid or touched is not undone.
+    If a term keeps a history, steps are not solved again, as that would change the history.
 
     Parameters
     ----------
     problem : Problem
         The problem.
     snes : PETSc.SNES
-        Its solver.
+        The problem's solver.
     """
 
     def __init__(self, problem: Problem, snes: PETSc.SNES) -> None:
         self._problem, self._snes = problem, snes
-        #: The last step's motion by load, and its length.
+        #: The last step's change of the unknowns per load, and its norm in free displacements [m].
         self._motion: PETSc.Vec | None = None
         self._rate = 0.0
         self._guess: PETSc.Vec | None = None
@@ -196,9 +199,9 @@ class JumpDetector:
         self._guess = self._problem.x.copy()
 
     def find(self, load: float, start: PETSc.Vec, newton: int) -> Finding | None:
-        """Return what the step is found to be, of so many Newton iterations; None if all is well.
+        """Examine the step from ``load`` and unknowns ``start`` to the problem's present state.
 
-        It went from ``load`` and ``start`` to the problem's state.
+        ``newton`` are its Newton iterations. Return the finding, or None. The state is restored.
         """
         problem, guess = self._problem, self._guess
         self._examined = solver.StepOutcome()
@@ -249,7 +252,10 @@ class JumpDetector:
         self._problem.split(self._problem.x)
 
     def _compare(self, start: State, to: float) -> SkippedPath | None:
-        """Return the difference of the state to the end of the path; None where none is known."""
+        """Follow the path from ``start`` to load ``to``; return how its end differs, or None.
+
+        None also if the path fails, or is not followed. The problem's state changes.
+        """
         problem = self._problem
         if problem.regime.nodes > _MAX_NODES or not problem.has_energy:
             return None
@@ -268,13 +274,14 @@ class JumpDetector:
 
     @property
     def _unknown_energy(self) -> float:
-        """The difference of energies [J] that tolerances leave."""
+        """The difference of energies [J] that solver tolerances leave."""
         return _UNKNOWN * self._problem.force_scale * self._problem.length
 
     def _lost(self, low: State, high: State) -> tuple[float, float]:
-        """Return the energy [J] that is lost between two equilibria, and the work done.
+        """Return the lost energy and the absolute work [J] between two equilibria.
 
-        Energy is that of the body and of its loads; what is prescribed works on it.
+        The energy is that of body and loads; changes of boundary values and loads do work. Without
+        an energy both are 0. The problem's state changes.
         """
         problem = self._problem
         if not problem.has_energy:
@@ -291,7 +298,7 @@ class JumpDetector:
         return work - (energies[3] - energies[0]), abs(work)
 
     def _follow(self, start: State, to: float, halvings: int) -> State | None:
-        """Return the state at a load by a solve, or by two to the middle and on if that fails."""
+        """Return the state at a load, by one or up to 2^``halvings`` solves; None if they fail."""
         found = self._solve(start, to)
         if found is not None or halvings == 0:
             return found
@@ -301,9 +308,10 @@ class JumpDetector:
     def _bisect(
         self, low: State, high: State, measure: Callable[[State, State], float], most: float
     ) -> Jump | LostPath | None:
-        """Return the jump between two states, or where a solve fails; None if there is none.
+        """Bisect the step for a jump; return it, or the part where a solve fails, or None.
 
-        ``measure`` is what a jump has, however small the step is: at least the part ``most``.
+        ``measure(a, b)`` is the displacement or loss from state a to b. Around a jump it stays more
+        than the part ``most`` of the step's.
         """
         found: Jump | None = None
         part, whole = 1.0, measure(low, high)
@@ -325,7 +333,7 @@ class JumpDetector:
         return found
 
     def _solve(self, start: State, to: float) -> State | None:
-        """Return the state at a load, from the one at a smaller load; None if it fails."""
+        """Solve from a state to a larger load; return the state there, None if that fails."""
         problem = self._problem
         self._restore(*start)
         outcome = self._examined
@@ -339,7 +347,7 @@ class JumpDetector:
         return (to, problem.x.copy()) if outcome.converged else None
 
     def row(self) -> dict[str, int]:
-        """Return what the row of a step says of the solves that examined it."""
+        """Return the row's iterations of the solves that examined the last step, {} if none did."""
         found = self._examined
         if not found.history:
             return {}
@@ -354,14 +362,17 @@ class JumpDetector:
 
 
 def is_balanced(problem: Problem) -> bool:
-    """Return whether the problem's state is about an equilibrium, as where a path begins."""
+    """Return whether the residual's norm is at most 1 % of `Problem.largest_force`. Collective."""
     residual = problem.x.duplicate()
     problem.residual(problem.x, residual)
     return residual.norm() <= _BALANCED * problem.largest_force(problem.x)
 
 
 def start_notes(problem: Problem) -> list[Note]:
-    """Return a note if the steps of a program do not begin at an equilibrium. Collective."""
+    """Return [], or a note if the present state is no equilibrium at the present load.
+
+    `is_balanced` decides. A program calls it at load 0, before its first step. Collective.
+    """
     if is_balanced(problem):
         return []
     text = (
@@ -373,7 +384,7 @@ def start_notes(problem: Problem) -> list[Note]:
 
 
 def jump_notes(found: Finding | None, step: int) -> list[Note]:
-    """Return the note of what a step was found to be, if there is one."""
+    """Return [], or the note on what was found in the attempted step number ``step``."""
     return [_jump_note(found, step)] if found else []
 
 

@@ -1,9 +1,8 @@
 """Continuation in Poisson's ratio: solve a load step first with more compressible materials.
 
 At nu close to 1/2 the volume term dominates the energy, and an inverted cell can unfold only by
-increasing it. The same material with a smaller Poisson's ratio has no such barrier; its equilibrium
-is a good initial guess for the next ratio. Of several materials, those that are more compressible
-keep their own ratio.
+increasing this term. A smaller Poisson's ratio has no such barrier, and its equilibrium is a good
+initial guess for the next ratio. Materials that are more compressible keep their own ratio.
 """
 
 from __future__ import annotations
@@ -24,7 +23,7 @@ class PoissonContinuation:
     make_problem : callable
         ``make_problem(nu)`` returns the problem with this Poisson's ratio. Collective.
     hessian, globalization : str or None
-        Hessian and globalization of their solvers, as for `fem_snh.solver.create`.
+        As for `fem_snh.solver.create`.
     """
 
     def __init__(
@@ -40,7 +39,7 @@ class PoissonContinuation:
             self._stages.append((stage, solver.create(stage, hessian, globalization)))
 
     def solve(self, problem: Problem) -> list[solver.Iteration]:
-        """Replace ``problem.x`` by the equilibrium of the last ratio. Collective.
+        """Solve from ``problem.x`` for one ratio after the other, in place. Collective.
 
         If the solve of a ratio does not converge, its last iterate is the next initial guess.
 

@@ -1,4 +1,4 @@
-"""The load of a program's steps, and the path of these steps, which estimates follow again."""
+"""The load of a program's steps, and the repetition of these steps for error estimates."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ Array = npt.NDArray[np.float64]
 
 
 class SolverChoice(NamedTuple):
-    """What a program gave for its solver: arguments of `fem_snh.NonlinearProblem`."""
+    """The solver's arguments of `fem_snh.NonlinearProblem`, which a repetition uses again."""
 
     prefix: str
     options: Mapping[str, Any]
@@ -36,17 +36,17 @@ class SolverChoice(NamedTuple):
 def follow_load(
     problem: Problem, load: LoadFunction, set_load: Callable[[float], None] | None
 ) -> Iterator[None]:
-    """Let boundary values and terms follow the load, for the duration of a ``with`` block.
+    """Make boundary values and terms depend on the load within a ``with`` block.
 
     Parameters
     ----------
     problem : Problem
         The problem, at the state in which its steps begin.
     load : LoadFunction
-        What its conditions and terms call at each load.
+        The function that the problem's conditions call at each load.
     set_load : callable or None
-        Sets constants, functions and boundary values for a load from 0 to 1; None: the boundary
-        values go from those of the present state to the given ones.
+        Sets constants, functions and boundary values for a load from 0 to 1. None: the boundary
+        values change linearly with the load, from the present state to the given values.
     """
     load.function = set_load
     if set_load is None:
@@ -65,21 +65,21 @@ def program_path(
     following: Callable[[Problem], AbstractContextManager[Any]] = nullcontext,
     velocity: Callable[[Array], Array] | None = None,
 ) -> Path | None:
-    """Return the path of steps that begin now; None where their end does not depend on it.
+    """Return the path of steps that begin now; None if their end does not depend on the path.
 
     Parameters
     ----------
     problem : Problem
         The problem, at the state in which the path begins.
     load : LoadFunction
-        What its conditions and terms call at each load.
+        The function that the problem's conditions call at each load.
     choice : SolverChoice
-        The solver.
+        The solver of a repetition.
     stepper : Stepper
         The steps.
     following : callable, optional
-        Returns a ``with`` block in which a problem follows the load: see `follow_load`. Default: it
-        does so always, as in time.
+        ``following(problem)`` returns a context in which a problem follows the load: see
+        `follow_load`. Default: for a motion in time, a context that does nothing.
     velocity : callable, optional
         The initial velocity of a motion in time: see `Dynamics.start`.
     """
@@ -91,7 +91,7 @@ def program_path(
 
     @contextmanager
     def repeat(steps: int, element: Element | None, stiffer: float) -> Iterator[Stepper]:
-        """Begin the path again. Constants have their values at the end afterwards."""
+        """Provide the `Stepper` of a repetition; at the end set constants to load 1 again."""
         chosen = choice.hessian, choice.globalization
         if element and element.has_pressure:  # whose defaults are those of a saddle-point problem
             chosen = None, None

@@ -1,16 +1,16 @@
-r"""Solve a step again by full Newton steps, with a proximal term where a body is free to move.
+r"""Solve a failed step again by full Newton steps, with a proximal term if needed.
 
-Where surfaces touch, minimisation may find no way: a body that nothing but contact constrains has
-no stiffness along some motion, bodies that slide off each other leave their path, and a follower
-pressure or friction has no energy to minimise. Full steps of Newton's method with the exact Hessian
-converge to any equilibrium that is near. A proximal term makes each solve start near to its end,
+With contact, minimisation may fail: a body that nothing but contact constrains has no stiffness
+along some motion, bodies that slide off each other leave their path, and a follower pressure or
+friction has no energy to minimise. Full steps of Newton's method with the exact Hessian converge to
+any equilibrium nearby. A proximal term keeps the end of each solve near its start,
 
 .. math:: \frac{r}{2 L^2} \int E\, |u - u_k|^2 \, \mathrm{d}V ,
 
 with the displacement :math:`u_k` of the solve before. This is pseudo-transient continuation (Kelley
-& Keyes 1998): the rate r increases where a solve fails, and decreases where it does not. The step
-ends when the term's forces are within the tolerance of the residual, so that the state is an
-equilibrium without it.
+& Keyes 1998): the rate r increases when a solve fails and decreases when it converges. The step
+ends when the forces of the proximal term are within the tolerance of the residual, so that the
+state is an equilibrium without the term.
 """
 
 from __future__ import annotations
@@ -30,14 +30,15 @@ from fem_snh.terms.history import MAX_SOLVES
 
 #: The first rate r of a body that is free to move: the term is about as stiff as the body.
 _FIRST = 1.0
-#: Its factors after a solve, after one in a step where a solve has failed, and after a failure; its
-#: least value, and how many solves may fail in turn. An O-ring that slides to the side of its
-#: groove needs rates up to 1e3, where friction begins 1e6, and 3 to 40 solves.
+#: Factors of the rate after a solve that converged, the same once a solve of the step has failed,
+#: and after a failure; the least rate; the number of successive failures allowed. An O-ring that
+#: slides to the side of its groove needs rates up to 1e3, at the onset of friction 1e6, and 3 to 40
+#: solves.
 _DECREASE, _SLOW_DECREASE, _INCREASE, _LEAST, _MOST_FAILURES = 0.1, 0.3, 10.0, 1e-2, 9
 
 
 class Rescue:
-    """Solves a step that has failed once more, in pseudo-time with artificial inertia. Collective.
+    """Solves a step by pseudo-transient continuation, after minimisation failed. Collective.
 
     Parameters
     ----------
@@ -51,7 +52,7 @@ class Rescue:
         self._problem, self._snes = problem, snes
         regions = [r._replace(density=r.material.numbers.E) for r in problem.regions]
         self._term = Inertia(NodalMass(problem.V, regions, "lumped", problem.kinematics))
-        #: The rate of a step's first solve. A body that is held is not kept from its path.
+        #: The rate of a step's first solve; 0, no proximal term, unless the body is free to move.
         self._first = _FIRST if Supports(problem).left.shape[1] else 0.0
 
     def solve(self, outcome: solver.StepOutcome) -> None:
@@ -95,7 +96,10 @@ class Rescue:
             outcome.negative = context.stability.negative_eigenvalues(problem.x)
 
     def _update(self, outcome: solver.StepOutcome) -> bool:
-        """Update what is lagged after a solve; return whether to solve again."""
+        """Update lagged quantities after a solve; return whether to solve again. Collective.
+
+        Solve again, too, while the proximal term's force exceeds the tolerance.
+        """
         problem, forces = self._problem, self._problem.x.duplicate()
         again = update_lagged(problem, outcome)
         problem.gradient(problem.x, forces, [self._term])

@@ -1,4 +1,4 @@
-"""Steps of load or time, of scenes and programs: one solve, sizes, halving, and their rows."""
+"""Load and time steps of scenes and programs: solution, sizes, halving, rows of run.json."""
 
 from __future__ import annotations
 
@@ -39,22 +39,22 @@ class StepSolver:
     problem : Problem
         The discretised problem.
     snes : PETSc.SNES
-        Its nonlinear solver.
+        The problem's nonlinear solver.
     predictor : str, optional
         First guess of a step: see `fem_snh.solver.Predictor`.
     continuation : PoissonContinuation, optional
-        Solves with other Poisson's ratios, which improve the first guess.
+        Improves the first guess by solves with other Poisson's ratios.
     pressures : CellPressures, optional
         Solves each step with the cell pressures as unknowns first.
     blend : callable, optional
-        Moves the flesh with the bones in it: see `fem_snh.solver.Predictor`.
+        Moves all nodes with the bones: see `fem_snh.solver.Predictor`.
 
     Attributes
     ----------
     predictor : Predictor
-        The predictor, which keeps the equilibrium that it extrapolates from.
+        The predictor, which keeps the equilibrium before the present one.
     guessed : callable or None
-        Called when ``problem.x`` is the first guess of a step.
+        A function without arguments, called when ``problem.x`` is the first guess of a step.
     """
 
     def __init__(
@@ -85,19 +85,19 @@ class StepSolver:
         predict: bool = True,
         restore: bool = True,
     ) -> solver.StepOutcome:
-        """Solve from the problem's state to a load. Collective.
+        """Solve from the problem's state to a load, in place; return the outcome. Collective.
 
         Parameters
         ----------
         load : float
             The load at the step's end, 0 to 1.
         judge : callable, optional
-            Called with the outcome of a step that converged, which it may make a failure.
+            ``judge(outcome)`` may turn a step that converged into a failure.
         predict : bool
             Whether the first guess is a prediction; otherwise it is the present state.
         restore : bool
-            Whether a step that fails ends with load and state of its start; otherwise with its last
-            iterate.
+            Whether a failed step restores the load and state of its start; otherwise its last
+            iterate stays in ``problem.x``.
         """
         problem, motion = self.problem, self.motion
         start, before, history = problem.x.copy(), problem.load, list[solver.Iteration]()
@@ -129,7 +129,7 @@ class StepSolver:
         return outcome
 
     def _attempt(self, load: float, predict: bool, rescues: bool) -> solver.StepOutcome:
-        """Solve from the problem's state to a load, or rescue the step."""
+        """Solve from the problem's state to a load, by `Rescue` if ``rescues``."""
         problem, context = self.problem, self.snes.getPythonContext()
         problem.history.begin_step(problem.split(problem.x)[0])
         if self.motion:
@@ -142,14 +142,17 @@ class StepSolver:
 
     @property
     def can_rescue(self) -> bool:
-        """Whether steps that fail are solved again: static ones with contact."""
+        """Whether failed steps are solved again by `Rescue`: in statics with contact."""
         problem = self.problem
         touches = any(term.is_contact for term in problem.terms) and problem.motion is None
         assembled = problem.operator == problem.A and bool(problem.regions)
         return touches and assembled and problem.regime.nodes <= MAX_NODES
 
     def _attempts(self) -> Sequence[bool]:
-        """Return whether each attempt of a step rescues it: first, after a step that needed it."""
+        """Return for each attempt of a step whether it is by `Rescue`.
+
+        The second attempt is; after a step that `Rescue` solved, the first.
+        """
         if not self.can_rescue:
             return [False]
         return [True, False] if self._rescued else [False, True]
@@ -191,10 +194,10 @@ class StepSolver:
         return outcome
 
     def _judge_slide(self, outcome: solver.StepOutcome) -> None:
-        """Make a step a failure that has left an unstable state for surfaces that slide off.
+        """Fail a step that followed negative curvature to a state where surfaces slide off.
 
-        It is at a minimum for facets that points do not touch there. Further solves begin far from
-        the path, and alternate, or end at a state that depends on their order.
+        That state is a minimum for lagged pairs of points and facets that no longer touch. Further
+        solves begin far from the path: they alternate, or their end depends on their order.
         """
         change = self.problem.history.change
         if outcome.left_unstable and change.slid_off:
@@ -208,16 +211,17 @@ class StepSolver:
                 auxiliary.destroy()
 
 
-#: The reason of a step whose end has inverted points and its start none: its halves decide.
+#: The reason of a step that fails as its end has inverted points and its start has none.
 INVERTED_END = "INVERTED_END"
 
 
 class Stepper:
     """An iterator over the attempted load increments; it yields a row of run.json for each.
 
-    The first increment starts from the problem's load. Every multiple of 1/steps is reached. A
-    step that fails is rolled back and halved; after a step that converges the size doubles. So is,
-    without inertia, a step that inverts points, once: its halves may invert none.
+    The first increment starts from the problem's load. Every multiple of 1/steps is the end of an
+    increment. A failed step is rolled back and halved; after a step that converges the size
+    doubles, up to the nominal size. In statics, the first step that inverts points counts as
+    failed, as its halves may invert none.
 
     Parameters
     ----------
@@ -232,26 +236,26 @@ class Stepper:
     output_every : int, optional
         Number of nominal steps after which `is_output` is true.
     stability : EquilibriumStability, optional
-        Tells of each step whether its equilibrium is stable.
+        Counts the negative eigenvalues of each equilibrium.
     find_jumps : bool, optional
-        Whether steps are examined for jumps, where they can be.
+        Whether steps of a static problem with loads are examined for jumps.
 
     Attributes
     ----------
     size : StepSize
         The size of the next step.
     targets : sequence of float
-        The loads that are reached; the multiples of 1/steps, unless they are set.
+        The loads at which steps end, in ascending order. Default: the multiples of 1/steps.
     done : bool
-        Whether the last of them is reached.
+        Whether the last target is reached.
     taken : int
-        The steps that converged: more than the nominal ones where some were halved.
+        Number of steps that converged, halved steps included.
     seconds : float
         Elapsed seconds of the steps, without compilation.
     processor : float
         This rank's processor seconds of the steps, without compilation.
     jump : Finding or None
-        The jump in the last step.
+        What `JumpDetector.find` found in the last step.
     """
 
     def __init__(
@@ -281,7 +285,7 @@ class Stepper:
         self.done, self.taken = False, 0
         self.seconds = self.processor = 0.0
         self._last: dict[str, Any] = {}
-        #: The end of the last step that inverted points: up to it ends are not doubted again.
+        #: The end of the last step that failed by inverted points: no step up to it fails so again.
         self._doubted = -1.0
         #: Whether memory was exhausted, in which case a shorter step fails as well.
         self._out_of_memory = False
@@ -305,12 +309,12 @@ class Stepper:
         self.done = True
 
     def is_output(self, row: dict[str, Any]) -> bool:
-        """Return whether output is written after a row: each, or each ``output_every`` steps."""
+        """Return whether output is due: after every row, or each ``output_every`` nominal steps."""
         every, number = self._output_every, round(row["load"] * self.steps)
         return every == 1 or (number % every == 0 and row["load"] == number / self.steps)
 
     def failure_message(self) -> str:
-        """Return the load or time at which the steps stopped before the end, and the reason."""
+        """Return the message that steps stopped before the end: load or time, and reason."""
         load = self.problem.load
         at = f"time {load * self.motion.duration:.6g}" if self.motion else f"load {load:.6g}"
         if self._out_of_memory:
@@ -321,7 +325,7 @@ class Stepper:
         )
 
     def _limit_load(self) -> str:
-        """Return that the body has passed a limit load before the last step failed, or nothing."""
+        """Return a remark on the last jump, which may be a limit load; "" without a jump."""
         if (jump := self._last_jump) is None:
             return ""
         between = f"between the loads {jump.start:.6g} and {jump.end:.6g}"
@@ -330,7 +334,10 @@ class Stepper:
     def attempt(
         self, load: float, to: float, *, predict: bool = True, restore: bool = True
     ) -> dict[str, Any]:
-        """Solve from ``load`` to load ``to`` and return the row: see `StepSolver.solve`."""
+        """Solve from the present ``load`` to ``to``; return the row, and set `jump`. Collective.
+
+        ``predict`` and ``restore`` are those of `StepSolver.solve`.
+        """
         problem, watch = self.problem, Stopwatch()
         nonfinite, estimate = problem.nonfinite, dict[str, float]()
         before = problem.x.copy()
@@ -387,14 +394,14 @@ class Stepper:
         return self._last
 
     def examine_stability(self) -> dict[str, Any]:
-        """Return whether the state is stable, if that is requested. Collective."""
+        """Return the row's entries on the present state's stability, {} if not asked for."""
         return self._equilibrium(StepOutcome()) if self._stability else {}
 
     def _equilibrium(self, outcome: StepOutcome) -> dict[str, Any]:
-        """Return whether the equilibrium is stable, where that is requested, or where it is not.
+        """Return "stability" and "negative_eigenvalues" if asked for or unstable, else {}.
 
-        Iterations with an unknown pressure keep the symmetry of a body that has buckled, and no
-        globalization leaves it: the last state is always examined.
+        With an unknown pressure the last state is always examined: Newton's iterations keep the
+        symmetry of a body that has buckled, and no globalization leaves it.
         """
         problem, snes, negative = self.problem, self.solver.snes, outcome.negative
         if self._stability:
@@ -408,25 +415,25 @@ class Stepper:
         return {"stability": stable, "negative_eigenvalues": negative}
 
     def _tolerance(self, outcome: StepOutcome) -> float:
-        """Return the norm of the residual [N] at which the step converges."""
+        """Return the 2-norm of the residual [N] up to which the step has converged."""
         if outcome.tolerance is not None:
             return outcome.tolerance
         return float(self.solver.snes.getPythonContext().scaled_tolerance)
 
     @staticmethod
     def _linear_residual(outcome: StepOutcome) -> dict[str, float]:
-        """Return the relative residual of a linearised step's linear system."""
+        """Return {"linear_residual": relative residual} of a linearised step, else {}."""
         residual = outcome.linear_residual
         return {} if residual is None else {"linear_residual": residual}
 
     @staticmethod
     def _stabilisation(outcome: StepOutcome) -> dict[str, float]:
-        """Return the part of a proximal term in the forces of a step that has needed it."""
+        """Return {"stabilisation": proximal over largest force} of a rescued step, else {}."""
         part = outcome.stabilisation
         return {} if part is None or not outcome.converged else {"stabilisation": part}
 
     def _notes(self, recorded: Mapping[str, Any]) -> list[str]:
-        """Return the kinds of notes on the last step, of which the terms have recorded this."""
+        """Return the kinds of notes on the last step; ``recorded``: of `TermHistory.record`."""
         kinds = {
             "inverted": self._last["min_J"] <= 0,
             "jump": self.jump is not None,
@@ -437,16 +444,16 @@ class Stepper:
         return [kind for kind, noted in kinds.items() if noted]
 
     def _energies(self, load: float, to: float) -> dict[str, Any]:
-        """Return the row's energy; in time, time and energies."""
+        """Return the row's entries of energy; in motion also its times."""
         if self.motion:
             return self.motion.row(self.problem, to, load)
         problem = self.problem
         return {"energy": problem.energy(problem.x) if problem.has_energy else None}
 
     def _judge(self, outcome: StepOutcome, start: PETSc.Vec, to: float) -> dict[str, float]:
-        """Make a step a failure that is not believed; return the estimate of a time step's error.
+        """Fail a step that inverts points, or whose error exceeds the tolerance of time steps.
 
-        An error above the tolerance is not believed, nor an end that the halves may not have.
+        Return {"error": local error} of a time step with a tolerance, else {}.
         """
         motion = self.motion
         if motion is None:
@@ -461,7 +468,7 @@ class Stepper:
         return {"error": ratio * motion.tolerance}
 
     def _doubt_inversion(self, outcome: StepOutcome, start: PETSc.Vec, to: float) -> None:
-        """Make a step to a load a failure whose end is the first one with inverted points."""
+        """Fail a divisible step whose end has inverted points and whose start has none."""
         problem = self.problem
         if to <= self._doubted or not self.size.is_divisible:
             return
@@ -482,10 +489,10 @@ _LEAST, _MOST, _SAFETY = 0.2, 2.0, 0.9
 
 
 class StepSize:
-    """Sizes of load steps, of which every multiple of 1/steps is an end.
+    """Sizes of load steps, as parts of the whole load.
 
-    A step that fails is halved; after one that converges the size doubles, up to the nominal one.
-    With an error estimate, the size follows it as well.
+    After a step that fails the size is halved; after a step that converges it doubles, up to the
+    next multiple of 1/steps. `AdaptiveStepSize` follows an error estimate, too.
 
     Parameters
     ----------
@@ -501,7 +508,7 @@ class StepSize:
     ratio : float
         Error of the last step over its tolerance; to be set before `accept` or `reject`.
     max_divisions : int
-        A nominal step is divided at most into this many.
+        Largest number of steps into which a nominal step is divided.
     """
 
     def __init__(self, steps: int, divisible: bool = True) -> None:
@@ -512,7 +519,7 @@ class StepSize:
         self._size = 0.0
 
     def end(self, load: float, target: float) -> float:
-        """Return the end of the next step from a load, which is not beyond ``target``."""
+        """Return the load at the end of the next step from ``load``: at most ``target``."""
         rest = target - load
         self._size = size = self.next or rest
         # A sum of halved steps differs from the target by rounding.
@@ -524,22 +531,22 @@ class StepSize:
 
     @property
     def is_divisible(self) -> bool:
-        """Whether the present step may be tried in halves."""
+        """Whether the halves of the present step may be tried."""
         return self._size > self._shortest * 1.5
 
     def reject(self, load: float, to: float) -> bool:
-        """Set the size after a step that failed; return whether one so short may be tried."""
+        """Halve the size after a failed step; return whether a step so short may be tried."""
         self.next = (to - load) / 2
         return self.is_divisible
 
 
 class AdaptiveStepSize(StepSize):
-    """Sizes of time steps by an estimate of their error, at most the nominal one.
+    """Sizes of time steps, at most the nominal size, by an estimate of their error.
 
     Parameters
     ----------
     steps : int
-        Number of nominal steps, the longest ones.
+        Number of nominal steps.
     order : int
         Order of accuracy p: a step's error is proportional to the power p + 1 of its size.
     """
@@ -564,24 +571,24 @@ class AdaptiveStepSize(StepSize):
         self.next = wanted if wanted < self._nominal * (1 - _ROUNDING) else None
 
     def reject(self, load: float, to: float) -> bool:
-        """Set the size after a step that failed or whose error exceeds the tolerance."""
+        """Reduce the size after a step that failed; return whether it may be tried."""
         factor = min(0.5, self._factor()) if self.ratio > 1 else 0.5
         self.next = max(self._shortest, factor * self._size)
         return self.is_divisible
 
     def _factor(self) -> float:
-        """Return the factor by which the size changes."""
+        """Return the factor of the size at which the error would be the tolerance, bounded."""
         if self.ratio == 0:
             return _MOST
         return min(_MOST, max(_LEAST, _SAFETY * self.ratio ** (-1 / (self._order + 1))))
 
 
-#: Relative change of boundary values that is rounding: of nodes in inclined planes, of one step.
+#: Relative change of boundary values up to which it is rounding, as of nodes in inclined planes.
 _SAME_VALUES = 1e-14
 
 
 def boundary_values_changed(problem: Problem) -> bool:
-    """Return whether the boundary values at load 1 are others than the unknowns'. Collective."""
+    """Return whether boundary values at load 1 differ from the present unknowns. Collective."""
     prescribed, norm, load = problem.x.copy(), PETSc.NormType.INFINITY, problem.load
     problem.set_load(1.0)
     problem.prescribe(prescribed)

@@ -1,16 +1,16 @@
 r"""The Schur complement of pressures that are constant in each cell.
 
-A mass matrix, as for Taylor-Hood elements, is not spectrally equivalent to
-:math:`B H^{-1} B^T`: pressures that nearly alternate from cell to cell (Q1P0), or that the nodes
-of P2 do not see (P2P0), have B^T p close to zero, the more so the finer the mesh. The sparse
+The mass matrix that serves Taylor-Hood elements is not spectrally equivalent to
+:math:`B H^{-1} B^T` here: pressures that nearly alternate from cell to cell (Q1P0), or that the
+nodes of P2 do not see (P2P0), have B^T p close to zero, the closer the finer the mesh. The sparse
 
 .. math::
 
     \tilde S = B D^{-1} B^T + C + N, \quad D = \mathrm{diag}(H),
 
-has the same small eigenvalues, as B^T p is then a load of short wavelength, for which H is close to
-a multiple of D. Where p is smooth, :math:`B D^{-1} B^T` is too small; N is the mass matrix of the
-mean of the pressure around each node, which vanishes where the pressure alternates.
+has the same small eigenvalues: B^T p is then a load of short wavelength, for which H is close to
+a multiple of D. For smooth p, :math:`B D^{-1} B^T` is too small. N corrects it: the mass matrix of
+the mean pressure around each node, which vanishes for alternating pressures.
 """
 
 from __future__ import annotations
@@ -26,11 +26,12 @@ from fem_snh._petsc import aij_blocks, nonzero_state
 from fem_snh.linalg.block_matrix import Submatrix
 from fem_snh.problem.mixed.pressure_masses import PressureMasses
 
-#: The sums of N's rows, as a multiple of those of :math:`B H^{-1} B^T` for plane waves
+#: The row sums of N over the row sums of :math:`B H^{-1} B^T` for plane waves
 #: (docs/results/elements_cell_pressures.md).
 _SCALE = 0.75
 #: Mean change of ln D from which S is computed again. With 0.1 the linear solves take as many
-#: iterations as with 0, and S is computed once in three (docs/results/elements_cell_pressures.md).
+#: iterations as with 0, and every third `update` computes S
+#: (docs/results/elements_cell_pressures.md).
 _CHANGE = 0.1
 
 
@@ -40,15 +41,15 @@ class CellSchur:
     Parameters
     ----------
     A : PETSc.Mat
-        The matrix of displacement and pressure; its pattern is read here, its values by `update`.
+        The matrix of displacement and pressure. The constructor reads its pattern only.
     index_sets : dict of PETSc.IS
-        {"u": IS, "p": IS}, the unknowns of each field.
+        {"u": IS, "p": IS}, the global dofs of each field.
     masses : PressureMasses
 
     Attributes
     ----------
     matrix : PETSc.Mat
-        The approximation; before the first `update` it is that of smooth pressures alone.
+        The approximation, (pressures, pressures); before the first `update`, without the part of H.
     """
 
     def __init__(
@@ -63,11 +64,11 @@ class CellSchur:
         self.matrix.scale(-1.0)
 
     def begin_step(self) -> None:
-        """Make the next `update` unconditional: a step does not depend on those before it."""
+        """Make the next `update` unconditional, so that a step does not depend on earlier steps."""
         self._D = None
 
     def update(self, A: PETSc.Mat) -> None:
-        """Adapt the approximation to a matrix where its diagonal has changed. Collective."""
+        """Compute the approximation for ``A`` if its diagonal or pattern changed. Collective."""
         if self._B.pattern != nonzero_state(A):
             self._set_pattern(A)  # the pressures' part is the same
             self._D = None
@@ -96,7 +97,7 @@ class CellSchur:
         self.matrix.setDiagonal(diagonal, addv=PETSc.InsertMode.ADD)
 
     def _set_pattern(self, A: PETSc.Mat) -> None:
-        """Create N and the matrices that `update` computes."""
+        """Create N, and the submatrices B and B^T of ``A`` with the pattern of their product."""
         self._B, self._B_transposed = (
             Submatrix(A, self._sets, *fields) for fields in (("p", "u"), ("u", "p"))
         )

@@ -1,7 +1,7 @@
-r"""The Schur complement of pressures that are continuous: weighted mass matrices.
+r"""The Schur complement of continuous pressures, approximated by a weighted mass matrix.
 
 By the inf-sup condition :math:`B H^{-1} B^T` is spectrally equivalent to the mass matrix divided by
-the shear modulus, for any Poisson's ratio. The weights follow constraints and strains.
+the shear modulus, for any Poisson's ratio. The weights depend on constraints and strains.
 """
 
 from __future__ import annotations
@@ -27,15 +27,16 @@ class NodalSchur:
     ----------
     masses : PressureMasses
     num_u : int
-        Unknowns of the displacement that this rank owns, the first of its rows.
+        Number of displacement dofs that this rank owns, its first rows.
     idle : (n,) int
-        The owned pressures of no cell that is assembled, whose rows have a diagonal alone.
+        The owned pressures, numbered from 0, that are in no assembled cell: their rows of the
+        matrix have a diagonal entry alone.
 
     Attributes
     ----------
     matrix : PETSc.Mat
-        The approximation; before the first `update` it is the mass matrix with the coefficient
-        -(1/mu + 1/U''(1)) [m^3/Pa].
+        The approximation, (pressures, pressures). Before the first `update` it is the mass matrix
+        with the coefficient -(1/mu + 1/U''(1)).
     """
 
     def __init__(self, masses: PressureMasses, num_u: int, idle: np.ndarray) -> None:
@@ -46,7 +47,7 @@ class NodalSchur:
         self._subtract_volume_compliance()
 
     def update(self, A: PETSc.Mat) -> None:
-        r"""Scale the approximation by the local compliance of the displacement. Collective.
+        r"""Compute the approximation for the Hessian ``A``, scaled by local compliance. Collective.
 
         Constrained nodes and large strains reduce :math:`B H^{-1} B^T` locally. The scaling uses
 
@@ -54,10 +55,10 @@ class NodalSchur:
 
         (as in the SIMPLE method), with the mass matrix M of coefficient 1/mu. In the interior of an
         unstrained region d is constant, and :math:`B H^{-1} B^T = M / (2 + \lambda_{local}/\mu)`.
-        With s = d / (2 mean d) and lambda_local in parallel, the factor of M is ``_SCALE`` times
-        s / (1 + s lambda_local/mu), which is that value at s = 1/2. Pressures without a free node
-        have s = 1/2: at nu = 1/2 their rows of A are zero, and the approximation has to be
-        definite. Those of no assembled cell have their diagonal.
+        With s = d / (2 mean d), the factor of M is ``_SCALE`` times s / (1 + s lambda_local/mu),
+        which has the interior value at s = 1/2. Pressures without a free node have s = 1/2: at
+        nu = 1/2 their rows of A are zero, but the approximation has to be definite. Rows of idle
+        pressures get the diagonal of A.
 
         Parameters
         ----------
@@ -84,12 +85,12 @@ class NodalSchur:
         self.matrix.setDiagonal(own)
 
     def _subtract_volume_compliance(self) -> None:
-        """Subtract C at rest."""
+        """Subtract C of the undeformed body from the approximation."""
         same, volume = PETSc.Mat.Structure.SAME_NONZERO_PATTERN, self._masses.volume_compliance
         self.matrix.axpy(-volume.scale, volume.matrix, same)
 
     def _diagonal_of_schur_complement(self, A: PETSc.Mat) -> np.ndarray:
-        """(owned pressures,) diag(B D^-1 B^T)."""
+        """Return diag(B D^-1 B^T), (owned pressures,). Collective."""
         num_u, local = self._num_u, A.getDiagonal().array
         local[:num_u] = 1 / np.abs(local[:num_u])
         local[num_u:] = 0.0  # of C

@@ -17,19 +17,19 @@ from fem_snh.terms.elastic import Part
 
 
 class ScaledMass(NamedTuple):
-    """The mass matrix of a pressure space with a coefficient: ``scale`` times ``matrix``."""
+    """A mass matrix of a pressure space with a coefficient: ``scale`` times ``matrix``."""
 
     scale: float
     matrix: PETSc.Mat
 
     @property
     def diagonal(self) -> np.ndarray:
-        """(owned pressures,) the diagonal."""
+        """The diagonal of ``scale`` times ``matrix``, (owned pressures,)."""
         return self.scale * np.asarray(self.matrix.getDiagonal().array_r)
 
 
 class PressureMasses:
-    """The mass matrices, in the units of unknowns and residual. Collective.
+    """Mass matrices of a pressure space, times the square of the pressure's unit. Collective.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ class PressureMasses:
 
     @cached_property
     def lambda_over_mu(self) -> float | np.ndarray:
-        """lambda_local / mu; of several regions (owned pressures,), the mean at each node."""
+        """lambda_local / mu: a number, or for several regions nodal means, (owned pressures,)."""
         ratios = [part.loops.constants.lambda_local / mu for mu, part in self._moduli()]
         if len(ratios) == 1:
             return ratios[0]
@@ -64,18 +64,18 @@ class PressureMasses:
 
     @cached_property
     def plain(self) -> PETSc.Mat:
-        """The mass matrix without a coefficient."""
+        """The mass matrix without a coefficient; in a lattice, of the filled part of cells."""
         regions = [part.region for part in self._parts]
         if all(region.fractions is None for region in regions):
             return self._assembled(1.0)
         return self._assembled(cell_constant(self._Q.mesh, regions, [1.0] * len(regions)))
 
     def _moduli(self) -> list[tuple[float, Part]]:
-        """Return the shear modulus at rest [Pa] of each part."""
+        """Return (shear modulus at rest [Pa], part) of each part."""
         return [(part.region.material.lame[0], part) for part in self._parts]
 
     def _with(self, values: Sequence[float]) -> ScaledMass:
-        """Return the mass matrix with a coefficient that has one value in each region."""
+        """Return the mass matrix whose coefficient has the i-th value in the i-th region."""
         if len(values) == 1:
             return ScaledMass(values[0], self.plain)
         regions = [part.region for part in self._parts]
@@ -83,7 +83,10 @@ class PressureMasses:
         return ScaledMass(1.0, self._assembled(coefficient))
 
     def _assembled(self, coefficient: Any) -> PETSc.Mat:
-        """Return the mass matrix with a coefficient: a number or a dolfinx Function."""
+        """Assemble the mass matrix with a coefficient: a number or a dolfinx Function.
+
+        Zeros on the diagonal, where no cell is assembled, become the mean of the diagonal.
+        """
         Q = self._Q
         p, q = ufl.TrialFunction(Q), ufl.TestFunction(Q)
         factor = _dolfinx.constant(Q.mesh, np.array(self._unit**2))

@@ -1,7 +1,7 @@
-r"""The saddle-point problem of a Taylor-Hood element, as a solver needs to know it.
+r"""The pressure block of an element with an unknown pressure, for block preconditioners.
 
 With the pressure as an unknown, the energy is minimal in the displacement and maximal in the
-pressure. Its Hessian, with U* the conjugate of the volume term U(J), is
+pressure. Its Hessian, with U the volume term, is
 
 .. math::
 
@@ -41,9 +41,9 @@ class PressureBlock:
     pressure_scale : float
         Unit of the pressure unknown [Pa/m].
     A : PETSc.Mat
-        The problem's matrix, of which the pattern is read.
+        The problem's matrix, whose pattern is read.
     idle : (n,) int
-        The owned pressures of no cell that is assembled.
+        The owned pressures, numbered from 0, that are in no assembled cell.
 
     Attributes
     ----------
@@ -73,33 +73,33 @@ class PressureBlock:
         return _dolfinx.degree(self.Q) == 0
 
     def pressure_dofs(self, x: PETSc.Vec) -> np.ndarray:
-        """Return a view of the pressure dofs that this rank owns in ``x``, in the unit of ``x``."""
+        """Return a view of the owned pressure dofs in ``x``; `unit` times them is in Pa."""
         return self._unknowns.pressure_dofs(x)
 
     def pressure(self) -> np.ndarray:
-        """Return the nodal pressures [Pa], ghosts included, of the vector evaluated last.
+        """Return the pressures (local dofs,) [Pa] of the vector that `Problem.split` got last.
 
-        This is U'(J), positive in tension. It excludes the mean stress of the part of lambda that
-        `fem_snh.materials.volume_split` leaves to the displacement.
+        The pressure is U'(J), positive in tension, with ghosts. It excludes the mean stress of the
+        part of lambda that `fem_snh.materials.volume_split` leaves to the displacement.
         """
         return self.unit * local_values(self._unknowns.pressure)
 
     @property
     def fields(self) -> tuple[PETSc.Vec, PETSc.Vec]:
-        """The vectors of displacement and pressure, on communicators of their own."""
+        """The ghosted vectors of displacement and pressure, each with its own communicator."""
         return _dolfinx.petsc_vec(self._unknowns.u), self._unknowns.pressure
 
     @property
     def schur_approximation(self) -> PETSc.Mat:
-        """An approximation of the Schur complement, negative definite."""
+        """The approximation of the Schur complement, negative definite: not a copy."""
         return self._schur.matrix
 
     def update_schur_approximation(self, A: PETSc.Mat) -> None:
-        """Adapt the approximation to the assembled Hessian. Collective."""
+        """Update `schur_approximation` for the assembled Hessian ``A``. Collective."""
         self._schur.update(A)
 
     def begin_step(self) -> None:
-        """Keep nothing of the approximation from the last step: a resumed run takes its path."""
+        """Forget the approximation of the last step, as a resumed run does not have it."""
         if isinstance(self._schur, CellSchur):
             self._schur.begin_step()
 
@@ -111,11 +111,11 @@ class PressureBlock:
 
     @cached_property
     def inverse_lumped_mass(self) -> np.ndarray:
-        """(owned pressures,) inverse of the lumped mass matrix, in the units of ``x`` and residual.
+        """The inverse of the lumped mass matrix, (owned pressures,), in the units of ``x``.
 
         The square of the pressure residual, weighted by it, is the square of a volume error [m^3].
-        Of degree 2 the sums of the rows are zero at the vertices of triangles, and negative at
-        those of tetrahedra: it is then the diagonal, scaled to the same volume.
+        The lumped masses are row sums; for pressures of degree 2, whose row sums are zero or
+        negative at vertices, the diagonal is scaled to the same sum.
         """
         ones, sums = self._masses.plain.createVecs()
         ones.set(1.0)
@@ -127,9 +127,9 @@ class PressureBlock:
         return 1 / np.asarray(sums.array_r)
 
     def pressure_correction(self, residual: PETSc.Vec) -> np.ndarray:
-        """Return C^-1 times the pressure's residual, with C at rest: (owned pressures,).
+        """Return C^-1 times the pressure's part of a residual, (owned pressures,).
 
-        For pressures that are constant in each cell, where C is diagonal.
+        C is of the undeformed body, and diagonal: the pressure must be constant in each cell.
         """
         compliance = self._masses.volume_compliance.diagonal
         correction: np.ndarray = self.pressure_dofs(residual) / compliance

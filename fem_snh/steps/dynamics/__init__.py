@@ -1,1 +1,1 @@
-"""Steps in time: inertia, damping, integrators, prescribed motion, energies and momenta."""
+"""Time steps: inertia, damping, integrators, prescribed motion, energies and momenta."""

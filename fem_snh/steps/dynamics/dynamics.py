@@ -1,7 +1,7 @@
 r"""The motion of a body in time: state, steps, errors, energies and momenta.
 
-A time integrator (`fem_snh.steps.dynamics.integrators`) makes each step an incremental potential:
-the terms of `Dynamics` are terms of the problem as any other, and its solver is the same.
+A time integrator (`fem_snh.steps.dynamics.integrators`) makes each step an incremental potential.
+Inertia and damping are terms of the problem, and the solver is that of statics.
 """
 
 from __future__ import annotations
@@ -36,13 +36,13 @@ if TYPE_CHECKING:
 
 Array = npt.NDArray[Any]
 
-#: Where a motion is differentiated at the start, in loads: its rounding errors are then far below
-#: the forces' tolerance.
+#: Load interval over which prescribed motions are differenced at the start: their rounding errors
+#: are then far below the tolerance of forces.
 _START = 5e-4
 
 
 class _Step(NamedTuple):
-    """The step between `begin_step` and `end_step`: its size [s], load and state at its start."""
+    """The step between `begin_step` and `end_step`: size [s], load and state at the start."""
 
     size: float
     load: float
@@ -62,7 +62,7 @@ class Dynamics:
     dirichlet : Dirichlet
         The constrained dofs and their values.
     kinematics : Kinematics
-        That of the displacement.
+        The kinematics of the displacement.
     integrator : str
         One of `fem_snh.choices.INTEGRATORS`.
     mass : {"consistent", "lumped"}, optional
@@ -74,13 +74,13 @@ class Dynamics:
     duration : float
         The time [s] in which the load goes from 0 to 1.
     tolerance : float, optional
-        Largest error of a step, relative to the body's size V^(1/3); the steps are as long as it
-        permits. Default: equal steps.
+        Largest local error of a step, relative to V^(1/3), by which the size of steps is chosen.
+        Default: equal steps.
 
     Attributes
     ----------
     terms : list of Term
-        Inertia and, if it is asked for, damping: terms of the problem.
+        Inertia and, with ``damping``, damping: terms for the problem.
     integrator : Integrator
         The time integrator.
     mass : NodalMass
@@ -88,7 +88,7 @@ class Dynamics:
     v, a : dolfinx Function
         Velocity [m/s] and acceleration [m/s^2] at the end of the last accepted step.
     dissipated, work : float
-        The entries of `energies` [J].
+        The entries "dissipated" and "work" of `energies` [J].
 
     Raises
     ------
@@ -127,7 +127,7 @@ class Dynamics:
         self._first_energy: float | None = None
         self._before: Before | None = None
         self._rigid: RigidParts | None = None
-        #: The part of the acceleration by forces that steps have as means, if any (local dofs,).
+        #: The part of ``a`` by forces that a step has as means over it, (local dofs,), or None.
         self._by_means: Array | None = None
         self._step: _Step  # set by begin_step
         #: Damping forces, and all forces but inertia and means, at the last state (owned dofs,).
@@ -143,7 +143,7 @@ class Dynamics:
             The problem at its initial displacement, with the terms of this object.
         velocity : callable, optional
             Velocities [m/s] (n, components) of nodes with reference coordinates [m] (n, 3).
-            Default: zero.
+            Default: zero. Constrained dofs get their prescribed velocity.
 
         Raises
         ------
@@ -186,14 +186,15 @@ class Dynamics:
     def begin_step(self, problem: Problem, load: float) -> tuple[float, float]:
         """Set the formulas of the step from the problem's state to a load. Collective.
 
-        A step that failed is repeated by another call, with the problem's state restored; without
-        one, `cancel_step` ends it.
+        If the step fails, restore the problem's state; then call this method again to repeat the
+        step, or `cancel_step`.
 
         Returns
         -------
-        largest, least : float
-            Norms of forces at the step's start [N]: the largest one of external and inertial
-            forces, and the smallest one of a dead load.
+        largest : float
+            The largest 2-norm of external or inertial forces at the step's start [N].
+        least : float
+            The smallest 2-norm, not 0, of a dead load [N]; inf without one.
         """
         norms = self._force_norms(problem)
         h = (load - problem.load) * self.duration
@@ -219,7 +220,7 @@ class Dynamics:
         return norms
 
     def _force_norms(self, problem: Problem) -> tuple[float, float]:
-        """Return the largest and the least norm of forces [N] that `begin_step` returns."""
+        """Return the two norms of forces [N] that `begin_step` returns. Collective."""
         forces, loads = problem.x.duplicate(), _loads(problem, self.terms)
         problem.gradient(problem.x, forces, loads)
         inertial = self._balance.inertial_forces(self.a.x.array)
@@ -234,21 +235,24 @@ class Dynamics:
         return largest, least
 
     def extrapolate(self, x: PETSc.Vec, load: float) -> None:
-        """Move the displacement in ``x`` with its velocity, to the time of a load.
+        """Move the displacement in ``x`` to a load with the velocity of the step's start, in place.
 
-        The acceleration is left out: that of the stiff modes is noise on a long time step.
+        The acceleration is left out: its stiff modes are noise over a long time step.
         """
         v = self.v.x.array[: self.mass.num_owned]
         x.array[: len(v)] += (load - self._step.load) * self.duration * v
 
     def cancel_step(self, problem: Problem) -> None:
-        """End a step that failed: the problem is again at the step's start. Collective."""
+        """End a failed step after the problem's state is restored to its start. Collective."""
         self._balance.weight_mean_forces(problem, None)
         self._balance.end_volume_damping(problem, accepted=False)
         self._set_motion()
 
     def end_step(self, problem: Problem) -> None:
-        """Accept the step, before `TermHistory.end_step`. Collective."""
+        """Accept the solved step: update motion, work and dissipation. Collective.
+
+        Call it before `TermHistory.end_step`.
+        """
         h, load, state, formulas = self._step
         u = np.array(local_values(problem.split(problem.x)[0]))
         v, a = formulas.velocity(u), formulas.acceleration(u)
@@ -292,8 +296,8 @@ class Dynamics:
     def local_error(self, problem: Problem) -> float:
         """Return an estimate of the solved step's local error, before `end_step`. Collective.
 
-        It is the root mean square, weighted by mass, of the displacement's error, relative to the
-        body's size V^(1/3); the formulas are those of docs/theory/dynamics.md.
+        It is the root mean square of the displacement's error, weighted by mass, over V^(1/3)
+        (docs/theory/dynamics.md).
         """
         formulas = self._step.formulas
         new, old = formulas.error
@@ -313,11 +317,10 @@ class Dynamics:
         Returns
         -------
         dict
-            The entries of `motion_measures`, and "energy", the sum of its energies (None for a
-            material without one); since the start, "work" of prescribed motion, of
-            moving obstacles and of changing loads, energy "dissipated" by damping and friction, and
-            "numerical_dissipation" [J]: what else the sum of kinetic, elastic and potential energy
-            lost, by the integrator. The last is missing if a force has no energy.
+            The entries of `motion_measures`; "energy" [J], the sum of its energies (None if a
+            material has none); and since the start, in [J], "work" of prescribed motion, moving
+            obstacles and changing loads, "dissipated" by damping and friction, and unless a force
+            has no energy, "numerical_dissipation", what else the integrator lost.
         """
         found = motion_measures(problem, self.mass, self.v.x.array, self.terms)
         energy = None if found["elastic"] is None else total_energy(found)
@@ -328,15 +331,18 @@ class Dynamics:
         return found
 
     def row(self, problem: Problem, load: float, before: float) -> dict[str, Any]:
-        """Return what a step from load ``before`` to ``load`` adds to its row of run.json."""
+        """Return the entries of a step's row: "time", "time_step" [s], and `energies`. Collective.
+
+        The step is from load ``before`` to ``load``.
+        """
         times = {"time": load * self.duration, "time_step": (load - before) * self.duration}
         return times | self.energies(problem)
 
     def _old_forces(self) -> Array:
-        """Return the forces at the step's start that are in its balance, (owned dofs,). Collective.
+        """Return the forces [N] of the step's start in its balance, (owned dofs,). Collective.
 
-        On nodes of rigid parts they include those that keep the parts rigid: they turn, and are in
-        balance at each end of the step, but not their mean (Arnold & Brüls 2007).
+        On nodes of rigid parts, constraint forces of the parts are included: they rotate, so forces
+        balance at each end of the step, but their mean does not (Arnold & Brüls 2007).
         """
         if not self._rigid:
             return self._forces
@@ -346,19 +352,19 @@ class Dynamics:
         return forces
 
     def _mean_forces(self, problem: Problem, weight: float | None = 1.0) -> MeanForces | None:
-        """Return the step's mean forces if the integrator has them. Collective."""
+        """Return `ForceBalance.mean_forces` if the integrator uses them, else None. Collective."""
         if not self.integrator.has_mean_forces:
             return None
         return self._balance.mean_forces(problem, weight)
 
     def _smooth_acceleration(self) -> Array:
-        """Return a copy of the acceleration, without the part by mean forces."""
+        """Return a copy of the acceleration (local dofs,) without the part by mean forces."""
         a: Array = self.a.x.array.copy()
         return a if self._by_means is None else np.asarray(a - self._by_means)
 
     @property
     def _needs_forces(self) -> bool:
-        """Whether a step needs the forces at its start: its balance, or the work of reactions."""
+        """Whether a step needs the forces at its start, for its balance or work of reactions."""
         return self._moves or self.integrator.uses_old_forces
 
     @property
@@ -367,14 +373,14 @@ class Dynamics:
         return self._motion.moves or bool(self._rigid and self._rigid.moves)
 
     def history(self) -> tuple[Array, dict[str, Any]]:
-        """Return what the next steps need of the last ones, for a checkpoint.
+        """Return what the next step needs of earlier steps, for a checkpoint.
 
         Returns
         -------
-        values : (n, k)
-            Values at the displacement nodes that this rank owns.
+        values : (owned nodes, k)
+            Copies of nodal fields side by side, each with the displacement's components.
         about : dict
-            The same on all ranks: numbers, and the names of the fields in ``values``.
+            Numbers, and the names "fields" of the fields in ``values``; the same on all ranks.
         """
         about: dict[str, Any] = {"dissipated": self.dissipated, "work": self.work}
         if self._first_energy is not None:
@@ -400,7 +406,7 @@ class Dynamics:
         Raises
         ------
         BadInput
-            If ``about`` is from a version whose history lacks something.
+            If a field that the integrator needs is missing, as in an older checkpoint.
         """
         self._rigid = problem.rigid
         self._motion.add_parts(problem.rigid)
@@ -426,19 +432,21 @@ class Dynamics:
         self._set_motion()
 
     def _set_motion(self) -> None:
-        """Make the problem's gradient the sum of all forces at the present state. Collective."""
+        """Set inertia and damping so that the gradient has all present forces. Collective."""
         a = self._acceleration(self._smooth_acceleration(), self._before and self._before.a)
         if self._by_means is not None:
             a = a + self._by_means
         self._balance.set_motion(a, self._damping)
 
     def _acceleration(self, a: Array, before: Array | None) -> Array:
-        """Return the acceleration at a step's end, of second order, as the integrator's may not be.
+        """Return the acceleration at a step's end, to second order, (local dofs,) [m/s^2].
 
         Parameters
         ----------
-        a, before : (local dofs,)
-            The integrator's acceleration in the step, and in the one before, if there is one.
+        a : (local dofs,)
+            The integrator's acceleration in the step, which may belong to a shifted time.
+        before : (local dofs,) or None
+            The integrator's acceleration in the step before.
         """
         shift = self.integrator.shift
         if not shift or before is None:
@@ -450,7 +458,7 @@ class Dynamics:
 
 
 def _values(velocity: Callable[[Array], Array], nodes: Array, columns: int) -> Array:
-    """Return initial velocities of nodes, (n, columns). Not collective."""
+    """Return ``velocity(nodes)``; raise BadInput unless it is (n, columns) and finite."""
     found = np.asarray(velocity(nodes))
     if found.shape != (len(nodes), columns):
         accepted = f"an array {(len(nodes), columns)}"
@@ -481,8 +489,8 @@ def motion_measures(
     dict
         "kinetic", "elastic" (None for a material without an energy) and "potential" (the sum of all
         other terms that have an energy) [J]; "momentum" [kg m/s] and "angular_momentum" about the
-        origin [kg m^2/s], lists of three components. In a plane they
-        are per thickness; of a body of revolution only those along the axis are not zero.
+        origin [kg m^2/s], lists of three components. In a plane all are per thickness; of a body of
+        revolution only the axial components are not zero.
     """
     u, p = problem.split(problem.x)
     kinematics = problem.kinematics
@@ -508,21 +516,23 @@ def total_energy(measures: Mapping[str, Any]) -> float:
 def work_of_loads(
     problem: Problem, u: Array, load: float, end_weight: float, excluded: Sequence[Term]
 ) -> tuple[float, float]:
-    r"""Return the work of changing loads in a step, and what they dissipated [J]. Collective.
+    r"""Return the work of changing loads in a step, and the energy dissipated [J]. Collective.
 
     With E(u, t) the energy of the terms that depend on the load, and s = ``end_weight``,
 
     .. math:: s [E(u_0, t_1) - E(u_0, t_0)] + (1 - s) [E(u_1, t_1) - E(u_1, t_0)] .
 
-    A `WorkingTerm` measures work and dissipation itself: the energy of a stiff obstacle that moves
-    while the body does not is far above the work of the forces that it exerts.
+    A `WorkingTerm` measures its work and dissipation itself: with a stiff moving obstacle and a
+    body at rest, this formula is far above the work of the obstacle's forces.
 
     Parameters
     ----------
     problem : Problem
         The problem at the step's end.
-    u, load : (local dofs,), float
-        Displacement and load at its start.
+    u : (local dofs,)
+        Displacement [m] at the step's start.
+    load : float
+        Load at the step's start.
     end_weight : float
         Weight of the forces at the step's end in the work that they do.
     excluded : sequence of Term
@@ -549,7 +559,7 @@ def work_of_loads(
 
 
 def _loads(problem: Problem, excluded: Sequence[Term]) -> list[Term]:
-    """Return the terms beside the elastic energy and those that are excluded."""
+    """Return the problem's terms without the elastic energy and the excluded terms."""
     return [t for t in problem.terms if t is not problem.elastic and t not in excluded]
 
 

@@ -1,6 +1,6 @@
 """The balance of inertia, damping and all other forces of a problem at one state.
 
-The stiffness of damping turns with the cells: `cell_rotations` follows their spin in a step.
+The damping stiffness rotates with each cell: `cell_rotations` integrates the cells' spin.
 """
 
 from __future__ import annotations
@@ -30,14 +30,14 @@ Array = npt.NDArray[Any]
 
 
 class MeanForces(NamedTuple):
-    """Forces that a step has as their mean: see `fem_snh.terms.term.MeanForceTerm`.
+    """Forces that enter a step by their mean over it: see `fem_snh.terms.term.MeanForceTerm`.
 
     Attributes
     ----------
     forces : (owned dofs,)
-        The forces [N], as those of other terms in the balance.
+        The gradient dE/du [N] of the terms.
     acceleration : (local dofs,)
-        The acceleration [m/s^2] that balances them alone.
+        The acceleration [m/s^2] that balances ``forces`` alone.
     """
 
     forces: Array
@@ -45,7 +45,7 @@ class MeanForces(NamedTuple):
 
 
 class ForceBalance:
-    """The terms of inertia and damping, and the other forces without them.
+    """The terms of inertia and damping, and the forces of all other terms.
 
     In a step the terms depend on the displacement at its end (`set_step`). Between steps they are
     the forces of the present motion (`set_motion`), so that the problem's gradient at constrained
@@ -62,8 +62,9 @@ class ForceBalance:
 
     Attributes
     ----------
-    inertia, damping : Inertia, RayleighDamping or None
-        The terms; damping only if a factor is not zero.
+    inertia : Inertia
+    damping : RayleighDamping or None
+        None if both factors are zero.
     """
 
     def __init__(
@@ -75,11 +76,11 @@ class ForceBalance:
 
     @property
     def terms(self) -> list[Term]:
-        """The terms that exist."""
+        """Inertia, and damping if there is any."""
         return [self.inertia, *([self.damping] if self.damping else [])]
 
     def set_step(self, acceleration: Affine, velocity: Affine, constant: Array | None) -> None:
-        """Set acceleration and velocity at a step's end, and constant forces (owned dofs,)."""
+        """Set acceleration and velocity of a step's end, and constant forces (owned dofs,) [N]."""
         self.inertia.acceleration, self.inertia.constant = acceleration, constant
         if self.damping:
             self.damping.velocity = velocity
@@ -107,9 +108,9 @@ class ForceBalance:
         problem : Problem
             The problem, at the state.
         v : (local dofs,)
-            Its velocity [m/s].
+            The velocity [m/s] at the state.
         time : float
-            For which time [s] the cells turn with it: the stiffness is that of the turned cells.
+            Time [s] for which each cell's stiffness is rotated with the spin of ``v``.
         """
         if not (self.damping and self.damping.has_stiffness):
             return
@@ -133,16 +134,20 @@ class ForceBalance:
         return self._summed(self.damping.apply(v))
 
     def start_volume_damping(self, v: Array) -> Array:
-        """Return the forces [N] that damp an unknown pressure, (owned dofs,). Collective."""
+        """Return the forces [N] of a pressure's viscous part at a velocity, (owned dofs,).
+
+        Zero without an unknown pressure or damping. Collective.
+        """
         if not (self.damping and (rates := self.damping.rates)):
             return np.zeros(self._mass.num_owned)
         rate = rates.of_velocity(v[: self._mass.num_owned])
         return self.damping.beta * rates.forces(rate)
 
     def begin_volume_damping(self, problem: Problem, velocity: Affine) -> None:
-        r"""Give an unknown pressure its viscous part in a step. Collective.
+        r"""Make an unknown pressure include its viscous part during a step. Collective.
 
-        With the rate c and the origin w of the step's velocity, that of the elastic pressure is
+        With the rate c and the origin w of the step's velocity, and u_0 and p_0 at its start, the
+        rate of the elastic pressure is
 
         .. math:: \dot p_e = c (p_e - p_0) + C^{-1} B \, c (u_0 - w) .
         """
@@ -160,14 +165,14 @@ class ForceBalance:
         problem.elastic.set_pressure_damping(ratio, local_values(origin).copy())
 
     def end_volume_damping(self, problem: Problem, accepted: bool = True) -> Array:
-        """Make an unknown pressure the elastic one again; return the forces of the viscous part.
+        """Remove the viscous part from an unknown pressure in ``problem.x``; return its forces.
 
         Collective.
 
         Returns
         -------
         (owned dofs,)
-            Forces [N].
+            Forces [N]; zero if the step is not accepted, whose pressure is left as it is.
         """
         forces: Array = np.zeros(self._mass.num_owned)
         if not (self.damping and (rates := self.damping.rates)):
@@ -187,9 +192,9 @@ class ForceBalance:
         return self._summed(self._mass.apply(a))
 
     def other_forces(self, problem: Problem, terms: Sequence[Any] | None = None) -> Array:
-        """Return the forces f [N] of other terms at the present state, (owned dofs,). Collective.
+        """Return the forces dE/du [N] of terms at the present state, (owned dofs,). Collective.
 
-        Default: of all terms but inertia and damping.
+        Default: all terms but inertia and damping.
         """
         r = problem.x.duplicate()
         if terms is None:
@@ -198,7 +203,7 @@ class ForceBalance:
         return np.array(r.array_r[: self._mass.num_owned])
 
     def smooth_forces(self, problem: Problem) -> Array:
-        """Return `other_forces` without those of terms with mean forces. Collective."""
+        """Return `other_forces` without the terms that have mean forces. Collective."""
         excluded = [*self.terms, *mean_force_terms(problem)]
         return self.other_forces(problem, [t for t in problem.terms if t not in excluded])
 
@@ -208,9 +213,10 @@ class ForceBalance:
             term.weight_mean_forces(weight)
 
     def mean_forces(self, problem: Problem, weight: float | None = 1.0) -> MeanForces | None:
-        """Return the mean forces of a step; None if no term has any. Collective.
+        """Return the mean forces of a step times ``weight``; None if no term has any. Collective.
 
-        The weight stays; None gives the present forces. The problem's matrix is overwritten.
+        With ``weight`` None they are the present forces. The terms keep the weight, and the
+        problem's matrix is overwritten.
         """
         if not (terms := mean_force_terms(problem)):
             return None
@@ -231,11 +237,12 @@ class ForceBalance:
         forces : (owned dofs,)
             All forces but those of inertia [N].
         prescribed : (local dofs,)
-            The acceleration in constrained directions, zero in others.
+            The acceleration [m/s^2] in constrained directions, zero in others.
 
         Returns
         -------
         (local dofs,)
+            The acceleration [m/s^2], ghosts included.
         """
         force, rigid = -forces - self.inertial_forces(prescribed), problem.rigid
         if rigid:
@@ -252,14 +259,14 @@ class ForceBalance:
         return prescribed + local_values(found)
 
     def update_ghosts(self, values: Array) -> None:
-        """Copy owned values to the ghosts of other ranks, (local dofs,). Collective."""
+        """Update the ghosts of ``values`` (local dofs,) from their owners, in place. Collective."""
         vector = _dolfinx.create_vector(self._V)
         writable_values(vector)[:] = values
         update_ghosts(vector)
         values[:] = local_values(vector)
 
     def _summed(self, local: Array) -> Array:
-        """Return the sum over ranks of their parts of nodal forces, (owned dofs,)."""
+        """Return nodal forces (local dofs,) summed over the ranks, (owned dofs,). Collective."""
         vector = _dolfinx.create_vector(self._V)
         writable_values(vector)[:] = local
         add_ghosts(vector)
@@ -271,13 +278,13 @@ def mean_force_terms(problem: Problem) -> list[Any]:
     return [term for term in problem.terms if isinstance(term, MeanForceTerm)]
 
 
-#: Added to the inertia of a cell's nodes, relative to its trace: that of a line about itself
-#: is zero. It is above rounding.
+#: Added to the inertia of a cell's nodes, relative to its trace, as the inertia of a line about
+#: itself is zero. It is above rounding.
 _SMALLEST = 1e-14
 
 
 def cell_rotations(x: Array, v: Array, time: float, revolved: bool = False) -> Array:
-    r"""Return the rotations of cells that keep their present spin for a time.
+    r"""Return the rotations of cells that rotate with their present spin for a time.
 
     The spin :math:`\omega` of a cell is the angular velocity that is closest to the velocity of its
     nodes in least squares,
@@ -286,7 +293,7 @@ def cell_rotations(x: Array, v: Array, time: float, revolved: bool = False) -> A
 
     with the nodes' positions r from their mean. The rotation is Cayley's map of
     :math:`t \omega / 2`, by which the trapezoidal rule turns a rigid body. A body of revolution is
-    rigid in rotations about its axis alone, which is y: r is then the distance from it.
+    rigid only in rotations about its axis y: r is then the vector from the axis.
 
     Parameters
     ----------

@@ -25,7 +25,7 @@ from fem_snh.choices import DEFAULT_RHO_INFINITY, INTEGRATORS
 from fem_snh.errors import bad_value, check_number, choose
 
 Array = npt.NDArray[Any]
-#: Sets what is constrained of displacements (local dofs,) to zero, in place.
+#: A function that sets constrained directions of displacements (local dofs,) to zero, in place.
 Project = Callable[[Array], None]
 
 
@@ -49,7 +49,7 @@ class Affine:
         return np.asarray(self.rate * (u - self.origin))
 
     def set_values(self, project: Project, u: Array, values: Array) -> None:
-        """Change the origin so that the function has these values at u, where it is constrained."""
+        """Change ``origin`` in constrained directions, so that the function is ``values`` at u."""
         origin = u - values / self.rate
         free = origin.copy()
         project(free)
@@ -73,7 +73,7 @@ class MotionState:
     Attributes
     ----------
     u, v, a : arrays
-        Displacement [m], velocity [m/s], acceleration [m/s^2] by forces that are no means.
+        Displacement [m], velocity [m/s], acceleration [m/s^2] without the part by mean forces.
     before : Before or None
         The step before; None at the beginning.
     """
@@ -101,12 +101,11 @@ class StepFormulas:
     old_forces : float
         kappa, the weight of the forces at the step's start.
     gamma : float
-        Weight of a in v / h: a force of the whole step, F, changes v by F h, and u as much as an
-        a that does so.
+        Weight of a in v / h. A mean force of the step with the acceleration F changes v by F h, so
+        it adds F / gamma to a.
     tangent : float
-        The part of a step after which a body that turns steadily is where its ``velocity`` is
-        tangent to its path: 1/2 for the difference (u - u_0) / h, a chord, and 1 for a velocity of
-        the step's end.
+        The part of a step after which ``velocity`` is tangent to the path of a body that rotates
+        steadily: 1/2 for the chord (u - u_0) / h, 1 for a velocity of the step's end.
     """
 
     velocity: Affine
@@ -125,17 +124,17 @@ class Integrator(Protocol):
     Attributes
     ----------
     name : str
-        Its name in scenes.
+        The name in scenes.
     order : int
-        Its order of accuracy.
+        The order of accuracy.
     num_steps : int
-        Number of steps that its formulas contain.
+        Number of steps that the formulas contain.
     end_weight : float
         Weight of the forces at a step's end in the work that they do in the step.
     uses_old_forces : bool
         Whether the balance of a step contains the forces at its start.
     shift : float
-        How much later than a step's end its acceleration is, as a part of the step.
+        Time of the acceleration minus time of the step's end, as a part of the step.
     has_mean_forces : bool
         Whether contact with obstacles and between bodies enters the balance of a step by its mean
         over the step.
@@ -172,8 +171,8 @@ class BackwardEuler:
 class BDF2:
     """Backward differences of second order with variable steps; the first step is backward Euler.
 
-    Hairer, Norsett & Wanner 1993, section III.5. It is zero-stable while a step is less than
-    1 + sqrt(2) times as long as the one before.
+    Hairer, Norsett & Wanner 1993, section III.5. It is zero-stable while the ratio of a step to the
+    step before is less than 1 + sqrt(2).
     """
 
     name, order, num_steps, end_weight = "bdf2", 2, 2, 1.0
@@ -202,8 +201,8 @@ class GeneralizedAlpha:
 
     for a spectral radius rho at infinite frequency (their equations 25, 17 and 20).
 
-    Its acceleration is that of the time t + (alpha_m - alpha_f) h (Arnold & Brüls 2007), which
-    changes with the step size h: where this changes, a_0 is extrapolated linearly.
+    The acceleration belongs to the time t + (alpha_m - alpha_f) h (Arnold & Brüls 2007). If the
+    step size h changes, a_0 is therefore extrapolated linearly.
 
     Parameters
     ----------

@@ -18,13 +18,13 @@ from fem_snh.terms.term import Term
 
 Array = npt.NDArray[Any]
 
-#: Relative tolerance of the rates of a pressure, and the compliance, relative to the largest one,
-#: that is rounding.
+#: Relative tolerance of the solves for rates of a pressure, and the compliance, relative to the
+#: largest one, up to which it is rounding.
 _RTOL, _INCOMPRESSIBLE = 1e-12, 1e-14
 
 
 class _MotionTerm(Term):
-    """What terms of a motion have in common."""
+    """The base of inertia and damping."""
 
     has_energy = depends_on_load = True
 
@@ -38,7 +38,7 @@ class Inertia(_MotionTerm):
     .. math:: E(u) = \frac{c}{2} (u - w) \cdot M (u - w) + g \cdot u
 
     Its derivative is :math:`M a + g` with :math:`a = c (u - w)`. In a step, g are forces of the
-    step's start. Between steps the acceleration is that of the last state, and its forces are in g.
+    step's start. Between steps ``acceleration`` is None, and g contains the inertial forces.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ class Inertia(_MotionTerm):
     Attributes
     ----------
     acceleration : Affine or None
-        a as a function of the displacement; None without a step.
+        a as a function of the displacement; None between steps.
     constant : (owned dofs,) or None
         The forces g [N].
     """
@@ -73,7 +73,7 @@ class Inertia(_MotionTerm):
     def add_residual(
         self, u: PETSc.Vec, p: PETSc.Vec | None, r_u: PETSc.Vec, r_p: PETSc.Vec | None
     ) -> None:
-        """Add the forces [N] to all entries of ``r_u``, ghosts included."""
+        """Add the forces [N] to the local entries of ``r_u``: parts to be summed over ranks."""
         values = writable_values(r_u)
         if self.acceleration is not None:
             values += self._mass.apply(self.acceleration(local_values(u)))
@@ -96,8 +96,8 @@ class RayleighDamping(_MotionTerm):
 
     Its derivative is C v. K is the Hessian of the elastic energy at the step's start, clamped and
     without the stiffness of spins, and turned with its cells: C is constant in a step, positive
-    semidefinite, and does not damp the rotation of a cell (docs/theory/dynamics.md). The stiffness
-    by an unknown pressure is not in K: see `VolumeRates`.
+    semidefinite, and does not damp the rotation of a cell (docs/theory/dynamics.md). K excludes the
+    stiffness of an unknown pressure: see `VolumeRates`.
 
     Parameters
     ----------
@@ -109,11 +109,11 @@ class RayleighDamping(_MotionTerm):
     Attributes
     ----------
     velocity : Affine or None
-        v as a function of the displacement; None without a step.
+        v as a function of the displacement; None between steps.
     beta : float
         The factor of K [s].
     rates : VolumeRates or None
-        The rates of an unknown pressure.
+        The rates of an unknown pressure; None without one.
     """
 
     name = "damping"
@@ -127,7 +127,7 @@ class RayleighDamping(_MotionTerm):
 
     @property
     def has_stiffness(self) -> bool:
-        """Whether the elastic stiffness contributes."""
+        """Whether beta > 0, so that the elastic stiffness contributes."""
         return self.beta > 0
 
     def update_stiffness(
@@ -137,7 +137,7 @@ class RayleighDamping(_MotionTerm):
         u: PETSc.Vec,
         add_hessian: Callable[[BlockMatrix], Any],
     ) -> None:
-        """Assemble K. Collective.
+        """Assemble K, and set `rates`. Collective.
 
         Parameters
         ----------
@@ -146,7 +146,7 @@ class RayleighDamping(_MotionTerm):
         x, u : PETSc.Vec
             Vectors of the unknowns and of the displacement, for their layout.
         add_hessian : callable
-            Adds K to a matrix.
+            ``add_hessian(target)`` adds K to a BlockMatrix.
         """
         if self._K is None:
             self._K, self._vectors = StoredMatrix(matrix), (x.duplicate(), x.duplicate())
@@ -194,7 +194,7 @@ class RayleighDamping(_MotionTerm):
     def add_residual(
         self, u: PETSc.Vec, p: PETSc.Vec | None, r_u: PETSc.Vec, r_p: PETSc.Vec | None
     ) -> None:
-        """Add the forces [N] to all entries of ``r_u``, ghosts included. Collective."""
+        """Add the forces [N] to the local entries of ``r_u``: parts to be summed. Collective."""
         if self.velocity is not None:
             values = writable_values(r_u)
             values += self.apply(self.velocity(local_values(u)))
@@ -212,7 +212,7 @@ class RayleighDamping(_MotionTerm):
 
 
 class VolumeRates:
-    r"""The rates of an unknown pressure, in an elastic state. Collective.
+    r"""The rate of an unknown elastic pressure, linear in the velocity. Collective.
 
     With the blocks of the Hessian B = d2E/(dp du) and -C = d2E/dp2, the pressure that belongs to a
     displacement changes by
@@ -228,7 +228,7 @@ class VolumeRates:
     def __init__(self, B: PETSc.Mat, C: PETSc.Mat) -> None:
         self._B, self._ksp = B, PETSc.KSP().create(C.comm)
         diagonal = C.getDiagonal()
-        #: Which own pressures have a compliance: not those of incompressible cells alone.
+        #: Which owned pressures have a compliance: all but those of incompressible cells alone.
         self.compliant = diagonal.array_r > _INCOMPRESSIBLE * diagonal.max()[1]
         diagonal.array[~self.compliant] = 1.0
         C.setDiagonal(diagonal)
@@ -239,7 +239,7 @@ class VolumeRates:
 
     @classmethod
     def of(cls, A: PETSc.Mat, num_u: int) -> VolumeRates | None:
-        """Return the rates by a Hessian of displacement and pressure; None if nu = 1/2 everywhere.
+        """Create the rates from the Hessian of displacement and pressure; None if C is zero.
 
         ``num_u`` is the number of displacement dofs that this rank owns.
         """
@@ -253,7 +253,7 @@ class VolumeRates:
         return cls(A.createSubMatrix(p, u), C) if C.getDiagonal().max()[1] > 0 else None
 
     def of_velocity(self, v: Array) -> PETSc.Vec:
-        """Return the rate of the pressure, by a velocity (owned dofs,)."""
+        """Return the rate of the pressure at a velocity (owned displacement dofs,)."""
         velocity, rate = self._B.createVecs()
         velocity.array[:] = v
         mismatch = self._B * velocity
@@ -262,7 +262,7 @@ class VolumeRates:
         return rate
 
     def forces(self, p: PETSc.Vec) -> Array:
-        """Return the forces [N] of a pressure, (owned dofs,)."""
+        """Return the forces B^T p [N] of a pressure, (owned displacement dofs,)."""
         forces = self._B.createVecRight()
         self._B.multTranspose(p, forces)
         return np.array(forces.array_r)

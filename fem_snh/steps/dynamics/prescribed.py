@@ -37,8 +37,8 @@ class PrescribedMotion:
     """The motion of constrained dofs as a function of the load. Collective.
 
     A time integrator's formulas make velocities and accelerations of prescribed displacements ring
-    (Newmark) or lag (backward Euler). These are those of `path_rates`; of values that a program
-    changes from step to step by hand, backward differences of second order of the steps.
+    (Newmark) or lag (backward Euler). Here they are the differences of `path_rates`, or for values
+    that a program changes from step to step by hand, backward differences of second order.
 
     Parameters
     ----------
@@ -63,11 +63,11 @@ class PrescribedMotion:
         self.moves = dirichlet.depends_on_load or dirichlet.by_hand
         self._vector = _dolfinx.create_vector(V)
         self._rigid: RigidParts | None = None
-        #: The dofs of parts whose motion is prescribed as a whole, local ones and this rank's own.
+        #: The local dofs, and the owned dofs, of rigid parts whose whole motion is prescribed.
         self._of_parts = self._own_of_parts = np.empty(0, np.int64)
 
     def add_parts(self, rigid: RigidParts | None) -> None:
-        """Add the motions of rigid parts of which nothing is free."""
+        """Add the rigid parts whose whole motion is prescribed; do nothing without rigid parts."""
         parts = self._dirichlet.rigid_parts
         if rigid is None or parts is None:
             return
@@ -77,12 +77,15 @@ class PrescribedMotion:
         self._own_of_parts = dofs[dofs < self._vector.getLocalSize()]
 
     def project(self, values: Array) -> None:
-        """Set what is constrained of displacements (local dofs,) to zero, in place."""
+        """Set constrained directions of displacements (local dofs,) to zero, in place."""
         self._dirichlet.project(values, ghosts=True)
         values[self._of_parts] = 0.0
 
     def displacement(self, load: float) -> Array:
-        """Return the prescribed displacement [m], (local dofs,), zero at free dofs."""
+        """Return the prescribed displacement [m], (local dofs,), zero at free dofs. Collective.
+
+        A program's values, set as a function of time, stay those of ``load``.
+        """
         self._dirichlet.set_values(self._vector, load)
         self._vector.array[self._dirichlet.released] = 0.0
         if self._rigid:
@@ -91,14 +94,14 @@ class PrescribedMotion:
         return np.array(local_values(self._vector))
 
     def at(self, load: float, step: float, present: float) -> PrescribedState:
-        """Return the motion at a load, of values that are no program's own.
+        """Return the motion at a load by `path_rates`: not for values changed by hand. Collective.
 
         Parameters
         ----------
         load, step : float
             As for `path_rates`.
         present : float
-            The problem's load: values that a program sets as a function of time are left there.
+            The problem's load, for which a program's values are set again.
         """
         if not self._depends_on_load and not self._rigid:
             u = self.displacement(load)
@@ -108,7 +111,7 @@ class PrescribedMotion:
         return PrescribedState(u, v / self._duration, a / self._duration**2)
 
     def after(self, state: MotionState, load: float, present: float) -> PrescribedState:
-        """Return the motion at a load, a step after a state at the present load."""
+        """Return the motion at ``load``, one step after ``state`` at the load ``present``."""
         if not self.by_hand:
             return self.at(load, load - present, present)
         u = self.displacement(load)
