@@ -84,7 +84,7 @@ class FormCells:
     Parameters
     ----------
     comm : communicator of mpi4py
-        The ranks; construction is collective because one of them compiles.
+        The ranks; construction is collective.
     kernel_arguments : int
         Number of arguments of FFCx's kernels, 6 or 7.
     nodes : int

@@ -96,9 +96,9 @@ def eigen3(A: npt.ArrayLike, eigensolver: str = EIGENSOLVERS[0]) -> tuple[Array,
     Returns
     -------
     values : (..., 3)
-        Descending.
+        Eigenvalues, descending.
     vectors : (..., 3, 3)
-        In columns.
+        Unit eigenvectors, in columns.
     """
     A = np.asarray(A, dtype=np.float64)
     solver = EIGENSOLVERS.index(choose("eigensolver", eigensolver, EIGENSOLVERS))
@@ -124,8 +124,6 @@ class Material:
 
     Attributes
     ----------
-    numbers : Numbers
-        As above.
     constants : (n,)
         Values of the material's constants [Pa], which the kernels use.
     """

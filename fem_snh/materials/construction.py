@@ -129,10 +129,7 @@ def symbolic(function: Function, name: str, nu: float | None, shape: Keywords) -
 
 
 def _fitted(fit: normalise.Normalisation, E: float, nu: float, mixed: bool) -> tuple[float, ...]:
-    """Return the values [Pa] of the constants, at nu = 0.5 their limits for lambda -> inf.
-
-    ``mixed`` is True if another material supplies the lambda part.
-    """
+    """Return the values [Pa] of the constants, at nu = 0.5 their limits for lambda -> inf."""
     mu, lam = normalise.lame(E, nu)
     if nu == 0.5:
         solution = fit.solve((mu, LAME[1]), E, mixed)

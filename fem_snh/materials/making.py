@@ -186,7 +186,7 @@ def with_moduli(
         Poisson's ratio.
     keywords : dict
         ``given`` with the material's own constants in place of published ones, and without
-        constants that were used to determine E and nu.
+        constants that now follow from E and nu.
 
     Raises
     ------
@@ -200,7 +200,7 @@ def with_moduli(
     constants = constants_of(own)
     pins = {c: keywords[c] for c in constants if keywords.get(c) is not None}
     if E is not None and nu is not None and len(pins) < len(constants):
-        return E, nu, keywords  # `Normalisation` compares them
+        return E, nu, keywords  # `Normalisation` checks the constants against E and nu
     symbols, moduli = _moduli(own, label(material), nu, keywords)
     values = {symbols[c]: sympy.oo if v == math.inf else sympy.Rational(v) for c, v in pins.items()}
     mu, lam = (m.subs(values) for m in moduli)

@@ -2,7 +2,7 @@
 
 To second order at rest every isotropic energy is linear elasticity in the stretches; its second
 derivatives give mu_lame and lambda_lame (Chen & Barbic, eq. 3, 4). The number of free constants
-decides how these two equations determine them:
+decides how these two equations are solved:
 
 two
     The two equations are solved.

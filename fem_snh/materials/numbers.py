@@ -83,7 +83,7 @@ def numbers_of(energy: Energy, key: str | None = None) -> Numbers:
 def stored_key(
     material: object, E: float | None, nu: float | None, keywords: Keywords
 ) -> str | None:
-    """Return the cache key of a built-in material's numbers; None for a user's material."""
+    """Return the cache key of the numbers; None for users' materials and invalid arguments."""
     names = [material, *filter(None, [keywords.get("lambda_part")])]
     if not all(type(name) is str and _is_own(name) for name in names):
         return None

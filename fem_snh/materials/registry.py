@@ -172,7 +172,7 @@ def describe(material: str | Function) -> str:
 def pins(material: str | Function) -> list[str]:
     """Return the names of the constants [Pa] of a material that may be prescribed.
 
-    None may be if the energy depends on nu and has at most two constants: they would determine nu.
+    If the energy depends on nu and has at most two constants, none may: they would determine nu.
     """
     constants = constants_of(found := function(material))
     depends_on_nu = "nu" in inspect.signature(found).parameters

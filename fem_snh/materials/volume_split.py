@@ -151,8 +151,9 @@ def _dual_of_logarithm(c: sympy.Expr) -> _Curve:
     r"""Return (U*, J(p), dJ/dp) of U = c/2 (log J)^2.
 
     With :math:`w = -\log J`, U'(J) = p is :math:`w e^w = -p/c`, which Newton's method solves. The
-    first guess is a rational function of s that matches w to third order at the largest pressure,
-    p = c/e, where J = e (Corless et al. 1996, eq. 4.22). U is not convex for J > e.
+    first guess is a rational function of :math:`s = \sqrt{2 (1 - e p/c)}` that matches w to third
+    order in s at the largest pressure, p = c/e, where J = e (Corless et al. 1996, eq. 4.22). U is
+    not convex for J > e.
     """
     z = -PRESSURE / c
     s = sympy.sqrt(2 * (1 + math.e * z))

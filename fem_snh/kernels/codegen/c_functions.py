@@ -98,8 +98,7 @@ def statements(
     results : mapping
         C variables (lanes) and the expressions assigned to them.
     scalars : iterable of sympy.Symbol
-        Symbols of doubles (the constants). Subexpressions of these symbols alone are doubles, not
-        lanes.
+        Symbols of doubles (the constants). Subexpressions of these symbols alone are doubles.
     temporary : str
         Prefix of the names of the subexpressions.
     """

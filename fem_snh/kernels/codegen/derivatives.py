@@ -180,7 +180,7 @@ class Derivatives:
             self.derivatives[table[key]] = expression
 
     def derivative(self, *measures: sympy.Symbol) -> sympy.Expr:
-        """Return the symbol of a first or second derivative of psi, or 0 if it vanishes."""
+        """Return the symbol of psi's derivative in one or two measures, or 0 if it vanishes."""
         if len(measures) == 1:
             return self.first.get(measures[0], sympy.Integer(0))
         m, n = sorted(measures, key=self.energy.measures.index)

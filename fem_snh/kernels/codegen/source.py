@@ -1,7 +1,7 @@
 """Choose the energy that an element evaluates at points, and assemble its C source.
 
-That is the material's energy, whole or with the volume term split off. `fem_snh.kernels.material`
-and ``fem-snh materials NAME --source`` call this module.
+It is the material's energy, whole or without its volume term. `fem_snh.kernels.material` and
+``fem-snh materials NAME --source`` call this module.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Stress-stretch curves in four standard tests, and the stretches with a positive tangent.
 
-The curves are compared with linear elasticity. Here that is the PK1-linearisation of every
-material, the corotational energy (Chen & Barbic, theorem 3.1). It is invariant under rotations, so
-its curve is a straight line in all tests but the shear.
+The curves are compared with linear elasticity: the PK1-linearisation of every material, which is
+the corotational energy (Chen & Barbic, theorem 3.1). It is invariant under rotations, so its curve
+is a straight line in all tests but the shear.
 
 The tangent is the 9x9 Hessian d2psi/dF2. Smith et al. 2018 (section 3.3) relate its positive
 semidefiniteness to Drucker's stability. Under compression the tangent of every material is
