@@ -157,7 +157,7 @@ def largest_stress(m: Material) -> float:
 
 
 def growth(m: Material) -> float:
-    """Return the largest ``|eigenvalue|`` 1e-6 from singular states over the largest at 1e-2."""
+    """Return the largest growth of the Hessian's norm from 1e-2 to 1e-6 off a singular state."""
     sizes = []
     for d in _DISTANCES:
         near = [np.add(s, d * np.array([0.3, 1.0, -0.7])) for s in (*DEGENERATE, OPPOSITE)]
