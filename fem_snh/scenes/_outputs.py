@@ -46,7 +46,8 @@ class Geometry(Table):
     )
 
 
-#: Cubes along a cell's edge: fewer tell no parts apart, more need gigabytes for a body's cells.
+#: Bounds of the cubes along a cell's edge: 1 cannot separate two parts of the body in a cell, and
+#: more than 16 need gigabytes.
 _SAMPLES = (2, 16)
 
 
@@ -110,7 +111,7 @@ def _kind(mesh: Any) -> str:
     return "<built-in>" if isinstance(mesh, dict | Geometry) else "<file>"
 
 
-#: A gmsh or XDMF file, a built-in geometry or a lattice; the tags are removed from messages.
+#: A file, a built-in geometry, a lattice or tetrahedra; the tags are removed from messages.
 Mesh = Annotated[
     Annotated[Geometry, Tag("<built-in>")]
     | Annotated[Lattice, Tag("<lattice>")]
@@ -169,7 +170,7 @@ class _Named(BeforeValidator):
         super().__init__(tables)
 
 
-#: Groups by name or number, or with the point of their moment.
+#: Groups by name or number, or as tables with the point of the moment.
 Reactions = Annotated[
     list[Reaction],
     _Named(

@@ -84,7 +84,7 @@ class Slurm:
             part = tasks[start : start + largest]
             name = f"fem-snh-{secrets.token_hex(4)}"
             data = folder / f"{name}.json"
-            # Before it is submitted: a job that nobody remembers would run points twice.
+            # Written before the submission: points of a job without this file would run twice.
             replace_file(data, json.dumps([asdict(task) for task in part]))
             try:
                 answer = _output("sbatch", "--parsable", *self._arguments(data.resolve(), part))

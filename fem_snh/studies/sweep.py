@@ -217,11 +217,13 @@ def _open(
 ) -> FolderLock:
     """Create and lock the folder of a sweep, write the definition, and return the lock.
 
+    With ``overwrite`` an earlier sweep is removed.
+
     Raises
     ------
     BadInput
-        If the folder holds another sweep and ``overwrite`` is false, or files of no sweep, or an
-        input that the sweep would replace; if another process uses it, or it cannot be written.
+        If the folder holds another sweep, files of no sweep, or an input that the sweep would
+        replace; if another process uses it, or it cannot be written.
     """
     try:
         out.mkdir(parents=True, exist_ok=True)

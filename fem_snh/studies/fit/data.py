@@ -45,7 +45,8 @@ TESTS = dict.fromkeys((*FREE, "biaxial"), "stretch strain stress") | {
 _COLUMN = re.compile(r"(?P<name>[^\[(]*)([\[(](?P<unit>[^\])]*)[\])])?")
 #: Rubber and gels are stretched to 10, or not much more: larger stretches are strains in per cent.
 _LARGEST_STRETCH = 12.0
-#: Sums of squares of numbers from this one to its inverse, or of their products, do not overflow.
+#: Sums of squares of numbers from this one to its inverse, and of their products, neither overflow
+#: nor underflow.
 _LEAST = 1e-60
 WITH_A_SQUARE = f"0, or a number whose absolute value is from {_LEAST:g} to {1 / _LEAST:g}"
 #: Cells without a value.

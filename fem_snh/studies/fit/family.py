@@ -164,7 +164,7 @@ class Family:
             c: float(v) for c, v in constants.items() if v is not None and symbols[c] not in known
         }
         mu, lam = (m.subs(known) for m in moduli)
-        # The last of them are determined by E and nu, where these do not determine others.
+        # E and nu determine the last constants if they can, otherwise earlier ones.
         free = normalise.determined((mu, lam), [symbols[c] for c in reversed(defaults)])
         return {c: v for c, v in defaults.items() if symbols[c] not in free}
 

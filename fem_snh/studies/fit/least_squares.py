@@ -51,7 +51,7 @@ _PENALTY = 1e2
 _FLOOR = 0.05
 #: Smallest factor of a parameter of one sign, relative to its start.
 _SMALLEST = 1e-12
-#: Step of the differences for the standard errors: the cube root of the rounding error.
+#: Relative step of the central differences for the standard errors: the cube root of rounding.
 _STEP = 6e-6
 #: Singular values of the Jacobian below this fraction of the largest count as 0.
 _RANK = 1e-9

@@ -144,7 +144,7 @@ def _tangent(ax: Axes, region: Any, report: Any) -> None:
 _POINTS = 300
 #: An extrapolated curve is longer than the range of the data by this factor.
 _BEYOND = 1.25
-#: The axis of stresses ends at this multiple of the largest datum; extrapolations are cut off.
+#: The stress axis ends at this multiple of the largest measured stress; extrapolations are cut off.
 _STRESS_BEYOND = 1.5
 #: Colour of the stretches at which a fit is unstable.
 _UNSTABLE = "0.92"

@@ -190,7 +190,7 @@ COSTS = {
     "newton": "Newton iterations",
     "linear": "linear iterations",
 }
-#: Columns that set the resolution: the points of a line differ in them.
+#: Columns of the resolution: the points of a line differ only in these.
 _RESOLUTION = ("cells", "mesh", "steps")
 
 

@@ -60,7 +60,7 @@ _STYLES = {"obstacles": ("#a0a0a0", 0.35), **dict.fromkeys(("bones", "rigid"), (
 LIGHTS = ((-0.6, 0.8, 0.4), (0.5, 0.1, 0.3))
 #: A section has the colours of the bar, which no light changes.
 _UNLIT: dict[str, Any] = {"ambient": 1.0, "diffuse": 0.0, "specular": 0.0}
-#: Values outside of the colours' range by less than this part of it are rounding.
+#: A value outside of the colours' range by less than this fraction of the range is rounding.
 _ROUNDING = 1e-9
 #: Colour bars of a smaller range, relative to their values, have fewer ticks: numbers of six digits
 #: and more.
