@@ -59,7 +59,7 @@ class SentRows:
         self.values = np.zeros(int(offsets[-1]))
         owner, lengths = dof_map.owner_ranks(layout.ghosts), np.diff(offsets)
         self._sent = {}
-        for rank in np.unique(owner[lengths > 0]):  # none: a ghost of no cell of this rank
+        for rank in np.unique(owner[lengths > 0]):  # length 0: a ghost of no cell of this rank
             rows = owner == rank
             chosen = concatenated_ranges(offsets[:-1][rows], lengths[rows])
             self._sent[int(rank)] = chosen.astype(np.int32)
@@ -236,8 +236,8 @@ class BlockMatrix:
     def couple(self, pairs: Sequence[Array]) -> None:
         """Extend the sparsity pattern if it lacks one of these pairs of nodes. Collective.
 
-        The extended matrix is zero. ``mat`` remains the same object: `nonzero_state` of
-        `fem_snh._petsc` changes, and tells solvers to set up again.
+        The extended matrix is zero. ``mat`` remains the same object: its
+        `fem_snh._petsc.nonzero_state` changes, and tells solvers to set up again.
 
         Parameters
         ----------

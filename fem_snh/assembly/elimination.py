@@ -144,7 +144,7 @@ class Elimination:
         if self._symmetric:
             square = (square + square.T) / 2
         else:
-            columns = self._folded(mat.transpose(PETSc.Mat()))[0]  # without an argument in place
+            columns = self._folded(mat.transpose(PETSc.Mat()))[0]  # transpose() is in place
         square = (square + self._stiffness) * np.outer(self._free, self._free)
         free, (entries, own) = self.unknowns >= 0, self.own_unknowns
         others = ~np.isin(self._columns, self._slaves)
@@ -159,7 +159,7 @@ class Elimination:
             (self._columns[owned], unknowns, columns[free][:, owned].T),
             (own_rows, unknowns, square[own][:, free]),
         ):
-            mat.setValues(at, to, np.ascontiguousarray(values))  # it ignores the order of others
+            mat.setValues(at, to, np.ascontiguousarray(values))  # petsc4py ignores strides
         mat.assemble()
         mat.setOption(PETSc.Mat.Option.IGNORE_ZERO_ENTRIES, False)
 

@@ -27,13 +27,13 @@ from fem_snh.errors import BadInput, bad_value, choose
 
 Array = npt.NDArray[Any]
 
-#: The cell of a mesh of two dimensions that corresponds to one of three.
+#: The two-dimensional cell that corresponds to each three-dimensional cell.
 PLANE_CELLS = {"tetrahedron": "triangle", "hexahedron": "quadrilateral"}
 
 
 @dataclass(frozen=True)
 class Kinematics:
-    """The kinematics of a displacement, named for scenes.
+    """How the components of a displacement become a deformation gradient.
 
     Attributes
     ----------

@@ -292,7 +292,7 @@ class MixedDofMap:
     owned_range : tuple of int
         First global block of this rank, and one past its last.
     num_owned_dofs : int
-        Unknowns this rank owns.
+        Number of unknowns that this rank owns.
     num_blocks, num_owned_blocks, num_cell_blocks : list of int
         For each space, the number of local blocks, ghosts included, of owned blocks, and of blocks
         of a cell.

@@ -50,7 +50,7 @@ class NodalMass:
 
     ==============  ================================================================================
     ``consistent``  :math:`m_{ab}` as above
-    ``lumped``      diagonal. Degree 1: the sums of its rows. Degree 2: the diagonal of each cell's
+    ``lumped``      diagonal. Degree 1: the row sums of m. Degree 2: the diagonal of each cell's
                     matrix, scaled to the cell's mass, as sums of rows of tetrahedra are negative at
                     corners (Hinton, Rock & Zienkiewicz 1976)
     ==============  ================================================================================
@@ -154,7 +154,7 @@ class NodalMass:
     def assemble(self, matrix: BlockMatrix) -> None:
         """Overwrite a problem's matrix with the mass matrix of the free dofs. Collective.
 
-        The diagonal of constrained dofs is computed from it; `constrained_diagonal` is restored.
+        `BlockMatrix.constrained_diagonal` is that of the masses here, and restored afterwards.
         """
         kept = matrix.constrained_diagonal
         matrix.set_constrained_diagonal(None)

@@ -22,7 +22,7 @@ from fem_snh.errors import BadInput, choose
 from fem_snh.mesh import gmsh_model
 from fem_snh.mesh.gmsh_model import MeshData, SizeField
 
-#: The first bytes of a mesh; gmsh executes any other text as a script.
+#: The first bytes of a .msh file; gmsh executes any other text as a script.
 _HEADERS = (b"$MeshFormat", b"$Comments")
 
 
@@ -117,7 +117,7 @@ def parameter(source: str, name: str) -> SourceParameter | None:
 
 @cache
 def has_free_sizes(source: str, dim: int) -> bool:
-    """Return whether a size field may determine the cells: none are in rows or layers."""
+    """Return whether a size field may determine the cells: no rows or layers are prescribed."""
     text = _text(source)
     return "Transfinite" not in text and not (dim == 3 and "Layers" in text)
 
