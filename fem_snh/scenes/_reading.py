@@ -252,7 +252,7 @@ def _unknown_key(key: str) -> BadInput:
 def _changed(material: Any, number: int, changes: Sequence[tuple[list[str], Any]]) -> Any:
     """Return the table of a material with the changes of all materials, and of material ``number``.
 
-    A new name drops the old material's parameters; new constants drop the old E and nu.
+    A new name drops the old material's parameters; new constants drop an E or nu that they replace.
     """
     own = [(way, value) for way, value in changes if not way[0].isdigit()]
     own += [(way[1:], value) for way, value in changes if way[0] == str(number)]

@@ -141,7 +141,7 @@ def _determines(table: pd.DataFrame, one: str, other: str) -> bool:
 def by_material(table: pd.DataFrame, *x: str) -> dict[str, pd.DataFrame]:
     """Return {label: converged points} by material and combination of varied values except ``x``.
 
-    Without a column converged or material, there is one entry of all rows.
+    Without a column converged or material, all rows are one entry.
     """
     if "converged" not in table or "material" not in table:
         return {"all points": table}
